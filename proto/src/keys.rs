@@ -1,0 +1,153 @@
+//! Every key of the key space: `repose/v1/{cell}/…`. Nothing else spells one.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::CallError;
+
+/// The longest chunk of a key.
+const MAX_CHUNK: usize = 64;
+
+/// A kind of service.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Service {
+    /// Frames in, segmented scenes out.
+    Perception,
+    /// Batched scoring of candidates.
+    Inference,
+    /// Search over placements.
+    Planner,
+    /// Motion plans and their execution.
+    Motion,
+    /// The stand-in world.
+    Simulator,
+}
+
+impl Service {
+    /// All services.
+    pub const ALL: [Self; 5] = [Self::Perception, Self::Inference, Self::Planner, Self::Motion, Self::Simulator];
+
+    /// The service's chunk in keys, and its name on the command line.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Perception => "perception",
+            Self::Inference => "inference",
+            Self::Planner => "planner",
+            Self::Motion => "motion",
+            Self::Simulator => "simulator",
+        }
+    }
+
+    /// The service of that name.
+    pub fn parse(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|s| s.as_str() == name)
+    }
+}
+
+impl std::fmt::Display for Service {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+/// Checks a name that becomes a chunk of a key: `[a-z0-9][a-z0-9_-]{0,63}`.
+///
+/// # Errors
+/// `invalid_argument` that names `field`.
+pub fn validate_chunk(field: &str, chunk: &str) -> Result<(), CallError> {
+    let alphanumeric = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit();
+    let good =
+        chunk.len() <= MAX_CHUNK && chunk.starts_with(alphanumeric) && chunk.chars().all(|c| alphanumeric(c) || c == '_' || c == '-');
+    if good { Ok(()) } else { Err(CallError::invalid(field, format!("{chunk:?} is not of the form [a-z0-9][a-z0-9_-]{{0,63}}"))) }
+}
+
+/// One robot cell's part of the key space. Every builder takes chunks that [`validate_chunk`] accepts.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Cell(String);
+
+impl Cell {
+    /// The cell of that name.
+    ///
+    /// # Errors
+    /// `invalid_argument` on `cell` when the name is no chunk.
+    pub fn new(name: &str) -> Result<Self, CallError> {
+        validate_chunk("cell", name)?;
+        Ok(Self(format!("repose/v1/{name}")))
+    }
+
+    /// Put: a frame (bulk form).
+    pub fn camera_frame(&self, camera: &str) -> String {
+        format!("{}/camera/{camera}/frame", self.0)
+    }
+
+    /// Every camera's frames.
+    pub fn camera_frames(&self) -> String {
+        self.camera_frame("*")
+    }
+
+    /// Put: JSON summary of the newest scene, by the one perception worker that owns the camera.
+    pub fn scene(&self, camera: &str) -> String {
+        format!("{}/scene/{camera}", self.0)
+    }
+
+    /// Put: joint and gripper state, stop state, owner.
+    pub fn robot_state(&self, robot: &str) -> String {
+        format!("{}/robot/{robot}/state", self.0)
+    }
+
+    /// Put: timed set-points.
+    pub fn robot_command(&self, robot: &str) -> String {
+        format!("{}/robot/{robot}/command", self.0)
+    }
+
+    /// Put: an emergency stop, latched by the robot's side.
+    pub fn robot_estop(&self, robot: &str) -> String {
+        format!("{}/robot/{robot}/@estop", self.0)
+    }
+
+    /// Query: a call to one worker.
+    pub fn call(&self, service: Service, worker: &str) -> String {
+        format!("{}/service/{service}/{worker}/call", self.0)
+    }
+
+    /// Put: cancel of one request at one worker.
+    pub fn cancel(&self, service: Service, worker: &str, request: &str) -> String {
+        format!("{}/service/{service}/{worker}/@cancel/{request}", self.0)
+    }
+
+    /// Every cancel at one worker.
+    pub fn cancels(&self, service: Service, worker: &str) -> String {
+        self.cancel(service, worker, "*")
+    }
+
+    /// Put, 5 to 10 Hz: a worker's load.
+    pub fn load(&self, service: Service, worker: &str) -> String {
+        format!("{}/service/{service}/{worker}/load", self.0)
+    }
+
+    /// The loads of every worker of a service.
+    pub fn loads(&self, service: Service) -> String {
+        self.load(service, "*")
+    }
+
+    /// Liveliness token of a worker.
+    pub fn live(&self, service: Service, worker: &str) -> String {
+        format!("{}/live/{service}/{worker}", self.0)
+    }
+
+    /// The liveliness tokens of every worker of a service.
+    pub fn lives(&self, service: Service) -> String {
+        self.live(service, "*")
+    }
+}
+
+/// The last chunk of a key: the worker of a `live` key, the request of a `@cancel` key.
+pub fn last_chunk(key: &str) -> &str {
+    key.rsplit('/').next().unwrap_or(key)
+}
+
+/// The worker of a `load` or `call` key: the chunk before the last.
+pub fn worker_of(key: &str) -> Option<&str> {
+    key.rsplit('/').nth(1)
+}

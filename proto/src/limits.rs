@@ -1,0 +1,20 @@
+//! The limits that hold on every wire, whatever a deployment configures below them.
+
+/// The version of the contract that every attachment and stand-alone message names.
+pub const VERSION: u32 = 1;
+/// The largest payload of a call, a reply or a put, bytes. Senders check it too, because a link drops what is larger in silence.
+pub const MAX_MESSAGE_BYTES: usize = 32 * 1024 * 1024;
+/// The longest deadline that a call may carry, milliseconds.
+pub const MAX_REMAINING_MS: u64 = 600_000;
+/// How long a cancel that came before its call is remembered, milliseconds.
+pub const CANCEL_MEMORY_MS: u64 = 10_000;
+/// The shortest horizon of set-points that a robot command carries, milliseconds.
+pub const MIN_COMMAND_HORIZON_MS: u64 = 200;
+/// The most candidates in one score request.
+pub const MAX_CANDIDATES: usize = 4096;
+/// The most goal terms in one placement request.
+pub const MAX_GOAL_TERMS: usize = 16;
+/// The most placements asked for, or offered to motion, in one request.
+pub const MAX_PLACEMENTS: usize = 64;
+/// The most pixels of a frame on either side.
+pub const MAX_IMAGE_SIDE: usize = 4096;

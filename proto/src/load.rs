@@ -1,0 +1,34 @@
+//! What a worker says of itself, 5 to 10 times a second, for callers to choose by.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::Message;
+
+/// A worker's load.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct WorkerLoad {
+    /// Contract version, 1.
+    pub v: u32,
+    /// Counts loads, so that a caller sees when it missed some.
+    pub seq: u64,
+    /// Calls waiting.
+    pub queue_depth: usize,
+    /// Calls that may wait before the next is refused.
+    pub queue_capacity: usize,
+    /// Calls being computed.
+    pub in_flight: usize,
+    /// Smoothed time to serve one call, milliseconds.
+    pub service_ms: f64,
+    /// BLAKE3 of the weights served; empty without any.
+    pub weights_hash: String,
+    /// The kernel in use; empty without any.
+    pub kernel: String,
+    /// Whether the worker takes no new calls.
+    pub draining: bool,
+}
+
+impl Message for WorkerLoad {
+    const SCHEMA: &'static str = "WorkerLoad.v1";
+}

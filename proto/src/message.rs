@@ -1,0 +1,162 @@
+//! Payloads: a schema name, a form (JSON or bulk) and bytes; and the one place where JSON is read with errors that name the field.
+
+use bytes::Bytes;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::{Bulk, CallError, ErrorCode, limits};
+
+/// A type that crosses the wire under a schema name of its own.
+pub trait Message {
+    /// The schema's name and version, `PlaceRequest.v1`.
+    const SCHEMA: &'static str;
+
+    /// Checks what the types cannot: ranges, finiteness, limits.
+    ///
+    /// # Errors
+    /// `invalid_argument` that names the field.
+    fn validate(&self) -> Result<(), CallError> {
+        Ok(())
+    }
+}
+
+/// An encoded message with its encoding.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Payload {
+    /// `application/json;repose.PlaceRequest.v1` or `application/octet-stream;repose.Scene.v1`.
+    pub encoding: String,
+    /// The encoded message.
+    pub bytes: Bytes,
+}
+
+const JSON: &str = "application/json";
+const BULK: &str = "application/octet-stream";
+
+impl Payload {
+    /// A message as JSON.
+    ///
+    /// # Errors
+    /// `invalid_argument` when it is larger than a message may be, `internal` when it cannot be written.
+    pub fn json<T: Message + Serialize>(message: &T) -> Result<Self, CallError> {
+        let bytes = serde_json::to_vec(message).map_err(|e| CallError::internal(format!("{} could not be encoded: {e}", T::SCHEMA)))?;
+        Self { encoding: format!("{JSON};repose.{}", T::SCHEMA), bytes: bytes.into() }.within_limit()
+    }
+
+    /// A message in bulk form.
+    ///
+    /// # Errors
+    /// `invalid_argument` when it is larger than a message may be.
+    pub fn bulk(schema: &str, bulk: &Bulk) -> Result<Self, CallError> {
+        Self { encoding: format!("{BULK};repose.{schema}"), bytes: bulk.encode().into() }.within_limit()
+    }
+
+    /// The same payload, if a message may be that large.
+    ///
+    /// # Errors
+    /// `invalid_argument` on `payload` over [`limits::MAX_MESSAGE_BYTES`].
+    pub fn within_limit(self) -> Result<Self, CallError> {
+        check_size(self.bytes.len())?;
+        Ok(self)
+    }
+
+    /// Whether the payload is in bulk form.
+    pub fn is_bulk(&self) -> bool {
+        self.encoding.starts_with(BULK)
+    }
+
+    /// The schema's name without its prefix, `PlaceRequest.v1`.
+    pub fn schema(&self) -> &str {
+        self.encoding.split_once(";repose.").map_or("", |(_, schema)| schema)
+    }
+
+    /// Reads and validates a JSON message.
+    ///
+    /// # Errors
+    /// `invalid_argument` on `encoding` (wrong form, schema or version), on `payload` (oversize, not JSON) or on the field at fault.
+    pub fn decode_json<T: Message + DeserializeOwned>(&self) -> Result<T, CallError> {
+        check_size(self.bytes.len())?;
+        self.expect(JSON, T::SCHEMA)?;
+        let message: T = from_json(&self.bytes)?;
+        message.validate()?;
+        Ok(message)
+    }
+
+    /// Reads a bulk message of a schema.
+    ///
+    /// # Errors
+    /// `invalid_argument` on `encoding` or on `payload`.
+    pub fn decode_bulk(&self, schema: &str) -> Result<Bulk, CallError> {
+        check_size(self.bytes.len())?;
+        self.expect(BULK, schema)?;
+        Bulk::decode(&self.bytes)
+    }
+
+    fn expect(&self, form: &str, schema: &str) -> Result<(), CallError> {
+        let expected = format!("{form};repose.{schema}");
+        if self.encoding == expected {
+            return Ok(());
+        }
+        Err(CallError::invalid("encoding", format!("expected {expected:?}, got {:?}", self.encoding)))
+    }
+}
+
+/// Refuses more bytes than a message may have.
+///
+/// # Errors
+/// `invalid_argument` on `payload`.
+pub fn check_size(bytes: usize) -> Result<(), CallError> {
+    if bytes > limits::MAX_MESSAGE_BYTES {
+        return Err(CallError::invalid("payload", format!("at most {} bytes, got {bytes}", limits::MAX_MESSAGE_BYTES)));
+    }
+    Ok(())
+}
+
+/// Reads JSON; an error names the field by its path, or by its name where it is unknown or missing.
+///
+/// # Errors
+/// `invalid_argument`.
+pub fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, CallError> {
+    let mut reader = serde_json::Deserializer::from_slice(bytes);
+    let value = serde_path_to_error::deserialize(&mut reader).map_err(|error| {
+        let path = error.path().to_string();
+        let message = error.into_inner().to_string();
+        CallError { message: message.clone(), ..CallError::new(ErrorCode::InvalidArgument, "").at(field_of(&path, &message)) }
+    })?;
+    reader.end().map_err(|e| CallError::invalid("payload", e.to_string()))?;
+    Ok(value)
+}
+
+/// serde reports an unknown or missing field at its parent's path and names it in the message only.
+fn field_of(path: &str, message: &str) -> String {
+    let named =
+        ["unknown field `", "missing field `"].iter().find_map(|start| message.strip_prefix(start)).and_then(|rest| rest.split('`').next());
+    match (path, named) {
+        ("." | "?", None) => "payload".to_owned(),
+        ("." | "?", Some(name)) => name.to_owned(),
+        (path, Some(name)) if !path.ends_with(name) => format!("{path}.{name}"),
+        (path, _) => path.to_owned(),
+    }
+}
+
+/// Refuses numbers that are not finite.
+///
+/// # Errors
+/// `invalid_argument` that names `field`.
+pub fn check_finite(field: &str, values: &[f64]) -> Result<(), CallError> {
+    match values.iter().position(|v| !v.is_finite()) {
+        Some(i) if values.len() > 1 => Err(CallError::invalid(format!("{field}[{i}]"), "not a finite number")),
+        Some(_) => Err(CallError::invalid(field, "not a finite number")),
+        None => Ok(()),
+    }
+}
+
+/// Refuses a number outside a range, ends included, or not finite.
+///
+/// # Errors
+/// `invalid_argument` that names `field`.
+pub fn check_range(field: &str, value: f64, range: std::ops::RangeInclusive<f64>) -> Result<(), CallError> {
+    if range.contains(&value) {
+        return Ok(());
+    }
+    Err(CallError::invalid(field, format!("expected {} to {}, got {value}", range.start(), range.end())))
+}

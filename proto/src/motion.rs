@@ -1,0 +1,233 @@
+//! Asking motion: a plan that picks and places, its execution, and the reset of a latched stop.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::keys::validate_chunk;
+use crate::message::{check_finite, check_range};
+use crate::robot::{GripperCommand, SetPoint};
+use crate::{CallError, Message, RigidTransform, SceneRef, limits};
+
+/// A grasp: where the point between the fingertips goes and how wide the gripper is before it closes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Grasp {
+    /// Pose of the tool centre point on the observed object; z is the approach, y the opening.
+    pub world_from_tcp: RigidTransform,
+    /// Opening on approach, metres.
+    pub width_m: f64,
+    /// Higher is better; external grasps are tried in this order.
+    pub score: f64,
+}
+
+/// Plans a pick and a placement.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MotionPlanRequest {
+    /// The scene. The bulk form of the request encloses it.
+    pub scene: SceneRef,
+    /// The robot that will move.
+    pub robot: String,
+    /// The object to move.
+    pub query: u16,
+    /// Where it may go, best first.
+    pub placements: Vec<RigidTransform>,
+    /// Where the arm starts, radians.
+    pub start_joints_rad: [f64; 7],
+    /// Grasps from elsewhere, used instead of our own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub grasps: Option<Vec<Grasp>>,
+    /// The source of every random number.
+    #[serde(default)]
+    pub seed: u64,
+}
+
+impl Message for MotionPlanRequest {
+    const SCHEMA: &'static str = "MotionPlanRequest.v1";
+
+    fn validate(&self) -> Result<(), CallError> {
+        self.scene.validate()?;
+        validate_chunk("robot", &self.robot)?;
+        check_range("placements", self.placements.len() as f64, 1.0..=limits::MAX_PLACEMENTS as f64)?;
+        for (i, placement) in self.placements.iter().enumerate() {
+            placement.validate(&format!("placements[{i}]"))?;
+        }
+        check_finite("start_joints_rad", &self.start_joints_rad)?;
+        for (i, grasp) in self.grasps.iter().flatten().enumerate() {
+            grasp.world_from_tcp.validate(&format!("grasps[{i}].world_from_tcp"))?;
+            check_range(&format!("grasps[{i}].width_m"), grasp.width_m, 0.0..=0.08)?;
+            check_finite(&format!("grasps[{i}].score"), &[grasp.score])?;
+        }
+        Ok(())
+    }
+}
+
+/// Why a better-ranked placement was not chosen.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NotChosen {
+    /// Its rank in the request, from 0.
+    pub placement: usize,
+    /// What stood in the way.
+    pub reason: MotionFailure,
+    /// The same for a person.
+    pub detail: String,
+}
+
+/// What keeps the arm from a placement.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum MotionFailure {
+    /// No grasp on the object was found at all.
+    NoGrasp,
+    /// No grasp can be reached at the object.
+    PickUnreachable,
+    /// Every reachable grasp collides at the object.
+    PickBlocked,
+    /// No grasp can be reached at the placement.
+    PlaceUnreachable,
+    /// Every reachable grasp collides at the placement.
+    PlaceBlocked,
+    /// No collision-free path between the two was found.
+    NoPath,
+}
+
+/// One stretch of a plan: the gripper acts first, then the arm follows the set-points.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MotionPhase {
+    /// `standoff`, `approach`, `grasp`, `lift`, `transfer`, `lower`, `release`, `retreat`.
+    pub name: String,
+    /// What the gripper does before the arm moves.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gripper: Option<GripperCommand>,
+    /// Timed set-points from the phase's own start (t = 0); may be empty.
+    pub set_points: Vec<SetPoint>,
+}
+
+/// A complete, timed pick and place.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MotionPlan {
+    /// The scene that it was planned on.
+    pub scene_id: String,
+    /// The robot that it is for.
+    pub robot: String,
+    /// The object that it moves.
+    pub query: u16,
+    /// The chosen placement's rank in the request, from 0.
+    pub placement: usize,
+    /// Why not the better ones.
+    pub not_chosen: Vec<NotChosen>,
+    /// The grasp.
+    pub grasp: Grasp,
+    /// Where the arm must be at the start, radians.
+    pub start_joints_rad: [f64; 7],
+    /// How far from that it may be, radians per joint.
+    pub start_tolerance_rad: f64,
+    /// When the scene was seen, nanoseconds since the Unix epoch.
+    pub scene_stamp_ns: u64,
+    /// How old the scene may be when execution starts, milliseconds.
+    pub max_scene_age_ms: u64,
+    /// The phases in order.
+    pub phases: Vec<MotionPhase>,
+    /// Length of the whole motion, milliseconds of robot time.
+    pub duration_ms: f64,
+}
+
+impl Message for MotionPlan {
+    const SCHEMA: &'static str = "MotionPlan.v1";
+
+    fn validate(&self) -> Result<(), CallError> {
+        validate_chunk("robot", &self.robot)?;
+        check_finite("start_joints_rad", &self.start_joints_rad)?;
+        check_range("start_tolerance_rad", self.start_tolerance_rad, 0.0..=1.0)?;
+        for (i, phase) in self.phases.iter().enumerate() {
+            let mut last_ms = f64::NEG_INFINITY;
+            for (j, point) in phase.set_points.iter().enumerate() {
+                let field = format!("phases[{i}].set_points[{j}]");
+                point.validate(&field)?;
+                if point.t_ms <= last_ms {
+                    return Err(CallError::invalid(format!("{field}.t_ms"), "times must increase"));
+                }
+                last_ms = point.t_ms;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// How an execution ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ExecutionOutcome {
+    /// All phases ran.
+    Done,
+    /// An emergency stop, a reflex of the robot or a cancel ended it.
+    Stopped,
+    /// The gripper closed on nothing, or the object was lost on the way.
+    GraspLost,
+}
+
+/// The outcome of an execution.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ExecuteReply {
+    /// How it ended.
+    pub outcome: ExecutionOutcome,
+    /// The phase that it ended in.
+    pub phase: String,
+    /// Why, when not done.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// Where the arm stands, radians.
+    pub joints_rad: [f64; 7],
+}
+
+impl Message for ExecuteReply {
+    const SCHEMA: &'static str = "ExecuteReply.v1";
+}
+
+/// Progress of an execution.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ExecuteProgress {
+    /// The phase that begins.
+    pub phase: String,
+    /// Phases before it.
+    pub done: usize,
+    /// Phases in all.
+    pub of: usize,
+}
+
+impl Message for ExecuteProgress {
+    const SCHEMA: &'static str = "ExecuteProgress.v1";
+}
+
+/// Clears a latched stop.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RobotResetRequest {
+    /// The robot.
+    pub robot: String,
+}
+
+impl Message for RobotResetRequest {
+    const SCHEMA: &'static str = "RobotResetRequest.v1";
+
+    fn validate(&self) -> Result<(), CallError> {
+        validate_chunk("robot", &self.robot)
+    }
+}
+
+/// The stop is cleared.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RobotResetReply {
+    /// Whether a stop was latched before.
+    pub was_stopped: bool,
+}
+
+impl Message for RobotResetReply {
+    const SCHEMA: &'static str = "RobotResetReply.v1";
+}

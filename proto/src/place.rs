@@ -1,0 +1,388 @@
+//! Asking for a placement, and the answer.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::message::{check_finite, check_range};
+use crate::relation::validate_goal;
+use crate::{CallError, GoalTerm, Message, RigidTransform, SceneRef, limits};
+
+/// Which method plans.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Variant {
+    /// Whatever has the best joint rate on validation scenes.
+    #[default]
+    Best,
+    /// The paper's full model, λ_f = 100.
+    Full,
+    /// The paper's full model with λ_f = 1.
+    FullLambda1,
+    /// λ_f = 0.
+    NoDiscriminator,
+    /// The prior's component means only, no noise.
+    MeanOnly,
+    /// −log π in place of the realism term.
+    MdnPrior,
+    /// No networks: support and clearance on the observed cloud, relations by rule.
+    Geometric,
+}
+
+impl Variant {
+    /// All variants.
+    pub const ALL: [Self; 7] =
+        [Self::Best, Self::Full, Self::FullLambda1, Self::NoDiscriminator, Self::MeanOnly, Self::MdnPrior, Self::Geometric];
+
+    /// The name on the wire and on the command line.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Best => "best",
+            Self::Full => "full",
+            Self::FullLambda1 => "full_lambda_1",
+            Self::NoDiscriminator => "no_discriminator",
+            Self::MeanOnly => "mean_only",
+            Self::MdnPrior => "mdn_prior",
+            Self::Geometric => "geometric",
+        }
+    }
+
+    /// The variant of that name.
+    pub fn parse(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|v| v.as_str() == name)
+    }
+}
+
+impl std::fmt::Display for Variant {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+/// Whether the object may be turned.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Rotation {
+    /// Translation only.
+    #[default]
+    Fixed,
+    /// Translation and a turn about world z.
+    Yaw,
+}
+
+/// A box in the world that the placed centroid must stay inside or out of.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RegionBox {
+    /// Lowest corner, world frame, metres.
+    pub min_m: [f64; 3],
+    /// Highest corner, world frame, metres.
+    pub max_m: [f64; 3],
+    /// Whether to stay inside (`true`) or out.
+    pub inside: bool,
+}
+
+/// Search effort, each over the variant's default.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Budget {
+    /// Iterations of the cross-entropy method (5).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub iterations: Option<u32>,
+    /// Accepted candidates wanted per iteration (100).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub batch: Option<u32>,
+    /// Candidates that the next iteration is fitted to (20).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub elites: Option<u32>,
+    /// At most this many times `batch` candidates are drawn per iteration (3).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub draws_per_batch: Option<u32>,
+    /// Time after which the best so far is returned as `partial`, milliseconds. Results then depend on the machine.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub time_ms: Option<u64>,
+}
+
+/// Weights of the cost, each over the variant's default.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct CostWeights {
+    /// λ_f (100).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub realism: Option<f64>,
+    /// λ_ρ (1).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub relations: Option<f64>,
+}
+
+/// Least probabilities, each over the variant's default.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Thresholds {
+    /// ε_f (0.5).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub realism: Option<f64>,
+    /// ε_ρ (0.5).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub relations: Option<f64>,
+}
+
+fn one() -> u32 {
+    1
+}
+
+/// Where can `query` be set down so that `goal` holds and it stays?
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlaceRequest {
+    /// The scene. The bulk form of the request encloses it.
+    pub scene: SceneRef,
+    /// The object to move.
+    pub query: u16,
+    /// What must hold, all of it.
+    pub goal: Vec<GoalTerm>,
+    /// The viewer's direction; the camera's where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub view_yaw_rad: Option<f64>,
+    /// How many distinct placements are wanted.
+    #[serde(default = "one")]
+    pub count: u32,
+    /// How far apart the centroids of two answers must be, metres (0.03).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min_separation_m: Option<f64>,
+    /// Whether the object may be turned.
+    #[serde(default)]
+    pub rotation: Rotation,
+    /// Boxes to stay inside or out of.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub region: Vec<RegionBox>,
+    /// Least distance from everything but the support, metres.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min_clearance_m: Option<f64>,
+    /// The source of every random number.
+    #[serde(default)]
+    pub seed: u64,
+    /// Which method plans.
+    #[serde(default)]
+    pub variant: Variant,
+    /// Search effort.
+    #[serde(default)]
+    pub budget: Budget,
+    /// Weights of the cost.
+    #[serde(default)]
+    pub cost_weights: CostWeights,
+    /// Least probabilities.
+    #[serde(default)]
+    pub thresholds: Thresholds,
+}
+
+impl PlaceRequest {
+    /// A request with every default.
+    pub fn new(scene_id: String, query: u16, goal: Vec<GoalTerm>) -> Self {
+        Self {
+            scene: SceneRef { scene_id },
+            query,
+            goal,
+            view_yaw_rad: None,
+            count: 1,
+            min_separation_m: None,
+            rotation: Rotation::Fixed,
+            region: Vec::new(),
+            min_clearance_m: None,
+            seed: 0,
+            variant: Variant::Best,
+            budget: Budget::default(),
+            cost_weights: CostWeights::default(),
+            thresholds: Thresholds::default(),
+        }
+    }
+
+    /// The anchor that offsets are taken from: that of the first positive term.
+    pub fn main_anchor(&self) -> Option<u16> {
+        self.goal.iter().find(|t| t.holds).map(|t| t.anchor)
+    }
+}
+
+impl Message for PlaceRequest {
+    const SCHEMA: &'static str = "PlaceRequest.v1";
+
+    fn validate(&self) -> Result<(), CallError> {
+        self.scene.validate()?;
+        if self.query == 0 {
+            return Err(CallError::invalid("query", "0 is the background, not an object"));
+        }
+        validate_goal(&self.goal, self.query)?;
+        check_finite("view_yaw_rad", self.view_yaw_rad.as_slice())?;
+        check_range("count", f64::from(self.count), 1.0..=limits::MAX_PLACEMENTS as f64)?;
+        for (field, value) in [("min_separation_m", self.min_separation_m), ("min_clearance_m", self.min_clearance_m)] {
+            value.map_or(Ok(()), |v| check_range(field, v, 0.0..=10.0))?;
+        }
+        for (i, region) in self.region.iter().enumerate() {
+            check_finite(&format!("region[{i}].min_m"), &region.min_m)?;
+            check_finite(&format!("region[{i}].max_m"), &region.max_m)?;
+            if (0..3).any(|k| region.min_m[k] > region.max_m[k]) {
+                return Err(CallError::invalid(format!("region[{i}]"), "min_m must not exceed max_m"));
+            }
+        }
+        let counts = [
+            ("budget.iterations", self.budget.iterations, 100.0),
+            ("budget.batch", self.budget.batch, 1000.0),
+            ("budget.elites", self.budget.elites, 1000.0),
+            ("budget.draws_per_batch", self.budget.draws_per_batch, 100.0),
+        ];
+        for (field, value, most) in counts {
+            value.map_or(Ok(()), |v| check_range(field, f64::from(v), 1.0..=most))?;
+        }
+        self.budget.time_ms.map_or(Ok(()), |v| check_range("budget.time_ms", v as f64, 1.0..=limits::MAX_REMAINING_MS as f64))?;
+        let weights = [("cost_weights.realism", self.cost_weights.realism), ("cost_weights.relations", self.cost_weights.relations)];
+        for (field, value) in weights {
+            value.map_or(Ok(()), |v| check_range(field, v, 0.0..=1e6))?;
+        }
+        for (field, value) in [("thresholds.realism", self.thresholds.realism), ("thresholds.relations", self.thresholds.relations)] {
+            value.map_or(Ok(()), |v| check_range(field, v, 0.0..=1.0))?;
+        }
+        Ok(())
+    }
+}
+
+/// How a search ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// The whole budget was spent and there is at least one placement.
+    Found,
+    /// The whole budget was spent and nothing passed.
+    None,
+    /// Time ended after at least one iteration; the placements, if any, are the best so far.
+    Partial,
+}
+
+/// What rejected a candidate: the first constraint that failed, in the order in which they are tried.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Rejection {
+    /// Outside an asked region, or inside a forbidden one.
+    Region,
+    /// Not enough of it would be seen: outside the picture, or behind something.
+    OutOfView,
+    /// It would run into something.
+    Collision,
+    /// Nearer to something than the asked clearance.
+    Clearance,
+    /// Nothing under it, or too little.
+    Unsupported,
+    /// A goal term would not hold.
+    Goal,
+    /// The discriminator does not believe it.
+    Unrealistic,
+}
+
+/// A goal term by rule on the observed cloud, independent of any network.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct GeometricCheck {
+    /// Whether the term (negation included) holds.
+    pub holds: bool,
+    /// By how much, metres (radians for `aligned`): positive when it holds.
+    pub margin_m: f64,
+}
+
+/// One answer.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Placement {
+    /// The motion of world space that carries the object's observed points to the placed ones.
+    pub placed_from_observed: RigidTransform,
+    /// The cost that ranked it.
+    pub cost: f64,
+    /// The discriminator's probability; for variants without one, 1 (it is not asked).
+    pub realism: f64,
+    /// Probability of each goal term as asked (a negated term: of not holding); by rule 0 or 1 for `geometric`.
+    pub relations: Vec<f64>,
+    /// The same terms by rule.
+    pub geometric: Vec<GeometricCheck>,
+    /// How far inside the support's outline the object's centroid stands, metres; negative: beyond its edge.
+    pub support_m: f64,
+    /// Least distance from the placed object to anything but its support, metres; capped at 1.
+    pub clearance_m: f64,
+}
+
+/// The term whose removal would have admitted the most candidates.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Relaxation {
+    /// The goal term to give up.
+    pub term: GoalTerm,
+    /// How many of the candidates drawn would have passed without it.
+    pub admits: u64,
+}
+
+/// The answer to a [`PlaceRequest`]: identical bytes for the same request, weights and kernel, unless time ended it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlaceResult {
+    /// How the search ended.
+    pub outcome: Outcome,
+    /// The answers, best first; may be empty.
+    pub placements: Vec<Placement>,
+    /// Candidates rejected, by reason.
+    pub rejections: BTreeMap<Rejection, u64>,
+    /// The smallest relaxation that would have helped.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub relaxation: Option<Relaxation>,
+    /// Iterations done.
+    pub iterations: u32,
+    /// Candidates drawn.
+    pub evaluated: u64,
+    /// BLAKE3 of the weights; empty for `geometric`.
+    pub weights_hash: String,
+    /// Which kernel computed the scores; empty for `geometric`.
+    pub kernel: String,
+    /// The request's seed.
+    pub seed: u64,
+    /// The scene planned on.
+    pub scene_id: String,
+    /// The object to move.
+    pub query: u16,
+    /// The goal.
+    pub goal: Vec<GoalTerm>,
+    /// The variant used; `best` says here what it stands for.
+    pub variant: Variant,
+    /// The rotation mode used.
+    pub rotation: Rotation,
+    /// The viewer used.
+    pub view_yaw_rad: f64,
+    /// Distinct placements wanted.
+    pub count: u32,
+    /// The separation used, metres.
+    pub min_separation_m: f64,
+    /// The clearance used, metres.
+    pub min_clearance_m: f64,
+    /// The budget used.
+    pub budget: Budget,
+    /// The weights used.
+    pub cost_weights: CostWeights,
+    /// The thresholds used.
+    pub thresholds: Thresholds,
+}
+
+impl Message for PlaceResult {
+    const SCHEMA: &'static str = "PlaceResult.v1";
+}
+
+/// Progress of a search, sent after every iteration.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlaceProgress {
+    /// Iterations done.
+    pub iterations: u32,
+    /// Candidates drawn.
+    pub evaluated: u64,
+    /// The best so far.
+    pub best: Option<Placement>,
+}
+
+impl Message for PlaceProgress {
+    const SCHEMA: &'static str = "PlaceProgress.v1";
+}

@@ -1,0 +1,203 @@
+//! The robot's side of the keys: state out, timed set-points and stops in. Plain puts, JSON.
+//!
+//! One owner commands a robot at a time. A commander takes ownership with an epoch higher than any that `state` showed; the robot's
+//! side ignores commands of lower epochs, of other owners under the same epoch, and of sequence numbers it has passed. Limits are
+//! enforced there, whatever a command asks for.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::message::{check_finite, check_range};
+use crate::{CallError, Message, keys, limits};
+
+/// A timed joint set-point. Positions between two are interpolated at 1 kHz of robot time.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SetPoint {
+    /// Robot time since the start of the stream or phase, milliseconds.
+    pub t_ms: f64,
+    /// Joint positions, radians.
+    pub q_rad: [f64; 7],
+    /// Joint velocities, radians per second.
+    pub dq_rad_s: [f64; 7],
+}
+
+impl SetPoint {
+    /// Refuses numbers that are not finite and negative times.
+    ///
+    /// # Errors
+    /// `invalid_argument` that names the field below `field`.
+    pub fn validate(&self, field: &str) -> Result<(), CallError> {
+        check_range(&format!("{field}.t_ms"), self.t_ms, 0.0..=1e9)?;
+        check_finite(&format!("{field}.q_rad"), &self.q_rad)?;
+        check_finite(&format!("{field}.dq_rad_s"), &self.dq_rad_s)
+    }
+}
+
+/// What the gripper is to do.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct GripperCommand {
+    /// Opening to reach, metres, 0 to 0.08.
+    pub width_m: f64,
+    /// Grip force when something is in the way, newtons.
+    pub force_n: f64,
+}
+
+impl GripperCommand {
+    /// Checks the gripper's range.
+    ///
+    /// # Errors
+    /// `invalid_argument` that names the field below `field`.
+    pub fn validate(&self, field: &str) -> Result<(), CallError> {
+        check_range(&format!("{field}.width_m"), self.width_m, 0.0..=0.08)?;
+        check_range(&format!("{field}.force_n"), self.force_n, 0.0..=70.0)
+    }
+}
+
+/// Who commands, and since which epoch.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Owner {
+    /// The commander's name: its worker id.
+    pub id: String,
+    /// Grows with every change of owner.
+    pub epoch: u64,
+}
+
+/// What the arm is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum RobotMode {
+    /// Standing, ready.
+    Idle,
+    /// Following set-points.
+    Moving,
+    /// A stop is latched: standing, or braking to it. Nothing but a reset is accepted.
+    Stopped,
+}
+
+/// Why a stop is latched.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct StopState {
+    /// `estop`, or the name of the reflex: `commander_silent`, `joint_position_limit`, `joint_velocity_limit`,
+    /// `joint_acceleration_limit`, `start_pose_mismatch`, `invalid_command`.
+    pub kind: String,
+    /// The same for a person.
+    pub reason: String,
+    /// The emergency stop's id, when it was one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub estop_id: Option<String>,
+}
+
+/// State of a robot, put at a fixed rate and on every change of mode.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RobotState {
+    /// Contract version, 1.
+    pub v: u32,
+    /// Counts states.
+    pub seq: u64,
+    /// When, nanoseconds since the Unix epoch.
+    pub stamp_ns: u64,
+    /// Robot time, milliseconds since the robot's side started; runs at its own rate in simulation.
+    pub robot_ms: f64,
+    /// Joint positions, radians.
+    pub q_rad: [f64; 7],
+    /// Joint velocities, radians per second.
+    pub dq_rad_s: [f64; 7],
+    /// Gripper opening, metres.
+    pub gripper_width_m: f64,
+    /// Whether the gripper has reached its commanded width, or stands against something.
+    pub gripper_settled: bool,
+    /// Whether the gripper stands against something before its commanded width.
+    pub gripper_holding: bool,
+    /// What the arm is doing.
+    pub mode: RobotMode,
+    /// Why it is stopped, when it is.
+    pub stop: Option<StopState>,
+    /// Who commands it.
+    pub owner: Option<Owner>,
+    /// The last command taken.
+    pub last_command: Option<u64>,
+    /// Robot time on the current stream, milliseconds: how far the set-points have been followed; none before the first.
+    pub stream_ms: Option<f64>,
+}
+
+impl Message for RobotState {
+    const SCHEMA: &'static str = "RobotState.v1";
+}
+
+/// A command: a window of a stream of set-points, or a gripper action, or the clearing of a stop.
+///
+/// A stream starts with a command whose first set-point has `t_ms` 0 and whose `starts_stream` is set; later commands overlap or
+/// extend it. The robot's side starts its stream clock when it takes the first one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RobotCommand {
+    /// Contract version, 1.
+    pub v: u32,
+    /// Counts this owner's commands; must grow.
+    pub seq: u64,
+    /// Who commands.
+    pub owner: Owner,
+    /// How long after receipt the command may still be acted on, milliseconds.
+    pub ttl_ms: u64,
+    /// Whether the set-points begin a new stream.
+    #[serde(default)]
+    pub starts_stream: bool,
+    /// Whether the stream ends with the last set-point here (then running out of them is no silence).
+    #[serde(default)]
+    pub ends_stream: bool,
+    /// Set-points from now on, at least 200 ms of them unless the stream ends.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub set_points: Vec<SetPoint>,
+    /// A gripper action.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gripper: Option<GripperCommand>,
+    /// Clears a latched stop.
+    #[serde(default)]
+    pub clear_stop: bool,
+}
+
+impl Message for RobotCommand {
+    const SCHEMA: &'static str = "RobotCommand.v1";
+
+    fn validate(&self) -> Result<(), CallError> {
+        if self.v != limits::VERSION {
+            return Err(CallError::invalid("v", format!("expected version {}, got {}", limits::VERSION, self.v)));
+        }
+        keys::validate_chunk("owner.id", &self.owner.id)?;
+        check_range("ttl_ms", self.ttl_ms as f64, 1.0..=10_000.0)?;
+        let mut last_ms = f64::NEG_INFINITY;
+        for (i, point) in self.set_points.iter().enumerate() {
+            point.validate(&format!("set_points[{i}]"))?;
+            if point.t_ms <= last_ms {
+                return Err(CallError::invalid(format!("set_points[{i}].t_ms"), "times must increase"));
+            }
+            last_ms = point.t_ms;
+        }
+        self.gripper.map_or(Ok(()), |g| g.validate("gripper"))
+    }
+}
+
+/// An emergency stop: latches at the robot's side, is repeated until `state` shows it, and is cleared only by motion's `reset`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct EmergencyStop {
+    /// Contract version, 1.
+    pub v: u32,
+    /// The stop's id.
+    pub id: String,
+    /// Who asks for it.
+    pub source: String,
+    /// Why.
+    pub reason: String,
+    /// When, milliseconds since the Unix epoch.
+    pub stamp_ms: u64,
+}
+
+impl Message for EmergencyStop {
+    const SCHEMA: &'static str = "EmergencyStop.v1";
+}

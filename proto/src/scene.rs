@@ -1,0 +1,222 @@
+//! A segmented scene: what perception makes of a frame, and what everything after it plans on.
+
+use safetensors::Dtype;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::{Bulk, CallError, CameraModel, Message, Tensor};
+
+/// How a request names its scene. The bulk form of a request encloses the scene itself beside this id.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SceneRef {
+    /// BLAKE3 of the scene's content, 64 hexadecimal digits.
+    pub scene_id: String,
+}
+
+impl SceneRef {
+    /// Checks the form of the id.
+    ///
+    /// # Errors
+    /// `invalid_argument` on `scene.scene_id`.
+    pub fn validate(&self) -> Result<(), CallError> {
+        let good = self.scene_id.len() == 64 && self.scene_id.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b));
+        if good {
+            Ok(())
+        } else {
+            Err(CallError::invalid("scene.scene_id", format!("expected 64 lower-case hexadecimal digits, got {:?}", self.scene_id)))
+        }
+    }
+}
+
+/// What is known of one object without its points.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ObjectSummary {
+    /// The object's id, its label in the cloud.
+    pub id: u16,
+    /// How many points it has.
+    pub points: usize,
+    /// Mean of its observed points, world frame, metres.
+    pub centroid_m: [f64; 3],
+    /// Edge lengths of the axis-aligned box of its observed points, world frame, metres.
+    pub extent_m: [f64; 3],
+    /// Estimated share of its visible surface that was in fact observed, 0 to 1.
+    pub completeness: f64,
+}
+
+/// A horizontal surface on which things can stand.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Surface {
+    /// Height, world z, metres.
+    pub height_m: f64,
+    /// Convex outline of what was seen of it, world x and y, counter-clockwise, metres.
+    pub outline_m: Vec<[f64; 2]>,
+    /// Area of that outline, square metres.
+    pub area_m2: f64,
+    /// The object whose top it is; none for tables, shelves and other furniture.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub object: Option<u16>,
+}
+
+/// What the camera could not tell.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Unseen {
+    /// Pixels without a depth reading.
+    pub pixels_without_reading: usize,
+    /// Pixels ignored because they lie on an object's border.
+    pub pixels_on_borders: usize,
+    /// Share of all pixels that gave no point, 0 to 1.
+    pub share: f64,
+}
+
+/// Where the world's axes come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum WorldFrame {
+    /// The camera's calibrated pose: coordinates are the cell's, and a robot can act on them.
+    Extrinsics,
+    /// The main support plane: good for planning placements, not for moving a robot.
+    SupportPlane,
+}
+
+/// All of a scene but its points.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SceneMeta {
+    /// The objects, by id.
+    pub objects: Vec<ObjectSummary>,
+    /// The support surfaces, largest first.
+    pub surfaces: Vec<Surface>,
+    /// The camera. `world_from_camera` is always set: calibrated, or estimated from the support plane.
+    pub camera: CameraModel,
+    /// Whether that pose is calibrated.
+    pub world_frame: WorldFrame,
+    /// The camera's viewing direction as a yaw, the default viewer of relations, radians.
+    pub view_yaw_rad: f64,
+    /// What the camera could not tell.
+    pub unseen: Unseen,
+}
+
+/// A segmented point cloud in the world frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scene {
+    /// The camera that saw it.
+    pub camera_name: String,
+    /// When, nanoseconds since the Unix epoch.
+    pub stamp_ns: u64,
+    /// Points, world frame, metres.
+    pub points: Vec<[f32; 3]>,
+    /// The object of each point, 0 = not an object.
+    pub labels: Vec<u16>,
+    /// Color of each point.
+    pub colors: Option<Vec<[u8; 3]>>,
+    /// Everything else.
+    pub meta: SceneMeta,
+}
+
+impl Scene {
+    /// The bulk schema's name.
+    pub const SCHEMA: &'static str = "Scene.v1";
+
+    /// The scene's id: BLAKE3 of its canonical bulk form without stamp and camera name. Costs a copy of the scene: keep it.
+    pub fn id(&self) -> String {
+        blake3::hash(&self.content().encode()).to_hex().to_string()
+    }
+
+    /// The points of one object, in cloud order.
+    pub fn points_of(&self, object: u16) -> impl Iterator<Item = [f32; 3]> + '_ {
+        self.points.iter().zip(&self.labels).filter(move |(_, l)| **l == object).map(|(p, _)| *p)
+    }
+
+    /// What is known of one object.
+    pub fn object(&self, id: u16) -> Option<&ObjectSummary> {
+        self.meta.objects.iter().find(|o| o.id == id)
+    }
+
+    /// The JSON summary that perception publishes; `scene_id` is [`Scene::id`].
+    pub fn summary(&self, scene_id: String) -> SceneSummary {
+        SceneSummary {
+            scene_id,
+            camera: self.camera_name.clone(),
+            stamp_ns: self.stamp_ns,
+            objects: self.meta.objects.clone(),
+            surfaces: self.meta.surfaces.clone(),
+        }
+    }
+
+    /// The bulk form.
+    pub fn to_bulk(&self) -> Bulk {
+        let mut bulk = self.content();
+        bulk.metadata.insert("camera".to_owned(), self.camera_name.clone());
+        bulk.metadata.insert("stamp_ns".to_owned(), self.stamp_ns.to_string());
+        bulk
+    }
+
+    fn content(&self) -> Bulk {
+        let n = self.points.len();
+        let mut bulk = Bulk::default();
+        bulk.tensors.insert("points".to_owned(), Tensor::f32(&[n, 3], self.points.as_flattened()));
+        bulk.tensors.insert("labels".to_owned(), Tensor::u16(&[n], &self.labels));
+        if let Some(colors) = &self.colors {
+            bulk.tensors.insert("colors".to_owned(), Tensor::u8(&[n, 3], colors.as_flattened()));
+        }
+        bulk.metadata.insert("scene".to_owned(), serde_json::to_string(&self.meta).unwrap_or_default());
+        bulk
+    }
+
+    /// Reads and checks the bulk form. Metadata of objects that have no points is refused, and so is a cloud without points.
+    ///
+    /// # Errors
+    /// `invalid_argument` that names the field.
+    pub fn from_bulk(bulk: &Bulk) -> Result<Self, CallError> {
+        let points = bulk.finite_rows::<3>("points")?;
+        if points.is_empty() {
+            return Err(CallError::invalid("points", "the cloud is empty"));
+        }
+        let n = points.len();
+        let (_, labels) = bulk.values::<u16>("labels", Dtype::U16, &format!("[{n}]"), |s| s == [n])?;
+        let colors = match bulk.tensors.contains_key("colors") {
+            true => {
+                let (_, bytes) = bulk.values::<u8>("colors", Dtype::U8, &format!("[{n}, 3]"), |s| s == [n, 3])?;
+                Some(bytes.as_chunks::<3>().0.to_vec())
+            }
+            false => None,
+        };
+        let meta: SceneMeta = crate::message::from_json(bulk.text("scene")?.as_bytes())?;
+        meta.camera.validate()?;
+        if meta.camera.world_from_camera.is_none() {
+            return Err(CallError::invalid("scene.camera.world_from_camera", "a scene's camera must have a pose"));
+        }
+        for object in &meta.objects {
+            if !labels.contains(&object.id) {
+                return Err(CallError::invalid("scene.objects", format!("object {} has no points in the cloud", object.id)));
+            }
+        }
+        let camera_name = bulk.text("camera")?.to_owned();
+        crate::keys::validate_chunk("camera", &camera_name)?;
+        Ok(Self { camera_name, stamp_ns: crate::frame::parse_stamp(bulk)?, points, labels, colors, meta })
+    }
+}
+
+/// A scene without its points: what `scene/{camera}` carries and `latest` returns.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SceneSummary {
+    /// The scene's id.
+    pub scene_id: String,
+    /// The camera that saw it.
+    pub camera: String,
+    /// When, nanoseconds since the Unix epoch.
+    pub stamp_ns: u64,
+    /// The objects.
+    pub objects: Vec<ObjectSummary>,
+    /// The support surfaces.
+    pub surfaces: Vec<Surface>,
+}
+
+impl Message for SceneSummary {
+    const SCHEMA: &'static str = "SceneSummary.v1";
+}

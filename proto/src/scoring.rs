@@ -1,0 +1,266 @@
+//! Asking inference: the prior, scores of candidates, and which weights are served.
+
+use safetensors::Dtype;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::message::{check_finite, check_range};
+use crate::place::Rotation;
+use crate::{Bulk, CallError, Message, RELATION_COUNT, Scene, SceneRef, Tensor, limits};
+
+/// Draws from the learned prior.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PriorRequest {
+    /// The scene. The bulk form of the request encloses it.
+    pub scene: SceneRef,
+    /// The object to move.
+    pub query: u16,
+    /// The anchor that offsets are taken from.
+    pub anchor: u16,
+    /// Per relation: +1 must hold, −1 must not, 0 unspecified.
+    pub goal: [i8; RELATION_COUNT],
+    /// The viewer's direction, radians.
+    pub view_yaw_rad: f64,
+    /// Whether yaw is drawn too.
+    pub rotation: Rotation,
+    /// How many candidates.
+    pub count: u32,
+    /// The source of every random number.
+    pub seed: u64,
+}
+
+impl Message for PriorRequest {
+    const SCHEMA: &'static str = "PriorRequest.v1";
+
+    fn validate(&self) -> Result<(), CallError> {
+        self.scene.validate()?;
+        check_finite("view_yaw_rad", &[self.view_yaw_rad])?;
+        check_range("count", f64::from(self.count), 0.0..=limits::MAX_CANDIDATES as f64)?;
+        match self.goal.iter().position(|g| !(-1..=1).contains(g)) {
+            Some(i) => Err(CallError::invalid(format!("goal[{i}]"), format!("expected -1, 0 or 1, got {}", self.goal[i]))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// One component of the prior's mixture, over the offset δ from the anchor's centroid to the query's, in the viewer's axes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MixtureComponent {
+    /// Mixing weight; the weights sum to 1.
+    pub weight: f64,
+    /// Mean offset, viewer frame, metres.
+    pub mean_m: [f64; 3],
+    /// Standard deviation per axis, metres.
+    pub sigma_m: [f64; 3],
+    /// Mean yaw (von Mises), radians.
+    pub yaw_mean_rad: f64,
+    /// Concentration of the yaw (von Mises κ).
+    pub yaw_concentration: f64,
+}
+
+/// The answer to a [`PriorRequest`]; in bulk form with `candidates` f32 `[n, 4]` and `components` u8 `[n]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PriorReply {
+    /// The mixture.
+    pub mixture: Vec<MixtureComponent>,
+    /// BLAKE3 of the weights.
+    pub weights_hash: String,
+    /// The kernel that computed it.
+    pub kernel: String,
+    /// World position of the object's centroid (x, y, z, metres) and yaw (radians), one row a candidate.
+    #[serde(skip)]
+    pub candidates: Vec<[f32; 4]>,
+    /// The component that each candidate was drawn from.
+    #[serde(skip)]
+    pub components: Vec<u8>,
+}
+
+impl Message for PriorReply {
+    const SCHEMA: &'static str = "PriorReply.v1";
+}
+
+impl PriorReply {
+    /// The bulk form.
+    pub fn to_bulk(&self) -> Bulk {
+        let n = self.candidates.len();
+        let mut bulk = Bulk::default();
+        bulk.metadata.insert("reply".to_owned(), serde_json::to_string(self).unwrap_or_default());
+        bulk.tensors.insert("candidates".to_owned(), Tensor::f32(&[n, 4], self.candidates.as_flattened()));
+        bulk.tensors.insert("components".to_owned(), Tensor::u8(&[n], &self.components));
+        bulk
+    }
+
+    /// Reads the bulk form.
+    ///
+    /// # Errors
+    /// `invalid_argument` that names the field.
+    pub fn from_bulk(bulk: &Bulk) -> Result<Self, CallError> {
+        let mut reply: Self = crate::message::from_json(bulk.text("reply")?.as_bytes())?;
+        reply.candidates = bulk.finite_rows::<4>("candidates")?;
+        let n = reply.candidates.len();
+        reply.components = bulk.values::<u8>("components", Dtype::U8, &format!("[{n}]"), |s| s == [n])?.1;
+        Ok(reply)
+    }
+}
+
+/// Scores candidates; always in bulk form, with `candidates` f32 `[n, 4]` beside the JSON.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ScoreRequest {
+    /// The scene. The bulk form may enclose it.
+    pub scene: SceneRef,
+    /// The object to move.
+    pub query: u16,
+    /// The anchors whose relations are asked.
+    pub anchors: Vec<u16>,
+    /// The viewer's direction, radians.
+    pub view_yaw_rad: f64,
+    /// Whether realism is asked (the costly part).
+    pub realism: bool,
+    /// Whether relations are asked.
+    pub relations: bool,
+    /// World position of the object's centroid (x, y, z, metres) and yaw (radians), one row a candidate.
+    #[serde(skip)]
+    pub candidates: Vec<[f32; 4]>,
+}
+
+impl Message for ScoreRequest {
+    const SCHEMA: &'static str = "ScoreRequest.v1";
+
+    fn validate(&self) -> Result<(), CallError> {
+        self.scene.validate()?;
+        check_finite("view_yaw_rad", &[self.view_yaw_rad])?;
+        check_range("anchors", self.anchors.len() as f64, 0.0..=limits::MAX_GOAL_TERMS as f64)?;
+        check_range("candidates", self.candidates.len() as f64, 0.0..=limits::MAX_CANDIDATES as f64)
+    }
+}
+
+impl ScoreRequest {
+    /// The bulk form, with the scene enclosed if given.
+    pub fn to_bulk(&self, scene: Option<&Scene>) -> Bulk {
+        let mut bulk = enclose(self, scene);
+        let shape = [self.candidates.len(), 4];
+        bulk.tensors.insert("candidates".to_owned(), Tensor::f32(&shape, self.candidates.as_flattened()));
+        bulk
+    }
+
+    /// Reads the bulk form: the request and the scene that it encloses, if any.
+    ///
+    /// # Errors
+    /// `invalid_argument` that names the field.
+    pub fn from_bulk(bulk: &Bulk) -> Result<(Self, Option<Scene>), CallError> {
+        let (mut request, scene) = disclose::<Self>(bulk)?;
+        request.candidates = bulk.finite_rows::<4>("candidates")?;
+        request.validate()?;
+        Ok((request, scene))
+    }
+}
+
+/// The answer to a [`ScoreRequest`]; always in bulk form, with `realism` f32 `[n]` and `relations` f32 `[n, anchors, 10]` as asked.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ScoreReply {
+    /// BLAKE3 of the weights.
+    pub weights_hash: String,
+    /// The kernel that computed it.
+    pub kernel: String,
+    /// Probability that the scene with the object there is realistic, one a candidate; empty when not asked.
+    #[serde(skip)]
+    pub realism: Vec<f32>,
+    /// Probability of each relation, candidate by candidate, anchor by anchor; empty when not asked.
+    #[serde(skip)]
+    pub relations: Vec<[f32; RELATION_COUNT]>,
+    /// How many anchors `relations` has per candidate.
+    pub anchors: usize,
+}
+
+impl Message for ScoreReply {
+    const SCHEMA: &'static str = "ScoreReply.v1";
+}
+
+impl ScoreReply {
+    /// The bulk form.
+    pub fn to_bulk(&self) -> Bulk {
+        let mut bulk = Bulk::default();
+        bulk.metadata.insert("reply".to_owned(), serde_json::to_string(self).unwrap_or_default());
+        bulk.tensors.insert("realism".to_owned(), Tensor::f32(&[self.realism.len()], &self.realism));
+        let n = self.relations.len() / self.anchors.max(1);
+        let shape = [n, self.anchors, RELATION_COUNT];
+        bulk.tensors.insert("relations".to_owned(), Tensor::f32(&shape, self.relations.as_flattened()));
+        bulk
+    }
+
+    /// Reads the bulk form.
+    ///
+    /// # Errors
+    /// `invalid_argument` that names the field.
+    pub fn from_bulk(bulk: &Bulk) -> Result<Self, CallError> {
+        let mut reply: Self = crate::message::from_json(bulk.text("reply")?.as_bytes())?;
+        reply.realism = bulk.values::<f32>("realism", Dtype::F32, "[n]", |s| s.len() == 1)?.1;
+        let anchors = reply.anchors;
+        let fits = |s: &[usize]| matches!(s, [_, a, RELATION_COUNT] if *a == anchors);
+        let (_, flat) = bulk.values::<f32>("relations", Dtype::F32, &format!("[n, {anchors}, {RELATION_COUNT}]"), fits)?;
+        reply.relations = flat.as_chunks::<RELATION_COUNT>().0.to_vec();
+        Ok(reply)
+    }
+}
+
+/// Asks which weights are served.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ModelsRequest {}
+
+impl Message for ModelsRequest {
+    const SCHEMA: &'static str = "ModelsRequest.v1";
+}
+
+/// One set of weights.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ModelInfo {
+    /// The network's name.
+    pub name: String,
+    /// BLAKE3 of its file.
+    pub hash: String,
+    /// How it was trained: recipe, data seed.
+    pub recipe: serde_json::Value,
+    /// What it measured on validation data.
+    pub metrics: serde_json::Value,
+}
+
+/// The weights served.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ModelsReply {
+    /// BLAKE3 over all of them: what `load` and results carry.
+    pub weights_hash: String,
+    /// The kernel in use.
+    pub kernel: String,
+    /// Each file.
+    pub models: Vec<ModelInfo>,
+}
+
+impl Message for ModelsReply {
+    const SCHEMA: &'static str = "ModelsReply.v1";
+}
+
+/// A JSON request in bulk form, with the scene enclosed if given: metadata `request`, and the scene's own entries and tensors.
+pub fn enclose<T: Serialize>(request: &T, scene: Option<&Scene>) -> Bulk {
+    let mut bulk = scene.map(Scene::to_bulk).unwrap_or_default();
+    bulk.metadata.insert("request".to_owned(), serde_json::to_string(request).unwrap_or_default());
+    bulk
+}
+
+/// The request and the enclosed scene of a bulk form made by [`enclose`]. Validates neither against the other: the receiver compares ids.
+///
+/// # Errors
+/// `invalid_argument` that names the field.
+pub fn disclose<T: Message + serde::de::DeserializeOwned>(bulk: &Bulk) -> Result<(T, Option<Scene>), CallError> {
+    let request: T = crate::message::from_json(bulk.text("request")?.as_bytes())?;
+    request.validate()?;
+    let scene = bulk.tensors.contains_key("points").then(|| Scene::from_bulk(bulk)).transpose()?;
+    Ok((request, scene))
+}

@@ -1,0 +1,2 @@
+//! The `repose` command.
+fn main() {}

@@ -1,0 +1,174 @@
+//! What segmentation can be told. Every field has a default that suits a depth camera half a metre to two metres from a table.
+
+use serde::Deserialize;
+
+/// Settings of [`segment`](crate::segment::segment).
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Settings {
+    /// Readings beyond this are treated as missing, metres. Raising it lets walls and floors far behind the table into the scene.
+    pub max_depth_m: f32,
+    /// Most points in a scene; more are thinned evenly. Raising it makes scenes larger on the wire (17 bytes a point).
+    pub max_points: usize,
+    /// An object that keeps fewer points than this after cleaning is left out, as are its points.
+    pub min_object_points: usize,
+    /// Columns of the coarse picture that supports, surfaces and components are found on; raising it costs time, quadratically.
+    pub coarse_columns: usize,
+    /// Removing the uncertain band around every mask.
+    pub borders: BorderSettings,
+    /// Finding out which way is up.
+    pub gravity: GravitySettings,
+    /// Finding surfaces that objects can stand on.
+    pub surfaces: SurfaceSettings,
+    /// Finding objects when no labels are given.
+    pub components: ComponentSettings,
+    /// Seed of every random draw, so that the same frame gives the same scene.
+    pub seed: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            max_depth_m: 4.0,
+            max_points: 320_000,
+            min_object_points: 50,
+            coarse_columns: 320,
+            borders: BorderSettings::default(),
+            gravity: GravitySettings::default(),
+            surfaces: SurfaceSettings::default(),
+            components: ComponentSettings::default(),
+            seed: 0,
+        }
+    }
+}
+
+/// How wide the band around a mask is.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BorderSettings {
+    /// Radius of the dilation and of the erosion, pixels of the frame. Raising it removes more stray pixels, and thin parts of objects.
+    pub radius_px: usize,
+}
+
+impl Default for BorderSettings {
+    fn default() -> Self {
+        Self { radius_px: 2 }
+    }
+}
+
+/// How the main support plane is found.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct GravitySettings {
+    /// Planes tried. Raising it finds a support that fills less of the view.
+    pub iterations: usize,
+    /// Readings that each plane is judged on, spread evenly over the picture.
+    pub sample_points: usize,
+    /// How far from the plane a reading may be at no distance, metres.
+    pub tolerance_m: f32,
+    /// What a reading's depth adds to that tolerance, metres per square metre of depth (noise of structured light grows with its square).
+    pub tolerance_per_m2: f32,
+    /// Least share of the readings that the plane must hold.
+    pub min_share: f64,
+    /// Most readings below the plane, as a multiple of those on it: what the objects stand on has little beneath it.
+    pub max_below_ratio: f64,
+    /// Largest roll of the camera about its optical axis, radians.
+    pub max_roll_rad: f64,
+    /// How far past straight down the camera may look, radians. Raising it lets walls pass for tables.
+    pub max_past_vertical_rad: f64,
+}
+
+impl Default for GravitySettings {
+    fn default() -> Self {
+        Self {
+            iterations: 300,
+            sample_points: 3000,
+            tolerance_m: 0.004,
+            tolerance_per_m2: 0.004,
+            min_share: 0.1,
+            max_below_ratio: 1.0,
+            max_roll_rad: 0.8,
+            max_past_vertical_rad: 0.1,
+        }
+    }
+}
+
+/// What counts as a support surface.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SurfaceSettings {
+    /// Largest angle between a surface's normal and up, radians.
+    pub max_tilt_rad: f32,
+    /// Height of a bin of the height histogram, metres.
+    pub bin_m: f32,
+    /// Half the thickness of the slice that makes one surface, metres.
+    pub tolerance_m: f32,
+    /// Two surfaces of the same object (or of none) lie at least this far apart in height where they overlap, metres.
+    pub separation_m: f32,
+    /// Edge of the cells that connect a surface's readings, metres, for surfaces of the furniture.
+    pub cell_m: f32,
+    /// The same for the tops of objects, which are smaller and nearer.
+    pub object_cell_m: f32,
+    /// Least area of a surface of the furniture, square metres.
+    pub min_area_m2: f32,
+    /// Least area of an object's top, square metres.
+    pub min_object_area_m2: f32,
+    /// Most surfaces of the furniture, and most of each object.
+    pub max_count: usize,
+}
+
+impl Default for SurfaceSettings {
+    fn default() -> Self {
+        Self {
+            max_tilt_rad: 0.44,
+            bin_m: 0.004,
+            tolerance_m: 0.012,
+            separation_m: 0.03,
+            cell_m: 0.02,
+            object_cell_m: 0.01,
+            min_area_m2: 0.02,
+            min_object_area_m2: 0.0015,
+            max_count: 8,
+        }
+    }
+}
+
+/// How objects are told apart without labels.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ComponentSettings {
+    /// A horizontal surface of at least this observed area is furniture, not the top of an object, square metres.
+    pub min_support_area_m2: f32,
+    /// Readings up to this height above a support belong to it, metres; `noise_per_m2` adds to it.
+    pub clearance_m: f32,
+    /// Neighbouring readings of one object are at most this far apart, metres; `noise_per_m2` adds to it.
+    pub gap_m: f32,
+    /// Depth noise added to the lengths above, metres per square metre of depth.
+    pub noise_per_m2: f32,
+    /// Half the length over which a crease between touching objects is looked for, metres.
+    pub crease_arm_m: f32,
+    /// Depth of the crease over that length from which it separates, metres; `noise_per_m2` adds to it.
+    pub crease_depth_m: f32,
+    /// Components with fewer readings on the coarse picture are dropped.
+    pub min_pixels: usize,
+    /// Components with a longer edge of their box are background, metres.
+    pub max_extent_m: f32,
+    /// Most objects; the largest are kept.
+    pub max_count: usize,
+}
+
+impl Default for ComponentSettings {
+    fn default() -> Self {
+        Self {
+            min_support_area_m2: 0.1,
+            clearance_m: 0.005,
+            gap_m: 0.008,
+            noise_per_m2: 0.003,
+            crease_arm_m: 0.012,
+            crease_depth_m: 0.002,
+            min_pixels: 150,
+            max_extent_m: 0.8,
+            max_count: 64,
+        }
+    }
+}

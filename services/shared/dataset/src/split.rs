@@ -1,0 +1,62 @@
+//! Which scene seeds belong to which split: declared here and nowhere else.
+//!
+//! A scene's split follows from its seed alone, so that no tool can mix them up. Failures are looked at on validation; test scenes are
+//! run at the end.
+
+use std::ops::Range;
+
+use serde::{Deserialize, Serialize};
+
+/// The three disjoint sets of scenes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Split {
+    /// Weights are fitted to these.
+    Train,
+    /// Settings are chosen, and failures looked at, on these.
+    Validation,
+    /// Published figures come from these.
+    Test,
+}
+
+impl Split {
+    /// Every split, in the order of their seeds.
+    pub const ALL: [Self; 3] = [Self::Train, Self::Validation, Self::Test];
+
+    /// The scene seeds of this split.
+    pub const fn seeds(self) -> Range<u64> {
+        match self {
+            Self::Train => 0..1_000_000_000,
+            Self::Validation => 1_000_000_000..2_000_000_000,
+            Self::Test => 2_000_000_000..3_000_000_000,
+        }
+    }
+
+    /// The split that a scene seed belongs to; `None` for seeds outside all of them (demonstrations, tests).
+    pub fn of_seed(seed: u64) -> Option<Self> {
+        Self::ALL.into_iter().find(|split| split.seeds().contains(&seed))
+    }
+
+    /// The lower-case name, as in folder names.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Train => "train",
+            Self::Validation => "validation",
+            Self::Test => "test",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_seed_has_at_most_one_split() {
+        for split in Split::ALL {
+            assert_eq!(Split::of_seed(split.seeds().start), Some(split));
+            assert_eq!(Split::of_seed(split.seeds().end - 1), Some(split));
+        }
+        assert_eq!(Split::of_seed(u64::MAX), None);
+    }
+}

@@ -1,0 +1,67 @@
+//! The pinhole camera: x right, y down, z forward (OpenCV); pixel centres at integer coordinates.
+
+use nalgebra::{Point2, Point3};
+
+/// Intrinsics of an undistorted camera. Focal lengths and the principal point are in pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pinhole {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Horizontal focal length, pixels.
+    pub fx: f64,
+    /// Vertical focal length, pixels.
+    pub fy: f64,
+    /// Column of the principal point, pixels.
+    pub cx: f64,
+    /// Row of the principal point, pixels.
+    pub cy: f64,
+}
+
+impl Pinhole {
+    /// The point at `depth_m` along the optical axis seen at pixel (`u`, `v`).
+    pub fn unproject(&self, u: f64, v: f64, depth_m: f64) -> Point3<f64> {
+        Point3::new((u - self.cx) / self.fx * depth_m, (v - self.cy) / self.fy * depth_m, depth_m)
+    }
+
+    /// Pixel coordinates (column, row) of a point in front of the camera, or `None` behind it. May lie outside the image.
+    pub fn project(&self, point_in_camera: &Point3<f64>) -> Option<Point2<f64>> {
+        (point_in_camera.z > 1e-9).then(|| {
+            Point2::new(
+                self.fx * point_in_camera.x / point_in_camera.z + self.cx,
+                self.fy * point_in_camera.y / point_in_camera.z + self.cy,
+            )
+        })
+    }
+
+    /// The pixel (column, row) that a point falls on, or `None` outside the image or behind the camera.
+    pub fn pixel_of(&self, point_in_camera: &Point3<f64>) -> Option<(usize, usize)> {
+        let p = self.project(point_in_camera)?;
+        let (u, v) = (p.x.round(), p.y.round());
+        (u >= 0.0 && v >= 0.0 && u < self.width as f64 && v < self.height as f64).then_some((u as usize, v as usize))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const CAMERA: Pinhole = Pinhole { width: 640, height: 480, fx: 525.0, fy: 520.0, cx: 319.5, cy: 239.5 };
+
+    proptest! {
+        #[test]
+        fn a_pixel_survives_the_round_trip(u in 0.0..640.0f64, v in 0.0..480.0f64, depth in 0.1..5.0f64) {
+            let back = CAMERA.project(&CAMERA.unproject(u, v, depth)).unwrap();
+            prop_assert!((back - Point2::new(u, v)).norm() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn points_behind_or_beside_the_image_have_no_pixel() {
+        assert_eq!(CAMERA.pixel_of(&Point3::new(0.0, 0.0, -1.0)), None);
+        assert_eq!(CAMERA.pixel_of(&Point3::new(5.0, 0.0, 1.0)), None);
+        assert_eq!(CAMERA.pixel_of(&CAMERA.unproject(12.0, 34.0, 0.7)), Some((12, 34)));
+    }
+}

@@ -1,0 +1,83 @@
+//! Measures of a point cloud. A cloud is a slice of points; what frame it is in, its name says.
+
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use crate::Aabb;
+
+/// The mean of the points (an object's *observed* centroid, not its geometric centre); `None` without any.
+///
+/// Summed in `f64` in the given order, so that the same cloud gives the same bytes.
+pub fn centroid(points: &[Point3<f32>]) -> Option<Point3<f64>> {
+    if points.is_empty() {
+        return None;
+    }
+    let sum = points.iter().fold(Vector3::zeros(), |s: Vector3<f64>, p| s + p.coords.cast::<f64>());
+    Some(Point3::from(sum / points.len() as f64))
+}
+
+/// The box between two percentiles of each coordinate, which stray points do not stretch; `None` without points.
+///
+/// `low` and `high` are fractions, 0.01 and 0.99 for the rule-based baseline of the paper's Table 2.
+pub fn percentile_box(points: &[Point3<f32>], low: f64, high: f64) -> Option<Aabb> {
+    if points.is_empty() {
+        return None;
+    }
+    let mut bounds = [[0.0f32; 2]; 3];
+    let mut values = vec![0.0f32; points.len()];
+    for (k, bound) in bounds.iter_mut().enumerate() {
+        for (v, p) in values.iter_mut().zip(points) {
+            *v = p[k];
+        }
+        let last = (points.len() - 1) as f64;
+        for (b, fraction) in bound.iter_mut().zip([low, high]) {
+            let index = (fraction * last).round() as usize;
+            *b = *values.select_nth_unstable_by(index, f32::total_cmp).1;
+        }
+    }
+    let [x, y, z] = bounds;
+    Some(Aabb { min: Point3::new(x[0], y[0], z[0]), max: Point3::new(x[1], y[1], z[1]) })
+}
+
+/// The points moved by a rigid transform.
+pub fn transformed(points: &[Point3<f32>], to_from: &Isometry3<f64>) -> Vec<Point3<f32>> {
+    let to_from = to_from.cast::<f32>();
+    points.iter().map(|p| to_from * p).collect()
+}
+
+/// One point (the mean) per occupied voxel of edge `voxel_m`, in order of first occupation.
+pub fn voxel_downsampled(points: &[Point3<f32>], voxel_m: f32) -> Vec<Point3<f32>> {
+    let mut index = std::collections::HashMap::with_capacity(points.len() / 4);
+    let mut sums: Vec<(Vector3<f32>, f32)> = Vec::new();
+    for p in points {
+        let key = p.coords.map(|c| (c / voxel_m).floor() as i32);
+        let slot = *index.entry([key.x, key.y, key.z]).or_insert_with(|| {
+            sums.push((Vector3::zeros(), 0.0));
+            sums.len() - 1
+        });
+        sums[slot].0 += p.coords;
+        sums[slot].1 += 1.0;
+    }
+    sums.into_iter().map(|(sum, n)| Point3::from(sum / n)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percentiles_ignore_strays() {
+        let mut points: Vec<_> = (0..1000).map(|i| Point3::new(i as f32 / 999.0, 0.0, 1.0)).collect();
+        points.push(Point3::new(50.0, -50.0, 50.0));
+        let b = percentile_box(&points, 0.01, 0.99).unwrap();
+        assert!(b.min.x > 0.005 && b.max.x < 1.0 && b.min.y == 0.0 && b.max.z == 1.0);
+        assert_eq!(percentile_box(&[], 0.0, 1.0), None);
+    }
+
+    #[test]
+    fn a_voxel_keeps_the_mean_of_its_points() {
+        let points = [Point3::new(0.001, 0.0, 0.0), Point3::new(0.003, 0.0, 0.0), Point3::new(0.012, 0.0, 0.0)];
+        let down = voxel_downsampled(&points, 0.005);
+        assert_eq!(down.len(), 2);
+        assert!((down[0].x - 0.002).abs() < 1e-7);
+    }
+}

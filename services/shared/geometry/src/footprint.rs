@@ -1,0 +1,76 @@
+//! The convex outline of points seen from above, and how well it holds what stands on it.
+
+use nalgebra::{Point2, Point3};
+
+/// A convex polygon in the horizontal plane, counter-clockwise.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Footprint {
+    corners: Vec<Point2<f32>>,
+}
+
+impl Footprint {
+    /// The convex hull of the points' (x, y) (Andrew's monotone chain); `None` with fewer than three corners.
+    pub fn of<'a>(points: impl IntoIterator<Item = &'a Point3<f32>>) -> Option<Self> {
+        let mut xy: Vec<Point2<f32>> = points.into_iter().map(Point3::xy).collect();
+        xy.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
+        xy.dedup();
+        let half = |points: &mut dyn Iterator<Item = &Point2<f32>>| {
+            let mut chain: Vec<Point2<f32>> = Vec::new();
+            for p in points {
+                while chain.len() >= 2 && cross(&chain[chain.len() - 2], &chain[chain.len() - 1], p) <= 0.0 {
+                    chain.pop();
+                }
+                chain.push(*p);
+            }
+            chain.pop();
+            chain
+        };
+        let mut corners = half(&mut xy.iter());
+        corners.extend(half(&mut xy.iter().rev()));
+        (corners.len() >= 3).then_some(Self { corners })
+    }
+
+    /// The corners, counter-clockwise.
+    pub fn corners(&self) -> &[Point2<f32>] {
+        &self.corners
+    }
+
+    /// The area, square metres.
+    pub fn area(&self) -> f32 {
+        self.edges().map(|(a, b)| a.x * b.y - a.y * b.x).sum::<f32>() / 2.0
+    }
+
+    /// How far inside the outline a point lies, metres: positive inside (distance to the nearest edge's line), negative outside.
+    pub fn margin(&self, p: &Point2<f32>) -> f32 {
+        self.edges().map(|(a, b)| cross(&a, &b, p) / (b - a).norm()).fold(f32::INFINITY, f32::min)
+    }
+
+    fn edges(&self) -> impl Iterator<Item = (Point2<f32>, Point2<f32>)> + '_ {
+        (0..self.corners.len()).map(|i| (self.corners[i], self.corners[(i + 1) % self.corners.len()]))
+    }
+}
+
+/// Twice the signed area of the triangle; positive when `c` lies left of `a → b`.
+fn cross(a: &Point2<f32>, b: &Point2<f32>, c: &Point2<f32>) -> f32 {
+    (b - a).perp(&(c - a))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_square_has_its_area_and_margins() {
+        let corners = [[0.0, 0.0, 1.0], [1.0, 0.0, 2.0], [1.0, 1.0, 3.0], [0.0, 1.0, 4.0], [0.5, 0.5, 5.0]].map(Point3::from);
+        let square = Footprint::of(&corners).unwrap();
+        assert_eq!(square.corners().len(), 4);
+        assert!((square.area() - 1.0).abs() < 1e-6);
+        assert!((square.margin(&Point2::new(0.5, 0.9)) - 0.1).abs() < 1e-6);
+        assert!((square.margin(&Point2::new(1.2, 0.5)) + 0.2).abs() < 1e-6);
+    }
+
+    #[test]
+    fn points_on_a_line_have_no_footprint() {
+        assert_eq!(Footprint::of(&[[0.0, 0.0, 0.0], [1.0, 1.0, 0.0], [2.0, 2.0, 0.0]].map(Point3::from)), None);
+    }
+}

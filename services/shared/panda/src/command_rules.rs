@@ -1,0 +1,233 @@
+//! Franka's rules for a stream of joint set-points, one each millisecond.
+//!
+//! The robot takes the first set-point only where it stands, and stops with a named reflex when a later one leaves the position limits or
+//! asks for a velocity, acceleration or jerk above the limits. Derivatives are backward differences, as in libfranka's `rate_limiting.h`;
+//! the reasons carry the names of libfranka's `Errors`.
+
+use crate::{JOINT_COUNT, JointLimits, Joints, LIMITS};
+
+/// What is demanded of a stream of set-points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CommandRuleSettings {
+    /// The limits.
+    pub limits: JointLimits,
+    /// Time between set-points, seconds. Default 0.001.
+    pub period_s: f64,
+    /// How far the first set-point may be from where the robot stands, radians. Default 1e-3.
+    pub start_tolerance_rad: f64,
+    /// Whether the jerk limit is enforced. Default false: a plan that keeps the acceleration limits is accepted.
+    pub check_jerk: bool,
+}
+
+impl Default for CommandRuleSettings {
+    fn default() -> Self {
+        Self { limits: LIMITS, period_s: 0.001, start_tolerance_rad: 1e-3, check_jerk: false }
+    }
+}
+
+/// Which rule a set-point broke. `joint` counts from 0.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum Violation {
+    /// A number is NaN or infinite.
+    #[error("joint {joint}: the set-point is not finite")]
+    NotFinite {
+        /// The joint.
+        joint: usize,
+    },
+    /// The first set-point is not where the robot stands.
+    #[error("start_pose_invalid: joint {joint} stands at {from_rad:.4} rad and is sent to {to_rad:.4} rad")]
+    StartPoseInvalid {
+        /// The joint.
+        joint: usize,
+        /// Where it stands, radians.
+        from_rad: f64,
+        /// Where the set-point is, radians.
+        to_rad: f64,
+    },
+    /// The set-point lies outside the position limits.
+    #[error("joint_motion_generator_position_limits_violation: joint {joint} at {value_rad:.4} rad")]
+    PositionLimits {
+        /// The joint.
+        joint: usize,
+        /// The set-point, radians.
+        value_rad: f64,
+    },
+    /// The set-point asks for too high a velocity.
+    #[error("joint_motion_generator_velocity_limits_violation: joint {joint} at {value:.3} rad/s of {limit:.3}")]
+    VelocityLimits {
+        /// The joint.
+        joint: usize,
+        /// What was asked, rad/s.
+        value: f64,
+        /// What is allowed, rad/s.
+        limit: f64,
+    },
+    /// The set-point asks for too high an acceleration.
+    #[error("joint_motion_generator_velocity_discontinuity: joint {joint} at {value:.2} rad/s² of {limit:.2}")]
+    VelocityDiscontinuity {
+        /// The joint.
+        joint: usize,
+        /// What was asked, rad/s².
+        value: f64,
+        /// What is allowed, rad/s².
+        limit: f64,
+    },
+    /// The set-point asks for too high a jerk.
+    #[error("joint_motion_generator_acceleration_discontinuity: joint {joint} at {value:.0} rad/s³ of {limit:.0}")]
+    AccelerationDiscontinuity {
+        /// The joint.
+        joint: usize,
+        /// What was asked, rad/s³.
+        value: f64,
+        /// What is allowed, rad/s³.
+        limit: f64,
+    },
+}
+
+impl Violation {
+    /// The reflex's name as libfranka spells it.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::NotFinite { .. } => "set_point_not_finite",
+            Self::StartPoseInvalid { .. } => "start_pose_invalid",
+            Self::PositionLimits { .. } => "joint_motion_generator_position_limits_violation",
+            Self::VelocityLimits { .. } => "joint_motion_generator_velocity_limits_violation",
+            Self::VelocityDiscontinuity { .. } => "joint_motion_generator_velocity_discontinuity",
+            Self::AccelerationDiscontinuity { .. } => "joint_motion_generator_acceleration_discontinuity",
+        }
+    }
+}
+
+/// Rounding of positions that backward differences would otherwise blow up into violations.
+const ROUNDING: f64 = 1e-6;
+
+/// The rules applied to one stream: feed it every set-point in turn.
+#[derive(Debug, Clone)]
+pub struct CommandRules {
+    settings: CommandRuleSettings,
+    position_rad: Joints,
+    velocity_rad_s: Joints,
+    acceleration_rad_s2: Joints,
+    started: bool,
+}
+
+impl CommandRules {
+    /// A stream that begins with the robot at rest at `measured`.
+    pub fn new(measured: &Joints, settings: CommandRuleSettings) -> Self {
+        Self {
+            settings,
+            position_rad: *measured,
+            velocity_rad_s: [0.0; JOINT_COUNT],
+            acceleration_rad_s2: [0.0; JOINT_COUNT],
+            started: false,
+        }
+    }
+
+    /// Takes the next set-point, or says which rule it breaks (and is then as before).
+    ///
+    /// # Errors
+    /// The [`Violation`] of the first joint that breaks a rule.
+    pub fn accept(&mut self, set_point: &Joints) -> Result<(), Violation> {
+        if let Some(joint) = (0..JOINT_COUNT).find(|&i| !set_point[i].is_finite()) {
+            return Err(Violation::NotFinite { joint });
+        }
+        if let Some(joint) = self.settings.limits.outside(set_point, 0.0) {
+            return Err(Violation::PositionLimits { joint, value_rad: set_point[joint] });
+        }
+        if !self.started {
+            let far = |i: &usize| (set_point[*i] - self.position_rad[*i]).abs() > self.settings.start_tolerance_rad;
+            if let Some(joint) = (0..JOINT_COUNT).find(far) {
+                return Err(Violation::StartPoseInvalid { joint, from_rad: self.position_rad[joint], to_rad: set_point[joint] });
+            }
+            self.position_rad = *set_point;
+            self.started = true;
+            return Ok(());
+        }
+        let period = self.settings.period_s;
+        let velocity: Joints = std::array::from_fn(|i| (set_point[i] - self.position_rad[i]) / period);
+        let acceleration: Joints = std::array::from_fn(|i| (velocity[i] - self.velocity_rad_s[i]) / period);
+        for joint in 0..JOINT_COUNT {
+            self.check_joint(joint, velocity[joint], acceleration[joint])?;
+        }
+        (self.position_rad, self.velocity_rad_s, self.acceleration_rad_s2) = (*set_point, velocity, acceleration);
+        Ok(())
+    }
+
+    /// Checks a whole stream; on a violation, the index of the set-point that broke the rule comes with it.
+    ///
+    /// # Errors
+    /// The index and the [`Violation`].
+    pub fn check<'a>(
+        measured: &Joints,
+        set_points: impl IntoIterator<Item = &'a Joints>,
+        settings: CommandRuleSettings,
+    ) -> Result<(), (usize, Violation)> {
+        let mut rules = Self::new(measured, settings);
+        set_points.into_iter().enumerate().try_for_each(|(i, q)| rules.accept(q).map_err(|violation| (i, violation)))
+    }
+
+    fn check_joint(&self, joint: usize, velocity: f64, acceleration: f64) -> Result<(), Violation> {
+        let limits = &self.settings.limits;
+        let exceeds = |value: f64, limit: f64| value.abs() > limit * (1.0 + ROUNDING);
+        let limit = limits.velocity_rad_s[joint];
+        if exceeds(velocity, limit) {
+            return Err(Violation::VelocityLimits { joint, value: velocity, limit });
+        }
+        let limit = limits.acceleration_rad_s2[joint];
+        if exceeds(acceleration, limit) {
+            return Err(Violation::VelocityDiscontinuity { joint, value: acceleration, limit });
+        }
+        let jerk = (acceleration - self.acceleration_rad_s2[joint]) / self.settings.period_s;
+        let limit = limits.jerk_rad_s3[joint];
+        if self.settings.check_jerk && exceeds(jerk, limit) {
+            return Err(Violation::AccelerationDiscontinuity { joint, value: jerk, limit });
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::READY;
+
+    fn ramp(acceleration: f64, count: usize) -> Vec<Joints> {
+        (0..count)
+            .map(|k| {
+                let t = k as f64 * 1e-3;
+                let mut q = READY;
+                q[0] += 0.5 * acceleration * t * t;
+                q
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_gentle_ramp_is_accepted() {
+        assert_eq!(CommandRules::check(&READY, &ramp(5.0, 200), CommandRuleSettings::default()), Ok(()));
+    }
+
+    #[test]
+    fn each_rule_has_its_reflex() {
+        let settings = CommandRuleSettings::default();
+        let mut far = READY;
+        far[2] += 0.01;
+        let start = CommandRules::check(&READY, &[far], settings).unwrap_err();
+        assert_eq!((start.0, start.1.name()), (0, "start_pose_invalid"));
+        let jump = CommandRules::check(&READY, &[READY, far], settings).unwrap_err();
+        assert_eq!((jump.0, jump.1.name()), (1, "joint_motion_generator_velocity_limits_violation"));
+        let hard = CommandRules::check(&READY, &ramp(20.0, 50), settings).unwrap_err();
+        assert_eq!(hard.1.name(), "joint_motion_generator_velocity_discontinuity");
+        let smooth = JointLimits { jerk_rad_s3: [1000.0; JOINT_COUNT], ..LIMITS };
+        let jerky = CommandRuleSettings { limits: smooth, check_jerk: true, ..settings };
+        let jerky = CommandRules::check(&READY, &ramp(14.0, 50), jerky).unwrap_err();
+        assert_eq!(jerky.1.name(), "joint_motion_generator_acceleration_discontinuity");
+        let mut outside = READY;
+        outside[3] = 0.5;
+        assert_eq!(
+            CommandRules::check(&READY, &[outside], settings).unwrap_err().1.name(),
+            "joint_motion_generator_position_limits_violation"
+        );
+        assert_eq!(CommandRules::check(&READY, &[[f64::NAN; 7]], settings).unwrap_err().1, Violation::NotFinite { joint: 0 });
+    }
+}

@@ -1,0 +1,35 @@
+//! The Franka Panda: kinematics, limits, Franka's rules for commands, and the spheres that stand for its body.
+//!
+//! Pure. Frames: `base` is the robot's foot, `flange` the end of link 7, `hand` the flange turned by −45° about z, `tcp` the point between
+//! the fingertips 0.1034 m along the hand's z. The hand approaches along +z and its fingers move along y. Angles are radians.
+
+pub mod command_rules;
+pub mod inverse;
+pub mod kinematics;
+pub mod limits;
+pub mod self_collision;
+pub mod spheres;
+
+pub use command_rules::{CommandRules, Violation};
+pub use inverse::{InverseError, InverseSettings, inverse, inverse_near};
+pub use kinematics::{Jacobian, LinkFrames, base_from_flange, base_from_hand, base_from_tcp, flange_from_hand, hand_from_tcp, jacobian};
+pub use limits::{FINGER_OPENING_MAX_M, JointLimits, LIMITS};
+pub use self_collision::{SELF_COLLISION_PAIRS, self_collides};
+pub use spheres::{Link, PlacedSphere, SPHERE_COUNT, SPHERE_LINKS, spheres_in_base};
+
+/// How many joints the arm has.
+pub const JOINT_COUNT: usize = 7;
+
+/// Joint angles (or, where a name says so, their rates) from the base outwards, radians.
+pub type Joints = [f64; JOINT_COUNT];
+
+/// Franka's ready pose: the hand points straight down in front of the robot, 0.307 m ahead and about 0.59 m up (flange).
+pub const READY: Joints = [
+    0.0,
+    -std::f64::consts::FRAC_PI_4,
+    0.0,
+    -3.0 * std::f64::consts::FRAC_PI_4,
+    0.0,
+    std::f64::consts::FRAC_PI_2,
+    std::f64::consts::FRAC_PI_4,
+];

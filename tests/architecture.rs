@@ -1,0 +1,174 @@
+//! The rules of who may know whom, read off the crates' manifests and sources.
+//!
+//! A rule that is broken prints the file at fault. The rules themselves: pure crates do no I/O and know no runtime; only
+//! `shared/runtime` imports zenoh; a service never depends on another; in a service only `endpoints.rs` (with `lib.rs` and
+//! `worker.rs`, which hand the runtime's types through) uses the runtime.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+const PURE: [&str; 4] = ["repose-geometry", "repose-relations", "repose-networks", "repose-panda"];
+const SERVICES: [&str; 5] = ["repose-perception", "repose-inference", "repose-planner", "repose-motion", "repose-simulator"];
+/// In a service, the files that may name the runtime; everything else there is domain code.
+const RUNTIME_FILES: [&str; 4] = ["endpoints.rs", "lib.rs", "worker.rs", "config.rs"];
+
+struct Member {
+    dir: PathBuf,
+    dependencies: Vec<String>,
+}
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().expect("the workspace's root")
+}
+
+fn members() -> BTreeMap<String, Member> {
+    let mut manifests = vec![root().join("proto/Cargo.toml")];
+    for folder in ["services", "services/shared"] {
+        for entry in std::fs::read_dir(root().join(folder)).expect("the services folder") {
+            let manifest = entry.expect("a folder entry").path().join("Cargo.toml");
+            if manifest.exists() {
+                manifests.push(manifest);
+            }
+        }
+    }
+    manifests.into_iter().map(|path| {
+        let manifest: toml::Table = std::fs::read_to_string(&path).expect("a manifest").parse().expect("TOML");
+        let names = |table: &str| manifest.get(table).and_then(toml::Value::as_table).map(|t| t.keys().cloned().collect()).unwrap_or_default();
+        let name = manifest["package"]["name"].as_str().expect("a package name").to_owned();
+        let member = Member {
+            dir: path.parent().expect("a folder").to_owned(),
+            dependencies: names("dependencies"),
+        };
+        (name, member)
+    }).collect()
+}
+
+fn sources(dir: &Path) -> Vec<(PathBuf, String)> {
+    let mut found = Vec::new();
+    let mut folders = vec![dir.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(&folder).into_iter().flatten() {
+            let path = entry.expect("a folder entry").path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|e| e == "rs") {
+                let text = std::fs::read_to_string(&path).expect("a source file");
+                found.push((path, text));
+            }
+        }
+    }
+    assert!(!found.is_empty(), "no sources in {}", dir.display());
+    found.sort();
+    found
+}
+
+/// The code lines of a source, with comments and test modules at the end of the file left out.
+fn code(text: &str) -> String {
+    let body = text.split("#[cfg(test)]").next().unwrap_or(text);
+    body.lines().filter(|l| !l.trim_start().starts_with("//")).collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn pure_crates_depend_on_no_runtime_and_do_no_io() {
+    let members = members();
+    for name in PURE {
+        let member = &members[name];
+        for forbidden in ["tokio", "zenoh", "repose-runtime", "tracing", "futures", "async-trait", "image"] {
+            assert!(!member.dependencies.iter().any(|d| d == forbidden), "{name} is pure and must not depend on {forbidden}");
+        }
+        for (path, text) in sources(&member.dir.join("src")) {
+            for forbidden in ["std::fs", "std::net", "std::env::var", "async fn", "std::process"] {
+                assert!(!code(&text).contains(forbidden), "{} is in a pure crate and uses {forbidden}", path.display());
+            }
+        }
+    }
+}
+
+#[test]
+fn proto_depends_on_nothing_of_ours() {
+    let member = &members()["repose-proto"];
+    let ours: Vec<_> = member.dependencies.iter().filter(|d| d.starts_with("repose-")).collect();
+    assert!(ours.is_empty(), "proto depends on {ours:?}");
+}
+
+#[test]
+fn only_the_runtime_imports_zenoh() {
+    for (name, member) in members() {
+        if name == "repose-runtime" {
+            continue;
+        }
+        assert!(!member.dependencies.iter().any(|d| d.starts_with("zenoh")), "{name} depends on zenoh");
+        for (path, text) in sources(&member.dir.join("src")) {
+            assert!(!code(&text).contains("zenoh::"), "{} uses zenoh", path.display());
+        }
+    }
+}
+
+#[test]
+fn a_service_depends_on_no_other_service() {
+    for (name, member) in members() {
+        let is_service = SERVICES.contains(&name.as_str());
+        let may_start_services = ["repose-cli", "repose-evaluation"].contains(&name.as_str());
+        if may_start_services {
+            continue;
+        }
+        for dependency in &member.dependencies {
+            assert!(!SERVICES.contains(&dependency.as_str()), "{name} (service: {is_service}) depends on the service {dependency}");
+        }
+    }
+}
+
+#[test]
+fn training_takes_its_data_through_the_dataset_crate() {
+    let training = &members()["repose-training"];
+    assert!(training.dependencies.iter().any(|d| d == "repose-dataset"));
+    assert!(!training.dependencies.iter().any(|d| d == "repose-runtime"));
+}
+
+#[test]
+fn in_a_service_only_the_outer_files_know_the_runtime() {
+    let members = members();
+    for name in SERVICES {
+        for (path, text) in sources(&members[name].dir.join("src")) {
+            let file = path.file_name().and_then(|f| f.to_str()).unwrap_or_default();
+            let outer = RUNTIME_FILES.contains(&file) || path.components().any(|c| c.as_os_str() == "endpoints");
+            assert!(outer || !code(&text).contains("repose_runtime"), "{} is domain code and uses the runtime", path.display());
+            assert!(outer || !code(&text).contains("async fn"), "{} is domain code and is async", path.display());
+        }
+    }
+}
+
+#[test]
+fn every_dependency_has_its_version_in_the_workspace_table() {
+    for (name, member) in members() {
+        let manifest: toml::Table = std::fs::read_to_string(member.dir.join("Cargo.toml")).expect("a manifest").parse().expect("TOML");
+        for table in ["dependencies", "dev-dependencies"] {
+            for (dependency, value) in manifest.get(table).and_then(toml::Value::as_table).into_iter().flatten() {
+                let inherited = value.get("workspace").and_then(toml::Value::as_bool) == Some(true);
+                assert!(inherited, "{name} gives {dependency} a version of its own");
+            }
+        }
+        assert!(manifest["lints"]["workspace"].as_bool() == Some(true), "{name} does not take the workspace's lints");
+    }
+}
+
+#[test]
+fn no_file_is_longer_than_a_thousand_lines() {
+    for (_, member) in members() {
+        for (path, text) in sources(&member.dir) {
+            let lines = text.lines().count();
+            assert!(lines <= 1000, "{} has {lines} lines", path.display());
+        }
+    }
+}
+
+#[test]
+fn the_top_level_holds_what_it_should_and_nothing_else() {
+    let allowed = ["Cargo.toml", "Cargo.lock", "README.md", "LICENSE-APACHE", "LICENSE-MIT", "proto", "services", "deploy", "scripts", "tests"];
+    let built = ["target", "out"];
+    for entry in std::fs::read_dir(root()).expect("the workspace's root") {
+        let name = entry.expect("a folder entry").file_name().into_string().expect("a plain name");
+        let known = name.starts_with('.') || allowed.contains(&name.as_str()) || built.contains(&name.as_str());
+        assert!(known, "{name} does not belong at the top level");
+    }
+}
