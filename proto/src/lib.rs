@@ -30,5 +30,6 @@ pub use frame::{CameraModel, Frame};
 pub use frames::RigidTransform;
 pub use keys::{Cell, Service};
 pub use message::{Message, Payload};
+pub use place::{PlaceRequest, PlaceResult};
 pub use relation::{GoalTerm, RELATION_COUNT, Relation};
 pub use scene::{ObjectSummary, Scene, SceneMeta, SceneRef, SceneSummary, Surface, Unseen};

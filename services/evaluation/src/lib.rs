@@ -1,1 +1,13 @@
-//! repose-evaluation
+//! The paper's tables, regenerated: problems with a known truth, what came of each answer, and rates with intervals.
+//!
+//! This crate may start any service's domain code; nothing depends on it but the command line.
+
+pub mod feasible;
+pub mod outcome;
+pub mod planner_table;
+pub mod problem;
+pub mod rate;
+
+pub use planner_table::{PlannerRow, PlannerTable, evaluate_planner};
+pub use problem::{Problem, ProblemSettings};
+pub use rate::Rate;

@@ -79,7 +79,7 @@ fn tolerance_m(p: &Point3<f32>, settings: &GravitySettings) -> f32 {
 
 /// How many points lie on the plane, and how many clearly below it.
 fn count(sample: &[Point3<f32>], plane: &Plane, settings: &GravitySettings) -> (usize, usize) {
-    let normal: Vector3<f32> = plane.normal.cast();
+    let normal: Vector3<f32> = plane.normal.into_inner().cast();
     let offset_m = plane.offset_m as f32;
     let (mut on, mut below) = (0, 0);
     for p in sample {

@@ -155,6 +155,10 @@ pub struct ComponentSettings {
     pub max_extent_m: f32,
     /// Most objects; the largest are kept.
     pub max_count: usize,
+    /// Joining the inside of hollow objects with their outside.
+    pub hollows: HollowSettings,
+    /// Joining what shows of an object on both sides of another.
+    pub halves: HalvesSettings,
 }
 
 impl Default for ComponentSettings {
@@ -169,6 +173,67 @@ impl Default for ComponentSettings {
             min_pixels: 150,
             max_extent_m: 0.8,
             max_count: 64,
+            hollows: HollowSettings::default(),
+            halves: HalvesSettings::default(),
+        }
+    }
+}
+
+/// What makes one component the inside of another.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct HollowSettings {
+    /// Least share of the inside's columns that end on the outside.
+    pub min_covered: f64,
+    /// Most pixels of the coarse picture between the two in a column: the floor that is seen inside.
+    pub max_floor_px: usize,
+    /// Most that the upper ends of the two differ in height, metres.
+    pub rim_tolerance_m: f32,
+    /// Least sag of the inside's rows, as a share of their length. A half circle sags by 0.5.
+    pub min_sag: f32,
+    /// Shorter rows, in pixels of the coarse picture, are not judged.
+    pub min_row_px: usize,
+}
+
+impl Default for HollowSettings {
+    fn default() -> Self {
+        Self { min_covered: 0.6, max_floor_px: 25, rim_tolerance_m: 0.025, min_sag: 0.06, min_row_px: 6 }
+    }
+}
+
+/// What makes two components the ends of one object behind a third.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct HalvesSettings {
+    /// Fewest rows and columns of the coarse picture that must see both ends.
+    pub min_lines: usize,
+    /// Least share of those on which the ends continue each other.
+    pub min_agreement: f64,
+    /// Most that the surfaces may lie off one line, metres; `noise_per_m2` adds to it.
+    pub tolerance_m: f32,
+    /// Depth noise added to the tolerance, metres per square metre of depth.
+    pub noise_per_m2: f32,
+    /// What covers must be nearer by this, metres.
+    pub cover_step_m: f32,
+    /// Length over which each end's direction is taken, pixels of the coarse picture.
+    pub arm_px: usize,
+    /// Shorter ends are not judged, pixels of the coarse picture.
+    pub min_run_px: usize,
+    /// Widest shadow without a label between an end and what covers it, pixels of the coarse picture.
+    pub max_shadow_px: usize,
+}
+
+impl Default for HalvesSettings {
+    fn default() -> Self {
+        Self {
+            min_lines: 5,
+            min_agreement: 0.6,
+            tolerance_m: 0.004,
+            noise_per_m2: 0.004,
+            cover_step_m: 0.01,
+            arm_px: 12,
+            min_run_px: 4,
+            max_shadow_px: 15,
         }
     }
 }

@@ -64,6 +64,11 @@ impl Frame {
         Isometry3::from_parts(Translation3::from(self.origin), rotation)
     }
 
+    /// The frame that a rigid transform describes.
+    pub fn of(isometry: &Isometry3<f64>) -> Self {
+        Self { rotation: isometry.rotation.to_rotation_matrix().into_inner(), origin: isometry.translation.vector }
+    }
+
     fn next(&self, dh: &DhRow, angle_rad: f64) -> Self {
         let (sin, cos) = angle_rad.sin_cos();
         let (x, y, z) = (self.rotation.column(0), self.rotation.column(1), self.rotation.column(2));

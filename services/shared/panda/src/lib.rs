@@ -10,12 +10,14 @@ pub mod limits;
 pub mod self_collision;
 pub mod spheres;
 
-pub use command_rules::{CommandRules, Violation};
+pub use command_rules::{CommandRuleSettings, CommandRules, Violation};
 pub use inverse::{InverseError, InverseSettings, inverse, inverse_near};
-pub use kinematics::{Jacobian, LinkFrames, base_from_flange, base_from_hand, base_from_tcp, flange_from_hand, hand_from_tcp, jacobian};
+pub use kinematics::{
+    Frame, Jacobian, LinkFrames, base_from_flange, base_from_hand, base_from_tcp, flange_from_hand, hand_from_tcp, jacobian,
+};
 pub use limits::{FINGER_OPENING_MAX_M, JointLimits, LIMITS};
 pub use self_collision::{SELF_COLLISION_PAIRS, self_collides};
-pub use spheres::{Link, PlacedSphere, SPHERE_COUNT, SPHERE_LINKS, spheres_in_base};
+pub use spheres::{GRIPPER_SPHERES, Link, PlacedSphere, SPHERE_COUNT, SPHERE_LINKS, gripper_spheres, spheres_in_base};
 
 /// How many joints the arm has.
 pub const JOINT_COUNT: usize = 7;

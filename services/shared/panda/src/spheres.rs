@@ -142,6 +142,9 @@ pub const SPHERE_LINKS: [Link; SPHERE_COUNT] = {
     links
 };
 
+/// Which of the placed spheres are the gripper's: hand and fingers.
+pub const GRIPPER_SPHERES: std::ops::Range<usize> = STARTS[Link::Hand as usize]..SPHERE_COUNT;
+
 impl Link {
     /// Which of the placed spheres are this link's.
     pub fn sphere_range(self) -> std::ops::Range<usize> {
@@ -151,24 +154,41 @@ impl Link {
 
 /// All spheres where the links are, in the base frame; the fingers `finger_opening_m` apart.
 pub fn spheres_in_base(frames: &LinkFrames, finger_opening_m: f64) -> [PlacedSphere; SPHERE_COUNT] {
-    let finger = |side: f64| Frame {
-        rotation: frames.hand.rotation,
-        origin: frames.hand.carry(&Vector3::new(0.0, side * finger_opening_m / 2.0, FINGER_M)).coords,
-    };
     let mut placed = [PlacedSphere { center: Point3::origin(), radius_m: 0.0 }; SPHERE_COUNT];
-    for (i, link) in LINKS.iter().enumerate() {
-        let frame = match link {
-            Link::Link0 => Frame::BASE,
-            Link::Hand => frames.hand,
-            Link::LeftFinger => finger(1.0),
-            Link::RightFinger => finger(-1.0),
-            _ => frames.links[i - 1],
-        };
-        for (sphere, [x, y, z, radius_m]) in placed[link.sphere_range()].iter_mut().zip(BY_LINK[i]) {
-            *sphere = PlacedSphere { center: frame.carry(&Vector3::new(*x, *y, *z)), radius_m: *radius_m };
-        }
+    place(&mut placed, Link::Link0, &Frame::BASE);
+    for (link, frame) in LINKS[1..].iter().zip(&frames.links) {
+        place(&mut placed, *link, frame);
+    }
+    placed[GRIPPER_SPHERES].copy_from_slice(&gripper_spheres(&frames.hand, finger_opening_m));
+    placed
+}
+
+/// The spheres of the hand and the fingers only, in the frame that `hand` is given in; the fingers `finger_opening_m` apart.
+///
+/// For grasps, which are judged before any joint angles are known.
+pub fn gripper_spheres(hand: &Frame, finger_opening_m: f64) -> [PlacedSphere; GRIPPER_SPHERES.end - GRIPPER_SPHERES.start] {
+    let finger = |side: f64| Frame {
+        rotation: hand.rotation,
+        origin: hand.carry(&Vector3::new(0.0, side * finger_opening_m / 2.0, FINGER_M)).coords,
+    };
+    let (left, right) = (finger(1.0), finger(-1.0));
+    let rows = HAND.iter().map(|row| (hand, row));
+    let rows = rows.chain(LEFT_FINGER.iter().map(|row| (&left, row))).chain(RIGHT_FINGER.iter().map(|row| (&right, row)));
+    let mut placed = [PlacedSphere { center: Point3::origin(), radius_m: 0.0 }; GRIPPER_SPHERES.end - GRIPPER_SPHERES.start];
+    for (sphere, (frame, row)) in placed.iter_mut().zip(rows) {
+        *sphere = placed_row(frame, row);
     }
     placed
+}
+
+fn place(placed: &mut [PlacedSphere; SPHERE_COUNT], link: Link, frame: &Frame) {
+    for (sphere, row) in placed[link.sphere_range()].iter_mut().zip(BY_LINK[link as usize]) {
+        *sphere = placed_row(frame, row);
+    }
+}
+
+fn placed_row(frame: &Frame, [x, y, z, radius_m]: &Row) -> PlacedSphere {
+    PlacedSphere { center: frame.carry(&Vector3::new(*x, *y, *z)), radius_m: *radius_m }
 }
 
 #[cfg(test)]

@@ -1,0 +1,209 @@
+//! Bad input gets the contract's error, and the error names the field at fault.
+
+mod common;
+
+use bytes::Bytes;
+use common::*;
+use proptest::prelude::*;
+use repose_proto::scoring::ScoreRequest;
+use repose_proto::*;
+
+fn field(error: &CallError) -> &str {
+    assert_eq!(error.code, ErrorCode::InvalidArgument, "{error}");
+    assert!(!error.message.is_empty());
+    assert!(!error.retryable);
+    error.field.as_deref().unwrap_or_else(|| panic!("no field in {error}"))
+}
+
+fn place_json(edit: impl FnOnce(&mut serde_json::Value)) -> Result<PlaceRequest, CallError> {
+    let mut value = serde_json::to_value(place_request()).unwrap();
+    edit(&mut value);
+    let payload = Payload { encoding: "application/json;repose.PlaceRequest.v1".into(), bytes: value.to_string().into() };
+    payload.decode_json()
+}
+
+#[test]
+fn a_place_request_names_the_field_at_fault() {
+    type Edit = fn(&mut serde_json::Value);
+    let cases: [(&str, Edit); 16] = [
+        ("colour", |v| v["colour"] = "red".into()),
+        ("goal[0].relation", |v| v["goal"][0]["relation"] = "beside".into()),
+        ("goal[0].sure", |v| v["goal"][0]["sure"] = true.into()),
+        ("goal[0].anchor", |v| v["goal"][0]["anchor"] = 1.into()),
+        ("goal[1].anchor", |v| v["goal"][1]["anchor"] = 0.into()),
+        ("goal", |v| v["goal"] = serde_json::json!([])),
+        ("goal", |v| v["goal"] = serde_json::json!([{"relation": "near", "anchor": 2, "holds": false}])),
+        ("query", |v| v["query"] = 0.into()),
+        ("query", |v| drop(v.as_object_mut().unwrap().remove("query"))),
+        ("query", |v| v["query"] = 70_000.into()),
+        ("scene.scene_id", |v| v["scene"]["scene_id"] = "abc".into()),
+        ("count", |v| v["count"] = 0.into()),
+        ("budget.batch", |v| v["budget"]["batch"] = 100_000.into()),
+        ("thresholds.realism", |v| v["thresholds"]["realism"] = 1.5.into()),
+        ("region[0]", |v| v["region"][0]["min_m"] = serde_json::json!([2.0, 0.0, 0.0])),
+        ("variant", |v| v["variant"] = "better".into()),
+    ];
+    assert!(place_json(|_| ()).is_ok());
+    for (expected, edit) in cases {
+        let error = place_json(edit).unwrap_err();
+        assert_eq!(field(&error), expected, "{error}");
+    }
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_refused() {
+    let not_json = Payload { encoding: "application/json;repose.PlaceRequest.v1".into(), bytes: Bytes::from_static(b"{\"query\": NaN}") };
+    assert_eq!(field(&not_json.decode_json::<PlaceRequest>().unwrap_err()), "query");
+    assert_eq!(field(&PlaceRequest { view_yaw_rad: Some(f64::NAN), ..place_request() }.validate().unwrap_err()), "view_yaw_rad");
+    let mut bulk = scene().to_bulk();
+    bulk.tensors.insert("points".into(), Tensor::f32(&[3, 3], &[0.0, 0.0, 0.0, 0.0, f32::NAN, 0.0, 0.0, 0.0, 0.0]));
+    assert_eq!(field(&Scene::from_bulk(&bulk).unwrap_err()), "points[1]");
+    let mut bulk = score_request().to_bulk(None);
+    bulk.tensors.insert("candidates".into(), Tensor::f32(&[1, 4], &[0.0, f32::INFINITY, 0.0, 0.0]));
+    assert_eq!(field(&ScoreRequest::from_bulk(&bulk).unwrap_err()), "candidates[0]");
+    let mut plan = motion_plan();
+    plan.phases[0].set_points[1].q_rad[3] = f64::NAN;
+    assert_eq!(field(&plan.validate().unwrap_err()), "phases[0].set_points[1].q_rad[3]");
+    let mut command = robot_command();
+    command.set_points[0].dq_rad_s[0] = f64::NEG_INFINITY;
+    assert_eq!(field(&command.validate().unwrap_err()), "set_points[0].dq_rad_s[0]");
+}
+
+#[test]
+fn an_empty_cloud_is_refused() {
+    let empty = Scene { points: vec![], labels: vec![], colors: None, ..scene() };
+    assert_eq!(field(&Scene::from_bulk(&empty.to_bulk()).unwrap_err()), "points");
+}
+
+#[test]
+fn tensors_and_pictures_whose_sizes_disagree_are_refused() {
+    let mut bulk = scene().to_bulk();
+    bulk.tensors.insert("labels".into(), Tensor::u16(&[2], &[1, 2]));
+    assert_eq!(field(&Scene::from_bulk(&bulk).unwrap_err()), "labels");
+    let mut bulk = frame().to_bulk();
+    bulk.tensors.insert("depth".into(), Tensor::u16(&[3, 2], &[0; 6]));
+    assert_eq!(field(&Frame::from_bulk(&bulk).unwrap_err()), "depth");
+    let mut bulk = frame().to_bulk();
+    bulk.tensors.insert("color".into(), Tensor::u8(&[2, 3], &[0; 6]));
+    assert_eq!(field(&Frame::from_bulk(&bulk).unwrap_err()), "color");
+    let wrong = Frame { labels: Some(vec![0; 5]), ..frame() };
+    assert_eq!(field(&wrong.validate().unwrap_err()), "labels");
+    let mut bulk = frame().to_bulk();
+    bulk.tensors.insert("depth".into(), Tensor::f32(&[2, 3], &[0.5; 6]));
+    assert_eq!(field(&Frame::from_bulk(&bulk).unwrap_err()), "depth");
+}
+
+#[test]
+fn wrong_versions_and_schemas_are_told() {
+    let call = br#"{"v":2,"id":"a","method":"place","remaining_ms":1,"from_the_future":true}"#;
+    assert_eq!(field(&CallAttachment::decode(call).unwrap_err()), "v");
+    let call = br#"{"id":"a","method":"place","remaining_ms":1}"#;
+    assert_eq!(field(&CallAttachment::decode(call).unwrap_err()), "v");
+    let payload = Payload { encoding: "application/json;repose.PlaceRequest.v2".into(), ..Payload::json(&place_request()).unwrap() };
+    assert_eq!(field(&payload.decode_json::<PlaceRequest>().unwrap_err()), "encoding");
+    let payload = Payload::bulk(Scene::SCHEMA, &scene().to_bulk()).unwrap();
+    assert_eq!(field(&payload.decode_bulk(Frame::SCHEMA).unwrap_err()), "encoding");
+    assert_eq!(field(&RobotCommandV2::command().validate().unwrap_err()), "v");
+}
+
+struct RobotCommandV2;
+
+impl RobotCommandV2 {
+    fn command() -> robot::RobotCommand {
+        robot::RobotCommand { v: 2, ..robot_command() }
+    }
+}
+
+#[test]
+fn deadlines_and_ids_have_limits() {
+    let attachment = |id: &str, remaining_ms: u64| {
+        let text = serde_json::json!({"v": 1, "id": id, "method": "place", "remaining_ms": remaining_ms}).to_string();
+        CallAttachment::decode(text.as_bytes())
+    };
+    assert!(attachment("a", 600_000).is_ok());
+    assert_eq!(field(&attachment("a", 0).unwrap_err()), "remaining_ms");
+    assert_eq!(field(&attachment("a", 600_001).unwrap_err()), "remaining_ms");
+    assert_eq!(field(&attachment("a/**", 1).unwrap_err()), "id");
+}
+
+#[test]
+fn oversize_messages_are_refused_before_they_are_sent_and_before_they_are_read() {
+    let pixels = 2100 * 2048;
+    let camera = CameraModel { width: 2100, height: 2048, ..camera() };
+    let frame = Frame { camera, depth: vec![1; pixels], color: Some(vec![[0; 3]; pixels]), labels: Some(vec![0; pixels]), ..frame() };
+    frame.validate().unwrap();
+    // 4.3 million pixels of 7 bytes stay below the limit; one more image of that size does not.
+    let mut bulk = frame.to_bulk();
+    assert!(Payload::bulk(Frame::SCHEMA, &bulk).is_ok());
+    bulk.tensors.insert("more".into(), Tensor::u8(&[pixels], &vec![0; pixels]));
+    assert_eq!(field(&Payload::bulk(Frame::SCHEMA, &bulk).unwrap_err()), "payload");
+    let bytes = Bytes::from(vec![b' '; 33 * 1024 * 1024]);
+    let payload = Payload { encoding: "application/json;repose.PlaceRequest.v1".into(), bytes };
+    assert_eq!(field(&payload.decode_json::<PlaceRequest>().unwrap_err()), "payload");
+}
+
+#[test]
+fn transforms_that_are_not_rigid_are_refused() {
+    let mut request = motion_plan_request();
+    request.placements[0].0[0] = 2.0;
+    assert_eq!(field(&request.validate().unwrap_err()), "placements[0]");
+    request.placements[0] = RigidTransform::IDENTITY;
+    request.placements[0].0[0] = -1.0;
+    assert_eq!(field(&request.validate().unwrap_err()), "placements[0]");
+    request.placements[0].0 = [f64::NAN; 16];
+    assert_eq!(field(&request.validate().unwrap_err()), "placements[0]");
+}
+
+#[test]
+fn key_chunks_are_checked() {
+    for good in ["a", "0", "cell-1", "a_b", &"x".repeat(64)] {
+        assert!(Cell::new(good).is_ok(), "{good}");
+    }
+    for bad in ["", "A", "-a", "a/b", "*", "a b", "ä", "@a", &"x".repeat(65)] {
+        assert_eq!(field(&Cell::new(bad).unwrap_err()), "cell", "{bad}");
+    }
+    let cell = Cell::new("lab").unwrap();
+    assert_eq!(cell.call(Service::Planner, "planner-1"), "repose/v1/lab/service/planner/planner-1/call");
+    assert_eq!(cell.cancel(Service::Planner, "p", "r"), "repose/v1/lab/service/planner/p/@cancel/r");
+    assert_eq!(cell.live(Service::Motion, "m"), "repose/v1/lab/live/motion/m");
+    assert_eq!(cell.robot_estop("panda"), "repose/v1/lab/robot/panda/@estop");
+    assert_eq!(keys::worker_of(&cell.load(Service::Inference, "w7")), Some("w7"));
+    assert_eq!(keys::last_chunk(&cell.live(Service::Motion, "m")), "m");
+}
+
+proptest! {
+    #[test]
+    fn truncated_bulk_is_an_error_and_never_a_panic(cut in 0usize..2000) {
+        let bytes = scene().to_bulk().encode();
+        let cut = cut.min(bytes.len() - 1);
+        let error = Bulk::decode(&bytes[..cut]).unwrap_err();
+        prop_assert_eq!(field(&error), "payload");
+    }
+
+    #[test]
+    fn flipped_bytes_never_panic(at in 0usize..4000, value: u8) {
+        let mut bytes = scene().to_bulk().encode();
+        let at = at % bytes.len();
+        bytes[at] = value;
+        if let Ok(bulk) = Bulk::decode(&bytes) {
+            let _ = Scene::from_bulk(&bulk);
+            let _ = Frame::from_bulk(&bulk);
+            let _ = ScoreRequest::from_bulk(&bulk);
+        }
+    }
+
+    #[test]
+    fn truncated_json_is_an_error_that_names_a_field(cut in 0usize..2000) {
+        let payload = Payload::json(&place_request()).unwrap();
+        let cut = cut.min(payload.bytes.len() - 1);
+        let truncated = Payload { bytes: payload.bytes.slice(..cut), ..payload };
+        let error = truncated.decode_json::<PlaceRequest>().unwrap_err();
+        prop_assert!(!field(&error).is_empty());
+    }
+
+    #[test]
+    fn goal_terms_round_trip_through_text(relation in 0usize..10, anchor: u16, holds: bool) {
+        let term = GoalTerm { relation: Relation::ALL[relation], anchor, holds };
+        prop_assert_eq!(term.to_string().parse::<GoalTerm>().unwrap(), term);
+    }
+}

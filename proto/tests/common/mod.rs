@@ -1,0 +1,194 @@
+//! Small messages of every kind, the same in every test.
+#![allow(dead_code, reason = "each test file uses some of them")]
+
+use std::collections::BTreeMap;
+
+use repose_proto::motion::{ExecuteReply, ExecutionOutcome, Grasp, MotionFailure, MotionPhase, MotionPlan, MotionPlanRequest, NotChosen};
+use repose_proto::place::*;
+use repose_proto::robot::*;
+use repose_proto::scene::*;
+use repose_proto::scoring::*;
+use repose_proto::*;
+
+pub const SCENE_ID: &str = "0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef";
+
+pub fn camera() -> CameraModel {
+    CameraModel {
+        width: 3,
+        height: 2,
+        fx: 525.0,
+        fy: 525.5,
+        cx: 1.0,
+        cy: 0.5,
+        depth_unit_m: 0.001,
+        world_from_camera: Some(RigidTransform::IDENTITY),
+    }
+}
+
+pub fn frame() -> Frame {
+    Frame {
+        camera_name: "table".into(),
+        stamp_ns: 1_700_000_000_000_000_001,
+        camera: camera(),
+        depth: vec![0, 800, 801, 802, 803, 65535],
+        color: Some(vec![[1, 2, 3]; 6]),
+        labels: Some(vec![0, 0, 1, 1, 2, 2]),
+    }
+}
+
+pub fn scene() -> Scene {
+    Scene {
+        camera_name: "table".into(),
+        stamp_ns: 7,
+        points: vec![[0.0, 0.0, 0.5], [0.25, 0.0, 0.5], [-0.25, 1.0, 0.75]],
+        labels: vec![0, 1, 2],
+        colors: Some(vec![[9, 8, 7]; 3]),
+        meta: SceneMeta {
+            objects: vec![
+                ObjectSummary { id: 1, points: 1, centroid_m: [0.25, 0.0, 0.5], extent_m: [0.0; 3], completeness: 0.5 },
+                ObjectSummary { id: 2, points: 1, centroid_m: [-0.25, 1.0, 0.75], extent_m: [0.0; 3], completeness: 0.5 },
+            ],
+            surfaces: vec![Surface { height_m: 0.0, outline_m: vec![[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], area_m2: 0.5, object: None }],
+            camera: camera(),
+            world_frame: WorldFrame::Extrinsics,
+            view_yaw_rad: 0.25,
+            unseen: Unseen { pixels_without_reading: 1, pixels_on_borders: 2, share: 0.5 },
+        },
+    }
+}
+
+pub fn place_request() -> PlaceRequest {
+    let goal = vec!["left_of:2".parse().unwrap(), "not:near:3".parse().unwrap()];
+    PlaceRequest {
+        region: vec![RegionBox { min_m: [0.0; 3], max_m: [1.0; 3], inside: true }],
+        budget: Budget { iterations: Some(2), ..Budget::default() },
+        ..PlaceRequest::new(SCENE_ID.into(), 1, goal)
+    }
+}
+
+pub fn place_result() -> PlaceResult {
+    PlaceResult {
+        outcome: Outcome::Found,
+        placements: vec![Placement {
+            placed_from_observed: RigidTransform::IDENTITY,
+            cost: 0.5,
+            realism: 0.75,
+            relations: vec![0.875, 1.0],
+            geometric: vec![GeometricCheck { holds: true, margin_m: 0.0625 }],
+            support_m: 0.03125,
+            clearance_m: 1.0,
+        }],
+        rejections: BTreeMap::from([(Rejection::Goal, 3), (Rejection::OutOfView, 1)]),
+        relaxation: Some(Relaxation { term: "not:near:3".parse().unwrap(), admits: 4 }),
+        iterations: 2,
+        evaluated: 20,
+        weights_hash: String::new(),
+        kernel: String::new(),
+        seed: u64::MAX,
+        scene_id: SCENE_ID.into(),
+        query: 1,
+        goal: place_request().goal,
+        variant: Variant::Geometric,
+        rotation: Rotation::Yaw,
+        view_yaw_rad: 0.25,
+        count: 1,
+        min_separation_m: 0.03125,
+        min_clearance_m: 0.0,
+        budget: Budget { iterations: Some(2), batch: Some(100), elites: Some(20), draws_per_batch: Some(3), time_ms: None },
+        cost_weights: CostWeights { realism: Some(100.0), relations: Some(1.0) },
+        thresholds: Thresholds { realism: Some(0.5), relations: Some(0.5) },
+    }
+}
+
+pub fn set_point(t_ms: f64) -> SetPoint {
+    SetPoint { t_ms, q_rad: [0.125; 7], dq_rad_s: [0.0; 7] }
+}
+
+pub fn motion_plan_request() -> MotionPlanRequest {
+    MotionPlanRequest {
+        scene: SceneRef { scene_id: SCENE_ID.into() },
+        robot: "panda".into(),
+        query: 1,
+        placements: vec![RigidTransform::IDENTITY],
+        start_joints_rad: [0.0; 7],
+        grasps: None,
+        seed: 1,
+    }
+}
+
+pub fn motion_plan() -> MotionPlan {
+    MotionPlan {
+        scene_id: SCENE_ID.into(),
+        robot: "panda".into(),
+        query: 1,
+        placement: 1,
+        not_chosen: vec![NotChosen { placement: 0, reason: MotionFailure::PlaceUnreachable, detail: "0.9 m away".into() }],
+        grasp: Grasp { world_from_tcp: RigidTransform::IDENTITY, width_m: 0.0625, score: 0.5 },
+        start_joints_rad: [0.0; 7],
+        start_tolerance_rad: 0.0625,
+        scene_stamp_ns: 7,
+        max_scene_age_ms: 60_000,
+        phases: vec![MotionPhase {
+            name: "standoff".into(),
+            gripper: Some(GripperCommand { width_m: 0.0625, force_n: 20.0 }),
+            set_points: vec![set_point(0.0), set_point(10.0)],
+        }],
+        duration_ms: 10.0,
+    }
+}
+
+pub fn robot_command() -> RobotCommand {
+    RobotCommand {
+        v: 1,
+        seq: 3,
+        owner: Owner { id: "motion-1".into(), epoch: 2 },
+        ttl_ms: 300,
+        starts_stream: true,
+        ends_stream: false,
+        set_points: vec![set_point(0.0), set_point(250.0)],
+        gripper: None,
+        clear_stop: false,
+    }
+}
+
+pub fn execute_reply() -> ExecuteReply {
+    ExecuteReply { outcome: ExecutionOutcome::Stopped, phase: "lift".into(), reason: Some("estop".into()), joints_rad: [0.5; 7] }
+}
+
+pub fn score_request() -> ScoreRequest {
+    ScoreRequest {
+        scene: SceneRef { scene_id: SCENE_ID.into() },
+        query: 1,
+        anchors: vec![2],
+        view_yaw_rad: 0.25,
+        realism: true,
+        relations: true,
+        candidates: vec![[0.0, 0.5, 1.0, 0.0], [0.25, 0.5, 1.0, -0.5]],
+    }
+}
+
+pub fn score_reply() -> ScoreReply {
+    ScoreReply {
+        weights_hash: "w".into(),
+        kernel: "k".into(),
+        realism: vec![0.5, 0.25],
+        relations: vec![[0.125; RELATION_COUNT]; 2],
+        anchors: 1,
+    }
+}
+
+pub fn prior_reply() -> PriorReply {
+    PriorReply {
+        mixture: vec![MixtureComponent {
+            weight: 1.0,
+            mean_m: [0.5, 0.0, 0.25],
+            sigma_m: [0.0625; 3],
+            yaw_mean_rad: 0.0,
+            yaw_concentration: 2.0,
+        }],
+        weights_hash: "w".into(),
+        kernel: "k".into(),
+        candidates: vec![[0.5, 0.25, 0.125, 0.0]],
+        components: vec![0],
+    }
+}

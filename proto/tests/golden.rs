@@ -1,0 +1,112 @@
+//! The bytes of messages, as checked in: whoever changes them breaks every client. `REPOSE_BLESS=1` rewrites them, knowingly.
+
+mod common;
+
+use std::path::Path;
+
+use common::*;
+use repose_proto::scoring::{PriorReply, ScoreReply, ScoreRequest};
+use repose_proto::*;
+
+fn check(name: &str, bytes: &[u8]) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(name);
+    if std::env::var_os("REPOSE_BLESS").is_some() {
+        std::fs::write(&path, bytes).unwrap();
+    }
+    let golden = std::fs::read(&path).unwrap_or_default();
+    assert!(golden == bytes, "the bytes of {name} have changed:\n{}", String::from_utf8_lossy(bytes));
+}
+
+fn json<T: Message + serde::Serialize>(message: &T) -> Vec<u8> {
+    Payload::json(message).unwrap().bytes.to_vec()
+}
+
+#[test]
+fn json_messages_keep_their_bytes() {
+    check("PlaceRequest.v1.json", &json(&place_request()));
+    check("PlaceResult.v1.json", &json(&place_result()));
+    check("MotionPlanRequest.v1.json", &json(&motion_plan_request()));
+    check("MotionPlan.v1.json", &json(&motion_plan()));
+    check("ExecuteReply.v1.json", &json(&execute_reply()));
+    check("RobotCommand.v1.json", &json(&robot_command()));
+    check("SceneSummary.v1.json", &json(&scene().summary(SCENE_ID.into())));
+    check("CallError.v1.json", &json(&CallError::invalid("goal[0].anchor", "no such object")));
+}
+
+#[test]
+fn bulk_messages_keep_their_bytes_and_a_scene_its_id() {
+    check("Frame.v1.safetensors", &frame().to_bulk().encode());
+    check("Scene.v1.safetensors", &scene().to_bulk().encode());
+    check("ScoreRequest.v1.safetensors", &score_request().to_bulk(Some(&scene())).encode());
+    check("ScoreReply.v1.safetensors", &score_reply().to_bulk().encode());
+    check("PriorReply.v1.safetensors", &prior_reply().to_bulk().encode());
+    check("Scene.v1.id", scene().id().as_bytes());
+}
+
+#[test]
+fn attachments_keep_their_bytes() {
+    let call = CallAttachment {
+        v: 1,
+        id: "6fa459ea-ee8a-3ca4-894e-db77e160355e".into(),
+        method: "place".into(),
+        remaining_ms: 2000,
+        priority: Priority::Batch,
+        attempt: 1,
+        traceparent: None,
+    };
+    check("CallAttachment.json", &call.encode());
+    assert_eq!(CallAttachment::decode(&call.encode()).unwrap(), call);
+    let reply = ReplyAttachment {
+        v: 1,
+        id: call.id.clone(),
+        kind: ReplyKind::Result,
+        n: None,
+        worker: Some("planner-1".into()),
+        attempt: Some(1),
+        timing_ms: [("search".to_owned(), 12.5)].into(),
+    };
+    check("ReplyAttachment.json", &reply.encode());
+    assert_eq!(ReplyAttachment::decode(&reply.encode()).unwrap(), reply);
+}
+
+#[test]
+fn what_is_written_is_read_back() {
+    assert_eq!(Payload::json(&place_request()).unwrap().decode_json::<PlaceRequest>().unwrap(), place_request());
+    assert_eq!(Payload::json(&place_result()).unwrap().decode_json::<PlaceResult>().unwrap(), place_result());
+    assert_eq!(Frame::from_bulk(&Bulk::decode(&frame().to_bulk().encode()).unwrap()).unwrap(), frame());
+    assert_eq!(Scene::from_bulk(&Bulk::decode(&scene().to_bulk().encode()).unwrap()).unwrap(), scene());
+    let (request, enclosed) = ScoreRequest::from_bulk(&Bulk::decode(&score_request().to_bulk(Some(&scene())).encode()).unwrap()).unwrap();
+    assert_eq!((request, enclosed), (score_request(), Some(scene())));
+    assert_eq!(ScoreReply::from_bulk(&Bulk::decode(&score_reply().to_bulk().encode()).unwrap()).unwrap(), score_reply());
+    assert_eq!(PriorReply::from_bulk(&Bulk::decode(&prior_reply().to_bulk().encode()).unwrap()).unwrap(), prior_reply());
+}
+
+#[test]
+fn a_scenes_id_leaves_out_stamp_and_camera_name_and_nothing_else() {
+    let original = scene();
+    let renamed = Scene { camera_name: "other".into(), stamp_ns: 8, ..original.clone() };
+    assert_eq!(original.id(), renamed.id());
+    let mut moved = original.clone();
+    moved.points[2][0] += 1e-6;
+    assert_ne!(original.id(), moved.id());
+    let mut relabelled = original.clone();
+    relabelled.labels[0] = 2;
+    assert_ne!(original.id(), relabelled.id());
+    let mut elsewhere = original.clone();
+    elsewhere.meta.view_yaw_rad = 0.5;
+    assert_ne!(original.id(), elsewhere.id());
+}
+
+#[test]
+fn other_writers_bulk_is_read_whatever_its_order() {
+    let data: Vec<u8> = (0..6u16).flat_map(|i| (800 + i).to_le_bytes()).collect();
+    let view = safetensors::tensor::TensorView::new(safetensors::Dtype::U16, vec![2, 3], &data).unwrap();
+    let metadata = std::collections::HashMap::from([
+        ("stamp_ns".to_owned(), "5".to_owned()),
+        ("camera".to_owned(), "table".to_owned()),
+        ("camera_json".to_owned(), serde_json::to_string(&camera()).unwrap()),
+    ]);
+    let bytes = safetensors::serialize([("depth", view)], Some(metadata)).unwrap();
+    let frame = Frame::from_bulk(&Bulk::decode(&bytes).unwrap()).unwrap();
+    assert_eq!((frame.stamp_ns, frame.depth[5], frame.color), (5, 805, None));
+}

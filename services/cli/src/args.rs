@@ -1,0 +1,360 @@
+//! The command line: every subcommand with its arguments.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+use repose_proto::place::{Rotation, Variant};
+use repose_proto::{GoalTerm, Service};
+
+/// Repose finds where an object can be set down so that the asked relations hold and it stays, then puts it there.
+#[derive(Debug, Parser)]
+#[command(name = "repose", version, propagate_version = true)]
+pub struct Cli {
+    /// Print one JSON document on standard output (logs go to standard error).
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The subcommands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Everything in one process: a simulated cell, one placement asked, planned, executed and checked.
+    Demo(DemoArgs),
+    /// Every service as a process of its own on this machine, until interrupted.
+    Up(UpArgs),
+    /// One service.
+    Serve(ServeArgs),
+    /// One placement on a frame folder, without a running system.
+    Plan(PlanArgs),
+    /// Every pair's relations in a frame, learned and by rule.
+    Relations(RelationsArgs),
+    /// What the networks say of given placements.
+    Score(ScoreArgs),
+    /// One placement asked of a running system.
+    Place(PlaceArgs),
+    /// Many placements asked of a running system, and how long they took.
+    Load(LoadArgs),
+    /// The objects and surfaces of a frame folder.
+    Segment(SegmentArgs),
+    /// Simulated scenes to train on.
+    Generate(GenerateArgs),
+    /// Weights from simulated scenes.
+    Train(TrainArgs),
+    /// The paper's tables.
+    Evaluate(EvaluateArgs),
+}
+
+/// A placement wished for: what both `plan` and `place` take.
+#[derive(Debug, Clone, Args)]
+pub struct WishArgs {
+    /// The object to move, by id.
+    #[arg(long = "move", value_name = "ID")]
+    pub query: u16,
+    /// What must hold, RELATION:ANCHOR or not:RELATION:ANCHOR; repeat for more terms.
+    #[arg(long, required = true, value_name = "TERM")]
+    pub goal: Vec<GoalTerm>,
+    /// Which method plans: best, full, full_lambda_1, no_discriminator, mean_only, mdn_prior or geometric.
+    #[arg(long, default_value = "best", value_parser = parse_variant)]
+    pub variant: Variant,
+    /// The source of every random number.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// How many distinct placements are wanted.
+    #[arg(long, default_value_t = 1)]
+    pub count: u32,
+    /// Whether the object may be turned: fixed or yaw.
+    #[arg(long, default_value = "fixed", value_parser = parse_rotation)]
+    pub rotation: Rotation,
+    /// The viewer's direction, radians; the camera's where absent.
+    #[arg(long)]
+    pub view_yaw: Option<f64>,
+    /// Iterations of the search.
+    #[arg(long)]
+    pub iterations: Option<u32>,
+    /// Accepted candidates wanted per iteration.
+    #[arg(long)]
+    pub batch: Option<u32>,
+    /// Least distance from everything but the support, metres.
+    #[arg(long)]
+    pub min_clearance: Option<f64>,
+}
+
+/// How to reach a running system.
+#[derive(Debug, Clone, Args)]
+pub struct ConnectArgs {
+    /// A router of the deployment.
+    #[arg(long, default_value = "tcp/127.0.0.1:7447", env = "REPOSE_CONNECT")]
+    pub connect: String,
+    /// The robot cell.
+    #[arg(long, default_value = "cell", env = "REPOSE_CELL")]
+    pub cell: String,
+    /// The camera whose newest scene is used.
+    #[arg(long, default_value = "table")]
+    pub camera: String,
+    /// The deadline of a request, milliseconds.
+    #[arg(long, default_value_t = 60_000)]
+    pub deadline_ms: u64,
+}
+
+/// Arguments of `demo`.
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// The scene's seed.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Which method plans.
+    #[arg(long, default_value = "best", value_parser = parse_variant)]
+    pub variant: Variant,
+    /// Where the picture of before, plan and after goes.
+    #[arg(long, default_value = "out/demo.png", value_name = "PNG")]
+    pub out: PathBuf,
+}
+
+/// Arguments of `up`.
+#[derive(Debug, Args)]
+pub struct UpArgs {
+    /// Where the router of this deployment listens.
+    #[arg(long, default_value = "tcp/127.0.0.1:7447", env = "REPOSE_LISTEN")]
+    pub listen: String,
+    /// The robot cell.
+    #[arg(long, default_value = "cell", env = "REPOSE_CELL")]
+    pub cell: String,
+    /// How many inference processes.
+    #[arg(long, default_value_t = 1)]
+    pub inference: usize,
+    /// How many planner processes.
+    #[arg(long, default_value_t = 1)]
+    pub planners: usize,
+    /// Seed of the simulated scene.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Configuration of the services (TOML).
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+}
+
+/// Arguments of `serve`.
+#[derive(Debug, Args)]
+pub struct ServeArgs {
+    /// perception, inference, planner, motion, simulator, or router.
+    #[arg(value_parser = parse_served)]
+    pub service: Served,
+    /// A router of the deployment (for the router itself: where it listens).
+    #[arg(long, default_value = "tcp/127.0.0.1:7447", env = "REPOSE_CONNECT")]
+    pub connect: String,
+    /// The robot cell.
+    #[arg(long, default_value = "cell", env = "REPOSE_CELL")]
+    pub cell: String,
+    /// Configuration of the services (TOML).
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// This worker's name in the key space; unique. A new one by default.
+    #[arg(long)]
+    pub worker: Option<String>,
+}
+
+/// What a `serve` process is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Served {
+    /// A service.
+    Service(Service),
+    /// The router that a deployment's processes meet at.
+    Router,
+}
+
+/// Arguments of `plan`.
+#[derive(Debug, Args)]
+pub struct PlanArgs {
+    /// The frame folder.
+    pub frame: PathBuf,
+    /// What is wished for.
+    #[command(flatten)]
+    pub wish: WishArgs,
+    /// A picture of before and after.
+    #[arg(long, value_name = "PNG")]
+    pub out: Option<PathBuf>,
+}
+
+/// Arguments of `relations`.
+#[derive(Debug, Args)]
+pub struct RelationsArgs {
+    /// The frame folder.
+    pub frame: PathBuf,
+}
+
+/// Arguments of `score`.
+#[derive(Debug, Args)]
+pub struct ScoreArgs {
+    /// The frame folder.
+    pub frame: PathBuf,
+    /// The object to move, by id.
+    #[arg(long = "move", value_name = "ID")]
+    pub query: u16,
+    /// The anchor, by id.
+    #[arg(long, value_name = "ID")]
+    pub anchor: u16,
+    /// JSON list of `placed_from_observed`, 16 numbers each.
+    #[arg(long, value_name = "FILE")]
+    pub transforms: PathBuf,
+}
+
+/// Arguments of `place`.
+#[derive(Debug, Args)]
+pub struct PlaceArgs {
+    /// What is wished for.
+    #[command(flatten)]
+    pub wish: WishArgs,
+    /// Where to ask.
+    #[command(flatten)]
+    pub connect: ConnectArgs,
+    /// Plan on this scene instead of the camera's newest.
+    #[arg(long, value_name = "ID")]
+    pub scene: Option<String>,
+}
+
+/// Arguments of `load`.
+#[derive(Debug, Args)]
+pub struct LoadArgs {
+    /// Where to ask.
+    #[command(flatten)]
+    pub connect: ConnectArgs,
+    /// Clients that ask at the same time.
+    #[arg(long, default_value_t = 4)]
+    pub clients: usize,
+    /// Requests in all.
+    #[arg(long, default_value_t = 100)]
+    pub requests: usize,
+    /// Offered requests per second; without it each client asks as soon as it was answered.
+    #[arg(long)]
+    pub rate: Option<f64>,
+    /// Which method plans.
+    #[arg(long, default_value = "best", value_parser = parse_variant)]
+    pub variant: Variant,
+    /// Iterations of each search.
+    #[arg(long, default_value_t = 1)]
+    pub iterations: u32,
+    /// Accepted candidates wanted per iteration.
+    #[arg(long, default_value_t = 16)]
+    pub batch: u32,
+    /// Seed of the first request; each next one has the next.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+}
+
+/// Arguments of `segment`.
+#[derive(Debug, Args)]
+pub struct SegmentArgs {
+    /// The frame folder.
+    pub frame: PathBuf,
+    /// Find the objects even where labels are given.
+    #[arg(long)]
+    pub ignore_labels: bool,
+    /// The found labels as a 16-bit picture.
+    #[arg(long, value_name = "PNG")]
+    pub labels_out: Option<PathBuf>,
+    /// A picture of color and objects with their ids.
+    #[arg(long, value_name = "PNG")]
+    pub out: Option<PathBuf>,
+}
+
+/// Arguments of `generate`.
+#[derive(Debug, Args)]
+pub struct GenerateArgs {
+    /// How many scenes.
+    #[arg(long, default_value_t = 1000)]
+    pub scenes: usize,
+    /// Views per scene.
+    #[arg(long, default_value_t = 5)]
+    pub views: usize,
+    /// The folder for the shards; what is there already is kept and gone on from.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Which split's seeds: train, validation or test.
+    #[arg(long, default_value = "train")]
+    pub split: String,
+    /// Threads; all cores by default. The bytes do not depend on it.
+    #[arg(long)]
+    pub threads: Option<usize>,
+}
+
+/// Arguments of `train`.
+#[derive(Debug, Args)]
+pub struct TrainArgs {
+    /// The folder of shards that `generate` wrote.
+    #[arg(long, value_name = "DIR")]
+    pub data: PathBuf,
+    /// Which networks: relations (encoders, relation predictor and prior) or discriminator.
+    #[arg(long)]
+    pub network: String,
+    /// The folder for checkpoints and weights; a run that was stopped goes on from there.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Seed of initial weights, order and augmentation.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// End after this many minutes, with weights.
+    #[arg(long)]
+    pub minutes: Option<f64>,
+    /// End after this many steps.
+    #[arg(long)]
+    pub steps: Option<usize>,
+    /// Threads; all cores by default.
+    #[arg(long)]
+    pub threads: Option<usize>,
+}
+
+/// Arguments of `evaluate`.
+#[derive(Debug, Args)]
+pub struct EvaluateArgs {
+    /// Which table.
+    #[command(subcommand)]
+    pub table: Table,
+}
+
+/// The tables.
+#[derive(Debug, Subcommand)]
+pub enum Table {
+    /// The planner's variants on simulated scenes never trained on.
+    Planner(EvaluatePlannerArgs),
+}
+
+/// Arguments of `evaluate planner`.
+#[derive(Debug, Args)]
+pub struct EvaluatePlannerArgs {
+    /// How many scenes.
+    #[arg(long, default_value_t = 20)]
+    pub scenes: usize,
+    /// Which variants; repeat for more.
+    #[arg(long = "variant", default_values = ["geometric", "full"], value_parser = parse_variant)]
+    pub variants: Vec<Variant>,
+    /// Which split's seeds: validation or test.
+    #[arg(long, default_value = "test")]
+    pub split: String,
+    /// A folder for a before-and-after picture per scene and variant.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+}
+
+fn parse_variant(name: &str) -> Result<Variant, String> {
+    let known = || Variant::ALL.map(Variant::as_str).join(", ");
+    Variant::parse(name).ok_or_else(|| format!("the variants are {}", known()))
+}
+
+fn parse_rotation(name: &str) -> Result<Rotation, String> {
+    match name {
+        "fixed" => Ok(Rotation::Fixed),
+        "yaw" => Ok(Rotation::Yaw),
+        _ => Err("expected fixed or yaw".to_owned()),
+    }
+}
+
+fn parse_served(name: &str) -> Result<Served, String> {
+    if name == "router" {
+        return Ok(Served::Router);
+    }
+    let known = || Service::ALL.map(Service::as_str).join(", ");
+    Service::parse(name).map(Served::Service).ok_or_else(|| format!("the services are {}, router", known()))
+}

@@ -1,0 +1,14 @@
+//! One file a subcommand.
+
+pub mod demo;
+pub mod evaluate;
+pub mod generate;
+pub mod load;
+pub mod place;
+pub mod plan;
+pub mod relations;
+pub mod score;
+pub mod segment;
+pub mod serve;
+pub mod train;
+pub mod up;

@@ -1,0 +1,55 @@
+//! How a command ends when it does not succeed, and the exit code that says so.
+
+use repose_proto::{CallError, ErrorCode};
+
+/// Why a command did not succeed.
+#[derive(Debug)]
+pub enum Failure {
+    /// What was asked cannot be: exit code 2, with the field or file at fault.
+    BadInput(CallError),
+    /// The search ended without a placement; its result has been printed: exit code 3.
+    NoPlacement,
+    /// Anything else: exit code 1.
+    Other(CallError),
+}
+
+/// What a command returns.
+pub type Outcome = Result<(), Failure>;
+
+impl Failure {
+    /// Something about the arguments or the files that they name.
+    pub fn bad_input(field: &str, message: impl std::fmt::Display) -> Self {
+        Self::BadInput(CallError::invalid(field, message.to_string()))
+    }
+
+    /// A failure that is not the user's.
+    pub fn other(message: impl std::fmt::Display) -> Self {
+        Self::Other(CallError::internal(message.to_string()))
+    }
+
+    /// The process's exit code.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::BadInput(_) => 2,
+            Self::NoPlacement => 3,
+            Self::Other(_) => 1,
+        }
+    }
+
+    /// The error to print, where there is one.
+    pub fn error(&self) -> Option<&CallError> {
+        match self {
+            Self::BadInput(error) | Self::Other(error) => Some(error),
+            Self::NoPlacement => None,
+        }
+    }
+}
+
+impl From<CallError> for Failure {
+    fn from(error: CallError) -> Self {
+        match error.code {
+            ErrorCode::InvalidArgument | ErrorCode::NotFound | ErrorCode::FailedPrecondition => Self::BadInput(error),
+            _ => Self::Other(error),
+        }
+    }
+}

@@ -1,0 +1,148 @@
+//! One problem: a simulated scene that was never trained on, what a camera saw of it, an object to move and a goal that does not hold yet.
+//!
+//! Ground truth: instance masks, the camera's pose (and so gravity), meshes and poses. Observed: depth with the sensor model, and
+//! everything that perception makes of it.
+
+use nalgebra::Isometry3;
+use rand::seq::{IndexedRandom, SliceRandom};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use repose_dataset::Split;
+use repose_geometry::{Pinhole, ViewerFrame};
+use repose_proto::{CameraModel, Frame, GoalTerm, Relation, RigidTransform, Scene as ObservedScene};
+use repose_simulator::render::picture;
+use repose_simulator::scene::{Scene, SceneSettings, scene_of_seed};
+use repose_simulator::sensor::{SensorSettings, sensed};
+use repose_simulator::viewpoint::{ViewpointSettings, random_viewpoint};
+
+/// The paper's goals in its evaluation scenes (section 3).
+pub const GOAL_RELATIONS: [Relation; 4] = [Relation::InFrontOf, Relation::Behind, Relation::LeftOf, Relation::RightOf];
+
+/// Where problems come from.
+#[derive(Debug, Clone)]
+pub struct ProblemSettings {
+    /// How scenes are made.
+    pub scene: SceneSettings,
+    /// How cameras are chosen; the picture's size too.
+    pub viewpoint: ViewpointSettings,
+    /// The depth sensor.
+    pub sensor: SensorSettings,
+    /// How the frame is segmented (true masks are given).
+    pub perception: repose_perception::Settings,
+    /// The fewest observed points of a query or an anchor.
+    pub min_points: usize,
+    /// Cameras tried per scene until two objects are seen well enough.
+    pub viewpoints: usize,
+}
+
+impl Default for ProblemSettings {
+    fn default() -> Self {
+        Self {
+            scene: SceneSettings::default(),
+            viewpoint: ViewpointSettings { width: 640, height: 480, ..ViewpointSettings::default() },
+            sensor: SensorSettings::default(),
+            perception: repose_perception::Settings::default(),
+            min_points: 300,
+            viewpoints: 20,
+        }
+    }
+}
+
+/// A problem with its truth.
+#[derive(Debug, Clone)]
+pub struct Problem {
+    /// The scene's seed.
+    pub seed: u64,
+    /// The true scene.
+    pub truth: Scene,
+    /// The camera.
+    pub camera: Pinhole,
+    /// Its true pose.
+    pub world_from_camera: Isometry3<f64>,
+    /// The viewer of every relation.
+    pub viewer: ViewerFrame,
+    /// What the camera saw, with true masks.
+    pub frame: Frame,
+    /// What perception made of it.
+    pub observed: ObservedScene,
+    /// The object to move.
+    pub query: u16,
+    /// The goal: one term.
+    pub goal: GoalTerm,
+}
+
+impl Problem {
+    /// The problem of scene `index` of a split; `None` where the seed gives no scene or no goal that is still open.
+    pub fn of_split(split: Split, index: u64, settings: &ProblemSettings) -> Option<Self> {
+        Self::of_seed(split.seeds().start + index, settings)
+    }
+
+    /// The problem of a scene seed; `None` where the seed gives no scene or no goal that is still open.
+    pub fn of_seed(seed: u64, settings: &ProblemSettings) -> Option<Self> {
+        let (truth, _) = scene_of_seed(seed, &settings.scene).ok()?;
+        // A stream of its own, so that a change in how scenes are drawn does not change which goals are.
+        let mut rng = Pcg64::new(u128::from(seed), 0x9e0b_1e55);
+        for _ in 0..settings.viewpoints {
+            let (camera, world_from_camera) = random_viewpoint(&truth.middle(), &settings.viewpoint, &mut rng);
+            let frame = frame_of(&truth, &camera, &world_from_camera, &settings.sensor, seed);
+            let Ok(observed) = repose_perception::segment(&frame, &settings.perception) else { continue };
+            let viewer = ViewerFrame::from_camera(&world_from_camera);
+            let seen: Vec<u16> = observed.meta.objects.iter().filter(|o| o.points >= settings.min_points).map(|o| o.id).collect();
+            let Some((query, goal)) = open_goal(&truth, &viewer, &seen, &mut rng) else { continue };
+            return Some(Self { seed, truth, camera, world_from_camera, viewer, frame, observed, query, goal });
+        }
+        None
+    }
+
+    /// The index of an object in the true scene.
+    pub fn index_of(&self, id: u16) -> Option<usize> {
+        self.truth.objects.iter().position(|o| o.id == id)
+    }
+}
+
+/// What the sensor reports of a true scene, with true masks and the true pose.
+pub fn frame_of(scene: &Scene, camera: &Pinhole, world_from_camera: &Isometry3<f64>, sensor: &SensorSettings, seed: u64) -> Frame {
+    const DEPTH_UNIT_M: f32 = 0.001;
+    let seen = picture(camera, world_from_camera, &scene.drawables());
+    let depth_m = sensed(&seen.depth_m, camera, sensor, &mut Pcg64::seed_from_u64(seed));
+    Frame {
+        camera_name: "evaluation".to_owned(),
+        stamp_ns: 0,
+        camera: CameraModel {
+            width: camera.width,
+            height: camera.height,
+            fx: camera.fx,
+            fy: camera.fy,
+            cx: camera.cx,
+            cy: camera.cy,
+            depth_unit_m: f64::from(DEPTH_UNIT_M),
+            world_from_camera: Some(RigidTransform(repose_geometry::transform::to_row_major(world_from_camera))),
+        },
+        depth: depth_m.pixels().iter().map(|d| (d / DEPTH_UNIT_M).round() as u16).collect(),
+        color: Some(seen.color.into_pixels()),
+        labels: Some(seen.labels.into_pixels()),
+    }
+}
+
+/// A random query, anchor and relation among the objects seen, such that the relation does not hold. The query carries nothing.
+fn open_goal(scene: &Scene, viewer: &ViewerFrame, seen: &[u16], rng: &mut Pcg64) -> Option<(u16, GoalTerm)> {
+    let n = scene.objects.len();
+    let relations = scene.relations(viewer);
+    let carries = |i: usize| (0..n).any(|j| j != i && relations[j * n + i][Relation::Above.index()] && scene.gaps_m[i * n + j] < 0.002);
+    let index = |id: u16| scene.objects.iter().position(|o| o.id == id);
+    let mut queries: Vec<u16> = seen.iter().copied().filter(|id| index(*id).is_some_and(|i| !carries(i))).collect();
+    queries.shuffle(rng);
+    for query in queries {
+        let anchors: Vec<u16> = seen.iter().copied().filter(|a| *a != query).collect();
+        let Some(&anchor) = anchors.choose(rng) else { continue };
+        let (i, j) = (index(query)?, index(anchor)?);
+        let first = rng.random_range(0..GOAL_RELATIONS.len());
+        let open = (0..GOAL_RELATIONS.len())
+            .map(|k| GOAL_RELATIONS[(first + k) % GOAL_RELATIONS.len()])
+            .find(|relation| !relations[i * n + j][relation.index()]);
+        if let Some(relation) = open {
+            return Some((query, GoalTerm { relation, anchor, holds: true }));
+        }
+    }
+    None
+}

@@ -1,0 +1,347 @@
+//! The commander's side of one execution: a state machine from robot states and ticks to commands, progress and one outcome.
+//!
+//! Each phase moves the gripper and waits until it has settled, then streams its set-points in overlapping windows that reach a horizon
+//! beyond what the robot says it has followed. Every phase ends at rest, and the object's loss is noticed there. Nothing that the robot has
+//! taken is ever sent again; on a stop, a new owner or silence the stream just ends, and the robot's own rules bring it to rest.
+
+use repose_proto::motion::{ExecuteProgress, ExecuteReply, ExecutionOutcome, MotionPhase, MotionPlan};
+use repose_proto::robot::{Owner, RobotCommand, RobotMode, RobotState, SetPoint};
+use repose_proto::{CallError, limits};
+
+/// How an execution talks to the robot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ExecutionSettings {
+    /// How far ahead of the robot the set-points reach, milliseconds of robot time, at least 200. Default 1000.
+    pub horizon_ms: f64,
+    /// How long a command may be acted on after receipt, milliseconds. Default 500.
+    pub ttl_ms: u64,
+    /// How long to wait for the robot to take a command before it is sent again, milliseconds. Default 400.
+    pub take_timeout_ms: u64,
+    /// How often a command that was not taken is sent again. Default 5.
+    pub resends: u32,
+    /// How long the robot's state may be silent, milliseconds. Default 1500.
+    pub state_timeout_ms: u64,
+    /// How long the gripper may take to settle, milliseconds of robot time. Default 6000.
+    pub gripper_timeout_ms: f64,
+    /// How far behind its stream the robot may be at the end, milliseconds of robot time. Default 3000.
+    pub lag_ms: f64,
+}
+
+impl Default for ExecutionSettings {
+    fn default() -> Self {
+        Self {
+            horizon_ms: 1000.0,
+            ttl_ms: 500,
+            take_timeout_ms: 400,
+            resends: 5,
+            state_timeout_ms: 1500,
+            gripper_timeout_ms: 6000.0,
+            lag_ms: 3000.0,
+        }
+    }
+}
+
+/// What the driver of an execution is to do next.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Step {
+    /// Put this command.
+    Send(RobotCommand),
+    /// Tell the caller.
+    Progress(ExecuteProgress),
+    /// It is over.
+    Done(ExecuteReply),
+}
+
+/// How near to a phase's end the arm must be to have reached it, radians per joint.
+const ARRIVED_RAD: f64 = 0.02;
+/// How far apart the end of one phase and the start of the next may be, radians per joint.
+const JOINED_RAD: f64 = 1e-3;
+/// How long a settled gripper is watched before it is believed, milliseconds of robot time.
+const SETTLED_MS: f64 = 100.0;
+
+/// One plan on its way.
+#[derive(Debug)]
+pub struct Execution {
+    plan: MotionPlan,
+    settings: ExecutionSettings,
+    owner: Owner,
+    seq: u64,
+    phase: usize,
+    stage: Stage,
+    last_state: RobotState,
+    last_state_ms: u64,
+    over: bool,
+}
+
+/// What is waited for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Stage {
+    /// The gripper, since the command `taken.first_seq`.
+    Gripper { taken: Taken, settled_since_ms: Option<f64> },
+    /// The arm, on the phase's stream.
+    Stream { taken: Taken, since_ms: f64 },
+}
+
+/// Whether the robot has taken the first command of a stage.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Taken {
+    first_seq: u64,
+    sent_at_ms: u64,
+    resends: u32,
+}
+
+impl Execution {
+    /// Begins a plan on a robot in `state`, and what to do first. `commander` names the sender, `now_ns` is the wall clock (the scene's age),
+    /// `now_ms` any steady clock that later calls go on with.
+    ///
+    /// # Errors
+    /// `failed_precondition` when a stop is latched, the robot moves, the arm is not where the plan starts, or the scene is too old;
+    /// `invalid_argument` when the plan is not for this robot, has no phases, or its phases do not join.
+    pub fn begin(
+        plan: MotionPlan,
+        commander: &str,
+        state: &RobotState,
+        now_ns: u64,
+        now_ms: u64,
+        settings: ExecutionSettings,
+    ) -> Result<(Self, Vec<Step>), CallError> {
+        check_plan(&plan)?;
+        check_robot(&plan, state)?;
+        let age_ms = now_ns.saturating_sub(plan.scene_stamp_ns) / 1_000_000;
+        if age_ms > plan.max_scene_age_ms {
+            let message = format!("the scene is {age_ms} ms old, at most {} ms are allowed", plan.max_scene_age_ms);
+            return Err(CallError::precondition(message).at("scene_stamp_ns"));
+        }
+        let epoch = state.owner.as_ref().map_or(0, |owner| owner.epoch) + 1;
+        let taken = Taken { first_seq: 1, sent_at_ms: now_ms, resends: 0 };
+        let mut execution = Self {
+            plan,
+            settings,
+            owner: Owner { id: commander.to_owned(), epoch },
+            seq: 0,
+            phase: 0,
+            stage: Stage::Gripper { taken, settled_since_ms: None },
+            last_state: state.clone(),
+            last_state_ms: now_ms,
+            over: false,
+        };
+        let steps = execution.enter_phase(now_ms);
+        Ok((execution, steps))
+    }
+
+    /// Takes a state of the robot.
+    pub fn on_state(&mut self, state: &RobotState, now_ms: u64) -> Vec<Step> {
+        if self.over {
+            return Vec::new();
+        }
+        self.last_state = state.clone();
+        self.last_state_ms = now_ms;
+        if let (RobotMode::Stopped, stop) = (state.mode, &state.stop) {
+            let reason = stop.as_ref().map_or_else(|| "the robot stopped".to_owned(), |s| format!("{}: {}", s.kind, s.reason));
+            return self.done(ExecutionOutcome::Stopped, Some(reason));
+        }
+        if let Some(owner) = &state.owner
+            && *owner != self.owner
+            && owner.epoch >= self.owner.epoch
+        {
+            return self.done(ExecutionOutcome::Stopped, Some(format!("{} has taken the robot over", owner.id)));
+        }
+        match self.stage {
+            Stage::Gripper { taken, settled_since_ms } if self.is_taken(taken) => self.watch_gripper(taken, settled_since_ms, now_ms),
+            Stage::Stream { since_ms, .. } if self.has_arrived() || state.robot_ms - since_ms > self.longest_ms() => {
+                self.end_stream(now_ms)
+            }
+            _ => Vec::new(),
+        }
+    }
+
+    /// To be called every 20 to 100 ms: extends the stream, sends again what was not taken, and notices silence.
+    pub fn on_tick(&mut self, now_ms: u64) -> Vec<Step> {
+        if self.over {
+            return Vec::new();
+        }
+        let silent_ms = now_ms.saturating_sub(self.last_state_ms);
+        if silent_ms > self.settings.state_timeout_ms {
+            return self.done(ExecutionOutcome::Stopped, Some(format!("the robot's state has been silent for {silent_ms} ms")));
+        }
+        let (Stage::Gripper { taken, .. } | Stage::Stream { taken, .. }) = self.stage;
+        if !self.is_taken(taken) {
+            return self.send_again(taken, now_ms);
+        }
+        match self.stage {
+            Stage::Stream { .. } => vec![Step::Send(self.window(false))],
+            Stage::Gripper { .. } => Vec::new(),
+        }
+    }
+
+    /// Ends the execution: the stream stops, and the robot comes to rest by its own rules.
+    pub fn cancel(&mut self, reason: &str) -> Vec<Step> {
+        if self.over { Vec::new() } else { self.done(ExecutionOutcome::Stopped, Some(reason.to_owned())) }
+    }
+
+    fn current(&self) -> &MotionPhase {
+        &self.plan.phases[self.phase]
+    }
+
+    /// Whether the robot has taken this owner's command `first_seq` or a later one.
+    fn is_taken(&self, taken: Taken) -> bool {
+        self.last_state.owner.as_ref() == Some(&self.owner) && self.last_state.last_command.is_some_and(|seq| seq >= taken.first_seq)
+    }
+
+    fn enter_phase(&mut self, now_ms: u64) -> Vec<Step> {
+        let progress = ExecuteProgress { phase: self.current().name.clone(), done: self.phase, of: self.plan.phases.len() };
+        let mut steps = vec![Step::Progress(progress)];
+        steps.extend(if self.current().gripper.is_some() { self.start_gripper(now_ms, 0) } else { self.start_stream(now_ms, 0) });
+        steps
+    }
+
+    fn start_gripper(&mut self, now_ms: u64, resends: u32) -> Vec<Step> {
+        let command = RobotCommand { gripper: self.current().gripper, ..self.command() };
+        let taken = Taken { first_seq: command.seq, sent_at_ms: now_ms, resends };
+        self.stage = Stage::Gripper { taken, settled_since_ms: None };
+        vec![Step::Send(command)]
+    }
+
+    fn start_stream(&mut self, now_ms: u64, resends: u32) -> Vec<Step> {
+        if self.current().set_points.is_empty() {
+            return self.end_phase(now_ms);
+        }
+        let command = self.window(true);
+        let taken = Taken { first_seq: command.seq, sent_at_ms: now_ms, resends };
+        self.stage = Stage::Stream { taken, since_ms: self.last_state.robot_ms };
+        vec![Step::Send(command)]
+    }
+
+    /// Sends the first command of a stage again: the robot has not taken it, so it has not acted on it.
+    fn send_again(&mut self, taken: Taken, now_ms: u64) -> Vec<Step> {
+        if now_ms.saturating_sub(taken.sent_at_ms) < self.settings.take_timeout_ms {
+            return Vec::new();
+        }
+        if taken.resends >= self.settings.resends {
+            return self.done(ExecutionOutcome::Stopped, Some("the robot does not take commands".to_owned()));
+        }
+        match self.stage {
+            Stage::Gripper { .. } => self.start_gripper(now_ms, taken.resends + 1),
+            Stage::Stream { .. } => self.start_stream(now_ms, taken.resends + 1),
+        }
+    }
+
+    fn watch_gripper(&mut self, taken: Taken, settled_since_ms: Option<f64>, now_ms: u64) -> Vec<Step> {
+        let robot_ms = self.last_state.robot_ms;
+        let since_ms = settled_since_ms.unwrap_or(robot_ms);
+        self.stage = Stage::Gripper { taken, settled_since_ms: Some(since_ms) };
+        let waited_ms = robot_ms - since_ms;
+        if self.last_state.gripper_settled && waited_ms >= SETTLED_MS {
+            if self.current().name == "grasp" && !self.last_state.gripper_holding {
+                return self.done(ExecutionOutcome::GraspLost, Some("the gripper closed on nothing".to_owned()));
+            }
+            return self.start_stream(now_ms, 0);
+        }
+        if waited_ms > self.settings.gripper_timeout_ms {
+            return self.done(ExecutionOutcome::Stopped, Some("the gripper did not settle".to_owned()));
+        }
+        Vec::new()
+    }
+
+    fn has_arrived(&self) -> bool {
+        let (Stage::Stream { taken, .. }, Some(end)) = (self.stage, self.current().set_points.last()) else { return false };
+        let state = &self.last_state;
+        let near = end.q_rad.iter().zip(&state.q_rad).all(|(a, b)| (a - b).abs() < ARRIVED_RAD);
+        self.is_taken(taken) && state.mode == RobotMode::Idle && near && state.stream_ms.is_none_or(|ms| ms >= end.t_ms - 1.0)
+    }
+
+    /// How much robot time the current stream may take.
+    fn longest_ms(&self) -> f64 {
+        self.current().set_points.last().map_or(0.0, |p| p.t_ms) + self.settings.lag_ms
+    }
+
+    fn end_stream(&mut self, now_ms: u64) -> Vec<Step> {
+        if !self.has_arrived() {
+            return self.done(ExecutionOutcome::Stopped, Some("the robot did not follow its set-points".to_owned()));
+        }
+        self.end_phase(now_ms)
+    }
+
+    fn end_phase(&mut self, now_ms: u64) -> Vec<Step> {
+        let carrying = matches!(self.current().name.as_str(), "lift" | "transfer" | "lower");
+        if carrying && !self.last_state.gripper_holding {
+            return self.done(ExecutionOutcome::GraspLost, Some("the object was lost on the way".to_owned()));
+        }
+        if self.phase + 1 == self.plan.phases.len() {
+            return self.done(ExecutionOutcome::Done, None);
+        }
+        self.phase += 1;
+        self.enter_phase(now_ms)
+    }
+
+    /// The next command, empty.
+    fn command(&mut self) -> RobotCommand {
+        self.seq += 1;
+        RobotCommand {
+            v: limits::VERSION,
+            seq: self.seq,
+            owner: self.owner.clone(),
+            ttl_ms: self.settings.ttl_ms,
+            starts_stream: false,
+            ends_stream: false,
+            set_points: Vec::new(),
+            gripper: None,
+            clear_stop: false,
+        }
+    }
+
+    /// The set-points from where the robot is on its stream (or the beginning) to the horizon beyond it.
+    fn window(&mut self, starts_stream: bool) -> RobotCommand {
+        let followed_ms = if starts_stream { 0.0 } else { self.last_state.stream_ms.unwrap_or(0.0) };
+        let points = &self.current().set_points;
+        let first = points.partition_point(|p| p.t_ms <= followed_ms).saturating_sub(1);
+        let reach_ms = followed_ms + self.settings.horizon_ms.max(limits::MIN_COMMAND_HORIZON_MS as f64);
+        // One set-point beyond the horizon, so that it is covered whole.
+        let end = (points.partition_point(|p| p.t_ms < reach_ms) + 1).min(points.len());
+        let (set_points, ends_stream): (Vec<SetPoint>, bool) = (points[first..end].to_vec(), end == points.len());
+        RobotCommand { set_points, starts_stream, ends_stream, ..self.command() }
+    }
+
+    fn done(&mut self, outcome: ExecutionOutcome, reason: Option<String>) -> Vec<Step> {
+        self.over = true;
+        vec![Step::Done(ExecuteReply { outcome, phase: self.current().name.clone(), reason, joints_rad: self.last_state.q_rad })]
+    }
+}
+
+fn check_plan(plan: &MotionPlan) -> Result<(), CallError> {
+    if plan.phases.is_empty() {
+        return Err(CallError::invalid("phases", "the plan has no phases"));
+    }
+    let mut last = plan.start_joints_rad;
+    for (i, phase) in plan.phases.iter().enumerate() {
+        let (Some(first), Some(end)) = (phase.set_points.first(), phase.set_points.last()) else { continue };
+        if first.t_ms != 0.0 {
+            return Err(CallError::invalid(format!("phases[{i}].set_points[0].t_ms"), format!("expected 0, got {}", first.t_ms)));
+        }
+        if let Some(joint) = apart(&last, &first.q_rad, JOINED_RAD) {
+            let message = format!("joint {joint} starts at {} rad but the phase before ends at {} rad", first.q_rad[joint], last[joint]);
+            return Err(CallError::invalid(format!("phases[{i}].set_points[0].q_rad"), message));
+        }
+        last = end.q_rad;
+    }
+    Ok(())
+}
+
+fn check_robot(plan: &MotionPlan, state: &RobotState) -> Result<(), CallError> {
+    match state.mode {
+        RobotMode::Stopped => return Err(CallError::precondition("a stop is latched: reset the robot first").at("robot")),
+        RobotMode::Moving => return Err(CallError::precondition("the robot is moving").at("robot")),
+        RobotMode::Idle => {}
+    }
+    if let Some(joint) = apart(&plan.start_joints_rad, &state.q_rad, plan.start_tolerance_rad) {
+        let (planned, stands) = (plan.start_joints_rad[joint], state.q_rad[joint]);
+        let message = format!("joint {joint} stands at {stands:.4} rad but the plan starts at {planned:.4} rad");
+        return Err(CallError::precondition(message).at("start_joints_rad"));
+    }
+    Ok(())
+}
+
+/// The first joint at which two configurations are further apart than a tolerance.
+fn apart(a: &[f64; 7], b: &[f64; 7], tolerance_rad: f64) -> Option<usize> {
+    (0..7).find(|&i| (a[i] - b[i]).abs().is_nan() || (a[i] - b[i]).abs() > tolerance_rad)
+}

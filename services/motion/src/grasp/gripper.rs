@@ -1,0 +1,148 @@
+//! What the fingers would close on at a pose, and whether hand and fingers have room around the object.
+//!
+//! All in the grasp centre's frame: fingers close along y, the hand comes along z. The part of the cloud between the finger pads is searched
+//! for the run of points nearest the middle; a gap wide enough for a finger ends it. So a solid object is taken across, a hollow one at its wall.
+
+use nalgebra::{Isometry3, Vector3};
+use repose_panda::FINGER_OPENING_MAX_M;
+
+use super::ObjectCloud;
+
+/// How far the fingers reach beyond the grasp centre, metres.
+pub const TIP_BEYOND_TCP_M: f64 = 0.0115;
+/// How far the grasp centre may be below the object's top, metres: then the palm touches it.
+pub const DEPTH_MAX_M: f64 = 0.028;
+
+/// The gripper's sizes and margins.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GripperSettings {
+    /// Half the width of a finger across (along x), metres. Default 0.0105.
+    pub finger_half_width_m: f64,
+    /// How thick a finger is along the closing direction, metres. Default 0.022.
+    pub finger_thickness_m: f64,
+    /// Room between the object and each open finger, metres. Default 0.012.
+    pub clearance_m: f64,
+    /// The least room where the opening allows no more, metres. Default 0.003.
+    pub clearance_min_m: f64,
+    /// Points between the pads that make a grasp. Default 6.
+    pub points_min: usize,
+    /// Stray points that are tolerated inside a finger. Default 1.
+    pub strays: usize,
+}
+
+impl Default for GripperSettings {
+    fn default() -> Self {
+        Self {
+            finger_half_width_m: 0.0105,
+            finger_thickness_m: 0.022,
+            clearance_m: 0.012,
+            clearance_min_m: 0.003,
+            points_min: 6,
+            strays: 1,
+        }
+    }
+}
+
+/// What the fingers close on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GripperFit {
+    /// How wide the object is between the fingers, metres.
+    pub width_m: f64,
+    /// Where its middle is along y, metres.
+    pub offset_m: f64,
+    /// Opening on approach, metres.
+    pub opening_m: f64,
+    /// How much of the surface lies along the approach, metres.
+    pub depth_m: f64,
+    /// Mean alignment of the surface with the closing direction where the fingers touch, 0 to 1.
+    pub squareness: f64,
+}
+
+/// Why a pose is no grasp.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Misfit {
+    /// Nothing lies between the fingers.
+    Empty,
+    /// The object is wider than the fingers open.
+    TooWide,
+    /// A finger would run into the object.
+    FingerBlocked,
+    /// The palm would run into the object.
+    PalmBlocked,
+}
+
+/// The hand's half sizes behind the fingers (x and y), metres.
+const PALM_HALF_M: [f64; 2] = [0.03, 0.1];
+/// How far behind the grasp centre fingers have left the hand, metres.
+const FINGER_LENGTH_M: f64 = 0.045;
+
+/// What the fingers close on with the grasp centre at `world_from_tcp`.
+///
+/// # Errors
+/// The [`Misfit`] when that is no grasp.
+pub fn fit(world_from_tcp: &Isometry3<f64>, object: &ObjectCloud, settings: &GripperSettings) -> Result<GripperFit, Misfit> {
+    let tcp_from_world = world_from_tcp.inverse().cast::<f32>();
+    let reach = FINGER_OPENING_MAX_M + settings.finger_thickness_m;
+    let mut slab: Vec<(Vector3<f64>, usize)> = Vec::new();
+    let mut palm_points = 0;
+    for (i, point) in object.points.iter().enumerate() {
+        let p = (tcp_from_world * point).coords.cast::<f64>();
+        let across = p.x.abs() <= settings.finger_half_width_m;
+        if across && p.y.abs() <= reach && (-FINGER_LENGTH_M..=TIP_BEYOND_TCP_M).contains(&p.z) {
+            slab.push((p, i));
+        }
+        palm_points += usize::from(p.z < -DEPTH_MAX_M && p.z > -0.15 && p.x.abs() < PALM_HALF_M[0] && p.y.abs() < PALM_HALF_M[1]);
+    }
+    if palm_points > settings.strays {
+        return Err(Misfit::PalmBlocked);
+    }
+    slab.sort_by(|a, b| a.0.y.total_cmp(&b.0.y).then(a.1.cmp(&b.1)));
+    let run = run_at_the_middle(&slab, settings)?;
+    let (low, high) = (slab[run.start].0.y, slab[run.end - 1].0.y);
+    let width_m = high - low;
+    let opening_m = (width_m + 2.0 * settings.clearance_m).min(FINGER_OPENING_MAX_M);
+    if opening_m - width_m < 2.0 * settings.clearance_min_m {
+        return Err(Misfit::TooWide);
+    }
+    let offset_m = 0.5 * (low + high);
+    let inner = 0.5 * opening_m;
+    let in_finger = |(p, _): &&(Vector3<f64>, usize)| {
+        let aside = (p.y - offset_m).abs();
+        aside > inner && aside < inner + settings.finger_thickness_m
+    };
+    if slab.iter().filter(in_finger).count() > settings.strays {
+        return Err(Misfit::FingerBlocked);
+    }
+    let depth = slab[run.clone()].iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), (p, _)| (a.min(p.z), b.max(p.z)));
+    let closing = (world_from_tcp.rotation * Vector3::y()).cast::<f32>();
+    let squareness = squareness(&slab[run], low, high, &closing, object);
+    Ok(GripperFit { width_m, offset_m, opening_m, depth_m: depth.1 - depth.0, squareness })
+}
+
+/// The run of points (sorted along y) around the one nearest y = 0, ended by gaps that a finger and its room fit into.
+fn run_at_the_middle(slab: &[(Vector3<f64>, usize)], settings: &GripperSettings) -> Result<std::ops::Range<usize>, Misfit> {
+    let middle = (0..slab.len()).min_by(|a, b| slab[*a].0.y.abs().total_cmp(&slab[*b].0.y.abs())).ok_or(Misfit::Empty)?;
+    if slab[middle].0.y.abs() > 0.5 * FINGER_OPENING_MAX_M {
+        return Err(Misfit::Empty);
+    }
+    let gap_m = settings.finger_thickness_m + settings.clearance_min_m;
+    let (mut start, mut end) = (middle, middle + 1);
+    while start > 0 && slab[start].0.y - slab[start - 1].0.y < gap_m {
+        start -= 1;
+    }
+    while end < slab.len() && slab[end].0.y - slab[end - 1].0.y < gap_m {
+        end += 1;
+    }
+    if end - start < settings.points_min { Err(Misfit::Empty) } else { Ok(start..end) }
+}
+
+/// Mean `|n · y|` over the points within 6 mm of each extreme; a side on which no such surface was seen counts half.
+fn squareness(run: &[(Vector3<f64>, usize)], low: f64, high: f64, closing: &Vector3<f32>, object: &ObjectCloud) -> f64 {
+    let side = |extreme: f64| {
+        let aligned = |i: &usize| f64::from(object.normals[*i].dot(closing).abs());
+        let values: Vec<f64> =
+            run.iter().filter(|(p, _)| (p.y - extreme).abs() < 0.006).map(|(_, i)| aligned(i)).filter(|v| *v > 0.5).collect();
+        if values.is_empty() { 0.5 } else { values.iter().sum::<f64>() / values.len() as f64 }
+    };
+    0.5 * (side(low) + side(high))
+}

@@ -1,0 +1,295 @@
+//! Grasps on an object of which only one side was seen.
+//!
+//! Two sources propose poses of the grasp centre: [`top_down`] (over the top, in every direction across, at the rim of hollow things) and
+//! [`antipodal`] (pairs of points whose normals oppose each other). [`gripper`] measures what the fingers would close on and refuses what the
+//! hand would run into; what is left is scored, thinned to distinct grasps, and handed on best first.
+
+pub mod antipodal;
+pub mod gripper;
+pub mod normals;
+pub mod top_down;
+
+use nalgebra::{Isometry3, Point3, Vector3};
+use rand_pcg::Pcg64;
+use repose_geometry::{Aabb, cloud};
+use repose_panda::{FINGER_OPENING_MAX_M, Frame, gripper_spheres, kinematics::TCP_M};
+
+use crate::obstacles::Obstacles;
+use gripper::{GripperFit, GripperSettings};
+
+/// A pose of the grasp centre on the object, and how wide the fingers are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Grasp {
+    /// Pose of the grasp centre: z is the approach, y the direction in which the fingers close.
+    pub world_from_tcp: Isometry3<f64>,
+    /// Opening on approach, metres.
+    pub opening_m: f64,
+    /// How wide the object is between the fingers, metres; none when that is not known (external grasps).
+    pub width_m: Option<f64>,
+    /// Higher is better.
+    pub score: f64,
+}
+
+impl Grasp {
+    /// The same grasp with the fingers exchanged: the hand turned by 180° about its approach.
+    pub fn flipped(&self) -> Self {
+        Self { world_from_tcp: self.world_from_tcp * Isometry3::rotation(Vector3::z() * std::f64::consts::PI), ..*self }
+    }
+}
+
+/// How grasps are found and judged.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GraspSettings {
+    /// What the fingers close on, and what they must not run into.
+    pub gripper: GripperSettings,
+    /// Voxel that the object's points are thinned to, metres. Default 0.004.
+    pub voxel_m: f32,
+    /// Directions across the object, over half a turn. Default 12.
+    pub directions: usize,
+    /// Tilts of the approach from the vertical, radians: each is tried to both sides. Default 0.4.
+    pub tilt_rad: f64,
+    /// Pairs of points drawn for antipodal grasps. Default 300.
+    pub pairs: usize,
+    /// Coefficient of friction between finger and object. Default 0.5.
+    pub friction: f64,
+    /// How far the approach may be from straight down, radians. Default 1.2.
+    pub approach_max_rad: f64,
+    /// How far the fingertips stay above what the object stands on, metres. Default 0.006.
+    pub support_clearance_m: f64,
+    /// What is added to the hand's spheres against the rest of the scene, metres. Default 0.004.
+    pub padding_m: f64,
+    /// Grasps handed on at most. Default 48.
+    pub count: usize,
+    /// Grasps nearer than this to a better one are dropped, metres (a radian of turn counts as 0.05 m). Default 0.01.
+    pub separation_m: f64,
+    /// What makes a grasp good.
+    pub weights: GraspWeights,
+}
+
+impl Default for GraspSettings {
+    fn default() -> Self {
+        Self {
+            gripper: GripperSettings::default(),
+            voxel_m: 0.004,
+            directions: 12,
+            tilt_rad: 0.4,
+            pairs: 300,
+            friction: 0.5,
+            approach_max_rad: 1.2,
+            support_clearance_m: 0.006,
+            padding_m: 0.004,
+            count: 48,
+            separation_m: 0.01,
+            weights: GraspWeights::default(),
+        }
+    }
+}
+
+/// Weights of the terms of a grasp's score; each term is between 0 and 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GraspWeights {
+    /// An approach from above. Default 1.
+    pub vertical: f64,
+    /// Fingers near the object's middle, which keeps it from turning in the hand. Default 1.5.
+    pub centered: f64,
+    /// Little of the opening used. Default 1.
+    pub narrow: f64,
+    /// Surfaces square to the closing direction where the fingers touch. Default 1.
+    pub square: f64,
+    /// Much surface between the fingers along the approach. Default 0.7.
+    pub deep: f64,
+}
+
+impl Default for GraspWeights {
+    fn default() -> Self {
+        Self { vertical: 1.0, centered: 1.5, narrow: 1.0, square: 1.0, deep: 0.7 }
+    }
+}
+
+/// What became of the proposals.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct GraspTally {
+    /// Poses proposed.
+    pub proposed: usize,
+    /// Refused because nothing lay between the fingers.
+    pub empty: usize,
+    /// Refused because the object is too wide there.
+    pub too_wide: usize,
+    /// Refused because a finger or the palm would run into the object.
+    pub object_in_the_way: usize,
+    /// Refused because the hand would touch something else.
+    pub scene_in_the_way: usize,
+}
+
+/// The object's cloud as the sources see it.
+#[derive(Debug, Clone)]
+pub struct ObjectCloud {
+    /// Thinned observed points, world frame.
+    pub points: Vec<Point3<f32>>,
+    /// Unit surface normal at each, towards the side from which it was seen.
+    pub normals: Vec<Vector3<f32>>,
+    /// The smallest axis-aligned box around the points.
+    pub bounds: Aabb,
+    /// The lowest the grasp centre may go, world z, metres.
+    pub floor_m: f64,
+}
+
+/// Distinct grasps on the object, best first, with the tally of what was refused.
+///
+/// `points` are the object's observed points in the world frame, `support_m` the height of what it stands on, `camera_in_world` where it was
+/// seen from, `others` the rest of the scene.
+pub fn grasps(
+    points: &[Point3<f32>],
+    support_m: f64,
+    camera_in_world: &Point3<f64>,
+    others: &Obstacles,
+    settings: &GraspSettings,
+    rng: &mut Pcg64,
+) -> (Vec<Grasp>, GraspTally) {
+    let mut tally = GraspTally::default();
+    let thinned = cloud::voxel_downsampled(points, settings.voxel_m);
+    let Some(bounds) = Aabb::of(&thinned) else { return (Vec::new(), tally) };
+    let normals = normals::estimated(&thinned, 3.0 * settings.voxel_m, &camera_in_world.cast::<f32>());
+    let floor_m = support_m + gripper::TIP_BEYOND_TCP_M + settings.support_clearance_m;
+    let object = ObjectCloud { points: thinned, normals, bounds, floor_m };
+
+    let mut proposals = top_down::proposals(&object, settings);
+    proposals.extend(antipodal::proposals(&object, settings, rng));
+    tally.proposed = proposals.len();
+    let mut found: Vec<Grasp> =
+        proposals.iter().filter_map(|world_from_tcp| judged(world_from_tcp, &object, others, settings, &mut tally)).collect();
+    found.sort_by(|a, b| b.score.total_cmp(&a.score));
+    (distinct(found, settings), tally)
+}
+
+/// The grasp at a proposed pose, moved along the closing direction so that the fingers meet the object at the same time; or nothing.
+fn judged(
+    world_from_tcp: &Isometry3<f64>,
+    object: &ObjectCloud,
+    others: &Obstacles,
+    settings: &GraspSettings,
+    tally: &mut GraspTally,
+) -> Option<Grasp> {
+    let fit = match gripper::fit(world_from_tcp, object, &settings.gripper) {
+        Ok(fit) => fit,
+        Err(misfit) => {
+            match misfit {
+                gripper::Misfit::Empty => tally.empty += 1,
+                gripper::Misfit::TooWide => tally.too_wide += 1,
+                gripper::Misfit::FingerBlocked | gripper::Misfit::PalmBlocked => tally.object_in_the_way += 1,
+            }
+            return None;
+        }
+    };
+    let world_from_tcp = world_from_tcp * Isometry3::translation(0.0, fit.offset_m, 0.0);
+    if gripper_touches(&world_from_tcp, fit.opening_m, others, settings.padding_m) {
+        tally.scene_in_the_way += 1;
+        return None;
+    }
+    let score = score(&world_from_tcp, &fit, object, &settings.weights);
+    Some(Grasp { world_from_tcp, opening_m: fit.opening_m, width_m: Some(fit.width_m), score })
+}
+
+/// Whether hand or fingers, fingers `opening_m` apart, touch `obstacles`.
+pub fn gripper_touches(world_from_tcp: &Isometry3<f64>, opening_m: f64, obstacles: &Obstacles, padding_m: f64) -> bool {
+    let world_from_hand = world_from_tcp * Isometry3::translation(0.0, 0.0, -TCP_M);
+    gripper_spheres(&Frame::of(&world_from_hand), opening_m).iter().any(|s| obstacles.touches(&s.center, s.radius_m + padding_m))
+}
+
+fn score(world_from_tcp: &Isometry3<f64>, fit: &GripperFit, object: &ObjectCloud, weights: &GraspWeights) -> f64 {
+    let approach = world_from_tcp.rotation * Vector3::z();
+    let extent = object.bounds.extent();
+    let middle = object.bounds.center();
+    let aside = (world_from_tcp.translation.vector.xy() - middle.coords.xy().cast::<f64>()).norm();
+    let half_diagonal = 0.5 * f64::from(extent.xy().norm()).max(0.02);
+    let terms = [
+        (weights.vertical, -approach.z),
+        (weights.centered, 1.0 - aside / half_diagonal),
+        (weights.narrow, 1.0 - fit.width_m / FINGER_OPENING_MAX_M),
+        (weights.square, fit.squareness),
+        (weights.deep, fit.depth_m / gripper::DEPTH_MAX_M),
+    ];
+    let total: f64 = terms.iter().map(|(weight, _)| weight).sum();
+    terms.iter().map(|(weight, value)| weight * value.clamp(0.0, 1.0)).sum::<f64>() / total
+}
+
+/// Keeps a grasp unless a better one is nearly the same.
+fn distinct(sorted: Vec<Grasp>, settings: &GraspSettings) -> Vec<Grasp> {
+    let mut kept: Vec<Grasp> = Vec::new();
+    for grasp in sorted {
+        if kept.len() == settings.count {
+            break;
+        }
+        let near = |k: &Grasp| {
+            let apart = (k.world_from_tcp.translation.vector - grasp.world_from_tcp.translation.vector).norm();
+            let turn = k.world_from_tcp.rotation.angle_to(&grasp.world_from_tcp.rotation);
+            apart + 0.05 * turn.min(std::f64::consts::PI - turn) < settings.separation_m
+        };
+        if !kept.iter().any(near) {
+            kept.push(grasp);
+        }
+    }
+    kept
+}
+
+/// A pose of the grasp centre from its place, its approach and the direction in which the fingers close (made square to the approach).
+///
+/// `None` when the two directions are nearly parallel.
+pub(crate) fn pose(place: &Point3<f64>, approach: &Vector3<f64>, closing: &Vector3<f64>) -> Option<Isometry3<f64>> {
+    let z = approach.try_normalize(1e-9)?;
+    let y = (closing - z * closing.dot(&z)).try_normalize(1e-6)?;
+    let rotation = nalgebra::Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_columns(&[y.cross(&z), y, z]));
+    Some(Isometry3::from_parts(place.coords.into(), nalgebra::UnitQuaternion::from_rotation_matrix(&rotation)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{obstacles::ObstacleSettings, synthetic};
+    use rand::SeedableRng;
+
+    fn find(points: &[Point3<f32>], others: &[Point3<f32>]) -> (Vec<Grasp>, GraspTally) {
+        let others = Obstacles::new(others, &[synthetic::table()], &ObstacleSettings::default());
+        grasps(points, 0.0, &synthetic::CAMERA, &others, &GraspSettings::default(), &mut Pcg64::seed_from_u64(5))
+    }
+
+    #[test]
+    fn a_box_is_grasped_across_its_narrow_side() {
+        let points = synthetic::seen_box([0.5, 0.1], [0.12, 0.05, 0.10], 0.4);
+        let (found, tally) = find(&points, &[]);
+        assert!(!found.is_empty(), "{tally:?}");
+        let closing = found[0].world_from_tcp.rotation * Vector3::y();
+        let narrow = Vector3::new(-(0.4f64.sin()), 0.4f64.cos(), 0.0);
+        assert!(closing.dot(&narrow).abs() > 0.95, "{closing}");
+        assert!((found[0].width_m.unwrap() - 0.05).abs() < 0.012, "{:?}", found[0].width_m);
+        assert!(found.windows(2).all(|w| w[0].score >= w[1].score));
+    }
+
+    #[test]
+    fn a_bowl_that_is_too_wide_is_grasped_at_its_rim() {
+        let points = synthetic::seen_bowl([0.5, 0.0], 0.07, 0.06);
+        let (found, tally) = find(&points, &[]);
+        assert!(!found.is_empty(), "{tally:?}");
+        for grasp in &found {
+            let from_axis = (grasp.world_from_tcp.translation.vector.xy() - nalgebra::Vector2::new(0.5, 0.0)).norm();
+            assert!((from_axis - 0.07).abs() < 0.02, "at the wall, not across: {from_axis}");
+        }
+    }
+
+    #[test]
+    fn a_box_that_is_too_wide_everywhere_has_no_grasp() {
+        let (found, tally) = find(&synthetic::seen_box([0.5, 0.0], [0.2, 0.2, 0.2], 0.0), &[]);
+        assert!(found.is_empty() && tally.proposed > 0, "{} {tally:?}", found.len());
+    }
+
+    #[test]
+    fn a_neighbour_takes_away_the_grasps_that_would_touch_it() {
+        let points = synthetic::seen_box([0.5, 0.0], [0.05, 0.05, 0.1], 0.0);
+        let neighbour = synthetic::seen_box([0.5, 0.065], [0.05, 0.05, 0.2], 0.0);
+        let (free, _) = find(&points, &[]);
+        let (found, tally) = find(&points, &neighbour);
+        assert!(tally.scene_in_the_way > 0 && !found.is_empty() && !free.is_empty());
+        let closing = found[0].world_from_tcp.rotation * Vector3::y();
+        assert!(closing.x.abs() > 0.8, "the finger does not go between the two: {closing}");
+    }
+}

@@ -1,0 +1,216 @@
+//! The two ends of a move: joint paths that carry the hand straight to a grasp and away with the object, and straight down to a placement.
+//!
+//! Inverse kinematics is solved where the hand has least freedom (at the grasp, at the release) and followed outwards in small steps, each from
+//! the last one's angles, so that the arm stays on one branch. Several postures are tried, because one may run into a limit or an obstacle
+//! where another does not.
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use rand_pcg::Pcg64;
+use repose_panda::{InverseSettings, JOINT_COUNT, Joints, LIMITS, inverse, inverse_near};
+
+use crate::collision::{CollisionChecker, Contact};
+use crate::grasp::Grasp;
+use crate::joint_path::{edge_is_free, sweep_bound_m};
+
+/// How ends are looked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReachSettings {
+    /// Inverse kinematics at the grasp and the release.
+    pub inverse: InverseSettings,
+    /// Postures tried at each end. Default 3.
+    pub postures: usize,
+    /// Step of the hand along straight motions, metres. Default 0.01.
+    pub step_m: f64,
+    /// Largest change of a joint over one step, radians; more is a jump to another branch. Default 0.2.
+    pub jump_rad: f64,
+    /// Between two collision checks no point of the robot moves further than this, metres. Default 0.01.
+    pub resolution_m: f64,
+    /// How far back along its approach the hand comes to a grasp and leaves a placement, metres. Default 0.10.
+    pub standoff_m: f64,
+    /// How far the object is lifted straight up, metres. Default 0.10.
+    pub lift_m: f64,
+    /// How far into the lift the object may still touch what it stood on or beside, metres. Default 0.02.
+    pub lift_contact_m: f64,
+    /// Height above the placement from which it is lowered, metres. Default 0.10 (paper, section 3).
+    pub above_m: f64,
+    /// Height above the placement at which it is released, metres. Default 0.02 (paper, section 3).
+    pub release_m: f64,
+}
+
+impl Default for ReachSettings {
+    fn default() -> Self {
+        Self {
+            inverse: InverseSettings {
+                position_tolerance_m: 1e-5,
+                rotation_tolerance_rad: 1e-4,
+                iterations: 40,
+                restarts: 3,
+                ..InverseSettings::default()
+            },
+            postures: 3,
+            step_m: 0.01,
+            jump_rad: 0.2,
+            resolution_m: 0.01,
+            standoff_m: 0.10,
+            lift_m: 0.10,
+            lift_contact_m: 0.02,
+            above_m: 0.10,
+            release_m: 0.02,
+        }
+    }
+}
+
+/// Why an end cannot be had with a grasp.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum EndFailure {
+    /// No joint angles, or none along the straight motion.
+    #[error("out of reach")]
+    Unreachable,
+    /// The arm or the object touches something there.
+    #[error("{0}")]
+    Blocked(Contact),
+}
+
+/// The way to a grasp and away from it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PickEnd {
+    /// From the standoff to the grasp.
+    pub approach: Vec<Joints>,
+    /// From the grasp upwards.
+    pub lift: Vec<Joints>,
+}
+
+/// The way to a release and away from it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlaceEnd {
+    /// From above the placement down to the release.
+    pub lower: Vec<Joints>,
+    /// From the release back along the approach.
+    pub retreat: Vec<Joints>,
+}
+
+/// Finds ends for one grasp.
+pub struct Reach<'a> {
+    /// Pose of the world in the robot's base frame.
+    pub base_from_world: Isometry3<f64>,
+    /// Judges the empty, open hand; what is to be grasped is no obstacle.
+    pub open: CollisionChecker<'a>,
+    /// Judges the closed hand with the object in it.
+    pub holding: CollisionChecker<'a>,
+    /// How.
+    pub settings: &'a ReachSettings,
+}
+
+impl Reach<'_> {
+    /// The pick's end of the move. `near` is where the first posture starts from.
+    ///
+    /// # Errors
+    /// The last posture's [`EndFailure`]; blocked ones go before unreachable ones.
+    pub fn pick(&self, grasp: &Grasp, near: &Joints, rng: &mut Pcg64) -> Result<PickEnd, EndFailure> {
+        let base_from_tcp = self.base_from_world * grasp.world_from_tcp;
+        self.over_postures(&base_from_tcp, near, rng, |joints| {
+            let standoff = base_from_tcp * Isometry3::translation(0.0, 0.0, -self.settings.standoff_m);
+            let mut approach = self.follow(joints, &base_from_tcp, &standoff)?;
+            self.check(&approach, 0, &self.open)?;
+            approach.reverse();
+            let lift = self.follow(joints, &base_from_tcp, &self.raised(&base_from_tcp, self.settings.lift_m))?;
+            let in_contact = (self.settings.lift_contact_m / self.settings.step_m).ceil() as usize;
+            self.check(&lift, in_contact, &self.holding)?;
+            Ok(PickEnd { approach, lift })
+        })
+    }
+
+    /// The placement's end of the move, for the object carried by `placed_from_observed`.
+    ///
+    /// # Errors
+    /// As [`Self::pick`].
+    pub fn place(
+        &self,
+        grasp: &Grasp,
+        placed_from_observed: &Isometry3<f64>,
+        near: &Joints,
+        rng: &mut Pcg64,
+    ) -> Result<PlaceEnd, EndFailure> {
+        let placed = self.base_from_world * placed_from_observed * grasp.world_from_tcp;
+        let release = self.raised(&placed, self.settings.release_m);
+        self.over_postures(&release, near, rng, |joints| {
+            let mut lower = self.follow(joints, &release, &self.raised(&placed, self.settings.above_m))?;
+            self.check(&lower, 0, &self.holding)?;
+            lower.reverse();
+            let back = release * Isometry3::translation(0.0, 0.0, -self.settings.standoff_m);
+            let retreat = self.follow(joints, &release, &back)?;
+            self.check(&retreat, 0, &self.open)?;
+            Ok(PlaceEnd { lower, retreat })
+        })
+    }
+
+    /// Tries postures at a pose until one gives a whole end.
+    fn over_postures<End>(
+        &self,
+        base_from_tcp: &Isometry3<f64>,
+        near: &Joints,
+        rng: &mut Pcg64,
+        end_from: impl Fn(&Joints) -> Result<End, EndFailure>,
+    ) -> Result<End, EndFailure> {
+        let mut failure = EndFailure::Unreachable;
+        for posture in 0..self.settings.postures {
+            let start =
+                if posture == 0 { *near } else { LIMITS.between(&std::array::from_fn(|_| rand::RngExt::random_range(rng, 0.0..1.0))) };
+            let Ok(joints) = inverse(base_from_tcp, &start, &self.settings.inverse, rng) else {
+                // The first posture has had restarts of its own: what it could not reach, others will hardly.
+                if posture == 0 { break } else { continue }
+            };
+            match end_from(&joints) {
+                Ok(end) => return Ok(end),
+                Err(EndFailure::Unreachable) => {}
+                Err(blocked) => failure = blocked,
+            }
+        }
+        Err(failure)
+    }
+
+    /// Joint angles along the straight motion of the hand between two poses, from `joints` at the first.
+    fn follow(&self, joints: &Joints, base_from_start: &Isometry3<f64>, base_from_end: &Isometry3<f64>) -> Result<Vec<Joints>, EndFailure> {
+        let way = base_from_end.translation.vector - base_from_start.translation.vector;
+        let steps = (way.norm() / self.settings.step_m).ceil().max(1.0) as usize;
+        let settings = InverseSettings { iterations: 10, ..self.settings.inverse };
+        let mut path = vec![*joints];
+        let mut last = *joints;
+        for k in 1..=steps {
+            let fraction = k as f64 / steps as f64;
+            let rotation: UnitQuaternion<f64> = base_from_start.rotation.slerp(&base_from_end.rotation, fraction);
+            let pose = Isometry3::from_parts(Translation3::from(base_from_start.translation.vector + way * fraction), rotation);
+            let next = inverse_near(&pose, &last, &settings).map_err(|_| EndFailure::Unreachable)?;
+            if (0..JOINT_COUNT).any(|i| (next[i] - last[i]).abs() > self.settings.jump_rad) {
+                return Err(EndFailure::Unreachable);
+            }
+            path.push(next);
+            last = next;
+        }
+        Ok(path)
+    }
+
+    /// Checks a path from its corner `first` on; before that, contact of what is held with the scene is in order.
+    fn check(&self, path: &[Joints], first: usize, checker: &CollisionChecker<'_>) -> Result<(), EndFailure> {
+        let lenient = CollisionChecker { held: None, ..*checker };
+        for (k, joints) in path.iter().enumerate() {
+            let checker = if k < first { &lenient } else { checker };
+            if let Some(contact) = checker.contact(joints) {
+                return Err(EndFailure::Blocked(contact));
+            }
+            let Some(next) = path.get(k + 1) else { break };
+            if sweep_bound_m(joints, next) > self.settings.resolution_m {
+                let free = edge_is_free(joints, next, self.settings.resolution_m, &|q| checker.is_free(q));
+                if !free {
+                    return Err(EndFailure::Blocked(checker.contact(next).unwrap_or(Contact::HeldScene)));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// A pose moved straight up in the world.
+    fn raised(&self, base_from_tcp: &Isometry3<f64>, height_m: f64) -> Isometry3<f64> {
+        Translation3::from(self.base_from_world.rotation * Vector3::z() * height_m) * base_from_tcp
+    }
+}

@@ -1,0 +1,147 @@
+//! Between the messages of `repose-proto` and the planner's own types.
+
+use nalgebra::{Isometry3, Point2, Point3};
+use repose_geometry::transform::{from_row_major, to_row_major};
+use repose_proto::motion::{Grasp as WireGrasp, MotionFailure, MotionPhase, MotionPlan, MotionPlanRequest, NotChosen as WireNotChosen};
+use repose_proto::robot::{GripperCommand, SetPoint};
+use repose_proto::scene::WorldFrame;
+use repose_proto::{CallError, RigidTransform, Scene};
+
+use crate::grasp::Grasp;
+use crate::plan::{Failure, NotChosen, PickPlaceError, PickPlacePlan};
+use crate::scene::{PlanningScene, SupportSurface};
+use crate::timing::Trajectory;
+
+/// What a plan says beside the motion itself.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlanTerms {
+    /// Longest time between set-points, milliseconds.
+    pub set_point_period_ms: f64,
+    /// How far from the plan's start the arm may be when it is executed, radians per joint.
+    pub start_tolerance_rad: f64,
+    /// How old the scene may be when it is executed, milliseconds.
+    pub max_scene_age_ms: u64,
+}
+
+/// The scene as the planner of motions sees it.
+///
+/// # Errors
+/// `failed_precondition` without a calibrated camera: the robot would not know where things are. `not_found` on `query` when the scene has no
+/// such object.
+pub fn planning_scene(scene: &Scene, query: u16) -> Result<PlanningScene, CallError> {
+    if scene.meta.world_frame != WorldFrame::Extrinsics {
+        return Err(
+            CallError::precondition("the scene's camera has no calibrated pose (world_from_camera): a robot cannot act on it").at("scene")
+        );
+    }
+    let world_from_camera = match &scene.meta.camera.world_from_camera {
+        Some(transform) => isometry(transform, "scene.camera.world_from_camera")?,
+        None => return Err(CallError::precondition("the scene's camera has no pose").at("scene.camera.world_from_camera")),
+    };
+    if scene.object(query).is_none() {
+        return Err(CallError::not_found("query", format!("the scene has no object {query}")));
+    }
+    let surfaces = scene.meta.surfaces.iter().filter_map(|s| {
+        let outline: Vec<Point2<f32>> = s.outline_m.iter().map(|[x, y]| Point2::new(*x as f32, *y as f32)).collect();
+        SupportSurface::new(s.height_m, &outline, s.object)
+    });
+    Ok(PlanningScene {
+        points: scene.points.iter().map(|p| Point3::from(*p)).collect(),
+        labels: scene.labels.clone(),
+        surfaces: surfaces.collect(),
+        camera_in_world: Point3::from(world_from_camera.translation.vector),
+    })
+}
+
+/// A rigid transform of a message.
+///
+/// # Errors
+/// `invalid_argument` that names `field`.
+pub fn isometry(to_from: &RigidTransform, field: &str) -> Result<Isometry3<f64>, CallError> {
+    from_row_major(&to_from.0).map_err(|e| CallError::invalid(field, e.to_string()))
+}
+
+/// The grasps of a request.
+///
+/// # Errors
+/// `invalid_argument` that names the grasp.
+pub fn grasps(grasps: &[WireGrasp]) -> Result<Vec<Grasp>, CallError> {
+    let read = |(i, grasp): (usize, &WireGrasp)| {
+        let world_from_tcp = isometry(&grasp.world_from_tcp, &format!("grasps[{i}].world_from_tcp"))?;
+        Ok(Grasp { world_from_tcp, opening_m: grasp.width_m, width_m: None, score: grasp.score })
+    };
+    grasps.iter().enumerate().map(read).collect()
+}
+
+/// A plan as a message.
+pub fn motion_plan(plan: &PickPlacePlan, request: &MotionPlanRequest, scene_stamp_ns: u64, terms: &PlanTerms) -> MotionPlan {
+    let phases: Vec<MotionPhase> = plan
+        .phases
+        .iter()
+        .map(|p| MotionPhase {
+            name: p.phase.name().to_owned(),
+            gripper: p.gripper.map(|g| GripperCommand { width_m: g.width_m, force_n: g.force_n }),
+            set_points: p.trajectory.as_ref().map(|t| set_points(t, terms.set_point_period_ms)).unwrap_or_default(),
+        })
+        .collect();
+    let duration_ms = plan.phases.iter().filter_map(|p| p.trajectory.as_ref()).map(|t| t.duration_s() * 1e3).sum();
+    MotionPlan {
+        scene_id: request.scene.scene_id.clone(),
+        robot: request.robot.clone(),
+        query: request.query,
+        placement: plan.placement,
+        not_chosen: plan.not_chosen.iter().map(not_chosen).collect(),
+        grasp: WireGrasp {
+            world_from_tcp: RigidTransform(to_row_major(&plan.grasp.world_from_tcp)),
+            width_m: plan.grasp.opening_m,
+            score: plan.grasp.score,
+        },
+        start_joints_rad: request.start_joints_rad,
+        start_tolerance_rad: terms.start_tolerance_rad,
+        scene_stamp_ns,
+        max_scene_age_ms: terms.max_scene_age_ms,
+        phases,
+        duration_ms,
+    }
+}
+
+/// The error reply for a request that no plan serves.
+pub fn call_error(error: &PickPlaceError) -> CallError {
+    let message = match error {
+        PickPlaceError::NoPlacement(reasons) => {
+            let lines: Vec<String> =
+                reasons.iter().map(|n| format!("placement {}: {:?}: {}", n.placement, motion_failure(n.failure), n.tally)).collect();
+            format!("no placement can be served: {}", lines.join("; "))
+        }
+        other => other.to_string(),
+    };
+    match error {
+        PickPlaceError::NoObject(_) => CallError::not_found("query", message),
+        PickPlaceError::StartBlocked(_) => CallError::precondition(message).at("start_joints_rad"),
+        PickPlaceError::NoGrasp(_) => CallError::precondition(message).at("query"),
+        PickPlaceError::NoPlacement(_) => CallError::precondition(message).at("placements"),
+    }
+}
+
+fn set_points(trajectory: &Trajectory, period_ms: f64) -> Vec<SetPoint> {
+    let point = |(time_s, p): (f64, crate::timing::TrajectoryPoint)| SetPoint {
+        t_ms: time_s * 1e3,
+        q_rad: p.position_rad,
+        dq_rad_s: p.velocity_rad_s,
+    };
+    trajectory.sampled(period_ms / 1e3).map(point).collect()
+}
+
+fn not_chosen(reason: &NotChosen) -> WireNotChosen {
+    WireNotChosen { placement: reason.placement, reason: motion_failure(reason.failure), detail: reason.tally.to_string() }
+}
+
+fn motion_failure(failure: Failure) -> MotionFailure {
+    match failure {
+        Failure::PickUnreachable => MotionFailure::PickUnreachable,
+        Failure::PickBlocked => MotionFailure::PickBlocked,
+        Failure::PlaceUnreachable => MotionFailure::PlaceUnreachable,
+        Failure::PlaceBlocked => MotionFailure::PlaceBlocked,
+        Failure::NoPath => MotionFailure::NoPath,
+    }
+}

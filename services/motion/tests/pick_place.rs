@@ -1,0 +1,123 @@
+//! Whole plans on synthetic tables.
+
+use nalgebra::{Isometry3, Vector3};
+use repose_panda::{CommandRuleSettings, CommandRules, Frame, JOINT_COUNT, Joints, LIMITS, READY, base_from_tcp};
+
+use repose_motion::collision::CollisionChecker;
+use repose_motion::grasp::Grasp;
+use repose_motion::obstacles::{ObstacleSettings, Obstacles};
+use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place};
+use repose_motion::plan::{Failure, Phase, PickPlaceError, PickPlacePlan};
+use repose_motion::synthetic;
+
+fn plan(query: u16, placements: &[Isometry3<f64>], grasps: Option<&[Grasp]>) -> Result<PickPlacePlan, PickPlaceError> {
+    let scene = synthetic::scene();
+    let request = PickPlaceRequest { scene: &scene, query, placements, start: &READY, grasps, seed: 3 };
+    pick_place(&request, &PickPlaceSettings::default())
+}
+
+/// Box 1 carried from its place to another, straight.
+fn moved(x: f64, y: f64) -> Isometry3<f64> {
+    Isometry3::translation(x - 0.45, y + 0.2, 0.0)
+}
+
+fn set_points(plan: &PickPlacePlan, period_s: f64) -> Vec<(Phase, Vec<Joints>)> {
+    let phases = plan.phases.iter().filter_map(|p| Some((p.phase, p.trajectory.as_ref()?)));
+    phases.map(|(phase, t)| (phase, t.sampled(period_s).map(|(_, p)| p.position_rad).collect())).collect()
+}
+
+/// What the robot is told at each whole millisecond.
+fn milliseconds(plan: &PickPlacePlan) -> Vec<(Phase, Vec<Joints>)> {
+    let phases = plan.phases.iter().filter_map(|p| Some((p.phase, p.trajectory.as_ref()?)));
+    phases
+        .map(|(phase, t)| (phase, (0..(t.duration_s() * 1e3) as usize + 3).map(|k| t.at(k as f64 * 1e-3).position_rad).collect()))
+        .collect()
+}
+
+#[test]
+fn a_box_is_picked_and_placed_with_all_phases_joined() {
+    let plan = plan(1, &[moved(0.45, 0.25)], None).unwrap();
+    assert_eq!(plan.placement, 0);
+    let names: Vec<&str> = plan.phases.iter().map(|p| p.phase.name()).collect();
+    assert_eq!(names, ["standoff", "approach", "grasp", "lift", "transfer", "lower", "release", "retreat"]);
+    let mut last = READY;
+    for (phase, points) in set_points(&plan, 0.01) {
+        assert!((0..JOINT_COUNT).all(|i| (points[0][i] - last[i]).abs() < 1e-6), "{phase:?} starts where the last phase ended");
+        last = points[points.len() - 1];
+    }
+}
+
+#[test]
+fn the_object_is_released_two_centimetres_above_the_planned_pose_after_a_standoff_of_ten() {
+    let placed_from_observed = moved(0.45, 0.25) * Isometry3::identity();
+    let plan = plan(1, &[placed_from_observed], None).unwrap();
+    let planned = placed_from_observed * plan.grasp.world_from_tcp;
+    let lower = plan.phases.iter().find(|p| p.phase == Phase::Lower).unwrap().trajectory.as_ref().unwrap();
+    for (time_s, height_m) in [(0.0, 0.10), (lower.duration_s(), 0.02)] {
+        let apart = base_from_tcp(&lower.at(time_s).position_rad).translation.vector - planned.translation.vector;
+        assert!((apart - Vector3::z() * height_m).norm() < 1e-3, "{apart}");
+    }
+}
+
+#[test]
+fn every_millisecond_keeps_frankas_rules_and_touches_nothing() {
+    let plan = plan(1, &[moved(0.45, 0.25)], None).unwrap();
+    let scene = synthetic::scene();
+    let others = Obstacles::new(&scene.points_without(1), &scene.surfaces, &ObstacleSettings::default());
+    let checker = CollisionChecker {
+        world_from_base: Frame::BASE,
+        obstacles: &[&others],
+        padding_m: 0.0,
+        finger_opening_m: plan.grasp.opening_m,
+        held: None,
+    };
+    for (phase, points) in milliseconds(&plan) {
+        assert_eq!(CommandRules::check(&points[0], &points, CommandRuleSettings::default()), Ok(()), "{phase:?}");
+        assert!(points.iter().all(|q| LIMITS.contains(q, 0.0)));
+        assert_eq!(points.iter().step_by(5).find_map(|q| checker.contact(q)), None, "{phase:?}");
+    }
+}
+
+#[test]
+fn a_placement_out_of_reach_falls_back_to_the_next_and_says_why() {
+    let plan = plan(1, &[moved(1.6, 0.0), moved(0.55, 0.1), moved(0.45, 0.25)], None).unwrap();
+    assert_eq!(plan.placement, 2);
+    let failures: Vec<(usize, Failure)> = plan.not_chosen.iter().map(|n| (n.placement, n.failure)).collect();
+    assert_eq!(failures, [(0, Failure::PlaceUnreachable), (1, Failure::PlaceBlocked)], "the second is inside another box");
+}
+
+#[test]
+fn no_placement_in_reach_is_an_error_with_the_reasons() {
+    let Err(PickPlaceError::NoPlacement(reasons)) = plan(1, &[moved(1.6, 0.0)], None) else { panic!("expected no placement") };
+    assert_eq!(reasons[0].failure, Failure::PlaceUnreachable);
+}
+
+#[test]
+fn a_bowl_is_taken_at_its_rim() {
+    let plan = plan(3, &[Isometry3::translation(-0.1, 0.5, 0.0)], None).unwrap();
+    assert!(plan.grasp.width_m.unwrap() < 0.02);
+}
+
+#[test]
+fn an_unknown_object_and_a_start_inside_the_table_are_refused() {
+    assert_eq!(plan(9, &[moved(0.45, 0.25)], None), Err(PickPlaceError::NoObject(9)));
+    let scene = synthetic::scene();
+    let mut start = READY;
+    start[1] = 0.9;
+    let placements = [moved(0.45, 0.25)];
+    let request = PickPlaceRequest { scene: &scene, query: 1, placements: &placements, start: &start, grasps: None, seed: 3 };
+    assert!(matches!(pick_place(&request, &PickPlaceSettings::default()), Err(PickPlaceError::StartBlocked(_))));
+}
+
+#[test]
+fn grasps_from_elsewhere_are_used_in_their_order() {
+    let found = plan(1, &[moved(0.45, 0.25)], None).unwrap().grasp;
+    let far = Grasp { world_from_tcp: Isometry3::translation(3.0, 0.0, 0.0), ..found };
+    let plan = plan(1, &[moved(0.45, 0.25)], Some(&[far, Grasp { width_m: None, ..found }])).unwrap();
+    assert_eq!(plan.grasp.world_from_tcp, found.world_from_tcp);
+}
+
+#[test]
+fn the_same_seed_gives_the_same_plan() {
+    assert_eq!(plan(1, &[moved(0.4, 0.3)], None), plan(1, &[moved(0.4, 0.3)], None));
+}

@@ -1,0 +1,133 @@
+//! What a scene says about each of its objects.
+
+use repose_geometry::{Aabb, Image, Point3, cloud};
+use repose_proto::ObjectSummary;
+
+use crate::point_map::{PointMap, is_reading};
+
+/// A neighbour this much nearer to the camera covers the object rather than ending beside it, metres.
+const COVER_STEP_M: f32 = 0.015;
+
+/// Summaries of the objects that have points, by id. `points` are in the world, `labels` beside them.
+pub fn summarise(points: &[Point3<f32>], labels: &[u16], completeness: &Completeness) -> Vec<ObjectSummary> {
+    let most = labels.iter().copied().max().unwrap_or(0);
+    let mut by_id: Vec<Vec<Point3<f32>>> = vec![Vec::new(); usize::from(most) + 1];
+    for (p, id) in points.iter().zip(labels).filter(|(_, id)| **id != 0) {
+        by_id[usize::from(*id)].push(*p);
+    }
+    let summary = |(id, points): (u16, Vec<Point3<f32>>)| {
+        let centroid_m = cloud::centroid(&points)?.coords.into();
+        let extent_m = Aabb::of(&points)?.extent().cast::<f64>().into();
+        Some(ObjectSummary { id, points: points.len(), centroid_m, extent_m, completeness: completeness.of(id) })
+    };
+    (0..=most).zip(by_id).filter_map(summary).collect()
+}
+
+/// Per object, how much of what this view could show of it was observed.
+///
+/// A mask's outline ends either at something farther away (all of that side was seen), at something nearer (it goes on behind it), or
+/// at the picture's edge. The share of the outline that ends freely, times the share of the mask with a reading, is the estimate.
+#[derive(Debug, Clone)]
+pub struct Completeness {
+    /// Indexed by id.
+    tallies: Vec<Tally>,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Tally {
+    pixels: u32,
+    readings: u32,
+    outline: u32,
+    cut: u32,
+}
+
+impl Completeness {
+    /// Measured on masks before their borders are removed; `in_camera` are points in the camera frame.
+    pub fn measure(in_camera: &PointMap, labels: &Image<u16>) -> Self {
+        let most = labels.pixels().iter().copied().max().unwrap_or(0);
+        let mut tallies = vec![Tally::default(); usize::from(most) + 1];
+        let (width, height) = (labels.width(), labels.height());
+        let (points, ids) = (in_camera.pixels(), labels.pixels());
+        for (i, &id) in ids.iter().enumerate() {
+            if id == 0 {
+                continue;
+            }
+            let tally = &mut tallies[usize::from(id)];
+            let (u, v) = (i % width, i / width);
+            tally.pixels += 1;
+            tally.readings += u32::from(is_reading(&points[i]));
+            let beside = [
+                (u > 0).then(|| i.wrapping_sub(1)),
+                (u + 1 < width).then_some(i + 1),
+                (v > 0).then(|| i.wrapping_sub(width)),
+                (v + 1 < height).then_some(i + width),
+            ];
+            for side in beside {
+                match side {
+                    None => {
+                        tally.outline += 1;
+                        tally.cut += 1;
+                    }
+                    Some(j) if ids[j] != id => {
+                        tally.outline += 1;
+                        // With either reading missing this is false: an edge in the sensor's shadow counts as seen.
+                        tally.cut += u32::from(points[j].z + COVER_STEP_M < points[i].z);
+                    }
+                    Some(_) => {}
+                }
+            }
+        }
+        Self { tallies }
+    }
+
+    /// The estimate for one object, 0 to 1.
+    pub fn of(&self, id: u16) -> f64 {
+        let Some(tally) = self.tallies.get(usize::from(id)).filter(|t| t.pixels > 0) else { return 0.0 };
+        let free = 1.0 - f64::from(tally.cut) / f64::from(tally.outline.max(1));
+        free * f64::from(tally.readings) / f64::from(tally.pixels)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::point_map::MISSING;
+
+    /// A 20 x 20 picture of a background at 2 m with `masks` (id, depth, columns, rows) in front of it, later ones over earlier ones.
+    fn measured(masks: &[(u16, f32, std::ops::Range<usize>, std::ops::Range<usize>)]) -> Completeness {
+        let mut in_camera = PointMap::filled(20, 20, Point3::new(0.0, 0.0, 2.0));
+        let mut labels = Image::filled(20, 20, 0);
+        for (id, depth, columns, rows) in masks.iter().cloned() {
+            for v in rows {
+                for u in columns.clone() {
+                    in_camera[(u, v)].z = depth;
+                    labels[(u, v)] = id;
+                }
+            }
+        }
+        in_camera[(7, 7)] = MISSING;
+        Completeness::measure(&in_camera, &labels)
+    }
+
+    #[test]
+    fn an_object_in_the_open_is_complete() {
+        assert_eq!(measured(&[(3, 1.0, 8..14, 8..14)]).of(3), 1.0);
+        assert_eq!(measured(&[(3, 1.0, 8..14, 8..14)]).of(4), 0.0);
+    }
+
+    #[test]
+    fn what_covers_it_the_pictures_edge_and_holes_take_from_it() {
+        let covered = measured(&[(1, 1.0, 8..14, 8..14), (2, 0.8, 8..14, 12..18)]);
+        assert!((covered.of(1) - (1.0 - 6.0 / 20.0)).abs() < 1e-9 && covered.of(2) == 1.0);
+        assert!((measured(&[(1, 1.0, 0..5, 8..13)]).of(1) - 0.75).abs() < 1e-9);
+        assert!((measured(&[(1, 1.0, 6..8, 6..8)]).of(1) - 0.75).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_summary_is_of_the_points_given() {
+        let points = [[0.0, 0.0, 0.0], [1.0, 2.0, 3.0], [9.0, 9.0, 9.0]].map(Point3::from);
+        let objects = summarise(&points, &[4, 4, 0], &measured(&[(4, 1.0, 8..14, 8..14)]));
+        let expected = ObjectSummary { id: 4, points: 2, centroid_m: [0.5, 1.0, 1.5], extent_m: [1.0, 2.0, 3.0], completeness: 1.0 };
+        assert_eq!(objects, [expected]);
+    }
+}

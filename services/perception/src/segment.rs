@@ -1,0 +1,255 @@
+//! From a frame to a scene: unproject, level, label, clean borders, find surfaces, name objects.
+//!
+//! Labels that come with the frame are taken as they are; without them objects are found from depth. Without a camera pose the world
+//! is that of the main support plane. The same frame and settings give the same scene, bit for bit.
+
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use repose_geometry::transform::{NotRigid, from_row_major, to_row_major};
+use repose_geometry::{Image, Isometry3, Pinhole, Point3, ViewerFrame};
+use repose_proto::scene::WorldFrame;
+use repose_proto::{CallError, CameraModel, ErrorCode, Frame, RigidTransform, Scene, SceneMeta, Surface, Unseen};
+
+use crate::borders::border_band;
+use crate::objects::{Completeness, summarise};
+use crate::point_map::{PointMap, is_reading, strided, transformed, unproject};
+use crate::settings::Settings;
+use crate::surfaces::{self, SupportSurface};
+use crate::unlabelled::{self, CoarseView};
+use crate::{gravity, upward};
+
+/// Why a frame gave no scene.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SegmentError {
+    /// The frame contradicts itself.
+    #[error(transparent)]
+    Frame(CallError),
+    /// The camera's pose is not a rigid transform.
+    #[error("world_from_camera: {0}")]
+    Pose(#[from] NotRigid),
+    /// No pixel has a depth within range.
+    #[error("none of {pixels} pixels has a reading between 0 and {max_depth_m} m")]
+    NoReadings {
+        /// Pixels of the frame.
+        pixels: usize,
+        /// The range that was allowed, metres.
+        max_depth_m: f32,
+    },
+    /// Every reading lies in the band around some mask, or belongs to an object too small to keep.
+    #[error("none of {readings} readings is left after cleaning {border_px} pixels around the borders of the labels")]
+    NothingLeft {
+        /// Readings before cleaning.
+        readings: usize,
+        /// Radius that was cleaned, pixels.
+        border_px: usize,
+    },
+    /// The frame has no camera pose, and no plane could stand in for it.
+    #[error("the frame has no world_from_camera, and none of its planes can be the support (an upright camera above at least {share:.0} % of the readings)")]
+    NoSupport {
+        /// Share of the readings that a support must hold, percent.
+        share: f64,
+    },
+}
+
+impl From<SegmentError> for CallError {
+    fn from(error: SegmentError) -> Self {
+        let message = error.to_string();
+        match error {
+            SegmentError::Frame(error) => error,
+            SegmentError::Pose(_) => Self::invalid("world_from_camera", message),
+            SegmentError::NoReadings { .. } => Self::invalid("depth", message),
+            SegmentError::NothingLeft { .. } => Self::invalid("labels", message),
+            SegmentError::NoSupport { .. } => Self::new(ErrorCode::FailedPrecondition, message).at("world_from_camera"),
+        }
+    }
+}
+
+/// A scene with the masks that it was made from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Segmented {
+    /// The scene.
+    pub scene: Scene,
+    /// The instance id of each pixel of the frame, given or found, before borders were cleaned; 0 is background.
+    pub labels: Image<u16>,
+}
+
+/// The scene that a frame shows.
+///
+/// # Errors
+/// [`SegmentError`] when the frame contradicts itself, has no readings, or nothing says which way is up.
+pub fn segment(frame: &Frame, settings: &Settings) -> Result<Scene, SegmentError> {
+    Ok(segment_with_labels(frame, settings)?.scene)
+}
+
+/// The scene that a frame shows, and the masks, for those who draw or measure them.
+///
+/// # Errors
+/// As [`segment`].
+pub fn segment_with_labels(frame: &Frame, settings: &Settings) -> Result<Segmented, SegmentError> {
+    frame.validate().map_err(SegmentError::Frame)?;
+    let model = &frame.camera;
+    let camera = Pinhole { width: model.width, height: model.height, fx: model.fx, fy: model.fy, cx: model.cx, cy: model.cy };
+    let in_camera = unproject(&frame.depth, model.depth_unit_m, &camera, settings.max_depth_m);
+    let readings = in_camera.pixels().iter().filter(|p| is_reading(p)).count();
+    if readings == 0 {
+        return Err(SegmentError::NoReadings { pixels: in_camera.pixels().len(), max_depth_m: settings.max_depth_m });
+    }
+
+    let stride = camera.width.div_ceil(settings.coarse_columns.max(1)).max(1);
+    let coarse_in_camera = strided(&in_camera, stride);
+    let (world_from_camera, world_frame) = world_of(model, &coarse_in_camera, settings)?;
+    let in_world = transformed(&in_camera, &world_from_camera);
+    let coarse = Coarse::new(&coarse_in_camera, strided(&in_world, stride), (camera.fx / stride as f64) as f32, settings);
+
+    let labels = match &frame.labels {
+        Some(labels) => as_image(labels.clone(), &camera)?,
+        None => {
+            let surfaces = surfaces::find(coarse.upward(|_| Some(0)), &settings.surfaces);
+            let view = CoarseView { in_camera: &coarse_in_camera, in_world: &coarse.in_world, focal_px: coarse.focal_px };
+            unlabelled::spread(&unlabelled::label(&view, &surfaces, &settings.components), &in_camera, stride)
+        }
+    };
+    let band = border_band(&labels, &settings.borders);
+    let cloud = Cloud::new(&in_world, &labels, &band, frame.color.as_deref(), settings);
+    if cloud.points.is_empty() {
+        return Err(SegmentError::NothingLeft { readings, border_px: settings.borders.radius_px });
+    }
+
+    let (coarse_labels, coarse_band) = (strided(&labels, stride), strided(&band, stride));
+    let clean_label = |i: usize| (!coarse_band.pixels()[i]).then(|| coarse_labels.pixels()[i]).filter(|id| *id == 0 || cloud.keeps(*id));
+    let surfaces = surfaces::find(coarse.upward(clean_label), &settings.surfaces);
+    let objects = summarise(&cloud.points, &cloud.labels, &Completeness::measure(&in_camera, &labels));
+    let pixels = in_camera.pixels().len();
+    let meta = SceneMeta {
+        objects,
+        surfaces: on_the_wire(surfaces),
+        camera: CameraModel { world_from_camera: Some(RigidTransform(to_row_major(&world_from_camera))), ..model.clone() },
+        world_frame,
+        view_yaw_rad: ViewerFrame::from_camera(&world_from_camera).yaw_rad(),
+        unseen: Unseen {
+            pixels_without_reading: pixels - readings,
+            pixels_on_borders: cloud.on_borders,
+            share: 1.0 - cloud.available as f64 / pixels as f64,
+        },
+    };
+    let scene = Scene {
+        camera_name: frame.camera_name.clone(),
+        stamp_ns: frame.stamp_ns,
+        points: cloud.points.iter().map(|p| p.coords.into()).collect(),
+        labels: cloud.labels,
+        colors: cloud.colors,
+        meta,
+    };
+    Ok(Segmented { scene, labels })
+}
+
+/// The camera's pose: as given, or from the main support plane.
+fn world_of(model: &CameraModel, in_camera: &PointMap, settings: &Settings) -> Result<(Isometry3<f64>, WorldFrame), SegmentError> {
+    if let Some(RigidTransform(entries)) = &model.world_from_camera {
+        return Ok((from_row_major(entries)?, WorldFrame::Extrinsics));
+    }
+    let mut rng = Pcg64::seed_from_u64(settings.seed);
+    let plane = gravity::support_plane(in_camera, &settings.gravity, &mut rng)
+        .ok_or(SegmentError::NoSupport { share: 100.0 * settings.gravity.min_share })?;
+    Ok((gravity::level(&plane), WorldFrame::SupportPlane))
+}
+
+fn as_image(labels: Vec<u16>, camera: &Pinhole) -> Result<Image<u16>, SegmentError> {
+    Image::from_pixels(camera.width, camera.height, labels)
+        .map_err(|e| SegmentError::Frame(CallError::invalid("labels", e.to_string())))
+}
+
+/// The coarse picture and which of its pixels face up.
+struct Coarse {
+    in_world: PointMap,
+    faces_up: Image<bool>,
+    focal_px: f32,
+}
+
+impl Coarse {
+    fn new(in_camera: &PointMap, in_world: PointMap, focal_px: f32, settings: &Settings) -> Self {
+        let depth_m = in_camera.map(|p| p.z);
+        let faces_up = upward::upward_facing(&in_world, &depth_m, focal_px, settings.surfaces.max_tilt_rad);
+        Self { in_world, faces_up, focal_px }
+    }
+
+    /// The points that face up, with the label of their pixel; pixels without one are left out.
+    fn upward(&self, label: impl Fn(usize) -> Option<u16>) -> impl Iterator<Item = (Point3<f32>, u16)> {
+        let facing = self.faces_up.pixels().iter().enumerate().filter(|(_, up)| **up);
+        facing.filter_map(move |(i, _)| Some((self.in_world.pixels()[i], label(i)?)))
+    }
+}
+
+/// The scene's points.
+struct Cloud {
+    points: Vec<Point3<f32>>,
+    labels: Vec<u16>,
+    colors: Option<Vec<[u8; 3]>>,
+    /// Per id, whether the object has enough points to be kept.
+    kept: Vec<bool>,
+    /// Readings dropped because they lie in a border band.
+    on_borders: usize,
+    /// Points before thinning.
+    available: usize,
+}
+
+impl Cloud {
+    /// Every reading outside the bands, in the picture's order; thinned evenly when there are more than `max_points`.
+    fn new(in_world: &PointMap, labels: &Image<u16>, band: &Image<bool>, colors: Option<&[[u8; 3]]>, settings: &Settings) -> Self {
+        let most = labels.pixels().iter().copied().max().unwrap_or(0);
+        let mut counts = vec![0usize; usize::from(most) + 1];
+        let mut on_borders = 0;
+        for ((p, id), banded) in in_world.pixels().iter().zip(labels.pixels()).zip(band.pixels()) {
+            let reading = is_reading(p);
+            on_borders += usize::from(reading && *banded);
+            counts[usize::from(*id)] += usize::from(reading && !banded);
+        }
+        let kept: Vec<bool> = counts.iter().enumerate().map(|(id, n)| id == 0 || *n >= settings.min_object_points).collect();
+        let available: usize = counts.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(n, _)| n).sum();
+        let wanted = available.min(settings.max_points);
+        let mut cloud = Self {
+            points: Vec::with_capacity(wanted),
+            labels: Vec::with_capacity(wanted),
+            colors: colors.map(|_| Vec::with_capacity(wanted)),
+            kept,
+            on_borders,
+            available,
+        };
+        let mut owed = 0;
+        for (i, ((p, &id), banded)) in in_world.pixels().iter().zip(labels.pixels()).zip(band.pixels()).enumerate() {
+            if *banded || !is_reading(p) || !cloud.kept[usize::from(id)] {
+                continue;
+            }
+            // Of `available` points take `wanted`, as evenly as integers allow.
+            owed += wanted;
+            if owed >= available {
+                owed -= available;
+                cloud.points.push(*p);
+                cloud.labels.push(id);
+                if let (Some(out), Some(colors)) = (&mut cloud.colors, colors) {
+                    out.push(colors[i]);
+                }
+            }
+        }
+        cloud
+    }
+
+    fn keeps(&self, id: u16) -> bool {
+        self.kept.get(usize::from(id)).copied().unwrap_or(false)
+    }
+}
+
+/// Surfaces in the wire's form, largest outline first.
+fn on_the_wire(surfaces: Vec<SupportSurface>) -> Vec<Surface> {
+    let mut surfaces: Vec<Surface> = surfaces
+        .into_iter()
+        .map(|s| Surface {
+            height_m: f64::from(s.height_m),
+            outline_m: s.outline.corners().iter().map(|c| [f64::from(c.x), f64::from(c.y)]).collect(),
+            area_m2: f64::from(s.outline.area()),
+            object: s.object,
+        })
+        .collect();
+    surfaces.sort_by(|a, b| b.area_m2.total_cmp(&a.area_m2));
+    surfaces
+}

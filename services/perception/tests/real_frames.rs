@@ -1,0 +1,74 @@
+//! Segmentation on frames that nobody here made: `data/frames` beside the repository, skipped with a message where it is absent.
+
+use std::path::{Path, PathBuf};
+
+use repose_perception::{Settings, frame_folder, segment};
+use repose_proto::Scene;
+use repose_proto::scene::WorldFrame;
+
+/// The frame folders of a set, in name order; empty, with a message, when the data is not there.
+fn folders(set: &str) -> Vec<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/frames").join(set);
+    let Ok(entries) = std::fs::read_dir(&root) else {
+        println!("skipped: no frames at {}", root.display());
+        return Vec::new();
+    };
+    let mut folders: Vec<PathBuf> = entries.filter_map(|e| Some(e.ok()?.path())).collect();
+    folders.sort();
+    folders
+}
+
+/// What every scene must hold, whatever it shows.
+fn check(scene: &Scene, folder: &Path) {
+    let name = folder.display();
+    assert_eq!(scene.points.len(), scene.labels.len(), "{name}");
+    assert!(scene.points.as_flattened().iter().all(|c| c.is_finite()), "{name}");
+    assert_eq!(scene.meta.world_frame, WorldFrame::SupportPlane, "{name}");
+    assert!(scene.meta.view_yaw_rad.abs() < 1e-9, "{name}: the camera looks along world +y");
+    let table = scene.meta.surfaces.iter().find(|s| s.object.is_none()).unwrap_or_else(|| panic!("{name} has no table"));
+    assert!(table.height_m.abs() < 0.01 && table.area_m2 > 0.2, "{name}: table at {} m, {} m2", table.height_m, table.area_m2);
+    assert!(!scene.meta.objects.is_empty(), "{name} has no objects");
+    for object in &scene.meta.objects {
+        assert_eq!(scene.points_of(object.id).count(), object.points, "{name}");
+        assert!((0.0..=1.0).contains(&object.completeness), "{name}");
+        assert!(object.extent_m.iter().all(|e| (0.005..0.8).contains(e)), "{name}: object {} measures {:?}", object.id, object.extent_m);
+        assert!(object.centroid_m[2] > 0.0 && object.centroid_m[2] < 0.4, "{name}: object {} at {:?}", object.id, object.centroid_m);
+    }
+    assert!(Scene::from_bulk(&scene.to_bulk()).is_ok(), "{name} survives the wire");
+}
+
+#[test]
+fn every_real_frame_gives_a_scene_with_its_labels_and_keeps_their_ids() {
+    for folder in folders("mosd").into_iter().chain(folders("sixdof")) {
+        let frame = frame_folder::read(&folder).unwrap();
+        let scene = segment(&frame, &Settings::default()).unwrap();
+        check(&scene, &folder);
+        let mut given: Vec<u16> = frame.labels.unwrap().into_iter().filter(|id| *id != 0).collect();
+        given.sort_unstable();
+        given.dedup();
+        let kept: Vec<u16> = scene.meta.objects.iter().map(|o| o.id).collect();
+        assert_eq!(kept, given, "{}", folder.display());
+    }
+}
+
+#[test]
+fn every_real_frame_gives_a_scene_without_labels() {
+    for folder in folders("mosd").into_iter().chain(folders("sixdof")) {
+        let mut frame = frame_folder::read(&folder).unwrap();
+        frame.labels = None;
+        check(&segment(&frame, &Settings::default()).unwrap(), &folder);
+    }
+}
+
+#[test]
+fn the_same_frame_gives_the_same_scene_whatever_its_stamp() {
+    for folder in folders("mosd").into_iter().take(2) {
+        let mut frame = frame_folder::read(&folder).unwrap();
+        frame.labels = None;
+        let first = segment(&frame, &Settings::default()).unwrap();
+        frame.stamp_ns = 77;
+        let second = segment(&frame, &Settings::default()).unwrap();
+        assert_eq!(first.id(), second.id());
+        assert_eq!(second.stamp_ns, 77);
+    }
+}

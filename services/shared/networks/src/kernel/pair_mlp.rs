@@ -1,0 +1,147 @@
+//! Gather, shared MLP and max in one pass: what a set abstraction spends its time on.
+//!
+//! For each centroid `i` with neighbours `j`: `h = relu(point_terms[j] − centroid_terms[i])` (the first linear layer, distributed over the
+//! difference and computed once per point), then one or two more linear layers with ReLU between, then the largest value per output over
+//! the neighbours. A centroid's pairs stay in the first-level cache from gather to max; nothing the size of all pairs is ever in memory.
+
+use super::{
+    packed::PackedLinear,
+    simd::Simd,
+    tile::{ROWS, product},
+};
+use crate::neighbours::Neighbours;
+
+/// The inputs of one set abstraction's pair work.
+#[derive(Debug, Clone, Copy)]
+pub struct PairMlp<'a> {
+    /// First layer's terms of the points, `[points, hidden]`, bias included.
+    pub point_terms: &'a [f32],
+    /// First layer's terms of the centroids, `[centroids, hidden]`.
+    pub centroid_terms: &'a [f32],
+    /// The layer between, if the MLP has three.
+    pub middle: Option<&'a PackedLinear>,
+    /// The last layer.
+    pub last: &'a PackedLinear,
+    /// Which points belong to which centroid.
+    pub neighbours: &'a Neighbours,
+}
+
+/// `out[i, ..]` = the largest last-layer value over centroid `i`'s neighbours, `[centroids, last.padded()]`; `winners`, when wanted, the
+/// place in the neighbour list that it came from (the first among equals), same shape. `scratch` is any vector, reused between calls.
+///
+/// A centroid without neighbours (there is none: each is its own neighbour) would give the bias.
+///
+/// # Safety
+/// The instruction set must be present. Lengths are asserted.
+#[inline(always)]
+pub(crate) unsafe fn forward<S: Simd, const C: usize, const WINNERS: bool>(
+    op: &PairMlp<'_>, out: &mut [f32], winners: &mut [u16], scratch: &mut Vec<f32>,
+) {
+    let hidden = op.middle.map_or(op.last.inputs(), PackedLinear::inputs);
+    let padded = op.last.padded();
+    let centroids = op.neighbours.centroids();
+    let points = op.point_terms.len() / hidden;
+    assert!(op.centroid_terms.len() >= centroids * hidden && out.len() >= centroids * padded);
+    assert!(!WINNERS || winners.len() >= centroids * padded);
+    assert!(hidden.is_multiple_of(S::LANES) && op.neighbours.indices().iter().all(|j| (*j as usize) < points));
+    let most = op.neighbours.most().next_multiple_of(ROWS);
+    let middle_width = op.middle.map_or(0, PackedLinear::padded);
+    scratch.resize(most * (hidden + middle_width), 0.0);
+    let (first, second) = scratch.split_at_mut(most * hidden);
+    for i in 0..centroids {
+        let list = op.neighbours.of(i);
+        if list.is_empty() {
+            out[i * padded..(i + 1) * padded].copy_from_slice(op.last.bias());
+            continue;
+        }
+        // Rows are padded to whole tiles by repeating the last one, which changes no maximum.
+        let rows = list.len().next_multiple_of(ROWS);
+        for r in 0..rows {
+            let j = list[r.min(list.len() - 1)] as usize;
+            // SAFETY: `hidden` is a multiple of the vector and all three rows were asserted to exist.
+            unsafe {
+                let (a, b) = (op.point_terms.as_ptr().add(j * hidden), op.centroid_terms.as_ptr().add(i * hidden));
+                let to = first.as_mut_ptr().add(r * hidden);
+                for k in (0..hidden).step_by(S::LANES) {
+                    S::store(to.add(k), S::max(S::sub(S::load(a.add(k)), S::load(b.add(k))), S::splat(0.0)));
+                }
+            }
+        }
+        let input: &[f32] = if let Some(middle) = op.middle {
+            // SAFETY: the instruction set is present; `linear` asserts lengths. The middle layer's width equals the last layer's input.
+            unsafe { super::linear::linear::<S, C>(middle, first, rows, true, second) };
+            second
+        } else {
+            first
+        };
+        let out = &mut out[i * padded..(i + 1) * padded];
+        let winners = if WINNERS { &mut winners[i * padded..(i + 1) * padded] } else { &mut [] };
+        // SAFETY: `input` has `rows` rows of the last layer's inputs, `out` and `winners` one padded row.
+        unsafe { largest::<S, C, WINNERS>(op.last, input, rows, list.len(), out, winners) };
+    }
+}
+
+/// One centroid's rows through the last layer, and the largest of each output.
+#[inline(always)]
+unsafe fn largest<S: Simd, const C: usize, const WINNERS: bool>(
+    layer: &PackedLinear, rows: &[f32], count: usize, real: usize, out: &mut [f32], winners: &mut [u16],
+) {
+    for (start, width, panel) in layer.panels() {
+        let mut column = 0;
+        while column < width {
+            let vectors = ((width - column) / S::LANES).min(C);
+            let at = start + column;
+            let winners = if WINNERS { &mut winners[at..] } else { &mut [] };
+            let (bias, out, panel) = (&layer.bias()[at..], &mut out[at..], &panel[column..]);
+            // SAFETY: as this function's caller promised, with whole vectors in the panel.
+            unsafe {
+                match vectors {
+                    4.. => strip::<S, 4, WINNERS>(rows, layer.inputs(), count, real, panel, width, bias, out, winners),
+                    3 => strip::<S, 3, WINNERS>(rows, layer.inputs(), count, real, panel, width, bias, out, winners),
+                    2 => strip::<S, 2, WINNERS>(rows, layer.inputs(), count, real, panel, width, bias, out, winners),
+                    _ => strip::<S, 1, WINNERS>(rows, layer.inputs(), count, real, panel, width, bias, out, winners),
+                }
+            }
+            column += vectors.clamp(1, 4) * S::LANES;
+        }
+    }
+}
+
+#[inline(always)]
+#[allow(clippy::too_many_arguments, reason = "the inner loop's operands, named one by one so that they stay in registers")]
+unsafe fn strip<S: Simd, const C: usize, const WINNERS: bool>(
+    rows: &[f32], inputs: usize, count: usize, real: usize, panel: &[f32], width: usize, bias: &[f32], out: &mut [f32], winners: &mut [u16],
+) {
+    // SAFETY: the caller's slices cover `count` rows and `C` vectors of the panel, the bias and the outputs.
+    unsafe {
+        let mut best = [S::splat(f32::NEG_INFINITY); C];
+        let mut best_row = [S::splat(0.0); C];
+        for block in (0..count).step_by(ROWS) {
+            let acc = product::<S, ROWS, C>(rows.as_ptr().add(block * inputs), inputs, inputs, panel.as_ptr(), width);
+            for (r, acc) in acc.iter().enumerate() {
+                if WINNERS {
+                    let row = S::splat((block + r) as f32);
+                    for c in 0..C {
+                        (best[c], best_row[c]) = S::larger(acc[c], best[c], row, best_row[c]);
+                    }
+                } else {
+                    for c in 0..C {
+                        best[c] = S::max(acc[c], best[c]);
+                    }
+                }
+            }
+        }
+        for c in 0..C {
+            S::store(out.as_mut_ptr().add(c * S::LANES), S::add(best[c], S::load(bias.as_ptr().add(c * S::LANES))));
+        }
+        if WINNERS {
+            let mut lanes = [0.0f32; 16];
+            for (c, best_row) in best_row.iter().enumerate() {
+                S::store(lanes.as_mut_ptr(), *best_row);
+                for (l, lane) in lanes[..S::LANES].iter().enumerate() {
+                    winners[c * S::LANES + l] = (*lane as usize).min(real - 1) as u16;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,37 @@
+//! The register tile that all products are made of: `R` rows times `C` vectors of outputs, summed over the inputs in order.
+//!
+//! Every output element is one chain of fused multiply-adds over its inputs, first to last, whatever tile it falls in; that is why a
+//! row's bytes do not depend on how many rows there are.
+
+use super::simd::Simd;
+
+/// Rows of the main tile: with four vectors of outputs 24 of AVX-512's 32 registers are sums; with AVX2 the panel is walked in pairs.
+pub(crate) const ROWS: usize = 6;
+
+/// `acc[r][c] = Σ_k rows[r, k] · panel[k, c]` (starting from 0).
+///
+/// # Safety
+/// The instruction set must be present; `rows` readable for `R` rows of `inputs` floats at `stride`; `panel` for `inputs` rows of `width`
+/// floats, of which `C` vectors are read.
+#[inline(always)]
+pub(crate) unsafe fn product<S: Simd, const R: usize, const C: usize>(
+    rows: *const f32, stride: usize, inputs: usize, panel: *const f32, width: usize,
+) -> [[S::V; C]; R] {
+    // SAFETY: by the function's contract all addresses lie in the two arrays.
+    unsafe {
+        let mut acc = [[S::splat(0.0); C]; R];
+        for k in 0..inputs {
+            let mut w = [S::splat(0.0); C];
+            for (c, w) in w.iter_mut().enumerate() {
+                *w = S::load(panel.add(k * width + c * S::LANES));
+            }
+            for (r, acc) in acc.iter_mut().enumerate() {
+                let x = S::splat(*rows.add(r * stride + k));
+                for (acc, w) in acc.iter_mut().zip(&w) {
+                    *acc = S::fma(x, *w, *acc);
+                }
+            }
+        }
+        acc
+    }
+}

@@ -1,0 +1,61 @@
+//! All networks together, for training.
+
+use candle_core::Result;
+use rand_pcg::Pcg64;
+
+use crate::{
+    config::NetworksConfig,
+    discriminator::Discriminator,
+    object_encoder::ObjectEncoder,
+    parameters::{Builder, Parameters, WeightMap},
+    prior::Prior,
+    relation_predictor::RelationPredictor,
+    scene_encoder::SceneEncoder,
+};
+
+/// The five networks. Encoders, relation predictor and prior are trained jointly, the discriminator apart.
+#[derive(Debug, Clone)]
+pub struct Networks {
+    /// `e`.
+    pub object: ObjectEncoder,
+    /// `e_Z`.
+    pub scene: SceneEncoder,
+    /// `p_ρ`.
+    pub relations: RelationPredictor,
+    /// `π`.
+    pub prior: Prior,
+    /// `f`.
+    pub discriminator: Discriminator,
+}
+
+/// The first part of the discriminator's parameter paths: what tells the two trainings apart.
+pub const DISCRIMINATOR: &str = "discriminator/";
+
+impl Networks {
+    /// New networks with weights from a generator, and their parameters.
+    ///
+    /// # Errors
+    /// None on a CPU; candle's signature.
+    pub fn seeded(config: &NetworksConfig, rng: &mut Pcg64) -> Result<(Self, Parameters)> {
+        Self::build(Builder::seeded(rng), config)
+    }
+
+    /// Networks with stored weights, and their parameters.
+    ///
+    /// # Errors
+    /// When a tensor is missing or has another shape; the message names it.
+    pub fn stored(config: &NetworksConfig, weights: &WeightMap) -> Result<(Self, Parameters)> {
+        Self::build(Builder::stored(weights), config)
+    }
+
+    fn build(mut builder: Builder<'_>, config: &NetworksConfig) -> Result<(Self, Parameters)> {
+        let networks = Self {
+            object: ObjectEncoder::new(&mut builder, config)?,
+            scene: SceneEncoder::new(&mut builder, config)?,
+            relations: RelationPredictor::new(&mut builder, config)?,
+            prior: Prior::new(&mut builder, config)?,
+            discriminator: Discriminator::new(&mut builder, config)?,
+        };
+        Ok((networks, builder.finish()))
+    }
+}

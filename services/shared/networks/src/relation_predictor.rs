@@ -1,0 +1,49 @@
+//! The relation predictor `p_ρ` (paper, section 2.1 and appendix A.2), for training: two codes to nine logits.
+
+use candle_core::{Result, Tensor};
+
+use crate::{
+    config::{NetworksConfig, PREDICTED_RELATIONS},
+    layers::Linear,
+    parameters::Builder,
+};
+
+/// `[h_i, h_j]` → 128 → 9 logits.
+#[derive(Debug, Clone)]
+pub struct RelationPredictor {
+    hidden: Linear,
+    out: Linear,
+}
+
+impl RelationPredictor {
+    /// Parameters under `relations`.
+    ///
+    /// # Errors
+    /// When stored weights do not fit.
+    pub fn new(builder: &mut Builder<'_>, config: &NetworksConfig) -> Result<Self> {
+        builder.within("relations", |b| {
+            Ok(Self {
+                hidden: Linear::new(b, "hidden", 2 * config.code, config.hidden[1])?,
+                out: Linear::new(b, "out", config.hidden[1], PREDICTED_RELATIONS)?,
+            })
+        })
+    }
+
+    /// Codes of queries (with their centres relative to the anchors) and of anchors, `[pairs, 128]` each → logits `[pairs, 9]`.
+    ///
+    /// # Errors
+    /// When the shapes do not fit.
+    pub fn logits(&self, queries: &Tensor, anchors: &Tensor) -> Result<Tensor> {
+        self.out.forward(&self.hidden.forward(&Tensor::cat(&[queries, anchors], 1)?)?.relu()?)
+    }
+}
+
+/// Mean binary cross-entropy of logits against 0/1 labels of the same shape, in the form that does not overflow.
+///
+/// # Errors
+/// When the shapes differ.
+pub fn binary_cross_entropy(logits: &Tensor, labels: &Tensor) -> Result<Tensor> {
+    // max(x, 0) − x y + log(1 + exp(−|x|))
+    let softplus = (logits.abs()?.neg()?.exp()? + 1.0)?.log()?;
+    logits.relu()?.sub(&logits.mul(labels)?)?.add(&softplus)?.mean_all()
+}

@@ -1,0 +1,11 @@
+//! Scoring: the networks on the fused kernels, without candle.
+//!
+//! A candidate is one unit of work for one thread, in one order of operations; batches only spread such units over threads.
+
+mod context;
+mod models;
+mod point_net;
+mod spread;
+
+pub use context::{Candidate, InputError, SceneContext};
+pub use models::{Mixture, Models};

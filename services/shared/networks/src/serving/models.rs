@@ -1,0 +1,227 @@
+//! The networks as a service uses them: prior, relations, realism.
+
+use crate::{
+    Kernel,
+    config::{GOAL_RELATIONS, NetworksConfig, PREDICTED_RELATIONS},
+    crops,
+    kernel::PackedLinear,
+    points::ObjectCloud,
+    prior::{KAPPA_MAX, OFFSET_UNIT_M, PER_COMPONENT, SIGMA_FLOOR_M},
+    weights::{Weights, WeightsError, WeightsInfo},
+};
+
+use super::{
+    context::{Candidate, InputError, SceneContext},
+    point_net::{Affine, CodeHead, PointNet, Scratch, Stored, row},
+    spread::spread,
+};
+
+/// The weights that come with the program.
+const EMBEDDED: &[u8] = include_bytes!("../../weights/default.safetensors");
+
+/// The prior's answer: a mixture over offset and yaw.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mixture {
+    /// `[K]`, sum 1.
+    pub weights: Vec<f32>,
+    /// `[K][3]`: mean offset of the query's centroid from the anchor's, viewer's axes (x right, y away, z up), metres.
+    pub means_in_viewer_m: Vec<[f32; 3]>,
+    /// `[K][3]`: diagonal standard deviations, metres, at least 5 mm.
+    pub sigmas_m: Vec<[f32; 3]>,
+    /// `[K]`: mean turn about z, radians.
+    pub yaw_mean_rad: Vec<f32>,
+    /// `[K]`: von Mises concentration of the turn; 0 is uniform.
+    pub kappa: Vec<f32>,
+}
+
+/// All networks with their weights, ready to score. Shared between threads by reference; never changes.
+#[derive(Debug, Clone)]
+pub struct Models {
+    kernel: Kernel,
+    config: NetworksConfig,
+    object: PointNet,
+    object_head: CodeHead,
+    scene: PointNet,
+    scene_head: CodeHead,
+    relation_hidden: PackedLinear,
+    relation_out: PackedLinear,
+    prior_hidden: PackedLinear,
+    prior_norm: Affine,
+    prior_out: PackedLinear,
+    discriminator: PointNet,
+    discriminator_out: PackedLinear,
+    info: WeightsInfo,
+    hash: String,
+}
+
+impl Models {
+    /// From a weights file's bytes, on the fastest kernel of this machine.
+    ///
+    /// # Errors
+    /// [`WeightsError`] when the bytes are not weights or do not fit the networks.
+    pub fn load(bytes: &[u8]) -> Result<Self, WeightsError> {
+        Self::load_for(bytes, Kernel::detect())
+    }
+
+    /// The weights that come with the program.
+    ///
+    /// # Errors
+    /// None unless the program was built with a broken file.
+    pub fn embedded() -> Result<Self, WeightsError> {
+        Self::load(EMBEDDED)
+    }
+
+    /// From a weights file's bytes, on a given kernel of [`Kernel::available`].
+    ///
+    /// # Errors
+    /// As [`Models::load`].
+    pub fn load_for(bytes: &[u8], kernel: Kernel) -> Result<Self, WeightsError> {
+        let weights = Weights::from_bytes(bytes)?;
+        let config = NetworksConfig::default();
+        let stored = Stored { weights: &weights.values };
+        let width = |levels: &[crate::config::SetAbstractionConfig]| levels.last().map_or(0, |l| l.outputs());
+        let (code, hidden) = (config.code, config.hidden[1]);
+        Ok(Self {
+            kernel,
+            object: PointNet::new(&stored, "object", &config.object_levels)?,
+            object_head: CodeHead::new(&stored, "object", &config, width(&config.object_levels))?,
+            scene: PointNet::new(&stored, "scene", &config.scene_levels)?,
+            scene_head: CodeHead::new(&stored, "scene", &config, width(&config.scene_levels))?,
+            relation_hidden: stored.linear("relations/hidden", 2 * code, hidden)?,
+            relation_out: stored.linear("relations/out", hidden, PREDICTED_RELATIONS)?,
+            prior_hidden: stored.linear("prior/hidden", 3 * code + GOAL_RELATIONS, hidden)?,
+            prior_norm: stored.batch_norm("prior/norm", hidden)?,
+            prior_out: stored.linear("prior/out", hidden, config.components * PER_COMPONENT)?,
+            discriminator: PointNet::new(&stored, "discriminator", &config.discriminator_levels)?,
+            discriminator_out: stored.linear("discriminator/out", width(&config.discriminator_levels), 1)?,
+            info: weights.info,
+            hash: weights.hash,
+            config,
+        })
+    }
+
+    /// BLAKE3 of the weights file, hexadecimal.
+    pub fn hash(&self) -> &str {
+        &self.hash
+    }
+
+    /// Where the weights came from.
+    pub fn info(&self) -> &WeightsInfo {
+        &self.info
+    }
+
+    /// The kernel's id, which travels with results.
+    pub fn kernel_id(&self) -> &'static str {
+        self.kernel.id()
+    }
+
+    /// Shapes and cloud preparation; [`SceneContext::new`] takes `config().cloud`.
+    pub fn config(&self) -> &NetworksConfig {
+        &self.config
+    }
+
+    /// Where the query might go for the goal to hold: `goal[r]` is +1 (must hold), −1 (must not) or 0 (not said), per relation in wire
+    /// order, all about one anchor.
+    ///
+    /// # Errors
+    /// [`InputError`] for unknown objects.
+    pub fn prior(&self, scene: &SceneContext, query: u16, anchor: u16, goal: [i8; GOAL_RELATIONS]) -> Result<Mixture, InputError> {
+        let (query_cloud, anchor_cloud) = pair(scene, query, anchor)?;
+        let scratch = &mut Scratch::default();
+        let crop = crops::scene_input(self.kernel, &self.config, &scene.scene.without(query), anchor_cloud.centroid_in_viewer.into());
+        let scene_code = self.scene_head.forward(self.kernel, &self.scene.forward(self.kernel, &crop, scratch), [0.0; 3]);
+        let query_code = self.code(&self.shape(query_cloud, scratch), [0.0; 3]);
+        let anchor_code = self.code(&self.shape(anchor_cloud, scratch), [0.0; 3]);
+        let goal = goal.map(|g| f32::from(g.signum()));
+        let mut hidden = row(self.kernel, &self.prior_hidden, &[&scene_code[..], &query_code, &anchor_code, &goal].concat(), false);
+        self.prior_norm.relu(&mut hidden);
+        Ok(mixture(&row(self.kernel, &self.prior_out, &hidden, false)))
+    }
+
+    /// Probabilities of the nine predicted relations for every candidate and anchor, `[candidates][anchors][9]`, on up to `threads` threads.
+    ///
+    /// # Errors
+    /// [`InputError`] for unknown objects and numbers that are not finite.
+    pub fn relations(
+        &self, scene: &SceneContext, query: u16, anchors: &[u16], candidates: &[Candidate], threads: usize,
+    ) -> Result<Vec<Vec<[f32; PREDICTED_RELATIONS]>>, InputError> {
+        let placed = scene.in_viewer(candidates)?;
+        let mut query_cloud = scene.object("query", query)?;
+        let scratch = &mut Scratch::default();
+        let mut anchor_codes = Vec::with_capacity(anchors.len());
+        for anchor in anchors {
+            let (q, anchor) = pair(scene, query, *anchor)?;
+            query_cloud = q;
+            anchor_codes.push((self.code(&self.shape(anchor, scratch), [0.0; 3]), anchor.centroid_in_viewer));
+        }
+        // A translation changes only the centre's encoding; a turn changes the shape's too.
+        let unturned = self.shape(query_cloud, scratch);
+        Ok(spread(placed.len(), threads, Scratch::default, |scratch, i| {
+            let (position, yaw_rad) = placed[i];
+            let turned = (yaw_rad != 0.0).then(|| self.shape(&query_cloud.turned(yaw_rad), scratch));
+            let shape = turned.as_ref().unwrap_or(&unturned);
+            let of_anchor = |(anchor, centroid): &(Vec<f32>, nalgebra::Point3<f32>)| {
+                let query = self.code(shape, std::array::from_fn(|k| position[k] - centroid[k]));
+                let hidden = row(self.kernel, &self.relation_hidden, &[&query[..], anchor].concat(), true);
+                let logits = row(self.kernel, &self.relation_out, &hidden, false);
+                std::array::from_fn(|r| sigmoid(logits[r]))
+            };
+            anchor_codes.iter().map(of_anchor).collect()
+        }))
+    }
+
+    /// How much each candidate looks like an object at rest, 0 to 1, `[candidates]`, on up to `threads` threads.
+    ///
+    /// # Errors
+    /// [`InputError`] for an unknown query and numbers that are not finite.
+    pub fn realism(&self, scene: &SceneContext, query: u16, candidates: &[Candidate], threads: usize) -> Result<Vec<f32>, InputError> {
+        let placed = scene.in_viewer(candidates)?;
+        let query_cloud = scene.object("query", query)?;
+        let without_query = scene.scene.without(query);
+        Ok(spread(placed.len(), threads, Scratch::default, |scratch, i| {
+            let (position, yaw_rad) = placed[i];
+            let crop = crops::discriminator_input(self.kernel, &self.config, &without_query, &query_cloud.turned(yaw_rad), position);
+            self.realism_of(&crop, scratch)
+        }))
+    }
+
+    fn realism_of(&self, crop: &crops::Grouped, scratch: &mut Scratch) -> f32 {
+        let features = self.discriminator.forward(self.kernel, crop, scratch);
+        sigmoid(row(self.kernel, &self.discriminator_out, &features, false)[0])
+    }
+
+    fn shape(&self, object: &ObjectCloud, scratch: &mut Scratch) -> Vec<f32> {
+        self.object.forward(self.kernel, &crops::object_input(self.kernel, &self.config, object), scratch)
+    }
+
+    fn code(&self, shape: &[f32], center_m: [f32; 3]) -> Vec<f32> {
+        self.object_head.forward(self.kernel, shape, center_m)
+    }
+}
+
+fn pair(scene: &SceneContext, query: u16, anchor: u16) -> Result<(&ObjectCloud, &ObjectCloud), InputError> {
+    let clouds = (scene.object("query", query)?, scene.object("anchors", anchor)?);
+    if query == anchor { Err(InputError::AnchorIsQuery { label: anchor }) } else { Ok(clouds) }
+}
+
+fn sigmoid(x: f32) -> f32 {
+    1.0 / (1.0 + (-x).exp())
+}
+
+fn softplus(x: f32) -> f32 {
+    x.max(0.0) + (-x.abs()).exp().ln_1p()
+}
+
+/// The network's last row `[K · 10]` as a mixture.
+fn mixture(raw: &[f32]) -> Mixture {
+    let components: Vec<&[f32]> = raw.chunks_exact(PER_COMPONENT).collect();
+    let largest = components.iter().map(|c| c[0]).fold(f32::NEG_INFINITY, f32::max);
+    let total: f32 = components.iter().map(|c| (c[0] - largest).exp()).sum();
+    Mixture {
+        weights: components.iter().map(|c| (c[0] - largest).exp() / total).collect(),
+        means_in_viewer_m: components.iter().map(|c| std::array::from_fn(|k| c[1 + k] * OFFSET_UNIT_M)).collect(),
+        sigmas_m: components.iter().map(|c| std::array::from_fn(|k| softplus(c[4 + k]) * OFFSET_UNIT_M + SIGMA_FLOOR_M)).collect(),
+        yaw_mean_rad: components.iter().map(|c| c[8].atan2(c[7])).collect(),
+        kappa: components.iter().map(|c| softplus(c[9]).clamp(0.0, KAPPA_MAX)).collect(),
+    }
+}

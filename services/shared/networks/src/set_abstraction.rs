@@ -1,0 +1,171 @@
+//! Set abstraction (PointNet++) for training: group, shared MLP, max.
+//!
+//! The first linear layer distributes over (neighbour − centroid, features), so it is computed once per point. Coordinates are divided by
+//! the level's radius, which keeps their scale that of the features.
+//!
+//! Where the batch norm is: the paper's MLPs have one per layer, over every pair. Here one follows the max, over the centroids of the
+//! batch: the tensor is 64 times smaller, normalising before the last ReLU commutes with a max (up to the sign of a learned scale), and the
+//! one or two hidden layers keep their scale by He initialisation. A global level has one row per sample, too few for batch statistics, and
+//! is layer-normed instead.
+
+use std::sync::{Arc, Mutex};
+
+use candle_core::{Device, Result, Tensor};
+
+use crate::{
+    config::SetAbstractionConfig,
+    crops::Grouping,
+    fused::FusedPairMlp,
+    kernel::Kernel,
+    layers::{BatchNorm, LayerNorm, Linear, Mode},
+    parameters::Builder,
+};
+
+/// One level.
+#[derive(Debug, Clone)]
+pub struct SetAbstraction {
+    config: SetAbstractionConfig,
+    linears: Vec<Linear>,
+    norm: Norm,
+}
+
+#[derive(Debug, Clone)]
+enum Norm {
+    Batch(BatchNorm),
+    Layer(LayerNorm),
+}
+
+impl SetAbstraction {
+    /// A level with its parameters under `name`.
+    ///
+    /// # Errors
+    /// When stored weights do not fit.
+    pub fn new(builder: &mut Builder<'_>, name: &str, config: &SetAbstractionConfig) -> Result<Self> {
+        builder.within(name, |b| {
+            let mut linears = Vec::new();
+            let mut inputs = config.inputs();
+            for (k, width) in config.widths.iter().enumerate() {
+                linears.push(Linear::new(b, &format!("linear{}", k + 1), inputs, *width)?);
+                inputs = *width;
+            }
+            let norm = if config.centroids == 0 {
+                Norm::Layer(LayerNorm::new(b, "norm", inputs)?)
+            } else {
+                Norm::Batch(BatchNorm::new(b, "norm", inputs)?)
+            };
+            Ok(Self { config: config.clone(), linears, norm })
+        })
+    }
+
+    /// Coordinates `[points, 3]` (metres) and features `[points, features]` → features of the centroids `[centroids, outputs]`.
+    ///
+    /// # Errors
+    /// When the shapes do not fit.
+    pub fn forward(&self, points: &Tensor, features: Option<&Tensor>, grouping: &Grouping, mode: &Mode) -> Result<Tensor> {
+        let scale = 1.0 / f64::from(self.config.radius_m);
+        let points = (points * scale)?;
+        let centroids = (coordinates(&grouping.centroids)? * scale)?;
+        let input = match features {
+            Some(features) => Tensor::cat(&[&points, features], 1)?,
+            None => points,
+        };
+        let point_terms = self.linears[0].forward(&input)?;
+        let centroid_terms = centroids.matmul(&self.linears[0].weight.narrow(1, 0, 3)?.t()?)?;
+        let rest = self.linears[1..].iter().map(|l| Ok([l.weight.flatten_all()?, l.bias.clone()])).collect::<Result<Vec<_>>>()?;
+        let rest: Vec<&Tensor> = rest.iter().flatten().collect();
+        let op = FusedPairMlp {
+            kernel: Kernel::detect(),
+            neighbours: Arc::new(grouping.neighbours.clone()),
+            widths: self.config.widths.clone(),
+            winners: Mutex::default(),
+        };
+        let pooled = point_terms.contiguous()?.apply_op3(&centroid_terms.contiguous()?, &Tensor::cat(&rest, 0)?, op)?;
+        self.normed(&pooled, mode)
+    }
+
+    /// The same, operation by operation and neighbour list by neighbour list: the reference that tests hold the fused paths against.
+    ///
+    /// # Errors
+    /// When the shapes do not fit.
+    pub fn forward_plain(&self, points: &Tensor, features: Option<&Tensor>, grouping: &Grouping, mode: &Mode) -> Result<Tensor> {
+        let mut rows = Vec::new();
+        for (i, centroid) in grouping.centroids.iter().enumerate() {
+            let list = Tensor::new(grouping.neighbours.of(i), &Device::Cpu)?;
+            let centroid = Tensor::new(&[*centroid], &Device::Cpu)?;
+            let relative = (points.index_select(&list, 0)?.broadcast_sub(&centroid)? * (1.0 / f64::from(self.config.radius_m)))?;
+            let mut x = match features {
+                Some(features) => Tensor::cat(&[relative, features.index_select(&list, 0)?], 1)?,
+                None => relative,
+            };
+            for (k, linear) in self.linears.iter().enumerate() {
+                x = if k == 0 { linear.forward(&x)? } else { linear.forward(&x.relu()?)? };
+            }
+            rows.push(x.max_keepdim(0)?);
+        }
+        self.normed(&Tensor::cat(&rows, 0)?, mode)
+    }
+
+    fn normed(&self, pooled: &Tensor, mode: &Mode) -> Result<Tensor> {
+        match &self.norm {
+            Norm::Batch(norm) => norm.forward(pooled, mode)?.relu(),
+            Norm::Layer(norm) => norm.forward(pooled)?.relu(),
+        }
+    }
+}
+
+/// Which implementation of the set abstractions a forward pass runs on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Path {
+    /// Fused kernels.
+    Fused,
+    /// candle, operation by operation.
+    Plain,
+}
+
+/// A chain of levels; the last is global.
+#[derive(Debug, Clone)]
+pub struct PointNet {
+    levels: Vec<SetAbstraction>,
+}
+
+impl PointNet {
+    /// Levels `sa1`, `sa2`, … under the builder's path.
+    ///
+    /// # Errors
+    /// When stored weights do not fit.
+    pub fn new(builder: &mut Builder<'_>, configs: &[SetAbstractionConfig]) -> Result<Self> {
+        let levels = configs.iter().enumerate().map(|(k, c)| SetAbstraction::new(builder, &format!("sa{}", k + 1), c));
+        Ok(Self { levels: levels.collect::<Result<_>>()? })
+    }
+
+    /// A batch of samples → `[samples, outputs of the last level]`.
+    ///
+    /// # Errors
+    /// When the shapes do not fit.
+    pub fn forward(&self, input: &crate::crops::Grouped, mode: &Mode, path: Path) -> Result<Tensor> {
+        let mut points = coordinates(&input.points)?;
+        let mut features = match self.levels.first() {
+            Some(first) if first.config.features == 1 => {
+                Some(Tensor::from_slice(&input.is_query, (input.is_query.len(), 1), &Device::Cpu)?)
+            }
+            _ => None,
+        };
+        for (level, grouping) in self.levels.iter().zip(&input.levels) {
+            let out = match path {
+                Path::Fused => level.forward(&points, features.as_ref(), grouping, mode)?,
+                Path::Plain => level.forward_plain(&points, features.as_ref(), grouping, mode)?,
+            };
+            points = coordinates(&grouping.centroids)?;
+            features = Some(out);
+        }
+        match features {
+            Some(features) => Ok(features),
+            None => candle_core::bail!("a point network needs at least one level"),
+        }
+    }
+}
+
+/// `[n, 3]`.
+fn coordinates(points: &[[f32; 3]]) -> Result<Tensor> {
+    Tensor::from_slice(points.as_flattened(), (points.len(), 3), &Device::Cpu)
+}

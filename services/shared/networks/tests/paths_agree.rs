@@ -1,0 +1,171 @@
+//! The three ways of computing a network agree: candle operation by operation, candle with the fused operation, and serving's kernels.
+
+use candle_core::{Device, Tensor};
+use nalgebra::Point3;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use repose_networks::{
+    Candidate, Kernel, Models, Networks, NetworksConfig, SceneContext, Weights, WeightsInfo, crops,
+    crops::Grouped,
+    layers::Mode,
+    points::{CloudConfig, ObjectCloud, SceneCloud},
+    set_abstraction::Path,
+};
+
+/// A table with a box (1) and a ball (2) on it: world points and labels.
+fn scene(seed: u64) -> (Vec<Point3<f32>>, Vec<u16>) {
+    let mut rng = Pcg64::seed_from_u64(seed);
+    let mut points = Vec::new();
+    let mut labels = Vec::new();
+    for i in 0..30_000u32 {
+        let (u, v): (f32, f32) = (rng.random_range(-1.0..1.0), rng.random_range(-1.0..1.0));
+        let (p, label) = match i % 10 {
+            0 => (Point3::new(0.04 * u, 0.03 * v, 0.08), 1),
+            1 => (Point3::new(0.04 * u, -0.03, 0.04 + 0.04 * v), 1),
+            2 => {
+                let r = (1.0 - u * u).sqrt();
+                (Point3::new(0.2 + 0.03 * r * (3.1 * v).cos(), 0.03 * r * (3.1 * v).sin(), 0.03 + 0.03 * u), 2)
+            }
+            _ => (Point3::new(0.6 * u, 0.5 * v, 0.0), 0),
+        };
+        points.push(p);
+        labels.push(label);
+    }
+    (points, labels)
+}
+
+fn clouds() -> (SceneCloud, ObjectCloud) {
+    let (points, labels) = scene(1);
+    let config = CloudConfig::default();
+    let object: Vec<_> = points.iter().zip(&labels).filter(|(_, l)| **l == 1).map(|(p, _)| *p).collect();
+    (SceneCloud::new(&points, &labels, &[], &config).without(1), ObjectCloud::new(&object, &config).unwrap())
+}
+
+fn discriminator_batch(config: &NetworksConfig, kernel: Kernel) -> Vec<Grouped> {
+    let (scene, object) = clouds();
+    [[0.0, 0.1, 0.05], [0.1, -0.1, 0.06]].map(|at| crops::discriminator_input(kernel, config, &scene, &object, at)).to_vec()
+}
+
+fn largest_difference(a: &[f32], b: &[f32]) -> f32 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+}
+
+#[test]
+fn the_fused_operation_equals_candle_forward_and_backward() {
+    let config = NetworksConfig::default();
+    let (networks, parameters) = Networks::seeded(&config, &mut Pcg64::seed_from_u64(3)).unwrap();
+    let batch = Grouped::concat(&discriminator_batch(&config, Kernel::detect()));
+    let target = Tensor::new(&[0.3f32, -0.7], &Device::Cpu).unwrap();
+    let run = |path| {
+        let mode = Mode::Training(Default::default());
+        let logits = networks.discriminator.logits(&batch, &mode, path).unwrap();
+        let loss = (&logits - &target).unwrap().sqr().unwrap().sum_all().unwrap();
+        (logits.to_vec1::<f32>().unwrap(), loss.backward().unwrap())
+    };
+    let ((fused, fused_grads), (plain, plain_grads)) = (run(Path::Fused), run(Path::Plain));
+    assert!(largest_difference(&fused, &plain) < 1e-4, "{fused:?} {plain:?}");
+    for (name, var) in parameters.trainable.iter().filter(|(name, _)| name.starts_with("discriminator")) {
+        let values = |grads: &candle_core::backprop::GradStore| grads.get(var).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
+        let (a, b) = (values(&fused_grads), values(&plain_grads));
+        let scale = b.iter().map(|x| x.abs()).fold(1e-3, f32::max);
+        assert!(largest_difference(&a, &b) < 5e-3 * scale, "{name}: {} of {scale}", largest_difference(&a, &b));
+    }
+}
+
+#[test]
+fn three_layer_set_abstractions_have_the_same_gradient_too() {
+    let config = NetworksConfig::default();
+    let (networks, parameters) = Networks::seeded(&config, &mut Pcg64::seed_from_u64(4)).unwrap();
+    let (_, object) = clouds();
+    let kernel = Kernel::detect();
+    let batch = Grouped::concat(&[crops::object_input(kernel, &config, &object), crops::object_input(kernel, &config, &object.turned(0.8))]);
+    let run = |path| {
+        let shapes = networks.object.shapes(&batch, &Mode::Training(Default::default()), path).unwrap();
+        let loss = shapes.sqr().unwrap().sum_all().unwrap();
+        (shapes.flatten_all().unwrap().to_vec1::<f32>().unwrap(), loss.backward().unwrap())
+    };
+    let ((fused, fused_grads), (plain, plain_grads)) = (run(Path::Fused), run(Path::Plain));
+    assert!(largest_difference(&fused, &plain) < 1e-3);
+    for (name, var) in parameters.trainable.iter().filter(|(name, _)| name.starts_with("object/sa")) {
+        let values = |grads: &candle_core::backprop::GradStore| grads.get(var).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
+        let (a, b) = (values(&fused_grads), values(&plain_grads));
+        let scale = b.iter().map(|x| x.abs()).fold(1e-3, f32::max);
+        assert!(largest_difference(&a, &b) < 5e-3 * scale, "{name}: {} of {scale}", largest_difference(&a, &b));
+    }
+}
+
+#[test]
+fn serving_equals_candle_on_every_kernel() {
+    let config = NetworksConfig::default();
+    let (networks, parameters) = Networks::seeded(&config, &mut Pcg64::seed_from_u64(5)).unwrap();
+    let bytes = Weights::to_bytes(&parameters.to_map().unwrap(), &WeightsInfo::default()).unwrap();
+    let (points, labels) = scene(1);
+    let candidates = [
+        Candidate { position_in_world: [0.0, 0.1, 0.05], yaw_rad: 0.0 },
+        Candidate { position_in_world: [0.1, -0.1, 0.06], yaw_rad: 1.1 },
+    ];
+    for kernel in Kernel::available() {
+        let models = Models::load_for(&bytes, kernel).unwrap();
+        let context = SceneContext::new(&points, &labels, 0.0, &config.cloud).unwrap();
+        let realism = models.realism(&context, 1, &candidates, 2).unwrap();
+        let (scene, object) = {
+            let centers: Vec<_> = context.objects().map(|l| context.centroid_in_world(l).unwrap()).collect();
+            let object: Vec<_> = points.iter().zip(&labels).filter(|(_, l)| **l == 1).map(|(p, _)| *p).collect();
+            (SceneCloud::new(&points, &labels, &centers, &config.cloud).without(1), ObjectCloud::new(&object, &config.cloud).unwrap())
+        };
+        let crops = candidates.map(|c| crops::discriminator_input(kernel, &config, &scene, &object.turned(c.yaw_rad), c.position_in_world));
+        let logits = networks.discriminator.logits(&Grouped::concat(&crops), &Mode::Serving, Path::Plain).unwrap();
+        let plain = candle_sigmoid(&logits);
+        assert!(largest_difference(&realism, &plain) < 1e-4, "{}: {realism:?} {plain:?}", kernel.id());
+
+        let anchor: Vec<_> = points.iter().zip(&labels).filter(|(_, l)| **l == 2).map(|(p, _)| *p).collect();
+        let anchor = ObjectCloud::new(&anchor, &config.cloud).unwrap();
+        let inputs = candidates.map(|c| crops::object_input(kernel, &config, &object.turned(c.yaw_rad)));
+        let queries = networks.object.shapes(&Grouped::concat(&inputs), &Mode::Serving, Path::Plain).unwrap();
+        let centers: Vec<f32> = candidates.iter().flat_map(|c| (0..3).map(|k| c.position_in_world[k] - anchor.centroid_in_viewer[k])).collect();
+        let centers = Tensor::from_vec(centers, (2, 3), &Device::Cpu).unwrap();
+        let anchors = networks.object.shapes(&crops::object_input(kernel, &config, &anchor), &Mode::Serving, Path::Plain).unwrap();
+        let anchors = networks.object.codes(&anchors, &Tensor::zeros((1, 3), candle_core::DType::F32, &Device::Cpu).unwrap()).unwrap();
+        let anchors = anchors.repeat((2, 1)).unwrap();
+        let logits = networks.relations.logits(&networks.object.codes(&queries, &centers).unwrap(), &anchors).unwrap();
+        let relations: Vec<f32> = models.relations(&context, 1, &[2], &candidates, 1).unwrap().concat().concat();
+        assert!(largest_difference(&relations, &candle_sigmoid(&logits.flatten_all().unwrap())) < 1e-4, "{}", kernel.id());
+    }
+}
+
+fn candle_sigmoid(logits: &Tensor) -> Vec<f32> {
+    logits.to_vec1::<f32>().unwrap().iter().map(|x| 1.0 / (1.0 + (-x).exp())).collect()
+}
+
+#[test]
+fn the_prior_does_not_see_where_the_query_stood() {
+    let models = Models::load(&Weights::initial(&NetworksConfig::default(), 6).unwrap()).unwrap();
+    let (points, labels) = scene(2);
+    let moved: Vec<_> =
+        points.iter().zip(&labels).map(|(p, l)| if *l == 1 { p + nalgebra::Vector3::new(0.128, 0.064, 0.0) } else { *p }).collect();
+    let goal = [0, 1, 0, 0, 0, 0, 0, 0, 0, 0];
+    let mixture = |points: &[Point3<f32>]| {
+        let context = SceneContext::new(points, &labels, 0.0, &CloudConfig { scene_reach_m: 5.0, ..CloudConfig::default() }).unwrap();
+        models.prior(&context, 1, 2, goal).unwrap()
+    };
+    let (a, b) = (mixture(&points), mixture(&moved));
+    assert!(largest_difference(&a.weights, &b.weights) < 0.05);
+    assert!(largest_difference(a.means_in_viewer_m.as_flattened(), b.means_in_viewer_m.as_flattened()) < 0.01);
+}
+
+#[test]
+fn a_candidates_bytes_do_not_depend_on_its_batch_or_the_threads() {
+    let models = Models::load(&Weights::initial(&NetworksConfig::default(), 7).unwrap()).unwrap();
+    let (points, labels) = scene(3);
+    let context = SceneContext::new(&points, &labels, 0.4, &models.config().cloud).unwrap();
+    let candidates: Vec<_> = (0..9)
+        .map(|i| Candidate { position_in_world: [0.02 * i as f32 - 0.1, 0.1, 0.05], yaw_rad: if i % 2 == 0 { 0.0 } else { 0.3 * i as f32 } })
+        .collect();
+    let together = models.realism(&context, 1, &candidates, 3).unwrap();
+    let relations = models.relations(&context, 1, &[2], &candidates, 2).unwrap();
+    for (i, candidate) in candidates.iter().enumerate() {
+        assert_eq!(models.realism(&context, 1, &[*candidate], 1).unwrap()[0].to_bits(), together[i].to_bits());
+        assert_eq!(models.relations(&context, 1, &[2], &[*candidate], 1).unwrap()[0], relations[i]);
+    }
+}

@@ -1,0 +1,277 @@
+//! Configuration: one TOML file with a section for each part, and environment variables over it.
+//!
+//! `REPOSE_PLANNER__QUEUE_CAPACITY=8` overrides `queue_capacity` of `[planner]`; in both places a field that does not exist is an error.
+//! A section that the file lacks has its defaults. `deploy/repose.toml` shows every field.
+
+use std::path::{Path, PathBuf};
+
+use repose_proto::{keys, limits};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Deserializer, Serialize};
+
+use crate::RuntimeError;
+
+/// The sections that a configuration file may have. Any other is an error, so that a misspelled one is not silently ignored.
+pub const SECTIONS: [&str; 8] = ["session", "caller", "worker", "perception", "inference", "planner", "motion", "simulator"];
+
+/// How a process takes part in the network.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SessionMode {
+    /// Alone: everything that talks is in this process, nothing listens.
+    #[default]
+    Embedded,
+    /// Behind a router: the mode of services.
+    Client,
+    /// The router.
+    Router,
+    /// Linked directly to other peers; for tests and the smallest deployments.
+    Peer,
+}
+
+/// The network session, section `[session]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SessionConfig {
+    /// The robot cell, a chunk of every key. Processes with different cells do not see each other.
+    pub cell: String,
+    /// How this process takes part.
+    pub mode: SessionMode,
+    /// Where to connect to, `tcp/127.0.0.1:7447`. More: reached until one answers (client) or all linked (peer, router).
+    #[serde(deserialize_with = "list_or_commas")]
+    pub connect: Vec<String>,
+    /// Where to listen, `tcp/0.0.0.0:7447`; port 0 picks one.
+    #[serde(deserialize_with = "list_or_commas")]
+    pub listen: Vec<String>,
+    /// How long a silent link is believed in, milliseconds. Higher: dead processes are noticed later; lower: a starved one is taken for dead.
+    pub lease_ms: u64,
+    /// The largest message that a link takes, bytes; larger ones are lost in silence. Higher: more memory that a sender can claim.
+    /// Must stay above the 32 MiB that a message may have.
+    pub max_receive_bytes: usize,
+    /// How long opening tries to connect, milliseconds. Higher: services may start longer before their router.
+    pub connect_timeout_ms: u64,
+    /// When queries without a deadline are given up, milliseconds. Calls always carry their own.
+    pub query_timeout_ms: u64,
+    /// How long closing may take, milliseconds. Higher: more of what is still being sent arrives.
+    pub close_timeout_ms: u64,
+    /// A Zenoh configuration file (JSON5) below these fields: TLS, user and password, access control. Its endpoints hold where
+    /// `connect` and `listen` are empty.
+    pub zenoh_file: Option<PathBuf>,
+}
+
+impl Default for SessionConfig {
+    fn default() -> Self {
+        Self {
+            cell: "cell".to_owned(),
+            mode: SessionMode::Embedded,
+            connect: Vec::new(),
+            listen: Vec::new(),
+            lease_ms: 2500,
+            max_receive_bytes: 80 * 1024 * 1024,
+            connect_timeout_ms: 10_000,
+            query_timeout_ms: 10_000,
+            close_timeout_ms: 2000,
+            zenoh_file: None,
+        }
+    }
+}
+
+/// How calls are made, section `[caller]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CallerConfig {
+    /// How often an idempotent call is tried again after its first attempt. Higher: survives more failures, loads a struggling system more.
+    pub retries: u32,
+    /// How long a worker's load may be silent before calls leave it, milliseconds. Higher: stopped workers hold calls longer; lower:
+    /// starved ones lose them.
+    pub suspect_after_ms: u64,
+    /// The share of the time left that an attempt may take before the next one starts, 0 to 1. Higher: fewer computations are thrown
+    /// away, less time is left to the next attempt.
+    pub attempt_share: f64,
+    /// How long a call waits for a first worker to appear, milliseconds, within its deadline.
+    pub worker_wait_ms: u64,
+    /// The first wait before the same worker is tried again, milliseconds; it doubles, and is drawn at random between half and all of it.
+    pub backoff_ms: u64,
+    /// How long a cancelled call that must not be repeated waits for its worker's last word, milliseconds.
+    pub cancel_grace_ms: u64,
+    /// Seed of the random choices; without one every process chooses differently.
+    pub seed: Option<u64>,
+}
+
+impl Default for CallerConfig {
+    fn default() -> Self {
+        Self {
+            retries: 2,
+            suspect_after_ms: 1000,
+            attempt_share: 0.5,
+            worker_wait_ms: 1000,
+            backoff_ms: 20,
+            cancel_grace_ms: 1000,
+            seed: None,
+        }
+    }
+}
+
+/// How calls are served, section `[worker]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct WorkerConfig {
+    /// The worker's name, unique in its service; without one it is made up.
+    pub name: Option<String>,
+    /// Calls that may be open at once, waiting and computing; the next is refused at once. Higher: longer queues, more memory.
+    pub max_open_calls: usize,
+    /// How often the load is published, milliseconds, 100 to 200. Lower: better choices by callers, more traffic.
+    pub load_period_ms: u64,
+    /// How long a cancelled or overdue call may take to notice, milliseconds, before its future is dropped.
+    pub cancel_grace_ms: u64,
+    /// How long calls are still taken after the liveliness token was dropped, milliseconds: what it takes callers to see it.
+    pub drain_notice_ms: u64,
+    /// How long open calls may then take to finish, milliseconds. Higher: slower restarts, fewer calls cut off.
+    pub drain_ms: u64,
+    /// How many outcomes of at-most-once calls are remembered.
+    pub outcomes_kept: usize,
+}
+
+impl Default for WorkerConfig {
+    fn default() -> Self {
+        Self {
+            name: None,
+            max_open_calls: 64,
+            load_period_ms: 150,
+            cancel_grace_ms: 1000,
+            drain_notice_ms: 100,
+            drain_ms: 10_000,
+            outcomes_kept: 256,
+        }
+    }
+}
+
+/// Everything that the runtime reads.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RuntimeConfig {
+    /// The network session.
+    pub session: SessionConfig,
+    /// How calls are made.
+    pub caller: CallerConfig,
+    /// How calls are served.
+    pub worker: WorkerConfig,
+}
+
+impl RuntimeConfig {
+    /// Reads the runtime's sections of a file, where one is given, and the environment over them.
+    ///
+    /// # Errors
+    /// [`RuntimeError::Config`] that names the section and the field.
+    pub fn load(file: Option<&Path>) -> Result<Self, RuntimeError> {
+        let config = Self {
+            session: load_config("session", file)?,
+            caller: load_config("caller", file)?,
+            worker: load_config("worker", file)?,
+        };
+        config.validate()?;
+        Ok(config)
+    }
+
+    /// Checks what the types cannot.
+    ///
+    /// # Errors
+    /// [`RuntimeError::Config`] that names the section and the field.
+    pub fn validate(&self) -> Result<(), RuntimeError> {
+        let check = |good: bool, section: &str, message: &str| match good {
+            true => Ok(()),
+            false => Err(RuntimeError::Config { section: section.to_owned(), file: None, message: message.to_owned() }),
+        };
+        let session = &self.session;
+        let chunk = |field, name: &str| keys::validate_chunk(field, name).is_ok();
+        check(chunk("cell", &session.cell), "session", "cell: must be of the form [a-z0-9][a-z0-9_-]{0,63}")?;
+        check(session.lease_ms >= 500, "session", "lease_ms: at least 500, or a busy process is taken for dead")?;
+        check(session.max_receive_bytes > limits::MAX_MESSAGE_BYTES, "session", "max_receive_bytes: must exceed 33554432, what a message may have")?;
+        let unreachable = session.mode == SessionMode::Client && session.connect.is_empty() && session.zenoh_file.is_none();
+        check(!unreachable, "session", "connect: a client needs at least one endpoint, such as tcp/127.0.0.1:7447")?;
+        check((0.05..=1.0).contains(&self.caller.attempt_share), "caller", "attempt_share: expected 0.05 to 1")?;
+        check(self.caller.retries <= 10, "caller", "retries: at most 10")?;
+        let worker = &self.worker;
+        check(worker.name.as_ref().is_none_or(|n| chunk("name", n)), "worker", "name: must be of the form [a-z0-9][a-z0-9_-]{0,63}")?;
+        check(worker.max_open_calls > 0, "worker", "max_open_calls: at least 1")?;
+        check((20..=500).contains(&worker.load_period_ms), "worker", "load_period_ms: expected 20 to 500")
+    }
+}
+
+/// Reads one section: the file's, where there is one, and `REPOSE_{SECTION}__{FIELD}` over it. Unknown fields are the type's to refuse
+/// (`#[serde(deny_unknown_fields, default)]`).
+///
+/// # Errors
+/// [`RuntimeError::Config`] that names the section and the field.
+pub fn load_config<T: DeserializeOwned>(section: &str, file: Option<&Path>) -> Result<T, RuntimeError> {
+    let fail = |e: &dyn std::fmt::Display| RuntimeError::Config {
+        section: section.to_owned(),
+        file: file.map(Path::to_path_buf),
+        message: e.to_string(),
+    };
+    let mut builder = config::Config::builder();
+    if let Some(path) = file {
+        let source = config::File::from(path).format(config::FileFormat::Toml);
+        let whole = config::Config::builder().add_source(source).build().map_err(|e| fail(&e))?;
+        let sections = whole.try_deserialize::<config::Map<String, config::Value>>().map_err(|e| fail(&e))?;
+        if let Some(unknown) = sections.keys().filter(|k| !SECTIONS.contains(&k.as_str())).min() {
+            return Err(fail(&format!("unknown section [{unknown}], expected one of {}", SECTIONS.join(", "))));
+        }
+        if let Some(fields) = sections.get(section) {
+            for (field, value) in fields.clone().into_table().map_err(|e| fail(&e))? {
+                builder = builder.set_default(field, value).map_err(|e| fail(&e))?;
+            }
+        }
+    }
+    let prefix = format!("REPOSE_{}", section.to_uppercase());
+    let environment = config::Environment::with_prefix(&prefix).prefix_separator("__").separator("__").try_parsing(true);
+    let merged = builder.add_source(environment).build().map_err(|e| fail(&e))?;
+    merged.try_deserialize().map_err(|e| fail(&e))
+}
+
+/// A list, or one string with commas, as an environment variable has it.
+fn list_or_commas<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Either {
+        List(Vec<String>),
+        Commas(String),
+    }
+    Ok(match Either::deserialize(deserializer)? {
+        Either::List(list) => list,
+        Either::Commas(text) => text.split(',').map(str::trim).filter(|s| !s.is_empty()).map(str::to_owned).collect(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn load(text: &str) -> Result<RuntimeConfig, RuntimeError> {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("repose.toml");
+        std::fs::write(&file, text).unwrap();
+        RuntimeConfig::load(Some(&file))
+    }
+
+    #[test]
+    fn absent_sections_and_fields_have_their_defaults() {
+        let config = load("[session]\ncell = \"lab\"\nmode = \"client\"\nconnect = [\"tcp/127.0.0.1:7447\"]\n[planner]\nanything = 1\n").unwrap();
+        assert_eq!(config.session.connect, ["tcp/127.0.0.1:7447"]);
+        assert_eq!((config.session.cell.as_str(), config.session.lease_ms), ("lab", 2500));
+        assert_eq!(config.worker, WorkerConfig::default());
+    }
+
+    #[test]
+    fn an_unknown_field_or_section_is_refused_by_name() {
+        assert!(load("[session]\nlaese_ms = 3\n").unwrap_err().to_string().contains("laese_ms"));
+        assert!(load("[sesion]\nlease_ms = 3\n").unwrap_err().to_string().contains("sesion"));
+    }
+
+    #[test]
+    fn a_value_out_of_range_is_refused_by_name() {
+        assert!(load("[session]\ncell = \"No Chunk\"\n").unwrap_err().to_string().contains("cell"));
+        assert!(load("[session]\nmode = \"client\"\n").unwrap_err().to_string().contains("connect"));
+        assert!(load("[session]\nlease_ms = \"soon\"\n").unwrap_err().to_string().contains("lease_ms"));
+        assert!(load("[caller]\nattempt_share = 2.0\n").unwrap_err().to_string().contains("attempt_share"));
+    }
+}

@@ -1,0 +1,74 @@
+//! What a worker knows of its own load: a smoothed time per job, and counts of what waits and what runs.
+
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::time::Duration;
+
+/// Weight of the newest job in the smoothed service time.
+const SMOOTHING: f64 = 0.2;
+
+/// Counts and times, shared between the threads that work and the one that reports.
+#[derive(Debug, Default)]
+pub struct LoadGauge {
+    waiting: AtomicUsize,
+    running: AtomicUsize,
+    /// The smoothed time as the bits of an `f64`; 0 before the first job.
+    service_ms: AtomicU64,
+}
+
+impl LoadGauge {
+    /// Jobs that wait.
+    pub fn waiting(&self) -> usize {
+        self.waiting.load(Ordering::Relaxed)
+    }
+
+    /// Jobs that are being computed.
+    pub fn running(&self) -> usize {
+        self.running.load(Ordering::Relaxed)
+    }
+
+    /// Smoothed time to serve one job, milliseconds; 0 before the first.
+    pub fn service_ms(&self) -> f64 {
+        f64::from_bits(self.service_ms.load(Ordering::Relaxed))
+    }
+
+    pub(crate) fn set_waiting(&self, waiting: usize) {
+        self.waiting.store(waiting, Ordering::Relaxed);
+    }
+
+    pub(crate) fn started(&self, jobs: usize) {
+        self.running.fetch_add(jobs, Ordering::Relaxed);
+    }
+
+    /// Counts `jobs` as done that took `elapsed` together.
+    pub(crate) fn finished(&self, jobs: usize, elapsed: Duration) {
+        self.running.fetch_sub(jobs, Ordering::Relaxed);
+        let each_ms = elapsed.as_secs_f64() * 1e3 / jobs.max(1) as f64;
+        let smooth = |old: f64| if old == 0.0 { each_ms } else { old + SMOOTHING * (each_ms - old) };
+        let update = |bits| Some(smooth(f64::from_bits(bits)).to_bits());
+        // The closure never declines.
+        let _previous = self.service_ms.fetch_update(Ordering::Relaxed, Ordering::Relaxed, update);
+    }
+
+    /// When a refused job may be worth another try, milliseconds: once half of what is here is done by `threads`.
+    pub fn retry_after_ms(&self, threads: usize) -> u64 {
+        let jobs = (self.waiting() + self.running()) as f64;
+        (jobs / 2.0 * self.service_ms() / threads.max(1) as f64).clamp(1.0, 10_000.0) as u64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_service_time_starts_at_the_first_job_and_then_moves_slowly() {
+        let gauge = LoadGauge::default();
+        gauge.started(2);
+        gauge.finished(2, Duration::from_millis(20));
+        assert!((gauge.service_ms() - 10.0).abs() < 1e-9);
+        gauge.started(1);
+        gauge.finished(1, Duration::from_millis(20));
+        assert!((gauge.service_ms() - 12.0).abs() < 1e-9);
+        assert_eq!(gauge.running(), 0);
+    }
+}

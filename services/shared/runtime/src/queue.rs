@@ -1,0 +1,455 @@
+//! The bounded queue and the owned threads that compute: what every service's worker is made of.
+//!
+//! Async code submits and awaits; compute threads never await. A full queue refuses at once. A job whose caller has gone, whose deadline
+//! has passed or whose request was cancelled is never started. Jobs that wait together are handed over together, up to `max_batch`, so
+//! that an inference thread can batch across requests. A panic ends its jobs with `internal` and not the thread.
+
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use repose_proto::{CallError, ErrorCode};
+use tokio::sync::oneshot;
+use tokio_util::sync::CancellationToken;
+
+use crate::RuntimeError;
+use crate::gauge::LoadGauge;
+
+/// Size of a queue and of its crew.
+#[derive(Debug, Clone)]
+pub struct QueueSettings {
+    /// Name of the threads, for a debugger.
+    pub name: String,
+    /// Jobs that may wait. Higher: longer waits before a refusal.
+    pub capacity: usize,
+    /// Threads that compute.
+    pub threads: usize,
+    /// Jobs that a thread takes at once.
+    pub max_batch: usize,
+}
+
+impl Default for QueueSettings {
+    fn default() -> Self {
+        Self { name: "compute".to_owned(), capacity: 32, threads: 1, max_batch: 1 }
+    }
+}
+
+/// How long a job may still be worth computing. Long computations ask between their steps.
+#[derive(Debug, Clone)]
+pub struct JobContext {
+    deadline: Instant,
+    cancelled: CancellationToken,
+}
+
+impl JobContext {
+    /// A job that must be done by `deadline` and ends when `cancelled` is triggered.
+    pub fn new(deadline: Instant, cancelled: CancellationToken) -> Self {
+        Self { deadline, cancelled }
+    }
+
+    /// A job that nobody cancels.
+    pub fn within(time: Duration) -> Self {
+        Self::new(Instant::now() + time, CancellationToken::new())
+    }
+
+    /// When the job must be done.
+    pub fn deadline(&self) -> Instant {
+        self.deadline
+    }
+
+    /// Triggered when the caller cancels.
+    pub fn cancelled(&self) -> &CancellationToken {
+        &self.cancelled
+    }
+
+    /// Time left.
+    pub fn remaining(&self) -> Duration {
+        self.deadline.saturating_duration_since(Instant::now())
+    }
+
+    /// Whether to go on.
+    ///
+    /// # Errors
+    /// `cancelled` or `deadline_exceeded`.
+    pub fn check(&self) -> Result<(), CallError> {
+        if self.cancelled.is_cancelled() {
+            return Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled"));
+        }
+        if self.remaining().is_zero() {
+            return Err(CallError::new(ErrorCode::DeadlineExceeded, "the deadline passed before the work was done"));
+        }
+        Ok(())
+    }
+}
+
+/// A request on its way to a compute thread, with the way back.
+pub struct Job<R, T> {
+    /// What to compute.
+    pub request: R,
+    /// How long it may take.
+    pub context: JobContext,
+    reply: oneshot::Sender<Result<T, CallError>>,
+}
+
+impl<R, T> Job<R, T> {
+    /// Answers. The request is dropped; take it out before where it is needed.
+    pub fn finish(self, result: Result<T, CallError>) {
+        // A caller that has gone needs no answer.
+        drop(self.reply.send(result));
+    }
+
+    /// The request and the way back apart.
+    pub fn split(self) -> (R, JobContext, JobReply<T>) {
+        (self.request, self.context, JobReply(self.reply))
+    }
+
+    /// Whether anyone still waits for it; answers if it is too late.
+    fn alive(self) -> Option<Self> {
+        match self.context.check() {
+            _ if self.reply.is_closed() => None,
+            Ok(()) => Some(self),
+            Err(error) => {
+                self.finish(Err(error));
+                None
+            }
+        }
+    }
+}
+
+/// The way back of a [`Job`].
+pub struct JobReply<T>(oneshot::Sender<Result<T, CallError>>);
+
+impl<T> JobReply<T> {
+    /// Answers.
+    pub fn finish(self, result: Result<T, CallError>) {
+        drop(self.0.send(result));
+    }
+}
+
+struct State<R, T> {
+    jobs: VecDeque<Job<R, T>>,
+    closed: bool,
+}
+
+struct Shared<R, T> {
+    state: Mutex<State<R, T>>,
+    arrived: Condvar,
+    gauge: Arc<LoadGauge>,
+    settings: QueueSettings,
+}
+
+impl<R, T> Shared<R, T> {
+    fn state(&self) -> MutexGuard<'_, State<R, T>> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits for jobs; none when the queue is closed and empty.
+    fn take(&self) -> Option<Vec<Job<R, T>>> {
+        let mut state = self.state();
+        loop {
+            let mut batch = Vec::new();
+            while batch.len() < self.settings.max_batch.max(1) {
+                let Some(job) = state.jobs.pop_front() else { break };
+                batch.extend(job.alive());
+            }
+            self.gauge.set_waiting(state.jobs.len());
+            if !batch.is_empty() {
+                return Some(batch);
+            }
+            if state.closed {
+                return None;
+            }
+            state = self.arrived.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+}
+
+/// A bounded queue of requests `R` with answers `T`, and the threads that serve it. Dropping it lets them finish what waits.
+pub struct BatchQueue<R, T> {
+    shared: Arc<Shared<R, T>>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
+    /// Starts the threads. `crew(i)` makes what thread `i` computes with: it owns its state and gets one to `max_batch` jobs at a time. A
+    /// job that it drops without an answer ends as `internal`.
+    ///
+    /// # Errors
+    /// When the operating system gives no thread.
+    pub fn start<W>(settings: QueueSettings, mut crew: impl FnMut(usize) -> W) -> Result<Self, RuntimeError>
+    where
+        W: FnMut(Vec<Job<R, T>>) + Send + 'static,
+    {
+        let state = Mutex::new(State { jobs: VecDeque::new(), closed: false });
+        let shared = Arc::new(Shared { state, arrived: Condvar::new(), gauge: Arc::default(), settings });
+        let mut queue = Self { shared: shared.clone(), threads: Vec::new() };
+        for i in 0..shared.settings.threads.max(1) {
+            let (shared, mut work) = (shared.clone(), crew(i));
+            let builder = std::thread::Builder::new().name(format!("{}-{i}", shared.settings.name));
+            let thread = builder.spawn(move || {
+                while let Some(batch) = shared.take() {
+                    let (jobs, started) = (batch.len(), Instant::now());
+                    shared.gauge.started(jobs);
+                    // Unwinding drops the jobs, which answers them; the crew's state is its own affair.
+                    if catch_unwind(AssertUnwindSafe(|| work(batch))).is_err() {
+                        tracing::error!(queue = shared.settings.name, "a job panicked");
+                    }
+                    shared.gauge.finished(jobs, started.elapsed());
+                }
+            });
+            let thread = thread.map_err(|source| RuntimeError::System { operation: "starting a compute thread".to_owned(), source })?;
+            queue.threads.push(thread);
+        }
+        Ok(queue)
+    }
+
+    /// Queues a request.
+    ///
+    /// # Errors
+    /// At once: `resource_exhausted` when the queue is full, `cancelled` or `deadline_exceeded` when it is too late already.
+    pub fn submit(&self, context: JobContext, request: R) -> Result<Pending<T>, CallError> {
+        context.check()?;
+        let (reply, answer) = oneshot::channel();
+        let mut state = self.shared.state();
+        if state.jobs.len() >= self.shared.settings.capacity {
+            // Those nobody waits for make room first.
+            state.jobs.retain(|job| !job.reply.is_closed());
+        }
+        if state.jobs.len() >= self.shared.settings.capacity {
+            let gauge = &self.shared.gauge;
+            let message = format!("{} calls wait already", state.jobs.len());
+            let error = CallError::new(ErrorCode::ResourceExhausted, message);
+            return Err(error.retry_after(gauge.retry_after_ms(self.shared.settings.threads)));
+        }
+        state.jobs.push_back(Job { request, context: context.clone(), reply });
+        self.shared.gauge.set_waiting(state.jobs.len());
+        drop(state);
+        self.shared.arrived.notify_one();
+        Ok(Pending { answer, context })
+    }
+
+    /// Queues a request and waits for its answer.
+    ///
+    /// # Errors
+    /// Those of [`BatchQueue::submit`] and [`Pending::answer`].
+    pub async fn run(&self, context: JobContext, request: R) -> Result<T, CallError> {
+        self.submit(context, request)?.answer().await
+    }
+
+    /// What waits and what runs.
+    pub fn gauge(&self) -> Arc<LoadGauge> {
+        self.shared.gauge.clone()
+    }
+
+    /// Jobs that may wait.
+    pub fn capacity(&self) -> usize {
+        self.shared.settings.capacity
+    }
+}
+
+impl<R, T> Drop for BatchQueue<R, T> {
+    fn drop(&mut self) {
+        self.shared.state().closed = true;
+        self.shared.arrived.notify_all();
+    }
+}
+
+/// An answer on its way. Dropping it lets a job that has not started be skipped.
+pub struct Pending<T> {
+    answer: oneshot::Receiver<Result<T, CallError>>,
+    context: JobContext,
+}
+
+impl<T> Pending<T> {
+    /// Waits for the answer, for the deadline, or for the cancel.
+    ///
+    /// # Errors
+    /// The job's own, `internal` when it panicked, `cancelled`, or `deadline_exceeded`.
+    pub async fn answer(self) -> Result<T, CallError> {
+        let deadline = tokio::time::Instant::from_std(self.context.deadline);
+        tokio::select! {
+            biased;
+            answer = self.answer => answer.unwrap_or_else(|_| Err(CallError::internal("the computation ended without an answer"))),
+            () = self.context.cancelled.cancelled() => Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled")),
+            () = tokio::time::sleep_until(deadline) => {
+                Err(CallError::new(ErrorCode::DeadlineExceeded, "the deadline passed before the work was done"))
+            }
+        }
+    }
+}
+
+type Task = Box<dyn FnOnce(&JobContext) + Send>;
+
+/// A [`BatchQueue`] of closures, for services whose requests have nothing to share.
+pub struct ComputeQueue {
+    queue: BatchQueue<Task, ()>,
+}
+
+impl ComputeQueue {
+    /// Starts the threads.
+    ///
+    /// # Errors
+    /// When the operating system gives no thread.
+    pub fn start(settings: QueueSettings) -> Result<Self, RuntimeError> {
+        let settings = QueueSettings { max_batch: 1, ..settings };
+        let queue = BatchQueue::start(settings, |_| {
+            |jobs: Vec<Job<Task, ()>>| {
+                for job in jobs {
+                    let (task, context, reply) = job.split();
+                    task(&context);
+                    reply.finish(Ok(()));
+                }
+            }
+        })?;
+        Ok(Self { queue })
+    }
+
+    /// Computes `task` on one of the threads and waits for what it returns.
+    ///
+    /// # Errors
+    /// The task's own; `resource_exhausted` at once when the queue is full; `cancelled`, `deadline_exceeded`; `internal` when it panicked.
+    pub async fn run<T: Send + 'static>(
+        &self,
+        context: JobContext,
+        task: impl FnOnce(&JobContext) -> Result<T, CallError> + Send + 'static,
+    ) -> Result<T, CallError> {
+        let (sender, answer) = oneshot::channel();
+        let task: Task = Box::new(move |context| {
+            // A caller that has gone needs no answer.
+            drop(sender.send(task(context)));
+        });
+        self.queue.submit(context, task)?.answer().await?;
+        answer.await.unwrap_or_else(|_| Err(CallError::internal("the computation ended without an answer")))
+    }
+
+    /// What waits and what runs.
+    pub fn gauge(&self) -> Arc<LoadGauge> {
+        self.queue.gauge()
+    }
+
+    /// Jobs that may wait.
+    pub fn capacity(&self) -> usize {
+        self.queue.capacity()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc;
+
+    use super::*;
+
+    fn queue(capacity: usize) -> ComputeQueue {
+        ComputeQueue::start(QueueSettings { capacity, ..QueueSettings::default() }).unwrap()
+    }
+
+    fn minute() -> JobContext {
+        JobContext::within(Duration::from_secs(60))
+    }
+
+    /// Occupies the only thread until the returned sender is dropped or used.
+    fn block(queue: &ComputeQueue) -> (mpsc::Sender<()>, impl Future<Output = Result<(), CallError>> + '_) {
+        let (release, released) = mpsc::channel::<()>();
+        let running = queue.run(minute(), move |_| {
+            drop(released.recv());
+            Ok(())
+        });
+        (release, running)
+    }
+
+    #[tokio::test]
+    async fn a_job_returns_its_value_and_its_error() {
+        let queue = queue(4);
+        assert_eq!(queue.run(minute(), |_| Ok(3)).await, Ok(3));
+        let error = queue.run(minute(), |_| Err::<(), _>(CallError::precondition("no"))).await.unwrap_err();
+        assert_eq!(error.code, ErrorCode::FailedPrecondition);
+    }
+
+    #[tokio::test]
+    async fn a_panic_is_an_internal_error_and_the_thread_lives_on() {
+        let queue = queue(4);
+        let error = queue.run(minute(), |_| -> Result<(), CallError> { panic!("on purpose") }).await.unwrap_err();
+        assert_eq!(error.code, ErrorCode::Internal);
+        assert_eq!(queue.run(minute(), |_| Ok(1)).await, Ok(1));
+    }
+
+    #[tokio::test]
+    async fn a_full_queue_refuses_at_once_and_says_when_to_come_back() {
+        let queue = queue(1);
+        let (release, running) = block(&queue);
+        let mut running = std::pin::pin!(running);
+        // One poll submits the blocker; wait until the thread has taken it.
+        assert!(futures::poll!(running.as_mut()).is_pending());
+        while queue.gauge().running() == 0 {
+            tokio::task::yield_now().await;
+        }
+        let waiting = queue.run(minute(), |_| Ok(()));
+        let mut waiting = std::pin::pin!(waiting);
+        assert!(futures::poll!(waiting.as_mut()).is_pending());
+        let refused = queue.run(minute(), |_| Ok(())).await.unwrap_err();
+        assert_eq!(refused.code, ErrorCode::ResourceExhausted);
+        assert!(refused.retryable && refused.retry_after_ms.is_some());
+        drop(release);
+        assert_eq!((running.await, waiting.await), (Ok(()), Ok(())));
+    }
+
+    #[tokio::test]
+    async fn a_job_whose_caller_has_gone_is_never_started() {
+        let queue = queue(4);
+        let (release, running) = block(&queue);
+        let mut running = std::pin::pin!(running);
+        assert!(futures::poll!(running.as_mut()).is_pending());
+        let (started, was_started) = mpsc::channel();
+        {
+            let mut forgotten = std::pin::pin!(queue.run(minute(), move |_| {
+                drop(started.send(()));
+                Ok(())
+            }));
+            assert!(futures::poll!(forgotten.as_mut()).is_pending());
+        }
+        drop(release);
+        running.await.unwrap();
+        assert_eq!(queue.run(minute(), |_| Ok(5)).await, Ok(5));
+        assert!(was_started.recv().is_err(), "the forgotten job ran");
+    }
+
+    #[tokio::test]
+    async fn cancelled_and_overdue_jobs_end_with_their_own_codes() {
+        let queue = queue(4);
+        let cancelled = CancellationToken::new();
+        cancelled.cancel();
+        let context = JobContext::new(Instant::now() + Duration::from_secs(9), cancelled);
+        assert_eq!(queue.run(context, |_| Ok(())).await.unwrap_err().code, ErrorCode::Cancelled);
+        assert_eq!(queue.run(JobContext::within(Duration::ZERO), |_| Ok(())).await.unwrap_err().code, ErrorCode::DeadlineExceeded);
+    }
+
+    #[tokio::test]
+    async fn jobs_that_wait_together_are_handed_over_together() {
+        let (release, released) = mpsc::channel::<()>();
+        let mut released = Some(released);
+        let settings = QueueSettings { capacity: 16, max_batch: 8, ..QueueSettings::default() };
+        let queue = BatchQueue::<u32, usize>::start(settings, |_| {
+            let released = released.take();
+            move |jobs: Vec<Job<u32, usize>>| {
+                if jobs[0].request == 0 {
+                    drop(released.as_ref().map(mpsc::Receiver::recv));
+                }
+                let size = jobs.len();
+                jobs.into_iter().for_each(|job| job.finish(Ok(size)));
+            }
+        })
+        .unwrap();
+        let first = queue.submit(minute(), 0).unwrap();
+        while queue.gauge().running() == 0 {
+            tokio::task::yield_now().await;
+        }
+        let others: Vec<_> = (1..=5).map(|i| queue.submit(minute(), i).unwrap()).collect();
+        drop(release);
+        assert_eq!(first.answer().await, Ok(1));
+        for other in others {
+            assert_eq!(other.answer().await, Ok(5));
+        }
+    }
+}

@@ -1,0 +1,287 @@
+//! The transport over Zenoh: the one place that imports it.
+//!
+//! Zenoh's callbacks run on its receiving threads, so they only push into bounded mailboxes. Its puts, queries and replies complete
+//! synchronously and wait for room under congestion, so large ones are sent from a thread that may block.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::Duration;
+
+use async_trait::async_trait;
+use bytes::Bytes;
+use repose_proto::{Payload, Priority, message};
+use tokio::sync::watch;
+use zenoh::Wait;
+use zenoh::bytes::{Encoding, ZBytes};
+use zenoh::qos::{CongestionControl, Priority as Urgency};
+use zenoh::query::{ConsolidationMode, QueryTarget};
+use zenoh::sample::SampleKind;
+
+use crate::RuntimeError;
+use crate::config::{SessionConfig, SessionMode};
+use crate::mailbox::mailbox;
+use crate::transport::{
+    AliveWatch, Guard, IncomingQueries, IncomingQuery, OutgoingQuery, Replier, ReplyEvent, ReplyStream, Sample, Subscription, Traffic,
+    Transport,
+};
+
+/// Replies of one query that may wait to be read. Progress goes first when it is exceeded.
+const REPLY_CAPACITY: usize = 256;
+/// Messages from this size on are sent from a thread that may block.
+const LARGE_BYTES: usize = 32 * 1024;
+/// How long the tokens declared before may take to arrive when a watch begins.
+const HISTORY_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// A Zenoh session as a [`Transport`].
+pub struct ZenohTransport {
+    session: zenoh::Session,
+}
+
+impl ZenohTransport {
+    /// Opens a session.
+    ///
+    /// # Errors
+    /// When the configuration is unusable or nothing can be reached within `connect_timeout_ms`. A wrong password looks like a timeout.
+    pub async fn open(config: &SessionConfig) -> Result<Self, RuntimeError> {
+        let zenoh_config = zenoh_config(config)?;
+        let session = zenoh::open(zenoh_config).await.map_err(|e| {
+            let targets = if config.connect.is_empty() { String::new() } else { format!(" (connecting to {})", config.connect.join(", ")) };
+            RuntimeError::transport(format!("opening the session{targets}"), e)
+        })?;
+        Ok(Self { session })
+    }
+}
+
+/// Our settings over Zenoh's defaults, or over the file that the configuration names.
+fn zenoh_config(config: &SessionConfig) -> Result<zenoh::Config, RuntimeError> {
+    let unusable = |key: &str, e: &dyn std::fmt::Display| RuntimeError::Config {
+        section: "session".to_owned(),
+        file: config.zenoh_file.clone(),
+        message: format!("{key}: {e}"),
+    };
+    let mut zenoh_config = match &config.zenoh_file {
+        Some(file) => zenoh::Config::from_file(file).map_err(|e| unusable("zenoh_file", &e))?,
+        None => zenoh::Config::default(),
+    };
+    let mode = match config.mode {
+        SessionMode::Embedded | SessionMode::Peer => "peer",
+        SessionMode::Client => "client",
+        SessionMode::Router => "router",
+    };
+    let mut values = vec![
+        ("mode", serde_json::json!(mode)),
+        ("scouting/multicast/enabled", serde_json::json!(false)),
+        ("scouting/gossip/enabled", serde_json::json!(false)),
+        ("transport/link/tx/lease", serde_json::json!(config.lease_ms)),
+        ("transport/link/rx/max_message_size", serde_json::json!(config.max_receive_bytes)),
+        ("connect/timeout_ms", serde_json::json!(config.connect_timeout_ms)),
+        ("connect/exit_on_failure", serde_json::json!(true)),
+        ("queries_default_timeout", serde_json::json!(config.query_timeout_ms)),
+    ];
+    // A file may name the endpoints; ours stand over them where there are any.
+    if !config.connect.is_empty() || config.zenoh_file.is_none() {
+        values.push(("connect/endpoints", serde_json::json!(config.connect)));
+    }
+    if !config.listen.is_empty() || config.zenoh_file.is_none() {
+        values.push(("listen/endpoints", serde_json::json!(config.listen)));
+    }
+    for (key, value) in values {
+        zenoh_config.insert_json5(key, &value.to_string()).map_err(|e| unusable(key, &e))?;
+    }
+    Ok(zenoh_config)
+}
+
+fn urgency_of(priority: Priority) -> Urgency {
+    match priority {
+        Priority::Interactive => Urgency::InteractiveLow,
+        Priority::Batch => Urgency::Background,
+    }
+}
+
+/// Priority, congestion control and whether batching is skipped.
+fn delivery_of(traffic: Traffic) -> (Urgency, CongestionControl, bool) {
+    match traffic {
+        Traffic::EmergencyStop => (Urgency::RealTime, CongestionControl::Block, true),
+        Traffic::RobotCommand => (Urgency::RealTime, CongestionControl::Drop, true),
+        Traffic::RobotState => (Urgency::InteractiveHigh, CongestionControl::Drop, false),
+        Traffic::Frame => (Urgency::DataLow, CongestionControl::BlockFirst, false),
+        Traffic::Scene => (Urgency::DataHigh, CongestionControl::Block, false),
+        Traffic::Call(priority) => (urgency_of(priority), CongestionControl::Block, false),
+        Traffic::Load => (Urgency::Background, CongestionControl::Drop, false),
+    }
+}
+
+fn bytes_of(bytes: &ZBytes) -> Bytes {
+    Bytes::from(bytes.to_bytes().into_owned())
+}
+
+fn payload_of(bytes: Option<&ZBytes>, encoding: Option<&Encoding>) -> Payload {
+    Payload { encoding: encoding.map(ToString::to_string).unwrap_or_default(), bytes: bytes.map(bytes_of).unwrap_or_default() }
+}
+
+/// Runs a synchronous send: here when it is small, on a thread that may block when it is not.
+async fn send<T: Send + 'static>(
+    operation: &'static str,
+    size: usize,
+    send: impl FnOnce() -> zenoh::Result<T> + Send + 'static,
+) -> Result<T, RuntimeError> {
+    let sent = if size < LARGE_BYTES {
+        send()
+    } else {
+        tokio::task::spawn_blocking(send).await.map_err(|e| RuntimeError::transport(operation, e))?
+    };
+    sent.map_err(|e| RuntimeError::transport(operation, e))
+}
+
+/// Lets Zenoh forget a query whose stream was dropped.
+struct CancelOnDrop(zenoh::cancellation::CancellationToken);
+
+impl Drop for CancelOnDrop {
+    fn drop(&mut self) {
+        // Waits at most for a callback under way, which only pushes into a mailbox.
+        if let Err(error) = self.0.cancel().wait() {
+            tracing::debug!(%error, "a query could not be forgotten");
+        }
+    }
+}
+
+struct QueryReplier(Arc<zenoh::query::Query>);
+
+#[async_trait]
+impl Replier for QueryReplier {
+    async fn reply(&self, payload: Payload, attachment: Bytes) -> Result<(), RuntimeError> {
+        let query = self.0.clone();
+        send("replying", payload.bytes.len(), move || {
+            let key = query.key_expr().clone();
+            query.reply(key, payload.bytes).encoding(payload.encoding).attachment(attachment).wait()
+        })
+        .await
+    }
+}
+
+#[async_trait]
+impl Transport for ZenohTransport {
+    async fn query(&self, key: &str, query: OutgoingQuery) -> Result<ReplyStream, RuntimeError> {
+        let (sender, replies) = mailbox(REPLY_CAPACITY);
+        let token = zenoh::cancellation::CancellationToken::default();
+        let (session, key, cancel) = (self.session.clone(), key.to_owned(), token.clone());
+        send("querying", query.payload.bytes.len(), move || {
+            session
+                .get(key)
+                .target(QueryTarget::BestMatching)
+                .consolidation(ConsolidationMode::None)
+                .congestion_control(CongestionControl::Block)
+                .priority(urgency_of(query.priority))
+                .timeout(query.timeout)
+                .payload(query.payload.bytes)
+                .encoding(query.payload.encoding)
+                .attachment(query.attachment)
+                .cancellation_token(cancel)
+                .callback(move |reply| {
+                    sender.push(match reply.result() {
+                        Ok(sample) => ReplyEvent::Reply {
+                            payload: payload_of(Some(sample.payload()), Some(sample.encoding())),
+                            attachment: sample.attachment().map(bytes_of).unwrap_or_default(),
+                        },
+                        // Workers never send error replies: this is Zenoh's own timeout.
+                        Err(_) => ReplyEvent::TimedOut,
+                    });
+                })
+                .wait()
+        })
+        .await?;
+        Ok(ReplyStream { replies, _query: Box::new(CancelOnDrop(token)) })
+    }
+
+    async fn serve(&self, key: &str, capacity: usize) -> Result<IncomingQueries, RuntimeError> {
+        let (sender, queries) = mailbox(capacity);
+        let queryable = self
+            .session
+            .declare_queryable(key.to_owned())
+            .complete(true)
+            .callback(move |query| {
+                let incoming = IncomingQuery {
+                    payload: payload_of(query.payload(), query.encoding()),
+                    attachment: query.attachment().map(bytes_of).unwrap_or_default(),
+                    replier: Box::new(QueryReplier(Arc::new(query))),
+                };
+                // Without room the query is dropped: its caller sees an empty stream and goes elsewhere.
+                drop(sender.try_push(incoming));
+            })
+            .await
+            .map_err(|e| RuntimeError::transport(format!("serving {key}"), e))?;
+        Ok(IncomingQueries { queries, _declaration: Box::new(queryable) })
+    }
+
+    async fn put(&self, key: &str, payload: Payload, traffic: Traffic) -> Result<(), RuntimeError> {
+        message::check_size(payload.bytes.len()).map_err(|e| RuntimeError::transport(format!("putting to {key}"), e))?;
+        let (priority, congestion, express) = delivery_of(traffic);
+        let (session, key) = (self.session.clone(), key.to_owned());
+        send("putting", payload.bytes.len(), move || {
+            session
+                .put(key, payload.bytes)
+                .encoding(payload.encoding)
+                .priority(priority)
+                .congestion_control(congestion)
+                .express(express)
+                .wait()
+        })
+        .await
+    }
+
+    async fn subscribe(&self, key: &str, capacity: usize) -> Result<Subscription, RuntimeError> {
+        let (sender, samples) = mailbox(capacity);
+        let subscriber = self
+            .session
+            .declare_subscriber(key.to_owned())
+            .callback(move |sample| {
+                if sample.kind() == SampleKind::Put {
+                    let payload = payload_of(Some(sample.payload()), Some(sample.encoding()));
+                    sender.push(Sample { key: sample.key_expr().to_string(), payload });
+                }
+            })
+            .await
+            .map_err(|e| RuntimeError::transport(format!("subscribing to {key}"), e))?;
+        Ok(Subscription { samples, _declaration: Box::new(subscriber) })
+    }
+
+    async fn declare_alive(&self, key: &str) -> Result<Guard, RuntimeError> {
+        let token = self.session.liveliness().declare_token(key.to_owned()).await;
+        Ok(Box::new(token.map_err(|e| RuntimeError::transport(format!("declaring {key} alive"), e))?))
+    }
+
+    async fn watch_alive(&self, key: &str) -> Result<AliveWatch, RuntimeError> {
+        let refused = |e| RuntimeError::transport(format!("watching {key}"), e);
+        let (sender, keys) = watch::channel(BTreeSet::new());
+        let subscriber = self
+            .session
+            .liveliness()
+            .declare_subscriber(key.to_owned())
+            .history(true)
+            .callback(move |sample| {
+                let key = sample.key_expr().to_string();
+                sender.send_modify(|keys: &mut BTreeSet<String>| {
+                    match sample.kind() {
+                        SampleKind::Put => keys.insert(key),
+                        SampleKind::Delete => keys.remove(&key),
+                    };
+                });
+            })
+            .await
+            .map_err(refused)?;
+        // The history says nothing when it is complete; a query behind it on the same path does, by ending.
+        let (marker, mut end) = mailbox::<()>(1);
+        let history = self.session.liveliness().get(key.to_owned()).timeout(HISTORY_TIMEOUT).callback(move |_| marker.push(()));
+        history.await.map_err(refused)?;
+        while end.recv().await.is_some() {}
+        Ok(AliveWatch { keys, _declaration: Box::new(subscriber) })
+    }
+
+    async fn locators(&self) -> Vec<String> {
+        self.session.info().locators().await.iter().map(ToString::to_string).collect()
+    }
+
+    async fn close(&self, bound: Duration) -> Result<(), RuntimeError> {
+        self.session.close().timeout(bound).await.map_err(|e| RuntimeError::transport("closing the session", e))
+    }
+}

@@ -1,0 +1,242 @@
+//! The physics of a small world: fixed furniture, rigid objects, gravity; rapier underneath.
+//!
+//! A fixed step and one thread: the same world stepped the same way gives the same poses on the same machine. The engine's tolerances
+//! are for things of a metre; its length unit is set to a decimetre so that they fit cups.
+
+use nalgebra::Isometry3;
+use parry3d::shape::SharedShape;
+use rapier3d::dynamics::{RigidBodyBuilder, RigidBodyHandle};
+use rapier3d::geometry::ColliderBuilder;
+use rapier3d::math::Vector;
+use rapier3d::pipeline::PhysicsWorld;
+
+use crate::convert;
+use crate::objects::Shape;
+
+/// How the world is stepped.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PhysicsSettings {
+    /// Simulated time of a step. Smaller is stiffer and slower; the paper's 500 steps are of 1/240 s.
+    pub step_s: f32,
+    /// Solver iterations (substeps) a step. More keeps stacks and grasps stiffer.
+    pub solver_iterations: usize,
+    /// Angular damping, 1/s: stands in for rolling resistance, without which round things roll for ever.
+    pub angular_damping: f32,
+    /// Linear damping, 1/s.
+    pub linear_damping: f32,
+}
+
+impl Default for PhysicsSettings {
+    fn default() -> Self {
+        Self { step_s: 1.0 / 240.0, solver_iterations: 4, angular_damping: 1.0, linear_damping: 0.05 }
+    }
+}
+
+/// When a world counts as at rest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RestSettings {
+    /// Fastest that a centre of mass may move.
+    pub linear_m_s: f32,
+    /// Fastest that an object may turn.
+    pub angular_rad_s: f32,
+    /// For how many steps in a row.
+    pub steps: usize,
+    /// Steps after which waiting ends.
+    pub max_steps: usize,
+    /// Steps after which `calming_damping` replaces the usual angular damping: what rolls on a level table has to stop somewhere.
+    pub calming_after: usize,
+    /// Angular damping while calming, 1/s.
+    pub calming_damping: f32,
+}
+
+impl Default for RestSettings {
+    fn default() -> Self {
+        Self { linear_m_s: 0.004, angular_rad_s: 0.06, steps: 24, max_steps: 720, calming_after: 240, calming_damping: 12.0 }
+    }
+}
+
+/// A world with furniture and objects.
+pub struct World {
+    inner: PhysicsWorld,
+    objects: Vec<RigidBodyHandle>,
+    settings: PhysicsSettings,
+}
+
+impl World {
+    /// An empty world with gravity along −z.
+    pub fn new(settings: PhysicsSettings) -> Self {
+        let mut inner = PhysicsWorld { gravity: Vector::new(0.0, 0.0, -9.81), ..PhysicsWorld::default() };
+        inner.integration_parameters.dt = settings.step_s;
+        inner.integration_parameters.num_solver_iterations = settings.solver_iterations;
+        inner.integration_parameters.length_unit = 0.1;
+        inner.integration_parameters.normalized_prediction_distance = 0.04;
+        // Merged manifolds and stale contacts make vessels of many wedges jitter for ever; without both, all families come to rest.
+        inner.integration_parameters.contact_clustering = false;
+        inner.integration_parameters.normalized_contact_recycle_distance = 0.01;
+        if let Ok(t) = std::env::var("TUNE") {
+            for kv in t.split(',') {
+                let (k, v) = kv.split_once('=').unwrap();
+                let f: f32 = v.parse().unwrap();
+                let ip = &mut inner.integration_parameters;
+                match k {
+                    "recycle" => ip.contact_recycling = f > 0.0,
+                    "recdist" => ip.normalized_contact_recycle_distance = f,
+                    "cluster" => ip.contact_clustering = f > 0.0,
+                    "unit" => ip.length_unit = f,
+                    "bias" => ip.friction_in_bias_pass = f > 0.0,
+                    "coulomb" => ip.friction_model = if f > 0.0 { rapier3d::dynamics::FrictionModel::Coulomb } else { rapier3d::dynamics::FrictionModel::Simplified },
+                    "iters" => ip.num_solver_iterations = f as usize,
+                    "pgs" => ip.num_internal_pgs_iterations = f as usize,
+                    "stab" => ip.num_internal_stabilization_iterations = f as usize,
+                    "pred" => ip.normalized_prediction_distance = f,
+                    "freq" => { ip.contact_softness.natural_frequency = f; ip.static_contact_softness.natural_frequency = 2.0 * f; }
+                    "damp" => { ip.contact_softness.damping_ratio = f; ip.static_contact_softness.damping_ratio = f; }
+                    "warm" => ip.warmstart_coefficient = f,
+                    "dt" => ip.dt = f,
+                    _ => panic!("{k}"),
+                }
+            }
+        }
+        Self { inner, objects: Vec::new(), settings }
+    }
+
+    /// Adds something that never moves.
+    pub fn add_fixture(&mut self, shape: SharedShape, world_from_fixture: &Isometry3<f64>, friction: f32) {
+        let body = RigidBodyBuilder::fixed().pose(convert::pose(world_from_fixture));
+        self.inner.insert(body, ColliderBuilder::new(shape).friction(friction));
+    }
+
+    /// Adds an object at rest; its index is the number of objects before it.
+    pub fn add_object(&mut self, shape: &Shape, world_from_object: &Isometry3<f64>) -> usize {
+        let body = RigidBodyBuilder::dynamic()
+            .pose(convert::pose(world_from_object))
+            // Sleep would freeze what creeps, and let go of what is held still in the air.
+            .can_sleep(false)
+            .angular_damping(self.settings.angular_damping)
+            .linear_damping(self.settings.linear_damping);
+        let collider = ColliderBuilder::new(shape.collider()).mass(shape.mass_kg).friction(shape.friction);
+        let (handle, _) = self.inner.insert(body, collider);
+        self.objects.push(handle);
+        self.objects.len() - 1
+    }
+
+    /// The engine itself, for the robot's joints and bodies.
+    pub(crate) fn engine(&mut self) -> &mut PhysicsWorld {
+        &mut self.inner
+    }
+
+    /// The step length, seconds.
+    pub fn step_s(&self) -> f32 {
+        self.settings.step_s
+    }
+
+    /// One step.
+    pub fn step(&mut self) {
+        self.inner.step();
+    }
+
+    /// Where object `index` is.
+    pub fn world_from_object(&self, index: usize) -> Isometry3<f64> {
+        convert::isometry(self.inner.bodies[self.objects[index]].position())
+    }
+
+    /// Puts object `index` somewhere, at rest.
+    pub fn place_object(&mut self, index: usize, world_from_object: &Isometry3<f64>) {
+        let body = &mut self.inner.bodies[self.objects[index]];
+        body.set_position(convert::pose(world_from_object), true);
+        body.set_linvel(Vector::ZERO, true);
+        body.set_angvel(Vector::ZERO, true);
+    }
+
+    /// Where all objects are, in the order they were added.
+    pub fn poses(&self) -> Vec<Isometry3<f64>> {
+        (0..self.objects.len()).map(|i| self.world_from_object(i)).collect()
+    }
+
+    /// The fastest linear (m/s) and angular (rad/s) speed of any object.
+    pub fn fastest(&self) -> (f32, f32) {
+        self.speeds().fold((0.0, 0.0), |(linear, angular), (v, w)| (linear.max(v), angular.max(w)))
+    }
+
+    /// The first object that is faster than what counts as rest.
+    pub fn first_moving(&self, rest: &RestSettings) -> Option<usize> {
+        self.speeds().position(|(linear, angular)| linear > rest.linear_m_s || angular > rest.angular_rad_s)
+    }
+
+    fn speeds(&self) -> impl Iterator<Item = (f32, f32)> + '_ {
+        self.objects.iter().map(|h| &self.inner.bodies[*h]).map(|body| (body.linvel().length(), body.angvel().length()))
+    }
+
+    /// Steps until everything rests, or until `rest.max_steps`; the number of steps taken, `None` when something still moves.
+    pub fn settle(&mut self, rest: &RestSettings) -> Option<usize> {
+        let mut still = 0;
+        let mut rested = None;
+        for taken in 1..=rest.max_steps {
+            if taken == rest.calming_after {
+                self.set_angular_damping(rest.calming_damping);
+            }
+            self.step();
+            still = if self.first_moving(rest).is_none() { still + 1 } else { 0 };
+            if still >= rest.steps {
+                rested = Some(taken);
+                break;
+            }
+        }
+        self.set_angular_damping(self.settings.angular_damping);
+        rested
+    }
+
+    fn set_angular_damping(&mut self, damping: f32) {
+        for handle in &self.objects {
+            self.inner.bodies[*handle].set_angular_damping(damping);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64;
+
+    use super::*;
+    use crate::objects::Family;
+
+    fn table(world: &mut World) {
+        world.add_fixture(SharedShape::cuboid(1.0, 1.0, 0.05), &Isometry3::translation(0.0, 0.0, -0.05), 0.6);
+    }
+
+    #[test]
+    fn what_stands_upright_stays_where_it_is() {
+        let mut rng = Pcg64::seed_from_u64(4);
+        for family in Family::ALL {
+            let shape = family.sample(1.0, &mut rng);
+            let mut world = World::new(PhysicsSettings::default());
+            table(&mut world);
+            let start = Isometry3::translation(0.0, 0.0, shape.half_extents_m.z);
+            world.add_object(&shape, &start);
+            let steps = world.settle(&RestSettings::default());
+            let moved = (world.world_from_object(0).translation.vector - start.translation.vector).norm();
+            let tilt = world.world_from_object(0).transform_vector(&Vector3::z()).angle(&Vector3::z());
+            assert!(steps.is_some(), "{family:?} comes to rest");
+            assert!(moved < 0.003 && tilt < 0.03, "{family:?} moved {moved} m and tilted {tilt} rad");
+        }
+    }
+
+    #[test]
+    fn the_same_world_gives_the_same_bits() {
+        let run = || {
+            let mut rng = Pcg64::seed_from_u64(5);
+            let mut world = World::new(PhysicsSettings::default());
+            table(&mut world);
+            for i in 0..4 {
+                let shape = Family::ALL[i * 2].sample(1.0, &mut rng);
+                let turn = nalgebra::UnitQuaternion::from_euler_angles(0.3 * i as f64, 0.5, 0.0);
+                world.add_object(&shape, &Isometry3::from_parts(nalgebra::Translation3::new(0.01 * i as f64, 0.0, 0.2 + 0.3 * i as f64), turn));
+            }
+            world.settle(&RestSettings::default());
+            world.poses()
+        };
+        assert_eq!(run(), run());
+    }
+}

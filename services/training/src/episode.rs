@@ -1,0 +1,139 @@
+//! One view with one object taken as the query: what both trainings draw their samples from.
+//!
+//! The query's cloud comes from somewhere else and is moved in by the operator that makes candidates (paper, section 2 and appendix A.3), or is
+//! seen alone in its place; either way the scene is the one without it, so its surroundings are seen as they are when a robot asks where
+//! to put something. What the query hid elsewhere stays unknown, as it does then. Both clouds go through the sensor model, the border
+//! cleaning and a small tilt of gravity.
+
+use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
+use rand::RngExt;
+use rand_pcg::Pcg64;
+use repose_dataset::{Composite, Layer, RELATIONS, ViewRecord};
+use repose_geometry::{ViewerFrame, cloud, transform::yaw_of};
+use repose_networks::points::{CloudConfig, ObjectCloud, SceneCloud};
+
+use crate::{
+    sensor::{SensorModel, gaussian},
+    views::PIXELS_LEAST,
+};
+
+/// How episodes are disturbed.
+#[derive(Debug, Clone, Copy)]
+pub struct EpisodeSettings {
+    /// The sensor.
+    pub sensor: SensorModel,
+    /// Border bands are 1 up to this many pixels wide.
+    pub band_px: usize,
+    /// Standard deviation of gravity's tilt, radians; cut at twice that.
+    pub tilt_rad: f32,
+    /// Share of episodes whose query comes from elsewhere, where the data has it.
+    pub elsewhere: f64,
+    /// Of what the query shows elsewhere when alone, this much must be visible, or it is taken in its place.
+    pub visible_least: f64,
+}
+
+impl Default for EpisodeSettings {
+    fn default() -> Self {
+        Self { sensor: SensorModel::default(), band_px: 2, tilt_rad: 0.0175, elsewhere: 0.75, visible_least: 0.5 }
+    }
+}
+
+/// The anchor's part of an episode.
+#[derive(Debug, Clone)]
+pub struct Anchor {
+    /// Its cloud, the query absent.
+    pub cloud: ObjectCloud,
+    /// Ground truth of query × this anchor.
+    pub relations: [bool; RELATIONS],
+}
+
+/// A query, where it belongs, and what is around. All in the viewer's axes.
+#[derive(Debug, Clone)]
+pub struct Episode {
+    /// The query as observed (not turned).
+    pub query: ObjectCloud,
+    /// Turn about z from how it was observed to how it rests, radians.
+    pub yaw_rad: f32,
+    /// Where its observed centroid comes to rest.
+    pub position: Point3<f32>,
+    /// The scene without the query, in sampling order; labels are 1 + object index.
+    pub scene: SceneCloud,
+    /// The other objects that are visible enough.
+    pub anchors: Vec<Anchor>,
+}
+
+impl Episode {
+    /// Prepares an episode; `None` when cleaning leaves too little of the query or no anchor.
+    pub fn new(view: &ViewRecord, query: usize, cloud: &CloudConfig, settings: &EpisodeSettings, rng: &mut Pcg64) -> Option<Self> {
+        let label = query as u16 + 1;
+        let band_px = rng.random_range(1..=settings.band_px.max(1));
+        let wants_elsewhere = rng.random_bool(settings.elsewhere);
+        let mut scene = Composite::of(view, |k| k != query);
+        let object = &view.objects[query];
+        let elsewhere = object.elsewhere.as_ref().filter(|e| wants_elsewhere && is_visible(&scene, &e.layer, label, settings.visible_least));
+        let clean = |picture: &mut Composite, rng: &mut Pcg64| {
+            settings.sensor.disturb(picture, rng);
+            picture.drop_borders(band_px);
+            picture.points_in_world(view)
+        };
+        let (points, labels, mut query_points) = if let Some(elsewhere) = elsewhere {
+            scene.add(&elsewhere.layer, label);
+            let (points, labels) = clean(&mut scene, rng);
+            let query = points.iter().zip(&labels).filter(|(_, l)| **l == label).map(|(p, _)| *p).collect();
+            (points, labels, query)
+        } else {
+            let mut alone = Composite::empty(view.camera.width, view.camera.height);
+            alone.add(&object.alone, label);
+            let (query, _) = clean(&mut alone, rng);
+            let (points, labels) = clean(&mut scene, rng);
+            (points, labels, query)
+        };
+        let yaw_rad = elsewhere.map_or(0.0, |e| yaw_of(&e.placed_from_elsewhere)) as f32;
+        let centroid = cloud::centroid(&query_points).filter(|_| query_points.len() >= PIXELS_LEAST / 2)?;
+        let position = elsewhere.map_or(centroid, |e| e.placed_from_elsewhere * centroid).cast::<f32>();
+        // Gravity is known to a degree or so: everything tilts about where the query comes to rest.
+        let viewer_from_world = ViewerFrame::from_yaw(view.view_yaw_rad).viewer_from_world().cast::<f32>();
+        let rotation = tilt(settings.tilt_rad, rng) * viewer_from_world;
+        let about = |p: &Point3<f32>| viewer_from_world * position + rotation * (p - position);
+        let points: Vec<Point3<f32>> = points.iter().map(about).collect();
+        for p in &mut query_points {
+            *p = rotation * (*p - centroid.cast::<f32>()) + viewer_from_world * centroid.cast::<f32>();
+        }
+        let mut anchors = Vec::new();
+        let mut centers = vec![viewer_from_world * position];
+        for (k, _) in view.objects.iter().enumerate().filter(|(k, _)| *k != query) {
+            let own: Vec<Point3<f32>> = points.iter().zip(&labels).filter(|(_, l)| usize::from(**l) == k + 1).map(|(p, _)| *p).collect();
+            if let Some(object) = ObjectCloud::new(&own, cloud).filter(|_| own.len() >= PIXELS_LEAST / 2) {
+                centers.push(object.centroid_in_viewer);
+                anchors.push(Anchor { cloud: object, relations: *view.relations_of(query, k) });
+            }
+        }
+        let scene = SceneCloud::new(&points, &labels, &centers, cloud).without(label);
+        (!anchors.is_empty()).then_some(Self {
+            query: ObjectCloud::new(&query_points, cloud)?,
+            yaw_rad,
+            position: viewer_from_world * position,
+            scene,
+            anchors,
+        })
+    }
+
+    /// The query as it rests: turned.
+    pub fn placed(&self) -> ObjectCloud {
+        self.query.turned(self.yaw_rad)
+    }
+}
+
+/// Whether enough of a layer would be seen in a picture.
+fn is_visible(picture: &Composite, layer: &Layer, label: u16, least: f64) -> bool {
+    let mut with = picture.clone();
+    with.add(layer, label);
+    let visible = with.labels.iter().filter(|l| **l == label).count();
+    visible >= PIXELS_LEAST && visible as f64 >= least * layer.count() as f64
+}
+
+fn tilt(deviation_rad: f32, rng: &mut Pcg64) -> Rotation3<f32> {
+    let component = |rng: &mut Pcg64| (gaussian(rng) * deviation_rad).clamp(-2.0 * deviation_rad, 2.0 * deviation_rad);
+    let axis = Vector3::new(component(rng), component(rng), 0.0);
+    UnitQuaternion::from_scaled_axis(axis).to_rotation_matrix()
+}

@@ -1,0 +1,41 @@
+//! Why training stopped.
+
+use std::path::PathBuf;
+
+/// Errors of a training run.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainError {
+    /// A shard could not be read.
+    #[error(transparent)]
+    Data(#[from] repose_dataset::ReadError),
+    /// There is nothing to train on.
+    #[error("{folder}: no view of a {split} scene in which an object can be seen beside another")]
+    Empty {
+        /// The data folder.
+        folder: PathBuf,
+        /// The split that is empty.
+        split: &'static str,
+    },
+    /// Start weights could not be used.
+    #[error(transparent)]
+    Weights(#[from] repose_networks::WeightsError),
+    /// A tensor operation failed.
+    #[error("tensors: {0}")]
+    Tensors(#[from] candle_core::Error),
+    /// The loss is no longer a number; the last checkpoint is kept.
+    #[error("step {step}: the loss is {loss}")]
+    Diverged {
+        /// The step.
+        step: u64,
+        /// What the loss was.
+        loss: f64,
+    },
+    /// A file could not be read or written.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}

@@ -1,0 +1,92 @@
+//! What a training run is told.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+/// Which networks a run fits. The others keep the weights that the run started from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Part {
+    /// Encoders, relation predictor and prior, jointly.
+    Joint,
+    /// The scene discriminator.
+    Discriminator,
+}
+
+impl Part {
+    /// The lower-case name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Joint => "joint",
+            Self::Discriminator => "discriminator",
+        }
+    }
+}
+
+/// Settings of one run. Two runs with the same settings, data and `minutes: None` give the same weights, whatever `threads` is.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TrainSettings {
+    /// Folder with shards; those of training scenes are fitted, those of validation scenes are measured.
+    pub data: PathBuf,
+    /// The weights file that is written, at every checkpoint and at the end.
+    pub out: PathBuf,
+    /// Weights to start from; without, or when absent, new ones from the seed.
+    pub start: Option<PathBuf>,
+    /// What is fitted.
+    pub part: Part,
+    /// Seed of weights and samples.
+    pub seed: u64,
+    /// Steps at most. The learning rate falls to zero at the last.
+    pub steps: u64,
+    /// Minutes at most; the learning rate then follows the clock too, and the run is not repeatable.
+    pub minutes: Option<f64>,
+    /// Worker threads. Changes the speed only.
+    pub threads: usize,
+    /// Micro-batches of a step, each with its own graph and batch statistics; their gradients are averaged in order.
+    pub slots: usize,
+    /// Samples of a micro-batch: candidates for the discriminator, (view, query) episodes for the joint training.
+    pub samples_per_slot: usize,
+    /// Largest learning rate.
+    pub learning_rate: f64,
+    /// Steps over which it rises from zero.
+    pub warmup_steps: u64,
+    /// Decoupled weight decay.
+    pub weight_decay: f64,
+    /// Gradients are scaled down to this norm.
+    pub gradient_norm: f64,
+    /// Steps between checkpoints (and measurements on validation scenes).
+    pub checkpoint_steps: u64,
+    /// Validation episodes that are measured.
+    pub validation_episodes: usize,
+    /// Prepared episodes that a slot draws its samples from; the oldest is replaced every step.
+    pub episodes_kept: usize,
+    /// Steps between looks at the data folder for new shards, so that training may start while data is still being generated. 0 never looks.
+    pub rescan_steps: u64,
+}
+
+impl Default for TrainSettings {
+    fn default() -> Self {
+        Self {
+            data: PathBuf::from("out/data"),
+            out: PathBuf::from("out/weights.safetensors"),
+            start: None,
+            part: Part::Joint,
+            seed: 1,
+            steps: 20_000,
+            minutes: None,
+            threads: 2,
+            slots: 2,
+            samples_per_slot: 8,
+            learning_rate: 1e-3,
+            warmup_steps: 200,
+            weight_decay: 1e-4,
+            gradient_norm: 5.0,
+            checkpoint_steps: 500,
+            validation_episodes: 100,
+            episodes_kept: 24,
+            rescan_steps: 200,
+        }
+    }
+}
