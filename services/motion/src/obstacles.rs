@@ -18,11 +18,13 @@ pub struct ObstacleSettings {
     pub cell_m: f32,
     /// How deep a support surface of the furniture is solid, metres. Default 0.05.
     pub surface_depth_m: f64,
+    /// Points this near to a support surface of the furniture are taken for its noise: the surface stands for them, metres. Default 0.008.
+    pub surface_noise_m: f64,
 }
 
 impl Default for ObstacleSettings {
     fn default() -> Self {
-        Self { voxel_m: 0.005, cell_m: 0.02, surface_depth_m: 0.05 }
+        Self { voxel_m: 0.005, cell_m: 0.02, surface_depth_m: 0.05, surface_noise_m: 0.008 }
     }
 }
 
@@ -50,7 +52,13 @@ impl Obstacles {
         // An object's top is backed by its own points only: it may be the lid of something hollow.
         let depth_m = |s: &SupportSurface| if s.object.is_some() { 0.0 } else { settings.surface_depth_m };
         let slabs = surfaces.iter().map(|s| Slab { surface: s.clone(), depth_m: depth_m(s) }).collect();
-        Self { slabs, grid: CellGrid::new(&cloud::voxel_downsampled(points, settings.voxel_m), settings.cell_m) }
+        let furniture: Vec<&SupportSurface> = surfaces.iter().filter(|s| s.object.is_none()).collect();
+        let is_noise = |p: &Point3<f32>| {
+            let near = |s: &&&SupportSurface| (f64::from(p.z) - s.height_m).abs() < settings.surface_noise_m;
+            furniture.iter().filter(near).any(|s| s.footprint.margin(&p.xy()) >= 0.0)
+        };
+        let thinned: Vec<Point3<f32>> = cloud::voxel_downsampled(points, settings.voxel_m).into_iter().filter(|p| !is_noise(p)).collect();
+        Self { slabs, grid: CellGrid::new(&thinned, settings.cell_m) }
     }
 
     /// Whether anything lies within `radius_m` of `center`, both in the world frame.

@@ -10,7 +10,8 @@ use rand_pcg::Pcg64;
 use repose_panda::{Frame, Joints, LIMITS};
 
 use crate::collision::{CollisionChecker, HeldObject};
-use crate::grasp::{Grasp, GraspSettings, GraspTally, grasps};
+use crate::grasp::sight::Sight;
+use crate::grasp::{Grasp, GraspScene, GraspSettings, GraspTally, grasps};
 use crate::obstacles::{ObstacleSettings, Obstacles};
 use crate::plan::{EndTally, GripperMove, NotChosen, Phase, PickPlaceError, PickPlacePlan, PlannedPhase};
 use crate::reach::{EndFailure, PickEnd, PlaceEnd, Reach, ReachSettings};
@@ -113,8 +114,11 @@ pub fn pick_place(request: &PickPlaceRequest<'_>, settings: &PickPlaceSettings) 
         Some([]) => return Err(PickPlaceError::NoGrasp(GraspTally::default())),
         Some(given) => given.to_vec(),
         None => {
+            let camera_in_world = &request.scene.camera_in_world;
+            let sight = Sight::new(camera_in_world, &request.scene.points);
             let support_m = support_under(request.scene, &object, request.query);
-            let (found, tally) = grasps(&object, support_m, &request.scene.camera_in_world, others[0], &settings.grasp, &mut rng);
+            let scene = GraspScene { points: &object, support_m, camera_in_world, sight: &sight, others: others[0] };
+            let (found, tally) = grasps(&scene, &settings.grasp, &mut rng);
             if found.is_empty() {
                 return Err(PickPlaceError::NoGrasp(tally));
             }

@@ -1,17 +1,19 @@
 //! The two ends of an object that another one covers in the middle, joined.
 //!
 //! Along a row or column of the picture the one end, what covers it and the other end follow each other. Where the surfaces on both
-//! sides lie on one line in space, as they do for one object and seldom for two, the line votes for joining them.
+//! sides lie on one line in space, as they do for one object and seldom for two, the line votes for joining them. Ends of different
+//! height stay apart.
 
 use std::collections::BTreeMap;
 
 use repose_geometry::{Image, Point3};
 
+use crate::hollows::rims;
 use crate::point_map::PointMap;
 use crate::settings::HalvesSettings;
 
 /// Gives components that continue each other behind a third one the lower of their ids; ids that vanish are not closed up.
-pub fn join(labels: &mut Image<u16>, in_camera: &PointMap, settings: &HalvesSettings) {
+pub fn join(labels: &mut Image<u16>, in_camera: &PointMap, in_world: &PointMap, settings: &HalvesSettings) {
     let (width, height) = (labels.width(), labels.height());
     let mut votes = Votes::default();
     for v in 0..height {
@@ -21,9 +23,11 @@ pub fn join(labels: &mut Image<u16>, in_camera: &PointMap, settings: &HalvesSett
         count_line(labels.pixels(), in_camera.pixels(), (0..height).map(|v| v * width + u), settings, &mut votes);
     }
     let most = labels.pixels().iter().copied().max().unwrap_or(0);
+    let rims_m = rims(labels, in_world, usize::from(most) + 1);
     let mut joined: Vec<u16> = (0..=most).collect();
     for ((low, high), tally) in votes.0 {
-        if tally.lines >= settings.min_lines && tally.agree as f64 >= settings.min_agreement * tally.lines as f64 {
+        let level = (rims_m[usize::from(low)] - rims_m[usize::from(high)]).abs() <= settings.rim_tolerance_m;
+        if level && tally.lines >= settings.min_lines && tally.agree as f64 >= settings.min_agreement * tally.lines as f64 {
             let (from, to) = (joined[usize::from(high)], joined[usize::from(low)]);
             let (from, to) = (from.max(to), from.min(to));
             joined.iter_mut().filter(|id| **id == from).for_each(|id| *id = to);
@@ -99,6 +103,7 @@ fn distance_to_line(p: &Point3<f32>, a: &Point3<f32>, b: &Point3<f32>) -> f32 {
 mod tests {
     use super::*;
     use crate::components;
+    use crate::point_map::transformed;
     use crate::settings::ComponentSettings;
     use crate::synthetic::{Solid, cast, render};
     use repose_geometry::transform::look_at;
@@ -116,7 +121,7 @@ mod tests {
             labels.pixels().iter().copied().filter(|id| *id != 0).collect::<std::collections::BTreeSet<u16>>().len()
         };
         let before = distinct(&labels);
-        join(&mut labels, &in_camera, &HalvesSettings::default());
+        join(&mut labels, &in_camera, &transformed(&in_camera, &world_from_camera), &HalvesSettings::default());
         (before, distinct(&labels))
     }
 

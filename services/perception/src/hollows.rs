@@ -26,8 +26,8 @@ pub fn join(labels: &mut Image<u16>, in_camera: &PointMap, in_world: &PointMap, 
     }
 }
 
-/// Per id, the height that 95 % of its points stay below.
-fn rims(labels: &Image<u16>, in_world: &PointMap, count: usize) -> Vec<f32> {
+/// Per id, the height that 95 % of its points stay below; NaN for an id without points. `count` is one more than the highest id.
+pub(crate) fn rims(labels: &Image<u16>, in_world: &PointMap, count: usize) -> Vec<f32> {
     let mut heights: Vec<Vec<f32>> = vec![Vec::new(); count];
     for (id, p) in labels.pixels().iter().zip(in_world.pixels()).filter(|(id, p)| **id != 0 && is_reading(p)) {
         heights[usize::from(*id)].push(p.z);
@@ -58,10 +58,8 @@ impl Below {
                 if id == 0 {
                     continue;
                 }
-                if let Some((under, at)) = last.filter(|(under, _)| *under != id) {
-                    if at - v <= settings.max_floor_px {
-                        *below.next[usize::from(id)].entry(under).or_insert(0) += 1;
-                    }
+                if let Some((under, _)) = last.filter(|(under, at)| *under != id && at - v <= settings.max_floor_px) {
+                    *below.next[usize::from(id)].entry(under).or_insert(0) += 1;
                 }
                 if last.is_none_or(|(under, _)| under != id) {
                     below.columns[usize::from(id)] += 1;

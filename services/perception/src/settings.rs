@@ -213,6 +213,8 @@ pub struct HalvesSettings {
     pub tolerance_m: f32,
     /// Depth noise added to the tolerance, metres per square metre of depth.
     pub noise_per_m2: f32,
+    /// Most that the upper ends of the two differ in height, metres.
+    pub rim_tolerance_m: f32,
     /// What covers must be nearer by this, metres.
     pub cover_step_m: f32,
     /// Length over which each end's direction is taken, pixels of the coarse picture.
@@ -230,6 +232,7 @@ impl Default for HalvesSettings {
             min_agreement: 0.6,
             tolerance_m: 0.004,
             noise_per_m2: 0.004,
+            rim_tolerance_m: 0.025,
             cover_step_m: 0.01,
             arm_px: 12,
             min_run_px: 4,

@@ -35,7 +35,7 @@ pub fn label(view: &CoarseView<'_>, surfaces: &[SupportSurface], settings: &Comp
     let foreground = foreground(view, &supports, settings);
     let mut labels = components::find(view.in_camera, &foreground, view.focal_px, settings);
     hollows::join(&mut labels, view.in_camera, view.in_world, &settings.hollows);
-    halves::join(&mut labels, view.in_camera, &settings.halves);
+    halves::join(&mut labels, view.in_camera, view.in_world, &settings.halves);
     keep_objects(&mut labels, view.in_world, &supports, settings);
     labels
 }

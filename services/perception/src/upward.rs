@@ -16,14 +16,14 @@ const MAX_BEND: f32 = 0.2;
 
 /// Pixels whose surface normal is within `max_tilt_rad` of up.
 ///
-/// `depth_m` gives each pixel's depth, `focal_px` the focal length, both of the same (coarse) picture as `in_world`.
+/// `depth_m` gives each pixel's depth (NaN where it is missing), `focal_px` the focal length, both of the same (coarse) picture as `in_world`.
 pub fn upward_facing(in_world: &PointMap, depth_m: &Image<f32>, focal_px: f32, max_tilt_rad: f32) -> Image<bool> {
     let (width, height) = (in_world.width(), in_world.height());
     let points = in_world.pixels();
     let least_cos = max_tilt_rad.cos();
     let mut upward = Image::filled(width, height, false);
     for (i, (out, &depth)) in upward.pixels_mut().iter_mut().zip(depth_m.pixels()).enumerate() {
-        if !(depth > 0.0) {
+        if depth.is_nan() {
             continue;
         }
         let (u, v) = (i % width, i / width);
@@ -31,15 +31,11 @@ pub fn upward_facing(in_world: &PointMap, depth_m: &Image<f32>, focal_px: f32, m
         if u < arm || v < arm || u + arm >= width || v + arm >= height {
             continue;
         }
-        let bent = |a: &Point3<f32>, b: &Point3<f32>| {
-            let length = (b - a).norm();
-            let off = (nalgebra::center(a, b) - points[i]).norm();
-            // Written so that a missing end (NaN) counts as bent.
-            !(off <= MAX_BEND * length)
-        };
+        // False where an end is missing.
+        let straight = |a: &Point3<f32>, b: &Point3<f32>| (nalgebra::center(a, b) - points[i]).norm() <= MAX_BEND * (b - a).norm();
         let (left, right) = (&points[i - arm], &points[i + arm]);
         let (above, below) = (&points[i - arm * width], &points[i + arm * width]);
-        if bent(left, right) || bent(above, below) {
+        if !straight(left, right) || !straight(above, below) {
             continue;
         }
         // Down the picture times right across it points at the camera, whatever the surface.

@@ -1,8 +1,9 @@
 //! Segmentation on frames that nobody here made: `data/frames` beside the repository, skipped with a message where it is absent.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use repose_perception::{Settings, frame_folder, segment};
+use repose_perception::{Settings, frame_folder, segment, segment_with_labels};
 use repose_proto::Scene;
 use repose_proto::scene::WorldFrame;
 
@@ -58,6 +59,30 @@ fn every_real_frame_gives_a_scene_without_labels() {
         frame.labels = None;
         check(&segment(&frame, &Settings::default()).unwrap(), &folder);
     }
+}
+
+#[test]
+fn objects_found_without_labels_are_the_labelled_ones() {
+    let (mut matched, mut labelled) = (0, 0);
+    for folder in folders("mosd") {
+        let mut frame = frame_folder::read(&folder).unwrap();
+        let given = frame.labels.take().unwrap();
+        let found = segment_with_labels(&frame, &Settings::default()).unwrap().labels;
+        // Pixels per (given, found) pair, and per id.
+        let mut pairs = BTreeMap::new();
+        let (mut given_size, mut found_size) = (BTreeMap::new(), BTreeMap::new());
+        for (g, f) in given.iter().zip(found.pixels()) {
+            *pairs.entry((*g, *f)).or_insert(0.0) += 1.0;
+            *given_size.entry(*g).or_insert(0.0) += 1.0;
+            *found_size.entry(*f).or_insert(0.0) += 1.0;
+        }
+        labelled += given_size.keys().filter(|id| **id != 0).count();
+        // An F measure of at least 0.75 with one id: at most one id can have it.
+        let good = |(&(g, f), n): (&(u16, u16), &f64)| g != 0 && f != 0 && 2.0 * n / (given_size[&g] + found_size[&f]) >= 0.75;
+        matched += pairs.iter().filter(|pair| good(*pair)).count();
+    }
+    println!("{matched} of {labelled} labelled objects found");
+    assert!(matched as f64 >= 0.95 * labelled as f64, "{matched} of {labelled}");
 }
 
 #[test]

@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 use rand::{Rng, RngExt};
 
 use crate::contact::PlacedParts;
@@ -22,10 +22,14 @@ pub struct ArrangeSettings {
     pub families: Vec<Family>,
     /// Smallest and largest scale of an object's usual size.
     pub scale: [f32; 2],
-    /// Half the table's edge lengths, lowest and highest, metres.
-    pub table_half_m: [f64; 2],
+    /// The table.
+    pub table: Table,
     /// Half the edge of the square within which objects are put, lowest and highest, metres.
     pub spread_m: [f64; 2],
+    /// Highest that something may be for another to be put on top of it, metres.
+    pub highest_stack_m: f64,
+    /// Lowest and highest friction coefficient of an object.
+    pub friction: [f32; 2],
     /// How likely a scene has one or two supports (boxes as furniture) on its table.
     pub supports: f64,
     /// How likely each way of placing an object is; need not sum to 1.
@@ -36,6 +40,25 @@ pub struct ArrangeSettings {
     pub touching: f64,
     /// How likely an object takes over the orientation of the one it stands by.
     pub aligned: f64,
+}
+
+/// The table of a scene; its top is z = 0.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Table {
+    /// Around the origin, of random size, objects anywhere on it.
+    Random {
+        /// Half its edge lengths, lowest and highest, metres.
+        half_m: [f64; 2],
+    },
+    /// Always the same one, objects around a given point.
+    Fixed {
+        /// Its corner of least (x, y).
+        low: Point2<f64>,
+        /// Its corner of greatest (x, y).
+        high: Point2<f64>,
+        /// Where objects are put around.
+        middle: Point2<f64>,
+    },
 }
 
 /// Weights of the ways to place an object.
@@ -60,8 +83,10 @@ impl Default for ArrangeSettings {
             objects: [3, 7],
             families: vec![Box, Box, Box, Box, Cylinder, Cylinder, Can, Bottle, Bottle, Mug, Mug, Cup, Bowl, Bowl, Plate, Pot, Compound, Tool],
             scale: [0.75, 1.25],
-            table_half_m: [0.4, 0.7],
+            table: Table::Random { half_m: [0.4, 0.7] },
             spread_m: [0.14, 0.3],
+            highest_stack_m: 0.28,
+            friction: [0.45, 0.9],
             supports: 0.3,
             ways: Ways { surface: 0.32, beside: 0.22, on_top: 0.32, into: 0.04, falling: 0.1 },
             centered: 0.75,
@@ -130,15 +155,21 @@ struct Arrangement {
 
 impl Arrangement {
     fn furnished(settings: &ArrangeSettings, rng: &mut impl Rng) -> Self {
-        let half = |rng: &mut dyn FnMut([f64; 2]) -> f64| rng(settings.table_half_m);
         let mut between = |[low, high]: [f64; 2]| rng.random_range(low..=high);
-        let (hx, hy) = (half(&mut between), half(&mut between));
-        let floor_m = -between([0.45, 0.8]);
         let spread_m = between(settings.spread_m);
-        let middle = Vector2::new(between([-1.0, 1.0]) * (hx - spread_m).max(0.0) * 0.8, between([-1.0, 1.0]) * (hy - spread_m).max(0.0) * 0.8);
+        let floor_m = -between([0.45, 0.8]);
+        let (low, high, middle) = match settings.table {
+            Table::Fixed { low, high, middle } => (low, high, middle.coords),
+            Table::Random { half_m } => {
+                let half = Vector2::new(between(half_m), between(half_m));
+                let off_center = Vector2::new(between([-0.8, 0.8]), between([-0.8, 0.8]));
+                let middle = half.map(|h| (h - spread_m).max(0.0)).component_mul(&off_center);
+                (Point2::from(-half), Point2::from(half), middle)
+            }
+        };
         let wood = random_color(rng).map(|c| (f32::from(c) * 0.5 + 90.0) as u8);
         let mut fixtures = vec![
-            Fixture::between("table", Point3::new(-hx, -hy, -0.04), Point3::new(hx, hy, 0.0), wood),
+            Fixture::between("table", Point3::new(low.x, low.y, -0.04), Point3::new(high.x, high.y, 0.0), wood),
             Fixture::between("floor", Point3::new(-3.0, -3.0, floor_m - 0.05), Point3::new(3.0, 3.0, floor_m), [150, 146, 140]),
         ];
         if rng.random_bool(settings.supports) {
@@ -148,7 +179,7 @@ impl Arrangement {
                 let at = middle + Vector2::new(rng.random_range(-spread_m..spread_m), rng.random_range(-spread_m..spread_m));
                 let support = Fixture::new("support", size, Isometry3::from_parts(Translation3::new(at.x, at.y, size.z), yaw), random_color(rng));
                 let apart = fixtures[2..].iter().all(|f| (f.world_from_fixture.translation.vector.xy() - at).norm() > 0.42);
-                let on_table = at.x.abs() + 0.2 < hx && at.y.abs() + 0.2 < hy;
+                let on_table = (0..2).all(|k| at[k] - 0.2 > low[k] && at[k] + 0.2 < high[k]);
                 if apart && on_table {
                     fixtures.push(support);
                 }
@@ -161,7 +192,9 @@ impl Arrangement {
     fn add(&mut self, settings: &ArrangeSettings, rng: &mut impl Rng) {
         let family = settings.families[rng.random_range(0..settings.families.len())];
         let scale = rng.random_range(settings.scale[0]..=settings.scale[1]);
-        let shape = Arc::new(family.sample(scale, rng));
+        let mut shape = family.sample(scale, rng);
+        shape.friction = rng.random_range(settings.friction[0]..=settings.friction[1]);
+        let shape = Arc::new(shape);
         for _ in 0..TRIES {
             let ways = &settings.ways;
             let weights = [ways.surface, ways.beside, ways.on_top, ways.into, ways.falling];
@@ -231,6 +264,9 @@ impl Arrangement {
         let top = anchor.shape.top?;
         let local = Point3::new(shift[0] * f64::from(top.half_extents_m[0]), shift[1] * f64::from(top.half_extents_m[1]), f64::from(top.height_m));
         let at = anchor.world_from_object * local;
+        if at.z > settings.highest_stack_m {
+            return None;
+        }
         let rotation = if aligned { anchor.world_from_object.rotation } else { own_yaw };
         let placed = self.put_down(shape, rotation, at.coords.xy(), at.z, true, 0.0001)?;
         self.placed[index].taken = true;
@@ -266,9 +302,11 @@ impl Arrangement {
         let height = height_m + shape.depth_below_origin_m(&turned) + PUT_DOWN_M;
         let world_from_object = Isometry3::from_parts(Translation3::new(at.x, at.y, height), rotation);
         let parts = PlacedParts::new(&shape.parts, &world_from_object)?;
-        let table = &self.fixtures[0].half_extents_m;
-        let bounds = parts.bounds();
-        let on_table = f64::from(bounds.max.x.max(-bounds.min.x)) < table.x && f64::from(bounds.max.y.max(-bounds.min.y)) < table.y;
+        let (table, bounds) = (&self.fixtures[0], parts.bounds());
+        let on_table = (0..2).all(|k| {
+            let (center, half) = (table.world_from_fixture.translation.vector[k], table.half_extents_m[k]);
+            f64::from(bounds.min[k]) > center - half && f64::from(bounds.max[k]) < center + half
+        });
         let placed = Placed { shape: shape.clone(), world_from_object, parts, stands_at_m: Some(height_m), upright, taken: false };
         (on_table && (margin_m == 0.0 || self.free(&placed, margin_m))).then_some(placed)
     }

@@ -5,12 +5,15 @@
 
 pub mod arrange;
 pub mod contact;
+pub mod cell;
+pub mod cell_world;
 pub mod convert;
 pub mod generate;
 pub mod objects;
 pub mod physics;
 pub mod release;
 pub mod render;
+pub mod robot;
 pub mod scene;
 pub mod sensor;
 pub mod viewpoint;

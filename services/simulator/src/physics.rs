@@ -92,6 +92,7 @@ impl World {
                     "freq" => { ip.contact_softness.natural_frequency = f; ip.static_contact_softness.natural_frequency = 2.0 * f; }
                     "damp" => { ip.contact_softness.damping_ratio = f; ip.static_contact_softness.damping_ratio = f; }
                     "warm" => ip.warmstart_coefficient = f,
+                    "warmj" => ip.warmstart_joints = f > 0.0,
                     "dt" => ip.dt = f,
                     _ => panic!("{k}"),
                 }

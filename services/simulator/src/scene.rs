@@ -131,11 +131,15 @@ impl Scene {
     /// The same scene with other poses; distances are measured anew.
     pub fn with_poses(&self, world_from_objects: &[Isometry3<f64>]) -> Self {
         let mut scene = self.clone();
-        for (object, pose) in scene.objects.iter_mut().zip(world_from_objects) {
-            object.world_from_object = *pose;
-        }
+        scene.put(world_from_objects);
         scene.gaps_m = measured(&scene).gaps_m;
         scene
+    }
+
+    fn put(&mut self, world_from_objects: &[Isometry3<f64>]) {
+        for (object, pose) in self.objects.iter_mut().zip(world_from_objects) {
+            object.world_from_object = *pose;
+        }
     }
 
     /// The deepest overlap of any two things of which at least one is an object, metres.
@@ -250,9 +254,7 @@ fn attempted(seed: u64, attempt: u32, settings: &SceneSettings) -> Result<Scene,
     let start = Scene { seed, fixtures, objects, gaps_m: Vec::new() };
     let poses = settled(&start, settings)?;
     let mut scene = start;
-    for (object, pose) in scene.objects.iter_mut().zip(&poses) {
-        object.world_from_object = *pose;
-    }
+    scene.put(&poses);
     let measures = measured(&scene);
     if measures.penetration_m > settings.max_penetration_m {
         return Err(Rejected::Penetrates { depth_m: measures.penetration_m, limit_m: settings.max_penetration_m });
@@ -263,31 +265,37 @@ fn attempted(seed: u64, attempt: u32, settings: &SceneSettings) -> Result<Scene,
 
 fn settled(start: &Scene, settings: &SceneSettings) -> Result<Vec<Isometry3<f64>>, Rejected> {
     const PATIENCE: usize = 3;
-    let mut world = start.world(settings.physics);
+    let moving = |index: usize, steps: usize| {
+        let object = &start.objects[index];
+        Rejected::Moving { id: object.id, family: object.shape.family, steps }
+    };
+    let mut scene = start.clone();
     let mut steps = 0;
     let mut creeping = 0;
     for _ in 0..PATIENCE {
+        let mut world = scene.world(settings.physics);
         let Some(taken) = world.settle(&settings.rest) else {
-            let moving = &start.objects[world.first_moving(&settings.rest).unwrap_or(0)];
-            return Err(Rejected::Moving { id: moving.id, family: moving.shape.family, steps: steps + settings.rest.max_steps });
+            return Err(moving(world.first_moving(&settings.rest).unwrap_or(0), steps + settings.rest.max_steps));
         };
-        let before = world.poses();
-        if let Some(fallen) = before.iter().position(|pose| pose.translation.z < 0.0) {
-            return Err(Rejected::FellOff { id: start.objects[fallen].id });
+        scene.put(&world.poses());
+        if let Some(fallen) = scene.objects.iter().find(|o| o.world_from_object.translation.z < 0.0) {
+            return Err(Rejected::FellOff { id: fallen.id });
         }
+        // Watched in a world of its own: what only stands thanks to the solver's memory of a moment ago would fall when loaded again.
+        let mut watched = scene.world(settings.physics);
         for _ in 0..settings.watch_steps {
-            world.step();
+            watched.step();
         }
         steps += taken + settings.watch_steps;
-        let after = world.poses();
-        let still = |i: usize| displacement_m(&start.objects[i].shape, &before[i], &after[i]) <= settings.watch_limit_m;
-        match (0..after.len()).find(|i| !still(*i)) {
-            None => return Ok(after),
+        let after = watched.poses();
+        let moves = |(o, pose): (&SceneObject, &Isometry3<f64>)| displacement_m(&o.shape, &o.world_from_object, pose) > settings.watch_limit_m;
+        match scene.objects.iter().zip(&after).position(moves) {
+            None => return Ok(scene.objects.iter().map(|o| o.world_from_object).collect()),
             Some(mover) => creeping = mover,
         }
+        scene.put(&after);
     }
-    let creeping = &start.objects[creeping];
-    Err(Rejected::Moving { id: creeping.id, family: creeping.shape.family, steps })
+    Err(moving(creeping, steps))
 }
 
 /// A bound on how far any point of an object moved between two poses, metres.

@@ -97,7 +97,7 @@ impl Episode {
         let about = |p: &Point3<f32>| viewer_from_world * position + rotation * (p - position);
         let points: Vec<Point3<f32>> = points.iter().map(about).collect();
         for p in &mut query_points {
-            *p = rotation * (*p - centroid.cast::<f32>()) + viewer_from_world * centroid.cast::<f32>();
+            *p = viewer_from_world * centroid.cast::<f32>() + rotation * (*p - centroid.cast::<f32>());
         }
         let mut anchors = Vec::new();
         let mut centers = vec![viewer_from_world * position];

@@ -1,1 +1,23 @@
-//! repose-training
+//! Training: shards of simulated views in, weights out.
+//!
+//! [`train`] fits one [`Part`]: the encoders, relation predictor and prior jointly, or the scene discriminator. Both draw [`episode`]s, one view
+//! with one object taken as the query, from the views of training scenes, and are measured on those of validation scenes
+//! ([`repose_dataset::Split`] says which is which). A run takes up its own checkpoint, follows new shards as they appear, and ends after its
+//! steps or its minutes with weights written.
+
+pub mod adam;
+mod checkpoint;
+pub mod episode;
+pub mod error;
+pub mod joint;
+pub mod placement;
+pub mod sensor;
+pub mod settings;
+pub mod step;
+pub mod task;
+pub mod train;
+pub mod views;
+
+pub use error::TrainError;
+pub use settings::{Part, TrainSettings};
+pub use train::{TrainReport, train};

@@ -22,12 +22,14 @@ pub struct Views {
 }
 
 impl Views {
-    /// Reads what is there.
+    /// Reads what is there: shards in the split's own folder (`train`, `validation`, `test`) below `folder`, or in `folder` itself.
     ///
     /// # Errors
     /// When the folder cannot be listed or a shard cannot be read.
     pub fn open(folder: &Path, split: Split) -> Result<Self, ReadError> {
-        let mut views = Self { folder: folder.to_path_buf(), split, seen: BTreeSet::new(), views: Vec::new(), queries: Vec::new() };
+        let own = folder.join(split.name());
+        let folder = if own.is_dir() { own } else { folder.to_path_buf() };
+        let mut views = Self { folder, split, seen: BTreeSet::new(), views: Vec::new(), queries: Vec::new() };
         views.rescan()?;
         Ok(views)
     }

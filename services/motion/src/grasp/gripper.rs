@@ -2,16 +2,17 @@
 //!
 //! All in the grasp centre's frame: fingers close along y, the hand comes along z. The part of the cloud between the finger pads is searched
 //! for the run of points nearest the middle; a gap wide enough for a finger ends it. So a solid object is taken across, a hollow one at its wall.
+//! Where a finger would come down unseen, behind the object, the run may end later than it seems: that finger gets all the room there is.
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use repose_panda::FINGER_OPENING_MAX_M;
 
-use super::ObjectCloud;
+use super::{ObjectCloud, sight::Sight};
 
 /// How far the fingers reach beyond the grasp centre, metres.
-pub const TIP_BEYOND_TCP_M: f64 = 0.0115;
+pub const TIP_BEYOND_TCP_M: f64 = 0.013;
 /// How far the grasp centre may be below the object's top, metres: then the palm touches it.
-pub const DEPTH_MAX_M: f64 = 0.028;
+pub const DEPTH_MAX_M: f64 = 0.029;
 
 /// The gripper's sizes and margins.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,7 +27,13 @@ pub struct GripperSettings {
     pub clearance_min_m: f64,
     /// Points between the pads that make a grasp. Default 6.
     pub points_min: usize,
-    /// Stray points that are tolerated inside a finger. Default 1.
+    /// Room between the object and the finger that was seen to have some, where the other has not, metres. Default 0.006.
+    pub clearance_seen_m: f64,
+    /// Share of a finger that must be seen to be in free space to count as seen. Default 0.6.
+    pub seen_min: f64,
+    /// How deep points may be inside the palm, metres: the sensor's noise. Default 0.004.
+    pub palm_slack_m: f64,
+    /// Stray points that are tolerated inside a finger or the palm. Default 2.
     pub strays: usize,
 }
 
@@ -38,7 +45,10 @@ impl Default for GripperSettings {
             clearance_m: 0.012,
             clearance_min_m: 0.003,
             points_min: 6,
-            strays: 1,
+            clearance_seen_m: 0.006,
+            seen_min: 0.6,
+            palm_slack_m: 0.004,
+            strays: 2,
         }
     }
 }
@@ -56,6 +66,8 @@ pub struct GripperFit {
     pub depth_m: f64,
     /// Mean alignment of the surface with the closing direction where the fingers touch, 0 to 1.
     pub squareness: f64,
+    /// Share of the worse finger that is seen to come down in free space, 0 to 1.
+    pub seen: f64,
 }
 
 /// Why a pose is no grasp.
@@ -76,39 +88,36 @@ const PALM_HALF_M: [f64; 2] = [0.03, 0.1];
 /// How far behind the grasp centre fingers have left the hand, metres.
 const FINGER_LENGTH_M: f64 = 0.045;
 
+/// A point of the cloud in the grasp centre's frame, and its index.
+type SlabPoint = (Vector3<f64>, usize);
+
 /// What the fingers close on with the grasp centre at `world_from_tcp`.
 ///
 /// # Errors
 /// The [`Misfit`] when that is no grasp.
-pub fn fit(world_from_tcp: &Isometry3<f64>, object: &ObjectCloud, settings: &GripperSettings) -> Result<GripperFit, Misfit> {
-    let tcp_from_world = world_from_tcp.inverse().cast::<f32>();
-    let reach = FINGER_OPENING_MAX_M + settings.finger_thickness_m;
-    let mut slab: Vec<(Vector3<f64>, usize)> = Vec::new();
-    let mut palm_points = 0;
-    for (i, point) in object.points.iter().enumerate() {
-        let p = (tcp_from_world * point).coords.cast::<f64>();
-        let across = p.x.abs() <= settings.finger_half_width_m;
-        if across && p.y.abs() <= reach && (-FINGER_LENGTH_M..=TIP_BEYOND_TCP_M).contains(&p.z) {
-            slab.push((p, i));
-        }
-        palm_points += usize::from(p.z < -DEPTH_MAX_M && p.z > -0.15 && p.x.abs() < PALM_HALF_M[0] && p.y.abs() < PALM_HALF_M[1]);
-    }
-    if palm_points > settings.strays {
-        return Err(Misfit::PalmBlocked);
-    }
-    slab.sort_by(|a, b| a.0.y.total_cmp(&b.0.y).then(a.1.cmp(&b.1)));
+pub fn fit(world_from_tcp: &Isometry3<f64>, object: &ObjectCloud, sight: &Sight, settings: &GripperSettings) -> Result<GripperFit, Misfit> {
+    let slab = slab(world_from_tcp, object, settings)?;
     let run = run_at_the_middle(&slab, settings)?;
     let (low, high) = (slab[run.start].0.y, slab[run.end - 1].0.y);
     let width_m = high - low;
-    let opening_m = (width_m + 2.0 * settings.clearance_m).min(FINGER_OPENING_MAX_M);
+    let mut opening_m = (width_m + 2.0 * settings.clearance_m).min(FINGER_OPENING_MAX_M);
     if opening_m - width_m < 2.0 * settings.clearance_min_m {
         return Err(Misfit::TooWide);
     }
-    let offset_m = 0.5 * (low + high);
-    let inner = 0.5 * opening_m;
-    let in_finger = |(p, _): &&(Vector3<f64>, usize)| {
-        let aside = (p.y - offset_m).abs();
-        aside > inner && aside < inner + settings.finger_thickness_m
+    let mut offset_m = 0.5 * (low + high);
+    let seen_at = |y: f64, side: f64| seen_share(world_from_tcp, y, side, sight, settings);
+    let mut seen = [seen_at(offset_m - 0.5 * opening_m, -1.0), seen_at(offset_m + 0.5 * opening_m, 1.0)];
+    if (seen[0] < settings.seen_min) != (seen[1] < settings.seen_min) {
+        opening_m = FINGER_OPENING_MAX_M;
+        offset_m = match seen[0] < settings.seen_min {
+            true => high + settings.clearance_seen_m - 0.5 * opening_m,
+            false => low - settings.clearance_seen_m + 0.5 * opening_m,
+        };
+        seen = [seen_at(offset_m - 0.5 * opening_m, -1.0), seen_at(offset_m + 0.5 * opening_m, 1.0)];
+    }
+    let in_finger = |(p, _): &&SlabPoint| {
+        let beyond_m = (p.y - offset_m).abs() - 0.5 * opening_m;
+        (0.0..settings.finger_thickness_m).contains(&beyond_m)
     };
     if slab.iter().filter(in_finger).count() > settings.strays {
         return Err(Misfit::FingerBlocked);
@@ -116,11 +125,49 @@ pub fn fit(world_from_tcp: &Isometry3<f64>, object: &ObjectCloud, settings: &Gri
     let depth = slab[run.clone()].iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), (p, _)| (a.min(p.z), b.max(p.z)));
     let closing = (world_from_tcp.rotation * Vector3::y()).cast::<f32>();
     let squareness = squareness(&slab[run], low, high, &closing, object);
-    Ok(GripperFit { width_m, offset_m, opening_m, depth_m: depth.1 - depth.0, squareness })
+    Ok(GripperFit { width_m, offset_m, opening_m, depth_m: depth.1 - depth.0, squareness, seen: seen[0].min(seen[1]) })
+}
+
+/// The points between the planes of the finger pads, sorted along the closing direction.
+fn slab(world_from_tcp: &Isometry3<f64>, object: &ObjectCloud, settings: &GripperSettings) -> Result<Vec<SlabPoint>, Misfit> {
+    let tcp_from_world = world_from_tcp.inverse().cast::<f32>();
+    let reach = FINGER_OPENING_MAX_M + settings.finger_thickness_m;
+    let palm_m = -(DEPTH_MAX_M + settings.palm_slack_m);
+    let mut slab: Vec<SlabPoint> = Vec::new();
+    let mut palm_points = 0;
+    for (i, point) in object.points.iter().enumerate() {
+        let p = (tcp_from_world * point).coords.cast::<f64>();
+        let across = p.x.abs() <= settings.finger_half_width_m;
+        if across && p.y.abs() <= reach && (-FINGER_LENGTH_M..=TIP_BEYOND_TCP_M).contains(&p.z) {
+            slab.push((p, i));
+        }
+        palm_points += usize::from(p.z < palm_m && p.z > -0.15 && p.x.abs() < PALM_HALF_M[0] && p.y.abs() < PALM_HALF_M[1]);
+    }
+    if palm_points > settings.strays {
+        return Err(Misfit::PalmBlocked);
+    }
+    slab.sort_by(|a, b| a.0.y.total_cmp(&b.0.y).then(a.1.cmp(&b.1)));
+    Ok(slab)
+}
+
+/// The share of a finger that is in space that was seen to be free; `y` is its inner face, `side` where its bulk lies.
+fn seen_share(world_from_tcp: &Isometry3<f64>, y: f64, side: f64, sight: &Sight, settings: &GripperSettings) -> f64 {
+    let mut free = 0;
+    let mut asked = 0;
+    for z in [-0.022, -0.008, 0.006] {
+        for x in [-0.6, 0.6] {
+            for share in [0.15, 0.6] {
+                let place = Point3::new(x * settings.finger_half_width_m, y + side * share * settings.finger_thickness_m, z);
+                free += usize::from(sight.is_free(&(world_from_tcp * place)));
+                asked += 1;
+            }
+        }
+    }
+    free as f64 / f64::from(asked)
 }
 
 /// The run of points (sorted along y) around the one nearest y = 0, ended by gaps that a finger and its room fit into.
-fn run_at_the_middle(slab: &[(Vector3<f64>, usize)], settings: &GripperSettings) -> Result<std::ops::Range<usize>, Misfit> {
+fn run_at_the_middle(slab: &[SlabPoint], settings: &GripperSettings) -> Result<std::ops::Range<usize>, Misfit> {
     let middle = (0..slab.len()).min_by(|a, b| slab[*a].0.y.abs().total_cmp(&slab[*b].0.y.abs())).ok_or(Misfit::Empty)?;
     if slab[middle].0.y.abs() > 0.5 * FINGER_OPENING_MAX_M {
         return Err(Misfit::Empty);
@@ -137,7 +184,7 @@ fn run_at_the_middle(slab: &[(Vector3<f64>, usize)], settings: &GripperSettings)
 }
 
 /// Mean `|n · y|` over the points within 6 mm of each extreme; a side on which no such surface was seen counts half.
-fn squareness(run: &[(Vector3<f64>, usize)], low: f64, high: f64, closing: &Vector3<f32>, object: &ObjectCloud) -> f64 {
+fn squareness(run: &[SlabPoint], low: f64, high: f64, closing: &Vector3<f32>, object: &ObjectCloud) -> f64 {
     let side = |extreme: f64| {
         let aligned = |i: &usize| f64::from(object.normals[*i].dot(closing).abs());
         let values: Vec<f64> =

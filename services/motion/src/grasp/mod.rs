@@ -7,6 +7,7 @@
 pub mod antipodal;
 pub mod gripper;
 pub mod normals;
+pub mod sight;
 pub mod top_down;
 
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -16,6 +17,7 @@ use repose_panda::{FINGER_OPENING_MAX_M, Frame, gripper_spheres, kinematics::TCP
 
 use crate::obstacles::Obstacles;
 use gripper::{GripperFit, GripperSettings};
+use sight::Sight;
 
 /// A pose of the grasp centre on the object, and how wide the fingers are.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,9 +56,9 @@ pub struct GraspSettings {
     pub friction: f64,
     /// How far the approach may be from straight down, radians. Default 1.2.
     pub approach_max_rad: f64,
-    /// How far the fingertips stay above what the object stands on, metres. Default 0.006.
+    /// How far the fingertips stay above what the object stands on, metres. Default 0.004.
     pub support_clearance_m: f64,
-    /// What is added to the hand's spheres against the rest of the scene, metres. Default 0.004.
+    /// What is added to the hand's spheres against the rest of the scene, metres. Default 0.003.
     pub padding_m: f64,
     /// Grasps handed on at most. Default 48.
     pub count: usize,
@@ -76,8 +78,8 @@ impl Default for GraspSettings {
             pairs: 300,
             friction: 0.5,
             approach_max_rad: 1.2,
-            support_clearance_m: 0.006,
-            padding_m: 0.004,
+            support_clearance_m: 0.004,
+            padding_m: 0.003,
             count: 48,
             separation_m: 0.01,
             weights: GraspWeights::default(),
@@ -98,11 +100,13 @@ pub struct GraspWeights {
     pub square: f64,
     /// Much surface between the fingers along the approach. Default 0.7.
     pub deep: f64,
+    /// Both fingers come down where the camera saw free space, not behind the object. Default 3.
+    pub seen: f64,
 }
 
 impl Default for GraspWeights {
     fn default() -> Self {
-        Self { vertical: 1.0, centered: 1.5, narrow: 1.0, square: 1.0, deep: 0.7 }
+        Self { vertical: 1.0, centered: 1.5, narrow: 1.0, square: 1.0, deep: 0.7, seen: 3.0 }
     }
 }
 
@@ -134,30 +138,35 @@ pub struct ObjectCloud {
     pub floor_m: f64,
 }
 
+/// The object and what is around it. All in the world frame.
+#[derive(Debug, Clone, Copy)]
+pub struct GraspScene<'a> {
+    /// The object's observed points.
+    pub points: &'a [Point3<f32>],
+    /// The height of what it stands on, metres.
+    pub support_m: f64,
+    /// Where it was seen from.
+    pub camera_in_world: &'a Point3<f64>,
+    /// What was seen to be free.
+    pub sight: &'a Sight,
+    /// The rest of the scene.
+    pub others: &'a Obstacles,
+}
+
 /// Distinct grasps on the object, best first, with the tally of what was refused.
-///
-/// `points` are the object's observed points in the world frame, `support_m` the height of what it stands on, `camera_in_world` where it was
-/// seen from, `others` the rest of the scene.
-pub fn grasps(
-    points: &[Point3<f32>],
-    support_m: f64,
-    camera_in_world: &Point3<f64>,
-    others: &Obstacles,
-    settings: &GraspSettings,
-    rng: &mut Pcg64,
-) -> (Vec<Grasp>, GraspTally) {
+pub fn grasps(scene: &GraspScene<'_>, settings: &GraspSettings, rng: &mut Pcg64) -> (Vec<Grasp>, GraspTally) {
     let mut tally = GraspTally::default();
-    let thinned = cloud::voxel_downsampled(points, settings.voxel_m);
+    let thinned = cloud::voxel_downsampled(scene.points, settings.voxel_m);
     let Some(bounds) = Aabb::of(&thinned) else { return (Vec::new(), tally) };
-    let normals = normals::estimated(&thinned, 3.0 * settings.voxel_m, &camera_in_world.cast::<f32>());
-    let floor_m = support_m + gripper::TIP_BEYOND_TCP_M + settings.support_clearance_m;
+    let normals = normals::estimated(&thinned, 3.0 * settings.voxel_m, &scene.camera_in_world.cast::<f32>());
+    let floor_m = scene.support_m + gripper::TIP_BEYOND_TCP_M + settings.support_clearance_m;
     let object = ObjectCloud { points: thinned, normals, bounds, floor_m };
 
     let mut proposals = top_down::proposals(&object, settings);
     proposals.extend(antipodal::proposals(&object, settings, rng));
     tally.proposed = proposals.len();
     let mut found: Vec<Grasp> =
-        proposals.iter().filter_map(|world_from_tcp| judged(world_from_tcp, &object, others, settings, &mut tally)).collect();
+        proposals.iter().filter_map(|world_from_tcp| judged(world_from_tcp, &object, scene, settings, &mut tally)).collect();
     found.sort_by(|a, b| b.score.total_cmp(&a.score));
     (distinct(found, settings), tally)
 }
@@ -166,11 +175,11 @@ pub fn grasps(
 fn judged(
     world_from_tcp: &Isometry3<f64>,
     object: &ObjectCloud,
-    others: &Obstacles,
+    scene: &GraspScene<'_>,
     settings: &GraspSettings,
     tally: &mut GraspTally,
 ) -> Option<Grasp> {
-    let fit = match gripper::fit(world_from_tcp, object, &settings.gripper) {
+    let fit = match gripper::fit(world_from_tcp, object, scene.sight, &settings.gripper) {
         Ok(fit) => fit,
         Err(misfit) => {
             match misfit {
@@ -182,7 +191,7 @@ fn judged(
         }
     };
     let world_from_tcp = world_from_tcp * Isometry3::translation(0.0, fit.offset_m, 0.0);
-    if gripper_touches(&world_from_tcp, fit.opening_m, others, settings.padding_m) {
+    if gripper_touches(&world_from_tcp, fit.opening_m, scene.others, settings.padding_m) {
         tally.scene_in_the_way += 1;
         return None;
     }
@@ -208,6 +217,7 @@ fn score(world_from_tcp: &Isometry3<f64>, fit: &GripperFit, object: &ObjectCloud
         (weights.narrow, 1.0 - fit.width_m / FINGER_OPENING_MAX_M),
         (weights.square, fit.squareness),
         (weights.deep, fit.depth_m / gripper::DEPTH_MAX_M),
+        (weights.seen, fit.seen),
     ];
     let total: f64 = terms.iter().map(|(weight, _)| weight).sum();
     terms.iter().map(|(weight, value)| weight * value.clamp(0.0, 1.0)).sum::<f64>() / total
@@ -249,8 +259,11 @@ mod tests {
     use rand::SeedableRng;
 
     fn find(points: &[Point3<f32>], others: &[Point3<f32>]) -> (Vec<Grasp>, GraspTally) {
+        let all: Vec<Point3<f32>> = synthetic::table_points().iter().chain(points).chain(others).copied().collect();
         let others = Obstacles::new(others, &[synthetic::table()], &ObstacleSettings::default());
-        grasps(points, 0.0, &synthetic::CAMERA, &others, &GraspSettings::default(), &mut Pcg64::seed_from_u64(5))
+        let sight = Sight::new(&synthetic::CAMERA, &all);
+        let scene = GraspScene { points, support_m: 0.0, camera_in_world: &synthetic::CAMERA, sight: &sight, others: &others };
+        grasps(&scene, &GraspSettings::default(), &mut Pcg64::seed_from_u64(5))
     }
 
     #[test]

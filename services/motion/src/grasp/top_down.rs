@@ -10,7 +10,7 @@ use super::{GraspSettings, ObjectCloud, gripper::DEPTH_MAX_M, pose};
 /// Places along the object's length at which it is taken, as shares of its half length.
 const ALONG: [f64; 3] = [0.0, 0.45, -0.45];
 /// How deep the grasp centre goes below the top, as shares of what the palm allows.
-const DEPTHS: [f64; 2] = [0.9, 0.5];
+const DEPTHS: [f64; 2] = [0.8, 0.45];
 /// Places on the rim.
 const RIM_PLACES: usize = 16;
 /// How far below the top a point counts as rim, metres.
@@ -33,8 +33,11 @@ fn across(object: &ObjectCloud, yaw: f64, settings: &GraspSettings, poses: &mut 
     let along = Vector3::new(-yaw.sin(), yaw.cos(), 0.0);
     let (closing_low, closing_high) = extent(object, &closing);
     let (along_low, along_high) = extent(object, &along);
-    for share in ALONG {
-        let s = 0.5 * (along_low + along_high) + share * 0.5 * (along_high - along_low);
+    let middle = 0.5 * (along_low + along_high);
+    let places = ALONG.map(|share| middle + share * 0.5 * (along_high - along_low));
+    // Where a round object is widest, which is further from the camera than the middle of what was seen of it.
+    let widest = widest_at(object, &closing, closing_low, closing_high, &along).unwrap_or(middle);
+    for s in places.into_iter().chain([widest]) {
         let level = closing * (0.5 * (closing_low + closing_high)) + along * s;
         // The top where the fingers come down, which may be lower than the object's.
         let half = settings.gripper.finger_half_width_m;
@@ -74,6 +77,17 @@ fn rim(object: &ObjectCloud, settings: &GraspSettings, poses: &mut Vec<Isometry3
             poses.extend(pose(&at, &(turn * -Vector3::z()), &closing));
         }
     }
+}
+
+/// The place along the object at which its two outermost points across lie, on average.
+fn widest_at(object: &ObjectCloud, closing: &Vector3<f64>, low: f64, high: f64, along: &Vector3<f64>) -> Option<f64> {
+    const NEAR_M: f64 = 0.004;
+    let mean = |extreme: f64| {
+        let near = object.points.iter().map(|p| p.coords.cast::<f64>()).filter(|p| (closing.dot(p) - extreme).abs() < NEAR_M);
+        let (sum, count) = near.fold((0.0, 0.0), |(sum, count), p| (sum + along.dot(&p), count + 1.0));
+        (count > 0.0).then(|| sum / count)
+    };
+    Some(0.5 * (mean(low)? + mean(high)?))
 }
 
 fn extent(object: &ObjectCloud, direction: &Vector3<f64>) -> (f64, f64) {

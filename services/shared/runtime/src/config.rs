@@ -37,13 +37,13 @@ pub struct SessionConfig {
     pub cell: String,
     /// How this process takes part.
     pub mode: SessionMode,
-    /// Where to connect to, `tcp/127.0.0.1:7447`. More: reached until one answers (client) or all linked (peer, router).
+    /// Where to connect to, `tcp/127.0.0.1:7447`. Of several a client uses the first that answers; peers and routers use all.
     #[serde(deserialize_with = "list_or_commas")]
     pub connect: Vec<String>,
     /// Where to listen, `tcp/0.0.0.0:7447`; port 0 picks one.
     #[serde(deserialize_with = "list_or_commas")]
     pub listen: Vec<String>,
-    /// How long a silent link is believed in, milliseconds. Higher: dead processes are noticed later; lower: a starved one is taken for dead.
+    /// How long a silent link is believed in, milliseconds. Higher: dead machines are noticed later; lower: a starved one is taken for dead.
     pub lease_ms: u64,
     /// The largest message that a link takes, bytes; larger ones are lost in silence. Higher: more memory that a sender can claim.
     /// Must stay above the 32 MiB that a message may have.
@@ -85,12 +85,12 @@ pub struct CallerConfig {
     /// How long a worker's load may be silent before calls leave it, milliseconds. Higher: stopped workers hold calls longer; lower:
     /// starved ones lose them.
     pub suspect_after_ms: u64,
-    /// The share of the time left that an attempt may take before the next one starts, 0 to 1. Higher: fewer computations are thrown
+    /// The share of the time left that an attempt may take before the next one starts, 0.05 to 1. Higher: fewer computations are thrown
     /// away, less time is left to the next attempt.
     pub attempt_share: f64,
     /// How long a call waits for a first worker to appear, milliseconds, within its deadline.
     pub worker_wait_ms: u64,
-    /// The first wait before the same worker is tried again, milliseconds; it doubles, and is drawn at random between half and all of it.
+    /// The first wait before the same workers are asked again, milliseconds; it doubles, and is drawn at random between half and all of it.
     pub backoff_ms: u64,
     /// How long a cancelled call that must not be repeated waits for its worker's last word, milliseconds.
     pub cancel_grace_ms: u64,
@@ -120,7 +120,7 @@ pub struct WorkerConfig {
     pub name: Option<String>,
     /// Calls that may be open at once, waiting and computing; the next is refused at once. Higher: longer queues, more memory.
     pub max_open_calls: usize,
-    /// How often the load is published, milliseconds, 100 to 200. Lower: better choices by callers, more traffic.
+    /// How often the load is published, milliseconds, 100 to 200 in operation. Lower: better choices by callers, more traffic.
     pub load_period_ms: u64,
     /// How long a cancelled or overdue call may take to notice, milliseconds, before its future is dropped.
     pub cancel_grace_ms: u64,
@@ -163,11 +163,8 @@ impl RuntimeConfig {
     /// # Errors
     /// [`RuntimeError::Config`] that names the section and the field.
     pub fn load(file: Option<&Path>) -> Result<Self, RuntimeError> {
-        let config = Self {
-            session: load_config("session", file)?,
-            caller: load_config("caller", file)?,
-            worker: load_config("worker", file)?,
-        };
+        let config =
+            Self { session: load_config("session", file)?, caller: load_config("caller", file)?, worker: load_config("worker", file)? };
         config.validate()?;
         Ok(config)
     }
@@ -181,16 +178,18 @@ impl RuntimeConfig {
             true => Ok(()),
             false => Err(RuntimeError::Config { section: section.to_owned(), file: None, message: message.to_owned() }),
         };
-        let session = &self.session;
+        let (session, caller, worker) = (&self.session, &self.caller, &self.worker);
         let chunk = |field, name: &str| keys::validate_chunk(field, name).is_ok();
         check(chunk("cell", &session.cell), "session", "cell: must be of the form [a-z0-9][a-z0-9_-]{0,63}")?;
         check(session.lease_ms >= 500, "session", "lease_ms: at least 500, or a busy process is taken for dead")?;
-        check(session.max_receive_bytes > limits::MAX_MESSAGE_BYTES, "session", "max_receive_bytes: must exceed 33554432, what a message may have")?;
+        let receives = session.max_receive_bytes > limits::MAX_MESSAGE_BYTES;
+        check(receives, "session", "max_receive_bytes: must exceed 33554432, what a message may have")?;
         let unreachable = session.mode == SessionMode::Client && session.connect.is_empty() && session.zenoh_file.is_none();
         check(!unreachable, "session", "connect: a client needs at least one endpoint, such as tcp/127.0.0.1:7447")?;
-        check((0.05..=1.0).contains(&self.caller.attempt_share), "caller", "attempt_share: expected 0.05 to 1")?;
-        check(self.caller.retries <= 10, "caller", "retries: at most 10")?;
-        let worker = &self.worker;
+        let embedded = session.mode == SessionMode::Embedded && !(session.connect.is_empty() && session.listen.is_empty());
+        check(!embedded, "session", "mode: an embedded session neither connects nor listens; use client, router or peer")?;
+        check((0.05..=1.0).contains(&caller.attempt_share), "caller", "attempt_share: expected 0.05 to 1")?;
+        check(caller.retries <= 10, "caller", "retries: at most 10")?;
         check(worker.name.as_ref().is_none_or(|n| chunk("name", n)), "worker", "name: must be of the form [a-z0-9][a-z0-9_-]{0,63}")?;
         check(worker.max_open_calls > 0, "worker", "max_open_calls: at least 1")?;
         check((20..=500).contains(&worker.load_period_ms), "worker", "load_period_ms: expected 20 to 500")
@@ -255,7 +254,8 @@ mod tests {
 
     #[test]
     fn absent_sections_and_fields_have_their_defaults() {
-        let config = load("[session]\ncell = \"lab\"\nmode = \"client\"\nconnect = [\"tcp/127.0.0.1:7447\"]\n[planner]\nanything = 1\n").unwrap();
+        let text = "[session]\ncell = \"lab\"\nmode = \"client\"\nconnect = [\"tcp/127.0.0.1:7447\"]\n[planner]\nanything = 1\n";
+        let config = load(text).unwrap();
         assert_eq!(config.session.connect, ["tcp/127.0.0.1:7447"]);
         assert_eq!((config.session.cell.as_str(), config.session.lease_ms), ("lab", 2500));
         assert_eq!(config.worker, WorkerConfig::default());

@@ -3,6 +3,8 @@
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::Duration;
 
+use repose_proto::load::WorkerLoad;
+
 /// Weight of the newest job in the smoothed service time.
 const SMOOTHING: f64 = 0.2;
 
@@ -53,6 +55,17 @@ impl LoadGauge {
     pub fn retry_after_ms(&self, threads: usize) -> u64 {
         let jobs = (self.waiting() + self.running()) as f64;
         (jobs / 2.0 * self.service_ms() / threads.max(1) as f64).clamp(1.0, 10_000.0) as u64
+    }
+}
+
+/// A load made of a queue's gauge; the caller adds weights and kernel where it has any.
+pub fn load_of(gauge: &LoadGauge, queue_capacity: usize) -> WorkerLoad {
+    WorkerLoad {
+        queue_depth: gauge.waiting(),
+        queue_capacity,
+        in_flight: gauge.running(),
+        service_ms: gauge.service_ms(),
+        ..WorkerLoad::default()
     }
 }
 

@@ -7,7 +7,6 @@
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use repose_proto::{CallError, ErrorCode};
@@ -74,11 +73,12 @@ impl JobContext {
     /// # Errors
     /// `cancelled` or `deadline_exceeded`.
     pub fn check(&self) -> Result<(), CallError> {
-        if self.cancelled.is_cancelled() {
-            return Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled"));
-        }
+        // The deadline first: passing it triggers the cancel as well.
         if self.remaining().is_zero() {
             return Err(CallError::new(ErrorCode::DeadlineExceeded, "the deadline passed before the work was done"));
+        }
+        if self.cancelled.is_cancelled() {
+            return Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled"));
         }
         Ok(())
     }
@@ -90,25 +90,22 @@ pub struct Job<R, T> {
     pub request: R,
     /// How long it may take.
     pub context: JobContext,
-    reply: oneshot::Sender<Result<T, CallError>>,
+    /// Where the answer goes.
+    pub reply: JobReply<T>,
 }
 
 impl<R, T> Job<R, T> {
-    /// Answers. The request is dropped; take it out before where it is needed.
+    /// Answers, and drops the request.
     pub fn finish(self, result: Result<T, CallError>) {
-        // A caller that has gone needs no answer.
-        drop(self.reply.send(result));
+        self.reply.finish(result);
     }
 
-    /// The request and the way back apart.
-    pub fn split(self) -> (R, JobContext, JobReply<T>) {
-        (self.request, self.context, JobReply(self.reply))
-    }
-
-    /// Whether anyone still waits for it; answers if it is too late.
+    /// The job, if anyone still waits for it; answers if it is too late.
     fn alive(self) -> Option<Self> {
+        if self.reply.0.is_closed() {
+            return None;
+        }
         match self.context.check() {
-            _ if self.reply.is_closed() => None,
             Ok(()) => Some(self),
             Err(error) => {
                 self.finish(Err(error));
@@ -118,12 +115,13 @@ impl<R, T> Job<R, T> {
     }
 }
 
-/// The way back of a [`Job`].
+/// The way back of a [`Job`]. Dropped without an answer, the job ends as `internal`.
 pub struct JobReply<T>(oneshot::Sender<Result<T, CallError>>);
 
 impl<T> JobReply<T> {
     /// Answers.
     pub fn finish(self, result: Result<T, CallError>) {
+        // A caller that has gone needs no answer.
         drop(self.0.send(result));
     }
 }
@@ -169,12 +167,10 @@ impl<R, T> Shared<R, T> {
 /// A bounded queue of requests `R` with answers `T`, and the threads that serve it. Dropping it lets them finish what waits.
 pub struct BatchQueue<R, T> {
     shared: Arc<Shared<R, T>>,
-    threads: Vec<JoinHandle<()>>,
 }
 
 impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
-    /// Starts the threads. `crew(i)` makes what thread `i` computes with: it owns its state and gets one to `max_batch` jobs at a time. A
-    /// job that it drops without an answer ends as `internal`.
+    /// Starts the threads. `crew(i)` makes what thread `i` computes with: it owns its state and gets one to `max_batch` jobs at a time.
     ///
     /// # Errors
     /// When the operating system gives no thread.
@@ -184,7 +180,8 @@ impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
     {
         let state = Mutex::new(State { jobs: VecDeque::new(), closed: false });
         let shared = Arc::new(Shared { state, arrived: Condvar::new(), gauge: Arc::default(), settings });
-        let mut queue = Self { shared: shared.clone(), threads: Vec::new() };
+        // Made first, so that the threads end when one of them could not be started.
+        let queue = Self { shared: shared.clone() };
         for i in 0..shared.settings.threads.max(1) {
             let (shared, mut work) = (shared.clone(), crew(i));
             let builder = std::thread::Builder::new().name(format!("{}-{i}", shared.settings.name));
@@ -199,8 +196,8 @@ impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
                     shared.gauge.finished(jobs, started.elapsed());
                 }
             });
-            let thread = thread.map_err(|source| RuntimeError::System { operation: "starting a compute thread".to_owned(), source })?;
-            queue.threads.push(thread);
+            // Detached: it ends with the queue.
+            drop(thread.map_err(|source| RuntimeError::System { operation: "starting a compute thread".to_owned(), source })?);
         }
         Ok(queue)
     }
@@ -215,15 +212,13 @@ impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
         let mut state = self.shared.state();
         if state.jobs.len() >= self.shared.settings.capacity {
             // Those nobody waits for make room first.
-            state.jobs.retain(|job| !job.reply.is_closed());
+            state.jobs.retain(|job| !job.reply.0.is_closed());
         }
         if state.jobs.len() >= self.shared.settings.capacity {
-            let gauge = &self.shared.gauge;
-            let message = format!("{} calls wait already", state.jobs.len());
-            let error = CallError::new(ErrorCode::ResourceExhausted, message);
-            return Err(error.retry_after(gauge.retry_after_ms(self.shared.settings.threads)));
+            let error = CallError::new(ErrorCode::ResourceExhausted, format!("{} calls wait already", state.jobs.len()));
+            return Err(error.retry_after(self.shared.gauge.retry_after_ms(self.shared.settings.threads)));
         }
-        state.jobs.push_back(Job { request, context: context.clone(), reply });
+        state.jobs.push_back(Job { request, context: context.clone(), reply: JobReply(reply) });
         self.shared.gauge.set_waiting(state.jobs.len());
         drop(state);
         self.shared.arrived.notify_one();
@@ -272,10 +267,10 @@ impl<T> Pending<T> {
         tokio::select! {
             biased;
             answer = self.answer => answer.unwrap_or_else(|_| Err(CallError::internal("the computation ended without an answer"))),
-            () = self.context.cancelled.cancelled() => Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled")),
             () = tokio::time::sleep_until(deadline) => {
                 Err(CallError::new(ErrorCode::DeadlineExceeded, "the deadline passed before the work was done"))
             }
+            () = self.context.cancelled.cancelled() => Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled")),
         }
     }
 }
@@ -296,9 +291,8 @@ impl ComputeQueue {
         let settings = QueueSettings { max_batch: 1, ..settings };
         let queue = BatchQueue::start(settings, |_| {
             |jobs: Vec<Job<Task, ()>>| {
-                for job in jobs {
-                    let (task, context, reply) = job.split();
-                    task(&context);
+                for Job { request, context, reply } in jobs {
+                    request(&context);
                     reply.finish(Ok(()));
                 }
             }
@@ -349,7 +343,7 @@ mod tests {
         JobContext::within(Duration::from_secs(60))
     }
 
-    /// Occupies the only thread until the returned sender is dropped or used.
+    /// Occupies the only thread until the returned sender is dropped.
     fn block(queue: &ComputeQueue) -> (mpsc::Sender<()>, impl Future<Output = Result<(), CallError>> + '_) {
         let (release, released) = mpsc::channel::<()>();
         let running = queue.run(minute(), move |_| {
@@ -385,8 +379,7 @@ mod tests {
         while queue.gauge().running() == 0 {
             tokio::task::yield_now().await;
         }
-        let waiting = queue.run(minute(), |_| Ok(()));
-        let mut waiting = std::pin::pin!(waiting);
+        let mut waiting = std::pin::pin!(queue.run(minute(), |_| Ok(())));
         assert!(futures::poll!(waiting.as_mut()).is_pending());
         let refused = queue.run(minute(), |_| Ok(())).await.unwrap_err();
         assert_eq!(refused.code, ErrorCode::ResourceExhausted);

@@ -14,7 +14,7 @@ impl Shutdown {
         Self::default()
     }
 
-    /// Asked by SIGTERM or SIGINT. A second signal kills the process as if nobody listened.
+    /// Asked by SIGTERM or SIGINT. A second signal ends the process as if nobody listened.
     ///
     /// # Errors
     /// When the signals cannot be listened to.

@@ -282,6 +282,10 @@ impl Transport for ZenohTransport {
     }
 
     async fn close(&self, bound: Duration) -> Result<(), RuntimeError> {
-        self.session.close().timeout(bound).await.map_err(|e| RuntimeError::transport("closing the session", e))
+        let closing = "closing the session";
+        match tokio::time::timeout(bound, self.session.close()).await {
+            Ok(closed) => closed.map_err(|e| RuntimeError::transport(closing, e)),
+            Err(_) => Err(RuntimeError::transport(closing, format!("took longer than {} ms", bound.as_millis()))),
+        }
     }
 }

@@ -89,7 +89,7 @@ impl Family {
             Self::Pot | Self::Tool => rng.random_range(900.0..2000.0),
             _ => rng.random_range(300.0..1000.0),
         };
-        body.finish(self, Material { density_kg_m3, friction: rng.random_range(0.45..0.9) }, top)
+        body.finish(self, Material { density_kg_m3, friction: 0.6 }, top)
     }
 }
 

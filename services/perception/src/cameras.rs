@@ -1,0 +1,190 @@
+//! The frames of the cameras that this worker owns: each newest frame becomes a scene, which is published.
+//!
+//! Receiving never waits for computing: a frame that comes while its camera's last one still waits replaces it. What is dropped, late
+//! or unusable is counted, so that a camera that is too fast, or broken, can be seen.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use repose_proto::{CallError, Payload, keys};
+use repose_runtime::{CancellationToken, JobContext, RuntimeError, Session, Subscription, Traffic};
+use tokio::sync::{Notify, Semaphore};
+
+use crate::config::PerceptionConfig;
+use crate::newest::{NewestFrames, Placed};
+use crate::store::Arrival;
+use crate::worker::Worker;
+
+/// What became of the frames so far.
+#[derive(Debug, Default)]
+pub struct FrameCounts {
+    /// Frames received.
+    pub received: AtomicU64,
+    /// Frames that a newer one replaced before their turn, or for which there was no room.
+    pub dropped: AtomicU64,
+    /// Frames that took too long, or came after a newer one.
+    pub late: AtomicU64,
+    /// Frames that could not be used.
+    pub failed: AtomicU64,
+    /// Scenes published.
+    pub published: AtomicU64,
+}
+
+/// A frame on its way.
+struct Waiting {
+    payload: Payload,
+    arrived: Instant,
+}
+
+/// Follows cameras until its tasks are stopped.
+pub struct Cameras {
+    session: Session,
+    worker: Arc<Worker>,
+    frame_timeout: Duration,
+    newest: Mutex<NewestFrames<Waiting>>,
+    arrived: Notify,
+    /// One permit per compute thread: a frame is taken when it can be started, so that it is the newest one then.
+    threads: Arc<Semaphore>,
+    counts: FrameCounts,
+}
+
+impl Cameras {
+    /// Cameras that are followed once [`Cameras::follow`] runs.
+    pub fn new(session: Session, worker: Arc<Worker>, config: &PerceptionConfig) -> Arc<Self> {
+        Arc::new(Self {
+            session,
+            worker,
+            frame_timeout: Duration::from_millis(config.frame_timeout_ms),
+            newest: Mutex::new(NewestFrames::new(config.max_cameras)),
+            arrived: Notify::new(),
+            threads: Arc::new(Semaphore::new(config.threads.max(1))),
+            counts: FrameCounts::default(),
+        })
+    }
+
+    /// What became of the frames so far.
+    pub fn counts(&self) -> &FrameCounts {
+        &self.counts
+    }
+
+    /// Subscribes to `cameras` (all of the cell when empty), then turns frames into scenes until `stop`.
+    ///
+    /// # Errors
+    /// When the network refuses, or a camera's name is no chunk of a key.
+    pub async fn follow(self: Arc<Self>, cameras: &[String], stop: CancellationToken) -> Result<(), RuntimeError> {
+        for subscription in self.subscribe(cameras).await? {
+            tokio::spawn(stop.clone().run_until_cancelled_owned(self.clone().receive(subscription)));
+        }
+        tokio::spawn(stop.run_until_cancelled_owned(self.process()));
+        Ok(())
+    }
+
+    async fn subscribe(&self, cameras: &[String]) -> Result<Vec<Subscription>, RuntimeError> {
+        if cameras.is_empty() {
+            // Room for a burst of several cameras; receiving empties it at once.
+            return Ok(vec![self.session.subscribe_queue(&self.session.cell().camera_frames(), 16).await?]);
+        }
+        let mut subscriptions = Vec::new();
+        for camera in cameras {
+            keys::validate_chunk("cameras", camera).map_err(|e| RuntimeError::Config {
+                section: "perception".to_owned(),
+                file: None,
+                message: e.to_string(),
+            })?;
+            subscriptions.push(self.session.subscribe_latest(&self.session.cell().camera_frame(camera)).await?);
+        }
+        Ok(subscriptions)
+    }
+
+    /// Puts frames where they wait for their turn.
+    async fn receive(self: Arc<Self>, mut subscription: Subscription) {
+        let mut dropped_before = 0;
+        while let Some(sample) = subscription.recv().await {
+            let Some(camera) = keys::worker_of(&sample.key) else { continue };
+            let dropped = subscription.dropped();
+            count(&self.counts.received, 1 + dropped - dropped_before);
+            count(&self.counts.dropped, dropped - dropped_before);
+            dropped_before = dropped;
+            let frame = Waiting { payload: sample.payload, arrived: Instant::now() };
+            let placed = self.newest.lock().unwrap_or_else(PoisonError::into_inner).put(camera, frame);
+            match placed {
+                Placed::Waiting => {}
+                Placed::Replaced => count(&self.counts.dropped, 1),
+                Placed::Refused => {
+                    count(&self.counts.dropped, 1);
+                    tracing::warn!(camera, "a frame was refused: too many cameras");
+                }
+            }
+            self.arrived.notify_one();
+        }
+    }
+
+    /// Starts a frame whenever a thread is free.
+    async fn process(self: Arc<Self>) {
+        loop {
+            // Closed by nobody; an error would mean that there is no more work to start.
+            let Ok(permit) = self.threads.clone().acquire_owned().await else { return };
+            let (camera, frame) = self.next().await;
+            let this = self.clone();
+            tokio::spawn(async move {
+                this.publish(&camera, frame).await;
+                drop(permit);
+            });
+        }
+    }
+
+    async fn next(&self) -> (String, Waiting) {
+        loop {
+            let arrived = self.arrived.notified();
+            let next = self.newest.lock().unwrap_or_else(PoisonError::into_inner).take();
+            if let Some(next) = next {
+                return next;
+            }
+            arrived.await;
+        }
+    }
+
+    /// One frame to its published scene.
+    async fn publish(&self, camera: &str, frame: Waiting) {
+        let context = JobContext::new(frame.arrived + self.frame_timeout, CancellationToken::new());
+        let outcome = self.worker.segment(context, frame.payload).await.and_then(|(scene, times)| {
+            let named = &scene.summary.camera;
+            if named != camera {
+                return Err(CallError::invalid("camera", format!("a frame of camera {named:?} was put to the key of {camera:?}")));
+            }
+            Ok((scene, times))
+        });
+        let (scene, times) = match outcome {
+            Ok(made) => made,
+            Err(error) => {
+                let counter = if error.code == repose_proto::ErrorCode::DeadlineExceeded { &self.counts.late } else { &self.counts.failed };
+                count(counter, 1);
+                tracing::warn!(camera, %error, "a frame gave no scene");
+                return;
+            }
+        };
+        let summary = Payload::json(&scene.summary);
+        if self.worker.store().keep_latest(scene) == Arrival::Late {
+            count(&self.counts.late, 1);
+            return;
+        }
+        let key = self.session.cell().scene(camera);
+        let put = match summary {
+            Ok(payload) => self.session.put(&key, payload, Traffic::Scene).await.map_err(CallError::from),
+            Err(error) => Err(error),
+        };
+        match put {
+            Ok(()) => {
+                count(&self.counts.published, 1);
+                let age_ms = frame.arrived.elapsed().as_secs_f64() * 1e3;
+                tracing::debug!(camera, age_ms, segment_ms = times.segment_ms, "scene published");
+            }
+            Err(error) => tracing::warn!(camera, %error, "a scene could not be published"),
+        }
+    }
+}
+
+fn count(counter: &AtomicU64, by: u64) {
+    counter.fetch_add(by, Ordering::Relaxed);
+}

@@ -1,0 +1,88 @@
+//! The service's configuration, section `[perception]`.
+
+use serde::{Deserialize, Deserializer};
+
+use crate::settings::Settings;
+use crate::store::StoreLimits;
+
+/// Configuration of a perception worker. Unknown fields are refused.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PerceptionConfig {
+    /// The cameras whose frames this worker turns into scenes; empty means every camera of the cell. Where several perception workers
+    /// share a cell, each must name its own, or every scene is published more than once.
+    #[serde(deserialize_with = "list_or_commas")]
+    pub cameras: Vec<String>,
+    /// Most cameras with a frame waiting; frames of further ones are dropped and counted. Raising it costs one frame of memory each.
+    pub max_cameras: usize,
+    /// Threads that segment. Raising it helps several cameras or callers, not a single one.
+    pub threads: usize,
+    /// Frames of callers that may wait for a thread; the next is refused at once. Raising it lets callers wait longer instead.
+    pub queue_capacity: usize,
+    /// How long a camera's frame may take from its arrival to its scene, milliseconds; an older one is dropped and counted.
+    pub frame_timeout_ms: u64,
+    /// Most scenes that can be asked for by id. Raising it keeps older scenes plannable, at about 4 MB each.
+    pub scenes_kept: usize,
+    /// Most bytes of those scenes. The older go first.
+    pub scenes_kept_bytes: usize,
+    /// How frames become scenes.
+    pub segmentation: Settings,
+}
+
+impl Default for PerceptionConfig {
+    fn default() -> Self {
+        Self {
+            cameras: Vec::new(),
+            max_cameras: 16,
+            threads: 1,
+            queue_capacity: 8,
+            frame_timeout_ms: 1000,
+            scenes_kept: 32,
+            scenes_kept_bytes: 256 << 20,
+            segmentation: Settings::default(),
+        }
+    }
+}
+
+impl PerceptionConfig {
+    /// The store's limits.
+    pub fn store_limits(&self) -> StoreLimits {
+        StoreLimits { scenes: self.scenes_kept, bytes: self.scenes_kept_bytes }
+    }
+}
+
+/// A list, or one string with commas, as an environment variable has it.
+fn list_or_commas<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Either {
+        List(Vec<String>),
+        Commas(String),
+    }
+    Ok(match Either::deserialize(deserializer)? {
+        Either::List(list) => list,
+        Either::Commas(text) => text.split(',').map(str::trim).filter(|name| !name.is_empty()).map(str::to_owned).collect(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fields_left_out_have_their_defaults_and_unknown_ones_are_refused() {
+        let config: PerceptionConfig = serde_json::from_str(r#"{"threads": 2, "segmentation": {"borders": {"radius_px": 3}}}"#).unwrap();
+        assert_eq!((config.threads, config.queue_capacity, config.segmentation.borders.radius_px), (2, 8, 3));
+        assert_eq!(config.segmentation.gravity, Settings::default().gravity);
+        for wrong in [r#"{"thread": 2}"#, r#"{"segmentation": {"border": {}}}"#] {
+            assert!(serde_json::from_str::<PerceptionConfig>(wrong).unwrap_err().to_string().contains("unknown field"));
+        }
+    }
+
+    #[test]
+    fn cameras_are_a_list_or_a_text_with_commas() {
+        for text in [r#"{"cameras": ["front", "wrist"]}"#, r#"{"cameras": "front, wrist"}"#] {
+            assert_eq!(serde_json::from_str::<PerceptionConfig>(text).unwrap().cameras, ["front", "wrist"]);
+        }
+    }
+}

@@ -1,0 +1,66 @@
+//! The service on the network: calls in and replies out, and the frames of its cameras.
+
+use std::sync::Arc;
+
+use async_trait::async_trait;
+use repose_proto::load::WorkerLoad;
+use repose_proto::perception::{LatestRequest, SceneRequest};
+use repose_proto::{CallError, Payload};
+use repose_runtime::{Call, Handler, load_of};
+
+use crate::worker::Worker;
+
+/// Answers `segment`, `latest` and `scene`.
+pub struct Endpoints {
+    worker: Arc<Worker>,
+}
+
+impl Endpoints {
+    /// Answers from what a worker makes and keeps.
+    pub fn new(worker: Arc<Worker>) -> Self {
+        Self { worker }
+    }
+
+    /// A frame to its scene, kept under its id.
+    async fn segment(&self, call: &Call) -> Result<Payload, CallError> {
+        let (scene, times) = self.worker.segment(call.context(), call.payload.clone()).await?;
+        call.stage("decode", times.decode_ms);
+        call.stage("segment", times.segment_ms);
+        call.stage("encode", times.encode_ms);
+        let payload = scene.payload.clone();
+        self.worker.store().keep(scene);
+        Ok(payload)
+    }
+
+    /// The summary of a camera's newest scene.
+    fn latest(&self, call: &Call) -> Result<Payload, CallError> {
+        let LatestRequest { camera } = call.payload.decode_json()?;
+        let summary = self.worker.store().latest(&camera).cloned();
+        let summary = summary.ok_or_else(|| CallError::not_found("camera", format!("no scene of camera {camera:?} was made here")))?;
+        Payload::json(&summary)
+    }
+
+    /// A scene by its id.
+    fn scene(&self, call: &Call) -> Result<Payload, CallError> {
+        let SceneRequest { scene_id } = call.payload.decode_json()?;
+        let scene = self.worker.store().get(&scene_id);
+        let scene = scene.ok_or_else(|| CallError::not_found("scene_id", format!("scene {scene_id} is not, or no longer, kept here")))?;
+        Ok(scene.payload.clone())
+    }
+}
+
+#[async_trait]
+impl Handler for Endpoints {
+    async fn call(&self, call: Call) -> Result<Payload, CallError> {
+        match call.method.as_str() {
+            "segment" => self.segment(&call).await,
+            "latest" => self.latest(&call),
+            "scene" => self.scene(&call),
+            _ => Err(call.unknown_method()),
+        }
+    }
+
+    fn load(&self) -> WorkerLoad {
+        load_of(&self.worker.gauge(), self.worker.capacity())
+    }
+}

@@ -1,0 +1,92 @@
+//! The newest frame of each camera, until somebody takes it.
+//!
+//! A slow computation must neither queue up old frames nor let a fast camera starve a slow one: a newer frame replaces the camera's
+//! waiting one, and cameras are taken in turn.
+
+use std::collections::BTreeMap;
+
+/// One waiting item per camera, at most `max_cameras` of them.
+#[derive(Debug)]
+pub struct NewestFrames<T> {
+    waiting: BTreeMap<String, T>,
+    max_cameras: usize,
+    /// The camera taken last; its successor in name order is next.
+    last: Option<String>,
+}
+
+/// What became of a frame that came in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Placed {
+    /// It waits alone.
+    Waiting,
+    /// It waits in place of an older one.
+    Replaced,
+    /// It was refused: too many cameras have frames waiting.
+    Refused,
+}
+
+impl<T> NewestFrames<T> {
+    /// Nothing waits.
+    pub fn new(max_cameras: usize) -> Self {
+        Self { waiting: BTreeMap::new(), max_cameras, last: None }
+    }
+
+    /// A frame came in.
+    pub fn put(&mut self, camera: &str, frame: T) -> Placed {
+        if let Some(waiting) = self.waiting.get_mut(camera) {
+            *waiting = frame;
+            return Placed::Replaced;
+        }
+        if self.waiting.len() >= self.max_cameras {
+            return Placed::Refused;
+        }
+        self.waiting.insert(camera.to_owned(), frame);
+        Placed::Waiting
+    }
+
+    /// The next camera's frame.
+    pub fn take(&mut self) -> Option<(String, T)> {
+        use std::ops::Bound::{Excluded, Unbounded};
+        let after = self.last.as_ref().and_then(|last| self.waiting.range::<String, _>((Excluded(last), Unbounded)).next());
+        let camera = after.or_else(|| self.waiting.iter().next()).map(|(camera, _)| camera.clone())?;
+        let taken = self.waiting.remove_entry(&camera);
+        self.last = Some(camera);
+        taken
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_newer_frame_replaces_the_waiting_one() {
+        let mut frames = NewestFrames::new(4);
+        assert_eq!((frames.put("a", 1), frames.put("a", 2)), (Placed::Waiting, Placed::Replaced));
+        assert_eq!((frames.take(), frames.take()), (Some(("a".to_owned(), 2)), None));
+    }
+
+    #[test]
+    fn cameras_take_turns_however_fast_one_is() {
+        let mut frames = NewestFrames::new(4);
+        let mut taken = Vec::new();
+        for i in 0..6 {
+            frames.put("fast", i);
+            if i < 2 {
+                frames.put("slow", i);
+                frames.put("other", i);
+            }
+            taken.extend(frames.take().map(|(camera, _)| camera));
+        }
+        assert_eq!(taken[..4], ["fast", "other", "slow", "fast"]);
+    }
+
+    #[test]
+    fn the_number_of_cameras_is_bounded() {
+        let mut frames = NewestFrames::new(1);
+        frames.put("a", 1);
+        assert_eq!(frames.put("b", 2), Placed::Refused);
+        frames.take();
+        assert_eq!(frames.put("b", 2), Placed::Waiting);
+    }
+}

@@ -1,0 +1,93 @@
+//! The compute side of the service: the bounded queue, the threads that segment, and the scenes that were made.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use repose_proto::{CallError, Frame, Payload, Scene};
+use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError};
+
+use crate::config::PerceptionConfig;
+use crate::segment::segment;
+use crate::settings::Settings;
+use crate::store::{KeptScene, SceneStore};
+
+/// Segments frames on its own threads and keeps the scenes.
+pub struct Worker {
+    queue: ComputeQueue,
+    settings: Arc<Settings>,
+    store: Mutex<SceneStore>,
+}
+
+/// How long the stages of a frame took, milliseconds.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct StageTimes {
+    /// Reading the frame.
+    pub decode_ms: f64,
+    /// Frame to scene.
+    pub segment_ms: f64,
+    /// Scene to bytes, and their hash.
+    pub encode_ms: f64,
+}
+
+impl Worker {
+    /// Starts the threads.
+    ///
+    /// # Errors
+    /// When the operating system gives none.
+    pub fn start(config: &PerceptionConfig) -> Result<Self, RuntimeError> {
+        let settings =
+            QueueSettings { name: "perception".to_owned(), capacity: config.queue_capacity, threads: config.threads, ..QueueSettings::default() };
+        Ok(Self {
+            queue: ComputeQueue::start(settings)?,
+            settings: Arc::new(config.segmentation.clone()),
+            store: Mutex::new(SceneStore::new(config.store_limits())),
+        })
+    }
+
+    /// Turns an encoded frame into a scene, which is not kept yet.
+    ///
+    /// # Errors
+    /// `invalid_argument` and `failed_precondition` as [`segment`] has them, and those of the queue.
+    pub async fn segment(&self, context: JobContext, frame: Payload) -> Result<(Arc<KeptScene>, StageTimes), CallError> {
+        let settings = self.settings.clone();
+        self.queue.run(context, move |context| scene_of(&frame, &settings, context)).await
+    }
+
+    /// The scenes that were made.
+    pub fn store(&self) -> MutexGuard<'_, SceneStore> {
+        // Every change leaves the store whole, so a panic elsewhere under the lock does not spoil it.
+        self.store.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What waits and what runs.
+    pub fn gauge(&self) -> Arc<LoadGauge> {
+        self.queue.gauge()
+    }
+
+    /// Frames that may wait.
+    pub fn capacity(&self) -> usize {
+        self.queue.capacity()
+    }
+}
+
+/// Decodes, segments, encodes and names a scene.
+fn scene_of(frame: &Payload, settings: &Settings, context: &JobContext) -> Result<(Arc<KeptScene>, StageTimes), CallError> {
+    let mut times = StageTimes::default();
+    let frame = timed(&mut times.decode_ms, || Frame::from_bulk(&frame.decode_bulk(Frame::SCHEMA)?))?;
+    context.check()?;
+    let scene = timed(&mut times.segment_ms, || segment(&frame, settings).map_err(CallError::from))?;
+    context.check()?;
+    let kept = timed(&mut times.encode_ms, || {
+        let payload = Payload::bulk(Scene::SCHEMA, &scene.to_bulk())?;
+        Ok::<_, CallError>(KeptScene { summary: scene.summary(scene.id()), payload })
+    })?;
+    Ok((Arc::new(kept), times))
+}
+
+/// Runs something and tells how long it took.
+fn timed<T>(ms: &mut f64, work: impl FnOnce() -> T) -> T {
+    let started = Instant::now();
+    let result = work();
+    *ms = started.elapsed().as_secs_f64() * 1e3;
+    result
+}

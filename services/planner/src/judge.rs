@@ -1,0 +1,375 @@
+//! Tries candidates: the constraints in their order, cheap ones first, then the cost of what passed.
+//!
+//! One judge serves every variant; the recipe says which tests it has (paper, equations 1 to 5 and Algorithm 1, lines 9 to 15). The
+//! networks see a whole batch in one request for relations, and then those that pass in one for realism.
+
+use repose_proto::place::{PlaceRequest, Rejection};
+use repose_proto::scoring::ScoreRequest;
+use repose_proto::{CallError, ErrorCode, RELATION_COUNT, Relation, SceneRef};
+
+use crate::candidate::Candidate;
+use crate::constraints::{region_miss, support_miss, view_miss};
+use crate::cost::{Standing, relations_cost, rules_cost, soundness_cost};
+use crate::footing::Ground;
+use crate::judged::Judged;
+use crate::mixture::Mixture;
+use crate::models::Models;
+use crate::obstruction::obstruction;
+use crate::prepared::Prepared;
+use crate::query::Query;
+use crate::rules::Rules;
+use crate::settings::{GoalBy, Realism, Settings};
+
+/// Which weights and kernel answered.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Provenance {
+    /// BLAKE3 of the weights; empty until asked.
+    pub weights_hash: String,
+    /// The kernel.
+    pub kernel: String,
+}
+
+/// Tries candidates of one request.
+pub struct Judge<'a> {
+    /// The scene.
+    pub prepared: &'a Prepared,
+    /// The object to move.
+    pub query: &'a Query,
+    /// The goal by rule.
+    pub rules: &'a Rules,
+    /// The request.
+    pub request: &'a PlaceRequest,
+    /// The request's settings.
+    pub settings: &'a Settings,
+    /// The networks.
+    pub models: &'a dyn Models,
+    /// The prior's mixture, where the variant has one.
+    pub mixture: Option<Mixture>,
+    /// Who answered so far.
+    pub provenance: Provenance,
+    anchors: Vec<u16>,
+    touched: Vec<u16>,
+    carriers: Vec<u16>,
+}
+
+impl<'a> Judge<'a> {
+    /// A judge for a request whose query and rules have been made.
+    pub fn new(
+        prepared: &'a Prepared,
+        query: &'a Query,
+        rules: &'a Rules,
+        request: &'a PlaceRequest,
+        settings: &'a Settings,
+        models: &'a dyn Models,
+    ) -> Self {
+        let positive = |wanted: &[Relation]| {
+            let terms = request.goal.iter().filter(|t| t.holds && wanted.contains(&t.relation));
+            terms.map(|t| t.anchor).collect::<Vec<u16>>()
+        };
+        let mut anchors: Vec<u16> = Vec::new();
+        for term in &request.goal {
+            if !anchors.contains(&term.anchor) {
+                anchors.push(term.anchor);
+            }
+        }
+        Self {
+            touched: positive(&[Relation::Touching]),
+            carriers: positive(&[Relation::Above, Relation::Touching, Relation::Centered]),
+            prepared,
+            query,
+            rules,
+            request,
+            settings,
+            models,
+            mixture: None,
+            provenance: Provenance::default(),
+            anchors,
+        }
+    }
+
+    /// The candidate set down on what is under it when it is lowered from `ceiling_m`; as it is when there is nothing, or when the
+    /// variant does not ground its candidates. A goal of being centered draws it over the anchor first.
+    pub fn settle(&self, candidate: &Candidate, ceiling_m: f32) -> Candidate {
+        if !self.settings.recipe.grounded {
+            return *candidate;
+        }
+        let mut settled = *candidate;
+        let centered = self.request.goal.iter().find(|t| t.holds && t.relation == Relation::Centered);
+        if let Some(anchor) = centered.and_then(|t| self.rules.anchor(t.anchor)) {
+            let center = self.rules.viewer().world_from_viewer() * anchor.extents.center;
+            let shift = center.xy().cast::<f32>() - settled.carry(&self.query.shape.axis_offset());
+            settled.centroid_m[0] += shift.x;
+            settled.centroid_m[1] += shift.y;
+        }
+        if let Some(rest_m) = self.ground().rest_m(&settled, ceiling_m) {
+            settled.centroid_m[2] = rest_m + self.query.shape.centroid_height_m();
+        }
+        settled
+    }
+
+    /// The height that a drawn candidate is lowered from.
+    pub fn ceiling_over(&self, candidate: &Candidate) -> f32 {
+        self.query.bottom_of(candidate.centroid_m[2]) + self.settings.fixed.proposals.lowered_m
+    }
+
+    /// Tries candidates, each with its mode; in their order.
+    ///
+    /// # Errors
+    /// What the networks answer; `unavailable` when their weights changed half way.
+    pub fn judge(&mut self, candidates: &[(Candidate, usize)]) -> Result<Vec<Judged>, CallError> {
+        let mut judged: Vec<Judged> = candidates.iter().map(|(candidate, mode)| self.without_networks(*candidate, *mode)).collect();
+        let by = self.settings.recipe.goal_by;
+        if by == GoalBy::Learned {
+            let open: Vec<usize> = (0..judged.len()).filter(|i| judged[*i].feasible()).collect();
+            self.ask_relations(&mut judged, &open)?;
+            for i in open {
+                self.judge_learned_goal(&mut judged[i]);
+            }
+        }
+        match self.settings.recipe.realism {
+            Realism::Discriminator => {
+                let open: Vec<usize> = (0..judged.len()).filter(|i| judged[*i].feasible()).collect();
+                self.ask_realism(&mut judged, &open)?;
+                for i in open {
+                    self.judge_realism(&mut judged[i]);
+                }
+            }
+            Realism::DiscriminatorRanks => {
+                let best = self.most_promising(&judged);
+                self.ask_realism(&mut judged, &best)?;
+                if by == GoalBy::RuleRankedByLearned {
+                    self.ask_relations(&mut judged, &best)?;
+                }
+            }
+            Realism::Unasked | Realism::PriorDensity => {}
+        }
+        for j in judged.iter_mut().filter(|j| j.feasible()) {
+            j.cost = self.cost(j);
+        }
+        Ok(judged)
+    }
+
+    /// Asks the networks what was not asked yet of some candidates, for the evidence beside answers.
+    ///
+    /// # Errors
+    /// As [`Judge::judge`].
+    pub fn complete(&mut self, judged: &mut [Judged]) -> Result<(), CallError> {
+        let recipe = self.settings.recipe;
+        if matches!(recipe.realism, Realism::Discriminator | Realism::DiscriminatorRanks) {
+            let open: Vec<usize> = (0..judged.len()).filter(|i| judged[*i].realism.is_none()).collect();
+            self.ask_realism(judged, &open)?;
+        }
+        if recipe.goal_by != GoalBy::Rule {
+            let open: Vec<usize> = (0..judged.len()).filter(|i| judged[*i].relations.is_none()).collect();
+            self.ask_relations(judged, &open)?;
+        }
+        for j in judged {
+            if j.footing.is_none() {
+                j.footing = Some(self.ground().footing(&j.candidate));
+            }
+            if j.checks.is_none() {
+                j.checks = Some(self.rules.checks(self.query, &j.candidate, &self.settings.fixed.rules));
+            }
+        }
+        Ok(())
+    }
+
+    /// The cost of a candidate from what is known of it; what was not asked counts as bad as can be.
+    pub fn cost(&self, judged: &Judged) -> f64 {
+        let (settings, recipe) = (self.settings, self.settings.recipe);
+        let unrealistic = judged.realism.map_or(1.0, |f| 1.0 - f64::from(f));
+        let learned = judged.relations.as_ref().map_or(1.0, |p| relations_cost(p));
+        let ruled = judged.checks.as_ref().map_or(0.0, |c| rules_cost(&self.request.goal, c, &settings.fixed.rules));
+        let relations = match recipe.goal_by {
+            GoalBy::Learned => learned,
+            GoalBy::Rule => ruled,
+            GoalBy::RuleRankedByLearned => ruled + learned,
+        };
+        let soundness = if recipe.grounded { self.soundness(judged) } else { 0.0 };
+        let realism = match recipe.realism {
+            Realism::Unasked => soundness,
+            Realism::Discriminator | Realism::DiscriminatorRanks => unrealistic + soundness,
+            Realism::PriorDensity => self.mixture.as_ref().map_or(0.0, |m| -m.log_density(&judged.candidate)),
+        };
+        settings.realism_weight * realism + settings.relations_weight * relations
+    }
+
+    /// The ground under this request's candidates.
+    pub fn ground(&self) -> Ground<'_> {
+        Ground { prepared: self.prepared, query: self.query, settings: &self.settings.fixed.support }
+    }
+
+    fn without_networks(&self, candidate: Candidate, mode: usize) -> Judged {
+        let mut judged = Judged::new(candidate, mode);
+        let fixed = &self.settings.fixed;
+        if let Some(miss) = region_miss(&candidate, &self.request.region) {
+            judged.reject(Rejection::Region, miss);
+            return judged;
+        }
+        let (visibility, miss) = view_miss(&self.prepared.view, self.query, &candidate, &fixed.view);
+        judged.unhidden = Some(visibility.unhidden);
+        if let Some(miss) = miss {
+            judged.reject(Rejection::OutOfView, miss);
+            return judged;
+        }
+        let grounded = self.settings.recipe.grounded;
+        if grounded || self.settings.min_clearance_m > 0.0 {
+            let found = obstruction(self.prepared, self.query, &candidate, &self.touched, &fixed.clearance, &fixed.support);
+            judged.obstruction = Some(found);
+            if grounded && found.colliding_share > 0.0 {
+                judged.reject(Rejection::Collision, found.colliding_share);
+                return judged;
+            }
+            if found.clearance_m < self.settings.min_clearance_m {
+                judged.reject(Rejection::Clearance, self.settings.min_clearance_m - found.clearance_m);
+                return judged;
+            }
+        }
+        if grounded {
+            let footing = self.ground().footing(&candidate);
+            judged.footing = Some(footing);
+            if let Some(miss) = support_miss(&footing, self.query, &fixed.support) {
+                judged.reject(Rejection::Unsupported, miss);
+                return judged;
+            }
+        }
+        if self.settings.recipe.goal_by != GoalBy::Learned {
+            self.judge_goal_by_rule(&mut judged);
+        }
+        judged
+    }
+
+    fn judge_goal_by_rule(&self, judged: &mut Judged) {
+        let rules = &self.settings.fixed.rules;
+        let checks = self.rules.checks(self.query, &judged.candidate, rules);
+        let mut missing = 0.0;
+        for (i, (term, check)) in self.request.goal.iter().zip(&checks).enumerate() {
+            let wanted_m = if term.relation.index() <= Relation::Below.index() { rules.min_margin_m } else { 0.0 };
+            if !check.holds || check.margin_m < wanted_m {
+                judged.failing.push(i);
+                missing += (wanted_m - check.margin_m).max(0.0);
+            }
+        }
+        judged.checks = Some(checks);
+        if !judged.failing.is_empty() {
+            // A tenth of a metre counts as one.
+            judged.reject(Rejection::Goal, 10.0 * missing);
+        }
+    }
+
+    fn judge_learned_goal(&self, judged: &mut Judged) {
+        let threshold = self.settings.relations_threshold;
+        let Some(probabilities) = &judged.relations else { return };
+        let missing = |p: &f32| (threshold - f64::from(*p)).max(0.0);
+        let failing = probabilities.iter().enumerate().filter(|(_, p)| f64::from(**p) <= threshold).map(|(i, _)| i).collect::<Vec<_>>();
+        let total = probabilities.iter().map(missing).sum();
+        if !failing.is_empty() {
+            judged.failing = failing;
+            judged.reject(Rejection::Goal, total);
+        }
+    }
+
+    /// Rejects a candidate that the discriminator does not believe.
+    pub fn judge_realism(&self, judged: &mut Judged) {
+        let realism = judged.realism.map_or(0.0, f64::from);
+        if realism <= self.settings.realism_threshold {
+            judged.reject(Rejection::Unrealistic, self.settings.realism_threshold - realism);
+        }
+    }
+
+    /// The feasible candidates that geometry ranks highest: only they are worth the networks' time.
+    fn most_promising(&self, judged: &[Judged]) -> Vec<usize> {
+        let mut open: Vec<(f64, usize)> =
+            judged.iter().enumerate().filter(|(_, j)| j.feasible()).map(|(i, j)| (self.cost(j), i)).collect();
+        open.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        open.truncate(self.settings.fixed.ranked);
+        let mut best: Vec<usize> = open.into_iter().map(|(_, i)| i).collect();
+        best.sort_unstable();
+        best
+    }
+
+    fn soundness(&self, judged: &Judged) -> f64 {
+        let (Some(footing), Some(found)) = (judged.footing, judged.obstruction) else { return 1.0 };
+        let fixed = &self.settings.fixed;
+        let standing = Standing {
+            footing,
+            rim_share: self.ground().rim_share(&judged.candidate),
+            clearance_m: found.clearance_m,
+            unhidden: judged.unhidden.unwrap_or(0.0),
+            on_stranger: footing.carrier.is_some_and(|c| c != 0 && !self.carriers.contains(&c)),
+        };
+        let main = self.request.main_anchor().and_then(|a| self.prepared.objects.get(&a));
+        let distance_m = main.map_or(0.0, |a| (a.centroid - judged.candidate.centroid()).xy().norm());
+        soundness_cost(&standing, self.query, &fixed.soundness) + fixed.soundness.distance_per_m * distance_m
+    }
+
+    fn ask_relations(&mut self, judged: &mut [Judged], which: &[usize]) -> Result<(), CallError> {
+        let Some(reply) = self.ask(judged, which, false)? else { return Ok(()) };
+        let expected = which.len() * self.anchors.len();
+        if reply.relations.len() != expected {
+            return Err(CallError::internal(format!("expected {expected} relation vectors, got {}", reply.relations.len())));
+        }
+        for (row, i) in reply.relations.chunks_exact(self.anchors.len()).zip(which) {
+            judged[*i].relations = Some(self.as_asked(row));
+        }
+        Ok(())
+    }
+
+    /// Asks the discriminator about some of the candidates.
+    ///
+    /// # Errors
+    /// As [`Judge::judge`].
+    pub fn ask_realism(&mut self, judged: &mut [Judged], which: &[usize]) -> Result<(), CallError> {
+        let Some(reply) = self.ask(judged, which, true)? else { return Ok(()) };
+        if reply.realism.len() != which.len() {
+            return Err(CallError::internal(format!("expected {} realism scores, got {}", which.len(), reply.realism.len())));
+        }
+        for (f, i) in reply.realism.iter().zip(which) {
+            judged[*i].realism = Some(*f);
+        }
+        Ok(())
+    }
+
+    /// The probability of each goal term as asked, from one relation vector per anchor.
+    fn as_asked(&self, by_anchor: &[[f32; RELATION_COUNT]]) -> Vec<f32> {
+        let probability = |term: &repose_proto::GoalTerm| {
+            let row = self.anchors.iter().position(|a| *a == term.anchor).unwrap_or(0);
+            let p = by_anchor[row][term.relation.index()];
+            if term.holds { p } else { 1.0 - p }
+        };
+        self.request.goal.iter().map(probability).collect()
+    }
+
+    fn ask(&mut self, judged: &[Judged], which: &[usize], realism: bool) -> Result<Option<repose_proto::scoring::ScoreReply>, CallError> {
+        if which.is_empty() {
+            return Ok(None);
+        }
+        let request = ScoreRequest {
+            scene: SceneRef { scene_id: self.prepared.scene_id.clone() },
+            query: self.query.id,
+            anchors: if realism { Vec::new() } else { self.anchors.clone() },
+            view_yaw_rad: self.rules.viewer().yaw_rad(),
+            realism,
+            relations: !realism,
+            candidates: which.iter().map(|i| judged[*i].candidate.row()).collect(),
+        };
+        let reply = self.models.score(&request, &self.prepared.scene)?;
+        self.note(&reply.weights_hash, &reply.kernel)?;
+        Ok(Some(reply))
+    }
+
+    /// Notes who answered.
+    ///
+    /// # Errors
+    /// `unavailable` when another answered before: results would then depend on who was asked.
+    pub fn note(&mut self, weights_hash: &str, kernel: &str) -> Result<(), CallError> {
+        let who = Provenance { weights_hash: weights_hash.to_owned(), kernel: kernel.to_owned() };
+        if self.provenance == Provenance::default() {
+            self.provenance = who;
+        } else if self.provenance != who {
+            let message = format!("the weights or the kernel changed during the request, from {:?} to {who:?}", self.provenance);
+            return Err(CallError::new(ErrorCode::Unavailable, message));
+        }
+        Ok(())
+    }
+}

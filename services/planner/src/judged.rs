@@ -1,0 +1,114 @@
+//! What became of a candidate: accepted with a cost, or rejected by the first constraint that failed.
+
+use std::cmp::Ordering;
+
+use repose_proto::place::{GeometricCheck, Rejection};
+
+use crate::candidate::Candidate;
+use crate::footing::Footing;
+use crate::obstruction::Obstruction;
+
+/// A candidate that has been tried.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Judged {
+    /// The candidate.
+    pub candidate: Candidate,
+    /// The mode of the prior, or the support, that it belongs to.
+    pub mode: usize,
+    /// The first constraint that failed, in the order of [`Rejection`]; none when it is feasible.
+    pub rejection: Option<Rejection>,
+    /// How far it is from feasible: later constraints failed count less than earlier ones; 0 when feasible.
+    pub violation: f64,
+    /// c(δ); infinite when it was rejected.
+    pub cost: f64,
+    /// Which goal terms fail, by position; empty unless the goal was tried.
+    pub failing: Vec<usize>,
+    /// The discriminator's probability, where it was asked.
+    pub realism: Option<f32>,
+    /// The predictor's probability of each goal term as asked, where it was asked.
+    pub relations: Option<Vec<f32>>,
+    /// Each goal term by rule, where it was tried.
+    pub checks: Option<Vec<GeometricCheck>>,
+    /// How it stands, where that was tried.
+    pub footing: Option<Footing>,
+    /// What is in its way, where that was tried.
+    pub obstruction: Option<Obstruction>,
+    /// Share of its points that would be seen, where that was tried.
+    pub unhidden: Option<f64>,
+}
+
+impl Judged {
+    /// A candidate that nothing is known of yet.
+    pub fn new(candidate: Candidate, mode: usize) -> Self {
+        Self {
+            candidate,
+            mode,
+            rejection: None,
+            violation: 0.0,
+            cost: f64::INFINITY,
+            failing: Vec::new(),
+            realism: None,
+            relations: None,
+            checks: None,
+            footing: None,
+            obstruction: None,
+            unhidden: None,
+        }
+    }
+
+    /// Whether every constraint holds.
+    pub fn feasible(&self) -> bool {
+        self.rejection.is_none()
+    }
+
+    /// Rejects it by a constraint that it misses by `amount` (any non-negative number; larger is worse).
+    pub fn reject(&mut self, rejection: Rejection, amount: f64) {
+        // The constraints tried after this one; [`Rejection`] lists them in order.
+        let later = [
+            Rejection::Region,
+            Rejection::OutOfView,
+            Rejection::Collision,
+            Rejection::Clearance,
+            Rejection::Unsupported,
+            Rejection::Goal,
+            Rejection::Unrealistic,
+        ]
+        .into_iter()
+        .filter(|r| *r > rejection)
+        .count();
+        self.rejection = Some(rejection);
+        self.violation = later as f64 + amount / (1.0 + amount) + f64::EPSILON;
+        self.cost = f64::INFINITY;
+    }
+
+    /// Better first: feasible ones by cost, then the others by violation.
+    pub fn better(&self, other: &Self) -> Ordering {
+        self.violation.total_cmp(&other.violation).then(self.cost.total_cmp(&other.cost))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn feasible_comes_before_infeasible_and_a_later_constraint_before_an_earlier_one() {
+        let judged = |rejection: Option<(Rejection, f64)>, cost: f64| {
+            let mut j = Judged::new(Candidate { centroid_m: [0.0; 3], yaw_rad: 0.0 }, 0);
+            j.cost = cost;
+            if let Some((rejection, amount)) = rejection {
+                j.reject(rejection, amount);
+            }
+            j
+        };
+        let order = [
+            judged(None, 1.0),
+            judged(None, 2.0),
+            judged(Some((Rejection::Unrealistic, 0.0)), 0.0),
+            judged(Some((Rejection::Unrealistic, 0.3)), 0.0),
+            judged(Some((Rejection::Goal, 0.0)), 0.0),
+            judged(Some((Rejection::Region, 9.0)), 0.0),
+        ];
+        assert!(order.windows(2).all(|w| w[0].better(&w[1]) == Ordering::Less));
+    }
+}

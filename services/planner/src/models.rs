@@ -1,0 +1,38 @@
+//! What the planner asks of the learned models: a port that remote inference, in-process inference and tests' fakes implement.
+
+use std::sync::Arc;
+
+use repose_proto::Scene;
+use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
+use repose_proto::CallError;
+
+/// The learned prior, relation predictor and discriminator. Synchronous: the planner's compute threads own the search and wait.
+///
+/// All replies to one request must come from the same weights and kernel.
+pub trait Models: Send + Sync {
+    /// Draws from the prior, and its mixture.
+    ///
+    /// # Errors
+    /// What inference answers.
+    fn prior(&self, request: &PriorRequest, scene: &Arc<Scene>) -> Result<PriorReply, CallError>;
+
+    /// Scores candidates.
+    ///
+    /// # Errors
+    /// What inference answers.
+    fn score(&self, request: &ScoreRequest, scene: &Arc<Scene>) -> Result<ScoreReply, CallError>;
+}
+
+/// No models: enough for [`Variant::Geometric`](repose_proto::place::Variant::Geometric), an error for every other variant.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct NoModels;
+
+impl Models for NoModels {
+    fn prior(&self, _: &PriorRequest, _: &Arc<Scene>) -> Result<PriorReply, CallError> {
+        Err(CallError::precondition("this variant needs the learned models, and none are loaded").at("variant"))
+    }
+
+    fn score(&self, _: &ScoreRequest, _: &Arc<Scene>) -> Result<ScoreReply, CallError> {
+        Err(CallError::precondition("this variant needs the learned models, and none are loaded").at("variant"))
+    }
+}

@@ -1,0 +1,145 @@
+//! What is in a candidate's way, and how far it keeps from everything.
+//!
+//! During the search by cells: every prism of the query against the runs above the floor plan, completed backs of objects included.
+//! For answers by points: the least distance from the placed cloud to anything that is not beneath it.
+
+use nalgebra::Point3;
+use repose_geometry::Aabb;
+
+use crate::candidate::Candidate;
+use crate::prepared::Prepared;
+use crate::query::Query;
+use crate::settings::{ClearanceSettings, SupportSettings};
+
+/// What the cells say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Obstruction {
+    /// Share of the query's cells that something else fills, strays left out.
+    pub colliding_share: f64,
+    /// Distance to the nearest obstacle, metres, up to the width of the clearance ring; 0 in collision.
+    pub clearance_m: f64,
+}
+
+/// Width of a bin that distances are counted in, metres.
+const BIN_M: f32 = 0.005;
+/// Bins; what is farther counts in the last.
+const BINS: usize = 64;
+
+/// What is in the way of a candidate. `touched` objects may be touched, and do not count for the clearance.
+pub fn obstruction(
+    prepared: &Prepared,
+    query: &Query,
+    candidate: &Candidate,
+    touched: &[u16],
+    settings: &ClearanceSettings,
+    support: &SupportSettings,
+) -> Obstruction {
+    let bottom_m = query.bottom_of(candidate.centroid_m[2]);
+    // What ends here or lower carries the query and is not in its way.
+    let floor_m = bottom_m + support.tolerance_m;
+    let (mut colliding, mut near) = (0usize, [0usize; BINS]);
+    let mut farthest_m = 0.0f32;
+    for prism in &query.prisms {
+        let (low_m, high_m) = (bottom_m + prism.low_m, bottom_m + prism.high_m);
+        for cell in &prism.cells {
+            farthest_m = farthest_m.max(-cell.inside_m);
+            let runs = prepared.columns.at(&candidate.carry(&cell.offset)).iter();
+            let mut in_way = runs.filter(|r| r.object != query.id && r.high_m > floor_m && r.high_m > low_m && r.low_m < high_m);
+            if touched.is_empty() {
+                if in_way.next().is_none() {
+                    continue;
+                }
+                count(cell.inside_m, settings.graze_m, &mut colliding, &mut near);
+            } else {
+                for run in in_way {
+                    match touched.contains(&run.object) {
+                        true if cell.inside_m >= settings.touch_m => colliding += 1,
+                        true => {}
+                        false => count(cell.inside_m, settings.graze_m, &mut colliding, &mut near),
+                    }
+                }
+            }
+        }
+    }
+    let cells = query.prisms.iter().map(|p| p.inside).sum::<usize>().max(1);
+    let strays = settings.stray_cells.max((settings.stray_share * cells as f32) as usize);
+    if colliding > strays {
+        return Obstruction { colliding_share: colliding as f64 / cells as f64, clearance_m: 0.0 };
+    }
+    let mut found = 0;
+    let first = near.iter().position(|n| {
+        found += n;
+        found > settings.stray_cells
+    });
+    let clearance_m = first.map_or(f64::from(farthest_m), |bin| f64::from(bin as f32 * BIN_M));
+    Obstruction { colliding_share: 0.0, clearance_m }
+}
+
+fn count(inside_m: f32, graze_m: f32, colliding: &mut usize, near: &mut [usize; BINS]) {
+    if inside_m >= graze_m {
+        *colliding += 1;
+    } else {
+        near[((-inside_m).max(0.0) / BIN_M) as usize % BINS] += 1;
+    }
+}
+
+/// The least distance from the placed query's observed points to what is not beneath it, metres, 1 at most.
+///
+/// `obstacles` are the scene's points without the query's, thinned out.
+pub fn exact_clearance_m(query: &Query, candidate: &Candidate, obstacles: &[Point3<f32>], support: &SupportSettings) -> f64 {
+    let placed_from_observed = candidate.placed_from_observed(&query.shape.centroid).cast::<f32>();
+    let placed: Vec<Point3<f32>> = query.cloud.iter().map(|p| placed_from_observed * p).collect();
+    let Some(bounds) = Aabb::of(&placed) else { return 1.0 };
+    let floor_m = query.bottom_of(candidate.centroid_m[2]) + support.same_support_m;
+    let mut best = 1.0f32;
+    for obstacle in obstacles.iter().filter(|p| p.z > floor_m) {
+        let gap = (bounds.min - obstacle).sup(&(obstacle - bounds.max)).sup(&nalgebra::Vector3::zeros());
+        if gap.norm_squared() >= best * best {
+            continue;
+        }
+        let nearest = placed.iter().map(|p| (p - obstacle).norm_squared()).fold(f32::INFINITY, f32::min);
+        best = best.min(nearest.sqrt());
+    }
+    f64::from(best)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::Fixed;
+    use crate::synthetic::Builder;
+
+    #[test]
+    fn it_collides_with_a_box_and_its_hidden_back_and_is_clear_beside_it() {
+        let prepared = Builder::table().object(1, [0.0, 0.1], [0.1, 0.1, 0.12]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.08]).prepared();
+        let fixed = Fixed::default();
+        let query = Query::new(&prepared, 2, 0.0, &fixed).unwrap();
+        let offset = query.shape.axis_offset();
+        let at = |x: f32, y: f32, bottom: f32| Candidate {
+            centroid_m: [x - offset.x, y - offset.y, bottom + query.shape.centroid_height_m()],
+            yaw_rad: 0.0,
+        };
+        let judge = |c: &Candidate, touched: &[u16]| obstruction(&prepared, &query, c, touched, &fixed.clearance, &fixed.support);
+        assert!(judge(&at(0.0, 0.1, 0.001), &[]).colliding_share > 0.1, "inside the box");
+        assert!(judge(&at(0.0, 0.17, 0.001), &[]).colliding_share > 0.1, "in its hidden back");
+        let on_top = judge(&at(0.0, 0.1, 0.121), &[]);
+        assert!(on_top.colliding_share == 0.0 && on_top.clearance_m > 0.035, "{on_top:?}");
+        let beside = judge(&at(0.105, 0.1, 0.001), &[]);
+        assert!(beside.colliding_share == 0.0 && (0.01..0.03).contains(&beside.clearance_m), "{beside:?}");
+        let touching = at(0.082, 0.1, 0.001);
+        assert!(judge(&touching, &[1]).colliding_share == 0.0 && judge(&touching, &[1]).clearance_m > 0.03);
+    }
+
+    #[test]
+    fn the_clearance_of_an_answer_is_the_gap_to_the_next_thing() {
+        let prepared = Builder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.12]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.08]).prepared();
+        let fixed = Fixed::default();
+        let query = Query::new(&prepared, 2, 0.0, &fixed).unwrap();
+        let offset = query.shape.axis_offset();
+        let candidate = Candidate { centroid_m: [0.13 - offset.x, -offset.y, query.shape.centroid_height_m()], yaw_rad: 0.0 };
+        let obstacles: Vec<Point3<f32>> =
+            prepared.scene.points.iter().zip(&prepared.scene.labels).filter(|(_, l)| **l != 2).map(|(p, _)| Point3::from(*p)).collect();
+        let clearance_m = exact_clearance_m(&query, &candidate, &obstacles, &fixed.support);
+        assert!((clearance_m - 0.05).abs() < 0.006, "{clearance_m}");
+    }
+}

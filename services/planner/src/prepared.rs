@@ -1,0 +1,221 @@
+//! A scene prepared once for many requests: everything about it that does not depend on what is asked.
+//!
+//! The points by object, the objects' completed shapes and what each stands on, the map of runs above the floor plan, the support
+//! surfaces, and the camera's picture rebuilt from the points. Requests then only leave the query out of it.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use nalgebra::{Point2, Point3};
+use repose_geometry::{Footprint, cloud, transform};
+use repose_proto::{CallError, Scene};
+
+use crate::columns::{Columns, Run, bounds_around};
+use crate::settings::SceneSettings;
+use crate::shape::Shape;
+use crate::view::ObservedView;
+
+/// A horizontal surface that was seen.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SupportPlane {
+    /// World z, metres.
+    pub height_m: f32,
+    /// Outline of what was seen of it, world frame.
+    pub outline: Footprint,
+    /// The object whose top it is, 0 for furniture.
+    pub object: u16,
+}
+
+/// One object.
+#[derive(Debug, Clone)]
+pub struct PreparedObject {
+    /// Its points, world frame.
+    pub points: Vec<Point3<f32>>,
+    /// Their mean.
+    pub centroid: Point3<f64>,
+    /// The whole object as it is believed to be; none when its points have no extent from above.
+    pub shape: Option<Shape>,
+}
+
+/// A prepared scene.
+#[derive(Debug, Clone)]
+pub struct Prepared {
+    /// The scene itself.
+    pub scene: Arc<Scene>,
+    /// Its id.
+    pub scene_id: String,
+    /// Its objects by id.
+    pub objects: BTreeMap<u16, PreparedObject>,
+    /// Its support surfaces, as perception ranked them.
+    pub planes: Vec<SupportPlane>,
+    /// What stands above each cell of the floor plan.
+    pub columns: Columns,
+    /// What the camera saw.
+    pub view: ObservedView,
+}
+
+impl Prepared {
+    /// Prepares a scene with the default settings; `scene_id` must be the scene's.
+    ///
+    /// # Errors
+    /// `invalid_argument` when the cloud is empty or the camera has no (rigid) pose.
+    pub fn new(scene: Arc<Scene>, scene_id: String) -> Result<Self, CallError> {
+        Self::with_settings(scene, scene_id, &SceneSettings::default())
+    }
+
+    /// Prepares a scene.
+    ///
+    /// # Errors
+    /// `invalid_argument` when the cloud is empty or the camera has no (rigid) pose.
+    pub fn with_settings(scene: Arc<Scene>, scene_id: String, settings: &SceneSettings) -> Result<Self, CallError> {
+        let pose = scene.meta.camera.world_from_camera.as_ref();
+        let pose = pose.ok_or_else(|| CallError::invalid("scene.camera.world_from_camera", "a scene's camera must have a pose"))?;
+        let world_from_camera =
+            transform::from_row_major(&pose.0).map_err(|e| CallError::invalid("scene.camera.world_from_camera", e.to_string()))?;
+
+        let mut clouds: BTreeMap<u16, Vec<Point3<f32>>> = BTreeMap::new();
+        for (p, label) in scene.points.iter().zip(&scene.labels).filter(|(_, label)| **label != 0) {
+            clouds.entry(*label).or_default().push(Point3::from(*p));
+        }
+        let of_objects: Vec<Point3<f32>> = clouds.values().flatten().copied().collect();
+        // Without any object there is nothing to plan with, but the caller's mistake is then named by the object it asked for.
+        let bounds = bounds_around(&of_objects, &scene.points, settings.reach_m)
+            .or_else(|| bounds_around(&[Point3::origin()], &scene.points, settings.reach_m))
+            .ok_or_else(|| CallError::invalid("points", "the cloud is empty"))?;
+        let seen = Columns::of_points(&scene.points, &scene.labels, &bounds, settings.cell_m, settings.gap_m);
+        let planes: Vec<SupportPlane> = scene.meta.surfaces.iter().filter_map(plane).collect();
+
+        let camera = world_from_camera.translation.vector.xy().cast::<f32>().into();
+        let mut objects = BTreeMap::new();
+        let mut hidden: Vec<(Point2<f32>, Run)> = Vec::new();
+        for (id, points) in clouds {
+            let Some(centroid) = cloud::centroid(&points) else { continue };
+            let shape = bottom(id, &points, &seen, &planes, settings)
+                .and_then(|bottom_m| Shape::complete(&points, bottom_m, &camera, &settings.shape));
+            if let Some(shape) = &shape {
+                hidden.extend(unseen_runs(id, shape, &seen));
+            }
+            objects.insert(id, PreparedObject { points, centroid, shape });
+        }
+        let view = ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &world_from_camera, settings.view_columns);
+        Ok(Self { columns: seen.with(hidden), scene, scene_id, objects, planes, view })
+    }
+
+    /// An object with its completed shape.
+    ///
+    /// # Errors
+    /// `not_found` on `field` when there is no such object; `failed_precondition` when too little of it was seen.
+    pub fn object(&self, id: u16, field: &str) -> Result<(&PreparedObject, &Shape), CallError> {
+        let object = self.objects.get(&id).ok_or_else(|| {
+            let known: Vec<String> = self.objects.keys().map(u16::to_string).collect();
+            CallError::not_found(field, format!("the scene has no object {id}; it has {}", list(&known)))
+        })?;
+        let enough = object.points.len() >= SceneSettings::default().min_points;
+        let shape = object.shape.as_ref().filter(|_| enough).ok_or_else(|| {
+            CallError::precondition(format!("object {id} has too few points to plan with ({})", object.points.len())).at(field)
+        })?;
+        Ok((object, shape))
+    }
+}
+
+fn list(known: &[String]) -> String {
+    if known.is_empty() { "none".to_owned() } else { known.join(", ") }
+}
+
+fn plane(surface: &repose_proto::Surface) -> Option<SupportPlane> {
+    let corners: Vec<Point3<f32>> = surface.outline_m.iter().map(|[x, y]| Point3::new(*x as f32, *y as f32, 0.0)).collect();
+    let outline = Footprint::of(&corners)?;
+    Some(SupportPlane { height_m: surface.height_m as f32, outline, object: surface.object.unwrap_or(0) })
+}
+
+/// The height of what an object stands on: the highest surface below its points, or another object's top; its lowest points, less
+/// what border cleaning takes, where nothing was seen.
+fn bottom(id: u16, points: &[Point3<f32>], seen: &Columns, planes: &[SupportPlane], settings: &SceneSettings) -> Option<f32> {
+    let robust = cloud::percentile_box(points, 0.02, 0.98)?;
+    let lowest_m = robust.min.z;
+    let middle = robust.center().xy();
+    let limit_m = lowest_m + settings.bottom_slack_m;
+    let under = planes
+        .iter()
+        .filter(|p| p.object != id && p.height_m <= limit_m && p.outline.margin(&middle) >= -0.03)
+        .map(|p| p.height_m)
+        .fold(f32::NEG_INFINITY, f32::max);
+    let carried = carrier_top(id, points, limit_m, seen, settings);
+    let height_m = under.max(carried);
+    Some(if height_m.is_finite() { height_m } else { lowest_m - settings.trim_m })
+}
+
+/// The highest level that enough cells of other objects' tops under this object share.
+fn carrier_top(id: u16, points: &[Point3<f32>], limit_m: f32, seen: &Columns, settings: &SceneSettings) -> f32 {
+    const BIN_M: f32 = 0.005;
+    let Some(outline) = Footprint::of(points) else { return f32::NEG_INFINITY };
+    let mut tops: Vec<f32> = Vec::new();
+    let mut cells = 0;
+    for center in cells_of(&outline, seen) {
+        cells += 1;
+        let runs = seen.at(&center).iter().filter(|r| r.object != id && r.object != 0 && r.high_m <= limit_m);
+        tops.extend(runs.map(|r| r.high_m).reduce(f32::max));
+    }
+    tops.sort_by(|a, b| b.total_cmp(a));
+    let needed = ((settings.carrier_share * cells as f32).ceil() as usize).max(3);
+    let shared = tops.windows(needed).find(|w| w[0] - w[needed - 1] <= 2.0 * BIN_M);
+    shared.map_or(f32::NEG_INFINITY, |w| w[needed / 2])
+}
+
+/// The parts of a shape that must be there though no point shows them: under its tops, and behind its front.
+fn unseen_runs(id: u16, shape: &Shape, seen: &Columns) -> Vec<(Point2<f32>, Run)> {
+    let mut runs = Vec::new();
+    for slab in &shape.slabs {
+        for center in cells_of(&slab.outline, seen) {
+            let own = seen.at(&center).iter().filter(|r| r.object == id).map(|r| r.high_m).reduce(f32::max);
+            // A hollow that was looked into is as deep as it was seen to be.
+            let high_m = own.unwrap_or(slab.high_m).min(slab.high_m);
+            if high_m > slab.low_m {
+                runs.push((center, Run { low_m: slab.low_m, high_m, object: id, seen: false }));
+            }
+        }
+    }
+    runs
+}
+
+/// The centres of the map's cells within an outline.
+fn cells_of<'a>(outline: &'a Footprint, columns: &Columns) -> impl Iterator<Item = Point2<f32>> + use<'a> {
+    let corners = outline.corners();
+    let (min, max) = corners.iter().fold((corners[0], corners[0]), |(min, max), c| (min.inf(c), max.sup(c)));
+    columns.centers_within(&min, &max).filter(move |c| outline.margin(c) >= 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_proto::ErrorCode;
+
+    use super::*;
+    use crate::synthetic::Builder;
+
+    #[test]
+    fn each_object_stands_on_what_is_under_it() {
+        let scene = Builder::table()
+            .object(1, [0.0, 0.0], [0.15, 0.12, 0.1])
+            .object_at(2, [0.0, 0.0], 0.1, [0.06, 0.06, 0.08])
+            .object(3, [0.25, 0.0], [0.05, 0.05, 0.05])
+            .prepared();
+        let bottom = |id: u16| scene.objects[&id].shape.as_ref().unwrap().bottom_m;
+        assert!(bottom(1).abs() < 1e-3 && (bottom(2) - 0.1).abs() < 2e-3 && bottom(3).abs() < 1e-3);
+    }
+
+    #[test]
+    fn an_object_fills_the_space_behind_its_front_and_under_its_top() {
+        let scene = Builder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).prepared();
+        let inside = scene.columns.at(&Point2::new(0.0, 0.02));
+        assert!(inside.iter().any(|r| !r.seen && r.object == 1 && r.low_m < 0.01 && r.high_m > 0.09), "{inside:?}");
+        assert!(scene.columns.at(&Point2::new(0.2, 0.0)).iter().all(|r| r.object == 0));
+    }
+
+    #[test]
+    fn an_unknown_object_is_not_found_and_the_field_is_named() {
+        let scene = Builder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).prepared();
+        let error = scene.object(9, "goal[1].anchor").unwrap_err();
+        assert_eq!((error.code, error.field.as_deref()), (ErrorCode::NotFound, Some("goal[1].anchor")));
+        assert!(scene.object(1, "query").is_ok());
+    }
+}

@@ -1,0 +1,190 @@
+//! Algorithm 1 of the paper: the cross-entropy method over placements, one search per mode, the best of all seen wins.
+//!
+//! Iteration 0 draws from the prior (or the goal's geometry), later ones from the refitted Gaussians. An iteration draws until `batch`
+//! candidates pass every constraint or `draws_per_batch` × `batch` were drawn. (The pseudocode's range(1, N) with s = 0 is a slip:
+//! iteration 0 is the prior's.) Everything depends on the request's seed alone.
+
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+
+use rand_pcg::Pcg64;
+use repose_proto::CallError;
+use repose_proto::place::Rejection;
+
+use crate::candidate::Candidate;
+use crate::judge::Judge;
+use crate::judged::Judged;
+use crate::modes::{Mode, assign_levels, refit};
+use crate::proposals::Proposer;
+
+/// Why a search stops early.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stop {
+    /// Nobody waits for the answer any more.
+    Cancelled,
+    /// Time is up.
+    Deadline,
+}
+
+/// How many infeasible candidates are remembered as the nearest misses.
+const NEAREST: usize = 20;
+
+/// What a search has found so far.
+#[derive(Debug, Clone, Default)]
+pub struct Findings {
+    /// The feasible candidates of all iterations, in the order in which they were drawn.
+    pub accepted: Vec<Judged>,
+    /// Rejected candidates by reason.
+    pub rejections: BTreeMap<Rejection, u64>,
+    /// Candidates that one goal term alone kept out, by that term's position, in order.
+    pub single_failures: BTreeMap<usize, Vec<Judged>>,
+    /// In-view candidates that failed by least, best first.
+    pub nearest: Vec<Judged>,
+    /// Iterations done.
+    pub iterations: u32,
+    /// Candidates drawn.
+    pub evaluated: u64,
+}
+
+impl Findings {
+    /// The lowest-cost feasible candidate, the first drawn of equals.
+    pub fn best(&self) -> Option<&Judged> {
+        self.accepted.iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
+    }
+
+    fn record(&mut self, judged: &[Judged]) {
+        self.evaluated += judged.len() as u64;
+        for j in judged {
+            let Some(rejection) = j.rejection else {
+                self.accepted.push(j.clone());
+                continue;
+            };
+            *self.rejections.entry(rejection).or_default() += 1;
+            if let (Rejection::Goal, [term]) = (rejection, &j.failing[..]) {
+                self.single_failures.entry(*term).or_default().push(j.clone());
+            }
+            if rejection > Rejection::OutOfView {
+                self.nearest.push(j.clone());
+            }
+        }
+        self.nearest.sort_by(Judged::better);
+        self.nearest.truncate(NEAREST);
+    }
+}
+
+/// Where iteration 0's candidates come from.
+pub struct Source<'a> {
+    /// Draws of the prior with their modes, to be used in order.
+    pub drawn: std::vec::IntoIter<(Candidate, usize)>,
+    /// Proposals from the goal's geometry.
+    pub proposer: Option<Proposer<'a>>,
+    /// How many of those were made.
+    pub proposed: u64,
+}
+
+impl Source<'_> {
+    /// Up to `count` candidates, settled: half of each where there are both.
+    fn draw(&mut self, count: usize, judge: &Judge<'_>, rng: &mut Pcg64) -> Vec<(Candidate, usize)> {
+        let from_prior = if self.proposer.is_some() { count / 2 } else { count };
+        let mut out: Vec<(Candidate, usize)> = self.drawn.by_ref().take(from_prior).collect();
+        for (candidate, _) in &mut out {
+            *candidate = judge.settle(candidate, judge.ceiling_over(candidate));
+        }
+        if let Some(proposer) = &self.proposer {
+            while out.len() < count {
+                let proposal = proposer.draw(self.proposed, rng);
+                self.proposed += 1;
+                out.push((judge.settle(&proposal.drawn, proposal.ceiling_m), 0));
+            }
+        }
+        out
+    }
+}
+
+/// Searches. `control` is asked before every batch (`None`) and told of every iteration done; it may stop the search.
+///
+/// Returns what was found, and why it stopped early if it did.
+///
+/// # Errors
+/// What the networks answer.
+pub fn search(
+    judge: &mut Judge<'_>,
+    mut source: Source<'_>,
+    rng: &mut Pcg64,
+    control: &mut dyn FnMut(Option<&Findings>, &Judge<'_>) -> ControlFlow<Stop>,
+) -> Result<(Findings, Option<Stop>), CallError> {
+    let settings = judge.settings;
+    let surrogate = &settings.fixed.surrogate;
+    let mut findings = Findings::default();
+    let mut modes: Vec<Mode> = Vec::new();
+    for iteration in 0..settings.iterations {
+        let mut judged: Vec<Judged> = Vec::new();
+        let mut quotas = vec![Quota::default(); modes.len().max(1)];
+        loop {
+            if let ControlFlow::Break(stop) = control(None, judge) {
+                return Ok((findings, Some(stop)));
+            }
+            let batch = if iteration == 0 {
+                let count = quotas[0].next(settings.batch, settings.draws_per_batch);
+                source.draw(count, judge, rng)
+            } else {
+                draw_from_modes(&modes, &mut quotas, judge, rng)
+            };
+            if batch.is_empty() {
+                break;
+            }
+            let tried = judge.judge(&batch)?;
+            findings.record(&tried);
+            for j in &tried {
+                let slot = if iteration == 0 { 0 } else { modes.iter().position(|m| m.id == j.mode).unwrap_or(0) };
+                quotas[slot].accepted += usize::from(j.feasible());
+            }
+            judged.extend(tried);
+        }
+        if iteration == 0 && settings.recipe.grounded {
+            assign_levels(&mut judged, surrogate.level_gap_m);
+        }
+        modes = refit(modes, judged, settings.elites, settings.rotation, surrogate);
+        findings.iterations = iteration + 1;
+        if let ControlFlow::Break(stop) = control(Some(&findings), judge) {
+            let early = (iteration + 1 < settings.iterations).then_some(stop);
+            return Ok((findings, early.or((stop == Stop::Cancelled).then_some(stop))));
+        }
+        if modes.is_empty() {
+            break;
+        }
+    }
+    Ok((findings, None))
+}
+
+/// How much of an iteration's draws a mode has had.
+#[derive(Debug, Clone, Copy, Default)]
+struct Quota {
+    drawn: usize,
+    accepted: usize,
+}
+
+impl Quota {
+    /// How many to draw next, 0 when the mode has its accepted candidates or has drawn its fill.
+    fn next(&mut self, wanted: usize, draws_per_batch: usize) -> usize {
+        let missing = wanted.saturating_sub(self.accepted);
+        let left = (wanted * draws_per_batch).saturating_sub(self.drawn);
+        // A whole batch at a time where few pass: the networks like batches.
+        let count = if missing == 0 { 0 } else { wanted.min(left) };
+        self.drawn += count;
+        count
+    }
+}
+
+fn draw_from_modes(modes: &[Mode], quotas: &mut [Quota], judge: &Judge<'_>, rng: &mut Pcg64) -> Vec<(Candidate, usize)> {
+    let settings = judge.settings;
+    let mut out = Vec::new();
+    for (mode, quota) in modes.iter().zip(quotas) {
+        let wanted = ((settings.batch as f64 * mode.share).round() as usize).max(1);
+        for _ in 0..quota.next(wanted, settings.draws_per_batch) {
+            let drawn = mode.surrogate.draw(rng);
+            out.push((judge.settle(&drawn, judge.ceiling_over(&drawn)), mode.id));
+        }
+    }
+    out
+}

@@ -1,0 +1,93 @@
+//! One attempt of a call: its reply stream, read up to the one terminal reply.
+
+use std::collections::BTreeMap;
+
+use repose_proto::{CallError, Payload, ReplyAttachment, ReplyKind};
+use tokio::sync::mpsc;
+
+use crate::transport::{ReplyEvent, ReplyStream};
+
+/// How an attempt ended.
+#[derive(Debug)]
+pub enum Ended {
+    /// A result came.
+    Result {
+        /// The result.
+        payload: Payload,
+        /// Who sent it.
+        worker: Option<String>,
+        /// Milliseconds by stage.
+        timing_ms: BTreeMap<String, f64>,
+    },
+    /// An error came.
+    Error(CallError),
+    /// The stream ended without a terminal reply: there is no such worker, or it died.
+    Empty,
+    /// The caller goes to another worker.
+    Left,
+    /// What came could not be read.
+    Garbled(CallError),
+    /// The caller cancelled.
+    Cancelled,
+    /// The deadline passed.
+    Overdue,
+}
+
+/// The replies to one attempt.
+pub struct Attempt<'a> {
+    replies: ReplyStream,
+    id: &'a str,
+    progress: Option<&'a mpsc::Sender<Payload>>,
+    progressed: bool,
+}
+
+impl<'a> Attempt<'a> {
+    /// Reads `replies` of the call `id`, passing progress on.
+    pub fn new(replies: ReplyStream, id: &'a str, progress: Option<&'a mpsc::Sender<Payload>>) -> Self {
+        Self { replies, id, progress, progressed: false }
+    }
+
+    /// Waits for the end. Cancel safe.
+    pub async fn next(&mut self) -> Ended {
+        while let Some(event) = self.replies.next().await {
+            match event {
+                ReplyEvent::TimedOut => return Ended::Overdue,
+                ReplyEvent::Reply { payload, attachment } => {
+                    if let Some(ended) = self.take(payload, &attachment) {
+                        return ended;
+                    }
+                }
+            }
+        }
+        Ended::Empty
+    }
+
+    /// Whether the worker has shown that it has the call.
+    pub fn has_progressed(&self) -> bool {
+        self.progressed
+    }
+
+    fn take(&mut self, payload: Payload, attachment: &[u8]) -> Option<Ended> {
+        let attachment = match ReplyAttachment::decode(attachment) {
+            Ok(attachment) => attachment,
+            Err(error) => return Some(Ended::Garbled(error)),
+        };
+        // An error about an attachment that the worker could not read has no id to carry.
+        if attachment.id != self.id && !(attachment.id.is_empty() && attachment.kind == ReplyKind::Error) {
+            tracing::warn!(expected = self.id, got = attachment.id, "a reply to another call was ignored");
+            return None;
+        }
+        match attachment.kind {
+            ReplyKind::Progress => {
+                self.progressed = true;
+                if let Some(progress) = self.progress {
+                    // A reader that is slow, or gone, loses progress and nothing else.
+                    drop(progress.try_send(payload));
+                }
+                None
+            }
+            ReplyKind::Result => Some(Ended::Result { payload, worker: attachment.worker, timing_ms: attachment.timing_ms }),
+            ReplyKind::Error => Some(payload.decode_json().map_or_else(Ended::Garbled, Ended::Error)),
+        }
+    }
+}

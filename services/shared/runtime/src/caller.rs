@@ -1,0 +1,433 @@
+//! Calls to a service: finds its workers, chooses one, tries again on another where that is safe, and ends each call exactly once.
+//!
+//! An attempt is left for another worker when its worker refuses or is gone, when the worker's load has been silent, or when the
+//! attempt has outlived its share of the deadline and takes much longer than that worker's calls do (its request may be lost). The same
+//! request id goes along, so a worker that gets it twice computes it once. What an attempt says after it was left goes nowhere.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use bytes::Bytes;
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use repose_proto::{CallAttachment, CallError, Cell, ErrorCode, Payload, Priority, Service, limits, message};
+use tokio::sync::mpsc;
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
+
+use crate::RuntimeError;
+use crate::attempt::{Attempt, Ended};
+use crate::config::CallerConfig;
+use crate::directory::{Accept, Assigned, Directory, Wanted, WorkerView};
+use crate::transport::{OutgoingQuery, Traffic, Transport};
+
+/// An attempt is slow when it takes this many times what its worker's calls take.
+const SLOW_FACTOR: u32 = 3;
+
+/// How one call is to be made.
+#[derive(Clone)]
+pub struct CallOptions {
+    /// Time until the deadline (10 s), at most [`limits::MAX_REMAINING_MS`].
+    pub deadline: Duration,
+    /// Who waits.
+    pub priority: Priority,
+    /// Whether it may be computed twice, and so be tried again (yes). Never for what moves a robot.
+    pub idempotent: bool,
+    /// Triggering it ends the call with `cancelled`, and tells the worker. Dropping the call's future tells it too.
+    pub cancel: CancellationToken,
+    /// This worker only.
+    pub worker: Option<String>,
+    /// Only workers whose load this accepts: a pin on weights and kernel.
+    pub accept: Option<Accept>,
+    /// Where progress goes; what does not fit is dropped.
+    pub progress: Option<mpsc::Sender<Payload>>,
+    /// The request's id; made up where absent. Repeating an at-most-once call needs the same one.
+    pub id: Option<String>,
+    /// W3C trace context to pass on.
+    pub traceparent: Option<String>,
+}
+
+impl Default for CallOptions {
+    fn default() -> Self {
+        Self {
+            deadline: Duration::from_secs(10),
+            priority: Priority::Interactive,
+            idempotent: true,
+            cancel: CancellationToken::new(),
+            worker: None,
+            accept: None,
+            progress: None,
+            id: None,
+            traceparent: None,
+        }
+    }
+}
+
+impl CallOptions {
+    /// The defaults with a deadline.
+    pub fn within(deadline: Duration) -> Self {
+        Self { deadline, ..Self::default() }
+    }
+
+    /// A call that must not happen twice.
+    pub fn at_most_once(deadline: Duration) -> Self {
+        Self { deadline, idempotent: false, ..Self::default() }
+    }
+
+    /// A call on behalf of another: the same deadline, priority, cancel and trace.
+    pub fn for_call(call: &crate::Call) -> Self {
+        Self {
+            deadline: call.remaining(),
+            priority: call.priority,
+            cancel: call.cancelled.clone(),
+            traceparent: call.traceparent.clone(),
+            ..Self::default()
+        }
+    }
+}
+
+/// The result of a call.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Answer {
+    /// The result.
+    pub payload: Payload,
+    /// The worker that answered.
+    pub worker: String,
+    /// How many attempts it took.
+    pub attempts: u32,
+    /// Milliseconds by stage, as the worker counted them.
+    pub timing_ms: BTreeMap<String, f64>,
+}
+
+/// Calls one service. Cheap to clone.
+#[derive(Clone)]
+pub struct Caller {
+    inner: Arc<Inner>,
+}
+
+struct Inner {
+    transport: Arc<dyn Transport>,
+    cell: Cell,
+    service: Service,
+    config: CallerConfig,
+    directory: Directory,
+}
+
+impl Caller {
+    /// Starts to follow the service's workers.
+    ///
+    /// # Errors
+    /// When the network refuses.
+    pub async fn new(transport: Arc<dyn Transport>, cell: Cell, service: Service, config: CallerConfig) -> Result<Self, RuntimeError> {
+        let random = Pcg64::seed_from_u64(config.seed.unwrap_or_else(|| uuid::Uuid::new_v4().as_u64_pair().0));
+        let suspect_after = Duration::from_millis(config.suspect_after_ms);
+        let directory = Directory::follow(transport.as_ref(), &cell, service, suspect_after, random).await?;
+        Ok(Self { inner: Arc::new(Inner { transport, cell, service, config, directory }) })
+    }
+
+    /// The workers alive now, by name.
+    pub fn workers(&self) -> Vec<WorkerView> {
+        self.inner.directory.workers()
+    }
+
+    /// Waits until `count` workers are alive and have told their load.
+    ///
+    /// # Errors
+    /// `unavailable` when that takes longer than `bound`.
+    pub async fn wait_for_workers(&self, count: usize, bound: Duration) -> Result<(), CallError> {
+        let directory = &self.inner.directory;
+        let enough = async {
+            loop {
+                let mut changed = std::pin::pin!(directory.changed());
+                changed.as_mut().enable();
+                if directory.workers().iter().filter(|w| w.load.is_some()).count() >= count {
+                    return;
+                }
+                changed.await;
+            }
+        };
+        tokio::time::timeout(bound, enough).await.map_err(|_| self.inner.nobody())
+    }
+
+    /// Makes a call. Ends within its deadline, exactly once.
+    ///
+    /// # Errors
+    /// The worker's error, or ours: `invalid_argument` (oversize, deadline out of range), `unavailable` (nobody there, or gone and no
+    /// retry left), `deadline_exceeded`, `cancelled`.
+    pub async fn call(&self, method: &str, payload: Payload, options: CallOptions) -> Result<Answer, CallError> {
+        message::check_size(payload.bytes.len())?;
+        let remaining_ms = options.deadline.as_millis();
+        if remaining_ms == 0 {
+            return Err(too_late());
+        }
+        if remaining_ms > u128::from(limits::MAX_REMAINING_MS) {
+            let message = format!("expected 1 to {} ms, got {remaining_ms}", limits::MAX_REMAINING_MS);
+            return Err(CallError::invalid("remaining_ms", message));
+        }
+        let id = options.id.clone().unwrap_or_else(|| uuid::Uuid::new_v4().to_string());
+        let deadline = Instant::now() + options.deadline;
+        let progress = Ongoing { inner: &self.inner, method, payload, options: &options, id, deadline, tried: Vec::new(), attempts: 0 };
+        progress.run().await
+    }
+
+    /// Makes the same call to every worker alive, each pinned, side by side.
+    pub async fn call_all(&self, method: &str, payload: &Payload, options: &CallOptions) -> Vec<(String, Result<Answer, CallError>)> {
+        let calls = self.workers().into_iter().map(|worker| async {
+            let options = CallOptions { worker: Some(worker.name.clone()), id: None, ..options.clone() };
+            (worker.name, self.call(method, payload.clone(), options).await)
+        });
+        futures::future::join_all(calls).await
+    }
+
+    /// Makes the same call to every worker alive and returns the first result: who holds it, whoever that is.
+    ///
+    /// # Errors
+    /// When nobody has a result: `not_found` if anyone said so, otherwise the last error; `unavailable` when nobody is alive.
+    pub async fn call_any(&self, method: &str, payload: &Payload, options: &CallOptions) -> Result<Answer, CallError> {
+        self.wait_for_workers(1, options.deadline.min(Duration::from_millis(self.inner.config.worker_wait_ms))).await?;
+        let mut calls: futures::stream::FuturesUnordered<_> = self
+            .workers()
+            .into_iter()
+            .map(|worker| {
+                let options = CallOptions { worker: Some(worker.name), id: None, ..options.clone() };
+                self.call(method, payload.clone(), options)
+            })
+            .collect();
+        let mut worst = self.inner.nobody();
+        while let Some(ended) = futures::StreamExt::next(&mut calls).await {
+            match ended {
+                Ok(answer) => return Ok(answer),
+                Err(error) if worst.code != ErrorCode::NotFound => worst = error,
+                Err(_) => {}
+            }
+        }
+        Err(worst)
+    }
+}
+
+fn too_late() -> CallError {
+    CallError::new(ErrorCode::DeadlineExceeded, "the deadline passed before an answer came")
+}
+
+impl Inner {
+    fn nobody(&self) -> CallError {
+        CallError::new(ErrorCode::Unavailable, format!("no suitable {} worker is alive", self.service))
+    }
+
+    fn cancel_at(&self, worker: &str, id: &str) -> impl Future<Output = ()> + Send + 'static {
+        let (transport, key) = (self.transport.clone(), self.cell.cancel(self.service, worker, id));
+        async move {
+            let payload = Payload { encoding: String::new(), bytes: Bytes::new() };
+            if let Err(error) = transport.put(&key, payload, Traffic::Call(Priority::Interactive)).await {
+                tracing::debug!(%error, "a cancel could not be sent");
+            }
+        }
+    }
+}
+
+/// Tells the worker when an attempt is left before its terminal reply, however that happens.
+struct CancelUnlessDone<'a> {
+    inner: &'a Inner,
+    worker: String,
+    id: &'a str,
+    armed: bool,
+}
+
+impl Drop for CancelUnlessDone<'_> {
+    fn drop(&mut self) {
+        if self.armed
+            && let Ok(runtime) = tokio::runtime::Handle::try_current()
+        {
+            runtime.spawn(self.inner.cancel_at(&self.worker, self.id));
+        }
+    }
+}
+
+/// One call under way.
+struct Ongoing<'a> {
+    inner: &'a Inner,
+    method: &'a str,
+    payload: Payload,
+    options: &'a CallOptions,
+    id: String,
+    deadline: Instant,
+    tried: Vec<String>,
+    attempts: u32,
+}
+
+/// What to do after an attempt.
+enum Next {
+    Done(Result<Answer, CallError>),
+    /// Try again; the error stands if there is no other try.
+    Again(CallError),
+}
+
+impl Ongoing<'_> {
+    async fn run(mut self) -> Result<Answer, CallError> {
+        loop {
+            let assigned = self.worker().await?;
+            let error = match self.attempt(&assigned).await {
+                Next::Done(outcome) => return outcome,
+                Next::Again(error) => error,
+            };
+            self.attempts += 1;
+            if !self.may_repeat() {
+                return Err(error);
+            }
+            if !self.tried.iter().any(|name| name == assigned.name()) {
+                self.tried.push(assigned.name().to_owned());
+            }
+            drop(assigned);
+            self.back_off(error).await?;
+        }
+    }
+
+    /// Whether there is another attempt after `self.attempts`.
+    fn may_repeat(&self) -> bool {
+        self.options.idempotent && self.attempts <= self.inner.config.retries
+    }
+
+    fn remaining(&self) -> Duration {
+        self.deadline.saturating_duration_since(Instant::now())
+    }
+
+    fn wanted(&self) -> Wanted<'_> {
+        Wanted { worker: self.options.worker.as_deref(), accept: self.options.accept.as_ref(), tried: &self.tried }
+    }
+
+    /// A worker, waiting a while for one to appear.
+    async fn worker(&self) -> Result<Assigned, CallError> {
+        let directory = &self.inner.directory;
+        let patience = Instant::now() + Duration::from_millis(self.inner.config.worker_wait_ms);
+        loop {
+            let mut changed = std::pin::pin!(directory.changed());
+            changed.as_mut().enable();
+            if let Some(assigned) = directory.choose(&self.wanted()) {
+                return Ok(assigned);
+            }
+            tokio::select! {
+                () = changed => {}
+                () = self.options.cancel.cancelled() => return Err(CallError::new(ErrorCode::Cancelled, "cancelled before it was sent")),
+                () = tokio::time::sleep_until(patience.min(self.deadline)) => {
+                    return Err(if self.remaining().is_zero() { too_late() } else { self.inner.nobody() });
+                }
+            }
+        }
+    }
+
+    /// Waits before the same workers are asked again; not at all when another one is there.
+    async fn back_off(&self, error: CallError) -> Result<(), CallError> {
+        if self.inner.directory.has_alternative(&self.wanted(), None) {
+            return Ok(());
+        }
+        let doubled = self.inner.config.backoff_ms.saturating_mul(1 << self.attempts.min(8));
+        let wait_ms = error.retry_after_ms.unwrap_or(0).max(doubled) as f64 * (0.5 + 0.5 * self.inner.directory.random());
+        let wait = Duration::from_micros((wait_ms * 1e3) as u64);
+        if wait * 2 > self.remaining() {
+            return Err(error);
+        }
+        tokio::select! {
+            () = tokio::time::sleep(wait) => Ok(()),
+            () = self.options.cancel.cancelled() => Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled")),
+        }
+    }
+
+    async fn attempt(&self, assigned: &Assigned) -> Next {
+        let (inner, remaining) = (self.inner, self.remaining());
+        if remaining.as_millis() == 0 {
+            return Next::Done(Err(too_late()));
+        }
+        let attachment = CallAttachment {
+            v: limits::VERSION,
+            id: self.id.clone(),
+            method: self.method.to_owned(),
+            remaining_ms: u64::try_from(remaining.as_millis()).unwrap_or(limits::MAX_REMAINING_MS),
+            priority: self.options.priority,
+            attempt: self.attempts,
+            traceparent: self.options.traceparent.clone(),
+        };
+        let query = OutgoingQuery {
+            payload: self.payload.clone(),
+            attachment: Bytes::from(attachment.encode()),
+            priority: self.options.priority,
+            timeout: remaining,
+        };
+        let key = inner.cell.call(inner.service, assigned.name());
+        let mut guard = CancelUnlessDone { inner, worker: assigned.name().to_owned(), id: &self.id, armed: true };
+        // A transport that does not take the query in time is like a worker that does not answer.
+        let sent = tokio::time::timeout_at(self.deadline, inner.transport.query(&key, query)).await;
+        let replies = match sent {
+            Ok(Ok(replies)) => replies,
+            Ok(Err(error)) => return Next::Again(error.into()),
+            Err(_) => return Next::Done(Err(too_late())),
+        };
+        let attempt = Attempt::new(replies, &self.id, self.options.progress.as_ref());
+        let ended = self.watch(attempt, assigned.name(), remaining).await;
+        guard.armed = matches!(ended, Ended::Cancelled | Ended::Left | Ended::Overdue);
+        // The same worker may be asked again under the same id: a cancel would forbid that.
+        if matches!(ended, Ended::Left) && !inner.directory.has_alternative(&self.wanted(), Some(assigned.name())) {
+            guard.armed = false;
+        }
+        self.judge(ended, assigned.name())
+    }
+
+    /// Reads replies until the terminal one, the deadline, the cancel, or a reason to leave this worker.
+    async fn watch(&self, mut attempt: Attempt<'_>, worker: &str, remaining: Duration) -> Ended {
+        let inner = self.inner;
+        let last = !self.options.idempotent || self.attempts >= inner.config.retries;
+        let started = Instant::now();
+        let share = remaining.mul_f64(inner.config.attempt_share);
+        let mut look = tokio::time::interval(Duration::from_millis((inner.config.suspect_after_ms / 8).max(10)));
+        loop {
+            tokio::select! {
+                biased;
+                ended = attempt.next() => return ended,
+                () = self.options.cancel.cancelled() => {
+                    return if self.options.idempotent { Ended::Cancelled } else { self.last_word(attempt, worker).await };
+                }
+                () = tokio::time::sleep_until(self.deadline) => return Ended::Overdue,
+                _ = look.tick(), if !last => {
+                    let silent = inner.directory.is_suspect(worker) && inner.directory.has_alternative(&self.wanted(), Some(worker));
+                    let slow = started.elapsed() >= share && !attempt.has_progressed() && self.is_slow(worker, started.elapsed());
+                    if silent || slow {
+                        return Ended::Left;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Whether a call takes much longer than its worker's calls do. One that is long because they all are is let be: another worker
+    /// would take as long again.
+    fn is_slow(&self, worker: &str, elapsed: Duration) -> bool {
+        self.inner.directory.expected(worker).is_none_or(|expected| elapsed > expected * SLOW_FACTOR)
+    }
+
+    /// A cancelled call that must not be repeated tells what came of it, if its worker says so soon.
+    async fn last_word(&self, mut attempt: Attempt<'_>, worker: &str) -> Ended {
+        self.inner.cancel_at(worker, &self.id).await;
+        let grace = Instant::now() + Duration::from_millis(self.inner.config.cancel_grace_ms);
+        match tokio::time::timeout_at(grace.min(self.deadline), attempt.next()).await {
+            Ok(ended) => ended,
+            Err(_) => Ended::Cancelled,
+        }
+    }
+
+    fn judge(&self, ended: Ended, worker: &str) -> Next {
+        let unavailable = |message: String| Next::Again(CallError::new(ErrorCode::Unavailable, message));
+        match ended {
+            Ended::Result { payload, worker: by, timing_ms } => {
+                let worker = by.unwrap_or_else(|| worker.to_owned());
+                Next::Done(Ok(Answer { payload, worker, attempts: self.attempts + 1, timing_ms }))
+            }
+            Ended::Error(error) if error.code.retryable() => Next::Again(error),
+            Ended::Error(error) => Next::Done(Err(error)),
+            Ended::Empty => unavailable(format!("{} worker {worker} is gone", self.inner.service)),
+            Ended::Left => unavailable(format!("{} worker {worker} does not answer", self.inner.service)),
+            Ended::Garbled(error) => Next::Done(Err(CallError::internal(format!("worker {worker} answered garbage: {error}")))),
+            Ended::Cancelled => Next::Done(Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled"))),
+            Ended::Overdue => Next::Done(Err(too_late())),
+        }
+    }
+}

@@ -1,0 +1,264 @@
+//! Which workers of a service there are and how loaded each is: liveliness tokens and published loads, kept by a background task.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use rand::RngExt;
+use rand_pcg::Pcg64;
+use repose_proto::load::WorkerLoad;
+use repose_proto::{Cell, Payload, Service, keys};
+use tokio::sync::Notify;
+use tokio::time::Instant;
+use tokio_util::sync::{CancellationToken, DropGuard};
+
+use crate::RuntimeError;
+use crate::transport::{AliveWatch, Subscription, Transport};
+
+/// Loads that may wait to be looked at.
+const LOAD_CAPACITY: usize = 1024;
+/// How long a worker that is gone is remembered, for calls that it still finishes.
+const REMEMBERED: Duration = Duration::from_secs(30);
+/// The service time assumed before a worker has told, milliseconds.
+const ASSUMED_SERVICE_MS: f64 = 1.0;
+
+/// Decides by its load whether a worker may take a call: by its weights and kernel, for one.
+pub type Accept = Arc<dyn Fn(&WorkerLoad) -> bool + Send + Sync>;
+
+/// What is known of one worker.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WorkerView {
+    /// Its name.
+    pub name: String,
+    /// Its newest load; none before the first.
+    pub load: Option<WorkerLoad>,
+    /// How long it has been silent.
+    pub silent: Duration,
+    /// Calls of this process that it is working on.
+    pub outstanding: usize,
+}
+
+impl WorkerView {
+    /// What another call would have to wait for, roughly, milliseconds. Published depths lag behind, so our own calls count too.
+    fn cost_ms(&self) -> f64 {
+        let (reported, service_ms) = self.load.as_ref().map_or((0, 0.0), |l| (l.queue_depth + l.in_flight, l.service_ms));
+        let service_ms = if service_ms > 0.0 { service_ms } else { ASSUMED_SERVICE_MS };
+        (reported.max(self.outstanding) + 1) as f64 * service_ms
+    }
+
+    fn takes_calls(&self) -> bool {
+        self.load.as_ref().is_none_or(|l| !l.draining)
+    }
+}
+
+struct Entry {
+    alive: bool,
+    load: Option<WorkerLoad>,
+    heard: Instant,
+    outstanding: usize,
+}
+
+impl Entry {
+    fn view(&self, name: &str) -> WorkerView {
+        WorkerView { name: name.to_owned(), load: self.load.clone(), silent: self.heard.elapsed(), outstanding: self.outstanding }
+    }
+}
+
+struct State {
+    workers: BTreeMap<String, Entry>,
+    random: Pcg64,
+}
+
+struct Shared {
+    state: Mutex<State>,
+    changed: Notify,
+    suspect_after: Duration,
+}
+
+impl Shared {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The workers of one service.
+pub struct Directory {
+    shared: Arc<Shared>,
+    _follow: DropGuard,
+}
+
+/// What a call asks of its worker.
+#[derive(Default, Clone)]
+pub struct Wanted<'a> {
+    /// This one only.
+    pub worker: Option<&'a str>,
+    /// Those whose load this accepts.
+    pub accept: Option<&'a Accept>,
+    /// Preferably none of these, tried already.
+    pub tried: &'a [String],
+}
+
+impl Directory {
+    /// Starts to follow. The workers alive now are in it when this returns; their loads follow within one period.
+    ///
+    /// # Errors
+    /// When the network refuses.
+    pub async fn follow(
+        transport: &dyn Transport,
+        cell: &Cell,
+        service: Service,
+        suspect_after: Duration,
+        random: Pcg64,
+    ) -> Result<Self, RuntimeError> {
+        // Loads first, so that none of a worker that is seen alive is missed.
+        let loads = transport.subscribe(&cell.loads(service), LOAD_CAPACITY).await?;
+        let mut alive = transport.watch_alive(&cell.lives(service)).await?;
+        let state = Mutex::new(State { workers: BTreeMap::new(), random });
+        let shared = Arc::new(Shared { state, changed: Notify::new(), suspect_after });
+        shared.take_alive(&mut alive);
+        let stop = CancellationToken::new();
+        tokio::spawn(stop.clone().run_until_cancelled_owned(keep(shared.clone(), loads, alive)));
+        Ok(Self { shared, _follow: stop.drop_guard() })
+    }
+
+    /// Every worker alive, by name.
+    pub fn workers(&self) -> Vec<WorkerView> {
+        self.shared.state().workers.iter().filter(|(_, e)| e.alive).map(|(name, e)| e.view(name)).collect()
+    }
+
+    /// The less loaded of two suitable workers drawn at random, counted as having one more call. Those that were tried, are draining or
+    /// have been silent come last, in that order. None when no suitable worker is alive.
+    pub fn choose(&self, wanted: &Wanted<'_>) -> Option<Assigned> {
+        let mut state = self.shared.state();
+        let mut suitable: Vec<WorkerView> = state.workers.iter().filter(|(_, e)| e.alive).map(|(name, e)| e.view(name)).collect();
+        suitable.retain(|w| wanted.worker.is_none_or(|name| name == w.name));
+        suitable.retain(|w| wanted.accept.is_none_or(|accept| w.load.as_ref().is_some_and(|load| accept(load))));
+        let rank = |w: &WorkerView| {
+            let tried = wanted.tried.contains(&w.name);
+            (w.silent >= self.shared.suspect_after, !w.takes_calls(), tried)
+        };
+        let best = suitable.iter().map(rank).min()?;
+        suitable.retain(|w| rank(w) == best);
+        let first = state.random.random_range(0..suitable.len());
+        let second = (first + state.random.random_range(0..suitable.len().max(2) - 1) + 1) % suitable.len();
+        let chosen = if suitable[second].cost_ms() < suitable[first].cost_ms() { second } else { first };
+        let name = suitable.swap_remove(chosen).name;
+        if let Some(entry) = state.workers.get_mut(&name) {
+            entry.outstanding += 1;
+        }
+        Some(Assigned { shared: self.shared.clone(), name })
+    }
+
+    /// Whether a worker has been silent for so long that calls should leave it.
+    pub fn is_suspect(&self, worker: &str) -> bool {
+        self.shared.state().workers.get(worker).is_none_or(|e| e.heard.elapsed() >= self.shared.suspect_after)
+    }
+
+    /// How long a call should take on a worker by what it reports of itself; none before it has served one.
+    pub fn expected(&self, worker: &str) -> Option<Duration> {
+        let state = self.shared.state();
+        let load = state.workers.get(worker)?.load.as_ref()?;
+        (load.service_ms > 0.0).then(|| Duration::from_secs_f64((load.queue_depth + 1) as f64 * load.service_ms.min(1e9) / 1e3))
+    }
+
+    /// Whether anyone besides `besides` could take a call: alive, heard from, not draining, not tried.
+    pub fn has_alternative(&self, wanted: &Wanted<'_>, besides: Option<&str>) -> bool {
+        self.shared.state().workers.iter().filter(|(_, e)| e.alive).map(|(name, e)| e.view(name)).any(|w| {
+            wanted.worker.is_none_or(|name| name == w.name)
+                && wanted.accept.is_none_or(|accept| w.load.as_ref().is_some_and(|load| accept(load)))
+                && !wanted.tried.contains(&w.name)
+                && besides.is_none_or(|name| name != w.name)
+                && w.takes_calls()
+                && w.silent < self.shared.suspect_after
+        })
+    }
+
+    /// A number between 0 and 1 from the directory's random source.
+    pub fn random(&self) -> f64 {
+        self.shared.state().random.random()
+    }
+
+    /// Waits until workers or loads have changed. Register before looking: `let changed = directory.changed()`.
+    pub fn changed(&self) -> tokio::sync::futures::Notified<'_> {
+        self.shared.changed.notified()
+    }
+}
+
+/// A call's claim on its worker, counted until it is dropped.
+pub struct Assigned {
+    shared: Arc<Shared>,
+    name: String,
+}
+
+impl Assigned {
+    /// The worker's name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+}
+
+impl Drop for Assigned {
+    fn drop(&mut self) {
+        if let Some(entry) = self.shared.state().workers.get_mut(&self.name) {
+            entry.outstanding = entry.outstanding.saturating_sub(1);
+        }
+    }
+}
+
+impl Shared {
+    fn take_alive(&self, alive: &mut AliveWatch) {
+        let keys = alive.current();
+        let mut state = self.state();
+        for entry in state.workers.values_mut() {
+            entry.alive = false;
+        }
+        for key in &keys {
+            let name = keys::last_chunk(key).to_owned();
+            let new = || Entry { alive: true, load: None, heard: Instant::now(), outstanding: 0 };
+            state.workers.entry(name).or_insert_with(new).alive = true;
+        }
+        state.workers.retain(|_, e| e.alive || e.outstanding > 0 || e.heard.elapsed() < REMEMBERED);
+        drop(state);
+        self.changed.notify_waiters();
+    }
+
+    fn take_load(&self, worker: &str, payload: &Payload) {
+        let load: WorkerLoad = match payload.decode_json() {
+            Ok(load) => load,
+            Err(error) => {
+                tracing::warn!(%error, worker, "a load could not be read");
+                return;
+            }
+        };
+        let mut state = self.state();
+        if let Some(entry) = state.workers.get_mut(worker) {
+            entry.heard = Instant::now();
+            entry.load = Some(load);
+        } else {
+            // Heard before it is seen alive: kept, so that it is known when it is.
+            let entry = Entry { alive: false, load: Some(load), heard: Instant::now(), outstanding: 0 };
+            state.workers.insert(worker.to_owned(), entry);
+        }
+        drop(state);
+        self.changed.notify_waiters();
+    }
+}
+
+async fn keep(shared: Arc<Shared>, mut loads: Subscription, mut alive: AliveWatch) {
+    loop {
+        tokio::select! {
+            sample = loads.recv() => match sample {
+                Some(sample) => {
+                    if let Some(worker) = keys::worker_of(&sample.key) {
+                        shared.take_load(worker, &sample.payload);
+                    }
+                }
+                None => return,
+            },
+            open = alive.changed() => match open {
+                true => shared.take_alive(&mut alive),
+                false => return,
+            },
+        }
+    }
+}

@@ -1,0 +1,183 @@
+//! The calls that a worker knows: open ones, so that a second attempt with the same id joins the first; cancels, so that one that came
+//! before its call still counts; and the outcomes of at-most-once calls.
+
+use std::collections::{HashMap, VecDeque};
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::time::Duration;
+
+use repose_proto::{CallError, Payload, limits};
+use tokio::sync::watch;
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
+
+/// Cancels remembered at once; the oldest go first.
+const MAX_CANCELS: usize = 4096;
+
+/// How a call ended.
+pub type Outcome = Result<Payload, CallError>;
+
+/// What the registry says to a call that arrives.
+pub enum Admission {
+    /// New: compute it, then call [`Registry::finish`].
+    Compute {
+        /// Triggered by a cancel.
+        cancelled: CancellationToken,
+    },
+    /// The same call is open or its outcome is remembered: wait for it.
+    Join {
+        /// Holds the outcome once there is one.
+        outcome: watch::Receiver<Option<Outcome>>,
+    },
+    /// Cancelled before it came.
+    Cancelled,
+    /// The same id with a different request.
+    Conflict,
+    /// Too many calls are open.
+    Full,
+}
+
+struct Entry {
+    fingerprint: u64,
+    cancelled: CancellationToken,
+    outcome: watch::Sender<Option<Outcome>>,
+}
+
+/// The calls of one worker.
+pub struct Registry {
+    open: HashMap<String, Entry>,
+    kept: HashMap<String, Entry>,
+    kept_order: VecDeque<String>,
+    cancels: VecDeque<(Instant, String)>,
+    max_open: usize,
+    outcomes_kept: usize,
+}
+
+impl Registry {
+    /// A registry of at most `max_open` open calls that remembers `outcomes_kept` outcomes of at-most-once calls.
+    pub fn new(max_open: usize, outcomes_kept: usize) -> Self {
+        Self { open: HashMap::new(), kept: HashMap::new(), kept_order: VecDeque::new(), cancels: VecDeque::new(), max_open, outcomes_kept }
+    }
+
+    /// Calls being computed.
+    pub fn open_calls(&self) -> usize {
+        self.open.len()
+    }
+
+    /// Takes a call in.
+    pub fn admit(&mut self, id: &str, method: &str, payload: &Payload) -> Admission {
+        let fingerprint = fingerprint(method, payload);
+        if let Some(entry) = self.open.get(id).or_else(|| self.kept.get(id)) {
+            return match entry.fingerprint == fingerprint {
+                true => Admission::Join { outcome: entry.outcome.subscribe() },
+                false => Admission::Conflict,
+            };
+        }
+        self.forget_old_cancels();
+        if self.cancels.iter().any(|(_, cancelled)| cancelled == id) {
+            return Admission::Cancelled;
+        }
+        if self.open.len() >= self.max_open {
+            return Admission::Full;
+        }
+        let cancelled = CancellationToken::new();
+        let entry = Entry { fingerprint, cancelled: cancelled.clone(), outcome: watch::Sender::new(None) };
+        self.open.insert(id.to_owned(), entry);
+        Admission::Compute { cancelled }
+    }
+
+    /// Cancels a call, now or when it comes.
+    pub fn cancel(&mut self, id: &str) {
+        if let Some(entry) = self.open.get(id) {
+            entry.cancelled.cancel();
+            return;
+        }
+        self.forget_old_cancels();
+        if self.cancels.len() == MAX_CANCELS {
+            self.cancels.pop_front();
+        }
+        self.cancels.push_back((Instant::now(), id.to_owned()));
+    }
+
+    /// Cancels every open call.
+    pub fn cancel_all(&self) {
+        self.open.values().for_each(|entry| entry.cancelled.cancel());
+    }
+
+    /// Ends a call, and remembers its outcome if it is to happen at most once.
+    pub fn finish(&mut self, id: &str, outcome: Outcome, at_most_once: bool) {
+        let Some(entry) = self.open.remove(id) else { return };
+        entry.outcome.send_replace(Some(outcome));
+        if !at_most_once || self.outcomes_kept == 0 {
+            return;
+        }
+        if self.kept_order.len() >= self.outcomes_kept
+            && let Some(oldest) = self.kept_order.pop_front()
+        {
+            self.kept.remove(&oldest);
+        }
+        self.kept_order.push_back(id.to_owned());
+        self.kept.insert(id.to_owned(), entry);
+    }
+
+    fn forget_old_cancels(&mut self) {
+        let memory = Duration::from_millis(limits::CANCEL_MEMORY_MS);
+        while self.cancels.front().is_some_and(|(when, _)| when.elapsed() > memory) {
+            self.cancels.pop_front();
+        }
+    }
+}
+
+/// Tells requests apart. Not against an adversary: who can reuse an id can also reuse its payload.
+fn fingerprint(method: &str, payload: &Payload) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    (method, &payload.encoding, &payload.bytes[..]).hash(&mut hasher);
+    hasher.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn payload(text: &'static str) -> Payload {
+        Payload { encoding: "application/json".to_owned(), bytes: text.into() }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_cancel_before_its_call_is_remembered_for_ten_seconds() {
+        let mut registry = Registry::new(4, 4);
+        registry.cancel("a");
+        assert!(matches!(registry.admit("a", "m", &payload("1")), Admission::Cancelled));
+        tokio::time::advance(Duration::from_millis(limits::CANCEL_MEMORY_MS + 1)).await;
+        assert!(matches!(registry.admit("a", "m", &payload("1")), Admission::Compute { .. }));
+    }
+
+    #[tokio::test]
+    async fn the_same_id_joins_and_a_different_request_under_it_conflicts() {
+        let mut registry = Registry::new(4, 4);
+        assert!(matches!(registry.admit("a", "m", &payload("1")), Admission::Compute { .. }));
+        let Admission::Join { mut outcome } = registry.admit("a", "m", &payload("1")) else { panic!("expected to join") };
+        assert!(matches!(registry.admit("a", "m", &payload("2")), Admission::Conflict));
+        registry.finish("a", Ok(payload("done")), false);
+        assert_eq!(outcome.wait_for(Option::is_some).await.unwrap().clone(), Some(Ok(payload("done"))));
+        assert!(matches!(registry.admit("a", "m", &payload("2")), Admission::Compute { .. }));
+    }
+
+    #[tokio::test]
+    async fn outcomes_of_at_most_once_calls_are_kept_up_to_a_bound() {
+        let mut registry = Registry::new(4, 2);
+        for id in ["a", "b", "c"] {
+            assert!(matches!(registry.admit(id, "execute", &payload("1")), Admission::Compute { .. }));
+            registry.finish(id, Ok(payload("done")), true);
+        }
+        assert!(matches!(registry.admit("a", "execute", &payload("1")), Admission::Compute { .. }));
+        assert!(matches!(registry.admit("c", "execute", &payload("1")), Admission::Join { .. }));
+        assert!(matches!(registry.admit("c", "execute", &payload("2")), Admission::Conflict));
+    }
+
+    #[tokio::test]
+    async fn no_more_than_the_bound_are_open() {
+        let mut registry = Registry::new(1, 0);
+        assert!(matches!(registry.admit("a", "m", &payload("1")), Admission::Compute { .. }));
+        assert!(matches!(registry.admit("b", "m", &payload("1")), Admission::Full));
+    }
+}

@@ -1,0 +1,377 @@
+//! One worker of a service on the network: takes calls, answers each exactly once, reports its load, and drains when asked to stop.
+//!
+//! A call runs in a task of its own; its terminal reply is the first of: what the handler returns, the deadline, the end of the grace
+//! after a cancel, the end of the drain. The way back is dropped right after it, which is what ends the caller's stream.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use bytes::Bytes;
+use repose_proto::load::WorkerLoad;
+use repose_proto::{CallAttachment, CallError, Cell, ErrorCode, Payload, ReplyAttachment, ReplyKind, Service, keys, limits, message};
+use tokio::sync::{Notify, watch};
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+use crate::RuntimeError;
+use crate::call::{Call, Handler};
+use crate::config::WorkerConfig;
+use crate::gauge::LoadGauge;
+use crate::mailbox::{MailboxReceiver, mailbox};
+use crate::registry::{Admission, Outcome, Registry};
+use crate::transport::{Guard, IncomingQueries, IncomingQuery, Replier, Subscription, Traffic, Transport};
+
+/// Progress replies of one call that may wait to be sent.
+const PROGRESS_CAPACITY: usize = 64;
+/// Calls that may wait to be looked at; looking takes microseconds.
+const INCOMING_CAPACITY: usize = 1024;
+/// Cancels that may wait to be looked at.
+const CANCEL_CAPACITY: usize = 4096;
+
+/// A worker that serves until it is drained. Dropping it without draining cuts open calls off.
+pub struct Server {
+    shared: Arc<Shared>,
+    alive: Option<Guard>,
+    stop: CancellationToken,
+    _stop_on_drop: tokio_util::sync::DropGuard,
+}
+
+struct Shared {
+    transport: Arc<dyn Transport>,
+    cell: Cell,
+    service: Service,
+    worker: String,
+    handler: Arc<dyn Handler>,
+    config: WorkerConfig,
+    registry: Mutex<Registry>,
+    gauge: LoadGauge,
+    draining: AtomicBool,
+    refusing: AtomicBool,
+    load_changed: Notify,
+    calls: TaskTracker,
+}
+
+impl Server {
+    /// Declares the worker: its call key, its cancels, its load, and last its liveliness token, so that whoever sees it can call it.
+    ///
+    /// # Errors
+    /// When the network refuses, or the configured name is no chunk of a key.
+    pub async fn start(
+        transport: Arc<dyn Transport>,
+        cell: Cell,
+        service: Service,
+        handler: Arc<dyn Handler>,
+        config: WorkerConfig,
+    ) -> Result<Self, RuntimeError> {
+        let worker = config.name.clone().unwrap_or_else(made_up_name);
+        keys::validate_chunk("name", &worker).map_err(|e| RuntimeError::transport("naming the worker", e))?;
+        let queries = transport.serve(&cell.call(service, &worker), INCOMING_CAPACITY).await?;
+        let cancels = transport.subscribe(&cell.cancels(service, &worker), CANCEL_CAPACITY).await?;
+        let shared = Arc::new(Shared {
+            registry: Mutex::new(Registry::new(config.max_open_calls, config.outcomes_kept)),
+            gauge: LoadGauge::default(),
+            draining: AtomicBool::new(false),
+            refusing: AtomicBool::new(false),
+            load_changed: Notify::new(),
+            calls: TaskTracker::new(),
+            transport,
+            cell,
+            service,
+            worker,
+            handler,
+            config,
+        });
+        let stop = CancellationToken::new();
+        tokio::spawn(stop.clone().run_until_cancelled_owned(take_calls(shared.clone(), queries)));
+        tokio::spawn(stop.clone().run_until_cancelled_owned(take_cancels(shared.clone(), cancels)));
+        tokio::spawn(stop.clone().run_until_cancelled_owned(report_load(shared.clone())));
+        let alive = shared.transport.declare_alive(&shared.cell.live(service, &shared.worker)).await?;
+        tracing::info!(%service, worker = shared.worker, "serving");
+        Ok(Self { shared, alive: Some(alive), _stop_on_drop: stop.clone().drop_guard(), stop })
+    }
+
+    /// The worker's name in the key space.
+    pub fn worker(&self) -> &str {
+        &self.shared.worker
+    }
+
+    /// Stops serving: vanishes from the callers' sight, waits until they have noticed, refuses what still comes, lets open calls finish
+    /// within a bound, cancels what is left.
+    pub async fn drain(mut self) {
+        let (shared, config) = (self.shared.clone(), &self.shared.config);
+        shared.draining.store(true, Ordering::Release);
+        shared.load_changed.notify_one();
+        self.alive = None;
+        tokio::time::sleep(Duration::from_millis(config.drain_notice_ms)).await;
+        shared.refusing.store(true, Ordering::Release);
+        shared.calls.close();
+        let drained = tokio::time::timeout(Duration::from_millis(config.drain_ms), shared.calls.wait()).await;
+        if drained.is_err() {
+            tracing::warn!(service = %shared.service, worker = shared.worker, "calls are cut off by the end of the drain");
+            shared.registry().cancel_all();
+            // Each ends within its grace.
+            let grace = Duration::from_millis(config.cancel_grace_ms + 100);
+            drop(tokio::time::timeout(grace, shared.calls.wait()).await);
+        }
+        self.stop.cancel();
+        tracing::info!(service = %shared.service, worker = shared.worker, "drained");
+    }
+}
+
+impl Shared {
+    fn registry(&self) -> MutexGuard<'_, Registry> {
+        self.registry.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A name that no other process has.
+fn made_up_name() -> String {
+    format!("w-{}", &uuid::Uuid::new_v4().simple().to_string()[..12])
+}
+
+async fn take_calls(shared: Arc<Shared>, mut queries: IncomingQueries) {
+    while let Some(query) = queries.next().await {
+        shared.calls.spawn(answer(shared.clone(), query));
+    }
+}
+
+async fn take_cancels(shared: Arc<Shared>, mut cancels: Subscription) {
+    while let Some(sample) = cancels.recv().await {
+        shared.registry().cancel(keys::last_chunk(&sample.key));
+    }
+}
+
+async fn report_load(shared: Arc<Shared>) {
+    let key = shared.cell.load(shared.service, &shared.worker);
+    let period = Duration::from_millis(shared.config.load_period_ms);
+    for seq in 1.. {
+        let mut load: WorkerLoad = shared.handler.load();
+        load.v = limits::VERSION;
+        load.seq = seq;
+        load.draining = shared.draining.load(Ordering::Acquire);
+        if load.in_flight == 0 && load.queue_depth == 0 {
+            load.in_flight = shared.registry().open_calls();
+        }
+        if load.queue_capacity == 0 {
+            load.queue_capacity = shared.config.max_open_calls;
+        }
+        if load.service_ms == 0.0 {
+            load.service_ms = shared.gauge.service_ms();
+        }
+        match Payload::json(&load) {
+            Ok(payload) => {
+                if let Err(error) = shared.transport.put(&key, payload, Traffic::Load).await {
+                    tracing::warn!(%error, "the load could not be published");
+                }
+            }
+            Err(error) => tracing::error!(%error, "the load could not be encoded"),
+        }
+        // Early when there is news; the next one comes a whole period later.
+        drop(tokio::time::timeout(period, shared.load_changed.notified()).await);
+    }
+}
+
+/// The way back of one call, with what every reply carries.
+struct Answerer {
+    replier: Box<dyn Replier>,
+    attachment: ReplyAttachment,
+}
+
+impl Answerer {
+    async fn send(&self, payload: Payload, attachment: &ReplyAttachment) {
+        // The caller sees a stream that ends, and calls again or not.
+        if let Err(error) = self.replier.reply(payload, Bytes::from(attachment.encode())).await {
+            tracing::warn!(%error, id = attachment.id, "a reply could not be sent");
+        }
+    }
+
+    async fn progress(&mut self, payload: Payload) {
+        let n = self.attachment.n.unwrap_or(0) + 1;
+        self.attachment.n = Some(n);
+        let progress = ReplyAttachment {
+            kind: ReplyKind::Progress,
+            n: Some(n),
+            worker: None,
+            attempt: None,
+            timing_ms: BTreeMap::new(),
+            ..self.attachment.clone()
+        };
+        self.send(payload, &progress).await;
+    }
+
+    /// The one terminal reply. Consumes the way back, which ends the stream.
+    async fn finish(self, outcome: Outcome, timing_ms: BTreeMap<String, f64>) {
+        let outcome = outcome.and_then(|payload| {
+            let size = payload.bytes.len();
+            payload.within_limit().map_err(|_| CallError::internal(format!("the result has {size} bytes, more than a message may have")))
+        });
+        let (kind, payload) = match outcome {
+            Ok(payload) => (ReplyKind::Result, payload),
+            Err(error) => (ReplyKind::Error, error_payload(&error)),
+        };
+        let attachment = ReplyAttachment { kind, n: None, timing_ms, ..self.attachment.clone() };
+        self.send(payload, &attachment).await;
+    }
+}
+
+fn error_payload(error: &CallError) -> Payload {
+    Payload::json(error).unwrap_or_else(|cause| {
+        tracing::error!(%cause, "an error reply could not be encoded");
+        Payload { encoding: String::new(), bytes: Bytes::new() }
+    })
+}
+
+/// The id of an attachment that could not be read whole, so that the reply can carry it.
+fn id_of(attachment: &[u8]) -> String {
+    let value: Option<serde_json::Value> = serde_json::from_slice(attachment).ok();
+    value.and_then(|v| Some(v.get("id")?.as_str()?.to_owned())).unwrap_or_default()
+}
+
+async fn answer(shared: Arc<Shared>, query: IncomingQuery) {
+    let IncomingQuery { payload, attachment, replier } = query;
+    let received = Instant::now();
+    let mut reply = ReplyAttachment {
+        v: limits::VERSION,
+        id: String::new(),
+        kind: ReplyKind::Error,
+        n: None,
+        worker: Some(shared.worker.clone()),
+        attempt: None,
+        timing_ms: BTreeMap::new(),
+    };
+    let decoded = match attachment.is_empty() {
+        true => Err(CallError::invalid("attachment", "a call needs an attachment")),
+        false => CallAttachment::decode(&attachment).and_then(|a| message::check_size(payload.bytes.len()).map(|()| a)),
+    };
+    let call = match decoded {
+        Ok(call) => call,
+        Err(error) => {
+            reply.id = id_of(&attachment);
+            return Answerer { replier, attachment: reply }.finish(Err(error), BTreeMap::new()).await;
+        }
+    };
+    reply.id.clone_from(&call.id);
+    reply.attempt = Some(call.attempt);
+    let answerer = Answerer { replier, attachment: reply };
+    let deadline = received + Duration::from_millis(call.remaining_ms);
+    if shared.refusing.load(Ordering::Acquire) {
+        let error = CallError::new(ErrorCode::Unavailable, "this worker is stopping");
+        return answerer.finish(Err(error), BTreeMap::new()).await;
+    }
+    let admission = shared.registry().admit(&call.id, &call.method, &payload);
+    let error = match admission {
+        Admission::Compute { cancelled } => return compute(shared, call, payload, deadline, cancelled, answerer).await,
+        Admission::Join { outcome } => return join(outcome, deadline, answerer).await,
+        Admission::Cancelled => CallError::new(ErrorCode::Cancelled, "the caller cancelled before the call came"),
+        Admission::Conflict => CallError::precondition("this id belongs to a different request").at("id"),
+        Admission::Full => {
+            let message = format!("{} calls are open already", shared.config.max_open_calls);
+            CallError::new(ErrorCode::ResourceExhausted, message).retry_after(shared.retry_after_ms())
+        }
+    };
+    answerer.finish(Err(error), BTreeMap::new()).await;
+}
+
+impl Shared {
+    fn retry_after_ms(&self) -> u64 {
+        let load = self.handler.load();
+        let service_ms = if load.service_ms > 0.0 { load.service_ms } else { self.gauge.service_ms() };
+        (service_ms * self.config.max_open_calls as f64 / 2.0).clamp(1.0, 10_000.0) as u64
+    }
+}
+
+async fn compute(
+    shared: Arc<Shared>,
+    attachment: CallAttachment,
+    payload: Payload,
+    deadline: Instant,
+    cancelled: CancellationToken,
+    mut answerer: Answerer,
+) {
+    let (progress, mut progressed) = mailbox(PROGRESS_CAPACITY);
+    let call = Call {
+        id: attachment.id,
+        method: attachment.method,
+        payload,
+        priority: attachment.priority,
+        attempt: attachment.attempt,
+        traceparent: attachment.traceparent,
+        deadline,
+        cancelled: cancelled.clone(),
+        progress,
+        timing_ms: Arc::default(),
+    };
+    let (id, timing_ms) = (call.id.clone(), call.timing_ms.clone());
+    let at_most_once = shared.handler.at_most_once(&call.method);
+    let started = Instant::now();
+    shared.gauge.started(1);
+    let handler = shared.handler.clone();
+    let task = tokio::spawn(async move { handler.call(call).await });
+    let outcome = supervise(&shared, task, deadline, &cancelled, &mut progressed, &mut answerer).await;
+    shared.gauge.finished(1, started.elapsed());
+    while let Some(payload) = progressed.try_recv() {
+        answerer.progress(payload).await;
+    }
+    shared.registry().finish(&id, outcome.clone(), at_most_once);
+    let mut timing_ms = std::mem::take(&mut *timing_ms.lock().unwrap_or_else(PoisonError::into_inner));
+    timing_ms.insert("total".to_owned(), started.elapsed().as_secs_f64() * 1e3);
+    answerer.finish(outcome, timing_ms).await;
+}
+
+/// Waits for the handler, for its deadline and for a cancel, and forwards progress meanwhile.
+async fn supervise(
+    shared: &Shared,
+    mut task: tokio::task::JoinHandle<Outcome>,
+    deadline: Instant,
+    cancelled: &CancellationToken,
+    progressed: &mut MailboxReceiver<Payload>,
+    answerer: &mut Answerer,
+) -> Outcome {
+    let grace = Duration::from_millis(shared.config.cancel_grace_ms);
+    let mut give_up: Option<Instant> = None;
+    loop {
+        let end = give_up.unwrap_or(deadline).min(deadline);
+        tokio::select! {
+            biased;
+            done = &mut task => {
+                return done.unwrap_or_else(|failure| {
+                    tracing::error!(%failure, "a handler panicked");
+                    Err(CallError::internal("the handler panicked"))
+                });
+            }
+            Some(payload) = progressed.recv() => answerer.progress(payload).await,
+            () = cancelled.cancelled(), if give_up.is_none() => give_up = Some(Instant::now() + grace),
+            () = tokio::time::sleep_until(end) => {
+                cancelled.cancel();
+                let abort = task.abort_handle();
+                if end == deadline {
+                    // The caller is answered now; the handler may still clean up.
+                    tokio::spawn(async move {
+                        drop(tokio::time::timeout(grace, task).await);
+                        abort.abort();
+                    });
+                    return Err(CallError::new(ErrorCode::DeadlineExceeded, "the deadline passed before the work was done"));
+                }
+                abort.abort();
+                return Err(match shared.refusing.load(Ordering::Acquire) {
+                    true => CallError::new(ErrorCode::Unavailable, "this worker stopped before the work was done"),
+                    false => CallError::new(ErrorCode::Cancelled, "the caller cancelled"),
+                });
+            }
+        }
+    }
+}
+
+/// Answers a repeated call with the outcome of the first.
+async fn join(mut outcome: watch::Receiver<Option<Outcome>>, deadline: Instant, answerer: Answerer) {
+    // Taken out of the channel's guard at once, which must not be held across an await.
+    let waited = tokio::time::timeout_at(deadline, async { outcome.wait_for(Option::is_some).await.ok().and_then(|o| o.clone()) }).await;
+    let outcome = match waited {
+        Ok(outcome) => outcome.unwrap_or_else(|| Err(CallError::internal("the call ended without an outcome"))),
+        Err(_) => Err(CallError::new(ErrorCode::DeadlineExceeded, "the deadline passed before the work was done")),
+    };
+    answerer.finish(outcome, BTreeMap::new()).await;
+}

@@ -1,0 +1,162 @@
+//! A process's place in one cell's network: callers, workers, publishers and subscriptions come from here. Cheap to clone.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use repose_proto::{Cell, Payload, Service};
+
+use crate::caller::Caller;
+use crate::config::RuntimeConfig;
+use crate::transport::{Subscription, Traffic, Transport};
+use crate::zenoh_transport::ZenohTransport;
+use crate::{Handler, RuntimeError, Server, Shutdown};
+
+/// A connection to a cell.
+#[derive(Clone)]
+pub struct Session {
+    transport: Arc<dyn Transport>,
+    cell: Cell,
+    config: Arc<RuntimeConfig>,
+}
+
+impl Session {
+    /// Opens a session over Zenoh.
+    ///
+    /// # Errors
+    /// When the configuration is unusable or the network cannot be reached.
+    pub async fn open(config: RuntimeConfig) -> Result<Self, RuntimeError> {
+        config.validate()?;
+        let transport = Arc::new(ZenohTransport::open(&config.session).await?);
+        Self::over(transport, config)
+    }
+
+    /// Everything that talks in this one process, nothing listening: for `demo` and tests.
+    ///
+    /// # Errors
+    /// When the network cannot be set up.
+    pub async fn embedded() -> Result<Self, RuntimeError> {
+        Self::open(RuntimeConfig::default()).await
+    }
+
+    /// A session over any transport.
+    ///
+    /// # Errors
+    /// When the configured cell is no chunk of a key.
+    pub fn over(transport: Arc<dyn Transport>, config: RuntimeConfig) -> Result<Self, RuntimeError> {
+        let cell = Cell::new(&config.session.cell).map_err(|e| RuntimeError::transport("naming the cell", e))?;
+        Ok(Self { transport, cell, config: Arc::new(config) })
+    }
+
+    /// The cell's keys.
+    pub fn cell(&self) -> &Cell {
+        &self.cell
+    }
+
+    /// Follows a service's workers, to call them.
+    ///
+    /// # Errors
+    /// When the network refuses.
+    pub async fn caller(&self, service: Service) -> Result<Caller, RuntimeError> {
+        Caller::new(self.transport.clone(), self.cell.clone(), service, self.config.caller.clone()).await
+    }
+
+    /// Starts a worker of a service; drain it to stop it.
+    ///
+    /// # Errors
+    /// When the network refuses.
+    pub async fn start(&self, service: Service, handler: Arc<dyn Handler>) -> Result<Server, RuntimeError> {
+        Server::start(self.transport.clone(), self.cell.clone(), service, handler, self.config.worker.clone()).await
+    }
+
+    /// Serves until `shutdown` is asked, then drains.
+    ///
+    /// # Errors
+    /// When the network refuses.
+    pub async fn serve(&self, service: Service, handler: Arc<dyn Handler>, shutdown: Shutdown) -> Result<(), RuntimeError> {
+        let server = self.start(service, handler).await?;
+        shutdown.requested().await;
+        server.drain().await;
+        Ok(())
+    }
+
+    /// Subscribes to the newest message: one that is not taken before the next comes is dropped and counted.
+    ///
+    /// # Errors
+    /// When the network refuses.
+    pub async fn subscribe_latest(&self, key: &str) -> Result<Subscription, RuntimeError> {
+        self.transport.subscribe(key, 1).await
+    }
+
+    /// Subscribes with room for `capacity` messages; the oldest is dropped and counted when there is no room.
+    ///
+    /// # Errors
+    /// When the network refuses.
+    pub async fn subscribe_queue(&self, key: &str, capacity: usize) -> Result<Subscription, RuntimeError> {
+        self.transport.subscribe(key, capacity).await
+    }
+
+    /// Something to put messages of one kind to one key with.
+    pub fn publisher(&self, key: impl Into<String>, traffic: Traffic) -> Publisher {
+        Publisher { transport: self.transport.clone(), key: key.into(), traffic }
+    }
+
+    /// Puts one message.
+    ///
+    /// # Errors
+    /// When the message is too large or the network refuses.
+    pub async fn put(&self, key: &str, payload: Payload, traffic: Traffic) -> Result<(), RuntimeError> {
+        self.transport.put(key, payload, traffic).await
+    }
+
+    /// Where others can connect to, `tcp/127.0.0.1:38211`.
+    pub async fn locators(&self) -> Vec<String> {
+        self.transport.locators().await
+    }
+
+    /// The transport below.
+    pub fn transport(&self) -> Arc<dyn Transport> {
+        self.transport.clone()
+    }
+
+    /// Closes the session for all its clones, within `close_timeout_ms`.
+    ///
+    /// # Errors
+    /// When it takes longer.
+    pub async fn close(&self) -> Result<(), RuntimeError> {
+        self.transport.close(Duration::from_millis(self.config.session.close_timeout_ms)).await
+    }
+}
+
+/// Puts messages of one kind to one key.
+#[derive(Clone)]
+pub struct Publisher {
+    transport: Arc<dyn Transport>,
+    key: String,
+    traffic: Traffic,
+}
+
+impl Publisher {
+    /// Puts a message.
+    ///
+    /// # Errors
+    /// When the message is too large or the network refuses.
+    pub async fn put(&self, payload: Payload) -> Result<(), RuntimeError> {
+        self.transport.put(&self.key, payload, self.traffic).await
+    }
+
+    /// The key.
+    pub fn key(&self) -> &str {
+        &self.key
+    }
+}
+
+/// Routes for others until `shutdown` is asked: what `repose serve router` is.
+///
+/// # Errors
+/// When the session cannot be opened.
+pub async fn run_router(config: RuntimeConfig, shutdown: Shutdown) -> Result<(), RuntimeError> {
+    let session = Session::open(config).await?;
+    tracing::info!(locators = ?session.locators().await, "routing");
+    shutdown.requested().await;
+    session.close().await
+}

@@ -1,0 +1,131 @@
+//! The running cell: scene, arm and hand in one world, stepped in robot time.
+//!
+//! The arm's controller ticks at 1 kHz; physics steps every other tick. Pictures leave the robot out, as a driver with a self filter does,
+//! unless asked for.
+
+use nalgebra::Isometry3;
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use repose_geometry::{TriMesh, Vector3};
+use repose_panda::base_from_hand;
+
+use crate::cell::{CellSettings, cell_of_seed};
+use crate::objects::body::cuboid_mesh;
+use crate::physics::World;
+use crate::render::{Drawable, Picture, picture};
+use crate::robot::arm::TICK_S;
+use crate::robot::{Arm, ArmSettings, Hand, HandSettings};
+use crate::scene::{NoScene, Scene};
+use crate::sensor::{SensorSettings, sensed};
+
+/// A cell at work.
+pub struct CellWorld {
+    settings: CellSettings,
+    hand_settings: HandSettings,
+    scene: Scene,
+    world: World,
+    hand: Hand,
+    /// The arm, to be commanded and watched.
+    pub arm: Arm,
+    ticks: u64,
+    pictures: u64,
+}
+
+impl CellWorld {
+    /// The cell with the scene of a seed, the arm ready, the hand open.
+    ///
+    /// # Errors
+    /// [`NoScene`] when the seed gives none.
+    pub fn new(seed: u64, settings: CellSettings, arm: ArmSettings, hand: HandSettings) -> Result<Self, NoScene> {
+        let scene = cell_of_seed(seed, &settings)?;
+        let arm = Arm::new(arm);
+        let (world, hand_in_world) = furnished(&scene, &settings, &arm, hand);
+        Ok(Self { settings, hand_settings: hand, scene, world, hand: hand_in_world, arm, ticks: 0, pictures: 0 })
+    }
+
+    /// Clears the table and sets up the scene of another seed; the arm goes back to its ready pose.
+    ///
+    /// # Errors
+    /// [`NoScene`] when the seed gives none; everything is as before then.
+    pub fn reset(&mut self, seed: u64) -> Result<(), NoScene> {
+        self.scene = cell_of_seed(seed, &self.settings)?;
+        self.arm.rehome();
+        (self.world, self.hand) = furnished(&self.scene, &self.settings, &self.arm, self.hand_settings);
+        Ok(())
+    }
+
+    /// One physics step of robot time; `now_s` is the receiver's monotonic clock.
+    pub fn step(&mut self, now_s: f64) {
+        let ticks = (f64::from(self.world.step_s()) / TICK_S).round().max(1.0) as usize;
+        for _ in 0..ticks {
+            self.arm.tick(now_s);
+        }
+        self.ticks += ticks as u64;
+        if let Some(command) = self.arm.take_gripper() {
+            self.hand.command(&command);
+        }
+        self.hand.before_step(&mut self.world, &base_from_hand(self.arm.q_rad()));
+        self.world.step();
+    }
+
+    /// Length of a step, seconds of robot time.
+    pub fn step_s(&self) -> f64 {
+        f64::from(self.world.step_s())
+    }
+
+    /// Robot time, milliseconds.
+    pub fn robot_ms(&self) -> f64 {
+        self.ticks as f64 * TICK_S * 1e3
+    }
+
+    /// The settings that it was made with.
+    pub fn settings(&self) -> &CellSettings {
+        &self.settings
+    }
+
+    /// The scene's furniture and objects where they are now, distances measured.
+    pub fn truth(&self) -> Scene {
+        self.scene.with_poses(&self.world.poses())
+    }
+
+    /// Whether every object is at rest.
+    pub fn at_rest(&self) -> bool {
+        self.world.first_moving(&self.settings.scene.rest).is_none()
+    }
+
+    /// Gripper opening (metres), whether the fingers stand, and whether they hold something.
+    pub fn gripper(&mut self) -> (f64, bool, bool) {
+        (self.hand.width_m(&mut self.world), self.hand.is_settled(&mut self.world), self.hand.is_holding(&mut self.world))
+    }
+
+    /// What the camera sees, true depth; with the hand in the picture when asked for.
+    pub fn true_picture(&mut self, show_hand: bool) -> Picture {
+        let poses = self.world.poses();
+        let hand: Vec<(Isometry3<f64>, TriMesh)> =
+            self.hand.boxes(&mut self.world).into_iter().map(|(pose, half): (_, Vector3<f64>)| (pose, cuboid_mesh(half.cast()))).collect();
+        let mut drawables = self.scene.drawables();
+        let fixtures = self.scene.fixtures.len();
+        for (drawable, pose) in drawables[fixtures..].iter_mut().zip(poses) {
+            drawable.world_from_mesh = pose;
+        }
+        if show_hand {
+            drawables.extend(hand.iter().map(|(pose, mesh)| Drawable { mesh, world_from_mesh: *pose, label: 0, color: [235, 235, 235] }));
+        }
+        picture(&self.settings.camera, &self.settings.world_from_camera(), &drawables)
+    }
+
+    /// What the camera reports: noisy depth, the hand left out.
+    pub fn sensed_picture(&mut self, sensor: &SensorSettings) -> Picture {
+        let mut picture = self.true_picture(false);
+        self.pictures += 1;
+        let mut rng = Pcg64::seed_from_u64(self.scene.seed.wrapping_add(self.pictures << 32));
+        picture.depth_m = sensed(&picture.depth_m, &self.settings.camera, sensor, &mut rng);
+        picture
+    }
+}
+
+fn furnished(scene: &Scene, settings: &CellSettings, arm: &Arm, hand: HandSettings) -> (World, Hand) {
+    let mut world = scene.world(settings.scene.physics);
+    let hand = Hand::new(&mut world, &base_from_hand(arm.q_rad()), hand);
+    (world, hand)
+}

@@ -1,0 +1,443 @@
+//! The robot's side of the command keys: who may command, which set-points are followed, and when the arm stops by itself.
+//!
+//! One owner at a time, by growing epochs; set-points are interpolated (cubic Hermite) at 1 kHz of robot time and each is held against
+//! Franka's rules. A broken rule, a commander that falls silent (set-points run out, or the last command outlives its time to live) and an
+//! emergency stop brake the arm and latch: only a command that clears the stop is accepted then.
+
+use repose_panda::{CommandRuleSettings, CommandRules, JOINT_COUNT, Joints, LIMITS, READY, Violation};
+use repose_proto::robot::{EmergencyStop, GripperCommand, Owner, RobotCommand, RobotMode, SetPoint, StopState};
+
+/// Robot time of one control step, seconds.
+pub const TICK_S: f64 = 0.001;
+
+/// How the arm is driven.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArmSettings {
+    /// What set-points are held against.
+    pub rules: CommandRuleSettings,
+    /// The share of the acceleration limits that a stop brakes with.
+    pub braking_share: f64,
+    /// Set-points that are kept at most; more in one command are refused.
+    pub max_set_points: usize,
+}
+
+impl Default for ArmSettings {
+    fn default() -> Self {
+        Self { rules: CommandRuleSettings::default(), braking_share: 0.8, max_set_points: 100_000 }
+    }
+}
+
+/// Why a command was not taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Ignored {
+    /// Its epoch is lower than the owner's, or another owner has the same.
+    #[error("not the owner")]
+    NotOwner,
+    /// A later command of this owner was taken already.
+    #[error("sequence number passed")]
+    Passed,
+    /// A stop is latched.
+    #[error("stopped")]
+    Stopped,
+    /// More set-points than are kept.
+    #[error("too many set-points")]
+    TooMany,
+}
+
+/// The arm and its controller.
+#[derive(Debug, Clone)]
+pub struct Arm {
+    settings: ArmSettings,
+    q_rad: Joints,
+    dq_rad_s: Joints,
+    owner: Option<Owner>,
+    last_command: Option<u64>,
+    expires_s: f64,
+    stream: Option<Stream>,
+    stream_ms: Option<f64>,
+    stop: Option<StopState>,
+    gripper: Option<GripperCommand>,
+}
+
+#[derive(Debug, Clone)]
+struct Stream {
+    points: Vec<SetPoint>,
+    ends: bool,
+    clock_ms: f64,
+    rules: CommandRules,
+}
+
+impl Default for Arm {
+    fn default() -> Self {
+        Self::new(ArmSettings::default())
+    }
+}
+
+impl Arm {
+    /// An arm at rest in the ready pose, without an owner.
+    pub fn new(settings: ArmSettings) -> Self {
+        Self {
+            settings,
+            q_rad: READY,
+            dq_rad_s: [0.0; JOINT_COUNT],
+            owner: None,
+            last_command: None,
+            expires_s: 0.0,
+            stream: None,
+            stream_ms: None,
+            stop: None,
+            gripper: None,
+        }
+    }
+
+    /// Back to the ready pose at rest, as if carried there; owner and latched stop stay.
+    pub fn rehome(&mut self) {
+        self.q_rad = READY;
+        self.dq_rad_s = [0.0; JOINT_COUNT];
+        self.stream = None;
+        self.stream_ms = None;
+        self.gripper = None;
+    }
+
+    /// Joint positions, radians.
+    pub fn q_rad(&self) -> &Joints {
+        &self.q_rad
+    }
+
+    /// Joint velocities, radians per second.
+    pub fn dq_rad_s(&self) -> &Joints {
+        &self.dq_rad_s
+    }
+
+    /// Who commands.
+    pub fn owner(&self) -> Option<&Owner> {
+        self.owner.as_ref()
+    }
+
+    /// The last command taken.
+    pub fn last_command(&self) -> Option<u64> {
+        self.last_command
+    }
+
+    /// How far the stream has been followed, milliseconds.
+    pub fn stream_ms(&self) -> Option<f64> {
+        self.stream_ms
+    }
+
+    /// Why it is stopped.
+    pub fn stop(&self) -> Option<&StopState> {
+        self.stop.as_ref()
+    }
+
+    /// The gripper action to carry out, once.
+    pub fn take_gripper(&mut self) -> Option<GripperCommand> {
+        self.gripper.take()
+    }
+
+    /// What the arm is doing.
+    pub fn mode(&self) -> RobotMode {
+        match (&self.stop, &self.stream) {
+            (Some(_), _) => RobotMode::Stopped,
+            (None, Some(_)) => RobotMode::Moving,
+            (None, None) => RobotMode::Idle,
+        }
+    }
+
+    /// Takes an emergency stop: latches at once, and keeps the first reason.
+    pub fn emergency_stop(&mut self, estop: &EmergencyStop) {
+        let stop = StopState { kind: "estop".to_owned(), reason: format!("{}: {}", estop.source, estop.reason), estop_id: Some(estop.id.clone()) };
+        match &mut self.stop {
+            // A stop that latched for another reason becomes an emergency stop too, so that its sender sees it taken.
+            Some(latched) if latched.estop_id.is_none() => *latched = stop,
+            Some(_) => {}
+            None => self.latch(stop),
+        }
+    }
+
+    /// Takes a command, received at `now_s` of the receiver's monotonic clock. Its content must have been validated.
+    ///
+    /// # Errors
+    /// [`Ignored`] when it was not taken; nothing has changed then.
+    pub fn command(&mut self, command: &RobotCommand, now_s: f64) -> Result<(), Ignored> {
+        if let Some(owner) = &self.owner {
+            let (same, newer) = (command.owner == *owner, command.owner.epoch > owner.epoch);
+            if !same && !newer {
+                return Err(Ignored::NotOwner);
+            }
+            if same && self.last_command.is_some_and(|last| command.seq <= last) {
+                return Err(Ignored::Passed);
+            }
+        }
+        if self.stop.is_some() && !command.clear_stop {
+            return Err(Ignored::Stopped);
+        }
+        if command.set_points.len() > self.settings.max_set_points {
+            return Err(Ignored::TooMany);
+        }
+        self.owner = Some(command.owner.clone());
+        self.last_command = Some(command.seq);
+        self.expires_s = now_s + command.ttl_ms as f64 * 1e-3;
+        if command.clear_stop && self.is_still() {
+            self.stop = None;
+        }
+        if self.stop.is_some() {
+            return Ok(());
+        }
+        if command.gripper.is_some() {
+            self.gripper = command.gripper;
+        }
+        if command.starts_stream {
+            self.start_stream(command);
+        } else if let Some(stream) = &mut self.stream {
+            stream.extend(&command.set_points);
+            stream.ends |= command.ends_stream;
+        }
+        Ok(())
+    }
+
+    /// One millisecond of robot time; `now_s` is the receiver's monotonic clock.
+    pub fn tick(&mut self, now_s: f64) {
+        if self.stop.is_some() {
+            self.brake();
+            return;
+        }
+        let Some(stream) = &mut self.stream else { return };
+        if now_s > self.expires_s && !stream.ends {
+            self.reflex("commander_silent", "the last command outlived its time to live".to_owned());
+            return;
+        }
+        stream.clock_ms += TICK_S * 1e3;
+        let (clock_ms, last) = (stream.clock_ms, stream.points.last().copied());
+        let Some(last) = last else {
+            self.reflex("commander_silent", "the stream has no set-points".to_owned());
+            return;
+        };
+        if clock_ms > last.t_ms + 1e-6 {
+            if stream.ends {
+                self.dq_rad_s = [0.0; JOINT_COUNT];
+                self.stream = None;
+            } else {
+                self.reflex("commander_silent", format!("set-points ran out at {:.0} ms", last.t_ms));
+            }
+            return;
+        }
+        let target = stream.at(clock_ms);
+        match stream.rules.accept(&target) {
+            Ok(()) => {
+                self.dq_rad_s = std::array::from_fn(|i| (target[i] - self.q_rad[i]) / TICK_S);
+                self.q_rad = target;
+                self.stream_ms = Some(clock_ms);
+            }
+            Err(violation) => self.reflex(kind_of(&violation), violation.to_string()),
+        }
+    }
+
+    fn start_stream(&mut self, command: &RobotCommand) {
+        if !self.is_still() || self.stream.is_some() {
+            self.reflex("invalid_command", "a stream starts while the arm still moves".to_owned());
+            return;
+        }
+        let Some(first) = command.set_points.first() else {
+            self.reflex("invalid_command", "a stream starts without set-points".to_owned());
+            return;
+        };
+        let mut rules = CommandRules::new(&self.q_rad, self.settings.rules);
+        if let Err(violation) = rules.accept(&first.q_rad) {
+            self.reflex(kind_of(&violation), violation.to_string());
+            return;
+        }
+        self.q_rad = first.q_rad;
+        self.stream_ms = Some(first.t_ms);
+        self.stream = Some(Stream { points: command.set_points.clone(), ends: command.ends_stream, clock_ms: first.t_ms, rules });
+    }
+
+    fn reflex(&mut self, kind: &str, reason: String) {
+        self.latch(StopState { kind: kind.to_owned(), reason, estop_id: None });
+    }
+
+    fn latch(&mut self, stop: StopState) {
+        self.stop = Some(stop);
+        self.stream = None;
+        self.gripper = None;
+    }
+
+    fn is_still(&self) -> bool {
+        self.dq_rad_s.iter().all(|v| *v == 0.0)
+    }
+
+    /// All joints slow down by the same share, so that the arm stays on its path; the one that needs longest brakes at its limit.
+    fn brake(&mut self) {
+        let limits = &LIMITS.acceleration_rad_s2;
+        let remaining_s = (0..JOINT_COUNT).map(|i| self.dq_rad_s[i].abs() / (limits[i] * self.settings.braking_share)).fold(0.0, f64::max);
+        if remaining_s <= TICK_S {
+            self.dq_rad_s = [0.0; JOINT_COUNT];
+            return;
+        }
+        for i in 0..JOINT_COUNT {
+            self.dq_rad_s[i] *= 1.0 - TICK_S / remaining_s;
+            self.q_rad[i] += self.dq_rad_s[i] * TICK_S;
+        }
+        self.q_rad = LIMITS.clamped(&self.q_rad, 0.0);
+    }
+}
+
+impl Stream {
+    /// Set-points from the first new time on are replaced; those behind the clock are dropped.
+    fn extend(&mut self, set_points: &[SetPoint]) {
+        let Some(first) = set_points.first() else { return };
+        let keep = self.points.partition_point(|p| p.t_ms < first.t_ms);
+        self.points.truncate(keep);
+        self.points.extend_from_slice(set_points);
+        let passed = self.points.partition_point(|p| p.t_ms <= self.clock_ms).saturating_sub(1);
+        self.points.drain(..passed);
+    }
+
+    /// Joint positions at a time between the first and the last set-point.
+    fn at(&self, t_ms: f64) -> Joints {
+        let next = self.points.partition_point(|p| p.t_ms <= t_ms);
+        let (Some(a), b) = (self.points.get(next.saturating_sub(1)), self.points.get(next)) else { return [0.0; JOINT_COUNT] };
+        let Some(b) = b else { return a.q_rad };
+        let span_s = (b.t_ms - a.t_ms) * 1e-3;
+        let s = ((t_ms - a.t_ms) / (b.t_ms - a.t_ms)).clamp(0.0, 1.0);
+        let (s2, s3) = (s * s, s * s * s);
+        std::array::from_fn(|i| {
+            (2.0 * s3 - 3.0 * s2 + 1.0) * a.q_rad[i]
+                + (s3 - 2.0 * s2 + s) * span_s * a.dq_rad_s[i]
+                + (3.0 * s2 - 2.0 * s3) * b.q_rad[i]
+                + (s3 - s2) * span_s * b.dq_rad_s[i]
+        })
+    }
+}
+
+/// The contract's name of a broken rule.
+fn kind_of(violation: &Violation) -> &'static str {
+    match violation {
+        Violation::NotFinite { .. } => "invalid_command",
+        Violation::StartPoseInvalid { .. } => "start_pose_mismatch",
+        Violation::PositionLimits { .. } => "joint_position_limit",
+        Violation::VelocityLimits { .. } => "joint_velocity_limit",
+        Violation::VelocityDiscontinuity { .. } | Violation::AccelerationDiscontinuity { .. } => "joint_acceleration_limit",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Joint 0 from rest over `delta_rad` and back to rest in `span_ms`, smoothly, sampled every 10 ms.
+    fn swing(delta_rad: f64, span_ms: f64) -> Vec<SetPoint> {
+        let steps = (span_ms / 10.0) as usize;
+        let at = |k: usize| {
+            let s = k as f64 / steps as f64;
+            let (place, speed) = (s * s * s * (10.0 - 15.0 * s + 6.0 * s * s), 30.0 * s * s * (1.0 - s) * (1.0 - s));
+            let mut point = SetPoint { t_ms: k as f64 * 10.0, q_rad: READY, dq_rad_s: [0.0; 7] };
+            point.q_rad[0] += delta_rad * place;
+            point.dq_rad_s[0] = delta_rad * speed / (span_ms * 1e-3);
+            point
+        };
+        (0..=steps).map(at).collect()
+    }
+
+    fn command(seq: u64, epoch: u64, set_points: Vec<SetPoint>) -> RobotCommand {
+        RobotCommand {
+            v: 1,
+            seq,
+            owner: Owner { id: "motion-1".to_owned(), epoch },
+            ttl_ms: 1000,
+            starts_stream: true,
+            ends_stream: true,
+            set_points,
+            gripper: None,
+            clear_stop: false,
+        }
+    }
+
+    fn run(arm: &mut Arm, ticks: usize, now_s: f64) {
+        for _ in 0..ticks {
+            arm.tick(now_s);
+        }
+    }
+
+    #[test]
+    fn a_stream_within_the_limits_is_followed_to_its_end() {
+        let mut arm = Arm::default();
+        arm.command(&command(1, 1, swing(0.5, 1000.0)), 0.0).expect("taken");
+        assert_eq!(arm.mode(), RobotMode::Moving);
+        run(&mut arm, 1100, 0.0);
+        assert_eq!((arm.mode(), arm.stop()), (RobotMode::Idle, None));
+        assert!((arm.q_rad()[0] - 0.5).abs() < 1e-6 && arm.stream_ms() == Some(1000.0));
+    }
+
+    #[test]
+    fn each_broken_rule_stops_with_its_name() {
+        let mut elsewhere = swing(0.5, 1000.0);
+        elsewhere.iter_mut().for_each(|p| p.q_rad[3] += 0.1);
+        for (name, points, kind) in [
+            ("too fast", swing(2.5, 1000.0), "joint_velocity_limit"),
+            ("too sudden", swing(0.3, 120.0), "joint_acceleration_limit"),
+            ("out of range", swing(2.95, 4000.0), "joint_position_limit"),
+            ("not where it stands", elsewhere, "start_pose_mismatch"),
+            ("nothing", Vec::new(), "invalid_command"),
+        ] {
+            let mut arm = Arm::default();
+            arm.command(&command(1, 1, points), 0.0).expect("taken");
+            run(&mut arm, 5000, 0.0);
+            assert_eq!(arm.stop().map(|s| s.kind.as_str()), Some(kind), "{name}");
+            assert!(arm.is_still(), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_silent_commander_stops_the_arm_within_the_limits() {
+        for expires in [false, true] {
+            let mut arm = Arm::default();
+            let mut first = command(1, 1, swing(0.8, 1000.0));
+            first.ends_stream = false;
+            if !expires {
+                first.set_points.truncate(50);
+            }
+            arm.command(&first, 0.0).expect("taken");
+            run(&mut arm, 400, 0.0);
+            let mut previous = *arm.dq_rad_s();
+            for _ in 0..600 {
+                arm.tick(if expires { 2.0 } else { 0.0 });
+                let braking = (arm.dq_rad_s()[0] - previous[0]).abs() / TICK_S;
+                assert!(braking <= LIMITS.acceleration_rad_s2[0] * 1.001, "{braking}");
+                previous = *arm.dq_rad_s();
+            }
+            assert_eq!(arm.stop().map(|s| s.kind.as_str()), Some("commander_silent"));
+            assert!(arm.is_still());
+        }
+    }
+
+    #[test]
+    fn an_emergency_stop_latches_until_it_is_cleared() {
+        let mut arm = Arm::default();
+        arm.command(&command(1, 1, swing(0.5, 1000.0)), 0.0).expect("taken");
+        run(&mut arm, 300, 0.0);
+        arm.emergency_stop(&EmergencyStop { v: 1, id: "e1".to_owned(), source: "test".to_owned(), reason: "now".to_owned(), stamp_ms: 0 });
+        run(&mut arm, 500, 0.0);
+        assert_eq!(arm.mode(), RobotMode::Stopped);
+        assert_eq!(arm.command(&command(2, 1, swing(0.5, 1000.0)), 0.0), Err(Ignored::Stopped));
+        let mut clear = command(3, 1, Vec::new());
+        (clear.clear_stop, clear.starts_stream) = (true, false);
+        arm.command(&clear, 0.0).expect("taken");
+        assert_eq!(arm.mode(), RobotMode::Idle);
+    }
+
+    #[test]
+    fn only_the_newest_owner_commands_and_only_forwards() {
+        let mut arm = Arm::default();
+        arm.command(&command(7, 2, swing(0.1, 1000.0)), 0.0).expect("taken");
+        let mut other = command(1, 2, Vec::new());
+        other.owner.id = "motion-2".to_owned();
+        assert_eq!(arm.command(&other, 0.0), Err(Ignored::NotOwner));
+        assert_eq!(arm.command(&command(8, 1, Vec::new()), 0.0), Err(Ignored::NotOwner));
+        assert_eq!(arm.command(&command(7, 2, Vec::new()), 0.0), Err(Ignored::Passed));
+        run(&mut arm, 1100, 0.0);
+        other.owner.epoch = 3;
+        other.starts_stream = false;
+        arm.command(&other, 0.0).expect("a higher epoch takes over, whatever its sequence number");
+        assert_eq!(arm.owner().map(|o| o.id.as_str()), Some("motion-2"));
+    }
+}

@@ -1,0 +1,163 @@
+//! The hand: a palm that goes where the arm carries it, and two fingers that press with a force.
+//!
+//! The palm is kinematic, the fingers are rigid bodies on prismatic joints with force-based motors, so what they hold is held by friction
+//! and nothing else. The hand's frame is Franka's: z along the fingers, y the direction they open in.
+
+use nalgebra::{Isometry3, Translation3, Vector3};
+use rapier3d::dynamics::{ImpulseJointHandle, MotorModel, PrismaticJointBuilder, RigidBodyBuilder, RigidBodyHandle};
+use rapier3d::geometry::{ColliderBuilder, Group, InteractionGroups, InteractionTestMode};
+use rapier3d::math::Vector;
+
+use crate::convert;
+use crate::physics::World;
+use repose_panda::FINGER_OPENING_MAX_M;
+use repose_panda::spheres::FINGER_M;
+use repose_proto::robot::GripperCommand;
+
+/// How the fingers press and move.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HandSettings {
+    /// Stiffness of a finger's motor, N/m.
+    pub stiffness_n_m: f32,
+    /// Damping of a finger's motor, N s/m.
+    pub damping_n_s_m: f32,
+    /// Most that a finger presses with whatever is commanded, newtons.
+    pub max_force_n: f32,
+    /// Speed at which a finger's set-point moves, m/s.
+    pub speed_m_s: f32,
+    /// Friction of the finger pads.
+    pub friction: f32,
+    /// Mass of a finger, kg.
+    pub finger_mass_kg: f32,
+}
+
+impl Default for HandSettings {
+    fn default() -> Self {
+        Self { stiffness_n_m: 2000.0, damping_n_s_m: 50.0, max_force_n: 20.0, speed_m_s: 0.06, friction: 0.9, finger_mass_kg: 0.1 }
+    }
+}
+
+/// Half the pad's and finger's edge lengths in the finger's axes (x across, y thickness, z along), metres.
+const FINGER_HALF_M: [f32; 3] = [0.0105, 0.0065, 0.0268];
+/// Half the palm's edge lengths and how far its centre is ahead of the hand's frame, metres.
+const PALM_HALF_M: [f32; 3] = [0.0316, 0.102, 0.0329];
+/// A finger counts as standing below this speed, m/s.
+const STANDING_M_S: f32 = 0.002;
+/// Objects thinner than this are not told from a closed gripper, metres.
+const HOLDING_M: f32 = 0.002;
+
+/// The palm, the fingers, and what they are to do.
+#[derive(Debug, Clone)]
+pub struct Hand {
+    settings: HandSettings,
+    palm: RigidBodyHandle,
+    fingers: [RigidBodyHandle; 2],
+    joints: [ImpulseJointHandle; 2],
+    /// Where each finger is to end: half the commanded width, metres.
+    goal_m: f32,
+    /// Where each finger is to be now: moves towards the goal at the gripper's speed.
+    target_m: f32,
+    force_n: f32,
+}
+
+impl Hand {
+    /// Adds an open hand to a world.
+    pub fn new(world: &mut World, world_from_hand: &Isometry3<f64>, settings: HandSettings) -> Self {
+        const HAND: Group = Group::GROUP_2;
+        // The hand's parts pass through each other and touch everything else.
+        let groups = InteractionGroups::new(HAND, !HAND, InteractionTestMode::And);
+        let open_m = FINGER_OPENING_MAX_M as f32 / 2.0;
+        let engine = world.engine();
+        let [px, py, pz] = PALM_HALF_M;
+        let palm_body = RigidBodyBuilder::kinematic_position_based().pose(convert::pose(world_from_hand));
+        let palm_shape = ColliderBuilder::cuboid(px, py, pz).translation(Vector::new(0.0, 0.0, pz)).friction(settings.friction).collision_groups(groups);
+        let (palm, _) = engine.insert(palm_body, palm_shape);
+        let [fx, fy, fz] = FINGER_HALF_M;
+        let finger = |side: f32| {
+            let hand_from_finger = Isometry3::translation(0.0, f64::from(side * open_m), FINGER_M);
+            let body = RigidBodyBuilder::dynamic().pose(convert::pose(&(world_from_hand * hand_from_finger))).gravity_scale(0.0).can_sleep(false);
+            let shape = ColliderBuilder::cuboid(fx, fy, fz).translation(Vector::new(0.0, side * fy, fz));
+            let shape = shape.mass(settings.finger_mass_kg).friction(settings.friction).collision_groups(groups);
+            (body, shape, side)
+        };
+        let [left, right] = [1.0f32, -1.0].map(|side| {
+            let (body, shape, side) = finger(side);
+            let (handle, _) = engine.insert(body, shape);
+            let joint = PrismaticJointBuilder::new(Vector::new(0.0, side, 0.0))
+                .local_anchor1(Vector::new(0.0, 0.0, FINGER_M as f32))
+                .local_anchor2(Vector::ZERO)
+                .limits([0.0, open_m])
+                .motor_model(MotorModel::ForceBased)
+                .motor_position(open_m, settings.stiffness_n_m, settings.damping_n_s_m)
+                .motor_max_force(settings.max_force_n);
+            (handle, engine.insert_impulse_joint(palm, handle, joint.build()))
+        });
+        let (goal_m, force_n) = (open_m, settings.max_force_n);
+        Self { settings, palm, fingers: [left.0, right.0], joints: [left.1, right.1], goal_m, target_m: open_m, force_n }
+    }
+
+    /// Starts a gripper action.
+    pub fn command(&mut self, command: &GripperCommand) {
+        self.goal_m = (command.width_m.clamp(0.0, FINGER_OPENING_MAX_M) / 2.0) as f32;
+        self.force_n = (command.force_n as f32).clamp(1.0, self.settings.max_force_n);
+    }
+
+    /// Prepares the next step of the world: the palm will be at `world_from_hand` at its end.
+    pub fn before_step(&mut self, world: &mut World, world_from_hand: &Isometry3<f64>) {
+        let reach = self.settings.speed_m_s * world.step_s();
+        self.target_m += (self.goal_m - self.target_m).clamp(-reach, reach);
+        let engine = world.engine();
+        engine.bodies[self.palm].set_next_kinematic_position(convert::pose(world_from_hand));
+        for joint in self.joints {
+            if let Some(joint) = engine.impulse_joints.get_mut(joint, true) {
+                let axis = rapier3d::dynamics::JointAxis::LinX;
+                joint.data.set_motor_position(axis, self.target_m, self.settings.stiffness_n_m, self.settings.damping_n_s_m);
+                joint.data.set_motor_max_force(axis, self.force_n);
+            }
+        }
+    }
+
+    /// How far each finger is from the middle, metres.
+    pub fn finger_positions_m(&self, world: &mut World) -> [f32; 2] {
+        let engine = world.engine();
+        let palm_from_world = engine.bodies[self.palm].position().inverse();
+        let along = |k: usize| (palm_from_world * engine.bodies[self.fingers[k]].translation()).y;
+        [along(0), -along(1)]
+    }
+
+    /// The opening, metres.
+    pub fn width_m(&self, world: &mut World) -> f64 {
+        f64::from(self.finger_positions_m(world).iter().sum::<f32>())
+    }
+
+    /// Whether the fingers stand: where they were to go, or against something.
+    pub fn is_settled(&self, world: &mut World) -> bool {
+        let engine = world.engine();
+        let palm = engine.bodies[self.palm].vels().linvel;
+        let standing = self.fingers.iter().all(|f| {
+            let relative = engine.bodies[*f].linvel() - palm;
+            let palm_y = engine.bodies[self.palm].rotation() * Vector::new(0.0, 1.0, 0.0);
+            relative.dot(palm_y).abs() < STANDING_M_S
+        });
+        standing && self.target_m == self.goal_m
+    }
+
+    /// Whether the fingers stand against something before they are where they were to go.
+    pub fn is_holding(&self, world: &mut World) -> bool {
+        let width = self.width_m(world) as f32;
+        self.is_settled(world) && width > 2.0 * self.goal_m + HOLDING_M
+    }
+
+    /// Where the hand's parts are, for pictures: pose and half edge lengths of each box.
+    pub fn boxes(&self, world: &mut World) -> [(Isometry3<f64>, Vector3<f64>); 3] {
+        let engine = world.engine();
+        let half = |h: [f32; 3]| Vector3::from(h).cast::<f64>();
+        let body = |handle: RigidBodyHandle| convert::isometry(engine.bodies[handle].position());
+        let ahead = |y: f32, z: f32| Translation3::new(0.0, f64::from(y), f64::from(z));
+        [
+            (body(self.palm) * ahead(0.0, PALM_HALF_M[2]), half(PALM_HALF_M)),
+            (body(self.fingers[0]) * ahead(FINGER_HALF_M[1], FINGER_HALF_M[2]), half(FINGER_HALF_M)),
+            (body(self.fingers[1]) * ahead(-FINGER_HALF_M[1], FINGER_HALF_M[2]), half(FINGER_HALF_M)),
+        ]
+    }
+}

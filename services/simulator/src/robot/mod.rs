@@ -1,0 +1,7 @@
+//! The simulated Panda: an arm that follows timed set-points under Franka's rules, and a hand that grasps by friction.
+
+pub mod arm;
+pub mod hand;
+
+pub use arm::{Arm, ArmSettings};
+pub use hand::{Hand, HandSettings};

@@ -1,0 +1,258 @@
+//! The training loop: steps, learning rate, checkpoints, measurements, progress.
+
+use std::{
+    collections::BTreeMap,
+    path::Path,
+    time::{Duration, Instant},
+};
+
+use candle_core::{Device, Tensor};
+use indicatif::{ProgressBar, ProgressStyle};
+use repose_dataset::Split;
+use repose_networks::{
+    Networks, NetworksConfig, Weights, WeightsInfo,
+    parameters::{Parameters, WeightMap},
+};
+
+use crate::{
+    adam::{AdamW, clip},
+    checkpoint,
+    episode::{Episode, EpisodeSettings},
+    error::TrainError,
+    joint::JointTask,
+    placement::PlacementTask,
+    settings::{Part, TrainSettings},
+    step::{Shared, Slot, draw, generator, gradient},
+    task::Task,
+    views::Views,
+};
+
+/// How fast running statistics follow the batches'.
+const STATISTICS_RATE: f32 = 0.03;
+/// How fast the averaged weights that are saved follow the trained ones, once training is under way.
+const AVERAGE_RATE: f32 = 0.005;
+
+/// What a run came to.
+#[derive(Debug, Clone, serde::Serialize)]
+pub struct TrainReport {
+    /// Steps done, those before a resumed checkpoint included.
+    pub steps: u64,
+    /// Training views read.
+    pub views: usize,
+    /// Samples (candidates, or pairs' episodes) a second of this run.
+    pub samples_per_s: f64,
+    /// Figures on validation scenes at the end.
+    pub metrics: serde_json::Value,
+}
+
+/// Trains one part until its steps or minutes are over, writing weights to `settings.out`.
+///
+/// A checkpoint beside `settings.out` (of the same part and seed) is taken up again.
+///
+/// # Errors
+/// [`TrainError`] when the data is missing or broken, a file cannot be written, or the loss diverges.
+pub fn train(settings: &TrainSettings) -> Result<TrainReport, TrainError> {
+    match settings.part {
+        Part::Joint => Run::new(settings, &JointTask::default())?.run(),
+        Part::Discriminator => Run::new(settings, &PlacementTask::default())?.run(),
+    }
+}
+
+struct Run<'a> {
+    settings: &'a TrainSettings,
+    task: &'a dyn Task,
+    config: NetworksConfig,
+    episode: EpisodeSettings,
+    networks: Networks,
+    parameters: Parameters,
+    info: WeightsInfo,
+    /// Averaged trainable weights by path: what is measured and saved.
+    average: WeightMap,
+    adam: AdamW,
+    step: u64,
+    views: Views,
+    validation: Vec<Episode>,
+}
+
+impl<'a> Run<'a> {
+    fn new(settings: &'a TrainSettings, task: &'a dyn Task) -> Result<Self, TrainError> {
+        let config = NetworksConfig::default();
+        let start = settings.start.as_deref().filter(|path| path.exists());
+        let (networks, parameters, info) = match start {
+            Some(path) => {
+                let weights = Weights::from_bytes(&read(path)?)?;
+                let (networks, parameters) = Networks::stored(&config, &weights.values)?;
+                (networks, parameters, weights.info)
+            }
+            None => {
+                let (networks, parameters) = Networks::seeded(&config, &mut generator(settings.seed, 0, u64::MAX))?;
+                (networks, parameters, WeightsInfo::default())
+            }
+        };
+        let open = |split: Split| {
+            let views = Views::open(&settings.data, split)?;
+            if views.is_empty() { Err(TrainError::Empty { folder: settings.data.clone(), split: split.name() }) } else { Ok(views) }
+        };
+        let views = open(Split::Train)?;
+        let episode = EpisodeSettings::default();
+        let average = parameters.to_map()?;
+        let mut run =
+            Self { settings, task, config, episode, networks, parameters, info, average, adam: AdamW::default(), step: 0, views, validation: Vec::new() };
+        run.resume()?;
+        let validation_views = Views::open(&settings.data, Split::Validation)?;
+        if !validation_views.is_empty() {
+            let shared = Shared { views: &validation_views, ..run.shared() };
+            let episodes = (0..settings.validation_episodes as u64).filter_map(|i| draw(&shared, &mut generator(0, i, u64::MAX)));
+            run.validation = episodes.collect();
+        }
+        Ok(run)
+    }
+
+    fn shared(&self) -> Shared<'_> {
+        Shared {
+            task: self.task,
+            networks: &self.networks,
+            parameters: &self.parameters,
+            config: &self.config,
+            settings: self.settings,
+            episode: &self.episode,
+            views: &self.views,
+        }
+    }
+
+    fn run(mut self) -> Result<TrainReport, TrainError> {
+        let settings = self.settings;
+        let pools = (0..settings.threads.max(1))
+            .map(|_| rayon::ThreadPoolBuilder::new().num_threads(1).build())
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(|e| candle_core::Error::Msg(e.to_string()))?;
+        let mut slots: Vec<Slot> = (0..settings.slots.max(1)).map(|_| Slot::default()).collect();
+        let bar = progress_bar(settings);
+        let (begin, first_step, mut smooth) = (Instant::now(), self.step, None);
+        tracing::info!(part = self.task.part().name(), views = self.views.len(), parameters = self.parameters.count(), "training");
+        loop {
+            let share = progress(settings, self.step, begin.elapsed());
+            if share >= 1.0 {
+                break;
+            }
+            if settings.rescan_steps > 0 && self.step % settings.rescan_steps == settings.rescan_steps - 1 {
+                self.views.rescan()?;
+            }
+            let mut result = gradient(&self.shared(), &mut slots, &pools, self.step)?;
+            if !result.loss.is_finite() {
+                return Err(TrainError::Diverged { step: self.step, loss: result.loss });
+            }
+            let norm = clip(&mut result.gradients, settings.gradient_norm);
+            let rate = learning_rate(settings, self.step, share);
+            self.adam.step(&self.parameters.trainable, &result.gradients, rate, settings.weight_decay)?;
+            self.follow(&result.statistics)?;
+            self.step += 1;
+            let loss = smooth.map_or(result.loss, |s: f64| s + 0.02 * (result.loss - s));
+            smooth = Some(loss);
+            let speed = ((self.step - first_step) * (settings.slots * settings.samples_per_slot) as u64) as f64 / begin.elapsed().as_secs_f64();
+            bar.set_position((1000.0 * share) as u64);
+            bar.set_message(format!("step {} loss {loss:.4} |g| {norm:.2} {speed:.1} samples/s", self.step));
+            if self.step % 100 == 0 {
+                tracing::info!(step = self.step, loss, norm, rate, samples_per_s = speed, views = self.views.len(), "progress");
+            }
+            if self.step % settings.checkpoint_steps.max(1) == 0 {
+                self.save()?;
+            }
+        }
+        let metrics = self.save()?;
+        bar.finish();
+        let samples = ((self.step - first_step) * (settings.slots * settings.samples_per_slot) as u64) as f64;
+        Ok(TrainReport { steps: self.step, views: self.views.len(), samples_per_s: samples / begin.elapsed().as_secs_f64(), metrics })
+    }
+
+    /// Running statistics and averaged weights follow the step.
+    fn follow(&mut self, statistics: &BTreeMap<String, Vec<f32>>) -> Result<(), TrainError> {
+        // Early on both follow faster, or they would remember the initial weights for too long.
+        let early = 1.0 / (1.0 + self.step as f32);
+        for (name, batch) in statistics {
+            if let Some(var) = self.parameters.statistics.get(name) {
+                let mut values = var.flatten_all()?.to_vec1::<f32>()?;
+                let rate = STATISTICS_RATE.max(early);
+                values.iter_mut().zip(batch).for_each(|(v, b)| *v += rate * (b - *v));
+                var.set(&Tensor::from_vec(values, var.shape(), &Device::Cpu)?)?;
+            }
+        }
+        let rate = AVERAGE_RATE.max(10.0 * early).min(1.0);
+        for (name, var) in self.parameters.trainable.iter().filter(|(name, _)| self.task.fits(name)) {
+            let values = var.flatten_all()?.to_vec1::<f32>()?;
+            if let Some((_, average)) = self.average.get_mut(name) {
+                average.iter_mut().zip(values).for_each(|(a, v)| *a += rate * (v - *a));
+            }
+        }
+        Ok(())
+    }
+
+    /// The weights that are saved: averaged where fitted, with the running statistics.
+    fn weights(&self) -> Result<WeightMap, TrainError> {
+        let mut weights = self.parameters.to_map()?;
+        for (name, value) in &self.average {
+            if self.parameters.trainable.contains_key(name) && self.task.fits(name) {
+                weights.insert(name.clone(), value.clone());
+            }
+        }
+        Ok(weights)
+    }
+
+    /// Measures on validation scenes and writes weights and checkpoint.
+    fn save(&mut self) -> Result<serde_json::Value, TrainError> {
+        let weights = self.weights()?;
+        let (averaged, _) = Networks::stored(&self.config, &weights)?;
+        let metrics = self.task.measure(&averaged, &self.config, &self.validation, &mut generator(0, 1, u64::MAX))?;
+        let part = self.task.part().name();
+        tracing::info!(step = self.step, %metrics, "validation");
+        set(&mut self.info.metrics, part, metrics.clone());
+        let recipe = serde_json::json!({ "settings": self.settings, "steps": self.step, "views": self.views.len(), "train_seeds": Split::Train.seeds() });
+        set(&mut self.info.recipe, part, recipe);
+        checkpoint::write(&self.settings.out, &Weights::to_bytes(&weights, &self.info)?)?;
+        checkpoint::save(self.settings, self.step, &self.parameters.to_map()?, &self.average, &self.adam)?;
+        Ok(metrics)
+    }
+
+    fn resume(&mut self) -> Result<(), TrainError> {
+        if let Some(state) = checkpoint::load(self.settings)? {
+            let (networks, parameters) = Networks::stored(&self.config, &state.values)?;
+            (self.networks, self.parameters) = (networks, parameters);
+            (self.average, self.adam, self.step) = (state.average, state.adam, state.step);
+            tracing::info!(step = self.step, "resumed");
+        }
+        Ok(())
+    }
+}
+
+/// How much of the run is over, by steps or by the clock, whichever is further.
+fn progress(settings: &TrainSettings, step: u64, elapsed: Duration) -> f64 {
+    let by_steps = step as f64 / settings.steps.max(1) as f64;
+    by_steps.max(settings.minutes.map_or(0.0, |m| elapsed.as_secs_f64() / (60.0 * m)))
+}
+
+/// Linear rise, then a half cosine down to a hundredth.
+fn learning_rate(settings: &TrainSettings, step: u64, share: f64) -> f64 {
+    let rise = ((step + 1) as f64 / settings.warmup_steps.max(1) as f64).min(1.0);
+    let fall = 0.01 + 0.99 * 0.5 * (1.0 + (std::f64::consts::PI * share.clamp(0.0, 1.0)).cos());
+    settings.learning_rate * rise * fall
+}
+
+fn progress_bar(settings: &TrainSettings) -> ProgressBar {
+    let bar = ProgressBar::new(1000);
+    let template = format!("{} [{{bar:30}}] {{percent}} % · {{msg}} · {{eta}} left", settings.part.name());
+    if let Ok(style) = ProgressStyle::with_template(&template) {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    bar
+}
+
+fn set(object: &mut serde_json::Value, key: &str, value: serde_json::Value) {
+    if !object.is_object() {
+        *object = serde_json::json!({});
+    }
+    object[key] = value;
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, TrainError> {
+    std::fs::read(path).map_err(|source| TrainError::Io { path: path.to_path_buf(), source })
+}

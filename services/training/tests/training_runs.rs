@@ -1,0 +1,155 @@
+//! Training on a small synthetic set: boxes on a table, rendered here, so that the loop is tested without the simulator.
+
+use std::path::Path;
+
+use nalgebra::{Isometry3, Point3, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use repose_dataset::{Elsewhere, Layer, ObjectRecord, ShardWriter, Split, ViewRecord};
+use repose_geometry::{OrientedBox, Pinhole, ViewerFrame, transform::look_at};
+use repose_networks::{Models, NetworksConfig, Weights};
+use repose_training::{Part, TrainError, TrainSettings, train};
+
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
+const CAMERA: Pinhole = Pinhole { width: 160, height: 120, fx: 140.0, fy: 140.0, cx: 79.5, cy: 59.5 };
+
+/// Depth of a box (or of the table z = 0 without one) in every pixel.
+fn rendered(world_from_camera: &Isometry3<f64>, solid: Option<(&Isometry3<f64>, &Vector3<f64>)>) -> Layer {
+    let mut depth_m = vec![0.0f32; CAMERA.width * CAMERA.height];
+    for (i, z) in depth_m.iter_mut().enumerate() {
+        let ray_in_camera = CAMERA.unproject((i % CAMERA.width) as f64, (i / CAMERA.width) as f64, 1.0).coords;
+        let (origin, ray) = (world_from_camera.translation.vector, world_from_camera * ray_in_camera);
+        let hit = match solid {
+            None => (ray.z < 0.0).then(|| -origin.z / ray.z),
+            Some((world_from_box, half)) => {
+                let (o, r) = (world_from_box.inverse() * Point3::from(origin), world_from_box.inverse() * ray);
+                let slab = |k: usize| {
+                    let (a, b) = ((-half[k] - o[k]) / r[k], (half[k] - o[k]) / r[k]);
+                    (a.min(b), a.max(b))
+                };
+                let (near, far) = (0..3).map(slab).fold((0.0f64, f64::INFINITY), |(n, f), (a, b)| (n.max(a), f.min(b)));
+                (near < far).then_some(near)
+            }
+        };
+        *z = hit.filter(|t| *t < 3.0).unwrap_or(0.0) as f32;
+    }
+    Layer::from_depth_m(&depth_m, CAMERA.width)
+}
+
+fn view(seed: u64) -> ViewRecord {
+    let mut rng = Pcg64::seed_from_u64(seed);
+    let azimuth: f64 = rng.random_range(0.0..6.28);
+    let eye = Point3::new(0.7 * azimuth.cos(), 0.7 * azimuth.sin(), 0.5);
+    let world_from_camera = look_at(&eye, &Point3::origin(), &Vector3::z());
+    let objects: Vec<ObjectRecord> = (0..3u16)
+        .map(|k| {
+            let half = Vector3::from_fn(|_, _| rng.random_range(0.025..0.05));
+            let place = Vector3::new(0.18 * f64::from(k) - 0.18, rng.random_range(-0.15..0.15), half.z);
+            let world_from_box = Isometry3::new(place, Vector3::z() * rng.random_range(0.0..1.5));
+            let placed_from_elsewhere = Isometry3::new(Vector3::new(0.02, 0.03, 0.0), Vector3::z() * rng.random_range(-1.0..1.0));
+            let before = placed_from_elsewhere.inverse() * world_from_box;
+            ObjectRecord {
+                id: k + 1,
+                name: "box".into(),
+                world_from_object: world_from_box,
+                bounds: OrientedBox { world_from_box, half_extents: half },
+                alone: rendered(&world_from_camera, Some((&world_from_box, &half))),
+                elsewhere: Some(Elsewhere { layer: rendered(&world_from_camera, Some((&before, &half))), placed_from_elsewhere }),
+            }
+        })
+        .collect();
+    let viewer = ViewerFrame::from_camera(&world_from_camera);
+    let relations = (0..9)
+        .map(|pair| {
+            let between = objects[pair / 3].bounds.center() - objects[pair % 3].bounds.center();
+            let d = viewer.viewer_from_world() * between;
+            std::array::from_fn(|r| match r {
+                0 => d.x < -0.05,
+                1 => d.x > 0.05,
+                2 => d.y < -0.05,
+                3 => d.y > 0.05,
+                _ => false,
+            })
+        })
+        .collect();
+    ViewRecord {
+        scene_seed: seed,
+        view: 0,
+        camera: CAMERA,
+        world_from_camera,
+        view_yaw_rad: viewer.yaw_rad(),
+        background: rendered(&world_from_camera, None),
+        objects,
+        relations,
+        gap_m: vec![0.1; 9],
+    }
+}
+
+fn data(folder: &Path) {
+    let mut writer = ShardWriter::new(folder, 8, 0).unwrap();
+    for k in 0..8 {
+        writer.push(view(Split::Train.seeds().start + k)).unwrap();
+    }
+    for k in 0..4 {
+        writer.push(view(Split::Validation.seeds().start + k)).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+fn settings(folder: &Path, part: Part, threads: usize, steps: u64) -> TrainSettings {
+    TrainSettings {
+        data: folder.join("data"),
+        out: folder.join(format!("weights_{threads}.safetensors")),
+        part,
+        threads,
+        steps,
+        samples_per_slot: 4,
+        episodes_kept: 4,
+        validation_episodes: 4,
+        checkpoint_steps: 2,
+        warmup_steps: 2,
+        ..TrainSettings::default()
+    }
+}
+
+#[test]
+fn a_run_gives_the_same_weights_on_one_thread_and_on_two_and_when_it_is_interrupted() {
+    for part in [Part::Joint, Part::Discriminator] {
+        let folder = tempfile::tempdir().unwrap();
+        data(&folder.path().join("data"));
+        let one = settings(folder.path(), part, 1, 3);
+        let two = settings(folder.path(), part, 2, 3);
+        train(&one).unwrap();
+        train(&two).unwrap();
+        let read = |s: &TrainSettings| Weights::from_bytes(&std::fs::read(&s.out).unwrap()).unwrap();
+        assert_eq!(read(&one).values, read(&two).values);
+        assert!(read(&one).info.metrics[part.name()]["loss"].as_f64().unwrap().is_finite());
+        // What is written serves, and differs from what training started with.
+        Models::load(&std::fs::read(&one.out).unwrap()).unwrap();
+        let initial = Weights::from_bytes(&Weights::initial(&NetworksConfig::default(), 1).unwrap()).unwrap();
+        assert_ne!(read(&one).values, initial.values);
+        // A finished run that is asked for more steps goes on from its checkpoint.
+        let report = train(&TrainSettings { steps: 4, ..one }).unwrap();
+        assert_eq!(report.steps, 4);
+    }
+}
+
+#[test]
+fn the_loss_falls() {
+    let folder = tempfile::tempdir().unwrap();
+    data(&folder.path().join("data"));
+    let first = train(&settings(folder.path(), Part::Joint, 1, 1)).unwrap();
+    let later = train(&TrainSettings { samples_per_slot: 6, checkpoint_steps: 100, ..settings(folder.path(), Part::Joint, 2, 60) }).unwrap();
+    let loss = |r: &repose_training::TrainReport| r.metrics["loss"].as_f64().unwrap();
+    assert!(loss(&later) < loss(&first), "{} then {}", loss(&first), loss(&later));
+}
+
+#[test]
+fn a_folder_without_training_scenes_is_an_error_that_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir_all(folder.path().join("data")).unwrap();
+    let error = train(&settings(folder.path(), Part::Joint, 1, 1)).unwrap_err();
+    assert!(matches!(error, TrainError::Empty { split: "train", .. }), "{error}");
+}
