@@ -216,7 +216,7 @@ pub struct PlaceArgs {
 }
 
 /// Arguments of `load`.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub struct LoadArgs {
     /// Where to ask.
     #[command(flatten)]
@@ -283,25 +283,28 @@ pub struct GenerateArgs {
 /// Arguments of `train`.
 #[derive(Debug, Args)]
 pub struct TrainArgs {
-    /// The folder of shards that `generate` wrote.
+    /// The folder of shards that `generate` wrote, with training and validation scenes somewhere below it.
     #[arg(long, value_name = "DIR")]
     pub data: PathBuf,
-    /// Which networks: relations (encoders, relation predictor and prior) or discriminator.
+    /// Which networks: joint (encoders, relation predictor and prior) or discriminator. The others keep the weights of `--start`.
     #[arg(long)]
     pub network: String,
-    /// The folder for checkpoints and weights; a run that was stopped goes on from there.
-    #[arg(long, value_name = "DIR")]
+    /// The weights file; a run that was stopped goes on from its checkpoint beside it.
+    #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// Weights to start from; new ones from the seed by default.
+    #[arg(long, value_name = "FILE")]
+    pub start: Option<PathBuf>,
     /// Seed of initial weights, order and augmentation.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// End after this many minutes, with weights.
     #[arg(long)]
     pub minutes: Option<f64>,
     /// End after this many steps.
     #[arg(long)]
-    pub steps: Option<usize>,
-    /// Threads; all cores by default.
+    pub steps: Option<u64>,
+    /// Threads; all cores by default. The weights do not depend on it.
     #[arg(long)]
     pub threads: Option<usize>,
 }

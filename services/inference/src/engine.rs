@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use nalgebra::Point3;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
+use repose_networks::serving::spread;
 use repose_networks::{Candidate, InputError, Models, SceneContext};
 use repose_proto::scoring::{MixtureComponent, ModelInfo, ModelsReply, PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, RELATION_COUNT, Relation, Scene};
@@ -16,6 +17,9 @@ use repose_relations::rectangle::{quarter_turn_difference_rad, rectangle_yaw_rad
 
 use crate::mixture;
 use crate::scene_store::HeldScene;
+
+/// Candidates that a thread takes at once.
+const PIECE: usize = 4;
 
 /// The networks and the threads that they may use.
 #[derive(Debug)]
@@ -70,11 +74,42 @@ impl Engine {
     /// # Errors
     /// `not_found` on `query` or `anchors`.
     pub fn score(&self, request: &ScoreRequest, held: &HeldScene) -> Result<ScoreReply, CallError> {
+        self.score_together(&[(request, held)]).pop().unwrap_or_else(|| Err(CallError::internal("a request without an answer")))
+    }
+
+    /// Several requests at once: their candidates share the threads, and each answer is what [`Engine::score`] would give alone.
+    pub fn score_together(&self, requests: &[(&ScoreRequest, &HeldScene)]) -> Vec<Result<ScoreReply, CallError>> {
+        let mut replies: Vec<_> = requests.iter().map(|(request, held)| self.relations_of(request, held)).collect();
+        let pieces: Vec<(usize, usize)> = requests
+            .iter()
+            .enumerate()
+            .filter(|(i, (request, _))| request.realism && replies[*i].is_ok())
+            .flat_map(|(i, (request, _))| (0..request.candidates.len()).step_by(PIECE).map(move |first| (i, first)))
+            .collect();
+        let scored = spread(pieces.len(), self.threads, || (), |(), k| {
+            let (i, first) = pieces[k];
+            let (request, held) = requests[i];
+            let last = (first + PIECE).min(request.candidates.len());
+            let context = self.prepared(held, request.view_yaw_rad)?;
+            let candidates = candidates_of(&request.candidates[first..last]);
+            self.models.realism(&context, request.query, &candidates, 1).map_err(|e| wire_error(&e, "query"))
+        });
+        for ((i, _), realism) in pieces.into_iter().zip(scored) {
+            match (&mut replies[i], realism) {
+                (Ok(reply), Ok(realism)) => reply.realism.extend(realism),
+                (reply, Err(error)) => *reply = Err(error),
+                (Err(_), Ok(_)) => {}
+            }
+        }
+        replies
+    }
+
+    /// The reply without realism.
+    fn relations_of(&self, request: &ScoreRequest, held: &HeldScene) -> Result<ScoreReply, CallError> {
         let context = self.prepared(held, request.view_yaw_rad)?;
-        let candidates: Vec<Candidate> =
-            request.candidates.iter().map(|c| Candidate { position_in_world: [c[0], c[1], c[2]], yaw_rad: c[3] }).collect();
         let mut relations = Vec::new();
         if request.relations {
+            let candidates = candidates_of(&request.candidates);
             let learned = self.models.relations(&context, request.query, &request.anchors, &candidates, self.threads);
             let learned = learned.map_err(|e| wire_error(&e, "anchors"))?;
             let aligned = Alignment::new(held.scene(), request);
@@ -86,21 +121,19 @@ impl Engine {
                     relations.push(row);
                 }
             }
+        } else if context.centroid_in_world(request.query).is_none() {
+            return Err(CallError::not_found("query", format!("the scene has no object {}", request.query)));
         }
-        let realism = match request.realism {
-            true => self.models.realism(&context, request.query, &candidates, self.threads).map_err(|e| wire_error(&e, "query"))?,
-            false => Vec::new(),
-        };
         let (weights_hash, kernel) = self.identity();
-        Ok(ScoreReply { weights_hash, kernel, realism, relations, anchors: request.anchors.len() })
+        Ok(ScoreReply { weights_hash, kernel, realism: Vec::new(), relations, anchors: request.anchors.len() })
     }
 
     /// The weights served.
     pub fn models(&self) -> ModelsReply {
         let (weights_hash, kernel) = self.identity();
-        let info = serde_json::to_value(self.models.info()).unwrap_or_default();
-        let part = |name: &str| info.get(name).cloned().unwrap_or_default();
-        let model = ModelInfo { name: "default".to_owned(), hash: weights_hash.clone(), recipe: part("recipe"), metrics: part("metrics") };
+        let info = self.models.info();
+        let (recipe, metrics) = (info.recipe.clone(), info.metrics.clone());
+        let model = ModelInfo { name: "default".to_owned(), hash: weights_hash.clone(), recipe, metrics };
         ModelsReply { weights_hash, kernel, models: vec![model] }
     }
 
@@ -111,6 +144,10 @@ impl Engine {
     fn prepared(&self, held: &HeldScene, view_yaw_rad: f64) -> Result<std::sync::Arc<SceneContext>, CallError> {
         held.prepared(view_yaw_rad, &self.models.config().cloud)
     }
+}
+
+fn candidates_of(rows: &[[f32; 4]]) -> Vec<Candidate> {
+    rows.iter().map(|c| Candidate { position_in_world: [c[0], c[1], c[2]], yaw_rad: c[3] }).collect()
 }
 
 /// Orientations of the query's and the anchors' clouds seen from above.

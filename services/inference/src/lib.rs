@@ -1,1 +1,62 @@
-//! repose-inference
+//! Inference: scenes held by id, and batched scoring of candidates with the learned prior, relation predictor and discriminator.
+//!
+//! The domain is synchronous: [`engine::Engine`] answers on [`scene_store::HeldScene`]s, in a service and in-process alike.
+//! [`run`] is the service.
+
+pub mod config;
+pub mod endpoints;
+pub mod engine;
+pub mod mixture;
+pub mod scene_store;
+pub mod worker;
+
+use std::sync::Arc;
+
+use repose_networks::Models;
+use repose_proto::Service;
+use repose_runtime::{RuntimeError, Session, Shutdown};
+
+pub use config::InferenceConfig;
+pub use engine::Engine;
+pub use scene_store::{HeldScene, SceneStore};
+
+/// Why the service could not run.
+#[derive(Debug, thiserror::Error)]
+pub enum InferenceError {
+    /// The weights file cannot be read.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// The file.
+        path: std::path::PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The weights do not fit the networks.
+    #[error(transparent)]
+    Weights(#[from] repose_networks::WeightsError),
+    /// The network or the threads failed.
+    #[error(transparent)]
+    Runtime(#[from] RuntimeError),
+}
+
+/// The engine of a configuration.
+///
+/// # Errors
+/// [`InferenceError`] when the weights cannot be read or do not fit.
+pub fn engine_of(config: &InferenceConfig) -> Result<Engine, InferenceError> {
+    let models = match &config.weights {
+        Some(path) => Models::load(&std::fs::read(path).map_err(|source| InferenceError::File { path: path.clone(), source })?)?,
+        None => Models::embedded()?,
+    };
+    Ok(Engine::new(models, config.actual_threads()))
+}
+
+/// Serves until `shutdown`.
+///
+/// # Errors
+/// [`InferenceError`].
+pub async fn run(session: Session, config: InferenceConfig, shutdown: Shutdown) -> Result<(), InferenceError> {
+    let worker = Arc::new(worker::Worker::start(engine_of(&config)?, &config)?);
+    session.serve(Service::Inference, Arc::new(endpoints::Endpoints::new(worker)), shutdown).await?;
+    Ok(())
+}

@@ -2,6 +2,7 @@
 
 use nalgebra::Isometry3;
 use repose_geometry::transform::{from_row_major, to_row_major};
+use repose_runtime::RuntimeError;
 use serde::{Deserialize, Serialize};
 
 use crate::execution::ExecutionSettings;
@@ -41,14 +42,16 @@ pub struct MotionConfig {
     pub command_period_ms: u64,
     /// How long a command may be acted on after receipt, milliseconds. Default 500.
     pub command_ttl_ms: u64,
+    /// How long to wait for a robot's first state, and for a stop to clear, milliseconds. Default 3000.
+    pub robot_timeout_ms: u64,
     /// Threads that plan. Default 1.
     pub threads: usize,
     /// Planning requests that wait; more are refused at once. Default 16.
     pub queue: usize,
     /// Scenes kept. Default 16.
     pub scenes: usize,
-    /// Finished executions that are remembered, so that a repeated request gets the same outcome. Default 1024.
-    pub executions: usize,
+    /// The name under which this process commands robots; a chunk of a key. Default: one made up from the process and the time.
+    pub commander: Option<String>,
 }
 
 impl Default for MotionConfig {
@@ -70,17 +73,24 @@ impl Default for MotionConfig {
             command_horizon_ms: execution.horizon_ms,
             command_period_ms: 50,
             command_ttl_ms: execution.ttl_ms,
+            robot_timeout_ms: 3000,
             threads: 1,
             queue: 16,
             scenes: 16,
-            executions: 1024,
+            commander: None,
         }
+    }
+}
+
+impl From<ConfigError> for RuntimeError {
+    fn from(error: ConfigError) -> Self {
+        Self::Config { section: "motion".to_owned(), file: None, message: error.to_string() }
     }
 }
 
 /// A value that cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("motion.{field}: {message}")]
+#[error("{field}: {message}")]
 pub struct ConfigError {
     /// The field.
     pub field: &'static str,

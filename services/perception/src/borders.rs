@@ -13,8 +13,8 @@ use crate::settings::BorderSettings;
 ///
 /// Background (0) counts as a label; the picture's edge is not a border.
 pub fn border_band(labels: &Image<u16>, settings: &BorderSettings) -> Image<bool> {
-    let radius = settings.radius_px;
     let (width, height) = (labels.width(), labels.height());
+    let radius = settings.radius_px.min(width.max(height));
     let mut band = Image::filled(width, height, false);
     if radius == 0 || width == 0 || height == 0 {
         return band;

@@ -25,7 +25,8 @@ pub fn find(in_camera: &PointMap, foreground: &Image<bool>, focal_px: f32, setti
     let mut ids = number_by_size(&neighbours, &whole, settings);
     grow(&neighbours, foreground.pixels(), &mut ids);
     // The count is the picture's own: a mismatch cannot happen, and nothing found is the harmless reading of it.
-    Image::from_pixels(in_camera.width(), in_camera.height(), ids).unwrap_or_else(|_| Image::filled(in_camera.width(), in_camera.height(), 0))
+    Image::from_pixels(in_camera.width(), in_camera.height(), ids)
+        .unwrap_or_else(|_| Image::filled(in_camera.width(), in_camera.height(), 0))
 }
 
 /// What decides whether pixels belong together.
@@ -135,7 +136,9 @@ fn grow(neighbours: &Neighbours<'_>, foreground: &[bool], ids: &mut [u16]) {
 /// The four pixels beside a pixel, inside the picture.
 fn adjacent(i: usize, width: usize, height: usize) -> impl Iterator<Item = usize> {
     let (u, v) = (i % width, i / width);
-    [(u > 0).then(|| i - 1), (u + 1 < width).then(|| i + 1), (v > 0).then(|| i - width), (v + 1 < height).then(|| i + width)].into_iter().flatten()
+    [(u > 0).then(|| i - 1), (u + 1 < width).then(|| i + 1), (v > 0).then(|| i - width), (v + 1 < height).then(|| i + width)]
+        .into_iter()
+        .flatten()
 }
 
 #[cfg(test)]
@@ -163,7 +166,8 @@ mod tests {
                     }
                 }
                 let total: usize = counts.values().sum();
-                let mut main: Vec<_> = counts.into_iter().filter(|(_, n)| *n * 10 > total).map(|(id, n)| (std::cmp::Reverse(n), id)).collect();
+                let mut main: Vec<_> =
+                    counts.into_iter().filter(|(_, n)| *n * 10 > total).map(|(id, n)| (std::cmp::Reverse(n), id)).collect();
                 main.sort_unstable();
                 main.into_iter().map(|(_, id)| id).collect()
             })
@@ -172,8 +176,11 @@ mod tests {
 
     #[test]
     fn objects_apart_get_an_id_each() {
-        let solids =
-            [Solid::table(0.0), Solid::cuboid([-0.15, 0.0, 0.05], [0.05, 0.05, 0.05]), Solid::cuboid([0.15, 0.0, 0.08], [0.05, 0.05, 0.08])];
+        let solids = [
+            Solid::table(0.0),
+            Solid::cuboid([-0.15, 0.0, 0.05], [0.05, 0.05, 0.05]),
+            Solid::cuboid([0.15, 0.0, 0.08], [0.05, 0.05, 0.08]),
+        ];
         let ids = ids_per_solid(&solids);
         assert!(ids.iter().all(|ids| ids.len() == 1 && ids[0] != 0) && ids[0] != ids[1], "{ids:?}");
     }

@@ -71,12 +71,14 @@ fn count_line(ids: &[u16], points: &[Point3<f32>], line: impl Iterator<Item = us
     for triple in runs.windows(3) {
         let [one, cover, other] = [triple[0], triple[1], triple[2]];
         let apart = cover.from - one.to <= settings.max_shadow_px && other.from - cover.to <= settings.max_shadow_px;
-        let long = |run: &Run| run.to - run.from + 1 >= settings.min_run_px;
+        // Three pixels at least: the one at the edge is skipped below.
+        let long = |run: &Run| run.to - run.from + 1 >= settings.min_run_px.max(3);
         if one.id == other.id || one.id == cover.id || other.id == cover.id || !apart || !long(&one) || !long(&other) {
             continue;
         }
         let point = |at: usize| &points[line[at]];
-        let in_front = point(cover.from).z + settings.cover_step_m < point(one.to).z && point(cover.to).z + settings.cover_step_m < point(other.from).z;
+        let in_front = point(cover.from).z + settings.cover_step_m < point(one.to).z
+            && point(cover.to).z + settings.cover_step_m < point(other.from).z;
         if !in_front {
             continue;
         }
@@ -117,9 +119,8 @@ mod tests {
         let in_camera = render(solids, &CAMERA, &world_from_camera);
         let foreground = cast(solids, &CAMERA, &world_from_camera).map(|s| s.is_some_and(|(_, solid)| solid > 0));
         let mut labels = components::find(&in_camera, &foreground, 262.0, &ComponentSettings::default());
-        let distinct = |labels: &Image<u16>| {
-            labels.pixels().iter().copied().filter(|id| *id != 0).collect::<std::collections::BTreeSet<u16>>().len()
-        };
+        let distinct =
+            |labels: &Image<u16>| labels.pixels().iter().copied().filter(|id| *id != 0).collect::<std::collections::BTreeSet<u16>>().len();
         let before = distinct(&labels);
         join(&mut labels, &in_camera, &transformed(&in_camera, &world_from_camera), &HalvesSettings::default());
         (before, distinct(&labels))

@@ -178,8 +178,11 @@ mod tests {
 
     #[test]
     fn a_box_behind_a_box_of_its_height_stays_another() {
-        let solids =
-            [Solid::table(0.0), Solid::cuboid([0.0, -0.05, 0.05], [0.06, 0.02, 0.05]), Solid::cuboid([0.0, 0.09, 0.05], [0.06, 0.02, 0.05])];
+        let solids = [
+            Solid::table(0.0),
+            Solid::cuboid([0.0, -0.05, 0.05], [0.06, 0.02, 0.05]),
+            Solid::cuboid([0.0, 0.09, 0.05], [0.06, 0.02, 0.05]),
+        ];
         let (before, after) = ids(&solids);
         assert_eq!(before, after);
         assert_eq!(after.len(), 2);

@@ -44,7 +44,9 @@ pub enum SegmentError {
         border_px: usize,
     },
     /// The frame has no camera pose, and no plane could stand in for it.
-    #[error("the frame has no world_from_camera, and none of its planes can be the support (an upright camera above at least {share:.0} % of the readings)")]
+    #[error(
+        "the frame has no world_from_camera, and none of its planes can be the support (an upright camera above at least {share:.0} % of the readings)"
+    )]
     NoSupport {
         /// Share of the readings that a support must hold, percent.
         share: f64,
@@ -118,18 +120,26 @@ pub fn segment_with_labels(frame: &Frame, settings: &Settings) -> Result<Segment
     let (coarse_labels, coarse_band) = (strided(&labels, stride), strided(&band, stride));
     let clean_label = |i: usize| (!coarse_band.pixels()[i]).then(|| coarse_labels.pixels()[i]).filter(|id| *id == 0 || cloud.keeps(*id));
     let surfaces = surfaces::find(coarse.upward(clean_label), &settings.surfaces);
-    let objects = summarise(&cloud.points, &cloud.labels, &Completeness::measure(&in_camera, &labels));
+    let mut objects = summarise(&cloud.points, &cloud.labels, &Completeness::measure(&in_camera, &labels));
+    for object in &mut objects {
+        object.centroid_m = object.centroid_m.map(micro);
+        object.extent_m = object.extent_m.map(micro);
+        object.completeness = micro(object.completeness);
+    }
     let pixels = in_camera.pixels().len();
     let meta = SceneMeta {
         objects,
         surfaces: on_the_wire(surfaces),
-        camera: CameraModel { world_from_camera: Some(RigidTransform(to_row_major(&world_from_camera))), ..model.clone() },
+        camera: CameraModel {
+            world_from_camera: Some(RigidTransform(to_row_major(&world_from_camera).map(|entry| rounded(entry, 1e9)))),
+            ..model.clone()
+        },
         world_frame,
-        view_yaw_rad: ViewerFrame::from_camera(&world_from_camera).yaw_rad(),
+        view_yaw_rad: rounded(ViewerFrame::from_camera(&world_from_camera).yaw_rad(), 1e9),
         unseen: Unseen {
             pixels_without_reading: pixels - readings,
             pixels_on_borders: cloud.on_borders,
-            share: 1.0 - cloud.available as f64 / pixels as f64,
+            share: micro(1.0 - cloud.available as f64 / pixels as f64),
         },
     };
     let scene = Scene {
@@ -155,8 +165,7 @@ fn world_of(model: &CameraModel, in_camera: &PointMap, settings: &Settings) -> R
 }
 
 fn as_image(labels: Vec<u16>, camera: &Pinhole) -> Result<Image<u16>, SegmentError> {
-    Image::from_pixels(camera.width, camera.height, labels)
-        .map_err(|e| SegmentError::Frame(CallError::invalid("labels", e.to_string())))
+    Image::from_pixels(camera.width, camera.height, labels).map_err(|e| SegmentError::Frame(CallError::invalid("labels", e.to_string())))
 }
 
 /// The coarse picture and which of its pixels face up.
@@ -244,12 +253,145 @@ fn on_the_wire(surfaces: Vec<SupportSurface>) -> Vec<Surface> {
     let mut surfaces: Vec<Surface> = surfaces
         .into_iter()
         .map(|s| Surface {
-            height_m: f64::from(s.height_m),
-            outline_m: s.outline.corners().iter().map(|c| [f64::from(c.x), f64::from(c.y)]).collect(),
-            area_m2: f64::from(s.outline.area()),
+            height_m: micro(f64::from(s.height_m)),
+            outline_m: s.outline.corners().iter().map(|c| [micro(f64::from(c.x)), micro(f64::from(c.y))]).collect(),
+            area_m2: micro(f64::from(s.outline.area())),
             object: s.object,
         })
         .collect();
     surfaces.sort_by(|a, b| b.area_m2.total_cmp(&a.area_m2));
     surfaces
+}
+
+/// A number to six decimals, a micrometre: short decimals come out of every JSON reader as they went in, and with them the scene's id.
+fn micro(value: f64) -> f64 {
+    rounded(value, 1e6)
+}
+
+/// A number to the nearest of `per_unit` steps per unit; no negative zero.
+fn rounded(value: f64, per_unit: f64) -> f64 {
+    (value * per_unit).round() / per_unit + 0.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::{Solid, cast};
+    use proptest::prelude::*;
+    use repose_geometry::Vector3;
+    use repose_geometry::transform::look_at;
+
+    /// A frame of a box of 12 x 10 x 8 cm on a table, with the box labelled 9, and the true camera pose.
+    fn frame() -> (Frame, Isometry3<f64>) {
+        let camera = Pinhole { width: 320, height: 240, fx: 262.0, fy: 262.0, cx: 159.5, cy: 119.5 };
+        let world_from_camera = look_at(&Point3::new(0.0, -0.7, 0.5), &Point3::origin(), &Vector3::z());
+        let solids = [Solid::table(0.0), Solid::cuboid([0.05, 0.0, 0.04], [0.06, 0.05, 0.04])];
+        let seen = cast(&solids, &camera, &world_from_camera);
+        let depth = seen.pixels().iter().map(|s| s.map_or(0, |(depth, _)| (depth * 1e4).round() as u16)).collect();
+        let labels = seen.pixels().iter().map(|s| s.map_or(0, |(_, solid)| if solid == 1 { 9 } else { 0 })).collect();
+        let model = CameraModel {
+            width: 320,
+            height: 240,
+            fx: camera.fx,
+            fy: camera.fy,
+            cx: camera.cx,
+            cy: camera.cy,
+            depth_unit_m: 1e-4,
+            world_from_camera: None,
+        };
+        let frame = Frame {
+            camera_name: "test".to_owned(),
+            stamp_ns: 3,
+            camera: model,
+            depth,
+            color: Some(vec![[1, 2, 3]; 320 * 240]),
+            labels: Some(labels),
+        };
+        (frame, world_from_camera)
+    }
+
+    fn check(scene: &Scene, id: u16, z_m: f64) {
+        let object = scene.object(id).unwrap();
+        // Cleaning takes two pixels, 6 mm here, off each side.
+        assert!((object.extent_m[0] - 0.108).abs() < 0.005 && object.extent_m[2] < 0.085, "{object:?}");
+        assert_eq!(object.completeness, 1.0);
+        let (table, top) = (&scene.meta.surfaces[0], &scene.meta.surfaces[1]);
+        assert!((table.height_m - z_m).abs() < 0.002 && table.object.is_none() && table.area_m2 > 0.5, "{table:?}");
+        assert!((top.height_m - z_m - 0.08).abs() < 0.002 && top.object == Some(id), "{top:?}");
+        assert_eq!(scene.colors.as_ref().map(Vec::len), Some(scene.points.len()));
+    }
+
+    #[test]
+    fn a_box_on_a_table_is_found_given_and_levelled() {
+        let (frame, truth) = frame();
+        let given = segment(&frame, &Settings::default()).unwrap();
+        check(&given, 9, 0.0);
+        assert_eq!(given.meta.world_frame, WorldFrame::SupportPlane);
+        let found = segment(&Frame { labels: None, ..frame.clone() }, &Settings::default()).unwrap();
+        check(&found, 1, 0.0);
+        let lifted = Isometry3::translation(0.0, 0.0, 0.3) * truth;
+        let camera = CameraModel { world_from_camera: Some(RigidTransform(to_row_major(&lifted))), ..frame.camera.clone() };
+        let calibrated = segment(&Frame { camera, labels: None, ..frame }, &Settings::default()).unwrap();
+        check(&calibrated, 1, 0.3);
+        assert_eq!(calibrated.meta.world_frame, WorldFrame::Extrinsics);
+    }
+
+    #[test]
+    fn border_pixels_leave_the_cloud_and_are_counted() {
+        let (frame, _) = frame();
+        let scene = segment(&frame, &Settings::default()).unwrap();
+        let mask = frame.labels.iter().flatten().filter(|id| **id == 9).count();
+        let kept = scene.points_of(9).count();
+        assert!(kept < mask && kept > mask / 2);
+        let readings = frame.depth.iter().filter(|d| **d > 0).count();
+        assert_eq!(scene.points.len() + scene.meta.unseen.pixels_on_borders, readings);
+        assert_eq!(scene.meta.unseen.pixels_without_reading, 320 * 240 - readings);
+    }
+
+    #[test]
+    fn thinning_keeps_the_asked_number_evenly() {
+        let (frame, _) = frame();
+        let all = segment(&frame, &Settings::default()).unwrap();
+        let thin = segment(&frame, &Settings { max_points: 5000, ..Settings::default() }).unwrap();
+        assert_eq!(thin.points.len(), 5000);
+        let share = |scene: &Scene| scene.points_of(9).count() as f64 / scene.points.len() as f64;
+        assert!((share(&all) - share(&thin)).abs() < 0.01);
+    }
+
+    #[test]
+    fn what_cannot_be_segmented_says_why() {
+        let (frame, _) = frame();
+        let field = |frame: Frame| CallError::from(segment(&frame, &Settings::default()).unwrap_err()).field;
+        assert_eq!(field(Frame { depth: vec![0; 320 * 240], ..frame.clone() }).as_deref(), Some("depth"));
+        assert_eq!(field(Frame { labels: Some(vec![1; 7]), ..frame.clone() }).as_deref(), Some("labels"));
+        assert_eq!(
+            field(Frame { labels: Some((0..320 * 240).map(|i| (i % 2) as u16).collect()), ..frame.clone() }).as_deref(),
+            Some("labels")
+        );
+        let speckle = (0..320u32 * 240).map(|i| (i.wrapping_mul(2_654_435_761) >> 17) as u16).collect();
+        assert_eq!(field(Frame { depth: speckle, labels: None, ..frame }).as_deref(), Some("world_from_camera"));
+    }
+
+    proptest! {
+        #[test]
+        fn no_frame_makes_it_panic(
+            width in 1usize..24, height in 1usize..24, seed in prop::collection::vec(0u16..3000, 24 * 24), labelled in 0u16..5,
+            focal in prop::sample::select(vec![1e-300, 1.0, 30.0, 1e5]), center in prop::sample::select(vec![-1e300, 0.0, 10.0]), posed: bool,
+        ) {
+            let pixels = width * height;
+            let camera = CameraModel {
+                width, height, fx: focal, fy: focal, cx: center, cy: center, depth_unit_m: 0.001,
+                world_from_camera: posed.then_some(RigidTransform::IDENTITY),
+            };
+            let labels = (labelled > 0).then(|| seed[..pixels].iter().map(|s| (s / 400) % labelled).collect());
+            let frame = Frame { camera_name: "test".to_owned(), stamp_ns: 0, camera, depth: seed[..pixels].to_vec(), color: None, labels };
+            let mut settings = Settings { min_object_points: 1, ..Settings::default() };
+            settings.components.min_pixels = 1;
+            settings.components.halves.min_run_px = 0;
+            if let Ok(scene) = segment(&frame, &settings) {
+                prop_assert!(scene.points.as_flattened().iter().all(|c| c.is_finite()));
+                prop_assert!(Scene::from_bulk(&scene.to_bulk()).is_ok());
+            }
+        }
+    }
 }

@@ -10,6 +10,9 @@ use repose_geometry::{Footprint, Point2, Point3};
 
 use crate::settings::SurfaceSettings;
 
+/// Most bins of the height histogram; a larger range of heights gets higher bins, so that memory is bounded.
+const MAX_BINS: f32 = 10_000.0;
+
 /// A horizontal surface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SupportSurface {
@@ -79,14 +82,15 @@ fn highest_peak(points: &[Point3<f32>], settings: &SurfaceSettings) -> Option<(f
     if !(low.is_finite() && high.is_finite()) {
         return None;
     }
-    let bins = ((high - low) / settings.bin_m) as usize + 1;
+    let bin_m = settings.bin_m.max((high - low) / MAX_BINS);
+    let bins = ((high - low) / bin_m) as usize + 1;
     let mut counts = vec![0usize; bins + 2];
     for p in points {
-        counts[((p.z - low) / settings.bin_m) as usize + 1] += 1;
+        counts[((p.z - low) / bin_m) as usize + 1] += 1;
     }
     let sums = counts.windows(3).map(|w| w.iter().sum::<usize>());
     let (best, most) = sums.enumerate().fold((0, 0), |best, (i, n)| if n > best.1 { (i, n) } else { best });
-    Some((low + (best as f32 + 0.5) * settings.bin_m, most))
+    Some((low + (best as f32 + 0.5) * bin_m, most))
 }
 
 /// Points of one height whose cells touch.

@@ -5,10 +5,10 @@
 
 use repose_geometry::{Aabb, Image, Point2, Point3};
 
-use crate::{components, halves, hollows};
 use crate::point_map::{PointMap, is_reading};
 use crate::settings::ComponentSettings;
 use crate::surfaces::SupportSurface;
+use crate::{components, halves, hollows};
 
 /// How far outside the outline of a support's seen part its objects may stand, metres: they hide its rim.
 const OUTLINE_SLACK_M: f32 = 0.05;

@@ -35,8 +35,12 @@ impl Worker {
     /// # Errors
     /// When the operating system gives none.
     pub fn start(config: &PerceptionConfig) -> Result<Self, RuntimeError> {
-        let settings =
-            QueueSettings { name: "perception".to_owned(), capacity: config.queue_capacity, threads: config.threads, ..QueueSettings::default() };
+        let settings = QueueSettings {
+            name: "perception".to_owned(),
+            capacity: config.queue_capacity,
+            threads: config.threads,
+            ..QueueSettings::default()
+        };
         Ok(Self {
             queue: ComputeQueue::start(settings)?,
             settings: Arc::new(config.segmentation.clone()),

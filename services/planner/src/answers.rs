@@ -1,7 +1,6 @@
 //! From accepted candidates to answers: ranked, distinct, each with its evidence.
 
-use nalgebra::Point3;
-use repose_geometry::{cloud, transform};
+use repose_geometry::transform;
 use repose_proto::RigidTransform;
 use repose_proto::place::Placement;
 
@@ -26,16 +25,8 @@ pub fn distinct(accepted: &[Judged], count: usize, min_separation_m: f64) -> Vec
     chosen
 }
 
-/// The scene's points that an answer's clearance is measured to, thinned out: all but the query's.
-pub fn obstacles(judge: &Judge<'_>) -> Vec<Point3<f32>> {
-    let scene = &judge.prepared.scene;
-    let others = scene.points.iter().zip(&scene.labels).filter(|(_, label)| **label != judge.query.id);
-    let points: Vec<Point3<f32>> = others.map(|(p, _)| Point3::from(*p)).collect();
-    cloud::voxel_downsampled(&points, judge.settings.fixed.clearance.voxel_m)
-}
-
 /// An answer with its evidence; `judged` must be complete ([`Judge::complete`]).
-pub fn placement(judged: &Judged, judge: &Judge<'_>, obstacles: &[Point3<f32>]) -> Placement {
+pub fn placement(judged: &Judged, judge: &Judge<'_>) -> Placement {
     let (candidate, query) = (&judged.candidate, judge.query);
     let checks = match &judged.checks {
         Some(checks) => checks.clone(),
@@ -50,7 +41,7 @@ pub fn placement(judged: &Judged, judge: &Judge<'_>, obstacles: &[Point3<f32>]) 
         relations: judged.relations.as_ref().map_or_else(by_rule, |p| p.iter().map(|p| f64::from(*p)).collect()),
         geometric: checks,
         support_m: footing.margin_m,
-        clearance_m: exact_clearance_m(query, candidate, obstacles, &judge.settings.fixed.support),
+        clearance_m: exact_clearance_m(query, candidate, &judge.obstacles, &judge.settings.fixed.support),
     }
 }
 

@@ -3,6 +3,7 @@
 //! One judge serves every variant; the recipe says which tests it has (paper, equations 1 to 5 and Algorithm 1, lines 9 to 15). The
 //! networks see a whole batch in one request for relations, and then those that pass in one for realism.
 
+use nalgebra::Point3;
 use repose_proto::place::{PlaceRequest, Rejection};
 use repose_proto::scoring::ScoreRequest;
 use repose_proto::{CallError, ErrorCode, RELATION_COUNT, Relation, SceneRef};
@@ -14,7 +15,7 @@ use crate::footing::Ground;
 use crate::judged::Judged;
 use crate::mixture::Mixture;
 use crate::models::Models;
-use crate::obstruction::obstruction;
+use crate::obstruction::{exact_clearance_m, obstruction, obstacles};
 use crate::prepared::Prepared;
 use crate::query::Query;
 use crate::rules::Rules;
@@ -47,6 +48,8 @@ pub struct Judge<'a> {
     pub mixture: Option<Mixture>,
     /// Who answered so far.
     pub provenance: Provenance,
+    /// The scene's points without the query's, thinned out.
+    pub obstacles: Vec<Point3<f32>>,
     anchors: Vec<u16>,
     touched: Vec<u16>,
     carriers: Vec<u16>,
@@ -75,6 +78,7 @@ impl<'a> Judge<'a> {
         Self {
             touched: positive(&[Relation::Touching]),
             carriers: positive(&[Relation::Above, Relation::Touching, Relation::Centered]),
+            obstacles: obstacles(prepared, query, settings.fixed.clearance.voxel_m),
             prepared,
             query,
             rules,
@@ -199,44 +203,52 @@ impl<'a> Judge<'a> {
         Ground { prepared: self.prepared, query: self.query, settings: &self.settings.fixed.support }
     }
 
+    /// Every constraint that needs no network, in their order; also after one has failed, so that the search knows where less is missed.
     fn without_networks(&self, candidate: Candidate, mode: usize) -> Judged {
         let mut judged = Judged::new(candidate, mode);
         let fixed = &self.settings.fixed;
         if let Some(miss) = region_miss(&candidate, &self.request.region) {
             judged.reject(Rejection::Region, miss);
-            return judged;
         }
         let (visibility, miss) = view_miss(&self.prepared.view, self.query, &candidate, &fixed.view);
         judged.unhidden = Some(visibility.unhidden);
         if let Some(miss) = miss {
             judged.reject(Rejection::OutOfView, miss);
-            return judged;
         }
         let grounded = self.settings.recipe.grounded;
         if grounded || self.settings.min_clearance_m > 0.0 {
-            let found = obstruction(self.prepared, self.query, &candidate, &self.touched, &fixed.clearance, &fixed.support);
-            judged.obstruction = Some(found);
-            if grounded && found.colliding_share > 0.0 {
-                judged.reject(Rejection::Collision, found.colliding_share);
-                return judged;
-            }
-            if found.clearance_m < self.settings.min_clearance_m {
-                judged.reject(Rejection::Clearance, self.settings.min_clearance_m - found.clearance_m);
-                return judged;
-            }
+            self.judge_obstruction(&mut judged);
         }
         if grounded {
             let footing = self.ground().footing(&candidate);
             judged.footing = Some(footing);
             if let Some(miss) = support_miss(&footing, self.query, &fixed.support) {
                 judged.reject(Rejection::Unsupported, miss);
-                return judged;
             }
         }
         if self.settings.recipe.goal_by != GoalBy::Learned {
             self.judge_goal_by_rule(&mut judged);
         }
+        if !judged.feasible() {
+            let learned_goal = usize::from(self.settings.recipe.goal_by == GoalBy::Learned);
+            judged.leave_untried(learned_goal + usize::from(self.settings.recipe.realism == Realism::Discriminator));
+        }
         judged
+    }
+
+    fn judge_obstruction(&self, judged: &mut Judged) {
+        let (fixed, wanted_m) = (&self.settings.fixed, self.settings.min_clearance_m);
+        let mut found = obstruction(self.prepared, self.query, &judged.candidate, &self.touched, &fixed.clearance, &fixed.support);
+        if self.settings.recipe.grounded && found.colliding_share > 0.0 {
+            judged.reject(Rejection::Collision, found.colliding_share);
+        } else if wanted_m > f64::from(fixed.clearance.max_ring_m) && judged.feasible() {
+            // Wider than the cells around the query reach: by points, which takes longer.
+            found.clearance_m = exact_clearance_m(self.query, &judged.candidate, &self.obstacles, &fixed.support);
+        }
+        if found.colliding_share == 0.0 && found.clearance_m < wanted_m {
+            judged.reject(Rejection::Clearance, wanted_m - found.clearance_m);
+        }
+        judged.obstruction = Some(found);
     }
 
     fn judge_goal_by_rule(&self, judged: &mut Judged) {
@@ -261,11 +273,12 @@ impl<'a> Judge<'a> {
         let threshold = self.settings.relations_threshold;
         let Some(probabilities) = &judged.relations else { return };
         let missing = |p: &f32| (threshold - f64::from(*p)).max(0.0);
-        let failing = probabilities.iter().enumerate().filter(|(_, p)| f64::from(**p) <= threshold).map(|(i, _)| i).collect::<Vec<_>>();
+        let failing: Vec<usize> = probabilities.iter().enumerate().filter(|(_, p)| f64::from(**p) <= threshold).map(|(i, _)| i).collect();
         let total = probabilities.iter().map(missing).sum();
         if !failing.is_empty() {
             judged.failing = failing;
             judged.reject(Rejection::Goal, total);
+            judged.leave_untried(usize::from(self.settings.recipe.realism == Realism::Discriminator));
         }
     }
 

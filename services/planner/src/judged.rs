@@ -17,7 +17,7 @@ pub struct Judged {
     pub mode: usize,
     /// The first constraint that failed, in the order of [`Rejection`]; none when it is feasible.
     pub rejection: Option<Rejection>,
-    /// How far it is from feasible: later constraints failed count less than earlier ones; 0 when feasible.
+    /// How far it is from feasible, over all constraints: each adds 0 to 1; 0 when feasible.
     pub violation: f64,
     /// c(δ); infinite when it was rejected.
     pub cost: f64,
@@ -61,24 +61,17 @@ impl Judged {
         self.rejection.is_none()
     }
 
-    /// Rejects it by a constraint that it misses by `amount` (any non-negative number; larger is worse).
+    /// Rejects it by a constraint that it misses by `amount` (any non-negative number; larger is worse). Constraints come in order: the
+    /// first is the reason, every one adds to the violation.
     pub fn reject(&mut self, rejection: Rejection, amount: f64) {
-        // The constraints tried after this one; [`Rejection`] lists them in order.
-        let later = [
-            Rejection::Region,
-            Rejection::OutOfView,
-            Rejection::Collision,
-            Rejection::Clearance,
-            Rejection::Unsupported,
-            Rejection::Goal,
-            Rejection::Unrealistic,
-        ]
-        .into_iter()
-        .filter(|r| *r > rejection)
-        .count();
-        self.rejection = Some(rejection);
-        self.violation = later as f64 + amount / (1.0 + amount) + f64::EPSILON;
+        self.rejection.get_or_insert(rejection);
+        self.violation += amount / (1.0 + amount) + f64::EPSILON;
         self.cost = f64::INFINITY;
+    }
+
+    /// Counts constraints that were not tried, because the candidate was lost anyhow, as missed.
+    pub fn leave_untried(&mut self, constraints: usize) {
+        self.violation += constraints as f64;
     }
 
     /// Better first: feasible ones by cost, then the others by violation.
@@ -92,23 +85,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn feasible_comes_before_infeasible_and_a_later_constraint_before_an_earlier_one() {
-        let judged = |rejection: Option<(Rejection, f64)>, cost: f64| {
+    fn feasible_comes_before_infeasible_and_few_misses_before_many() {
+        let judged = |rejections: &[(Rejection, f64)], cost: f64| {
             let mut j = Judged::new(Candidate { centroid_m: [0.0; 3], yaw_rad: 0.0 }, 0);
             j.cost = cost;
-            if let Some((rejection, amount)) = rejection {
-                j.reject(rejection, amount);
-            }
+            rejections.iter().for_each(|(rejection, amount)| j.reject(*rejection, *amount));
             j
         };
+        let mut untried = judged(&[(Rejection::Region, 0.1)], 0.0);
+        untried.leave_untried(2);
         let order = [
-            judged(None, 1.0),
-            judged(None, 2.0),
-            judged(Some((Rejection::Unrealistic, 0.0)), 0.0),
-            judged(Some((Rejection::Unrealistic, 0.3)), 0.0),
-            judged(Some((Rejection::Goal, 0.0)), 0.0),
-            judged(Some((Rejection::Region, 9.0)), 0.0),
+            judged(&[], 1.0),
+            judged(&[], 2.0),
+            judged(&[(Rejection::Unrealistic, 0.0)], 0.0),
+            judged(&[(Rejection::Unrealistic, 0.3)], 0.0),
+            judged(&[(Rejection::Collision, 0.3), (Rejection::Goal, 0.1)], 0.0),
+            untried,
         ];
         assert!(order.windows(2).all(|w| w[0].better(&w[1]) == Ordering::Less));
+        assert_eq!(order[4].rejection, Some(Rejection::Collision), "the first is the reason");
     }
 }

@@ -27,6 +27,8 @@ pub mod surrogate;
 pub mod view;
 
 #[cfg(test)]
+mod plan_tests;
+#[cfg(test)]
 pub(crate) mod synthetic;
 
 pub use models::{Models, NoModels};

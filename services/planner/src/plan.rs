@@ -81,7 +81,6 @@ pub fn plan_with_report(
     let rules = Rules::new(prepared, &query, &request.goal, &viewer)?;
     let mut judge = Judge::new(prepared, &query, &rules, request, &settings, models);
     let mut rng = Pcg64::seed_from_u64(request.seed);
-    let obstacles = answers::obstacles(&judge);
 
     let started = Instant::now();
     let time_is_up = || settings.time_ms.is_some_and(|ms| started.elapsed() >= Duration::from_millis(ms));
@@ -92,7 +91,7 @@ pub fn plan_with_report(
             Some(findings) => Step::Iteration(PlaceProgress {
                 iterations: findings.iterations,
                 evaluated: findings.evaluated,
-                best: findings.best().map(|best| answers::placement(best, judge, &obstacles)),
+                best: findings.best().map(|best| answers::placement(best, judge)),
             }),
         };
         control(step)?;
@@ -118,7 +117,7 @@ pub fn plan_with_report(
         (None, true) => Outcome::None,
         (None, false) => Outcome::Found,
     };
-    let placements = chosen.iter().map(|j| answers::placement(j, &judge, &obstacles)).collect();
+    let placements = chosen.iter().map(|j| answers::placement(j, &judge)).collect();
     let result = PlaceResult {
         outcome,
         placements,

@@ -63,7 +63,7 @@ impl Query {
         let (object, shape) = prepared.object(id, "query")?;
         let cell_m = prepared.columns.cell_m();
         let origin = object.centroid.xy().cast::<f32>();
-        let ring_m = fixed.clearance.ring_m.max(min_clearance_m as f32 + 2.0 * cell_m);
+        let ring_m = (min_clearance_m as f32 + 2.0 * cell_m).clamp(fixed.clearance.ring_m, fixed.clearance.max_ring_m + 2.0 * cell_m);
         let prisms = shape
             .slabs
             .iter()
@@ -82,7 +82,7 @@ impl Query {
             rim: rim.into_iter().map(|c| c.offset).collect(),
             base_margin_m: f64::from(shape.base.margin(&shape.axis)).max(0.0),
             prisms,
-            view_points: object.points.iter().step_by(stride).map(Point3::cast).collect(),
+            view_points: object.points.iter().step_by(stride).map(|p| p.cast()).collect(),
             cloud: cloud::voxel_downsampled(&object.points, fixed.clearance.voxel_m),
             shape: shape.clone(),
         })

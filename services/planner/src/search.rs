@@ -128,7 +128,13 @@ pub fn search(
                 let count = quotas[0].next(settings.batch, settings.draws_per_batch);
                 source.draw(count, judge, rng)
             } else {
-                draw_from_modes(&modes, &mut quotas, judge, rng)
+                let mut drawn = draw_from_modes(&modes, &mut quotas, judge, rng);
+                if findings.accepted.is_empty() {
+                    // The modes lead to where least is missed; that may be the wrong place, and says little of the right one.
+                    let fresh = source.draw(3 * drawn.len(), judge, rng);
+                    drawn.extend(fresh.into_iter().map(|(candidate, _)| (candidate, modes[0].id)));
+                }
+                drawn
             };
             if batch.is_empty() {
                 break;

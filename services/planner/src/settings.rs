@@ -356,6 +356,8 @@ impl Default for SupportSettings {
 pub struct ClearanceSettings {
     /// How far around the query clearance is measured during the search, metres.
     pub ring_m: f32,
+    /// How far at most: wider clearances are measured by points, which takes longer.
+    pub max_ring_m: f32,
     /// What reaches no deeper than this into the query's outline does not collide, metres (outlines are grown by the trim).
     pub graze_m: f32,
     /// The same for an anchor that must be touched.
@@ -370,7 +372,7 @@ pub struct ClearanceSettings {
 
 impl Default for ClearanceSettings {
     fn default() -> Self {
-        Self { ring_m: 0.04, graze_m: 0.002, touch_m: 0.009, stray_cells: 2, stray_share: 0.01, voxel_m: 0.008 }
+        Self { ring_m: 0.04, max_ring_m: 0.12, graze_m: 0.002, touch_m: 0.009, stray_cells: 2, stray_share: 0.01, voxel_m: 0.008 }
     }
 }
 

@@ -118,7 +118,7 @@ mod tests {
         let scene = synthetic::Builder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.15]).scene();
         let world_from_camera = synthetic::world_from_camera();
         let view = ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &world_from_camera, 640);
-        let sight = |x: f32, y: f32, z: f32| view.sight(&Point3::new(x, y, z), 0.008, 0.03, 0);
+        let sight = |x: f32, y: f32, z: f32| view.sight(&Point3::new(x, y, z), 0.008, 0.03, 9);
         assert_eq!(sight(0.2, 0.0, 0.0), Sight::Surface(0));
         assert_eq!(sight(0.0, 0.0, 0.15), Sight::Surface(1));
         assert_eq!(sight(0.2, 0.0, 0.1), Sight::Empty);

@@ -40,7 +40,7 @@ impl Default for CellSettings {
             ..ArrangeSettings::default()
         };
         Self {
-            scene: SceneSettings { arrange, physics: PhysicsSettings { step_s: 1.0 / 500.0, ..PhysicsSettings::default() }, ..SceneSettings::default() },
+            scene: SceneSettings { arrange, physics: PhysicsSettings::grasping(), ..SceneSettings::default() },
             camera_at_m: Point3::new(1.3, 0.25, 0.72),
             camera_target_m: Point3::new(0.53, 0.0, 0.03),
             camera: Pinhole { width: 640, height: 480, fx: 525.0, fy: 525.0, cx: 319.5, cy: 239.5 },

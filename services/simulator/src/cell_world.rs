@@ -95,7 +95,7 @@ impl CellWorld {
 
     /// Gripper opening (metres), whether the fingers stand, and whether they hold something.
     pub fn gripper(&mut self) -> (f64, bool, bool) {
-        (self.hand.width_m(&mut self.world), self.hand.is_settled(&mut self.world), self.hand.is_holding(&mut self.world))
+        (self.hand.width_m(&mut self.world), self.hand.is_settled(), self.hand.is_holding(&mut self.world))
     }
 
     /// What the camera sees, true depth; with the hand in the picture when asked for.
@@ -114,9 +114,9 @@ impl CellWorld {
         picture(&self.settings.camera, &self.settings.world_from_camera(), &drawables)
     }
 
-    /// What the camera reports: noisy depth, the hand left out.
-    pub fn sensed_picture(&mut self, sensor: &SensorSettings) -> Picture {
-        let mut picture = self.true_picture(false);
+    /// What the camera reports: noisy depth; with the hand in the picture when asked for.
+    pub fn sensed_picture(&mut self, sensor: &SensorSettings, show_hand: bool) -> Picture {
+        let mut picture = self.true_picture(show_hand);
         self.pictures += 1;
         let mut rng = Pcg64::seed_from_u64(self.scene.seed.wrapping_add(self.pictures << 32));
         picture.depth_m = sensed(&picture.depth_m, &self.settings.camera, sensor, &mut rng);

@@ -1,13 +1,15 @@
 //! The stand-in world: objects, physics, a depth camera, and a simulated Panda.
 //!
 //! [`scene`] makes settled scenes from seeds, [`render`] and [`sensor`] show them as a depth camera would, [`generate`] writes training
-//! data, [`release`] says what happens when an object is let go.
+//! data, [`release`] says what happens when an object is let go. [`cell_world`] is the running cell with its robot; [`run`] serves it.
 
 pub mod arrange;
+pub mod config;
 pub mod contact;
 pub mod cell;
 pub mod cell_world;
 pub mod convert;
+pub mod endpoints;
 pub mod generate;
 pub mod objects;
 pub mod physics;
@@ -18,3 +20,48 @@ pub mod scene;
 pub mod sensor;
 pub mod viewpoint;
 pub mod views;
+pub mod worker;
+
+use std::sync::Arc;
+
+use repose_proto::Service;
+use repose_runtime::{RuntimeError, Session, Shutdown};
+
+pub use config::SimulatorConfig;
+pub use worker::Worker;
+
+/// Why the simulator could not run.
+#[derive(Debug, thiserror::Error)]
+pub enum SimulatorError {
+    /// A field is out of range.
+    #[error("[simulator] {field}: {message}")]
+    Config {
+        /// Which.
+        field: &'static str,
+        /// What was expected, and what came.
+        message: String,
+    },
+    /// The first seed gave no scene.
+    #[error(transparent)]
+    NoScene(#[from] scene::NoScene),
+    /// The thread of the world could not be started.
+    #[error("starting the world's thread: {0}")]
+    Thread(#[from] std::io::Error),
+    /// The network refused.
+    #[error(transparent)]
+    Runtime(#[from] RuntimeError),
+}
+
+/// Runs the cell until `shutdown`: frames and robot states out, commands and stops in, `reset` and `truth` answered.
+///
+/// # Errors
+/// [`SimulatorError`] when the configuration is out of range, the seed gives no scene, or the network refuses.
+pub async fn run(session: Session, config: SimulatorConfig, shutdown: Shutdown) -> Result<(), SimulatorError> {
+    let worker = Arc::new(Worker::start(&config)?);
+    // Aborted when this function returns, whatever the reason.
+    let mut tasks = tokio::task::JoinSet::new();
+    endpoints::connect(&session, &config, &worker, &mut tasks).await?;
+    let handler = Arc::new(endpoints::Endpoints::new(worker));
+    session.serve(Service::Simulator, handler, shutdown).await?;
+    Ok(())
+}

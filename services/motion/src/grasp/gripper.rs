@@ -21,7 +21,7 @@ pub struct GripperSettings {
     pub finger_half_width_m: f64,
     /// How thick a finger is along the closing direction, metres. Default 0.022.
     pub finger_thickness_m: f64,
-    /// Room between the object and each open finger, metres. Default 0.012.
+    /// Room between the object and each open finger, metres. Default 0.016.
     pub clearance_m: f64,
     /// The least room where the opening allows no more, metres. Default 0.003.
     pub clearance_min_m: f64,
@@ -42,7 +42,7 @@ impl Default for GripperSettings {
         Self {
             finger_half_width_m: 0.0105,
             finger_thickness_m: 0.022,
-            clearance_m: 0.012,
+            clearance_m: 0.016,
             clearance_min_m: 0.003,
             points_min: 6,
             clearance_seen_m: 0.006,

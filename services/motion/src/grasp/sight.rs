@@ -51,22 +51,19 @@ impl Sight {
 
     /// Whether the camera saw past `place` (world frame).
     ///
-    /// Cells in which nothing was seen (borders of objects are cleaned away) take the word of the ones around them.
+    /// Cells in which nothing was seen (borders of objects are cleaned away) take the word of the nearest thing around them.
     pub fn is_free(&self, place: &Point3<f64>) -> bool {
         let Some(projected) = self.project(&place.cast::<f32>()) else { return false };
         let Some([u, v]) = self.cell(&projected) else { return false };
         for ring in 0..=2usize {
-            let mut furthest = f32::NEG_INFINITY;
+            let mut nearest = f32::INFINITY;
             for y in v.saturating_sub(ring)..=(v + ring).min(self.size[1] - 1) {
                 for x in u.saturating_sub(ring)..=(u + ring).min(self.size[0] - 1) {
-                    let depth = self.nearest_m[y * self.size[0] + x];
-                    if depth.is_finite() {
-                        furthest = furthest.max(depth);
-                    }
+                    nearest = nearest.min(self.nearest_m[y * self.size[0] + x]);
                 }
             }
-            if furthest > 0.0 {
-                return furthest > projected[2] + BEHIND_M;
+            if nearest.is_finite() {
+                return nearest > projected[2] + BEHIND_M;
             }
         }
         false

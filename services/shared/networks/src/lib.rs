@@ -33,6 +33,7 @@ pub mod parameters;
 pub mod points;
 pub mod prior;
 pub mod relation_predictor;
+pub mod sampling;
 pub mod scene_encoder;
 pub mod serving;
 pub mod set_abstraction;

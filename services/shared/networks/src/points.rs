@@ -8,6 +8,8 @@ use std::collections::BTreeMap;
 use nalgebra::Point3;
 use repose_geometry::{ViewerFrame, cloud};
 
+use crate::sampling::farthest_point_order;
+
 /// How clouds are prepared.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CloudConfig {
@@ -117,147 +119,9 @@ pub fn in_viewer(points_in_world: &[Point3<f32>], view_yaw_rad: f64) -> Vec<Poin
     ViewerFrame::from_yaw(view_yaw_rad).points_in_viewer(points_in_world)
 }
 
-/// The order of [`repose_geometry::sampling::farthest_point_order`], found faster.
-///
-/// A new point can only shorten the distances of points nearer to it than the farthest distance left, so after the first few points only
-/// the grid cells around it are visited: about O(n log count) in place of O(n · count).
-pub fn farthest_point_order(points: &[Point3<f32>], count: usize) -> Vec<u32> {
-    let count = count.min(points.len());
-    if count == 0 {
-        return Vec::new();
-    }
-    let sum = points.iter().fold(nalgebra::Vector3::<f64>::zeros(), |s, p| s + p.coords.cast::<f64>());
-    let mean = Point3::from((sum / points.len() as f64).cast::<f32>());
-    let cells = Cells::new(points);
-    let mut distance = vec![f32::INFINITY; cells.order.len()];
-    // Per cell: the largest distance left and the lowest original index that has it.
-    let mut farthest: Vec<(f32, u32)> = vec![(f32::INFINITY, 0); cells.count()];
-    let mut next = first_largest(points.iter().map(|p| (p - mean).norm_squared()));
-    let mut reach = f32::INFINITY;
-    let mut result = Vec::with_capacity(count);
-    loop {
-        result.push(next);
-        if result.len() == count {
-            return result;
-        }
-        let chosen = points[next as usize];
-        cells.for_each_near(&chosen, reach, |c| {
-            let mut best = (f32::NEG_INFINITY, u32::MAX);
-            for slot in cells.range(c) {
-                let p = &cells.points[slot];
-                let d = &mut distance[slot];
-                *d = d.min((p - chosen).norm_squared());
-                if cells.order[slot] == next {
-                    *d = -1.0;
-                }
-                if *d > best.0 || (*d == best.0 && cells.order[slot] < best.1) {
-                    best = (*d, cells.order[slot]);
-                }
-            }
-            farthest[c] = best;
-        });
-        let best = farthest.iter().fold((f32::NEG_INFINITY, u32::MAX), |b, f| if f.0 > b.0 || (f.0 == b.0 && f.1 < b.1) { *f } else { b });
-        (reach, next) = (best.0.max(0.0).sqrt(), best.1);
-    }
-}
-
-fn first_largest(values: impl Iterator<Item = f32>) -> u32 {
-    let mut best = (f32::NEG_INFINITY, 0);
-    for (i, v) in values.enumerate() {
-        if v > best.0 {
-            best = (v, i as u32);
-        }
-    }
-    best.1
-}
-
-/// Points sorted into the cells of a uniform grid, index order within a cell.
-struct Cells {
-    low: Point3<f32>,
-    edge_m: f32,
-    shape: [usize; 3],
-    starts: Vec<u32>,
-    order: Vec<u32>,
-    points: Vec<Point3<f32>>,
-}
-
-impl Cells {
-    /// About 24 points a cell, at most a few thousand cells (the largest is looked for among all of them).
-    fn new(points: &[Point3<f32>]) -> Self {
-        let low = points.iter().fold(points[0], |l, p| l.inf(p));
-        let high = points.iter().fold(points[0], |h, p| h.sup(p));
-        let extent = (high - low).map(|e| e.max(1e-6));
-        // Surfaces fill about the square of what they span, not the cube.
-        let wanted = (points.len() as f32 / 24.0).clamp(1.0, 1024.0);
-        let edge_m = (extent.max() / wanted.sqrt()).max(1e-6);
-        let shape: [usize; 3] = std::array::from_fn(|k| (extent[k] / edge_m) as usize + 1);
-        let cell_of = |p: &Point3<f32>| {
-            let [x, y, z]: [usize; 3] = std::array::from_fn(|k| (((p[k] - low[k]) / edge_m) as usize).min(shape[k] - 1));
-            (x * shape[1] + y) * shape[2] + z
-        };
-        let keys: Vec<usize> = points.iter().map(cell_of).collect();
-        let mut starts = vec![0u32; shape.iter().product::<usize>() + 1];
-        for key in &keys {
-            starts[key + 1] += 1;
-        }
-        for c in 1..starts.len() {
-            starts[c] += starts[c - 1];
-        }
-        let mut fill = starts.clone();
-        let mut order = vec![0u32; points.len()];
-        for (i, key) in keys.iter().enumerate() {
-            order[fill[*key] as usize] = i as u32;
-            fill[*key] += 1;
-        }
-        let sorted = order.iter().map(|i| points[*i as usize]).collect();
-        Self { low, edge_m, shape, starts, order, points: sorted }
-    }
-
-    fn count(&self) -> usize {
-        self.starts.len() - 1
-    }
-
-    fn range(&self, cell: usize) -> std::ops::Range<usize> {
-        self.starts[cell] as usize..self.starts[cell + 1] as usize
-    }
-
-    /// Calls `visit` for every cell that may hold a point within `reach` of `p`.
-    fn for_each_near(&self, p: &Point3<f32>, reach: f32, mut visit: impl FnMut(usize)) {
-        // One cell of slack covers the rounding of cell numbers.
-        let bound = |k: usize, at: f32| ((at - self.low[k]) / self.edge_m).clamp(0.0, (self.shape[k] - 1) as f32) as usize;
-        let [x, y, z]: [std::ops::RangeInclusive<usize>; 3] = std::array::from_fn(|k| {
-            bound(k, p[k] - reach).saturating_sub(1)..=(bound(k, p[k] + reach) + 1).min(self.shape[k] - 1)
-        });
-        for x in x {
-            for y in y.clone() {
-                for z in z.clone() {
-                    visit((x * self.shape[1] + y) * self.shape[2] + z);
-                }
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn the_fast_order_is_the_plain_order(
-            raw in prop::collection::vec(prop::array::uniform3(-1.0..1.0f32), 1..300), count in 1usize..320, flat in any::<bool>(),
-        ) {
-            let points: Vec<_> = raw.into_iter().map(|[x, y, z]| Point3::new(x, y, if flat { 0.0 } else { z })).collect();
-            prop_assert_eq!(farthest_point_order(&points, count), repose_geometry::sampling::farthest_point_order(&points, count));
-        }
-    }
-
-    #[test]
-    fn duplicates_each_come_once_in_index_order() {
-        let points = [Point3::new(1.0, 2.0, 3.0); 5];
-        assert_eq!(farthest_point_order(&points, 5), repose_geometry::sampling::farthest_point_order(&points, 5));
-    }
 
     #[test]
     fn turning_an_object_keeps_its_order_and_its_centroid() {

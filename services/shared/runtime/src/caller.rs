@@ -167,8 +167,8 @@ impl Caller {
         }
         let id = options.id.clone().unwrap_or_else(|| uuid::Uuid::new_v4().to_string());
         let deadline = Instant::now() + options.deadline;
-        let progress = Ongoing { inner: &self.inner, method, payload, options: &options, id, deadline, tried: Vec::new(), attempts: 0 };
-        progress.run().await
+        let ongoing = Ongoing { inner: &self.inner, method, payload, options: &options, id, deadline, tried: Vec::new(), cancelled_at: Vec::new(), attempts: 0 };
+        ongoing.run().await
     }
 
     /// Makes the same call to every worker alive, each pinned, side by side.
@@ -230,7 +230,7 @@ impl Inner {
 struct CancelUnlessDone<'a> {
     inner: &'a Inner,
     worker: String,
-    id: &'a str,
+    id: String,
     armed: bool,
 }
 
@@ -239,7 +239,7 @@ impl Drop for CancelUnlessDone<'_> {
         if self.armed
             && let Ok(runtime) = tokio::runtime::Handle::try_current()
         {
-            runtime.spawn(self.inner.cancel_at(&self.worker, self.id));
+            runtime.spawn(self.inner.cancel_at(&self.worker, &self.id));
         }
     }
 }
@@ -253,6 +253,8 @@ struct Ongoing<'a> {
     id: String,
     deadline: Instant,
     tried: Vec<String>,
+    /// Workers that were told to forget the request: asked again, they would say that it was cancelled.
+    cancelled_at: Vec<String>,
     attempts: u32,
 }
 
@@ -293,7 +295,8 @@ impl Ongoing<'_> {
     }
 
     fn wanted(&self) -> Wanted<'_> {
-        Wanted { worker: self.options.worker.as_deref(), accept: self.options.accept.as_ref(), tried: &self.tried }
+        let (worker, accept) = (self.options.worker.as_deref(), self.options.accept.as_ref());
+        Wanted { worker, accept, tried: &self.tried, never: &self.cancelled_at }
     }
 
     /// A worker, waiting a while for one to appear.
@@ -333,7 +336,7 @@ impl Ongoing<'_> {
         }
     }
 
-    async fn attempt(&self, assigned: &Assigned) -> Next {
+    async fn attempt(&mut self, assigned: &Assigned) -> Next {
         let (inner, remaining) = (self.inner, self.remaining());
         if remaining.as_millis() == 0 {
             return Next::Done(Err(too_late()));
@@ -354,7 +357,7 @@ impl Ongoing<'_> {
             timeout: remaining,
         };
         let key = inner.cell.call(inner.service, assigned.name());
-        let mut guard = CancelUnlessDone { inner, worker: assigned.name().to_owned(), id: &self.id, armed: true };
+        let mut guard = CancelUnlessDone { inner, worker: assigned.name().to_owned(), id: self.id.clone(), armed: true };
         // A transport that does not take the query in time is like a worker that does not answer.
         let sent = tokio::time::timeout_at(self.deadline, inner.transport.query(&key, query)).await;
         let replies = match sent {
@@ -365,9 +368,12 @@ impl Ongoing<'_> {
         let attempt = Attempt::new(replies, &self.id, self.options.progress.as_ref());
         let ended = self.watch(attempt, assigned.name(), remaining).await;
         guard.armed = matches!(ended, Ended::Cancelled | Ended::Left | Ended::Overdue);
-        // The same worker may be asked again under the same id: a cancel would forbid that.
-        if matches!(ended, Ended::Left) && !inner.directory.has_alternative(&self.wanted(), Some(assigned.name())) {
-            guard.armed = false;
+        if matches!(ended, Ended::Left) {
+            // Without anyone else the same worker is asked again under the same id, which a cancel would forbid.
+            guard.armed = inner.directory.has_alternative(&self.wanted(), Some(assigned.name()));
+            if guard.armed {
+                self.cancelled_at.push(assigned.name().to_owned());
+            }
         }
         self.judge(ended, assigned.name())
     }

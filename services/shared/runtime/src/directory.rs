@@ -96,6 +96,16 @@ pub struct Wanted<'a> {
     pub accept: Option<&'a Accept>,
     /// Preferably none of these, tried already.
     pub tried: &'a [String],
+    /// None of these: the request was cancelled there.
+    pub never: &'a [String],
+}
+
+impl Wanted<'_> {
+    fn allows(&self, worker: &WorkerView) -> bool {
+        self.worker.is_none_or(|name| name == worker.name)
+            && self.accept.is_none_or(|accept| worker.load.as_ref().is_some_and(|load| accept(load)))
+            && !self.never.contains(&worker.name)
+    }
 }
 
 impl Directory {
@@ -131,8 +141,7 @@ impl Directory {
     pub fn choose(&self, wanted: &Wanted<'_>) -> Option<Assigned> {
         let mut state = self.shared.state();
         let mut suitable: Vec<WorkerView> = state.workers.iter().filter(|(_, e)| e.alive).map(|(name, e)| e.view(name)).collect();
-        suitable.retain(|w| wanted.worker.is_none_or(|name| name == w.name));
-        suitable.retain(|w| wanted.accept.is_none_or(|accept| w.load.as_ref().is_some_and(|load| accept(load))));
+        suitable.retain(|w| wanted.allows(w));
         let rank = |w: &WorkerView| {
             let tried = wanted.tried.contains(&w.name);
             (w.silent >= self.shared.suspect_after, !w.takes_calls(), tried)
@@ -164,8 +173,7 @@ impl Directory {
     /// Whether anyone besides `besides` could take a call: alive, heard from, not draining, not tried.
     pub fn has_alternative(&self, wanted: &Wanted<'_>, besides: Option<&str>) -> bool {
         self.shared.state().workers.iter().filter(|(_, e)| e.alive).map(|(name, e)| e.view(name)).any(|w| {
-            wanted.worker.is_none_or(|name| name == w.name)
-                && wanted.accept.is_none_or(|accept| w.load.as_ref().is_some_and(|load| accept(load)))
+            wanted.allows(&w)
                 && !wanted.tried.contains(&w.name)
                 && besides.is_none_or(|name| name != w.name)
                 && w.takes_calls()

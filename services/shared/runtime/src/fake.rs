@@ -103,6 +103,8 @@ struct State {
     watches: BTreeMap<u64, Declared<watch::Sender<BTreeSet<String>>>>,
     /// Open queries: the asker, and the node that was asked in `key`.
     queries: BTreeMap<u64, Declared<MailboxSender<ReplyEvent>>>,
+    /// What may take the state's lock when it is dropped, and so is dropped outside of it.
+    garbage: Vec<Box<dyn Send>>,
 }
 
 struct Shared {
@@ -117,7 +119,11 @@ impl Shared {
 
     /// Changes the state and wakes the driver.
     fn with<T>(&self, change: impl FnOnce(&mut State) -> T) -> T {
-        let result = change(&mut self.state());
+        let mut state = self.state();
+        let result = change(&mut state);
+        let garbage = std::mem::take(&mut state.garbage);
+        drop(state);
+        drop(garbage);
         self.scheduled.notify_one();
         result
     }
@@ -155,7 +161,7 @@ impl State {
     fn deliver(&mut self, message: Scheduled) {
         let sender = if message.from_network { Condition::Running } else { self.condition(&message.from) };
         match (sender, self.condition(&message.to)) {
-            (Condition::Killed, _) | (_, Condition::Killed) => {}
+            (Condition::Killed, _) | (_, Condition::Killed) => self.garbage.push(Box::new(message)),
             (Condition::Stopped, _) | (_, Condition::Stopped) => self.parked.push(message),
             _ => (message.action)(self),
         }
@@ -220,6 +226,7 @@ impl FakeNetwork {
             tokens: BTreeMap::new(),
             watches: BTreeMap::new(),
             queries: BTreeMap::new(),
+            garbage: Vec::new(),
         };
         let scheduled = Arc::new(Notify::new());
         let shared = Arc::new(Shared { state: Mutex::new(state), scheduled: scheduled.clone() });
@@ -237,7 +244,10 @@ impl FakeNetwork {
     pub fn kill(&self, node: &str) {
         self.shared.with(|state| {
             state.conditions.insert(node.to_owned(), Condition::Killed);
-            state.servers.retain(|_, d| d.node != node);
+            let (dead, living) = std::mem::take(&mut state.servers).into_iter().partition(|(_, d)| d.node == node);
+            state.servers = living;
+            let dead: BTreeMap<u64, Declared<MailboxSender<IncomingQuery>>> = dead;
+            state.garbage.push(Box::new(dead));
             state.subscribers.retain(|_, d| d.node != node);
             state.watches.retain(|_, d| d.node != node);
             let dead = |key: &str| key == node;
@@ -278,10 +288,11 @@ async fn drive(network: Weak<Shared>, scheduled: Arc<Notify>) {
         match next {
             Some(at) if at <= Instant::now() => {
                 if let Some(shared) = network.upgrade() {
-                    let mut state = shared.state();
-                    if let Some(Reverse(message)) = state.schedule.pop() {
-                        state.deliver(message);
-                    }
+                    shared.with(|state| {
+                        if let Some(Reverse(message)) = state.schedule.pop() {
+                            state.deliver(message);
+                        }
+                    });
                 }
             }
             Some(at) => tokio::select! {
@@ -299,8 +310,10 @@ struct FakeTransport {
     node: String,
 }
 
+type Undo = Box<dyn FnOnce(&mut State) + Send + Sync>;
+
 /// Takes a declaration back when dropped.
-struct Undeclare(Weak<Shared>, Option<Box<dyn FnOnce(&mut State) + Send + Sync>>);
+struct Undeclare(Weak<Shared>, Option<Undo>);
 
 impl Drop for Undeclare {
     fn drop(&mut self) {
@@ -392,14 +405,13 @@ impl Transport for FakeTransport {
                         Some(server) => server.to.try_push(incoming).err(),
                         None => Some(incoming),
                     };
-                    // Dropped outside of the state's lock, which its end takes.
                     if let Some(refused) = refused {
-                        tokio::spawn(async move { drop(refused) });
+                        state.garbage.push(Box::new(refused));
                     }
                 };
                 state.send(&self.node, &asked, false, Box::new(arrive));
             }
-            drop_later(replier);
+            state.garbage.push(Box::new(replier));
             id
         });
         Ok(ReplyStream { replies, _query: self.undeclare(move |state| drop(state.queries.remove(&id))) })
@@ -414,7 +426,7 @@ impl Transport for FakeTransport {
         });
         let undo = move |state: &mut State| {
             if let Some(server) = state.servers.remove(&id) {
-                drop_later(server);
+                state.garbage.push(Box::new(server));
             }
         };
         Ok(IncomingQueries { queries, _declaration: self.undeclare(undo) })
@@ -484,11 +496,6 @@ impl Transport for FakeTransport {
         FakeNetwork { shared: self.shared.clone() }.kill(&self.node);
         Ok(())
     }
-}
-
-/// Drops something whose drop takes the state's lock, once that is free.
-fn drop_later(held: impl Send + 'static) {
-    tokio::spawn(async move { drop(held) });
 }
 
 #[cfg(test)]

@@ -347,7 +347,7 @@ mod tests {
     fn block(queue: &ComputeQueue) -> (mpsc::Sender<()>, impl Future<Output = Result<(), CallError>> + '_) {
         let (release, released) = mpsc::channel::<()>();
         let running = queue.run(minute(), move |_| {
-            drop(released.recv());
+            let _released = released.recv();
             Ok(())
         });
         (release, running)
@@ -397,7 +397,7 @@ mod tests {
         let (started, was_started) = mpsc::channel();
         {
             let mut forgotten = std::pin::pin!(queue.run(minute(), move |_| {
-                drop(started.send(()));
+                let _sent = started.send(());
                 Ok(())
             }));
             assert!(futures::poll!(forgotten.as_mut()).is_pending());
@@ -427,7 +427,7 @@ mod tests {
             let released = released.take();
             move |jobs: Vec<Job<u32, usize>>| {
                 if jobs[0].request == 0 {
-                    drop(released.as_ref().map(mpsc::Receiver::recv));
+                    let _released = released.as_ref().map(mpsc::Receiver::recv);
                 }
                 let size = jobs.len();
                 jobs.into_iter().for_each(|job| job.finish(Ok(size)));

@@ -39,6 +39,9 @@ pub enum Ignored {
     /// A stop is latched.
     #[error("stopped")]
     Stopped,
+    /// A new stream, while the arm still follows one or brakes.
+    #[error("still moving")]
+    Moving,
     /// More set-points than are kept.
     #[error("too many set-points")]
     TooMany,
@@ -174,6 +177,9 @@ impl Arm {
         if command.set_points.len() > self.settings.max_set_points {
             return Err(Ignored::TooMany);
         }
+        if command.starts_stream && !self.is_at_rest() {
+            return Err(Ignored::Moving);
+        }
         self.owner = Some(command.owner.clone());
         self.last_command = Some(command.seq);
         self.expires_s = now_s + command.ttl_ms as f64 * 1e-3;
@@ -233,10 +239,6 @@ impl Arm {
     }
 
     fn start_stream(&mut self, command: &RobotCommand) {
-        if !self.is_still() || self.stream.is_some() {
-            self.reflex("invalid_command", "a stream starts while the arm still moves".to_owned());
-            return;
-        }
         let Some(first) = command.set_points.first() else {
             self.reflex("invalid_command", "a stream starts without set-points".to_owned());
             return;
@@ -259,6 +261,10 @@ impl Arm {
         self.stop = Some(stop);
         self.stream = None;
         self.gripper = None;
+    }
+
+    fn is_at_rest(&self) -> bool {
+        self.stream.is_none() && self.is_still()
     }
 
     fn is_still(&self) -> bool {
@@ -434,6 +440,7 @@ mod tests {
         assert_eq!(arm.command(&other, 0.0), Err(Ignored::NotOwner));
         assert_eq!(arm.command(&command(8, 1, Vec::new()), 0.0), Err(Ignored::NotOwner));
         assert_eq!(arm.command(&command(7, 2, Vec::new()), 0.0), Err(Ignored::Passed));
+        assert_eq!(arm.command(&command(8, 2, swing(0.1, 1000.0)), 0.0), Err(Ignored::Moving));
         run(&mut arm, 1100, 0.0);
         other.owner.epoch = 3;
         other.starts_stream = false;

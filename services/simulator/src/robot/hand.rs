@@ -41,8 +41,9 @@ impl Default for HandSettings {
 const FINGER_HALF_M: [f32; 3] = [0.0105, 0.0065, 0.0268];
 /// Half the palm's edge lengths and how far its centre is ahead of the hand's frame, metres.
 const PALM_HALF_M: [f32; 3] = [0.0316, 0.102, 0.0329];
-/// A finger counts as standing below this speed, m/s.
+/// Fingers count as standing below this speed, m/s, kept for this long, seconds.
 const STANDING_M_S: f32 = 0.002;
+const STANDING_FOR_S: f32 = 0.05;
 /// Objects thinner than this are not told from a closed gripper, metres.
 const HOLDING_M: f32 = 0.002;
 
@@ -58,6 +59,9 @@ pub struct Hand {
     /// Where each finger is to be now: moves towards the goal at the gripper's speed.
     target_m: f32,
     force_n: f32,
+    /// Where the fingers were on average before the last step, metres, and for how long they have stood since, seconds.
+    middle_m: f32,
+    standing_s: f32,
 }
 
 impl Hand {
@@ -93,7 +97,7 @@ impl Hand {
             (handle, engine.insert_impulse_joint(palm, handle, joint.build()))
         });
         let (goal_m, force_n) = (open_m, settings.max_force_n);
-        Self { settings, palm, fingers: [left.0, right.0], joints: [left.1, right.1], goal_m, target_m: open_m, force_n }
+        Self { settings, palm, fingers: [left.0, right.0], joints: [left.1, right.1], goal_m, target_m: open_m, force_n, middle_m: open_m, standing_s: 0.0 }
     }
 
     /// Starts a gripper action.
@@ -106,13 +110,21 @@ impl Hand {
     pub fn before_step(&mut self, world: &mut World, world_from_hand: &Isometry3<f64>) {
         let reach = self.settings.speed_m_s * world.step_s();
         self.target_m += (self.goal_m - self.target_m).clamp(-reach, reach);
+        // The real fingers are geared together. Each is aimed at the same distance inside where the two are on average, so that both press
+        // alike and neither gives way sideways.
+        let middle_m = self.finger_positions_m(world).iter().sum::<f32>() / 2.0;
+        let is_standing = (middle_m - self.middle_m).abs() < STANDING_M_S * world.step_s();
+        self.standing_s = if is_standing { self.standing_s + world.step_s() } else { 0.0 };
+        self.middle_m = middle_m;
+        let squeeze_m = self.force_n / self.settings.stiffness_n_m;
+        let aim_m = self.target_m.clamp(middle_m - squeeze_m, middle_m + squeeze_m);
         let engine = world.engine();
         engine.bodies[self.palm].set_next_kinematic_position(convert::pose(world_from_hand));
         for joint in self.joints {
             if let Some(joint) = engine.impulse_joints.get_mut(joint, true) {
                 let axis = rapier3d::dynamics::JointAxis::LinX;
-                joint.data.set_motor_position(axis, self.target_m, self.settings.stiffness_n_m, self.settings.damping_n_s_m);
-                joint.data.set_motor_max_force(axis, self.force_n);
+                joint.data.set_motor_position(axis, aim_m, self.settings.stiffness_n_m, self.settings.damping_n_s_m);
+                joint.data.set_motor_max_force(axis, 2.0 * self.force_n);
             }
         }
     }
@@ -131,21 +143,14 @@ impl Hand {
     }
 
     /// Whether the fingers stand: where they were to go, or against something.
-    pub fn is_settled(&self, world: &mut World) -> bool {
-        let engine = world.engine();
-        let palm = engine.bodies[self.palm].vels().linvel;
-        let standing = self.fingers.iter().all(|f| {
-            let relative = engine.bodies[*f].linvel() - palm;
-            let palm_y = engine.bodies[self.palm].rotation() * Vector::new(0.0, 1.0, 0.0);
-            relative.dot(palm_y).abs() < STANDING_M_S
-        });
-        standing && self.target_m == self.goal_m
+    pub fn is_settled(&self) -> bool {
+        self.target_m == self.goal_m && self.standing_s >= STANDING_FOR_S
     }
 
     /// Whether the fingers stand against something before they are where they were to go.
     pub fn is_holding(&self, world: &mut World) -> bool {
         let width = self.width_m(world) as f32;
-        self.is_settled(world) && width > 2.0 * self.goal_m + HOLDING_M
+        self.is_settled() && width > 2.0 * self.goal_m + HOLDING_M
     }
 
     /// Where the hand's parts are, for pictures: pose and half edge lengths of each box.

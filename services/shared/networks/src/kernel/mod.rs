@@ -108,7 +108,7 @@ impl Kernel {
                 Self::Avx512 => backward_avx512(op, raw, winners, grad_out),
                 #[cfg(target_arch = "x86_64")]
                 Self::Avx2 => backward_avx2(op, raw, winners, grad_out),
-                _ => pair_mlp_backward::backward(op, raw, winners, grad_out),
+                _ => pair_mlp_backward::backward::<simd::Plain, 2>(op, raw, winners, grad_out),
             }
         }
     }
@@ -191,7 +191,8 @@ mod entry {
             }
             #[target_feature(enable = $features)]
             pub(super) fn $backward(op: &PairMlp<'_>, raw: &RawLayers<'_>, winners: &[u16], grad_out: &[f32]) -> PairMlpGradients {
-                pair_mlp_backward::backward(op, raw, winners, grad_out)
+                // SAFETY: this function is only entered where its features are.
+                unsafe { pair_mlp_backward::backward::<$simd, $vectors>(op, raw, winners, grad_out) }
             }
             #[target_feature(enable = $features)]
             pub(super) fn $within(points: &PointColumns, center: [f32; 3], radius: f32, most: usize, found: &mut Vec<u32>) {

@@ -3,7 +3,13 @@
 //! A maximum sends its gradient to one neighbour only, so the last layer's backward pass touches one row per output instead of all
 //! neighbours: a sixty-fourth of a dense one. (candle's own `max` sends it in full to every tied element.)
 
-use super::pair_mlp::PairMlp;
+use super::{
+    linear::linear,
+    packed::PackedLinear,
+    pair_mlp::PairMlp,
+    simd::Simd,
+    tile::{ROWS, product},
+};
 
 /// Row-major weights of the layers after the first, as the optimiser holds them.
 #[derive(Debug, Clone, Copy)]
@@ -33,9 +39,15 @@ pub struct PairMlpGradients {
 
 /// Gradients from `grad_out` `[centroids, outputs]` and the forward pass's `winners` `[centroids, padded outputs]`.
 ///
-/// Plain slices: the caller's `#[target_feature]` decides how they are vectorised.
+/// The last layer and the gather are plain slices, vectorised as the caller's `#[target_feature]` allows; the middle layer, whose gradient
+/// is dense, runs on the forward pass's tiles.
+///
+/// # Safety
+/// The instruction set must be present.
 #[inline(always)]
-pub(crate) fn backward(op: &PairMlp<'_>, raw: &RawLayers<'_>, winners: &[u16], grad_out: &[f32]) -> PairMlpGradients {
+pub(crate) unsafe fn backward<S: Simd, const C: usize>(
+    op: &PairMlp<'_>, raw: &RawLayers<'_>, winners: &[u16], grad_out: &[f32],
+) -> PairMlpGradients {
     let hidden = op.middle.map_or(op.last.inputs(), |m| m.inputs());
     let (inputs, outputs, padded) = (op.last.inputs(), op.last.outputs(), op.last.padded());
     let mut grads = PairMlpGradients {
@@ -46,11 +58,10 @@ pub(crate) fn backward(op: &PairMlp<'_>, raw: &RawLayers<'_>, winners: &[u16], g
         last_weight: vec![0.0; raw.last.len()],
         last_bias: vec![0.0; outputs],
     };
-    let most = op.neighbours.most();
+    let most = op.neighbours.most().next_multiple_of(ROWS);
     let mut first = vec![0.0f32; most * hidden];
-    let mut second = vec![0.0f32; if raw.middle.is_some() { most * inputs } else { 0 }];
     let mut grad_first = vec![0.0f32; most * hidden];
-    let mut grad_second = vec![0.0f32; second.len()];
+    let mut middle = raw.middle.zip(op.middle).map(|(weight, packed)| Middle::new(weight, packed, most));
     for i in 0..op.neighbours.centroids() {
         let list = op.neighbours.of(i);
         let grad = &grad_out[i * outputs..(i + 1) * outputs];
@@ -62,23 +73,16 @@ pub(crate) fn backward(op: &PairMlp<'_>, raw: &RawLayers<'_>, winners: &[u16], g
                 h[k] = (a[k] - b[k]).max(0.0);
             }
         }
-        grad_first[..list.len() * hidden].fill(0.0);
-        if let (Some(weight), Some(packed)) = (raw.middle, op.middle) {
-            middle_rows(packed.bias(), weight, &first, hidden, list.len(), inputs, &mut second);
-            grad_second[..list.len() * inputs].fill(0.0);
-            last_layer(raw.last, inputs, grad, winners, &second, &mut grad_second, &mut grads);
-            for r in 0..list.len() {
-                let (h2, g2) = (&second[r * inputs..(r + 1) * inputs], &grad_second[r * inputs..(r + 1) * inputs]);
-                let (h1, g1) = (&first[r * hidden..(r + 1) * hidden], &mut grad_first[r * hidden..(r + 1) * hidden]);
-                for c in 0..inputs {
-                    if h2[c] > 0.0 && g2[c] != 0.0 {
-                        grads.middle_bias[c] += g2[c];
-                        axpy(g2[c], h1, &mut grads.middle_weight[c * hidden..(c + 1) * hidden]);
-                        axpy(g2[c], &weight[c * hidden..(c + 1) * hidden], g1);
-                    }
-                }
-            }
+        if let Some(middle) = &mut middle {
+            let n = list.len();
+            // SAFETY: the instruction set is present by this function's contract; `linear` asserts lengths.
+            unsafe { linear::<S, C>(middle.packed, &first, n, true, &mut middle.rows) };
+            middle.grad[..n * inputs].fill(0.0);
+            last_layer(raw.last, inputs, grad, winners, &middle.rows, &mut middle.grad, &mut grads);
+            // SAFETY: as above.
+            unsafe { middle.backward::<S, C>(&first, n, &mut grad_first, &mut grads) };
         } else {
+            grad_first[..list.len() * hidden].fill(0.0);
             last_layer(raw.last, inputs, grad, winners, &first, &mut grad_first, &mut grads);
         }
         let grad_b = &mut grads.centroid_terms[i * hidden..(i + 1) * hidden];
@@ -95,21 +99,63 @@ pub(crate) fn backward(op: &PairMlp<'_>, raw: &RawLayers<'_>, winners: &[u16], g
     grads
 }
 
-/// `second = relu(first · weightᵀ + bias)`, recomputed rather than kept from the forward pass.
-#[inline(always)]
-fn middle_rows(bias: &[f32], weight: &[f32], first: &[f32], hidden: usize, count: usize, width: usize, second: &mut [f32]) {
-    for r in 0..count {
-        let h = &first[r * hidden..(r + 1) * hidden];
-        for c in 0..width {
-            let w = &weight[c * hidden..(c + 1) * hidden];
-            // Sixteen partial sums, so that the compiler may use whole vectors.
-            let mut sums = [0.0f32; 16];
-            for (h, w) in h.chunks_exact(16).zip(w.chunks_exact(16)) {
-                for l in 0..16 {
-                    sums[l] += h[l] * w[l];
+/// The layer between: its rows, recomputed rather than kept from the forward pass, and their gradient.
+struct Middle<'a> {
+    packed: &'a PackedLinear,
+    /// The same weights the other way round, `[hidden outputs, middle inputs]`.
+    transposed: PackedLinear,
+    /// `[neighbours, width]`, after ReLU.
+    rows: Vec<f32>,
+    /// `[neighbours, width]`.
+    grad: Vec<f32>,
+    /// `[width, neighbours]`.
+    grad_by_output: Vec<f32>,
+}
+
+impl<'a> Middle<'a> {
+    fn new(weight: &[f32], packed: &'a PackedLinear, most: usize) -> Self {
+        let (inputs, outputs) = (packed.inputs(), packed.outputs());
+        let columns: Vec<f32> = (0..inputs).flat_map(|k| (0..outputs).map(move |o| weight[o * inputs + k])).collect();
+        let buffer = || vec![0.0; most * outputs];
+        Self {
+            packed,
+            transposed: PackedLinear::new(outputs, inputs, &columns, &vec![0.0; inputs]),
+            rows: buffer(),
+            grad: buffer(),
+            grad_by_output: buffer(),
+        }
+    }
+
+    /// From the gradient of the rows to those of their inputs (`grad_first`, overwritten) and of the layer (added).
+    #[inline(always)]
+    unsafe fn backward<S: Simd, const C: usize>(&mut self, first: &[f32], count: usize, grad_first: &mut [f32], grads: &mut PairMlpGradients) {
+        let (inputs, outputs) = (self.packed.inputs(), self.packed.outputs());
+        assert!(outputs.is_multiple_of(4) && inputs.is_multiple_of(2 * S::LANES) && outputs == self.packed.padded());
+        for r in 0..count {
+            for c in 0..outputs {
+                let at = r * outputs + c;
+                let g = if self.rows[at] > 0.0 { self.grad[at] } else { 0.0 };
+                self.grad[at] = g;
+                self.grad_by_output[c * count + r] = g;
+                grads.middle_bias[c] += g;
+            }
+        }
+        // SAFETY: the instruction set is present by the caller's contract. `linear` asserts lengths; the products below read
+        // `outputs` (a multiple of 4) rows of `count` and `count` rows of `inputs` (a multiple of two vectors), both asserted.
+        unsafe {
+            linear::<S, C>(&self.transposed, &self.grad, count, false, grad_first);
+            for c in (0..outputs).step_by(4) {
+                let rows = self.grad_by_output.as_ptr().add(c * count);
+                for k in (0..inputs).step_by(2 * S::LANES) {
+                    let sums = product::<S, 4, 2>(rows, count, count, first.as_ptr().add(k), inputs);
+                    for (r, sums) in sums.iter().enumerate() {
+                        for (v, sum) in sums.iter().enumerate() {
+                            let to = grads.middle_weight.as_mut_ptr().add((c + r) * inputs + k + v * S::LANES);
+                            S::store(to, S::add(S::load(to), *sum));
+                        }
+                    }
                 }
             }
-            second[r * width + c] = (sums.iter().sum::<f32>() + bias[c]).max(0.0);
         }
     }
 }

@@ -9,3 +9,4 @@ mod spread;
 
 pub use context::{Candidate, InputError, SceneContext};
 pub use models::{Mixture, Models};
+pub use spread::spread;

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// `work(item)` for `0..count` on up to `threads` threads; each result is its item's alone, so the number of threads cannot show.
 ///
 /// `state` makes a thread's reusable buffers.
-pub(crate) fn spread<S, T: Send>(count: usize, threads: usize, state: impl Fn() -> S + Sync, work: impl Fn(&mut S, usize) -> T + Sync) -> Vec<T> {
+pub fn spread<S, T: Send>(count: usize, threads: usize, state: impl Fn() -> S + Sync, work: impl Fn(&mut S, usize) -> T + Sync) -> Vec<T> {
     let threads = threads.clamp(1, count.max(1));
     if threads == 1 {
         let mut state = state();

@@ -1,0 +1,271 @@
+//! `repose demo`: a simulated cell and every service in this one process; one placement is asked, planned, executed and checked.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use image::RgbImage;
+use nalgebra::{Isometry3, Point3};
+use repose_geometry::transform::from_row_major;
+use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
+use repose_proto::robot::RobotState;
+use repose_proto::simulator::{TrueObject, Truth, TruthRequest};
+use repose_proto::{CallError, Frame, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Relation, Scene, SceneRef, Service};
+use repose_runtime::{CallOptions, Caller, RuntimeConfig, Session, Shutdown, Subscription};
+use serde::Serialize;
+
+use crate::args::DemoArgs;
+use crate::client;
+use crate::failure::{Failure, Outcome};
+use crate::frames;
+use crate::output::Output;
+use crate::picture::{Coloring, color_picture, scene_picture, side_by_side};
+use crate::services::ServiceConfigs;
+
+/// The relations that may be asked for.
+const RELATIONS: [Relation; 4] = [Relation::LeftOf, Relation::RightOf, Relation::InFrontOf, Relation::Behind];
+/// Placements asked of the planner, for motion to choose from.
+const COUNT: u32 = 5;
+/// The deadline of one call.
+const CALL: Duration = Duration::from_secs(120);
+/// How long an execution may take.
+const EXECUTION: Duration = Duration::from_secs(300);
+
+/// What came of it.
+#[derive(Debug, Serialize)]
+struct Report {
+    seed: u64,
+    query: u16,
+    goal: GoalTerm,
+    /// The placement that motion chose, from 0.
+    placement: usize,
+    /// Wishes before this one that no placement or no motion was found for, and why.
+    given_up: Vec<String>,
+    execution: ExecutionOutcome,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reason: Option<String>,
+    /// From where the object was planned to stand to where it stands, metres.
+    distance_from_plan_m: f64,
+    /// Whether the goal holds by ground truth.
+    goal_holds: bool,
+    picture: String,
+}
+
+/// Runs the command.
+pub async fn run(args: &DemoArgs, output: Output) -> Outcome {
+    let session = Session::open(RuntimeConfig::default()).await?;
+    let shutdown = Shutdown::new();
+    let mut configs = ServiceConfigs::default();
+    configs.simulator.seed = args.seed;
+    let services: Vec<_> = Service::ALL
+        .map(|service| tokio::spawn(configs.clone().run(service, session.clone(), shutdown.child())))
+        .into_iter()
+        .collect();
+    let cell = Cell::open(&session, &configs).await?;
+    let shown = cell.show(args).await;
+    shutdown.trigger();
+    for service in services {
+        service.await.map_err(Failure::other)??;
+    }
+    session.close().await?;
+    let report = shown?;
+    output.print(&report, || {
+        let given_up = report.given_up.iter().map(|line| format!("not done: {line}\n")).collect::<String>();
+        let goal = format!("object {} to {}", report.query, report.goal);
+        let end = match (&report.execution, &report.reason) {
+            (ExecutionOutcome::Done, _) => "executed".to_owned(),
+            (other, reason) => format!("{other:?} ({})", reason.as_deref().unwrap_or("no reason given")),
+        };
+        format!(
+            "{given_up}{goal}: planned, {end}; it stands {:.1} mm from the plan, and the goal {} by ground truth\npicture: {}",
+            report.distance_from_plan_m * 1e3,
+            if report.goal_holds { "holds" } else { "does not hold" },
+            report.picture
+        )
+    })
+}
+
+/// The demonstration's view of the running cell.
+struct Cell {
+    session: Session,
+    simulator: Caller,
+    perception: Caller,
+    planner: Caller,
+    motion: Caller,
+    camera: String,
+    robot: String,
+}
+
+/// A wish with its plan.
+struct Planned {
+    query: u16,
+    goal: GoalTerm,
+    result: PlaceResult,
+    plan: MotionPlan,
+    given_up: Vec<String>,
+}
+
+impl Cell {
+    async fn open(session: &Session, configs: &ServiceConfigs) -> Result<Self, Failure> {
+        let cell = Self {
+            session: session.clone(),
+            simulator: session.caller(Service::Simulator).await?,
+            perception: session.caller(Service::Perception).await?,
+            planner: session.caller(Service::Planner).await?,
+            motion: session.caller(Service::Motion).await?,
+            camera: configs.simulator.camera.clone(),
+            robot: configs.simulator.robot.clone(),
+        };
+        for caller in [&cell.simulator, &cell.perception, &cell.planner, &cell.motion] {
+            caller.wait_for_workers(1, CALL).await?;
+        }
+        session.caller(Service::Inference).await?.wait_for_workers(1, CALL).await?;
+        Ok(cell)
+    }
+
+    async fn show(&self, args: &DemoArgs) -> Result<Report, Failure> {
+        let before = self.truth(None).await?;
+        let summary = client::newest_scene(&self.session, &self.camera, CALL).await?;
+        let scene = Arc::new(self.scene(&summary.scene_id).await?);
+        let seen_before = self.photograph().await?;
+        tracing::info!(objects = scene.meta.objects.len(), surfaces = scene.meta.surfaces.len(), "the camera's scene is segmented");
+        let planned = self.plan(args, &summary.scene_id, &scene).await?;
+        tracing::info!(query = planned.query, goal = %planned.goal, seconds = planned.plan.duration_ms / 1e3, "executing");
+        let executed: ExecuteReply = self.call(&self.motion, "execute", &planned.plan, CallOptions::at_most_once(EXECUTION)).await?;
+        let after = self.settled(scene.meta.view_yaw_rad).await?;
+        let seen_after = self.photograph().await?;
+
+        let placed_from_observed: Isometry3<f64> = transform(&planned.result.placements[planned.plan.placement].placed_from_observed)?;
+        let drawn = scene_picture(&scene, Coloring::Seen, Some((planned.query, &placed_from_observed)));
+        frames::write_picture(&args.out, &side_by_side(&[seen_before, drawn, seen_after]).into())?;
+        let wanted = placed_from_observed * center_of(object_of(&before, planned.query)?)?;
+        let stands = center_of(object_of(&after, planned.query)?)?;
+        let pair = after.relations.iter().find(|p| p.query == planned.query && p.anchor == planned.goal.anchor);
+        let holds = pair.is_some_and(|p| p.holds[planned.goal.relation.index()]) == planned.goal.holds;
+        Ok(Report {
+            seed: args.seed,
+            query: planned.query,
+            goal: planned.goal,
+            placement: planned.plan.placement,
+            given_up: planned.given_up,
+            execution: executed.outcome,
+            reason: executed.reason,
+            distance_from_plan_m: (stands - wanted).norm(),
+            goal_holds: holds,
+            picture: args.out.display().to_string(),
+        })
+    }
+
+    /// The first wish, in an order that the seed gives, for which there are a placement and a motion.
+    async fn plan(&self, args: &DemoArgs, scene_id: &str, scene: &Scene) -> Result<Planned, Failure> {
+        let start_joints_rad = self.robot_state().await?.q_rad;
+        let truth = self.truth(Some(scene.meta.view_yaw_rad)).await?;
+        let mut given_up = Vec::new();
+        for (query, goal) in wishes(args.seed, scene, &truth) {
+            let request = PlaceRequest { count: COUNT, seed: args.seed, variant: args.variant, ..PlaceRequest::new(scene_id.to_owned(), query, vec![goal]) };
+            let result = client::place(&self.planner, &request, CallOptions::within(CALL)).await;
+            let (result, _) = result?;
+            if result.placements.is_empty() {
+                given_up.push(format!("object {query} to {goal}: no placement, {:?}", result.rejections));
+                continue;
+            }
+            let request = MotionPlanRequest {
+                scene: SceneRef { scene_id: scene_id.to_owned() },
+                robot: self.robot.clone(),
+                query,
+                placements: result.placements.iter().map(|p| p.placed_from_observed).collect(),
+                start_joints_rad,
+                grasps: None,
+                seed: args.seed,
+            };
+            match self.call::<_, MotionPlan>(&self.motion, "plan", &request, CallOptions::within(CALL)).await {
+                Ok(plan) => return Ok(Planned { query, goal, result, plan, given_up }),
+                Err(error) => given_up.push(format!("object {query} to {goal}: no motion, {}", error.message)),
+            }
+        }
+        for line in &given_up {
+            tracing::warn!("{line}");
+        }
+        Err(Failure::NoPlacement)
+    }
+
+    async fn call<Q: Message + Serialize, R: Message + serde::de::DeserializeOwned>(
+        &self,
+        caller: &Caller,
+        method: &str,
+        request: &Q,
+        options: CallOptions,
+    ) -> Result<R, CallError> {
+        caller.call(method, Payload::json(request)?, options).await?.payload.decode_json()
+    }
+
+    async fn scene(&self, scene_id: &str) -> Result<Scene, Failure> {
+        let request = Payload::json(&repose_proto::perception::SceneRequest { scene_id: scene_id.to_owned() })?;
+        let answer = self.perception.call_any("scene", &request, &CallOptions::within(CALL)).await?;
+        Ok(Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA)?)?)
+    }
+
+    async fn truth(&self, view_yaw_rad: Option<f64>) -> Result<Truth, Failure> {
+        Ok(self.call(&self.simulator, "truth", &TruthRequest { view_yaw_rad }, CallOptions::within(CALL)).await?)
+    }
+
+    /// The truth once everything has come to rest.
+    async fn settled(&self, view_yaw_rad: f64) -> Result<Truth, Failure> {
+        loop {
+            let truth = self.truth(Some(view_yaw_rad)).await?;
+            if truth.at_rest {
+                return Ok(truth);
+            }
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    }
+
+    /// The next frame's color picture.
+    async fn photograph(&self) -> Result<RgbImage, Failure> {
+        let mut frames = self.session.subscribe_latest(&self.session.cell().camera_frame(&self.camera)).await?;
+        let frame = Frame::from_bulk(&next(&mut frames).await?.decode_bulk(Frame::SCHEMA)?)?;
+        let color = frame.color.ok_or_else(|| Failure::other("the camera sends no color"))?;
+        Ok(color_picture(frame.camera.width, frame.camera.height, &color))
+    }
+
+    async fn robot_state(&self) -> Result<RobotState, Failure> {
+        let mut states = self.session.subscribe_latest(&self.session.cell().robot_state(&self.robot)).await?;
+        Ok(next(&mut states).await?.decode_json()?)
+    }
+}
+
+async fn next(subscription: &mut Subscription) -> Result<Payload, Failure> {
+    let sample = tokio::time::timeout(CALL, subscription.recv()).await.map_err(Failure::other)?;
+    Ok(sample.ok_or_else(|| Failure::other("the session has closed"))?.payload)
+}
+
+/// Every wish that does not hold yet, of objects that carry nothing, in an order that the seed gives.
+fn wishes(seed: u64, scene: &Scene, truth: &Truth) -> Vec<(u16, GoalTerm)> {
+    use rand::SeedableRng;
+    use rand::seq::SliceRandom;
+    let ids: Vec<u16> = scene.meta.objects.iter().map(|o| o.id).collect();
+    let holds = |query, anchor, relation: Relation| {
+        truth.relations.iter().any(|p| p.query == query && p.anchor == anchor && p.holds[relation.index()])
+    };
+    let carries = |id| ids.iter().any(|other| holds(*other, id, Relation::Above) && holds(*other, id, Relation::Touching));
+    let mut wishes = Vec::new();
+    for query in ids.iter().copied().filter(|id| !carries(*id)) {
+        for anchor in ids.iter().copied().filter(|id| *id != query) {
+            let open = RELATIONS.into_iter().filter(|r| !holds(query, anchor, *r));
+            wishes.extend(open.map(|relation| (query, GoalTerm { relation, anchor, holds: true })));
+        }
+    }
+    wishes.shuffle(&mut rand_pcg::Pcg64::seed_from_u64(seed));
+    wishes
+}
+
+fn object_of(truth: &Truth, id: u16) -> Result<&TrueObject, Failure> {
+    truth.objects.iter().find(|o| o.id == id).ok_or_else(|| Failure::other(format!("the simulator has lost object {id}")))
+}
+
+fn center_of(object: &TrueObject) -> Result<Point3<f64>, Failure> {
+    Ok(Point3::from(transform(&object.world_from_box)?.translation.vector))
+}
+
+fn transform(wire: &repose_proto::RigidTransform) -> Result<Isometry3<f64>, Failure> {
+    from_row_major(&wire.0).map_err(Failure::other)
+}

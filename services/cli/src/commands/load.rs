@@ -1,0 +1,134 @@
+//! `repose load`: many placements asked of a running system, and how long they took.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use hdrhistogram::Histogram;
+use repose_proto::place::{Budget, Outcome as SearchOutcome};
+use repose_proto::{GoalTerm, PlaceRequest, Relation, SceneSummary, Service};
+use repose_runtime::{CallOptions, Caller};
+use serde::Serialize;
+
+use crate::args::LoadArgs;
+use crate::client;
+use crate::failure::{Failure, Outcome};
+use crate::output::Output;
+
+/// The relations asked for, in turn.
+const RELATIONS: [Relation; 4] = [Relation::LeftOf, Relation::RightOf, Relation::InFrontOf, Relation::Behind];
+
+#[derive(Default, Serialize)]
+struct Report {
+    requests: usize,
+    /// `result`, `none`, error codes; `lost` and `duplicate` are requests that did not end in exactly one terminal outcome.
+    outcomes: BTreeMap<String, usize>,
+    offered_per_s: f64,
+    achieved_per_s: f64,
+    latency_ms: BTreeMap<&'static str, f64>,
+    per_worker: BTreeMap<String, usize>,
+    /// Requests that ended after their deadline.
+    late: usize,
+}
+
+struct Ended {
+    outcome: String,
+    worker: Option<String>,
+    took: Duration,
+}
+
+/// Runs the command.
+pub async fn run(args: &LoadArgs, output: Output) -> Outcome {
+    if args.rate.is_some_and(|r| !r.is_finite() || r <= 0.0) {
+        return Err(Failure::bad_input("rate", "expected more than 0 requests per second"));
+    }
+    let session = client::connect(&args.connect).await?;
+    let deadline = Duration::from_millis(args.connect.deadline_ms);
+    let scene = Arc::new(client::newest_scene(&session, &args.connect.camera, deadline).await?);
+    if scene.objects.len() < 2 {
+        return Err(Failure::bad_input("camera", format!("the newest scene has {} objects, two are needed", scene.objects.len())));
+    }
+    let planner = session.caller(Service::Planner).await?;
+    let args = Arc::new(args.clone());
+    let next = Arc::new(AtomicUsize::new(0));
+    let started = Instant::now();
+    let clients: Vec<_> = (0..args.clients.max(1))
+        .map(|_| tokio::spawn(client(args.clone(), planner.clone(), scene.clone(), next.clone(), started)))
+        .collect();
+    let mut ended = Vec::new();
+    for client in clients {
+        ended.extend(client.await.map_err(Failure::other)?);
+    }
+    let report = report(&args, &ended, started.elapsed())?;
+    session.close().await?;
+    output.print(&report, || {
+        let latency = report.latency_ms.iter().map(|(k, v)| format!("{k} {v:.0}")).collect::<Vec<_>>().join(", ");
+        format!(
+            "{} requests: {:?}\noffered {:.1}/s, achieved {:.1}/s; latency ms: {latency}\nper worker: {:?}",
+            report.requests, report.outcomes, report.offered_per_s, report.achieved_per_s, report.per_worker
+        )
+    })
+}
+
+/// One client: takes the next request until there are none; with a rate, at its time and not before.
+async fn client(args: Arc<LoadArgs>, planner: Caller, scene: Arc<SceneSummary>, next: Arc<AtomicUsize>, started: Instant) -> Vec<Ended> {
+    let mut ended = Vec::new();
+    loop {
+        let i = next.fetch_add(1, Ordering::Relaxed);
+        if i >= args.requests {
+            return ended;
+        }
+        // Latency counts from when a request was due, so that a slow system cannot hide by slowing its clients down.
+        let due = args.rate.map_or_else(Instant::now, |rate| started + Duration::from_secs_f64(i as f64 / rate));
+        tokio::time::sleep_until(due.into()).await;
+        let options = CallOptions::within(Duration::from_millis(args.connect.deadline_ms));
+        let answered = client::place(&planner, &request(&args, &scene, i), options).await;
+        let took = due.elapsed();
+        ended.push(match answered {
+            Ok((result, answer)) => {
+                let outcome = if result.outcome == SearchOutcome::None { "none" } else { "result" };
+                Ended { outcome: outcome.to_owned(), worker: Some(answer.worker), took }
+            }
+            Err(error) => Ended { outcome: error.code.as_str().to_owned(), worker: None, took },
+        });
+    }
+}
+
+fn request(args: &LoadArgs, scene: &SceneSummary, i: usize) -> PlaceRequest {
+    let n = scene.objects.len();
+    let (query, anchor) = (scene.objects[i % n].id, scene.objects[(i + 1) % n].id);
+    let goal = vec![GoalTerm { relation: RELATIONS[i / n % RELATIONS.len()], anchor, holds: true }];
+    PlaceRequest {
+        seed: args.seed + i as u64,
+        variant: args.variant,
+        budget: Budget { iterations: Some(args.iterations), batch: Some(args.batch), ..Budget::default() },
+        ..PlaceRequest::new(scene.scene_id.clone(), query, goal)
+    }
+}
+
+fn report(args: &LoadArgs, ended: &[Ended], elapsed: Duration) -> Result<Report, Failure> {
+    let mut histogram = Histogram::<u64>::new(3).map_err(Failure::other)?;
+    let mut report = Report { requests: args.requests, ..Report::default() };
+    for end in ended {
+        *report.outcomes.entry(end.outcome.clone()).or_default() += 1;
+        if let Some(worker) = &end.worker {
+            *report.per_worker.entry(worker.clone()).or_default() += 1;
+        }
+        report.late += usize::from(end.took > Duration::from_millis(args.connect.deadline_ms) + LATE_GRACE);
+        histogram.saturating_record(end.took.as_micros() as u64);
+    }
+    // A call returns once, so a duplicate could only be an index that two clients took.
+    report.outcomes.insert("lost".to_owned(), args.requests.saturating_sub(ended.len()));
+    report.outcomes.insert("duplicate".to_owned(), ended.len().saturating_sub(args.requests));
+    let seconds = elapsed.as_secs_f64();
+    report.offered_per_s = args.rate.unwrap_or(ended.len() as f64 / seconds);
+    report.achieved_per_s = ended.len() as f64 / seconds;
+    let at = |quantile: f64| histogram.value_at_quantile(quantile) as f64 / 1e3;
+    report.latency_ms =
+        BTreeMap::from([("p50", at(0.5)), ("p90", at(0.9)), ("p95", at(0.95)), ("p99", at(0.99)), ("max", histogram.max() as f64 / 1e3)]);
+    Ok(report)
+}
+
+/// What a loaded machine may take to tell a caller that its time is up.
+const LATE_GRACE: Duration = Duration::from_millis(500);

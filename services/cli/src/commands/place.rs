@@ -1,0 +1,45 @@
+//! `repose place`: one placement asked of a running system.
+
+use std::time::Duration;
+
+use repose_proto::place::PlaceProgress;
+use repose_proto::{Message, Service};
+use repose_runtime::CallOptions;
+use tokio::sync::mpsc;
+
+use crate::args::PlaceArgs;
+use crate::client;
+use crate::commands::plan::print_result;
+use crate::failure::Outcome;
+use crate::output::Output;
+
+/// Progress replies that may wait to be printed.
+const PROGRESS_WAITING: usize = 64;
+
+/// Runs the command.
+pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
+    let session = client::connect(&args.connect).await?;
+    let deadline = Duration::from_millis(args.connect.deadline_ms);
+    let scene_id = match &args.scene {
+        Some(id) => id.clone(),
+        None => client::newest_scene(&session, &args.connect.camera, deadline).await?.scene_id,
+    };
+    let request = args.wish.request(scene_id);
+    request.validate()?;
+    let planner = session.caller(Service::Planner).await?;
+    let (sender, mut progress) = mpsc::channel(PROGRESS_WAITING);
+    let printing = tokio::spawn(async move {
+        while let Some(payload) = progress.recv().await {
+            if let Ok(p) = payload.decode_json::<PlaceProgress>() {
+                tracing::info!(iterations = p.iterations, evaluated = p.evaluated, best = p.best.map(|b| b.cost), "progress");
+            }
+        }
+    });
+    let options = CallOptions { progress: Some(sender), ..CallOptions::within(deadline) };
+    let answered = client::place(&planner, &request, options).await;
+    printing.abort();
+    session.close().await?;
+    let (result, answer) = answered?;
+    tracing::info!(worker = answer.worker, attempts = answer.attempts, timing_ms = ?answer.timing_ms, "answered");
+    print_result(&result, output)
+}

@@ -1,0 +1,70 @@
+//! `repose relations`: every ordered pair's relations, learned and by rule.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use nalgebra::Point3;
+use repose_geometry::ViewerFrame;
+use repose_inference::HeldScene;
+use repose_proto::scoring::ScoreRequest;
+use repose_proto::{Relation, Scene, SceneRef};
+use repose_relations::{ObservedObject, observed};
+use serde::Serialize;
+
+use crate::args::RelationsArgs;
+use crate::embedded::EmbeddedModels;
+use crate::failure::{Failure, Outcome};
+use crate::frames;
+use crate::output::Output;
+
+#[derive(Serialize)]
+struct Pair {
+    query: u16,
+    anchor: u16,
+    /// Probabilities.
+    learned: Vec<f32>,
+    rule: Vec<bool>,
+}
+
+/// Runs the command.
+pub fn run(args: &RelationsArgs, output: Output) -> Outcome {
+    let scene = frames::scene_of(&frames::read(&args.frame)?)?;
+    let pairs = pairs_of(scene)?;
+    output.print(&serde_json::json!({"pairs": pairs}), || {
+        let name = |flags: &dyn Fn(usize) -> bool| Relation::ALL.iter().filter(|r| flags(r.index())).map(|r| r.as_str()).collect::<Vec<_>>().join(" ");
+        let line = |p: &Pair| format!("{:>3} to {:>3}: learned [{}] by rule [{}]", p.query, p.anchor, name(&|i| p.learned[i] > 0.5), name(&|i| p.rule[i]));
+        pairs.iter().map(line).collect::<Vec<_>>().join("\n")
+    })
+}
+
+fn pairs_of(scene: Scene) -> Result<Vec<Pair>, Failure> {
+    let models = EmbeddedModels::load()?;
+    let viewer = ViewerFrame::from_yaw(scene.meta.view_yaw_rad);
+    let ids: Vec<u16> = scene.meta.objects.iter().map(|o| o.id).collect();
+    let by_rule: BTreeMap<u16, ObservedObject> = ids
+        .iter()
+        .filter_map(|id| Some((*id, ObservedObject::new(&scene.points_of(*id).map(Point3::from).collect::<Vec<_>>(), &viewer)?)))
+        .collect();
+    let held = HeldScene::new(scene.id(), Arc::new(scene));
+    let mut pairs = Vec::new();
+    for query in &ids {
+        let anchors: Vec<u16> = ids.iter().copied().filter(|a| a != query).collect();
+        let Some(object) = held.scene().object(*query) else { continue };
+        let [x, y, z] = object.centroid_m.map(|c| c as f32);
+        let request = ScoreRequest {
+            scene: SceneRef { scene_id: held.scene_id().to_owned() },
+            query: *query,
+            anchors: anchors.clone(),
+            view_yaw_rad: viewer.yaw_rad(),
+            realism: false,
+            relations: true,
+            candidates: vec![[x, y, z, 0.0]],
+        };
+        let reply = models.engine().score(&request, &held)?;
+        for (anchor, learned) in anchors.iter().zip(&reply.relations) {
+            let rule = observed(&by_rule[query], &by_rule[anchor]).to_vec();
+            pairs.push(Pair { query: *query, anchor: *anchor, learned: learned.to_vec(), rule });
+        }
+    }
+    Ok(pairs)
+}

@@ -1,0 +1,30 @@
+//! `repose train`: weights from simulated scenes.
+
+use repose_training::{Part, TrainSettings, train};
+
+use crate::args::TrainArgs;
+use crate::failure::{Failure, Outcome};
+use crate::output::Output;
+
+/// Runs the command.
+pub fn run(args: &TrainArgs, output: Output) -> Outcome {
+    let part = match args.network.as_str() {
+        "joint" => Part::Joint,
+        "discriminator" => Part::Discriminator,
+        other => return Err(Failure::bad_input("network", format!("expected joint or discriminator, got {other:?}"))),
+    };
+    let defaults = TrainSettings::default();
+    let settings = TrainSettings {
+        data: args.data.clone(),
+        out: args.out.clone(),
+        start: args.start.clone(),
+        part,
+        seed: args.seed,
+        steps: args.steps.unwrap_or(defaults.steps),
+        minutes: args.minutes,
+        threads: args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
+        ..defaults
+    };
+    let report = train(&settings).map_err(|e| Failure::bad_input("data", e))?;
+    output.print(&report, || serde_json::to_string_pretty(&report).unwrap_or_default())
+}

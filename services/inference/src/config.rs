@@ -1,0 +1,39 @@
+//! The service's configuration, section `[inference]`.
+
+use std::path::PathBuf;
+
+use serde::Deserialize;
+
+/// Configuration of an inference worker. Unknown fields are refused.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct InferenceConfig {
+    /// A weights file in place of the ones that come with the program.
+    pub weights: Option<PathBuf>,
+    /// Threads that score; 0 takes every core. Results do not depend on it.
+    pub threads: usize,
+    /// Requests that may wait; the next is refused at once. Raising it lets callers wait longer instead.
+    pub queue_capacity: usize,
+    /// Requests whose candidates are scored together. Raising it helps many small requests and delays the first of them.
+    pub max_batch: usize,
+    /// Most scenes held. Raising it lets more scenes be planned on without being sent again, at tens of MB each.
+    pub scenes: usize,
+    /// Most bytes of those scenes, roughly. The least recently used go first.
+    pub scenes_bytes: usize,
+}
+
+impl Default for InferenceConfig {
+    fn default() -> Self {
+        Self { weights: None, threads: 0, queue_capacity: 64, max_batch: 16, scenes: 16, scenes_bytes: 1 << 30 }
+    }
+}
+
+impl InferenceConfig {
+    /// The threads to use.
+    pub fn actual_threads(&self) -> usize {
+        match self.threads {
+            0 => std::thread::available_parallelism().map_or(1, usize::from),
+            threads => threads,
+        }
+    }
+}

@@ -1,0 +1,96 @@
+//! The compute side of the service: one thread owns the order of work, takes whatever requests wait together, and spreads their
+//! candidates over the engine's threads.
+
+use std::sync::Arc;
+
+use repose_proto::CallError;
+use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
+use repose_runtime::{BatchQueue, Job, JobContext, LoadGauge, QueueSettings, RuntimeError};
+
+use crate::config::InferenceConfig;
+use crate::engine::Engine;
+use crate::scene_store::{HeldScene, SceneStore};
+
+/// A question to the networks about a held scene.
+pub enum Question {
+    /// Draws from the prior.
+    Prior(PriorRequest, Arc<HeldScene>),
+    /// Scores of candidates.
+    Score(ScoreRequest, Arc<HeldScene>),
+}
+
+/// Its answer.
+pub enum Answer {
+    /// Draws from the prior.
+    Prior(PriorReply),
+    /// Scores of candidates.
+    Score(ScoreReply),
+}
+
+/// Scores on its own threads and holds scenes.
+pub struct Worker {
+    queue: BatchQueue<Question, Answer>,
+    engine: Arc<Engine>,
+    store: SceneStore,
+}
+
+impl Worker {
+    /// Starts the thread that owns the order of work.
+    ///
+    /// # Errors
+    /// When the operating system gives none.
+    pub fn start(engine: Engine, config: &InferenceConfig) -> Result<Self, RuntimeError> {
+        let engine = Arc::new(engine);
+        let settings =
+            QueueSettings { name: "inference".to_owned(), capacity: config.queue_capacity, threads: 1, max_batch: config.max_batch };
+        let queue = BatchQueue::start(settings, |_| {
+            let engine = engine.clone();
+            move |jobs| answer_together(&engine, jobs)
+        })?;
+        Ok(Self { queue, engine, store: SceneStore::new(config.scenes, config.scenes_bytes) })
+    }
+
+    /// Asks a question and waits for its answer.
+    ///
+    /// # Errors
+    /// The engine's, and those of the queue.
+    pub async fn ask(&self, context: JobContext, question: Question) -> Result<Answer, CallError> {
+        self.queue.run(context, question).await
+    }
+
+    /// The networks.
+    pub fn engine(&self) -> &Engine {
+        &self.engine
+    }
+
+    /// The scenes held.
+    pub fn store(&self) -> &SceneStore {
+        &self.store
+    }
+
+    /// What waits and what runs.
+    pub fn gauge(&self) -> Arc<LoadGauge> {
+        self.queue.gauge()
+    }
+
+    /// Requests that may wait.
+    pub fn capacity(&self) -> usize {
+        self.queue.capacity()
+    }
+}
+
+fn answer_together(engine: &Engine, jobs: Vec<Job<Question, Answer>>) {
+    let mut scores = Vec::new();
+    for job in jobs {
+        let Job { request, reply, .. } = job;
+        match request {
+            Question::Prior(request, held) => reply.finish(engine.prior(&request, &held).map(Answer::Prior)),
+            Question::Score(request, held) => scores.push((request, held, reply)),
+        }
+    }
+    let requests: Vec<(&ScoreRequest, &HeldScene)> = scores.iter().map(|(request, held, _)| (request, &**held)).collect();
+    let answers = engine.score_together(&requests);
+    for ((_, _, reply), answer) in scores.into_iter().zip(answers) {
+        reply.finish(answer.map(Answer::Score));
+    }
+}

@@ -1,0 +1,185 @@
+//! The link to robots: follows a robot's state, drives an [`Execution`], and clears latched stops.
+//!
+//! Only this file puts robot commands. It decides nothing about motion: it carries states in, commands out, and the clock.
+
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPlan, RobotResetReply};
+use repose_proto::robot::{Owner, RobotCommand, RobotMode, RobotState};
+use repose_proto::{CallError, ErrorCode, Payload, keys, limits};
+use repose_runtime::{CancellationToken, Publisher, RuntimeError, Session, Subscription, Traffic};
+use tokio::time::MissedTickBehavior;
+
+use crate::config::MotionConfig;
+use crate::execution::{Execution, ExecutionSettings, Step};
+
+/// Commands robots of one cell. Cheap to clone.
+#[derive(Clone)]
+pub struct RobotLink {
+    session: Session,
+    commander: String,
+    settings: ExecutionSettings,
+    period: Duration,
+    timeout: Duration,
+    busy: Arc<Mutex<BTreeSet<String>>>,
+}
+
+/// A robot that this process commands; free again when dropped.
+struct Claim {
+    robot: String,
+    busy: Arc<Mutex<BTreeSet<String>>>,
+}
+
+impl Drop for Claim {
+    fn drop(&mut self) {
+        self.busy.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.robot);
+    }
+}
+
+impl RobotLink {
+    /// A link that commands under the configured name.
+    ///
+    /// # Errors
+    /// When the configuration is out of range.
+    pub fn new(session: Session, config: &MotionConfig) -> Result<Self, RuntimeError> {
+        let commander = config.commander.clone().unwrap_or_else(|| format!("motion-{}-{:x}", std::process::id(), now_ns()));
+        keys::validate_chunk("commander", &commander).map_err(|e| RuntimeError::Config {
+            section: "motion".to_owned(),
+            file: None,
+            message: e.to_string(),
+        })?;
+        Ok(Self {
+            session,
+            commander,
+            settings: config.execution()?,
+            period: Duration::from_millis(config.command_period_ms),
+            timeout: Duration::from_millis(config.robot_timeout_ms),
+            busy: Arc::default(),
+        })
+    }
+
+    /// Carries a plan out. Ends within a state's time after `cancelled`: then nothing more is sent, and the robot stops by its own rules.
+    ///
+    /// # Errors
+    /// `unavailable` when the robot shows no state; `failed_precondition` and `invalid_argument` as [`Execution::begin`], also while another
+    /// execution runs. Once the robot has been commanded the outcome is a reply, unless the network fails.
+    pub async fn execute(
+        &self,
+        plan: MotionPlan,
+        cancelled: CancellationToken,
+        progress: impl Fn(ExecuteProgress),
+    ) -> Result<ExecuteReply, CallError> {
+        let claim = self.claim(&plan.robot)?;
+        let (mut states, first) = self.states(&claim.robot).await?;
+        let commands = self.commands(&claim.robot);
+        let started = Instant::now();
+        let now_ms = || started.elapsed().as_millis() as u64;
+        let (mut execution, mut steps) = Execution::begin(plan, &self.commander, &first, now_ns(), now_ms(), self.settings)?;
+        let mut ticks = tokio::time::interval(self.period);
+        ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        loop {
+            for step in steps.drain(..) {
+                match step {
+                    Step::Send(command) => commands.put(Payload::json(&command)?).await?,
+                    Step::Progress(phase) => progress(phase),
+                    Step::Done(reply) => {
+                        tracing::info!(robot = claim.robot, outcome = ?reply.outcome, phase = reply.phase, reason = reply.reason, "execution ended");
+                        return Ok(reply);
+                    }
+                }
+            }
+            steps = tokio::select! {
+                sample = states.recv() => match sample.map(|s| s.payload.decode_json::<RobotState>()) {
+                    Some(Ok(state)) => execution.on_state(&state, now_ms()),
+                    Some(Err(error)) => {
+                        tracing::warn!(robot = claim.robot, %error, "a state that cannot be read");
+                        Vec::new()
+                    }
+                    None => execution.cancel("the network closed"),
+                },
+                _ = ticks.tick() => execution.on_tick(now_ms()),
+                () = cancelled.cancelled() => execution.cancel("the caller cancelled, or the deadline passed"),
+            };
+        }
+    }
+
+    /// Clears a latched stop, and waits until the robot shows it cleared. A stop that latches meanwhile stays.
+    ///
+    /// # Errors
+    /// `unavailable` when the robot shows no state; `failed_precondition` when the stop does not clear in time or another one has latched.
+    pub async fn reset(&self, robot: &str) -> Result<RobotResetReply, CallError> {
+        let claim = self.claim(robot)?;
+        let (mut states, mut state) = self.states(&claim.robot).await?;
+        let RobotState { stop: Some(stop), mode: RobotMode::Stopped, .. } = state.clone() else {
+            return Ok(RobotResetReply { was_stopped: state.mode == RobotMode::Stopped });
+        };
+        let commands = self.commands(&claim.robot);
+        let owner = Owner { id: self.commander.clone(), epoch: state.owner.as_ref().map_or(0, |o| o.epoch) + 1 };
+        let deadline = tokio::time::Instant::now() + self.timeout;
+        let mut seq = 0;
+        let mut ticks = tokio::time::interval(self.period);
+        ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        loop {
+            tokio::select! {
+                sample = states.recv() => match sample.map(|s| s.payload.decode_json::<RobotState>()) {
+                    Some(Ok(newer)) => state = newer,
+                    Some(Err(_)) => {}
+                    None => return Err(CallError::new(ErrorCode::Unavailable, "the network closed")),
+                },
+                _ = ticks.tick() => {
+                    seq += 1;
+                    commands.put(Payload::json(&clearing(&owner, seq))?).await?;
+                }
+                () = tokio::time::sleep_until(deadline) => {
+                    return Err(CallError::precondition(format!("the stop did not clear: {}: {}", stop.kind, stop.reason)).at("robot"));
+                }
+            }
+            if state.mode != RobotMode::Stopped {
+                return Ok(RobotResetReply { was_stopped: true });
+            }
+            if state.stop.as_ref().is_some_and(|latched| *latched != stop) {
+                return Err(CallError::precondition("another stop has latched meanwhile").at("robot"));
+            }
+        }
+    }
+
+    fn claim(&self, robot: &str) -> Result<Claim, CallError> {
+        if !self.busy.lock().unwrap_or_else(PoisonError::into_inner).insert(robot.to_owned()) {
+            return Err(CallError::precondition(format!("robot {robot} is being commanded already")).at("robot"));
+        }
+        Ok(Claim { robot: robot.to_owned(), busy: self.busy.clone() })
+    }
+
+    fn commands(&self, robot: &str) -> Publisher {
+        self.session.publisher(self.session.cell().robot_command(robot), Traffic::RobotCommand)
+    }
+
+    /// A robot's states, and the first of them.
+    async fn states(&self, robot: &str) -> Result<(Subscription, RobotState), CallError> {
+        let mut states = self.session.subscribe_latest(&self.session.cell().robot_state(robot)).await?;
+        let silent = || CallError::new(ErrorCode::Unavailable, format!("robot {robot} shows no state"));
+        let sample = tokio::time::timeout(self.timeout, states.recv()).await.map_err(|_| silent())?.ok_or_else(silent)?;
+        let state = sample.payload.decode_json()?;
+        Ok((states, state))
+    }
+}
+
+fn clearing(owner: &Owner, seq: u64) -> RobotCommand {
+    RobotCommand {
+        v: limits::VERSION,
+        seq,
+        owner: owner.clone(),
+        ttl_ms: 500,
+        starts_stream: false,
+        ends_stream: false,
+        set_points: Vec::new(),
+        gripper: None,
+        clear_stop: true,
+    }
+}
+
+fn now_ns() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos() as u64)
+}

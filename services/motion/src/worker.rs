@@ -1,0 +1,124 @@
+//! The compute side of the service: the bounded queue, the threads that plan, and the scenes that were sent.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use repose_proto::motion::{MotionPlan, MotionPlanRequest};
+use repose_proto::{CallError, Scene};
+use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError};
+
+use crate::config::MotionConfig;
+use crate::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place};
+use crate::wire::{self, PlanTerms};
+
+/// Plans on its own threads.
+pub struct Worker {
+    queue: ComputeQueue,
+    settings: Arc<PickPlaceSettings>,
+    terms: PlanTerms,
+    scenes: Mutex<HeldScenes>,
+}
+
+impl Worker {
+    /// Starts the threads.
+    ///
+    /// # Errors
+    /// When the configuration is out of range or the operating system gives no threads.
+    pub fn start(config: &MotionConfig) -> Result<Self, RuntimeError> {
+        let queue = QueueSettings { name: "motion".to_owned(), capacity: config.queue, threads: config.threads, ..QueueSettings::default() };
+        Ok(Self {
+            settings: Arc::new(config.planning()?),
+            terms: config.terms()?,
+            queue: ComputeQueue::start(queue)?,
+            scenes: Mutex::new(HeldScenes { limit: config.scenes.max(1), held: VecDeque::new() }),
+        })
+    }
+
+    /// Plans a request on the scene that came with it, or on one that came before.
+    ///
+    /// # Errors
+    /// `not_found` on `scene_id` when the scene is not held and did not come; `invalid_argument` when it is another one; the planner's errors
+    /// as `failed_precondition`; those of the queue.
+    pub async fn plan(&self, context: JobContext, request: MotionPlanRequest, scene: Option<Scene>) -> Result<MotionPlan, CallError> {
+        let held = self.scenes.lock().unwrap_or_else(PoisonError::into_inner).get(&request.scene.scene_id);
+        if held.is_none() && scene.is_none() {
+            let message = format!("this worker does not hold scene {}", request.scene.scene_id);
+            return Err(CallError::not_found("scene_id", message));
+        }
+        let (settings, terms) = (self.settings.clone(), self.terms);
+        let job = move |context: &JobContext| {
+            let scene = match (held, scene) {
+                (Some(held), _) => held,
+                (None, Some(scene)) => Arc::new(checked(scene, &request.scene.scene_id)?),
+                (None, None) => return Err(CallError::internal("no scene to plan on")),
+            };
+            context.check()?;
+            Ok((planned(&request, &scene, &settings, &terms)?, scene))
+        };
+        let (plan, scene) = self.queue.run(context, job).await?;
+        self.scenes.lock().unwrap_or_else(PoisonError::into_inner).keep(&plan.scene_id, scene);
+        Ok(plan)
+    }
+
+    /// What waits and what runs.
+    pub fn gauge(&self) -> Arc<LoadGauge> {
+        self.queue.gauge()
+    }
+
+    /// Requests that may wait.
+    pub fn capacity(&self) -> usize {
+        self.queue.capacity()
+    }
+}
+
+/// The scene, if its content has the id that the request names.
+fn checked(scene: Scene, scene_id: &str) -> Result<Scene, CallError> {
+    let actual = scene.id();
+    if actual == scene_id {
+        return Ok(scene);
+    }
+    Err(CallError::invalid("scene.scene_id", format!("the enclosed scene's id is {actual}, not {scene_id}")))
+}
+
+/// One request on its scene.
+fn planned(request: &MotionPlanRequest, scene: &Scene, settings: &PickPlaceSettings, terms: &PlanTerms) -> Result<MotionPlan, CallError> {
+    let planning_scene = wire::planning_scene(scene, request.query)?;
+    let placements = request.placements.iter().enumerate().map(|(i, p)| wire::isometry(p, &format!("placements[{i}]")));
+    let placements = placements.collect::<Result<Vec<_>, _>>()?;
+    let grasps = request.grasps.as_deref().map(wire::grasps).transpose()?;
+    let request_to_plan = PickPlaceRequest {
+        scene: &planning_scene,
+        query: request.query,
+        placements: &placements,
+        start: &request.start_joints_rad,
+        grasps: grasps.as_deref(),
+        seed: request.seed,
+    };
+    let plan = pick_place(&request_to_plan, settings).map_err(|e| wire::call_error(&e))?;
+    Ok(wire::motion_plan(&plan, request, scene.stamp_ns, terms))
+}
+
+/// Scenes by id, least recently used out.
+struct HeldScenes {
+    limit: usize,
+    /// Most recently used last.
+    held: VecDeque<(String, Arc<Scene>)>,
+}
+
+impl HeldScenes {
+    fn get(&mut self, scene_id: &str) -> Option<Arc<Scene>> {
+        let at = self.held.iter().position(|(id, _)| id == scene_id)?;
+        let entry = self.held.remove(at)?;
+        let scene = entry.1.clone();
+        self.held.push_back(entry);
+        Some(scene)
+    }
+
+    fn keep(&mut self, scene_id: &str, scene: Arc<Scene>) {
+        self.held.retain(|(id, _)| id != scene_id);
+        self.held.push_back((scene_id.to_owned(), scene));
+        while self.held.len() > self.limit {
+            self.held.pop_front();
+        }
+    }
+}

@@ -1,0 +1,240 @@
+//! What the planner answers on scenes whose answer is known.
+
+use std::ops::ControlFlow;
+
+use repose_geometry::transform;
+use repose_proto::place::{Outcome, PlaceRequest, PlaceResult, RegionBox, Rejection, Rotation, Variant};
+use repose_proto::{ErrorCode, GoalTerm};
+
+use crate::models::NoModels;
+use crate::plan::{Step, plan};
+use crate::prepared::Prepared;
+use crate::search::Stop;
+use crate::synthetic::Builder;
+
+/// A table with a box in the middle (1) and a small box in front on the left (2).
+fn table() -> Builder {
+    Builder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.06, 0.05, 0.08])
+}
+
+fn request(prepared: &Prepared, query: u16, goal: &[&str]) -> PlaceRequest {
+    let goal: Vec<GoalTerm> = goal.iter().map(|t| t.parse().unwrap()).collect();
+    PlaceRequest { variant: Variant::Geometric, ..PlaceRequest::new(prepared.scene_id.clone(), query, goal) }
+}
+
+fn run(prepared: &Prepared, request: &PlaceRequest) -> PlaceResult {
+    plan(prepared, request, &NoModels, &mut |_| ControlFlow::Continue(())).unwrap()
+}
+
+fn most_frequent(result: &PlaceResult) -> Rejection {
+    *result.rejections.iter().max_by_key(|(_, count)| **count).unwrap().0
+}
+
+/// Where the middle of the query's box ends up: observed centroids are not middles.
+fn placed(result: &PlaceResult, answer: usize, middle: [f64; 3]) -> [f64; 3] {
+    let placed_from_observed = transform::from_row_major(&result.placements[answer].placed_from_observed.0).unwrap();
+    (placed_from_observed * nalgebra::Point3::from(middle)).into()
+}
+
+const QUERY_MIDDLE: [f64; 3] = [-0.25, -0.2, 0.04];
+
+#[test]
+fn every_direction_is_found_on_an_open_table_and_stands_on_it() {
+    let prepared = table().prepared();
+    for (term, axis, sign) in [("left_of:1", 0, -1.0), ("right_of:1", 0, 1.0), ("in_front_of:1", 1, -1.0), ("behind:1", 1, 1.0)] {
+        let result = run(&prepared, &request(&prepared, 2, &[term]));
+        assert_eq!(result.outcome, Outcome::Found, "{term}: {:?}", result.rejections);
+        let at = placed(&result, 0, QUERY_MIDDLE);
+        assert!(sign * at[axis] > 0.05 && at[1 - axis].abs() < 0.25, "{term}: {at:?}");
+        assert!((at[2] - 0.04).abs() < 0.006, "{term}: {at:?}");
+        let best = &result.placements[0];
+        assert!(best.geometric[0].holds && best.geometric[0].margin_m > 0.01 && best.support_m > 0.015 && best.clearance_m > 0.005);
+        assert_eq!((best.realism, &best.relations[..]), (1.0, &[1.0][..]));
+    }
+}
+
+#[test]
+fn a_small_box_is_stacked_in_the_middle_of_a_larger_one() {
+    let prepared = table().prepared();
+    let result = run(&prepared, &request(&prepared, 2, &["above:1", "near:1"]));
+    assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
+    let at = placed(&result, 0, QUERY_MIDDLE);
+    assert!((at[2] - 0.14).abs() < 0.006 && at[0].abs() < 0.03 && at[1].abs() < 0.03, "{at:?}");
+    let result = run(&prepared, &request(&prepared, 2, &["centered:1", "touching:1"]));
+    let at = placed(&result, 0, QUERY_MIDDLE);
+    assert!((at[2] - 0.14).abs() < 0.006, "{at:?} {:?}", result.rejections);
+}
+
+#[test]
+fn below_is_found_beside_something_that_stands_higher() {
+    let prepared = Builder::table()
+        .object(3, [0.1, 0.05], [0.12, 0.12, 0.16])
+        .object_at(1, [0.1, 0.05], 0.16, [0.08, 0.08, 0.08])
+        .object(2, [-0.25, -0.2], [0.05, 0.05, 0.05])
+        .prepared();
+    let result = run(&prepared, &request(&prepared, 2, &["below:1"]));
+    assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
+    assert!(result.placements[0].geometric[0].holds);
+}
+
+#[test]
+fn negated_terms_and_several_anchors_hold_together() {
+    let prepared = table().object(3, [0.25, 0.1], [0.08, 0.08, 0.12]).prepared();
+    let result = run(&prepared, &request(&prepared, 2, &["right_of:1", "not:near:1", "in_front_of:3"]));
+    assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
+    assert!(result.placements[0].geometric.iter().all(|c| c.holds && c.margin_m > 0.0), "{:?}", result.placements[0]);
+}
+
+#[test]
+fn touching_beside_comes_to_rest_against_the_anchor() {
+    let prepared = table().prepared();
+    let result = run(&prepared, &request(&prepared, 2, &["touching:1", "right_of:1"]));
+    assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
+    let at = placed(&result, 0, QUERY_MIDDLE);
+    assert!((0.07..0.09).contains(&at[0]), "{at:?}");
+}
+
+#[test]
+fn a_turn_aligns_the_query_with_its_anchor() {
+    let prepared = table().prepared();
+    let mut aligned = request(&prepared, 2, &["left_of:1", "aligned:1"]);
+    aligned.rotation = Rotation::Yaw;
+    let result = run(&prepared, &aligned);
+    assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
+    assert!(result.placements[0].geometric[1].holds);
+}
+
+#[test]
+fn several_answers_keep_their_distance_and_use_both_table_and_box() {
+    // A large box that is furniture to the goal, on the asked side.
+    let prepared = table().object(3, [0.28, 0.02], [0.2, 0.25, 0.06]).prepared();
+    let mut wanted = request(&prepared, 2, &["right_of:1"]);
+    (wanted.count, wanted.min_separation_m) = (8, Some(0.05));
+    let result = run(&prepared, &wanted);
+    assert_eq!(result.placements.len(), 8, "{:?}", result.rejections);
+    let all: Vec<[f64; 3]> = (0..8).map(|i| placed(&result, i, QUERY_MIDDLE)).collect();
+    for i in 0..8 {
+        assert!((0..i).all(|j| (nalgebra::Point3::from(all[i]) - nalgebra::Point3::from(all[j])).norm() >= 0.05 - 1e-6));
+    }
+    assert!(result.placements.windows(2).all(|w| w[0].cost <= w[1].cost));
+    assert!(all.iter().any(|p| p[2] > 0.08), "none on the box: {all:?}");
+    assert!(all.iter().any(|p| p[2] < 0.06), "none on the table: {all:?}");
+}
+
+#[test]
+fn a_forbidden_region_is_the_reason() {
+    let prepared = table().prepared();
+    let mut blocked = request(&prepared, 2, &["right_of:1"]);
+    blocked.region = vec![RegionBox { min_m: [-2.0; 3], max_m: [2.0; 3], inside: false }];
+    let result = run(&prepared, &blocked);
+    assert_eq!((result.outcome, most_frequent(&result)), (Outcome::None, Rejection::Region));
+    assert_eq!(result.rejections.values().sum::<u64>(), result.evaluated);
+}
+
+#[test]
+fn a_small_asked_region_is_found() {
+    let prepared = table().prepared();
+    let mut asked = request(&prepared, 2, &["right_of:1"]);
+    asked.region = vec![RegionBox { min_m: [0.3, -0.1, -0.1], max_m: [0.34, -0.06, 0.5], inside: true }];
+    let result = run(&prepared, &asked);
+    assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
+}
+
+#[test]
+fn off_the_table_nothing_supports_it() {
+    // The anchor stands at the table's left edge, and nothing is beyond.
+    let prepared =
+        Builder::table_within([-0.2, -0.4, 0.5, 0.4]).object(1, [-0.14, 0.0], [0.1, 0.1, 0.1]).object(2, [0.3, -0.2], [0.06, 0.05, 0.08]).prepared();
+    let result = run(&prepared, &request(&prepared, 2, &["left_of:1"]));
+    assert_eq!((result.outcome, most_frequent(&result)), (Outcome::None, Rejection::Unsupported), "{:?}", result.rejections);
+}
+
+#[test]
+fn out_of_the_picture_it_would_not_be_seen() {
+    // The camera sees to about 0.6 m on either side; the anchor stands at the right end of a long table.
+    let prepared =
+        Builder::table_within([-1.5, -0.4, 1.5, 0.4]).object(1, [0.5, 0.0], [0.1, 0.1, 0.1]).object(2, [0.0, -0.2], [0.06, 0.05, 0.08]).prepared();
+    let result = run(&prepared, &request(&prepared, 2, &["right_of:1", "not:near:1"]));
+    assert_eq!((result.outcome, most_frequent(&result)), (Outcome::None, Rejection::OutOfView), "{:?}", result.rejections);
+}
+
+#[test]
+fn behind_a_wall_it_would_be_hidden() {
+    let prepared = Builder::table().object(1, [0.0, -0.1], [0.7, 0.04, 0.35]).object(2, [0.1, -0.3], [0.05, 0.05, 0.05]).prepared();
+    let mut hidden = request(&prepared, 2, &["behind:1"]);
+    hidden.region = vec![RegionBox { min_m: [-0.4, -0.07, -0.1], max_m: [0.4, 0.15, 0.3], inside: true }];
+    let result = run(&prepared, &hidden);
+    assert_eq!((result.outcome, most_frequent(&result)), (Outcome::None, Rejection::OutOfView), "{:?}", result.rejections);
+}
+
+#[test]
+fn contradictory_terms_are_named_with_the_one_to_give_up() {
+    let prepared = table().prepared();
+    let result = run(&prepared, &request(&prepared, 2, &["left_of:1", "right_of:1"]));
+    assert_eq!((result.outcome, most_frequent(&result)), (Outcome::None, Rejection::Goal), "{:?}", result.rejections);
+    let relaxation = result.relaxation.unwrap();
+    assert!(relaxation.admits > 10 && result.goal.contains(&relaxation.term));
+}
+
+#[test]
+fn the_asked_clearance_is_kept() {
+    let prepared = table().object(3, [0.25, 0.0], [0.08, 0.1, 0.1]).prepared();
+    let mut wide = request(&prepared, 2, &["right_of:1"]);
+    wide.min_clearance_m = Some(0.06);
+    let result = run(&prepared, &wide);
+    assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
+    assert!(result.placements[0].clearance_m >= 0.055, "{}", result.placements[0].clearance_m);
+    wide.min_clearance_m = Some(2.0);
+    let result = run(&prepared, &wide);
+    assert_eq!((result.outcome, most_frequent(&result)), (Outcome::None, Rejection::Clearance), "{:?}", result.rejections);
+}
+
+#[test]
+fn a_seed_gives_the_same_bytes_and_another_seed_another_placement() {
+    let prepared = table().prepared();
+    let bytes = |seed: u64| {
+        let request = PlaceRequest { seed, rotation: Rotation::Yaw, count: 3, ..request(&prepared, 2, &["right_of:1"]) };
+        serde_json::to_vec(&run(&prepared, &request)).unwrap()
+    };
+    assert_eq!(bytes(5), bytes(5));
+    assert_ne!(bytes(5), bytes(6));
+}
+
+#[test]
+fn a_stop_after_an_iteration_is_partial_and_before_it_an_error() {
+    let prepared = table().prepared();
+    let wanted = request(&prepared, 2, &["right_of:1"]);
+    let mut iterations = 0;
+    let result = plan(&prepared, &wanted, &NoModels, &mut |step| match step {
+        Step::Batch => ControlFlow::Continue(()),
+        Step::Iteration(progress) => {
+            iterations += 1;
+            assert_eq!(progress.iterations, iterations);
+            assert!(progress.best.is_some());
+            if iterations == 2 { ControlFlow::Break(Stop::Deadline) } else { ControlFlow::Continue(()) }
+        }
+    })
+    .unwrap();
+    assert_eq!((result.outcome, result.iterations), (Outcome::Partial, 2));
+    assert!(!result.placements.is_empty());
+    for (stop, code) in [(Stop::Deadline, ErrorCode::DeadlineExceeded), (Stop::Cancelled, ErrorCode::Cancelled)] {
+        let error = plan(&prepared, &wanted, &NoModels, &mut |_| ControlFlow::Break(stop)).unwrap_err();
+        assert_eq!(error.code, code);
+    }
+}
+
+#[test]
+fn what_the_scene_lacks_is_named() {
+    let prepared = table().prepared();
+    let error = |request: &PlaceRequest| plan(&prepared, request, &NoModels, &mut |_| ControlFlow::Continue(())).unwrap_err();
+    let unknown_query = error(&request(&prepared, 9, &["left_of:1"]));
+    assert_eq!((unknown_query.code, unknown_query.field.as_deref()), (ErrorCode::NotFound, Some("query")));
+    let unknown_anchor = error(&request(&prepared, 2, &["left_of:1", "not:near:9"]));
+    assert_eq!((unknown_anchor.code, unknown_anchor.field.as_deref()), (ErrorCode::NotFound, Some("goal[1].anchor")));
+    let no_models = error(&PlaceRequest { variant: Variant::Full, ..request(&prepared, 2, &["left_of:1"]) });
+    assert_eq!(no_models.code, ErrorCode::FailedPrecondition);
+    let tiny = table().object(4, [0.3, 0.3], [0.006, 0.006, 0.006]).prepared();
+    let too_few = plan(&tiny, &request(&tiny, 4, &["left_of:1"]), &NoModels, &mut |_| ControlFlow::Continue(())).unwrap_err();
+    assert_eq!((too_few.code, too_few.field.as_deref()), (ErrorCode::FailedPrecondition, Some("query")));
+    assert!(too_few.message.contains("object 4"), "{too_few}");
+}

@@ -1,0 +1,290 @@
+//! Calls over real Zenoh sessions, embedded and through a router on a TCP port: every way in which one can end.
+
+mod common;
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use bytes::Bytes;
+use common::{Network, Oddities, SERVICE, read, word};
+use repose_proto::{ErrorCode, Payload, Priority, ReplyAttachment, ReplyKind, limits};
+use repose_runtime::transport::{OutgoingQuery, ReplyEvent};
+use repose_runtime::{CallOptions, CancellationToken, RuntimeConfig, Session, Traffic};
+
+fn options() -> CallOptions {
+    CallOptions::within(Duration::from_secs(10))
+}
+
+/// Every ending that needs one worker, on one network.
+async fn every_ending(network: &Network) {
+    let handler = Arc::new(Oddities::default());
+    let (_session, server) = network.worker(&handler).await;
+    let caller = network.caller(1).await;
+
+    let answer = caller.call("echo", word("hello"), options()).await.unwrap();
+    assert_eq!((read(&answer.payload), answer.worker.as_str(), answer.attempts), ("hello".to_owned(), server.worker(), 1));
+
+    let (progress, mut progressed) = tokio::sync::mpsc::channel(16);
+    let counted = caller.call("count", word(""), CallOptions { progress: Some(progress), ..options() }).await.unwrap();
+    let mut seen = Vec::new();
+    while let Some(payload) = progressed.recv().await {
+        seen.push(read(&payload));
+    }
+    assert_eq!(seen, ["0", "1", "2", "3", "4"]);
+    assert!((counted.timing_ms["counting"] - 1.5).abs() < 1e-9 && counted.timing_ms.contains_key("total"));
+
+    let refused = caller.call("refuse", word(""), options()).await.unwrap_err();
+    assert_eq!((refused.code, refused.field.as_deref()), (ErrorCode::NotFound, Some("text")));
+    let unknown = caller.call("dance", word(""), options()).await.unwrap_err();
+    assert_eq!((unknown.code, unknown.field.as_deref()), (ErrorCode::InvalidArgument, Some("method")));
+    let panicked = caller.call("panic", word(""), options()).await.unwrap_err();
+    assert_eq!(panicked.code, ErrorCode::Internal);
+    let garbage = Payload { encoding: "application/json;repose.Word.v1".to_owned(), bytes: Bytes::from_static(b"{\"txet\":\"\"}") };
+    let garbage = caller.call("strict", garbage, options()).await.unwrap_err();
+    assert_eq!((garbage.code, garbage.field.as_deref()), (ErrorCode::InvalidArgument, Some("txet")));
+
+    let oversize = Payload { encoding: String::new(), bytes: vec![0; limits::MAX_MESSAGE_BYTES + 1].into() };
+    let oversize = caller.call("echo", oversize, options()).await.unwrap_err();
+    assert_eq!((oversize.code, oversize.field.as_deref()), (ErrorCode::InvalidArgument, Some("payload")));
+    let large = caller.call("large", word(""), options()).await.unwrap_err();
+    assert_eq!(large.code, ErrorCode::Internal);
+
+    let started = Instant::now();
+    let overdue = caller.call("held", word(""), CallOptions::within(Duration::from_millis(200))).await.unwrap_err();
+    assert_eq!(overdue.code, ErrorCode::DeadlineExceeded);
+    assert!(started.elapsed() < Duration::from_secs(2));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn every_ending_in_one_process() {
+    every_ending(&Network::embedded(RuntimeConfig::default()).await).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn every_ending_through_a_router() {
+    every_ending(&Network::routed(RuntimeConfig::default()).await).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_worker_that_is_seen_can_be_called_at_once() {
+    let network = Network::routed(RuntimeConfig::default()).await;
+    let caller = network.caller.caller(SERVICE).await.unwrap();
+    for round in 0..20 {
+        let handler = Arc::new(Oddities::default());
+        let session = network.session().await;
+        let calling = caller.call("echo", word("first"), CallOptions { idempotent: false, ..options() });
+        let (started, answer) = tokio::join!(session.start(SERVICE, handler.clone()), calling);
+        // One attempt: an empty first reply stream would fail it.
+        assert_eq!(read(&answer.unwrap_or_else(|e| panic!("round {round}: {e}")).payload), "first");
+        started.unwrap().drain().await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_cancel_reaches_the_handler_and_ends_the_call() {
+    let network = Network::routed(RuntimeConfig::default()).await;
+    let handler = Arc::new(Oddities::default());
+    let _worker = network.worker(&handler).await;
+    let caller = network.caller(1).await;
+    let cancel = CancellationToken::new();
+    let call = tokio::spawn({
+        let (caller, options) = (caller.clone(), CallOptions { cancel: cancel.clone(), ..options() });
+        async move { caller.call("patient", word(""), options).await }
+    });
+    handler.wait_for(&handler.started, 1).await;
+    cancel.cancel();
+    assert_eq!(call.await.unwrap().unwrap_err().code, ErrorCode::Cancelled);
+    handler.wait_for(&handler.cancelled, 1).await;
+
+    // A call that must not be repeated hears what became of it.
+    let cancel = CancellationToken::new();
+    let call = tokio::spawn({
+        let (caller, options) = (caller.clone(), CallOptions { cancel: cancel.clone(), idempotent: false, ..options() });
+        async move { caller.call("patient", word(""), options).await }
+    });
+    handler.wait_for(&handler.started, 2).await;
+    cancel.cancel();
+    assert_eq!(read(&call.await.unwrap().unwrap().payload), "stopped");
+
+    // A caller that goes away cancels too.
+    let forgotten = tokio::spawn({
+        let caller = caller.clone();
+        async move { caller.call("patient", word(""), options()).await }
+    });
+    handler.wait_for(&handler.started, 3).await;
+    forgotten.abort();
+    handler.wait_for(&handler.cancelled, 3).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_cancel_that_comes_first_still_counts() {
+    let network = Network::embedded(RuntimeConfig::default()).await;
+    let handler = Arc::new(Oddities::default());
+    let (session, server) = network.worker(&handler).await;
+    let caller = network.caller(1).await;
+    let key = session.cell().cancel(SERVICE, server.worker(), "early");
+    session.put(&key, Payload { encoding: String::new(), bytes: Bytes::new() }, Traffic::Call(Priority::Interactive)).await.unwrap();
+    let ended = loop {
+        // The cancel and the call take different ways; until it has arrived, the call under that id is simply answered.
+        match caller.call("echo", word(""), CallOptions { id: Some("early".to_owned()), ..options() }).await {
+            Ok(_) => tokio::task::yield_now().await,
+            Err(error) => break error,
+        }
+    };
+    assert_eq!(ended.code, ErrorCode::Cancelled);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn more_calls_than_may_be_open_are_refused_at_once() {
+    let mut config = RuntimeConfig::default();
+    config.worker.max_open_calls = 1;
+    config.caller.retries = 0;
+    let network = Network::embedded(config).await;
+    let handler = Arc::new(Oddities::default());
+    let _worker = network.worker(&handler).await;
+    let caller = network.caller(1).await;
+    let held = tokio::spawn({
+        let caller = caller.clone();
+        async move { caller.call("held", word(""), options()).await }
+    });
+    handler.wait_for(&handler.started, 1).await;
+    let refused = caller.call("echo", word(""), options()).await.unwrap_err();
+    assert_eq!(refused.code, ErrorCode::ResourceExhausted);
+    assert!(refused.retryable && refused.retry_after_ms.is_some());
+    handler.release.notify_one();
+    held.await.unwrap().unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_same_id_is_computed_once_and_a_different_request_under_it_refused() {
+    let network = Network::embedded(RuntimeConfig::default()).await;
+    let handler = Arc::new(Oddities::default());
+    let _worker = network.worker(&handler).await;
+    let caller = network.caller(1).await;
+    let execute = |text: &str| {
+        let options = CallOptions { id: Some("once".to_owned()), ..CallOptions::at_most_once(Duration::from_secs(5)) };
+        let (caller, request) = (caller.clone(), word(text));
+        async move { caller.call("execute", request, options).await }
+    };
+    let (first, second) = tokio::join!(execute("a"), execute("a"));
+    assert_eq!((read(&first.unwrap().payload), read(&second.unwrap().payload)), ("a".to_owned(), "a".to_owned()));
+    assert_eq!(read(&execute("a").await.unwrap().payload), "a");
+    assert_eq!(execute("b").await.unwrap_err().code, ErrorCode::FailedPrecondition);
+    assert_eq!(handler.started.load(std::sync::atomic::Ordering::SeqCst), 1);
+}
+
+/// Sends an attachment as it is and returns the terminal reply's attachment and error.
+async fn raw(session: &Session, worker: &str, attachment: &'static [u8]) -> (ReplyAttachment, repose_proto::CallError) {
+    let key = session.cell().call(SERVICE, worker);
+    let attachment = Bytes::from_static(attachment);
+    let query = OutgoingQuery { payload: word(""), attachment, priority: Priority::Interactive, timeout: Duration::from_secs(5) };
+    let mut replies = session.transport().query(&key, query).await.unwrap();
+    let Some(ReplyEvent::Reply { payload, attachment }) = replies.next().await else { panic!("no reply") };
+    assert!(replies.next().await.is_none(), "the stream must end after the terminal reply");
+    (ReplyAttachment::decode(&attachment).unwrap(), payload.decode_json().unwrap())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_attachment_that_breaks_the_contract_is_answered_with_its_field() {
+    let network = Network::routed(RuntimeConfig::default()).await;
+    let handler = Arc::new(Oddities::default());
+    let (_session, server) = network.worker(&handler).await;
+    network.caller(1).await;
+    let cases: [(&'static [u8], &str); 6] = [
+        (b"", "attachment"),
+        (b"{", "payload"),
+        (br#"{"v":2,"id":"a","method":"echo","remaining_ms":100,"news":1}"#, "v"),
+        (br#"{"v":1,"id":"a","method":"echo","remaining_ms":0}"#, "remaining_ms"),
+        (br#"{"v":1,"id":"a","method":"echo"}"#, "remaining_ms"),
+        (br#"{"v":1,"id":"a/b","method":"echo","remaining_ms":100}"#, "id"),
+    ];
+    for (attachment, field) in cases {
+        let (reply, error) = raw(&network.caller, server.worker(), attachment).await;
+        assert_eq!((reply.kind, reply.worker.as_deref()), (ReplyKind::Error, Some(server.worker())));
+        assert_eq!((error.code, error.field.as_deref()), (ErrorCode::InvalidArgument, Some(field)), "{error}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_call_whose_worker_dies_is_answered_by_another() {
+    let network = Network::routed(RuntimeConfig::default()).await;
+    let (doomed, other) = (Arc::new(Oddities::default()), Arc::new(Oddities { work_ms: 1, ..Oddities::default() }));
+    let (doomed_session, doomed_server) = network.worker(&doomed).await;
+    let caller = network.caller(1).await;
+    let call = tokio::spawn({
+        let caller = caller.clone();
+        async move { caller.call("held", word("x"), options()).await }
+    });
+    doomed.wait_for(&doomed.started, 1).await;
+    let (_session, server) = network.worker(&other).await;
+    caller.wait_for_workers(2, Duration::from_secs(5)).await.unwrap();
+    other.release.notify_one();
+    // Not drained: the link goes while the call is open.
+    doomed_session.close().await.unwrap();
+    drop(doomed_server);
+    let answer = call.await.unwrap().unwrap();
+    assert_eq!((answer.worker.as_str(), answer.attempts), (server.worker(), 2));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn draining_finishes_what_is_open_and_refuses_what_comes() {
+    let mut config = RuntimeConfig::default();
+    config.caller.retries = 0;
+    let network = Network::routed(config).await;
+    let handler = Arc::new(Oddities::default());
+    let (_session, server) = network.worker(&handler).await;
+    let caller = network.caller(1).await;
+    let open = tokio::spawn({
+        let caller = caller.clone();
+        async move { caller.call("held", word(""), options()).await }
+    });
+    handler.wait_for(&handler.started, 1).await;
+    let draining = tokio::spawn(server.drain());
+    while !caller.workers().is_empty() {
+        tokio::task::yield_now().await;
+    }
+    let refused = caller.call("echo", word(""), options()).await.unwrap_err();
+    assert_eq!(refused.code, ErrorCode::Unavailable);
+    handler.release.notify_one();
+    assert_eq!(read(&open.await.unwrap().unwrap().payload), "released");
+    draining.await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn calls_go_where_they_are_pinned_and_can_ask_everyone() {
+    let network = Network::routed(RuntimeConfig::default()).await;
+    let [a, b] = ["aa", "bb"].map(|weights| Arc::new(Oddities { weights: weights.to_owned(), ..Oddities::default() }));
+    let (_session_a, server_a) = network.worker(&a).await;
+    let (_session_b, server_b) = network.worker(&b).await;
+    let caller = network.caller(2).await;
+    for _ in 0..5 {
+        let pinned = CallOptions { worker: Some(server_b.worker().to_owned()), ..options() };
+        assert_eq!(caller.call("echo", word(""), pinned).await.unwrap().worker, server_b.worker());
+        let accept = CallOptions { accept: Some(Arc::new(|load| load.weights_hash == "aa")), ..options() };
+        assert_eq!(caller.call("echo", word(""), accept).await.unwrap().worker, server_a.worker());
+    }
+    let nobody = CallOptions { accept: Some(Arc::new(|load| load.weights_hash == "cc")), ..CallOptions::within(Duration::from_millis(100)) };
+    assert_eq!(caller.call("echo", word(""), nobody).await.unwrap_err().code, ErrorCode::DeadlineExceeded);
+    let all = caller.call_all("echo", &word("all"), &options()).await;
+    assert_eq!(all.len(), 2);
+    assert!(all.iter().all(|(worker, answer)| answer.as_ref().is_ok_and(|a| a.worker == *worker)));
+    assert_eq!(read(&caller.call_any("echo", &word("any"), &options()).await.unwrap().payload), "any");
+    assert_eq!(caller.call_any("refuse", &word(""), &options()).await.unwrap_err().code, ErrorCode::NotFound);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn large_requests_arrive_whole_and_calls_are_spread() {
+    let network = Network::routed(RuntimeConfig::default()).await;
+    let handlers = [(); 2].map(|()| Arc::new(Oddities { work_ms: 20, ..Oddities::default() }));
+    let _first = network.worker(&handlers[0]).await;
+    let _second = network.worker(&handlers[1]).await;
+    let caller = network.caller(2).await;
+    let text = "x".repeat(8 << 20);
+    assert_eq!(read(&caller.call("echo", word(&text), options()).await.unwrap().payload).len(), text.len());
+    let calls = (0..40).map(|_| caller.call("work", word("w"), options()));
+    for answer in futures::future::join_all(calls).await {
+        answer.unwrap();
+    }
+    let counts = handlers.map(|h| h.started.load(std::sync::atomic::Ordering::SeqCst));
+    assert!(counts.iter().all(|c| *c >= 10), "uneven: {counts:?}");
+}

@@ -1,0 +1,86 @@
+//! The simulator's configuration: every field with its unit, its default, and what raising it does. Unknown fields are refused.
+
+use repose_proto::keys::validate_chunk;
+use serde::{Deserialize, Serialize};
+
+use crate::SimulatorError;
+use crate::sensor::SensorSettings;
+
+/// Configuration of a simulator process, section `[simulator]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SimulatorConfig {
+    /// The seed of the first scene. Default 0.
+    pub seed: u64,
+    /// The camera's name in the key space. Default `front`.
+    pub camera: String,
+    /// The robot's name in the key space. Default `panda`.
+    pub robot: String,
+    /// How often a frame is put, milliseconds, at least 10. Default 200; lower makes fresher scenes and more traffic (2 MB a frame).
+    pub frame_period_ms: u64,
+    /// How often the robot's state is put, milliseconds, at least 1. Default 10; higher makes commanders react later.
+    pub state_period_ms: u64,
+    /// Simulated seconds per real second, above 0 to 100. Default 1; higher runs faster than a real robot, as far as the machine keeps up.
+    pub time_scale: f64,
+    /// Whether frames carry the true instance labels. Default true; without them perception segments by itself.
+    pub labels: bool,
+    /// Whether the hand is in the picture. Default false: frames are as after a driver's self filter.
+    pub show_hand: bool,
+    /// Standard deviation of the depth noise at one metre, metres; it grows with the square of the distance. Default 0.0012.
+    pub depth_noise_at_1m: f32,
+    /// Commands and requests that wait; more are refused. Default 64.
+    pub queue: usize,
+}
+
+impl Default for SimulatorConfig {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            camera: "front".to_owned(),
+            robot: "panda".to_owned(),
+            frame_period_ms: 200,
+            state_period_ms: 10,
+            time_scale: 1.0,
+            labels: true,
+            show_hand: false,
+            depth_noise_at_1m: SensorSettings::default().noise_at_1m,
+            queue: 64,
+        }
+    }
+}
+
+impl SimulatorConfig {
+    /// Checks what the types cannot.
+    ///
+    /// # Errors
+    /// [`SimulatorError::Config`] that names the field.
+    pub fn validate(&self) -> Result<(), SimulatorError> {
+        let fail = |field: &'static str, message: String| Err(SimulatorError::Config { field, message });
+        for (field, name) in [("camera", &self.camera), ("robot", &self.robot)] {
+            if let Err(error) = validate_chunk(field, name) {
+                return fail(field, error.message);
+            }
+        }
+        if self.frame_period_ms < 10 {
+            return fail("frame_period_ms", format!("expected at least 10, got {}", self.frame_period_ms));
+        }
+        if self.state_period_ms < 1 {
+            return fail("state_period_ms", "expected at least 1, got 0".to_owned());
+        }
+        if !(self.time_scale > 0.0 && self.time_scale <= 100.0) {
+            return fail("time_scale", format!("expected above 0 to 100, got {}", self.time_scale));
+        }
+        if !(0.0..=0.1).contains(&self.depth_noise_at_1m) {
+            return fail("depth_noise_at_1m", format!("expected 0 to 0.1, got {}", self.depth_noise_at_1m));
+        }
+        if self.queue == 0 {
+            return fail("queue", "expected at least 1, got 0".to_owned());
+        }
+        Ok(())
+    }
+
+    /// The sensor's imperfections.
+    pub fn sensor(&self) -> SensorSettings {
+        SensorSettings { noise_at_1m: self.depth_noise_at_1m, ..SensorSettings::default() }
+    }
+}

@@ -1,0 +1,292 @@
+//! The thread that owns the world: steps it at the configured rate, takes commands and requests, shows states and frames.
+//!
+//! What goes out is the newest only (a reader that is late sees the next one); what comes in waits in a bounded queue and is refused when
+//! that is full. When the machine does not keep up, simulated time falls behind rather than running in bursts.
+
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::{Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use repose_geometry::ViewerFrame;
+use repose_geometry::transform::to_row_major;
+use repose_proto::robot::{EmergencyStop, RobotCommand, RobotMode, RobotState};
+use repose_proto::simulator::{TrueObject, TruePair, Truth};
+use repose_proto::{CallError, CameraModel, ErrorCode, Frame, Payload, RigidTransform, limits};
+use tokio::sync::{oneshot, watch};
+
+use crate::cell::CellSettings;
+use crate::cell_world::CellWorld;
+use crate::config::SimulatorConfig;
+use crate::robot::{ArmSettings, HandSettings};
+use crate::SimulatorError;
+
+/// Longest real time that is made up for when the thread was held up; more is lost to simulated time.
+const CATCH_UP: Duration = Duration::from_millis(60);
+/// Longest nap between two looks at the clock.
+const NAP: Duration = Duration::from_millis(2);
+/// Metres per count of the frames' depth.
+const DEPTH_UNIT_M: f64 = 0.001;
+
+/// What the world is told or asked.
+enum Input {
+    Command(RobotCommand),
+    Stop(EmergencyStop),
+    Reset { seed: u64, reply: oneshot::Sender<Result<Truth, CallError>> },
+    Truth { view_yaw_rad: Option<f64>, reply: oneshot::Sender<Result<Truth, CallError>> },
+}
+
+/// A running world.
+pub struct Worker {
+    inputs: Mutex<Option<SyncSender<Input>>>,
+    states: watch::Receiver<Option<Payload>>,
+    frames: watch::Receiver<Option<Payload>>,
+    thread: Mutex<Option<JoinHandle<()>>>,
+}
+
+impl Worker {
+    /// Starts the world of a configuration. It ends when the worker is dropped.
+    ///
+    /// # Errors
+    /// [`SimulatorError`] when the configuration is out of range, its seed gives no scene, or there is no thread.
+    pub fn start(config: &SimulatorConfig) -> Result<Self, SimulatorError> {
+        config.validate()?;
+        let cell = CellWorld::new(config.seed, CellSettings::default(), ArmSettings::default(), HandSettings::default())?;
+        let (inputs, waiting) = sync_channel(config.queue);
+        let (states_out, states) = watch::channel(None);
+        let (frames_out, frames) = watch::channel(None);
+        let world = Running { cell, config: config.clone(), waiting, states: states_out, frames: frames_out, started: Instant::now(), states_made: 0 };
+        let thread = std::thread::Builder::new().name("world".to_owned()).spawn(move || world.run())?;
+        Ok(Self { inputs: Mutex::new(Some(inputs)), states, frames, thread: Mutex::new(Some(thread)) })
+    }
+
+    /// Encoded robot states, the newest only.
+    pub fn states(&self) -> watch::Receiver<Option<Payload>> {
+        self.states.clone()
+    }
+
+    /// Encoded frames, the newest only.
+    pub fn frames(&self) -> watch::Receiver<Option<Payload>> {
+        self.frames.clone()
+    }
+
+    /// Hands a command to the arm, which may still ignore it.
+    ///
+    /// # Errors
+    /// `resource_exhausted` when too many wait.
+    pub fn command(&self, command: RobotCommand) -> Result<(), CallError> {
+        self.send(Input::Command(command))
+    }
+
+    /// Hands an emergency stop to the arm.
+    ///
+    /// # Errors
+    /// `resource_exhausted` when too many wait; it is repeated by its sender until the state shows it.
+    pub fn emergency_stop(&self, stop: EmergencyStop) -> Result<(), CallError> {
+        self.send(Input::Stop(stop))
+    }
+
+    /// Sets up the scene of a seed, and tells what it is.
+    ///
+    /// # Errors
+    /// `failed_precondition` while the arm moves or when the seed gives no scene; `resource_exhausted` when too many wait.
+    pub async fn reset(&self, seed: u64) -> Result<Truth, CallError> {
+        let (reply, answer) = oneshot::channel();
+        self.send(Input::Reset { seed, reply })?;
+        answer.await.unwrap_or_else(|_| Err(gone()))
+    }
+
+    /// The world as it is; relations as a viewer sees them, the camera without one.
+    ///
+    /// # Errors
+    /// `resource_exhausted` when too many wait.
+    pub async fn truth(&self, view_yaw_rad: Option<f64>) -> Result<Truth, CallError> {
+        let (reply, answer) = oneshot::channel();
+        self.send(Input::Truth { view_yaw_rad, reply })?;
+        answer.await.unwrap_or_else(|_| Err(gone()))
+    }
+
+    fn send(&self, input: Input) -> Result<(), CallError> {
+        let inputs = self.inputs.lock().unwrap_or_else(PoisonError::into_inner);
+        let sender = inputs.as_ref().ok_or_else(gone)?;
+        sender.try_send(input).map_err(|error| match error {
+            TrySendError::Full(_) => CallError::new(ErrorCode::ResourceExhausted, "the world has too much to take in").retry_after(50),
+            TrySendError::Disconnected(_) => gone(),
+        })
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        // Without a sender the thread ends within a nap.
+        drop(self.inputs.lock().unwrap_or_else(PoisonError::into_inner).take());
+        if let Some(thread) = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the world's thread had panicked");
+        }
+    }
+}
+
+fn gone() -> CallError {
+    CallError::new(ErrorCode::Unavailable, "the world has ended")
+}
+
+/// The world on its thread.
+struct Running {
+    cell: CellWorld,
+    config: SimulatorConfig,
+    waiting: Receiver<Input>,
+    states: watch::Sender<Option<Payload>>,
+    frames: watch::Sender<Option<Payload>>,
+    started: Instant,
+    states_made: u64,
+}
+
+impl Running {
+    fn run(mut self) {
+        let period = |ms: u64| Duration::from_millis(ms);
+        let step = Duration::from_secs_f64(self.cell.step_s() / self.config.time_scale);
+        let (mut stepped_to, mut next_state, mut next_frame) = (Instant::now(), Instant::now(), Instant::now());
+        let mut mode = self.cell.arm.mode();
+        loop {
+            match self.waiting.recv_timeout(NAP.min(step)) {
+                Ok(input) => self.take(input),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+            while let Ok(input) = self.waiting.try_recv() {
+                self.take(input);
+            }
+            let now = Instant::now();
+            stepped_to = stepped_to.max(now.checked_sub(CATCH_UP).unwrap_or(stepped_to));
+            while stepped_to + step <= now {
+                let now_s = self.now_s();
+                self.cell.step(now_s);
+                stepped_to += step;
+            }
+            let changed = std::mem::replace(&mut mode, self.cell.arm.mode()) != mode;
+            if changed || now >= next_state {
+                next_state = now + period(self.config.state_period_ms);
+                self.show_state();
+            }
+            if now >= next_frame {
+                next_frame = now + period(self.config.frame_period_ms);
+                self.show_frame();
+            }
+        }
+    }
+
+    fn take(&mut self, input: Input) {
+        match input {
+            Input::Command(command) => {
+                let now_s = self.now_s();
+                if let Err(why) = self.cell.arm.command(&command, now_s) {
+                    tracing::debug!(owner = command.owner.id, seq = command.seq, %why, "command ignored");
+                }
+            }
+            Input::Stop(stop) => self.cell.arm.emergency_stop(&stop),
+            Input::Reset { seed, reply } => {
+                let outcome = self.reset(seed);
+                // Whoever asked may be gone.
+                drop(reply.send(outcome));
+            }
+            Input::Truth { view_yaw_rad, reply } => drop(reply.send(Ok(self.truth(view_yaw_rad)))),
+        }
+    }
+
+    fn reset(&mut self, seed: u64) -> Result<Truth, CallError> {
+        if self.cell.arm.mode() == RobotMode::Moving {
+            return Err(CallError::precondition("the robot moves"));
+        }
+        self.cell.reset(seed).map_err(|error| CallError::precondition(error.to_string()).at("seed"))?;
+        self.show_state();
+        self.show_frame();
+        Ok(self.truth(None))
+    }
+
+    fn truth(&mut self, view_yaw_rad: Option<f64>) -> Truth {
+        let scene = self.cell.truth();
+        let viewer = view_yaw_rad.map_or_else(|| ViewerFrame::from_camera(&self.cell.settings().world_from_camera()), ViewerFrame::from_yaw);
+        let n = scene.objects.len();
+        let relations = scene.relations(&viewer);
+        let pairs = (0..n * n).filter(|k| k / n != k % n).map(|k| TruePair { query: scene.objects[k / n].id, anchor: scene.objects[k % n].id, holds: relations[k] });
+        let objects = scene.objects.iter().map(|o| {
+            let pose = RigidTransform(to_row_major(&o.world_from_object));
+            let extent = o.shape.half_extents_m * 2.0;
+            TrueObject { id: o.id, name: o.shape.family.name().to_owned(), world_from_object: pose, world_from_box: pose, extent_m: extent.into() }
+        });
+        Truth {
+            seed: scene.seed,
+            sim_ms: self.cell.robot_ms(),
+            at_rest: self.cell.at_rest(),
+            view_yaw_rad: viewer.yaw_rad(),
+            objects: objects.collect(),
+            relations: pairs.collect(),
+        }
+    }
+
+    fn show_state(&mut self) {
+        self.states_made += 1;
+        let (gripper_width_m, gripper_settled, gripper_holding) = self.cell.gripper();
+        let arm = &self.cell.arm;
+        let state = RobotState {
+            v: limits::VERSION,
+            seq: self.states_made,
+            stamp_ns: wall_ns(),
+            robot_ms: self.cell.robot_ms(),
+            q_rad: *arm.q_rad(),
+            dq_rad_s: *arm.dq_rad_s(),
+            gripper_width_m,
+            gripper_settled,
+            gripper_holding,
+            mode: arm.mode(),
+            stop: arm.stop().cloned(),
+            owner: arm.owner().cloned(),
+            last_command: arm.last_command(),
+            stream_ms: arm.stream_ms(),
+        };
+        show(&self.states, Payload::json(&state));
+    }
+
+    fn show_frame(&mut self) {
+        let picture = self.cell.sensed_picture(&self.config.sensor(), self.config.show_hand);
+        let settings = self.cell.settings();
+        let pinhole = settings.camera;
+        let counts = |z: &f32| (f64::from(*z) / DEPTH_UNIT_M).round().clamp(0.0, f64::from(u16::MAX)) as u16;
+        let frame = Frame {
+            camera_name: self.config.camera.clone(),
+            stamp_ns: wall_ns(),
+            camera: CameraModel {
+                width: pinhole.width,
+                height: pinhole.height,
+                fx: pinhole.fx,
+                fy: pinhole.fy,
+                cx: pinhole.cx,
+                cy: pinhole.cy,
+                depth_unit_m: DEPTH_UNIT_M,
+                world_from_camera: Some(RigidTransform(to_row_major(&settings.world_from_camera()))),
+            },
+            depth: picture.depth_m.pixels().iter().map(counts).collect(),
+            color: Some(picture.color.into_pixels()),
+            labels: self.config.labels.then(|| picture.labels.into_pixels()),
+        };
+        show(&self.frames, Payload::bulk(Frame::SCHEMA, &frame.to_bulk()));
+    }
+
+    /// Seconds on the clock that commands expire by.
+    fn now_s(&self) -> f64 {
+        self.started.elapsed().as_secs_f64()
+    }
+}
+
+fn show(to: &watch::Sender<Option<Payload>>, payload: Result<Payload, CallError>) {
+    match payload {
+        Ok(payload) => drop(to.send_replace(Some(payload))),
+        Err(error) => tracing::error!(%error, "a message could not be encoded"),
+    }
+}
+
+fn wall_ns() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64)
+}
