@@ -52,12 +52,12 @@ impl CallAttachment {
         struct OnlyVersion {
             v: Option<serde_json::Value>,
         }
-        let version: OnlyVersion = crate::message::from_json(bytes)?;
+        let version: OnlyVersion = attachment_json(bytes)?;
         if version.v.as_ref().and_then(serde_json::Value::as_u64) != Some(u64::from(limits::VERSION)) {
             let got = version.v.map_or_else(|| "none".to_owned(), |v| v.to_string());
             return Err(CallError::invalid("v", format!("this worker speaks version {}, got {got}", limits::VERSION)));
         }
-        let attachment: Self = crate::message::from_json(bytes)?;
+        let attachment: Self = attachment_json(bytes)?;
         // Ids become chunks of cancel keys.
         crate::keys::validate_chunk("id", &attachment.id)?;
         if !(1..=limits::MAX_REMAINING_MS).contains(&attachment.remaining_ms) {
@@ -71,6 +71,11 @@ impl CallAttachment {
     pub fn encode(&self) -> Vec<u8> {
         serde_json::to_vec(self).unwrap_or_default()
     }
+}
+
+/// Reads an attachment; what is no JSON at all is the attachment's fault and not the payload's.
+fn attachment_json<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T, CallError> {
+    crate::message::from_json(bytes).map_err(|e| if e.field.as_deref() == Some("payload") { e.at("attachment") } else { e })
 }
 
 /// What a reply is.
@@ -115,7 +120,7 @@ impl ReplyAttachment {
     /// # Errors
     /// `invalid_argument` that names the field.
     pub fn decode(bytes: &[u8]) -> Result<Self, CallError> {
-        let attachment: Self = crate::message::from_json(bytes)?;
+        let attachment: Self = attachment_json(bytes)?;
         if attachment.v != limits::VERSION {
             return Err(CallError::invalid("v", format!("expected version {}, got {}", limits::VERSION, attachment.v)));
         }

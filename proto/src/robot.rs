@@ -194,8 +194,8 @@ pub struct EmergencyStop {
     pub source: String,
     /// Why.
     pub reason: String,
-    /// When, milliseconds since the Unix epoch.
-    pub stamp_ms: u64,
+    /// When, nanoseconds since the Unix epoch.
+    pub stamp_ns: u64,
 }
 
 impl Message for EmergencyStop {

@@ -190,7 +190,11 @@ impl Scene {
         if meta.camera.world_from_camera.is_none() {
             return Err(CallError::invalid("scene.camera.world_from_camera", "a scene's camera must have a pose"));
         }
-        for object in &meta.objects {
+        for (i, object) in meta.objects.iter().enumerate() {
+            if object.id == 0 || meta.objects[..i].iter().any(|other| other.id == object.id) {
+                let message = format!("object ids are unique and not 0, got {}", object.id);
+                return Err(CallError::invalid(format!("scene.objects[{i}].id"), message));
+            }
             if !labels.contains(&object.id) {
                 return Err(CallError::invalid("scene.objects", format!("object {} has no points in the cloud", object.id)));
             }

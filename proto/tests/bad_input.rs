@@ -76,6 +76,39 @@ fn an_empty_cloud_is_refused() {
 }
 
 #[test]
+fn objects_of_a_scene_have_ids_of_their_own_and_points() {
+    type Edit = fn(&mut SceneMeta);
+    let cases: [(&str, Edit); 4] = [
+        ("scene.objects[0].id", |m| m.objects[0].id = 0),
+        ("scene.objects[1].id", |m| m.objects[1].id = 1),
+        ("scene.objects", |m| m.objects[0].id = 9),
+        ("scene.camera.world_from_camera", |m| m.camera.world_from_camera = None),
+    ];
+    for (expected, edit) in cases {
+        let mut wrong = scene();
+        edit(&mut wrong.meta);
+        assert_eq!(field(&Scene::from_bulk(&wrong.to_bulk()).unwrap_err()), expected);
+    }
+}
+
+#[test]
+fn metadata_that_is_missing_or_garbled_is_named() {
+    for entry in ["camera", "stamp_ns", "scene"] {
+        let mut bulk = scene().to_bulk();
+        bulk.metadata.remove(entry);
+        assert_eq!(field(&Scene::from_bulk(&bulk).unwrap_err()), entry);
+    }
+    let mut bulk = frame().to_bulk();
+    bulk.metadata.insert("stamp_ns".into(), "yesterday".into());
+    assert_eq!(field(&Frame::from_bulk(&bulk).unwrap_err()), "stamp_ns");
+    let mut bulk = frame().to_bulk();
+    bulk.metadata.insert("camera".into(), "Front Camera".into());
+    assert_eq!(field(&Frame::from_bulk(&bulk).unwrap_err()), "camera");
+    bulk.tensors.remove("depth");
+    assert_eq!(field(&Frame::from_bulk(&bulk).unwrap_err()), "depth");
+}
+
+#[test]
 fn tensors_and_pictures_whose_sizes_disagree_are_refused() {
     let mut bulk = scene().to_bulk();
     bulk.tensors.insert("labels".into(), Tensor::u16(&[2], &[1, 2]));
@@ -99,6 +132,8 @@ fn wrong_versions_and_schemas_are_told() {
     assert_eq!(field(&CallAttachment::decode(call).unwrap_err()), "v");
     let call = br#"{"id":"a","method":"place","remaining_ms":1}"#;
     assert_eq!(field(&CallAttachment::decode(call).unwrap_err()), "v");
+    assert_eq!(field(&CallAttachment::decode(b"\xff\xfe").unwrap_err()), "attachment");
+    assert_eq!(field(&ReplyAttachment::decode(b"").unwrap_err()), "attachment");
     let payload = Payload { encoding: "application/json;repose.PlaceRequest.v2".into(), ..Payload::json(&place_request()).unwrap() };
     assert_eq!(field(&payload.decode_json::<PlaceRequest>().unwrap_err()), "encoding");
     let payload = Payload::bulk(Scene::SCHEMA, &scene().to_bulk()).unwrap();

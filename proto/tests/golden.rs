@@ -5,7 +5,11 @@ mod common;
 use std::path::Path;
 
 use common::*;
-use repose_proto::scoring::{PriorReply, ScoreReply, ScoreRequest};
+use repose_proto::motion::{ExecuteProgress, RobotResetReply, RobotResetRequest};
+use repose_proto::perception::{LatestRequest, SceneRequest};
+use repose_proto::place::PlaceProgress;
+use repose_proto::scoring::{ModelsRequest, PriorReply, ScoreReply, ScoreRequest};
+use repose_proto::simulator::{TruthRequest, WorldResetRequest};
 use repose_proto::*;
 
 fn check(name: &str, bytes: &[u8]) {
@@ -31,6 +35,32 @@ fn json_messages_keep_their_bytes() {
     check("RobotCommand.v1.json", &json(&robot_command()));
     check("SceneSummary.v1.json", &json(&scene().summary(SCENE_ID.into())));
     check("CallError.v1.json", &json(&CallError::invalid("goal[0].anchor", "no such object")));
+    check("PlaceProgress.v1.json", &json(&PlaceProgress { iterations: 1, evaluated: 100, best: place_result().placements.pop() }));
+    check("LatestRequest.v1.json", &json(&LatestRequest { camera: "table".into() }));
+    check("SceneRequest.v1.json", &json(&SceneRequest { scene_id: SCENE_ID.into() }));
+    check("PriorRequest.v1.json", &json(&prior_request()));
+    check("ModelsRequest.v1.json", &json(&ModelsRequest {}));
+    check("ModelsReply.v1.json", &json(&models_reply()));
+    check("ExecuteProgress.v1.json", &json(&ExecuteProgress { phase: "lift".into(), done: 3, of: 8 }));
+    check("RobotResetRequest.v1.json", &json(&RobotResetRequest { robot: "panda".into() }));
+    check("RobotResetReply.v1.json", &json(&RobotResetReply { was_stopped: true }));
+    check("RobotState.v1.json", &json(&robot_state()));
+    check("EmergencyStop.v1.json", &json(&emergency_stop()));
+    check("WorldResetRequest.v1.json", &json(&WorldResetRequest { seed: 7 }));
+    check("TruthRequest.v1.json", &json(&TruthRequest { view_yaw_rad: Some(0.5) }));
+    check("Truth.v1.json", &json(&truth()));
+    check("WorkerLoad.v1.json", &json(&worker_load()));
+}
+
+#[test]
+fn every_message_with_a_schema_has_its_bytes_checked_in() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
+    // Parts of other messages, and of a frame folder on disk.
+    let parts = ["CameraModel.v1", "SceneMeta.v1"];
+    for (name, _) in schemas::all().iter().filter(|(name, _)| !parts.contains(&name.as_str())) {
+        let found = ["json", "safetensors"].iter().any(|form| folder.join(format!("{name}.{form}")).exists());
+        assert!(found, "tests/golden has no {name}");
+    }
 }
 
 #[test]
@@ -54,7 +84,7 @@ fn attachments_keep_their_bytes() {
         attempt: 1,
         traceparent: None,
     };
-    check("CallAttachment.json", &call.encode());
+    check("CallAttachment.v1.json", &call.encode());
     assert_eq!(CallAttachment::decode(&call.encode()).unwrap(), call);
     let reply = ReplyAttachment {
         v: 1,
@@ -65,7 +95,7 @@ fn attachments_keep_their_bytes() {
         attempt: Some(1),
         timing_ms: [("search".to_owned(), 12.5)].into(),
     };
-    check("ReplyAttachment.json", &reply.encode());
+    check("ReplyAttachment.v1.json", &reply.encode());
     assert_eq!(ReplyAttachment::decode(&reply.encode()).unwrap(), reply);
 }
 

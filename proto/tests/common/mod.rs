@@ -3,11 +3,13 @@
 
 use std::collections::BTreeMap;
 
+use repose_proto::load::WorkerLoad;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, Grasp, MotionFailure, MotionPhase, MotionPlan, MotionPlanRequest, NotChosen};
 use repose_proto::place::*;
 use repose_proto::robot::*;
 use repose_proto::scene::*;
 use repose_proto::scoring::*;
+use repose_proto::simulator::{TrueObject, TruePair, Truth};
 use repose_proto::*;
 
 pub const SCENE_ID: &str = "0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef";
@@ -190,5 +192,82 @@ pub fn prior_reply() -> PriorReply {
         kernel: "k".into(),
         candidates: vec![[0.5, 0.25, 0.125, 0.0]],
         components: vec![0],
+    }
+}
+
+pub fn prior_request() -> PriorRequest {
+    PriorRequest {
+        scene: SceneRef { scene_id: SCENE_ID.into() },
+        query: 1,
+        anchor: 2,
+        goal: [1, 0, 0, -1, 0, 0, 0, 0, 0, 0],
+        view_yaw_rad: 0.25,
+        rotation: Rotation::Yaw,
+        count: 100,
+        seed: 9,
+    }
+}
+
+pub fn models_reply() -> ModelsReply {
+    let model = ModelInfo {
+        name: "relations".into(),
+        hash: "h".into(),
+        recipe: serde_json::json!({"seed": 1}),
+        metrics: serde_json::json!({"f1": 0.5}),
+    };
+    ModelsReply { weights_hash: "w".into(), kernel: "avx2".into(), models: vec![model] }
+}
+
+pub fn robot_state() -> RobotState {
+    RobotState {
+        v: 1,
+        seq: 5,
+        stamp_ns: 1_700_000_000_000_000_001,
+        robot_ms: 12.5,
+        q_rad: [0.25; 7],
+        dq_rad_s: [0.0; 7],
+        gripper_width_m: 0.0625,
+        gripper_settled: true,
+        gripper_holding: false,
+        mode: RobotMode::Stopped,
+        stop: Some(StopState { kind: "estop".into(), reason: "button".into(), estop_id: Some("e1".into()) }),
+        owner: Some(Owner { id: "motion-1".into(), epoch: 2 }),
+        last_command: Some(3),
+        stream_ms: None,
+    }
+}
+
+pub fn emergency_stop() -> EmergencyStop {
+    EmergencyStop { v: 1, id: "e1".into(), source: "panel".into(), reason: "button".into(), stamp_ns: 1_700_000_000_000_000_001 }
+}
+
+pub fn truth() -> Truth {
+    Truth {
+        seed: 7,
+        sim_ms: 250.0,
+        at_rest: true,
+        view_yaw_rad: 0.0,
+        objects: vec![TrueObject {
+            id: 1,
+            name: "mug".into(),
+            world_from_object: RigidTransform::IDENTITY,
+            world_from_box: RigidTransform::IDENTITY,
+            extent_m: [0.0625, 0.0625, 0.125],
+        }],
+        relations: vec![TruePair { query: 1, anchor: 2, holds: [true, false, false, false, false, false, true, false, false, false] }],
+    }
+}
+
+pub fn worker_load() -> WorkerLoad {
+    WorkerLoad {
+        v: 1,
+        seq: 9,
+        queue_depth: 2,
+        queue_capacity: 32,
+        in_flight: 1,
+        service_ms: 12.5,
+        weights_hash: "w".into(),
+        kernel: "avx2".into(),
+        draining: false,
     }
 }

@@ -27,7 +27,7 @@ fn main() -> ExitCode {
         eprintln!("panics will be reported plainly: {error}");
     }
     let cli = Cli::parse();
-    repose_runtime::start_logging("warn,repose=info");
+    repose_runtime::start_logging("warn,zenoh=error,repose=info");
     match run(&cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {

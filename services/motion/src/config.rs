@@ -22,6 +22,8 @@ pub struct MotionConfig {
     pub acceleration_scale: f64,
     /// Share of both near things (approach, lift, lower, retreat), above 0 to 1. Default 0.5.
     pub contact_scale: f64,
+    /// Share of both while the object is carried, above 0 to 1. Default 0.5; higher is faster and loses more objects.
+    pub holding_scale: f64,
     /// What is added to the robot's spheres against the scene, metres. Default 0.003; more keeps further off and finds fewer ways.
     pub padding_m: f64,
     /// Grip force, newtons. Default 30.
@@ -63,6 +65,7 @@ impl Default for MotionConfig {
             velocity_scale: planning.timing.velocity_scale,
             acceleration_scale: planning.timing.acceleration_scale,
             contact_scale: planning.contact_scale,
+            holding_scale: planning.holding_scale,
             padding_m: planning.padding_m,
             grip_force_n: planning.grip_force_n,
             grasps: planning.grasp.count,
@@ -108,6 +111,7 @@ impl MotionConfig {
         share("velocity_scale", self.velocity_scale)?;
         share("acceleration_scale", self.acceleration_scale)?;
         share("contact_scale", self.contact_scale)?;
+        share("holding_scale", self.holding_scale)?;
         within("padding_m", self.padding_m, 0.0, 0.05)?;
         within("grip_force_n", self.grip_force_n, 1.0, 70.0)?;
         within("grasps", self.grasps as f64, 1.0, 10_000.0)?;
@@ -117,6 +121,7 @@ impl MotionConfig {
         let mut settings = PickPlaceSettings {
             world_from_base,
             contact_scale: self.contact_scale,
+            holding_scale: self.holding_scale,
             padding_m: self.padding_m,
             grip_force_n: self.grip_force_n,
             ..PickPlaceSettings::default()

@@ -21,7 +21,7 @@ pub struct ExecutionSettings {
     pub resends: u32,
     /// How long the robot's state may be silent, milliseconds. Default 1500.
     pub state_timeout_ms: u64,
-    /// How long the gripper may take to settle, milliseconds of robot time. Default 6000.
+    /// How long the gripper may take to settle, milliseconds of robot time; then what it has reached decides. Default 3000.
     pub gripper_timeout_ms: f64,
     /// How far behind its stream the robot may be at the end, milliseconds of robot time. Default 3000.
     pub lag_ms: f64,
@@ -35,7 +35,7 @@ impl Default for ExecutionSettings {
             take_timeout_ms: 400,
             resends: 5,
             state_timeout_ms: 1500,
-            gripper_timeout_ms: 6000.0,
+            gripper_timeout_ms: 3000.0,
             lag_ms: 3000.0,
         }
     }
@@ -56,8 +56,12 @@ pub enum Step {
 const ARRIVED_RAD: f64 = 0.02;
 /// How far apart the end of one phase and the start of the next may be, radians per joint.
 const JOINED_RAD: f64 = 1e-3;
-/// How long a settled gripper is watched before it is believed, milliseconds of robot time.
+/// How long a gripper is given before its settling is believed, milliseconds of robot time.
 const SETTLED_MS: f64 = 100.0;
+/// How far from its commanded width a gripper that does not settle may stand to have reached it, metres.
+const REACHED_M: f64 = 0.004;
+/// Share of the width at the grasp by which the fingers close further when the object has gone.
+const CLOSED_SHARE: f64 = 0.3;
 
 /// One plan on its way.
 #[derive(Debug)]
@@ -68,6 +72,8 @@ pub struct Execution {
     seq: u64,
     phase: usize,
     stage: Stage,
+    /// How wide the object held the fingers apart, metres.
+    grasp_width_m: f64,
     last_state: RobotState,
     last_state_ms: u64,
     over: bool,
@@ -121,6 +127,7 @@ impl Execution {
             seq: 0,
             phase: 0,
             stage: Stage::Gripper { taken, settled_since_ms: None },
+            grasp_width_m: 0.0,
             last_state: state.clone(),
             last_state_ms: now_ms,
             over: false,
@@ -231,16 +238,22 @@ impl Execution {
         let since_ms = settled_since_ms.unwrap_or(robot_ms);
         self.stage = Stage::Gripper { taken, settled_since_ms: Some(since_ms) };
         let waited_ms = robot_ms - since_ms;
-        if self.last_state.gripper_settled && waited_ms >= SETTLED_MS {
-            if self.current().name == "grasp" && !self.last_state.gripper_holding {
+        let is_settled = self.last_state.gripper_settled && waited_ms >= SETTLED_MS;
+        if !is_settled && waited_ms <= self.settings.gripper_timeout_ms {
+            return Vec::new();
+        }
+        let (width_m, wanted_m) = (self.last_state.gripper_width_m, self.current().gripper.map_or(0.0, |g| g.width_m));
+        if self.current().name == "grasp" {
+            // Fingers that press may tremble for long: standing well apart is holding too.
+            if !self.last_state.gripper_holding && width_m <= wanted_m + REACHED_M {
                 return self.done(ExecutionOutcome::GraspLost, Some("the gripper closed on nothing".to_owned()));
             }
-            return self.start_stream(now_ms, 0);
+            self.grasp_width_m = width_m;
+        } else if !is_settled && (width_m - wanted_m).abs() > REACHED_M {
+            let reason = format!("the gripper stands at {width_m:.3} m and was sent to {wanted_m:.3} m");
+            return self.done(ExecutionOutcome::Stopped, Some(reason));
         }
-        if waited_ms > self.settings.gripper_timeout_ms {
-            return self.done(ExecutionOutcome::Stopped, Some("the gripper did not settle".to_owned()));
-        }
-        Vec::new()
+        self.start_stream(now_ms, 0)
     }
 
     fn has_arrived(&self) -> bool {
@@ -264,7 +277,8 @@ impl Execution {
 
     fn end_phase(&mut self, now_ms: u64) -> Vec<Step> {
         let carrying = matches!(self.current().name.as_str(), "lift" | "transfer" | "lower");
-        if carrying && !self.last_state.gripper_holding {
+        let closed_m = self.grasp_width_m - self.last_state.gripper_width_m;
+        if carrying && !self.last_state.gripper_holding && closed_m > CLOSED_SHARE * self.grasp_width_m {
             return self.done(ExecutionOutcome::GraspLost, Some("the object was lost on the way".to_owned()));
         }
         if self.phase + 1 == self.plan.phases.len() {

@@ -57,8 +57,8 @@ impl Obstacles {
             let near = |s: &&&SupportSurface| (f64::from(p.z) - s.height_m).abs() < settings.surface_noise_m;
             furniture.iter().filter(near).any(|s| s.footprint.margin(&p.xy()) >= 0.0)
         };
-        let thinned: Vec<Point3<f32>> = cloud::voxel_downsampled(points, settings.voxel_m).into_iter().filter(|p| !is_noise(p)).collect();
-        Self { slabs, grid: CellGrid::new(&thinned, settings.cell_m) }
+        let standing: Vec<Point3<f32>> = points.iter().filter(|p| !is_noise(p)).copied().collect();
+        Self { slabs, grid: CellGrid::new(&cloud::voxel_downsampled(&standing, settings.voxel_m), settings.cell_m) }
     }
 
     /// Whether anything lies within `radius_m` of `center`, both in the world frame.
@@ -155,14 +155,23 @@ impl CellGrid {
         let limit = (GAP_CELLS * GAP_CELLS) as u32;
         let mut squares: Vec<u32> = self.starts.windows(2).map(|w| if w[1] > w[0] { 0 } else { limit }).collect();
         let strides = [self.size[1] * self.size[2], self.size[2], 1];
-        for (stride, length) in strides.into_iter().zip(self.size) {
-            let mut line = vec![0u32; length];
-            for first in (0..squares.len()).filter(|i| (i / stride) % length == 0) {
-                (0..length).for_each(|k| line[k] = squares[first + k * stride]);
-                for k in 0..length {
-                    let window = k.saturating_sub(GAP_CELLS)..(k + GAP_CELLS + 1).min(length);
-                    let nearest = window.map(|j| line[j] + (k.abs_diff(j).saturating_sub(1) as u32).pow(2)).min();
-                    squares[first + k * stride] = nearest.unwrap_or(limit).min(limit);
+        // Along z first: there lines lie together in memory, and most of them hold nothing and are passed over.
+        for (stride, length) in strides.into_iter().zip(self.size).rev() {
+            let mut line = vec![limit; length];
+            for outer in (0..squares.len()).step_by(stride * length) {
+                for first in outer..outer + stride {
+                    let near = (0..length).filter(|k| squares[first + k * stride] < limit);
+                    let near: Vec<(usize, u32)> = near.map(|k| (k, squares[first + k * stride])).collect();
+                    if near.is_empty() {
+                        continue;
+                    }
+                    line.fill(limit);
+                    for (k, square) in near {
+                        for j in k.saturating_sub(GAP_CELLS)..(k + GAP_CELLS + 1).min(length) {
+                            line[j] = line[j].min(square + (k.abs_diff(j).saturating_sub(1) as u32).pow(2));
+                        }
+                    }
+                    (0..length).for_each(|k| squares[first + k * stride] = line[k]);
                 }
             }
         }

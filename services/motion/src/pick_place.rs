@@ -12,6 +12,7 @@ use repose_panda::{Frame, Joints, LIMITS};
 use crate::collision::{CollisionChecker, HeldObject};
 use crate::grasp::sight::Sight;
 use crate::grasp::{Grasp, GraspScene, GraspSettings, GraspTally, grasps};
+use crate::joint_path::distance;
 use crate::obstacles::{ObstacleSettings, Obstacles};
 use crate::plan::{EndTally, GripperMove, NotChosen, Phase, PickPlaceError, PickPlacePlan, PlannedPhase};
 use crate::reach::{EndFailure, PickEnd, PlaceEnd, Reach, ReachSettings};
@@ -39,6 +40,9 @@ pub struct PickPlaceSettings {
     pub timing: TimingSettings,
     /// Share of that speed and acceleration near things: approach, lift, lower, retreat. Default 0.5.
     pub contact_scale: f64,
+    /// Share of the free speed and acceleration at which the object is carried: what is held by friction turns and slips when it is
+    /// hurried. Default 0.5.
+    pub holding_scale: f64,
     /// What is added to the robot's spheres, metres. Default 0.003.
     pub padding_m: f64,
     /// Spacing of the held object's points, metres. Default 0.012.
@@ -49,6 +53,10 @@ pub struct PickPlaceSettings {
     pub grip_force_n: f64,
     /// Grasps tried per placement, both turns of the hand counted. Default 64.
     pub grasps_per_placement: usize,
+    /// A carry of at most this length (joint space) is short enough not to look for a shorter one, radians. Default 2.2.
+    pub carry_rad: f64,
+    /// Grasps with longer carries that are compared. Default 8.
+    pub compared: usize,
     /// Path searches per placement that may fail. Default 4.
     pub path_failures: usize,
 }
@@ -64,11 +72,14 @@ impl Default for PickPlaceSettings {
             simplify: SimplifySettings::default(),
             timing: TimingSettings::default(),
             contact_scale: 0.5,
+            holding_scale: 0.5,
             padding_m: 0.003,
             held_spacing_m: 0.012,
             held_radius_m: 0.004,
             grip_force_n: 30.0,
             grasps_per_placement: 64,
+            carry_rad: 2.2,
+            compared: 8,
             path_failures: 4,
         }
     }
@@ -91,6 +102,11 @@ pub struct PickPlaceRequest<'a> {
     pub seed: u64,
 }
 
+/// Height of the shoulder over the base, metres.
+const SHOULDER_M: f64 = 0.333;
+/// Further from the shoulder than arm, hand and a held object reach, metres.
+const ARM_REACH_M: f32 = 1.3;
+
 /// Plans a pick and place for the best placement that the arm can serve.
 ///
 /// # Errors
@@ -101,7 +117,10 @@ pub fn pick_place(request: &PickPlaceRequest<'_>, settings: &PickPlaceSettings) 
         return Err(PickPlaceError::NoObject(request.query));
     }
     let surfaces: Vec<_> = request.scene.surfaces.iter().filter(|s| s.object != Some(request.query)).cloned().collect();
-    let others = Obstacles::new(&request.scene.points_without(request.query), &surfaces, &settings.obstacles);
+    let shoulder_in_world = (settings.world_from_base * Point3::new(0.0, 0.0, SHOULDER_M)).cast::<f32>();
+    let mut around = request.scene.points_without(request.query);
+    around.retain(|p| (p - shoulder_in_world).norm_squared() < ARM_REACH_M * ARM_REACH_M);
+    let others = Obstacles::new(&around, &surfaces, &settings.obstacles);
     let query = Obstacles::new(&object, &[], &settings.obstacles);
     let (others, everything) = ([&others], [&others, &query]);
 
@@ -182,6 +201,19 @@ impl TriedGrasp<'_> {
     }
 }
 
+/// Both ends of a move with one grasp.
+struct Ends {
+    pick: PickEnd,
+    place: PlaceEnd,
+}
+
+impl Ends {
+    /// Where the lift ends.
+    fn lifted(&self) -> &Joints {
+        &self.pick.lift[self.pick.lift.len() - 1]
+    }
+}
+
 struct Search<'a> {
     request: &'a PickPlaceRequest<'a>,
     settings: &'a PickPlaceSettings,
@@ -209,7 +241,10 @@ impl<'a> Search<'a> {
         LIMITS.clamped(&near, self.settings.reach.inverse.limit_margin_rad)
     }
 
-    /// The first grasp that serves a placement, with the whole plan; or how many failed where.
+    /// The grasp that serves a placement, with the whole plan; or how many failed where.
+    ///
+    /// Of the grasps that work at both ends the first that needs no long way between them is taken, or else the one with the shortest: a long
+    /// carry (the wrist turned about, the arm folded over) takes longer and loses more objects than a slightly worse grasp.
     fn placement(
         &self,
         placed_from_observed: &Isometry3<f64>,
@@ -217,45 +252,69 @@ impl<'a> Search<'a> {
         rng: &mut Pcg64,
     ) -> Result<(Grasp, Vec<PlannedPhase>), EndTally> {
         let mut tally = EndTally::default();
-        for grasp in tried {
-            let pick = match grasp.pick_end(rng) {
-                Ok(pick) => pick,
-                Err(EndFailure::Unreachable) => {
-                    tally.pick_unreachable += 1;
-                    continue;
+        let mut far: Vec<(f64, usize, Ends)> = Vec::new();
+        for (index, grasp) in tried.iter_mut().enumerate() {
+            let Some(ends) = self.ends(placed_from_observed, grasp, &mut tally, rng) else { continue };
+            let carry_rad = distance(ends.lifted(), &ends.place.lower[0]);
+            if carry_rad > self.settings.carry_rad {
+                far.push((carry_rad, index, ends));
+                if far.len() == self.settings.compared {
+                    break;
                 }
-                Err(EndFailure::Blocked(contact)) => {
-                    tally.pick_blocked += 1;
-                    tally.contact = Some(contact);
-                    continue;
+            } else if let Some(phases) = self.joined(grasp, &ends, rng) {
+                return Ok((grasp.grasp, phases));
+            } else {
+                tally.no_path += 1;
+                if tally.no_path == self.settings.path_failures {
+                    break;
                 }
-            };
-            let lifted = pick.lift[pick.lift.len() - 1];
-            let place = match grasp.reach().place(&grasp.grasp, placed_from_observed, &lifted, rng) {
-                Ok(place) => place,
-                Err(EndFailure::Unreachable) => {
-                    tally.place_unreachable += 1;
-                    continue;
-                }
-                Err(EndFailure::Blocked(contact)) => {
-                    tally.place_blocked += 1;
-                    tally.contact = Some(contact);
-                    continue;
-                }
-            };
-            let to_standoff = grasp.standoff(&pick, rng);
-            let transfer = to_standoff.is_some().then(|| self.path(&lifted, &place.lower[0], &grasp.holding(), rng)).flatten();
-            if let (Some(to_standoff), Some(transfer)) = (to_standoff, transfer)
-                && let Some(phases) = self.phases(grasp, &pick, &place, to_standoff, transfer)
-            {
+            }
+        }
+        far.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for (_, index, ends) in far.iter().take(self.settings.path_failures) {
+            let grasp = &mut tried[*index];
+            if let Some(phases) = self.joined(grasp, ends, rng) {
                 return Ok((grasp.grasp, phases));
             }
             tally.no_path += 1;
-            if tally.no_path >= self.settings.path_failures {
-                break;
-            }
         }
         Err(tally)
+    }
+
+    /// Both ends of the move with a grasp, or a count of what stood in the way.
+    fn ends(&self, placed_from_observed: &Isometry3<f64>, grasp: &mut TriedGrasp<'_>, tally: &mut EndTally, rng: &mut Pcg64) -> Option<Ends> {
+        let pick = match grasp.pick_end(rng) {
+            Ok(pick) => pick,
+            Err(EndFailure::Unreachable) => {
+                tally.pick_unreachable += 1;
+                return None;
+            }
+            Err(EndFailure::Blocked(contact)) => {
+                tally.pick_blocked += 1;
+                tally.contact = Some(contact);
+                return None;
+            }
+        };
+        let lifted = pick.lift[pick.lift.len() - 1];
+        match grasp.reach().place(&grasp.grasp, placed_from_observed, &lifted, rng) {
+            Ok(place) => Some(Ends { pick, place }),
+            Err(EndFailure::Unreachable) => {
+                tally.place_unreachable += 1;
+                None
+            }
+            Err(EndFailure::Blocked(contact)) => {
+                tally.place_blocked += 1;
+                tally.contact = Some(contact);
+                None
+            }
+        }
+    }
+
+    /// The whole plan with a grasp, if free ways join its ends.
+    fn joined(&self, grasp: &mut TriedGrasp<'_>, ends: &Ends, rng: &mut Pcg64) -> Option<Vec<PlannedPhase>> {
+        let to_standoff = grasp.standoff(&ends.pick, rng)?;
+        let transfer = self.path(ends.lifted(), &ends.place.lower[0], &grasp.holding(), rng)?;
+        self.phases(grasp, &ends.pick, &ends.place, to_standoff, transfer)
     }
 
     /// A timed free path between two configurations.
@@ -263,7 +322,11 @@ impl<'a> Search<'a> {
         let is_free = |q: &Joints| checker.is_free(q);
         let corners = rrt_connect(from, &[*to], &is_free, &self.settings.rrt, rng).ok()?;
         let corners = simplified(corners, &self.settings.simplify, &is_free, rng);
-        timed(&corners, &self.settings.timing, &is_free)
+        let timing = match checker.held {
+            Some(_) => self.settings.timing.slowed(self.settings.holding_scale),
+            None => self.settings.timing,
+        };
+        timed(&corners, &timing, &is_free)
     }
 
     fn phases(
@@ -274,13 +337,8 @@ impl<'a> Search<'a> {
         to_standoff: Trajectory,
         transfer: Trajectory,
     ) -> Option<Vec<PlannedPhase>> {
-        let slow = TimingSettings {
-            velocity_scale: self.settings.timing.velocity_scale * self.settings.contact_scale,
-            acceleration_scale: self.settings.timing.acceleration_scale * self.settings.contact_scale,
-            // The corners are a centimetre apart and nearly in line: rounding them by this little changes nothing that was checked.
-            deviation_rad: 0.002,
-            ..self.settings.timing
-        };
+        // The corners are a centimetre apart and nearly in line: rounding them by this little changes nothing that was checked.
+        let slow = TimingSettings { deviation_rad: 0.002, ..self.settings.timing.slowed(self.settings.contact_scale) };
         let open = GripperMove { width_m: grasp.grasp.opening_m, force_n: self.settings.grip_force_n };
         let close = GripperMove { width_m: 0.0, force_n: self.settings.grip_force_n };
         let phase = |phase, gripper, trajectory| PlannedPhase { phase, gripper, trajectory };

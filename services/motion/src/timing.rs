@@ -28,6 +28,14 @@ impl Default for TimingSettings {
     }
 }
 
+impl TimingSettings {
+    /// The same with a share of the speed and the acceleration.
+    #[must_use]
+    pub fn slowed(&self, share: f64) -> Self {
+        Self { velocity_scale: self.velocity_scale * share, acceleration_scale: self.acceleration_scale * share, ..*self }
+    }
+}
+
 /// Intervals are at most this long in path parameter, radians.
 const INTERVAL_RAD: f64 = 0.02;
 /// Share of the acceleration that a curve may use for turning; the rest is left for braking on it.

@@ -124,7 +124,7 @@ impl Default for SurfaceSettings {
             bin_m: 0.004,
             tolerance_m: 0.012,
             separation_m: 0.03,
-            cell_m: 0.02,
+            cell_m: 0.03,
             object_cell_m: 0.01,
             min_area_m2: 0.02,
             min_object_area_m2: 0.0015,

@@ -57,6 +57,7 @@ fn surfaces_of(mut points: Vec<Point3<f32>>, object: Option<u16>, settings: &Sur
         }
         let (slice, rest): (Vec<_>, Vec<_>) = points.into_iter().partition(|p| (p.z - peak_m).abs() <= settings.tolerance_m);
         points = rest;
+        let earlier = found.len();
         for patch in patches(slice, cell_m) {
             let seen_m2 = patch.cells as f32 * cell_m * cell_m;
             if seen_m2 < min_area_m2 {
@@ -65,8 +66,8 @@ fn surfaces_of(mut points: Vec<Point3<f32>>, object: Option<u16>, settings: &Sur
             let Some(outline) = outline(&patch.points) else { continue };
             let seen_m2 = seen_m2.min(outline.area());
             let surface = SupportSurface { height_m: median_height(patch.points), outline, seen_m2, object };
-            // The noisy rim of a surface that was found already is not another one.
-            if !found.iter().any(|other| echoes(&surface, other, settings)) {
+            // The noisy rim of a surface of a fuller slice is not another one.
+            if !found[..earlier].iter().any(|other| echoes(&surface, other, settings)) {
                 found.push(surface);
             }
         }

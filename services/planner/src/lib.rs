@@ -2,12 +2,15 @@
 //!
 //! The domain is pure and synchronous: [`plan()`] searches on a [`Prepared`] scene (Algorithm 1 of the paper, `search`), asking learned
 //! models through the [`Models`] port, or none for the `geometric` variant. `settings` says what each variant is made of.
+//! Around it is the service ([`run`]): it fetches scenes from perception, searches on its own threads, and asks inference for scores.
 
 pub mod answers;
 pub mod candidate;
 pub mod columns;
+pub mod config;
 pub mod constraints;
 pub mod cost;
+pub mod endpoints;
 pub mod footing;
 pub mod judge;
 pub mod judged;
@@ -19,19 +22,42 @@ pub mod plan;
 pub mod prepared;
 pub mod proposals;
 pub mod query;
+pub mod remote_models;
 pub mod rules;
+pub mod scene_cache;
 pub mod search;
 pub mod settings;
 pub mod shape;
 pub mod surrogate;
 pub mod view;
+pub mod worker;
 
+#[cfg(test)]
+mod learned_tests;
 #[cfg(test)]
 mod plan_tests;
 #[cfg(test)]
 pub(crate) mod synthetic;
 
+use std::sync::Arc;
+
+use repose_proto::Service;
+use repose_runtime::{RuntimeError, Session, Shutdown};
+
+pub use config::PlannerConfig;
 pub use models::{Models, NoModels};
 pub use plan::{Report, Step, plan, plan_with_report};
 pub use prepared::Prepared;
 pub use search::Stop;
+
+/// Runs a planner worker until `shutdown`, then drains it.
+///
+/// # Errors
+/// When the network or the operating system refuses.
+pub async fn run(session: Session, config: PlannerConfig, shutdown: Shutdown) -> Result<(), RuntimeError> {
+    let worker = Arc::new(worker::Worker::start(&config)?);
+    let perception = session.caller(Service::Perception).await?;
+    let inference = session.caller(Service::Inference).await?;
+    let endpoints = Arc::new(endpoints::Endpoints::new(worker, perception, inference, &config));
+    session.serve(Service::Planner, endpoints, shutdown).await
+}

@@ -71,6 +71,7 @@ pub fn plan_with_report(
     control: &mut dyn FnMut(Step) -> ControlFlow<Stop>,
 ) -> Result<Report, CallError> {
     request.validate()?;
+    prepared.check()?;
     if request.scene.scene_id != prepared.scene_id {
         let message = format!("expected {}, got {}", prepared.scene_id, request.scene.scene_id);
         return Err(CallError::invalid("scene.scene_id", message));

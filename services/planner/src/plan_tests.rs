@@ -237,4 +237,9 @@ fn what_the_scene_lacks_is_named() {
     let too_few = plan(&tiny, &request(&tiny, 4, &["left_of:1"]), &NoModels, &mut |_| ControlFlow::Continue(())).unwrap_err();
     assert_eq!((too_few.code, too_few.field.as_deref()), (ErrorCode::FailedPrecondition, Some("query")));
     assert!(too_few.message.contains("object 4"), "{too_few}");
+    let mut adrift = table().scene();
+    adrift.meta.camera.world_from_camera = None;
+    let adrift = Prepared::new(std::sync::Arc::new(adrift));
+    let no_pose = plan(&adrift, &request(&adrift, 2, &["left_of:1"]), &NoModels, &mut |_| ControlFlow::Continue(())).unwrap_err();
+    assert_eq!((no_pose.code, no_pose.field.as_deref()), (ErrorCode::InvalidArgument, Some("scene.camera.world_from_camera")));
 }

@@ -6,8 +6,8 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use nalgebra::{Point2, Point3};
-use repose_geometry::{Footprint, cloud, transform};
+use nalgebra::{Isometry3, Point2, Point3};
+use repose_geometry::{Aabb, Footprint, cloud, transform};
 use repose_proto::{CallError, Scene};
 
 use crate::columns::{Columns, Run, bounds_around};
@@ -52,26 +52,32 @@ pub struct Prepared {
     pub columns: Columns,
     /// What the camera saw.
     pub view: ObservedView,
+    fault: Option<CallError>,
+    min_points: usize,
 }
 
 impl Prepared {
-    /// Prepares a scene with the default settings; `scene_id` must be the scene's.
+    /// Prepares a scene with the default settings. Hashes it for its id.
     ///
-    /// # Errors
-    /// `invalid_argument` when the cloud is empty or the camera has no (rigid) pose.
-    pub fn new(scene: Arc<Scene>, scene_id: String) -> Result<Self, CallError> {
+    /// A scene that cannot be planned on (an empty cloud, a camera without a rigid pose) is prepared too: planning on it is the error.
+    pub fn new(scene: Arc<Scene>) -> Self {
+        let scene_id = scene.id();
+        Self::with_id(scene, scene_id)
+    }
+
+    /// Prepares a scene whose id is known.
+    pub fn with_id(scene: Arc<Scene>, scene_id: String) -> Self {
         Self::with_settings(scene, scene_id, &SceneSettings::default())
     }
 
-    /// Prepares a scene.
-    ///
-    /// # Errors
-    /// `invalid_argument` when the cloud is empty or the camera has no (rigid) pose.
-    pub fn with_settings(scene: Arc<Scene>, scene_id: String, settings: &SceneSettings) -> Result<Self, CallError> {
-        let pose = scene.meta.camera.world_from_camera.as_ref();
-        let pose = pose.ok_or_else(|| CallError::invalid("scene.camera.world_from_camera", "a scene's camera must have a pose"))?;
-        let world_from_camera =
-            transform::from_row_major(&pose.0).map_err(|e| CallError::invalid("scene.camera.world_from_camera", e.to_string()))?;
+    /// Prepares a scene with other settings.
+    pub fn with_settings(scene: Arc<Scene>, scene_id: String, settings: &SceneSettings) -> Self {
+        let pose = pose_of(&scene);
+        let fault = match &pose {
+            Err(error) => Some(error.clone()),
+            Ok(_) => scene.points.is_empty().then(|| CallError::invalid("points", "the cloud is empty")),
+        };
+        let world_from_camera = pose.unwrap_or_else(|_| Isometry3::identity());
 
         let mut clouds: BTreeMap<u16, Vec<Point3<f32>>> = BTreeMap::new();
         for (p, label) in scene.points.iter().zip(&scene.labels).filter(|(_, label)| **label != 0) {
@@ -81,7 +87,7 @@ impl Prepared {
         // Without any object there is nothing to plan with, but the caller's mistake is then named by the object it asked for.
         let bounds = bounds_around(&of_objects, &scene.points, settings.reach_m)
             .or_else(|| bounds_around(&[Point3::origin()], &scene.points, settings.reach_m))
-            .ok_or_else(|| CallError::invalid("points", "the cloud is empty"))?;
+            .unwrap_or(Aabb { min: Point3::origin(), max: Point3::origin() });
         let seen = Columns::of_points(&scene.points, &scene.labels, &bounds, settings.cell_m, settings.gap_m);
         let planes: Vec<SupportPlane> = scene.meta.surfaces.iter().filter_map(plane).collect();
 
@@ -98,7 +104,15 @@ impl Prepared {
             objects.insert(id, PreparedObject { points, centroid, shape });
         }
         let view = ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &world_from_camera, settings.view_columns);
-        Ok(Self { columns: seen.with(hidden), scene, scene_id, objects, planes, view })
+        Self { columns: seen.with(hidden), fault, scene, scene_id, objects, planes, view, min_points: settings.min_points }
+    }
+
+    /// Whether the scene can be planned on.
+    ///
+    /// # Errors
+    /// `invalid_argument` when the cloud is empty or the camera has no rigid pose.
+    pub fn check(&self) -> Result<(), CallError> {
+        self.fault.clone().map_or(Ok(()), Err)
     }
 
     /// An object with its completed shape.
@@ -110,12 +124,19 @@ impl Prepared {
             let known: Vec<String> = self.objects.keys().map(u16::to_string).collect();
             CallError::not_found(field, format!("the scene has no object {id}; it has {}", list(&known)))
         })?;
-        let enough = object.points.len() >= SceneSettings::default().min_points;
+        let enough = object.points.len() >= self.min_points;
         let shape = object.shape.as_ref().filter(|_| enough).ok_or_else(|| {
             CallError::precondition(format!("object {id} has too few points to plan with ({})", object.points.len())).at(field)
         })?;
         Ok((object, shape))
     }
+}
+
+fn pose_of(scene: &Scene) -> Result<Isometry3<f64>, CallError> {
+    let field = "scene.camera.world_from_camera";
+    let pose = scene.meta.camera.world_from_camera.as_ref();
+    let pose = pose.ok_or_else(|| CallError::invalid(field, "a scene's camera must have a pose"))?;
+    transform::from_row_major(&pose.0).map_err(|e| CallError::invalid(field, e.to_string()))
 }
 
 fn list(known: &[String]) -> String {

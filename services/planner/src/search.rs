@@ -128,13 +128,9 @@ pub fn search(
                 let count = quotas[0].next(settings.batch, settings.draws_per_batch);
                 source.draw(count, judge, rng)
             } else {
-                let mut drawn = draw_from_modes(&modes, &mut quotas, judge, rng);
-                if findings.accepted.is_empty() {
-                    // The modes lead to where least is missed; that may be the wrong place, and says little of the right one.
-                    let fresh = source.draw(3 * drawn.len(), judge, rng);
-                    drawn.extend(fresh.into_iter().map(|(candidate, _)| (candidate, modes[0].id)));
-                }
-                drawn
+                // While nothing is feasible, the modes only lead to where least is missed: most draws still go where the goal is.
+                let fresh = (findings.accepted.is_empty() && source.proposer.is_some()).then_some(&mut source);
+                draw_from_modes(&modes, &mut quotas, fresh, judge, rng)
             };
             if batch.is_empty() {
                 break;
@@ -182,12 +178,27 @@ impl Quota {
     }
 }
 
-fn draw_from_modes(modes: &[Mode], quotas: &mut [Quota], judge: &Judge<'_>, rng: &mut Pcg64) -> Vec<(Candidate, usize)> {
+/// The next draws of every mode, within their quotas; with a source of fresh candidates, three of four are from there.
+fn draw_from_modes(
+    modes: &[Mode],
+    quotas: &mut [Quota],
+    mut fresh: Option<&mut Source<'_>>,
+    judge: &Judge<'_>,
+    rng: &mut Pcg64,
+) -> Vec<(Candidate, usize)> {
     let settings = judge.settings;
     let mut out = Vec::new();
+    let mut left = settings.batch;
     for (mode, quota) in modes.iter().zip(quotas) {
-        let wanted = ((settings.batch as f64 * mode.share).round() as usize).max(1);
-        for _ in 0..quota.next(wanted, settings.draws_per_batch) {
+        let wanted = ((settings.batch as f64 * mode.share) as usize).max(1).min(left);
+        left -= wanted;
+        let count = quota.next(wanted, settings.draws_per_batch);
+        let mut from_mode = count;
+        if let Some(source) = fresh.as_deref_mut() {
+            from_mode = count.div_ceil(4);
+            out.extend(source.draw(count - from_mode, judge, rng).into_iter().map(|(candidate, _)| (candidate, mode.id)));
+        }
+        for _ in 0..from_mode {
             let drawn = mode.surrogate.draw(rng);
             out.push((judge.settle(&drawn, judge.ceiling_over(&drawn)), mode.id));
         }

@@ -123,7 +123,7 @@ impl Settings {
         let recipe = Recipe::of(request.variant);
         let budget = &request.budget;
         // Without networks a candidate costs microseconds: search widely.
-        let (batch, draws) = if recipe.needs_models() { (100, 3) } else { (300, 6) };
+        let (batch, draws) = if recipe.needs_models() { (100, 3) } else { (200, 5) };
         let (realism_weight, iterations) = match request.variant {
             Variant::FullLambda1 => (1.0, 5),
             Variant::NoDiscriminator => (0.0, 5),

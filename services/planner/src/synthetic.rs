@@ -77,9 +77,7 @@ impl Builder {
 
     /// The scene, prepared.
     pub fn prepared(&self) -> Prepared {
-        let scene = Arc::new(self.scene());
-        let id = scene.id();
-        Prepared::new(scene, id).unwrap()
+        Prepared::new(Arc::new(self.scene()))
     }
 
     fn first_hit(&self, eye: &Point3<f64>, direction: &Vector3<f64>) -> Option<(f64, u16)> {

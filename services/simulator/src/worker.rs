@@ -31,14 +31,17 @@ const DEPTH_UNIT_M: f64 = 0.001;
 /// What the world is told or asked.
 enum Input {
     Command(RobotCommand),
-    Stop(EmergencyStop),
     Reset { seed: u64, reply: oneshot::Sender<Result<Truth, CallError>> },
     Truth { view_yaw_rad: Option<f64>, reply: oneshot::Sender<Result<Truth, CallError>> },
 }
 
+/// Emergency stops that may wait; a full queue of commands does not hold them up.
+const STOPS: usize = 16;
+
 /// A running world.
 pub struct Worker {
     inputs: Mutex<Option<SyncSender<Input>>>,
+    stops: SyncSender<EmergencyStop>,
     states: watch::Receiver<Option<Payload>>,
     frames: watch::Receiver<Option<Payload>>,
     thread: Mutex<Option<JoinHandle<()>>>,
@@ -53,11 +56,13 @@ impl Worker {
         config.validate()?;
         let cell = CellWorld::new(config.seed, CellSettings::default(), ArmSettings::default(), HandSettings::default())?;
         let (inputs, waiting) = sync_channel(config.queue);
+        let (stops, waiting_stops) = sync_channel(STOPS);
         let (states_out, states) = watch::channel(None);
         let (frames_out, frames) = watch::channel(None);
-        let world = Running { cell, config: config.clone(), waiting, states: states_out, frames: frames_out, started: Instant::now(), states_made: 0 };
+        let config = config.clone();
+        let world = Running { cell, config, waiting, waiting_stops, states: states_out, frames: frames_out, started: Instant::now(), states_made: 0 };
         let thread = std::thread::Builder::new().name("world".to_owned()).spawn(move || world.run())?;
-        Ok(Self { inputs: Mutex::new(Some(inputs)), states, frames, thread: Mutex::new(Some(thread)) })
+        Ok(Self { inputs: Mutex::new(Some(inputs)), stops, states, frames, thread: Mutex::new(Some(thread)) })
     }
 
     /// Encoded robot states, the newest only.
@@ -83,7 +88,7 @@ impl Worker {
     /// # Errors
     /// `resource_exhausted` when too many wait; it is repeated by its sender until the state shows it.
     pub fn emergency_stop(&self, stop: EmergencyStop) -> Result<(), CallError> {
-        self.send(Input::Stop(stop))
+        self.stops.try_send(stop).map_err(refused)
     }
 
     /// Sets up the scene of a seed, and tells what it is.
@@ -109,10 +114,14 @@ impl Worker {
     fn send(&self, input: Input) -> Result<(), CallError> {
         let inputs = self.inputs.lock().unwrap_or_else(PoisonError::into_inner);
         let sender = inputs.as_ref().ok_or_else(gone)?;
-        sender.try_send(input).map_err(|error| match error {
-            TrySendError::Full(_) => CallError::new(ErrorCode::ResourceExhausted, "the world has too much to take in").retry_after(50),
-            TrySendError::Disconnected(_) => gone(),
-        })
+        sender.try_send(input).map_err(refused)
+    }
+}
+
+fn refused<T>(error: TrySendError<T>) -> CallError {
+    match error {
+        TrySendError::Full(_) => CallError::new(ErrorCode::ResourceExhausted, "the world has too much to take in").retry_after(50),
+        TrySendError::Disconnected(_) => gone(),
     }
 }
 
@@ -137,6 +146,7 @@ struct Running {
     cell: CellWorld,
     config: SimulatorConfig,
     waiting: Receiver<Input>,
+    waiting_stops: Receiver<EmergencyStop>,
     states: watch::Sender<Option<Payload>>,
     frames: watch::Sender<Option<Payload>>,
     started: Instant,
@@ -150,12 +160,16 @@ impl Running {
         let (mut stepped_to, mut next_state, mut next_frame) = (Instant::now(), Instant::now(), Instant::now());
         let mut mode = self.cell.arm.mode();
         loop {
-            match self.waiting.recv_timeout(NAP.min(step)) {
-                Ok(input) => self.take(input),
-                Err(RecvTimeoutError::Timeout) => {}
+            let first = match self.waiting.recv_timeout(NAP.min(step)) {
+                Ok(input) => Some(input),
+                Err(RecvTimeoutError::Timeout) => None,
                 Err(RecvTimeoutError::Disconnected) => return,
+            };
+            while let Ok(stop) = self.waiting_stops.try_recv() {
+                self.cell.arm.emergency_stop(&stop);
             }
-            while let Ok(input) = self.waiting.try_recv() {
+            let others: Vec<Input> = self.waiting.try_iter().collect();
+            for input in first.into_iter().chain(others) {
                 self.take(input);
             }
             let now = Instant::now();
@@ -185,7 +199,6 @@ impl Running {
                     tracing::debug!(owner = command.owner.id, seq = command.seq, %why, "command ignored");
                 }
             }
-            Input::Stop(stop) => self.cell.arm.emergency_stop(&stop),
             Input::Reset { seed, reply } => {
                 let outcome = self.reset(seed);
                 // Whoever asked may be gone.

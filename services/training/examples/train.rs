@@ -1,4 +1,5 @@
-//! A training run without the rest of the system: `train joint|discriminator DATA OUT MINUTES [START]`.
+//! A training run without the rest of the system: `train joint|discriminator DATA OUT MINUTES [START]`; THREADS, SLOTS, SAMPLES and CHECKPOINT
+//! in the environment. Run it with RAYON_NUM_THREADS=1 and CANDLE_NUM_THREADS=1, or candle's own threads spin beside the workers.
 
 use repose_training::{Part, TrainSettings, train};
 
@@ -12,7 +13,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         return Err("train joint|discriminator DATA OUT MINUTES [START]".into());
     };
     let part = if part == "joint" { Part::Joint } else { Part::Discriminator };
-    let threads = std::env::var("THREADS").ok().and_then(|t| t.parse().ok()).unwrap_or(2);
+    let number = |name: &str, default: usize| std::env::var(name).ok().and_then(|t| t.parse().ok()).unwrap_or(default);
     let settings = TrainSettings {
         part,
         data: data.into(),
@@ -20,7 +21,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         start: rest.first().map(Into::into),
         steps: 1_000_000,
         minutes: Some(minutes.parse()?),
-        threads,
+        threads: number("THREADS", 2),
+        slots: number("SLOTS", 2),
+        samples_per_slot: number("SAMPLES", 8),
+        checkpoint_steps: number("CHECKPOINT", 500) as u64,
         ..TrainSettings::default()
     };
     println!("{}", serde_json::to_string_pretty(&train(&settings)?)?);

@@ -3,7 +3,7 @@
 //! [`train`] fits one [`Part`]: the encoders, relation predictor and prior jointly, or the scene discriminator. Both draw [`episode`]s, one view
 //! with one object taken as the query, from the views of training scenes, and are measured on those of validation scenes
 //! ([`repose_dataset::Split`] says which is which). A run takes up its own checkpoint, follows new shards as they appear, and ends after its
-//! steps or its minutes with weights written.
+//! steps or its minutes with weights written. A process that trains should start with [`ONE_THREAD_VARIABLES`] set to 1.
 
 pub mod adam;
 mod checkpoint;
@@ -20,4 +20,4 @@ pub mod views;
 
 pub use error::TrainError;
 pub use settings::{Part, TrainSettings};
-pub use train::{TrainReport, train};
+pub use train::{ONE_THREAD_VARIABLES, TrainReport, train};

@@ -105,7 +105,7 @@ fn settings(folder: &Path, part: Part, threads: usize, steps: u64) -> TrainSetti
         part,
         threads,
         steps,
-        samples_per_slot: 4,
+        samples_per_slot: 2,
         episodes_kept: 4,
         validation_episodes: 4,
         checkpoint_steps: 2,
@@ -141,7 +141,7 @@ fn the_loss_falls() {
     let folder = tempfile::tempdir().unwrap();
     data(&folder.path().join("data"));
     let first = train(&settings(folder.path(), Part::Joint, 1, 1)).unwrap();
-    let later = train(&TrainSettings { samples_per_slot: 6, checkpoint_steps: 100, ..settings(folder.path(), Part::Joint, 2, 60) }).unwrap();
+    let later = train(&TrainSettings { checkpoint_steps: 100, ..settings(folder.path(), Part::Joint, 2, 30) }).unwrap();
     let loss = |r: &repose_training::TrainReport| r.metrics["loss"].as_f64().unwrap();
     assert!(loss(&later) < loss(&first), "{} then {}", loss(&first), loss(&later));
 }

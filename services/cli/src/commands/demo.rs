@@ -9,7 +9,8 @@ use repose_geometry::transform::from_row_major;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
 use repose_proto::robot::RobotState;
 use repose_proto::simulator::{TrueObject, Truth, TruthRequest};
-use repose_proto::{CallError, Frame, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Relation, Scene, SceneRef, Service};
+use repose_proto::scoring::enclose;
+use repose_proto::{CallError, ErrorCode, Frame, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Relation, Scene, SceneRef, Service};
 use repose_runtime::{CallOptions, Caller, RuntimeConfig, Session, Shutdown, Subscription};
 use serde::Serialize;
 
@@ -177,7 +178,7 @@ impl Cell {
                 grasps: None,
                 seed: args.seed,
             };
-            match self.call::<_, MotionPlan>(&self.motion, "plan", &request, CallOptions::within(CALL)).await {
+            match self.motion_plan(&request, scene).await {
                 Ok(plan) => return Ok(Planned { query, goal, result, plan, given_up }),
                 Err(error) => given_up.push(format!("object {query} to {goal}: no motion, {}", error.message)),
             }
@@ -186,6 +187,17 @@ impl Cell {
             tracing::warn!("{line}");
         }
         Err(Failure::NoPlacement)
+    }
+
+    /// Asks for a motion on a scene by its id; sends it whole to a worker that does not hold it.
+    async fn motion_plan(&self, request: &MotionPlanRequest, scene: &Scene) -> Result<MotionPlan, CallError> {
+        match self.call(&self.motion, "plan", request, CallOptions::within(CALL)).await {
+            Err(error) if error.code == ErrorCode::NotFound && error.field.as_deref() == Some("scene_id") => {
+                let whole = Payload::bulk(MotionPlanRequest::SCHEMA, &enclose(request, Some(scene)))?;
+                self.motion.call("plan", whole, CallOptions::within(CALL)).await?.payload.decode_json()
+            }
+            answered => answered,
+        }
     }
 
     async fn call<Q: Message + Serialize, R: Message + serde::de::DeserializeOwned>(

@@ -85,6 +85,7 @@ async fn client(args: Arc<LoadArgs>, planner: Caller, scene: Arc<SceneSummary>, 
         let options = CallOptions::within(Duration::from_millis(args.connect.deadline_ms));
         let answered = client::place(&planner, &request(&args, &scene, i), options).await;
         let took = due.elapsed();
+        tracing::debug!(request = i, ms = took.as_millis() as u64, "request ended");
         ended.push(match answered {
             Ok((result, answer)) => {
                 let outcome = if result.outcome == SearchOutcome::None { "none" } else { "result" };

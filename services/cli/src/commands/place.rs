@@ -27,7 +27,7 @@ pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
     let request = args.wish.request(scene_id);
     request.validate()?;
     let planner = session.caller(Service::Planner).await?;
-    let (sender, mut progress) = mpsc::channel(PROGRESS_WAITING);
+    let (sender, mut progress) = mpsc::channel::<repose_proto::Payload>(PROGRESS_WAITING);
     let printing = tokio::spawn(async move {
         while let Some(payload) = progress.recv().await {
             if let Ok(p) = payload.decode_json::<PlaceProgress>() {

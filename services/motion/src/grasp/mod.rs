@@ -56,6 +56,9 @@ pub struct GraspSettings {
     pub friction: f64,
     /// How far the approach may be from straight down, radians. Default 1.2.
     pub approach_max_rad: f64,
+    /// How far the object's middle is taken to lie behind the middle of what was seen of it: its far side is hidden, and its borders are
+    /// cleaned away, metres. Default 0.006.
+    pub hidden_m: f64,
     /// How far the fingertips stay above what the object stands on, metres. Default 0.004.
     pub support_clearance_m: f64,
     /// What is added to the hand's spheres against the rest of the scene, metres. Default 0.003.
@@ -78,6 +81,7 @@ impl Default for GraspSettings {
             pairs: 300,
             friction: 0.5,
             approach_max_rad: 1.2,
+            hidden_m: 0.006,
             support_clearance_m: 0.004,
             padding_m: 0.003,
             count: 48,
@@ -94,9 +98,9 @@ pub struct GraspWeights {
     pub vertical: f64,
     /// Fingers near the object's middle, which keeps it from turning in the hand. Default 1.5.
     pub centered: f64,
-    /// Little of the opening used. Default 1.
-    pub narrow: f64,
-    /// Surfaces square to the closing direction where the fingers touch. Default 1.
+    /// Neither so wide that the opening is used up, nor so thin that a surface may have been taken for a wall. Default 1.5.
+    pub fitting: f64,
+    /// Surfaces square to the closing direction where the fingers touch. Default 2.
     pub square: f64,
     /// Much surface between the fingers along the approach. Default 0.7.
     pub deep: f64,
@@ -106,7 +110,7 @@ pub struct GraspWeights {
 
 impl Default for GraspWeights {
     fn default() -> Self {
-        Self { vertical: 1.0, centered: 1.5, narrow: 1.0, square: 1.0, deep: 0.7, seen: 3.0 }
+        Self { vertical: 1.0, centered: 1.5, fitting: 1.5, square: 2.0, deep: 0.7, seen: 3.0 }
     }
 }
 
@@ -132,6 +136,10 @@ pub struct ObjectCloud {
     pub points: Vec<Point3<f32>>,
     /// Unit surface normal at each, towards the side from which it was seen.
     pub normals: Vec<Vector3<f32>>,
+    /// Where its middle is taken to be, on the level; the height is that of what was seen.
+    pub middle: Point3<f64>,
+    /// From the middle of what was seen to `middle`, metres.
+    pub hidden: Vector3<f64>,
     /// The smallest axis-aligned box around the points.
     pub bounds: Aabb,
     /// The lowest the grasp centre may go, world z, metres.
@@ -160,7 +168,10 @@ pub fn grasps(scene: &GraspScene<'_>, settings: &GraspSettings, rng: &mut Pcg64)
     let Some(bounds) = Aabb::of(&thinned) else { return (Vec::new(), tally) };
     let normals = normals::estimated(&thinned, 3.0 * settings.voxel_m, &scene.camera_in_world.cast::<f32>());
     let floor_m = scene.support_m + gripper::TIP_BEYOND_TCP_M + settings.support_clearance_m;
-    let object = ObjectCloud { points: thinned, normals, bounds, floor_m };
+    let seen_middle = bounds.center().cast::<f64>();
+    let away = seen_middle - scene.camera_in_world;
+    let hidden = Vector3::new(away.x, away.y, 0.0).try_normalize(1e-9).unwrap_or_else(Vector3::zeros) * settings.hidden_m;
+    let object = ObjectCloud { points: thinned, normals, middle: seen_middle + hidden, hidden, bounds, floor_m };
 
     let mut proposals = top_down::proposals(&object, settings);
     proposals.extend(antipodal::proposals(&object, settings, rng));
@@ -205,17 +216,22 @@ pub fn gripper_touches(world_from_tcp: &Isometry3<f64>, opening_m: f64, obstacle
     gripper_spheres(&Frame::of(&world_from_hand), opening_m).iter().any(|s| obstacles.touches(&s.center, s.radius_m + padding_m))
 }
 
+/// A width from which a grasp is not thin, metres.
+const THIN_M: f64 = 0.010;
+/// Room in the opening that is plenty, metres.
+const ROOM_M: f64 = 0.030;
+/// Alignment at which surfaces no longer hold: the edge of a box taken across its corners.
+const SQUARE_MIN: f64 = 0.7;
+
 fn score(world_from_tcp: &Isometry3<f64>, fit: &GripperFit, object: &ObjectCloud, weights: &GraspWeights) -> f64 {
     let approach = world_from_tcp.rotation * Vector3::z();
-    let extent = object.bounds.extent();
-    let middle = object.bounds.center();
-    let aside = (world_from_tcp.translation.vector.xy() - middle.coords.xy().cast::<f64>()).norm();
-    let half_diagonal = 0.5 * f64::from(extent.xy().norm()).max(0.02);
+    let aside = (world_from_tcp.translation.vector.xy() - object.middle.coords.xy()).norm();
+    let half_diagonal = 0.5 * f64::from(object.bounds.extent().xy().norm()).max(0.02);
     let terms = [
         (weights.vertical, -approach.z),
         (weights.centered, 1.0 - aside / half_diagonal),
-        (weights.narrow, 1.0 - fit.width_m / FINGER_OPENING_MAX_M),
-        (weights.square, fit.squareness),
+        (weights.fitting, (fit.width_m / THIN_M).min((FINGER_OPENING_MAX_M - fit.width_m) / ROOM_M)),
+        (weights.square, (fit.squareness - SQUARE_MIN) / (1.0 - SQUARE_MIN)),
         (weights.deep, fit.depth_m / gripper::DEPTH_MAX_M),
         (weights.seen, fit.seen),
     ];

@@ -33,12 +33,13 @@ fn across(object: &ObjectCloud, yaw: f64, settings: &GraspSettings, poses: &mut 
     let along = Vector3::new(-yaw.sin(), yaw.cos(), 0.0);
     let (closing_low, closing_high) = extent(object, &closing);
     let (along_low, along_high) = extent(object, &along);
-    let middle = 0.5 * (along_low + along_high);
+    let middle = along.dot(&object.middle.coords);
+    let across_middle = 0.5 * (closing_low + closing_high);
     let places = ALONG.map(|share| middle + share * 0.5 * (along_high - along_low));
     // Where a round object is widest, which is further from the camera than the middle of what was seen of it.
     let widest = widest_at(object, &closing, closing_low, closing_high, &along).unwrap_or(middle);
     for s in places.into_iter().chain([widest]) {
-        let level = closing * (0.5 * (closing_low + closing_high)) + along * s;
+        let level = closing * across_middle + along * s;
         // The top where the fingers come down, which may be lower than the object's.
         let half = settings.gripper.finger_half_width_m;
         let top = object

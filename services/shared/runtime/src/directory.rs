@@ -243,7 +243,8 @@ impl Shared {
             entry.heard = Instant::now();
             entry.load = Some(load);
         } else {
-            // Heard before it is seen alive: kept, so that it is known when it is.
+            // Heard before it is seen alive: kept, so that it is known when it is. Bounded, should it never be.
+            state.workers.retain(|_, e| e.alive || e.outstanding > 0 || e.heard.elapsed() < REMEMBERED);
             let entry = Entry { alive: false, load: Some(load), heard: Instant::now(), outstanding: 0 };
             state.workers.insert(worker.to_owned(), entry);
         }

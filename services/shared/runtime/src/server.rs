@@ -31,7 +31,7 @@ const INCOMING_CAPACITY: usize = 1024;
 /// Cancels that may wait to be looked at.
 const CANCEL_CAPACITY: usize = 4096;
 
-/// A worker that serves until it is drained. Dropping it without draining cuts open calls off.
+/// A worker that serves until it is drained. Dropping it without draining takes no further calls; open ones are still answered.
 pub struct Server {
     shared: Arc<Shared>,
     alive: Option<Guard>,

@@ -67,7 +67,9 @@ async fn every_ending_through_a_router() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_worker_that_is_seen_can_be_called_at_once() {
-    let network = Network::routed(RuntimeConfig::default()).await;
+    let mut config = RuntimeConfig::default();
+    config.worker.drain_notice_ms = 10;
+    let network = Network::routed(config).await;
     let caller = network.caller.caller(SERVICE).await.unwrap();
     for round in 0..20 {
         let handler = Arc::new(Oddities::default());
@@ -192,7 +194,7 @@ async fn an_attachment_that_breaks_the_contract_is_answered_with_its_field() {
     network.caller(1).await;
     let cases: [(&'static [u8], &str); 6] = [
         (b"", "attachment"),
-        (b"{", "payload"),
+        (b"{", "attachment"),
         (br#"{"v":2,"id":"a","method":"echo","remaining_ms":100,"news":1}"#, "v"),
         (br#"{"v":1,"id":"a","method":"echo","remaining_ms":0}"#, "remaining_ms"),
         (br#"{"v":1,"id":"a","method":"echo"}"#, "remaining_ms"),

@@ -421,7 +421,7 @@ mod tests {
         let mut arm = Arm::default();
         arm.command(&command(1, 1, swing(0.5, 1000.0)), 0.0).expect("taken");
         run(&mut arm, 300, 0.0);
-        arm.emergency_stop(&EmergencyStop { v: 1, id: "e1".to_owned(), source: "test".to_owned(), reason: "now".to_owned(), stamp_ms: 0 });
+        arm.emergency_stop(&EmergencyStop { v: 1, id: "e1".to_owned(), source: "test".to_owned(), reason: "now".to_owned(), stamp_ns: 0 });
         run(&mut arm, 500, 0.0);
         assert_eq!(arm.mode(), RobotMode::Stopped);
         assert_eq!(arm.command(&command(2, 1, swing(0.5, 1000.0)), 0.0), Err(Ignored::Stopped));

@@ -1,0 +1,131 @@
+//! A plan and a robot for tests: it takes every command and follows its stream, checking what the contract says of both.
+#![allow(dead_code, reason = "each test uses its share")]
+
+use repose_proto::motion::{Grasp, MotionPhase, MotionPlan};
+use repose_proto::robot::{GripperCommand, RobotCommand, RobotMode, RobotState, SetPoint};
+use repose_proto::{Message, RigidTransform};
+
+/// The wall clock of these tests, nanoseconds.
+pub const NOW_NS: u64 = 1_000_000_000_000;
+/// The phases of a plan.
+pub const NAMES: [&str; 8] = ["standoff", "approach", "grasp", "lift", "transfer", "lower", "release", "retreat"];
+
+/// Joint 1 goes to and fro by 0.1 rad in each moving phase, one second each.
+pub fn plan() -> MotionPlan {
+    let mut at = 0.0;
+    let phases = NAMES.map(|name| {
+        let gripper = ["standoff", "grasp", "release"].contains(&name)
+            .then_some(GripperCommand { width_m: if name == "grasp" { 0.0 } else { 0.05 }, force_n: 30.0 });
+        let moves = !["grasp", "release"].contains(&name);
+        let from = at;
+        if moves {
+            at = 0.1 - at;
+        }
+        let set_points = (0..=if moves { 50 } else { -1 })
+            .map(|k| SetPoint { t_ms: 20.0 * f64::from(k), q_rad: joints(from + (at - from) * f64::from(k) / 50.0), dq_rad_s: [0.0; 7] })
+            .collect();
+        MotionPhase { name: name.to_owned(), gripper, set_points }
+    });
+    MotionPlan {
+        scene_id: "0".repeat(64),
+        robot: "panda".to_owned(),
+        query: 1,
+        placement: 0,
+        not_chosen: Vec::new(),
+        grasp: Grasp { world_from_tcp: RigidTransform::IDENTITY, width_m: 0.05, score: 1.0 },
+        start_joints_rad: joints(0.0),
+        start_tolerance_rad: 0.01,
+        scene_stamp_ns: NOW_NS - 1_000_000_000,
+        max_scene_age_ms: 2000,
+        phases: phases.into(),
+        duration_ms: 6000.0,
+    }
+}
+
+/// The ready pose with another first joint.
+pub fn joints(first: f64) -> [f64; 7] {
+    [first, -0.7, 0.0, -2.3, 0.0, 1.5, 0.7]
+}
+
+/// A robot that takes every command and follows its stream, 10 ms at a time.
+pub struct Robot {
+    /// What it shows.
+    pub state: RobotState,
+    points: Vec<SetPoint>,
+    ends: bool,
+    /// Whether its fingers find anything.
+    pub holds: bool,
+    /// Whether it takes no commands.
+    pub deaf: bool,
+}
+
+impl Robot {
+    /// At rest, without an owner.
+    pub fn new() -> Self {
+        let state = RobotState {
+            v: 1,
+            seq: 0,
+            stamp_ns: NOW_NS,
+            robot_ms: 0.0,
+            q_rad: joints(0.0),
+            dq_rad_s: [0.0; 7],
+            gripper_width_m: 0.08,
+            gripper_settled: true,
+            gripper_holding: false,
+            mode: RobotMode::Idle,
+            stop: None,
+            owner: None,
+            last_command: None,
+            stream_ms: None,
+        };
+        Self { state, points: Vec::new(), ends: false, holds: true, deaf: false }
+    }
+
+    /// Takes a command.
+    pub fn take(&mut self, command: &RobotCommand) {
+        if self.deaf {
+            return;
+        }
+        command.validate().unwrap();
+        assert!(self.state.owner.as_ref() != Some(&command.owner) || self.state.last_command.is_none_or(|seq| command.seq > seq), "replay");
+        self.state.owner = Some(command.owner.clone());
+        self.state.last_command = Some(command.seq);
+        if command.clear_stop {
+            self.state.mode = RobotMode::Idle;
+            self.state.stop = None;
+        }
+        if let Some(gripper) = command.gripper {
+            self.state.gripper_holding =
+                self.holds && gripper.width_m < 0.08 && self.state.robot_ms > 1000.0 && self.state.robot_ms < 5000.0;
+        }
+        if command.starts_stream {
+            assert_eq!(self.state.mode, RobotMode::Idle, "a stream starts at rest");
+            self.points.clear();
+            self.state.stream_ms = Some(0.0);
+            self.state.mode = RobotMode::Moving;
+        }
+        if let (Some(first), Some(last)) = (command.set_points.first(), command.set_points.last()) {
+            assert!(command.ends_stream || last.t_ms - self.state.stream_ms.unwrap() >= 200.0, "the horizon is long enough");
+            self.points.retain(|p| p.t_ms < first.t_ms);
+            self.points.extend_from_slice(&command.set_points);
+            self.ends = command.ends_stream;
+        }
+    }
+
+    /// Ten milliseconds of robot time.
+    pub fn advance(&mut self) {
+        self.state.seq += 1;
+        self.state.robot_ms += 10.0;
+        if self.state.mode == RobotMode::Moving {
+            let time = self.state.stream_ms.unwrap() + 10.0;
+            self.state.stream_ms = Some(time);
+            let point = self.points.iter().rfind(|p| p.t_ms <= time).unwrap();
+            self.state.q_rad = point.q_rad;
+            let last = self.points.last().unwrap();
+            assert!(time <= last.t_ms || self.ends, "the robot ran out of set-points");
+            if time >= last.t_ms {
+                self.state.mode = RobotMode::Idle;
+            }
+        }
+    }
+}

@@ -1,0 +1,220 @@
+//! The service as its callers and robots see it, on one embedded session.
+
+mod common;
+
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use common::{NAMES, Robot, plan};
+use nalgebra::{Point3, Vector3};
+use repose_geometry::transform::{look_at, to_row_major};
+use repose_motion::{MotionConfig, run, synthetic};
+use repose_panda::READY;
+use repose_proto::motion::{
+    ExecuteProgress, ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest, RobotResetReply, RobotResetRequest,
+};
+use repose_proto::robot::{RobotCommand, RobotMode, StopState};
+use repose_proto::scene::WorldFrame;
+use repose_proto::scoring::enclose;
+use repose_proto::{
+    CallError, CameraModel, ErrorCode, Message, ObjectSummary, Payload, RigidTransform, Scene, SceneMeta, SceneRef, Service, Surface, Unseen,
+};
+use repose_runtime::{Answer, CallOptions, Caller, Session, Shutdown, Traffic};
+
+/// The synthetic table as perception would send it.
+fn scene() -> Scene {
+    let seen = synthetic::scene();
+    let world_from_camera = look_at(&synthetic::CAMERA, &Point3::new(0.5, 0.0, 0.0), &Vector3::z());
+    let camera = CameraModel {
+        width: 640,
+        height: 480,
+        fx: 525.0,
+        fy: 525.0,
+        cx: 319.5,
+        cy: 239.5,
+        depth_unit_m: 0.001,
+        world_from_camera: Some(RigidTransform(to_row_major(&world_from_camera))),
+    };
+    let object = |id| ObjectSummary { id, points: 1, centroid_m: [0.0; 3], extent_m: [0.0; 3], completeness: 1.0 };
+    let surfaces = seen.surfaces.iter().map(|s| Surface {
+        height_m: s.height_m,
+        outline_m: s.footprint.corners().iter().map(|c| [f64::from(c.x), f64::from(c.y)]).collect(),
+        area_m2: f64::from(s.footprint.area()),
+        object: None,
+    });
+    Scene {
+        camera_name: "front".to_owned(),
+        stamp_ns: now_ns(),
+        points: seen.points.iter().map(|p| [p.x, p.y, p.z]).collect(),
+        labels: seen.labels,
+        colors: None,
+        meta: SceneMeta {
+            objects: [1, 2, 3].map(object).into(),
+            surfaces: surfaces.collect(),
+            camera,
+            world_frame: WorldFrame::Extrinsics,
+            view_yaw_rad: 0.0,
+            unseen: Unseen::default(),
+        },
+    }
+}
+
+fn now_ns() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_nanos() as u64
+}
+
+/// Box 1 by 45 cm to the side.
+fn request(scene: &Scene) -> MotionPlanRequest {
+    let mut moved = RigidTransform::IDENTITY;
+    moved.0[7] = 0.45;
+    MotionPlanRequest {
+        scene: SceneRef { scene_id: scene.id() },
+        robot: "panda".to_owned(),
+        query: 1,
+        placements: vec![moved],
+        start_joints_rad: READY,
+        grasps: None,
+        seed: 1,
+    }
+}
+
+fn bulk(request: &MotionPlanRequest, scene: &Scene) -> Payload {
+    Payload::bulk(MotionPlanRequest::SCHEMA, &enclose(request, Some(scene))).unwrap()
+}
+
+struct Running {
+    session: Session,
+    caller: Caller,
+    shutdown: Shutdown,
+    service: tokio::task::JoinHandle<Result<(), repose_runtime::RuntimeError>>,
+}
+
+impl Running {
+    async fn start() -> Self {
+        let session = Session::embedded().await.unwrap();
+        let shutdown = Shutdown::new();
+        let config = MotionConfig { robot_timeout_ms: 1500, command_period_ms: 10, ..MotionConfig::default() };
+        let service = tokio::spawn(run(session.clone(), config, shutdown.clone()));
+        let caller = session.caller(Service::Motion).await.unwrap();
+        caller.wait_for_workers(1, Duration::from_secs(10)).await.unwrap();
+        Self { session, caller, shutdown, service }
+    }
+
+    async fn call(&self, method: &str, payload: Payload) -> Result<Answer, CallError> {
+        self.caller.call(method, payload, CallOptions::at_most_once(Duration::from_secs(30))).await
+    }
+
+    /// A robot on the keys, ten times as fast as real time.
+    async fn robot(&self, robot: Robot) -> Arc<Mutex<Robot>> {
+        let robot = Arc::new(Mutex::new(robot));
+        let (session, state_key) = (self.session.clone(), self.session.cell().robot_state("panda"));
+        let mut commands = session.subscribe_queue(&session.cell().robot_command("panda"), 64).await.unwrap();
+        let shown = robot.clone();
+        tokio::spawn(async move {
+            let mut ticks = tokio::time::interval(Duration::from_millis(1));
+            loop {
+                tokio::select! {
+                    Some(sample) = commands.recv() => shown.lock().unwrap().take(&sample.payload.decode_json::<RobotCommand>().unwrap()),
+                    _ = ticks.tick() => {
+                        let state = {
+                            let mut robot = shown.lock().unwrap();
+                            robot.advance();
+                            Payload::json(&robot.state).unwrap()
+                        };
+                        session.put(&state_key, state, Traffic::RobotState).await.unwrap();
+                    }
+                }
+            }
+        });
+        robot
+    }
+
+    async fn stop(self) {
+        self.shutdown.trigger();
+        self.service.await.unwrap().unwrap();
+    }
+}
+
+fn refusal(result: Result<Answer, CallError>) -> (ErrorCode, Option<String>) {
+    let error = result.unwrap_err();
+    (error.code, error.field)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_plan_needs_its_scene_once_and_says_what_is_wrong_with_a_request() {
+    let running = Running::start().await;
+    let scene = scene();
+    let request = request(&scene);
+    let by_id = || Payload::json(&request).unwrap();
+    assert_eq!(refusal(running.call("plan", by_id()).await), (ErrorCode::NotFound, Some("scene_id".to_owned())));
+    let planned: MotionPlan = running.call("plan", bulk(&request, &scene)).await.unwrap().payload.decode_json().unwrap();
+    assert_eq!(planned.phases.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), NAMES);
+    assert_eq!((planned.placement, planned.scene_stamp_ns), (0, scene.stamp_ns));
+    let again: MotionPlan = running.call("plan", by_id()).await.unwrap().payload.decode_json().unwrap();
+    assert_eq!(again, planned, "the same request and seed give the same plan");
+
+    let refused = async |change: &dyn Fn(&mut MotionPlanRequest)| {
+        let mut changed = request.clone();
+        change(&mut changed);
+        refusal(running.call("plan", Payload::json(&changed).unwrap()).await)
+    };
+    assert_eq!(refused(&|r| r.query = 9).await, (ErrorCode::NotFound, Some("query".to_owned())));
+    assert_eq!(refused(&|r| r.placements[0].0[7] = 5.0).await, (ErrorCode::FailedPrecondition, Some("placements".to_owned())));
+    assert_eq!(refused(&|r| r.start_joints_rad[1] = 0.9).await, (ErrorCode::FailedPrecondition, Some("start_joints_rad".to_owned())));
+    assert_eq!(refusal(running.call("dance", by_id()).await).0, ErrorCode::InvalidArgument);
+
+    let mut other = scene.clone();
+    other.points[0][0] += 0.1;
+    assert_eq!(refusal(running.call("plan", bulk(&MotionPlanRequest { scene: SceneRef { scene_id: "0".repeat(64) }, ..request.clone() }, &other)).await).0, ErrorCode::InvalidArgument);
+    other.meta.world_frame = WorldFrame::SupportPlane;
+    let uncalibrated = MotionPlanRequest { scene: SceneRef { scene_id: other.id() }, ..request.clone() };
+    assert_eq!(refusal(running.call("plan", bulk(&uncalibrated, &other)).await).0, ErrorCode::FailedPrecondition);
+    running.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_execution_reports_its_phases_and_happens_once() {
+    let running = Running::start().await;
+    let robot = running.robot(Robot::new()).await;
+    let plan = MotionPlan { scene_stamp_ns: now_ns(), max_scene_age_ms: 60_000, ..plan() };
+    let payload = Payload::json(&plan).unwrap();
+    let (progress, mut progressed) = tokio::sync::mpsc::channel(16);
+    let options =
+        || CallOptions { id: Some("5d0a5ffc-6f0c-4a55-a04a-6d3c3f2b7f11".to_owned()), ..CallOptions::at_most_once(Duration::from_secs(30)) };
+    let answer = running.caller.call("execute", payload.clone(), CallOptions { progress: Some(progress), ..options() }).await.unwrap();
+    let reply: ExecuteReply = answer.payload.decode_json().unwrap();
+    assert_eq!((reply.outcome, reply.phase.as_str()), (ExecutionOutcome::Done, "retreat"), "{reply:?}");
+    let mut phases = Vec::new();
+    while let Some(payload) = progressed.recv().await {
+        phases.push(payload.decode_json::<ExecuteProgress>().unwrap().phase);
+    }
+    assert_eq!(phases, NAMES);
+
+    let commands = robot.lock().unwrap().state.last_command;
+    let again = running.caller.call("execute", payload, options()).await.unwrap();
+    assert_eq!(again.payload.decode_json::<ExecuteReply>().unwrap(), reply);
+    assert_eq!(robot.lock().unwrap().state.last_command, commands, "nothing was sent the second time");
+    let other = Payload::json(&MotionPlan { query: 2, ..plan }).unwrap();
+    assert_eq!(refusal(running.caller.call("execute", other, options()).await).0, ErrorCode::FailedPrecondition);
+    running.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_latched_stop_refuses_executions_until_it_is_reset() {
+    let running = Running::start().await;
+    let execute = || Payload::json(&MotionPlan { scene_stamp_ns: now_ns(), max_scene_age_ms: 60_000, ..plan() }).unwrap();
+    assert_eq!(refusal(running.call("execute", execute()).await).0, ErrorCode::Unavailable, "there is no robot yet");
+    let mut stopped = Robot::new();
+    stopped.state.mode = RobotMode::Stopped;
+    stopped.state.stop = Some(StopState { kind: "estop".to_owned(), reason: "button".to_owned(), estop_id: Some("e1".to_owned()) });
+    let robot = running.robot(stopped).await;
+    assert_eq!(refusal(running.call("execute", execute()).await), (ErrorCode::FailedPrecondition, Some("robot".to_owned())));
+
+    let reset = || Payload::json(&RobotResetRequest { robot: "panda".to_owned() }).unwrap();
+    let reply = running.call("reset", reset()).await.unwrap();
+    assert_eq!(reply.payload.decode_json::<RobotResetReply>().unwrap(), RobotResetReply { was_stopped: true });
+    assert_eq!(robot.lock().unwrap().state.mode, RobotMode::Idle);
+    let reply = running.call("reset", reset()).await.unwrap();
+    assert_eq!(reply.payload.decode_json::<RobotResetReply>().unwrap(), RobotResetReply { was_stopped: false });
+    running.stop().await;
+}

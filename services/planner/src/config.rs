@@ -1,0 +1,39 @@
+//! The service's configuration, section `[planner]`.
+
+use serde::Deserialize;
+
+/// Configuration of a planner worker. Unknown fields are refused.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PlannerConfig {
+    /// Threads that search; each has one request and waits while inference scores. Raising it keeps inference busier; results do not
+    /// depend on it.
+    pub threads: usize,
+    /// Requests that may wait for a thread; the next is refused at once. Raising it lets callers wait longer instead.
+    pub queue_capacity: usize,
+    /// Most prepared scenes kept, the least recently used go first. Raising it saves preparing a scene again, at some 20 MB each.
+    pub scenes: usize,
+    /// How long perception may take to send a scene that is not here, milliseconds.
+    pub scene_timeout_ms: u64,
+    /// Time kept back from a request's deadline to send the answer, milliseconds. Raising it makes late searches end earlier, as
+    /// `partial`; at 0 some end as `deadline_exceeded`.
+    pub reply_reserve_ms: u64,
+}
+
+impl Default for PlannerConfig {
+    fn default() -> Self {
+        Self { threads: 4, queue_capacity: 64, scenes: 8, scene_timeout_ms: 2000, reply_reserve_ms: 60 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fields_left_out_have_their_defaults_and_unknown_ones_are_refused() {
+        let config: PlannerConfig = serde_json::from_str(r#"{"threads": 2}"#).unwrap();
+        assert_eq!(config, PlannerConfig { threads: 2, ..PlannerConfig::default() });
+        assert!(serde_json::from_str::<PlannerConfig>(r#"{"thread": 2}"#).unwrap_err().to_string().contains("unknown field"));
+    }
+}

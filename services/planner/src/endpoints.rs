@@ -1,0 +1,91 @@
+//! The service on the network: `place`. Requests come as JSON with a scene's id, or in bulk form with the scene enclosed.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use async_trait::async_trait;
+use repose_proto::load::WorkerLoad;
+use repose_proto::perception::SceneRequest;
+use repose_proto::place::PlaceRequest;
+use repose_proto::scoring::disclose;
+use repose_proto::{CallError, ErrorCode, Message, Payload, Scene};
+use repose_runtime::{Call, CallOptions, Caller, Handler, load_of};
+
+use crate::config::PlannerConfig;
+use crate::remote_models::RemoteModels;
+use crate::scene_cache::CachedScene;
+use crate::worker::Worker;
+
+/// Answers `place`.
+pub struct Endpoints {
+    worker: Arc<Worker>,
+    perception: Caller,
+    inference: Caller,
+    scene_timeout: Duration,
+}
+
+impl Endpoints {
+    /// Answers from what a worker computes, with scenes from perception and scores from inference.
+    pub fn new(worker: Arc<Worker>, perception: Caller, inference: Caller, config: &PlannerConfig) -> Self {
+        Self { worker, perception, inference, scene_timeout: Duration::from_millis(config.scene_timeout_ms) }
+    }
+
+    async fn place(&self, call: &Call) -> Result<Payload, CallError> {
+        let (request, enclosed) = match call.payload.is_bulk() {
+            true => disclose::<PlaceRequest>(&call.payload.decode_bulk(PlaceRequest::SCHEMA)?)?,
+            false => (call.payload.decode_json::<PlaceRequest>()?, None),
+        };
+        let scene = match enclosed {
+            Some(scene) => self.keep(request.scene.scene_id.clone(), scene).await?,
+            None => self.scene(&request.scene.scene_id, call).await?,
+        };
+        let models = RemoteModels::new(self.inference.clone(), tokio::runtime::Handle::current(), call.clone());
+        let reporting = call.clone();
+        let progress = move |done| match Payload::json(&done) {
+            Ok(payload) => reporting.progress(payload),
+            Err(error) => tracing::warn!(%error, "progress could not be sent"),
+        };
+        let result = self.worker.plan(call.context(), scene, request, models, progress).await?;
+        Payload::json(&result)
+    }
+
+    /// A scene by its id: kept here, or from whichever perception worker has it.
+    async fn scene(&self, scene_id: &str, call: &Call) -> Result<Arc<CachedScene>, CallError> {
+        if let Some(kept) = self.worker.scenes().get(scene_id) {
+            return Ok(kept);
+        }
+        let options = CallOptions::for_call(call);
+        let options = CallOptions { deadline: options.deadline.min(self.scene_timeout), ..options };
+        let request = Payload::json(&SceneRequest { scene_id: scene_id.to_owned() })?;
+        let started = std::time::Instant::now();
+        let answer = self.perception.call_any("scene", &request, &options).await.map_err(|error| match error.code {
+            ErrorCode::Cancelled | ErrorCode::NotFound => error,
+            // The caller can help: it may send the scene whole.
+            _ => CallError::not_found("scene_id", format!("scene {scene_id} is not here, and perception could not be asked: {error}")),
+        })?;
+        call.stage("scene", started.elapsed().as_secs_f64() * 1e3);
+        let scene = Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA)?)?;
+        self.keep(scene_id.to_owned(), scene).await
+    }
+
+    async fn keep(&self, scene_id: String, scene: Scene) -> Result<Arc<CachedScene>, CallError> {
+        let worker = self.worker.clone();
+        // Hashing a scene takes milliseconds, too long for the threads that serve the network.
+        let kept = tokio::task::spawn_blocking(move || worker.scenes().insert(&scene_id, scene)).await;
+        kept.unwrap_or_else(|e| Err(CallError::internal(format!("keeping the scene failed: {e}"))))
+    }
+}
+
+#[async_trait]
+impl Handler for Endpoints {
+    async fn call(&self, call: Call) -> Result<Payload, CallError> {
+        match call.method.as_str() {
+            "place" => self.place(&call).await,
+            _ => Err(call.unknown_method()),
+        }
+    }
+
+    fn load(&self) -> WorkerLoad {
+        load_of(&self.worker.gauge(), self.worker.capacity())
+    }
+}

@@ -1,0 +1,198 @@
+//! The variants with networks, on fakes whose answers are known: a prior around a place, relations and realism by simple formulas.
+
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use nalgebra::Point3;
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+use repose_geometry::{cloud, transform};
+use repose_proto::place::{Outcome, PlaceRequest, PlaceResult, Rejection, Variant};
+use repose_proto::scoring::{MixtureComponent, PriorReply, PriorRequest, ScoreReply, ScoreRequest};
+use repose_proto::{CallError, ErrorCode, RELATION_COUNT, Relation, Scene};
+
+use crate::models::Models;
+use crate::plan::{plan, plan_with_report};
+use crate::prepared::Prepared;
+use crate::synthetic::Builder;
+
+/// A fake whose prior has components at given offsets, whose realism falls with the distance from the nearest of some heights, and
+/// whose only relation is `right_of`: likely where x exceeds the anchor's.
+struct Fake {
+    means_m: Vec<[f64; 3]>,
+    real_height_m: f32,
+    scored: AtomicUsize,
+    /// From this score request on, another worker with other weights answers.
+    changes_after: usize,
+}
+
+impl Fake {
+    fn new(means_m: &[[f64; 3]]) -> Self {
+        Self { means_m: means_m.to_vec(), real_height_m: 0.045, scored: AtomicUsize::new(0), changes_after: usize::MAX }
+    }
+}
+
+impl Models for Fake {
+    fn prior(&self, request: &PriorRequest, scene: &Arc<Scene>) -> Result<PriorReply, CallError> {
+        let anchor: Vec<Point3<f32>> = scene.points_of(request.anchor).map(Point3::from).collect();
+        let anchor = cloud::centroid(&anchor).unwrap();
+        let weight = 1.0 / self.means_m.len() as f64;
+        let component = |mean_m: &[f64; 3]| MixtureComponent {
+            weight,
+            mean_m: *mean_m,
+            sigma_m: [0.03; 3],
+            yaw_mean_rad: 0.0,
+            yaw_concentration: 0.0,
+        };
+        let mut rng = Pcg64::seed_from_u64(request.seed);
+        let (mut candidates, mut components) = (Vec::new(), Vec::new());
+        for i in 0..request.count as usize {
+            let k = i % self.means_m.len();
+            let at: [f32; 3] = std::array::from_fn(|axis| {
+                let z: f64 = StandardNormal.sample(&mut rng);
+                (anchor[axis] + self.means_m[k][axis] + 0.03 * z) as f32
+            });
+            candidates.push([at[0], at[1], at[2], 0.0]);
+            components.push(k as u8);
+        }
+        Ok(PriorReply {
+            mixture: self.means_m.iter().map(component).collect(),
+            weights_hash: "first".to_owned(),
+            kernel: "fake".to_owned(),
+            candidates,
+            components,
+        })
+    }
+
+    fn score(&self, request: &ScoreRequest, scene: &Arc<Scene>) -> Result<ScoreReply, CallError> {
+        let calls = self.scored.fetch_add(1, Ordering::Relaxed);
+        let realism = |row: &[f32; 4]| (-((row[2] - self.real_height_m) / 0.02).powi(2)).exp();
+        let relations = |row: &[f32; 4], anchor: u16| {
+            let anchor: Vec<Point3<f32>> = scene.points_of(anchor).map(Point3::from).collect();
+            let x = cloud::centroid(&anchor).unwrap().x as f32;
+            let mut p = [0.1; RELATION_COUNT];
+            p[Relation::RightOf.index()] = 1.0 / (1.0 + (-(row[0] - x - 0.05) / 0.01).exp());
+            p
+        };
+        let rows = || request.candidates.iter();
+        Ok(ScoreReply {
+            weights_hash: if calls >= self.changes_after { "second" } else { "first" }.to_owned(),
+            kernel: "fake".to_owned(),
+            realism: if request.realism { rows().map(realism).collect() } else { Vec::new() },
+            relations: match request.relations {
+                true => rows().flat_map(|row| request.anchors.iter().map(move |a| relations(row, *a))).collect(),
+                false => Vec::new(),
+            },
+            anchors: request.anchors.len(),
+        })
+    }
+}
+
+fn scene() -> Prepared {
+    Builder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.06, 0.05, 0.08]).prepared()
+}
+
+fn request(prepared: &Prepared, variant: Variant, goal: &[&str]) -> PlaceRequest {
+    let goal = goal.iter().map(|t| t.parse().unwrap()).collect();
+    PlaceRequest { variant, ..PlaceRequest::new(prepared.scene_id.clone(), 2, goal) }
+}
+
+fn run(prepared: &Prepared, request: &PlaceRequest, fake: &Fake) -> PlaceResult {
+    plan(prepared, request, fake, &mut |_| ControlFlow::Continue(())).unwrap()
+}
+
+fn moved_by(result: &PlaceResult, answer: usize) -> nalgebra::Vector3<f64> {
+    transform::from_row_major(&result.placements[answer].placed_from_observed.0).unwrap().translation.vector
+}
+
+const BESIDE: [f64; 3] = [0.16, 0.0, 0.0];
+
+#[test]
+fn full_ends_where_realism_and_goal_are_highest_and_echoes_who_answered() {
+    let prepared = scene();
+    let result = run(&prepared, &request(&prepared, Variant::Full, &["right_of:1"]), &Fake::new(&[BESIDE]));
+    assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
+    let best = &result.placements[0];
+    assert!(best.realism > 0.995 && best.relations[0] > 0.95, "{best:?}");
+    assert_eq!((result.weights_hash.as_str(), result.kernel.as_str(), result.iterations), ("first", "fake", 5));
+    assert_eq!(result.budget.batch, Some(100));
+    let rejected: u64 = result.rejections.values().sum();
+    assert!(rejected < result.evaluated && result.evaluated <= 5 * 3 * 100);
+}
+
+#[test]
+fn without_the_discriminator_height_is_left_to_the_prior() {
+    let prepared = scene();
+    let fake = Fake::new(&[[0.16, 0.0, 0.15]]);
+    let full = run(&prepared, &request(&prepared, Variant::Full, &["right_of:1"]), &fake);
+    let blind = run(&prepared, &request(&prepared, Variant::NoDiscriminator, &["right_of:1"]), &fake);
+    assert_eq!((full.outcome, blind.outcome), (Outcome::None, Outcome::Found), "{:?}", full.rejections);
+    assert!(full.rejections[&Rejection::Unrealistic] > 100);
+    assert_eq!(blind.placements[0].realism, 1.0, "it is not asked");
+    assert_eq!(blind.cost_weights.realism, Some(0.0));
+}
+
+#[test]
+fn mean_only_tries_the_means_and_mdn_prior_stays_near_them() {
+    let prepared = scene();
+    let fake = Fake::new(&[BESIDE, [0.25, 0.1, 0.0]]);
+    let means = run(&prepared, &request(&prepared, Variant::MeanOnly, &["right_of:1"]), &fake);
+    assert_eq!((means.evaluated, means.iterations), (2, 1));
+    let mdn = run(&prepared, &request(&prepared, Variant::MdnPrior, &["right_of:1"]), &fake);
+    assert_eq!(mdn.outcome, Outcome::Found);
+    let anchor = prepared.objects[&1].centroid;
+    let placed = prepared.objects[&2].centroid + moved_by(&mdn, 0);
+    let nearest = fake.means_m.iter().map(|m| (placed - anchor - nalgebra::Vector3::from(*m)).norm()).fold(f64::INFINITY, f64::min);
+    assert!(nearest < 0.02, "{nearest}");
+}
+
+#[test]
+fn answers_come_from_every_mode_of_the_prior() {
+    let prepared = scene();
+    let mut wanted = request(&prepared, Variant::Full, &["right_of:1"]);
+    (wanted.count, wanted.min_separation_m) = (6, Some(0.08));
+    let result = run(&prepared, &wanted, &Fake::new(&[[0.16, -0.12, 0.0], [0.2, 0.15, 0.0]]));
+    let y: Vec<f64> = (0..result.placements.len()).map(|i| prepared.objects[&2].centroid.y + moved_by(&result, i).y).collect();
+    assert!(y.iter().any(|y| *y < 0.0) && y.iter().any(|y| *y > 0.08), "{y:?}");
+}
+
+#[test]
+fn best_stands_on_the_table_whatever_the_prior_thinks() {
+    let prepared = scene();
+    let result = run(&prepared, &request(&prepared, Variant::Best, &["right_of:1"]), &Fake::new(&[[0.16, 0.0, 0.03]]));
+    assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
+    let best = &result.placements[0];
+    assert!(moved_by(&result, 0).z.abs() < 0.006, "{}", moved_by(&result, 0));
+    assert!(best.geometric[0].holds && best.support_m > 0.01 && best.relations[0] > 0.5 && best.realism < 1.0, "{best:?}");
+}
+
+#[test]
+fn what_the_discriminator_would_believe_decides_the_relaxation() {
+    let prepared = scene();
+    let result = run(&prepared, &request(&prepared, Variant::Full, &["right_of:1", "left_of:1"]), &Fake::new(&[BESIDE]));
+    assert_eq!(result.outcome, Outcome::None);
+    let relaxation = result.relaxation.unwrap();
+    assert_eq!(relaxation.term.relation, Relation::LeftOf, "the fake never believes it");
+    assert!((1..=100).contains(&relaxation.admits));
+}
+
+#[test]
+fn without_an_answer_the_report_still_has_the_lowest_cost_in_view() {
+    let prepared = scene();
+    let wanted = request(&prepared, Variant::Full, &["right_of:1"]);
+    let fake = Fake::new(&[[0.16, 0.0, 0.15]]);
+    let report = plan_with_report(&prepared, &wanted, &fake, &mut |_| ControlFlow::Continue(())).unwrap();
+    let best = report.best_in_view.unwrap();
+    assert!(report.answers.is_empty() && best.cost.is_finite() && best.realism.is_some() && best.relations.is_some());
+}
+
+#[test]
+fn weights_that_change_half_way_end_the_request() {
+    let prepared = scene();
+    let fake = Fake { changes_after: 3, ..Fake::new(&[BESIDE]) };
+    let wanted = request(&prepared, Variant::Full, &["right_of:1"]);
+    let error = plan(&prepared, &wanted, &fake, &mut |_| ControlFlow::Continue(())).unwrap_err();
+    assert_eq!(error.code, ErrorCode::Unavailable);
+}

@@ -1,0 +1,78 @@
+//! The learned models on inference workers: what a search on a compute thread asks, and waits for.
+//!
+//! A request names the scene by its id; only when a worker does not hold it is it sent whole. From the first reply on, only workers with
+//! the same weights and kernel are asked, because a result must not depend on who answered.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+use repose_proto::load::WorkerLoad;
+use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest, enclose};
+use repose_proto::{CallError, ErrorCode, Message, Payload, Scene};
+use repose_runtime::{Accept, Call, CallOptions, Caller};
+use tokio::runtime::Handle;
+
+use crate::judge::Provenance;
+use crate::models::Models;
+
+/// The models of one placement request.
+pub struct RemoteModels {
+    inference: Caller,
+    runtime: Handle,
+    call: Call,
+    pinned: Mutex<Option<Provenance>>,
+}
+
+impl RemoteModels {
+    /// Asks `inference` on behalf of a call, within its deadline. `runtime` carries the messages while compute threads wait.
+    pub fn new(inference: Caller, runtime: Handle, call: Call) -> Self {
+        Self { inference, runtime, call, pinned: Mutex::default() }
+    }
+
+    /// Asks with the scene's id, and with the whole scene when the worker lacks it.
+    fn ask(&self, method: &str, by_id: Payload, whole: impl FnOnce() -> Result<Payload, CallError>) -> Result<Payload, CallError> {
+        let started = Instant::now();
+        let answer = match self.call_inference(method, by_id) {
+            Err(error) if error.code == ErrorCode::NotFound && error.field.as_deref() == Some("scene_id") => {
+                self.call_inference(method, whole()?)
+            }
+            answer => answer,
+        };
+        self.call.stage("inference", started.elapsed().as_secs_f64() * 1e3);
+        answer
+    }
+
+    fn call_inference(&self, method: &str, payload: Payload) -> Result<Payload, CallError> {
+        let options = CallOptions { accept: self.accept(), ..CallOptions::for_call(&self.call) };
+        let answer = self.runtime.block_on(self.inference.call(method, payload, options))?;
+        Ok(answer.payload)
+    }
+
+    fn accept(&self) -> Option<Accept> {
+        let pinned = self.pinned.lock().unwrap_or_else(PoisonError::into_inner).clone()?;
+        Some(Arc::new(move |load: &WorkerLoad| load.weights_hash == pinned.weights_hash && load.kernel == pinned.kernel))
+    }
+
+    fn pin(&self, weights_hash: &str, kernel: &str) {
+        let mut pinned = self.pinned.lock().unwrap_or_else(PoisonError::into_inner);
+        pinned.get_or_insert_with(|| Provenance { weights_hash: weights_hash.to_owned(), kernel: kernel.to_owned() });
+    }
+}
+
+impl Models for RemoteModels {
+    fn prior(&self, request: &PriorRequest, scene: &Arc<Scene>) -> Result<PriorReply, CallError> {
+        let whole = || Payload::bulk(PriorRequest::SCHEMA, &enclose(request, Some(scene)));
+        let payload = self.ask("prior", Payload::json(request)?, whole)?;
+        let reply = PriorReply::from_bulk(&payload.decode_bulk(PriorReply::SCHEMA)?)?;
+        self.pin(&reply.weights_hash, &reply.kernel);
+        Ok(reply)
+    }
+
+    fn score(&self, request: &ScoreRequest, scene: &Arc<Scene>) -> Result<ScoreReply, CallError> {
+        let encode = |scene: Option<&Scene>| Payload::bulk(ScoreRequest::SCHEMA, &request.to_bulk(scene));
+        let payload = self.ask("score", encode(None)?, || encode(Some(scene)))?;
+        let reply = ScoreReply::from_bulk(&payload.decode_bulk(ScoreReply::SCHEMA)?)?;
+        self.pin(&reply.weights_hash, &reply.kernel);
+        Ok(reply)
+    }
+}

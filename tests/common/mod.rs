@@ -1,0 +1,111 @@
+//! A deployment of real processes on this machine, for tests: a router and services, each `repose serve …`, on a port of its own.
+#![allow(dead_code, reason = "each test file uses some of it")]
+
+use std::net::TcpListener;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use repose_proto::perception::LatestRequest;
+use repose_proto::{Payload, SceneSummary, Service};
+use repose_runtime::{CallOptions, RuntimeConfig, Session, SessionMode};
+
+/// How long anything here may take before the test gives up.
+pub const PATIENCE: Duration = Duration::from_secs(120);
+
+/// The program under test.
+pub fn repose() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_repose"));
+    command.stdin(Stdio::null());
+    command
+}
+
+/// A process that is killed when it goes out of scope.
+pub struct Process(pub Child);
+
+impl Process {
+    /// Sends a signal.
+    pub fn signal(&self, signal: i32) {
+        let id = i32::try_from(self.0.id()).expect("a process id");
+        // SAFETY: a plain system call on a child that has not been waited for, so its id is still its own.
+        assert_eq!(unsafe { libc::kill(id, signal) }, 0, "signal {signal} to {id}");
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        // Both fail only when it has ended already.
+        let _ended = self.0.kill();
+        let _ended = self.0.wait();
+    }
+}
+
+/// A router and services.
+pub struct Deployment {
+    endpoint: String,
+    processes: Vec<(Service, Process)>,
+    _router: Process,
+}
+
+impl Deployment {
+    /// Starts a router and the given services, and waits until all of them are alive.
+    pub async fn start(services: &[(Service, usize)]) -> Self {
+        // The port is free when it is asked for; the router takes it right after.
+        let port = TcpListener::bind("127.0.0.1:0").expect("a free port").local_addr().expect("its address").port();
+        let endpoint = format!("tcp/127.0.0.1:{port}");
+        let router = Process(repose().args(["serve", "router", "--connect", &endpoint]).spawn().expect("the router"));
+        let mut deployment = Self { endpoint, processes: Vec::new(), _router: router };
+        for (service, count) in services {
+            for _ in 0..*count {
+                deployment.add(*service);
+            }
+        }
+        let session = deployment.session().await;
+        for (service, count) in services {
+            let caller = session.caller(*service).await.expect("a caller");
+            caller.wait_for_workers(*count, PATIENCE).await.expect("the workers are alive");
+        }
+        session.close().await.expect("the session closes");
+        deployment
+    }
+
+    /// Starts one more worker.
+    pub fn add(&mut self, service: Service) {
+        let mut command = repose();
+        command.args(["serve", service.as_str(), "--connect", &self.endpoint]);
+        // Two cores serve everything here: one thread a process keeps them from fighting.
+        command.env("REPOSE_INFERENCE__THREADS", "1");
+        self.processes.push((service, Process(command.spawn().expect("a service"))));
+    }
+
+    /// The processes of a service.
+    pub fn of(&self, service: Service) -> Vec<&Process> {
+        self.processes.iter().filter(|(s, _)| *s == service).map(|(_, p)| p).collect()
+    }
+
+    /// Where the router listens.
+    pub fn endpoint(&self) -> &str {
+        &self.endpoint
+    }
+
+    /// A client session.
+    pub async fn session(&self) -> Session {
+        let mut config = RuntimeConfig::default();
+        config.session.mode = SessionMode::Client;
+        config.session.connect = vec![self.endpoint.clone()];
+        Session::open(config).await.expect("a session")
+    }
+}
+
+/// The newest scene of the simulated camera, as soon as there is one.
+pub async fn newest_scene(session: &Session) -> SceneSummary {
+    let perception = session.caller(Service::Perception).await.expect("a caller");
+    let request = Payload::json(&LatestRequest { camera: "table".to_owned() }).expect("a request");
+    let give_up = tokio::time::Instant::now() + PATIENCE;
+    loop {
+        match perception.call_any("latest", &request, &CallOptions::default()).await {
+            Ok(answer) => return answer.payload.decode_json().expect("a summary"),
+            Err(error) => assert!(tokio::time::Instant::now() < give_up, "{error}"),
+        }
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+}
