@@ -59,7 +59,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--connect", default="tcp/127.0.0.1:7447", help="a router of the deployment")
     parser.add_argument("--cell", default="cell", help="the robot cell")
-    parser.add_argument("--camera", default="table", help="the camera whose newest scene is used")
+    parser.add_argument("--camera", default="front", help="the camera whose newest scene is used")
     parser.add_argument("--move", type=int, required=True, help="the object to move")
     parser.add_argument("--goal", type=goal_term, action="append", required=True, help="RELATION:ANCHOR or not:RELATION:ANCHOR")
     parser.add_argument("--seed", type=int, default=0)

@@ -2,11 +2,10 @@
 
 mod common;
 
-use common::{Deployment, PATIENCE, newest_scene};
+use common::{Deployment, PATIENCE, enclosed, newest_scene, whole_scene};
 use repose_proto::place::Variant;
-use repose_proto::scoring::enclose;
 use repose_proto::{
-    CallError, ErrorCode, Frame, GoalTerm, Message, Payload, PlaceRequest, Relation, ReplyAttachment, ReplyKind, Scene, Service, Tensor,
+    CallError, ErrorCode, Frame, GoalTerm, Payload, PlaceRequest, Relation, ReplyAttachment, ReplyKind, Scene, Service, Tensor,
 };
 use repose_runtime::{CallOptions, Session};
 
@@ -22,15 +21,19 @@ fn is(error: &CallError, code: ErrorCode, field: &str) {
 #[tokio::test(flavor = "multi_thread")]
 async fn bad_requests_get_typed_errors_that_name_the_field() {
     use ErrorCode::{InvalidArgument, NotFound};
-    let services =
-        [(Service::Simulator, 1), (Service::Perception, 1), (Service::Inference, 1), (Service::Planner, 1)];
+    let services = [(Service::Simulator, 1), (Service::Perception, 1), (Service::Inference, 1), (Service::Planner, 1)];
     let deployment = Deployment::start(&services).await;
     let session = deployment.session().await;
     let summary = newest_scene(&session).await;
+    let scene = whole_scene(&session, &summary).await;
     let (query, anchor) = (summary.objects[0].id, summary.objects[1].id);
     let term = |anchor, holds| GoalTerm { relation: Relation::LeftOf, anchor, holds };
     let request = |query, goal| PlaceRequest { variant: Variant::Geometric, ..PlaceRequest::new(summary.scene_id.clone(), query, goal) };
     let json = |request: &PlaceRequest| Payload::json(request).expect("a payload");
+    // The planner then holds the scene, however long the rest takes.
+    let planner = session.caller(Service::Planner).await.expect("a caller");
+    let whole = enclosed(&request(query, vec![term(anchor, true)]), &scene);
+    planner.call("place", whole, CallOptions::within(PATIENCE)).await.expect("an answer to a good request");
 
     let unknown_scene = PlaceRequest::new("0".repeat(64), query, vec![term(anchor, true)]);
     let error = refused(&session, Service::Planner, "place", json(&unknown_scene)).await;
@@ -49,16 +52,11 @@ async fn bad_requests_get_typed_errors_that_name_the_field() {
     let oversize = Payload { bytes: vec![b' '; 33 << 20].into(), ..good.clone() };
     is(&refused(&session, Service::Planner, "place", oversize).await, InvalidArgument, "payload");
 
-    let scene = Payload::json(&repose_proto::perception::SceneRequest { scene_id: summary.scene_id.clone() }).expect("a payload");
-    let perception = session.caller(Service::Perception).await.expect("a caller");
-    let scene = perception.call_any("scene", &scene, &CallOptions::within(PATIENCE)).await.expect("the scene").payload;
-    let scene = Scene::from_bulk(&scene.decode_bulk(Scene::SCHEMA).expect("bulk")).expect("a scene");
     let mut with_nan = scene.clone();
     with_nan.points[3][1] = f32::NAN;
     let empty = Scene { points: vec![], labels: vec![], colors: None, ..scene };
     for (scene, field) in [(with_nan, "points[3]"), (empty, "points")] {
-        let bulk = enclose(&request(query, vec![term(anchor, true)]), Some(&scene));
-        let payload = Payload::bulk(PlaceRequest::SCHEMA, &bulk).expect("a payload");
+        let payload = enclosed(&request(query, vec![term(anchor, true)]), &scene);
         is(&refused(&session, Service::Planner, "place", payload).await, InvalidArgument, field);
     }
 

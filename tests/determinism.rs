@@ -2,24 +2,24 @@
 
 mod common;
 
-use common::{Deployment, PATIENCE, newest_scene};
+use common::{Deployment, PATIENCE, enclosed, newest_scene, whole_scene};
 use repose_proto::place::{Budget, Variant};
-use repose_proto::{GoalTerm, Payload, PlaceRequest, PlaceResult, Relation, Service};
+use repose_proto::{GoalTerm, Payload, PlaceRequest, PlaceResult, Relation, Scene, Service};
 use repose_runtime::{CallOptions, Session};
 
-async fn place(session: &Session, request: &PlaceRequest) -> Payload {
+async fn place(session: &Session, request: &PlaceRequest, scene: &Scene) -> Payload {
     let planner = session.caller(Service::Planner).await.expect("a caller");
-    let answer = planner.call("place", Payload::json(request).expect("a request"), CallOptions::within(PATIENCE)).await;
+    let answer = planner.call("place", enclosed(request, scene), CallOptions::within(PATIENCE)).await;
     answer.expect("an answer").payload
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn the_same_request_gives_the_same_bytes_whatever_else_runs() {
-    let services =
-        [(Service::Simulator, 1), (Service::Perception, 1), (Service::Inference, 1), (Service::Planner, 1)];
+    let services = [(Service::Simulator, 1), (Service::Perception, 1), (Service::Inference, 1), (Service::Planner, 1)];
     let mut deployment = Deployment::start(&services).await;
     let session = deployment.session().await;
     let scene = newest_scene(&session).await;
+    let whole = std::sync::Arc::new(whole_scene(&session, &scene).await);
     let request = |seed: u64, variant: Variant| PlaceRequest {
         seed,
         variant,
@@ -33,9 +33,9 @@ async fn the_same_request_gives_the_same_bytes_whatever_else_runs() {
     let variants = [Variant::Full, Variant::Best, Variant::Geometric];
     let mut alone = Vec::new();
     for variant in variants {
-        alone.push(place(&session, &request(7, variant)).await);
+        alone.push(place(&session, &request(7, variant), &whole).await);
     }
-    let other = place(&session, &request(8, Variant::Full)).await;
+    let other = place(&session, &request(8, Variant::Full), &whole).await;
     let parsed: PlaceResult = alone[0].decode_json().expect("a result");
     assert!(parsed.evaluated > 0 && !parsed.weights_hash.is_empty());
     assert_ne!(alone[0].bytes, other.bytes, "another seed draws other candidates");
@@ -45,14 +45,14 @@ async fn the_same_request_gives_the_same_bytes_whatever_else_runs() {
     let inference = session.caller(Service::Inference).await.expect("a caller");
     inference.wait_for_workers(3, PATIENCE).await.expect("three inference workers");
     for (variant, alone) in variants.into_iter().zip(&alone) {
-        let again = place(&session, &request(7, variant)).await;
+        let again = place(&session, &request(7, variant), &whole).await;
         assert_eq!(again.bytes, alone.bytes, "{variant} with three inference workers");
     }
 
     let among: Vec<_> = (0..16u64)
         .map(|i| {
-            let (session, request) = (session.clone(), request(7 + i % 4, variants[i as usize / 4 % 2]));
-            tokio::spawn(async move { (request.seed, request.variant, place(&session, &request).await) })
+            let (session, request, whole) = (session.clone(), request(7 + i % 4, variants[i as usize / 4 % 2]), whole.clone());
+            tokio::spawn(async move { (request.seed, request.variant, place(&session, &request, &whole).await) })
         })
         .collect();
     for one in among {

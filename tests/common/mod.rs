@@ -5,8 +5,8 @@ use std::net::TcpListener;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use repose_proto::perception::LatestRequest;
-use repose_proto::{Payload, SceneSummary, Service};
+use repose_proto::perception::{LatestRequest, SceneRequest};
+use repose_proto::{Message, Payload, Scene, SceneSummary, Service};
 use repose_runtime::{CallOptions, RuntimeConfig, Session, SessionMode};
 
 /// How long anything here may take before the test gives up.
@@ -99,7 +99,7 @@ impl Deployment {
 /// The newest scene of the simulated camera, as soon as there is one.
 pub async fn newest_scene(session: &Session) -> SceneSummary {
     let perception = session.caller(Service::Perception).await.expect("a caller");
-    let request = Payload::json(&LatestRequest { camera: "table".to_owned() }).expect("a request");
+    let request = Payload::json(&LatestRequest { camera: "front".to_owned() }).expect("a request");
     let give_up = tokio::time::Instant::now() + PATIENCE;
     loop {
         match perception.call_any("latest", &request, &CallOptions::default()).await {
@@ -108,4 +108,17 @@ pub async fn newest_scene(session: &Session) -> SceneSummary {
         }
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
+}
+
+/// A scene, whole.
+pub async fn whole_scene(session: &Session, summary: &SceneSummary) -> Scene {
+    let perception = session.caller(Service::Perception).await.expect("a caller");
+    let request = Payload::json(&SceneRequest { scene_id: summary.scene_id.clone() }).expect("a request");
+    let answer = perception.call_any("scene", &request, &CallOptions::within(PATIENCE)).await.expect("the scene");
+    Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA).expect("bulk")).expect("a scene")
+}
+
+/// A request with its scene enclosed.
+pub fn enclosed<T: Message + serde::Serialize>(request: &T, scene: &Scene) -> Payload {
+    Payload::bulk(T::SCHEMA, &repose_proto::scoring::enclose(request, Some(scene))).expect("a payload")
 }

@@ -92,7 +92,7 @@ pub struct ConnectArgs {
     #[arg(long, default_value = "cell", env = "REPOSE_CELL")]
     pub cell: String,
     /// The camera whose newest scene is used.
-    #[arg(long, default_value = "table")]
+    #[arg(long, default_value = "front")]
     pub camera: String,
     /// The deadline of a request, milliseconds.
     #[arg(long, default_value_t = 60_000)]

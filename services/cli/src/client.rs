@@ -2,8 +2,9 @@
 
 use std::time::Duration;
 
-use repose_proto::perception::LatestRequest;
-use repose_proto::{Payload, PlaceRequest, PlaceResult, SceneSummary, Service};
+use repose_proto::perception::{LatestRequest, SceneRequest};
+use repose_proto::scoring::enclose;
+use repose_proto::{CallError, ErrorCode, Message, Payload, PlaceRequest, PlaceResult, Scene, SceneSummary, Service};
 use repose_runtime::{Answer, CallOptions, Caller, RuntimeConfig, RuntimeError, Session, SessionMode};
 
 use crate::args::ConnectArgs;
@@ -41,8 +42,30 @@ pub async fn newest_scene(session: &Session, camera: &str, within: Duration) -> 
     }
 }
 
-/// Asks for a placement.
-pub async fn place(planner: &Caller, request: &PlaceRequest, options: CallOptions) -> Result<(PlaceResult, Answer), repose_proto::CallError> {
-    let answer = planner.call("place", Payload::json(request)?, options).await?;
+/// A scene, whole, from the perception worker that made it.
+pub async fn whole_scene(session: &Session, scene_id: &str, within: Duration) -> Result<Scene, Failure> {
+    let perception = session.caller(Service::Perception).await?;
+    let request = Payload::json(&SceneRequest { scene_id: scene_id.to_owned() })?;
+    let answer = perception.call_any("scene", &request, &CallOptions::within(within)).await?;
+    Ok(Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA)?)?)
+}
+
+/// Asks for a placement on a scene by its id; sends the scene whole, where it is at hand, when nobody holds it any more.
+pub async fn place(
+    planner: &Caller,
+    request: &PlaceRequest,
+    scene: Option<&Scene>,
+    options: CallOptions,
+) -> Result<(PlaceResult, Answer), CallError> {
+    let by_id = planner.call("place", Payload::json(request)?, options.clone()).await;
+    let answer = match (by_id, scene) {
+        (Err(error), Some(scene))
+            if error.code == ErrorCode::NotFound && error.field.as_deref().is_some_and(|f| f.ends_with("scene_id")) =>
+        {
+            let whole = Payload::bulk(PlaceRequest::SCHEMA, &enclose(request, Some(scene)))?;
+            planner.call("place", whole, options).await?
+        }
+        (answered, _) => answered?,
+    };
     Ok((answer.payload.decode_json()?, answer))
 }

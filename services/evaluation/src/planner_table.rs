@@ -49,7 +49,9 @@ pub struct PlannerRow {
     pub goal: Rate,
     /// Returned, stayed and goal true, of feasible scenes.
     pub returned_stayed_goal: Rate,
-    /// The same and nothing else disturbed, of feasible scenes.
+    /// The same of all scenes, with an answer or not: the ground-truth search may miss one.
+    pub returned_stayed_goal_of_all: Rate,
+    /// The same as `returned_stayed_goal` and nothing else disturbed, of feasible scenes.
     pub joint: Rate,
     /// Of the scenes answered with "none", those without an answer.
     pub none_precision: Rate,
@@ -98,7 +100,8 @@ pub fn evaluate_planner(
         let scene_id = scene.id();
         let prepared = Prepared::new(scene);
         for &variant in variants {
-            let request = PlaceRequest { variant, seed: problem.seed, ..PlaceRequest::new(scene_id.clone(), problem.query, vec![problem.goal]) };
+            let request =
+                PlaceRequest { variant, seed: problem.seed, ..PlaceRequest::new(scene_id.clone(), problem.query, vec![problem.goal]) };
             let started = std::time::Instant::now();
             let result = plan(&prepared, &request, models, &mut |_| std::ops::ControlFlow::Continue(()))?;
             let plan_ms = started.elapsed().as_secs_f64() * 1e3;
@@ -121,6 +124,7 @@ fn row(variant: Variant, trials: &[Trial]) -> PlannerRow {
         stable: Rate::default(),
         goal: Rate::default(),
         returned_stayed_goal: Rate::default(),
+        returned_stayed_goal_of_all: Rate::default(),
         joint: Rate::default(),
         none_precision: Rate::default(),
         none_recall: Rate::default(),
@@ -129,6 +133,7 @@ fn row(variant: Variant, trials: &[Trial]) -> PlannerRow {
     let mut times = Vec::new();
     for trial in trials.iter().filter(|t| t.variant == variant) {
         times.push(trial.plan_ms);
+        row.returned_stayed_goal_of_all.count(trial.judged.is_some_and(|j| j.stable && j.goal));
         if trial.feasible {
             let is = |f: fn(&Judged) -> bool| trial.judged.as_ref().is_some_and(f);
             row.returned.count(trial.returned);

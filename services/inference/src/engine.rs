@@ -86,14 +86,19 @@ impl Engine {
             .filter(|(i, (request, _))| request.realism && replies[*i].is_ok())
             .flat_map(|(i, (request, _))| (0..request.candidates.len()).step_by(PIECE).map(move |first| (i, first)))
             .collect();
-        let scored = spread(pieces.len(), self.threads, || (), |(), k| {
-            let (i, first) = pieces[k];
-            let (request, held) = requests[i];
-            let last = (first + PIECE).min(request.candidates.len());
-            let context = self.prepared(held, request.view_yaw_rad)?;
-            let candidates = candidates_of(&request.candidates[first..last]);
-            self.models.realism(&context, request.query, &candidates, 1).map_err(|e| wire_error(&e, "query"))
-        });
+        let scored = spread(
+            pieces.len(),
+            self.threads,
+            || (),
+            |(), k| {
+                let (i, first) = pieces[k];
+                let (request, held) = requests[i];
+                let last = (first + PIECE).min(request.candidates.len());
+                let context = self.prepared(held, request.view_yaw_rad)?;
+                let candidates = candidates_of(&request.candidates[first..last]);
+                self.models.realism(&context, request.query, &candidates, 1).map_err(|e| wire_error(&e, "query"))
+            },
+        );
         for ((i, _), realism) in pieces.into_iter().zip(scored) {
             match (&mut replies[i], realism) {
                 (Ok(reply), Ok(realism)) => reply.realism.extend(realism),

@@ -282,7 +282,13 @@ impl<'a> Search<'a> {
     }
 
     /// Both ends of the move with a grasp, or a count of what stood in the way.
-    fn ends(&self, placed_from_observed: &Isometry3<f64>, grasp: &mut TriedGrasp<'_>, tally: &mut EndTally, rng: &mut Pcg64) -> Option<Ends> {
+    fn ends(
+        &self,
+        placed_from_observed: &Isometry3<f64>,
+        grasp: &mut TriedGrasp<'_>,
+        tally: &mut EndTally,
+        rng: &mut Pcg64,
+    ) -> Option<Ends> {
         let pick = match grasp.pick_end(rng) {
             Ok(pick) => pick,
             Err(EndFailure::Unreachable) => {

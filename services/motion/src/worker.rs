@@ -25,7 +25,8 @@ impl Worker {
     /// # Errors
     /// When the configuration is out of range or the operating system gives no threads.
     pub fn start(config: &MotionConfig) -> Result<Self, RuntimeError> {
-        let queue = QueueSettings { name: "motion".to_owned(), capacity: config.queue, threads: config.threads, ..QueueSettings::default() };
+        let queue =
+            QueueSettings { name: "motion".to_owned(), capacity: config.queue, threads: config.threads, ..QueueSettings::default() };
         Ok(Self {
             settings: Arc::new(config.planning()?),
             terms: config.terms()?,

@@ -17,7 +17,8 @@ use repose_proto::robot::{RobotCommand, RobotMode, StopState};
 use repose_proto::scene::WorldFrame;
 use repose_proto::scoring::enclose;
 use repose_proto::{
-    CallError, CameraModel, ErrorCode, Message, ObjectSummary, Payload, RigidTransform, Scene, SceneMeta, SceneRef, Service, Surface, Unseen,
+    CallError, CameraModel, ErrorCode, Message, ObjectSummary, Payload, RigidTransform, Scene, SceneMeta, SceneRef, Service, Surface,
+    Unseen,
 };
 use repose_runtime::{Answer, CallOptions, Caller, Session, Shutdown, Traffic};
 
@@ -165,7 +166,15 @@ async fn a_plan_needs_its_scene_once_and_says_what_is_wrong_with_a_request() {
 
     let mut other = scene.clone();
     other.points[0][0] += 0.1;
-    assert_eq!(refusal(running.call("plan", bulk(&MotionPlanRequest { scene: SceneRef { scene_id: "0".repeat(64) }, ..request.clone() }, &other)).await).0, ErrorCode::InvalidArgument);
+    assert_eq!(
+        refusal(
+            running
+                .call("plan", bulk(&MotionPlanRequest { scene: SceneRef { scene_id: "0".repeat(64) }, ..request.clone() }, &other))
+                .await
+        )
+        .0,
+        ErrorCode::InvalidArgument
+    );
     other.meta.world_frame = WorldFrame::SupportPlane;
     let uncalibrated = MotionPlanRequest { scene: SceneRef { scene_id: other.id() }, ..request.clone() };
     assert_eq!(refusal(running.call("plan", bulk(&uncalibrated, &other)).await).0, ErrorCode::FailedPrecondition);
@@ -179,8 +188,10 @@ async fn an_execution_reports_its_phases_and_happens_once() {
     let plan = MotionPlan { scene_stamp_ns: now_ns(), max_scene_age_ms: 60_000, ..plan() };
     let payload = Payload::json(&plan).unwrap();
     let (progress, mut progressed) = tokio::sync::mpsc::channel(16);
-    let options =
-        || CallOptions { id: Some("5d0a5ffc-6f0c-4a55-a04a-6d3c3f2b7f11".to_owned()), ..CallOptions::at_most_once(Duration::from_secs(30)) };
+    let options = || CallOptions {
+        id: Some("5d0a5ffc-6f0c-4a55-a04a-6d3c3f2b7f11".to_owned()),
+        ..CallOptions::at_most_once(Duration::from_secs(30))
+    };
     let answer = running.caller.call("execute", payload.clone(), CallOptions { progress: Some(progress), ..options() }).await.unwrap();
     let reply: ExecuteReply = answer.payload.decode_json().unwrap();
     assert_eq!((reply.outcome, reply.phase.as_str()), (ExecutionOutcome::Done, "retreat"), "{reply:?}");

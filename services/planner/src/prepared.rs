@@ -3,7 +3,7 @@
 //! The points by object, the objects' completed shapes and what each stands on, the map of runs above the floor plan, the support
 //! surfaces, and the camera's picture rebuilt from the points. Requests then only leave the query out of it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point2, Point3};
@@ -94,9 +94,11 @@ impl Prepared {
         let camera = world_from_camera.translation.vector.xy().cast::<f32>().into();
         let mut objects = BTreeMap::new();
         let mut hidden: Vec<(Point2<f32>, Run)> = Vec::new();
+        let bottoms: BTreeMap<u16, Option<f32>> =
+            clouds.keys().map(|id| (*id, bottom(*id, &clouds, &seen, &planes, settings))).collect();
         for (id, points) in clouds {
             let Some(centroid) = cloud::centroid(&points) else { continue };
-            let shape = bottom(id, &points, &seen, &planes, settings)
+            let shape = bottoms[&id]
                 .and_then(|bottom_m| Shape::complete(&points, bottom_m, &camera, &settings.shape));
             if let Some(shape) = &shape {
                 hidden.extend(unseen_runs(id, shape, &seen));
@@ -149,37 +151,46 @@ fn plane(surface: &repose_proto::Surface) -> Option<SupportPlane> {
     Some(SupportPlane { height_m: surface.height_m as f32, outline, object: surface.object.unwrap_or(0) })
 }
 
-/// The height of what an object stands on: the highest surface below its points, or another object's top; its lowest points, less
-/// what border cleaning takes, where nothing was seen.
-fn bottom(id: u16, points: &[Point3<f32>], seen: &Columns, planes: &[SupportPlane], settings: &SceneSettings) -> Option<f32> {
-    let robust = cloud::percentile_box(points, 0.02, 0.98)?;
+/// The height of what an object stands on: the highest level under its lowest points that something else shows in and around its place
+/// seen from above; those points, less what border cleaning takes, where nothing shows.
+///
+/// The object hides most of what it stands on, so the strip around it tells, and the surfaces that perception outlined may not reach it.
+fn bottom(id: u16, clouds: &BTreeMap<u16, Vec<Point3<f32>>>, seen: &Columns, planes: &[SupportPlane], settings: &SceneSettings) -> Option<f32> {
+    let robust = cloud::percentile_box(clouds.get(&id)?, 0.02, 0.98)?;
     let lowest_m = robust.min.z;
     let middle = robust.center().xy();
     let limit_m = lowest_m + settings.bottom_slack_m;
+    // Of other objects only those that reach under this one: what stands beside it carries nothing.
+    let reaches_under = |other: u16| match other {
+        0 => true,
+        _ => clouds.get(&other).and_then(|points| Footprint::of(points)).is_some_and(|outline| outline.margin(&middle) >= -0.005),
+    };
+    let carriers: BTreeSet<u16> = clouds.keys().copied().chain([0]).filter(|other| *other != id && reaches_under(*other)).collect();
+    let shown = carrier_top(clouds.get(&id)?, &carriers, limit_m, seen, settings);
     let under = planes
         .iter()
-        .filter(|p| p.object != id && p.height_m <= limit_m && p.outline.margin(&middle) >= -0.03)
+        .filter(|p| carriers.contains(&p.object) && p.height_m <= limit_m && p.outline.margin(&middle) >= 0.0)
         .map(|p| p.height_m)
         .fold(f32::NEG_INFINITY, f32::max);
-    let carried = carrier_top(id, points, limit_m, seen, settings);
-    let height_m = under.max(carried);
-    Some(if height_m.is_finite() { height_m } else { lowest_m - settings.trim_m })
+    let height_m = under.max(shown);
+    // The surface's own height is less noisy than a few cells of it.
+    let same = planes.iter().map(|p| p.height_m).find(|h| *h <= limit_m && (h - height_m).abs() <= settings.same_level_m);
+    Some(if height_m.is_finite() { same.unwrap_or(height_m) } else { lowest_m - settings.trim_m })
 }
 
-/// The highest level that enough cells of other objects' tops under this object share.
-fn carrier_top(id: u16, points: &[Point3<f32>], limit_m: f32, seen: &Columns, settings: &SceneSettings) -> f32 {
-    const BIN_M: f32 = 0.005;
+/// The highest level that enough cells of the carriers' tops share, in an object's outline and the strip around it.
+fn carrier_top(points: &[Point3<f32>], carriers: &BTreeSet<u16>, limit_m: f32, seen: &Columns, settings: &SceneSettings) -> f32 {
     let Some(outline) = Footprint::of(points) else { return f32::NEG_INFINITY };
     let mut tops: Vec<f32> = Vec::new();
-    let mut cells = 0;
-    for center in cells_of(&outline, seen) {
-        cells += 1;
-        let runs = seen.at(&center).iter().filter(|r| r.object != id && r.object != 0 && r.high_m <= limit_m);
+    let mut inside = 0;
+    for center in cells_of(&outline, settings.strip_m, seen) {
+        inside += usize::from(outline.margin(&center) >= 0.0);
+        let runs = seen.at(&center).iter().filter(|r| carriers.contains(&r.object) && r.high_m <= limit_m);
         tops.extend(runs.map(|r| r.high_m).reduce(f32::max));
     }
     tops.sort_by(|a, b| b.total_cmp(a));
-    let needed = ((settings.carrier_share * cells as f32).ceil() as usize).max(3);
-    let shared = tops.windows(needed).find(|w| w[0] - w[needed - 1] <= 2.0 * BIN_M);
+    let needed = ((settings.carrier_share * inside as f32).ceil() as usize).max(4);
+    let shared = tops.windows(needed).find(|w| w[0] - w[needed - 1] <= settings.same_level_m);
     shared.map_or(f32::NEG_INFINITY, |w| w[needed / 2])
 }
 
@@ -187,7 +198,7 @@ fn carrier_top(id: u16, points: &[Point3<f32>], limit_m: f32, seen: &Columns, se
 fn unseen_runs(id: u16, shape: &Shape, seen: &Columns) -> Vec<(Point2<f32>, Run)> {
     let mut runs = Vec::new();
     for slab in &shape.slabs {
-        for center in cells_of(&slab.outline, seen) {
+        for center in cells_of(&slab.outline, 0.0, seen) {
             let own = seen.at(&center).iter().filter(|r| r.object == id).map(|r| r.high_m).reduce(f32::max);
             // A hollow that was looked into is as deep as it was seen to be.
             let high_m = own.unwrap_or(slab.high_m).min(slab.high_m);
@@ -199,11 +210,12 @@ fn unseen_runs(id: u16, shape: &Shape, seen: &Columns) -> Vec<(Point2<f32>, Run)
     runs
 }
 
-/// The centres of the map's cells within an outline.
-fn cells_of<'a>(outline: &'a Footprint, columns: &Columns) -> impl Iterator<Item = Point2<f32>> + use<'a> {
+/// The centres of the map's cells within an outline and a strip around it.
+fn cells_of<'a>(outline: &'a Footprint, strip_m: f32, columns: &Columns) -> impl Iterator<Item = Point2<f32>> + use<'a> {
     let corners = outline.corners();
     let (min, max) = corners.iter().fold((corners[0], corners[0]), |(min, max), c| (min.inf(c), max.sup(c)));
-    columns.centers_within(&min, &max).filter(move |c| outline.margin(c) >= 0.0)
+    let strip = nalgebra::Vector2::repeat(strip_m);
+    columns.centers_within(&(min - strip), &(max + strip)).filter(move |c| outline.margin(c) >= -strip_m)
 }
 
 #[cfg(test)]
@@ -222,6 +234,23 @@ mod tests {
             .prepared();
         let bottom = |id: u16| scene.objects[&id].shape.as_ref().unwrap().bottom_m;
         assert!(bottom(1).abs() < 1e-3 && (bottom(2) - 0.1).abs() < 2e-3 && bottom(3).abs() < 1e-3);
+    }
+
+    #[test]
+    fn furniture_that_an_object_hides_almost_whole_still_carries_it() {
+        // Perception has found no surface on the low box (label 0): the object covers its top but for a strip.
+        let mut scene = Builder::table().object(0, [0.0, 0.0], [0.12, 0.12, 0.14]).object_at(2, [0.0, 0.02], 0.14, [0.11, 0.07, 0.06]).scene();
+        scene.meta.surfaces.retain(|s| s.height_m < 0.01);
+        let scene = Prepared::new(Arc::new(scene));
+        let bottom_m = scene.objects[&2].shape.as_ref().unwrap().bottom_m;
+        assert!((bottom_m - 0.14).abs() < 0.004, "{bottom_m}");
+    }
+
+    #[test]
+    fn a_neighbour_in_front_does_not_carry_what_it_hides() {
+        let scene = Builder::table().object(1, [0.0, -0.06], [0.16, 0.06, 0.07]).object(2, [0.0, 0.02], [0.06, 0.06, 0.12]).prepared();
+        let bottom_m = scene.objects[&2].shape.as_ref().unwrap().bottom_m;
+        assert!(bottom_m.abs() < 0.004, "{bottom_m}");
     }
 
     #[test]

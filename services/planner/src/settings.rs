@@ -224,8 +224,12 @@ pub struct SceneSettings {
     pub min_points: usize,
     /// A cloud's lowest points are its support up to this far above it, metres.
     pub bottom_slack_m: f32,
-    /// The share of an object's cells that another object's tops must fill to carry it.
+    /// How far around an object what it stands on is looked for, metres.
+    pub strip_m: f32,
+    /// How many cells must show it, as a share of the object's own.
     pub carrier_share: f32,
+    /// Heights within this of each other are one level, metres.
+    pub same_level_m: f32,
     /// How much border cleaning takes off a cloud's bottom where no support is seen, metres.
     pub trim_m: f32,
     /// Completing objects.
@@ -241,7 +245,9 @@ impl Default for SceneSettings {
             view_columns: 640,
             min_points: 20,
             bottom_slack_m: 0.01,
-            carrier_share: 0.15,
+            strip_m: 0.025,
+            carrier_share: 0.1,
+            same_level_m: 0.01,
             trim_m: 0.004,
             shape: ShapeSettings::default(),
         }

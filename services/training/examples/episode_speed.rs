@@ -3,8 +3,12 @@
 use std::time::Instant;
 
 use repose_dataset::Split;
-use repose_networks::{NetworksConfig, crops, Kernel};
-use repose_training::{episode::{Episode, EpisodeSettings}, step::generator, views::Views};
+use repose_networks::{Kernel, NetworksConfig, crops};
+use repose_training::{
+    episode::{Episode, EpisodeSettings},
+    step::generator,
+    views::Views,
+};
 
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
@@ -29,6 +33,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         points += crop.points.len();
         pairs += crop.levels[..3].iter().map(|l| l.neighbours.indices().len()).sum::<usize>();
     }
-    println!("{:.2} ms a crop; {} points, {} pairs, scene {} points", start.elapsed().as_secs_f64() * 1e3 / episodes.len().max(1) as f64, points / episodes.len(), pairs / episodes.len(), episodes[0].scene.points.len());
+    println!(
+        "{:.2} ms a crop; {} points, {} pairs, scene {} points",
+        start.elapsed().as_secs_f64() * 1e3 / episodes.len().max(1) as f64,
+        points / episodes.len(),
+        pairs / episodes.len(),
+        episodes[0].scene.points.len()
+    );
     Ok(())
 }

@@ -7,6 +7,9 @@ use candle_core::{Device, Result, Tensor, Var};
 /// Gradients by parameter path.
 pub type Gradients = BTreeMap<String, Vec<f32>>;
 
+/// First and second moments by parameter path.
+pub type Moments = BTreeMap<String, (Vec<f32>, Vec<f32>)>;
+
 /// Decay rates and the rest of the usual constants.
 const BETA1: f64 = 0.9;
 const BETA2: f64 = 0.99;
@@ -16,7 +19,7 @@ const EPSILON: f64 = 1e-8;
 #[derive(Debug, Default)]
 pub struct AdamW {
     step: i32,
-    moments: BTreeMap<String, (Vec<f32>, Vec<f32>)>,
+    moments: Moments,
 }
 
 impl AdamW {
@@ -47,13 +50,13 @@ impl AdamW {
         Ok(())
     }
 
-    /// What a checkpoint keeps: the step count and the moments by parameter path (first, second).
-    pub fn state(&self) -> (i32, &BTreeMap<String, (Vec<f32>, Vec<f32>)>) {
+    /// What a checkpoint keeps: the step count and the moments.
+    pub fn state(&self) -> (i32, &Moments) {
         (self.step, &self.moments)
     }
 
     /// Takes up a checkpoint's state.
-    pub fn restore(step: i32, moments: BTreeMap<String, (Vec<f32>, Vec<f32>)>) -> Self {
+    pub fn restore(step: i32, moments: Moments) -> Self {
         Self { step, moments }
     }
 }

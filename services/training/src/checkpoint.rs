@@ -2,10 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use repose_networks::{
-    Weights, WeightsInfo,
-    parameters::WeightMap,
-};
+use repose_networks::{Weights, WeightsInfo, parameters::WeightMap};
 
 use crate::{adam::AdamW, error::TrainError, settings::TrainSettings};
 
@@ -72,7 +69,8 @@ pub fn load(settings: &TrainSettings) -> Result<Option<State>, TrainError> {
         stored.values.iter().filter_map(|(name, v)| Some((name.strip_prefix(&prefix)?.to_string(), v.clone()))).collect()
     };
     let second = of("second");
-    let moments = of("first").into_iter().filter_map(|(name, (_, first))| Some((name.clone(), (first, second.get(&name)?.1.clone())))).collect();
+    let moments =
+        of("first").into_iter().filter_map(|(name, (_, first))| Some((name.clone(), (first, second.get(&name)?.1.clone())))).collect();
     let adam = AdamW::restore(number("adam_step").unwrap_or(0) as i32, moments);
     Ok(Some(State { step: number("step").unwrap_or(0), values: of("value"), average: of("average"), adam }))
 }

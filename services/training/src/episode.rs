@@ -70,7 +70,8 @@ impl Episode {
         let wants_elsewhere = rng.random_bool(settings.elsewhere);
         let mut scene = Composite::of(view, |k| k != query);
         let object = &view.objects[query];
-        let elsewhere = object.elsewhere.as_ref().filter(|e| wants_elsewhere && is_visible(&scene, &e.layer, label, settings.visible_least));
+        let elsewhere =
+            object.elsewhere.as_ref().filter(|e| wants_elsewhere && is_visible(&scene, &e.layer, label, settings.visible_least));
         let clean = |picture: &mut Composite, rng: &mut Pcg64| {
             settings.sensor.disturb(picture, rng);
             picture.drop_borders(band_px);

@@ -135,7 +135,13 @@ impl Task for JointTask {
     }
 
     fn loss(
-        &self, networks: &Networks, config: &NetworksConfig, episodes: &[&Episode], samples: usize, mode: &Mode, rng: &mut Pcg64,
+        &self,
+        networks: &Networks,
+        config: &NetworksConfig,
+        episodes: &[&Episode],
+        samples: usize,
+        mode: &Mode,
+        rng: &mut Pcg64,
     ) -> Result<Tensor> {
         let first = rng.random_range(0..episodes.len());
         let drawn: Vec<&Episode> = (0..samples.min(episodes.len())).map(|i| episodes[(first + i) % episodes.len()]).collect();

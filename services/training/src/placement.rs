@@ -68,7 +68,13 @@ impl Task for PlacementTask {
     }
 
     fn loss(
-        &self, networks: &Networks, config: &NetworksConfig, episodes: &[&Episode], samples: usize, mode: &Mode, rng: &mut Pcg64,
+        &self,
+        networks: &Networks,
+        config: &NetworksConfig,
+        episodes: &[&Episode],
+        samples: usize,
+        mode: &Mode,
+        rng: &mut Pcg64,
     ) -> Result<Tensor> {
         // A positive and a negative of one episode side by side: the pair differs in the place only.
         let first = rng.random_range(0..episodes.len());
@@ -107,7 +113,13 @@ pub fn area_under_curve(positives: &[f32], negatives: &[f32]) -> f64 {
     let mut wins = 0.0;
     for p in positives {
         for n in negatives {
-            wins += if p > n { 1.0 } else if p == n { 0.5 } else { 0.0 };
+            wins += if p > n {
+                1.0
+            } else if p == n {
+                0.5
+            } else {
+                0.0
+            };
         }
     }
     wins / (positives.len() * negatives.len()).max(1) as f64

@@ -29,8 +29,8 @@ impl Default for SensorModel {
 impl SensorModel {
     /// Disturbs a picture's depth in place.
     pub fn disturb(&self, picture: &mut Composite, rng: &mut Pcg64) {
-        let [own, smooth, quantum, missing] =
-            [self.own_noise_at_1m, self.smooth_noise_at_1m, self.quantum_at_1m, self.missing].map(|most| most * rng.random_range(0.2..1.0f32));
+        let [own, smooth, quantum, missing] = [self.own_noise_at_1m, self.smooth_noise_at_1m, self.quantum_at_1m, self.missing]
+            .map(|most| most * rng.random_range(0.2..1.0f32));
         let columns = picture.width / self.patch_px + 2;
         let knots: Vec<f32> = (0..columns * (picture.height / self.patch_px + 2)).map(|_| gaussian(rng)).collect();
         for (i, z) in picture.depth_m.iter_mut().enumerate().filter(|(_, z)| **z > 0.0) {

@@ -94,7 +94,9 @@ pub fn gradient(shared: &Shared<'_>, slots: &mut [Slot], pools: &[rayon::ThreadP
 
 /// A generator for one purpose at one step: independent of what was drawn before, so that a resumed run draws what it would have.
 pub fn generator(seed: u64, step: u64, slot: u64) -> Pcg64 {
-    let mixed = [step, slot].iter().fold(seed, |h, x| (h ^ x.wrapping_mul(0x9e37_79b9_7f4a_7c15)).rotate_left(29).wrapping_mul(0xbf58_476d_1ce4_e5b9));
+    let mixed = [step, slot]
+        .iter()
+        .fold(seed, |h, x| (h ^ x.wrapping_mul(0x9e37_79b9_7f4a_7c15)).rotate_left(29).wrapping_mul(0xbf58_476d_1ce4_e5b9));
     Pcg64::seed_from_u64(mixed)
 }
 

@@ -19,7 +19,13 @@ pub trait Task: Sync {
     /// # Errors
     /// Tensor errors.
     fn loss(
-        &self, networks: &Networks, config: &NetworksConfig, episodes: &[&Episode], samples: usize, mode: &Mode, rng: &mut Pcg64,
+        &self,
+        networks: &Networks,
+        config: &NetworksConfig,
+        episodes: &[&Episode],
+        samples: usize,
+        mode: &Mode,
+        rng: &mut Pcg64,
     ) -> Result<Tensor>;
 
     /// Figures on validation episodes, with running statistics, as JSON. The first, `loss`, falls as things get better.

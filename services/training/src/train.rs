@@ -100,8 +100,20 @@ impl<'a> Run<'a> {
         let views = open(Split::Train)?;
         let episode = EpisodeSettings::default();
         let average = parameters.to_map()?;
-        let mut run =
-            Self { settings, task, config, episode, networks, parameters, info, average, adam: AdamW::default(), step: 0, views, validation: Vec::new() };
+        let mut run = Self {
+            settings,
+            task,
+            config,
+            episode,
+            networks,
+            parameters,
+            info,
+            average,
+            adam: AdamW::default(),
+            step: 0,
+            views,
+            validation: Vec::new(),
+        };
         run.resume()?;
         let validation_views = Views::open(&settings.data, Split::Validation)?;
         if !validation_views.is_empty() {
@@ -133,7 +145,11 @@ impl<'a> Run<'a> {
         let mut slots: Vec<Slot> = (0..settings.slots.max(1)).map(|_| Slot::default()).collect();
         let spinning = candle_core::utils::get_num_threads();
         if spinning > 1 {
-            tracing::warn!(threads = spinning, "candle's own threads spin beside the workers; set {} to 1", ONE_THREAD_VARIABLES.join(" and "));
+            tracing::warn!(
+                threads = spinning,
+                "candle's own threads spin beside the workers; set {} to 1",
+                ONE_THREAD_VARIABLES.join(" and ")
+            );
         }
         let bar = progress_bar(settings);
         let (begin, first_step, mut smooth) = (Instant::now(), self.step, None);
@@ -157,13 +173,14 @@ impl<'a> Run<'a> {
             self.step += 1;
             let loss = smooth.map_or(result.loss, |s: f64| s + 0.02 * (result.loss - s));
             smooth = Some(loss);
-            let speed = ((self.step - first_step) * (settings.slots * settings.samples_per_slot) as u64) as f64 / begin.elapsed().as_secs_f64();
+            let speed =
+                ((self.step - first_step) * (settings.slots * settings.samples_per_slot) as u64) as f64 / begin.elapsed().as_secs_f64();
             bar.set_position((1000.0 * share) as u64);
             bar.set_message(format!("step {} loss {loss:.4} |g| {norm:.2} {speed:.1} samples/s", self.step));
-            if self.step % 100 == 0 {
+            if self.step.is_multiple_of(100) {
                 tracing::info!(step = self.step, loss, norm, rate, samples_per_s = speed, views = self.views.len(), "progress");
             }
-            if self.step % settings.checkpoint_steps.max(1) == 0 {
+            if self.step.is_multiple_of(settings.checkpoint_steps.max(1)) {
                 self.save()?;
             }
         }
@@ -214,7 +231,11 @@ impl<'a> Run<'a> {
         let part = self.task.part().name();
         tracing::info!(step = self.step, %metrics, "validation");
         set(&mut self.info.metrics, part, metrics.clone());
-        let recipe = serde_json::json!({ "settings": self.settings, "steps": self.step, "views": self.views.len(), "train_seeds": Split::Train.seeds() });
+        let mut recipe = serde_json::json!({ "settings": self.settings, "steps": self.step, "views": self.views.len(), "train_seeds": Split::Train.seeds() });
+        if let Some(settings) = recipe["settings"].as_object_mut() {
+            // Where files lay and how many threads there were says nothing about the weights.
+            settings.retain(|key, _| !["data", "out", "start", "threads"].contains(&key.as_str()));
+        }
         set(&mut self.info.recipe, part, recipe);
         checkpoint::write(&self.settings.out, &Weights::to_bytes(&weights, &self.info)?)?;
         checkpoint::save(self.settings, self.step, &self.parameters.to_map()?, &self.average, &self.adam)?;

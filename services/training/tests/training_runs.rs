@@ -40,7 +40,7 @@ fn rendered(world_from_camera: &Isometry3<f64>, solid: Option<(&Isometry3<f64>, 
 
 fn view(seed: u64) -> ViewRecord {
     let mut rng = Pcg64::seed_from_u64(seed);
-    let azimuth: f64 = rng.random_range(0.0..6.28);
+    let azimuth: f64 = rng.random_range(0.0..std::f64::consts::TAU);
     let eye = Point3::new(0.7 * azimuth.cos(), 0.7 * azimuth.sin(), 0.5);
     let world_from_camera = look_at(&eye, &Point3::origin(), &Vector3::z());
     let objects: Vec<ObjectRecord> = (0..3u16)

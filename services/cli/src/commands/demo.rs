@@ -8,9 +8,11 @@ use nalgebra::{Isometry3, Point3};
 use repose_geometry::transform::from_row_major;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
 use repose_proto::robot::RobotState;
-use repose_proto::simulator::{TrueObject, Truth, TruthRequest};
 use repose_proto::scoring::enclose;
-use repose_proto::{CallError, ErrorCode, Frame, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Relation, Scene, SceneRef, Service};
+use repose_proto::simulator::{TrueObject, Truth, TruthRequest};
+use repose_proto::{
+    CallError, ErrorCode, Frame, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Relation, Scene, SceneRef, Service,
+};
 use repose_runtime::{CallOptions, Caller, RuntimeConfig, Session, Shutdown, Subscription};
 use serde::Serialize;
 
@@ -57,10 +59,8 @@ pub async fn run(args: &DemoArgs, output: Output) -> Outcome {
     let shutdown = Shutdown::new();
     let mut configs = ServiceConfigs::default();
     configs.simulator.seed = args.seed;
-    let services: Vec<_> = Service::ALL
-        .map(|service| tokio::spawn(configs.clone().run(service, session.clone(), shutdown.child())))
-        .into_iter()
-        .collect();
+    let services: Vec<_> =
+        Service::ALL.map(|service| tokio::spawn(configs.clone().run(service, session.clone(), shutdown.child()))).into_iter().collect();
     let cell = Cell::open(&session, &configs).await?;
     let shown = cell.show(args).await;
     shutdown.trigger();
@@ -126,7 +126,7 @@ impl Cell {
     async fn show(&self, args: &DemoArgs) -> Result<Report, Failure> {
         let before = self.truth(None).await?;
         let summary = client::newest_scene(&self.session, &self.camera, CALL).await?;
-        let scene = Arc::new(self.scene(&summary.scene_id).await?);
+        let scene = Arc::new(client::whole_scene(&self.session, &summary.scene_id, CALL).await?);
         let seen_before = self.photograph().await?;
         tracing::info!(objects = scene.meta.objects.len(), surfaces = scene.meta.surfaces.len(), "the camera's scene is segmented");
         let planned = self.plan(args, &summary.scene_id, &scene).await?;
@@ -162,9 +162,13 @@ impl Cell {
         let truth = self.truth(Some(scene.meta.view_yaw_rad)).await?;
         let mut given_up = Vec::new();
         for (query, goal) in wishes(args.seed, scene, &truth) {
-            let request = PlaceRequest { count: COUNT, seed: args.seed, variant: args.variant, ..PlaceRequest::new(scene_id.to_owned(), query, vec![goal]) };
-            let result = client::place(&self.planner, &request, CallOptions::within(CALL)).await;
-            let (result, _) = result?;
+            let request = PlaceRequest {
+                count: COUNT,
+                seed: args.seed,
+                variant: args.variant,
+                ..PlaceRequest::new(scene_id.to_owned(), query, vec![goal])
+            };
+            let (result, _) = client::place(&self.planner, &request, Some(scene), CallOptions::within(CALL)).await?;
             if result.placements.is_empty() {
                 given_up.push(format!("object {query} to {goal}: no placement, {:?}", result.rejections));
                 continue;
@@ -208,12 +212,6 @@ impl Cell {
         options: CallOptions,
     ) -> Result<R, CallError> {
         caller.call(method, Payload::json(request)?, options).await?.payload.decode_json()
-    }
-
-    async fn scene(&self, scene_id: &str) -> Result<Scene, Failure> {
-        let request = Payload::json(&repose_proto::perception::SceneRequest { scene_id: scene_id.to_owned() })?;
-        let answer = self.perception.call_any("scene", &request, &CallOptions::within(CALL)).await?;
-        Ok(Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA)?)?)
     }
 
     async fn truth(&self, view_yaw_rad: Option<f64>) -> Result<Truth, Failure> {

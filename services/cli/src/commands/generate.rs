@@ -10,23 +10,16 @@ use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 
 /// How often each relation held in the paper's evaluation set, percent, in wire order (its Table 2; `aligned` was left out).
-const PAPER_PERCENT: [Option<f64>; 10] = [
-    Some(13.9),
-    Some(14.0),
-    Some(4.6),
-    Some(5.0),
-    Some(4.3),
-    Some(4.3),
-    Some(29.0),
-    Some(12.7),
-    Some(5.6),
-    None,
-];
+const PAPER_PERCENT: [Option<f64>; 10] =
+    [Some(13.9), Some(14.0), Some(4.6), Some(5.0), Some(4.3), Some(4.3), Some(29.0), Some(12.7), Some(5.6), None];
 
 /// The split of that name.
 pub fn split_of(name: &str) -> Result<Split, Failure> {
     let known = || Split::ALL.map(Split::name).join(", ");
-    Split::ALL.into_iter().find(|s| s.name() == name).ok_or_else(|| Failure::bad_input("split", format!("expected one of {}, got {name:?}", known())))
+    Split::ALL
+        .into_iter()
+        .find(|s| s.name() == name)
+        .ok_or_else(|| Failure::bad_input("split", format!("expected one of {}, got {name:?}", known())))
 }
 
 /// Runs the command.

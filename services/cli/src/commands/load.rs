@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use hdrhistogram::Histogram;
 use repose_proto::place::{Budget, Outcome as SearchOutcome};
-use repose_proto::{GoalTerm, PlaceRequest, Relation, SceneSummary, Service};
+use repose_proto::{GoalTerm, PlaceRequest, Relation, Scene, SceneSummary, Service};
 use repose_runtime::{CallOptions, Caller};
 use serde::Serialize;
 
@@ -49,12 +49,14 @@ pub async fn run(args: &LoadArgs, output: Output) -> Outcome {
     if scene.objects.len() < 2 {
         return Err(Failure::bad_input("camera", format!("the newest scene has {} objects, two are needed", scene.objects.len())));
     }
+    // Cameras go on, and services keep a scene for a while only: whoever has lost it gets it whole.
+    let whole = Arc::new(client::whole_scene(&session, &scene.scene_id, deadline).await?);
     let planner = session.caller(Service::Planner).await?;
     let args = Arc::new(args.clone());
     let next = Arc::new(AtomicUsize::new(0));
     let started = Instant::now();
     let clients: Vec<_> = (0..args.clients.max(1))
-        .map(|_| tokio::spawn(client(args.clone(), planner.clone(), scene.clone(), next.clone(), started)))
+        .map(|_| tokio::spawn(client(args.clone(), planner.clone(), (scene.clone(), whole.clone()), next.clone(), started)))
         .collect();
     let mut ended = Vec::new();
     for client in clients {
@@ -72,7 +74,13 @@ pub async fn run(args: &LoadArgs, output: Output) -> Outcome {
 }
 
 /// One client: takes the next request until there are none; with a rate, at its time and not before.
-async fn client(args: Arc<LoadArgs>, planner: Caller, scene: Arc<SceneSummary>, next: Arc<AtomicUsize>, started: Instant) -> Vec<Ended> {
+async fn client(
+    args: Arc<LoadArgs>,
+    planner: Caller,
+    (scene, whole): (Arc<SceneSummary>, Arc<Scene>),
+    next: Arc<AtomicUsize>,
+    started: Instant,
+) -> Vec<Ended> {
     let mut ended = Vec::new();
     loop {
         let i = next.fetch_add(1, Ordering::Relaxed);
@@ -83,7 +91,7 @@ async fn client(args: Arc<LoadArgs>, planner: Caller, scene: Arc<SceneSummary>, 
         let due = args.rate.map_or_else(Instant::now, |rate| started + Duration::from_secs_f64(i as f64 / rate));
         tokio::time::sleep_until(due.into()).await;
         let options = CallOptions::within(Duration::from_millis(args.connect.deadline_ms));
-        let answered = client::place(&planner, &request(&args, &scene, i), options).await;
+        let answered = client::place(&planner, &request(&args, &scene, i), Some(&whole), options).await;
         let took = due.elapsed();
         tracing::debug!(request = i, ms = took.as_millis() as u64, "request ended");
         ended.push(match answered {

@@ -36,7 +36,7 @@ pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
         }
     });
     let options = CallOptions { progress: Some(sender), ..CallOptions::within(deadline) };
-    let answered = client::place(&planner, &request, options).await;
+    let answered = client::place(&planner, &request, None, options).await;
     printing.abort();
     session.close().await?;
     let (result, answer) = answered?;

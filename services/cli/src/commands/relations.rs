@@ -31,8 +31,12 @@ pub fn run(args: &RelationsArgs, output: Output) -> Outcome {
     let scene = frames::scene_of(&frames::read(&args.frame)?)?;
     let pairs = pairs_of(scene)?;
     output.print(&serde_json::json!({"pairs": pairs}), || {
-        let name = |flags: &dyn Fn(usize) -> bool| Relation::ALL.iter().filter(|r| flags(r.index())).map(|r| r.as_str()).collect::<Vec<_>>().join(" ");
-        let line = |p: &Pair| format!("{:>3} to {:>3}: learned [{}] by rule [{}]", p.query, p.anchor, name(&|i| p.learned[i] > 0.5), name(&|i| p.rule[i]));
+        let name = |flags: &dyn Fn(usize) -> bool| {
+            Relation::ALL.iter().filter(|r| flags(r.index())).map(|r| r.as_str()).collect::<Vec<_>>().join(" ")
+        };
+        let line = |p: &Pair| {
+            format!("{:>3} to {:>3}: learned [{}] by rule [{}]", p.query, p.anchor, name(&|i| p.learned[i] > 0.5), name(&|i| p.rule[i]))
+        };
         pairs.iter().map(line).collect::<Vec<_>>().join("\n")
     })
 }

@@ -138,8 +138,6 @@ pub struct ObjectCloud {
     pub normals: Vec<Vector3<f32>>,
     /// Where its middle is taken to be, on the level; the height is that of what was seen.
     pub middle: Point3<f64>,
-    /// From the middle of what was seen to `middle`, metres.
-    pub hidden: Vector3<f64>,
     /// The smallest axis-aligned box around the points.
     pub bounds: Aabb,
     /// The lowest the grasp centre may go, world z, metres.
@@ -171,7 +169,7 @@ pub fn grasps(scene: &GraspScene<'_>, settings: &GraspSettings, rng: &mut Pcg64)
     let seen_middle = bounds.center().cast::<f64>();
     let away = seen_middle - scene.camera_in_world;
     let hidden = Vector3::new(away.x, away.y, 0.0).try_normalize(1e-9).unwrap_or_else(Vector3::zeros) * settings.hidden_m;
-    let object = ObjectCloud { points: thinned, normals, middle: seen_middle + hidden, hidden, bounds, floor_m };
+    let object = ObjectCloud { points: thinned, normals, middle: seen_middle + hidden, bounds, floor_m };
 
     let mut proposals = top_down::proposals(&object, settings);
     proposals.extend(antipodal::proposals(&object, settings, rng));

@@ -14,7 +14,8 @@ pub const NAMES: [&str; 8] = ["standoff", "approach", "grasp", "lift", "transfer
 pub fn plan() -> MotionPlan {
     let mut at = 0.0;
     let phases = NAMES.map(|name| {
-        let gripper = ["standoff", "grasp", "release"].contains(&name)
+        let gripper = ["standoff", "grasp", "release"]
+            .contains(&name)
             .then_some(GripperCommand { width_m: if name == "grasp" { 0.0 } else { 0.05 }, force_n: 30.0 });
         let moves = !["grasp", "release"].contains(&name);
         let from = at;

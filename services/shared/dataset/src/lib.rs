@@ -6,8 +6,7 @@
 //! border cleaning): training applies the sensor model and the cleaning that perception applies.
 //!
 //! ```text
-//! metadata  "format"  = "repose-views-1"
-//!           "views"   = JSON list, one entry per view: seed, split, camera, view_yaw_rad, background, objects (see `record`)
+//! metadata  "repose-views-1"             JSON list, one entry per view: seed, split, camera, view_yaw_rad, background, objects (see `record`)
 //! tensors   "{v:04}/background"            u16 [h,w]    depth in units of 0.1 mm, 0 = nothing; the rectangle's corner (x0, y0) is in the JSON
 //!           "{v:04}/object_{k}/alone"      u16 [h,w]    object k alone, where it stands
 //!           "{v:04}/object_{k}/elsewhere"  u16 [h,w]    optional: object k alone, somewhere else and turned about z, same camera
@@ -15,7 +14,7 @@
 //!           "{v:04}/gap_m"                 f32 [n,n]    distance between the meshes, metres
 //! ```
 //!
-//! From Python: `f = safetensors.safe_open(path, "np"); views = json.loads(f.metadata()["views"]); f.get_tensor("0000/background") * 1e-4`.
+//! From Python: `f = safetensors.safe_open(path, "np"); views = json.loads(f.metadata()["repose-views-1"]); f.get_tensor("0000/background") * 1e-4`.
 //!
 //! Layers are cropped to the rectangle that they fill. At 320 × 240 a view is about 100 to 200 kB.
 

@@ -8,7 +8,7 @@ use safetensors::{Dtype, SafeTensors};
 
 use crate::{
     Elsewhere, Layer, ObjectRecord, RELATIONS, ViewRecord,
-    writer::{CornerJson, FORMAT, ObjectJson, ViewJson},
+    writer::{CornerJson, METADATA, ObjectJson, ViewJson},
 };
 
 /// Why a shard could not be read.
@@ -59,12 +59,9 @@ pub fn read_shard(path: &Path) -> Result<Vec<ViewRecord>, ReadError> {
     let bytes = std::fs::read(path).map_err(|source| ReadError::Io { path: path.to_path_buf(), source })?;
     let malformed = |field: &str, reason: String| ReadError::Malformed { path: path.to_path_buf(), field: field.to_string(), reason };
     let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|e| malformed("header", e.to_string()))?;
-    let entries = header.metadata().as_ref().ok_or_else(|| malformed("metadata", "missing".into()))?;
-    let text = |key: &str| entries.get(key).ok_or_else(|| malformed(key, "missing from the metadata".into()));
-    if text("format")? != FORMAT {
-        return Err(malformed("format", format!("expected {FORMAT}, got {}", text("format")?)));
-    }
-    let views: Vec<ViewJson> = serde_json::from_str(text("views")?).map_err(|e| malformed("views", e.to_string()))?;
+    let views = header.metadata().as_ref().and_then(|entries| entries.get(METADATA));
+    let views = views.ok_or_else(|| malformed("metadata", format!("expected the key {METADATA}, which is missing")))?;
+    let views: Vec<ViewJson> = serde_json::from_str(views).map_err(|e| malformed(METADATA, e.to_string()))?;
     let tensors = SafeTensors::deserialize(&bytes).map_err(|e| malformed("tensors", e.to_string()))?;
     let shard = Shard { path, tensors };
     views.iter().enumerate().map(|(v, json)| shard.view(v, json)).collect()
@@ -118,14 +115,7 @@ impl Shard<'_> {
         Ok(ViewRecord {
             scene_seed: json.scene_seed,
             view: json.view,
-            camera: Pinhole {
-                width: camera.width,
-                height: camera.height,
-                fx: camera.fx,
-                fy: camera.fy,
-                cx: camera.cx,
-                cy: camera.cy,
-            },
+            camera: Pinhole { width: camera.width, height: camera.height, fx: camera.fx, fy: camera.fy, cx: camera.cx, cy: camera.cy },
             world_from_camera: self.pose("world_from_camera", &camera.world_from_camera)?,
             view_yaw_rad: json.view_yaw_rad,
             background: self.layer(&format!("{v:04}/background"), json.background)?,

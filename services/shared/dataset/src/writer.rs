@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 use crate::{Layer, ObjectRecord, RELATIONS, Split, ViewRecord};
 use repose_geometry::{OrientedBox, Pinhole, transform::to_row_major};
 
-/// The format's name in the metadata.
-pub(crate) const FORMAT: &str = "repose-views-1";
+/// The metadata's only key (a hash map of several would be written in any order, and the same views would give other bytes).
+pub(crate) const METADATA: &str = "repose-views-1";
 
 /// Why a shard could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -137,9 +137,7 @@ impl ShardWriter {
         let path = self.folder.join(format!("shard_{:05}.safetensors", self.next_shard));
         let bytes = serialize(&self.pending)?;
         let beside = path.with_extension("tmp");
-        std::fs::write(&beside, bytes)
-            .and_then(|()| std::fs::rename(&beside, &path))
-            .map_err(|source| WriteError::Io { path, source })?;
+        std::fs::write(&beside, bytes).and_then(|()| std::fs::rename(&beside, &path)).map_err(|source| WriteError::Io { path, source })?;
         self.pending.clear();
         self.next_shard += 1;
         Ok(())
@@ -165,8 +163,7 @@ fn check(view: &ViewRecord) -> Result<(), WriteError> {
 /// A shard's bytes.
 fn serialize(views: &[ViewRecord]) -> Result<Vec<u8>, WriteError> {
     let container = |e: &dyn std::fmt::Display| WriteError::Container(e.to_string());
-    let relations: Vec<Vec<u8>> =
-        views.iter().map(|v| v.relations.iter().flat_map(|r| r.iter().map(|b| u8::from(*b))).collect()).collect();
+    let relations: Vec<Vec<u8>> = views.iter().map(|v| v.relations.iter().flat_map(|r| r.iter().map(|b| u8::from(*b))).collect()).collect();
     let mut tensors: Vec<(String, TensorView<'_>)> = Vec::new();
     let mut add = |name: String, dtype, shape: Vec<usize>, bytes| {
         tensors.push((name, TensorView::new(dtype, shape, bytes).map_err(|e| container(&e))?));
@@ -186,10 +183,7 @@ fn serialize(views: &[ViewRecord]) -> Result<Vec<u8>, WriteError> {
         add(format!("{v:04}/gap_m"), Dtype::F32, vec![n, n], bytemuck::cast_slice(&view.gap_m))?;
     }
     let json: Vec<ViewJson> = views.iter().map(view_json).collect();
-    let metadata = HashMap::from([
-        ("format".to_string(), FORMAT.to_string()),
-        ("views".to_string(), serde_json::to_string(&json).map_err(|e| container(&e))?),
-    ]);
+    let metadata = HashMap::from([(METADATA.to_string(), serde_json::to_string(&json).map_err(|e| container(&e))?)]);
     safetensors::serialize(tensors, Some(metadata)).map_err(|e| container(&e))
 }
 

@@ -91,7 +91,11 @@ fn first_within(points: &[[f32; 3]], center: [f32; 3], radius_m: f32, most: usiz
 ///
 /// The three streams are merged in proportion, so that any prefix (the centroids) holds a fair share of each.
 pub fn discriminator_input(
-    kernel: Kernel, config: &NetworksConfig, scene_without_query: &SceneCloud, query: &ObjectCloud, position_in_viewer: [f32; 3],
+    kernel: Kernel,
+    config: &NetworksConfig,
+    scene_without_query: &SceneCloud,
+    query: &ObjectCloud,
+    position_in_viewer: [f32; 3],
 ) -> Grouped {
     let (points, is_query) = discriminator_points(config, scene_without_query, query, position_in_viewer);
     Grouped::new(kernel, points, is_query, &config.discriminator_levels)
@@ -99,7 +103,10 @@ pub fn discriminator_input(
 
 /// The points of [`discriminator_input`] and their labels, in order.
 pub fn discriminator_points(
-    config: &NetworksConfig, scene_without_query: &SceneCloud, query: &ObjectCloud, position_in_viewer: [f32; 3],
+    config: &NetworksConfig,
+    scene_without_query: &SceneCloud,
+    query: &ObjectCloud,
+    position_in_viewer: [f32; 3],
 ) -> (Vec<[f32; 3]>, Vec<f32>) {
     let shares = &config.discriminator_points;
     let [low, high] = query.bounds();
@@ -164,15 +171,13 @@ mod tests {
 
     fn plane(spacing_m: f32) -> SceneCloud {
         let side = (1.4 / spacing_m) as i32;
-        let points = (0..side * side)
-            .map(|i| [(i % side) as f32 * spacing_m - 0.7, (i / side) as f32 * spacing_m - 0.7, 0.0])
-            .collect::<Vec<_>>();
+        let points =
+            (0..side * side).map(|i| [(i % side) as f32 * spacing_m - 0.7, (i / side) as f32 * spacing_m - 0.7, 0.0]).collect::<Vec<_>>();
         SceneCloud { labels: vec![0; points.len()], points }
     }
 
     fn cube() -> ObjectCloud {
-        let points: Vec<_> =
-            (0..1000).map(|i| Point3::new((i % 10) as f32, (i / 10 % 10) as f32, (i / 100) as f32) * 0.006).collect();
+        let points: Vec<_> = (0..1000).map(|i| Point3::new((i % 10) as f32, (i / 10 % 10) as f32, (i / 100) as f32) * 0.006).collect();
         ObjectCloud::new(&points, &crate::points::CloudConfig::default()).unwrap()
     }
 

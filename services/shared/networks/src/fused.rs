@@ -65,7 +65,13 @@ impl CustomOp3 for FusedPairMlp {
     }
 
     fn cpu_fwd(
-        &self, s1: &CpuStorage, l1: &Layout, s2: &CpuStorage, l2: &Layout, s3: &CpuStorage, l3: &Layout,
+        &self,
+        s1: &CpuStorage,
+        l1: &Layout,
+        s2: &CpuStorage,
+        l2: &Layout,
+        s3: &CpuStorage,
+        l3: &Layout,
     ) -> Result<(CpuStorage, Shape)> {
         let packed = packed(&self.widths, contiguous(s3, l3, "weights")?);
         let op = self.op(contiguous(s1, l1, "point terms")?, contiguous(s2, l2, "centroid terms")?, &packed);
@@ -81,7 +87,12 @@ impl CustomOp3 for FusedPairMlp {
     }
 
     fn bwd(
-        &self, points: &Tensor, centroids: &Tensor, weights: &Tensor, _res: &Tensor, grad_res: &Tensor,
+        &self,
+        points: &Tensor,
+        centroids: &Tensor,
+        weights: &Tensor,
+        _res: &Tensor,
+        grad_res: &Tensor,
     ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
         let values = |t: &Tensor| t.flatten_all()?.to_vec1::<f32>();
         let (p, c, flat, grad_out) = (values(points)?, values(centroids)?, values(weights)?, values(grad_res)?);

@@ -127,8 +127,7 @@ impl CustomOp1 for LogBessel0 {
     }
 
     fn bwd(&self, arg: &Tensor, _res: &Tensor, grad_res: &Tensor) -> Result<Option<Tensor>> {
-        let slopes: Vec<f32> =
-            arg.flatten_all()?.to_vec1::<f32>()?.iter().map(|k| log_bessel0_and_slope(f64::from(*k)).1 as f32).collect();
+        let slopes: Vec<f32> = arg.flatten_all()?.to_vec1::<f32>()?.iter().map(|k| log_bessel0_and_slope(f64::from(*k)).1 as f32).collect();
         Ok(Some(Tensor::from_vec(slopes, arg.shape(), arg.device())?.mul(grad_res)?))
     }
 }

@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::{config::NetworksConfig, networks::Networks, parameters::WeightMap};
 
-/// The format's name in the metadata.
-const FORMAT: &str = "repose-weights-1";
+/// The metadata's only key (a hash map of several would be written in any order, and the file's hash would change with it).
+const METADATA: &str = "repose-weights-1";
 
 /// Where weights came from.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -58,16 +58,9 @@ impl Weights {
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, WeightsError> {
         let malformed = |field: &str, reason: String| WeightsError::Malformed { field: field.to_string(), reason };
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| malformed("header", e.to_string()))?;
-        let entries = header.metadata().clone().unwrap_or_default();
-        let format = entries.get("format").map_or("nothing", String::as_str);
-        if format != FORMAT {
-            return Err(malformed("format", format!("expected {FORMAT}, got {format}")));
-        }
-        let json = |key: &str| match entries.get(key) {
-            Some(text) => serde_json::from_str(text).map_err(|e| malformed(key, e.to_string())),
-            None => Ok(serde_json::Value::Null),
-        };
-        let info = WeightsInfo { recipe: json("recipe")?, metrics: json("metrics")? };
+        let info = header.metadata().as_ref().and_then(|entries| entries.get(METADATA));
+        let info = info.ok_or_else(|| malformed("metadata", format!("expected the key {METADATA}, which is missing")))?;
+        let info = serde_json::from_str(info).map_err(|e| malformed(METADATA, e.to_string()))?;
         let tensors = SafeTensors::deserialize(bytes).map_err(|e| malformed("tensors", e.to_string()))?;
         let mut values = WeightMap::new();
         for (name, view) in tensors.tensors() {
@@ -95,12 +88,8 @@ impl Weights {
             let view = TensorView::new(Dtype::F32, shape.clone(), bytemuck::cast_slice(numbers));
             tensors.push((name.clone(), view.map_err(|e| malformed(name, e.to_string()))?));
         }
-        // One string, so that the bytes do not depend on a hash map's order; `read_metadata` finds the parts.
-        let metadata = HashMap::from([
-            ("format".to_string(), FORMAT.to_string()),
-            ("recipe".to_string(), info.recipe.to_string()),
-            ("metrics".to_string(), info.metrics.to_string()),
-        ]);
+        let text = serde_json::to_string(info).map_err(|e| malformed(METADATA, e.to_string()))?;
+        let metadata = HashMap::from([(METADATA.to_string(), text)]);
         safetensors::serialize(tensors, Some(metadata)).map_err(|e| malformed("container", e.to_string()))
     }
 
@@ -112,5 +101,35 @@ impl Weights {
         let (_, parameters) = Networks::seeded(config, &mut Pcg64::seed_from_u64(seed))?;
         let info = WeightsInfo { recipe: serde_json::json!({ "untrained": true, "seed": seed }), metrics: serde_json::Value::Null };
         Self::to_bytes(&parameters.to_map()?, &info)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_same_seed_gives_the_same_bytes_and_they_read_back() {
+        let config = NetworksConfig::default();
+        let bytes = Weights::initial(&config, 1).unwrap();
+        assert_eq!(bytes, Weights::initial(&config, 1).unwrap());
+        let weights = Weights::from_bytes(&bytes).unwrap();
+        assert_eq!(Weights::to_bytes(&weights.values, &weights.info).unwrap(), bytes);
+        assert_ne!(weights.hash, Weights::from_bytes(&Weights::initial(&config, 2).unwrap()).unwrap().hash);
+    }
+
+    #[test]
+    fn what_is_not_weights_is_refused_with_the_field_named() {
+        let config = NetworksConfig::default();
+        let bytes = Weights::initial(&config, 1).unwrap();
+        assert!(Weights::from_bytes(&bytes[..bytes.len() - 1]).is_err());
+        assert!(Weights::from_bytes(b"not a container").is_err());
+        let mut weights = Weights::from_bytes(&bytes).unwrap();
+        weights.values.get_mut("relations/out/bias").unwrap().1[3] = f32::NAN;
+        let error = Weights::from_bytes(&Weights::to_bytes(&weights.values, &weights.info).unwrap()).unwrap_err();
+        assert!(error.to_string().contains("relations/out/bias"), "{error}");
+        weights.values.remove("relations/out/bias");
+        let error = Networks::stored(&config, &weights.values).unwrap_err();
+        assert!(error.to_string().contains("relations/out/bias is missing"), "{error}");
     }
 }

@@ -86,7 +86,8 @@ fn three_layer_set_abstractions_have_the_same_gradient_too() {
     let (networks, parameters) = Networks::seeded(&config, &mut Pcg64::seed_from_u64(4)).unwrap();
     let (_, object) = clouds();
     let kernel = Kernel::detect();
-    let batch = Grouped::concat(&[crops::object_input(kernel, &config, &object), crops::object_input(kernel, &config, &object.turned(0.8))]);
+    let batch =
+        Grouped::concat(&[crops::object_input(kernel, &config, &object), crops::object_input(kernel, &config, &object.turned(0.8))]);
     let run = |path| {
         let shapes = networks.object.shapes(&batch, &Mode::Training(Default::default()), path).unwrap();
         let loss = shapes.sqr().unwrap().sum_all().unwrap();
@@ -107,10 +108,8 @@ fn serving_equals_candle_on_every_kernel() {
     let (networks, parameters) = Networks::seeded(&config, &mut Pcg64::seed_from_u64(5)).unwrap();
     let bytes = Weights::to_bytes(&parameters.to_map().unwrap(), &WeightsInfo::default()).unwrap();
     let (points, labels) = scene(1);
-    let candidates = [
-        Candidate { position_in_world: [0.0, 0.1, 0.05], yaw_rad: 0.0 },
-        Candidate { position_in_world: [0.1, -0.1, 0.06], yaw_rad: 1.1 },
-    ];
+    let candidates =
+        [Candidate { position_in_world: [0.0, 0.1, 0.05], yaw_rad: 0.0 }, Candidate { position_in_world: [0.1, -0.1, 0.06], yaw_rad: 1.1 }];
     for kernel in Kernel::available() {
         let models = Models::load_for(&bytes, kernel).unwrap();
         let context = SceneContext::new(&points, &labels, 0.0, &config.cloud).unwrap();
@@ -129,7 +128,8 @@ fn serving_equals_candle_on_every_kernel() {
         let anchor = ObjectCloud::new(&anchor, &config.cloud).unwrap();
         let inputs = candidates.map(|c| crops::object_input(kernel, &config, &object.turned(c.yaw_rad)));
         let queries = networks.object.shapes(&Grouped::concat(&inputs), &Mode::Serving, Path::Plain).unwrap();
-        let centers: Vec<f32> = candidates.iter().flat_map(|c| (0..3).map(|k| c.position_in_world[k] - anchor.centroid_in_viewer[k])).collect();
+        let centers: Vec<f32> =
+            candidates.iter().flat_map(|c| (0..3).map(|k| c.position_in_world[k] - anchor.centroid_in_viewer[k])).collect();
         let centers = Tensor::from_vec(centers, (2, 3), &Device::Cpu).unwrap();
         let anchors = networks.object.shapes(&crops::object_input(kernel, &config, &anchor), &Mode::Serving, Path::Plain).unwrap();
         let anchors = networks.object.codes(&anchors, &Tensor::zeros((1, 3), candle_core::DType::F32, &Device::Cpu).unwrap()).unwrap();
@@ -166,7 +166,10 @@ fn a_candidates_bytes_do_not_depend_on_its_batch_or_the_threads() {
     let (points, labels) = scene(3);
     let context = SceneContext::new(&points, &labels, 0.4, &models.config().cloud).unwrap();
     let candidates: Vec<_> = (0..9)
-        .map(|i| Candidate { position_in_world: [0.02 * i as f32 - 0.1, 0.1, 0.05], yaw_rad: if i % 2 == 0 { 0.0 } else { 0.3 * i as f32 } })
+        .map(|i| Candidate {
+            position_in_world: [0.02 * i as f32 - 0.1, 0.1, 0.05],
+            yaw_rad: if i % 2 == 0 { 0.0 } else { 0.3 * i as f32 },
+        })
         .collect();
     let together = models.realism(&context, 1, &candidates, 3).unwrap();
     let relations = models.relations(&context, 1, &[2], &candidates, 2).unwrap();

@@ -65,7 +65,8 @@ impl Job<'_> {
     unsafe fn tile<S: Simd, const R: usize, const C: usize>(&self, first: usize, out: &mut [f32]) {
         // SAFETY: as in `run`.
         unsafe {
-            let acc = product::<S, R, C>(self.rows.as_ptr().add(first * self.inputs), self.inputs, self.inputs, self.panel.as_ptr(), self.width);
+            let acc =
+                product::<S, R, C>(self.rows.as_ptr().add(first * self.inputs), self.inputs, self.inputs, self.panel.as_ptr(), self.width);
             for (r, acc) in acc.iter().enumerate() {
                 for (c, sum) in acc.iter().enumerate() {
                     let y = S::add(*sum, S::load(self.bias.as_ptr().add(c * S::LANES)));

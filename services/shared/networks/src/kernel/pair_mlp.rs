@@ -35,7 +35,10 @@ pub struct PairMlp<'a> {
 /// The instruction set must be present. Lengths are asserted.
 #[inline(always)]
 pub(crate) unsafe fn forward<S: Simd, const C: usize, const WINNERS: bool>(
-    op: &PairMlp<'_>, out: &mut [f32], winners: &mut [u16], scratch: &mut Vec<f32>,
+    op: &PairMlp<'_>,
+    out: &mut [f32],
+    winners: &mut [u16],
+    scratch: &mut Vec<f32>,
 ) {
     let hidden = op.middle.map_or(op.last.inputs(), PackedLinear::inputs);
     let padded = op.last.padded();
@@ -84,7 +87,12 @@ pub(crate) unsafe fn forward<S: Simd, const C: usize, const WINNERS: bool>(
 /// One centroid's rows through the last layer, and the largest of each output.
 #[inline(always)]
 unsafe fn largest<S: Simd, const C: usize, const WINNERS: bool>(
-    layer: &PackedLinear, rows: &[f32], count: usize, real: usize, out: &mut [f32], winners: &mut [u16],
+    layer: &PackedLinear,
+    rows: &[f32],
+    count: usize,
+    real: usize,
+    out: &mut [f32],
+    winners: &mut [u16],
 ) {
     for (start, width, panel) in layer.panels() {
         let mut column = 0;
@@ -110,7 +118,15 @@ unsafe fn largest<S: Simd, const C: usize, const WINNERS: bool>(
 #[inline(always)]
 #[allow(clippy::too_many_arguments, reason = "the inner loop's operands, named one by one so that they stay in registers")]
 unsafe fn strip<S: Simd, const C: usize, const WINNERS: bool>(
-    rows: &[f32], inputs: usize, count: usize, real: usize, panel: &[f32], width: usize, bias: &[f32], out: &mut [f32], winners: &mut [u16],
+    rows: &[f32],
+    inputs: usize,
+    count: usize,
+    real: usize,
+    panel: &[f32],
+    width: usize,
+    bias: &[f32],
+    out: &mut [f32],
+    winners: &mut [u16],
 ) {
     // SAFETY: the caller's slices cover `count` rows and `C` vectors of the panel, the bias and the outputs.
     unsafe {
@@ -121,12 +137,12 @@ unsafe fn strip<S: Simd, const C: usize, const WINNERS: bool>(
             for (r, acc) in acc.iter().enumerate() {
                 if WINNERS {
                     let row = S::splat((block + r) as f32);
-                    for c in 0..C {
-                        (best[c], best_row[c]) = S::larger(acc[c], best[c], row, best_row[c]);
+                    for ((value, best), best_row) in acc.iter().zip(&mut best).zip(&mut best_row) {
+                        (*best, *best_row) = S::larger(*value, *best, row, *best_row);
                     }
                 } else {
-                    for c in 0..C {
-                        best[c] = S::max(acc[c], best[c]);
+                    for (value, best) in acc.iter().zip(&mut best) {
+                        *best = S::max(*value, *best);
                     }
                 }
             }

@@ -46,7 +46,10 @@ pub struct PairMlpGradients {
 /// The instruction set must be present.
 #[inline(always)]
 pub(crate) unsafe fn backward<S: Simd, const C: usize>(
-    op: &PairMlp<'_>, raw: &RawLayers<'_>, winners: &[u16], grad_out: &[f32],
+    op: &PairMlp<'_>,
+    raw: &RawLayers<'_>,
+    winners: &[u16],
+    grad_out: &[f32],
 ) -> PairMlpGradients {
     let hidden = op.middle.map_or(op.last.inputs(), |m| m.inputs());
     let (inputs, outputs, padded) = (op.last.inputs(), op.last.outputs(), op.last.padded());
@@ -128,7 +131,13 @@ impl<'a> Middle<'a> {
 
     /// From the gradient of the rows to those of their inputs (`grad_first`, overwritten) and of the layer (added).
     #[inline(always)]
-    unsafe fn backward<S: Simd, const C: usize>(&mut self, first: &[f32], count: usize, grad_first: &mut [f32], grads: &mut PairMlpGradients) {
+    unsafe fn backward<S: Simd, const C: usize>(
+        &mut self,
+        first: &[f32],
+        count: usize,
+        grad_first: &mut [f32],
+        grads: &mut PairMlpGradients,
+    ) {
         let (inputs, outputs) = (self.packed.inputs(), self.packed.outputs());
         assert!(outputs.is_multiple_of(4) && inputs.is_multiple_of(2 * S::LANES) && outputs == self.packed.padded());
         for r in 0..count {
@@ -162,7 +171,13 @@ impl<'a> Middle<'a> {
 
 #[inline(always)]
 fn last_layer(
-    weight: &[f32], inputs: usize, grad: &[f32], winners: &[u16], rows: &[f32], grad_rows: &mut [f32], grads: &mut PairMlpGradients,
+    weight: &[f32],
+    inputs: usize,
+    grad: &[f32],
+    winners: &[u16],
+    rows: &[f32],
+    grad_rows: &mut [f32],
+    grads: &mut PairMlpGradients,
 ) {
     for (c, g) in grad.iter().enumerate() {
         if *g != 0.0 {

@@ -15,7 +15,11 @@ pub(crate) const ROWS: usize = 6;
 /// floats, of which `C` vectors are read.
 #[inline(always)]
 pub(crate) unsafe fn product<S: Simd, const R: usize, const C: usize>(
-    rows: *const f32, stride: usize, inputs: usize, panel: *const f32, width: usize,
+    rows: *const f32,
+    stride: usize,
+    inputs: usize,
+    panel: *const f32,
+    width: usize,
 ) -> [[S::V; C]; R] {
     // SAFETY: by the function's contract all addresses lie in the two arrays.
     unsafe {

@@ -143,7 +143,12 @@ impl Models {
     /// # Errors
     /// [`InputError`] for unknown objects and numbers that are not finite.
     pub fn relations(
-        &self, scene: &SceneContext, query: u16, anchors: &[u16], candidates: &[Candidate], threads: usize,
+        &self,
+        scene: &SceneContext,
+        query: u16,
+        anchors: &[u16],
+        candidates: &[Candidate],
+        threads: usize,
     ) -> Result<Vec<Vec<[f32; PREDICTED_RELATIONS]>>, InputError> {
         let placed = scene.in_viewer(candidates)?;
         let mut query_cloud = scene.object("query", query)?;

@@ -132,13 +132,8 @@ impl PointNet {
             centroid_terms.resize(count * level.first_of_centroids.padded(), 0.0);
             kernel.linear(&level.first_of_centroids, input, count, false, centroid_terms);
             features.resize(count * level.last.padded(), 0.0);
-            let op = PairMlp {
-                point_terms,
-                centroid_terms,
-                middle: level.middle.as_ref(),
-                last: &level.last,
-                neighbours: &grouping.neighbours,
-            };
+            let op =
+                PairMlp { point_terms, centroid_terms, middle: level.middle.as_ref(), last: &level.last, neighbours: &grouping.neighbours };
             kernel.pair_mlp(&op, features, pair);
             if level.config.centroids == 0 {
                 level.norm.layer_normed(features);

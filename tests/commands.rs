@@ -1,0 +1,148 @@
+//! The command line on a small frame made here: results, exit codes, and errors that name the field or file.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use repose_perception::frame_folder;
+use repose_proto::{CameraModel, Frame, PlaceResult, RigidTransform};
+
+const WIDTH: usize = 160;
+const HEIGHT: usize = 120;
+
+fn repose(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_repose")).args(arguments).output().expect("the program runs")
+}
+
+/// A table seen from 80 cm straight above, with two blocks of 10 cm height on it: object 1 left of object 2 in the picture.
+fn frame() -> Frame {
+    let world_from_camera = RigidTransform([1., 0., 0., 0., 0., -1., 0., 0., 0., 0., -1., 0.8, 0., 0., 0., 1.]);
+    let camera = CameraModel {
+        width: WIDTH,
+        height: HEIGHT,
+        fx: 130.0,
+        fy: 130.0,
+        cx: 79.5,
+        cy: 59.5,
+        depth_unit_m: 0.001,
+        world_from_camera: Some(world_from_camera),
+    };
+    let label = |i: usize| match (i % WIDTH, i / WIDTH) {
+        (45..=60, 50..=68) => 1,
+        (95..=112, 52..=70) => 2,
+        _ => 0,
+    };
+    let labels: Vec<u16> = (0..WIDTH * HEIGHT).map(label).collect();
+    let depth = labels.iter().map(|l| if *l == 0 { 800 } else { 700 }).collect();
+    Frame { camera_name: "above".into(), stamp_ns: 0, camera, depth, color: None, labels: Some(labels) }
+}
+
+fn folder_with(frame: &Frame) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a folder");
+    frame_folder::write(folder.path(), frame).expect("the frame is written");
+    folder
+}
+
+fn path(folder: &tempfile::TempDir) -> &str {
+    folder.path().to_str().expect("a plain path")
+}
+
+#[test]
+fn plan_finds_a_placement_and_says_the_same_twice() {
+    let folder = folder_with(&frame());
+    let picture = folder.path().join("picture.png");
+    let arguments = ["--json", "plan", path(&folder), "--move", "1", "--goal", "right_of:2", "--variant", "geometric", "--seed", "5"];
+    let first = repose(&[&arguments[..], &["--out", picture.to_str().expect("a plain path")]].concat());
+    assert_eq!(first.status.code(), Some(0), "{}", String::from_utf8_lossy(&first.stderr));
+    assert_eq!(first.stdout, repose(&arguments).stdout);
+    assert!(picture.exists());
+    let result: PlaceResult = serde_json::from_slice(&first.stdout).expect("a PlaceResult");
+    let best = &result.placements[0];
+    let anchor_x_m = 0.1;
+    assert!(best.placed_from_observed.0[3] > anchor_x_m, "it goes to the right: {:?}", best.placed_from_observed);
+    assert!(best.geometric[0].holds && best.support_m > 0.0);
+}
+
+#[test]
+fn no_placement_is_an_outcome_with_reasons_and_an_exit_code_of_its_own() {
+    let folder = folder_with(&frame());
+    let goals = ["--goal", "right_of:2", "--goal", "left_of:2"];
+    let arguments = [&["--json", "plan", path(&folder), "--move", "1", "--variant", "geometric"], &goals[..]].concat();
+    let none = repose(&arguments);
+    assert_eq!(none.status.code(), Some(3), "{}", String::from_utf8_lossy(&none.stderr));
+    let result: PlaceResult = serde_json::from_slice(&none.stdout).expect("a PlaceResult");
+    assert!(result.placements.is_empty());
+    assert!(result.rejections.values().sum::<u64>() > 0, "reasons are given");
+}
+
+#[test]
+fn bad_input_exits_with_2_and_names_what_is_wrong() {
+    let good = folder_with(&frame());
+    let no_depth = folder_with(&frame());
+    std::fs::remove_file(no_depth.path().join("depth.png")).expect("there was a depth picture");
+    let odd_camera = folder_with(&frame());
+    edit(odd_camera.path(), "\"fx\"", "\"focal\"");
+    let other_size = folder_with(&frame());
+    edit(other_size.path(), "\"width\": 160", "\"width\": 161");
+    let plan = |folder: &str, query: &str, goal: &[&str]| {
+        let goals: Vec<&str> = goal.iter().flat_map(|g| ["--goal", g]).collect();
+        repose(&[&["plan", folder, "--move", query, "--variant", "geometric"], &goals[..]].concat())
+    };
+    let cases = [
+        (plan(path(&good), "1", &["beside:2"]), "beside"),
+        (plan(path(&good), "1", &["not:near:2"]), "goal"),
+        (plan(path(&good), "1", &["left_of:1"]), "goal[0].anchor"),
+        (plan(path(&good), "1", &["left_of:9"]), "goal[0].anchor"),
+        (plan(path(&good), "9", &["left_of:2"]), "query"),
+        (plan(path(&no_depth), "1", &["left_of:2"]), "depth.png"),
+        (plan(path(&odd_camera), "1", &["left_of:2"]), "camera.json"),
+        (plan(path(&other_size), "1", &["left_of:2"]), "depth.png"),
+        (plan("no/such/folder", "1", &["left_of:2"]), "no/such/folder"),
+        (repose(&["score", path(&good), "--move", "1", "--anchor", "2", "--transforms", "no/such.json"]), "no/such.json"),
+    ];
+    for (output, named) in cases {
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{text}");
+        assert!(text.contains(named), "{named} is not in {text}");
+    }
+    let json = repose(&["--json", "plan", path(&no_depth), "--move", "1", "--goal", "left_of:2"]);
+    let document: serde_json::Value = serde_json::from_slice(&json.stdout).expect("one JSON document");
+    assert_eq!(document["error"]["code"], "invalid_argument");
+}
+
+fn edit(folder: &Path, from: &str, to: &str) {
+    let path = folder.join("camera.json");
+    let text = std::fs::read_to_string(&path).expect("a camera");
+    assert!(text.contains(from), "{from} is in {text}");
+    std::fs::write(&path, text.replace(from, to)).expect("it is written");
+}
+
+#[test]
+fn relations_and_scores_are_given_for_every_pair_and_transform() {
+    let folder = folder_with(&frame());
+    let relations = repose(&["--json", "relations", path(&folder)]);
+    let document: serde_json::Value = serde_json::from_slice(&relations.stdout).expect("one JSON document");
+    let pairs = document["pairs"].as_array().expect("pairs");
+    assert_eq!(pairs.len(), 2);
+    let pair = pairs.iter().find(|p| p["query"] == 1).expect("the pair of 1 and 2");
+    assert_eq!((pair["learned"].as_array().map(Vec::len), pair["rule"].as_array().map(Vec::len)), (Some(10), Some(10)));
+    assert_eq!(pair["rule"][0], true, "object 1 is left of object 2");
+    let transforms = folder.path().join("transforms.json");
+    std::fs::write(&transforms, serde_json::json!([RigidTransform::IDENTITY, RigidTransform::IDENTITY]).to_string()).expect("written");
+    let file = transforms.to_str().expect("a plain path");
+    let scores = repose(&["--json", "score", path(&folder), "--move", "1", "--anchor", "2", "--transforms", file]);
+    let document: serde_json::Value = serde_json::from_slice(&scores.stdout).expect("one JSON document");
+    let realism = document["realism"].as_array().expect("realism");
+    assert_eq!(realism.len(), 2);
+    assert_eq!(realism[0], realism[1], "the same candidate has the same score");
+}
+
+#[test]
+fn segment_lists_objects_and_surfaces_and_writes_labels() {
+    let folder = folder_with(&frame());
+    let labels = folder.path().join("found.png");
+    let segmented = repose(&["--json", "segment", path(&folder), "--labels-out", labels.to_str().expect("a plain path")]);
+    let document: serde_json::Value = serde_json::from_slice(&segmented.stdout).expect("one JSON document");
+    assert_eq!(document["objects"].as_array().map(Vec::len), Some(2));
+    assert!(!document["surfaces"].as_array().expect("surfaces").is_empty());
+    assert!(labels.exists());
+}
