@@ -167,8 +167,9 @@ impl CellGrid {
                     }
                     line.fill(limit);
                     for (k, square) in near {
-                        for j in k.saturating_sub(GAP_CELLS)..(k + GAP_CELLS + 1).min(length) {
-                            line[j] = line[j].min(square + (k.abs_diff(j).saturating_sub(1) as u32).pow(2));
+                        let low = k.saturating_sub(GAP_CELLS);
+                        for (j, nearest) in (low..=k + GAP_CELLS).zip(&mut line[low..]) {
+                            *nearest = (*nearest).min(square + (k.abs_diff(j).saturating_sub(1) as u32).pow(2));
                         }
                     }
                     (0..length).for_each(|k| squares[first + k * stride] = line[k]);

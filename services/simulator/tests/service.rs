@@ -80,7 +80,7 @@ async fn a_cell_serves_frames_states_commands_stops_and_truth() {
 
     session.put(&command_key, Payload::json(&swing(2)).expect("small"), Traffic::RobotCommand).await.expect("put");
     state_where(&mut states, "that moves again", |s| s.mode == RobotMode::Moving).await;
-    let stop = EmergencyStop { v: 1, id: "stop-1".to_owned(), source: "test".to_owned(), reason: "enough".to_owned(), stamp_ms: 0 };
+    let stop = EmergencyStop { v: 1, id: "stop-1".to_owned(), source: "test".to_owned(), reason: "enough".to_owned(), stamp_ns: 0 };
     session.put(&stop_key, Payload::json(&stop).expect("small"), Traffic::EmergencyStop).await.expect("put");
     let stopped = state_where(&mut states, "that is stopped", |s| s.mode == RobotMode::Stopped && s.dq_rad_s == [0.0; 7]).await;
     assert_eq!(stopped.stop.and_then(|s| s.estop_id).as_deref(), Some("stop-1"));
