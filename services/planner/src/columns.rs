@@ -35,11 +35,8 @@ impl Columns {
         let origin = bounds.min.xy();
         let cells = [0, 1].map(|k| ((bounds.max[k] - bounds.min[k]) / cell_m).ceil().max(1.0) as usize);
         let mut grid = Self { origin, cell_m, cells, starts: Vec::new(), runs: Vec::new() };
-        let mut at: Vec<(u32, u16, f32)> = points
-            .iter()
-            .zip(labels)
-            .filter_map(|(p, label)| grid.cell_of(p[0], p[1]).map(|cell| (cell as u32, *label, p[2])))
-            .collect();
+        let mut at: Vec<(u32, u16, f32)> =
+            points.iter().zip(labels).filter_map(|(p, label)| grid.cell_of(p[0], p[1]).map(|cell| (cell as u32, *label, p[2]))).collect();
         at.sort_unstable_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1)).then(a.2.total_cmp(&b.2)));
         let mut runs: Vec<(u32, Run)> = Vec::new();
         for (cell, object, z) in at {

@@ -30,8 +30,7 @@ pub fn region_miss(candidate: &Candidate, region: &[RegionBox]) -> Option<f64> {
 pub fn view_miss(view: &ObservedView, query: &Query, candidate: &Candidate, settings: &ViewSettings) -> (Visibility, Option<f64>) {
     let placed_from_observed = candidate.placed_from_observed(&query.shape.centroid);
     let visibility = view.visibility(query.view_points.iter().map(|p| placed_from_observed * p), query.id, settings);
-    let miss =
-        (settings.min_in_picture - visibility.in_picture).max(0.0) + (settings.min_unhidden - visibility.unhidden).max(0.0);
+    let miss = (settings.min_in_picture - visibility.in_picture).max(0.0) + (settings.min_unhidden - visibility.unhidden).max(0.0);
     (visibility, (miss > 0.0).then_some(miss))
 }
 

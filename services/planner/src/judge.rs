@@ -15,7 +15,7 @@ use crate::footing::Ground;
 use crate::judged::Judged;
 use crate::mixture::Mixture;
 use crate::models::Models;
-use crate::obstruction::{exact_clearance_m, obstruction, obstacles};
+use crate::obstruction::{exact_clearance_m, obstacles, obstruction};
 use crate::prepared::Prepared;
 use crate::query::Query;
 use crate::rules::Rules;
@@ -292,8 +292,7 @@ impl<'a> Judge<'a> {
 
     /// The feasible candidates that geometry ranks highest: only they are worth the networks' time.
     fn most_promising(&self, judged: &[Judged]) -> Vec<usize> {
-        let mut open: Vec<(f64, usize)> =
-            judged.iter().enumerate().filter(|(_, j)| j.feasible()).map(|(i, j)| (self.cost(j), i)).collect();
+        let mut open: Vec<(f64, usize)> = judged.iter().enumerate().filter(|(_, j)| j.feasible()).map(|(i, j)| (self.cost(j), i)).collect();
         open.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         open.truncate(self.settings.fixed.ranked);
         let mut best: Vec<usize> = open.into_iter().map(|(_, i)| i).collect();

@@ -39,13 +39,8 @@ impl Models for Fake {
         let anchor: Vec<Point3<f32>> = scene.points_of(request.anchor).map(Point3::from).collect();
         let anchor = cloud::centroid(&anchor).unwrap();
         let weight = 1.0 / self.means_m.len() as f64;
-        let component = |mean_m: &[f64; 3]| MixtureComponent {
-            weight,
-            mean_m: *mean_m,
-            sigma_m: [0.03; 3],
-            yaw_mean_rad: 0.0,
-            yaw_concentration: 0.0,
-        };
+        let component =
+            |mean_m: &[f64; 3]| MixtureComponent { weight, mean_m: *mean_m, sigma_m: [0.03; 3], yaw_mean_rad: 0.0, yaw_concentration: 0.0 };
         let mut rng = Pcg64::seed_from_u64(request.seed);
         let (mut candidates, mut components) = (Vec::new(), Vec::new());
         for i in 0..request.count as usize {

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
+use repose_proto::CallError;
 use repose_proto::Scene;
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
-use repose_proto::CallError;
 
 /// The learned prior, relation predictor and discriminator. Synchronous: the planner's compute threads own the search and wait.
 ///

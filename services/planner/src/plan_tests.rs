@@ -143,8 +143,10 @@ fn a_small_asked_region_is_found() {
 #[test]
 fn off_the_table_nothing_supports_it() {
     // The anchor stands at the table's left edge, and nothing is beyond.
-    let prepared =
-        Builder::table_within([-0.2, -0.4, 0.5, 0.4]).object(1, [-0.14, 0.0], [0.1, 0.1, 0.1]).object(2, [0.3, -0.2], [0.06, 0.05, 0.08]).prepared();
+    let prepared = Builder::table_within([-0.2, -0.4, 0.5, 0.4])
+        .object(1, [-0.14, 0.0], [0.1, 0.1, 0.1])
+        .object(2, [0.3, -0.2], [0.06, 0.05, 0.08])
+        .prepared();
     let result = run(&prepared, &request(&prepared, 2, &["left_of:1"]));
     assert_eq!((result.outcome, most_frequent(&result)), (Outcome::None, Rejection::Unsupported), "{:?}", result.rejections);
 }
@@ -152,8 +154,10 @@ fn off_the_table_nothing_supports_it() {
 #[test]
 fn out_of_the_picture_it_would_not_be_seen() {
     // The camera sees to about 0.6 m on either side; the anchor stands at the right end of a long table.
-    let prepared =
-        Builder::table_within([-1.5, -0.4, 1.5, 0.4]).object(1, [0.5, 0.0], [0.1, 0.1, 0.1]).object(2, [0.0, -0.2], [0.06, 0.05, 0.08]).prepared();
+    let prepared = Builder::table_within([-1.5, -0.4, 1.5, 0.4])
+        .object(1, [0.5, 0.0], [0.1, 0.1, 0.1])
+        .object(2, [0.0, -0.2], [0.06, 0.05, 0.08])
+        .prepared();
     let result = run(&prepared, &request(&prepared, 2, &["right_of:1", "not:near:1"]));
     assert_eq!((result.outcome, most_frequent(&result)), (Outcome::None, Rejection::OutOfView), "{:?}", result.rejections);
 }

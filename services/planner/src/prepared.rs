@@ -94,12 +94,10 @@ impl Prepared {
         let camera = world_from_camera.translation.vector.xy().cast::<f32>().into();
         let mut objects = BTreeMap::new();
         let mut hidden: Vec<(Point2<f32>, Run)> = Vec::new();
-        let bottoms: BTreeMap<u16, Option<f32>> =
-            clouds.keys().map(|id| (*id, bottom(*id, &clouds, &seen, &planes, settings))).collect();
+        let bottoms: BTreeMap<u16, Option<f32>> = clouds.keys().map(|id| (*id, bottom(*id, &clouds, &seen, &planes, settings))).collect();
         for (id, points) in clouds {
             let Some(centroid) = cloud::centroid(&points) else { continue };
-            let shape = bottoms[&id]
-                .and_then(|bottom_m| Shape::complete(&points, bottom_m, &camera, &settings.shape));
+            let shape = bottoms[&id].and_then(|bottom_m| Shape::complete(&points, bottom_m, &camera, &settings.shape));
             if let Some(shape) = &shape {
                 hidden.extend(unseen_runs(id, shape, &seen));
             }
@@ -155,7 +153,13 @@ fn plane(surface: &repose_proto::Surface) -> Option<SupportPlane> {
 /// seen from above; those points, less what border cleaning takes, where nothing shows.
 ///
 /// The object hides most of what it stands on, so the strip around it tells, and the surfaces that perception outlined may not reach it.
-fn bottom(id: u16, clouds: &BTreeMap<u16, Vec<Point3<f32>>>, seen: &Columns, planes: &[SupportPlane], settings: &SceneSettings) -> Option<f32> {
+fn bottom(
+    id: u16,
+    clouds: &BTreeMap<u16, Vec<Point3<f32>>>,
+    seen: &Columns,
+    planes: &[SupportPlane],
+    settings: &SceneSettings,
+) -> Option<f32> {
     let robust = cloud::percentile_box(clouds.get(&id)?, 0.02, 0.98)?;
     let lowest_m = robust.min.z;
     let middle = robust.center().xy();
@@ -239,7 +243,8 @@ mod tests {
     #[test]
     fn furniture_that_an_object_hides_almost_whole_still_carries_it() {
         // Perception has found no surface on the low box (label 0): the object covers its top but for a strip.
-        let mut scene = Builder::table().object(0, [0.0, 0.0], [0.12, 0.12, 0.14]).object_at(2, [0.0, 0.02], 0.14, [0.11, 0.07, 0.06]).scene();
+        let mut scene =
+            Builder::table().object(0, [0.0, 0.0], [0.12, 0.12, 0.14]).object_at(2, [0.0, 0.02], 0.14, [0.11, 0.07, 0.06]).scene();
         scene.meta.surfaces.retain(|s| s.height_m < 0.01);
         let scene = Prepared::new(Arc::new(scene));
         let bottom_m = scene.objects[&2].shape.as_ref().unwrap().bottom_m;

@@ -9,10 +9,10 @@ use nalgebra::{Point2, Point3};
 use repose_geometry::{Footprint, ViewerFrame, cloud};
 use repose_proto::place::GeometricCheck;
 use repose_proto::{CallError, GoalTerm, Relation};
+use repose_relations::ViewerExtents;
 use repose_relations::directional::directional_margins;
 use repose_relations::margins::{ALIGNED_RAD, CENTERED_M, NEAR_M, TOUCHING_CLOUDS_M};
 use repose_relations::rectangle::{quarter_turn_difference_rad, rectangle_yaw_rad};
-use repose_relations::ViewerExtents;
 
 use crate::candidate::Candidate;
 use crate::prepared::Prepared;
@@ -104,7 +104,9 @@ impl Rules {
                 Relation::Touching => TOUCHING_CLOUDS_M - distance_m(query, candidate, &anchor.shape, settings),
                 Relation::Centered => CENTERED_M - placed.center_offset_m(&anchor.extents),
                 Relation::Aligned => ALIGNED_RAD - self.turn_rad(candidate, anchor),
-                direction => directions.entry(term.anchor).or_insert_with(|| directional_margins(&placed, &anchor.extents))[direction.index()],
+                direction => {
+                    directions.entry(term.anchor).or_insert_with(|| directional_margins(&placed, &anchor.extents))[direction.index()]
+                }
             };
             let at_limit = matches!(term.relation, Relation::Near | Relation::Touching | Relation::Centered);
             let holds = if at_limit { margin_m >= 0.0 } else { margin_m > 0.0 };

@@ -85,9 +85,9 @@ impl Shape {
 
     /// The corners of all prisms, world frame.
     pub fn corners(&self) -> impl Iterator<Item = Point3<f32>> + '_ {
-        self.slabs.iter().flat_map(|s| {
-            s.outline.corners().iter().flat_map(move |c| [Point3::new(c.x, c.y, s.low_m), Point3::new(c.x, c.y, s.high_m)])
-        })
+        self.slabs
+            .iter()
+            .flat_map(|s| s.outline.corners().iter().flat_map(move |c| [Point3::new(c.x, c.y, s.low_m), Point3::new(c.x, c.y, s.high_m)]))
     }
 }
 
@@ -107,8 +107,7 @@ fn grown(outline: &Footprint, axis: &Point2<f32>, by_m: f32) -> Option<Footprint
 
 /// The outline of points and of their images under half a turn about the axis.
 fn mirrored_outline<'a>(points: impl Iterator<Item = &'a Point3<f32>>, axis: &Point2<f32>) -> Option<Footprint> {
-    let both: Vec<Point3<f32>> =
-        points.flat_map(|p| [*p, Point3::new(2.0 * axis.x - p.x, 2.0 * axis.y - p.y, p.z)]).collect();
+    let both: Vec<Point3<f32>> = points.flat_map(|p| [*p, Point3::new(2.0 * axis.x - p.x, 2.0 * axis.y - p.y, p.z)]).collect();
     Footprint::of(&both)
 }
 

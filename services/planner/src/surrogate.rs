@@ -54,7 +54,8 @@ mod tests {
     #[test]
     fn draws_have_the_elites_mean_and_at_least_the_floors_spread() {
         let settings = SurrogateSettings::default();
-        let elites = vec![Candidate { centroid_m: [0.1, 0.2, 0.3], yaw_rad: 3.1 }, Candidate { centroid_m: [0.1, 0.2, 0.3], yaw_rad: -3.1 }];
+        let elites =
+            vec![Candidate { centroid_m: [0.1, 0.2, 0.3], yaw_rad: 3.1 }, Candidate { centroid_m: [0.1, 0.2, 0.3], yaw_rad: -3.1 }];
         let surrogate = Surrogate::fit(&elites, Rotation::Yaw, &settings).unwrap();
         let mut rng = Pcg64::seed_from_u64(7);
         let draws: Vec<Candidate> = (0..4000).map(|_| surrogate.draw(&mut rng)).collect();

@@ -4,8 +4,8 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use repose_proto::{CallError, PlaceRequest, PlaceResult};
 use repose_proto::place::PlaceProgress;
+use repose_proto::{CallError, PlaceRequest, PlaceResult};
 use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError};
 
 use crate::config::PlannerConfig;

@@ -32,7 +32,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             let moved = repose_simulator::scene::displacement_m(&object.shape, &object.world_from_object, &pose);
             creep = creep.max(moved);
             if moved > 0.001 {
-                println!("seed {seed}: object {} ({}) moved {:.2} mm in a further second", object.id, object.shape.family.name(), moved * 1e3);
+                println!(
+                    "seed {seed}: object {} ({}) moved {:.2} mm in a further second",
+                    object.id,
+                    object.shape.family.name(),
+                    moved * 1e3
+                );
             }
         }
         let mut rng = Pcg64::seed_from_u64(seed);
@@ -46,7 +51,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
     }
     sheet.save(path)?;
-    println!("{count} scenes: {:.1} ms each to settle, {:.2} ms to draw, {} draws rejected", settle_s * 1e3 / count as f64, render_s * 1e3 / count as f64, rejections.len());
+    println!(
+        "{count} scenes: {:.1} ms each to settle, {:.2} ms to draw, {} draws rejected",
+        settle_s * 1e3 / count as f64,
+        render_s * 1e3 / count as f64,
+        rejections.len()
+    );
     println!("deepest overlap {:.2} mm, farthest move in a further second {:.2} mm", deepest * 1e3, creep * 1e3);
     let mut reasons: Vec<String> = rejections.iter().map(ToString::to_string).collect();
     reasons.sort();

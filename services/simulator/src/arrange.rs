@@ -81,7 +81,9 @@ impl Default for ArrangeSettings {
         use Family::{Bottle, Bowl, Box, Can, Compound, Cup, Cylinder, Mug, Plate, Pot, Tool};
         Self {
             objects: [3, 7],
-            families: vec![Box, Box, Box, Box, Cylinder, Cylinder, Can, Bottle, Bottle, Mug, Mug, Cup, Bowl, Bowl, Plate, Pot, Compound, Tool],
+            families: vec![
+                Box, Box, Box, Box, Cylinder, Cylinder, Can, Bottle, Bottle, Mug, Mug, Cup, Bowl, Bowl, Plate, Pot, Compound, Tool,
+            ],
             scale: [0.75, 1.25],
             table: Table::Random { half_m: [0.4, 0.7] },
             spread_m: [0.14, 0.3],
@@ -177,7 +179,8 @@ impl Arrangement {
                 let size = Vector3::new(rng.random_range(0.07..0.16), rng.random_range(0.07..0.16), rng.random_range(0.02..0.09));
                 let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), rng.random_range(-1.6..1.6));
                 let at = middle + Vector2::new(rng.random_range(-spread_m..spread_m), rng.random_range(-spread_m..spread_m));
-                let support = Fixture::new("support", size, Isometry3::from_parts(Translation3::new(at.x, at.y, size.z), yaw), random_color(rng));
+                let support =
+                    Fixture::new("support", size, Isometry3::from_parts(Translation3::new(at.x, at.y, size.z), yaw), random_color(rng));
                 let apart = fixtures[2..].iter().all(|f| (f.world_from_fixture.translation.vector.xy() - at).norm() > 0.42);
                 let on_table = (0..2).all(|k| at[k] - 0.2 > low[k] && at[k] + 0.2 < high[k]);
                 if apart && on_table {
@@ -236,7 +239,8 @@ impl Arrangement {
         let anchor = self.pick(rng, |p| p.stands_at_m.is_some() && p.upright)?;
         let height_m = anchor.stands_at_m?;
         let along_axis = rng.random_bool(0.6);
-        let rotation = if rng.random_bool(settings.aligned) { anchor.world_from_object.rotation } else { yawed(UnitQuaternion::identity(), rng) };
+        let rotation =
+            if rng.random_bool(settings.aligned) { anchor.world_from_object.rotation } else { yawed(UnitQuaternion::identity(), rng) };
         let turn = if along_axis { f64::from(rng.random_range(0..4u8)) * std::f64::consts::FRAC_PI_2 } else { rng.random_range(-3.2..3.2) };
         let direction = anchor.world_from_object.rotation * Vector3::new(turn.cos(), turn.sin(), 0.0);
         let gap_m = if rng.random_bool(settings.touching) { rng.random_range(0.0001..0.0004) } else { rng.random_range(0.003..0.06) };
@@ -262,7 +266,8 @@ impl Arrangement {
         let index = self.pick_index(rng, |p| p.upright && !p.taken && p.shape.top.is_some() && p.stands_at_m.is_some())?;
         let anchor = &self.placed[index];
         let top = anchor.shape.top?;
-        let local = Point3::new(shift[0] * f64::from(top.half_extents_m[0]), shift[1] * f64::from(top.half_extents_m[1]), f64::from(top.height_m));
+        let local =
+            Point3::new(shift[0] * f64::from(top.half_extents_m[0]), shift[1] * f64::from(top.half_extents_m[1]), f64::from(top.height_m));
         let at = anchor.world_from_object * local;
         if at.z > settings.highest_stack_m {
             return None;
@@ -297,7 +302,15 @@ impl Arrangement {
 
     /// The object with this rotation, lowest point just over `height_m`; `None` when it is closer than `margin_m` to anything (0: unchecked)
     /// or off the table.
-    fn put_down(&self, shape: &Arc<Shape>, rotation: UnitQuaternion<f64>, at: Vector2<f64>, height_m: f64, upright: bool, margin_m: f32) -> Option<Placed> {
+    fn put_down(
+        &self,
+        shape: &Arc<Shape>,
+        rotation: UnitQuaternion<f64>,
+        at: Vector2<f64>,
+        height_m: f64,
+        upright: bool,
+        margin_m: f32,
+    ) -> Option<Placed> {
         let turned = Isometry3::from_parts(Translation3::identity(), rotation);
         let height = height_m + shape.depth_below_origin_m(&turned) + PUT_DOWN_M;
         let world_from_object = Isometry3::from_parts(Translation3::new(at.x, at.y, height), rotation);
@@ -348,7 +361,8 @@ fn lying_rotation(rng: &mut impl Rng) -> UnitQuaternion<f64> {
 
 /// Uniform over all rotations (Shoemake: a random unit quaternion).
 fn random_rotation(rng: &mut impl Rng) -> UnitQuaternion<f64> {
-    let (u, a, b) = (rng.random_range(0.0..1.0f64), rng.random_range(0.0..std::f64::consts::TAU), rng.random_range(0.0..std::f64::consts::TAU));
+    let (u, a, b) =
+        (rng.random_range(0.0..1.0f64), rng.random_range(0.0..std::f64::consts::TAU), rng.random_range(0.0..std::f64::consts::TAU));
     let (p, q) = ((1.0 - u).sqrt(), u.sqrt());
     UnitQuaternion::new_normalize(nalgebra::Quaternion::new(q * b.cos(), p * a.sin(), p * a.cos(), q * b.sin()))
 }

@@ -58,7 +58,12 @@ impl Handler for Endpoints {
 ///
 /// # Errors
 /// When the network refuses.
-pub async fn connect(session: &Session, config: &SimulatorConfig, worker: &Arc<Worker>, tasks: &mut JoinSet<()>) -> Result<(), RuntimeError> {
+pub async fn connect(
+    session: &Session,
+    config: &SimulatorConfig,
+    worker: &Arc<Worker>,
+    tasks: &mut JoinSet<()>,
+) -> Result<(), RuntimeError> {
     let cell = session.cell();
     let mut stops = session.subscribe_queue(&cell.robot_estop(&config.robot), STOPS).await?;
     let mut commands = session.subscribe_queue(&cell.robot_command(&config.robot), COMMANDS).await?;

@@ -4,10 +4,10 @@
 //! data, [`release`] says what happens when an object is let go. [`cell_world`] is the running cell with its robot; [`run`] serves it.
 
 pub mod arrange;
-pub mod config;
-pub mod contact;
 pub mod cell;
 pub mod cell_world;
+pub mod config;
+pub mod contact;
 pub mod convert;
 pub mod endpoints;
 pub mod generate;

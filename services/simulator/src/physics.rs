@@ -231,7 +231,10 @@ mod tests {
             for i in 0..4 {
                 let shape = Family::ALL[i * 2].sample(1.0, &mut rng);
                 let turn = nalgebra::UnitQuaternion::from_euler_angles(0.3 * i as f64, 0.5, 0.0);
-                world.add_object(&shape, &Isometry3::from_parts(nalgebra::Translation3::new(0.01 * i as f64, 0.0, 0.2 + 0.3 * i as f64), turn));
+                world.add_object(
+                    &shape,
+                    &Isometry3::from_parts(nalgebra::Translation3::new(0.01 * i as f64, 0.0, 0.2 + 0.3 * i as f64), turn),
+                );
             }
             world.settle(&RestSettings::default());
             world.poses()

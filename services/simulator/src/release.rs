@@ -63,7 +63,12 @@ pub fn released(scene: &Scene, index: usize, world_from_object: &Isometry3<f64>,
 /// How deep object `index` would be in anything else at `world_from_object`, metres.
 pub fn penetration_of(scene: &Scene, index: usize, world_from_object: &Isometry3<f64>) -> f32 {
     let Some(object) = PlacedParts::new(&scene.objects[index].shape.parts, world_from_object) else { return 0.0 };
-    let others = scene.objects.iter().enumerate().filter(|(i, _)| *i != index).filter_map(|(_, o)| PlacedParts::new(&o.shape.parts, &o.world_from_object));
+    let others = scene
+        .objects
+        .iter()
+        .enumerate()
+        .filter(|(i, _)| *i != index)
+        .filter_map(|(_, o)| PlacedParts::new(&o.shape.parts, &o.world_from_object));
     let fixtures = scene.fixtures.iter().filter_map(crate::scene::Fixture::placed);
     others.chain(fixtures).map(|other| object.penetration_m(&other)).fold(0.0, f32::max)
 }

@@ -70,7 +70,8 @@ pub fn picture(camera: &Pinhole, world_from_camera: &Isometry3<f64>, drawables: 
         });
     }
     let depth_m = canvas.inverse_depth.into_iter().map(|w| if w > 0.0 { 1.0 / w } else { 0.0 }).collect();
-    let depth_m = Image::from_pixels(camera.width, camera.height, depth_m).unwrap_or_else(|_| Image::filled(camera.width, camera.height, 0.0));
+    let depth_m =
+        Image::from_pixels(camera.width, camera.height, depth_m).unwrap_or_else(|_| Image::filled(camera.width, camera.height, 0.0));
     Picture { depth_m, labels, color }
 }
 
@@ -264,7 +265,11 @@ mod tests {
         let drawable = Drawable { mesh: &mug.mesh, world_from_mesh: Isometry3::from(Translation3::identity()), label: 1, color: [90; 3] };
         let picture = picture(&CAMERA, &world_from_camera, &[drawable]);
         // The axis of the cup is not the axis of its box: the handle sticks out.
-        let lowest = (0..160).flat_map(|u| (0..120).map(move |v| (u, v))).filter(|&p| picture.labels[p] == 1).map(|p| picture.depth_m[p]).fold(0.0, f32::max);
+        let lowest = (0..160)
+            .flat_map(|u| (0..120).map(move |v| (u, v)))
+            .filter(|&p| picture.labels[p] == 1)
+            .map(|p| picture.depth_m[p])
+            .fold(0.0, f32::max);
         let floor = 0.6 + mug.half_extents_m.z as f32;
         assert!(lowest < floor && lowest > floor - 0.01, "deepest {lowest}, table at {floor}");
     }

@@ -15,8 +15,8 @@ use std::sync::Arc;
 
 use crate::arrange::{ArrangeSettings, arranged};
 use crate::contact::PlacedParts;
-use crate::objects::{Family, Shape};
 use crate::objects::body::cuboid_mesh;
+use crate::objects::{Family, Shape};
 use crate::physics::{PhysicsSettings, RestSettings, World};
 use crate::render::Drawable;
 
@@ -94,8 +94,7 @@ impl Scene {
     /// Ground-truth relations for a viewer, `[n * n]` of `query * n + anchor`; the diagonal is all false.
     pub fn relations(&self, viewer: &ViewerFrame) -> Vec<[bool; RELATIONS]> {
         let n = self.objects.len();
-        let truths: Vec<TrueObject> =
-            self.objects.iter().map(|o| TrueObject { bounds: o.shape.bounds(&o.world_from_object) }).collect();
+        let truths: Vec<TrueObject> = self.objects.iter().map(|o| TrueObject { bounds: o.shape.bounds(&o.world_from_object) }).collect();
         let of_pair = |i: usize, j: usize| {
             if i == j { [false; RELATIONS] } else { ground_truth(&truths[i], &truths[j], f64::from(self.gaps_m[i * n + j]), viewer) }
         };
@@ -104,9 +103,14 @@ impl Scene {
 
     /// Everything there is to draw: furniture with label 0, objects with their ids.
     pub fn drawables(&self) -> Vec<Drawable<'_>> {
-        let fixtures = self.fixtures.iter().map(|f| Drawable { mesh: &f.mesh, world_from_mesh: f.world_from_fixture, label: 0, color: f.color });
-        let objects =
-            self.objects.iter().map(|o| Drawable { mesh: &o.shape.mesh, world_from_mesh: o.world_from_object, label: o.id, color: o.color });
+        let fixtures =
+            self.fixtures.iter().map(|f| Drawable { mesh: &f.mesh, world_from_mesh: f.world_from_fixture, label: 0, color: f.color });
+        let objects = self.objects.iter().map(|o| Drawable {
+            mesh: &o.shape.mesh,
+            world_from_mesh: o.world_from_object,
+            label: o.id,
+            color: o.color,
+        });
         fixtures.chain(objects).collect()
     }
 
@@ -288,7 +292,8 @@ fn settled(start: &Scene, settings: &SceneSettings) -> Result<Vec<Isometry3<f64>
         }
         steps += taken + settings.watch_steps;
         let after = watched.poses();
-        let moves = |(o, pose): (&SceneObject, &Isometry3<f64>)| displacement_m(&o.shape, &o.world_from_object, pose) > settings.watch_limit_m;
+        let moves =
+            |(o, pose): (&SceneObject, &Isometry3<f64>)| displacement_m(&o.shape, &o.world_from_object, pose) > settings.watch_limit_m;
         match scene.objects.iter().zip(&after).position(moves) {
             None => return Ok(scene.objects.iter().map(|o| o.world_from_object).collect()),
             Some(mover) => creeping = mover,

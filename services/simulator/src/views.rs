@@ -12,7 +12,14 @@ use crate::scene::{Scene, SceneObject};
 const ELSEWHERE_M: f64 = 0.35;
 
 /// What a camera sees of a scene: layers, ground truth and, for each object, the same object somewhere else.
-pub fn view_record(scene: &Scene, view: u32, camera: &Pinhole, world_from_camera: &Isometry3<f64>, canvas: &mut DepthCanvas, rng: &mut impl Rng) -> ViewRecord {
+pub fn view_record(
+    scene: &Scene,
+    view: u32,
+    camera: &Pinhole,
+    world_from_camera: &Isometry3<f64>,
+    canvas: &mut DepthCanvas,
+    rng: &mut impl Rng,
+) -> ViewRecord {
     let camera_from_world = world_from_camera.inverse();
     let viewer = ViewerFrame::from_camera(world_from_camera);
     canvas.clear();
@@ -81,6 +88,7 @@ fn layer_of(canvas: &DepthCanvas) -> Layer {
         let steps = (z / DEPTH_UNIT_M).round();
         if (1.0..=f32::from(u16::MAX)).contains(&steps) { steps as u16 } else { 0 }
     };
-    let depth = (rect.y0..rect.y1).flat_map(|y| (rect.x0..rect.x1).map(move |x| (x, y))).map(|(x, y)| steps(canvas.depth_m(x, y))).collect();
+    let depth =
+        (rect.y0..rect.y1).flat_map(|y| (rect.x0..rect.x1).map(move |x| (x, y))).map(|(x, y)| steps(canvas.depth_m(x, y))).collect();
     Layer { x0: rect.x0 as u32, y0: rect.y0 as u32, width: (rect.x1 - rect.x0) as u32, height: (rect.y1 - rect.y0) as u32, depth }
 }

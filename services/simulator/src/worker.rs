@@ -15,11 +15,11 @@ use repose_proto::simulator::{TrueObject, TruePair, Truth};
 use repose_proto::{CallError, CameraModel, ErrorCode, Frame, Payload, RigidTransform, limits};
 use tokio::sync::{oneshot, watch};
 
+use crate::SimulatorError;
 use crate::cell::CellSettings;
 use crate::cell_world::CellWorld;
 use crate::config::SimulatorConfig;
 use crate::robot::{ArmSettings, HandSettings};
-use crate::SimulatorError;
 
 /// Longest real time that is made up for when the thread was held up; more is lost to simulated time.
 const CATCH_UP: Duration = Duration::from_millis(60);
@@ -60,7 +60,16 @@ impl Worker {
         let (states_out, states) = watch::channel(None);
         let (frames_out, frames) = watch::channel(None);
         let config = config.clone();
-        let world = Running { cell, config, waiting, waiting_stops, states: states_out, frames: frames_out, started: Instant::now(), states_made: 0 };
+        let world = Running {
+            cell,
+            config,
+            waiting,
+            waiting_stops,
+            states: states_out,
+            frames: frames_out,
+            started: Instant::now(),
+            states_made: 0,
+        };
         let thread = std::thread::Builder::new().name("world".to_owned()).spawn(move || world.run())?;
         Ok(Self { inputs: Mutex::new(Some(inputs)), stops, states, frames, thread: Mutex::new(Some(thread)) })
     }
@@ -220,14 +229,25 @@ impl Running {
 
     fn truth(&mut self, view_yaw_rad: Option<f64>) -> Truth {
         let scene = self.cell.truth();
-        let viewer = view_yaw_rad.map_or_else(|| ViewerFrame::from_camera(&self.cell.settings().world_from_camera()), ViewerFrame::from_yaw);
+        let viewer =
+            view_yaw_rad.map_or_else(|| ViewerFrame::from_camera(&self.cell.settings().world_from_camera()), ViewerFrame::from_yaw);
         let n = scene.objects.len();
         let relations = scene.relations(&viewer);
-        let pairs = (0..n * n).filter(|k| k / n != k % n).map(|k| TruePair { query: scene.objects[k / n].id, anchor: scene.objects[k % n].id, holds: relations[k] });
+        let pairs = (0..n * n).filter(|k| k / n != k % n).map(|k| TruePair {
+            query: scene.objects[k / n].id,
+            anchor: scene.objects[k % n].id,
+            holds: relations[k],
+        });
         let objects = scene.objects.iter().map(|o| {
             let pose = RigidTransform(to_row_major(&o.world_from_object));
             let extent = o.shape.half_extents_m * 2.0;
-            TrueObject { id: o.id, name: o.shape.family.name().to_owned(), world_from_object: pose, world_from_box: pose, extent_m: extent.into() }
+            TrueObject {
+                id: o.id,
+                name: o.shape.family.name().to_owned(),
+                world_from_object: pose,
+                world_from_box: pose,
+                extent_m: extent.into(),
+            }
         });
         Truth {
             seed: scene.seed,

@@ -19,7 +19,17 @@ impl Commander {
         self.seq += 1;
         let moves = !set_points.is_empty();
         let owner = Owner { id: "test".to_owned(), epoch: 1 };
-        let command = RobotCommand { v: 1, seq: self.seq, owner, ttl_ms: 1000, starts_stream: moves, ends_stream: moves, set_points, gripper, clear_stop: false };
+        let command = RobotCommand {
+            v: 1,
+            seq: self.seq,
+            owner,
+            ttl_ms: 1000,
+            starts_stream: moves,
+            ends_stream: moves,
+            set_points,
+            gripper,
+            clear_stop: false,
+        };
         cell.arm.command(&command, 0.0).expect("taken");
     }
 
@@ -36,7 +46,8 @@ impl Commander {
             path.push(q);
         }
         let speed = |k: usize, i: usize| if k == 0 || k == steps { 0.0 } else { (path[k + 1][i] - path[k - 1][i]) / 0.04 };
-        let points = (0..=steps).map(|k| SetPoint { t_ms: k as f64 * 20.0, q_rad: path[k], dq_rad_s: std::array::from_fn(|i| speed(k, i)) });
+        let points =
+            (0..=steps).map(|k| SetPoint { t_ms: k as f64 * 20.0, q_rad: path[k], dq_rad_s: std::array::from_fn(|i| speed(k, i)) });
         self.send(cell, points.collect(), None);
         self.q_rad = path[steps];
         self.wait(cell, seconds + 0.05);
@@ -103,7 +114,11 @@ fn objects_are_picked_lifted_and_carried_by_friction_alone() {
         assert_eq!(mode, (RobotMode::Idle, None), "seed {seed}");
         println!(
             "seed {seed}: {} {:.0} g, width {:.1} mm (settled {settled}, holding {holding}), rose {:.1} of 200 mm, slipped {:.1} mm on the way",
-            object.shape.family.name(), object.shape.mass_kg * 1e3, width * 1e3, (up.z - at.z) * 1e3, (low.z - 0.002 - at.z) * 1e3
+            object.shape.family.name(),
+            object.shape.mass_kg * 1e3,
+            width * 1e3,
+            (up.z - at.z) * 1e3,
+            (low.z - 0.002 - at.z) * 1e3
         );
         lifted += usize::from(up.z - at.z > 0.17 && holding);
         without_slip += usize::from((up.z - at.z - 0.2).abs() < 0.002);

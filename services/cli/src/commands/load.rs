@@ -117,7 +117,7 @@ fn request(args: &LoadArgs, scene: &SceneSummary, i: usize) -> PlaceRequest {
 }
 
 fn report(args: &LoadArgs, ended: &[Ended], elapsed: Duration) -> Result<Report, Failure> {
-    let mut histogram = Histogram::<u64>::new(3).map_err(Failure::other)?;
+    let mut histogram = Histogram::<u64>::new_with_bounds(1, LONGEST_US, 3).map_err(Failure::other)?;
     let mut report = Report { requests: args.requests, ..Report::default() };
     for end in ended {
         *report.outcomes.entry(end.outcome.clone()).or_default() += 1;
@@ -141,3 +141,6 @@ fn report(args: &LoadArgs, ended: &[Ended], elapsed: Duration) -> Result<Report,
 
 /// What a loaded machine may take to tell a caller that its time is up.
 const LATE_GRACE: Duration = Duration::from_millis(500);
+
+/// The longest latency that is told apart from longer ones, microseconds: the longest deadline, and some.
+const LONGEST_US: u64 = 700_000_000;

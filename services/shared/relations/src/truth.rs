@@ -123,7 +123,12 @@ mod tests {
             ("under it", cube(0.0, 0.0, -0.2), 0.15, &[BELOW, CENTERED, ALIGNED]),
             ("just to the left of the diagonal through its corner: left, not in front", cube(-0.2, -0.19, 0.05), 0.13, &[LEFT_OF, ALIGNED]),
             ("beyond the trapezoid of the left: only behind", cube(-0.1, 0.2, 0.05), 0.1, &[BEHIND, ALIGNED]),
-            ("left, but its corners reach past the anchor's center", object([-0.06, 0.0, 0.05], [0.08, 0.05, 0.05], [0.0; 3]), 0.0, &[NEAR, TOUCHING, ALIGNED]),
+            (
+                "left, but its corners reach past the anchor's center",
+                object([-0.06, 0.0, 0.05], [0.08, 0.05, 0.05], [0.0; 3]),
+                0.0,
+                &[NEAR, TOUCHING, ALIGNED],
+            ),
         ];
         for (name, query, gap, expected) in cases {
             let holds = ground_truth(&query, &anchor, gap, &viewer);

@@ -167,7 +167,17 @@ impl Caller {
         }
         let id = options.id.clone().unwrap_or_else(|| uuid::Uuid::new_v4().to_string());
         let deadline = Instant::now() + options.deadline;
-        let ongoing = Ongoing { inner: &self.inner, method, payload, options: &options, id, deadline, tried: Vec::new(), cancelled_at: Vec::new(), attempts: 0 };
+        let ongoing = Ongoing {
+            inner: &self.inner,
+            method,
+            payload,
+            options: &options,
+            id,
+            deadline,
+            tried: Vec::new(),
+            cancelled_at: Vec::new(),
+            attempts: 0,
+        };
         ongoing.run().await
     }
 

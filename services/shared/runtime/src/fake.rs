@@ -176,7 +176,11 @@ impl State {
             let change = move |state: &mut State| {
                 if let Some(watch) = state.watches.get(&id) {
                     watch.to.send_modify(|keys| {
-                        if alive { keys.insert(key) } else { keys.remove(&key) };
+                        if alive {
+                            keys.insert(key)
+                        } else {
+                            keys.remove(&key)
+                        };
                     });
                 }
             };

@@ -265,7 +265,8 @@ async fn calls_go_where_they_are_pinned_and_can_ask_everyone() {
         let accept = CallOptions { accept: Some(Arc::new(|load| load.weights_hash == "aa")), ..options() };
         assert_eq!(caller.call("echo", word(""), accept).await.unwrap().worker, server_a.worker());
     }
-    let nobody = CallOptions { accept: Some(Arc::new(|load| load.weights_hash == "cc")), ..CallOptions::within(Duration::from_millis(100)) };
+    let nobody =
+        CallOptions { accept: Some(Arc::new(|load| load.weights_hash == "cc")), ..CallOptions::within(Duration::from_millis(100)) };
     assert_eq!(caller.call("echo", word(""), nobody).await.unwrap_err().code, ErrorCode::DeadlineExceeded);
     let all = caller.call_all("echo", &word("all"), &options()).await;
     assert_eq!(all.len(), 2);

@@ -47,7 +47,8 @@ impl Body {
         let bounds: Vec<usize> = [0].into_iter().chain(cuts.iter().copied()).chain([profile.len() - 1]).collect();
         for pair in bounds.windows(2) {
             let section = &profile[pair[0]..=pair[1]];
-            let inset: Vec<ProfilePoint> = section.iter().filter(|p| p[0] > 0.0).map(|&[r, z]| [r, z.clamp(bottom + INSET_M, top - INSET_M)]).collect();
+            let inset: Vec<ProfilePoint> =
+                section.iter().filter(|p| p[0] > 0.0).map(|&[r, z]| [r, z.clamp(bottom + INSET_M, top - INSET_M)]).collect();
             self.hull_part(&ring_points(&inset));
         }
         let (first, last) = (profile[1][0], profile[profile.len() - 2][0]);
@@ -86,7 +87,13 @@ impl Body {
 
     /// The finished shape, its origin moved to the centre of its box; `top` is given in the frame of construction.
     pub fn finish(mut self, family: Family, material: Material, top: Option<Top>) -> Shape {
-        let (low, high) = self.mesh.vertices.iter().fold((Point3::new(f32::MAX, f32::MAX, f32::MAX), Point3::new(f32::MIN, f32::MIN, f32::MIN)), |(low, high), v| (low.inf(v), high.sup(v)));
+        let (low, high) = self
+            .mesh
+            .vertices
+            .iter()
+            .fold((Point3::new(f32::MAX, f32::MAX, f32::MAX), Point3::new(f32::MIN, f32::MIN, f32::MIN)), |(low, high), v| {
+                (low.inf(v), high.sup(v))
+            });
         let center = nalgebra::center(&low, &high);
         for v in &mut self.mesh.vertices {
             *v -= center.coords;

@@ -208,7 +208,11 @@ fn compound(scale: f32, rng: &mut impl Rng) -> Made {
     body.cuboid(Point3::new(0.0, 0.0, foot.z), UnitQuaternion::identity(), foot);
     body.cuboid(Point3::new(shift, 0.0, 2.0 * foot.z + post.z), UnitQuaternion::identity(), post);
     if rng.random_bool(0.3) {
-        body.cuboid(Point3::new(-shift, 0.0, 2.0 * foot.z + post.z * 0.6), UnitQuaternion::identity(), Vector3::new(post.x, post.y, post.z * 0.6));
+        body.cuboid(
+            Point3::new(-shift, 0.0, 2.0 * foot.z + post.z * 0.6),
+            UnitQuaternion::identity(),
+            Vector3::new(post.x, post.y, post.z * 0.6),
+        );
     }
     (body, None)
 }

@@ -148,7 +148,8 @@ impl Arm {
 
     /// Takes an emergency stop: latches at once, and keeps the first reason.
     pub fn emergency_stop(&mut self, estop: &EmergencyStop) {
-        let stop = StopState { kind: "estop".to_owned(), reason: format!("{}: {}", estop.source, estop.reason), estop_id: Some(estop.id.clone()) };
+        let stop =
+            StopState { kind: "estop".to_owned(), reason: format!("{}: {}", estop.source, estop.reason), estop_id: Some(estop.id.clone()) };
         match &mut self.stop {
             // A stop that latched for another reason becomes an emergency stop too, so that its sender sees it taken.
             Some(latched) if latched.estop_id.is_none() => *latched = stop,

@@ -74,12 +74,14 @@ impl Hand {
         let engine = world.engine();
         let [px, py, pz] = PALM_HALF_M;
         let palm_body = RigidBodyBuilder::kinematic_position_based().pose(convert::pose(world_from_hand));
-        let palm_shape = ColliderBuilder::cuboid(px, py, pz).translation(Vector::new(0.0, 0.0, pz)).friction(settings.friction).collision_groups(groups);
+        let palm_shape =
+            ColliderBuilder::cuboid(px, py, pz).translation(Vector::new(0.0, 0.0, pz)).friction(settings.friction).collision_groups(groups);
         let (palm, _) = engine.insert(palm_body, palm_shape);
         let [fx, fy, fz] = FINGER_HALF_M;
         let finger = |side: f32| {
             let hand_from_finger = Isometry3::translation(0.0, f64::from(side * open_m), FINGER_M);
-            let body = RigidBodyBuilder::dynamic().pose(convert::pose(&(world_from_hand * hand_from_finger))).gravity_scale(0.0).can_sleep(false);
+            let body =
+                RigidBodyBuilder::dynamic().pose(convert::pose(&(world_from_hand * hand_from_finger))).gravity_scale(0.0).can_sleep(false);
             let shape = ColliderBuilder::cuboid(fx, fy, fz).translation(Vector::new(0.0, side * fy, fz));
             let shape = shape.mass(settings.finger_mass_kg).friction(settings.friction).collision_groups(groups);
             (body, shape, side)
@@ -97,7 +99,17 @@ impl Hand {
             (handle, engine.insert_impulse_joint(palm, handle, joint.build()))
         });
         let (goal_m, force_n) = (open_m, settings.max_force_n);
-        Self { settings, palm, fingers: [left.0, right.0], joints: [left.1, right.1], goal_m, target_m: open_m, force_n, middle_m: open_m, standing_s: 0.0 }
+        Self {
+            settings,
+            palm,
+            fingers: [left.0, right.0],
+            joints: [left.1, right.1],
+            goal_m,
+            target_m: open_m,
+            force_n,
+            middle_m: open_m,
+            standing_s: 0.0,
+        }
     }
 
     /// Starts a gripper action.
