@@ -56,7 +56,7 @@ fn swing(seq: u64) -> RobotCommand {
 async fn a_cell_serves_frames_states_commands_stops_and_truth() {
     let session = Session::embedded().await.expect("a session");
     let shutdown = Shutdown::new();
-    let config = SimulatorConfig { seed: 3, time_scale: 4.0, ..SimulatorConfig::default() };
+    let config = SimulatorConfig { seed: 3, ..SimulatorConfig::default() };
     let mut states = session.subscribe_latest(&session.cell().robot_state(&config.robot)).await.expect("subscribed");
     let mut frames = session.subscribe_latest(&session.cell().camera_frame(&config.camera)).await.expect("subscribed");
     let (command_key, stop_key) = (session.cell().robot_command(&config.robot), session.cell().robot_estop(&config.robot));

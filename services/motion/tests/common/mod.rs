@@ -96,8 +96,8 @@ impl Robot {
             self.state.stop = None;
         }
         if let Some(gripper) = command.gripper {
-            self.state.gripper_holding =
-                self.holds && gripper.width_m < 0.08 && self.state.robot_ms > 1000.0 && self.state.robot_ms < 5000.0;
+            self.state.gripper_holding = self.holds && gripper.width_m == 0.0;
+            self.state.gripper_width_m = if self.state.gripper_holding { 0.03 } else { gripper.width_m };
         }
         if command.starts_stream {
             assert_eq!(self.state.mode, RobotMode::Idle, "a stream starts at rest");
