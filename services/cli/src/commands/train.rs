@@ -1,6 +1,6 @@
 //! `repose train`: weights from simulated scenes.
 
-use repose_training::{Part, TrainSettings, train};
+use repose_training::{ONE_THREAD_VARIABLES, Part, TrainSettings, train};
 
 use crate::args::TrainArgs;
 use crate::failure::{Failure, Outcome};
@@ -13,6 +13,10 @@ pub fn run(args: &TrainArgs, output: Output) -> Outcome {
         "discriminator" => Part::Discriminator,
         other => return Err(Failure::bad_input("network", format!("expected joint or discriminator, got {other:?}"))),
     };
+    for variable in ONE_THREAD_VARIABLES {
+        // SAFETY: this command is synchronous and has started no thread yet that could read the environment meanwhile.
+        unsafe { std::env::set_var(variable, "1") };
+    }
     let defaults = TrainSettings::default();
     let settings = TrainSettings {
         data: args.data.clone(),
