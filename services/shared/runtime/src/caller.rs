@@ -22,6 +22,8 @@ use crate::config::CallerConfig;
 use crate::directory::{Accept, Assigned, Directory, Wanted, WorkerView};
 use crate::transport::{OutgoingQuery, Traffic, Transport};
 
+/// How far apart the clocks that end a call at its deadline may be.
+const DEADLINE_SLACK: Duration = Duration::from_millis(50);
 /// An attempt is slow when it takes this many times what its worker's calls take.
 const SLOW_FACTOR: u32 = 3;
 
@@ -273,26 +275,38 @@ enum Next {
     Done(Result<Answer, CallError>),
     /// Try again; the error stands if there is no other try.
     Again(CallError),
+    /// The same without a pause: the attempt that was left was one, and a short deadline must not end in it.
+    AtOnce(CallError),
 }
 
 impl Ongoing<'_> {
     async fn run(mut self) -> Result<Answer, CallError> {
         loop {
             let assigned = self.worker().await?;
-            let error = match self.attempt(&assigned).await {
+            let (error, waited) = match self.attempt(&assigned).await {
                 Next::Done(outcome) => return outcome,
-                Next::Again(error) => error,
+                Next::Again(error) => (error, false),
+                Next::AtOnce(error) => (error, true),
             };
             self.attempts += 1;
             if !self.may_repeat() {
-                return Err(error);
+                return Err(self.last_word(error));
             }
             if !self.tried.iter().any(|name| name == assigned.name()) {
                 self.tried.push(assigned.name().to_owned());
             }
             drop(assigned);
-            self.back_off(error).await?;
+            if !waited {
+                self.back_off(error).await?;
+            }
         }
+    }
+
+    /// The error to end with. A stream that ends empty this close to the deadline was most likely ended by it: the network and the worker
+    /// have clocks of their own.
+    fn last_word(&self, error: CallError) -> CallError {
+        let at_the_deadline = self.remaining() < DEADLINE_SLACK;
+        if error.code == ErrorCode::Unavailable && at_the_deadline { too_late() } else { error }
     }
 
     /// Whether there is another attempt after `self.attempts`.
@@ -338,7 +352,7 @@ impl Ongoing<'_> {
         let wait_ms = error.retry_after_ms.unwrap_or(0).max(doubled) as f64 * (0.5 + 0.5 * self.inner.directory.random());
         let wait = Duration::from_micros((wait_ms * 1e3) as u64);
         if wait * 2 > self.remaining() {
-            return Err(error);
+            return Err(self.last_word(error));
         }
         tokio::select! {
             () = tokio::time::sleep(wait) => Ok(()),
@@ -440,7 +454,9 @@ impl Ongoing<'_> {
             Ended::Error(error) if error.code.retryable() => Next::Again(error),
             Ended::Error(error) => Next::Done(Err(error)),
             Ended::Empty => unavailable(format!("{} worker {worker} is gone", self.inner.service)),
-            Ended::Left => unavailable(format!("{} worker {worker} does not answer", self.inner.service)),
+            Ended::Left => {
+                Next::AtOnce(CallError::new(ErrorCode::Unavailable, format!("{} worker {worker} does not answer", self.inner.service)))
+            }
             Ended::Garbled(error) => Next::Done(Err(CallError::internal(format!("worker {worker} answered garbage: {error}")))),
             Ended::Cancelled => Next::Done(Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled"))),
             Ended::Overdue => Next::Done(Err(too_late())),

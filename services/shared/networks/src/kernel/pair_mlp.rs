@@ -147,6 +147,7 @@ unsafe fn strip<S: Simd, const C: usize, const WINNERS: bool>(
                 }
             }
         }
+        #[allow(clippy::needless_range_loop, reason = "indexed over several arrays at once, which vectorises")]
         for c in 0..C {
             S::store(out.as_mut_ptr().add(c * S::LANES), S::add(best[c], S::load(bias.as_ptr().add(c * S::LANES))));
         }
