@@ -290,7 +290,7 @@ impl Ongoing<'_> {
             };
             self.attempts += 1;
             if !self.may_repeat() {
-                return Err(self.last_word(error));
+                return Err(self.ended_with(error));
             }
             if !self.tried.iter().any(|name| name == assigned.name()) {
                 self.tried.push(assigned.name().to_owned());
@@ -304,7 +304,7 @@ impl Ongoing<'_> {
 
     /// The error to end with. A stream that ends empty this close to the deadline was most likely ended by it: the network and the worker
     /// have clocks of their own.
-    fn last_word(&self, error: CallError) -> CallError {
+    fn ended_with(&self, error: CallError) -> CallError {
         let at_the_deadline = self.remaining() < DEADLINE_SLACK;
         if error.code == ErrorCode::Unavailable && at_the_deadline { too_late() } else { error }
     }
@@ -352,7 +352,7 @@ impl Ongoing<'_> {
         let wait_ms = error.retry_after_ms.unwrap_or(0).max(doubled) as f64 * (0.5 + 0.5 * self.inner.directory.random());
         let wait = Duration::from_micros((wait_ms * 1e3) as u64);
         if wait * 2 > self.remaining() {
-            return Err(self.last_word(error));
+            return Err(self.ended_with(error));
         }
         tokio::select! {
             () = tokio::time::sleep(wait) => Ok(()),
