@@ -127,6 +127,7 @@ impl Worker {
     }
 }
 
+#[expect(clippy::needless_pass_by_value, reason = "the shape that `map_err` hands it in")]
 fn refused<T>(error: TrySendError<T>) -> CallError {
     match error {
         TrySendError::Full(_) => CallError::new(ErrorCode::ResourceExhausted, "the world has too much to take in").retry_after(50),
