@@ -32,12 +32,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             let moved = repose_simulator::scene::displacement_m(&object.shape, &object.world_from_object, &pose);
             creep = creep.max(moved);
             if moved > 0.001 {
-                println!(
-                    "seed {seed}: object {} ({}) moved {:.2} mm in a further second",
-                    object.id,
-                    object.shape.family.name(),
-                    moved * 1e3
-                );
+                println!("seed {seed}: object {} ({}) moved {:.2} mm in a further second", object.id, object.shape.name, moved * 1e3);
             }
         }
         let mut rng = Pcg64::seed_from_u64(seed);

@@ -266,8 +266,8 @@ impl Arrangement {
         let index = self.pick_index(rng, |p| p.upright && !p.taken && p.shape.top.is_some() && p.stands_at_m.is_some())?;
         let anchor = &self.placed[index];
         let top = anchor.shape.top?;
-        let local =
-            Point3::new(shift[0] * f64::from(top.half_extents_m[0]), shift[1] * f64::from(top.half_extents_m[1]), f64::from(top.height_m));
+        let local = |k: usize| f64::from(top.center_m[k]) + shift[k] * f64::from(top.half_extents_m[k]);
+        let local = Point3::new(local(0), local(1), f64::from(top.height_m));
         let at = anchor.world_from_object * local;
         if at.z > settings.highest_stack_m {
             return None;
@@ -280,7 +280,7 @@ impl Arrangement {
 
     fn inside_vessel(&mut self, shape: &Arc<Shape>, rng: &mut impl Rng) -> Option<Placed> {
         let rotation = random_rotation(rng);
-        let open = |p: &Placed| matches!(p.shape.family, Family::Bowl | Family::Pot | Family::Plate | Family::Cup | Family::Mug);
+        let open = |p: &Placed| p.shape.opening.is_some();
         let index = self.pick_index(rng, |p| open(p) && p.upright && !p.taken && p.stands_at_m.is_some())?;
         let vessel = &self.placed[index];
         let at = vessel.world_from_object.translation.vector;

@@ -86,10 +86,7 @@ mod tests {
             assert!((3..=6).contains(&scene.objects.len()));
             for object in &scene.objects {
                 all += 1;
-                fit += usize::from(
-                    object.shape.half_extents_m.xy().min() * 2.0 < 0.07
-                        || matches!(object.shape.family, Family::Bowl | Family::Mug | Family::Cup),
-                );
+                fit += usize::from(object.shape.half_extents_m.xy().min() * 2.0 < 0.07 || object.shape.opening.is_some());
                 let at = object.world_from_object.translation.vector;
                 assert!(at.x > 0.25 && at.x < 0.85 && at.y.abs() < 0.45);
             }

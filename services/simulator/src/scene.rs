@@ -15,8 +15,8 @@ use std::sync::Arc;
 
 use crate::arrange::{ArrangeSettings, arranged};
 use crate::contact::PlacedParts;
+use crate::objects::Shape;
 use crate::objects::body::cuboid_mesh;
-use crate::objects::{Family, Shape};
 use crate::physics::{PhysicsSettings, RestSettings, World};
 use crate::render::Drawable;
 
@@ -186,7 +186,7 @@ impl Default for SceneSettings {
 }
 
 /// Why a draw gave no scene.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Rejected {
     /// There was no room for enough objects.
     #[error("room for {placed} objects, wanted {wanted}")]
@@ -203,12 +203,12 @@ pub enum Rejected {
         id: u16,
     },
     /// Something kept moving.
-    #[error("object {id} ({name}) still moving after {steps} steps", name = family.name())]
+    #[error("object {id} ({name}) still moving after {steps} steps")]
     Moving {
         /// One that moves.
         id: u16,
         /// What it is.
-        family: Family,
+        name: Arc<str>,
         /// Steps waited.
         steps: usize,
     },
@@ -223,7 +223,7 @@ pub enum Rejected {
 }
 
 /// A seed that gave no scene.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("seed {seed} gave no scene in {attempts} draws; the last: {last}")]
 pub struct NoScene {
     /// The seed.
@@ -246,7 +246,7 @@ pub fn scene_of_seed(seed: u64, settings: &SceneSettings) -> Result<(Scene, Vec<
             Err(why) => rejections.push(why),
         }
     }
-    let last = rejections.last().copied().unwrap_or(Rejected::NoRoom { placed: 0, wanted: 0 });
+    let last = rejections.last().cloned().unwrap_or(Rejected::NoRoom { placed: 0, wanted: 0 });
     Err(NoScene { seed, attempts: rejections.len() as u32, last })
 }
 
@@ -271,7 +271,7 @@ fn settled(start: &Scene, settings: &SceneSettings) -> Result<Vec<Isometry3<f64>
     const PATIENCE: usize = 3;
     let moving = |index: usize, steps: usize| {
         let object = &start.objects[index];
-        Rejected::Moving { id: object.id, family: object.shape.family, steps }
+        Rejected::Moving { id: object.id, name: object.shape.name.clone(), steps }
     };
     let mut scene = start.clone();
     let mut steps = 0;

@@ -40,7 +40,7 @@ pub fn view_record(
         });
         ObjectRecord {
             id: object.id,
-            name: object.shape.family.name().to_string(),
+            name: object.shape.name.to_string(),
             world_from_object: object.world_from_object,
             bounds: object.shape.bounds(&object.world_from_object),
             alone: layer,

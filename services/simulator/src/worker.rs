@@ -242,13 +242,7 @@ impl Running {
         let objects = scene.objects.iter().map(|o| {
             let pose = RigidTransform(to_row_major(&o.world_from_object));
             let extent = o.shape.half_extents_m * 2.0;
-            TrueObject {
-                id: o.id,
-                name: o.shape.family.name().to_owned(),
-                world_from_object: pose,
-                world_from_box: pose,
-                extent_m: extent.into(),
-            }
+            TrueObject { id: o.id, name: o.shape.name.to_string(), world_from_object: pose, world_from_box: pose, extent_m: extent.into() }
         });
         Truth {
             seed: scene.seed,

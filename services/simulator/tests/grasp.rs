@@ -5,7 +5,6 @@ use repose_panda::{InverseSettings, Joints, READY, base_from_tcp, inverse_near};
 use repose_proto::robot::{GripperCommand, Owner, RobotCommand, RobotMode, SetPoint};
 use repose_simulator::cell::CellSettings;
 use repose_simulator::cell_world::CellWorld;
-use repose_simulator::objects::Family;
 use repose_simulator::robot::{ArmSettings, HandSettings};
 
 /// Drives the arm along straight lines of the grasp centre, as a commander would.
@@ -83,7 +82,7 @@ fn objects_are_picked_lifted_and_carried_by_friction_alone() {
             let narrow = o.shape.half_extents_m.xy().min() * 2.0 < 0.065;
             let upright = (o.world_from_object.rotation * Vector3::z()).z > 0.99;
             let alone = (0..n).all(|j| j == *i || scene.gaps_m[i * n + j] > 0.06);
-            narrow && upright && alone && matches!(o.shape.family, Family::Box | Family::Cylinder | Family::Can | Family::Bottle)
+            narrow && upright && alone && matches!(&*o.shape.name, "box" | "block" | "cylinder" | "can" | "bottle")
         });
         let Some((index, object)) = found else { continue };
         tried += 1;
@@ -94,7 +93,7 @@ fn objects_are_picked_lifted_and_carried_by_friction_alone() {
         yaw = (yaw + std::f64::consts::FRAC_PI_2).rem_euclid(std::f64::consts::PI) - std::f64::consts::FRAC_PI_2;
         let at = pose.translation.vector;
         // Round things with a thin neck are held at the body.
-        let height = if object.shape.family == Family::Bottle { at.z - half.z * 0.2 } else { (at.z + half.z - 0.03).max(0.012) };
+        let height = if &*object.shape.name == "bottle" { at.z - half.z * 0.2 } else { (at.z + half.z - 0.03).max(0.012) };
         let mut commander = Commander { seq: 0, q_rad: READY };
         let above = downward(at.x, at.y, height + 0.13, yaw);
         let grasp = downward(at.x, at.y, height, yaw);
@@ -114,7 +113,7 @@ fn objects_are_picked_lifted_and_carried_by_friction_alone() {
         assert_eq!(mode, (RobotMode::Idle, None), "seed {seed}");
         println!(
             "seed {seed}: {} {:.0} g, width {:.1} mm (settled {settled}, holding {holding}), rose {:.1} of 200 mm, slipped {:.1} mm on the way",
-            object.shape.family.name(),
+            object.shape.name,
             object.shape.mass_kg * 1e3,
             width * 1e3,
             (up.z - at.z) * 1e3,

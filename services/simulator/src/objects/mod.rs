@@ -1,12 +1,19 @@
-//! Things to put on tables: a shape to look at, convex parts to collide with, and what it weighs.
+//! Things to put on tables: a shape to look at, convex parts to collide with, what it weighs, and what can be done with it.
 //!
 //! Families are procedural (paper, section 3 and appendix: mugs, bowls, plates, bottles, pots, boxes, cylinders and small things; its
 //! scanned models may not be redistributed). Hollow things are hollow for physics too: their walls are convex wedges, cut at the same
 //! angles as the picture's facets, so that what is seen is what is touched.
 
+pub mod bar;
 pub mod body;
+#[cfg(test)]
+mod checks;
 pub mod families;
-pub mod revolution;
+pub mod loft;
+pub mod material;
+pub mod outline;
+
+use std::sync::Arc;
 
 use nalgebra::{Isometry3, Vector3};
 use parry3d::shape::SharedShape;
@@ -18,17 +25,36 @@ pub use families::Family;
 /// A flat place on top of an upright object where another can stand.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Top {
+    /// Its middle (x, y) in the object's frame, metres.
+    pub center_m: [f32; 2],
     /// Height above the object's origin, metres.
     pub height_m: f32,
-    /// Half the edge lengths of the largest level rectangle there, metres.
+    /// Half the edge lengths of a large level rectangle there, metres.
+    pub half_extents_m: [f32; 2],
+}
+
+/// The inside of an upright vessel that is open above.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Opening {
+    /// The axis (x, y) in the object's frame, metres: not the box's where a handle sticks out.
+    pub center_m: [f32; 2],
+    /// Height of the level inner floor above the object's origin, metres (negative: below).
+    pub floor_m: f32,
+    /// Height of the rim above the object's origin, metres.
+    pub rim_m: f32,
+    /// Radius of the upright cylinder around the axis that is clear from the floor to the rim, metres.
+    pub radius_m: f32,
+    /// Radius of the largest ball around the axis that fits through the rim, metres.
+    pub mouth_radius_m: f32,
+    /// Half the edge lengths (x, y) of the upright cuboid that is clear from the floor to the rim, metres.
     pub half_extents_m: [f32; 2],
 }
 
 /// A rigid object in its own frame: origin at the centre of its box, z up when it stands as intended.
 #[derive(Debug, Clone)]
 pub struct Shape {
-    /// What it is, as labels and logs say it.
-    pub family: Family,
+    /// What it is, as labels and logs say it: `mug`, `hammer`, or the name of the user's mesh.
+    pub name: Arc<str>,
     /// Closed surface, outward oriented.
     pub mesh: TriMesh,
     /// Convex parts: pose in the object's frame, and shape.
@@ -41,6 +67,8 @@ pub struct Shape {
     pub friction: f32,
     /// Where another object can stand, if anywhere.
     pub top: Option<Top>,
+    /// What it can hold, if anything.
+    pub opening: Option<Opening>,
 }
 
 impl Shape {
