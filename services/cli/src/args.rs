@@ -40,7 +40,7 @@ pub enum Command {
     /// The objects and surfaces of a frame folder.
     Segment(SegmentArgs),
     /// Simulated scenes to train on.
-    Generate(GenerateArgs),
+    Generate(crate::commands::generate::GenerateArgs),
     /// Weights from simulated scenes.
     Train(TrainArgs),
     /// The paper's tables.
@@ -258,26 +258,6 @@ pub struct SegmentArgs {
     /// A picture of color and objects with their ids.
     #[arg(long, value_name = "PNG")]
     pub out: Option<PathBuf>,
-}
-
-/// Arguments of `generate`.
-#[derive(Debug, Args)]
-pub struct GenerateArgs {
-    /// How many scenes.
-    #[arg(long, default_value_t = 1000)]
-    pub scenes: usize,
-    /// Views per scene.
-    #[arg(long, default_value_t = 5)]
-    pub views: usize,
-    /// The folder for the shards; what is there already is kept and gone on from.
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Which split's seeds: train, validation or test.
-    #[arg(long, default_value = "train")]
-    pub split: String,
-    /// Threads; all cores by default. The bytes do not depend on it.
-    #[arg(long)]
-    pub threads: Option<usize>,
 }
 
 /// Arguments of `train`.

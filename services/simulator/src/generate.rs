@@ -206,15 +206,19 @@ fn make_shard(settings: &GenerateSettings, first: u64, end: u64) -> Result<Gener
     Ok(made)
 }
 
+/// The random numbers of a scene's viewpoints: its own, since a change of scenes must not move cameras, nor the other way round.
+pub fn view_rng(seed: u64) -> Pcg64 {
+    const VIEW_STREAM: u64 = 0x5eed_0000_0000_0001;
+    Pcg64::seed_from_u64(seed ^ VIEW_STREAM)
+}
+
 /// The views of a seed's scene, and how many draws were rejected before it.
 ///
 /// # Errors
 /// [`NoScene`] when the seed gives none.
 pub fn scene_views(seed: u64, settings: &GenerateSettings) -> Result<(Vec<ViewRecord>, usize), NoScene> {
-    // Viewpoints have random numbers of their own: a change of scenes must not move cameras, nor the other way round.
-    const VIEW_STREAM: u64 = 0x5eed_0000_0000_0001;
     let (scene, rejected) = scene_of_seed(seed, &settings.scene)?;
-    let mut rng = Pcg64::seed_from_u64(seed ^ VIEW_STREAM);
+    let mut rng = view_rng(seed);
     let mut canvas = DepthCanvas::new(settings.viewpoint.width, settings.viewpoint.height);
     let middle = scene.middle();
     let views = (0..settings.views).map(|view| {

@@ -1,7 +1,8 @@
 //! The stand-in world: objects, physics, a depth camera, and a simulated Panda.
 //!
 //! [`scene`] makes settled scenes from seeds, [`render`] and [`sensor`] show them as a depth camera would, [`generate`] writes training
-//! data, [`release`] says what happens when an object is let go. [`cell_world`] is the running cell with its robot; [`run`] serves it.
+//! data, [`sheet`] shows scenes to people, [`release`] says what happens when an object is let go. [`cell_world`] is the running cell
+//! with its robot; [`run`] serves it.
 
 pub mod arrange;
 pub mod cell;
@@ -18,6 +19,7 @@ pub mod render;
 pub mod robot;
 pub mod scene;
 pub mod sensor;
+pub mod sheet;
 pub mod viewpoint;
 pub mod views;
 pub mod worker;
