@@ -1,6 +1,6 @@
 //! The stand-in world: objects, physics, a depth camera, and a simulated Panda.
 //!
-//! [`scene`] makes settled scenes from seeds, [`render`] and [`sensor`] show them as a depth camera would, [`generate`] writes training
+//! [`scene`] makes settled scenes from seeds, [`render`] shows them, [`repose_sensor`] as a depth camera would, [`generate`] writes training
 //! data, [`sheet`] shows scenes to people, [`release`] says what happens when an object is let go. [`cell_world`] is the running cell
 //! with its robot; [`run`] serves it.
 
@@ -18,7 +18,6 @@ pub mod release;
 pub mod render;
 pub mod robot;
 pub mod scene;
-pub mod sensor;
 pub mod sheet;
 pub mod viewpoint;
 pub mod views;

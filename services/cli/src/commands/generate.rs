@@ -8,12 +8,12 @@ use rayon::prelude::*;
 use repose_dataset::Split;
 use repose_geometry::{Image, ViewerFrame};
 use repose_proto::Relation;
+use repose_sensor::SensorModel;
 use repose_simulator::generate::{GenerateSettings, generate, view_rng};
-use repose_simulator::render::picture;
+use repose_simulator::render::{DepthCanvas, picture};
 use repose_simulator::scene::scene_of_seed;
-use repose_simulator::sensor::{SensorSettings, sensed};
 use repose_simulator::sheet::{SheetSettings, scene_tile, stacked, tile};
-use repose_simulator::viewpoint::random_viewpoint;
+use repose_simulator::views::view_of_scene;
 
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
@@ -41,6 +41,9 @@ pub struct GenerateArgs {
     /// Which split's seeds: train, validation or test.
     #[arg(long, default_value = "train")]
     pub split: String,
+    /// Keep color in the shards too; training does not need it.
+    #[arg(long)]
+    pub color: bool,
     /// Threads; all cores by default. The bytes do not depend on it.
     #[arg(long)]
     pub threads: Option<usize>,
@@ -68,9 +71,8 @@ pub fn run(args: &GenerateArgs, output: Output) -> Outcome {
     let mut settings = GenerateSettings::new(args.out.as_deref().unwrap_or(Path::new("")), split_of(&args.split)?, args.scenes);
     settings.first_scene = args.first;
     settings.views = args.views;
-    if let Some(threads) = args.threads {
-        settings.threads = threads;
-    }
+    settings.color = args.color;
+    settings.threads = args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     let mut document = serde_json::Map::new();
     let mut text = Vec::new();
     if let Some(folder) = &args.show {
@@ -109,11 +111,21 @@ fn write_shards(
     add("scenes_per_s", scenes_per_s.into());
     add("rejected", made.rejected.into());
     add("failed", made.failed.into());
+    add("unseen_views", made.unseen.into());
+    add("bytes_per_view", made.bytes_per_view().into());
+    add("pairs", made.pairs.into());
     add("prevalence", prevalence.into());
     text.push(format!(
-        "{} scenes ({} were there), {} views, {scenes_per_s:.1} scenes/s, {} draws rejected, {} seeds given up",
-        made.scenes, made.skipped, made.views, made.rejected, made.failed
+        "{} scenes ({} were there), {} views of {:.1} kB, {scenes_per_s:.1} scenes/s; {} draws rejected, {} seeds and {} views given up",
+        made.scenes,
+        made.skipped,
+        made.views,
+        made.bytes_per_view() / 1e3,
+        made.rejected,
+        made.failed,
+        made.unseen
     ));
+    text.push(format!("of {} ordered pairs of objects that a view shows:", made.pairs));
     for relation in Relation::ALL {
         let paper = PAPER_PERCENT[relation.index()].map_or("-".to_owned(), |p| format!("{p:.1}"));
         text.push(format!("  {:<12} {:>5.1} %   paper {paper:>5}", relation.as_str(), percent[relation.index()]));
@@ -149,12 +161,14 @@ fn row_of_seed(seed: u64, settings: &GenerateSettings) -> Image<[u8; 3]> {
         Ok(found) => found,
         Err(none) => return tile(&[], &format!("seed {seed}"), &[none.to_string()], &sheet),
     };
-    let mut rng = view_rng(seed);
-    let (camera, world_from_camera) = random_viewpoint(&scene.middle(), &settings.viewpoint, &mut rng);
-    let mut seen = picture(&camera, &world_from_camera, &scene.drawables());
-    seen.depth_m = sensed(&seen.depth_m, &camera, &SensorSettings::default(), &mut rng);
-    let title = format!("seed {seed}: {} objects, {} draws rejected", scene.objects.len(), rejected.len());
-    scene_tile(&scene, &seen, &ViewerFrame::from_camera(&world_from_camera), &title, &sheet)
+    let mut canvas = DepthCanvas::new(settings.viewpoint.width, settings.viewpoint.height);
+    let Some(view) = view_of_scene(&scene, 0, &settings.viewpoint, false, &mut canvas, &mut view_rng(seed, 0)) else {
+        return tile(&[], &format!("seed {seed}"), &["no viewpoint shows enough of it".to_owned()], &sheet);
+    };
+    let mut seen = picture(&view.camera, &view.world_from_camera, &scene.drawables());
+    SensorModel::default().disturb(seen.depth_m.pixels_mut(), &view.camera, seed);
+    let title = format!("seed {seed}, {}: {} objects, {} draws rejected", view.viewpoint, scene.objects.len(), rejected.len());
+    scene_tile(&scene, &seen, &ViewerFrame::from_camera(&view.world_from_camera), &title, &sheet)
 }
 
 fn progress_bar(scenes: u64, what: &str) -> ProgressBar {

@@ -72,8 +72,7 @@ impl<'a> TruePicture<'a> {
         // Beyond the picture's edge the surface is taken to go on.
         let neighbour = |inside: bool, index: usize| if inside { self.inverse_depth[index] } else { here };
         let along_x = [neighbour(u > 0, at.wrapping_sub(1)), neighbour(u + 1 < width, at + 1)];
-        let along_y =
-            [neighbour(v > 0, at.wrapping_sub(width)), neighbour(at + width < self.inverse_depth.len(), at + width)];
+        let along_y = [neighbour(v > 0, at.wrapping_sub(width)), neighbour(at + width < self.inverse_depth.len(), at + width)];
         let lens = [self.camera.fx as f32, self.camera.fy as f32];
         let ray = [(u as f32 - self.camera.cx as f32) / lens[0], (v as f32 - self.camera.cy as f32) / lens[1]];
         let surface = Surface::new(here, along_x, along_y, lens, ray);
@@ -159,9 +158,13 @@ mod tests {
 
     /// Deviation of depth from the plane fitted to the readings, metres, root mean square.
     fn plane_rms_m(depth_m: &[f32]) -> f64 {
-        let rows = || depth_m.iter().enumerate().filter(|(_, z)| **z > 0.0).map(|(i, z)| {
-            (Vector3::new((i % CAMERA.width) as f64 / 100.0, (i / CAMERA.width) as f64 / 100.0, 1.0), f64::from(*z))
-        });
+        let rows = || {
+            depth_m
+                .iter()
+                .enumerate()
+                .filter(|(_, z)| **z > 0.0)
+                .map(|(i, z)| (Vector3::new((i % CAMERA.width) as f64 / 100.0, (i / CAMERA.width) as f64 / 100.0, 1.0), f64::from(*z)))
+        };
         let normal: Matrix3<f64> = rows().map(|(a, _)| a * a.transpose()).sum();
         let plane = normal.try_inverse().unwrap() * rows().map(|(a, z)| a * z).sum::<Vector3<f64>>();
         (rows().map(|(a, z)| (z - a.dot(&plane)).powi(2)).sum::<f64>() / rows().count() as f64).sqrt()
@@ -222,7 +225,8 @@ mod tests {
         let deviation = |turn: f32| {
             let truth = slanted(0.7, turn);
             let readings = sensed(&model, truth.clone(), 2);
-            let errors: Vec<f32> = (0..truth.len()).filter(|i| (i % 320).abs_diff(160) < 10 && readings[*i] > 0.0).map(|i| readings[i] - truth[i]).collect();
+            let errors: Vec<f32> =
+                (0..truth.len()).filter(|i| (i % 320).abs_diff(160) < 10 && readings[*i] > 0.0).map(|i| readings[i] - truth[i]).collect();
             (errors.iter().map(|e| e * e).sum::<f32>() / errors.len() as f32).sqrt()
         };
         assert!(deviation(-1.15) > 1.3 * deviation(0.0), "{} {}", deviation(-1.15), deviation(0.0));
@@ -249,7 +253,8 @@ mod tests {
     fn silhouettes_lose_readings_and_mix_depths_but_never_beyond_the_two() {
         let mut truth = wall(1.2);
         truth.iter_mut().enumerate().filter(|(i, _)| i % 320 >= 150).for_each(|(_, z)| *z = 0.9);
-        let model = SensorModel { noise_px: 0.0, step_px: 0.0, dropout: 0.0, shadows: false, edge_mixed: 0.3, ..SensorModel::active_stereo() };
+        let model =
+            SensorModel { noise_px: 0.0, step_px: 0.0, dropout: 0.0, shadows: false, edge_mixed: 0.3, ..SensorModel::active_stereo() };
         let readings = sensed(&SensorModel { blind_band: false, ..model }, truth, 9);
         let seam: Vec<f32> = (0..240).flat_map(|v| [readings[v * 320 + 149], readings[v * 320 + 150]]).collect();
         let share = |keep: &dyn Fn(f32) -> bool| seam.iter().filter(|z| keep(**z)).count() as f64 / seam.len() as f64;
