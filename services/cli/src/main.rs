@@ -6,6 +6,7 @@ mod commands;
 mod embedded;
 mod failure;
 mod frames;
+mod histogram;
 mod output;
 mod picture;
 mod services;

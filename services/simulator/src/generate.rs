@@ -12,7 +12,8 @@ use rand_pcg::Pcg64;
 use repose_dataset::{Manifest, ManifestError, ShardWriter, Split, ViewRecord, WriteError};
 
 use crate::render::DepthCanvas;
-use crate::scene::{NoScene, SceneSettings, scene_of_seed};
+use crate::scene::{NoScene, Rejected, SceneSettings, scene_of_seed};
+use crate::statistics::Statistics;
 use crate::viewpoint::ViewpointSettings;
 use crate::views::view_of_scene;
 
@@ -103,32 +104,14 @@ pub struct Generated {
     pub rejected: usize,
     /// Seeds that gave no scene at all.
     pub failed: usize,
-    /// Ordered pairs of objects that are both seen, over all views.
-    pub pairs: usize,
-    /// Of those, the pairs for which each relation holds, in wire order.
-    pub holding: [usize; repose_relations::RELATIONS],
+    /// What the scenes written by this run are like.
+    pub statistics: Statistics,
 }
 
 impl Generated {
     /// Bytes of a view on disk.
     pub fn bytes_per_view(&self) -> f64 {
         self.bytes as f64 / self.views.max(1) as f64
-    }
-
-    /// The share of pairs for which each relation holds, percent.
-    pub fn prevalence_percent(&self) -> [f64; repose_relations::RELATIONS] {
-        self.holding.map(|n| 100.0 * n as f64 / self.pairs.max(1) as f64)
-    }
-
-    /// Counts the pairs that a view shows.
-    fn count_pairs(&mut self, view: &ViewRecord) {
-        let seen: Vec<usize> = (0..view.objects.len()).filter(|k| view.is_seen(*k)).collect();
-        for (query, anchor) in seen.iter().flat_map(|q| seen.iter().map(move |a| (*q, *a))).filter(|(q, a)| q != a) {
-            self.pairs += 1;
-            for (sum, holds) in self.holding.iter_mut().zip(view.relations_of(query, anchor)) {
-                *sum += usize::from(*holds);
-            }
-        }
     }
 
     fn add(&mut self, other: &Self) {
@@ -139,10 +122,7 @@ impl Generated {
         self.bytes += other.bytes;
         self.rejected += other.rejected;
         self.failed += other.failed;
-        self.pairs += other.pairs;
-        for (sum, n) in self.holding.iter_mut().zip(other.holding) {
-            *sum += n;
-        }
+        self.statistics.merge(&other.statistics);
     }
 }
 
@@ -266,11 +246,11 @@ fn make_shard(settings: &GenerateSettings, first: u64, end: u64) -> Result<Gener
             continue;
         };
         made.scenes += 1;
-        made.rejected += rejected;
+        made.rejected += rejected.len();
         made.unseen += settings.views as usize - views.len();
+        made.statistics.add_scene(&views, rejected.iter().map(reason));
         for view in views {
             made.views += 1;
-            made.count_pairs(&view);
             writer.push(&view).map_err(failed)?;
         }
     }
@@ -293,15 +273,36 @@ fn remove_shorter(folder: &Path, number: usize) -> Result<(), GenerateError> {
     entries.filter(|e| e.file_name().to_str().is_some_and(|name| name.starts_with(&prefix))).map(|e| e.path()).try_for_each(remove)
 }
 
-/// The views of a seed's scene, and how many draws were rejected before it. Views that no viewpoint gave are left out.
+/// The views of a seed's scene, and the draws that were rejected before it. Views that no viewpoint gave are left out.
 ///
 /// # Errors
 /// [`NoScene`] when the seed gives none.
-pub fn scene_views(seed: u64, settings: &GenerateSettings) -> Result<(Vec<ViewRecord>, usize), NoScene> {
+pub fn scene_views(seed: u64, settings: &GenerateSettings) -> Result<(Vec<ViewRecord>, Vec<Rejected>), NoScene> {
     let (scene, rejected) = scene_of_seed(seed, &settings.scene)?;
     let mut canvas = DepthCanvas::new(settings.viewpoint.width, settings.viewpoint.height);
-    let views = (0..settings.views).filter_map(|view| {
-        view_of_scene(&scene, view, &settings.viewpoint, settings.color, &mut canvas, &mut view_rng(seed, view))
-    });
-    Ok((views.collect(), rejected.len()))
+    let views = (0..settings.views)
+        .filter_map(|view| view_of_scene(&scene, view, &settings.viewpoint, settings.color, &mut canvas, &mut view_rng(seed, view)));
+    Ok((views.collect(), rejected))
+}
+
+/// The statistics of scenes without writing them. `progress` is called after every scene.
+pub fn surveyed(seeds: std::ops::Range<u64>, settings: &GenerateSettings, mut progress: impl FnMut()) -> Statistics {
+    let mut statistics = Statistics::default();
+    for seed in seeds {
+        match scene_views(seed, settings) {
+            Ok((views, rejected)) => statistics.add_scene(&views, rejected.iter().map(reason)),
+            Err(none) => statistics.add_scene(&[], [reason(&none.last)]),
+        }
+        progress();
+    }
+    statistics
+}
+
+fn reason(rejected: &Rejected) -> &'static str {
+    match rejected {
+        Rejected::NoRoom { .. } => "no_room",
+        Rejected::FellOff { .. } => "fell_off",
+        Rejected::Moving { .. } => "moving",
+        Rejected::Penetrates { .. } => "penetrates",
+    }
 }

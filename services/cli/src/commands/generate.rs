@@ -1,4 +1,4 @@
-//! `repose generate`: simulated scenes to train on, and contact sheets of them to look at.
+//! `repose generate`: simulated scenes to train on, contact sheets of them to look at, and what they are like in numbers.
 
 use std::path::{Path, PathBuf};
 
@@ -9,13 +9,15 @@ use repose_dataset::Split;
 use repose_geometry::{Image, ViewerFrame};
 use repose_proto::Relation;
 use repose_sensor::SensorModel;
-use repose_simulator::generate::{GenerateSettings, generate, view_rng};
+use repose_simulator::generate::{GenerateSettings, generate, surveyed, view_rng};
 use repose_simulator::render::{DepthCanvas, picture};
 use repose_simulator::scene::scene_of_seed;
 use repose_simulator::sheet::{SheetSettings, scene_tile, stacked, tile};
+use repose_simulator::statistics::Statistics;
 use repose_simulator::views::view_of_scene;
 
 use crate::failure::{Failure, Outcome};
+use crate::histogram::{Panel, svg};
 use crate::output::Output;
 use crate::picture::rgb_image;
 
@@ -38,6 +40,10 @@ pub struct GenerateArgs {
     /// A folder for contact sheets of the scenes (the first 120 at most): color, depth, labels and relations of each one's first view.
     #[arg(long, value_name = "DIR", group = "product")]
     pub show: Option<PathBuf>,
+    /// A file for what the scenes are like, as JSON: prevalence of relations, histograms of gaps and centre offsets, objects, kinds of
+    /// scenes, rejections. The histograms are drawn beside it (.svg). With `--out` it counts the scenes that this run writes.
+    #[arg(long, value_name = "FILE", group = "product")]
+    pub statistics: Option<PathBuf>,
     /// Which split's seeds: train, validation or test.
     #[arg(long, default_value = "train")]
     pub split: String,
@@ -73,26 +79,62 @@ pub fn run(args: &GenerateArgs, output: Output) -> Outcome {
     settings.views = args.views;
     settings.color = args.color;
     settings.threads = args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
-    let mut document = serde_json::Map::new();
-    let mut text = Vec::new();
+    let mut report = Report::default();
     if let Some(folder) = &args.show {
         let sheets = show(folder, &settings)?;
-        text.push(format!("{} contact sheets in {}", sheets.len(), folder.display()));
-        document.insert("sheets".to_owned(), sheets.into());
+        report.text.push(format!("{} contact sheets in {}", sheets.len(), folder.display()));
+        report.add("sheets", sheets);
     }
-    if let Some(folder) = &args.out {
-        write_shards(folder, &settings, &mut document, &mut text)?;
+    let statistics = match &args.out {
+        Some(folder) => Some(write_shards(folder, &settings, &mut report)?),
+        None => args.statistics.as_ref().map(|_| survey(&settings)),
+    };
+    if let Some(statistics) = &statistics {
+        report.add_statistics(statistics);
+        if let Some(path) = &args.statistics {
+            write_statistics(path, statistics)?;
+        }
     }
-    output.print(&document, || text.join("\n"))
+    output.print(&report.document, || report.text.join("\n"))
 }
 
-/// Makes the shards that are missing, and reports.
-fn write_shards(
-    folder: &Path,
-    settings: &GenerateSettings,
-    document: &mut serde_json::Map<String, serde_json::Value>,
-    text: &mut Vec<String>,
-) -> Outcome {
+/// What the command prints: for programs and for people.
+#[derive(Default)]
+struct Report {
+    document: serde_json::Map<String, serde_json::Value>,
+    text: Vec<String>,
+}
+
+impl Report {
+    fn add(&mut self, key: &str, value: impl Into<serde_json::Value>) {
+        self.document.insert(key.to_owned(), value.into());
+    }
+
+    /// Prevalence next to the paper's, and how far apart things are around the limits that relations have.
+    fn add_statistics(&mut self, statistics: &Statistics) {
+        let percent = statistics.prevalence_percent();
+        let prevalence: serde_json::Map<_, _> = Relation::ALL.iter().map(|r| (r.as_str().to_owned(), percent[r.index()].into())).collect();
+        self.add("prevalence", prevalence);
+        self.add("pairs", statistics.pairs);
+        self.text.push(format!("of {} ordered pairs of objects that a view shows:", statistics.pairs));
+        for relation in Relation::ALL {
+            let paper = PAPER_PERCENT[relation.index()].map_or("-".to_owned(), |p| format!("{p:.1}"));
+            self.text.push(format!("  {:<12} {:>5.1} %   paper {paper:>5}", relation.as_str(), percent[relation.index()]));
+        }
+        for (what, lengths) in [("surfaces", &statistics.gaps), ("centres", &statistics.center_offsets)] {
+            let share = |low_mm: f64, high_mm: f64| 100.0 * lengths.between(low_mm, high_mm) as f64 / lengths.total().max(1) as f64;
+            let (close, unclear) = (share(0.0, 1.0), share(1.0, 3.0));
+            self.text.push(format!("{what} apart: under 1 mm {close:.1} % of {} pairs, 1 to 3 mm {unclear:.1} %", lengths.total()));
+        }
+        let rejections: Vec<String> = statistics.rejections.iter().map(|(reason, n)| format!("{reason} {n}")).collect();
+        if !rejections.is_empty() {
+            self.text.push(format!("draws rejected: {}", rejections.join(", ")));
+        }
+    }
+}
+
+/// Makes the shards that are missing, and reports; returns what their scenes are like.
+fn write_shards(folder: &Path, settings: &GenerateSettings, report: &mut Report) -> Result<Statistics, Failure> {
     let bar = progress_bar(settings.scenes, "scenes");
     let started = std::time::Instant::now();
     let made = generate(settings, |so_far| {
@@ -102,20 +144,15 @@ fn write_shards(
     let made = made.map_err(|e| Failure::bad_input(&folder.display().to_string(), e))?;
     bar.finish_and_clear();
     let scenes_per_s = made.scenes as f64 / started.elapsed().as_secs_f64();
-    let percent = made.prevalence_percent();
-    let prevalence: serde_json::Map<_, _> = Relation::ALL.iter().map(|r| (r.as_str().to_owned(), percent[r.index()].into())).collect();
-    let mut add = |key: &str, value: serde_json::Value| document.insert(key.to_owned(), value);
-    add("scenes", made.scenes.into());
-    add("skipped", made.skipped.into());
-    add("views", made.views.into());
-    add("scenes_per_s", scenes_per_s.into());
-    add("rejected", made.rejected.into());
-    add("failed", made.failed.into());
-    add("unseen_views", made.unseen.into());
-    add("bytes_per_view", made.bytes_per_view().into());
-    add("pairs", made.pairs.into());
-    add("prevalence", prevalence.into());
-    text.push(format!(
+    report.add("scenes", made.scenes);
+    report.add("skipped", made.skipped);
+    report.add("views", made.views);
+    report.add("scenes_per_s", scenes_per_s);
+    report.add("rejected", made.rejected);
+    report.add("failed", made.failed);
+    report.add("unseen_views", made.unseen);
+    report.add("bytes_per_view", made.bytes_per_view());
+    report.text.push(format!(
         "{} scenes ({} were there), {} views of {:.1} kB, {scenes_per_s:.1} scenes/s; {} draws rejected, {} seeds and {} views given up",
         made.scenes,
         made.skipped,
@@ -125,12 +162,37 @@ fn write_shards(
         made.failed,
         made.unseen
     ));
-    text.push(format!("of {} ordered pairs of objects that a view shows:", made.pairs));
-    for relation in Relation::ALL {
-        let paper = PAPER_PERCENT[relation.index()].map_or("-".to_owned(), |p| format!("{p:.1}"));
-        text.push(format!("  {:<12} {:>5.1} %   paper {paper:>5}", relation.as_str(), percent[relation.index()]));
-    }
-    Ok(())
+    Ok(made.statistics)
+}
+
+/// What the scenes are like, without writing them. Sums: the number of threads does not matter.
+fn survey(settings: &GenerateSettings) -> Statistics {
+    const SCENES_AT_ONCE: u64 = 8;
+    let seeds = settings.split.seeds();
+    let first = seeds.start + settings.first_scene;
+    let end = (first + settings.scenes).min(seeds.end);
+    let bar = progress_bar(end.saturating_sub(first), "scenes counted");
+    let runs: Vec<u64> = (first..end).step_by(SCENES_AT_ONCE as usize).collect();
+    let counted = runs.par_iter().map(|start| surveyed(*start..(start + SCENES_AT_ONCE).min(end), settings, || bar.inc(1)));
+    let statistics = counted.reduce(Statistics::default, |mut sum, part| {
+        sum.merge(&part);
+        sum
+    });
+    bar.finish_and_clear();
+    statistics
+}
+
+/// Writes the numbers, and the two histograms beside them.
+fn write_statistics(path: &Path, statistics: &Statistics) -> Outcome {
+    let failed = |path: &Path, e: &dyn std::fmt::Display| Failure::bad_input("statistics", format!("{}: {e}", path.display()));
+    let json = serde_json::to_string_pretty(statistics).map_err(Failure::other)?;
+    std::fs::write(path, json).map_err(|e| failed(path, &e))?;
+    let panels = [
+        Panel { title: "Distance between surfaces", histogram: &statistics.gaps, limits_mm: &[1.0, 2.5, 50.0] },
+        Panel { title: "Horizontal distance between centres", histogram: &statistics.center_offsets, limits_mm: &[1.0] },
+    ];
+    let picture = path.with_extension("svg");
+    std::fs::write(&picture, svg(&panels).map_err(Failure::other)?).map_err(|e| failed(&picture, &e))
 }
 
 /// Writes contact sheets of the first scenes; returns their paths.
