@@ -216,9 +216,9 @@ pub fn scene_views(seed: u64, settings: &GenerateSettings) -> Result<(Vec<ViewRe
     let (scene, rejected) = scene_of_seed(seed, &settings.scene)?;
     let mut rng = Pcg64::seed_from_u64(seed ^ VIEW_STREAM);
     let mut canvas = DepthCanvas::new(settings.viewpoint.width, settings.viewpoint.height);
-    let middle = scene.middle();
+    let focus = scene.focus();
     let views = (0..settings.views).map(|view| {
-        let (camera, world_from_camera) = random_viewpoint(&middle, &settings.viewpoint, &mut rng);
+        let (camera, world_from_camera) = random_viewpoint(&focus, &settings.viewpoint, &mut rng);
         view_record(&scene, view, &camera, &world_from_camera, &mut canvas, &mut rng)
     });
     Ok((views.collect(), rejected.len()))
