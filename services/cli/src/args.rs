@@ -302,6 +302,8 @@ pub struct EvaluateArgs {
 pub enum Table {
     /// The planner's variants on simulated scenes never trained on.
     Planner(EvaluatePlannerArgs),
+    /// The simulated world: rejected draws, rest, penetration, and whether releases depend on the physics step.
+    World(crate::commands::evaluate_world::EvaluateWorldArgs),
 }
 
 /// Arguments of `evaluate planner`.

@@ -2,12 +2,15 @@
 //!
 //! This crate may start any service's domain code; nothing depends on it but the command line.
 
+pub mod agreement;
 pub mod feasible;
 pub mod outcome;
 pub mod planner_table;
 pub mod problem;
 pub mod rate;
+pub mod world;
 
 pub use planner_table::{PlannerRow, PlannerTable, evaluate_planner};
 pub use problem::{Problem, ProblemSettings};
 pub use rate::Rate;
+pub use world::{WorldReport, WorldReportSettings, world_report};

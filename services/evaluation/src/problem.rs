@@ -83,7 +83,7 @@ impl Problem {
         // A stream of its own, so that a change in how scenes are drawn does not change which goals are.
         let mut rng = Pcg64::new(u128::from(seed), 0x9e0b_1e55);
         for _ in 0..settings.viewpoints {
-            let (camera, world_from_camera) = random_viewpoint(&truth.middle(), &settings.viewpoint, &mut rng);
+            let (camera, world_from_camera) = random_viewpoint(&truth.focus(), &settings.viewpoint, &mut rng);
             let frame = frame_of(&truth, &camera, &world_from_camera, &settings.sensor, seed);
             let Ok(observed) = repose_perception::segment(&frame, &settings.perception) else { continue };
             let viewer = ViewerFrame::from_camera(&world_from_camera);

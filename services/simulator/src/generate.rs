@@ -240,15 +240,19 @@ fn make_shard(settings: &GenerateSettings, first: u64, end: u64) -> Result<Gener
     let capacity = (scenes * settings.views as usize).max(1) + 1;
     let mut writer = ShardWriter::new(&settings.out, capacity, number).map_err(failed)?.with_suffix(&suffix);
     for scene in first..end {
-        let Ok((views, rejected)) = scene_views(settings.split.seeds().start + scene, settings) else {
-            made.failed += 1;
-            made.rejected += settings.scene.max_attempts as usize;
-            continue;
+        let (views, rejected) = match scene_views(settings.split.seeds().start + scene, settings) {
+            Ok(views) => views,
+            Err(none) => {
+                made.failed += 1;
+                made.rejected += none.rejections.len();
+                made.statistics.add_scene(&[], none.rejections.iter().map(Rejected::reason));
+                continue;
+            }
         };
         made.scenes += 1;
         made.rejected += rejected.len();
         made.unseen += settings.views as usize - views.len();
-        made.statistics.add_scene(&views, rejected.iter().map(reason));
+        made.statistics.add_scene(&views, rejected.iter().map(Rejected::reason));
         for view in views {
             made.views += 1;
             writer.push(&view).map_err(failed)?;
@@ -290,19 +294,10 @@ pub fn surveyed(seeds: std::ops::Range<u64>, settings: &GenerateSettings, mut pr
     let mut statistics = Statistics::default();
     for seed in seeds {
         match scene_views(seed, settings) {
-            Ok((views, rejected)) => statistics.add_scene(&views, rejected.iter().map(reason)),
-            Err(none) => statistics.add_scene(&[], [reason(&none.last)]),
+            Ok((views, rejected)) => statistics.add_scene(&views, rejected.iter().map(Rejected::reason)),
+            Err(none) => statistics.add_scene(&[], none.rejections.iter().map(Rejected::reason)),
         }
         progress();
     }
     statistics
-}
-
-fn reason(rejected: &Rejected) -> &'static str {
-    match rejected {
-        Rejected::NoRoom { .. } => "no_room",
-        Rejected::FellOff { .. } => "fell_off",
-        Rejected::Moving { .. } => "moving",
-        Rejected::Penetrates { .. } => "penetrates",
-    }
 }

@@ -11,6 +11,7 @@ pub mod config;
 pub mod contact;
 pub mod convert;
 pub mod endpoints;
+pub mod furniture;
 pub mod generate;
 pub mod objects;
 pub mod physics;

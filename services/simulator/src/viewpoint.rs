@@ -6,7 +6,8 @@ use repose_geometry::Pinhole;
 use repose_geometry::transform::look_at;
 use serde::Serialize;
 
-use crate::scene::{Fixture, Scene};
+use crate::furniture::{Fixture, Focus};
+use crate::scene::Scene;
 
 /// A way to hold a camera.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -101,8 +102,8 @@ pub struct Viewpoint {
 }
 
 impl Viewpoint {
-    /// A random camera that looks at `target`.
-    pub fn random(target: &Point3<f64>, settings: &ViewpointSettings, rng: &mut impl Rng) -> Self {
+    /// A random camera that looks at `focus` from where it can be seen.
+    pub fn random(focus: &Focus, settings: &ViewpointSettings, rng: &mut impl Rng) -> Self {
         let all: f64 = settings.mounts.iter().map(|m| m.share).sum();
         let mut rest = rng.random_range(0.0..1.0) * all;
         let chosen = settings.mounts.iter().find(|m| {
@@ -113,10 +114,11 @@ impl Viewpoint {
         let mount = chosen.or(settings.mounts.last()).unwrap_or(&fallback);
         let mut between = |[low, high]: [f64; 2]| rng.random_range(low..=high);
         let focal = between(settings.focal_widths) * settings.width as f64;
-        let (distance, elevation) = (between(mount.distance_m), between(mount.elevation_rad));
-        let azimuth = between([-std::f64::consts::PI, std::f64::consts::PI]);
+        let distance = between(within(mount.distance_m, focus.distance_m));
+        let elevation = between(within(mount.elevation_rad, focus.elevation_rad));
+        let azimuth = between(focus.azimuth_rad);
         let roll = between([-mount.roll_rad, mount.roll_rad]);
-        let aimed = target + Vector3::from_fn(|_, _| between([-mount.aim_error_m, mount.aim_error_m]));
+        let aimed = focus.target + Vector3::from_fn(|_, _| between([-mount.aim_error_m, mount.aim_error_m]));
         let shift = settings.principal_shift * settings.width as f64;
         let [cx, cy] = [settings.width, settings.height].map(|size| (size as f64 - 1.0) / 2.0 + between([-shift, shift]));
         let outward = Vector3::new(azimuth.cos() * elevation.cos(), azimuth.sin() * elevation.cos(), elevation.sin());
@@ -145,10 +147,15 @@ impl Viewpoint {
     }
 }
 
-/// A random camera that looks at `target`: intrinsics and `world_from_camera`, wherever that is.
-pub fn random_viewpoint(target: &Point3<f64>, settings: &ViewpointSettings, rng: &mut impl Rng) -> (Pinhole, Isometry3<f64>) {
-    let viewpoint = Viewpoint::random(target, settings, rng);
+/// A random camera that looks at `focus`: intrinsics and `world_from_camera`, wherever that is.
+pub fn random_viewpoint(focus: &Focus, settings: &ViewpointSettings, rng: &mut impl Rng) -> (Pinhole, Isometry3<f64>) {
+    let viewpoint = Viewpoint::random(focus, settings, rng);
     (viewpoint.camera, viewpoint.world_from_camera)
+}
+
+/// What a mount can do of what the furniture allows; where it can do nothing of that, what it can come nearest to.
+fn within(mount: [f64; 2], allowed: [f64; 2]) -> [f64; 2] {
+    mount.map(|end| end.clamp(allowed[0], allowed[1]))
 }
 
 /// Whether a piece of furniture cuts the segment between two points.
@@ -177,14 +184,16 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::*;
+    use crate::furniture::{Outlook, Role};
 
     #[test]
     fn every_mount_is_used_and_keeps_its_range() {
         let (settings, target) = (ViewpointSettings::default(), Point3::new(0.1, -0.2, 0.3));
+        let focus = Outlook::AROUND.at(target);
         let mut rng = Pcg64::seed_from_u64(5);
         let mut counts = [0usize; 3];
         for _ in 0..600 {
-            let viewpoint = Viewpoint::random(&target, &settings, &mut rng);
+            let viewpoint = Viewpoint::random(&focus, &settings, &mut rng);
             let k = settings.mounts.iter().position(|m| m.name == viewpoint.mount).expect("a known mount");
             counts[k] += 1;
             let (mount, from_target) = (&settings.mounts[k], viewpoint.world_from_camera.translation.vector - target.coords);
@@ -200,7 +209,7 @@ mod tests {
 
     #[test]
     fn furniture_between_two_points_is_noticed() {
-        let wall = Fixture::between("wall", Point3::new(-1.0, 0.4, 0.0), Point3::new(1.0, 0.5, 1.0), [0; 3]);
+        let wall = Fixture::between(Role::Wall, Point3::new(-1.0, 0.4, 0.0), Point3::new(1.0, 0.5, 1.0), [0; 3]);
         let at = |y: f64, z: f64| Point3::new(0.0, y, z);
         assert!(is_between(&wall, &at(0.0, 0.5), &at(1.0, 0.5)));
         assert!(!is_between(&wall, &at(0.0, 0.5), &at(0.39, 0.5)), "before it");

@@ -23,9 +23,9 @@ pub fn view_of_scene(
     canvas: &mut DepthCanvas,
     rng: &mut impl Rng,
 ) -> Option<ViewRecord> {
-    let target = scene.middle();
+    let focus = scene.focus();
     for _ in 0..settings.tries.max(1) {
-        let viewpoint = Viewpoint::random(&target, settings, rng);
+        let viewpoint = Viewpoint::random(&focus, settings, rng);
         if !viewpoint.is_plausible(scene, settings) {
             continue;
         }
@@ -70,12 +70,12 @@ fn view_record(scene: &Scene, view: u32, viewpoint: &Viewpoint, painter: &mut La
     });
     let objects = objects.collect();
     let fixtures = scene.fixtures.iter().map(|fixture| FixtureRecord {
-        name: fixture.name.to_string(),
+        name: fixture.role.name().to_owned(),
         bounds: OrientedBox { world_from_box: fixture.world_from_fixture, half_extents: fixture.half_extents_m },
     });
     let mut record = ViewRecord {
         scene_seed: scene.seed,
-        scene_kind: String::new(),
+        scene_kind: scene.kind.name().to_owned(),
         view,
         camera: viewpoint.camera,
         viewpoint: viewpoint.mount.to_string(),

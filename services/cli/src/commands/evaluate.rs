@@ -17,6 +17,7 @@ use crate::picture::{Coloring, scene_picture, side_by_side};
 pub fn run(args: &EvaluateArgs, output: Output) -> Outcome {
     match &args.table {
         args::Table::Planner(args) => planner(args, output),
+        args::Table::World(args) => super::evaluate_world::run(args, output),
     }
 }
 

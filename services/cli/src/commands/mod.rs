@@ -2,6 +2,7 @@
 
 pub mod demo;
 pub mod evaluate;
+pub mod evaluate_world;
 pub mod generate;
 pub mod load;
 pub mod place;
