@@ -300,8 +300,7 @@ fn remove_shorter(folder: &Path, number: usize) -> Result<(), GenerateError> {
 pub fn scene_views(seed: u64, settings: &GenerateSettings) -> Result<(Vec<ViewRecord>, usize), NoScene> {
     let (scene, rejected) = scene_of_seed(seed, &settings.scene)?;
     let mut canvas = DepthCanvas::new(settings.viewpoint.width, settings.viewpoint.height);
-    let views = (0..settings.views).filter_map(|view| {
-        view_of_scene(&scene, view, &settings.viewpoint, settings.color, &mut canvas, &mut view_rng(seed, view))
-    });
+    let views = (0..settings.views)
+        .filter_map(|view| view_of_scene(&scene, view, &settings.viewpoint, settings.color, &mut canvas, &mut view_rng(seed, view)));
     Ok((views.collect(), rejected.len()))
 }

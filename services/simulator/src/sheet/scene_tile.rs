@@ -27,7 +27,7 @@ pub fn scene_tile(scene: &Scene, seen: &Picture, viewer: &ViewerFrame, title: &s
     let line = |k: usize| {
         let object = &scene.objects[k];
         let visible = views[k].map_or("unseen".to_owned(), |(pixels, _)| format!("{pixels} px"));
-        format!("{} {} ({visible}) {}", object.id, object.shape.family.name(), words[k])
+        format!("{} {} ({visible}) {}", object.id, object.shape.name, words[k])
     };
     let lines: Vec<String> = (0..ids.len()).map(line).collect();
     tile(&[seen.color.clone(), depth_colors(&seen.depth_m), labels], title, &lines, settings)
