@@ -13,7 +13,7 @@ const SLANTED: f32 = 0.5;
 impl SensorModel {
     /// Replaces true depth by what the camera reports of it.
     ///
-    /// `depth_m` is `[camera.height, camera.width]`, row-major, metres along the optical axis, 0 = nothing, and stays so; nothing stays nothing. The same `seed` gives
+    /// `depth_m` is `[camera.height, camera.width]`, row-major, metres along the optical axis, 0 = nothing, which stays nothing. The same `seed` gives
     /// the same noise at the same pixel, whatever else the picture shows.
     pub fn disturb(&self, depth_m: &mut [f32], camera: &Pinhole, seed: u64) {
         if *self == Self::ideal() || camera.width == 0 {
