@@ -240,3 +240,41 @@ fn progress_bar(scenes: u64, what: &str) -> ProgressBar {
     }
     bar
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: GenerateArgs,
+    }
+
+    fn parsed(arguments: &[&str]) -> Result<GenerateArgs, clap::Error> {
+        Line::try_parse_from(std::iter::once("generate").chain(arguments.iter().copied())).map(|line| line.args)
+    }
+
+    #[test]
+    fn something_must_be_made() {
+        assert!(parsed(&["--scenes", "3"]).is_err());
+        assert!(parsed(&["--show", "a"]).is_ok() && parsed(&["--statistics", "b.json", "--out", "c"]).is_ok());
+    }
+
+    #[test]
+    fn sheets_and_statistics_are_made_without_shards() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let [sheets, numbers] = ["sheets", "numbers.json"].map(|name| folder.path().join(name));
+        let [sheets_text, numbers_text] = [&sheets, &numbers].map(|path| path.to_str().expect("a path"));
+        let arguments = ["--scenes", "2", "--views", "1", "--split", "validation", "--show", sheets_text, "--statistics", numbers_text];
+        run(&parsed(&arguments).expect("arguments"), Output { json: false }).unwrap_or_else(|e| panic!("{e:?}"));
+        let sheet = image::open(sheets.join("scenes_1000000000.png")).expect("a sheet");
+        assert_eq!(sheet.width() as usize, SheetSettings::default().width);
+        let statistics: Statistics = serde_json::from_slice(&std::fs::read(&numbers).expect("a file")).expect("its format");
+        assert_eq!(statistics.objects_per_scene.values().sum::<u64>(), 2);
+        assert!(std::fs::read_to_string(numbers.with_extension("svg")).expect("a picture").contains("</svg>"));
+        assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), 3, "no shards");
+    }
+}
