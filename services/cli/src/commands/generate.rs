@@ -228,7 +228,8 @@ fn row_of_seed(seed: u64, settings: &GenerateSettings) -> Image<[u8; 3]> {
         return tile(&[], &format!("seed {seed}"), &["no viewpoint shows enough of it".to_owned()], &sheet);
     };
     let mut seen = picture(&view.camera, &view.world_from_camera, &scene.drawables());
-    SensorModel::default().disturb(seen.depth_m.pixels_mut(), &view.camera, seed);
+    // A camera as training episodes draw them: the named ones would lose what a wrist holds them close to.
+    SensorModel::jittered(&mut view_rng(seed, u32::MAX)).disturb(seen.depth_m.pixels_mut(), &view.camera, seed);
     let title = format!("seed {seed}, {}: {} objects, {} draws rejected", view.viewpoint, scene.objects.len(), rejected.len());
     scene_tile(&scene, &seen, &ViewerFrame::from_camera(&view.world_from_camera), &title, &sheet)
 }
