@@ -228,7 +228,8 @@ fn row_of_seed(seed: u64, settings: &GenerateSettings) -> Image<[u8; 3]> {
         return tile(&[], &format!("seed {seed}"), &["no viewpoint shows enough of it".to_owned()], &sheet);
     };
     let mut seen = picture(&view.camera, &view.world_from_camera, &scene.drawables());
-    SensorModel::default().disturb(seen.depth_m.pixels_mut(), &view.camera, seed);
+    // A camera as training episodes draw them: the named ones would lose what a wrist holds them close to.
+    SensorModel::jittered(&mut view_rng(seed, u32::MAX)).disturb(seen.depth_m.pixels_mut(), &view.camera, seed);
     let title = format!("seed {seed}, {}: {} objects, {} draws rejected", view.viewpoint, scene.objects.len(), rejected.len());
     scene_tile(&scene, &seen, &ViewerFrame::from_camera(&view.world_from_camera), &title, &sheet)
 }
@@ -239,4 +240,42 @@ fn progress_bar(scenes: u64, what: &str) -> ProgressBar {
         bar.set_style(style);
     }
     bar
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: GenerateArgs,
+    }
+
+    fn parsed(arguments: &[&str]) -> Result<GenerateArgs, clap::Error> {
+        Line::try_parse_from(std::iter::once("generate").chain(arguments.iter().copied())).map(|line| line.args)
+    }
+
+    #[test]
+    fn something_must_be_made() {
+        assert!(parsed(&["--scenes", "3"]).is_err());
+        assert!(parsed(&["--show", "a"]).is_ok() && parsed(&["--statistics", "b.json", "--out", "c"]).is_ok());
+    }
+
+    #[test]
+    fn sheets_and_statistics_are_made_without_shards() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let [sheets, numbers] = ["sheets", "numbers.json"].map(|name| folder.path().join(name));
+        let [sheets_text, numbers_text] = [&sheets, &numbers].map(|path| path.to_str().expect("a path"));
+        let arguments = ["--scenes", "2", "--views", "1", "--split", "validation", "--show", sheets_text, "--statistics", numbers_text];
+        run(&parsed(&arguments).expect("arguments"), Output { json: false }).unwrap_or_else(|e| panic!("{e:?}"));
+        let sheet = image::open(sheets.join("scenes_1000000000.png")).expect("a sheet");
+        assert_eq!(sheet.width() as usize, SheetSettings::default().width);
+        let statistics: Statistics = serde_json::from_slice(&std::fs::read(&numbers).expect("a file")).expect("its format");
+        assert_eq!(statistics.objects_per_scene.values().sum::<u64>(), 2);
+        assert!(std::fs::read_to_string(numbers.with_extension("svg")).expect("a picture").contains("</svg>"));
+        assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), 3, "no shards");
+    }
 }
