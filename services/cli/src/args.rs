@@ -6,6 +6,9 @@ use clap::{Args, Parser, Subcommand};
 use repose_proto::place::{Rotation, Variant};
 use repose_proto::{GoalTerm, Service};
 
+use crate::commands::bench::BenchArgs;
+use crate::commands::evaluate_segmentation::EvaluateSegmentationArgs;
+
 /// Repose finds where an object can be set down so that the asked relations hold and it stays, then puts it there.
 #[derive(Debug, Parser)]
 #[command(name = "repose", version, propagate_version = true)]
@@ -45,6 +48,8 @@ pub enum Command {
     Train(TrainArgs),
     /// The paper's tables.
     Evaluate(EvaluateArgs),
+    /// How fast a part is on this machine.
+    Bench(BenchArgs),
 }
 
 /// A placement wished for: what both `plan` and `place` take.
@@ -173,6 +178,9 @@ pub struct PlanArgs {
     /// What is wished for.
     #[command(flatten)]
     pub wish: WishArgs,
+    /// Find the objects even where labels are given.
+    #[arg(long)]
+    pub ignore_labels: bool,
     /// A picture of before and after.
     #[arg(long, value_name = "PNG")]
     pub out: Option<PathBuf>,
@@ -255,7 +263,7 @@ pub struct SegmentArgs {
     /// The found labels as a 16-bit picture.
     #[arg(long, value_name = "PNG")]
     pub labels_out: Option<PathBuf>,
-    /// A picture of color and objects with their ids.
+    /// A picture of color, depth, objects with ids and boxes, and the surfaces from above.
     #[arg(long, value_name = "PNG")]
     pub out: Option<PathBuf>,
 }
@@ -304,6 +312,8 @@ pub enum Table {
     Planner(EvaluatePlannerArgs),
     /// The simulated world: rejected draws, rest, penetration, and whether releases depend on the physics step.
     World(crate::commands::evaluate_world::EvaluateWorldArgs),
+    /// Perception's masks of labelled frames, labels ignored, against the labels.
+    Segmentation(EvaluateSegmentationArgs),
 }
 
 /// Arguments of `evaluate planner`.

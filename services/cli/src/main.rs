@@ -58,11 +58,12 @@ fn run(cli: &Cli) -> Outcome {
         Command::Generate(args) => commands::generate::run(args, output),
         Command::Train(args) => commands::train::run(args, output),
         Command::Evaluate(args) => commands::evaluate::run(args, output),
+        Command::Bench(args) => commands::bench::run(args, output),
     }
 }
 
 /// Zenoh needs Tokio's multi-threaded runtime.
-fn in_runtime(command: impl Future<Output = Outcome>) -> Outcome {
+pub(crate) fn in_runtime(command: impl Future<Output = Outcome>) -> Outcome {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().map_err(Failure::other)?;
     runtime.block_on(command)
 }

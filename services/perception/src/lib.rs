@@ -6,9 +6,12 @@
 
 pub mod borders;
 pub mod cameras;
+pub mod cloud;
 pub mod components;
 pub mod config;
+pub mod depth;
 pub mod endpoints;
+pub mod flying;
 pub mod frame_folder;
 pub mod gravity;
 pub mod halves;
@@ -23,6 +26,7 @@ pub mod surfaces;
 #[cfg(test)]
 mod synthetic;
 pub mod unlabelled;
+pub mod unseen;
 pub mod upward;
 pub mod worker;
 

@@ -5,6 +5,7 @@
 
 use repose_geometry::{Aabb, Image, Point2, Point3};
 
+use crate::depth::DepthMap;
 use crate::point_map::{PointMap, is_reading};
 use crate::settings::ComponentSettings;
 use crate::surfaces::SupportSurface;
@@ -42,36 +43,39 @@ pub fn label(view: &CoarseView<'_>, surfaces: &[SupportSurface], settings: &Comp
 
 /// The full picture's labels: each pixel takes the label of the nearest (in space) of the coarse pixels around it.
 ///
-/// `stride` is what `coarse` was thinned by; `in_camera` are the full picture's points.
-pub fn spread(coarse: &Image<u16>, in_camera: &PointMap, stride: usize) -> Image<u16> {
-    let (width, height) = (in_camera.width(), in_camera.height());
+/// `stride` is what `coarse` was thinned by; `depth` is the full picture.
+pub fn spread(coarse: &Image<u16>, depth: &DepthMap, stride: usize) -> Image<u16> {
+    let (width, height) = (depth.width(), depth.height());
     let mut labels = Image::filled(width, height, 0u16);
-    if stride == 1 {
-        return coarse.clone();
-    }
-    let points = in_camera.pixels();
-    for v in 0..height {
-        let rows = [v / stride, (v / stride + 1).min(coarse.height() - 1)];
-        for u in 0..width {
-            let p = &points[v * width + u];
-            if !is_reading(p) {
+    for (row, v0) in (0..height).step_by(stride).enumerate() {
+        let below = (row + 1).min(coarse.height() - 1);
+        for (column, u0) in (0..width).step_by(stride).enumerate() {
+            let right = (column + 1).min(coarse.width() - 1);
+            let corners = [(column, row), (right, row), (column, below), (right, below)];
+            let ids = corners.map(|at| coarse[at]);
+            if ids == [0; 4] {
                 continue;
             }
-            let columns = [u / stride, (u / stride + 1).min(coarse.width() - 1)];
-            let corner = |k: usize| coarse.pixels()[rows[k / 2] * coarse.width() + columns[k % 2]];
-            let first = corner(0);
-            if (1..4).all(|k| corner(k) == first) {
-                labels.pixels_mut()[v * width + u] = first;
-                continue;
-            }
-            let mut nearest = (f32::INFINITY, 0);
-            for k in 0..4 {
-                let distance = (points[rows[k / 2] * stride * width + columns[k % 2] * stride] - p).norm_squared();
-                if distance < nearest.0 {
-                    nearest = (distance, corner(k));
+            for v in v0..(v0 + stride).min(height) {
+                for u in u0..(u0 + stride).min(width) {
+                    let p = depth.point(u, v);
+                    if !is_reading(&p) {
+                        continue;
+                    }
+                    if ids.iter().all(|id| *id == ids[0]) {
+                        labels[(u, v)] = ids[0];
+                        continue;
+                    }
+                    let mut nearest = (f32::INFINITY, 0);
+                    for ((column, row), id) in corners.into_iter().zip(ids) {
+                        let distance = (depth.point(column * stride, row * stride) - p).norm_squared();
+                        if distance < nearest.0 {
+                            nearest = (distance, id);
+                        }
+                    }
+                    labels[(u, v)] = nearest.1;
                 }
             }
-            labels.pixels_mut()[v * width + u] = nearest.1;
         }
     }
     labels

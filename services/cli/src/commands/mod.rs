@@ -1,7 +1,10 @@
 //! One file a subcommand.
 
+pub mod bench;
+pub mod bench_perception;
 pub mod demo;
 pub mod evaluate;
+pub mod evaluate_segmentation;
 pub mod evaluate_world;
 pub mod generate;
 pub mod load;
