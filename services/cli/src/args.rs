@@ -8,6 +8,7 @@ use repose_proto::{GoalTerm, Service};
 
 use crate::commands::bench::BenchArgs;
 use crate::commands::evaluate_segmentation::EvaluateSegmentationArgs;
+use crate::commands::play::PlayArgs;
 
 /// Repose finds where an object can be set down so that the asked relations hold and it stays, then puts it there.
 #[derive(Debug, Parser)]
@@ -50,6 +51,8 @@ pub enum Command {
     Evaluate(EvaluateArgs),
     /// How fast a part is on this machine.
     Bench(BenchArgs),
+    /// Frames from disk or a recording, published as a camera's.
+    Play(PlayArgs),
 }
 
 /// A placement wished for: what both `plan` and `place` take.
@@ -255,8 +258,11 @@ pub struct LoadArgs {
 /// Arguments of `segment`.
 #[derive(Debug, Args)]
 pub struct SegmentArgs {
-    /// The frame folder.
+    /// A frame folder, or anything that `play` plays.
     pub frame: PathBuf,
+    /// Which of the source's frames, counted from 0.
+    #[arg(long, default_value_t = 0)]
+    pub nth: usize,
     /// Find the objects even where labels are given.
     #[arg(long)]
     pub ignore_labels: bool,

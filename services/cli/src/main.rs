@@ -9,6 +9,7 @@ mod frames;
 mod histogram;
 mod output;
 mod picture;
+mod segment_view;
 mod services;
 mod wish;
 
@@ -59,6 +60,7 @@ fn run(cli: &Cli) -> Outcome {
         Command::Train(args) => commands::train::run(args, output),
         Command::Evaluate(args) => commands::evaluate::run(args, output),
         Command::Bench(args) => commands::bench::run(args, output),
+        Command::Play(args) => in_runtime(commands::play::run(args, output)),
     }
 }
 

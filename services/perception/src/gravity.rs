@@ -27,7 +27,7 @@ pub fn support_plane(in_camera: &PointMap, settings: &GravitySettings, rng: &mut
         let [a, b, c] = std::array::from_fn(|_| sample[rng.random_range(0..sample.len())].cast::<f64>());
         let Some(plane) = Plane::through(&a, &b, &c).map(towards_camera).filter(|p| can_be_up(&p.normal, settings)) else { continue };
         let (on, below) = columns.count(&plane);
-        let qualifies = on as usize >= least.max(3) && f64::from(below) <= settings.max_below_ratio * f64::from(on);
+        let qualifies = on as usize >= least.max(settings.min_readings) && f64::from(below) <= settings.max_below_ratio * f64::from(on);
         if qualifies && best.is_none_or(|(most, _)| on > most) {
             best = Some((on, plane));
         }

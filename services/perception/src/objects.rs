@@ -35,10 +35,10 @@ impl Default for Gathered {
 impl Gathered {
     fn take(&mut self, p: &[f32; 3]) {
         self.points += 1;
-        for k in 0..3 {
-            self.sum_m[k] += f64::from(p[k]);
-            self.low_m[k] = self.low_m[k].min(p[k]);
-            self.high_m[k] = self.high_m[k].max(p[k]);
+        for (k, coordinate) in p.iter().enumerate() {
+            self.sum_m[k] += f64::from(*coordinate);
+            self.low_m[k] = self.low_m[k].min(*coordinate);
+            self.high_m[k] = self.high_m[k].max(*coordinate);
         }
     }
 

@@ -358,8 +358,11 @@ mod tests {
             field(Frame { labels: Some((0..320 * 240).map(|i| (i % 2) as u16).collect()), ..frame.clone() }).as_deref(),
             Some("labels")
         );
-        let speckle = (0..320u32 * 240).map(|i| (i.wrapping_mul(2_654_435_761) >> 17) as u16).collect();
-        assert_eq!(field(Frame { depth: speckle, labels: None, ..frame }).as_deref(), Some("world_from_camera"));
+        // A ceiling half a metre above the camera, and nothing else.
+        let ceiling = (0..320 * 240)
+            .map(|i| 119.5 - f64::from(i / 320))
+            .map(|up| if up > 0.0 { (0.5 * 262.0 / up * 1e4).min(6e4) as u16 } else { 0 });
+        assert_eq!(field(Frame { depth: ceiling.collect(), labels: None, ..frame }).as_deref(), Some("world_from_camera"));
     }
 
     proptest! {

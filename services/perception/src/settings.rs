@@ -108,6 +108,8 @@ pub struct GravitySettings {
     pub tolerance_per_m2: f32,
     /// Least share of the readings that the plane must hold.
     pub min_share: f64,
+    /// Fewest readings that it must hold, of those judged on: any three make a plane.
+    pub min_readings: usize,
     /// Most readings below the plane, as a multiple of those on it: what the objects stand on has little beneath it.
     pub max_below_ratio: f64,
     /// Largest roll of the camera about its optical axis, radians.
@@ -124,6 +126,7 @@ impl Default for GravitySettings {
             tolerance_m: 0.004,
             tolerance_per_m2: 0.004,
             min_share: 0.1,
+            min_readings: 50,
             max_below_ratio: 1.0,
             max_roll_rad: 0.8,
             max_past_vertical_rad: 0.1,

@@ -10,6 +10,7 @@ pub mod generate;
 pub mod load;
 pub mod place;
 pub mod plan;
+pub mod play;
 pub mod relations;
 pub mod score;
 pub mod segment;
