@@ -6,7 +6,8 @@ use repose_geometry::{Image, Pinhole, transform};
 use repose_perception::Segmented;
 use repose_proto::{Frame, Scene, UnseenSpace};
 
-use crate::picture::{Coloring, color_picture, draw_number, object_color, pinhole, scene_picture};
+use crate::picture::{Coloring, color_picture, draw_number, pinhole, scene_picture};
+use repose_simulator::sheet::colors::object_color;
 
 /// Gap between the panels, pixels.
 const GAP: u32 = 6;

@@ -11,7 +11,9 @@ mod checks;
 pub mod families;
 pub mod loft;
 pub mod material;
+pub mod meshes;
 pub mod outline;
+pub mod source;
 
 use std::sync::Arc;
 
@@ -21,6 +23,8 @@ use rapier3d::math::Pose;
 use repose_geometry::{OrientedBox, TriMesh};
 
 pub use families::Family;
+pub use meshes::{MeshError, MeshLibrary, MeshSettings};
+pub use source::ObjectSource;
 
 /// A flat place on top of an upright object where another can stand.
 #[derive(Debug, Clone, Copy, PartialEq)]
