@@ -144,8 +144,7 @@ fn failed(solved: &Solved) -> Vec<Failed> {
 
 fn write_paths(to: &std::path::Path, solved: &Solved) -> Outcome {
     let found = |(index, result): &'_ (usize, Result<Solution, Unsolved>)| Some((*index, result.as_ref().ok()?.path.clone()));
-    let sets: BTreeMap<&String, Vec<(usize, Vec<[f64; 7]>)>> =
-        solved.iter().map(|(set, problems)| (set, problems.iter().filter_map(found).collect())).collect();
+    let sets: BTreeMap<&String, Vec<_>> = solved.iter().map(|(set, problems)| (set, problems.iter().filter_map(found).collect())).collect();
     let sets: BTreeMap<&String, Vec<FoundPath<'_>>> =
         sets.iter().map(|(set, paths)| (*set, paths.iter().map(|(index, path)| FoundPath { index: *index, path }).collect())).collect();
     let text = serde_json::to_string(&serde_json::json!({ "paths": sets })).map_err(Failure::other)?;
