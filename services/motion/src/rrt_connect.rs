@@ -20,7 +20,7 @@ pub struct RrtSettings {
     /// By how much the square of that distance grows with each place that it refuses. Default 1.02.
     pub domain_growth: f32,
     /// Failures in a row of the smaller tree after which the other one has a turn: the way in may be found from the other side only.
-    /// Default 32.
+    /// Default 64.
     pub patience: usize,
     /// Random places drawn before giving up; most are refused at once. Default 200,000.
     pub iterations: usize,
@@ -30,7 +30,7 @@ pub struct RrtSettings {
 
 impl Default for RrtSettings {
     fn default() -> Self {
-        Self { range_rad: 1.0, domain_rad: 4.0, domain_growth: 1.02, patience: 32, iterations: 200_000, nodes: 50_000 }
+        Self { range_rad: 1.0, domain_rad: 4.0, domain_growth: 1.02, patience: 64, iterations: 200_000, nodes: 50_000 }
     }
 }
 

@@ -90,7 +90,8 @@ fn overlap(spheres: &[PlacedSphere; SPHERE_COUNT], (i, k): (usize, usize)) -> bo
 
 /// What is wrong at a configuration, if anything.
 fn fault(joints: &Joints, opening_m: f64, solids: &[Solid], pairs: &[(usize, usize)]) -> Option<String> {
-    if !LIMITS.contains(joints, 0.0) {
+    // Goals may stand at a limit, and what lies between them and elsewhere is rounded.
+    if !LIMITS.contains(joints, -1e-9) {
         return Some("outside the limits".to_owned());
     }
     let spheres = spheres_in_base(&LinkFrames::at(joints), opening_m);

@@ -84,18 +84,25 @@ impl CellGrid {
         let reach = Vector3::repeat(radius_m);
         let (low, high) = (self.cell_of(&(center - reach)), self.cell_of(&(center + reach)));
         let limit = radius_m * radius_m;
-        (low[0]..=high[0]).any(|x| {
-            (low[1]..=high[1]).any(|y| {
+        for x in low[0]..=high[0] {
+            for y in low[1]..=high[1] {
                 // Cells along z follow each other, so a column of them is one run of points.
                 let run = self.starts[self.index([x, y, low[2]])]..self.starts[self.index([x, y, high[2]]) + 1];
-                self.points[run.start as usize..run.end as usize].iter().any(|p| (p - center).norm_squared() <= limit)
-            })
-        })
+                for p in &self.points[run.start as usize..run.end as usize] {
+                    let (dx, dy, dz) = (p.x - center.x, p.y - center.y, p.z - center.z);
+                    if dx * dx + dy * dy + dz * dz <= limit {
+                        return true;
+                    }
+                }
+            }
+        }
+        false
     }
 
     /// The cell of a place; places outside the grid get the nearest cell.
     fn cell_of(&self, p: &Point3<f32>) -> [usize; 3] {
-        [0, 1, 2].map(|k| (((p[k] - self.bounds.min[k]) / self.cell_m).max(0.0) as usize).min(self.size[k] - 1))
+        let along = |k: usize| (((p[k] - self.bounds.min[k]) / self.cell_m).max(0.0) as usize).min(self.size[k] - 1);
+        [along(0), along(1), along(2)]
     }
 
     fn index(&self, [x, y, z]: [usize; 3]) -> usize {
