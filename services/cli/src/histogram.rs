@@ -13,7 +13,8 @@ pub struct Panel<'a> {
     pub limits_mm: &'a [f64],
 }
 
-/// Draws the panels. Bins are drawn equally wide, since they are finest where the limits are, and labelled with their lower border.
+/// Draws the panels. Bins are drawn equally wide, since they are finest where the limits are, and labelled with their lower border; how
+/// many lengths lie beyond all bins is said in words, as a bar of them would flatten the others.
 ///
 /// # Errors
 /// A message when the picture cannot be drawn.
@@ -37,9 +38,9 @@ fn draw<DB: DrawingBackend>(
     area: &DrawingArea<DB, plotters::coord::Shift>,
 ) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>> {
     let Histogram { edges_mm, counts, beyond } = panel.histogram;
-    let bins = counts.len() + 1;
-    let highest = counts.iter().chain([beyond]).max().copied().unwrap_or(0).max(1);
-    let title = format!("{} ({} pairs)", panel.title, panel.histogram.total());
+    let bins = counts.len();
+    let highest = counts.iter().max().copied().unwrap_or(0).max(1);
+    let title = format!("{} ({} pairs, {beyond} of them at 100 mm or more)", panel.title, panel.histogram.total());
     let mut chart = ChartBuilder::on(area)
         .caption(title, ("sans-serif", 16))
         .margin(8)
@@ -47,15 +48,8 @@ fn draw<DB: DrawingBackend>(
         .y_label_area_size(58)
         .build_cartesian_2d(0.0..bins as f64, 0..highest + highest / 20 + 1)?;
     let border = |at: &f64| edges_mm.get(at.round() as usize).map_or_else(String::new, |mm| format!("{mm}"));
-    chart
-        .configure_mesh()
-        .disable_x_mesh()
-        .x_labels(bins + 1)
-        .x_label_formatter(&border)
-        .x_desc("millimetres, lower border of the bin; the last bin is 100 mm and more")
-        .y_desc("pairs")
-        .draw()?;
-    let bars = counts.iter().chain([beyond]).enumerate();
+    chart.configure_mesh().disable_x_mesh().x_labels(bins + 1).x_label_formatter(&border).x_desc("millimetres").y_desc("pairs").draw()?;
+    let bars = counts.iter().enumerate();
     chart.draw_series(
         bars.map(|(k, count)| Rectangle::new([(k as f64 + 0.05, 0), (k as f64 + 0.95, *count)], RGBColor(70, 120, 180).filled())),
     )?;
@@ -77,7 +71,7 @@ mod tests {
         let panels =
             [("gaps", &[1.0, 2.5][..]), ("offsets", &[][..])].map(|(title, limits_mm)| Panel { title, histogram: &gaps, limits_mm });
         let svg = svg(&panels).expect("a picture");
-        assert!(svg.starts_with("<svg") && svg.contains("gaps (4 pairs)") && svg.contains("offsets (4 pairs)"));
-        assert_eq!(svg.matches("fill=\"#4678B4\"").count(), 2 * (gaps.counts.len() + 1));
+        assert!(svg.starts_with("<svg") && svg.contains("gaps (4 pairs, 1 of them") && svg.contains("offsets (4 pairs"));
+        assert_eq!(svg.matches("fill=\"#4678B4\"").count(), 2 * gaps.counts.len());
     }
 }
