@@ -32,4 +32,4 @@ pub use keys::{Cell, Service};
 pub use message::{Message, Payload};
 pub use place::{PlaceRequest, PlaceResult};
 pub use relation::{GoalTerm, RELATION_COUNT, Relation};
-pub use scene::{ObjectSummary, Scene, SceneMeta, SceneRef, SceneSummary, Surface, Unseen};
+pub use scene::{ObjectSummary, Scene, SceneMeta, SceneRef, SceneSummary, Surface, Unseen, UnseenSpace};

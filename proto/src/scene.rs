@@ -68,8 +68,68 @@ pub struct Unseen {
     pub pixels_without_reading: usize,
     /// Pixels ignored because they lie on an object's border.
     pub pixels_on_borders: usize,
+    /// Pixels ignored because their reading hangs in the air between two surfaces.
+    #[serde(default)]
+    pub pixels_flying: usize,
     /// Share of all pixels that gave no point, 0 to 1.
     pub share: f64,
+    /// Where nothing was seen above the furniture: behind objects, inside them, and where readings are missing. None without furniture.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub space: Option<UnseenSpace>,
+}
+
+/// Space that the camera did not see into, as cubes over the floor plan: as far as anybody knows neither free nor solid.
+///
+/// Cube (column, row, level) spans `cell_m` from `origin_m + (column, row, level) * cell_m` in each world axis. Whatever lies outside
+/// the grid was not looked into.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct UnseenSpace {
+    /// The lowest corner of the first cube, world frame, metres; its z is the height of the main support surface.
+    pub origin_m: [f64; 3],
+    /// Edge of a cube, metres.
+    pub cell_m: f64,
+    /// Cubes along world x.
+    pub columns: usize,
+    /// Cubes along world y.
+    pub rows: usize,
+    /// Per cell of the floor plan, row by row: bit k is set where the cube at level k (0 is the lowest) was not seen.
+    pub hidden: Vec<u32>,
+}
+
+impl UnseenSpace {
+    /// Levels of cubes above each other.
+    pub const LEVELS: usize = 32;
+    /// Most cubes along x and along y.
+    pub const MAX_SIDE: usize = 96;
+
+    /// Checks sizes.
+    ///
+    /// # Errors
+    /// `invalid_argument` that names the field.
+    pub fn validate(&self) -> Result<(), CallError> {
+        crate::message::check_finite("scene.unseen.space.origin_m", &self.origin_m)?;
+        crate::message::check_range("scene.unseen.space.cell_m", self.cell_m, f64::MIN_POSITIVE..=1e3)?;
+        for (field, side) in [("columns", self.columns), ("rows", self.rows)] {
+            crate::message::check_range(&format!("scene.unseen.space.{field}"), side as f64, 1.0..=Self::MAX_SIDE as f64)?;
+        }
+        if self.hidden.len() != self.columns * self.rows {
+            let message =
+                format!("expected {} numbers ({} x {}), got {}", self.columns * self.rows, self.columns, self.rows, self.hidden.len());
+            return Err(CallError::invalid("scene.unseen.space.hidden", message));
+        }
+        Ok(())
+    }
+
+    /// Whether a point of the world lies in a cube that was not seen; none outside the grid.
+    pub fn hides(&self, point_m: [f64; 3]) -> Option<bool> {
+        let cell = |k: usize, most: usize| {
+            let at = ((point_m[k] - self.origin_m[k]) / self.cell_m).floor();
+            (at >= 0.0 && at < most as f64).then_some(at as usize)
+        };
+        let (column, row, level) = (cell(0, self.columns)?, cell(1, self.rows)?, cell(2, Self::LEVELS)?);
+        Some(self.hidden.get(row * self.columns + column)? >> level & 1 == 1)
+    }
 }
 
 /// Where the world's axes come from.
@@ -189,6 +249,9 @@ impl Scene {
         meta.camera.validate()?;
         if meta.camera.world_from_camera.is_none() {
             return Err(CallError::invalid("scene.camera.world_from_camera", "a scene's camera must have a pose"));
+        }
+        if let Some(space) = &meta.unseen.space {
+            space.validate()?;
         }
         for (i, object) in meta.objects.iter().enumerate() {
             if object.id == 0 || meta.objects[..i].iter().any(|other| other.id == object.id) {

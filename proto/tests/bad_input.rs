@@ -76,9 +76,12 @@ fn an_empty_cloud_is_refused() {
 }
 
 #[test]
-fn objects_of_a_scene_have_ids_of_their_own_and_points() {
+fn what_a_scene_says_of_objects_and_unseen_space_agrees_with_itself() {
     type Edit = fn(&mut SceneMeta);
-    let cases: [(&str, Edit); 4] = [
+    let cases: [(&str, Edit); 7] = [
+        ("scene.unseen.space.hidden", |m| m.unseen.space.iter_mut().for_each(|s| s.hidden.push(0))),
+        ("scene.unseen.space.columns", |m| m.unseen.space.iter_mut().for_each(|s| s.columns = 100_000)),
+        ("scene.unseen.space.cell_m", |m| m.unseen.space.iter_mut().for_each(|s| s.cell_m = 0.0)),
         ("scene.objects[0].id", |m| m.objects[0].id = 0),
         ("scene.objects[1].id", |m| m.objects[1].id = 1),
         ("scene.objects", |m| m.objects[0].id = 9),

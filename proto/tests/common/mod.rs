@@ -54,7 +54,13 @@ pub fn scene() -> Scene {
             camera: camera(),
             world_frame: WorldFrame::Extrinsics,
             view_yaw_rad: 0.25,
-            unseen: Unseen { pixels_without_reading: 1, pixels_on_borders: 2, share: 0.5 },
+            unseen: Unseen {
+                pixels_without_reading: 1,
+                pixels_on_borders: 2,
+                pixels_flying: 3,
+                share: 0.5,
+                space: Some(UnseenSpace { origin_m: [-0.5, 0.0, 0.0], cell_m: 0.02, columns: 2, rows: 1, hidden: vec![0, 0x8000_0003] }),
+            },
         },
     }
 }

@@ -6,6 +6,10 @@ use clap::{Args, Parser, Subcommand};
 use repose_proto::place::{Rotation, Variant};
 use repose_proto::{GoalTerm, Service};
 
+use crate::commands::bench::BenchArgs;
+use crate::commands::evaluate_segmentation::EvaluateSegmentationArgs;
+use crate::commands::play::PlayArgs;
+
 /// Repose finds where an object can be set down so that the asked relations hold and it stays, then puts it there.
 #[derive(Debug, Parser)]
 #[command(name = "repose", version, propagate_version = true)]
@@ -40,11 +44,15 @@ pub enum Command {
     /// The objects and surfaces of a frame folder.
     Segment(SegmentArgs),
     /// Simulated scenes to train on.
-    Generate(GenerateArgs),
+    Generate(crate::commands::generate::GenerateArgs),
     /// Weights from simulated scenes.
     Train(TrainArgs),
     /// The paper's tables.
     Evaluate(EvaluateArgs),
+    /// How fast a part is on this machine.
+    Bench(BenchArgs),
+    /// Frames from disk or a recording, published as a camera's.
+    Play(PlayArgs),
 }
 
 /// A placement wished for: what both `plan` and `place` take.
@@ -173,6 +181,9 @@ pub struct PlanArgs {
     /// What is wished for.
     #[command(flatten)]
     pub wish: WishArgs,
+    /// Find the objects even where labels are given.
+    #[arg(long)]
+    pub ignore_labels: bool,
     /// A picture of before and after.
     #[arg(long, value_name = "PNG")]
     pub out: Option<PathBuf>,
@@ -247,37 +258,20 @@ pub struct LoadArgs {
 /// Arguments of `segment`.
 #[derive(Debug, Args)]
 pub struct SegmentArgs {
-    /// The frame folder.
+    /// A frame folder, or anything that `play` plays.
     pub frame: PathBuf,
+    /// Which of the source's frames, counted from 0.
+    #[arg(long, default_value_t = 0)]
+    pub nth: usize,
     /// Find the objects even where labels are given.
     #[arg(long)]
     pub ignore_labels: bool,
     /// The found labels as a 16-bit picture.
     #[arg(long, value_name = "PNG")]
     pub labels_out: Option<PathBuf>,
-    /// A picture of color and objects with their ids.
+    /// A picture of color, depth, objects with ids and boxes, and the surfaces from above.
     #[arg(long, value_name = "PNG")]
     pub out: Option<PathBuf>,
-}
-
-/// Arguments of `generate`.
-#[derive(Debug, Args)]
-pub struct GenerateArgs {
-    /// How many scenes.
-    #[arg(long, default_value_t = 1000)]
-    pub scenes: usize,
-    /// Views per scene.
-    #[arg(long, default_value_t = 5)]
-    pub views: usize,
-    /// The folder for the shards; what is there already is kept and gone on from.
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Which split's seeds: train, validation or test.
-    #[arg(long, default_value = "train")]
-    pub split: String,
-    /// Threads; all cores by default. The bytes do not depend on it.
-    #[arg(long)]
-    pub threads: Option<usize>,
 }
 
 /// Arguments of `train`.
@@ -322,6 +316,10 @@ pub struct EvaluateArgs {
 pub enum Table {
     /// The planner's variants on simulated scenes never trained on.
     Planner(EvaluatePlannerArgs),
+    /// The simulated world: rejected draws, rest, penetration, and whether releases depend on the physics step.
+    World(crate::commands::evaluate_world::EvaluateWorldArgs),
+    /// Perception's masks of labelled frames, labels ignored, against the labels.
+    Segmentation(EvaluateSegmentationArgs),
 }
 
 /// Arguments of `evaluate planner`.

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use repose_perception::frame_folder::{self, FrameFolderError};
+use repose_perception::sources::{self, SourceError, Topics};
 use repose_perception::{Settings, segment};
 use repose_proto::{CallError, Frame, Scene};
 
@@ -17,6 +18,18 @@ pub fn read(folder: &Path) -> Result<Frame, Failure> {
         }
         other => Failure::bad_input(&other.path().display().to_string(), other),
     })
+}
+
+/// The frame of a source at a place in its order.
+pub fn read_nth(source: &Path, nth: usize) -> Result<Frame, Failure> {
+    let bad = |e: SourceError| Failure::bad_input(&e.path().display().to_string(), &e);
+    if source.join("depth.png").is_file() || !source.exists() {
+        // A plain frame folder, whose faults are told by field.
+        return read(source);
+    }
+    let mut frames = sources::open(source, &Topics::default()).map_err(bad)?;
+    let frame = frames.nth(nth).ok_or_else(|| Failure::bad_input("nth", format!("{} has no frame {nth}", source.display())))?;
+    frame.map_err(bad)
 }
 
 /// Segments a frame with perception's defaults.

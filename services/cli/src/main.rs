@@ -6,8 +6,10 @@ mod commands;
 mod embedded;
 mod failure;
 mod frames;
+mod histogram;
 mod output;
 mod picture;
+mod segment_view;
 mod services;
 mod wish;
 
@@ -57,11 +59,13 @@ fn run(cli: &Cli) -> Outcome {
         Command::Generate(args) => commands::generate::run(args, output),
         Command::Train(args) => commands::train::run(args, output),
         Command::Evaluate(args) => commands::evaluate::run(args, output),
+        Command::Bench(args) => commands::bench::run(args, output),
+        Command::Play(args) => in_runtime(commands::play::run(args, output)),
     }
 }
 
 /// Zenoh needs Tokio's multi-threaded runtime.
-fn in_runtime(command: impl Future<Output = Outcome>) -> Outcome {
+pub(crate) fn in_runtime(command: impl Future<Output = Outcome>) -> Outcome {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().map_err(Failure::other)?;
     runtime.block_on(command)
 }

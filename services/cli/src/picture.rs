@@ -2,33 +2,15 @@
 
 use image::{Rgb, RgbImage};
 use nalgebra::{Isometry3, Point3};
-use repose_geometry::Pinhole;
+use repose_geometry::{Image, Pinhole};
 use repose_proto::{CameraModel, Scene};
+use repose_simulator::sheet::colors::object_color;
+use repose_simulator::sheet::drawing::number_pixels;
 
-/// Colors of objects, by id; chosen to be told apart.
-const PALETTE: [[u8; 3]; 12] = [
-    [230, 97, 92],
-    [92, 158, 230],
-    [120, 196, 100],
-    [240, 180, 70],
-    [160, 110, 210],
-    [80, 200, 200],
-    [235, 130, 190],
-    [150, 130, 100],
-    [190, 210, 80],
-    [110, 120, 230],
-    [220, 150, 120],
-    [100, 170, 140],
-];
 const NOTHING: Rgb<u8> = Rgb([255, 255, 255]);
 const PLACED: [u8; 3] = [40, 200, 60];
 /// Half the side of the square that a point is drawn as, pixels.
 const SPLAT: i64 = 1;
-
-/// The color that stands for an object.
-pub fn object_color(id: u16) -> [u8; 3] {
-    PALETTE[usize::from(id.wrapping_sub(1)) % PALETTE.len()]
-}
 
 /// The intrinsics of a camera message.
 pub fn pinhole(camera: &CameraModel) -> Pinhole {
@@ -108,38 +90,18 @@ pub fn side_by_side(pictures: &[RgbImage]) -> RgbImage {
 
 /// Writes an object's id in the middle of a picture's region, so that people can name objects to `--move` and `--goal`.
 pub fn draw_number(picture: &mut RgbImage, number: u16, at: (i64, i64)) {
-    /// Rows of three bits, top to bottom, of the digits 0 to 9.
-    const DIGITS: [[u8; 5]; 10] = [
-        [7, 5, 5, 5, 7],
-        [2, 6, 2, 2, 7],
-        [7, 1, 7, 4, 7],
-        [7, 1, 7, 1, 7],
-        [5, 5, 7, 1, 1],
-        [7, 4, 7, 1, 7],
-        [7, 4, 7, 5, 7],
-        [7, 1, 1, 1, 1],
-        [7, 5, 7, 5, 7],
-        [7, 5, 7, 1, 7],
-    ];
-    const SCALE: i64 = 3;
-    let digits: Vec<usize> = number.to_string().bytes().map(|b| usize::from(b - b'0')).collect();
-    let left = at.0 - digits.len() as i64 * 4 * SCALE / 2;
-    let top = at.1 - 5 * SCALE / 2;
-    let mut fill = |x0: i64, y0: i64, w: i64, h: i64, color: Rgb<u8>| {
-        for (x, y) in (y0..y0 + h).flat_map(|y| (x0..x0 + w).map(move |x| (x, y))) {
-            if x >= 0 && y >= 0 && x < i64::from(picture.width()) && y < i64::from(picture.height()) {
-                picture.put_pixel(x as u32, y as u32, color);
-            }
+    number_pixels(number, at, |x, y, grey| {
+        if let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y))
+            && let Some(pixel) = picture.get_pixel_mut_checked(x, y)
+        {
+            *pixel = Rgb([grey; 3]);
         }
-    };
-    fill(left - SCALE, top - SCALE, (digits.len() as i64 * 4 + 1) * SCALE, 7 * SCALE, Rgb([0, 0, 0]));
-    for (k, digit) in digits.into_iter().enumerate() {
-        for (row, bits) in DIGITS[digit].into_iter().enumerate() {
-            for column in (0..3).filter(|c| bits >> (2 - c) & 1 == 1) {
-                fill(left + (k as i64 * 4 + column) * SCALE, top + row as i64 * SCALE, SCALE, SCALE, Rgb([255, 255, 255]));
-            }
-        }
-    }
+    });
+}
+
+/// A picture of the library's own kind, to be written to a file.
+pub fn rgb_image(picture: &Image<[u8; 3]>) -> RgbImage {
+    color_picture(picture.width(), picture.height(), picture.pixels())
 }
 
 /// Where an object's centroid falls in its camera's picture.

@@ -37,7 +37,7 @@ pub fn true_answer(problem: &Problem, settings: &FeasibleSettings, release: &Rel
     let bounds = moved.shape.bounds(&moved.world_from_object);
     let anchor_bounds = fixed.shape.bounds(&fixed.world_from_object);
     let bottom_m = bounds.corners().iter().map(|c| c.z).fold(f64::INFINITY, f64::min);
-    let mut heights: Vec<f64> = scene.fixtures.iter().map(repose_simulator::scene::Fixture::top_m).collect();
+    let mut heights: Vec<f64> = scene.surfaces.iter().map(repose_simulator::scene::SupportSurface::height_m).collect();
     let tops = scene.objects.iter().filter(|o| o.id != problem.query).map(|o| o.shape.bounds(&o.world_from_object));
     heights.extend(tops.map(|b| b.corners().iter().map(|c| c.z).fold(f64::NEG_INFINITY, f64::max)));
     let camera_from_world = problem.world_from_camera.inverse();

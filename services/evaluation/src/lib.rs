@@ -2,12 +2,18 @@
 //!
 //! This crate may start any service's domain code; nothing depends on it but the command line.
 
+pub mod agreement;
 pub mod feasible;
+pub mod mask_scores;
 pub mod outcome;
 pub mod planner_table;
 pub mod problem;
 pub mod rate;
+pub mod segmentation;
+pub mod world;
 
 pub use planner_table::{PlannerRow, PlannerTable, evaluate_planner};
 pub use problem::{Problem, ProblemSettings};
 pub use rate::Rate;
+pub use segmentation::{Half, SegmentationRow, SegmentationTrial, judge_frame, row_of};
+pub use world::{WorldReport, WorldReportSettings, world_report};

@@ -4,15 +4,15 @@
 //! everything that perception makes of it.
 
 use nalgebra::Isometry3;
+use rand::RngExt;
 use rand::seq::{IndexedRandom, SliceRandom};
-use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use repose_dataset::Split;
 use repose_geometry::{Pinhole, ViewerFrame};
 use repose_proto::{CameraModel, Frame, GoalTerm, Relation, RigidTransform, Scene as ObservedScene};
+use repose_sensor::SensorModel;
 use repose_simulator::render::picture;
 use repose_simulator::scene::{Scene, SceneSettings, scene_of_seed};
-use repose_simulator::sensor::{SensorSettings, sensed};
 use repose_simulator::viewpoint::{ViewpointSettings, random_viewpoint};
 
 /// The paper's goals in its evaluation scenes (section 3).
@@ -26,7 +26,7 @@ pub struct ProblemSettings {
     /// How cameras are chosen; the picture's size too.
     pub viewpoint: ViewpointSettings,
     /// The depth sensor.
-    pub sensor: SensorSettings,
+    pub sensor: SensorModel,
     /// How the frame is segmented (true masks are given).
     pub perception: repose_perception::Settings,
     /// The fewest observed points of a query or an anchor.
@@ -40,7 +40,7 @@ impl Default for ProblemSettings {
         Self {
             scene: SceneSettings::default(),
             viewpoint: ViewpointSettings { width: 640, height: 480, ..ViewpointSettings::default() },
-            sensor: SensorSettings::default(),
+            sensor: SensorModel::default(),
             perception: repose_perception::Settings::default(),
             min_points: 300,
             viewpoints: 20,
@@ -83,7 +83,7 @@ impl Problem {
         // A stream of its own, so that a change in how scenes are drawn does not change which goals are.
         let mut rng = Pcg64::new(u128::from(seed), 0x9e0b_1e55);
         for _ in 0..settings.viewpoints {
-            let (camera, world_from_camera) = random_viewpoint(&truth.middle(), &settings.viewpoint, &mut rng);
+            let (camera, world_from_camera) = random_viewpoint(&truth.focus(), &settings.viewpoint, &mut rng);
             let frame = frame_of(&truth, &camera, &world_from_camera, &settings.sensor, seed);
             let Ok(observed) = repose_perception::segment(&frame, &settings.perception) else { continue };
             let viewer = ViewerFrame::from_camera(&world_from_camera);
@@ -101,10 +101,10 @@ impl Problem {
 }
 
 /// What the sensor reports of a true scene, with true masks and the true pose.
-pub fn frame_of(scene: &Scene, camera: &Pinhole, world_from_camera: &Isometry3<f64>, sensor: &SensorSettings, seed: u64) -> Frame {
+pub fn frame_of(scene: &Scene, camera: &Pinhole, world_from_camera: &Isometry3<f64>, sensor: &SensorModel, seed: u64) -> Frame {
     const DEPTH_UNIT_M: f32 = 0.001;
-    let seen = picture(camera, world_from_camera, &scene.drawables());
-    let depth_m = sensed(&seen.depth_m, camera, sensor, &mut Pcg64::seed_from_u64(seed));
+    let mut seen = picture(camera, world_from_camera, &scene.drawables());
+    sensor.disturb(seen.depth_m.pixels_mut(), camera, seed);
     Frame {
         camera_name: "evaluation".to_owned(),
         stamp_ns: 0,
@@ -118,7 +118,7 @@ pub fn frame_of(scene: &Scene, camera: &Pinhole, world_from_camera: &Isometry3<f
             depth_unit_m: f64::from(DEPTH_UNIT_M),
             world_from_camera: Some(RigidTransform(repose_geometry::transform::to_row_major(world_from_camera))),
         },
-        depth: depth_m.pixels().iter().map(|d| (d / DEPTH_UNIT_M).round() as u16).collect(),
+        depth: seen.depth_m.pixels().iter().map(|d| (d / DEPTH_UNIT_M).round() as u16).collect(),
         color: Some(seen.color.into_pixels()),
         labels: Some(seen.labels.into_pixels()),
     }

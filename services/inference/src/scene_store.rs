@@ -1,7 +1,8 @@
 //! Scenes held by id, with what the networks need of them; bounded, least recently used out.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use lru::LruCache;
 use nalgebra::Point3;
 use repose_networks::SceneContext;
 use repose_networks::points::CloudConfig;
@@ -64,15 +65,23 @@ impl HeldScene {
 /// The scenes that a worker holds.
 #[derive(Debug)]
 pub struct SceneStore {
-    held: Mutex<Vec<Arc<HeldScene>>>,
+    held: Mutex<Held>,
     max_scenes: usize,
     max_bytes: usize,
+}
+
+#[derive(Debug)]
+struct Held {
+    /// Bounded by [`SceneStore::insert`], in number and in bytes.
+    scenes: LruCache<String, Arc<HeldScene>>,
+    bytes: usize,
 }
 
 impl SceneStore {
     /// A store for at most `max_scenes` scenes and about `max_bytes` bytes; the newest scene is always kept.
     pub fn new(max_scenes: usize, max_bytes: usize) -> Self {
-        Self { held: Mutex::default(), max_scenes: max_scenes.max(1), max_bytes }
+        let held = Mutex::new(Held { scenes: LruCache::unbounded(), bytes: 0 });
+        Self { held, max_scenes: max_scenes.max(1), max_bytes }
     }
 
     /// The scene of that id.
@@ -80,13 +89,8 @@ impl SceneStore {
     /// # Errors
     /// `not_found` on `scene_id`: the caller sends it whole.
     pub fn get(&self, scene_id: &str) -> Result<Arc<HeldScene>, CallError> {
-        let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
-        let Some(at) = held.iter().position(|s| s.scene_id == scene_id) else {
-            return Err(CallError::not_found("scene_id", format!("this worker does not hold scene {scene_id}")));
-        };
-        let scene = held.remove(at);
-        held.push(scene.clone());
-        Ok(scene)
+        let not_held = || CallError::not_found("scene_id", format!("this worker does not hold scene {scene_id}"));
+        self.held().scenes.get(scene_id).cloned().ok_or_else(not_held)
     }
 
     /// Holds a scene, which must hash to `scene_id`; the one already held under that id is kept.
@@ -97,16 +101,72 @@ impl SceneStore {
         if let Ok(held) = self.get(scene_id) {
             return Ok(held);
         }
+        // Hashed without the lock: other requests go on meanwhile.
         let actual = scene.id();
         if actual != scene_id {
             return Err(CallError::invalid("scene.scene_id", format!("the enclosed scene's id is {actual}, not {scene_id}")));
         }
+        let mut held = self.held();
+        if let Some(first) = held.scenes.get(scene_id) {
+            return Ok(first.clone());
+        }
         let scene = Arc::new(HeldScene::new(actual, Arc::new(scene)));
-        let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
-        held.push(scene.clone());
-        while held.len() > 1 && (held.len() > self.max_scenes || held.iter().map(|s| s.bytes()).sum::<usize>() > self.max_bytes) {
-            held.remove(0);
+        held.bytes += scene.bytes();
+        held.scenes.put(scene_id.to_owned(), scene.clone());
+        while held.scenes.len() > 1 && (held.scenes.len() > self.max_scenes || held.bytes > self.max_bytes) {
+            let Some((_, gone)) = held.scenes.pop_lru() else { break };
+            held.bytes -= gone.bytes();
         }
         Ok(scene)
+    }
+
+    fn held(&self) -> MutexGuard<'_, Held> {
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_proto::scene::WorldFrame;
+    use repose_proto::{CameraModel, SceneMeta, Unseen};
+
+    use super::*;
+
+    fn scene(points: usize, x: f32) -> Scene {
+        let camera = CameraModel { width: 2, height: 2, fx: 1.0, fy: 1.0, cx: 0.5, cy: 0.5, depth_unit_m: 0.001, world_from_camera: None };
+        let meta = SceneMeta {
+            objects: Vec::new(),
+            surfaces: Vec::new(),
+            camera,
+            world_frame: WorldFrame::SupportPlane,
+            view_yaw_rad: 0.0,
+            unseen: Unseen::default(),
+        };
+        let points_m = vec![[x, 0.0, 0.0]; points];
+        Scene { camera_name: "front".to_owned(), stamp_ns: 0, labels: vec![1; points], points: points_m, colors: None, meta }
+    }
+
+    #[test]
+    fn scenes_leave_by_number_and_by_bytes_the_least_recently_used_first() {
+        let scenes = [0.1, 0.2, 0.3].map(|x| scene(100, x));
+        let ids = scenes.each_ref().map(Scene::id);
+        let store = SceneStore::new(2, usize::MAX);
+        let [a, b, c] = scenes;
+        store.insert(&ids[0], a.clone()).expect("its id");
+        store.insert(&ids[1], b).expect("its id");
+        store.get(&ids[0]).expect("held");
+        store.insert(&ids[2], c).expect("its id");
+        assert!(store.get(&ids[0]).is_ok() && store.get(&ids[1]).is_err() && store.get(&ids[2]).is_ok());
+        let huge = scene(5000, 0.4);
+        let small = SceneStore::new(10, 1);
+        small.insert(&ids[0], a).expect("its id");
+        small.insert(&huge.id(), huge.clone()).expect("its id");
+        assert!(small.get(&ids[0]).is_err() && small.get(&huge.id()).is_ok(), "the newest is kept whatever its size");
+    }
+
+    #[test]
+    fn a_scene_under_another_id_is_refused() {
+        let error = SceneStore::new(1, 1).insert("00", scene(1, 0.0)).expect_err("another id");
+        assert_eq!(error.field.as_deref(), Some("scene.scene_id"));
     }
 }

@@ -182,10 +182,10 @@ impl TriedGrasp<'_> {
     }
 
     /// The object's end of the move, worked out once.
-    fn pick_end(&mut self, rng: &mut Pcg64) -> Result<PickEnd, EndFailure> {
+    fn pick_end(&mut self) -> Result<PickEnd, EndFailure> {
         if self.pick.is_none() {
             let near = self.search.near(&self.grasp.world_from_tcp);
-            self.pick = Some(self.reach().pick(&self.grasp, &near, rng));
+            self.pick = Some(self.reach().pick(&self.grasp, &near));
         }
         self.pick.clone().unwrap_or(Err(EndFailure::Unreachable))
     }
@@ -233,7 +233,7 @@ impl<'a> Search<'a> {
         TriedGrasp { grasp, held, pick: None, to_standoff: None, search: self }
     }
 
-    /// A posture to start inverse kinematics from: the ready pose, turned towards the target.
+    /// The posture that is preferred: the ready pose, turned towards the target.
     fn near(&self, world_from_tcp: &Isometry3<f64>) -> Joints {
         let in_base = self.settings.world_from_base.inverse() * world_from_tcp.translation.vector;
         let mut near = repose_panda::READY;
@@ -254,7 +254,7 @@ impl<'a> Search<'a> {
         let mut tally = EndTally::default();
         let mut far: Vec<(f64, usize, Ends)> = Vec::new();
         for (index, grasp) in tried.iter_mut().enumerate() {
-            let Some(ends) = self.ends(placed_from_observed, grasp, &mut tally, rng) else { continue };
+            let Some(ends) = self.ends(placed_from_observed, grasp, &mut tally) else { continue };
             let carry_rad = distance(ends.lifted(), &ends.place.lower[0]);
             if carry_rad > self.settings.carry_rad {
                 far.push((carry_rad, index, ends));
@@ -282,14 +282,8 @@ impl<'a> Search<'a> {
     }
 
     /// Both ends of the move with a grasp, or a count of what stood in the way.
-    fn ends(
-        &self,
-        placed_from_observed: &Isometry3<f64>,
-        grasp: &mut TriedGrasp<'_>,
-        tally: &mut EndTally,
-        rng: &mut Pcg64,
-    ) -> Option<Ends> {
-        let pick = match grasp.pick_end(rng) {
+    fn ends(&self, placed_from_observed: &Isometry3<f64>, grasp: &mut TriedGrasp<'_>, tally: &mut EndTally) -> Option<Ends> {
+        let pick = match grasp.pick_end() {
             Ok(pick) => pick,
             Err(EndFailure::Unreachable) => {
                 tally.pick_unreachable += 1;
@@ -302,7 +296,7 @@ impl<'a> Search<'a> {
             }
         };
         let lifted = pick.lift[pick.lift.len() - 1];
-        match grasp.reach().place(&grasp.grasp, placed_from_observed, &lifted, rng) {
+        match grasp.reach().place(&grasp.grasp, placed_from_observed, &lifted) {
             Ok(place) => Some(Ends { pick, place }),
             Err(EndFailure::Unreachable) => {
                 tally.place_unreachable += 1;

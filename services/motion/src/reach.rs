@@ -1,23 +1,22 @@
 //! The two ends of a move: joint paths that carry the hand straight to a grasp and away with the object, and straight down to a placement.
 //!
-//! Inverse kinematics is solved where the hand has least freedom (at the grasp, at the release) and followed outwards in small steps, each from
-//! the last one's angles, so that the arm stays on one branch. Several postures are tried, because one may run into a limit or an obstacle
-//! where another does not.
+//! All postures are found where the hand has least freedom (at the grasp, at the release), for many angles of the redundant joint, and are
+//! followed outwards in small steps on their branch with that angle kept. The posture nearest to where the arm comes from is tried first; the
+//! next ones serve where it runs into a limit or an obstacle.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use rand_pcg::Pcg64;
-use repose_panda::{InverseSettings, JOINT_COUNT, Joints, LIMITS, inverse, inverse_near};
+use repose_panda::{InverseSettings, JOINT_COUNT, Joints, inverse_near, inverse_sweep};
 
 use crate::collision::{CollisionChecker, Contact};
 use crate::grasp::Grasp;
-use crate::joint_path::{edge_is_free, sweep_bound_m};
+use crate::joint_path::{distance, edge_is_free, sweep_bound_m};
 
 /// How ends are looked for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReachSettings {
     /// Inverse kinematics at the grasp and the release.
     pub inverse: InverseSettings,
-    /// Postures tried at each end. Default 3.
+    /// Postures tried at each end, nearest first. Default 24.
     pub postures: usize,
     /// Step of the hand along straight motions, metres. Default 0.01.
     pub step_m: f64,
@@ -40,14 +39,8 @@ pub struct ReachSettings {
 impl Default for ReachSettings {
     fn default() -> Self {
         Self {
-            inverse: InverseSettings {
-                position_tolerance_m: 1e-5,
-                rotation_tolerance_rad: 1e-4,
-                iterations: 40,
-                restarts: 3,
-                ..InverseSettings::default()
-            },
-            postures: 3,
+            inverse: InverseSettings::default(),
+            postures: 24,
             step_m: 0.01,
             jump_rad: 0.2,
             resolution_m: 0.01,
@@ -102,13 +95,13 @@ pub struct Reach<'a> {
 }
 
 impl Reach<'_> {
-    /// The pick's end of the move. `near` is where the first posture starts from.
+    /// The pick's end of the move. The posture nearest to `near` is preferred.
     ///
     /// # Errors
     /// The last posture's [`EndFailure`]; blocked ones go before unreachable ones.
-    pub fn pick(&self, grasp: &Grasp, near: &Joints, rng: &mut Pcg64) -> Result<PickEnd, EndFailure> {
+    pub fn pick(&self, grasp: &Grasp, near: &Joints) -> Result<PickEnd, EndFailure> {
         let base_from_tcp = self.base_from_world * grasp.world_from_tcp;
-        self.over_postures(&base_from_tcp, near, rng, |joints| {
+        self.over_postures(&base_from_tcp, near, |joints| {
             let standoff = base_from_tcp * Isometry3::translation(0.0, 0.0, -self.settings.standoff_m);
             let mut approach = self.follow(joints, &base_from_tcp, &standoff)?;
             self.check(&approach, 0, &self.open)?;
@@ -124,16 +117,10 @@ impl Reach<'_> {
     ///
     /// # Errors
     /// As [`Self::pick`].
-    pub fn place(
-        &self,
-        grasp: &Grasp,
-        placed_from_observed: &Isometry3<f64>,
-        near: &Joints,
-        rng: &mut Pcg64,
-    ) -> Result<PlaceEnd, EndFailure> {
+    pub fn place(&self, grasp: &Grasp, placed_from_observed: &Isometry3<f64>, near: &Joints) -> Result<PlaceEnd, EndFailure> {
         let placed = self.base_from_world * placed_from_observed * grasp.world_from_tcp;
         let release = self.raised(&placed, self.settings.release_m);
-        self.over_postures(&release, near, rng, |joints| {
+        self.over_postures(&release, near, |joints| {
             let mut lower = self.follow(joints, &release, &self.raised(&placed, self.settings.above_m))?;
             self.check(&lower, 0, &self.holding)?;
             lower.reverse();
@@ -144,23 +131,18 @@ impl Reach<'_> {
         })
     }
 
-    /// Tries postures at a pose until one gives a whole end.
+    /// Tries the postures at a pose, those near `near` first, until one gives a whole end.
     fn over_postures<End>(
         &self,
         base_from_tcp: &Isometry3<f64>,
         near: &Joints,
-        rng: &mut Pcg64,
         end_from: impl Fn(&Joints) -> Result<End, EndFailure>,
     ) -> Result<End, EndFailure> {
+        let mut postures = inverse_sweep(base_from_tcp, &self.settings.inverse);
+        postures.sort_by(|a, b| distance(a, near).total_cmp(&distance(b, near)));
         let mut failure = EndFailure::Unreachable;
-        for posture in 0..self.settings.postures {
-            let start =
-                if posture == 0 { *near } else { LIMITS.between(&std::array::from_fn(|_| rand::RngExt::random_range(rng, 0.0..1.0))) };
-            let Ok(joints) = inverse(base_from_tcp, &start, &self.settings.inverse, rng) else {
-                // The first posture has had restarts of its own: what it could not reach, others will hardly.
-                if posture == 0 { break } else { continue }
-            };
-            match end_from(&joints) {
+        for joints in postures.iter().take(self.settings.postures) {
+            match end_from(joints) {
                 Ok(end) => return Ok(end),
                 Err(EndFailure::Unreachable) => {}
                 Err(blocked) => failure = blocked,
@@ -173,14 +155,13 @@ impl Reach<'_> {
     fn follow(&self, joints: &Joints, base_from_start: &Isometry3<f64>, base_from_end: &Isometry3<f64>) -> Result<Vec<Joints>, EndFailure> {
         let way = base_from_end.translation.vector - base_from_start.translation.vector;
         let steps = (way.norm() / self.settings.step_m).ceil().max(1.0) as usize;
-        let settings = InverseSettings { iterations: 10, ..self.settings.inverse };
         let mut path = vec![*joints];
         let mut last = *joints;
         for k in 1..=steps {
             let fraction = k as f64 / steps as f64;
             let rotation: UnitQuaternion<f64> = base_from_start.rotation.slerp(&base_from_end.rotation, fraction);
             let pose = Isometry3::from_parts(Translation3::from(base_from_start.translation.vector + way * fraction), rotation);
-            let next = inverse_near(&pose, &last, &settings).map_err(|_| EndFailure::Unreachable)?;
+            let next = inverse_near(&pose, &last, &self.settings.inverse).map_err(|_| EndFailure::Unreachable)?;
             if (0..JOINT_COUNT).any(|i| (next[i] - last[i]).abs() > self.settings.jump_rad) {
                 return Err(EndFailure::Unreachable);
             }

@@ -3,7 +3,7 @@
 //! Depth pixels at an object's border belong to it or to what is behind it by chance; left in, they stay behind when the object is
 //! moved and placements come to stand on them. So each mask is dilated and eroded, and what lies between is dropped: paper, appendix
 //! "Segmentation and Grasping". A pixel lies between for some mask exactly when the square window around it holds more than one
-//! label, so all masks are done at once, with two passes of run lengths and no work per object.
+//! label, so all masks are done at once: where the least and the greatest label of the window differ.
 
 use repose_geometry::Image;
 
@@ -19,42 +19,45 @@ pub fn border_band(labels: &Image<u16>, settings: &BorderSettings) -> Image<bool
     if radius == 0 || width == 0 || height == 0 {
         return band;
     }
-    // First along rows: a pixel is mixed when its row window holds a second label.
-    for (row, out) in labels.pixels().chunks_exact(width).zip(band.pixels_mut().chunks_exact_mut(width)) {
-        for u in 1..width {
-            if row[u] != row[u - 1] {
-                out[u.saturating_sub(radius)..(u + radius).min(width)].fill(true);
-            }
+    // The least and the greatest label in each pixel's row window. Repeating the row's ends is the same as leaving out what is beyond.
+    let mut least = vec![0u16; width * height];
+    let mut greatest = vec![0u16; width * height];
+    let mut padded = vec![0u16; width + 2 * radius];
+    for (v, row) in labels.pixels().chunks_exact(width).enumerate() {
+        padded[..radius].fill(row[0]);
+        padded[radius..radius + width].copy_from_slice(row);
+        padded[radius + width..].fill(row[width - 1]);
+        let (least, greatest) = (&mut least[v * width..(v + 1) * width], &mut greatest[v * width..(v + 1) * width]);
+        least.copy_from_slice(&padded[..width]);
+        greatest.copy_from_slice(&padded[..width]);
+        for shift in 1..=2 * radius {
+            take_extremes(least, greatest, &padded[shift..shift + width], &padded[shift..shift + width]);
         }
     }
-    // Then along columns: a window is pure when its rows are, and their middle pixels agree. `until[u]` is the first row that the
-    // latest impurity above no longer reaches; impurities below reach up when they are met.
-    let rows_mixed = band.clone();
-    let (labels, rows_mixed) = (labels.pixels(), rows_mixed.pixels());
-    let out = band.pixels_mut();
-    let mut until = vec![0usize; width];
-    for v in 0..height {
-        for (u, until) in until.iter_mut().enumerate() {
-            let i = v * width + u;
-            let changes = v > 0 && labels[i] != labels[i - width];
-            let starts = rows_mixed[i] && (v == 0 || !rows_mixed[i - width]);
-            if changes || starts {
-                for above in v.saturating_sub(radius)..v {
-                    out[above * width + u] = true;
-                }
-            }
-            if changes {
-                *until = (*until).max(v + radius);
-            }
-            if rows_mixed[i] {
-                *until = (*until).max(v + radius + 1);
-            }
-            if v < *until {
-                out[i] = true;
-            }
+    // Then over the rows of the window; a pixel is in the band when the two differ.
+    let (mut low, mut high) = (vec![0u16; width], vec![0u16; width]);
+    for (v, out) in band.pixels_mut().chunks_exact_mut(width).enumerate() {
+        let row = |v: usize| v * width..(v + 1) * width;
+        low.copy_from_slice(&least[row(v)]);
+        high.copy_from_slice(&greatest[row(v)]);
+        for beside in v.saturating_sub(radius)..(v + radius + 1).min(height) {
+            take_extremes(&mut low, &mut high, &least[row(beside)], &greatest[row(beside)]);
+        }
+        for ((out, low), high) in out.iter_mut().zip(&low).zip(&high) {
+            *out = low != high;
         }
     }
     band
+}
+
+/// Element by element, the lesser and the greater.
+fn take_extremes(least: &mut [u16], greatest: &mut [u16], other_least: &[u16], other_greatest: &[u16]) {
+    for (a, b) in least.iter_mut().zip(other_least) {
+        *a = (*a).min(*b);
+    }
+    for (a, b) in greatest.iter_mut().zip(other_greatest) {
+        *a = (*a).max(*b);
+    }
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use repose_proto::{CallError, Payload, keys};
+use repose_proto::{CallError, ErrorCode, Payload, keys};
 use repose_runtime::{CancellationToken, JobContext, RuntimeError, Session, Subscription, Traffic};
 use tokio::sync::{Notify, Semaphore};
 
@@ -16,7 +16,11 @@ use crate::newest::{NewestFrames, Placed};
 use crate::store::Arrival;
 use crate::worker::Worker;
 
-/// What became of the frames so far.
+/// Stands for the camera of frames that were lost before anybody looked whose they were.
+const ANY_CAMERA: &str = "any";
+
+/// What became of the frames so far. Once nothing is under way, `received` is the sum of the others. The same numbers are kept per
+/// camera as the metric `repose_perception_frames_total`.
 #[derive(Debug, Default)]
 pub struct FrameCounts {
     /// Frames received.
@@ -29,6 +33,30 @@ pub struct FrameCounts {
     pub failed: AtomicU64,
     /// Scenes published.
     pub published: AtomicU64,
+}
+
+/// What became of a frame.
+#[derive(Debug, Clone, Copy)]
+enum Became {
+    Received,
+    Dropped,
+    Late,
+    Failed,
+    Published,
+}
+
+impl FrameCounts {
+    fn count(&self, became: Became, camera: &str, by: u64) {
+        let (counter, name) = match became {
+            Became::Received => (&self.received, "received"),
+            Became::Dropped => (&self.dropped, "dropped"),
+            Became::Late => (&self.late, "late"),
+            Became::Failed => (&self.failed, "failed"),
+            Became::Published => (&self.published, "published"),
+        };
+        counter.fetch_add(by, Ordering::Relaxed);
+        metrics::counter!("repose_perception_frames_total", "camera" => camera.to_owned(), "became" => name).increment(by);
+    }
 }
 
 /// A frame on its way.
@@ -103,16 +131,18 @@ impl Cameras {
         while let Some(sample) = subscription.recv().await {
             let Some(camera) = keys::worker_of(&sample.key) else { continue };
             let dropped = subscription.dropped();
-            count(&self.counts.received, 1 + dropped - dropped_before);
-            count(&self.counts.dropped, dropped - dropped_before);
+            self.counts.count(Became::Received, camera, 1);
+            // Of a subscription to several cameras nobody knows whose were lost.
+            self.counts.count(Became::Received, ANY_CAMERA, dropped - dropped_before);
+            self.counts.count(Became::Dropped, ANY_CAMERA, dropped - dropped_before);
             dropped_before = dropped;
             let frame = Waiting { payload: sample.payload, arrived: Instant::now() };
             let placed = self.newest.lock().unwrap_or_else(PoisonError::into_inner).put(camera, frame);
             match placed {
                 Placed::Waiting => {}
-                Placed::Replaced => count(&self.counts.dropped, 1),
+                Placed::Replaced => self.counts.count(Became::Dropped, camera, 1),
                 Placed::Refused => {
-                    count(&self.counts.dropped, 1);
+                    self.counts.count(Became::Dropped, camera, 1);
                     tracing::warn!(camera, "a frame was refused: too many cameras");
                 }
             }
@@ -158,15 +188,15 @@ impl Cameras {
         let (scene, times) = match outcome {
             Ok(made) => made,
             Err(error) => {
-                let counter = if error.code == repose_proto::ErrorCode::DeadlineExceeded { &self.counts.late } else { &self.counts.failed };
-                count(counter, 1);
+                let became = if error.code == ErrorCode::DeadlineExceeded { Became::Late } else { Became::Failed };
+                self.counts.count(became, camera, 1);
                 tracing::warn!(camera, %error, "a frame gave no scene");
                 return;
             }
         };
         let summary = Payload::json(&scene.summary);
         if self.worker.store().keep_latest(scene) == Arrival::Late {
-            count(&self.counts.late, 1);
+            self.counts.count(Became::Late, camera, 1);
             return;
         }
         let key = self.session.cell().scene(camera);
@@ -176,15 +206,15 @@ impl Cameras {
         };
         match put {
             Ok(()) => {
-                count(&self.counts.published, 1);
+                self.counts.count(Became::Published, camera, 1);
                 let age_ms = frame.arrived.elapsed().as_secs_f64() * 1e3;
+                metrics::histogram!("repose_perception_frame_to_scene_seconds", "camera" => camera.to_owned()).record(age_ms / 1e3);
                 tracing::debug!(camera, age_ms, segment_ms = times.segment_ms, "scene published");
             }
-            Err(error) => tracing::warn!(camera, %error, "a scene could not be published"),
+            Err(error) => {
+                self.counts.count(Became::Failed, camera, 1);
+                tracing::warn!(camera, %error, "a scene could not be published");
+            }
         }
     }
-}
-
-fn count(counter: &AtomicU64, by: u64) {
-    counter.fetch_add(by, Ordering::Relaxed);
 }

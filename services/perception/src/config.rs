@@ -1,6 +1,6 @@
 //! The service's configuration, section `[perception]`.
 
-use serde::{Deserialize, Deserializer};
+use serde::Deserialize;
 
 use crate::settings::Settings;
 use crate::store::StoreLimits;
@@ -11,7 +11,7 @@ use crate::store::StoreLimits;
 pub struct PerceptionConfig {
     /// The cameras whose frames this worker turns into scenes; empty means every camera of the cell. Where several perception workers
     /// share a cell, each must name its own, or every scene is published more than once.
-    #[serde(deserialize_with = "list_or_commas")]
+    #[serde(deserialize_with = "repose_runtime::list_or_commas")]
     pub cameras: Vec<String>,
     /// Most cameras with a frame waiting; frames of further ones are dropped and counted. Raising it costs one frame of memory each.
     pub max_cameras: usize,
@@ -49,20 +49,6 @@ impl PerceptionConfig {
     pub fn store_limits(&self) -> StoreLimits {
         StoreLimits { scenes: self.scenes_kept, bytes: self.scenes_kept_bytes }
     }
-}
-
-/// A list, or one string with commas, as an environment variable has it.
-fn list_or_commas<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::Error> {
-    #[derive(Deserialize)]
-    #[serde(untagged)]
-    enum Either {
-        List(Vec<String>),
-        Commas(String),
-    }
-    Ok(match Either::deserialize(deserializer)? {
-        Either::List(list) => list,
-        Either::Commas(text) => text.split(',').map(str::trim).filter(|name| !name.is_empty()).map(str::to_owned).collect(),
-    })
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! A frame on disk: a folder with `depth.png` (16-bit), `camera.json` and, optionally, `color.png` and `labels.png`.
 //!
-//! The only file access of this crate. What is wrong is said with the file and, inside `camera.json`, the field; all pictures must
+//! What is wrong is said with the file and, inside `camera.json`, the field; all pictures must
 //! have the size that `camera.json` states.
 
 use std::io::{BufReader, ErrorKind};
@@ -77,26 +77,34 @@ impl FrameFolderError {
 /// [`FrameFolderError`] names the file, and the field in `camera.json`.
 pub fn read(folder: &Path) -> Result<Frame, FrameFolderError> {
     let camera = read_camera(&folder.join("camera.json"))?;
+    let frame = read_pictures(camera, &folder.join("depth.png"), &folder.join("color.png"), &folder.join("labels.png"))?;
+    Ok(Frame { camera_name: camera_name(folder), ..frame })
+}
+
+/// Reads a frame's pictures, of which color and labels may be absent. The camera's name is `folder`, and the frame has no stamp.
+///
+/// # Errors
+/// [`FrameFolderError`] names the file.
+pub fn read_pictures(camera: CameraModel, depth: &Path, color: &Path, labels: &Path) -> Result<Frame, FrameFolderError> {
     let size = (camera.width, camera.height);
-    let depth_path = folder.join("depth.png");
-    let depth = match decode(&depth_path, size)? {
+    let depth = match decode(depth, size)? {
         DynamicImage::ImageLuma16(picture) => picture.into_raw(),
-        other => return Err(pixel_kind(depth_path, "16-bit gray (depth counts)", &other)),
+        other => return Err(pixel_kind(depth.to_owned(), "16-bit gray (depth counts)", &other)),
     };
-    let color = optional(folder.join("color.png"), size)?
+    let color = optional(color.to_owned(), size)?
         .map(|(path, picture)| match picture {
             DynamicImage::ImageRgb8(picture) => Ok(picture.into_raw().as_chunks::<3>().0.to_vec()),
             other => Err(pixel_kind(path, "8-bit RGB", &other)),
         })
         .transpose()?;
-    let labels = optional(folder.join("labels.png"), size)?
+    let labels = optional(labels.to_owned(), size)?
         .map(|(path, picture)| match picture {
             DynamicImage::ImageLuma16(picture) => Ok(picture.into_raw()),
             DynamicImage::ImageLuma8(picture) => Ok(picture.into_raw().into_iter().map(u16::from).collect()),
             other => Err(pixel_kind(path, "8- or 16-bit gray (instance ids)", &other)),
         })
         .transpose()?;
-    Ok(Frame { camera_name: camera_name(folder), stamp_ns: 0, camera, depth, color, labels })
+    Ok(Frame { camera_name: "folder".to_owned(), stamp_ns: 0, camera, depth, color, labels })
 }
 
 /// Writes a frame as a folder, which is made if it is not there.
@@ -127,7 +135,11 @@ pub fn write(folder: &Path, frame: &Frame) -> Result<(), FrameFolderError> {
     Ok(())
 }
 
-fn read_camera(path: &Path) -> Result<CameraModel, FrameFolderError> {
+/// Reads a `camera.json`.
+///
+/// # Errors
+/// [`FrameFolderError::Camera`] that names the field, [`FrameFolderError::File`] when there is none.
+pub fn read_camera(path: &Path) -> Result<CameraModel, FrameFolderError> {
     let bytes = std::fs::read(path).map_err(|source| FrameFolderError::File { path: path.to_owned(), source })?;
     let wrong = |error| FrameFolderError::Camera { path: path.to_owned(), error };
     let camera: CameraModel = repose_proto::message::from_json(&bytes).map_err(wrong)?;

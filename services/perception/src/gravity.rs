@@ -21,12 +21,13 @@ pub fn support_plane(in_camera: &PointMap, settings: &GravitySettings, rng: &mut
         return None;
     }
     let least = (settings.min_share * sample.len() as f64).ceil() as usize;
-    let mut best: Option<(usize, Plane)> = None;
+    let columns = Columns::of(&sample, settings);
+    let mut best: Option<(u32, Plane)> = None;
     for _ in 0..settings.iterations {
         let [a, b, c] = std::array::from_fn(|_| sample[rng.random_range(0..sample.len())].cast::<f64>());
         let Some(plane) = Plane::through(&a, &b, &c).map(towards_camera).filter(|p| can_be_up(&p.normal, settings)) else { continue };
-        let (on, below) = count(&sample, &plane, settings);
-        let qualifies = on >= least.max(3) && below as f64 <= settings.max_below_ratio * on as f64;
+        let (on, below) = columns.count(&plane);
+        let qualifies = on as usize >= least.max(settings.min_readings) && f64::from(below) <= settings.max_below_ratio * f64::from(on);
         if qualifies && best.is_none_or(|(most, _)| on > most) {
             best = Some((on, plane));
         }
@@ -77,18 +78,32 @@ fn tolerance_m(p: &Point3<f32>, settings: &GravitySettings) -> f32 {
     settings.tolerance_m + settings.tolerance_per_m2 * p.z * p.z
 }
 
-/// How many points lie on the plane, and how many clearly below it.
-fn count(sample: &[Point3<f32>], plane: &Plane, settings: &GravitySettings) -> (usize, usize) {
-    let normal: Vector3<f32> = plane.normal.into_inner().cast();
-    let offset_m = plane.offset_m as f32;
-    let (mut on, mut below) = (0, 0);
-    for p in sample {
-        let distance = normal.dot(&p.coords) - offset_m;
-        let tolerance = tolerance_m(p, settings);
-        on += usize::from(distance.abs() <= tolerance);
-        below += usize::from(distance < -3.0 * tolerance);
+/// Readings coordinate by coordinate, each with its tolerance: hundreds of planes are counted on them, many readings at once.
+struct Columns {
+    x: Vec<f32>,
+    y: Vec<f32>,
+    z: Vec<f32>,
+    tolerance_m: Vec<f32>,
+}
+
+impl Columns {
+    fn of(sample: &[Point3<f32>], settings: &GravitySettings) -> Self {
+        let column = |of: &dyn Fn(&Point3<f32>) -> f32| sample.iter().map(of).collect();
+        Self { x: column(&|p| p.x), y: column(&|p| p.y), z: column(&|p| p.z), tolerance_m: column(&|p| tolerance_m(p, settings)) }
     }
-    (on, below)
+
+    /// How many readings lie on the plane, and how many clearly below it.
+    fn count(&self, plane: &Plane) -> (u32, u32) {
+        let normal: Vector3<f32> = plane.normal.into_inner().cast();
+        let offset_m = plane.offset_m as f32;
+        let (mut on, mut below) = (0, 0);
+        for (((x, y), z), tolerance_m) in self.x.iter().zip(&self.y).zip(&self.z).zip(&self.tolerance_m) {
+            let distance_m = normal.x * x + normal.y * y + normal.z * z - offset_m;
+            on += u32::from(distance_m.abs() <= *tolerance_m);
+            below += u32::from(distance_m < -3.0 * tolerance_m);
+        }
+        (on, below)
+    }
 }
 
 #[cfg(test)]

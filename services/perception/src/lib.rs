@@ -2,13 +2,16 @@
 //!
 //! The domain is pure: [`segment()`] turns a frame into a scene, one algorithm a module. Around it is the service ([`run`]): it follows
 //! cameras, publishes the summary of each new scene, keeps the newest scenes by id, and answers `segment`, `latest` and `scene`.
-//! [`frame_folder`] reads frames from disk for the command line.
+//! [`sources`] are frames from disk: folders, sequences of pictures, recordings of ROS 2.
 
 pub mod borders;
 pub mod cameras;
+pub mod cloud;
 pub mod components;
 pub mod config;
+pub mod depth;
 pub mod endpoints;
+pub mod flying;
 pub mod frame_folder;
 pub mod gravity;
 pub mod halves;
@@ -18,11 +21,13 @@ pub mod objects;
 pub mod point_map;
 pub mod segment;
 pub mod settings;
+pub mod sources;
 pub mod store;
 pub mod surfaces;
 #[cfg(test)]
 mod synthetic;
 pub mod unlabelled;
+pub mod unseen;
 pub mod upward;
 pub mod worker;
 

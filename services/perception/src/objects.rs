@@ -1,26 +1,52 @@
 //! What a scene says about each of its objects.
 
-use repose_geometry::{Aabb, Image, Point3, cloud};
+use repose_geometry::Image;
 use repose_proto::ObjectSummary;
-
-use crate::point_map::{PointMap, is_reading};
 
 /// A neighbour this much nearer to the camera covers the object rather than ending beside it, metres.
 const COVER_STEP_M: f32 = 0.015;
 
 /// Summaries of the objects that have points, by id. `points` are in the world, `labels` beside them.
-pub fn summarise(points: &[Point3<f32>], labels: &[u16], completeness: &Completeness) -> Vec<ObjectSummary> {
+pub fn summarise(points: &[[f32; 3]], labels: &[u16], completeness: &Completeness) -> Vec<ObjectSummary> {
     let most = labels.iter().copied().max().unwrap_or(0);
-    let mut by_id: Vec<Vec<Point3<f32>>> = vec![Vec::new(); usize::from(most) + 1];
+    let mut by_id = vec![Gathered::default(); usize::from(most) + 1];
     for (p, id) in points.iter().zip(labels).filter(|(_, id)| **id != 0) {
-        by_id[usize::from(*id)].push(*p);
+        by_id[usize::from(*id)].take(p);
     }
-    let summary = |(id, points): (u16, Vec<Point3<f32>>)| {
-        let centroid_m = cloud::centroid(&points)?.coords.into();
-        let extent_m = Aabb::of(&points)?.extent().cast::<f64>().into();
-        Some(ObjectSummary { id, points: points.len(), centroid_m, extent_m, completeness: completeness.of(id) })
-    };
-    (0..=most).zip(by_id).filter_map(summary).collect()
+    let named = (0..=most).zip(by_id).filter(|(_, gathered)| gathered.points > 0);
+    named.map(|(id, gathered)| gathered.summary(id, completeness.of(id))).collect()
+}
+
+/// What is gathered of one object's points.
+#[derive(Debug, Clone, Copy)]
+struct Gathered {
+    points: usize,
+    sum_m: [f64; 3],
+    low_m: [f32; 3],
+    high_m: [f32; 3],
+}
+
+impl Default for Gathered {
+    fn default() -> Self {
+        Self { points: 0, sum_m: [0.0; 3], low_m: [f32::INFINITY; 3], high_m: [f32::NEG_INFINITY; 3] }
+    }
+}
+
+impl Gathered {
+    fn take(&mut self, p: &[f32; 3]) {
+        self.points += 1;
+        for (k, coordinate) in p.iter().enumerate() {
+            self.sum_m[k] += f64::from(*coordinate);
+            self.low_m[k] = self.low_m[k].min(*coordinate);
+            self.high_m[k] = self.high_m[k].max(*coordinate);
+        }
+    }
+
+    fn summary(&self, id: u16, completeness: f64) -> ObjectSummary {
+        let centroid_m = self.sum_m.map(|sum| sum / self.points as f64);
+        let extent_m = std::array::from_fn(|k| f64::from(self.high_m[k] - self.low_m[k]));
+        ObjectSummary { id, points: self.points, centroid_m, extent_m, completeness }
+    }
 }
 
 /// Per object, how much of what this view could show of it was observed.
@@ -42,12 +68,12 @@ struct Tally {
 }
 
 impl Completeness {
-    /// Measured on masks before their borders are removed; `in_camera` are points in the camera frame.
-    pub fn measure(in_camera: &PointMap, labels: &Image<u16>) -> Self {
+    /// Measured on masks before their borders are removed; `depth_m` holds NaN where there is no reading.
+    pub fn measure(depth_m: &Image<f32>, labels: &Image<u16>) -> Self {
         let most = labels.pixels().iter().copied().max().unwrap_or(0);
         let mut tallies = vec![Tally::default(); usize::from(most) + 1];
         let (width, height) = (labels.width(), labels.height());
-        let (points, ids) = (in_camera.pixels(), labels.pixels());
+        let (depths, ids) = (depth_m.pixels(), labels.pixels());
         for (i, &id) in ids.iter().enumerate() {
             if id == 0 {
                 continue;
@@ -55,7 +81,7 @@ impl Completeness {
             let tally = &mut tallies[usize::from(id)];
             let (u, v) = (i % width, i / width);
             tally.pixels += 1;
-            tally.readings += u32::from(is_reading(&points[i]));
+            tally.readings += u32::from(!depths[i].is_nan());
             let beside = [
                 (u > 0).then(|| i.wrapping_sub(1)),
                 (u + 1 < width).then_some(i + 1),
@@ -71,7 +97,7 @@ impl Completeness {
                     Some(j) if ids[j] != id => {
                         tally.outline += 1;
                         // With either reading missing this is false: an edge in the sensor's shadow counts as seen.
-                        tally.cut += u32::from(points[j].z + COVER_STEP_M < points[i].z);
+                        tally.cut += u32::from(depths[j] + COVER_STEP_M < depths[i]);
                     }
                     Some(_) => {}
                 }
@@ -91,22 +117,21 @@ impl Completeness {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::point_map::MISSING;
 
     /// A 20 x 20 picture of a background at 2 m with `masks` (id, depth, columns, rows) in front of it, later ones over earlier ones.
     fn measured(masks: &[(u16, f32, std::ops::Range<usize>, std::ops::Range<usize>)]) -> Completeness {
-        let mut in_camera = PointMap::filled(20, 20, Point3::new(0.0, 0.0, 2.0));
+        let mut depth_m = Image::filled(20, 20, 2.0);
         let mut labels = Image::filled(20, 20, 0);
         for (id, depth, columns, rows) in masks.iter().cloned() {
             for v in rows {
                 for u in columns.clone() {
-                    in_camera[(u, v)].z = depth;
+                    depth_m[(u, v)] = depth;
                     labels[(u, v)] = id;
                 }
             }
         }
-        in_camera[(7, 7)] = MISSING;
-        Completeness::measure(&in_camera, &labels)
+        depth_m[(7, 7)] = f32::NAN;
+        Completeness::measure(&depth_m, &labels)
     }
 
     #[test]
@@ -125,7 +150,7 @@ mod tests {
 
     #[test]
     fn a_summary_is_of_the_points_given() {
-        let points = [[0.0, 0.0, 0.0], [1.0, 2.0, 3.0], [9.0, 9.0, 9.0]].map(Point3::from);
+        let points = [[0.0, 0.0, 0.0], [1.0, 2.0, 3.0], [9.0, 9.0, 9.0]];
         let objects = summarise(&points, &[4, 4, 0], &measured(&[(4, 1.0, 8..14, 8..14)]));
         let expected = ObjectSummary { id: 4, points: 2, centroid_m: [0.5, 1.0, 1.5], extent_m: [1.0, 2.0, 3.0], completeness: 1.0 };
         assert_eq!(objects, [expected]);

@@ -1,4 +1,4 @@
-//! From a frame to a scene: unproject, level, label, clean borders, find surfaces, name objects.
+//! From a frame to a scene: take out flying readings, level, label, clean borders, find surfaces, name objects, tell what is unseen.
 //!
 //! Labels that come with the frame are taken as they are; without them objects are found from depth. Without a camera pose the world
 //! is that of the main support plane. The same frame and settings give the same scene, bit for bit.
@@ -11,12 +11,15 @@ use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, CameraModel, ErrorCode, Frame, RigidTransform, Scene, SceneMeta, Surface, Unseen};
 
 use crate::borders::border_band;
+use crate::cloud::Cloud;
+use crate::depth::DepthMap;
 use crate::objects::{Completeness, summarise};
-use crate::point_map::{PointMap, is_reading, strided, transformed, unproject};
+use crate::point_map::{PointMap, strided, transformed};
 use crate::settings::Settings;
 use crate::surfaces::{self, SupportSurface};
 use crate::unlabelled::{self, CoarseView};
-use crate::{gravity, upward};
+use crate::unseen::{self, RayView};
+use crate::{flying, gravity, upward};
 
 /// Why a frame gave no scene.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -71,8 +74,10 @@ impl From<SegmentError> for CallError {
 pub struct Segmented {
     /// The scene.
     pub scene: Scene,
-    /// The instance id of each pixel of the frame, given or found, before borders were cleaned; 0 is background.
+    /// The instance id of each pixel of the frame, given or found, of the objects in the scene; 0 is background. Borders belong to them.
     pub labels: Image<u16>,
+    /// The same without the band around each mask: the pixels whose readings are the objects' points.
+    pub cleaned: Image<u16>,
 }
 
 /// The scene that a frame shows.
@@ -80,7 +85,7 @@ pub struct Segmented {
 /// # Errors
 /// [`SegmentError`] when the frame contradicts itself, has no readings, or nothing says which way is up.
 pub fn segment(frame: &Frame, settings: &Settings) -> Result<Scene, SegmentError> {
-    Ok(segment_with_labels(frame, settings)?.scene)
+    Ok(Parts::of(frame, settings)?.scene)
 }
 
 /// The scene that a frame shows, and the masks, for those who draw or measure them.
@@ -88,69 +93,95 @@ pub fn segment(frame: &Frame, settings: &Settings) -> Result<Scene, SegmentError
 /// # Errors
 /// As [`segment`].
 pub fn segment_with_labels(frame: &Frame, settings: &Settings) -> Result<Segmented, SegmentError> {
-    frame.validate().map_err(SegmentError::Frame)?;
-    let model = &frame.camera;
-    let camera = Pinhole { width: model.width, height: model.height, fx: model.fx, fy: model.fy, cx: model.cx, cy: model.cy };
-    let in_camera = unproject(&frame.depth, model.depth_unit_m, &camera, settings.max_depth_m);
-    let readings = in_camera.pixels().iter().filter(|p| is_reading(p)).count();
-    if readings == 0 {
-        return Err(SegmentError::NoReadings { pixels: in_camera.pixels().len(), max_depth_m: settings.max_depth_m });
+    let Parts { scene, mut labels, band } = Parts::of(frame, settings)?;
+    for id in labels.pixels_mut().iter_mut().filter(|id| **id != 0 && scene.object(**id).is_none()) {
+        *id = 0;
     }
+    let mut cleaned = labels.clone();
+    for (id, _) in cleaned.pixels_mut().iter_mut().zip(band.pixels()).filter(|(_, banded)| **banded) {
+        *id = 0;
+    }
+    Ok(Segmented { scene, labels, cleaned })
+}
 
-    let stride = camera.width.div_ceil(settings.coarse_columns.max(1)).max(1);
-    let coarse_in_camera = strided(&in_camera, stride);
-    let (world_from_camera, world_frame) = world_of(model, &coarse_in_camera, settings)?;
-    let in_world = transformed(&in_camera, &world_from_camera);
-    let coarse = Coarse::new(&coarse_in_camera, strided(&in_world, stride), (camera.fx / stride as f64) as f32, settings);
+/// A scene and what it was made with.
+struct Parts {
+    scene: Scene,
+    /// Instance ids, those of objects that were too small to keep among them.
+    labels: Image<u16>,
+    band: Image<bool>,
+}
 
-    let labels = match &frame.labels {
-        Some(labels) => as_image(labels.clone(), &camera)?,
-        None => {
-            let surfaces = surfaces::find(coarse.upward(|_| Some(0)), &settings.surfaces);
-            let view = CoarseView { in_camera: &coarse_in_camera, in_world: &coarse.in_world, focal_px: coarse.focal_px };
-            unlabelled::spread(&unlabelled::label(&view, &surfaces, &settings.components), &in_camera, stride)
+impl Parts {
+    fn of(frame: &Frame, settings: &Settings) -> Result<Self, SegmentError> {
+        frame.validate().map_err(SegmentError::Frame)?;
+        let model = &frame.camera;
+        let camera = Pinhole { width: model.width, height: model.height, fx: model.fx, fy: model.fy, cx: model.cx, cy: model.cy };
+        let mut depth = DepthMap::new(&frame.depth, model.depth_unit_m, &camera, settings.max_depth_m);
+        let pixels = depth.depth_m().pixels().len();
+        let readings = depth.readings();
+        let pixels_flying = flying::remove(depth.depth_m_mut(), camera.fx as f32, &settings.flying);
+        if readings == pixels_flying {
+            return Err(SegmentError::NoReadings { pixels, max_depth_m: settings.max_depth_m });
         }
-    };
-    let band = border_band(&labels, &settings.borders);
-    let cloud = Cloud::new(&in_world, &labels, &band, frame.color.as_deref(), settings);
-    if cloud.points.is_empty() {
-        return Err(SegmentError::NothingLeft { readings, border_px: settings.borders.radius_px });
-    }
 
-    let (coarse_labels, coarse_band) = (strided(&labels, stride), strided(&band, stride));
-    let clean_label = |i: usize| (!coarse_band.pixels()[i]).then(|| coarse_labels.pixels()[i]).filter(|id| *id == 0 || cloud.keeps(*id));
-    let surfaces = surfaces::find(coarse.upward(clean_label), &settings.surfaces);
-    let mut objects = summarise(&cloud.points, &cloud.labels, &Completeness::measure(&in_camera, &labels));
-    for object in &mut objects {
-        object.centroid_m = object.centroid_m.map(micro);
-        object.extent_m = object.extent_m.map(micro);
-        object.completeness = micro(object.completeness);
+        let stride = camera.width.div_ceil(settings.coarse_columns.max(1)).max(1);
+        let in_camera = depth.points(stride);
+        let (world_from_camera, world_frame) = world_of(model, &in_camera, settings)?;
+        let coarse = Coarse::new(in_camera, &world_from_camera, &camera, stride, settings);
+
+        let labels = match &frame.labels {
+            Some(labels) => as_image(labels.clone(), &camera)?,
+            None => {
+                let surfaces = surfaces::find(coarse.upward(|_| Some(0)), &settings.surfaces);
+                unlabelled::spread(&unlabelled::label(&coarse.view(), &surfaces, &settings.components), &depth, stride)
+            }
+        };
+        let band = border_band(&labels, &settings.borders);
+        let cloud = Cloud::new(&depth, &world_from_camera, &labels, &band, frame.color.as_deref(), settings);
+        if cloud.points.is_empty() {
+            return Err(SegmentError::NothingLeft { readings, border_px: settings.borders.radius_px });
+        }
+
+        let (coarse_labels, coarse_band) = (strided(&labels, stride), strided(&band, stride));
+        let clean_label =
+            |i: usize| (!coarse_band.pixels()[i]).then(|| coarse_labels.pixels()[i]).filter(|id| *id == 0 || cloud.keeps(*id));
+        let surfaces = surfaces::find(coarse.upward(clean_label), &settings.surfaces);
+        let rays = RayView { depth_m: &coarse.depth_m, camera: coarse.camera, world_from_camera: &world_from_camera };
+        let space = unseen::space(&rays, &surfaces, &settings.unseen);
+        let mut objects = summarise(&cloud.points, &cloud.labels, &Completeness::measure(depth.depth_m(), &labels));
+        for object in &mut objects {
+            object.centroid_m = object.centroid_m.map(micro);
+            object.extent_m = object.extent_m.map(micro);
+            object.completeness = micro(object.completeness);
+        }
+        let meta = SceneMeta {
+            objects,
+            surfaces: on_the_wire(surfaces),
+            camera: CameraModel {
+                world_from_camera: Some(RigidTransform(to_row_major(&world_from_camera).map(|entry| rounded(entry, 1e9)))),
+                ..model.clone()
+            },
+            world_frame,
+            view_yaw_rad: rounded(ViewerFrame::from_camera(&world_from_camera).yaw_rad(), 1e9),
+            unseen: Unseen {
+                pixels_without_reading: pixels - readings,
+                pixels_on_borders: cloud.on_borders,
+                pixels_flying,
+                share: micro(1.0 - cloud.available as f64 / pixels as f64),
+                space,
+            },
+        };
+        let scene = Scene {
+            camera_name: frame.camera_name.clone(),
+            stamp_ns: frame.stamp_ns,
+            points: cloud.points,
+            labels: cloud.labels,
+            colors: cloud.colors,
+            meta,
+        };
+        Ok(Self { scene, labels, band })
     }
-    let pixels = in_camera.pixels().len();
-    let meta = SceneMeta {
-        objects,
-        surfaces: on_the_wire(surfaces),
-        camera: CameraModel {
-            world_from_camera: Some(RigidTransform(to_row_major(&world_from_camera).map(|entry| rounded(entry, 1e9)))),
-            ..model.clone()
-        },
-        world_frame,
-        view_yaw_rad: rounded(ViewerFrame::from_camera(&world_from_camera).yaw_rad(), 1e9),
-        unseen: Unseen {
-            pixels_without_reading: pixels - readings,
-            pixels_on_borders: cloud.on_borders,
-            share: micro(1.0 - cloud.available as f64 / pixels as f64),
-        },
-    };
-    let scene = Scene {
-        camera_name: frame.camera_name.clone(),
-        stamp_ns: frame.stamp_ns,
-        points: cloud.points.iter().map(|p| p.coords.into()).collect(),
-        labels: cloud.labels,
-        colors: cloud.colors,
-        meta,
-    };
-    Ok(Segmented { scene, labels })
 }
 
 /// The camera's pose: as given, or from the main support plane.
@@ -170,81 +201,39 @@ fn as_image(labels: Vec<u16>, camera: &Pinhole) -> Result<Image<u16>, SegmentErr
 
 /// The coarse picture and which of its pixels face up.
 struct Coarse {
+    camera: Pinhole,
+    in_camera: PointMap,
     in_world: PointMap,
+    depth_m: Image<f32>,
     faces_up: Image<bool>,
-    focal_px: f32,
 }
 
 impl Coarse {
-    fn new(in_camera: &PointMap, in_world: PointMap, focal_px: f32, settings: &Settings) -> Self {
+    /// From every `stride`-th pixel of `camera`'s picture.
+    fn new(in_camera: PointMap, world_from_camera: &Isometry3<f64>, camera: &Pinhole, stride: usize, settings: &Settings) -> Self {
+        let scale = stride as f64;
+        let camera = Pinhole {
+            width: in_camera.width(),
+            height: in_camera.height(),
+            fx: camera.fx / scale,
+            fy: camera.fy / scale,
+            cx: camera.cx / scale,
+            cy: camera.cy / scale,
+        };
+        let in_world = transformed(&in_camera, world_from_camera);
         let depth_m = in_camera.map(|p| p.z);
-        let faces_up = upward::upward_facing(&in_world, &depth_m, focal_px, settings.surfaces.max_tilt_rad);
-        Self { in_world, faces_up, focal_px }
+        let faces_up = upward::upward_facing(&in_world, &depth_m, camera.fx as f32, settings.surfaces.max_tilt_rad);
+        Self { camera, in_camera, in_world, depth_m, faces_up }
+    }
+
+    fn view(&self) -> CoarseView<'_> {
+        CoarseView { in_camera: &self.in_camera, in_world: &self.in_world, focal_px: self.camera.fx as f32 }
     }
 
     /// The points that face up, with the label of their pixel; pixels without one are left out.
     fn upward(&self, label: impl Fn(usize) -> Option<u16>) -> impl Iterator<Item = (Point3<f32>, u16)> {
         let facing = self.faces_up.pixels().iter().enumerate().filter(|(_, up)| **up);
         facing.filter_map(move |(i, _)| Some((self.in_world.pixels()[i], label(i)?)))
-    }
-}
-
-/// The scene's points.
-struct Cloud {
-    points: Vec<Point3<f32>>,
-    labels: Vec<u16>,
-    colors: Option<Vec<[u8; 3]>>,
-    /// Per id, whether the object has enough points to be kept.
-    kept: Vec<bool>,
-    /// Readings dropped because they lie in a border band.
-    on_borders: usize,
-    /// Points before thinning.
-    available: usize,
-}
-
-impl Cloud {
-    /// Every reading outside the bands, in the picture's order; thinned evenly when there are more than `max_points`.
-    fn new(in_world: &PointMap, labels: &Image<u16>, band: &Image<bool>, colors: Option<&[[u8; 3]]>, settings: &Settings) -> Self {
-        let most = labels.pixels().iter().copied().max().unwrap_or(0);
-        let mut counts = vec![0usize; usize::from(most) + 1];
-        let mut on_borders = 0;
-        for ((p, id), banded) in in_world.pixels().iter().zip(labels.pixels()).zip(band.pixels()) {
-            let reading = is_reading(p);
-            on_borders += usize::from(reading && *banded);
-            counts[usize::from(*id)] += usize::from(reading && !banded);
-        }
-        let kept: Vec<bool> = counts.iter().enumerate().map(|(id, n)| id == 0 || *n >= settings.min_object_points).collect();
-        let available: usize = counts.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(n, _)| n).sum();
-        let wanted = available.min(settings.max_points);
-        let mut cloud = Self {
-            points: Vec::with_capacity(wanted),
-            labels: Vec::with_capacity(wanted),
-            colors: colors.map(|_| Vec::with_capacity(wanted)),
-            kept,
-            on_borders,
-            available,
-        };
-        let mut owed = 0;
-        for (i, ((p, &id), banded)) in in_world.pixels().iter().zip(labels.pixels()).zip(band.pixels()).enumerate() {
-            if *banded || !is_reading(p) || !cloud.kept[usize::from(id)] {
-                continue;
-            }
-            // Of `available` points take `wanted`, as evenly as integers allow.
-            owed += wanted;
-            if owed >= available {
-                owed -= available;
-                cloud.points.push(*p);
-                cloud.labels.push(id);
-                if let (Some(out), Some(colors)) = (&mut cloud.colors, colors) {
-                    out.push(colors[i]);
-                }
-            }
-        }
-        cloud
-    }
-
-    fn keeps(&self, id: u16) -> bool {
-        self.kept.get(usize::from(id)).copied().unwrap_or(false)
     }
 }
 
@@ -345,7 +334,7 @@ mod tests {
         let kept = scene.points_of(9).count();
         assert!(kept < mask && kept > mask / 2);
         let readings = frame.depth.iter().filter(|d| **d > 0).count();
-        assert_eq!(scene.points.len() + scene.meta.unseen.pixels_on_borders, readings);
+        assert_eq!(scene.points.len() + scene.meta.unseen.pixels_on_borders + scene.meta.unseen.pixels_flying, readings);
         assert_eq!(scene.meta.unseen.pixels_without_reading, 320 * 240 - readings);
     }
 
@@ -369,8 +358,11 @@ mod tests {
             field(Frame { labels: Some((0..320 * 240).map(|i| (i % 2) as u16).collect()), ..frame.clone() }).as_deref(),
             Some("labels")
         );
-        let speckle = (0..320u32 * 240).map(|i| (i.wrapping_mul(2_654_435_761) >> 17) as u16).collect();
-        assert_eq!(field(Frame { depth: speckle, labels: None, ..frame }).as_deref(), Some("world_from_camera"));
+        // A ceiling half a metre above the camera, and nothing else.
+        let ceiling = (0..320 * 240)
+            .map(|i| 119.5 - f64::from(i / 320))
+            .map(|up| if up > 0.0 { (0.5 * 262.0 / up * 1e4).min(6e4) as u16 } else { 0 });
+        assert_eq!(field(Frame { depth: ceiling.collect(), labels: None, ..frame }).as_deref(), Some("world_from_camera"));
     }
 
     proptest! {

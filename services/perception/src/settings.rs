@@ -14,6 +14,8 @@ pub struct Settings {
     pub min_object_points: usize,
     /// Columns of the coarse picture that supports, surfaces and components are found on; raising it costs time, quadratically.
     pub coarse_columns: usize,
+    /// Removing readings that hang in the air.
+    pub flying: FlyingSettings,
     /// Removing the uncertain band around every mask.
     pub borders: BorderSettings,
     /// Finding out which way is up.
@@ -22,6 +24,8 @@ pub struct Settings {
     pub surfaces: SurfaceSettings,
     /// Finding objects when no labels are given.
     pub components: ComponentSettings,
+    /// Telling where nothing was seen.
+    pub unseen: UnseenSettings,
     /// Seed of every random draw, so that the same frame gives the same scene.
     pub seed: u64,
 }
@@ -33,12 +37,46 @@ impl Default for Settings {
             max_points: 320_000,
             min_object_points: 50,
             coarse_columns: 320,
+            flying: FlyingSettings::default(),
             borders: BorderSettings::default(),
             gravity: GravitySettings::default(),
             surfaces: SurfaceSettings::default(),
             components: ComponentSettings::default(),
+            unseen: UnseenSettings::default(),
             seed: 0,
         }
+    }
+}
+
+/// What counts as a reading between two surfaces.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FlyingSettings {
+    /// Steepest surface, depth per distance across the view (a tangent); neighbouring pixels of one surface differ by no more. Raising it
+    /// keeps more of surfaces seen at a glance, and more stray readings.
+    pub max_slope: f32,
+    /// Depth noise added to that difference, metres per square metre of depth.
+    pub noise_per_m2: f32,
+}
+
+impl Default for FlyingSettings {
+    fn default() -> Self {
+        Self { max_slope: 6.0, noise_per_m2: 0.006 }
+    }
+}
+
+/// How finely unseen space is told.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct UnseenSettings {
+    /// Edge of the cubes, metres; larger where the furniture is too wide for [`UnseenSpace`](repose_proto::UnseenSpace). Lowering it
+    /// costs time and bytes, quadratically, and lowers how high the cubes reach.
+    pub cell_m: f64,
+}
+
+impl Default for UnseenSettings {
+    fn default() -> Self {
+        Self { cell_m: 0.02 }
     }
 }
 
@@ -70,6 +108,8 @@ pub struct GravitySettings {
     pub tolerance_per_m2: f32,
     /// Least share of the readings that the plane must hold.
     pub min_share: f64,
+    /// Fewest readings that it must hold, of those judged on: any three make a plane.
+    pub min_readings: usize,
     /// Most readings below the plane, as a multiple of those on it: what the objects stand on has little beneath it.
     pub max_below_ratio: f64,
     /// Largest roll of the camera about its optical axis, radians.
@@ -86,6 +126,7 @@ impl Default for GravitySettings {
             tolerance_m: 0.004,
             tolerance_per_m2: 0.004,
             min_share: 0.1,
+            min_readings: 50,
             max_below_ratio: 1.0,
             max_roll_rad: 0.8,
             max_past_vertical_rad: 0.1,

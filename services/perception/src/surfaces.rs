@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use repose_geometry::{Footprint, Point2, Point3};
+use repose_geometry::{Footprint, Point2, Point3, Vector2};
 
 use crate::settings::SurfaceSettings;
 
@@ -182,7 +182,10 @@ fn outline(points: &[Point3<f32>]) -> Option<Footprint> {
         }
     }
     let octagon = extremes.map(|(_, p)| p.xy());
-    let inside = |p: &Point2<f32>| (0..8).all(|i| (octagon[(i + 1) % 8] - octagon[i]).perp(&(p - octagon[i])) > 0.0);
+    // A corner may be the most extreme point of several directions: an edge without length keeps nobody out.
+    let edges: Vec<(Point2<f32>, Vector2<f32>)> =
+        (0..8).map(|i| (octagon[i], octagon[(i + 1) % 8] - octagon[i])).filter(|(_, along)| *along != Vector2::zeros()).collect();
+    let inside = |p: &Point2<f32>| edges.len() > 2 && edges.iter().all(|(from, along)| along.perp(&(p - from)) > 0.0);
     Footprint::of(points.iter().filter(|p| !inside(&p.xy())))
 }
 

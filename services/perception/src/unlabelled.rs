@@ -5,6 +5,7 @@
 
 use repose_geometry::{Aabb, Image, Point2, Point3};
 
+use crate::depth::DepthMap;
 use crate::point_map::{PointMap, is_reading};
 use crate::settings::ComponentSettings;
 use crate::surfaces::SupportSurface;
@@ -42,51 +43,60 @@ pub fn label(view: &CoarseView<'_>, surfaces: &[SupportSurface], settings: &Comp
 
 /// The full picture's labels: each pixel takes the label of the nearest (in space) of the coarse pixels around it.
 ///
-/// `stride` is what `coarse` was thinned by; `in_camera` are the full picture's points.
-pub fn spread(coarse: &Image<u16>, in_camera: &PointMap, stride: usize) -> Image<u16> {
-    let (width, height) = (in_camera.width(), in_camera.height());
+/// `stride` is what `coarse` was thinned by; `depth` is the full picture.
+pub fn spread(coarse: &Image<u16>, depth: &DepthMap, stride: usize) -> Image<u16> {
+    let (width, height) = (depth.width(), depth.height());
     let mut labels = Image::filled(width, height, 0u16);
-    if stride == 1 {
-        return coarse.clone();
-    }
-    let points = in_camera.pixels();
-    for v in 0..height {
-        let rows = [v / stride, (v / stride + 1).min(coarse.height() - 1)];
-        for u in 0..width {
-            let p = &points[v * width + u];
-            if !is_reading(p) {
+    for (row, v0) in (0..height).step_by(stride).enumerate() {
+        let below = (row + 1).min(coarse.height() - 1);
+        for (column, u0) in (0..width).step_by(stride).enumerate() {
+            let right = (column + 1).min(coarse.width() - 1);
+            let corners = [(column, row), (right, row), (column, below), (right, below)];
+            let ids = corners.map(|at| coarse[at]);
+            if ids == [0; 4] {
                 continue;
             }
-            let columns = [u / stride, (u / stride + 1).min(coarse.width() - 1)];
-            let corner = |k: usize| coarse.pixels()[rows[k / 2] * coarse.width() + columns[k % 2]];
-            let first = corner(0);
-            if (1..4).all(|k| corner(k) == first) {
-                labels.pixels_mut()[v * width + u] = first;
-                continue;
-            }
-            let mut nearest = (f32::INFINITY, 0);
-            for k in 0..4 {
-                let distance = (points[rows[k / 2] * stride * width + columns[k % 2] * stride] - p).norm_squared();
-                if distance < nearest.0 {
-                    nearest = (distance, corner(k));
+            for v in v0..(v0 + stride).min(height) {
+                for u in u0..(u0 + stride).min(width) {
+                    let p = depth.point(u, v);
+                    if !is_reading(&p) {
+                        continue;
+                    }
+                    if ids.iter().all(|id| *id == ids[0]) {
+                        labels[(u, v)] = ids[0];
+                        continue;
+                    }
+                    let mut nearest = (f32::INFINITY, 0);
+                    for ((column, row), id) in corners.into_iter().zip(ids) {
+                        let distance = (depth.point(column * stride, row * stride) - p).norm_squared();
+                        if distance < nearest.0 {
+                            nearest = (distance, id);
+                        }
+                    }
+                    labels[(u, v)] = nearest.1;
                 }
             }
-            labels.pixels_mut()[v * width + u] = nearest.1;
         }
     }
     labels
 }
 
-/// Pixels that rise above the main support and lie on none of the others.
+/// Pixels that rise above the support under them and lie on none of the others.
+///
+/// Above the main support everything counts, wherever it is: what leans over the edge is an object, too. A lower support counts where it
+/// is not under the main one; otherwise the sides of a table would stand on the floor.
 fn foreground(view: &CoarseView<'_>, supports: &[&SupportSurface], settings: &ComponentSettings) -> Image<bool> {
     let mut foreground = Image::filled(view.in_world.width(), view.in_world.height(), false);
-    let main = supports.iter().max_by(|a, b| a.seen_m2.total_cmp(&b.seen_m2));
-    let lowest_m = main.map_or(f32::NEG_INFINITY, |s| s.height_m);
+    let Some(main) = supports.iter().max_by(|a, b| a.seen_m2.total_cmp(&b.seen_m2)) else { return foreground };
+    let lower: Vec<&&SupportSurface> = supports.iter().filter(|s| s.height_m < main.height_m).collect();
     let pixels = view.in_world.pixels().iter().zip(view.in_camera.pixels());
     for (out, (p, seen)) in foreground.pixels_mut().iter_mut().zip(pixels) {
         let clearance = settings.clearance_m + settings.noise_per_m2 * seen.z * seen.z;
+        let above_lower = |s: &&&SupportSurface| p.z > s.height_m + clearance && s.outline.margin(&p.xy()) > 0.0;
+        let stands = p.z > main.height_m + clearance
+            || lower.iter().any(above_lower) && main.outline.margin(&p.xy()) < -OUTLINE_SLACK_M && p.z < main.height_m - clearance;
         let on = |s: &&SupportSurface| (p.z - s.height_m).abs() <= clearance && s.outline.margin(&p.xy()) > 0.0;
-        *out = p.z > lowest_m + clearance && !supports.iter().any(on);
+        *out = stands && !supports.iter().any(on);
     }
     foreground
 }
@@ -111,5 +121,62 @@ fn keep_objects(labels: &mut Image<u16>, in_world: &PointMap, supports: &[&Suppo
     }
     for id in labels.pixels_mut() {
         *id = renumbered[usize::from(*id)];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::point_map::transformed;
+    use crate::settings::SurfaceSettings;
+    use crate::synthetic::{Solid, cast, render};
+    use crate::{surfaces, upward};
+    use repose_geometry::transform::look_at;
+    use repose_geometry::{Pinhole, Vector3};
+
+    const CAMERA: Pinhole = Pinhole { width: 320, height: 240, fx: 262.0, fy: 262.0, cx: 159.5, cy: 119.5 };
+
+    /// Per solid, the id that most of its pixels got.
+    fn main_ids(solids: &[Solid]) -> Vec<u16> {
+        let world_from_camera = look_at(&Point3::new(0.0, -0.9, 0.8), &Point3::new(0.0, 0.1, 0.0), &Vector3::z());
+        let in_camera = render(solids, &CAMERA, &world_from_camera);
+        let in_world = transformed(&in_camera, &world_from_camera);
+        let settings = SurfaceSettings::default();
+        let faces_up = upward::upward_facing(&in_world, &in_camera.map(|p| p.z), 262.0, settings.max_tilt_rad);
+        let facing = in_world.pixels().iter().zip(faces_up.pixels()).filter(|(_, up)| **up).map(|(p, _)| (*p, 0));
+        let surfaces = surfaces::find(facing, &settings);
+        let view = CoarseView { in_camera: &in_camera, in_world: &in_world, focal_px: 262.0 };
+        let labels = label(&view, &surfaces, &ComponentSettings::default());
+        let seen = cast(solids, &CAMERA, &world_from_camera);
+        (0..solids.len())
+            .map(|solid| {
+                let mut counts = std::collections::BTreeMap::new();
+                for (_, id) in seen.pixels().iter().zip(labels.pixels()).filter(|(s, _)| s.is_some_and(|(_, k)| k == solid)) {
+                    *counts.entry(*id).or_insert(0usize) += 1;
+                }
+                counts.into_iter().max_by_key(|(_, n)| *n).map_or(0, |(id, _)| id)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn objects_on_two_tables_of_different_height_are_found_and_the_tables_are_not() {
+        let higher = Solid::cuboid([-0.4, 0.1, -0.02], [0.3, 0.4, 0.02]);
+        let lower = Solid::cuboid([0.4, 0.1, -0.22], [0.3, 0.4, 0.02]);
+        let on_higher = Solid::cuboid([-0.35, 0.1, 0.05], [0.05, 0.05, 0.05]);
+        let on_lower = Solid::cuboid([0.4, 0.1, -0.14], [0.05, 0.05, 0.06]);
+        let ids = main_ids(&[higher, lower, on_higher, on_lower]);
+        assert_eq!((ids[0], ids[1]), (0, 0));
+        assert!(ids[2] != 0 && ids[3] != 0 && ids[2] != ids[3], "{ids:?}");
+    }
+
+    #[test]
+    fn a_box_on_a_shelf_over_the_table_is_found_and_the_shelf_is_not() {
+        let shelf = Solid::cuboid([0.0, 0.55, 0.3], [0.5, 0.15, 0.01]);
+        let on_table = Solid::cuboid([0.1, -0.1, 0.04], [0.05, 0.05, 0.04]);
+        let on_shelf = Solid::cuboid([-0.2, 0.5, 0.36], [0.05, 0.05, 0.05]);
+        let ids = main_ids(&[Solid::table(0.0), shelf, on_table, on_shelf]);
+        assert_eq!((ids[0], ids[1]), (0, 0));
+        assert!(ids[2] != 0 && ids[3] != 0 && ids[2] != ids[3], "{ids:?}");
     }
 }

@@ -20,7 +20,8 @@ const MAX_BEND: f32 = 0.2;
 pub fn upward_facing(in_world: &PointMap, depth_m: &Image<f32>, focal_px: f32, max_tilt_rad: f32) -> Image<bool> {
     let (width, height) = (in_world.width(), in_world.height());
     let points = in_world.pixels();
-    let least_cos = max_tilt_rad.cos();
+    // Squared below: a surface that may tilt further than upright would be no surface to stand on.
+    let least_cos = max_tilt_rad.cos().max(0.0);
     let mut upward = Image::filled(width, height, false);
     for (i, (out, &depth)) in upward.pixels_mut().iter_mut().zip(depth_m.pixels()).enumerate() {
         if depth.is_nan() {
@@ -32,7 +33,9 @@ pub fn upward_facing(in_world: &PointMap, depth_m: &Image<f32>, focal_px: f32, m
             continue;
         }
         // False where an end is missing.
-        let straight = |a: &Point3<f32>, b: &Point3<f32>| (nalgebra::center(a, b) - points[i]).norm() <= MAX_BEND * (b - a).norm();
+        let straight = |a: &Point3<f32>, b: &Point3<f32>| {
+            (nalgebra::center(a, b) - points[i]).norm_squared() <= MAX_BEND * MAX_BEND * (b - a).norm_squared()
+        };
         let (left, right) = (&points[i - arm], &points[i + arm]);
         let (above, below) = (&points[i - arm * width], &points[i + arm * width]);
         if !straight(left, right) || !straight(above, below) {
@@ -40,7 +43,7 @@ pub fn upward_facing(in_world: &PointMap, depth_m: &Image<f32>, focal_px: f32, m
         }
         // Down the picture times right across it points at the camera, whatever the surface.
         let normal = (below - above).cross(&(right - left));
-        *out = normal.z >= least_cos * normal.norm();
+        *out = normal.z > 0.0 && normal.z * normal.z >= least_cos * least_cos * normal.norm_squared();
     }
     upward
 }

@@ -1,36 +1,14 @@
 //! The service as its callers and cameras see it, on one embedded session.
 
+mod common;
+
 use std::time::Duration;
 
-use repose_geometry::Isometry3;
-use repose_geometry::transform::to_row_major;
-use repose_perception::{PerceptionConfig, run};
+use common::{config, encoded, frame};
+use repose_perception::run;
 use repose_proto::perception::{LatestRequest, SceneRequest};
-use repose_proto::{CallError, CameraModel, ErrorCode, Frame, Payload, RigidTransform, Scene, SceneSummary, Service};
+use repose_proto::{CallError, ErrorCode, Frame, Payload, Scene, SceneSummary, Service};
 use repose_runtime::{Answer, CallOptions, Caller, Session, Shutdown, Traffic};
-
-/// A camera 1 m above a table, looking straight down at a box of 10 cm in the middle of the view.
-fn frame(stamp_ns: u64) -> Frame {
-    let down = nalgebra::UnitQuaternion::from_axis_angle(&nalgebra::Vector3::x_axis(), std::f64::consts::PI);
-    let world_from_camera = Isometry3::from_parts(nalgebra::Translation3::new(0.0, 0.0, 1.0), down);
-    let camera = CameraModel {
-        width: 160,
-        height: 120,
-        fx: 140.0,
-        fy: 140.0,
-        cx: 79.5,
-        cy: 59.5,
-        depth_unit_m: 0.001,
-        world_from_camera: Some(RigidTransform(to_row_major(&world_from_camera))),
-    };
-    let on_box = |i: usize| (70..90).contains(&(i % 160)) && (50..70).contains(&(i / 160));
-    let depth = (0..160 * 120).map(|i| if on_box(i) { 900 } else { 1000 }).collect();
-    Frame { camera_name: "front".to_owned(), stamp_ns, camera, depth, color: None, labels: None }
-}
-
-fn encoded(frame: &Frame) -> Payload {
-    Payload::bulk(Frame::SCHEMA, &frame.to_bulk()).unwrap()
-}
 
 /// A running service with a caller of it.
 struct Running {
@@ -44,11 +22,7 @@ impl Running {
     async fn start() -> Self {
         let session = Session::embedded().await.unwrap();
         let shutdown = Shutdown::new();
-        let mut config = PerceptionConfig::default();
-        config.segmentation.coarse_columns = 160;
-        // A picture this small has few pixels on the box.
-        config.segmentation.components.min_pixels = 50;
-        let service = tokio::spawn(run(session.clone(), config, shutdown.clone()));
+        let service = tokio::spawn(run(session.clone(), config(), shutdown.clone()));
         let caller = session.caller(Service::Perception).await.unwrap();
         caller.wait_for_workers(1, Duration::from_secs(10)).await.unwrap();
         Self { session, caller, shutdown, service }
@@ -77,7 +51,7 @@ fn scene_in(payload: &Payload) -> Scene {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_segmented_frame_can_be_asked_for_by_its_id() {
     let running = Running::start().await;
-    let answer = running.call("segment", encoded(&frame(7))).await.unwrap();
+    let answer = running.call("segment", encoded(&frame("front", 7))).await.unwrap();
     let scene = scene_in(&answer.payload);
     assert_eq!(scene.meta.objects.len(), 1);
     assert!((scene.meta.objects[0].centroid_m[2] - 0.1).abs() < 0.01);
@@ -94,7 +68,7 @@ async fn a_cameras_frame_becomes_its_newest_scene() {
     let mut scenes = running.session.subscribe_queue(&cell.scene("front"), 8).await.unwrap();
     // Put until one arrives: the service's subscription may still be on its way.
     let published: SceneSummary = loop {
-        running.session.put(&cell.camera_frame("front"), encoded(&frame(42)), Traffic::Frame).await.unwrap();
+        running.session.put(&cell.camera_frame("front"), encoded(&frame("front", 42)), Traffic::Frame).await.unwrap();
         if let Ok(Some(sample)) = tokio::time::timeout(Duration::from_millis(500), scenes.recv()).await {
             break sample.payload.decode_json().unwrap();
         }
@@ -110,9 +84,9 @@ async fn a_cameras_frame_becomes_its_newest_scene() {
 #[tokio::test(flavor = "multi_thread")]
 async fn what_cannot_be_answered_is_said_with_its_field() {
     let running = Running::start().await;
-    let empty = Frame { depth: vec![0; 160 * 120], ..frame(1) };
+    let empty = Frame { depth: vec![0; 160 * 120], ..frame("front", 1) };
     assert_eq!(running.error("segment", encoded(&empty)).await, (ErrorCode::InvalidArgument, "depth".to_owned()));
-    let mut disagreeing = frame(1).to_bulk();
+    let mut disagreeing = frame("front", 1).to_bulk();
     disagreeing.tensors.insert("labels".to_owned(), repose_proto::Tensor::u16(&[3, 4], &[0; 12]));
     let disagreeing = Payload::bulk(Frame::SCHEMA, &disagreeing).unwrap();
     assert_eq!(running.error("segment", disagreeing).await, (ErrorCode::InvalidArgument, "labels".to_owned()));
@@ -120,6 +94,6 @@ async fn what_cannot_be_answered_is_said_with_its_field() {
     assert_eq!(running.error("scene", unknown).await, (ErrorCode::NotFound, "scene_id".to_owned()));
     let nobody = Payload::json(&LatestRequest { camera: "nobody".to_owned() }).unwrap();
     assert_eq!(running.error("latest", nobody).await, (ErrorCode::NotFound, "camera".to_owned()));
-    assert_eq!(running.error("dance", encoded(&frame(1))).await.1, "method");
+    assert_eq!(running.error("dance", encoded(&frame("front", 1))).await.1, "method");
     running.stop().await;
 }

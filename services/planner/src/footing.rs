@@ -93,8 +93,8 @@ impl Ground<'_> {
 
     fn carried(&self, place: &Point2<f32>, level_m: f32) -> Option<Carried> {
         let tolerance_m = self.settings.tolerance_m;
-        let runs = self.prepared.columns.at(place).iter();
-        let top = runs.filter(|r| r.seen && r.object != self.query.id && (r.high_m - level_m).abs() <= tolerance_m).next_back();
+        let mut runs = self.prepared.columns.at(place).iter();
+        let top = runs.rfind(|r| r.seen && r.object != self.query.id && (r.high_m - level_m).abs() <= tolerance_m);
         if let Some(run) = top {
             return Some(Carried::Seen(run.object));
         }

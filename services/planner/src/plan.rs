@@ -32,7 +32,7 @@ pub enum Step {
     /// Another batch is about to be drawn.
     Batch,
     /// An iteration is done.
-    Iteration(PlaceProgress),
+    Iteration(Box<PlaceProgress>),
 }
 
 /// A result, and what stands behind it.
@@ -89,11 +89,11 @@ pub fn plan_with_report(
     let (findings, stopped) = search(&mut judge, source, &mut rng, &mut |done, judge| {
         let step = match done {
             None => Step::Batch,
-            Some(findings) => Step::Iteration(PlaceProgress {
+            Some(findings) => Step::Iteration(Box::new(PlaceProgress {
                 iterations: findings.iterations,
                 evaluated: findings.evaluated,
                 best: findings.best().map(|best| answers::placement(best, judge)),
-            }),
+            })),
         };
         control(step)?;
         if time_is_up() { ControlFlow::Break(Stop::Deadline) } else { ControlFlow::Continue(()) }

@@ -167,7 +167,7 @@ fn bottom(
     // Of other objects only those that reach under this one: what stands beside it carries nothing.
     let reaches_under = |other: u16| match other {
         0 => true,
-        _ => clouds.get(&other).and_then(|points| Footprint::of(points)).is_some_and(|outline| outline.margin(&middle) >= -0.005),
+        _ => clouds.get(&other).and_then(Footprint::of).is_some_and(|outline| outline.margin(&middle) >= -0.005),
     };
     let carriers: BTreeSet<u16> = clouds.keys().copied().chain([0]).filter(|other| *other != id && reaches_under(*other)).collect();
     let shown = carrier_top(clouds.get(&id)?, &carriers, limit_m, seen, settings);

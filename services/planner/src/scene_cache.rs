@@ -1,7 +1,9 @@
 //! Prepared scenes by id, so that many requests on one scene prepare it once; bounded, least recently used out.
 
+use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
+use lru::LruCache;
 use repose_proto::{CallError, Scene};
 
 use crate::prepared::Prepared;
@@ -24,24 +26,18 @@ impl CachedScene {
 /// The scenes that a worker keeps.
 #[derive(Debug)]
 pub struct SceneCache {
-    /// Most recently used last.
-    scenes: Mutex<Vec<Arc<CachedScene>>>,
-    capacity: usize,
+    scenes: Mutex<LruCache<String, Arc<CachedScene>>>,
 }
 
 impl SceneCache {
     /// An empty cache; it holds one scene at least.
     pub fn new(capacity: usize) -> Self {
-        Self { scenes: Mutex::default(), capacity: capacity.max(1) }
+        Self { scenes: Mutex::new(LruCache::new(NonZeroUsize::new(capacity).unwrap_or(NonZeroUsize::MIN))) }
     }
 
     /// A scene by its id.
     pub fn get(&self, scene_id: &str) -> Option<Arc<CachedScene>> {
-        let mut scenes = self.scenes();
-        let at = scenes.iter().position(|s| s.scene_id == scene_id)?;
-        let found = scenes.remove(at);
-        scenes.push(found.clone());
-        Some(found)
+        self.scenes().get(scene_id).cloned()
     }
 
     /// Keeps a scene under the id that a request gave it. Hashes the scene.
@@ -53,20 +49,12 @@ impl SceneCache {
         if actual != scene_id {
             return Err(CallError::invalid("scene.scene_id", format!("the scene's id is {actual}, not {scene_id}")));
         }
-        if let Some(known) = self.get(scene_id) {
-            return Ok(known);
-        }
-        let cached = Arc::new(CachedScene { scene_id: actual, scene: Arc::new(scene), prepared: OnceLock::new() });
-        let mut scenes = self.scenes();
-        if scenes.len() == self.capacity {
-            scenes.remove(0);
-        }
-        scenes.push(cached.clone());
-        Ok(cached)
+        let new = || Arc::new(CachedScene { scene_id: actual.clone(), scene: Arc::new(scene), prepared: OnceLock::new() });
+        Ok(self.scenes().get_or_insert(actual.clone(), new).clone())
     }
 
-    fn scenes(&self) -> MutexGuard<'_, Vec<Arc<CachedScene>>> {
-        // Every change leaves the list whole, so a panic elsewhere under the lock does not spoil it.
+    fn scenes(&self) -> MutexGuard<'_, LruCache<String, Arc<CachedScene>>> {
+        // Every change leaves the cache whole, so a panic elsewhere under the lock does not spoil it.
         self.scenes.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -60,7 +60,7 @@ impl Worker {
                 let batch = last_batch.elapsed();
                 last_batch = Instant::now();
                 if let Step::Iteration(done) = step {
-                    progress(done);
+                    progress(*done);
                 }
                 let left = context.remaining();
                 if !left.is_zero() && context.cancelled().is_cancelled() {

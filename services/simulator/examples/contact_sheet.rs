@@ -36,7 +36,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             }
         }
         let mut rng = Pcg64::seed_from_u64(seed);
-        let (camera, world_from_camera) = random_viewpoint(&scene.middle(), &viewpoint, &mut rng);
+        let (camera, world_from_camera) = random_viewpoint(&scene.focus(), &viewpoint, &mut rng);
         let start = Instant::now();
         let seen = picture(&camera, &world_from_camera, &scene.drawables());
         render_s += start.elapsed().as_secs_f64();

@@ -6,7 +6,8 @@ use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use repose_geometry::Pinhole;
 use repose_geometry::transform::look_at;
 
-use crate::arrange::{ArrangeSettings, Table, Ways};
+use crate::arrange::{ArrangeSettings, Ways};
+use crate::furniture::{KindWeights, SceneKind, Table};
 use crate::objects::Family;
 use crate::physics::PhysicsSettings;
 use crate::scene::{NoScene, Scene, SceneSettings, scene_of_seed};
@@ -31,16 +32,21 @@ impl Default for CellSettings {
             objects: [3, 6],
             families: vec![Box, Box, Box, Box, Cylinder, Cylinder, Can, Can, Bottle, Mug, Mug, Cup, Bowl, Compound],
             scale: [0.6, 0.95],
-            table: Table::Fixed { low: Point2::new(0.25, -0.45), high: Point2::new(0.85, 0.45), middle: Point2::new(0.52, 0.0) },
             spread_m: [0.2, 0.24],
             highest_stack_m: 0.15,
             friction: [0.7, 0.9],
-            supports: 0.0,
+            gather_at: Some(Point2::new(0.52, 0.0)),
             ways: Ways { surface: 0.74, beside: 0.13, on_top: 0.13, into: 0.0, falling: 0.0 },
             ..ArrangeSettings::default()
         };
         Self {
-            scene: SceneSettings { arrange, physics: PhysicsSettings::grasping(), ..SceneSettings::default() },
+            scene: SceneSettings {
+                kinds: KindWeights::only(SceneKind::OpenTable),
+                table: Table::Fixed { low: Point2::new(0.25, -0.45), high: Point2::new(0.85, 0.45) },
+                arrange,
+                physics: PhysicsSettings::grasping(),
+                ..SceneSettings::default()
+            },
             camera_at_m: Point3::new(1.3, 0.25, 0.72),
             camera_target_m: Point3::new(0.53, 0.0, 0.03),
             camera: Pinhole { width: 640, height: 480, fx: 525.0, fy: 525.0, cx: 319.5, cy: 239.5 },

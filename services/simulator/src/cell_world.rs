@@ -4,10 +4,9 @@
 //! unless asked for.
 
 use nalgebra::Isometry3;
-use rand::SeedableRng;
-use rand_pcg::Pcg64;
 use repose_geometry::{TriMesh, Vector3};
 use repose_panda::base_from_hand;
+use repose_sensor::SensorModel;
 
 use crate::cell::{CellSettings, cell_of_seed};
 use crate::objects::body::cuboid_mesh;
@@ -16,7 +15,6 @@ use crate::render::{Drawable, Picture, picture};
 use crate::robot::arm::TICK_S;
 use crate::robot::{Arm, ArmSettings, Hand, HandSettings};
 use crate::scene::{NoScene, Scene};
-use crate::sensor::{SensorSettings, sensed};
 
 /// A cell at work.
 pub struct CellWorld {
@@ -115,11 +113,10 @@ impl CellWorld {
     }
 
     /// What the camera reports: noisy depth; with the hand in the picture when asked for.
-    pub fn sensed_picture(&mut self, sensor: &SensorSettings, show_hand: bool) -> Picture {
+    pub fn sensed_picture(&mut self, sensor: &SensorModel, show_hand: bool) -> Picture {
         let mut picture = self.true_picture(show_hand);
         self.pictures += 1;
-        let mut rng = Pcg64::seed_from_u64(self.scene.seed.wrapping_add(self.pictures << 32));
-        picture.depth_m = sensed(&picture.depth_m, &self.settings.camera, sensor, &mut rng);
+        sensor.disturb(picture.depth_m.pixels_mut(), &self.settings.camera, self.scene.seed.wrapping_add(self.pictures << 32));
         picture
     }
 }

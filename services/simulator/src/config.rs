@@ -1,10 +1,10 @@
 //! The simulator's configuration: every field with its unit, its default, and what raising it does. Unknown fields are refused.
 
 use repose_proto::keys::validate_chunk;
+use repose_sensor::SensorModel;
 use serde::{Deserialize, Serialize};
 
 use crate::SimulatorError;
-use crate::sensor::SensorSettings;
 
 /// Configuration of a simulator process, section `[simulator]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -26,8 +26,9 @@ pub struct SimulatorConfig {
     pub labels: bool,
     /// Whether the hand is in the picture. Default false: frames are as after a driver's self filter.
     pub show_hand: bool,
-    /// Standard deviation of the depth noise at one metre, metres; it grows with the square of the distance. Default 0.0012.
-    pub depth_noise_at_1m: f32,
+    /// What kind of depth camera it is: `structured_light` (a Kinect), `active_stereo` (a RealSense D415) or `ideal` (no faults). Default
+    /// `structured_light`.
+    pub sensor: String,
     /// Commands and requests that wait; more are refused. Default 64.
     pub queue: usize,
 }
@@ -43,7 +44,7 @@ impl Default for SimulatorConfig {
             time_scale: 1.0,
             labels: true,
             show_hand: false,
-            depth_noise_at_1m: SensorSettings::default().noise_at_1m,
+            sensor: "structured_light".to_owned(),
             queue: 64,
         }
     }
@@ -70,8 +71,8 @@ impl SimulatorConfig {
         if !(self.time_scale > 0.0 && self.time_scale <= 100.0) {
             return fail("time_scale", format!("expected above 0 to 100, got {}", self.time_scale));
         }
-        if !(0.0..=0.1).contains(&self.depth_noise_at_1m) {
-            return fail("depth_noise_at_1m", format!("expected 0 to 0.1, got {}", self.depth_noise_at_1m));
+        if SensorModel::named(&self.sensor).is_none() {
+            return fail("sensor", format!("expected one of {}, got {:?}", SensorModel::NAMES.join(", "), self.sensor));
         }
         if self.queue == 0 {
             return fail("queue", "expected at least 1, got 0".to_owned());
@@ -79,8 +80,8 @@ impl SimulatorConfig {
         Ok(())
     }
 
-    /// The sensor's imperfections.
-    pub fn sensor(&self) -> SensorSettings {
-        SensorSettings { noise_at_1m: self.depth_noise_at_1m, ..SensorSettings::default() }
+    /// The depth camera.
+    pub fn sensor_model(&self) -> SensorModel {
+        SensorModel::named(&self.sensor).unwrap_or_default()
     }
 }

@@ -11,10 +11,13 @@ use crate::convert;
 /// Beyond this, distances between objects are not told apart: twice what `near` asks.
 pub const FAR_M: f32 = 0.1;
 
+/// A convex part in the world, with the box around it.
+type Part = (Pose, SharedShape, Aabb);
+
 /// An object's parts in the world, with their boxes.
 #[derive(Debug, Clone)]
 pub struct PlacedParts {
-    parts: Vec<(Pose, SharedShape, Aabb)>,
+    parts: Vec<Part>,
     bounds: Aabb,
 }
 
@@ -22,7 +25,7 @@ impl PlacedParts {
     /// The parts (pose in the object's frame, and shape) of an object at `world_from_object`; `None` without parts.
     pub fn new(parts: &[(Pose, SharedShape)], world_from_object: &Isometry3<f64>) -> Option<Self> {
         let world_from_object = convert::pose(world_from_object);
-        let parts: Vec<(Pose, SharedShape, Aabb)> = parts
+        let parts: Vec<Part> = parts
             .iter()
             .map(|(object_from_part, shape)| {
                 let world_from_part = world_from_object * *object_from_part;
@@ -43,7 +46,7 @@ impl PlacedParts {
     /// The smallest distance to another object, metres: 0 when they overlap, at most [`FAR_M`].
     pub fn distance_m(&self, other: &Self) -> f32 {
         let mut best = FAR_M;
-        self.visit_pairs(other, |a, b, boxes_m| {
+        self.visit_pairs(other, FAR_M, |a, b, boxes_m| {
             if boxes_m < best
                 && let Ok(found) = query::distance(&a.0, a.1.as_ref(), &b.0, b.1.as_ref())
             {
@@ -54,10 +57,20 @@ impl PlacedParts {
         best
     }
 
+    /// Whether another object is at most `margin_m` away; cheaper than the distance.
+    pub fn is_within(&self, other: &Self, margin_m: f32) -> bool {
+        let mut within = false;
+        self.visit_pairs(other, margin_m, |a, b, _| {
+            within = within || query::distance(&a.0, a.1.as_ref(), &b.0, b.1.as_ref()).is_ok_and(|found| found.distance <= margin_m);
+            if within { f32::NEG_INFINITY } else { margin_m }
+        });
+        within
+    }
+
     /// How deep the two are in each other, metres: 0 when they do not overlap.
     pub fn penetration_m(&self, other: &Self) -> f32 {
         let mut deepest = 0.0f32;
-        self.visit_pairs(other, |a, b, boxes_m| {
+        self.visit_pairs(other, 0.0, |a, b, boxes_m| {
             if boxes_m <= 0.0
                 && let Ok(Some(contact)) = query::contact(&a.0, a.1.as_ref(), &b.0, b.1.as_ref(), 0.0)
             {
@@ -68,9 +81,9 @@ impl PlacedParts {
         deepest
     }
 
-    /// Visits pairs of parts whose boxes are within what the last visit returned of each other.
-    fn visit_pairs(&self, other: &Self, mut visit: impl FnMut(&(Pose, SharedShape, Aabb), &(Pose, SharedShape, Aabb), f32) -> f32) {
-        let mut limit_m = FAR_M;
+    /// Visits pairs of parts whose boxes are within what the last visit returned of each other; the first, within `limit_m`.
+    fn visit_pairs(&self, other: &Self, limit_m: f32, mut visit: impl FnMut(&Part, &Part, f32) -> f32) {
+        let mut limit_m = limit_m;
         if self.bounds.distance(&other.bounds) > limit_m {
             return;
         }
@@ -105,6 +118,7 @@ mod tests {
         assert_eq!(at(0.0).distance_m(&at(0.7)), FAR_M);
         assert!((at(0.0).penetration_m(&at(0.098)) - 0.002).abs() < 1e-4);
         assert_eq!(at(0.0).penetration_m(&at(0.103)), 0.0);
+        assert!(at(0.0).is_within(&at(0.103), 0.004) && !at(0.0).is_within(&at(0.103), 0.002));
     }
 
     #[test]

@@ -1,20 +1,21 @@
 //! Training data: seeds in, shards out.
 //!
 //! Shards are made independently, each from its own range of seeds, so that any number of threads writes the same bytes, and a run that
-//! was interrupted goes on with the shards that are missing. The split follows from the seed (`repose_dataset::Split`).
+//! was interrupted goes on with the shards that are missing. The split follows from the seed (`repose_dataset::Split`). A folder's
+//! `dataset.json` says how its shards were made, down to what the first scene looks like: a run that would make others is refused.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use repose_dataset::{ShardWriter, Split, ViewRecord, WriteError};
+use repose_dataset::{Manifest, ManifestError, ShardWriter, Split, ViewRecord, WriteError};
 
 use crate::render::DepthCanvas;
-use crate::scene::{NoScene, SceneSettings, scene_of_seed};
-use crate::viewpoint::{ViewpointSettings, random_viewpoint};
-use crate::views::view_record;
+use crate::scene::{NoScene, Rejected, SceneSettings, scene_of_seed};
+use crate::statistics::Statistics;
+use crate::viewpoint::ViewpointSettings;
+use crate::views::view_of_scene;
 
 /// What to generate.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,12 +24,14 @@ pub struct GenerateSettings {
     pub out: PathBuf,
     /// Which seeds.
     pub split: Split,
-    /// The first scene of the split.
+    /// The first scene of the split, a multiple of `scenes_per_shard`.
     pub first_scene: u64,
     /// How many scenes.
     pub scenes: u64,
     /// Viewpoints of each scene.
     pub views: u32,
+    /// Whether layers keep their color; training does not need it. Default false: it makes shards a third larger.
+    pub color: bool,
     /// Scenes in a shard.
     pub scenes_per_shard: u64,
     /// Threads to work with.
@@ -48,11 +51,39 @@ impl GenerateSettings {
             first_scene: 0,
             scenes,
             views: 5,
+            color: false,
             scenes_per_shard: 16,
             threads: 2,
             scene: SceneSettings::default(),
             viewpoint: ViewpointSettings::default(),
         }
+    }
+
+    /// How the folder's shards are made: all that their bytes depend on but the seed.
+    fn manifest(&self) -> Manifest {
+        let settings = serde_json::json!({
+            "split": self.split,
+            "views": self.views,
+            "color": self.color,
+            "scenes_per_shard": self.scenes_per_shard,
+            "viewpoint": self.viewpoint,
+            "scene": format!("{:#?}", self.scene).lines().map(str::trim).collect::<Vec<_>>(),
+            "first_view": self.fingerprint(),
+        });
+        Manifest::new(concat!("repose ", env!("CARGO_PKG_VERSION")), settings)
+    }
+
+    /// What the split's first view looks like, as a number: a change of objects, physics, cameras or drawing changes it.
+    fn fingerprint(&self) -> String {
+        const SCENES: u64 = 8;
+        let first = self.split.seeds().start;
+        let view = (first..first + SCENES).find_map(|seed| scene_views(seed, self).ok()?.0.into_iter().next());
+        let mut crc = flate2::Crc::new();
+        for layer in view.iter().flat_map(|v| std::iter::once(&v.background).chain(v.objects.iter().map(|o| &o.alone))) {
+            let bytes: Vec<u8> = layer.inverse_depth.iter().flat_map(|w| w.to_le_bytes()).collect();
+            crc.update(&bytes);
+        }
+        format!("{:08x}", crc.sum())
     }
 }
 
@@ -65,32 +96,33 @@ pub struct Generated {
     pub skipped: usize,
     /// Views written.
     pub views: usize,
+    /// Views for which no viewpoint showed enough of the scene.
+    pub unseen: usize,
+    /// Bytes written.
+    pub bytes: u64,
     /// Draws that were no scene.
     pub rejected: usize,
     /// Seeds that gave no scene at all.
     pub failed: usize,
-    /// Ordered pairs of objects, over all views.
-    pub pairs: usize,
-    /// Of those, the pairs for which each relation holds, in wire order.
-    pub holding: [usize; repose_relations::RELATIONS],
+    /// What the scenes written by this run are like.
+    pub statistics: Statistics,
 }
 
 impl Generated {
-    /// The share of pairs for which each relation holds, percent.
-    pub fn prevalence_percent(&self) -> [f64; repose_relations::RELATIONS] {
-        self.holding.map(|n| 100.0 * n as f64 / self.pairs.max(1) as f64)
+    /// Bytes of a view on disk.
+    pub fn bytes_per_view(&self) -> f64 {
+        self.bytes as f64 / self.views.max(1) as f64
     }
 
     fn add(&mut self, other: &Self) {
         self.scenes += other.scenes;
         self.skipped += other.skipped;
         self.views += other.views;
+        self.unseen += other.unseen;
+        self.bytes += other.bytes;
         self.rejected += other.rejected;
         self.failed += other.failed;
-        self.pairs += other.pairs;
-        for (sum, n) in self.holding.iter_mut().zip(other.holding) {
-            *sum += n;
-        }
+        self.statistics.merge(&other.statistics);
     }
 }
 
@@ -104,6 +136,25 @@ pub enum GenerateError {
         folder: PathBuf,
         /// Why.
         source: WriteError,
+    },
+    /// The folder cannot be read, or holds shards that were made in another way.
+    #[error(transparent)]
+    Manifest(#[from] ManifestError),
+    /// Shards begin at multiples of their size, so that runs over different ranges of scenes share a folder.
+    #[error("first_scene: expected a multiple of {scenes_per_shard}, got {got}")]
+    FirstScene {
+        /// What was asked for.
+        got: u64,
+        /// Scenes in a shard.
+        scenes_per_shard: u64,
+    },
+    /// An earlier, shorter run's last shard could not be removed.
+    #[error("removing {path}: {source}", path = path.display())]
+    Remove {
+        /// The shard.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
     },
     /// The split does not have that many seeds.
     #[error("scenes {first} to {end} of split {split}: it has {available}")]
@@ -133,6 +184,10 @@ pub fn generate(settings: &GenerateSettings, progress: impl FnMut(&Generated) ->
         return Err(GenerateError::Seeds { first: settings.first_scene, end, split: settings.split.name(), available });
     }
     let per_shard = settings.scenes_per_shard.max(1);
+    if !settings.first_scene.is_multiple_of(per_shard) {
+        return Err(GenerateError::FirstScene { got: settings.first_scene, scenes_per_shard: per_shard });
+    }
+    settings.manifest().claim(&settings.out)?;
     let shards = settings.scenes.div_ceil(per_shard) as usize;
     let next = AtomicUsize::new(0);
     let stop = AtomicBool::new(false);
@@ -172,54 +227,77 @@ pub fn generate(settings: &GenerateSettings, progress: impl FnMut(&Generated) ->
 
 /// Makes one shard, unless its file is there.
 fn make_shard(settings: &GenerateSettings, first: u64, end: u64) -> Result<Generated, GenerateError> {
-    // Numbered by its first scene, so that runs over different ranges share a folder.
-    let number = (first / settings.scenes_per_shard.max(1)) as usize;
     let mut made = Generated::default();
-    if settings.out.join(format!("shard_{number:05}.safetensors")).exists() {
-        made.skipped = (end - first) as usize;
+    // Numbered by its first scene, so that runs over different ranges share a folder.
+    let (number, scenes) = ((first / settings.scenes_per_shard.max(1)) as usize, (end - first) as usize);
+    // A run's last shard may be short; its name says so, and a longer run replaces it.
+    let suffix = if scenes as u64 == settings.scenes_per_shard.max(1) { String::new() } else { format!("_of_{scenes}_scenes") };
+    if ["", &suffix].iter().any(|suffix| ShardWriter::shard_path(&settings.out, number, suffix).exists()) {
+        made.skipped = scenes;
         return Ok(made);
     }
     let failed = |source| GenerateError::Write { folder: settings.out.clone(), source };
-    let capacity = ((end - first) as usize * settings.views as usize).max(1) + 1;
-    let mut writer = ShardWriter::new(&settings.out, capacity, number).map_err(failed)?;
+    let capacity = (scenes * settings.views as usize).max(1) + 1;
+    let mut writer = ShardWriter::new(&settings.out, capacity, number).map_err(failed)?.with_suffix(&suffix);
     for scene in first..end {
-        let Ok((views, rejected)) = scene_views(settings.split.seeds().start + scene, settings) else {
-            made.failed += 1;
-            made.rejected += settings.scene.max_attempts as usize;
-            continue;
+        let (views, rejected) = match scene_views(settings.split.seeds().start + scene, settings) {
+            Ok(views) => views,
+            Err(none) => {
+                made.failed += 1;
+                made.rejected += none.rejections.len();
+                made.statistics.add_scene(&[], none.rejections.iter().map(Rejected::reason));
+                continue;
+            }
         };
         made.scenes += 1;
-        made.rejected += rejected;
+        made.rejected += rejected.len();
+        made.unseen += settings.views as usize - views.len();
+        made.statistics.add_scene(&views, rejected.iter().map(Rejected::reason));
         for view in views {
             made.views += 1;
-            let n = view.objects.len();
-            made.pairs += n * n.saturating_sub(1);
-            for relations in &view.relations {
-                for (sum, holds) in made.holding.iter_mut().zip(relations) {
-                    *sum += usize::from(*holds);
-                }
-            }
-            writer.push(view).map_err(failed)?;
+            writer.push(&view).map_err(failed)?;
         }
     }
-    writer.finish().map_err(failed)?;
+    remove_shorter(&settings.out, number)?;
+    made.bytes = writer.finish().map_err(failed)?;
     Ok(made)
 }
 
-/// The views of a seed's scene, and how many draws were rejected before it.
+/// The random numbers of one of a scene's viewpoints: its own, since a change of scenes must not move cameras, nor the other way round.
+pub fn view_rng(seed: u64, view: u32) -> Pcg64 {
+    const VIEW_STREAM: u128 = 0x5eed_0000_0000_0001;
+    Pcg64::new(u128::from(seed), VIEW_STREAM + u128::from(view))
+}
+
+/// Removes what shorter runs left of shard `number`.
+fn remove_shorter(folder: &Path, number: usize) -> Result<(), GenerateError> {
+    let prefix = format!("shard_{number:05}_of_");
+    let remove = |path: PathBuf| std::fs::remove_file(&path).map_err(|source| GenerateError::Remove { path, source });
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.filter(|e| e.file_name().to_str().is_some_and(|name| name.starts_with(&prefix))).map(|e| e.path()).try_for_each(remove)
+}
+
+/// The views of a seed's scene, and the draws that were rejected before it. Views that no viewpoint gave are left out.
 ///
 /// # Errors
 /// [`NoScene`] when the seed gives none.
-pub fn scene_views(seed: u64, settings: &GenerateSettings) -> Result<(Vec<ViewRecord>, usize), NoScene> {
-    // Viewpoints have random numbers of their own: a change of scenes must not move cameras, nor the other way round.
-    const VIEW_STREAM: u64 = 0x5eed_0000_0000_0001;
+pub fn scene_views(seed: u64, settings: &GenerateSettings) -> Result<(Vec<ViewRecord>, Vec<Rejected>), NoScene> {
     let (scene, rejected) = scene_of_seed(seed, &settings.scene)?;
-    let mut rng = Pcg64::seed_from_u64(seed ^ VIEW_STREAM);
     let mut canvas = DepthCanvas::new(settings.viewpoint.width, settings.viewpoint.height);
-    let middle = scene.middle();
-    let views = (0..settings.views).map(|view| {
-        let (camera, world_from_camera) = random_viewpoint(&middle, &settings.viewpoint, &mut rng);
-        view_record(&scene, view, &camera, &world_from_camera, &mut canvas, &mut rng)
-    });
-    Ok((views.collect(), rejected.len()))
+    let views = (0..settings.views)
+        .filter_map(|view| view_of_scene(&scene, view, &settings.viewpoint, settings.color, &mut canvas, &mut view_rng(seed, view)));
+    Ok((views.collect(), rejected))
+}
+
+/// The statistics of scenes without writing them. `progress` is called after every scene.
+pub fn surveyed(seeds: std::ops::Range<u64>, settings: &GenerateSettings, mut progress: impl FnMut()) -> Statistics {
+    let mut statistics = Statistics::default();
+    for seed in seeds {
+        match scene_views(seed, settings) {
+            Ok((views, rejected)) => statistics.add_scene(&views, rejected.iter().map(Rejected::reason)),
+            Err(none) => statistics.add_scene(&[], none.rejections.iter().map(Rejected::reason)),
+        }
+        progress();
+    }
+    statistics
 }

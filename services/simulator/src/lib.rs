@@ -1,7 +1,8 @@
 //! The stand-in world: objects, physics, a depth camera, and a simulated Panda.
 //!
-//! [`scene`] makes settled scenes from seeds, [`render`] and [`sensor`] show them as a depth camera would, [`generate`] writes training
-//! data, [`release`] says what happens when an object is let go. [`cell_world`] is the running cell with its robot; [`run`] serves it.
+//! [`scene`] makes settled scenes from seeds, [`render`] shows them, [`repose_sensor`] as a depth camera would, [`generate`] writes training
+//! data, [`statistics`] and [`sheet`] tell people what it is like, [`release`] says what happens when an object is let go. [`cell_world`] is the running cell
+//! with its robot; [`run`] serves it.
 
 pub mod arrange;
 pub mod cell;
@@ -10,6 +11,7 @@ pub mod config;
 pub mod contact;
 pub mod convert;
 pub mod endpoints;
+pub mod furniture;
 pub mod generate;
 pub mod objects;
 pub mod physics;
@@ -17,7 +19,8 @@ pub mod release;
 pub mod render;
 pub mod robot;
 pub mod scene;
-pub mod sensor;
+pub mod sheet;
+pub mod statistics;
 pub mod viewpoint;
 pub mod views;
 pub mod worker;

@@ -27,6 +27,8 @@ pub struct PhysicsSettings {
     /// Natural frequency of contacts, Hz; with furniture twice that. Higher is harder: at 30 Hz twenty newtons press a gripper's fingers
     /// millimetres into a light object. Must stay well below the solver's rate (iterations over step).
     pub contact_frequency_hz: f32,
+    /// Distance at which contacts are foreseen, metres. Less means fewer contacts to solve and fast things caught later.
+    pub prediction_m: f32,
     /// Whether friction also acts while overlaps are pushed apart. Without it what is held slips; with it tall stacks may lean.
     pub friction_while_separating: bool,
 }
@@ -46,6 +48,7 @@ impl Default for PhysicsSettings {
             angular_damping: 1.0,
             linear_damping: 0.05,
             contact_frequency_hz: 30.0,
+            prediction_m: 0.004,
             friction_while_separating: false,
         }
     }
@@ -74,6 +77,11 @@ impl Default for RestSettings {
     }
 }
 
+const GRAVITY_M_S2: f32 = 9.81;
+
+/// The size of the things at hand, which the engine's tolerances are relative to.
+const LENGTH_UNIT_M: f32 = 0.1;
+
 /// A world with furniture and objects.
 pub struct World {
     inner: PhysicsWorld,
@@ -84,12 +92,12 @@ pub struct World {
 impl World {
     /// An empty world with gravity along −z.
     pub fn new(settings: PhysicsSettings) -> Self {
-        let mut inner = PhysicsWorld { gravity: Vector::new(0.0, 0.0, -9.81), ..PhysicsWorld::default() };
+        let mut inner = PhysicsWorld { gravity: Vector::new(0.0, 0.0, -GRAVITY_M_S2), ..PhysicsWorld::default() };
         let parameters = &mut inner.integration_parameters;
         parameters.dt = settings.step_s;
         parameters.num_solver_iterations = settings.solver_iterations;
-        parameters.length_unit = 0.1;
-        parameters.normalized_prediction_distance = 0.04;
+        parameters.length_unit = LENGTH_UNIT_M;
+        parameters.normalized_prediction_distance = settings.prediction_m / LENGTH_UNIT_M;
         parameters.contact_softness.natural_frequency = settings.contact_frequency_hz;
         parameters.static_contact_softness.natural_frequency = 2.0 * settings.contact_frequency_hz;
         parameters.friction_in_bias_pass = settings.friction_while_separating;
@@ -132,6 +140,12 @@ impl World {
     /// One step.
     pub fn step(&mut self) {
         self.inner.step();
+    }
+
+    /// Turns gravity away from −z by `tilt_rad` towards a direction of the level plane: what a jolt of the table feels like.
+    pub fn tilt_gravity(&mut self, tilt_rad: f32, azimuth_rad: f32) {
+        let level = GRAVITY_M_S2 * tilt_rad.sin();
+        self.inner.gravity = Vector::new(level * azimuth_rad.cos(), level * azimuth_rad.sin(), -GRAVITY_M_S2 * tilt_rad.cos());
     }
 
     /// Where object `index` is.

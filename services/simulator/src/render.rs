@@ -52,17 +52,13 @@ pub fn picture(camera: &Pinhole, world_from_camera: &Isometry3<f64>, drawables: 
     let mut canvas = DepthCanvas::new(camera.width, camera.height);
     let mut labels = Image::filled(camera.width, camera.height, 0u16);
     let mut color = Image::filled(camera.width, camera.height, SKY);
-    // The light stands above the camera's right shoulder: shading then tells faces apart in every view.
-    let light = (world_from_camera * Vector3::new(0.45, -0.8, -0.6).normalize() + Vector3::z() * 0.6).normalize().cast::<f32>();
+    let light = Light::of_camera(world_from_camera);
     for drawable in drawables {
         let camera_from_mesh = (world_from_camera.inverse() * drawable.world_from_mesh).cast::<f32>();
-        let light_in_mesh = drawable.world_from_mesh.rotation.cast::<f32>().inverse_transform_vector(&light);
+        let shading = light.on(drawable.mesh, &drawable.world_from_mesh, drawable.color);
         let (labels, color) = (labels.pixels_mut(), color.pixels_mut());
         canvas.draw(camera, &camera_from_mesh, drawable.mesh, |triangle, pixels| {
-            let [a, b, c] = drawable.mesh.corners(triangle);
-            let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_else(Vector3::z);
-            let brightness = 0.42 + 0.58 * normal.dot(&light_in_mesh).max(0.0);
-            let shaded = drawable.color.map(|channel| (f32::from(channel) * brightness).min(255.0) as u8);
+            let shaded = shading.of_triangle(triangle);
             for index in pixels {
                 labels[*index as usize] = drawable.label;
                 color[*index as usize] = shaded;
@@ -73,6 +69,44 @@ pub fn picture(camera: &Pinhole, world_from_camera: &Isometry3<f64>, drawables: 
     let depth_m =
         Image::from_pixels(camera.width, camera.height, depth_m).unwrap_or_else(|_| Image::filled(camera.width, camera.height, 0.0));
     Picture { depth_m, labels, color }
+}
+
+/// A distant light, and some from everywhere.
+#[derive(Debug, Clone, Copy)]
+pub struct Light {
+    /// Unit vector towards it.
+    towards_in_world: Vector3<f32>,
+}
+
+impl Light {
+    /// The light above a camera's right shoulder: shading then tells faces apart in every view.
+    pub fn of_camera(world_from_camera: &Isometry3<f64>) -> Self {
+        let towards = world_from_camera * Vector3::new(0.45, -0.8, -0.6).normalize() + Vector3::z() * 0.6;
+        Self { towards_in_world: towards.normalize().cast() }
+    }
+
+    /// How it falls on a mesh of one color.
+    pub fn on<'a>(&self, mesh: &'a TriMesh, world_from_mesh: &Isometry3<f64>, color: [u8; 3]) -> Shading<'a> {
+        Shading { mesh, color, towards_in_mesh: world_from_mesh.rotation.cast::<f32>().inverse_transform_vector(&self.towards_in_world) }
+    }
+}
+
+/// A mesh under a light.
+#[derive(Debug, Clone, Copy)]
+pub struct Shading<'a> {
+    mesh: &'a TriMesh,
+    color: [u8; 3],
+    towards_in_mesh: Vector3<f32>,
+}
+
+impl Shading<'_> {
+    /// The color of a triangle.
+    pub fn of_triangle(&self, triangle: usize) -> [u8; 3] {
+        let [a, b, c] = self.mesh.corners(triangle);
+        let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_else(Vector3::z);
+        let brightness = 0.42 + 0.58 * normal.dot(&self.towards_in_mesh).max(0.0);
+        self.color.map(|channel| (f32::from(channel) * brightness).min(255.0) as u8)
+    }
 }
 
 /// A picture of inverse depth that is drawn into, and reused.
@@ -108,10 +142,9 @@ impl DepthCanvas {
         self.covered
     }
 
-    /// Depth at a pixel, metres; 0 = nothing.
-    pub fn depth_m(&self, x: usize, y: usize) -> f32 {
-        let w = self.inverse_depth[y * self.width + x];
-        if w > 0.0 { 1.0 / w } else { 0.0 }
+    /// What was drawn: 1/m, 0 = nothing; row-major, as large as the canvas.
+    pub fn inverse_depth(&self) -> &[f32] {
+        &self.inverse_depth
     }
 
     /// Draws depth only.

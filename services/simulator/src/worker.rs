@@ -127,6 +127,7 @@ impl Worker {
     }
 }
 
+#[expect(clippy::needless_pass_by_value, reason = "the shape that `map_err` hands it in")]
 fn refused<T>(error: TrySendError<T>) -> CallError {
     match error {
         TrySendError::Full(_) => CallError::new(ErrorCode::ResourceExhausted, "the world has too much to take in").retry_after(50),
@@ -277,7 +278,7 @@ impl Running {
     }
 
     fn show_frame(&mut self) {
-        let picture = self.cell.sensed_picture(&self.config.sensor(), self.config.show_hand);
+        let picture = self.cell.sensed_picture(&self.config.sensor_model(), self.config.show_hand);
         let settings = self.cell.settings();
         let pinhole = settings.camera;
         let counts = |z: &f32| (f64::from(*z) / DEPTH_UNIT_M).round().clamp(0.0, f64::from(u16::MAX)) as u16;

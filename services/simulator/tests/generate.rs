@@ -3,7 +3,10 @@
 use std::path::Path;
 
 use repose_dataset::{Composite, Split, read_shard, shard_paths};
-use repose_simulator::generate::{GenerateError, GenerateSettings, generate};
+use repose_simulator::generate::{GenerateError, GenerateSettings, generate, scene_views};
+use repose_simulator::render::picture;
+use repose_simulator::scene::{SceneSettings, scene_of_seed};
+use repose_simulator::viewpoint::ViewpointSettings;
 
 fn settings(out: &Path, threads: usize) -> GenerateSettings {
     GenerateSettings { views: 2, scenes_per_shard: 2, threads, ..GenerateSettings::new(out, Split::Validation, 4) }
@@ -41,10 +44,13 @@ fn views_show_their_objects_and_say_what_holds() {
             let n = view.objects.len();
             assert!((3..=7).contains(&n) && view.relations.len() == n * n);
             let picture = Composite::of(&view, |_| true);
-            let seen = view.objects.iter().filter(|o| picture.labels.contains(&o.id)).count();
-            assert!(seen * 2 >= n, "{seen} of {n} objects are seen");
+            let visible_px: Vec<u32> = view.objects.iter().map(|o| o.visible_px).collect();
+            assert_eq!(picture.visible_px(n), visible_px);
+            assert!((0..n).filter(|k| view.is_seen(*k)).count() >= 2, "{visible_px:?}");
+            assert!(!view.fixtures.is_empty() && ["tripod", "head", "wrist"].contains(&view.viewpoint.as_str()));
             for (k, object) in view.objects.iter().enumerate() {
                 assert_eq!(view.relations[k * n + k], [false; 10]);
+                assert_eq!(object.alone_px as usize, object.alone.count());
                 if let Some(elsewhere) = &object.elsewhere {
                     let (turned, up) = (elsewhere.placed_from_elsewhere.rotation, nalgebra::Vector3::z());
                     assert!((turned * up - up).norm() < 1e-6, "turned about z only");
@@ -55,8 +61,65 @@ fn views_show_their_objects_and_say_what_holds() {
 }
 
 #[test]
+fn layers_with_color_compose_the_picture_that_is_drawn_at_once() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let settings = GenerateSettings { color: true, ..settings(folder.path(), 1) };
+    let seed = Split::Validation.seeds().start;
+    let scene = scene_of_seed(seed, &settings.scene).expect("a scene").0;
+    for view in scene_views(seed, &settings).expect("a scene").0 {
+        let composed = Composite::of(&view, |_| true);
+        let drawn = picture(&view.camera, &view.world_from_camera, &scene.drawables());
+        let depth_off = composed.depth_m.iter().zip(drawn.depth_m.pixels()).filter(|(a, b)| (*a - *b).abs() > 3e-4 * *b * *b).count();
+        let labels_off = composed.labels.iter().zip(drawn.labels.pixels()).filter(|(a, b)| a != b).count();
+        let color_off = composed.color.iter().zip(drawn.color.pixels()).filter(|(a, b)| a != b).count();
+        // Where two surfaces touch, rounding decides which is nearer.
+        assert!(depth_off == 0 && labels_off < 40 && color_off < 80, "{depth_off} {labels_off} {color_off}");
+    }
+}
+
+#[test]
+fn a_longer_run_replaces_the_short_shard_of_the_one_before() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let three = GenerateSettings { scenes: 3, ..settings(folder.path(), 1) };
+    generate(&three, |_| true).expect("made");
+    let made = generate(&settings(folder.path(), 1), |_| true).expect("made");
+    assert_eq!((made.scenes, made.skipped), (2, 2));
+    let whole = tempfile::tempdir().expect("a folder");
+    generate(&settings(whole.path(), 1), |_| true).expect("made");
+    assert!(bytes(folder.path()) == bytes(whole.path()));
+    assert_eq!(generate(&three, |_| true).expect("nothing to do").scenes, 0);
+}
+
+#[test]
+fn another_setting_in_the_same_folder_is_refused_by_name() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let settings = GenerateSettings { scenes: 0, ..settings(folder.path(), 1) };
+    generate(&settings, |_| true).expect("an empty folder with a manifest");
+    let others = [
+        (GenerateSettings { views: 3, ..settings.clone() }, "settings.views: there 2, now 3"),
+        (GenerateSettings { color: true, ..settings.clone() }, "settings.color"),
+        (GenerateSettings { split: Split::Test, ..settings.clone() }, "settings.split"),
+        (
+            GenerateSettings { viewpoint: ViewpointSettings { width: 640, ..settings.viewpoint.clone() }, ..settings.clone() },
+            "settings.viewpoint.width",
+        ),
+        (
+            GenerateSettings { scene: SceneSettings { watch_limit_m: 0.002, ..settings.scene.clone() }, ..settings.clone() },
+            "watch_limit_m: 0.002",
+        ),
+    ];
+    for (other, named) in others {
+        let error = generate(&other, |_| true).expect_err("refused");
+        assert!(matches!(error, GenerateError::Manifest(_)) && error.to_string().contains(named), "{error}");
+    }
+    generate(&settings, |_| true).expect("the same settings are welcome");
+}
+
+#[test]
 fn more_scenes_than_the_split_has_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
-    let too_many = GenerateSettings { first_scene: 999_999_999, ..settings(folder.path(), 1) };
+    let too_many = GenerateSettings { first_scene: 999_999_998, ..settings(folder.path(), 1) };
     assert!(matches!(generate(&too_many, |_| true), Err(GenerateError::Seeds { .. })));
+    let between = GenerateSettings { first_scene: 3, ..settings(folder.path(), 1) };
+    assert!(matches!(generate(&between, |_| true), Err(GenerateError::FirstScene { got: 3, .. })));
 }

@@ -25,8 +25,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (networks, _) = Networks::stored(&config, &Weights::from_bytes(&std::fs::read(weights)?)?.values)?;
     let episodes: Vec<Episode> = (0..60)
         .filter_map(|i| {
-            let (view, query) = views.query(i * 11 % views.queries());
-            Episode::new(view, query, &config.cloud, &EpisodeSettings::default(), &mut generator(9, i as u64, 0))
+            let (view, query) = views.query(i * 11 % views.queries())?;
+            Episode::new(&view, query, &config.cloud, &EpisodeSettings::default(), &mut generator(9, i as u64, 0))
         })
         .collect();
     for (name, axis) in [("right", Vector3::x()), ("away", Vector3::y()), ("up", Vector3::z())] {

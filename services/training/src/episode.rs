@@ -11,17 +11,13 @@ use rand_pcg::Pcg64;
 use repose_dataset::{Composite, Layer, RELATIONS, ViewRecord};
 use repose_geometry::{ViewerFrame, cloud, transform::yaw_of};
 use repose_networks::points::{CloudConfig, ObjectCloud, SceneCloud};
+use repose_sensor::SensorModel;
 
-use crate::{
-    sensor::{SensorModel, gaussian},
-    views::PIXELS_LEAST,
-};
+use crate::{normal::gaussian, views::PIXELS_LEAST};
 
 /// How episodes are disturbed.
 #[derive(Debug, Clone, Copy)]
 pub struct EpisodeSettings {
-    /// The sensor.
-    pub sensor: SensorModel,
     /// Border bands are 1 up to this many pixels wide.
     pub band_px: usize,
     /// Standard deviation of gravity's tilt, radians; cut at twice that.
@@ -34,7 +30,7 @@ pub struct EpisodeSettings {
 
 impl Default for EpisodeSettings {
     fn default() -> Self {
-        Self { sensor: SensorModel::default(), band_px: 2, tilt_rad: 0.0175, elsewhere: 0.75, visible_least: 0.5 }
+        Self { band_px: 2, tilt_rad: 0.0175, elsewhere: 0.75, visible_least: 0.5 }
     }
 }
 
@@ -72,8 +68,10 @@ impl Episode {
         let object = &view.objects[query];
         let elsewhere =
             object.elsewhere.as_ref().filter(|e| wants_elsewhere && is_visible(&scene, &e.layer, label, settings.visible_least));
+        // Every episode is seen by a camera of its own.
+        let sensor = SensorModel::jittered(rng);
         let clean = |picture: &mut Composite, rng: &mut Pcg64| {
-            settings.sensor.disturb(picture, rng);
+            sensor.disturb(&mut picture.depth_m, &view.camera, rng.random());
             picture.drop_borders(band_px);
             picture.points_in_world(view)
         };

@@ -18,7 +18,7 @@ use repose_networks::{
     set_abstraction::Path,
 };
 
-use crate::{episode::Episode, sensor::gaussian, settings::Part, task::Task};
+use crate::{episode::Episode, normal::gaussian, settings::Part, task::Task};
 
 /// How candidates are made.
 #[derive(Debug, Clone, Copy)]

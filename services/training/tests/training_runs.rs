@@ -50,12 +50,16 @@ fn view(seed: u64) -> ViewRecord {
             let world_from_box = Isometry3::new(place, Vector3::z() * rng.random_range(0.0..1.5));
             let placed_from_elsewhere = Isometry3::new(Vector3::new(0.02, 0.03, 0.0), Vector3::z() * rng.random_range(-1.0..1.0));
             let before = placed_from_elsewhere.inverse() * world_from_box;
+            let alone = rendered(&world_from_camera, Some((&world_from_box, &half)));
             ObjectRecord {
                 id: k + 1,
                 name: "box".into(),
+                mass_kg: 0.2,
                 world_from_object: world_from_box,
                 bounds: OrientedBox { world_from_box, half_extents: half },
-                alone: rendered(&world_from_camera, Some((&world_from_box, &half))),
+                visible_px: alone.count() as u32,
+                alone_px: alone.count() as u32,
+                alone,
                 elsewhere: Some(Elsewhere { layer: rendered(&world_from_camera, Some((&before, &half))), placed_from_elsewhere }),
             }
         })
@@ -76,11 +80,14 @@ fn view(seed: u64) -> ViewRecord {
         .collect();
     ViewRecord {
         scene_seed: seed,
+        scene_kind: "table".into(),
         view: 0,
         camera: CAMERA,
+        viewpoint: "tripod".into(),
         world_from_camera,
         view_yaw_rad: viewer.yaw_rad(),
         background: rendered(&world_from_camera, None),
+        fixtures: Vec::new(),
         objects,
         relations,
         gap_m: vec![0.1; 9],
@@ -90,10 +97,10 @@ fn view(seed: u64) -> ViewRecord {
 fn data(folder: &Path) {
     let mut writer = ShardWriter::new(folder, 8, 0).unwrap();
     for k in 0..8 {
-        writer.push(view(Split::Train.seeds().start + k)).unwrap();
+        writer.push(&view(Split::Train.seeds().start + k)).unwrap();
     }
     for k in 0..4 {
-        writer.push(view(Split::Validation.seeds().start + k)).unwrap();
+        writer.push(&view(Split::Validation.seeds().start + k)).unwrap();
     }
     writer.finish().unwrap();
 }

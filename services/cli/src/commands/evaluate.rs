@@ -6,6 +6,7 @@ use repose_evaluation::evaluate_planner;
 use repose_geometry::transform::from_row_major;
 
 use crate::args::{self, EvaluateArgs, EvaluatePlannerArgs};
+use crate::commands::evaluate_segmentation;
 use crate::commands::generate::split_of;
 use crate::embedded::EmbeddedModels;
 use crate::failure::Outcome;
@@ -17,6 +18,8 @@ use crate::picture::{Coloring, scene_picture, side_by_side};
 pub fn run(args: &EvaluateArgs, output: Output) -> Outcome {
     match &args.table {
         args::Table::Planner(args) => planner(args, output),
+        args::Table::World(args) => super::evaluate_world::run(args, output),
+        args::Table::Segmentation(args) => evaluate_segmentation::run(args, output),
     }
 }
 

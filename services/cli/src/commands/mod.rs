@@ -1,11 +1,16 @@
 //! One file a subcommand.
 
+pub mod bench;
+pub mod bench_perception;
 pub mod demo;
 pub mod evaluate;
+pub mod evaluate_segmentation;
+pub mod evaluate_world;
 pub mod generate;
 pub mod load;
 pub mod place;
 pub mod plan;
+pub mod play;
 pub mod relations;
 pub mod score;
 pub mod segment;

@@ -15,7 +15,11 @@ use crate::picture::{Coloring, draw_ids, scene_picture, side_by_side};
 
 /// Runs the command.
 pub fn run(args: &PlanArgs, output: Output) -> Outcome {
-    let scene = Arc::new(frames::scene_of(&frames::read(&args.frame)?)?);
+    let mut frame = frames::read(&args.frame)?;
+    if args.ignore_labels {
+        frame.labels = None;
+    }
+    let scene = Arc::new(frames::scene_of(&frame)?);
     let request = args.wish.request(scene.id());
     request.validate()?;
     let result = embedded::plan(&scene, &request)?;

@@ -1,4 +1,4 @@
-//! `repose segment`: the objects and surfaces of a frame folder.
+//! `repose segment`: the objects and surfaces of a frame.
 
 use image::{DynamicImage, ImageBuffer, Luma};
 use repose_perception::{Settings, segment_with_labels};
@@ -6,13 +6,13 @@ use repose_proto::CallError;
 
 use crate::args::SegmentArgs;
 use crate::failure::{Failure, Outcome};
+use crate::frames;
 use crate::output::Output;
-use crate::picture::{Coloring, draw_ids, scene_picture, side_by_side};
-use crate::{frames, picture};
+use crate::segment_view::segment_view;
 
 /// Runs the command.
 pub fn run(args: &SegmentArgs, output: Output) -> Outcome {
-    let mut frame = frames::read(&args.frame)?;
+    let mut frame = frames::read_nth(&args.frame, args.nth)?;
     if args.ignore_labels {
         frame.labels = None;
     }
@@ -25,13 +25,7 @@ pub fn run(args: &SegmentArgs, output: Output) -> Outcome {
         frames::write_picture(path, &DynamicImage::ImageLuma16(labels))?;
     }
     if let Some(path) = &args.out {
-        let mut objects = scene_picture(scene, Coloring::Objects, None);
-        draw_ids(&mut objects, scene);
-        let seen = match &frame.color {
-            Some(color) => picture::color_picture(frame.camera.width, frame.camera.height, color),
-            None => scene_picture(scene, Coloring::Seen, None),
-        };
-        frames::write_picture(path, &side_by_side(&[seen, objects]).into())?;
+        frames::write_picture(path, &segment_view(&frame, &segmented).into())?;
     }
     let document = serde_json::json!({"objects": scene.meta.objects, "surfaces": scene.meta.surfaces});
     output.print(&document, || {

@@ -3,10 +3,13 @@
 //! "Each object either hidden if it is query (to get scene and anchor embeddings) or hidden if it is *not* query" (paper, appendix A.1):
 //! with one layer per object any such picture is exact, what was behind a hidden object included.
 
-use crate::{DEPTH_UNIT_M, Layer, ViewRecord};
+use crate::{INVERSE_DEPTH_STEP, Layer, ViewRecord};
 use nalgebra::Point3;
 
-/// A composed depth picture with instance labels.
+/// Color where there is nothing.
+const NOTHING: [u8; 3] = [205, 212, 220];
+
+/// A composed depth picture with instance labels, and color where the view has it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Composite {
     /// Columns.
@@ -17,12 +20,17 @@ pub struct Composite {
     pub depth_m: Vec<f32>,
     /// 0 = background or nothing, else 1 + the object's index in [`ViewRecord::objects`] (not its id).
     pub labels: Vec<u16>,
+    /// Color as shaded, row-major; empty when the view has none.
+    pub color: Vec<[u8; 3]>,
 }
 
 impl Composite {
     /// The picture with the background and those objects for whose index `present` holds.
     pub fn of(view: &ViewRecord, present: impl Fn(usize) -> bool) -> Self {
         let mut picture = Self::empty(view.camera.width, view.camera.height);
+        if view.has_color() {
+            picture.color = vec![NOTHING; picture.labels.len()];
+        }
         picture.add(&view.background, 0);
         for (k, object) in view.objects.iter().enumerate().filter(|(k, _)| present(*k)) {
             picture.add(&object.alone, k as u16 + 1);
@@ -30,22 +38,52 @@ impl Composite {
         picture
     }
 
-    /// A picture with nothing in it.
+    /// A picture with nothing in it, without color.
     pub fn empty(width: usize, height: usize) -> Self {
-        Self { width, height, depth_m: vec![0.0; width * height], labels: vec![0; width * height] }
+        Self { width, height, depth_m: vec![0.0; width * height], labels: vec![0; width * height], color: Vec::new() }
     }
 
     /// Draws a layer under a label wherever it is nearer than what is there. Pixels outside the picture are skipped.
     pub fn add(&mut self, layer: &Layer, label: u16) {
-        for (x, y, depth) in layer.pixels() {
-            let (x, y) = (x as usize, y as usize);
-            if x < self.width && y < self.height {
-                let (i, z) = (y * self.width + x, f32::from(depth) * DEPTH_UNIT_M);
-                if self.depth_m[i] == 0.0 || z < self.depth_m[i] {
-                    (self.depth_m[i], self.labels[i]) = (z, label);
+        let x0 = (layer.x0 as usize).min(self.width);
+        for (y, row) in layer.rows().take_while(|(y, _)| *y < self.height) {
+            let at = y * self.width + x0;
+            let (depth_m, labels) = (&mut self.depth_m[at..(y + 1) * self.width], &mut self.labels[at..(y + 1) * self.width]);
+            for ((inverse, depth_m), here) in row.iter().zip(depth_m).zip(labels) {
+                let z = 1.0 / (f32::from(*inverse) * INVERSE_DEPTH_STEP);
+                if *inverse > 0 && (*depth_m == 0.0 || z < *depth_m) {
+                    (*depth_m, *here) = (z, label);
                 }
             }
         }
+        if !self.color.is_empty() && !layer.color.is_empty() {
+            self.add_color(layer, label);
+        }
+    }
+
+    /// Colors the pixels that a layer has just won.
+    fn add_color(&mut self, layer: &Layer, label: u16) {
+        let width = layer.width.max(1) as usize;
+        for ((y, row), color) in layer.rows().zip(layer.color.chunks_exact(width)).take_while(|((y, _), _)| *y < self.height) {
+            for (k, (inverse, color)) in row.iter().zip(color).enumerate().take_while(|(k, _)| layer.x0 as usize + k < self.width) {
+                let at = y * self.width + layer.x0 as usize + k;
+                let z = 1.0 / (f32::from(*inverse) * INVERSE_DEPTH_STEP);
+                if *inverse > 0 && self.labels[at] == label && self.depth_m[at] == z {
+                    self.color[at] = *color;
+                }
+            }
+        }
+    }
+
+    /// How many pixels each of `objects` objects fills.
+    pub fn visible_px(&self, objects: usize) -> Vec<u32> {
+        let mut counts = vec![0u32; objects + 1];
+        for label in &self.labels {
+            if let Some(count) = counts.get_mut(usize::from(*label)) {
+                *count += 1;
+            }
+        }
+        counts.split_off(1)
     }
 
     /// Drops the band around label borders: pixels with another label within `band_px` (Chebyshev) lose their depth, as in perception.
@@ -94,22 +132,38 @@ impl Composite {
 mod tests {
     use super::*;
 
+    fn strip(x0: u32, inverse_depth: &[u16], color: u8) -> Layer {
+        let n = inverse_depth.len();
+        Layer { x0, y0: 0, width: n as u32, height: 1, inverse_depth: inverse_depth.to_vec(), color: vec![[color; 3]; n] }
+    }
+
     #[test]
     fn the_nearer_layer_wins_and_hiding_it_shows_what_is_behind() {
-        let far = Layer { x0: 0, y0: 0, width: 3, height: 1, depth: vec![10_000; 3] };
-        let near = Layer { x0: 1, y0: 0, width: 1, height: 1, depth: vec![5_000] };
+        let (far, near) = (strip(0, &[10_000; 3], 9), strip(1, &[20_000], 7));
         let mut picture = Composite::empty(3, 1);
+        picture.color = vec![NOTHING; 3];
         picture.add(&near, 1);
         picture.add(&far, 0);
         assert_eq!(picture.labels, [0, 1, 0]);
         assert_eq!(picture.depth_m, [1.0, 0.5, 1.0]);
+        assert_eq!(picture.color, [[9; 3], [7; 3], [9; 3]]);
+        assert_eq!(picture.visible_px(2), [1, 0]);
+    }
+
+    #[test]
+    fn what_lies_outside_the_picture_is_skipped() {
+        let mut picture = Composite::empty(2, 1);
+        picture.add(&strip(1, &[10_000; 4], 0), 1);
+        picture.add(&strip(5, &[10_000; 4], 0), 2);
+        picture.add(&Layer { y0: 3, ..strip(0, &[10_000], 0) }, 3);
+        assert_eq!(picture.labels, [0, 1]);
     }
 
     #[test]
     fn the_border_band_is_dropped_on_both_sides() {
         let mut picture = Composite::empty(6, 1);
-        picture.add(&Layer { x0: 0, y0: 0, width: 6, height: 1, depth: vec![10_000; 6] }, 0);
-        picture.add(&Layer { x0: 3, y0: 0, width: 3, height: 1, depth: vec![5_000; 3] }, 1);
+        picture.add(&strip(0, &[10_000; 6], 0), 0);
+        picture.add(&strip(3, &[20_000; 3], 0), 1);
         picture.drop_borders(1);
         assert_eq!(picture.depth_m, [1.0, 1.0, 0.0, 0.0, 0.5, 0.5]);
     }

@@ -1,18 +1,23 @@
 //! Writes views into shards.
 
 use std::{
+    borrow::Cow,
     collections::HashMap,
+    io::Write,
     path::{Path, PathBuf},
 };
 
-use safetensors::{Dtype, tensor::TensorView};
-use serde::{Deserialize, Serialize};
+use flate2::{Compression, write::ZlibEncoder};
+use safetensors::{Dtype, View};
 
-use crate::{Layer, ObjectRecord, RELATIONS, Split, ViewRecord};
-use repose_geometry::{OrientedBox, Pinhole, transform::to_row_major};
+use crate::{Layer, RELATIONS, ViewRecord, codec::Packer, json::ViewJson};
 
 /// The metadata's only key (a hash map of several would be written in any order, and the same views would give other bytes).
-pub(crate) const METADATA: &str = "repose-views-1";
+pub(crate) const FORMAT_KEY: &str = "format";
+/// Its value: this version of the format.
+pub const FORMAT: &str = "repose-views-2";
+/// The tensor with the views' JSON.
+pub(crate) const VIEWS: &str = "views";
 
 /// Why a shard could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -44,176 +49,175 @@ pub enum WriteError {
     Container(String),
 }
 
-/// The camera's intrinsics and pose in a shard's JSON.
-#[derive(Debug, Serialize, Deserialize)]
-pub(crate) struct CameraJson {
-    pub width: usize,
-    pub height: usize,
-    pub fx: f64,
-    pub fy: f64,
-    pub cx: f64,
-    pub cy: f64,
-    pub world_from_camera: [f64; 16],
-}
-
-/// Where a layer's rectangle sits.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-pub(crate) struct CornerJson {
-    pub x0: u32,
-    pub y0: u32,
-}
-
-/// An object in a shard's JSON.
-#[derive(Debug, Serialize, Deserialize)]
-pub(crate) struct ObjectJson {
-    pub id: u16,
-    pub name: String,
-    pub world_from_object: [f64; 16],
-    pub world_from_box: [f64; 16],
-    pub box_half_extents_m: [f64; 3],
-    pub alone: CornerJson,
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub elsewhere: Option<CornerJson>,
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub placed_from_elsewhere: Option<[f64; 16]>,
-}
-
-/// A view in a shard's JSON.
-#[derive(Debug, Serialize, Deserialize)]
-pub(crate) struct ViewJson {
-    pub scene_seed: u64,
-    pub view: u32,
-    pub split: Option<Split>,
-    pub camera: CameraJson,
-    pub view_yaw_rad: f64,
-    pub background: CornerJson,
-    pub objects: Vec<ObjectJson>,
-}
-
 /// Collects views and writes a shard whenever enough are there. Call [`ShardWriter::finish`] at the end.
 ///
-/// Files appear under their name only when complete (written beside, then renamed), so a reader never sees half a shard.
+/// Views are packed as they come, so that what waits is small. Files appear under their name only when complete (written beside, then
+/// renamed), so a reader never sees half a shard.
 #[derive(Debug)]
 pub struct ShardWriter {
     folder: PathBuf,
     views_per_shard: usize,
     next_shard: usize,
-    pending: Vec<ViewRecord>,
+    suffix: String,
+    packer: Packer,
+    views: Vec<ViewJson>,
+    tensors: Vec<(String, Bytes)>,
+    bytes_written: u64,
 }
 
 impl ShardWriter {
-    /// A writer into `folder` (created if absent), with `views_per_shard` views a file (64 makes files of about 10 MB) and the first file
+    /// A writer into `folder` (created if absent), with `views_per_shard` views a file (80 make files of about 2 MB) and the first file
     /// numbered `first_shard` (so that several writers can share a folder).
     ///
     /// # Errors
     /// [`WriteError::Io`] when the folder cannot be made.
     pub fn new(folder: &Path, views_per_shard: usize, first_shard: usize) -> Result<Self, WriteError> {
         std::fs::create_dir_all(folder).map_err(|source| WriteError::Io { path: folder.to_path_buf(), source })?;
-        Ok(Self { folder: folder.to_path_buf(), views_per_shard: views_per_shard.max(1), next_shard: first_shard, pending: Vec::new() })
+        Ok(Self {
+            folder: folder.to_path_buf(),
+            views_per_shard: views_per_shard.max(1),
+            next_shard: first_shard,
+            suffix: String::new(),
+            packer: Packer::default(),
+            views: Vec::new(),
+            tensors: Vec::new(),
+            bytes_written: 0,
+        })
+    }
+
+    /// The same writer with `suffix` after the numbers in its files' names.
+    #[must_use]
+    pub fn with_suffix(mut self, suffix: &str) -> Self {
+        suffix.clone_into(&mut self.suffix);
+        self
+    }
+
+    /// The path of shard `number` in `folder`.
+    pub fn shard_path(folder: &Path, number: usize, suffix: &str) -> PathBuf {
+        folder.join(format!("shard_{number:05}{suffix}.safetensors"))
     }
 
     /// Adds a view; writes a shard when it is full.
     ///
     /// # Errors
     /// [`WriteError::Shape`] when the view contradicts itself, [`WriteError::Io`] when a shard cannot be written.
-    pub fn push(&mut self, view: ViewRecord) -> Result<(), WriteError> {
-        check(&view)?;
-        self.pending.push(view);
-        if self.pending.len() >= self.views_per_shard { self.flush() } else { Ok(()) }
+    pub fn push(&mut self, view: &ViewRecord) -> Result<(), WriteError> {
+        check(view)?;
+        self.pack(view);
+        self.views.push(ViewJson::of(view));
+        if self.views.len() >= self.views_per_shard { self.flush() } else { Ok(()) }
     }
 
-    /// Writes what is left.
+    /// Writes what is left; says how many bytes all shards have.
     ///
     /// # Errors
     /// [`WriteError::Io`] when the shard cannot be written.
-    pub fn finish(mut self) -> Result<(), WriteError> {
-        self.flush()
+    pub fn finish(mut self) -> Result<u64, WriteError> {
+        self.flush()?;
+        Ok(self.bytes_written)
+    }
+
+    fn pack(&mut self, view: &ViewRecord) {
+        let v = self.views.len();
+        let n = view.objects.len();
+        let has_color = view.has_color();
+        self.pack_layer(format!("{v:04}/background"), &view.background, has_color);
+        for (k, object) in view.objects.iter().enumerate() {
+            self.pack_layer(format!("{v:04}/object_{k}/alone"), &object.alone, has_color);
+            if let Some(elsewhere) = &object.elsewhere {
+                self.pack_layer(format!("{v:04}/object_{k}/elsewhere"), &elsewhere.layer, has_color);
+            }
+        }
+        let relations = view.relations.iter().flat_map(|r| r.iter().map(|holds| u8::from(*holds))).collect();
+        self.tensors.push((format!("{v:04}/relations"), Bytes { dtype: Dtype::U8, shape: vec![n, n, RELATIONS], bytes: relations }));
+        let gap_m = view.gap_m.iter().flat_map(|gap| gap.to_le_bytes()).collect();
+        self.tensors.push((format!("{v:04}/gap_m"), Bytes { dtype: Dtype::F32, shape: vec![n, n], bytes: gap_m }));
+    }
+
+    fn pack_layer(&mut self, name: String, layer: &Layer, with_color: bool) {
+        let depth = self.packer.pack_u16(&layer.inverse_depth);
+        if with_color {
+            self.tensors.push((format!("{name}/color"), Bytes::flat(self.packer.pack_color(&layer.color))));
+        }
+        self.tensors.push((name, Bytes::flat(depth)));
     }
 
     fn flush(&mut self) -> Result<(), WriteError> {
-        if self.pending.is_empty() {
+        if self.views.is_empty() {
             return Ok(());
         }
-        let path = self.folder.join(format!("shard_{:05}.safetensors", self.next_shard));
-        let bytes = serialize(&self.pending)?;
+        let path = Self::shard_path(&self.folder, self.next_shard, &self.suffix);
+        let bytes = self.serialize()?;
         let beside = path.with_extension("tmp");
-        std::fs::write(&beside, bytes).and_then(|()| std::fs::rename(&beside, &path)).map_err(|source| WriteError::Io { path, source })?;
-        self.pending.clear();
+        let written = std::fs::write(&beside, &bytes).and_then(|()| std::fs::rename(&beside, &path));
+        written.map_err(|source| WriteError::Io { path, source })?;
+        self.bytes_written += bytes.len() as u64;
         self.next_shard += 1;
         Ok(())
+    }
+
+    /// The bytes of the shard that waits, which is then empty.
+    fn serialize(&mut self) -> Result<Vec<u8>, WriteError> {
+        let container = |e: &dyn std::fmt::Display| WriteError::Container(e.to_string());
+        let mut json = ZlibEncoder::new(Vec::new(), Compression::new(6));
+        let views = std::mem::take(&mut self.views);
+        json.write_all(&serde_json::to_vec(&views).map_err(|e| container(&e))?).map_err(|e| container(&e))?;
+        let mut tensors = std::mem::take(&mut self.tensors);
+        tensors.push((VIEWS.to_owned(), Bytes::flat(json.finish().map_err(|e| container(&e))?)));
+        let metadata = HashMap::from([(FORMAT_KEY.to_owned(), FORMAT.to_owned())]);
+        safetensors::serialize(tensors, Some(metadata)).map_err(|e| container(&e))
+    }
+}
+
+/// A tensor's bytes with their shape.
+#[derive(Debug)]
+struct Bytes {
+    dtype: Dtype,
+    shape: Vec<usize>,
+    bytes: Vec<u8>,
+}
+
+impl Bytes {
+    fn flat(bytes: Vec<u8>) -> Self {
+        Self { dtype: Dtype::U8, shape: vec![bytes.len()], bytes }
+    }
+}
+
+impl View for Bytes {
+    fn dtype(&self) -> Dtype {
+        self.dtype
+    }
+
+    fn shape(&self) -> &[usize] {
+        &self.shape
+    }
+
+    fn data(&self) -> Cow<'_, [u8]> {
+        Cow::Borrowed(&self.bytes)
+    }
+
+    fn data_len(&self) -> usize {
+        self.bytes.len()
     }
 }
 
 fn check(view: &ViewRecord) -> Result<(), WriteError> {
-    let pairs = view.objects.len() * view.objects.len();
     let shape = |field, expected, got| WriteError::Shape { scene_seed: view.scene_seed, view: view.view, field, expected, got };
     let same = |field, expected: usize, got: usize| if expected == got { Ok(()) } else { Err(shape(field, expected, got)) };
+    let pairs = view.objects.len() * view.objects.len();
     same("relations", pairs, view.relations.len())?;
     same("gap_m", pairs, view.gap_m.len())?;
-    same("background.depth", (view.background.width * view.background.height) as usize, view.background.depth.len())?;
+    let has_color = view.has_color();
+    let layer = |layer: &Layer, depth: &'static str, color: &'static str| {
+        same(depth, layer.area(), layer.inverse_depth.len())?;
+        same(color, if has_color { layer.area() } else { 0 }, layer.color.len())
+    };
+    layer(&view.background, "background.inverse_depth", "background.color")?;
     for object in &view.objects {
-        same("alone.depth", (object.alone.width * object.alone.height) as usize, object.alone.depth.len())?;
+        layer(&object.alone, "alone.inverse_depth", "alone.color")?;
         if let Some(elsewhere) = &object.elsewhere {
-            same("elsewhere.depth", (elsewhere.layer.width * elsewhere.layer.height) as usize, elsewhere.layer.depth.len())?;
+            layer(&elsewhere.layer, "elsewhere.inverse_depth", "elsewhere.color")?;
         }
     }
     Ok(())
-}
-
-/// A shard's bytes.
-fn serialize(views: &[ViewRecord]) -> Result<Vec<u8>, WriteError> {
-    let container = |e: &dyn std::fmt::Display| WriteError::Container(e.to_string());
-    let relations: Vec<Vec<u8>> = views.iter().map(|v| v.relations.iter().flat_map(|r| r.iter().map(|b| u8::from(*b))).collect()).collect();
-    let mut tensors: Vec<(String, TensorView<'_>)> = Vec::new();
-    let mut add = |name: String, dtype, shape: Vec<usize>, bytes| {
-        tensors.push((name, TensorView::new(dtype, shape, bytes).map_err(|e| container(&e))?));
-        Ok::<(), WriteError>(())
-    };
-    for (v, view) in views.iter().enumerate() {
-        let n = view.objects.len();
-        let shape = |layer: &Layer| vec![layer.height as usize, layer.width as usize];
-        add(format!("{v:04}/background"), Dtype::U16, shape(&view.background), bytemuck::cast_slice(&view.background.depth))?;
-        for (k, object) in view.objects.iter().enumerate() {
-            add(format!("{v:04}/object_{k}/alone"), Dtype::U16, shape(&object.alone), bytemuck::cast_slice(&object.alone.depth))?;
-            if let Some(e) = &object.elsewhere {
-                add(format!("{v:04}/object_{k}/elsewhere"), Dtype::U16, shape(&e.layer), bytemuck::cast_slice(&e.layer.depth))?;
-            }
-        }
-        add(format!("{v:04}/relations"), Dtype::U8, vec![n, n, RELATIONS], &relations[v])?;
-        add(format!("{v:04}/gap_m"), Dtype::F32, vec![n, n], bytemuck::cast_slice(&view.gap_m))?;
-    }
-    let json: Vec<ViewJson> = views.iter().map(view_json).collect();
-    let metadata = HashMap::from([(METADATA.to_string(), serde_json::to_string(&json).map_err(|e| container(&e))?)]);
-    safetensors::serialize(tensors, Some(metadata)).map_err(|e| container(&e))
-}
-
-fn view_json(view: &ViewRecord) -> ViewJson {
-    let Pinhole { width, height, fx, fy, cx, cy } = view.camera;
-    ViewJson {
-        scene_seed: view.scene_seed,
-        view: view.view,
-        split: Split::of_seed(view.scene_seed),
-        camera: CameraJson { width, height, fx, fy, cx, cy, world_from_camera: to_row_major(&view.world_from_camera) },
-        view_yaw_rad: view.view_yaw_rad,
-        background: corner(&view.background),
-        objects: view.objects.iter().map(object_json).collect(),
-    }
-}
-
-fn object_json(object: &ObjectRecord) -> ObjectJson {
-    let OrientedBox { world_from_box, half_extents } = &object.bounds;
-    ObjectJson {
-        id: object.id,
-        name: object.name.clone(),
-        world_from_object: to_row_major(&object.world_from_object),
-        world_from_box: to_row_major(world_from_box),
-        box_half_extents_m: [half_extents.x, half_extents.y, half_extents.z],
-        alone: corner(&object.alone),
-        elsewhere: object.elsewhere.as_ref().map(|e| corner(&e.layer)),
-        placed_from_elsewhere: object.elsewhere.as_ref().map(|e| to_row_major(&e.placed_from_elsewhere)),
-    }
-}
-
-fn corner(layer: &Layer) -> CornerJson {
-    CornerJson { x0: layer.x0, y0: layer.y0 }
 }

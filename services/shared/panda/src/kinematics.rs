@@ -8,6 +8,16 @@ use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, SMatrix, Translation3, Uni
 
 use crate::{JOINT_COUNT, Joints};
 
+/// Height of the shoulder over the base, metres.
+pub const SHOULDER_M: f64 = 0.333;
+/// From the shoulder along the upper arm to the elbow, metres.
+pub const UPPER_ARM_M: f64 = 0.316;
+/// From the elbow along the forearm to the wrist, metres.
+pub const FOREARM_M: f64 = 0.384;
+/// How far the elbow's axis stands off from upper arm and forearm, metres.
+pub const ELBOW_OFFSET_M: f64 = 0.0825;
+/// From the wrist to the last joint's axis, metres.
+pub const WRIST_OFFSET_M: f64 = 0.088;
 /// Distance of the flange from the last joint's frame, along z, metres.
 pub const FLANGE_M: f64 = 0.107;
 /// Distance of the grasp centre from the hand's frame, along z, metres.
@@ -30,13 +40,13 @@ const fn row(a_m: f64, d_m: f64, cos_alpha: f64, sin_alpha: f64) -> DhRow {
 }
 
 const DH: [DhRow; JOINT_COUNT] = [
-    row(0.0, 0.333, 1.0, 0.0),
+    row(0.0, SHOULDER_M, 1.0, 0.0),
     row(0.0, 0.0, 0.0, -1.0),
-    row(0.0, 0.316, 0.0, 1.0),
-    row(0.0825, 0.0, 0.0, 1.0),
-    row(-0.0825, 0.384, 0.0, -1.0),
+    row(0.0, UPPER_ARM_M, 0.0, 1.0),
+    row(ELBOW_OFFSET_M, 0.0, 0.0, 1.0),
+    row(-ELBOW_OFFSET_M, FOREARM_M, 0.0, -1.0),
     row(0.0, 0.0, 0.0, 1.0),
-    row(0.088, 0.0, 0.0, 1.0),
+    row(WRIST_OFFSET_M, 0.0, 0.0, 1.0),
 ];
 
 /// A link's frame as a rotation matrix and an origin, in the base frame: cheaper than quaternions where many points are carried.

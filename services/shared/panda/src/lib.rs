@@ -11,7 +11,7 @@ pub mod self_collision;
 pub mod spheres;
 
 pub use command_rules::{CommandRuleSettings, CommandRules, Violation};
-pub use inverse::{InverseError, InverseSettings, inverse, inverse_near};
+pub use inverse::{InverseError, InverseSettings, inverse_at, inverse_near, inverse_sweep};
 pub use kinematics::{
     Frame, Jacobian, LinkFrames, base_from_flange, base_from_hand, base_from_tcp, flange_from_hand, hand_from_tcp, jacobian,
 };

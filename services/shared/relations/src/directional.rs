@@ -2,11 +2,12 @@
 //!
 //! `left(i, j)`: i's centre lies in the trapezoid that opens to the left from j's box at θ = 45°, in both planes that contain the
 //! left-right axis (rules 1 to 4), left of all of j's corners (5), and all of i's corners lie left of j's centre (6). Front and below
-//! are the same on their axes; right, behind and above are these with the objects exchanged.
+//! are the same on their axes; right, behind and above are these with the objects exchanged, so the trapezoid is then the query's.
 //!
-//! "The upper corner" of a turned box is read as the upper corner of what its eight corners span in the viewer's axes, on the side of
-//! the query. Taking the highest of the corners themselves would make the relation jump by a box's width as an upright box tilts by a
-//! micron or turns through the viewer's axes.
+//! Two things the appendix leaves open. "The upper corner" of a turned box is read as the upper corner of what its eight corners span
+//! in the viewer's axes, on the side of the query: that is the corner of the figure where the box is level and faces the viewer, it
+//! makes the same rules serve the baseline (whose box is never turned), and the highest corner itself would let the relation jump by a
+//! box's width as an upright box tilts by a micron. And no rule holds at equality: a thing exactly on the border is on neither side.
 
 use nalgebra::{Point3, Vector3};
 use repose_geometry::{Aabb, OrientedBox, ViewerFrame};
@@ -65,16 +66,19 @@ pub fn directional_margins(query: &ViewerExtents, anchor: &ViewerExtents) -> [f6
 }
 
 /// The least slack of the six rules for "i lies on the low side of j along `axis`", metres; positive where all hold.
+///
+/// NaN when any coordinate is: what is unknown lies on no side.
 fn toward_low(i: &ViewerExtents, j: &ViewerExtents, axis: usize) -> f64 {
-    // θ = 45°: the tangent is 1, and a vertical slack times this is the distance to the line.
+    // θ = 45°: the tangent is 1, and a slack along the axis times this is the distance to the line.
     const COS_THETA: f64 = std::f64::consts::FRAC_1_SQRT_2;
     let past_face = j.low[axis] - i.center[axis];
     let before_center = j.center[axis] - i.high[axis];
-    let others = [(axis + 1) % 3, (axis + 2) % 3];
-    let in_trapezoid = others.map(|side| {
+    let [first, second] = [(axis + 1) % 3, (axis + 2) % 3].map(|side| {
         let upper = past_face + j.high[side] - i.center[side];
         let lower = past_face + i.center[side] - j.low[side];
-        upper.min(lower) * COS_THETA
+        [upper * COS_THETA, lower * COS_THETA]
     });
-    past_face.min(before_center).min(in_trapezoid[0]).min(in_trapezoid[1])
+    let slacks = [first[0], first[1], second[0], second[1], past_face, before_center];
+    // Not `f64::min`, which would pass over a NaN.
+    slacks.into_iter().reduce(|least, slack| if slack < least || slack.is_nan() { slack } else { least }).unwrap_or(f64::NAN)
 }

@@ -9,7 +9,10 @@ pub const NEAR_M: f64 = 0.05;
 pub const TOUCHING_MESHES_M: f64 = 0.001;
 /// Observed clouds touch up to this distance: the paper's baseline allows for the spacing of points.
 pub const TOUCHING_CLOUDS_M: f64 = 0.0025;
-/// Centres coincide up to this horizontal distance.
+/// Centres coincide up to this distance, seen from above.
+///
+/// The appendix says "within 1 mm" without a plane, and "`xy` distance on the table" for the baseline at the same threshold. Solid
+/// things whose centres coincide in space do not exist, and 5.6 % of the paper's pairs are centered: horizontal is meant.
 pub const CENTERED_M: f64 = 0.001;
 /// Orientations agree up to (not including) this angle.
 pub const ALIGNED_RAD: f64 = std::f64::consts::PI / 20.0;
@@ -41,8 +44,11 @@ pub mod index {
 /// How far each relation is from changing its truth value; positive where it holds.
 ///
 /// Metres, except the last (`aligned`), which is in radians. For the six directions it is the least slack over the rules that the
-/// relation is made of, so moving the query by less than the margin cannot falsify it. Margins of `near` and `touching` are exact up
-/// to 1 cm past [`NEAR_M`] and a lower bound on the missing distance beyond.
+/// relation is made of. Moving either object by d metres changes no margin by more than d, so a relation that holds by more than that
+/// still holds. Margins of `near` and `touching` are as exact as the distance they were made from ([`crate::ObservedObject::distance_m`]
+/// is exact up to 1 cm past [`NEAR_M`], and a lower bound beyond).
+///
+/// A margin that is not a number holds nothing: boxes and distances with a NaN in them have no relations, and nothing panics.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Margins(pub [f64; RELATIONS]);
 

@@ -22,8 +22,9 @@ use crate::config::CallerConfig;
 use crate::directory::{Accept, Assigned, Directory, Wanted, WorkerView};
 use crate::transport::{OutgoingQuery, Traffic, Transport};
 
-/// How far apart the clocks that end a call at its deadline may be.
-const DEADLINE_SLACK: Duration = Duration::from_millis(50);
+/// By how much the network's own time limit of a query outlives the deadline: the caller's clock alone ends a call, and a stream that ends
+/// empty before then says that the worker is gone.
+const NETWORK_MARGIN: Duration = Duration::from_secs(1);
 /// An attempt is slow when it takes this many times what its worker's calls take.
 const SLOW_FACTOR: u32 = 3;
 
@@ -290,7 +291,7 @@ impl Ongoing<'_> {
             };
             self.attempts += 1;
             if !self.may_repeat() {
-                return Err(self.ended_with(error));
+                return Err(error);
             }
             if !self.tried.iter().any(|name| name == assigned.name()) {
                 self.tried.push(assigned.name().to_owned());
@@ -300,13 +301,6 @@ impl Ongoing<'_> {
                 self.back_off(error).await?;
             }
         }
-    }
-
-    /// The error to end with. A stream that ends empty this close to the deadline was most likely ended by it: the network and the worker
-    /// have clocks of their own.
-    fn ended_with(&self, error: CallError) -> CallError {
-        let at_the_deadline = self.remaining() < DEADLINE_SLACK;
-        if error.code == ErrorCode::Unavailable && at_the_deadline { too_late() } else { error }
     }
 
     /// Whether there is another attempt after `self.attempts`.
@@ -352,7 +346,7 @@ impl Ongoing<'_> {
         let wait_ms = error.retry_after_ms.unwrap_or(0).max(doubled) as f64 * (0.5 + 0.5 * self.inner.directory.random());
         let wait = Duration::from_micros((wait_ms * 1e3) as u64);
         if wait * 2 > self.remaining() {
-            return Err(self.ended_with(error));
+            return Err(error);
         }
         tokio::select! {
             () = tokio::time::sleep(wait) => Ok(()),
@@ -378,7 +372,7 @@ impl Ongoing<'_> {
             payload: self.payload.clone(),
             attachment: Bytes::from(attachment.encode()),
             priority: self.options.priority,
-            timeout: remaining,
+            timeout: remaining + NETWORK_MARGIN,
         };
         let key = inner.cell.call(inner.service, assigned.name());
         let mut guard = CancelUnlessDone { inner, worker: assigned.name().to_owned(), id: self.id.clone(), armed: true };

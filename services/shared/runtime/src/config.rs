@@ -227,8 +227,11 @@ pub fn load_config<T: DeserializeOwned>(section: &str, file: Option<&Path>) -> R
     merged.try_deserialize().map_err(|e| fail(&e))
 }
 
-/// A list, or one string with commas, as an environment variable has it.
-fn list_or_commas<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::Error> {
+/// A list, or one string with commas, as an environment variable has it; for `#[serde(deserialize_with = "…")]`.
+///
+/// # Errors
+/// When the value is neither.
+pub fn list_or_commas<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::Error> {
     #[derive(Deserialize)]
     #[serde(untagged)]
     enum Either {

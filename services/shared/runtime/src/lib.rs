@@ -76,7 +76,7 @@ mod zenoh_transport;
 
 pub use call::{Call, Handler};
 pub use caller::{Answer, CallOptions, Caller};
-pub use config::{CallerConfig, RuntimeConfig, SECTIONS, SessionConfig, SessionMode, WorkerConfig, load_config};
+pub use config::{CallerConfig, RuntimeConfig, SECTIONS, SessionConfig, SessionMode, WorkerConfig, list_or_commas, load_config};
 pub use directory::{Accept, WorkerView};
 pub use error::RuntimeError;
 pub use gauge::{LoadGauge, load_of};

@@ -1,0 +1,29 @@
+//! `repose bench`: how fast a part is on this machine.
+
+use clap::{Args, Subcommand};
+
+use crate::commands::bench_perception::{self, BenchPerceptionArgs};
+use crate::failure::Outcome;
+use crate::output::Output;
+
+/// Arguments of `bench`.
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// Which part.
+    #[command(subcommand)]
+    pub part: Part,
+}
+
+/// The parts.
+#[derive(Debug, Subcommand)]
+pub enum Part {
+    /// A frame in memory to its scene, segmentation included.
+    Perception(BenchPerceptionArgs),
+}
+
+/// Runs the command.
+pub fn run(args: &BenchArgs, output: Output) -> Outcome {
+    match &args.part {
+        Part::Perception(args) => bench_perception::run(args, output),
+    }
+}

@@ -1,0 +1,181 @@
+//! The picture of a segmentation: color, depth, the objects with ids and boxes, and the surfaces from above with what was not seen.
+
+use image::{Rgb, RgbImage};
+use nalgebra::{Isometry3, Point3};
+use repose_geometry::{Image, Pinhole, transform};
+use repose_perception::Segmented;
+use repose_proto::{Frame, Scene, UnseenSpace};
+
+use crate::picture::{Coloring, color_picture, draw_number, object_color, pinhole, scene_picture};
+
+/// Gap between the panels, pixels.
+const GAP: u32 = 6;
+/// Width of the strip around the map from above, metres.
+const RIM_M: f64 = 0.05;
+const PAPER: Rgb<u8> = Rgb([255, 255, 255]);
+const UNSEEN: [u8; 3] = [70, 70, 90];
+const FURNITURE: Rgb<u8> = Rgb([20, 90, 200]);
+
+/// Four panels, two by two, each as large as the frame.
+pub fn segment_view(frame: &Frame, segmented: &Segmented) -> RgbImage {
+    let (width, height) = (frame.camera.width as u32, frame.camera.height as u32);
+    let depth = depth_panel(frame);
+    let color = match &frame.color {
+        Some(color) => color_picture(frame.camera.width, frame.camera.height, color),
+        None => scene_picture(&segmented.scene, Coloring::Objects, None),
+    };
+    let objects = objects_panel(&color, segmented);
+    let surfaces = map_panel(&segmented.scene, width, height);
+    let mut sheet = RgbImage::from_pixel(2 * width + GAP, 2 * height + GAP, PAPER);
+    for (k, panel) in [color, depth, objects, surfaces].iter().enumerate() {
+        let (column, row) = (k as u32 % 2, k as u32 / 2);
+        image::imageops::replace(&mut sheet, panel, i64::from(column * (width + GAP)), i64::from(row * (height + GAP)));
+    }
+    sheet
+}
+
+/// Depth from red (near) to blue (far) over the middle 96 % of the readings; black where there is none.
+fn depth_panel(frame: &Frame) -> RgbImage {
+    let mut readings: Vec<u16> = frame.depth.iter().copied().filter(|d| *d > 0).collect();
+    readings.sort_unstable();
+    let at = |share: f64| readings.get((readings.len() as f64 * share) as usize).map_or(0.0, |d| f64::from(*d));
+    let (near, far) = (at(0.02), at(0.98).max(at(0.02) + 1.0));
+    let width = frame.camera.width;
+    RgbImage::from_fn(width as u32, frame.camera.height as u32, |u, v| match frame.depth[v as usize * width + u as usize] {
+        0 => Rgb([0; 3]),
+        count => Rgb(rainbow(((f64::from(count) - near) / (far - near)).clamp(0.0, 1.0))),
+    })
+}
+
+/// Red through green to blue.
+fn rainbow(share: f64) -> [u8; 3] {
+    let hump = |center: f64| (1.5 - (4.0 * share - center).abs()).clamp(0.0, 1.0);
+    [hump(0.5), hump(2.0), hump(3.5)].map(|c| (255.0 * c) as u8)
+}
+
+/// The picture with the masks over it, the band that was cleaned off them paler, their boxes and ids.
+fn objects_panel(under: &RgbImage, segmented: &Segmented) -> RgbImage {
+    let (scene, labels) = (&segmented.scene, &segmented.labels);
+    let mut panel = under.clone();
+    for (i, pixel) in panel.pixels_mut().enumerate() {
+        let id = labels.pixels()[i];
+        let share = match (id, segmented.cleaned.pixels()[i]) {
+            (0, _) => continue,
+            (_, 0) => 1,
+            _ => 2,
+        };
+        let color = object_color(id);
+        pixel.0 = std::array::from_fn(|k| ((u16::from(pixel.0[k]) * (4 - share) + u16::from(color[k]) * share) / 4) as u8);
+    }
+    let camera = pinhole(&scene.meta.camera);
+    let Some(camera_from_world) = camera_from_world(scene) else { return panel };
+    for object in &scene.meta.objects {
+        let (low, high) = scene.points_of(object.id).fold(([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]), |(low, high), p| {
+            (std::array::from_fn(|k| low[k].min(f64::from(p[k]))), std::array::from_fn(|k| high[k].max(f64::from(p[k]))))
+        });
+        let corner = |bits: usize| Point3::from(std::array::from_fn(|k| if bits >> k & 1 == 0 { low[k] } else { high[k] }));
+        for from in 0..8usize {
+            for axis in (0..3).filter(|axis| from >> axis & 1 == 0) {
+                let ends = [corner(from), corner(from | 1 << axis)];
+                draw_edge(&mut panel, &camera, &camera_from_world, ends, Rgb(object_color(object.id)));
+            }
+        }
+    }
+    for object in &scene.meta.objects {
+        if let Some(at) = middle_of(labels, object.id) {
+            draw_number(&mut panel, object.id, at);
+        }
+    }
+    panel
+}
+
+/// The world from above, the camera below it: furniture and tops with their outlines and heights in millimetres, objects' points, and
+/// cells darker the more of the space above them was not seen.
+fn map_panel(scene: &Scene, width: u32, height: u32) -> RgbImage {
+    let mut panel = RgbImage::from_pixel(width, height, PAPER);
+    let corners = || scene.meta.surfaces.iter().flat_map(|s| s.outline_m.iter());
+    let (low, high) = corners().fold(([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]), |(low, high), c| {
+        (std::array::from_fn(|k| low[k].min(c[k])), std::array::from_fn(|k| high[k].max(c[k])))
+    });
+    if low[0] >= high[0] || low[1] >= high[1] {
+        return panel;
+    }
+    let span = [high[0] - low[0] + 2.0 * RIM_M, high[1] - low[1] + 2.0 * RIM_M];
+    let per_m = (f64::from(width) / span[0]).min(f64::from(height) / span[1]);
+    let to_pixel = |x: f64, y: f64| (((x - low[0] + RIM_M) * per_m) as i64, i64::from(height) - 1 - ((y - low[1] + RIM_M) * per_m) as i64);
+    if let Some(space) = &scene.meta.unseen.space {
+        draw_unseen(&mut panel, space, &to_pixel);
+    }
+    for (p, id) in scene.points.iter().zip(&scene.labels).filter(|(_, id)| **id != 0) {
+        let (x, y) = to_pixel(f64::from(p[0]), f64::from(p[1]));
+        put(&mut panel, x, y, Rgb(object_color(*id)));
+    }
+    for surface in &scene.meta.surfaces {
+        let color = surface.object.map_or(FURNITURE, |id| Rgb(object_color(id).map(|c| c / 2)));
+        let outline: Vec<(i64, i64)> = surface.outline_m.iter().map(|c| to_pixel(c[0], c[1])).collect();
+        for k in 0..outline.len() {
+            draw_line(&mut panel, outline[k], outline[(k + 1) % outline.len()], color);
+        }
+        if let (Some((x, y)), None) = (outline.first(), surface.object) {
+            // The height over the lowest surface: a number without a sign.
+            let lowest_m = scene.meta.surfaces.iter().map(|s| s.height_m).fold(f64::INFINITY, f64::min);
+            draw_number(
+                &mut panel,
+                ((surface.height_m - lowest_m) * 1e3).round().clamp(0.0, 9999.0) as u16,
+                ((*x).clamp(30, i64::from(width) - 30), (*y).clamp(12, i64::from(height) - 12)),
+            );
+        }
+    }
+    panel
+}
+
+fn draw_unseen(panel: &mut RgbImage, space: &UnseenSpace, to_pixel: &impl Fn(f64, f64) -> (i64, i64)) {
+    for row in 0..space.rows {
+        for column in 0..space.columns {
+            // The lower half of the levels tells of shadows; the upper half is often above the picture.
+            let hidden = (space.hidden[row * space.columns + column] & 0xffff).count_ones() as u16;
+            let color = Rgb(UNSEEN.map(|c| ((u16::from(c) * hidden + 255 * (16 - hidden)) / 16) as u8));
+            let (x, y) = (space.origin_m[0] + column as f64 * space.cell_m, space.origin_m[1] + row as f64 * space.cell_m);
+            let ((left, bottom), (right, top)) = (to_pixel(x, y), to_pixel(x + space.cell_m, y + space.cell_m));
+            for v in top..=bottom {
+                for u in left..=right {
+                    put(panel, u, v, color);
+                }
+            }
+        }
+    }
+}
+
+fn camera_from_world(scene: &Scene) -> Option<Isometry3<f64>> {
+    Some(transform::from_row_major(&scene.meta.camera.world_from_camera?.0).ok()?.inverse())
+}
+
+/// The mean place of an object's mask.
+fn middle_of(labels: &Image<u16>, id: u16) -> Option<(i64, i64)> {
+    let width = labels.width();
+    let places = labels.pixels().iter().enumerate().filter(|(_, other)| **other == id);
+    let (u, v, n) = places.fold((0, 0, 0), |(u, v, n), (i, _)| (u + i % width, v + i / width, n + 1));
+    (n > 0).then(|| ((u / n) as i64, (v / n) as i64))
+}
+
+/// A straight edge in space; left out where an end is not in front of the camera.
+fn draw_edge(panel: &mut RgbImage, camera: &Pinhole, camera_from_world: &Isometry3<f64>, ends: [Point3<f64>; 2], color: Rgb<u8>) {
+    let [Some(from), Some(to)] = ends.map(|end| camera.project(&(camera_from_world * end))) else { return };
+    draw_line(panel, (from.x.round() as i64, from.y.round() as i64), (to.x.round() as i64, to.y.round() as i64), color);
+}
+
+/// A line one pixel wide; ends outside the picture are fine.
+fn draw_line(panel: &mut RgbImage, from: (i64, i64), to: (i64, i64), color: Rgb<u8>) {
+    // Far outside nothing would be seen for a long time.
+    const FAR: i64 = 20_000;
+    let steps = (to.0 - from.0).abs().max((to.1 - from.1).abs()).clamp(1, FAR);
+    for step in 0..=steps {
+        put(panel, from.0 + (to.0 - from.0) * step / steps, from.1 + (to.1 - from.1) * step / steps, color);
+    }
+}
+
+fn put(panel: &mut RgbImage, x: i64, y: i64, color: Rgb<u8>) {
+    if x >= 0 && y >= 0 && x < i64::from(panel.width()) && y < i64::from(panel.height()) {
+        panel.put_pixel(x as u32, y as u32, color);
+    }
+}

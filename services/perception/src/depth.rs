@@ -1,0 +1,144 @@
+//! A depth picture in metres, with the ray of each of its columns and rows.
+//!
+//! Points are made from it where they are needed: three quarters of a frame's pixels are only ever looked at for their depth. A pixel
+//! without a reading holds NaN: every comparison with it is false, which is what "not known" should do in a test.
+
+use repose_geometry::{Image, Pinhole, Point3};
+
+use crate::point_map::{MISSING, PointMap};
+
+/// Pixels further off the optical axis than this (a slope, 84°) hold no reading: no pinhole camera sees them, and extreme intrinsics
+/// would turn them into infinities.
+const MAX_SLOPE: f32 = 10.0;
+
+/// Depth along the optical axis, NaN where there is no reading.
+#[derive(Debug, Clone)]
+pub struct DepthMap {
+    depth_m: Image<f32>,
+    /// x over z of each column's rays.
+    slope_x: Vec<f32>,
+    /// y over z of each row's rays.
+    slope_y: Vec<f32>,
+}
+
+impl DepthMap {
+    /// From counts of `depth_unit_m`, row by row, `camera.width * camera.height` of them. Counts of 0 and readings beyond
+    /// `max_depth_m` are missing.
+    pub fn new(counts: &[u16], depth_unit_m: f64, camera: &Pinhole, max_depth_m: f32) -> Self {
+        let unit = depth_unit_m as f32;
+        let slopes = |n: usize, center: f64, focal: f64| -> Vec<f32> { (0..n).map(|i| ((i as f64 - center) / focal) as f32).collect() };
+        let slope_x = slopes(camera.width, camera.cx, camera.fx);
+        let slope_y = slopes(camera.height, camera.cy, camera.fy);
+        let mut depth_m = Image::filled(camera.width, camera.height, f32::NAN);
+        let rows = depth_m.pixels_mut().chunks_exact_mut(camera.width.max(1)).zip(counts.chunks_exact(camera.width.max(1)));
+        for ((out, counts), y) in rows.zip(&slope_y) {
+            if y.abs() > MAX_SLOPE || y.is_nan() {
+                continue;
+            }
+            for ((z, &count), x) in out.iter_mut().zip(counts).zip(&slope_x) {
+                let reading = f32::from(count) * unit;
+                *z = if count > 0 && reading <= max_depth_m && x.abs() <= MAX_SLOPE { reading } else { f32::NAN };
+            }
+        }
+        Self { depth_m, slope_x, slope_y }
+    }
+
+    /// The depths, metres.
+    pub fn depth_m(&self) -> &Image<f32> {
+        &self.depth_m
+    }
+
+    /// The depths, to take readings out of.
+    pub fn depth_m_mut(&mut self) -> &mut Image<f32> {
+        &mut self.depth_m
+    }
+
+    /// x over z of each column's rays.
+    pub fn slope_x(&self) -> &[f32] {
+        &self.slope_x
+    }
+
+    /// y over z of each row's rays.
+    pub fn slope_y(&self) -> &[f32] {
+        &self.slope_y
+    }
+
+    /// Columns.
+    pub fn width(&self) -> usize {
+        self.depth_m.width()
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.depth_m.height()
+    }
+
+    /// How many pixels hold a reading.
+    pub fn readings(&self) -> usize {
+        self.depth_m.pixels().iter().map(|z| usize::from(!z.is_nan())).sum()
+    }
+
+    /// The point at column `u`, row `v`, camera frame; NaN without a reading.
+    pub fn point(&self, u: usize, v: usize) -> Point3<f32> {
+        let z = self.depth_m.pixels()[v * self.depth_m.width() + u];
+        Point3::new(self.slope_x[u] * z, self.slope_y[v] * z, z)
+    }
+
+    /// The points of every `stride`-th column and row, starting at 0, camera frame; `stride` is at least 1.
+    pub fn points(&self, stride: usize) -> PointMap {
+        let (width, height) = (self.width().div_ceil(stride), self.height().div_ceil(stride));
+        let mut points = Image::filled(width, height, MISSING);
+        for (row, v) in points.pixels_mut().chunks_exact_mut(width.max(1)).zip((0..).step_by(stride)) {
+            let depths = &self.depth_m.pixels()[v * self.depth_m.width()..][..self.depth_m.width()];
+            let y = self.slope_y[v];
+            for ((p, z), x) in row.iter_mut().zip(depths.iter().step_by(stride)).zip(self.slope_x.iter().step_by(stride)) {
+                *p = Point3::new(x * z, y * z, *z);
+            }
+        }
+        points
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::point_map::is_reading;
+
+    const CAMERA: Pinhole = Pinhole { width: 5, height: 3, fx: 4.0, fy: 5.0, cx: 2.0, cy: 1.0 };
+
+    #[test]
+    fn pixels_without_a_usable_reading_are_missing_and_the_others_project_back() {
+        let mut counts = vec![1000u16; 15];
+        counts[3] = 0;
+        counts[7] = 5000;
+        let depth = DepthMap::new(&counts, 0.001, &CAMERA, 4.0);
+        assert_eq!(depth.readings(), 13);
+        for (i, p) in depth.points(1).pixels().iter().enumerate() {
+            assert_eq!(is_reading(p), i != 3 && i != 7);
+            if is_reading(p) {
+                assert_eq!(CAMERA.pixel_of(&p.cast()), Some((i % 5, i / 5)));
+                assert_eq!(depth.point(i % 5, i / 5), *p);
+            }
+        }
+    }
+
+    #[test]
+    fn extreme_intrinsics_give_no_points_rather_than_infinite_ones() {
+        for camera in [Pinhole { fx: 1e-300, ..CAMERA }, Pinhole { cy: 1e300, ..CAMERA }] {
+            let points = DepthMap::new(&[1000; 15], 0.001, &camera, 4.0).points(1);
+            assert!(points.pixels().iter().all(|p| !is_reading(p) || p.coords.iter().all(|c| c.is_finite())));
+        }
+    }
+
+    #[test]
+    fn a_stride_keeps_every_nth_point() {
+        let counts: Vec<u16> = (1..16).map(|i| i * 100).collect();
+        let depth = DepthMap::new(&counts, 0.001, &CAMERA, 4.0);
+        let all = depth.points(1);
+        let coarse = depth.points(2);
+        assert_eq!((coarse.width(), coarse.height()), (3, 2));
+        for (v, u) in [(0, 0), (0, 2), (1, 1)] {
+            assert_eq!(coarse[(u, v)], all[(2 * u, 2 * v)]);
+        }
+    }
+}

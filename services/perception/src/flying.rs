@@ -1,0 +1,106 @@
+//! Readings that hang in the air between two surfaces, taken out.
+//!
+//! A depth camera mixes what its pixel sees at an outline: the reading comes to lie between the near and the far surface, where there is
+//! nothing. Seen along a row or column, such a pixel is far from the pixels on both sides of it, nearer than the one and farther than the
+//! other. How far two neighbouring pixels of one surface can be apart grows with its slope: steeper than `max_slope` is no surface.
+//! What is far from all four neighbours is a speckle and goes as well.
+
+use repose_geometry::Image;
+
+use crate::settings::FlyingSettings;
+
+/// Replaces flying readings by NaN; how many there were.
+///
+/// `depth_m` holds NaN where there is no reading, `focal_px` is the focal length of the same picture.
+pub fn remove(depth_m: &mut Image<f32>, focal_px: f32, settings: &FlyingSettings) -> usize {
+    let (width, height) = (depth_m.width(), depth_m.height());
+    if width < 3 || height < 3 {
+        return 0;
+    }
+    // Judged on the readings as they came: a pixel taken out must not make its neighbour flying.
+    let before = depth_m.pixels().to_vec();
+    let row = |v: usize| &before[v * width..(v + 1) * width];
+    let per_depth = settings.max_slope / focal_px;
+    let mut removed = 0;
+    let mut flying = vec![false; width - 2];
+    for v in 1..height - 1 {
+        let (above, here, below) = (row(v - 1), row(v), row(v + 1));
+        // Slices of one length, so that the loop runs over many pixels at once.
+        let sides = here[..width - 2].iter().zip(&here[2..]).zip(&above[1..width - 1]).zip(&below[1..width - 1]);
+        for ((flying, z), (((left, right), above), below)) in flying.iter_mut().zip(&here[1..width - 1]).zip(sides) {
+            let limit = per_depth * z + settings.noise_per_m2 * z * z;
+            // Comparisons with a missing neighbour are false: it is no step to either side, and near nobody.
+            let between = |a: f32, b: f32| ((z - a > limit) & (b - z > limit)) | ((a - z > limit) & (z - b > limit));
+            let near = |a: f32| (a - z).abs() <= limit;
+            let alone = !(near(*left) | near(*right) | near(*above) | near(*below));
+            *flying = (between(*left, *right) | between(*above, *below) | alone) & !z.is_nan();
+        }
+        let out = &mut depth_m.pixels_mut()[v * width..(v + 1) * width];
+        for (z, _) in out[1..].iter_mut().zip(&flying).filter(|(_, flying)| **flying) {
+            *z = f32::NAN;
+            removed += 1;
+        }
+    }
+    removed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::{Solid, cast};
+    use proptest::prelude::*;
+    use repose_geometry::transform::look_at;
+    use repose_geometry::{Pinhole, Point3, Vector3};
+
+    const CAMERA: Pinhole = Pinhole { width: 160, height: 120, fx: 130.0, fy: 130.0, cx: 79.5, cy: 59.5 };
+
+    fn table_with_box(height_m: f64) -> Image<f32> {
+        let world_from_camera = look_at(&Point3::new(0.2, -0.8, height_m), &Point3::origin(), &Vector3::z());
+        let solids = [Solid::table(0.0), Solid::cuboid([0.0, 0.0, 0.06], [0.1, 0.1, 0.06])];
+        cast(&solids, &CAMERA, &world_from_camera).map(|s| s.map_or(f32::NAN, |(z, _)| z as f32))
+    }
+
+    fn settings() -> FlyingSettings {
+        FlyingSettings::default()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(12))]
+        #[test]
+        fn clean_surfaces_keep_their_readings(height_m in 0.45..1.2f64) {
+            let mut depth_m = table_with_box(height_m);
+            let readings = depth_m.pixels().iter().filter(|z| !z.is_nan()).count();
+            // A side of the box that is seen at a glance may be a single pixel wide: that cannot be told from a mixed one.
+            prop_assert!(remove(&mut depth_m, 130.0, &settings()) * 200 <= readings);
+        }
+
+        #[test]
+        fn mixed_readings_at_an_outline_are_taken_out(share in 0.35..0.65f32) {
+            let mut depth_m = table_with_box(0.6);
+            let clean = depth_m.clone();
+            let mut mixed = Vec::new();
+            for v in 1..119 {
+                for u in 1..158 {
+                    let (a, b) = (clean[(u, v)], clean[(u + 1, v)]);
+                    // Every other row, so that a mixed pixel's neighbours above and below are whole.
+                    if v % 2 == 0 && (a - b).abs() > 0.15 {
+                        depth_m[(u, v)] = a + share * (b - a);
+                        mixed.push((u, v));
+                    }
+                }
+            }
+            prop_assert!(mixed.len() > 5, "{}", mixed.len());
+            remove(&mut depth_m, 130.0, &settings());
+            prop_assert!(mixed.iter().all(|at| depth_m[*at].is_nan()));
+        }
+    }
+
+    #[test]
+    fn a_speckle_goes_and_a_hole_beside_a_surface_does_not_widen() {
+        let mut depth_m = Image::filled(9, 9, 1.0f32);
+        depth_m[(4, 4)] = 0.8;
+        depth_m[(7, 4)] = f32::NAN;
+        assert_eq!(remove(&mut depth_m, 500.0, &settings()), 1);
+        assert!(depth_m[(4, 4)].is_nan() && depth_m[(6, 4)] == 1.0 && depth_m[(7, 4)].is_nan());
+    }
+}

@@ -1,0 +1,116 @@
+//! Frames that do not come from a live camera: a frame folder, a sequence of pictures, or a recording of ROS 2.
+//!
+//! | path | frames |
+//! |---|---|
+//! | a folder with `depth.png` and `camera.json` | that one |
+//! | a folder of such folders | each, by name |
+//! | a folder with `camera.json`, `depth/*.png`, and `color/`, `labels/` where there are any | one per depth picture |
+//! | a file `*.mcap`, or a folder with such files (a rosbag2 folder) | one per depth image or organised cloud |
+
+pub mod png_sequence;
+pub mod recording;
+pub mod ros_frames;
+pub mod ros_messages;
+
+use std::path::{Path, PathBuf};
+
+use repose_proto::Frame;
+
+use crate::frame_folder::{self, FrameFolderError};
+use png_sequence::PngSequence;
+pub use recording::{Recording, Topics};
+use ros_messages::MessageError;
+
+/// Why a source gives no frames, or no more.
+#[derive(Debug, thiserror::Error)]
+pub enum SourceError {
+    /// A file or folder is not there or cannot be read.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// A frame's pictures are at fault.
+    #[error(transparent)]
+    Pictures(#[from] FrameFolderError),
+    /// The file is no MCAP recording, or is damaged.
+    #[error("{}: not a whole MCAP recording: {reason}", path.display())]
+    Recording {
+        /// The file.
+        path: PathBuf,
+        /// What the reader says.
+        reason: String,
+    },
+    /// A message in a recording cannot be used.
+    #[error("{}: topic {topic}: {error}", path.display())]
+    Message {
+        /// The file.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+        /// What is wrong with the message.
+        error: MessageError,
+    },
+    /// There is nothing here that a frame can be made of.
+    #[error("{}: no frames; expected {lacks}", path.display())]
+    Empty {
+        /// The file or folder.
+        path: PathBuf,
+        /// What was looked for.
+        lacks: String,
+    },
+}
+
+impl SourceError {
+    /// The file or folder at fault.
+    pub fn path(&self) -> &Path {
+        match self {
+            Self::Pictures(error) => error.path(),
+            Self::File { path, .. } | Self::Recording { path, .. } | Self::Message { path, .. } | Self::Empty { path, .. } => path,
+        }
+    }
+}
+
+/// Frames in order. Their stamps are the source's: 0 for pictures, the messages' own for recordings.
+pub type Frames = Box<dyn Iterator<Item = Result<Frame, SourceError>> + Send>;
+
+/// Opens whatever a path holds; `topics` matter for recordings only. Frames are read as they are asked for.
+///
+/// # Errors
+/// [`SourceError`] when the path holds no frames; what is wrong with a single frame is said when its turn comes.
+pub fn open(path: &Path, topics: &Topics) -> Result<Frames, SourceError> {
+    if path.extension().is_some_and(|extension| extension == "mcap") {
+        return Ok(Box::new(Recording::open(path, topics.clone())?));
+    }
+    if path.join("depth.png").is_file() {
+        let folder = path.to_owned();
+        return Ok(Box::new(std::iter::once_with(move || Ok(frame_folder::read(&folder)?))));
+    }
+    let recordings = recordings_in(path)?;
+    if !recordings.is_empty() {
+        let topics = topics.clone();
+        let frames = recordings.into_iter().flat_map(move |file| match Recording::open(&file, topics.clone()) {
+            Ok(recording) => Box::new(recording) as Frames,
+            Err(error) => Box::new(std::iter::once(Err(error))),
+        });
+        return Ok(Box::new(frames));
+    }
+    let sequence = PngSequence::open(path)?;
+    Ok(Box::new((0..sequence.len()).map(move |index| Ok(sequence.read(index)?))))
+}
+
+/// The recordings in a folder, by name.
+fn recordings_in(folder: &Path) -> Result<Vec<PathBuf>, SourceError> {
+    let failed = |source| SourceError::File { path: folder.to_owned(), source };
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        if path.extension().is_some_and(|extension| extension == "mcap") {
+            files.push(path);
+        }
+    }
+    files.sort();
+    Ok(files)
+}

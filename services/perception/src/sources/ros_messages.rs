@@ -1,0 +1,387 @@
+//! The messages of ROS 2's `sensor_msgs` that a depth camera's driver publishes, read from their bytes.
+//!
+//! A serialized message is a four-byte header that names the byte order, then plain CDR (OMG; ROS 2's default encoding). Field names and
+//! order are those of `sensor_msgs/msg`; what is not needed here is still read, because CDR has no field lengths to skip by.
+
+use byteorder::{BigEndian, LittleEndian};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use serde_bytes::ByteBuf;
+
+/// `sensor_msgs/msg/PointField`'s number for 32-bit floats.
+const FLOAT32: u8 = 7;
+
+/// Why bytes are not the message they should be.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum MessageError {
+    /// The header names no byte order of plain CDR.
+    #[error("expected the header of plain CDR (00 00 or 00 01), got {got:02x?}")]
+    Encapsulation {
+        /// The first bytes.
+        got: Vec<u8>,
+    },
+    /// The body ends early or holds something else.
+    #[error("not a {message}: {reason}")]
+    Body {
+        /// The message's name.
+        message: &'static str,
+        /// What the decoder says.
+        reason: String,
+    },
+    /// The picture's or cloud's data is shorter than its sizes say.
+    #[error("{message}: {expected} bytes of data expected, got {got}")]
+    Short {
+        /// The message's name.
+        message: &'static str,
+        /// Bytes that the sizes ask for.
+        expected: usize,
+        /// Bytes that came.
+        got: usize,
+    },
+    /// A kind of content that is not read.
+    #[error("{field}: {got} is not supported, only {expected}")]
+    Unsupported {
+        /// The field.
+        field: &'static str,
+        /// What came.
+        got: String,
+        /// What would do.
+        expected: &'static str,
+    },
+}
+
+/// `builtin_interfaces/msg/Time`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+pub struct Time {
+    /// Seconds since the epoch.
+    pub sec: i32,
+    /// Nanoseconds on top.
+    pub nanosec: u32,
+}
+
+impl Time {
+    /// Nanoseconds since the epoch; instants before it count as the epoch.
+    pub fn as_ns(self) -> u64 {
+        u64::try_from(self.sec).unwrap_or(0) * 1_000_000_000 + u64::from(self.nanosec)
+    }
+}
+
+/// `std_msgs/msg/Header`.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+pub struct Header {
+    /// When it was taken.
+    pub stamp: Time,
+    /// The coordinate frame.
+    pub frame_id: String,
+}
+
+/// `sensor_msgs/msg/Image`.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+pub struct RosImage {
+    /// When and from where.
+    pub header: Header,
+    /// Rows.
+    pub height: u32,
+    /// Columns.
+    pub width: u32,
+    /// What a pixel is, such as `rgb8` or `16UC1`.
+    pub encoding: String,
+    /// Byte order of pixels wider than a byte.
+    pub is_bigendian: u8,
+    /// Bytes from one row to the next.
+    pub step: u32,
+    /// The pixels.
+    pub data: ByteBuf,
+}
+
+/// `sensor_msgs/msg/RegionOfInterest`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+pub struct RegionOfInterest {
+    /// First column.
+    pub x_offset: u32,
+    /// First row.
+    pub y_offset: u32,
+    /// Rows.
+    pub height: u32,
+    /// Columns.
+    pub width: u32,
+    /// Whether it should be rectified.
+    pub do_rectify: bool,
+}
+
+/// `sensor_msgs/msg/CameraInfo`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct CameraInfo {
+    /// When and from where.
+    pub header: Header,
+    /// Rows.
+    pub height: u32,
+    /// Columns.
+    pub width: u32,
+    /// The lens model; pictures are taken as rectified.
+    pub distortion_model: String,
+    /// Its parameters.
+    pub d: Vec<f64>,
+    /// Intrinsics, row by row: fx 0 cx, 0 fy cy, 0 0 1.
+    pub k: [f64; 9],
+    /// Rectification.
+    pub r: [f64; 9],
+    /// Projection.
+    pub p: [f64; 12],
+    /// Columns binned together.
+    pub binning_x: u32,
+    /// Rows binned together.
+    pub binning_y: u32,
+    /// The part of the sensor in use.
+    pub roi: RegionOfInterest,
+}
+
+/// `sensor_msgs/msg/PointField`.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+pub struct PointField {
+    /// What it is.
+    pub name: String,
+    /// Bytes from the point's first.
+    pub offset: u32,
+    /// The kind of number.
+    pub datatype: u8,
+    /// How many of them.
+    pub count: u32,
+}
+
+/// `sensor_msgs/msg/PointCloud2`.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+pub struct PointCloud2 {
+    /// When and from where.
+    pub header: Header,
+    /// Rows; 1 for a cloud that is no picture.
+    pub height: u32,
+    /// Columns.
+    pub width: u32,
+    /// What a point holds.
+    pub fields: Vec<PointField>,
+    /// Byte order of the data.
+    pub is_bigendian: bool,
+    /// Bytes from one point to the next; padding is allowed.
+    pub point_step: u32,
+    /// Bytes from one row to the next; padding is allowed.
+    pub row_step: u32,
+    /// The points.
+    pub data: ByteBuf,
+    /// Whether every point is finite.
+    pub is_dense: bool,
+}
+
+/// A point of a cloud: coordinates in the camera frame, metres, NaN where there is none, and its color where the cloud has any.
+pub type ColoredPoint = ([f32; 3], Option<[u8; 3]>);
+
+impl RosImage {
+    /// Reads a message.
+    ///
+    /// # Errors
+    /// [`MessageError`] when the bytes are no image, or hold fewer rows than they say.
+    pub fn read(bytes: &[u8]) -> Result<Self, MessageError> {
+        let image: Self = decode(bytes, "sensor_msgs/msg/Image")?;
+        check_length("sensor_msgs/msg/Image", image.height, image.step, image.data.len())?;
+        Ok(image)
+    }
+
+    /// The rows' pixels, `bytes_per_pixel` each, padding left out.
+    ///
+    /// # Errors
+    /// [`MessageError::Short`] when a row is shorter than its pixels.
+    pub fn rows(&self, bytes_per_pixel: usize) -> Result<impl Iterator<Item = &[u8]>, MessageError> {
+        let (row, step) = (self.width as usize * bytes_per_pixel, self.step as usize);
+        if row > step || row == 0 {
+            return Err(MessageError::Short { message: "sensor_msgs/msg/Image", expected: row.max(1), got: step });
+        }
+        Ok(self.data.chunks_exact(step).take(self.height as usize).map(move |chunk| &chunk[..row]))
+    }
+}
+
+impl CameraInfo {
+    /// Reads a message.
+    ///
+    /// # Errors
+    /// [`MessageError`] when the bytes are none.
+    pub fn read(bytes: &[u8]) -> Result<Self, MessageError> {
+        decode(bytes, "sensor_msgs/msg/CameraInfo")
+    }
+}
+
+impl PointCloud2 {
+    /// Reads a message.
+    ///
+    /// # Errors
+    /// [`MessageError`] when the bytes are no cloud, or hold fewer rows than they say.
+    pub fn read(bytes: &[u8]) -> Result<Self, MessageError> {
+        let cloud: Self = decode(bytes, "sensor_msgs/msg/PointCloud2")?;
+        check_length("sensor_msgs/msg/PointCloud2", cloud.height, cloud.row_step, cloud.data.len())?;
+        let row = u64::from(cloud.width) * u64::from(cloud.point_step);
+        if row > u64::from(cloud.row_step) || row == 0 {
+            let expected = usize::try_from(row.max(1)).unwrap_or(usize::MAX);
+            return Err(MessageError::Short { message: "sensor_msgs/msg/PointCloud2", expected, got: cloud.row_step as usize });
+        }
+        Ok(cloud)
+    }
+
+    /// Every point, row by row.
+    ///
+    /// # Errors
+    /// [`MessageError::Unsupported`] when x, y or z are missing or no 32-bit floats, or lie outside a point.
+    pub fn points(&self) -> Result<impl Iterator<Item = ColoredPoint> + '_, MessageError> {
+        let step = self.point_step as usize;
+        let [x, y, z] = [self.offset("x")?, self.offset("y")?, self.offset("z")?];
+        let rgb = self.fields.iter().find(|f| f.name == "rgb" || f.name == "rgba").map(|f| f.offset as usize).filter(|at| at + 4 <= step);
+        let word = move |point: &[u8], at: usize| {
+            let bytes = [point[at], point[at + 1], point[at + 2], point[at + 3]];
+            if self.is_bigendian { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) }
+        };
+        let rows = self.data.chunks_exact(self.row_step as usize).take(self.height as usize);
+        let points = rows.flat_map(move |row| row.chunks_exact(step).take(self.width as usize));
+        Ok(points.map(move |point| {
+            let color = rgb.map(|at| {
+                // Red, green and blue from the third byte down, whatever the number's type says.
+                let [_, red, green, blue] = word(point, at).to_be_bytes();
+                [red, green, blue]
+            });
+            ([x, y, z].map(|at| f32::from_bits(word(point, at))), color)
+        }))
+    }
+
+    /// Where a coordinate lies in a point.
+    fn offset(&self, name: &'static str) -> Result<usize, MessageError> {
+        let unsupported = |got: String| MessageError::Unsupported { field: name, got, expected: "a FLOAT32 inside the point" };
+        let field = self.fields.iter().find(|f| f.name == name).ok_or_else(|| unsupported("a cloud without it".to_owned()))?;
+        let fits = u64::from(field.offset) + 4 <= u64::from(self.point_step);
+        if field.datatype != FLOAT32 || !fits {
+            return Err(unsupported(format!("type {} at byte {} of {}", field.datatype, field.offset, self.point_step)));
+        }
+        Ok(field.offset as usize)
+    }
+}
+
+fn check_length(message: &'static str, rows: u32, step: u32, got: usize) -> Result<(), MessageError> {
+    let expected = usize::try_from(u64::from(rows) * u64::from(step)).unwrap_or(usize::MAX);
+    if got < expected { Err(MessageError::Short { message, expected, got }) } else { Ok(()) }
+}
+
+/// A message from its header and body.
+fn decode<T: DeserializeOwned>(bytes: &[u8], message: &'static str) -> Result<T, MessageError> {
+    let Some((header, body)) = bytes.split_at_checked(4) else {
+        return Err(MessageError::Encapsulation { got: bytes.to_vec() });
+    };
+    let decoded = match header {
+        [0, 0, _, _] => cdr_encoding::from_bytes::<T, BigEndian>(body),
+        [0, 1, _, _] => cdr_encoding::from_bytes::<T, LittleEndian>(body),
+        _ => return Err(MessageError::Encapsulation { got: header.to_vec() }),
+    };
+    decoded.map(|(value, _)| value).map_err(|e| MessageError::Body { message, reason: e.to_string() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Little-endian CDR by hand: each number aligned to its size.
+    #[derive(Default)]
+    struct Writer(Vec<u8>);
+
+    impl Writer {
+        fn put(&mut self, bytes: &[u8]) -> &mut Self {
+            while !self.0.len().is_multiple_of(bytes.len()) {
+                self.0.push(0);
+            }
+            self.0.extend_from_slice(bytes);
+            self
+        }
+
+        fn u32(&mut self, value: u32) -> &mut Self {
+            self.put(&value.to_le_bytes())
+        }
+
+        fn text(&mut self, text: &str) -> &mut Self {
+            self.u32(text.len() as u32 + 1).0.extend(text.bytes().chain([0]));
+            self
+        }
+
+        fn bytes(&mut self, bytes: &[u8]) -> &mut Self {
+            self.u32(bytes.len() as u32).0.extend_from_slice(bytes);
+            self
+        }
+
+        fn message(&self) -> Vec<u8> {
+            [&[0, 1, 0, 0], self.0.as_slice()].concat()
+        }
+    }
+
+    /// An image of 2 x 2 16-bit pixels in rows of 6 bytes.
+    fn image(data: &[u8]) -> Vec<u8> {
+        let mut writer = Writer::default();
+        writer.u32(7).u32(5).text("cam").u32(2).u32(2).text("16UC1").put(&[0]).u32(6).bytes(data);
+        writer.message()
+    }
+
+    /// A cloud of one row of two points of 20 bytes: x, y, z, 4 bytes of padding, rgb.
+    fn cloud(datatype: u8, z_offset: u32, width: u32) -> Vec<u8> {
+        let mut writer = Writer::default();
+        writer.u32(7).u32(5).text("cam").u32(1).u32(width).u32(4);
+        for (name, offset) in [("x", 0), ("y", 4), ("z", z_offset), ("rgb", 16)] {
+            writer.text(name).u32(offset).put(&[datatype]).u32(1);
+        }
+        let mut data = Vec::new();
+        for point in [[1.0f32, 2.0, 3.0], [f32::NAN; 3]] {
+            data.extend(point.iter().flat_map(|c| c.to_le_bytes()).chain([9; 4]).chain([30, 20, 10, 0]));
+        }
+        writer.put(&[0]).u32(20).u32(40).bytes(&data).put(&[0]);
+        writer.message()
+    }
+
+    #[test]
+    fn an_image_is_read_row_by_row_without_its_padding() {
+        let image = RosImage::read(&image(&[1, 2, 3, 4, 9, 9, 5, 6, 7, 8, 9, 9])).unwrap();
+        assert_eq!((image.header.stamp.as_ns(), image.header.frame_id.as_str()), (7_000_000_005, "cam"));
+        let rows: Vec<&[u8]> = image.rows(2).unwrap().collect();
+        assert_eq!(rows, [[1, 2, 3, 4], [5, 6, 7, 8]]);
+        assert!(matches!(image.rows(4), Err(MessageError::Short { expected: 8, got: 6, .. })));
+    }
+
+    #[test]
+    fn a_cloud_is_read_past_padding_and_holes() {
+        let cloud = PointCloud2::read(&cloud(FLOAT32, 8, 2)).unwrap();
+        let points: Vec<ColoredPoint> = cloud.points().unwrap().collect();
+        assert_eq!(points[0], ([1.0, 2.0, 3.0], Some([10, 20, 30])));
+        assert!(points[1].0.iter().all(|c| c.is_nan()) && points.len() == 2);
+    }
+
+    #[test]
+    fn what_a_message_promises_and_does_not_hold_is_said() {
+        assert!(matches!(RosImage::read(&image(&[1, 2, 3])), Err(MessageError::Short { expected: 12, got: 3, .. })));
+        assert!(matches!(PointCloud2::read(&cloud(FLOAT32, 8, 3)), Err(MessageError::Short { expected: 60, got: 40, .. })));
+        for (datatype, z_offset) in [(8, 8), (FLOAT32, 17), (FLOAT32, u32::MAX)] {
+            let cloud = PointCloud2::read(&cloud(datatype, z_offset, 2)).unwrap();
+            assert!(matches!(cloud.points().err(), Some(MessageError::Unsupported { .. })));
+        }
+        assert!(matches!(RosImage::read(&[0, 7, 0, 0, 1]), Err(MessageError::Encapsulation { .. })));
+        assert!(matches!(CameraInfo::read(&image(&[0; 12])), Err(MessageError::Body { .. })));
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_make_it_panic(bytes in prop::collection::vec(any::<u8>(), 0..200), cut in 0usize..120, at in 0usize..120, with: u8) {
+            let _ = RosImage::read(&bytes);
+            let mut spoiled = cloud(FLOAT32, 8, 2);
+            spoiled.truncate(spoiled.len() - cut);
+            if let Some(byte) = spoiled.get_mut(at) {
+                *byte = with;
+            }
+            if let Ok(cloud) = PointCloud2::read(&spoiled)
+                && let Ok(points) = cloud.points()
+            {
+                prop_assert!(points.count() <= 1 << 20);
+            }
+            let _ = CameraInfo::read(&spoiled);
+        }
+    }
+}

@@ -1,0 +1,170 @@
+//! Where the camera did not see: behind and inside objects, behind missing readings, and outside the picture.
+//!
+//! A missing return, a flying pixel and an object's shadow on the table all say the same: nobody looked there. A cube counts as seen when
+//! the camera's reading in its direction lies at least as far as the cube itself, so that a ray went through it or ended in it. Everything
+//! else above the furniture is unseen, which is neither free nor solid.
+
+use repose_geometry::{Image, Isometry3, Pinhole, Point3};
+use repose_proto::UnseenSpace;
+
+use crate::settings::UnseenSettings;
+use crate::surfaces::SupportSurface;
+
+/// The depth picture that rays are followed in.
+pub struct RayView<'a> {
+    /// Depth, NaN where there is no reading.
+    pub depth_m: &'a Image<f32>,
+    /// The camera of that (coarse) picture.
+    pub camera: Pinhole,
+    /// Its pose.
+    pub world_from_camera: &'a Isometry3<f64>,
+}
+
+/// The cubes above the furniture among `surfaces` that were not seen; `None` without furniture.
+///
+/// The grid spans the furniture's outlines and rises from the largest one.
+pub fn space(view: &RayView<'_>, surfaces: &[SupportSurface], settings: &UnseenSettings) -> Option<UnseenSpace> {
+    let furniture = || surfaces.iter().filter(|s| s.object.is_none());
+    let main = furniture().max_by(|a, b| a.seen_m2.total_cmp(&b.seen_m2))?;
+    let corners = || furniture().flat_map(|s| s.outline.corners());
+    // To the micrometre, as everything that a scene's id is made of.
+    let micro = |value: f64| (value * 1e6).round() / 1e6 + 0.0;
+    let low = corners().fold([f32::INFINITY; 2], |low, c| [low[0].min(c.x), low[1].min(c.y)]).map(|m| micro(f64::from(m)));
+    let high = corners().fold([f32::NEG_INFINITY; 2], |high, c| [high[0].max(c.x), high[1].max(c.y)]).map(|m| micro(f64::from(m)));
+    let longest_m = (high[0] - low[0]).max(high[1] - low[1]);
+    let cell_m = micro(settings.cell_m.max(longest_m / UnseenSpace::MAX_SIDE as f64)).max(1e-6);
+    let side = |k: usize| (((high[k] - low[k]) / cell_m - 1e-3).ceil() as usize).clamp(1, UnseenSpace::MAX_SIDE);
+    let (columns, rows) = (side(0), side(1));
+    let origin_m = [low[0], low[1], micro(f64::from(main.height_m))];
+
+    let camera_from_world = view.world_from_camera.inverse();
+    let to_camera = |x: f64, y: f64, z: f64| (camera_from_world * Point3::new(x, y, z)).cast::<f32>();
+    let up = (camera_from_world.rotation * repose_geometry::Vector3::new(0.0, 0.0, cell_m)).cast::<f32>();
+    let rays = Rays::new(view, cell_m as f32);
+    let half = cell_m / 2.0;
+    let mut hidden = Vec::with_capacity(columns * rows);
+    for row in 0..rows {
+        for column in 0..columns {
+            let (x, y) = (origin_m[0] + column as f64 * cell_m + half, origin_m[1] + row as f64 * cell_m + half);
+            let mut center = to_camera(x, y, origin_m[2] + half);
+            let mut bits = 0u32;
+            for level in 0..UnseenSpace::LEVELS {
+                bits |= u32::from(!rays.see(&center)) << level;
+                center += up;
+            }
+            hidden.push(bits);
+        }
+    }
+    Some(UnseenSpace { origin_m, cell_m, columns, rows, hidden })
+}
+
+/// Rays from the camera through cubes of one size.
+struct Rays<'a> {
+    depth_m: &'a Image<f32>,
+    fx: f32,
+    fy: f32,
+    cx: f32,
+    cy: f32,
+    half_m: f32,
+}
+
+impl<'a> Rays<'a> {
+    fn new(view: &RayView<'a>, cell_m: f32) -> Self {
+        let camera = &view.camera;
+        Self {
+            depth_m: view.depth_m,
+            fx: camera.fx as f32,
+            fy: camera.fy as f32,
+            // Half a pixel more, so that cutting off the fraction rounds.
+            cx: camera.cx as f32 + 0.5,
+            cy: camera.cy as f32 + 0.5,
+            half_m: cell_m / 2.0,
+        }
+    }
+
+    /// Whether the ray to the middle of a cube reaches it, or most of those half a cube beside it where a single reading is missing.
+    fn see(&self, center: &Point3<f32>) -> bool {
+        if center.z <= self.half_m {
+            return false;
+        }
+        let inverse = 1.0 / center.z;
+        let (u, v) = (self.fx * center.x * inverse + self.cx, self.fy * center.y * inverse + self.cy);
+        let least_m = center.z - self.half_m;
+        if self.reaches(u, v, least_m) {
+            return true;
+        }
+        let (du, dv) = ((self.fx * self.half_m * inverse).max(1.0), (self.fy * self.half_m * inverse).max(1.0));
+        let beside = [(u - du, v), (u + du, v), (u, v - dv), (u, v + dv)];
+        beside.into_iter().filter(|(u, v)| self.reaches(*u, *v, least_m)).count() >= 3
+    }
+
+    fn reaches(&self, u: f32, v: f32, least_m: f32) -> bool {
+        // The casts saturate: what is left of or above the picture must be told apart first.
+        u >= 0.0 && v >= 0.0 && self.depth_m.get(u as usize, v as usize).is_some_and(|z| *z >= least_m)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::{Solid, cast};
+    use repose_geometry::transform::look_at;
+    use repose_geometry::{Footprint, Vector3};
+
+    const CAMERA: Pinhole = Pinhole { width: 320, height: 240, fx: 262.0, fy: 262.0, cx: 159.5, cy: 119.5 };
+
+    fn table() -> SupportSurface {
+        let outline = [(-0.4, -0.3), (0.4, -0.3), (0.4, 0.3), (-0.4, 0.3)].map(|(x, y)| Point3::new(x, y, 0.0f32));
+        SupportSurface { height_m: 0.0, outline: Footprint::of(&outline).unwrap(), seen_m2: 0.48, object: None }
+    }
+
+    /// What is unseen of a table with a box of 10 cm in its middle, from in front; `spoil` changes the picture first.
+    fn unseen(spoil: impl Fn(&mut Image<f32>)) -> UnseenSpace {
+        let world_from_camera = look_at(&Point3::new(0.0, -0.8, 0.5), &Point3::origin(), &Vector3::z());
+        let solids = [Solid::table(0.0), Solid::cuboid([0.0, 0.0, 0.05], [0.05, 0.05, 0.05])];
+        let mut depth_m = cast(&solids, &CAMERA, &world_from_camera).map(|s| s.map_or(f32::NAN, |(z, _)| z as f32));
+        spoil(&mut depth_m);
+        let view = RayView { depth_m: &depth_m, camera: CAMERA, world_from_camera: &world_from_camera };
+        space(&view, &[table()], &UnseenSettings::default()).unwrap()
+    }
+
+    #[test]
+    fn the_inside_and_the_shadow_of_a_box_are_unseen_and_the_rest_is_seen() {
+        let space = unseen(|_| ());
+        assert_eq!((space.columns, space.rows, space.origin_m), (40, 30, [-0.4, -0.3, 0.0]));
+        let hides = |x: f64, y: f64, z: f64| space.hides([x, y, z]).unwrap();
+        assert!(hides(0.0, 0.0, 0.05), "inside");
+        assert!(hides(0.0, 0.09, 0.03), "behind, low");
+        assert!(!hides(0.0, 0.09, 0.15), "behind, above");
+        assert!(!hides(0.0, -0.15, 0.03) && !hides(0.25, 0.1, 0.03), "before and beside");
+        assert!(!hides(0.0, 0.29, 0.03), "behind, where the ray over the box comes down again");
+        assert_eq!(space.hides([9.0, 0.0, 0.0]), None);
+        let share = space.hidden.iter().map(|bits| bits.count_ones()).sum::<u32>() as f64 / (1200.0 * 32.0);
+        assert!(share > 0.005 && share < 0.6, "{share}");
+    }
+
+    #[test]
+    fn missing_readings_are_unseen_and_a_lone_one_is_not() {
+        let hole = |radius: isize| {
+            move |depth_m: &mut Image<f32>| {
+                // Where the camera sees the table at (0.25, 0).
+                for v in -radius..=radius {
+                    for u in -radius..=radius {
+                        depth_m[((229 + u) as usize, (119 + v) as usize)] = f32::NAN;
+                    }
+                }
+            }
+        };
+        assert_eq!(unseen(hole(12)).hides([0.25, 0.0, 0.01]), Some(true));
+        assert_eq!(unseen(hole(0)), unseen(|_| ()));
+    }
+
+    #[test]
+    fn without_furniture_there_is_no_grid() {
+        let world_from_camera = Isometry3::identity();
+        let depth_m = Image::filled(4, 4, f32::NAN);
+        let view = RayView { depth_m: &depth_m, camera: CAMERA, world_from_camera: &world_from_camera };
+        let top = SupportSurface { object: Some(3), ..table() };
+        assert_eq!(space(&view, &[top], &UnseenSettings::default()), None);
+    }
+}

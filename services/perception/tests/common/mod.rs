@@ -1,0 +1,38 @@
+//! A small frame that gives a scene quickly, and the configuration that it needs.
+
+use repose_geometry::Isometry3;
+use repose_geometry::transform::to_row_major;
+use repose_perception::PerceptionConfig;
+use repose_proto::{CameraModel, Frame, Payload, RigidTransform};
+
+/// A camera 1 m above a table, looking straight down at a box of 10 cm in the middle of the view.
+pub fn frame(camera_name: &str, stamp_ns: u64) -> Frame {
+    let down = nalgebra::UnitQuaternion::from_axis_angle(&nalgebra::Vector3::x_axis(), std::f64::consts::PI);
+    let world_from_camera = Isometry3::from_parts(nalgebra::Translation3::new(0.0, 0.0, 1.0), down);
+    let camera = CameraModel {
+        width: 160,
+        height: 120,
+        fx: 140.0,
+        fy: 140.0,
+        cx: 79.5,
+        cy: 59.5,
+        depth_unit_m: 0.001,
+        world_from_camera: Some(RigidTransform(to_row_major(&world_from_camera))),
+    };
+    let on_box = |i: usize| (70..90).contains(&(i % 160)) && (50..70).contains(&(i / 160));
+    let depth = (0..160 * 120).map(|i| if on_box(i) { 900 } else { 1000 }).collect();
+    Frame { camera_name: camera_name.to_owned(), stamp_ns, camera, depth, color: None, labels: None }
+}
+
+/// The frame as a camera puts it.
+pub fn encoded(frame: &Frame) -> Payload {
+    Payload::bulk(Frame::SCHEMA, &frame.to_bulk()).unwrap()
+}
+
+/// A configuration for pictures this small: few pixels are on the box.
+pub fn config() -> PerceptionConfig {
+    let mut config = PerceptionConfig::default();
+    config.segmentation.coarse_columns = 160;
+    config.segmentation.components.min_pixels = 50;
+    config
+}

@@ -1,0 +1,138 @@
+//! Several cameras at once: the newest frame wins, nobody waits for a slow consumer, and every frame is accounted for.
+
+mod common;
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use common::{config, encoded, frame};
+use repose_perception::cameras::{Cameras, FrameCounts};
+use repose_perception::worker::Worker;
+use repose_proto::{Payload, SceneSummary};
+use repose_runtime::{CancellationToken, Session, Subscription, Traffic};
+
+/// Cameras that are followed, and who listens to their scenes.
+struct Following {
+    session: Session,
+    worker: Arc<Worker>,
+    cameras: Arc<Cameras>,
+    scenes: Subscription,
+    stop: CancellationToken,
+}
+
+impl Following {
+    /// Follows `names`, all cameras when empty, and has seen a scene of each of `used`.
+    async fn start(names: &[&str], used: &[&str]) -> Self {
+        let session = Session::embedded().await.unwrap();
+        let worker = Arc::new(Worker::start(&config()).unwrap());
+        let cameras = Cameras::new(session.clone(), worker.clone(), &config());
+        let stop = CancellationToken::new();
+        let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+        let scenes = session.subscribe_queue(&session.cell().scene("*"), 256).await.unwrap();
+        cameras.clone().follow(&names, stop.clone()).await.unwrap();
+        let mut following = Self { session, worker, cameras, scenes, stop };
+        for camera in used {
+            // Put until one arrives: the subscription may still be on its way.
+            loop {
+                following.put(camera, encoded(&frame(camera, 1))).await;
+                if let Ok(Some(_)) = tokio::time::timeout(Duration::from_millis(300), following.scenes.recv()).await {
+                    break;
+                }
+            }
+        }
+        following.settled().await;
+        following
+    }
+
+    async fn put(&self, camera: &str, payload: Payload) {
+        self.session.put(&self.session.cell().camera_frame(camera), payload, Traffic::Frame).await.unwrap();
+    }
+
+    fn counts(&self) -> &FrameCounts {
+        self.cameras.counts()
+    }
+
+    /// Until every frame received has become something.
+    async fn settled(&self) {
+        self.until(|counts| {
+            let ended = [&counts.dropped, &counts.late, &counts.failed, &counts.published];
+            counts.received.load(Ordering::SeqCst) == ended.iter().map(|c| c.load(Ordering::SeqCst)).sum::<u64>()
+        })
+        .await;
+    }
+
+    async fn until(&self, holds: impl Fn(&FrameCounts) -> bool) {
+        let waiting = async {
+            while !holds(self.counts()) {
+                tokio::task::yield_now().await;
+            }
+        };
+        tokio::time::timeout(Duration::from_secs(20), waiting).await.unwrap_or_else(|_| panic!("still {:?}", self.counts()));
+    }
+
+    /// The stamp of a camera's newest scene.
+    fn newest(&self, camera: &str) -> Option<u64> {
+        self.worker.store().latest(camera).map(|summary| summary.stamp_ns)
+    }
+
+    async fn stop(self) {
+        self.stop.cancel();
+        drop(self.scenes);
+        self.session.close().await.unwrap();
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_newest_frame_of_each_camera_wins_whoever_is_slow_to_listen() {
+    let following = Following::start(&[], &["fast", "slow"]).await;
+    let cell = following.session.cell().clone();
+    // Holds one message and never takes it.
+    let _never_reads = following.session.subscribe_queue(&cell.scene("fast"), 1).await.unwrap();
+    let before = following.counts().received.load(Ordering::SeqCst);
+    for stamp_ns in 2..=40 {
+        following.put("fast", encoded(&frame("fast", stamp_ns))).await;
+        if stamp_ns % 20 == 0 {
+            following.put("slow", encoded(&frame("slow", stamp_ns))).await;
+        }
+    }
+    following.until(|counts| counts.received.load(Ordering::SeqCst) == before + 41).await;
+    following.settled().await;
+    assert_eq!((following.newest("fast"), following.newest("slow")), (Some(40), Some(40)));
+    let counts = following.counts();
+    assert_eq!(counts.failed.load(Ordering::SeqCst) + counts.late.load(Ordering::SeqCst), 0, "{counts:?}");
+    following.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_frame_after_a_newer_one_is_late_and_changes_nothing() {
+    let following = Following::start(&["front"], &["front"]).await;
+    let published = following.counts().published.load(Ordering::SeqCst);
+    following.put("front", encoded(&frame("front", 100))).await;
+    following.until(|counts| counts.published.load(Ordering::SeqCst) == published + 1).await;
+    following.put("front", encoded(&frame("front", 50))).await;
+    following.until(|counts| counts.late.load(Ordering::SeqCst) == 1).await;
+    assert_eq!(following.newest("front"), Some(100));
+    following.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_frame_that_cannot_be_used_is_counted_and_the_next_one_is_not_held_up() {
+    let mut following = Following::start(&["front", "side"], &["front", "side"]).await;
+    following.put("side", Payload { encoding: "nonsense".to_owned(), bytes: vec![1, 2, 3].into() }).await;
+    following.until(|counts| counts.failed.load(Ordering::SeqCst) == 1).await;
+    // A frame on another camera's key.
+    following.put("side", encoded(&frame("front", 7))).await;
+    following.until(|counts| counts.failed.load(Ordering::SeqCst) == 2).await;
+    following.put("front", encoded(&frame("front", 9))).await;
+    let summary: SceneSummary = loop {
+        let sample = tokio::time::timeout(Duration::from_secs(20), following.scenes.recv()).await.unwrap().unwrap();
+        let summary: SceneSummary = sample.payload.decode_json().unwrap();
+        if summary.stamp_ns == 9 {
+            break summary;
+        }
+    };
+    assert_eq!(summary.camera, "front");
+    assert_eq!(following.newest("side"), Some(1));
+    following.stop().await;
+}

@@ -1,0 +1,84 @@
+//! Every kind of scene comes to rest where it should, can be seen, and is the same wherever it is made.
+
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use repose_geometry::ViewerFrame;
+use repose_proto::Relation;
+use repose_simulator::render::picture;
+use repose_simulator::scene::{KindWeights, Scene, SceneKind, SceneSettings, scene_of_seed};
+use repose_simulator::viewpoint::{ViewpointSettings, random_viewpoint};
+
+const SEEDS: std::ops::Range<u64> = 40..45;
+
+fn scenes(kind: SceneKind) -> Vec<Scene> {
+    SEEDS.map(|seed| scene_of_seed(seed, &SceneSettings::only(kind)).expect("a scene").0).collect()
+}
+
+#[test]
+fn every_kind_gives_scenes_at_rest_on_its_furniture() {
+    for kind in SceneKind::ALL {
+        for scene in scenes(kind) {
+            assert_eq!(scene.kind, kind);
+            let wanted = if kind == SceneKind::Clutter { 7..=7 } else { 3..=7 };
+            assert!(wanted.contains(&scene.objects.len()), "{kind:?}: {} objects", scene.objects.len());
+            assert!(scene.penetration_m() <= 0.002, "{kind:?} {}", scene.seed);
+            for object in &scene.objects {
+                let at = object.world_from_object.translation.vector.into();
+                assert!(scene.surfaces.iter().any(|s| s.is_under(&at, 0.0)), "{kind:?} {}: object {}", scene.seed, object.id);
+            }
+        }
+    }
+}
+
+#[test]
+fn from_where_a_scene_says_to_look_most_objects_are_seen() {
+    for kind in SceneKind::ALL {
+        let (mut seen, mut all) = (0, 0);
+        for scene in scenes(kind) {
+            let mut rng = Pcg64::seed_from_u64(scene.seed);
+            for _ in 0..4 {
+                let (camera, world_from_camera) = random_viewpoint(&scene.focus(), &ViewpointSettings::default(), &mut rng);
+                let picture = picture(&camera, &world_from_camera, &scene.drawables());
+                let pixels = |id: u16| picture.labels.pixels().iter().filter(|label| **label == id).count();
+                seen += scene.objects.iter().filter(|o| pixels(o.id) > 40).count();
+                all += scene.objects.len();
+            }
+        }
+        assert!(seen * 100 >= all * 75, "{kind:?}: {seen} of {all} are seen");
+    }
+}
+
+#[test]
+fn a_seed_gives_the_same_scene_on_every_thread() {
+    let made = || -> Vec<(SceneKind, Vec<[f64; 3]>)> {
+        let scene = |seed| scene_of_seed(seed, &SceneSettings::default()).expect("a scene").0;
+        let at = |s: &Scene| s.objects.iter().map(|o| o.world_from_object.translation.vector.into()).collect();
+        (0..6).map(scene).map(|s| (s.kind, at(&s))).collect()
+    };
+    let elsewhere = std::thread::spawn(made);
+    assert_eq!(made(), elsewhere.join().expect("the other thread"));
+}
+
+#[test]
+fn the_training_mix_leaves_the_kitchen_out_and_has_all_else() {
+    assert_eq!(SceneSettings::default().kinds, KindWeights::training());
+    assert_eq!(KindWeights::training().weight(SceneKind::Kitchen), 0.0);
+    for kind in SceneKind::ALL.into_iter().filter(|k| *k != SceneKind::Kitchen) {
+        assert!(KindWeights::training().weight(kind) > 0.05, "{kind:?}");
+    }
+}
+
+#[test]
+fn stacks_are_centered_and_neighbours_touch_often_enough_to_learn_from() {
+    let (mut pairs, mut centered, mut touching) = (0, 0, 0);
+    for seed in 100..130 {
+        let (scene, _) = scene_of_seed(seed, &SceneSettings::default()).expect("a scene");
+        let n = scene.objects.len();
+        pairs += n * (n - 1);
+        for holds in scene.relations(&ViewerFrame::from_yaw(0.0)) {
+            centered += usize::from(holds[Relation::Centered.index()]);
+            touching += usize::from(holds[Relation::Touching.index()]);
+        }
+    }
+    assert!(centered * 100 >= pairs && touching * 100 >= pairs * 5, "{centered} centered and {touching} touching of {pairs}");
+}
