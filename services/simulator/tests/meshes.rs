@@ -177,7 +177,8 @@ fn gap_m(shape: &Shape, p: &Point3<f32>) -> f32 {
     // In decimetres: the engine's tolerances are too coarse for centimetres in metres.
     let scaled = |corners: &[parry3d::math::Vector]| corners.iter().map(|c| *c * 10.0).collect::<Vec<_>>();
     let at = parry3d::math::Vector::new(p.x, p.y, p.z) * 10.0;
-    let hull = |part: &SharedShape| SharedShape::convex_hull(&scaled(part.as_convex_polyhedron().expect("a hull").points())).expect("a volume");
+    let hull =
+        |part: &SharedShape| SharedShape::convex_hull(&scaled(part.as_convex_polyhedron().expect("a hull").points())).expect("a volume");
     let distance = |part: &SharedShape| hull(part).distance_to_local_point(at, true) / 10.0;
     shape.parts.iter().map(|(_, part)| distance(part)).fold(f32::MAX, f32::min)
 }

@@ -130,12 +130,8 @@ mod tests {
 
     #[test]
     fn keys_tell_apart_whatever_differs() {
-        let keys = [
-            Cache::key(&[b"ab", b"c"], "s"),
-            Cache::key(&[b"a", b"bc"], "s"),
-            Cache::key(&[b"ab", b"c"], "t"),
-            Cache::key(&[b"abc"], "s"),
-        ];
+        let keys =
+            [Cache::key(&[b"ab", b"c"], "s"), Cache::key(&[b"a", b"bc"], "s"), Cache::key(&[b"ab", b"c"], "t"), Cache::key(&[b"abc"], "s")];
         assert!((0..4).all(|i| (0..i).all(|j| keys[i] != keys[j])));
     }
 }

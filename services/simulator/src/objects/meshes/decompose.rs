@@ -58,11 +58,10 @@ pub fn feet(mesh: &TriMesh, parts: &[Part]) -> Vec<Part> {
     };
     let quad = |first: usize| -> Option<Part> {
         let corners: Vec<&Point3<f32>> = (0..4).filter_map(|k| farthest(first + 4 * k)).collect();
-        let twice_area: f32 = (0..corners.len()).map(|k| (corners[k], corners[(k + 1) % corners.len()])).map(|(a, b)| a.x * b.y - a.y * b.x).sum();
+        let twice_area: f32 =
+            (0..corners.len()).map(|k| (corners[k], corners[(k + 1) % corners.len()])).map(|(a, b)| a.x * b.y - a.y * b.x).sum();
         // What touches the table in a line or a point (a ball, a roller) has no feet.
-        (twice_area > 2e-4).then(|| {
-            corners.iter().flat_map(|p| [low, low + HEIGHT_M].map(|z| Point3::new(p.x, p.y, z))).collect()
-        })
+        (twice_area > 2e-4).then(|| corners.iter().flat_map(|p| [low, low + HEIGHT_M].map(|z| Point3::new(p.x, p.y, z))).collect())
     };
     (0..4).filter_map(quad).collect()
 }

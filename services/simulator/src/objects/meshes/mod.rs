@@ -215,4 +215,3 @@ fn name_of(path: &Path, by_folder: bool) -> String {
     let name = if by_folder { path.parent().and_then(Path::file_name) } else { path.file_stem() };
     name.map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
 }
-

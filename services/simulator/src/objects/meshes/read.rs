@@ -95,8 +95,7 @@ fn stl(bytes: &[u8]) -> Result<TriMesh, MeshProblem> {
 
 fn ply(bytes: &[u8]) -> Result<TriMesh, MeshProblem> {
     let invalid = invalid(Format::Ply);
-    let read =
-        Parser::<DefaultElement>::new().read_ply(&mut std::io::Cursor::new(bytes)).map_err(|e| invalid(format!("{e:?}")))?;
+    let read = Parser::<DefaultElement>::new().read_ply(&mut std::io::Cursor::new(bytes)).map_err(|e| invalid(format!("{e:?}")))?;
     let mut mesh = TriMesh::default();
     for vertex in read.payload.get("vertex").into_iter().flatten() {
         let coordinate = |key: &str| {
@@ -106,7 +105,8 @@ fn ply(bytes: &[u8]) -> Result<TriMesh, MeshProblem> {
     }
     for face in read.payload.get("face").into_iter().flatten() {
         let corners = face.get("vertex_indices").or_else(|| face.get("vertex_index"));
-        let corners = corners.and_then(ply_rs_bw::ply::Property::to_u32_list).ok_or_else(|| invalid("a face without vertices".to_owned()))?;
+        let corners =
+            corners.and_then(ply_rs_bw::ply::Property::to_u32_list).ok_or_else(|| invalid("a face without vertices".to_owned()))?;
         mesh.triangles.extend((2..corners.len()).map(|k| [corners[0], corners[k - 1], corners[k]]));
     }
     Ok(mesh)

@@ -52,12 +52,7 @@ pub fn sidecar_of(mesh: &Path) -> Result<Sidecar, MeshError> {
 
 impl Sidecar {
     fn validated(&self) -> Result<(), MeshProblem> {
-        let fields = [
-            ("mass_kg", self.mass_kg),
-            ("friction", self.friction),
-            ("density_kg_m3", self.density_kg_m3),
-            ("scale", self.scale),
-        ];
+        let fields = [("mass_kg", self.mass_kg), ("friction", self.friction), ("density_kg_m3", self.density_kg_m3), ("scale", self.scale)];
         fields.into_iter().try_for_each(|(field, value)| value.map_or(Ok(()), |got| positive(field, got)))
     }
 }
