@@ -5,8 +5,9 @@ use nalgebra::{Isometry3, Point3};
 use repose_geometry::{Image, Pinhole, transform};
 use repose_perception::Segmented;
 use repose_proto::{Frame, Scene, UnseenSpace};
+use repose_simulator::sheet::colors::object_color;
 
-use crate::picture::{Coloring, color_picture, draw_number, object_color, pinhole, scene_picture};
+use crate::picture::{Coloring, color_picture, draw_number, pinhole, scene_picture};
 
 /// Gap between the panels, pixels.
 const GAP: u32 = 6;

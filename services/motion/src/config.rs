@@ -20,9 +20,11 @@ pub struct MotionConfig {
     pub velocity_scale: f64,
     /// Share of the joints' acceleration limits used in free space, above 0 to 1. Default 0.25; higher is faster and shakes more.
     pub acceleration_scale: f64,
-    /// Share of both near things (approach, lift, lower, retreat), above 0 to 1. Default 0.5.
+    /// Share of the joints' jerk limits used in free space, above 0 to 1. Default 0.1; higher is a little faster and less smooth.
+    pub jerk_scale: f64,
+    /// Share of all three near things (approach, lift, lower, retreat), above 0 to 1. Default 0.5.
     pub contact_scale: f64,
-    /// Share of both while the object is carried, above 0 to 1. Default 0.5; higher is faster and loses more objects.
+    /// Share of all three while the object is carried, above 0 to 1. Default 0.5; higher is faster and loses more objects.
     pub holding_scale: f64,
     /// What is added to the robot's spheres against the scene, metres. Default 0.003; more keeps further off and finds fewer ways.
     pub padding_m: f64,
@@ -64,6 +66,7 @@ impl Default for MotionConfig {
             world_from_base: to_row_major(&planning.world_from_base),
             velocity_scale: planning.timing.velocity_scale,
             acceleration_scale: planning.timing.acceleration_scale,
+            jerk_scale: planning.timing.jerk_scale,
             contact_scale: planning.contact_scale,
             holding_scale: planning.holding_scale,
             padding_m: planning.padding_m,
@@ -110,6 +113,7 @@ impl MotionConfig {
         let share = |field, value: f64| within(field, value, f64::MIN_POSITIVE, 1.0);
         share("velocity_scale", self.velocity_scale)?;
         share("acceleration_scale", self.acceleration_scale)?;
+        share("jerk_scale", self.jerk_scale)?;
         share("contact_scale", self.contact_scale)?;
         share("holding_scale", self.holding_scale)?;
         within("padding_m", self.padding_m, 0.0, 0.05)?;
@@ -126,8 +130,12 @@ impl MotionConfig {
             grip_force_n: self.grip_force_n,
             ..PickPlaceSettings::default()
         };
-        settings.timing =
-            TimingSettings { velocity_scale: self.velocity_scale, acceleration_scale: self.acceleration_scale, ..settings.timing };
+        settings.timing = TimingSettings {
+            velocity_scale: self.velocity_scale,
+            acceleration_scale: self.acceleration_scale,
+            jerk_scale: self.jerk_scale,
+            ..settings.timing
+        };
         settings.grasp.count = self.grasps;
         settings.rrt.iterations = self.rrt_iterations;
         Ok(settings)

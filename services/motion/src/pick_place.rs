@@ -9,7 +9,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_panda::{Frame, Joints, LIMITS};
 
-use crate::collision::{CollisionChecker, HeldObject};
+use crate::collision::{ArmSettings, CollisionChecker, HeldObject};
 use crate::grasp::sight::Sight;
 use crate::grasp::{Grasp, GraspScene, GraspSettings, GraspTally, grasps};
 use crate::joint_path::distance;
@@ -68,7 +68,8 @@ impl Default for PickPlaceSettings {
             obstacles: ObstacleSettings::default(),
             grasp: GraspSettings::default(),
             reach: ReachSettings::default(),
-            rrt: RrtSettings::default(),
+            // A pick and place asks many searches, some of them in vain.
+            rrt: RrtSettings { iterations: 1500, ..RrtSettings::default() },
             simplify: SimplifySettings::default(),
             timing: TimingSettings::default(),
             contact_scale: 0.5,
@@ -125,8 +126,9 @@ pub fn pick_place(request: &PickPlaceRequest<'_>, settings: &PickPlaceSettings) 
     let (others, everything) = ([&others], [&others, &query]);
 
     let mut rng = Pcg64::seed_from_u64(request.seed);
-    let search = Search { request, settings, object: &object, others: &others, everything: &everything };
-    if let Some(contact) = search.checker(&everything, 0.0, None).contact(request.start) {
+    let thinned = repose_geometry::cloud::voxel_downsampled(&object, settings.held_spacing_m);
+    let search = Search { request, settings, object: &thinned, others: &others, everything: &everything };
+    if let Some(contact) = search.checker(search.everything, 0.0, None).contact(request.start) {
         return Err(PickPlaceError::StartBlocked(contact));
     }
     let found = match request.grasps {
@@ -158,34 +160,37 @@ pub fn pick_place(request: &PickPlaceRequest<'_>, settings: &PickPlaceSettings) 
     Err(PickPlaceError::NoPlacement(not_chosen))
 }
 
-/// A grasp, what it holds, and what is known of it at the object.
+/// A grasp and what is known of it at the object.
 struct TriedGrasp<'a> {
     grasp: Grasp,
-    held: HeldObject,
+    search: &'a Search<'a>,
+    /// The arm with this grasp, made when first needed.
+    reach: Option<Reach<'a>>,
     pick: Option<Result<PickEnd, EndFailure>>,
     to_standoff: Option<Option<Trajectory>>,
-    search: &'a Search<'a>,
 }
 
-impl TriedGrasp<'_> {
-    fn open(&self) -> CollisionChecker<'_> {
-        self.search.checker(self.search.others, self.grasp.opening_m, None)
-    }
-
-    fn holding(&self) -> CollisionChecker<'_> {
-        self.search.checker(self.search.others, self.grasp.width_m.unwrap_or(self.grasp.opening_m), Some(&self.held))
-    }
-
-    fn reach(&self) -> Reach<'_> {
-        let base_from_world = self.search.settings.world_from_base.inverse();
-        Reach { base_from_world, open: self.open(), holding: self.holding(), settings: &self.search.settings.reach }
+impl<'a> TriedGrasp<'a> {
+    fn reach(&mut self) -> &Reach<'a> {
+        let (search, grasp) = (self.search, &self.grasp);
+        self.reach.get_or_insert_with(|| {
+            let held = HeldObject::new(search.object, &grasp.world_from_tcp, search.settings.held_radius_m);
+            let closed_m = grasp.width_m.unwrap_or(grasp.opening_m);
+            Reach {
+                base_from_world: search.settings.world_from_base.inverse(),
+                open: search.checker(search.others, grasp.opening_m, None),
+                holding: search.checker(search.others, closed_m, Some(&held)),
+                closed: search.checker(search.others, closed_m, None),
+                settings: &search.settings.reach,
+            }
+        })
     }
 
     /// The object's end of the move, worked out once.
     fn pick_end(&mut self) -> Result<PickEnd, EndFailure> {
         if self.pick.is_none() {
-            let near = self.search.near(&self.grasp.world_from_tcp);
-            self.pick = Some(self.reach().pick(&self.grasp, &near));
+            let (near, grasp) = (self.search.near(&self.grasp.world_from_tcp), self.grasp);
+            self.pick = Some(self.reach().pick(&grasp, &near));
         }
         self.pick.clone().unwrap_or(Err(EndFailure::Unreachable))
     }
@@ -217,20 +222,21 @@ impl Ends {
 struct Search<'a> {
     request: &'a PickPlaceRequest<'a>,
     settings: &'a PickPlaceSettings,
+    /// The object's points, thinned.
     object: &'a [Point3<f32>],
     others: &'a [&'a Obstacles],
     everything: &'a [&'a Obstacles],
 }
 
 impl<'a> Search<'a> {
-    fn checker(&self, obstacles: &'a [&'a Obstacles], finger_opening_m: f64, held: Option<&'a HeldObject>) -> CollisionChecker<'a> {
+    fn checker(&self, obstacles: &'a [&'a Obstacles], finger_opening_m: f64, held: Option<&HeldObject>) -> CollisionChecker<'a> {
         let world_from_base = Frame::of(&self.settings.world_from_base);
-        CollisionChecker { world_from_base, obstacles, padding_m: self.settings.padding_m, finger_opening_m, held }
+        let arm = ArmSettings { world_from_base, padding_m: self.settings.padding_m, finger_opening_m, ..ArmSettings::default() };
+        CollisionChecker::new(arm, obstacles, held)
     }
 
     fn tried(&'a self, grasp: Grasp) -> TriedGrasp<'a> {
-        let held = HeldObject::new(self.object, &grasp.world_from_tcp, self.settings.held_spacing_m, self.settings.held_radius_m);
-        TriedGrasp { grasp, held, pick: None, to_standoff: None, search: self }
+        TriedGrasp { grasp, search: self, reach: None, pick: None, to_standoff: None }
     }
 
     /// The posture that is preferred: the ready pose, turned towards the target.
@@ -296,7 +302,8 @@ impl<'a> Search<'a> {
             }
         };
         let lifted = pick.lift[pick.lift.len() - 1];
-        match grasp.reach().place(&grasp.grasp, placed_from_observed, &lifted) {
+        let chosen = grasp.grasp;
+        match grasp.reach().place(&chosen, placed_from_observed, &lifted) {
             Ok(place) => Some(Ends { pick, place }),
             Err(EndFailure::Unreachable) => {
                 tally.place_unreachable += 1;
@@ -313,59 +320,58 @@ impl<'a> Search<'a> {
     /// The whole plan with a grasp, if free ways join its ends.
     fn joined(&self, grasp: &mut TriedGrasp<'_>, ends: &Ends, rng: &mut Pcg64) -> Option<Vec<PlannedPhase>> {
         let to_standoff = grasp.standoff(&ends.pick, rng)?;
-        let transfer = self.path(ends.lifted(), &ends.place.lower[0], &grasp.holding(), rng)?;
-        self.phases(grasp, &ends.pick, &ends.place, to_standoff, transfer)
+        let transfer = self.path(ends.lifted(), &ends.place.lower[0], &grasp.reach().holding, rng)?;
+        self.phases(grasp, ends, to_standoff, transfer)
     }
 
     /// A timed free path between two configurations.
     fn path(&self, from: &Joints, to: &Joints, checker: &CollisionChecker<'_>, rng: &mut Pcg64) -> Option<Trajectory> {
-        let is_free = |q: &Joints| checker.is_free(q);
-        let corners = rrt_connect(from, &[*to], &is_free, &self.settings.rrt, rng).ok()?;
-        let corners = simplified(corners, &self.settings.simplify, &is_free, rng);
-        let timing = match checker.held {
-            Some(_) => self.settings.timing.slowed(self.settings.holding_scale),
-            None => self.settings.timing,
-        };
-        timed(&corners, &timing, &is_free)
+        let corners = rrt_connect(from, &[*to], checker, &self.settings.rrt, rng).ok()?;
+        let corners = simplified(&corners, &self.settings.simplify, checker);
+        let timing = if checker.holds() { self.settings.timing.slowed(self.settings.holding_scale) } else { self.settings.timing };
+        timed(&corners, &timing, checker)
     }
 
     fn phases(
         &self,
-        grasp: &TriedGrasp<'_>,
-        pick: &PickEnd,
-        place: &PlaceEnd,
+        grasp: &mut TriedGrasp<'_>,
+        Ends { pick, place }: &Ends,
         to_standoff: Trajectory,
         transfer: Trajectory,
     ) -> Option<Vec<PlannedPhase>> {
-        // The corners are a centimetre apart and nearly in line: rounding them by this little changes nothing that was checked.
+        // The corners are a centimetre apart and nearly in line: little rounding is enough.
         let slow = TimingSettings { deviation_rad: 0.002, ..self.settings.timing.slowed(self.settings.contact_scale) };
         let open = GripperMove { width_m: grasp.grasp.opening_m, force_n: self.settings.grip_force_n };
         let close = GripperMove { width_m: 0.0, force_n: self.settings.grip_force_n };
         let phase = |phase, gripper, trajectory| PlannedPhase { phase, gripper, trajectory };
+        let reach = grasp.reach();
         Some(vec![
             phase(Phase::Standoff, Some(open), Some(to_standoff)),
-            phase(Phase::Approach, None, Some(Trajectory::new(&pick.approach, &slow)?)),
+            phase(Phase::Approach, None, Some(timed(&pick.approach, &slow, &reach.open)?)),
             phase(Phase::Grasp, Some(close), None),
-            phase(Phase::Lift, None, Some(Trajectory::new(&pick.lift, &slow)?)),
+            // What is held may touch what it stood on at first; its corners further up are checked.
+            phase(Phase::Lift, None, Some(timed(&pick.lift, &slow, &reach.closed)?)),
             phase(Phase::Transfer, None, Some(transfer)),
-            phase(Phase::Lower, None, Some(Trajectory::new(&place.lower, &slow)?)),
+            phase(Phase::Lower, None, Some(timed(&place.lower, &slow, &reach.holding)?)),
             phase(Phase::Release, Some(open), None),
-            phase(Phase::Retreat, None, Some(Trajectory::new(&place.retreat, &slow)?)),
+            phase(Phase::Retreat, None, Some(timed(&place.retreat, &slow, &reach.open)?)),
         ])
     }
 }
 
 /// How often a path that was rounded into an obstacle is rounded less.
 const ROUNDINGS: usize = 4;
-/// Time between the checks of a timed path, seconds.
+/// Time between the checks of a timed path, seconds. Straight edges between its places there leave it by at most an eighth of the acceleration
+/// times the square of this: less than a twentieth of the default padding.
 const CHECK_PERIOD_S: f64 = 0.01;
 
 /// The fastest timing of a path that stays free when its corners are rounded.
-fn timed(corners: &[Joints], settings: &TimingSettings, is_free: &impl Fn(&Joints) -> bool) -> Option<Trajectory> {
+fn timed(corners: &[Joints], settings: &TimingSettings, checker: &CollisionChecker<'_>) -> Option<Trajectory> {
     let mut settings = *settings;
     for _ in 0..ROUNDINGS {
         let trajectory = Trajectory::new(corners, &settings)?;
-        if trajectory.sampled(CHECK_PERIOD_S).all(|(_, point)| is_free(&point.position_rad)) {
+        let points: Vec<Joints> = trajectory.sampled(CHECK_PERIOD_S).map(|(_, point)| point.position_rad).collect();
+        if checker.path_is_free(&points) {
             return Some(trajectory);
         }
         settings.deviation_rad *= 0.2;

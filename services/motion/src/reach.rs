@@ -9,7 +9,7 @@ use repose_panda::{InverseSettings, JOINT_COUNT, Joints, inverse_near, inverse_s
 
 use crate::collision::{CollisionChecker, Contact};
 use crate::grasp::Grasp;
-use crate::joint_path::{distance, edge_is_free, sweep_bound_m};
+use crate::joint_path::{between, distance};
 
 /// How ends are looked for.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,8 +22,6 @@ pub struct ReachSettings {
     pub step_m: f64,
     /// Largest change of a joint over one step, radians; more is a jump to another branch. Default 0.2.
     pub jump_rad: f64,
-    /// Between two collision checks no point of the robot moves further than this, metres. Default 0.01.
-    pub resolution_m: f64,
     /// How far back along its approach the hand comes to a grasp and leaves a placement, metres. Default 0.10.
     pub standoff_m: f64,
     /// How far the object is lifted straight up, metres. Default 0.10.
@@ -43,7 +41,6 @@ impl Default for ReachSettings {
             postures: 24,
             step_m: 0.01,
             jump_rad: 0.2,
-            resolution_m: 0.01,
             standoff_m: 0.10,
             lift_m: 0.10,
             lift_contact_m: 0.02,
@@ -83,6 +80,7 @@ pub struct PlaceEnd {
 }
 
 /// Finds ends for one grasp.
+#[derive(Debug, Clone)]
 pub struct Reach<'a> {
     /// Pose of the world in the robot's base frame.
     pub base_from_world: Isometry3<f64>,
@@ -90,6 +88,8 @@ pub struct Reach<'a> {
     pub open: CollisionChecker<'a>,
     /// Judges the closed hand with the object in it.
     pub holding: CollisionChecker<'a>,
+    /// Judges the closed hand alone: where what it holds may still touch what it stood on.
+    pub closed: CollisionChecker<'a>,
     /// How.
     pub settings: &'a ReachSettings,
 }
@@ -101,14 +101,15 @@ impl Reach<'_> {
     /// The last posture's [`EndFailure`]; blocked ones go before unreachable ones.
     pub fn pick(&self, grasp: &Grasp, near: &Joints) -> Result<PickEnd, EndFailure> {
         let base_from_tcp = self.base_from_world * grasp.world_from_tcp;
-        self.over_postures(&base_from_tcp, near, |joints| {
+        self.over_postures(&base_from_tcp, near, &self.open, |joints| {
             let standoff = base_from_tcp * Isometry3::translation(0.0, 0.0, -self.settings.standoff_m);
             let mut approach = self.follow(joints, &base_from_tcp, &standoff)?;
-            self.check(&approach, 0, &self.open)?;
+            check(&approach, &self.open)?;
             approach.reverse();
             let lift = self.follow(joints, &base_from_tcp, &self.raised(&base_from_tcp, self.settings.lift_m))?;
             let in_contact = (self.settings.lift_contact_m / self.settings.step_m).ceil() as usize;
-            self.check(&lift, in_contact, &self.holding)?;
+            check(&lift[..(in_contact + 1).min(lift.len())], &self.closed)?;
+            check(&lift[in_contact.min(lift.len() - 1)..], &self.holding)?;
             Ok(PickEnd { approach, lift })
         })
     }
@@ -120,33 +121,40 @@ impl Reach<'_> {
     pub fn place(&self, grasp: &Grasp, placed_from_observed: &Isometry3<f64>, near: &Joints) -> Result<PlaceEnd, EndFailure> {
         let placed = self.base_from_world * placed_from_observed * grasp.world_from_tcp;
         let release = self.raised(&placed, self.settings.release_m);
-        self.over_postures(&release, near, |joints| {
+        self.over_postures(&release, near, &self.holding, |joints| {
             let mut lower = self.follow(joints, &release, &self.raised(&placed, self.settings.above_m))?;
-            self.check(&lower, 0, &self.holding)?;
+            check(&lower, &self.holding)?;
             lower.reverse();
             let back = release * Isometry3::translation(0.0, 0.0, -self.settings.standoff_m);
             let retreat = self.follow(joints, &release, &back)?;
-            self.check(&retreat, 0, &self.open)?;
+            check(&retreat, &self.open)?;
             Ok(PlaceEnd { lower, retreat })
         })
     }
 
-    /// Tries the postures at a pose, those near `near` first, until one gives a whole end.
+    /// Tries the postures at a pose that `checker` finds free, those near `near` first, until one gives a whole end.
     fn over_postures<End>(
         &self,
         base_from_tcp: &Isometry3<f64>,
         near: &Joints,
+        checker: &CollisionChecker<'_>,
         end_from: impl Fn(&Joints) -> Result<End, EndFailure>,
     ) -> Result<End, EndFailure> {
         let mut postures = inverse_sweep(base_from_tcp, &self.settings.inverse);
         postures.sort_by(|a, b| distance(a, near).total_cmp(&distance(b, near)));
+        postures.truncate(self.settings.postures);
+        let free = checker.are_free(&postures);
         let mut failure = EndFailure::Unreachable;
-        for joints in postures.iter().take(self.settings.postures) {
+        for (joints, _) in postures.iter().zip(&free).filter(|(_, free)| **free) {
             match end_from(joints) {
                 Ok(end) => return Ok(end),
                 Err(EndFailure::Unreachable) => {}
                 Err(blocked) => failure = blocked,
             }
+        }
+        if failure == EndFailure::Unreachable {
+            let blocked = postures.iter().zip(&free).find(|(_, free)| !**free).and_then(|(joints, _)| checker.contact(joints));
+            failure = blocked.map_or(failure, EndFailure::Blocked);
         }
         Err(failure)
     }
@@ -171,27 +179,19 @@ impl Reach<'_> {
         Ok(path)
     }
 
-    /// Checks a path from its corner `first` on; before that, contact of what is held with the scene is in order.
-    fn check(&self, path: &[Joints], first: usize, checker: &CollisionChecker<'_>) -> Result<(), EndFailure> {
-        let lenient = CollisionChecker { held: None, ..*checker };
-        for (k, joints) in path.iter().enumerate() {
-            let checker = if k < first { &lenient } else { checker };
-            if let Some(contact) = checker.contact(joints) {
-                return Err(EndFailure::Blocked(contact));
-            }
-            let Some(next) = path.get(k + 1) else { break };
-            if sweep_bound_m(joints, next) > self.settings.resolution_m {
-                let free = edge_is_free(joints, next, self.settings.resolution_m, &|q| checker.is_free(q));
-                if !free {
-                    return Err(EndFailure::Blocked(checker.contact(next).unwrap_or(Contact::HeldScene)));
-                }
-            }
-        }
-        Ok(())
-    }
-
     /// A pose moved straight up in the world.
     fn raised(&self, base_from_tcp: &Isometry3<f64>, height_m: f64) -> Isometry3<f64> {
         Translation3::from(self.base_from_world.rotation * Vector3::z() * height_m) * base_from_tcp
+    }
+}
+
+/// Checks a whole path, its first corner first: there is most in the way.
+fn check(path: &[Joints], checker: &CollisionChecker<'_>) -> Result<(), EndFailure> {
+    if let Some(k) = checker.are_free(path).iter().position(|free| !free) {
+        return Err(EndFailure::Blocked(checker.contact(&path[k]).unwrap_or(Contact::Itself)));
+    }
+    match path.windows(2).find(|w| !checker.edge_is_free(&w[0], &w[1])) {
+        Some(w) => Err(EndFailure::Blocked(checker.contact(&between(&w[0], &w[1], 0.5)).unwrap_or(Contact::Itself))),
+        None => Ok(()),
     }
 }

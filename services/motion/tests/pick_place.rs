@@ -1,9 +1,9 @@
 //! Whole plans on synthetic tables.
 
 use nalgebra::{Isometry3, Vector3};
-use repose_panda::{CommandRuleSettings, CommandRules, Frame, JOINT_COUNT, Joints, LIMITS, READY, base_from_tcp};
+use repose_panda::{CommandRuleSettings, CommandRules, JOINT_COUNT, Joints, LIMITS, READY, base_from_tcp};
 
-use repose_motion::collision::CollisionChecker;
+use repose_motion::collision::{ArmSettings, CollisionChecker};
 use repose_motion::grasp::Grasp;
 use repose_motion::obstacles::{ObstacleSettings, Obstacles};
 use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place};
@@ -64,15 +64,15 @@ fn every_millisecond_keeps_frankas_rules_and_touches_nothing() {
     let plan = plan(1, &[moved(0.45, 0.25)], None).unwrap();
     let scene = synthetic::scene();
     let others = Obstacles::new(&scene.points_without(1), &scene.surfaces, &ObstacleSettings::default());
-    let checker = CollisionChecker {
-        world_from_base: Frame::BASE,
-        obstacles: &[&others],
-        padding_m: 0.0,
-        finger_opening_m: plan.grasp.opening_m,
-        held: None,
-    };
+    let obstacles = [&others];
+    let arm = ArmSettings { padding_m: 0.0, finger_opening_m: plan.grasp.opening_m, ..ArmSettings::default() };
+    let checker = CollisionChecker::new(arm, &obstacles, None);
     for (phase, points) in milliseconds(&plan) {
-        assert_eq!(CommandRules::check(&points[0], &points, CommandRuleSettings::default()), Ok(()), "{phase:?}");
+        assert_eq!(
+            CommandRules::check(&points[0], &points, CommandRuleSettings { check_jerk: true, ..CommandRuleSettings::default() }),
+            Ok(()),
+            "{phase:?}"
+        );
         assert!(points.iter().all(|q| LIMITS.contains(q, 0.0)));
         assert_eq!(points.iter().step_by(5).find_map(|q| checker.contact(q)), None, "{phase:?}");
     }

@@ -30,7 +30,7 @@ pub struct GenerateSettings {
     pub scenes: u64,
     /// Viewpoints of each scene.
     pub views: u32,
-    /// Whether layers keep their color; training does not need it. Default false: it makes shards a third larger.
+    /// Whether layers keep their color; training does not need it. Default false: it makes shards two thirds larger.
     pub color: bool,
     /// Scenes in a shard.
     pub scenes_per_shard: u64,

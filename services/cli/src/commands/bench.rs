@@ -2,6 +2,7 @@
 
 use clap::{Args, Subcommand};
 
+use crate::commands::bench_motion::{self, BenchMotionArgs};
 use crate::commands::bench_perception::{self, BenchPerceptionArgs};
 use crate::failure::Outcome;
 use crate::output::Output;
@@ -17,6 +18,8 @@ pub struct BenchArgs {
 /// The parts.
 #[derive(Debug, Subcommand)]
 pub enum Part {
+    /// The arm's path planning on a file of problems in known worlds.
+    Motion(BenchMotionArgs),
     /// A frame in memory to its scene, segmentation included.
     Perception(BenchPerceptionArgs),
 }
@@ -24,6 +27,7 @@ pub enum Part {
 /// Runs the command.
 pub fn run(args: &BenchArgs, output: Output) -> Outcome {
     match &args.part {
+        Part::Motion(args) => bench_motion::run(args, output),
         Part::Perception(args) => bench_perception::run(args, output),
     }
 }

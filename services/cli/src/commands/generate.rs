@@ -11,7 +11,7 @@ use repose_proto::Relation;
 use repose_sensor::SensorModel;
 use repose_simulator::generate::{GenerateSettings, generate, surveyed, view_rng};
 use repose_simulator::render::{DepthCanvas, picture};
-use repose_simulator::scene::scene_of_seed;
+use repose_simulator::scene::{SceneKind, SceneSettings, scene_of_seed};
 use repose_simulator::sheet::{SheetSettings, scene_tile, stacked, tile};
 use repose_simulator::statistics::Statistics;
 use repose_simulator::views::view_of_scene;
@@ -47,6 +47,10 @@ pub struct GenerateArgs {
     /// Which split's seeds: train, validation or test.
     #[arg(long, default_value = "train")]
     pub split: String,
+    /// Scenes of one kind only: open_table, large_box, clutter, stacking, shelf, drawer or kitchen. By default the mixture to train on,
+    /// which has no kitchens.
+    #[arg(long, value_name = "KIND")]
+    pub kind: Option<String>,
     /// Keep color in the shards too; training does not need it.
     #[arg(long)]
     pub color: bool,
@@ -72,12 +76,21 @@ pub fn split_of(name: &str) -> Result<Split, Failure> {
         .ok_or_else(|| Failure::bad_input("split", format!("expected one of {}, got {name:?}", known())))
 }
 
+/// The kind of scenes of that name.
+fn kind_of(name: &str) -> Result<SceneKind, Failure> {
+    let known = || SceneKind::ALL.map(SceneKind::name).join(", ");
+    SceneKind::parse(name).ok_or_else(|| Failure::bad_input("kind", format!("expected one of {}, got {name:?}", known())))
+}
+
 /// Runs the command.
 pub fn run(args: &GenerateArgs, output: Output) -> Outcome {
     let mut settings = GenerateSettings::new(args.out.as_deref().unwrap_or(Path::new("")), split_of(&args.split)?, args.scenes);
     settings.first_scene = args.first;
     settings.views = args.views;
     settings.color = args.color;
+    if let Some(name) = &args.kind {
+        settings.scene = SceneSettings::only(kind_of(name)?);
+    }
     settings.threads = args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     let mut report = Report::default();
     if let Some(folder) = &args.show {
@@ -126,9 +139,11 @@ impl Report {
             let (close, unclear) = (share(0.0, 1.0), share(1.0, 3.0));
             self.text.push(format!("{what} apart: under 1 mm {close:.1} % of {} pairs, 1 to 3 mm {unclear:.1} %", lengths.total()));
         }
-        let rejections: Vec<String> = statistics.rejections.iter().map(|(reason, n)| format!("{reason} {n}")).collect();
-        if !rejections.is_empty() {
-            self.text.push(format!("draws rejected: {}", rejections.join(", ")));
+        for (what, table) in [("scenes", &statistics.scene_kinds), ("draws rejected", &statistics.rejections)] {
+            let entries: Vec<String> = table.iter().map(|(name, n)| format!("{name} {n}")).collect();
+            if !entries.is_empty() {
+                self.text.push(format!("{what}: {}", entries.join(", ")));
+            }
         }
     }
 }
@@ -230,7 +245,7 @@ fn row_of_seed(seed: u64, settings: &GenerateSettings) -> Image<[u8; 3]> {
     let mut seen = picture(&view.camera, &view.world_from_camera, &scene.drawables());
     // A camera as training episodes draw them: the named ones would lose what a wrist holds them close to.
     SensorModel::jittered(&mut view_rng(seed, u32::MAX)).disturb(seen.depth_m.pixels_mut(), &view.camera, seed);
-    let title = format!("seed {seed}, {}: {} objects, {} draws rejected", view.viewpoint, scene.objects.len(), rejected.len());
+    let title = format!("seed {seed}, {}, {}, {} draws rejected", scene.kind.name(), view.viewpoint, rejected.len());
     scene_tile(&scene, &seen, &ViewerFrame::from_camera(&view.world_from_camera), &title, &sheet)
 }
 

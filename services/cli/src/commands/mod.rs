@@ -1,6 +1,7 @@
 //! One file a subcommand.
 
 pub mod bench;
+pub mod bench_motion;
 pub mod bench_perception;
 pub mod demo;
 pub mod evaluate;

@@ -6,6 +6,9 @@
 pub mod command_rules;
 pub mod inverse;
 pub mod kinematics;
+pub mod lane_frames;
+pub mod lanes;
+pub mod levers;
 pub mod limits;
 pub mod self_collision;
 pub mod spheres;
@@ -15,9 +18,10 @@ pub use inverse::{InverseError, InverseSettings, inverse_at, inverse_near, inver
 pub use kinematics::{
     Frame, Jacobian, LinkFrames, base_from_flange, base_from_hand, base_from_tcp, flange_from_hand, hand_from_tcp, jacobian,
 };
+pub use levers::levers;
 pub use limits::{FINGER_OPENING_MAX_M, JointLimits, LIMITS};
 pub use self_collision::{SELF_COLLISION_PAIRS, self_collides};
-pub use spheres::{GRIPPER_SPHERES, Link, PlacedSphere, SPHERE_COUNT, SPHERE_LINKS, gripper_spheres, spheres_in_base};
+pub use spheres::{GRIPPER_SPHERES, Link, PlacedSphere, SPHERE_COUNT, SPHERE_LINKS, gripper_spheres, spheres_in_base, spheres_in_link};
 
 /// How many joints the arm has.
 pub const JOINT_COUNT: usize = 7;

@@ -56,10 +56,10 @@ pub const LINKS: [Link; 11] = [
     Link::RightFinger,
 ];
 
-/// A sphere in the base frame.
+/// A sphere where it stands: in the base frame, unless said otherwise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlacedSphere {
-    /// Its centre, in the base frame.
+    /// Its centre.
     pub center: Point3<f64>,
     /// Its radius, metres.
     pub radius_m: f64,
@@ -150,6 +150,11 @@ impl Link {
     pub fn sphere_range(self) -> std::ops::Range<usize> {
         STARTS[self as usize]..STARTS[self as usize + 1]
     }
+}
+
+/// The spheres of one link, in its own frame.
+pub fn spheres_in_link(link: Link) -> impl Iterator<Item = PlacedSphere> {
+    BY_LINK[link as usize].iter().map(|row| placed_row(&Frame::BASE, row))
 }
 
 /// All spheres where the links are, in the base frame; the fingers `finger_opening_m` apart.
