@@ -183,23 +183,23 @@ impl Body {
             let points: Vec<Point3<f32>> = section.iter().flat_map(|&[r, z]| outline.ring([r, z.max(lowest).min(highest)])).collect();
             self.hull_part(&points);
         }
-        if quads.is_empty() {
-            return;
+        // The pieces that have a level face, and its radius.
+        let mut bearing: Vec<(usize, f32)> = Vec::new();
+        if let (Some(foot), Some(head)) = (tall.first(), tall.last())
+            && !quads.is_empty()
+        {
+            bearing.extend(flat_foot.then(|| (0, foot[0][0])));
+            bearing.extend(flat_head.then(|| (tall.len() - 1, head[head.len() - 1][0])));
         }
-        let disc_radius = |radius: f32| radius * outline.inradius() - INSET_M / 2.0;
-        let upright = |section: &[ProfilePoint], radius: f32| outline.is_round() && section.iter().all(|p| p[0] > radius * 0.99);
-        let mut quadrilateral = None;
-        for (index, is_flat, end) in [(0, flat_foot, 0), (tall.len().saturating_sub(1), flat_head, usize::MAX)] {
-            let Some(section) = tall.get(index).filter(|_| is_flat) else { continue };
-            let radius = section[end.min(section.len() - 1)][0];
-            if upright(section, radius) {
-                let both = tall.len() == 1 && end != 0 && flat_foot && upright(section, section[0][0]);
-                // One disc does for both faces where they are alike.
-                if !(both && (section[0][0] - radius).abs() < 1e-4) {
-                    self.disc_part(disc_radius(radius), section[0][1], section[section.len() - 1][1]);
-                }
-            } else if quadrilateral != Some(index) {
-                quadrilateral = Some(index);
+        // Two faces of one piece may share what bears them.
+        bearing.dedup_by(|head, foot| head.0 == foot.0 && (!outline.is_round() || (head.1 - foot.1).abs() < 1e-4));
+        for (index, radius) in bearing {
+            let section = tall[index];
+            // A cylinder, where the piece is nowhere narrower than its face.
+            if outline.is_round() && section.iter().all(|p| p[0] > radius * 0.99) {
+                let within_facets = radius * outline.inradius() - INSET_M / 2.0;
+                self.disc_part(within_facets, section[0][1], section[section.len() - 1][1]);
+            } else {
                 for quad in &quads {
                     let points: Vec<Point3<f32>> = section.iter().flat_map(|&at| quad.map(|k| outline.corner(at, k))).collect();
                     self.hull_part(&points);

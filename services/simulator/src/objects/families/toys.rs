@@ -63,7 +63,8 @@ fn wagon(draw: &mut Draw) -> Made {
     let opening = tub.vessel(&outline, &[[half, floor - 0.006], [half, floor + side]], wall * half / width, 0.006);
     let mut body = Body::default();
     body.add(&tub, &Isometry3::identity());
-    wheels(&mut body, half * 0.65, width * 0.98, wheel, width * 0.15);
+    // Beside the tub: through its side they would be in what it holds.
+    wheels(&mut body, half * 0.65, width * 1.12, wheel, width * 0.15);
     Made::solid("toy wagon", body, draw.pick(&[Material::Wood, Material::Plastic])).with_opening(opening)
 }
 

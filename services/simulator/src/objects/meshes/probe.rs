@@ -16,6 +16,8 @@ const LEVEL_M: f32 = 0.0025;
 const BUMP_M: f32 = 0.003;
 /// What counts as an opening's floor, metres above its lowest: floors are dished.
 const DISHED_M: f32 = 0.004;
+/// Least share of a top that bears what stands on it.
+const BEARING_SHARE: f32 = 0.9;
 /// Least half edge of a top, metres.
 const LEAST_TOP_M: f32 = 0.01;
 /// Least radius of an opening's floor and its least depth, metres.
@@ -56,18 +58,29 @@ impl Heights {
         }
         let level = |c: usize, r: usize| (self.cells[r * self.columns + c] - middle).abs() <= LEVEL_M;
         let (column, row) = self.middle(level)?;
+        // Grooves and holes do not keep anything from standing; bumps do.
         let fits = |half_x: usize, half_y: usize| {
-            column >= half_x
-                && row >= half_y
-                && column + half_x < self.columns
-                && row + half_y < self.rows
-                && (row - half_y..=row + half_y).all(|r| (column - half_x..=column + half_x).all(|c| level(c, r)))
+            if column < half_x || row < half_y || column + half_x >= self.columns || row + half_y >= self.rows {
+                return false;
+            }
+            let (mut bearing, mut all) = (0, 0);
+            for r in row - half_y..=row + half_y {
+                for c in column - half_x..=column + half_x {
+                    all += 1;
+                    bearing += usize::from(level(c, r));
+                    if self.cells[r * self.columns + c] > middle + LEVEL_M {
+                        return false;
+                    }
+                }
+            }
+            bearing as f32 >= BEARING_SHARE * all as f32
         };
         // Grown in turns, so that a long face gives a long rectangle.
-        let mut half = [0usize, 0];
-        if !fits(0, 0) {
+        let least = (LEAST_TOP_M / CELL_M).round() as usize;
+        if !fits(least, least) {
             return None;
         }
+        let mut half = [least; 2];
         loop {
             let (wider, deeper) = (fits(half[0] + 1, half[1]), fits(half[0], half[1] + 1));
             match (wider, deeper) {
@@ -77,7 +90,7 @@ impl Heights {
             }
         }
         let half_extents_m = half.map(|cells| cells as f32 * CELL_M);
-        (half_extents_m[0].min(half_extents_m[1]) >= LEAST_TOP_M).then(|| Top { center_m: self.at(column, row), height_m, half_extents_m })
+        Some(Top { center_m: self.at(column, row), height_m, half_extents_m })
     }
 
     /// The level floor that a wall encloses; `None` when there is no such thing.
