@@ -3,7 +3,7 @@
 //! A data set is a folder of shards (`shard_00000.safetensors`, …) beside a `dataset.json` that says how they were made ([`manifest`]). A view
 //! holds no finished picture but **layers**: the background (everything that is not a movable object), and each object rendered *alone*, so
 //! that the picture with or without any object is composed by the nearest depth per pixel ([`compose`]). Depth is clean (no noise, no
-//! border cleaning): training applies the sensor model and the cleaning that perception applies. At 320 × 240 a view is about 15 kB.
+//! border cleaning): training applies the sensor model and the cleaning that perception applies. At 320 × 240 a view is about 20 kB.
 //!
 //! ```text
 //! metadata  "repose-views-2"             JSON list, one entry per view ([`json`] has the fields)
