@@ -21,6 +21,9 @@ const WARM_UP_RUNS: usize = 10;
 /// Seconds of a soak before memory is first read.
 const WARM_UP_S: f64 = 5.0;
 
+/// How many times memory is read after that.
+const RSS_READINGS: f64 = 10.0;
+
 /// Arguments of `bench perception`.
 #[derive(Debug, Args)]
 pub struct BenchPerceptionArgs {
@@ -114,7 +117,9 @@ async fn soak(frame: Frame, seconds: f64, rate: f64, output: Output) -> Outcome 
     let begin = Instant::now();
     let camera = tokio::spawn(publish(session.clone(), frame, seconds, rate, begin));
     let mut latency_ms = Vec::new();
-    let (mut rss_start, mut first_s, mut last_s) = (None, None, 0.0);
+    let (mut rss, mut first_s, mut last_s) = (Vec::new(), None, 0.0);
+    // Memory is read once warm, and then ten times more in even steps.
+    let warm_s = WARM_UP_S.min(seconds / 2.0);
     let until = begin + Duration::from_secs_f64(seconds) + Duration::from_secs(2);
     while let Ok(Some(sample)) = tokio::time::timeout_at(until.into(), scenes.recv()).await {
         let summary: SceneSummary = sample.payload.decode_json()?;
@@ -122,12 +127,12 @@ async fn soak(frame: Frame, seconds: f64, rate: f64, output: Output) -> Outcome 
         latency_ms.push(since_begin * 1e3 - summary.stamp_ns as f64 / 1e6);
         first_s.get_or_insert(since_begin);
         last_s = since_begin;
-        if since_begin >= WARM_UP_S.min(seconds / 2.0) {
-            rss_start = rss_start.or_else(resident_bytes);
+        if since_begin >= warm_s + rss.len() as f64 * (seconds - warm_s) / RSS_READINGS {
+            rss.push(resident_bytes());
         }
     }
     let sent = camera.await.map_err(Failure::other)??;
-    let rss_end = resident_bytes();
+    rss.push(resident_bytes());
     shutdown.trigger();
     service.await.map_err(Failure::other)??;
     session.close().await?;
@@ -136,21 +141,22 @@ async fn soak(frame: Frame, seconds: f64, rate: f64, output: Output) -> Outcome 
     let achieved = if span_s > 0.0 { (latency_ms.len() - 1) as f64 / span_s } else { 0.0 };
     let published = latency_ms.len();
     latency_ms.sort_by(f64::total_cmp);
-    let mebibytes = |bytes: Option<u64>| bytes.map(|b| b as f64 / f64::from(1 << 20));
+    let rss_mib: Vec<Option<f64>> = rss.iter().map(|bytes| bytes.map(|b| b as f64 / f64::from(1 << 20))).collect();
+    let (start_mib, end_mib) = (rss_mib.first().copied().flatten(), rss_mib.last().copied().flatten());
     let document = serde_json::json!({
         "seconds": seconds, "rate": rate, "sent": sent, "scenes": published, "missing": sent.saturating_sub(published as u64), "achieved_per_s": achieved,
         "p50_ms": at(&latency_ms, 0.5), "p99_ms": at(&latency_ms, 0.99), "max_ms": at(&latency_ms, 1.0),
-        "rss_start_mib": mebibytes(rss_start), "rss_end_mib": mebibytes(rss_end),
+        "rss_start_mib": start_mib, "rss_end_mib": end_mib, "rss_mib": rss_mib,
     });
     output.print(&document, || {
-        let shown = |bytes| mebibytes(bytes).map_or_else(|| "unknown".to_owned(), |m: f64| format!("{m:.1} MiB"));
+        let shown = |mib: Option<f64>| mib.map_or_else(|| "unknown".to_owned(), |m| format!("{m:.1} MiB"));
         format!(
             "{sent} frames at {rate}/s for {seconds} s: {published} scenes, {achieved:.2}/s; frame put to scene seen p50 {:.1} ms, p99 {:.1} ms, max {:.1} ms; resident {} after warm-up, {} at the end",
             at(&latency_ms, 0.5),
             at(&latency_ms, 0.99),
             at(&latency_ms, 1.0),
-            shown(rss_start),
-            shown(rss_end)
+            shown(start_mib),
+            shown(end_mib)
         )
     })
 }
