@@ -73,7 +73,7 @@ pub struct KindRow {
     pub draws: usize,
     /// Share of the draws that were rejected, percent, by reason.
     pub rejected_percent: BTreeMap<&'static str, f64>,
-    /// Processor time for each scene, rejected draws included, milliseconds.
+    /// Time for each scene on one thread, rejected draws included, milliseconds.
     pub mean_ms: f64,
     /// Objects in a scene, on average.
     pub objects: f64,

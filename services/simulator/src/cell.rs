@@ -8,7 +8,7 @@ use repose_geometry::transform::look_at;
 
 use crate::arrange::{ArrangeSettings, Ways};
 use crate::furniture::{KindWeights, SceneKind, Table};
-use crate::objects::Family;
+use crate::objects::{Family, ObjectSource};
 use crate::physics::PhysicsSettings;
 use crate::scene::{NoScene, Scene, SceneSettings, scene_of_seed};
 
@@ -30,7 +30,16 @@ impl Default for CellSettings {
         use Family::{Bottle, Bowl, Box, Can, Compound, Cup, Cylinder, Mug};
         let arrange = ArrangeSettings {
             objects: [3, 6],
-            families: vec![Box, Box, Box, Box, Cylinder, Cylinder, Can, Can, Bottle, Mug, Mug, Cup, Bowl, Compound],
+            source: ObjectSource::procedural([
+                (Box, 4.0),
+                (Cylinder, 2.0),
+                (Can, 2.0),
+                (Mug, 2.0),
+                (Bottle, 1.0),
+                (Cup, 1.0),
+                (Bowl, 1.0),
+                (Compound, 1.0),
+            ]),
             scale: [0.6, 0.95],
             spread_m: [0.2, 0.24],
             highest_stack_m: 0.15,

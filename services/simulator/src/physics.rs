@@ -82,6 +82,21 @@ const GRAVITY_M_S2: f32 = 9.81;
 /// The size of the things at hand, which the engine's tolerances are relative to.
 const LENGTH_UNIT_M: f32 = 0.1;
 
+/// Why a world did not come to rest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unrest {
+    /// An object fell too low.
+    Lost {
+        /// Which.
+        index: usize,
+    },
+    /// An object still moves.
+    Moving {
+        /// Which.
+        index: usize,
+    },
+}
+
 /// A world with furniture and objects.
 pub struct World {
     inner: PhysicsWorld,
@@ -180,8 +195,12 @@ impl World {
         self.objects.iter().map(|h| &self.inner.bodies[*h]).map(|body| (body.linvel().length(), body.angvel().length()))
     }
 
-    /// Steps until everything rests, or until `rest.max_steps`; the number of steps taken, `None` when something still moves.
-    pub fn settle(&mut self, rest: &RestSettings) -> Option<usize> {
+    /// Steps until everything rests; the number of steps taken.
+    ///
+    /// # Errors
+    /// [`Unrest`] when an object falls below `lost_below_m`, or one still moves after `rest.max_steps`.
+    pub fn settle(&mut self, rest: &RestSettings, lost_below_m: f64) -> Result<usize, Unrest> {
+        const LOOK_EVERY: usize = 12;
         let mut still = 0;
         let mut rested = None;
         for taken in 1..=rest.max_steps {
@@ -189,6 +208,11 @@ impl World {
                 self.set_angular_damping(rest.calming_damping);
             }
             self.step();
+            if taken % LOOK_EVERY == 0
+                && let Some(index) = (0..self.objects.len()).find(|&i| self.world_from_object(i).translation.z < lost_below_m)
+            {
+                return Err(Unrest::Lost { index });
+            }
             still = if self.first_moving(rest).is_none() { still + 1 } else { 0 };
             if still >= rest.steps {
                 rested = Some(taken);
@@ -196,7 +220,7 @@ impl World {
             }
         }
         self.set_angular_damping(self.settings.angular_damping);
-        rested
+        rested.ok_or_else(|| Unrest::Moving { index: self.first_moving(rest).unwrap_or(0) })
     }
 
     fn set_angular_damping(&mut self, damping: f32) {
@@ -228,10 +252,10 @@ mod tests {
             table(&mut world);
             let start = Isometry3::translation(0.0, 0.0, shape.half_extents_m.z);
             world.add_object(&shape, &start);
-            let steps = world.settle(&RestSettings::default());
+            let steps = world.settle(&RestSettings::default(), -1.0);
             let moved = (world.world_from_object(0).translation.vector - start.translation.vector).norm();
             let tilt = world.world_from_object(0).transform_vector(&Vector3::z()).angle(&Vector3::z());
-            assert!(steps.is_some(), "{family:?} comes to rest");
+            assert!(steps.is_ok(), "{family:?} comes to rest");
             assert!(moved < 0.003 && tilt < 0.03, "{family:?} moved {moved} m and tilted {tilt} rad");
         }
     }
@@ -250,7 +274,7 @@ mod tests {
                     &Isometry3::from_parts(nalgebra::Translation3::new(0.01 * i as f64, 0.0, 0.2 + 0.3 * i as f64), turn),
                 );
             }
-            world.settle(&RestSettings::default());
+            world.settle(&RestSettings::default(), -1.0).ok();
             world.poses()
         };
         assert_eq!(run(), run());

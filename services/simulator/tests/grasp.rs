@@ -8,7 +8,7 @@ use repose_simulator::cell_world::CellWorld;
 use repose_simulator::robot::{ArmSettings, HandSettings};
 
 /// Below the velocity limit of the slowest joint.
-const FASTEST_RAD_S: f64 = 1.5;
+const FASTEST_RAD_S: f64 = 2.0;
 
 /// Drives the arm along straight lines of the grasp centre, as a commander would.
 struct Commander {
@@ -104,17 +104,17 @@ fn objects_are_picked_lifted_and_carried_by_friction_alone() {
         let mut commander = Commander { seq: 0, q_rad: READY };
         let above = downward(at.x, at.y, height + 0.13, yaw);
         let grasp = downward(at.x, at.y, height, yaw);
-        if !commander.line(&mut cell, &above, 3.0) || !commander.line(&mut cell, &grasp, 2.0) {
+        if !commander.line(&mut cell, &above, 5.0) || !commander.line(&mut cell, &grasp, 3.0) {
             tried -= 1;
             continue;
         }
         commander.grip(&mut cell, 0.0);
         let (width, settled, holding) = cell.gripper();
-        let lift = commander.line(&mut cell, &downward(at.x, at.y, height + 0.2, yaw), 2.0);
+        let lift = commander.line(&mut cell, &downward(at.x, at.y, height + 0.2, yaw), 3.0);
         let up = cell.truth().objects[index].world_from_object.translation.vector;
         let carried = downward(at.x, -at.y * 0.5, height + 0.2, yaw);
-        let carry = lift && commander.line(&mut cell, &carried, 3.0);
-        if !carry || !commander.line(&mut cell, &downward(at.x, -at.y * 0.5, height + 0.002, yaw), 2.0) {
+        let carry = lift && commander.line(&mut cell, &carried, 5.0);
+        if !carry || !commander.line(&mut cell, &downward(at.x, -at.y * 0.5, height + 0.002, yaw), 3.0) {
             tried -= 1;
             continue;
         }

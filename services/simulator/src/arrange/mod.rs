@@ -218,8 +218,8 @@ impl<'a> Arrangement<'a> {
 
 /// A random object.
 fn sampled(settings: &ArrangeSettings, rng: &mut impl Rng) -> Shape {
-    let family = settings.families[rng.random_range(0..settings.families.len())];
-    family.sample(rng.random_range(settings.scale[0]..=settings.scale[1]), rng)
+    let scale = rng.random_range(settings.scale[0]..=settings.scale[1]);
+    Arc::unwrap_or_clone(settings.source.sample(scale, rng))
 }
 
 /// A point on the border of a rectangle around the origin.

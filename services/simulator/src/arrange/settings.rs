@@ -3,15 +3,15 @@
 use nalgebra::Point2;
 
 use crate::furniture::SceneKind;
-use crate::objects::Family;
+use crate::objects::ObjectSource;
 
 /// How scenes are arranged.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ArrangeSettings {
     /// Fewest and most objects.
     pub objects: [usize; 2],
-    /// Families to draw from, each as likely as it is often listed.
-    pub families: Vec<Family>,
+    /// Where objects are drawn from.
+    pub source: ObjectSource,
     /// Smallest and largest scale of an object's usual size.
     pub scale: [f32; 2],
     /// Half the edge of the square within which objects are put on a surface, lowest and highest, metres.
@@ -60,12 +60,9 @@ pub const MOST_STACKED: usize = 4;
 
 impl Default for ArrangeSettings {
     fn default() -> Self {
-        use Family::{Bottle, Bowl, Box, Can, Compound, Cup, Cylinder, Mug, Plate, Pot, Tool};
         Self {
             objects: [3, 7],
-            families: vec![
-                Box, Box, Box, Box, Cylinder, Cylinder, Can, Bottle, Bottle, Mug, Mug, Cup, Bowl, Bowl, Plate, Pot, Compound, Tool,
-            ],
+            source: ObjectSource::default(),
             scale: [0.75, 1.25],
             spread_m: [0.14, 0.3],
             gather_at: None,

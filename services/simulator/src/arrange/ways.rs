@@ -7,7 +7,7 @@ use rand::{Rng, RngExt};
 
 use super::settings::MOST_STACKED;
 use super::{ArrangeSettings, Arrangement, Placed, PutDown, rotation};
-use crate::objects::Shape;
+use crate::objects::{Opening, Shape};
 
 /// Gap of what touches, metres: the rule of `touching` says 1 mm, and settling may open a gap a little.
 const TOUCHING_M: std::ops::Range<f64> = 0.0001..0.0004;
@@ -70,8 +70,8 @@ impl Arrangement<'_> {
         let anchor = &self.placed[index];
         let top = anchor.shape.top?;
         let centered = centered && anchor.carries == 0;
-        let shift = if centered { [0.0; 2] } else { [rng.random_range(-0.65..0.65), rng.random_range(-0.65..0.65)] };
-        let local = |k: usize| f64::from(top.center_m[k]) + shift[k] * f64::from(top.half_extents_m[k]);
+        let shift = if centered { [0.0; 2] } else { [rng.random_range(-0.65..0.65f32), rng.random_range(-0.65..0.65f32)] };
+        let local = |k: usize| f64::from(top.center_m[k] + top.half_extents_m[k] * shift[k]);
         let local = Point3::new(local(0), local(1), f64::from(top.height_m));
         let at = anchor.world_from_object * local;
         let surface = anchor.surface;
@@ -86,18 +86,31 @@ impl Arrangement<'_> {
         Some(Placed { level, ..placed })
     }
 
-    /// Dropped into a vessel, in any orientation.
+    /// Into a vessel: stood on its floor where it fits upright, dropped in otherwise, and sometimes all the same.
     pub(super) fn inside_vessel(&mut self, shape: &Arc<Shape>, rng: &mut impl Rng) -> Option<Placed> {
-        let rotation = rotation::any(rng);
-        let open = |p: &Placed| p.shape.opening.is_some();
-        let index = self.pick_index(rng, |p| open(p) && p.upright && p.carries == 0 && p.stands_at_m.is_some())?;
-        let vessel = &self.placed[index];
-        let at = vessel.world_from_object.translation.vector;
-        let height_m = at.z + vessel.shape.half_extents_m.z + 0.01;
-        let how = PutDown { rotation, at: at.xy(), height_m, surface: vessel.surface, upright: false, margin_m: 0.0005 };
-        let placed = self.put_down(shape, &how)?;
+        let dropped = rng.random_bool(0.4);
+        let turned = (rotation::yawed(UnitQuaternion::identity(), rng), rotation::any(rng));
+        let open = |p: &Placed| p.shape.opening.is_some() && p.upright && p.carries == 0 && p.stands_at_m.is_some();
+        let index = self.pick_index(rng, open)?;
+        let (vessel, surface, level) = (&self.placed[index], self.placed[index].surface, self.placed[index].level + 1);
+        let opening = vessel.shape.opening?;
+        let [x, y] = opening.center_m.map(f64::from);
+        let inside = |height_m: f32| vessel.world_from_object * Point3::new(x, y, f64::from(height_m));
+        let how =
+            |rotation, at: Point3<f64>| PutDown { rotation, at: at.coords.xy(), height_m: at.z, surface, upright: true, margin_m: 0.0001 };
+        let stood = stood_in(shape, &opening, turned.0, vessel.world_from_object.rotation)
+            .filter(|_| !dropped)
+            .and_then(|rotation| self.put_down(shape, &how(rotation, inside(opening.floor_m))));
+        let placed = match stood {
+            Some(placed) => Placed { level, ..placed },
+            None if shape.radius_m() < f64::from(opening.mouth_radius_m) * 1.5 => {
+                let at = inside(opening.rim_m + 0.01);
+                Placed { stands_at_m: None, upright: false, level, ..self.put_down(shape, &how(turned.1, at))? }
+            }
+            None => return None,
+        };
         self.placed[index].carries += 1;
-        Some(Placed { stands_at_m: None, ..placed })
+        Some(placed)
     }
 
     /// Falling from over everything else on an open surface, in any orientation.
@@ -111,4 +124,14 @@ impl Arrangement<'_> {
         let how = PutDown { rotation: rotation::any(rng), at, height_m, surface, upright: false, margin_m: 0.002 };
         Some(Placed { stands_at_m: None, ..self.put_down(shape, &how)? })
     }
+}
+
+/// How an upright object fits on the floor of a vessel: turned in any way, only as the vessel is, or not at all.
+fn stood_in(shape: &Shape, opening: &Opening, turned: UnitQuaternion<f64>, as_vessel: UnitQuaternion<f64>) -> Option<UnitQuaternion<f64>> {
+    const ROOM_M: f64 = 0.001;
+    let half = shape.half_extents_m.xy();
+    if half.norm() + ROOM_M < f64::from(opening.radius_m) {
+        return Some(turned);
+    }
+    (0..2).all(|k| half[k] + ROOM_M < f64::from(opening.half_extents_m[k])).then_some(as_vessel)
 }

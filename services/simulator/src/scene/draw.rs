@@ -8,8 +8,8 @@ use super::measures::{displacement_m, measured};
 use super::settings::KnockSettings;
 use super::{NoScene, Rejected, Scene, SceneKind, SceneObject, SceneSettings};
 use crate::arrange::arranged;
-use crate::furniture::Furniture;
-use crate::physics::PhysicsSettings;
+use crate::furniture::{Furniture, SupportSurface};
+use crate::physics::{PhysicsSettings, Unrest};
 
 /// How far below a surface the lowest point of what it carries may be, metres.
 const SUNK_M: f64 = 0.004;
@@ -63,14 +63,17 @@ fn settled(start: &Scene, settings: &SceneSettings) -> Result<Vec<Isometry3<f64>
         let object = &start.objects[index];
         Rejected::Moving { id: object.id, name: object.shape.name.clone(), steps }
     };
+    let lowest_m = start.surfaces.iter().map(SupportSurface::height_m).fold(f64::INFINITY, f64::min);
+    let lost_below_m = lowest_m - 0.05;
     let mut scene = start.clone();
     let mut steps = 0;
     let mut creeping = 0;
     for _ in 0..PATIENCE {
         let mut world = scene.world(settings.physics);
-        let Some(taken) = world.settle(&settings.rest) else {
-            return Err(moving(world.first_moving(&settings.rest).unwrap_or(0), steps + settings.rest.max_steps));
-        };
+        let taken = world.settle(&settings.rest, lost_below_m).map_err(|why| match why {
+            Unrest::Lost { index } => Rejected::FellOff { id: start.objects[index].id },
+            Unrest::Moving { index } => moving(index, steps + settings.rest.max_steps),
+        })?;
         scene.put(&world.poses());
         if let Some(fallen) = scene.objects.iter().find(|o| !is_carried(&scene, o)) {
             return Err(Rejected::FellOff { id: fallen.id });
