@@ -1,7 +1,7 @@
 //! The simulated Panda picks objects up by friction, from the ready pose and back, through the command keys' own messages.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use repose_panda::{InverseSettings, Joints, READY, base_from_tcp, inverse_near};
+use repose_panda::{InverseSettings, Joints, READY, base_from_tcp, inverse_at};
 use repose_proto::robot::{GripperCommand, Owner, RobotCommand, RobotMode, SetPoint};
 use repose_simulator::cell::CellSettings;
 use repose_simulator::cell_world::CellWorld;
@@ -9,6 +9,8 @@ use repose_simulator::robot::{ArmSettings, HandSettings};
 
 /// Below the velocity limit of the slowest joint.
 const FASTEST_RAD_S: f64 = 2.0;
+/// Ways that the last joint is tried to turn in a step, to either side.
+const TURNS: i32 = 6;
 
 /// Drives the arm along straight lines of the grasp centre, as a commander would.
 struct Commander {
@@ -45,8 +47,14 @@ impl Commander {
             let s = k as f64 / steps as f64;
             let place = s * s * s * (10.0 - 15.0 * s + 6.0 * s * s);
             let pose = from.lerp_slerp(to, place);
-            let Ok(q) = inverse_near(&pose, &path[k - 1], &InverseSettings::default()) else { return false };
-            if (0..q.len()).any(|i| (q[i] - path[k - 1][i]).abs() > FASTEST_RAD_S / 50.0) {
+            // The last joint is free to turn: of what it allows, the posture nearest to the last one.
+            let settings = InverseSettings::default();
+            let last = path[k - 1];
+            let turns = (-TURNS..=TURNS).map(|turn| last[6] + f64::from(turn) * FASTEST_RAD_S / 50.0 / f64::from(TURNS));
+            let apart = |q: &Joints| (0..q.len()).map(|i| (q[i] - last[i]).abs()).fold(0.0, f64::max);
+            let postures = turns.flat_map(|turned| inverse_at(&pose, turned, &settings));
+            let Some(q) = postures.min_by(|a, b| apart(a).total_cmp(&apart(b))) else { return false };
+            if apart(&q) > FASTEST_RAD_S / 50.0 {
                 return false;
             }
             path.push(q);

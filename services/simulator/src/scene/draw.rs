@@ -70,7 +70,7 @@ fn settled(start: &Scene, settings: &SceneSettings) -> Result<Vec<Isometry3<f64>
     let mut creeping = 0;
     for _ in 0..PATIENCE {
         let mut world = scene.world(settings.physics);
-        let taken = world.settle(&settings.rest, lost_below_m).map_err(|why| match why {
+        let taken = world.settle_above(&settings.rest, lost_below_m).map_err(|why| match why {
             Unrest::Lost { index } => Rejected::FellOff { id: start.objects[index].id },
             Unrest::Moving { index } => moving(index, steps + settings.rest.max_steps),
         })?;
