@@ -9,8 +9,10 @@ use repose_simulator::robot::{ArmSettings, HandSettings};
 
 /// Below the velocity limit of the slowest joint.
 const FASTEST_RAD_S: f64 = 2.0;
-/// Ways that the last joint is tried to turn in a step, to either side.
-const TURNS: i32 = 6;
+/// Turns of the last joint that are tried for a line, to either side.
+const TURNS: i32 = 12;
+/// How far apart they are.
+const TURN_RAD: f64 = 0.2;
 
 /// Drives the arm along straight lines of the grasp centre, as a commander would.
 struct Commander {
@@ -40,25 +42,12 @@ impl Commander {
     /// A straight line to a pose of the grasp centre in `seconds`, smooth from rest to rest. False, and no motion, when it is out of reach
     /// or passes so near a singular posture that a joint would have to race.
     fn line(&mut self, cell: &mut CellWorld, to: &Isometry3<f64>, seconds: f64) -> bool {
-        let from = base_from_tcp(&self.q_rad);
         let steps = (seconds * 50.0) as usize;
-        let mut path = vec![self.q_rad];
-        for k in 1..=steps {
-            let s = k as f64 / steps as f64;
-            let place = s * s * s * (10.0 - 15.0 * s + 6.0 * s * s);
-            let pose = from.lerp_slerp(to, place);
-            // The last joint is free to turn: of what it allows, the posture nearest to the last one.
-            let settings = InverseSettings::default();
-            let last = path[k - 1];
-            let turns = (-TURNS..=TURNS).map(|turn| last[6] + f64::from(turn) * FASTEST_RAD_S / 50.0 / f64::from(TURNS));
-            let apart = |q: &Joints| (0..q.len()).map(|i| (q[i] - last[i]).abs()).fold(0.0, f64::max);
-            let postures = turns.flat_map(|turned| inverse_at(&pose, turned, &settings));
-            let Some(q) = postures.min_by(|a, b| apart(a).total_cmp(&apart(b))) else { return false };
-            if apart(&q) > FASTEST_RAD_S / 50.0 {
-                return false;
-            }
-            path.push(q);
-        }
+        // The last joint is free: it turns as smoothly as the hand moves, and as little as the other joints' limits let it.
+        let mut turns: Vec<i32> = (-TURNS..=TURNS).collect();
+        turns.sort_by_key(|turn| turn.abs());
+        let mut paths = turns.iter().filter_map(|turn| self.path(to, f64::from(*turn) * TURN_RAD, steps));
+        let Some(path) = paths.next() else { return false };
         let speed = |k: usize, i: usize| if k == 0 || k == steps { 0.0 } else { (path[k + 1][i] - path[k - 1][i]) / 0.04 };
         let points =
             (0..=steps).map(|k| SetPoint { t_ms: k as f64 * 20.0, q_rad: path[k], dq_rad_s: std::array::from_fn(|i| speed(k, i)) });
@@ -66,6 +55,25 @@ impl Commander {
         self.q_rad = path[steps];
         self.wait(cell, seconds + 0.05);
         true
+    }
+
+    /// Joint angles at evenly spaced instants of the line while the last joint turns by `turn_rad` in all.
+    fn path(&self, to: &Isometry3<f64>, turn_rad: f64, steps: usize) -> Option<Vec<Joints>> {
+        let from = base_from_tcp(&self.q_rad);
+        let mut path = vec![self.q_rad];
+        for k in 1..=steps {
+            let s = k as f64 / steps as f64;
+            let place = s * s * s * (10.0 - 15.0 * s + 6.0 * s * s);
+            let last = path[k - 1];
+            let apart = |q: &Joints| (0..q.len()).map(|i| (q[i] - last[i]).abs()).fold(0.0, f64::max);
+            let postures = inverse_at(&from.lerp_slerp(to, place), self.q_rad[6] + place * turn_rad, &InverseSettings::default());
+            let q = postures.into_iter().min_by(|a, b| apart(a).total_cmp(&apart(b)))?;
+            if apart(&q) > FASTEST_RAD_S / 50.0 {
+                return None;
+            }
+            path.push(q);
+        }
+        Some(path)
     }
 
     fn grip(&mut self, cell: &mut CellWorld, width_m: f64) {
