@@ -13,7 +13,7 @@ use repose_simulator::SimulatorConfig;
 use crate::failure::Failure;
 
 /// The configuration of every service.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct ServiceConfigs {
     /// Section `[perception]`.
     pub perception: PerceptionConfig,
@@ -48,5 +48,17 @@ impl ServiceConfigs {
             Service::Motion => repose_motion::run(session, self.motion, shutdown).await.map_err(Failure::other),
             Service::Simulator => repose_simulator::run(session, self.simulator, shutdown).await.map_err(Failure::other),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_example_configuration_says_the_defaults() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/repose.toml");
+        let said = ServiceConfigs::load(Some(&file)).unwrap_or_else(|failure| panic!("{failure:?}"));
+        assert_eq!(said, ServiceConfigs::default());
     }
 }
