@@ -10,6 +10,7 @@ use repose_geometry::{Image, ViewerFrame};
 use repose_proto::Relation;
 use repose_sensor::SensorModel;
 use repose_simulator::generate::{GenerateSettings, generate, surveyed, view_rng};
+use repose_simulator::objects::{MeshLibrary, MeshSettings};
 use repose_simulator::render::{DepthCanvas, picture};
 use repose_simulator::scene::{SceneKind, SceneSettings, scene_of_seed};
 use repose_simulator::sheet::{SheetSettings, scene_tile, stacked, tile};
@@ -51,6 +52,15 @@ pub struct GenerateArgs {
     /// which has no kitchens.
     #[arg(long, value_name = "KIND")]
     pub kind: Option<String>,
+    /// A folder of meshes (OBJ, STL, PLY) to draw objects from, beside the procedural families or instead of them.
+    #[arg(long, value_name = "DIR")]
+    pub objects: Option<PathBuf>,
+    /// How likely an object is one of `--objects`, 0 to 1.
+    #[arg(long, default_value_t = 1.0, requires = "objects")]
+    pub objects_share: f64,
+    /// Metres per unit of the files in `--objects`: 0.001 for millimetres.
+    #[arg(long, default_value_t = 1.0, requires = "objects")]
+    pub objects_scale: f32,
     /// Keep color in the shards too; training does not need it.
     #[arg(long)]
     pub color: bool,
@@ -90,6 +100,15 @@ pub fn run(args: &GenerateArgs, output: Output) -> Outcome {
     settings.color = args.color;
     if let Some(name) = &args.kind {
         settings.scene = SceneSettings::only(kind_of(name)?);
+    }
+    if let Some(folder) = &args.objects {
+        if !(0.0..=1.0).contains(&args.objects_share) {
+            return Err(Failure::bad_input("objects-share", format!("expected 0 to 1, got {}", args.objects_share)));
+        }
+        let meshes = MeshSettings { scale: args.objects_scale, ..MeshSettings::default() };
+        let library = MeshLibrary::load(folder, &meshes).map_err(|e| Failure::bad_input("objects", e))?;
+        let source = &mut settings.scene.arrange.source;
+        *source = source.clone().with_meshes(library, args.objects_share);
     }
     settings.threads = args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     let mut report = Report::default();

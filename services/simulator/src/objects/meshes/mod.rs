@@ -43,11 +43,19 @@ const READY_PARTS: &str = "convex_parts";
 const CACHE_FOLDER: &str = ".repose-cache";
 
 /// The objects of a folder, in the order of their paths.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct MeshLibrary {
     shapes: Arc<[Arc<Shape>]>,
     /// Hash of all that the objects follow from.
     digest: blake3::Hash,
+}
+
+impl std::fmt::Debug for MeshLibrary {
+    /// Names and the hash: what tells two libraries apart, without a million triangles.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let names: Vec<&str> = self.shapes.iter().map(|shape| shape.name.as_ref()).collect();
+        f.debug_struct("MeshLibrary").field("shapes", &names).field("digest", &self.digest.to_hex().as_str()).finish()
+    }
 }
 
 impl PartialEq for MeshLibrary {
