@@ -318,7 +318,10 @@ mod tests {
         assert_eq!((table.random_one_a_scene.n, table.random_one_a_scene.p), (2, None));
         assert_eq!((table.auc_random, table.random_stable), (Some(1.0), Rate { of: 1, n: 4 }));
         let [best, full] = &table.rows[..] else { panic!("two variants") };
-        assert_eq!((best.confident, best.stable, best.stable_with_goal), (Rate { of: 1, n: 2 }, Rate { of: 1, n: 1 }, Rate { of: 1, n: 1 }));
+        assert_eq!(
+            (best.confident, best.stable, best.stable_with_goal),
+            (Rate { of: 1, n: 2 }, Rate { of: 1, n: 1 }, Rate { of: 1, n: 1 })
+        );
         assert!((best.calibration.error.expect("one forecast") - 0.2).abs() < 1e-9);
         assert_eq!((full.confident, full.stable, full.calibration.error), (Rate { of: 0, n: 2 }, Rate::default(), None));
     }

@@ -149,7 +149,8 @@ pub fn scoring_speed(models: &Models, settings: &SpeedSettings) -> Result<Scorin
     goal[0] = 1;
     let prior_per_s = settings.threads as f64
         * per_second(settings.each, || {
-            let asked = spread(settings.threads, settings.threads, || (), |(), _| models.prior(&scene.context, scene.query, scene.anchor, goal));
+            let asked =
+                spread(settings.threads, settings.threads, || (), |(), _| models.prior(&scene.context, scene.query, scene.anchor, goal));
             asked.into_iter().try_for_each(|a| a.map(drop)).map_err(|e| internal(&e))
         })?;
     let matmul_gflops = matmul_gflops(settings).map_err(|e| internal(&e))?;
@@ -184,7 +185,9 @@ fn matmul_gflops(settings: &SpeedSettings) -> candle_core::Result<f64> {
     let operations = 2.0 * (MATRIX as f64).powi(3);
     let pools: Result<Vec<_>, _> = (0..settings.threads).map(|_| rayon::ThreadPoolBuilder::new().num_threads(1).build()).collect();
     let pools = pools.map_err(|e| candle_core::Error::Msg(e.to_string()))?;
-    let matrices = |seed: usize| Tensor::from_vec((0..MATRIX * MATRIX).map(|i| ((i * 7 + seed) % 13) as f32 * 0.1).collect(), (MATRIX, MATRIX), &Device::Cpu);
+    let matrices = |seed: usize| {
+        Tensor::from_vec((0..MATRIX * MATRIX).map(|i| ((i * 7 + seed) % 13) as f32 * 0.1).collect(), (MATRIX, MATRIX), &Device::Cpu)
+    };
     let (a, b): (Tensor, Tensor) = (matrices(1)?, matrices(2)?);
     let (mut best, begin) = (f64::INFINITY, Instant::now());
     while begin.elapsed() < settings.each {
@@ -205,7 +208,8 @@ mod tests {
     fn a_short_measurement_has_every_figure() {
         let models = Models::embedded().expect("embedded weights");
         let speed = scoring_speed(&models, &SpeedSettings { each: Duration::from_millis(50), threads: 2 }).expect("figures");
-        let figures = [&speed.discriminator_per_s[..], &[speed.relations_per_s, speed.prior_per_s, speed.matmul_share, speed.matmul_gflops]].concat();
+        let figures =
+            [&speed.discriminator_per_s[..], &[speed.relations_per_s, speed.prior_per_s, speed.matmul_share, speed.matmul_gflops]].concat();
         assert!(figures.iter().all(|f| f.is_finite() && *f > 0.0), "{speed:?}");
         assert_eq!(speed.points, 2048);
         // 512 · 64 neighbours of 32 and 64 wide layers alone are 0.14 · 10⁹ at most; all levels stay below 2.

@@ -16,7 +16,7 @@ pub struct DrawError {
 }
 
 /// Colors of series, in their order: readable side by side without seeing red or green.
-const COLORS: [RGBColor; 4] = [RGBColor(0, 114, 178), RGBColor(213, 94, 0), RGBColor(140, 185, 220), RGBColor(240, 190, 130)];
+static COLORS: [RGBColor; 4] = [RGBColor(0, 114, 178), RGBColor(213, 94, 0), RGBColor(140, 185, 220), RGBColor(240, 190, 130)];
 const FONT: (&str, i32) = ("sans-serif", 14);
 
 /// One series of [`grouped_bars`]: a name, and a height (0 to 1) with an interval per group.
@@ -118,7 +118,9 @@ pub fn reliability(title: &str, calibration: &Calibration) -> Result<String, Dra
         chart.configure_mesh().x_desc("realism").y_desc("share stable").label_style(FONT).draw()?;
         let filled = || calibration.bins.iter().enumerate().filter(|(_, bin)| bin.count > 0);
         let edge = |k: usize| k as f64 / BINS as f64;
-        chart.draw_series(filled().map(|(k, bin)| Rectangle::new([(edge(k) + 0.005, 0.0), (edge(k + 1) - 0.005, bin.observed)], COLORS[2].filled())))?;
+        chart.draw_series(
+            filled().map(|(k, bin)| Rectangle::new([(edge(k) + 0.005, 0.0), (edge(k + 1) - 0.005, bin.observed)], COLORS[2].filled())),
+        )?;
         chart.draw_series(std::iter::once(PathElement::new([(0.0, 0.0), (1.0, 1.0)], BLACK.stroke_width(1))))?;
         chart.draw_series(filled().map(|(_, bin)| Circle::new((bin.predicted, bin.observed), 4, COLORS[0].filled())))?;
         chart.draw_series(filled().map(|(k, bin)| Text::new(bin.count.to_string(), (edge(k) + 0.02, bin.observed + 0.05), FONT)))?;
@@ -126,13 +128,13 @@ pub fn reliability(title: &str, calibration: &Calibration) -> Result<String, Dra
     })
 }
 
-type Drawn<'a> = Result<(), DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBackend>::ErrorType>>;
+type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 
 /// A white picture with what `draw` puts on it.
 fn drawn(
     what: &'static str,
     size: (u32, u32),
-    draw: impl for<'a> FnOnce(&DrawingArea<SVGBackend<'a>, Shift>) -> Drawn<'a>,
+    draw: impl FnOnce(&DrawingArea<SVGBackend<'_>, Shift>) -> Drawn,
 ) -> Result<String, DrawError> {
     let failed = |e: &dyn std::fmt::Display| DrawError { what, message: e.to_string() };
     let mut text = String::new();
@@ -145,10 +147,9 @@ fn drawn(
     Ok(text)
 }
 
-fn legend<'a, X: Ranged, Y: Ranged>(chart: &mut ChartContext<'a, SVGBackend<'a>, Cartesian2d<X, Y>>) -> Drawn<'a>
+fn legend<'a, 'b, X: Ranged, Y: Ranged>(chart: &mut ChartContext<'a, SVGBackend<'b>, Cartesian2d<X, Y>>) -> Drawn
 where
-    X::ValueType: Clone,
-    Y::ValueType: Clone,
+    'b: 'a,
 {
     chart
         .configure_series_labels()

@@ -46,7 +46,8 @@ pub fn run(args: &BenchScoringArgs, output: Output) -> Outcome {
 }
 
 fn document(speed: &ScoringSpeed, training_per_s: Option<f64>) -> Value {
-    let discriminator: serde_json::Map<_, _> = BATCHES.iter().zip(speed.discriminator_per_s).map(|(b, s)| (b.to_string(), s.into())).collect();
+    let discriminator: serde_json::Map<_, _> =
+        BATCHES.iter().zip(speed.discriminator_per_s).map(|(b, s)| (b.to_string(), s.into())).collect();
     json!({
         "discriminator_per_s": discriminator,
         "relations_per_s": speed.relations_per_s,
@@ -95,7 +96,8 @@ fn trained(folder: &Path, threads: usize, length: Duration) -> Result<f64, Failu
     command.args(["--threads", &threads.to_string()]).arg("--data").arg(folder).arg("--out").arg(folder.join("weights.safetensors"));
     // Its progress is not this command's.
     let done = command.stderr(std::process::Stdio::null()).output().map_err(Failure::other)?;
-    let report: Value = serde_json::from_slice(&done.stdout).map_err(|e| Failure::other(format!("train ended with {}: {e}", done.status)))?;
+    let report: Value =
+        serde_json::from_slice(&done.stdout).map_err(|e| Failure::other(format!("train ended with {}: {e}", done.status)))?;
     report["samples_per_s"].as_f64().ok_or_else(|| Failure::other(format!("train said no samples_per_s: {report}")))
 }
 

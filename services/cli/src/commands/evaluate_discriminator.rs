@@ -129,10 +129,8 @@ fn plot(table: &DiscriminatorTable) -> Result<String, Failure> {
         kept.map(|t| (t.judged.moved_m, t.realism)).collect()
     };
     let random = Points { name: "random prior samples", points: of(&|t| t.variant.is_none()) };
-    let planned = table.rows.iter().map(|row| Points {
-        name: row.variant.as_str(),
-        points: of(&|t| t.variant == Some(row.variant) && t.rank == 0),
-    });
+    let planned =
+        table.rows.iter().map(|row| Points { name: row.variant.as_str(), points: of(&|t| t.variant == Some(row.variant) && t.rank == 0) });
     let series: Vec<Points<'_>> = std::iter::once(random).chain(planned).collect();
     scatter(&format!("Realism against distance moved, {} scenes", table.scenes), OUTLIER_M, &series).map_err(Failure::other)
 }
@@ -190,7 +188,8 @@ mod tests {
         let out = folder.path().to_str().expect("a plain path");
         let line = ["x", "--scenes", "2", "--samples", "2", "--variant", "geometric", "--split", "validation", "--out", out];
         run(&Line::parse_from(line).args, Output { json: false }).unwrap_or_else(|e| panic!("{e:?}"));
-        let document: Value = serde_json::from_slice(&std::fs::read(folder.path().join("discriminator.json")).expect("a file")).expect("JSON");
+        let document: Value =
+            serde_json::from_slice(&std::fs::read(folder.path().join("discriminator.json")).expect("a file")).expect("JSON");
         for key in ["scenes", "stable", "stable_with_goal", "pearson_r", "pearson_p", "auc_random", "calibration_error"] {
             assert!(document.get(key).is_some_and(|v| v.is_null() || v.is_number()), "{key}: {document}");
         }

@@ -9,7 +9,7 @@ use repose_evaluation::svg::{Bars, grouped_bars};
 use repose_evaluation::{RelationsSettings, RelationsTable, evaluate_relations, paper};
 use serde_json::{Value, json};
 
-use crate::commands::evaluate_scenes::{only_meshes, one_thread_engine, threads, write_report};
+use crate::commands::evaluate_scenes::{one_thread_engine, only_meshes, threads, write_report};
 use crate::commands::generate::split_of;
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
