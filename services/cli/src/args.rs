@@ -316,6 +316,10 @@ pub struct EvaluateArgs {
 pub enum Table {
     /// The planner's variants on simulated scenes never trained on.
     Planner(EvaluatePlannerArgs),
+    /// Relations learned against by rule, on simulated scenes never trained on.
+    Relations(crate::commands::evaluate_relations::EvaluateRelationsArgs),
+    /// Realism against what physics does, on kitchens never trained on.
+    Discriminator(crate::commands::evaluate_discriminator::EvaluateDiscriminatorArgs),
     /// The simulated world: rejected draws, rest, penetration, and whether releases depend on the physics step.
     World(crate::commands::evaluate_world::EvaluateWorldArgs),
     /// Perception's masks of labelled frames, labels ignored, against the labels.

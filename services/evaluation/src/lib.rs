@@ -3,17 +3,28 @@
 //! This crate may start any service's domain code; nothing depends on it but the command line.
 
 pub mod agreement;
+pub mod calibration;
+pub mod confusion;
+pub mod correlation;
+pub mod discriminator_table;
 pub mod feasible;
 pub mod mask_scores;
 pub mod outcome;
+pub mod paper;
 pub mod planner_table;
 pub mod problem;
 pub mod rate;
+pub mod relations_table;
+pub mod resample;
+pub mod scoring_speed;
 pub mod segmentation;
+pub mod svg;
 pub mod world;
 
+pub use discriminator_table::{DiscriminatorSettings, DiscriminatorTable, evaluate_discriminator};
 pub use planner_table::{PlannerRow, PlannerTable, evaluate_planner};
 pub use problem::{Problem, ProblemSettings};
 pub use rate::Rate;
+pub use relations_table::{RelationsSettings, RelationsTable, evaluate_relations};
 pub use segmentation::{Half, SegmentationRow, SegmentationTrial, judge_frame, row_of};
 pub use world::{WorldReport, WorldReportSettings, world_report};

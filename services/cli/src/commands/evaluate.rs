@@ -19,6 +19,8 @@ pub fn run(args: &EvaluateArgs, output: Output) -> Outcome {
     match &args.table {
         args::Table::Planner(args) => planner(args, output),
         args::Table::World(args) => super::evaluate_world::run(args, output),
+        args::Table::Relations(args) => super::evaluate_relations::run(args, output),
+        args::Table::Discriminator(args) => super::evaluate_discriminator::run(args, output),
         args::Table::Segmentation(args) => evaluate_segmentation::run(args, output),
     }
 }

@@ -3,8 +3,12 @@
 pub mod bench;
 pub mod bench_motion;
 pub mod bench_perception;
+pub mod bench_scoring;
 pub mod demo;
 pub mod evaluate;
+pub mod evaluate_discriminator;
+pub mod evaluate_relations;
+pub mod evaluate_scenes;
 pub mod evaluate_segmentation;
 pub mod evaluate_world;
 pub mod generate;

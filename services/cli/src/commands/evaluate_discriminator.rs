@@ -1,0 +1,202 @@
+//! `repose evaluate discriminator`: realism against what physics does with an object that is let go there.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use comfy_table::Table;
+use repose_evaluation::discriminator_table::{Correlation, OUTLIER_M, Trial};
+use repose_evaluation::svg::{Points, reliability, scatter};
+use repose_evaluation::{DiscriminatorSettings, DiscriminatorTable, evaluate_discriminator, paper};
+use repose_proto::place::Variant;
+use serde_json::{Value, json};
+
+use crate::commands::evaluate_scenes::{one_thread_engine, only_meshes, threads, write_report};
+use crate::commands::generate::split_of;
+use crate::failure::{Failure, Outcome};
+use crate::output::Output;
+
+/// What the figures are of; part of the JSON.
+const DEFINITION: &str = "kitchen scenes, one open goal each; ground truth: masks, camera pose, meshes, and what 500 physics steps do; observed: depth with the sensor model; \
+                          stable: the centre moved less than 5 cm, of scenes where a placement was returned; goal: by ground truth after settling; \
+                          pearson: realism against distance moved of random prior samples, movements of 0.5 m and more left out; auc_random: all of them, stable or not; \
+                          calibration: realism of placements that the planner returned against stable, ten bins";
+
+/// Arguments of `evaluate discriminator`.
+#[derive(Debug, Args)]
+pub struct EvaluateDiscriminatorArgs {
+    /// How many scenes; the paper has 100.
+    #[arg(long, default_value_t = 100)]
+    pub scenes: usize,
+    /// Random prior samples of each scene; the paper has one.
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub samples: u32,
+    /// Whose placements are looked at; repeat for more. The first gives the main figures.
+    #[arg(long = "variant", default_values = ["best", "full"], value_parser = parse_variant)]
+    pub variants: Vec<Variant>,
+    /// Which split's seeds: validation or test.
+    #[arg(long, default_value = "test")]
+    pub split: String,
+    /// A folder of meshes to make the scenes of, in place of the objects that training uses.
+    #[arg(long, value_name = "DIR")]
+    pub objects: Option<PathBuf>,
+    /// Threads; all cores by default. The table does not depend on it.
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// A folder for the table as JSON, the scatter plot and the reliability diagrams as SVG.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+fn parse_variant(name: &str) -> Result<Variant, String> {
+    Variant::parse(name).ok_or_else(|| format!("the variants are {}", Variant::ALL.map(Variant::as_str).join(", ")))
+}
+
+/// Runs the command.
+pub fn run(args: &EvaluateDiscriminatorArgs, output: Output) -> Outcome {
+    let split = split_of(&args.split)?;
+    let mut settings = DiscriminatorSettings {
+        samples: args.samples,
+        variants: args.variants.clone(),
+        threads: threads(args.threads),
+        ..DiscriminatorSettings::default()
+    };
+    if let Some(folder) = &args.objects {
+        only_meshes(&mut settings.problem.scene, folder)?;
+    }
+    let engine = one_thread_engine()?;
+    let table = evaluate_discriminator(split, args.scenes, &engine, &settings, |scenes| tracing::info!(scenes, "tried"))?;
+    let document = document(&table, &args.split, engine.weights_hash());
+    if let Some(folder) = &args.out {
+        let mut pictures = vec![("discriminator", plot(&table)?)];
+        let diagrams: Result<Vec<(String, String)>, Failure> = table
+            .rows
+            .iter()
+            .map(|row| {
+                let title = format!("Reliability, {}", row.variant);
+                let svg = reliability(&title, &row.calibration).map_err(Failure::other)?;
+                Ok((format!("reliability_{}", row.variant), svg))
+            })
+            .collect();
+        let diagrams = diagrams?;
+        pictures.extend(diagrams.iter().map(|(name, svg)| (name.as_str(), svg.clone())));
+        write_report(folder, "discriminator", &document, &pictures)?;
+    }
+    output.print(&document, || text_of(&table))
+}
+
+fn document(table: &DiscriminatorTable, split: &str, weights_hash: &str) -> Value {
+    let rows: Vec<Value> = table
+        .rows
+        .iter()
+        .map(|row| {
+            json!({
+                "variant": row.variant,
+                "confident": row.confident.percent(), "confident_interval": row.confident.interval_percent(),
+                "stable": row.stable.percent(), "stable_interval": row.stable.interval_percent(),
+                "stable_with_goal": row.stable_with_goal.percent(), "stable_with_goal_interval": row.stable_with_goal.interval_percent(),
+                "answers": row.stable.n,
+                "pearson": row.correlation, "calibration_error": row.calibration.error, "calibration_floor": row.calibration.floor,
+                "calibration_bins": row.calibration.bins,
+            })
+        })
+        .collect();
+    let main = table.rows.first();
+    json!({
+        "scenes": table.scenes,
+        "variant": main.map(|row| row.variant),
+        "stable": main.map(|row| row.stable.percent()),
+        "stable_with_goal": main.map(|row| row.stable_with_goal.percent()),
+        "pearson_r": table.random.r, "pearson_p": table.random.p,
+        "auc_random": table.auc_random,
+        "calibration_error": main.and_then(|row| row.calibration.error),
+        "pearson_r_interval": table.random.interval,
+        "auc_random_interval": table.auc_random_interval,
+        "random": table.random, "random_one_a_scene": table.random_one_a_scene, "random_stable": table.random_stable.percent(),
+        "rows": rows,
+        "paper": {
+            "stable": paper::STABLE_PERCENT, "stable_with_goal": paper::STABLE_WITH_GOAL_PERCENT,
+            "random_r": paper::RANDOM_R.0, "random_p": paper::RANDOM_R.1, "planned_r": paper::PLANNED_R.0, "planned_p": paper::PLANNED_R.1,
+        },
+        "split": split, "weights_hash": weights_hash, "definition": DEFINITION,
+        "trials": table.trials,
+    })
+}
+
+/// Realism against distance moved: random samples first, so that placements lie over them.
+fn plot(table: &DiscriminatorTable) -> Result<String, Failure> {
+    let of = |keep: &dyn Fn(&Trial) -> bool| -> Vec<(f64, f64)> {
+        let kept = table.trials.iter().filter(|t| keep(t) && t.judged.moved_m < OUTLIER_M);
+        kept.map(|t| (t.judged.moved_m, t.realism)).collect()
+    };
+    let random = Points { name: "random prior samples", points: of(&|t| t.variant.is_none()) };
+    let planned =
+        table.rows.iter().map(|row| Points { name: row.variant.as_str(), points: of(&|t| t.variant == Some(row.variant) && t.rank == 0) });
+    let series: Vec<Points<'_>> = std::iter::once(random).chain(planned).collect();
+    scatter(&format!("Realism against distance moved, {} scenes", table.scenes), OUTLIER_M, &series).map_err(Failure::other)
+}
+
+fn text_of(table: &DiscriminatorTable) -> String {
+    let mut text = Table::new();
+    text.set_header(["", "ours", "paper"]);
+    for row in &table.rows {
+        let calibration = match (row.calibration.error, row.calibration.floor) {
+            (Some(error), Some(floor)) => format!("{error:.3} (a perfect forecaster: {floor:.3})"),
+            _ => "-".to_owned(),
+        };
+        text.add_row([format!("{}: scenes with an answer", row.variant), row.confident.to_string(), "-".to_owned()]);
+        text.add_row([format!("{}: stable", row.variant), row.stable.to_string(), format!("{} %", paper::STABLE_PERCENT)]);
+        let with_goal = format!("{} %", paper::STABLE_WITH_GOAL_PERCENT);
+        text.add_row([format!("{}: stable, with the goal", row.variant), row.stable_with_goal.to_string(), with_goal]);
+        text.add_row([format!("{}: r", row.variant), correlation_text(&row.correlation), papers(paper::PLANNED_R)]);
+        text.add_row([format!("{}: calibration error", row.variant), calibration, "-".to_owned()]);
+    }
+    text.add_row(["random: stable".to_owned(), table.random_stable.to_string(), "-".to_owned()]);
+    text.add_row(["random: r".to_owned(), correlation_text(&table.random), "-".to_owned()]);
+    text.add_row(["random: r, one a scene".to_owned(), correlation_text(&table.random_one_a_scene), papers(paper::RANDOM_R)]);
+    let interval = table.auc_random_interval.map_or_else(String::new, |[low, high]| format!(" [{low:.3}, {high:.3}]"));
+    let area = table.auc_random.map_or_else(|| "-".to_owned(), |a| format!("{a:.3}{interval}"));
+    text.add_row(["random: area under the curve".to_owned(), area, "-".to_owned()]);
+    format!("{} scenes; {DEFINITION}\n{text}", table.scenes)
+}
+
+fn papers((r, p): (f64, f64)) -> String {
+    format!("{r:.3}, p {p:.3}")
+}
+
+fn correlation_text(correlation: &Correlation) -> String {
+    let Some(r) = correlation.r else { return format!("- (n {})", correlation.n) };
+    let interval = correlation.interval.map_or_else(String::new, |[low, high]| format!(" [{low:.3}, {high:.3}]"));
+    let p = correlation.p.map_or_else(|| "-".to_owned(), |p| format!("{p:.2e}"));
+    format!("{r:.3}{interval}, p {p} (n {}, {} left out)", correlation.n, correlation.outliers)
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: EvaluateDiscriminatorArgs,
+    }
+
+    #[test]
+    fn two_scenes_leave_a_report_with_the_contracts_keys() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let out = folder.path().to_str().expect("a plain path");
+        let line = ["x", "--scenes", "2", "--samples", "2", "--variant", "geometric", "--split", "validation", "--out", out];
+        run(&Line::parse_from(line).args, Output { json: false }).unwrap_or_else(|e| panic!("{e:?}"));
+        let document: Value =
+            serde_json::from_slice(&std::fs::read(folder.path().join("discriminator.json")).expect("a file")).expect("JSON");
+        for key in ["scenes", "stable", "stable_with_goal", "pearson_r", "pearson_p", "auc_random", "calibration_error"] {
+            assert!(document.get(key).is_some_and(|v| v.is_null() || v.is_number()), "{key}: {document}");
+        }
+        assert_eq!(document["scenes"], 2);
+        assert!(document["stable"].as_f64().is_some_and(|s| (0.0..=100.0).contains(&s)));
+        for picture in ["discriminator.svg", "reliability_geometric.svg"] {
+            assert!(std::fs::read_to_string(folder.path().join(picture)).expect("a picture").contains("</svg>"));
+        }
+    }
+}
