@@ -20,6 +20,7 @@ pub fn run(args: &EvaluateArgs, output: Output) -> Outcome {
         args::Table::Planner(args) => planner(args, output),
         args::Table::World(args) => super::evaluate_world::run(args, output),
         args::Table::Segmentation(args) => evaluate_segmentation::run(args, output),
+        args::Table::Robot(args) => super::evaluate_robot::run(args, output),
     }
 }
 

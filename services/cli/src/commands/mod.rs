@@ -5,6 +5,7 @@ pub mod bench_motion;
 pub mod bench_perception;
 pub mod demo;
 pub mod evaluate;
+pub mod evaluate_robot;
 pub mod evaluate_segmentation;
 pub mod evaluate_world;
 pub mod generate;
