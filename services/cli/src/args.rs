@@ -324,6 +324,8 @@ pub enum Table {
     World(crate::commands::evaluate_world::EvaluateWorldArgs),
     /// Perception's masks of labelled frames, labels ignored, against the labels.
     Segmentation(EvaluateSegmentationArgs),
+    /// The simulated Panda picks and places named objects (the paper's Table 3).
+    Robot(crate::commands::evaluate_robot::EvaluateRobotArgs),
 }
 
 /// Arguments of `evaluate planner`.

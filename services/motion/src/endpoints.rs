@@ -36,7 +36,7 @@ impl Endpoints {
 
     /// A plan carried out, with progress by phase.
     async fn execute(&self, call: &Call) -> Result<Payload, CallError> {
-        let plan: MotionPlan = call.payload.decode_json()?;
+        let plan: MotionPlan = self.worker.executable(call.payload.decode_json()?)?;
         let (link, reporting, cancelled) = (self.link.clone(), call.clone(), call.cancelled.clone());
         // A task of its own: the end of the call must not cut it off between two commands.
         let execution = tokio::spawn(async move {

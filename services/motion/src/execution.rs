@@ -2,11 +2,14 @@
 //!
 //! Each phase moves the gripper and waits until it has settled, then streams its set-points in overlapping windows that reach a horizon
 //! beyond what the robot says it has followed. Every phase ends at rest, and the object's loss is noticed there. Nothing that the robot has
-//! taken is ever sent again; on a stop, a new owner or silence the stream just ends, and the robot's own rules bring it to rest.
+//! taken is ever sent again. A cancelled execution slows down on its path and ends at rest; on a stop, a new owner or silence the stream just
+//! ends, and the robot's own rules bring it to rest.
 
 use repose_proto::motion::{ExecuteProgress, ExecuteReply, ExecutionOutcome, MotionPhase, MotionPlan};
 use repose_proto::robot::{Owner, RobotCommand, RobotMode, RobotState, SetPoint};
 use repose_proto::{CallError, limits};
+
+use crate::halt::halted;
 
 /// How an execution talks to the robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,6 +26,9 @@ pub struct ExecutionSettings {
     pub state_timeout_ms: u64,
     /// How long the gripper may take to settle, milliseconds of robot time; then what it has reached decides. Default 3000.
     pub gripper_timeout_ms: f64,
+    /// How far ahead of the robot a cancelled stream begins to slow down, milliseconds of robot time: longer than a state and a command take,
+    /// shorter than the horizon. Default 150.
+    pub halt_lead_ms: f64,
     /// How far behind its stream the robot may be at the end, milliseconds of robot time. Default 3000.
     pub lag_ms: f64,
 }
@@ -36,6 +42,7 @@ impl Default for ExecutionSettings {
             resends: 5,
             state_timeout_ms: 1500,
             gripper_timeout_ms: 3000.0,
+            halt_lead_ms: 150.0,
             lag_ms: 3000.0,
         }
     }
@@ -62,6 +69,8 @@ const SETTLED_MS: f64 = 100.0;
 const REACHED_M: f64 = 0.004;
 /// Share of the width at the grasp by which the fingers close further when the object has gone.
 const CLOSED_SHARE: f64 = 0.3;
+/// How far in the future a scene may seem to have been seen: clocks differ, milliseconds.
+const CLOCKS_DIFFER_MS: u64 = 2000;
 
 /// One plan on its way.
 #[derive(Debug)]
@@ -76,7 +85,18 @@ pub struct Execution {
     grasp_width_m: f64,
     last_state: RobotState,
     last_state_ms: u64,
+    /// Set when it was cancelled.
+    halt: Option<Halt>,
     over: bool,
+}
+
+/// A cancelled stream on its way to rest.
+#[derive(Debug, Clone)]
+struct Halt {
+    reason: String,
+    set_points: Vec<SetPoint>,
+    first_seq: u64,
+    since_ms: u64,
 }
 
 /// What is waited for.
@@ -113,6 +133,11 @@ impl Execution {
     ) -> Result<(Self, Vec<Step>), CallError> {
         check_plan(&plan)?;
         check_robot(&plan, state)?;
+        let ahead_ms = plan.scene_stamp_ns.saturating_sub(now_ns) / 1_000_000;
+        if ahead_ms > CLOCKS_DIFFER_MS {
+            let message = format!("the scene was seen {ahead_ms} ms in the future, at most {CLOCKS_DIFFER_MS} ms are put down to clocks");
+            return Err(CallError::precondition(message).at("scene_stamp_ns"));
+        }
         let age_ms = now_ns.saturating_sub(plan.scene_stamp_ns) / 1_000_000;
         if age_ms > plan.max_scene_age_ms {
             let message = format!("the scene is {age_ms} ms old, at most {} ms are allowed", plan.max_scene_age_ms);
@@ -130,6 +155,7 @@ impl Execution {
             grasp_width_m: 0.0,
             last_state: state.clone(),
             last_state_ms: now_ms,
+            halt: None,
             over: false,
         };
         let steps = execution.enter_phase(now_ms);
@@ -153,6 +179,11 @@ impl Execution {
         {
             return self.done(ExecutionOutcome::Stopped, Some(format!("{} has taken the robot over", owner.id)));
         }
+        if let Some(halt) = &self.halt {
+            let taken = Taken { first_seq: halt.first_seq, sent_at_ms: halt.since_ms, resends: 0 };
+            let stands = state.mode == RobotMode::Idle && self.is_taken(taken);
+            return if stands { self.end_halt() } else { Vec::new() };
+        }
         match self.stage {
             Stage::Gripper { taken, settled_since_ms } if self.is_taken(taken) => self.watch_gripper(taken, settled_since_ms, now_ms),
             Stage::Stream { since_ms, .. } if self.has_arrived() || state.robot_ms - since_ms > self.longest_ms() => {
@@ -171,6 +202,9 @@ impl Execution {
         if silent_ms > self.settings.state_timeout_ms {
             return self.done(ExecutionOutcome::Stopped, Some(format!("the robot's state has been silent for {silent_ms} ms")));
         }
+        if self.halt.is_some() {
+            return self.go_on_halting(now_ms);
+        }
         let (Stage::Gripper { taken, .. } | Stage::Stream { taken, .. }) = self.stage;
         if !self.is_taken(taken) {
             return self.send_again(taken, now_ms);
@@ -181,9 +215,42 @@ impl Execution {
         }
     }
 
-    /// Ends the execution: the stream stops, and the robot comes to rest by its own rules.
-    pub fn cancel(&mut self, reason: &str) -> Vec<Step> {
+    /// Cancels: a moving arm slows down on its path and the execution ends when it stands, without a latched stop; one that stands ends at once.
+    pub fn cancel(&mut self, reason: &str, now_ms: u64) -> Vec<Step> {
+        if self.over || self.halt.is_some() {
+            return Vec::new();
+        }
+        let Stage::Stream { taken, .. } = self.stage else { return self.done(ExecutionOutcome::Stopped, Some(reason.to_owned())) };
+        let followed_ms = self.last_state.stream_ms.filter(|_| self.is_taken(taken)).unwrap_or(0.0);
+        let set_points = halted(&self.current().set_points, followed_ms + self.settings.halt_lead_ms);
+        self.halt = Some(Halt { reason: reason.to_owned(), set_points, first_seq: self.seq + 1, since_ms: now_ms });
+        self.go_on_halting(now_ms)
+    }
+
+    /// Ends the execution where nothing can be sent any more: the robot comes to rest by its own rules, and latches.
+    pub fn abandon(&mut self, reason: &str) -> Vec<Step> {
         if self.over { Vec::new() } else { self.done(ExecutionOutcome::Stopped, Some(reason.to_owned())) }
+    }
+
+    /// Sends the way to rest again while it may have been lost and can still be followed; gives up when the robot should long stand.
+    fn go_on_halting(&mut self, now_ms: u64) -> Vec<Step> {
+        let Some(halt) = &self.halt else { return Vec::new() };
+        let waited_ms = now_ms.saturating_sub(halt.since_ms) as f64;
+        let longest_ms = halt.set_points.last().map_or(0.0, |p| p.t_ms) + self.settings.lag_ms;
+        if waited_ms > longest_ms {
+            return self.end_halt();
+        }
+        let taken = Taken { first_seq: halt.first_seq, sent_at_ms: halt.since_ms, resends: 0 };
+        if self.is_taken(taken) || waited_ms >= self.settings.halt_lead_ms {
+            return Vec::new();
+        }
+        let set_points = halt.set_points.clone();
+        vec![Step::Send(RobotCommand { set_points, ends_stream: true, ..self.command() })]
+    }
+
+    fn end_halt(&mut self) -> Vec<Step> {
+        let reason = self.halt.as_ref().map(|halt| halt.reason.clone());
+        self.done(ExecutionOutcome::Stopped, reason)
     }
 
     fn current(&self) -> &MotionPhase {

@@ -11,6 +11,7 @@ pub mod config;
 pub mod endpoints;
 pub mod execution;
 pub mod grasp;
+pub mod halt;
 pub mod joint_path;
 pub mod obstacles;
 pub mod pick_place;

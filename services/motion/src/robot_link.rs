@@ -60,7 +60,7 @@ impl RobotLink {
         })
     }
 
-    /// Carries a plan out. Ends within a state's time after `cancelled`: then nothing more is sent, and the robot stops by its own rules.
+    /// Carries a plan out. After `cancelled` the arm slows down on its path, and the execution ends when it stands.
     ///
     /// # Errors
     /// `unavailable` when the robot shows no state; `failed_precondition` and `invalid_argument` as [`Execution::begin`], also while another
@@ -79,6 +79,7 @@ impl RobotLink {
         let (mut execution, mut steps) = Execution::begin(plan, &self.commander, &first, now_ns(), now_ms(), self.settings)?;
         let mut ticks = tokio::time::interval(self.period);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut halting = false;
         loop {
             for step in steps.drain(..) {
                 match step {
@@ -97,10 +98,13 @@ impl RobotLink {
                         tracing::warn!(robot = claim.robot, %error, "a state that cannot be read");
                         Vec::new()
                     }
-                    None => execution.cancel("the network closed"),
+                    None => execution.abandon("the network closed"),
                 },
                 _ = ticks.tick() => execution.on_tick(now_ms()),
-                () = cancelled.cancelled() => execution.cancel("the caller cancelled, or the deadline passed"),
+                () = cancelled.cancelled(), if !halting => {
+                    halting = true;
+                    execution.cancel("the caller cancelled, or the deadline passed", now_ms())
+                }
             };
         }
     }

@@ -61,6 +61,23 @@ impl Worker {
         Ok(plan)
     }
 
+    /// A plan as it may be carried out: it travels through its caller, so what it says of its scene's age counts only where that is stricter
+    /// than this worker's own limit and, where the scene is held, than when that was seen.
+    ///
+    /// # Errors
+    /// `not_found` when the plan's scene is held and has no such object.
+    pub fn executable(&self, mut plan: MotionPlan) -> Result<MotionPlan, CallError> {
+        let held = self.scenes.lock().unwrap_or_else(PoisonError::into_inner).get(&plan.scene_id);
+        if let Some(scene) = held {
+            if scene.object(plan.query).is_none() {
+                return Err(CallError::not_found("query", format!("the plan's scene has no object {}", plan.query)));
+            }
+            plan.scene_stamp_ns = plan.scene_stamp_ns.min(scene.stamp_ns);
+        }
+        plan.max_scene_age_ms = plan.max_scene_age_ms.min(self.terms.max_scene_age_ms);
+        Ok(plan)
+    }
+
     /// What waits and what runs.
     pub fn gauge(&self) -> Arc<LoadGauge> {
         self.queue.gauge()

@@ -110,17 +110,39 @@ fn a_silent_robot_and_a_deaf_one_end_it() {
 }
 
 #[test]
-fn a_cancel_ends_it_and_nothing_is_sent_afterwards() {
+fn a_cancelled_motion_slows_down_on_its_path_and_leaves_the_robot_ready() {
     let mut robot = Robot::new();
-    let (_, done) = run(&mut robot, |robot, execution, now_ms| {
-        if robot.state.robot_ms < 900.0 {
+    let mut cancelled_at = None;
+    let (phases, done) = run(&mut robot, |robot, execution, now_ms| {
+        if robot.state.robot_ms < 900.0 || robot.state.mode != RobotMode::Moving || cancelled_at.is_some() {
             return Vec::new();
         }
-        let steps = execution.cancel("cancelled");
-        assert!(execution.on_tick(now_ms).is_empty() && execution.on_state(&robot.state, now_ms).is_empty());
+        cancelled_at = Some(now_ms);
+        let steps = execution.cancel("cancelled", now_ms);
+        assert!(execution.cancel("again", now_ms).is_empty(), "it is cancelled once");
         steps
     });
-    assert_eq!(outcome(&done).2, "cancelled");
+    assert!(cancelled_at.is_some());
+    assert_eq!(outcome(&done), (ExecutionOutcome::Stopped, phases[phases.len() - 1].clone(), "cancelled".to_owned()));
+    assert_eq!((robot.state.mode, robot.state.stop), (RobotMode::Idle, None));
+    assert!(robot.state.q_rad[0] > 0.0 && robot.state.q_rad[0] < 0.1 + 1e-9, "between its start and its end: {}", robot.state.q_rad[0]);
+}
+
+#[test]
+fn a_cancel_while_the_fingers_close_ends_at_once_and_so_does_a_lost_network() {
+    for lost in [false, true] {
+        let mut robot = Robot::new();
+        let (phases, done) = run(&mut robot, |robot, execution, now_ms| {
+            if !robot.state.gripper_holding {
+                return Vec::new();
+            }
+            let steps = if lost { execution.abandon("the network closed") } else { execution.cancel("cancelled", now_ms) };
+            assert!(matches!(steps.as_slice(), [Step::Done(_)]));
+            assert!(execution.on_tick(now_ms).is_empty() && execution.on_state(&robot.state, now_ms).is_empty(), "nothing afterwards");
+            steps
+        });
+        assert_eq!((phases.last().map(String::as_str), outcome(&done).0), (Some("grasp"), ExecutionOutcome::Stopped));
+    }
 }
 
 #[test]
@@ -136,6 +158,7 @@ fn a_plan_that_does_not_fit_the_world_is_refused() {
     refused(begin(plan(), &RobotState { mode: RobotMode::Moving, ..idle.clone() }), "robot");
     refused(begin(plan(), &RobotState { q_rad: joints(0.05), ..idle.clone() }), "start_joints_rad");
     refused(begin(MotionPlan { max_scene_age_ms: 500, ..plan() }, &idle), "scene_stamp_ns");
+    refused(begin(MotionPlan { scene_stamp_ns: NOW_NS + 5_000_000_000, ..plan() }, &idle), "scene_stamp_ns");
     let mut torn = plan();
     torn.phases[1].set_points.iter_mut().for_each(|p| p.q_rad[0] += 0.5);
     assert_eq!(begin(torn, &idle).code, ErrorCode::InvalidArgument);

@@ -211,6 +211,28 @@ async fn an_execution_reports_its_phases_and_happens_once() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_plan_cannot_make_its_scene_younger_than_it_is() {
+    let running = Running::start().await;
+    let robot = running.robot(Robot::new()).await;
+    let scene = Scene { stamp_ns: now_ns() - 300_000_000_000, ..scene() };
+    let answer = running.call("plan", bulk(&request(&scene), &scene)).await.unwrap();
+    let honest = answer.payload.decode_json::<MotionPlan>().unwrap();
+    for plan in [
+        MotionPlan { max_scene_age_ms: u64::MAX, ..honest.clone() },
+        MotionPlan { scene_stamp_ns: now_ns(), ..honest.clone() },
+        MotionPlan { query: 77, ..honest },
+    ] {
+        let code = if plan.query == 77 { ErrorCode::NotFound } else { ErrorCode::FailedPrecondition };
+        let field = if plan.query == 77 { "query" } else { "scene_stamp_ns" };
+        // From where the stub of a robot stands, so that nothing else is wrong with it.
+        let plan = MotionPlan { start_joints_rad: robot.lock().unwrap().state.q_rad, phases: common::plan().phases, ..plan };
+        assert_eq!(refusal(running.call("execute", Payload::json(&plan).unwrap()).await), (code, Some(field.to_owned())));
+    }
+    assert_eq!(robot.lock().unwrap().state.last_command, None, "nothing was sent");
+    running.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_latched_stop_refuses_executions_until_it_is_reset() {
     let running = Running::start().await;
     let execute = || Payload::json(&MotionPlan { scene_stamp_ns: now_ns(), max_scene_age_ms: 60_000, ..plan() }).unwrap();

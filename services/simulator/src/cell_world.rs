@@ -6,6 +6,8 @@
 use nalgebra::Isometry3;
 use repose_geometry::{TriMesh, Vector3};
 use repose_panda::base_from_hand;
+use repose_proto::limits;
+use repose_proto::robot::RobotState;
 use repose_sensor::SensorModel;
 
 use crate::cell::{CellSettings, cell_of_seed};
@@ -36,9 +38,14 @@ impl CellWorld {
     /// [`NoScene`] when the seed gives none.
     pub fn new(seed: u64, settings: CellSettings, arm: ArmSettings, hand: HandSettings) -> Result<Self, NoScene> {
         let scene = cell_of_seed(seed, &settings)?;
+        Ok(Self::with_scene(scene, settings, arm, hand))
+    }
+
+    /// The cell with a given scene, the arm ready, the hand open.
+    pub fn with_scene(scene: Scene, settings: CellSettings, arm: ArmSettings, hand: HandSettings) -> Self {
         let arm = Arm::new(arm);
         let (world, hand_in_world) = furnished(&scene, &settings, &arm, hand);
-        Ok(Self { settings, hand_settings: hand, scene, world, hand: hand_in_world, arm, ticks: 0, pictures: 0 })
+        Self { settings, hand_settings: hand, scene, world, hand: hand_in_world, arm, ticks: 0, pictures: 0 }
     }
 
     /// Clears the table and sets up the scene of another seed; the arm goes back to its ready pose.
@@ -84,6 +91,33 @@ impl CellWorld {
     /// The scene's furniture and objects where they are now, distances measured.
     pub fn truth(&self) -> Scene {
         self.scene.with_poses(&self.world.poses())
+    }
+
+    /// Where the objects are now, in the scene's order; cheaper than the truth, which measures distances too.
+    pub fn world_from_objects(&self) -> Vec<Isometry3<f64>> {
+        self.world.poses()
+    }
+
+    /// What the robot shows of itself: its state number `seq`, made at `stamp_ns` of the wall clock.
+    pub fn robot_state(&mut self, seq: u64, stamp_ns: u64) -> RobotState {
+        let (gripper_width_m, gripper_settled, gripper_holding) = self.gripper();
+        let arm = &self.arm;
+        RobotState {
+            v: limits::VERSION,
+            seq,
+            stamp_ns,
+            robot_ms: self.robot_ms(),
+            q_rad: *arm.q_rad(),
+            dq_rad_s: *arm.dq_rad_s(),
+            gripper_width_m,
+            gripper_settled,
+            gripper_holding,
+            mode: arm.mode(),
+            stop: arm.stop().cloned(),
+            owner: arm.owner().cloned(),
+            last_command: arm.last_command(),
+            stream_ms: arm.stream_ms(),
+        }
     }
 
     /// Whether every object is at rest.

@@ -10,9 +10,9 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use repose_geometry::ViewerFrame;
 use repose_geometry::transform::to_row_major;
-use repose_proto::robot::{EmergencyStop, RobotCommand, RobotMode, RobotState};
+use repose_proto::robot::{EmergencyStop, RobotCommand, RobotMode};
 use repose_proto::simulator::{TrueObject, TruePair, Truth};
-use repose_proto::{CallError, CameraModel, ErrorCode, Frame, Payload, RigidTransform, limits};
+use repose_proto::{CallError, CameraModel, ErrorCode, Frame, Payload, RigidTransform};
 use tokio::sync::{oneshot, watch};
 
 use crate::SimulatorError;
@@ -256,24 +256,7 @@ impl Running {
 
     fn show_state(&mut self) {
         self.states_made += 1;
-        let (gripper_width_m, gripper_settled, gripper_holding) = self.cell.gripper();
-        let arm = &self.cell.arm;
-        let state = RobotState {
-            v: limits::VERSION,
-            seq: self.states_made,
-            stamp_ns: wall_ns(),
-            robot_ms: self.cell.robot_ms(),
-            q_rad: *arm.q_rad(),
-            dq_rad_s: *arm.dq_rad_s(),
-            gripper_width_m,
-            gripper_settled,
-            gripper_holding,
-            mode: arm.mode(),
-            stop: arm.stop().cloned(),
-            owner: arm.owner().cloned(),
-            last_command: arm.last_command(),
-            stream_ms: arm.stream_ms(),
-        };
+        let state = self.cell.robot_state(self.states_made, wall_ns());
         show(&self.states, Payload::json(&state));
     }
 

@@ -22,6 +22,7 @@ pub fn run(args: &EvaluateArgs, output: Output) -> Outcome {
         args::Table::Relations(args) => super::evaluate_relations::run(args, output),
         args::Table::Discriminator(args) => super::evaluate_discriminator::run(args, output),
         args::Table::Segmentation(args) => evaluate_segmentation::run(args, output),
+        args::Table::Robot(args) => super::evaluate_robot::run(args, output),
     }
 }
 

@@ -8,6 +8,7 @@ pub mod demo;
 pub mod evaluate;
 pub mod evaluate_discriminator;
 pub mod evaluate_relations;
+pub mod evaluate_robot;
 pub mod evaluate_scenes;
 pub mod evaluate_segmentation;
 pub mod evaluate_world;
