@@ -2,7 +2,7 @@
 //!
 //! Realism by size of the batch, relations of translations and of turned candidates, and the prior, on every core. The scene is drawn by
 //! formula, so that the same points are scored whatever becomes of the simulator: a table of 2 m with three boxes, 5 mm between points.
-//! Records are in `record/`; `repose bench scoring` reports the same on a simulated scene, and the share of the machine's products.
+//! Records are in `benches/record/`; `repose bench scoring` reports the same on a simulated scene, and the share of the machine's products.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::Point3;
