@@ -345,7 +345,8 @@ pub struct EvaluatePlannerArgs {
     pub pictures: Option<PathBuf>,
 }
 
-fn parse_variant(name: &str) -> Result<Variant, String> {
+/// The variant of that name.
+pub fn parse_variant(name: &str) -> Result<Variant, String> {
     let known = || Variant::ALL.map(Variant::as_str).join(", ");
     Variant::parse(name).ok_or_else(|| format!("the variants are {}", known()))
 }

@@ -9,7 +9,7 @@ use parry3d::shape::{Cuboid, Cylinder};
 use repose_motion::benchmark::{ProblemFile, Unsolved, solve};
 use repose_motion::rrt_connect::RrtSettings;
 use repose_motion::simplify::SimplifySettings;
-use repose_panda::{FINGER_OPENING_MAX_M, Joints, LIMITS, Link, LinkFrames, PlacedSphere, SPHERE_COUNT, spheres_in_base};
+use repose_panda::{FINGER_OPENING_MAX_M, Joints, LIMITS, LINKS, Link, LinkFrames, PlacedSphere, SPHERE_COUNT, spheres_in_base};
 use serde_json::Value;
 
 /// Between two checks no joint moves further, radians.
@@ -68,24 +68,10 @@ fn forbidden_pairs(matrix: &Value) -> Vec<(usize, usize)> {
     pairs.filter(|(i, k)| !matrix["entry_values"][entry(*i)][entry(*k)].as_bool().unwrap()).collect()
 }
 
-const ALL_LINKS: [Link; 11] = [
-    Link::Link0,
-    Link::Link1,
-    Link::Link2,
-    Link::Link3,
-    Link::Link4,
-    Link::Link5,
-    Link::Link6,
-    Link::Link7,
-    Link::Hand,
-    Link::LeftFinger,
-    Link::RightFinger,
-];
-
 fn overlap(spheres: &[PlacedSphere; SPHERE_COUNT], (i, k): (usize, usize)) -> bool {
-    spheres[ALL_LINKS[i].sphere_range()]
+    spheres[LINKS[i].sphere_range()]
         .iter()
-        .any(|a| spheres[ALL_LINKS[k].sphere_range()].iter().any(|b| (a.center - b.center).norm() < a.radius_m + b.radius_m - ROUNDING_M))
+        .any(|a| spheres[LINKS[k].sphere_range()].iter().any(|b| (a.center - b.center).norm() < a.radius_m + b.radius_m - ROUNDING_M))
 }
 
 /// What is wrong at a configuration, if anything.
@@ -96,7 +82,7 @@ fn fault(joints: &Joints, opening_m: f64, solids: &[Solid], pairs: &[(usize, usi
     }
     let spheres = spheres_in_base(&LinkFrames::at(joints), opening_m);
     if let Some(pair) = pairs.iter().find(|pair| overlap(&spheres, **pair)) {
-        return Some(format!("{:?} touches {:?}", ALL_LINKS[pair.0], ALL_LINKS[pair.1]));
+        return Some(format!("{:?} touches {:?}", LINKS[pair.0], LINKS[pair.1]));
     }
     let moving = &spheres[Link::Link1.sphere_range().start..];
     let touching = moving.iter().position(|s| solids.iter().any(|solid| solid.distance_m(s) < s.radius_m - ROUNDING_M));

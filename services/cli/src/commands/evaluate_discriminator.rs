@@ -10,6 +10,7 @@ use repose_evaluation::{DiscriminatorSettings, DiscriminatorTable, evaluate_disc
 use repose_proto::place::Variant;
 use serde_json::{Value, json};
 
+use crate::args::parse_variant;
 use crate::commands::evaluate_scenes::{one_thread_engine, only_meshes, threads, write_report};
 use crate::commands::generate::split_of;
 use crate::failure::{Failure, Outcome};
@@ -45,10 +46,6 @@ pub struct EvaluateDiscriminatorArgs {
     /// A folder for the table as JSON, the scatter plot and the reliability diagrams as SVG.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-}
-
-fn parse_variant(name: &str) -> Result<Variant, String> {
-    Variant::parse(name).ok_or_else(|| format!("the variants are {}", Variant::ALL.map(Variant::as_str).join(", ")))
 }
 
 /// Runs the command.

@@ -9,6 +9,7 @@ use repose_evaluation::world::Spread;
 use repose_evaluation::{WorldReport, WorldReportSettings, world_report};
 use repose_simulator::scene::{KindWeights, SceneKind};
 
+use crate::commands::evaluate_scenes::threads;
 use crate::commands::generate::split_of;
 use crate::failure::Outcome;
 use crate::output::Output;
@@ -48,7 +49,7 @@ pub fn run(args: &EvaluateWorldArgs, output: Output) -> Outcome {
     if let Some(kind) = args.kind {
         settings.scene.kinds = KindWeights::only(kind);
     }
-    let threads = args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+    let threads = threads(args.threads);
     let bar = ProgressBar::new((args.scenes + args.placements) as u64);
     if let Ok(style) = ProgressStyle::with_template("{bar:40} {pos}/{len} scenes and releases, {eta} left") {
         bar.set_style(style);

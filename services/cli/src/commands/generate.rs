@@ -17,6 +17,7 @@ use repose_simulator::sheet::{SheetSettings, scene_tile, stacked, tile};
 use repose_simulator::statistics::Statistics;
 use repose_simulator::views::view_of_scene;
 
+use crate::commands::evaluate_scenes::threads;
 use crate::failure::{Failure, Outcome};
 use crate::histogram::{Panel, svg};
 use crate::output::Output;
@@ -110,7 +111,7 @@ pub fn run(args: &GenerateArgs, output: Output) -> Outcome {
         let source = &mut settings.scene.arrange.source;
         *source = source.clone().with_meshes(library, args.objects_share);
     }
-    settings.threads = args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+    settings.threads = threads(args.threads);
     let mut report = Report::default();
     if let Some(folder) = &args.show {
         let sheets = show(folder, &settings)?;

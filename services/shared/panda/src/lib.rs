@@ -21,7 +21,9 @@ pub use kinematics::{
 pub use levers::levers;
 pub use limits::{FINGER_OPENING_MAX_M, JointLimits, LIMITS};
 pub use self_collision::{SELF_COLLISION_PAIRS, self_collides};
-pub use spheres::{GRIPPER_SPHERES, Link, PlacedSphere, SPHERE_COUNT, SPHERE_LINKS, gripper_spheres, spheres_in_base, spheres_in_link};
+pub use spheres::{
+    GRIPPER_SPHERES, LINKS, Link, PlacedSphere, SPHERE_COUNT, SPHERE_LINKS, gripper_spheres, spheres_in_base, spheres_in_link,
+};
 
 /// How many joints the arm has.
 pub const JOINT_COUNT: usize = 7;
