@@ -315,7 +315,7 @@ pub struct EvaluateArgs {
 #[derive(Debug, Subcommand)]
 pub enum Table {
     /// The planner's variants on simulated scenes never trained on.
-    Planner(EvaluatePlannerArgs),
+    Planner(crate::commands::evaluate_planner::EvaluatePlannerArgs),
     /// Relations learned against by rule, on simulated scenes never trained on.
     Relations(crate::commands::evaluate_relations::EvaluateRelationsArgs),
     /// Realism against what physics does, on kitchens never trained on.
@@ -326,23 +326,6 @@ pub enum Table {
     Segmentation(EvaluateSegmentationArgs),
     /// The simulated Panda picks and places named objects (the paper's Table 3).
     Robot(crate::commands::evaluate_robot::EvaluateRobotArgs),
-}
-
-/// Arguments of `evaluate planner`.
-#[derive(Debug, Args)]
-pub struct EvaluatePlannerArgs {
-    /// How many scenes.
-    #[arg(long, default_value_t = 20)]
-    pub scenes: usize,
-    /// Which variants; repeat for more.
-    #[arg(long = "variant", default_values = ["geometric", "full"], value_parser = parse_variant)]
-    pub variants: Vec<Variant>,
-    /// Which split's seeds: validation or test.
-    #[arg(long, default_value = "test")]
-    pub split: String,
-    /// A folder for a before-and-after picture per scene and variant.
-    #[arg(long, value_name = "DIR")]
-    pub pictures: Option<PathBuf>,
 }
 
 /// The variant of that name.

@@ -15,7 +15,7 @@ pub const TILT_RAD: f64 = 15.0 * std::f64::consts::PI / 180.0;
 pub const PENETRATION_M: f32 = 0.005;
 
 /// What came of a placement.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Judged {
     /// How far the object's centre moved after its release, metres.
     pub moved_m: f64,
