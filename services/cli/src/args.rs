@@ -8,6 +8,7 @@ use repose_proto::{GoalTerm, Service};
 
 use crate::commands::bench::BenchArgs;
 use crate::commands::evaluate_segmentation::EvaluateSegmentationArgs;
+use crate::commands::place_sequence::NextWish;
 use crate::commands::play::PlayArgs;
 
 /// Repose finds where an object can be set down so that the asked relations hold and it stays, then puts it there.
@@ -222,8 +223,18 @@ pub struct PlaceArgs {
     #[command(flatten)]
     pub connect: ConnectArgs,
     /// Plan on this scene instead of the camera's newest.
-    #[arg(long, value_name = "ID")]
+    #[arg(long, value_name = "ID", conflicts_with_all = ["execute", "then"])]
     pub scene: Option<String>,
+    /// Have the robot carry it out, and check the goal on the view after it.
+    #[arg(long)]
+    pub execute: bool,
+    /// The next wish, ID=TERM[,TERM…] in the ids of the first view, once the one before has been carried out and its goal holds: planned
+    /// on a fresh view. Repeat for more.
+    #[arg(long, value_name = "WISH")]
+    pub then: Vec<NextWish>,
+    /// The robot that carries them out.
+    #[arg(long, default_value = "panda")]
+    pub robot: String,
 }
 
 /// Arguments of `load`.

@@ -14,13 +14,13 @@ use repose_inference::Engine;
 use repose_planner::{Models, Prepared, plan_with_report};
 use repose_proto::place::{Outcome, Rejection, Variant};
 use repose_proto::scoring::ScoreRequest;
-use repose_proto::{CallError, GoalTerm, PlaceRequest, PlaceResult, SceneRef};
+use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest, PlaceResult, SceneRef};
 use repose_simulator::release::ReleaseSettings;
 use repose_simulator::scene::{KindWeights, SceneKind};
 use serde::{Deserialize, Serialize};
 
 use crate::one_scene::OneScene;
-use crate::outcome::{Judged, STABLE_M, judge};
+use crate::outcome::{Release, STABLE_M, judge, release};
 use crate::true_answers::{Support, TrueAnswer, Truth, TruthSettings};
 use crate::{Problem, ProblemSettings};
 
@@ -85,8 +85,11 @@ pub struct Trial {
     pub variant: Variant,
     /// How its search ended.
     pub outcome: Outcome,
+    /// Why the request was refused, if it was: the object carries another, or too little of it was seen. Counts as "none".
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refused: Option<String>,
     /// What came of the first answer; none without one.
-    pub judged: Option<Judged>,
+    pub release: Option<Release>,
     /// The paper's candidate; none when nothing drawn was in view.
     pub in_view: Option<InView>,
     /// On how many different things its answers stand.
@@ -102,7 +105,22 @@ pub struct Trial {
 impl Trial {
     /// Whether a placement was returned that stayed, with the goal, and left everything else alone.
     pub fn joint(&self) -> bool {
-        self.judged.is_some_and(|j| j.joint())
+        self.release.is_some_and(|r| r.judged.joint())
+    }
+
+    /// A trial whose request was refused.
+    fn refused(variant: Variant, why: String) -> Self {
+        Self {
+            variant,
+            outcome: Outcome::None,
+            refused: Some(why),
+            release: None,
+            in_view: None,
+            supports: 0,
+            good_supports: 0,
+            rejections: BTreeMap::new(),
+            plan_ms: 0.0,
+        }
     }
 
     /// Whether the release left the paper's candidate where it was.
@@ -152,8 +170,8 @@ pub struct TriedScene {
     pub truth: Vec<TrueAnswer>,
     /// What is kept of it.
     pub record: SceneRecord,
-    /// What each variant answered, in their order.
-    pub results: Vec<PlaceResult>,
+    /// What each variant answered, in their order; `None` where the request was refused.
+    pub results: Vec<Option<PlaceResult>>,
 }
 
 /// Tries one slot of a set; `None` when it gives no problem.
@@ -199,7 +217,7 @@ fn trial(
     prepared: &Prepared,
     models: &OneScene<'_>,
     settings: &PlannerSceneSettings,
-) -> Result<(Trial, PlaceResult), CallError> {
+) -> Result<(Trial, Option<PlaceResult>), CallError> {
     let request = PlaceRequest {
         variant,
         seed: problem.seed,
@@ -207,19 +225,23 @@ fn trial(
         ..PlaceRequest::new(prepared.scene_id.clone(), problem.query, vec![problem.goal])
     };
     let started = Instant::now();
-    let report = plan_with_report(prepared, &request, models, &mut |_| ControlFlow::Continue(()))?;
+    let report = match plan_with_report(prepared, &request, models, &mut |_| ControlFlow::Continue(())) {
+        Err(error) if error.code == ErrorCode::FailedPrecondition => return Ok((Trial::refused(variant, error.message), None)),
+        answered => answered?,
+    };
     let plan_ms = started.elapsed().as_secs_f64() * 1e3;
     let result = report.result;
 
     let placed: Vec<Isometry3<f64>> = result.placements.iter().filter_map(|p| from_row_major(&p.placed_from_observed.0).ok()).collect();
-    let judged = placed.first().and_then(|p| judge(problem, p, &settings.release));
+    let first = placed.first().and_then(|p| release(problem, p, &settings.release));
     // One release a support: the first answer on it that succeeds, or all that fail.
     let mut supports: BTreeMap<Support, bool> = BTreeMap::new();
     for (i, p) in placed.iter().enumerate() {
         let Some(support) = truth.support_of(p) else { continue };
         let good = supports.entry(support).or_default();
         if !*good {
-            *good = if i == 0 { judged } else { judge(problem, p, &settings.release) }.is_some_and(|j| j.joint());
+            let came = if i == 0 { first.map(|r| r.judged) } else { judge(problem, p, &settings.release) };
+            *good = came.is_some_and(|j| j.joint());
         }
     }
     let in_view = match &report.best_in_view {
@@ -238,14 +260,15 @@ fn trial(
     let trial = Trial {
         variant,
         outcome: result.outcome,
-        judged,
+        refused: None,
+        release: first,
         in_view,
         supports: supports.len(),
         good_supports: supports.values().filter(|good| **good).count(),
         rejections: result.rejections.clone(),
         plan_ms,
     };
-    Ok((trial, result))
+    Ok((trial, Some(result)))
 }
 
 /// What the networks say of a candidate: probability of the goal as asked, and realism.

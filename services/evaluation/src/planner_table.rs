@@ -185,7 +185,7 @@ fn row(variant: Variant, records: &[&SceneRecord]) -> PlannerRow {
     let (mut times, mut pairs) = (Vec::new(), Vec::new());
     for record in records {
         let Some(trial) = record.trial(variant) else { continue };
-        let is_none = trial.judged.is_none();
+        let is_none = trial.release.is_none();
         times.push(trial.plan_ms);
         of_all.count(trial);
         if record.answerable() {
@@ -232,14 +232,20 @@ mod tests {
     use repose_proto::{GoalTerm, Relation};
 
     use super::*;
-    use crate::outcome::Judged;
+    use crate::outcome::{Judged, Release};
     use crate::planner_scene::InView;
 
     fn trial(variant: Variant, joint: Option<bool>, [relations, realism, moved_m]: [f64; 3]) -> Trial {
         Trial {
             variant,
             outcome: if joint.is_some() { Outcome::Found } else { Outcome::None },
-            judged: joint.map(|good| Judged { moved_m, stable: good, goal: good, clean: good }),
+            refused: None,
+            release: joint.map(|good| Release {
+                judged: Judged { moved_m, stable: good, goal: good, clean: good },
+                others_moved_m: 0.0,
+                tilt_rad: 0.0,
+                penetration_m: 0.0,
+            }),
             in_view: Some(InView { relations, realism, moved_m }),
             supports: 2,
             good_supports: usize::from(joint == Some(true)),

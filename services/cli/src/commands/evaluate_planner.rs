@@ -134,9 +134,10 @@ fn settings_of(args: &EvaluatePlannerArgs) -> Result<PlannerTableSettings, Failu
 fn log(tried: &TriedScene) {
     let record = &tried.record;
     for trial in &record.trials {
-        let came = match &trial.judged {
-            Some(j) => format!("moved {:.0} mm, goal {}, clean {}", j.moved_m * 1e3, j.goal, j.clean),
-            None => "none".to_owned(),
+        let came = match (&trial.release, &trial.refused) {
+            (Some(r), _) => format!("moved {:.0} mm, goal {}, clean {}", r.judged.moved_m * 1e3, r.judged.goal, r.judged.clean),
+            (None, Some(why)) => why.clone(),
+            (None, None) => "none".to_owned(),
         };
         tracing::info!(
             set = record.set, slot = record.slot, kind = record.kind.name(), seed = record.seed, variant = %trial.variant,

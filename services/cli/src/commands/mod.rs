@@ -3,6 +3,7 @@
 pub mod bench;
 pub mod bench_motion;
 pub mod bench_perception;
+pub mod bench_planner;
 pub mod bench_scoring;
 pub mod demo;
 pub mod evaluate;
@@ -16,6 +17,7 @@ pub mod evaluate_world;
 pub mod generate;
 pub mod load;
 pub mod place;
+pub mod place_sequence;
 pub mod plan;
 pub mod planner_records;
 pub mod planner_report;

@@ -38,7 +38,8 @@ impl Sheets {
     pub fn keep(&self, tried: &TriedScene) -> Outcome {
         let Some(k) = tried.record.trials.iter().position(|t| t.variant == self.variant) else { return Ok(()) };
         let (problem, trial, result) = (&tried.problem, &tried.record.trials[k], &tried.results[k]);
-        let first: Option<Isometry3<f64>> = result.placements.first().and_then(|p| from_row_major(&p.placed_from_observed.0).ok());
+        let best = result.as_ref().and_then(|r| r.placements.first());
+        let first: Option<Isometry3<f64>> = best.and_then(|p| from_row_major(&p.placed_from_observed.0).ok());
         let mut before = scene_picture(&problem.observed, Coloring::Seen, None);
         draw_ids(&mut before, &problem.observed);
         let mut pictures = vec![library_picture(&before)];
@@ -49,28 +50,23 @@ impl Sheets {
             pictures.extend(settled(tried, &placed));
         }
         let record = &tried.record;
-        let title = format!(
-            "{} {} ({}, seed {}): object {} to {}",
-            record.set,
-            record.slot,
-            record.kind.name(),
-            record.seed,
-            record.query,
-            record.goal
-        );
-        let mut lines = vec![end_of(record, self.variant).to_owned()];
+        let title = format!("object {} to {}: {}", record.query, record.goal, end_of(record, self.variant));
+        let mut lines = vec![format!("{} {} ({}, seed {})", record.set, record.slot, record.kind.name(), record.seed)];
         if first.is_none() {
             lines.push(if shown.is_some() { "shown: a true answer" } else { "no true answer was found" }.to_owned());
         }
-        if let Some(j) = &trial.judged {
+        lines.extend(trial.refused.clone());
+        if let Some(r) = &trial.release {
             lines.push(format!(
-                "moved {:.0} mm; goal {}; others, tilt, overlap {}",
-                j.moved_m * 1e3,
-                holds(j.goal),
-                if j.clean { "fine" } else { "bad" }
+                "moved {:.0} mm, others {:.0} mm, tipped {:.0} degrees, {:.1} mm deep; goal {}",
+                r.judged.moved_m * 1e3,
+                r.others_moved_m * 1e3,
+                r.tilt_rad.to_degrees(),
+                r.penetration_m * 1e3,
+                if r.judged.goal { "holds" } else { "fails" }
             ));
         }
-        if let Some(p) = result.placements.first() {
+        if let Some(p) = best {
             let margin_m = p.geometric.first().map_or(0.0, |g| g.margin_m);
             lines.push(format!(
                 "cost {:.2}, realism {:.2}, relation {:.2}, by rule {:+.0} mm, support {:.0} mm, clear {:.0} mm",
@@ -82,7 +78,7 @@ impl Sheets {
                 p.clearance_m * 1e3
             ));
         }
-        lines.push(result.rejections.iter().map(|(r, n)| format!("{r:?} {n}")).collect::<Vec<_>>().join(", "));
+        lines.push(trial.rejections.iter().map(|(r, n)| format!("{r:?} {n}")).collect::<Vec<_>>().join(", "));
         lines.push(format!(
             "true answers on {} supports; its answers on {}, good on {}",
             record.true_supports, trial.supports, trial.good_supports
@@ -123,17 +119,13 @@ const NONE: &str = "rightly none";
 /// How a variant's search of a scene ended, in words.
 fn end_of(record: &SceneRecord, variant: Variant) -> &'static str {
     let Some(trial) = record.trial(variant) else { return NONE };
-    match (trial.joint(), trial.judged.is_some(), record.answerable()) {
+    match (trial.joint(), trial.release.is_some(), record.answerable()) {
         (true, ..) => GOOD,
         (false, true, true) => BAD,
         (false, true, false) => WRONG,
         (false, false, true) => MISSED,
         (false, false, false) => NONE,
     }
-}
-
-fn holds(goal: bool) -> &'static str {
-    if goal { "holds" } else { "fails" }
 }
 
 /// The true scene after the object was let go there, as the camera sees it.
