@@ -10,7 +10,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_networks::serving::spread;
 use repose_networks::{Candidate, InputError, Models, SceneContext};
-use repose_proto::scoring::{MixtureComponent, ModelInfo, ModelsReply, PriorReply, PriorRequest, ScoreReply, ScoreRequest};
+use repose_proto::scoring::{MixtureComponent, ModelInfo, ModelsReply, PriorReply, PriorRequest, RealismBy, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, RELATION_COUNT, Relation, Scene};
 use repose_relations::margins::ALIGNED_RAD;
 use repose_relations::rectangle::{quarter_turn_difference_rad, rectangle_yaw_rad};
@@ -96,7 +96,11 @@ impl Engine {
                 let last = (first + PIECE).min(request.candidates.len());
                 let context = self.prepared(held, request.view_yaw_rad)?;
                 let candidates = candidates_of(&request.candidates[first..last]);
-                self.models.realism(&context, request.query, &candidates, 1).map_err(|e| wire_error(&e, "query"))
+                let scored = match request.realism_by {
+                    RealismBy::Discriminator => self.models.realism(&context, request.query, &candidates, 1),
+                    RealismBy::Outcome => self.models.outcome(&context, request.query, &candidates, 1),
+                };
+                scored.map_err(|e| wire_error(&e, "query"))
             },
         );
         for ((i, _), realism) in pieces.into_iter().zip(scored) {

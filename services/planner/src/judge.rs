@@ -5,7 +5,7 @@
 
 use nalgebra::Point3;
 use repose_proto::place::{PlaceRequest, Rejection};
-use repose_proto::scoring::ScoreRequest;
+use repose_proto::scoring::{RealismBy, ScoreRequest};
 use repose_proto::{CallError, ErrorCode, RELATION_COUNT, Relation, SceneRef};
 
 use crate::candidate::Candidate;
@@ -138,7 +138,7 @@ impl<'a> Judge<'a> {
                     self.judge_realism(&mut judged[i]);
                 }
             }
-            Realism::DiscriminatorRanks => {
+            Realism::OutcomeRanks => {
                 let best = self.most_promising(&judged);
                 self.ask_realism(&mut judged, &best)?;
                 if by == GoalBy::RuleRankedByLearned {
@@ -159,7 +159,7 @@ impl<'a> Judge<'a> {
     /// As [`Judge::judge`].
     pub fn complete(&mut self, judged: &mut [Judged]) -> Result<(), CallError> {
         let recipe = self.settings.recipe;
-        if matches!(recipe.realism, Realism::Discriminator | Realism::DiscriminatorRanks) {
+        if matches!(recipe.realism, Realism::Discriminator | Realism::OutcomeRanks) {
             let open: Vec<usize> = (0..judged.len()).filter(|i| judged[*i].realism.is_none()).collect();
             self.ask_realism(judged, &open)?;
         }
@@ -192,7 +192,7 @@ impl<'a> Judge<'a> {
         let soundness = if recipe.grounded { self.soundness(judged) } else { 0.0 };
         let realism = match recipe.realism {
             Realism::Unasked => soundness,
-            Realism::Discriminator | Realism::DiscriminatorRanks => unrealistic + soundness,
+            Realism::Discriminator | Realism::OutcomeRanks => unrealistic + soundness,
             Realism::PriorDensity => self.mixture.as_ref().map_or(0.0, |m| -m.log_density(&judged.candidate)),
         };
         settings.realism_weight * realism + settings.relations_weight * relations
@@ -362,6 +362,10 @@ impl<'a> Judge<'a> {
             anchors: if realism { Vec::new() } else { self.anchors.clone() },
             view_yaw_rad: self.rules.viewer().yaw_rad(),
             realism,
+            realism_by: match self.settings.recipe.realism {
+                Realism::OutcomeRanks => RealismBy::Outcome,
+                _ => RealismBy::Discriminator,
+            },
             relations: !realism,
             candidates: which.iter().map(|i| judged[*i].candidate.row()).collect(),
         };

@@ -19,5 +19,5 @@ pub mod train;
 pub mod views;
 
 pub use error::TrainError;
-pub use settings::{Part, TrainSettings};
+pub use settings::{Part, RelationsVariant, TrainSettings};
 pub use train::{ONE_THREAD_VARIABLES, TrainReport, train};

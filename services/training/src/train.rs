@@ -11,6 +11,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use repose_dataset::Split;
 use repose_networks::{
     Networks, NetworksConfig, Weights, WeightsInfo,
+    networks::{DISCRIMINATOR, OUTCOME},
     parameters::{Parameters, WeightMap},
 };
 
@@ -21,7 +22,7 @@ use crate::{
     error::TrainError,
     joint::JointTask,
     placement::PlacementTask,
-    settings::{Part, TrainSettings},
+    settings::{Part, RelationsVariant, TrainSettings},
     step::{Shared, Slot, draw, generator, gradient},
     task::Task,
     views::Views,
@@ -58,7 +59,7 @@ pub struct TrainReport {
 pub fn train(settings: &TrainSettings) -> Result<TrainReport, TrainError> {
     match settings.part {
         Part::Joint => Run::new(settings, &JointTask::default())?.run(),
-        Part::Discriminator => Run::new(settings, &PlacementTask::default())?.run(),
+        Part::Discriminator | Part::Outcome => Run::new(settings, &PlacementTask::new(settings.part))?.run(),
     }
 }
 
@@ -80,12 +81,16 @@ struct Run<'a> {
 
 impl<'a> Run<'a> {
     fn new(settings: &'a TrainSettings, task: &'a dyn Task) -> Result<Self, TrainError> {
-        let config = NetworksConfig::default();
+        let config = match settings.relations {
+            RelationsVariant::Paper => NetworksConfig { measures_code: None, ..NetworksConfig::default() },
+            RelationsVariant::Measured => NetworksConfig::default(),
+        };
         let start = settings.start.as_deref().filter(|path| path.exists());
         let (networks, parameters, info) = match start {
             Some(path) => {
                 let weights = Weights::from_bytes(&read(path)?)?;
-                let (networks, parameters) = Networks::stored(&config, &weights.values)?;
+                let rng = &mut generator(settings.seed, 0, u64::MAX);
+                let (networks, parameters) = Networks::started(&config, &starting(weights.values), rng)?;
                 (networks, parameters, weights.info)
             }
             None => {
@@ -94,7 +99,7 @@ impl<'a> Run<'a> {
             }
         };
         let open = |split: Split| {
-            let views = Views::open(&settings.data, split)?;
+            let views = views_of(settings, split)?;
             if views.is_empty() { Err(TrainError::Empty { folder: settings.data.clone(), split: split.name() }) } else { Ok(views) }
         };
         let views = open(Split::Train)?;
@@ -115,7 +120,7 @@ impl<'a> Run<'a> {
             validation: Vec::new(),
         };
         run.resume()?;
-        let validation_views = Views::open(&settings.data, Split::Validation)?;
+        let validation_views = views_of(settings, Split::Validation)?;
         if !validation_views.is_empty() {
             let shared = Shared { views: &validation_views, ..run.shared() };
             let episodes = (0..settings.validation_episodes as u64).filter_map(|i| draw(&shared, &mut generator(0, i, u64::MAX)));
@@ -251,6 +256,23 @@ impl<'a> Run<'a> {
         }
         Ok(())
     }
+}
+
+/// What a run's samples are drawn from.
+fn views_of(settings: &TrainSettings, split: Split) -> Result<Views, TrainError> {
+    let open = if settings.part == Part::Outcome { Views::released } else { Views::open };
+    Ok(open(&settings.data, split)?)
+}
+
+/// Weights to start from: an outcome network that is not there yet begins as the discriminator, which knows what objects at rest look like.
+fn starting(mut weights: WeightMap) -> WeightMap {
+    if !weights.keys().any(|path| path.starts_with(OUTCOME)) {
+        let as_outcome =
+            |(path, value): (&String, &_)| Some((format!("{OUTCOME}{}", path.strip_prefix(DISCRIMINATOR)?), Clone::clone(value)));
+        let copies: Vec<(String, (Vec<usize>, Vec<f32>))> = weights.iter().filter_map(as_outcome).collect();
+        weights.extend(copies);
+    }
+    weights
 }
 
 /// How much of the run is over, by steps or by the clock, whichever is further.
