@@ -34,6 +34,25 @@ impl Engine {
         Self { models, threads: threads.max(1) }
     }
 
+    /// Asks every network once about a small scene made up for it, so that the first caller does not wait for memory and threads, and weights
+    /// that give no numbers are noticed before they are served.
+    ///
+    /// # Errors
+    /// What the networks answer.
+    pub fn warm_up(&self) -> Result<(), InputError> {
+        let side = |i: u32| 0.05 * (i % 8) as f32 / 8.0;
+        let block = |label: u16| (0..64u32).map(move |i| (Point3::new(0.2 * f32::from(label) + side(i), side(i / 8), 0.05), label));
+        let table = (0..900u32).map(|i| (Point3::new((i % 30) as f32 * 0.03 - 0.3, (i / 30) as f32 * 0.03 - 0.3, 0.0), 0));
+        let (points, labels): (Vec<_>, Vec<_>) = table.chain(block(1)).chain(block(2)).unzip();
+        let context = SceneContext::new(&points, &labels, 0.0, &self.models.config().cloud)?;
+        let candidates = vec![Candidate { position_in_world: [0.3, 0.1, 0.05], yaw_rad: 0.1 }; 4 * self.threads];
+        self.models.prior(&context, 1, 2, [1, 0, 0, 0, 0, 0, 0, 0, 0, 0])?;
+        self.models.relations(&context, 1, &[2], &candidates, self.threads)?;
+        self.models.realism(&context, 1, &candidates, self.threads)?;
+        self.models.outcome(&context, 1, &candidates, self.threads)?;
+        Ok(())
+    }
+
     /// BLAKE3 of the weights.
     pub fn weights_hash(&self) -> &str {
         self.models.hash()

@@ -11,6 +11,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use repose_dataset::Split;
 use repose_networks::{
     Networks, NetworksConfig, Weights, WeightsInfo,
+    layers::{BatchStatistics, Mode},
     networks::{DISCRIMINATOR, OUTCOME},
     parameters::{Parameters, WeightMap},
 };
@@ -18,6 +19,7 @@ use repose_networks::{
 use crate::{
     adam::{AdamW, clip},
     checkpoint,
+    curve::{Curve, CurvePoint},
     episode::{Episode, EpisodeSettings},
     error::TrainError,
     joint::JointTask,
@@ -30,6 +32,9 @@ use crate::{
 
 /// How fast running statistics follow the batches'.
 const STATISTICS_RATE: f32 = 0.03;
+/// Micro-batches that the saved weights' batch statistics are taken from, and the episodes that each is drawn from.
+const STATISTICS_BATCHES: u64 = 32;
+const STATISTICS_EPISODES: usize = 6;
 /// How fast the averaged weights that are saved follow the trained ones, once training is under way.
 const AVERAGE_RATE: f32 = 0.005;
 
@@ -77,6 +82,9 @@ struct Run<'a> {
     step: u64,
     views: Views,
     validation: Vec<Episode>,
+    curve: Curve,
+    /// Running mean of the training loss.
+    loss: Option<f64>,
 }
 
 impl<'a> Run<'a> {
@@ -118,6 +126,8 @@ impl<'a> Run<'a> {
             step: 0,
             views,
             validation: Vec::new(),
+            curve: Curve::default(),
+            loss: None,
         };
         run.resume()?;
         let validation_views = views_of(settings, Split::Validation)?;
@@ -157,7 +167,7 @@ impl<'a> Run<'a> {
             );
         }
         let bar = progress_bar(settings);
-        let (begin, first_step, mut smooth) = (Instant::now(), self.step, None);
+        let (begin, first_step) = (Instant::now(), self.step);
         tracing::info!(part = self.task.part().name(), views = self.views.len(), parameters = self.parameters.count(), "training");
         loop {
             let share = progress(settings, self.step, begin.elapsed());
@@ -176,8 +186,8 @@ impl<'a> Run<'a> {
             self.adam.step(&self.parameters.trainable, &result.gradients, rate, settings.weight_decay)?;
             self.follow(&result.statistics)?;
             self.step += 1;
-            let loss = smooth.map_or(result.loss, |s: f64| s + 0.02 * (result.loss - s));
-            smooth = Some(loss);
+            let loss = self.loss.map_or(result.loss, |mean| mean + 0.02 * (result.loss - mean));
+            self.loss = Some(loss);
             let speed =
                 ((self.step - first_step) * (settings.slots * settings.samples_per_slot) as u64) as f64 / begin.elapsed().as_secs_f64();
             bar.set_position((1000.0 * share) as u64);
@@ -228,9 +238,36 @@ impl<'a> Run<'a> {
         Ok(weights)
     }
 
+    /// The batch norms' statistics under given weights, from training episodes. Those that were followed belong to the weights of the moment;
+    /// averaged weights have others (Izmailov et al. 2018, "Averaging weights leads to wider optima", section 3.2).
+    fn statistics_of(&self, networks: &Networks) -> Result<BTreeMap<String, Vec<f32>>, TrainError> {
+        let shared = self.shared();
+        let mut sums: BTreeMap<String, Vec<f32>> = BTreeMap::new();
+        for k in 0..STATISTICS_BATCHES {
+            let mut rng = generator(self.settings.seed, self.step, u64::MAX - 1 - k);
+            let episodes: Vec<Episode> = (0..STATISTICS_EPISODES).filter_map(|_| draw(&shared, &mut rng)).collect();
+            let mode = Mode::Training(BatchStatistics::default());
+            let samples = self.settings.samples_per_slot;
+            self.task.loss(networks, &self.config, &episodes.iter().collect::<Vec<_>>(), samples, &mode, &mut rng)?;
+            if let Mode::Training(statistics) = mode {
+                for (name, values) in statistics.into_inner() {
+                    let sum = sums.entry(name).or_insert_with(|| vec![0.0; values.len()]);
+                    sum.iter_mut().zip(values).for_each(|(s, v)| *s += v / STATISTICS_BATCHES as f32);
+                }
+            }
+        }
+        Ok(sums)
+    }
+
     /// Measures on validation scenes and writes weights and checkpoint.
     fn save(&mut self) -> Result<serde_json::Value, TrainError> {
-        let weights = self.weights()?;
+        let mut weights = self.weights()?;
+        let (averaged, _) = Networks::stored(&self.config, &weights)?;
+        for (name, values) in self.statistics_of(&averaged)? {
+            if let Some((_, stored)) = weights.get_mut(&name) {
+                *stored = values;
+            }
+        }
         let (averaged, _) = Networks::stored(&self.config, &weights)?;
         let metrics = self.task.measure(&averaged, &self.config, &self.validation, &mut generator(0, 1, u64::MAX))?;
         let part = self.task.part().name();
@@ -244,6 +281,9 @@ impl<'a> Run<'a> {
         set(&mut self.info.recipe, part, recipe);
         checkpoint::write(&self.settings.out, &Weights::to_bytes(&weights, &self.info)?)?;
         checkpoint::save(self.settings, self.step, &self.parameters.to_map()?, &self.average, &self.adam)?;
+        if let Some(loss) = self.loss.filter(|_| self.curve.points.last().is_none_or(|last| last.step < self.step)) {
+            self.curve.add(self.settings, CurvePoint { step: self.step, loss, validation: metrics.clone() })?;
+        }
         Ok(metrics)
     }
 
@@ -252,6 +292,7 @@ impl<'a> Run<'a> {
             let (networks, parameters) = Networks::stored(&self.config, &state.values)?;
             (self.networks, self.parameters) = (networks, parameters);
             (self.average, self.adam, self.step) = (state.average, state.adam, state.step);
+            self.curve = Curve::resumed(self.settings, self.step)?;
             tracing::info!(step = self.step, "resumed");
         }
         Ok(())
