@@ -47,6 +47,8 @@ pub enum Command {
     Generate(crate::commands::generate::GenerateArgs),
     /// Weights from simulated scenes.
     Train(TrainArgs),
+    /// Parts of the weights that were trained apart, put into one file.
+    Weights(crate::commands::weights::WeightsArgs),
     /// The paper's tables.
     Evaluate(EvaluateArgs),
     /// How fast a part is on this machine.

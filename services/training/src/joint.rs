@@ -10,7 +10,6 @@ use repose_networks::{
     GOAL_RELATIONS, Kernel, Networks, NetworksConfig, PREDICTED_RELATIONS,
     crops::{Grouped, object_input, scene_input},
     layers::Mode,
-    networks::{DISCRIMINATOR, OUTCOME},
     pair_measures::{MeasuredCloud, PAIR_MEASURES, pair_measures},
     prior::MixtureTensors,
     relation_predictor::binary_cross_entropy,
@@ -136,7 +135,7 @@ impl Task for JointTask {
     }
 
     fn fits(&self, parameter: &str) -> bool {
-        ![DISCRIMINATOR, OUTCOME].iter().any(|part| parameter.starts_with(part))
+        Part::Joint.fits(parameter)
     }
 
     fn loss(

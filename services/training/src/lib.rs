@@ -11,6 +11,7 @@ pub mod curve;
 pub mod episode;
 pub mod error;
 pub mod joint;
+pub mod merge;
 pub mod normal;
 pub mod placement;
 pub mod settings;

@@ -16,7 +16,6 @@ use repose_networks::{
     crops::{Grouped, discriminator_points},
     discriminator::Discriminator,
     layers::Mode,
-    networks::{DISCRIMINATOR, OUTCOME},
     points::{SceneCloud, turned},
     relation_predictor::binary_cross_entropy,
     set_abstraction::Path,
@@ -125,7 +124,7 @@ impl Task for PlacementTask {
     }
 
     fn fits(&self, parameter: &str) -> bool {
-        parameter.starts_with(if self.part == Part::Outcome { OUTCOME } else { DISCRIMINATOR })
+        self.part.fits(parameter)
     }
 
     fn loss(

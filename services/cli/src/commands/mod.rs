@@ -23,3 +23,4 @@ pub mod segment;
 pub mod serve;
 pub mod train;
 pub mod up;
+pub mod weights;
