@@ -8,6 +8,7 @@ use repose_proto::{GoalTerm, Service};
 
 use crate::commands::bench::BenchArgs;
 use crate::commands::evaluate_segmentation::EvaluateSegmentationArgs;
+use crate::commands::place_sequence::NextWish;
 use crate::commands::play::PlayArgs;
 
 /// Repose finds where an object can be set down so that the asked relations hold and it stays, then puts it there.
@@ -224,8 +225,18 @@ pub struct PlaceArgs {
     #[command(flatten)]
     pub connect: ConnectArgs,
     /// Plan on this scene instead of the camera's newest.
-    #[arg(long, value_name = "ID")]
+    #[arg(long, value_name = "ID", conflicts_with_all = ["execute", "then"])]
     pub scene: Option<String>,
+    /// Have the robot carry it out, and check the goal on the view after it.
+    #[arg(long)]
+    pub execute: bool,
+    /// The next wish, ID=TERM[,TERM…] in the ids of the first view, once the one before has been carried out and its goal holds: planned
+    /// on a fresh view. Repeat for more.
+    #[arg(long, value_name = "WISH")]
+    pub then: Vec<NextWish>,
+    /// The robot that carries them out.
+    #[arg(long, default_value = "panda")]
+    pub robot: String,
 }
 
 /// Arguments of `load`.
@@ -321,7 +332,7 @@ pub struct EvaluateArgs {
 #[derive(Debug, Subcommand)]
 pub enum Table {
     /// The planner's variants on simulated scenes never trained on.
-    Planner(EvaluatePlannerArgs),
+    Planner(crate::commands::evaluate_planner::EvaluatePlannerArgs),
     /// Relations learned against by rule, on simulated scenes never trained on.
     Relations(crate::commands::evaluate_relations::EvaluateRelationsArgs),
     /// Realism against what physics does, on kitchens never trained on.
@@ -332,23 +343,6 @@ pub enum Table {
     Segmentation(EvaluateSegmentationArgs),
     /// The simulated Panda picks and places named objects (the paper's Table 3).
     Robot(crate::commands::evaluate_robot::EvaluateRobotArgs),
-}
-
-/// Arguments of `evaluate planner`.
-#[derive(Debug, Args)]
-pub struct EvaluatePlannerArgs {
-    /// How many scenes.
-    #[arg(long, default_value_t = 20)]
-    pub scenes: usize,
-    /// Which variants; repeat for more.
-    #[arg(long = "variant", default_values = ["geometric", "full"], value_parser = parse_variant)]
-    pub variants: Vec<Variant>,
-    /// Which split's seeds: validation or test.
-    #[arg(long, default_value = "test")]
-    pub split: String,
-    /// A folder for a before-and-after picture per scene and variant.
-    #[arg(long, value_name = "DIR")]
-    pub pictures: Option<PathBuf>,
 }
 
 /// The variant of that name.

@@ -104,6 +104,13 @@ pub fn rgb_image(picture: &Image<[u8; 3]>) -> RgbImage {
     color_picture(picture.width(), picture.height(), picture.pixels())
 }
 
+/// A picture of this program as one of the library's own kind.
+pub fn library_picture(picture: &RgbImage) -> Image<[u8; 3]> {
+    let (width, height) = (picture.width() as usize, picture.height() as usize);
+    let pixels = picture.pixels().map(|p| p.0).collect();
+    Image::from_pixels(width, height, pixels).unwrap_or_else(|_| Image::filled(width, height, NOTHING.0))
+}
+
 /// Where an object's centroid falls in its camera's picture.
 pub fn pixel_of_object(scene: &Scene, id: u16) -> Option<(i64, i64)> {
     let world_from_camera = repose_geometry::transform::from_row_major(&scene.meta.camera.world_from_camera?.0).ok()?;

@@ -1,5 +1,6 @@
-//! The paper's figures, to print beside ours (its Table 2 with the appendix, and section 3).
+//! The paper's figures, to print beside ours (its Tables 1 and 2 with the appendix, and section 3).
 
+use repose_proto::place::Variant;
 use serde::Serialize;
 
 /// Examples in the paper's Table 2.
@@ -52,3 +53,31 @@ pub const STABLE_WITH_GOAL_PERCENT: f64 = 90.0;
 pub const RANDOM_R: (f64, f64) = (-0.147, 0.161);
 /// The same of the planner's placements.
 pub const PLANNED_R: (f64, f64) = (-0.278, 0.006);
+
+/// One row of the paper's Table 1, percent of 100 kitchen scenes.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PaperVariant {
+    /// Which variant.
+    pub variant: Variant,
+    /// Found predicates.
+    pub predicates: f64,
+    /// Found realistic.
+    pub realistic: f64,
+    /// Both.
+    pub successful: f64,
+    /// Stable pose.
+    pub stable: f64,
+}
+
+const fn variant(variant: Variant, [predicates, realistic, successful, stable]: [f64; 4]) -> PaperVariant {
+    PaperVariant { variant, predicates, realistic, successful, stable }
+}
+
+/// The paper's Table 1.
+pub const VARIANTS: [PaperVariant; 5] = [
+    variant(Variant::Full, [93.0, 87.0, 84.0, 71.0]),
+    variant(Variant::FullLambda1, [94.0, 81.0, 78.0, 67.0]),
+    variant(Variant::NoDiscriminator, [100.0, 3.0, 3.0, 25.0]),
+    variant(Variant::MeanOnly, [96.0, 27.0, 27.0, 39.0]),
+    variant(Variant::MdnPrior, [99.0, 6.0, 6.0, 42.0]),
+];

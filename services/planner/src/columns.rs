@@ -4,7 +4,7 @@
 //! its whole stretch is in the way of something. Runs that were not seen but must be there, because an object has a back, are marked.
 
 use nalgebra::{Point2, Point3};
-use repose_geometry::Aabb;
+use repose_geometry::{Aabb, Footprint};
 
 /// A filled stretch of height above one cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -103,6 +103,14 @@ impl Columns {
         }
         self.runs = runs.into_iter().map(|(_, run)| run).collect();
     }
+}
+
+/// The centres of the map's cells within an outline and a strip around it.
+pub fn cells_of<'a>(outline: &'a Footprint, strip_m: f32, columns: &Columns) -> impl Iterator<Item = Point2<f32>> + use<'a> {
+    let corners = outline.corners();
+    let (min, max) = corners.iter().fold((corners[0], corners[0]), |(min, max), c| (min.inf(c), max.sup(c)));
+    let strip = nalgebra::Vector2::repeat(strip_m);
+    columns.centers_within(&(min - strip), &(max + strip)).filter(move |c| outline.margin(c) >= -strip_m)
 }
 
 /// The bounds of a map: around the objects, `reach_m` farther on each side, but not beyond the points.

@@ -42,6 +42,10 @@ pub struct Standing {
     pub unhidden: f64,
     /// Whether an object carries it that no term asks to be on.
     pub on_stranger: bool,
+    /// Share of its volume in space that was not seen.
+    pub unseen_share: f64,
+    /// Share of small errors of its pose that would not do; 0 where they were not tried.
+    pub fragile_share: f64,
 }
 
 /// How far a candidate is from standing comfortably: 0 for the middle of an empty, fully seen table.
@@ -54,6 +58,8 @@ pub fn soundness_cost(standing: &Standing, query: &Query, settings: &SoundnessSe
         1.0 - standing.unhidden,
         1.0 - standing.rim_share,
         if standing.on_stranger { 1.0 } else { 0.0 },
+        standing.unseen_share,
+        standing.fragile_share,
     ];
     shortfalls.iter().zip(&settings.weights).map(|(s, w)| s * w).sum()
 }

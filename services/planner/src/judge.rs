@@ -20,6 +20,7 @@ use crate::prepared::Prepared;
 use crate::query::Query;
 use crate::rules::Rules;
 use crate::settings::{GoalBy, Realism, Settings};
+use crate::unseen::unseen_share;
 
 /// Which weights and kernel answered.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -138,14 +139,7 @@ impl<'a> Judge<'a> {
                     self.judge_realism(&mut judged[i]);
                 }
             }
-            Realism::OutcomeRanks => {
-                let best = self.most_promising(&judged);
-                self.ask_realism(&mut judged, &best)?;
-                if by == GoalBy::RuleRankedByLearned {
-                    self.ask_relations(&mut judged, &best)?;
-                }
-            }
-            Realism::Unasked | Realism::PriorDensity => {}
+            Realism::OutcomeRanks | Realism::Unasked | Realism::PriorDensity => {}
         }
         for j in judged.iter_mut().filter(|j| j.feasible()) {
             j.cost = self.cost(j);
@@ -178,11 +172,13 @@ impl<'a> Judge<'a> {
         Ok(())
     }
 
-    /// The cost of a candidate from what is known of it; what was not asked counts as bad as can be.
+    /// The cost of a candidate from what is known of it; what was not asked counts as bad as can be, unless networks only rank.
     pub fn cost(&self, judged: &Judged) -> f64 {
         let (settings, recipe) = (self.settings, self.settings.recipe);
-        let unrealistic = judged.realism.map_or(1.0, |f| 1.0 - f64::from(f));
-        let learned = judged.relations.as_ref().map_or(1.0, |p| relations_cost(p));
+        // Where networks only rank, what they were not asked about is compared by geometry alone.
+        let unasked = if recipe.realism == Realism::OutcomeRanks { 0.0 } else { 1.0 };
+        let unrealistic = judged.realism.map_or(unasked, |f| 1.0 - f64::from(f));
+        let learned = judged.relations.as_ref().map_or(unasked, |p| relations_cost(p));
         let ruled = judged.checks.as_ref().map_or(0.0, |c| rules_cost(&self.request.goal, c, &settings.fixed.rules));
         let relations = match recipe.goal_by {
             GoalBy::Learned => learned,
@@ -204,7 +200,7 @@ impl<'a> Judge<'a> {
     }
 
     /// Every constraint that needs no network, in their order; also after one has failed, so that the search knows where less is missed.
-    fn without_networks(&self, candidate: Candidate, mode: usize) -> Judged {
+    pub fn without_networks(&self, candidate: Candidate, mode: usize) -> Judged {
         let mut judged = Judged::new(candidate, mode);
         let fixed = &self.settings.fixed;
         if let Some(miss) = region_miss(&candidate, &self.request.region) {
@@ -216,6 +212,13 @@ impl<'a> Judge<'a> {
             judged.reject(Rejection::OutOfView, miss);
         }
         let grounded = self.settings.recipe.grounded;
+        if grounded {
+            let unseen = unseen_share(self.prepared.scene.meta.unseen.space.as_ref(), self.query, &candidate, &fixed.unseen);
+            judged.unseen_share = Some(unseen);
+            if unseen > fixed.unseen.max_share {
+                judged.reject(Rejection::OutOfView, unseen - fixed.unseen.max_share);
+            }
+        }
         if grounded || self.settings.min_clearance_m > 0.0 {
             self.judge_obstruction(&mut judged);
         }
@@ -290,16 +293,6 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// The feasible candidates that geometry ranks highest: only they are worth the networks' time.
-    fn most_promising(&self, judged: &[Judged]) -> Vec<usize> {
-        let mut open: Vec<(f64, usize)> = judged.iter().enumerate().filter(|(_, j)| j.feasible()).map(|(i, j)| (self.cost(j), i)).collect();
-        open.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        open.truncate(self.settings.fixed.ranked);
-        let mut best: Vec<usize> = open.into_iter().map(|(_, i)| i).collect();
-        best.sort_unstable();
-        best
-    }
-
     fn soundness(&self, judged: &Judged) -> f64 {
         let (Some(footing), Some(found)) = (judged.footing, judged.obstruction) else { return 1.0 };
         let fixed = &self.settings.fixed;
@@ -309,13 +302,19 @@ impl<'a> Judge<'a> {
             clearance_m: found.clearance_m,
             unhidden: judged.unhidden.unwrap_or(0.0),
             on_stranger: footing.carrier.is_some_and(|c| c != 0 && !self.carriers.contains(&c)),
+            unseen_share: judged.unseen_share.unwrap_or(0.0),
+            fragile_share: judged.fragile_share.unwrap_or(0.0),
         };
         let main = self.request.main_anchor().and_then(|a| self.prepared.objects.get(&a));
         let distance_m = main.map_or(0.0, |a| (a.centroid - judged.candidate.centroid()).xy().norm());
         soundness_cost(&standing, self.query, &fixed.soundness) + fixed.soundness.distance_per_m * distance_m
     }
 
-    fn ask_relations(&mut self, judged: &mut [Judged], which: &[usize]) -> Result<(), CallError> {
+    /// Asks the relation predictor about some of the candidates.
+    ///
+    /// # Errors
+    /// As [`Judge::judge`].
+    pub fn ask_relations(&mut self, judged: &mut [Judged], which: &[usize]) -> Result<(), CallError> {
         let Some(reply) = self.ask(judged, which, false)? else { return Ok(()) };
         let expected = which.len() * self.anchors.len();
         if reply.relations.len() != expected {

@@ -35,6 +35,10 @@ pub struct Judged {
     pub obstruction: Option<Obstruction>,
     /// Share of its points that would be seen, where that was tried.
     pub unhidden: Option<f64>,
+    /// Share of its volume in space that was not seen, where that was tried.
+    pub unseen_share: Option<f64>,
+    /// Share of small errors of its pose that would not do, where they were tried.
+    pub fragile_share: Option<f64>,
 }
 
 impl Judged {
@@ -53,6 +57,8 @@ impl Judged {
             footing: None,
             obstruction: None,
             unhidden: None,
+            unseen_share: None,
+            fragile_share: None,
         }
     }
 

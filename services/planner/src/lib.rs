@@ -22,13 +22,17 @@ pub mod plan;
 pub mod prepared;
 pub mod proposals;
 pub mod query;
+pub mod ranking;
 pub mod remote_models;
 pub mod rules;
 pub mod scene_cache;
+pub mod scene_settings;
 pub mod search;
 pub mod settings;
 pub mod shape;
+pub mod standing;
 pub mod surrogate;
+pub mod unseen;
 pub mod view;
 pub mod worker;
 

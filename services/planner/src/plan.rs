@@ -22,6 +22,7 @@ use crate::models::Models;
 use crate::prepared::Prepared;
 use crate::proposals::Proposer;
 use crate::query::Query;
+use crate::ranking::rank;
 use crate::rules::Rules;
 use crate::search::{Findings, Source, Stop, search};
 use crate::settings::{Proposals, Realism, Settings};
@@ -86,27 +87,41 @@ pub fn plan_with_report(
     let started = Instant::now();
     let time_is_up = || settings.time_ms.is_some_and(|ms| started.elapsed() >= Duration::from_millis(ms));
     let source = source(&mut judge, &mut rng)?;
-    let (findings, stopped) = search(&mut judge, source, &mut rng, &mut |done, judge| {
+    let (mut findings, mut stopped) = search(&mut judge, source, &mut rng, &mut |done, judge| {
         let step = match done {
             None => Step::Batch,
             Some(findings) => Step::Iteration(Box::new(PlaceProgress {
                 iterations: findings.iterations,
                 evaluated: findings.evaluated,
-                best: findings.best().map(|best| answers::placement(best, judge)),
+                best: findings.appraised.as_ref().or_else(|| findings.best()).map(|best| answers::placement(best, judge)),
             })),
         };
         control(step)?;
         if time_is_up() { ControlFlow::Break(Stop::Deadline) } else { ControlFlow::Continue(()) }
     })?;
     match stopped {
-        Some(Stop::Cancelled) => return Err(CallError::new(ErrorCode::Cancelled, "cancelled while searching")),
+        Some(Stop::Cancelled) => return Err(cancelled()),
         Some(Stop::Deadline) if findings.iterations == 0 => {
             return Err(CallError::new(ErrorCode::DeadlineExceeded, "time ended before the first iteration was done"));
         }
         _ => {}
     }
 
-    let mut chosen = answers::distinct(&findings.accepted, request.count as usize, settings.min_separation_m);
+    if settings.recipe.realism == Realism::OutcomeRanks && stopped.is_none() && !findings.accepted.is_empty() {
+        // The shortlist is a batch like any other.
+        stopped = if time_is_up() { Some(Stop::Deadline) } else { control(Step::Batch).break_value() };
+        match stopped {
+            Some(Stop::Cancelled) => return Err(cancelled()),
+            Some(Stop::Deadline) => {}
+            None => rank(&mut judge, &mut findings.accepted)?,
+        }
+    }
+    let level_gap_m = settings.fixed.surrogate.level_gap_m;
+    let mut chosen = match (stopped, &findings.appraised) {
+        // Time ended before the networks ranked: what they have seen is one candidate.
+        (Some(_), Some(best)) => vec![best.clone()],
+        _ => answers::distinct(&findings.accepted, request.count as usize, settings.min_separation_m, level_gap_m),
+    };
     // After the deadline the networks are not asked again.
     if stopped.is_none() {
         judge.complete(&mut chosen)?;
@@ -143,6 +158,10 @@ pub fn plan_with_report(
         thresholds: settings.thresholds(),
     };
     Ok(Report { result, answers: chosen, best_in_view })
+}
+
+fn cancelled() -> CallError {
+    CallError::new(ErrorCode::Cancelled, "cancelled while searching")
 }
 
 /// Iteration 0's candidates.

@@ -3,16 +3,17 @@
 //! The points by object, the objects' completed shapes and what each stands on, the map of runs above the floor plan, the support
 //! surfaces, and the camera's picture rebuilt from the points. Requests then only leave the query out of it.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point2, Point3};
 use repose_geometry::{Aabb, Footprint, cloud, transform};
 use repose_proto::{CallError, Scene};
 
-use crate::columns::{Columns, Run, bounds_around};
+use crate::columns::{Columns, Run, bounds_around, cells_of};
 use crate::settings::SceneSettings;
 use crate::shape::Shape;
+use crate::standing::{Seen, carried_by};
 use crate::view::ObservedView;
 
 /// A horizontal surface that was seen.
@@ -52,6 +53,7 @@ pub struct Prepared {
     pub columns: Columns,
     /// What the camera saw.
     pub view: ObservedView,
+    carried: BTreeMap<u16, Vec<u16>>,
     fault: Option<CallError>,
     min_points: usize,
 }
@@ -92,9 +94,11 @@ impl Prepared {
         let planes: Vec<SupportPlane> = scene.meta.surfaces.iter().filter_map(plane).collect();
 
         let camera = world_from_camera.translation.vector.xy().cast::<f32>().into();
+        let view = ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &world_from_camera, settings.view_columns);
         let mut objects = BTreeMap::new();
         let mut hidden: Vec<(Point2<f32>, Run)> = Vec::new();
-        let bottoms: BTreeMap<u16, Option<f32>> = clouds.keys().map(|id| (*id, bottom(*id, &clouds, &seen, &planes, settings))).collect();
+        let before = Seen { clouds: &clouds, columns: &seen, planes: &planes, view: &view, settings };
+        let bottoms: BTreeMap<u16, Option<f32>> = clouds.keys().map(|id| (*id, before.bottom_m(*id))).collect();
         for (id, points) in clouds {
             let Some(centroid) = cloud::centroid(&points) else { continue };
             let shape = bottoms[&id].and_then(|bottom_m| Shape::complete(&points, bottom_m, &camera, &settings.shape));
@@ -103,8 +107,9 @@ impl Prepared {
             }
             objects.insert(id, PreparedObject { points, centroid, shape });
         }
-        let view = ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &world_from_camera, settings.view_columns);
-        Self { columns: seen.with(hidden), fault, scene, scene_id, objects, planes, view, min_points: settings.min_points }
+        let columns = seen.with(hidden);
+        let carried = carried_by(&objects, &columns, &settings.stack);
+        Self { columns, fault, scene, scene_id, objects, planes, view, carried, min_points: settings.min_points }
     }
 
     /// Whether the scene can be planned on.
@@ -113,6 +118,27 @@ impl Prepared {
     /// `invalid_argument` when the cloud is empty or the camera has no rigid pose.
     pub fn check(&self) -> Result<(), CallError> {
         self.fault.clone().map_or(Ok(()), Err)
+    }
+
+    /// The objects that stand on an object or in it.
+    pub fn carried(&self, id: u16) -> &[u16] {
+        self.carried.get(&id).map_or(&[], Vec::as_slice)
+    }
+
+    /// The object to move, with its completed shape.
+    ///
+    /// # Errors
+    /// As [`Prepared::object`] on `query`; `failed_precondition` on `query` when something stands on it: it would fall.
+    pub fn movable(&self, id: u16) -> Result<(&PreparedObject, &Shape), CallError> {
+        let found = self.object(id, "query")?;
+        match self.carried(id) {
+            [] => Ok(found),
+            carried => {
+                let ids: Vec<String> = carried.iter().map(u16::to_string).collect();
+                let message = format!("object {id} cannot be moved while it carries {}: move that first", ids.join(", "));
+                Err(CallError::precondition(message).at("query"))
+            }
+        }
     }
 
     /// An object with its completed shape.
@@ -149,55 +175,6 @@ fn plane(surface: &repose_proto::Surface) -> Option<SupportPlane> {
     Some(SupportPlane { height_m: surface.height_m as f32, outline, object: surface.object.unwrap_or(0) })
 }
 
-/// The height of what an object stands on: the highest level under its lowest points that something else shows in and around its place
-/// seen from above; those points, less what border cleaning takes, where nothing shows.
-///
-/// The object hides most of what it stands on, so the strip around it tells, and the surfaces that perception outlined may not reach it.
-fn bottom(
-    id: u16,
-    clouds: &BTreeMap<u16, Vec<Point3<f32>>>,
-    seen: &Columns,
-    planes: &[SupportPlane],
-    settings: &SceneSettings,
-) -> Option<f32> {
-    let robust = cloud::percentile_box(clouds.get(&id)?, 0.02, 0.98)?;
-    let lowest_m = robust.min.z;
-    let middle = robust.center().xy();
-    let limit_m = lowest_m + settings.bottom_slack_m;
-    // Of other objects only those that reach under this one: what stands beside it carries nothing.
-    let reaches_under = |other: u16| match other {
-        0 => true,
-        _ => clouds.get(&other).and_then(Footprint::of).is_some_and(|outline| outline.margin(&middle) >= -0.005),
-    };
-    let carriers: BTreeSet<u16> = clouds.keys().copied().chain([0]).filter(|other| *other != id && reaches_under(*other)).collect();
-    let shown = carrier_top(clouds.get(&id)?, &carriers, limit_m, seen, settings);
-    let under = planes
-        .iter()
-        .filter(|p| carriers.contains(&p.object) && p.height_m <= limit_m && p.outline.margin(&middle) >= 0.0)
-        .map(|p| p.height_m)
-        .fold(f32::NEG_INFINITY, f32::max);
-    let height_m = under.max(shown);
-    // The surface's own height is less noisy than a few cells of it.
-    let same = planes.iter().map(|p| p.height_m).find(|h| *h <= limit_m && (h - height_m).abs() <= settings.same_level_m);
-    Some(if height_m.is_finite() { same.unwrap_or(height_m) } else { lowest_m - settings.trim_m })
-}
-
-/// The highest level that enough cells of the carriers' tops share, in an object's outline and the strip around it.
-fn carrier_top(points: &[Point3<f32>], carriers: &BTreeSet<u16>, limit_m: f32, seen: &Columns, settings: &SceneSettings) -> f32 {
-    let Some(outline) = Footprint::of(points) else { return f32::NEG_INFINITY };
-    let mut tops: Vec<f32> = Vec::new();
-    let mut inside = 0;
-    for center in cells_of(&outline, settings.strip_m, seen) {
-        inside += usize::from(outline.margin(&center) >= 0.0);
-        let runs = seen.at(&center).iter().filter(|r| carriers.contains(&r.object) && r.high_m <= limit_m);
-        tops.extend(runs.map(|r| r.high_m).reduce(f32::max));
-    }
-    tops.sort_by(|a, b| b.total_cmp(a));
-    let needed = ((settings.carrier_share * inside as f32).ceil() as usize).max(4);
-    let shared = tops.windows(needed).find(|w| w[0] - w[needed - 1] <= settings.same_level_m);
-    shared.map_or(f32::NEG_INFINITY, |w| w[needed / 2])
-}
-
 /// The parts of a shape that must be there though no point shows them: under its tops, and behind its front.
 fn unseen_runs(id: u16, shape: &Shape, seen: &Columns) -> Vec<(Point2<f32>, Run)> {
     let mut runs = Vec::new();
@@ -214,49 +191,12 @@ fn unseen_runs(id: u16, shape: &Shape, seen: &Columns) -> Vec<(Point2<f32>, Run)
     runs
 }
 
-/// The centres of the map's cells within an outline and a strip around it.
-fn cells_of<'a>(outline: &'a Footprint, strip_m: f32, columns: &Columns) -> impl Iterator<Item = Point2<f32>> + use<'a> {
-    let corners = outline.corners();
-    let (min, max) = corners.iter().fold((corners[0], corners[0]), |(min, max), c| (min.inf(c), max.sup(c)));
-    let strip = nalgebra::Vector2::repeat(strip_m);
-    columns.centers_within(&(min - strip), &(max + strip)).filter(move |c| outline.margin(c) >= -strip_m)
-}
-
 #[cfg(test)]
 mod tests {
     use repose_proto::ErrorCode;
 
     use super::*;
     use crate::synthetic::Builder;
-
-    #[test]
-    fn each_object_stands_on_what_is_under_it() {
-        let scene = Builder::table()
-            .object(1, [0.0, 0.0], [0.15, 0.12, 0.1])
-            .object_at(2, [0.0, 0.0], 0.1, [0.06, 0.06, 0.08])
-            .object(3, [0.25, 0.0], [0.05, 0.05, 0.05])
-            .prepared();
-        let bottom = |id: u16| scene.objects[&id].shape.as_ref().unwrap().bottom_m;
-        assert!(bottom(1).abs() < 1e-3 && (bottom(2) - 0.1).abs() < 2e-3 && bottom(3).abs() < 1e-3);
-    }
-
-    #[test]
-    fn furniture_that_an_object_hides_almost_whole_still_carries_it() {
-        // Perception has found no surface on the low box (label 0): the object covers its top but for a strip.
-        let mut scene =
-            Builder::table().object(0, [0.0, 0.0], [0.12, 0.12, 0.14]).object_at(2, [0.0, 0.02], 0.14, [0.11, 0.07, 0.06]).scene();
-        scene.meta.surfaces.retain(|s| s.height_m < 0.01);
-        let scene = Prepared::new(Arc::new(scene));
-        let bottom_m = scene.objects[&2].shape.as_ref().unwrap().bottom_m;
-        assert!((bottom_m - 0.14).abs() < 0.004, "{bottom_m}");
-    }
-
-    #[test]
-    fn a_neighbour_in_front_does_not_carry_what_it_hides() {
-        let scene = Builder::table().object(1, [0.0, -0.06], [0.16, 0.06, 0.07]).object(2, [0.0, 0.02], [0.06, 0.06, 0.12]).prepared();
-        let bottom_m = scene.objects[&2].shape.as_ref().unwrap().bottom_m;
-        assert!(bottom_m.abs() < 0.004, "{bottom_m}");
-    }
 
     #[test]
     fn an_object_fills_the_space_behind_its_front_and_under_its_top() {

@@ -31,6 +31,8 @@ pub struct Prism {
     pub cells: Vec<Cell>,
     /// How many of them are inside.
     pub inside: usize,
+    /// A few places inside it, from the observed centroid: enough to sample the prism's volume.
+    pub sparse: Vec<Vector2<f32>>,
 }
 
 /// The query of a request.
@@ -58,9 +60,9 @@ impl Query {
     /// The query of that id, with a clearance ring that measures at least `min_clearance_m`.
     ///
     /// # Errors
-    /// As [`Prepared::object`], on `query`.
+    /// As [`Prepared::movable`].
     pub fn new(prepared: &Prepared, id: u16, min_clearance_m: f64, fixed: &Fixed) -> Result<Self, CallError> {
-        let (object, shape) = prepared.object(id, "query")?;
+        let (object, shape) = prepared.movable(id)?;
         let cell_m = prepared.columns.cell_m();
         let origin = object.centroid.xy().cast::<f32>();
         let ring_m = (min_clearance_m as f32 + 2.0 * cell_m).clamp(fixed.clearance.ring_m, fixed.clearance.max_ring_m + 2.0 * cell_m);
@@ -70,7 +72,8 @@ impl Query {
             .map(|slab| {
                 let cells = cells_around(&slab.outline, &origin, ring_m, cell_m);
                 let inside = cells.iter().filter(|c| c.inside_m >= 0.0).count();
-                Prism { low_m: slab.low_m - shape.bottom_m, high_m: slab.high_m - shape.bottom_m, cells, inside }
+                let sparse = cells_around(&slab.outline, &origin, 0.0, fixed.unseen.step_m).into_iter().map(|c| c.offset).collect();
+                Prism { low_m: slab.low_m - shape.bottom_m, high_m: slab.high_m - shape.bottom_m, cells, inside, sparse }
             })
             .collect();
         let (base, rim): (Vec<Cell>, Vec<Cell>) =

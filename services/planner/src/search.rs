@@ -16,6 +16,8 @@ use crate::judge::Judge;
 use crate::judged::Judged;
 use crate::modes::{Mode, assign_levels, refit};
 use crate::proposals::Proposer;
+use crate::ranking::appraise;
+use crate::settings::Realism;
 
 /// Why a search stops early.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,6 +46,8 @@ pub struct Findings {
     pub iterations: u32,
     /// Candidates drawn.
     pub evaluated: u64,
+    /// Where networks only rank: the best of the last iteration done, with what they say of it.
+    pub appraised: Option<Judged>,
 }
 
 impl Findings {
@@ -148,6 +152,13 @@ pub fn search(
         }
         modes = refit(modes, judged, settings.elites, settings.rotation, surrogate);
         findings.iterations = iteration + 1;
+        if settings.recipe.realism == Realism::OutcomeRanks
+            && let Some(best) = findings.best()
+        {
+            let mut best = [best.clone()];
+            appraise(judge, &mut best)?;
+            findings.appraised = best.into_iter().next();
+        }
         if let ControlFlow::Break(stop) = control(Some(&findings), judge) {
             let early = (iteration + 1 < settings.iterations).then_some(stop);
             return Ok((findings, early.or((stop == Stop::Cancelled).then_some(stop))));

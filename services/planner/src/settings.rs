@@ -3,6 +3,7 @@
 //! A request may change the budget, the weights, the thresholds, the separation and the clearance; the rest is fixed, so that the same
 //! request gives the same answer everywhere.
 
+pub use crate::scene_settings::{SceneSettings, ShapeSettings, StackSettings};
 use repose_proto::place::{Budget, CostWeights, PlaceRequest, Rotation, Thresholds, Variant};
 
 /// Where the candidates of iteration 0 come from.
@@ -36,7 +37,7 @@ pub enum Realism {
     Unasked,
     /// The scene discriminator, as a constraint f > ε_f and as a cost.
     Discriminator,
-    /// The outcome network as a cost only: geometry constrains.
+    /// The outcome network as a cost only, of what geometry finds best at the end of the search: geometry constrains.
     OutcomeRanks,
     /// −log π of the prior, as a cost only.
     PriorDensity,
@@ -173,14 +174,16 @@ impl Settings {
 /// What requests cannot change.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fixed {
-    /// Where networks only rank: the candidates per batch that geometry finds best and that they are asked about.
-    pub ranked: usize,
+    /// Ranking by networks.
+    pub ranking: RankingSettings,
     /// The in-view constraint.
     pub view: ViewSettings,
     /// What is right under a candidate.
     pub support: SupportSettings,
     /// What is in a candidate's way.
     pub clearance: ClearanceSettings,
+    /// Space that was not seen.
+    pub unseen: UnseenSettings,
     /// Goals by rule.
     pub rules: RuleSettings,
     /// Proposals from the goal's geometry.
@@ -194,10 +197,11 @@ pub struct Fixed {
 impl Default for Fixed {
     fn default() -> Self {
         Self {
-            ranked: 24,
+            ranking: RankingSettings::default(),
             view: ViewSettings::default(),
             support: SupportSettings::default(),
             clearance: ClearanceSettings::default(),
+            unseen: UnseenSettings::default(),
             rules: RuleSettings::default(),
             proposals: ProposalSettings::default(),
             surrogate: SurrogateSettings::default(),
@@ -206,96 +210,37 @@ impl Default for Fixed {
     }
 }
 
-/// Preparing a scene.
+/// Where networks only rank: what they are asked about once the search is done.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SceneSettings {
-    /// Edge of a cell of the floor plan, metres.
-    pub cell_m: f32,
-    /// Points of one object in one cell that are at most this far apart in height are one run, metres.
-    pub gap_m: f32,
-    /// How far around the objects the map goes, metres.
-    pub reach_m: f32,
-    /// Columns of the picture that visibility is judged in, at most.
-    pub view_columns: usize,
-    /// Fewer points than this are not enough to plan with an object.
-    pub min_points: usize,
-    /// A cloud's lowest points are its support up to this far above it, metres.
-    pub bottom_slack_m: f32,
-    /// How far around an object what it stands on is looked for, metres.
-    pub strip_m: f32,
-    /// How many cells must show it, as a share of the object's own.
-    pub carrier_share: f32,
-    /// Heights within this of each other are one level, metres.
-    pub same_level_m: f32,
-    /// How much border cleaning takes off a cloud's bottom where no support is seen, metres.
-    pub trim_m: f32,
-    /// Completing objects.
-    pub shape: ShapeSettings,
+pub struct RankingSettings {
+    /// The candidates that geometry finds best, at most; levels of support take turns.
+    pub candidates: usize,
+    /// They are at least this far apart, metres.
+    pub apart_m: f64,
+    /// Each is tried again when it ends up this far off, metres …
+    pub off_m: f32,
+    /// … and this far turned, radians.
+    pub off_rad: f32,
 }
 
-impl Default for SceneSettings {
+impl Default for RankingSettings {
     fn default() -> Self {
-        Self {
-            cell_m: 0.005,
-            gap_m: 0.01,
-            reach_m: 0.8,
-            view_columns: 640,
-            min_points: 20,
-            bottom_slack_m: 0.01,
-            strip_m: 0.025,
-            carrier_share: 0.1,
-            same_level_m: 0.01,
-            trim_m: 0.004,
-            shape: ShapeSettings::default(),
-        }
+        Self { candidates: 32, apart_m: 0.012, off_m: 0.005, off_rad: 3.0_f32.to_radians() }
     }
 }
 
-/// Completing an object from the half that was seen.
+/// Space that was not seen may hold anything.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ShapeSettings {
-    /// Share of stray points left out at either end of each axis.
-    pub stray_share: f64,
-    /// Least height of an object, metres.
-    pub min_height_m: f32,
-    /// Height of a slab, metres.
-    pub slab_m: f32,
-    /// Most slabs.
-    pub max_slabs: usize,
-    /// A slab with fewer points borrows its outline from the one above.
-    pub min_slab_points: usize,
-    /// What border cleaning takes off each side of a mask, metres.
-    pub trim_m: f32,
-    /// Neighbouring slabs are one when the smaller area is at least this share of the larger.
-    pub same_area_ratio: f32,
-    /// The base is outlined by points up to this height above the bottom, metres, or …
-    pub base_m: f32,
-    /// … up to this share of the height, whichever is more.
-    pub base_share: f32,
-    /// The rim is the topmost part of this height, metres, or …
-    pub rim_m: f32,
-    /// … of this share of the height, whichever is more.
-    pub rim_share: f32,
-    /// The top was seen whole where its outline has at least this share of the whole outline's area.
-    pub whole_top_ratio: f32,
+pub struct UnseenSettings {
+    /// Largest share of the query's volume in it.
+    pub max_share: f64,
+    /// Distance between the places tried in the query's volume, metres.
+    pub step_m: f32,
 }
 
-impl Default for ShapeSettings {
+impl Default for UnseenSettings {
     fn default() -> Self {
-        Self {
-            stray_share: 0.005,
-            min_height_m: 0.008,
-            slab_m: 0.03,
-            max_slabs: 5,
-            min_slab_points: 12,
-            trim_m: 0.003,
-            same_area_ratio: 0.85,
-            base_m: 0.012,
-            base_share: 0.15,
-            rim_m: 0.012,
-            rim_share: 0.1,
-            whole_top_ratio: 0.6,
-        }
+        Self { max_share: 0.6, step_m: 0.015 }
     }
 }
 
@@ -457,8 +402,8 @@ pub struct SoundnessSettings {
     /// Width of the band around the base that should be carried too, metres.
     pub rim_m: f32,
     /// Weights: distance from the support's edge, base not seen to be carried, clearance, hidden share, band not carried, carried by
-    /// an object that no term asks for.
-    pub weights: [f64; 6],
+    /// an object that no term asks for, in space that was not seen, small errors of the pose that would not do.
+    pub weights: [f64; 8],
     /// Cost per metre of distance from the main anchor.
     pub distance_per_m: f64,
 }
@@ -470,7 +415,7 @@ impl Default for SoundnessSettings {
             support_share: 0.8,
             clearance_m: 0.03,
             rim_m: 0.02,
-            weights: [0.5, 0.35, 0.35, 0.1, 0.3, 0.25],
+            weights: [0.5, 0.35, 0.35, 0.1, 0.3, 0.25, 0.3, 0.5],
             distance_per_m: 0.3,
         }
     }

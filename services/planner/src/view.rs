@@ -30,6 +30,15 @@ pub enum Sight {
     Unknown,
 }
 
+/// What the camera read in the direction of a place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reading {
+    /// Whose surface it met, 0 for furniture.
+    pub object: u16,
+    /// How far behind the place that surface is, along the optical axis, metres; negative: it hides the place.
+    pub behind_m: f32,
+}
+
 /// How well a cloud would be seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Visibility {
@@ -72,6 +81,18 @@ impl ObservedView {
             }
         }
         Self { camera, camera_from_world, pixels }
+    }
+
+    /// Where the camera is, world frame, metres.
+    pub fn eye(&self) -> Point3<f32> {
+        Point3::from(self.camera_from_world.inverse().translation.vector.cast())
+    }
+
+    /// What the camera read in the direction of a place (world frame); none outside the picture or without a reading.
+    pub fn reading(&self, place: &Point3<f32>) -> Option<Reading> {
+        let in_camera = self.camera_from_world * place.cast::<f64>();
+        let pixel = self.camera.pixel_of(&in_camera).map(|at| &self.pixels[at]).filter(|p| p.depth_m > 0.0)?;
+        Some(Reading { object: pixel.object, behind_m: pixel.depth_m - in_camera.z as f32 })
     }
 
     /// How well points (world frame) of the moved `query` would be seen.

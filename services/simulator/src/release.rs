@@ -2,9 +2,12 @@
 //!
 //! Paper, section 3: a placement is stable when the object's centre moves less than 5 cm in 500 physics steps.
 
+use std::sync::Arc;
+
 use nalgebra::{Isometry3, Vector3};
 
 use crate::contact::PlacedParts;
+use crate::objects::Shape;
 use crate::physics::{PhysicsSettings, RestSettings};
 use crate::scene::Scene;
 
@@ -70,15 +73,57 @@ pub fn released(scene: &Scene, index: usize, world_from_object: &Isometry3<f64>,
 
 /// How deep object `index` would be in anything else at `world_from_object`, metres.
 pub fn penetration_of(scene: &Scene, index: usize, world_from_object: &Isometry3<f64>) -> f32 {
-    let Some(object) = PlacedParts::new(&scene.objects[index].shape.parts, world_from_object) else { return 0.0 };
-    let others = scene
-        .objects
-        .iter()
-        .enumerate()
-        .filter(|(i, _)| *i != index)
-        .filter_map(|(_, o)| PlacedParts::new(&o.shape.parts, &o.world_from_object));
-    let fixtures = scene.fixtures.iter().filter_map(crate::scene::Fixture::placed);
-    others.chain(fixtures).map(|other| object.penetration_m(&other)).fold(0.0, f32::max)
+    Surroundings::of(scene, index).map_or(0.0, |around| around.deepest(world_from_object).map_or(0.0, |(_, depth_m)| depth_m))
+}
+
+/// Something that an object can touch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Thing {
+    /// The object of this id.
+    Object(u16),
+    /// The fixture at this position in the scene's list.
+    Fixture(usize),
+}
+
+/// Everything in a scene but one object, to try many places of that object against.
+#[derive(Debug, Clone)]
+pub struct Surroundings {
+    shape: Arc<Shape>,
+    others: Vec<(Thing, PlacedParts)>,
+}
+
+impl Surroundings {
+    /// What surrounds object `index`; `None` when the scene has no such object.
+    pub fn of(scene: &Scene, index: usize) -> Option<Self> {
+        let shape = scene.objects.get(index)?.shape.clone();
+        let objects = scene.objects.iter().enumerate().filter(|(i, _)| *i != index).filter_map(|(_, o)| {
+            let parts = PlacedParts::new(&o.shape.parts, &o.world_from_object)?;
+            Some((Thing::Object(o.id), parts))
+        });
+        let fixtures = scene.fixtures.iter().enumerate().filter_map(|(i, f)| Some((Thing::Fixture(i), f.placed()?)));
+        Some(Self { shape, others: objects.chain(fixtures).collect() })
+    }
+
+    /// What the object would be deepest in at `world_from_object`, and how deep, metres; `None` where it is free. The first of equals.
+    pub fn deepest(&self, world_from_object: &Isometry3<f64>) -> Option<(Thing, f32)> {
+        let object = PlacedParts::new(&self.shape.parts, world_from_object)?;
+        let mut deepest: Option<(Thing, f32)> = None;
+        for (thing, parts) in &self.others {
+            let depth_m = object.penetration_m(parts);
+            if depth_m > deepest.map_or(0.0, |(_, d)| d) {
+                deepest = Some((*thing, depth_m));
+            }
+        }
+        deepest
+    }
+
+    /// What the object would stand on at `world_from_object`, where it is at most `reach_m` above it: what it is deepest in when it is
+    /// lowered by that much.
+    pub fn carrier(&self, world_from_object: &Isometry3<f64>, reach_m: f64) -> Option<Thing> {
+        let mut lowered = *world_from_object;
+        lowered.translation.z -= reach_m;
+        self.deepest(&lowered).map(|(thing, _)| thing)
+    }
 }
 
 #[cfg(test)]
@@ -97,5 +142,19 @@ mod tests {
         let fell = released(&scene, 0, &above, &ReleaseSettings::default()).expect("an object");
         assert!(fell.moved_m > 0.1, "{fell:?}");
         assert!(released(&scene, 99, &here, &ReleaseSettings::default()).is_none());
+    }
+
+    #[test]
+    fn what_an_object_stands_on_is_what_it_sinks_into() {
+        let (scene, _) = scene_of_seed(11, &SceneSettings::default()).expect("seed 11 gives a scene");
+        let around = Surroundings::of(&scene, 0).expect("an object");
+        let here = scene.objects[0].world_from_object;
+        assert!(around.deepest(&here).is_none_or(|(_, depth_m)| depth_m < 0.002), "at rest it is in nothing");
+        assert!(around.carrier(&here, 0.004).is_some());
+        let mut above = here;
+        above.translation.z += 2.0;
+        assert_eq!((around.deepest(&above), around.carrier(&above, 0.004)), (None, None));
+        assert_eq!(penetration_of(&scene, 0, &above), 0.0);
+        assert!(Surroundings::of(&scene, 99).is_none());
     }
 }

@@ -31,8 +31,10 @@ pub struct TrialSettings {
     pub turned: f64,
     /// Share of the trials set down with nothing but a hair of air between.
     pub grounded: f64,
-    /// Standard deviation of the height of the others over (or in) what is under them, metres: the prior's least is 5 mm.
+    /// Standard deviation of the height of half of the others over (or in) what is under them, metres: the prior's least is 5 mm.
     pub height_m: f64,
+    /// Heights of the other half, metres: lowest and highest. Draws from the prior float as high, and what falls less than 5 cm counts as stable.
+    pub heights_m: [f64; 2],
     /// How a release is simulated.
     pub release: ReleaseSettings,
 }
@@ -61,6 +63,7 @@ impl Default for TrialSettings {
             turned: 0.5,
             grounded: 0.6,
             height_m: 0.008,
+            heights_m: [-0.02, 0.09],
             release: ReleaseSettings { ends_at_rest: true, ..ReleaseSettings::default() },
         }
     }
@@ -131,7 +134,8 @@ fn place(scene: &Scene, index: usize, others: &[&PlacedParts], settings: &TrialS
     lower(scene, index, others, &mut pose, rng);
     if !rng.random_bool(settings.grounded) {
         let normal: f64 = StandardNormal.sample(rng);
-        pose.translation.z += settings.height_m * normal;
+        let near = rng.random_bool(0.5);
+        pose.translation.z += if near { settings.height_m * normal } else { rng.random_range(settings.heights_m[0]..settings.heights_m[1]) };
     }
     (pose, yaw_rad)
 }

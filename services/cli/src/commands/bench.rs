@@ -4,6 +4,7 @@ use clap::{Args, Subcommand};
 
 use crate::commands::bench_motion::{self, BenchMotionArgs};
 use crate::commands::bench_perception::{self, BenchPerceptionArgs};
+use crate::commands::bench_planner::{self, BenchPlannerArgs};
 use crate::commands::bench_scoring::{self, BenchScoringArgs};
 use crate::failure::Outcome;
 use crate::output::Output;
@@ -23,6 +24,8 @@ pub enum Part {
     Motion(BenchMotionArgs),
     /// A frame in memory to its scene, segmentation included.
     Perception(BenchPerceptionArgs),
+    /// A placement, in this process and through the services.
+    Planner(BenchPlannerArgs),
     /// The networks: candidates, relations and priors a second, and training samples.
     Scoring(BenchScoringArgs),
 }
@@ -32,6 +35,7 @@ pub fn run(args: &BenchArgs, output: Output) -> Outcome {
     match &args.part {
         Part::Motion(args) => bench_motion::run(args, output),
         Part::Perception(args) => bench_perception::run(args, output),
+        Part::Planner(args) => bench_planner::run(args, output),
         Part::Scoring(args) => bench_scoring::run(args, output),
     }
 }

@@ -34,7 +34,8 @@ pub struct EvaluateWorldArgs {
     pub threads: Option<usize>,
 }
 
-fn parse_kind(name: &str) -> Result<SceneKind, String> {
+/// The kind of scene of that name.
+pub fn parse_kind(name: &str) -> Result<SceneKind, String> {
     SceneKind::parse(name).ok_or_else(|| format!("the kinds are {}", SceneKind::ALL.map(SceneKind::name).join(", ")))
 }
 

@@ -18,6 +18,9 @@ const PROGRESS_WAITING: usize = 64;
 
 /// Runs the command.
 pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
+    if args.execute || !args.then.is_empty() {
+        return super::place_sequence::run(args, output).await;
+    }
     let session = client::connect(&args.connect).await?;
     let deadline = Duration::from_millis(args.connect.deadline_ms);
     let scene_id = match &args.scene {

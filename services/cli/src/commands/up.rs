@@ -2,6 +2,7 @@
 //!
 //! Each is this program as `repose serve …`. One that ends is started again after a pause; all end with this process, however it ends.
 
+use std::path::Path;
 use std::process::Stdio;
 use std::time::Duration;
 
@@ -76,13 +77,19 @@ async fn ready(args: &UpArgs, shutdown: &Shutdown) -> Outcome {
 }
 
 fn command(args: &UpArgs, what: &str) -> Result<Command, Failure> {
-    let mut command = Command::new(std::env::current_exe().map_err(Failure::other)?);
-    command.args(["serve", what, "--connect", &args.listen, "--cell", &args.cell]);
-    if let Some(config) = &args.config {
-        command.arg("--config").arg(config);
-    }
+    let mut command = service_process(&args.listen, &args.cell, args.config.as_deref(), what)?;
     if what == Service::Simulator.as_str() {
         command.env("REPOSE_SIMULATOR__SEED", args.seed.to_string());
+    }
+    Ok(command)
+}
+
+/// A service, or the router, as a process of this program that ends with this one.
+pub fn service_process(endpoint: &str, cell: &str, config: Option<&Path>, what: &str) -> Result<Command, Failure> {
+    let mut command = Command::new(std::env::current_exe().map_err(Failure::other)?);
+    command.args(["serve", what, "--connect", endpoint, "--cell", cell]);
+    if let Some(config) = config {
+        command.arg("--config").arg(config);
     }
     command.stdin(Stdio::null()).stdout(Stdio::null()).kill_on_drop(true);
     // A terminal's Ctrl-C would reach the whole group; the processes are told one by one instead, so that they drain.

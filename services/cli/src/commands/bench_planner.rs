@@ -1,0 +1,350 @@
+//! `repose bench planner`: how long a placement takes on this machine, in this process and through the services.
+//!
+//! Scenes are simulated ones of the validation split; everything is warm. The services are processes of their own behind a router, as
+//! `repose up` starts them. What the network costs is measured request by request: the same request here and there.
+
+use std::cell::Cell;
+use std::net::TcpListener;
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use repose_dataset::Split;
+use repose_evaluation::{Problem, ProblemSettings};
+use repose_planner::{Models, Prepared, plan};
+use repose_proto::place::Variant;
+use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
+use repose_proto::{CallError, PlaceRequest, PlaceResult, Scene, Service};
+use repose_runtime::{CallOptions, Caller, RuntimeConfig, Session, SessionMode};
+use serde_json::json;
+use tokio::process::Child;
+
+use crate::client;
+use crate::commands::up::service_process;
+use crate::embedded::EmbeddedModels;
+use crate::failure::{Failure, Outcome};
+use crate::output::Output;
+
+/// How long anything may take.
+const PATIENCE: Duration = Duration::from_secs(300);
+/// Requests that are thrown away first, per scene.
+const WARM_UP: usize = 1;
+
+/// Arguments of `bench planner`.
+#[derive(Debug, Args)]
+pub struct BenchPlannerArgs {
+    /// Scenes that requests take turns on.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=100))]
+    pub scenes: u64,
+    /// Placements with `best`.
+    #[arg(long, default_value_t = 60)]
+    pub runs: usize,
+    /// Placements with `full`; 0 leaves it out.
+    #[arg(long, default_value_t = 10)]
+    pub full_runs: usize,
+    /// Requests through the services, one after the other and then all at once; 0 leaves the services out.
+    #[arg(long, default_value_t = 16)]
+    pub requests: usize,
+}
+
+/// Runs the command.
+pub fn run(args: &BenchPlannerArgs, output: Output) -> Outcome {
+    let wishes = wishes(args.scenes)?;
+    let models = Counted { models: EmbeddedModels::load()?, scored: AtomicU64::new(0), micros: AtomicU64::new(0) };
+    let best = timed(&wishes, Variant::Best, args.runs.max(1), &models)?;
+    let full = if args.full_runs > 0 { Some(timed(&wishes, Variant::Full, args.full_runs, &models)?) } else { None };
+    let services = Cell::new(None);
+    if args.requests > 0 {
+        crate::in_runtime(async {
+            services.set(Some(through_services(&wishes, args.requests, &models.models).await?));
+            Ok(())
+        })?;
+    }
+    let services = services.into_inner();
+    let document = json!({
+        "p50_ms": best.p50_ms, "p99_ms": best.p99_ms,
+        "concurrent_speedup": services.map(|s| s.concurrent_speedup),
+        "transport_share": services.map(|s| s.transport_share),
+        "best": best.json(), "full": full.as_ref().map(Times::json),
+        "services": services.map(|s| json!({
+            "requests": args.requests, "sequence_p50_ms": s.sequence_p50_ms, "sequence_per_s": s.sequence_per_s, "concurrent_per_s": s.concurrent_per_s,
+            "busy_in_sequence": s.busy_in_sequence, "transport_p50_ms": s.transport_p50_ms,
+        })),
+        "scenes": wishes.len(), "threads": std::thread::available_parallelism().map_or(1, usize::from),
+    });
+    output.print(&document, || {
+        let mut lines = vec![format!("best: {}", best.text())];
+        lines.extend(full.as_ref().map(|f| format!("full: {}", f.text())));
+        lines.extend(services.map(|s| {
+            let busy = s.busy_in_sequence.map_or_else(String::new, |b| format!(" (cores {:.0} % busy)", b * 100.0));
+            format!(
+                "services: p50 {:.0} ms; {:.2}/s in sequence{busy}, {:.2}/s of {} at once, {:.2} times; network and serialisation {:.1} ms, {:.1} %",
+                s.sequence_p50_ms,
+                s.sequence_per_s,
+                s.concurrent_per_s,
+                args.requests,
+                s.concurrent_speedup,
+                s.transport_p50_ms,
+                s.transport_share * 100.0
+            )
+        }));
+        lines.join("\n")
+    })
+}
+
+/// A scene, prepared, and what is asked on it.
+struct Wish {
+    prepared: Prepared,
+    request: PlaceRequest,
+}
+
+impl Wish {
+    fn request(&self, variant: Variant, seed: usize) -> PlaceRequest {
+        PlaceRequest { variant, seed: seed as u64, ..self.request.clone() }
+    }
+}
+
+fn wishes(scenes: u64) -> Result<Vec<Wish>, Failure> {
+    const SEEDS: u64 = 1000;
+    let settings = ProblemSettings::default();
+    let problems = (0..SEEDS).filter_map(|i| Problem::of_split(Split::Validation, i, &settings));
+    let wish = |problem: Problem| {
+        let prepared = Prepared::new(Arc::new(problem.observed));
+        let request = PlaceRequest::new(prepared.scene_id.clone(), problem.query, vec![problem.goal]);
+        Wish { prepared, request }
+    };
+    // A request that is refused (its object carries another) says nothing of speed.
+    let wishes: Vec<Wish> = problems.map(wish).filter(|w| w.prepared.movable(w.request.query).is_ok()).take(scenes as usize).collect();
+    if wishes.is_empty() { Err(Failure::other("no seed gave a scene")) } else { Ok(wishes) }
+}
+
+/// Times of placements in this process.
+#[derive(Debug, Clone, Copy)]
+struct Times {
+    runs: usize,
+    p50_ms: f64,
+    p99_ms: f64,
+    mean_ms: f64,
+    /// Candidates that the discriminator was asked about, per placement.
+    scored: f64,
+    /// Share of the time spent in the networks.
+    networks: f64,
+    found: usize,
+}
+
+impl Times {
+    fn json(&self) -> serde_json::Value {
+        json!({
+            "runs": self.runs, "found": self.found, "p50_ms": self.p50_ms, "p99_ms": self.p99_ms, "mean_ms": self.mean_ms,
+            "scored_per_placement": self.scored, "share_in_networks": self.networks,
+        })
+    }
+
+    fn text(&self) -> String {
+        format!(
+            "p50 {:.0} ms, p99 {:.0} ms, mean {:.0} ms ({} placements, {} found); {:.0} candidates to the discriminator each, {:.0} % of the time in the networks",
+            self.p50_ms,
+            self.p99_ms,
+            self.mean_ms,
+            self.runs,
+            self.found,
+            self.scored,
+            self.networks * 100.0
+        )
+    }
+}
+
+fn timed(wishes: &[Wish], variant: Variant, runs: usize, models: &Counted) -> Result<Times, Failure> {
+    let mut times_ms = Vec::with_capacity(runs);
+    let mut found = 0;
+    for run in 0..WARM_UP + runs {
+        if run == WARM_UP {
+            models.reset();
+        }
+        let wish = &wishes[run % wishes.len()];
+        let begin = Instant::now();
+        let result = placed(wish, &wish.request(variant, run), models)?;
+        if run >= WARM_UP {
+            times_ms.push(begin.elapsed().as_secs_f64() * 1e3);
+            found += usize::from(!result.placements.is_empty());
+        }
+    }
+    let total_ms: f64 = times_ms.iter().sum();
+    times_ms.sort_by(f64::total_cmp);
+    Ok(Times {
+        runs,
+        p50_ms: at(&times_ms, 0.5),
+        p99_ms: at(&times_ms, 0.99),
+        mean_ms: total_ms / runs as f64,
+        scored: models.scored.load(Ordering::Relaxed) as f64 / runs as f64,
+        networks: models.micros.load(Ordering::Relaxed) as f64 / 1e3 / total_ms,
+        found,
+    })
+}
+
+fn placed(wish: &Wish, request: &PlaceRequest, models: &dyn Models) -> Result<PlaceResult, Failure> {
+    Ok(plan(&wish.prepared, request, models, &mut |_| ControlFlow::Continue(()))?)
+}
+
+/// The models, and how much they were asked.
+struct Counted {
+    models: EmbeddedModels,
+    scored: AtomicU64,
+    micros: AtomicU64,
+}
+
+impl Counted {
+    fn reset(&self) {
+        self.scored.store(0, Ordering::Relaxed);
+        self.micros.store(0, Ordering::Relaxed);
+    }
+
+    fn timed<T>(&self, ask: impl FnOnce() -> T) -> T {
+        let begin = Instant::now();
+        let answer = ask();
+        self.micros.fetch_add(begin.elapsed().as_micros() as u64, Ordering::Relaxed);
+        answer
+    }
+}
+
+impl Models for Counted {
+    fn prior(&self, request: &PriorRequest, scene: &Arc<Scene>) -> Result<PriorReply, CallError> {
+        self.timed(|| self.models.prior(request, scene))
+    }
+
+    fn score(&self, request: &ScoreRequest, scene: &Arc<Scene>) -> Result<ScoreReply, CallError> {
+        if request.realism {
+            self.scored.fetch_add(request.candidates.len() as u64, Ordering::Relaxed);
+        }
+        self.timed(|| self.models.score(request, scene))
+    }
+}
+
+/// What the services make of it.
+#[derive(Debug, Clone, Copy)]
+struct ThroughServices {
+    sequence_p50_ms: f64,
+    sequence_per_s: f64,
+    concurrent_per_s: f64,
+    concurrent_speedup: f64,
+    /// Share of all cores' time that was not idle while requests came one after the other, whoever used it.
+    busy_in_sequence: Option<f64>,
+    /// What a placement through the services takes longer than in this process, milliseconds, and as a share of it.
+    transport_p50_ms: f64,
+    transport_share: f64,
+}
+
+async fn through_services(wishes: &[Wish], requests: usize, models: &EmbeddedModels) -> Result<ThroughServices, Failure> {
+    let port = TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).map_err(Failure::other)?.port();
+    let endpoint = format!("tcp/127.0.0.1:{port}");
+    let start = |what: &str| -> Result<Child, Failure> { service_process(&endpoint, "bench", None, what)?.spawn().map_err(Failure::other) };
+    // They end with this function, however it ends: children are killed when dropped.
+    let _processes = [start("router")?, start(Service::Inference.as_str())?, start(Service::Planner.as_str())?];
+    let mut config = RuntimeConfig::load(None)?;
+    config.session.mode = SessionMode::Client;
+    config.session.connect = vec![endpoint.clone()];
+    config.session.cell = "bench".to_owned();
+    let session = Session::open(config).await?;
+    for service in [Service::Inference, Service::Planner] {
+        session.caller(service).await?.wait_for_workers(1, PATIENCE).await?;
+    }
+    let planner = session.caller(Service::Planner).await?;
+    for wish in wishes {
+        ask(&planner, &wish.request(Variant::Best, 0), &wish.prepared.scene).await?;
+    }
+
+    let (mut sequence_ms, mut extra_ms) = (Vec::new(), Vec::new());
+    let wish = |i: usize| &wishes[i % wishes.len()];
+    let cores = CoreTime::now();
+    for i in 0..requests {
+        sequence_ms.push(ask(&planner, &wish(i).request(Variant::Best, i), &wish(i).prepared.scene).await?);
+    }
+    let busy_in_sequence = cores.and_then(CoreTime::busy_since);
+    // One here and one there in turn, so that whatever else the machine does meets both alike.
+    for i in 0..requests {
+        let request = wish(i).request(Variant::Best, i);
+        let begin = Instant::now();
+        tokio::task::block_in_place(|| placed(wish(i), &request, models))?;
+        let here_ms = begin.elapsed().as_secs_f64() * 1e3;
+        extra_ms.push(ask(&planner, &request, &wish(i).prepared.scene).await? - here_ms);
+    }
+    let begin = Instant::now();
+    let together: Vec<_> = (0..requests)
+        .map(|i| {
+            let (planner, request, scene) = (planner.clone(), wish(i).request(Variant::Best, i), wish(i).prepared.scene.clone());
+            tokio::spawn(async move { ask(&planner, &request, &scene).await })
+        })
+        .collect();
+    for one in together {
+        one.await.map_err(Failure::other)??;
+    }
+    let concurrent_per_s = requests as f64 / begin.elapsed().as_secs_f64();
+    session.close().await?;
+
+    let sequence_per_s = requests as f64 / (sequence_ms.iter().sum::<f64>() / 1e3);
+    for times in [&mut sequence_ms, &mut extra_ms] {
+        times.sort_by(f64::total_cmp);
+    }
+    let (sequence_p50_ms, transport_p50_ms) = (at(&sequence_ms, 0.5), at(&extra_ms, 0.5).max(0.0));
+    Ok(ThroughServices {
+        sequence_p50_ms,
+        sequence_per_s,
+        concurrent_per_s,
+        concurrent_speedup: concurrent_per_s / sequence_per_s,
+        busy_in_sequence,
+        transport_p50_ms,
+        transport_share: transport_p50_ms / sequence_p50_ms,
+    })
+}
+
+/// Asks for a placement; how long that took, milliseconds.
+async fn ask(planner: &Caller, request: &PlaceRequest, scene: &Scene) -> Result<f64, Failure> {
+    let begin = Instant::now();
+    client::place(planner, request, Some(scene), CallOptions::within(PATIENCE)).await?;
+    Ok(begin.elapsed().as_secs_f64() * 1e3)
+}
+
+/// What all cores have done since the machine started, in the system's ticks.
+#[derive(Debug, Clone, Copy)]
+struct CoreTime {
+    idle: u64,
+    all: u64,
+}
+
+impl CoreTime {
+    /// None where the system does not tell.
+    fn now() -> Option<Self> {
+        let stat = std::fs::read_to_string("/proc/stat").ok()?;
+        let ticks: Vec<u64> = stat.lines().next()?.split_whitespace().skip(1).take(8).filter_map(|t| t.parse().ok()).collect();
+        Some(Self { idle: ticks.get(3)? + ticks.get(4)?, all: ticks.iter().sum() })
+    }
+
+    fn busy_since(self) -> Option<f64> {
+        let now = Self::now()?;
+        let all = now.all.checked_sub(self.all).filter(|all| *all > 0)?;
+        Some(1.0 - now.idle.saturating_sub(self.idle) as f64 / all as f64)
+    }
+}
+
+/// The value below which a share of sorted values lies; 0 without values.
+fn at(sorted: &[f64], share: f64) -> f64 {
+    sorted.get((sorted.len().saturating_sub(1) as f64 * share).round() as usize).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_placement_is_timed_and_the_networks_share_is_told() {
+        let wishes = wishes(1).unwrap_or_else(|e| panic!("{e:?}"));
+        let models = EmbeddedModels::load().unwrap_or_else(|e| panic!("{e:?}"));
+        let models = Counted { models, scored: AtomicU64::new(0), micros: AtomicU64::new(0) };
+        let times = timed(&wishes, Variant::Best, 2, &models).unwrap_or_else(|e| panic!("{e:?}"));
+        assert!(times.p50_ms > 0.0 && times.p99_ms >= times.p50_ms && (0.0..=1.0).contains(&times.networks), "{times:?}");
+        let geometric = timed(&wishes, Variant::Geometric, 1, &models).unwrap_or_else(|e| panic!("{e:?}"));
+        assert_eq!((geometric.scored, geometric.networks), (0.0, 0.0));
+    }
+}

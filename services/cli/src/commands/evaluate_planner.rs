@@ -1,0 +1,201 @@
+//! `repose evaluate planner`: the paper's Table 1, and beside it how often what was returned is right.
+//!
+//! Every scene that is done goes to `scenes.jsonl` in the folder of `--out`: the same command goes on where it was interrupted, and
+//! parts of the table (`--first`, `--scenes`) can be run apart into one folder, one after the other.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use repose_evaluation::planner_table::{PlannerTableSettings, evaluate_planner, planner_tables};
+use repose_evaluation::{PlannerSceneSettings, ProblemSettings, SceneSet, TriedScene};
+use repose_inference::{InferenceConfig, engine_of};
+use repose_proto::place::Variant;
+use repose_simulator::scene::SceneKind;
+
+use crate::args::parse_variant;
+use crate::commands::evaluate_scenes::{only_meshes, threads, write_report};
+use crate::commands::evaluate_world::parse_kind;
+use crate::commands::generate::split_of;
+use crate::commands::planner_records::Records;
+use crate::commands::planner_report::{document, pictures, text_of};
+use crate::commands::planner_sheets::Sheets;
+use crate::failure::{Failure, Outcome};
+use crate::output::Output;
+
+/// The kinds that scenes of a user's meshes take turns in.
+const KINDS: [SceneKind; 6] =
+    [SceneKind::OpenTable, SceneKind::LargeBox, SceneKind::Clutter, SceneKind::Stacking, SceneKind::Drawer, SceneKind::Shelf];
+
+/// Arguments of `evaluate planner`.
+#[derive(Debug, Args)]
+pub struct EvaluatePlannerArgs {
+    /// How many scenes of each set; the paper has 100.
+    #[arg(long, default_value_t = 100)]
+    pub scenes: usize,
+    /// The first scene of each set, to run a table in parts.
+    #[arg(long, default_value_t = 0)]
+    pub first: u64,
+    /// Which variants; repeat for more. All seven by default.
+    #[arg(long = "variant", value_parser = parse_variant)]
+    pub variants: Vec<Variant>,
+    /// A set of scenes of this kind (open_table, large_box, clutter, stacking, shelf, drawer, kitchen) in place of the default sets;
+    /// repeat for more. By default: scenes of the meshes of `--objects`, where given, whose kinds take turns; and kitchens.
+    #[arg(long = "kind", value_parser = parse_kind)]
+    pub kinds: Vec<SceneKind>,
+    /// A folder of meshes never trained on, to make scenes of; kitchens have the program's own objects unless `--kind` is given.
+    #[arg(long, value_name = "DIR")]
+    pub objects: Option<PathBuf>,
+    /// Which split's seeds: validation or test.
+    #[arg(long, default_value = "test")]
+    pub split: String,
+    /// A weights file in place of the weights that come with the program.
+    #[arg(long, value_name = "FILE")]
+    pub weights: Option<PathBuf>,
+    /// Threads; all cores by default. The table does not depend on it.
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// A folder for every scene's record, the table as JSON and SVG, and contact sheets.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Whose answers the contact sheets show.
+    #[arg(long, default_value = "best", value_parser = parse_variant)]
+    pub look_at: Variant,
+}
+
+/// Runs the command.
+pub fn run(args: &EvaluatePlannerArgs, output: Output) -> Outcome {
+    let settings = settings_of(args)?;
+    let config = InferenceConfig { weights: args.weights.clone(), threads: 1, ..InferenceConfig::default() };
+    let engine = engine_of(&config).map_err(|e| Failure::bad_input("weights", e))?;
+    let head = serde_json::json!({
+        "split": args.split, "weights_hash": engine.weights_hash(), "variants": settings.scene.variants,
+        "answers": settings.scene.answers,
+        "objects": args.objects.as_ref().and_then(|o| o.file_name()).map(|name| name.to_string_lossy()),
+    });
+    let mut records = Records::open(args.out.as_deref(), &head)?;
+    let sheets = args.out.as_ref().map(|folder| Sheets::new(folder, args.look_at));
+    let bar = ProgressBar::new((settings.sets.len() * settings.scenes) as u64);
+    if let Ok(style) = ProgressStyle::with_template("{bar:40} {pos}/{len} scenes, {eta} left") {
+        bar.set_style(style);
+    }
+    let done = records.all.clone();
+    bar.set_position(done.len() as u64);
+    evaluate_planner(&settings, &engine, &done, |tried: TriedScene| {
+        if let Some(sheets) = &sheets {
+            sheets.keep(&tried)?;
+        }
+        log(&tried);
+        bar.inc(1);
+        records.add(tried.record)
+    })?;
+    bar.finish_and_clear();
+    let tables = planner_tables(&records.in_order(&settings.sets), &settings.scene.variants);
+    let document = document(&tables, &records.all, &head);
+    if let Some(folder) = &args.out {
+        let pictures = pictures(&tables)?;
+        let pictures: Vec<(&str, String)> = pictures.iter().map(|(name, svg)| (name.as_str(), svg.clone())).collect();
+        write_report(folder, "planner", &document, &pictures)?;
+    }
+    if let Some(sheets) = &sheets {
+        sheets.bind(&records.all)?;
+    }
+    output.print(&document, || text_of(&tables))
+}
+
+fn settings_of(args: &EvaluatePlannerArgs) -> Result<PlannerTableSettings, Failure> {
+    let own = ProblemSettings::default();
+    let mut of_meshes = ProblemSettings::default();
+    if let Some(folder) = &args.objects {
+        only_meshes(&mut of_meshes.scene, folder)?;
+    }
+    let set = |name: &str, kinds: &[SceneKind], problem: &ProblemSettings| SceneSet {
+        name: name.to_owned(),
+        kinds: kinds.to_vec(),
+        problem: problem.clone(),
+    };
+    let sets = if args.kinds.is_empty() {
+        let meshes = args.objects.iter().map(|_| set("objects", &KINDS, &of_meshes));
+        meshes.chain([set(SceneKind::Kitchen.name(), &[SceneKind::Kitchen], &own)]).collect()
+    } else {
+        args.kinds.iter().map(|kind| set(kind.name(), &[*kind], &of_meshes)).collect()
+    };
+    let variants = if args.variants.is_empty() { Variant::ALL.to_vec() } else { args.variants.clone() };
+    Ok(PlannerTableSettings {
+        split: split_of(&args.split)?,
+        sets,
+        first: args.first,
+        scenes: args.scenes,
+        scene: PlannerSceneSettings { variants, ..PlannerSceneSettings::default() },
+        threads: threads(args.threads),
+    })
+}
+
+fn log(tried: &TriedScene) {
+    let record = &tried.record;
+    for trial in &record.trials {
+        let came = match (&trial.release, &trial.refused) {
+            (Some(r), _) => format!("moved {:.0} mm, goal {}, clean {}", r.judged.moved_m * 1e3, r.judged.goal, r.judged.clean),
+            (None, Some(why)) => why.clone(),
+            (None, None) => "none".to_owned(),
+        };
+        tracing::info!(
+            set = record.set, slot = record.slot, kind = record.kind.name(), seed = record.seed, variant = %trial.variant,
+            answerable = record.answerable(), ms = trial.plan_ms.round(), "{came}"
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: EvaluatePlannerArgs,
+    }
+
+    #[test]
+    fn a_table_is_gone_on_with_and_has_the_contracts_keys() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let out = folder.path().to_str().expect("a plain path");
+        let line = |scenes: &'static str, split: &'static str| {
+            Line::parse_from([
+                "x",
+                "--scenes",
+                scenes,
+                "--variant",
+                "geometric",
+                "--kind",
+                "large_box",
+                "--split",
+                split,
+                "--out",
+                out,
+                "--look-at",
+                "geometric",
+            ])
+            .args
+        };
+        let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).expect(name);
+        run(&line("1", "validation"), Output { json: false }).unwrap_or_else(|e| panic!("{e:?}"));
+        let first = read("scenes.jsonl");
+        run(&line("2", "validation"), Output { json: false }).unwrap_or_else(|e| panic!("{e:?}"));
+        let both = read("scenes.jsonl");
+        assert!(both.starts_with(&first) && both.lines().count() == first.lines().count() + 1, "one more scene");
+        let document: serde_json::Value = serde_json::from_str(&read("planner.json")).expect("JSON");
+        assert_eq!(document["scenes"], 2);
+        assert!(document["feasible"].as_u64().is_some_and(|n| n <= 2));
+        let row = &document["rows"][0];
+        assert_eq!(row["variant"], "geometric");
+        for key in ["predicates", "realistic", "successful", "stable", "joint", "none_precision", "none_recall"] {
+            assert!(row[key].as_f64().is_some_and(|p| (0.0..=100.0).contains(&p)), "{key}: {row}");
+        }
+        assert!(read("planner_large_box.svg").contains("</svg>"));
+        let refused = run(&line("2", "test"), Output { json: false }).expect_err("other settings");
+        assert_eq!(refused.exit_code(), 2);
+    }
+}

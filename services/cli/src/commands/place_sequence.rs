@@ -1,0 +1,311 @@
+//! `repose place … --then …`: wishes achieved one after another, each planned on a fresh view of what the one before has left.
+//!
+//! Paper, appendix: mug and bowl to the right of a large box, one after the other, where the second may well end up on the first. Objects
+//! are named as in the first view. A camera that finds its objects anew numbers them anew; they are told by where they are: the moved one
+//! where it was put, every other where it was.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use nalgebra::{Isometry3, Point3};
+use repose_geometry::ViewerFrame;
+use repose_geometry::transform::from_row_major;
+use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
+use repose_proto::robot::RobotState;
+use repose_proto::scoring::enclose;
+use repose_proto::{CallError, ErrorCode, GoalTerm, Message, ObjectSummary, Payload, PlaceRequest, PlaceResult, Scene, SceneRef, Service};
+use repose_relations::{ObservedObject, observed};
+use repose_runtime::{CallOptions, Caller, Session};
+use serde::Serialize;
+
+use crate::args::PlaceArgs;
+use crate::client;
+use crate::commands::plan::describe;
+use crate::failure::{Failure, Outcome};
+use crate::output::Output;
+
+/// Placements that motion may choose from.
+const COUNT: u32 = 5;
+/// How long an execution may take.
+const EXECUTION: Duration = Duration::from_secs(600);
+/// An object found anew is the known one that was to be nearest, up to this far away, metres.
+const SAME_M: f64 = 0.08;
+
+/// One wish of a sequence: `ID=TERM[,TERM…]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NextWish {
+    /// The object to move, by its id in the first view.
+    pub query: u16,
+    /// What must hold; anchors by their ids in the first view.
+    pub goal: Vec<GoalTerm>,
+}
+
+impl std::str::FromStr for NextWish {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (query, terms) = text.split_once('=').ok_or_else(|| format!("expected ID=TERM[,TERM…], got {text:?}"))?;
+        let query = query.parse().map_err(|e| format!("{query:?} is no object id: {e}"))?;
+        let goal = terms.split(',').map(|t| t.parse().map_err(|e: CallError| e.message)).collect::<Result<_, String>>()?;
+        Ok(Self { query, goal })
+    }
+}
+
+/// What came of one wish.
+#[derive(Debug, Serialize)]
+struct Step {
+    query: u16,
+    goal: Vec<GoalTerm>,
+    /// The answer; ids are those of its own view.
+    result: PlaceResult,
+    /// The placement that motion chose, from 0; none where there was none to choose from.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    placement: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    execution: Option<ExecutionOutcome>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reason: Option<String>,
+    /// Each term by rule on the view after it.
+    holds: Vec<bool>,
+}
+
+impl Step {
+    fn achieved(&self) -> bool {
+        self.execution == Some(ExecutionOutcome::Done) && !self.holds.is_empty() && self.holds.iter().all(|holds| *holds)
+    }
+}
+
+/// Runs the command: stops at the first wish that is not achieved.
+pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
+    let session = client::connect(&args.connect).await?;
+    let ended = achieve(args, &session).await;
+    session.close().await?;
+    let steps = ended?;
+    let achieved = steps.iter().take_while(|s| s.achieved()).count();
+    let wanted = 1 + args.then.len();
+    let document = serde_json::json!({"wanted": wanted, "achieved": achieved, "steps": steps});
+    output.print(&document, || {
+        let mut lines: Vec<String> = steps.iter().map(line).collect();
+        lines.push(format!("{achieved} of {wanted} achieved"));
+        lines.join("\n")
+    })?;
+    match steps.last() {
+        _ if achieved == wanted => Ok(()),
+        Some(last) if last.result.placements.is_empty() => Err(Failure::NoPlacement),
+        Some(last) => {
+            let why = last.reason.clone().unwrap_or_else(|| "the goal does not hold in the view after it".to_owned());
+            Err(Failure::other(format!("wish {} was not achieved: {why}", achieved + 1)))
+        }
+        None => Err(Failure::other("nothing was tried")),
+    }
+}
+
+fn line(step: &Step) -> String {
+    let end = match step.execution {
+        Some(ExecutionOutcome::Done) => "executed".to_owned(),
+        Some(other) => format!("{other:?}: {}", step.reason.as_deref().unwrap_or("no reason given")),
+        None => "not executed".to_owned(),
+    };
+    let holds = step.goal.iter().zip(&step.holds).map(|(t, h)| format!("{t} {}", if *h { "holds" } else { "does not hold" }));
+    format!("{}\n  {end}; {}", describe(&step.result), holds.collect::<Vec<_>>().join(", "))
+}
+
+async fn achieve(args: &PlaceArgs, session: &Session) -> Result<Vec<Step>, Failure> {
+    let deadline = Duration::from_millis(args.connect.deadline_ms);
+    let first = NextWish { query: args.wish.query, goal: args.wish.goal.clone() };
+    let system = System {
+        session,
+        planner: session.caller(Service::Planner).await?,
+        motion: session.caller(Service::Motion).await?,
+        camera: &args.connect.camera,
+        robot: &args.robot,
+        deadline,
+    };
+    let mut view = system.view_after(0).await?;
+    let mut known = Known::of(&view.1.meta.objects);
+    let mut steps = Vec::new();
+    for (k, wish) in std::iter::once(&first).chain(&args.then).enumerate() {
+        let (query, goal) = known.translated(k, wish)?;
+        let request = PlaceRequest { query, goal, count: args.wish.count.max(COUNT), ..args.wish.request(view.0.clone()) };
+        request.validate()?;
+        let (result, _) = client::place(&system.planner, &request, Some(&view.1), CallOptions::within(deadline)).await?;
+        let mut step =
+            Step { query: wish.query, goal: wish.goal.clone(), result, placement: None, execution: None, reason: None, holds: Vec::new() };
+        if step.result.placements.is_empty() {
+            steps.push(step);
+            break;
+        }
+        let plan = system.motion_plan(&request, &step.result, &view).await?;
+        tracing::info!(query, placement = plan.placement, seconds = plan.duration_ms / 1e3, "executing");
+        let options = CallOptions::at_most_once(EXECUTION);
+        let executed: ExecuteReply = system.motion.call("execute", Payload::json(&plan)?, options).await?.payload.decode_json()?;
+        let moved: Isometry3<f64> =
+            from_row_major(&step.result.placements[plan.placement].placed_from_observed.0).map_err(Failure::other)?;
+        (step.placement, step.execution, step.reason) = (Some(plan.placement), Some(executed.outcome), executed.reason);
+        view = system.view_after(now_ns()).await?;
+        known.move_on(wish.query, &moved, &view.1.meta.objects);
+        if step.execution == Some(ExecutionOutcome::Done) {
+            step.holds = known.translated(k, wish).map_or_else(|_| Vec::new(), |(query, goal)| holds(&view.1, query, &goal));
+        }
+        let achieved = step.achieved();
+        steps.push(step);
+        if !achieved {
+            break;
+        }
+    }
+    Ok(steps)
+}
+
+/// The running system as a sequence sees it.
+struct System<'a> {
+    session: &'a Session,
+    planner: Caller,
+    motion: Caller,
+    camera: &'a str,
+    robot: &'a str,
+    deadline: Duration,
+}
+
+impl System<'_> {
+    /// The first scene, with its id, that was seen after an instant.
+    async fn view_after(&self, instant_ns: u64) -> Result<(String, Scene), Failure> {
+        let give_up = tokio::time::Instant::now() + self.deadline;
+        loop {
+            let summary = client::newest_scene(self.session, self.camera, self.deadline).await?;
+            if summary.stamp_ns > instant_ns {
+                let scene = client::whole_scene(self.session, &summary.scene_id, self.deadline).await?;
+                return Ok((summary.scene_id, scene));
+            }
+            if tokio::time::Instant::now() >= give_up {
+                let message = format!("camera {} has shown nothing new in {} ms", self.camera, self.deadline.as_millis());
+                return Err(Failure::Other(CallError::new(ErrorCode::DeadlineExceeded, message)));
+            }
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    }
+
+    async fn motion_plan(&self, request: &PlaceRequest, result: &PlaceResult, view: &(String, Scene)) -> Result<MotionPlan, Failure> {
+        let mut states = self.session.subscribe_latest(&self.session.cell().robot_state(self.robot)).await?;
+        let state = tokio::time::timeout(self.deadline, states.recv())
+            .await
+            .map_err(|_| Failure::Other(CallError::new(ErrorCode::Unavailable, format!("robot {} does not tell its state", self.robot))))?;
+        let state: RobotState = state.ok_or_else(|| Failure::other("the session has closed"))?.payload.decode_json()?;
+        let request = MotionPlanRequest {
+            scene: SceneRef { scene_id: view.0.clone() },
+            robot: self.robot.to_owned(),
+            query: request.query,
+            placements: result.placements.iter().map(|p| p.placed_from_observed).collect(),
+            start_joints_rad: state.q_rad,
+            grasps: None,
+            seed: request.seed,
+        };
+        // Enclosed: motion need not hold a scene that is this new.
+        let whole = Payload::bulk(MotionPlanRequest::SCHEMA, &enclose(&request, Some(&view.1)))?;
+        Ok(self.motion.call("plan", whole, CallOptions::within(self.deadline)).await?.payload.decode_json()?)
+    }
+}
+
+/// The objects of the first view, and where each is now.
+struct Known {
+    /// By the id of the first view: the id in the newest one (none when it was not found again), and its centroid.
+    now: BTreeMap<u16, (Option<u16>, Point3<f64>)>,
+}
+
+impl Known {
+    fn of(objects: &[ObjectSummary]) -> Self {
+        Self { now: objects.iter().map(|o| (o.id, (Some(o.id), Point3::from(o.centroid_m)))).collect() }
+    }
+
+    /// A wish in the ids of the newest view.
+    fn translated(&self, step: usize, wish: &NextWish) -> Result<(u16, Vec<GoalTerm>), Failure> {
+        let find = |id: u16, field: &str| match self.now.get(&id) {
+            Some((Some(now), _)) => Ok(*now),
+            Some((None, _)) => {
+                Err(Failure::from(CallError::not_found(field, format!("object {id} was not found again in the newest view"))))
+            }
+            None => Err(Failure::from(CallError::not_found(field, format!("the first view has no object {id}")))),
+        };
+        let query = find(wish.query, &format!("step[{step}].query"))?;
+        let term = |(i, t): (usize, &GoalTerm)| Ok(GoalTerm { anchor: find(t.anchor, &format!("step[{step}].goal[{i}].anchor"))?, ..*t });
+        Ok((query, wish.goal.iter().enumerate().map(term).collect::<Result<_, Failure>>()?))
+    }
+
+    /// After `query` (first view's id) was moved: who is who among the objects of a new view. Nearest pairs first.
+    fn move_on(&mut self, query: u16, placed_from_observed: &Isometry3<f64>, objects: &[ObjectSummary]) {
+        if let Some((_, centroid)) = self.now.get_mut(&query) {
+            *centroid = placed_from_observed * *centroid;
+        }
+        let mut pairs: Vec<(f64, u16, usize)> = Vec::new();
+        for (id, (_, expected)) in &self.now {
+            let distance = |o: &ObjectSummary| (Point3::from(o.centroid_m) - expected).norm();
+            pairs.extend(objects.iter().enumerate().map(|(k, o)| (distance(o), *id, k)).filter(|p| p.0 <= SAME_M));
+        }
+        pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+        let mut taken = vec![false; objects.len()];
+        let mut found: BTreeMap<u16, usize> = BTreeMap::new();
+        for (_, id, k) in pairs {
+            if !taken[k] && !found.contains_key(&id) {
+                taken[k] = true;
+                found.insert(id, k);
+            }
+        }
+        for (id, (now, centroid)) in &mut self.now {
+            *now = found.get(id).map(|k| objects[*k].id);
+            if let Some(k) = found.get(id) {
+                *centroid = Point3::from(objects[*k].centroid_m);
+            }
+        }
+    }
+}
+
+/// Each term by rule on what is seen.
+fn holds(scene: &Scene, query: u16, goal: &[GoalTerm]) -> Vec<bool> {
+    let viewer = ViewerFrame::from_yaw(scene.meta.view_yaw_rad);
+    let object = |id: u16| ObservedObject::new(&scene.points_of(id).map(Point3::from).collect::<Vec<_>>(), &viewer);
+    let moved = object(query);
+    let term = |t: &GoalTerm| match (&moved, object(t.anchor)) {
+        (Some(moved), Some(anchor)) => observed(moved, &anchor)[t.relation.index()] == t.holds,
+        _ => false,
+    };
+    goal.iter().map(term).collect()
+}
+
+fn now_ns() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_proto::Relation;
+
+    use super::*;
+
+    fn seen(id: u16, centroid_m: [f64; 3]) -> ObjectSummary {
+        ObjectSummary { id, points: 100, centroid_m, extent_m: [0.1; 3], completeness: 1.0 }
+    }
+
+    #[test]
+    fn a_wish_is_read_with_its_terms_and_faults_are_named() {
+        let wish: NextWish = "3=right_of:5,not:near:2".parse().expect("a wish");
+        assert_eq!(wish.query, 3);
+        assert_eq!(wish.goal[1], GoalTerm { relation: Relation::Near, anchor: 2, holds: false });
+        for (text, named) in [("3", "ID=TERM"), ("x=near:2", "x"), ("3=beside:2", "beside")] {
+            assert!(text.parse::<NextWish>().is_err_and(|e| e.contains(named)), "{text}");
+        }
+    }
+
+    #[test]
+    fn objects_are_told_by_where_they_were_put_when_a_view_numbers_them_anew() {
+        let mut known = Known::of(&[seen(1, [0.0, 0.0, 0.0]), seen(2, [0.3, 0.0, 0.0]), seen(3, [0.0, 0.4, 0.0])]);
+        let moved = Isometry3::translation(0.5, 0.0, 0.0);
+        // 1 went to x = 0.5; 3 is hidden; all others have new numbers.
+        known.move_on(1, &moved, &[seen(1, [0.31, 0.0, 0.0]), seen(2, [0.49, 0.01, 0.0]), seen(3, [0.9, 0.9, 0.0])]);
+        let wish = |query: u16, anchor: u16| NextWish { query, goal: vec![GoalTerm { relation: Relation::Near, anchor, holds: true }] };
+        let (query, goal) = known.translated(1, &wish(1, 2)).expect("both are there");
+        assert_eq!((query, goal[0].anchor), (2, 1));
+        let lost = known.translated(1, &wish(3, 2)).expect_err("it is hidden");
+        assert_eq!(lost.error().and_then(|e| e.field.clone()).as_deref(), Some("step[1].query"));
+        let unknown = known.translated(0, &wish(1, 9)).expect_err("there never was one");
+        assert_eq!(unknown.error().and_then(|e| e.field.clone()).as_deref(), Some("step[0].goal[0].anchor"));
+    }
+}

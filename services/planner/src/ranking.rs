@@ -1,0 +1,90 @@
+//! The last step where networks only rank: geometry has found what can stand, the networks and small errors of the pose say what stands best.
+//!
+//! The optimiser picks lucky candidates: those whose geometry holds only just. So each of the shortlist is tried again a little off and a
+//! little turned, as a hand would put it, and the share of that which fails counts against it.
+
+use repose_proto::CallError;
+
+use crate::answers::by_level;
+use crate::candidate::Candidate;
+use crate::judge::Judge;
+use crate::judged::Judged;
+use crate::settings::RankingSettings;
+
+/// Directions in which a pose is off: along the axes, and diagonally with a turn either way.
+const OFF: [[f32; 3]; 8] = [
+    [1.0, 0.0, 0.0],
+    [-1.0, 0.0, 0.0],
+    [0.0, 1.0, 0.0],
+    [0.0, -1.0, 0.0],
+    [0.7, 0.7, 1.0],
+    [-0.7, -0.7, 1.0],
+    [0.7, -0.7, -1.0],
+    [-0.7, 0.7, -1.0],
+];
+
+/// Asks the networks about the shortlist of the accepted candidates, and costs all of them anew: what is not on the list comes after it.
+///
+/// # Errors
+/// What the networks answer.
+pub fn rank(judge: &mut Judge<'_>, accepted: &mut [Judged]) -> Result<(), CallError> {
+    let settings = judge.settings;
+    let list = shortlist(accepted, &settings.fixed.ranking, settings.fixed.surrogate.level_gap_m);
+    let mut asked: Vec<Judged> = list.iter().map(|i| accepted[*i].clone()).collect();
+    appraise(judge, &mut asked)?;
+    let last = asked.iter().map(|j| j.cost).fold(0.0, f64::max);
+    for j in accepted.iter_mut() {
+        j.cost += last;
+    }
+    for (i, j) in list.into_iter().zip(asked) {
+        accepted[i] = j;
+    }
+    Ok(())
+}
+
+/// Asks the networks about candidates, tries them a little off, and costs them anew.
+///
+/// # Errors
+/// What the networks answer.
+pub fn appraise(judge: &mut Judge<'_>, candidates: &mut [Judged]) -> Result<(), CallError> {
+    let all: Vec<usize> = (0..candidates.len()).collect();
+    judge.ask_realism(candidates, &all)?;
+    judge.ask_relations(candidates, &all)?;
+    for j in candidates {
+        j.fragile_share = Some(fragile_share(judge, &j.candidate));
+        j.cost = judge.cost(j);
+    }
+    Ok(())
+}
+
+/// The best candidates, apart from each other, levels of support taking turns; by position.
+fn shortlist(accepted: &[Judged], settings: &RankingSettings, level_gap_m: f32) -> Vec<usize> {
+    let mut levels: Vec<std::vec::IntoIter<usize>> = by_level(accepted, level_gap_m).into_iter().map(Vec::into_iter).collect();
+    let mut list: Vec<usize> = Vec::new();
+    while list.len() < settings.candidates && !levels.is_empty() {
+        levels.retain_mut(|level| {
+            let apart = |i: &usize| {
+                let at = accepted[*i].candidate.centroid();
+                list.iter().all(|k| (accepted[*k].candidate.centroid() - at).norm() >= settings.apart_m)
+            };
+            let Some(next) = level.find(apart) else { return false };
+            if list.len() < settings.candidates {
+                list.push(next);
+            }
+            true
+        });
+    }
+    list
+}
+
+/// The share of small errors of a candidate's pose after which a constraint fails.
+fn fragile_share(judge: &Judge<'_>, candidate: &Candidate) -> f64 {
+    let settings = &judge.settings.fixed.ranking;
+    let failing = OFF.iter().filter(|[x, y, turn]| {
+        let [px, py, pz] = candidate.centroid_m;
+        let centroid = nalgebra::Point3::new(px + x * settings.off_m, py + y * settings.off_m, pz).cast::<f64>();
+        let off = Candidate::new(&centroid, f64::from(candidate.yaw_rad + turn * settings.off_rad));
+        !judge.without_networks(judge.settle(&off, judge.ceiling_over(&off)), 0).feasible()
+    });
+    failing.count() as f64 / OFF.len() as f64
+}
