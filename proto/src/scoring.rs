@@ -106,6 +106,18 @@ impl PriorReply {
     }
 }
 
+/// Which network says how realistic a candidate is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum RealismBy {
+    /// The paper's scene discriminator: does this look like objects at rest?
+    #[default]
+    Discriminator,
+    /// The outcome network: does the object stay when it is let go there? It learned from simulated releases. Where the weights served have
+    /// none, the discriminator answers.
+    Outcome,
+}
+
 /// Scores candidates; always in bulk form, with `candidates` f32 `[n, 4]` beside the JSON.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -120,6 +132,9 @@ pub struct ScoreRequest {
     pub view_yaw_rad: f64,
     /// Whether realism is asked (the costly part).
     pub realism: bool,
+    /// Who answers for realism.
+    #[serde(default)]
+    pub realism_by: RealismBy,
     /// Whether relations are asked.
     pub relations: bool,
     /// World position of the object's centroid (x, y, z, metres) and yaw (radians), one row a candidate.

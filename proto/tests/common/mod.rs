@@ -170,6 +170,7 @@ pub fn score_request() -> ScoreRequest {
         anchors: vec![2],
         view_yaw_rad: 0.25,
         realism: true,
+        realism_by: RealismBy::Discriminator,
         relations: true,
         candidates: vec![[0.0, 0.5, 1.0, 0.0], [0.25, 0.5, 1.0, -0.5]],
     }

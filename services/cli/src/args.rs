@@ -48,6 +48,8 @@ pub enum Command {
     Generate(crate::commands::generate::GenerateArgs),
     /// Weights from simulated scenes.
     Train(TrainArgs),
+    /// Parts of the weights that were trained apart, put into one file.
+    Weights(crate::commands::weights::WeightsArgs),
     /// The paper's tables.
     Evaluate(EvaluateArgs),
     /// How fast a part is on this machine.
@@ -291,9 +293,13 @@ pub struct TrainArgs {
     /// The folder of shards that `generate` wrote, with training and validation scenes somewhere below it.
     #[arg(long, value_name = "DIR")]
     pub data: PathBuf,
-    /// Which networks: joint (encoders, relation predictor and prior) or discriminator. The others keep the weights of `--start`.
+    /// Which networks: joint (encoders, relation predictor and prior), discriminator, or outcome (the discriminator's layers on what simulated
+    /// releases came to; needs `generate --releases`). The others keep the weights of `--start`.
     #[arg(long)]
     pub network: String,
+    /// Which relation predictor `joint` fits: measured (reads what can be measured of the pair beside the codes) or paper.
+    #[arg(long, value_name = "VARIANT", default_value = "measured")]
+    pub relations: String,
     /// The weights file; a run that was stopped goes on from its checkpoint beside it.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,

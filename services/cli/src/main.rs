@@ -57,6 +57,7 @@ fn run(cli: &Cli) -> Outcome {
         Command::Score(args) => commands::score::run(args, output),
         Command::Segment(args) => commands::segment::run(args, output),
         Command::Generate(args) => commands::generate::run(args, output),
+        Command::Weights(args) => commands::weights::run(args, output),
         Command::Train(args) => commands::train::run(args, output),
         Command::Evaluate(args) => commands::evaluate::run(args, output),
         Command::Bench(args) => commands::bench::run(args, output),

@@ -14,7 +14,7 @@ use repose_inference::{Engine, HeldScene};
 use repose_networks::serving::spread;
 use repose_planner::{Models, Prepared, plan};
 use repose_proto::place::{Rotation, Variant};
-use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
+use repose_proto::scoring::{PriorReply, PriorRequest, RealismBy, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, PlaceRequest, RELATION_COUNT, Scene as ObservedScene, SceneRef};
 use repose_simulator::release::ReleaseSettings;
 use repose_simulator::scene::{SceneKind, SceneSettings};
@@ -67,6 +67,8 @@ pub struct Trial {
     pub rank: usize,
     /// What the discriminator said; what the answer said, for a placement.
     pub realism: f64,
+    /// What the outcome network said of a random prior sample.
+    pub outcome: Option<f64>,
     /// What came of it.
     pub judged: Judged,
 }
@@ -103,6 +105,21 @@ pub struct VariantRow {
     pub calibration: Calibration,
 }
 
+/// What is said of random prior samples by one network.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct RandomRow {
+    /// Which network.
+    pub by: RealismBy,
+    /// What it says against the distance moved, all samples.
+    pub all: Correlation,
+    /// The first sample of each scene: the paper's figure.
+    pub one_a_scene: Correlation,
+    /// Area under the curve of what it says for moving less than 5 cm, on all samples; `None` where all or none did.
+    pub auc: Option<f64>,
+    /// Its 95 % interval over scenes.
+    pub auc_interval: Option<[f64; 2]>,
+}
+
 /// The table.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DiscriminatorTable {
@@ -110,14 +127,8 @@ pub struct DiscriminatorTable {
     pub scenes: usize,
     /// Random prior samples: how many moved less than 5 cm.
     pub random_stable: Rate,
-    /// All random prior samples.
-    pub random: Correlation,
-    /// The first random prior sample of each scene: the paper's figure.
-    pub random_one_a_scene: Correlation,
-    /// Area under the curve of realism for moving less than 5 cm, on all random prior samples; `None` where all or none did.
-    pub auc_random: Option<f64>,
-    /// Its 95 % interval over scenes.
-    pub auc_random_interval: Option<[f64; 2]>,
+    /// Random prior samples by each network that says something of them.
+    pub random: Vec<RandomRow>,
     /// The planner's variants.
     pub rows: Vec<VariantRow>,
     /// Everything that was let go.
@@ -181,7 +192,7 @@ fn trials_of(problem: &Problem, engine: &Engine, settings: &DiscriminatorSetting
         for (rank, placement) in result.placements.iter().enumerate() {
             let Ok(placed_from_observed) = from_row_major(&placement.placed_from_observed.0) else { continue };
             let Some(judged) = judge(problem, &placed_from_observed, &settings.release) else { continue };
-            trials.push(Trial { seed: problem.seed, variant: Some(variant), rank, realism: placement.realism, judged });
+            trials.push(Trial { seed: problem.seed, variant: Some(variant), rank, realism: placement.realism, outcome: None, judged });
         }
     }
     Ok(trials)
@@ -205,20 +216,24 @@ fn random_trials(problem: &Problem, models: &OneScene<'_>, settings: &Discrimina
         seed: problem.seed,
     };
     let candidates = models.prior(&prior, scene)?.candidates;
-    let score = ScoreRequest {
-        scene: scene_ref(),
-        query: problem.query,
-        anchors: Vec::new(),
-        view_yaw_rad,
-        realism: true,
-        relations: false,
-        candidates: candidates.clone(),
+    let score = |realism_by| {
+        let request = ScoreRequest {
+            scene: scene_ref(),
+            query: problem.query,
+            anchors: Vec::new(),
+            view_yaw_rad,
+            realism: true,
+            realism_by,
+            relations: false,
+            candidates: candidates.clone(),
+        };
+        Ok::<_, CallError>(models.score(&request, scene)?.realism)
     };
-    let realism = models.score(&score, scene)?.realism;
+    let said = score(RealismBy::Discriminator)?.into_iter().zip(score(RealismBy::Outcome)?);
     let centroid = Point3::from(object.centroid_m);
-    let judged = candidates.iter().zip(realism).enumerate().filter_map(|(rank, (candidate, realism))| {
+    let judged = candidates.iter().zip(said).enumerate().filter_map(|(rank, (candidate, (realism, outcome)))| {
         let judged = judge(problem, &placed_from_observed(&centroid, candidate), &settings.release)?;
-        Some(Trial { seed: problem.seed, variant: None, rank, realism: f64::from(realism), judged })
+        Some(Trial { seed: problem.seed, variant: None, rank, realism: f64::from(realism), outcome: Some(f64::from(outcome)), judged })
     });
     Ok(judged.collect())
 }
@@ -251,20 +266,31 @@ fn table_of(scenes: &[Vec<Trial>], variants: &[Variant]) -> DiscriminatorTable {
         scenes.iter().map(|trials| trials.iter().copied().filter(|t| keep(t)).collect()).collect()
     };
     let random = of(&|t| t.variant.is_none());
-    let area = |groups: &[&Vec<Trial>]| {
-        area_under_curve(&groups.iter().flat_map(|g| g.iter()).map(|t| (t.realism, t.judged.stable)).collect::<Vec<_>>())
-    };
     let mut random_stable = Rate::default();
     random.iter().flatten().for_each(|t| random_stable.count(t.judged.stable));
     DiscriminatorTable {
         scenes: scenes.len(),
         random_stable,
-        random: correlation(&random),
-        random_one_a_scene: correlation(&of(&|t| t.variant.is_none() && t.rank == 0)),
-        auc_random: area(&random.iter().collect::<Vec<_>>()),
-        auc_random_interval: interval(&random, 1, area),
+        random: [RealismBy::Discriminator, RealismBy::Outcome].map(|by| random_row(by, &random)).to_vec(),
         rows: variants.iter().map(|v| row(*v, &of(&|t| t.variant == Some(*v)))).collect(),
         trials: scenes.iter().flatten().copied().collect(),
+    }
+}
+
+fn random_row(by: RealismBy, samples: &[Vec<Trial>]) -> RandomRow {
+    // What the network said stands for realism from here on.
+    let said = |t: &Trial| Trial { realism: if by == RealismBy::Outcome { t.outcome.unwrap_or(t.realism) } else { t.realism }, ..*t };
+    let samples: Vec<Vec<Trial>> = samples.iter().map(|scene| scene.iter().map(said).collect()).collect();
+    let first: Vec<Vec<Trial>> = samples.iter().map(|scene| scene.iter().copied().filter(|t| t.rank == 0).collect()).collect();
+    let area = |groups: &[&Vec<Trial>]| {
+        area_under_curve(&groups.iter().flat_map(|g| g.iter()).map(|t| (t.realism, t.judged.stable)).collect::<Vec<_>>())
+    };
+    RandomRow {
+        by,
+        all: correlation(&samples),
+        one_a_scene: correlation(&first),
+        auc: area(&samples.iter().collect::<Vec<_>>()),
+        auc_interval: interval(&samples, 1, area),
     }
 }
 
@@ -302,7 +328,7 @@ mod tests {
 
     fn trial(variant: Option<Variant>, rank: usize, realism: f64, moved_m: f64) -> Trial {
         let judged = Judged { moved_m, stable: moved_m < 0.05, goal: true, clean: true };
-        Trial { seed: 1, variant, rank, realism, judged }
+        Trial { seed: 1, variant, rank, realism, outcome: variant.is_none().then_some(1.0 - realism), judged }
     }
 
     #[test]
@@ -312,11 +338,13 @@ mod tests {
             vec![trial(None, 0, 0.5, 0.2), trial(None, 1, 0.7, 0.1)],
         ];
         let table = table_of(&scenes, &[Variant::Best, Variant::Full]);
-        assert_eq!((table.scenes, table.random.n, table.random.outliers, table.trials.len()), (2, 3, 1, 5));
+        let [discriminator, outcome] = &table.random[..] else { panic!("two networks") };
+        assert_eq!((table.scenes, discriminator.all.n, discriminator.all.outliers, table.trials.len()), (2, 3, 1, 5));
         // (0.9, 0), (0.5, 0.2), (0.7, 0.1) lie on a falling line.
-        assert!((table.random.r.expect("defined") + 1.0).abs() < 1e-9);
-        assert_eq!((table.random_one_a_scene.n, table.random_one_a_scene.p), (2, None));
-        assert_eq!((table.auc_random, table.random_stable), (Some(1.0), Rate { of: 1, n: 4 }));
+        assert!((discriminator.all.r.expect("defined") + 1.0).abs() < 1e-9);
+        assert!((outcome.all.r.expect("defined") - 1.0).abs() < 1e-9);
+        assert_eq!((discriminator.one_a_scene.n, discriminator.one_a_scene.p), (2, None));
+        assert_eq!((discriminator.auc, outcome.auc, table.random_stable), (Some(1.0), Some(0.0), Rate { of: 1, n: 4 }));
         let [best, full] = &table.rows[..] else { panic!("two variants") };
         assert_eq!(
             (best.confident, best.stable, best.stable_with_goal),
@@ -344,6 +372,6 @@ mod tests {
         assert_eq!((table.scenes, told, table.random_stable.n), (2, 2, 6));
         assert!(table.trials.iter().all(|t| (0.0..=1.0).contains(&t.realism) && t.judged.moved_m >= 0.0), "{table:?}");
         assert_eq!(table.rows[0].confident.n, 2);
-        assert!(table.auc_random.is_none_or(|a| (0.0..=1.0).contains(&a)));
+        assert!(table.random.iter().all(|row| row.auc.is_none_or(|a| (0.0..=1.0).contains(&a))));
     }
 }

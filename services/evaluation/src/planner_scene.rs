@@ -13,7 +13,7 @@ use repose_geometry::transform::from_row_major;
 use repose_inference::Engine;
 use repose_planner::{Models, Prepared, plan_with_report};
 use repose_proto::place::{Outcome, Rejection, Variant};
-use repose_proto::scoring::ScoreRequest;
+use repose_proto::scoring::{RealismBy, ScoreRequest};
 use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest, PlaceResult, SceneRef};
 use repose_simulator::release::ReleaseSettings;
 use repose_simulator::scene::{KindWeights, SceneKind};
@@ -280,6 +280,7 @@ fn scores(problem: &Problem, models: &OneScene<'_>, candidate: [f32; 4]) -> Resu
         anchors: vec![goal.anchor],
         view_yaw_rad: problem.viewer.yaw_rad(),
         realism: true,
+        realism_by: RealismBy::Discriminator,
         relations: true,
         candidates: vec![candidate],
     };

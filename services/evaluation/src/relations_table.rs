@@ -10,7 +10,7 @@ use repose_geometry::{Point3, ViewerFrame};
 use repose_inference::{Engine, HeldScene};
 use repose_networks::config::PREDICTED_RELATIONS;
 use repose_networks::serving::spread;
-use repose_proto::scoring::ScoreRequest;
+use repose_proto::scoring::{RealismBy, ScoreRequest};
 use repose_proto::{CallError, RELATION_COUNT, Relation, Scene as ObservedScene, SceneRef};
 use repose_relations::{ObservedObject, observed};
 use repose_sensor::SensorModel;
@@ -230,6 +230,7 @@ fn learned_relations(engine: &Engine, held: &HeldScene, query: u16, anchors: &[u
         anchors: anchors.to_vec(),
         view_yaw_rad: held.scene().meta.view_yaw_rad,
         realism: false,
+        realism_by: RealismBy::Discriminator,
         relations: true,
         candidates: vec![[x, y, z, 0.0]],
     };

@@ -39,6 +39,8 @@ pub struct SpeedSettings {
 pub struct ScoringSpeed {
     /// Candidates a second by the discriminator, one a size of [`BATCHES`].
     pub discriminator_per_s: [f64; BATCHES.len()],
+    /// Candidates a second by the outcome network, whose scene features candidates share, one a size of [`BATCHES`].
+    pub outcome_per_s: [f64; BATCHES.len()],
     /// Points that the discriminator saw of a candidate.
     pub points: usize,
     /// Scores (all relations of one candidate to one anchor) a second, for translations.
@@ -130,15 +132,16 @@ pub fn scoring_speed(models: &Models, settings: &SpeedSettings) -> Result<Scorin
     let scene = ScoringScene::first(models.config())?;
     let internal = |e: &dyn std::fmt::Display| CallError::internal(e.to_string());
     let (points, operations) = scene.work(models.config()).ok_or_else(|| CallError::internal("the query has no points"))?;
-    let mut discriminator_per_s = [0.0; BATCHES.len()];
-    for (figure, batch) in discriminator_per_s.iter_mut().zip(BATCHES) {
+    let (mut discriminator_per_s, mut outcome_per_s) = ([0.0; BATCHES.len()], [0.0; BATCHES.len()]);
+    for (k, batch) in BATCHES.into_iter().enumerate() {
         // Each batch is another part of the candidates, or caches would know them.
         let mut batches = scene.candidates.chunks_exact(batch).cycle();
-        *figure = batch as f64
-            * per_second(settings.each, || {
-                let batch = batches.next().unwrap_or_default();
-                models.realism(&scene.context, scene.query, batch, settings.threads).map(drop).map_err(|e| internal(&e))
-            })?;
+        let mut next = || batches.next().unwrap_or_default();
+        let (context, query, threads) = (&scene.context, scene.query, settings.threads);
+        let realism = || models.realism(context, query, next(), threads).map(drop).map_err(|e| internal(&e));
+        discriminator_per_s[k] = batch as f64 * per_second(settings.each, realism)?;
+        let outcome = || models.outcome(context, query, next(), threads).map(drop).map_err(|e| internal(&e));
+        outcome_per_s[k] = batch as f64 * per_second(settings.each, outcome)?;
     }
     let relations_per_s = TRANSLATIONS as f64
         * per_second(settings.each, || {
@@ -157,6 +160,7 @@ pub fn scoring_speed(models: &Models, settings: &SpeedSettings) -> Result<Scorin
     let candidate_gflop = operations * 1e-9;
     Ok(ScoringSpeed {
         discriminator_per_s,
+        outcome_per_s,
         points,
         relations_per_s,
         prior_per_s,
@@ -208,8 +212,12 @@ mod tests {
     fn a_short_measurement_has_every_figure() {
         let models = Models::embedded().expect("embedded weights");
         let speed = scoring_speed(&models, &SpeedSettings { each: Duration::from_millis(50), threads: 2 }).expect("figures");
-        let figures =
-            [&speed.discriminator_per_s[..], &[speed.relations_per_s, speed.prior_per_s, speed.matmul_share, speed.matmul_gflops]].concat();
+        let figures = [
+            &speed.discriminator_per_s[..],
+            &speed.outcome_per_s,
+            &[speed.relations_per_s, speed.prior_per_s, speed.matmul_share, speed.matmul_gflops],
+        ]
+        .concat();
         assert!(figures.iter().all(|f| f.is_finite() && *f > 0.0), "{speed:?}");
         assert_eq!(speed.points, 2048);
         // 512 · 64 neighbours of 32 and 64 wide layers alone are 0.14 · 10⁹ at most; all levels stay below 2.

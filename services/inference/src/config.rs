@@ -16,6 +16,12 @@ pub struct InferenceConfig {
     pub queue_capacity: usize,
     /// Requests whose candidates are scored together. Raising it helps many small requests and delays the first of them.
     pub max_batch: usize,
+    /// How long a request waits for others to be scored with, milliseconds; 0 scores what waits already. Raising it fills batches when many
+    /// ask, and makes every lone request later by as much.
+    pub max_wait_ms: u64,
+    /// How often the weights file is looked at, milliseconds: when it has changed, the new weights are loaded, tried, and served from then on
+    /// without a restart. 0 never looks.
+    pub weights_check_ms: u64,
     /// Most scenes held. Raising it lets more scenes be planned on without being sent again, at tens of MB each.
     pub scenes: usize,
     /// Most bytes of those scenes, roughly. The least recently used go first.
@@ -24,7 +30,16 @@ pub struct InferenceConfig {
 
 impl Default for InferenceConfig {
     fn default() -> Self {
-        Self { weights: None, threads: 0, queue_capacity: 64, max_batch: 16, scenes: 16, scenes_bytes: 1 << 30 }
+        Self {
+            weights: None,
+            threads: 0,
+            queue_capacity: 64,
+            max_batch: 16,
+            max_wait_ms: 0,
+            weights_check_ms: 1000,
+            scenes: 16,
+            scenes_bytes: 1 << 30,
+        }
     }
 }
 

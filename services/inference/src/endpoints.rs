@@ -68,9 +68,10 @@ impl Handler for Endpoints {
     }
 
     fn load(&self) -> WorkerLoad {
+        let engine = self.worker.engine();
         WorkerLoad {
-            weights_hash: self.worker.engine().weights_hash().to_owned(),
-            kernel: self.worker.engine().kernel().to_owned(),
+            weights_hash: engine.weights_hash().to_owned(),
+            kernel: engine.kernel().to_owned(),
             ..load_of(&self.worker.gauge(), self.worker.capacity())
         }
     }

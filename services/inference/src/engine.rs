@@ -10,7 +10,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_networks::serving::spread;
 use repose_networks::{Candidate, InputError, Models, SceneContext};
-use repose_proto::scoring::{MixtureComponent, ModelInfo, ModelsReply, PriorReply, PriorRequest, ScoreReply, ScoreRequest};
+use repose_proto::scoring::{MixtureComponent, ModelInfo, ModelsReply, PriorReply, PriorRequest, RealismBy, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, RELATION_COUNT, Relation, Scene};
 use repose_relations::margins::ALIGNED_RAD;
 use repose_relations::rectangle::{quarter_turn_difference_rad, rectangle_yaw_rad};
@@ -32,6 +32,25 @@ impl Engine {
     /// Scores with `models` on up to `threads` threads per request.
     pub fn new(models: Models, threads: usize) -> Self {
         Self { models, threads: threads.max(1) }
+    }
+
+    /// Asks every network once about a small scene made up for it, so that the first caller does not wait for memory and threads, and weights
+    /// that give no numbers are noticed before they are served.
+    ///
+    /// # Errors
+    /// What the networks answer.
+    pub fn warm_up(&self) -> Result<(), InputError> {
+        let side = |i: u32| 0.05 * (i % 8) as f32 / 8.0;
+        let block = |label: u16| (0..64u32).map(move |i| (Point3::new(0.2 * f32::from(label) + side(i), side(i / 8), 0.05), label));
+        let table = (0..900u32).map(|i| (Point3::new((i % 30) as f32 * 0.03 - 0.3, (i / 30) as f32 * 0.03 - 0.3, 0.0), 0));
+        let (points, labels): (Vec<_>, Vec<_>) = table.chain(block(1)).chain(block(2)).unzip();
+        let context = SceneContext::new(&points, &labels, 0.0, &self.models.config().cloud)?;
+        let candidates = vec![Candidate { position_in_world: [0.3, 0.1, 0.05], yaw_rad: 0.1 }; 4 * self.threads];
+        self.models.prior(&context, 1, 2, [1, 0, 0, 0, 0, 0, 0, 0, 0, 0])?;
+        self.models.relations(&context, 1, &[2], &candidates, self.threads)?;
+        self.models.realism(&context, 1, &candidates, self.threads)?;
+        self.models.outcome(&context, 1, &candidates, self.threads)?;
+        Ok(())
     }
 
     /// BLAKE3 of the weights.
@@ -96,7 +115,11 @@ impl Engine {
                 let last = (first + PIECE).min(request.candidates.len());
                 let context = self.prepared(held, request.view_yaw_rad)?;
                 let candidates = candidates_of(&request.candidates[first..last]);
-                self.models.realism(&context, request.query, &candidates, 1).map_err(|e| wire_error(&e, "query"))
+                let scored = match request.realism_by {
+                    RealismBy::Discriminator => self.models.realism(&context, request.query, &candidates, 1),
+                    RealismBy::Outcome => self.models.outcome(&context, request.query, &candidates, 1),
+                };
+                scored.map_err(|e| wire_error(&e, "query"))
             },
         );
         for ((i, _), realism) in pieces.into_iter().zip(scored) {

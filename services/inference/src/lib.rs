@@ -8,6 +8,7 @@ pub mod endpoints;
 pub mod engine;
 pub mod mixture;
 pub mod scene_store;
+pub mod weights_file;
 pub mod worker;
 
 use std::sync::Arc;
@@ -34,12 +35,15 @@ pub enum InferenceError {
     /// The weights do not fit the networks.
     #[error(transparent)]
     Weights(#[from] repose_networks::WeightsError),
+    /// The networks gave no answer when they were tried.
+    #[error("trying the weights: {0}")]
+    Trial(#[from] repose_networks::InputError),
     /// The network or the threads failed.
     #[error(transparent)]
     Runtime(#[from] RuntimeError),
 }
 
-/// The engine of a configuration.
+/// The engine of a configuration, warm.
 ///
 /// # Errors
 /// [`InferenceError`] when the weights cannot be read or do not fit.
@@ -48,7 +52,9 @@ pub fn engine_of(config: &InferenceConfig) -> Result<Engine, InferenceError> {
         Some(path) => Models::load(&std::fs::read(path).map_err(|source| InferenceError::File { path: path.clone(), source })?)?,
         None => Models::embedded()?,
     };
-    Ok(Engine::new(models, config.actual_threads()))
+    let engine = Engine::new(models, config.actual_threads());
+    engine.warm_up()?;
+    Ok(engine)
 }
 
 /// Serves until `shutdown`.
@@ -56,7 +62,12 @@ pub fn engine_of(config: &InferenceConfig) -> Result<Engine, InferenceError> {
 /// # Errors
 /// [`InferenceError`].
 pub async fn run(session: Session, config: InferenceConfig, shutdown: Shutdown) -> Result<(), InferenceError> {
-    let worker = Arc::new(worker::Worker::start(engine_of(&config)?, &config)?);
+    let first = config.clone();
+    let engine = tokio::task::spawn_blocking(move || engine_of(&first)).await;
+    let engine =
+        engine.map_err(|e| RuntimeError::System { operation: "loading the weights".to_owned(), source: std::io::Error::other(e) })??;
+    let worker = Arc::new(worker::Worker::start(engine, &config)?);
+    let _watch = weights_file::watch(&worker, &config);
     session.serve(Service::Inference, Arc::new(endpoints::Endpoints::new(worker)), shutdown).await?;
     Ok(())
 }

@@ -1,7 +1,8 @@
 //! The compute side of the service: one thread owns the order of work, takes whatever requests wait together, and spreads their
 //! candidates over the engine's threads.
 
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError, RwLock};
+use std::time::Duration;
 
 use repose_proto::CallError;
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
@@ -30,7 +31,7 @@ pub enum Answer {
 /// Scores on its own threads and holds scenes.
 pub struct Worker {
     queue: BatchQueue<Question, Answer>,
-    engine: Arc<Engine>,
+    engine: Arc<RwLock<Arc<Engine>>>,
     store: SceneStore,
 }
 
@@ -40,12 +41,18 @@ impl Worker {
     /// # Errors
     /// When the operating system gives none.
     pub fn start(engine: Engine, config: &InferenceConfig) -> Result<Self, RuntimeError> {
-        let engine = Arc::new(engine);
-        let settings =
-            QueueSettings { name: "inference".to_owned(), capacity: config.queue_capacity, threads: 1, max_batch: config.max_batch };
+        let engine = Arc::new(RwLock::new(Arc::new(engine)));
+        let settings = QueueSettings {
+            name: "inference".to_owned(),
+            capacity: config.queue_capacity,
+            threads: 1,
+            max_batch: config.max_batch,
+            max_wait: Duration::from_millis(config.max_wait_ms),
+        };
         let queue = BatchQueue::start(settings, |_| {
             let engine = engine.clone();
-            move |jobs| answer_together(&engine, jobs)
+            // One batch is answered by one set of weights.
+            move |jobs| answer_together(&current(&engine), jobs)
         })?;
         Ok(Self { queue, engine, store: SceneStore::new(config.scenes, config.scenes_bytes) })
     }
@@ -58,9 +65,14 @@ impl Worker {
         self.queue.run(context, question).await
     }
 
-    /// The networks.
-    pub fn engine(&self) -> &Engine {
-        &self.engine
+    /// The networks that are served now.
+    pub fn engine(&self) -> Arc<Engine> {
+        current(&self.engine)
+    }
+
+    /// Serves other networks from the next batch on.
+    pub fn serve_with(&self, engine: Engine) {
+        *self.engine.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(engine);
     }
 
     /// The scenes held.
@@ -77,6 +89,10 @@ impl Worker {
     pub fn capacity(&self) -> usize {
         self.queue.capacity()
     }
+}
+
+fn current(engine: &RwLock<Arc<Engine>>) -> Arc<Engine> {
+    Arc::clone(&engine.read().unwrap_or_else(PoisonError::into_inner))
 }
 
 fn answer_together(engine: &Engine, jobs: Vec<Job<Question, Answer>>) {

@@ -5,7 +5,7 @@
 
 use nalgebra::Point3;
 use repose_proto::place::{PlaceRequest, Rejection};
-use repose_proto::scoring::ScoreRequest;
+use repose_proto::scoring::{RealismBy, ScoreRequest};
 use repose_proto::{CallError, ErrorCode, RELATION_COUNT, Relation, SceneRef};
 
 use crate::candidate::Candidate;
@@ -139,7 +139,7 @@ impl<'a> Judge<'a> {
                     self.judge_realism(&mut judged[i]);
                 }
             }
-            Realism::DiscriminatorRanks | Realism::Unasked | Realism::PriorDensity => {}
+            Realism::OutcomeRanks | Realism::Unasked | Realism::PriorDensity => {}
         }
         for j in judged.iter_mut().filter(|j| j.feasible()) {
             j.cost = self.cost(j);
@@ -153,7 +153,7 @@ impl<'a> Judge<'a> {
     /// As [`Judge::judge`].
     pub fn complete(&mut self, judged: &mut [Judged]) -> Result<(), CallError> {
         let recipe = self.settings.recipe;
-        if matches!(recipe.realism, Realism::Discriminator | Realism::DiscriminatorRanks) {
+        if matches!(recipe.realism, Realism::Discriminator | Realism::OutcomeRanks) {
             let open: Vec<usize> = (0..judged.len()).filter(|i| judged[*i].realism.is_none()).collect();
             self.ask_realism(judged, &open)?;
         }
@@ -176,7 +176,7 @@ impl<'a> Judge<'a> {
     pub fn cost(&self, judged: &Judged) -> f64 {
         let (settings, recipe) = (self.settings, self.settings.recipe);
         // Where networks only rank, what they were not asked about is compared by geometry alone.
-        let unasked = if recipe.realism == Realism::DiscriminatorRanks { 0.0 } else { 1.0 };
+        let unasked = if recipe.realism == Realism::OutcomeRanks { 0.0 } else { 1.0 };
         let unrealistic = judged.realism.map_or(unasked, |f| 1.0 - f64::from(f));
         let learned = judged.relations.as_ref().map_or(unasked, |p| relations_cost(p));
         let ruled = judged.checks.as_ref().map_or(0.0, |c| rules_cost(&self.request.goal, c, &settings.fixed.rules));
@@ -188,7 +188,7 @@ impl<'a> Judge<'a> {
         let soundness = if recipe.grounded { self.soundness(judged) } else { 0.0 };
         let realism = match recipe.realism {
             Realism::Unasked => soundness,
-            Realism::Discriminator | Realism::DiscriminatorRanks => unrealistic + soundness,
+            Realism::Discriminator | Realism::OutcomeRanks => unrealistic + soundness,
             Realism::PriorDensity => self.mixture.as_ref().map_or(0.0, |m| -m.log_density(&judged.candidate)),
         };
         settings.realism_weight * realism + settings.relations_weight * relations
@@ -361,6 +361,10 @@ impl<'a> Judge<'a> {
             anchors: if realism { Vec::new() } else { self.anchors.clone() },
             view_yaw_rad: self.rules.viewer().yaw_rad(),
             realism,
+            realism_by: match self.settings.recipe.realism {
+                Realism::OutcomeRanks => RealismBy::Outcome,
+                _ => RealismBy::Discriminator,
+            },
             relations: !realism,
             candidates: which.iter().map(|i| judged[*i].candidate.row()).collect(),
         };

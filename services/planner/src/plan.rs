@@ -107,7 +107,7 @@ pub fn plan_with_report(
         _ => {}
     }
 
-    if settings.recipe.realism == Realism::DiscriminatorRanks && stopped.is_none() && !findings.accepted.is_empty() {
+    if settings.recipe.realism == Realism::OutcomeRanks && stopped.is_none() && !findings.accepted.is_empty() {
         // The shortlist is a batch like any other.
         stopped = if time_is_up() { Some(Stop::Deadline) } else { control(Step::Batch).break_value() };
         match stopped {

@@ -152,7 +152,7 @@ pub fn search(
         }
         modes = refit(modes, judged, settings.elites, settings.rotation, surrogate);
         findings.iterations = iteration + 1;
-        if settings.recipe.realism == Realism::DiscriminatorRanks
+        if settings.recipe.realism == Realism::OutcomeRanks
             && let Some(best) = findings.best()
         {
             let mut best = [best.clone()];

@@ -37,8 +37,8 @@ pub enum Realism {
     Unasked,
     /// The scene discriminator, as a constraint f > ε_f and as a cost.
     Discriminator,
-    /// The scene discriminator as a cost only, of what geometry finds best at the end of the search: geometry constrains.
-    DiscriminatorRanks,
+    /// The outcome network as a cost only, of what geometry finds best at the end of the search: geometry constrains.
+    OutcomeRanks,
     /// −log π of the prior, as a cost only.
     PriorDensity,
 }
@@ -68,12 +68,9 @@ impl Recipe {
             Variant::Geometric => {
                 Self { proposals: Proposals::Geometric, goal_by: GoalBy::Rule, realism: Realism::Unasked, grounded: true }
             }
-            Variant::Best => Self {
-                proposals: Proposals::Both,
-                goal_by: GoalBy::RuleRankedByLearned,
-                realism: Realism::DiscriminatorRanks,
-                grounded: true,
-            },
+            Variant::Best => {
+                Self { proposals: Proposals::Both, goal_by: GoalBy::RuleRankedByLearned, realism: Realism::OutcomeRanks, grounded: true }
+            }
         }
     }
 

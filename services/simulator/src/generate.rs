@@ -9,11 +9,12 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use rand_pcg::Pcg64;
-use repose_dataset::{Manifest, ManifestError, ShardWriter, Split, ViewRecord, WriteError};
+use repose_dataset::{Manifest, ManifestError, ReleaseRecord, ShardWriter, Split, ViewRecord, WriteError, releases_path, write_releases};
 
 use crate::render::DepthCanvas;
 use crate::scene::{NoScene, Rejected, SceneSettings, scene_of_seed};
 use crate::statistics::Statistics;
+use crate::trials::{TrialSettings, trials};
 use crate::viewpoint::ViewpointSettings;
 use crate::views::view_of_scene;
 
@@ -40,6 +41,8 @@ pub struct GenerateSettings {
     pub scene: SceneSettings,
     /// Where the cameras are.
     pub viewpoint: ViewpointSettings,
+    /// Whether objects are let go too, and how ([`trials`]). May be asked for later: what is missing is added to the shards that are there.
+    pub trials: Option<TrialSettings>,
 }
 
 impl GenerateSettings {
@@ -56,6 +59,7 @@ impl GenerateSettings {
             threads: 2,
             scene: SceneSettings::default(),
             viewpoint: ViewpointSettings::default(),
+            trials: None,
         }
     }
 
@@ -104,6 +108,8 @@ pub struct Generated {
     pub rejected: usize,
     /// Seeds that gave no scene at all.
     pub failed: usize,
+    /// Releases written.
+    pub releases: usize,
     /// What the scenes written by this run are like.
     pub statistics: Statistics,
 }
@@ -122,6 +128,7 @@ impl Generated {
         self.bytes += other.bytes;
         self.rejected += other.rejected;
         self.failed += other.failed;
+        self.releases += other.releases;
         self.statistics.merge(&other.statistics);
     }
 }
@@ -232,6 +239,7 @@ fn make_shard(settings: &GenerateSettings, first: u64, end: u64) -> Result<Gener
     let (number, scenes) = ((first / settings.scenes_per_shard.max(1)) as usize, (end - first) as usize);
     // A run's last shard may be short; its name says so, and a longer run replaces it.
     let suffix = if scenes as u64 == settings.scenes_per_shard.max(1) { String::new() } else { format!("_of_{scenes}_scenes") };
+    made.releases = make_releases(settings, first, end)?;
     if ["", &suffix].iter().any(|suffix| ShardWriter::shard_path(&settings.out, number, suffix).exists()) {
         made.skipped = scenes;
         return Ok(made);
@@ -261,6 +269,17 @@ fn make_shard(settings: &GenerateSettings, first: u64, end: u64) -> Result<Gener
     remove_shorter(&settings.out, number)?;
     made.bytes = writer.finish().map_err(failed)?;
     Ok(made)
+}
+
+/// Makes the outcomes of one shard's scenes, where they are wanted and not there; says how many.
+fn make_releases(settings: &GenerateSettings, first: u64, end: u64) -> Result<usize, GenerateError> {
+    let path = releases_path(&settings.out, first, end - first);
+    let Some(trial_settings) = settings.trials.as_ref().filter(|_| !path.exists()) else { return Ok(0) };
+    let seeds = (first..end).map(|scene| settings.split.seeds().start + scene);
+    let scenes = seeds.filter_map(|seed| scene_of_seed(seed, &settings.scene).ok());
+    let releases: Vec<ReleaseRecord> = scenes.flat_map(|(scene, _)| trials(&scene, trial_settings)).collect();
+    write_releases(&path, &releases).map_err(|source| GenerateError::Write { folder: settings.out.clone(), source })?;
+    Ok(releases.len())
 }
 
 /// The random numbers of one of a scene's viewpoints: its own, since a change of scenes must not move cameras, nor the other way round.

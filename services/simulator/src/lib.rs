@@ -1,7 +1,8 @@
 //! The stand-in world: objects, physics, a depth camera, and a simulated Panda.
 //!
 //! [`scene`] makes settled scenes from seeds, [`render`] shows them, [`repose_sensor`] as a depth camera would, [`generate`] writes training
-//! data, [`statistics`] and [`sheet`] tell people what it is like, [`release`] says what happens when an object is let go. [`cell_world`] is the running cell
+//! data, [`statistics`] and [`sheet`] tell people what it is like, [`release`] says what happens when an object is let go, and [`trials`] writes
+//! that down for training. [`cell_world`] is the running cell
 //! with its robot; [`run`] serves it.
 
 pub mod arrange;
@@ -21,6 +22,7 @@ pub mod robot;
 pub mod scene;
 pub mod sheet;
 pub mod statistics;
+pub mod trials;
 pub mod viewpoint;
 pub mod views;
 pub mod worker;

@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let episodes: Vec<Episode> = (0..20)
         .filter_map(|i| {
             let (view, query) = views.query(i * 7 % views.queries())?;
-            Episode::new(&view, query, &config.cloud, &EpisodeSettings::default(), &mut generator(1, i as u64, 0))
+            Episode::new(&view, query, &[], &config.cloud, &EpisodeSettings::default(), &mut generator(1, i as u64, 0))
         })
         .collect();
     println!("{:.1} ms an episode", start.elapsed().as_secs_f64() * 1e3 / episodes.len().max(1) as f64);

@@ -26,7 +26,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let episodes: Vec<Episode> = (0..60)
         .filter_map(|i| {
             let (view, query) = views.query(i * 11 % views.queries())?;
-            Episode::new(&view, query, &config.cloud, &EpisodeSettings::default(), &mut generator(9, i as u64, 0))
+            Episode::new(&view, query, &[], &config.cloud, &EpisodeSettings::default(), &mut generator(9, i as u64, 0))
         })
         .collect();
     for (name, axis) in [("right", Vector3::x()), ("away", Vector3::y()), ("up", Vector3::z())] {

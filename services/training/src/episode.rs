@@ -8,7 +8,7 @@
 use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
-use repose_dataset::{Composite, Layer, RELATIONS, ViewRecord};
+use repose_dataset::{Composite, Layer, RELATIONS, ReleaseRecord, ViewRecord};
 use repose_geometry::{ViewerFrame, cloud, transform::yaw_of};
 use repose_networks::points::{CloudConfig, ObjectCloud, SceneCloud};
 use repose_sensor::SensorModel;
@@ -43,6 +43,28 @@ pub struct Anchor {
     pub relations: [bool; RELATIONS],
 }
 
+/// A place where the query was let go, and what came of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Trial {
+    /// Where its observed centroid was.
+    pub position: Point3<f32>,
+    /// Turn about z from how it was observed, radians.
+    pub yaw_rad: f32,
+    /// It moved less than 5 cm (paper, section 3).
+    pub stayed: bool,
+    /// It stayed as it was put: see [`stays_as_put`].
+    pub as_put: bool,
+}
+
+/// Whether an object stays as it is put: it moves less than 1 cm, tilts less than 5 degrees, overlapped nothing by more than 3 mm, and moves
+/// nothing else by more than 1 cm.
+pub fn stays_as_put(release: &ReleaseRecord) -> bool {
+    release.moved_m < 0.01 && release.tilt_rad < 5f32.to_radians() && release.penetration_m < 0.003 && release.others_moved_m < 0.01
+}
+
+/// How far an object may move and still count as stable, metres (paper, section 3).
+const STAYED_M: f32 = 0.05;
+
 /// A query, where it belongs, and what is around. All in the viewer's axes.
 #[derive(Debug, Clone)]
 pub struct Episode {
@@ -56,11 +78,20 @@ pub struct Episode {
     pub scene: SceneCloud,
     /// The other objects that are visible enough.
     pub anchors: Vec<Anchor>,
+    /// Where it was let go.
+    pub trials: Vec<Trial>,
 }
 
 impl Episode {
-    /// Prepares an episode; `None` when cleaning leaves too little of the query or no anchor.
-    pub fn new(view: &ViewRecord, query: usize, cloud: &CloudConfig, settings: &EpisodeSettings, rng: &mut Pcg64) -> Option<Self> {
+    /// Prepares an episode; `None` when cleaning leaves too little of the query or no anchor. `releases` are of the query.
+    pub fn new(
+        view: &ViewRecord,
+        query: usize,
+        releases: &[ReleaseRecord],
+        cloud: &CloudConfig,
+        settings: &EpisodeSettings,
+        rng: &mut Pcg64,
+    ) -> Option<Self> {
         let label = query as u16 + 1;
         let band_px = rng.random_range(1..=settings.band_px.max(1));
         let wants_elsewhere = rng.random_bool(settings.elsewhere);
@@ -107,6 +138,18 @@ impl Episode {
                 anchors.push(Anchor { cloud: object, relations: *view.relations_of(query, k) });
             }
         }
+        let trial = |release: &ReleaseRecord| {
+            let motion = release.placed_from_settled(&object.world_from_object);
+            Trial {
+                position: about(&(motion.cast::<f32>() * position)),
+                yaw_rad: yaw_rad + release.yaw_rad,
+                stayed: release.moved_m < STAYED_M,
+                as_put: stays_as_put(release),
+            }
+        };
+        let trials: Vec<Trial> = releases.iter().map(trial).collect();
+        // The crop around a trial has to be there too.
+        centers.extend(trials.iter().map(|t| t.position));
         let scene = SceneCloud::new(&points, &labels, &centers, cloud).without(label);
         (!anchors.is_empty()).then_some(Self {
             query: ObjectCloud::new(&query_points, cloud)?,
@@ -114,6 +157,7 @@ impl Episode {
             position: viewer_from_world * position,
             scene,
             anchors,
+            trials,
         })
     }
 

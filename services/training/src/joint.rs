@@ -10,7 +10,7 @@ use repose_networks::{
     GOAL_RELATIONS, Kernel, Networks, NetworksConfig, PREDICTED_RELATIONS,
     crops::{Grouped, object_input, scene_input},
     layers::Mode,
-    networks::DISCRIMINATOR,
+    pair_measures::{MeasuredCloud, PAIR_MEASURES, pair_measures},
     prior::MixtureTensors,
     relation_predictor::binary_cross_entropy,
     set_abstraction::Path,
@@ -56,10 +56,13 @@ impl JointTask {
         let mut scenes = Vec::new();
         // Per pair: rows of `objects` (query at rest, query as observed, anchor), and the numbers that go with it.
         let (mut resting, mut observed, mut anchored) = (Vec::<u32>::new(), Vec::<u32>::new(), Vec::<u32>::new());
+        let mut measures = Vec::new();
         let (mut centers, mut labels, mut goals, mut offsets, mut yaws) = (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for episode in episodes {
             let query = objects.len() as u32;
-            objects.push(object_input(kernel, config, &episode.placed()));
+            let placed = episode.placed();
+            let measured = MeasuredCloud::new(&placed);
+            objects.push(object_input(kernel, config, &placed));
             objects.push(object_input(kernel, config, &episode.query));
             for anchor in chosen(&episode.anchors, self.anchors, rng) {
                 resting.push(query);
@@ -68,6 +71,7 @@ impl JointTask {
                 objects.push(object_input(kernel, config, &anchor.cloud));
                 scenes.push(scene_input(kernel, config, &episode.scene, anchor.cloud.centroid_in_viewer.into()));
                 let offset: [f32; 3] = (episode.position - anchor.cloud.centroid_in_viewer).into();
+                measures.extend(pair_measures(&measured, &MeasuredCloud::new(&anchor.cloud), offset));
                 centers.extend(offset);
                 offsets.extend(offset);
                 yaws.push(episode.yaw_rad);
@@ -85,7 +89,7 @@ impl JointTask {
         let as_observed = networks.object.codes(&rows(observed)?, &zero)?;
         let scenes = networks.scene.forward(&Grouped::concat(&scenes), mode, Path::Fused)?;
         Ok(Pairs {
-            logits: networks.relations.logits(&at_rest, &anchors)?,
+            logits: networks.relations.logits(&at_rest, &anchors, &tensor(measures, PAIR_MEASURES)?)?,
             labels: tensor(labels, PREDICTED_RELATIONS)?,
             mixture: networks.prior.forward(&scenes, &as_observed, &anchors, &tensor(goals, GOAL_RELATIONS)?, mode)?,
             offsets_m: tensor(offsets, 3)?,
@@ -131,7 +135,7 @@ impl Task for JointTask {
     }
 
     fn fits(&self, parameter: &str) -> bool {
-        !parameter.starts_with(DISCRIMINATOR)
+        Part::Joint.fits(parameter)
     }
 
     fn loss(

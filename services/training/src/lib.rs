@@ -1,15 +1,17 @@
 //! Training: shards of simulated views in, weights out.
 //!
-//! [`train`] fits one [`Part`]: the encoders, relation predictor and prior jointly, or the scene discriminator. Both draw [`episode`]s, one view
+//! [`train`] fits one [`Part`]: the encoders, relation predictor and prior jointly, the scene discriminator, or the outcome network. All draw [`episode`]s, one view
 //! with one object taken as the query, from the views of training scenes, and are measured on those of validation scenes
 //! ([`repose_dataset::Split`] says which is which). A run takes up its own checkpoint, follows new shards as they appear, and ends after its
-//! steps or its minutes with weights written. A process that trains should start with [`ONE_THREAD_VARIABLES`] set to 1.
+//! steps or its minutes with weights written, and the learning [`curve`] beside them. A process that trains should start with [`ONE_THREAD_VARIABLES`] set to 1.
 
 pub mod adam;
 mod checkpoint;
+pub mod curve;
 pub mod episode;
 pub mod error;
 pub mod joint;
+pub mod merge;
 pub mod normal;
 pub mod placement;
 pub mod settings;
@@ -19,5 +21,5 @@ pub mod train;
 pub mod views;
 
 pub use error::TrainError;
-pub use settings::{Part, TrainSettings};
+pub use settings::{Part, RelationsVariant, TrainSettings};
 pub use train::{ONE_THREAD_VARIABLES, TrainReport, train};

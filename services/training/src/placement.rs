@@ -1,8 +1,11 @@
-//! Training of the scene discriminator (paper, section 2.1): settled placements against the same with the query moved.
+//! Training of the scene discriminator (paper, section 2.1) and of the outcome network (ours): the same layers, told apart
+//! by what counts as good and by how points are sampled ([`repose_networks::crops`], [`repose_networks::shared_scene`]).
 //!
-//! Negatives are the paper's: the query moved 2 to 15 cm in a random direction. Positives and negatives share scene and cloud, and both
-//! clouds were moved in, so that nothing but the place tells them apart. Candidates are turned about z at random: what is stable does not
-//! depend on where it is seen from.
+//! The discriminator's positives are settled placements, its negatives the paper's: the query moved 2 to 15 cm in a random direction. The
+//! outcome network's candidates are places where the simulator let the query go; they count one when it stayed as it was put, a half when
+//! it moved by less than the paper's 5 cm, nothing otherwise. Good and bad candidates share scene and cloud, and all clouds were moved in, so
+//! that nothing but the place tells them apart. Candidates are turned about z at random: what is stable does not depend on where it is seen
+//! from.
 
 use candle_core::{Device, Result, Tensor};
 use nalgebra::{Point3, Vector3};
@@ -11,42 +14,99 @@ use rand_pcg::Pcg64;
 use repose_networks::{
     Kernel, Networks, NetworksConfig,
     crops::{Grouped, discriminator_points},
+    discriminator::Discriminator,
     layers::Mode,
-    networks::DISCRIMINATOR,
-    points::turned,
+    points::{SceneCloud, turned},
     relation_predictor::binary_cross_entropy,
     set_abstraction::Path,
+    shared_scene::SharedScene,
 };
 
 use crate::{episode::Episode, normal::gaussian, settings::Part, task::Task};
 
+/// Places of one episode that are let go, at most: more would share one scene too often.
+const PLACES_MOST: usize = 4;
+
+/// A place for the query, and what it counts.
+#[derive(Debug, Clone, Copy)]
+struct Labelled {
+    position: Point3<f32>,
+    /// From how the query was observed, radians.
+    yaw_rad: f32,
+    label: f32,
+    /// What the area under the curve tells apart.
+    is_good: bool,
+}
+
 /// How candidates are made.
 #[derive(Debug, Clone, Copy)]
 pub struct PlacementTask {
+    /// [`Part::Discriminator`] or [`Part::Outcome`].
+    part: Part,
     /// How far a negative is moved, metres: nearest and farthest.
     pub offset_m: [f32; 2],
     /// Standard deviation of the disturbance of a positive's position, metres: what calibration and cleaning leave.
     pub position_noise_m: f32,
 }
 
-impl Default for PlacementTask {
-    fn default() -> Self {
-        Self { offset_m: [0.02, 0.15], position_noise_m: 0.001 }
-    }
-}
-
 impl PlacementTask {
-    /// A candidate of an episode as network input.
-    fn candidate(&self, config: &NetworksConfig, episode: &Episode, stable: bool, rng: &mut Pcg64) -> Grouped {
-        let offset = if stable {
-            Vector3::from_fn(|_, _| gaussian(rng) * self.position_noise_m)
-        } else {
-            direction(rng) * rng.random_range(self.offset_m[0]..=self.offset_m[1])
+    /// The task for the discriminator or the outcome network.
+    pub fn new(part: Part) -> Self {
+        Self { part, offset_m: [0.02, 0.15], position_noise_m: 0.001 }
+    }
+
+    /// Places of an episode, good and bad.
+    fn places(&self, episode: &Episode, rng: &mut Pcg64) -> Vec<Labelled> {
+        if self.part == Part::Outcome {
+            let let_go = episode.trials.iter().map(|trial| Labelled {
+                position: trial.position,
+                yaw_rad: trial.yaw_rad,
+                label: 0.5 * (f32::from(u8::from(trial.stayed)) + f32::from(u8::from(trial.as_put))),
+                is_good: trial.stayed,
+            });
+            // Where it rested it stays; nothing has to be let go to know that.
+            return let_go.take(PLACES_MOST).chain([self.settled(episode, rng)]).collect();
+        }
+        let offset = direction(rng) * rng.random_range(self.offset_m[0]..=self.offset_m[1]);
+        let moved = Labelled { position: episode.position + offset, yaw_rad: episode.yaw_rad, label: 0.0, is_good: false };
+        vec![self.settled(episode, rng), moved]
+    }
+
+    /// Where the query rests, about.
+    fn settled(&self, episode: &Episode, rng: &mut Pcg64) -> Labelled {
+        let offset = Vector3::from_fn(|_, _| gaussian(rng) * self.position_noise_m);
+        Labelled { position: episode.position + offset, yaw_rad: episode.yaw_rad, label: 1.0, is_good: true }
+    }
+
+    /// Places of one episode as network input.
+    fn input(&self, config: &NetworksConfig, episode: &Episode, places: &[Labelled], rng: &mut Pcg64) -> Grouped {
+        let kernel = Kernel::detect();
+        if self.part == Part::Outcome {
+            let turn_rad = rng.random_range(0.0..std::f32::consts::TAU);
+            let scene = SceneCloud { points: turned(&episode.scene.points, turn_rad), labels: episode.scene.labels.clone() };
+            let shared = SharedScene::new(kernel, config, &scene);
+            let placed = |place: &Labelled| {
+                let position = turned(&[place.position.into()], turn_rad)[0];
+                shared.placed(kernel, config, &episode.query.turned(place.yaw_rad + turn_rad), position)
+            };
+            return shared.grouped(&places.iter().map(placed).collect::<Vec<_>>());
+        }
+        let crop = |place: &Labelled| {
+            let query = episode.query.turned(place.yaw_rad);
+            let (points, is_query) = discriminator_points(config, &episode.scene, &query, place.position.into());
+            let points = turned(&points, rng.random_range(0.0..std::f32::consts::TAU));
+            Grouped::new(kernel, points, is_query, &config.discriminator_levels)
         };
-        let position: Point3<f32> = episode.position + offset;
-        let (points, is_query) = discriminator_points(config, &episode.scene, &episode.placed(), position.into());
-        let points = turned(&points, rng.random_range(0.0..std::f32::consts::TAU));
-        Grouped::new(Kernel::detect(), points, is_query, &config.discriminator_levels)
+        Grouped::concat(&places.iter().map(crop).collect::<Vec<_>>())
+    }
+
+    /// The network that is fitted.
+    fn network<'a>(&self, networks: &'a Networks) -> Result<&'a Discriminator> {
+        match (self.part, &networks.outcome) {
+            (Part::Outcome, Some(outcome)) => Ok(outcome),
+            (Part::Outcome, None) => candle_core::bail!("the weights have no outcome network"),
+            _ => Ok(&networks.discriminator),
+        }
     }
 }
 
@@ -60,11 +120,11 @@ fn direction(rng: &mut Pcg64) -> Vector3<f32> {
 
 impl Task for PlacementTask {
     fn part(&self) -> Part {
-        Part::Discriminator
+        self.part
     }
 
     fn fits(&self, parameter: &str) -> bool {
-        parameter.starts_with(DISCRIMINATOR)
+        self.part.fits(parameter)
     }
 
     fn loss(
@@ -76,33 +136,42 @@ impl Task for PlacementTask {
         mode: &Mode,
         rng: &mut Pcg64,
     ) -> Result<Tensor> {
-        // A positive and a negative of one episode side by side: the pair differs in the place only.
+        // Good and bad places of one episode side by side: they differ in the place only.
         let first = rng.random_range(0..episodes.len());
-        let labels: Vec<f32> = (0..samples).map(|i| f32::from(u8::from(i % 2 == 0))).collect();
-        let candidates: Vec<Grouped> =
-            (0..samples).map(|i| self.candidate(config, episodes[(first + i / 2) % episodes.len()], i % 2 == 0, rng)).collect();
-        let logits = networks.discriminator.logits(&Grouped::concat(&candidates), mode, Path::Fused)?;
-        binary_cross_entropy(&logits, &Tensor::from_vec(labels, samples, &Device::Cpu)?)
+        let mut labels = Vec::with_capacity(samples + PLACES_MOST);
+        let mut candidates = Vec::new();
+        for episode in episodes.iter().cycle().skip(first) {
+            if labels.len() >= samples {
+                break;
+            }
+            let places = self.places(episode, rng);
+            labels.extend(places.iter().map(|place| place.label));
+            candidates.push(self.input(config, episode, &places, rng));
+        }
+        let logits = self.network(networks)?.logits(&Grouped::concat(&candidates), mode, Path::Fused)?;
+        binary_cross_entropy(&logits, &Tensor::new(labels, &Device::Cpu)?)
     }
 
     fn measure(&self, networks: &Networks, config: &NetworksConfig, episodes: &[Episode], rng: &mut Pcg64) -> Result<serde_json::Value> {
-        let mut scores: [Vec<f32>; 2] = Default::default();
+        let (mut good, mut bad) = (Vec::new(), Vec::new());
         let mut loss = 0.0;
         for episode in episodes {
-            let pair = [true, false].map(|stable| self.candidate(config, episode, stable, rng));
-            let logits = networks.discriminator.logits(&Grouped::concat(&pair), &Mode::Serving, Path::Fused)?;
-            loss += f64::from(binary_cross_entropy(&logits, &Tensor::new(&[1.0f32, 0.0], &Device::Cpu)?)?.to_scalar::<f32>()?);
-            let logits = logits.to_vec1::<f32>()?;
-            scores[0].push(logits[0]);
-            scores[1].push(logits[1]);
+            let places = self.places(episode, rng);
+            let logits = self.network(networks)?.logits(&self.input(config, episode, &places, rng), &Mode::Serving, Path::Fused)?;
+            let labels = Tensor::new(places.iter().map(|place| place.label).collect::<Vec<_>>(), &Device::Cpu)?;
+            loss += f64::from(binary_cross_entropy(&logits, &labels)?.to_scalar::<f32>()?);
+            for (place, logit) in places.iter().zip(logits.to_vec1::<f32>()?) {
+                if place.is_good { good.push(logit) } else { bad.push(logit) }
+            }
         }
-        let n = episodes.len().max(1) as f64;
-        let accepted = |s: &[f32]| s.iter().filter(|x| **x > 0.0).count() as f64 / n;
+        let accepted = |s: &[f32]| s.iter().filter(|x| **x > 0.0).count() as f64 / s.len().max(1) as f64;
         Ok(serde_json::json!({
-            "loss": loss / n,
-            "auc": area_under_curve(&scores[0], &scores[1]),
-            "accepted_stable": accepted(&scores[0]),
-            "accepted_moved": accepted(&scores[1]),
+            "loss": loss / episodes.len().max(1) as f64,
+            "auc": area_under_curve(&good, &bad),
+            "accepted_good": accepted(&good),
+            "accepted_bad": accepted(&bad),
+            "good": good.len(),
+            "bad": bad.len(),
             "episodes": episodes.len(),
         }))
     }

@@ -12,6 +12,8 @@ pub enum Part {
     Joint,
     /// The scene discriminator.
     Discriminator,
+    /// The outcome network: the discriminator's layers, on what simulated releases came to.
+    Outcome,
 }
 
 impl Part {
@@ -20,6 +22,33 @@ impl Part {
         match self {
             Self::Joint => "joint",
             Self::Discriminator => "discriminator",
+            Self::Outcome => "outcome",
+        }
+    }
+
+    /// The part of that name.
+    pub fn parse(name: &str) -> Option<Self> {
+        [Self::Joint, Self::Discriminator, Self::Outcome].into_iter().find(|part| part.name() == name)
+    }
+}
+
+/// Which relation predictor the joint training fits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RelationsVariant {
+    /// Codes only.
+    Paper,
+    /// Codes and what can be measured of the pair ([`repose_networks::pair_measures`]).
+    Measured,
+}
+
+impl RelationsVariant {
+    /// The variant of that name.
+    pub fn parse(name: &str) -> Option<Self> {
+        match name {
+            "paper" => Some(Self::Paper),
+            "measured" => Some(Self::Measured),
+            _ => None,
         }
     }
 }
@@ -36,6 +65,8 @@ pub struct TrainSettings {
     pub start: Option<PathBuf>,
     /// What is fitted.
     pub part: Part,
+    /// Which relation predictor.
+    pub relations: RelationsVariant,
     /// Seed of weights and samples.
     pub seed: u64,
     /// Steps at most. The learning rate falls to zero at the last.
@@ -73,6 +104,7 @@ impl Default for TrainSettings {
             out: PathBuf::from("out/weights.safetensors"),
             start: None,
             part: Part::Joint,
+            relations: RelationsVariant::Measured,
             seed: 1,
             steps: 20_000,
             minutes: None,

@@ -141,7 +141,8 @@ fn slot_gradient(shared: &Shared<'_>, slot: &mut Slot, step: u64, number: u64) -
 pub fn draw(shared: &Shared<'_>, rng: &mut Pcg64) -> Option<Episode> {
     (0..TRIES).find_map(|_| {
         let (view, query) = shared.views.query(rng.random_range(0..shared.views.queries()))?;
-        Episode::new(&view, query, &shared.config.cloud, shared.episode, rng)
+        let releases = shared.views.releases_of(view.scene_seed, view.objects[query].id);
+        Episode::new(&view, query, releases, &shared.config.cloud, shared.episode, rng)
     })
 }
 

@@ -11,17 +11,20 @@ use indicatif::{ProgressBar, ProgressStyle};
 use repose_dataset::Split;
 use repose_networks::{
     Networks, NetworksConfig, Weights, WeightsInfo,
+    layers::{BatchStatistics, Mode},
+    networks::{DISCRIMINATOR, OUTCOME},
     parameters::{Parameters, WeightMap},
 };
 
 use crate::{
     adam::{AdamW, clip},
     checkpoint,
+    curve::{Curve, CurvePoint},
     episode::{Episode, EpisodeSettings},
     error::TrainError,
     joint::JointTask,
     placement::PlacementTask,
-    settings::{Part, TrainSettings},
+    settings::{Part, RelationsVariant, TrainSettings},
     step::{Shared, Slot, draw, generator, gradient},
     task::Task,
     views::Views,
@@ -29,6 +32,9 @@ use crate::{
 
 /// How fast running statistics follow the batches'.
 const STATISTICS_RATE: f32 = 0.03;
+/// Micro-batches that the saved weights' batch statistics are taken from, and the episodes that each is drawn from.
+const STATISTICS_BATCHES: u64 = 32;
+const STATISTICS_EPISODES: usize = 6;
 /// How fast the averaged weights that are saved follow the trained ones, once training is under way.
 const AVERAGE_RATE: f32 = 0.005;
 
@@ -58,7 +64,7 @@ pub struct TrainReport {
 pub fn train(settings: &TrainSettings) -> Result<TrainReport, TrainError> {
     match settings.part {
         Part::Joint => Run::new(settings, &JointTask::default())?.run(),
-        Part::Discriminator => Run::new(settings, &PlacementTask::default())?.run(),
+        Part::Discriminator | Part::Outcome => Run::new(settings, &PlacementTask::new(settings.part))?.run(),
     }
 }
 
@@ -76,16 +82,23 @@ struct Run<'a> {
     step: u64,
     views: Views,
     validation: Vec<Episode>,
+    curve: Curve,
+    /// Running mean of the training loss.
+    loss: Option<f64>,
 }
 
 impl<'a> Run<'a> {
     fn new(settings: &'a TrainSettings, task: &'a dyn Task) -> Result<Self, TrainError> {
-        let config = NetworksConfig::default();
+        let config = match settings.relations {
+            RelationsVariant::Paper => NetworksConfig { measures_code: None, ..NetworksConfig::default() },
+            RelationsVariant::Measured => NetworksConfig::default(),
+        };
         let start = settings.start.as_deref().filter(|path| path.exists());
         let (networks, parameters, info) = match start {
             Some(path) => {
                 let weights = Weights::from_bytes(&read(path)?)?;
-                let (networks, parameters) = Networks::stored(&config, &weights.values)?;
+                let rng = &mut generator(settings.seed, 0, u64::MAX);
+                let (networks, parameters) = Networks::started(&config, &starting(weights.values), rng)?;
                 (networks, parameters, weights.info)
             }
             None => {
@@ -94,7 +107,7 @@ impl<'a> Run<'a> {
             }
         };
         let open = |split: Split| {
-            let views = Views::open(&settings.data, split)?;
+            let views = views_of(settings, split)?;
             if views.is_empty() { Err(TrainError::Empty { folder: settings.data.clone(), split: split.name() }) } else { Ok(views) }
         };
         let views = open(Split::Train)?;
@@ -113,9 +126,11 @@ impl<'a> Run<'a> {
             step: 0,
             views,
             validation: Vec::new(),
+            curve: Curve::default(),
+            loss: None,
         };
         run.resume()?;
-        let validation_views = Views::open(&settings.data, Split::Validation)?;
+        let validation_views = views_of(settings, Split::Validation)?;
         if !validation_views.is_empty() {
             let shared = Shared { views: &validation_views, ..run.shared() };
             let episodes = (0..settings.validation_episodes as u64).filter_map(|i| draw(&shared, &mut generator(0, i, u64::MAX)));
@@ -152,7 +167,7 @@ impl<'a> Run<'a> {
             );
         }
         let bar = progress_bar(settings);
-        let (begin, first_step, mut smooth) = (Instant::now(), self.step, None);
+        let (begin, first_step) = (Instant::now(), self.step);
         tracing::info!(part = self.task.part().name(), views = self.views.len(), parameters = self.parameters.count(), "training");
         loop {
             let share = progress(settings, self.step, begin.elapsed());
@@ -171,8 +186,8 @@ impl<'a> Run<'a> {
             self.adam.step(&self.parameters.trainable, &result.gradients, rate, settings.weight_decay)?;
             self.follow(&result.statistics)?;
             self.step += 1;
-            let loss = smooth.map_or(result.loss, |s: f64| s + 0.02 * (result.loss - s));
-            smooth = Some(loss);
+            let loss = self.loss.map_or(result.loss, |mean| mean + 0.02 * (result.loss - mean));
+            self.loss = Some(loss);
             let speed =
                 ((self.step - first_step) * (settings.slots * settings.samples_per_slot) as u64) as f64 / begin.elapsed().as_secs_f64();
             bar.set_position((1000.0 * share) as u64);
@@ -223,9 +238,36 @@ impl<'a> Run<'a> {
         Ok(weights)
     }
 
+    /// The batch norms' statistics under given weights, from training episodes. Those that were followed belong to the weights of the moment;
+    /// averaged weights have others (Izmailov et al. 2018, "Averaging weights leads to wider optima", section 3.2).
+    fn statistics_of(&self, networks: &Networks) -> Result<BTreeMap<String, Vec<f32>>, TrainError> {
+        let shared = self.shared();
+        let mut sums: BTreeMap<String, Vec<f32>> = BTreeMap::new();
+        for k in 0..STATISTICS_BATCHES {
+            let mut rng = generator(self.settings.seed, self.step, u64::MAX - 1 - k);
+            let episodes: Vec<Episode> = (0..STATISTICS_EPISODES).filter_map(|_| draw(&shared, &mut rng)).collect();
+            let mode = Mode::Training(BatchStatistics::default());
+            let samples = self.settings.samples_per_slot;
+            self.task.loss(networks, &self.config, &episodes.iter().collect::<Vec<_>>(), samples, &mode, &mut rng)?;
+            if let Mode::Training(statistics) = mode {
+                for (name, values) in statistics.into_inner() {
+                    let sum = sums.entry(name).or_insert_with(|| vec![0.0; values.len()]);
+                    sum.iter_mut().zip(values).for_each(|(s, v)| *s += v / STATISTICS_BATCHES as f32);
+                }
+            }
+        }
+        Ok(sums)
+    }
+
     /// Measures on validation scenes and writes weights and checkpoint.
     fn save(&mut self) -> Result<serde_json::Value, TrainError> {
-        let weights = self.weights()?;
+        let mut weights = self.weights()?;
+        let (averaged, _) = Networks::stored(&self.config, &weights)?;
+        for (name, values) in self.statistics_of(&averaged)? {
+            if let Some((_, stored)) = weights.get_mut(&name) {
+                *stored = values;
+            }
+        }
         let (averaged, _) = Networks::stored(&self.config, &weights)?;
         let metrics = self.task.measure(&averaged, &self.config, &self.validation, &mut generator(0, 1, u64::MAX))?;
         let part = self.task.part().name();
@@ -239,6 +281,9 @@ impl<'a> Run<'a> {
         set(&mut self.info.recipe, part, recipe);
         checkpoint::write(&self.settings.out, &Weights::to_bytes(&weights, &self.info)?)?;
         checkpoint::save(self.settings, self.step, &self.parameters.to_map()?, &self.average, &self.adam)?;
+        if let Some(loss) = self.loss.filter(|_| self.curve.points.last().is_none_or(|last| last.step < self.step)) {
+            self.curve.add(self.settings, CurvePoint { step: self.step, loss, validation: metrics.clone() })?;
+        }
         Ok(metrics)
     }
 
@@ -247,10 +292,28 @@ impl<'a> Run<'a> {
             let (networks, parameters) = Networks::stored(&self.config, &state.values)?;
             (self.networks, self.parameters) = (networks, parameters);
             (self.average, self.adam, self.step) = (state.average, state.adam, state.step);
+            self.curve = Curve::resumed(self.settings, self.step)?;
             tracing::info!(step = self.step, "resumed");
         }
         Ok(())
     }
+}
+
+/// What a run's samples are drawn from.
+fn views_of(settings: &TrainSettings, split: Split) -> Result<Views, TrainError> {
+    let open = if settings.part == Part::Outcome { Views::released } else { Views::open };
+    Ok(open(&settings.data, split)?)
+}
+
+/// Weights to start from: an outcome network that is not there yet begins as the discriminator, which knows what objects at rest look like.
+fn starting(mut weights: WeightMap) -> WeightMap {
+    if !weights.keys().any(|path| path.starts_with(OUTCOME)) {
+        let as_outcome =
+            |(path, value): (&String, &_)| Some((format!("{OUTCOME}{}", path.strip_prefix(DISCRIMINATOR)?), Clone::clone(value)));
+        let copies: Vec<(String, (Vec<usize>, Vec<f32>))> = weights.iter().filter_map(as_outcome).collect();
+        weights.extend(copies);
+    }
+    weights
 }
 
 /// How much of the run is over, by steps or by the clock, whichever is further.

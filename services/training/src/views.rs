@@ -3,11 +3,11 @@
 //! A view is unpacked when it is drawn (about a millisecond): the paper's 127,000 views take 3 GB packed and 25 GB unpacked.
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
-use repose_dataset::{ReadError, Shard, Split, ViewRecord, shard_paths};
+use repose_dataset::{ReadError, ReleaseRecord, Shard, Split, ViewRecord, read_releases, shard_paths};
 
 /// Objects with fewer clean pixels than this in a view are neither queries nor anchors.
 pub const PIXELS_LEAST: usize = 60;
@@ -30,6 +30,8 @@ pub struct Views {
     views: usize,
     /// Every object that is visible enough, in views with at least two such.
     queries: Vec<Query>,
+    /// What letting an object go came to, by scene and object; only queries in here are drawn where [`Views::released`] was asked for.
+    releases: Option<BTreeMap<(u64, u16), Vec<ReleaseRecord>>>,
 }
 
 impl Views {
@@ -38,11 +40,34 @@ impl Views {
     /// # Errors
     /// When the folder cannot be listed or a shard cannot be read.
     pub fn open(folder: &Path, split: Split) -> Result<Self, ReadError> {
+        Self::with_releases(folder, split, false)
+    }
+
+    /// The same, with the outcomes of releases; only objects that have some are queries.
+    ///
+    /// # Errors
+    /// As [`Views::open`].
+    pub fn released(folder: &Path, split: Split) -> Result<Self, ReadError> {
+        Self::with_releases(folder, split, true)
+    }
+
+    fn with_releases(folder: &Path, split: Split, released: bool) -> Result<Self, ReadError> {
         let own = folder.join(split.name());
         let folder = if own.is_dir() { own } else { folder.to_path_buf() };
-        let mut views = Self { folder, split, seen: BTreeSet::new(), shards: Vec::new(), views: 0, queries: Vec::new() };
+        let mut releases = released.then(BTreeMap::<_, Vec<_>>::new);
+        if let Some(releases) = &mut releases {
+            for record in read_releases(&folder)? {
+                releases.entry((record.scene_seed, record.object)).or_default().push(record);
+            }
+        }
+        let mut views = Self { folder, split, seen: BTreeSet::new(), shards: Vec::new(), views: 0, queries: Vec::new(), releases };
         views.rescan()?;
         Ok(views)
+    }
+
+    /// What letting an object of a scene go came to; nothing where outcomes were not asked for.
+    pub fn releases_of(&self, scene_seed: u64, object: u16) -> &[ReleaseRecord] {
+        self.releases.as_ref().and_then(|all| all.get(&(scene_seed, object))).map_or(&[], Vec::as_slice)
     }
 
     /// Reads shards that were not there before; says how many views were added.
@@ -66,9 +91,17 @@ impl Views {
             let large = view.alone_px().enumerate().filter(|(_, px)| *px as usize >= PIXELS_LEAST);
             let usable: Vec<Query> = large.map(|(k, _)| Query { shard: index, view: v as u16, object: k as u16 }).collect();
             if usable.len() >= 2 {
-                self.views += 1;
-                self.queries.extend(usable);
-                is_used = true;
+                let ids: Vec<u16> = view.ids().collect();
+                let is_query = |q: &Query| match &self.releases {
+                    Some(releases) => releases.contains_key(&(view.scene_seed, ids[usize::from(q.object)])),
+                    None => true,
+                };
+                let before = self.queries.len();
+                self.queries.extend(usable.into_iter().filter(is_query));
+                if self.queries.len() > before {
+                    self.views += 1;
+                    is_used = true;
+                }
             }
         }
         if is_used {

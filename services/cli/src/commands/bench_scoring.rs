@@ -46,10 +46,12 @@ pub fn run(args: &BenchScoringArgs, output: Output) -> Outcome {
 }
 
 fn document(speed: &ScoringSpeed, training_per_s: Option<f64>) -> Value {
-    let discriminator: serde_json::Map<_, _> =
-        BATCHES.iter().zip(speed.discriminator_per_s).map(|(b, s)| (b.to_string(), s.into())).collect();
+    let by_batch = |rates: [f64; BATCHES.len()]| -> serde_json::Map<String, Value> {
+        BATCHES.iter().zip(rates).map(|(batch, rate)| (batch.to_string(), rate.into())).collect()
+    };
     json!({
-        "discriminator_per_s": discriminator,
+        "discriminator_per_s": by_batch(speed.discriminator_per_s),
+        "outcome_per_s": by_batch(speed.outcome_per_s),
         "relations_per_s": speed.relations_per_s,
         "prior_per_s": speed.prior_per_s,
         "matmul_share": speed.matmul_share,
@@ -63,6 +65,9 @@ fn text_of(speed: &ScoringSpeed, training_per_s: Option<f64>) -> String {
     let mut lines = vec![format!("{} threads, kernel {}, {} points a candidate", speed.threads, speed.kernel, speed.points)];
     for (batch, rate) in BATCHES.iter().zip(speed.discriminator_per_s) {
         lines.push(format!("discriminator, batches of {batch:>3}: {rate:>8.0} candidates/s"));
+    }
+    for (batch, rate) in BATCHES.iter().zip(speed.outcome_per_s) {
+        lines.push(format!("outcome, batches of {batch:>9}: {rate:>8.0} candidates/s (scene features shared)"));
     }
     lines.push(format!("relations, translations:       {:>8.0} /s", speed.relations_per_s));
     lines.push(format!("prior:                         {:>8.0} /s", speed.prior_per_s));
@@ -111,6 +116,7 @@ mod tests {
         run(&args, Output { json: false }).unwrap_or_else(|e| panic!("{e:?}"));
         let speed = ScoringSpeed {
             discriminator_per_s: [1.0, 2.0, 3.0],
+            outcome_per_s: [4.0, 5.0, 6.0],
             points: 2048,
             relations_per_s: 4.0,
             prior_per_s: 5.0,
@@ -122,6 +128,7 @@ mod tests {
         };
         let document = document(&speed, Some(20.0));
         assert_eq!(document["discriminator_per_s"], json!({"1": 1.0, "25": 2.0, "100": 3.0}));
+        assert_eq!(document["outcome_per_s"], json!({"1": 4.0, "25": 5.0, "100": 6.0}));
         for key in ["relations_per_s", "prior_per_s", "matmul_share", "training_per_s"] {
             assert!(document[key].is_number(), "{key}");
         }

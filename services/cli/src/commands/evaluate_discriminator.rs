@@ -8,6 +8,7 @@ use repose_evaluation::discriminator_table::{Correlation, OUTLIER_M, Trial};
 use repose_evaluation::svg::{Points, reliability, scatter};
 use repose_evaluation::{DiscriminatorSettings, DiscriminatorTable, evaluate_discriminator, paper};
 use repose_proto::place::Variant;
+use repose_proto::scoring::RealismBy;
 use serde_json::{Value, json};
 
 use crate::args::parse_variant;
@@ -98,17 +99,20 @@ fn document(table: &DiscriminatorTable, split: &str, weights_hash: &str) -> Valu
         })
         .collect();
     let main = table.rows.first();
+    // The contract's figures are of the network that the main variant goes by; both are in `random`.
+    let random = table.random.iter().find(|row| row.by == main_judge(table)).or(table.random.first());
     json!({
         "scenes": table.scenes,
         "variant": main.map(|row| row.variant),
         "stable": main.map(|row| row.stable.percent()),
         "stable_with_goal": main.map(|row| row.stable_with_goal.percent()),
-        "pearson_r": table.random.r, "pearson_p": table.random.p,
-        "auc_random": table.auc_random,
+        "pearson_r": random.and_then(|row| row.all.r), "pearson_p": random.and_then(|row| row.all.p),
+        "auc_random": random.and_then(|row| row.auc),
+        "random_by": random.map(|row| row.by),
         "calibration_error": main.and_then(|row| row.calibration.error),
-        "pearson_r_interval": table.random.interval,
-        "auc_random_interval": table.auc_random_interval,
-        "random": table.random, "random_one_a_scene": table.random_one_a_scene, "random_stable": table.random_stable.percent(),
+        "pearson_r_interval": random.and_then(|row| row.all.interval),
+        "auc_random_interval": random.and_then(|row| row.auc_interval),
+        "random": table.random, "random_stable": table.random_stable.percent(),
         "rows": rows,
         "paper": {
             "stable": paper::STABLE_PERCENT, "stable_with_goal": paper::STABLE_WITH_GOAL_PERCENT,
@@ -119,11 +123,21 @@ fn document(table: &DiscriminatorTable, split: &str, weights_hash: &str) -> Valu
     })
 }
 
+/// Who says how realistic the main variant's placements are.
+fn main_judge(table: &DiscriminatorTable) -> RealismBy {
+    match table.rows.first().map(|row| row.variant) {
+        Some(Variant::Best) => RealismBy::Outcome,
+        _ => RealismBy::Discriminator,
+    }
+}
+
 /// Realism against distance moved: random samples first, so that placements lie over them.
 fn plot(table: &DiscriminatorTable) -> Result<String, Failure> {
+    let judge = main_judge(table);
+    let said = |t: &Trial| t.outcome.filter(|_| judge == RealismBy::Outcome).unwrap_or(t.realism);
     let of = |keep: &dyn Fn(&Trial) -> bool| -> Vec<(f64, f64)> {
         let kept = table.trials.iter().filter(|t| keep(t) && t.judged.moved_m < OUTLIER_M);
-        kept.map(|t| (t.judged.moved_m, t.realism)).collect()
+        kept.map(|t| (t.judged.moved_m, said(t))).collect()
     };
     let random = Points { name: "random prior samples", points: of(&|t| t.variant.is_none()) };
     let planned =
@@ -148,11 +162,17 @@ fn text_of(table: &DiscriminatorTable) -> String {
         text.add_row([format!("{}: calibration error", row.variant), calibration, "-".to_owned()]);
     }
     text.add_row(["random: stable".to_owned(), table.random_stable.to_string(), "-".to_owned()]);
-    text.add_row(["random: r".to_owned(), correlation_text(&table.random), "-".to_owned()]);
-    text.add_row(["random: r, one a scene".to_owned(), correlation_text(&table.random_one_a_scene), papers(paper::RANDOM_R)]);
-    let interval = table.auc_random_interval.map_or_else(String::new, |[low, high]| format!(" [{low:.3}, {high:.3}]"));
-    let area = table.auc_random.map_or_else(|| "-".to_owned(), |a| format!("{a:.3}{interval}"));
-    text.add_row(["random: area under the curve".to_owned(), area, "-".to_owned()]);
+    for row in &table.random {
+        let by = match row.by {
+            RealismBy::Discriminator => "discriminator",
+            RealismBy::Outcome => "outcome network",
+        };
+        text.add_row([format!("random, {by}: r"), correlation_text(&row.all), "-".to_owned()]);
+        text.add_row([format!("random, {by}: r, one a scene"), correlation_text(&row.one_a_scene), papers(paper::RANDOM_R)]);
+        let interval = row.auc_interval.map_or_else(String::new, |[low, high]| format!(" [{low:.3}, {high:.3}]"));
+        let area = row.auc.map_or_else(|| "-".to_owned(), |a| format!("{a:.3}{interval}"));
+        text.add_row([format!("random, {by}: area under the curve"), area, "-".to_owned()]);
+    }
     format!("{} scenes; {DEFINITION}\n{text}", table.scenes)
 }
 

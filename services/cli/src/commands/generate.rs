@@ -15,6 +15,7 @@ use repose_simulator::render::{DepthCanvas, picture};
 use repose_simulator::scene::{SceneKind, SceneSettings, scene_of_seed};
 use repose_simulator::sheet::{SheetSettings, scene_tile, stacked, tile};
 use repose_simulator::statistics::Statistics;
+use repose_simulator::trials::TrialSettings;
 use repose_simulator::views::view_of_scene;
 
 use crate::commands::evaluate_scenes::threads;
@@ -62,6 +63,10 @@ pub struct GenerateArgs {
     /// Metres per unit of the files in `--objects`: 0.001 for millimetres.
     #[arg(long, default_value_t = 1.0, requires = "objects")]
     pub objects_scale: f32,
+    /// Let objects of each scene go this many times, and write what comes of it beside the shards (`releases` in the folder of `--out`): what
+    /// `train --network outcome` learns from. Shards that are there already get what they lack.
+    #[arg(long, value_name = "PER_SCENE", default_value_t = 0, requires = "out")]
+    pub releases: usize,
     /// Keep color in the shards too; training does not need it.
     #[arg(long)]
     pub color: bool,
@@ -112,6 +117,7 @@ pub fn run(args: &GenerateArgs, output: Output) -> Outcome {
         *source = source.clone().with_meshes(library, args.objects_share);
     }
     settings.threads = threads(args.threads);
+    settings.trials = (args.releases > 0).then(|| TrialSettings { per_scene: args.releases, ..TrialSettings::default() });
     let mut report = Report::default();
     if let Some(folder) = &args.show {
         let sheets = show(folder, &settings)?;
@@ -186,6 +192,7 @@ fn write_shards(folder: &Path, settings: &GenerateSettings, report: &mut Report)
     report.add("rejected", made.rejected);
     report.add("failed", made.failed);
     report.add("unseen_views", made.unseen);
+    report.add("releases", made.releases);
     report.add("bytes_per_view", made.bytes_per_view());
     report.text.push(format!(
         "{} scenes ({} were there), {} views of {:.1} kB, {scenes_per_s:.1} scenes/s; {} draws rejected, {} seeds and {} views given up",
@@ -197,6 +204,9 @@ fn write_shards(folder: &Path, settings: &GenerateSettings, report: &mut Report)
         made.failed,
         made.unseen
     ));
+    if settings.trials.is_some() {
+        report.text.push(format!("{} releases", made.releases));
+    }
     Ok(made.statistics)
 }
 

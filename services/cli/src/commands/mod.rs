@@ -29,3 +29,4 @@ pub mod segment;
 pub mod serve;
 pub mod train;
 pub mod up;
+pub mod weights;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::Point3;
 use repose_geometry::ViewerFrame;
 use repose_inference::HeldScene;
-use repose_proto::scoring::ScoreRequest;
+use repose_proto::scoring::{RealismBy, ScoreRequest};
 use repose_proto::{Relation, Scene, SceneRef};
 use repose_relations::{ObservedObject, observed};
 use serde::Serialize;
@@ -61,6 +61,7 @@ fn pairs_of(scene: Scene) -> Result<Vec<Pair>, Failure> {
             anchors: anchors.clone(),
             view_yaw_rad: viewer.yaw_rad(),
             realism: false,
+            realism_by: RealismBy::Discriminator,
             relations: true,
             candidates: vec![[x, y, z, 0.0]],
         };

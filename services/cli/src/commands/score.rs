@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::Point3;
 use repose_geometry::transform::{from_row_major, yaw_of};
 use repose_inference::HeldScene;
-use repose_proto::scoring::ScoreRequest;
+use repose_proto::scoring::{RealismBy, ScoreRequest};
 use repose_proto::{CallError, SceneRef, limits};
 
 use crate::args::ScoreArgs;
@@ -47,6 +47,7 @@ pub fn run(args: &ScoreArgs, output: Output) -> Outcome {
         anchors: vec![args.anchor],
         view_yaw_rad,
         realism: true,
+        realism_by: RealismBy::Discriminator,
         relations: true,
         candidates,
     };

@@ -1,6 +1,6 @@
 //! `repose train`: weights from simulated scenes.
 
-use repose_training::{ONE_THREAD_VARIABLES, Part, TrainSettings, train};
+use repose_training::{ONE_THREAD_VARIABLES, Part, RelationsVariant, TrainSettings, train};
 
 use crate::args::TrainArgs;
 use crate::failure::{Failure, Outcome};
@@ -8,11 +8,10 @@ use crate::output::Output;
 
 /// Runs the command.
 pub fn run(args: &TrainArgs, output: Output) -> Outcome {
-    let part = match args.network.as_str() {
-        "joint" => Part::Joint,
-        "discriminator" => Part::Discriminator,
-        other => return Err(Failure::bad_input("network", format!("expected joint or discriminator, got {other:?}"))),
-    };
+    let part = Part::parse(&args.network)
+        .ok_or_else(|| Failure::bad_input("network", format!("expected joint, discriminator or outcome, got {:?}", args.network)))?;
+    let relations = RelationsVariant::parse(&args.relations)
+        .ok_or_else(|| Failure::bad_input("relations", format!("expected measured or paper, got {:?}", args.relations)))?;
     for variable in ONE_THREAD_VARIABLES {
         // SAFETY: this command is synchronous and has started no thread yet that could read the environment meanwhile.
         unsafe { std::env::set_var(variable, "1") };
@@ -23,6 +22,7 @@ pub fn run(args: &TrainArgs, output: Output) -> Outcome {
         out: args.out.clone(),
         start: args.start.clone(),
         part,
+        relations,
         seed: args.seed,
         steps: args.steps.unwrap_or(defaults.steps),
         minutes: args.minutes,

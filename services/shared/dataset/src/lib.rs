@@ -30,6 +30,7 @@ pub mod layer;
 pub mod manifest;
 pub mod reader;
 pub mod record;
+pub mod releases;
 pub mod split;
 pub mod writer;
 
@@ -38,5 +39,6 @@ pub use layer::{INVERSE_DEPTH_STEP, Layer};
 pub use manifest::{Manifest, ManifestError};
 pub use reader::{ReadError, Shard, ViewSummary, read_shard, shard_paths};
 pub use record::{Elsewhere, FixtureRecord, ObjectRecord, RELATIONS, ViewRecord};
+pub use releases::{ReleaseRecord, read_releases, releases_path, write_releases};
 pub use split::Split;
 pub use writer::{ShardWriter, WriteError};

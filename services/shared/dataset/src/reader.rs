@@ -95,6 +95,11 @@ pub struct ViewSummary<'a> {
 }
 
 impl ViewSummary<'_> {
+    /// Per object: its id.
+    pub fn ids(&self) -> impl Iterator<Item = u16> {
+        self.objects.iter().map(|o| o.id)
+    }
+
     /// Per object: its pixels in the full picture.
     pub fn visible_px(&self) -> impl Iterator<Item = u32> {
         self.objects.iter().map(|o| o.visible_px)

@@ -1,6 +1,8 @@
 //! The shapes of all networks in one place.
 
-use crate::points::CloudConfig;
+use crate::{
+    networks::OUTCOME, parameters::WeightMap, points::CloudConfig, relation_predictor::MEASURES_WEIGHT, shared_scene::SharedConfig,
+};
 
 /// One set abstraction: `SA(n, k, r, mlp)`.
 #[derive(Debug, Clone, PartialEq)]
@@ -58,6 +60,14 @@ pub struct NetworksConfig {
     pub code: usize,
     /// Components of the prior's mixture.
     pub components: usize,
+    /// Whether the relation predictor reads [`crate::pair_measures`] beside the codes (ours), and how wide their encoding is; `None` is the
+    /// paper's.
+    pub measures_code: Option<usize>,
+    /// How the outcome network's points are shared out.
+    pub shared: SharedConfig,
+    /// Whether there is an outcome network beside the discriminator (ours): the same layers, on scene features
+    /// that candidates share ([`crate::shared_scene`]), trained on simulated releases.
+    pub outcome: bool,
 }
 
 /// How the discriminator's points are shared out.
@@ -78,6 +88,20 @@ pub struct DiscriminatorPoints {
 pub const PREDICTED_RELATIONS: usize = 9;
 /// Relations that a goal can name.
 pub const GOAL_RELATIONS: usize = 10;
+
+impl NetworksConfig {
+    /// The networks of the paper and nothing else.
+    pub fn paper() -> Self {
+        Self { measures_code: None, outcome: false, ..Self::default() }
+    }
+
+    /// The default shapes with the parts that stored weights have.
+    pub fn of_weights(weights: &WeightMap) -> Self {
+        let measures = weights.get(MEASURES_WEIGHT).and_then(|(shape, _)| shape.first().copied());
+        let outcome = weights.keys().any(|path| path.starts_with(OUTCOME));
+        Self { measures_code: measures, outcome, ..Self::default() }
+    }
+}
 
 impl Default for NetworksConfig {
     fn default() -> Self {
@@ -106,6 +130,9 @@ impl Default for NetworksConfig {
             hidden: [256, 128],
             code: 128,
             components: 5,
+            measures_code: Some(64),
+            shared: SharedConfig::default(),
+            outcome: true,
         }
     }
 }

@@ -18,12 +18,12 @@ pub struct Discriminator {
 }
 
 impl Discriminator {
-    /// Parameters under `discriminator`.
+    /// Parameters under `name`: `discriminator`, or `outcome` for the one that learned from releases.
     ///
     /// # Errors
     /// When stored weights do not fit.
-    pub fn new(builder: &mut Builder<'_>, config: &NetworksConfig) -> Result<Self> {
-        builder.within("discriminator", |b| {
+    pub fn new(builder: &mut Builder<'_>, name: &str, config: &NetworksConfig) -> Result<Self> {
+        builder.within(name, |b| {
             let width = config.discriminator_levels.last().map_or(0, SetAbstractionConfig::outputs);
             Ok(Self { points: PointNet::new(b, &config.discriminator_levels)?, out: Linear::new(b, "out", width, 1)? })
         })

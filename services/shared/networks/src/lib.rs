@@ -29,6 +29,7 @@ pub mod layers;
 pub mod neighbours;
 pub mod networks;
 pub mod object_encoder;
+pub mod pair_measures;
 pub mod parameters;
 pub mod points;
 pub mod prior;
@@ -37,6 +38,7 @@ pub mod sampling;
 pub mod scene_encoder;
 pub mod serving;
 pub mod set_abstraction;
+pub mod shared_scene;
 pub mod weights;
 
 pub use config::{GOAL_RELATIONS, NetworksConfig, PREDICTED_RELATIONS};

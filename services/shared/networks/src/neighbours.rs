@@ -34,6 +34,12 @@ impl Neighbours {
         Self { starts: vec![0, points as u32], indices: (0..points as u32).collect() }
     }
 
+    /// Appends one list.
+    pub fn push(&mut self, list: &[u32]) {
+        self.indices.extend_from_slice(list);
+        self.starts.push(self.indices.len() as u32);
+    }
+
     /// Appends another's lists, its point indices raised by `first_point`.
     pub fn append(&mut self, other: &Self, first_point: usize) {
         let end = self.indices.len() as u32;

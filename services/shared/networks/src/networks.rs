@@ -13,7 +13,8 @@ use crate::{
     scene_encoder::SceneEncoder,
 };
 
-/// The five networks. Encoders, relation predictor and prior are trained jointly, the discriminator apart.
+/// The paper's five networks and ours. Encoders, relation predictor and prior are trained jointly, the discriminator and the outcome network
+/// each apart.
 #[derive(Debug, Clone)]
 pub struct Networks {
     /// `e`.
@@ -26,10 +27,14 @@ pub struct Networks {
     pub prior: Prior,
     /// `f`.
     pub discriminator: Discriminator,
+    /// The discriminator's layers again, trained on what happens when an object is let go (ours).
+    pub outcome: Option<Discriminator>,
 }
 
-/// The first part of the discriminator's parameter paths: what tells the two trainings apart.
+/// The first part of the discriminator's parameter paths: what tells the trainings apart.
 pub const DISCRIMINATOR: &str = "discriminator/";
+/// The first part of the outcome network's parameter paths.
+pub const OUTCOME: &str = "outcome/";
 
 impl Networks {
     /// New networks with weights from a generator, and their parameters.
@@ -48,13 +53,22 @@ impl Networks {
         Self::build(Builder::stored(weights), config)
     }
 
+    /// Networks with stored weights where there are some that fit and new ones elsewhere, so that training can go on with other parts.
+    ///
+    /// # Errors
+    /// None on a CPU; candle's signature.
+    pub fn started(config: &NetworksConfig, weights: &WeightMap, rng: &mut Pcg64) -> Result<(Self, Parameters)> {
+        Self::build(Builder::started(weights, rng), config)
+    }
+
     fn build(mut builder: Builder<'_>, config: &NetworksConfig) -> Result<(Self, Parameters)> {
         let networks = Self {
             object: ObjectEncoder::new(&mut builder, config)?,
             scene: SceneEncoder::new(&mut builder, config)?,
             relations: RelationPredictor::new(&mut builder, config)?,
             prior: Prior::new(&mut builder, config)?,
-            discriminator: Discriminator::new(&mut builder, config)?,
+            discriminator: Discriminator::new(&mut builder, "discriminator", config)?,
+            outcome: if config.outcome { Some(Discriminator::new(&mut builder, "outcome", config)?) } else { None },
         };
         Ok((networks, builder.finish()))
     }

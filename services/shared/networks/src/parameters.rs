@@ -21,11 +21,21 @@ pub enum Init {
     Constant(f32),
 }
 
+impl Init {
+    fn values(self, count: usize, rng: &mut Pcg64) -> Vec<f32> {
+        match self {
+            Self::Uniform(bound) => (0..count).map(|_| rng.random_range(-bound..=bound)).collect(),
+            Self::Constant(value) => vec![value; count],
+        }
+    }
+}
+
 /// Where the values come from.
 #[derive(Debug)]
 enum Source<'a> {
     Seed(&'a mut Pcg64),
     Stored(&'a WeightMap),
+    Started(&'a WeightMap, &'a mut Pcg64),
 }
 
 /// All tensors of the networks that are trained together.
@@ -72,6 +82,11 @@ impl<'a> Builder<'a> {
         Self { source: Source::Stored(weights), path: Vec::new(), parameters: Parameters::default() }
     }
 
+    /// Stored values where there are some of the right shape, new ones from the generator elsewhere.
+    pub fn started(weights: &'a WeightMap, rng: &'a mut Pcg64) -> Self {
+        Self { source: Source::Started(weights, rng), path: Vec::new(), parameters: Parameters::default() }
+    }
+
     /// The tensors made so far.
     pub fn finish(self) -> Parameters {
         self.parameters
@@ -114,9 +129,10 @@ impl<'a> Builder<'a> {
         let path = self.path.iter().map(String::as_str).chain([name]).collect::<Vec<_>>().join("/");
         let count: usize = shape.iter().product();
         let values = match &mut self.source {
-            Source::Seed(rng) => match init {
-                Init::Uniform(bound) => (0..count).map(|_| rng.random_range(-bound..=bound)).collect(),
-                Init::Constant(value) => vec![value; count],
+            Source::Seed(rng) => init.values(count, rng),
+            Source::Started(weights, rng) => match weights.get(&path) {
+                Some((stored, values)) if stored == shape => values.clone(),
+                _ => init.values(count, rng),
             },
             Source::Stored(weights) => match weights.get(&path) {
                 Some((stored, values)) if stored == shape => values.clone(),

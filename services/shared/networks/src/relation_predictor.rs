@@ -5,12 +5,17 @@ use candle_core::{Result, Tensor};
 use crate::{
     config::{NetworksConfig, PREDICTED_RELATIONS},
     layers::Linear,
+    pair_measures::PAIR_MEASURES,
     parameters::Builder,
 };
 
-/// `[h_i, h_j]` → 128 → 9 logits.
+/// The path of the weight that only the `measured` variant has.
+pub(crate) const MEASURES_WEIGHT: &str = "relations/measures/weight";
+
+/// `[h_i, h_j]` → 128 → 9 logits; the `measured` variant (ours) has an encoding of [`crate::pair_measures`] beside the codes.
 #[derive(Debug, Clone)]
 pub struct RelationPredictor {
+    measures: Option<Linear>,
     hidden: Linear,
     out: Linear,
 }
@@ -22,19 +27,26 @@ impl RelationPredictor {
     /// When stored weights do not fit.
     pub fn new(builder: &mut Builder<'_>, config: &NetworksConfig) -> Result<Self> {
         builder.within("relations", |b| {
+            let measures = config.measures_code.map(|width| Linear::new(b, "measures", PAIR_MEASURES, width)).transpose()?;
             Ok(Self {
-                hidden: Linear::new(b, "hidden", 2 * config.code, config.hidden[1])?,
+                measures,
+                hidden: Linear::new(b, "hidden", 2 * config.code + config.measures_code.unwrap_or(0), config.hidden[1])?,
                 out: Linear::new(b, "out", config.hidden[1], PREDICTED_RELATIONS)?,
             })
         })
     }
 
-    /// Codes of queries (with their centres relative to the anchors) and of anchors, `[pairs, 128]` each → logits `[pairs, 9]`.
+    /// Codes of queries (with their centres relative to the anchors) and of anchors, `[pairs, 128]` each, and their measures
+    /// `[pairs, 39]`, which the paper's variant does not read → logits `[pairs, 9]`.
     ///
     /// # Errors
     /// When the shapes do not fit.
-    pub fn logits(&self, queries: &Tensor, anchors: &Tensor) -> Result<Tensor> {
-        self.out.forward(&self.hidden.forward(&Tensor::cat(&[queries, anchors], 1)?)?.relu()?)
+    pub fn logits(&self, queries: &Tensor, anchors: &Tensor, measures: &Tensor) -> Result<Tensor> {
+        let input = match &self.measures {
+            Some(layer) => Tensor::cat(&[queries, anchors, &layer.forward(measures)?.relu()?], 1)?,
+            None => Tensor::cat(&[queries, anchors], 1)?,
+        };
+        self.out.forward(&self.hidden.forward(&input)?.relu()?)
     }
 }
 

@@ -62,7 +62,7 @@ impl Call {
 
     /// What a compute job of this call needs to know.
     pub fn context(&self) -> JobContext {
-        JobContext::new(self.deadline.into_std(), self.cancelled.clone())
+        JobContext::new(self.deadline.into_std(), self.cancelled.clone()).with_priority(self.priority)
     }
 
     /// The error for a method that the service does not have.

@@ -2,14 +2,15 @@
 //!
 //! Async code submits and awaits; compute threads never await. A full queue refuses at once. A job whose caller has gone, whose deadline
 //! has passed or whose request was cancelled is never started. Jobs that wait together are handed over together, up to `max_batch`, so
-//! that an inference thread can batch across requests. A panic ends its jobs with `internal` and not the thread.
+//! that an inference thread can batch across requests, and a thread may wait a configured time for a fuller batch. Interactive jobs go before
+//! batch ones, which get a turn after some were let by. A panic ends its jobs with `internal` and not the thread.
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use repose_proto::{CallError, ErrorCode};
+use repose_proto::{CallError, ErrorCode, Priority};
 use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
@@ -27,11 +28,16 @@ pub struct QueueSettings {
     pub threads: usize,
     /// Jobs that a thread takes at once.
     pub max_batch: usize,
+    /// How long the first job of a batch waits for others. Higher: fuller batches when many ask, and every lone job is later by as much.
+    pub max_wait: Duration,
 }
+
+/// Interactive jobs that may be taken before a batch job that waits: no more, or a busy service would never come to it.
+const LET_BY: usize = 8;
 
 impl Default for QueueSettings {
     fn default() -> Self {
-        Self { name: "compute".to_owned(), capacity: 32, threads: 1, max_batch: 1 }
+        Self { name: "compute".to_owned(), capacity: 32, threads: 1, max_batch: 1, max_wait: Duration::ZERO }
     }
 }
 
@@ -40,12 +46,19 @@ impl Default for QueueSettings {
 pub struct JobContext {
     deadline: Instant,
     cancelled: CancellationToken,
+    priority: Priority,
 }
 
 impl JobContext {
     /// A job that must be done by `deadline` and ends when `cancelled` is triggered.
     pub fn new(deadline: Instant, cancelled: CancellationToken) -> Self {
-        Self { deadline, cancelled }
+        Self { deadline, cancelled, priority: Priority::Interactive }
+    }
+
+    /// The same with another priority; jobs are interactive unless said otherwise.
+    #[must_use]
+    pub fn with_priority(self, priority: Priority) -> Self {
+        Self { priority, ..self }
     }
 
     /// A job that nobody cancels.
@@ -127,8 +140,40 @@ impl<T> JobReply<T> {
 }
 
 struct State<R, T> {
-    jobs: VecDeque<Job<R, T>>,
+    interactive: VecDeque<Job<R, T>>,
+    batch: VecDeque<Job<R, T>>,
+    /// Interactive jobs taken while a batch job waited, since the last batch job.
+    let_by: usize,
     closed: bool,
+}
+
+impl<R, T> State<R, T> {
+    fn waiting(&self) -> usize {
+        self.interactive.len() + self.batch.len()
+    }
+
+    fn push(&mut self, job: Job<R, T>) {
+        match job.context.priority {
+            Priority::Interactive => self.interactive.push_back(job),
+            Priority::Batch => self.batch.push_back(job),
+        }
+    }
+
+    /// The next job: the oldest interactive one, unless a batch job has let enough by.
+    fn pop(&mut self) -> Option<Job<R, T>> {
+        if self.interactive.is_empty() || (!self.batch.is_empty() && self.let_by >= LET_BY) {
+            self.let_by = 0;
+            return self.batch.pop_front();
+        }
+        self.let_by = if self.batch.is_empty() { 0 } else { self.let_by + 1 };
+        self.interactive.pop_front()
+    }
+
+    /// Forgets those nobody waits for.
+    fn drop_abandoned(&mut self) {
+        self.interactive.retain(|job| !job.reply.0.is_closed());
+        self.batch.retain(|job| !job.reply.0.is_closed());
+    }
 }
 
 struct Shared<R, T> {
@@ -146,15 +191,23 @@ impl<R, T> Shared<R, T> {
     /// Waits for jobs; none when the queue is closed and empty.
     fn take(&self) -> Option<Vec<Job<R, T>>> {
         let mut state = self.state();
+        let most = self.settings.max_batch.max(1);
+        let mut batch = Vec::new();
+        let mut full_by = None;
         loop {
-            let mut batch = Vec::new();
-            while batch.len() < self.settings.max_batch.max(1) {
-                let Some(job) = state.jobs.pop_front() else { break };
+            while batch.len() < most {
+                let Some(job) = state.pop() else { break };
                 batch.extend(job.alive());
             }
-            self.gauge.set_waiting(state.jobs.len());
+            self.gauge.set_waiting(state.waiting());
             if !batch.is_empty() {
-                return Some(batch);
+                let full_by = *full_by.get_or_insert_with(|| Instant::now() + self.settings.max_wait);
+                let left = full_by.saturating_duration_since(Instant::now());
+                if batch.len() == most || left.is_zero() || state.closed {
+                    return Some(batch);
+                }
+                state = self.arrived.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
+                continue;
             }
             if state.closed {
                 return None;
@@ -178,7 +231,7 @@ impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
     where
         W: FnMut(Vec<Job<R, T>>) + Send + 'static,
     {
-        let state = Mutex::new(State { jobs: VecDeque::new(), closed: false });
+        let state = Mutex::new(State { interactive: VecDeque::new(), batch: VecDeque::new(), let_by: 0, closed: false });
         let shared = Arc::new(Shared { state, arrived: Condvar::new(), gauge: Arc::default(), settings });
         // Made first, so that the threads end when one of them could not be started.
         let queue = Self { shared: shared.clone() };
@@ -210,16 +263,16 @@ impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
         context.check()?;
         let (reply, answer) = oneshot::channel();
         let mut state = self.shared.state();
-        if state.jobs.len() >= self.shared.settings.capacity {
+        if state.waiting() >= self.shared.settings.capacity {
             // Those nobody waits for make room first.
-            state.jobs.retain(|job| !job.reply.0.is_closed());
+            state.drop_abandoned();
         }
-        if state.jobs.len() >= self.shared.settings.capacity {
-            let error = CallError::new(ErrorCode::ResourceExhausted, format!("{} calls wait already", state.jobs.len()));
+        if state.waiting() >= self.shared.settings.capacity {
+            let error = CallError::new(ErrorCode::ResourceExhausted, format!("{} calls wait already", state.waiting()));
             return Err(error.retry_after(self.shared.gauge.retry_after_ms(self.shared.settings.threads)));
         }
-        state.jobs.push_back(Job { request, context: context.clone(), reply: JobReply(reply) });
-        self.shared.gauge.set_waiting(state.jobs.len());
+        state.push(Job { request, context: context.clone(), reply: JobReply(reply) });
+        self.shared.gauge.set_waiting(state.waiting());
         drop(state);
         self.shared.arrived.notify_one();
         Ok(Pending { answer, context })
@@ -444,5 +497,60 @@ mod tests {
         for other in others {
             assert_eq!(other.answer().await, Ok(5));
         }
+    }
+
+    /// A queue that answers each job with how many jobs came before it and how many came with it. Its thread is held by the first job, a
+    /// zero, until the sender is dropped.
+    fn ordered(settings: QueueSettings) -> (BatchQueue<u32, (usize, usize)>, mpsc::Sender<()>) {
+        let (release, released) = mpsc::channel::<()>();
+        let mut released = Some(released);
+        let queue = BatchQueue::start(settings, |_| {
+            let (released, mut before) = (released.take(), 0);
+            move |jobs: Vec<Job<u32, (usize, usize)>>| {
+                if jobs[0].request == 0 {
+                    let _released = released.as_ref().map(mpsc::Receiver::recv);
+                }
+                let size = jobs.len();
+                for job in jobs {
+                    job.finish(Ok((before, size)));
+                    before += 1;
+                }
+            }
+        });
+        (queue.unwrap(), release)
+    }
+
+    #[tokio::test]
+    async fn interactive_jobs_go_first_and_batch_jobs_get_their_turn() {
+        let (queue, release) = ordered(QueueSettings { capacity: 64, ..QueueSettings::default() });
+        let first = queue.submit(minute(), 0).unwrap();
+        while queue.gauge().running() == 0 {
+            tokio::task::yield_now().await;
+        }
+        let batch: Vec<_> = (0..2).map(|_| queue.submit(minute().with_priority(Priority::Batch), 1).unwrap()).collect();
+        let interactive: Vec<_> = (0..20).map(|_| queue.submit(minute(), 2).unwrap()).collect();
+        drop(release);
+        assert_eq!(first.answer().await.unwrap().0, 0);
+        let mut places = Vec::new();
+        for job in batch {
+            places.push(job.answer().await.unwrap().0);
+        }
+        assert_eq!(places, [1 + LET_BY, 2 + 2 * LET_BY]);
+        for job in interactive {
+            job.answer().await.unwrap();
+        }
+    }
+
+    #[tokio::test]
+    async fn a_batch_waits_for_others_as_long_as_it_may() {
+        let wait = Duration::from_secs(30);
+        let (queue, _release) = ordered(QueueSettings { capacity: 16, max_batch: 3, max_wait: wait, ..QueueSettings::default() });
+        // Nothing holds the thread: it takes the first job and waits; the third fills the batch long before the time is over.
+        let jobs: Vec<_> = (1..=3).map(|i| queue.submit(minute(), i).unwrap()).collect();
+        for job in jobs {
+            assert_eq!(job.answer().await.unwrap().1, 3);
+        }
+        let (queue, _release) = ordered(QueueSettings { max_batch: 3, max_wait: Duration::from_millis(1), ..QueueSettings::default() });
+        assert_eq!(queue.submit(minute(), 1).unwrap().answer().await.unwrap().1, 1, "alone, it does not wait for ever");
     }
 }

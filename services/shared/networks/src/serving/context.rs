@@ -1,11 +1,14 @@
 //! A scene prepared once for any number of questions: clouds in the viewer's axes, in sampling order.
 
 use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use nalgebra::{Point3, Rotation3};
 use repose_geometry::ViewerFrame;
 
 use crate::points::{CloudConfig, ObjectCloud, SceneCloud};
+
+use super::shared::SceneFeatures;
 
 /// A placement of the query: where the centroid of its observed cloud goes, in the world, and how far it is turned about world z
 /// (counter-clockwise, radians) from how it was observed.
@@ -59,7 +62,15 @@ pub struct SceneContext {
     objects: BTreeMap<u16, ObjectCloud>,
     viewer_from_world: Rotation3<f32>,
     viewer: ViewerFrame,
+    /// The scene's features without a query, newest last: whose weights, which query, what.
+    features: Arc<Mutex<Vec<Features>>>,
 }
+
+/// Weights hash, query, features.
+type Features = (String, u16, Arc<SceneFeatures>);
+
+/// Queries whose scene features are kept, about 2 MB each.
+const FEATURES_KEPT: usize = 4;
 
 impl SceneContext {
     /// Prepares world points `[n]` with labels `[n]` (0 = not an object), seen by a viewer at `view_yaw_rad` (see
@@ -87,7 +98,7 @@ impl SceneContext {
             by_label.iter().filter_map(|(label, points)| Some((*label, ObjectCloud::new(points, config)?))).collect();
         let centers: Vec<Point3<f32>> = objects.values().map(|o| o.centroid_in_viewer).collect();
         let scene = SceneCloud::new(&points, labels, &centers, config);
-        Ok(Self { scene, objects, viewer_from_world: viewer.viewer_from_world().cast(), viewer })
+        Ok(Self { scene, objects, viewer_from_world: viewer.viewer_from_world().cast(), viewer, features: Arc::default() })
     }
 
     /// The labels of the objects that have points, ascending.
@@ -107,6 +118,21 @@ impl SceneContext {
 
     pub(super) fn object(&self, field: &'static str, label: u16) -> Result<&ObjectCloud, InputError> {
         self.objects.get(&label).ok_or(InputError::UnknownObject { field, label })
+    }
+
+    /// The scene's features without a query under some weights: made when they are first asked for, and kept for the queries asked for last.
+    pub(super) fn features_without(&self, query: u16, weights: &str, make: impl FnOnce() -> SceneFeatures) -> Arc<SceneFeatures> {
+        // Held while they are made: threads that ask at once would all make the same.
+        let mut kept = self.features.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((.., features)) = kept.iter().find(|(hash, label, _)| hash == weights && *label == query) {
+            return Arc::clone(features);
+        }
+        let features = Arc::new(make());
+        if kept.len() == FEATURES_KEPT {
+            kept.remove(0);
+        }
+        kept.push((weights.to_owned(), query, Arc::clone(&features)));
+        features
     }
 
     /// Candidates' positions in the viewer's axes with their yaws.

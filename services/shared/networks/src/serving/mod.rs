@@ -5,6 +5,7 @@
 mod context;
 mod models;
 mod point_net;
+mod shared;
 mod spread;
 
 pub use context::{Candidate, InputError, SceneContext};

@@ -5,6 +5,7 @@ use crate::{
     config::{GOAL_RELATIONS, NetworksConfig, PREDICTED_RELATIONS},
     crops,
     kernel::PackedLinear,
+    pair_measures::{MeasuredCloud, PAIR_MEASURES, pair_measures},
     points::ObjectCloud,
     prior::{KAPPA_MAX, OFFSET_UNIT_M, PER_COMPONENT, SIGMA_FLOOR_M},
     weights::{Weights, WeightsError, WeightsInfo},
@@ -13,6 +14,7 @@ use crate::{
 use super::{
     context::{Candidate, InputError, SceneContext},
     point_net::{Affine, CodeHead, PointNet, Scratch, Stored, row},
+    shared::SceneFeatures,
     spread::spread,
 };
 
@@ -43,6 +45,7 @@ pub struct Models {
     object_head: CodeHead,
     scene: PointNet,
     scene_head: CodeHead,
+    relation_measures: Option<PackedLinear>,
     relation_hidden: PackedLinear,
     relation_out: PackedLinear,
     prior_hidden: PackedLinear,
@@ -50,6 +53,7 @@ pub struct Models {
     prior_out: PackedLinear,
     discriminator: PointNet,
     discriminator_out: PackedLinear,
+    outcome: Option<(PointNet, PackedLinear)>,
     info: WeightsInfo,
     hash: String,
 }
@@ -77,7 +81,7 @@ impl Models {
     /// As [`Models::load`].
     pub fn load_for(bytes: &[u8], kernel: Kernel) -> Result<Self, WeightsError> {
         let weights = Weights::from_bytes(bytes)?;
-        let config = NetworksConfig::default();
+        let config = NetworksConfig::of_weights(&weights.values);
         let stored = Stored { weights: &weights.values };
         let width = |levels: &[crate::config::SetAbstractionConfig]| levels.last().map_or(0, |l| l.outputs());
         let (code, hidden) = (config.code, config.hidden[1]);
@@ -87,13 +91,20 @@ impl Models {
             object_head: CodeHead::new(&stored, "object", &config, width(&config.object_levels))?,
             scene: PointNet::new(&stored, "scene", &config.scene_levels)?,
             scene_head: CodeHead::new(&stored, "scene", &config, width(&config.scene_levels))?,
-            relation_hidden: stored.linear("relations/hidden", 2 * code, hidden)?,
+            relation_measures: config.measures_code.map(|width| stored.linear("relations/measures", PAIR_MEASURES, width)).transpose()?,
+            relation_hidden: stored.linear("relations/hidden", 2 * code + config.measures_code.unwrap_or(0), hidden)?,
             relation_out: stored.linear("relations/out", hidden, PREDICTED_RELATIONS)?,
             prior_hidden: stored.linear("prior/hidden", 3 * code + GOAL_RELATIONS, hidden)?,
             prior_norm: stored.batch_norm("prior/norm", hidden)?,
             prior_out: stored.linear("prior/out", hidden, config.components * PER_COMPONENT)?,
             discriminator: PointNet::new(&stored, "discriminator", &config.discriminator_levels)?,
             discriminator_out: stored.linear("discriminator/out", width(&config.discriminator_levels), 1)?,
+            outcome: if config.outcome {
+                let points = PointNet::new(&stored, "outcome", &config.discriminator_levels)?;
+                Some((points, stored.linear("outcome/out", width(&config.discriminator_levels), 1)?))
+            } else {
+                None
+            },
             info: weights.info,
             hash: weights.hash,
             config,
@@ -157,17 +168,23 @@ impl Models {
         for anchor in anchors {
             let (q, anchor) = pair(scene, query, *anchor)?;
             query_cloud = q;
-            anchor_codes.push((self.code(&self.shape(anchor, scratch), [0.0; 3]), anchor.centroid_in_viewer));
+            anchor_codes.push((self.code(&self.shape(anchor, scratch), [0.0; 3]), self.measured(anchor), anchor.centroid_in_viewer));
         }
         // A translation changes only the centre's encoding; a turn changes the shape's too.
-        let unturned = self.shape(query_cloud, scratch);
+        let seen = |query: &ObjectCloud, scratch: &mut Scratch| (self.shape(query, scratch), self.measured(query));
+        let unturned = seen(query_cloud, scratch);
         Ok(spread(placed.len(), threads, Scratch::default, |scratch, i| {
             let (position, yaw_rad) = placed[i];
-            let turned = (yaw_rad != 0.0).then(|| self.shape(&query_cloud.turned(yaw_rad), scratch));
-            let shape = turned.as_ref().unwrap_or(&unturned);
-            let of_anchor = |(anchor, centroid): &(Vec<f32>, nalgebra::Point3<f32>)| {
-                let query = self.code(shape, std::array::from_fn(|k| position[k] - centroid[k]));
-                let hidden = row(self.kernel, &self.relation_hidden, &[&query[..], anchor].concat(), true);
+            let turned = (yaw_rad != 0.0).then(|| seen(&query_cloud.turned(yaw_rad), scratch));
+            let (shape, measured) = turned.as_ref().unwrap_or(&unturned);
+            let of_anchor = |(anchor, anchor_measured, centroid): &(Vec<f32>, Option<MeasuredCloud>, nalgebra::Point3<f32>)| {
+                let offset = std::array::from_fn(|k| position[k] - centroid[k]);
+                let mut input = self.code(shape, offset);
+                input.extend_from_slice(anchor);
+                if let (Some(layer), Some(query), Some(anchor)) = (&self.relation_measures, measured, anchor_measured) {
+                    input.extend(row(self.kernel, layer, &pair_measures(query, anchor, offset), true));
+                }
+                let hidden = row(self.kernel, &self.relation_hidden, &input, true);
                 let logits = row(self.kernel, &self.relation_out, &hidden, false);
                 std::array::from_fn(|r| sigmoid(logits[r]))
             };
@@ -175,7 +192,7 @@ impl Models {
         }))
     }
 
-    /// How much each candidate looks like an object at rest, 0 to 1, `[candidates]`, on up to `threads` threads.
+    /// How much each candidate looks like an object at rest (paper), 0 to 1, `[candidates]`, on up to `threads` threads.
     ///
     /// # Errors
     /// [`InputError`] for an unknown query and numbers that are not finite.
@@ -186,13 +203,38 @@ impl Models {
         Ok(spread(placed.len(), threads, Scratch::default, |scratch, i| {
             let (position, yaw_rad) = placed[i];
             let crop = crops::discriminator_input(self.kernel, &self.config, &without_query, &query_cloud.turned(yaw_rad), position);
-            self.realism_of(&crop, scratch)
+            let features = self.discriminator.forward(self.kernel, &crop, scratch);
+            sigmoid(row(self.kernel, &self.discriminator_out, &features, false)[0])
         }))
     }
 
-    fn realism_of(&self, crop: &crops::Grouped, scratch: &mut Scratch) -> f32 {
-        let features = self.discriminator.forward(self.kernel, crop, scratch);
-        sigmoid(row(self.kernel, &self.discriminator_out, &features, false)[0])
+    /// How likely each candidate stays where it is let go (ours: learned from simulated releases), 0 to 1, `[candidates]`, on up to `threads`
+    /// threads. The discriminator's answer where the weights have no outcome network ([`Models::has_outcome`]).
+    ///
+    /// # Errors
+    /// As [`Models::realism`].
+    pub fn outcome(&self, scene: &SceneContext, query: u16, candidates: &[Candidate], threads: usize) -> Result<Vec<f32>, InputError> {
+        let Some((points, out)) = &self.outcome else { return self.realism(scene, query, candidates, threads) };
+        let placed = scene.in_viewer(candidates)?;
+        let query_cloud = scene.object("query", query)?;
+        let features = scene
+            .features_without(query, &self.hash, || SceneFeatures::new(self.kernel, &self.config, points, &scene.scene.without(query)));
+        Ok(spread(placed.len(), threads, Scratch::default, |scratch, i| {
+            let (position, yaw_rad) = placed[i];
+            let query = query_cloud.turned(yaw_rad);
+            let candidate = features.of_candidate(self.kernel, &self.config, points, &query, position, scratch);
+            sigmoid(row(self.kernel, out, &candidate, false)[0])
+        }))
+    }
+
+    /// Whether the weights have an outcome network.
+    pub fn has_outcome(&self) -> bool {
+        self.outcome.is_some()
+    }
+
+    /// What measuring needs of an object, where the predictor reads measures.
+    fn measured(&self, object: &ObjectCloud) -> Option<MeasuredCloud> {
+        self.relation_measures.as_ref().map(|_| MeasuredCloud::new(object))
     }
 
     fn shape(&self, object: &ObjectCloud, scratch: &mut Scratch) -> Vec<f32> {

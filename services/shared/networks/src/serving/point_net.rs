@@ -7,6 +7,7 @@ use crate::{
     crops::Grouped,
     kernel::{Kernel, PackedLinear, PairMlp},
     layers::NORM_EPSILON,
+    neighbours::Neighbours,
     object_encoder::CENTER_UNIT_M,
     parameters::WeightMap,
 };
@@ -81,7 +82,6 @@ pub(crate) struct Scratch {
     point_terms: Vec<f32>,
     centroid_terms: Vec<f32>,
     pair: Vec<f32>,
-    features: Vec<f32>,
 }
 
 #[derive(Debug, Clone)]
@@ -110,40 +110,53 @@ impl PointNet {
 
     /// One sample → the last level's features.
     pub(crate) fn forward(&self, kernel: Kernel, sample: &Grouped, scratch: &mut Scratch) -> Vec<f32> {
-        let Scratch { input, point_terms, centroid_terms, pair, features } = scratch;
-        features.clear();
-        if self.levels.first().is_some_and(|l| l.config.features == 1) {
-            features.extend_from_slice(&sample.is_query);
-        }
+        let is_labelled = self.levels.first().is_some_and(|l| l.config.features == 1);
+        let mut features = if is_labelled { sample.is_query.clone() } else { Vec::new() };
         let mut points = &sample.points;
-        for (level, grouping) in self.levels.iter().zip(&sample.levels) {
-            let scale = 1.0 / level.config.radius_m;
-            let width = level.config.features;
-            input.clear();
-            for (i, p) in points.iter().enumerate() {
-                input.extend(p.map(|x| x * scale));
-                input.extend_from_slice(&features[i * width..(i + 1) * width]);
-            }
-            point_terms.resize(points.len() * level.first.padded(), 0.0);
-            kernel.linear(&level.first, input, points.len(), false, point_terms);
-            input.clear();
-            input.extend(grouping.centroids.iter().flatten().map(|x| x * scale));
-            let count = grouping.centroids.len();
-            centroid_terms.resize(count * level.first_of_centroids.padded(), 0.0);
-            kernel.linear(&level.first_of_centroids, input, count, false, centroid_terms);
-            features.resize(count * level.last.padded(), 0.0);
-            let op =
-                PairMlp { point_terms, centroid_terms, middle: level.middle.as_ref(), last: &level.last, neighbours: &grouping.neighbours };
-            kernel.pair_mlp(&op, features, pair);
-            if level.config.centroids == 0 {
-                level.norm.layer_normed(features);
-                features.iter_mut().for_each(|x| *x = x.max(0.0));
-            } else {
-                level.norm.relu(features);
-            }
+        for (level, grouping) in (0..).zip(&sample.levels) {
+            features = self.level(kernel, level, points, &features, &grouping.centroids, &grouping.neighbours, scratch);
             points = &grouping.centroids;
         }
-        features.clone()
+        features
+    }
+
+    /// One level: coordinates and features of points → features of centroids `[centroids, outputs]`, in the world they share.
+    #[allow(clippy::too_many_arguments, reason = "a level's input, named one by one")]
+    pub(crate) fn level(
+        &self,
+        kernel: Kernel,
+        level: usize,
+        points: &[[f32; 3]],
+        features: &[f32],
+        centroids: &[[f32; 3]],
+        neighbours: &Neighbours,
+        scratch: &mut Scratch,
+    ) -> Vec<f32> {
+        let Scratch { input, point_terms, centroid_terms, pair } = scratch;
+        let level = &self.levels[level];
+        let scale = 1.0 / level.config.radius_m;
+        let width = level.config.features;
+        input.clear();
+        for (i, p) in points.iter().enumerate() {
+            input.extend(p.map(|x| x * scale));
+            input.extend_from_slice(&features[i * width..(i + 1) * width]);
+        }
+        point_terms.resize(points.len() * level.first.padded(), 0.0);
+        kernel.linear(&level.first, input, points.len(), false, point_terms);
+        input.clear();
+        input.extend(centroids.iter().flatten().map(|x| x * scale));
+        centroid_terms.resize(centroids.len() * level.first_of_centroids.padded(), 0.0);
+        kernel.linear(&level.first_of_centroids, input, centroids.len(), false, centroid_terms);
+        let mut out = vec![0.0; centroids.len() * level.last.padded()];
+        let op = PairMlp { point_terms, centroid_terms, middle: level.middle.as_ref(), last: &level.last, neighbours };
+        kernel.pair_mlp(&op, &mut out, pair);
+        if level.config.centroids == 0 {
+            out.chunks_exact_mut(level.last.padded()).for_each(|row| level.norm.layer_normed(row));
+            out.iter_mut().for_each(|x| *x = x.max(0.0));
+        } else {
+            level.norm.relu(&mut out);
+        }
+        out
     }
 }
 

@@ -1,0 +1,45 @@
+//! `repose weights`: parts that were trained apart, put into one file.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use repose_networks::Weights;
+use repose_training::{Part, merge::merged};
+use serde_json::json;
+
+use crate::failure::{Failure, Outcome};
+use crate::output::Output;
+
+/// Arguments of `weights`.
+#[derive(Debug, Args)]
+pub struct WeightsArgs {
+    /// Weights whose encoders, relation predictor and prior are taken.
+    #[arg(long, value_name = "FILE")]
+    pub joint: PathBuf,
+    /// Weights whose discriminator is taken.
+    #[arg(long, value_name = "FILE")]
+    pub discriminator: PathBuf,
+    /// Weights whose outcome network is taken; the result has none without.
+    #[arg(long, value_name = "FILE")]
+    pub outcome: Option<PathBuf>,
+    /// The file that is written.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+}
+
+/// Runs the command.
+pub fn run(args: &WeightsArgs, output: Output) -> Outcome {
+    let read = |field: &str, path: &Path| {
+        let failed = |e: &dyn std::fmt::Display| Failure::bad_input(field, format!("{}: {e}", path.display()));
+        Weights::from_bytes(&std::fs::read(path).map_err(|e| failed(&e))?).map_err(|e| failed(&e))
+    };
+    let mut parts = vec![(Part::Joint, read("joint", &args.joint)?), (Part::Discriminator, read("discriminator", &args.discriminator)?)];
+    if let Some(path) = &args.outcome {
+        parts.push((Part::Outcome, read("outcome", path)?));
+    }
+    let bytes = merged(&parts).map_err(|e| Failure::bad_input("weights", e))?;
+    std::fs::write(&args.out, &bytes).map_err(|e| Failure::bad_input("out", format!("{}: {e}", args.out.display())))?;
+    let hash = Weights::from_bytes(&bytes).map_err(Failure::other)?.hash;
+    let document = json!({"weights": args.out, "hash": hash, "bytes": bytes.len()});
+    output.print(&document, || format!("{}: {} bytes, {hash}", args.out.display(), bytes.len()))
+}

@@ -1,0 +1,93 @@
+//! Weights that change while they are served: the file is looked at now and then, and what is new in it is loaded and tried before it takes
+//! the place of the old. A file that cannot be read or does not fit is reported once, and the old weights go on.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
+
+use tokio_util::task::AbortOnDropHandle;
+
+use crate::config::InferenceConfig;
+use crate::engine_of;
+use crate::worker::Worker;
+
+/// What tells one version of a file from the next: when it was written, and its length.
+type Version = Option<(SystemTime, u64)>;
+
+fn version_of(path: &Path) -> Version {
+    let metadata = std::fs::metadata(path).ok()?;
+    Some((metadata.modified().ok()?, metadata.len()))
+}
+
+/// Watches the configured file on behalf of a worker until the handle is dropped; nothing where there is no file, or it is not to be looked at.
+pub fn watch(worker: &Arc<Worker>, config: &InferenceConfig) -> Option<AbortOnDropHandle<()>> {
+    let path = config.weights.clone().filter(|_| config.weights_check_ms > 0)?;
+    let every = Duration::from_millis(config.weights_check_ms);
+    let (worker, config) = (Arc::clone(worker), config.clone());
+    let mut served = version_of(&path);
+    Some(AbortOnDropHandle::new(tokio::spawn(async move {
+        loop {
+            tokio::time::sleep(every).await;
+            let found = version_of(&path);
+            // A file that is missing is being replaced.
+            if found.is_none() || found == served {
+                continue;
+            }
+            served = found;
+            swap(&worker, &path, config.clone()).await;
+        }
+    })))
+}
+
+/// Serves the file's weights from now on, if they can be served.
+async fn swap(worker: &Arc<Worker>, path: &PathBuf, config: InferenceConfig) {
+    match tokio::task::spawn_blocking(move || engine_of(&config)).await {
+        Ok(Ok(engine)) => {
+            tracing::info!(path = %path.display(), from = worker.engine().weights_hash(), to = engine.weights_hash(), "new weights");
+            worker.serve_with(engine);
+        }
+        Ok(Err(error)) => tracing::error!(path = %path.display(), %error, "the new weights are not served"),
+        Err(error) => tracing::error!(path = %path.display(), %error, "loading the new weights failed"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_networks::{NetworksConfig, Weights};
+
+    use super::*;
+
+    async fn comes_to_be(worker: &Worker, hash: &str) -> bool {
+        for _ in 0..1000 {
+            if worker.engine().weights_hash() == hash {
+                return true;
+            }
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+        false
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_new_file_is_served_and_a_broken_one_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("weights.safetensors");
+        let weights = [1, 2].map(|seed| Weights::initial(&NetworksConfig::paper(), seed).unwrap());
+        let hashes = weights.each_ref().map(|bytes| Weights::from_bytes(bytes).unwrap().hash);
+        // Renamed into place, as whoever replaces a file that is in use should.
+        let put = |bytes: &[u8]| {
+            let beside = folder.path().join("new");
+            std::fs::write(&beside, bytes).unwrap();
+            std::fs::rename(beside, &path).unwrap();
+        };
+        put(&weights[0]);
+        let config = InferenceConfig { weights: Some(path.clone()), threads: 1, weights_check_ms: 10, ..InferenceConfig::default() };
+        let worker = Arc::new(Worker::start(engine_of(&config).unwrap(), &config).unwrap());
+        let _watch = watch(&worker, &config).unwrap();
+        assert_eq!(worker.engine().weights_hash(), hashes[0]);
+        put(b"no weights");
+        tokio::time::sleep(Duration::from_millis(300)).await;
+        assert_eq!(worker.engine().weights_hash(), hashes[0]);
+        put(&weights[1]);
+        assert!(comes_to_be(&worker, &hashes[1]).await);
+    }
+}

@@ -1,0 +1,200 @@
+//! What happens when an object of a scene is let go somewhere: what the outcome network learns from.
+//!
+//! Outcomes belong to scenes, not to views: a folder of views may have a folder `releases` in it, with one file per range of scenes.
+//!
+//! ```text
+//! metadata  {"format": "repose-releases-1"}
+//! tensors   "scene_seed"  u64 [n]     the scene
+//!           "object"      u16 [n]     the id of the object that was let go
+//!           "placed"      f32 [n, 4]  where: world position of the object's origin (metres), and its turn about world z from how it
+//!                                     stands in the scene (radians, counter-clockwise)
+//!           "outcome"     f32 [n, 4]  how far its centre moved (metres), how far its up axis tilted (radians), how deep it overlapped
+//!                                     something at the start (metres), the farthest that another object moved (metres)
+//! ```
+
+use std::{
+    collections::HashMap,
+    path::{Path, PathBuf},
+};
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use safetensors::{Dtype, SafeTensors, tensor::TensorView};
+
+use crate::{
+    reader::{ReadError, shard_paths},
+    writer::{FORMAT_KEY, WriteError},
+};
+
+/// The folder of outcomes within a folder of views.
+pub const RELEASES_FOLDER: &str = "releases";
+/// This version of the format.
+const RELEASES_FORMAT: &str = "repose-releases-1";
+
+/// An object let go somewhere, and what came of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReleaseRecord {
+    /// The scene.
+    pub scene_seed: u64,
+    /// The object's id.
+    pub object: u16,
+    /// World position of the object's origin where it was let go, metres.
+    pub origin_m: [f32; 3],
+    /// Its turn about world z from how it stands in the scene, radians.
+    pub yaw_rad: f32,
+    /// How far its centre moved, metres.
+    pub moved_m: f32,
+    /// How far its up axis tilted, radians.
+    pub tilt_rad: f32,
+    /// How deep it overlapped something at the start, metres.
+    pub penetration_m: f32,
+    /// The farthest that another object's centre moved, metres.
+    pub others_moved_m: f32,
+}
+
+impl ReleaseRecord {
+    /// The motion from where the object stands in the scene to where it was let go.
+    pub fn placed_from_settled(&self, world_from_object: &Isometry3<f64>) -> Isometry3<f64> {
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), f64::from(self.yaw_rad));
+        let origin = Vector3::from(self.origin_m).cast::<f64>();
+        Isometry3::from_parts(Translation3::from(origin - turn * world_from_object.translation.vector), turn)
+    }
+}
+
+/// Writes a file of outcomes whole, or not at all.
+///
+/// # Errors
+/// [`WriteError`] when the folder or the file cannot be written.
+pub fn write_releases(path: &Path, releases: &[ReleaseRecord]) -> Result<(), WriteError> {
+    let n = releases.len();
+    let seeds: Vec<u8> = releases.iter().flat_map(|r| r.scene_seed.to_le_bytes()).collect();
+    let objects: Vec<u8> = releases.iter().flat_map(|r| r.object.to_le_bytes()).collect();
+    let rows = |row: &dyn Fn(&ReleaseRecord) -> [f32; 4]| -> Vec<u8> { releases.iter().flat_map(row).flat_map(f32::to_le_bytes).collect() };
+    let placed = rows(&|r| [r.origin_m[0], r.origin_m[1], r.origin_m[2], r.yaw_rad]);
+    let outcome = rows(&|r| [r.moved_m, r.tilt_rad, r.penetration_m, r.others_moved_m]);
+    let view = |dtype, shape: Vec<usize>, bytes| TensorView::new(dtype, shape, bytes).map_err(|e| WriteError::Container(e.to_string()));
+    let tensors = [
+        ("scene_seed", view(Dtype::U64, vec![n], &seeds)?),
+        ("object", view(Dtype::U16, vec![n], &objects)?),
+        ("placed", view(Dtype::F32, vec![n, 4], &placed)?),
+        ("outcome", view(Dtype::F32, vec![n, 4], &outcome)?),
+    ];
+    let metadata = HashMap::from([(FORMAT_KEY.to_owned(), RELEASES_FORMAT.to_owned())]);
+    let bytes = safetensors::serialize(tensors, Some(metadata)).map_err(|e| WriteError::Container(e.to_string()))?;
+    let io = |source| WriteError::Io { path: path.to_path_buf(), source };
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(io)?;
+    }
+    let unfinished = path.with_extension("unfinished");
+    std::fs::write(&unfinished, bytes).and_then(|()| std::fs::rename(&unfinished, path)).map_err(io)
+}
+
+/// The path of the file of outcomes whose first scene is `first_scene`, for `scenes` scenes, under a folder of views.
+pub fn releases_path(folder: &Path, first_scene: u64, scenes: u64) -> PathBuf {
+    folder.join(RELEASES_FOLDER).join(format!("releases_{first_scene:06}_{scenes}.safetensors"))
+}
+
+/// All outcomes under a folder of views, in the order of the files' names; none where there is no such folder.
+///
+/// # Errors
+/// [`ReadError`] when a file cannot be read or does not hold what the format says.
+pub fn read_releases(folder: &Path) -> Result<Vec<ReleaseRecord>, ReadError> {
+    let folder = folder.join(RELEASES_FOLDER);
+    if !folder.is_dir() {
+        return Ok(Vec::new());
+    }
+    let mut all = Vec::new();
+    for path in shard_paths(&folder)? {
+        let bytes = std::fs::read(&path).map_err(|source| ReadError::Io { path: path.clone(), source })?;
+        all.extend(parsed(&path, &bytes)?);
+    }
+    Ok(all)
+}
+
+fn parsed(path: &Path, bytes: &[u8]) -> Result<Vec<ReleaseRecord>, ReadError> {
+    let malformed = |field: &str, reason: String| ReadError::Malformed { path: path.to_path_buf(), field: field.to_owned(), reason };
+    let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| malformed("header", e.to_string()))?;
+    let version = header.metadata().as_ref().and_then(|entries| entries.get(FORMAT_KEY)).map_or("none", String::as_str);
+    if version != RELEASES_FORMAT {
+        return Err(malformed("format", format!("expected {RELEASES_FORMAT}, got {version}")));
+    }
+    let tensors = SafeTensors::deserialize(bytes).map_err(|e| malformed("header", e.to_string()))?;
+    let n = tensors.tensor("scene_seed").map_err(|e| malformed("scene_seed", e.to_string()))?.shape().iter().product::<usize>();
+    let tensor = |name: &str, dtype: Dtype, shape: &[usize]| {
+        let tensor = tensors.tensor(name).map_err(|e| malformed(name, e.to_string()))?;
+        if tensor.dtype() != dtype || tensor.shape() != shape {
+            let reason = format!("expected {dtype:?} {shape:?}, got {:?} {:?}", tensor.dtype(), tensor.shape());
+            return Err(malformed(name, reason));
+        }
+        Ok(tensor.data())
+    };
+    let floats = |bytes: &[u8]| -> Vec<f32> { bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect() };
+    let seeds = tensor("scene_seed", Dtype::U64, &[n])?.chunks_exact(8).map(|b| u64::from_le_bytes(std::array::from_fn(|i| b[i])));
+    let objects = tensor("object", Dtype::U16, &[n])?.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]]));
+    let (placed, outcome) = (floats(tensor("placed", Dtype::F32, &[n, 4])?), floats(tensor("outcome", Dtype::F32, &[n, 4])?));
+    if let Some(i) = placed.iter().chain(&outcome).position(|x| !x.is_finite()) {
+        return Err(malformed("placed, outcome", format!("entry {i} is not finite")));
+    }
+    let rows = placed.chunks_exact(4).zip(outcome.chunks_exact(4));
+    let record = |((scene_seed, object), (p, o)): ((u64, u16), (&[f32], &[f32]))| ReleaseRecord {
+        scene_seed,
+        object,
+        origin_m: [p[0], p[1], p[2]],
+        yaw_rad: p[3],
+        moved_m: o[0],
+        tilt_rad: o[1],
+        penetration_m: o[2],
+        others_moved_m: o[3],
+    };
+    Ok(seeds.zip(objects).zip(rows).map(record).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+
+    fn record(scene_seed: u64) -> ReleaseRecord {
+        ReleaseRecord {
+            scene_seed,
+            object: 3,
+            origin_m: [0.1, -0.2, 0.3],
+            yaw_rad: 0.5,
+            moved_m: 0.01,
+            tilt_rad: 0.02,
+            penetration_m: 0.003,
+            others_moved_m: 0.004,
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_read_in_the_order_of_the_scenes() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(read_releases(folder.path()).unwrap(), []);
+        write_releases(&releases_path(folder.path(), 16, 16), &[record(7), record(8)]).unwrap();
+        write_releases(&releases_path(folder.path(), 0, 16), &[record(1)]).unwrap();
+        assert_eq!(read_releases(folder.path()).unwrap(), [record(1), record(7), record(8)]);
+    }
+
+    #[test]
+    fn a_broken_file_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = releases_path(folder.path(), 0, 1);
+        write_releases(&path, &[ReleaseRecord { moved_m: f32::NAN, ..record(1) }]).unwrap();
+        let error = read_releases(folder.path()).unwrap_err().to_string();
+        assert!(error.contains("releases_000000_1") && error.contains("not finite"), "{error}");
+        write_releases(&path, &[record(1)]).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        std::fs::write(&path, &bytes[..bytes.len() - 8]).unwrap();
+        assert!(read_releases(folder.path()).is_err());
+    }
+
+    #[test]
+    fn a_motion_brings_the_origin_there_and_turns_about_it() {
+        let standing = Isometry3::translation(0.5, 0.5, 0.1);
+        let placed = record(1).placed_from_settled(&standing) * standing;
+        assert!((placed.translation.vector - Vector3::new(0.1, -0.2, 0.3)).norm() < 1e-6);
+        let ahead = placed * Point3::new(1.0, 0.0, 0.0) - placed * Point3::origin();
+        assert!((ahead.y.atan2(ahead.x) - 0.5).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,216 @@
+//! Objects of a scene let go here and there, and what comes of it: what the outcome network learns from.
+//!
+//! Places are drawn to be worth learning from: where the object rested, a little beside it or turned, near another object, and the paper's
+//! negatives; most of them set down on what is under them, some a few millimetres into it or above it, since that is what candidates look
+//! like before and after they are grounded.
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use rand::{Rng, RngExt};
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+use repose_dataset::ReleaseRecord;
+
+use crate::contact::PlacedParts;
+use crate::release::{ReleaseSettings, released};
+use crate::scene::Scene;
+
+/// How places are drawn.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrialSettings {
+    /// Trials of a scene, spread over its objects.
+    pub per_scene: usize,
+    /// How likely each kind of place is, relative to the others.
+    pub weights: TrialWeights,
+    /// Places beside where the object rested are at most this far from it, metres.
+    pub beside_m: f64,
+    /// Places near another object are at most this far from its centre, metres.
+    pub near_m: f64,
+    /// How far the paper's negatives are moved, metres: nearest and farthest.
+    pub negative_m: [f64; 2],
+    /// Share of the trials whose object is turned about z.
+    pub turned: f64,
+    /// Share of the trials set down with nothing but a hair of air between.
+    pub grounded: f64,
+    /// Standard deviation of the height of half of the others over (or in) what is under them, metres: the prior's least is 5 mm.
+    pub height_m: f64,
+    /// Heights of the other half, metres: lowest and highest. Draws from the prior float as high, and what falls less than 5 cm counts as stable.
+    pub heights_m: [f64; 2],
+    /// How a release is simulated.
+    pub release: ReleaseSettings,
+}
+
+/// How likely each kind of place is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrialWeights {
+    /// Where the object rested.
+    pub rest: f64,
+    /// A little beside it.
+    pub beside: f64,
+    /// Near another object.
+    pub near: f64,
+    /// The paper's negatives: moved in any direction, as they are.
+    pub negative: f64,
+}
+
+impl Default for TrialSettings {
+    fn default() -> Self {
+        Self {
+            per_scene: 12,
+            weights: TrialWeights { rest: 0.2, beside: 0.25, near: 0.45, negative: 0.1 },
+            beside_m: 0.06,
+            near_m: 0.35,
+            negative_m: [0.02, 0.15],
+            turned: 0.5,
+            grounded: 0.6,
+            height_m: 0.008,
+            heights_m: [-0.02, 0.09],
+            release: ReleaseSettings { ends_at_rest: true, ..ReleaseSettings::default() },
+        }
+    }
+}
+
+/// The air that is left under what is set down, metres: overlaps would push it away.
+const AIR_M: f32 = 0.001;
+/// From this far above what may be under it an object is lowered, metres.
+const LOWERED_FROM_M: f64 = 0.01;
+/// Steps of lowering at most; each goes as far as nothing can be met.
+const LOWERING_STEPS: usize = 16;
+
+/// Lets objects of the scene go; the same for the same scene and settings.
+pub fn trials(scene: &Scene, settings: &TrialSettings) -> Vec<ReleaseRecord> {
+    const TRIAL_STREAM: u128 = 0x7e1e_a5e0_0000_0001;
+    let mut rng = Pcg64::new(u128::from(scene.seed), TRIAL_STREAM);
+    let placed: Vec<Option<PlacedParts>> = scene.objects.iter().map(|o| PlacedParts::new(&o.shape.parts, &o.world_from_object)).collect();
+    let fixtures: Vec<PlacedParts> = scene.fixtures.iter().filter_map(crate::scene::Fixture::placed).collect();
+    let trial = |_| {
+        let index = rng.random_range(0..scene.objects.len());
+        let others: Vec<&PlacedParts> =
+            placed.iter().enumerate().filter(|(i, _)| *i != index).filter_map(|(_, p)| p.as_ref()).chain(&fixtures).collect();
+        let (world_from_object, yaw_rad) = place(scene, index, &others, settings, &mut rng);
+        let outcome = released(scene, index, &world_from_object, &settings.release)?;
+        let record = ReleaseRecord {
+            scene_seed: scene.seed,
+            object: scene.objects[index].id,
+            origin_m: world_from_object.translation.vector.cast::<f32>().into(),
+            yaw_rad: yaw_rad as f32,
+            moved_m: outcome.moved_m as f32,
+            tilt_rad: outcome.tilt_rad as f32,
+            penetration_m: outcome.penetration_m,
+            others_moved_m: outcome.others_moved_m as f32,
+        };
+        Some(record)
+    };
+    let count = if scene.objects.is_empty() { 0 } else { settings.per_scene };
+    (0..count).filter_map(trial).collect()
+}
+
+/// A place for object `index`: its pose, and its turn about z from how it stands in the scene.
+fn place(scene: &Scene, index: usize, others: &[&PlacedParts], settings: &TrialSettings, rng: &mut Pcg64) -> (Isometry3<f64>, f64) {
+    let standing = scene.objects[index].world_from_object;
+    let yaw_rad = if rng.random_bool(settings.turned) { rng.random_range(-std::f64::consts::PI..std::f64::consts::PI) } else { 0.0 };
+    let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw_rad) * standing.rotation;
+    let at = |origin: Vector3<f64>| Isometry3::from_parts(Translation3::from(origin), rotation);
+    let (here, w) = (standing.translation.vector, &settings.weights);
+    let mut pick = rng.random_range(0.0..w.rest + w.beside + w.near + w.negative);
+    let mut is_kind = |weight: f64| {
+        pick -= weight;
+        pick < 0.0
+    };
+    let origin = if is_kind(w.rest) {
+        here
+    } else if is_kind(w.beside) {
+        here + level(rng) * rng.random_range(0.0..settings.beside_m)
+    } else if is_kind(w.near) {
+        let other = &scene.objects[rng.random_range(0..scene.objects.len())].world_from_object.translation.vector;
+        // Uniform over the disc.
+        let reach = settings.near_m * rng.random_range(0.0..1.0f64).sqrt();
+        Vector3::new(other.x, other.y, here.z) + level(rng) * reach
+    } else {
+        let up: f64 = rng.random_range(-1.0..=1.0);
+        let direction = level(rng) * (1.0 - up * up).sqrt() + Vector3::z() * up;
+        return (at(here + direction * rng.random_range(settings.negative_m[0]..settings.negative_m[1])), yaw_rad);
+    };
+    let mut pose = at(origin);
+    lower(scene, index, others, &mut pose, rng);
+    if !rng.random_bool(settings.grounded) {
+        let normal: f64 = StandardNormal.sample(rng);
+        let near = rng.random_bool(0.5);
+        pose.translation.z += if near { settings.height_m * normal } else { rng.random_range(settings.heights_m[0]..settings.heights_m[1]) };
+    }
+    (pose, yaw_rad)
+}
+
+/// A level direction.
+fn level(rng: &mut impl Rng) -> Vector3<f64> {
+    let (sin, cos) = rng.random_range(0.0..std::f64::consts::TAU).sin_cos();
+    Vector3::new(cos, sin, 0.0)
+}
+
+/// Sets an object down on one of the things under it, by going as far as nothing can be met, again and again. It starts above the highest
+/// thing, or now and then below it (a shelf's lower board, a drawer) where that is free.
+fn lower(scene: &Scene, index: usize, others: &[&PlacedParts], pose: &mut Isometry3<f64>, rng: &mut impl Rng) {
+    let parts = |pose: &Isometry3<f64>| PlacedParts::new(&scene.objects[index].shape.parts, pose);
+    let Some(bounds) = parts(pose).map(|p| *p.bounds()) else { return };
+    let under = |o: &&&PlacedParts| (0..2).all(|k| o.bounds().min[k] < bounds.max[k] && o.bounds().max[k] > bounds.min[k]);
+    let mut tops: Vec<f64> = others.iter().filter(under).map(|o| f64::from(o.bounds().max.z)).collect();
+    tops.sort_by(|a, b| b.total_cmp(a));
+    let Some(last) = tops.len().checked_sub(1) else { return };
+    let start = if rng.random_bool(0.3) { rng.random_range(0..=last) } else { 0 };
+    let bottom = pose.translation.z - f64::from(bounds.min.z);
+    pose.translation.z = tops[start] + LOWERED_FROM_M + bottom;
+    if parts(pose).is_some_and(|p| others.iter().any(|o| p.is_within(o, 0.0))) {
+        pose.translation.z = tops[0] + LOWERED_FROM_M + bottom;
+    }
+    let lowest = tops[last] + bottom;
+    for _ in 0..LOWERING_STEPS {
+        let Some(here) = parts(pose) else { return };
+        let free_m = others.iter().map(|o| here.distance_m(o)).fold(f32::INFINITY, f32::min) - AIR_M;
+        if free_m < AIR_M || pose.translation.z < lowest {
+            return;
+        }
+        pose.translation.z -= f64::from(free_m);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::release::penetration_of;
+    use crate::scene::{SceneSettings, scene_of_seed};
+
+    #[test]
+    fn trials_are_the_same_again_and_of_both_outcomes() {
+        let settings = TrialSettings { per_scene: 8, ..TrialSettings::default() };
+        let all: Vec<ReleaseRecord> = [11, 12, 13]
+            .iter()
+            .filter_map(|seed| scene_of_seed(*seed, &SceneSettings::default()).ok())
+            .flat_map(|(scene, _)| {
+                let first = trials(&scene, &settings);
+                assert_eq!(first, trials(&scene, &settings));
+                first
+            })
+            .collect();
+        let stayed = all.iter().filter(|r| r.moved_m < 0.05).count();
+        assert!(stayed > all.len() / 5 && stayed < all.len(), "{stayed} of {}", all.len());
+        assert!(all.iter().all(|r| r.origin_m.iter().all(|x| x.is_finite()) && r.moved_m >= 0.0));
+    }
+
+    #[test]
+    fn what_is_lowered_stands_free_and_close_above_something() {
+        let (scene, _) = scene_of_seed(11, &SceneSettings::default()).expect("seed 11 gives a scene");
+        let placed: Vec<PlacedParts> =
+            scene.objects.iter().skip(1).filter_map(|o| PlacedParts::new(&o.shape.parts, &o.world_from_object)).collect();
+        let fixtures: Vec<PlacedParts> = scene.fixtures.iter().filter_map(crate::scene::Fixture::placed).collect();
+        let others: Vec<&PlacedParts> = placed.iter().chain(&fixtures).collect();
+        let mut rng = Pcg64::new(1, 2);
+        for _ in 0..20 {
+            let mut pose = scene.objects[0].world_from_object;
+            pose.translation.vector += level(&mut rng) * 0.1;
+            lower(&scene, 0, &others, &mut pose, &mut rng);
+            let here = PlacedParts::new(&scene.objects[0].shape.parts, &pose).expect("parts");
+            let gap_m = others.iter().map(|o| here.distance_m(o)).fold(f32::INFINITY, f32::min);
+            assert_eq!(penetration_of(&scene, 0, &pose), 0.0);
+            assert!(gap_m < 0.01, "{gap_m}");
+        }
+    }
+}

@@ -1,0 +1,61 @@
+//! Weights of parts that were trained apart, in one file.
+
+use repose_networks::{
+    Models, Weights, WeightsInfo,
+    networks::{DISCRIMINATOR, OUTCOME},
+    parameters::WeightMap,
+};
+
+use crate::{error::TrainError, settings::Part};
+
+impl Part {
+    /// Whether a parameter or a running statistic belongs to this part.
+    pub fn fits(self, parameter: &str) -> bool {
+        match self {
+            Self::Joint => ![DISCRIMINATOR, OUTCOME].iter().any(|prefix| parameter.starts_with(prefix)),
+            Self::Discriminator => parameter.starts_with(DISCRIMINATOR),
+            Self::Outcome => parameter.starts_with(OUTCOME),
+        }
+    }
+}
+
+/// One file's bytes with each part taken from its own weights, recipe and metrics with it.
+///
+/// # Errors
+/// When the parts together are no whole set of weights.
+pub fn merged(parts: &[(Part, Weights)]) -> Result<Vec<u8>, TrainError> {
+    let mut values = WeightMap::new();
+    let mut info = WeightsInfo { recipe: serde_json::json!({}), metrics: serde_json::json!({}) };
+    for (part, weights) in parts {
+        values.extend(weights.values.iter().filter(|(name, _)| part.fits(name)).map(|(name, value)| (name.clone(), value.clone())));
+        info.recipe[part.name()] = weights.info.recipe[part.name()].clone();
+        info.metrics[part.name()] = weights.info.metrics[part.name()].clone();
+    }
+    let bytes = Weights::to_bytes(&values, &info)?;
+    Models::load(&bytes)?;
+    Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_networks::NetworksConfig;
+
+    use super::*;
+
+    #[test]
+    fn each_part_comes_from_its_own_file_and_a_missing_one_is_named() {
+        let [first, second] = [1, 2].map(|seed| {
+            let mut weights = Weights::from_bytes(&Weights::initial(&NetworksConfig::default(), seed).unwrap()).unwrap();
+            weights.info.recipe = serde_json::json!({"joint": {"seed": seed}, "discriminator": {"seed": seed}});
+            weights
+        });
+        let parts = [(Part::Joint, first.clone()), (Part::Discriminator, second.clone()), (Part::Outcome, second.clone())];
+        let both = Weights::from_bytes(&merged(&parts).unwrap()).unwrap();
+        assert_eq!(both.values["object/sa1/linear1/weight"], first.values["object/sa1/linear1/weight"]);
+        assert_eq!(both.values["outcome/sa1/linear1/weight"], second.values["outcome/sa1/linear1/weight"]);
+        assert_eq!(both.values.len(), first.values.len());
+        assert_eq!((&both.info.recipe["joint"]["seed"], &both.info.recipe["discriminator"]["seed"]), (&1.into(), &2.into()));
+        let error = merged(&[(Part::Joint, first)]).unwrap_err().to_string();
+        assert!(error.contains("discriminator/") && error.contains("missing"), "{error}");
+    }
+}
