@@ -1,4 +1,5 @@
-//! The same request and seed give the same bytes: with one inference process and with three, alone and among sixteen.
+//! The same request and seed give the same bytes: with one inference process and with three, of one thread or two, alone and among sixteen,
+//! and when a worker is killed and its batch goes to another.
 
 mod common;
 
@@ -62,4 +63,43 @@ async fn the_same_request_gives_the_same_bytes_whatever_else_runs() {
             assert_eq!(payload.bytes, alone[index].bytes, "{variant} among sixteen");
         }
     }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_batch_whose_worker_is_killed_is_scored_by_another_to_the_same_bytes() {
+    let services = [(Service::Simulator, 1), (Service::Perception, 1), (Service::Inference, 1), (Service::Planner, 1)];
+    let mut deployment = Deployment::start(&services).await;
+    let session = deployment.session().await;
+    let scene = newest_scene(&session).await;
+    let whole = std::sync::Arc::new(whole_scene(&session, &scene).await);
+    // Nothing is ever realistic enough, so that every iteration draws its fill and the search is long enough to be hit.
+    let request = PlaceRequest {
+        seed: 3,
+        variant: Variant::Full,
+        budget: Budget { iterations: Some(8), batch: Some(40), draws_per_batch: Some(3), ..Budget::default() },
+        thresholds: repose_proto::place::Thresholds { realism: Some(1.0), relations: Some(0.0) },
+        ..PlaceRequest::new(
+            scene.scene_id.clone(),
+            scene.objects[0].id,
+            vec![GoalTerm { relation: Relation::LeftOf, anchor: scene.objects[1].id, holds: true }],
+        )
+    };
+    let alone = place(&session, &request, &whole).await;
+
+    let planner = session.caller(Service::Planner).await.expect("a caller");
+    let (sender, mut progress) = tokio::sync::mpsc::channel(64);
+    let options = CallOptions { progress: Some(sender), ..CallOptions::within(PATIENCE) };
+    let payload = enclosed(&request, &whole);
+    let hit = tokio::spawn(async move { planner.call("place", payload, options).await });
+    progress.recv().await.expect("the first iteration is done");
+    // One worker has the batches; another, with two threads, is there when that one dies.
+    deployment.add_with_threads(Service::Inference, 2);
+    let inference = session.caller(Service::Inference).await.expect("a caller");
+    inference.wait_for_workers(2, PATIENCE).await.expect("the second worker is alive");
+    assert!(!hit.is_finished(), "the search ended before its worker could be killed: it must be longer");
+    deployment.of(Service::Inference)[0].signal(libc::SIGKILL);
+    let answer = hit.await.expect("no panic").expect("an answer");
+    assert_eq!(answer.payload.bytes, alone.bytes);
+    let again = place(&session, &request, &whole).await;
+    assert_eq!(again.bytes, alone.bytes, "on two threads alone");
 }

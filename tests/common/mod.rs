@@ -70,10 +70,15 @@ impl Deployment {
 
     /// Starts one more worker.
     pub fn add(&mut self, service: Service) {
+        // Two cores serve everything here: one thread a process keeps them from fighting.
+        self.add_with_threads(service, 1);
+    }
+
+    /// Starts one more worker whose inference, if that is its service, has so many threads.
+    pub fn add_with_threads(&mut self, service: Service, threads: usize) {
         let mut command = repose();
         command.args(["serve", service.as_str(), "--connect", &self.endpoint]);
-        // Two cores serve everything here: one thread a process keeps them from fighting.
-        command.env("REPOSE_INFERENCE__THREADS", "1");
+        command.env("REPOSE_INFERENCE__THREADS", threads.to_string());
         self.processes.push((service, Process(command.spawn().expect("a service"))));
     }
 

@@ -14,8 +14,9 @@ use repose_proto::scoring::{MixtureComponent, PriorReply, PriorRequest, ScoreRep
 use repose_proto::{CallError, ErrorCode, RELATION_COUNT, Relation, Scene};
 
 use crate::models::Models;
-use crate::plan::{plan, plan_with_report};
+use crate::plan::{Step, plan, plan_with_report};
 use crate::prepared::Prepared;
+use crate::search::Stop;
 use crate::synthetic::Builder;
 
 /// A fake whose prior has components at given offsets, whose realism falls with the distance from the nearest of some heights, and
@@ -181,6 +182,67 @@ fn without_an_answer_the_report_still_has_the_lowest_cost_in_view() {
     let report = plan_with_report(&prepared, &wanted, &fake, &mut |_| ControlFlow::Continue(())).unwrap();
     let best = report.best_in_view.unwrap();
     assert!(report.answers.is_empty() && best.cost.is_finite() && best.realism.is_some() && best.relations.is_some());
+}
+
+#[test]
+fn a_stop_at_any_batch_asks_nothing_more_and_says_what_it_is() {
+    let prepared = scene();
+    for variant in [Variant::Full, Variant::Best] {
+        let wanted = PlaceRequest { count: 4, ..request(&prepared, variant, &["right_of:1"]) };
+        let mut batches = 0;
+        let whole = plan(&prepared, &wanted, &Fake::new(&[BESIDE]), &mut |step| {
+            batches += usize::from(step == Step::Batch);
+            ControlFlow::Continue(())
+        })
+        .unwrap();
+        for stop_at in 0..batches {
+            for stop in [Stop::Deadline, Stop::Cancelled] {
+                let fake = Fake::new(&[BESIDE]);
+                let (mut seen, mut iterations, mut asked) = (0, 0, 0);
+                let ended = plan(&prepared, &wanted, &fake, &mut |step| {
+                    let Step::Iteration(_) = step else {
+                        seen += 1;
+                        asked = fake.scored.load(Ordering::Relaxed);
+                        return if seen > stop_at { ControlFlow::Break(stop) } else { ControlFlow::Continue(()) };
+                    };
+                    iterations += 1;
+                    ControlFlow::Continue(())
+                });
+                assert_eq!(fake.scored.load(Ordering::Relaxed), asked, "{variant}: nothing is asked after the stop at batch {stop_at}");
+                match (stop, iterations, ended) {
+                    (Stop::Cancelled, _, ended) => assert_eq!(ended.unwrap_err().code, ErrorCode::Cancelled),
+                    (Stop::Deadline, 0, ended) => assert_eq!(ended.unwrap_err().code, ErrorCode::DeadlineExceeded),
+                    (Stop::Deadline, _, ended) => {
+                        let partial = ended.unwrap();
+                        assert_eq!((partial.outcome, partial.iterations), (Outcome::Partial, iterations));
+                        assert!(partial.evaluated <= whole.evaluated);
+                        // What the networks were not asked about is not passed off as believed.
+                        assert!(partial.placements.iter().all(|p| p.realism < 1.0), "{variant}: {:?}", partial.placements);
+                    }
+                }
+            }
+        }
+        assert_eq!(whole.outcome, Outcome::Found);
+        assert!(batches >= 4, "{variant}: {batches} batches");
+    }
+}
+
+#[test]
+fn several_answers_are_ranked_with_what_the_networks_say_of_each() {
+    // A large box on the asked side: both it and the table are among the answers, and every one was put to the networks.
+    let prepared = Builder::table()
+        .object(1, [0.0, 0.0], [0.1, 0.1, 0.1])
+        .object(2, [-0.25, -0.2], [0.06, 0.05, 0.08])
+        .object(3, [0.28, 0.02], [0.2, 0.25, 0.06])
+        .prepared();
+    let mut wanted = request(&prepared, Variant::Best, &["right_of:1"]);
+    (wanted.count, wanted.min_separation_m) = (4, Some(0.05));
+    let result = run(&prepared, &wanted, &Fake::new(&[[0.25, 0.0, 0.0]]));
+    assert_eq!(result.placements.len(), 4, "{:?}", result.rejections);
+    assert!(result.placements.windows(2).all(|w| w[0].cost <= w[1].cost));
+    assert!(result.placements.iter().all(|p| p.realism < 1.0 && p.relations[0] < 1.0), "all were asked");
+    let heights: Vec<f64> = (0..4).map(|i| moved_by(&result, i).z).collect();
+    assert!(heights.iter().any(|z| *z < 0.02) && heights.iter().any(|z| *z > 0.04), "{heights:?}");
 }
 
 #[test]

@@ -228,6 +228,35 @@ fn a_stop_after_an_iteration_is_partial_and_before_it_an_error() {
 }
 
 #[test]
+fn what_carries_another_is_not_moved_and_the_other_is_named() {
+    let prepared = table().object_at(3, [-0.25, -0.2], 0.08, [0.04, 0.04, 0.05]).prepared();
+    let error = plan(&prepared, &request(&prepared, 2, &["right_of:1"]), &NoModels, &mut |_| ControlFlow::Continue(())).unwrap_err();
+    assert_eq!((error.code, error.field.as_deref()), (ErrorCode::FailedPrecondition, Some("query")));
+    assert!(error.message.contains("carries 3"), "{error}");
+    // What stands on it can be moved, and it can be an anchor.
+    let result = run(&prepared, &request(&prepared, 3, &["right_of:1"]));
+    assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
+    let result = run(&prepared, &request(&prepared, 1, &["right_of:2"]));
+    assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
+}
+
+#[test]
+fn where_nobody_looked_nothing_is_put() {
+    // All space to the right of the anchor is said to be unseen.
+    let mut scene = table().scene();
+    let (columns, rows) = (50, 40);
+    let hidden = (0..columns * rows).map(|k| if k % columns >= 27 { u32::MAX } else { 0 }).collect();
+    let unseen = repose_proto::UnseenSpace { origin_m: [-0.5, -0.4, 0.0], cell_m: 0.02, columns, rows, hidden };
+    let seen = Prepared::new(std::sync::Arc::new(scene.clone()));
+    scene.meta.unseen.space = Some(unseen);
+    let dark = Prepared::new(std::sync::Arc::new(scene));
+    assert_eq!(run(&seen, &request(&seen, 2, &["right_of:1"])).outcome, Outcome::Found);
+    let result = run(&dark, &request(&dark, 2, &["right_of:1"]));
+    assert_eq!((result.outcome, most_frequent(&result)), (Outcome::None, Rejection::OutOfView), "{:?}", result.rejections);
+    assert_eq!(run(&dark, &request(&dark, 2, &["left_of:1"])).outcome, Outcome::Found);
+}
+
+#[test]
 fn what_the_scene_lacks_is_named() {
     let prepared = table().prepared();
     let error = |request: &PlaceRequest| plan(&prepared, request, &NoModels, &mut |_| ControlFlow::Continue(())).unwrap_err();

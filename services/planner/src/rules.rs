@@ -52,11 +52,11 @@ impl Rules {
             let (object, shape) = prepared.object(term.anchor, &format!("goal[{i}].anchor"))?;
             anchors.entry(term.anchor).or_insert_with(|| Anchor {
                 shape: shape.clone(),
-                extents: extents(&shape.corners().collect::<Vec<_>>(), viewer),
+                extents: extents(&boxed(shape), viewer),
                 yaw_rad: rectangle_yaw_rad(&object.points),
             });
         }
-        let query_corners: Vec<Point3<f32>> = query.shape.corners().collect();
+        let query_corners = boxed(&query.shape);
         Ok(Self {
             terms: goal.to_vec(),
             anchors,
@@ -133,6 +133,26 @@ impl Rules {
             _ => std::f64::consts::FRAC_PI_4,
         }
     }
+}
+
+/// The corners of the upright box around a shape, its sides along those of the smallest rectangle seen from above (world frame).
+///
+/// The rules are about boxes: the corner of a tray that stands diagonally reaches further than its rounded rim does.
+fn boxed(shape: &Shape) -> Vec<Point3<f32>> {
+    let corners: Vec<Point3<f32>> = shape.corners().collect();
+    let turn = nalgebra::Rotation2::new(rectangle_yaw_rad(&corners).unwrap_or(0.0) as f32);
+    let start = (Point2::new(f32::INFINITY, f32::INFINITY), Point2::new(f32::NEG_INFINITY, f32::NEG_INFINITY));
+    let (low, high) = corners.iter().fold(start, |(low, high), c| {
+        let along = turn.inverse() * c.xy();
+        (low.inf(&along), high.sup(&along))
+    });
+    let of_height = |z: f32| {
+        [[low.x, low.y], [high.x, low.y], [high.x, high.y], [low.x, high.y]].map(|[x, y]| {
+            let at = turn * Point2::new(x, y);
+            Point3::new(at.x, at.y, z)
+        })
+    };
+    of_height(shape.bottom_m).into_iter().chain(of_height(shape.top_m)).collect()
 }
 
 /// What corners (world frame) span for a viewer; the centre is the box's.

@@ -21,8 +21,10 @@ pub struct SceneSettings {
     pub carrier_share: f32,
     /// Heights within this of each other are one level, metres.
     pub same_level_m: f32,
-    /// How much border cleaning takes off a cloud's bottom where no support is seen, metres.
+    /// How much border cleaning takes off a cloud's bottom where no support is seen, metres, at least …
     pub trim_m: f32,
+    /// … and as many pixels of the frame.
+    pub border_px: f32,
     /// What stands on what.
     pub stack: StackSettings,
     /// Completing objects.
@@ -42,6 +44,7 @@ impl Default for SceneSettings {
             carrier_share: 0.1,
             same_level_m: 0.01,
             trim_m: 0.004,
+            border_px: 2.5,
             stack: StackSettings::default(),
             shape: ShapeSettings::default(),
         }
@@ -55,6 +58,8 @@ pub struct StackSettings {
     pub inside_m: f32,
     /// This many of the highest of them are taken for stray.
     pub stray_points: usize,
+    /// Heights that differ by less are taken for the same, metres.
+    pub below_m: f32,
     /// An object's lowest points are this band, metres.
     pub band_m: f32,
     /// Columns under them that are looked at, at most.
@@ -71,6 +76,10 @@ pub struct StackSettings {
     pub through_m: f32,
     /// Share of the places with another object or nothing in them from which on the object does not reach down.
     pub contradicted_share: f32,
+    /// Rows of the picture between the lowest points of an object and what is seen under them, at most: the band that cleaning drops.
+    pub border_rows: usize,
+    /// What is seen under a point this far from it, seen from above, is touched by it, metres.
+    pub touching_m: f32,
     /// A bottom up to this far above a top stands on it, metres.
     pub contact_m: f32,
     /// Least share of the base that is over what carries it.
@@ -82,6 +91,7 @@ impl Default for StackSettings {
         Self {
             inside_m: 0.005,
             stray_points: 6,
+            below_m: 0.003,
             band_m: 0.012,
             columns: 24,
             step_m: 0.01,
@@ -90,6 +100,8 @@ impl Default for StackSettings {
             same_place_m: 0.02,
             through_m: 0.04,
             contradicted_share: 0.35,
+            border_rows: 12,
+            touching_m: 0.025,
             contact_m: 0.015,
             carried_share: 0.35,
         }

@@ -337,7 +337,7 @@ pub struct RuleSettings {
 
 impl Default for RuleSettings {
     fn default() -> Self {
-        Self { min_margin_m: 0.003, comfort_m: 0.02, contact_m: 0.006 }
+        Self { min_margin_m: 0.003, comfort_m: 0.03, contact_m: 0.006 }
     }
 }
 

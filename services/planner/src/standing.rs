@@ -37,16 +37,30 @@ impl Seen<'_> {
         let robust = cloud::percentile_box(points, 0.02, 0.98)?;
         let lowest_m = robust.min.z;
         let limit_m = lowest_m + settings.bottom_slack_m;
-        let own_m = lowest_m - settings.trim_m;
+        let own_m = lowest_m - self.trimmed_m(&robust.center());
         let shown_m = self.shown_level_m(id, &robust.center().xy(), limit_m);
-        let under_m = self.highest_under_m(id, limit_m);
+        let under_m = self.highest_under_m(id, lowest_m - settings.stack.below_m);
+        if lowest_m - shown_m > settings.stack.overhang_m
+            && let Some(top_m) = self.touched_top_m(id, points, lowest_m)
+        {
+            return Some(top_m.min(lowest_m));
+        }
         let reaches_down = under_m <= shown_m + settings.same_level_m && !self.looked_under(points, id, lowest_m, shown_m);
         if !shown_m.is_finite() || !reaches_down {
             return Some(own_m.max(under_m));
         }
         // The surface's own height is less noisy than a few cells of it.
         let same = self.planes.iter().map(|p| p.height_m).find(|h| *h <= limit_m && (h - shown_m).abs() <= settings.same_level_m);
-        Some(same.unwrap_or(shown_m))
+        // Where the level is above its own lowest points it reaches into a hollow: set down by the level, it would be pressed in.
+        Some(same.unwrap_or(shown_m).min(lowest_m + settings.stack.below_m))
+    }
+
+    /// How much of the lowest part of something at a place border cleaning has taken: the band, seen at that distance and slope.
+    fn trimmed_m(&self, place: &Point3<f32>) -> f32 {
+        let sight = self.view.eye() - place;
+        let distance_m = sight.norm();
+        let steepness = (sight.xy().norm() / distance_m.max(1e-3)).max(0.4);
+        (self.settings.border_px * distance_m / self.view.focal_px() / steepness).max(self.settings.trim_m)
     }
 
     /// The highest level up to a limit that something else shows in and around an object's place seen from above; −∞ where nothing does.
@@ -92,6 +106,25 @@ impl Seen<'_> {
             heights.get(stack.stray_points).copied().unwrap_or(f32::NEG_INFINITY)
         });
         of_others.fold(f32::NEG_INFINITY, f32::max)
+    }
+
+    /// The height of another object's top that an object's lowest points are seen to touch, if most of them do.
+    ///
+    /// What merely hides an object's lower part is nearer to the camera than its lowest visible points are.
+    fn touched_top_m(&self, id: u16, points: &[Point3<f32>], lowest_m: f32) -> Option<f32> {
+        let stack = &self.settings.stack;
+        let low: Vec<&Point3<f32>> = points.iter().filter(|p| p.z <= lowest_m + stack.band_m).collect();
+        let columns: Vec<&&Point3<f32>> = low.iter().step_by(low.len().div_ceil(stack.columns).max(1)).collect();
+        let mut touched: Vec<f32> = Vec::new();
+        for p in &columns {
+            let Some((object, under)) = self.view.seen_under(p, id, stack.border_rows) else { continue };
+            let is_there = (under.xy() - p.xy()).norm() <= stack.touching_m && (under.z - lowest_m).abs() <= stack.contact_m;
+            if object != 0 && is_there {
+                touched.push(under.z);
+            }
+        }
+        touched.sort_by(f32::total_cmp);
+        (2 * touched.len() > columns.len()).then(|| touched[touched.len() / 2])
     }
 
     /// Whether the camera saw something else, or nothing, where the object would be if it reached from its lowest points down to a level.
@@ -191,6 +224,15 @@ mod tests {
         let scene = Builder::table().object(1, [0.0, -0.06], [0.16, 0.06, 0.07]).object(2, [0.0, 0.02], [0.06, 0.06, 0.12]).prepared();
         assert!(bottom_m(&scene, 2).abs() < 0.004, "{}", bottom_m(&scene, 2));
         assert_eq!(scene.carried(1), &[] as &[u16]);
+    }
+
+    #[test]
+    fn a_foot_that_is_seen_to_touch_a_top_behind_its_front_stands_on_it() {
+        // The far half of a tall box's top: most of what it stands on is in front of it, and it reaches beyond the back.
+        let scene =
+            Builder::table().object(1, [0.0, 0.0], [0.06, 0.06, 0.14]).object_at(2, [0.0, 0.02], 0.14, [0.07, 0.08, 0.1]).prepared();
+        assert!((bottom_m(&scene, 2) - 0.14).abs() < 0.008, "{}", bottom_m(&scene, 2));
+        assert_eq!(scene.carried(1), &[2]);
     }
 
     #[test]

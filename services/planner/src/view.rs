@@ -53,6 +53,8 @@ pub struct Visibility {
 pub struct ObservedView {
     camera: Pinhole,
     camera_from_world: Isometry3<f64>,
+    /// Pixels of the camera's own picture along a side of one of these.
+    shrink: f64,
     pixels: Image<Pixel>,
 }
 
@@ -80,7 +82,7 @@ impl ObservedView {
                 }
             }
         }
-        Self { camera, camera_from_world, pixels }
+        Self { camera, camera_from_world, shrink: s, pixels }
     }
 
     /// Where the camera is, world frame, metres.
@@ -88,11 +90,26 @@ impl ObservedView {
         Point3::from(self.camera_from_world.inverse().translation.vector.cast())
     }
 
+    /// Focal length of the camera's own picture, pixels.
+    pub fn focal_px(&self) -> f32 {
+        (self.camera.fy * self.shrink) as f32
+    }
+
     /// What the camera read in the direction of a place (world frame); none outside the picture or without a reading.
     pub fn reading(&self, place: &Point3<f32>) -> Option<Reading> {
         let in_camera = self.camera_from_world * place.cast::<f64>();
         let pixel = self.camera.pixel_of(&in_camera).map(|at| &self.pixels[at]).filter(|p| p.depth_m > 0.0)?;
         Some(Reading { object: pixel.object, behind_m: pixel.depth_m - in_camera.z as f32 })
+    }
+
+    /// What is seen right under a point of an object in the picture, up to `rows` further down: whose, and where (world frame).
+    pub fn seen_under(&self, point: &Point3<f32>, object: u16, rows: usize) -> Option<(u16, Point3<f32>)> {
+        let (u, v) = self.camera.pixel_of(&(self.camera_from_world * point.cast::<f64>()))?;
+        (v + 1..=v + rows).find_map(|v| {
+            let pixel = self.pixels.get(u, v).filter(|p| p.depth_m > 0.0 && p.object != object)?;
+            let in_camera = self.camera.unproject(u as f64, v as f64, f64::from(pixel.depth_m));
+            Some((pixel.object, (self.camera_from_world.inverse() * in_camera).cast()))
+        })
     }
 
     /// How well points (world frame) of the moved `query` would be seen.

@@ -91,3 +91,63 @@ impl Worker {
         self.queue.capacity()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use repose_proto::ErrorCode;
+    use repose_proto::place::{Budget, Outcome, Variant};
+    use repose_runtime::CancellationToken;
+
+    use super::*;
+    use crate::models::NoModels;
+    use crate::synthetic::Builder;
+
+    /// A worker, a scene, and a request on it that would take minutes.
+    fn long_search() -> (Worker, Arc<CachedScene>, PlaceRequest) {
+        let worker = Worker::start(&PlannerConfig { threads: 1, ..PlannerConfig::default() }).unwrap();
+        let scene = Builder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.06, 0.05, 0.08]).scene();
+        let id = scene.id();
+        let cached = worker.scenes().insert(&id, scene).unwrap();
+        let request = PlaceRequest {
+            variant: Variant::Geometric,
+            budget: Budget { iterations: Some(100), batch: Some(1000), ..Budget::default() },
+            ..PlaceRequest::new(id, 2, vec!["right_of:1".parse().unwrap()])
+        };
+        (worker, cached, request)
+    }
+
+    #[tokio::test]
+    async fn at_the_deadline_the_best_so_far_is_returned_as_partial() {
+        let (worker, scene, request) = long_search();
+        scene.prepared();
+        // Long enough for an iteration on a busy machine, and a small part of the hundred asked for.
+        let deadline = Duration::from_secs(4);
+        let begin = Instant::now();
+        let result = worker.plan(JobContext::within(deadline), scene, request, NoModels, |_| ()).await.unwrap();
+        assert!(begin.elapsed() < deadline, "{:?}", begin.elapsed());
+        assert_eq!((result.outcome, result.placements.len()), (Outcome::Partial, 1));
+        assert!((1..100).contains(&result.iterations), "{}", result.iterations);
+    }
+
+    #[tokio::test]
+    async fn a_cancelled_search_ends_before_its_next_batch() {
+        let (worker, scene, request) = long_search();
+        let token = CancellationToken::new();
+        let context = JobContext::new(Instant::now() + Duration::from_secs(600), token.clone());
+        let iterations = Arc::new(std::sync::atomic::AtomicU32::new(0));
+        let counted = iterations.clone();
+        let cancel = move |done: PlaceProgress| {
+            counted.store(done.iterations, std::sync::atomic::Ordering::SeqCst);
+            if done.iterations == 2 {
+                token.cancel();
+            }
+        };
+        let error = worker.plan(context, scene, request, NoModels, cancel).await.unwrap_err();
+        assert_eq!(error.code, ErrorCode::Cancelled);
+        // The worker's thread ends within the batch; it may have ended after the caller was told.
+        while worker.gauge().running() > 0 {
+            tokio::task::yield_now().await;
+        }
+        assert_eq!(iterations.load(std::sync::atomic::Ordering::SeqCst), 2);
+    }
+}
