@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Vector3};
 
-use crate::contact::PlacedParts;
+use crate::contact::{FAR_M, PlacedParts};
 use crate::objects::Shape;
 use crate::physics::{PhysicsSettings, RestSettings};
 use crate::scene::Scene;
@@ -115,6 +115,24 @@ impl Surroundings {
             }
         }
         deepest
+    }
+
+    /// The smallest distance from the object at `world_from_object` to anything, metres: 0 where it overlaps something, at most
+    /// [`crate::contact::FAR_M`].
+    pub fn distance_m(&self, world_from_object: &Isometry3<f64>) -> f32 {
+        let Some(object) = PlacedParts::new(&self.shape.parts, world_from_object) else { return FAR_M };
+        self.others.iter().map(|(_, parts)| object.distance_m(parts)).fold(FAR_M, f32::min)
+    }
+
+    /// The lowest point of the object at `world_from_object`, and the highest of everything whose box is over or under its box, highest first,
+    /// metres.
+    pub fn column_m(&self, world_from_object: &Isometry3<f64>) -> (f64, Vec<f64>) {
+        let Some(object) = PlacedParts::new(&self.shape.parts, world_from_object) else { return (0.0, Vec::new()) };
+        let bounds = object.bounds();
+        let meets = |parts: &PlacedParts| (0..2).all(|k| parts.bounds().min[k] < bounds.max[k] && parts.bounds().max[k] > bounds.min[k]);
+        let mut tops: Vec<f64> = self.others.iter().filter(|(_, p)| meets(p)).map(|(_, p)| f64::from(p.bounds().max.z)).collect();
+        tops.sort_by(|a, b| b.total_cmp(a));
+        (f64::from(bounds.min.z), tops)
     }
 
     /// What the object would stand on at `world_from_object`, where it is at most `reach_m` above it: what it is deepest in when it is

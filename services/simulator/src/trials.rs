@@ -10,8 +10,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use repose_dataset::ReleaseRecord;
 
-use crate::contact::PlacedParts;
-use crate::release::{ReleaseSettings, released};
+use crate::release::{ReleaseSettings, Surroundings, released};
 use crate::scene::Scene;
 
 /// How places are drawn.
@@ -80,13 +79,10 @@ const LOWERING_STEPS: usize = 16;
 pub fn trials(scene: &Scene, settings: &TrialSettings) -> Vec<ReleaseRecord> {
     const TRIAL_STREAM: u128 = 0x7e1e_a5e0_0000_0001;
     let mut rng = Pcg64::new(u128::from(scene.seed), TRIAL_STREAM);
-    let placed: Vec<Option<PlacedParts>> = scene.objects.iter().map(|o| PlacedParts::new(&o.shape.parts, &o.world_from_object)).collect();
-    let fixtures: Vec<PlacedParts> = scene.fixtures.iter().filter_map(crate::scene::Fixture::placed).collect();
     let trial = |_| {
         let index = rng.random_range(0..scene.objects.len());
-        let others: Vec<&PlacedParts> =
-            placed.iter().enumerate().filter(|(i, _)| *i != index).filter_map(|(_, p)| p.as_ref()).chain(&fixtures).collect();
-        let (world_from_object, yaw_rad) = place(scene, index, &others, settings, &mut rng);
+        let around = Surroundings::of(scene, index)?;
+        let (world_from_object, yaw_rad) = place(scene, index, &around, settings, &mut rng);
         let outcome = released(scene, index, &world_from_object, &settings.release)?;
         let record = ReleaseRecord {
             scene_seed: scene.seed,
@@ -105,7 +101,7 @@ pub fn trials(scene: &Scene, settings: &TrialSettings) -> Vec<ReleaseRecord> {
 }
 
 /// A place for object `index`: its pose, and its turn about z from how it stands in the scene.
-fn place(scene: &Scene, index: usize, others: &[&PlacedParts], settings: &TrialSettings, rng: &mut Pcg64) -> (Isometry3<f64>, f64) {
+fn place(scene: &Scene, index: usize, around: &Surroundings, settings: &TrialSettings, rng: &mut Pcg64) -> (Isometry3<f64>, f64) {
     let standing = scene.objects[index].world_from_object;
     let yaw_rad = if rng.random_bool(settings.turned) { rng.random_range(-std::f64::consts::PI..std::f64::consts::PI) } else { 0.0 };
     let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw_rad) * standing.rotation;
@@ -131,11 +127,12 @@ fn place(scene: &Scene, index: usize, others: &[&PlacedParts], settings: &TrialS
         return (at(here + direction * rng.random_range(settings.negative_m[0]..settings.negative_m[1])), yaw_rad);
     };
     let mut pose = at(origin);
-    lower(scene, index, others, &mut pose, rng);
+    lower(around, &mut pose, rng);
     if !rng.random_bool(settings.grounded) {
         let normal: f64 = StandardNormal.sample(rng);
         let near = rng.random_bool(0.5);
-        pose.translation.z += if near { settings.height_m * normal } else { rng.random_range(settings.heights_m[0]..settings.heights_m[1]) };
+        pose.translation.z +=
+            if near { settings.height_m * normal } else { rng.random_range(settings.heights_m[0]..settings.heights_m[1]) };
     }
     (pose, yaw_rad)
 }
@@ -148,24 +145,19 @@ fn level(rng: &mut impl Rng) -> Vector3<f64> {
 
 /// Sets an object down on one of the things under it, by going as far as nothing can be met, again and again. It starts above the highest
 /// thing, or now and then below it (a shelf's lower board, a drawer) where that is free.
-fn lower(scene: &Scene, index: usize, others: &[&PlacedParts], pose: &mut Isometry3<f64>, rng: &mut impl Rng) {
-    let parts = |pose: &Isometry3<f64>| PlacedParts::new(&scene.objects[index].shape.parts, pose);
-    let Some(bounds) = parts(pose).map(|p| *p.bounds()) else { return };
-    let under = |o: &&&PlacedParts| (0..2).all(|k| o.bounds().min[k] < bounds.max[k] && o.bounds().max[k] > bounds.min[k]);
-    let mut tops: Vec<f64> = others.iter().filter(under).map(|o| f64::from(o.bounds().max.z)).collect();
-    tops.sort_by(|a, b| b.total_cmp(a));
+fn lower(around: &Surroundings, pose: &mut Isometry3<f64>, rng: &mut impl Rng) {
+    let (lowest_point_m, tops) = around.column_m(pose);
     let Some(last) = tops.len().checked_sub(1) else { return };
     let start = if rng.random_bool(0.3) { rng.random_range(0..=last) } else { 0 };
-    let bottom = pose.translation.z - f64::from(bounds.min.z);
+    // From the lowest point up to the origin.
+    let bottom = pose.translation.z - lowest_point_m;
     pose.translation.z = tops[start] + LOWERED_FROM_M + bottom;
-    if parts(pose).is_some_and(|p| others.iter().any(|o| p.is_within(o, 0.0))) {
+    if around.distance_m(pose) <= 0.0 {
         pose.translation.z = tops[0] + LOWERED_FROM_M + bottom;
     }
-    let lowest = tops[last] + bottom;
     for _ in 0..LOWERING_STEPS {
-        let Some(here) = parts(pose) else { return };
-        let free_m = others.iter().map(|o| here.distance_m(o)).fold(f32::INFINITY, f32::min) - AIR_M;
-        if free_m < AIR_M || pose.translation.z < lowest {
+        let free_m = around.distance_m(pose) - AIR_M;
+        if free_m < AIR_M || pose.translation.z < tops[last] + bottom {
             return;
         }
         pose.translation.z -= f64::from(free_m);
@@ -198,17 +190,13 @@ mod tests {
     #[test]
     fn what_is_lowered_stands_free_and_close_above_something() {
         let (scene, _) = scene_of_seed(11, &SceneSettings::default()).expect("seed 11 gives a scene");
-        let placed: Vec<PlacedParts> =
-            scene.objects.iter().skip(1).filter_map(|o| PlacedParts::new(&o.shape.parts, &o.world_from_object)).collect();
-        let fixtures: Vec<PlacedParts> = scene.fixtures.iter().filter_map(crate::scene::Fixture::placed).collect();
-        let others: Vec<&PlacedParts> = placed.iter().chain(&fixtures).collect();
+        let around = Surroundings::of(&scene, 0).expect("an object");
         let mut rng = Pcg64::new(1, 2);
         for _ in 0..20 {
             let mut pose = scene.objects[0].world_from_object;
             pose.translation.vector += level(&mut rng) * 0.1;
-            lower(&scene, 0, &others, &mut pose, &mut rng);
-            let here = PlacedParts::new(&scene.objects[0].shape.parts, &pose).expect("parts");
-            let gap_m = others.iter().map(|o| here.distance_m(o)).fold(f32::INFINITY, f32::min);
+            lower(&around, &mut pose, &mut rng);
+            let gap_m = around.distance_m(&pose);
             assert_eq!(penetration_of(&scene, 0, &pose), 0.0);
             assert!(gap_m < 0.01, "{gap_m}");
         }

@@ -281,7 +281,9 @@ impl<'a> Run<'a> {
         set(&mut self.info.recipe, part, recipe);
         checkpoint::write(&self.settings.out, &Weights::to_bytes(&weights, &self.info)?)?;
         checkpoint::save(self.settings, self.step, &self.parameters.to_map()?, &self.average, &self.adam)?;
-        if let Some(loss) = self.loss.filter(|_| self.curve.points.last().is_none_or(|last| last.step < self.step)) {
+        // A run that was over when it was resumed has its last loss from the curve.
+        let before = self.curve.points.last().map(|point| (point.step, point.loss));
+        if let Some(loss) = self.loss.or(before.map(|(_, loss)| loss)).filter(|_| before.is_none_or(|(step, _)| step < self.step)) {
             self.curve.add(self.settings, CurvePoint { step: self.step, loss, validation: metrics.clone() })?;
         }
         Ok(metrics)

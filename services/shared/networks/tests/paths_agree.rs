@@ -248,3 +248,15 @@ fn the_outcome_network_has_the_same_gradient_fused_and_plain() {
         assert_same_gradient(name, &values(&fused_grads), &values(&plain_grads));
     }
 }
+
+#[test]
+fn the_readme_counts_the_parameters_that_there_are() {
+    let (_, parameters) = Networks::seeded(&NetworksConfig::default(), &mut Pcg64::seed_from_u64(1)).unwrap();
+    let readme = include_str!("../README.md");
+    for part in ["object", "scene", "relations", "prior", "discriminator", "outcome"] {
+        let own = parameters.trainable.iter().filter(|(name, _)| name.starts_with(&format!("{part}/")));
+        let count: usize = own.map(|(_, var)| var.elem_count()).sum();
+        let row = format!("| `{part}` | {},{:03} |", count / 1000, count % 1000);
+        assert!(readme.contains(&row), "README.md lacks {row}");
+    }
+}
