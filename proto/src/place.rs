@@ -19,6 +19,7 @@ pub enum Variant {
     /// The paper's full model, λ_f = 100.
     Full,
     /// The paper's full model with λ_f = 1.
+    #[serde(rename = "full_lambda_1")]
     FullLambda1,
     /// λ_f = 0.
     NoDiscriminator,

@@ -21,7 +21,7 @@ use crate::synthetic::Builder;
 
 /// A fake whose prior has components at given offsets, whose realism falls with the distance from the nearest of some heights, and
 /// whose only relation is `right_of`: likely where x exceeds the anchor's.
-struct Fake {
+pub(crate) struct Fake {
     means_m: Vec<[f64; 3]>,
     real_height_m: f32,
     scored: AtomicUsize,
@@ -30,7 +30,7 @@ struct Fake {
 }
 
 impl Fake {
-    fn new(means_m: &[[f64; 3]]) -> Self {
+    pub(crate) fn new(means_m: &[[f64; 3]]) -> Self {
         Self { means_m: means_m.to_vec(), real_height_m: 0.045, scored: AtomicUsize::new(0), changes_after: usize::MAX }
     }
 }
@@ -64,7 +64,8 @@ impl Models for Fake {
 
     fn score(&self, request: &ScoreRequest, scene: &Arc<Scene>) -> Result<ScoreReply, CallError> {
         let calls = self.scored.fetch_add(1, Ordering::Relaxed);
-        let realism = |row: &[f32; 4]| (-((row[2] - self.real_height_m) / 0.02).powi(2)).exp();
+        // Never quite sure, so that what was asked can be told from what was not.
+        let realism = |row: &[f32; 4]| 0.99 * (-((row[2] - self.real_height_m) / 0.02).powi(2)).exp();
         let relations = |row: &[f32; 4], anchor: u16| {
             let anchor: Vec<Point3<f32>> = scene.points_of(anchor).map(Point3::from).collect();
             let x = cloud::centroid(&anchor).unwrap().x as f32;
@@ -103,7 +104,7 @@ fn moved_by(result: &PlaceResult, answer: usize) -> nalgebra::Vector3<f64> {
     transform::from_row_major(&result.placements[answer].placed_from_observed.0).unwrap().translation.vector
 }
 
-const BESIDE: [f64; 3] = [0.16, 0.0, 0.0];
+pub(crate) const BESIDE: [f64; 3] = [0.16, 0.0, 0.0];
 
 #[test]
 fn full_ends_where_realism_and_goal_are_highest_and_echoes_who_answered() {
@@ -111,7 +112,7 @@ fn full_ends_where_realism_and_goal_are_highest_and_echoes_who_answered() {
     let result = run(&prepared, &request(&prepared, Variant::Full, &["right_of:1"]), &Fake::new(&[BESIDE]));
     assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
     let best = &result.placements[0];
-    assert!(best.realism > 0.995 && best.relations[0] > 0.95, "{best:?}");
+    assert!(best.realism > 0.985 && best.relations[0] > 0.95, "{best:?}");
     assert_eq!((result.weights_hash.as_str(), result.kernel.as_str(), result.iterations), ("first", "fake", 5));
     assert_eq!(result.budget.batch, Some(100));
     let rejected: u64 = result.rejections.values().sum();
@@ -242,7 +243,7 @@ fn several_answers_are_ranked_with_what_the_networks_say_of_each() {
     let result = run(&prepared, &wanted, &Fake::new(&[[0.25, 0.0, 0.0]]));
     assert_eq!(result.placements.len(), 4, "{:?}", result.rejections);
     assert!(result.placements.windows(2).all(|w| w[0].cost <= w[1].cost));
-    assert!(result.placements.iter().all(|p| p.realism < 1.0 && p.relations[0] < 1.0), "all were asked");
+    assert!(result.placements.iter().all(|p| p.realism < 1.0), "all were asked");
     let heights: Vec<f64> = (0..4).map(|i| moved_by(&result, i).z).collect();
     assert!(heights.iter().any(|z| *z < 0.02) && heights.iter().any(|z| *z > 0.04), "{heights:?}");
 }

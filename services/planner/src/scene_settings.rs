@@ -70,8 +70,10 @@ pub struct StackSettings {
     pub overhang_m: f32,
     /// The same where only emptiness was seen in the gap: a low bowl's rim hides its foot.
     pub hollow_m: f32,
-    /// A reading this near a place, along the optical axis, is of what is there, metres.
+    /// A reading up to this far behind a place, along the optical axis, is of what is there, metres …
     pub same_place_m: f32,
+    /// … and up to this far before it: what is nearer hides the place.
+    pub before_m: f32,
     /// A reading this far behind a place says that the place is empty, metres.
     pub through_m: f32,
     /// Share of the places with another object or nothing in them from which on the object does not reach down.
@@ -98,6 +100,7 @@ impl Default for StackSettings {
             overhang_m: 0.025,
             hollow_m: 0.06,
             same_place_m: 0.02,
+            before_m: 0.01,
             through_m: 0.04,
             contradicted_share: 0.35,
             border_rows: 12,

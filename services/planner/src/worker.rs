@@ -94,11 +94,13 @@ impl Worker {
 
 #[cfg(test)]
 mod tests {
-    use repose_proto::ErrorCode;
     use repose_proto::place::{Budget, Outcome, Variant};
+    use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
+    use repose_proto::{ErrorCode, Scene};
     use repose_runtime::CancellationToken;
 
     use super::*;
+    use crate::learned_tests::{BESIDE, Fake};
     use crate::models::NoModels;
     use crate::synthetic::Builder;
 
@@ -116,14 +118,29 @@ mod tests {
         (worker, cached, request)
     }
 
+    /// Models that take their time.
+    struct Slow(Fake);
+
+    impl Models for Slow {
+        fn prior(&self, request: &PriorRequest, scene: &Arc<Scene>) -> Result<PriorReply, CallError> {
+            self.0.prior(request, scene)
+        }
+
+        fn score(&self, request: &ScoreRequest, scene: &Arc<Scene>) -> Result<ScoreReply, CallError> {
+            std::thread::sleep(Duration::from_millis(50));
+            self.0.score(request, scene)
+        }
+    }
+
     #[tokio::test]
     async fn at_the_deadline_the_best_so_far_is_returned_as_partial() {
         let (worker, scene, request) = long_search();
         scene.prepared();
-        // Long enough for an iteration on a busy machine, and a small part of the hundred asked for.
-        let deadline = Duration::from_secs(6);
+        // Each iteration asks twice at least: a hundred take ten seconds, one a small part of the deadline.
+        let request = PlaceRequest { variant: Variant::Full, budget: Budget { iterations: Some(100), ..Budget::default() }, ..request };
+        let deadline = Duration::from_secs(3);
         let begin = Instant::now();
-        let result = worker.plan(JobContext::within(deadline), scene, request, NoModels, |_| ()).await.unwrap();
+        let result = worker.plan(JobContext::within(deadline), scene, request, Slow(Fake::new(&[BESIDE])), |_| ()).await.unwrap();
         assert!(begin.elapsed() < deadline, "{:?}", begin.elapsed());
         assert_eq!((result.outcome, result.placements.len()), (Outcome::Partial, 1));
         assert!((1..100).contains(&result.iterations), "{}", result.iterations);
