@@ -10,18 +10,19 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use repose_dataset::Split;
 use repose_geometry::transform::from_row_major;
-use repose_inference::{Engine, HeldScene};
+use repose_inference::Engine;
 use repose_networks::serving::spread;
 use repose_planner::{Models, Prepared, plan};
 use repose_proto::place::{Rotation, Variant};
-use repose_proto::scoring::{PriorReply, PriorRequest, RealismBy, ScoreReply, ScoreRequest};
-use repose_proto::{CallError, PlaceRequest, RELATION_COUNT, Scene as ObservedScene, SceneRef};
+use repose_proto::scoring::{PriorRequest, RealismBy, ScoreRequest};
+use repose_proto::{CallError, ErrorCode, PlaceRequest, RELATION_COUNT, SceneRef};
 use repose_simulator::release::ReleaseSettings;
 use repose_simulator::scene::{SceneKind, SceneSettings};
 use serde::Serialize;
 
 use crate::calibration::Calibration;
 use crate::correlation::{area_under_curve, pearson_p, pearson_r};
+use crate::one_scene::OneScene;
 use crate::outcome::{Judged, judge};
 use crate::resample::interval;
 use crate::{Problem, ProblemSettings, Rate};
@@ -177,7 +178,7 @@ pub fn evaluate_discriminator(
 /// Everything that is let go in one scene.
 fn trials_of(problem: &Problem, engine: &Engine, settings: &DiscriminatorSettings) -> Result<Vec<Trial>, CallError> {
     let scene = Arc::new(problem.observed.clone());
-    let models = OneScene { engine, held: HeldScene::new(scene.id(), scene.clone()) };
+    let models = OneScene::new(engine, scene.clone());
     let mut trials = random_trials(problem, &models, settings)?;
     let prepared = Prepared::new(scene.clone());
     for &variant in &settings.variants {
@@ -186,9 +187,13 @@ fn trials_of(problem: &Problem, engine: &Engine, settings: &DiscriminatorSetting
             variant,
             count: settings.placements.max(1),
             seed: problem.seed,
-            ..PlaceRequest::new(models.held.scene_id().to_owned(), problem.query, goal)
+            ..PlaceRequest::new(models.scene_id().to_owned(), problem.query, goal)
         };
-        let result = plan(&prepared, &request, &models, &mut |_| std::ops::ControlFlow::Continue(()))?;
+        let result = match plan(&prepared, &request, &models, &mut |_| std::ops::ControlFlow::Continue(())) {
+            // It is believed to carry another object: no answer.
+            Err(error) if error.code == ErrorCode::FailedPrecondition => continue,
+            answered => answered?,
+        };
         for (rank, placement) in result.placements.iter().enumerate() {
             let Ok(placed_from_observed) = from_row_major(&placement.placed_from_observed.0) else { continue };
             let Some(judged) = judge(problem, &placed_from_observed, &settings.release) else { continue };
@@ -199,11 +204,11 @@ fn trials_of(problem: &Problem, engine: &Engine, settings: &DiscriminatorSetting
 }
 
 fn random_trials(problem: &Problem, models: &OneScene<'_>, settings: &DiscriminatorSettings) -> Result<Vec<Trial>, CallError> {
-    let scene = models.held.scene();
+    let scene = models.scene();
     let Some(object) = scene.object(problem.query) else { return Ok(Vec::new()) };
     let mut goal = [0; RELATION_COUNT];
     goal[problem.goal.relation.index()] = if problem.goal.holds { 1 } else { -1 };
-    let scene_ref = || SceneRef { scene_id: models.held.scene_id().to_owned() };
+    let scene_ref = || SceneRef { scene_id: models.scene_id().to_owned() };
     let view_yaw_rad = problem.viewer.yaw_rad();
     let prior = PriorRequest {
         scene: scene_ref(),
@@ -243,22 +248,6 @@ fn placed_from_observed(centroid: &Point3<f64>, candidate: &[f32; 4]) -> Isometr
     let [x, y, z, yaw] = candidate.map(f64::from);
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
     Isometry3::from_parts(Translation3::from(Vector3::new(x, y, z) - turn * centroid.coords), turn)
-}
-
-/// The planner's models on a scene that is held.
-struct OneScene<'a> {
-    engine: &'a Engine,
-    held: HeldScene,
-}
-
-impl Models for OneScene<'_> {
-    fn prior(&self, request: &PriorRequest, _: &Arc<ObservedScene>) -> Result<PriorReply, CallError> {
-        self.engine.prior(request, &self.held)
-    }
-
-    fn score(&self, request: &ScoreRequest, _: &Arc<ObservedScene>) -> Result<ScoreReply, CallError> {
-        self.engine.score(request, &self.held)
-    }
 }
 
 fn table_of(scenes: &[Vec<Trial>], variants: &[Variant]) -> DiscriminatorTable {

@@ -19,7 +19,7 @@ use repose_panda::{READY, base_from_hand};
 use repose_planner::{Models, Prepared, plan};
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
 use repose_proto::place::RegionBox;
-use repose_proto::{CallError, GoalTerm, PlaceRequest, RigidTransform, SceneRef};
+use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest, RigidTransform, SceneRef};
 use repose_simulator::cell::CellSettings;
 use repose_simulator::cell_world::CellWorld;
 use repose_simulator::robot::{ArmSettings, HandSettings};
@@ -236,7 +236,11 @@ fn planned(
         ..PlaceRequest::new(scene_id.clone(), problem.query, vec![problem.goal])
     };
     let started = Instant::now();
-    let result = plan(&Prepared::new(scene.clone()), &request, models, &mut |_| ControlFlow::Continue(()))?;
+    let result = match plan(&Prepared::new(scene.clone()), &request, models, &mut |_| ControlFlow::Continue(())) {
+        // It is believed to carry another object.
+        Err(error) if error.code == ErrorCode::FailedPrecondition => return Ok(Err((Cause::NoPlacement, error.message))),
+        answered => answered?,
+    };
     trial.plan_ms[0] = started.elapsed().as_secs_f64() * 1e3;
     if result.placements.is_empty() {
         return Ok(Err((Cause::NoPlacement, format!("{:?}", result.rejections))));

@@ -145,11 +145,11 @@ mod tests {
         let settings = SupportSettings::default();
         let ground = Ground { prepared: &prepared, query: &query, settings: &settings };
         let (rest_m, footing) = put(&ground, 0.25, 0.0, f32::INFINITY);
-        assert!((rest_m.unwrap() - 0.001).abs() < 1e-3);
+        assert!((rest_m.unwrap() - settings.release_m).abs() < 1e-3);
         assert!(footing.seen_share > 0.95 && footing.carrier == Some(0) && footing.margin_m > 0.02, "{footing:?}");
 
         let (rest_m, footing) = put(&ground, 0.0, 0.08, f32::INFINITY);
-        assert!((rest_m.unwrap() - 0.101).abs() < 1e-3);
+        assert!((rest_m.unwrap() - 0.1 - settings.release_m).abs() < 1e-3);
         assert!(footing.carrier == Some(1) && footing.margin_m > 0.02, "{footing:?}");
 
         let (rest_m, footing) = put(&ground, 0.7, 0.0, f32::INFINITY);

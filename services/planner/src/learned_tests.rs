@@ -160,7 +160,7 @@ fn best_stands_on_the_table_whatever_the_prior_thinks() {
     let result = run(&prepared, &request(&prepared, Variant::Best, &["right_of:1"]), &Fake::new(&[[0.16, 0.0, 0.03]]));
     assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
     let best = &result.placements[0];
-    assert!(moved_by(&result, 0).z.abs() < 0.006, "{}", moved_by(&result, 0));
+    assert!(moved_by(&result, 0).z.abs() < 0.008, "{}", moved_by(&result, 0));
     assert!(best.geometric[0].holds && best.support_m > 0.01 && best.relations[0] > 0.5 && best.realism < 1.0, "{best:?}");
 }
 

@@ -46,7 +46,7 @@ fn every_direction_is_found_on_an_open_table_and_stands_on_it() {
         assert_eq!(result.outcome, Outcome::Found, "{term}: {:?}", result.rejections);
         let at = placed(&result, 0, QUERY_MIDDLE);
         assert!(sign * at[axis] > 0.05 && at[1 - axis].abs() < 0.25, "{term}: {at:?}");
-        assert!((at[2] - 0.04).abs() < 0.006, "{term}: {at:?}");
+        assert!((at[2] - 0.04).abs() < 0.008, "{term}: {at:?}");
         let best = &result.placements[0];
         assert!(best.geometric[0].holds && best.geometric[0].margin_m > 0.01 && best.support_m > 0.015 && best.clearance_m > 0.005);
         assert_eq!((best.realism, &best.relations[..]), (1.0, &[1.0][..]));
@@ -59,10 +59,10 @@ fn a_small_box_is_stacked_in_the_middle_of_a_larger_one() {
     let result = run(&prepared, &request(&prepared, 2, &["above:1", "near:1"]));
     assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
     let at = placed(&result, 0, QUERY_MIDDLE);
-    assert!((at[2] - 0.14).abs() < 0.006 && at[0].abs() < 0.03 && at[1].abs() < 0.03, "{at:?}");
+    assert!((at[2] - 0.14).abs() < 0.008 && at[0].abs() < 0.03 && at[1].abs() < 0.03, "{at:?}");
     let result = run(&prepared, &request(&prepared, 2, &["centered:1", "touching:1"]));
     let at = placed(&result, 0, QUERY_MIDDLE);
-    assert!((at[2] - 0.14).abs() < 0.006, "{at:?} {:?}", result.rejections);
+    assert!((at[2] - 0.14).abs() < 0.008, "{at:?} {:?}", result.rejections);
 }
 
 #[test]

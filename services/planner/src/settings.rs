@@ -276,7 +276,8 @@ pub struct SupportSettings {
     pub same_support_m: f32,
     /// A support surface's own height is used where the tops agree with it to this, metres.
     pub plane_m: f32,
-    /// How much above the support the bottom is put, metres.
+    /// How much above the support the bottom is put, metres. A bottom is known to a few millimetres; to fall by those is harmless, to be
+    /// pressed into the support by them is not.
     pub release_m: f32,
     /// Least distance of the axis from the edge of what carries it, metres.
     pub min_margin_m: f64,
@@ -292,7 +293,7 @@ impl Default for SupportSettings {
             stray_share: 0.03,
             same_support_m: 0.012,
             plane_m: 0.008,
-            release_m: 0.001,
+            release_m: 0.004,
             min_margin_m: 0.008,
             min_seen_share: 0.25,
         }
@@ -337,7 +338,7 @@ pub struct RuleSettings {
 
 impl Default for RuleSettings {
     fn default() -> Self {
-        Self { min_margin_m: 0.003, comfort_m: 0.03, contact_m: 0.006 }
+        Self { min_margin_m: 0.003, comfort_m: 0.03, contact_m: 0.009 }
     }
 }
 

@@ -168,7 +168,13 @@ impl Cell {
                 variant: args.variant,
                 ..PlaceRequest::new(scene_id.to_owned(), query, vec![goal])
             };
-            let (result, _) = client::place(&self.planner, &request, Some(scene), CallOptions::within(CALL)).await?;
+            let (result, _) = match client::place(&self.planner, &request, Some(scene), CallOptions::within(CALL)).await {
+                Err(error) if error.code == ErrorCode::FailedPrecondition => {
+                    given_up.push(format!("object {query} to {goal}: {}", error.message));
+                    continue;
+                }
+                answered => answered?,
+            };
             if result.placements.is_empty() {
                 given_up.push(format!("object {query} to {goal}: no placement, {:?}", result.rejections));
                 continue;

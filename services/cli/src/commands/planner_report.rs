@@ -11,7 +11,7 @@ use crate::failure::Failure;
 
 /// What the figures are of; part of the JSON.
 const DEFINITION: &str = "ground truth: masks, camera pose, meshes, and what 500 physics steps do; observed: depth with the sensor model; \
-                          predicates p > 0.5, realistic f > 0.5, successful both, stable (centre moved < 5 cm): each variant's lowest-cost candidate in view, feasible or not; \
+                          predicates p > 0.5, realistic f > 0.5 (best: by the outcome network), successful both, stable (centre moved < 5 cm): each variant's lowest-cost candidate in view, feasible or not; \
                           joint: of the scenes with an answer, those where a placement was returned, the object stayed, the goal held by ground truth after settling, \
                           nothing else moved 2 cm, tilt < 15 degrees, penetration <= 5 mm; a scene has an answer where a search with the truth or any variant found one; intervals 95 %";
 
