@@ -218,8 +218,9 @@ pub fn gripper_touches(world_from_tcp: &Isometry3<f64>, opening_m: f64, obstacle
 const THIN_M: f64 = 0.010;
 /// Room in the opening that is plenty, metres.
 const ROOM_M: f64 = 0.030;
-/// Alignment at which surfaces no longer hold: the edge of a box taken across its corners.
-const SQUARE_MIN: f64 = 0.7;
+/// Alignment from which surfaces are told from better ones, and at which none holds: a little beyond the edge of a box taken across its corners.
+const SQUARE_MIN: f64 = 0.8;
+const SLANTED: f64 = 0.65;
 
 fn score(world_from_tcp: &Isometry3<f64>, fit: &GripperFit, object: &ObjectCloud, weights: &GraspWeights) -> f64 {
     let approach = world_from_tcp.rotation * Vector3::z();
@@ -234,7 +235,9 @@ fn score(world_from_tcp: &Isometry3<f64>, fit: &GripperFit, object: &ObjectCloud
         (weights.seen, fit.seen),
     ];
     let total: f64 = terms.iter().map(|(weight, _)| weight).sum();
-    terms.iter().map(|(weight, value)| weight * value.clamp(0.0, 1.0)).sum::<f64>() / total
+    let score = terms.iter().map(|(weight, value)| weight * value.clamp(0.0, 1.0)).sum::<f64>() / total;
+    // Whatever else is good about it, fingers slide off surfaces that lie across.
+    score * ((fit.squareness - SLANTED) / (SQUARE_MIN - SLANTED)).clamp(0.0, 1.0)
 }
 
 /// Keeps a grasp unless a better one is nearly the same.
