@@ -237,12 +237,28 @@ fn several_answers_are_ranked_with_what_the_networks_say_of_each() {
         .prepared();
     let mut wanted = request(&prepared, Variant::Best, &["right_of:1"]);
     (wanted.count, wanted.min_separation_m) = (4, Some(0.05));
+    // The fake believes in one height only; here anything goes.
+    wanted.thresholds.realism = Some(0.0);
     let result = run(&prepared, &wanted, &Fake::new(&[[0.25, 0.0, 0.0]]));
     assert_eq!(result.placements.len(), 4, "{:?}", result.rejections);
     assert!(result.placements.windows(2).all(|w| w[0].cost <= w[1].cost));
     assert!(result.placements.iter().all(|p| p.realism < 1.0 && p.relations[0] < 1.0), "all were asked");
     let heights: Vec<f64> = (0..4).map(|i| moved_by(&result, i).z).collect();
     assert!(heights.iter().any(|z| *z < 0.02) && heights.iter().any(|z| *z > 0.04), "{heights:?}");
+}
+
+#[test]
+fn what_no_network_believes_is_no_answer_though_geometry_would_have_it() {
+    let prepared = scene();
+    let mut fake = Fake::new(&[BESIDE]);
+    fake.real_height_m = 0.4;
+    let wanted = request(&prepared, Variant::Best, &["right_of:1"]);
+    let result = run(&prepared, &wanted, &fake);
+    assert_eq!((result.outcome, result.placements.len()), (Outcome::None, 0));
+    assert!(result.rejections[&Rejection::Unrealistic] > 5, "{:?}", result.rejections);
+    assert_eq!(result.thresholds.realism, Some(0.3));
+    let geometric = run(&prepared, &PlaceRequest { variant: Variant::Geometric, ..wanted }, &fake);
+    assert_eq!(geometric.outcome, Outcome::Found);
 }
 
 #[test]

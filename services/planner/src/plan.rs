@@ -113,13 +113,16 @@ pub fn plan_with_report(
         match stopped {
             Some(Stop::Cancelled) => return Err(cancelled()),
             Some(Stop::Deadline) => {}
-            None => rank(&mut judge, &mut findings.accepted)?,
+            None => rank(&mut judge, &mut findings, request.count as usize)?,
         }
     }
     let level_gap_m = settings.fixed.surrogate.level_gap_m;
     let mut chosen = match (stopped, &findings.appraised) {
-        // Time ended before the networks ranked: what they have seen is one candidate.
-        (Some(_), Some(best)) => vec![best.clone()],
+        // Time ended before the networks ranked: what they have seen is one candidate, which they may not believe.
+        (Some(_), Some(best)) => {
+            let believed = best.realism.is_some_and(|f| f64::from(f) > settings.realism_threshold);
+            if believed { vec![best.clone()] } else { Vec::new() }
+        }
         _ => answers::distinct(&findings.accepted, request.count as usize, settings.min_separation_m, level_gap_m),
     };
     // After the deadline the networks are not asked again.

@@ -9,7 +9,7 @@ use crate::answers::by_level;
 use crate::candidate::Candidate;
 use crate::judge::Judge;
 use crate::judged::Judged;
-use crate::settings::RankingSettings;
+use crate::search::Findings;
 
 /// Directions in which a pose is off: along the axes, and diagonally with a turn either way.
 const OFF: [[f32; 3]; 8] = [
@@ -23,22 +23,23 @@ const OFF: [[f32; 3]; 8] = [
     [-0.7, 0.7, -1.0],
 ];
 
-/// Asks the networks about the shortlist of the accepted candidates, and costs all of them anew: what is not on the list comes after it.
+/// Puts the shortlist of what was accepted to the networks and costs it anew. What they do not believe is rejected; answers come only from
+/// what they were asked about.
 ///
 /// # Errors
 /// What the networks answer.
-pub fn rank(judge: &mut Judge<'_>, accepted: &mut [Judged]) -> Result<(), CallError> {
+pub fn rank(judge: &mut Judge<'_>, findings: &mut Findings, count: usize) -> Result<(), CallError> {
     let settings = judge.settings;
-    let list = shortlist(accepted, &settings.fixed.ranking, settings.fixed.surrogate.level_gap_m);
-    let mut asked: Vec<Judged> = list.iter().map(|i| accepted[*i].clone()).collect();
+    let ranking = &settings.fixed.ranking;
+    let list = shortlist(&findings.accepted, ranking.candidates.max(count), ranking.apart_m, settings.fixed.surrogate.level_gap_m);
+    let mut asked: Vec<Judged> = list.into_iter().map(|i| findings.accepted[i].clone()).collect();
     appraise(judge, &mut asked)?;
-    let last = asked.iter().map(|j| j.cost).fold(0.0, f64::max);
-    for j in accepted.iter_mut() {
-        j.cost += last;
+    for j in &mut asked {
+        judge.judge_realism(j);
     }
-    for (i, j) in list.into_iter().zip(asked) {
-        accepted[i] = j;
-    }
+    let (believed, doubted): (Vec<Judged>, Vec<Judged>) = asked.into_iter().partition(Judged::feasible);
+    findings.accepted = believed;
+    findings.reject(doubted);
     Ok(())
 }
 
@@ -58,17 +59,17 @@ pub fn appraise(judge: &mut Judge<'_>, candidates: &mut [Judged]) -> Result<(), 
 }
 
 /// The best candidates, apart from each other, levels of support taking turns; by position.
-fn shortlist(accepted: &[Judged], settings: &RankingSettings, level_gap_m: f32) -> Vec<usize> {
+fn shortlist(accepted: &[Judged], count: usize, apart_m: f64, level_gap_m: f32) -> Vec<usize> {
     let mut levels: Vec<std::vec::IntoIter<usize>> = by_level(accepted, level_gap_m).into_iter().map(Vec::into_iter).collect();
     let mut list: Vec<usize> = Vec::new();
-    while list.len() < settings.candidates && !levels.is_empty() {
+    while list.len() < count && !levels.is_empty() {
         levels.retain_mut(|level| {
             let apart = |i: &usize| {
                 let at = accepted[*i].candidate.centroid();
-                list.iter().all(|k| (accepted[*k].candidate.centroid() - at).norm() >= settings.apart_m)
+                list.iter().all(|k| (accepted[*k].candidate.centroid() - at).norm() >= apart_m)
             };
             let Some(next) = level.find(apart) else { return false };
-            if list.len() < settings.candidates {
+            if list.len() < count {
                 list.push(next);
             }
             true

@@ -58,17 +58,21 @@ impl Findings {
 
     fn record(&mut self, judged: &[Judged]) {
         self.evaluated += judged.len() as u64;
-        for j in judged {
-            let Some(rejection) = j.rejection else {
-                self.accepted.push(j.clone());
-                continue;
-            };
+        let (accepted, rejected): (Vec<Judged>, Vec<Judged>) = judged.iter().cloned().partition(Judged::feasible);
+        self.accepted.extend(accepted);
+        self.reject(rejected);
+    }
+
+    /// Notes rejected candidates.
+    pub fn reject(&mut self, rejected: Vec<Judged>) {
+        for j in rejected {
+            let Some(rejection) = j.rejection else { continue };
             *self.rejections.entry(rejection).or_default() += 1;
             if let (Rejection::Goal, [term]) = (rejection, &j.failing[..]) {
                 self.single_failures.entry(*term).or_default().push(j.clone());
             }
             if rejection > Rejection::OutOfView {
-                self.nearest.push(j.clone());
+                self.nearest.push(j);
             }
         }
         self.nearest.sort_by(Judged::better);

@@ -122,6 +122,8 @@ impl Settings {
         let budget = &request.budget;
         // Without networks a candidate costs microseconds: search widely.
         let (batch, draws) = if recipe.needs_models() { (100, 3) } else { (200, 5) };
+        // The outcome network is sure of little; what it believes less than this falls over more often than not.
+        let realism_threshold = if request.variant == Variant::Best { 0.3 } else { 0.5 };
         let (realism_weight, iterations) = match request.variant {
             Variant::FullLambda1 => (1.0, 5),
             Variant::NoDiscriminator => (0.0, 5),
@@ -141,7 +143,7 @@ impl Settings {
             time_ms: budget.time_ms,
             realism_weight: request.cost_weights.realism.unwrap_or(realism_weight),
             relations_weight: request.cost_weights.relations.unwrap_or(1.0),
-            realism_threshold: request.thresholds.realism.unwrap_or(0.5),
+            realism_threshold: request.thresholds.realism.unwrap_or(realism_threshold),
             relations_threshold: request.thresholds.relations.unwrap_or(0.5),
             min_separation_m: request.min_separation_m.unwrap_or(0.03),
             min_clearance_m: request.min_clearance_m.unwrap_or(0.0),

@@ -110,14 +110,15 @@ impl Seen<'_> {
 
     /// The height of another object's top that an object's lowest points are seen to touch, if most of them do.
     ///
-    /// What merely hides an object's lower part is nearer to the camera than its lowest visible points are.
+    /// What merely hides an object's lower part is nearer to the camera than its lowest visible points are, or, where the two touch, has a
+    /// rim there and no top that goes on.
     fn touched_top_m(&self, id: u16, points: &[Point3<f32>], lowest_m: f32) -> Option<f32> {
         let stack = &self.settings.stack;
         let low: Vec<&Point3<f32>> = points.iter().filter(|p| p.z <= lowest_m + stack.band_m).collect();
         let columns: Vec<&&Point3<f32>> = low.iter().step_by(low.len().div_ceil(stack.columns).max(1)).collect();
         let mut touched: Vec<f32> = Vec::new();
         for p in &columns {
-            let Some((object, under)) = self.view.seen_under(p, id, stack.border_rows) else { continue };
+            let Some((object, under)) = self.view.level_under(p, id, stack.border_rows, self.settings.same_level_m) else { continue };
             let is_there = (under.xy() - p.xy()).norm() <= stack.touching_m && (under.z - lowest_m).abs() <= stack.contact_m;
             if object != 0 && is_there {
                 touched.push(under.z);

@@ -102,14 +102,15 @@ impl ObservedView {
         Some(Reading { object: pixel.object, behind_m: pixel.depth_m - in_camera.z as f32 })
     }
 
-    /// What is seen right under a point of an object in the picture, up to `rows` further down: whose, and where (world frame).
-    pub fn seen_under(&self, point: &Point3<f32>, object: u16, rows: usize) -> Option<(u16, Point3<f32>)> {
-        let (u, v) = self.camera.pixel_of(&(self.camera_from_world * point.cast::<f64>()))?;
-        (v + 1..=v + rows).find_map(|v| {
-            let pixel = self.pixels.get(u, v).filter(|p| p.depth_m > 0.0 && p.object != object)?;
-            let in_camera = self.camera.unproject(u as f64, v as f64, f64::from(pixel.depth_m));
-            Some((pixel.object, (self.camera_from_world.inverse() * in_camera).cast()))
-        })
+    /// What is seen right under a point of an object in the picture, up to `rows` further down, if it is level: whose, and where (world
+    /// frame). It is level where as many rows further down still show the same thing at the same height.
+    pub fn level_under(&self, point: &Point3<f32>, object: u16, rows: usize, level_m: f32) -> Option<(u16, Point3<f32>)> {
+        let (u, top) = self.camera.pixel_of(&(self.camera_from_world * point.cast::<f64>()))?;
+        let v = (top + 1..=top + rows).find(|v| self.pixels.get(u, *v).is_some_and(|p| p.depth_m > 0.0 && p.object != object))?;
+        let (near, further) = (self.pixels.get(u, v)?, self.pixels.get(u, v + rows / 2)?);
+        let is_level = further.object == near.object && further.depth_m > 0.0 && (further.height_m - near.height_m).abs() <= level_m;
+        let in_camera = self.camera.unproject(u as f64, v as f64, f64::from(near.depth_m));
+        is_level.then(|| (near.object, (self.camera_from_world.inverse() * in_camera).cast()))
     }
 
     /// How well points (world frame) of the moved `query` would be seen.
