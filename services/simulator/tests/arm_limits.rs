@@ -169,6 +169,7 @@ impl Bench {
 }
 
 /// The first limit that a trace of positions, one each millisecond, exceeds.
+#[allow(clippy::needless_range_loop, reason = "differences reach back over the trace")]
 fn exceeded(trace: &[Joints]) -> Option<String> {
     // Third differences of angles over a billionth of a cubic second blow rounding up to a few thousandths.
     let over = |value: f64, limit: f64| value.abs() > limit * (1.0 + 3e-6) + 0.01;
