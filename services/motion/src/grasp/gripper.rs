@@ -25,11 +25,12 @@ pub struct GripperSettings {
     pub clearance_m: f64,
     /// The least room where the opening allows no more, metres. Default 0.003.
     pub clearance_min_m: f64,
-    /// How much of the object is missing at each border of what was seen of it, as borders are cleaned away, metres. Default 0.002.
+    /// How much of the object is missing at each border of what was seen of it, as borders are cleaned away, metres. Default 0.005.
     pub border_m: f64,
     /// Points between the pads that make a grasp. Default 6.
     pub points_min: usize,
-    /// Room between the object and the finger that was seen to have some, where the other has not, metres. Default 0.006.
+    /// Room between what was seen of the object and the finger that was seen to have some, where the other has not, metres: the border that
+    /// was cleaned away, and as much again. Default 0.011.
     pub clearance_seen_m: f64,
     /// Share of a finger that must be seen to be in free space to count as seen. Default 0.6.
     pub seen_min: f64,
@@ -46,9 +47,9 @@ impl Default for GripperSettings {
             finger_thickness_m: 0.022,
             clearance_m: 0.016,
             clearance_min_m: 0.003,
-            border_m: 0.002,
+            border_m: 0.005,
             points_min: 6,
-            clearance_seen_m: 0.006,
+            clearance_seen_m: 0.011,
             seen_min: 0.6,
             palm_slack_m: 0.004,
             strays: 2,

@@ -213,13 +213,18 @@ impl Arm {
 
     /// One millisecond of robot time; `now_s` is the receiver's monotonic clock.
     pub fn tick(&mut self, now_s: f64) {
+        self.follow(now_s);
+        // A stop that latched in this very millisecond moves in it too: to stand for one would be a jump.
         if let Some(braking) = &mut self.braking {
             self.motion = braking.step();
             if self.motion.is_at_rest() {
                 self.braking = None;
             }
-            return;
         }
+    }
+
+    /// The stream's next place, or a reflex.
+    fn follow(&mut self, now_s: f64) {
         let Some(stream) = &mut self.stream else { return };
         if now_s > self.expires_s && !stream.ends {
             self.reflex("commander_silent", "the last command outlived its time to live".to_owned());
