@@ -71,11 +71,7 @@ fn every_millisecond_keeps_frankas_rules_and_touches_nothing() {
     let arm = ArmSettings { padding_m: 0.0, finger_opening_m: plan.grasp.opening_m, ..ArmSettings::default() };
     let checker = CollisionChecker::new(arm, &obstacles, None);
     for (phase, points) in milliseconds(&plan) {
-        assert_eq!(
-            CommandRules::check(&points[0], &points, CommandRuleSettings::default()),
-            Ok(()),
-            "{phase:?}"
-        );
+        assert_eq!(CommandRules::check(&points[0], &points, CommandRuleSettings::default()), Ok(()), "{phase:?}");
         assert!(points.iter().all(|q| LIMITS.contains(q, 0.0)));
         assert_eq!(points.iter().step_by(5).find_map(|q| checker.contact(q)), None, "{phase:?}");
     }

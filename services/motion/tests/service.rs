@@ -11,7 +11,8 @@ use repose_geometry::transform::{look_at, to_row_major};
 use repose_motion::{MotionConfig, run, synthetic};
 use repose_panda::READY;
 use repose_proto::motion::{
-    ExecuteProgress, ExecuteReply, ExecutionOutcome, Grasp, MotionFailure, MotionPlan, MotionPlanRequest, RobotResetReply, RobotResetRequest,
+    ExecuteProgress, ExecuteReply, ExecutionOutcome, Grasp, MotionFailure, MotionPlan, MotionPlanRequest, RobotResetReply,
+    RobotResetRequest,
 };
 use repose_proto::robot::{RobotCommand, RobotMode, StopState};
 use repose_proto::scene::WorldFrame;

@@ -31,10 +31,21 @@ fn places() -> impl Strategy<Value = Joints> {
 }
 
 fn acts() -> impl Strategy<Value = (Act, usize)> {
-    let stream = (places(), 200.0..4000.0f64, prop::bool::weighted(0.8), any::<bool>(), prop_oneof![3 => Just(0usize), 1 => 0..60usize], 1..400usize)
+    let stream = (
+        places(),
+        200.0..4000.0f64,
+        prop::bool::weighted(0.8),
+        any::<bool>(),
+        prop_oneof![3 => Just(0usize), 1 => 0..60usize],
+        1..400usize,
+    )
         .prop_map(|(to, span_ms, starts, ends, skip, take)| Act::Stream { to, span_ms, starts, ends, skip, take });
     let point = (places(), prop::array::uniform7(-3.0..3.0f64), 0.01..200.0f64);
-    let noise = (prop::collection::vec(point, 0..8), any::<bool>(), any::<bool>()).prop_map(|(points, starts, ends)| Act::Noise { points, starts, ends });
+    let noise = (prop::collection::vec(point, 0..8), any::<bool>(), any::<bool>()).prop_map(|(points, starts, ends)| Act::Noise {
+        points,
+        starts,
+        ends,
+    });
     let values = prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(1e308), Just(-5.0), -0.1..0.1f64];
     let broken = (values, 0..2000usize, any::<bool>()).prop_map(|(value, index, speed)| Act::Broken { value, index, speed });
     let act = prop_oneof![

@@ -36,15 +36,16 @@ fn shift_in_hand(shape: &Shape, aside_m: f64, force_n: f64) -> (f64, f64) {
     let high = low + Vector3::z() * 0.1;
     let away = high + Vector3::x() * 0.3;
     let mut hand = Hand::new(&mut world, &world_from_hand(low, 0.0), HandSettings::default());
-    let go = |world: &mut World, hand: &mut Hand, (from, from_rad): (Vector3<f64>, f64), (to, to_rad): (Vector3<f64>, f64), seconds: f64| {
-        let steps = (seconds / f64::from(world.step_s())) as usize;
-        for k in 1..=steps {
-            let s = repose_panda::smooth_step(k as f64 / steps as f64);
-            hand.before_step(world, &world_from_hand(from.lerp(&to, s), from_rad + s * (to_rad - from_rad)));
-            world.step();
-        }
-        world_from_hand(to, to_rad).inverse() * world.world_from_object(0)
-    };
+    let go =
+        |world: &mut World, hand: &mut Hand, (from, from_rad): (Vector3<f64>, f64), (to, to_rad): (Vector3<f64>, f64), seconds: f64| {
+            let steps = (seconds / f64::from(world.step_s())) as usize;
+            for k in 1..=steps {
+                let s = repose_panda::smooth_step(k as f64 / steps as f64);
+                hand.before_step(world, &world_from_hand(from.lerp(&to, s), from_rad + s * (to_rad - from_rad)));
+                world.step();
+            }
+            world_from_hand(to, to_rad).inverse() * world.world_from_object(0)
+        };
     hand.command(&GripperCommand { width_m: 0.0, force_n });
     let grasped = go(&mut world, &mut hand, (low, 0.0), (low, 0.0), 1.5);
     assert!(hand.is_holding(&mut world), "{} is not held", shape.name);

@@ -264,7 +264,8 @@ mod tests {
         let mut near = READY;
         near[0] = LIMITS.position_upper_rad[0] - 0.05;
         let mut rules = CommandRules::new(&near, CommandRuleSettings::default());
-        let refused = ramp(5.0, 2000).iter().map(|q| std::array::from_fn(|i| q[i] - READY[i] + near[i])).find_map(|q| rules.accept(&q).err());
+        let refused =
+            ramp(5.0, 2000).iter().map(|q| std::array::from_fn(|i| q[i] - READY[i] + near[i])).find_map(|q| rules.accept(&q).err());
         assert_eq!(refused, Some(Violation::NoRoomToStop { joint: 0 }));
         assert!(rules.state().position_rad[0] < LIMITS.position_upper_rad[0] - 0.005);
     }

@@ -200,7 +200,11 @@ impl JointLimit {
             if (sum - wanted).abs() <= 1e-11 * wanted.abs().max(1.0) {
                 break;
             }
-            if sum < wanted { low = stop.level } else { high = stop.level }
+            if sum < wanted {
+                low = stop.level
+            } else {
+                high = stop.level
+            }
             let newton = stop.level + (wanted - sum) / f64::from(free.max(1));
             stop.level = if free > 0 && newton > low && newton < high { newton } else { 0.5 * (low + high) };
         }
@@ -295,7 +299,9 @@ mod tests {
                 most[0] = most[0].max(next.velocity_rad_s[i].abs() / LIMITS.velocity_rad_s[i]);
                 most[1] = most[1].max(next.acceleration_rad_s2[i].abs() / LIMITS.acceleration_rad_s2[i]);
                 most[2] = most[2].max(jerk.abs() / LIMITS.jerk_rad_s3[i]);
-                beyond = beyond.max(LIMITS.position_lower_rad[i] - next.position_rad[i]).max(next.position_rad[i] - LIMITS.position_upper_rad[i]);
+                beyond = beyond
+                    .max(LIMITS.position_lower_rad[i] - next.position_rad[i])
+                    .max(next.position_rad[i] - LIMITS.position_upper_rad[i]);
             }
             let stands = next.position_rad == state.position_rad && state.velocity_rad_s == [0.0; JOINT_COUNT];
             state = next;
@@ -350,7 +356,8 @@ mod tests {
         let mut state = MotionState::at_rest(crate::READY);
         (state.velocity_rad_s[0], state.velocity_rad_s[6]) = (1.0, 0.1);
         let mut stop = Stop::new(&state, &StopSettings::default());
-        let moving: Vec<[bool; 2]> = (0..300).map(|_| stop.step()).map(|s| [s.velocity_rad_s[0] != 0.0, s.velocity_rad_s[6] != 0.0]).collect();
+        let moving: Vec<[bool; 2]> =
+            (0..300).map(|_| stop.step()).map(|s| [s.velocity_rad_s[0] != 0.0, s.velocity_rad_s[6] != 0.0]).collect();
         assert!(moving.iter().all(|[a, b]| a == b), "they move and stand at the same instants");
     }
 
