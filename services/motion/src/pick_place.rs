@@ -7,6 +7,7 @@
 use nalgebra::{Isometry3, Point3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
+use repose_geometry::cloud::voxel_downsampled;
 use repose_panda::{Frame, Joints, LIMITS};
 
 use crate::collision::{ArmSettings, CollisionChecker, HeldObject};
@@ -127,10 +128,12 @@ pub fn pick_place(request: &PickPlaceRequest<'_>, settings: &PickPlaceSettings) 
     let (others, everything) = ([&others], [&others, &query]);
 
     let mut rng = Pcg64::seed_from_u64(request.seed);
-    // What is held must clear the scene with its far side too.
+    // What is held must clear the scene with what is hidden of it too.
     let bounds = repose_geometry::Aabb::of(&object).ok_or(PickPlaceError::NoObject(request.query))?;
     let middle = hidden::middle(&bounds, &request.scene.camera_in_world, settings.grasp.hidden_m);
-    let thinned = repose_geometry::cloud::voxel_downsampled(&hidden::completed(&object, &middle), settings.held_spacing_m);
+    let support_m = support_under(request.scene, &object, request.query);
+    let seen = voxel_downsampled(&hidden::completed(&object, &middle), settings.held_spacing_m);
+    let thinned = voxel_downsampled(&hidden::down_to(seen, support_m, settings.held_spacing_m), settings.held_spacing_m);
     let search = Search { request, settings, object: &thinned, others: &others, everything: &everything };
     if let Some(contact) = search.checker(search.everything, 0.0, None).contact(request.start) {
         return Err(PickPlaceError::StartBlocked(contact));
@@ -141,7 +144,6 @@ pub fn pick_place(request: &PickPlaceRequest<'_>, settings: &PickPlaceSettings) 
         None => {
             let camera_in_world = &request.scene.camera_in_world;
             let sight = Sight::new(camera_in_world, &request.scene.points);
-            let support_m = support_under(request.scene, &object, request.query);
             let scene = GraspScene { points: &object, support_m, camera_in_world, sight: &sight, others: others[0] };
             let (found, tally) = grasps(&scene, &settings.grasp, &mut rng);
             if found.is_empty() {

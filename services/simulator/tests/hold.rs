@@ -89,3 +89,41 @@ fn what_is_too_heavy_for_the_grip_slips() {
     assert!(shift_in_hand(&shape, 0.0, 5.0).0 > 0.03);
     assert!(shift_in_hand(&shape, 0.0, 60.0).0 < 0.003);
 }
+
+#[test]
+fn what_is_let_go_drops_upright_where_it_was_held() {
+    let mut dropped = 0;
+    for seed in 0..60 {
+        let shape = Family::Box.sample(0.8, &mut Pcg64::seed_from_u64(seed));
+        let half = shape.half_extents_m;
+        // Tall enough to topple when it is let go at a slant, and no smaller than what stands after a fall of two centimetres.
+        if half.x.min(half.y) > 0.034 || half.x.min(half.y) < 0.012 || half.z < 0.035 || half.z > 3.0 * half.x.min(half.y) {
+            continue;
+        }
+        let mut world = World::new(PhysicsSettings::grasping());
+        world.add_fixture(SharedShape::cuboid(1.0, 1.0, 0.05), &Isometry3::translation(0.0, 0.0, -0.05), 0.6);
+        let upright = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), if half.x < half.y { std::f64::consts::FRAC_PI_2 } else { 0.0 });
+        world.add_object(&shape, &Isometry3::from_parts(Translation3::new(0.0, 0.0, half.z), upright));
+        // Held 8 mm beside its middle: as the grip let go slowly, it would swing down about the pads.
+        let place = |z: f64| world_from_hand(Vector3::new(0.008, 0.0, (2.0 * half.z - DEPTH_M).max(LOWEST_M) + z), 0.0);
+        let mut hand = Hand::new(&mut world, &place(0.0), HandSettings::default());
+        let mut go = |command: GripperCommand, from: f64, to: f64| {
+            hand.command(&command);
+            for k in 1..=750 {
+                hand.before_step(&mut world, &place(from + (to - from) * repose_panda::smooth_step(f64::from(k) / 750.0)));
+                world.step();
+            }
+            world.world_from_object(0)
+        };
+        let close = GripperCommand { width_m: 0.0, force_n: 30.0 };
+        go(close, 0.0, 0.0);
+        let held = go(close, 0.0, 0.02);
+        let stands = go(GripperCommand { width_m: 0.08, force_n: 30.0 }, 0.02, 0.02);
+        let aside_m = (stands.translation.vector - held.translation.vector).xy().norm();
+        let tilt_rad = (stands.rotation * Vector3::z()).angle(&Vector3::z());
+        println!("seed {seed}: {:.0} mm high, {:.1} mm aside, {tilt_rad:.3} rad", 2e3 * half.z, aside_m * 1e3);
+        assert!(aside_m < 0.005 && tilt_rad < 0.02, "seed {seed}: {aside_m} m, {tilt_rad} rad");
+        dropped += 1;
+    }
+    assert!(dropped >= 5, "{dropped}");
+}

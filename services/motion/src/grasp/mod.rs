@@ -97,7 +97,7 @@ impl Default for GraspSettings {
 pub struct GraspWeights {
     /// An approach from above: the hand leaves a placement the way it came, and a tilted one pulls at what is tall. Default 2.
     pub vertical: f64,
-    /// Fingers near the object's middle, which keeps it from turning in the hand. Default 2.
+    /// Fingers near the object's middle, which keeps it from turning in the hand. Default 3.
     pub centered: f64,
     /// Neither so wide that the opening is used up, nor so thin that a surface may have been taken for a wall. Default 1.5.
     pub fitting: f64,
@@ -111,7 +111,7 @@ pub struct GraspWeights {
 
 impl Default for GraspWeights {
     fn default() -> Self {
-        Self { vertical: 2.0, centered: 2.0, fitting: 1.5, square: 2.0, deep: 1.5, seen: 3.0 }
+        Self { vertical: 2.0, centered: 3.0, fitting: 1.5, square: 2.0, deep: 1.5, seen: 3.0 }
     }
 }
 

@@ -113,8 +113,10 @@ impl Hand {
         }
     }
 
-    /// Starts a gripper action.
+    /// Starts a gripper action, from where the fingers are: a grip that opens lets go at once, not as its pressure fades, in which what it
+    /// holds would swing about the pads.
     pub fn command(&mut self, command: &GripperCommand) {
+        self.target_m = self.middle_m;
         self.goal_m = (command.width_m.clamp(0.0, FINGER_OPENING_MAX_M) / 2.0) as f32;
         self.force_n = (command.force_n as f32).clamp(1.0, self.settings.max_force_n);
     }
