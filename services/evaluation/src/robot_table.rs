@@ -190,6 +190,7 @@ mod tests {
             placed,
             cause,
             detail: String::new(),
+            aside_m: None,
             in_hand: None,
             off_m: None,
             tilt_rad: None,

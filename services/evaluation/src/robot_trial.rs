@@ -18,7 +18,7 @@ use repose_motion::{MotionConfig, config::ConfigError};
 use repose_panda::{READY, base_from_hand};
 use repose_planner::{Models, Prepared, plan};
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
-use repose_proto::place::RegionBox;
+use repose_proto::place::{RegionBox, Variant};
 use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest, RigidTransform, SceneRef};
 use repose_simulator::cell::CellSettings;
 use repose_simulator::cell_world::CellWorld;
@@ -88,6 +88,8 @@ pub struct RobotTrial {
     pub cause: Option<Cause>,
     /// The same for a person.
     pub detail: String,
+    /// How far the fingers' middle was from the object's true centre, seen from above, metres.
+    pub aside_m: Option<f64>,
     /// How far and how much the object shifted and turned in the hand between grasp and release, metres and radians.
     pub in_hand: Option<Shift>,
     /// How far from where it was to stand the object came to rest, metres.
@@ -128,6 +130,8 @@ pub struct RobotTrialSettings {
     pub hand: HandSettings,
     /// How motions are planned and what a plan says of them.
     pub motion: MotionConfig,
+    /// Which method plans the placement.
+    pub variant: Variant,
     /// Placements asked of the planner, for motion to choose from.
     pub count: u32,
     /// Where placements may be: what the arm reaches from above, world frame.
@@ -145,6 +149,7 @@ impl Default for RobotTrialSettings {
             arm: ArmSettings::default(),
             hand: HandSettings::default(),
             motion: MotionConfig::default(),
+            variant: Variant::default(),
             count: 5,
             region: RegionBox { min_m: [0.28, -0.42, -0.05], max_m: [0.78, 0.42, 0.7], inside: true },
             longest_s: 180.0,
@@ -177,7 +182,8 @@ pub fn robot_trial(
     models: &dyn Models,
     settings: &RobotTrialSettings,
 ) -> Result<(RobotTrial, Strip), TrialError> {
-    let name = problem.truth.objects.first().map_or_else(String::new, |o| o.shape.name.to_string());
+    let query = problem.index_of(problem.query).unwrap_or(0);
+    let name = problem.truth.objects.get(query).map_or_else(String::new, |o| o.shape.name.to_string());
     let mut trial = RobotTrial {
         object: name,
         condition,
@@ -188,6 +194,7 @@ pub fn robot_trial(
         placed: false,
         cause: None,
         detail: String::new(),
+        aside_m: None,
         in_hand: None,
         off_m: None,
         tilt_rad: None,
@@ -206,8 +213,11 @@ pub fn robot_trial(
     };
     trial.planned = true;
     trial.robot_s = plan.duration_ms * 1e-3;
-    let wanted = placements[plan.placement] * problem.truth.objects[0].world_from_object;
-    let carried = carried_out(&mut cell, plan, settings, &mut strip)?;
+    let world_from_tcp = wire::isometry(&plan.grasp.world_from_tcp, "grasp.world_from_tcp")?;
+    let center = problem.truth.objects[query].world_from_object.translation.vector;
+    trial.aside_m = Some((world_from_tcp.translation.vector - center).xy().norm());
+    let wanted = placements[plan.placement] * problem.truth.objects[query].world_from_object;
+    let carried = carried_out(&mut cell, query, plan, settings, &mut strip)?;
     let mut waited_s = 0.0;
     while waited_s < settings.rest_s && (waited_s < 0.5 || !cell.at_rest()) {
         cell.step(f64::INFINITY);
@@ -231,6 +241,7 @@ fn planned(
     let scene_id = scene.id();
     let request = PlaceRequest {
         count: settings.count,
+        variant: settings.variant,
         seed: problem.seed,
         region: vec![settings.region.clone()],
         ..PlaceRequest::new(scene_id.clone(), problem.query, vec![problem.goal])
@@ -291,7 +302,13 @@ struct Carried {
 }
 
 /// Drives the arm with the plan, state by state.
-fn carried_out(cell: &mut CellWorld, plan: MotionPlan, settings: &RobotTrialSettings, strip: &mut Strip) -> Result<Carried, TrialError> {
+fn carried_out(
+    cell: &mut CellWorld,
+    query: usize,
+    plan: MotionPlan,
+    settings: &RobotTrialSettings,
+    strip: &mut Strip,
+) -> Result<Carried, TrialError> {
     const STATE_MS: u64 = 10;
     let execution_settings: ExecutionSettings = settings.motion.execution()?;
     let mut now_ms: u64 = 0;
@@ -310,7 +327,7 @@ fn carried_out(cell: &mut CellWorld, plan: MotionPlan, settings: &RobotTrialSett
                     }
                 }
                 Step::Progress(progress) => {
-                    let in_hand = || base_from_hand(cell.arm.q_rad()).inverse() * cell.world_from_objects()[0];
+                    let in_hand = || base_from_hand(cell.arm.q_rad()).inverse() * cell.world_from_objects()[query];
                     match progress.phase.as_str() {
                         "lift" => grasped = Some(in_hand()),
                         "transfer" => {
@@ -344,7 +361,8 @@ const IN_HAND_M: f64 = 0.08;
 
 fn judge(problem: &Problem, cell: &CellWorld, wanted: &Isometry3<f64>, carried: &Carried, trial: &mut RobotTrial) {
     let after = cell.truth();
-    let stands = after.objects[0].world_from_object;
+    let query = problem.index_of(problem.query).unwrap_or(0);
+    let stands = after.objects[query].world_from_object;
     let shift = carried.grasped.as_ref().zip(carried.lifted.as_ref()).map(|(a, b)| Shift::between(a, b));
     trial.in_hand = carried.grasped.as_ref().zip(carried.lowered.as_ref()).map(|(a, b)| Shift::between(a, b));
     trial.grasped = shift.is_some_and(|s| s.by_m < IN_HAND_M);
@@ -355,11 +373,11 @@ fn judge(problem: &Problem, cell: &CellWorld, wanted: &Isometry3<f64>, carried: 
         .objects
         .iter()
         .zip(&problem.truth.objects)
-        .skip(1)
+        .filter(|(_, before)| before.id != problem.query)
         .any(|(a, b)| (a.world_from_object.translation.vector - b.world_from_object.translation.vector).norm() > OTHERS_MOVED_M);
     let n = after.objects.len();
     let anchor = problem.index_of(problem.goal.anchor).unwrap_or(0);
-    let holds = after.relations(&problem.viewer)[anchor % n][problem.goal.relation.index()] == problem.goal.holds;
+    let holds = after.relations(&problem.viewer)[query * n + anchor][problem.goal.relation.index()] == problem.goal.holds;
     let dropped = trial.in_hand.is_none_or(|s| s.by_m >= IN_HAND_M);
     trial.cause = if carried.reply.outcome == ExecutionOutcome::Stopped {
         Some(Cause::Stopped)

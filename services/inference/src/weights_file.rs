@@ -1,7 +1,7 @@
 //! Weights that change while they are served: the file is looked at now and then, and what is new in it is loaded and tried before it takes
 //! the place of the old. A file that cannot be read or does not fit is reported once, and the old weights go on.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
@@ -40,7 +40,7 @@ pub fn watch(worker: &Arc<Worker>, config: &InferenceConfig) -> Option<AbortOnDr
 }
 
 /// Serves the file's weights from now on, if they can be served.
-async fn swap(worker: &Arc<Worker>, path: &PathBuf, config: InferenceConfig) {
+async fn swap(worker: &Arc<Worker>, path: &Path, config: InferenceConfig) {
     match tokio::task::spawn_blocking(move || engine_of(&config)).await {
         Ok(Ok(engine)) => {
             tracing::info!(path = %path.display(), from = worker.engine().weights_hash(), to = engine.weights_hash(), "new weights");

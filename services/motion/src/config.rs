@@ -2,6 +2,7 @@
 
 use nalgebra::Isometry3;
 use repose_geometry::transform::{from_row_major, to_row_major};
+use repose_panda::interpolation::ACCELERATION_JUMP;
 use repose_runtime::RuntimeError;
 use serde::{Deserialize, Serialize};
 
@@ -34,7 +35,8 @@ pub struct MotionConfig {
     pub grasps: usize,
     /// Random places drawn by one path search before it gives up. Default 1500.
     pub rrt_iterations: usize,
-    /// Longest time between set-points of a plan, milliseconds. Default 20; less follows the timing more closely and makes plans larger.
+    /// Longest time between set-points of a plan, milliseconds. Default 10; less follows the timing more closely and makes plans larger. The
+    /// robot interpolates between them with cubics, whose acceleration jumps at each: the more, the longer this and the larger `jerk_scale`.
     pub set_point_period_ms: f64,
     /// How far from a plan's start the arm may be when it is executed, radians per joint. Default 0.02.
     pub start_tolerance_rad: f64,
@@ -73,7 +75,7 @@ impl Default for MotionConfig {
             grip_force_n: planning.grip_force_n,
             grasps: planning.grasp.count,
             rrt_iterations: planning.rrt.iterations,
-            set_point_period_ms: 20.0,
+            set_point_period_ms: 10.0,
             start_tolerance_rad: 0.02,
             max_scene_age_ms: 120_000,
             command_horizon_ms: execution.horizon_ms,
@@ -147,6 +149,12 @@ impl MotionConfig {
     /// [`ConfigError`] that names the field.
     pub fn terms(&self) -> Result<PlanTerms, ConfigError> {
         within("set_point_period_ms", self.set_point_period_ms, 1.0, 100.0)?;
+        // One millisecond sees the jump at a set-point and the jerk between two of them: together no more than the limit.
+        let jerk_share = self.jerk_scale * (1.0 + ACCELERATION_JUMP * self.set_point_period_ms);
+        if jerk_share > 1.0 {
+            let message = format!("with a jerk_scale of {} the robot would see {jerk_share:.2} times its jerk limit", self.jerk_scale);
+            return Err(ConfigError { field: "set_point_period_ms", message });
+        }
         within("start_tolerance_rad", self.start_tolerance_rad, 0.0, 0.2)?;
         Ok(PlanTerms {
             set_point_period_ms: self.set_point_period_ms,
@@ -185,6 +193,8 @@ mod tests {
         assert!(config.terms().is_ok() && config.execution().is_ok());
         let bad = MotionConfig { velocity_scale: 1.5, ..config };
         assert_eq!(bad.planning().unwrap_err().field, "velocity_scale");
+        let coarse = MotionConfig { set_point_period_ms: 50.0, ..MotionConfig::default() };
+        assert_eq!(coarse.terms().unwrap_err().field, "set_point_period_ms");
     }
 
     #[test]

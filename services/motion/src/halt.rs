@@ -3,7 +3,7 @@
 //! Path time runs slower and slower (its rate falls from 1 to 0 along a quintic), so the arm leaves the checked path by nothing and its own
 //! accelerations only shrink; what slowing adds is kept to a share of the limits by taking the time it needs.
 
-use repose_panda::{JOINT_COUNT, LIMITS};
+use repose_panda::{JOINT_COUNT, LIMITS, hermite, smooth_step};
 use repose_proto::robot::SetPoint;
 
 /// Share of the acceleration limits that slowing down may add.
@@ -31,7 +31,7 @@ pub fn halted(stretch: &[SetPoint], from_ms: f64) -> Vec<SetPoint> {
     let steps = (span_ms / PERIOD_MS).ceil();
     let point = |k: usize| {
         let s = k as f64 / steps;
-        let rate = 1.0 - s * s * s * (10.0 - 15.0 * s + 6.0 * s * s);
+        let rate = 1.0 - smooth_step(s);
         let path_ms = start.t_ms + span_ms * (s - s.powi(4) * (2.5 - 3.0 * s + s * s));
         let on_path = at(stretch, path_ms);
         SetPoint { t_ms: start.t_ms + span_ms * s, q_rad: on_path.q_rad, dq_rad_s: on_path.dq_rad_s.map(|v| v * rate) }
@@ -45,18 +45,7 @@ fn at(stretch: &[SetPoint], t_ms: f64) -> SetPoint {
     let (Some(a), Some(b)) = (stretch.get(next - 1), stretch.get(next)) else { return stretch[0] };
     let span_s = (b.t_ms - a.t_ms) * 1e-3;
     let s = ((t_ms - a.t_ms) / (b.t_ms - a.t_ms)).clamp(0.0, 1.0);
-    let (s2, s3) = (s * s, s * s * s);
-    let q_rad = std::array::from_fn(|i| {
-        (2.0 * s3 - 3.0 * s2 + 1.0) * a.q_rad[i]
-            + (s3 - 2.0 * s2 + s) * span_s * a.dq_rad_s[i]
-            + (3.0 * s2 - 2.0 * s3) * b.q_rad[i]
-            + (s3 - s2) * span_s * b.dq_rad_s[i]
-    });
-    let dq_rad_s = std::array::from_fn(|i| {
-        (6.0 * s2 - 6.0 * s) * (a.q_rad[i] - b.q_rad[i]) / span_s
-            + (3.0 * s2 - 4.0 * s + 1.0) * a.dq_rad_s[i]
-            + (3.0 * s2 - 2.0 * s) * b.dq_rad_s[i]
-    });
+    let (q_rad, dq_rad_s) = hermite((&a.q_rad, &a.dq_rad_s), (&b.q_rad, &b.dq_rad_s), span_s, s);
     SetPoint { t_ms, q_rad, dq_rad_s }
 }
 

@@ -12,6 +12,7 @@ pub mod endpoints;
 pub mod execution;
 pub mod grasp;
 pub mod halt;
+pub mod hidden;
 pub mod joint_path;
 pub mod obstacles;
 pub mod pick_place;

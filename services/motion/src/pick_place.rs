@@ -7,11 +7,13 @@
 use nalgebra::{Isometry3, Point3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
+use repose_geometry::cloud::voxel_downsampled;
 use repose_panda::{Frame, Joints, LIMITS};
 
 use crate::collision::{ArmSettings, CollisionChecker, HeldObject};
 use crate::grasp::sight::Sight;
 use crate::grasp::{Grasp, GraspScene, GraspSettings, GraspTally, grasps};
+use crate::hidden;
 use crate::joint_path::distance;
 use crate::obstacles::{ObstacleSettings, Obstacles};
 use crate::plan::{EndTally, GripperMove, NotChosen, Phase, PickPlaceError, PickPlacePlan, PlannedPhase};
@@ -47,7 +49,7 @@ pub struct PickPlaceSettings {
     pub padding_m: f64,
     /// Spacing of the held object's points, metres. Default 0.012.
     pub held_spacing_m: f32,
-    /// Ball that each of them stands for, metres. Default 0.004.
+    /// Ball that each of them stands for, metres: half the spacing, which is about the border that was cleaned away too. Default 0.006.
     pub held_radius_m: f64,
     /// Grip force, newtons. Default 30.
     pub grip_force_n: f64,
@@ -76,7 +78,7 @@ impl Default for PickPlaceSettings {
             holding_scale: 0.5,
             padding_m: 0.003,
             held_spacing_m: 0.012,
-            held_radius_m: 0.004,
+            held_radius_m: 0.006,
             grip_force_n: 30.0,
             grasps_per_placement: 64,
             carry_rad: 2.2,
@@ -126,7 +128,12 @@ pub fn pick_place(request: &PickPlaceRequest<'_>, settings: &PickPlaceSettings) 
     let (others, everything) = ([&others], [&others, &query]);
 
     let mut rng = Pcg64::seed_from_u64(request.seed);
-    let thinned = repose_geometry::cloud::voxel_downsampled(&object, settings.held_spacing_m);
+    // What is held must clear the scene with what is hidden of it too.
+    let bounds = repose_geometry::Aabb::of(&object).ok_or(PickPlaceError::NoObject(request.query))?;
+    let middle = hidden::middle(&bounds, &request.scene.camera_in_world, settings.grasp.hidden_m);
+    let support_m = support_under(request.scene, &object, request.query);
+    let seen = voxel_downsampled(&hidden::completed(&object, &middle), settings.held_spacing_m);
+    let thinned = voxel_downsampled(&hidden::down_to(seen, support_m, settings.held_spacing_m), settings.held_spacing_m);
     let search = Search { request, settings, object: &thinned, others: &others, everything: &everything };
     if let Some(contact) = search.checker(search.everything, 0.0, None).contact(request.start) {
         return Err(PickPlaceError::StartBlocked(contact));
@@ -137,7 +144,6 @@ pub fn pick_place(request: &PickPlaceRequest<'_>, settings: &PickPlaceSettings) 
         None => {
             let camera_in_world = &request.scene.camera_in_world;
             let sight = Sight::new(camera_in_world, &request.scene.points);
-            let support_m = support_under(request.scene, &object, request.query);
             let scene = GraspScene { points: &object, support_m, camera_in_world, sight: &sight, others: others[0] };
             let (found, tally) = grasps(&scene, &settings.grasp, &mut rng);
             if found.is_empty() {

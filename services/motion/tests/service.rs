@@ -11,7 +11,8 @@ use repose_geometry::transform::{look_at, to_row_major};
 use repose_motion::{MotionConfig, run, synthetic};
 use repose_panda::READY;
 use repose_proto::motion::{
-    ExecuteProgress, ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest, RobotResetReply, RobotResetRequest,
+    ExecuteProgress, ExecuteReply, ExecutionOutcome, Grasp, MotionFailure, MotionPlan, MotionPlanRequest, RobotResetReply,
+    RobotResetRequest,
 };
 use repose_proto::robot::{RobotCommand, RobotMode, StopState};
 use repose_proto::scene::WorldFrame;
@@ -178,6 +179,37 @@ async fn a_plan_needs_its_scene_once_and_says_what_is_wrong_with_a_request() {
     other.meta.world_frame = WorldFrame::SupportPlane;
     let uncalibrated = MotionPlanRequest { scene: SceneRef { scene_id: other.id() }, ..request.clone() };
     assert_eq!(refusal(running.call("plan", bulk(&uncalibrated, &other)).await).0, ErrorCode::FailedPrecondition);
+    running.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_request_may_bring_its_grasps_and_the_answer_says_why_better_placements_were_not_taken() {
+    let running = Running::start().await;
+    let scene = scene();
+    let found: MotionPlan = running.call("plan", bulk(&request(&scene), &scene)).await.unwrap().payload.decode_json().unwrap();
+    let asked = async |grasps: Vec<Grasp>, x_m: f64| {
+        let mut far = RigidTransform::IDENTITY;
+        far.0[3] = x_m;
+        let mut placements = request(&scene).placements;
+        placements.insert(0, far);
+        let asked = MotionPlanRequest { grasps: Some(grasps), placements, ..request(&scene) };
+        running.call("plan", Payload::json(&asked).unwrap()).await
+    };
+    let mut out_of_reach = found.grasp.clone();
+    out_of_reach.world_from_tcp.0[3] += 2.0;
+    let plan: MotionPlan = asked(vec![out_of_reach.clone(), found.grasp.clone()], 1.5).await.unwrap().payload.decode_json().unwrap();
+    assert_eq!((plan.grasp.world_from_tcp, plan.placement), (found.grasp.world_from_tcp, 1), "the second grasp, the second placement");
+    let reasons: Vec<_> = plan.not_chosen.iter().map(|n| (n.placement, n.reason)).collect();
+    assert_eq!(reasons, [(0, MotionFailure::PlaceUnreachable)]);
+    assert!(plan.not_chosen[0].detail.contains("out of reach"), "{}", plan.not_chosen[0].detail);
+
+    assert_eq!(refusal(asked(vec![out_of_reach], 0.0).await), (ErrorCode::FailedPrecondition, Some("placements".to_owned())));
+    assert_eq!(refusal(asked(Vec::new(), 0.0).await), (ErrorCode::FailedPrecondition, Some("query".to_owned())));
+    let mut bent = found.grasp.clone();
+    bent.world_from_tcp.0[0] = 7.0;
+    let (code, field) = refusal(asked(vec![bent], 0.0).await);
+    assert_eq!(code, ErrorCode::InvalidArgument);
+    assert!(field.as_deref().is_some_and(|f| f.starts_with("grasps[0]")), "{field:?}");
     running.stop().await;
 }
 

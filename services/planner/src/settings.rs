@@ -174,7 +174,7 @@ impl Settings {
 }
 
 /// What requests cannot change.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Fixed {
     /// Ranking by networks.
     pub ranking: RankingSettings,
@@ -194,22 +194,6 @@ pub struct Fixed {
     pub surrogate: SurrogateSettings,
     /// Ranking by geometry.
     pub soundness: SoundnessSettings,
-}
-
-impl Default for Fixed {
-    fn default() -> Self {
-        Self {
-            ranking: RankingSettings::default(),
-            view: ViewSettings::default(),
-            support: SupportSettings::default(),
-            clearance: ClearanceSettings::default(),
-            unseen: UnseenSettings::default(),
-            rules: RuleSettings::default(),
-            proposals: ProposalSettings::default(),
-            surrogate: SurrogateSettings::default(),
-            soundness: SoundnessSettings::default(),
-        }
-    }
 }
 
 /// Where networks only rank: what they are asked about once the search is done.

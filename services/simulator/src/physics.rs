@@ -31,12 +31,22 @@ pub struct PhysicsSettings {
     pub prediction_m: f32,
     /// Whether friction also acts while overlaps are pushed apart. Without it what is held slips; with it tall stacks may lean.
     pub friction_while_separating: bool,
+    /// Whether contacts between bodies that hardly move against each other keep their points and normals from step to step. Cheaper, but what
+    /// is kept is kept in the world's axes: a hand that turns with what it holds lets go of it.
+    pub recycled_contacts: bool,
 }
 
 impl PhysicsSettings {
     /// For a gripper at work: finer steps, hard contacts, friction that holds.
     pub fn grasping() -> Self {
-        Self { step_s: 1.0 / 500.0, contact_frequency_hz: 240.0, prediction_m: 0.004, friction_while_separating: true, ..Self::default() }
+        Self {
+            step_s: 1.0 / 500.0,
+            contact_frequency_hz: 240.0,
+            prediction_m: 0.004,
+            friction_while_separating: true,
+            recycled_contacts: false,
+            ..Self::default()
+        }
     }
 }
 
@@ -50,6 +60,7 @@ impl Default for PhysicsSettings {
             contact_frequency_hz: 30.0,
             prediction_m: 0.002,
             friction_while_separating: false,
+            recycled_contacts: true,
         }
     }
 }
@@ -119,6 +130,7 @@ impl World {
         // Merged manifolds and stale contacts make vessels of many wedges jitter for ever; without both, all families come to rest.
         parameters.contact_clustering = false;
         parameters.normalized_contact_recycle_distance = 0.01;
+        parameters.contact_recycling = settings.recycled_contacts;
         Self { inner, objects: Vec::new(), settings }
     }
 

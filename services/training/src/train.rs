@@ -312,7 +312,7 @@ fn starting(mut weights: WeightMap) -> WeightMap {
     if !weights.keys().any(|path| path.starts_with(OUTCOME)) {
         let as_outcome =
             |(path, value): (&String, &_)| Some((format!("{OUTCOME}{}", path.strip_prefix(DISCRIMINATOR)?), Clone::clone(value)));
-        let copies: Vec<(String, (Vec<usize>, Vec<f32>))> = weights.iter().filter_map(as_outcome).collect();
+        let copies: WeightMap = weights.iter().filter_map(as_outcome).collect();
         weights.extend(copies);
     }
     weights

@@ -41,6 +41,9 @@ pub struct EvaluateDiscriminatorArgs {
     /// A folder of meshes to make the scenes of, in place of the objects that training uses.
     #[arg(long, value_name = "DIR")]
     pub objects: Option<PathBuf>,
+    /// A weights file in place of the weights that come with the program.
+    #[arg(long, value_name = "FILE")]
+    pub weights: Option<PathBuf>,
     /// Threads; all cores by default. The table does not depend on it.
     #[arg(long)]
     pub threads: Option<usize>,
@@ -61,7 +64,7 @@ pub fn run(args: &EvaluateDiscriminatorArgs, output: Output) -> Outcome {
     if let Some(folder) = &args.objects {
         only_meshes(&mut settings.problem.scene, folder)?;
     }
-    let engine = one_thread_engine()?;
+    let engine = one_thread_engine(args.weights.as_deref())?;
     let table = evaluate_discriminator(split, args.scenes, &engine, &settings, |scenes| tracing::info!(scenes, "tried"))?;
     let document = document(&table, &args.split, engine.weights_hash());
     if let Some(folder) = &args.out {

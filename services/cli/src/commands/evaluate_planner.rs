@@ -9,12 +9,11 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use repose_evaluation::planner_table::{PlannerTableSettings, evaluate_planner, planner_tables};
 use repose_evaluation::{PlannerSceneSettings, ProblemSettings, SceneSet, TriedScene};
-use repose_inference::{InferenceConfig, engine_of};
 use repose_proto::place::Variant;
 use repose_simulator::scene::SceneKind;
 
 use crate::args::parse_variant;
-use crate::commands::evaluate_scenes::{only_meshes, threads, write_report};
+use crate::commands::evaluate_scenes::{one_thread_engine, only_meshes, threads, write_report};
 use crate::commands::evaluate_world::parse_kind;
 use crate::commands::generate::split_of;
 use crate::commands::planner_records::Records;
@@ -66,8 +65,7 @@ pub struct EvaluatePlannerArgs {
 /// Runs the command.
 pub fn run(args: &EvaluatePlannerArgs, output: Output) -> Outcome {
     let settings = settings_of(args)?;
-    let config = InferenceConfig { weights: args.weights.clone(), threads: 1, ..InferenceConfig::default() };
-    let engine = engine_of(&config).map_err(|e| Failure::bad_input("weights", e))?;
+    let engine = one_thread_engine(args.weights.as_deref())?;
     let head = serde_json::json!({
         "split": args.split, "weights_hash": engine.weights_hash(), "variants": settings.scene.variants,
         "answers": settings.scene.answers,

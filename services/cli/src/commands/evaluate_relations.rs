@@ -30,6 +30,9 @@ pub struct EvaluateRelationsArgs {
     /// A folder of meshes to make the scenes of, in place of the objects that training uses.
     #[arg(long, value_name = "DIR")]
     pub objects: Option<PathBuf>,
+    /// A weights file in place of the weights that come with the program.
+    #[arg(long, value_name = "FILE")]
+    pub weights: Option<PathBuf>,
     /// Threads; all cores by default. The table does not depend on it.
     #[arg(long)]
     pub threads: Option<usize>,
@@ -45,7 +48,7 @@ pub fn run(args: &EvaluateRelationsArgs, output: Output) -> Outcome {
     if let Some(folder) = &args.objects {
         only_meshes(&mut settings.scene, folder)?;
     }
-    let engine = one_thread_engine()?;
+    let engine = one_thread_engine(args.weights.as_deref())?;
     let table = evaluate_relations(split, args.examples, &engine, &settings, |examples| tracing::info!(examples, "judged"))?;
     let document = document(&table, &args.split, engine.weights_hash());
     if let Some(folder) = &args.out {

@@ -13,9 +13,10 @@ pub fn threads(asked: Option<usize>) -> usize {
     asked.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)).max(1)
 }
 
-/// The weights that come with the program, one thread a request: the tables spread scenes over the cores.
-pub fn one_thread_engine() -> Result<Engine, Failure> {
-    engine_of(&InferenceConfig { threads: 1, ..InferenceConfig::default() }).map_err(Failure::other)
+/// A weights file's networks, or those that come with the program, one thread a request: the tables spread scenes over the cores.
+pub fn one_thread_engine(weights: Option<&Path>) -> Result<Engine, Failure> {
+    let config = InferenceConfig { weights: weights.map(Path::to_path_buf), threads: 1, ..InferenceConfig::default() };
+    engine_of(&config).map_err(|e| Failure::bad_input("weights", e))
 }
 
 /// Makes scenes of a folder's meshes only.

@@ -25,9 +25,12 @@ pub struct GripperSettings {
     pub clearance_m: f64,
     /// The least room where the opening allows no more, metres. Default 0.003.
     pub clearance_min_m: f64,
+    /// How much of the object is missing at each border of what was seen of it, as borders are cleaned away, metres. Default 0.005.
+    pub border_m: f64,
     /// Points between the pads that make a grasp. Default 6.
     pub points_min: usize,
-    /// Room between the object and the finger that was seen to have some, where the other has not, metres. Default 0.006.
+    /// Room between what was seen of the object and the finger that was seen to have some, where the other has not, metres: the border that
+    /// was cleaned away, and as much again. Default 0.011.
     pub clearance_seen_m: f64,
     /// Share of a finger that must be seen to be in free space to count as seen. Default 0.6.
     pub seen_min: f64,
@@ -44,8 +47,9 @@ impl Default for GripperSettings {
             finger_thickness_m: 0.022,
             clearance_m: 0.016,
             clearance_min_m: 0.003,
+            border_m: 0.005,
             points_min: 6,
-            clearance_seen_m: 0.006,
+            clearance_seen_m: 0.011,
             seen_min: 0.6,
             palm_slack_m: 0.004,
             strays: 2,
@@ -101,7 +105,7 @@ pub fn fit(world_from_tcp: &Isometry3<f64>, object: &ObjectCloud, sight: &Sight,
     let (low, high) = (slab[run.start].0.y, slab[run.end - 1].0.y);
     let width_m = high - low;
     let mut opening_m = (width_m + 2.0 * settings.clearance_m).min(FINGER_OPENING_MAX_M);
-    if opening_m - width_m < 2.0 * settings.clearance_min_m {
+    if opening_m - width_m < 2.0 * (settings.clearance_min_m + settings.border_m) {
         return Err(Misfit::TooWide);
     }
     let mut offset_m = 0.5 * (low + high);
@@ -183,13 +187,16 @@ fn run_at_the_middle(slab: &[SlabPoint], settings: &GripperSettings) -> Result<s
     if end - start < settings.points_min { Err(Misfit::Empty) } else { Ok(start..end) }
 }
 
-/// Mean `|n · y|` over the points within 6 mm of each extreme; a side on which no such surface was seen counts half.
+/// What a side counts whose surface was not seen.
+const UNSEEN: f64 = 0.7;
+
+/// Mean `|n · y|` over the points within 6 mm of each extreme; a side on which no such surface was seen counts as one that lies across.
 fn squareness(run: &[SlabPoint], low: f64, high: f64, closing: &Vector3<f32>, object: &ObjectCloud) -> f64 {
     let side = |extreme: f64| {
         let aligned = |i: &usize| f64::from(object.normals[*i].dot(closing).abs());
         let values: Vec<f64> =
             run.iter().filter(|(p, _)| (p.y - extreme).abs() < 0.006).map(|(_, i)| aligned(i)).filter(|v| *v > 0.5).collect();
-        if values.is_empty() { 0.5 } else { values.iter().sum::<f64>() / values.len() as f64 }
+        if values.is_empty() { UNSEEN } else { values.iter().sum::<f64>() / values.len() as f64 }
     };
     0.5 * (side(low) + side(high))
 }

@@ -15,6 +15,7 @@ use rand_pcg::Pcg64;
 use repose_geometry::{Aabb, cloud};
 use repose_panda::{FINGER_OPENING_MAX_M, Frame, gripper_spheres, kinematics::TCP_M};
 
+use crate::hidden;
 use crate::obstacles::Obstacles;
 use gripper::{GripperFit, GripperSettings};
 use sight::Sight;
@@ -94,15 +95,15 @@ impl Default for GraspSettings {
 /// Weights of the terms of a grasp's score; each term is between 0 and 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GraspWeights {
-    /// An approach from above. Default 1.
+    /// An approach from above: the hand leaves a placement the way it came, and a tilted one pulls at what is tall. Default 2.
     pub vertical: f64,
-    /// Fingers near the object's middle, which keeps it from turning in the hand. Default 1.5.
+    /// Fingers near the object's middle, which keeps it from turning in the hand. Default 3.
     pub centered: f64,
     /// Neither so wide that the opening is used up, nor so thin that a surface may have been taken for a wall. Default 1.5.
     pub fitting: f64,
     /// Surfaces square to the closing direction where the fingers touch. Default 2.
     pub square: f64,
-    /// Much surface between the fingers along the approach. Default 0.7.
+    /// Much surface between the fingers along the approach: little is the tip of a cap or the edge of a lid. Default 1.5.
     pub deep: f64,
     /// Both fingers come down where the camera saw free space, not behind the object. Default 3.
     pub seen: f64,
@@ -110,7 +111,7 @@ pub struct GraspWeights {
 
 impl Default for GraspWeights {
     fn default() -> Self {
-        Self { vertical: 1.0, centered: 1.5, fitting: 1.5, square: 2.0, deep: 0.7, seen: 3.0 }
+        Self { vertical: 2.0, centered: 3.0, fitting: 1.5, square: 2.0, deep: 1.5, seen: 3.0 }
     }
 }
 
@@ -166,10 +167,8 @@ pub fn grasps(scene: &GraspScene<'_>, settings: &GraspSettings, rng: &mut Pcg64)
     let Some(bounds) = Aabb::of(&thinned) else { return (Vec::new(), tally) };
     let normals = normals::estimated(&thinned, 3.0 * settings.voxel_m, &scene.camera_in_world.cast::<f32>());
     let floor_m = scene.support_m + gripper::TIP_BEYOND_TCP_M + settings.support_clearance_m;
-    let seen_middle = bounds.center().cast::<f64>();
-    let away = seen_middle - scene.camera_in_world;
-    let hidden = Vector3::new(away.x, away.y, 0.0).try_normalize(1e-9).unwrap_or_else(Vector3::zeros) * settings.hidden_m;
-    let object = ObjectCloud { points: thinned, normals, middle: seen_middle + hidden, bounds, floor_m };
+    let middle = hidden::middle(&bounds, scene.camera_in_world, settings.hidden_m);
+    let object = ObjectCloud { points: thinned, normals, middle, bounds, floor_m };
 
     let mut proposals = top_down::proposals(&object, settings);
     proposals.extend(antipodal::proposals(&object, settings, rng));
@@ -216,17 +215,20 @@ pub fn gripper_touches(world_from_tcp: &Isometry3<f64>, opening_m: f64, obstacle
 
 /// A width from which a grasp is not thin, metres.
 const THIN_M: f64 = 0.010;
+/// A tilt of the approach at which nothing is left of being from above, radians.
+const TILTED_RAD: f64 = 1.2;
 /// Room in the opening that is plenty, metres.
 const ROOM_M: f64 = 0.030;
-/// Alignment at which surfaces no longer hold: the edge of a box taken across its corners.
-const SQUARE_MIN: f64 = 0.7;
+/// Alignment from which surfaces are told from better ones, and at which none holds: a little beyond the edge of a box taken across its corners.
+const SQUARE_MIN: f64 = 0.8;
+const SLANTED: f64 = 0.65;
 
 fn score(world_from_tcp: &Isometry3<f64>, fit: &GripperFit, object: &ObjectCloud, weights: &GraspWeights) -> f64 {
     let approach = world_from_tcp.rotation * Vector3::z();
     let aside = (world_from_tcp.translation.vector.xy() - object.middle.coords.xy()).norm();
     let half_diagonal = 0.5 * f64::from(object.bounds.extent().xy().norm()).max(0.02);
     let terms = [
-        (weights.vertical, -approach.z),
+        (weights.vertical, 1.0 - (-approach.z).clamp(-1.0, 1.0).acos() / TILTED_RAD),
         (weights.centered, 1.0 - aside / half_diagonal),
         (weights.fitting, (fit.width_m / THIN_M).min((FINGER_OPENING_MAX_M - fit.width_m) / ROOM_M)),
         (weights.square, (fit.squareness - SQUARE_MIN) / (1.0 - SQUARE_MIN)),
@@ -234,7 +236,9 @@ fn score(world_from_tcp: &Isometry3<f64>, fit: &GripperFit, object: &ObjectCloud
         (weights.seen, fit.seen),
     ];
     let total: f64 = terms.iter().map(|(weight, _)| weight).sum();
-    terms.iter().map(|(weight, value)| weight * value.clamp(0.0, 1.0)).sum::<f64>() / total
+    let score = terms.iter().map(|(weight, value)| weight * value.clamp(0.0, 1.0)).sum::<f64>() / total;
+    // Whatever else is good about it, fingers slide off surfaces that lie across.
+    score * ((fit.squareness - SLANTED) / (SQUARE_MIN - SLANTED)).clamp(0.0, 1.0)
 }
 
 /// Keeps a grasp unless a better one is nearly the same.

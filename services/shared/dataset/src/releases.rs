@@ -134,8 +134,8 @@ fn parsed(path: &Path, bytes: &[u8]) -> Result<Vec<ReleaseRecord>, ReadError> {
     if let Some(i) = placed.iter().chain(&outcome).position(|x| !x.is_finite()) {
         return Err(malformed("placed, outcome", format!("entry {i} is not finite")));
     }
-    let rows = placed.chunks_exact(4).zip(outcome.chunks_exact(4));
-    let record = |((scene_seed, object), (p, o)): ((u64, u16), (&[f32], &[f32]))| ReleaseRecord {
+    let records = seeds.zip(objects).zip(placed.as_chunks::<4>().0).zip(outcome.as_chunks::<4>().0);
+    let records = records.map(|(((scene_seed, object), p), o)| ReleaseRecord {
         scene_seed,
         object,
         origin_m: [p[0], p[1], p[2]],
@@ -144,8 +144,8 @@ fn parsed(path: &Path, bytes: &[u8]) -> Result<Vec<ReleaseRecord>, ReadError> {
         tilt_rad: o[1],
         penetration_m: o[2],
         others_moved_m: o[3],
-    };
-    Ok(seeds.zip(objects).zip(rows).map(record).collect())
+    });
+    Ok(records.collect())
 }
 
 #[cfg(test)]

@@ -2,8 +2,10 @@
 //!
 //! The robot takes the first set-point only where it stands, and stops with a named reflex when a later one leaves the position limits or
 //! asks for a velocity, acceleration or jerk above the limits. Derivatives are backward differences, as in libfranka's `rate_limiting.h`;
-//! the reasons carry the names of libfranka's `Errors`.
+//! the reasons carry the names of libfranka's `Errors`. One rule is added: a set-point after which the arm could no longer come to rest within
+//! all limits is refused too. So a stop at any moment keeps them, whatever was commanded before.
 
+use crate::stop::{MotionState, OverrunLimit, overrun};
 use crate::{JOINT_COUNT, JointLimits, Joints, LIMITS};
 
 /// What is demanded of a stream of set-points.
@@ -15,13 +17,11 @@ pub struct CommandRuleSettings {
     pub period_s: f64,
     /// How far the first set-point may be from where the robot stands, radians. Default 1e-3.
     pub start_tolerance_rad: f64,
-    /// Whether the jerk limit is enforced. Default false: a plan that keeps the acceleration limits is accepted.
-    pub check_jerk: bool,
 }
 
 impl Default for CommandRuleSettings {
     fn default() -> Self {
-        Self { limits: LIMITS, period_s: 0.001, start_tolerance_rad: 1e-3, check_jerk: false }
+        Self { limits: LIMITS, period_s: 0.001, start_tolerance_rad: 1e-3 }
     }
 }
 
@@ -82,6 +82,18 @@ pub enum Violation {
         /// What is allowed, rad/s³.
         limit: f64,
     },
+    /// From the set-point on no stop would keep the position limits.
+    #[error("joint_motion_generator_position_limits_violation: joint {joint} could no longer stop before its limit")]
+    NoRoomToStop {
+        /// The joint.
+        joint: usize,
+    },
+    /// From the set-point on no stop would keep the velocity limits.
+    #[error("joint_motion_generator_velocity_limits_violation: joint {joint} could no longer stay below its limit")]
+    NoRoomToSlow {
+        /// The joint.
+        joint: usize,
+    },
 }
 
 impl Violation {
@@ -90,8 +102,8 @@ impl Violation {
         match self {
             Self::NotFinite { .. } => "set_point_not_finite",
             Self::StartPoseInvalid { .. } => "start_pose_invalid",
-            Self::PositionLimits { .. } => "joint_motion_generator_position_limits_violation",
-            Self::VelocityLimits { .. } => "joint_motion_generator_velocity_limits_violation",
+            Self::PositionLimits { .. } | Self::NoRoomToStop { .. } => "joint_motion_generator_position_limits_violation",
+            Self::VelocityLimits { .. } | Self::NoRoomToSlow { .. } => "joint_motion_generator_velocity_limits_violation",
             Self::VelocityDiscontinuity { .. } => "joint_motion_generator_velocity_discontinuity",
             Self::AccelerationDiscontinuity { .. } => "joint_motion_generator_acceleration_discontinuity",
         }
@@ -105,22 +117,24 @@ const ROUNDING: f64 = 1e-6;
 #[derive(Debug, Clone)]
 pub struct CommandRules {
     settings: CommandRuleSettings,
-    position_rad: Joints,
-    velocity_rad_s: Joints,
-    acceleration_rad_s2: Joints,
+    state: MotionState,
     started: bool,
 }
 
 impl CommandRules {
     /// A stream that begins with the robot at rest at `measured`.
     pub fn new(measured: &Joints, settings: CommandRuleSettings) -> Self {
-        Self {
-            settings,
-            position_rad: *measured,
-            velocity_rad_s: [0.0; JOINT_COUNT],
-            acceleration_rad_s2: [0.0; JOINT_COUNT],
-            started: false,
-        }
+        Self { settings, state: MotionState::at_rest(*measured), started: false }
+    }
+
+    /// The same when its first set-point, at `measured` itself, has been accepted already.
+    pub fn continued(measured: &Joints, settings: CommandRuleSettings) -> Self {
+        Self { started: true, ..Self::new(measured, settings) }
+    }
+
+    /// Where and how the arm moves at the last set-point that was accepted.
+    pub fn state(&self) -> &MotionState {
+        &self.state
     }
 
     /// Takes the next set-point, or says which rule it breaks (and is then as before).
@@ -135,21 +149,23 @@ impl CommandRules {
             return Err(Violation::PositionLimits { joint, value_rad: set_point[joint] });
         }
         if !self.started {
-            let far = |i: &usize| (set_point[*i] - self.position_rad[*i]).abs() > self.settings.start_tolerance_rad;
+            let from = &self.state.position_rad;
+            let far = |i: &usize| (set_point[*i] - from[*i]).abs() > self.settings.start_tolerance_rad;
             if let Some(joint) = (0..JOINT_COUNT).find(far) {
-                return Err(Violation::StartPoseInvalid { joint, from_rad: self.position_rad[joint], to_rad: set_point[joint] });
+                return Err(Violation::StartPoseInvalid { joint, from_rad: from[joint], to_rad: set_point[joint] });
             }
-            self.position_rad = *set_point;
+            self.state = MotionState::at_rest(*set_point);
             self.started = true;
             return Ok(());
         }
-        let period = self.settings.period_s;
-        let velocity: Joints = std::array::from_fn(|i| (set_point[i] - self.position_rad[i]) / period);
-        let acceleration: Joints = std::array::from_fn(|i| (velocity[i] - self.velocity_rad_s[i]) / period);
-        for joint in 0..JOINT_COUNT {
-            self.check_joint(joint, velocity[joint], acceleration[joint])?;
+        let next = self.state.followed_by(set_point, self.settings.period_s);
+        (0..JOINT_COUNT).try_for_each(|joint| self.check_joint(joint, &next))?;
+        match overrun(&next, &self.settings.limits, self.settings.period_s) {
+            Some((joint, OverrunLimit::Position)) => return Err(Violation::NoRoomToStop { joint }),
+            Some((joint, OverrunLimit::Velocity)) => return Err(Violation::NoRoomToSlow { joint }),
+            None => {}
         }
-        (self.position_rad, self.velocity_rad_s, self.acceleration_rad_s2) = (*set_point, velocity, acceleration);
+        self.state = next;
         Ok(())
     }
 
@@ -166,21 +182,21 @@ impl CommandRules {
         set_points.into_iter().enumerate().try_for_each(|(i, q)| rules.accept(q).map_err(|violation| (i, violation)))
     }
 
-    fn check_joint(&self, joint: usize, velocity: f64, acceleration: f64) -> Result<(), Violation> {
+    fn check_joint(&self, joint: usize, next: &MotionState) -> Result<(), Violation> {
         let limits = &self.settings.limits;
         let exceeds = |value: f64, limit: f64| value.abs() > limit * (1.0 + ROUNDING);
-        let limit = limits.velocity_rad_s[joint];
-        if exceeds(velocity, limit) {
-            return Err(Violation::VelocityLimits { joint, value: velocity, limit });
+        let (value, limit) = (next.velocity_rad_s[joint], limits.velocity_rad_s[joint]);
+        if exceeds(value, limit) {
+            return Err(Violation::VelocityLimits { joint, value, limit });
         }
-        let limit = limits.acceleration_rad_s2[joint];
-        if exceeds(acceleration, limit) {
-            return Err(Violation::VelocityDiscontinuity { joint, value: acceleration, limit });
+        let (value, limit) = (next.acceleration_rad_s2[joint], limits.acceleration_rad_s2[joint]);
+        if exceeds(value, limit) {
+            return Err(Violation::VelocityDiscontinuity { joint, value, limit });
         }
-        let jerk = (acceleration - self.acceleration_rad_s2[joint]) / self.settings.period_s;
+        let value = (value - self.state.acceleration_rad_s2[joint]) / self.settings.period_s;
         let limit = limits.jerk_rad_s3[joint];
-        if self.settings.check_jerk && exceeds(jerk, limit) {
-            return Err(Violation::AccelerationDiscontinuity { joint, value: jerk, limit });
+        if exceeds(value, limit) {
+            return Err(Violation::AccelerationDiscontinuity { joint, value, limit });
         }
         Ok(())
     }
@@ -216,11 +232,17 @@ mod tests {
         assert_eq!((start.0, start.1.name()), (0, "start_pose_invalid"));
         let jump = CommandRules::check(&READY, &[READY, far], settings).unwrap_err();
         assert_eq!((jump.0, jump.1.name()), (1, "joint_motion_generator_velocity_limits_violation"));
-        let hard = CommandRules::check(&READY, &ramp(20.0, 50), settings).unwrap_err();
+        // The jerk limit lets the acceleration grow for ten milliseconds before it is too much.
+        let growing: Vec<Joints> = (0..50)
+            .map(|k| {
+                let mut q = READY;
+                q[0] += 2000.0 / 6.0 * (f64::from(k) * 1e-3).powi(3);
+                q
+            })
+            .collect();
+        let hard = CommandRules::check(&READY, &growing, settings).unwrap_err();
         assert_eq!(hard.1.name(), "joint_motion_generator_velocity_discontinuity");
-        let smooth = JointLimits { jerk_rad_s3: [1000.0; JOINT_COUNT], ..LIMITS };
-        let jerky = CommandRuleSettings { limits: smooth, check_jerk: true, ..settings };
-        let jerky = CommandRules::check(&READY, &ramp(14.0, 50), jerky).unwrap_err();
+        let jerky = CommandRules::check(&READY, &ramp(20.0, 50), settings).unwrap_err();
         assert_eq!(jerky.1.name(), "joint_motion_generator_acceleration_discontinuity");
         let mut outside = READY;
         outside[3] = 0.5;
@@ -229,5 +251,22 @@ mod tests {
             "joint_motion_generator_position_limits_violation"
         );
         assert_eq!(CommandRules::check(&READY, &[[f64::NAN; 7]], settings).unwrap_err().1, Violation::NotFinite { joint: 0 });
+    }
+
+    #[test]
+    fn a_race_towards_a_limit_is_refused_while_it_can_still_be_stopped() {
+        let mut rules = CommandRules::new(&READY, CommandRuleSettings::default());
+        let refused = ramp(13.95, 2000).iter().find_map(|q| rules.accept(q).err());
+        // Half a percent below the velocity limit the acceleration can no longer be taken back in time.
+        assert_eq!(refused, Some(Violation::NoRoomToSlow { joint: 0 }));
+        assert_eq!(overrun(rules.state(), &LIMITS, 1e-3), None, "what was accepted can be stopped");
+        assert!(rules.state().velocity_rad_s[0] > 0.98 * LIMITS.velocity_rad_s[0]);
+        let mut near = READY;
+        near[0] = LIMITS.position_upper_rad[0] - 0.05;
+        let mut rules = CommandRules::new(&near, CommandRuleSettings::default());
+        let refused =
+            ramp(5.0, 2000).iter().map(|q| std::array::from_fn(|i| q[i] - READY[i] + near[i])).find_map(|q| rules.accept(&q).err());
+        assert_eq!(refused, Some(Violation::NoRoomToStop { joint: 0 }));
+        assert!(rules.state().position_rad[0] < LIMITS.position_upper_rad[0] - 0.005);
     }
 }

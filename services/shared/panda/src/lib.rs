@@ -4,6 +4,7 @@
 //! the fingertips 0.1034 m along the hand's z. The hand approaches along +z and its fingers move along y. Angles are radians.
 
 pub mod command_rules;
+pub mod interpolation;
 pub mod inverse;
 pub mod kinematics;
 pub mod lane_frames;
@@ -12,8 +13,10 @@ pub mod levers;
 pub mod limits;
 pub mod self_collision;
 pub mod spheres;
+pub mod stop;
 
 pub use command_rules::{CommandRuleSettings, CommandRules, Violation};
+pub use interpolation::{hermite, smooth_step};
 pub use inverse::{InverseError, InverseSettings, inverse_at, inverse_near, inverse_sweep};
 pub use kinematics::{
     Frame, Jacobian, LinkFrames, base_from_flange, base_from_hand, base_from_tcp, flange_from_hand, hand_from_tcp, jacobian,
@@ -24,6 +27,7 @@ pub use self_collision::{SELF_COLLISION_PAIRS, self_collides};
 pub use spheres::{
     GRIPPER_SPHERES, LINKS, Link, PlacedSphere, SPHERE_COUNT, SPHERE_LINKS, gripper_spheres, spheres_in_base, spheres_in_link,
 };
+pub use stop::{MotionState, Stop, StopSettings};
 
 /// How many joints the arm has.
 pub const JOINT_COUNT: usize = 7;

@@ -2,9 +2,12 @@
 //!
 //! One owner at a time, by growing epochs; set-points are interpolated (cubic Hermite) at 1 kHz of robot time and each is held against
 //! Franka's rules. A broken rule, a commander that falls silent (set-points run out, or the last command outlives its time to live) and an
-//! emergency stop brake the arm and latch: only a command that clears the stop is accepted then.
+//! emergency stop bring the arm to rest within the limits of velocity, acceleration and jerk, and latch: only a command that clears the stop
+//! is accepted then. The rules refuse what could not be stopped any more, so whatever is sent, no limit is exceeded at any time.
 
-use repose_panda::{CommandRuleSettings, CommandRules, JOINT_COUNT, Joints, LIMITS, READY, Violation};
+use repose_panda::{
+    CommandRuleSettings, CommandRules, JOINT_COUNT, Joints, MotionState, READY, Stop, StopSettings, Violation, hermite, smooth_step,
+};
 use repose_proto::robot::{EmergencyStop, GripperCommand, Owner, RobotCommand, RobotMode, SetPoint, StopState};
 
 /// Robot time of one control step, seconds.
@@ -15,15 +18,15 @@ pub const TICK_S: f64 = 0.001;
 pub struct ArmSettings {
     /// What set-points are held against.
     pub rules: CommandRuleSettings,
-    /// The share of the acceleration limits that a stop brakes with.
-    pub braking_share: f64,
+    /// The share of the acceleration and jerk limits that a stop uses where there is room for it.
+    pub gentle_share: f64,
     /// Set-points that are kept at most; more in one command are refused.
     pub max_set_points: usize,
 }
 
 impl Default for ArmSettings {
     fn default() -> Self {
-        Self { rules: CommandRuleSettings::default(), braking_share: 0.8, max_set_points: 100_000 }
+        Self { rules: CommandRuleSettings::default(), gentle_share: StopSettings::default().gentle_share, max_set_points: 100_000 }
     }
 }
 
@@ -51,14 +54,14 @@ pub enum Ignored {
 #[derive(Debug, Clone)]
 pub struct Arm {
     settings: ArmSettings,
-    q_rad: Joints,
-    dq_rad_s: Joints,
+    motion: MotionState,
     owner: Option<Owner>,
     last_command: Option<u64>,
     expires_s: f64,
     stream: Option<Stream>,
     stream_ms: Option<f64>,
     stop: Option<StopState>,
+    braking: Option<Stop>,
     gripper: Option<GripperCommand>,
 }
 
@@ -67,8 +70,14 @@ struct Stream {
     points: Vec<SetPoint>,
     ends: bool,
     clock_ms: f64,
+    /// From where the stream starts to where the arm stood, radians; it fades out.
+    offset: Joints,
+    since_start_ms: f64,
     rules: CommandRules,
 }
+
+/// How long the difference between where the arm stood and where its stream starts takes to fade out, milliseconds.
+const FADE_MS: f64 = 200.0;
 
 impl Default for Arm {
     fn default() -> Self {
@@ -81,35 +90,35 @@ impl Arm {
     pub fn new(settings: ArmSettings) -> Self {
         Self {
             settings,
-            q_rad: READY,
-            dq_rad_s: [0.0; JOINT_COUNT],
+            motion: MotionState::at_rest(READY),
             owner: None,
             last_command: None,
             expires_s: 0.0,
             stream: None,
             stream_ms: None,
             stop: None,
+            braking: None,
             gripper: None,
         }
     }
 
     /// Back to the ready pose at rest, as if carried there; owner and latched stop stay.
     pub fn rehome(&mut self) {
-        self.q_rad = READY;
-        self.dq_rad_s = [0.0; JOINT_COUNT];
+        self.motion = MotionState::at_rest(READY);
         self.stream = None;
+        self.braking = None;
         self.stream_ms = None;
         self.gripper = None;
     }
 
     /// Joint positions, radians.
     pub fn q_rad(&self) -> &Joints {
-        &self.q_rad
+        &self.motion.position_rad
     }
 
     /// Joint velocities, radians per second.
     pub fn dq_rad_s(&self) -> &Joints {
-        &self.dq_rad_s
+        &self.motion.velocity_rad_s
     }
 
     /// Who commands.
@@ -184,7 +193,7 @@ impl Arm {
         self.owner = Some(command.owner.clone());
         self.last_command = Some(command.seq);
         self.expires_s = now_s + command.ttl_ms as f64 * 1e-3;
-        if command.clear_stop && self.is_still() {
+        if command.clear_stop && self.motion.is_at_rest() {
             self.stop = None;
         }
         if self.stop.is_some() {
@@ -204,36 +213,42 @@ impl Arm {
 
     /// One millisecond of robot time; `now_s` is the receiver's monotonic clock.
     pub fn tick(&mut self, now_s: f64) {
-        if self.stop.is_some() {
-            self.brake();
-            return;
+        self.follow(now_s);
+        // A stop that latched in this very millisecond moves in it too: to stand for one would be a jump.
+        if let Some(braking) = &mut self.braking {
+            self.motion = braking.step();
+            if self.motion.is_at_rest() {
+                self.braking = None;
+            }
         }
+    }
+
+    /// The stream's next place, or a reflex.
+    fn follow(&mut self, now_s: f64) {
         let Some(stream) = &mut self.stream else { return };
         if now_s > self.expires_s && !stream.ends {
             self.reflex("commander_silent", "the last command outlived its time to live".to_owned());
             return;
         }
-        stream.clock_ms += TICK_S * 1e3;
-        let (clock_ms, last) = (stream.clock_ms, stream.points.last().copied());
-        let Some(last) = last else {
+        stream.advance();
+        let Some(end_ms) = stream.end_ms() else {
             self.reflex("commander_silent", "the stream has no set-points".to_owned());
             return;
         };
-        if clock_ms > last.t_ms + 1e-6 {
-            if stream.ends {
-                self.dq_rad_s = [0.0; JOINT_COUNT];
-                self.stream = None;
-            } else {
-                self.reflex("commander_silent", format!("set-points ran out at {:.0} ms", last.t_ms));
-            }
+        let is_over = stream.clock_ms > end_ms + 1e-6;
+        if is_over && !stream.ends {
+            self.reflex("commander_silent", format!("set-points ran out at {end_ms:.0} ms"));
             return;
         }
-        let target = stream.at(clock_ms);
+        let target = stream.at(stream.clock_ms.min(end_ms));
         match stream.rules.accept(&target) {
             Ok(()) => {
-                self.dq_rad_s = std::array::from_fn(|i| (target[i] - self.q_rad[i]) / TICK_S);
-                self.q_rad = target;
-                self.stream_ms = Some(clock_ms);
+                self.motion = *stream.rules.state();
+                self.stream_ms = Some(stream.clock_ms.min(end_ms));
+                // The last position is held until the arm stands there.
+                if is_over && self.motion.is_at_rest() {
+                    self.stream = None;
+                }
             }
             Err(violation) => self.reflex(kind_of(&violation), violation.to_string()),
         }
@@ -244,14 +259,20 @@ impl Arm {
             self.reflex("invalid_command", "a stream starts without set-points".to_owned());
             return;
         };
-        let mut rules = CommandRules::new(&self.q_rad, self.settings.rules);
-        if let Err(violation) = rules.accept(&first.q_rad) {
+        let stands_rad = self.motion.position_rad;
+        if let Err(violation) = CommandRules::new(&stands_rad, self.settings.rules).accept(&first.q_rad) {
             self.reflex(kind_of(&violation), violation.to_string());
             return;
         }
-        self.q_rad = first.q_rad;
         self.stream_ms = Some(first.t_ms);
-        self.stream = Some(Stream { points: command.set_points.clone(), ends: command.ends_stream, clock_ms: first.t_ms, rules });
+        self.stream = Some(Stream {
+            points: command.set_points.clone(),
+            ends: command.ends_stream,
+            clock_ms: first.t_ms,
+            offset: std::array::from_fn(|i| stands_rad[i] - first.q_rad[i]),
+            since_start_ms: 0.0,
+            rules: CommandRules::continued(&stands_rad, self.settings.rules),
+        });
     }
 
     fn reflex(&mut self, kind: &str, reason: String) {
@@ -262,29 +283,13 @@ impl Arm {
         self.stop = Some(stop);
         self.stream = None;
         self.gripper = None;
+        let CommandRuleSettings { limits, period_s, .. } = self.settings.rules;
+        let settings = StopSettings { limits, period_s, gentle_share: self.settings.gentle_share };
+        self.braking = (!self.motion.is_at_rest()).then(|| Stop::new(&self.motion, &settings));
     }
 
     fn is_at_rest(&self) -> bool {
-        self.stream.is_none() && self.is_still()
-    }
-
-    fn is_still(&self) -> bool {
-        self.dq_rad_s.iter().all(|v| *v == 0.0)
-    }
-
-    /// All joints slow down by the same share, so that the arm stays on its path; the one that needs longest brakes at its limit.
-    fn brake(&mut self) {
-        let limits = &LIMITS.acceleration_rad_s2;
-        let remaining_s = (0..JOINT_COUNT).map(|i| self.dq_rad_s[i].abs() / (limits[i] * self.settings.braking_share)).fold(0.0, f64::max);
-        if remaining_s <= TICK_S {
-            self.dq_rad_s = [0.0; JOINT_COUNT];
-            return;
-        }
-        for i in 0..JOINT_COUNT {
-            self.dq_rad_s[i] *= 1.0 - TICK_S / remaining_s;
-            self.q_rad[i] += self.dq_rad_s[i] * TICK_S;
-        }
-        self.q_rad = LIMITS.clamped(&self.q_rad, 0.0);
+        self.stream.is_none() && self.motion.is_at_rest()
     }
 }
 
@@ -299,20 +304,30 @@ impl Stream {
         self.points.drain(..passed);
     }
 
+    fn advance(&mut self) {
+        self.clock_ms += TICK_S * 1e3;
+        self.since_start_ms += TICK_S * 1e3;
+    }
+
+    /// The time of the last set-point.
+    fn end_ms(&self) -> Option<f64> {
+        self.points.last().map(|p| p.t_ms)
+    }
+
     /// Joint positions at a time between the first and the last set-point.
     fn at(&self, t_ms: f64) -> Joints {
+        let fading = 1.0 - smooth_step(self.since_start_ms / FADE_MS);
+        let on_stream = self.interpolated(t_ms);
+        std::array::from_fn(|i| on_stream[i] + fading * self.offset[i])
+    }
+
+    fn interpolated(&self, t_ms: f64) -> Joints {
         let next = self.points.partition_point(|p| p.t_ms <= t_ms);
-        let (Some(a), b) = (self.points.get(next.saturating_sub(1)), self.points.get(next)) else { return [0.0; JOINT_COUNT] };
-        let Some(b) = b else { return a.q_rad };
-        let span_s = (b.t_ms - a.t_ms) * 1e-3;
-        let s = ((t_ms - a.t_ms) / (b.t_ms - a.t_ms)).clamp(0.0, 1.0);
-        let (s2, s3) = (s * s, s * s * s);
-        std::array::from_fn(|i| {
-            (2.0 * s3 - 3.0 * s2 + 1.0) * a.q_rad[i]
-                + (s3 - 2.0 * s2 + s) * span_s * a.dq_rad_s[i]
-                + (3.0 * s2 - 2.0 * s3) * b.q_rad[i]
-                + (s3 - s2) * span_s * b.dq_rad_s[i]
-        })
+        // A time before the first set-point can only be asked for when a command has moved that into the future: the rules decide.
+        let Some(b) = self.points.get(next) else { return self.points.last().map_or([f64::NAN; JOINT_COUNT], |p| p.q_rad) };
+        let Some(a) = next.checked_sub(1).and_then(|before| self.points.get(before)) else { return b.q_rad };
+        let s = (t_ms - a.t_ms) / (b.t_ms - a.t_ms);
+        hermite((&a.q_rad, &a.dq_rad_s), (&b.q_rad, &b.dq_rad_s), (b.t_ms - a.t_ms) * 1e-3, s).0
     }
 }
 
@@ -321,8 +336,8 @@ fn kind_of(violation: &Violation) -> &'static str {
     match violation {
         Violation::NotFinite { .. } => "invalid_command",
         Violation::StartPoseInvalid { .. } => "start_pose_mismatch",
-        Violation::PositionLimits { .. } => "joint_position_limit",
-        Violation::VelocityLimits { .. } => "joint_velocity_limit",
+        Violation::PositionLimits { .. } | Violation::NoRoomToStop { .. } => "joint_position_limit",
+        Violation::VelocityLimits { .. } | Violation::NoRoomToSlow { .. } => "joint_velocity_limit",
         Violation::VelocityDiscontinuity { .. } | Violation::AccelerationDiscontinuity { .. } => "joint_acceleration_limit",
     }
 }
@@ -390,12 +405,12 @@ mod tests {
             arm.command(&command(1, 1, points), 0.0).expect("taken");
             run(&mut arm, 5000, 0.0);
             assert_eq!(arm.stop().map(|s| s.kind.as_str()), Some(kind), "{name}");
-            assert!(arm.is_still(), "{name}");
+            assert!(arm.motion.is_at_rest(), "{name}");
         }
     }
 
     #[test]
-    fn a_silent_commander_stops_the_arm_within_the_limits() {
+    fn a_silent_commander_stops_the_arm() {
         for expires in [false, true] {
             let mut arm = Arm::default();
             let mut first = command(1, 1, swing(0.8, 1000.0));
@@ -405,15 +420,10 @@ mod tests {
             }
             arm.command(&first, 0.0).expect("taken");
             run(&mut arm, 400, 0.0);
-            let mut previous = *arm.dq_rad_s();
-            for _ in 0..600 {
-                arm.tick(if expires { 2.0 } else { 0.0 });
-                let braking = (arm.dq_rad_s()[0] - previous[0]).abs() / TICK_S;
-                assert!(braking <= LIMITS.acceleration_rad_s2[0] * 1.001, "{braking}");
-                previous = *arm.dq_rad_s();
-            }
+            assert!(!arm.motion.is_at_rest());
+            run(&mut arm, 600, if expires { 2.0 } else { 0.0 });
             assert_eq!(arm.stop().map(|s| s.kind.as_str()), Some("commander_silent"));
-            assert!(arm.is_still());
+            assert!(arm.motion.is_at_rest());
         }
     }
 

@@ -21,19 +21,20 @@ pub struct HandSettings {
     pub stiffness_n_m: f32,
     /// Damping of a finger's motor, N s/m.
     pub damping_n_s_m: f32,
-    /// Most that a finger presses with whatever is commanded, newtons.
+    /// Most that a finger presses with whatever is commanded, newtons; Franka's hand holds 70 N continuously.
     pub max_force_n: f32,
     /// Speed at which a finger's set-point moves, m/s.
     pub speed_m_s: f32,
     /// Friction of the finger pads.
     pub friction: f32,
-    /// Mass of a finger, kg.
+    /// Mass of a finger with what its drive adds to it, kg. The drive's inertia, seen through its gearing, is many times the finger's own; and
+    /// the solver needs it: between fingers of 0.1 kg what is held turns by degrees a second, between these it stays.
     pub finger_mass_kg: f32,
 }
 
 impl Default for HandSettings {
     fn default() -> Self {
-        Self { stiffness_n_m: 2000.0, damping_n_s_m: 50.0, max_force_n: 20.0, speed_m_s: 0.06, friction: 0.9, finger_mass_kg: 0.1 }
+        Self { stiffness_n_m: 2000.0, damping_n_s_m: 50.0, max_force_n: 70.0, speed_m_s: 0.06, friction: 0.9, finger_mass_kg: 3.0 }
     }
 }
 
@@ -112,8 +113,10 @@ impl Hand {
         }
     }
 
-    /// Starts a gripper action.
+    /// Starts a gripper action, from where the fingers are: a grip that opens lets go at once, not as its pressure fades, in which what it
+    /// holds would swing about the pads.
     pub fn command(&mut self, command: &GripperCommand) {
+        self.target_m = self.middle_m;
         self.goal_m = (command.width_m.clamp(0.0, FINGER_OPENING_MAX_M) / 2.0) as f32;
         self.force_n = (command.force_n as f32).clamp(1.0, self.settings.max_force_n);
     }
