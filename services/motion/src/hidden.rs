@@ -1,4 +1,4 @@
-//! What is not seen of an object: its middle, its far side, and its foot where something stands before it.
+//! What is not seen of an object: its middle, and its far side.
 //!
 //! One camera sees the near half. Most things that people set down look alike from opposite sides, so the far half is taken to be what was seen,
 //! turned by half a turn about the vertical through the middle: right for boxes, cans and bowls, and within the same bounds for anything else.
@@ -19,18 +19,6 @@ pub fn completed(points: &[Point3<f32>], middle: &Point3<f64>) -> Vec<Point3<f32
     points.iter().copied().chain(points.iter().map(|p| Point3::new(x - p.x, y - p.y, p.z))).collect()
 }
 
-/// The points and, where they end above what the object stands on, copies of the lowest of them every `spacing_m` down to there.
-pub fn down_to(points: Vec<Point3<f32>>, support_m: f64, spacing_m: f32) -> Vec<Point3<f32>> {
-    let lowest = points.iter().map(|p| p.z).fold(f32::INFINITY, f32::min);
-    let layers = ((lowest - support_m as f32) / spacing_m).max(0.0) as usize;
-    let foot: Vec<Point3<f32>> = points.iter().filter(|p| p.z < lowest + 1.5 * spacing_m).copied().collect();
-    let mut whole = points;
-    for layer in 1..=layers {
-        whole.extend(foot.iter().map(|p| Point3::new(p.x, p.y, p.z - layer as f32 * spacing_m)).filter(|p| f64::from(p.z) > support_m));
-    }
-    whole
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -49,15 +37,5 @@ mod tests {
             assert!(near(&whole), "face at {u}, {v}; seen {}", near(&points));
         }
         assert_eq!(whole.len(), 2 * points.len());
-    }
-
-    #[test]
-    fn a_hidden_foot_reaches_down_to_the_support_and_one_that_was_seen_is_left_alone() {
-        let points = synthetic::seen_box([0.5, 0.1], [0.12, 0.05, 0.20], 0.0);
-        assert_eq!(down_to(points.clone(), 0.0, 0.012).len(), points.len());
-        let upper: Vec<Point3<f32>> = points.into_iter().filter(|p| p.z > 0.12).collect();
-        let whole = down_to(upper.clone(), 0.0, 0.012);
-        let lowest = whole.iter().map(|p| p.z).fold(f32::INFINITY, f32::min);
-        assert!(whole.len() > upper.len() && (0.0..0.013).contains(&lowest), "{lowest}");
     }
 }

@@ -49,7 +49,7 @@ pub struct PickPlaceSettings {
     pub padding_m: f64,
     /// Spacing of the held object's points, metres. Default 0.012.
     pub held_spacing_m: f32,
-    /// Ball that each of them stands for, metres: half the spacing, which is about the border that was cleaned away too. Default 0.006.
+    /// Ball that each of them stands for, metres. Default 0.004.
     pub held_radius_m: f64,
     /// Grip force, newtons. Default 30.
     pub grip_force_n: f64,
@@ -78,7 +78,7 @@ impl Default for PickPlaceSettings {
             holding_scale: 0.5,
             padding_m: 0.003,
             held_spacing_m: 0.012,
-            held_radius_m: 0.006,
+            held_radius_m: 0.004,
             grip_force_n: 30.0,
             grasps_per_placement: 64,
             carry_rad: 2.2,
@@ -128,12 +128,10 @@ pub fn pick_place(request: &PickPlaceRequest<'_>, settings: &PickPlaceSettings) 
     let (others, everything) = ([&others], [&others, &query]);
 
     let mut rng = Pcg64::seed_from_u64(request.seed);
-    // What is held must clear the scene with what is hidden of it too.
+    // What is held must clear the scene with its far side too.
     let bounds = repose_geometry::Aabb::of(&object).ok_or(PickPlaceError::NoObject(request.query))?;
     let middle = hidden::middle(&bounds, &request.scene.camera_in_world, settings.grasp.hidden_m);
-    let support_m = support_under(request.scene, &object, request.query);
-    let seen = voxel_downsampled(&hidden::completed(&object, &middle), settings.held_spacing_m);
-    let thinned = voxel_downsampled(&hidden::down_to(seen, support_m, settings.held_spacing_m), settings.held_spacing_m);
+    let thinned = voxel_downsampled(&hidden::completed(&object, &middle), settings.held_spacing_m);
     let search = Search { request, settings, object: &thinned, others: &others, everything: &everything };
     if let Some(contact) = search.checker(search.everything, 0.0, None).contact(request.start) {
         return Err(PickPlaceError::StartBlocked(contact));
@@ -144,6 +142,7 @@ pub fn pick_place(request: &PickPlaceRequest<'_>, settings: &PickPlaceSettings) 
         None => {
             let camera_in_world = &request.scene.camera_in_world;
             let sight = Sight::new(camera_in_world, &request.scene.points);
+            let support_m = support_under(request.scene, &object, request.query);
             let scene = GraspScene { points: &object, support_m, camera_in_world, sight: &sight, others: others[0] };
             let (found, tally) = grasps(&scene, &settings.grasp, &mut rng);
             if found.is_empty() {
