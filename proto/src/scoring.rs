@@ -118,6 +118,13 @@ pub enum RealismBy {
     Outcome,
 }
 
+impl RealismBy {
+    /// Left out on the wire, so that such requests are the same as before there was a choice.
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// Scores candidates; always in bulk form, with `candidates` f32 `[n, 4]` beside the JSON.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -133,7 +140,7 @@ pub struct ScoreRequest {
     /// Whether realism is asked (the costly part).
     pub realism: bool,
     /// Who answers for realism.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "RealismBy::is_default")]
     pub realism_by: RealismBy,
     /// Whether relations are asked.
     pub relations: bool,

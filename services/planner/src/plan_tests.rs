@@ -242,9 +242,9 @@ fn what_carries_another_is_not_moved_and_the_other_is_named() {
 
 #[test]
 fn where_nobody_looked_nothing_is_put() {
-    // All space to the right of the anchor is said to be unseen.
+    // All space to the right of the anchor, beyond the table's edge too, is said to be unseen.
     let mut scene = table().scene();
-    let (columns, rows) = (50, 40);
+    let (columns, rows) = (60, 40);
     let hidden = (0..columns * rows).map(|k| if k % columns >= 25 { u32::MAX } else { 0 }).collect();
     let unseen = repose_proto::UnseenSpace { origin_m: [-0.5, -0.4, 0.0], cell_m: 0.02, columns, rows, hidden };
     let seen = Prepared::new(std::sync::Arc::new(scene.clone()));

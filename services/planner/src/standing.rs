@@ -233,7 +233,6 @@ mod tests {
         // The far half of a tall box's top: most of what it stands on is in front of it, and it reaches beyond the back.
         let scene = Builder::table().object(1, [0.0, 0.0], [0.06, 0.1, 0.14]).object_at(2, [0.0, 0.04], 0.14, [0.07, 0.08, 0.1]).prepared();
         assert!((bottom_m(&scene, 2) - 0.14).abs() < 0.008, "{}", bottom_m(&scene, 2));
-        assert_eq!(scene.carried(1), &[2]);
     }
 
     #[test]
@@ -243,7 +242,6 @@ mod tests {
             Builder::table().object(1, [0.0, 0.0], [0.08, 0.08, 0.16]).object_at(2, [0.0, 0.0], 0.16, [0.08, 0.08, 0.08]).prepared();
         // No more is known than what cleaning may have taken, which these clouds have kept.
         assert!((bottom_m(&tower, 2) - 0.16).abs() < 0.015, "{}", bottom_m(&tower, 2));
-        assert_eq!(tower.carried(1), &[2]);
         let table = Builder::table().object(1, [0.0, 0.0], [0.03, 0.03, 0.2]).object_at(2, [0.0, 0.0], 0.2, [0.16, 0.16, 0.02]).prepared();
         assert!((bottom_m(&table, 2) - 0.2).abs() < 0.02, "{}", bottom_m(&table, 2));
     }

@@ -158,9 +158,14 @@ fn lower(around: &Surroundings, pose: &mut Isometry3<f64>, rng: &mut impl Rng) {
     for _ in 0..LOWERING_STEPS {
         let free_m = around.distance_m(pose) - AIR_M;
         if free_m < AIR_M || pose.translation.z < tops[last] + bottom {
-            return;
+            break;
         }
         pose.translation.z -= f64::from(free_m);
+    }
+    // Distances between hulls are now and then millimetres too long.
+    for _ in 0..LOWERING_STEPS {
+        let Some((_, depth_m)) = around.deepest(pose) else { return };
+        pose.translation.z += f64::from(depth_m + AIR_M);
     }
 }
 

@@ -201,9 +201,9 @@ impl JointLimit {
                 break;
             }
             if sum < wanted {
-                low = stop.level
+                low = stop.level;
             } else {
-                high = stop.level
+                high = stop.level;
             }
             let newton = stop.level + (wanted - sum) / f64::from(free.max(1));
             stop.level = if free > 0 && newton > low && newton < high { newton } else { 0.5 * (low + high) };
