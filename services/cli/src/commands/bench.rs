@@ -39,3 +39,9 @@ pub fn run(args: &BenchArgs, output: Output) -> Outcome {
         Part::Scoring(args) => bench_scoring::run(args, output),
     }
 }
+
+/// The value below which a share of sorted values lies; NaN (null in JSON) without values.
+pub fn at(sorted: &[f64], share: f64) -> f64 {
+    let last = sorted.len().saturating_sub(1);
+    sorted.get((last as f64 * share).round() as usize).copied().unwrap_or(f64::NAN)
+}

@@ -12,6 +12,7 @@ use repose_perception::{PerceptionConfig, Settings, segment};
 use repose_proto::{CallError, Frame, Payload, Scene, SceneSummary, Service};
 use repose_runtime::{Session, Shutdown, Traffic};
 
+use crate::commands::bench::at;
 use crate::failure::{Failure, Outcome};
 use crate::frames;
 use crate::output::Output;
@@ -202,12 +203,6 @@ fn resampled(frame: &Frame, width: usize, height: usize) -> Frame {
         labels: frame.labels.as_ref().map(|l| pixels.clone().map(|i| l[source(i)]).collect()),
         ..frame.clone()
     }
-}
-
-/// The value below which a share of sorted values lies; NaN (null in JSON) without values.
-fn at(sorted: &[f64], share: f64) -> f64 {
-    let last = sorted.len().saturating_sub(1);
-    sorted.get((last as f64 * share).round() as usize).copied().unwrap_or(f64::NAN)
 }
 
 /// Resident memory of this process; none where the system does not tell.

@@ -22,6 +22,7 @@ use serde_json::json;
 use tokio::process::Child;
 
 use crate::client;
+use crate::commands::bench::at;
 use crate::commands::up::service_process;
 use crate::embedded::EmbeddedModels;
 use crate::failure::{Failure, Outcome};
@@ -337,11 +338,6 @@ impl CoreTime {
         let all = now.all.checked_sub(self.all).filter(|all| *all > 0)?;
         Some(1.0 - now.idle.saturating_sub(self.idle) as f64 / all as f64)
     }
-}
-
-/// The value below which a share of sorted values lies; 0 without values.
-fn at(sorted: &[f64], share: f64) -> f64 {
-    sorted.get((sorted.len().saturating_sub(1) as f64 * share).round() as usize).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -12,8 +12,7 @@ use repose_proto::scoring::RealismBy;
 use serde_json::{Value, json};
 
 use crate::args::parse_variant;
-use crate::commands::evaluate_scenes::{one_thread_engine, only_meshes, threads, write_report};
-use crate::commands::generate::split_of;
+use crate::commands::evaluate_scenes::{TableArgs, only_meshes, write_report};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 
@@ -35,18 +34,12 @@ pub struct EvaluateDiscriminatorArgs {
     /// Whose placements are looked at; repeat for more. The first gives the main figures.
     #[arg(long = "variant", default_values = ["best", "full"], value_parser = parse_variant)]
     pub variants: Vec<Variant>,
-    /// Which split's seeds: validation or test.
-    #[arg(long, default_value = "test")]
-    pub split: String,
     /// A folder of meshes to make the scenes of, in place of the objects that training uses.
     #[arg(long, value_name = "DIR")]
     pub objects: Option<PathBuf>,
-    /// A weights file in place of the weights that come with the program.
-    #[arg(long, value_name = "FILE")]
-    pub weights: Option<PathBuf>,
-    /// Threads; all cores by default. The table does not depend on it.
-    #[arg(long)]
-    pub threads: Option<usize>,
+    /// Split, weights and threads.
+    #[command(flatten)]
+    pub common: TableArgs,
     /// A folder for the table as JSON, the scatter plot and the reliability diagrams as SVG.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -54,19 +47,19 @@ pub struct EvaluateDiscriminatorArgs {
 
 /// Runs the command.
 pub fn run(args: &EvaluateDiscriminatorArgs, output: Output) -> Outcome {
-    let split = split_of(&args.split)?;
+    let split = args.common.split()?;
     let mut settings = DiscriminatorSettings {
         samples: args.samples,
         variants: args.variants.clone(),
-        threads: threads(args.threads),
+        threads: args.common.threads(),
         ..DiscriminatorSettings::default()
     };
     if let Some(folder) = &args.objects {
         only_meshes(&mut settings.problem.scene, folder)?;
     }
-    let engine = one_thread_engine(args.weights.as_deref())?;
+    let engine = args.common.engine()?;
     let table = evaluate_discriminator(split, args.scenes, &engine, &settings, |scenes| tracing::info!(scenes, "tried"))?;
-    let document = document(&table, &args.split, engine.weights_hash());
+    let document = document(&table, &args.common.split, engine.weights_hash());
     if let Some(folder) = &args.out {
         let mut pictures = vec![("discriminator", plot(&table)?)];
         let diagrams: Result<Vec<(String, String)>, Failure> = table

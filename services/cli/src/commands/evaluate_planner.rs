@@ -13,9 +13,8 @@ use repose_proto::place::Variant;
 use repose_simulator::scene::SceneKind;
 
 use crate::args::parse_variant;
-use crate::commands::evaluate_scenes::{one_thread_engine, only_meshes, threads, write_report};
+use crate::commands::evaluate_scenes::{TableArgs, only_meshes, write_report};
 use crate::commands::evaluate_world::parse_kind;
-use crate::commands::generate::split_of;
 use crate::commands::planner_records::Records;
 use crate::commands::planner_report::{document, pictures, text_of};
 use crate::commands::planner_sheets::Sheets;
@@ -45,15 +44,9 @@ pub struct EvaluatePlannerArgs {
     /// A folder of meshes never trained on, to make scenes of; kitchens have the program's own objects unless `--kind` is given.
     #[arg(long, value_name = "DIR")]
     pub objects: Option<PathBuf>,
-    /// Which split's seeds: validation or test.
-    #[arg(long, default_value = "test")]
-    pub split: String,
-    /// A weights file in place of the weights that come with the program.
-    #[arg(long, value_name = "FILE")]
-    pub weights: Option<PathBuf>,
-    /// Threads; all cores by default. The table does not depend on it.
-    #[arg(long)]
-    pub threads: Option<usize>,
+    /// Split, weights and threads.
+    #[command(flatten)]
+    pub common: TableArgs,
     /// A folder for every scene's record, the table as JSON and SVG, and contact sheets.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -65,9 +58,9 @@ pub struct EvaluatePlannerArgs {
 /// Runs the command.
 pub fn run(args: &EvaluatePlannerArgs, output: Output) -> Outcome {
     let settings = settings_of(args)?;
-    let engine = one_thread_engine(args.weights.as_deref())?;
+    let engine = args.common.engine()?;
     let head = serde_json::json!({
-        "split": args.split, "weights_hash": engine.weights_hash(), "variants": settings.scene.variants,
+        "split": args.common.split, "weights_hash": engine.weights_hash(), "variants": settings.scene.variants,
         "answers": settings.scene.answers,
         "objects": args.objects.as_ref().and_then(|o| o.file_name()).map(|name| name.to_string_lossy()),
     });
@@ -120,12 +113,12 @@ fn settings_of(args: &EvaluatePlannerArgs) -> Result<PlannerTableSettings, Failu
     };
     let variants = if args.variants.is_empty() { Variant::ALL.to_vec() } else { args.variants.clone() };
     Ok(PlannerTableSettings {
-        split: split_of(&args.split)?,
+        split: args.common.split()?,
         sets,
         first: args.first,
         scenes: args.scenes,
         scene: PlannerSceneSettings { variants, ..PlannerSceneSettings::default() },
-        threads: threads(args.threads),
+        threads: args.common.threads(),
     })
 }
 

@@ -9,8 +9,7 @@ use repose_evaluation::svg::{Bars, grouped_bars};
 use repose_evaluation::{RelationsSettings, RelationsTable, evaluate_relations, paper};
 use serde_json::{Value, json};
 
-use crate::commands::evaluate_scenes::{one_thread_engine, only_meshes, threads, write_report};
-use crate::commands::generate::split_of;
+use crate::commands::evaluate_scenes::{TableArgs, only_meshes, write_report};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 
@@ -24,18 +23,12 @@ pub struct EvaluateRelationsArgs {
     /// How many examples at least; the paper has 2,696.
     #[arg(long, default_value_t = 4000)]
     pub examples: usize,
-    /// Which split's seeds: validation or test.
-    #[arg(long, default_value = "test")]
-    pub split: String,
     /// A folder of meshes to make the scenes of, in place of the objects that training uses.
     #[arg(long, value_name = "DIR")]
     pub objects: Option<PathBuf>,
-    /// A weights file in place of the weights that come with the program.
-    #[arg(long, value_name = "FILE")]
-    pub weights: Option<PathBuf>,
-    /// Threads; all cores by default. The table does not depend on it.
-    #[arg(long)]
-    pub threads: Option<usize>,
+    /// Split, weights and threads.
+    #[command(flatten)]
+    pub common: TableArgs,
     /// A folder for the table as JSON and as SVG.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -43,14 +36,14 @@ pub struct EvaluateRelationsArgs {
 
 /// Runs the command.
 pub fn run(args: &EvaluateRelationsArgs, output: Output) -> Outcome {
-    let split = split_of(&args.split)?;
-    let mut settings = RelationsSettings { threads: threads(args.threads), ..RelationsSettings::default() };
+    let split = args.common.split()?;
+    let mut settings = RelationsSettings { threads: args.common.threads(), ..RelationsSettings::default() };
     if let Some(folder) = &args.objects {
         only_meshes(&mut settings.scene, folder)?;
     }
-    let engine = one_thread_engine(args.weights.as_deref())?;
+    let engine = args.common.engine()?;
     let table = evaluate_relations(split, args.examples, &engine, &settings, |examples| tracing::info!(examples, "judged"))?;
-    let document = document(&table, &args.split, engine.weights_hash());
+    let document = document(&table, &args.common.split, engine.weights_hash());
     if let Some(folder) = &args.out {
         write_report(folder, "relations", &document, &[("relations", picture(&table)?)])?;
     }

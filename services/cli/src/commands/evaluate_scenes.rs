@@ -1,11 +1,14 @@
 //! What the tables of `repose evaluate` share: scenes of a user's meshes, an engine for many threads, reports on disk.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use clap::Args;
+use repose_dataset::Split;
 use repose_inference::{Engine, InferenceConfig, engine_of};
 use repose_simulator::objects::{MeshLibrary, MeshSettings, ObjectSource};
 use repose_simulator::scene::SceneSettings;
 
+use crate::commands::generate::split_of;
 use crate::failure::{Failure, Outcome};
 
 /// The threads to use: as many as asked for, or one a core.
@@ -13,10 +16,36 @@ pub fn threads(asked: Option<usize>) -> usize {
     asked.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)).max(1)
 }
 
-/// A weights file's networks, or those that come with the program, one thread a request: the tables spread scenes over the cores.
-pub fn one_thread_engine(weights: Option<&Path>) -> Result<Engine, Failure> {
-    let config = InferenceConfig { weights: weights.map(Path::to_path_buf), threads: 1, ..InferenceConfig::default() };
-    engine_of(&config).map_err(|e| Failure::bad_input("weights", e))
+/// What every table of the networks and the planner is told.
+#[derive(Debug, Args)]
+pub struct TableArgs {
+    /// Which split's seeds: validation or test.
+    #[arg(long, default_value = "test")]
+    pub split: String,
+    /// A weights file in place of the weights that come with the program.
+    #[arg(long, value_name = "FILE")]
+    pub weights: Option<PathBuf>,
+    /// Threads; all cores by default. The table does not depend on it.
+    #[arg(long)]
+    pub threads: Option<usize>,
+}
+
+impl TableArgs {
+    /// The split of that name.
+    pub fn split(&self) -> Result<Split, Failure> {
+        split_of(&self.split)
+    }
+
+    /// The networks, one thread a request: the tables spread scenes over the cores.
+    pub fn engine(&self) -> Result<Engine, Failure> {
+        let config = InferenceConfig { weights: self.weights.clone(), threads: 1, ..InferenceConfig::default() };
+        engine_of(&config).map_err(|e| Failure::bad_input("weights", e))
+    }
+
+    /// The threads to use.
+    pub fn threads(&self) -> usize {
+        threads(self.threads)
+    }
 }
 
 /// Makes scenes of a folder's meshes only.

@@ -22,7 +22,7 @@ use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 
 use crate::{
     reader::{ReadError, shard_paths},
-    writer::{FORMAT_KEY, WriteError},
+    writer::{FORMAT_KEY, WriteError, write_whole},
 };
 
 /// The folder of outcomes within a folder of views.
@@ -80,12 +80,10 @@ pub fn write_releases(path: &Path, releases: &[ReleaseRecord]) -> Result<(), Wri
     ];
     let metadata = HashMap::from([(FORMAT_KEY.to_owned(), RELEASES_FORMAT.to_owned())]);
     let bytes = safetensors::serialize(tensors, Some(metadata)).map_err(|e| WriteError::Container(e.to_string()))?;
-    let io = |source| WriteError::Io { path: path.to_path_buf(), source };
     if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(io)?;
+        std::fs::create_dir_all(folder).map_err(|source| WriteError::Io { path: path.to_path_buf(), source })?;
     }
-    let unfinished = path.with_extension("unfinished");
-    std::fs::write(&unfinished, bytes).and_then(|()| std::fs::rename(&unfinished, path)).map_err(io)
+    write_whole(path, &bytes)
 }
 
 /// The path of the file of outcomes whose first scene is `first_scene`, for `scenes` scenes, under a folder of views.

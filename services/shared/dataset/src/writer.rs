@@ -148,9 +148,7 @@ impl ShardWriter {
         }
         let path = Self::shard_path(&self.folder, self.next_shard, &self.suffix);
         let bytes = self.serialize()?;
-        let beside = path.with_extension("tmp");
-        let written = std::fs::write(&beside, &bytes).and_then(|()| std::fs::rename(&beside, &path));
-        written.map_err(|source| WriteError::Io { path, source })?;
+        write_whole(&path, &bytes)?;
         self.bytes_written += bytes.len() as u64;
         self.next_shard += 1;
         Ok(())
@@ -167,6 +165,13 @@ impl ShardWriter {
         let metadata = HashMap::from([(FORMAT_KEY.to_owned(), FORMAT.to_owned())]);
         safetensors::serialize(tensors, Some(metadata)).map_err(|e| container(&e))
     }
+}
+
+/// Writes a file beside its place and renames it, so that a reader never sees half of one.
+pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
+    let beside = path.with_extension("tmp");
+    let written = std::fs::write(&beside, bytes).and_then(|()| std::fs::rename(&beside, path));
+    written.map_err(|source| WriteError::Io { path: path.to_path_buf(), source })
 }
 
 /// A tensor's bytes with their shape.

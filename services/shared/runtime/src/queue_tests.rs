@@ -1,0 +1,171 @@
+//! What callers may rely on: order, refusal, batches, and that nothing that nobody waits for is computed.
+
+use std::sync::mpsc;
+
+use super::*;
+
+fn queue(capacity: usize) -> ComputeQueue {
+    ComputeQueue::start(QueueSettings { capacity, ..QueueSettings::default() }).unwrap()
+}
+
+fn minute() -> JobContext {
+    JobContext::within(Duration::from_secs(60))
+}
+
+/// Occupies the only thread until the returned sender is dropped.
+fn block(queue: &ComputeQueue) -> (mpsc::Sender<()>, impl Future<Output = Result<(), CallError>> + '_) {
+    let (release, released) = mpsc::channel::<()>();
+    let running = queue.run(minute(), move |_| {
+        let _released = released.recv();
+        Ok(())
+    });
+    (release, running)
+}
+
+#[tokio::test]
+async fn a_job_returns_its_value_and_its_error() {
+    let queue = queue(4);
+    assert_eq!(queue.run(minute(), |_| Ok(3)).await, Ok(3));
+    let error = queue.run(minute(), |_| Err::<(), _>(CallError::precondition("no"))).await.unwrap_err();
+    assert_eq!(error.code, ErrorCode::FailedPrecondition);
+}
+
+#[tokio::test]
+async fn a_panic_is_an_internal_error_and_the_thread_lives_on() {
+    let queue = queue(4);
+    let error = queue.run(minute(), |_| -> Result<(), CallError> { panic!("on purpose") }).await.unwrap_err();
+    assert_eq!(error.code, ErrorCode::Internal);
+    assert_eq!(queue.run(minute(), |_| Ok(1)).await, Ok(1));
+}
+
+#[tokio::test]
+async fn a_full_queue_refuses_at_once_and_says_when_to_come_back() {
+    let queue = queue(1);
+    let (release, running) = block(&queue);
+    let mut running = std::pin::pin!(running);
+    // One poll submits the blocker; wait until the thread has taken it.
+    assert!(futures::poll!(running.as_mut()).is_pending());
+    while queue.gauge().running() == 0 {
+        tokio::task::yield_now().await;
+    }
+    let mut waiting = std::pin::pin!(queue.run(minute(), |_| Ok(())));
+    assert!(futures::poll!(waiting.as_mut()).is_pending());
+    let refused = queue.run(minute(), |_| Ok(())).await.unwrap_err();
+    assert_eq!(refused.code, ErrorCode::ResourceExhausted);
+    assert!(refused.retryable && refused.retry_after_ms.is_some());
+    drop(release);
+    assert_eq!((running.await, waiting.await), (Ok(()), Ok(())));
+}
+
+#[tokio::test]
+async fn a_job_whose_caller_has_gone_is_never_started() {
+    let queue = queue(4);
+    let (release, running) = block(&queue);
+    let mut running = std::pin::pin!(running);
+    assert!(futures::poll!(running.as_mut()).is_pending());
+    let (started, was_started) = mpsc::channel();
+    {
+        let mut forgotten = std::pin::pin!(queue.run(minute(), move |_| {
+            let _sent = started.send(());
+            Ok(())
+        }));
+        assert!(futures::poll!(forgotten.as_mut()).is_pending());
+    }
+    drop(release);
+    running.await.unwrap();
+    assert_eq!(queue.run(minute(), |_| Ok(5)).await, Ok(5));
+    assert!(was_started.recv().is_err(), "the forgotten job ran");
+}
+
+#[tokio::test]
+async fn cancelled_and_overdue_jobs_end_with_their_own_codes() {
+    let queue = queue(4);
+    let cancelled = CancellationToken::new();
+    cancelled.cancel();
+    let context = JobContext::new(Instant::now() + Duration::from_secs(9), cancelled);
+    assert_eq!(queue.run(context, |_| Ok(())).await.unwrap_err().code, ErrorCode::Cancelled);
+    assert_eq!(queue.run(JobContext::within(Duration::ZERO), |_| Ok(())).await.unwrap_err().code, ErrorCode::DeadlineExceeded);
+}
+
+#[tokio::test]
+async fn jobs_that_wait_together_are_handed_over_together() {
+    let (release, released) = mpsc::channel::<()>();
+    let mut released = Some(released);
+    let settings = QueueSettings { capacity: 16, max_batch: 8, ..QueueSettings::default() };
+    let queue = BatchQueue::<u32, usize>::start(settings, |_| {
+        let released = released.take();
+        move |jobs: Vec<Job<u32, usize>>| {
+            if jobs[0].request == 0 {
+                let _released = released.as_ref().map(mpsc::Receiver::recv);
+            }
+            let size = jobs.len();
+            jobs.into_iter().for_each(|job| job.finish(Ok(size)));
+        }
+    })
+    .unwrap();
+    let first = queue.submit(minute(), 0).unwrap();
+    while queue.gauge().running() == 0 {
+        tokio::task::yield_now().await;
+    }
+    let others: Vec<_> = (1..=5).map(|i| queue.submit(minute(), i).unwrap()).collect();
+    drop(release);
+    assert_eq!(first.answer().await, Ok(1));
+    for other in others {
+        assert_eq!(other.answer().await, Ok(5));
+    }
+}
+
+/// A queue that answers each job with how many jobs came before it and how many came with it. Its thread is held by the first job, a
+/// zero, until the sender is dropped.
+fn ordered(settings: QueueSettings) -> (BatchQueue<u32, (usize, usize)>, mpsc::Sender<()>) {
+    let (release, released) = mpsc::channel::<()>();
+    let mut released = Some(released);
+    let queue = BatchQueue::start(settings, |_| {
+        let (released, mut before) = (released.take(), 0);
+        move |jobs: Vec<Job<u32, (usize, usize)>>| {
+            if jobs[0].request == 0 {
+                let _released = released.as_ref().map(mpsc::Receiver::recv);
+            }
+            let size = jobs.len();
+            for job in jobs {
+                job.finish(Ok((before, size)));
+                before += 1;
+            }
+        }
+    });
+    (queue.unwrap(), release)
+}
+
+#[tokio::test]
+async fn interactive_jobs_go_first_and_batch_jobs_get_their_turn() {
+    let (queue, release) = ordered(QueueSettings { capacity: 64, ..QueueSettings::default() });
+    let first = queue.submit(minute(), 0).unwrap();
+    while queue.gauge().running() == 0 {
+        tokio::task::yield_now().await;
+    }
+    let batch: Vec<_> = (0..2).map(|_| queue.submit(minute().with_priority(Priority::Batch), 1).unwrap()).collect();
+    let interactive: Vec<_> = (0..20).map(|_| queue.submit(minute(), 2).unwrap()).collect();
+    drop(release);
+    assert_eq!(first.answer().await.unwrap().0, 0);
+    let mut places = Vec::new();
+    for job in batch {
+        places.push(job.answer().await.unwrap().0);
+    }
+    assert_eq!(places, [1 + LET_BY, 2 + 2 * LET_BY]);
+    for job in interactive {
+        job.answer().await.unwrap();
+    }
+}
+
+#[tokio::test]
+async fn a_batch_waits_for_others_as_long_as_it_may() {
+    let wait = Duration::from_secs(30);
+    let (queue, _release) = ordered(QueueSettings { capacity: 16, max_batch: 3, max_wait: wait, ..QueueSettings::default() });
+    // Nothing holds the thread: it takes the first job and waits; the third fills the batch long before the time is over.
+    let jobs: Vec<_> = (1..=3).map(|i| queue.submit(minute(), i).unwrap()).collect();
+    for job in jobs {
+        assert_eq!(job.answer().await.unwrap().1, 3);
+    }
+    let (queue, _release) = ordered(QueueSettings { max_batch: 3, max_wait: Duration::from_millis(1), ..QueueSettings::default() });
+    assert_eq!(queue.submit(minute(), 1).unwrap().answer().await.unwrap().1, 1, "alone, it does not wait for ever");
+}
