@@ -11,6 +11,7 @@ use candle_core::{Device, Result, Tensor};
 use nalgebra::{Point3, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
+use repose_dataset::{ReleaseRecord, ViewRecord};
 use repose_networks::{
     Kernel, Networks, NetworksConfig,
     crops::{Grouped, discriminator_points},
@@ -22,7 +23,12 @@ use repose_networks::{
     shared_scene::SharedScene,
 };
 
-use crate::{episode::Episode, normal::gaussian, settings::Part, task::Task};
+use crate::{
+    episode::{Episode, EpisodeSettings},
+    normal::gaussian,
+    settings::Part,
+    task::Task,
+};
 
 /// Places of one episode that are let go, at most: more would share one scene too often.
 const PLACES_MOST: usize = 4;
@@ -119,12 +125,22 @@ fn direction(rng: &mut Pcg64) -> Vector3<f32> {
 }
 
 impl Task for PlacementTask {
+    type Prepared = Episode;
+
     fn part(&self) -> Part {
         self.part
     }
 
-    fn fits(&self, parameter: &str) -> bool {
-        self.part.fits(parameter)
+    fn prepare(
+        &self,
+        _: &Networks,
+        config: &NetworksConfig,
+        view: &ViewRecord,
+        query: usize,
+        releases: &[ReleaseRecord],
+        rng: &mut Pcg64,
+    ) -> Result<Option<Episode>> {
+        Ok(Episode::new(view, query, releases, &config.cloud, &EpisodeSettings::default(), rng))
     }
 
     fn loss(
