@@ -15,7 +15,7 @@ use repose_networks::{
     Kernel, Networks, NetworksConfig, PREDICTED_RELATIONS,
     crops::{Grouped, object_input},
     layers::Mode,
-    pair_measures::{MeasuredCloud, PAIR_MEASURES, pair_measures},
+    pair_measures::{MeasuredCloud, pair_measures},
     points::{CloudConfig, ObjectCloud, Sight},
     relation_predictor::binary_cross_entropy,
     set_abstraction::Path,
@@ -63,7 +63,7 @@ struct Rows {
     queries: Vec<f32>,
     /// `[n, 128]`.
     anchors: Vec<f32>,
-    /// `[n, PAIR_MEASURES]`.
+    /// `[n, 87]`.
     measures: Vec<f32>,
     /// `[n, 9]`: 0 or 1.
     labels: Vec<f32>,
