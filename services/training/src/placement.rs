@@ -9,7 +9,7 @@
 
 use candle_core::{Device, Result, Tensor};
 use nalgebra::{Point3, Vector3};
-use rand::RngExt;
+use rand::{RngExt, seq::IndexedRandom};
 use rand_pcg::Pcg64;
 use repose_networks::{
     Kernel, Networks, NetworksConfig,
@@ -65,7 +65,10 @@ impl PlacementTask {
                 is_good: trial.stayed,
             });
             // Where it rested it stays; nothing has to be let go to know that.
-            return let_go.take(PLACES_MOST).chain([self.settled(episode, rng)]).collect();
+            let let_go: Vec<Labelled> = let_go.collect();
+            let mut places: Vec<Labelled> = let_go.sample(rng, PLACES_MOST).copied().collect();
+            places.push(self.settled(episode, rng));
+            return places;
         }
         let offset = direction(rng) * rng.random_range(self.offset_m[0]..=self.offset_m[1]);
         let moved = Labelled { position: episode.position + offset, yaw_rad: episode.yaw_rad, label: 0.0, is_good: false };

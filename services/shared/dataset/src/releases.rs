@@ -1,6 +1,7 @@
 //! What happens when an object of a scene is let go somewhere: what the outcome network learns from.
 //!
-//! Outcomes belong to scenes, not to views: a folder of views may have a folder `releases` in it, with one file per range of scenes.
+//! Outcomes belong to scenes, not to views: a folder of views may have a folder `releases` in it, with one file per range of scenes
+//! and way of drawing places.
 //!
 //! ```text
 //! metadata  {"format": "repose-releases-1"}
@@ -89,6 +90,11 @@ pub fn write_releases(path: &Path, releases: &[ReleaseRecord]) -> Result<(), Wri
 /// The path of the file of outcomes whose first scene is `first_scene`, for `scenes` scenes, under a folder of views.
 pub fn releases_path(folder: &Path, first_scene: u64, scenes: u64) -> PathBuf {
     folder.join(RELEASES_FOLDER).join(format!("releases_{first_scene:06}_{scenes}.safetensors"))
+}
+
+/// The same for places that the prior and the planner proposed.
+pub fn proposals_path(folder: &Path, first_scene: u64, scenes: u64) -> PathBuf {
+    folder.join(RELEASES_FOLDER).join(format!("proposals_{first_scene:06}_{scenes}.safetensors"))
 }
 
 /// All outcomes under a folder of views, in the order of the files' names; none where there is no such folder.
