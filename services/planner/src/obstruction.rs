@@ -18,6 +18,8 @@ pub struct Obstruction {
     pub colliding_share: f64,
     /// Distance to the nearest obstacle, metres, up to the width of the clearance ring; 0 in collision.
     pub clearance_m: f64,
+    /// Share of the cells where the query's unseen back may reach that something else fills.
+    pub doubtful_share: f64,
 }
 
 /// Width of a bin that distances are counted in, metres.
@@ -38,7 +40,7 @@ pub fn obstruction(
     // What ends here or lower carries the query and is not in its way.
     let floor_m = bottom_m + support.tolerance_m;
     let (mut colliding, mut near) = (0usize, [0usize; BINS]);
-    let mut farthest_m = 0.0f32;
+    let (mut farthest_m, mut doubtful) = (0.0f32, 0usize);
     for prism in &query.prisms {
         let (low_m, high_m) = (bottom_m + prism.low_m, bottom_m + prism.high_m);
         for cell in &prism.cells {
@@ -49,22 +51,27 @@ pub fn obstruction(
                 if in_way.next().is_none() {
                     continue;
                 }
+                doubtful += usize::from(cell.doubtful);
                 count(cell.inside_m, settings.graze_m, &mut colliding, &mut near);
             } else {
                 for run in in_way {
                     match touched.contains(&run.object) {
                         true if cell.inside_m >= settings.touch_m => colliding += 1,
                         true => {}
-                        false => count(cell.inside_m, settings.graze_m, &mut colliding, &mut near),
+                        false => {
+                            doubtful += usize::from(cell.doubtful);
+                            count(cell.inside_m, settings.graze_m, &mut colliding, &mut near);
+                        }
                     }
                 }
             }
         }
     }
     let cells = query.prisms.iter().map(|p| p.inside).sum::<usize>().max(1);
+    let doubtful_share = doubtful as f64 / query.prisms.iter().map(|p| p.doubtful).sum::<usize>().max(1) as f64;
     let strays = settings.stray_cells.max((settings.stray_share * cells as f32) as usize);
     if colliding > strays {
-        return Obstruction { colliding_share: colliding as f64 / cells as f64, clearance_m: 0.0 };
+        return Obstruction { colliding_share: colliding as f64 / cells as f64, clearance_m: 0.0, doubtful_share };
     }
     let mut found = 0;
     let first = near.iter().position(|n| {
@@ -72,7 +79,7 @@ pub fn obstruction(
         found > settings.stray_cells
     });
     let clearance_m = first.map_or(f64::from(farthest_m), |bin| f64::from(bin as f32 * BIN_M));
-    Obstruction { colliding_share: 0.0, clearance_m }
+    Obstruction { colliding_share: 0.0, clearance_m, doubtful_share }
 }
 
 fn count(inside_m: f32, graze_m: f32, colliding: &mut usize, near: &mut [usize; BINS]) {

@@ -22,10 +22,7 @@ use repose_networks::{
     shared_scene::SharedScene,
 };
 
-use crate::{episode::Episode, normal::gaussian, settings::Part, task::Task};
-
-/// Places of one episode that are let go, at most: more would share one scene too often.
-const PLACES_MOST: usize = 4;
+use crate::{episode::Episode, normal::gaussian, settings::Part, task::Task, views::TRIALS_AT_ONCE};
 
 /// A place for the query, and what it counts.
 #[derive(Debug, Clone, Copy)]
@@ -66,7 +63,7 @@ impl PlacementTask {
             });
             // Where it rested it stays; nothing has to be let go to know that.
             let let_go: Vec<Labelled> = let_go.collect();
-            let mut places: Vec<Labelled> = let_go.sample(rng, PLACES_MOST).copied().collect();
+            let mut places: Vec<Labelled> = let_go.sample(rng, TRIALS_AT_ONCE).copied().collect();
             places.push(self.settled(episode, rng));
             return places;
         }
@@ -141,7 +138,7 @@ impl Task for PlacementTask {
     ) -> Result<Tensor> {
         // Good and bad places of one episode side by side: they differ in the place only.
         let first = rng.random_range(0..episodes.len());
-        let mut labels = Vec::with_capacity(samples + PLACES_MOST);
+        let mut labels = Vec::with_capacity(samples + TRIALS_AT_ONCE);
         let mut candidates = Vec::new();
         for episode in episodes.iter().cycle().skip(first) {
             if labels.len() >= samples {

@@ -92,10 +92,7 @@ pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
     match steps.last() {
         _ if achieved == wanted => Ok(()),
         Some(last) if last.result.placements.is_empty() => Err(Failure::NoPlacement),
-        Some(last) => {
-            let why = last.reason.clone().unwrap_or_else(|| "the goal does not hold in the view after it".to_owned());
-            Err(Failure::other(format!("wish {} was not achieved: {why}", achieved + 1)))
-        }
+        Some(_) => Err(Failure::NotAchieved),
         None => Err(Failure::other("nothing was tried")),
     }
 }
@@ -123,8 +120,11 @@ async fn achieve(args: &PlaceArgs, session: &Session) -> Result<Vec<Step>, Failu
     };
     let mut view = system.view_after(0).await?;
     let mut known = Known::of(&view.1.meta.objects);
+    let wishes = || std::iter::once(&first).chain(&args.then).enumerate();
+    // A wish for something that is not there is refused before anything moves.
+    wishes().try_for_each(|(k, wish)| known.translated(k, wish).map(|_| ()))?;
     let mut steps = Vec::new();
-    for (k, wish) in std::iter::once(&first).chain(&args.then).enumerate() {
+    for (k, wish) in wishes() {
         let (query, goal) = known.translated(k, wish)?;
         let request = PlaceRequest { query, goal, count: args.wish.count.max(COUNT), ..args.wish.request(view.0.clone()) };
         request.validate()?;
