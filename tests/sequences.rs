@@ -30,7 +30,7 @@ async fn each_wish_is_planned_on_what_the_one_before_has_left() {
     let moved_m = before.objects.iter().zip(&after.objects).map(|(a, b)| (a.centroid_m[0] - b.centroid_m[0]).abs()).fold(0.0, f64::max);
     assert!(moved_m < 0.005, "a wish for an unknown object is refused before anything moves, and something moved {moved_m} m");
 
-    let (output, document) = place(&deployment, &["--move", "1", "--goal", "right_of:2", "--then", "1=left_of:2"]).await;
+    let (output, document) = place(&deployment, &["--move", "1", "--goal", "behind:2", "--then", "1=left_of:2"]).await;
     let said = || format!("{document:#}\n{}", String::from_utf8_lossy(&output.stderr));
     let steps = document["steps"].as_array().unwrap_or_else(|| panic!("no steps: {}", said()));
     assert_eq!(document["wanted"], 2);
