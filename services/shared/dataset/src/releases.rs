@@ -23,7 +23,8 @@ use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 
 use crate::{
     reader::{ReadError, shard_paths},
-    writer::{FORMAT_KEY, WriteError, write_whole},
+    whole::write_whole,
+    writer::{FORMAT_KEY, WriteError},
 };
 
 /// The folder of outcomes within a folder of views.
@@ -81,10 +82,7 @@ pub fn write_releases(path: &Path, releases: &[ReleaseRecord]) -> Result<(), Wri
     ];
     let metadata = HashMap::from([(FORMAT_KEY.to_owned(), RELEASES_FORMAT.to_owned())]);
     let bytes = safetensors::serialize(tensors, Some(metadata)).map_err(|e| WriteError::Container(e.to_string()))?;
-    if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(|source| WriteError::Io { path: path.to_path_buf(), source })?;
-    }
-    write_whole(path, &bytes)
+    write_whole(path, &bytes).map_err(|source| WriteError::Io { path: path.to_path_buf(), source })
 }
 
 /// The path of the file of outcomes whose first scene is `first_scene`, for `scenes` scenes, under a folder of views.
