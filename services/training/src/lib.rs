@@ -8,11 +8,13 @@
 pub mod adam;
 mod checkpoint;
 pub mod curve;
+pub mod discriminator;
 pub mod episode;
 pub mod error;
 pub mod joint;
 pub mod merge;
 pub mod normal;
+pub mod outcome;
 pub mod placement;
 pub mod settings;
 pub mod step;

@@ -20,9 +20,11 @@ use crate::{
     adam::{AdamW, clip},
     checkpoint,
     curve::{Curve, CurvePoint},
+    discriminator::Moved,
     episode::{Episode, EpisodeSettings},
     error::TrainError,
     joint::JointTask,
+    outcome::LetGo,
     placement::PlacementTask,
     settings::{Part, RelationsVariant, TrainSettings},
     step::{Shared, Slot, draw, generator, gradient},
@@ -64,7 +66,8 @@ pub struct TrainReport {
 pub fn train(settings: &TrainSettings) -> Result<TrainReport, TrainError> {
     match settings.part {
         Part::Joint => Run::new(settings, &JointTask::default())?.run(),
-        Part::Discriminator | Part::Outcome => Run::new(settings, &PlacementTask::new(settings.part))?.run(),
+        Part::Discriminator => Run::new(settings, &PlacementTask(Moved::default()))?.run(),
+        Part::Outcome => Run::new(settings, &PlacementTask(LetGo))?.run(),
     }
 }
 
