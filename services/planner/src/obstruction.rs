@@ -122,18 +122,14 @@ pub fn exact_clearance_m(query: &Query, candidate: &Candidate, obstacles: &[Poin
 mod tests {
     use super::*;
     use crate::settings::Fixed;
-    use crate::synthetic::Builder;
+    use crate::synthetic::{Builder, standing_at};
 
     #[test]
     fn it_collides_with_a_box_and_its_hidden_back_and_is_clear_beside_it() {
         let prepared = Builder::table().object(1, [0.0, 0.1], [0.1, 0.1, 0.12]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.08]).prepared();
         let fixed = Fixed::default();
         let query = Query::new(&prepared, 2, 0.0, &fixed).unwrap();
-        let offset = query.shape.axis_offset();
-        let at = |x: f32, y: f32, bottom: f32| Candidate {
-            centroid_m: [x - offset.x, y - offset.y, bottom + query.shape.centroid_height_m()],
-            yaw_rad: 0.0,
-        };
+        let at = |x: f32, y: f32, bottom_m: f32| standing_at(&query, x, y, bottom_m);
         let judge = |c: &Candidate, touched: &[u16]| obstruction(&prepared, &query, c, touched, &fixed.clearance, &fixed.support);
         assert!(judge(&at(0.0, 0.1, 0.001), &[]).colliding_share > 0.1, "inside the box");
         assert!(judge(&at(0.0, 0.17, 0.001), &[]).colliding_share > 0.05, "in its hidden back");
@@ -146,12 +142,31 @@ mod tests {
     }
 
     #[test]
+    fn where_an_unseen_back_may_reach_something_is_doubtful() {
+        // Taller than wide, its top hardly seen from the side: it may be deeper than it is wide, away from the camera at −y.
+        let prepared = Builder::table().object(1, [0.0, 0.1], [0.1, 0.1, 0.12]).object(2, [-0.3, -0.2], [0.05, 0.05, 0.2]).prepared();
+        let fixed = Fixed::default();
+        let mut query = Query::new(&prepared, 2, 0.0, &fixed).unwrap();
+        let doubtful = |query: &Query, y: f32| {
+            obstruction(&prepared, query, &standing_at(query, 0.0, y, 0.001), &[], &fixed.clearance, &fixed.support).doubtful_share
+        };
+        assert_eq!(doubtful(&query, 0.0), 0.0, "its top was seen whole");
+        query.shape.doubt = nalgebra::Vector2::new(0.0, 0.035);
+        for (prism, slab) in query.prisms.iter_mut().zip(&query.shape.slabs) {
+            let origin = query.shape.centroid.xy().cast::<f32>();
+            prism.doubtful = crate::query::doubt(&mut prism.cells, &slab.outline, &origin, &query.shape.doubt);
+        }
+        assert!(doubtful(&query, 0.0) > 0.2, "in front of the box its back may reach into it: {}", doubtful(&query, 0.0));
+        assert_eq!(doubtful(&query, -0.2), 0.0, "far from it nothing is doubtful");
+        assert_eq!(doubtful(&query, 0.2), 0.0, "behind the box its front is known");
+    }
+
+    #[test]
     fn the_clearance_of_an_answer_is_the_gap_to_the_next_thing() {
         let prepared = Builder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.12]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.08]).prepared();
         let fixed = Fixed::default();
         let query = Query::new(&prepared, 2, 0.0, &fixed).unwrap();
-        let offset = query.shape.axis_offset();
-        let candidate = Candidate { centroid_m: [0.13 - offset.x, -offset.y, query.shape.centroid_height_m()], yaw_rad: 0.0 };
+        let candidate = standing_at(&query, 0.13, 0.0, 0.0);
         let clearance_m = exact_clearance_m(&query, &candidate, &obstacles(&prepared, &query, 0.004), &fixed.support);
         assert!((clearance_m - 0.05).abs() < 0.006, "{clearance_m}");
     }

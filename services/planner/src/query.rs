@@ -75,9 +75,8 @@ impl Query {
             .iter()
             .map(|slab| {
                 let mut cells = cells_around(&slab.outline, &origin, ring_m, cell_m);
-                doubt(&mut cells, &slab.outline, &origin, &shape.doubt);
+                let doubtful = doubt(&mut cells, &slab.outline, &origin, &shape.doubt);
                 let inside = cells.iter().filter(|c| c.inside_m >= 0.0).count();
-                let doubtful = cells.iter().filter(|c| c.doubtful).count();
                 let sparse = cells_around(&slab.outline, &origin, 0.0, fixed.unseen.step_m).into_iter().map(|c| c.offset).collect();
                 Prism { low_m: slab.low_m - shape.bottom_m, high_m: slab.high_m - shape.bottom_m, cells, inside, doubtful, sparse }
             })
@@ -103,16 +102,17 @@ impl Query {
     }
 }
 
-/// Marks the cells outside an outline that it would sweep if it were shifted by `by`.
-fn doubt(cells: &mut [Cell], outline: &Footprint, origin: &Point2<f32>, by: &Vector2<f32>) {
+/// Marks the cells outside an outline that it would sweep if it were shifted by `by`; says how many.
+pub fn doubt(cells: &mut [Cell], outline: &Footprint, origin: &Point2<f32>, by: &Vector2<f32>) -> usize {
     if *by == Vector2::zeros() {
-        return;
+        return 0;
     }
     let swept: Vec<Point3<f32>> = outline.corners().iter().flat_map(|c| [*c, c + by]).map(|c| Point3::new(c.x, c.y, 0.0)).collect();
-    let Some(swept) = Footprint::of(&swept) else { return };
-    for cell in cells {
+    let Some(swept) = Footprint::of(&swept) else { return 0 };
+    for cell in cells.iter_mut() {
         cell.doubtful = cell.inside_m < 0.0 && swept.margin(&(origin + cell.offset)) >= 0.0;
     }
+    cells.iter().filter(|c| c.doubtful).count()
 }
 
 /// Cells every `cell_m` in an outline and up to `ring_m` around it.

@@ -53,8 +53,8 @@ pub struct GenerateArgs {
     pub split: String,
     /// Scenes of one kind only: open_table, large_box, clutter, stacking, shelf, drawer or kitchen. By default the mixture to train on,
     /// which has no kitchens.
-    #[arg(long, value_name = "KIND")]
-    pub kind: Option<String>,
+    #[arg(long, value_name = "KIND", value_parser = parse_kind)]
+    pub kind: Option<SceneKind>,
     /// A folder of meshes (OBJ, STL, PLY) to draw objects from, beside the procedural families or instead of them.
     #[arg(long, value_name = "DIR")]
     pub objects: Option<PathBuf>,
@@ -101,9 +101,8 @@ pub fn split_of(name: &str) -> Result<Split, Failure> {
 }
 
 /// The kind of scenes of that name.
-fn kind_of(name: &str) -> Result<SceneKind, Failure> {
-    let known = || SceneKind::ALL.map(SceneKind::name).join(", ");
-    SceneKind::parse(name).ok_or_else(|| Failure::bad_input("kind", format!("expected one of {}, got {name:?}", known())))
+pub fn parse_kind(name: &str) -> Result<SceneKind, String> {
+    SceneKind::parse(name).ok_or_else(|| format!("the kinds are {}", SceneKind::ALL.map(SceneKind::name).join(", ")))
 }
 
 /// Runs the command.
@@ -112,8 +111,8 @@ pub fn run(args: &GenerateArgs, output: Output) -> Outcome {
     settings.first_scene = args.first;
     settings.views = args.views;
     settings.color = args.color;
-    if let Some(name) = &args.kind {
-        settings.scene = SceneSettings::only(kind_of(name)?);
+    if let Some(kind) = args.kind {
+        settings.scene = SceneSettings::only(kind);
     }
     if let Some(folder) = &args.objects {
         if !(0.0..=1.0).contains(&args.objects_share) {
