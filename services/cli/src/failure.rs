@@ -9,6 +9,8 @@ pub enum Failure {
     BadInput(CallError),
     /// The search ended without a placement; its result has been printed: exit code 3.
     NoPlacement,
+    /// A wish was carried out and did not come true; what came of each has been printed: exit code 1.
+    NotAchieved,
     /// Anything else: exit code 1.
     Other(CallError),
 }
@@ -32,7 +34,7 @@ impl Failure {
         match self {
             Self::BadInput(_) => 2,
             Self::NoPlacement => 3,
-            Self::Other(_) => 1,
+            Self::NotAchieved | Self::Other(_) => 1,
         }
     }
 
@@ -40,7 +42,7 @@ impl Failure {
     pub fn error(&self) -> Option<&CallError> {
         match self {
             Self::BadInput(error) | Self::Other(error) => Some(error),
-            Self::NoPlacement => None,
+            Self::NoPlacement | Self::NotAchieved => None,
         }
     }
 }

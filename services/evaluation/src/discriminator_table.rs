@@ -7,15 +7,15 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::Point3;
 use repose_dataset::Split;
 use repose_geometry::transform::from_row_major;
 use repose_inference::Engine;
 use repose_networks::serving::spread;
 use repose_planner::{Models, Prepared, plan};
 use repose_proto::place::{Rotation, Variant};
-use repose_proto::scoring::{PriorRequest, RealismBy, ScoreRequest};
-use repose_proto::{CallError, ErrorCode, PlaceRequest, RELATION_COUNT, SceneRef};
+use repose_proto::scoring::{RealismBy, ScoreRequest};
+use repose_proto::{CallError, ErrorCode, PlaceRequest, SceneRef};
 use repose_simulator::release::ReleaseSettings;
 use repose_simulator::scene::{SceneKind, SceneSettings};
 use serde::Serialize;
@@ -24,6 +24,7 @@ use crate::calibration::Calibration;
 use crate::correlation::{area_under_curve, pearson_p, pearson_r};
 use crate::one_scene::OneScene;
 use crate::outcome::{Judged, judge};
+use crate::proposals::{motion_to, prior_draws};
 use crate::resample::interval;
 use crate::{Problem, ProblemSettings, Rate};
 
@@ -206,24 +207,11 @@ fn trials_of(problem: &Problem, engine: &Engine, settings: &DiscriminatorSetting
 fn random_trials(problem: &Problem, models: &OneScene<'_>, settings: &DiscriminatorSettings) -> Result<Vec<Trial>, CallError> {
     let scene = models.scene();
     let Some(object) = scene.object(problem.query) else { return Ok(Vec::new()) };
-    let mut goal = [0; RELATION_COUNT];
-    goal[problem.goal.relation.index()] = if problem.goal.holds { 1 } else { -1 };
-    let scene_ref = || SceneRef { scene_id: models.scene_id().to_owned() };
     let view_yaw_rad = problem.viewer.yaw_rad();
-    let prior = PriorRequest {
-        scene: scene_ref(),
-        query: problem.query,
-        anchor: problem.goal.anchor,
-        goal,
-        view_yaw_rad,
-        rotation: Rotation::Fixed,
-        count: settings.samples,
-        seed: problem.seed,
-    };
-    let candidates = models.prior(&prior, scene)?.candidates;
+    let candidates = prior_draws(problem, models, Rotation::Fixed, settings.samples)?;
     let score = |realism_by| {
         let request = ScoreRequest {
-            scene: scene_ref(),
+            scene: SceneRef { scene_id: models.scene_id().to_owned() },
             query: problem.query,
             anchors: Vec::new(),
             view_yaw_rad,
@@ -237,17 +225,10 @@ fn random_trials(problem: &Problem, models: &OneScene<'_>, settings: &Discrimina
     let said = score(RealismBy::Discriminator)?.into_iter().zip(score(RealismBy::Outcome)?);
     let centroid = Point3::from(object.centroid_m);
     let judged = candidates.iter().zip(said).enumerate().filter_map(|(rank, (candidate, (realism, outcome)))| {
-        let judged = judge(problem, &placed_from_observed(&centroid, candidate), &settings.release)?;
+        let judged = judge(problem, &motion_to(&centroid, candidate), &settings.release)?;
         Some(Trial { seed: problem.seed, variant: None, rank, realism: f64::from(realism), outcome: Some(f64::from(outcome)), judged })
     });
     Ok(judged.collect())
-}
-
-/// The motion that carries an observed centroid to a candidate's position, turned about it by the candidate's yaw.
-fn placed_from_observed(centroid: &Point3<f64>, candidate: &[f32; 4]) -> Isometry3<f64> {
-    let [x, y, z, yaw] = candidate.map(f64::from);
-    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
-    Isometry3::from_parts(Translation3::from(Vector3::new(x, y, z) - turn * centroid.coords), turn)
 }
 
 fn table_of(scenes: &[Vec<Trial>], variants: &[Variant]) -> DiscriminatorTable {
@@ -341,15 +322,6 @@ mod tests {
         );
         assert!((best.calibration.error.expect("one forecast") - 0.2).abs() < 1e-9);
         assert_eq!((full.confident, full.stable, full.calibration.error), (Rate { of: 0, n: 2 }, Rate::default(), None));
-    }
-
-    #[test]
-    fn a_candidate_carries_the_centroid_to_its_position() {
-        let centroid = Point3::new(0.4, -0.2, 0.1);
-        let motion = placed_from_observed(&centroid, &[0.1, 0.2, 0.3, 1.0]);
-        assert!((motion * centroid - Point3::new(0.1, 0.2, 0.3)).norm() < 1e-6);
-        let ahead = motion * (centroid + Vector3::x()) - motion * centroid;
-        assert!((ahead.y.atan2(ahead.x) - 1.0).abs() < 1e-6, "counter-clockwise seen from above");
     }
 
     #[test]

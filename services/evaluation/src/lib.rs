@@ -15,6 +15,7 @@ pub mod paper;
 pub mod planner_scene;
 pub mod planner_table;
 pub mod problem;
+pub mod proposals;
 pub mod rate;
 pub mod relations_table;
 pub mod resample;
@@ -31,6 +32,7 @@ pub use discriminator_table::{DiscriminatorSettings, DiscriminatorTable, evaluat
 pub use planner_scene::{PlannerSceneSettings, SceneRecord, SceneSet, TriedScene};
 pub use planner_table::{Part, PlannerRow, PlannerTableSettings, SetTable, evaluate_planner, planner_tables};
 pub use problem::{Problem, ProblemSettings};
+pub use proposals::{ProposalSettings, proposals};
 pub use rate::Rate;
 pub use relations_table::{RelationsSettings, RelationsTable, evaluate_relations};
 pub use robot_table::{RobotTable, RobotTableSettings, evaluate_robot};

@@ -46,6 +46,8 @@ pub struct Standing {
     pub unseen_share: f64,
     /// Share of small errors of its pose that would not do; 0 where they were not tried.
     pub fragile_share: f64,
+    /// Share of where its unseen back may reach that something else fills.
+    pub doubtful_share: f64,
 }
 
 /// How far a candidate is from standing comfortably: 0 for the middle of an empty, fully seen table.
@@ -60,6 +62,8 @@ pub fn soundness_cost(standing: &Standing, query: &Query, settings: &SoundnessSe
         if standing.on_stranger { 1.0 } else { 0.0 },
         standing.unseen_share,
         standing.fragile_share,
+        // A tenth of it filled is as bad as all of it: either would push.
+        (10.0 * standing.doubtful_share).min(1.0),
     ];
     shortfalls.iter().zip(&settings.weights).map(|(s, w)| s * w).sum()
 }

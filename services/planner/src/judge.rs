@@ -304,6 +304,7 @@ impl<'a> Judge<'a> {
             on_stranger: footing.carrier.is_some_and(|c| c != 0 && !self.carriers.contains(&c)),
             unseen_share: judged.unseen_share.unwrap_or(0.0),
             fragile_share: judged.fragile_share.unwrap_or(0.0),
+            doubtful_share: found.doubtful_share,
         };
         let main = self.request.main_anchor().and_then(|a| self.prepared.objects.get(&a));
         let distance_m = main.map_or(0.0, |a| (a.centroid - judged.candidate.centroid()).xy().norm());

@@ -18,6 +18,8 @@ pub struct Obstruction {
     pub colliding_share: f64,
     /// Distance to the nearest obstacle, metres, up to the width of the clearance ring; 0 in collision.
     pub clearance_m: f64,
+    /// Share of the cells where the query's unseen back may reach that something else fills.
+    pub doubtful_share: f64,
 }
 
 /// Width of a bin that distances are counted in, metres.
@@ -38,7 +40,7 @@ pub fn obstruction(
     // What ends here or lower carries the query and is not in its way.
     let floor_m = bottom_m + support.tolerance_m;
     let (mut colliding, mut near) = (0usize, [0usize; BINS]);
-    let mut farthest_m = 0.0f32;
+    let (mut farthest_m, mut doubtful) = (0.0f32, 0usize);
     for prism in &query.prisms {
         let (low_m, high_m) = (bottom_m + prism.low_m, bottom_m + prism.high_m);
         for cell in &prism.cells {
@@ -49,22 +51,27 @@ pub fn obstruction(
                 if in_way.next().is_none() {
                     continue;
                 }
+                doubtful += usize::from(cell.doubtful);
                 count(cell.inside_m, settings.graze_m, &mut colliding, &mut near);
             } else {
                 for run in in_way {
                     match touched.contains(&run.object) {
                         true if cell.inside_m >= settings.touch_m => colliding += 1,
                         true => {}
-                        false => count(cell.inside_m, settings.graze_m, &mut colliding, &mut near),
+                        false => {
+                            doubtful += usize::from(cell.doubtful);
+                            count(cell.inside_m, settings.graze_m, &mut colliding, &mut near);
+                        }
                     }
                 }
             }
         }
     }
     let cells = query.prisms.iter().map(|p| p.inside).sum::<usize>().max(1);
+    let doubtful_share = doubtful as f64 / query.prisms.iter().map(|p| p.doubtful).sum::<usize>().max(1) as f64;
     let strays = settings.stray_cells.max((settings.stray_share * cells as f32) as usize);
     if colliding > strays {
-        return Obstruction { colliding_share: colliding as f64 / cells as f64, clearance_m: 0.0 };
+        return Obstruction { colliding_share: colliding as f64 / cells as f64, clearance_m: 0.0, doubtful_share };
     }
     let mut found = 0;
     let first = near.iter().position(|n| {
@@ -72,7 +79,7 @@ pub fn obstruction(
         found > settings.stray_cells
     });
     let clearance_m = first.map_or(f64::from(farthest_m), |bin| f64::from(bin as f32 * BIN_M));
-    Obstruction { colliding_share: 0.0, clearance_m }
+    Obstruction { colliding_share: 0.0, clearance_m, doubtful_share }
 }
 
 fn count(inside_m: f32, graze_m: f32, colliding: &mut usize, near: &mut [usize; BINS]) {
@@ -115,18 +122,14 @@ pub fn exact_clearance_m(query: &Query, candidate: &Candidate, obstacles: &[Poin
 mod tests {
     use super::*;
     use crate::settings::Fixed;
-    use crate::synthetic::Builder;
+    use crate::synthetic::{Builder, standing_at};
 
     #[test]
     fn it_collides_with_a_box_and_its_hidden_back_and_is_clear_beside_it() {
         let prepared = Builder::table().object(1, [0.0, 0.1], [0.1, 0.1, 0.12]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.08]).prepared();
         let fixed = Fixed::default();
         let query = Query::new(&prepared, 2, 0.0, &fixed).unwrap();
-        let offset = query.shape.axis_offset();
-        let at = |x: f32, y: f32, bottom: f32| Candidate {
-            centroid_m: [x - offset.x, y - offset.y, bottom + query.shape.centroid_height_m()],
-            yaw_rad: 0.0,
-        };
+        let at = |x: f32, y: f32, bottom_m: f32| standing_at(&query, x, y, bottom_m);
         let judge = |c: &Candidate, touched: &[u16]| obstruction(&prepared, &query, c, touched, &fixed.clearance, &fixed.support);
         assert!(judge(&at(0.0, 0.1, 0.001), &[]).colliding_share > 0.1, "inside the box");
         assert!(judge(&at(0.0, 0.17, 0.001), &[]).colliding_share > 0.05, "in its hidden back");
@@ -139,12 +142,31 @@ mod tests {
     }
 
     #[test]
+    fn where_an_unseen_back_may_reach_something_is_doubtful() {
+        // Taller than wide, its top hardly seen from the side: it may be deeper than it is wide, away from the camera at −y.
+        let prepared = Builder::table().object(1, [0.0, 0.1], [0.1, 0.1, 0.12]).object(2, [-0.3, -0.2], [0.05, 0.05, 0.2]).prepared();
+        let fixed = Fixed::default();
+        let mut query = Query::new(&prepared, 2, 0.0, &fixed).unwrap();
+        let doubtful = |query: &Query, y: f32| {
+            obstruction(&prepared, query, &standing_at(query, 0.0, y, 0.001), &[], &fixed.clearance, &fixed.support).doubtful_share
+        };
+        assert_eq!(doubtful(&query, 0.0), 0.0, "its top was seen whole");
+        query.shape.doubt = nalgebra::Vector2::new(0.0, 0.035);
+        for (prism, slab) in query.prisms.iter_mut().zip(&query.shape.slabs) {
+            let origin = query.shape.centroid.xy().cast::<f32>();
+            prism.doubtful = crate::query::doubt(&mut prism.cells, &slab.outline, &origin, &query.shape.doubt);
+        }
+        assert!(doubtful(&query, 0.0) > 0.2, "in front of the box its back may reach into it: {}", doubtful(&query, 0.0));
+        assert_eq!(doubtful(&query, -0.2), 0.0, "far from it nothing is doubtful");
+        assert_eq!(doubtful(&query, 0.2), 0.0, "behind the box its front is known");
+    }
+
+    #[test]
     fn the_clearance_of_an_answer_is_the_gap_to_the_next_thing() {
         let prepared = Builder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.12]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.08]).prepared();
         let fixed = Fixed::default();
         let query = Query::new(&prepared, 2, 0.0, &fixed).unwrap();
-        let offset = query.shape.axis_offset();
-        let candidate = Candidate { centroid_m: [0.13 - offset.x, -offset.y, query.shape.centroid_height_m()], yaw_rad: 0.0 };
+        let candidate = standing_at(&query, 0.13, 0.0, 0.0);
         let clearance_m = exact_clearance_m(&query, &candidate, &obstacles(&prepared, &query, 0.004), &fixed.support);
         assert!((clearance_m - 0.05).abs() < 0.006, "{clearance_m}");
     }

@@ -18,6 +18,8 @@ pub struct Cell {
     pub offset: Vector2<f32>,
     /// How far inside the prism's outline, metres; negative: how far outside.
     pub inside_m: f32,
+    /// Whether it is outside, and the shape may reach there all the same ([`Shape::doubt`]).
+    pub doubtful: bool,
 }
 
 /// One prism of the query's shape.
@@ -31,6 +33,8 @@ pub struct Prism {
     pub cells: Vec<Cell>,
     /// How many of them are inside.
     pub inside: usize,
+    /// How many of them are doubtful.
+    pub doubtful: usize,
     /// A few places inside it, from the observed centroid: enough to sample the prism's volume.
     pub sparse: Vec<Vector2<f32>>,
 }
@@ -70,10 +74,11 @@ impl Query {
             .slabs
             .iter()
             .map(|slab| {
-                let cells = cells_around(&slab.outline, &origin, ring_m, cell_m);
+                let mut cells = cells_around(&slab.outline, &origin, ring_m, cell_m);
+                let doubtful = doubt(&mut cells, &slab.outline, &origin, &shape.doubt);
                 let inside = cells.iter().filter(|c| c.inside_m >= 0.0).count();
                 let sparse = cells_around(&slab.outline, &origin, 0.0, fixed.unseen.step_m).into_iter().map(|c| c.offset).collect();
-                Prism { low_m: slab.low_m - shape.bottom_m, high_m: slab.high_m - shape.bottom_m, cells, inside, sparse }
+                Prism { low_m: slab.low_m - shape.bottom_m, high_m: slab.high_m - shape.bottom_m, cells, inside, doubtful, sparse }
             })
             .collect();
         let (base, rim): (Vec<Cell>, Vec<Cell>) =
@@ -97,6 +102,19 @@ impl Query {
     }
 }
 
+/// Marks the cells outside an outline that it would sweep if it were shifted by `by`; says how many.
+pub fn doubt(cells: &mut [Cell], outline: &Footprint, origin: &Point2<f32>, by: &Vector2<f32>) -> usize {
+    if *by == Vector2::zeros() {
+        return 0;
+    }
+    let swept: Vec<Point3<f32>> = outline.corners().iter().flat_map(|c| [*c, c + by]).map(|c| Point3::new(c.x, c.y, 0.0)).collect();
+    let Some(swept) = Footprint::of(&swept) else { return 0 };
+    for cell in cells.iter_mut() {
+        cell.doubtful = cell.inside_m < 0.0 && swept.margin(&(origin + cell.offset)) >= 0.0;
+    }
+    cells.iter().filter(|c| c.doubtful).count()
+}
+
 /// Cells every `cell_m` in an outline and up to `ring_m` around it.
 fn cells_around(outline: &Footprint, origin: &Point2<f32>, ring_m: f32, cell_m: f32) -> Vec<Cell> {
     let corners = outline.corners();
@@ -109,7 +127,7 @@ fn cells_around(outline: &Footprint, origin: &Point2<f32>, ring_m: f32, cell_m: 
             let at = middle + Vector2::new(i as f32, j as f32) * cell_m;
             let inside_m = outline.margin(&at);
             if inside_m >= -ring_m {
-                cells.push(Cell { offset: at - origin, inside_m });
+                cells.push(Cell { offset: at - origin, inside_m, doubtful: false });
             }
         }
     }

@@ -229,7 +229,7 @@ fn to_segment_m(p: &Point2<f32>, a: &Point2<f32>, b: &Point2<f32>) -> f32 {
 mod tests {
     use super::*;
     use crate::settings::Fixed;
-    use crate::synthetic::Builder;
+    use crate::synthetic::{Builder, standing_at};
 
     #[test]
     fn a_table_of_places_has_the_relations_that_people_would_say() {
@@ -238,10 +238,8 @@ mod tests {
         let query = Query::new(&prepared, 2, 0.0, &fixed).unwrap();
         let goal: Vec<GoalTerm> = Relation::ALL.map(|relation| GoalTerm { relation, anchor: 1, holds: true }).to_vec();
         let rules = Rules::new(&prepared, &query, &goal, &ViewerFrame::from_yaw(0.0)).unwrap();
-        let offset = query.shape.axis_offset();
         let holding = |x: f32, y: f32, bottom_m: f32| {
-            let at = [x - offset.x, y - offset.y, bottom_m + query.shape.centroid_height_m()];
-            let checks = rules.checks(&query, &Candidate { centroid_m: at, yaw_rad: 0.0 }, &fixed.rules);
+            let checks = rules.checks(&query, &standing_at(&query, x, y, bottom_m), &fixed.rules);
             let held = checks.iter().zip(Relation::ALL).filter(|(c, _)| c.holds);
             held.map(|(_, r)| r).filter(|r| *r != Aligned).collect::<Vec<_>>()
         };

@@ -138,6 +138,10 @@ pub struct ShapeSettings {
     pub rim_share: f32,
     /// The top was seen whole where its outline has at least this share of the whole outline's area.
     pub whole_top_ratio: f32,
+    /// Where it was not, the object may be deeper than it is wide by this share of its width, …
+    pub doubt_share: f32,
+    /// … metres at most.
+    pub max_doubt_m: f32,
 }
 
 impl Default for ShapeSettings {
@@ -155,6 +159,8 @@ impl Default for ShapeSettings {
             rim_m: 0.012,
             rim_share: 0.1,
             whole_top_ratio: 0.6,
+            doubt_share: 0.7,
+            max_doubt_m: 0.04,
         }
     }
 }

@@ -161,7 +161,8 @@ pub fn search(
         {
             let mut best = [best.clone()];
             appraise(judge, &mut best)?;
-            findings.appraised = best.into_iter().next();
+            // What geometry finds better may please the networks less: the best so far stays.
+            findings.appraised = findings.appraised.take().into_iter().chain(best).min_by(|a, b| a.cost.total_cmp(&b.cost));
         }
         if let ControlFlow::Break(stop) = control(Some(&findings), judge) {
             let early = (iteration + 1 < settings.iterations).then_some(stop);

@@ -389,8 +389,8 @@ pub struct SoundnessSettings {
     /// Width of the band around the base that should be carried too, metres.
     pub rim_m: f32,
     /// Weights: distance from the support's edge, base not seen to be carried, clearance, hidden share, band not carried, carried by
-    /// an object that no term asks for, in space that was not seen, small errors of the pose that would not do.
-    pub weights: [f64; 8],
+    /// an object that no term asks for, in space that was not seen, small errors of the pose that would not do, something where its unseen back may reach.
+    pub weights: [f64; 9],
     /// Cost per metre of distance from the main anchor.
     pub distance_per_m: f64,
 }
@@ -402,7 +402,7 @@ impl Default for SoundnessSettings {
             support_share: 0.8,
             clearance_m: 0.03,
             rim_m: 0.02,
-            weights: [0.5, 0.35, 0.35, 0.1, 0.3, 0.25, 0.3, 0.5],
+            weights: [0.5, 0.35, 0.35, 0.1, 0.3, 0.25, 0.3, 0.5, 0.3],
             distance_per_m: 0.3,
         }
     }

@@ -3,6 +3,7 @@
 //! A stack of upright prisms: the object's height is cut into slabs, each with the convex outline of its points and of the same points
 //! turned by half a turn about the object's axis. The axis stands in the middle of the outline where the top was seen whole (boxes,
 //! cups, bowls); otherwise the object is taken to be about as deep as it is wide or high, whichever is less (bottles, balls).
+//! How far its back reaches then is a guess: [`Shape::doubt`] says where more of it may be.
 //! The bottom is the support under it: border cleaning trims the cloud's own.
 
 use nalgebra::{Point2, Point3, Vector2};
@@ -36,6 +37,8 @@ pub struct Shape {
     pub slabs: Vec<Slab>,
     /// Outline of the part that touches what it stands on.
     pub base: Footprint,
+    /// How much farther its back may reach than the prisms do, world axes seen from above, metres; zero where its top was seen whole.
+    pub doubt: Vector2<f32>,
 }
 
 impl Shape {
@@ -47,7 +50,7 @@ impl Shape {
         let robust = cloud::percentile_box(points, settings.stray_share, 1.0 - settings.stray_share)?.inflated(1e-4);
         let points: Vec<Point3<f32>> = points.iter().filter(|p| robust.contains(p)).copied().collect();
         let top_m = points.iter().map(|p| p.z).fold(bottom_m + settings.min_height_m, f32::max);
-        let axis = axis(&points, top_m, top_m - bottom_m, camera, settings)?;
+        let Axis { at: axis, doubt } = axis(&points, top_m, top_m - bottom_m, camera, settings)?;
         let whole = mirrored_outline(points.iter(), &axis)?;
 
         let height_m = top_m - bottom_m;
@@ -70,7 +73,7 @@ impl Shape {
         let near_bottom: Vec<&Point3<f32>> = points.iter().filter(|p| p.z <= base_top_m).collect();
         let base = (near_bottom.len() >= settings.min_slab_points).then(|| mirrored_outline(near_bottom.into_iter(), &axis)).flatten();
         let base = base.unwrap_or_else(|| slabs[0].outline.clone());
-        Some(Self { centroid, axis, bottom_m, top_m, slabs, base })
+        Some(Self { centroid, axis, bottom_m, top_m, slabs, base, doubt })
     }
 
     /// How far the observed centroid is above the bottom, metres.
@@ -111,15 +114,23 @@ fn mirrored_outline<'a>(points: impl Iterator<Item = &'a Point3<f32>>, axis: &Po
     Footprint::of(&both)
 }
 
-/// Where the object's upright axis is believed to be.
-fn axis(points: &[Point3<f32>], top_m: f32, height_m: f32, camera: &Point2<f32>, settings: &ShapeSettings) -> Option<Point2<f32>> {
+/// Where an object's upright axis is believed to be.
+#[derive(Debug, Clone, Copy)]
+struct Axis {
+    at: Point2<f32>,
+    doubt: Vector2<f32>,
+}
+
+/// Where the object's upright axis is believed to be, and how far that is a guess.
+fn axis(points: &[Point3<f32>], top_m: f32, height_m: f32, camera: &Point2<f32>, settings: &ShapeSettings) -> Option<Axis> {
     let whole = Footprint::of(points)?;
     let rim_low_m = top_m - settings.rim_m.max(settings.rim_share * height_m);
     let rim = Footprint::of(points.iter().filter(|p| p.z >= rim_low_m));
     let middle = area_centroid(&whole);
-    let Some(away) = (middle - camera).try_normalize(1e-3) else { return Some(middle) };
+    let certain = Axis { at: middle, doubt: Vector2::zeros() };
+    let Some(away) = (middle - camera).try_normalize(1e-3) else { return Some(certain) };
     if rim.is_some_and(|rim| rim.area() >= settings.whole_top_ratio * whole.area()) {
-        return Some(middle);
+        return Some(certain);
     }
     let across = Vector2::new(-away.y, away.x);
     let span = |direction: &Vector2<f32>| {
@@ -128,7 +139,8 @@ fn axis(points: &[Point3<f32>], top_m: f32, height_m: f32, camera: &Point2<f32>,
     };
     let ((near, far), (left, right)) = (span(&away), span(&across));
     let depth = (far - near).max((right - left).min(height_m));
-    Some(Point2::from(away * (near + depth / 2.0) + across * ((left + right) / 2.0)))
+    let at = Point2::from(away * (near + depth / 2.0) + across * ((left + right) / 2.0));
+    Some(Axis { at, doubt: away * (settings.doubt_share * (right - left)).min(settings.max_doubt_m) })
 }
 
 /// The centroid of a convex polygon's area.
@@ -185,7 +197,7 @@ mod tests {
         let points = seen_box([0.1, 0.5], [0.08, 0.06, 0.12]);
         let shape = Shape::complete(&points, 0.0, &Point2::new(0.1, -0.5), &ShapeSettings::default()).unwrap();
         assert!((shape.axis - Point2::new(0.1, 0.5)).norm() < 0.002, "{}", shape.axis);
-        assert_eq!(shape.slabs.len(), 1);
+        assert_eq!((shape.slabs.len(), shape.doubt), (1, Vector2::zeros()));
         let area = shape.slabs[0].outline.area();
         assert!((0.0048..0.0063).contains(&area), "{area}");
         assert!(shape.centroid.y < 0.5, "the observed centroid is nearer the camera than the axis");
@@ -206,6 +218,7 @@ mod tests {
         }
         let shape = Shape::complete(&points, 0.0, &Point2::new(0.0, -0.5), &ShapeSettings::default()).unwrap();
         assert!((shape.axis - Point2::new(0.0, 0.5)).norm() < 0.004, "{}", shape.axis);
+        assert!(shape.doubt.y > 0.02 && shape.doubt.x.abs() < 0.002, "it may be deeper than it is wide: {}", shape.doubt);
         assert!(shape.slabs.len() >= 2);
         assert!(shape.slabs[0].outline.area() > 3.0 * shape.slabs.last().unwrap().outline.area());
     }

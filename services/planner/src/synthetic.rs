@@ -11,6 +11,8 @@ use repose_proto::scene::WorldFrame;
 use repose_proto::{CameraModel, ObjectSummary, RigidTransform, Scene, SceneMeta, Surface, Unseen};
 
 use crate::Prepared;
+use crate::candidate::Candidate;
+use crate::query::Query;
 
 const CAMERA: Pinhole = Pinhole { width: 320, height: 240, fx: 290.0, fy: 290.0, cx: 159.5, cy: 119.5 };
 
@@ -25,6 +27,12 @@ struct Solid {
     label: u16,
     min: Point3<f64>,
     max: Point3<f64>,
+}
+
+/// The candidate whose axis stands at (x, y) and whose bottom is at a height, not turned.
+pub fn standing_at(query: &Query, x: f32, y: f32, bottom_m: f32) -> Candidate {
+    let offset = query.shape.axis_offset();
+    Candidate { centroid_m: [x - offset.x, y - offset.y, bottom_m + query.shape.centroid_height_m()], yaw_rad: 0.0 }
 }
 
 /// A scene in the making.

@@ -40,14 +40,13 @@ fn stood_there(query: &Query, place: &Point2<f32>, height_m: f32) -> bool {
 mod tests {
     use super::*;
     use crate::settings::Fixed;
-    use crate::synthetic::Builder;
+    use crate::synthetic::{Builder, standing_at};
 
     #[test]
     fn behind_a_wall_is_unseen_beside_it_is_seen_and_its_own_place_is_free() {
         let scene = Builder::table().object(1, [0.0, 0.1], [0.3, 0.04, 0.25]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.08]).prepared();
         let fixed = Fixed::default();
         let query = Query::new(&scene, 2, 0.0, &fixed).unwrap();
-        let offset = query.shape.axis_offset();
         // Cubes of 2 cm over the table; hidden is what a camera at (0, −0.8, 0.7) does not see for the wall, and what the query filled.
         let (columns, rows) = (50, 40);
         let hidden = (0..rows * columns)
@@ -59,14 +58,10 @@ mod tests {
             })
             .collect();
         let space = UnseenSpace { origin_m: [-0.5, -0.4, 0.0], cell_m: 0.02, columns, rows, hidden };
-        let share = |x: f32, y: f32| {
-            let at = [x - offset.x, y - offset.y, query.shape.centroid_height_m()];
-            unseen_share(Some(&space), &query, &Candidate { centroid_m: at, yaw_rad: 0.0 }, &fixed.unseen)
-        };
+        let share = |x: f32, y: f32| unseen_share(Some(&space), &query, &standing_at(&query, x, y, 0.0), &fixed.unseen);
         assert!(share(0.0, 0.2) > 0.9, "{}", share(0.0, 0.2));
         assert_eq!(share(0.3, 0.0), 0.0);
         assert!(share(-0.3, -0.2) < 0.15, "{}", share(-0.3, -0.2));
-        let candidate = Candidate { centroid_m: [0.0, 0.2, 0.04], yaw_rad: 0.0 };
-        assert_eq!(unseen_share(None, &query, &candidate, &fixed.unseen), 0.0);
+        assert_eq!(unseen_share(None, &query, &standing_at(&query, 0.0, 0.2, 0.0), &fixed.unseen), 0.0);
     }
 }

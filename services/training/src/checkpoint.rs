@@ -24,12 +24,7 @@ fn path(settings: &TrainSettings) -> PathBuf {
 
 /// Replaces a file at once, so that a reader or an interruption never meets half of one.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
-    let io = |source| TrainError::Io { path: path.to_path_buf(), source };
-    if let Some(folder) = path.parent().filter(|f| !f.as_os_str().is_empty()) {
-        std::fs::create_dir_all(folder).map_err(io)?;
-    }
-    let beside = path.with_extension("tmp");
-    std::fs::write(&beside, bytes).and_then(|()| std::fs::rename(&beside, path)).map_err(io)
+    repose_dataset::write_whole(path, bytes).map_err(|source| TrainError::Io { path: path.to_path_buf(), source })
 }
 
 /// Writes the state after `step` steps.

@@ -20,8 +20,10 @@ use crate::{
     adam::{AdamW, clip},
     checkpoint,
     curve::{Curve, CurvePoint},
+    discriminator::Moved,
     error::TrainError,
     joint::JointTask,
+    outcome::LetGo,
     placement::PlacementTask,
     relations::RelationsTask,
     settings::{Part, RelationsVariant, TrainSettings},
@@ -65,7 +67,8 @@ pub fn train(settings: &TrainSettings) -> Result<TrainReport, TrainError> {
     match settings.part {
         Part::Joint => Run::new(settings, &JointTask::default())?.run(),
         Part::Relations => Run::new(settings, &RelationsTask::default())?.run(),
-        Part::Discriminator | Part::Outcome => Run::new(settings, &PlacementTask::new(settings.part))?.run(),
+        Part::Discriminator => Run::new(settings, &PlacementTask(Moved::default()))?.run(),
+        Part::Outcome => Run::new(settings, &PlacementTask(LetGo))?.run(),
     }
 }
 

@@ -12,6 +12,9 @@ use repose_dataset::{ReadError, ReleaseRecord, Shard, Split, ViewRecord, read_re
 /// Objects with fewer clean pixels than this in a view are neither queries nor anchors.
 pub const PIXELS_LEAST: usize = 60;
 
+/// Trials of one episode, at most: more would share one scene too often.
+pub const TRIALS_AT_ONCE: usize = 4;
+
 /// An object of a view that can be a query.
 #[derive(Debug, Clone, Copy)]
 struct Query {
@@ -28,7 +31,8 @@ pub struct Views {
     seen: BTreeSet<PathBuf>,
     shards: Vec<Shard>,
     views: usize,
-    /// Every object that is visible enough, in views with at least two such.
+    /// Every object that is visible enough, in views with at least two such; where outcomes were asked for as often as it takes to see all of
+    /// them, [`TRIALS_AT_ONCE`] a time.
     queries: Vec<Query>,
     /// What letting an object go came to, by scene and object; only queries in here are drawn where [`Views::released`] was asked for.
     releases: Option<BTreeMap<(u64, u16), Vec<ReleaseRecord>>>,
@@ -92,12 +96,14 @@ impl Views {
             let usable: Vec<Query> = large.map(|(k, _)| Query { shard: index, view: v as u16, object: k as u16 }).collect();
             if usable.len() >= 2 {
                 let ids: Vec<u16> = view.ids().collect();
-                let is_query = |q: &Query| match &self.releases {
-                    Some(releases) => releases.contains_key(&(view.scene_seed, ids[usize::from(q.object)])),
-                    None => true,
+                let entries = |q: &Query| match &self.releases {
+                    Some(releases) => {
+                        releases.get(&(view.scene_seed, ids[usize::from(q.object)])).map_or(0, |r| r.len().div_ceil(TRIALS_AT_ONCE))
+                    }
+                    None => 1,
                 };
                 let before = self.queries.len();
-                self.queries.extend(usable.into_iter().filter(is_query));
+                self.queries.extend(usable.into_iter().flat_map(|q| std::iter::repeat_n(q, entries(&q))));
                 if self.queries.len() > before {
                     self.views += 1;
                     is_used = true;

@@ -14,7 +14,7 @@ use repose_simulator::scene::SceneKind;
 
 use crate::args::parse_variant;
 use crate::commands::evaluate_scenes::{TableArgs, only_meshes, write_report};
-use crate::commands::evaluate_world::parse_kind;
+use crate::commands::generate::parse_kind;
 use crate::commands::planner_records::Records;
 use crate::commands::planner_report::{document, pictures, text_of};
 use crate::commands::planner_sheets::Sheets;

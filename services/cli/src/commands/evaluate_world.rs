@@ -10,7 +10,7 @@ use repose_evaluation::{WorldReport, WorldReportSettings, world_report};
 use repose_simulator::scene::{KindWeights, SceneKind};
 
 use crate::commands::evaluate_scenes::threads;
-use crate::commands::generate::split_of;
+use crate::commands::generate::{parse_kind, split_of};
 use crate::failure::Outcome;
 use crate::output::Output;
 
@@ -32,11 +32,6 @@ pub struct EvaluateWorldArgs {
     /// Threads; all cores by default. Only times depend on it.
     #[arg(long)]
     pub threads: Option<usize>,
-}
-
-/// The kind of scene of that name.
-pub fn parse_kind(name: &str) -> Result<SceneKind, String> {
-    SceneKind::parse(name).ok_or_else(|| format!("the kinds are {}", SceneKind::ALL.map(SceneKind::name).join(", ")))
 }
 
 /// Runs the command.

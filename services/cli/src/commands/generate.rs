@@ -19,6 +19,7 @@ use repose_simulator::trials::TrialSettings;
 use repose_simulator::views::view_of_scene;
 
 use crate::commands::evaluate_scenes::threads;
+use crate::commands::generate_proposals::write_proposals;
 use crate::failure::{Failure, Outcome};
 use crate::histogram::{Panel, svg};
 use crate::output::Output;
@@ -52,8 +53,8 @@ pub struct GenerateArgs {
     pub split: String,
     /// Scenes of one kind only: open_table, large_box, clutter, stacking, shelf, drawer or kitchen. By default the mixture to train on,
     /// which has no kitchens.
-    #[arg(long, value_name = "KIND")]
-    pub kind: Option<String>,
+    #[arg(long, value_name = "KIND", value_parser = parse_kind)]
+    pub kind: Option<SceneKind>,
     /// A folder of meshes (OBJ, STL, PLY) to draw objects from, beside the procedural families or instead of them.
     #[arg(long, value_name = "DIR")]
     pub objects: Option<PathBuf>,
@@ -67,6 +68,13 @@ pub struct GenerateArgs {
     /// `train --network outcome` learns from. Shards that are there already get what they lack.
     #[arg(long, value_name = "PER_SCENE", default_value_t = 0, requires = "out")]
     pub releases: usize,
+    /// Let one object of each scene go this many times where the prior and the planner would have it put, too: half of them draws of the
+    /// prior, a quarter turned draws, a quarter placements by geometry.
+    #[arg(long, value_name = "PER_SCENE", default_value_t = 0, requires = "out")]
+    pub proposals: u32,
+    /// A weights file for `--proposals` in place of the weights that come with the program.
+    #[arg(long, value_name = "FILE", requires = "proposals")]
+    pub weights: Option<PathBuf>,
     /// Keep color in the shards too; training does not need it.
     #[arg(long)]
     pub color: bool,
@@ -93,9 +101,8 @@ pub fn split_of(name: &str) -> Result<Split, Failure> {
 }
 
 /// The kind of scenes of that name.
-fn kind_of(name: &str) -> Result<SceneKind, Failure> {
-    let known = || SceneKind::ALL.map(SceneKind::name).join(", ");
-    SceneKind::parse(name).ok_or_else(|| Failure::bad_input("kind", format!("expected one of {}, got {name:?}", known())))
+pub fn parse_kind(name: &str) -> Result<SceneKind, String> {
+    SceneKind::parse(name).ok_or_else(|| format!("the kinds are {}", SceneKind::ALL.map(SceneKind::name).join(", ")))
 }
 
 /// Runs the command.
@@ -104,8 +111,8 @@ pub fn run(args: &GenerateArgs, output: Output) -> Outcome {
     settings.first_scene = args.first;
     settings.views = args.views;
     settings.color = args.color;
-    if let Some(name) = &args.kind {
-        settings.scene = SceneSettings::only(kind_of(name)?);
+    if let Some(kind) = args.kind {
+        settings.scene = SceneSettings::only(kind);
     }
     if let Some(folder) = &args.objects {
         if !(0.0..=1.0).contains(&args.objects_share) {
@@ -128,7 +135,13 @@ pub fn run(args: &GenerateArgs, output: Output) -> Outcome {
         Some(folder) => Some(write_shards(folder, &settings, &mut report)?),
         None => args.statistics.as_ref().map(|_| survey(&settings)),
     };
-    if let Some(statistics) = &statistics {
+    if let Some(folder) = args.out.as_ref().filter(|_| args.proposals > 0) {
+        let proposals = write_proposals(folder, &settings, args.proposals, args.weights.as_ref())?;
+        report.add("proposals", proposals);
+        report.text.push(format!("{proposals} proposals let go"));
+    }
+    // Nothing is counted of scenes that were there already.
+    if let Some(statistics) = statistics.as_ref().filter(|s| s.pairs > 0 || args.statistics.is_some()) {
         report.add_statistics(statistics);
         if let Some(path) = &args.statistics {
             write_statistics(path, statistics)?;
@@ -279,7 +292,8 @@ fn row_of_seed(seed: u64, settings: &GenerateSettings) -> Image<[u8; 3]> {
     scene_tile(&scene, &seen, &ViewerFrame::from_camera(&view.world_from_camera), &title, &sheet)
 }
 
-fn progress_bar(scenes: u64, what: &str) -> ProgressBar {
+/// A bar over scenes.
+pub fn progress_bar(scenes: u64, what: &str) -> ProgressBar {
     let bar = ProgressBar::new(scenes);
     if let Ok(style) = ProgressStyle::with_template(&format!("{{bar:40}} {{pos}}/{{len}} {what}, {{per_sec}}, {{eta}} left")) {
         bar.set_style(style);

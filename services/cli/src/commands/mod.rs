@@ -15,6 +15,7 @@ pub mod evaluate_scenes;
 pub mod evaluate_segmentation;
 pub mod evaluate_world;
 pub mod generate;
+pub mod generate_proposals;
 pub mod load;
 pub mod place;
 pub mod place_sequence;

@@ -92,10 +92,7 @@ pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
     match steps.last() {
         _ if achieved == wanted => Ok(()),
         Some(last) if last.result.placements.is_empty() => Err(Failure::NoPlacement),
-        Some(last) => {
-            let why = last.reason.clone().unwrap_or_else(|| "the goal does not hold in the view after it".to_owned());
-            Err(Failure::other(format!("wish {} was not achieved: {why}", achieved + 1)))
-        }
+        Some(_) => Err(Failure::NotAchieved),
         None => Err(Failure::other("nothing was tried")),
     }
 }
@@ -103,11 +100,12 @@ pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
 fn line(step: &Step) -> String {
     let end = match step.execution {
         Some(ExecutionOutcome::Done) => "executed".to_owned(),
-        Some(other) => format!("{other:?}: {}", step.reason.as_deref().unwrap_or("no reason given")),
+        Some(other) => format!("{other:?}"),
         None => "not executed".to_owned(),
     };
     let holds = step.goal.iter().zip(&step.holds).map(|(t, h)| format!("{t} {}", if *h { "holds" } else { "does not hold" }));
-    format!("{}\n  {end}; {}", describe(&step.result), holds.collect::<Vec<_>>().join(", "))
+    let said: Vec<String> = std::iter::once(end).chain(step.reason.clone()).chain(holds).collect();
+    format!("{}\n  {}", describe(&step.result), said.join("; "))
 }
 
 async fn achieve(args: &PlaceArgs, session: &Session) -> Result<Vec<Step>, Failure> {
@@ -123,8 +121,11 @@ async fn achieve(args: &PlaceArgs, session: &Session) -> Result<Vec<Step>, Failu
     };
     let mut view = system.view_after(0).await?;
     let mut known = Known::of(&view.1.meta.objects);
+    let wishes = || std::iter::once(&first).chain(&args.then).enumerate();
+    // A wish for something that is not there is refused before anything moves.
+    wishes().try_for_each(|(k, wish)| known.translated(k, wish).map(|_| ()))?;
     let mut steps = Vec::new();
-    for (k, wish) in std::iter::once(&first).chain(&args.then).enumerate() {
+    for (k, wish) in wishes() {
         let (query, goal) = known.translated(k, wish)?;
         let request = PlaceRequest { query, goal, count: args.wish.count.max(COUNT), ..args.wish.request(view.0.clone()) };
         request.validate()?;
@@ -145,7 +146,10 @@ async fn achieve(args: &PlaceArgs, session: &Session) -> Result<Vec<Step>, Failu
         view = system.view_after(now_ns()).await?;
         known.move_on(wish.query, &moved, &view.1.meta.objects);
         if step.execution == Some(ExecutionOutcome::Done) {
-            step.holds = known.translated(k, wish).map_or_else(|_| Vec::new(), |(query, goal)| holds(&view.1, query, &goal));
+            match known.translated(k, wish) {
+                Ok((query, goal)) => step.holds = holds(&view.1, query, &goal),
+                Err(unseen) => step.reason = unseen.error().map(|e| format!("whether it holds cannot be seen: {}", e.message)),
+            }
         }
         let achieved = step.achieved();
         steps.push(step);
@@ -221,7 +225,7 @@ impl Known {
         let find = |id: u16, field: &str| match self.now.get(&id) {
             Some((Some(now), _)) => Ok(*now),
             Some((None, _)) => {
-                Err(Failure::from(CallError::not_found(field, format!("object {id} was not found again in the newest view"))))
+                Err(Failure::from(CallError::not_found(field, format!("object {id} is not found again in the newest view"))))
             }
             None => Err(Failure::from(CallError::not_found(field, format!("the first view has no object {id}")))),
         };

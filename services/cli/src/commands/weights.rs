@@ -43,7 +43,7 @@ pub fn run(args: &WeightsArgs, output: Output) -> Outcome {
         }
     }
     let bytes = merged(&parts).map_err(|e| Failure::bad_input("weights", e))?;
-    std::fs::write(&args.out, &bytes).map_err(|e| Failure::bad_input("out", format!("{}: {e}", args.out.display())))?;
+    repose_dataset::write_whole(&args.out, &bytes).map_err(|e| Failure::bad_input("out", format!("{}: {e}", args.out.display())))?;
     let hash = Weights::from_bytes(&bytes).map_err(Failure::other)?.hash;
     let document = json!({"weights": args.out, "hash": hash, "bytes": bytes.len()});
     output.print(&document, || format!("{}: {} bytes, {hash}", args.out.display(), bytes.len()))

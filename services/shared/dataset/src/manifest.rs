@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::writer::FORMAT;
+use crate::{whole::write_whole, writer::FORMAT};
 
 /// The file's name.
 pub const MANIFEST_FILE: &str = "dataset.json";
@@ -79,10 +79,8 @@ impl Manifest {
         let path = folder.join(MANIFEST_FILE);
         let io = |source| ManifestError::Io { path: path.clone(), source };
         let Some(there) = Self::read(folder)? else {
-            std::fs::create_dir_all(folder).map_err(io)?;
             let text = serde_json::to_string_pretty(self).map_err(|e| io(e.into()))?;
-            let beside = path.with_extension("tmp");
-            return std::fs::write(&beside, text + "\n").and_then(|()| std::fs::rename(&beside, &path)).map_err(io);
+            return write_whole(&path, (text + "\n").as_bytes()).map_err(io);
         };
         let mut differences = Vec::new();
         for (field, here, asked) in [("format", &there.format, &self.format), ("generator", &there.generator, &self.generator)] {

@@ -1,6 +1,7 @@
 //! What happens when an object of a scene is let go somewhere: what the outcome network learns from.
 //!
-//! Outcomes belong to scenes, not to views: a folder of views may have a folder `releases` in it, with one file per range of scenes.
+//! Outcomes belong to scenes, not to views: a folder of views may have a folder `releases` in it, with one file per range of scenes
+//! and way of drawing places.
 //!
 //! ```text
 //! metadata  {"format": "repose-releases-1"}
@@ -22,7 +23,8 @@ use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 
 use crate::{
     reader::{ReadError, shard_paths},
-    writer::{FORMAT_KEY, WriteError, write_whole},
+    whole::write_whole,
+    writer::{FORMAT_KEY, WriteError},
 };
 
 /// The folder of outcomes within a folder of views.
@@ -80,15 +82,17 @@ pub fn write_releases(path: &Path, releases: &[ReleaseRecord]) -> Result<(), Wri
     ];
     let metadata = HashMap::from([(FORMAT_KEY.to_owned(), RELEASES_FORMAT.to_owned())]);
     let bytes = safetensors::serialize(tensors, Some(metadata)).map_err(|e| WriteError::Container(e.to_string()))?;
-    if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(|source| WriteError::Io { path: path.to_path_buf(), source })?;
-    }
-    write_whole(path, &bytes)
+    write_whole(path, &bytes).map_err(|source| WriteError::Io { path: path.to_path_buf(), source })
 }
 
 /// The path of the file of outcomes whose first scene is `first_scene`, for `scenes` scenes, under a folder of views.
 pub fn releases_path(folder: &Path, first_scene: u64, scenes: u64) -> PathBuf {
     folder.join(RELEASES_FOLDER).join(format!("releases_{first_scene:06}_{scenes}.safetensors"))
+}
+
+/// The same for places that the prior and the planner proposed.
+pub fn proposals_path(folder: &Path, first_scene: u64, scenes: u64) -> PathBuf {
+    folder.join(RELEASES_FOLDER).join(format!("proposals_{first_scene:06}_{scenes}.safetensors"))
 }
 
 /// All outcomes under a folder of views, in the order of the files' names; none where there is no such folder.

@@ -10,7 +10,7 @@ use std::{
 use flate2::{Compression, write::ZlibEncoder};
 use safetensors::{Dtype, View};
 
-use crate::{Layer, RELATIONS, ViewRecord, codec::Packer, json::ViewJson};
+use crate::{Layer, RELATIONS, ViewRecord, codec::Packer, json::ViewJson, whole::write_whole};
 
 /// The metadata's only key (a hash map of several would be written in any order, and the same views would give other bytes).
 pub(crate) const FORMAT_KEY: &str = "format";
@@ -148,7 +148,7 @@ impl ShardWriter {
         }
         let path = Self::shard_path(&self.folder, self.next_shard, &self.suffix);
         let bytes = self.serialize()?;
-        write_whole(&path, &bytes)?;
+        write_whole(&path, &bytes).map_err(|source| WriteError::Io { path, source })?;
         self.bytes_written += bytes.len() as u64;
         self.next_shard += 1;
         Ok(())
@@ -165,13 +165,6 @@ impl ShardWriter {
         let metadata = HashMap::from([(FORMAT_KEY.to_owned(), FORMAT.to_owned())]);
         safetensors::serialize(tensors, Some(metadata)).map_err(|e| container(&e))
     }
-}
-
-/// Writes a file beside its place and renames it, so that a reader never sees half of one.
-pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
-    let beside = path.with_extension("tmp");
-    let written = std::fs::write(&beside, bytes).and_then(|()| std::fs::rename(&beside, path));
-    written.map_err(|source| WriteError::Io { path: path.to_path_buf(), source })
 }
 
 /// A tensor's bytes with their shape.

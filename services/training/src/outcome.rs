@@ -1,0 +1,64 @@
+//! Candidates of the outcome network: places where the simulator let the query go. They count one when it stayed as it was put, a half when it
+//! moved by less than the paper's 5 cm, nothing otherwise.
+
+use candle_core::Result;
+use rand::{RngExt, seq::IndexedRandom};
+use rand_pcg::Pcg64;
+use repose_networks::{
+    Kernel, Networks, NetworksConfig,
+    crops::Grouped,
+    discriminator::Discriminator,
+    points::{SceneCloud, turned},
+    shared_scene::SharedScene,
+};
+
+use crate::{
+    episode::{Episode, Trial},
+    placement::{Candidates, Labelled},
+    settings::Part,
+    views::TRIALS_AT_ONCE,
+};
+
+/// Places where the query was let go.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct LetGo;
+
+impl Candidates for LetGo {
+    const PART: Part = Part::Outcome;
+
+    fn places(&self, episode: &Episode, rng: &mut Pcg64) -> Vec<Labelled> {
+        let mut places: Vec<Labelled> = episode.trials.sample(rng, TRIALS_AT_ONCE).map(labelled).collect();
+        // Where it rested it stays; nothing has to be let go to know that.
+        places.push(Labelled::settled(episode, rng));
+        places
+    }
+
+    /// All candidates of an episode share the scene's points.
+    fn input(&self, config: &NetworksConfig, episode: &Episode, places: &[Labelled], rng: &mut Pcg64) -> Grouped {
+        let kernel = Kernel::detect();
+        let turn_rad = rng.random_range(0.0..std::f32::consts::TAU);
+        let scene = SceneCloud { points: turned(&episode.scene.points, turn_rad), labels: episode.scene.labels.clone() };
+        let shared = SharedScene::new(kernel, config, &scene);
+        let placed = |place: &Labelled| {
+            let position = turned(&[place.position.into()], turn_rad)[0];
+            shared.placed(kernel, config, &episode.query.turned(place.yaw_rad + turn_rad), position)
+        };
+        shared.grouped(&places.iter().map(placed).collect::<Vec<_>>())
+    }
+
+    fn network<'a>(&self, networks: &'a Networks) -> Result<&'a Discriminator> {
+        match &networks.outcome {
+            Some(outcome) => Ok(outcome),
+            None => candle_core::bail!("the weights have no outcome network"),
+        }
+    }
+}
+
+fn labelled(trial: &Trial) -> Labelled {
+    Labelled {
+        position: trial.position,
+        yaw_rad: trial.yaw_rad,
+        label: 0.5 * (f32::from(u8::from(trial.stayed)) + f32::from(u8::from(trial.as_put))),
+        is_good: trial.stayed,
+    }
+}
