@@ -293,11 +293,12 @@ pub struct TrainArgs {
     /// The folder of shards that `generate` wrote, with training and validation scenes somewhere below it.
     #[arg(long, value_name = "DIR")]
     pub data: PathBuf,
-    /// Which networks: joint (encoders, relation predictor and prior), discriminator, or outcome (the discriminator's layers on what simulated
-    /// releases came to; needs `generate --releases`). The others keep the weights of `--start`.
+    /// Which networks: joint (encoders, relation predictor and prior), relations (the predictor alone, on the encoders of `--start`), discriminator,
+    /// or outcome (the discriminator's layers on what simulated releases came to; needs `generate --releases`). The others keep the weights of
+    /// `--start`.
     #[arg(long)]
     pub network: String,
-    /// Which relation predictor `joint` fits: measured (reads what can be measured of the pair beside the codes) or paper.
+    /// Which relation predictor `joint` and `relations` fit: measured (reads what can be measured of the pair beside the codes) or paper.
     #[arg(long, value_name = "VARIANT", default_value = "measured")]
     pub relations: String,
     /// The weights file; a run that was stopped goes on from its checkpoint beside it.

@@ -10,7 +10,7 @@ use candle_core::{Device, Tensor};
 use repose_dataset::Split;
 use repose_geometry::{Point3, ViewerFrame};
 use repose_networks::crops::discriminator_input;
-use repose_networks::points::{ObjectCloud, SceneCloud};
+use repose_networks::points::{ObjectCloud, SceneCloud, Sight};
 use repose_networks::serving::spread;
 use repose_networks::{Candidate, Kernel, Models, NetworksConfig, SceneContext};
 use repose_proto::{CallError, Scene as ObservedScene};
@@ -70,6 +70,7 @@ pub struct ScoringScene {
     /// [`TRANSLATIONS`] of them.
     pub candidates: Vec<Candidate>,
     observed: ObservedScene,
+    sight: Sight,
 }
 
 impl ScoringScene {
@@ -80,9 +81,11 @@ impl ScoringScene {
     pub fn first(config: &NetworksConfig) -> Result<Self, CallError> {
         const SEEDS: u64 = 50;
         let problem = (0..SEEDS).find_map(|i| Problem::of_split(Split::Validation, i, &ProblemSettings::default()));
-        let Problem { observed, query, goal, viewer, .. } = problem.ok_or_else(|| CallError::internal("no seed gave a problem"))?;
+        let Problem { observed, query, goal, viewer, camera, world_from_camera, .. } =
+            problem.ok_or_else(|| CallError::internal("no seed gave a problem"))?;
         let points: Vec<Point3<f32>> = observed.points.iter().map(|p| Point3::from(*p)).collect();
-        let context = SceneContext::new(&points, &observed.labels, viewer.yaw_rad(), &config.cloud);
+        let sight = Sight::of_camera(&camera, &world_from_camera);
+        let context = SceneContext::new(&points, &observed.labels, viewer.yaw_rad(), &sight, &config.cloud);
         let context = context.map_err(|e| CallError::internal(e.to_string()))?;
         let centre = context.centroid_in_world(goal.anchor).ok_or_else(|| CallError::not_found("anchor", "the scene has no anchor"))?;
         // A spiral of 3 to 20 cm around the anchor: near and far, on all sides.
@@ -90,7 +93,7 @@ impl ScoringScene {
             let (turn, reach) = (i as f32 * 2.399_963, 0.03 + 0.17 * (i as f32 / TRANSLATIONS as f32).sqrt());
             Candidate { position_in_world: [centre.x + reach * turn.cos(), centre.y + reach * turn.sin(), centre.z], yaw_rad: 0.0 }
         };
-        Ok(Self { context, query, anchor: goal.anchor, candidates: (0..TRANSLATIONS).map(around).collect(), observed })
+        Ok(Self { context, query, anchor: goal.anchor, candidates: (0..TRANSLATIONS).map(around).collect(), observed, sight })
     }
 
     /// Points, and operations (two a weight and neighbour) of a candidate's discriminator, the mean of the first hundred.
@@ -102,7 +105,10 @@ impl ScoringScene {
             let kept = (0..self.observed.points.len()).filter(|i| of(*i));
             kept.map(|i| (viewer_from_world * Point3::from(self.observed.points[i]), self.observed.labels[i])).unzip()
         };
-        let query = ObjectCloud::new(&in_viewer(&|i| self.observed.labels[i] == self.query).0, &config.cloud)?;
+        let query = {
+            let points = in_viewer(&|i| self.observed.labels[i] == self.query).0;
+            ObjectCloud::new(&points, &self.sight.turned(&viewer_from_world), &config.cloud)?
+        };
         let (points, labels) = in_viewer(&|_| true);
         let centers: Vec<Point3<f32>> =
             self.context.objects().filter_map(|id| Some(viewer_from_world * self.context.centroid_in_world(id)?)).collect();

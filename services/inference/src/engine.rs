@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use nalgebra::Point3;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
+use repose_networks::points::Sight;
 use repose_networks::serving::spread;
 use repose_networks::{Candidate, InputError, Models, SceneContext};
 use repose_proto::scoring::{MixtureComponent, ModelInfo, ModelsReply, PriorReply, PriorRequest, RealismBy, ScoreReply, ScoreRequest};
@@ -44,7 +45,8 @@ impl Engine {
         let block = |label: u16| (0..64u32).map(move |i| (Point3::new(0.2 * f32::from(label) + side(i), side(i / 8), 0.05), label));
         let table = (0..900u32).map(|i| (Point3::new((i % 30) as f32 * 0.03 - 0.3, (i / 30) as f32 * 0.03 - 0.3, 0.0), 0));
         let (points, labels): (Vec<_>, Vec<_>) = table.chain(block(1)).chain(block(2)).unzip();
-        let context = SceneContext::new(&points, &labels, 0.0, &self.models.config().cloud)?;
+        let sight = Sight { eye: Point3::new(0.2, -0.5, 0.5), pixel_rad: 0.002 };
+        let context = SceneContext::new(&points, &labels, 0.0, &sight, &self.models.config().cloud)?;
         let candidates = vec![Candidate { position_in_world: [0.3, 0.1, 0.05], yaw_rad: 0.1 }; 4 * self.threads];
         self.models.prior(&context, 1, 2, [1, 0, 0, 0, 0, 0, 0, 0, 0, 0])?;
         self.models.relations(&context, 1, &[2], &candidates, self.threads)?;

@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use lru::LruCache;
 use nalgebra::Point3;
 use repose_networks::SceneContext;
-use repose_networks::points::CloudConfig;
-use repose_proto::{CallError, Scene};
+use repose_networks::points::{CloudConfig, Sight};
+use repose_proto::{CallError, RigidTransform, Scene};
 
 /// Viewers prepared per scene; requests on a scene nearly always share one.
 const VIEWERS: usize = 4;
@@ -46,7 +46,7 @@ impl HeldScene {
             return Ok(context.clone());
         }
         let points: Vec<Point3<f32>> = self.scene.points.iter().map(|p| Point3::from(*p)).collect();
-        let context = SceneContext::new(&points, &self.scene.labels, view_yaw_rad, config);
+        let context = SceneContext::new(&points, &self.scene.labels, view_yaw_rad, &sight_of(&self.scene), config);
         let context = Arc::new(context.map_err(|e| CallError::invalid("scene", e.to_string()))?);
         if prepared.len() == VIEWERS {
             prepared.remove(0);
@@ -60,6 +60,15 @@ impl HeldScene {
         // Points, labels and colors, and about as much again for each preparation.
         self.scene.points.len() * 17 * (1 + VIEWERS)
     }
+}
+
+/// The camera that took a scene. A scene's camera always has a pose.
+fn sight_of(scene: &Scene) -> Sight {
+    let camera = &scene.meta.camera;
+    let RigidTransform(world_from_camera) = camera.world_from_camera.unwrap_or(RigidTransform::IDENTITY);
+    // Row-major: the last column is where the camera is.
+    let eye = [3, 7, 11].map(|entry| world_from_camera[entry] as f32).into();
+    Sight { eye, pixel_rad: (2.0 / (camera.fx + camera.fy)) as f32 }
 }
 
 /// The scenes that a worker holds.

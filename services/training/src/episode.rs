@@ -10,7 +10,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use repose_dataset::{Composite, Layer, RELATIONS, ReleaseRecord, ViewRecord};
 use repose_geometry::{ViewerFrame, cloud, transform::yaw_of};
-use repose_networks::points::{CloudConfig, ObjectCloud, SceneCloud};
+use repose_networks::points::{CloudConfig, ObjectCloud, SceneCloud, Sight};
 use repose_sensor::SensorModel;
 
 use crate::{normal::gaussian, views::PIXELS_LEAST};
@@ -101,11 +101,8 @@ impl Episode {
             object.elsewhere.as_ref().filter(|e| wants_elsewhere && is_visible(&scene, &e.layer, label, settings.visible_least));
         // Every episode is seen by a camera of its own.
         let sensor = SensorModel::jittered(rng);
-        let clean = |picture: &mut Composite, rng: &mut Pcg64| {
-            sensor.disturb(&mut picture.depth_m, &view.camera, rng.random());
-            picture.drop_borders(band_px);
-            picture.points_in_world(view)
-        };
+        let clean = |picture: &mut Composite, rng: &mut Pcg64| observed(picture, view, &sensor, band_px, rng);
+        let cloud = &CloudConfig { border_px: band_px as f32, ..*cloud };
         let (points, labels, mut query_points) = if let Some(elsewhere) = elsewhere {
             scene.add(&elsewhere.layer, label);
             let (points, labels) = clean(&mut scene, rng);
@@ -126,6 +123,9 @@ impl Episode {
         let rotation = tilt(settings.tilt_rad, rng) * viewer_from_world;
         let about = |p: &Point3<f32>| viewer_from_world * position + rotation * (p - position);
         let points: Vec<Point3<f32>> = points.iter().map(about).collect();
+        let sight = Sight::of_camera(&view.camera, &view.world_from_camera);
+        // The query tilts about itself and the scene about where the query rests; for the lines of sight that is the same camera.
+        let sight = Sight { eye: about(&sight.eye), ..sight };
         for p in &mut query_points {
             *p = viewer_from_world * centroid.cast::<f32>() + rotation * (*p - centroid.cast::<f32>());
         }
@@ -133,7 +133,7 @@ impl Episode {
         let mut centers = vec![viewer_from_world * position];
         for (k, _) in view.objects.iter().enumerate().filter(|(k, _)| *k != query) {
             let own: Vec<Point3<f32>> = points.iter().zip(&labels).filter(|(_, l)| usize::from(**l) == k + 1).map(|(p, _)| *p).collect();
-            if let Some(object) = ObjectCloud::new(&own, cloud).filter(|_| own.len() >= PIXELS_LEAST / 2) {
+            if let Some(object) = ObjectCloud::new(&own, &sight, cloud).filter(|_| own.len() >= PIXELS_LEAST / 2) {
                 centers.push(object.centroid_in_viewer);
                 anchors.push(Anchor { cloud: object, relations: *view.relations_of(query, k) });
             }
@@ -152,7 +152,7 @@ impl Episode {
         centers.extend(trials.iter().map(|t| t.position));
         let scene = SceneCloud::new(&points, &labels, &centers, cloud).without(label);
         (!anchors.is_empty()).then_some(Self {
-            query: ObjectCloud::new(&query_points, cloud)?,
+            query: ObjectCloud::new(&query_points, &sight, cloud)?,
             yaw_rad,
             position: viewer_from_world * position,
             scene,
@@ -167,15 +167,28 @@ impl Episode {
     }
 }
 
+/// The points of a picture, in the world, with their labels, as a sensor gives them and cleaning leaves them.
+pub(crate) fn observed(
+    picture: &mut Composite,
+    view: &ViewRecord,
+    sensor: &SensorModel,
+    band_px: usize,
+    rng: &mut Pcg64,
+) -> (Vec<Point3<f32>>, Vec<u16>) {
+    sensor.disturb(&mut picture.depth_m, &view.camera, rng.random());
+    picture.drop_borders(band_px);
+    picture.points_in_world(view)
+}
+
 /// Whether enough of a layer would be seen in a picture.
-fn is_visible(picture: &Composite, layer: &Layer, label: u16, least: f64) -> bool {
+pub(crate) fn is_visible(picture: &Composite, layer: &Layer, label: u16, least: f64) -> bool {
     let mut with = picture.clone();
     with.add(layer, label);
     let visible = with.labels.iter().filter(|l| **l == label).count();
     visible >= PIXELS_LEAST && visible as f64 >= least * layer.count() as f64
 }
 
-fn tilt(deviation_rad: f32, rng: &mut Pcg64) -> Rotation3<f32> {
+pub(crate) fn tilt(deviation_rad: f32, rng: &mut Pcg64) -> Rotation3<f32> {
     let component = |rng: &mut Pcg64| (gaussian(rng) * deviation_rad).clamp(-2.0 * deviation_rad, 2.0 * deviation_rad);
     let axis = Vector3::new(component(rng), component(rng), 0.0);
     UnitQuaternion::from_scaled_axis(axis).to_rotation_matrix()

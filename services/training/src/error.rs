@@ -16,6 +16,12 @@ pub enum TrainError {
         /// The split that is empty.
         split: &'static str,
     },
+    /// The encoders that the relation predictor reads are not there.
+    #[error("start: the relation predictor is trained on encoders that are there already, and {}", match .0 {
+        Some(path) => format!("{} is not", path.display()),
+        None => "no weights were given".to_owned(),
+    })]
+    NoStart(Option<PathBuf>),
     /// Start weights could not be used.
     #[error(transparent)]
     Weights(#[from] repose_networks::WeightsError),

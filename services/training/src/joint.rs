@@ -6,6 +6,7 @@
 use candle_core::{Device, Result, Tensor};
 use rand::RngExt;
 use rand_pcg::Pcg64;
+use repose_dataset::{ReleaseRecord, ViewRecord};
 use repose_networks::{
     GOAL_RELATIONS, Kernel, Networks, NetworksConfig, PREDICTED_RELATIONS,
     crops::{Grouped, object_input, scene_input},
@@ -17,7 +18,8 @@ use repose_networks::{
 };
 
 use crate::{
-    episode::{Anchor, Episode},
+    confusion::Confusion,
+    episode::{Anchor, Episode, EpisodeSettings},
     settings::Part,
     task::Task,
 };
@@ -130,12 +132,22 @@ fn chosen<'a>(anchors: &'a [Anchor], most: usize, rng: &mut Pcg64) -> Vec<&'a An
 }
 
 impl Task for JointTask {
+    type Prepared = Episode;
+
     fn part(&self) -> Part {
         Part::Joint
     }
 
-    fn fits(&self, parameter: &str) -> bool {
-        Part::Joint.fits(parameter)
+    fn prepare(
+        &self,
+        _: &Networks,
+        config: &NetworksConfig,
+        view: &ViewRecord,
+        query: usize,
+        releases: &[ReleaseRecord],
+        rng: &mut Pcg64,
+    ) -> Result<Option<Episode>> {
+        Ok(Episode::new(view, query, releases, &config.cloud, &EpisodeSettings::default(), rng))
     }
 
     fn loss(
@@ -177,33 +189,6 @@ impl Task for JointTask {
             "true_percent": counts.iter().map(Confusion::true_percent).collect::<Vec<_>>(),
             "episodes": episodes.len(),
         }))
-    }
-}
-
-/// Counts of predicted against true.
-#[derive(Debug, Clone, Copy, Default)]
-struct Confusion {
-    both: u32,
-    predicted: u32,
-    truly: u32,
-    all: u32,
-}
-
-impl Confusion {
-    fn add(&mut self, predicted: bool, truly: bool) {
-        self.both += u32::from(predicted && truly);
-        self.predicted += u32::from(predicted);
-        self.truly += u32::from(truly);
-        self.all += 1;
-    }
-
-    /// Harmonic mean of precision and recall; none without positives.
-    fn f1(&self) -> Option<f64> {
-        (self.predicted + self.truly > 0).then(|| 2.0 * f64::from(self.both) / f64::from(self.predicted + self.truly))
-    }
-
-    fn true_percent(&self) -> f64 {
-        100.0 * f64::from(self.truly) / f64::from(self.all.max(1))
     }
 }
 

@@ -2,24 +2,25 @@
 
 use repose_networks::{
     Models, Weights, WeightsInfo,
-    networks::{DISCRIMINATOR, OUTCOME},
+    networks::{DISCRIMINATOR, OUTCOME, RELATIONS},
     parameters::WeightMap,
 };
 
 use crate::{error::TrainError, settings::Part};
 
 impl Part {
-    /// Whether a parameter or a running statistic belongs to this part.
+    /// Whether a parameter or a running statistic belongs to this part. The relation predictor belongs to the joint training too.
     pub fn fits(self, parameter: &str) -> bool {
         match self {
             Self::Joint => ![DISCRIMINATOR, OUTCOME].iter().any(|prefix| parameter.starts_with(prefix)),
+            Self::Relations => parameter.starts_with(RELATIONS),
             Self::Discriminator => parameter.starts_with(DISCRIMINATOR),
             Self::Outcome => parameter.starts_with(OUTCOME),
         }
     }
 }
 
-/// One file's bytes with each part taken from its own weights, recipe and metrics with it.
+/// One file's bytes with each part taken from its own weights, recipe and metrics with it. What two parts have is taken from the later.
 ///
 /// # Errors
 /// When the parts together are no whole set of weights.
@@ -27,6 +28,7 @@ pub fn merged(parts: &[(Part, Weights)]) -> Result<Vec<u8>, TrainError> {
     let mut values = WeightMap::new();
     let mut info = WeightsInfo { recipe: serde_json::json!({}), metrics: serde_json::json!({}) };
     for (part, weights) in parts {
+        values.retain(|name, _| !part.fits(name));
         values.extend(weights.values.iter().filter(|(name, _)| part.fits(name)).map(|(name, value)| (name.clone(), value.clone())));
         info.recipe[part.name()] = weights.info.recipe[part.name()].clone();
         info.metrics[part.name()] = weights.info.metrics[part.name()].clone();
@@ -49,9 +51,16 @@ mod tests {
             weights.info.recipe = serde_json::json!({"joint": {"seed": seed}, "discriminator": {"seed": seed}});
             weights
         });
-        let parts = [(Part::Joint, first.clone()), (Part::Discriminator, second.clone()), (Part::Outcome, second.clone())];
+        let parts = [
+            (Part::Joint, first.clone()),
+            (Part::Relations, second.clone()),
+            (Part::Discriminator, second.clone()),
+            (Part::Outcome, second.clone()),
+        ];
         let both = Weights::from_bytes(&merged(&parts).unwrap()).unwrap();
         assert_eq!(both.values["object/sa1/linear1/weight"], first.values["object/sa1/linear1/weight"]);
+        assert_eq!(both.values["relations/out/weight"], second.values["relations/out/weight"]);
+        assert_eq!(both.values["prior/out/weight"], first.values["prior/out/weight"]);
         assert_eq!(both.values["outcome/sa1/linear1/weight"], second.values["outcome/sa1/linear1/weight"]);
         assert_eq!(both.values.len(), first.values.len());
         assert_eq!((&both.info.recipe["joint"]["seed"], &both.info.recipe["discriminator"]["seed"]), (&1.into(), &2.into()));

@@ -9,12 +9,19 @@ use candle_core::{Device, Result, Tensor};
 use nalgebra::{Point3, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
+use repose_dataset::{ReleaseRecord, ViewRecord};
 use repose_networks::{
     Networks, NetworksConfig, crops::Grouped, discriminator::Discriminator, layers::Mode, relation_predictor::binary_cross_entropy,
     set_abstraction::Path,
 };
 
-use crate::{episode::Episode, normal::gaussian, settings::Part, task::Task, views::TRIALS_AT_ONCE};
+use crate::{
+    episode::{Episode, EpisodeSettings},
+    normal::gaussian,
+    settings::Part,
+    task::Task,
+    views::TRIALS_AT_ONCE,
+};
 
 /// Standard deviation of the disturbance of where a query rests, metres: what calibration and cleaning leave.
 const POSITION_NOISE_M: f32 = 0.001;
@@ -63,12 +70,22 @@ pub trait Candidates: Sync {
 pub struct PlacementTask<C>(pub C);
 
 impl<C: Candidates> Task for PlacementTask<C> {
+    type Prepared = Episode;
+
     fn part(&self) -> Part {
         C::PART
     }
 
-    fn fits(&self, parameter: &str) -> bool {
-        C::PART.fits(parameter)
+    fn prepare(
+        &self,
+        _: &Networks,
+        config: &NetworksConfig,
+        view: &ViewRecord,
+        query: usize,
+        releases: &[ReleaseRecord],
+        rng: &mut Pcg64,
+    ) -> Result<Option<Episode>> {
+        Ok(Episode::new(view, query, releases, &config.cloud, &EpisodeSettings::default(), rng))
     }
 
     fn loss(

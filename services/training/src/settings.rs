@@ -10,6 +10,8 @@ use serde::{Deserialize, Serialize};
 pub enum Part {
     /// Encoders, relation predictor and prior, jointly.
     Joint,
+    /// The relation predictor alone, on the encoders that the run started from.
+    Relations,
     /// The scene discriminator.
     Discriminator,
     /// The outcome network: the discriminator's layers, on what simulated releases came to.
@@ -21,6 +23,7 @@ impl Part {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Joint => "joint",
+            Self::Relations => "relations",
             Self::Discriminator => "discriminator",
             Self::Outcome => "outcome",
         }
@@ -28,11 +31,11 @@ impl Part {
 
     /// The part of that name.
     pub fn parse(name: &str) -> Option<Self> {
-        [Self::Joint, Self::Discriminator, Self::Outcome].into_iter().find(|part| part.name() == name)
+        [Self::Joint, Self::Relations, Self::Discriminator, Self::Outcome].into_iter().find(|part| part.name() == name)
     }
 }
 
-/// Which relation predictor the joint training fits.
+/// Which relation predictor is fitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RelationsVariant {
@@ -77,7 +80,8 @@ pub struct TrainSettings {
     pub threads: usize,
     /// Micro-batches of a step, each with its own graph and batch statistics; their gradients are averaged in order.
     pub slots: usize,
-    /// Samples of a micro-batch: candidates for the discriminator, (view, query) episodes for the joint training.
+    /// Samples of a micro-batch: candidates for the discriminator, (view, query) episodes for the joint training, views for the relation
+    /// predictor's.
     pub samples_per_slot: usize,
     /// Largest learning rate.
     pub learning_rate: f64,
@@ -89,12 +93,26 @@ pub struct TrainSettings {
     pub gradient_norm: f64,
     /// Steps between checkpoints (and measurements on validation scenes).
     pub checkpoint_steps: u64,
-    /// Validation episodes that are measured.
+    /// Validation views that are measured.
     pub validation_episodes: usize,
-    /// Prepared episodes that a slot draws its samples from; the oldest is replaced every step.
+    /// Prepared views that a slot draws its samples from; the oldest is replaced every step.
     pub episodes_kept: usize,
     /// Steps between looks at the data folder for new shards, so that training may start while data is still being generated. 0 never looks.
     pub rescan_steps: u64,
+}
+
+impl TrainSettings {
+    /// The defaults for a part. The relation predictor's micro-batches are small beside the views that they come from, and one view's pairs have
+    /// much in common: many are kept.
+    pub fn of_part(part: Part) -> Self {
+        let defaults = Self { part, ..Self::default() };
+        match part {
+            Part::Relations => {
+                Self { samples_per_slot: 16, episodes_kept: 400, validation_episodes: 400, checkpoint_steps: 1000, ..defaults }
+            }
+            Part::Joint | Part::Discriminator | Part::Outcome => defaults,
+        }
+    }
 }
 
 impl Default for TrainSettings {

@@ -1,4 +1,4 @@
-//! The gradient of one step, data-parallel: every slot has its own episodes, random numbers, graph and batch statistics.
+//! The gradient of one step, data-parallel: every slot has its own prepared views, random numbers, graph and batch statistics.
 //!
 //! Slots are averaged in their order, so the result depends on the number of slots, not of threads. Each worker runs in a rayon pool of
 //! its own with one thread, or candle's products would all fight over every core.
@@ -14,21 +14,21 @@ use repose_networks::{
     parameters::Parameters,
 };
 
-use crate::{
-    adam::Gradients,
-    episode::{Episode, EpisodeSettings},
-    settings::TrainSettings,
-    task::Task,
-    views::Views,
-};
+use crate::{adam::Gradients, settings::TrainSettings, task::Task, views::Views};
 
-/// How many draws an episode may take before a slot goes without a new one.
+/// How many draws a prepared view may take before a slot goes without a new one.
 const TRIES: usize = 20;
 
-/// One slot's prepared episodes, newest last.
-#[derive(Debug, Default)]
-pub struct Slot {
-    episodes: VecDeque<Episode>,
+/// One slot's prepared views, newest last.
+#[derive(Debug)]
+pub struct Slot<P> {
+    prepared: VecDeque<P>,
+}
+
+impl<P> Default for Slot<P> {
+    fn default() -> Self {
+        Self { prepared: VecDeque::new() }
+    }
 }
 
 /// What a step gives.
@@ -43,10 +43,9 @@ pub struct StepResult {
 }
 
 /// What all slots of a run share.
-#[derive(Clone, Copy)]
-pub struct Shared<'a> {
+pub struct Shared<'a, T> {
     /// What is fitted.
-    pub task: &'a dyn Task,
+    pub task: &'a T,
     /// The networks, which see the parameters' newest values.
     pub networks: &'a Networks,
     /// The parameters.
@@ -55,9 +54,7 @@ pub struct Shared<'a> {
     pub config: &'a NetworksConfig,
     /// The run's settings.
     pub settings: &'a TrainSettings,
-    /// How episodes are disturbed.
-    pub episode: &'a EpisodeSettings,
-    /// What episodes are drawn from.
+    /// What is drawn from.
     pub views: &'a Views,
 }
 
@@ -65,7 +62,12 @@ pub struct Shared<'a> {
 ///
 /// # Errors
 /// Tensor errors.
-pub fn gradient(shared: &Shared<'_>, slots: &mut [Slot], pools: &[rayon::ThreadPool], step: u64) -> Result<StepResult> {
+pub fn gradient<T: Task>(
+    shared: &Shared<'_, T>,
+    slots: &mut [Slot<T::Prepared>],
+    pools: &[rayon::ThreadPool],
+    step: u64,
+) -> Result<StepResult> {
     let per_thread = slots.len().div_ceil(pools.len().max(1));
     let mut results: Vec<Result<StepResult>> = Vec::new();
     std::thread::scope(|scope| {
@@ -76,7 +78,8 @@ pub fn gradient(shared: &Shared<'_>, slots: &mut [Slot], pools: &[rayon::ThreadP
             .map(|(w, (slots, pool))| {
                 scope.spawn(move || {
                     pool.install(|| {
-                        let of = |(k, slot): (usize, &mut Slot)| slot_gradient(shared, slot, step, (w * per_thread + k) as u64);
+                        let of =
+                            |(k, slot): (usize, &mut Slot<T::Prepared>)| slot_gradient(shared, slot, step, (w * per_thread + k) as u64);
                         slots.iter_mut().enumerate().map(of).collect::<Vec<_>>()
                     })
                 })
@@ -100,29 +103,29 @@ pub fn generator(seed: u64, step: u64, slot: u64) -> Pcg64 {
     Pcg64::seed_from_u64(mixed)
 }
 
-fn slot_gradient(shared: &Shared<'_>, slot: &mut Slot, step: u64, number: u64) -> Result<StepResult> {
+fn slot_gradient<T: Task>(shared: &Shared<'_, T>, slot: &mut Slot<T::Prepared>, step: u64, number: u64) -> Result<StepResult> {
     let settings = shared.settings;
-    // The first step fills half of the store, later ones add one episode each.
-    let wanted = if slot.episodes.is_empty() { (settings.episodes_kept as u64 / 2).max(1) } else { 1 };
+    // The first step fills half of the store, later ones add one view each.
+    let wanted = if slot.prepared.is_empty() { (settings.episodes_kept as u64 / 2).max(1) } else { 1 };
     for k in (0..wanted).rev() {
         let mut rng = generator(settings.seed, step.wrapping_sub(k), number.wrapping_mul(2));
-        if let Some(episode) = draw(shared, &mut rng) {
-            slot.episodes.push_back(episode);
+        if let Some(prepared) = draw(shared, &mut rng)? {
+            slot.prepared.push_back(prepared);
         }
     }
-    while slot.episodes.len() > settings.episodes_kept.max(1) {
-        slot.episodes.pop_front();
+    while slot.prepared.len() > settings.episodes_kept.max(1) {
+        slot.prepared.pop_front();
     }
     let mut rng = generator(settings.seed, step, number.wrapping_mul(2) + 1);
-    let mut episodes: Vec<&Episode> = slot.episodes.iter().collect();
-    if episodes.is_empty() {
-        candle_core::bail!("no episode could be made from the data in {TRIES} tries");
+    let mut prepared: Vec<&T::Prepared> = slot.prepared.iter().collect();
+    if prepared.is_empty() {
+        candle_core::bail!("no view of the data could be prepared in {TRIES} tries");
     }
-    for i in (1..episodes.len()).rev() {
-        episodes.swap(i, rng.random_range(0..=i));
+    for i in (1..prepared.len()).rev() {
+        prepared.swap(i, rng.random_range(0..=i));
     }
     let mode = Mode::Training(BatchStatistics::default());
-    let loss = shared.task.loss(shared.networks, shared.config, &episodes, settings.samples_per_slot, &mode, &mut rng)?;
+    let loss = shared.task.loss(shared.networks, shared.config, &prepared, settings.samples_per_slot, &mode, &mut rng)?;
     let store = loss.backward()?;
     let mut gradients = Gradients::new();
     for (name, var) in shared.parameters.trainable.iter().filter(|(name, _)| shared.task.fits(name)) {
@@ -137,13 +140,20 @@ fn slot_gradient(shared: &Shared<'_>, slot: &mut Slot, step: u64, number: u64) -
     Ok(StepResult { loss: f64::from(loss.to_scalar::<f32>()?), gradients, statistics })
 }
 
-/// An episode of a random query, or none after some tries.
-pub fn draw(shared: &Shared<'_>, rng: &mut Pcg64) -> Option<Episode> {
-    (0..TRIES).find_map(|_| {
-        let (view, query) = shared.views.query(rng.random_range(0..shared.views.queries()))?;
+/// A random view prepared for a random query of it, or none after some tries.
+///
+/// # Errors
+/// Tensor errors.
+pub fn draw<T: Task>(shared: &Shared<'_, T>, rng: &mut Pcg64) -> Result<Option<T::Prepared>> {
+    for _ in 0..TRIES {
+        let Some((view, query)) = shared.views.query(rng.random_range(0..shared.views.queries())) else { continue };
         let releases = shared.views.releases_of(view.scene_seed, view.objects[query].id);
-        Episode::new(&view, query, releases, &shared.config.cloud, shared.episode, rng)
-    })
+        let prepared = shared.task.prepare(shared.networks, shared.config, &view, query, releases, rng)?;
+        if prepared.is_some() {
+            return Ok(prepared);
+        }
+    }
+    Ok(None)
 }
 
 fn mean(results: Vec<StepResult>) -> Result<StepResult> {

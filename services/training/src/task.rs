@@ -1,20 +1,41 @@
-//! What the two trainings have in common: samples out of episodes, a loss of a micro-batch, measurements on validation episodes.
+//! What the trainings have in common: views prepared, a loss of a micro-batch of them, measurements on validation views.
 
 use candle_core::{Result, Tensor};
 use rand_pcg::Pcg64;
+use repose_dataset::{ReleaseRecord, ViewRecord};
 use repose_networks::{Networks, NetworksConfig, layers::Mode};
 
-use crate::{episode::Episode, settings::Part};
+use crate::settings::Part;
 
 /// One of the trainings.
 pub trait Task: Sync {
+    /// A view prepared, with one of its objects as the query; kept for some steps.
+    type Prepared: Send + Sync;
+
     /// Which.
     fn part(&self) -> Part;
 
     /// Whether a parameter is fitted by this task.
-    fn fits(&self, parameter: &str) -> bool;
+    fn fits(&self, parameter: &str) -> bool {
+        self.part().fits(parameter)
+    }
 
-    /// The loss of one micro-batch drawn from prepared episodes (at least one).
+    /// Prepares a view; `None` when cleaning leaves too little of it. `releases` are of the query; only parts that are not fitted may be asked of
+    /// the networks, for these do not change.
+    ///
+    /// # Errors
+    /// Tensor errors.
+    fn prepare(
+        &self,
+        networks: &Networks,
+        config: &NetworksConfig,
+        view: &ViewRecord,
+        query: usize,
+        releases: &[ReleaseRecord],
+        rng: &mut Pcg64,
+    ) -> Result<Option<Self::Prepared>>;
+
+    /// The loss of one micro-batch of `samples` drawn from prepared views (at least one).
     ///
     /// # Errors
     /// Tensor errors.
@@ -22,15 +43,21 @@ pub trait Task: Sync {
         &self,
         networks: &Networks,
         config: &NetworksConfig,
-        episodes: &[&Episode],
+        prepared: &[&Self::Prepared],
         samples: usize,
         mode: &Mode,
         rng: &mut Pcg64,
     ) -> Result<Tensor>;
 
-    /// Figures on validation episodes, with running statistics, as JSON. The first, `loss`, falls as things get better.
+    /// Figures on validation views, with running statistics, as JSON. The first, `loss`, falls as things get better.
     ///
     /// # Errors
     /// Tensor errors.
-    fn measure(&self, networks: &Networks, config: &NetworksConfig, episodes: &[Episode], rng: &mut Pcg64) -> Result<serde_json::Value>;
+    fn measure(
+        &self,
+        networks: &Networks,
+        config: &NetworksConfig,
+        prepared: &[Self::Prepared],
+        rng: &mut Pcg64,
+    ) -> Result<serde_json::Value>;
 }

@@ -21,11 +21,11 @@ use crate::{
     checkpoint,
     curve::{Curve, CurvePoint},
     discriminator::Moved,
-    episode::{Episode, EpisodeSettings},
     error::TrainError,
     joint::JointTask,
     outcome::LetGo,
     placement::PlacementTask,
+    relations::RelationsTask,
     settings::{Part, RelationsVariant, TrainSettings},
     step::{Shared, Slot, draw, generator, gradient},
     task::Task,
@@ -66,16 +66,16 @@ pub struct TrainReport {
 pub fn train(settings: &TrainSettings) -> Result<TrainReport, TrainError> {
     match settings.part {
         Part::Joint => Run::new(settings, &JointTask::default())?.run(),
+        Part::Relations => Run::new(settings, &RelationsTask::default())?.run(),
         Part::Discriminator => Run::new(settings, &PlacementTask(Moved::default()))?.run(),
         Part::Outcome => Run::new(settings, &PlacementTask(LetGo))?.run(),
     }
 }
 
-struct Run<'a> {
+struct Run<'a, T: Task> {
     settings: &'a TrainSettings,
-    task: &'a dyn Task,
+    task: &'a T,
     config: NetworksConfig,
-    episode: EpisodeSettings,
     networks: Networks,
     parameters: Parameters,
     info: WeightsInfo,
@@ -84,14 +84,14 @@ struct Run<'a> {
     adam: AdamW,
     step: u64,
     views: Views,
-    validation: Vec<Episode>,
+    validation: Vec<T::Prepared>,
     curve: Curve,
     /// Running mean of the training loss.
     loss: Option<f64>,
 }
 
-impl<'a> Run<'a> {
-    fn new(settings: &'a TrainSettings, task: &'a dyn Task) -> Result<Self, TrainError> {
+impl<'a, T: Task> Run<'a, T> {
+    fn new(settings: &'a TrainSettings, task: &'a T) -> Result<Self, TrainError> {
         let config = match settings.relations {
             RelationsVariant::Paper => NetworksConfig { measures_code: None, ..NetworksConfig::default() },
             RelationsVariant::Measured => NetworksConfig::default(),
@@ -104,6 +104,7 @@ impl<'a> Run<'a> {
                 let (networks, parameters) = Networks::started(&config, &starting(weights.values), rng)?;
                 (networks, parameters, weights.info)
             }
+            None if settings.part == Part::Relations => return Err(TrainError::NoStart(settings.start.clone())),
             None => {
                 let (networks, parameters) = Networks::seeded(&config, &mut generator(settings.seed, 0, u64::MAX))?;
                 (networks, parameters, WeightsInfo::default())
@@ -114,13 +115,11 @@ impl<'a> Run<'a> {
             if views.is_empty() { Err(TrainError::Empty { folder: settings.data.clone(), split: split.name() }) } else { Ok(views) }
         };
         let views = open(Split::Train)?;
-        let episode = EpisodeSettings::default();
         let average = parameters.to_map()?;
         let mut run = Self {
             settings,
             task,
             config,
-            episode,
             networks,
             parameters,
             info,
@@ -136,20 +135,19 @@ impl<'a> Run<'a> {
         let validation_views = views_of(settings, Split::Validation)?;
         if !validation_views.is_empty() {
             let shared = Shared { views: &validation_views, ..run.shared() };
-            let episodes = (0..settings.validation_episodes as u64).filter_map(|i| draw(&shared, &mut generator(0, i, u64::MAX)));
-            run.validation = episodes.collect();
+            let prepared = (0..settings.validation_episodes as u64).map(|i| draw(&shared, &mut generator(0, i, u64::MAX)));
+            run.validation = prepared.filter_map(Result::transpose).collect::<Result<_, _>>()?;
         }
         Ok(run)
     }
 
-    fn shared(&self) -> Shared<'_> {
+    fn shared(&self) -> Shared<'_, T> {
         Shared {
             task: self.task,
             networks: &self.networks,
             parameters: &self.parameters,
             config: &self.config,
             settings: self.settings,
-            episode: &self.episode,
             views: &self.views,
         }
     }
@@ -160,7 +158,7 @@ impl<'a> Run<'a> {
             .map(|_| rayon::ThreadPoolBuilder::new().num_threads(1).build())
             .collect::<Result<Vec<_>, _>>()
             .map_err(|e| candle_core::Error::Msg(e.to_string()))?;
-        let mut slots: Vec<Slot> = (0..settings.slots.max(1)).map(|_| Slot::default()).collect();
+        let mut slots: Vec<Slot<T::Prepared>> = (0..settings.slots.max(1)).map(|_| Slot::default()).collect();
         let spinning = candle_core::utils::get_num_threads();
         if spinning > 1 {
             tracing::warn!(
@@ -246,12 +244,16 @@ impl<'a> Run<'a> {
     fn statistics_of(&self, networks: &Networks) -> Result<BTreeMap<String, Vec<f32>>, TrainError> {
         let shared = self.shared();
         let mut sums: BTreeMap<String, Vec<f32>> = BTreeMap::new();
+        if !self.parameters.statistics.keys().any(|name| self.task.fits(name)) {
+            return Ok(sums);
+        }
         for k in 0..STATISTICS_BATCHES {
             let mut rng = generator(self.settings.seed, self.step, u64::MAX - 1 - k);
-            let episodes: Vec<Episode> = (0..STATISTICS_EPISODES).filter_map(|_| draw(&shared, &mut rng)).collect();
+            let drawn = (0..STATISTICS_EPISODES).map(|_| draw(&shared, &mut rng));
+            let prepared: Vec<T::Prepared> = drawn.filter_map(Result::transpose).collect::<Result<_, _>>()?;
             let mode = Mode::Training(BatchStatistics::default());
             let samples = self.settings.samples_per_slot;
-            self.task.loss(networks, &self.config, &episodes.iter().collect::<Vec<_>>(), samples, &mode, &mut rng)?;
+            self.task.loss(networks, &self.config, &prepared.iter().collect::<Vec<_>>(), samples, &mode, &mut rng)?;
             if let Mode::Training(statistics) = mode {
                 for (name, values) in statistics.into_inner() {
                     let sum = sums.entry(name).or_insert_with(|| vec![0.0; values.len()]);

@@ -154,6 +154,30 @@ fn the_loss_falls() {
 }
 
 #[test]
+fn the_relation_predictor_is_fitted_alone_on_encoders_that_stay_as_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    data(&folder.path().join("data"));
+    let start = folder.path().join("start.safetensors");
+    std::fs::write(&start, Weights::initial(&NetworksConfig::default(), 3).unwrap()).unwrap();
+    let of = |threads, steps| TrainSettings { start: Some(start.clone()), ..settings(folder.path(), Part::Relations, threads, steps) };
+    let first = train(&of(3, 2)).unwrap();
+    let (one, two) = (of(1, 40), of(2, 40));
+    let later = train(&one).unwrap();
+    train(&two).unwrap();
+    let loss = |r: &repose_training::TrainReport| r.metrics["loss"].as_f64().unwrap();
+    assert!(loss(&later) < loss(&first), "{} then {}", loss(&first), loss(&later));
+    assert!(later.metrics["pairs"].as_u64().unwrap() > later.metrics["moved_pairs"].as_u64().unwrap(), "{}", later.metrics);
+    let read = |path: &Path| Weights::from_bytes(&std::fs::read(path).unwrap()).unwrap().values;
+    let (before, after) = (read(&start), read(&one.out));
+    for (name, value) in &after {
+        assert_eq!(before[name] == *value, !name.starts_with("relations/"), "{name}");
+    }
+    assert_eq!(after, read(&two.out));
+    let error = train(&TrainSettings { start: None, ..of(1, 1) }).unwrap_err();
+    assert!(matches!(error, TrainError::NoStart(None)), "{error}");
+}
+
+#[test]
 fn a_folder_without_training_scenes_is_an_error_that_says_so() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir_all(folder.path().join("data")).unwrap();

@@ -8,20 +8,20 @@ use crate::output::Output;
 
 /// Runs the command.
 pub fn run(args: &TrainArgs, output: Output) -> Outcome {
-    let part = Part::parse(&args.network)
-        .ok_or_else(|| Failure::bad_input("network", format!("expected joint, discriminator or outcome, got {:?}", args.network)))?;
+    let part = Part::parse(&args.network).ok_or_else(|| {
+        Failure::bad_input("network", format!("expected joint, relations, discriminator or outcome, got {:?}", args.network))
+    })?;
     let relations = RelationsVariant::parse(&args.relations)
         .ok_or_else(|| Failure::bad_input("relations", format!("expected measured or paper, got {:?}", args.relations)))?;
     for variable in ONE_THREAD_VARIABLES {
         // SAFETY: this command is synchronous and has started no thread yet that could read the environment meanwhile.
         unsafe { std::env::set_var(variable, "1") };
     }
-    let defaults = TrainSettings::default();
+    let defaults = TrainSettings::of_part(part);
     let settings = TrainSettings {
         data: args.data.clone(),
         out: args.out.clone(),
         start: args.start.clone(),
-        part,
         relations,
         seed: args.seed,
         steps: args.steps.unwrap_or(defaults.steps),

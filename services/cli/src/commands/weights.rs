@@ -16,6 +16,9 @@ pub struct WeightsArgs {
     /// Weights whose encoders, relation predictor and prior are taken.
     #[arg(long, value_name = "FILE")]
     pub joint: PathBuf,
+    /// Weights whose relation predictor is taken in place of that of `--joint`; it must have been trained on the same encoders.
+    #[arg(long, value_name = "FILE")]
+    pub relations: Option<PathBuf>,
     /// Weights whose discriminator is taken.
     #[arg(long, value_name = "FILE")]
     pub discriminator: PathBuf,
@@ -34,8 +37,10 @@ pub fn run(args: &WeightsArgs, output: Output) -> Outcome {
         Weights::from_bytes(&std::fs::read(path).map_err(|e| failed(&e))?).map_err(|e| failed(&e))
     };
     let mut parts = vec![(Part::Joint, read("joint", &args.joint)?), (Part::Discriminator, read("discriminator", &args.discriminator)?)];
-    if let Some(path) = &args.outcome {
-        parts.push((Part::Outcome, read("outcome", path)?));
+    for (part, path) in [(Part::Relations, &args.relations), (Part::Outcome, &args.outcome)] {
+        if let Some(path) = path {
+            parts.push((part, read(part.name(), path)?));
+        }
     }
     let bytes = merged(&parts).map_err(|e| Failure::bad_input("weights", e))?;
     repose_dataset::write_whole(&args.out, &bytes).map_err(|e| Failure::bad_input("out", format!("{}: {e}", args.out.display())))?;

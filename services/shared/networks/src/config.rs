@@ -60,8 +60,8 @@ pub struct NetworksConfig {
     pub code: usize,
     /// Components of the prior's mixture.
     pub components: usize,
-    /// Whether the relation predictor reads [`crate::pair_measures`] beside the codes (ours), and how wide their encoding is; `None` is the
-    /// paper's.
+    /// Whether the relation predictor reads [`crate::pair_measures`] beside the codes (ours), and how wide the two layers of their encoding are;
+    /// `None` is the paper's.
     pub measures_code: Option<usize>,
     /// How the outcome network's points are shared out.
     pub shared: SharedConfig,
@@ -93,6 +93,11 @@ impl NetworksConfig {
     /// The networks of the paper and nothing else.
     pub fn paper() -> Self {
         Self { measures_code: None, outcome: false, ..Self::default() }
+    }
+
+    /// The width of the relation predictor's hidden layer: more where it reads more.
+    pub fn relations_hidden(&self) -> usize {
+        if self.measures_code.is_some() { self.hidden[0] } else { self.hidden[1] }
     }
 
     /// The default shapes with the parts that stored weights have.
@@ -130,7 +135,7 @@ impl Default for NetworksConfig {
             hidden: [256, 128],
             code: 128,
             components: 5,
-            measures_code: Some(64),
+            measures_code: Some(128),
             shared: SharedConfig::default(),
             outcome: true,
         }

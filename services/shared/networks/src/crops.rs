@@ -178,7 +178,7 @@ mod tests {
 
     fn cube() -> ObjectCloud {
         let points: Vec<_> = (0..1000).map(|i| Point3::new((i % 10) as f32, (i / 10 % 10) as f32, (i / 100) as f32) * 0.006).collect();
-        ObjectCloud::new(&points, &crate::points::CloudConfig::default()).unwrap()
+        ObjectCloud::new(&points, &crate::points::tests::sight(), &crate::points::CloudConfig::default()).unwrap()
     }
 
     #[test]

@@ -3,10 +3,11 @@
 //! Serving, which knows nothing of candle:
 //!
 //! ```no_run
-//! # use repose_networks::{Candidate, Models, SceneContext};
-//! # fn f(points: &[nalgebra::Point3<f32>], labels: &[u16]) -> Result<(), Box<dyn std::error::Error>> {
+//! # use repose_networks::{Candidate, Models, SceneContext, points::Sight};
+//! # fn f(points: &[nalgebra::Point3<f32>], labels: &[u16], sight: &Sight) -> Result<(), Box<dyn std::error::Error>> {
 //! let models = Models::embedded()?; // or Models::load(&std::fs::read(path)?)
-//! let scene = SceneContext::new(points, labels, 0.0, &models.config().cloud)?; // once per scene: world points, 0 = not an object
+//! // Once per scene: world points, 0 = not an object; where the camera was, and how fine its pixels are.
+//! let scene = SceneContext::new(points, labels, 0.0, sight, &models.config().cloud)?;
 //! let goal = [1, 0, 0, 0, 0, 0, 0, 0, 0, 0]; // left_of holds
 //! let mixture = models.prior(&scene, 2, 3, goal)?; // query 2, anchor 3: offsets in the viewer's axes
 //! let candidates = [Candidate { position_in_world: [0.1, 0.2, 0.05], yaw_rad: 0.0 }];

@@ -31,6 +31,8 @@ pub struct Networks {
     pub outcome: Option<Discriminator>,
 }
 
+/// The first part of the relation predictor's parameter paths.
+pub const RELATIONS: &str = "relations/";
 /// The first part of the discriminator's parameter paths: what tells the trainings apart.
 pub const DISCRIMINATOR: &str = "discriminator/";
 /// The first part of the outcome network's parameter paths.

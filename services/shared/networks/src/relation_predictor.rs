@@ -9,13 +9,14 @@ use crate::{
     parameters::Builder,
 };
 
-/// The path of the weight that only the `measured` variant has.
+/// The path of a weight that only the `measured` variant has.
 pub(crate) const MEASURES_WEIGHT: &str = "relations/measures/weight";
 
-/// `[h_i, h_j]` → 128 → 9 logits; the `measured` variant (ours) has an encoding of [`crate::pair_measures`] beside the codes.
+/// `[h_i, h_j]` → 128 → 9 logits. The `measured` variant (ours) encodes [`crate::pair_measures`] by two layers beside the codes: 87 → 128 →
+/// 128, and `[h_i, h_j, m]` → 256 → 9 logits.
 #[derive(Debug, Clone)]
 pub struct RelationPredictor {
-    measures: Option<Linear>,
+    measures: Option<[Linear; 2]>,
     hidden: Linear,
     out: Linear,
 }
@@ -27,23 +28,30 @@ impl RelationPredictor {
     /// When stored weights do not fit.
     pub fn new(builder: &mut Builder<'_>, config: &NetworksConfig) -> Result<Self> {
         builder.within("relations", |b| {
-            let measures = config.measures_code.map(|width| Linear::new(b, "measures", PAIR_MEASURES, width)).transpose()?;
+            let measures = match config.measures_code {
+                Some(width) => Some([Linear::new(b, "measures", PAIR_MEASURES, width)?, Linear::new(b, "measures2", width, width)?]),
+                None => None,
+            };
+            let hidden = config.relations_hidden();
             Ok(Self {
                 measures,
-                hidden: Linear::new(b, "hidden", 2 * config.code + config.measures_code.unwrap_or(0), config.hidden[1])?,
-                out: Linear::new(b, "out", config.hidden[1], PREDICTED_RELATIONS)?,
+                hidden: Linear::new(b, "hidden", 2 * config.code + config.measures_code.unwrap_or(0), hidden)?,
+                out: Linear::new(b, "out", hidden, PREDICTED_RELATIONS)?,
             })
         })
     }
 
     /// Codes of queries (with their centres relative to the anchors) and of anchors, `[pairs, 128]` each, and their measures
-    /// `[pairs, 39]`, which the paper's variant does not read → logits `[pairs, 9]`.
+    /// `[pairs, 87]`, which the paper's variant does not read → logits `[pairs, 9]`.
     ///
     /// # Errors
     /// When the shapes do not fit.
     pub fn logits(&self, queries: &Tensor, anchors: &Tensor, measures: &Tensor) -> Result<Tensor> {
         let input = match &self.measures {
-            Some(layer) => Tensor::cat(&[queries, anchors, &layer.forward(measures)?.relu()?], 1)?,
+            Some([first, second]) => {
+                let measures = second.forward(&first.forward(measures)?.relu()?)?.relu()?;
+                Tensor::cat(&[queries, anchors, &measures], 1)?
+            }
             None => Tensor::cat(&[queries, anchors], 1)?,
         };
         self.out.forward(&self.hidden.forward(&input)?.relu()?)

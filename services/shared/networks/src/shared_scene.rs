@@ -174,7 +174,7 @@ mod tests {
         let points: Vec<[f32; 3]> = (0..3600).map(|i| [(i % 60) as f32 * 0.01 - 0.3, (i / 60) as f32 * 0.01 - 0.3, 0.0]).collect();
         let block: Vec<_> = (0..400).map(|i| Point3::new((i % 20) as f32 * 0.003, 0.0, (i / 20) as f32 * 0.005)).collect();
         let config = CloudConfig { voxel_m: 0.001, ..CloudConfig::default() };
-        (SceneCloud { labels: vec![0; points.len()], points }, ObjectCloud::new(&block, &config).unwrap())
+        (SceneCloud { labels: vec![0; points.len()], points }, ObjectCloud::new(&block, &crate::points::tests::sight(), &config).unwrap())
     }
 
     #[test]

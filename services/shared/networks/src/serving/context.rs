@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use nalgebra::{Point3, Rotation3};
 use repose_geometry::ViewerFrame;
 
-use crate::points::{CloudConfig, ObjectCloud, SceneCloud};
+use crate::points::{CloudConfig, ObjectCloud, SceneCloud, Sight};
 
 use super::shared::SceneFeatures;
 
@@ -73,12 +73,18 @@ type Features = (String, u16, Arc<SceneFeatures>);
 const FEATURES_KEPT: usize = 4;
 
 impl SceneContext {
-    /// Prepares world points `[n]` with labels `[n]` (0 = not an object), seen by a viewer at `view_yaw_rad` (see
-    /// [`repose_geometry::ViewerFrame`]). Takes some tens of milliseconds: build it once per scene.
+    /// Prepares world points `[n]` with labels `[n]` (0 = not an object), as a camera took them (`sight`, world axes) and a viewer at
+    /// `view_yaw_rad` sees them (see [`repose_geometry::ViewerFrame`]). Takes some tens of milliseconds: build it once per scene.
     ///
     /// # Errors
     /// [`InputError`] when the lengths differ or a coordinate is not finite.
-    pub fn new(points_in_world: &[Point3<f32>], labels: &[u16], view_yaw_rad: f64, config: &CloudConfig) -> Result<Self, InputError> {
+    pub fn new(
+        points_in_world: &[Point3<f32>],
+        labels: &[u16],
+        view_yaw_rad: f64,
+        sight: &Sight,
+        config: &CloudConfig,
+    ) -> Result<Self, InputError> {
         if points_in_world.len() != labels.len() {
             return Err(InputError::LabelCount { points: points_in_world.len(), labels: labels.len() });
         }
@@ -88,17 +94,22 @@ impl SceneContext {
         if !view_yaw_rad.is_finite() {
             return Err(InputError::NotFinite { field: "view_yaw_rad", index: 0 });
         }
+        if !(sight.eye.iter().all(|x| x.is_finite()) && sight.pixel_rad.is_finite()) {
+            return Err(InputError::NotFinite { field: "sight", index: 0 });
+        }
         let viewer = ViewerFrame::from_yaw(view_yaw_rad);
+        let viewer_from_world = viewer.viewer_from_world().cast();
+        let sight = sight.turned(&viewer_from_world);
         let points = viewer.points_in_viewer(points_in_world);
         let mut by_label: BTreeMap<u16, Vec<Point3<f32>>> = BTreeMap::new();
         for (p, label) in points.iter().zip(labels).filter(|(_, label)| **label != 0) {
             by_label.entry(*label).or_default().push(*p);
         }
         let objects: BTreeMap<u16, ObjectCloud> =
-            by_label.iter().filter_map(|(label, points)| Some((*label, ObjectCloud::new(points, config)?))).collect();
+            by_label.iter().filter_map(|(label, points)| Some((*label, ObjectCloud::new(points, &sight, config)?))).collect();
         let centers: Vec<Point3<f32>> = objects.values().map(|o| o.centroid_in_viewer).collect();
         let scene = SceneCloud::new(&points, labels, &centers, config);
-        Ok(Self { scene, objects, viewer_from_world: viewer.viewer_from_world().cast(), viewer, features: Arc::default() })
+        Ok(Self { scene, objects, viewer_from_world, viewer, features: Arc::default() })
     }
 
     /// The labels of the objects that have points, ascending.

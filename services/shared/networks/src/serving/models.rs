@@ -45,7 +45,7 @@ pub struct Models {
     object_head: CodeHead,
     scene: PointNet,
     scene_head: CodeHead,
-    relation_measures: Option<PackedLinear>,
+    relation_measures: Option<[PackedLinear; 2]>,
     relation_hidden: PackedLinear,
     relation_out: PackedLinear,
     prior_hidden: PackedLinear,
@@ -91,9 +91,17 @@ impl Models {
             object_head: CodeHead::new(&stored, "object", &config, width(&config.object_levels))?,
             scene: PointNet::new(&stored, "scene", &config.scene_levels)?,
             scene_head: CodeHead::new(&stored, "scene", &config, width(&config.scene_levels))?,
-            relation_measures: config.measures_code.map(|width| stored.linear("relations/measures", PAIR_MEASURES, width)).transpose()?,
-            relation_hidden: stored.linear("relations/hidden", 2 * code + config.measures_code.unwrap_or(0), hidden)?,
-            relation_out: stored.linear("relations/out", hidden, PREDICTED_RELATIONS)?,
+            relation_measures: match config.measures_code {
+                Some(width) => {
+                    Some([stored.linear("relations/measures", PAIR_MEASURES, width)?, stored.linear("relations/measures2", width, width)?])
+                }
+                None => None,
+            },
+            relation_hidden: {
+                let inputs = 2 * code + config.measures_code.unwrap_or(0);
+                stored.linear("relations/hidden", inputs, config.relations_hidden())?
+            },
+            relation_out: stored.linear("relations/out", config.relations_hidden(), PREDICTED_RELATIONS)?,
             prior_hidden: stored.linear("prior/hidden", 3 * code + GOAL_RELATIONS, hidden)?,
             prior_norm: stored.batch_norm("prior/norm", hidden)?,
             prior_out: stored.linear("prior/out", hidden, config.components * PER_COMPONENT)?,
@@ -181,8 +189,9 @@ impl Models {
                 let offset = std::array::from_fn(|k| position[k] - centroid[k]);
                 let mut input = self.code(shape, offset);
                 input.extend_from_slice(anchor);
-                if let (Some(layer), Some(query), Some(anchor)) = (&self.relation_measures, measured, anchor_measured) {
-                    input.extend(row(self.kernel, layer, &pair_measures(query, anchor, offset), true));
+                if let (Some([first, second]), Some(query), Some(anchor)) = (&self.relation_measures, measured, anchor_measured) {
+                    let measures = row(self.kernel, first, &pair_measures(query, anchor, offset), true);
+                    input.extend(row(self.kernel, second, &measures, true));
                 }
                 let hidden = row(self.kernel, &self.relation_hidden, &input, true);
                 let logits = row(self.kernel, &self.relation_out, &hidden, false);

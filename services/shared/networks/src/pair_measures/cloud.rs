@@ -1,0 +1,134 @@
+//! A cloud prepared for measuring: once per object and turn, for any number of places and partners.
+
+use std::sync::OnceLock;
+
+use nalgebra::{Point3, Vector3};
+use repose_relations::ViewerExtents;
+
+use super::middles::{Middles, without_strays};
+use crate::points::{ObjectCloud, Rim};
+
+/// Directions tried for the plane between two clouds before the best is refined: azimuths, and their elevations.
+const AZIMUTHS: usize = 16;
+const ELEVATIONS: [f32; 3] = [0.0, std::f32::consts::FRAC_PI_4, -std::f32::consts::FRAC_PI_4];
+pub(super) const DIRECTIONS: usize = AZIMUTHS * ELEVATIONS.len() + 2;
+/// The share of points that a box leaves out at either end of each axis, as in the rules on observed clouds.
+const STRAY_SHARE: f32 = 0.01;
+
+/// What of an object's outline is measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Outline {
+    /// The cloud's.
+    Observed,
+    /// With what cleaning took put back on ([`Rim`]).
+    Restored,
+}
+
+/// A cloud prepared for measuring.
+#[derive(Debug, Clone)]
+pub struct MeasuredCloud {
+    /// Coordinates relative to the centroid, by axis.
+    pub(super) axes: [Vec<f32>; 3],
+    /// The box without strays, relative to the centroid.
+    pub(super) low: [f32; 3],
+    pub(super) high: [f32; 3],
+    /// What cleaning took.
+    pub(super) rim: Rim,
+    /// Guesses at the object's middle.
+    pub(super) middles: Middles,
+    /// How far the cloud reaches in each of [`directions`], from its centroid, and how much farther the object does.
+    reaches: [f32; DIRECTIONS],
+    beyond: [f32; DIRECTIONS],
+}
+
+impl MeasuredCloud {
+    /// Prepares a cloud (already turned).
+    pub fn new(object: &ObjectCloud) -> Self {
+        let axes: [Vec<f32>; 3] = std::array::from_fn(|k| object.points.iter().map(|p| p[k]).collect());
+        let [x, y, z] = axes.each_ref().map(|axis| without_strays(axis.clone(), STRAY_SHARE));
+        let mut cloud = Self {
+            middles: Middles::new(&axes),
+            axes,
+            low: [x[0], y[0], z[0]],
+            high: [x[1], y[1], z[1]],
+            rim: object.rim,
+            reaches: [0.0; DIRECTIONS],
+            beyond: [0.0; DIRECTIONS],
+        };
+        cloud.reaches = std::array::from_fn(|d| cloud.reach(&directions()[d].0, Outline::Observed));
+        cloud.beyond = std::array::from_fn(|d| cloud.rim.beyond_m(directions()[d].0.into()));
+        cloud
+    }
+
+    /// How far the outline reaches in a direction, from the centroid.
+    pub(super) fn reach(&self, direction: &Vector3<f32>, outline: Outline) -> f32 {
+        // Sixteen lanes keep the loop free of a single chain of comparisons.
+        const LANES: usize = 16;
+        let [x, y, z] = &self.axes;
+        let mut best = [f32::NEG_INFINITY; LANES];
+        let along = |i: usize| x[i] * direction.x + y[i] * direction.y + z[i] * direction.z;
+        let whole = x.len() / LANES * LANES;
+        for i in (0..whole).step_by(LANES) {
+            for (l, best) in best.iter_mut().enumerate() {
+                *best = best.max(along(i + l));
+            }
+        }
+        let observed = (whole..x.len()).map(along).chain(best).fold(f32::NEG_INFINITY, f32::max);
+        match outline {
+            Outline::Observed => observed,
+            Outline::Restored => observed + self.rim.beyond_m((*direction).into()),
+        }
+    }
+
+    /// The same in the `d`-th of [`directions`].
+    pub(super) fn known_reach(&self, d: usize, outline: Outline) -> f32 {
+        match outline {
+            Outline::Observed => self.reaches[d],
+            Outline::Restored => self.reaches[d] + self.beyond[d],
+        }
+    }
+
+    /// The box with the centroid at `at`.
+    pub(super) fn extents(&self, at: [f32; 3]) -> ViewerExtents {
+        let point = |corner: &[f32; 3]| Point3::from(std::array::from_fn::<f64, 3, _>(|k| f64::from(corner[k] + at[k])));
+        let (low, high) = (point(&self.low), point(&self.high));
+        ViewerExtents { low, high, center: nalgebra::center(&low, &high) }
+    }
+
+    /// How much farther the object reaches than its box along an axis.
+    pub(super) fn beyond_along(&self, axis: usize) -> f32 {
+        self.rim.beyond_m(std::array::from_fn(|k| if k == axis { 1.0 } else { 0.0 }))
+    }
+}
+
+/// The directions tried first, each with the index of its opposite.
+pub(super) fn directions() -> &'static [(Vector3<f32>, usize); DIRECTIONS] {
+    static ALL: OnceLock<[(Vector3<f32>, usize); DIRECTIONS]> = OnceLock::new();
+    ALL.get_or_init(|| {
+        let direction = |d: usize| match d.checked_sub(AZIMUTHS * ELEVATIONS.len()) {
+            Some(up) => Vector3::z() * (1.0 - 2.0 * up as f32),
+            None => {
+                let (sin, cos) = (std::f32::consts::TAU * (d % AZIMUTHS) as f32 / AZIMUTHS as f32).sin_cos();
+                let (rise, level) = ELEVATIONS[d / AZIMUTHS].sin_cos();
+                Vector3::new(level * cos, level * sin, rise)
+            }
+        };
+        let all: [Vector3<f32>; DIRECTIONS] = std::array::from_fn(direction);
+        std::array::from_fn(|d| {
+            let opposite = (0..DIRECTIONS).min_by(|a, b| all[*a].dot(&all[d]).total_cmp(&all[*b].dot(&all[d])));
+            (all[d], opposite.unwrap_or(d))
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_direction_knows_its_opposite() {
+        for (direction, opposite) in directions() {
+            assert!((directions()[*opposite].0 + direction).norm() < 1e-5);
+        }
+    }
+}
