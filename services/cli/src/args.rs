@@ -307,6 +307,10 @@ pub struct TrainArgs {
     /// Weights to start from; new ones from the seed by default.
     #[arg(long, value_name = "FILE")]
     pub start: Option<PathBuf>,
+    /// Start from the mean of `--start` and these, runs of the same network from one ancestor; repeat for more. With `--steps 0` that mean is
+    /// what is written, its batch statistics taken anew.
+    #[arg(long, value_name = "FILE", requires = "start")]
+    pub mean_with: Vec<PathBuf>,
     /// Seed of initial weights, order and augmentation.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,

@@ -25,6 +25,14 @@ pub enum TrainError {
     /// Start weights could not be used.
     #[error(transparent)]
     Weights(#[from] repose_networks::WeightsError),
+    /// A mean of weights needs the same values in the same shapes.
+    #[error("{path}: {parameter} is missing or has another shape")]
+    Mean {
+        /// The weights that do not fit.
+        path: PathBuf,
+        /// What does not.
+        parameter: String,
+    },
     /// A tensor operation failed.
     #[error("tensors: {0}")]
     Tensors(#[from] candle_core::Error),

@@ -1,4 +1,6 @@
-//! Weights of parts that were trained apart, in one file.
+//! Weights of parts that were trained apart, in one file; and the mean of runs.
+
+use std::path::PathBuf;
 
 use repose_networks::{
     Models, Weights, WeightsInfo,
@@ -38,6 +40,24 @@ pub fn merged(parts: &[(Part, Weights)]) -> Result<Vec<u8>, TrainError> {
     Ok(bytes)
 }
 
+/// Replaces a part's values by their mean with those of other runs from one ancestor, which is often better than each (Wortsman et al. 2022,
+/// "Model soups"). The running statistics are then nobody's: they have to be taken anew.
+///
+/// # Errors
+/// [`TrainError::Mean`] when another run lacks a value of the part or has it in another shape.
+pub fn mean_with(values: &mut WeightMap, others: &[(PathBuf, WeightMap)], part: Part) -> Result<(), TrainError> {
+    for (name, (shape, numbers)) in values.iter_mut().filter(|(name, _)| part.fits(name)) {
+        for (path, other) in others {
+            let same_shape = other.get(name).filter(|(other_shape, _)| other_shape == shape);
+            let (_, theirs) = same_shape.ok_or_else(|| TrainError::Mean { path: path.clone(), parameter: name.clone() })?;
+            numbers.iter_mut().zip(theirs).for_each(|(sum, x)| *sum += x);
+        }
+        let count = (1 + others.len()) as f32;
+        numbers.iter_mut().for_each(|sum| *sum /= count);
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use repose_networks::NetworksConfig;
@@ -64,6 +84,15 @@ mod tests {
         assert_eq!(both.values["outcome/sa1/linear1/weight"], second.values["outcome/sa1/linear1/weight"]);
         assert_eq!(both.values.len(), first.values.len());
         assert_eq!((&both.info.recipe["joint"]["seed"], &both.info.recipe["discriminator"]["seed"]), (&1.into(), &2.into()));
+        let mut mean = first.values.clone();
+        mean_with(&mut mean, &[(PathBuf::from("second"), second.values.clone())], Part::Outcome).unwrap();
+        let at = |values: &WeightMap, name: &str| values[name].1[0];
+        let name = "outcome/sa1/linear1/weight";
+        assert_eq!(at(&mean, name), (at(&first.values, name) + at(&second.values, name)) / 2.0);
+        assert_eq!(mean["prior/out/weight"], first.values["prior/out/weight"]);
+        let lacking: WeightMap = second.values.into_iter().filter(|(n, _)| n != name).collect();
+        let error = mean_with(&mut mean, &[(PathBuf::from("lacking"), lacking)], Part::Outcome).unwrap_err().to_string();
+        assert!(error.contains("lacking") && error.contains(name), "{error}");
         let error = merged(&[(Part::Joint, first)]).unwrap_err().to_string();
         assert!(error.contains("discriminator/") && error.contains("missing"), "{error}");
     }

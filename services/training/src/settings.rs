@@ -66,13 +66,15 @@ pub struct TrainSettings {
     pub out: PathBuf,
     /// Weights to start from; without, or when absent, new ones from the seed.
     pub start: Option<PathBuf>,
+    /// Further runs' weights whose mean with `start` the run starts from ([`crate::merge::mean_with`]); with no steps, that is what it gives.
+    pub mean_with: Vec<PathBuf>,
     /// What is fitted.
     pub part: Part,
     /// Which relation predictor.
     pub relations: RelationsVariant,
     /// Seed of weights and samples.
     pub seed: u64,
-    /// Steps at most. The learning rate falls to zero at the last.
+    /// Steps at most, 0 for none. The learning rate falls to zero at the last.
     pub steps: u64,
     /// Minutes at most; the learning rate then follows the clock too, and the run is not repeatable.
     pub minutes: Option<f64>,
@@ -121,6 +123,7 @@ impl Default for TrainSettings {
             data: PathBuf::from("out/data"),
             out: PathBuf::from("out/weights.safetensors"),
             start: None,
+            mean_with: Vec::new(),
             part: Part::Joint,
             relations: RelationsVariant::Measured,
             seed: 1,

@@ -23,6 +23,7 @@ use crate::{
     discriminator::Moved,
     error::TrainError,
     joint::JointTask,
+    merge::mean_with,
     outcome::LetGo,
     placement::PlacementTask,
     relations::RelationsTask,
@@ -99,7 +100,9 @@ impl<'a, T: Task> Run<'a, T> {
         let start = settings.start.as_deref().filter(|path| path.exists());
         let (networks, parameters, info) = match start {
             Some(path) => {
-                let weights = Weights::from_bytes(&read(path)?)?;
+                let mut weights = Weights::from_bytes(&read(path)?)?;
+                let others = settings.mean_with.iter().map(|path| Ok((path.clone(), Weights::from_bytes(&read(path)?)?.values)));
+                mean_with(&mut weights.values, &others.collect::<Result<Vec<_>, TrainError>>()?, settings.part)?;
                 let rng = &mut generator(settings.seed, 0, u64::MAX);
                 let (networks, parameters) = Networks::started(&config, &starting(weights.values), rng)?;
                 (networks, parameters, weights.info)
@@ -280,8 +283,9 @@ impl<'a, T: Task> Run<'a, T> {
         set(&mut self.info.metrics, part, metrics.clone());
         let mut recipe = serde_json::json!({ "settings": self.settings, "steps": self.step, "views": self.views.len(), "train_seeds": Split::Train.seeds() });
         if let Some(settings) = recipe["settings"].as_object_mut() {
+            settings.insert("mean_of".to_owned(), (1 + self.settings.mean_with.len()).into());
             // Where files lay and how many threads there were says nothing about the weights.
-            settings.retain(|key, _| !["data", "out", "start", "threads"].contains(&key.as_str()));
+            settings.retain(|key, _| !["data", "out", "start", "mean_with", "threads"].contains(&key.as_str()));
         }
         set(&mut self.info.recipe, part, recipe);
         checkpoint::write(&self.settings.out, &Weights::to_bytes(&weights, &self.info)?)?;
@@ -325,7 +329,7 @@ fn starting(mut weights: WeightMap) -> WeightMap {
 
 /// How much of the run is over, by steps or by the clock, whichever is further.
 fn progress(settings: &TrainSettings, step: u64, elapsed: Duration) -> f64 {
-    let by_steps = step as f64 / settings.steps.max(1) as f64;
+    let by_steps = if settings.steps == 0 { 1.0 } else { step as f64 / settings.steps as f64 };
     by_steps.max(settings.minutes.map_or(0.0, |m| elapsed.as_secs_f64() / (60.0 * m)))
 }
 

@@ -22,6 +22,7 @@ pub fn run(args: &TrainArgs, output: Output) -> Outcome {
         data: args.data.clone(),
         out: args.out.clone(),
         start: args.start.clone(),
+        mean_with: args.mean_with.clone(),
         relations,
         seed: args.seed,
         steps: args.steps.unwrap_or(defaults.steps),
