@@ -195,6 +195,7 @@ mod tests {
             off_m: None,
             tilt_rad: None,
             disturbed: false,
+            incidents: Vec::new(),
             plan_ms: [0.0; 2],
             robot_s: 0.0,
         }

@@ -7,13 +7,12 @@
 use nalgebra::{Isometry3, Point3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use repose_geometry::cloud::voxel_downsampled;
 use repose_panda::{Frame, Joints, LIMITS};
 
+use crate::believed::{World, Worlds};
 use crate::collision::{ArmSettings, CollisionChecker, HeldObject};
 use crate::grasp::sight::Sight;
 use crate::grasp::{Grasp, GraspScene, GraspSettings, GraspTally, grasps};
-use crate::hidden;
 use crate::joint_path::distance;
 use crate::obstacles::{ObstacleSettings, Obstacles};
 use crate::plan::{EndTally, GripperMove, NotChosen, Phase, PickPlaceError, PickPlacePlan, PlannedPhase};
@@ -51,6 +50,8 @@ pub struct PickPlaceSettings {
     pub held_spacing_m: f32,
     /// Ball that each of them stands for, metres. Default 0.004.
     pub held_radius_m: f64,
+    /// Room that is kept around what is held on the way where there is some, metres. Default 0.02.
+    pub held_room_m: f64,
     /// Grip force, newtons. Default 30.
     pub grip_force_n: f64,
     /// Grasps tried per placement, both turns of the hand counted. Default 64.
@@ -79,6 +80,7 @@ impl Default for PickPlaceSettings {
             padding_m: 0.003,
             held_spacing_m: 0.012,
             held_radius_m: 0.004,
+            held_room_m: 0.02,
             grip_force_n: 30.0,
             grasps_per_placement: 64,
             carry_rad: 2.2,
@@ -107,43 +109,44 @@ pub struct PickPlaceRequest<'a> {
 
 /// Height of the shoulder over the base, metres.
 const SHOULDER_M: f64 = 0.333;
-/// Further from the shoulder than arm, hand and a held object reach, metres.
-const ARM_REACH_M: f32 = 1.3;
 
 /// Plans a pick and place for the best placement that the arm can serve.
+///
+/// Hidden parts of things are believed to be there ([`Worlds::believed`]); where that leaves no way, only what was seen counts.
 ///
 /// # Errors
 /// [`PickPlaceError`] when the object is unknown, the arm cannot start, nothing can be grasped, or no placement can be served.
 pub fn pick_place(request: &PickPlaceRequest<'_>, settings: &PickPlaceSettings) -> Result<PickPlacePlan, PickPlaceError> {
-    let object = request.scene.points_of(request.query);
-    if object.is_empty() {
+    if !request.scene.labels.contains(&request.query) {
         return Err(PickPlaceError::NoObject(request.query));
     }
-    let surfaces: Vec<_> = request.scene.surfaces.iter().filter(|s| s.object != Some(request.query)).cloned().collect();
-    let shoulder_in_world = (settings.world_from_base * Point3::new(0.0, 0.0, SHOULDER_M)).cast::<f32>();
-    let mut around = request.scene.points_without(request.query);
-    around.retain(|p| (p - shoulder_in_world).norm_squared() < ARM_REACH_M * ARM_REACH_M);
-    let others = Obstacles::new(&around, &surfaces, &settings.obstacles);
-    let query = Obstacles::new(&object, &[], &settings.obstacles);
-    let (others, everything) = ([&others], [&others, &query]);
+    if request.grasps.is_some_and(<[Grasp]>::is_empty) {
+        return Err(PickPlaceError::NoGrasp(GraspTally::default()));
+    }
+    let sight = Sight::new(&request.scene.camera_in_world, &request.scene.points);
+    let shoulder = (settings.world_from_base * Point3::new(0.0, 0.0, SHOULDER_M)).cast::<f32>();
+    let worlds = Worlds { request, settings, sight: &sight, shoulder };
+    planned(request, settings, &worlds.believed(), &sight).or_else(|_| planned(request, settings, &worlds.seen(), &sight))
+}
 
+/// The plan in a world.
+fn planned(
+    request: &PickPlaceRequest<'_>,
+    settings: &PickPlaceSettings,
+    world: &World,
+    sight: &Sight,
+) -> Result<PickPlacePlan, PickPlaceError> {
+    let (others, everything) = ([&world.others], [&world.others, &world.query]);
     let mut rng = Pcg64::seed_from_u64(request.seed);
-    // What is held must clear the scene with its far side too.
-    let bounds = repose_geometry::Aabb::of(&object).ok_or(PickPlaceError::NoObject(request.query))?;
-    let middle = hidden::middle(&bounds, &request.scene.camera_in_world, settings.grasp.hidden_m);
-    let thinned = voxel_downsampled(&hidden::completed(&object, &middle), settings.held_spacing_m);
-    let search = Search { request, settings, object: &thinned, others: &others, everything: &everything };
+    let search = Search { request, settings, object: &world.held, others: &others, everything: &everything };
     if let Some(contact) = search.checker(search.everything, 0.0, None).contact(request.start) {
         return Err(PickPlaceError::StartBlocked(contact));
     }
     let found = match request.grasps {
-        Some([]) => return Err(PickPlaceError::NoGrasp(GraspTally::default())),
         Some(given) => given.to_vec(),
         None => {
-            let camera_in_world = &request.scene.camera_in_world;
-            let sight = Sight::new(camera_in_world, &request.scene.points);
-            let support_m = support_under(request.scene, &object, request.query);
-            let scene = GraspScene { points: &object, support_m, camera_in_world, sight: &sight, others: others[0] };
+            let (object, camera_in_world) = (request.scene.points_of(request.query), &request.scene.camera_in_world);
+            let scene = GraspScene { points: &object, support_m: world.support_m, camera_in_world, sight, others: &world.others };
             let (found, tally) = grasps(&scene, &settings.grasp, &mut rng);
             if found.is_empty() {
                 return Err(PickPlaceError::NoGrasp(tally));
@@ -325,8 +328,19 @@ impl<'a> Search<'a> {
     /// The whole plan with a grasp, if free ways join its ends.
     fn joined(&self, grasp: &mut TriedGrasp<'_>, ends: &Ends, rng: &mut Pcg64) -> Option<Vec<PlannedPhase>> {
         let to_standoff = grasp.standoff(&ends.pick, rng)?;
-        let transfer = self.path(ends.lifted(), &ends.place.lower[0], &grasp.reach().holding, rng)?;
+        let transfer = self.transfer(grasp, ends, rng)?;
         self.phases(grasp, ends, to_standoff, transfer)
+    }
+
+    /// The way from the lift to above the placement: with room around what is held where there is some, for it may shift in the hand and is
+    /// larger than what was seen of it.
+    fn transfer(&self, grasp: &mut TriedGrasp<'_>, ends: &Ends, rng: &mut Pcg64) -> Option<Trajectory> {
+        let (from, to) = (ends.lifted(), &ends.place.lower[0]);
+        let radius_m = self.settings.held_radius_m + self.settings.held_room_m;
+        let held = HeldObject::new(self.object, &grasp.grasp.world_from_tcp, radius_m);
+        let roomy = self.checker(self.others, grasp.grasp.width_m.unwrap_or(grasp.grasp.opening_m), Some(&held));
+        let with_room = if roomy.are_free(&[*from, *to]) == [true; 2] { self.path(from, to, &roomy, rng) } else { None };
+        with_room.or_else(|| self.path(from, to, &grasp.reach().holding, rng))
     }
 
     /// A timed free path between two configurations.
@@ -382,12 +396,4 @@ fn timed(corners: &[Joints], settings: &TimingSettings, checker: &CollisionCheck
         settings.deviation_rad *= 0.2;
     }
     None
-}
-
-/// The height of what the object stands on: the highest surface under it, or else its lowest point.
-fn support_under(scene: &PlanningScene, object: &[Point3<f32>], query: u16) -> f64 {
-    let lowest = object.iter().map(|p| f64::from(p.z)).fold(f64::INFINITY, f64::min);
-    let middle = repose_geometry::cloud::centroid(object).unwrap_or_else(Point3::origin);
-    // Borders of objects are cleaned away, so that its lowest seen point may be a little above what it stands on, and noise below it.
-    scene.support_below(middle.x, middle.y, lowest + 0.02, query).unwrap_or(lowest)
 }

@@ -103,7 +103,7 @@ pub struct GraspWeights {
     pub fitting: f64,
     /// Surfaces square to the closing direction where the fingers touch. Default 2.
     pub square: f64,
-    /// Much surface between the fingers along the approach: little is the tip of a cap or the edge of a lid. Default 1.5.
+    /// Much surface against the fingers along the approach: little is the shoulder of a bottle or the edge of a lid. Default 1.5.
     pub deep: f64,
     /// Both fingers come down where the camera saw free space, not behind the object. Default 3.
     pub seen: f64,
@@ -222,6 +222,8 @@ const ROOM_M: f64 = 0.030;
 /// Alignment from which surfaces are told from better ones, and at which none holds: a little beyond the edge of a box taken across its corners.
 const SQUARE_MIN: f64 = 0.8;
 const SLANTED: f64 = 0.65;
+/// Less surface than this along the approach is an edge, metres.
+const EDGE_M: f64 = 0.010;
 
 fn score(world_from_tcp: &Isometry3<f64>, fit: &GripperFit, object: &ObjectCloud, weights: &GraspWeights) -> f64 {
     let approach = world_from_tcp.rotation * Vector3::z();
@@ -237,8 +239,8 @@ fn score(world_from_tcp: &Isometry3<f64>, fit: &GripperFit, object: &ObjectCloud
     ];
     let total: f64 = terms.iter().map(|(weight, _)| weight).sum();
     let score = terms.iter().map(|(weight, value)| weight * value.clamp(0.0, 1.0)).sum::<f64>() / total;
-    // Whatever else is good about it, fingers slide off surfaces that lie across.
-    score * ((fit.squareness - SLANTED) / (SQUARE_MIN - SLANTED)).clamp(0.0, 1.0)
+    // Whatever else is good about it, fingers slide off surfaces that lie across, and off edges.
+    score * ((fit.squareness - SLANTED) / (SQUARE_MIN - SLANTED)).clamp(0.0, 1.0) * (fit.depth_m / EDGE_M).clamp(0.1, 1.0)
 }
 
 /// Keeps a grasp unless a better one is nearly the same.
