@@ -44,6 +44,9 @@ fn main() {
     if let Some(v) = number("GRIP") {
         settings.trial.motion.grip_force_n = v;
     }
+    if let Some(v) = number("RELEASE") {
+        settings.trial.motion.release_m = v;
+    }
     if let Some(v) = number("COUNT") {
         settings.trial.count = v as u32;
     }
@@ -54,7 +57,7 @@ fn main() {
         let outcome = t.cause.map_or("placed", repose_evaluation::robot_trial::Cause::name);
         let inc: Vec<String> = t.incidents.iter().map(|i| format!("\n    {} {:.1} s: {}", i.phase, i.at_s, i.what)).collect();
         println!(
-            "{outcome}: {} {} seed {} goal {} off {:?} tilt {:?} in hand {:?} aside {:?} disturbed {} ms {:?} detail {}{}",
+            "{outcome}: {} {} seed {} goal {} off {:?} tilt {:?} in hand {:?} aside {:?} disturbed {} {:?} ms {:?} detail {}{}",
             t.object,
             t.condition.name(),
             t.seed,
@@ -64,6 +67,7 @@ fn main() {
             t.in_hand.map(|s| ((s.by_m * 1e3).round(), (s.turn_rad * 100.0).round() / 100.0)),
             t.aside_m.map(|m| (m * 1e3).round()),
             t.disturbed,
+            t.heeded,
             t.plan_ms.map(f64::round),
             t.detail,
             inc.concat()

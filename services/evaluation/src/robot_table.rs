@@ -190,6 +190,7 @@ mod tests {
             placed,
             cause,
             detail: String::new(),
+            heeded: None,
             aside_m: None,
             in_hand: None,
             off_m: None,

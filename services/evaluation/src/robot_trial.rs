@@ -10,6 +10,7 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Vector3};
 use repose_geometry::Image;
 use repose_geometry::transform::from_row_major;
+use repose_motion::believed::Heeded;
 use repose_motion::execution::{Execution, ExecutionSettings, Step};
 use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place};
 use repose_motion::plan::PickPlaceError;
@@ -90,6 +91,8 @@ pub struct RobotTrial {
     pub cause: Option<Cause>,
     /// The same for a person.
     pub detail: String,
+    /// What the motion heeded of what was not seen.
+    pub heeded: Option<Heeded>,
     /// How far the fingers' middle was from the object's true centre, seen from above, metres.
     pub aside_m: Option<f64>,
     /// How far and how much the object shifted and turned in the hand between grasp and release, metres and radians.
@@ -199,6 +202,7 @@ pub fn robot_trial(
         placed: false,
         cause: None,
         detail: String::new(),
+        heeded: None,
         aside_m: None,
         in_hand: None,
         off_m: None,
@@ -291,7 +295,10 @@ fn planned(
         seed: problem.seed,
     };
     match found {
-        Ok(plan) => Ok(Ok((placements, wire::motion_plan(&plan, &request, scene.stamp_ns, &settings.motion.terms()?)))),
+        Ok(plan) => {
+            trial.heeded = Some(plan.heeded);
+            Ok(Ok((placements, wire::motion_plan(&plan, &request, scene.stamp_ns, &settings.motion.terms()?))))
+        }
         Err(error) => {
             let cause = if matches!(error, PickPlaceError::NoGrasp(_)) { Cause::NoGrasp } else { Cause::NoMotion };
             Ok(Err((cause, error.to_string())))

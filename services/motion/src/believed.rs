@@ -1,18 +1,36 @@
 //! The world that a plan keeps clear of: as it is believed to be, hidden parts and all, or only as it was seen.
 //!
-//! A plan is looked for in the believed world first. Guesses may be wrong and may close the only way, so where nothing is found there, what
-//! was seen decides alone.
+//! A plan is looked for in the believed world first. Guesses may be wrong and may close the only way, so where nothing is found there, less
+//! and less of them is heeded.
 
 use std::collections::BTreeSet;
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use repose_geometry::{Aabb, cloud::voxel_downsampled};
+use serde::Serialize;
 
 use crate::grasp::sight::Sight;
 use crate::hidden::{self, Guess};
 use crate::obstacles::Obstacles;
 use crate::pick_place::{PickPlaceRequest, PickPlaceSettings};
 use crate::scene::SupportSurface;
+
+/// What is heeded of what was not seen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Heeded {
+    /// Things go on where they are hidden: objects behind and down to what they stand on, furniture down to the next lower surface.
+    Everything,
+    /// The same of what is in the way; what is held ends where what was seen of it ends, but for its far side.
+    Obstacles,
+    /// Nothing but the far side of what is held.
+    Held,
+}
+
+impl Heeded {
+    /// From the most cautious on.
+    pub const IN_TURN: [Self; 3] = [Self::Everything, Self::Obstacles, Self::Held];
+}
 
 /// What is in the way of arm and object.
 #[derive(Debug, Clone)]
@@ -45,45 +63,61 @@ pub struct Worlds<'a> {
     pub shoulder: Point3<f32>,
 }
 
+/// How far an object is lifted off what it stands on to see what else it is said to be in, metres: more than the ball around its points.
+const LIFTED_M: f64 = 0.015;
+
 impl Worlds<'_> {
-    /// Things go on where they are hidden: objects behind and down to what they stand on, furniture down to the next lower surface.
-    pub fn believed(&self) -> World {
+    /// The world in which so much is heeded.
+    pub fn world(&self, heeded: Heeded) -> World {
+        let (scene, settings) = (self.request.scene, self.settings);
+        let object = scene.points_of(self.request.query);
+        let others = if heeded == Heeded::Held { self.seen_others() } else { self.believed_others() };
+        let guess = self.guess(settings.held_spacing_m, 0.0);
+        let held = match heeded {
+            Heeded::Everything => guess.whole(self.request.query, &object),
+            Heeded::Obstacles | Heeded::Held => self.with_far_side(&object),
+        };
+        let lowest_m = object.iter().map(|p| p.z).fold(f32::INFINITY, f32::min);
+        // Where a guess or the noise of depth puts the object inside of something else, it does not reach.
+        let lifted = |p: &Point3<f32>| p.cast::<f64>() + Vector3::z() * LIFTED_M;
+        let possible = held.iter().filter(|p| !others.touches(&lifted(p), settings.held_radius_m)).copied();
+        World {
+            held: possible.collect(),
+            query: Obstacles::new(&[&*object, &*held].concat(), &[], &settings.obstacles),
+            support_m: f64::from(guess.foot_m(self.request.query, &object).unwrap_or(lowest_m)),
+            others,
+        }
+    }
+
+    fn believed_others(&self) -> Obstacles {
         let scene = self.request.scene;
         let guess = self.guess(GUESS_SPACING_M, self.settings.grasp.gripper.border_m as f32);
         let labels: BTreeSet<u16> = scene.labels.iter().copied().filter(|l| *l != 0 && *l != self.request.query).collect();
         let guessed = labels.into_iter().flat_map(|id| guess.whole(id, &scene.points_of(id)));
-        let around: Vec<Point3<f32>> = scene.points_without(self.request.query).into_iter().chain(guessed).collect();
-        let solid = |s: &SupportSurface| match s.object {
-            None => SupportSurface { depth_m: guess.solid_m(s), ..s.clone() },
-            Some(_) => s.clone(),
-        };
-        let object = scene.points_of(self.request.query);
-        let held = self.guess(self.settings.held_spacing_m, 0.0).whole(self.request.query, &object);
-        let query = Obstacles::new(&[object, held.clone()].concat(), &[], &self.settings.obstacles);
-        World { query, held, ..self.world(&around, &solid) }
+        self.others(scene.points_without(self.request.query).into_iter().chain(guessed), |surface| match surface.object {
+            None => SupportSurface { depth_m: guess.solid_m(surface), ..surface.clone() },
+            Some(_) => surface.clone(),
+        })
     }
 
-    /// Things end where what was seen of them ends, but for the far side of what is held.
-    pub fn seen(&self) -> World {
-        self.world(&self.request.scene.points_without(self.request.query), &SupportSurface::clone)
+    fn seen_others(&self) -> Obstacles {
+        self.others(self.request.scene.points_without(self.request.query).into_iter(), SupportSurface::clone)
     }
 
-    fn world(&self, around: &[Point3<f32>], solid: &dyn Fn(&SupportSurface) -> SupportSurface) -> World {
-        let (scene, query) = (self.request.scene, self.request.query);
-        let surfaces: Vec<_> = scene.surfaces.iter().filter(|s| s.object != Some(query)).map(solid).collect();
-        let in_reach = |p: &&Point3<f32>| (*p - self.shoulder).norm_squared() < ARM_REACH_M * ARM_REACH_M;
-        let around: Vec<Point3<f32>> = around.iter().filter(in_reach).copied().collect();
-        let object = scene.points_of(query);
-        let hidden_m = self.settings.grasp.hidden_m;
-        let middle = Aabb::of(&object).map(|bounds| hidden::middle(&bounds, &scene.camera_in_world, hidden_m));
-        let far = middle.map_or_else(Vec::new, |middle| hidden::far_side(&object, &middle));
-        let lowest_m = object.iter().map(|p| p.z).fold(f32::INFINITY, f32::min);
-        World {
-            others: Obstacles::new(&around, &surfaces, &self.settings.obstacles),
-            query: Obstacles::new(&object, &[], &self.settings.obstacles),
-            support_m: f64::from(self.guess(self.settings.held_spacing_m, 0.0).foot_m(query, &object).unwrap_or(lowest_m)),
-            held: voxel_downsampled(&[object, far].concat(), self.settings.held_spacing_m),
-        }
+    /// Obstacles of points and of the scene's surfaces, as `solid` has them; the object's own top is none.
+    fn others(&self, points: impl Iterator<Item = Point3<f32>>, solid: impl Fn(&SupportSurface) -> SupportSurface) -> Obstacles {
+        let surfaces = self.request.scene.surfaces.iter().filter(|s| s.object != Some(self.request.query));
+        let surfaces: Vec<SupportSurface> = surfaces.map(solid).collect();
+        let in_reach: Vec<Point3<f32>> = points.filter(|p| (p - self.shoulder).norm_squared() < ARM_REACH_M * ARM_REACH_M).collect();
+        Obstacles::new(&in_reach, &surfaces, &self.settings.obstacles)
+    }
+
+    /// What was seen of the object and its likeness behind, thinned.
+    fn with_far_side(&self, object: &[Point3<f32>]) -> Vec<Point3<f32>> {
+        let (camera_in_world, hidden_m) = (&self.request.scene.camera_in_world, self.settings.grasp.hidden_m);
+        let middle = Aabb::of(object).map(|bounds| hidden::middle(&bounds, camera_in_world, hidden_m));
+        let far = middle.map_or_else(Vec::new, |middle| hidden::far_side(object, &middle));
+        voxel_downsampled(&[object, &far].concat(), self.settings.held_spacing_m)
     }
 
     fn guess(&self, spacing_m: f32, border_m: f32) -> Guess<'_> {

@@ -9,7 +9,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_panda::{Frame, Joints, LIMITS};
 
-use crate::believed::{World, Worlds};
+use crate::believed::{Heeded, Worlds};
 use crate::collision::{ArmSettings, CollisionChecker, HeldObject};
 use crate::grasp::sight::Sight;
 use crate::grasp::{Grasp, GraspScene, GraspSettings, GraspTally, grasps};
@@ -44,7 +44,7 @@ pub struct PickPlaceSettings {
     /// Share of the free speed and acceleration at which the object is carried: what is held by friction turns and slips when it is
     /// hurried. Default 0.5.
     pub holding_scale: f64,
-    /// What is added to the robot's spheres, metres. Default 0.003.
+    /// What is added to the robot's spheres, metres: they leave out the edges of the hand. Default 0.005.
     pub padding_m: f64,
     /// Spacing of the held object's points, metres. Default 0.012.
     pub held_spacing_m: f32,
@@ -58,6 +58,8 @@ pub struct PickPlaceSettings {
     pub grasps_per_placement: usize,
     /// A carry of at most this length (joint space) is short enough not to look for a shorter one, radians. Default 2.2.
     pub carry_rad: f64,
+    /// What each further radian takes off a grasp's score (0 to 1). Default 0.08.
+    pub carry_cost_per_rad: f64,
     /// Grasps with longer carries that are compared. Default 8.
     pub compared: usize,
     /// Path searches per placement that may fail. Default 4.
@@ -77,13 +79,14 @@ impl Default for PickPlaceSettings {
             timing: TimingSettings::default(),
             contact_scale: 0.5,
             holding_scale: 0.5,
-            padding_m: 0.003,
+            padding_m: 0.005,
             held_spacing_m: 0.012,
             held_radius_m: 0.004,
             held_room_m: 0.02,
             grip_force_n: 30.0,
             grasps_per_placement: 64,
             carry_rad: 2.2,
+            carry_cost_per_rad: 0.08,
             compared: 8,
             path_failures: 4,
         }
@@ -112,7 +115,8 @@ const SHOULDER_M: f64 = 0.333;
 
 /// Plans a pick and place for the best placement that the arm can serve.
 ///
-/// Hidden parts of things are believed to be there ([`Worlds::believed`]); where that leaves no way, only what was seen counts.
+/// Hidden parts of things are believed to be there ([`Heeded`]); where that leaves no way, less of them is heeded, until only
+/// what was seen counts.
 ///
 /// # Errors
 /// [`PickPlaceError`] when the object is unknown, the arm cannot start, nothing can be grasped, or no placement can be served.
@@ -126,16 +130,17 @@ pub fn pick_place(request: &PickPlaceRequest<'_>, settings: &PickPlaceSettings) 
     let sight = Sight::new(&request.scene.camera_in_world, &request.scene.points);
     let shoulder = (settings.world_from_base * Point3::new(0.0, 0.0, SHOULDER_M)).cast::<f32>();
     let worlds = Worlds { request, settings, sight: &sight, shoulder };
-    planned(request, settings, &worlds.believed(), &sight).or_else(|_| planned(request, settings, &worlds.seen(), &sight))
+    let mut found = planned(&worlds, Heeded::Everything);
+    for heeded in Heeded::IN_TURN.into_iter().skip(1) {
+        found = found.or_else(|_| planned(&worlds, heeded));
+    }
+    found
 }
 
-/// The plan in a world.
-fn planned(
-    request: &PickPlaceRequest<'_>,
-    settings: &PickPlaceSettings,
-    world: &World,
-    sight: &Sight,
-) -> Result<PickPlacePlan, PickPlaceError> {
+/// The plan in one of the worlds.
+fn planned(worlds: &Worlds<'_>, heeded: Heeded) -> Result<PickPlacePlan, PickPlaceError> {
+    let Worlds { request, settings, sight, .. } = *worlds;
+    let world = worlds.world(heeded);
     let (others, everything) = ([&world.others], [&world.others, &world.query]);
     let mut rng = Pcg64::seed_from_u64(request.seed);
     let search = Search { request, settings, object: &world.held, others: &others, everything: &everything };
@@ -161,7 +166,7 @@ fn planned(
     let mut not_chosen = Vec::new();
     for (placement, placed_from_observed) in request.placements.iter().enumerate() {
         match search.placement(placed_from_observed, &mut tried, &mut rng) {
-            Ok((grasp, phases)) => return Ok(PickPlacePlan { placement, not_chosen, grasp, phases }),
+            Ok((grasp, phases)) => return Ok(PickPlacePlan { placement, not_chosen, heeded, grasp, phases }),
             Err(tally) => not_chosen.push(NotChosen { placement, failure: tally.failure(), tally }),
         }
     }
@@ -257,8 +262,8 @@ impl<'a> Search<'a> {
 
     /// The grasp that serves a placement, with the whole plan; or how many failed where.
     ///
-    /// Of the grasps that work at both ends the first that needs no long way between them is taken, or else the one with the shortest: a long
-    /// carry (the wrist turned about, the arm folded over) takes longer and loses more objects than a slightly worse grasp.
+    /// Of the grasps that work at both ends, the ones up to the first that needs no long way between them are weighed: a long carry (the wrist
+    /// turned about, the arm folded over) takes longer and loses more objects than a slightly worse grasp, but fewer than a bad one.
     fn placement(
         &self,
         placed_from_observed: &Isometry3<f64>,
@@ -266,31 +271,28 @@ impl<'a> Search<'a> {
         rng: &mut Pcg64,
     ) -> Result<(Grasp, Vec<PlannedPhase>), EndTally> {
         let mut tally = EndTally::default();
-        let mut far: Vec<(f64, usize, Ends)> = Vec::new();
-        for (index, grasp) in tried.iter_mut().enumerate() {
-            let Some(ends) = self.ends(placed_from_observed, grasp, &mut tally) else { continue };
-            let carry_rad = distance(ends.lifted(), &ends.place.lower[0]);
-            if carry_rad > self.settings.carry_rad {
-                far.push((carry_rad, index, ends));
-                if far.len() == self.settings.compared {
+        let mut usable: Vec<(f64, usize, Ends)> = Vec::new();
+        let mut next = 0;
+        while next < tried.len() && tally.no_path < self.settings.path_failures {
+            while next < tried.len() && usable.len() < self.settings.compared {
+                let index = next;
+                next += 1;
+                let Some(ends) = self.ends(placed_from_observed, &mut tried[index], &mut tally) else { continue };
+                let beyond_rad = (distance(ends.lifted(), &ends.place.lower[0]) - self.settings.carry_rad).max(0.0);
+                // Scores of grasps from elsewhere are on a scale of their own.
+                let worth = if self.request.grasps.is_none() { tried[index].grasp.score } else { 0.0 };
+                usable.push((self.settings.carry_cost_per_rad * beyond_rad - worth, index, ends));
+                if beyond_rad == 0.0 {
                     break;
                 }
-            } else if let Some(phases) = self.joined(grasp, &ends, rng) {
-                return Ok((grasp.grasp, phases));
-            } else {
+            }
+            usable.sort_by(|a, b| a.0.total_cmp(&b.0));
+            for (_, index, ends) in usable.drain(..).take(self.settings.path_failures - tally.no_path) {
+                if let Some(phases) = self.joined(&mut tried[index], &ends, rng) {
+                    return Ok((tried[index].grasp, phases));
+                }
                 tally.no_path += 1;
-                if tally.no_path == self.settings.path_failures {
-                    break;
-                }
             }
-        }
-        far.sort_by(|a, b| a.0.total_cmp(&b.0));
-        for (_, index, ends) in far.iter().take(self.settings.path_failures) {
-            let grasp = &mut tried[*index];
-            if let Some(phases) = self.joined(grasp, ends, rng) {
-                return Ok((grasp.grasp, phases));
-            }
-            tally.no_path += 1;
         }
         Err(tally)
     }
@@ -332,21 +334,38 @@ impl<'a> Search<'a> {
         self.phases(grasp, ends, to_standoff, transfer)
     }
 
-    /// The way from the lift to above the placement: with room around what is held where there is some, for it may shift in the hand and is
-    /// larger than what was seen of it.
+    /// The way from the lift to above the placement. Around what is held there is room where there can be some, for it may shift in the hand and
+    /// is larger than what was seen of it: where an end has none, beside something tall, the way goes straight up from it first.
     fn transfer(&self, grasp: &mut TriedGrasp<'_>, ends: &Ends, rng: &mut Pcg64) -> Option<Trajectory> {
-        let (from, to) = (ends.lifted(), &ends.place.lower[0]);
-        let radius_m = self.settings.held_radius_m + self.settings.held_room_m;
-        let held = HeldObject::new(self.object, &grasp.grasp.world_from_tcp, radius_m);
-        let roomy = self.checker(self.others, grasp.grasp.width_m.unwrap_or(grasp.grasp.opening_m), Some(&held));
-        let with_room = if roomy.are_free(&[*from, *to]) == [true; 2] { self.path(from, to, &roomy, rng) } else { None };
-        with_room.or_else(|| self.path(from, to, &grasp.reach().holding, rng))
+        let held = |room_m: f64| HeldObject::new(self.object, &grasp.grasp.world_from_tcp, self.settings.held_radius_m + room_m);
+        let closed_m = grasp.grasp.width_m.unwrap_or(grasp.grasp.opening_m);
+        let checkers = ROOM_SHARES.map(|share| self.checker(self.others, closed_m, Some(&held(share * self.settings.held_room_m))));
+        let reach = grasp.reach();
+        let timing = self.settings.timing.slowed(self.settings.holding_scale);
+        for roomy in &checkers {
+            let (Some(up), Some(down)) = (reach.clear_of(ends.lifted(), roomy), reach.clear_of(&ends.place.lower[0], roomy)) else {
+                continue;
+            };
+            let Some(between) = self.corners(&up[up.len() - 1], &down[down.len() - 1], roomy, rng) else { continue };
+            let mut corners = up;
+            corners.extend(between.into_iter().skip(1));
+            corners.extend(down.into_iter().rev().skip(1));
+            if let Some(trajectory) = timed(&corners, &timing, &reach.holding) {
+                return Some(trajectory);
+            }
+        }
+        self.path(ends.lifted(), &ends.place.lower[0], &reach.holding, rng)
+    }
+
+    /// The corners of a free path between two configurations, shortened.
+    fn corners(&self, from: &Joints, to: &Joints, checker: &CollisionChecker<'_>, rng: &mut Pcg64) -> Option<Vec<Joints>> {
+        let corners = rrt_connect(from, &[*to], checker, &self.settings.rrt, rng).ok()?;
+        Some(simplified(&corners, &self.settings.simplify, checker))
     }
 
     /// A timed free path between two configurations.
     fn path(&self, from: &Joints, to: &Joints, checker: &CollisionChecker<'_>, rng: &mut Pcg64) -> Option<Trajectory> {
-        let corners = rrt_connect(from, &[*to], checker, &self.settings.rrt, rng).ok()?;
-        let corners = simplified(&corners, &self.settings.simplify, checker);
+        let corners = self.corners(from, to, checker, rng)?;
         let timing = if checker.holds() { self.settings.timing.slowed(self.settings.holding_scale) } else { self.settings.timing };
         timed(&corners, &timing, checker)
     }
@@ -378,6 +397,8 @@ impl<'a> Search<'a> {
     }
 }
 
+/// Shares of the room around what is held that are tried before there is none.
+const ROOM_SHARES: [f64; 2] = [1.0, 0.5];
 /// How often a path that was rounded into an obstacle is rounded less.
 const ROUNDINGS: usize = 4;
 /// Time between the checks of a timed path, seconds. Straight edges between its places there leave it by at most an eighth of the acceleration
