@@ -4,6 +4,7 @@
 
 pub mod agreement;
 pub mod calibration;
+pub mod carry_watch;
 pub mod confusion;
 pub mod correlation;
 pub mod discriminator_table;

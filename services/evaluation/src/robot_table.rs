@@ -190,11 +190,13 @@ mod tests {
             placed,
             cause,
             detail: String::new(),
+            heeded: None,
             aside_m: None,
             in_hand: None,
             off_m: None,
             tilt_rad: None,
             disturbed: false,
+            incidents: Vec::new(),
             plan_ms: [0.0; 2],
             robot_s: 0.0,
         }

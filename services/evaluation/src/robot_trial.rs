@@ -10,6 +10,7 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Vector3};
 use repose_geometry::Image;
 use repose_geometry::transform::from_row_major;
+use repose_motion::believed::Heeded;
 use repose_motion::execution::{Execution, ExecutionSettings, Step};
 use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place};
 use repose_motion::plan::PickPlaceError;
@@ -23,9 +24,11 @@ use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest, RigidTransform,
 use repose_simulator::cell::CellSettings;
 use repose_simulator::cell_world::CellWorld;
 use repose_simulator::robot::{ArmSettings, HandSettings};
+use repose_simulator::scene::Scene;
 use serde::Serialize;
 
 use crate::Problem;
+use crate::carry_watch::{CarryWatch, Incident};
 use crate::outcome::{OTHERS_MOVED_M, STABLE_M};
 use crate::robot_scene::Condition;
 
@@ -88,6 +91,8 @@ pub struct RobotTrial {
     pub cause: Option<Cause>,
     /// The same for a person.
     pub detail: String,
+    /// What the motion heeded of what was not seen.
+    pub heeded: Option<Heeded>,
     /// How far the fingers' middle was from the object's true centre, seen from above, metres.
     pub aside_m: Option<f64>,
     /// How far and how much the object shifted and turned in the hand between grasp and release, metres and radians.
@@ -98,6 +103,8 @@ pub struct RobotTrial {
     pub tilt_rad: Option<f64>,
     /// Whether another object was moved by more than 2 cm.
     pub disturbed: bool,
+    /// What was touched that should not have been, and the object's first slip.
+    pub incidents: Vec<Incident>,
     /// Wall-clock time of the placement search and of the motion search, milliseconds.
     pub plan_ms: [f64; 2],
     /// Length of the motion, seconds of robot time.
@@ -114,7 +121,8 @@ pub struct Shift {
 }
 
 impl Shift {
-    fn between(a: &Isometry3<f64>, b: &Isometry3<f64>) -> Self {
+    /// From one pose to another.
+    pub fn between(a: &Isometry3<f64>, b: &Isometry3<f64>) -> Self {
         Self { by_m: (a.translation.vector - b.translation.vector).norm(), turn_rad: a.rotation.angle_to(&b.rotation) }
     }
 }
@@ -158,7 +166,7 @@ impl Default for RobotTrialSettings {
     }
 }
 
-/// The pictures of a trial: before, grasped, placed. Those of steps not come to are missing.
+/// The pictures of a trial: before, lifted, lowered, placed. Those of steps not come to are missing.
 pub type Strip = Vec<Image<[u8; 3]>>;
 
 /// A trial that could not be run at all.
@@ -194,11 +202,13 @@ pub fn robot_trial(
         placed: false,
         cause: None,
         detail: String::new(),
+        heeded: None,
         aside_m: None,
         in_hand: None,
         off_m: None,
         tilt_rad: None,
         disturbed: false,
+        incidents: Vec::new(),
         plan_ms: [0.0; 2],
         robot_s: 0.0,
     };
@@ -217,7 +227,8 @@ pub fn robot_trial(
     let center = problem.truth.objects[query].world_from_object.translation.vector;
     trial.aside_m = Some((world_from_tcp.translation.vector - center).xy().norm());
     let wanted = placements[plan.placement] * problem.truth.objects[query].world_from_object;
-    let carried = carried_out(&mut cell, query, plan, settings, &mut strip)?;
+    let mut carried = carried_out(&mut cell, query, plan, &problem.truth, settings, &mut strip)?;
+    trial.incidents = std::mem::take(&mut carried.incidents);
     let mut waited_s = 0.0;
     while waited_s < settings.rest_s && (waited_s < 0.5 || !cell.at_rest()) {
         cell.step(f64::INFINITY);
@@ -284,7 +295,10 @@ fn planned(
         seed: problem.seed,
     };
     match found {
-        Ok(plan) => Ok(Ok((placements, wire::motion_plan(&plan, &request, scene.stamp_ns, &settings.motion.terms()?)))),
+        Ok(plan) => {
+            trial.heeded = Some(plan.heeded);
+            Ok(Ok((placements, wire::motion_plan(&plan, &request, scene.stamp_ns, &settings.motion.terms()?))))
+        }
         Err(error) => {
             let cause = if matches!(error, PickPlaceError::NoGrasp(_)) { Cause::NoGrasp } else { Cause::NoMotion };
             Ok(Err((cause, error.to_string())))
@@ -299,6 +313,7 @@ struct Carried {
     grasped: Option<Isometry3<f64>>,
     lifted: Option<Isometry3<f64>>,
     lowered: Option<Isometry3<f64>>,
+    incidents: Vec<Incident>,
 }
 
 /// Drives the arm with the plan, state by state.
@@ -306,6 +321,7 @@ fn carried_out(
     cell: &mut CellWorld,
     query: usize,
     plan: MotionPlan,
+    scene: &Scene,
     settings: &RobotTrialSettings,
     strip: &mut Strip,
 ) -> Result<Carried, TrialError> {
@@ -315,6 +331,7 @@ fn carried_out(
     let mut seq = 1;
     let stamp_ns = plan.scene_stamp_ns;
     let (mut grasped, mut lifted, mut lowered) = (None, None, None);
+    let mut watch = CarryWatch::new(query);
     let (mut execution, mut steps) =
         Execution::begin(plan, "evaluation", &cell.robot_state(seq, stamp_ns), stamp_ns, now_ms, execution_settings)?;
     let steps_per_state = (STATE_MS as f64 * 1e-3 / cell.step_s()).round().max(1.0) as usize;
@@ -327,6 +344,7 @@ fn carried_out(
                     }
                 }
                 Step::Progress(progress) => {
+                    watch.begins(&progress.phase, cell);
                     let in_hand = || base_from_hand(cell.arm.q_rad()).inverse() * cell.world_from_objects()[query];
                     match progress.phase.as_str() {
                         "lift" => grasped = Some(in_hand()),
@@ -334,16 +352,20 @@ fn carried_out(
                             lifted = Some(in_hand());
                             strip.push(cell.true_picture(true).color);
                         }
-                        "release" => lowered = Some(in_hand()),
+                        "release" => {
+                            lowered = Some(in_hand());
+                            strip.push(cell.true_picture(true).color);
+                        }
                         _ => {}
                     }
                 }
-                Step::Done(reply) => return Ok(Carried { reply, grasped, lifted, lowered }),
+                Step::Done(reply) => return Ok(Carried { reply, grasped, lifted, lowered, incidents: watch.incidents }),
             }
         }
         for _ in 0..steps_per_state {
             cell.step(now_ms as f64 * 1e-3);
         }
+        watch.look(cell, scene);
         now_ms += STATE_MS;
         seq += 1;
         steps = execution.on_state(&cell.robot_state(seq, stamp_ns + now_ms * 1_000_000), now_ms);

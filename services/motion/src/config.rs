@@ -27,10 +27,13 @@ pub struct MotionConfig {
     pub contact_scale: f64,
     /// Share of all three while the object is carried, above 0 to 1. Default 0.5; higher is faster and loses more objects.
     pub holding_scale: f64,
-    /// What is added to the robot's spheres against the scene, metres. Default 0.003; more keeps further off and finds fewer ways.
+    /// What is added to the robot's spheres against the scene, metres. Default 0.005; more keeps further off and finds fewer ways.
     pub padding_m: f64,
     /// Grip force, newtons. Default 30.
     pub grip_force_n: f64,
+    /// Height above the placement at which the object is released, metres. Default 0.02 (paper, section 3). What falls further may topple;
+    /// what is lowered further may be pressed onto its support, whose height is known to a few millimetres.
+    pub release_m: f64,
     /// Grasps looked at per object. Default 48; more finds rarer grasps and takes longer where none serves.
     pub grasps: usize,
     /// Random places drawn by one path search before it gives up. Default 1500.
@@ -73,6 +76,7 @@ impl Default for MotionConfig {
             holding_scale: planning.holding_scale,
             padding_m: planning.padding_m,
             grip_force_n: planning.grip_force_n,
+            release_m: planning.reach.release_m,
             grasps: planning.grasp.count,
             rrt_iterations: planning.rrt.iterations,
             set_point_period_ms: 10.0,
@@ -120,6 +124,7 @@ impl MotionConfig {
         share("holding_scale", self.holding_scale)?;
         within("padding_m", self.padding_m, 0.0, 0.05)?;
         within("grip_force_n", self.grip_force_n, 1.0, 70.0)?;
+        within("release_m", self.release_m, 0.0, 0.05)?;
         within("grasps", self.grasps as f64, 1.0, 10_000.0)?;
         within("rrt_iterations", self.rrt_iterations as f64, 1.0, 1e6)?;
         let world_from_base: Isometry3<f64> =
@@ -138,6 +143,7 @@ impl MotionConfig {
             jerk_scale: self.jerk_scale,
             ..settings.timing
         };
+        settings.reach.release_m = self.release_m;
         settings.grasp.count = self.grasps;
         settings.rrt.iterations = self.rrt_iterations;
         Ok(settings)

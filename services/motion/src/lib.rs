@@ -4,6 +4,7 @@
 //! [`simplify`] find paths, [`timing`] times them under the robot's limits, [`pick_place`] puts them together over the ranked placements, and
 //! [`execution`] decides what a robot is told. Around it is the service ([`run`]): calls `plan`, `execute` and `reset`, and the link to robots.
 
+pub mod believed;
 pub mod benchmark;
 pub mod blend;
 pub mod collision;

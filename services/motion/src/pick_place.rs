@@ -7,13 +7,12 @@
 use nalgebra::{Isometry3, Point3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use repose_geometry::cloud::voxel_downsampled;
 use repose_panda::{Frame, Joints, LIMITS};
 
+use crate::believed::{Heeded, Worlds};
 use crate::collision::{ArmSettings, CollisionChecker, HeldObject};
 use crate::grasp::sight::Sight;
 use crate::grasp::{Grasp, GraspScene, GraspSettings, GraspTally, grasps};
-use crate::hidden;
 use crate::joint_path::distance;
 use crate::obstacles::{ObstacleSettings, Obstacles};
 use crate::plan::{EndTally, GripperMove, NotChosen, Phase, PickPlaceError, PickPlacePlan, PlannedPhase};
@@ -45,18 +44,22 @@ pub struct PickPlaceSettings {
     /// Share of the free speed and acceleration at which the object is carried: what is held by friction turns and slips when it is
     /// hurried. Default 0.5.
     pub holding_scale: f64,
-    /// What is added to the robot's spheres, metres. Default 0.003.
+    /// What is added to the robot's spheres, metres: they leave out the edges of the hand. Default 0.005.
     pub padding_m: f64,
     /// Spacing of the held object's points, metres. Default 0.012.
     pub held_spacing_m: f32,
     /// Ball that each of them stands for, metres. Default 0.004.
     pub held_radius_m: f64,
+    /// Room that is kept around what is held on the way where there is some, metres. Default 0.02.
+    pub held_room_m: f64,
     /// Grip force, newtons. Default 30.
     pub grip_force_n: f64,
     /// Grasps tried per placement, both turns of the hand counted. Default 64.
     pub grasps_per_placement: usize,
     /// A carry of at most this length (joint space) is short enough not to look for a shorter one, radians. Default 2.2.
     pub carry_rad: f64,
+    /// What each further radian takes off a grasp's score (0 to 1). Default 0.08.
+    pub carry_cost_per_rad: f64,
     /// Grasps with longer carries that are compared. Default 8.
     pub compared: usize,
     /// Path searches per placement that may fail. Default 4.
@@ -76,12 +79,14 @@ impl Default for PickPlaceSettings {
             timing: TimingSettings::default(),
             contact_scale: 0.5,
             holding_scale: 0.5,
-            padding_m: 0.003,
+            padding_m: 0.005,
             held_spacing_m: 0.012,
             held_radius_m: 0.004,
+            held_room_m: 0.02,
             grip_force_n: 30.0,
             grasps_per_placement: 64,
             carry_rad: 2.2,
+            carry_cost_per_rad: 0.08,
             compared: 8,
             path_failures: 4,
         }
@@ -107,43 +112,46 @@ pub struct PickPlaceRequest<'a> {
 
 /// Height of the shoulder over the base, metres.
 const SHOULDER_M: f64 = 0.333;
-/// Further from the shoulder than arm, hand and a held object reach, metres.
-const ARM_REACH_M: f32 = 1.3;
 
 /// Plans a pick and place for the best placement that the arm can serve.
+///
+/// Hidden parts of things are believed to be there ([`Heeded`]); where that leaves no way, less of them is heeded, until only
+/// what was seen counts.
 ///
 /// # Errors
 /// [`PickPlaceError`] when the object is unknown, the arm cannot start, nothing can be grasped, or no placement can be served.
 pub fn pick_place(request: &PickPlaceRequest<'_>, settings: &PickPlaceSettings) -> Result<PickPlacePlan, PickPlaceError> {
-    let object = request.scene.points_of(request.query);
-    if object.is_empty() {
+    if !request.scene.labels.contains(&request.query) {
         return Err(PickPlaceError::NoObject(request.query));
     }
-    let surfaces: Vec<_> = request.scene.surfaces.iter().filter(|s| s.object != Some(request.query)).cloned().collect();
-    let shoulder_in_world = (settings.world_from_base * Point3::new(0.0, 0.0, SHOULDER_M)).cast::<f32>();
-    let mut around = request.scene.points_without(request.query);
-    around.retain(|p| (p - shoulder_in_world).norm_squared() < ARM_REACH_M * ARM_REACH_M);
-    let others = Obstacles::new(&around, &surfaces, &settings.obstacles);
-    let query = Obstacles::new(&object, &[], &settings.obstacles);
-    let (others, everything) = ([&others], [&others, &query]);
+    if request.grasps.is_some_and(<[Grasp]>::is_empty) {
+        return Err(PickPlaceError::NoGrasp(GraspTally::default()));
+    }
+    let sight = Sight::new(&request.scene.camera_in_world, &request.scene.points);
+    let shoulder = (settings.world_from_base * Point3::new(0.0, 0.0, SHOULDER_M)).cast::<f32>();
+    let worlds = Worlds { request, settings, sight: &sight, shoulder };
+    let mut found = planned(&worlds, Heeded::Everything);
+    for heeded in Heeded::IN_TURN.into_iter().skip(1) {
+        found = found.or_else(|_| planned(&worlds, heeded));
+    }
+    found
+}
 
+/// The plan in one of the worlds.
+fn planned(worlds: &Worlds<'_>, heeded: Heeded) -> Result<PickPlacePlan, PickPlaceError> {
+    let Worlds { request, settings, sight, .. } = *worlds;
+    let world = worlds.world(heeded);
+    let (others, everything) = ([&world.others], [&world.others, &world.query]);
     let mut rng = Pcg64::seed_from_u64(request.seed);
-    // What is held must clear the scene with its far side too.
-    let bounds = repose_geometry::Aabb::of(&object).ok_or(PickPlaceError::NoObject(request.query))?;
-    let middle = hidden::middle(&bounds, &request.scene.camera_in_world, settings.grasp.hidden_m);
-    let thinned = voxel_downsampled(&hidden::completed(&object, &middle), settings.held_spacing_m);
-    let search = Search { request, settings, object: &thinned, others: &others, everything: &everything };
+    let search = Search { request, settings, object: &world.held, others: &others, everything: &everything };
     if let Some(contact) = search.checker(search.everything, 0.0, None).contact(request.start) {
         return Err(PickPlaceError::StartBlocked(contact));
     }
     let found = match request.grasps {
-        Some([]) => return Err(PickPlaceError::NoGrasp(GraspTally::default())),
         Some(given) => given.to_vec(),
         None => {
-            let camera_in_world = &request.scene.camera_in_world;
-            let sight = Sight::new(camera_in_world, &request.scene.points);
-            let support_m = support_under(request.scene, &object, request.query);
-            let scene = GraspScene { points: &object, support_m, camera_in_world, sight: &sight, others: others[0] };
+            let (object, camera_in_world) = (request.scene.points_of(request.query), &request.scene.camera_in_world);
+            let scene = GraspScene { points: &object, support_m: world.support_m, camera_in_world, sight, others: &world.others };
             let (found, tally) = grasps(&scene, &settings.grasp, &mut rng);
             if found.is_empty() {
                 return Err(PickPlaceError::NoGrasp(tally));
@@ -158,7 +166,7 @@ pub fn pick_place(request: &PickPlaceRequest<'_>, settings: &PickPlaceSettings) 
     let mut not_chosen = Vec::new();
     for (placement, placed_from_observed) in request.placements.iter().enumerate() {
         match search.placement(placed_from_observed, &mut tried, &mut rng) {
-            Ok((grasp, phases)) => return Ok(PickPlacePlan { placement, not_chosen, grasp, phases }),
+            Ok((grasp, phases)) => return Ok(PickPlacePlan { placement, not_chosen, heeded, grasp, phases }),
             Err(tally) => not_chosen.push(NotChosen { placement, failure: tally.failure(), tally }),
         }
     }
@@ -254,8 +262,8 @@ impl<'a> Search<'a> {
 
     /// The grasp that serves a placement, with the whole plan; or how many failed where.
     ///
-    /// Of the grasps that work at both ends the first that needs no long way between them is taken, or else the one with the shortest: a long
-    /// carry (the wrist turned about, the arm folded over) takes longer and loses more objects than a slightly worse grasp.
+    /// Of the grasps that work at both ends, the ones up to the first that needs no long way between them are weighed: a long carry (the wrist
+    /// turned about, the arm folded over) takes longer and loses more objects than a slightly worse grasp, but fewer than a bad one.
     fn placement(
         &self,
         placed_from_observed: &Isometry3<f64>,
@@ -263,31 +271,28 @@ impl<'a> Search<'a> {
         rng: &mut Pcg64,
     ) -> Result<(Grasp, Vec<PlannedPhase>), EndTally> {
         let mut tally = EndTally::default();
-        let mut far: Vec<(f64, usize, Ends)> = Vec::new();
-        for (index, grasp) in tried.iter_mut().enumerate() {
-            let Some(ends) = self.ends(placed_from_observed, grasp, &mut tally) else { continue };
-            let carry_rad = distance(ends.lifted(), &ends.place.lower[0]);
-            if carry_rad > self.settings.carry_rad {
-                far.push((carry_rad, index, ends));
-                if far.len() == self.settings.compared {
+        let mut usable: Vec<(f64, usize, Ends)> = Vec::new();
+        let mut next = 0;
+        while next < tried.len() && tally.no_path < self.settings.path_failures {
+            while next < tried.len() && usable.len() < self.settings.compared {
+                let index = next;
+                next += 1;
+                let Some(ends) = self.ends(placed_from_observed, &mut tried[index], &mut tally) else { continue };
+                let beyond_rad = (distance(ends.lifted(), &ends.place.lower[0]) - self.settings.carry_rad).max(0.0);
+                // Scores of grasps from elsewhere are on a scale of their own.
+                let worth = if self.request.grasps.is_none() { tried[index].grasp.score } else { 0.0 };
+                usable.push((self.settings.carry_cost_per_rad * beyond_rad - worth, index, ends));
+                if beyond_rad == 0.0 {
                     break;
                 }
-            } else if let Some(phases) = self.joined(grasp, &ends, rng) {
-                return Ok((grasp.grasp, phases));
-            } else {
+            }
+            usable.sort_by(|a, b| a.0.total_cmp(&b.0));
+            for (_, index, ends) in usable.drain(..).take(self.settings.path_failures - tally.no_path) {
+                if let Some(phases) = self.joined(&mut tried[index], &ends, rng) {
+                    return Ok((tried[index].grasp, phases));
+                }
                 tally.no_path += 1;
-                if tally.no_path == self.settings.path_failures {
-                    break;
-                }
             }
-        }
-        far.sort_by(|a, b| a.0.total_cmp(&b.0));
-        for (_, index, ends) in far.iter().take(self.settings.path_failures) {
-            let grasp = &mut tried[*index];
-            if let Some(phases) = self.joined(grasp, ends, rng) {
-                return Ok((grasp.grasp, phases));
-            }
-            tally.no_path += 1;
         }
         Err(tally)
     }
@@ -325,14 +330,42 @@ impl<'a> Search<'a> {
     /// The whole plan with a grasp, if free ways join its ends.
     fn joined(&self, grasp: &mut TriedGrasp<'_>, ends: &Ends, rng: &mut Pcg64) -> Option<Vec<PlannedPhase>> {
         let to_standoff = grasp.standoff(&ends.pick, rng)?;
-        let transfer = self.path(ends.lifted(), &ends.place.lower[0], &grasp.reach().holding, rng)?;
+        let transfer = self.transfer(grasp, ends, rng)?;
         self.phases(grasp, ends, to_standoff, transfer)
+    }
+
+    /// The way from the lift to above the placement. Around what is held there is room where there can be some, for it may shift in the hand and
+    /// is larger than what was seen of it: where an end has none, beside something tall, the way goes straight up from it first.
+    fn transfer(&self, grasp: &mut TriedGrasp<'_>, ends: &Ends, rng: &mut Pcg64) -> Option<Trajectory> {
+        let held = |room_m: f64| HeldObject::new(self.object, &grasp.grasp.world_from_tcp, self.settings.held_radius_m + room_m);
+        let closed_m = grasp.grasp.width_m.unwrap_or(grasp.grasp.opening_m);
+        let checkers = ROOM_SHARES.map(|share| self.checker(self.others, closed_m, Some(&held(share * self.settings.held_room_m))));
+        let reach = grasp.reach();
+        let timing = self.settings.timing.slowed(self.settings.holding_scale);
+        for roomy in &checkers {
+            let (Some(up), Some(down)) = (reach.clear_of(ends.lifted(), roomy), reach.clear_of(&ends.place.lower[0], roomy)) else {
+                continue;
+            };
+            let Some(between) = self.corners(&up[up.len() - 1], &down[down.len() - 1], roomy, rng) else { continue };
+            let mut corners = up;
+            corners.extend(between.into_iter().skip(1));
+            corners.extend(down.into_iter().rev().skip(1));
+            if let Some(trajectory) = timed(&corners, &timing, &reach.holding) {
+                return Some(trajectory);
+            }
+        }
+        self.path(ends.lifted(), &ends.place.lower[0], &reach.holding, rng)
+    }
+
+    /// The corners of a free path between two configurations, shortened.
+    fn corners(&self, from: &Joints, to: &Joints, checker: &CollisionChecker<'_>, rng: &mut Pcg64) -> Option<Vec<Joints>> {
+        let corners = rrt_connect(from, &[*to], checker, &self.settings.rrt, rng).ok()?;
+        Some(simplified(&corners, &self.settings.simplify, checker))
     }
 
     /// A timed free path between two configurations.
     fn path(&self, from: &Joints, to: &Joints, checker: &CollisionChecker<'_>, rng: &mut Pcg64) -> Option<Trajectory> {
-        let corners = rrt_connect(from, &[*to], checker, &self.settings.rrt, rng).ok()?;
-        let corners = simplified(&corners, &self.settings.simplify, checker);
+        let corners = self.corners(from, to, checker, rng)?;
         let timing = if checker.holds() { self.settings.timing.slowed(self.settings.holding_scale) } else { self.settings.timing };
         timed(&corners, &timing, checker)
     }
@@ -364,6 +397,8 @@ impl<'a> Search<'a> {
     }
 }
 
+/// Shares of the room around what is held that are tried before there is none.
+const ROOM_SHARES: [f64; 2] = [1.0, 0.5];
 /// How often a path that was rounded into an obstacle is rounded less.
 const ROUNDINGS: usize = 4;
 /// Time between the checks of a timed path, seconds. Straight edges between its places there leave it by at most an eighth of the acceleration
@@ -382,12 +417,4 @@ fn timed(corners: &[Joints], settings: &TimingSettings, checker: &CollisionCheck
         settings.deviation_rad *= 0.2;
     }
     None
-}
-
-/// The height of what the object stands on: the highest surface under it, or else its lowest point.
-fn support_under(scene: &PlanningScene, object: &[Point3<f32>], query: u16) -> f64 {
-    let lowest = object.iter().map(|p| f64::from(p.z)).fold(f64::INFINITY, f64::min);
-    let middle = repose_geometry::cloud::centroid(object).unwrap_or_else(Point3::origin);
-    // Borders of objects are cleaned away, so that its lowest seen point may be a little above what it stands on, and noise below it.
-    scene.support_below(middle.x, middle.y, lowest + 0.02, query).unwrap_or(lowest)
 }

@@ -1,5 +1,6 @@
 //! What a planned pick and place is: its phases, and the reasons for what was not chosen.
 
+use crate::believed::Heeded;
 use crate::collision::Contact;
 use crate::grasp::{Grasp, GraspTally};
 use crate::timing::Trajectory;
@@ -137,6 +138,8 @@ pub struct PickPlacePlan {
     pub placement: usize,
     /// Why not the better ones.
     pub not_chosen: Vec<NotChosen>,
+    /// What was heeded of what was not seen.
+    pub heeded: Heeded,
     /// The grasp.
     pub grasp: Grasp,
     /// All phases in order.

@@ -28,6 +28,8 @@ pub struct ReachSettings {
     pub lift_m: f64,
     /// How far into the lift the object may still touch what it stood on or beside, metres. Default 0.02.
     pub lift_contact_m: f64,
+    /// How much further up the object goes at most where there is no room around it, metres. Default 0.25.
+    pub clear_m: f64,
     /// Height above the placement from which it is lowered, metres. Default 0.10 (paper, section 3).
     pub above_m: f64,
     /// Height above the placement at which it is released, metres. Default 0.02 (paper, section 3).
@@ -44,6 +46,7 @@ impl Default for ReachSettings {
             standoff_m: 0.10,
             lift_m: 0.10,
             lift_contact_m: 0.02,
+            clear_m: 0.25,
             above_m: 0.10,
             release_m: 0.02,
         }
@@ -130,6 +133,30 @@ impl Reach<'_> {
             check(&retreat, &self.open)?;
             Ok(PlaceEnd { lower, retreat })
         })
+    }
+
+    /// The way straight up from a posture to the first one that `roomy` finds free, at most [`ReachSettings::clear_m`] higher; the object in the
+    /// hand is free all along. `None` when there is none.
+    pub fn clear_of(&self, joints: &Joints, roomy: &CollisionChecker<'_>) -> Option<Vec<Joints>> {
+        let mut way = vec![*joints];
+        if roomy.is_free(joints) {
+            return Some(way);
+        }
+        let base_from_tcp = repose_panda::base_from_tcp(joints);
+        let steps = (self.settings.clear_m / self.settings.step_m).round() as usize;
+        for k in 1..=steps {
+            let higher = self.raised(&base_from_tcp, k as f64 * self.settings.step_m);
+            let next = inverse_near(&higher, &way[way.len() - 1], &self.settings.inverse).ok()?;
+            let jumps = (0..JOINT_COUNT).any(|i| (next[i] - way[way.len() - 1][i]).abs() > self.settings.jump_rad);
+            if jumps || !self.holding.edge_is_free(&way[way.len() - 1], &next) {
+                return None;
+            }
+            way.push(next);
+            if roomy.is_free(&next) {
+                return Some(way);
+            }
+        }
+        None
     }
 
     /// Tries the postures at a pose that `checker` finds free, those near `near` first, until one gives a whole end.

@@ -12,13 +12,15 @@ pub struct SupportSurface {
     pub footprint: Footprint,
     /// The object whose top it is; none for furniture.
     pub object: Option<u16>,
+    /// How deep it is solid below its height, metres; none when that is not known.
+    pub depth_m: Option<f64>,
 }
 
 impl SupportSurface {
     /// A surface from its outline; `None` when the outline has no area.
     pub fn new(height_m: f64, outline: &[Point2<f32>], object: Option<u16>) -> Option<Self> {
         let corners: Vec<Point3<f32>> = outline.iter().map(|p| Point3::new(p.x, p.y, 0.0)).collect();
-        Some(Self { height_m, footprint: Footprint::of(&corners)?, object })
+        Some(Self { height_m, footprint: Footprint::of(&corners)?, object, depth_m: None })
     }
 }
 

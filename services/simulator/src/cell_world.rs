@@ -12,7 +12,7 @@ use repose_sensor::SensorModel;
 
 use crate::cell::{CellSettings, cell_of_seed};
 use crate::objects::body::cuboid_mesh;
-use crate::physics::World;
+use crate::physics::{Touchable, World};
 use crate::render::{Drawable, Picture, picture};
 use crate::robot::arm::TICK_S;
 use crate::robot::{Arm, ArmSettings, Hand, HandSettings};
@@ -96,6 +96,11 @@ impl CellWorld {
     /// Where the objects are now, in the scene's order; cheaper than the truth, which measures distances too.
     pub fn world_from_objects(&self) -> Vec<Isometry3<f64>> {
         self.world.poses()
+    }
+
+    /// What touches what since the last step; fixtures and objects by their place in the scene's lists.
+    pub fn contacts(&self) -> Vec<[Touchable; 2]> {
+        self.world.contacts()
     }
 
     /// What the robot shows of itself: its state number `seq`, made at `stamp_ns` of the wall clock.

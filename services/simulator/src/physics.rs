@@ -6,7 +6,7 @@
 use nalgebra::Isometry3;
 use parry3d::shape::SharedShape;
 use rapier3d::dynamics::{RigidBodyBuilder, RigidBodyHandle};
-use rapier3d::geometry::ColliderBuilder;
+use rapier3d::geometry::{ColliderBuilder, ColliderHandle, ContactPair};
 use rapier3d::math::Vector;
 use rapier3d::pipeline::PhysicsWorld;
 
@@ -108,10 +108,22 @@ pub enum Unrest {
     },
 }
 
+/// Something in a world that can be touched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Touchable {
+    /// Something that never moves, by the order in which it was added.
+    Fixture(usize),
+    /// An object, by its index.
+    Object(usize),
+    /// A part of the robot.
+    Robot,
+}
+
 /// A world with furniture and objects.
 pub struct World {
     inner: PhysicsWorld,
     objects: Vec<RigidBodyHandle>,
+    fixtures: Vec<RigidBodyHandle>,
     settings: PhysicsSettings,
 }
 
@@ -131,13 +143,14 @@ impl World {
         parameters.contact_clustering = false;
         parameters.normalized_contact_recycle_distance = 0.01;
         parameters.contact_recycling = settings.recycled_contacts;
-        Self { inner, objects: Vec::new(), settings }
+        Self { inner, objects: Vec::new(), fixtures: Vec::new(), settings }
     }
 
     /// Adds something that never moves.
     pub fn add_fixture(&mut self, shape: SharedShape, world_from_fixture: &Isometry3<f64>, friction: f32) {
         let body = RigidBodyBuilder::fixed().pose(convert::pose(world_from_fixture));
-        self.inner.insert(body, ColliderBuilder::new(shape).friction(friction));
+        let (handle, _) = self.inner.insert(body, ColliderBuilder::new(shape).friction(friction));
+        self.fixtures.push(handle);
     }
 
     /// Adds an object at rest; its index is the number of objects before it.
@@ -191,6 +204,30 @@ impl World {
     /// Where all objects are, in the order they were added.
     pub fn poses(&self) -> Vec<Isometry3<f64>> {
         (0..self.objects.len()).map(|i| self.world_from_object(i)).collect()
+    }
+
+    /// The pairs of things that touched in the last step, each pair and all of them in order. Fixtures are not held against each other.
+    pub fn contacts(&self) -> Vec<[Touchable; 2]> {
+        /// Contacts are foreseen before they happen; these do.
+        const TOUCHING_M: f32 = 0.0005;
+        let touches = |pair: &ContactPair| pair.find_deepest_contact().is_some_and(|(_, contact)| contact.dist <= TOUCHING_M);
+        let what = |collider: ColliderHandle| {
+            let body = self.inner.colliders.get(collider)?.parent()?;
+            let at = |handles: &[RigidBodyHandle]| handles.iter().position(|h| *h == body);
+            let fixture = || at(&self.fixtures).map(Touchable::Fixture);
+            Some(at(&self.objects).map(Touchable::Object).or_else(fixture).unwrap_or(Touchable::Robot))
+        };
+        let touching = self.inner.contact_pairs().filter(|pair| touches(pair));
+        let mut pairs: Vec<[Touchable; 2]> = touching
+            .filter_map(|pair| {
+                let mut both = [what(pair.collider1)?, what(pair.collider2)?];
+                both.sort_unstable();
+                Some(both)
+            })
+            .collect();
+        pairs.sort_unstable();
+        pairs.dedup();
+        pairs
     }
 
     /// The fastest linear (m/s) and angular (rad/s) speed of any object.
@@ -275,6 +312,19 @@ mod tests {
             assert!(steps.is_some(), "{family:?} comes to rest");
             assert!(moved < 0.003 && tilt < 0.03, "{family:?} moved {moved} m and tilted {tilt} rad");
         }
+    }
+
+    #[test]
+    fn what_stands_on_something_touches_that_alone() {
+        let mut rng = Pcg64::seed_from_u64(4);
+        let shape = Family::Box.sample(1.0, &mut rng);
+        let mut world = World::new(PhysicsSettings::default());
+        table(&mut world);
+        let height = shape.half_extents_m.z;
+        world.add_object(&shape, &Isometry3::translation(0.0, 0.0, height));
+        world.add_object(&shape, &Isometry3::translation(0.5, 0.0, height + 0.3));
+        world.settle_above(&RestSettings { max_steps: 20, ..RestSettings::default() }, f64::NEG_INFINITY).ok();
+        assert_eq!(world.contacts(), [[Touchable::Fixture(0), Touchable::Object(0)]], "the other one still falls");
     }
 
     #[test]

@@ -33,7 +33,7 @@ pub struct EvaluateRobotArgs {
     /// The seed that all scenes follow from.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// A folder for a strip of pictures per trial: before, grasped, placed.
+    /// A folder for a strip of pictures per trial: before, lifted, lowered, placed.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
 }
@@ -67,10 +67,11 @@ pub fn run(args: &EvaluateRobotArgs, output: Output) -> Outcome {
         let outcome = trial.cause.map_or("placed", repose_evaluation::robot_trial::Cause::name);
         let millimetres = |m: Option<f64>| m.map(|m| (m * 1e3).round());
         let in_hand = trial.in_hand.map(|s| format!("{:.0} mm {:.2} rad", s.by_m * 1e3, s.turn_rad));
+        let incidents: Vec<String> = trial.incidents.iter().map(|i| format!("{} {:.1} s: {}", i.phase, i.at_s, i.what)).collect();
         tracing::info!(
             object = trial.object, condition = trial.condition.name(), seed = trial.seed, goal = %trial.goal, off_mm = ?millimetres(trial.off_m),
             tilt_rad = ?trial.tilt_rad, ?in_hand, disturbed = trial.disturbed, plan_ms = ?trial.plan_ms.map(f64::round), robot_s = trial.robot_s.round(),
-            detail = trial.detail, "{outcome}"
+            detail = trial.detail, incidents = incidents.join("; "), "{outcome}"
         );
         if let Some(folder) = &args.pictures {
             let name = format!("{}_{}_{}_{}.png", trial.object, trial.condition.name(), trial.seed, outcome.replace(' ', "_"));

@@ -66,7 +66,7 @@ pub struct GripperFit {
     pub offset_m: f64,
     /// Opening on approach, metres.
     pub opening_m: f64,
-    /// How much of the surface lies along the approach, metres.
+    /// How much of the surface that the fingers touch lies along the approach, on the side where that is more, metres.
     pub depth_m: f64,
     /// Mean alignment of the surface with the closing direction where the fingers touch, 0 to 1.
     pub squareness: f64,
@@ -126,10 +126,10 @@ pub fn fit(world_from_tcp: &Isometry3<f64>, object: &ObjectCloud, sight: &Sight,
     if slab.iter().filter(in_finger).count() > settings.strays {
         return Err(Misfit::FingerBlocked);
     }
-    let depth = slab[run.clone()].iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), (p, _)| (a.min(p.z), b.max(p.z)));
+    let depth_m = contact_depth_m(&slab[run.clone()], low).max(contact_depth_m(&slab[run.clone()], high));
     let closing = (world_from_tcp.rotation * Vector3::y()).cast::<f32>();
     let squareness = squareness(&slab[run], low, high, &closing, object);
-    Ok(GripperFit { width_m, offset_m, opening_m, depth_m: depth.1 - depth.0, squareness, seen: seen[0].min(seen[1]) })
+    Ok(GripperFit { width_m, offset_m, opening_m, depth_m, squareness, seen: seen[0].min(seen[1]) })
 }
 
 /// The points between the planes of the finger pads, sorted along the closing direction.
@@ -185,6 +185,17 @@ fn run_at_the_middle(slab: &[SlabPoint], settings: &GripperSettings) -> Result<s
         end += 1;
     }
     if end - start < settings.points_min { Err(Misfit::Empty) } else { Ok(start..end) }
+}
+
+/// How far from the outermost point of a side the finger's pad touches it, metres: the noise of depth, and what gives way.
+const TOUCHED_M: f64 = 0.004;
+
+/// How much of the surface on one side lies along the approach where a flat pad would touch it, metres: much on a wall, little on a shoulder
+/// or a rounded edge, down which the fingers slide.
+fn contact_depth_m(run: &[SlabPoint], extreme: f64) -> f64 {
+    let touched = run.iter().filter(|(p, _)| (p.y - extreme).abs() < TOUCHED_M).map(|(p, _)| p.z);
+    let (nearest, farthest) = touched.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), z| (a.min(z), b.max(z)));
+    (farthest - nearest).max(0.0)
 }
 
 /// What a side counts whose surface was not seen.

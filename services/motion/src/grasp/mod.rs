@@ -62,7 +62,7 @@ pub struct GraspSettings {
     pub hidden_m: f64,
     /// How far the fingertips stay above what the object stands on, metres. Default 0.004.
     pub support_clearance_m: f64,
-    /// What is added to the hand's spheres against the rest of the scene, metres. Default 0.003.
+    /// What is added to the hand's spheres against the rest of the scene, metres. Default 0.005.
     pub padding_m: f64,
     /// Grasps handed on at most. Default 48.
     pub count: usize,
@@ -84,7 +84,7 @@ impl Default for GraspSettings {
             approach_max_rad: 1.2,
             hidden_m: 0.006,
             support_clearance_m: 0.004,
-            padding_m: 0.003,
+            padding_m: 0.005,
             count: 48,
             separation_m: 0.01,
             weights: GraspWeights::default(),
@@ -103,7 +103,7 @@ pub struct GraspWeights {
     pub fitting: f64,
     /// Surfaces square to the closing direction where the fingers touch. Default 2.
     pub square: f64,
-    /// Much surface between the fingers along the approach: little is the tip of a cap or the edge of a lid. Default 1.5.
+    /// Much surface against the fingers along the approach: little is the shoulder of a bottle or the edge of a lid. Default 1.5.
     pub deep: f64,
     /// Both fingers come down where the camera saw free space, not behind the object. Default 3.
     pub seen: f64,
@@ -203,7 +203,7 @@ fn judged(
         tally.scene_in_the_way += 1;
         return None;
     }
-    let score = score(&world_from_tcp, &fit, object, &settings.weights);
+    let score = score(&world_from_tcp, &fit, object, settings.gripper.border_m, &settings.weights);
     Some(Grasp { world_from_tcp, opening_m: fit.opening_m, width_m: Some(fit.width_m), score })
 }
 
@@ -217,28 +217,35 @@ pub fn gripper_touches(world_from_tcp: &Isometry3<f64>, opening_m: f64, obstacle
 const THIN_M: f64 = 0.010;
 /// A tilt of the approach at which nothing is left of being from above, radians.
 const TILTED_RAD: f64 = 1.2;
-/// Room in the opening that is plenty, metres.
-const ROOM_M: f64 = 0.030;
+/// Room in the opening that is plenty, and less of which is too little for what is known of the object's place, both fingers', metres.
+const ROOM_M: f64 = 0.020;
+const NARROW_M: f64 = 0.014;
 /// Alignment from which surfaces are told from better ones, and at which none holds: a little beyond the edge of a box taken across its corners.
 const SQUARE_MIN: f64 = 0.8;
 const SLANTED: f64 = 0.65;
+/// Less surface than this along the approach is an edge, metres.
+const EDGE_M: f64 = 0.010;
 
-fn score(world_from_tcp: &Isometry3<f64>, fit: &GripperFit, object: &ObjectCloud, weights: &GraspWeights) -> f64 {
+/// `border_m` is how much of the object is missing at each border of what was seen of it.
+fn score(world_from_tcp: &Isometry3<f64>, fit: &GripperFit, object: &ObjectCloud, border_m: f64, weights: &GraspWeights) -> f64 {
     let approach = world_from_tcp.rotation * Vector3::z();
     let aside = (world_from_tcp.translation.vector.xy() - object.middle.coords.xy()).norm();
+    let room_m = FINGER_OPENING_MAX_M - fit.width_m - 2.0 * border_m;
     let half_diagonal = 0.5 * f64::from(object.bounds.extent().xy().norm()).max(0.02);
     let terms = [
         (weights.vertical, 1.0 - (-approach.z).clamp(-1.0, 1.0).acos() / TILTED_RAD),
         (weights.centered, 1.0 - aside / half_diagonal),
-        (weights.fitting, (fit.width_m / THIN_M).min((FINGER_OPENING_MAX_M - fit.width_m) / ROOM_M)),
+        (weights.fitting, (fit.width_m / THIN_M).min(room_m / ROOM_M)),
         (weights.square, (fit.squareness - SQUARE_MIN) / (1.0 - SQUARE_MIN)),
         (weights.deep, fit.depth_m / gripper::DEPTH_MAX_M),
         (weights.seen, fit.seen),
     ];
     let total: f64 = terms.iter().map(|(weight, _)| weight).sum();
     let score = terms.iter().map(|(weight, value)| weight * value.clamp(0.0, 1.0)).sum::<f64>() / total;
-    // Whatever else is good about it, fingers slide off surfaces that lie across.
-    score * ((fit.squareness - SLANTED) / (SQUARE_MIN - SLANTED)).clamp(0.0, 1.0)
+    // Whatever else is good about it, fingers slide off surfaces that lie across, and off edges.
+    let holds = ((fit.squareness - SLANTED) / (SQUARE_MIN - SLANTED)).clamp(0.0, 1.0) * (fit.depth_m / EDGE_M).clamp(0.1, 1.0);
+    // And what hardly goes between the fingers is knocked over by them.
+    score * holds * (room_m / NARROW_M).clamp(0.1, 1.0)
 }
 
 /// Keeps a grasp unless a better one is nearly the same.

@@ -2,7 +2,8 @@
 //!
 //! The top of an object is what a camera that looks down sees best, so these hold where pairs of opposing sides were not both seen.
 
-use nalgebra::{Isometry3, Point3, Rotation3, Unit, Vector3};
+use nalgebra::{Isometry3, Point3, Rotation3, Unit, Vector2, Vector3};
+use repose_geometry::Footprint;
 use repose_geometry::sampling::farthest_point_order;
 
 use super::{GraspSettings, ObjectCloud, gripper::DEPTH_MAX_M, pose};
@@ -19,12 +20,32 @@ const RIM_M: f32 = 0.012;
 /// Proposed poses of the grasp centre, not yet judged.
 pub fn proposals(object: &ObjectCloud, settings: &GraspSettings) -> Vec<Isometry3<f64>> {
     let mut poses = Vec::new();
-    for k in 0..settings.directions {
-        let yaw = std::f64::consts::PI * k as f64 / settings.directions as f64;
+    // Square to its sides first: pads that meet a box's faces at a slant turn it as they close and kick it as they open.
+    let sides = side_yaw_rad(&object.points).into_iter().flat_map(|yaw| [yaw, yaw + std::f64::consts::FRAC_PI_2]);
+    let around = (0..settings.directions).map(|k| std::f64::consts::PI * k as f64 / settings.directions as f64);
+    for yaw in sides.chain(around) {
         across(object, yaw, settings, &mut poses);
     }
     rim(object, settings, &mut poses);
     poses
+}
+
+/// The direction of one side of the smallest rectangle around the points seen from above, radians from world x; `None` without an area.
+fn side_yaw_rad(points: &[Point3<f32>]) -> Option<f64> {
+    let outline = Footprint::of(points)?;
+    let corners: Vec<Vector2<f64>> = outline.corners().iter().map(|c| c.coords.cast::<f64>()).collect();
+    let area = |yaw: f64| {
+        let extent = |direction: Vector2<f64>| {
+            let along = corners.iter().map(|c| c.dot(&direction));
+            let (low, high) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+            high - low
+        };
+        extent(Vector2::new(yaw.cos(), yaw.sin())) * extent(Vector2::new(-yaw.sin(), yaw.cos()))
+    };
+    // One side of the smallest rectangle lies along an edge of the hull.
+    let edges = (0..corners.len()).map(|i| corners[(i + 1) % corners.len()] - corners[i]);
+    let yaws: Vec<f64> = edges.map(|edge| edge.y.atan2(edge.x)).collect();
+    yaws.into_iter().min_by(|a, b| area(*a).total_cmp(&area(*b)))
 }
 
 /// Grasps that close along one direction, at several places of the object's length, depths and tilts.
@@ -97,4 +118,19 @@ fn extent(object: &ObjectCloud, direction: &Vector3<f64>) -> (f64, f64) {
         .iter()
         .map(|p| direction.dot(&p.coords.cast::<f64>()))
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic;
+
+    #[test]
+    fn the_sides_of_a_box_are_found_at_any_turn() {
+        for turn in [-0.7, -0.2, 0.1, 0.6] {
+            let yaw = side_yaw_rad(&synthetic::seen_box([0.5, 0.1], [0.12, 0.05, 0.10], turn)).expect("an area");
+            let off = (yaw - turn).rem_euclid(std::f64::consts::FRAC_PI_2);
+            assert!(off.min(std::f64::consts::FRAC_PI_2 - off) < 0.02, "{yaw} for {turn}");
+        }
+    }
 }

@@ -21,7 +21,7 @@ pub struct ObstacleSettings {
     pub voxel_m: f32,
     /// Edge of the grid's cells, metres. Default 0.02.
     pub cell_m: f32,
-    /// How deep a support surface of the furniture is solid, metres. Default 0.05.
+    /// How deep a support surface of the furniture is solid at least, metres. Default 0.05.
     pub surface_depth_m: f64,
     /// Points this near to a support surface of the furniture are taken for its noise: the surface stands for them, metres. Default 0.008.
     pub surface_noise_m: f64,
@@ -44,7 +44,8 @@ impl Obstacles {
     /// The obstacles of a cloud and its support surfaces, both in the world frame.
     pub fn new(points: &[Point3<f32>], surfaces: &[SupportSurface], settings: &ObstacleSettings) -> Self {
         // An object's top is backed by its own points only: it may be the lid of something hollow.
-        let depth_m = |s: &SupportSurface| if s.object.is_some() { 0.0 } else { settings.surface_depth_m };
+        let unknown_m = |s: &SupportSurface| if s.object.is_some() { 0.0 } else { settings.surface_depth_m };
+        let depth_m = |s: &SupportSurface| s.depth_m.unwrap_or(unknown_m(s)).max(unknown_m(s));
         let shapes = surfaces.iter().map(|s| Shape::slab(s.footprint.clone(), s.height_m, depth_m(s))).collect();
         let furniture: Vec<&SupportSurface> = surfaces.iter().filter(|s| s.object.is_none()).collect();
         let is_noise = |p: &Point3<f32>| {
