@@ -113,10 +113,15 @@ impl Guess<'_> {
         let Some(away) = (middle.xy().cast::<f32>() - camera).try_normalize(1e-3) else { return surface_m };
         let depth = |p: &Point3<f32>| (p.xy() - camera).dot(&away);
         let front_m = points.iter().map(depth).fold(f32::INFINITY, f32::min);
+        // Nearly all of a scene is elsewhere, which is cheap to see.
+        let corners = || outline.corners().iter();
+        let low = corners().fold(outline.corners()[0], |low, c| low.inf(c)).map(|v| v - STRIP_M);
+        let high = corners().fold(outline.corners()[0], |high, c| high.sup(c)).map(|v| v + STRIP_M);
+        let is_near = |p: &Point3<f32>| p.x >= low.x && p.y >= low.y && p.x <= high.x && p.y <= high.y;
         let labelled = self.scene.points.iter().zip(&self.scene.labels);
         let around = labelled.filter(|(p, label)| {
             let reach_m = if **label == 0 { STRIP_M } else { 0.0 };
-            **label != id && p.z < lowest_m + LEVEL_M && depth(p) > front_m && outline.margin(&p.xy()) > -reach_m
+            **label != id && p.z < lowest_m + LEVEL_M && is_near(p) && depth(p) > front_m && outline.margin(&p.xy()) > -reach_m
         });
         let mut heights: Vec<f32> = around.map(|(p, _)| p.z).collect();
         heights.sort_by(|a, b| b.total_cmp(a));
