@@ -32,6 +32,8 @@ const COUNT: u32 = 5;
 const CALL: Duration = Duration::from_secs(120);
 /// How long an execution may take.
 const EXECUTION: Duration = Duration::from_secs(300);
+/// How long things may take to come to rest after it.
+const SETTLING: Duration = Duration::from_secs(15);
 
 /// What came of it.
 #[derive(Debug, Serialize)]
@@ -224,11 +226,16 @@ impl Cell {
         Ok(self.call(&self.simulator, "truth", &TruthRequest { view_yaw_rad }, CallOptions::within(CALL)).await?)
     }
 
-    /// The truth once everything has come to rest.
+    /// The truth once everything has come to rest; as it is where something never does (it is pinched, or rolls).
     async fn settled(&self, view_yaw_rad: f64) -> Result<Truth, Failure> {
+        let give_up = tokio::time::Instant::now() + SETTLING;
         loop {
             let truth = self.truth(Some(view_yaw_rad)).await?;
             if truth.at_rest {
+                return Ok(truth);
+            }
+            if tokio::time::Instant::now() >= give_up {
+                tracing::warn!("something still moves after {} s; what is reported is of now", SETTLING.as_secs());
                 return Ok(truth);
             }
             tokio::time::sleep(Duration::from_millis(50)).await;
