@@ -74,6 +74,8 @@ pub struct Trajectory {
     intervals: Vec<Interval>,
     start: Joints,
     end: Joints,
+    /// The box around the corners, lowest and highest angles, radians: the path does not leave it, and rounding must not either.
+    bounds: [Joints; 2],
     /// How long the motion takes before it is averaged.
     moving_s: f64,
     averaging_s: f64,
@@ -127,7 +129,9 @@ impl Trajectory {
             intervals.push(interval);
             start_s += took_s;
         }
-        Some(Self { intervals, start, end, moving_s: start_s, averaging_s: settings.averaging_s() })
+        let extreme = |of: fn(f64, f64) -> f64| std::array::from_fn(|i| corners.iter().map(|q| q[i]).fold(start[i], of));
+        let bounds = [extreme(f64::min), extreme(f64::max)];
+        Some(Self { intervals, start, end, bounds, moving_s: start_s, averaging_s: settings.averaging_s() })
     }
 
     /// How long it takes, seconds.
@@ -152,8 +156,10 @@ impl Trajectory {
         }
         let (now, before) = (self.raw(time_s), self.raw(time_s - self.averaging_s));
         let mean = |a: &Joints, b: &Joints| std::array::from_fn(|i| (a[i] - b[i]) / self.averaging_s);
+        let [low, high] = &self.bounds;
+        let position_rad: Joints = mean(&now.integral, &before.integral);
         TrajectoryPoint {
-            position_rad: mean(&now.integral, &before.integral),
+            position_rad: std::array::from_fn(|i| position_rad[i].clamp(low[i], high[i])),
             velocity_rad_s: mean(&now.position_rad, &before.position_rad),
             acceleration_rad_s2: mean(&now.velocity_rad_s, &before.velocity_rad_s),
         }
@@ -336,6 +342,17 @@ mod tests {
         let (v, a) = (2.175 * 0.5, 15.0 * 0.25);
         let expected = 2.0 / v + v / a;
         assert!((trajectory.duration_s() - expected).abs() < 0.02, "{} against {expected}", trajectory.duration_s());
+    }
+
+    #[test]
+    fn a_joint_that_stays_at_its_limit_is_not_rounded_beyond_it() {
+        let limit = LIMITS.between(&[0.0; JOINT_COUNT]);
+        let corners = [LIMITS.between(&[0.0, 0.5, 0.7, 0.0, 0.0, 0.0, 0.5]), limit];
+        let trajectory = Trajectory::new(&corners, &TimingSettings::default()).unwrap();
+        for k in 0..=(trajectory.duration_s() / 1e-3) as usize {
+            let at = trajectory.at(k as f64 * 1e-3).position_rad;
+            assert!((0..JOINT_COUNT).all(|i| at[i] >= limit[i]), "{at:?} after {k} ms");
+        }
     }
 
     #[test]
