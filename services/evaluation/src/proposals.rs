@@ -14,7 +14,8 @@ use repose_planner::{Models, Prepared, plan};
 use repose_proto::place::{Rotation, Variant};
 use repose_proto::scoring::PriorRequest;
 use repose_proto::{CallError, ErrorCode, PlaceRequest, RELATION_COUNT, SceneRef};
-use repose_simulator::release::{ReleaseSettings, released};
+use repose_simulator::release::ReleaseSettings;
+use repose_simulator::trials::let_go;
 
 use crate::Problem;
 use crate::one_scene::OneScene;
@@ -112,17 +113,7 @@ fn planned_motions(
 fn record_of(problem: &Problem, placed_from_observed: &Isometry3<f64>, settings: &ReleaseSettings) -> Option<ReleaseRecord> {
     let index = problem.index_of(problem.query)?;
     let placed = placed_from_observed * problem.truth.objects[index].world_from_object;
-    let outcome = released(&problem.truth, index, &placed, settings)?;
-    Some(ReleaseRecord {
-        scene_seed: problem.seed,
-        object: problem.query,
-        origin_m: placed.translation.vector.cast::<f32>().into(),
-        yaw_rad: yaw_of(placed_from_observed) as f32,
-        moved_m: outcome.moved_m as f32,
-        tilt_rad: outcome.tilt_rad as f32,
-        penetration_m: outcome.penetration_m,
-        others_moved_m: outcome.others_moved_m as f32,
-    })
+    let_go(&problem.truth, index, &placed, yaw_of(placed_from_observed), settings)
 }
 
 #[cfg(test)]

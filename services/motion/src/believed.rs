@@ -3,6 +3,7 @@
 //! A plan is looked for in the believed world first. Guesses may be wrong and may close the only way, so where nothing is found there, less
 //! and less of them is heeded.
 
+use std::cell::OnceCell;
 use std::collections::BTreeSet;
 
 use nalgebra::{Point3, Vector3};
@@ -33,10 +34,10 @@ impl Heeded {
 }
 
 /// What is in the way of arm and object.
-#[derive(Debug, Clone)]
-pub struct World {
+#[derive(Debug)]
+pub struct World<'a> {
     /// Everything but the object to move.
-    pub others: Obstacles,
+    pub others: &'a Obstacles,
     /// The object where it stands.
     pub query: Obstacles,
     /// The object's points that are carried along, thinned, world frame at its place.
@@ -51,7 +52,7 @@ const ARM_REACH_M: f32 = 1.3;
 const GUESS_SPACING_M: f32 = 0.008;
 
 /// Makes worlds of a request.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug)]
 pub struct Worlds<'a> {
     /// The request.
     pub request: &'a PickPlaceRequest<'a>,
@@ -61,17 +62,27 @@ pub struct Worlds<'a> {
     pub sight: &'a Sight,
     /// The shoulder, world frame.
     pub shoulder: Point3<f32>,
+    believed: OnceCell<Obstacles>,
+    seen: OnceCell<Obstacles>,
 }
 
 /// How far an object is lifted off what it stands on to see what else it is said to be in, metres: more than the ball around its points.
 const LIFTED_M: f64 = 0.015;
 
-impl Worlds<'_> {
+impl<'a> Worlds<'a> {
+    /// The worlds of a request; what is in them is made when it is first asked for.
+    pub fn new(request: &'a PickPlaceRequest<'a>, settings: &'a PickPlaceSettings, sight: &'a Sight, shoulder: Point3<f32>) -> Self {
+        Self { request, settings, sight, shoulder, believed: OnceCell::new(), seen: OnceCell::new() }
+    }
+
     /// The world in which so much is heeded.
-    pub fn world(&self, heeded: Heeded) -> World {
+    pub fn world(&self, heeded: Heeded) -> World<'_> {
         let (scene, settings) = (self.request.scene, self.settings);
         let object = scene.points_of(self.request.query);
-        let others = if heeded == Heeded::Held { self.seen_others() } else { self.believed_others() };
+        let others = match heeded {
+            Heeded::Everything | Heeded::Obstacles => self.believed.get_or_init(|| self.believed_others()),
+            Heeded::Held => self.seen.get_or_init(|| self.seen_others()),
+        };
         let guess = self.guess(settings.held_spacing_m, 0.0);
         let held = match heeded {
             Heeded::Everything => guess.whole(self.request.query, &object),

@@ -129,7 +129,7 @@ pub fn pick_place(request: &PickPlaceRequest<'_>, settings: &PickPlaceSettings) 
     }
     let sight = Sight::new(&request.scene.camera_in_world, &request.scene.points);
     let shoulder = (settings.world_from_base * Point3::new(0.0, 0.0, SHOULDER_M)).cast::<f32>();
-    let worlds = Worlds { request, settings, sight: &sight, shoulder };
+    let worlds = Worlds::new(request, settings, &sight, shoulder);
     let mut found = planned(&worlds, Heeded::Everything);
     for heeded in Heeded::IN_TURN.into_iter().skip(1) {
         found = found.or_else(|_| planned(&worlds, heeded));
@@ -139,9 +139,9 @@ pub fn pick_place(request: &PickPlaceRequest<'_>, settings: &PickPlaceSettings) 
 
 /// The plan in one of the worlds.
 fn planned(worlds: &Worlds<'_>, heeded: Heeded) -> Result<PickPlacePlan, PickPlaceError> {
-    let Worlds { request, settings, sight, .. } = *worlds;
+    let &Worlds { request, settings, sight, .. } = worlds;
     let world = worlds.world(heeded);
-    let (others, everything) = ([&world.others], [&world.others, &world.query]);
+    let (others, everything) = ([world.others], [world.others, &world.query]);
     let mut rng = Pcg64::seed_from_u64(request.seed);
     let search = Search { request, settings, object: &world.held, others: &others, everything: &everything };
     if let Some(contact) = search.checker(search.everything, 0.0, None).contact(request.start) {
@@ -151,7 +151,7 @@ fn planned(worlds: &Worlds<'_>, heeded: Heeded) -> Result<PickPlacePlan, PickPla
         Some(given) => given.to_vec(),
         None => {
             let (object, camera_in_world) = (request.scene.points_of(request.query), &request.scene.camera_in_world);
-            let scene = GraspScene { points: &object, support_m: world.support_m, camera_in_world, sight, others: &world.others };
+            let scene = GraspScene { points: &object, support_m: world.support_m, camera_in_world, sight, others: world.others };
             let (found, tally) = grasps(&scene, &settings.grasp, &mut rng);
             if found.is_empty() {
                 return Err(PickPlaceError::NoGrasp(tally));

@@ -83,21 +83,32 @@ pub fn trials(scene: &Scene, settings: &TrialSettings) -> Vec<ReleaseRecord> {
         let index = rng.random_range(0..scene.objects.len());
         let around = Surroundings::of(scene, index)?;
         let (world_from_object, yaw_rad) = place(scene, index, &around, settings, &mut rng);
-        let outcome = released(scene, index, &world_from_object, &settings.release)?;
-        let record = ReleaseRecord {
-            scene_seed: scene.seed,
-            object: scene.objects[index].id,
-            origin_m: world_from_object.translation.vector.cast::<f32>().into(),
-            yaw_rad: yaw_rad as f32,
-            moved_m: outcome.moved_m as f32,
-            tilt_rad: outcome.tilt_rad as f32,
-            penetration_m: outcome.penetration_m,
-            others_moved_m: outcome.others_moved_m as f32,
-        };
-        Some(record)
+        let_go(scene, index, &world_from_object, yaw_rad, &settings.release)
     };
     let count = if scene.objects.is_empty() { 0 } else { settings.per_scene };
     (0..count).filter_map(trial).collect()
+}
+
+/// Lets object `index` go at `world_from_object`, turned by `yaw_rad` from how it stands in the scene, and writes down what comes of it. `None`
+/// when the scene has no such object.
+pub fn let_go(
+    scene: &Scene,
+    index: usize,
+    world_from_object: &Isometry3<f64>,
+    yaw_rad: f64,
+    settings: &ReleaseSettings,
+) -> Option<ReleaseRecord> {
+    let outcome = released(scene, index, world_from_object, settings)?;
+    Some(ReleaseRecord {
+        scene_seed: scene.seed,
+        object: scene.objects[index].id,
+        origin_m: world_from_object.translation.vector.cast::<f32>().into(),
+        yaw_rad: yaw_rad as f32,
+        moved_m: outcome.moved_m as f32,
+        tilt_rad: outcome.tilt_rad as f32,
+        penetration_m: outcome.penetration_m,
+        others_moved_m: outcome.others_moved_m as f32,
+    })
 }
 
 /// A place for object `index`: its pose, and its turn about z from how it stands in the scene.

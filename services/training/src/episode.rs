@@ -13,7 +13,10 @@ use repose_geometry::{ViewerFrame, cloud, transform::yaw_of};
 use repose_networks::points::{CloudConfig, ObjectCloud, SceneCloud, Sight};
 use repose_sensor::SensorModel;
 
-use crate::{normal::gaussian, views::PIXELS_LEAST};
+use crate::{
+    normal::gaussian,
+    views::{Drawn, PIXELS_LEAST},
+};
 
 /// How episodes are disturbed.
 #[derive(Debug, Clone, Copy)]
@@ -83,15 +86,10 @@ pub struct Episode {
 }
 
 impl Episode {
-    /// Prepares an episode; `None` when cleaning leaves too little of the query or no anchor. `releases` are of the query.
-    pub fn new(
-        view: &ViewRecord,
-        query: usize,
-        releases: &[ReleaseRecord],
-        cloud: &CloudConfig,
-        settings: &EpisodeSettings,
-        rng: &mut Pcg64,
-    ) -> Option<Self> {
+    /// Prepares an episode; `None` when cleaning leaves too little of the query or no anchor.
+    pub fn new(drawn: &Drawn<'_>, cloud: &CloudConfig, settings: &EpisodeSettings, rng: &mut Pcg64) -> Option<Self> {
+        let Drawn { view, query, releases } = drawn;
+        let query = *query;
         let label = query as u16 + 1;
         let band_px = rng.random_range(1..=settings.band_px.max(1));
         let wants_elsewhere = rng.random_bool(settings.elsewhere);

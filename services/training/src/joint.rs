@@ -6,7 +6,6 @@
 use candle_core::{Device, Result, Tensor};
 use rand::RngExt;
 use rand_pcg::Pcg64;
-use repose_dataset::{ReleaseRecord, ViewRecord};
 use repose_networks::{
     GOAL_RELATIONS, Kernel, Networks, NetworksConfig, PREDICTED_RELATIONS,
     crops::{Grouped, object_input, scene_input},
@@ -22,6 +21,7 @@ use crate::{
     episode::{Anchor, Episode, EpisodeSettings},
     settings::Part,
     task::Task,
+    views::Drawn,
 };
 
 /// How pairs and goals are drawn.
@@ -138,16 +138,8 @@ impl Task for JointTask {
         Part::Joint
     }
 
-    fn prepare(
-        &self,
-        _: &Networks,
-        config: &NetworksConfig,
-        view: &ViewRecord,
-        query: usize,
-        releases: &[ReleaseRecord],
-        rng: &mut Pcg64,
-    ) -> Result<Option<Episode>> {
-        Ok(Episode::new(view, query, releases, &config.cloud, &EpisodeSettings::default(), rng))
+    fn prepare(&self, _: &Networks, config: &NetworksConfig, drawn: &Drawn<'_>, rng: &mut Pcg64) -> Result<Option<Episode>> {
+        Ok(Episode::new(drawn, &config.cloud, &EpisodeSettings::default(), rng))
     }
 
     fn loss(

@@ -9,7 +9,6 @@ use candle_core::{Device, Result, Tensor};
 use nalgebra::{Point3, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
-use repose_dataset::{ReleaseRecord, ViewRecord};
 use repose_networks::{
     Networks, NetworksConfig, crops::Grouped, discriminator::Discriminator, layers::Mode, relation_predictor::binary_cross_entropy,
     set_abstraction::Path,
@@ -20,7 +19,7 @@ use crate::{
     normal::gaussian,
     settings::Part,
     task::Task,
-    views::TRIALS_AT_ONCE,
+    views::{Drawn, TRIALS_AT_ONCE},
 };
 
 /// Standard deviation of the disturbance of where a query rests, metres: what calibration and cleaning leave.
@@ -76,16 +75,8 @@ impl<C: Candidates> Task for PlacementTask<C> {
         C::PART
     }
 
-    fn prepare(
-        &self,
-        _: &Networks,
-        config: &NetworksConfig,
-        view: &ViewRecord,
-        query: usize,
-        releases: &[ReleaseRecord],
-        rng: &mut Pcg64,
-    ) -> Result<Option<Episode>> {
-        Ok(Episode::new(view, query, releases, &config.cloud, &EpisodeSettings::default(), rng))
+    fn prepare(&self, _: &Networks, config: &NetworksConfig, drawn: &Drawn<'_>, rng: &mut Pcg64) -> Result<Option<Episode>> {
+        Ok(Episode::new(drawn, &config.cloud, &EpisodeSettings::default(), rng))
     }
 
     fn loss(

@@ -9,7 +9,7 @@ use candle_core::{Device, Result, Tensor};
 use nalgebra::{Point3, Rotation3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
-use repose_dataset::{Composite, ReleaseRecord, ViewRecord};
+use repose_dataset::{Composite, ViewRecord};
 use repose_geometry::{ViewerFrame, transform::yaw_of};
 use repose_networks::{
     Kernel, Networks, NetworksConfig, PREDICTED_RELATIONS,
@@ -28,6 +28,7 @@ use crate::{
     episode::{is_visible, observed, tilt},
     settings::Part,
     task::Task,
+    views::Drawn,
 };
 
 /// How pairs are made and weighed.
@@ -191,15 +192,8 @@ impl Task for RelationsTask {
         Part::Relations
     }
 
-    fn prepare(
-        &self,
-        networks: &Networks,
-        config: &NetworksConfig,
-        view: &ViewRecord,
-        query: usize,
-        _: &[ReleaseRecord],
-        rng: &mut Pcg64,
-    ) -> Result<Option<ViewPairs>> {
+    fn prepare(&self, networks: &Networks, config: &NetworksConfig, drawn: &Drawn<'_>, rng: &mut Pcg64) -> Result<Option<ViewPairs>> {
+        let Drawn { view, query, .. } = drawn;
         let band_px = rng.random_range(1..=self.band_px.max(1));
         let tilt = if rng.random_bool(self.tilted) { tilt(self.tilt_rad, rng) } else { Rotation3::identity() };
         let camera = Camera {
@@ -213,7 +207,7 @@ impl Task for RelationsTask {
         clouds.retain(|placed| view.is_seen(placed.object));
         let ordered: Vec<_> = (0..clouds.len()).flat_map(|i| (0..clouds.len()).map(move |j| (i, j))).filter(|(i, j)| i != j).collect();
         let standing = encoded(networks, config, view, &clouds, &ordered)?;
-        let clouds = self.moved(view, query, &camera, rng).unwrap_or_default();
+        let clouds = self.moved(view, *query, &camera, rng).unwrap_or_default();
         let moved = encoded(networks, config, view, &clouds, &(1..clouds.len()).map(|anchor| (0, anchor)).collect::<Vec<_>>())?;
         Ok((!standing.labels.is_empty()).then_some(ViewPairs { standing, moved }))
     }

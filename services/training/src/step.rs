@@ -146,9 +146,8 @@ fn slot_gradient<T: Task>(shared: &Shared<'_, T>, slot: &mut Slot<T::Prepared>, 
 /// Tensor errors.
 pub fn draw<T: Task>(shared: &Shared<'_, T>, rng: &mut Pcg64) -> Result<Option<T::Prepared>> {
     for _ in 0..TRIES {
-        let Some((view, query)) = shared.views.query(rng.random_range(0..shared.views.queries())) else { continue };
-        let releases = shared.views.releases_of(view.scene_seed, view.objects[query].id);
-        let prepared = shared.task.prepare(shared.networks, shared.config, &view, query, releases, rng)?;
+        let Some(drawn) = shared.views.query(rng.random_range(0..shared.views.queries())) else { continue };
+        let prepared = shared.task.prepare(shared.networks, shared.config, &drawn, rng)?;
         if prepared.is_some() {
             return Ok(prepared);
         }

@@ -2,10 +2,9 @@
 
 use candle_core::{Result, Tensor};
 use rand_pcg::Pcg64;
-use repose_dataset::{ReleaseRecord, ViewRecord};
 use repose_networks::{Networks, NetworksConfig, layers::Mode};
 
-use crate::settings::Part;
+use crate::{settings::Part, views::Drawn};
 
 /// One of the trainings.
 pub trait Task: Sync {
@@ -20,20 +19,12 @@ pub trait Task: Sync {
         self.part().fits(parameter)
     }
 
-    /// Prepares a view; `None` when cleaning leaves too little of it. `releases` are of the query; only parts that are not fitted may be asked of
-    /// the networks, for these do not change.
+    /// Prepares a view; `None` when cleaning leaves too little of it. Only parts that are not fitted may be asked of the networks, for these do
+    /// not change.
     ///
     /// # Errors
     /// Tensor errors.
-    fn prepare(
-        &self,
-        networks: &Networks,
-        config: &NetworksConfig,
-        view: &ViewRecord,
-        query: usize,
-        releases: &[ReleaseRecord],
-        rng: &mut Pcg64,
-    ) -> Result<Option<Self::Prepared>>;
+    fn prepare(&self, networks: &Networks, config: &NetworksConfig, drawn: &Drawn<'_>, rng: &mut Pcg64) -> Result<Option<Self::Prepared>>;
 
     /// The loss of one micro-batch of `samples` drawn from prepared views (at least one).
     ///

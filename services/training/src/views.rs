@@ -23,6 +23,17 @@ struct Query {
     object: u16,
 }
 
+/// A view with one of its objects taken as the query.
+#[derive(Debug)]
+pub struct Drawn<'a> {
+    /// The view.
+    pub view: ViewRecord,
+    /// The query, by its position among the view's objects.
+    pub query: usize,
+    /// What letting the query go came to; nothing where outcomes were not asked for.
+    pub releases: &'a [ReleaseRecord],
+}
+
 /// All views of one split, in shard order.
 #[derive(Debug)]
 pub struct Views {
@@ -70,7 +81,7 @@ impl Views {
     }
 
     /// What letting an object of a scene go came to; nothing where outcomes were not asked for.
-    pub fn releases_of(&self, scene_seed: u64, object: u16) -> &[ReleaseRecord] {
+    fn releases_of(&self, scene_seed: u64, object: u16) -> &[ReleaseRecord] {
         self.releases.as_ref().and_then(|all| all.get(&(scene_seed, object))).map_or(&[], Vec::as_slice)
     }
 
@@ -131,10 +142,13 @@ impl Views {
     }
 
     /// The `i`-th (view, query) pair; `None`, and a warning, where the view's pixels are broken.
-    pub fn query(&self, i: usize) -> Option<(ViewRecord, usize)> {
+    pub fn query(&self, i: usize) -> Option<Drawn<'_>> {
         let Query { shard, view, object } = self.queries[i];
         match self.shards[shard as usize].view(usize::from(view)) {
-            Ok(view) => Some((view, usize::from(object))),
+            Ok(view) => {
+                let query = usize::from(object);
+                Some(Drawn { releases: self.releases_of(view.scene_seed, view.objects[query].id), view, query })
+            }
             Err(error) => {
                 tracing::warn!(%error, "a view is left out");
                 None

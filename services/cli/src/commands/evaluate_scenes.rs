@@ -38,14 +38,19 @@ impl TableArgs {
 
     /// The networks, one thread a request: the tables spread scenes over the cores.
     pub fn engine(&self) -> Result<Engine, Failure> {
-        let config = InferenceConfig { weights: self.weights.clone(), threads: 1, ..InferenceConfig::default() };
-        engine_of(&config).map_err(|e| Failure::bad_input("weights", e))
+        engine(self.weights.clone())
     }
 
     /// The threads to use.
     pub fn threads(&self) -> usize {
         threads(self.threads)
     }
+}
+
+/// The networks of a file, or those that come with the program, one thread a request.
+pub fn engine(weights: Option<PathBuf>) -> Result<Engine, Failure> {
+    let config = InferenceConfig { weights, threads: 1, ..InferenceConfig::default() };
+    engine_of(&config).map_err(|e| Failure::bad_input("weights", e))
 }
 
 /// Makes scenes of a folder's meshes only.

@@ -4,18 +4,18 @@ use std::path::{Path, PathBuf};
 
 use repose_dataset::{ReleaseRecord, proposals_path, write_releases};
 use repose_evaluation::{Problem, ProblemSettings, ProposalSettings, proposals};
-use repose_inference::{Engine, InferenceConfig, engine_of};
+use repose_inference::Engine;
 use repose_networks::serving::spread;
 use repose_simulator::generate::GenerateSettings;
 
+use super::evaluate_scenes::engine;
 use super::generate::progress_bar;
 use crate::failure::Failure;
 
 /// Lets each scene's problem go `per_scene` times, and writes what is missing in files of `settings.scenes_per_shard` scenes. Returns how many
 /// releases were written. Files that are there stay, so an interrupted run goes on.
 pub fn write_proposals(folder: &Path, settings: &GenerateSettings, per_scene: u32, weights: Option<&PathBuf>) -> Result<usize, Failure> {
-    let config = InferenceConfig { weights: weights.cloned(), threads: 1, ..InferenceConfig::default() };
-    let engine = engine_of(&config).map_err(|e| Failure::bad_input("weights", e))?;
+    let engine = engine(weights.cloned())?;
     let problem = ProblemSettings { scene: settings.scene.clone(), ..ProblemSettings::default() };
     let proposal = ProposalSettings::new(per_scene);
     let end = settings.first_scene + settings.scenes;
