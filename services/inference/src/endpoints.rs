@@ -1,6 +1,7 @@
 //! The service on the network: `prior`, `score` and `models`. Requests come as JSON or in bulk form with the scene enclosed.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use async_trait::async_trait;
 use repose_proto::load::WorkerLoad;
@@ -28,7 +29,7 @@ impl Endpoints {
             false => (call.payload.decode_json::<PriorRequest>()?, None),
         };
         let held = self.held(&request.scene, enclosed).await?;
-        match self.worker.ask(call.context(), Question::Prior(request, held)).await? {
+        match self.ask(call, Question::Prior(request, held)).await? {
             Answer::Prior(reply) => Payload::bulk(PriorReply::SCHEMA, &reply.to_bulk()),
             Answer::Score(_) => Err(CallError::internal("a prior request was answered with scores")),
         }
@@ -37,10 +38,18 @@ impl Endpoints {
     async fn score(&self, call: &Call) -> Result<Payload, CallError> {
         let (request, enclosed) = ScoreRequest::from_bulk(&call.payload.decode_bulk(ScoreRequest::SCHEMA)?)?;
         let held = self.held(&request.scene, enclosed).await?;
-        match self.worker.ask(call.context(), Question::Score(request, held)).await? {
+        match self.ask(call, Question::Score(request, held)).await? {
             Answer::Score(reply) => Payload::bulk(ScoreReply::SCHEMA, &reply.to_bulk()),
             Answer::Prior(_) => Err(CallError::internal("a score request was answered with a prior")),
         }
+    }
+
+    /// Asks the networks; how long that took travels beside the answer, so that a caller can tell it from the time on the way.
+    async fn ask(&self, call: &Call, question: Question) -> Result<Answer, CallError> {
+        let started = Instant::now();
+        let answer = self.worker.ask(call.context(), question).await;
+        call.stage("networks", started.elapsed().as_secs_f64() * 1e3);
+        answer
     }
 
     /// The scene of a request: the enclosed one, which is then held, or the one held under its id.

@@ -81,7 +81,7 @@ mod tests {
         let settings = RuleSettings::default();
         let cost = |relation, margin_m| rules_cost(&[term(relation)], &[check(margin_m)], &settings);
         assert!(cost(Relation::LeftOf, 0.001) > cost(Relation::LeftOf, 0.01));
-        assert_eq!(cost(Relation::LeftOf, 0.05), 0.0);
+        assert_eq!(cost(Relation::LeftOf, 0.07), 0.0);
         assert_eq!(cost(Relation::Centered, 0.0005), 0.0);
     }
 }

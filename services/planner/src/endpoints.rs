@@ -1,7 +1,7 @@
 //! The service on the network: `place`. Requests come as JSON with a scene's id, or in bulk form with the scene enclosed.
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use async_trait::async_trait;
 use repose_proto::load::WorkerLoad;
@@ -45,7 +45,9 @@ impl Endpoints {
             Ok(payload) => reporting.progress(payload),
             Err(error) => tracing::warn!(%error, "progress could not be sent"),
         };
+        let started = Instant::now();
         let result = self.worker.plan(call.context(), scene, request, models, progress).await?;
+        call.stage("search", started.elapsed().as_secs_f64() * 1e3);
         Payload::json(&result)
     }
 
@@ -57,7 +59,7 @@ impl Endpoints {
         let options = CallOptions::for_call(call);
         let options = CallOptions { deadline: options.deadline.min(self.scene_timeout), ..options };
         let request = Payload::json(&SceneRequest { scene_id: scene_id.to_owned() })?;
-        let started = std::time::Instant::now();
+        let started = Instant::now();
         let answer = self.perception.call_any("scene", &request, &options).await.map_err(|error| match error.code {
             ErrorCode::Cancelled | ErrorCode::NotFound => error,
             // The caller can help: it may send the scene whole.

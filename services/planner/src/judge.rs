@@ -31,6 +31,17 @@ pub struct Provenance {
     pub kernel: String,
 }
 
+/// What the networks are asked about candidates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Asked {
+    /// The relation predictor: the goal's terms.
+    Relations,
+    /// The discriminator, or the outcome network where the recipe has it.
+    Realism,
+    /// Both at once: one message each way instead of two.
+    Both,
+}
+
 /// Tries candidates of one request.
 pub struct Judge<'a> {
     /// The scene.
@@ -126,7 +137,7 @@ impl<'a> Judge<'a> {
         let by = self.settings.recipe.goal_by;
         if by == GoalBy::Learned {
             let open: Vec<usize> = (0..judged.len()).filter(|i| judged[*i].feasible()).collect();
-            self.ask_relations(&mut judged, &open)?;
+            self.ask(Asked::Relations, &mut judged, &open)?;
             for i in open {
                 self.judge_learned_goal(&mut judged[i]);
             }
@@ -134,7 +145,7 @@ impl<'a> Judge<'a> {
         match self.settings.recipe.realism {
             Realism::Discriminator => {
                 let open: Vec<usize> = (0..judged.len()).filter(|i| judged[*i].feasible()).collect();
-                self.ask_realism(&mut judged, &open)?;
+                self.ask(Asked::Realism, &mut judged, &open)?;
                 for i in open {
                     self.judge_realism(&mut judged[i]);
                 }
@@ -153,13 +164,17 @@ impl<'a> Judge<'a> {
     /// As [`Judge::judge`].
     pub fn complete(&mut self, judged: &mut [Judged]) -> Result<(), CallError> {
         let recipe = self.settings.recipe;
-        if matches!(recipe.realism, Realism::Discriminator | Realism::OutcomeRanks) {
-            let open: Vec<usize> = (0..judged.len()).filter(|i| judged[*i].realism.is_none()).collect();
-            self.ask_realism(judged, &open)?;
-        }
-        if recipe.goal_by != GoalBy::Rule {
-            let open: Vec<usize> = (0..judged.len()).filter(|i| judged[*i].relations.is_none()).collect();
-            self.ask_relations(judged, &open)?;
+        let wants_realism = matches!(recipe.realism, Realism::Discriminator | Realism::OutcomeRanks);
+        let wants_relations = recipe.goal_by != GoalBy::Rule;
+        for what in [Asked::Both, Asked::Realism, Asked::Relations] {
+            let lacks = |j: &Judged| match (wants_realism && j.realism.is_none(), wants_relations && j.relations.is_none()) {
+                (true, true) => Some(Asked::Both),
+                (true, false) => Some(Asked::Realism),
+                (false, true) => Some(Asked::Relations),
+                (false, false) => None,
+            };
+            let open: Vec<usize> = (0..judged.len()).filter(|i| lacks(&judged[*i]) == Some(what)).collect();
+            self.ask(what, judged, &open)?;
         }
         for j in judged {
             if j.footing.is_none() {
@@ -311,30 +326,38 @@ impl<'a> Judge<'a> {
         soundness_cost(&standing, self.query, &fixed.soundness) + fixed.soundness.distance_per_m * distance_m
     }
 
-    /// Asks the relation predictor about some of the candidates.
+    /// Asks the networks about some of the candidates, in one request.
     ///
     /// # Errors
     /// As [`Judge::judge`].
-    pub fn ask_relations(&mut self, judged: &mut [Judged], which: &[usize]) -> Result<(), CallError> {
-        let Some(reply) = self.ask(judged, which, false)? else { return Ok(()) };
-        let expected = which.len() * self.anchors.len();
-        if reply.relations.len() != expected {
-            return Err(CallError::internal(format!("expected {expected} relation vectors, got {}", reply.relations.len())));
+    pub fn ask(&mut self, what: Asked, judged: &mut [Judged], which: &[usize]) -> Result<(), CallError> {
+        if which.is_empty() {
+            return Ok(());
+        }
+        let (relations, realism) = (what != Asked::Realism, what != Asked::Relations);
+        let request = ScoreRequest {
+            scene: SceneRef { scene_id: self.prepared.scene_id.clone() },
+            query: self.query.id,
+            anchors: if relations { self.anchors.clone() } else { Vec::new() },
+            view_yaw_rad: self.rules.viewer().yaw_rad(),
+            realism,
+            realism_by: match self.settings.recipe.realism {
+                Realism::OutcomeRanks => RealismBy::Outcome,
+                _ => RealismBy::Discriminator,
+            },
+            relations,
+            candidates: which.iter().map(|i| judged[*i].candidate.row()).collect(),
+        };
+        let reply = self.models.score(&request, &self.prepared.scene)?;
+        self.note(&reply.weights_hash, &reply.kernel)?;
+        let expected = |asked: bool, each: usize| if asked { which.len() * each } else { 0 };
+        let (vectors, scores) = (expected(relations, self.anchors.len()), expected(realism, 1));
+        if (reply.relations.len(), reply.realism.len()) != (vectors, scores) {
+            let got = format!("got {} and {}", reply.relations.len(), reply.realism.len());
+            return Err(CallError::internal(format!("expected {vectors} relation vectors and {scores} realism scores, {got}")));
         }
         for (row, i) in reply.relations.chunks_exact(self.anchors.len()).zip(which) {
             judged[*i].relations = Some(self.as_asked(row));
-        }
-        Ok(())
-    }
-
-    /// Asks the discriminator about some of the candidates.
-    ///
-    /// # Errors
-    /// As [`Judge::judge`].
-    pub fn ask_realism(&mut self, judged: &mut [Judged], which: &[usize]) -> Result<(), CallError> {
-        let Some(reply) = self.ask(judged, which, true)? else { return Ok(()) };
-        if reply.realism.len() != which.len() {
-            return Err(CallError::internal(format!("expected {} realism scores, got {}", which.len(), reply.realism.len())));
         }
         for (f, i) in reply.realism.iter().zip(which) {
             judged[*i].realism = Some(*f);
@@ -350,28 +373,6 @@ impl<'a> Judge<'a> {
             if term.holds { p } else { 1.0 - p }
         };
         self.request.goal.iter().map(probability).collect()
-    }
-
-    fn ask(&mut self, judged: &[Judged], which: &[usize], realism: bool) -> Result<Option<repose_proto::scoring::ScoreReply>, CallError> {
-        if which.is_empty() {
-            return Ok(None);
-        }
-        let request = ScoreRequest {
-            scene: SceneRef { scene_id: self.prepared.scene_id.clone() },
-            query: self.query.id,
-            anchors: if realism { Vec::new() } else { self.anchors.clone() },
-            view_yaw_rad: self.rules.viewer().yaw_rad(),
-            realism,
-            realism_by: match self.settings.recipe.realism {
-                Realism::OutcomeRanks => RealismBy::Outcome,
-                _ => RealismBy::Discriminator,
-            },
-            relations: !realism,
-            candidates: which.iter().map(|i| judged[*i].candidate.row()).collect(),
-        };
-        let reply = self.models.score(&request, &self.prepared.scene)?;
-        self.note(&reply.weights_hash, &reply.kernel)?;
-        Ok(Some(reply))
     }
 
     /// Notes who answered.

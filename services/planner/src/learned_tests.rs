@@ -257,7 +257,7 @@ fn what_no_network_believes_is_no_answer_though_geometry_would_have_it() {
     let result = run(&prepared, &wanted, &fake);
     assert_eq!((result.outcome, result.placements.len()), (Outcome::None, 0));
     assert!(result.rejections[&Rejection::Unrealistic] > 5, "{:?}", result.rejections);
-    assert_eq!(result.thresholds.realism, Some(0.3));
+    assert_eq!(result.thresholds.realism, Some(0.05));
     let geometric = run(&prepared, &PlaceRequest { variant: Variant::Geometric, ..wanted }, &fake);
     assert_eq!(geometric.outcome, Outcome::Found);
 }

@@ -15,7 +15,7 @@ use repose_proto::{CallError, ErrorCode, Message, SceneRef, limits};
 
 use crate::answers;
 use crate::candidate::Candidate;
-use crate::judge::Judge;
+use crate::judge::{Asked, Judge};
 use crate::judged::Judged;
 use crate::mixture::Mixture;
 use crate::models::Models;
@@ -245,7 +245,7 @@ fn relaxation(judge: &mut Judge<'_>, findings: &Findings, stopped: bool) -> Resu
         if asks {
             kept_out.truncate(judge.settings.batch);
             let all: Vec<usize> = (0..kept_out.len()).collect();
-            judge.ask_realism(&mut kept_out, &all)?;
+            judge.ask(Asked::Realism, &mut kept_out, &all)?;
             kept_out.retain(|j| j.realism.is_some_and(|f| f64::from(f) > judge.settings.realism_threshold));
         }
         let admits = kept_out.len() as u64;

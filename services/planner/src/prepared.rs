@@ -95,18 +95,18 @@ impl Prepared {
 
         let camera = world_from_camera.translation.vector.xy().cast::<f32>().into();
         let view = ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &world_from_camera, settings.view_columns);
-        let mut objects = BTreeMap::new();
-        let mut hidden: Vec<(Point2<f32>, Run)> = Vec::new();
         let before = Seen { clouds: &clouds, columns: &seen, planes: &planes, view: &view, settings };
-        let bottoms: BTreeMap<u16, Option<f32>> = clouds.keys().map(|id| (*id, before.bottom_m(*id))).collect();
-        for (id, points) in clouds {
-            let Some(centroid) = cloud::centroid(&points) else { continue };
-            let shape = bottoms[&id].and_then(|bottom_m| Shape::complete(&points, bottom_m, &camera, &settings.shape));
-            if let Some(shape) = &shape {
-                hidden.extend(unseen_runs(id, shape, &seen));
-            }
-            objects.insert(id, PreparedObject { points, centroid, shape });
-        }
+        let complete = |id: u16, bottom_m: f32| Some((id, Shape::complete(&clouds[&id], bottom_m, &camera, &settings.shape)?));
+        let mut shapes: BTreeMap<u16, Shape> = clouds.keys().filter_map(|id| complete(*id, before.bottom_m(*id)?)).collect();
+        // What an object stands on may be known only by its carrier's completed shape.
+        let covering: Vec<(u16, Shape)> = shapes.keys().filter_map(|id| complete(*id, before.covered_top_m(*id, &shapes)?)).collect();
+        shapes.extend(covering);
+        let hidden: Vec<(Point2<f32>, Run)> = shapes.iter().flat_map(|(id, shape)| unseen_runs(*id, shape, &seen)).collect();
+        let prepared = clouds.into_iter().filter_map(|(id, points)| {
+            let centroid = cloud::centroid(&points)?;
+            Some((id, PreparedObject { points, centroid, shape: shapes.remove(&id) }))
+        });
+        let objects: BTreeMap<u16, PreparedObject> = prepared.collect();
         let columns = seen.with(hidden);
         let carried = carried_by(&objects, &columns, &settings.stack);
         Self { columns, fault, scene, scene_id, objects, planes, view, carried, min_points: settings.min_points }

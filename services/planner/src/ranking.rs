@@ -7,7 +7,7 @@ use repose_proto::CallError;
 
 use crate::answers::by_level;
 use crate::candidate::Candidate;
-use crate::judge::Judge;
+use crate::judge::{Asked, Judge};
 use crate::judged::Judged;
 use crate::search::Findings;
 
@@ -49,8 +49,7 @@ pub fn rank(judge: &mut Judge<'_>, findings: &mut Findings, count: usize) -> Res
 /// What the networks answer.
 pub fn appraise(judge: &mut Judge<'_>, candidates: &mut [Judged]) -> Result<(), CallError> {
     let all: Vec<usize> = (0..candidates.len()).collect();
-    judge.ask_realism(candidates, &all)?;
-    judge.ask_relations(candidates, &all)?;
+    judge.ask(Asked::Both, candidates, &all)?;
     for j in candidates {
         j.fragile_share = Some(fragile_share(judge, &j.candidate));
         j.cost = judge.cost(j);

@@ -45,6 +45,7 @@ impl RemoteModels {
     fn call_inference(&self, method: &str, payload: Payload) -> Result<Payload, CallError> {
         let options = CallOptions { accept: self.accept(), ..CallOptions::for_call(&self.call) };
         let answer = self.runtime.block_on(self.inference.call(method, payload, options))?;
+        self.call.stage("networks", answer.timing_ms.get("networks").copied().unwrap_or(0.0));
         Ok(answer.payload)
     }
 

@@ -82,6 +82,16 @@ pub struct StackSettings {
     pub border_rows: usize,
     /// What is seen under a point this far from it, seen from above, is touched by it, metres.
     pub touching_m: f32,
+    /// What is seen right under an object carries it up to this far below its own lowest points, metres: the rim of a bowl hides as much.
+    pub sunk_m: f32,
+    /// A foot that is hidden is deeper than what was seen by this, metres: the middle of what it was on scenes to develop with.
+    pub hidden_m: f32,
+    /// A surface this far beside an object may be what it stands on, metres.
+    pub nearby_m: f32,
+    /// A top up to this far below an object's lowest points may be covered by it, metres.
+    pub covered_m: f32,
+    /// … if it is at least this far above where the object would otherwise be believed to stand, metres: low things hide their own feet.
+    pub raised_m: f32,
     /// A bottom up to this far above a top stands on it, metres.
     pub contact_m: f32,
     /// Least share of the base that is over what carries it.
@@ -105,6 +115,11 @@ impl Default for StackSettings {
             contradicted_share: 0.35,
             border_rows: 12,
             touching_m: 0.025,
+            sunk_m: 0.03,
+            hidden_m: 0.008,
+            nearby_m: 0.15,
+            covered_m: 0.025,
+            raised_m: 0.045,
             contact_m: 0.015,
             carried_share: 0.35,
         }

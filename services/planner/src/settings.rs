@@ -73,11 +73,6 @@ impl Recipe {
             }
         }
     }
-
-    /// Whether the networks are needed at all.
-    pub fn needs_models(&self) -> bool {
-        self.proposals != Proposals::Geometric || self.goal_by != GoalBy::Rule || self.realism != Realism::Unasked
-    }
 }
 
 /// A request's settings over its variant's defaults.
@@ -120,10 +115,10 @@ impl Settings {
     pub fn of(request: &PlaceRequest) -> Self {
         let recipe = Recipe::of(request.variant);
         let budget = &request.budget;
-        // Without networks a candidate costs microseconds: search widely.
-        let (batch, draws) = if recipe.needs_models() { (100, 3) } else { (200, 5) };
-        // The outcome network is sure of little; what it believes less than this falls over more often than not.
-        let realism_threshold = if request.variant == Variant::Best { 0.3 } else { 0.5 };
+        // Where networks do not judge every candidate, one costs microseconds: search widely.
+        let (batch, draws) = if recipe.grounded { (200, 5) } else { (100, 3) };
+        // The outcome network doubts whatever it hardly sees: where geometry has found places and it believes in none of them, most are good.
+        let realism_threshold = if request.variant == Variant::Best { 0.05 } else { 0.5 };
         let (realism_weight, iterations) = match request.variant {
             Variant::FullLambda1 => (1.0, 5),
             Variant::NoDiscriminator => (0.0, 5),
@@ -324,7 +319,7 @@ pub struct RuleSettings {
 
 impl Default for RuleSettings {
     fn default() -> Self {
-        Self { min_margin_m: 0.003, comfort_m: 0.03, contact_m: 0.009 }
+        Self { min_margin_m: 0.003, comfort_m: 0.06, contact_m: 0.009 }
     }
 }
 

@@ -45,14 +45,53 @@ impl Seen<'_> {
         {
             return Some(top_m.min(lowest_m));
         }
-        let reaches_down = under_m <= shown_m + settings.same_level_m && !self.looked_under(points, id, lowest_m, shown_m);
+        let looked_under = self.looked_under(points, id, lowest_m, shown_m);
+        let reaches_down = under_m <= shown_m + settings.same_level_m && !looked_under;
         if !shown_m.is_finite() || !reaches_down {
-            return Some(own_m.max(under_m));
+            let stack = &settings.stack;
+            return Some(if own_m - under_m <= stack.sunk_m {
+                // What shows right under it carries it: it stands in a bowl whose rim hides its foot, or on what it covers.
+                under_m
+            } else if looked_under {
+                own_m
+            } else {
+                // Its foot is hidden, or beyond the picture's edge.
+                let nearby_m = self.nearby_m(&robust.center().xy(), own_m).filter(|_| !shown_m.is_finite() && !under_m.is_finite());
+                nearby_m.unwrap_or(own_m - stack.hidden_m)
+            });
         }
         // The surface's own height is less noisy than a few cells of it.
         let same = self.planes.iter().map(|p| p.height_m).find(|h| *h <= limit_m && (h - shown_m).abs() <= settings.same_level_m);
         // Where the level is above its own lowest points it reaches into a hollow: set down by the level, it would be pressed in.
         Some(same.unwrap_or(shown_m).min(lowest_m + settings.stack.below_m))
+    }
+
+    /// The highest surface near a place that is not above a height.
+    fn nearby_m(&self, place: &Point2<f32>, limit_m: f32) -> Option<f32> {
+        let near = self.planes.iter().filter(|p| p.height_m <= limit_m && p.outline.margin(place) >= -self.settings.stack.nearby_m);
+        near.map(|p| p.height_m).reduce(f32::max)
+    }
+
+    /// The top of another object that carries an object though little of it shows: it is as high as the object's lowest points, and what
+    /// both are completed to overlaps, so that the object cannot stand beside it. `None` for an object that reaches below all such tops.
+    pub fn covered_top_m(&self, id: u16, shapes: &BTreeMap<u16, Shape>) -> Option<f32> {
+        let stack = &self.settings.stack;
+        let shape = shapes.get(&id)?;
+        let lowest_m = cloud::percentile_box(self.clouds.get(&id)?, 0.02, 0.98)?.min.z;
+        let carriers = shapes.iter().filter(|(other, below)| {
+            let height_fits = (lowest_m - stack.covered_m..=lowest_m + stack.below_m).contains(&below.top_m);
+            let raised = below.top_m - shape.bottom_m > stack.raised_m;
+            **other != id && height_fits && raised && self.overlap(shape, below) >= stack.carried_share
+        });
+        carriers.map(|(_, below)| below.top_m).reduce(f32::max)
+    }
+
+    /// Of the places, seen from above, of one shape's base and another's top: the share of the smaller that both are believed to take.
+    fn overlap(&self, above: &Shape, below: &Shape) -> f32 {
+        let Some(top) = below.slabs.last() else { return 0.0 };
+        let cells = |outline| cells_of(outline, 0.0, self.columns);
+        let both = cells(&above.base).filter(|c| top.outline.margin(c) >= 0.0).count();
+        both as f32 / cells(&above.base).count().min(cells(&top.outline).count()).max(1) as f32
     }
 
     /// How much of the lowest part of something at a place border cleaning has taken: the band, seen at that distance and slope.
@@ -233,6 +272,34 @@ mod tests {
         // The far half of a tall box's top: most of what it stands on is in front of it, and it reaches beyond the back.
         let scene = Builder::table().object(1, [0.0, 0.0], [0.06, 0.1, 0.14]).object_at(2, [0.0, 0.04], 0.14, [0.07, 0.08, 0.1]).prepared();
         assert!((bottom_m(&scene, 2) - 0.14).abs() < 0.008, "{}", bottom_m(&scene, 2));
+    }
+
+    #[test]
+    fn what_hides_the_back_of_its_carriers_top_stands_on_it() {
+        // The front of the carrier's top shows; the object behind it on the same top overhangs on one side, with the table seen beside it.
+        let scene = Builder::table()
+            .object(1, [0.0, 0.0], [0.1, 0.1, 0.2])
+            .object_at(2, [0.055, 0.03], 0.2, [0.12, 0.06, 0.05])
+            .object(3, [-0.25, 0.0], [0.05, 0.05, 0.05])
+            .prepared();
+        assert!((bottom_m(&scene, 2) - 0.2).abs() < 0.008, "{}", bottom_m(&scene, 2));
+    }
+
+    #[test]
+    fn an_object_cut_off_by_the_picture_stands_on_the_surface_nearby() {
+        let mut scene = Builder::table().object(1, [0.0, 0.0], [0.08, 0.08, 0.16]).object(2, [0.3, 0.0], [0.05, 0.05, 0.05]).scene();
+        // As if the picture ended half way down object 1, 6 cm before the nearest point of the table that it shows.
+        let shown = |p: &[f32; 3], label: u16| if label == 1 { p[2] > 0.08 } else { p[0].hypot(p[1]) > 0.1 };
+        let kept: Vec<bool> = scene.points.iter().zip(&scene.labels).map(|(p, label)| shown(p, *label)).collect();
+        let mut of_points = kept.iter();
+        scene.points.retain(|_| of_points.next() == Some(&true));
+        let mut of_labels = kept.iter();
+        scene.labels.retain(|_| of_labels.next() == Some(&true));
+        for surface in scene.meta.surfaces.iter_mut().filter(|s| s.height_m < 0.01) {
+            surface.outline_m = vec![[0.1, -0.4], [0.5, -0.4], [0.5, 0.4], [0.1, 0.4]];
+        }
+        let bottom_m = bottom_m(&Prepared::new(Arc::new(scene)), 1);
+        assert!(bottom_m.abs() < 0.004, "{bottom_m}");
     }
 
     #[test]

@@ -65,11 +65,12 @@ pub fn run(args: &BenchPlannerArgs, output: Output) -> Outcome {
     let document = json!({
         "p50_ms": best.p50_ms, "p99_ms": best.p99_ms,
         "concurrent_speedup": services.map(|s| s.concurrent_speedup),
-        "transport_share": services.map(|s| s.transport_share),
+        "messages_share": services.map(|s| s.messages_share),
         "best": best.json(), "full": full.as_ref().map(Times::json),
         "services": services.map(|s| json!({
             "requests": args.requests, "sequence_p50_ms": s.sequence_p50_ms, "sequence_per_s": s.sequence_per_s, "concurrent_per_s": s.concurrent_per_s,
-            "busy_in_sequence": s.busy_in_sequence, "transport_p50_ms": s.transport_p50_ms,
+            "busy_in_sequence": s.busy_in_sequence, "busy_at_once": s.busy_at_once,
+            "messages_p50_ms": s.messages_p50_ms, "beyond_this_process_p50_ms": s.beyond_p50_ms,
         })),
         "scenes": wishes.len(), "threads": std::thread::available_parallelism().map_or(1, usize::from),
     });
@@ -77,16 +78,19 @@ pub fn run(args: &BenchPlannerArgs, output: Output) -> Outcome {
         let mut lines = vec![format!("best: {}", best.text())];
         lines.extend(full.as_ref().map(|f| format!("full: {}", f.text())));
         lines.extend(services.map(|s| {
-            let busy = s.busy_in_sequence.map_or_else(String::new, |b| format!(" (cores {:.0} % busy)", b * 100.0));
+            let busy = |share: Option<f64>| share.map_or_else(String::new, |b| format!(" (cores {:.0} % busy)", b * 100.0));
             format!(
-                "services: p50 {:.0} ms; {:.2}/s in sequence{busy}, {:.2}/s of {} at once, {:.2} times; network and serialisation {:.1} ms, {:.1} %",
+                "services: p50 {:.0} ms; {:.2}/s in sequence{}, {:.2}/s of {} at once{}, {:.2} times; messages {:.1} ms, {:.1} %; {:.1} ms more than here",
                 s.sequence_p50_ms,
                 s.sequence_per_s,
+                busy(s.busy_in_sequence),
                 s.concurrent_per_s,
                 args.requests,
+                busy(s.busy_at_once),
                 s.concurrent_speedup,
-                s.transport_p50_ms,
-                s.transport_share * 100.0
+                s.messages_p50_ms,
+                s.messages_share * 100.0,
+                s.beyond_p50_ms
             )
         }));
         lines.join("\n")
@@ -239,10 +243,15 @@ struct ThroughServices {
     concurrent_speedup: f64,
     /// Share of all cores' time that was not idle while requests came one after the other, whoever used it.
     busy_in_sequence: Option<f64>,
+    /// The same while they came at once.
+    busy_at_once: Option<f64>,
+    /// Time that a placement in sequence spends neither in its search nor in the networks: encoding, the network, decoding, and being handed
+    /// from thread to thread at either end; milliseconds (median), and as a share of all of it (of the sums).
+    messages_p50_ms: f64,
+    messages_share: f64,
     /// What a placement through the services takes longer than in this process, milliseconds (the median over pairs: negative where other
-    /// work on the machine hides it), and as a share of it.
-    transport_p50_ms: f64,
-    transport_share: f64,
+    /// work on the machine hides it): the messages, and that its work is spread over processes which find the caches cold.
+    beyond_p50_ms: f64,
 }
 
 async fn through_services(wishes: &[Wish], requests: usize, models: &EmbeddedModels) -> Result<ThroughServices, Failure> {
@@ -264,11 +273,11 @@ async fn through_services(wishes: &[Wish], requests: usize, models: &EmbeddedMod
         ask(&planner, &wish.request(Variant::Best, 0), &wish.prepared.scene).await?;
     }
 
-    let (mut sequence_ms, mut extra_ms) = (Vec::new(), Vec::new());
+    let (mut sequence, mut beyond_ms) = (Vec::new(), Vec::new());
     let wish = |i: usize| &wishes[scene_of(i, requests, wishes.len())];
     let cores = CoreTime::now();
     for i in 0..requests {
-        sequence_ms.push(ask(&planner, &wish(i).request(Variant::Best, i), &wish(i).prepared.scene).await?);
+        sequence.push(ask(&planner, &wish(i).request(Variant::Best, i), &wish(i).prepared.scene).await?);
     }
     let busy_in_sequence = cores.and_then(CoreTime::busy_since);
     // One here and one there in turn, so that whatever else the machine does meets both alike.
@@ -280,9 +289,9 @@ async fn through_services(wishes: &[Wish], requests: usize, models: &EmbeddedMod
         let begin = Instant::now();
         tokio::task::block_in_place(|| placed(wish(i), &request, models))?;
         let here_ms = begin.elapsed().as_secs_f64() * 1e3;
-        extra_ms.push(ask(&planner, &request, &wish(i).prepared.scene).await? - here_ms);
+        beyond_ms.push(ask(&planner, &request, &wish(i).prepared.scene).await?.total_ms - here_ms);
     }
-    let begin = Instant::now();
+    let (begin, cores) = (Instant::now(), CoreTime::now());
     let together: Vec<_> = (0..requests)
         .map(|i| {
             let (planner, request, scene) = (planner.clone(), wish(i).request(Variant::Best, i), wish(i).prepared.scene.clone());
@@ -293,29 +302,45 @@ async fn through_services(wishes: &[Wish], requests: usize, models: &EmbeddedMod
         one.await.map_err(Failure::other)??;
     }
     let concurrent_per_s = requests as f64 / begin.elapsed().as_secs_f64();
+    let busy_at_once = cores.and_then(CoreTime::busy_since);
     session.close().await?;
 
-    let sequence_per_s = requests as f64 / (sequence_ms.iter().sum::<f64>() / 1e3);
-    for times in [&mut sequence_ms, &mut extra_ms] {
+    let sum = |of: fn(&Asked) -> f64| sequence.iter().map(of).sum::<f64>();
+    let sequence_per_s = requests as f64 / (sum(|a| a.total_ms) / 1e3);
+    let messages_share = sum(|a| a.messages_ms) / sum(|a| a.total_ms);
+    let median = |mut times: Vec<f64>| {
         times.sort_by(f64::total_cmp);
-    }
-    let (sequence_p50_ms, transport_p50_ms) = (at(&sequence_ms, 0.5), at(&extra_ms, 0.5));
+        at(&times, 0.5)
+    };
     Ok(ThroughServices {
-        sequence_p50_ms,
+        sequence_p50_ms: median(sequence.iter().map(|a| a.total_ms).collect()),
         sequence_per_s,
         concurrent_per_s,
         concurrent_speedup: concurrent_per_s / sequence_per_s,
         busy_in_sequence,
-        transport_p50_ms,
-        transport_share: (transport_p50_ms / sequence_p50_ms).max(0.0),
+        busy_at_once,
+        messages_p50_ms: median(sequence.iter().map(|a| a.messages_ms).collect()),
+        messages_share,
+        beyond_p50_ms: median(beyond_ms),
     })
 }
 
-/// Asks for a placement; how long that took, milliseconds.
-async fn ask(planner: &Caller, request: &PlaceRequest, scene: &Scene) -> Result<f64, Failure> {
+/// How long a placement through the services took.
+#[derive(Debug, Clone, Copy)]
+struct Asked {
+    total_ms: f64,
+    /// What is left of it without the search and the networks.
+    messages_ms: f64,
+}
+
+/// Asks for a placement.
+async fn ask(planner: &Caller, request: &PlaceRequest, scene: &Scene) -> Result<Asked, Failure> {
     let begin = Instant::now();
-    client::place(planner, request, Some(scene), CallOptions::within(PATIENCE)).await?;
-    Ok(begin.elapsed().as_secs_f64() * 1e3)
+    let (_, answer) = client::place(planner, request, Some(scene), CallOptions::within(PATIENCE)).await?;
+    let total_ms = begin.elapsed().as_secs_f64() * 1e3;
+    // The search waits for `inference`, of which `networks` was spent in them.
+    let stage = |name: &str| answer.timing_ms.get(name).copied().unwrap_or(0.0);
+    Ok(Asked { total_ms, messages_ms: total_ms - stage("search") + stage("inference") - stage("networks") })
 }
 
 /// What all cores have done since the machine started, in the system's ticks.
