@@ -33,6 +33,9 @@ pub enum TrainError {
         /// What does not.
         parameter: String,
     },
+    /// A network cannot be calibrated.
+    #[error("calibration: {0}")]
+    Calibration(String),
     /// A tensor operation failed.
     #[error("tensors: {0}")]
     Tensors(#[from] candle_core::Error),
