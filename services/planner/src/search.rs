@@ -156,7 +156,10 @@ pub fn search(
         }
         modes = refit(modes, judged, settings.elites, settings.rotation, surrogate);
         findings.iterations = iteration + 1;
+        // After the last iteration the whole shortlist is put to the networks.
+        let last = iteration + 1 == settings.iterations && findings.appraised.is_some();
         if settings.recipe.realism == Realism::OutcomeRanks
+            && !last
             && let Some(best) = findings.best()
         {
             let mut best = [best.clone()];
