@@ -12,10 +12,12 @@ use repose_dataset::Split;
 use repose_geometry::transform::from_row_major;
 use repose_inference::Engine;
 use repose_networks::serving::spread;
-use repose_planner::{Models, Prepared, plan};
+use repose_planner::candidate::Candidate;
+use repose_planner::stability::Stability;
+use repose_planner::{Prepared, plan};
 use repose_proto::place::{Rotation, Variant};
-use repose_proto::scoring::{RealismBy, ScoreRequest};
-use repose_proto::{CallError, ErrorCode, PlaceRequest, SceneRef};
+use repose_proto::scoring::RealismBy;
+use repose_proto::{CallError, ErrorCode, PlaceRequest};
 use repose_simulator::release::ReleaseSettings;
 use repose_simulator::scene::{SceneKind, SceneSettings};
 use serde::Serialize;
@@ -26,6 +28,7 @@ use crate::one_scene::OneScene;
 use crate::outcome::{Judged, judge};
 use crate::proposals::{motion_to, prior_draws};
 use crate::resample::interval;
+use crate::stability_samples::{measured, said_of};
 use crate::{Problem, ProblemSettings, Rate};
 
 /// Movements from here on are left out of correlations, metres (the paper's outliers).
@@ -71,6 +74,8 @@ pub struct Trial {
     pub realism: f64,
     /// What the outcome network said of a random prior sample.
     pub outcome: Option<f64>,
+    /// What `best` makes of that with what geometry measures; none where the planner does not take the query.
+    pub best: Option<f64>,
     /// What came of it.
     pub judged: Judged,
 }
@@ -107,11 +112,42 @@ pub struct VariantRow {
     pub calibration: Calibration,
 }
 
-/// What is said of random prior samples by one network.
+/// Who says how realistic a random prior sample is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Forecaster {
+    /// The paper's network: what `full` goes by.
+    Discriminator,
+    /// The outcome network by itself.
+    Outcome,
+    /// The outcome network with what geometry measures: what `best` goes by, and says.
+    Best,
+}
+
+impl Forecaster {
+    /// All, in the order of the table.
+    pub const ALL: [Self; 3] = [Self::Discriminator, Self::Outcome, Self::Best];
+
+    /// What a variant goes by.
+    pub fn of(variant: Variant) -> Self {
+        if variant == Variant::Best { Self::Best } else { Self::Discriminator }
+    }
+
+    /// What it says of a random prior sample; none where it says nothing.
+    pub fn said(self, trial: &Trial) -> Option<f64> {
+        match self {
+            Self::Discriminator => Some(trial.realism),
+            Self::Outcome => trial.outcome,
+            Self::Best => trial.best,
+        }
+    }
+}
+
+/// What is said of random prior samples by one forecaster.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct RandomRow {
-    /// Which network.
-    pub by: RealismBy,
+    /// Which.
+    pub by: Forecaster,
     /// What it says against the distance moved, all samples.
     pub all: Correlation,
     /// The first sample of each scene: the paper's figure.
@@ -180,8 +216,8 @@ pub fn evaluate_discriminator(
 fn trials_of(problem: &Problem, engine: &Engine, settings: &DiscriminatorSettings) -> Result<Vec<Trial>, CallError> {
     let scene = Arc::new(problem.observed.clone());
     let models = OneScene::new(engine, scene.clone());
-    let mut trials = random_trials(problem, &models, settings)?;
-    let prepared = Prepared::new(scene.clone());
+    let prepared = Prepared::with_id(scene, models.scene_id().to_owned());
+    let mut trials = random_trials(problem, &models, &prepared, settings)?;
     for &variant in &settings.variants {
         let goal = vec![problem.goal];
         let request = PlaceRequest {
@@ -198,37 +234,31 @@ fn trials_of(problem: &Problem, engine: &Engine, settings: &DiscriminatorSetting
         for (rank, placement) in result.placements.iter().enumerate() {
             let Ok(placed_from_observed) = from_row_major(&placement.placed_from_observed.0) else { continue };
             let Some(judged) = judge(problem, &placed_from_observed, &settings.release) else { continue };
-            trials.push(Trial { seed: problem.seed, variant: Some(variant), rank, realism: placement.realism, outcome: None, judged });
+            trials.push(Trial { seed: problem.seed, variant: Some(variant), rank, realism: placement.realism, outcome: None, best: None, judged });
         }
     }
     Ok(trials)
 }
 
-fn random_trials(problem: &Problem, models: &OneScene<'_>, settings: &DiscriminatorSettings) -> Result<Vec<Trial>, CallError> {
-    let scene = models.scene();
-    let Some(object) = scene.object(problem.query) else { return Ok(Vec::new()) };
-    let view_yaw_rad = problem.viewer.yaw_rad();
-    let candidates = prior_draws(problem, models, Rotation::Fixed, settings.samples)?;
-    let score = |realism_by| {
-        let request = ScoreRequest {
-            scene: SceneRef { scene_id: models.scene_id().to_owned() },
-            query: problem.query,
-            anchors: Vec::new(),
-            view_yaw_rad,
-            realism: true,
-            realism_by,
-            relations: false,
-            candidates: candidates.clone(),
-        };
-        Ok::<_, CallError>(models.score(&request, scene)?.realism)
-    };
-    let said = score(RealismBy::Discriminator)?.into_iter().zip(score(RealismBy::Outcome)?);
+fn random_trials(
+    problem: &Problem,
+    models: &OneScene<'_>,
+    prepared: &Prepared,
+    settings: &DiscriminatorSettings,
+) -> Result<Vec<Trial>, CallError> {
+    let Some(object) = models.scene().object(problem.query) else { return Ok(Vec::new()) };
+    let draws = prior_draws(problem, models, Rotation::Fixed, settings.samples)?;
+    let realism = said_of(problem, models, RealismBy::Discriminator, draws.clone())?;
+    let outcomes = said_of(problem, models, RealismBy::Outcome, draws.clone())?;
+    let measured = measured(problem, prepared);
     let centroid = Point3::from(object.centroid_m);
-    let judged = candidates.iter().zip(said).enumerate().filter_map(|(rank, (candidate, (realism, outcome)))| {
-        let judged = judge(problem, &motion_to(&centroid, candidate), &settings.release)?;
-        Some(Trial { seed: problem.seed, variant: None, rank, realism: f64::from(realism), outcome: Some(f64::from(outcome)), judged })
-    });
-    Ok(judged.collect())
+    let trial = |(rank, draw): (usize, &[f32; 4])| {
+        let judged = judge(problem, &motion_to(&centroid, draw), &settings.release)?;
+        let best = measured.as_ref().map(|of| Stability::embedded().of(&of(&Candidate::from_row(*draw), outcomes[rank])));
+        let (realism, outcome) = (f64::from(realism[rank]), Some(f64::from(outcomes[rank])));
+        Some(Trial { seed: problem.seed, variant: None, rank, realism, outcome, best, judged })
+    };
+    Ok(draws.iter().enumerate().filter_map(trial).collect())
 }
 
 fn table_of(scenes: &[Vec<Trial>], variants: &[Variant]) -> DiscriminatorTable {
@@ -241,16 +271,16 @@ fn table_of(scenes: &[Vec<Trial>], variants: &[Variant]) -> DiscriminatorTable {
     DiscriminatorTable {
         scenes: scenes.len(),
         random_stable,
-        random: [RealismBy::Discriminator, RealismBy::Outcome].map(|by| random_row(by, &random)).to_vec(),
+        random: Forecaster::ALL.map(|by| random_row(by, &random)).to_vec(),
         rows: variants.iter().map(|v| row(*v, &of(&|t| t.variant == Some(*v)))).collect(),
         trials: scenes.iter().flatten().copied().collect(),
     }
 }
 
-fn random_row(by: RealismBy, samples: &[Vec<Trial>]) -> RandomRow {
-    // What the network said stands for realism from here on.
-    let said = |t: &Trial| Trial { realism: if by == RealismBy::Outcome { t.outcome.unwrap_or(t.realism) } else { t.realism }, ..*t };
-    let samples: Vec<Vec<Trial>> = samples.iter().map(|scene| scene.iter().map(said).collect()).collect();
+fn random_row(by: Forecaster, samples: &[Vec<Trial>]) -> RandomRow {
+    // What it said stands for realism from here on.
+    let said = |t: &Trial| Some(Trial { realism: by.said(t)?, ..*t });
+    let samples: Vec<Vec<Trial>> = samples.iter().map(|scene| scene.iter().filter_map(said).collect()).collect();
     let first: Vec<Vec<Trial>> = samples.iter().map(|scene| scene.iter().copied().filter(|t| t.rank == 0).collect()).collect();
     let area = |groups: &[&Vec<Trial>]| {
         area_under_curve(&groups.iter().flat_map(|g| g.iter()).map(|t| (t.realism, t.judged.stable)).collect::<Vec<_>>())
@@ -298,7 +328,7 @@ mod tests {
 
     fn trial(variant: Option<Variant>, rank: usize, realism: f64, moved_m: f64) -> Trial {
         let judged = Judged { moved_m, stable: moved_m < 0.05, goal: true, clean: true };
-        Trial { seed: 1, variant, rank, realism, outcome: variant.is_none().then_some(1.0 - realism), judged }
+        Trial { seed: 1, variant, rank, realism, outcome: variant.is_none().then_some(1.0 - realism), best: None, judged }
     }
 
     #[test]
@@ -308,7 +338,8 @@ mod tests {
             vec![trial(None, 0, 0.5, 0.2), trial(None, 1, 0.7, 0.1)],
         ];
         let table = table_of(&scenes, &[Variant::Best, Variant::Full]);
-        let [discriminator, outcome] = &table.random[..] else { panic!("two networks") };
+        let [discriminator, outcome, best] = &table.random[..] else { panic!("three forecasters") };
+        assert_eq!((best.all.n, best.auc), (0, None), "it said nothing");
         assert_eq!((table.scenes, discriminator.all.n, discriminator.all.outliers, table.trials.len()), (2, 3, 1, 5));
         // (0.9, 0), (0.5, 0.2), (0.7, 0.1) lie on a falling line.
         assert!((discriminator.all.r.expect("defined") + 1.0).abs() < 1e-9);

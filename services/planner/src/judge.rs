@@ -20,6 +20,7 @@ use crate::prepared::Prepared;
 use crate::query::Query;
 use crate::rules::Rules;
 use crate::settings::{GoalBy, Realism, Settings};
+use crate::stability::{Stability, measures};
 use crate::unseen::unseen_share;
 
 /// Which weights and kernel answered.
@@ -360,9 +361,19 @@ impl<'a> Judge<'a> {
             judged[*i].relations = Some(self.as_asked(row));
         }
         for (f, i) in reply.realism.iter().zip(which) {
-            judged[*i].realism = Some(*f);
+            judged[*i].realism = Some(self.believed(&judged[*i].candidate, *f));
         }
         Ok(())
+    }
+
+    /// What is made of a network's word on a candidate: the discriminator's is taken as it is, the outcome network's with what geometry measures.
+    fn believed(&self, candidate: &Candidate, said: f32) -> f32 {
+        match self.settings.recipe.realism {
+            Realism::OutcomeRanks => {
+                Stability::embedded().of(&measures(self.prepared, self.query, candidate, said, &self.settings.fixed)) as f32
+            }
+            _ => said,
+        }
     }
 
     /// The probability of each goal term as asked, from one relation vector per anchor.

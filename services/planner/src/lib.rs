@@ -30,6 +30,7 @@ pub mod scene_settings;
 pub mod search;
 pub mod settings;
 pub mod shape;
+pub mod stability;
 pub mod standing;
 pub mod surrogate;
 pub mod unseen;

@@ -33,9 +33,6 @@ pub enum TrainError {
         /// What does not.
         parameter: String,
     },
-    /// A network cannot be calibrated.
-    #[error("calibration: {0}")]
-    Calibration(String),
     /// A tensor operation failed.
     #[error("tensors: {0}")]
     Tensors(#[from] candle_core::Error),

@@ -6,7 +6,6 @@
 //! steps or its minutes with weights written, and the learning [`curve`] beside them. A process that trains should start with [`ONE_THREAD_VARIABLES`] set to 1.
 
 pub mod adam;
-pub mod calibration;
 mod checkpoint;
 mod confusion;
 pub mod curve;

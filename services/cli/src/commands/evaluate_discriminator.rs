@@ -4,11 +4,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 use comfy_table::Table;
-use repose_evaluation::discriminator_table::{Correlation, OUTLIER_M, Trial};
+use repose_evaluation::discriminator_table::{Correlation, Forecaster, OUTLIER_M, Trial};
 use repose_evaluation::svg::{Points, reliability, scatter};
 use repose_evaluation::{DiscriminatorSettings, DiscriminatorTable, evaluate_discriminator, paper};
 use repose_proto::place::Variant;
-use repose_proto::scoring::RealismBy;
 use serde_json::{Value, json};
 
 use crate::args::parse_variant;
@@ -96,7 +95,7 @@ fn document(table: &DiscriminatorTable, split: &str, weights_hash: &str) -> Valu
         .collect();
     let main = table.rows.first();
     // The contract's figures are of the network that the main variant goes by; both are in `random`.
-    let random = table.random.iter().find(|row| row.by == main_judge(table)).or(table.random.first());
+    let random = table.random.iter().find(|row| row.by == main_forecaster(table)).or(table.random.first());
     json!({
         "scenes": table.scenes,
         "variant": main.map(|row| row.variant),
@@ -120,20 +119,18 @@ fn document(table: &DiscriminatorTable, split: &str, weights_hash: &str) -> Valu
 }
 
 /// Who says how realistic the main variant's placements are.
-fn main_judge(table: &DiscriminatorTable) -> RealismBy {
-    match table.rows.first().map(|row| row.variant) {
-        Some(Variant::Best) => RealismBy::Outcome,
-        _ => RealismBy::Discriminator,
-    }
+fn main_forecaster(table: &DiscriminatorTable) -> Forecaster {
+    table.rows.first().map_or(Forecaster::Discriminator, |row| Forecaster::of(row.variant))
 }
 
 /// Realism against distance moved: random samples first, so that placements lie over them.
 fn plot(table: &DiscriminatorTable) -> Result<String, Failure> {
-    let judge = main_judge(table);
-    let said = |t: &Trial| t.outcome.filter(|_| judge == RealismBy::Outcome).unwrap_or(t.realism);
+    let by = main_forecaster(table);
+    // A placement carries what its answer said.
+    let said = |t: &Trial| if t.variant.is_none() { by.said(t) } else { Some(t.realism) };
     let of = |keep: &dyn Fn(&Trial) -> bool| -> Vec<(f64, f64)> {
         let kept = table.trials.iter().filter(|t| keep(t) && t.judged.moved_m < OUTLIER_M);
-        kept.map(|t| (t.judged.moved_m, said(t))).collect()
+        kept.filter_map(|t| Some((t.judged.moved_m, said(t)?))).collect()
     };
     let random = Points { name: "random prior samples", points: of(&|t| t.variant.is_none()) };
     let planned =
@@ -160,8 +157,9 @@ fn text_of(table: &DiscriminatorTable) -> String {
     text.add_row(["random: stable".to_owned(), table.random_stable.to_string(), "-".to_owned()]);
     for row in &table.random {
         let by = match row.by {
-            RealismBy::Discriminator => "discriminator",
-            RealismBy::Outcome => "outcome network",
+            Forecaster::Discriminator => "discriminator",
+            Forecaster::Outcome => "outcome network",
+            Forecaster::Best => "best (outcome network and geometry)",
         };
         text.add_row([format!("random, {by}: r"), correlation_text(&row.all), "-".to_owned()]);
         text.add_row([format!("random, {by}: r, one a scene"), correlation_text(&row.one_a_scene), papers(paper::RANDOM_R)]);

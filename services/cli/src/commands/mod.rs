@@ -29,5 +29,6 @@ pub mod score;
 pub mod segment;
 pub mod serve;
 pub mod train;
+pub mod train_stability;
 pub mod up;
 pub mod weights;

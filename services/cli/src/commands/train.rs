@@ -8,8 +8,11 @@ use crate::output::Output;
 
 /// Runs the command.
 pub fn run(args: &TrainArgs, output: Output) -> Outcome {
+    if args.network == super::train_stability::NAME {
+        return super::train_stability::run(args, output);
+    }
     let part = Part::parse(&args.network).ok_or_else(|| {
-        Failure::bad_input("network", format!("expected joint, relations, discriminator or outcome, got {:?}", args.network))
+        Failure::bad_input("network", format!("expected joint, relations, discriminator, outcome or stability, got {:?}", args.network))
     })?;
     let relations = RelationsVariant::parse(&args.relations)
         .ok_or_else(|| Failure::bad_input("relations", format!("expected measured or paper, got {:?}", args.relations)))?;

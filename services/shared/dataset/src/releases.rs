@@ -29,6 +29,8 @@ use crate::{
 
 /// The folder of outcomes within a folder of views.
 pub const RELEASES_FOLDER: &str = "releases";
+/// How names of files of proposals begin.
+const PROPOSALS: &str = "proposals_";
 /// This version of the format.
 const RELEASES_FORMAT: &str = "repose-releases-1";
 
@@ -92,7 +94,7 @@ pub fn releases_path(folder: &Path, first_scene: u64, scenes: u64) -> PathBuf {
 
 /// The same for places that the prior and the planner proposed.
 pub fn proposals_path(folder: &Path, first_scene: u64, scenes: u64) -> PathBuf {
-    folder.join(RELEASES_FOLDER).join(format!("proposals_{first_scene:06}_{scenes}.safetensors"))
+    folder.join(RELEASES_FOLDER).join(format!("{PROPOSALS}{first_scene:06}_{scenes}.safetensors"))
 }
 
 /// All outcomes under a folder of views, in the order of the files' names; none where there is no such folder.
@@ -100,12 +102,26 @@ pub fn proposals_path(folder: &Path, first_scene: u64, scenes: u64) -> PathBuf {
 /// # Errors
 /// [`ReadError`] when a file cannot be read or does not hold what the format says.
 pub fn read_releases(folder: &Path) -> Result<Vec<ReleaseRecord>, ReadError> {
+    read_named(folder, "")
+}
+
+/// The same of places that the prior and the planner proposed, alone.
+///
+/// # Errors
+/// As [`read_releases`].
+pub fn read_proposals(folder: &Path) -> Result<Vec<ReleaseRecord>, ReadError> {
+    read_named(folder, PROPOSALS)
+}
+
+/// The outcomes in files whose names begin so.
+fn read_named(folder: &Path, beginning: &str) -> Result<Vec<ReleaseRecord>, ReadError> {
     let folder = folder.join(RELEASES_FOLDER);
     if !folder.is_dir() {
         return Ok(Vec::new());
     }
+    let begins = |path: &Path| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(beginning));
     let mut all = Vec::new();
-    for path in shard_paths(&folder)? {
+    for path in shard_paths(&folder)?.into_iter().filter(|path| begins(path)) {
         let bytes = std::fs::read(&path).map_err(|source| ReadError::Io { path: path.clone(), source })?;
         all.extend(parsed(&path, &bytes)?);
     }
