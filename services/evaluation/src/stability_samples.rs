@@ -26,10 +26,8 @@ pub fn stability_samples(problem: &Problem, engine: &Engine, releases: &[Release
     let scene = Arc::new(problem.observed.clone());
     let models = OneScene::new(engine, scene.clone());
     let prepared = Prepared::with_id(scene, models.scene_id().to_owned());
-    let tried: Vec<(Candidate, bool)> = releases
-        .iter()
-        .filter_map(|release| Some((candidate_of(problem, release)?, f64::from(release.moved_m) < STABLE_M)))
-        .collect();
+    let tried: Vec<(Candidate, bool)> =
+        releases.iter().filter_map(|release| Some((candidate_of(problem, release)?, f64::from(release.moved_m) < STABLE_M))).collect();
     let said = said_of(problem, &models, RealismBy::Outcome, tried.iter().map(|(candidate, _)| candidate.row()).collect())?;
     let Some(of) = measured(problem, &prepared) else { return Ok(Vec::new()) };
     let samples = tried.iter().zip(said).map(|((candidate, stable), outcome)| Sample { measures: of(candidate, outcome), stable: *stable });

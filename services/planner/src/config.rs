@@ -1,11 +1,15 @@
 //! The service's configuration, section `[planner]`.
 
+use std::path::PathBuf;
+
 use serde::Deserialize;
 
 /// Configuration of a planner worker. Unknown fields are refused.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PlannerConfig {
+    /// A file of `repose train --network stability` in place of the one that comes with the program: to go with weights of one's own.
+    pub stability: Option<PathBuf>,
     /// Threads that search; each has one request and waits while inference scores. Raising it keeps inference busier; results do not
     /// depend on it.
     pub threads: usize,
@@ -22,7 +26,7 @@ pub struct PlannerConfig {
 
 impl Default for PlannerConfig {
     fn default() -> Self {
-        Self { threads: 4, queue_capacity: 64, scenes: 8, scene_timeout_ms: 2000, reply_reserve_ms: 60 }
+        Self { stability: None, threads: 4, queue_capacity: 64, scenes: 8, scene_timeout_ms: 2000, reply_reserve_ms: 60 }
     }
 }
 

@@ -14,6 +14,7 @@ use repose_runtime::{Call, CallOptions, Caller, Handler, load_of};
 use crate::config::PlannerConfig;
 use crate::remote_models::RemoteModels;
 use crate::scene_cache::CachedScene;
+use crate::stability::Stability;
 use crate::worker::Worker;
 
 /// Answers `place`.
@@ -22,12 +23,13 @@ pub struct Endpoints {
     perception: Caller,
     inference: Caller,
     scene_timeout: Duration,
+    stability: Arc<Stability>,
 }
 
 impl Endpoints {
     /// Answers from what a worker computes, with scenes from perception and scores from inference.
-    pub fn new(worker: Arc<Worker>, perception: Caller, inference: Caller, config: &PlannerConfig) -> Self {
-        Self { worker, perception, inference, scene_timeout: Duration::from_millis(config.scene_timeout_ms) }
+    pub fn new(worker: Arc<Worker>, perception: Caller, inference: Caller, stability: Arc<Stability>, config: &PlannerConfig) -> Self {
+        Self { worker, perception, inference, stability, scene_timeout: Duration::from_millis(config.scene_timeout_ms) }
     }
 
     async fn place(&self, call: &Call) -> Result<Payload, CallError> {
@@ -39,7 +41,7 @@ impl Endpoints {
             Some(scene) => self.keep(request.scene.scene_id.clone(), scene).await?,
             None => self.scene(&request.scene.scene_id, call).await?,
         };
-        let models = RemoteModels::new(self.inference.clone(), tokio::runtime::Handle::current(), call.clone());
+        let models = RemoteModels::new(self.inference.clone(), tokio::runtime::Handle::current(), call.clone(), self.stability.clone());
         let reporting = call.clone();
         let progress = move |done| match Payload::json(&done) {
             Ok(payload) => reporting.progress(payload),

@@ -20,7 +20,7 @@ use crate::prepared::Prepared;
 use crate::query::Query;
 use crate::rules::Rules;
 use crate::settings::{GoalBy, Realism, Settings};
-use crate::stability::{Stability, measures};
+use crate::stability::measures;
 use crate::unseen::unseen_share;
 
 /// Which weights and kernel answered.
@@ -370,7 +370,7 @@ impl<'a> Judge<'a> {
     fn believed(&self, candidate: &Candidate, said: f32) -> f32 {
         match self.settings.recipe.realism {
             Realism::OutcomeRanks => {
-                Stability::embedded().of(&measures(self.prepared, self.query, candidate, said, &self.settings.fixed)) as f32
+                self.models.stability().of(&measures(self.prepared, self.query, candidate, said, &self.settings.fixed)) as f32
             }
             _ => said,
         }

@@ -54,15 +54,48 @@ pub use models::{Models, NoModels};
 pub use plan::{Report, Step, plan, plan_with_report};
 pub use prepared::Prepared;
 pub use search::Stop;
+use stability::Stability;
 
 /// Runs a planner worker until `shutdown`, then drains it.
 ///
 /// # Errors
-/// When the network or the operating system refuses.
+/// When the configuration names a file that is none, and when the network or the operating system refuses.
 pub async fn run(session: Session, config: PlannerConfig, shutdown: Shutdown) -> Result<(), RuntimeError> {
+    let stability = Arc::new(stability_of(&config)?);
     let worker = Arc::new(worker::Worker::start(&config)?);
     let perception = session.caller(Service::Perception).await?;
     let inference = session.caller(Service::Inference).await?;
-    let endpoints = Arc::new(endpoints::Endpoints::new(worker, perception, inference, &config));
+    let endpoints = Arc::new(endpoints::Endpoints::new(worker, perception, inference, stability, &config));
     session.serve(Service::Planner, endpoints, shutdown).await
+}
+
+/// The regression that the configuration names, or the one that comes with the program.
+fn stability_of(config: &PlannerConfig) -> Result<Stability, RuntimeError> {
+    let Some(path) = &config.stability else { return Ok(Stability::embedded().clone()) };
+    let bad = |e: &dyn std::fmt::Display| RuntimeError::Config {
+        section: "planner".to_owned(),
+        file: None,
+        message: format!("stability: {}: {e}", path.display()),
+    };
+    let text = std::fs::read_to_string(path).map_err(|e| bad(&e))?;
+    Stability::from_json(&text).map_err(|e| bad(&e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stability_file_that_is_none_is_refused_by_name() {
+        let folder = std::env::temp_dir().join(format!("repose-stability-{}", std::process::id()));
+        let at = |path: &std::path::Path| PlannerConfig { stability: Some(path.to_owned()), ..PlannerConfig::default() };
+        let refused = |config: &PlannerConfig| stability_of(config).unwrap_err().to_string();
+        assert!(refused(&at(&folder)).contains("stability"), "a missing file");
+        std::fs::write(&folder, "{}").unwrap();
+        assert!(refused(&at(&folder)).contains("[planner]"), "another file");
+        std::fs::write(&folder, serde_json::to_string(Stability::embedded()).unwrap()).unwrap();
+        assert_eq!(stability_of(&at(&folder)).unwrap(), *Stability::embedded());
+        std::fs::remove_file(&folder).unwrap();
+        assert_eq!(stability_of(&PlannerConfig::default()).unwrap(), *Stability::embedded());
+    }
 }

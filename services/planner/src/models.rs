@@ -6,6 +6,8 @@ use repose_proto::CallError;
 use repose_proto::Scene;
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 
+use crate::stability::Stability;
+
 /// The learned prior, relation predictor and discriminator. Synchronous: the planner's compute threads own the search and wait.
 ///
 /// All replies to one request must come from the same weights and kernel.
@@ -21,6 +23,11 @@ pub trait Models: Send + Sync {
     /// # Errors
     /// What inference answers.
     fn score(&self, request: &ScoreRequest, scene: &Arc<Scene>) -> Result<ScoreReply, CallError>;
+
+    /// What the outcome network's word and geometry together say of a place: the one that comes with the program, unless said otherwise.
+    fn stability(&self) -> &Stability {
+        Stability::embedded()
+    }
 }
 
 /// No models: enough for [`Variant::Geometric`](repose_proto::place::Variant::Geometric), an error for every other variant.

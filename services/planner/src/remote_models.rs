@@ -14,19 +14,21 @@ use tokio::runtime::Handle;
 
 use crate::judge::Provenance;
 use crate::models::Models;
+use crate::stability::Stability;
 
 /// The models of one placement request.
 pub struct RemoteModels {
     inference: Caller,
     runtime: Handle,
     call: Call,
+    stability: Arc<Stability>,
     pinned: Mutex<Option<Provenance>>,
 }
 
 impl RemoteModels {
     /// Asks `inference` on behalf of a call, within its deadline. `runtime` carries the messages while compute threads wait.
-    pub fn new(inference: Caller, runtime: Handle, call: Call) -> Self {
-        Self { inference, runtime, call, pinned: Mutex::default() }
+    pub fn new(inference: Caller, runtime: Handle, call: Call, stability: Arc<Stability>) -> Self {
+        Self { inference, runtime, call, stability, pinned: Mutex::default() }
     }
 
     /// Asks with the scene's id, and with the whole scene when the worker lacks it.
@@ -75,5 +77,9 @@ impl Models for RemoteModels {
         let reply = ScoreReply::from_bulk(&payload.decode_bulk(ScoreReply::SCHEMA)?)?;
         self.pin(&reply.weights_hash, &reply.kernel);
         Ok(reply)
+    }
+
+    fn stability(&self) -> &Stability {
+        &self.stability
     }
 }

@@ -68,7 +68,8 @@ pub fn measures(prepared: &Prepared, query: &Query, candidate: &Candidate, outco
     let ground = Ground { prepared, query, settings: &fixed.support };
     let bottom_m = query.bottom_of(candidate.centroid_m[2]);
     // How far it falls onto what is under it; below zero, how deep it is in that. What is higher above its bottom than `up_m` is beside it.
-    let drop_m = |up_m: f32| ground.rest_m(candidate, bottom_m + up_m).map_or(FAR_M, |rest_m| bottom_m - (rest_m - fixed.support.release_m));
+    let drop_m =
+        |up_m: f32| ground.rest_m(candidate, bottom_m + up_m).map_or(FAR_M, |rest_m| bottom_m - (rest_m - fixed.support.release_m));
     let [near_m, drop_m, above_m] = [0.01, 0.03, 0.08].map(drop_m);
     let at = |lower_by_m: f32| {
         let mut at = *candidate;
@@ -231,7 +232,8 @@ impl Stability {
             let (total, mean) = (slope.sum().max(1e-12), weighted.row_sum_tr());
             let curvature = rows.tr_mul(&weighted) - &mean * mean.transpose() / total + DMatrix::identity(TERMS, TERMS) * RIDGE;
             let gradient = rows.tr_mul(&error) + &w * RIDGE - &mean * (error.sum() / total);
-            let step = curvature.cholesky().ok_or_else(|| NoFit("the releases do not tell the measures apart".to_owned()))?.solve(&gradient);
+            let step =
+                curvature.cholesky().ok_or_else(|| NoFit("the releases do not tell the measures apart".to_owned()))?.solve(&gradient);
             bias -= (error.sum() - mean.dot(&step)) / total;
             w -= &step;
             if step.amax() < 1e-7 {
@@ -291,7 +293,9 @@ mod tests {
         };
         let stands = stays(0.25, 0.0, 0.004);
         assert!(stands > 0.8, "{stands}");
-        for (other, what) in [(stays(0.25, 0.0, 0.12), "hangs"), (stays(0.0, 0.1, 0.05), "is in the box"), (stays(0.5, 0.0, 0.004), "overhangs")] {
+        for (other, what) in
+            [(stays(0.25, 0.0, 0.12), "hangs"), (stays(0.0, 0.1, 0.05), "is in the box"), (stays(0.5, 0.0, 0.004), "overhangs")]
+        {
             assert!(other < stands - 0.2, "{what}: {other}, standing {stands}");
         }
     }
