@@ -249,15 +249,21 @@ fn several_answers_are_ranked_with_what_the_networks_say_of_each() {
 }
 
 #[test]
-fn what_no_network_believes_is_no_answer_though_geometry_would_have_it() {
+fn what_is_believed_less_than_asked_is_no_answer_though_geometry_would_have_it() {
     let prepared = scene();
     let mut fake = Fake::new(&[BESIDE]);
+    let mut wanted = request(&prepared, Variant::Best, &["right_of:1"]);
+    let believed = run(&prepared, &wanted, &fake);
+    assert_eq!((believed.outcome, believed.thresholds.realism), (Outcome::Found, Some(0.05)));
+    // The network doubts all of it now; what geometry measures still speaks for it.
     fake.real_height_m = 0.4;
-    let wanted = request(&prepared, Variant::Best, &["right_of:1"]);
+    let doubted = run(&prepared, &wanted, &fake);
+    assert_eq!(doubted.outcome, Outcome::Found);
+    assert!(doubted.placements[0].realism < believed.placements[0].realism - 0.05, "{doubted:?}");
+    wanted.thresholds.realism = Some((doubted.placements[0].realism + believed.placements[0].realism) / 2.0);
     let result = run(&prepared, &wanted, &fake);
     assert_eq!((result.outcome, result.placements.len()), (Outcome::None, 0));
     assert!(result.rejections[&Rejection::Unrealistic] > 5, "{:?}", result.rejections);
-    assert_eq!(result.thresholds.realism, Some(0.05));
     let geometric = run(&prepared, &PlaceRequest { variant: Variant::Geometric, ..wanted }, &fake);
     assert_eq!(geometric.outcome, Outcome::Found);
 }
