@@ -296,7 +296,7 @@ pub struct TrainArgs {
     /// Which networks: joint (encoders, relation predictor and prior), relations (the predictor alone, on the encoders of `--start`), discriminator,
     /// or outcome (the discriminator's layers on what simulated releases came to; needs `generate --releases`). The others keep the weights of
     /// `--start`. And stability: what `best` makes of the outcome network of `--start` with what geometry measures, a JSON file; needs the data
-    /// of `generate --proposals`, made with its other settings as they are by default.
+    /// of `generate --proposals`, made with its other settings as they are by default (`--steps` then limits the scenes).
     #[arg(long)]
     pub network: String,
     /// Which relation predictor `joint` and `relations` fit: measured (reads what can be measured of the pair beside the codes) or paper.

@@ -22,42 +22,44 @@ use crate::unseen::unseen_share;
 pub const COUNT: usize = 30;
 /// What is measured, in order.
 pub const MEASURES: [&str; COUNT] = [
-    "network",
-    "network_sure",
-    "drop_from_near",
-    "drop",
-    "drop_far",
-    "sunk",
-    "drop_from_above",
-    "drop_from_above_far",
-    "sunk_from_above",
-    "margin",
-    "beyond_edge",
-    "seen",
-    "carried",
-    "on_object",
-    "colliding",
-    "collides",
-    "colliding_settled",
+    "network",             // the outcome network's logit
+    "network_sure",        // its probability, squared
+    "drop_from_near",      // fall onto what reaches less than 1 cm into it
+    "drop",                // … 3 cm
+    "drop_far",            // whether that is farther than a stable object may move
+    "sunk",                // how deep it is in that
+    "drop_from_above",     // fall onto what reaches less than 8 cm into it
+    "drop_from_above_far", // whether that is too far
+    "sunk_from_above",     // how deep it is in that
+    "margin",              // let down: its axis inside the edge of what carries it
+    "beyond_edge",         // … or beyond it
+    "seen",                // share of its base seen to be carried
+    "carried",             // … or believed to be
+    "on_object",           // whether an object carries it
+    "colliding",           // share of its cells that something fills, as it is
+    "collides",            // whether any
+    "colliding_settled",   // the same, let down
     "collides_settled",
-    "colliding_lifted",
-    "clearance",
-    "rim",
-    "unseen",
-    "doubtful",
-    "unhidden",
-    "height",
-    "base",
-    "slenderness",
-    "back_unknown",
-    "points",
-    "in_picture",
+    "colliding_lifted", // the same, a hair above that
+    "clearance",        // distance from everything else
+    "rim",              // share of the band around its base that is carried
+    "unseen",           // share of its volume in space that was not seen
+    "doubtful",         // what fills where its unseen back may reach
+    "unhidden",         // share of its points that would be seen
+    "height",           // its height
+    "base",             // how far inside its base its axis is
+    "slenderness",      // the one over the other
+    "back_unknown",     // how far its back is a guess
+    "points",           // how many points of it were seen
+    "in_picture",       // share of its points in the picture
 ];
 /// Terms of the regression: every measure, and every product of two, squares too.
 const TERMS: usize = COUNT + COUNT * (COUNT + 1) / 2;
 
 /// The regression that comes with the program.
 const EMBEDDED: &str = include_str!("../weights/stability.json");
+/// A fall that is far, metres.
+const FAR_M: f32 = 0.1;
 /// Ridge on standardised terms. There are hundreds of them, each of which says little.
 const RIDGE: f64 = 100.0;
 /// Newton's steps; it settles in about eight.
@@ -126,9 +128,6 @@ pub fn measures(prepared: &Prepared, query: &Query, candidate: &Candidate, outco
 fn terms(measures: &[f64; COUNT]) -> impl Iterator<Item = f64> + '_ {
     measures.iter().copied().chain((0..COUNT).flat_map(move |i| (i..COUNT).map(move |j| measures[i] * measures[j])))
 }
-
-/// A fall that is far, metres.
-const FAR_M: f32 = 0.1;
 
 /// A release to learn from.
 #[derive(Debug, Clone, PartialEq)]
@@ -222,6 +221,8 @@ impl Stability {
             term.apply(|x| *x = (*x - mean) / scale);
             moments.push((mean, scale));
         }
+        // A product with this is several times faster than one with `rows` turned as it goes.
+        let columns = rows.transpose();
         let (mut w, mut bias) = (DVector::<f64>::zeros(TERMS), (stable as f64 / (n - stable) as f64).ln());
         for _ in 0..STEPS {
             let p = (&rows * &w).map(|x| 1.0 / (1.0 + (-x - bias).exp()));
@@ -230,8 +231,8 @@ impl Stability {
             // Newton's step, the bias eliminated first: it has no ridge.
             let weighted = DMatrix::from_fn(n, TERMS, |i, j| rows[(i, j)] * slope[i]);
             let (total, mean) = (slope.sum().max(1e-12), weighted.row_sum_tr());
-            let curvature = rows.tr_mul(&weighted) - &mean * mean.transpose() / total + DMatrix::identity(TERMS, TERMS) * RIDGE;
-            let gradient = rows.tr_mul(&error) + &w * RIDGE - &mean * (error.sum() / total);
+            let curvature = &columns * &weighted - &mean * mean.transpose() / total + DMatrix::identity(TERMS, TERMS) * RIDGE;
+            let gradient = &columns * &error + &w * RIDGE - &mean * (error.sum() / total);
             let step =
                 curvature.cholesky().ok_or_else(|| NoFit("the releases do not tell the measures apart".to_owned()))?.solve(&gradient);
             bias -= (error.sum() - mean.dot(&step)) / total;
@@ -258,7 +259,7 @@ mod tests {
     fn a_fit_finds_the_probabilities_that_made_the_releases() {
         let mut rng = Pcg64::seed_from_u64(4);
         let logit = |m: &[f64]| 2.0 * m[0] - 3.0 * m[7] * m[9] + 0.5;
-        let samples: Vec<Sample> = (0..8000)
+        let samples: Vec<Sample> = (0..5000)
             .map(|_| {
                 let measures = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
                 Sample { measures, stable: rng.random_bool(1.0 / (1.0 + (-logit(&measures)).exp())) }
@@ -281,6 +282,26 @@ mod tests {
         let text = serde_json::to_string(Stability::embedded()).unwrap();
         assert!(Stability::from_json(&text.replace("rim", "brim")).is_err());
         assert!(Stability::from_json("{}").is_err());
+    }
+
+    #[test]
+    fn what_is_measured_is_what_it_is_called() {
+        let prepared = Builder::table().object(1, [0.0, 0.1], [0.15, 0.15, 0.1]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.08]).prepared();
+        let fixed = Fixed::default();
+        let query = Query::new(&prepared, 2, 0.0, &fixed).unwrap();
+        let of = |name: &str, x: f32, y: f32, bottom_m: f32| {
+            let measured = measures(&prepared, &query, &standing_at(&query, x, y, bottom_m), 0.5, &fixed);
+            measured[MEASURES.iter().position(|m| *m == name).unwrap()]
+        };
+        assert_eq!(of("network", 0.25, 0.0, 0.004), 0.0);
+        assert!((of("drop", 0.25, 0.0, 0.05) - 0.5).abs() < 0.05 && of("sunk", 0.25, 0.0, 0.05) == 0.0);
+        assert!(of("drop_far", 0.25, 0.0, 0.05) > 0.5 && of("drop_far", 0.25, 0.0, 0.02) == 0.0);
+        assert!(of("sunk", 0.25, 0.0, -0.02) > 0.4 && of("drop", 0.25, 0.0, -0.02) == 0.0);
+        assert_eq!((of("collides", 0.0, 0.1, 0.05), of("collides", 0.25, 0.0, 0.004)), (1.0, 0.0));
+        assert_eq!((of("beyond_edge", 0.55, 0.0, 0.004), of("beyond_edge", 0.25, 0.0, 0.004)), (1.0, 0.0));
+        assert_eq!((of("on_object", 0.0, 0.1, 0.104), of("on_object", 0.25, 0.0, 0.004)), (1.0, 0.0));
+        assert!((of("height", 0.25, 0.0, 0.004) - 0.4).abs() < 0.03);
+        assert!(of("seen", 0.25, 0.0, 0.004) > 0.9 && of("in_picture", 0.25, 0.0, 0.004) > 0.9);
     }
 
     #[test]
