@@ -225,7 +225,9 @@ mod tests {
             let arm = ArmSettings { world_from_base: Frame::of(&Isometry3::new(Vector3::new(0.1, -0.05, 0.02), Vector3::z() * 0.4)), ..ArmSettings::default() };
             let held = held.then_some(&bottle);
             let exact = CollisionChecker::new(arm, &obstacles, held);
-            let wider = CollisionChecker::new(ArmSettings { padding_m: arm.padding_m + 1e-4, ..arm }, &obstacles, held);
+            // Padding is the arm's; what is held has a radius of its own to widen.
+            let swollen = held.map(|h| HeldObject { radius_m: h.radius_m + 1e-4, ..h.clone() });
+            let wider = CollisionChecker::new(ArmSettings { padding_m: arm.padding_m + 1e-4, ..arm }, &obstacles, swollen.as_ref());
             for set in InstructionSet::available() {
                 let free = CollisionChecker::new(arm, &obstacles, held).with_instruction_set(set).are_free(&many);
                 for (q, free) in many.iter().zip(free) {
