@@ -62,18 +62,7 @@ pub fn run(args: &BenchPlannerArgs, output: Output) -> Outcome {
         })?;
     }
     let services = services.into_inner();
-    let document = json!({
-        "p50_ms": best.p50_ms, "p99_ms": best.p99_ms,
-        "concurrent_speedup": services.map(|s| s.concurrent_speedup),
-        "messages_share": services.map(|s| s.messages_share),
-        "best": best.json(), "full": full.as_ref().map(Times::json),
-        "services": services.map(|s| json!({
-            "requests": args.requests, "sequence_p50_ms": s.sequence_p50_ms, "sequence_per_s": s.sequence_per_s, "concurrent_per_s": s.concurrent_per_s,
-            "busy_in_sequence": s.busy_in_sequence, "busy_at_once": s.busy_at_once,
-            "messages_p50_ms": s.messages_p50_ms, "beyond_this_process_p50_ms": s.beyond_p50_ms,
-        })),
-        "scenes": wishes.len(), "threads": std::thread::available_parallelism().map_or(1, usize::from),
-    });
+    let document = document(&best, full.as_ref(), services, args.requests, wishes.len());
     output.print(&document, || {
         let mut lines = vec![format!("best: {}", best.text())];
         lines.extend(full.as_ref().map(|f| format!("full: {}", f.text())));
@@ -88,12 +77,28 @@ pub fn run(args: &BenchPlannerArgs, output: Output) -> Outcome {
                 args.requests,
                 busy(s.busy_at_once),
                 s.concurrent_speedup,
-                s.messages_p50_ms,
-                s.messages_share * 100.0,
+                s.transport_p50_ms,
+                s.transport_share * 100.0,
                 s.beyond_p50_ms
             )
         }));
         lines.join("\n")
+    })
+}
+
+/// What is printed as JSON.
+fn document(best: &Times, full: Option<&Times>, services: Option<ThroughServices>, requests: usize, scenes: usize) -> serde_json::Value {
+    json!({
+        "p50_ms": best.p50_ms, "p99_ms": best.p99_ms,
+        "concurrent_speedup": services.map(|s| s.concurrent_speedup),
+        "transport_share": services.map(|s| s.transport_share),
+        "best": best.json(), "full": full.map(Times::json),
+        "services": services.map(|s| json!({
+            "requests": requests, "sequence_p50_ms": s.sequence_p50_ms, "sequence_per_s": s.sequence_per_s, "concurrent_per_s": s.concurrent_per_s,
+            "busy_in_sequence": s.busy_in_sequence, "busy_at_once": s.busy_at_once,
+            "transport_p50_ms": s.transport_p50_ms, "beyond_this_process_p50_ms": s.beyond_p50_ms,
+        })),
+        "scenes": scenes, "threads": std::thread::available_parallelism().map_or(1, usize::from),
     })
 }
 
@@ -247,8 +252,8 @@ struct ThroughServices {
     busy_at_once: Option<f64>,
     /// Time that a placement in sequence spends neither in its search nor in the networks: encoding, the network, decoding, and being handed
     /// from thread to thread at either end; milliseconds (median), and as a share of all of it (of the sums).
-    messages_p50_ms: f64,
-    messages_share: f64,
+    transport_p50_ms: f64,
+    transport_share: f64,
     /// What a placement through the services takes longer than in this process, milliseconds (the median over pairs: negative where other
     /// work on the machine hides it): the messages, and that its work is spread over processes which find the caches cold.
     beyond_p50_ms: f64,
@@ -307,7 +312,7 @@ async fn through_services(wishes: &[Wish], requests: usize, models: &EmbeddedMod
 
     let sum = |of: fn(&Asked) -> f64| sequence.iter().map(of).sum::<f64>();
     let sequence_per_s = requests as f64 / (sum(|a| a.total_ms) / 1e3);
-    let messages_share = sum(|a| a.messages_ms) / sum(|a| a.total_ms);
+    let transport_share = sum(|a| a.transport_ms) / sum(|a| a.total_ms);
     let median = |mut times: Vec<f64>| {
         times.sort_by(f64::total_cmp);
         at(&times, 0.5)
@@ -319,8 +324,8 @@ async fn through_services(wishes: &[Wish], requests: usize, models: &EmbeddedMod
         concurrent_speedup: concurrent_per_s / sequence_per_s,
         busy_in_sequence,
         busy_at_once,
-        messages_p50_ms: median(sequence.iter().map(|a| a.messages_ms).collect()),
-        messages_share,
+        transport_p50_ms: median(sequence.iter().map(|a| a.transport_ms).collect()),
+        transport_share,
         beyond_p50_ms: median(beyond_ms),
     })
 }
@@ -330,7 +335,7 @@ async fn through_services(wishes: &[Wish], requests: usize, models: &EmbeddedMod
 struct Asked {
     total_ms: f64,
     /// What is left of it without the search and the networks.
-    messages_ms: f64,
+    transport_ms: f64,
 }
 
 /// Asks for a placement.
@@ -340,7 +345,7 @@ async fn ask(planner: &Caller, request: &PlaceRequest, scene: &Scene) -> Result<
     let total_ms = begin.elapsed().as_secs_f64() * 1e3;
     // The search waits for `inference`, of which `networks` was spent in them.
     let stage = |name: &str| answer.timing_ms.get(name).copied().unwrap_or(0.0);
-    Ok(Asked { total_ms, messages_ms: total_ms - stage("search") + stage("inference") - stage("networks") })
+    Ok(Asked { total_ms, transport_ms: total_ms - stage("search") + stage("inference") - stage("networks") })
 }
 
 /// What all cores have done since the machine started, in the system's ticks.
@@ -378,5 +383,20 @@ mod tests {
         assert!(times.p50_ms > 0.0 && times.p99_ms >= times.p50_ms && (0.0..=1.0).contains(&times.networks), "{times:?}");
         let geometric = timed(&wishes, Variant::Geometric, 1, &models).unwrap_or_else(|e| panic!("{e:?}"));
         assert_eq!((geometric.scored, geometric.networks), (0.0, 0.0));
+        let services = ThroughServices {
+            sequence_p50_ms: 100.0,
+            sequence_per_s: 10.0,
+            concurrent_per_s: 15.0,
+            concurrent_speedup: 1.5,
+            busy_in_sequence: None,
+            busy_at_once: None,
+            transport_p50_ms: 4.0,
+            transport_share: 0.04,
+            beyond_p50_ms: 10.0,
+        };
+        let document = document(&times, None, Some(services), 16, 1);
+        for key in ["p50_ms", "p99_ms", "concurrent_speedup", "transport_share"] {
+            assert!(document[key].is_f64(), "the contract's {key}: {document}");
+        }
     }
 }
