@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use nalgebra::Point3;
 use repose_dataset::ReleaseRecord;
-use repose_geometry::transform::wrap_angle;
 use repose_inference::Engine;
 use repose_planner::candidate::Candidate;
 use repose_planner::query::Query;
@@ -64,5 +63,5 @@ fn candidate_of(problem: &Problem, release: &ReleaseRecord) -> Option<Candidate>
     let object = problem.observed.object(problem.query).filter(|_| release.object == problem.query)?;
     let standing = &problem.truth.objects[problem.index_of(problem.query)?].world_from_object;
     let centroid = release.placed_from_settled(standing) * Point3::from(object.centroid_m);
-    Some(Candidate::new(&centroid, wrap_angle(f64::from(release.yaw_rad))))
+    Some(Candidate::new(&centroid, f64::from(release.yaw_rad)))
 }

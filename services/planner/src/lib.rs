@@ -87,15 +87,15 @@ mod tests {
 
     #[test]
     fn a_stability_file_that_is_none_is_refused_by_name() {
-        let folder = std::env::temp_dir().join(format!("repose-stability-{}", std::process::id()));
-        let at = |path: &std::path::Path| PlannerConfig { stability: Some(path.to_owned()), ..PlannerConfig::default() };
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("stability.json");
+        let named = PlannerConfig { stability: Some(file.clone()), ..PlannerConfig::default() };
         let refused = |config: &PlannerConfig| stability_of(config).unwrap_err().to_string();
-        assert!(refused(&at(&folder)).contains("stability"), "a missing file");
-        std::fs::write(&folder, "{}").unwrap();
-        assert!(refused(&at(&folder)).contains("[planner]"), "another file");
-        std::fs::write(&folder, serde_json::to_string(Stability::embedded()).unwrap()).unwrap();
-        assert_eq!(stability_of(&at(&folder)).unwrap(), *Stability::embedded());
-        std::fs::remove_file(&folder).unwrap();
+        assert!(refused(&named).contains("stability"), "a missing file");
+        std::fs::write(&file, "{}").unwrap();
+        assert!(refused(&named).contains("[planner]"), "another file");
+        std::fs::write(&file, serde_json::to_string(Stability::embedded()).unwrap()).unwrap();
+        assert_eq!(stability_of(&named).unwrap(), *Stability::embedded());
         assert_eq!(stability_of(&PlannerConfig::default()).unwrap(), *Stability::embedded());
     }
 }

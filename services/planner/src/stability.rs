@@ -11,6 +11,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use crate::candidate::Candidate;
+use crate::constraints::view_miss;
 use crate::footing::Ground;
 use crate::obstruction::obstruction;
 use crate::prepared::Prepared;
@@ -82,10 +83,11 @@ pub fn measures(prepared: &Prepared, query: &Query, candidate: &Candidate, outco
     let settled = at(drop_m);
     let footing = ground.footing(&settled);
     let (here, there, lifted) = (in_way(candidate), in_way(&settled), in_way(&at(drop_m - fixed.support.release_m)));
-    let seen = crate::constraints::view_miss(&prepared.view, query, candidate, &fixed.view).0;
+    let (seen, _) = view_miss(&prepared.view, query, candidate, &fixed.view);
     let part = |x_m: f32, most_m: f32| f64::from((x_m / most_m).clamp(0.0, 1.0));
     // From 3 to 6 cm: what falls 5 cm has moved.
     let far = |x_m: f32| part(x_m - 0.03, 0.03);
+    let height_m = query.shape.top_m - query.shape.bottom_m;
     let flag = |yes: bool| f64::from(u8::from(yes));
     let share = |x: f64| (x / 0.3).min(1.0);
     let network = f64::from(outcome).clamp(0.005, 0.995);
@@ -115,9 +117,9 @@ pub fn measures(prepared: &Prepared, query: &Query, candidate: &Candidate, outco
         unseen_share(prepared.scene.meta.unseen.space.as_ref(), query, candidate, &fixed.unseen),
         (10.0 * there.doubtful_share).min(1.0),
         seen.unhidden,
-        part(query.shape.top_m - query.shape.bottom_m, 0.2),
+        part(height_m, 0.2),
         (query.base_margin_m / 0.04).min(1.0),
-        (f64::from(query.shape.top_m - query.shape.bottom_m) / query.base_margin_m.max(0.002) / 10.0).min(1.0),
+        (f64::from(height_m) / query.base_margin_m.max(0.002) / 10.0).min(1.0),
         part(query.shape.doubt.norm(), 0.04),
         (prepared.objects.get(&query.id).map_or(1.0, |o| o.points.len() as f64).max(1.0).ln() / 10.0).min(1.0),
         seen.in_picture,

@@ -7,7 +7,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Point2, Point3, Vector2};
-use repose_geometry::{Footprint, cloud};
+use repose_geometry::{Aabb, Footprint, cloud};
 
 use crate::columns::{Columns, cells_of};
 use crate::prepared::{PreparedObject, SupportPlane};
@@ -34,7 +34,7 @@ impl Seen<'_> {
     /// The height of an object's bottom, world z, metres; `None` for an object without extent.
     pub fn bottom_m(&self, id: u16) -> Option<f32> {
         let (points, settings) = (self.clouds.get(&id)?, self.settings);
-        let robust = cloud::percentile_box(points, 0.02, 0.98)?;
+        let robust = robust_box(points)?;
         let lowest_m = robust.min.z;
         let limit_m = lowest_m + settings.bottom_slack_m;
         let own_m = lowest_m - self.trimmed_m(&robust.center());
@@ -77,7 +77,7 @@ impl Seen<'_> {
     pub fn covered_top_m(&self, id: u16, shapes: &BTreeMap<u16, Shape>) -> Option<f32> {
         let stack = &self.settings.stack;
         let shape = shapes.get(&id)?;
-        let lowest_m = cloud::percentile_box(self.clouds.get(&id)?, 0.02, 0.98)?.min.z;
+        let lowest_m = robust_box(self.clouds.get(&id)?)?.min.z;
         let carriers = shapes.iter().filter(|(other, below)| {
             let height_fits = (lowest_m - stack.covered_m..=lowest_m + stack.below_m).contains(&below.top_m);
             let raised = below.top_m - shape.bottom_m > stack.raised_m;
@@ -200,6 +200,11 @@ impl Seen<'_> {
         let emptiness = if gap_m > stack.hollow_m { through } else { 0 };
         tried > 0 && (others + emptiness) as f32 >= stack.contradicted_share * tried as f32
     }
+}
+
+/// The box around points without the stray ones.
+fn robust_box(points: &[Point3<f32>]) -> Option<Aabb> {
+    cloud::percentile_box(points, 0.02, 0.98)
 }
 
 /// Which objects each object carries, by its id: those that stand on it or in it. Objects that carry nothing are left out.

@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use repose_dataset::{ReleaseRecord, Split, read_proposals};
+use repose_evaluation::correlation::area_under_curve;
 use repose_evaluation::stability_samples::stability_samples;
 use repose_evaluation::{Problem, ProblemSettings};
 use repose_inference::Engine;
 use repose_networks::serving::spread;
 use repose_planner::stability::{FittedOn, Sample, Stability};
 use repose_proto::CallError;
-use repose_simulator::generate::GenerateSettings;
 use serde_json::json;
 
 use crate::args::TrainArgs;
@@ -31,7 +31,7 @@ pub fn run(args: &TrainArgs, output: Output) -> Outcome {
     // As many scenes as steps say, the first ones.
     let scenes: Vec<(u64, Vec<ReleaseRecord>)> = proposals.into_iter().take(args.steps.map_or(usize::MAX, |s| s as usize)).collect();
     let bar = progress_bar(scenes.len() as u64, "scenes measured");
-    let settings = ProblemSettings { scene: GenerateSettings::new(Path::new(""), Split::Train, 1).scene, ..ProblemSettings::default() };
+    let settings = ProblemSettings::default();
     let measured = spread(
         scenes.len(),
         threads(args.threads),
@@ -54,9 +54,7 @@ pub fn run(args: &TrainArgs, output: Output) -> Outcome {
     let fit = |samples: &[Sample]| Stability::fit(samples, fitted_on(samples)).map_err(|e| Failure::bad_input("data", e));
     let (kept, held_out) = (of(&|i| i % HELD_OUT != 0), of(&|i| i % HELD_OUT == 0));
     let tried = fit(&kept)?;
-    let area = |said: &dyn Fn(&Sample) -> f64| {
-        repose_evaluation::correlation::area_under_curve(&held_out.iter().map(|s| (said(s), s.stable)).collect::<Vec<_>>())
-    };
+    let area = |said: &dyn Fn(&Sample) -> f64| area_under_curve(&held_out.iter().map(|s| (said(s), s.stable)).collect::<Vec<_>>());
     let (with_geometry, network) = (area(&|s| tried.of(&s.measures)), area(&|s| s.measures[0]));
     let whole = fit(&of(&|_| true))?;
     let text = serde_json::to_string_pretty(&whole).map_err(Failure::other)?;
