@@ -49,9 +49,10 @@ impl JointLimits {
         std::array::from_fn(|i| joints[i].clamp(self.position_lower_rad[i] + margin_rad, self.position_upper_rad[i] - margin_rad))
     }
 
-    /// The configuration at `fractions` of the way from the lower to the upper limits.
+    /// The configuration at `fractions`, 0 to 1, of the way from the lower to the upper limits; rounding takes it beyond neither.
     pub fn between(&self, fractions: &[f64; JOINT_COUNT]) -> Joints {
-        std::array::from_fn(|i| self.position_lower_rad[i] + fractions[i] * (self.position_upper_rad[i] - self.position_lower_rad[i]))
+        let [low, high] = [&self.position_lower_rad, &self.position_upper_rad];
+        std::array::from_fn(|i| (low[i] + fractions[i] * (high[i] - low[i])).clamp(low[i], high[i]))
     }
 }
 
@@ -65,6 +66,12 @@ mod tests {
         assert!(LIMITS.contains(&READY, 0.1));
         assert_eq!(LIMITS.outside(&[0.0; 7], 0.0), Some(3), "the elbow cannot be straight");
         assert!(LIMITS.contains(&LIMITS.clamped(&[9.0; 7], 0.01), 0.009));
+    }
+
+    #[test]
+    fn the_whole_way_between_the_limits_ends_at_them() {
+        assert_eq!(LIMITS.between(&[0.0; JOINT_COUNT]), LIMITS.position_lower_rad);
+        assert_eq!(LIMITS.between(&[1.0; JOINT_COUNT]), LIMITS.position_upper_rad);
     }
 
     #[test]

@@ -5,6 +5,9 @@
 //! `aₖ = clamp(c, max(a − δk, −δ(n−k)), min(a + δk, δ(n−k)))` with `δ = j·T`: as near to one level `c` as the jerk `j` lets them come from `a`
 //! and get back to 0. A clamp between sequences of slope at most `δ` has that slope itself, so the jerk limit holds exactly, and so does the
 //! acceleration limit where `|c|` keeps it. The sum grows with `c`, which gives `c` for each `n`, and its range grows with `n`.
+//!
+//! That spreads the braking over whole periods. The stop that goes the least way brakes with all that it may and is done earlier, within a
+//! period: `n` is then a real number, `c` the limit, and the sum gives `n`. It is the one that says whether there is room to stop at all.
 
 use crate::{JOINT_COUNT, JointLimits, Joints, LIMITS};
 
@@ -80,7 +83,7 @@ pub struct Stop {
 
 impl Stop {
     /// The stop from a state. All joints stand at the same instant, which keeps the arm near its path, and with a share of the acceleration;
-    /// a joint whose limits leave no room for that stops as fast as it can.
+    /// a joint whose limits leave no room for that stops as hard as it can.
     pub fn new(state: &MotionState, settings: &StopSettings) -> Self {
         let gentle = |i: usize| JointLimit::of(&settings.limits, i).shared(settings.gentle_share);
         let shortest = |i: usize| gentle(i).shortest(&state.joint(i), settings.period_s);
@@ -91,7 +94,7 @@ impl Stop {
             let limit = JointLimit::of(&settings.limits, i);
             gentle
                 .filter(|stop| stop.overrun(joint, &limit, settings.period_s).is_none())
-                .unwrap_or_else(|| limit.shortest(&joint, settings.period_s))
+                .unwrap_or_else(|| limit.hardest(&joint, settings.period_s))
         });
         Self { state: *state, joints, period_s: settings.period_s }
     }
@@ -109,14 +112,14 @@ impl Stop {
     }
 }
 
-/// The joint and the limit that even the fastest stop from a state would exceed; none if the arm can come to rest within all limits.
+/// The joint and the limit that even the hardest stop from a state would exceed; none if the arm can come to rest within all limits.
 pub fn overrun(state: &MotionState, limits: &JointLimits, period_s: f64) -> Option<(usize, OverrunLimit)> {
     (0..JOINT_COUNT).find_map(|i| {
         let (joint, limit) = (state.joint(i), JointLimit::of(limits, i));
         if limit.has_room(&joint, period_s) {
             return None;
         }
-        limit.shortest(&joint, period_s).overrun(joint, &limit, period_s).map(|overrun| (i, overrun))
+        limit.hardest(&joint, period_s).overrun(joint, &limit, period_s).map(|overrun| (i, overrun))
     })
 }
 
@@ -180,34 +183,38 @@ impl JointLimit {
         }
     }
 
+    /// The stop that goes the least way before it turns the joint around: the limit's acceleration for as long as it is needed.
+    fn hardest(&self, joint: &JointState, period_s: f64) -> JointStop {
+        let mut stop = self.shortest(joint, period_s);
+        let wanted = -joint.velocity / period_s;
+        let latest = stop.end;
+        // A period earlier is too early, or earlier than the acceleration can be back at 0.
+        let earliest = (latest - 1.0).max(joint.acceleration.abs() / stop.slope).min(latest);
+        stop.end = earliest;
+        stop.level = -self.acceleration;
+        if wanted > stop.sum().total {
+            stop.level = self.acceleration;
+        }
+        let range = if stop.level < 0.0 { [latest, earliest] } else { [earliest, latest] };
+        stop.solve(wanted, range, |stop| &mut stop.end, |sum| sum.per_end);
+        stop
+    }
+
     /// The stop in `periods`, if that is enough time.
     fn stop_in(&self, periods: usize, joint: &JointState, period_s: f64) -> Option<JointStop> {
         let slope = self.jerk * period_s;
-        let mut stop = JointStop { start: joint.acceleration, level: 0.0, slope, periods, taken: 0 };
-        if joint.acceleration.abs() > slope * periods as f64 * (1.0 + ROUNDING) {
+        let mut stop = JointStop { start: joint.acceleration, level: 0.0, slope, end: periods as f64, periods, taken: 0 };
+        if joint.acceleration.abs() > slope * stop.end * (1.0 + ROUNDING) {
             return None;
         }
         let wanted = -joint.velocity / period_s;
-        let (mut low, mut high) = (-self.acceleration, self.acceleration);
+        let range = [-self.acceleration, self.acceleration];
         let tolerance = ROUNDING * self.acceleration;
-        let (at_low, at_high) = (stop.sum(low).0, stop.sum(high).0);
-        if wanted < at_low - tolerance || wanted > at_high + tolerance {
+        let [least, most] = range.map(|level| JointStop { level, ..stop }.sum().total);
+        if wanted < least - tolerance || wanted > most + tolerance {
             return None;
         }
-        // Newton's method within a shrinking bracket: the sum is piecewise linear in the level. What remains is a speed of 1e-11 rad/s.
-        for _ in 0..60 {
-            let (sum, free) = stop.sum(stop.level);
-            if (sum - wanted).abs() <= 1e-11 * wanted.abs().max(1.0) {
-                break;
-            }
-            if sum < wanted {
-                low = stop.level;
-            } else {
-                high = stop.level;
-            }
-            let newton = stop.level + (wanted - sum) / f64::from(free.max(1));
-            stop.level = if free > 0 && newton > low && newton < high { newton } else { 0.5 * (low + high) };
-        }
+        stop.solve(wanted, range, |stop| &mut stop.level, |sum| sum.per_level);
         Some(stop)
     }
 }
@@ -221,24 +228,61 @@ struct JointStop {
     level: f64,
     /// Largest change of the acceleration over a period.
     slope: f64,
+    /// When the acceleration is back at 0, in periods: within the last.
+    end: f64,
     periods: usize,
     taken: usize,
 }
 
+/// The sum of a stop's accelerations.
+struct Sum {
+    total: f64,
+    /// By how much it grows with the level, and with the end.
+    per_level: f64,
+    per_end: f64,
+}
+
 impl JointStop {
-    /// What the acceleration must be within, `k` periods after the start.
-    fn bounds(&self, k: usize) -> (f64, f64) {
-        let (up, back) = (self.slope * k as f64, self.slope * (self.periods - k) as f64);
-        ((self.start - up).max(-back), (self.start + up).min(back))
+    /// The acceleration `k` periods after the start, and what it grows by with the level and with the end.
+    fn acceleration(&self, k: usize) -> (f64, f64, f64) {
+        let (up, back) = (self.slope * k as f64, self.slope * (self.end - k as f64).max(0.0));
+        let (low, high) = ((self.start - up).max(-back), (self.start + up).min(back));
+        // Not `clamp`: rounding may leave the bounds a hair the wrong way around.
+        let acceleration = self.level.min(high).max(low);
+        let per_end = match acceleration {
+            a if a == -back && back > 0.0 => -self.slope,
+            a if a == back && back > 0.0 => self.slope,
+            _ => 0.0,
+        };
+        (acceleration, f64::from(u8::from(low < self.level && self.level < high)), per_end)
     }
 
-    /// The sum of all accelerations at a level, and how many of them are at it.
-    fn sum(&self, level: f64) -> (f64, u32) {
-        (1..=self.periods).fold((0.0, 0), |(sum, free), k| {
-            let (low, high) = self.bounds(k);
-            // Not `clamp`: rounding may leave the bounds a hair the wrong way around.
-            (sum + level.min(high).max(low), free + u32::from(low < level && level < high))
+    fn sum(&self) -> Sum {
+        (1..=self.periods).map(|k| self.acceleration(k)).fold(Sum { total: 0.0, per_level: 0.0, per_end: 0.0 }, |sum, a| Sum {
+            total: sum.total + a.0,
+            per_level: sum.per_level + a.1,
+            per_end: sum.per_end + a.2,
         })
+    }
+
+    /// Gives `part` the value between `below`, where the sum is at most `wanted`, and `above`, where it is at least that, that makes it so.
+    /// Newton's method within a shrinking bracket: the sum is piecewise linear in each part. What remains is a speed of 1e-11 rad/s.
+    fn solve(&mut self, wanted: f64, [mut below, mut above]: [f64; 2], part: fn(&mut Self) -> &mut f64, growth: fn(&Sum) -> f64) {
+        for _ in 0..60 {
+            let sum = self.sum();
+            let missing = wanted - sum.total;
+            if missing.abs() <= 1e-11 * wanted.abs().max(1.0) {
+                break;
+            }
+            let at = *part(self);
+            if missing > 0.0 {
+                below = at;
+            } else {
+                above = at;
+            }
+            let newton = at + missing / growth(&sum);
+            *part(self) = if below.min(above) < newton && newton < below.max(above) { newton } else { 0.5 * (below + above) };
+        }
     }
 
     fn step(&mut self, from: JointState, period_s: f64) -> JointState {
@@ -247,8 +291,7 @@ impl JointStop {
             // What rounding has left of the speed is far below what any limit could tell.
             return JointState { position: from.position, velocity: 0.0, acceleration: 0.0 };
         }
-        let (low, high) = self.bounds(self.taken);
-        let acceleration = self.level.min(high).max(low);
+        let (acceleration, ..) = self.acceleration(self.taken);
         let velocity = from.velocity + acceleration * period_s;
         JointState { position: from.position + velocity * period_s, velocity, acceleration }
     }
@@ -326,6 +369,20 @@ mod tests {
                 None => prop_assert!(velocity <= 1.0 + 1e-6 && beyond <= 1e-8, "{velocity} {beyond}"),
                 Some((_, OverrunLimit::Velocity)) => prop_assert!(velocity > 1.0 || beyond > 0.0),
                 Some((_, OverrunLimit::Position)) => prop_assert!(beyond > 0.0),
+            }
+        }
+
+        #[test]
+        fn no_stop_goes_less_far_than_the_hardest(state in states(), longer in 0usize..4) {
+            for i in 0..JOINT_COUNT {
+                let (joint, limit) = (state.joint(i), JointLimit::of(&LIMITS, i));
+                let farthest = |mut stop: JointStop| {
+                    let mut at = joint;
+                    (0..stop.periods).map(|_| { at = stop.step(at, PERIOD_S); at.position * joint.velocity.signum() }).fold(f64::NEG_INFINITY, f64::max)
+                };
+                let hardest = limit.hardest(&joint, PERIOD_S);
+                let other = limit.stop_in(limit.shortest(&joint, PERIOD_S).periods + longer, &joint, PERIOD_S);
+                prop_assert!(other.is_none_or(|other| farthest(hardest) <= farthest(other) + 1e-9), "joint {i} by {longer} periods more");
             }
         }
 
