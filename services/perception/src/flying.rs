@@ -75,7 +75,7 @@ mod tests {
         }
 
         #[test]
-        fn mixed_readings_at_an_outline_are_taken_out(share in 0.35..0.65f32) {
+        fn mixed_readings_at_an_outline_are_taken_out(share in 0.4..0.6f32) {
             let mut depth_m = table_with_box(0.6);
             let clean = depth_m.clone();
             let mut mixed = Vec::new();
