@@ -25,6 +25,7 @@ pub mod robot_table;
 pub mod robot_trial;
 pub mod scoring_speed;
 pub mod segmentation;
+pub mod stability_fit;
 pub mod stability_samples;
 pub mod svg;
 pub mod true_answers;

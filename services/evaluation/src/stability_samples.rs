@@ -52,7 +52,7 @@ pub fn said_of(problem: &Problem, models: &OneScene<'_>, by: RealismBy, candidat
 }
 
 /// What the planner measures of a candidate and the outcome network's word on it; none where the planner does not take the query.
-pub fn measured<'a>(problem: &Problem, prepared: &'a Prepared) -> Option<impl Fn(&Candidate, f32) -> [f64; COUNT] + 'a> {
+pub fn measured<'a>(problem: &Problem, prepared: &'a Prepared) -> Option<impl Fn(&Candidate, f32) -> [f32; COUNT] + 'a> {
     let fixed = Fixed::default();
     let query = Query::new(prepared, problem.query, 0.0, &fixed).ok()?;
     Some(move |candidate: &Candidate, outcome: f32| measures(prepared, &query, candidate, outcome, &fixed))

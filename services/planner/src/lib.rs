@@ -5,6 +5,7 @@
 //! Around it is the service ([`run`]): it fetches scenes from perception, searches on its own threads, and asks inference for scores.
 
 pub mod answers;
+pub mod boosted_trees;
 pub mod candidate;
 pub mod columns;
 pub mod config;
@@ -69,7 +70,7 @@ pub async fn run(session: Session, config: PlannerConfig, shutdown: Shutdown) ->
     session.serve(Service::Planner, endpoints, shutdown).await
 }
 
-/// The regression that the configuration names, or the one that comes with the program.
+/// The stability that the configuration names, or the one that comes with the program.
 fn stability_of(config: &PlannerConfig) -> Result<Stability, RuntimeError> {
     let Some(path) = &config.stability else { return Ok(Stability::embedded().clone()) };
     let bad = |e: &dyn std::fmt::Display| RuntimeError::Config {

@@ -3,11 +3,11 @@
 //! A request names the scene by its id; only when a worker does not hold it is it sent whole. From the first reply on, only workers with
 //! the same weights and kernel are asked, because a result must not depend on who answered.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, Once, PoisonError};
 use std::time::Instant;
 
 use repose_proto::load::WorkerLoad;
-use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest, enclose};
+use repose_proto::scoring::{PriorReply, PriorRequest, RealismBy, ScoreReply, ScoreRequest, enclose};
 use repose_proto::{CallError, ErrorCode, Message, Payload, Scene};
 use repose_runtime::{Accept, Call, CallOptions, Caller};
 use tokio::runtime::Handle;
@@ -60,6 +60,21 @@ impl RemoteModels {
         let mut pinned = self.pinned.lock().unwrap_or_else(PoisonError::into_inner);
         pinned.get_or_insert_with(|| Provenance { weights_hash: weights_hash.to_owned(), kernel: kernel.to_owned() });
     }
+
+    /// Says once when what `best` makes of the outcome network was fitted on another one's words.
+    fn check_fit(&self, weights_hash: &str) {
+        static SAID: Once = Once::new();
+        let fitted_with = &self.stability.fitted_on().weights_hash;
+        if fitted_with != weights_hash {
+            SAID.call_once(|| {
+                tracing::warn!(
+                    weights_hash,
+                    fitted_with,
+                    "the stability was fitted with other weights: the realism of `best` is less sure; `repose train --network stability` fits it anew"
+                );
+            });
+        }
+    }
 }
 
 impl Models for RemoteModels {
@@ -76,6 +91,9 @@ impl Models for RemoteModels {
         let payload = self.ask("score", encode(None)?, || encode(Some(scene)))?;
         let reply = ScoreReply::from_bulk(&payload.decode_bulk(ScoreReply::SCHEMA)?)?;
         self.pin(&reply.weights_hash, &reply.kernel);
+        if request.realism && request.realism_by == RealismBy::Outcome {
+            self.check_fit(&reply.weights_hash);
+        }
         Ok(reply)
     }
 

@@ -5,11 +5,12 @@ use std::path::Path;
 
 use repose_dataset::{ReleaseRecord, Split, read_proposals};
 use repose_evaluation::correlation::area_under_curve;
+use repose_evaluation::stability_fit::{FitSettings, fit_stability};
 use repose_evaluation::stability_samples::stability_samples;
 use repose_evaluation::{Problem, ProblemSettings};
 use repose_inference::Engine;
 use repose_networks::serving::spread;
-use repose_planner::stability::{FittedOn, Sample, Stability};
+use repose_planner::stability::{FittedOn, Sample};
 use repose_proto::CallError;
 use serde_json::json;
 
@@ -51,13 +52,14 @@ pub fn run(args: &TrainArgs, output: Output) -> Outcome {
         releases: releases.len(),
         weights_hash: engine.weights_hash().to_owned(),
     };
-    let fit = |samples: &[Sample]| Stability::fit(samples, fitted_on(samples)).map_err(|e| Failure::bad_input("data", e));
+    let fitting = FitSettings { seed: args.seed, ..FitSettings::default() };
+    let fit = |samples: &[Sample]| fit_stability(samples, fitted_on(samples), &fitting).map_err(|e| Failure::bad_input("data", e));
     let (kept, held_out) = (of(&|i| i % HELD_OUT != 0), of(&|i| i % HELD_OUT == 0));
     let tried = fit(&kept)?;
     let area = |said: &dyn Fn(&Sample) -> f64| area_under_curve(&held_out.iter().map(|s| (said(s), s.stable)).collect::<Vec<_>>());
-    let (with_geometry, network) = (area(&|s| tried.of(&s.measures)), area(&|s| s.measures[0]));
+    let (with_geometry, network) = (area(&|s| tried.of(&s.measures)), area(&|s| f64::from(s.measures[0])));
     let whole = fit(&of(&|_| true))?;
-    let text = serde_json::to_string_pretty(&whole).map_err(Failure::other)?;
+    let text = serde_json::to_string(&whole).map_err(Failure::other)?;
     repose_dataset::write_whole(&args.out, text.as_bytes())
         .map_err(|e| Failure::bad_input("out", format!("{}: {e}", args.out.display())))?;
     let document = json!({
