@@ -23,8 +23,11 @@ use crate::view::Visibility;
 /// How many things are measured.
 pub const COUNT: usize = 30;
 
+/// A measure: its name, and how it is read off a place.
+type Measure = (&'static str, fn(&Place<'_>) -> f64);
+
 /// What is measured, in order: lengths in metres, shares of 1, flags 0 or 1.
-const MEASURES: [(&str, fn(&Place<'_>) -> f64); COUNT] = [
+const MEASURES: [Measure; COUNT] = [
     // What the outcome network says.
     ("network", |p| p.network),
     // How far it falls onto what reaches at most so far above its bottom; below zero, how deep it is in that.
