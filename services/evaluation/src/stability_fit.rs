@@ -67,9 +67,13 @@ pub fn fit_stability(samples: &[Sample], fitted_on: FittedOn, settings: &FitSett
     Stability::new(BoostedTrees { bias: booster.base_score, trees }, fitted_on).map_err(|e| NoFit(e.to_string()))
 }
 
+/// What was measured, one measure of all samples after the other.
+fn columns(samples: &[Sample]) -> Vec<f64> {
+    (0..COUNT).flat_map(|k| samples.iter().map(move |s| f64::from(s.measures[k]))).collect()
+}
+
 fn boosted(samples: &[Sample], settings: &FitSettings) -> Result<GradientBooster, forust_ml::errors::ForustError> {
-    // Column by column.
-    let measured: Vec<f64> = (0..COUNT).flat_map(|k| samples.iter().map(move |s| f64::from(s.measures[k]))).collect();
+    let measured = columns(samples);
     let stable: Vec<f64> = samples.iter().map(|s| f64::from(u8::from(s.stable))).collect();
     let mut booster = GradientBooster::default()
         .set_objective_type(ObjectiveType::LogLoss)
@@ -154,8 +158,7 @@ mod tests {
         let samples = samples(3000, 6);
         let settings = FitSettings { trees: 40, ..FitSettings::default() };
         let booster = boosted(&samples, &settings).unwrap();
-        let measured: Vec<f64> = (0..COUNT).flat_map(|k| samples.iter().map(move |s| f64::from(s.measures[k]))).collect();
-        let logits = booster.predict(&Matrix::new(&measured, samples.len(), COUNT), false);
+        let logits = booster.predict(&Matrix::new(&columns(&samples), samples.len(), COUNT), false);
         let served = fit_stability(&samples, FittedOn::default(), &settings).unwrap();
         for (sample, logit) in samples.iter().zip(logits) {
             let expected = 1.0 / (1.0 + (-logit).exp());

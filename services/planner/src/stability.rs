@@ -86,12 +86,20 @@ struct Rest {
 }
 
 impl Rest {
-    /// Lowered onto what reaches at most `into_m` above the candidate's bottom.
-    fn of(ground: &Ground<'_>, candidate: &Candidate, into_m: f32) -> Self {
+    /// Lowered onto what reaches at most so far above the candidate's bottom, in the order of [`INTO_M`].
+    fn all(ground: &Ground<'_>, candidate: &Candidate) -> [Self; 3] {
         let bottom_m = ground.query.bottom_of(candidate.centroid_m[2]);
-        let rest_m = ground.rest_m(candidate, bottom_m + into_m);
-        let drop_m = rest_m.map_or(FAR_M, |rest_m| (bottom_m - (rest_m - ground.settings.release_m)).min(FAR_M));
-        Self { drop_m, footing: ground.footing(&lowered(candidate, drop_m)) }
+        let drop_m = |into_m: f32| {
+            let rest_m = ground.rest_m(candidate, bottom_m + into_m);
+            rest_m.map_or(FAR_M, |rest_m| (bottom_m - (rest_m - ground.settings.release_m)).min(FAR_M))
+        };
+        let at = |drop_m: f32| Self { drop_m, footing: ground.footing(&lowered(candidate, drop_m)) };
+        // Most often all of them are one place, and a footing is the dearest thing to measure.
+        let [low_m, settled_m, high_m] = INTO_M.map(drop_m);
+        let low = at(low_m);
+        let settled = if settled_m == low_m { low } else { at(settled_m) };
+        let high = if high_m == settled_m { settled } else { at(high_m) };
+        [low, settled, high]
     }
 
     fn margin(&self) -> f64 {
@@ -129,7 +137,7 @@ struct Place<'a> {
 impl<'a> Place<'a> {
     fn new(prepared: &'a Prepared, query: &'a Query, candidate: &Candidate, outcome: f32, fixed: &Fixed) -> Self {
         let ground = Ground { prepared, query, settings: &fixed.support };
-        let [low, settled, high] = INTO_M.map(|into_m| Rest::of(&ground, candidate, into_m));
+        let [low, settled, high] = Rest::all(&ground, candidate);
         let at = lowered(candidate, settled.drop_m);
         let in_way = |c: &Candidate| obstruction(prepared, query, c, &[], &fixed.clearance, &fixed.support);
         Self {

@@ -176,8 +176,9 @@ mod tests {
 
     /// How far the joints miss the pose, metres or radians, whichever is more.
     fn off(joints: &Joints, target: &Isometry3<f64>) -> f64 {
-        let missing = target.rotation * base_from_tcp(joints).rotation.inverse();
-        let apart = target.translation.vector - base_from_tcp(joints).translation.vector;
+        let reached = base_from_tcp(joints);
+        let missing = target.rotation * reached.rotation.inverse();
+        let apart = target.translation.vector - reached.translation.vector;
         // Not `angle`: it is the arc cosine of a number next to one.
         apart.norm().max(missing.imag().norm() * 2.0)
     }

@@ -249,11 +249,7 @@ impl JointStop {
         let (low, high) = ((self.start - up).max(-back), (self.start + up).min(back));
         // Not `clamp`: rounding may leave the bounds a hair the wrong way around.
         let acceleration = self.level.min(high).max(low);
-        let per_end = match acceleration {
-            a if a == -back && back > 0.0 => -self.slope,
-            a if a == back && back > 0.0 => self.slope,
-            _ => 0.0,
-        };
+        let per_end = if back > 0.0 && acceleration.abs() == back { self.slope.copysign(acceleration) } else { 0.0 };
         (acceleration, f64::from(u8::from(low < self.level && self.level < high)), per_end)
     }
 
