@@ -302,6 +302,9 @@ pub struct TrainArgs {
     /// Which relation predictor `joint` and `relations` fit: measured (reads what can be measured of the pair beside the codes) or paper.
     #[arg(long, value_name = "VARIANT", default_value = "measured")]
     pub relations: String,
+    /// What the networks are computed on: cpu, or cuda where the program was built with `--features cuda` (no two runs the same there).
+    #[arg(long, value_name = "DEVICE", default_value = "cpu")]
+    pub device: String,
     /// The weights file; a run that was stopped goes on from its checkpoint beside it.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use candle_core::{Device, Result, Tensor, Var};
+use candle_core::{Result, Tensor, Var};
 
 /// Gradients by parameter path.
 pub type Gradients = BTreeMap<String, Vec<f32>>;
@@ -45,7 +45,7 @@ impl AdamW {
                 *v = b2 * *v + (1.0 - b2) * g * g;
                 *value = *value * decay - rate * *m / (v.sqrt() + epsilon);
             }
-            var.set(&Tensor::from_vec(values, var.shape(), &Device::Cpu)?)?;
+            var.set(&Tensor::from_vec(values, var.shape(), var.device())?)?;
         }
         Ok(())
     }
@@ -73,6 +73,8 @@ pub fn clip(gradients: &mut Gradients, norm: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use candle_core::Device;
+
     use super::*;
 
     #[test]

@@ -33,6 +33,9 @@ pub enum TrainError {
         /// What does not.
         parameter: String,
     },
+    /// There is no CUDA device, or the program was built without the `cuda` feature.
+    #[error("device: {0}")]
+    Cuda(#[source] candle_core::Error),
     /// A tensor operation failed.
     #[error("tensors: {0}")]
     Tensors(#[from] candle_core::Error),

@@ -3,7 +3,7 @@
 //! An episode gives the query as it rests (for the relations: its centre relative to the anchor) and as it was observed (for the prior: its
 //! centre zero, the target its offset and turn), one pair per anchor. Goals are a random non-empty part of what is true of the pair.
 
-use candle_core::{Device, Result, Tensor};
+use candle_core::{Result, Tensor};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 use repose_networks::{
@@ -82,20 +82,21 @@ impl JointTask {
             }
         }
         let n = resting.len();
-        let tensor = |values: Vec<f32>, width: usize| Tensor::from_vec(values, (n, width), &Device::Cpu);
-        let shapes = networks.object.shapes(&Grouped::concat(&objects), mode, Path::Fused)?;
-        let rows = |list: Vec<u32>| shapes.index_select(&Tensor::from_vec(list, n, &Device::Cpu)?, 0);
-        let zero = Tensor::zeros((n, 3), shapes.dtype(), &Device::Cpu)?;
+        let (device, path) = (&networks.device, Path::of(&networks.device));
+        let tensor = |values: Vec<f32>, width: usize| Tensor::from_vec(values, (n, width), device);
+        let shapes = networks.object.shapes(&Grouped::concat(&objects), mode, path)?;
+        let rows = |list: Vec<u32>| shapes.index_select(&Tensor::from_vec(list, n, device)?, 0);
+        let zero = Tensor::zeros((n, 3), shapes.dtype(), device)?;
         let anchors = networks.object.codes(&rows(anchored)?, &zero)?;
         let at_rest = networks.object.codes(&rows(resting)?, &tensor(centers, 3)?)?;
         let as_observed = networks.object.codes(&rows(observed)?, &zero)?;
-        let scenes = networks.scene.forward(&Grouped::concat(&scenes), mode, Path::Fused)?;
+        let scenes = networks.scene.forward(&Grouped::concat(&scenes), mode, path)?;
         Ok(Pairs {
             logits: networks.relations.logits(&at_rest, &anchors, &tensor(measures, PAIR_MEASURES)?)?,
             labels: tensor(labels, PREDICTED_RELATIONS)?,
             mixture: networks.prior.forward(&scenes, &as_observed, &anchors, &tensor(goals, GOAL_RELATIONS)?, mode)?,
             offsets_m: tensor(offsets, 3)?,
-            yaws_rad: Tensor::from_vec(yaws, n, &Device::Cpu)?,
+            yaws_rad: Tensor::from_vec(yaws, n, device)?,
         })
     }
 

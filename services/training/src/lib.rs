@@ -25,5 +25,5 @@ pub mod train;
 pub mod views;
 
 pub use error::TrainError;
-pub use settings::{Part, RelationsVariant, TrainSettings};
+pub use settings::{Compute, Part, RelationsVariant, TrainSettings};
 pub use train::{ONE_THREAD_VARIABLES, TrainReport, train};

@@ -5,7 +5,7 @@
 //! share scene and cloud, and all clouds were moved in, so that nothing but the place tells them apart. Candidates are turned about z at
 //! random: what is stable does not depend on where it is seen from.
 
-use candle_core::{Device, Result, Tensor};
+use candle_core::{Result, Tensor};
 use nalgebra::{Point3, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -100,8 +100,8 @@ impl<C: Candidates> Task for PlacementTask<C> {
             labels.extend(places.iter().map(|place| place.label));
             candidates.push(self.0.input(config, episode, &places, rng));
         }
-        let logits = self.0.network(networks)?.logits(&Grouped::concat(&candidates), mode, Path::Fused)?;
-        binary_cross_entropy(&logits, &Tensor::new(labels, &Device::Cpu)?)
+        let logits = self.0.network(networks)?.logits(&Grouped::concat(&candidates), mode, Path::of(&networks.device))?;
+        binary_cross_entropy(&logits, &Tensor::new(labels, &networks.device)?)
     }
 
     fn measure(&self, networks: &Networks, config: &NetworksConfig, episodes: &[Episode], rng: &mut Pcg64) -> Result<serde_json::Value> {
@@ -109,8 +109,9 @@ impl<C: Candidates> Task for PlacementTask<C> {
         let mut loss = 0.0;
         for episode in episodes {
             let places = self.0.places(episode, rng);
-            let logits = self.0.network(networks)?.logits(&self.0.input(config, episode, &places, rng), &Mode::Serving, Path::Fused)?;
-            let labels = Tensor::new(places.iter().map(|place| place.label).collect::<Vec<_>>(), &Device::Cpu)?;
+            let input = self.0.input(config, episode, &places, rng);
+            let logits = self.0.network(networks)?.logits(&input, &Mode::Serving, Path::of(&networks.device))?;
+            let labels = Tensor::new(places.iter().map(|place| place.label).collect::<Vec<_>>(), &networks.device)?;
             loss += f64::from(binary_cross_entropy(&logits, &labels)?.to_scalar::<f32>()?);
             for (place, logit) in places.iter().zip(logits.to_vec1::<f32>()?) {
                 if place.is_good { good.push(logit) } else { bad.push(logit) }

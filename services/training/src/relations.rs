@@ -5,7 +5,7 @@
 //! each hiding what it hides: so a scene is described. *Moved* ones have the query's cloud from elsewhere, turned and moved to where it came to
 //! rest: so a candidate for a placement is judged.
 
-use candle_core::{Device, Result, Tensor};
+use candle_core::{Result, Tensor};
 use nalgebra::{Point3, Rotation3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -149,7 +149,8 @@ fn encoded(networks: &Networks, config: &NetworksConfig, view: &ViewRecord, clou
         return Ok(rows);
     }
     let inputs: Vec<Grouped> = clouds.iter().map(|placed| object_input(Kernel::detect(), config, &placed.cloud)).collect();
-    let shapes = networks.object.shapes(&Grouped::concat(&inputs), &Mode::Serving, Path::Fused)?;
+    let device = &networks.device;
+    let shapes = networks.object.shapes(&Grouped::concat(&inputs), &Mode::Serving, Path::of(device))?;
     let measured: Vec<MeasuredCloud> = clouds.iter().map(|placed| MeasuredCloud::new(&placed.cloud)).collect();
     let mut offsets = Vec::with_capacity(3 * pairs.len());
     for (query, anchor) in pairs {
@@ -159,10 +160,10 @@ fn encoded(networks: &Networks, config: &NetworksConfig, view: &ViewRecord, clou
         let holds = &view.relations_of(clouds[*query].object, clouds[*anchor].object)[..PREDICTED_RELATIONS];
         rows.labels.extend(holds.iter().map(|holds| f32::from(u8::from(*holds))));
     }
-    let centers = Tensor::from_vec(offsets, (pairs.len(), 3), &Device::Cpu)?;
+    let centers = Tensor::from_vec(offsets, (pairs.len(), 3), device)?;
     let codes = |of: fn(&(usize, usize)) -> usize, centers: &Tensor| {
         let of: Vec<u32> = pairs.iter().map(|pair| of(pair) as u32).collect();
-        let shapes = shapes.index_select(&Tensor::from_vec(of, pairs.len(), &Device::Cpu)?, 0)?;
+        let shapes = shapes.index_select(&Tensor::from_vec(of, pairs.len(), device)?, 0)?;
         networks.object.codes(&shapes, centers)?.flatten_all()?.to_vec1::<f32>()
     };
     rows.queries = codes(|(query, _)| *query, &centers)?;
@@ -179,7 +180,7 @@ fn logits_of(networks: &Networks, rows: &[&Rows]) -> Result<Option<(Tensor, Tens
     let tensor = |of: fn(&Rows) -> &Vec<f32>| {
         let values: Vec<f32> = rows.iter().flat_map(|r| of(r)).copied().collect();
         let width = values.len() / n;
-        Tensor::from_vec(values, (n, width), &Device::Cpu)
+        Tensor::from_vec(values, (n, width), &networks.device)
     };
     let logits = networks.relations.logits(&tensor(|r| &r.queries)?, &tensor(|r| &r.anchors)?, &tensor(|r| &r.measures)?)?;
     Ok(Some((logits, tensor(|r| &r.labels)?)))

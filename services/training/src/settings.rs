@@ -2,7 +2,10 @@
 
 use std::path::PathBuf;
 
+use candle_core::Device;
 use serde::{Deserialize, Serialize};
+
+use crate::error::TrainError;
 
 /// Which networks a run fits. The others keep the weights that the run started from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -56,7 +59,39 @@ impl RelationsVariant {
     }
 }
 
-/// Settings of one run. Two runs with the same settings, data and `minutes: None` give the same weights, whatever `threads` is.
+/// What the networks are computed on while they are trained.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Compute {
+    /// The fused kernels.
+    Cpu,
+    /// The first CUDA device, by candle's own operations; needs the `cuda` feature. Its sums are in any order.
+    Cuda,
+}
+
+impl Compute {
+    /// The one of that name.
+    pub fn parse(name: &str) -> Option<Self> {
+        match name {
+            "cpu" => Some(Self::Cpu),
+            "cuda" => Some(Self::Cuda),
+            _ => None,
+        }
+    }
+
+    /// The device.
+    ///
+    /// # Errors
+    /// [`TrainError::Cuda`] when this build or this machine has none.
+    pub fn open(self) -> Result<Device, TrainError> {
+        match self {
+            Self::Cpu => Ok(Device::Cpu),
+            Self::Cuda => Device::new_cuda(0).map_err(TrainError::Cuda),
+        }
+    }
+}
+
+/// Settings of one run. Two runs on the CPU with the same settings, data and `minutes: None` give the same weights, whatever `threads` is.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainSettings {
@@ -72,6 +107,8 @@ pub struct TrainSettings {
     pub part: Part,
     /// Which relation predictor.
     pub relations: RelationsVariant,
+    /// What the networks are computed on.
+    pub device: Compute,
     /// Seed of weights and samples.
     pub seed: u64,
     /// Steps at most, 0 for none. The learning rate falls to zero at the last.
@@ -126,6 +163,7 @@ impl Default for TrainSettings {
             mean_with: Vec::new(),
             part: Part::Joint,
             relations: RelationsVariant::Measured,
+            device: Compute::Cpu,
             seed: 1,
             steps: 20_000,
             minutes: None,

@@ -6,7 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use candle_core::{Device, Tensor};
+use candle_core::Tensor;
 use indicatif::{ProgressBar, ProgressStyle};
 use repose_dataset::Split;
 use repose_networks::{
@@ -97,6 +97,7 @@ impl<'a, T: Task> Run<'a, T> {
             RelationsVariant::Paper => NetworksConfig { measures_code: None, ..NetworksConfig::default() },
             RelationsVariant::Measured => NetworksConfig::default(),
         };
+        let device = settings.device.open()?;
         let start = settings.start.as_deref().filter(|path| path.exists());
         let (networks, parameters, info) = match start {
             Some(path) => {
@@ -104,12 +105,12 @@ impl<'a, T: Task> Run<'a, T> {
                 let others = settings.mean_with.iter().map(|path| Ok((path.clone(), Weights::from_bytes(&read(path)?)?.values)));
                 mean_with(&mut weights.values, &others.collect::<Result<Vec<_>, TrainError>>()?, settings.part)?;
                 let rng = &mut generator(settings.seed, 0, u64::MAX);
-                let (networks, parameters) = Networks::started(&config, &starting(weights.values), rng)?;
+                let (networks, parameters) = Networks::started(&config, &starting(weights.values), rng, &device)?;
                 (networks, parameters, weights.info)
             }
             None if settings.part == Part::Relations => return Err(TrainError::NoStart(settings.start.clone())),
             None => {
-                let (networks, parameters) = Networks::seeded(&config, &mut generator(settings.seed, 0, u64::MAX))?;
+                let (networks, parameters) = Networks::seeded(&config, &mut generator(settings.seed, 0, u64::MAX), &device)?;
                 (networks, parameters, WeightsInfo::default())
             }
         };
@@ -218,7 +219,7 @@ impl<'a, T: Task> Run<'a, T> {
                 let mut values = var.flatten_all()?.to_vec1::<f32>()?;
                 let rate = STATISTICS_RATE.max(early);
                 values.iter_mut().zip(batch).for_each(|(v, b)| *v += rate * (b - *v));
-                var.set(&Tensor::from_vec(values, var.shape(), &Device::Cpu)?)?;
+                var.set(&Tensor::from_vec(values, var.shape(), var.device())?)?;
             }
         }
         let rate = AVERAGE_RATE.max(10.0 * early).min(1.0);
@@ -270,13 +271,13 @@ impl<'a, T: Task> Run<'a, T> {
     /// Measures on validation scenes and writes weights and checkpoint.
     fn save(&mut self) -> Result<serde_json::Value, TrainError> {
         let mut weights = self.weights()?;
-        let (averaged, _) = Networks::stored(&self.config, &weights)?;
+        let (averaged, _) = Networks::stored(&self.config, &weights, &self.networks.device)?;
         for (name, values) in self.statistics_of(&averaged)? {
             if let Some((_, stored)) = weights.get_mut(&name) {
                 *stored = values;
             }
         }
-        let (averaged, _) = Networks::stored(&self.config, &weights)?;
+        let (averaged, _) = Networks::stored(&self.config, &weights, &self.networks.device)?;
         let metrics = self.task.measure(&averaged, &self.config, &self.validation, &mut generator(0, 1, u64::MAX))?;
         let part = self.task.part().name();
         tracing::info!(step = self.step, %metrics, "validation");
@@ -300,7 +301,7 @@ impl<'a, T: Task> Run<'a, T> {
 
     fn resume(&mut self) -> Result<(), TrainError> {
         if let Some(state) = checkpoint::load(self.settings)? {
-            let (networks, parameters) = Networks::stored(&self.config, &state.values)?;
+            let (networks, parameters) = Networks::stored(&self.config, &state.values, &self.networks.device)?;
             (self.networks, self.parameters) = (networks, parameters);
             (self.average, self.adam, self.step) = (state.average, state.adam, state.step);
             self.curve = Curve::resumed(self.settings, self.step)?;

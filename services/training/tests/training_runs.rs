@@ -8,7 +8,7 @@ use rand_pcg::Pcg64;
 use repose_dataset::{Elsewhere, Layer, ObjectRecord, ShardWriter, Split, ViewRecord};
 use repose_geometry::{OrientedBox, Pinhole, ViewerFrame, transform::look_at};
 use repose_networks::{Models, NetworksConfig, Weights};
-use repose_training::{Part, TrainError, TrainSettings, train};
+use repose_training::{Compute, Part, TrainError, TrainSettings, train};
 
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
@@ -183,4 +183,14 @@ fn a_folder_without_training_scenes_is_an_error_that_says_so() {
     std::fs::create_dir_all(folder.path().join("data")).unwrap();
     let error = train(&settings(folder.path(), Part::Joint, 1, 1)).unwrap_err();
     assert!(matches!(error, TrainError::Empty { split: "train", .. }), "{error}");
+}
+
+#[test]
+fn a_device_that_is_not_there_is_an_error_before_anything_is_read() {
+    if candle_core::utils::cuda_is_available() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let error = train(&TrainSettings { device: Compute::Cuda, ..settings(folder.path(), Part::Joint, 1, 1) }).unwrap_err();
+    assert!(matches!(error, TrainError::Cuda(_)) && error.to_string().starts_with("device: "), "{error}");
 }

@@ -4,21 +4,16 @@
 
 use std::{collections::BTreeMap, sync::Mutex};
 
-use candle_core::{D, Result, Tensor};
+use candle_core::{D, Module, Result, Tensor};
 
 use crate::parameters::{Builder, Init};
 
 /// Added to variances before the root.
 pub(crate) const NORM_EPSILON: f64 = 1e-5;
 
-/// `y = x Wᵀ + b` on rows.
+/// candle's `y = x Wᵀ + b` on rows, with parameters from a [`Builder`].
 #[derive(Debug, Clone)]
-pub struct Linear {
-    /// `[outputs, inputs]`.
-    pub weight: Tensor,
-    /// `[outputs]`.
-    pub bias: Tensor,
-}
+pub struct Linear(candle_nn::Linear);
 
 impl Linear {
     /// He initialisation (uniform), for layers that a ReLU follows.
@@ -27,11 +22,25 @@ impl Linear {
     /// When stored weights do not fit.
     pub fn new(builder: &mut Builder<'_>, name: &str, inputs: usize, outputs: usize) -> Result<Self> {
         builder.within(name, |b| {
-            Ok(Self {
-                weight: b.trainable("weight", &[outputs, inputs], Init::Uniform((6.0 / inputs as f32).sqrt()))?,
-                bias: b.trainable("bias", &[outputs], Init::Uniform((1.0 / inputs as f32).sqrt()))?,
-            })
+            let weight = b.trainable("weight", &[outputs, inputs], Init::Uniform((6.0 / inputs as f32).sqrt()))?;
+            let bias = b.trainable("bias", &[outputs], Init::Uniform((1.0 / inputs as f32).sqrt()))?;
+            Ok(Self(candle_nn::Linear::new(weight, Some(bias))))
         })
+    }
+
+    /// `[outputs, inputs]`.
+    pub fn weight(&self) -> &Tensor {
+        self.0.weight()
+    }
+
+    /// Weight and bias one after another in one row, as the fused operation takes them.
+    ///
+    /// # Errors
+    /// When the device fails.
+    pub(crate) fn flat(&self) -> Result<Tensor> {
+        let parts: Vec<Tensor> =
+            [Some(self.weight()), self.0.bias()].into_iter().flatten().map(Tensor::flatten_all).collect::<Result<_>>()?;
+        Tensor::cat(&parts, 0)
     }
 
     /// `[rows, inputs]` → `[rows, outputs]`.
@@ -40,7 +49,7 @@ impl Linear {
     /// When the shapes do not fit.
     pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
         // A product with a transposed view of a non-contiguous batch gives wrong numbers silently.
-        x.contiguous()?.matmul(&self.weight.t()?)?.broadcast_add(&self.bias)
+        self.0.forward(&x.contiguous()?)
     }
 }
 

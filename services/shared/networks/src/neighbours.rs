@@ -62,6 +62,21 @@ impl Neighbours {
         &self.indices
     }
 
+    /// All lists one after another, each filled up to the length of the longest with its first point: `[centroids × most]`.
+    ///
+    /// # Errors
+    /// When a list is empty.
+    pub fn padded(&self) -> candle_core::Result<Vec<u32>> {
+        let most = self.most();
+        let mut padded = Vec::with_capacity(self.centroids() * most);
+        for (i, list) in (0..self.centroids()).map(|i| (i, self.of(i))) {
+            let Some(first) = list.first() else { candle_core::bail!("centroid {i} has no neighbours") };
+            padded.extend_from_slice(list);
+            padded.resize((i + 1) * most, *first);
+        }
+        Ok(padded)
+    }
+
     /// The length of the longest list.
     pub fn most(&self) -> usize {
         self.starts.windows(2).map(|w| (w[1] - w[0]) as usize).max().unwrap_or(0)
@@ -72,6 +87,16 @@ impl Neighbours {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    #[test]
+    fn short_lists_are_filled_up_with_their_first_point_and_none_may_be_empty() {
+        let mut lists = Neighbours::new();
+        lists.push(&[3, 1, 2]);
+        lists.push(&[5]);
+        assert_eq!(lists.padded().unwrap(), [3, 1, 2, 5, 5, 5]);
+        lists.push(&[]);
+        assert!(lists.padded().unwrap_err().to_string().contains("centroid 2"));
+    }
 
     proptest! {
         #[test]

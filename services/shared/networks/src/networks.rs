@@ -1,6 +1,6 @@
 //! All networks together, for training.
 
-use candle_core::Result;
+use candle_core::{Device, Result};
 use rand_pcg::Pcg64;
 
 use crate::{
@@ -29,6 +29,8 @@ pub struct Networks {
     pub discriminator: Discriminator,
     /// The discriminator's layers again, trained on what happens when an object is let go (ours).
     pub outcome: Option<Discriminator>,
+    /// Where the parameters are, and what is computed with them.
+    pub device: Device,
 }
 
 /// The first part of the relation predictor's parameter paths.
@@ -42,25 +44,25 @@ impl Networks {
     /// New networks with weights from a generator, and their parameters.
     ///
     /// # Errors
-    /// None on a CPU; candle's signature.
-    pub fn seeded(config: &NetworksConfig, rng: &mut Pcg64) -> Result<(Self, Parameters)> {
-        Self::build(Builder::seeded(rng), config)
+    /// None on a CPU; elsewhere when the device fails.
+    pub fn seeded(config: &NetworksConfig, rng: &mut Pcg64, device: &Device) -> Result<(Self, Parameters)> {
+        Self::build(Builder::seeded(rng, device), config)
     }
 
     /// Networks with stored weights, and their parameters.
     ///
     /// # Errors
     /// When a tensor is missing or has another shape; the message names it.
-    pub fn stored(config: &NetworksConfig, weights: &WeightMap) -> Result<(Self, Parameters)> {
-        Self::build(Builder::stored(weights), config)
+    pub fn stored(config: &NetworksConfig, weights: &WeightMap, device: &Device) -> Result<(Self, Parameters)> {
+        Self::build(Builder::stored(weights, device), config)
     }
 
     /// Networks with stored weights where there are some that fit and new ones elsewhere, so that training can go on with other parts.
     ///
     /// # Errors
-    /// None on a CPU; candle's signature.
-    pub fn started(config: &NetworksConfig, weights: &WeightMap, rng: &mut Pcg64) -> Result<(Self, Parameters)> {
-        Self::build(Builder::started(weights, rng), config)
+    /// None on a CPU; elsewhere when the device fails.
+    pub fn started(config: &NetworksConfig, weights: &WeightMap, rng: &mut Pcg64, device: &Device) -> Result<(Self, Parameters)> {
+        Self::build(Builder::started(weights, rng, device), config)
     }
 
     fn build(mut builder: Builder<'_>, config: &NetworksConfig) -> Result<(Self, Parameters)> {
@@ -71,6 +73,7 @@ impl Networks {
             prior: Prior::new(&mut builder, config)?,
             discriminator: Discriminator::new(&mut builder, "discriminator", config)?,
             outcome: if config.outcome { Some(Discriminator::new(&mut builder, "outcome", config)?) } else { None },
+            device: builder.device().clone(),
         };
         Ok((networks, builder.finish()))
     }

@@ -51,7 +51,7 @@ impl Parameters {
     /// All values, trainable and statistics, copied out.
     ///
     /// # Errors
-    /// None on a CPU; candle's signature.
+    /// None on a CPU; elsewhere when the device fails.
     pub fn to_map(&self) -> Result<WeightMap> {
         let all = self.trainable.iter().chain(&self.statistics);
         all.map(|(name, var)| Ok((name.clone(), (var.dims().to_vec(), var.flatten_all()?.to_vec1::<f32>()?)))).collect()
@@ -67,24 +67,34 @@ impl Parameters {
 #[derive(Debug)]
 pub struct Builder<'a> {
     source: Source<'a>,
+    device: Device,
     path: Vec<String>,
     parameters: Parameters,
 }
 
 impl<'a> Builder<'a> {
+    fn new(source: Source<'a>, device: &Device) -> Self {
+        Self { source, device: device.clone(), path: Vec::new(), parameters: Parameters::default() }
+    }
+
     /// New values from a generator.
-    pub fn seeded(rng: &'a mut Pcg64) -> Self {
-        Self { source: Source::Seed(rng), path: Vec::new(), parameters: Parameters::default() }
+    pub fn seeded(rng: &'a mut Pcg64, device: &Device) -> Self {
+        Self::new(Source::Seed(rng), device)
     }
 
     /// Stored values; a missing or misshapen one is an error that names it.
-    pub fn stored(weights: &'a WeightMap) -> Self {
-        Self { source: Source::Stored(weights), path: Vec::new(), parameters: Parameters::default() }
+    pub fn stored(weights: &'a WeightMap, device: &Device) -> Self {
+        Self::new(Source::Stored(weights), device)
     }
 
     /// Stored values where there are some of the right shape, new ones from the generator elsewhere.
-    pub fn started(weights: &'a WeightMap, rng: &'a mut Pcg64) -> Self {
-        Self { source: Source::Started(weights, rng), path: Vec::new(), parameters: Parameters::default() }
+    pub fn started(weights: &'a WeightMap, rng: &'a mut Pcg64, device: &Device) -> Self {
+        Self::new(Source::Started(weights, rng), device)
+    }
+
+    /// Where the tensors are.
+    pub fn device(&self) -> &Device {
+        &self.device
     }
 
     /// The tensors made so far.
@@ -140,7 +150,7 @@ impl<'a> Builder<'a> {
                 None => candle_core::bail!("weights: {path} is missing"),
             },
         };
-        let tensor = Tensor::from_vec(values, shape, &Device::Cpu)?.to_dtype(DType::F32)?;
+        let tensor = Tensor::from_vec(values, shape, &self.device)?.to_dtype(DType::F32)?;
         Ok((path, Var::from_tensor(&tensor)?))
     }
 }

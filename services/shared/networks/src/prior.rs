@@ -3,7 +3,8 @@
 //! Each component has a weight, a diagonal Gaussian over the offset δ of the query's centroid from the anchor's (viewer's axes) whose σ is
 //! 5 mm + softplus, and, ours, a von Mises over the yaw. The loss is the negative log-likelihood by log-sum-exp.
 
-use candle_core::{CpuStorage, CustomOp1, D, Layout, Result, Shape, Tensor};
+use candle_core::{CpuStorage, CustomOp1, D, Device, Layout, Result, Shape, Tensor};
+use candle_nn::ops::log_softmax;
 
 use crate::{
     config::{GOAL_RELATIONS, NetworksConfig},
@@ -69,7 +70,7 @@ impl Prior {
         let hidden = self.norm.forward(&hidden, mode)?.relu()?;
         let raw = self.out.forward(&hidden)?.reshape(((), self.components, PER_COMPONENT))?;
         let part = |from: usize, n: usize| raw.narrow(2, from, n)?.contiguous();
-        let log_weights = log_softmax(&part(0, 1)?.squeeze(2)?)?;
+        let log_weights = log_softmax(&part(0, 1)?.squeeze(2)?, D::Minus1)?;
         let means_m = (part(1, 3)? * f64::from(OFFSET_UNIT_M))?;
         let sigmas_m = ((softplus(&part(4, 3)?)? * f64::from(OFFSET_UNIT_M))? + f64::from(SIGMA_FLOOR_M))?;
         let direction = part(7, 2)?;
@@ -90,26 +91,21 @@ impl MixtureTensors {
         let gaussian = ((z.sqr()? * -0.5)? - self.sigmas_m.log()?)?.sum(D::Minus1)?;
         let yaw = Tensor::stack(&[yaws_rad.cos()?, yaws_rad.sin()?], 1)?.unsqueeze(1)?;
         let cosine = self.yaw_direction.broadcast_mul(&yaw)?.sum(D::Minus1)?;
-        let von_mises = self.kappa.mul(&cosine)?.sub(&self.kappa.contiguous()?.apply_op1(LogBessel0)?)?;
+        let von_mises = self.kappa.mul(&cosine)?.sub(&log_bessel0(&self.kappa)?)?;
         let constant = -1.5 * std::f64::consts::TAU.ln() - std::f64::consts::TAU.ln();
         let per_component = self.log_weights.add(&gaussian)?.add(&von_mises)?;
-        (log_sum_exp(&per_component)? + constant)?.neg()?.mean_all()
+        (per_component.log_sum_exp(D::Minus1)? + constant)?.neg()?.mean_all()
     }
-}
-
-/// Over the last axis, with the largest taken out.
-fn log_sum_exp(x: &Tensor) -> Result<Tensor> {
-    let largest = x.detach().max_keepdim(D::Minus1)?;
-    x.broadcast_sub(&largest)?.exp()?.sum(D::Minus1)?.log()?.add(&largest.squeeze(D::Minus1)?)
-}
-
-fn log_softmax(x: &Tensor) -> Result<Tensor> {
-    x.broadcast_sub(&log_sum_exp(x)?.unsqueeze(D::Minus1)?)
 }
 
 /// `log(1 + eˣ)`.
 fn softplus(x: &Tensor) -> Result<Tensor> {
     x.relu()?.add(&(x.abs()?.neg()?.exp()? + 1.0)?.log()?)
+}
+
+/// `log I₀(κ)`, κ ≥ 0, element by element: on the CPU, wherever κ is (a few numbers a row).
+fn log_bessel0(kappa: &Tensor) -> Result<Tensor> {
+    kappa.to_device(&Device::Cpu)?.contiguous()?.apply_op1(LogBessel0)?.to_device(kappa.device())
 }
 
 /// `log I₀(κ)`, κ ≥ 0; its derivative is `I₁(κ) / I₀(κ)`.
@@ -155,7 +151,6 @@ pub(crate) fn log_bessel0_and_slope(kappa: f64) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use candle_core::Device;
 
     #[test]
     fn the_bessel_ratio_is_the_slope_of_the_logarithm() {

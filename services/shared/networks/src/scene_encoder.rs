@@ -1,6 +1,6 @@
 //! The scene encoder `e_Z(x_Z) → h_Z` (paper, section 2.1), for training: the scene without the query, about the anchor's centroid.
 
-use candle_core::{Device, Result, Tensor};
+use candle_core::{Result, Tensor};
 
 use crate::{
     config::{NetworksConfig, SetAbstractionConfig},
@@ -36,7 +36,7 @@ impl SceneEncoder {
     /// When the shapes do not fit.
     pub fn forward(&self, scenes: &Grouped, mode: &Mode, path: Path) -> Result<Tensor> {
         let features = self.points.forward(scenes, mode, path)?;
-        let centers = Tensor::zeros((features.dim(0)?, 3), features.dtype(), &Device::Cpu)?;
+        let centers = Tensor::zeros((features.dim(0)?, 3), features.dtype(), features.device())?;
         self.head.forward(&features, &centers)
     }
 }

@@ -62,17 +62,8 @@ impl SetAbstraction {
     /// # Errors
     /// When the shapes do not fit.
     pub fn forward(&self, points: &Tensor, features: Option<&Tensor>, grouping: &Grouping, mode: &Mode) -> Result<Tensor> {
-        let scale = 1.0 / f64::from(self.config.radius_m);
-        let points = (points * scale)?;
-        let centroids = (coordinates(&grouping.centroids)? * scale)?;
-        let input = match features {
-            Some(features) => Tensor::cat(&[&points, features], 1)?,
-            None => points,
-        };
-        let point_terms = self.linears[0].forward(&input)?;
-        let centroid_terms = centroids.matmul(&self.linears[0].weight.narrow(1, 0, 3)?.t()?)?;
-        let rest = self.linears[1..].iter().map(|l| Ok([l.weight.flatten_all()?, l.bias.clone()])).collect::<Result<Vec<_>>>()?;
-        let rest: Vec<&Tensor> = rest.iter().flatten().collect();
+        let (point_terms, centroid_terms) = self.first_layer(points, features, grouping)?;
+        let rest: Vec<Tensor> = self.linears[1..].iter().map(Linear::flat).collect::<Result<_>>()?;
         let op = FusedPairMlp {
             kernel: Kernel::detect(),
             neighbours: Arc::new(grouping.neighbours.clone()),
@@ -83,6 +74,38 @@ impl SetAbstraction {
         self.normed(&pooled, mode)
     }
 
+    /// The same by candle's own operations on all pairs at once, which run on any device.
+    ///
+    /// # Errors
+    /// When the shapes do not fit.
+    pub fn forward_gathered(&self, points: &Tensor, features: Option<&Tensor>, grouping: &Grouping, mode: &Mode) -> Result<Tensor> {
+        let (point_terms, centroid_terms) = self.first_layer(points, features, grouping)?;
+        let (centroids, most) = (grouping.neighbours.centroids(), grouping.neighbours.most());
+        let gathered = Tensor::from_vec(grouping.neighbours.padded()?, centroids * most, points.device())?;
+        let pairs = point_terms.index_select(&gathered, 0)?.reshape((centroids, most, ()))?;
+        let mut x = pairs.broadcast_sub(&centroid_terms.unsqueeze(1)?)?.flatten(0, 1)?;
+        for linear in &self.linears[1..] {
+            x = linear.forward(&x.relu()?)?;
+        }
+        let x = x.reshape((centroids, most, ()))?;
+        // By the winner's place, because candle's gradient of a maximum goes to all that tie, padding included.
+        let winners = x.detach().argmax_keepdim(1)?;
+        self.normed(&x.gather(&winners, 1)?.squeeze(1)?, mode)
+    }
+
+    /// The first linear layer's part of each point, `[points, hidden]`, and of each centroid, `[centroids, hidden]`: a pair's is the difference.
+    fn first_layer(&self, points: &Tensor, features: Option<&Tensor>, grouping: &Grouping) -> Result<(Tensor, Tensor)> {
+        let scale = 1.0 / f64::from(self.config.radius_m);
+        let points = (points * scale)?;
+        let centroids = (coordinates(&grouping.centroids, points.device())? * scale)?;
+        let input = match features {
+            Some(features) => Tensor::cat(&[&points, features], 1)?,
+            None => points,
+        };
+        let centroid_terms = centroids.matmul(&self.linears[0].weight().narrow(1, 0, 3)?.t()?)?;
+        Ok((self.linears[0].forward(&input)?, centroid_terms))
+    }
+
     /// The same, operation by operation and neighbour list by neighbour list: the reference that tests hold the fused paths against.
     ///
     /// # Errors
@@ -90,8 +113,8 @@ impl SetAbstraction {
     pub fn forward_plain(&self, points: &Tensor, features: Option<&Tensor>, grouping: &Grouping, mode: &Mode) -> Result<Tensor> {
         let mut rows = Vec::new();
         for (i, centroid) in grouping.centroids.iter().enumerate() {
-            let list = Tensor::new(grouping.neighbours.of(i), &Device::Cpu)?;
-            let centroid = Tensor::new(&[*centroid], &Device::Cpu)?;
+            let list = Tensor::new(grouping.neighbours.of(i), points.device())?;
+            let centroid = Tensor::new(&[*centroid], points.device())?;
             let relative = (points.index_select(&list, 0)?.broadcast_sub(&centroid)? * (1.0 / f64::from(self.config.radius_m)))?;
             let mut x = match features {
                 Some(features) => Tensor::cat(&[relative, features.index_select(&list, 0)?], 1)?,
@@ -116,10 +139,19 @@ impl SetAbstraction {
 /// Which implementation of the set abstractions a forward pass runs on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Path {
-    /// Fused kernels.
+    /// Fused kernels, which a CPU has.
     Fused,
-    /// candle, operation by operation.
+    /// candle's operations on all pairs at once, which any device has.
+    Gathered,
+    /// candle, operation by operation: the reference.
     Plain,
+}
+
+impl Path {
+    /// The fastest that a device has.
+    pub fn of(device: &Device) -> Self {
+        if device.is_cpu() { Self::Fused } else { Self::Gathered }
+    }
 }
 
 /// A chain of levels; the last is global.
@@ -143,19 +175,21 @@ impl PointNet {
     /// # Errors
     /// When the shapes do not fit.
     pub fn forward(&self, input: &crate::crops::Grouped, mode: &Mode, path: Path) -> Result<Tensor> {
-        let mut points = coordinates(&input.points)?;
+        let Some(device) = self.levels.first().map(|level| level.linears[0].weight().device()) else {
+            candle_core::bail!("a point network needs at least one level")
+        };
+        let mut points = coordinates(&input.points, device)?;
         let mut features = match self.levels.first() {
-            Some(first) if first.config.features == 1 => {
-                Some(Tensor::from_slice(&input.is_query, (input.is_query.len(), 1), &Device::Cpu)?)
-            }
+            Some(first) if first.config.features == 1 => Some(Tensor::from_slice(&input.is_query, (input.is_query.len(), 1), device)?),
             _ => None,
         };
         for (level, grouping) in self.levels.iter().zip(&input.levels) {
             let out = match path {
                 Path::Fused => level.forward(&points, features.as_ref(), grouping, mode)?,
+                Path::Gathered => level.forward_gathered(&points, features.as_ref(), grouping, mode)?,
                 Path::Plain => level.forward_plain(&points, features.as_ref(), grouping, mode)?,
             };
-            points = coordinates(&grouping.centroids)?;
+            points = coordinates(&grouping.centroids, device)?;
             features = Some(out);
         }
         match features {
@@ -166,6 +200,6 @@ impl PointNet {
 }
 
 /// `[n, 3]`.
-fn coordinates(points: &[[f32; 3]]) -> Result<Tensor> {
-    Tensor::from_slice(points.as_flattened(), (points.len(), 3), &Device::Cpu)
+fn coordinates(points: &[[f32; 3]], device: &Device) -> Result<Tensor> {
+    Tensor::from_slice(points.as_flattened(), (points.len(), 3), device)
 }

@@ -4,6 +4,7 @@
 
 use std::collections::HashMap;
 
+use candle_core::Device;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
@@ -98,7 +99,7 @@ impl Weights {
     /// # Errors
     /// None in practice; the networks' construction is fallible.
     pub fn initial(config: &NetworksConfig, seed: u64) -> Result<Vec<u8>, WeightsError> {
-        let (_, parameters) = Networks::seeded(config, &mut Pcg64::seed_from_u64(seed))?;
+        let (_, parameters) = Networks::seeded(config, &mut Pcg64::seed_from_u64(seed), &Device::Cpu)?;
         let info = WeightsInfo { recipe: serde_json::json!({ "untrained": true, "seed": seed }), metrics: serde_json::Value::Null };
         Self::to_bytes(&parameters.to_map()?, &info)
     }
@@ -129,7 +130,7 @@ mod tests {
         let error = Weights::from_bytes(&Weights::to_bytes(&weights.values, &weights.info).unwrap()).unwrap_err();
         assert!(error.to_string().contains("relations/out/bias"), "{error}");
         weights.values.remove("relations/out/bias");
-        let error = Networks::stored(&config, &weights.values).unwrap_err();
+        let error = Networks::stored(&config, &weights.values, &Device::Cpu).unwrap_err();
         assert!(error.to_string().contains("relations/out/bias is missing"), "{error}");
     }
 }

@@ -1,6 +1,6 @@
-//! The three ways of computing a network agree: candle operation by operation, candle with the fused operation, and serving's kernels.
+//! The ways of computing a network agree: candle list by list and with all pairs at once, candle with the fused operation, and serving's kernels.
 
-use candle_core::{Device, Tensor};
+use candle_core::{Device, Tensor, backprop::GradStore};
 use nalgebra::Point3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -9,6 +9,7 @@ use repose_networks::{
     crops::Grouped,
     layers::Mode,
     pair_measures::{MeasuredCloud, PAIR_MEASURES, pair_measures},
+    parameters::Parameters,
     points::{CloudConfig, ObjectCloud, SceneCloud, Sight},
     set_abstraction::Path,
     shared_scene::SharedScene,
@@ -56,18 +57,21 @@ fn largest_difference(a: &[f32], b: &[f32]) -> f32 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
 }
 
-/// Close as vectors: a near tie, or a ReLU at zero, that rounding decides the other way moves one whole gradient.
-fn assert_same_gradient(name: &str, fused: &[f32], plain: &[f32]) {
+/// Of the parameters under `part`; close as vectors: a near tie, or a ReLU at zero, that rounding decides the other way moves one whole gradient.
+fn assert_same_gradients(parameters: &Parameters, part: &str, other: &GradStore, plain: &GradStore) {
     let norm = |v: &mut dyn Iterator<Item = f32>| v.map(|x| x * x).sum::<f32>().sqrt();
-    let difference = norm(&mut fused.iter().zip(plain).map(|(a, b)| a - b));
-    let size = norm(&mut plain.iter().copied());
-    assert!(difference < 0.05 * size + 1e-3, "{name}: {difference} of {size}");
+    for (name, var) in parameters.trainable.iter().filter(|(name, _)| name.starts_with(part)) {
+        let [other, plain] = [other, plain].map(|grads| grads.get(var).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap());
+        let difference = norm(&mut other.iter().zip(&plain).map(|(a, b)| a - b));
+        let size = norm(&mut plain.iter().copied());
+        assert!(difference < 0.05 * size + 1e-3, "{name}: {difference} of {size}");
+    }
 }
 
 #[test]
 fn the_fused_operation_equals_candle_forward_and_backward() {
     let config = NetworksConfig::default();
-    let (networks, parameters) = Networks::seeded(&config, &mut Pcg64::seed_from_u64(3)).unwrap();
+    let (networks, parameters) = Networks::seeded(&config, &mut Pcg64::seed_from_u64(3), &Device::Cpu).unwrap();
     let batch = Grouped::concat(&discriminator_batch(&config, Kernel::detect()));
     let target = Tensor::new(&[0.3f32, -0.7], &Device::Cpu).unwrap();
     let run = |path| {
@@ -76,19 +80,18 @@ fn the_fused_operation_equals_candle_forward_and_backward() {
         let loss = (&logits - &target).unwrap().sqr().unwrap().sum_all().unwrap();
         (logits.to_vec1::<f32>().unwrap(), loss.backward().unwrap())
     };
-    let ((fused, fused_grads), (plain, plain_grads)) = (run(Path::Fused), run(Path::Plain));
-    assert!(largest_difference(&fused, &plain) < 1e-4, "{fused:?} {plain:?}");
-    for (name, var) in parameters.trainable.iter().filter(|(name, _)| name.starts_with("discriminator")) {
-        let values = |grads: &candle_core::backprop::GradStore| grads.get(var).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
-        let (a, b) = (values(&fused_grads), values(&plain_grads));
-        assert_same_gradient(name, &a, &b);
+    let (plain, plain_grads) = run(Path::Plain);
+    for path in [Path::Fused, Path::Gathered] {
+        let (other, grads) = run(path);
+        assert!(largest_difference(&other, &plain) < 1e-4, "{path:?}: {other:?} {plain:?}");
+        assert_same_gradients(&parameters, "discriminator", &grads, &plain_grads);
     }
 }
 
 #[test]
 fn three_layer_set_abstractions_have_the_same_gradient_too() {
     let config = NetworksConfig::default();
-    let (networks, parameters) = Networks::seeded(&config, &mut Pcg64::seed_from_u64(4)).unwrap();
+    let (networks, parameters) = Networks::seeded(&config, &mut Pcg64::seed_from_u64(4), &Device::Cpu).unwrap();
     let (_, object) = clouds();
     let kernel = Kernel::detect();
     let batch =
@@ -98,19 +101,18 @@ fn three_layer_set_abstractions_have_the_same_gradient_too() {
         let loss = shapes.sqr().unwrap().sum_all().unwrap();
         (shapes.flatten_all().unwrap().to_vec1::<f32>().unwrap(), loss.backward().unwrap())
     };
-    let ((fused, fused_grads), (plain, plain_grads)) = (run(Path::Fused), run(Path::Plain));
-    assert!(largest_difference(&fused, &plain) < 1e-3);
-    for (name, var) in parameters.trainable.iter().filter(|(name, _)| name.starts_with("object/sa")) {
-        let values = |grads: &candle_core::backprop::GradStore| grads.get(var).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
-        let (a, b) = (values(&fused_grads), values(&plain_grads));
-        assert_same_gradient(name, &a, &b);
+    let (plain, plain_grads) = run(Path::Plain);
+    for path in [Path::Fused, Path::Gathered] {
+        let (other, grads) = run(path);
+        assert!(largest_difference(&other, &plain) < 1e-3, "{path:?}: {other:?} {plain:?}");
+        assert_same_gradients(&parameters, "object/sa", &grads, &plain_grads);
     }
 }
 
 #[test]
 fn serving_equals_candle_on_every_kernel() {
     let config = NetworksConfig::default();
-    let (networks, parameters) = Networks::seeded(&config, &mut Pcg64::seed_from_u64(5)).unwrap();
+    let (networks, parameters) = Networks::seeded(&config, &mut Pcg64::seed_from_u64(5), &Device::Cpu).unwrap();
     let bytes = Weights::to_bytes(&parameters.to_map().unwrap(), &WeightsInfo::default()).unwrap();
     let (points, labels) = scene(1);
     let candidates =
@@ -232,7 +234,8 @@ fn weights_that_read_other_measures_are_refused_by_name() {
 #[test]
 fn training_goes_on_from_weights_that_lack_a_part() {
     let small = Weights::from_bytes(&Weights::initial(&NetworksConfig::paper(), 9).unwrap()).unwrap();
-    let (networks, parameters) = Networks::started(&NetworksConfig::default(), &small.values, &mut Pcg64::seed_from_u64(1)).unwrap();
+    let (networks, parameters) =
+        Networks::started(&NetworksConfig::default(), &small.values, &mut Pcg64::seed_from_u64(1), &Device::Cpu).unwrap();
     assert!(networks.outcome.is_some());
     let values = parameters.to_map().unwrap();
     assert_eq!(values["discriminator/sa1/linear1/weight"], small.values["discriminator/sa1/linear1/weight"]);
@@ -242,7 +245,7 @@ fn training_goes_on_from_weights_that_lack_a_part() {
 #[test]
 fn the_outcome_network_has_the_same_gradient_fused_and_plain() {
     let config = NetworksConfig::default();
-    let (networks, parameters) = Networks::seeded(&config, &mut Pcg64::seed_from_u64(10)).unwrap();
+    let (networks, parameters) = Networks::seeded(&config, &mut Pcg64::seed_from_u64(10), &Device::Cpu).unwrap();
     let (scene, object) = clouds();
     let kernel = Kernel::detect();
     let shared = SharedScene::new(kernel, &config, &scene);
@@ -253,20 +256,21 @@ fn the_outcome_network_has_the_same_gradient_fused_and_plain() {
         let loss = logits.sqr().unwrap().sum_all().unwrap();
         (logits.to_vec1::<f32>().unwrap(), loss.backward().unwrap())
     };
-    let [fused, plain] = [Path::Fused, Path::Plain].map(|path| run(path, Mode::Serving).0);
-    assert!(largest_difference(&fused, &plain) < 1e-4, "{fused:?} {plain:?}");
-    // Batch statistics of untrained features are so small that dividing by them shows the rounding of coordinates that are not yet relative.
-    let [(fused, fused_grads), (plain, plain_grads)] = [Path::Fused, Path::Plain].map(|path| run(path, Mode::Training(Default::default())));
-    assert!(largest_difference(&fused, &plain) < 5e-3, "{fused:?} {plain:?}");
-    for (name, var) in parameters.trainable.iter().filter(|(name, _)| name.starts_with("outcome/")) {
-        let values = |grads: &candle_core::backprop::GradStore| grads.get(var).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
-        assert_same_gradient(name, &values(&fused_grads), &values(&plain_grads));
+    let served = run(Path::Plain, Mode::Serving).0;
+    let (plain, plain_grads) = run(Path::Plain, Mode::Training(Default::default()));
+    for path in [Path::Fused, Path::Gathered] {
+        let other = run(path, Mode::Serving).0;
+        assert!(largest_difference(&other, &served) < 1e-4, "{path:?}: {other:?} {served:?}");
+        // Batch statistics of untrained features are so small that dividing by them shows the rounding of coordinates that are not yet relative.
+        let (other, grads) = run(path, Mode::Training(Default::default()));
+        assert!(largest_difference(&other, &plain) < 5e-3, "{path:?}: {other:?} {plain:?}");
+        assert_same_gradients(&parameters, "outcome/", &grads, &plain_grads);
     }
 }
 
 #[test]
 fn the_readme_counts_the_parameters_that_there_are() {
-    let (_, parameters) = Networks::seeded(&NetworksConfig::default(), &mut Pcg64::seed_from_u64(1)).unwrap();
+    let (_, parameters) = Networks::seeded(&NetworksConfig::default(), &mut Pcg64::seed_from_u64(1), &Device::Cpu).unwrap();
     let readme = include_str!("../README.md");
     for part in ["object", "scene", "relations", "prior", "discriminator", "outcome"] {
         let own = parameters.trainable.iter().filter(|(name, _)| name.starts_with(&format!("{part}/")));
