@@ -24,6 +24,7 @@ pub mod robot_scene;
 pub mod robot_table;
 pub mod robot_trial;
 pub mod scoring_speed;
+pub mod script;
 pub mod segmentation;
 pub mod stability_fit;
 pub mod stability_samples;
@@ -32,7 +33,7 @@ pub mod true_answers;
 pub mod world;
 
 pub use discriminator_table::{DiscriminatorSettings, DiscriminatorTable, evaluate_discriminator};
-pub use planner_scene::{PlannerSceneSettings, SceneRecord, SceneSet, TriedScene};
+pub use planner_scene::{PlannerSceneSettings, SceneRecord, SceneSet, ScriptTrial, TriedScene};
 pub use planner_table::{Part, PlannerRow, PlannerTableSettings, SetTable, evaluate_planner, planner_tables};
 pub use problem::{Problem, ProblemSettings};
 pub use proposals::{ProposalSettings, proposals};

@@ -21,6 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::one_scene::OneScene;
 use crate::outcome::{Release, STABLE_M, judge, release};
+use crate::script::script_placement;
 use crate::true_answers::{Support, TrueAnswer, Truth, TruthSettings};
 use crate::{Problem, ProblemSettings};
 
@@ -129,6 +130,24 @@ impl Trial {
     }
 }
 
+/// What the script of [`crate::script`] made of a problem.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ScriptTrial {
+    /// What came of its answer; none without one.
+    pub release: Option<Release>,
+}
+
+impl ScriptTrial {
+    fn of(problem: &Problem, settings: &ReleaseSettings) -> Self {
+        Self { release: script_placement(problem).and_then(|placed| release(problem, &placed, settings)) }
+    }
+
+    /// As [`Trial::joint`].
+    pub fn joint(&self) -> bool {
+        self.release.is_some_and(|r| r.judged.joint())
+    }
+}
+
 /// What came of one scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SceneRecord {
@@ -146,14 +165,16 @@ pub struct SceneRecord {
     pub goal: GoalTerm,
     /// On how many different things the search with the truth found an answer.
     pub true_supports: usize,
+    /// What the bar to clear makes of it.
+    pub script: ScriptTrial,
     /// One a variant.
     pub trials: Vec<Trial>,
 }
 
 impl SceneRecord {
-    /// Whether the scene is known to have an answer: the search with the truth found one, or a variant did.
+    /// Whether the scene is known to have an answer: the search with the truth found one, or a variant or the script did.
     pub fn answerable(&self) -> bool {
-        self.true_supports > 0 || self.trials.iter().any(Trial::joint)
+        self.true_supports > 0 || self.script.joint() || self.trials.iter().any(Trial::joint)
     }
 
     /// What a variant made of it.
@@ -205,6 +226,7 @@ pub fn try_scene(
         query: problem.query,
         goal: problem.goal,
         true_supports: answers.len(),
+        script: ScriptTrial::of(&problem, &settings.release),
         trials,
     };
     Ok(Some(TriedScene { truth: answers, record, results, problem }))

@@ -117,6 +117,8 @@ pub struct PlannerRow {
     pub none_recall: Rate,
     /// The joint rate against `geometric`'s on the same scenes.
     pub against_geometric: Option<Paired>,
+    /// The joint rate against the script's ([`crate::script`]) on the same scenes.
+    pub against_script: Option<Paired>,
     /// Of the scenes with true answers on two supports or more: the answers stand on two or more.
     pub two_supports: Rate,
     /// The same, and on two of them at least one answer succeeds.
@@ -134,8 +136,10 @@ pub struct Part {
     pub scenes: usize,
     /// How many are known to have an answer.
     pub answerable: usize,
-    /// How many of those only a variant found one for: what the search with the truth missed.
+    /// How many of those only a variant or the script found one for: what the search with the truth missed.
     pub found_by_variants_only: usize,
+    /// The script's joint rate, of the scenes with an answer.
+    pub script_joint: Rate,
     /// One a variant.
     pub rows: Vec<PlannerRow>,
 }
@@ -173,6 +177,7 @@ fn part(name: &str, records: &[&SceneRecord], variants: &[Variant]) -> Part {
         scenes: records.len(),
         answerable: records.iter().filter(|r| r.answerable()).count(),
         found_by_variants_only: records.iter().filter(|r| r.answerable() && r.true_supports == 0).count(),
+        script_joint: records.iter().filter(|r| r.answerable()).map(|r| r.script.joint()).collect(),
         rows: variants.iter().map(|v| row(*v, records)).collect(),
     }
 }
@@ -182,7 +187,7 @@ fn row(variant: Variant, records: &[&SceneRecord]) -> PlannerRow {
     let (mut of_all, mut of_answerable) = (Columns::default(), Columns::default());
     let (mut returned, mut joint, mut right_when_returned, mut none_precision, mut none_recall) = (rate, rate, rate, rate, rate);
     let (mut two_supports, mut two_good_supports) = (rate, rate);
-    let (mut times, mut pairs) = (Vec::new(), Vec::new());
+    let (mut times, mut pairs, mut script_pairs) = (Vec::new(), Vec::new(), Vec::new());
     for record in records {
         let Some(trial) = record.trial(variant) else { continue };
         let is_none = trial.release.is_none();
@@ -192,6 +197,7 @@ fn row(variant: Variant, records: &[&SceneRecord]) -> PlannerRow {
             of_answerable.count(trial);
             returned.count(!is_none);
             joint.count(trial.joint());
+            script_pairs.push((trial.joint(), record.script.joint()));
             pairs.extend(record.trial(Variant::Geometric).map(|geometric| (trial.joint(), geometric.joint())));
         } else {
             none_recall.count(is_none);
@@ -218,6 +224,7 @@ fn row(variant: Variant, records: &[&SceneRecord]) -> PlannerRow {
         none_precision,
         none_recall,
         against_geometric: if variant == Variant::Geometric { None } else { Paired::of(&pairs) },
+        against_script: Paired::of(&script_pairs),
         two_supports,
         two_good_supports,
         times_ms: [time(0.5), time(0.95)],
@@ -233,7 +240,7 @@ mod tests {
 
     use super::*;
     use crate::outcome::{Judged, Release};
-    use crate::planner_scene::InView;
+    use crate::planner_scene::{InView, ScriptTrial};
 
     fn trial(variant: Variant, joint: Option<bool>, [relations, realism, moved_m]: [f64; 3]) -> Trial {
         Trial {
@@ -256,7 +263,17 @@ mod tests {
 
     fn record(slot: u64, kind: SceneKind, true_supports: usize, trials: Vec<Trial>) -> SceneRecord {
         let goal = GoalTerm { relation: Relation::LeftOf, anchor: 2, holds: true };
-        SceneRecord { set: "set".to_owned(), slot, seed: slot, kind, query: 1, goal, true_supports, trials }
+        SceneRecord {
+            set: "set".to_owned(),
+            slot,
+            seed: slot,
+            kind,
+            query: 1,
+            goal,
+            true_supports,
+            script: ScriptTrial { release: None },
+            trials,
+        }
     }
 
     #[test]
@@ -284,6 +301,8 @@ mod tests {
         assert_eq!((best.of_answerable.stable, geometric.of_answerable.stable), (rate(4, 4), rate(0, 4)));
         let paired = best.against_geometric.expect("pairs");
         assert_eq!((paired.scenes, paired.difference, paired.only_first, paired.only_second), (4, 25.0, 2, 1));
+        assert_eq!(table.all.script_joint, rate(0, 4));
+        assert_eq!(best.against_script.map(|p| (p.scenes, p.difference)), Some((4, 75.0)));
         assert_eq!((best.two_supports, best.two_good_supports), (rate(1, 1), rate(0, 1)));
         assert_eq!(table.kinds.iter().map(|k| (k.name.as_str(), k.scenes)).collect::<Vec<_>>(), [("shelf", 3), ("kitchen", 2)]);
         assert_eq!(geometric.against_geometric, None);

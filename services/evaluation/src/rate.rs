@@ -37,6 +37,14 @@ impl Rate {
     }
 }
 
+impl FromIterator<bool> for Rate {
+    fn from_iter<T: IntoIterator<Item = bool>>(trials: T) -> Self {
+        let mut rate = Self::default();
+        trials.into_iter().for_each(|success| rate.count(success));
+        rate
+    }
+}
+
 impl std::fmt::Display for Rate {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let [low, high] = self.interval_percent();

@@ -75,12 +75,23 @@ impl Records {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use repose_evaluation::ScriptTrial;
     use repose_proto::{GoalTerm, Relation};
     use repose_simulator::scene::SceneKind;
 
     fn record(set: &str, slot: u64) -> SceneRecord {
         let goal = GoalTerm { relation: Relation::Behind, anchor: 2, holds: true };
-        SceneRecord { set: set.to_owned(), slot, seed: slot, kind: SceneKind::Shelf, query: 1, goal, true_supports: 1, trials: Vec::new() }
+        SceneRecord {
+            set: set.to_owned(),
+            slot,
+            seed: slot,
+            kind: SceneKind::Shelf,
+            query: 1,
+            goal,
+            true_supports: 1,
+            script: ScriptTrial { release: None },
+            trials: Vec::new(),
+        }
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The report of `evaluate planner`: JSON with the contract's keys, tables for people with the paper's figures beside, bars as SVG.
 
 use comfy_table::Table;
+use repose_evaluation::paired::Paired;
 use repose_evaluation::planner_table::{Columns, Part, PlannerRow, SetTable};
 use repose_evaluation::svg::{Bars, grouped_bars};
 use repose_evaluation::{Rate, SceneRecord, paper};
@@ -13,7 +14,7 @@ use crate::failure::Failure;
 const DEFINITION: &str = "ground truth: masks, camera pose, meshes, and what 500 physics steps do; observed: depth with the sensor model; \
                           predicates p > 0.5, realistic f > 0.5 (best: by the outcome network), successful both, stable (centre moved < 5 cm): each variant's lowest-cost candidate in view, feasible or not; \
                           joint: of the scenes with an answer, those where a placement was returned, the object stayed, the goal held by ground truth after settling, \
-                          nothing else moved 2 cm, tilt < 15 degrees, penetration <= 5 mm; a scene has an answer where a search with the truth or any variant found one; intervals 95 %";
+                          nothing else moved 2 cm, tilt < 15 degrees, penetration <= 5 mm; a scene has an answer where a search with the truth, any variant or the script found one; script: boxes, planes and random draws (evaluation/src/script.rs); intervals 95 %";
 
 /// The JSON: the first set's rows on top, every set below `sets`, every scene below `records`.
 pub fn document(tables: &[SetTable], records: &[SceneRecord], head: &Value) -> Value {
@@ -33,6 +34,7 @@ pub fn document(tables: &[SetTable], records: &[SceneRecord], head: &Value) -> V
 fn part(part: &Part) -> Value {
     json!({
         "name": part.name, "scenes": part.scenes, "feasible": part.answerable, "found_by_variants_only": part.found_by_variants_only,
+        "script_joint": part.script_joint.percent(),
         "rows": part.rows.iter().map(row).collect::<Vec<_>>(),
     })
 }
@@ -48,7 +50,7 @@ fn row(row: &PlannerRow) -> Value {
             "predicates": row.of_answerable.predicates.percent(), "realistic": row.of_answerable.realistic.percent(),
             "successful": row.of_answerable.successful.percent(), "stable": row.of_answerable.stable.percent(),
         },
-        "against_geometric": row.against_geometric,
+        "against_geometric": row.against_geometric, "against_script": row.against_script,
         "p50_ms": row.times_ms[0], "p95_ms": row.times_ms[1],
         "counts": row,
     })
@@ -104,11 +106,12 @@ pub fn text_of(tables: &[SetTable]) -> String {
     for table in tables {
         let all = &table.all;
         text += &format!(
-            "\n\n{}: {} scenes, {} with an answer ({} of them found by a variant only)\n{}\n{}",
+            "\n\n{}: {} scenes, {} with an answer ({} of them found by a variant only); the script's joint rate {}\n{}\n{}",
             all.name,
             all.scenes,
             all.answerable,
             all.found_by_variants_only,
+            all.script_joint,
             papers_columns(all),
             joint_rates(all)
         );
@@ -146,6 +149,7 @@ fn joint_rates(part: &Part) -> Table {
         "returned",
         "joint",
         "against geometric",
+        "against the script",
         "right when returned",
         "none right",
         "none found",
@@ -157,7 +161,8 @@ fn joint_rates(part: &Part) -> Table {
             row.variant.to_string(),
             row.returned.to_string(),
             row.joint.to_string(),
-            against(row),
+            against(row.against_geometric),
+            against(row.against_script),
             row.right_when_returned.to_string(),
             row.none_precision.to_string(),
             row.none_recall.to_string(),
@@ -172,17 +177,23 @@ fn kinds(set: &SetTable) -> Table {
     let mut table = Table::new();
     let mut header = vec!["kind".to_owned(), "with an answer".to_owned()];
     header.extend(set.all.rows.iter().map(|r| r.variant.to_string()));
+    header.push("script".to_owned());
     table.set_header(header);
     for kind in &set.kinds {
         let mut cells = vec![kind.name.clone(), format!("{} of {}", kind.answerable, kind.scenes)];
-        cells.extend(kind.rows.iter().map(|r| format!("{}\n{}", r.joint, against(r)).trim_end().to_owned()));
+        cells.extend(kind.rows.iter().map(|r| {
+            let beside = [("geometric", r.against_geometric), ("script", r.against_script)].map(|(name, paired)| (name, against(paired)));
+            let beside = beside.iter().filter(|(_, text)| !text.is_empty()).map(|(name, text)| format!("\n{name} {text}"));
+            format!("{}{}", r.joint, beside.collect::<String>())
+        }));
+        cells.push(kind.script_joint.to_string());
         table.add_row(cells);
     }
     table
 }
 
-fn against(row: &PlannerRow) -> String {
-    let Some(paired) = &row.against_geometric else { return String::new() };
+fn against(paired: Option<Paired>) -> String {
+    let Some(paired) = paired else { return String::new() };
     let interval = paired.interval.map_or_else(String::new, |[low, high]| format!(" [{low:+.0}, {high:+.0}]"));
     format!("{:+.1}{interval}, {}:{}, p {:.2}", paired.difference, paired.only_first, paired.only_second, paired.p)
 }
