@@ -1,9 +1,10 @@
 //! The bounded queue and the owned threads that compute: what every service's worker is made of.
 //!
 //! Async code submits and awaits; compute threads never await. A full queue refuses at once. A job whose caller has gone, whose deadline
-//! has passed or whose request was cancelled is never started. Jobs that wait together are handed over together, up to `max_batch`, so
-//! that an inference thread can batch across requests, and a thread may wait a configured time for a fuller batch. Interactive jobs go before
-//! batch ones, which get a turn after some were let by. A panic ends its jobs with `internal` and not the thread.
+//! has passed or whose request was cancelled is never started. Jobs that wait together are handed over together, up to `max_batch` and
+//! `max_weight`, so that an inference thread can batch across requests, and a thread may wait a configured time for a fuller batch.
+//! Interactive jobs go before batch ones and are not handed over with them, but these get a turn after some were let by. A panic ends its
+//! jobs with `internal` and not the thread.
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -28,6 +29,9 @@ pub struct QueueSettings {
     pub threads: usize,
     /// Jobs that a thread takes at once.
     pub max_batch: usize,
+    /// What these may weigh together ([`BatchQueue::start_weighed`]); a heavier one is taken alone. Higher: fuller batches, and whoever comes
+    /// during one waits longer.
+    pub max_weight: usize,
     /// How long the first job of a batch waits for others. Higher: fuller batches when many ask, and every lone job is later by as much.
     pub max_wait: Duration,
 }
@@ -37,7 +41,7 @@ const LET_BY: usize = 8;
 
 impl Default for QueueSettings {
     fn default() -> Self {
-        Self { name: "compute".to_owned(), capacity: 32, threads: 1, max_batch: 1, max_wait: Duration::ZERO }
+        Self { name: "compute".to_owned(), capacity: 32, threads: 1, max_batch: 1, max_weight: usize::MAX, max_wait: Duration::ZERO }
     }
 }
 
@@ -115,7 +119,7 @@ impl<R, T> Job<R, T> {
 
     /// The job, if anyone still waits for it; answers if it is too late.
     fn alive(self) -> Option<Self> {
-        if self.reply.0.is_closed() {
+        if !self.reply.is_awaited() {
             return None;
         }
         match self.context.check() {
@@ -132,6 +136,11 @@ impl<R, T> Job<R, T> {
 pub struct JobReply<T>(oneshot::Sender<Result<T, CallError>>);
 
 impl<T> JobReply<T> {
+    /// Whether anyone still waits for the answer.
+    pub fn is_awaited(&self) -> bool {
+        !self.0.is_closed()
+    }
+
     /// Answers.
     pub fn finish(self, result: Result<T, CallError>) {
         // A caller that has gone needs no answer.
@@ -159,20 +168,60 @@ impl<R, T> State<R, T> {
         }
     }
 
-    /// The next job: the oldest interactive one, unless a batch job has let enough by.
-    fn pop(&mut self) -> Option<Job<R, T>> {
-        if self.interactive.is_empty() || (!self.batch.is_empty() && self.let_by >= LET_BY) {
-            self.let_by = 0;
-            return self.batch.pop_front();
+    /// Whether a batch job has let enough by.
+    fn is_batch_due(&self) -> bool {
+        !self.batch.is_empty() && self.let_by >= LET_BY
+    }
+
+    /// The next job to go with those taken already, if there is room for it: the oldest interactive one, unless a batch job is due. A batch job
+    /// that is not due would only delay the interactive ones beside it.
+    fn pop(&mut self, taken: &mut Taken<R, T>, weigh: fn(&R) -> usize) -> Option<Job<R, T>> {
+        let is_interactive = !self.interactive.is_empty() && !self.is_batch_due();
+        if !is_interactive && !self.is_batch_due() && taken.is_interactive() {
+            return None;
         }
-        self.let_by = if self.batch.is_empty() { 0 } else { self.let_by + 1 };
-        self.interactive.pop_front()
+        let line = if is_interactive { &mut self.interactive } else { &mut self.batch };
+        taken.is_full |= line.front().is_some_and(|job| !taken.has_room_for(weigh(&job.request)));
+        let job = if taken.is_full { None } else { line.pop_front() }?;
+        self.let_by = if is_interactive && !self.batch.is_empty() { self.let_by + 1 } else { 0 };
+        Some(job)
     }
 
     /// Forgets those nobody waits for.
     fn drop_abandoned(&mut self) {
-        self.interactive.retain(|job| !job.reply.0.is_closed());
-        self.batch.retain(|job| !job.reply.0.is_closed());
+        self.interactive.retain(|job| job.reply.is_awaited());
+        self.batch.retain(|job| job.reply.is_awaited());
+    }
+}
+
+/// Jobs that are handed over together.
+struct Taken<R, T> {
+    jobs: Vec<Job<R, T>>,
+    weight: usize,
+    max_weight: usize,
+    /// No more jobs, or none as heavy as the next.
+    is_full: bool,
+}
+
+impl<R, T> Taken<R, T> {
+    fn has_room_for(&self, weight: usize) -> bool {
+        self.jobs.is_empty() || self.weight.saturating_add(weight) <= self.max_weight
+    }
+
+    fn is_interactive(&self) -> bool {
+        self.jobs.iter().any(|job| job.context.priority == Priority::Interactive)
+    }
+
+    fn push(&mut self, job: Job<R, T>, weight: usize, most: usize) {
+        self.weight = self.weight.saturating_add(weight);
+        self.jobs.push(job);
+        self.is_full = self.jobs.len() >= most;
+    }
+
+    /// The jobs, interactive ones first.
+    fn in_order(mut self) -> Vec<Job<R, T>> {
+        self.jobs.sort_by_key(|job| job.context.priority == Priority::Batch);
+        self.jobs
     }
 }
 
@@ -181,6 +230,7 @@ struct Shared<R, T> {
     arrived: Condvar,
     gauge: Arc<LoadGauge>,
     settings: QueueSettings,
+    weigh: fn(&R) -> usize,
 }
 
 impl<R, T> Shared<R, T> {
@@ -191,20 +241,26 @@ impl<R, T> Shared<R, T> {
     /// Waits for jobs; none when the queue is closed and empty.
     fn take(&self) -> Option<Vec<Job<R, T>>> {
         let mut state = self.state();
-        let most = self.settings.max_batch.max(1);
-        let mut batch = Vec::new();
+        let QueueSettings { max_batch, max_weight, max_wait, .. } = self.settings;
+        let mut taken = Taken { jobs: Vec::new(), weight: 0, max_weight, is_full: false };
         let mut full_by = None;
         loop {
-            while batch.len() < most {
-                let Some(job) = state.pop() else { break };
-                batch.extend(job.alive());
+            while let Some(job) = state.pop(&mut taken, self.weigh) {
+                if let Some(job) = job.alive() {
+                    let weight = (self.weigh)(&job.request);
+                    taken.push(job, weight, max_batch);
+                }
             }
             self.gauge.set_waiting(state.waiting());
-            if !batch.is_empty() {
-                let full_by = *full_by.get_or_insert_with(|| Instant::now() + self.settings.max_wait);
+            if !taken.jobs.is_empty() {
+                let full_by = *full_by.get_or_insert_with(|| Instant::now() + max_wait);
                 let left = full_by.saturating_duration_since(Instant::now());
-                if batch.len() == most || left.is_zero() || state.closed {
-                    return Some(batch);
+                if taken.is_full || left.is_zero() || state.closed {
+                    if state.waiting() > 0 {
+                        // What is left here may have woken no other thread than this.
+                        self.arrived.notify_one();
+                    }
+                    return Some(taken.in_order());
                 }
                 state = self.arrived.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
                 continue;
@@ -223,16 +279,28 @@ pub struct BatchQueue<R, T> {
 }
 
 impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
-    /// Starts the threads. `crew(i)` makes what thread `i` computes with: it owns its state and gets one to `max_batch` jobs at a time.
+    /// Starts the threads. `crew(i)` makes what thread `i` computes with: it owns its state and gets one to `max_batch` jobs at a
+    /// time, interactive ones first.
     ///
     /// # Errors
     /// When the operating system gives no thread.
-    pub fn start<W>(settings: QueueSettings, mut crew: impl FnMut(usize) -> W) -> Result<Self, RuntimeError>
+    pub fn start<W>(settings: QueueSettings, crew: impl FnMut(usize) -> W) -> Result<Self, RuntimeError>
+    where
+        W: FnMut(Vec<Job<R, T>>) + Send + 'static,
+    {
+        Self::start_weighed(settings, |_| 1, crew)
+    }
+
+    /// The same for requests of unlike size: `weigh` says how much of `max_weight` one takes.
+    ///
+    /// # Errors
+    /// When the operating system gives no thread.
+    pub fn start_weighed<W>(settings: QueueSettings, weigh: fn(&R) -> usize, mut crew: impl FnMut(usize) -> W) -> Result<Self, RuntimeError>
     where
         W: FnMut(Vec<Job<R, T>>) + Send + 'static,
     {
         let state = Mutex::new(State { interactive: VecDeque::new(), batch: VecDeque::new(), let_by: 0, closed: false });
-        let shared = Arc::new(Shared { state, arrived: Condvar::new(), gauge: Arc::default(), settings });
+        let shared = Arc::new(Shared { state, arrived: Condvar::new(), gauge: Arc::default(), settings, weigh });
         // Made first, so that the threads end when one of them could not be started.
         let queue = Self { shared: shared.clone() };
         for i in 0..shared.settings.threads.max(1) {

@@ -115,24 +115,28 @@ async fn jobs_that_wait_together_are_handed_over_together() {
     }
 }
 
-/// A queue that answers each job with how many jobs came before it and how many came with it. Its thread is held by the first job, a
-/// zero, until the sender is dropped.
+/// A queue that answers each job, a number that is its weight, with how many jobs came before it and how many came with it. Its thread is
+/// held by the first job, a zero, until the sender is dropped.
 fn ordered(settings: QueueSettings) -> (BatchQueue<u32, (usize, usize)>, mpsc::Sender<()>) {
     let (release, released) = mpsc::channel::<()>();
     let mut released = Some(released);
-    let queue = BatchQueue::start(settings, |_| {
-        let (released, mut before) = (released.take(), 0);
-        move |jobs: Vec<Job<u32, (usize, usize)>>| {
-            if jobs[0].request == 0 {
-                let _released = released.as_ref().map(mpsc::Receiver::recv);
+    let queue = BatchQueue::start_weighed(
+        settings,
+        |weight| *weight as usize,
+        |_| {
+            let (released, mut before) = (released.take(), 0);
+            move |jobs: Vec<Job<u32, (usize, usize)>>| {
+                if jobs[0].request == 0 {
+                    let _released = released.as_ref().map(mpsc::Receiver::recv);
+                }
+                let size = jobs.len();
+                for job in jobs {
+                    job.finish(Ok((before, size)));
+                    before += 1;
+                }
             }
-            let size = jobs.len();
-            for job in jobs {
-                job.finish(Ok((before, size)));
-                before += 1;
-            }
-        }
-    });
+        },
+    );
     (queue.unwrap(), release)
 }
 
@@ -168,4 +172,41 @@ async fn a_batch_waits_for_others_as_long_as_it_may() {
     }
     let (queue, _release) = ordered(QueueSettings { max_batch: 3, max_wait: Duration::from_millis(1), ..QueueSettings::default() });
     assert_eq!(queue.submit(minute(), 1).unwrap().answer().await.unwrap().1, 1, "alone, it does not wait for ever");
+}
+
+/// What [`ordered`] answers to jobs of these requests and priorities that wait together.
+async fn handed_over(settings: QueueSettings, jobs: &[(u32, Priority)]) -> Vec<(usize, usize)> {
+    let (queue, release) = ordered(settings);
+    let first = queue.submit(minute(), 0).unwrap();
+    while queue.gauge().running() == 0 {
+        tokio::task::yield_now().await;
+    }
+    let jobs: Vec<_> = jobs.iter().map(|(request, p)| queue.submit(minute().with_priority(*p), *request).unwrap()).collect();
+    drop(release);
+    first.answer().await.unwrap();
+    let mut answers = Vec::new();
+    for job in jobs {
+        answers.push(job.answer().await.unwrap());
+    }
+    answers
+}
+
+#[tokio::test]
+async fn batch_jobs_join_interactive_ones_only_when_it_is_their_turn() {
+    use Priority::{Batch, Interactive};
+    let settings = QueueSettings { capacity: 64, max_batch: 16, ..QueueSettings::default() };
+    let few = handed_over(settings.clone(), &[(1, Batch), (1, Interactive), (1, Interactive), (1, Batch)]).await;
+    assert_eq!(few, [(3, 2), (1, 2), (2, 2), (4, 2)], "interactive ones first and alone, then the batch ones together");
+    // The batch job that has let enough by is handed over with those that come after it, and is the last of them.
+    let many: Vec<_> = std::iter::once((1, Batch)).chain(std::iter::repeat_n((1, Interactive), LET_BY + 2)).collect();
+    let many = handed_over(settings, &many).await;
+    assert_eq!(many[0], (LET_BY + 3, LET_BY + 3));
+    assert_eq!(many[1], (1, LET_BY + 3));
+}
+
+#[tokio::test]
+async fn jobs_are_handed_over_up_to_a_weight_and_a_heavier_one_alone() {
+    let settings = QueueSettings { capacity: 64, max_batch: 3, max_weight: 10, ..QueueSettings::default() };
+    let sizes = handed_over(settings, &[4, 6, 1, 20, 2, 2, 2, 2].map(|weight| (weight, Priority::Interactive))).await;
+    assert_eq!(sizes.iter().map(|(_, size)| *size).collect::<Vec<_>>(), [2, 2, 1, 1, 3, 3, 3, 1]);
 }
