@@ -102,8 +102,13 @@ impl SetAbstraction {
             Some(features) => Tensor::cat(&[&points, features], 1)?,
             None => points,
         };
-        let centroid_terms = centroids.matmul(&self.linears[0].weight().narrow(1, 0, 3)?.t()?)?;
-        Ok((self.linears[0].forward(&input)?, centroid_terms))
+        Ok((self.linears[0].forward(&input)?, centroids.matmul(&self.of_coordinates()?)?))
+    }
+
+    /// The first linear layer's weights on coordinates, `[3, hidden]`. Copied out of the whole: CUDA's products take a transposed operand only
+    /// where its rows lie without gaps.
+    fn of_coordinates(&self) -> Result<Tensor> {
+        self.linears[0].weight().narrow(1, 0, 3)?.contiguous()?.t()
     }
 
     /// The same, operation by operation and neighbour list by neighbour list: the reference that tests hold the fused paths against.
@@ -202,4 +207,35 @@ impl PointNet {
 /// `[n, 3]`.
 fn coordinates(points: &[[f32; 3]], device: &Device) -> Result<Tensor> {
     Tensor::from_slice(points.as_flattened(), (points.len(), 3), device)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64;
+
+    use super::*;
+    use crate::NetworksConfig;
+
+    /// What candle's CUDA backend asks of a product's right operand (`gemm_config` in its `cuda_backend/mod.rs`); its CPU takes any.
+    fn is_taken_by_cuda(right: &Tensor) -> bool {
+        let (k, n) = right.dims2().unwrap();
+        let [down, across] = right.stride() else { panic!("a matrix") };
+        ((*across == 1 || n == 1) && (*down == n || k == 1)) || ((*across == k || n == 1) && (*down == 1 || k == 1))
+    }
+
+    #[test]
+    fn every_level_multiplies_by_what_cuda_takes_with_features_and_without() {
+        let config = NetworksConfig::default();
+        let rng = &mut Pcg64::seed_from_u64(1);
+        for configs in [&config.object_levels, &config.scene_levels, &config.discriminator_levels] {
+            for level in PointNet::new(&mut Builder::seeded(rng, &Device::Cpu), configs).unwrap().levels {
+                let of_coordinates = level.of_coordinates().unwrap();
+                assert!(is_taken_by_cuda(&of_coordinates), "{:?} {:?}", of_coordinates.dims(), of_coordinates.stride());
+                // The product's gradient multiplies by its transpose.
+                assert!(is_taken_by_cuda(&of_coordinates.t().unwrap()));
+                assert!(level.linears.iter().all(|linear| is_taken_by_cuda(&linear.weight().t().unwrap())));
+            }
+        }
+    }
 }

@@ -27,7 +27,7 @@ pub struct WeightsInfo {
 /// Why weights could not be used.
 #[derive(Debug, thiserror::Error)]
 pub enum WeightsError {
-    /// The container is not safetensors, or not of this format.
+    /// The container is not safetensors, or not of this format, or a tensor is not what the networks serve with.
     #[error("weights: {field}: {reason}")]
     Malformed {
         /// The tensor or metadata entry.

@@ -232,6 +232,24 @@ fn weights_that_read_other_measures_are_refused_by_name() {
 }
 
 #[test]
+fn norms_that_give_no_numbers_are_refused_by_name() {
+    let weights = Weights::from_bytes(&Weights::initial(&NetworksConfig::default(), 8).unwrap()).unwrap();
+    let refused = |changes: &[(&str, f32)]| {
+        let mut values = weights.values.clone();
+        for (name, value) in changes {
+            values.get_mut(*name).unwrap().1[2] = *value;
+        }
+        Models::load(&Weights::to_bytes(&values, &weights.info).unwrap()).unwrap_err().to_string()
+    };
+    let error = refused(&[("discriminator/sa2/norm/variance", -0.5)]);
+    assert!(error.contains("discriminator/sa2/norm/variance") && error.contains("entry 2 is negative: -0.5"), "{error}");
+    let error = refused(&[("prior/norm/scale", f32::MAX), ("prior/norm/variance", 0.0)]);
+    assert!(error.contains("prior/norm: entry 2"), "{error}");
+    let error = refused(&[("outcome/sa1/norm/mean", f32::MAX), ("outcome/sa1/norm/scale", 100.0)]);
+    assert!(error.contains("outcome/sa1/norm: entry 2"), "{error}");
+}
+
+#[test]
 fn training_goes_on_from_weights_that_lack_a_part() {
     let small = Weights::from_bytes(&Weights::initial(&NetworksConfig::paper(), 9).unwrap()).unwrap();
     let (networks, parameters) =

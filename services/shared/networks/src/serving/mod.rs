@@ -9,5 +9,5 @@ mod shared;
 mod spread;
 
 pub use context::{Candidate, InputError, SceneContext};
-pub use models::{Mixture, Models};
+pub use models::{Mixture, Models, Pairs};
 pub use spread::spread;

@@ -1,5 +1,7 @@
 //! The networks as a service uses them: prior, relations, realism.
 
+use nalgebra::Point3;
+
 use crate::{
     Kernel,
     config::{GOAL_RELATIONS, NetworksConfig, PREDICTED_RELATIONS},
@@ -35,6 +37,25 @@ pub struct Mixture {
     /// `[K]`: von Mises concentration of the turn; 0 is uniform.
     pub kappa: Vec<f32>,
 }
+
+/// A query and its anchors as the relation predictor knows them, made once for any number of candidates ([`Models::pairs`]).
+#[derive(Debug, Clone)]
+pub struct Pairs {
+    query: ObjectCloud,
+    /// The query as it was observed: what a candidate that only moves it has.
+    observed: Seen,
+    anchors: Vec<Anchor>,
+}
+
+#[derive(Debug, Clone)]
+struct Anchor {
+    code: Vec<f32>,
+    measured: Option<MeasuredCloud>,
+    centroid_in_viewer: Point3<f32>,
+}
+
+/// What the predictor sees of a query in one orientation: its shape's features, and what measuring needs.
+type Seen = (Vec<f32>, Option<MeasuredCloud>);
 
 /// All networks with their weights, ready to score. Shared between threads by reference; never changes.
 #[derive(Debug, Clone)]
@@ -169,27 +190,47 @@ impl Models {
         candidates: &[Candidate],
         threads: usize,
     ) -> Result<Vec<Vec<[f32; PREDICTED_RELATIONS]>>, InputError> {
-        let placed = scene.in_viewer(candidates)?;
-        let mut query_cloud = scene.object("query", query)?;
+        self.relations_of(scene, &self.pairs(scene, query, anchors)?, candidates, threads)
+    }
+
+    /// What is the same for all candidates of a query.
+    ///
+    /// # Errors
+    /// [`InputError`] for unknown objects.
+    pub fn pairs(&self, scene: &SceneContext, query: u16, anchors: &[u16]) -> Result<Pairs, InputError> {
         let scratch = &mut Scratch::default();
-        let mut anchor_codes = Vec::with_capacity(anchors.len());
-        for anchor in anchors {
-            let (q, anchor) = pair(scene, query, *anchor)?;
-            query_cloud = q;
-            anchor_codes.push((self.code(&self.shape(anchor, scratch), [0.0; 3]), self.measured(anchor), anchor.centroid_in_viewer));
-        }
-        // A translation changes only the centre's encoding; a turn changes the shape's too.
-        let seen = |query: &ObjectCloud, scratch: &mut Scratch| (self.shape(query, scratch), self.measured(query));
-        let unturned = seen(query_cloud, scratch);
+        let query_cloud = scene.object("query", query)?;
+        let of_anchor = |anchor: &u16| {
+            let (_, cloud) = pair(scene, query, *anchor)?;
+            let code = self.code(&self.shape(cloud, scratch), [0.0; 3]);
+            Ok(Anchor { code, measured: self.measured(cloud), centroid_in_viewer: cloud.centroid_in_viewer })
+        };
+        let anchors = anchors.iter().map(of_anchor).collect::<Result<_, InputError>>()?;
+        Ok(Pairs { query: query_cloud.clone(), observed: self.seen(query_cloud, scratch), anchors })
+    }
+
+    /// [`Models::relations`] of pairs that are made already.
+    ///
+    /// # Errors
+    /// [`InputError`] for numbers that are not finite.
+    pub fn relations_of(
+        &self,
+        scene: &SceneContext,
+        pairs: &Pairs,
+        candidates: &[Candidate],
+        threads: usize,
+    ) -> Result<Vec<Vec<[f32; PREDICTED_RELATIONS]>>, InputError> {
+        let placed = scene.in_viewer(candidates)?;
         Ok(spread(placed.len(), threads, Scratch::default, |scratch, i| {
             let (position, yaw_rad) = placed[i];
-            let turned = (yaw_rad != 0.0).then(|| seen(&query_cloud.turned(yaw_rad), scratch));
-            let (shape, measured) = turned.as_ref().unwrap_or(&unturned);
-            let of_anchor = |(anchor, anchor_measured, centroid): &(Vec<f32>, Option<MeasuredCloud>, nalgebra::Point3<f32>)| {
-                let offset = std::array::from_fn(|k| position[k] - centroid[k]);
+            // A translation changes only the centre's encoding; a turn changes the shape's too.
+            let turned = (yaw_rad != 0.0).then(|| self.seen(&pairs.query.turned(yaw_rad), scratch));
+            let (shape, measured) = turned.as_ref().unwrap_or(&pairs.observed);
+            let of_anchor = |anchor: &Anchor| {
+                let offset = std::array::from_fn(|k| position[k] - anchor.centroid_in_viewer[k]);
                 let mut input = self.code(shape, offset);
-                input.extend_from_slice(anchor);
-                if let (Some([first, second]), Some(query), Some(anchor)) = (&self.relation_measures, measured, anchor_measured) {
+                input.extend_from_slice(&anchor.code);
+                if let (Some([first, second]), Some(query), Some(anchor)) = (&self.relation_measures, measured, &anchor.measured) {
                     let measures = row(self.kernel, first, &pair_measures(query, anchor, offset), true);
                     input.extend(row(self.kernel, second, &measures, true));
                 }
@@ -197,7 +238,7 @@ impl Models {
                 let logits = row(self.kernel, &self.relation_out, &hidden, false);
                 std::array::from_fn(|r| sigmoid(logits[r]))
             };
-            anchor_codes.iter().map(of_anchor).collect()
+            pairs.anchors.iter().map(of_anchor).collect()
         }))
     }
 
@@ -244,6 +285,10 @@ impl Models {
     /// What measuring needs of an object, where the predictor reads measures.
     fn measured(&self, object: &ObjectCloud) -> Option<MeasuredCloud> {
         self.relation_measures.as_ref().map(|_| MeasuredCloud::new(object))
+    }
+
+    fn seen(&self, query: &ObjectCloud, scratch: &mut Scratch) -> Seen {
+        (self.shape(query, scratch), self.measured(query))
     }
 
     fn shape(&self, object: &ObjectCloud, scratch: &mut Scratch) -> Vec<f32> {

@@ -1,7 +1,5 @@
 //! A chain of set abstractions and the dense layers around it, on the kernels, with every norm folded into a scale and a shift.
 
-use candle_core::Result;
-
 use crate::{
     config::SetAbstractionConfig,
     crops::Grouped,
@@ -10,7 +8,10 @@ use crate::{
     neighbours::Neighbours,
     object_encoder::CENTER_UNIT_M,
     parameters::WeightMap,
+    weights::WeightsError,
 };
+
+type Result<T> = std::result::Result<T, WeightsError>;
 
 /// Looks up stored values and says which are missing.
 pub(crate) struct Stored<'a> {
@@ -21,8 +22,8 @@ impl<'a> Stored<'a> {
     fn get(&self, path: &str, shape: &[usize]) -> Result<&'a [f32]> {
         match self.weights.get(path) {
             Some((stored, values)) if stored == shape => Ok(values),
-            Some((stored, _)) => candle_core::bail!("weights: {path}: expected shape {shape:?}, got {stored:?}"),
-            None => candle_core::bail!("weights: {path} is missing"),
+            Some((stored, _)) => Err(malformed(path, format!("expected shape {shape:?}, got {stored:?}"))),
+            None => Err(malformed(path, "this tensor is missing".to_owned())),
         }
     }
 
@@ -31,19 +32,29 @@ impl<'a> Stored<'a> {
         Ok(PackedLinear::new(inputs, outputs, weight, self.get(&format!("{path}/bias"), &[outputs])?))
     }
 
-    /// A batch norm's running statistics as scale and shift.
+    /// A batch norm's running statistics as scale and shift. Those that are none give no numbers, which a ReLU after them would hide.
     pub(crate) fn batch_norm(&self, path: &str, width: usize) -> Result<Affine> {
         let part = |name: &str| self.get(&format!("{path}/{name}"), &[width]);
         let (scale, shift, mean, variance) = (part("scale")?, part("shift")?, part("mean")?, part("variance")?);
+        if let Some(i) = variance.iter().position(|v| *v < 0.0) {
+            return Err(malformed(&format!("{path}/variance"), format!("entry {i} is negative: {}", variance[i])));
+        }
         let factor: Vec<f32> = scale.iter().zip(variance).map(|(s, v)| s / (v + NORM_EPSILON as f32).sqrt()).collect();
-        let offset = (0..width).map(|k| shift[k] - mean[k] * factor[k]).collect();
+        let offset: Vec<f32> = (0..width).map(|k| shift[k] - mean[k] * factor[k]).collect();
+        if let Some(i) = (0..width).find(|k| !(factor[*k].is_finite() && offset[*k].is_finite())) {
+            return Err(malformed(path, format!("entry {i}: a factor of {} and an offset of {}, expected numbers", factor[i], offset[i])));
+        }
         Ok(Affine { scale: factor, shift: offset })
     }
 
     pub(crate) fn layer_norm(&self, path: &str, width: usize) -> Result<Affine> {
-        let part = |name: &str| Ok::<_, candle_core::Error>(self.get(&format!("{path}/{name}"), &[width])?.to_vec());
+        let part = |name: &str| Ok::<_, WeightsError>(self.get(&format!("{path}/{name}"), &[width])?.to_vec());
         Ok(Affine { scale: part("scale")?, shift: part("shift")? })
     }
+}
+
+fn malformed(field: &str, reason: String) -> WeightsError {
+    WeightsError::Malformed { field: field.to_owned(), reason }
 }
 
 /// `y = scale · x + shift` per column.
@@ -163,7 +174,7 @@ impl PointNet {
 impl Level {
     fn new(stored: &Stored<'_>, path: &str, config: &SetAbstractionConfig) -> Result<Self> {
         let &[hidden, .., outputs] = &config.widths[..] else {
-            candle_core::bail!("{path}: a set abstraction has two or three layers, got {:?}", config.widths);
+            return Err(malformed(path, format!("a set abstraction has two or three layers, got {:?}", config.widths)));
         };
         let inputs = config.inputs();
         let first = stored.linear(&format!("{path}/linear1"), inputs, hidden)?;
