@@ -6,6 +6,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use bytes::Bytes;
@@ -45,7 +46,8 @@ pub struct CallOptions {
     pub accept: Option<Accept>,
     /// Where progress goes; what does not fit is dropped.
     pub progress: Option<mpsc::Sender<Payload>>,
-    /// The request's id; made up where absent. Repeating an at-most-once call needs the same one.
+    /// The request's id; made up where absent. Repeating an at-most-once call needs the same one, at the same worker: it remembers what came
+    /// of it, another would do it again.
     pub id: Option<String>,
     /// W3C trace context to pass on.
     pub traceparent: Option<String>,
@@ -115,6 +117,8 @@ struct Inner {
     service: Service,
     config: CallerConfig,
     directory: Directory,
+    /// Terminal replies that followed a terminal reply.
+    duplicates: Arc<AtomicU64>,
 }
 
 impl Caller {
@@ -126,7 +130,12 @@ impl Caller {
         let random = Pcg64::seed_from_u64(config.seed.unwrap_or_else(|| uuid::Uuid::new_v4().as_u64_pair().0));
         let suspect_after = Duration::from_millis(config.suspect_after_ms);
         let directory = Directory::follow(transport.as_ref(), &cell, service, suspect_after, random).await?;
-        Ok(Self { inner: Arc::new(Inner { transport, cell, service, config, directory }) })
+        Ok(Self { inner: Arc::new(Inner { transport, cell, service, config, directory, duplicates: Arc::default() }) })
+    }
+
+    /// How many terminal replies came after the one that ended their call: none, unless a worker breaks the contract.
+    pub fn duplicates(&self) -> u64 {
+        self.inner.duplicates.load(Ordering::Relaxed)
     }
 
     /// The workers alive now, by name.
@@ -406,7 +415,10 @@ impl Ongoing<'_> {
         loop {
             tokio::select! {
                 biased;
-                ended = attempt.next() => return ended,
+                ended = attempt.next() => {
+                    attempt.count_rest(inner.duplicates.clone());
+                    return ended;
+                }
                 () = self.options.cancel.cancelled() => {
                     return if self.options.idempotent { Ended::Cancelled } else { self.last_word(attempt, worker).await };
                 }
@@ -445,9 +457,14 @@ impl Ongoing<'_> {
                 let worker = by.unwrap_or_else(|| worker.to_owned());
                 Next::Done(Ok(Answer { payload, worker, attempts: self.attempts + 1, timing_ms }))
             }
-            Ended::Error(error) if error.code.retryable() => Next::Again(error),
+            Ended::Error(error) if error.retryable => Next::Again(error),
             Ended::Error(error) => Next::Done(Err(error)),
-            Ended::Empty => unavailable(format!("{} worker {worker} is gone", self.inner.service)),
+            Ended::Empty if self.options.idempotent => unavailable(format!("{} worker {worker} is gone", self.inner.service)),
+            Ended::Empty => {
+                let message =
+                    format!("{} worker {worker} is gone; whether request {} was carried out is unknown", self.inner.service, self.id);
+                Next::Done(Err(CallError { retryable: false, ..CallError::new(ErrorCode::Unavailable, message) }))
+            }
             Ended::Left => {
                 Next::AtOnce(CallError::new(ErrorCode::Unavailable, format!("{} worker {worker} does not answer", self.inner.service)))
             }

@@ -163,10 +163,17 @@ impl RuntimeConfig {
     /// # Errors
     /// [`RuntimeError::Config`] that names the section and the field.
     pub fn load(file: Option<&Path>) -> Result<Self, RuntimeError> {
-        let config =
-            Self { session: load_config("session", file)?, caller: load_config("caller", file)?, worker: load_config("worker", file)? };
+        let config = Self::read(file)?;
         config.validate()?;
         Ok(config)
+    }
+
+    /// The same for a caller that still has fields to set, unchecked: [`crate::Session::open`] checks it.
+    ///
+    /// # Errors
+    /// [`RuntimeError::Config`] that names the section and the field.
+    pub fn read(file: Option<&Path>) -> Result<Self, RuntimeError> {
+        Ok(Self { session: load_config("session", file)?, caller: load_config("caller", file)?, worker: load_config("worker", file)? })
     }
 
     /// Checks what the types cannot.

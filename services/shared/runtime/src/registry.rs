@@ -39,6 +39,8 @@ pub enum Admission {
 struct Entry {
     fingerprint: u64,
     cancelled: CancellationToken,
+    /// The caller asked for the cancel, rather than a drain or the deadline.
+    by_caller: bool,
     outcome: watch::Sender<Option<Outcome>>,
 }
 
@@ -80,14 +82,15 @@ impl Registry {
             return Admission::Full;
         }
         let cancelled = CancellationToken::new();
-        let entry = Entry { fingerprint, cancelled: cancelled.clone(), outcome: watch::Sender::new(None) };
+        let entry = Entry { fingerprint, cancelled: cancelled.clone(), by_caller: false, outcome: watch::Sender::new(None) };
         self.open.insert(id.to_owned(), entry);
         Admission::Compute { cancelled }
     }
 
     /// Cancels a call, now or when it comes.
     pub fn cancel(&mut self, id: &str) {
-        if let Some(entry) = self.open.get(id) {
+        if let Some(entry) = self.open.get_mut(id) {
+            entry.by_caller = true;
             entry.cancelled.cancel();
             return;
         }
@@ -98,7 +101,12 @@ impl Registry {
         self.cancels.push_back((Instant::now(), id.to_owned()));
     }
 
-    /// Cancels every open call.
+    /// Whether the caller of an open call has cancelled it.
+    pub fn is_cancelled_by_caller(&self, id: &str) -> bool {
+        self.open.get(id).is_some_and(|entry| entry.by_caller)
+    }
+
+    /// Cancels every open call, though no caller asked for it.
     pub fn cancel_all(&self) {
         self.open.values().for_each(|entry| entry.cancelled.cancel());
     }

@@ -310,12 +310,21 @@ async fn compute(
     shared.gauge.started(1);
     let handler = shared.handler.clone();
     let task = tokio::spawn(async move { handler.call(call).await });
-    let outcome = supervise(&shared, task, deadline, &cancelled, &mut progressed, &mut answerer).await;
+    let mut outcome = supervise(&shared, task, deadline, &cancelled, &mut progressed, &mut answerer).await;
     shared.gauge.finished(1, started.elapsed());
     while let Some(payload) = progressed.try_recv() {
         answerer.progress(payload).await;
     }
-    shared.registry().finish(&id, outcome.clone(), at_most_once);
+    {
+        let mut registry = shared.registry();
+        let was_cancelled = outcome.as_ref().is_err_and(|error| error.code == ErrorCode::Cancelled);
+        if was_cancelled && !registry.is_cancelled_by_caller(&id) {
+            // The end of a drain: another worker may do it, unless it may have been done here.
+            let error = CallError::new(ErrorCode::Unavailable, "this worker stopped before the work was done");
+            outcome = Err(CallError { retryable: !at_most_once, ..error });
+        }
+        registry.finish(&id, outcome.clone(), at_most_once);
+    }
     let mut timing_ms = std::mem::take(&mut *timing_ms.lock().unwrap_or_else(PoisonError::into_inner));
     timing_ms.insert("total".to_owned(), started.elapsed().as_secs_f64() * 1e3);
     answerer.finish(outcome, timing_ms).await;
@@ -356,10 +365,7 @@ async fn supervise(
                     return Err(CallError::new(ErrorCode::DeadlineExceeded, "the deadline passed before the work was done"));
                 }
                 abort.abort();
-                return Err(match shared.refusing.load(Ordering::Acquire) {
-                    true => CallError::new(ErrorCode::Unavailable, "this worker stopped before the work was done"),
-                    false => CallError::new(ErrorCode::Cancelled, "the caller cancelled"),
-                });
+                return Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled"));
             }
         }
     }

@@ -1,7 +1,7 @@
 //! The transport over Zenoh: the one place that imports it.
 //!
 //! Zenoh's callbacks run on its receiving threads, so they only push into bounded mailboxes. Its puts, queries and replies complete
-//! synchronously and wait for room under congestion, so large ones are sent from a thread that may block.
+//! synchronously and may wait for room, or for a large one of the same priority that is being sent: such sends have threads that may block.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -27,8 +27,6 @@ use crate::transport::{
 
 /// Replies of one query that may wait to be read. Progress goes first when it is exceeded.
 const REPLY_CAPACITY: usize = 256;
-/// Messages from this size on are sent from a thread that may block.
-const LARGE_BYTES: usize = 32 * 1024;
 /// How long the tokens declared before may take to arrive when a watch begins.
 const HISTORY_TIMEOUT: Duration = Duration::from_secs(2);
 
@@ -46,7 +44,11 @@ impl ZenohTransport {
         let zenoh_config = zenoh_config(config)?;
         let session = zenoh::open(zenoh_config).await.map_err(|e| {
             let targets = if config.connect.is_empty() { String::new() } else { format!(" (connecting to {})", config.connect.join(", ")) };
-            RuntimeError::transport(format!("opening the session{targets}"), e)
+            let hint = match config.mode {
+                SessionMode::Client => "; is a router running there (`repose up` or `repose serve router`), and does it know this user?",
+                _ => "",
+            };
+            RuntimeError::transport(format!("opening the session{targets}"), format!("{e}{hint}"))
         })?;
         Ok(Self { session })
     }
@@ -119,17 +121,13 @@ fn payload_of(bytes: Option<&ZBytes>, encoding: Option<&Encoding>) -> Payload {
     Payload { encoding: encoding.map(ToString::to_string).unwrap_or_default(), bytes: bytes.map(bytes_of).unwrap_or_default() }
 }
 
-/// Runs a synchronous send: here when it is small, on a thread that may block when it is not.
+/// Runs a synchronous send: on a thread that may block if it can have to wait, however small it is.
 async fn send<T: Send + 'static>(
     operation: &'static str,
-    size: usize,
+    waits: bool,
     send: impl FnOnce() -> zenoh::Result<T> + Send + 'static,
 ) -> Result<T, RuntimeError> {
-    let sent = if size < LARGE_BYTES {
-        send()
-    } else {
-        tokio::task::spawn_blocking(send).await.map_err(|e| RuntimeError::transport(operation, e))?
-    };
+    let sent = if waits { tokio::task::spawn_blocking(send).await.map_err(|e| RuntimeError::transport(operation, e))? } else { send() };
     sent.map_err(|e| RuntimeError::transport(operation, e))
 }
 
@@ -151,7 +149,7 @@ struct QueryReplier(Arc<zenoh::query::Query>);
 impl Replier for QueryReplier {
     async fn reply(&self, payload: Payload, attachment: Bytes) -> Result<(), RuntimeError> {
         let query = self.0.clone();
-        send("replying", payload.bytes.len(), move || {
+        send("replying", true, move || {
             let key = query.key_expr().clone();
             query.reply(key, payload.bytes).encoding(payload.encoding).attachment(attachment).wait()
         })
@@ -165,7 +163,7 @@ impl Transport for ZenohTransport {
         let (sender, replies) = mailbox(REPLY_CAPACITY);
         let token = zenoh::cancellation::CancellationToken::default();
         let (session, key, cancel) = (self.session.clone(), key.to_owned(), token.clone());
-        send("querying", query.payload.bytes.len(), move || {
+        send("querying", true, move || {
             session
                 .get(key)
                 .target(QueryTarget::BestMatching)
@@ -217,7 +215,9 @@ impl Transport for ZenohTransport {
         message::check_size(payload.bytes.len()).map_err(|e| RuntimeError::transport(format!("putting to {key}"), e))?;
         let (priority, congestion, express) = delivery_of(traffic);
         let (session, key) = (self.session.clone(), key.to_owned());
-        send("putting", payload.bytes.len(), move || {
+        // Stops and commands have a priority of their own, with nothing large in it, and must not wait for a thread.
+        let waits = matches!(traffic, Traffic::Frame | Traffic::Scene | Traffic::Call(_));
+        send("putting", waits, move || {
             session
                 .put(key, payload.bytes)
                 .encoding(payload.encoding)

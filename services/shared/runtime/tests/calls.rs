@@ -253,6 +253,29 @@ async fn draining_finishes_what_is_open_and_refuses_what_comes() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn what_the_end_of_a_drain_cuts_off_goes_to_another_worker_unless_it_may_have_been_done() {
+    let mut config = RuntimeConfig::default();
+    (config.worker.drain_ms, config.worker.drain_notice_ms) = (50, 10);
+    let network = Network::routed(config).await;
+    let [first, second] = [(); 2].map(|()| Arc::new(Oddities::default()));
+    let (_session, server) = network.worker(&first).await;
+    let caller = network.caller(1).await;
+    let call = |method: &'static str, idempotent: bool| {
+        let (caller, options) = (caller.clone(), CallOptions { idempotent, ..options() });
+        tokio::spawn(async move { caller.call(method, word(""), options).await })
+    };
+    let (again, once) = (call("obedient", true), call("execute-obedient", false));
+    first.wait_for(&first.started, 2).await;
+    let (_session, _server) = network.worker(&second).await;
+    caller.wait_for_workers(2, Duration::from_secs(10)).await.unwrap();
+    server.drain().await;
+    tokio::time::timeout(Duration::from_secs(20), second.wait_for(&second.started, 1)).await.unwrap();
+    again.abort();
+    let unknown = once.await.unwrap().unwrap_err();
+    assert_eq!((unknown.code, unknown.retryable), (ErrorCode::Unavailable, false), "{unknown}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn calls_go_where_they_are_pinned_and_can_ask_everyone() {
     let network = Network::routed(RuntimeConfig::default()).await;
     let [a, b] = ["aa", "bb"].map(|weights| Arc::new(Oddities { weights: weights.to_owned(), ..Oddities::default() }));

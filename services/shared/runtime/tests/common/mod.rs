@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use repose_proto::load::WorkerLoad;
-use repose_proto::{CallError, Message, Payload, Service};
+use repose_proto::{CallError, ErrorCode, Message, Payload, Service};
 use repose_runtime::{Call, Caller, Handler, RuntimeConfig, Server, Session, SessionMode};
 use serde::{Deserialize, Serialize};
 use tokio::sync::Notify;
@@ -93,6 +93,10 @@ impl Handler for Oddities {
                 self.release.notified().await;
                 Ok(word("released"))
             }
+            "obedient" | "execute-obedient" => {
+                call.cancelled.cancelled().await;
+                Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled"))
+            }
             "patient" => {
                 call.cancelled.cancelled().await;
                 self.count(&self.cancelled);
@@ -103,7 +107,7 @@ impl Handler for Oddities {
     }
 
     fn at_most_once(&self, method: &str) -> bool {
-        method == "execute"
+        method.starts_with("execute")
     }
 
     fn load(&self) -> WorkerLoad {
