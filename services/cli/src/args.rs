@@ -4,12 +4,14 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 use repose_proto::place::{Rotation, Variant};
+use repose_proto::scoring::RealismBy;
 use repose_proto::{GoalTerm, Service};
 
 use crate::commands::bench::BenchArgs;
 use crate::commands::evaluate_segmentation::EvaluateSegmentationArgs;
 use crate::commands::place_sequence::NextWish;
 use crate::commands::play::PlayArgs;
+use crate::embedded::NetworkArgs;
 
 /// Repose finds where an object can be set down so that the asked relations hold and it stays, then puts it there.
 #[derive(Debug, Parser)]
@@ -80,7 +82,7 @@ pub struct WishArgs {
     #[arg(long, default_value = "fixed", value_parser = parse_rotation)]
     pub rotation: Rotation,
     /// The viewer's direction, radians; the camera's where absent.
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     pub view_yaw: Option<f64>,
     /// Iterations of the search.
     #[arg(long)]
@@ -93,15 +95,29 @@ pub struct WishArgs {
     pub min_clearance: Option<f64>,
 }
 
+/// Where a router is looked for when nothing says otherwise, and where `up` has its own.
+pub const ENDPOINT: &str = "tcp/127.0.0.1:7447";
+
 /// How to reach a running system.
 #[derive(Debug, Clone, Args)]
+pub struct SystemArgs {
+    /// A router of the deployment; the configuration's, or tcp/127.0.0.1:7447, where absent.
+    #[arg(long, env = "REPOSE_CONNECT")]
+    pub connect: Option<String>,
+    /// The robot cell; the configuration's, or "cell", where absent.
+    #[arg(long, env = "REPOSE_CELL")]
+    pub cell: Option<String>,
+    /// Configuration (TOML): its sections [session], [caller] and [worker].
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+}
+
+/// A running system, and which of its cameras counts.
+#[derive(Debug, Clone, Args)]
 pub struct ConnectArgs {
-    /// A router of the deployment.
-    #[arg(long, default_value = "tcp/127.0.0.1:7447", env = "REPOSE_CONNECT")]
-    pub connect: String,
-    /// The robot cell.
-    #[arg(long, default_value = "cell", env = "REPOSE_CELL")]
-    pub cell: String,
+    /// The system.
+    #[command(flatten)]
+    pub system: SystemArgs,
     /// The camera whose newest scene is used.
     #[arg(long, default_value = "front")]
     pub camera: String,
@@ -127,21 +143,21 @@ pub struct DemoArgs {
 /// Arguments of `up`.
 #[derive(Debug, Args)]
 pub struct UpArgs {
-    /// Where the router of this deployment listens.
-    #[arg(long, default_value = "tcp/127.0.0.1:7447", env = "REPOSE_LISTEN")]
+    /// Where the router of this deployment listens; another machine needs tcp/0.0.0.0:7447.
+    #[arg(long, default_value = ENDPOINT, env = "REPOSE_LISTEN")]
     pub listen: String,
-    /// The robot cell.
-    #[arg(long, default_value = "cell", env = "REPOSE_CELL")]
-    pub cell: String,
+    /// The robot cell; the configuration's, or "cell", where absent.
+    #[arg(long, env = "REPOSE_CELL")]
+    pub cell: Option<String>,
     /// How many inference processes.
     #[arg(long, default_value_t = 1)]
     pub inference: usize,
     /// How many planner processes.
     #[arg(long, default_value_t = 1)]
     pub planners: usize,
-    /// Seed of the simulated scene.
-    #[arg(long, default_value_t = 0)]
-    pub seed: u64,
+    /// Seed of the simulated scene; the configuration's, or 0, where absent.
+    #[arg(long)]
+    pub seed: Option<u64>,
     /// Configuration of the services (TOML).
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
@@ -153,16 +169,10 @@ pub struct ServeArgs {
     /// perception, inference, planner, motion, simulator, or router.
     #[arg(value_parser = parse_served)]
     pub service: Served,
-    /// A router of the deployment (for the router itself: where it listens).
-    #[arg(long, default_value = "tcp/127.0.0.1:7447", env = "REPOSE_CONNECT")]
-    pub connect: String,
-    /// The robot cell.
-    #[arg(long, default_value = "cell", env = "REPOSE_CELL")]
-    pub cell: String,
-    /// Configuration of the services (TOML).
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
-    /// This worker's name in the key space; unique. A new one by default.
+    /// The system. `--connect` is where the router itself listens.
+    #[command(flatten)]
+    pub system: SystemArgs,
+    /// This worker's name in the key space; unique. The configuration's, or a new one, where absent.
     #[arg(long)]
     pub worker: Option<String>,
 }
@@ -184,6 +194,12 @@ pub struct PlanArgs {
     /// What is wished for.
     #[command(flatten)]
     pub wish: WishArgs,
+    /// Which networks.
+    #[command(flatten)]
+    pub networks: NetworkArgs,
+    /// A file of `train --network stability` to go with those weights; without it, what REPOSE_PLANNER__STABILITY names, as for services.
+    #[arg(long, value_name = "FILE")]
+    pub stability: Option<PathBuf>,
     /// Find the objects even where labels are given.
     #[arg(long)]
     pub ignore_labels: bool,
@@ -197,6 +213,9 @@ pub struct PlanArgs {
 pub struct RelationsArgs {
     /// The frame folder.
     pub frame: PathBuf,
+    /// Which networks.
+    #[command(flatten)]
+    pub networks: NetworkArgs,
 }
 
 /// Arguments of `score`.
@@ -213,6 +232,12 @@ pub struct ScoreArgs {
     /// JSON list of `placed_from_observed`, 16 numbers each.
     #[arg(long, value_name = "FILE")]
     pub transforms: PathBuf,
+    /// Who answers for realism: discriminator (the paper's) or outcome (learned from simulated releases; what the variant `best` asks).
+    #[arg(long, default_value = "discriminator", value_parser = parse_realism_by)]
+    pub realism_by: RealismBy,
+    /// Which networks.
+    #[command(flatten)]
+    pub networks: NetworkArgs,
 }
 
 /// Arguments of `place`.
@@ -365,6 +390,14 @@ fn parse_rotation(name: &str) -> Result<Rotation, String> {
         "fixed" => Ok(Rotation::Fixed),
         "yaw" => Ok(Rotation::Yaw),
         _ => Err("expected fixed or yaw".to_owned()),
+    }
+}
+
+fn parse_realism_by(name: &str) -> Result<RealismBy, String> {
+    match name {
+        "discriminator" => Ok(RealismBy::Discriminator),
+        "outcome" => Ok(RealismBy::Outcome),
+        _ => Err("expected discriminator or outcome".to_owned()),
     }
 }
 

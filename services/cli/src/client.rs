@@ -7,25 +7,69 @@ use repose_proto::scoring::enclose;
 use repose_proto::{CallError, ErrorCode, Message, Payload, PlaceRequest, PlaceResult, Scene, SceneSummary, Service};
 use repose_runtime::{Answer, CallOptions, Caller, RuntimeConfig, RuntimeError, Session, SessionMode};
 
-use crate::args::ConnectArgs;
+use crate::args::{ENDPOINT, SystemArgs};
 use crate::failure::Failure;
 
 impl From<RuntimeError> for Failure {
     fn from(error: RuntimeError) -> Self {
         match error {
             RuntimeError::Config { .. } => Self::bad_input("config", error),
+            RuntimeError::Transport { .. } => Self::Other(error.into()),
             other => Self::other(other),
         }
     }
 }
 
 /// A client of a deployment.
-pub async fn connect(args: &ConnectArgs) -> Result<Session, Failure> {
-    let mut config = RuntimeConfig::load(None)?;
-    config.session.mode = SessionMode::Client;
-    config.session.connect = vec![args.connect.clone()];
-    config.session.cell.clone_from(&args.cell);
-    Ok(Session::open(config).await?)
+pub async fn connect(args: &SystemArgs) -> Result<Session, Failure> {
+    Ok(Session::open(client_config(args)?).await?)
+}
+
+/// The configuration of a process behind a router: the file's and the environment's, and over it what the command line says.
+pub fn client_config(args: &SystemArgs) -> Result<RuntimeConfig, Failure> {
+    let mut config = cell_config(args)?;
+    let session = &mut config.session;
+    // A file may be shared with the router; a client listens nowhere.
+    (session.mode, session.listen) = (SessionMode::Client, Vec::new());
+    set_endpoint(&mut session.connect, args, session.zenoh_file.is_some());
+    Ok(config)
+}
+
+/// The configuration of the router itself.
+pub fn router_config(args: &SystemArgs) -> Result<RuntimeConfig, Failure> {
+    let mut config = cell_config(args)?;
+    let session = &mut config.session;
+    if session.mode != SessionMode::Router {
+        // What the other processes connect to is this router.
+        session.connect.clear();
+    }
+    session.mode = SessionMode::Router;
+    set_endpoint(&mut session.listen, args, session.zenoh_file.is_some());
+    Ok(config)
+}
+
+fn cell_config(args: &SystemArgs) -> Result<RuntimeConfig, Failure> {
+    let mut config = RuntimeConfig::read(args.config.as_deref())?;
+    if let Some(cell) = &args.cell {
+        config.session.cell.clone_from(cell);
+    }
+    Ok(config)
+}
+
+/// The command line's endpoint, else the configuration's, else those of its Zenoh file, else [`ENDPOINT`].
+fn set_endpoint(endpoints: &mut Vec<String>, args: &SystemArgs, has_zenoh_file: bool) {
+    match &args.connect {
+        Some(given) => *endpoints = vec![given.clone()],
+        None if endpoints.is_empty() && !has_zenoh_file => *endpoints = vec![ENDPOINT.to_owned()],
+        None => {}
+    }
+}
+
+/// Closes a session whose work is done: a router that is slow to say goodbye takes nothing of it back.
+pub async fn close(session: Session) {
+    if let Err(error) = session.close().await {
+        tracing::warn!(%error, "the session did not close in time");
+    }
 }
 
 /// The newest scene of a camera, from the perception worker that owns it; asks until there is one or time is up.
@@ -36,7 +80,8 @@ pub async fn newest_scene(session: &Session, camera: &str, within: Duration) -> 
     loop {
         match perception.call_any("latest", &request, &CallOptions::within(Duration::from_secs(5).min(within))).await {
             Ok(answer) => return Ok(answer.payload.decode_json()?),
-            Err(error) if tokio::time::Instant::now() >= give_up => return Err(error.into()),
+            // A scene may still come, a bad request does not get better.
+            Err(error) if error.code == ErrorCode::InvalidArgument || tokio::time::Instant::now() >= give_up => return Err(error.into()),
             Err(_) => tokio::time::sleep(Duration::from_millis(100)).await,
         }
     }
@@ -68,4 +113,44 @@ pub async fn place(
         (answered, _) => answered?,
     };
     Ok((answer.payload.decode_json()?, answer))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn args(config: Option<&str>) -> (SystemArgs, tempfile::NamedTempFile) {
+        let file = tempfile::NamedTempFile::new().expect("a file");
+        std::fs::write(&file, config.unwrap_or_default()).expect("written");
+        (SystemArgs { connect: None, cell: None, config: config.map(|_| file.path().to_owned()) }, file)
+    }
+
+    fn session(config: Result<RuntimeConfig, Failure>) -> repose_runtime::SessionConfig {
+        config.unwrap_or_else(|failure| panic!("{failure:?}")).session
+    }
+
+    #[test]
+    fn the_configuration_holds_where_the_command_line_says_nothing() {
+        let (mut shared, _file) =
+            args(Some("[session]\nmode = \"client\"\ncell = \"lab\"\nconnect = [\"tcp/10.0.0.1:1\"]\nlisten = [\"tcp/0.0.0.0:2\"]\n"));
+        let client = session(client_config(&shared));
+        assert_eq!((client.cell.as_str(), &client.connect[..], client.listen.len()), ("lab", &["tcp/10.0.0.1:1".to_owned()][..], 0));
+        let router = session(router_config(&shared));
+        assert_eq!((router.mode, &router.listen[..], router.connect.len()), (SessionMode::Router, &["tcp/0.0.0.0:2".to_owned()][..], 0));
+        (shared.connect, shared.cell) = (Some("tcp/10.0.0.9:9".to_owned()), Some("hall".to_owned()));
+        let client = session(client_config(&shared));
+        assert_eq!((client.cell.as_str(), &client.connect[..]), ("hall", &["tcp/10.0.0.9:9".to_owned()][..]));
+        assert_eq!(session(router_config(&shared)).listen, ["tcp/10.0.0.9:9"]);
+    }
+
+    #[test]
+    fn without_either_it_is_the_router_of_this_machine_unless_a_zenoh_file_says() {
+        let (none, _file) = args(None);
+        assert_eq!(session(client_config(&none)).connect, [ENDPOINT]);
+        assert_eq!(session(router_config(&none)).listen, [ENDPOINT]);
+        let (zenoh, _file) = args(Some("[session]\nmode = \"router\"\nzenoh_file = \"router.json5\"\nconnect = [\"tcp/10.0.0.1:1\"]\n"));
+        let router = session(router_config(&zenoh));
+        assert!(router.listen.is_empty());
+        assert_eq!(router.connect, ["tcp/10.0.0.1:1"], "a router's own file may name another router");
+    }
 }

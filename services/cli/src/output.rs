@@ -1,5 +1,7 @@
 //! What a command prints: one JSON document on standard output with `--json`, text for people without.
 
+use std::io::{ErrorKind, Write};
+
 use serde::Serialize;
 
 use crate::failure::{Failure, Outcome};
@@ -14,12 +16,15 @@ pub struct Output {
 impl Output {
     /// Prints `document` as JSON, or `text` for people.
     pub fn print<T: Serialize>(self, document: &T, text: impl FnOnce() -> String) -> Outcome {
-        if self.json {
-            let line = serde_json::to_string_pretty(document).map_err(Failure::other)?;
-            println!("{line}");
-        } else {
-            println!("{}", text());
-        }
-        Ok(())
+        if self.json { line(&serde_json::to_string_pretty(document).map_err(Failure::other)?) } else { line(&text()) }
+    }
+}
+
+/// Prints a line. A reader that has gone (`| head`) has read what it wanted.
+fn line(text: &str) -> Outcome {
+    let mut out = std::io::stdout().lock();
+    match writeln!(out, "{text}").and_then(|()| out.flush()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::other(format!("standard output: {error}"))),
+        _ => Ok(()),
     }
 }

@@ -64,13 +64,21 @@ pub async fn run(args: &DemoArgs, output: Output) -> Outcome {
     let services: Vec<_> =
         Service::ALL.map(|service| tokio::spawn(configs.clone().run(service, session.clone(), shutdown.child()))).into_iter().collect();
     let cell = Cell::open(&session, &configs).await?;
-    let shown = cell.show(args).await;
+    let shown = cell.show(args, output).await;
     shutdown.trigger();
+    let mut served = Ok(());
     for service in services {
-        service.await.map_err(Failure::other)??;
+        served = served.and(service.await.map_err(Failure::other)?);
     }
-    session.close().await?;
-    let report = shown?;
+    client::close(session).await;
+    // Where a service failed, what failed for want of it says less.
+    let report = match shown {
+        Ok(report) => report,
+        Err(failure) => return served.and(Err(failure)),
+    };
+    if let Err(failure) = served {
+        tracing::warn!(?failure, "a service did not end well");
+    }
     output.print(&report, || {
         let given_up = report.given_up.iter().map(|line| format!("not done: {line}\n")).collect::<String>();
         let goal = format!("object {} to {}", report.query, report.goal);
@@ -125,13 +133,13 @@ impl Cell {
         Ok(cell)
     }
 
-    async fn show(&self, args: &DemoArgs) -> Result<Report, Failure> {
+    async fn show(&self, args: &DemoArgs, output: Output) -> Result<Report, Failure> {
         let before = self.truth(None).await?;
         let summary = client::newest_scene(&self.session, &self.camera, CALL).await?;
         let scene = Arc::new(client::whole_scene(&self.session, &summary.scene_id, CALL).await?);
         let seen_before = self.photograph().await?;
         tracing::info!(objects = scene.meta.objects.len(), surfaces = scene.meta.surfaces.len(), "the camera's scene is segmented");
-        let planned = self.plan(args, &summary.scene_id, &scene).await?;
+        let planned = self.plan(args, &summary.scene_id, &scene, output).await?;
         tracing::info!(query = planned.query, goal = %planned.goal, seconds = planned.plan.duration_ms / 1e3, "executing");
         let executed: ExecuteReply = self.call(&self.motion, "execute", &planned.plan, CallOptions::at_most_once(EXECUTION)).await?;
         let after = self.settled(scene.meta.view_yaw_rad).await?;
@@ -159,7 +167,7 @@ impl Cell {
     }
 
     /// The first wish, in an order that the seed gives, for which there are a placement and a motion.
-    async fn plan(&self, args: &DemoArgs, scene_id: &str, scene: &Scene) -> Result<Planned, Failure> {
+    async fn plan(&self, args: &DemoArgs, scene_id: &str, scene: &Scene, output: Output) -> Result<Planned, Failure> {
         let start_joints_rad = self.robot_state().await?.q_rad;
         let truth = self.truth(Some(scene.meta.view_yaw_rad)).await?;
         let mut given_up = Vec::new();
@@ -195,9 +203,7 @@ impl Cell {
                 Err(error) => given_up.push(format!("object {query} to {goal}: no motion, {}", error.message)),
             }
         }
-        for line in &given_up {
-            tracing::warn!("{line}");
-        }
+        output.print(&serde_json::json!({"given_up": given_up}), || given_up.join("\n"))?;
         Err(Failure::NoPlacement)
     }
 

@@ -22,7 +22,7 @@ const RELATIONS: [Relation; 4] = [Relation::LeftOf, Relation::RightOf, Relation:
 #[derive(Default, Serialize)]
 struct Report {
     requests: usize,
-    /// `result`, `none`, error codes; `lost` and `duplicate` are requests that did not end in exactly one terminal outcome.
+    /// `result`, `none`, error codes; `lost`: requests that never ended; `duplicate`: terminal replies beyond a call's one.
     outcomes: BTreeMap<String, usize>,
     offered_per_s: f64,
     achieved_per_s: f64,
@@ -40,10 +40,10 @@ struct Ended {
 
 /// Runs the command.
 pub async fn run(args: &LoadArgs, output: Output) -> Outcome {
-    if args.rate.is_some_and(|r| !r.is_finite() || r <= 0.0) {
-        return Err(Failure::bad_input("rate", "expected more than 0 requests per second"));
+    if args.rate.is_some_and(|r| !(r > 0.0 && args.requests as f64 / r <= LONGEST_RUN_S)) {
+        return Err(Failure::bad_input("rate", format!("expected more than 0 requests per second, and all within {LONGEST_RUN_S:.0} s")));
     }
-    let session = client::connect(&args.connect).await?;
+    let session = client::connect(&args.connect.system).await?;
     let deadline = Duration::from_millis(args.connect.deadline_ms);
     let scene = Arc::new(client::newest_scene(&session, &args.connect.camera, deadline).await?);
     if scene.objects.len() < 2 {
@@ -62,15 +62,16 @@ pub async fn run(args: &LoadArgs, output: Output) -> Outcome {
     for client in clients {
         ended.extend(client.await.map_err(Failure::other)?);
     }
-    let report = report(&args, &ended, started.elapsed())?;
-    session.close().await?;
+    let report = report(&args, &ended, planner.duplicates(), started.elapsed())?;
+    client::close(session).await;
     output.print(&report, || {
         let latency = report.latency_ms.iter().map(|(k, v)| format!("{k} {v:.0}")).collect::<Vec<_>>().join(", ");
         format!(
             "{} requests: {:?}\noffered {:.1}/s, achieved {:.1}/s; latency ms: {latency}\nper worker: {:?}",
             report.requests, report.outcomes, report.offered_per_s, report.achieved_per_s, report.per_worker
         )
-    })
+    })?;
+    if report.per_worker.is_empty() { Err(Failure::NotAchieved) } else { Ok(()) }
 }
 
 /// One client: takes the next request until there are none; with a rate, at its time and not before.
@@ -90,9 +91,15 @@ async fn client(
         // Latency counts from when a request was due, so that a slow system cannot hide by slowing its clients down.
         let due = args.rate.map_or_else(Instant::now, |rate| started + Duration::from_secs_f64(i as f64 / rate));
         tokio::time::sleep_until(due.into()).await;
-        let options = CallOptions::within(Duration::from_millis(args.connect.deadline_ms));
-        let answered = client::place(&planner, &request(&args, &scene, i), Some(&whole), options).await;
+        let deadline = Duration::from_millis(args.connect.deadline_ms);
+        let (asked, options) = (request(&args, &scene, i), CallOptions::within(deadline));
+        // A placement is one call, or two where the scene has to go along; then every one has ended, or is lost.
+        let ends = tokio::time::timeout(2 * deadline + LATE_GRACE, client::place(&planner, &asked, Some(&whole), options)).await;
         let took = due.elapsed();
+        let Ok(answered) = ends else {
+            ended.push(Ended { outcome: LOST.to_owned(), worker: None, took });
+            continue;
+        };
         tracing::debug!(request = i, ms = took.as_millis() as u64, "request ended");
         ended.push(match answered {
             Ok((result, answer)) => {
@@ -116,9 +123,11 @@ fn request(args: &LoadArgs, scene: &SceneSummary, i: usize) -> PlaceRequest {
     }
 }
 
-fn report(args: &LoadArgs, ended: &[Ended], elapsed: Duration) -> Result<Report, Failure> {
+fn report(args: &LoadArgs, ended: &[Ended], duplicates: u64, elapsed: Duration) -> Result<Report, Failure> {
     let mut histogram = Histogram::<u64>::new_with_bounds(1, LONGEST_US, 3).map_err(Failure::other)?;
     let mut report = Report { requests: args.requests, ..Report::default() };
+    report.outcomes.insert(LOST.to_owned(), 0);
+    report.outcomes.insert("duplicate".to_owned(), duplicates as usize);
     for end in ended {
         *report.outcomes.entry(end.outcome.clone()).or_default() += 1;
         if let Some(worker) = &end.worker {
@@ -127,9 +136,6 @@ fn report(args: &LoadArgs, ended: &[Ended], elapsed: Duration) -> Result<Report,
         report.late += usize::from(end.took > Duration::from_millis(args.connect.deadline_ms) + LATE_GRACE);
         histogram.saturating_record(end.took.as_micros() as u64);
     }
-    // A call returns once, so a duplicate could only be an index that two clients took.
-    report.outcomes.insert("lost".to_owned(), args.requests.saturating_sub(ended.len()));
-    report.outcomes.insert("duplicate".to_owned(), ended.len().saturating_sub(args.requests));
     let seconds = elapsed.as_secs_f64();
     report.offered_per_s = args.rate.unwrap_or(ended.len() as f64 / seconds);
     report.achieved_per_s = ended.len() as f64 / seconds;
@@ -138,6 +144,12 @@ fn report(args: &LoadArgs, ended: &[Ended], elapsed: Duration) -> Result<Report,
         BTreeMap::from([("p50", at(0.5)), ("p90", at(0.9)), ("p95", at(0.95)), ("p99", at(0.99)), ("max", histogram.max() as f64 / 1e3)]);
     Ok(report)
 }
+
+/// The outcome of a request that never ended.
+const LOST: &str = "lost";
+
+/// The longest run that a rate may ask for, seconds.
+const LONGEST_RUN_S: f64 = 86_400.0;
 
 /// What a loaded machine may take to tell a caller that its time is up.
 const LATE_GRACE: Duration = Duration::from_millis(500);

@@ -21,7 +21,7 @@ pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
     if args.execute || !args.then.is_empty() {
         return super::place_sequence::run(args, output).await;
     }
-    let session = client::connect(&args.connect).await?;
+    let session = client::connect(&args.connect.system).await?;
     let deadline = Duration::from_millis(args.connect.deadline_ms);
     let scene_id = match &args.scene {
         Some(id) => id.clone(),
@@ -41,7 +41,7 @@ pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
     let options = CallOptions { progress: Some(sender), ..CallOptions::within(deadline) };
     let answered = client::place(&planner, &request, None, options).await;
     printing.abort();
-    session.close().await?;
+    client::close(session).await;
     let (result, answer) = answered?;
     tracing::info!(worker = answer.worker, attempts = answer.attempts, timing_ms = ?answer.timing_ms, "answered");
     print_result(&result, output)

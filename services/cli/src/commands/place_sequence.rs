@@ -77,21 +77,30 @@ impl Step {
 
 /// Runs the command: stops at the first wish that is not achieved.
 pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
-    let session = client::connect(&args.connect).await?;
-    let ended = achieve(args, &session).await;
-    session.close().await?;
-    let steps = ended?;
+    let session = client::connect(&args.connect.system).await?;
+    let mut steps = Vec::new();
+    let ended = achieve(args, &session, &mut steps).await;
+    client::close(session).await;
+    let error = match ended {
+        // Nothing has moved.
+        Err(failure) if steps.is_empty() => return Err(failure),
+        ended => ended.err().and_then(|failure| failure.error().cloned()),
+    };
     let achieved = steps.iter().take_while(|s| s.achieved()).count();
     let wanted = 1 + args.then.len();
-    let document = serde_json::json!({"wanted": wanted, "achieved": achieved, "steps": steps});
+    let mut document = serde_json::json!({"wanted": wanted, "achieved": achieved, "steps": steps});
+    if let Some(error) = &error {
+        document["error"] = serde_json::json!(error);
+    }
     output.print(&document, || {
         let mut lines: Vec<String> = steps.iter().map(line).collect();
+        lines.extend(error.as_ref().map(|error| format!("stopped: {error}")));
         lines.push(format!("{achieved} of {wanted} achieved"));
         lines.join("\n")
     })?;
     match steps.last() {
         _ if achieved == wanted => Ok(()),
-        Some(last) if last.result.placements.is_empty() => Err(Failure::NoPlacement),
+        Some(last) if error.is_none() && last.result.placements.is_empty() => Err(Failure::NoPlacement),
         Some(_) => Err(Failure::NotAchieved),
         None => Err(Failure::other("nothing was tried")),
     }
@@ -108,7 +117,8 @@ fn line(step: &Step) -> String {
     format!("{}\n  {}", describe(&step.result), said.join("; "))
 }
 
-async fn achieve(args: &PlaceArgs, session: &Session) -> Result<Vec<Step>, Failure> {
+/// Adds what came of each wish to `steps`, also of one that an error ended.
+async fn achieve(args: &PlaceArgs, session: &Session, steps: &mut Vec<Step>) -> Outcome {
     let deadline = Duration::from_millis(args.connect.deadline_ms);
     let first = NextWish { query: args.wish.query, goal: args.wish.goal.clone() };
     let system = System {
@@ -122,13 +132,16 @@ async fn achieve(args: &PlaceArgs, session: &Session) -> Result<Vec<Step>, Failu
     let mut view = system.view_after(0).await?;
     let mut known = Known::of(&view.1.meta.objects);
     let wishes = || std::iter::once(&first).chain(&args.then).enumerate();
-    // A wish for something that is not there is refused before anything moves.
-    wishes().try_for_each(|(k, wish)| known.translated(k, wish).map(|_| ()))?;
-    let mut steps = Vec::new();
+    let request = |scene_id: &str, (query, goal): (u16, Vec<GoalTerm>)| {
+        let request = PlaceRequest { query, goal, count: args.wish.count.max(COUNT), ..args.wish.request(scene_id.to_owned()) };
+        request.validate().map(|()| request)
+    };
+    // A wish that cannot be is refused before anything moves.
     for (k, wish) in wishes() {
-        let (query, goal) = known.translated(k, wish)?;
-        let request = PlaceRequest { query, goal, count: args.wish.count.max(COUNT), ..args.wish.request(view.0.clone()) };
-        request.validate()?;
+        request(&view.0, known.translated(k, wish)?)?;
+    }
+    for (k, wish) in wishes() {
+        let request = request(&view.0, known.translated(k, wish)?)?;
         let (result, _) = client::place(&system.planner, &request, Some(&view.1), CallOptions::within(deadline)).await?;
         let mut step =
             Step { query: wish.query, goal: wish.goal.clone(), result, placement: None, execution: None, reason: None, holds: Vec::new() };
@@ -136,18 +149,27 @@ async fn achieve(args: &PlaceArgs, session: &Session) -> Result<Vec<Step>, Failu
             steps.push(step);
             break;
         }
-        let plan = system.motion_plan(&request, &step.result, &view).await?;
-        tracing::info!(query, placement = plan.placement, seconds = plan.duration_ms / 1e3, "executing");
-        let options = CallOptions::at_most_once(EXECUTION);
-        let executed: ExecuteReply = system.motion.call("execute", Payload::json(&plan)?, options).await?.payload.decode_json()?;
+        let (plan, executed) = match system.moved(&request, &step.result, &view).await {
+            Ok(moved) => moved,
+            Err(failure) => {
+                step.reason = failure.error().map(ToString::to_string);
+                steps.push(step);
+                return Err(failure);
+            }
+        };
         let moved: Isometry3<f64> =
             from_row_major(&step.result.placements[plan.placement].placed_from_observed.0).map_err(Failure::other)?;
         (step.placement, step.execution, step.reason) = (Some(plan.placement), Some(executed.outcome), executed.reason);
-        view = system.view_after(now_ns()).await?;
+        let seen = system.view_after(now_ns()).await;
+        let Ok(next) = seen else {
+            steps.push(step);
+            return seen.map(drop);
+        };
+        view = next;
         known.move_on(wish.query, &moved, &view.1.meta.objects);
         if step.execution == Some(ExecutionOutcome::Done) {
             match known.translated(k, wish) {
-                Ok((query, goal)) => step.holds = holds(&view.1, query, &goal),
+                Ok((query, goal)) => step.holds = holds(&view.1, step.result.view_yaw_rad, query, &goal),
                 Err(unseen) => step.reason = unseen.error().map(|e| format!("whether it holds cannot be seen: {}", e.message)),
             }
         }
@@ -157,7 +179,7 @@ async fn achieve(args: &PlaceArgs, session: &Session) -> Result<Vec<Step>, Failu
             break;
         }
     }
-    Ok(steps)
+    Ok(())
 }
 
 /// The running system as a sequence sees it.
@@ -188,6 +210,19 @@ impl System<'_> {
         }
     }
 
+    /// Has the motion service plan, and carry the plan out.
+    async fn moved(
+        &self,
+        request: &PlaceRequest,
+        result: &PlaceResult,
+        view: &(String, Scene),
+    ) -> Result<(MotionPlan, ExecuteReply), Failure> {
+        let plan = self.motion_plan(request, result, view).await?;
+        tracing::info!(query = request.query, placement = plan.placement, seconds = plan.duration_ms / 1e3, "executing");
+        let answer = self.motion.call("execute", Payload::json(&plan)?, CallOptions::at_most_once(EXECUTION)).await.map_err(of_motion)?;
+        Ok((plan, answer.payload.decode_json()?))
+    }
+
     async fn motion_plan(&self, request: &PlaceRequest, result: &PlaceResult, view: &(String, Scene)) -> Result<MotionPlan, Failure> {
         let mut states = self.session.subscribe_latest(&self.session.cell().robot_state(self.robot)).await?;
         let state = tokio::time::timeout(self.deadline, states.recv())
@@ -205,7 +240,16 @@ impl System<'_> {
         };
         // Enclosed: motion need not hold a scene that is this new.
         let whole = Payload::bulk(MotionPlanRequest::SCHEMA, &enclose(&request, Some(&view.1)))?;
-        Ok(self.motion.call("plan", whole, CallOptions::within(self.deadline)).await?.payload.decode_json()?)
+        let answer = self.motion.call("plan", whole, CallOptions::within(self.deadline)).await.map_err(of_motion)?;
+        Ok(answer.payload.decode_json()?)
+    }
+}
+
+/// No grasp, no path, a latched stop: not what was asked is at fault, but what is there.
+fn of_motion(error: CallError) -> Failure {
+    match error.code {
+        ErrorCode::FailedPrecondition => Failure::Other(error),
+        _ => Failure::from(error),
     }
 }
 
@@ -262,9 +306,9 @@ impl Known {
     }
 }
 
-/// Each term by rule on what is seen.
-fn holds(scene: &Scene, query: u16, goal: &[GoalTerm]) -> Vec<bool> {
-    let viewer = ViewerFrame::from_yaw(scene.meta.view_yaw_rad);
+/// Each term by rule on what is seen, for the viewer of the wish.
+fn holds(scene: &Scene, view_yaw_rad: f64, query: u16, goal: &[GoalTerm]) -> Vec<bool> {
+    let viewer = ViewerFrame::from_yaw(view_yaw_rad);
     let object = |id: u16| ObservedObject::new(&scene.points_of(id).map(Point3::from).collect::<Vec<_>>(), &viewer);
     let moved = object(query);
     let term = |t: &GoalTerm| match (&moved, object(t.anchor)) {

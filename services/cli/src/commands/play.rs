@@ -80,7 +80,7 @@ pub async fn run(args: &PlayArgs, output: Output) -> Outcome {
     if args.rate.is_some_and(|rate| !(rate > 0.0 && rate <= 1000.0)) {
         return Err(Failure::bad_input("rate", "expected above 0 and at most 1000 frames per second"));
     }
-    let session = client::connect(&args.connect).await?;
+    let session = client::connect(&args.connect.system).await?;
     let key = session.cell().camera_frame(camera);
     let begin = tokio::time::Instant::now();
     let mut published = 0u64;

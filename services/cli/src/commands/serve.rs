@@ -1,31 +1,28 @@
 //! `repose serve`: one service, or the router, as this process.
 
-use repose_runtime::{RuntimeConfig, Session, SessionMode, Shutdown, run_router};
+use repose_runtime::{Session, Shutdown, run_router};
 
 use crate::args::{ServeArgs, Served};
+use crate::client::{self, client_config, router_config};
 use crate::failure::Outcome;
 use crate::services::ServiceConfigs;
 
 /// Runs until SIGTERM or SIGINT, then drains.
 pub async fn run(args: &ServeArgs) -> Outcome {
     let shutdown = Shutdown::on_signals()?;
-    let mut config = RuntimeConfig::load(args.config.as_deref())?;
-    config.session.cell.clone_from(&args.cell);
-    config.worker.name.clone_from(&args.worker);
     match args.service {
-        Served::Router => {
-            config.session.mode = SessionMode::Router;
-            config.session.listen = vec![args.connect.clone()];
-            Ok(run_router(config, shutdown).await?)
-        }
+        Served::Router => Ok(run_router(router_config(&args.system)?, shutdown).await?),
         Served::Service(service) => {
-            config.session.mode = SessionMode::Client;
-            config.session.connect = vec![args.connect.clone()];
-            let services = ServiceConfigs::load(args.config.as_deref())?;
+            let mut config = client_config(&args.system)?;
+            if args.worker.is_some() {
+                config.worker.name.clone_from(&args.worker);
+            }
+            let services = ServiceConfigs::load(args.system.config.as_deref())?;
+            let cell = config.session.cell.clone();
             let session = Session::open(config).await?;
-            tracing::info!(%service, cell = args.cell, "serving");
+            tracing::info!(%service, cell, "serving");
             let served = services.run(service, session.clone(), shutdown).await;
-            session.close().await?;
+            client::close(session).await;
             served
         }
     }

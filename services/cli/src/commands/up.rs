@@ -4,15 +4,20 @@
 
 use std::path::Path;
 use std::process::Stdio;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use repose_proto::Service;
-use repose_runtime::{RuntimeConfig, Session, SessionMode, Shutdown};
+use repose_runtime::{RuntimeConfig, Session, Shutdown};
 use tokio::process::{Child, Command};
+use tokio::task::JoinSet;
 
-use crate::args::UpArgs;
+use crate::args::{SystemArgs, UpArgs};
+use crate::client::{self, client_config};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
+use crate::services::ServiceConfigs;
 
 /// How long to wait before an ended process is started again.
 const RESTART_PAUSE: Duration = Duration::from_secs(1);
@@ -33,33 +38,43 @@ pub async fn run(args: &UpArgs, output: Output) -> Outcome {
         };
         processes.extend(std::iter::repeat_n(service.as_str().to_owned(), count));
     }
-    let mut watchers = Vec::new();
+    // What no process could start with is said at once, and by its field.
+    let system = SystemArgs { connect: Some(args.listen.clone()), cell: args.cell.clone(), config: args.config.clone() };
+    let config = client_config(&system)?;
+    let cell = config.session.cell.clone();
+    ServiceConfigs::load(args.config.as_deref())?;
+    is_free(&args.listen)?;
+    let is_up = Arc::new(AtomicBool::new(false));
+    let mut watchers = JoinSet::new();
     for what in &processes {
-        watchers.push(tokio::spawn(keep_running(command(args, what)?, what.clone(), shutdown.clone())));
+        watchers.spawn(keep_running(command(args, &cell, what)?, what.clone(), is_up.clone(), shutdown.clone()));
     }
-    let up = ready(args, &shutdown).await;
-    if let Err(failure) = up {
-        shutdown.trigger();
-        for watcher in watchers {
-            watcher.await.map_err(Failure::other)?;
-        }
-        return Err(failure);
+    let up = tokio::select! {
+        up = ready(args, config, &shutdown) => up,
+        Some(ended) = watchers.join_next() => ended.map_err(Failure::other)?,
+    };
+    is_up.store(true, Ordering::Release);
+    if up.is_ok() && !shutdown.is_requested() {
+        let document = serde_json::json!({"listen": args.listen, "cell": cell, "processes": processes});
+        output.print(&document, || format!("up: {} at {}, cell {cell}; Ctrl-C ends it", processes.join(", "), args.listen))?;
+        shutdown.requested().await;
     }
-    let document = serde_json::json!({"listen": args.listen, "cell": args.cell, "processes": processes});
-    output.print(&document, || format!("up: {} at {}, cell {}; Ctrl-C ends it", processes.join(", "), args.listen, args.cell))?;
-    shutdown.requested().await;
-    for watcher in watchers {
-        watcher.await.map_err(Failure::other)?;
+    shutdown.trigger();
+    while let Some(ended) = watchers.join_next().await {
+        ended.map_err(Failure::other)??;
     }
-    Ok(())
+    up
+}
+
+/// Refuses an address that something else listens at: a second system would join the first, with two of every camera and robot.
+fn is_free(endpoint: &str) -> Outcome {
+    let Some(address) = endpoint.strip_prefix("tcp/") else { return Ok(()) };
+    let taken = |e: std::io::Error| Failure::bad_input("listen", format!("{endpoint}: {e}"));
+    std::net::TcpListener::bind(address).map(drop).map_err(taken)
 }
 
 /// Waits until every service has its workers.
-async fn ready(args: &UpArgs, shutdown: &Shutdown) -> Outcome {
-    let mut config = RuntimeConfig::load(args.config.as_deref())?;
-    config.session.mode = SessionMode::Client;
-    config.session.connect = vec![args.listen.clone()];
-    config.session.cell.clone_from(&args.cell);
+async fn ready(args: &UpArgs, config: RuntimeConfig, shutdown: &Shutdown) -> Outcome {
     let session = Session::open(config).await?;
     for service in Service::ALL {
         let count = match service {
@@ -73,13 +88,14 @@ async fn ready(args: &UpArgs, shutdown: &Shutdown) -> Outcome {
             () = shutdown.requested() => break,
         }
     }
-    Ok(session.close().await?)
+    client::close(session).await;
+    Ok(())
 }
 
-fn command(args: &UpArgs, what: &str) -> Result<Command, Failure> {
-    let mut command = service_process(&args.listen, &args.cell, args.config.as_deref(), what)?;
-    if what == Service::Simulator.as_str() {
-        command.env("REPOSE_SIMULATOR__SEED", args.seed.to_string());
+fn command(args: &UpArgs, cell: &str, what: &str) -> Result<Command, Failure> {
+    let mut command = service_process(&args.listen, cell, args.config.as_deref(), what)?;
+    if let Some(seed) = args.seed.filter(|_| what == Service::Simulator.as_str()) {
+        command.env("REPOSE_SIMULATOR__SEED", seed.to_string());
     }
     Ok(command)
 }
@@ -104,29 +120,36 @@ pub fn service_process(endpoint: &str, cell: &str, config: Option<&Path>, what: 
     Ok(command)
 }
 
-/// Starts a process again whenever it ends, until `shutdown`; then tells it to drain.
-async fn keep_running(mut command: Command, what: String, shutdown: Shutdown) {
+/// Starts a process again whenever it ends, until `shutdown`; then tells it to drain. One that ends before the system is up would always.
+async fn keep_running(mut command: Command, what: String, is_up: Arc<AtomicBool>, shutdown: Shutdown) -> Outcome {
     while !shutdown.is_requested() {
         let mut child = match command.spawn() {
             Ok(child) => child,
             Err(error) => {
-                tracing::error!(what, %error, "could not be started");
-                return;
+                return Err(Failure::other(format!("{what} could not be started: {error}")));
             }
         };
         tokio::select! {
             ended = child.wait() => {
                 if !shutdown.is_requested() {
+                    if !is_up.load(Ordering::Acquire) {
+                        let status = ended.map_or_else(|e| e.to_string(), |status| status.to_string());
+                        return Err(Failure::other(format!("{what} ended before the system was up: {status}")));
+                    }
                     tracing::warn!(what, status = ?ended.ok(), "ended, starting it again");
                 }
             }
-            () = shutdown.requested() => return stop(&mut child, &what).await,
+            () = shutdown.requested() => {
+                stop(&mut child, &what).await;
+                return Ok(());
+            }
         }
         tokio::select! {
             () = tokio::time::sleep(RESTART_PAUSE) => {}
             () = shutdown.requested() => {}
         }
     }
+    Ok(())
 }
 
 async fn stop(child: &mut Child, what: &str) {
@@ -139,5 +162,20 @@ async fn stop(child: &mut Child, what: &str) {
         if let Err(error) = child.kill().await {
             tracing::error!(what, %error, "could not be killed");
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_that_is_taken_is_refused_before_anything_starts() {
+        let other = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+        let endpoint = format!("tcp/{}", other.local_addr().expect("an address"));
+        let refused = is_free(&endpoint).expect_err("it is taken");
+        assert_eq!((refused.exit_code(), refused.error().and_then(|e| e.field.as_deref())), (2, Some("listen")));
+        drop(other);
+        assert!(is_free(&endpoint).is_ok() && is_free("unixsock-stream//tmp/x").is_ok());
     }
 }
