@@ -7,10 +7,14 @@
 //! | a folder with `camera.json`, `depth/*.png`, and `color/`, `labels/` where there are any | one per depth picture |
 //! | a file `*.mcap`, or a folder with such files (a rosbag2 folder) | one per depth image or organised cloud |
 
+pub mod messages;
 pub mod png_sequence;
 pub mod recording;
 pub mod ros_frames;
 pub mod ros_messages;
+pub mod survey;
+#[cfg(test)]
+mod synthetic;
 
 use std::path::{Path, PathBuf};
 
@@ -18,8 +22,9 @@ use repose_proto::Frame;
 
 use crate::frame_folder::{self, FrameFolderError};
 use png_sequence::PngSequence;
-pub use recording::{Recording, Topics};
+pub use recording::Recording;
 use ros_messages::MessageError;
+pub use survey::Topics;
 
 /// Why a source gives no frames, or no more.
 #[derive(Debug, thiserror::Error)]
@@ -82,7 +87,7 @@ pub type Frames = Box<dyn Iterator<Item = Result<Frame, SourceError>> + Send>;
 /// [`SourceError`] when the path holds no frames; what is wrong with a single frame is said when its turn comes.
 pub fn open(path: &Path, topics: &Topics) -> Result<Frames, SourceError> {
     if path.extension().is_some_and(|extension| extension == "mcap") {
-        return Ok(Box::new(Recording::open(path, topics.clone())?));
+        return Ok(Box::new(Recording::open(path, vec![path.to_owned()], topics.clone())?));
     }
     if path.join("depth.png").is_file() {
         let folder = path.to_owned();
@@ -90,27 +95,29 @@ pub fn open(path: &Path, topics: &Topics) -> Result<Frames, SourceError> {
     }
     let recordings = recordings_in(path)?;
     if !recordings.is_empty() {
-        let topics = topics.clone();
-        let frames = recordings.into_iter().flat_map(move |file| match Recording::open(&file, topics.clone()) {
-            Ok(recording) => Box::new(recording) as Frames,
-            Err(error) => Box::new(std::iter::once(Err(error))),
-        });
-        return Ok(Box::new(frames));
+        return Ok(Box::new(Recording::open(path, recordings, topics.clone())?));
     }
     let sequence = PngSequence::open(path)?;
     Ok(Box::new((0..sequence.len()).map(move |index| Ok(sequence.read(index)?))))
 }
 
-/// The recordings in a folder, by name.
+/// The recordings in a folder, in the order of the numbers in their names.
 fn recordings_in(folder: &Path) -> Result<Vec<PathBuf>, SourceError> {
-    let failed = |source| SourceError::File { path: folder.to_owned(), source };
-    let mut files = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(failed)? {
-        let path = entry.map_err(failed)?.path();
-        if path.extension().is_some_and(|extension| extension == "mcap") {
-            files.push(path);
+    let names = png_sequence::entries(folder)?;
+    Ok(names.iter().map(|name| folder.join(name)).filter(|path| path.extension().is_some_and(|e| e == "mcap")).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_splits_of_a_recording_come_in_the_order_of_their_numbers() {
+        let folder = tempfile::tempdir().unwrap();
+        let names: Vec<PathBuf> = (0..11).map(|split| folder.path().join(format!("rosbag2_{split}.mcap"))).collect();
+        for name in names.iter().chain([&folder.path().join("metadata.yaml")]) {
+            std::fs::write(name, "").unwrap();
         }
+        assert_eq!(recordings_in(folder.path()).unwrap(), names);
     }
-    files.sort();
-    Ok(files)
 }

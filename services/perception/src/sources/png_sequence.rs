@@ -79,7 +79,10 @@ impl PngSequence {
 }
 
 /// Names in a folder, in order.
-fn entries(folder: &Path) -> Result<Vec<String>, SourceError> {
+///
+/// # Errors
+/// [`SourceError::File`] when it cannot be read.
+pub fn entries(folder: &Path) -> Result<Vec<String>, SourceError> {
     let failed = |source| SourceError::File { path: folder.to_owned(), source };
     let mut names = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(failed)? {

@@ -1,108 +1,123 @@
-//! Frames from an MCAP recording of ROS 2: depth images or organised point clouds, with the camera's intrinsics and color.
+//! Frames from a recording of ROS 2: depth images or organised point clouds, with the camera's intrinsics and color.
 //!
-//! The file is read from front to back, chunk by chunk, so that its size does not matter. A frame is made of each depth image (or cloud)
-//! and the color image with its stamp, which may come before or after it; the newest `CameraInfo` of the same size gives the intrinsics.
-//! Pictures are taken as rectified, and depth as registered to color where both have one size.
+//! A recording is an MCAP file, or several that go on where the one before ended. Its beginning is read twice: once to choose the topics,
+//! then for the frames. A frame is made of each depth image (or cloud) and the color image with its stamp, which may come before or after
+//! it; the newest `CameraInfo` of the same size gives the intrinsics. Pictures are taken as rectified, and depth as registered to color
+//! where both have one size.
 
-use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::Read;
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
-use mcap::records::Record;
-use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use repose_proto::{CameraModel, Frame};
 
 use super::SourceError;
-use super::ros_frames::{CloudPicture, DEPTH_UNIT_M, color_of, depth_of_cloud, depth_of_image, model_of};
+use super::messages::{Channel, Messages};
+use super::ros_frames::{CloudPicture, DEPTH_UNIT_M, SampledPoint, check_rays, color_of, depth_of_cloud, depth_of_image, model_of};
 use super::ros_messages::{CameraInfo, MessageError, PointCloud2, RosImage};
+use super::survey::{Chosen, Survey, Topics};
 
-/// Largest record that is read, bytes; what claims to be larger is refused before memory is taken.
-const MAX_RECORD_BYTES: usize = 256 << 20;
 /// A color image belongs to a depth image when their stamps are at most this far apart.
 const SAME_INSTANT_NS: u64 = 17_000_000;
-
-/// Which topics of a recording make the frames. A topic that is not named is the first of its kind.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Topics {
-    /// Depth images (`16UC1`, `mono16` or `32FC1`).
-    pub depth: Option<String>,
-    /// Color images (`rgb8`, `bgr8`, `rgba8`, `bgra8`).
-    pub color: Option<String>,
-    /// Intrinsics.
-    pub info: Option<String>,
-    /// Organised clouds; used instead of depth images where named, or where [`Topics::clouds`] is set.
-    pub points: Option<String>,
-    /// Whether frames are made of clouds rather than of depth images.
-    pub clouds: bool,
-}
+/// How much of a recording topics are chosen from: this much where depth, intrinsics and color are found in it …
+const SURVEY_LEAST_NS: u64 = 1_000_000_000;
+/// … this much where there seems to be no color, and as much as it takes to find depth and its intrinsics.
+const SURVEY_MOST_NS: u64 = 5_000_000_000;
 
 /// A recording that is being read.
 pub struct Recording {
+    /// What was asked for: a file, or the folder of the files.
     path: PathBuf,
-    file: File,
-    reader: LinearReader,
-    schemas: BTreeMap<u16, String>,
-    channels: BTreeMap<u16, Channel>,
-    assembly: Assembly,
+    topics: Topics,
+    /// The files that are not read yet.
+    files: VecDeque<PathBuf>,
+    /// The one that is.
+    messages: Option<Messages>,
+    /// None until topics were chosen.
+    assembly: Option<Assembly>,
     ended: bool,
 }
 
-/// Where messages of one topic go.
-#[derive(Debug, Clone)]
-struct Channel {
-    topic: String,
-    schema: String,
-}
-
 impl Recording {
-    /// Opens a file.
+    /// Opens the files of a recording, in order; `path` is what the user calls it.
     ///
     /// # Errors
-    /// [`SourceError::File`] when there is none.
-    pub fn open(path: &Path, topics: Topics) -> Result<Self, SourceError> {
-        let file = File::open(path).map_err(|source| SourceError::File { path: path.to_owned(), source })?;
-        let options = LinearReaderOptions::default().with_validate_chunk_crcs(true).with_record_length_limit(MAX_RECORD_BYTES);
-        Ok(Self {
-            path: path.to_owned(),
-            file,
-            reader: LinearReader::new_with_options(options),
-            schemas: BTreeMap::new(),
-            channels: BTreeMap::new(),
-            assembly: Assembly::new(topics),
-            ended: false,
+    /// [`SourceError::File`] when the first is not there.
+    pub fn open(path: &Path, files: Vec<PathBuf>, topics: Topics) -> Result<Self, SourceError> {
+        let mut files = VecDeque::from(files);
+        let messages = files.pop_front().map(|first| Messages::open(&first)).transpose()?;
+        Ok(Self { path: path.to_owned(), topics, files, messages, assembly: None, ended: false })
+    }
+
+    /// The topics that the frames are made of.
+    fn choose(&self) -> Result<Chosen, SourceError> {
+        let mut survey = Survey::default();
+        let mut began_ns = None;
+        let mut failed = None;
+        for file in self.messages.iter().map(Messages::path).chain(self.files.iter().map(PathBuf::as_path)) {
+            // What a damaged file holds up to there counts; its fault is told when its frames are read, or where nothing was found.
+            match self.survey(file, &mut survey, &mut began_ns) {
+                Ok(true) => break,
+                Ok(false) => {}
+                Err(error) => {
+                    failed.get_or_insert(error);
+                }
+            }
+        }
+        if let Some(chosen) = survey.choose(&self.topics) {
+            return Ok(chosen);
+        }
+        let lacks = self.lacks(&survey.listing());
+        Err(match (failed, survey.unreadable()) {
+            (Some(error), _) => error,
+            (None, Some((topic, error))) => SourceError::Message { path: self.path.clone(), topic, error },
+            (None, None) => SourceError::Empty { path: self.path.clone(), lacks },
         })
     }
 
-    /// Reads on to the next message that matters; false at the end.
-    fn advance(&mut self) -> Result<bool, SourceError> {
-        let broken = |e: &dyn std::fmt::Display| SourceError::Recording { path: self.path.clone(), reason: e.to_string() };
-        while let Some(event) = self.reader.next_event() {
-            match event.map_err(|e| broken(&e))? {
-                LinearReadEvent::ReadRequest(bytes) => {
-                    let read = self.file.read(self.reader.insert(bytes));
-                    let read = read.map_err(|source| SourceError::File { path: self.path.clone(), source })?;
-                    self.reader.notify_read(read);
-                }
-                LinearReadEvent::Record { data, opcode } => match mcap::parse_record(opcode, data).map_err(|e| broken(&e))? {
-                    Record::Schema { header, .. } => {
-                        self.schemas.insert(header.id, header.name);
-                    }
-                    Record::Channel(channel) => {
-                        let schema = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
-                        self.channels.insert(channel.id, Channel { topic: channel.topic, schema });
-                    }
-                    Record::Message { header, data } => {
-                        let Some(channel) = self.channels.get(&header.channel_id) else { continue };
-                        let taken = self.assembly.take(channel, &data);
-                        taken.map_err(|error| SourceError::Message { path: self.path.clone(), topic: channel.topic.clone(), error })?;
-                        return Ok(true);
-                    }
-                    _ => {}
-                },
+    /// Takes note of a file's messages; whether that is enough.
+    fn survey(&self, file: &Path, survey: &mut Survey, began_ns: &mut Option<u64>) -> Result<bool, SourceError> {
+        let mut messages = Messages::open(file)?;
+        while let Some(log_ns) = messages.next(|channel, log_ns, bytes| {
+            survey.take(channel, bytes);
+            log_ns
+        })? {
+            let seen_ns = log_ns.saturating_sub(*began_ns.get_or_insert(log_ns));
+            if seen_ns >= SURVEY_LEAST_NS
+                && let Some(chosen) = survey.choose(&self.topics)
+                && (chosen.color.is_some() || seen_ns >= SURVEY_MOST_NS)
+            {
+                return Ok(true);
             }
         }
         Ok(false)
+    }
+
+    /// What to say where nothing fits.
+    fn lacks(&self, listing: &str) -> String {
+        let wanted = if self.topics.of_clouds() { "organised sensor_msgs/msg/PointCloud2" } else { "sensor_msgs/msg/Image of depth" };
+        format!("{wanted} and sensor_msgs/msg/CameraInfo of its size, in its namespace or frame unless topics are named; it has {listing}")
+    }
+
+    /// The next frame; `None` at the end.
+    fn frame(&mut self) -> Result<Option<Frame>, SourceError> {
+        if self.assembly.is_none() {
+            let chosen = self.choose()?;
+            tracing::debug!(?chosen, "topics of the recording");
+            self.assembly = Some(Assembly::new(chosen));
+        }
+        let Some(assembly) = &mut self.assembly else { return Ok(None) };
+        while let Some(messages) = &mut self.messages {
+            let at = |path: &Path, topic: String, error| SourceError::Message { path: path.to_owned(), topic, error };
+            if let Some(frame) = assembly.ready().map_err(|error| at(messages.path(), assembly.chosen.depth.clone(), error))? {
+                return Ok(Some(frame));
+            }
+            match messages.next(|channel, _, bytes| assembly.take(channel, bytes).map_err(|error| (channel.topic.clone(), error)))? {
+                Some(taken) => taken.map_err(|(topic, error)| at(messages.path(), topic, error))?,
+                None => self.messages = self.files.pop_front().map(|file| Messages::open(&file)).transpose()?,
+            }
+        }
+        let topic = assembly.chosen.depth.clone();
+        assembly.finish().map_err(|error| SourceError::Message { path: self.path.clone(), topic, error })
     }
 }
 
@@ -110,40 +125,26 @@ impl Iterator for Recording {
     type Item = Result<Frame, SourceError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        while !self.ended {
-            if let Some(frame) = self.assembly.ready() {
-                return Some(Ok(frame));
-            }
-            match self.advance() {
-                Ok(true) => {}
-                Ok(false) => {
-                    self.ended = true;
-                    let last = self.assembly.finish();
-                    let lacks = || SourceError::Empty { path: self.path.clone(), lacks: self.assembly.lacks() };
-                    return last.map(Ok).or_else(|| (self.assembly.made == 0).then(|| Err(lacks())));
-                }
-                Err(error) => {
-                    self.ended = true;
-                    return Some(Err(error));
-                }
-            }
+        if self.ended {
+            return None;
         }
-        None
+        let next = self.frame().transpose();
+        // After an error nobody knows what else is wrong.
+        self.ended = !matches!(next, Some(Ok(_)));
+        next
     }
 }
 
 /// Puts frames together from messages in the order of the file.
 #[derive(Debug)]
 struct Assembly {
-    topics: Topics,
+    chosen: Chosen,
     info: Option<CameraInfo>,
     color: Option<Color>,
     /// The depth that waits for its color and intrinsics.
     waiting: Option<Depth>,
     /// A depth whose wait is over because the next one came.
     overtaken: Option<Depth>,
-    seen: BTreeMap<String, String>,
-    made: usize,
 }
 
 #[derive(Debug)]
@@ -161,49 +162,36 @@ struct Depth {
     unit_m: f64,
     /// A cloud's own colors.
     colors: Option<Vec<[u8; 3]>>,
+    /// Points of a cloud, to be held against the camera.
+    sample: Vec<SampledPoint>,
 }
 
 impl Assembly {
-    fn new(topics: Topics) -> Self {
-        let clouds = topics.clouds || topics.points.is_some();
-        Self {
-            topics: Topics { clouds, ..topics },
-            info: None,
-            color: None,
-            waiting: None,
-            overtaken: None,
-            seen: BTreeMap::new(),
-            made: 0,
-        }
+    fn new(chosen: Chosen) -> Self {
+        Self { chosen, info: None, color: None, waiting: None, overtaken: None }
     }
 
     fn take(&mut self, channel: &Channel, bytes: &[u8]) -> Result<(), MessageError> {
-        self.seen.entry(channel.topic.clone()).or_insert_with(|| channel.schema.clone());
+        let Chosen { depth, info, color } = &self.chosen;
         match channel.schema.as_str() {
-            "sensor_msgs/msg/CameraInfo" if chosen(&mut self.topics.info, &channel.topic) => self.info = Some(CameraInfo::read(bytes)?),
-            "sensor_msgs/msg/PointCloud2" if self.topics.clouds && chosen(&mut self.topics.points, &channel.topic) => {
+            "sensor_msgs/msg/CameraInfo" if channel.topic == *info => self.info = Some(CameraInfo::read(bytes)?),
+            "sensor_msgs/msg/PointCloud2" if channel.topic == *depth => {
                 let cloud = PointCloud2::read(bytes)?;
-                let CloudPicture { counts, colors } = depth_of_cloud(&cloud)?;
+                let CloudPicture { counts, colors, sample } = depth_of_cloud(&cloud)?;
                 let size = (cloud.width as usize, cloud.height as usize);
-                self.put_depth(Depth { stamp_ns: cloud.header.stamp.as_ns(), size, counts, unit_m: DEPTH_UNIT_M, colors });
+                self.put_depth(Depth { stamp_ns: cloud.header.stamp.as_ns(), size, counts, unit_m: DEPTH_UNIT_M, colors, sample });
             }
-            "sensor_msgs/msg/Image" => self.take_image(&RosImage::read(bytes)?, &channel.topic)?,
-            _ => {}
-        }
-        Ok(())
-    }
-
-    fn take_image(&mut self, image: &RosImage, topic: &str) -> Result<(), MessageError> {
-        let (stamp_ns, size) = (image.header.stamp.as_ns(), (image.width as usize, image.height as usize));
-        match image.encoding.as_str() {
-            "16UC1" | "mono16" | "32FC1" if !self.topics.clouds && chosen(&mut self.topics.depth, topic) => {
-                let (counts, unit_m) = depth_of_image(image)?;
-                self.put_depth(Depth { stamp_ns, size, counts, unit_m, colors: None });
+            "sensor_msgs/msg/Image" if channel.topic == *depth => {
+                let image = RosImage::read(bytes)?;
+                let (stamp_ns, size) = (image.header.stamp.as_ns(), (image.width as usize, image.height as usize));
+                let (counts, unit_m) = depth_of_image(&image)?;
+                self.put_depth(Depth { stamp_ns, size, counts, unit_m, colors: None, sample: Vec::new() });
             }
-            "rgb8" | "bgr8" | "rgba8" | "bgra8" if chosen(&mut self.topics.color, topic) => {
-                self.color = Some(Color { stamp_ns, size, pixels: color_of(image)? });
+            "sensor_msgs/msg/Image" if color.as_ref() == Some(&channel.topic) => {
+                let image = RosImage::read(bytes)?;
+                let (stamp_ns, size) = (image.header.stamp.as_ns(), (image.width as usize, image.height as usize));
+                self.color = Some(Color { stamp_ns, size, pixels: color_of(&image)? });
             }
-            // Infrared and the like travel as images too.
             _ => {}
         }
         Ok(())
@@ -214,56 +202,83 @@ impl Assembly {
     }
 
     /// A frame that needs to wait no longer.
-    fn ready(&mut self) -> Option<Frame> {
+    fn ready(&mut self) -> Result<Option<Frame>, MessageError> {
         if let Some(depth) = self.overtaken.take() {
             return self.frame(depth);
         }
-        let waiting = self.waiting.as_ref()?;
-        let color_is_there = waiting.colors.is_some() || self.color.as_ref().is_some_and(|c| belongs(c, waiting));
-        if !color_is_there || self.model(waiting).is_none() {
-            return None;
+        let Some(waiting) = &self.waiting else { return Ok(None) };
+        let has_color = waiting.colors.is_some() || self.color.as_ref().is_some_and(|c| belongs(c, waiting));
+        if !has_color || self.model(waiting).is_none() {
+            return Ok(None);
         }
-        let depth = self.waiting.take()?;
-        self.frame(depth)
+        self.finish()
     }
 
     /// The last frame, with what there is.
-    fn finish(&mut self) -> Option<Frame> {
-        let depth = self.waiting.take()?;
-        self.frame(depth)
+    fn finish(&mut self) -> Result<Option<Frame>, MessageError> {
+        self.waiting.take().map_or(Ok(None), |depth| self.frame(depth))
     }
 
     fn model(&self, depth: &Depth) -> Option<CameraModel> {
         self.info.as_ref().and_then(|info| model_of(info, depth.size, depth.unit_m))
     }
 
-    fn frame(&mut self, depth: Depth) -> Option<Frame> {
-        let camera = self.model(&depth)?;
+    fn frame(&mut self, depth: Depth) -> Result<Option<Frame>, MessageError> {
+        let Some(camera) = self.model(&depth) else { return Ok(None) };
+        check_rays(&depth.sample, &camera)?;
         let of_image = self.color.as_ref().filter(|c| belongs(c, &depth)).map(|c| c.pixels.clone());
-        self.made += 1;
-        Some(Frame {
+        Ok(Some(Frame {
             camera_name: "recording".to_owned(),
             stamp_ns: depth.stamp_ns,
             camera,
             color: depth.colors.or(of_image),
             depth: depth.counts,
             labels: None,
-        })
+        }))
     }
-
-    /// Why there was no frame.
-    fn lacks(&self) -> String {
-        let wanted = if self.topics.clouds { "organised sensor_msgs/msg/PointCloud2" } else { "sensor_msgs/msg/Image of depth" };
-        let topics: Vec<String> = self.seen.iter().map(|(topic, schema)| format!("{topic} ({schema})")).collect();
-        format!("{wanted} and sensor_msgs/msg/CameraInfo of its size; it has {}", topics.join(", "))
-    }
-}
-
-/// Whether a topic is the one to use; the first of its kind becomes it.
-fn chosen(wanted: &mut Option<String>, topic: &str) -> bool {
-    wanted.get_or_insert_with(|| topic.to_owned()) == topic
 }
 
 fn belongs(color: &Color, depth: &Depth) -> bool {
     color.size == depth.size && color.stamp_ns.abs_diff(depth.stamp_ns) <= SAME_INSTANT_NS
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sources::{self, synthetic};
+
+    #[test]
+    fn a_recording_goes_on_in_its_next_file_with_what_the_first_one_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let (image, info) = (synthetic::image, synthetic::info);
+        let depth = |side| image("/a/depth", "a", "16UC1", side);
+        synthetic::record(
+            &folder.path().join("split_0.mcap"),
+            &[info("/a/camera_info", "a", 4), depth(4), image("/b/ir", "b", "16UC1", 4)],
+        );
+        // The other camera's images come first here, and no intrinsics at all.
+        synthetic::record(&folder.path().join("split_1.mcap"), &[image("/b/ir", "b", "16UC1", 4), depth(4), depth(4)]);
+        let frames: Vec<_> = sources::open(folder.path(), &Topics::default()).unwrap().collect::<Result<_, _>>().unwrap();
+        assert_eq!(frames.len(), 3);
+        assert!(frames.iter().all(|frame| frame.camera.fx == 5.0 && frame.depth == [1000; 16]));
+    }
+
+    #[test]
+    fn another_cameras_intrinsics_are_not_used_and_a_cloud_must_be_in_the_cameras_frame() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("recording.mcap");
+        let first = |messages: &[synthetic::Recorded], topics: &Topics| {
+            synthetic::record(&file, messages);
+            sources::open(&file, topics).unwrap().next().unwrap()
+        };
+        let messages = [synthetic::info("/b/camera_info", "b", 4), synthetic::image("/a/depth", "a", "16UC1", 4)];
+        let error = first(&messages, &Topics::default()).unwrap_err();
+        assert!(matches!(&error, SourceError::Empty { lacks, .. } if lacks.contains("/b/camera_info")), "{error}");
+        let named = Topics { info: Some("/b/camera_info".to_owned()), ..Topics::default() };
+        assert_eq!(first(&messages, &named).unwrap().depth, [1000; 16]);
+        let tilted = synthetic::cloud("/b/points", "robot", 40, |row, column| [1.0, column as f32, row as f32]);
+        let error =
+            first(&[synthetic::info("/b/camera_info", "b", 40), tilted], &Topics { clouds: true, ..Topics::default() }).unwrap_err();
+        assert!(matches!(error, SourceError::Message { error: MessageError::NotOptical { .. }, .. }), "{error}");
+    }
 }

@@ -9,6 +9,11 @@ pub const DEPTH_UNIT_M: f64 = 1e-4;
 /// Metres per count of integer depth, as the ROS convention (REP 118) has it.
 const INTEGER_UNIT_M: f64 = 1e-3;
 
+/// About how many points of a cloud are held against their rays.
+const SAMPLED_POINTS: usize = 4096;
+/// How far from its pixel a point may show: lenses whose pictures are not rectified bend rays by a few pixels.
+const RAY_TOLERANCE_PX: f64 = 5.0;
+
 /// Depth counts and metres per count of an image of integers or floats.
 ///
 /// # Errors
@@ -49,12 +54,23 @@ pub fn color_of(image: &RosImage) -> Result<Vec<[u8; 3]>, MessageError> {
 }
 
 /// An organised cloud as pictures.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct CloudPicture {
     /// Depth, counts of [`DEPTH_UNIT_M`].
     pub counts: Vec<u16>,
     /// Color, where every point has one.
     pub colors: Option<Vec<[u8; 3]>>,
+    /// Some of the points, spread over the picture.
+    pub sample: Vec<SampledPoint>,
+}
+
+/// A point of a cloud, to be held against its pixel's ray.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SampledPoint {
+    /// Its place in the picture, row by row.
+    pub pixel: usize,
+    /// Where it is, metres.
+    pub point_m: [f32; 3],
 }
 
 /// The pictures of an organised cloud, which has a point per pixel.
@@ -66,13 +82,32 @@ pub fn depth_of_cloud(cloud: &PointCloud2) -> Result<CloudPicture, MessageError>
         let got = format!("{} x {}", cloud.width, cloud.height);
         return Err(MessageError::Unsupported { field: "height", got, expected: "organised clouds, one point per pixel" });
     }
-    let (mut counts, mut colors) = (Vec::new(), Vec::new());
-    for ([_, _, z], color) in cloud.points()? {
-        counts.push(count_of(z));
+    let (mut counts, mut colors, mut sample) = (Vec::new(), Vec::new(), Vec::new());
+    let every = (cloud.width as usize * cloud.height as usize).div_ceil(SAMPLED_POINTS);
+    for (pixel, (point_m, color)) in cloud.points()?.enumerate() {
+        counts.push(count_of(point_m[2]));
         colors.extend(color);
+        if pixel % every == 0 && point_m.iter().all(|c| c.is_finite()) && point_m != [0.0; 3] {
+            sample.push(SampledPoint { pixel, point_m });
+        }
     }
     let colors = (colors.len() == counts.len()).then_some(colors);
-    Ok(CloudPicture { counts, colors })
+    Ok(CloudPicture { counts, colors, sample })
+}
+
+/// Checks that most points of a cloud lie on the rays of their pixels: only then is their z the depth.
+///
+/// # Errors
+/// [`MessageError::NotOptical`] when they do not, as in a cloud that was carried into a robot's frame.
+pub fn check_rays(sample: &[SampledPoint], camera: &CameraModel) -> Result<(), MessageError> {
+    let is_off = |at: &&SampledPoint| {
+        let [x, y, z] = at.point_m.map(f64::from);
+        let (u, v) = (camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy);
+        let (column, row) = ((at.pixel % camera.width) as f64, (at.pixel / camera.width) as f64);
+        !(z > 0.0 && (u - column).abs() <= RAY_TOLERANCE_PX && (v - row).abs() <= RAY_TOLERANCE_PX)
+    };
+    let off = sample.iter().filter(is_off).count();
+    if off * 2 > sample.len() { Err(MessageError::NotOptical { off_percent: off * 100 / sample.len() }) } else { Ok(()) }
 }
 
 /// The camera of pictures of a size; `None` when the intrinsics are of another size or are none.
@@ -80,7 +115,10 @@ pub fn model_of(info: &CameraInfo, (width, height): (usize, usize), depth_unit_m
     if (info.width as usize, info.height as usize) != (width, height) {
         return None;
     }
-    let [fx, _, cx, _, fy, cy, ..] = info.k;
+    // A rectified picture has the intrinsics of the projection; without rectification that is empty.
+    let [of_p_fx, _, of_p_cx, _, _, of_p_fy, of_p_cy, ..] = info.p;
+    let [of_k_fx, _, of_k_cx, _, of_k_fy, of_k_cy, ..] = info.k;
+    let [fx, fy, cx, cy] = if of_p_fx > 0.0 { [of_p_fx, of_p_fy, of_p_cx, of_p_cy] } else { [of_k_fx, of_k_fy, of_k_cx, of_k_cy] };
     let model = CameraModel { width, height, fx, fy, cx, cy, depth_unit_m, world_from_camera: None };
     model.validate().is_ok().then_some(model)
 }
@@ -89,4 +127,42 @@ pub fn model_of(info: &CameraInfo, (width, height): (usize, usize), depth_unit_m
 fn count_of(depth_m: f32) -> u16 {
     let count = (f64::from(depth_m) / DEPTH_UNIT_M).round();
     if count >= 1.0 && count <= f64::from(u16::MAX) { count as u16 } else { 0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sources::synthetic;
+
+    #[test]
+    fn rectified_pictures_have_the_intrinsics_of_the_projection() {
+        let mut info = CameraInfo::read(&synthetic::info("/camera_info", "camera", 4).bytes).unwrap();
+        let intrinsics = |info: &CameraInfo| model_of(info, (4, 4), 0.001).map(|m| [m.fx, m.fy, m.cx, m.cy]);
+        assert_eq!(intrinsics(&info), Some([5.0, 5.0, 1.5, 1.5]));
+        info.p = [4.0, 0.0, 1.25, -0.2, 0.0, 4.5, 1.75, 0.0, 0.0, 0.0, 1.0, 0.0];
+        assert_eq!(intrinsics(&info), Some([4.0, 4.5, 1.25, 1.75]));
+        assert_eq!(model_of(&info, (4, 5), 0.001), None);
+    }
+
+    #[test]
+    fn a_cloud_in_another_frame_than_the_cameras_is_refused() {
+        let info = CameraInfo::read(&synthetic::info("/camera_info", "camera", 40).bytes).unwrap();
+        let camera = model_of(&info, (40, 40), DEPTH_UNIT_M).unwrap();
+        let optical = |row: u32, column: u32| {
+            let slope = |at: u32| (f64::from(at) - 19.5) / 5.0;
+            [slope(column) as f32, slope(row) as f32, 1.0f32]
+        };
+        let checked = |point: &dyn Fn(u32, u32) -> [f32; 3]| {
+            let cloud = PointCloud2::read(&synthetic::cloud("/points", "any", 40, point).bytes).unwrap();
+            check_rays(&depth_of_cloud(&cloud).unwrap().sample, &camera)
+        };
+        assert_eq!(checked(&optical), Ok(()));
+        assert_eq!(checked(&|_, _| [f32::NAN; 3]), Ok(()));
+        // A robot's axes: x forward, y left, z up.
+        let robots = |row: u32, column: u32| {
+            let [x, y, z] = optical(row, column);
+            [z, -x, -y]
+        };
+        assert!(matches!(checked(&robots), Err(MessageError::NotOptical { off_percent: 90.. })));
+    }
 }

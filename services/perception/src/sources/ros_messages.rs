@@ -38,6 +38,12 @@ pub enum MessageError {
         /// Bytes that came.
         got: usize,
     },
+    /// An organised cloud whose points are not where their pixels look.
+    #[error("{off_percent} % of the points lie off their pixels' rays; expected the camera's optical frame (x right, y down, z forward)")]
+    NotOptical {
+        /// How many of them.
+        off_percent: usize,
+    },
     /// A kind of content that is not read.
     #[error("{field}: {got} is not supported, only {expected}")]
     Unsupported {
@@ -282,39 +288,8 @@ fn decode<T: DeserializeOwned>(bytes: &[u8], message: &'static str) -> Result<T,
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sources::synthetic::Writer;
     use proptest::prelude::*;
-
-    /// Little-endian CDR by hand: each number aligned to its size.
-    #[derive(Default)]
-    struct Writer(Vec<u8>);
-
-    impl Writer {
-        fn put(&mut self, bytes: &[u8]) -> &mut Self {
-            while !self.0.len().is_multiple_of(bytes.len()) {
-                self.0.push(0);
-            }
-            self.0.extend_from_slice(bytes);
-            self
-        }
-
-        fn u32(&mut self, value: u32) -> &mut Self {
-            self.put(&value.to_le_bytes())
-        }
-
-        fn text(&mut self, text: &str) -> &mut Self {
-            self.u32(text.len() as u32 + 1).0.extend(text.bytes().chain([0]));
-            self
-        }
-
-        fn bytes(&mut self, bytes: &[u8]) -> &mut Self {
-            self.u32(bytes.len() as u32).0.extend_from_slice(bytes);
-            self
-        }
-
-        fn message(&self) -> Vec<u8> {
-            [&[0, 1, 0, 0], self.0.as_slice()].concat()
-        }
-    }
 
     /// An image of 2 x 2 16-bit pixels in rows of 6 bytes.
     fn image(data: &[u8]) -> Vec<u8> {
