@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Asks a running Repose for a placement: `pip install eclipse-zenoh`, then
-`scripts/place.py --move 2 --goal left_of:3 --goal not:near:4 [--connect tcp/127.0.0.1:7447]`.
+`scripts/place.py --move 2 --goal left_of:3 --goal not:near:4 [--connect tcp/127.0.0.1:7447] [--zenoh-config client.json5]`.
 
 Finds a planner by its liveliness token and the newest scene of a camera, calls `place`, prints progress on standard
 error and the result on standard output. Exits 0 with a placement, 3 without one, 2 on bad input, 1 on anything else.
@@ -58,6 +58,7 @@ def goal_term(text):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--connect", default="tcp/127.0.0.1:7447", help="a router of the deployment")
+    parser.add_argument("--zenoh-config", metavar="FILE", help="a Zenoh configuration: TLS, user and password")
     parser.add_argument("--cell", default="cell", help="the robot cell")
     parser.add_argument("--camera", default="front", help="the camera whose newest scene is used")
     parser.add_argument("--move", type=int, required=True, help="the object to move")
@@ -66,7 +67,7 @@ def main():
     parser.add_argument("--timeout", type=float, default=60.0, help="seconds")
     args = parser.parse_args()
 
-    config = zenoh.Config()
+    config = zenoh.Config.from_file(args.zenoh_config) if args.zenoh_config else zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([args.connect]))
     config.insert_json5("scouting/multicast/enabled", "false")

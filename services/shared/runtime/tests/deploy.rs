@@ -5,10 +5,13 @@ mod common;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
+use bytes::Bytes;
 use common::{Oddities, SERVICE, read, word};
 use repose_proto::Priority;
+use repose_runtime::transport::OutgoingQuery;
 use repose_runtime::{CallOptions, RuntimeConfig, Session, SessionMode, Traffic, load_config};
 
 fn deploy() -> PathBuf {
@@ -33,10 +36,19 @@ fn the_example_has_every_field_with_its_default() {
 
 #[test]
 fn the_routers_configurations_can_be_read() {
-    for file in ["one-machine/router.toml", "several-machines/router.toml", "several-machines/service.toml"] {
+    for file in ["one-machine/router.toml", "several-machines/router.toml", "several-machines/service.toml", "several-machines/client.toml"]
+    {
         RuntimeConfig::load(Some(&deploy().join(file))).unwrap_or_else(|e| panic!("{file}: {e}"));
     }
     assert!(load_config::<serde_json::Value>("planner", Some(&deploy().join("repose.toml"))).unwrap()["threads"].is_number());
+}
+
+/// A file that a process is let in with, and its user and password.
+fn credentials(file: &str) -> (String, String) {
+    let text = std::fs::read_to_string(deploy().join("several-machines").join(file)).unwrap();
+    let config = zenoh::Config::from_json5(&text).unwrap_or_else(|e| panic!("{file}: {e}"));
+    let field = |name| serde_json::from_str(&config.get_json(&format!("transport/auth/usrpwd/{name}")).unwrap()).unwrap();
+    (field("user"), field("password"))
 }
 
 /// The router of several machines, on TCP so that the test needs no certificates, and its users.
@@ -60,6 +72,13 @@ impl Guarded {
         config.session.listen = vec!["tcp/127.0.0.1:0".to_owned()];
         config.session.zenoh_file = Some(file);
         Self { folder, router: Session::open(config).await.unwrap() }
+    }
+
+    /// Opens a session with the user and password of an example.
+    async fn open_as(&self, file: &str, expected_user: &str) -> Session {
+        let (user, password) = credentials(file);
+        assert_eq!(user, expected_user, "{file}");
+        self.open(&user, &password).await.unwrap()
     }
 
     async fn open(&self, user: &str, password: &str) -> Result<Session, repose_runtime::RuntimeError> {
@@ -88,10 +107,12 @@ async fn arrives(from: &Session, to: &mut repose_runtime::Subscription, key: &st
 #[tokio::test(flavor = "multi_thread")]
 async fn users_may_do_what_they_are_for_and_nothing_else() {
     let network = Guarded::start().await;
-    assert!(network.open("clients", "wrong").await.is_err());
-    let services = network.open("services", "change me").await.unwrap();
-    let robots = network.open("robots", "change me too").await.unwrap();
-    let clients = network.open("clients", "and me").await.unwrap();
+    let Err(refused) = network.open("clients", "wrong").await else { panic!("a wrong password was let in") };
+    let refused = refused.to_string();
+    assert!(refused.contains("does it know this user?") && !refused.contains(".rs:"), "{refused}");
+    let services = network.open_as("service.json5", "services").await;
+    let robots = network.open_as("robot.json5", "robots").await;
+    let clients = network.open_as("client.json5", "clients").await;
 
     // A client finds a worker, calls it, and its cancel arrives.
     let handler = Arc::new(Oddities::default());
@@ -109,6 +130,18 @@ async fn users_may_do_what_they_are_for_and_nothing_else() {
     cancel.cancel();
     handler.wait_for(&handler.cancelled, 1).await;
     assert!(call.await.unwrap().is_err());
+
+    // A client is no worker: its token is not seen, and a query to what it serves ends without a reply.
+    let impostor_handler = Arc::new(Oddities::default());
+    let impostor = clients.start(SERVICE, impostor_handler.clone()).await.unwrap();
+    let caller = services.caller(SERVICE).await.unwrap();
+    caller.wait_for_workers(1, Duration::from_secs(10)).await.unwrap();
+    assert!(caller.wait_for_workers(2, Duration::from_millis(500)).await.is_err());
+    let query =
+        OutgoingQuery { payload: word("hello"), attachment: Bytes::new(), priority: Priority::Batch, timeout: Duration::from_secs(1) };
+    let mut replies = services.transport().query(&services.cell().call(SERVICE, impostor.worker()), query).await.unwrap();
+    assert!(replies.next().await.is_none());
+    assert_eq!(impostor_handler.started.load(Ordering::SeqCst), 0);
 
     // Commands reach the robot from services and from nobody else; stops from everyone; states reach everyone.
     let cell = services.cell();
