@@ -193,15 +193,6 @@ impl Caller {
         ongoing.run().await
     }
 
-    /// Makes the same call to every worker alive, each pinned, side by side.
-    pub async fn call_all(&self, method: &str, payload: &Payload, options: &CallOptions) -> Vec<(String, Result<Answer, CallError>)> {
-        let calls = self.workers().into_iter().map(|worker| async {
-            let options = CallOptions { worker: Some(worker.name.clone()), id: None, ..options.clone() };
-            (worker.name, self.call(method, payload.clone(), options).await)
-        });
-        futures::future::join_all(calls).await
-    }
-
     /// Makes the same call to every worker alive and returns the first result: who holds it, whoever that is.
     ///
     /// # Errors

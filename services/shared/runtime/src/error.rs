@@ -35,12 +35,38 @@ pub enum RuntimeError {
 
 impl RuntimeError {
     pub(crate) fn transport(operation: impl Into<String>, message: impl std::fmt::Display) -> Self {
-        Self::Transport { operation: operation.into(), message: message.to_string() }
+        Self::Transport { operation: operation.into(), message: without_source_lines(&message.to_string()) }
     }
+}
+
+/// Zenoh says with every error which line of its own source says it (` at /…/orchestrator.rs:123.`): nothing that a user can act on.
+fn without_source_lines(message: &str) -> String {
+    let mut words: Vec<&str> = Vec::new();
+    for word in message.split(' ') {
+        if word.contains(".rs:") && words.last() == Some(&"at") {
+            words.pop();
+        } else {
+            words.push(word);
+        }
+    }
+    words.join(" ")
 }
 
 impl From<RuntimeError> for repose_proto::CallError {
     fn from(error: RuntimeError) -> Self {
         Self::new(repose_proto::ErrorCode::Unavailable, error.to_string())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn zenohs_source_lines_are_left_out_and_nothing_else_is() {
+        let zenoh = "Unable to connect to any of [tcp/127.0.0.1:1] at /a/zenoh-1.10.2/src/net/orchestrator.rs:351. - Caused by refused at /b/c.rs:7.";
+        let plain = "Unable to connect to any of [tcp/127.0.0.1:1] - Caused by refused";
+        assert_eq!(RuntimeError::transport("opening", zenoh).to_string(), format!("opening: {plain}"));
+        assert_eq!(without_source_lines("looked at  /etc/router.json5 in vain"), "looked at  /etc/router.json5 in vain");
     }
 }

@@ -1,5 +1,7 @@
 //! Logs: structured, to standard error, so that standard output stays free for results.
 
+use std::io::IsTerminal;
+
 use tracing_subscriber::EnvFilter;
 
 /// The environment variable with the filter, `info` or `repose_planner=debug,warn`.
@@ -10,7 +12,9 @@ pub const FORMAT_VARIABLE: &str = "REPOSE_LOG_FORMAT";
 /// Starts logging. The filter is `REPOSE_LOG` where it is set and valid, `default` otherwise. Later calls in the same process do nothing.
 pub fn start_logging(default: &str) {
     let filter = EnvFilter::try_from_env(LOG_VARIABLE).unwrap_or_else(|_| EnvFilter::new(default));
-    let subscriber = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    // Color codes are for eyes: a file or a journal gets none.
+    let colors = std::io::stderr().is_terminal();
+    let subscriber = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(colors).with_writer(std::io::stderr);
     let json = std::env::var(FORMAT_VARIABLE).is_ok_and(|v| v == "json");
     // An error here means that a subscriber is set already, by an embedding program or a test.
     let _already_set = if json { subscriber.json().try_init() } else { subscriber.try_init() };
