@@ -33,7 +33,7 @@ impl Columns {
     /// The runs of labelled points (world frame) within `bounds`; gaps in height up to `gap_m` are filled.
     pub fn of_points(points: &[[f32; 3]], labels: &[u16], bounds: &Aabb, cell_m: f32, gap_m: f32) -> Self {
         let origin = bounds.min.xy();
-        let cells = [0, 1].map(|k| ((bounds.max[k] - bounds.min[k]) / cell_m).ceil().max(1.0) as usize);
+        let cells = cells_of_map(bounds, cell_m);
         let mut grid = Self { origin, cell_m, cells, starts: Vec::new(), runs: Vec::new() };
         let mut at: Vec<(u32, u16, f32)> =
             points.iter().zip(labels).filter_map(|(p, label)| grid.cell_of(p[0], p[1]).map(|cell| (cell as u32, *label, p[2]))).collect();
@@ -103,6 +103,11 @@ impl Columns {
         }
         self.runs = runs.into_iter().map(|(_, run)| run).collect();
     }
+}
+
+/// Cells along x and y of a map within bounds.
+pub fn cells_of_map(bounds: &Aabb, cell_m: f32) -> [usize; 2] {
+    [0, 1].map(|k| ((bounds.max[k] - bounds.min[k]) / cell_m).ceil().max(1.0) as usize)
 }
 
 /// The centres of the map's cells within an outline and a strip around it.

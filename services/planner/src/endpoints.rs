@@ -23,13 +23,16 @@ pub struct Endpoints {
     perception: Caller,
     inference: Caller,
     scene_timeout: Duration,
+    reply_reserve: Duration,
     stability: Arc<Stability>,
 }
 
 impl Endpoints {
     /// Answers from what a worker computes, with scenes from perception and scores from inference.
     pub fn new(worker: Arc<Worker>, perception: Caller, inference: Caller, stability: Arc<Stability>, config: &PlannerConfig) -> Self {
-        Self { worker, perception, inference, stability, scene_timeout: Duration::from_millis(config.scene_timeout_ms) }
+        let (scene_timeout, reply_reserve) =
+            (Duration::from_millis(config.scene_timeout_ms), Duration::from_millis(config.reply_reserve_ms));
+        Self { worker, perception, inference, stability, scene_timeout, reply_reserve }
     }
 
     async fn place(&self, call: &Call) -> Result<Payload, CallError> {
@@ -41,7 +44,8 @@ impl Endpoints {
             Some(scene) => self.keep(request.scene.scene_id.clone(), scene).await?,
             None => self.scene(&request.scene.scene_id, call).await?,
         };
-        let models = RemoteModels::new(self.inference.clone(), tokio::runtime::Handle::current(), call.clone(), self.stability.clone());
+        let runtime = tokio::runtime::Handle::current();
+        let models = RemoteModels::new(self.inference.clone(), runtime, call.clone(), self.reply_reserve, self.stability.clone());
         let reporting = call.clone();
         let progress = move |done| match Payload::json(&done) {
             Ok(payload) => reporting.progress(payload),

@@ -15,7 +15,7 @@ use crate::footing::Ground;
 use crate::judged::Judged;
 use crate::mixture::Mixture;
 use crate::models::Models;
-use crate::obstruction::{exact_clearance_m, obstacles, obstruction};
+use crate::obstruction::{WideClearance, obstacles, obstruction};
 use crate::prepared::Prepared;
 use crate::query::Query;
 use crate::rules::Rules;
@@ -63,6 +63,8 @@ pub struct Judge<'a> {
     pub provenance: Provenance,
     /// The scene's points without the query's, thinned out.
     pub obstacles: Vec<Point3<f32>>,
+    /// Where a wider clearance is asked than the cells around the query reach.
+    wide: Option<WideClearance>,
     anchors: Vec<u16>,
     touched: Vec<u16>,
     carriers: Vec<u16>,
@@ -88,10 +90,13 @@ impl<'a> Judge<'a> {
                 anchors.push(term.anchor);
             }
         }
+        let (touched, clearance) = (positive(&[Relation::Touching]), &settings.fixed.clearance);
+        let wide = settings.min_clearance_m > f64::from(clearance.max_ring_m);
         Self {
-            touched: positive(&[Relation::Touching]),
+            wide: wide.then(|| WideClearance::new(prepared, query, &touched, clearance.voxel_m)),
+            touched,
             carriers: positive(&[Relation::Above, Relation::Touching, Relation::Centered]),
-            obstacles: obstacles(prepared, query, settings.fixed.clearance.voxel_m),
+            obstacles: obstacles(prepared, query, clearance.voxel_m),
             prepared,
             query,
             rules,
@@ -260,12 +265,17 @@ impl<'a> Judge<'a> {
         let mut found = obstruction(self.prepared, self.query, &judged.candidate, &self.touched, &fixed.clearance, &fixed.support);
         if self.settings.recipe.grounded && found.colliding_share > 0.0 {
             judged.reject(Rejection::Collision, found.colliding_share);
-        } else if wanted_m > f64::from(fixed.clearance.max_ring_m) && judged.feasible() {
-            // Wider than the cells around the query reach: by points, which takes longer.
-            found.clearance_m = exact_clearance_m(self.query, &judged.candidate, &self.obstacles, &fixed.support);
-        }
-        if found.colliding_share == 0.0 && found.clearance_m < wanted_m {
-            judged.reject(Rejection::Clearance, wanted_m - found.clearance_m);
+        } else {
+            // What the cells around the query leave free, points may not; they take longer.
+            if let Some(wide) = self.wide.as_ref().filter(|_| judged.feasible())
+                && found.clearance_m >= f64::from(fixed.clearance.max_ring_m)
+            {
+                found.clearance_m = wide.of(self.query, &judged.candidate, &fixed.support, wanted_m);
+            }
+            // Where collisions are not a constraint of their own, they are still no clearance: theirs is 0.
+            if found.clearance_m < wanted_m {
+                judged.reject(Rejection::Clearance, wanted_m - found.clearance_m);
+            }
         }
         judged.obstruction = Some(found);
     }

@@ -71,7 +71,10 @@ pub async fn run(session: Session, config: PlannerConfig, shutdown: Shutdown) ->
 }
 
 /// The stability that the configuration names, or the one that comes with the program.
-fn stability_of(config: &PlannerConfig) -> Result<Stability, RuntimeError> {
+///
+/// # Errors
+/// [`RuntimeError::Config`] when the file cannot be read or is none.
+pub fn stability_of(config: &PlannerConfig) -> Result<Stability, RuntimeError> {
     let Some(path) = &config.stability else { return Ok(Stability::embedded().clone()) };
     let bad = |e: &dyn std::fmt::Display| RuntimeError::Config {
         section: "planner".to_owned(),

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_geometry::ViewerFrame;
-use repose_proto::place::{Outcome, PlaceProgress, PlaceRequest, PlaceResult, Relaxation};
+use repose_proto::place::{Outcome, PlaceProgress, PlaceRequest, PlaceResult, Placement, Relaxation};
 use repose_proto::scoring::PriorRequest;
 use repose_proto::{CallError, ErrorCode, Message, SceneRef, limits};
 
@@ -22,9 +22,9 @@ use crate::models::Models;
 use crate::prepared::Prepared;
 use crate::proposals::Proposer;
 use crate::query::Query;
-use crate::ranking::rank;
+use crate::ranking::{fill, rank};
 use crate::rules::Rules;
-use crate::search::{Findings, Source, Stop, search};
+use crate::search::{Findings, Source, Stop, in_time, search};
 use crate::settings::{Proposals, Realism, Settings};
 
 /// What a search tells its caller, who may stop it.
@@ -43,11 +43,13 @@ pub struct Report {
     pub result: PlaceResult,
     /// The answers' candidates, in order.
     pub answers: Vec<Judged>,
-    /// The lowest-cost candidate in view, feasible or not: what the paper's Table 1 counts.
+    /// What the paper's Table 1 counts: the lowest-cost feasible candidate (Algorithm 1 is subject to its constraints, of which being in
+    /// view is one); where none is feasible, the one of lowest cost among those in view that violate the constraints least.
     pub best_in_view: Option<Judged>,
 }
 
-/// Plans a placement. `control` is asked between batches and told of each iteration; breaking it stops the search.
+/// Plans a placement. `control` is asked between batches and told of each iteration; breaking it stops the search. Time that ends while
+/// the models are asked stops it as well.
 ///
 /// # Errors
 /// `invalid_argument` for a bad request, `not_found` on `query` or `goal[i].anchor`, `failed_precondition` for an object of which too
@@ -58,7 +60,7 @@ pub fn plan(
     models: &dyn Models,
     control: &mut dyn FnMut(Step) -> ControlFlow<Stop>,
 ) -> Result<PlaceResult, CallError> {
-    plan_with_report(prepared, request, models, control).map(|report| report.result)
+    planned(prepared, request, models, control, false).map(|report| report.result)
 }
 
 /// As [`plan`], with the candidates behind the answer.
@@ -70,6 +72,17 @@ pub fn plan_with_report(
     request: &PlaceRequest,
     models: &dyn Models,
     control: &mut dyn FnMut(Step) -> ControlFlow<Stop>,
+) -> Result<Report, CallError> {
+    planned(prepared, request, models, control, true)
+}
+
+/// Plans; `reports` says whether somebody wants to know of [`Report::best_in_view`], which the networks may have to be asked about.
+fn planned(
+    prepared: &Prepared,
+    request: &PlaceRequest,
+    models: &dyn Models,
+    control: &mut dyn FnMut(Step) -> ControlFlow<Stop>,
+    reports: bool,
 ) -> Result<Report, CallError> {
     request.validate()?;
     prepared.check()?;
@@ -85,59 +98,92 @@ pub fn plan_with_report(
     let mut rng = Pcg64::seed_from_u64(request.seed);
 
     let started = Instant::now();
-    let time_is_up = || settings.time_ms.is_some_and(|ms| started.elapsed() >= Duration::from_millis(ms));
+    let mut go_on = |step: Step| {
+        control(step)?;
+        let time_is_up = settings.time_ms.is_some_and(|ms| started.elapsed() >= Duration::from_millis(ms));
+        if time_is_up { ControlFlow::Break(Stop::Deadline) } else { ControlFlow::Continue(()) }
+    };
     let source = source(&mut judge, &mut rng)?;
     let (mut findings, mut stopped) = search(&mut judge, source, &mut rng, &mut |done, judge| {
-        let step = match done {
+        go_on(match done {
             None => Step::Batch,
             Some(findings) => Step::Iteration(Box::new(PlaceProgress {
                 iterations: findings.iterations,
                 evaluated: findings.evaluated,
                 best: findings.appraised.as_ref().or_else(|| findings.best()).map(|best| answers::placement(best, judge)),
             })),
-        };
-        control(step)?;
-        if time_is_up() { ControlFlow::Break(Stop::Deadline) } else { ControlFlow::Continue(()) }
+        })
     })?;
-    match stopped {
-        Some(Stop::Cancelled) => return Err(cancelled()),
-        Some(Stop::Deadline) if findings.iterations == 0 => {
-            return Err(CallError::new(ErrorCode::DeadlineExceeded, "time ended before the first iteration was done"));
-        }
-        _ => {}
+    if stopped == Some(Stop::Deadline) && findings.iterations == 0 {
+        return Err(CallError::new(ErrorCode::DeadlineExceeded, "time ended before the first iteration was done"));
     }
-
-    if settings.recipe.realism == Realism::OutcomeRanks && stopped.is_none() && !findings.accepted.is_empty() {
-        // The shortlist is a batch like any other.
-        stopped = if time_is_up() { Some(Stop::Deadline) } else { control(Step::Batch).break_value() };
-        match stopped {
-            Some(Stop::Cancelled) => return Err(cancelled()),
-            Some(Stop::Deadline) => {}
-            None => rank(&mut judge, &mut findings, request.count as usize)?,
-        }
+    let mut chosen = choose(&mut judge, &mut findings, &mut stopped, &mut || go_on(Step::Batch).break_value())?;
+    if stopped == Some(Stop::Cancelled) {
+        return Err(CallError::new(ErrorCode::Cancelled, "cancelled while searching"));
     }
-    let level_gap_m = settings.fixed.surrogate.level_gap_m;
-    let mut chosen = match (stopped, &findings.appraised) {
-        // Time ended before the networks ranked: what they have seen is one candidate, which they may not believe.
-        (Some(_), Some(best)) => {
-            let believed = best.realism.is_some_and(|f| f64::from(f) > settings.realism_threshold);
-            if believed { vec![best.clone()] } else { Vec::new() }
-        }
-        _ => answers::distinct(&findings.accepted, request.count as usize, settings.min_separation_m, level_gap_m),
-    };
-    // After the deadline the networks are not asked again.
+    // After the deadline the networks are not asked again, and what is asked for evidence alone does not make a late answer an error.
     if stopped.is_none() {
-        judge.complete(&mut chosen)?;
+        in_time(judge.complete(&mut chosen))?;
     }
-    let best_in_view = best_in_view(&mut judge, &findings, stopped.is_some())?;
-    let relaxation = if chosen.is_empty() { relaxation(&mut judge, &findings, stopped.is_some())? } else { None };
+    let best_in_view = if reports { best_in_view(&mut judge, &findings, stopped.is_some())? } else { None };
+    let relaxation = if chosen.is_empty() { in_time(relaxation(&mut judge, &findings, stopped.is_some()))?.flatten() } else { None };
     let outcome = match (stopped, chosen.is_empty()) {
         (Some(_), _) => Outcome::Partial,
         (None, true) => Outcome::None,
         (None, false) => Outcome::Found,
     };
     let placements = chosen.iter().map(|j| answers::placement(j, &judge)).collect();
-    let result = PlaceResult {
+    let result = result(&judge, findings, outcome, placements, relaxation);
+    Ok(Report { result, answers: chosen, best_in_view })
+}
+
+/// The answers, once the search is over. Where networks only rank, they do so now; `control` is asked before each of their batches, and
+/// `stopped` is told.
+fn choose(
+    judge: &mut Judge<'_>,
+    findings: &mut Findings,
+    stopped: &mut Option<Stop>,
+    control: &mut dyn FnMut() -> Option<Stop>,
+) -> Result<Vec<Judged>, CallError> {
+    let (settings, count) = (judge.settings, judge.request.count as usize);
+    let distinct =
+        |accepted: &[Judged]| answers::distinct(accepted, count, settings.min_separation_m, settings.fixed.surrogate.level_gap_m);
+    if settings.recipe.realism != Realism::OutcomeRanks {
+        return Ok(distinct(&findings.accepted));
+    }
+    let mut rest = Vec::new();
+    if stopped.is_none() && !findings.accepted.is_empty() {
+        // The shortlist is a batch like any other.
+        *stopped = control();
+        if stopped.is_none() {
+            match in_time(rank(judge, findings, count))? {
+                Some(unasked) => rest = unasked,
+                None => *stopped = Some(Stop::Deadline),
+            }
+        }
+    }
+    if stopped.is_some() {
+        // Time ended before the networks ranked: what they have seen is one candidate at most, which they may not believe.
+        let believed = |j: &&Judged| j.realism.is_some_and(|f| f64::from(f) > settings.realism_threshold);
+        return Ok(findings.appraised.iter().filter(believed).cloned().collect());
+    }
+    let mut chosen = distinct(&findings.accepted);
+    if !chosen.is_empty() {
+        *stopped = fill(judge, findings, &mut chosen, rest, control)?;
+    }
+    Ok(chosen)
+}
+
+/// The answer, with what was used for it.
+fn result(
+    judge: &Judge<'_>,
+    findings: Findings,
+    outcome: Outcome,
+    placements: Vec<Placement>,
+    relaxation: Option<Relaxation>,
+) -> PlaceResult {
+    let (request, settings) = (judge.request, judge.settings);
+    PlaceResult {
         outcome,
         placements,
         rejections: findings.rejections,
@@ -147,24 +193,19 @@ pub fn plan_with_report(
         weights_hash: judge.provenance.weights_hash.clone(),
         kernel: judge.provenance.kernel.clone(),
         seed: request.seed,
-        scene_id: prepared.scene_id.clone(),
+        scene_id: judge.prepared.scene_id.clone(),
         query: request.query,
         goal: request.goal.clone(),
         variant: request.variant,
         rotation: request.rotation,
-        view_yaw_rad: viewer.yaw_rad(),
+        view_yaw_rad: judge.rules.viewer().yaw_rad(),
         count: request.count,
         min_separation_m: settings.min_separation_m,
         min_clearance_m: settings.min_clearance_m,
         budget: settings.budget(),
         cost_weights: settings.cost_weights(),
         thresholds: settings.thresholds(),
-    };
-    Ok(Report { result, answers: chosen, best_in_view })
-}
-
-fn cancelled() -> CallError {
-    CallError::new(ErrorCode::Cancelled, "cancelled while searching")
+    }
 }
 
 /// Iteration 0's candidates.
@@ -219,14 +260,14 @@ fn ask_prior(judge: &mut Judge<'_>, rng: &mut Pcg64) -> Result<Vec<(Candidate, u
     Ok(drawn)
 }
 
-/// The lowest-cost candidate in view, feasible or not.
+/// The candidate that the paper's columns are of; see [`Report::best_in_view`].
 fn best_in_view(judge: &mut Judge<'_>, findings: &Findings, stopped: bool) -> Result<Option<Judged>, CallError> {
     if let Some(best) = findings.best() {
         return Ok(Some(best.clone()));
     }
     let mut nearest = findings.nearest.clone();
     if !stopped {
-        judge.complete(&mut nearest)?;
+        in_time(judge.complete(&mut nearest))?;
     }
     for j in &mut nearest {
         j.cost = judge.cost(j);
@@ -234,23 +275,33 @@ fn best_in_view(judge: &mut Judge<'_>, findings: &Findings, stopped: bool) -> Re
     Ok(nearest.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost)))
 }
 
-/// The goal term whose removal would have admitted the most candidates.
+/// The goal term whose removal would have admitted the most candidates; never the only one that must hold, which offsets are taken from.
 ///
-/// Where the discriminator constrains, the first batch of each term's candidates is put to it.
+/// Where networks decide what is realistic, a sample of each term's candidates is put to them, and stands for all; once time has ended
+/// they cannot be asked, and no term is named.
 fn relaxation(judge: &mut Judge<'_>, findings: &Findings, stopped: bool) -> Result<Option<Relaxation>, CallError> {
-    let asks = judge.settings.recipe.realism == Realism::Discriminator && !stopped;
+    let (goal, settings) = (&judge.request.goal, judge.settings);
+    let asks = matches!(settings.recipe.realism, Realism::Discriminator | Realism::OutcomeRanks);
+    if asks && stopped {
+        return Ok(None);
+    }
+    let positive = goal.iter().filter(|t| t.holds).count();
     let mut best: Option<Relaxation> = None;
-    for (term, failures) in &findings.single_failures {
-        let mut kept_out = failures.clone();
-        if asks {
-            kept_out.truncate(judge.settings.batch);
-            let all: Vec<usize> = (0..kept_out.len()).collect();
-            judge.ask(Asked::Realism, &mut kept_out, &all)?;
-            kept_out.retain(|j| j.realism.is_some_and(|f| f64::from(f) > judge.settings.realism_threshold));
+    for (position, kept_out) in &findings.kept_out {
+        let term = goal[*position];
+        if term.holds && positive == 1 {
+            continue;
         }
-        let admits = kept_out.len() as u64;
+        let mut admits = kept_out.count;
+        if asks {
+            let mut sample = kept_out.sample.clone();
+            let all: Vec<usize> = (0..sample.len()).collect();
+            judge.ask(Asked::Realism, &mut sample, &all)?;
+            let believed = sample.iter().filter(|j| j.realism.is_some_and(|f| f64::from(f) > settings.realism_threshold)).count();
+            admits = (kept_out.count as f64 * believed as f64 / sample.len().max(1) as f64).round() as u64;
+        }
         if admits > best.as_ref().map_or(0, |b| b.admits) {
-            best = Some(Relaxation { term: judge.request.goal[*term], admits });
+            best = Some(Relaxation { term, admits });
         }
     }
     Ok(best)

@@ -2,15 +2,19 @@
 
 use std::ops::ControlFlow;
 
-use repose_geometry::transform;
+use repose_geometry::{ViewerFrame, transform};
 use repose_proto::place::{Outcome, PlaceRequest, PlaceResult, RegionBox, Rejection, Rotation, Variant};
 use repose_proto::{ErrorCode, GoalTerm};
 
+use crate::judge::Judge;
 use crate::models::NoModels;
 use crate::plan::{Step, plan};
 use crate::prepared::Prepared;
+use crate::query::Query;
+use crate::rules::Rules;
 use crate::search::Stop;
-use crate::synthetic::Builder;
+use crate::settings::Settings;
+use crate::synthetic::{Builder, standing_at};
 
 /// A table with a box in the middle (1) and a small box in front on the left (2).
 fn table() -> Builder {
@@ -182,15 +186,71 @@ fn contradictory_terms_are_named_with_the_one_to_give_up() {
 
 #[test]
 fn the_asked_clearance_is_kept() {
-    let prepared = table().object(3, [0.25, 0.0], [0.08, 0.1, 0.1]).prepared();
+    // The tallest is on the other side: on top of it nothing would be in the way.
+    let prepared = table().object(3, [0.25, 0.0], [0.08, 0.1, 0.1]).object(4, [-0.35, 0.25], [0.06, 0.06, 0.3]).prepared();
     let mut wide = request(&prepared, 2, &["right_of:1"]);
     wide.min_clearance_m = Some(0.06);
     let result = run(&prepared, &wide);
     assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
     assert!(result.placements[0].clearance_m >= 0.055, "{}", result.placements[0].clearance_m);
+    wide.min_clearance_m = Some(0.14);
+    let result = run(&prepared, &wide);
+    assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
+    assert!(result.placements[0].clearance_m >= 0.14, "{}", result.placements[0].clearance_m);
     wide.min_clearance_m = Some(2.0);
     let result = run(&prepared, &wide);
     assert_eq!((result.outcome, most_frequent(&result)), (Outcome::None, Rejection::Clearance), "{:?}", result.rejections);
+}
+
+#[test]
+fn a_larger_clearance_is_never_easier_to_keep() {
+    // Both are seen from the front only: what is behind that front counts for every clearance alike.
+    let prepared = Builder::table().object(1, [0.0, 0.05], [0.12, 0.16, 0.1]).object(2, [-0.25, -0.2], [0.06, 0.06, 0.2]).prepared();
+    for goal in [&["near:1"][..], &["touching:1"]] {
+        let kept = |min_clearance_m: f64| -> Vec<bool> {
+            let request = PlaceRequest { min_clearance_m: Some(min_clearance_m), ..request(&prepared, 2, goal) };
+            let settings = Settings::of(&request);
+            let query = Query::new(&prepared, 2, min_clearance_m, &settings.fixed).unwrap();
+            let rules = Rules::new(&prepared, &query, &request.goal, &ViewerFrame::from_yaw(0.0)).unwrap();
+            let judge = Judge::new(&prepared, &query, &rules, &request, &settings, &NoModels);
+            let places = (0..400).map(|i| standing_at(&query, -0.38 + 0.04 * (i % 20) as f32, -0.38 + 0.04 * (i / 20) as f32, 0.004));
+            let in_way = |r: Option<Rejection>| matches!(r, Some(Rejection::Clearance | Rejection::Collision));
+            places.map(|c| !in_way(judge.without_networks(c, 0).rejection)).collect()
+        };
+        let clearances = [0.0, 0.01, 0.05, 0.1, 0.115, 0.125, 0.14, 0.2, 0.3];
+        let all: Vec<Vec<bool>> = clearances.iter().map(|c| kept(*c)).collect();
+        for (k, pair) in all.windows(2).enumerate() {
+            let easier = pair[0].iter().zip(&pair[1]).filter(|(less, more)| **more && !**less).count();
+            assert_eq!(easier, 0, "{goal:?}: places that keep {} m but not {} m", clearances[k + 1], clearances[k]);
+        }
+        let counts: Vec<usize> = all.iter().map(|kept| kept.iter().filter(|k| **k).count()).collect();
+        if goal[0] == "near:1" {
+            assert!(counts[0] > counts[3] && counts[3] > counts[5] && counts[5] > counts[8], "{counts:?}");
+        } else {
+            assert!(counts[8] == counts[1], "what is to be touched is in nobody's way: {counts:?}");
+        }
+    }
+}
+
+#[test]
+fn the_only_term_that_must_hold_is_not_the_one_to_give_up() {
+    let prepared = table().prepared();
+    let result = run(&prepared, &request(&prepared, 2, &["left_of:1", "not:left_of:1"]));
+    assert_eq!(result.outcome, Outcome::None);
+    assert_eq!(result.relaxation.map(|r| r.term.holds), Some(false));
+    let mut blocked = request(&prepared, 2, &["right_of:1"]);
+    blocked.region = vec![RegionBox { min_m: [-2.0, -2.0, -2.0], max_m: [-0.06, 2.0, 2.0], inside: true }];
+    let result = run(&prepared, &blocked);
+    assert!(result.rejections[&Rejection::Goal] > 10 && result.relaxation.is_none(), "{result:?}");
+}
+
+#[test]
+fn a_scene_in_millimetres_is_refused_before_a_map_is_made_of_it() {
+    let mut scene = table().scene();
+    scene.points.iter_mut().flatten().for_each(|v| *v *= 1000.0);
+    let prepared = Prepared::new(std::sync::Arc::new(scene));
+    let error = plan(&prepared, &request(&prepared, 2, &["left_of:1"]), &NoModels, &mut |_| ControlFlow::Continue(())).unwrap_err();
+    assert_eq!((error.code, error.field.as_deref()), (ErrorCode::InvalidArgument, Some("points")), "{error}");
 }
 
 #[test]

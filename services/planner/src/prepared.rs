@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Point2, Point3};
 use repose_geometry::{Aabb, Footprint, cloud, transform};
 use repose_proto::{CallError, Scene};
 
-use crate::columns::{Columns, Run, bounds_around, cells_of};
+use crate::columns::{Columns, Run, bounds_around, cells_of, cells_of_map};
 use crate::settings::SceneSettings;
 use crate::shape::Shape;
 use crate::standing::{Seen, carried_by};
@@ -61,7 +61,8 @@ pub struct Prepared {
 impl Prepared {
     /// Prepares a scene with the default settings. Hashes it for its id.
     ///
-    /// A scene that cannot be planned on (an empty cloud, a camera without a rigid pose) is prepared too: planning on it is the error.
+    /// A scene that cannot be planned on (an empty cloud, a camera without a rigid pose, objects too far apart) is prepared too: planning
+    /// on it is the error.
     pub fn new(scene: Arc<Scene>) -> Self {
         let scene_id = scene.id();
         Self::with_id(scene, scene_id)
@@ -75,7 +76,7 @@ impl Prepared {
     /// Prepares a scene with other settings.
     pub fn with_settings(scene: Arc<Scene>, scene_id: String, settings: &SceneSettings) -> Self {
         let pose = pose_of(&scene);
-        let fault = match &pose {
+        let mut fault = match &pose {
             Err(error) => Some(error.clone()),
             Ok(_) => scene.points.is_empty().then(|| CallError::invalid("points", "the cloud is empty")),
         };
@@ -86,10 +87,19 @@ impl Prepared {
             clouds.entry(*label).or_default().push(Point3::from(*p));
         }
         let of_objects: Vec<Point3<f32>> = clouds.values().flatten().copied().collect();
+        let nowhere = Aabb { min: Point3::origin(), max: Point3::origin() };
         // Without any object there is nothing to plan with, but the caller's mistake is then named by the object it asked for.
-        let bounds = bounds_around(&of_objects, &scene.points, settings.reach_m)
+        let mut bounds = bounds_around(&of_objects, &scene.points, settings.reach_m)
             .or_else(|| bounds_around(&[Point3::origin()], &scene.points, settings.reach_m))
-            .unwrap_or(Aabb { min: Point3::origin(), max: Point3::origin() });
+            .unwrap_or(nowhere);
+        let [columns, rows] = cells_of_map(&bounds, settings.cell_m);
+        if columns.saturating_mul(rows) > settings.max_cells {
+            let (side_m, span_m) = ((settings.max_cells as f32).sqrt() * settings.cell_m, (bounds.max - bounds.min).xy());
+            let message = format!("the objects spread over {:.0} m by {:.0} m, expected about {side_m:.0} m at most", span_m.x, span_m.y);
+            fault.get_or_insert_with(|| CallError::invalid("points", message));
+            clouds.clear();
+            bounds = nowhere;
+        }
         let seen = Columns::of_points(&scene.points, &scene.labels, &bounds, settings.cell_m, settings.gap_m);
         let planes: Vec<SupportPlane> = scene.meta.surfaces.iter().filter_map(plane).collect();
 
@@ -115,7 +125,7 @@ impl Prepared {
     /// Whether the scene can be planned on.
     ///
     /// # Errors
-    /// `invalid_argument` when the cloud is empty or the camera has no rigid pose.
+    /// `invalid_argument` when the cloud is empty, its objects are too far apart for a map, or the camera has no rigid pose.
     pub fn check(&self) -> Result<(), CallError> {
         self.fault.clone().map_or(Ok(()), Err)
     }

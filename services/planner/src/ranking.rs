@@ -9,7 +9,7 @@ use crate::answers::by_level;
 use crate::candidate::Candidate;
 use crate::judge::{Asked, Judge};
 use crate::judged::Judged;
-use crate::search::Findings;
+use crate::search::{Findings, Stop, in_time};
 
 /// Directions in which a pose is off: along the axes, and diagonally with a turn either way.
 const OFF: [[f32; 3]; 8] = [
@@ -24,23 +24,71 @@ const OFF: [[f32; 3]; 8] = [
 ];
 
 /// Puts the shortlist of what was accepted to the networks and costs it anew. What they do not believe is rejected; answers come only from
-/// what they were asked about.
+/// what they were asked about. Returns the rest of what was accepted.
 ///
 /// # Errors
-/// What the networks answer.
-pub fn rank(judge: &mut Judge<'_>, findings: &mut Findings, count: usize) -> Result<(), CallError> {
+/// What the networks answer; nothing has changed then.
+pub fn rank(judge: &mut Judge<'_>, findings: &mut Findings, count: usize) -> Result<Vec<Judged>, CallError> {
     let settings = judge.settings;
     let ranking = &settings.fixed.ranking;
     let list = shortlist(&findings.accepted, ranking.candidates.max(count), ranking.apart_m, settings.fixed.surrogate.level_gap_m);
-    let mut asked: Vec<Judged> = list.into_iter().map(|i| findings.accepted[i].clone()).collect();
+    let asked: Vec<Judged> = list.iter().map(|i| findings.accepted[*i].clone()).collect();
+    let (believed, doubted) = believed(judge, asked)?;
+    let rest = without(std::mem::replace(&mut findings.accepted, believed), &list);
+    findings.reject(doubted);
+    Ok(rest)
+}
+
+/// More answers where the shortlist gave fewer than `count`: the best of the `rest` that are far enough from those chosen are put to the
+/// networks, and what they believe comes after those, until there are enough, nothing is left, or some rounds are over. `control` is
+/// asked before each. Returns why it stopped early if it did.
+///
+/// # Errors
+/// What the networks answer.
+pub fn fill(
+    judge: &mut Judge<'_>,
+    findings: &mut Findings,
+    chosen: &mut Vec<Judged>,
+    mut rest: Vec<Judged>,
+    control: &mut dyn FnMut() -> Option<Stop>,
+) -> Result<Option<Stop>, CallError> {
+    let settings = judge.settings;
+    let (count, first) = (judge.request.count as usize, chosen.len());
+    for _ in 0..settings.fixed.ranking.more_rounds {
+        let far = |j: &Judged| {
+            let at = j.candidate.centroid();
+            chosen.iter().all(|c| (c.candidate.centroid() - at).norm() >= settings.min_separation_m)
+        };
+        rest.retain(far);
+        let list = shortlist(&rest, count - chosen.len(), settings.min_separation_m, settings.fixed.surrogate.level_gap_m);
+        if list.is_empty() {
+            break;
+        }
+        if let Some(stop) = control() {
+            return Ok(Some(stop));
+        }
+        let asked = list.iter().map(|i| rest[*i].clone()).collect();
+        let Some((believed, doubted)) = in_time(believed(judge, asked))? else { return Ok(Some(Stop::Deadline)) };
+        findings.reject(doubted);
+        chosen.extend(believed);
+        chosen[first..].sort_by(Judged::better);
+        rest = without(rest, &list);
+    }
+    Ok(None)
+}
+
+/// What is left without those listed, by position.
+fn without(all: Vec<Judged>, list: &[usize]) -> Vec<Judged> {
+    all.into_iter().enumerate().filter(|(i, _)| !list.contains(i)).map(|(_, j)| j).collect()
+}
+
+/// What the networks believe of what they are asked about, costed anew, and what they do not.
+fn believed(judge: &mut Judge<'_>, mut asked: Vec<Judged>) -> Result<(Vec<Judged>, Vec<Judged>), CallError> {
     appraise(judge, &mut asked)?;
     for j in &mut asked {
         judge.judge_realism(j);
     }
-    let (believed, doubted): (Vec<Judged>, Vec<Judged>) = asked.into_iter().partition(Judged::feasible);
-    findings.accepted = believed;
-    findings.reject(doubted);
-    Ok(())
+    Ok(asked.into_iter().partition(Judged::feasible))
 }
 
 /// Asks the networks about candidates, tries them a little off, and costs them anew.

@@ -4,7 +4,7 @@
 //! the same weights and kernel are asked, because a result must not depend on who answered.
 
 use std::sync::{Arc, Mutex, Once, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use repose_proto::load::WorkerLoad;
 use repose_proto::scoring::{PriorReply, PriorRequest, RealismBy, ScoreReply, ScoreRequest, enclose};
@@ -21,14 +21,16 @@ pub struct RemoteModels {
     inference: Caller,
     runtime: Handle,
     call: Call,
+    reserve: Duration,
     stability: Arc<Stability>,
     pinned: Mutex<Option<Provenance>>,
 }
 
 impl RemoteModels {
-    /// Asks `inference` on behalf of a call, within its deadline. `runtime` carries the messages while compute threads wait.
-    pub fn new(inference: Caller, runtime: Handle, call: Call, stability: Arc<Stability>) -> Self {
-        Self { inference, runtime, call, stability, pinned: Mutex::default() }
+    /// Asks `inference` on behalf of a call, until `reserve` before its deadline: that is left to send what was found by then. `runtime`
+    /// carries the messages while compute threads wait.
+    pub fn new(inference: Caller, runtime: Handle, call: Call, reserve: Duration, stability: Arc<Stability>) -> Self {
+        Self { inference, runtime, call, reserve, stability, pinned: Mutex::default() }
     }
 
     /// Asks with the scene's id, and with the whole scene when the worker lacks it.
@@ -45,7 +47,8 @@ impl RemoteModels {
     }
 
     fn call_inference(&self, method: &str, payload: Payload) -> Result<Payload, CallError> {
-        let options = CallOptions { accept: self.accept(), ..CallOptions::for_call(&self.call) };
+        let options = CallOptions::for_call(&self.call);
+        let options = CallOptions { accept: self.accept(), deadline: options.deadline.saturating_sub(self.reserve), ..options };
         let answer = self.runtime.block_on(self.inference.call(method, payload, options))?;
         self.call.stage("networks", answer.timing_ms.get("networks").copied().unwrap_or(0.0));
         Ok(answer.payload)

@@ -9,6 +9,8 @@ pub struct SceneSettings {
     pub gap_m: f32,
     /// How far around the objects the map goes, metres.
     pub reach_m: f32,
+    /// Cells of the map, at most: some 14 m by 14 m. A scene whose objects are farther apart is not planned on.
+    pub max_cells: usize,
     /// Columns of the picture that visibility is judged in, at most.
     pub view_columns: usize,
     /// Fewer points than this are not enough to plan with an object.
@@ -37,6 +39,7 @@ impl Default for SceneSettings {
             cell_m: 0.005,
             gap_m: 0.01,
             reach_m: 0.8,
+            max_cells: 1 << 23,
             view_columns: 640,
             min_points: 20,
             bottom_slack_m: 0.01,

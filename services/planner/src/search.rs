@@ -1,15 +1,20 @@
 //! Algorithm 1 of the paper: the cross-entropy method over placements, one search per mode, the best of all seen wins.
 //!
-//! Iteration 0 draws from the prior (or the goal's geometry), later ones from the refitted Gaussians. An iteration draws until `batch`
-//! candidates pass every constraint or `draws_per_batch` × `batch` were drawn. (The pseudocode's range(1, N) with s = 0 is a slip:
-//! iteration 0 is the prior's.) Everything depends on the request's seed alone.
+//! Iteration 0 draws from the prior (or the goal's geometry), later ones from the refitted Gaussians. (The pseudocode's range(1, N) with
+//! s = 0 is a slip: iteration 0 is the prior's.) Everything depends on the request's seed alone.
+//!
+//! Iteration 0 draws `batch` candidates at a time until `batch` have passed every constraint or `draws_per_batch` × `batch` were drawn;
+//! the prior is asked once, for at most as many draws as one request may have, and without proposals from geometry their end is the
+//! iteration's. In later iterations every mode has its share of `batch`, rounded down but at least one, and draws its whole share at a
+//! time until as many have passed or `draws_per_batch` times as many were drawn. What rounding leaves over, or a mode that has its fill,
+//! goes to no other mode; and as the last draws are whole shares too, more than `batch` may pass.
 
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
 use rand_pcg::Pcg64;
-use repose_proto::CallError;
 use repose_proto::place::Rejection;
+use repose_proto::{CallError, ErrorCode};
 
 use crate::candidate::Candidate;
 use crate::judge::Judge;
@@ -30,6 +35,32 @@ pub enum Stop {
 
 /// How many infeasible candidates are remembered as the nearest misses.
 const NEAREST: usize = 20;
+/// How many of the candidates that one goal term alone kept out are remembered, at most; even.
+const SAMPLE: usize = 100;
+
+/// Candidates that one goal term alone kept out: how many, and an even sample of them, so that the last iterations speak as the first do.
+#[derive(Debug, Clone, Default)]
+pub struct KeptOut {
+    /// How many.
+    pub count: u64,
+    /// Every 2^`halvings`-th of them, in the order in which they were drawn.
+    pub sample: Vec<Judged>,
+    halvings: u32,
+}
+
+impl KeptOut {
+    fn add(&mut self, judged: &Judged) {
+        if self.count.is_multiple_of(1 << self.halvings) {
+            if self.sample.len() == SAMPLE {
+                // As the sample's size is even, this one still is in step.
+                self.sample = self.sample.iter().step_by(2).cloned().collect();
+                self.halvings += 1;
+            }
+            self.sample.push(judged.clone());
+        }
+        self.count += 1;
+    }
+}
 
 /// What a search has found so far.
 #[derive(Debug, Clone, Default)]
@@ -38,8 +69,8 @@ pub struct Findings {
     pub accepted: Vec<Judged>,
     /// Rejected candidates by reason.
     pub rejections: BTreeMap<Rejection, u64>,
-    /// Candidates that one goal term alone kept out, by that term's position, in order.
-    pub single_failures: BTreeMap<usize, Vec<Judged>>,
+    /// Candidates that one goal term alone kept out, by that term's position.
+    pub kept_out: BTreeMap<usize, KeptOut>,
     /// In-view candidates that failed by least, best first.
     pub nearest: Vec<Judged>,
     /// Iterations done.
@@ -69,7 +100,7 @@ impl Findings {
             let Some(rejection) = j.rejection else { continue };
             *self.rejections.entry(rejection).or_default() += 1;
             if let (Rejection::Goal, [term]) = (rejection, &j.failing[..]) {
-                self.single_failures.entry(*term).or_default().push(j.clone());
+                self.kept_out.entry(*term).or_default().add(&j);
             }
             if rejection > Rejection::OutOfView {
                 self.nearest.push(j);
@@ -109,12 +140,23 @@ impl Source<'_> {
     }
 }
 
-/// Searches. `control` is asked before every batch (`None`) and told of every iteration done; it may stop the search.
-///
-/// Returns what was found, and why it stopped early if it did.
+/// What the models answered; none when time ended while they were asked.
 ///
 /// # Errors
-/// What the networks answer.
+/// Every other error of theirs.
+pub fn in_time<T>(answered: Result<T, CallError>) -> Result<Option<T>, CallError> {
+    match answered {
+        Err(error) if error.code == ErrorCode::DeadlineExceeded => Ok(None),
+        answered => answered.map(Some),
+    }
+}
+
+/// Searches. `control` is asked before every batch (`None`) and told of every iteration done; it may stop the search.
+///
+/// Returns what was found, and why it stopped early if it did: time may also end while the networks are asked.
+///
+/// # Errors
+/// What the networks answer; `deadline_exceeded` only before the first iteration was done.
 pub fn search(
     judge: &mut Judge<'_>,
     mut source: Source<'_>,
@@ -143,7 +185,13 @@ pub fn search(
             if batch.is_empty() {
                 break;
             }
-            let tried = judge.judge(&batch)?;
+            let tried = match judge.judge(&batch) {
+                tried if findings.iterations == 0 => tried?,
+                tried => match in_time(tried)? {
+                    Some(tried) => tried,
+                    None => return Ok((findings, Some(Stop::Deadline))),
+                },
+            };
             findings.record(&tried);
             for j in &tried {
                 let slot = if iteration == 0 { 0 } else { modes.iter().position(|m| m.id == j.mode).unwrap_or(0) };
@@ -163,7 +211,9 @@ pub fn search(
             && let Some(best) = findings.best()
         {
             let mut best = [best.clone()];
-            appraise(judge, &mut best)?;
+            if in_time(appraise(judge, &mut best))?.is_none() {
+                return Ok((findings, Some(Stop::Deadline)));
+            }
             // What geometry finds better may please the networks less: the best so far stays.
             findings.appraised = findings.appraised.take().into_iter().chain(best).min_by(|a, b| a.cost.total_cmp(&b.cost));
         }
@@ -223,4 +273,25 @@ fn draw_from_modes(
         }
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_term_kept_out_is_counted_and_sampled_evenly() {
+        for n in [1u16, 99, 100, 101, 1000, 12_345] {
+            let mut kept_out = KeptOut::default();
+            for i in 0..n {
+                kept_out.add(&Judged::new(Candidate { centroid_m: [f32::from(i), 0.0, 0.0], yaw_rad: 0.0 }, 0));
+            }
+            let drawn: Vec<f32> = kept_out.sample.iter().map(|j| j.candidate.centroid_m[0]).collect();
+            assert_eq!(kept_out.count, u64::from(n));
+            assert!(drawn.len() <= SAMPLE && drawn.len() >= usize::from(n).min(SAMPLE / 2), "{n}: {}", drawn.len());
+            let step = if drawn.len() > 1 { drawn[1] } else { 1.0 };
+            assert!(drawn.iter().enumerate().all(|(i, at)| *at == step * i as f32), "{n}: {drawn:?}");
+            assert!(f32::from(n) - drawn[drawn.len() - 1] <= step, "{n}: to the end");
+        }
+    }
 }

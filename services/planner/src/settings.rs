@@ -37,7 +37,8 @@ pub enum Realism {
     Unasked,
     /// The scene discriminator, as a constraint f > ε_f and as a cost.
     Discriminator,
-    /// The outcome network as a cost only, of what geometry finds best at the end of the search: geometry constrains.
+    /// What boosted trees make of the outcome network's word and geometry's measures, of what geometry finds best at the end of the
+    /// search: geometry constrains the search; this ranks its shortlist, as a cost, and rejects what it believes no more than ε_f.
     OutcomeRanks,
     /// −log π of the prior, as a cost only.
     PriorDensity,
@@ -131,7 +132,8 @@ impl Settings {
             variant: request.variant,
             recipe,
             rotation: request.rotation,
-            iterations: budget.iterations.unwrap_or(iterations),
+            // The means are there once: a second iteration would draw noise around them.
+            iterations: if recipe.proposals == Proposals::PriorMeans { 1 } else { budget.iterations.unwrap_or(iterations) },
             batch: budget.batch.unwrap_or(batch) as usize,
             elites: budget.elites.unwrap_or(20) as usize,
             draws_per_batch: budget.draws_per_batch.unwrap_or(draws) as usize,
@@ -202,11 +204,13 @@ pub struct RankingSettings {
     pub off_m: f32,
     /// … and this far turned, radians.
     pub off_rad: f32,
+    /// Where those give fewer answers than asked, the networks are asked about farther ones, so many times at most.
+    pub more_rounds: usize,
 }
 
 impl Default for RankingSettings {
     fn default() -> Self {
-        Self { candidates: 32, apart_m: 0.012, off_m: 0.005, off_rad: 3.0_f32.to_radians() }
+        Self { candidates: 32, apart_m: 0.012, off_m: 0.005, off_rad: 3.0_f32.to_radians(), more_rounds: 4 }
     }
 }
 

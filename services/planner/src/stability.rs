@@ -256,6 +256,11 @@ impl Stability {
         &self.fitted_on
     }
 
+    /// BLAKE3 of what is written of it.
+    pub fn hash(&self) -> String {
+        blake3::hash(&serde_json::to_vec(self).unwrap_or_default()).to_hex().to_string()
+    }
+
     /// The probability that what was measured stays: that it moves less than 5 cm.
     pub fn of(&self, measures: &[f32; COUNT]) -> f64 {
         1.0 / (1.0 + (-self.logit.of(measures)).exp())
