@@ -127,11 +127,23 @@ impl Bulk {
     /// # Errors
     /// `invalid_argument` that names the tensor, or the row at fault.
     pub fn finite_rows<const COLUMNS: usize>(&self, name: &str) -> Result<Vec<[f32; COLUMNS]>, CallError> {
-        let fits = |shape: &[usize]| matches!(shape, [_, c] if *c == COLUMNS);
-        let (_, flat) = self.values::<f32>(name, Dtype::F32, &format!("[n, {COLUMNS}]"), fits)?;
+        self.finite(name, &format!("[n, {COLUMNS}]"), |shape| matches!(shape, [_, c] if *c == COLUMNS))
+    }
+
+    /// As [`Bulk::finite_rows`] for any shape that `fits`, whose last axes together are a row's `COLUMNS`.
+    ///
+    /// # Errors
+    /// As [`Bulk::finite_rows`].
+    pub fn finite<const COLUMNS: usize>(
+        &self,
+        name: &str,
+        expected: &str,
+        fits: impl Fn(&[usize]) -> bool,
+    ) -> Result<Vec<[f32; COLUMNS]>, CallError> {
+        let (_, flat) = self.values::<f32>(name, Dtype::F32, expected, fits)?;
         if let Some(i) = flat.iter().position(|v| !v.is_finite()) {
             return Err(CallError::invalid(format!("{name}[{}]", i / COLUMNS), "not a finite number"));
         }
-        Ok(flat.chunks_exact(COLUMNS).map(|row| std::array::from_fn(|k| row[k])).collect())
+        Ok(flat.as_chunks::<COLUMNS>().0.to_vec())
     }
 }

@@ -84,20 +84,21 @@ pub struct RegionBox {
     pub inside: bool,
 }
 
-/// Search effort, each over the variant's default.
+/// Search effort, each over the variant's default, which is the paper's but for `best` (3 iterations), `mean_only` (1 iteration, whatever
+/// is asked) and both `best` and `geometric` (a batch of 200, 5 times).
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Budget {
     /// Iterations of the cross-entropy method (5).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub iterations: Option<u32>,
-    /// Accepted candidates wanted per iteration (100).
+    /// Accepted candidates wanted per iteration (100). A later iteration shares them among the places that are searched apart.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub batch: Option<u32>,
     /// Candidates that the next iteration is fitted to (20).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub elites: Option<u32>,
-    /// At most this many times `batch` candidates are drawn per iteration (3).
+    /// At most this many times `batch` candidates are drawn per iteration (3); of the learned prior at most 4096.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub draws_per_batch: Option<u32>,
     /// Time after which the best so far is returned as `partial`, milliseconds. Results then depend on the machine.
@@ -105,11 +106,12 @@ pub struct Budget {
     pub time_ms: Option<u64>,
 }
 
-/// Weights of the cost, each over the variant's default.
+/// Weights of the cost, each over the variant's default. Echoed whether the variant reads them or not.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CostWeights {
-    /// λ_f (100).
+    /// λ_f (100; 1 for `best`, `full_lambda_1` and `geometric`), of what stands for realism: the discriminator; for `best` the probability
+    /// that it stays and how soundly it stands; for `geometric` the latter; for `mdn_prior` −log π. `no_discriminator` (0) does not read it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub realism: Option<f64>,
     /// λ_ρ (1).
@@ -117,14 +119,14 @@ pub struct CostWeights {
     pub relations: Option<f64>,
 }
 
-/// Least probabilities, each over the variant's default.
+/// Least probabilities, each over the variant's default. Echoed whether the variant reads them or not.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Thresholds {
-    /// ε_f (0.5).
+    /// ε_f (0.5; 0.05 for `best`). Read by `best`, `full`, `full_lambda_1` and `mean_only`; the others do not constrain realism.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub realism: Option<f64>,
-    /// ε_ρ (0.5).
+    /// ε_ρ (0.5). Not read by `best` and `geometric`, where the goal must hold by rule.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub relations: Option<f64>,
 }
@@ -158,7 +160,7 @@ pub struct PlaceRequest {
     /// Boxes to stay inside or out of.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub region: Vec<RegionBox>,
-    /// Least distance from everything but the support, metres.
+    /// Least distance from everything but the support and what a goal term asks to touch, metres; hidden backs of objects count.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min_clearance_m: Option<f64>,
     /// The source of every random number.
@@ -275,11 +277,11 @@ pub enum Rejection {
     Unsupported,
     /// A goal term would not hold.
     Goal,
-    /// The discriminator does not believe it.
+    /// The discriminator does not believe it; for `best`, of its shortlist only: it is not likely enough to stay.
     Unrealistic,
 }
 
-/// A goal term by rule on the observed cloud, independent of any network.
+/// A goal term by rule on shapes completed from the observed clouds, independent of any network.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GeometricCheck {
@@ -297,25 +299,28 @@ pub struct Placement {
     pub placed_from_observed: RigidTransform,
     /// The cost that ranked it.
     pub cost: f64,
-    /// The discriminator's probability; for variants without one, 1 (it is not asked).
+    /// The discriminator's probability; for `best` that of moving less than 5 cm when let go, by boosted trees on what the outcome network
+    /// says and geometry measures; for variants without either, 1 (it is not asked).
     pub realism: f64,
     /// Probability of each goal term as asked (a negated term: of not holding); by rule 0 or 1 for `geometric`.
     pub relations: Vec<f64>,
     /// The same terms by rule.
     pub geometric: Vec<GeometricCheck>,
-    /// How far inside the support's outline the object's centroid stands, metres; negative: beyond its edge.
+    /// How far inside the outline of the carried part of its base the axis is in which its centre of mass is believed to be, metres;
+    /// negative: beyond its edge; -1 when nothing carries it.
     pub support_m: f64,
-    /// Least distance from the placed object to anything but its support, metres; capped at 1.
+    /// Least distance from its observed points to others that were observed more than 12 mm above its bottom (lower ones count as its
+    /// support), metres; capped at 1.
     pub clearance_m: f64,
 }
 
-/// The term whose removal would have admitted the most candidates.
+/// The term whose removal would have admitted the most candidates; never the only one that must hold.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Relaxation {
     /// The goal term to give up.
     pub term: GoalTerm,
-    /// How many of the candidates drawn would have passed without it.
+    /// How many of the candidates drawn would have passed without it; where networks decide that, an estimate from an even sample.
     pub admits: u64,
 }
 
@@ -325,7 +330,8 @@ pub struct Relaxation {
 pub struct PlaceResult {
     /// How the search ended.
     pub outcome: Outcome,
-    /// The answers, best first; may be empty.
+    /// The answers, best first; may be empty. Where the candidates that `best` ranks are too close together to give `count`, farther ones
+    /// that were ranked to make up for that come last, best first too.
     pub placements: Vec<Placement>,
     /// Candidates rejected, by reason.
     pub rejections: BTreeMap<Rejection, u64>,
@@ -348,7 +354,7 @@ pub struct PlaceResult {
     pub query: u16,
     /// The goal.
     pub goal: Vec<GoalTerm>,
-    /// The variant used; `best` says here what it stands for.
+    /// The variant used, as it was asked for.
     pub variant: Variant,
     /// The rotation mode used.
     pub rotation: Rotation,
@@ -362,9 +368,9 @@ pub struct PlaceResult {
     pub min_clearance_m: f64,
     /// The budget used.
     pub budget: Budget,
-    /// The weights used.
+    /// The weights, asked for or the variant's default.
     pub cost_weights: CostWeights,
-    /// The thresholds used.
+    /// The thresholds, asked for or the variant's default.
     pub thresholds: Thresholds,
 }
 

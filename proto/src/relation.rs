@@ -119,7 +119,8 @@ impl FromStr for GoalTerm {
     }
 }
 
-/// Checks a whole goal: at least one positive term, not too many, no term that contradicts another, no anchor that is the query.
+/// Checks a whole goal: at least one positive term, not too many, no anchor that is the query. Terms that contradict each other are not
+/// an error: no placement is found then, and the tally says which term kept candidates out.
 ///
 /// # Errors
 /// `invalid_argument` on `goal` or `goal[i]…`.

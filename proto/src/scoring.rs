@@ -221,11 +221,10 @@ impl ScoreReply {
     /// `invalid_argument` that names the field.
     pub fn from_bulk(bulk: &Bulk) -> Result<Self, CallError> {
         let mut reply: Self = crate::message::from_json(bulk.text("reply")?.as_bytes())?;
-        reply.realism = bulk.values::<f32>("realism", Dtype::F32, "[n]", |s| s.len() == 1)?.1;
+        reply.realism = bulk.finite::<1>("realism", "[n]", |s| s.len() == 1)?.into_flattened();
         let anchors = reply.anchors;
         let fits = |s: &[usize]| matches!(s, [_, a, RELATION_COUNT] if *a == anchors);
-        let (_, flat) = bulk.values::<f32>("relations", Dtype::F32, &format!("[n, {anchors}, {RELATION_COUNT}]"), fits)?;
-        reply.relations = flat.as_chunks::<RELATION_COUNT>().0.to_vec();
+        reply.relations = bulk.finite("relations", &format!("[n, {anchors}, {RELATION_COUNT}]"), fits)?;
         Ok(reply)
     }
 }

@@ -20,7 +20,7 @@ fn vector() -> impl Strategy<Value = [f64; 3]> {
 proptest! {
     #[test]
     fn a_scene_keeps_its_content_and_its_id(
-        points in prop::collection::vec(prop::array::uniform3(-1e6..1e6f32), 2..40),
+        points in prop::collection::vec(prop::array::uniform3(-1e3..1e3f32), 2..40),
         centroid_m in vector(),
         height_m in number(),
         outline_m in prop::collection::vec(prop::array::uniform2(number()), 0..8),

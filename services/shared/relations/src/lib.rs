@@ -1,5 +1,5 @@
-//! The ten spatial relations as geometric rules: the labels of the training data, the paper's model-based baseline, and the
-//! independent check beside every answer.
+//! The ten spatial relations as geometric rules: the labels of the training data, the paper's model-based baseline, and what the
+//! planner's own check of its answers is made of.
 //!
 //! Source: the paper's appendix, "Directional Predicate Implementation" and "Other Predicates". The same rules serve ground truth
 //! ([`truth`]: object-oriented boxes and meshes) and observed clouds ([`observed`]: 1–99 % boxes and nearest points); only where the

@@ -1,4 +1,5 @@
-//! Relations between observed clouds: the paper's model-based baseline, and the geometric check of an answer.
+//! Relations between observed clouds: the paper's model-based baseline. (The check beside a planner's answer takes the same rules on
+//! completed shapes instead.)
 //!
 //! The box is the 1–99 % box of the cloud in the viewer's frame, distance is between nearest points, the centre is the box's (not the
 //! mean of the points, which the seen side draws to itself), and orientation is the yaw of the smallest rectangle around the cloud seen
