@@ -1,13 +1,17 @@
 //! The networks in this process: what `plan`, `relations`, `score` and `evaluate` use instead of inference over the network.
 
 use std::ops::ControlFlow;
+use std::path::PathBuf;
 use std::sync::Arc;
 
+use clap::Args;
 use repose_inference::{Engine, HeldScene, InferenceConfig, SceneStore, engine_of};
-use repose_planner::{Models, Prepared, plan as search};
+use repose_planner::stability::Stability;
+use repose_planner::{Models, PlannerConfig, Prepared, plan as search, stability_of};
 use repose_proto::place::Variant;
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, PlaceRequest, PlaceResult, Scene};
+use repose_runtime::load_config;
 
 use crate::failure::Failure;
 
@@ -15,17 +19,39 @@ use crate::failure::Failure;
 const SCENES: usize = 2;
 const SCENES_BYTES: usize = 1 << 30;
 
+/// Which networks a command uses that computes in this process.
+#[derive(Debug, Clone, Default, Args)]
+pub struct NetworkArgs {
+    /// A weights file in place of the weights that come with the program; without it, what REPOSE_INFERENCE__WEIGHTS names, as for services.
+    #[arg(long, value_name = "FILE")]
+    pub weights: Option<PathBuf>,
+}
+
+impl NetworkArgs {
+    /// The models of the file named here, or else in the environment, or else those of the program.
+    pub fn models(&self) -> Result<EmbeddedModels, Failure> {
+        let mut config: InferenceConfig = load_config("inference", None)?;
+        config.weights = self.weights.clone().or(config.weights);
+        EmbeddedModels::of(&config)
+    }
+}
+
 /// The planner's models, computed here.
 pub struct EmbeddedModels {
     engine: Engine,
     store: SceneStore,
+    stability: Stability,
 }
 
 impl EmbeddedModels {
     /// The weights that come with the program, on every core.
     pub fn load() -> Result<Self, Failure> {
-        let engine = engine_of(&InferenceConfig::default()).map_err(Failure::other)?;
-        Ok(Self { engine, store: SceneStore::new(SCENES, SCENES_BYTES) })
+        Self::of(&InferenceConfig::default())
+    }
+
+    fn of(config: &InferenceConfig) -> Result<Self, Failure> {
+        let engine = engine_of(config).map_err(|e| Failure::bad_input("weights", e))?;
+        Ok(Self { engine, store: SceneStore::new(SCENES, SCENES_BYTES), stability: Stability::embedded().clone() })
     }
 
     /// The networks.
@@ -46,14 +72,28 @@ impl Models for EmbeddedModels {
     fn score(&self, request: &ScoreRequest, scene: &Arc<Scene>) -> Result<ScoreReply, CallError> {
         self.engine.score(request, &*self.held(&request.scene.scene_id, scene)?)
     }
+
+    fn stability(&self) -> &Stability {
+        &self.stability
+    }
 }
 
-/// Plans in this process. The networks are loaded only for variants that ask them.
-pub fn plan(scene: &Arc<Scene>, request: &PlaceRequest) -> Result<PlaceResult, Failure> {
+/// Plans in this process. The networks are loaded only for variants that ask them. `stability` goes with the weights, from the planner's
+/// configuration where it is not given.
+pub fn plan(
+    scene: &Arc<Scene>,
+    request: &PlaceRequest,
+    networks: &NetworkArgs,
+    stability: Option<PathBuf>,
+) -> Result<PlaceResult, Failure> {
     let prepared = Prepared::new(scene.clone());
     let models: Box<dyn Models> = match request.variant {
         Variant::Geometric => Box::new(repose_planner::NoModels),
-        _ => Box::new(EmbeddedModels::load()?),
+        _ => {
+            let mut config: PlannerConfig = load_config("planner", None)?;
+            config.stability = stability.or(config.stability);
+            Box::new(EmbeddedModels { stability: stability_of(&config)?, ..networks.models()? })
+        }
     };
     Ok(search(&prepared, request, models.as_ref(), &mut |_| ControlFlow::Continue(()))?)
 }

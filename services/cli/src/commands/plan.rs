@@ -22,7 +22,7 @@ pub fn run(args: &PlanArgs, output: Output) -> Outcome {
     let scene = Arc::new(frames::scene_of(&frame)?);
     let request = args.wish.request(scene.id());
     request.validate()?;
-    let result = embedded::plan(&scene, &request)?;
+    let result = embedded::plan(&scene, &request, &args.networks, args.stability.clone())?;
     if let Some(path) = &args.out {
         frames::write_picture(path, &before_and_after(&scene, &result)?.into())?;
     }

@@ -29,7 +29,7 @@ struct Pair {
 /// Runs the command.
 pub fn run(args: &RelationsArgs, output: Output) -> Outcome {
     let scene = frames::scene_of(&frames::read(&args.frame)?)?;
-    let pairs = pairs_of(scene)?;
+    let pairs = pairs_of(scene, &args.networks.models()?)?;
     output.print(&serde_json::json!({"pairs": pairs}), || {
         let name = |flags: &dyn Fn(usize) -> bool| {
             Relation::ALL.iter().filter(|r| flags(r.index())).map(|r| r.as_str()).collect::<Vec<_>>().join(" ")
@@ -41,8 +41,7 @@ pub fn run(args: &RelationsArgs, output: Output) -> Outcome {
     })
 }
 
-fn pairs_of(scene: Scene) -> Result<Vec<Pair>, Failure> {
-    let models = EmbeddedModels::load()?;
+fn pairs_of(scene: Scene, models: &EmbeddedModels) -> Result<Vec<Pair>, Failure> {
     let viewer = ViewerFrame::from_yaw(scene.meta.view_yaw_rad);
     let ids: Vec<u16> = scene.meta.objects.iter().map(|o| o.id).collect();
     let by_rule: BTreeMap<u16, ObservedObject> = ids

@@ -5,11 +5,10 @@ use std::sync::Arc;
 use nalgebra::Point3;
 use repose_geometry::transform::{from_row_major, yaw_of};
 use repose_inference::HeldScene;
-use repose_proto::scoring::{RealismBy, ScoreRequest};
+use repose_proto::scoring::ScoreRequest;
 use repose_proto::{CallError, SceneRef, limits};
 
 use crate::args::ScoreArgs;
-use crate::embedded::EmbeddedModels;
 use crate::failure::{Failure, Outcome};
 use crate::frames;
 use crate::output::Output;
@@ -47,11 +46,11 @@ pub fn run(args: &ScoreArgs, output: Output) -> Outcome {
         anchors: vec![args.anchor],
         view_yaw_rad,
         realism: true,
-        realism_by: RealismBy::Discriminator,
+        realism_by: args.realism_by,
         relations: true,
         candidates,
     };
-    let reply = EmbeddedModels::load()?.engine().score(&request, &held)?;
+    let reply = args.networks.models()?.engine().score(&request, &held)?;
     output.print(&serde_json::json!({"realism": reply.realism, "relations": reply.relations}), || {
         let line = |(realism, relations): (&f32, &[f32; 10])| {
             format!("realism {realism:.3}, relations {}", relations.iter().map(|p| format!("{p:.2}")).collect::<Vec<_>>().join(" "))
