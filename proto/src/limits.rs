@@ -16,5 +16,7 @@ pub const MAX_CANDIDATES: usize = 4096;
 pub const MAX_GOAL_TERMS: usize = 16;
 /// The most placements asked for, or offered to motion, in one request.
 pub const MAX_PLACEMENTS: usize = 64;
+/// The largest coordinate of a scene's points, metres.
+pub const MAX_COORDINATE_M: f32 = 1000.0;
 /// The most pixels of a frame on either side.
 pub const MAX_IMAGE_SIDE: usize = 4096;

@@ -4,7 +4,7 @@ use safetensors::Dtype;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::{Bulk, CallError, CameraModel, Message, Tensor};
+use crate::{Bulk, CallError, CameraModel, Message, Tensor, limits};
 
 /// How a request names its scene. The bulk form of a request encloses the scene itself beside this id.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -227,7 +227,8 @@ impl Scene {
         bulk
     }
 
-    /// Reads and checks the bulk form. Metadata of objects that have no points is refused, and so is a cloud without points.
+    /// Reads and checks the bulk form. Metadata of objects that have no points is refused, and so is a cloud without points or with some
+    /// that no camera sees, as coordinates in millimetres are.
     ///
     /// # Errors
     /// `invalid_argument` that names the field.
@@ -235,6 +236,11 @@ impl Scene {
         let points = bulk.finite_rows::<3>("points")?;
         if points.is_empty() {
             return Err(CallError::invalid("points", "the cloud is empty"));
+        }
+        let far = |p: &[f32; 3]| p.iter().any(|v| v.abs() > limits::MAX_COORDINATE_M);
+        if let Some(i) = points.iter().position(far) {
+            let message = format!("expected coordinates within {} m of the origin, got {:?}", limits::MAX_COORDINATE_M, points[i]);
+            return Err(CallError::invalid(format!("points[{i}]"), message));
         }
         let n = points.len();
         let (_, labels) = bulk.values::<u16>("labels", Dtype::U16, &format!("[{n}]"), |s| s == [n])?;

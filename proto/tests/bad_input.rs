@@ -70,6 +70,30 @@ fn numbers_that_are_not_finite_are_refused() {
 }
 
 #[test]
+fn scores_that_are_not_finite_are_refused() {
+    let reply = |p: f32, f: f32| scoring::ScoreReply {
+        weights_hash: "w".into(),
+        kernel: "k".into(),
+        realism: vec![0.5, f],
+        relations: vec![[0.5; RELATION_COUNT], [p; RELATION_COUNT]],
+        anchors: 1,
+    };
+    let read = |reply: scoring::ScoreReply| scoring::ScoreReply::from_bulk(&reply.to_bulk());
+    assert_eq!(read(reply(0.1, 0.2)).unwrap(), reply(0.1, 0.2));
+    assert_eq!(field(&read(reply(f32::NAN, 0.2)).unwrap_err()), "relations[1]");
+    assert_eq!(field(&read(reply(0.1, f32::INFINITY)).unwrap_err()), "realism[1]");
+}
+
+#[test]
+fn a_cloud_in_other_units_than_metres_is_refused() {
+    let mut scene = scene();
+    scene.points[2][1] = 1000.0;
+    assert!(Scene::from_bulk(&scene.to_bulk()).is_ok());
+    scene.points[2][1] = -1000.5;
+    assert_eq!(field(&Scene::from_bulk(&scene.to_bulk()).unwrap_err()), "points[2]");
+}
+
+#[test]
 fn an_empty_cloud_is_refused() {
     let empty = Scene { points: vec![], labels: vec![], colors: None, ..scene() };
     assert_eq!(field(&Scene::from_bulk(&empty.to_bulk()).unwrap_err()), "points");
