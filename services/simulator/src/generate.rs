@@ -9,7 +9,9 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use rand_pcg::Pcg64;
-use repose_dataset::{Manifest, ManifestError, ReleaseRecord, ShardWriter, Split, ViewRecord, WriteError, releases_path, write_releases};
+use repose_dataset::{
+    Manifest, ManifestError, ReleaseRecord, ShardWriter, Split, ViewRecord, WriteError, releases_are_there, releases_path, write_releases,
+};
 
 use crate::render::DepthCanvas;
 use crate::scene::{NoScene, Rejected, SceneSettings, scene_of_seed};
@@ -71,7 +73,7 @@ impl GenerateSettings {
             "color": self.color,
             "scenes_per_shard": self.scenes_per_shard,
             "viewpoint": self.viewpoint,
-            "scene": format!("{:#?}", self.scene).lines().map(str::trim).collect::<Vec<_>>(),
+            "scene": lines_of(&self.scene),
             "first_view": self.fingerprint(),
         });
         Manifest::new(concat!("repose ", env!("CARGO_PKG_VERSION")), settings)
@@ -89,6 +91,11 @@ impl GenerateSettings {
         }
         format!("{:08x}", crc.sum())
     }
+}
+
+/// Settings as the data's files tell them: a line for every field, so that a difference is named.
+pub fn lines_of(settings: &impl std::fmt::Debug) -> Vec<String> {
+    format!("{settings:#?}").lines().map(|line| line.trim().to_owned()).collect()
 }
 
 /// How far generation is, or how it ended.
@@ -144,7 +151,7 @@ pub enum GenerateError {
         /// Why.
         source: WriteError,
     },
-    /// The folder cannot be read, or holds shards that were made in another way.
+    /// The folder cannot be read, or holds shards or outcomes that were made in another way.
     #[error(transparent)]
     Manifest(#[from] ManifestError),
     /// Shards begin at multiples of their size, so that runs over different ranges of scenes share a folder.
@@ -271,14 +278,18 @@ fn make_shard(settings: &GenerateSettings, first: u64, end: u64) -> Result<Gener
     Ok(made)
 }
 
-/// Makes the outcomes of one shard's scenes, where they are wanted and not there; says how many.
+/// Makes the outcomes of one shard's scenes, where they are wanted and not there; says how many. Others that are there are refused.
 fn make_releases(settings: &GenerateSettings, first: u64, end: u64) -> Result<usize, GenerateError> {
     let path = releases_path(&settings.out, first, end - first);
-    let Some(trial_settings) = settings.trials.as_ref().filter(|_| !path.exists()) else { return Ok(0) };
+    let Some(trial_settings) = &settings.trials else { return Ok(0) };
+    let made_with = serde_json::json!({ "releases": lines_of(trial_settings) });
+    if releases_are_there(&path, &made_with)? {
+        return Ok(0);
+    }
     let seeds = (first..end).map(|scene| settings.split.seeds().start + scene);
     let scenes = seeds.filter_map(|seed| scene_of_seed(seed, &settings.scene).ok());
     let releases: Vec<ReleaseRecord> = scenes.flat_map(|(scene, _)| trials(&scene, trial_settings)).collect();
-    write_releases(&path, &releases).map_err(|source| GenerateError::Write { folder: settings.out.clone(), source })?;
+    write_releases(&path, &made_with, &releases).map_err(|source| GenerateError::Write { folder: settings.out.clone(), source })?;
     Ok(releases.len())
 }
 

@@ -6,6 +6,7 @@ use repose_dataset::{Composite, Split, read_shard, shard_paths};
 use repose_simulator::generate::{GenerateError, GenerateSettings, generate, scene_views};
 use repose_simulator::render::picture;
 use repose_simulator::scene::{SceneSettings, scene_of_seed};
+use repose_simulator::trials::TrialSettings;
 use repose_simulator::viewpoint::ViewpointSettings;
 
 fn settings(out: &Path, threads: usize) -> GenerateSettings {
@@ -122,4 +123,20 @@ fn more_scenes_than_the_split_has_are_refused() {
     assert!(matches!(generate(&too_many, |_| true), Err(GenerateError::Seeds { .. })));
     let between = GenerateSettings { first_scene: 3, ..settings(folder.path(), 1) };
     assert!(matches!(generate(&between, |_| true), Err(GenerateError::FirstScene { got: 3, .. })));
+}
+
+#[test]
+fn releases_asked_for_later_are_added_and_others_than_those_that_are_there_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let asked = |per_scene: Option<usize>| GenerateSettings {
+        scenes: 1,
+        trials: per_scene.map(|per_scene| TrialSettings { per_scene, ..TrialSettings::default() }),
+        ..settings(folder.path(), 1)
+    };
+    let made = |per_scene| generate(&asked(per_scene), |_| true);
+    assert_eq!(made(None).expect("made").releases, 0);
+    assert_eq!(made(Some(2)).expect("made").releases, 2);
+    assert_eq!(made(Some(2)).expect("made").releases, 0, "they are there");
+    let refused = made(Some(3)).expect_err("other settings").to_string();
+    assert!(refused.contains("releases_000000_1") && refused.contains("per_scene: 2") && refused.contains("per_scene: 3"), "{refused}");
 }

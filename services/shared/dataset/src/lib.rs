@@ -40,7 +40,7 @@ pub use layer::{INVERSE_DEPTH_STEP, Layer};
 pub use manifest::{Manifest, ManifestError};
 pub use reader::{ReadError, Shard, ViewSummary, read_shard, shard_paths};
 pub use record::{Elsewhere, FixtureRecord, ObjectRecord, RELATIONS, ViewRecord};
-pub use releases::{ReleaseRecord, proposals_path, read_proposals, read_releases, releases_path, write_releases};
+pub use releases::{ReleaseRecord, proposals_path, read_proposals, read_releases, releases_are_there, releases_path, write_releases};
 pub use split::Split;
 pub use whole::write_whole;
 pub use writer::{ShardWriter, WriteError};

@@ -39,12 +39,12 @@ pub enum ManifestError {
         /// What is wrong with it.
         reason: String,
     },
-    /// The folder's shards were made in another way.
-    #[error("{path}: the folder's shards were made with other settings, so that new ones cannot join them: {}", differences.join("; "))]
+    /// The folder's shards, or a file of outcomes, were made in another way.
+    #[error("{path}: what is there was made with other settings, so that new files cannot join it: {}", differences.join("; "))]
     Differs {
-        /// The folder's manifest.
+        /// The folder's manifest, or the file of outcomes.
         path: PathBuf,
-        /// Each field that differs: where it is, what it is in the folder, what was asked for.
+        /// Each field that differs: where it is, what it is there, what was asked for.
         differences: Vec<String>,
     },
 }
@@ -94,7 +94,7 @@ impl Manifest {
 }
 
 /// Collects the leaves in which two documents differ.
-fn compare(at: &str, there: &serde_json::Value, now: &serde_json::Value, differences: &mut Vec<String>) {
+pub(crate) fn compare(at: &str, there: &serde_json::Value, now: &serde_json::Value, differences: &mut Vec<String>) {
     use serde_json::Value::{Array, Null, Object};
     match (there, now) {
         (Object(there), Object(now)) => {

@@ -11,6 +11,7 @@
 //!                                     stands in the scene (radians, counter-clockwise)
 //!           "outcome"     f32 [n, 4]  how far its centre moved (metres), how far its up axis tilted (radians), how deep it overlapped
 //!                                     something at the start (metres), the farthest that another object moved (metres)
+//!           "made_with" u8 [bytes]    optional: what the generator was told, as JSON
 //! ```
 
 use std::{
@@ -22,6 +23,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 
 use crate::{
+    manifest::{ManifestError, compare},
     reader::{ReadError, shard_paths},
     whole::write_whole,
     writer::{FORMAT_KEY, WriteError},
@@ -31,6 +33,8 @@ use crate::{
 pub const RELEASES_FOLDER: &str = "releases";
 /// How names of files of proposals begin.
 const PROPOSALS: &str = "proposals_";
+/// The tensor that says what a file was made with.
+const MADE_WITH: &str = "made_with";
 /// This version of the format.
 const RELEASES_FORMAT: &str = "repose-releases-1";
 
@@ -64,23 +68,44 @@ impl ReleaseRecord {
     }
 }
 
+/// Whether a file of outcomes is there already. One that does not say what it was made with is taken as it is.
+///
+/// # Errors
+/// [`ManifestError::Differs`] when it was made with other settings, and when it cannot be read.
+pub fn releases_are_there(path: &Path, made_with: &serde_json::Value) -> Result<bool, ManifestError> {
+    let malformed = |e: &dyn std::fmt::Display| ManifestError::Malformed { path: path.to_path_buf(), reason: e.to_string() };
+    let bytes = match std::fs::read(path) {
+        Ok(bytes) => bytes,
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(false),
+        Err(source) => return Err(ManifestError::Io { path: path.to_path_buf(), source }),
+    };
+    let tensors = SafeTensors::deserialize(&bytes).map_err(|e| malformed(&e))?;
+    let Ok(text) = tensors.tensor(MADE_WITH) else { return Ok(true) };
+    let there: serde_json::Value = serde_json::from_slice(text.data()).map_err(|e| malformed(&e))?;
+    let mut differences = Vec::new();
+    compare(MADE_WITH, &there, made_with, &mut differences);
+    if differences.is_empty() { Ok(true) } else { Err(ManifestError::Differs { path: path.to_path_buf(), differences }) }
+}
+
 /// Writes a file of outcomes whole, or not at all.
 ///
 /// # Errors
 /// [`WriteError`] when the folder or the file cannot be written.
-pub fn write_releases(path: &Path, releases: &[ReleaseRecord]) -> Result<(), WriteError> {
+pub fn write_releases(path: &Path, made_with: &serde_json::Value, releases: &[ReleaseRecord]) -> Result<(), WriteError> {
     let n = releases.len();
     let seeds: Vec<u8> = releases.iter().flat_map(|r| r.scene_seed.to_le_bytes()).collect();
     let objects: Vec<u8> = releases.iter().flat_map(|r| r.object.to_le_bytes()).collect();
     let rows = |row: &dyn Fn(&ReleaseRecord) -> [f32; 4]| -> Vec<u8> { releases.iter().flat_map(row).flat_map(f32::to_le_bytes).collect() };
     let placed = rows(&|r| [r.origin_m[0], r.origin_m[1], r.origin_m[2], r.yaw_rad]);
     let outcome = rows(&|r| [r.moved_m, r.tilt_rad, r.penetration_m, r.others_moved_m]);
+    let made_with = made_with.to_string().into_bytes();
     let view = |dtype, shape: Vec<usize>, bytes| TensorView::new(dtype, shape, bytes).map_err(|e| WriteError::Container(e.to_string()));
     let tensors = [
         ("scene_seed", view(Dtype::U64, vec![n], &seeds)?),
         ("object", view(Dtype::U16, vec![n], &objects)?),
         ("placed", view(Dtype::F32, vec![n, 4], &placed)?),
         ("outcome", view(Dtype::F32, vec![n, 4], &outcome)?),
+        (MADE_WITH, view(Dtype::U8, vec![made_with.len()], &made_with)?),
     ];
     let metadata = HashMap::from([(FORMAT_KEY.to_owned(), RELEASES_FORMAT.to_owned())]);
     let bytes = safetensors::serialize(tensors, Some(metadata)).map_err(|e| WriteError::Container(e.to_string()))?;
@@ -169,6 +194,7 @@ fn parsed(path: &Path, bytes: &[u8]) -> Result<Vec<ReleaseRecord>, ReadError> {
 #[cfg(test)]
 mod tests {
     use nalgebra::Point3;
+    use serde_json::json;
 
     use super::*;
 
@@ -189,19 +215,31 @@ mod tests {
     fn what_is_written_is_read_in_the_order_of_the_scenes() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(read_releases(folder.path()).unwrap(), []);
-        write_releases(&releases_path(folder.path(), 16, 16), &[record(7), record(8)]).unwrap();
-        write_releases(&releases_path(folder.path(), 0, 16), &[record(1)]).unwrap();
+        write_releases(&releases_path(folder.path(), 16, 16), &json!({}), &[record(7), record(8)]).unwrap();
+        write_releases(&releases_path(folder.path(), 0, 16), &json!({}), &[record(1)]).unwrap();
         assert_eq!(read_releases(folder.path()).unwrap(), [record(1), record(7), record(8)]);
+    }
+
+    #[test]
+    fn a_file_made_with_other_settings_is_refused_by_what_differs() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = releases_path(folder.path(), 0, 16);
+        let made_with = json!({"per_scene": 2});
+        assert!(!releases_are_there(&path, &made_with).unwrap());
+        write_releases(&path, &made_with, &[record(1)]).unwrap();
+        assert!(releases_are_there(&path, &made_with).unwrap());
+        let refused = releases_are_there(&path, &json!({"per_scene": 3})).unwrap_err().to_string();
+        assert!(refused.contains("releases_000000_16") && refused.contains("made_with.per_scene: there 2, now 3"), "{refused}");
     }
 
     #[test]
     fn a_broken_file_is_named() {
         let folder = tempfile::tempdir().unwrap();
         let path = releases_path(folder.path(), 0, 1);
-        write_releases(&path, &[ReleaseRecord { moved_m: f32::NAN, ..record(1) }]).unwrap();
+        write_releases(&path, &json!({}), &[ReleaseRecord { moved_m: f32::NAN, ..record(1) }]).unwrap();
         let error = read_releases(folder.path()).unwrap_err().to_string();
         assert!(error.contains("releases_000000_1") && error.contains("not finite"), "{error}");
-        write_releases(&path, &[record(1)]).unwrap();
+        write_releases(&path, &json!({}), &[record(1)]).unwrap();
         let bytes = std::fs::read(&path).unwrap();
         std::fs::write(&path, &bytes[..bytes.len() - 8]).unwrap();
         assert!(read_releases(folder.path()).is_err());
