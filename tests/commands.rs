@@ -10,7 +10,13 @@ const WIDTH: usize = 160;
 const HEIGHT: usize = 120;
 
 fn repose(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_repose")).args(arguments).output().expect("the program runs")
+    repose_in(&[], arguments)
+}
+
+/// The command with these variables in its environment.
+fn repose_in(environment: &[(&str, &str)], arguments: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_repose"));
+    command.envs(environment.iter().copied()).args(arguments).output().expect("the program runs")
 }
 
 /// A table seen from 80 cm straight above, with two blocks of 10 cm height on it: object 1 left of object 2 in the picture.
@@ -145,4 +151,49 @@ fn segment_lists_objects_and_surfaces_and_writes_labels() {
     assert_eq!(document["objects"].as_array().map(Vec::len), Some(2));
     assert!(!document["surfaces"].as_array().expect("surfaces").is_empty());
     assert!(labels.exists());
+}
+
+#[test]
+fn the_networks_are_those_of_the_command_line_or_of_the_environment() {
+    let folder = folder_with(&frame());
+    let says = |environment: &[(&str, &str)], arguments: &[&str]| {
+        let output = repose_in(environment, arguments);
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let plan = ["plan", path(&folder), "--move", "1", "--goal", "right_of:2"];
+    let weights = [("REPOSE_INFERENCE__WEIGHTS", "/no/weights")];
+    let (code, message) = says(&weights, &["relations", path(&folder)]);
+    assert!(code == Some(2) && message.contains("/no/weights"), "{message}");
+    let (code, message) = says(&weights, &[&plan[..], &["--weights", "/none/either"]].concat());
+    assert!(code == Some(2) && message.contains("/none/either"), "{message}");
+    let (code, message) = says(&[], &[&plan[..], &["--stability", "/no/stability"]].concat());
+    assert!(code == Some(2) && message.contains("/no/stability"), "{message}");
+}
+
+#[test]
+fn the_outcome_network_answers_for_realism_where_it_is_asked() {
+    let folder = folder_with(&frame());
+    let transforms = folder.path().join("transforms.json");
+    std::fs::write(&transforms, "[[1,0,0,0.3, 0,1,0,0, 0,0,1,0.05, 0,0,0,1]]").expect("written");
+    let score = |by: &[&str]| {
+        let transforms = transforms.to_str().expect("a plain path");
+        let arguments = ["--json", "score", path(&folder), "--move", "1", "--anchor", "2", "--transforms", transforms];
+        let output = repose(&[&arguments[..], by].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+        output.stdout
+    };
+    assert_eq!(score(&[]), score(&["--realism-by", "discriminator"]));
+    assert_ne!(score(&[]), score(&["--realism-by", "outcome"]));
+}
+
+#[test]
+fn without_a_router_a_client_says_what_to_start() {
+    let environment = [("REPOSE_SESSION__CONNECT_TIMEOUT_MS", "200")];
+    let arguments = ["--json", "place", "--connect", "tcp/127.0.0.1:9", "--move", "1", "--goal", "left_of:2"];
+    let output = repose_in(&environment, &arguments);
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    let document: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(document["error"]["code"], "unavailable");
+    assert!(message.contains("`repose up`") && !message.contains(".rs:") && !message.contains('\u{1b}'), "{message}");
 }
