@@ -1,6 +1,6 @@
 //! Between nalgebra (ours everywhere) and the physics engine's types, at its edge and nowhere else.
 
-use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion};
 use rapier3d::math::{Pose, Rotation, Vector};
 
 /// A rigid transform as the engine's pose (single precision).
@@ -20,11 +20,6 @@ pub fn isometry(pose: &Pose) -> Isometry3<f64> {
 /// A point as the engine's vector.
 pub fn vector(p: &Point3<f32>) -> Vector {
     Vector::new(p.x, p.y, p.z)
-}
-
-/// The engine's vector as a vector.
-pub fn from_vector(v: Vector) -> Vector3<f64> {
-    Vector3::new(f64::from(v.x), f64::from(v.y), f64::from(v.z))
 }
 
 #[cfg(test)]

@@ -60,11 +60,6 @@ impl PointGrid {
         best.is_finite().then(|| best.sqrt())
     }
 
-    /// Whether any point lies within `radius_m`.
-    pub fn any_within(&self, center: &Point3<f32>, radius_m: f32) -> bool {
-        self.nearest_distance(center, radius_m).is_some()
-    }
-
     fn key(p: &Point3<f32>, cell_m: f32) -> [i32; 3] {
         [0, 1, 2].map(|k| (p[k] / cell_m).floor() as i32)
     }

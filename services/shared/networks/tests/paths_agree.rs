@@ -214,7 +214,6 @@ fn weights_of_the_papers_networks_alone_are_served_without_ours() {
     let config = NetworksConfig::paper();
     let models = Models::load(&Weights::initial(&config, 8).unwrap()).unwrap();
     assert_eq!(models.config(), &config);
-    assert!(!models.has_outcome());
     let (points, labels) = scene(4);
     let context = SceneContext::new(&points, &labels, 0.0, &SIGHT, &config.cloud).unwrap();
     let candidates = [Candidate { position_in_world: [0.0, 0.1, 0.05], yaw_rad: 0.2 }];

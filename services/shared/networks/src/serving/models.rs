@@ -259,7 +259,7 @@ impl Models {
     }
 
     /// How likely each candidate stays where it is let go (ours: learned from simulated releases), 0 to 1, `[candidates]`, on up to `threads`
-    /// threads. The discriminator's answer where the weights have no outcome network ([`Models::has_outcome`]).
+    /// threads. The discriminator's answer where the weights have no outcome network.
     ///
     /// # Errors
     /// As [`Models::realism`].
@@ -275,11 +275,6 @@ impl Models {
             let candidate = features.of_candidate(self.kernel, &self.config, points, &query, position, scratch);
             sigmoid(row(self.kernel, out, &candidate, false)[0])
         }))
-    }
-
-    /// Whether the weights have an outcome network.
-    pub fn has_outcome(&self) -> bool {
-        self.outcome.is_some()
     }
 
     /// What measuring needs of an object, where the predictor reads measures.
