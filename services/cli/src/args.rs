@@ -330,7 +330,7 @@ pub struct TrainArgs {
     /// What the networks are computed on: cpu, or cuda where the program was built with `--features cuda` (no two runs the same there).
     #[arg(long, value_name = "DEVICE", default_value = "cpu")]
     pub device: String,
-    /// The weights file; a run that was stopped goes on from its checkpoint beside it.
+    /// The weights file; a run that was stopped goes on from its checkpoint beside it (one that began with other weights is refused).
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// Weights to start from; new ones from the seed by default.
@@ -349,7 +349,7 @@ pub struct TrainArgs {
     /// End after this many steps.
     #[arg(long)]
     pub steps: Option<u64>,
-    /// Threads; all cores by default. The weights do not depend on it.
+    /// Threads, of which no more than `--slots` have work; all cores by default. The weights do not depend on it.
     #[arg(long)]
     pub threads: Option<usize>,
 }

@@ -1,10 +1,50 @@
-//! A run's state beside its weights: what it takes to go on as if it had not been interrupted.
+//! A run's state beside its weights: what it takes to go on as if it had not been interrupted, and to know that it is the same run.
 
 use std::path::{Path, PathBuf};
 
-use repose_networks::{Weights, WeightsInfo, parameters::WeightMap};
+use repose_networks::{Weights, WeightsError, WeightsInfo, parameters::WeightMap};
+use serde::{Deserialize, Serialize};
 
-use crate::{adam::AdamW, error::TrainError, settings::TrainSettings};
+use crate::{
+    adam::AdamW,
+    error::TrainError,
+    settings::{RelationsVariant, TrainSettings},
+};
+
+/// What a run began with; one that began with something else is another run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Origin {
+    /// The weights it started from, by [`name_of`]; none for new ones.
+    pub start: Option<String>,
+    /// The others whose mean with those it started from.
+    pub mean_with: Vec<String>,
+    /// Which relation predictor the networks have.
+    pub relations: RelationsVariant,
+}
+
+/// What tells weights in an [`Origin`]: their hash. Where a run writes over what it started from there is nothing to compare later.
+pub fn name_of(weights: &Weights, path: &Path, out: &Path) -> String {
+    let is_out = path == out || matches!((path.canonicalize(), out.canonicalize()), (Ok(path), Ok(out)) if path == out);
+    if is_out { "the file that it writes".to_owned() } else { weights.hash.clone() }
+}
+
+impl Origin {
+    /// The first field that differs: its name, what it is in `self`, and what in `other`.
+    fn difference(&self, other: &Self) -> Option<(&'static str, [String; 2])> {
+        let start = |origin: &Self| origin.start.clone().unwrap_or_else(|| "new weights".to_owned());
+        let mean_with = |origin: &Self| format!("a mean with [{}]", origin.mean_with.join(", "));
+        let relations = |origin: &Self| format!("the {} relation predictor", origin.relations.name());
+        if self.start != other.start {
+            Some(("start", [self, other].map(|o| format!("start {}", start(o)))))
+        } else if self.mean_with != other.mean_with {
+            Some(("mean_with", [self, other].map(mean_with)))
+        } else if self.relations != other.relations {
+            Some(("relations", [self, other].map(relations)))
+        } else {
+            None
+        }
+    }
+}
 
 /// What is taken up again.
 pub struct State {
@@ -28,7 +68,14 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
 }
 
 /// Writes the state after `step` steps.
-pub fn save(settings: &TrainSettings, step: u64, values: &WeightMap, average: &WeightMap, adam: &AdamW) -> Result<(), TrainError> {
+pub fn save(
+    settings: &TrainSettings,
+    origin: &Origin,
+    step: u64,
+    values: &WeightMap,
+    average: &WeightMap,
+    adam: &AdamW,
+) -> Result<(), TrainError> {
     let (adam_step, moments) = adam.state();
     let mut all = WeightMap::new();
     let mut add = |kind: &str, name: &str, shape: Vec<usize>, numbers: Vec<f32>| all.insert(format!("{kind}:{name}"), (shape, numbers));
@@ -42,22 +89,32 @@ pub fn save(settings: &TrainSettings, step: u64, values: &WeightMap, average: &W
         add("first", name, vec![first.len()], first.clone());
         add("second", name, vec![second.len()], second.clone());
     }
-    let recipe = serde_json::json!({ "step": step, "adam_step": adam_step, "seed": settings.seed, "part": settings.part });
+    let recipe =
+        serde_json::json!({ "step": step, "adam_step": adam_step, "seed": settings.seed, "part": settings.part, "origin": origin });
     write(&path(settings), &Weights::to_bytes(&all, &WeightsInfo { recipe, metrics: serde_json::Value::Null })?)
 }
 
-/// The state of an interrupted run of the same part and seed, if there is one that is not finished.
-pub fn load(settings: &TrainSettings) -> Result<Option<State>, TrainError> {
+/// The state of an earlier session of the same part and seed, if there is one.
+///
+/// # Errors
+/// [`TrainError::OtherRun`] when that run began otherwise; checkpoints from before that was kept are taken up.
+pub fn load(settings: &TrainSettings, origin: &Origin) -> Result<Option<State>, TrainError> {
     let path = path(settings);
     let bytes = match std::fs::read(&path) {
         Ok(bytes) => bytes,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(source) => return Err(TrainError::Io { path, source }),
     };
-    let stored = Weights::from_bytes(&bytes)?;
+    let broken = |source| TrainError::Checkpoint { path: path.clone(), source };
+    let stored = Weights::from_bytes(&bytes).map_err(broken)?;
     let number = |key: &str| stored.info.recipe[key].as_u64();
     if number("seed") != Some(settings.seed) || stored.info.recipe["part"] != serde_json::json!(settings.part) {
         return Ok(None);
+    }
+    let theirs = serde_json::from_value::<Option<Origin>>(stored.info.recipe["origin"].clone());
+    let theirs = theirs.map_err(|e| broken(WeightsError::Malformed { field: "origin".to_owned(), reason: e.to_string() }))?;
+    if let Some((field, [theirs, ours])) = theirs.and_then(|theirs| theirs.difference(origin)) {
+        return Err(TrainError::OtherRun { field, checkpoint: path, theirs, ours });
     }
     let of = |kind: &str| -> WeightMap {
         let prefix = format!("{kind}:");

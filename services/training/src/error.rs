@@ -16,13 +16,50 @@ pub enum TrainError {
         /// The split that is empty.
         split: &'static str,
     },
-    /// The encoders that the relation predictor reads are not there.
-    #[error("start: the relation predictor is trained on encoders that are there already, and {}", match .0 {
-        Some(path) => format!("{} is not", path.display()),
-        None => "no weights were given".to_owned(),
-    })]
-    NoStart(Option<PathBuf>),
-    /// Start weights could not be used.
+    /// Weights to start from are needed, and none were named.
+    #[error("expected weights to start from: {0}")]
+    NoStart(&'static str),
+    /// A file to start from cannot be read.
+    #[error("{path}: {source}")]
+    StartFile {
+        /// The setting that names it.
+        field: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A file to start from holds no weights.
+    #[error("{path}: {source}")]
+    StartWeights {
+        /// The setting that names it.
+        field: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: repose_networks::WeightsError,
+    },
+    /// The checkpoint beside the weights file is of a run that began otherwise.
+    #[error("{checkpoint} is of a run with {theirs}, this one has {ours}: remove it, or write to another file")]
+    OtherRun {
+        /// The setting that differs.
+        field: &'static str,
+        /// The checkpoint.
+        checkpoint: PathBuf,
+        /// What the setting was.
+        theirs: String,
+        /// What it is now.
+        ours: String,
+    },
+    /// The checkpoint cannot be taken up.
+    #[error("{path}: {source}")]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: repose_networks::WeightsError,
+    },
+    /// Weights do not fit each other, or could not be put into a file.
     #[error(transparent)]
     Weights(#[from] repose_networks::WeightsError),
     /// A mean of weights needs the same values in the same shapes.
@@ -34,8 +71,8 @@ pub enum TrainError {
         parameter: String,
     },
     /// There is no CUDA device, or the program was built without the `cuda` feature.
-    #[error("device: {0}")]
-    Cuda(#[source] candle_core::Error),
+    #[error(transparent)]
+    Cuda(candle_core::Error),
     /// A tensor operation failed.
     #[error("tensors: {0}")]
     Tensors(#[from] candle_core::Error),
@@ -55,4 +92,18 @@ pub enum TrainError {
         /// What the system said.
         source: std::io::Error,
     },
+}
+
+impl TrainError {
+    /// The setting at fault; none where it is not the caller's.
+    pub fn field(&self) -> Option<&'static str> {
+        match self {
+            Self::Data(_) | Self::Empty { .. } => Some("data"),
+            Self::NoStart(_) => Some("start"),
+            Self::StartFile { field, .. } | Self::StartWeights { field, .. } | Self::OtherRun { field, .. } => Some(field),
+            Self::Mean { .. } => Some("mean_with"),
+            Self::Cuda(_) => Some("device"),
+            Self::Checkpoint { .. } | Self::Weights(_) | Self::Tensors(_) | Self::Diverged { .. } | Self::Io { .. } => None,
+        }
+    }
 }

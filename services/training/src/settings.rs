@@ -49,13 +49,17 @@ pub enum RelationsVariant {
 }
 
 impl RelationsVariant {
+    /// The lower-case name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Measured => "measured",
+        }
+    }
+
     /// The variant of that name.
     pub fn parse(name: &str) -> Option<Self> {
-        match name {
-            "paper" => Some(Self::Paper),
-            "measured" => Some(Self::Measured),
-            _ => None,
-        }
+        [Self::Paper, Self::Measured].into_iter().find(|variant| variant.name() == name)
     }
 }
 
@@ -99,7 +103,7 @@ pub struct TrainSettings {
     pub data: PathBuf,
     /// The weights file that is written, at every checkpoint and at the end.
     pub out: PathBuf,
-    /// Weights to start from; without, or when absent, new ones from the seed.
+    /// Weights to start from; without, new ones from the seed.
     pub start: Option<PathBuf>,
     /// Further runs' weights whose mean with `start` the run starts from ([`crate::merge::mean_with`]); with no steps, that is what it gives.
     pub mean_with: Vec<PathBuf>,
@@ -113,9 +117,11 @@ pub struct TrainSettings {
     pub seed: u64,
     /// Steps at most, 0 for none. The learning rate falls to zero at the last.
     pub steps: u64,
+    /// The step before which this session ends, with a checkpoint from which the next goes on as if nothing had been: a run in parts.
+    pub pause_at: Option<u64>,
     /// Minutes at most; the learning rate then follows the clock too, and the run is not repeatable.
     pub minutes: Option<f64>,
-    /// Worker threads. Changes the speed only.
+    /// Worker threads, of which no more than `slots` have work. Changes the speed only.
     pub threads: usize,
     /// Micro-batches of a step, each with its own graph and batch statistics; their gradients are averaged in order.
     pub slots: usize,
@@ -166,6 +172,7 @@ impl Default for TrainSettings {
             device: Compute::Cpu,
             seed: 1,
             steps: 20_000,
+            pause_at: None,
             minutes: None,
             threads: 2,
             slots: 2,

@@ -105,15 +105,21 @@ pub fn generator(seed: u64, step: u64, slot: u64) -> Pcg64 {
 
 fn slot_gradient<T: Task>(shared: &Shared<'_, T>, slot: &mut Slot<T::Prepared>, step: u64, number: u64) -> Result<StepResult> {
     let settings = shared.settings;
-    // The first step fills half of the store, later ones add one view each.
-    let wanted = if slot.prepared.is_empty() { (settings.episodes_kept as u64 / 2).max(1) } else { 1 };
-    for k in (0..wanted).rev() {
+    let most = settings.episodes_kept.max(1);
+    // The first step fills half of the store, later ones add one view each; a resumed run starts with what the store would hold by then.
+    let draws = if slot.prepared.is_empty() { (most as u64 / 2).max(1) + step } else { 1 };
+    let mut newest = VecDeque::new();
+    for k in 0..draws {
+        if newest.len() == most {
+            break;
+        }
         let mut rng = generator(settings.seed, step.wrapping_sub(k), number.wrapping_mul(2));
         if let Some(prepared) = draw(shared, &mut rng)? {
-            slot.prepared.push_back(prepared);
+            newest.push_front(prepared);
         }
     }
-    while slot.prepared.len() > settings.episodes_kept.max(1) {
+    slot.prepared.append(&mut newest);
+    while slot.prepared.len() > most {
         slot.prepared.pop_front();
     }
     let mut rng = generator(settings.seed, step, number.wrapping_mul(2) + 1);

@@ -18,7 +18,7 @@ use repose_networks::{
 
 use crate::{
     adam::{AdamW, clip},
-    checkpoint,
+    checkpoint::{self, Origin, name_of},
     curve::{Curve, CurvePoint},
     discriminator::Moved,
     error::TrainError,
@@ -60,7 +60,7 @@ pub struct TrainReport {
 
 /// Trains one part until its steps or minutes are over, writing weights to `settings.out`.
 ///
-/// A checkpoint beside `settings.out` (of the same part and seed) is taken up again.
+/// A checkpoint beside `settings.out` (of the same part and seed) is taken up again; one of a run that began with other weights is refused.
 ///
 /// # Errors
 /// [`TrainError`] when the data is missing or broken, a file cannot be written, or the loss diverges.
@@ -80,6 +80,7 @@ struct Run<'a, T: Task> {
     networks: Networks,
     parameters: Parameters,
     info: WeightsInfo,
+    origin: Origin,
     /// Averaged trainable weights by path: what is measured and saved.
     average: WeightMap,
     adam: AdamW,
@@ -98,17 +99,26 @@ impl<'a, T: Task> Run<'a, T> {
             RelationsVariant::Measured => NetworksConfig::default(),
         };
         let device = settings.device.open()?;
-        let start = settings.start.as_deref().filter(|path| path.exists());
-        let (networks, parameters, info) = match start {
+        let mut origin = Origin { start: None, mean_with: Vec::new(), relations: settings.relations };
+        let (networks, parameters, info) = match &settings.start {
             Some(path) => {
-                let mut weights = Weights::from_bytes(&read(path)?)?;
-                let others = settings.mean_with.iter().map(|path| Ok((path.clone(), Weights::from_bytes(&read(path)?)?.values)));
-                mean_with(&mut weights.values, &others.collect::<Result<Vec<_>, TrainError>>()?, settings.part)?;
+                let mut weights = read("start", path)?;
+                origin.start = Some(name_of(&weights, path, &settings.out));
+                let mut others = Vec::new();
+                for path in &settings.mean_with {
+                    let weights = read("mean_with", path)?;
+                    origin.mean_with.push(name_of(&weights, path, &settings.out));
+                    others.push((path.clone(), weights.values));
+                }
+                mean_with(&mut weights.values, &others, settings.part)?;
                 let rng = &mut generator(settings.seed, 0, u64::MAX);
                 let (networks, parameters) = Networks::started(&config, &starting(weights.values), rng, &device)?;
                 (networks, parameters, weights.info)
             }
-            None if settings.part == Part::Relations => return Err(TrainError::NoStart(settings.start.clone())),
+            None if settings.part == Part::Relations => {
+                return Err(TrainError::NoStart("the relation predictor is trained on encoders that are there already"));
+            }
+            None if !settings.mean_with.is_empty() => return Err(TrainError::NoStart("other weights' mean is taken with them")),
             None => {
                 let (networks, parameters) = Networks::seeded(&config, &mut generator(settings.seed, 0, u64::MAX), &device)?;
                 (networks, parameters, WeightsInfo::default())
@@ -127,6 +137,7 @@ impl<'a, T: Task> Run<'a, T> {
             networks,
             parameters,
             info,
+            origin,
             average,
             adam: AdamW::default(),
             step: 0,
@@ -176,7 +187,7 @@ impl<'a, T: Task> Run<'a, T> {
         tracing::info!(part = self.task.part().name(), views = self.views.len(), parameters = self.parameters.count(), "training");
         loop {
             let share = progress(settings, self.step, begin.elapsed());
-            if share >= 1.0 {
+            if share >= 1.0 || settings.pause_at.is_some_and(|step| self.step >= step) {
                 break;
             }
             if settings.rescan_steps > 0 && self.step % settings.rescan_steps == settings.rescan_steps - 1 {
@@ -285,12 +296,12 @@ impl<'a, T: Task> Run<'a, T> {
         let mut recipe = serde_json::json!({ "settings": self.settings, "steps": self.step, "views": self.views.len(), "train_seeds": Split::Train.seeds() });
         if let Some(settings) = recipe["settings"].as_object_mut() {
             settings.insert("mean_of".to_owned(), (1 + self.settings.mean_with.len()).into());
-            // Where files lay and how many threads there were says nothing about the weights.
-            settings.retain(|key, _| !["data", "out", "start", "mean_with", "threads"].contains(&key.as_str()));
+            // Where files lay, how many threads there were and when they paused says nothing about the weights.
+            settings.retain(|key, _| !["data", "out", "start", "mean_with", "threads", "pause_at"].contains(&key.as_str()));
         }
         set(&mut self.info.recipe, part, recipe);
         checkpoint::write(&self.settings.out, &Weights::to_bytes(&weights, &self.info)?)?;
-        checkpoint::save(self.settings, self.step, &self.parameters.to_map()?, &self.average, &self.adam)?;
+        checkpoint::save(self.settings, &self.origin, self.step, &self.parameters.to_map()?, &self.average, &self.adam)?;
         // A run that was over when it was resumed has its last loss from the curve.
         let before = self.curve.points.last().map(|point| (point.step, point.loss));
         if let Some(loss) = self.loss.or(before.map(|(_, loss)| loss)).filter(|_| before.is_none_or(|(step, _)| step < self.step)) {
@@ -300,7 +311,7 @@ impl<'a, T: Task> Run<'a, T> {
     }
 
     fn resume(&mut self) -> Result<(), TrainError> {
-        if let Some(state) = checkpoint::load(self.settings)? {
+        if let Some(state) = checkpoint::load(self.settings, &self.origin)? {
             let (networks, parameters) = Networks::stored(&self.config, &state.values, &self.networks.device)?;
             (self.networks, self.parameters) = (networks, parameters);
             (self.average, self.adam, self.step) = (state.average, state.adam, state.step);
@@ -357,6 +368,8 @@ fn set(object: &mut serde_json::Value, key: &str, value: serde_json::Value) {
     object[key] = value;
 }
 
-fn read(path: &Path) -> Result<Vec<u8>, TrainError> {
-    std::fs::read(path).map_err(|source| TrainError::Io { path: path.to_path_buf(), source })
+/// Weights to start from, as `field` names them.
+fn read(field: &'static str, path: &Path) -> Result<Weights, TrainError> {
+    let bytes = std::fs::read(path).map_err(|source| TrainError::StartFile { field, path: path.to_path_buf(), source })?;
+    Weights::from_bytes(&bytes).map_err(|source| TrainError::StartWeights { field, path: path.to_path_buf(), source })
 }

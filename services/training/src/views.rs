@@ -69,13 +69,15 @@ impl Views {
     fn with_releases(folder: &Path, split: Split, released: bool) -> Result<Self, ReadError> {
         let own = folder.join(split.name());
         let folder = if own.is_dir() { own } else { folder.to_path_buf() };
-        let mut releases = released.then(BTreeMap::<_, Vec<_>>::new);
-        if let Some(releases) = &mut releases {
-            for record in read_releases(&folder)? {
-                releases.entry((record.scene_seed, record.object)).or_default().push(record);
-            }
-        }
-        let mut views = Self { folder, split, seen: BTreeSet::new(), shards: Vec::new(), views: 0, queries: Vec::new(), releases };
+        let mut views = Self {
+            folder,
+            split,
+            seen: BTreeSet::new(),
+            shards: Vec::new(),
+            views: 0,
+            queries: Vec::new(),
+            releases: released.then(BTreeMap::new),
+        };
         views.rescan()?;
         Ok(views)
     }
@@ -85,7 +87,7 @@ impl Views {
         self.releases.as_ref().and_then(|all| all.get(&(scene_seed, object))).map_or(&[], Vec::as_slice)
     }
 
-    /// Reads shards that were not there before; says how many views were added.
+    /// Reads shards that were not there before, and all outcomes anew where they were asked for; says how many views were added.
     ///
     /// # Errors
     /// As [`Views::open`].
@@ -93,37 +95,43 @@ impl Views {
         let before = self.views;
         for path in shard_paths(&self.folder)? {
             if self.seen.insert(path.clone()) {
-                self.add(Shard::open(&path)?);
-            }
-        }
-        Ok(self.views - before)
-    }
-
-    fn add(&mut self, shard: Shard) {
-        let index = self.shards.len() as u32;
-        let mut is_used = false;
-        for (v, view) in shard.summaries().enumerate().filter(|(_, view)| Split::of_seed(view.scene_seed) == Some(self.split)) {
-            let large = view.alone_px().enumerate().filter(|(_, px)| *px as usize >= PIXELS_LEAST);
-            let usable: Vec<Query> = large.map(|(k, _)| Query { shard: index, view: v as u16, object: k as u16 }).collect();
-            if usable.len() >= 2 {
-                let ids: Vec<u16> = view.ids().collect();
-                let entries = |q: &Query| match &self.releases {
-                    Some(releases) => {
-                        releases.get(&(view.scene_seed, ids[usize::from(q.object)])).map_or(0, |r| r.len().div_ceil(TRIALS_AT_ONCE))
-                    }
-                    None => 1,
-                };
-                let before = self.queries.len();
-                self.queries.extend(usable.into_iter().flat_map(|q| std::iter::repeat_n(q, entries(&q))));
-                if self.queries.len() > before {
-                    self.views += 1;
-                    is_used = true;
+                let shard = Shard::open(&path)?;
+                // Those of another split may lie in the same folder.
+                if shard.summaries().any(|view| Split::of_seed(view.scene_seed) == Some(self.split)) {
+                    self.shards.push(shard);
                 }
             }
         }
-        if is_used {
-            self.shards.push(shard);
+        if let Some(releases) = &mut self.releases {
+            releases.clear();
+            for record in read_releases(&self.folder)? {
+                releases.entry((record.scene_seed, record.object)).or_default().push(record);
+            }
         }
+        self.find_queries();
+        Ok(self.views.saturating_sub(before))
+    }
+
+    /// Finds the queries of all shards anew: outcomes that were added since make queries of objects that were none.
+    fn find_queries(&mut self) {
+        let (mut views, mut queries) = (0, Vec::new());
+        for (index, shard) in (0..).zip(&self.shards) {
+            for (v, view) in shard.summaries().enumerate().filter(|(_, view)| Split::of_seed(view.scene_seed) == Some(self.split)) {
+                let large = view.alone_px().enumerate().filter(|(_, px)| *px as usize >= PIXELS_LEAST);
+                let usable: Vec<Query> = large.map(|(k, _)| Query { shard: index, view: v as u16, object: k as u16 }).collect();
+                if usable.len() >= 2 {
+                    let ids: Vec<u16> = view.ids().collect();
+                    let entries = |q: &Query| match &self.releases {
+                        Some(_) => self.releases_of(view.scene_seed, ids[usize::from(q.object)]).len().div_ceil(TRIALS_AT_ONCE),
+                        None => 1,
+                    };
+                    let before = queries.len();
+                    queries.extend(usable.into_iter().flat_map(|q| std::iter::repeat_n(q, entries(&q))));
+                    views += usize::from(queries.len() > before);
+                }
+            }
+        }
+        (self.views, self.queries) = (views, queries);
     }
 
     /// How many views there are.

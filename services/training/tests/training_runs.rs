@@ -5,10 +5,15 @@ use std::path::Path;
 use nalgebra::{Isometry3, Point3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use repose_dataset::{Elsewhere, Layer, ObjectRecord, ShardWriter, Split, ViewRecord};
+use repose_dataset::{
+    Elsewhere, Layer, ObjectRecord, ReleaseRecord, ShardWriter, Split, ViewRecord, proposals_path, releases_path, write_releases,
+};
 use repose_geometry::{OrientedBox, Pinhole, ViewerFrame, transform::look_at};
 use repose_networks::{Models, NetworksConfig, Weights};
-use repose_training::{Compute, Part, TrainError, TrainSettings, train};
+use repose_training::{
+    Compute, Part, RelationsVariant, TrainError, TrainSettings, train,
+    views::{TRIALS_AT_ONCE, Views},
+};
 
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
@@ -122,7 +127,7 @@ fn settings(folder: &Path, part: Part, threads: usize, steps: u64) -> TrainSetti
 }
 
 #[test]
-fn a_run_gives_the_same_weights_on_one_thread_and_on_two_and_when_it_is_interrupted() {
+fn a_run_gives_the_same_weights_on_one_thread_and_on_two() {
     for part in [Part::Joint, Part::Discriminator] {
         let folder = tempfile::tempdir().unwrap();
         data(&folder.path().join("data"));
@@ -174,7 +179,113 @@ fn the_relation_predictor_is_fitted_alone_on_encoders_that_stay_as_they_are() {
     }
     assert_eq!(after, read(&two.out));
     let error = train(&TrainSettings { start: None, ..of(1, 1) }).unwrap_err();
-    assert!(matches!(error, TrainError::NoStart(None)), "{error}");
+    assert!(matches!(error, TrainError::NoStart(_)), "{error}");
+}
+
+#[test]
+fn a_run_in_parts_gives_the_weights_of_one_in_one_go() {
+    let folder = tempfile::tempdir().unwrap();
+    data(&folder.path().join("data"));
+    let whole = TrainSettings { checkpoint_steps: 100, ..settings(folder.path(), Part::Discriminator, 1, 5) };
+    let parts = TrainSettings { threads: 2, out: folder.path().join("parts.safetensors"), ..whole.clone() };
+    train(&whole).unwrap();
+    for pause_at in [Some(3), None] {
+        let report = train(&TrainSettings { pause_at, ..parts.clone() }).unwrap();
+        assert_eq!(report.steps, pause_at.unwrap_or(5));
+    }
+    let read = |s: &TrainSettings| Weights::from_bytes(&std::fs::read(&s.out).unwrap()).unwrap();
+    assert_eq!(read(&whole).values, read(&parts).values);
+    assert_eq!(read(&whole).info, read(&parts).info);
+}
+
+#[test]
+fn weights_to_start_from_that_are_not_there_are_an_error_that_names_the_setting() {
+    let folder = tempfile::tempdir().unwrap();
+    let there = folder.path().join("there.safetensors");
+    std::fs::write(&there, Weights::initial(&NetworksConfig::default(), 3).unwrap()).unwrap();
+    let (missing, broken) = (folder.path().join("missing.safetensors"), folder.path().join("broken.safetensors"));
+    std::fs::write(&broken, b"no weights").unwrap();
+    let cases = [
+        (Some(&missing), None, "start", "missing.safetensors"),
+        (Some(&broken), None, "start", "broken.safetensors"),
+        (Some(&there), Some(&missing), "mean_with", "missing.safetensors"),
+        (Some(&there), Some(&broken), "mean_with", "broken.safetensors"),
+        (None, Some(&there), "start", "weights to start from"),
+    ];
+    for (start, mean_with, field, message) in cases {
+        let (start, mean_with) = (start.cloned(), mean_with.cloned().into_iter().collect());
+        let error = train(&TrainSettings { start, mean_with, ..settings(folder.path(), Part::Discriminator, 1, 1) }).unwrap_err();
+        assert_eq!(error.field(), Some(field), "{error}");
+        assert!(error.to_string().contains(message), "{error}");
+    }
+}
+
+#[test]
+fn a_checkpoint_of_a_run_that_began_otherwise_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    data(&folder.path().join("data"));
+    let [one, two] = [1, 2].map(|seed| {
+        let path = folder.path().join(format!("start_{seed}.safetensors"));
+        std::fs::write(&path, Weights::initial(&NetworksConfig::default(), seed).unwrap()).unwrap();
+        path
+    });
+    let first = TrainSettings {
+        start: Some(one.clone()),
+        mean_with: vec![two.clone()],
+        validation_episodes: 1,
+        checkpoint_steps: 100,
+        ..settings(folder.path(), Part::Relations, 1, 1)
+    };
+    train(&first).unwrap();
+    let others = [
+        ("start", TrainSettings { start: Some(two.clone()), ..first.clone() }),
+        ("mean_with", TrainSettings { mean_with: Vec::new(), ..first.clone() }),
+        ("relations", TrainSettings { relations: RelationsVariant::Paper, ..first.clone() }),
+    ];
+    for (field, other) in others {
+        let error = train(&other).unwrap_err();
+        assert!(matches!(error, TrainError::OtherRun { .. }), "{error}");
+        assert_eq!(error.field(), Some(field), "{error}");
+    }
+    assert_eq!(train(&TrainSettings { steps: 2, ..first.clone() }).unwrap().steps, 2);
+    // One from before the origin was kept is taken up.
+    let checkpoint = first.out.with_extension("relations.checkpoint");
+    let mut stored = Weights::from_bytes(&std::fs::read(&checkpoint).unwrap()).unwrap();
+    stored.info.recipe.as_object_mut().unwrap().remove("origin").unwrap();
+    std::fs::write(&checkpoint, Weights::to_bytes(&stored.values, &stored.info).unwrap()).unwrap();
+    assert_eq!(train(&TrainSettings { start: Some(two), steps: 3, ..first.clone() }).unwrap().steps, 3);
+    // A run that writes over what it started from goes on too.
+    let own = TrainSettings { out: one, seed: 2, ..first };
+    train(&own).unwrap();
+    assert_eq!(train(&TrainSettings { steps: 2, ..own }).unwrap().steps, 2);
+}
+
+#[test]
+fn outcomes_that_are_added_while_a_run_goes_on_are_drawn_too() {
+    let folder = tempfile::tempdir().unwrap();
+    data(folder.path());
+    let seed = Split::Train.seeds().start;
+    let release = |scene_seed, object| ReleaseRecord {
+        scene_seed,
+        object,
+        origin_m: [0.0, 0.0, 0.1],
+        yaw_rad: 0.0,
+        moved_m: 0.0,
+        tilt_rad: 0.0,
+        penetration_m: 0.0,
+        others_moved_m: 0.0,
+    };
+    let mut views = Views::released(folder.path(), Split::Train).unwrap();
+    assert!(views.is_empty());
+    write_releases(&releases_path(folder.path(), 0, 8), &serde_json::Value::Null, &[release(seed, 1), release(seed + 1, 2)]).unwrap();
+    assert_eq!((views.rescan().unwrap(), views.queries()), (2, 2));
+    // As many again for one of them as make a second sample, and one more view.
+    let proposals: Vec<_> = std::iter::repeat_n(release(seed, 1), TRIALS_AT_ONCE).chain([release(seed + 2, 3)]).collect();
+    write_releases(&proposals_path(folder.path(), 0, 8), &serde_json::Value::Null, &proposals).unwrap();
+    assert_eq!((views.rescan().unwrap(), views.queries()), (1, 4));
+    let drawn: usize = (0..views.queries()).map(|i| views.query(i).unwrap().releases.len()).sum();
+    assert_eq!(drawn, 2 * (1 + TRIALS_AT_ONCE) + 1 + 1);
+    assert_eq!((views.rescan().unwrap(), views.queries()), (0, 4));
 }
 
 #[test]
@@ -192,5 +303,5 @@ fn a_device_that_is_not_there_is_an_error_before_anything_is_read() {
     }
     let folder = tempfile::tempdir().unwrap();
     let error = train(&TrainSettings { device: Compute::Cuda, ..settings(folder.path(), Part::Joint, 1, 1) }).unwrap_err();
-    assert!(matches!(error, TrainError::Cuda(_)) && error.to_string().starts_with("device: "), "{error}");
+    assert!(matches!(error, TrainError::Cuda(_)) && error.field() == Some("device"), "{error}");
 }

@@ -33,12 +33,33 @@ pub fn run(args: &TrainArgs, output: Output) -> Outcome {
         seed: args.seed,
         steps: args.steps.unwrap_or(defaults.steps),
         minutes: args.minutes,
+        slots: args.slots.unwrap_or(defaults.slots),
         threads: args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
         ..defaults
     };
-    let report = train(&settings).map_err(|e| match e {
-        TrainError::Cuda(reason) => Failure::bad_input("device", reason),
-        e => Failure::bad_input("data", e),
-    })?;
+    let report = train(&settings).map_err(|e| failure_of(&e))?;
     output.print(&report, || serde_json::to_string_pretty(&report).unwrap_or_default())
+}
+
+/// The user's, where a setting is at fault.
+fn failure_of(error: &TrainError) -> Failure {
+    match error.field() {
+        Some(field) => Failure::bad_input(field, error),
+        None => Failure::other(error),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_setting_at_fault_is_bad_input_that_names_it_and_the_rest_is_not() {
+        let start = TrainSettings { start: Some("no/such.safetensors".into()), ..TrainSettings::default() };
+        let field = |failure: Failure| failure.error().and_then(|e| e.field.clone());
+        let failure = failure_of(&train(&start).unwrap_err());
+        assert_eq!((failure.exit_code(), field(failure).as_deref()), (2, Some("start")));
+        let failure = failure_of(&TrainError::Diverged { step: 3, loss: f64::NAN });
+        assert_eq!((failure.exit_code(), field(failure)), (1, None));
+    }
 }
