@@ -1,7 +1,8 @@
 //! The frames of the cameras that this worker owns: each newest frame becomes a scene, which is published.
 //!
 //! Receiving never waits for computing: a frame that comes while its camera's last one still waits replaces it. What is dropped, late
-//! or unusable is counted, so that a camera that is too fast, or broken, can be seen.
+//! or unusable is counted, so that a camera that is too fast, or broken, can be seen. A camera's frames are taken one after the other in
+//! the order that they came in, up to the publishing: what was published last is its newest scene.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -11,9 +12,10 @@ use repose_proto::{CallError, ErrorCode, Payload, keys};
 use repose_runtime::{CancellationToken, JobContext, RuntimeError, Session, Subscription, Traffic};
 use tokio::sync::{Notify, Semaphore};
 
+use crate::camera_names::CameraNames;
 use crate::config::PerceptionConfig;
 use crate::newest::{NewestFrames, Placed};
-use crate::store::Arrival;
+use crate::store::{Arrival, KeptScene, LEFT_OUT};
 use crate::worker::Worker;
 
 /// Stands for the camera of frames that were lost before anybody looked whose they were.
@@ -21,8 +23,9 @@ const ANY_CAMERA: &str = "any";
 
 /// What became of the frames so far. Once nothing is under way, `received` is the sum of the others. The same numbers are kept per
 /// camera as the metric `repose_perception_frames_total`.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct FrameCounts {
+    names: CameraNames,
     /// Frames received.
     pub received: AtomicU64,
     /// Frames that a newer one replaced before their turn, or for which there was no room.
@@ -46,6 +49,17 @@ enum Became {
 }
 
 impl FrameCounts {
+    fn new(names: CameraNames) -> Self {
+        Self {
+            names,
+            received: AtomicU64::default(),
+            dropped: AtomicU64::default(),
+            late: AtomicU64::default(),
+            failed: AtomicU64::default(),
+            published: AtomicU64::default(),
+        }
+    }
+
     fn count(&self, became: Became, camera: &str, by: u64) {
         let (counter, name) = match became {
             Became::Received => (&self.received, "received"),
@@ -55,7 +69,11 @@ impl FrameCounts {
             Became::Published => (&self.published, "published"),
         };
         counter.fetch_add(by, Ordering::Relaxed);
-        metrics::counter!("repose_perception_frames_total", "camera" => camera.to_owned(), "became" => name).increment(by);
+        metrics::counter!("repose_perception_frames_total", "camera" => self.name(camera), "became" => name).increment(by);
+    }
+
+    fn name(&self, camera: &str) -> String {
+        if camera == ANY_CAMERA { camera.to_owned() } else { self.names.of(camera) }
     }
 }
 
@@ -63,6 +81,19 @@ impl FrameCounts {
 struct Waiting {
     payload: Payload,
     arrived: Instant,
+}
+
+/// A camera's turn: while it lasts, no other frame of it is taken.
+struct Turn<'a> {
+    cameras: &'a Cameras,
+    camera: &'a str,
+}
+
+impl Drop for Turn<'_> {
+    fn drop(&mut self) {
+        self.cameras.newest.lock().unwrap_or_else(PoisonError::into_inner).done(self.camera);
+        self.cameras.arrived.notify_one();
+    }
 }
 
 /// Follows cameras until its tasks are stopped.
@@ -87,7 +118,7 @@ impl Cameras {
             newest: Mutex::new(NewestFrames::new(config.max_cameras)),
             arrived: Notify::new(),
             threads: Arc::new(Semaphore::new(config.threads.max(1))),
-            counts: FrameCounts::default(),
+            counts: FrameCounts::new(CameraNames::new(config.max_cameras)),
         })
     }
 
@@ -158,7 +189,11 @@ impl Cameras {
             let (camera, frame) = self.next().await;
             let this = self.clone();
             tokio::spawn(async move {
-                this.publish(&camera, frame).await;
+                {
+                    // Ends the turn even where publishing panics.
+                    let _turn = Turn { cameras: &this, camera: &camera };
+                    this.publish(&camera, frame).await;
+                }
                 drop(permit);
             });
         }
@@ -195,7 +230,7 @@ impl Cameras {
             }
         };
         let summary = Payload::json(&scene.summary);
-        if self.worker.store().keep_latest(scene) == Arrival::Late {
+        if self.keep(camera, scene) == Arrival::Late {
             self.counts.count(Became::Late, camera, 1);
             return;
         }
@@ -208,7 +243,7 @@ impl Cameras {
             Ok(()) => {
                 self.counts.count(Became::Published, camera, 1);
                 let age_ms = frame.arrived.elapsed().as_secs_f64() * 1e3;
-                metrics::histogram!("repose_perception_frame_to_scene_seconds", "camera" => camera.to_owned()).record(age_ms / 1e3);
+                metrics::histogram!("repose_perception_frame_to_scene_seconds", "camera" => self.counts.name(camera)).record(age_ms / 1e3);
                 tracing::debug!(camera, age_ms, segment_ms = times.segment_ms, "scene published");
             }
             Err(error) => {
@@ -216,5 +251,24 @@ impl Cameras {
                 tracing::warn!(camera, %error, "a scene could not be published");
             }
         }
+    }
+
+    /// Keeps a camera's scene, and says what its owner should know.
+    fn keep(&self, camera: &str, scene: Arc<KeptScene>) -> Arrival {
+        let mut store = self.worker.store();
+        if !scene.left_out.is_empty() && scene.left_out != store.left_out(camera) {
+            tracing::warn!(camera, ids = ?scene.left_out, "{LEFT_OUT}");
+        }
+        let newest_ns = store.latest(camera).map(|newest| newest.stamp_ns);
+        let stamp_ns = scene.summary.stamp_ns;
+        let arrival = store.keep_latest(scene);
+        match arrival {
+            Arrival::Newest => {}
+            Arrival::Restarted => {
+                tracing::warn!(camera, stamp_ns, newest_ns, "a frame's stamp is far before the last one's: its clock was set back");
+            }
+            Arrival::Late => tracing::warn!(camera, stamp_ns, newest_ns, "a frame came after one with a newer stamp and was dropped"),
+        }
+        arrival
     }
 }

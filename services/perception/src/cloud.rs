@@ -1,9 +1,9 @@
 //! The scene's points: every reading outside the border bands, thinned evenly where there are too many.
 
-use repose_geometry::{Image, Isometry3, Vector3};
+use repose_geometry::{Isometry3, Vector3};
 
+use crate::clean_masks::CleanMasks;
 use crate::depth::DepthMap;
-use crate::settings::Settings;
 
 /// Points in the picture's order.
 #[derive(Debug)]
@@ -14,29 +14,21 @@ pub struct Cloud {
     pub labels: Vec<u16>,
     /// The color of each point.
     pub colors: Option<Vec<[u8; 3]>>,
-    /// Per id, whether the object has enough points to be kept.
-    kept: Vec<bool>,
-    /// Readings dropped because they lie in a border band.
-    pub on_borders: usize,
-    /// Points before thinning.
-    pub available: usize,
 }
 
 impl Cloud {
-    /// Every reading outside the bands of an object with enough points; at most `max_points`.
+    /// Every reading outside the bands of the masks; at most `max_points`.
     pub fn new(
         depth: &DepthMap,
         world_from_camera: &Isometry3<f64>,
-        labels: &Image<u16>,
-        band: &Image<bool>,
+        masks: &CleanMasks,
         colors: Option<&[[u8; 3]]>,
-        settings: &Settings,
+        max_points: usize,
     ) -> Self {
         let depths = depth.depth_m().pixels();
-        let (counts, on_borders) = count(depths, labels.pixels(), band.pixels());
-        let kept: Vec<bool> = counts.iter().enumerate().map(|(id, n)| id == 0 || *n >= settings.min_object_points).collect();
-        let available: usize = counts.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(n, _)| n).sum();
-        let wanted = available.min(settings.max_points);
+        let (labels, band) = (masks.labels.pixels(), masks.band.pixels());
+        let available = masks.available;
+        let wanted = available.min(max_points);
 
         // Every pixel is written, and the end moves on behind those that stay: no branch to guess wrong at every outline. The last
         // pixel that does not stay needs a place, too.
@@ -50,9 +42,9 @@ impl Cloud {
         for (v, y) in depth.slope_y().iter().enumerate() {
             let row = v * width..(v + 1) * width;
             let of_row = to_world.row(*y);
-            let (depths, labels, band) = (&depths[row.clone()], &labels.pixels()[row.clone()], &band.pixels()[row.clone()]);
+            let (depths, labels, band) = (&depths[row.clone()], &labels[row.clone()], &band[row.clone()]);
             for (u, (((z, &id), banded), x)) in depths.iter().zip(labels).zip(band).zip(depth.slope_x()).enumerate() {
-                let stays = !z.is_nan() & !banded & kept[usize::from(id)];
+                let stays = !z.is_nan() & !banded;
                 // Of `available` points take `wanted`, as evenly as integers allow.
                 owed += if stays { wanted } else { 0 };
                 let taken = stays & (owed >= available);
@@ -66,32 +58,8 @@ impl Cloud {
         points.truncate(end);
         ids.truncate(end);
         let colors = colors.map(|colors| pixels[..end].iter().map(|i| colors[*i as usize]).collect());
-        Self { points, labels: ids, colors, kept, on_borders, available }
+        Self { points, labels: ids, colors }
     }
-
-    /// Whether an object's points are in the cloud.
-    pub fn keeps(&self, id: u16) -> bool {
-        self.kept.get(usize::from(id)).copied().unwrap_or(false)
-    }
-}
-
-/// Per id, how many readings lie outside the bands; and how many readings lie in them.
-fn count(depths: &[f32], labels: &[u16], band: &[bool]) -> (Vec<usize>, usize) {
-    let most = labels.iter().copied().max().unwrap_or(0);
-    let mut counts = vec![0usize; usize::from(most) + 1];
-    let mut on_borders = 0;
-    // Runs of one label are summed up before they are booked.
-    let (mut current, mut run) = (0u16, 0usize);
-    for ((z, &id), banded) in depths.iter().zip(labels).zip(band) {
-        if id != current {
-            counts[usize::from(current)] += run;
-            (current, run) = (id, 0);
-        }
-        run += usize::from(!z.is_nan() & !banded);
-        on_borders += usize::from(!z.is_nan() & banded);
-    }
-    counts[usize::from(current)] += run;
-    (counts, on_borders)
 }
 
 /// A camera's pose, applied to rays: the rotated ray of a pixel is linear in its slopes.
@@ -130,8 +98,9 @@ impl RowToWorld {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::settings::Settings;
     use proptest::prelude::*;
-    use repose_geometry::{Pinhole, Point3};
+    use repose_geometry::{Image, Pinhole, Point3};
 
     proptest! {
         #[test]
@@ -141,8 +110,9 @@ mod tests {
             let camera = Pinhole { width: 5, height: 4, fx: 6.0, fy: 7.0, cx: 2.2, cy: 1.4 };
             let world_from_camera = Isometry3::new(Vector3::from(shift), Vector3::from(axis_angle));
             let depth = DepthMap::new(&counts, 0.001, &camera, 5.0);
-            let (labels, band) = (Image::filled(5, 4, 0), Image::filled(5, 4, false));
-            let cloud = Cloud::new(&depth, &world_from_camera, &labels, &band, None, &Settings::default());
+            let masks = CleanMasks::new(Image::filled(5, 4, 0), depth.depth_m(), &Settings::default());
+            prop_assume!(masks.is_some());
+            let cloud = Cloud::new(&depth, &world_from_camera, &masks.unwrap(), None, 1000);
             let seen = counts.iter().enumerate().filter(|(_, count)| **count > 0);
             let expected: Vec<Point3<f64>> =
                 seen.map(|(i, count)| world_from_camera * camera.unproject((i % 5) as f64, (i / 5) as f64, f64::from(*count) * 0.001)).collect();

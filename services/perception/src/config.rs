@@ -13,7 +13,8 @@ pub struct PerceptionConfig {
     /// share a cell, each must name its own, or every scene is published more than once.
     #[serde(deserialize_with = "repose_runtime::list_or_commas")]
     pub cameras: Vec<String>,
-    /// Most cameras with a frame waiting; frames of further ones are dropped and counted. Raising it costs one frame of memory each.
+    /// Most cameras with a frame waiting; frames of further ones are dropped and counted. Also most whose newest scene is known (the
+    /// longest silent one goes) and that the metrics name. Raising it costs one frame of memory each.
     pub max_cameras: usize,
     /// Threads that segment. Raising it helps several cameras or callers, not a single one.
     pub threads: usize,
@@ -21,6 +22,10 @@ pub struct PerceptionConfig {
     pub queue_capacity: usize,
     /// How long a camera's frame may take from its arrival to its scene, milliseconds; an older one is dropped and counted.
     pub frame_timeout_ms: u64,
+    /// A frame stamped this much before its camera's newest one was overtaken on its way, and is dropped and counted, milliseconds; one
+    /// stamped earlier still is taken, with a warning: the camera's clock was set back, or had been ahead. Raising it bears more disorder,
+    /// and lets a wrong clock silence a camera for longer.
+    pub late_within_ms: u64,
     /// Most scenes that can be asked for by id. Raising it keeps older scenes plannable, at about 4 MB each.
     pub scenes_kept: usize,
     /// Most bytes of those scenes. The older go first.
@@ -37,6 +42,7 @@ impl Default for PerceptionConfig {
             threads: 1,
             queue_capacity: 8,
             frame_timeout_ms: 1000,
+            late_within_ms: 1000,
             scenes_kept: 32,
             scenes_kept_bytes: 256 << 20,
             segmentation: Settings::default(),
@@ -47,7 +53,12 @@ impl Default for PerceptionConfig {
 impl PerceptionConfig {
     /// The store's limits.
     pub fn store_limits(&self) -> StoreLimits {
-        StoreLimits { scenes: self.scenes_kept, bytes: self.scenes_kept_bytes }
+        StoreLimits {
+            scenes: self.scenes_kept,
+            bytes: self.scenes_kept_bytes,
+            cameras: self.max_cameras,
+            late_ns: self.late_within_ms.saturating_mul(1_000_000),
+        }
     }
 }
 

@@ -8,6 +8,7 @@ use repose_proto::perception::{LatestRequest, SceneRequest};
 use repose_proto::{CallError, Payload};
 use repose_runtime::{Call, Handler, load_of};
 
+use crate::store::LEFT_OUT;
 use crate::worker::Worker;
 
 /// Answers `segment`, `latest` and `scene`.
@@ -27,6 +28,9 @@ impl Endpoints {
         call.stage("decode", times.decode_ms);
         call.stage("segment", times.segment_ms);
         call.stage("encode", times.encode_ms);
+        if !scene.left_out.is_empty() {
+            tracing::warn!(scene_id = scene.summary.scene_id, ids = ?scene.left_out, "{LEFT_OUT}");
+        }
         let payload = scene.payload.clone();
         self.worker.store().keep(scene);
         Ok(payload)

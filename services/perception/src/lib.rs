@@ -5,7 +5,9 @@
 //! [`sources`] are frames from disk: folders, sequences of pictures, recordings of ROS 2.
 
 pub mod borders;
+pub mod camera_names;
 pub mod cameras;
+pub mod clean_masks;
 pub mod cloud;
 pub mod components;
 pub mod config;
@@ -38,7 +40,7 @@ use repose_proto::Service;
 use repose_runtime::{RuntimeError, Session, Shutdown};
 
 pub use config::PerceptionConfig;
-pub use segment::{SegmentError, Segmented, segment, segment_with_labels};
+pub use segment::{SegmentError, Segmented, segment, segment_with_labels, segment_with_left_out};
 pub use settings::Settings;
 
 /// Runs a perception worker until `shutdown`, then drains it.

@@ -1,14 +1,17 @@
 //! The newest frame of each camera, until somebody takes it.
 //!
 //! A slow computation must neither queue up old frames nor let a fast camera starve a slow one: a newer frame replaces the camera's
-//! waiting one, and cameras are taken in turn.
+//! waiting one, and cameras are taken in turn. A camera's next frame is taken once its last one is done, so that what comes of them keeps
+//! their order.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// One waiting item per camera, at most `max_cameras` of them.
 #[derive(Debug)]
 pub struct NewestFrames<T> {
     waiting: BTreeMap<String, T>,
+    /// Cameras whose last frame is not done.
+    busy: BTreeSet<String>,
     max_cameras: usize,
     /// The camera taken last; its successor in name order is next.
     last: Option<String>,
@@ -28,7 +31,7 @@ pub enum Placed {
 impl<T> NewestFrames<T> {
     /// Nothing waits.
     pub fn new(max_cameras: usize) -> Self {
-        Self { waiting: BTreeMap::new(), max_cameras, last: None }
+        Self { waiting: BTreeMap::new(), busy: BTreeSet::new(), max_cameras, last: None }
     }
 
     /// A frame came in.
@@ -44,14 +47,21 @@ impl<T> NewestFrames<T> {
         Placed::Waiting
     }
 
-    /// The next camera's frame.
+    /// The next camera's frame; [`NewestFrames::done`] must be told when it is done.
     pub fn take(&mut self) -> Option<(String, T)> {
         use std::ops::Bound::{Excluded, Unbounded};
-        let after = self.last.as_ref().and_then(|last| self.waiting.range::<String, _>((Excluded(last), Unbounded)).next());
-        let camera = after.or_else(|| self.waiting.iter().next()).map(|(camera, _)| camera.clone())?;
+        let free = |(camera, _): &(&String, &T)| !self.busy.contains(*camera);
+        let after = self.last.as_ref().and_then(|last| self.waiting.range::<String, _>((Excluded(last), Unbounded)).find(free));
+        let camera = after.or_else(|| self.waiting.iter().find(free)).map(|(camera, _)| camera.clone())?;
         let taken = self.waiting.remove_entry(&camera);
+        self.busy.insert(camera.clone());
         self.last = Some(camera);
         taken
+    }
+
+    /// A camera's frame is done: its next one may be taken.
+    pub fn done(&mut self, camera: &str) {
+        self.busy.remove(camera);
     }
 }
 
@@ -76,9 +86,24 @@ mod tests {
                 frames.put("slow", i);
                 frames.put("other", i);
             }
-            taken.extend(frames.take().map(|(camera, _)| camera));
+            let (camera, _) = frames.take().unwrap();
+            frames.done(&camera);
+            taken.push(camera);
         }
         assert_eq!(taken[..4], ["fast", "other", "slow", "fast"]);
+    }
+
+    #[test]
+    fn a_cameras_next_frame_waits_for_its_last_one() {
+        let mut frames = NewestFrames::new(4);
+        frames.put("a", 1);
+        assert_eq!(frames.take(), Some(("a".to_owned(), 1)));
+        frames.put("a", 2);
+        assert_eq!(frames.take(), None);
+        frames.put("b", 3);
+        assert_eq!(frames.take(), Some(("b".to_owned(), 3)));
+        frames.done("a");
+        assert_eq!(frames.take(), Some(("a".to_owned(), 2)));
     }
 
     #[test]

@@ -10,7 +10,7 @@ use repose_geometry::{Image, Isometry3, Pinhole, Point3, ViewerFrame};
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, CameraModel, ErrorCode, Frame, RigidTransform, Scene, SceneMeta, Surface, Unseen};
 
-use crate::borders::border_band;
+use crate::clean_masks::CleanMasks;
 use crate::cloud::Cloud;
 use crate::depth::DepthMap;
 use crate::objects::{Completeness, summarise};
@@ -38,7 +38,7 @@ pub enum SegmentError {
         /// The range that was allowed, metres.
         max_depth_m: f32,
     },
-    /// Every reading lies in the band around some mask, or belongs to an object too small to keep.
+    /// Every reading lies in the band around some mask, or belongs to an object too small to be one.
     #[error("none of {readings} readings is left after cleaning {border_px} pixels around the borders of the labels")]
     NothingLeft {
         /// Readings before cleaning.
@@ -78,6 +78,8 @@ pub struct Segmented {
     pub labels: Image<u16>,
     /// The same without the band around each mask: the pixels whose readings are the objects' points.
     pub cleaned: Image<u16>,
+    /// The ids that are none of the scene's objects, in order: too thin or too small. What was read of them is nobody's.
+    pub left_out: Vec<u16>,
 }
 
 /// The scene that a frame shows.
@@ -93,7 +95,7 @@ pub fn segment(frame: &Frame, settings: &Settings) -> Result<Scene, SegmentError
 /// # Errors
 /// As [`segment`].
 pub fn segment_with_labels(frame: &Frame, settings: &Settings) -> Result<Segmented, SegmentError> {
-    let Parts { scene, mut labels, band } = Parts::of(frame, settings)?;
+    let Parts { scene, masks: CleanMasks { mut labels, band, left_out, .. } } = Parts::of(frame, settings)?;
     for id in labels.pixels_mut().iter_mut().filter(|id| **id != 0 && scene.object(**id).is_none()) {
         *id = 0;
     }
@@ -101,15 +103,22 @@ pub fn segment_with_labels(frame: &Frame, settings: &Settings) -> Result<Segment
     for (id, _) in cleaned.pixels_mut().iter_mut().zip(band.pixels()).filter(|(_, banded)| **banded) {
         *id = 0;
     }
-    Ok(Segmented { scene, labels, cleaned })
+    Ok(Segmented { scene, labels, cleaned, left_out })
+}
+
+/// The scene that a frame shows, and [`Segmented::left_out`], for those who warn of it.
+///
+/// # Errors
+/// As [`segment`].
+pub fn segment_with_left_out(frame: &Frame, settings: &Settings) -> Result<(Scene, Vec<u16>), SegmentError> {
+    let parts = Parts::of(frame, settings)?;
+    Ok((parts.scene, parts.masks.left_out))
 }
 
 /// A scene and what it was made with.
 struct Parts {
     scene: Scene,
-    /// Instance ids, those of objects that were too small to keep among them.
-    labels: Image<u16>,
-    band: Image<bool>,
+    masks: CleanMasks,
 }
 
 impl Parts {
@@ -137,19 +146,19 @@ impl Parts {
                 unlabelled::spread(&unlabelled::label(&coarse.view(), &surfaces, &settings.components), &depth, stride)
             }
         };
-        let band = border_band(&labels, &settings.borders);
-        let cloud = Cloud::new(&depth, &world_from_camera, &labels, &band, frame.color.as_deref(), settings);
-        if cloud.points.is_empty() {
-            return Err(SegmentError::NothingLeft { readings, border_px: settings.borders.radius_px });
-        }
+        let coarse_labels = strided(&labels, stride);
+        let masks = CleanMasks::new(labels, depth.depth_m(), settings);
+        let masks = masks.ok_or(SegmentError::NothingLeft { readings, border_px: settings.borders.radius_px })?;
+        let cloud = Cloud::new(&depth, &world_from_camera, &masks, frame.color.as_deref(), settings.max_points);
 
-        let (coarse_labels, coarse_band) = (strided(&labels, stride), strided(&band, stride));
-        let clean_label =
-            |i: usize| (!coarse_band.pixels()[i]).then(|| coarse_labels.pixels()[i]).filter(|id| *id == 0 || cloud.keeps(*id));
+        let coarse_band = strided(&masks.band, stride);
+        // What was left out is in the way, but no piece of furniture.
+        let whole = |id: &u16| masks.left_out.binary_search(id).is_err();
+        let clean_label = |i: usize| (!coarse_band.pixels()[i]).then(|| coarse_labels.pixels()[i]).filter(whole);
         let surfaces = surfaces::find(coarse.upward(clean_label), &settings.surfaces);
         let rays = RayView { depth_m: &coarse.depth_m, camera: coarse.camera, world_from_camera: &world_from_camera };
         let space = unseen::space(&rays, &surfaces, &settings.unseen);
-        let mut objects = summarise(&cloud.points, &cloud.labels, &Completeness::measure(depth.depth_m(), &labels));
+        let mut objects = summarise(&cloud.points, &cloud.labels, &Completeness::measure(depth.depth_m(), &masks.labels));
         for object in &mut objects {
             object.centroid_m = object.centroid_m.map(micro);
             object.extent_m = object.extent_m.map(micro);
@@ -166,9 +175,9 @@ impl Parts {
             view_yaw_rad: rounded(ViewerFrame::from_camera(&world_from_camera).yaw_rad(), 1e9),
             unseen: Unseen {
                 pixels_without_reading: pixels - readings,
-                pixels_on_borders: cloud.on_borders,
+                pixels_on_borders: masks.on_borders,
                 pixels_flying,
-                share: micro(1.0 - cloud.available as f64 / pixels as f64),
+                share: micro(1.0 - masks.available as f64 / pixels as f64),
                 space,
             },
         };
@@ -180,7 +189,7 @@ impl Parts {
             colors: cloud.colors,
             meta,
         };
-        Ok(Self { scene, labels, band })
+        Ok(Self { scene, masks })
     }
 }
 
@@ -336,6 +345,26 @@ mod tests {
         let readings = frame.depth.iter().filter(|d| **d > 0).count();
         assert_eq!(scene.points.len() + scene.meta.unseen.pixels_on_borders + scene.meta.unseen.pixels_flying, readings);
         assert_eq!(scene.meta.unseen.pixels_without_reading, 320 * 240 - readings);
+    }
+
+    #[test]
+    fn a_labelled_object_too_thin_to_be_one_stays_in_the_way() {
+        let (mut frame, _) = frame();
+        // Three of the box's columns.
+        for (_, id) in frame.labels.iter_mut().flatten().enumerate().filter(|(i, _)| !(170..173).contains(&(i % 320))) {
+            *id = 0;
+        }
+        let mask = frame.labels.iter().flatten().filter(|id| **id == 9).count();
+        assert!(mask > 60, "{mask}");
+        let segmented = segment_with_labels(&frame, &Settings::default()).unwrap();
+        let scene = &segmented.scene;
+        assert_eq!((scene.meta.objects.len(), segmented.left_out.as_slice()), (0, [9].as_slice()));
+        assert!(segmented.labels.pixels().iter().all(|id| *id == 0));
+        // Of the readings without any mask only those go that the band takes beside it, two pixels wide.
+        let unlabelled = segment(&Frame { labels: Some(vec![0; 320 * 240]), ..frame }, &Settings::default()).unwrap();
+        let beside = scene.meta.unseen.pixels_on_borders;
+        assert_eq!(scene.points.len() + beside, unlabelled.points.len());
+        assert!(beside <= 7 * (mask / 3 + 6) - mask, "{beside} beside {mask}");
     }
 
     #[test]

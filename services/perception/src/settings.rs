@@ -10,7 +10,7 @@ pub struct Settings {
     pub max_depth_m: f32,
     /// Most points in a scene; more are thinned evenly. Raising it makes scenes larger on the wire (17 bytes a point).
     pub max_points: usize,
-    /// An object that keeps fewer points than this after cleaning is left out, as are its points.
+    /// An object that keeps fewer points than this after cleaning is no object of the scene; its points stay, as nobody's.
     pub min_object_points: usize,
     /// Columns of the coarse picture that supports, surfaces and components are found on; raising it costs time, quadratically.
     pub coarse_columns: usize,

@@ -6,7 +6,8 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use common::{config, encoded, frame};
+use common::{config, encoded, frame, frame_of};
+use repose_perception::PerceptionConfig;
 use repose_perception::cameras::{Cameras, FrameCounts};
 use repose_perception::worker::Worker;
 use repose_proto::{Payload, SceneSummary};
@@ -24,9 +25,13 @@ struct Following {
 impl Following {
     /// Follows `names`, all cameras when empty, and has seen a scene of each of `used`.
     async fn start(names: &[&str], used: &[&str]) -> Self {
+        Self::start_as(config(), names, used).await
+    }
+
+    async fn start_as(config: PerceptionConfig, names: &[&str], used: &[&str]) -> Self {
         let session = Session::embedded().await.unwrap();
-        let worker = Arc::new(Worker::start(&config()).unwrap());
-        let cameras = Cameras::new(session.clone(), worker.clone(), &config());
+        let worker = Arc::new(Worker::start(&config).unwrap());
+        let cameras = Cameras::new(session.clone(), worker.clone(), &config);
         let stop = CancellationToken::new();
         let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
         let scenes = session.subscribe_queue(&session.cell().scene("*"), 256).await.unwrap();
@@ -113,6 +118,40 @@ async fn a_frame_after_a_newer_one_is_late_and_changes_nothing() {
     following.put("front", encoded(&frame("front", 50))).await;
     following.until(|counts| counts.late.load(Ordering::SeqCst) == 1).await;
     assert_eq!(following.newest("front"), Some(100));
+    following.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_camera_whose_clock_was_ahead_is_heard_again() {
+    let following = Following::start(&["front"], &["front"]).await;
+    let published = following.counts().published.load(Ordering::SeqCst);
+    for (n, stamp_ns) in [(1, 3_600_000_000_000), (2, 50), (3, 60)] {
+        following.put("front", encoded(&frame("front", stamp_ns))).await;
+        following.until(|counts| counts.published.load(Ordering::SeqCst) == published + n).await;
+        assert_eq!(following.newest("front"), Some(stamp_ns));
+    }
+    assert_eq!(following.counts().late.load(Ordering::SeqCst), 0);
+    following.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn with_several_threads_a_cameras_scenes_are_published_in_the_order_of_its_frames() {
+    let threads = PerceptionConfig { threads: 3, ..config() };
+    let mut following = Following::start_as(threads, &["front"], &["front"]).await;
+    // Large frames take longer than small ones: with nothing to hold them back, a small one would overtake.
+    let received = following.counts().received.load(Ordering::SeqCst);
+    for stamp_ns in 2..=60 {
+        following.put("front", encoded(&frame_of("front", stamp_ns, if stamp_ns % 2 == 0 { 4 } else { 1 }))).await;
+        following.until(|counts| counts.received.load(Ordering::SeqCst) == received + stamp_ns - 1).await;
+    }
+    let mut stamps = Vec::new();
+    while stamps.last() != Some(&60) {
+        let sample = tokio::time::timeout(Duration::from_secs(20), following.scenes.recv()).await.unwrap().unwrap();
+        stamps.push(sample.payload.decode_json::<SceneSummary>().unwrap().stamp_ns);
+    }
+    following.settled().await;
+    assert!(stamps.is_sorted(), "{stamps:?}");
+    assert_eq!((following.newest("front"), following.counts().late.load(Ordering::SeqCst)), (Some(60), 0));
     following.stop().await;
 }
 

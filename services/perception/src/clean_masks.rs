@@ -1,0 +1,168 @@
+//! The masks after cleaning: what is left of each outside the uncertain bands, and what becomes of those of which too little is left.
+//!
+//! An object too thin or too small for its cleaned mask to describe is still in the way. So its readings stay in the scene, as nobody's
+//! (label 0), and its mask is eroded only as far as something is left of it. What is dilated, the band beside it, is dropped as ever.
+
+use repose_geometry::Image;
+
+use crate::borders::border_band;
+use crate::settings::{BorderSettings, Settings};
+
+/// Labels and the band around them, objects with enough readings only.
+#[derive(Debug)]
+pub struct CleanMasks {
+    /// The object of each pixel, 0 = none.
+    pub labels: Image<u16>,
+    /// The pixels whose readings are dropped.
+    pub band: Image<bool>,
+    /// The ids that became 0, in order.
+    pub left_out: Vec<u16>,
+    /// Readings outside the band.
+    pub available: usize,
+    /// Readings in it.
+    pub on_borders: usize,
+}
+
+impl CleanMasks {
+    /// Cleans the masks of `labels`; `depth_m` holds NaN where there is no reading. `None` where no reading of the background or of an
+    /// object with enough of them lies outside the bands.
+    pub fn new(mut labels: Image<u16>, depth_m: &Image<f32>, settings: &Settings) -> Option<Self> {
+        let mut band = border_band(&labels, &settings.borders);
+        let mut tally = Tally::of(depth_m, &labels, &band);
+        let enough = |readings: usize| readings >= settings.min_object_points;
+        let masks = || (0u16..).zip(&tally.masks);
+        let (kept, few): (Vec<_>, Vec<_>) =
+            masks().filter(|(_, mask)| mask.pixels > 0).partition(|(id, mask)| *id == 0 || enough(mask.readings));
+        if kept.iter().all(|(_, mask)| mask.readings == 0) {
+            return None;
+        }
+        let left_out: Vec<u16> = few.into_iter().map(|(id, _)| id).collect();
+        if !left_out.is_empty() {
+            narrow(&mut band, &labels, depth_m, &left_out, settings);
+            for id in labels.pixels_mut().iter_mut().filter(|id| left_out.binary_search(id).is_ok()) {
+                *id = 0;
+            }
+            tally = Tally::of(depth_m, &labels, &band);
+        }
+        let available = tally.masks.iter().map(|mask| mask.readings).sum();
+        Some(Self { labels, band, left_out, available, on_borders: tally.on_borders })
+    }
+}
+
+/// Takes the pixels of some masks out of the band: of each those that remain under the widest erosion (halved until it does) that leaves
+/// it enough readings, and all where none does.
+fn narrow(band: &mut Image<bool>, labels: &Image<u16>, depth_m: &Image<f32>, ids: &[u16], settings: &Settings) {
+    let mut waiting = ids.to_vec();
+    let mut radius_px = settings.borders.radius_px;
+    while radius_px > 0 && !waiting.is_empty() {
+        radius_px /= 2;
+        let narrower = border_band(labels, &BorderSettings { radius_px });
+        let masks = Tally::of(depth_m, labels, &narrower).masks;
+        let done = |id: &u16| radius_px == 0 || masks[usize::from(*id)].readings >= settings.min_object_points;
+        let (now, later): (Vec<u16>, Vec<u16>) = waiting.iter().partition(|id| done(id));
+        for ((banded, id), narrow) in band.pixels_mut().iter_mut().zip(labels.pixels()).zip(narrower.pixels()) {
+            *banded &= *narrow || now.binary_search(id).is_err();
+        }
+        waiting = later;
+    }
+}
+
+/// What lies where.
+struct Tally {
+    /// By id, 0 among them.
+    masks: Vec<Mask>,
+    /// Readings in the band.
+    on_borders: usize,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Mask {
+    pixels: usize,
+    /// Readings outside the band.
+    readings: usize,
+}
+
+impl Tally {
+    fn of(depth_m: &Image<f32>, labels: &Image<u16>, band: &Image<bool>) -> Self {
+        let labels = labels.pixels();
+        let most = labels.iter().copied().max().unwrap_or(0);
+        let mut masks = vec![Mask::default(); usize::from(most) + 1];
+        let mut on_borders = 0;
+        // Runs of one label are summed up before they are booked.
+        let (mut current, mut run) = (0u16, Mask::default());
+        let mut book = |id: u16, run: Mask| {
+            masks[usize::from(id)].pixels += run.pixels;
+            masks[usize::from(id)].readings += run.readings;
+        };
+        for ((z, &id), banded) in depth_m.pixels().iter().zip(labels).zip(band.pixels()) {
+            if id != current {
+                book(current, run);
+                (current, run) = (id, Mask::default());
+            }
+            run.pixels += 1;
+            run.readings += usize::from(!z.is_nan() & !banded);
+            on_borders += usize::from(!z.is_nan() & banded);
+        }
+        book(current, run);
+        Self { masks, on_borders }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A picture of 60 x 40 with a block (1) of 20 x 20, a pen (2) of 40 x 3 and a crumb (3) of 5 x 5, all with readings.
+    fn labels() -> Image<u16> {
+        let label = |i: usize| match (i % 60, i / 60) {
+            (3..=22, 3..=22) => 1,
+            (10..=49, 30..=32) => 2,
+            (40..=44, 10..=14) => 3,
+            _ => 0,
+        };
+        Image::from_pixels(60, 40, (0..60 * 40).map(label).collect()).unwrap()
+    }
+
+    fn cleaned(min_object_points: usize) -> CleanMasks {
+        let settings = Settings { min_object_points, ..Settings::default() };
+        CleanMasks::new(labels(), &Image::filled(60, 40, 1.0), &settings).unwrap()
+    }
+
+    /// Readings of the picture's mask `id` that stay.
+    fn staying(masks: &CleanMasks, id: u16) -> usize {
+        let pixels = labels().pixels().iter().zip(masks.band.pixels()).filter(|(of, banded)| **of == id && !**banded).count();
+        let relabelled = labels().pixels().iter().zip(masks.labels.pixels()).filter(|(of, _)| **of == id).all(|(_, now)| *now == 0);
+        assert_eq!(relabelled, masks.left_out.contains(&id));
+        pixels
+    }
+
+    #[test]
+    fn what_is_too_thin_or_too_small_for_an_object_stays_as_nobodys() {
+        // The pen's middle row is left at a radius of 1 px, shortened by one at each end; the crumb has 25 readings in all.
+        let masks = cleaned(30);
+        assert_eq!(masks.left_out, [2, 3]);
+        assert_eq!([staying(&masks, 1), staying(&masks, 2), staying(&masks, 3)], [16 * 16, 38, 25]);
+        // Beside them the band is what it was.
+        let band = border_band(&labels(), &Settings::default().borders);
+        let beside = |band: &Image<bool>| labels().pixels().iter().zip(band.pixels()).filter(|(id, banded)| **id < 2 && **banded).count();
+        assert_eq!(beside(&masks.band), beside(&band));
+        assert_eq!(masks.available + masks.on_borders, 60 * 40);
+    }
+
+    #[test]
+    fn where_every_object_has_enough_nothing_but_the_band_is_taken() {
+        let masks = cleaned(1);
+        assert_eq!(masks.left_out, [2], "no pixel of the pen is two pixels from its border");
+        let wide = Image::from_pixels(60, 40, labels().pixels().iter().map(|id| if *id == 1 { 7 } else { 0 }).collect()).unwrap();
+        let masks = CleanMasks::new(wide.clone(), &Image::filled(60, 40, 1.0), &Settings::default()).unwrap();
+        assert_eq!((&masks.labels, &masks.band, masks.left_out.len()), (&wide, &border_band(&wide, &BorderSettings::default()), 0));
+    }
+
+    #[test]
+    fn with_nothing_outside_the_bands_there_are_no_masks() {
+        let stripes = Image::from_pixels(20, 20, (0..400).map(|i| (i % 2) as u16).collect()).unwrap();
+        assert!(CleanMasks::new(stripes, &Image::filled(20, 20, 1.0), &Settings::default()).is_none());
+        let unseen = Image::filled(20, 20, f32::NAN);
+        assert!(CleanMasks::new(Image::filled(20, 20, 0), &unseen, &Settings::default()).is_none());
+    }
+}
