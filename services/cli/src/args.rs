@@ -357,6 +357,9 @@ pub struct TrainArgs {
 /// Arguments of `evaluate`.
 #[derive(Debug, Args)]
 pub struct EvaluateArgs {
+    /// Micro-batches of a step, whose gradients are averaged; 2 by default. More keep more threads busy, and give other weights.
+    #[arg(long)]
+    pub slots: Option<usize>,
     /// Which table.
     #[command(subcommand)]
     pub table: Table,
