@@ -9,8 +9,12 @@ use repose_proto::Service;
 use serde_json::Value;
 
 async fn place(deployment: &Deployment, arguments: &[&str]) -> (Output, Value) {
+    run(deployment, &["place"], arguments).await
+}
+
+async fn run(deployment: &Deployment, command_name: &[&str], arguments: &[&str]) -> (Output, Value) {
     let mut command = repose();
-    command.args(["--json", "place", "--connect", deployment.endpoint()]).args(arguments);
+    command.arg("--json").args(command_name).args(["--connect", deployment.endpoint()]).args(arguments);
     let output = tokio::task::spawn_blocking(move || command.output()).await.expect("no panic").expect("the program runs");
     let document = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
     (output, document)
@@ -26,9 +30,11 @@ async fn each_wish_is_planned_on_what_the_one_before_has_left() {
     let (refused, error) = place(&deployment, &["--move", "1", "--goal", "right_of:2", "--then", "99=left_of:2"]).await;
     assert_eq!(refused.status.code(), Some(2), "{}", String::from_utf8_lossy(&refused.stderr));
     assert_eq!(error["error"]["field"], "step[1].query");
+    let (refused, error) = place(&deployment, &["--move", "1", "--goal", "right_of:2", "--then", "1=near:1"]).await;
+    assert_eq!((refused.status.code(), error["error"]["code"].as_str()), (Some(2), Some("invalid_argument")), "{error}");
     let after = newest_scene(&session).await;
     let moved_m = before.objects.iter().zip(&after.objects).map(|(a, b)| (a.centroid_m[0] - b.centroid_m[0]).abs()).fold(0.0, f64::max);
-    assert!(moved_m < 0.005, "a wish for an unknown object is refused before anything moves, and something moved {moved_m} m");
+    assert!(moved_m < 0.005, "a wish that cannot be is refused before anything moves, and something moved {moved_m} m");
 
     let (output, document) = place(&deployment, &["--move", "1", "--goal", "behind:2", "--then", "1=left_of:2"]).await;
     let said = || format!("{document:#}\n{}", String::from_utf8_lossy(&output.stderr));
@@ -43,4 +49,16 @@ async fn each_wish_is_planned_on_what_the_one_before_has_left() {
     } else {
         assert_eq!(steps.len(), 1, "nothing is built on a wish that was not achieved: {}", said());
     }
+
+    // An operator's stop holds against everyone until an operator's reset.
+    let (stopped, state) = run(&deployment, &["robot", "stop"], &["--reason", "a hand"]).await;
+    assert!(stopped.status.success() && state["stop"]["estop_id"].is_string(), "{state}");
+    let (refused, document) = place(&deployment, &["--move", "1", "--goal", "right_of:2", "--execute"]).await;
+    assert_eq!(refused.status.code(), Some(1), "{document}");
+    assert!(document["error"]["message"].as_str().is_some_and(|m| m.contains("a hand")), "{document}");
+    assert_eq!(document["steps"].as_array().map(Vec::len), Some(1), "what was planned is said: {document}");
+    let (reset, reply) = run(&deployment, &["robot", "reset"], &[]).await;
+    assert!(reset.status.success() && reply["was_stopped"] == true, "{reply}");
+    let (_, state) = run(&deployment, &["robot", "state"], &[]).await;
+    assert!(state["stop"].is_null() && state["q_rad"].as_array().is_some_and(|q| q.len() == 7), "{state}");
 }

@@ -10,7 +10,7 @@ use repose_proto::{GoalTerm, Service};
 use crate::commands::bench::BenchArgs;
 use crate::commands::evaluate_segmentation::EvaluateSegmentationArgs;
 use crate::commands::place_sequence::NextWish;
-use crate::commands::play::PlayArgs;
+use crate::commands::play::{PlayArgs, TopicArgs};
 use crate::embedded::NetworkArgs;
 
 /// Repose finds where an object can be set down so that the asked relations hold and it stays, then puts it there.
@@ -44,6 +44,8 @@ pub enum Command {
     Place(PlaceArgs),
     /// Many placements asked of a running system, and how long they took.
     Load(LoadArgs),
+    /// A robot of a running system: stopped in an emergency, let go on, asked how it is.
+    Robot(crate::commands::robot::RobotArgs),
     /// The objects and surfaces of a frame folder.
     Segment(SegmentArgs),
     /// Simulated scenes to train on.
@@ -301,6 +303,9 @@ pub struct SegmentArgs {
     /// Which of the source's frames, counted from 0.
     #[arg(long, default_value_t = 0)]
     pub nth: usize,
+    /// Which topics of a recording.
+    #[command(flatten)]
+    pub topics: TopicArgs,
     /// Find the objects even where labels are given.
     #[arg(long)]
     pub ignore_labels: bool,
@@ -352,14 +357,14 @@ pub struct TrainArgs {
     /// Threads, of which no more than `--slots` have work; all cores by default. The weights do not depend on it.
     #[arg(long)]
     pub threads: Option<usize>,
+    /// Micro-batches of a step, whose gradients are averaged; 2 by default. More keep more threads busy, and give other weights.
+    #[arg(long)]
+    pub slots: Option<usize>,
 }
 
 /// Arguments of `evaluate`.
 #[derive(Debug, Args)]
 pub struct EvaluateArgs {
-    /// Micro-batches of a step, whose gradients are averaged; 2 by default. More keep more threads busy, and give other weights.
-    #[arg(long)]
-    pub slots: Option<usize>,
     /// Which table.
     #[command(subcommand)]
     pub table: Table,

@@ -52,6 +52,7 @@ fn run(cli: &Cli) -> Outcome {
         Command::Serve(args) => in_runtime(commands::serve::run(args)),
         Command::Place(args) => in_runtime(commands::place::run(args, output)),
         Command::Load(args) => in_runtime(commands::load::run(args, output)),
+        Command::Robot(args) => in_runtime(commands::robot::run(args, output)),
         Command::Plan(args) => commands::plan::run(args, output),
         Command::Relations(args) => commands::relations::run(args, output),
         Command::Score(args) => commands::score::run(args, output),

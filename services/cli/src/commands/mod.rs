@@ -25,6 +25,7 @@ pub mod planner_report;
 pub mod planner_sheets;
 pub mod play;
 pub mod relations;
+pub mod robot;
 pub mod score;
 pub mod segment;
 pub mod serve;
