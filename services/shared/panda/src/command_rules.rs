@@ -8,6 +8,9 @@
 use crate::stop::{MotionState, OverrunLimit, overrun};
 use crate::{JOINT_COUNT, JointLimits, Joints, LIMITS};
 
+/// How far the first set-point may be from where the robot stands, radians per joint.
+pub const START_TOLERANCE_RAD: f64 = 1e-3;
+
 /// What is demanded of a stream of set-points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CommandRuleSettings {
@@ -15,13 +18,13 @@ pub struct CommandRuleSettings {
     pub limits: JointLimits,
     /// Time between set-points, seconds. Default 0.001.
     pub period_s: f64,
-    /// How far the first set-point may be from where the robot stands, radians. Default 1e-3.
+    /// How far the first set-point may be from where the robot stands, radians. Default [`START_TOLERANCE_RAD`].
     pub start_tolerance_rad: f64,
 }
 
 impl Default for CommandRuleSettings {
     fn default() -> Self {
-        Self { limits: LIMITS, period_s: 0.001, start_tolerance_rad: 1e-3 }
+        Self { limits: LIMITS, period_s: 0.001, start_tolerance_rad: START_TOLERANCE_RAD }
     }
 }
 

@@ -1,12 +1,19 @@
 //! Between two timed set-points: the cubic that meets the position and the velocity of both (Hermite).
 //!
 //! What the robot's side does at 1 kHz; who wants to know where it will be does the same. Where a motion of bounded jerk `j` is sampled every
-//! `h`, the cubic's acceleration jumps by at most `16/27·j·h` at a set-point and its jerk stays below `j` between them (Peano kernels).
+//! `h`, the cubic's acceleration jumps by at most `16/27·j·h` at a set-point and its jerk stays below `j` between them (Peano kernels). Where the
+//! motion's acceleration stays below `a`, the cubic's stays below `a + 4/27·j·h`: at its ends it is a mean of the motion's with weights
+//! `4 − 6s`, which is largest where the motion brakes from a third of the way on.
 
 use crate::Joints;
 
 /// Largest jump of the cubics' acceleration at a set-point, as a share of the sampled motion's jerk times the set-points' distance in time.
 pub const ACCELERATION_JUMP: f64 = 16.0 / 27.0;
+/// Largest excess of the cubics' acceleration over the largest of the sampled motion, as a share of its jerk times the set-points' distance in time.
+pub const ACCELERATION_EXCESS: f64 = 4.0 / 27.0;
+/// Largest difference of the cubics' velocity from the sampled motion's, as a share of its jerk times the square of the set-points' distance in
+/// time; 0.77 of the way, rounded up.
+pub const VELOCITY_EXCESS: f64 = 0.0323;
 
 /// Position (radians) and velocity (radians per second) at a place in time.
 pub type Node<'a> = (&'a Joints, &'a Joints);
@@ -55,6 +62,33 @@ mod tests {
             let (q, v) = hermite((&a.0, &a.1), (&b.0, &b.1), span_s, s);
             prop_assert!((q[0] - there.0[0]).abs() < 1e-12 && (v[0] - there.1[0]).abs() < 1e-9);
         }
+    }
+
+    #[test]
+    fn the_acceleration_exceeds_the_motions_by_no_more_than_said_where_that_brakes_from_a_third_on() {
+        // Acceleration of 1 that falls with a jerk of 1 from a third of the way of 1 on.
+        let late = 2.0 / 3.0f64;
+        let (position, velocity) = (0.5 - late.powi(3) / 6.0, 1.0 - late * late / 2.0);
+        let start = 6.0 * position - 2.0 * velocity;
+        assert!((start - 1.0 - ACCELERATION_EXCESS).abs() < 1e-12, "{start}");
+    }
+
+    #[test]
+    fn the_velocity_differs_by_no_more_than_said() {
+        const STEPS: usize = 1000;
+        // The jerk's weight in the difference at a share of the way, integrated from the end of the interval.
+        let difference = |s: f64| {
+            let (mut kernel, mut whole) = (0.0, 0.0f64);
+            for k in (0..STEPS).rev() {
+                let u = (k as f64 + 0.5) / STEPS as f64;
+                let weight = s * (4.0 - 6.0 * u) + 0.5 * s * s * (12.0 * u - 6.0) - f64::from(u8::from(u < s));
+                kernel += weight / STEPS as f64;
+                whole += kernel.abs() / STEPS as f64;
+            }
+            whole
+        };
+        let largest = (1..100).map(|k| difference(f64::from(k) / 100.0)).fold(0.0, f64::max);
+        assert!(largest < VELOCITY_EXCESS + 1e-4 && largest > VELOCITY_EXCESS - 3e-4, "{largest}");
     }
 
     #[test]

@@ -15,7 +15,7 @@ pub mod self_collision;
 pub mod spheres;
 pub mod stop;
 
-pub use command_rules::{CommandRuleSettings, CommandRules, Violation};
+pub use command_rules::{CommandRuleSettings, CommandRules, START_TOLERANCE_RAD, Violation};
 pub use interpolation::{hermite, smooth_step};
 pub use inverse::{InverseError, InverseSettings, inverse_at, inverse_near, inverse_sweep};
 pub use kinematics::{
