@@ -10,12 +10,18 @@ pub const MAX_REMAINING_MS: u64 = 600_000;
 pub const CANCEL_MEMORY_MS: u64 = 10_000;
 /// The shortest horizon of set-points that a robot command carries, milliseconds.
 pub const MIN_COMMAND_HORIZON_MS: u64 = 200;
+/// The largest emergency stop that is looked into, bytes; a larger one latches unread.
+pub const MAX_STOP_BYTES: usize = 64 * 1024;
 /// The most candidates in one score request.
 pub const MAX_CANDIDATES: usize = 4096;
 /// The most goal terms in one placement request.
 pub const MAX_GOAL_TERMS: usize = 16;
 /// The most placements asked for, or offered to motion, in one request.
 pub const MAX_PLACEMENTS: usize = 64;
+/// The most grasps offered to motion in one request.
+pub const MAX_GRASPS: usize = 256;
+/// The highest epoch of a robot's owner: JSON readers that keep numbers as doubles tell it from its neighbours.
+pub const MAX_EPOCH: u64 = (1 << 53) - 1;
 /// The largest coordinate of a scene's points, metres.
 pub const MAX_COORDINATE_M: f32 = 1000.0;
 /// The most pixels of a frame on either side.

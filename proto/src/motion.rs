@@ -16,8 +16,20 @@ pub struct Grasp {
     pub world_from_tcp: RigidTransform,
     /// Opening on approach, metres.
     pub width_m: f64,
-    /// Higher is better; external grasps are tried in this order.
+    /// Higher is better. External grasps are tried in their order in the request, whatever their scores.
     pub score: f64,
+}
+
+impl Grasp {
+    /// Checks the pose and the gripper's range.
+    ///
+    /// # Errors
+    /// `invalid_argument` that names the field below `field`.
+    pub fn validate(&self, field: &str) -> Result<(), CallError> {
+        self.world_from_tcp.validate(&format!("{field}.world_from_tcp"))?;
+        check_range(&format!("{field}.width_m"), self.width_m, 0.0..=0.08)?;
+        check_finite(&format!("{field}.score"), &[self.score])
+    }
 }
 
 /// Plans a pick and a placement.
@@ -34,7 +46,7 @@ pub struct MotionPlanRequest {
     pub placements: Vec<RigidTransform>,
     /// Where the arm starts, radians.
     pub start_joints_rad: [f64; 7],
-    /// Grasps from elsewhere, used instead of our own.
+    /// Grasps from elsewhere, used instead of our own: best first, tried in this order; 1 to 256 of them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub grasps: Option<Vec<Grasp>>,
     /// The source of every random number.
@@ -53,12 +65,10 @@ impl Message for MotionPlanRequest {
             placement.validate(&format!("placements[{i}]"))?;
         }
         check_finite("start_joints_rad", &self.start_joints_rad)?;
-        for (i, grasp) in self.grasps.iter().flatten().enumerate() {
-            grasp.world_from_tcp.validate(&format!("grasps[{i}].world_from_tcp"))?;
-            check_range(&format!("grasps[{i}].width_m"), grasp.width_m, 0.0..=0.08)?;
-            check_finite(&format!("grasps[{i}].score"), &[grasp.score])?;
+        if let Some(grasps) = &self.grasps {
+            check_range("grasps", grasps.len() as f64, 1.0..=limits::MAX_GRASPS as f64)?;
         }
-        Ok(())
+        self.grasps.iter().flatten().enumerate().try_for_each(|(i, grasp)| grasp.validate(&format!("grasps[{i}]")))
     }
 }
 
@@ -78,7 +88,7 @@ pub struct NotChosen {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum MotionFailure {
-    /// No grasp on the object was found at all.
+    /// No grasp on the object was found at all. No placement can be served then: it is what the call's error says, and no plan.
     NoGrasp,
     /// No grasp can be reached at the object.
     PickUnreachable,
@@ -90,6 +100,20 @@ pub enum MotionFailure {
     PlaceBlocked,
     /// No collision-free path between the two was found.
     NoPath,
+}
+
+impl MotionFailure {
+    /// The name on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::NoGrasp => "no_grasp",
+            Self::PickUnreachable => "pick_unreachable",
+            Self::PickBlocked => "pick_blocked",
+            Self::PlaceUnreachable => "place_unreachable",
+            Self::PlaceBlocked => "place_blocked",
+            Self::NoPath => "no_path",
+        }
+    }
 }
 
 /// One stretch of a plan: the gripper acts first, then the arm follows the set-points.
@@ -123,7 +147,7 @@ pub struct MotionPlan {
     pub grasp: Grasp,
     /// Where the arm must be at the start, radians.
     pub start_joints_rad: [f64; 7],
-    /// How far from that it may be, radians per joint.
+    /// How far from that it may be, radians per joint. Never further than the robot takes a stream's first set-point from where it stands.
     pub start_tolerance_rad: f64,
     /// When the scene was seen, nanoseconds since the Unix epoch.
     pub scene_stamp_ns: u64,
@@ -140,9 +164,12 @@ impl Message for MotionPlan {
 
     fn validate(&self) -> Result<(), CallError> {
         validate_chunk("robot", &self.robot)?;
+        self.grasp.validate("grasp")?;
         check_finite("start_joints_rad", &self.start_joints_rad)?;
         check_range("start_tolerance_rad", self.start_tolerance_rad, 0.0..=1.0)?;
+        check_range("duration_ms", self.duration_ms, 0.0..=1e9)?;
         for (i, phase) in self.phases.iter().enumerate() {
+            phase.gripper.map_or(Ok(()), |gripper| gripper.validate(&format!("phases[{i}].gripper")))?;
             let mut last_ms = f64::NEG_INFINITY;
             for (j, point) in phase.set_points.iter().enumerate() {
                 let field = format!("phases[{i}].set_points[{j}]");

@@ -1,8 +1,9 @@
 //! The robot's side of the keys: state out, timed set-points and stops in. Plain puts, JSON.
 //!
 //! One owner commands a robot at a time. A commander takes ownership with an epoch higher than any that `state` showed; the robot's
-//! side ignores commands of lower epochs, of other owners under the same epoch, and of sequence numbers it has passed. Limits are
-//! enforced there, whatever a command asks for.
+//! side ignores commands of lower epochs, of other owners under the same epoch, and of sequence numbers it has passed. So a command may be
+//! sent again under its number when it may have been lost: it is acted on once, and the last one's repeat only begins its time to live anew.
+//! Limits are enforced there, whatever a command asks for.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -61,7 +62,7 @@ impl GripperCommand {
 pub struct Owner {
     /// The commander's name: its worker id.
     pub id: String,
-    /// Grows with every change of owner.
+    /// Grows with every change of owner, to 2^53 - 1 at most.
     pub epoch: u64,
 }
 
@@ -159,6 +160,9 @@ pub struct RobotCommand {
     /// Clears a latched stop.
     #[serde(default)]
     pub clear_stop: bool,
+    /// The stop that is cleared: another one stays latched. Without it whichever is latched is cleared.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clears: Option<StopState>,
 }
 
 impl Message for RobotCommand {
@@ -169,6 +173,9 @@ impl Message for RobotCommand {
             return Err(CallError::invalid("v", format!("expected version {}, got {}", limits::VERSION, self.v)));
         }
         keys::validate_chunk("owner.id", &self.owner.id)?;
+        if self.owner.epoch > limits::MAX_EPOCH {
+            return Err(CallError::invalid("owner.epoch", format!("expected at most {}, got {}", limits::MAX_EPOCH, self.owner.epoch)));
+        }
         check_range("ttl_ms", self.ttl_ms as f64, 1.0..=10_000.0)?;
         let mut last_ms = f64::NEG_INFINITY;
         for (i, point) in self.set_points.iter().enumerate() {
@@ -196,6 +203,37 @@ pub struct EmergencyStop {
     pub reason: String,
     /// When, nanoseconds since the Unix epoch.
     pub stamp_ns: u64,
+}
+
+/// Longest text of a stop that is kept, characters: every state repeats it.
+const STOP_TEXT: usize = 256;
+
+impl EmergencyStop {
+    /// The stop that was put on the key, whatever came: nothing that may be a cry for help is refused for its form. What can be read of it is
+    /// kept. The same bytes give the same id, so a repeat is the same stop.
+    pub fn read(bytes: &[u8]) -> Self {
+        let read = if bytes.len() > limits::MAX_STOP_BYTES {
+            Err(format!("{} bytes", bytes.len()))
+        } else {
+            serde_json::from_slice::<serde_json::Value>(bytes).map_err(|error| error.to_string())
+        };
+        let said = |field: &str| read.as_ref().ok().and_then(|value| value.get(field));
+        let text = |field: &str| {
+            let text = said(field).and_then(serde_json::Value::as_str).filter(|text| !text.is_empty())?;
+            Some(text.chars().take(STOP_TEXT).collect::<String>())
+        };
+        let reason = match &read {
+            Ok(_) => text("reason").unwrap_or_else(|| "unreadable stop: no reason".to_owned()),
+            Err(error) => format!("unreadable stop: {error}"),
+        };
+        Self {
+            v: limits::VERSION,
+            id: text("id").unwrap_or_else(|| format!("unnamed-{}", &blake3::hash(bytes).to_hex()[..16])),
+            source: text("source").unwrap_or_else(|| "unknown".to_owned()),
+            reason,
+            stamp_ns: said("stamp_ns").and_then(serde_json::Value::as_u64).unwrap_or(0),
+        }
+    }
 }
 
 impl Message for EmergencyStop {

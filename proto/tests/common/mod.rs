@@ -156,6 +156,7 @@ pub fn robot_command() -> RobotCommand {
         set_points: vec![set_point(0.0), set_point(250.0)],
         gripper: None,
         clear_stop: false,
+        clears: None,
     }
 }
 

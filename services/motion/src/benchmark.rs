@@ -162,7 +162,7 @@ pub enum Unsolved {
 impl Unsolved {
     /// Whether the problem itself is at fault.
     pub fn is_invalid(&self) -> bool {
-        !matches!(self, Self::Search(RrtError::Exhausted { .. }))
+        !matches!(self, Self::Search(RrtError::Exhausted { .. } | RrtError::Stopped))
     }
 }
 
@@ -176,12 +176,12 @@ pub fn solve(problem: &Problem, arm: ArmSettings, rrt: &RrtSettings, simplify: &
     let obstacles = [&world];
     let space = CollisionChecker::new(arm, &obstacles, None);
     let mut rng = Pcg64::seed_from_u64(seed);
-    let found = rrt_connect(&problem.start, &problem.goals, &space, rrt, &mut rng);
+    let found = rrt_connect(&problem.start, &problem.goals, &space, rrt, &mut rng, &|| false);
     let plan = begin.elapsed();
     let found = found.map_err(|error| match error {
         RrtError::StartBlocked => space.contact(&problem.start).map_or(Unsolved::Search(error), Unsolved::Start),
         RrtError::GoalBlocked => problem.goals.iter().find_map(|g| space.contact(g)).map_or(Unsolved::Search(error), Unsolved::Goal),
-        RrtError::Exhausted { .. } => Unsolved::Search(error),
+        RrtError::Exhausted { .. } | RrtError::Stopped => Unsolved::Search(error),
     })?;
     let path = simplified(&found, simplify, &space);
     Ok(Solution { path, found: found.len(), plan, plan_simplify: begin.elapsed() })

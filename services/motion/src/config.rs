@@ -2,7 +2,8 @@
 
 use nalgebra::Isometry3;
 use repose_geometry::transform::{from_row_major, to_row_major};
-use repose_panda::interpolation::ACCELERATION_JUMP;
+use repose_panda::interpolation::{ACCELERATION_EXCESS, ACCELERATION_JUMP, VELOCITY_EXCESS};
+use repose_panda::{JOINT_COUNT, JointLimits, START_TOLERANCE_RAD};
 use repose_runtime::RuntimeError;
 use serde::{Deserialize, Serialize};
 
@@ -17,9 +18,11 @@ use crate::wire::PlanTerms;
 pub struct MotionConfig {
     /// Where the robot's base stands in the world: 16 numbers, row-major. Default: the base is the world.
     pub world_from_base: [f64; 16],
-    /// Share of the joints' velocity limits used in free space, above 0 to 1. Default 0.5; higher is faster.
+    /// Share of the joints' velocity limits used in free space, above 0 to a little below 1: the robot's cubics exceed it by a hair. Default 0.5;
+    /// higher is faster.
     pub velocity_scale: f64,
-    /// Share of the joints' acceleration limits used in free space, above 0 to 1. Default 0.25; higher is faster and shakes more.
+    /// Share of the joints' acceleration limits used in free space, above 0 to what the robot's cubics leave of 1, 0.92 with the other defaults.
+    /// Default 0.25; higher is faster and shakes more.
     pub acceleration_scale: f64,
     /// Share of the joints' jerk limits used in free space, above 0 to 1. Default 0.1; higher is a little faster and less smooth.
     pub jerk_scale: f64,
@@ -41,7 +44,8 @@ pub struct MotionConfig {
     /// Longest time between set-points of a plan, milliseconds. Default 10; less follows the timing more closely and makes plans larger. The
     /// robot interpolates between them with cubics, whose acceleration jumps at each: the more, the longer this and the larger `jerk_scale`.
     pub set_point_period_ms: f64,
-    /// How far from a plan's start the arm may be when it is executed, radians per joint. Default 0.02.
+    /// How far from a plan's start the arm may be when it is executed, radians per joint. Default 0.001, and no more: the robot takes no first
+    /// set-point further from where it stands.
     pub start_tolerance_rad: f64,
     /// How old a plan's scene may be when it is executed, milliseconds. Default 120,000.
     pub max_scene_age_ms: u64,
@@ -80,7 +84,7 @@ impl Default for MotionConfig {
             grasps: planning.grasp.count,
             rrt_iterations: planning.rrt.iterations,
             set_point_period_ms: 10.0,
-            start_tolerance_rad: 0.02,
+            start_tolerance_rad: START_TOLERANCE_RAD,
             max_scene_age_ms: 120_000,
             command_horizon_ms: execution.horizon_ms,
             command_period_ms: 50,
@@ -155,18 +159,47 @@ impl MotionConfig {
     /// [`ConfigError`] that names the field.
     pub fn terms(&self) -> Result<PlanTerms, ConfigError> {
         within("set_point_period_ms", self.set_point_period_ms, 1.0, 100.0)?;
-        // One millisecond sees the jump at a set-point and the jerk between two of them: together no more than the limit.
-        let jerk_share = self.jerk_scale * (1.0 + ACCELERATION_JUMP * self.set_point_period_ms);
-        if jerk_share > 1.0 {
-            let message = format!("with a jerk_scale of {} the robot would see {jerk_share:.2} times its jerk limit", self.jerk_scale);
-            return Err(ConfigError { field: "set_point_period_ms", message });
+        let TimingSettings { limits, .. } = self.planning()?.timing;
+        for (field, limit, share) in [
+            ("set_point_period_ms", "jerk", self.jerk_seen()),
+            ("acceleration_scale", "acceleration", self.acceleration_seen(&limits)),
+            ("velocity_scale", "velocity", self.velocity_seen(&limits)),
+        ] {
+            if share > 1.0 {
+                let (jerk_scale, period_ms) = (self.jerk_scale, self.set_point_period_ms);
+                let message = format!(
+                    "with a jerk_scale of {jerk_scale} and set-points every {period_ms} ms the robot could see {share:.3} times its {limit} limit"
+                );
+                return Err(ConfigError { field, message });
+            }
         }
-        within("start_tolerance_rad", self.start_tolerance_rad, 0.0, 0.2)?;
+        within("start_tolerance_rad", self.start_tolerance_rad, 0.0, START_TOLERANCE_RAD)?;
         Ok(PlanTerms {
             set_point_period_ms: self.set_point_period_ms,
             start_tolerance_rad: self.start_tolerance_rad,
             max_scene_age_ms: self.max_scene_age_ms,
         })
+    }
+
+    /// Largest share of its jerk limits that the robot sees: one millisecond sees the jump at a set-point and the jerk between two of them.
+    fn jerk_seen(&self) -> f64 {
+        self.jerk_scale * (1.0 + ACCELERATION_JUMP * self.set_point_period_ms)
+    }
+
+    /// Largest share of its acceleration limits that the robot sees.
+    fn acceleration_seen(&self, limits: &JointLimits) -> f64 {
+        let jerk_per_s = (0..JOINT_COUNT).map(|i| limits.jerk_rad_s3[i] / limits.acceleration_rad_s2[i]).fold(0.0, f64::max);
+        self.acceleration_scale + ACCELERATION_EXCESS * self.jerk_scale * jerk_per_s * self.set_point_period_ms * 1e-3
+    }
+
+    /// Largest share of its velocity limits that the robot sees, or would see before the acceleration is taken back with all that the limits
+    /// allow. That takes the motion itself no further, for its jerk is lower; but the cubics' acceleration is off by half a jump, which is at most
+    /// half of what the jerk's limit leaves in a millisecond, and acceleration changes a whole millisecond at a time: an eighth of the jerk's
+    /// limit times the square of a millisecond each.
+    fn velocity_seen(&self, limits: &JointLimits) -> f64 {
+        let jerk_per_s2 = (0..JOINT_COUNT).map(|i| limits.jerk_rad_s3[i] / limits.velocity_rad_s[i]).fold(0.0, f64::max);
+        let period_s = self.set_point_period_ms * 1e-3;
+        self.velocity_scale + (VELOCITY_EXCESS * self.jerk_scale * period_s * period_s + 0.25e-6) * jerk_per_s2
     }
 
     /// Checks ranges; how an execution talks to the robot.
@@ -190,7 +223,11 @@ fn within(field: &'static str, value: f64, low: f64, high: f64) -> Result<(), Co
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+    use repose_panda::{CommandRuleSettings, CommandRules, Joints, LIMITS, hermite};
+
     use super::*;
+    use crate::timing::Trajectory;
 
     #[test]
     fn the_defaults_are_in_range_and_a_bad_value_is_named() {
@@ -201,6 +238,48 @@ mod tests {
         assert_eq!(bad.planning().unwrap_err().field, "velocity_scale");
         let coarse = MotionConfig { set_point_period_ms: 50.0, ..MotionConfig::default() };
         assert_eq!(coarse.terms().unwrap_err().field, "set_point_period_ms");
+        for (field, config) in [
+            ("velocity_scale", MotionConfig { velocity_scale: 1.0, ..MotionConfig::default() }),
+            ("acceleration_scale", MotionConfig { acceleration_scale: 1.0, ..MotionConfig::default() }),
+            ("start_tolerance_rad", MotionConfig { start_tolerance_rad: 0.02, ..MotionConfig::default() }),
+        ] {
+            assert_eq!(config.terms().unwrap_err().field, field);
+        }
+    }
+
+    /// The fastest that is accepted with set-points so far apart and a share of the jerk that may then be used.
+    fn fastest(set_point_period_ms: f64, jerk_share: f64) -> MotionConfig {
+        let whole = MotionConfig { set_point_period_ms, jerk_scale: 1.0, ..MotionConfig::default() };
+        let jerky = MotionConfig { jerk_scale: jerk_share / whole.jerk_seen(), velocity_scale: 0.0, acceleration_scale: 0.0, ..whole };
+        let (velocity_scale, acceleration_scale) = (1.0 - jerky.velocity_seen(&LIMITS), 1.0 - jerky.acceleration_seen(&LIMITS));
+        MotionConfig { velocity_scale: velocity_scale - 1e-12, acceleration_scale: acceleration_scale - 1e-12, ..jerky }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
+
+        #[test]
+        fn what_the_robot_makes_of_the_fastest_set_points_keeps_frankas_rules(
+            ways in prop::collection::vec(prop::array::uniform7(0.02..0.98f64), 2..4),
+            period_ms in 1.0..30.0f64,
+            jerk_share in 0.2..0.999_999f64,
+        ) {
+            let config = fastest(period_ms, jerk_share);
+            prop_assert!(config.terms().is_ok());
+            let corners: Vec<Joints> = ways.iter().map(|way| LIMITS.between(way)).collect();
+            let trajectory = Trajectory::new(&corners, &config.planning().unwrap().timing).unwrap();
+            let points: Vec<_> = trajectory.sampled(period_ms * 1e-3).collect();
+            let end_s = points[points.len() - 1].0;
+            let at = |ms: usize| {
+                let t_s = (ms as f64 * 1e-3).min(end_s);
+                let next = points.partition_point(|p| p.0 <= t_s).clamp(1, points.len() - 1);
+                let ((from_s, a), (to_s, b)) = (&points[next - 1], &points[next]);
+                let share = (t_s - from_s) / (to_s - from_s);
+                hermite((&a.position_rad, &a.velocity_rad_s), (&b.position_rad, &b.velocity_rad_s), to_s - from_s, share).0
+            };
+            let followed: Vec<Joints> = (0..(end_s * 1e3) as usize + 5).map(at).collect();
+            prop_assert_eq!(CommandRules::check(&followed[0], &followed, CommandRuleSettings::default()), Ok(()));
+        }
     }
 
     #[test]

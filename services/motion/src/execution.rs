@@ -1,10 +1,11 @@
 //! The commander's side of one execution: a state machine from robot states and ticks to commands, progress and one outcome.
 //!
 //! Each phase moves the gripper and waits until it has settled, then streams its set-points in overlapping windows that reach a horizon
-//! beyond what the robot says it has followed. Every phase ends at rest, and the object's loss is noticed there. Nothing that the robot has
-//! taken is ever sent again. A cancelled execution slows down on its path and ends at rest; on a stop, a new owner or silence the stream just
+//! beyond what the robot says it has followed. Every phase ends at rest, and the object's loss is noticed there. What the robot does not show
+//! as taken is sent again under its number, so that a robot that has taken it, and says so late, does not act on it twice. A cancelled execution slows down on its path and ends at rest; on a stop, a new owner or silence the stream just
 //! ends, and the robot's own rules bring it to rest.
 
+use repose_panda::START_TOLERANCE_RAD;
 use repose_proto::motion::{ExecuteProgress, ExecuteReply, ExecutionOutcome, MotionPhase, MotionPlan};
 use repose_proto::robot::{Owner, RobotCommand, RobotMode, RobotState, SetPoint};
 use repose_proto::{CallError, limits};
@@ -59,7 +60,8 @@ pub enum Step {
     Done(ExecuteReply),
 }
 
-/// How near to a phase's end the arm must be to have reached it, radians per joint.
+/// How near to the plan's end the arm must be to have reached it, radians per joint. Where a phase follows, the robot's tolerance of its first
+/// set-point decides.
 const ARRIVED_RAD: f64 = 0.02;
 /// How far apart the end of one phase and the start of the next may be, radians per joint.
 const JOINED_RAD: f64 = 1e-3;
@@ -121,8 +123,8 @@ impl Execution {
     /// `now_ms` any steady clock that later calls go on with.
     ///
     /// # Errors
-    /// `failed_precondition` when a stop is latched, the robot moves, the arm is not where the plan starts, or the scene is too old;
-    /// `invalid_argument` when the plan is not for this robot, has no phases, or its phases do not join.
+    /// `failed_precondition` when a stop is latched, the robot moves, the arm is not where the plan starts, the scene is too old, or no epoch is
+    /// left; `invalid_argument` when the plan has no phases, or its phases do not join.
     pub fn begin(
         plan: MotionPlan,
         commander: &str,
@@ -143,12 +145,12 @@ impl Execution {
             let message = format!("the scene is {age_ms} ms old, at most {} ms are allowed", plan.max_scene_age_ms);
             return Err(CallError::precondition(message).at("scene_stamp_ns"));
         }
-        let epoch = state.owner.as_ref().map_or(0, |owner| owner.epoch) + 1;
+        let owner = next_owner(commander, state)?;
         let taken = Taken { first_seq: 1, sent_at_ms: now_ms, resends: 0 };
         let mut execution = Self {
             plan,
             settings,
-            owner: Owner { id: commander.to_owned(), epoch },
+            owner,
             seq: 0,
             phase: 0,
             stage: Stage::Gripper { taken, settled_since_ms: None },
@@ -265,7 +267,7 @@ impl Execution {
     fn enter_phase(&mut self, now_ms: u64) -> Vec<Step> {
         let progress = ExecuteProgress { phase: self.current().name.clone(), done: self.phase, of: self.plan.phases.len() };
         let mut steps = vec![Step::Progress(progress)];
-        steps.extend(if self.current().gripper.is_some() { self.start_gripper(now_ms, 0) } else { self.start_stream(now_ms, 0) });
+        steps.extend(if self.current().gripper.is_some() { self.start_gripper(now_ms, 0) } else { self.enter_stream(now_ms) });
         steps
     }
 
@@ -276,17 +278,25 @@ impl Execution {
         vec![Step::Send(command)]
     }
 
-    fn start_stream(&mut self, now_ms: u64, resends: u32) -> Vec<Step> {
-        if self.current().set_points.is_empty() {
-            return self.end_phase(now_ms);
+    /// Begins the phase's stream, unless the robot would refuse it, and latch a stop, because it stands elsewhere.
+    fn enter_stream(&mut self, now_ms: u64) -> Vec<Step> {
+        let Some(first) = self.current().set_points.first() else { return self.end_phase(now_ms) };
+        if let Some(joint) = apart(&first.q_rad, &self.last_state.q_rad, START_TOLERANCE_RAD) {
+            let (stands, starts) = (self.last_state.q_rad[joint], first.q_rad[joint]);
+            let reason = format!("joint {joint} stands at {stands:.4} rad but the phase starts at {starts:.4} rad");
+            return self.done(ExecutionOutcome::Stopped, Some(reason));
         }
+        self.start_stream(now_ms, 0)
+    }
+
+    fn start_stream(&mut self, now_ms: u64, resends: u32) -> Vec<Step> {
         let command = self.window(true);
         let taken = Taken { first_seq: command.seq, sent_at_ms: now_ms, resends };
         self.stage = Stage::Stream { taken, since_ms: self.last_state.robot_ms };
         vec![Step::Send(command)]
     }
 
-    /// Sends the first command of a stage again: the robot has not taken it, so it has not acted on it.
+    /// Sends the first command of a stage again, the same under its number: it is lost, or the state that shows it as taken is late.
     fn send_again(&mut self, taken: Taken, now_ms: u64) -> Vec<Step> {
         if now_ms.saturating_sub(taken.sent_at_ms) < self.settings.take_timeout_ms {
             return Vec::new();
@@ -294,6 +304,8 @@ impl Execution {
         if taken.resends >= self.settings.resends {
             return self.done(ExecutionOutcome::Stopped, Some("the robot does not take commands".to_owned()));
         }
+        // Nothing else was sent since.
+        self.seq = taken.first_seq - 1;
         match self.stage {
             Stage::Gripper { .. } => self.start_gripper(now_ms, taken.resends + 1),
             Stage::Stream { .. } => self.start_stream(now_ms, taken.resends + 1),
@@ -320,13 +332,14 @@ impl Execution {
             let reason = format!("the gripper stands at {width_m:.3} m and was sent to {wanted_m:.3} m");
             return self.done(ExecutionOutcome::Stopped, Some(reason));
         }
-        self.start_stream(now_ms, 0)
+        self.enter_stream(now_ms)
     }
 
     fn has_arrived(&self) -> bool {
         let (Stage::Stream { taken, .. }, Some(end)) = (self.stage, self.current().set_points.last()) else { return false };
         let state = &self.last_state;
-        let near = end.q_rad.iter().zip(&state.q_rad).all(|(a, b)| (a - b).abs() < ARRIVED_RAD);
+        let tolerance_rad = if self.phase + 1 == self.plan.phases.len() { ARRIVED_RAD } else { START_TOLERANCE_RAD };
+        let near = apart(&end.q_rad, &state.q_rad, tolerance_rad).is_none();
         self.is_taken(taken) && state.mode == RobotMode::Idle && near && state.stream_ms.is_none_or(|ms| ms >= end.t_ms - 1.0)
     }
 
@@ -368,6 +381,7 @@ impl Execution {
             set_points: Vec::new(),
             gripper: None,
             clear_stop: false,
+            clears: None,
         }
     }
 
@@ -414,12 +428,29 @@ fn check_robot(plan: &MotionPlan, state: &RobotState) -> Result<(), CallError> {
         RobotMode::Moving => return Err(CallError::precondition("the robot is moving").at("robot")),
         RobotMode::Idle => {}
     }
-    if let Some(joint) = apart(&plan.start_joints_rad, &state.q_rad, plan.start_tolerance_rad) {
-        let (planned, stands) = (plan.start_joints_rad[joint], state.q_rad[joint]);
-        let message = format!("joint {joint} stands at {stands:.4} rad but the plan starts at {planned:.4} rad");
-        return Err(CallError::precondition(message).at("start_joints_rad"));
+    let first = plan.phases.iter().find_map(|phase| phase.set_points.first());
+    // Whatever the plan allows, the robot takes no first set-point further from where it stands.
+    let starts = [(&plan.start_joints_rad, plan.start_tolerance_rad.min(START_TOLERANCE_RAD))];
+    for (start, tolerance_rad) in starts.into_iter().chain(first.map(|point| (&point.q_rad, START_TOLERANCE_RAD))) {
+        if let Some(joint) = apart(start, &state.q_rad, tolerance_rad) {
+            let (planned, stands) = (start[joint], state.q_rad[joint]);
+            let message = format!("joint {joint} stands at {stands:.4} rad but the plan starts at {planned:.4} rad");
+            return Err(CallError::precondition(message).at("start_joints_rad"));
+        }
     }
     Ok(())
+}
+
+/// Who commands a robot next: the commander, under an epoch above all that were shown.
+///
+/// # Errors
+/// `failed_precondition` when the robot's owner has the highest epoch.
+pub fn next_owner(commander: &str, state: &RobotState) -> Result<Owner, CallError> {
+    let last = state.owner.as_ref().map_or(0, |owner| owner.epoch);
+    if last >= limits::MAX_EPOCH {
+        return Err(CallError::precondition(format!("the robot's owner has the highest epoch, {last}")).at("robot"));
+    }
+    Ok(Owner { id: commander.to_owned(), epoch: last + 1 })
 }
 
 /// The first joint at which two configurations are further apart than a tolerance.

@@ -54,13 +54,13 @@ pub struct PickPlaceSettings {
     pub held_room_m: f64,
     /// Grip force, newtons. Default 30.
     pub grip_force_n: f64,
-    /// Grasps tried per placement, both turns of the hand counted. Default 64.
+    /// Grasps found here that are tried per placement, both turns of the hand counted. Default 64.
     pub grasps_per_placement: usize,
     /// A carry of at most this length (joint space) is short enough not to look for a shorter one, radians. Default 2.2.
     pub carry_rad: f64,
     /// What each further radian takes off a grasp's score (0 to 1). Default 0.08.
     pub carry_cost_per_rad: f64,
-    /// Grasps with longer carries that are compared. Default 8.
+    /// Grasps found here, with longer carries, that are compared. Default 8.
     pub compared: usize,
     /// Path searches per placement that may fail. Default 4.
     pub path_failures: usize,
@@ -121,6 +121,19 @@ const SHOULDER_M: f64 = 0.333;
 /// # Errors
 /// [`PickPlaceError`] when the object is unknown, the arm cannot start, nothing can be grasped, or no placement can be served.
 pub fn pick_place(request: &PickPlaceRequest<'_>, settings: &PickPlaceSettings) -> Result<PickPlacePlan, PickPlaceError> {
+    pick_place_until(request, settings, &|| false)
+}
+
+/// The same, given up once `should_stop` holds, which it then does for good. It is asked at every grasp and now and then in a search, and changes
+/// nothing but when the planning ends.
+///
+/// # Errors
+/// As [`pick_place`], and [`PickPlaceError::Stopped`].
+pub fn pick_place_until(
+    request: &PickPlaceRequest<'_>,
+    settings: &PickPlaceSettings,
+    should_stop: &dyn Fn() -> bool,
+) -> Result<PickPlacePlan, PickPlaceError> {
     if !request.scene.labels.contains(&request.query) {
         return Err(PickPlaceError::NoObject(request.query));
     }
@@ -130,20 +143,23 @@ pub fn pick_place(request: &PickPlaceRequest<'_>, settings: &PickPlaceSettings) 
     let sight = Sight::new(&request.scene.camera_in_world, &request.scene.points);
     let shoulder = (settings.world_from_base * Point3::new(0.0, 0.0, SHOULDER_M)).cast::<f32>();
     let worlds = Worlds::new(request, settings, &sight, shoulder);
-    let mut found = planned(&worlds, Heeded::Everything);
+    let mut found = planned(&worlds, Heeded::Everything, should_stop);
     for heeded in Heeded::IN_TURN.into_iter().skip(1) {
-        found = found.or_else(|_| planned(&worlds, heeded));
+        if found.is_ok() || should_stop() {
+            break;
+        }
+        found = planned(&worlds, heeded, should_stop);
     }
-    found
+    if found.is_err() && should_stop() { Err(PickPlaceError::Stopped) } else { found }
 }
 
 /// The plan in one of the worlds.
-fn planned(worlds: &Worlds<'_>, heeded: Heeded) -> Result<PickPlacePlan, PickPlaceError> {
+fn planned(worlds: &Worlds<'_>, heeded: Heeded, should_stop: &dyn Fn() -> bool) -> Result<PickPlacePlan, PickPlaceError> {
     let &Worlds { request, settings, sight, .. } = worlds;
     let world = worlds.world(heeded);
     let (others, everything) = ([world.others], [world.others, &world.query]);
     let mut rng = Pcg64::seed_from_u64(request.seed);
-    let search = Search { request, settings, object: &world.held, others: &others, everything: &everything };
+    let search = Search { request, settings, object: &world.held, others: &others, everything: &everything, should_stop };
     if let Some(contact) = search.checker(search.everything, 0.0, None).contact(request.start) {
         return Err(PickPlaceError::StartBlocked(contact));
     }
@@ -159,12 +175,17 @@ fn planned(worlds: &Worlds<'_>, heeded: Heeded) -> Result<PickPlacePlan, PickPla
             found
         }
     };
+    // Grasps from elsewhere were chosen by who asks: all of them are tried.
+    let count = if request.grasps.is_some() { 2 * found.len() } else { settings.grasps_per_placement };
     // A hand that is turned by half a turn grasps the same: the wrist may reach one and not the other.
-    let mut tried: Vec<TriedGrasp<'_>> = found.iter().flat_map(|g| [*g, g.flipped()]).map(|grasp| search.tried(grasp)).collect();
-    tried.truncate(settings.grasps_per_placement);
+    let both = found.iter().flat_map(|g| [*g, g.flipped()]);
+    let mut tried: Vec<TriedGrasp<'_>> = both.take(count).map(|grasp| search.tried(grasp)).collect();
 
     let mut not_chosen = Vec::new();
     for (placement, placed_from_observed) in request.placements.iter().enumerate() {
+        if should_stop() {
+            return Err(PickPlaceError::Stopped);
+        }
         match search.placement(placed_from_observed, &mut tried, &mut rng) {
             Ok((grasp, phases)) => return Ok(PickPlacePlan { placement, not_chosen, heeded, grasp, phases }),
             Err(tally) => not_chosen.push(NotChosen { placement, failure: tally.failure(), tally }),
@@ -239,6 +260,7 @@ struct Search<'a> {
     object: &'a [Point3<f32>],
     others: &'a [&'a Obstacles],
     everything: &'a [&'a Obstacles],
+    should_stop: &'a dyn Fn() -> bool,
 }
 
 impl<'a> Search<'a> {
@@ -263,7 +285,8 @@ impl<'a> Search<'a> {
     /// The grasp that serves a placement, with the whole plan; or how many failed where.
     ///
     /// Of the grasps that work at both ends, the ones up to the first that needs no long way between them are weighed: a long carry (the wrist
-    /// turned about, the arm folded over) takes longer and loses more objects than a slightly worse grasp, but fewer than a bad one.
+    /// turned about, the arm folded over) takes longer and loses more objects than a slightly worse grasp, but fewer than a bad one. Grasps from
+    /// elsewhere are not weighed: they are taken in their order.
     fn placement(
         &self,
         placed_from_observed: &Isometry3<f64>,
@@ -273,15 +296,14 @@ impl<'a> Search<'a> {
         let mut tally = EndTally::default();
         let mut usable: Vec<(f64, usize, Ends)> = Vec::new();
         let mut next = 0;
-        while next < tried.len() && tally.no_path < self.settings.path_failures {
-            while next < tried.len() && usable.len() < self.settings.compared {
+        let compared = if self.request.grasps.is_some() { 1 } else { self.settings.compared };
+        while next < tried.len() && tally.no_path < self.settings.path_failures && !(self.should_stop)() {
+            while next < tried.len() && usable.len() < compared && !(self.should_stop)() {
                 let index = next;
                 next += 1;
                 let Some(ends) = self.ends(placed_from_observed, &mut tried[index], &mut tally) else { continue };
                 let beyond_rad = (distance(ends.lifted(), &ends.place.lower[0]) - self.settings.carry_rad).max(0.0);
-                // Scores of grasps from elsewhere are on a scale of their own.
-                let worth = if self.request.grasps.is_none() { tried[index].grasp.score } else { 0.0 };
-                usable.push((self.settings.carry_cost_per_rad * beyond_rad - worth, index, ends));
+                usable.push((self.settings.carry_cost_per_rad * beyond_rad - tried[index].grasp.score, index, ends));
                 if beyond_rad == 0.0 {
                     break;
                 }
@@ -359,7 +381,7 @@ impl<'a> Search<'a> {
 
     /// The corners of a free path between two configurations, shortened.
     fn corners(&self, from: &Joints, to: &Joints, checker: &CollisionChecker<'_>, rng: &mut Pcg64) -> Option<Vec<Joints>> {
-        let corners = rrt_connect(from, &[*to], checker, &self.settings.rrt, rng).ok()?;
+        let corners = rrt_connect(from, &[*to], checker, &self.settings.rrt, rng, self.should_stop).ok()?;
         Some(simplified(&corners, &self.settings.simplify, checker))
     }
 

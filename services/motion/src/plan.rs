@@ -162,4 +162,7 @@ pub enum PickPlaceError {
     /// None of the placements can be had.
     #[error("none of the {} placements can be reached; the best: {}", .0.len(), .0.first().map(|n| n.tally.to_string()).unwrap_or_default())]
     NoPlacement(Vec<NotChosen>),
+    /// It was told to stop.
+    #[error("stopped before a plan was found")]
+    Stopped,
 }

@@ -7,13 +7,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPlan, RobotResetReply};
-use repose_proto::robot::{Owner, RobotCommand, RobotMode, RobotState};
+use repose_proto::robot::{Owner, RobotCommand, RobotMode, RobotState, StopState};
 use repose_proto::{CallError, ErrorCode, Payload, keys, limits};
 use repose_runtime::{CancellationToken, Publisher, RuntimeError, Session, Subscription, Traffic};
 use tokio::time::MissedTickBehavior;
 
 use crate::config::MotionConfig;
-use crate::execution::{Execution, ExecutionSettings, Step};
+use crate::execution::{Execution, ExecutionSettings, Step, next_owner};
 
 /// Commands robots of one cell. Cheap to clone.
 #[derive(Clone)]
@@ -116,11 +116,13 @@ impl RobotLink {
     pub async fn reset(&self, robot: &str) -> Result<RobotResetReply, CallError> {
         let claim = self.claim(robot)?;
         let (mut states, mut state) = self.states(&claim.robot).await?;
-        let RobotState { stop: Some(stop), mode: RobotMode::Stopped, .. } = state.clone() else {
-            return Ok(RobotResetReply { was_stopped: state.mode == RobotMode::Stopped });
-        };
+        if state.mode != RobotMode::Stopped {
+            return Ok(RobotResetReply { was_stopped: false });
+        }
+        // A robot may be stopped without saying why.
+        let stop = state.stop.clone();
         let commands = self.commands(&claim.robot);
-        let owner = Owner { id: self.commander.clone(), epoch: state.owner.as_ref().map_or(0, |o| o.epoch) + 1 };
+        let owner = next_owner(&self.commander, &state)?;
         let deadline = tokio::time::Instant::now() + self.timeout;
         let mut seq = 0;
         let mut ticks = tokio::time::interval(self.period);
@@ -134,16 +136,17 @@ impl RobotLink {
                 },
                 _ = ticks.tick() => {
                     seq += 1;
-                    commands.put(Payload::json(&clearing(&owner, seq))?).await?;
+                    commands.put(Payload::json(&clearing(&owner, seq, stop.as_ref()))?).await?;
                 }
                 () = tokio::time::sleep_until(deadline) => {
-                    return Err(CallError::precondition(format!("the stop did not clear: {}: {}", stop.kind, stop.reason)).at("robot"));
+                    let why = stop.map_or_else(|| "the robot does not say why".to_owned(), |stop| format!("{}: {}", stop.kind, stop.reason));
+                    return Err(CallError::precondition(format!("the stop did not clear: {why}")).at("robot"));
                 }
             }
             if state.mode != RobotMode::Stopped {
                 return Ok(RobotResetReply { was_stopped: true });
             }
-            if state.stop.as_ref().is_some_and(|latched| *latched != stop) {
+            if state.stop.is_some() && state.stop != stop {
                 return Err(CallError::precondition("another stop has latched meanwhile").at("robot"));
             }
         }
@@ -170,7 +173,8 @@ impl RobotLink {
     }
 }
 
-fn clearing(owner: &Owner, seq: u64) -> RobotCommand {
+/// A command that clears a stop, and no other that may latch before it arrives.
+fn clearing(owner: &Owner, seq: u64, stop: Option<&StopState>) -> RobotCommand {
     RobotCommand {
         v: limits::VERSION,
         seq,
@@ -181,6 +185,7 @@ fn clearing(owner: &Owner, seq: u64) -> RobotCommand {
         set_points: Vec::new(),
         gripper: None,
         clear_stop: true,
+        clears: stop.cloned(),
     }
 }
 

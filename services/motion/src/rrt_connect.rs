@@ -51,7 +51,13 @@ pub enum RrtError {
         /// Nodes in both trees.
         nodes: usize,
     },
+    /// It was told to stop.
+    #[error("stopped before a path was found")]
+    Stopped,
 }
+
+/// Iterations between two looks at whether to stop.
+const LOOK: usize = 32;
 
 struct Tree {
     nodes: Vec<Joints>,
@@ -126,16 +132,18 @@ impl Tree {
     }
 }
 
-/// A free path from `start` to one of `goals`: corners, `start` and the goal included.
+/// A free path from `start` to one of `goals`: corners, `start` and the goal included. `should_stop` is asked now and then, and changes nothing
+/// but when the search ends.
 ///
 /// # Errors
-/// [`RrtError`] when an end is not free or the budget ends first.
+/// [`RrtError`] when an end is not free, the budget ends first, or the search is to stop.
 pub fn rrt_connect(
     start: &Joints,
     goals: &[Joints],
     space: &impl FreeSpace,
     settings: &RrtSettings,
     rng: &mut Pcg64,
+    should_stop: &dyn Fn() -> bool,
 ) -> Result<Vec<Joints>, RrtError> {
     if !space.is_free(start) {
         return Err(RrtError::StartBlocked);
@@ -154,6 +162,9 @@ pub fn rrt_connect(
         let count = trees[0].nodes.len() + trees[1].nodes.len();
         if count >= settings.nodes {
             return Err(RrtError::Exhausted { iterations: iteration, nodes: count });
+        }
+        if iteration % LOOK == 0 && should_stop() {
+            return Err(RrtError::Stopped);
         }
         // Trees of like size meet sooner than a large and a small one.
         let smaller = usize::from(trees[1].nodes.len() < trees[0].nodes.len());
@@ -207,7 +218,8 @@ mod tests {
     fn it_finds_the_way_around_a_wall_and_the_way_is_free() {
         let (start, goal) = ends();
         for seed in 0..10 {
-            let path = rrt_connect(&start, &[goal], &Sampled(wall), &RrtSettings::default(), &mut Pcg64::seed_from_u64(seed)).unwrap();
+            let path =
+                rrt_connect(&start, &[goal], &Sampled(wall), &RrtSettings::default(), &mut Pcg64::seed_from_u64(seed), &|| false).unwrap();
             assert_eq!((path.first(), path.last()), (Some(&start), Some(&goal)));
             assert!(path.windows(2).all(|w| Sampled(wall).edge_is_free(&w[0], &w[1])));
         }
@@ -216,7 +228,7 @@ mod tests {
     #[test]
     fn the_same_seed_gives_the_same_path() {
         let (start, goal) = ends();
-        let find = || rrt_connect(&start, &[goal], &Sampled(wall), &RrtSettings::default(), &mut Pcg64::seed_from_u64(3));
+        let find = || rrt_connect(&start, &[goal], &Sampled(wall), &RrtSettings::default(), &mut Pcg64::seed_from_u64(3), &|| false);
         assert_eq!(find(), find());
     }
 
@@ -239,10 +251,14 @@ mod tests {
         let mut rng = Pcg64::seed_from_u64(1);
         let settings = RrtSettings { iterations: 50, ..RrtSettings::default() };
         let closed = Sampled(|q: &Joints| !(0.4..0.6).contains(&q[0]));
-        assert!(matches!(rrt_connect(&start, &[goal], &closed, &settings, &mut rng), Err(RrtError::Exhausted { iterations: 50, .. })));
+        assert!(matches!(
+            rrt_connect(&start, &[goal], &closed, &settings, &mut rng, &|| false),
+            Err(RrtError::Exhausted { iterations: 50, .. })
+        ));
         let nowhere = Sampled(|_: &Joints| false);
-        assert_eq!(rrt_connect(&start, &[goal], &nowhere, &settings, &mut rng), Err(RrtError::StartBlocked));
+        assert_eq!(rrt_connect(&start, &[goal], &nowhere, &settings, &mut rng, &|| false), Err(RrtError::StartBlocked));
+        assert_eq!(rrt_connect(&start, &[goal], &closed, &settings, &mut rng, &|| true), Err(RrtError::Stopped));
         let near = Sampled(|q: &Joints| q[0] < 1.0);
-        assert_eq!(rrt_connect(&start, &[goal], &near, &settings, &mut rng), Err(RrtError::GoalBlocked));
+        assert_eq!(rrt_connect(&start, &[goal], &near, &settings, &mut rng, &|| false), Err(RrtError::GoalBlocked));
     }
 }

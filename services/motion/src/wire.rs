@@ -5,7 +5,7 @@ use repose_geometry::transform::{from_row_major, to_row_major};
 use repose_proto::motion::{Grasp as WireGrasp, MotionFailure, MotionPhase, MotionPlan, MotionPlanRequest, NotChosen as WireNotChosen};
 use repose_proto::robot::{GripperCommand, SetPoint};
 use repose_proto::scene::WorldFrame;
-use repose_proto::{CallError, RigidTransform, Scene};
+use repose_proto::{CallError, ErrorCode, RigidTransform, Scene};
 
 use crate::grasp::Grasp;
 use crate::plan::{Failure, NotChosen, PickPlaceError, PickPlacePlan};
@@ -110,9 +110,10 @@ pub fn call_error(error: &PickPlaceError) -> CallError {
     let message = match error {
         PickPlaceError::NoPlacement(reasons) => {
             let lines: Vec<String> =
-                reasons.iter().map(|n| format!("placement {}: {:?}: {}", n.placement, motion_failure(n.failure), n.tally)).collect();
+                reasons.iter().map(|n| format!("placement {}: {}: {}", n.placement, motion_failure(n.failure).as_str(), n.tally)).collect();
             format!("no placement can be served: {}", lines.join("; "))
         }
+        PickPlaceError::NoGrasp(_) => format!("{}: {error}", MotionFailure::NoGrasp.as_str()),
         other => other.to_string(),
     };
     match error {
@@ -120,6 +121,7 @@ pub fn call_error(error: &PickPlaceError) -> CallError {
         PickPlaceError::StartBlocked(_) => CallError::precondition(message).at("start_joints_rad"),
         PickPlaceError::NoGrasp(_) => CallError::precondition(message).at("query"),
         PickPlaceError::NoPlacement(_) => CallError::precondition(message).at("placements"),
+        PickPlaceError::Stopped => CallError::new(ErrorCode::Cancelled, message),
     }
 }
 

@@ -1,14 +1,15 @@
 //! The compute side of the service: the bounded queue, the threads that plan, and the scenes that were sent.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use repose_proto::motion::{MotionPlan, MotionPlanRequest};
 use repose_proto::{CallError, Scene};
 use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError};
 
 use crate::config::MotionConfig;
-use crate::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place};
+use crate::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place_until};
+use crate::plan::PickPlaceError;
 use crate::wire::{self, PlanTerms};
 
 /// Plans on its own threads.
@@ -16,7 +17,7 @@ pub struct Worker {
     queue: ComputeQueue,
     settings: Arc<PickPlaceSettings>,
     terms: PlanTerms,
-    scenes: Mutex<HeldScenes>,
+    scenes: Arc<Mutex<HeldScenes>>,
 }
 
 impl Worker {
@@ -31,34 +32,34 @@ impl Worker {
             settings: Arc::new(config.planning()?),
             terms: config.terms()?,
             queue: ComputeQueue::start(queue)?,
-            scenes: Mutex::new(HeldScenes { limit: config.scenes.max(1), held: VecDeque::new() }),
+            scenes: Arc::new(Mutex::new(HeldScenes { limit: config.scenes.max(1), held: VecDeque::new() })),
         })
     }
 
-    /// Plans a request on the scene that came with it, or on one that came before.
+    /// Plans a request on the scene that came with it, or on one that came before. The same content seen again is as young as it was last seen.
     ///
     /// # Errors
     /// `not_found` on `scene_id` when the scene is not held and did not come; `invalid_argument` when it is another one; the planner's errors
-    /// as `failed_precondition`; those of the queue.
+    /// as `failed_precondition`; `cancelled` and `deadline_exceeded` as soon as they are so; those of the queue.
     pub async fn plan(&self, context: JobContext, request: MotionPlanRequest, scene: Option<Scene>) -> Result<MotionPlan, CallError> {
-        let held = self.scenes.lock().unwrap_or_else(PoisonError::into_inner).get(&request.scene.scene_id);
+        let held = locked(&self.scenes).get(&request.scene.scene_id);
         if held.is_none() && scene.is_none() {
             let message = format!("this worker does not hold scene {}", request.scene.scene_id);
             return Err(CallError::not_found("scene_id", message));
         }
-        let (settings, terms) = (self.settings.clone(), self.terms);
+        let (settings, terms, scenes) = (self.settings.clone(), self.terms, self.scenes.clone());
         let job = move |context: &JobContext| {
             let scene = match (held, scene) {
-                (Some(held), _) => held,
-                (None, Some(scene)) => Arc::new(checked(scene, &request.scene.scene_id)?),
+                (Some(held), None) => held,
+                (Some(held), Some(sent)) if sent.stamp_ns <= held.stamp_ns => held,
+                (_, Some(sent)) => Arc::new(checked(sent, &request.scene.scene_id)?),
                 (None, None) => return Err(CallError::internal("no scene to plan on")),
             };
-            context.check()?;
-            Ok((planned(&request, &scene, &settings, &terms)?, scene))
+            // Kept before the planning, which may fail or be given up: the caller need not send it again.
+            locked(&scenes).keep(&request.scene.scene_id, scene.clone());
+            planned(context, &request, &scene, &settings, &terms)
         };
-        let (plan, scene) = self.queue.run(context, job).await?;
-        self.scenes.lock().unwrap_or_else(PoisonError::into_inner).keep(&plan.scene_id, scene);
-        Ok(plan)
+        self.queue.run(context, job).await
     }
 
     /// A plan as it may be carried out: it travels through its caller, so what it says of its scene's age counts only where that is stricter
@@ -67,7 +68,7 @@ impl Worker {
     /// # Errors
     /// `not_found` when the plan's scene is held and has no such object.
     pub fn executable(&self, mut plan: MotionPlan) -> Result<MotionPlan, CallError> {
-        let held = self.scenes.lock().unwrap_or_else(PoisonError::into_inner).get(&plan.scene_id);
+        let held = locked(&self.scenes).get(&plan.scene_id);
         if let Some(scene) = held {
             if scene.object(plan.query).is_none() {
                 return Err(CallError::not_found("query", format!("the plan's scene has no object {}", plan.query)));
@@ -98,8 +99,19 @@ fn checked(scene: Scene, scene_id: &str) -> Result<Scene, CallError> {
     Err(CallError::invalid("scene.scene_id", format!("the enclosed scene's id is {actual}, not {scene_id}")))
 }
 
-/// One request on its scene.
-fn planned(request: &MotionPlanRequest, scene: &Scene, settings: &PickPlaceSettings, terms: &PlanTerms) -> Result<MotionPlan, CallError> {
+fn locked(scenes: &Mutex<HeldScenes>) -> MutexGuard<'_, HeldScenes> {
+    scenes.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// One request on its scene, while it is worth it.
+fn planned(
+    context: &JobContext,
+    request: &MotionPlanRequest,
+    scene: &Scene,
+    settings: &PickPlaceSettings,
+    terms: &PlanTerms,
+) -> Result<MotionPlan, CallError> {
+    context.check()?;
     let planning_scene = wire::planning_scene(scene, request.query)?;
     let placements = request.placements.iter().enumerate().map(|(i, p)| wire::isometry(p, &format!("placements[{i}]")));
     let placements = placements.collect::<Result<Vec<_>, _>>()?;
@@ -112,7 +124,11 @@ fn planned(request: &MotionPlanRequest, scene: &Scene, settings: &PickPlaceSetti
         grasps: grasps.as_deref(),
         seed: request.seed,
     };
-    let plan = pick_place(&request_to_plan, settings).map_err(|e| wire::call_error(&e))?;
+    let plan = pick_place_until(&request_to_plan, settings, &|| context.check().is_err()).map_err(|error| match error {
+        // The context knows why.
+        PickPlaceError::Stopped => context.check().err().unwrap_or_else(|| wire::call_error(&error)),
+        error => wire::call_error(&error),
+    })?;
     Ok(wire::motion_plan(&plan, request, scene.stamp_ns, terms))
 }
 
@@ -132,9 +148,11 @@ impl HeldScenes {
         Some(scene)
     }
 
+    /// Keeps the youngest sighting: the id leaves out when the content was seen.
     fn keep(&mut self, scene_id: &str, scene: Arc<Scene>) {
+        let younger = self.get(scene_id).filter(|held| held.stamp_ns > scene.stamp_ns);
         self.held.retain(|(id, _)| id != scene_id);
-        self.held.push_back((scene_id.to_owned(), scene));
+        self.held.push_back((scene_id.to_owned(), younger.unwrap_or(scene)));
         while self.held.len() > self.limit {
             self.held.pop_front();
         }

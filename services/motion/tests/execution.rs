@@ -2,21 +2,38 @@
 
 mod common;
 
+use std::collections::VecDeque;
+
 use common::{NAMES, NOW_NS, Robot, joints, plan};
 use repose_motion::execution::{Execution, ExecutionSettings, Step};
-use repose_proto::ErrorCode;
 use repose_proto::motion::{ExecutionOutcome, MotionPlan};
 use repose_proto::robot::{Owner, RobotMode, RobotState, StopState};
+use repose_proto::{ErrorCode, limits};
 
 /// Runs to the end; what was told on the way, and the last step.
-fn run(robot: &mut Robot, mut meddle: impl FnMut(&mut Robot, &mut Execution, u64) -> Vec<Step>) -> (Vec<String>, Step) {
-    let (mut execution, mut steps) = Execution::begin(plan(), "motion-1", &robot.state, NOW_NS, 0, ExecutionSettings::default()).unwrap();
-    let mut phases = Vec::new();
-    for now_ms in (0..20_000).step_by(10) {
+fn run(robot: &mut Robot, meddle: impl FnMut(&mut Robot, &mut Execution, u64) -> Vec<Step>) -> (Vec<String>, Step) {
+    run_late(robot, plan(), 0, meddle)
+}
+
+/// The same with a plan, on states that are late.
+fn run_late(
+    robot: &mut Robot,
+    plan: MotionPlan,
+    late_ms: usize,
+    mut meddle: impl FnMut(&mut Robot, &mut Execution, u64) -> Vec<Step>,
+) -> (Vec<String>, Step) {
+    let (mut execution, mut steps) = Execution::begin(plan, "motion-1", &robot.state, NOW_NS, 0, ExecutionSettings::default()).unwrap();
+    let (mut phases, mut shown) = (Vec::new(), VecDeque::new());
+    for now_ms in (0..60_000).step_by(10) {
         robot.advance();
         steps.extend(meddle(robot, &mut execution, now_ms));
         if !robot.deaf {
-            steps.extend(execution.on_state(&robot.state, now_ms));
+            shown.push_back(robot.state.clone());
+        }
+        if shown.len() > late_ms / 10
+            && let Some(state) = shown.pop_front()
+        {
+            steps.extend(execution.on_state(&state, now_ms));
         }
         if now_ms % 50 == 0 {
             steps.extend(execution.on_tick(now_ms));
@@ -44,6 +61,30 @@ fn a_robot_that_follows_runs_through_all_phases() {
     assert_eq!(phases, NAMES);
     assert_eq!(outcome(&done), (ExecutionOutcome::Done, "retreat".to_owned(), String::new()));
     assert!((robot.state.q_rad[0] - 0.0).abs() < 1e-9, "six moves to and fro");
+}
+
+#[test]
+fn a_state_that_is_late_starts_nothing_twice_and_is_no_silence() {
+    let mut slow = plan();
+    slow.phases.iter_mut().flat_map(|phase| &mut phase.set_points).for_each(|point| point.t_ms *= 3.0);
+    let mut robot = Robot::new();
+    robot.heeds_ttl = true;
+    let (phases, done) = run_late(&mut robot, slow, 500, |_, _, _| Vec::new());
+    assert_eq!(phases, NAMES);
+    assert_eq!(outcome(&done).0, ExecutionOutcome::Done, "{done:?}");
+}
+
+#[test]
+fn an_arm_that_stands_beside_the_end_of_a_phase_is_not_sent_on() {
+    let mut robot = Robot::new();
+    let (phases, done) = run(&mut robot, |robot, _, _| {
+        if robot.state.robot_ms > 900.0 && robot.state.mode == RobotMode::Idle {
+            robot.state.q_rad[1] = -0.695;
+        }
+        Vec::new()
+    });
+    assert_eq!((phases.len(), outcome(&done).0), (1, ExecutionOutcome::Stopped));
+    assert!(outcome(&done).2.contains("did not follow"), "{done:?}");
 }
 
 #[test]
@@ -157,6 +198,12 @@ fn a_plan_that_does_not_fit_the_world_is_refused() {
     refused(begin(plan(), &RobotState { mode: RobotMode::Stopped, ..idle.clone() }), "robot");
     refused(begin(plan(), &RobotState { mode: RobotMode::Moving, ..idle.clone() }), "robot");
     refused(begin(plan(), &RobotState { q_rad: joints(0.05), ..idle.clone() }), "start_joints_rad");
+    refused(
+        begin(MotionPlan { start_tolerance_rad: 0.2, ..plan() }, &RobotState { q_rad: joints(0.005), ..idle.clone() }),
+        "start_joints_rad",
+    );
+    let last = Owner { id: "motion-9".to_owned(), epoch: limits::MAX_EPOCH };
+    refused(begin(plan(), &RobotState { owner: Some(last), ..idle.clone() }), "robot");
     refused(begin(MotionPlan { max_scene_age_ms: 500, ..plan() }, &idle), "scene_stamp_ns");
     refused(begin(MotionPlan { scene_stamp_ns: NOW_NS + 5_000_000_000, ..plan() }, &idle), "scene_stamp_ns");
     let mut torn = plan();

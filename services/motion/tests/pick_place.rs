@@ -1,12 +1,14 @@
 //! Whole plans on synthetic tables.
 
+use std::cell::Cell;
+
 use nalgebra::{Isometry3, Vector3};
 use repose_panda::{CommandRuleSettings, CommandRules, JOINT_COUNT, Joints, LIMITS, READY, base_from_tcp, hermite};
 
 use repose_motion::collision::{ArmSettings, CollisionChecker};
 use repose_motion::grasp::Grasp;
 use repose_motion::obstacles::{ObstacleSettings, Obstacles};
-use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place};
+use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place, pick_place_until};
 use repose_motion::plan::{Failure, Phase, PickPlaceError, PickPlacePlan};
 use repose_motion::wire::motion_plan;
 use repose_motion::{MotionConfig, synthetic};
@@ -143,6 +145,44 @@ fn grasps_from_elsewhere_are_used_in_their_order() {
     let far = Grasp { world_from_tcp: Isometry3::translation(3.0, 0.0, 0.0), ..found };
     let plan = plan(1, &[moved(0.45, 0.25)], Some(&[far, Grasp { width_m: None, ..found }])).unwrap();
     assert_eq!(plan.grasp.world_from_tcp, found.world_from_tcp);
+}
+
+#[test]
+fn grasps_from_elsewhere_are_all_tried_and_none_is_put_before_an_earlier_one() {
+    let found = plan(1, &[moved(0.45, 0.25)], None).unwrap().grasp;
+    let far = Grasp { world_from_tcp: Isometry3::translation(3.0, 0.0, 0.0), ..found };
+    let mut many = vec![far; 40];
+    many.push(found);
+    let last = plan(1, &[moved(0.45, 0.25)], Some(&many)).unwrap();
+    assert_eq!(last.grasp.world_from_tcp, found.world_from_tcp, "the last of them");
+    // A hand turned by half a turn is carried further: whichever is named first is taken, if it can be.
+    let turned = found.flipped();
+    for order in [[found, turned], [turned, found]] {
+        let first = plan(1, &[moved(0.45, 0.25)], Some(&order[..1])).unwrap();
+        assert_eq!(plan(1, &[moved(0.45, 0.25)], Some(&order)).unwrap().grasp.world_from_tcp, first.grasp.world_from_tcp);
+    }
+}
+
+#[test]
+fn a_plan_is_given_up_when_it_is_told_and_is_the_same_when_it_is_not() {
+    let (scene, placements) = (synthetic::scene(), [moved(1.6, 0.0), moved(0.55, 0.1), moved(0.45, 0.25)]);
+    let request = PickPlaceRequest { scene: &scene, query: 1, placements: &placements, start: &READY, grasps: None, seed: 3 };
+    let told = |after: usize| {
+        let asked = Cell::new(0);
+        let should_stop = || {
+            asked.set(asked.get() + 1);
+            asked.get() > after
+        };
+        (pick_place_until(&request, &PickPlaceSettings::default(), &should_stop), asked.get())
+    };
+    let (whole, asked) = told(usize::MAX);
+    assert_eq!(whole, pick_place(&request, &PickPlaceSettings::default()));
+    assert!(whole.is_ok() && asked > 20, "it was asked {asked} times");
+    for after in [0, 1, asked / 2] {
+        let (stopped, until) = told(after);
+        assert_eq!(stopped, Err(PickPlaceError::Stopped));
+        assert!(until < after + 10, "{until} times of {after}: it goes on");
+    }
 }
 
 #[test]

@@ -149,11 +149,23 @@ async fn a_plan_needs_its_scene_once_and_says_what_is_wrong_with_a_request() {
     let request = request(&scene);
     let by_id = || Payload::json(&request).unwrap();
     assert_eq!(refusal(running.call("plan", by_id()).await), (ErrorCode::NotFound, Some("scene_id".to_owned())));
-    let planned: MotionPlan = running.call("plan", bulk(&request, &scene)).await.unwrap().payload.decode_json().unwrap();
+    let mut far = request.clone();
+    far.placements[0].0[7] = 5.0;
+    let error = running.call("plan", bulk(&far, &scene)).await.unwrap_err();
+    assert_eq!((error.code, error.field.as_deref()), (ErrorCode::FailedPrecondition, Some("placements")));
+    assert!(error.message.contains("place_unreachable: "), "{}", error.message);
+    // The scene is kept though nothing could be planned on it.
+    let planned: MotionPlan = running.call("plan", by_id()).await.unwrap().payload.decode_json().unwrap();
     assert_eq!(planned.phases.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), NAMES);
     assert_eq!((planned.placement, planned.scene_stamp_ns), (0, scene.stamp_ns));
     let again: MotionPlan = running.call("plan", by_id()).await.unwrap().payload.decode_json().unwrap();
     assert_eq!(again, planned, "the same request and seed give the same plan");
+    // The same content seen again makes the scene younger, and an older sighting of it no older.
+    let seen_again = Scene { stamp_ns: scene.stamp_ns + 5, ..scene.clone() };
+    for sent in [bulk(&request, &seen_again), by_id(), bulk(&request, &scene)] {
+        let younger: MotionPlan = running.call("plan", sent).await.unwrap().payload.decode_json().unwrap();
+        assert_eq!(younger.scene_stamp_ns, seen_again.stamp_ns);
+    }
 
     let refused = async |change: &dyn Fn(&mut MotionPlanRequest)| {
         let mut changed = request.clone();
@@ -161,7 +173,6 @@ async fn a_plan_needs_its_scene_once_and_says_what_is_wrong_with_a_request() {
         refusal(running.call("plan", Payload::json(&changed).unwrap()).await)
     };
     assert_eq!(refused(&|r| r.query = 9).await, (ErrorCode::NotFound, Some("query".to_owned())));
-    assert_eq!(refused(&|r| r.placements[0].0[7] = 5.0).await, (ErrorCode::FailedPrecondition, Some("placements".to_owned())));
     assert_eq!(refused(&|r| r.start_joints_rad[1] = 0.9).await, (ErrorCode::FailedPrecondition, Some("start_joints_rad".to_owned())));
     assert_eq!(refusal(running.call("dance", by_id()).await).0, ErrorCode::InvalidArgument);
 
@@ -204,7 +215,7 @@ async fn a_request_may_bring_its_grasps_and_the_answer_says_why_better_placement
     assert!(plan.not_chosen[0].detail.contains("out of reach"), "{}", plan.not_chosen[0].detail);
 
     assert_eq!(refusal(asked(vec![out_of_reach], 0.0).await), (ErrorCode::FailedPrecondition, Some("placements".to_owned())));
-    assert_eq!(refusal(asked(Vec::new(), 0.0).await), (ErrorCode::FailedPrecondition, Some("query".to_owned())));
+    assert_eq!(refusal(asked(Vec::new(), 0.0).await), (ErrorCode::InvalidArgument, Some("grasps".to_owned())));
     let mut bent = found.grasp.clone();
     bent.world_from_tcp.0[0] = 7.0;
     let (code, field) = refusal(asked(vec![bent], 0.0).await);
@@ -278,8 +289,18 @@ async fn a_latched_stop_refuses_executions_until_it_is_reset() {
     let reset = || Payload::json(&RobotResetRequest { robot: "panda".to_owned() }).unwrap();
     let reply = running.call("reset", reset()).await.unwrap();
     assert_eq!(reply.payload.decode_json::<RobotResetReply>().unwrap(), RobotResetReply { was_stopped: true });
-    assert_eq!(robot.lock().unwrap().state.mode, RobotMode::Idle);
+    {
+        let robot = robot.lock().unwrap();
+        assert_eq!(robot.state.mode, RobotMode::Idle);
+        assert_eq!(robot.cleared.as_ref().and_then(|stop| stop.estop_id.as_deref()), Some("e1"), "the stop that is cleared is named");
+    }
     let reply = running.call("reset", reset()).await.unwrap();
     assert_eq!(reply.payload.decode_json::<RobotResetReply>().unwrap(), RobotResetReply { was_stopped: false });
+
+    // A robot that does not say why it is stopped is set going, too.
+    robot.lock().unwrap().state.mode = RobotMode::Stopped;
+    let reply = running.call("reset", reset()).await.unwrap();
+    assert_eq!(reply.payload.decode_json::<RobotResetReply>().unwrap(), RobotResetReply { was_stopped: true });
+    assert_eq!(robot.lock().unwrap().state.mode, RobotMode::Idle);
     running.stop().await;
 }

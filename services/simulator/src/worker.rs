@@ -30,7 +30,7 @@ const DEPTH_UNIT_M: f64 = 0.001;
 
 /// What the world is told or asked.
 enum Input {
-    Command(RobotCommand),
+    Command { command: RobotCommand, received: Instant },
     Reset { seed: u64, reply: oneshot::Sender<Result<Truth, CallError>> },
     Truth { view_yaw_rad: Option<f64>, reply: oneshot::Sender<Result<Truth, CallError>> },
 }
@@ -89,7 +89,7 @@ impl Worker {
     /// # Errors
     /// `resource_exhausted` when too many wait.
     pub fn command(&self, command: RobotCommand) -> Result<(), CallError> {
-        self.send(Input::Command(command))
+        self.send(Input::Command { command, received: Instant::now() })
     }
 
     /// Hands an emergency stop to the arm.
@@ -203,9 +203,10 @@ impl Running {
 
     fn take(&mut self, input: Input) {
         match input {
-            Input::Command(command) => {
+            Input::Command { command, received } => {
+                let received_s = received.saturating_duration_since(self.started).as_secs_f64();
                 let now_s = self.now_s();
-                if let Err(why) = self.cell.arm.command(&command, now_s) {
+                if let Err(why) = self.cell.arm.late_command(&command, received_s, now_s) {
                     tracing::debug!(owner = command.owner.id, seq = command.seq, %why, "command ignored");
                 }
             }

@@ -89,6 +89,7 @@ impl Bench {
             set_points,
             gripper: None,
             clear_stop,
+            clears: None,
         };
         self.send(command);
     }

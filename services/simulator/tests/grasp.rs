@@ -35,6 +35,7 @@ impl Commander {
             set_points,
             gripper,
             clear_stop: false,
+            clears: None,
         };
         cell.arm.command(&command, 0.0).expect("taken");
     }

@@ -49,6 +49,7 @@ fn swing(seq: u64) -> RobotCommand {
         set_points: (0..=100).map(point).collect(),
         gripper: None,
         clear_stop: false,
+        clears: None,
     }
 }
 
@@ -91,6 +92,19 @@ async fn a_cell_serves_frames_states_commands_stops_and_truth() {
     assert!(after.seed == 4 && after.objects != before.objects);
     let still = state_where(&mut states, "after the reset", |s| s.q_rad == READY).await;
     assert_eq!(still.mode, RobotMode::Stopped, "a new scene does not clear a latched stop");
+
+    // Whatever is put on the stop's key latches, and says what could be read of it.
+    let json = br#"{"id": "stop-2", "source": "panel", "reason": "button", "colour": "red"}"#;
+    for (seq, bytes, id) in [(3, &b""[..], None), (4, &json[..], Some("stop-2"))] {
+        let clear = RobotCommand { seq, clear_stop: true, starts_stream: false, ends_stream: false, set_points: Vec::new(), ..swing(seq) };
+        session.put(&command_key, Payload::json(&clear).expect("small"), Traffic::RobotCommand).await.expect("put");
+        state_where(&mut states, "that is ready again", |s| s.mode == RobotMode::Idle).await;
+        let stop = Payload { encoding: "zenoh/bytes".to_owned(), bytes: bytes.to_vec().into() };
+        session.put(&stop_key, stop, Traffic::EmergencyStop).await.expect("put");
+        let stopped = state_where(&mut states, "that is stopped by anything", |s| s.mode == RobotMode::Stopped).await.stop.expect("a stop");
+        assert_eq!(stopped.kind, "estop");
+        assert!(id.is_none_or(|id| stopped.estop_id.as_deref() == Some(id)), "{stopped:?}");
+    }
 
     shutdown.trigger();
     served.await.expect("joined").expect("served");

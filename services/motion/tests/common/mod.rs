@@ -2,7 +2,7 @@
 #![allow(dead_code, reason = "each test uses its share")]
 
 use repose_proto::motion::{Grasp, MotionPhase, MotionPlan};
-use repose_proto::robot::{GripperCommand, RobotCommand, RobotMode, RobotState, SetPoint};
+use repose_proto::robot::{GripperCommand, RobotCommand, RobotMode, RobotState, SetPoint, StopState};
 use repose_proto::{Message, RigidTransform};
 
 /// The wall clock of these tests, nanoseconds.
@@ -58,6 +58,11 @@ pub struct Robot {
     pub holds: bool,
     /// Whether it takes no commands.
     pub deaf: bool,
+    /// Whether it stops when the last command outlives its time to live, counted in robot time.
+    pub heeds_ttl: bool,
+    expires_ms: f64,
+    /// The stop that the last clearing command named.
+    pub cleared: Option<StopState>,
 }
 
 impl Robot {
@@ -79,7 +84,7 @@ impl Robot {
             last_command: None,
             stream_ms: None,
         };
-        Self { state, points: Vec::new(), ends: false, holds: true, deaf: false }
+        Self { state, points: Vec::new(), ends: false, holds: true, deaf: false, heeds_ttl: false, expires_ms: 0.0, cleared: None }
     }
 
     /// Takes a command.
@@ -88,10 +93,15 @@ impl Robot {
             return;
         }
         command.validate().unwrap();
+        self.expires_ms = self.state.robot_ms + command.ttl_ms as f64;
+        if self.state.owner.as_ref() == Some(&command.owner) && self.state.last_command == Some(command.seq) {
+            return;
+        }
         assert!(self.state.owner.as_ref() != Some(&command.owner) || self.state.last_command.is_none_or(|seq| command.seq > seq), "replay");
         self.state.owner = Some(command.owner.clone());
         self.state.last_command = Some(command.seq);
         if command.clear_stop {
+            self.cleared.clone_from(&command.clears);
             self.state.mode = RobotMode::Idle;
             self.state.stop = None;
         }
@@ -118,6 +128,7 @@ impl Robot {
         self.state.seq += 1;
         self.state.robot_ms += 10.0;
         if self.state.mode == RobotMode::Moving {
+            assert!(!self.heeds_ttl || self.ends || self.state.robot_ms <= self.expires_ms, "the commander is silent");
             let time = self.state.stream_ms.unwrap() + 10.0;
             self.state.stream_ms = Some(time);
             let point = self.points.iter().rfind(|p| p.t_ms <= time).unwrap();

@@ -20,7 +20,7 @@ pub struct ArmSettings {
     pub rules: CommandRuleSettings,
     /// The share of the acceleration and jerk limits that a stop uses where there is room for it.
     pub gentle_share: f64,
-    /// Set-points that are kept at most; more in one command are refused.
+    /// Set-points that are kept at most; a command that brings more, with those still to follow, is refused.
     pub max_set_points: usize,
 }
 
@@ -36,12 +36,18 @@ pub enum Ignored {
     /// Its epoch is lower than the owner's, or another owner has the same.
     #[error("not the owner")]
     NotOwner,
-    /// A later command of this owner was taken already.
+    /// This command of this owner or a later one was taken already.
     #[error("sequence number passed")]
     Passed,
+    /// Its time to live was over before it could be taken.
+    #[error("expired")]
+    Expired,
     /// A stop is latched.
     #[error("stopped")]
     Stopped,
+    /// It clears a stop, and another one is latched.
+    #[error("another stop is latched")]
+    OtherStop,
     /// A new stream, while the arm still follows one or brakes.
     #[error("still moving")]
     Moving,
@@ -170,21 +176,41 @@ impl Arm {
     /// Takes a command, received at `now_s` of the receiver's monotonic clock. Its content must have been validated.
     ///
     /// # Errors
-    /// [`Ignored`] when it was not taken; nothing has changed then.
+    /// [`Ignored`] when it was not taken; nothing has changed then, but that the last command's repeat begins its time to live anew: its sender
+    /// is not silent.
     pub fn command(&mut self, command: &RobotCommand, now_s: f64) -> Result<(), Ignored> {
+        self.late_command(command, now_s, now_s)
+    }
+
+    /// The same for a command that has waited: received at `received_s`, it comes to be looked at now.
+    ///
+    /// # Errors
+    /// As [`Self::command`]; [`Ignored::Expired`] when it has waited too long.
+    pub fn late_command(&mut self, command: &RobotCommand, received_s: f64, now_s: f64) -> Result<(), Ignored> {
+        let expires_s = received_s + command.ttl_ms as f64 * 1e-3;
+        if now_s > expires_s {
+            return Err(Ignored::Expired);
+        }
         if let Some(owner) = &self.owner {
             let (same, newer) = (command.owner == *owner, command.owner.epoch > owner.epoch);
             if !same && !newer {
                 return Err(Ignored::NotOwner);
             }
             if same && self.last_command.is_some_and(|last| command.seq <= last) {
+                if self.last_command == Some(command.seq) {
+                    self.expires_s = self.expires_s.max(expires_s);
+                }
                 return Err(Ignored::Passed);
             }
         }
         if self.stop.is_some() && !command.clear_stop {
             return Err(Ignored::Stopped);
         }
-        if command.set_points.len() > self.settings.max_set_points {
+        if command.clear_stop && command.clears.is_some() && self.stop.is_some() && command.clears != self.stop {
+            return Err(Ignored::OtherStop);
+        }
+        let kept = self.stream.as_ref().zip(command.set_points.first()).map_or(0, |(stream, first)| stream.kept(first));
+        if kept + command.set_points.len() > self.settings.max_set_points {
             return Err(Ignored::TooMany);
         }
         if command.starts_stream && !self.is_at_rest() {
@@ -192,7 +218,7 @@ impl Arm {
         }
         self.owner = Some(command.owner.clone());
         self.last_command = Some(command.seq);
-        self.expires_s = now_s + command.ttl_ms as f64 * 1e-3;
+        self.expires_s = expires_s;
         if command.clear_stop && self.motion.is_at_rest() {
             self.stop = None;
         }
@@ -297,11 +323,23 @@ impl Stream {
     /// Set-points from the first new time on are replaced; those behind the clock are dropped.
     fn extend(&mut self, set_points: &[SetPoint]) {
         let Some(first) = set_points.first() else { return };
-        let keep = self.points.partition_point(|p| p.t_ms < first.t_ms);
-        self.points.truncate(keep);
+        self.points.truncate(self.before(first));
         self.points.extend_from_slice(set_points);
-        let passed = self.points.partition_point(|p| p.t_ms <= self.clock_ms).saturating_sub(1);
-        self.points.drain(..passed);
+        self.points.drain(..self.passed());
+    }
+
+    /// How many set-points stay beside new ones that begin with `first`.
+    fn kept(&self, first: &SetPoint) -> usize {
+        self.before(first).saturating_sub(self.passed())
+    }
+
+    fn before(&self, first: &SetPoint) -> usize {
+        self.points.partition_point(|p| p.t_ms < first.t_ms)
+    }
+
+    /// How many set-points are of no use any more: the last one behind the clock still is.
+    fn passed(&self) -> usize {
+        self.points.partition_point(|p| p.t_ms <= self.clock_ms).saturating_sub(1)
     }
 
     fn advance(&mut self) {
@@ -371,6 +409,7 @@ mod tests {
             set_points,
             gripper: None,
             clear_stop: false,
+            clears: None,
         }
     }
 
@@ -440,6 +479,65 @@ mod tests {
         (clear.clear_stop, clear.starts_stream) = (true, false);
         arm.command(&clear, 0.0).expect("taken");
         assert_eq!(arm.mode(), RobotMode::Idle);
+    }
+
+    #[test]
+    fn a_stop_that_latched_meanwhile_is_not_cleared_with_another() {
+        let mut arm = Arm::default();
+        arm.command(&command(1, 1, Vec::new()), 0.0).expect("taken");
+        let mut clear = command(2, 1, Vec::new());
+        (clear.clear_stop, clear.starts_stream, clear.clears) = (true, false, arm.stop().cloned());
+        arm.emergency_stop(&EmergencyStop::read(b"e1"));
+        assert_eq!(arm.command(&clear, 0.0), Err(Ignored::OtherStop));
+        assert_eq!(arm.mode(), RobotMode::Stopped);
+        clear.clears = arm.stop().cloned();
+        arm.command(&clear, 0.0).expect("taken");
+        assert_eq!(arm.mode(), RobotMode::Idle);
+    }
+
+    #[test]
+    fn a_command_that_waited_longer_than_it_may_live_is_not_taken() {
+        let mut arm = Arm::default();
+        let first = command(1, 1, swing(0.5, 1000.0));
+        assert_eq!(arm.late_command(&first, 0.0, 1.1), Err(Ignored::Expired));
+        assert_eq!((arm.mode(), arm.last_command()), (RobotMode::Idle, None));
+        // What has lived for most of its time when it is taken lives for the rest.
+        let mut open = first.clone();
+        open.ends_stream = false;
+        arm.late_command(&open, 0.0, 0.9).expect("taken");
+        run(&mut arm, 100, 0.95);
+        assert_eq!(arm.mode(), RobotMode::Moving);
+        run(&mut arm, 1, 1.05);
+        assert_eq!(arm.stop().map(|s| s.kind.as_str()), Some("commander_silent"));
+    }
+
+    #[test]
+    fn a_command_sent_again_is_acted_on_once_and_keeps_its_sender_from_being_silent() {
+        let mut arm = Arm::default();
+        let mut first = command(1, 1, swing(0.5, 2000.0));
+        first.ends_stream = false;
+        arm.command(&first, 0.0).expect("taken");
+        run(&mut arm, 400, 0.8);
+        assert_eq!(arm.command(&first, 0.8), Err(Ignored::Passed));
+        run(&mut arm, 400, 1.7);
+        assert_eq!((arm.mode(), arm.stream_ms()), (RobotMode::Moving, Some(800.0)), "it goes on where it was");
+    }
+
+    #[test]
+    fn set_points_are_bounded_over_all_commands_of_a_stream() {
+        let mut arm = Arm::new(ArmSettings { max_set_points: 120, ..ArmSettings::default() });
+        let points = swing(0.5, 2000.0);
+        let window = |seq: u64, range: std::ops::Range<usize>| {
+            let mut window = command(seq, 1, points[range].to_vec());
+            (window.starts_stream, window.ends_stream) = (seq == 1, false);
+            window
+        };
+        arm.command(&window(1, 0..100), 0.0).expect("taken");
+        assert_eq!(arm.command(&window(2, 100..150), 0.0), Err(Ignored::TooMany));
+        arm.command(&window(2, 60..120), 0.0).expect("those that it replaces do not count");
+        run(&mut arm, 500, 0.0);
+        arm.command(&window(3, 120..160), 0.0).expect("nor do those that are behind");
+        assert_eq!(arm.stop(), None);
     }
 
     #[test]

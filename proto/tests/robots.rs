@@ -1,0 +1,64 @@
+//! What asks robots to move and to stop: bounds by field, and a stop that is read from anything.
+
+mod common;
+
+use common::*;
+use repose_proto::motion::{MotionPlan, MotionPlanRequest};
+use repose_proto::robot::EmergencyStop;
+use repose_proto::{CallError, ErrorCode, Message, limits};
+
+fn field(error: &CallError) -> &str {
+    assert_eq!(error.code, ErrorCode::InvalidArgument, "{error}");
+    error.field.as_deref().unwrap_or_else(|| panic!("no field in {error}"))
+}
+
+#[test]
+fn a_motion_plan_names_the_field_at_fault() {
+    type Edit = fn(&mut MotionPlan);
+    let cases: [(&str, Edit); 6] = [
+        ("grasp.world_from_tcp", |p| p.grasp.world_from_tcp.0[0] = 2.0),
+        ("grasp.width_m", |p| p.grasp.width_m = 0.2),
+        ("grasp.score", |p| p.grasp.score = f64::NAN),
+        ("duration_ms", |p| p.duration_ms = -1.0),
+        ("phases[0].gripper.force_n", |p| p.phases[0].gripper.iter_mut().for_each(|g| g.force_n = 500.0)),
+        ("phases[0].set_points[1].t_ms", |p| p.phases[0].set_points[1].t_ms = 0.0),
+    ];
+    assert!(motion_plan().validate().is_ok());
+    for (expected, edit) in cases {
+        let mut plan = motion_plan();
+        edit(&mut plan);
+        assert_eq!(field(&plan.validate().unwrap_err()), expected);
+    }
+}
+
+#[test]
+fn the_number_of_grasps_and_the_epoch_are_bounded() {
+    let with = |count: usize| MotionPlanRequest { grasps: Some(vec![motion_plan().grasp; count]), ..motion_plan_request() };
+    assert!(with(limits::MAX_GRASPS).validate().is_ok());
+    for count in [0, limits::MAX_GRASPS + 1] {
+        assert_eq!(field(&with(count).validate().unwrap_err()), "grasps");
+    }
+    let mut command = robot_command();
+    command.owner.epoch = limits::MAX_EPOCH;
+    assert!(command.validate().is_ok());
+    command.owner.epoch += 1;
+    assert_eq!(field(&command.validate().unwrap_err()), "owner.epoch");
+}
+
+#[test]
+fn an_emergency_stop_is_read_from_anything() {
+    let said = emergency_stop();
+    assert_eq!(EmergencyStop::read(&serde_json::to_vec(&said).unwrap()), said);
+    let part = EmergencyStop::read(br#"{"id": "e2", "stamp_ns": -4, "more": [1]}"#);
+    assert_eq!((part.id.as_str(), part.source.as_str(), part.stamp_ns), ("e2", "unknown", 0));
+    assert!(part.reason.starts_with("unreadable stop: "), "{}", part.reason);
+    let large = vec![b'x'; limits::MAX_STOP_BYTES + 1];
+    for bytes in [&b""[..], b"\xff\x00", b"STOP", b"[1, 2]", b"{\"id\": 7", &large] {
+        let stop = EmergencyStop::read(bytes);
+        assert!(stop.reason.starts_with("unreadable stop: ") && stop.reason.len() < 200, "{}", stop.reason);
+        assert_eq!(stop, EmergencyStop::read(bytes), "a repeat is the same stop");
+    }
+    assert_ne!(EmergencyStop::read(b"").id, EmergencyStop::read(b"STOP").id);
+    let long = format!(r#"{{"reason": "{}"}}"#, "é".repeat(5000));
+    assert_eq!(EmergencyStop::read(long.as_bytes()).reason.chars().count(), 256);
+}
