@@ -47,6 +47,8 @@ pub struct DiscriminatorSettings {
     pub placements: u32,
     /// The planner's variants; the first is the one that the table's main figures are of.
     pub variants: Vec<Variant>,
+    /// What `best` makes of the outcome network's word and geometry.
+    pub stability: Stability,
     /// How a release is simulated.
     pub release: ReleaseSettings,
     /// Threads to work with; the table does not depend on it.
@@ -57,7 +59,8 @@ impl Default for DiscriminatorSettings {
     fn default() -> Self {
         let problem = ProblemSettings { scene: SceneSettings::only(SceneKind::Kitchen), ..ProblemSettings::default() };
         let variants = vec![Variant::Best, Variant::Full];
-        Self { problem, samples: 8, placements: 3, variants, release: ReleaseSettings::default(), threads: 2 }
+        let stability = Stability::embedded().clone();
+        Self { problem, samples: 8, placements: 3, variants, stability, release: ReleaseSettings::default(), threads: 2 }
     }
 }
 
@@ -215,7 +218,7 @@ pub fn evaluate_discriminator(
 /// Everything that is let go in one scene.
 fn trials_of(problem: &Problem, engine: &Engine, settings: &DiscriminatorSettings) -> Result<Vec<Trial>, CallError> {
     let scene = Arc::new(problem.observed.clone());
-    let models = OneScene::new(engine, scene.clone());
+    let models = OneScene::new(engine, scene.clone()).with_stability(&settings.stability);
     let prepared = Prepared::with_id(scene, models.scene_id().to_owned());
     let mut trials = random_trials(problem, &models, &prepared, settings)?;
     for &variant in &settings.variants {
@@ -262,7 +265,7 @@ fn random_trials(
     let centroid = Point3::from(object.centroid_m);
     let trial = |(rank, draw): (usize, &[f32; 4])| {
         let judged = judge(problem, &motion_to(&centroid, draw), &settings.release)?;
-        let best = measured.as_ref().map(|of| Stability::embedded().of(&of(&Candidate::from_row(*draw), outcomes[rank])));
+        let best = measured.as_ref().map(|of| settings.stability.of(&of(&Candidate::from_row(*draw), outcomes[rank])));
         let (realism, outcome) = (f64::from(realism[rank]), Some(f64::from(outcomes[rank])));
         Some(Trial { seed: problem.seed, variant: None, rank, realism, outcome, best, judged })
     };
@@ -333,6 +336,8 @@ fn correlation(scenes: &[Vec<Trial>]) -> Correlation {
 mod tests {
     use super::*;
     use repose_networks::Models as Networks;
+    use repose_planner::boosted_trees::BoostedTrees;
+    use repose_planner::stability::FittedOn;
 
     fn trial(variant: Option<Variant>, rank: usize, realism: f64, moved_m: f64) -> Trial {
         let judged = Judged { moved_m, stable: moved_m < 0.05, goal: true, clean: true };
@@ -366,12 +371,18 @@ mod tests {
     #[test]
     fn two_scenes_give_a_table_within_its_bounds() {
         let engine = Engine::new(Networks::embedded().expect("embedded weights"), 1);
-        let settings = DiscriminatorSettings { samples: 3, variants: vec![Variant::Geometric], ..DiscriminatorSettings::default() };
+        // A stability of one's own that says the same of everything.
+        let stability = Stability::new(BoostedTrees { bias: 0.0, trees: Vec::new() }, FittedOn::default()).expect("sound");
+        let variants = vec![Variant::Geometric, Variant::Best];
+        let settings = DiscriminatorSettings { samples: 3, variants, stability, ..DiscriminatorSettings::default() };
         let mut told = 0;
         let table = evaluate_discriminator(Split::Validation, 2, &engine, &settings, |n| told = n).expect("a table");
         assert_eq!((table.scenes, told, table.random_stable.n), (2, 2, 6));
         assert!(table.trials.iter().all(|t| (0.0..=1.0).contains(&t.realism) && t.judged.moved_m >= 0.0), "{table:?}");
         assert_eq!(table.rows[0].confident.n, 2);
+        let of_best = |t: &&Trial| t.variant == Some(Variant::Best);
+        assert!(table.trials.iter().filter(of_best).all(|t| t.realism == 0.5), "best goes by the stability given: {table:?}");
+        assert!(table.trials.iter().filter(|t| t.variant.is_none()).all(|t| t.best.is_none_or(|said| said == 0.5)), "{table:?}");
         assert!(table.random.iter().all(|row| row.auc.is_none_or(|a| (0.0..=1.0).contains(&a))));
     }
 }

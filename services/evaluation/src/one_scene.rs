@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use repose_inference::{Engine, HeldScene};
 use repose_planner::Models;
+use repose_planner::stability::Stability;
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, Scene as ObservedScene};
 
@@ -11,12 +12,18 @@ use repose_proto::{CallError, Scene as ObservedScene};
 pub struct OneScene<'a> {
     engine: &'a Engine,
     held: HeldScene,
+    stability: &'a Stability,
 }
 
 impl<'a> OneScene<'a> {
     /// Holds a scene. Hashes it for its id.
     pub fn new(engine: &'a Engine, scene: Arc<ObservedScene>) -> Self {
-        Self { engine, held: HeldScene::new(scene.id(), scene) }
+        Self { engine, held: HeldScene::new(scene.id(), scene), stability: Stability::embedded() }
+    }
+
+    /// The same with another stability than the one that comes with the program.
+    pub fn with_stability(self, stability: &'a Stability) -> Self {
+        Self { stability, ..self }
     }
 
     /// The scene's id.
@@ -37,5 +44,9 @@ impl Models for OneScene<'_> {
 
     fn score(&self, request: &ScoreRequest, _: &Arc<ObservedScene>) -> Result<ScoreReply, CallError> {
         self.engine.score(request, &self.held)
+    }
+
+    fn stability(&self) -> &Stability {
+        self.stability
     }
 }

@@ -11,6 +11,7 @@ use nalgebra::Isometry3;
 use repose_dataset::Split;
 use repose_geometry::transform::from_row_major;
 use repose_inference::Engine;
+use repose_planner::stability::Stability;
 use repose_planner::{Models, Prepared, plan_with_report};
 use repose_proto::place::{Outcome, Rejection, Variant};
 use repose_proto::scoring::{RealismBy, ScoreRequest};
@@ -32,6 +33,8 @@ pub struct PlannerSceneSettings {
     pub variants: Vec<Variant>,
     /// Distinct answers asked for; the first is the one that counts, all are looked at for what they stand on.
     pub answers: u32,
+    /// What `best` makes of the outcome network's word and geometry.
+    pub stability: Stability,
     /// How hard true answers are searched.
     pub truth: TruthSettings,
     /// How a release is simulated.
@@ -40,7 +43,13 @@ pub struct PlannerSceneSettings {
 
 impl Default for PlannerSceneSettings {
     fn default() -> Self {
-        Self { variants: Variant::ALL.to_vec(), answers: 8, truth: TruthSettings::default(), release: ReleaseSettings::default() }
+        Self {
+            variants: Variant::ALL.to_vec(),
+            answers: 8,
+            stability: Stability::embedded().clone(),
+            truth: TruthSettings::default(),
+            release: ReleaseSettings::default(),
+        }
     }
 }
 
@@ -68,7 +77,8 @@ impl SceneSet {
     }
 }
 
-/// The candidate that the paper's columns are of: the lowest-cost one in view, feasible or not.
+/// The candidate that the paper's columns are of: the lowest-cost feasible one, or where none is feasible, the one of lowest cost among
+/// those in view that violate the constraints least.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct InView {
     /// The predictor's probability of the goal.
@@ -210,7 +220,7 @@ pub fn try_scene(
     let Some(truth) = Truth::new(&problem) else { return Ok(None) };
     let answers = truth.answers(&settings.truth, &settings.release);
     let scene = Arc::new(problem.observed.clone());
-    let models = OneScene::new(engine, scene.clone());
+    let models = OneScene::new(engine, scene.clone()).with_stability(&settings.stability);
     let prepared = Prepared::with_id(scene, models.scene_id().to_owned());
     let (mut trials, mut results) = (Vec::new(), Vec::new());
     for &variant in &settings.variants {

@@ -1,6 +1,7 @@
 //! Table 1, regenerated: the planner's variants on scenes never trained on, judged by releasing the object in the true world.
 //!
-//! The paper's columns are of each variant's lowest-cost candidate in view, feasible or not. The joint rate is of what was *returned*:
+//! The paper's columns are of each variant's lowest-cost feasible candidate, and where none is feasible, of the one of lowest cost among
+//! those in view that violate the constraints least. The joint rate is of what was *returned*:
 //! of the scenes with an answer, those where the object stayed, the goal held by ground truth after settling, nothing else moved 2 cm,
 //! and the object neither tipped by 15° nor was put 5 mm into anything. "None" is right where there is no answer. Rates come with
 //! intervals, comparisons are paired by scene.

@@ -18,9 +18,9 @@ impl Rate {
         self.of += usize::from(success);
     }
 
-    /// The rate in percent; 0 without trials.
-    pub fn percent(&self) -> f64 {
-        if self.n == 0 { 0.0 } else { 100.0 * self.of as f64 / self.n as f64 }
+    /// The rate in percent; none without trials.
+    pub fn percent(&self) -> Option<f64> {
+        (self.n > 0).then(|| 100.0 * self.of as f64 / self.n as f64)
     }
 
     /// Wilson's 95 % score interval, percent.
@@ -47,8 +47,9 @@ impl FromIterator<bool> for Rate {
 
 impl std::fmt::Display for Rate {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Some(percent) = self.percent() else { return f.write_str("0/0") };
         let [low, high] = self.interval_percent();
-        write!(f, "{}/{} = {:.0} % [{low:.0}, {high:.0}]", self.of, self.n, self.percent())
+        write!(f, "{}/{} = {percent:.0} % [{low:.0}, {high:.0}]", self.of, self.n)
     }
 }
 
@@ -62,5 +63,12 @@ mod tests {
         let [low, high] = rate.interval_percent();
         assert!((low - 49.02).abs() < 0.05 && (high - 94.33).abs() < 0.05, "{low} {high}");
         assert_eq!(Rate { of: 0, n: 0 }.interval_percent(), [0.0, 100.0]);
+    }
+
+    #[test]
+    fn without_trials_there_is_no_rate() {
+        assert_eq!((Rate::default().percent(), Rate { of: 0, n: 4 }.percent()), (None, Some(0.0)));
+        assert_eq!(serde_json::json!(Rate::default().percent()), serde_json::Value::Null);
+        assert_eq!((Rate::default().to_string(), Rate { of: 1, n: 2 }.to_string()), ("0/0".to_owned(), "1/2 = 50 % [9, 91]".to_owned()));
     }
 }

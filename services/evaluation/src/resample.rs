@@ -6,7 +6,7 @@
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// How often the groups are drawn anew: the limits of a 95 % interval are then the 25th values from either end.
+/// How often the groups are drawn anew: beyond the limits of a 95 % interval are then 25 values at either end.
 const RESAMPLES: usize = 1000;
 
 /// The 95 % interval of `statistic` over draws of as many groups as there are, with repetition; `None` where there is no group or where

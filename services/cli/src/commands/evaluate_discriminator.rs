@@ -11,14 +11,15 @@ use repose_proto::place::Variant;
 use serde_json::{Value, json};
 
 use crate::args::parse_variant;
-use crate::commands::evaluate_scenes::{TableArgs, only_meshes, write_report};
+use crate::commands::evaluate_scenes::{StabilityArgs, TableArgs, named, only_meshes, write_report};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 
 /// What the figures are of; part of the JSON.
 const DEFINITION: &str = "kitchen scenes, one open goal each; ground truth: masks, camera pose, meshes, and what 500 physics steps do; observed: depth with the sensor model; \
                           stable: the centre moved less than 5 cm, of scenes where a placement was returned; goal: by ground truth after settling; \
-                          pearson: realism against distance moved of random prior samples, movements of 0.5 m and more left out; auc_random: all of them, stable or not; \
+                          pearson: realism against distance moved of random prior samples, all of every scene's, movements of 0.5 m and more left out; pearson_p takes them for independent, which samples of one scene are not: \
+                          pearson_one_a_scene is of the first sample of each scene, as the paper's is, and intervals are over scenes; auc_random: all samples, stable or not; \
                           calibration: realism of placements that the planner returned against stable, ten bins";
 
 /// Arguments of `evaluate discriminator`.
@@ -39,6 +40,9 @@ pub struct EvaluateDiscriminatorArgs {
     /// Split, weights and threads.
     #[command(flatten)]
     pub common: TableArgs,
+    /// What `best` goes by.
+    #[command(flatten)]
+    pub stability: StabilityArgs,
     /// A folder for the table as JSON, the scatter plot and the reliability diagrams as SVG.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -57,8 +61,10 @@ pub fn run(args: &EvaluateDiscriminatorArgs, output: Output) -> Outcome {
         only_meshes(&mut settings.problem.scene, folder)?;
     }
     let engine = args.common.engine()?;
+    settings.stability = args.stability.read(&engine)?;
     let table = evaluate_discriminator(split, args.scenes, &engine, &settings, |scenes| tracing::info!(scenes, "tried"))?;
-    let document = document(&table, &args.common.split, engine.weights_hash());
+    let made_with = json!({"split": args.common.split, "weights_hash": engine.weights_hash(), "stability": named(&settings.stability)});
+    let document = document(&table, &made_with);
     if let Some(folder) = &args.out {
         let mut pictures = vec![("discriminator", plot(&table)?)];
         let diagrams: Result<Vec<(String, String)>, Failure> = table
@@ -77,7 +83,7 @@ pub fn run(args: &EvaluateDiscriminatorArgs, output: Output) -> Outcome {
     output.print(&document, || text_of(&table))
 }
 
-fn document(table: &DiscriminatorTable, split: &str, weights_hash: &str) -> Value {
+fn document(table: &DiscriminatorTable, made_with: &Value) -> Value {
     let rows: Vec<Value> = table
         .rows
         .iter()
@@ -106,6 +112,7 @@ fn document(table: &DiscriminatorTable, split: &str, weights_hash: &str) -> Valu
         "random_by": random.map(|row| row.by),
         "calibration_error": main.and_then(|row| row.calibration.error),
         "pearson_r_interval": random.and_then(|row| row.all.interval),
+        "pearson_one_a_scene": random.map(|row| row.one_a_scene),
         "auc_random_interval": random.and_then(|row| row.auc_interval),
         "random": table.random, "random_stable": table.random_stable.percent(),
         "rows": rows,
@@ -113,7 +120,7 @@ fn document(table: &DiscriminatorTable, split: &str, weights_hash: &str) -> Valu
             "stable": paper::STABLE_PERCENT, "stable_with_goal": paper::STABLE_WITH_GOAL_PERCENT,
             "random_r": paper::RANDOM_R.0, "random_p": paper::RANDOM_R.1, "planned_r": paper::PLANNED_R.0, "planned_p": paper::PLANNED_R.1,
         },
-        "split": split, "weights_hash": weights_hash, "definition": DEFINITION,
+        "split": made_with["split"], "weights_hash": made_with["weights_hash"], "stability": made_with["stability"], "definition": DEFINITION,
         "trials": table.trials,
     })
 }
@@ -205,6 +212,8 @@ mod tests {
             assert!(document.get(key).is_some_and(|v| v.is_null() || v.is_number()), "{key}: {document}");
         }
         assert_eq!(document["scenes"], 2);
+        assert!(document["pearson_one_a_scene"]["n"].as_u64().is_some_and(|n| n <= 2), "{document}");
+        assert_eq!(document["stability"]["fitted_on"]["weights_hash"], document["weights_hash"]);
         assert!(document["stable"].as_f64().is_some_and(|s| (0.0..=100.0).contains(&s)));
         for picture in ["discriminator.svg", "reliability_geometric.svg"] {
             assert!(std::fs::read_to_string(folder.path().join(picture)).expect("a picture").contains("</svg>"));

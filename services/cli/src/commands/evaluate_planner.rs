@@ -13,7 +13,7 @@ use repose_proto::place::Variant;
 use repose_simulator::scene::SceneKind;
 
 use crate::args::parse_variant;
-use crate::commands::evaluate_scenes::{TableArgs, only_meshes, write_report};
+use crate::commands::evaluate_scenes::{StabilityArgs, TableArgs, named, only_meshes, write_report};
 use crate::commands::generate::parse_kind;
 use crate::commands::planner_records::Records;
 use crate::commands::planner_report::{document, pictures, text_of};
@@ -47,6 +47,9 @@ pub struct EvaluatePlannerArgs {
     /// Split, weights and threads.
     #[command(flatten)]
     pub common: TableArgs,
+    /// What `best` goes by.
+    #[command(flatten)]
+    pub stability: StabilityArgs,
     /// A folder for every scene's record, the table as JSON and SVG, and contact sheets.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -57,11 +60,12 @@ pub struct EvaluatePlannerArgs {
 
 /// Runs the command.
 pub fn run(args: &EvaluatePlannerArgs, output: Output) -> Outcome {
-    let settings = settings_of(args)?;
+    let mut settings = settings_of(args)?;
     let engine = args.common.engine()?;
+    settings.scene.stability = args.stability.read(&engine)?;
     let head = serde_json::json!({
-        "split": args.common.split, "weights_hash": engine.weights_hash(), "variants": settings.scene.variants,
-        "answers": settings.scene.answers,
+        "split": args.common.split, "weights_hash": engine.weights_hash(), "stability": named(&settings.scene.stability),
+        "variants": settings.scene.variants, "answers": settings.scene.answers,
         "objects": args.objects.as_ref().and_then(|o| o.file_name()).map(|name| name.to_string_lossy()),
     });
     let mut records = Records::open(args.out.as_deref(), &head)?;
@@ -140,6 +144,7 @@ fn log(tried: &TriedScene) {
 #[cfg(test)]
 mod tests {
     use clap::Parser;
+    use repose_planner::stability::Stability;
 
     use super::*;
 
@@ -183,10 +188,28 @@ mod tests {
         let row = &document["rows"][0];
         assert_eq!(row["variant"], "geometric");
         for key in ["predicates", "realistic", "successful", "stable", "joint", "none_precision", "none_recall"] {
-            assert!(row[key].as_f64().is_some_and(|p| (0.0..=100.0).contains(&p)), "{key}: {row}");
+            // Nothing tried has no rate.
+            let counted = row["counts"].get(key).unwrap_or(&row["counts"]["of_all"][key]);
+            match counted["n"].as_u64() {
+                Some(0) => assert_eq!(row.get(key), Some(&serde_json::Value::Null), "{key}: {row}"),
+                _ => assert!(row[key].as_f64().is_some_and(|p| (0.0..=100.0).contains(&p)), "{key}: {row}"),
+            }
         }
         assert!(read("planner_large_box.svg").contains("</svg>"));
         let refused = run(&line("2", "test"), Output { json: false }).expect_err("other settings");
         assert_eq!(refused.exit_code(), 2);
+        // Another stability is other settings too, and a file that is none is refused before anything is tried.
+        let file = folder.path().join("stability.json");
+        let with_stability = || {
+            let mut args = line("2", "validation");
+            args.stability.stability = Some(file.clone());
+            run(&args, Output { json: false }).expect_err("another stability")
+        };
+        std::fs::write(&file, "{}").expect("written");
+        assert_eq!(with_stability().exit_code(), 2);
+        let own = serde_json::to_string(Stability::embedded()).expect("JSON");
+        let weights = &Stability::embedded().fitted_on().weights_hash;
+        std::fs::write(&file, own.replace(weights.as_str(), "of other weights")).expect("written");
+        assert!(format!("{:?}", with_stability()).contains("of other weights"), "named in the head");
     }
 }

@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use repose_dataset::Split;
 use repose_inference::{Engine, InferenceConfig, engine_of};
+use repose_planner::stability::Stability;
+use repose_planner::{PlannerConfig, stability_of};
 use repose_simulator::objects::{MeshLibrary, MeshSettings, ObjectSource};
 use repose_simulator::scene::SceneSettings;
 
@@ -45,6 +47,36 @@ impl TableArgs {
     pub fn threads(&self) -> usize {
         threads(self.threads)
     }
+}
+
+/// What the tables of `best` are told beside the weights.
+#[derive(Debug, Args)]
+pub struct StabilityArgs {
+    /// A file of `train --network stability` in place of the one that comes with the program: to go with `--weights`.
+    #[arg(long, value_name = "FILE")]
+    pub stability: Option<PathBuf>,
+}
+
+impl StabilityArgs {
+    /// What `best` makes of the outcome network of an engine; says so when it was fitted on another one's words.
+    pub fn read(&self, engine: &Engine) -> Result<Stability, Failure> {
+        let config = PlannerConfig { stability: self.stability.clone(), ..PlannerConfig::default() };
+        let stability = stability_of(&config).map_err(|e| Failure::bad_input("stability", e))?;
+        let fitted_with = &stability.fitted_on().weights_hash;
+        if fitted_with != engine.weights_hash() {
+            tracing::warn!(
+                weights_hash = engine.weights_hash(),
+                fitted_with,
+                "the stability was fitted with other weights: the figures of `best` are not what these weights can reach; `repose train --network stability` fits it anew"
+            );
+        }
+        Ok(stability)
+    }
+}
+
+/// What a report says of a stability.
+pub fn named(stability: &Stability) -> serde_json::Value {
+    serde_json::json!({"hash": stability.hash(), "fitted_on": stability.fitted_on()})
 }
 
 /// The networks of a file, or those that come with the program, one thread a request.
