@@ -69,8 +69,8 @@ impl Default for FlyingSettings {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct UnseenSettings {
-    /// Edge of the cubes, metres; larger where the furniture is too wide for [`UnseenSpace`](repose_proto::UnseenSpace). Lowering it
-    /// costs time and bytes, quadratically, and lowers how high the cubes reach.
+    /// Edge of the cubes, metres; larger where the furniture is too wide or too high for [`UnseenSpace`](repose_proto::UnseenSpace).
+    /// Lowering it costs time and bytes, quadratically, and lowers how high the cubes reach.
     pub cell_m: f64,
 }
 

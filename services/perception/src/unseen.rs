@@ -10,6 +10,9 @@ use repose_proto::UnseenSpace;
 use crate::settings::UnseenSettings;
 use crate::surfaces::SupportSurface;
 
+/// How far above the highest furniture the cubes reach at least, where they must grow to reach it at all, metres: things stand on it.
+const HEADROOM_M: f64 = 0.3;
+
 /// The depth picture that rays are followed in.
 pub struct RayView<'a> {
     /// Depth, NaN where there is no reading.
@@ -22,7 +25,7 @@ pub struct RayView<'a> {
 
 /// The cubes above the furniture among `surfaces` that were not seen; `None` without furniture.
 ///
-/// The grid spans the furniture's outlines and rises from the largest one.
+/// The grid spans the furniture's outlines and rises from the largest one, which may be a floor, past the highest.
 pub fn space(view: &RayView<'_>, surfaces: &[SupportSurface], settings: &UnseenSettings) -> Option<UnseenSpace> {
     let furniture = || surfaces.iter().filter(|s| s.object.is_none());
     let main = furniture().max_by(|a, b| a.seen_m2.total_cmp(&b.seen_m2))?;
@@ -32,7 +35,11 @@ pub fn space(view: &RayView<'_>, surfaces: &[SupportSurface], settings: &UnseenS
     let low = corners().fold([f32::INFINITY; 2], |low, c| [low[0].min(c.x), low[1].min(c.y)]).map(|m| micro(f64::from(m)));
     let high = corners().fold([f32::NEG_INFINITY; 2], |high, c| [high[0].max(c.x), high[1].max(c.y)]).map(|m| micro(f64::from(m)));
     let longest_m = (high[0] - low[0]).max(high[1] - low[1]);
-    let cell_m = micro(settings.cell_m.max(longest_m / UnseenSpace::MAX_SIDE as f64)).max(1e-6);
+    let wide_m = settings.cell_m.max(longest_m / UnseenSpace::MAX_SIDE as f64);
+    let rise_m = f64::from(furniture().map(|s| s.height_m).fold(main.height_m, f32::max) - main.height_m);
+    let levels = UnseenSpace::LEVELS as f64;
+    let high_m = if rise_m < levels * wide_m { wide_m } else { (rise_m + HEADROOM_M) / levels };
+    let cell_m = micro(high_m).max(1e-6);
     let side = |k: usize| (((high[k] - low[k]) / cell_m - 1e-3).ceil() as usize).clamp(1, UnseenSpace::MAX_SIDE);
     let (columns, rows) = (side(0), side(1));
     let origin_m = [low[0], low[1], micro(f64::from(main.height_m))];
@@ -157,6 +164,21 @@ mod tests {
         };
         assert_eq!(unseen(hole(12)).hides([0.25, 0.0, 0.01]), Some(true));
         assert_eq!(unseen(hole(0)), unseen(|_| ()));
+    }
+
+    #[test]
+    fn a_table_high_above_a_wider_floor_is_within_the_grid() {
+        let world_from_camera = look_at(&Point3::new(0.0, -1.4, 1.4), &Point3::new(0.0, 0.0, 0.7), &Vector3::z());
+        let solids = [Solid::table(0.0), Solid::cuboid([0.0, 0.0, 0.4], [0.3, 0.3, 0.4])];
+        let depth_m = cast(&solids, &CAMERA, &world_from_camera).map(|s| s.map_or(f32::NAN, |(z, _)| z as f32));
+        let view = RayView { depth_m: &depth_m, camera: CAMERA, world_from_camera: &world_from_camera };
+        let raised = |height_m| SupportSurface { height_m, seen_m2: 0.2, ..table() };
+        let of = |height_m| space(&view, &[table(), raised(height_m)], &UnseenSettings::default()).unwrap();
+        let high = of(0.8);
+        assert_eq!((high.hides([0.0, 0.0, 0.78]), high.hides([0.0, 0.0, 0.88])), (Some(true), Some(false)));
+        assert!((high.cell_m * 32.0 - 1.1).abs() < 1e-4, "{}", high.cell_m);
+        // What the cubes reach at their own size, they reach as ever.
+        assert_eq!(of(0.6), space(&view, &[table()], &UnseenSettings::default()).unwrap());
     }
 
     #[test]
