@@ -53,12 +53,61 @@ impl ServiceConfigs {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
+    use repose_runtime::{CallerConfig, SessionConfig, WorkerConfig};
+    use serde::de::DeserializeOwned;
+
     use super::*;
+
+    fn example() -> std::path::PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/repose.toml")
+    }
 
     #[test]
     fn the_example_configuration_says_the_defaults() {
-        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/repose.toml");
-        let said = ServiceConfigs::load(Some(&file)).unwrap_or_else(|failure| panic!("{failure:?}"));
+        let said = ServiceConfigs::load(Some(&example())).unwrap_or_else(|failure| panic!("{failure:?}"));
         assert_eq!(said, ServiceConfigs::default());
+    }
+
+    #[test]
+    fn the_example_configuration_says_every_setting() {
+        let text = std::fs::read_to_string(example()).unwrap();
+        // Settings without a default value stand there commented out.
+        let is_setting =
+            |line: &str| line.split_once(" = ").is_some_and(|(name, _)| name.bytes().all(|b| b == b'_' || b.is_ascii_lowercase()));
+        let lines = text.lines().map(|line| line.strip_prefix("# ").filter(|rest| is_setting(rest)).unwrap_or(line));
+        let said: toml::Table = toml::from_str(&lines.collect::<Vec<_>>().join("\n")).unwrap();
+        let sections = [
+            ("session", fields_of::<SessionConfig> as fn(&str) -> BTreeSet<String>),
+            ("caller", fields_of::<CallerConfig>),
+            ("worker", fields_of::<WorkerConfig>),
+            ("perception", fields_of::<PerceptionConfig>),
+            ("inference", fields_of::<InferenceConfig>),
+            ("planner", fields_of::<PlannerConfig>),
+            ("motion", fields_of::<MotionConfig>),
+            ("simulator", fields_of::<SimulatorConfig>),
+        ];
+        assert_eq!(said.keys().map(String::as_str).collect::<BTreeSet<_>>(), sections.iter().map(|(name, _)| *name).collect());
+        for (name, fields) in sections {
+            same_settings(name, "", said[name].as_table().unwrap(), fields);
+        }
+    }
+
+    /// Compares a table with the fields of its type, and the tables below it.
+    fn same_settings(section: &str, below: &str, said: &toml::Table, fields: fn(&str) -> BTreeSet<String>) {
+        assert_eq!(said.keys().cloned().collect::<BTreeSet<_>>(), fields(below), "[{section}] {below}");
+        for (name, value) in said {
+            let below = if below.is_empty() { name.clone() } else { format!("{below}.{name}") };
+            value.as_table().into_iter().for_each(|table| same_settings(section, &below, table, fields));
+        }
+    }
+
+    /// The fields of the type of a table below `T`, which its refusal of an unknown one names.
+    fn fields_of<T: DeserializeOwned>(below: &str) -> BTreeSet<String> {
+        let table = if below.is_empty() { String::new() } else { format!("[{below}]\n") };
+        let refusal = toml::from_str::<T>(&format!("{table}no_such_setting = 0")).map(drop).unwrap_err();
+        let names = refusal.message().split('`').skip(1).step_by(2).filter(|name| *name != "no_such_setting");
+        names.map(str::to_owned).collect()
     }
 }
