@@ -4,7 +4,7 @@
 //! `shared/runtime` imports zenoh; a service never depends on another; in a service only the files that face the network or own the
 //! compute use the runtime.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 const PURE: [&str; 5] = ["repose-geometry", "repose-relations", "repose-networks", "repose-panda", "repose-sensor"];
@@ -152,6 +152,36 @@ fn every_dependency_has_its_version_in_the_workspace_table() {
         }
         assert!(manifest["lints"]["workspace"].as_bool() == Some(true), "{name} does not take the workspace's lints");
     }
+}
+
+#[test]
+fn every_dependency_is_used() {
+    let mut named = BTreeSet::new();
+    for (name, member) in members() {
+        let manifest: toml::Table = std::fs::read_to_string(member.dir.join("Cargo.toml")).expect("a manifest").parse().expect("TOML");
+        let mut files = sources(&member.dir);
+        if name == "repose-cli" {
+            files.extend(sources(&root().join("tests")));
+        }
+        let mentions = |dependency: &str, file: &(PathBuf, String)| {
+            let start = format!("{}::", dependency.replace('-', "_"));
+            let code = file.1.lines().filter(|l| !l.trim_start().starts_with("//"));
+            code.flat_map(|l| l.match_indices(&start).map(move |(at, _)| &l[..at]))
+                .any(|before| !before.ends_with(|c: char| c.is_alphanumeric() || c == '_'))
+        };
+        for (table, of_tests) in [("dependencies", false), ("dev-dependencies", true)] {
+            for dependency in manifest.get(table).and_then(toml::Value::as_table).into_iter().flat_map(toml::Table::keys) {
+                let may_use = |file: &&(PathBuf, String)| of_tests || file.0.starts_with(member.dir.join("src"));
+                let used = files.iter().filter(may_use).any(|file| mentions(dependency, file));
+                assert!(used, "{name} names {dependency} among its {table} and does not use it");
+                named.insert(dependency.clone());
+            }
+        }
+    }
+    let manifest: toml::Table = std::fs::read_to_string(root().join("Cargo.toml")).expect("a manifest").parse().expect("TOML");
+    let offered = manifest["workspace"]["dependencies"].as_table().expect("the version table");
+    let idle: Vec<_> = offered.keys().filter(|dependency| !named.contains(*dependency)).collect();
+    assert!(idle.is_empty(), "no member takes {idle:?} of the workspace's table");
 }
 
 #[test]
