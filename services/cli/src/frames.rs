@@ -20,16 +20,27 @@ pub fn read(folder: &Path) -> Result<Frame, Failure> {
     })
 }
 
-/// The frame of a source at a place in its order.
-pub fn read_nth(source: &Path, nth: usize) -> Result<Frame, Failure> {
+/// The frame of a source at a place in its order; `topics` matter for recordings only.
+pub fn read_nth(source: &Path, nth: usize, topics: &Topics) -> Result<Frame, Failure> {
     let bad = |e: SourceError| Failure::bad_input(&e.path().display().to_string(), &e);
-    if source.join("depth.png").is_file() || !source.exists() {
-        // A plain frame folder, whose faults are told by field.
-        return read(source);
+    let no_frame = |count: usize| Failure::bad_input("nth", format!("{} has {count} frames, counted from 0", source.display()));
+    if !source.exists() {
+        return Err(Failure::bad_input(&source.display().to_string(), "no such file or folder"));
     }
-    let mut frames = sources::open(source, &Topics::default()).map_err(bad)?;
-    let frame = frames.nth(nth).ok_or_else(|| Failure::bad_input("nth", format!("{} has no frame {nth}", source.display())))?;
-    frame.map_err(bad)
+    if source.join("depth.png").is_file() {
+        // A plain frame folder, whose faults are told by field.
+        return if nth == 0 { read(source) } else { Err(no_frame(1)) };
+    }
+    let mut count = 0;
+    for frame in sources::open(source, topics).map_err(bad)? {
+        // A fault before it matters: what comes after is not what would have come.
+        let frame = frame.map_err(bad)?;
+        if count == nth {
+            return Ok(frame);
+        }
+        count += 1;
+    }
+    Err(no_frame(count))
 }
 
 /// Segments a frame with perception's defaults.
@@ -43,4 +54,37 @@ pub fn write_picture(path: &Path, picture: &image::DynamicImage) -> Result<(), F
         std::fs::create_dir_all(folder).map_err(|e| Failure::bad_input(&folder.display().to_string(), e))?;
     }
     picture.save_with_format(path, image::ImageFormat::Png).map_err(|e| Failure::bad_input(&path.display().to_string(), e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use repose_proto::CameraModel;
+
+    #[test]
+    fn what_is_wrong_with_the_source_is_said_before_what_is_wrong_with_the_number() {
+        let root = tempfile::tempdir().unwrap();
+        let camera = CameraModel { width: 2, height: 1, fx: 1.0, fy: 1.0, cx: 0.5, cy: 0.0, depth_unit_m: 0.001, world_from_camera: None };
+        for count in 0..3 {
+            let (camera_name, camera) = ("folder".to_owned(), camera.clone());
+            let frame = Frame { camera_name, stamp_ns: 0, camera, depth: vec![count; 2], color: None, labels: None };
+            frame_folder::write(&root.path().join(format!("frame{count}")), &frame).unwrap();
+        }
+        let read = |path: &Path, nth| read_nth(path, nth, &Topics::default());
+        let error = |path: &Path, nth| {
+            let failure = read(path, nth).unwrap_err();
+            let error = failure.error().unwrap();
+            format!("{}: {}", error.field.as_deref().unwrap_or_default(), error.message)
+        };
+        assert_eq!(read(root.path(), 2).unwrap().depth, [2; 2]);
+        assert!(error(root.path(), 3).contains("has 3 frames"));
+        assert_eq!(read(&root.path().join("frame1"), 0).unwrap().depth, [1; 2]);
+        assert!(error(&root.path().join("frame1"), 1).contains("has 1 frames"));
+        assert!(error(&root.path().join("absent"), 1).contains("absent: no such file or folder"));
+        std::fs::write(root.path().join("frame1/depth.png"), "no picture").unwrap();
+        assert!(error(root.path(), 2).contains("frame1"));
+        let recording = root.path().join("damaged.mcap");
+        std::fs::write(&recording, "no recording").unwrap();
+        assert!(error(&recording, 3).contains("damaged.mcap: not a whole MCAP recording"));
+    }
 }

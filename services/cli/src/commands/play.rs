@@ -7,8 +7,9 @@ use clap::Args;
 use repose_perception::sources::{self, SourceError, Topics};
 use repose_proto::{Frame, Payload, keys};
 use repose_runtime::Traffic;
+use tokio::time::Instant;
 
-use crate::args::ConnectArgs;
+use crate::args::SystemArgs;
 use crate::client;
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
@@ -23,9 +24,12 @@ const LONGEST_PAUSE_S: f64 = 5.0;
 pub struct PlayArgs {
     /// A frame folder, a folder of them, a folder with depth/ and camera.json, an MCAP recording, or a folder of recordings.
     pub source: PathBuf,
-    /// Where to publish, and as which camera.
+    /// Where to publish.
     #[command(flatten)]
-    pub connect: ConnectArgs,
+    pub system: SystemArgs,
+    /// The camera whose frames they are published as. Nothing else should publish as it: `front` is the camera of `repose up`.
+    #[arg(long, default_value = "recording")]
+    pub camera: String,
     /// Frames per second; by default the recording's own pace, and 10 for pictures.
     #[arg(long)]
     pub rate: Option<f64>,
@@ -40,16 +44,16 @@ pub struct PlayArgs {
     pub topics: TopicArgs,
 }
 
-/// Which topics of a recording make the frames; by default the first of each kind.
+/// Which topics of a recording make the frames.
 #[derive(Debug, Clone, Args)]
 pub struct TopicArgs {
-    /// Depth images of a recording.
+    /// Depth images of a recording; by default those with "depth" in their topic's name.
     #[arg(long, value_name = "TOPIC")]
     pub depth_topic: Option<String>,
-    /// Color images of a recording.
+    /// Color images of a recording; by default those of the depth images' size and frame, or namespace.
     #[arg(long, value_name = "TOPIC")]
     pub color_topic: Option<String>,
-    /// Intrinsics in a recording.
+    /// Intrinsics in a recording; by default those of the depth images' size and namespace, or frame.
     #[arg(long, value_name = "TOPIC")]
     pub info_topic: Option<String>,
     /// Organised clouds of a recording, instead of depth images.
@@ -75,22 +79,21 @@ impl TopicArgs {
 
 /// Runs the command.
 pub async fn run(args: &PlayArgs, output: Output) -> Outcome {
-    let camera = &args.connect.camera;
+    let camera = &args.camera;
     keys::validate_chunk("camera", camera)?;
     if args.rate.is_some_and(|rate| !(rate > 0.0 && rate <= 1000.0)) {
         return Err(Failure::bad_input("rate", "expected above 0 and at most 1000 frames per second"));
     }
-    let session = client::connect(&args.connect.system).await?;
+    let session = client::connect(&args.system).await?;
     let key = session.cell().camera_frame(camera);
-    let begin = tokio::time::Instant::now();
+    let begin = Instant::now();
     let mut published = 0u64;
+    let mut pace = Pace::new(args.rate, begin);
     loop {
-        let mut due = tokio::time::Instant::now();
-        let mut last_stamp_ns = None;
+        let published_before = published;
         for frame in sources::open(&args.source, &args.topics.topics()).map_err(|e| bad_source(&e))? {
             let mut frame = frame.map_err(|e| bad_source(&e))?;
-            due += pause(args.rate, last_stamp_ns.replace(frame.stamp_ns), &frame);
-            tokio::time::sleep_until(due).await;
+            tokio::time::sleep_until(pace.due(frame.stamp_ns)).await;
             camera.clone_into(&mut frame.camera_name);
             if !args.keep_stamps {
                 frame.stamp_ns = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
@@ -99,7 +102,7 @@ pub async fn run(args: &PlayArgs, output: Output) -> Outcome {
             published += 1;
             tracing::debug!(published, stamp_ns = frame.stamp_ns, "frame published");
         }
-        if !args.again {
+        if !args.again || published == published_before {
             break;
         }
     }
@@ -112,12 +115,28 @@ pub async fn run(args: &PlayArgs, output: Output) -> Outcome {
     output.print(&document, || format!("{published} frames published as camera {camera} in {seconds:.1} s"))
 }
 
-/// How long after the frame before it this one comes.
-fn pause(rate: Option<f64>, last_stamp_ns: Option<u64>, frame: &Frame) -> Duration {
-    let Some(last_stamp_ns) = last_stamp_ns else { return Duration::ZERO };
-    let recorded_s = frame.stamp_ns.checked_sub(last_stamp_ns).filter(|ns| *ns > 0).map(|ns| ns as f64 / 1e9);
-    let seconds = rate.map(|rate| 1.0 / rate).or(recorded_s).unwrap_or(1.0 / DEFAULT_RATE);
-    Duration::from_secs_f64(seconds.min(LONGEST_PAUSE_S))
+/// When frames are due, over all passes: a single frame that is played again and again keeps the pace, too.
+struct Pace {
+    rate: Option<f64>,
+    due: Instant,
+    last_stamp_ns: Option<u64>,
+}
+
+impl Pace {
+    fn new(rate: Option<f64>, begin: Instant) -> Self {
+        Self { rate, due: begin, last_stamp_ns: None }
+    }
+
+    /// When the next frame is due; the first one is at once.
+    fn due(&mut self, stamp_ns: u64) -> Instant {
+        if let Some(last_stamp_ns) = self.last_stamp_ns.replace(stamp_ns) {
+            // Back at the beginning stamps say nothing, as in pictures.
+            let recorded_s = stamp_ns.checked_sub(last_stamp_ns).filter(|ns| *ns > 0).map(|ns| ns as f64 / 1e9);
+            let seconds = self.rate.map(|rate| 1.0 / rate).or(recorded_s).unwrap_or(1.0 / DEFAULT_RATE);
+            self.due += Duration::from_secs_f64(seconds.min(LONGEST_PAUSE_S));
+        }
+        self.due
+    }
 }
 
 fn bad_source(error: &SourceError) -> Failure {
@@ -128,28 +147,23 @@ fn bad_source(error: &SourceError) -> Failure {
 mod tests {
     use super::*;
 
-    fn frame(stamp_ns: u64) -> Frame {
-        let camera = repose_proto::CameraModel {
-            width: 1,
-            height: 1,
-            fx: 1.0,
-            fy: 1.0,
-            cx: 0.0,
-            cy: 0.0,
-            depth_unit_m: 0.001,
-            world_from_camera: None,
-        };
-        Frame { camera_name: "c".to_owned(), stamp_ns, camera, depth: vec![1], color: None, labels: None }
+    /// When frames with these stamps are due, milliseconds from the first.
+    fn due_ms(rate: Option<f64>, stamps_ns: &[u64]) -> Vec<u128> {
+        let begin = Instant::now();
+        let mut pace = Pace::new(rate, begin);
+        stamps_ns.iter().map(|stamp_ns| (pace.due(*stamp_ns) - begin).as_millis()).collect()
     }
 
     #[test]
     fn the_asked_rate_goes_before_the_stamps_and_those_before_the_default() {
-        let ms = |rate, last, stamp| pause(rate, last, &frame(stamp)).as_millis();
-        assert_eq!(ms(Some(50.0), None, 5), 0);
-        assert_eq!(ms(Some(50.0), Some(0), 1_000_000_000), 20);
-        assert_eq!(ms(None, Some(1_000_000_000), 1_033_000_000), 33);
-        assert_eq!(ms(None, Some(0), 0), 100);
-        assert_eq!(ms(None, Some(9), 3), 100);
-        assert_eq!(ms(None, Some(0), u64::MAX), 5000);
+        assert_eq!(due_ms(Some(50.0), &[5, 1_000_000_005]), [0, 20]);
+        assert_eq!(due_ms(None, &[1_000_000_000, 1_033_000_000]), [0, 33]);
+        assert_eq!(due_ms(None, &[0, 0, u64::MAX]), [0, 100, 5100]);
+    }
+
+    #[test]
+    fn passes_keep_the_pace_even_of_a_single_frame() {
+        assert_eq!(due_ms(Some(10.0), &[7, 7, 7]), [0, 100, 200]);
+        assert_eq!(due_ms(None, &[0, 30_000_000, 0, 30_000_000]), [0, 30, 130, 160]);
     }
 }

@@ -1,6 +1,7 @@
 //! `repose segment`: the objects and surfaces of a frame.
 
 use image::{DynamicImage, ImageBuffer, Luma};
+use repose_perception::store::LEFT_OUT;
 use repose_perception::{Settings, segment_with_labels};
 use repose_proto::CallError;
 
@@ -12,12 +13,15 @@ use crate::segment_view::segment_view;
 
 /// Runs the command.
 pub fn run(args: &SegmentArgs, output: Output) -> Outcome {
-    let mut frame = frames::read_nth(&args.frame, args.nth)?;
+    let mut frame = frames::read_nth(&args.frame, args.nth, &args.topics.topics())?;
     if args.ignore_labels {
         frame.labels = None;
     }
     let segmented = segment_with_labels(&frame, &Settings::default()).map_err(|e| Failure::from(CallError::from(e)))?;
     let scene = &segmented.scene;
+    if !segmented.left_out.is_empty() {
+        tracing::warn!(ids = ?segmented.left_out, "{LEFT_OUT}");
+    }
     if let Some(path) = &args.labels_out {
         let (width, height) = (segmented.labels.width() as u32, segmented.labels.height() as u32);
         let labels: ImageBuffer<Luma<u16>, Vec<u16>> = ImageBuffer::from_raw(width, height, segmented.labels.pixels().to_vec())
@@ -27,7 +31,7 @@ pub fn run(args: &SegmentArgs, output: Output) -> Outcome {
     if let Some(path) = &args.out {
         frames::write_picture(path, &segment_view(&frame, &segmented).into())?;
     }
-    let document = serde_json::json!({"objects": scene.meta.objects, "surfaces": scene.meta.surfaces});
+    let document = serde_json::json!({"objects": scene.meta.objects, "surfaces": scene.meta.surfaces, "left_out": segmented.left_out});
     output.print(&document, || {
         let mut text = format!("{} objects, {} surfaces", scene.meta.objects.len(), scene.meta.surfaces.len());
         for o in &scene.meta.objects {
