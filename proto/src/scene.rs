@@ -259,12 +259,15 @@ impl Scene {
         if let Some(space) = &meta.unseen.space {
             space.validate()?;
         }
+        let mut in_cloud = vec![false; 1 << u16::BITS];
+        labels.iter().for_each(|label| in_cloud[usize::from(*label)] = true);
+        let mut named = vec![false; 1 << u16::BITS];
         for (i, object) in meta.objects.iter().enumerate() {
-            if object.id == 0 || meta.objects[..i].iter().any(|other| other.id == object.id) {
+            if object.id == 0 || std::mem::replace(&mut named[usize::from(object.id)], true) {
                 let message = format!("object ids are unique and not 0, got {}", object.id);
                 return Err(CallError::invalid(format!("scene.objects[{i}].id"), message));
             }
-            if !labels.contains(&object.id) {
+            if !in_cloud[usize::from(object.id)] {
                 return Err(CallError::invalid("scene.objects", format!("object {} has no points in the cloud", object.id)));
             }
         }
