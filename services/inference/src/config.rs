@@ -16,6 +16,9 @@ pub struct InferenceConfig {
     pub queue_capacity: usize,
     /// Requests whose candidates are scored together. Raising it helps many small requests and delays the first of them.
     pub max_batch: usize,
+    /// Candidates that such requests may have together; a request with more is scored alone. Raising it helps many small requests, and whoever
+    /// comes next waits longer: 400 take two cores about a second by the paper's discriminator, and a third of that by the outcome network.
+    pub max_batch_candidates: usize,
     /// How long a request waits for others to be scored with, milliseconds; 0 scores what waits already. Raising it fills batches when many
     /// ask, and makes every lone request later by as much.
     pub max_wait_ms: u64,
@@ -35,6 +38,7 @@ impl Default for InferenceConfig {
             threads: 0,
             queue_capacity: 64,
             max_batch: 16,
+            max_batch_candidates: 400,
             max_wait_ms: 0,
             weights_check_ms: 1000,
             scenes: 16,

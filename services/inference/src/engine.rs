@@ -3,24 +3,34 @@
 //! Nine relations are the networks'; `aligned` is judged by rule on the observed clouds, as a probability of 0 or 1. A candidate is one
 //! unit of work for one thread, so an answer does not depend on how candidates were batched or spread.
 
-use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use nalgebra::Point3;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_networks::points::Sight;
 use repose_networks::serving::spread;
-use repose_networks::{Candidate, InputError, Models, SceneContext};
-use repose_proto::scoring::{MixtureComponent, ModelInfo, ModelsReply, PriorReply, PriorRequest, RealismBy, ScoreReply, ScoreRequest};
-use repose_proto::{CallError, RELATION_COUNT, Relation, Scene};
-use repose_relations::margins::ALIGNED_RAD;
-use repose_relations::rectangle::{quarter_turn_difference_rad, rectangle_yaw_rad};
+use repose_networks::{Candidate, InputError, Mixture, Models, SceneContext};
+use repose_proto::CallError;
+use repose_proto::scoring::{MixtureComponent, ModelInfo, ModelsReply, PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 
 use crate::mixture;
 use crate::scene_store::HeldScene;
+use crate::scoring::{Asked, Scoring};
 
-/// Candidates that a thread takes at once.
-const PIECE: usize = 4;
+/// Why networks are not served.
+#[derive(Debug, thiserror::Error)]
+pub enum TrialError {
+    /// They gave no answer.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// They answered with what is no number.
+    #[error("{network}: answered with a number that is not finite")]
+    NotFinite {
+        /// The first of them that did.
+        network: &'static str,
+    },
+}
 
 /// The networks and the threads that they may use.
 #[derive(Debug)]
@@ -39,8 +49,8 @@ impl Engine {
     /// that give no numbers are noticed before they are served.
     ///
     /// # Errors
-    /// What the networks answer.
-    pub fn warm_up(&self) -> Result<(), InputError> {
+    /// What the networks answer, or that it is not finite.
+    pub fn warm_up(&self) -> Result<(), TrialError> {
         let side = |i: u32| 0.05 * (i % 8) as f32 / 8.0;
         let block = |label: u16| (0..64u32).map(move |i| (Point3::new(0.2 * f32::from(label) + side(i), side(i / 8), 0.05), label));
         let table = (0..900u32).map(|i| (Point3::new((i % 30) as f32 * 0.03 - 0.3, (i / 30) as f32 * 0.03 - 0.3, 0.0), 0));
@@ -48,11 +58,24 @@ impl Engine {
         let sight = Sight { eye: Point3::new(0.2, -0.5, 0.5), pixel_rad: 0.002 };
         let context = SceneContext::new(&points, &labels, 0.0, &sight, &self.models.config().cloud)?;
         let candidates = vec![Candidate { position_in_world: [0.3, 0.1, 0.05], yaw_rad: 0.1 }; 4 * self.threads];
-        self.models.prior(&context, 1, 2, [1, 0, 0, 0, 0, 0, 0, 0, 0, 0])?;
-        self.models.relations(&context, 1, &[2], &candidates, self.threads)?;
-        self.models.realism(&context, 1, &candidates, self.threads)?;
-        self.models.outcome(&context, 1, &candidates, self.threads)?;
-        Ok(())
+        let Mixture { weights, means_in_viewer_m, sigmas_m, yaw_mean_rad, kappa } =
+            self.models.prior(&context, 1, 2, [1, 0, 0, 0, 0, 0, 0, 0, 0, 0])?;
+        let prior = [&weights, means_in_viewer_m.as_flattened(), sigmas_m.as_flattened(), &yaw_mean_rad, &kappa].concat();
+        let relations = self.models.relations(&context, 1, &[2], &candidates, self.threads)?;
+        let answers = [
+            ("prior", prior),
+            ("relations", relations.into_iter().flatten().flatten().collect()),
+            ("discriminator", self.models.realism(&context, 1, &candidates, self.threads)?),
+            ("outcome", self.models.outcome(&context, 1, &candidates, self.threads)?),
+        ];
+        match answers.iter().find(|(_, numbers)| !numbers.iter().all(|x| x.is_finite())) {
+            Some((network, _)) => Err(TrialError::NotFinite { network }),
+            None => Ok(()),
+        }
+    }
+
+    pub(crate) fn networks(&self) -> &Models {
+        &self.models
     }
 
     /// BLAKE3 of the weights.
@@ -95,67 +118,31 @@ impl Engine {
     /// # Errors
     /// `not_found` on `query` or `anchors`.
     pub fn score(&self, request: &ScoreRequest, held: &HeldScene) -> Result<ScoreReply, CallError> {
-        self.score_together(&[(request, held)]).pop().unwrap_or_else(|| Err(CallError::internal("a request without an answer")))
+        let answer = Mutex::new(None);
+        let asked = Asked { request, held, check: &|| Ok(()) };
+        self.score_together(&[asked], |_, reply| *answer.lock().unwrap_or_else(PoisonError::into_inner) = Some(reply));
+        let answer = answer.into_inner().unwrap_or_else(PoisonError::into_inner);
+        answer.unwrap_or_else(|| Err(CallError::internal("a request without an answer")))
     }
 
-    /// Several requests at once: their candidates share the threads, and each answer is what [`Engine::score`] would give alone.
-    pub fn score_together(&self, requests: &[(&ScoreRequest, &HeldScene)]) -> Vec<Result<ScoreReply, CallError>> {
-        let mut replies: Vec<_> = requests.iter().map(|(request, held)| self.relations_of(request, held)).collect();
-        let pieces: Vec<(usize, usize)> = requests
-            .iter()
-            .enumerate()
-            .filter(|(i, (request, _))| request.realism && replies[*i].is_ok())
-            .flat_map(|(i, (request, _))| (0..request.candidates.len()).step_by(PIECE).map(move |first| (i, first)))
-            .collect();
-        let scored = spread(
+    /// Several requests at once: their candidates share the threads, in the order of the requests. `finish` gets each answer, once, as soon as its
+    /// last candidate is scored; it is what [`Engine::score`] would give alone. What is left of a request that failed, or whose check did, is
+    /// not computed.
+    pub fn score_together(&self, requests: &[Asked<'_>], finish: impl Fn(usize, Result<ScoreReply, CallError>) + Sync) {
+        let scorings: Vec<Scoring<'_>> = requests.iter().map(|asked| Scoring::new(self, asked)).collect();
+        let of_request = |(i, scoring): (usize, &Scoring<'_>)| (0..scoring.pieces).map(move |piece| (i, piece));
+        let pieces: Vec<(usize, usize)> = scorings.iter().enumerate().flat_map(of_request).collect();
+        spread(
             pieces.len(),
             self.threads,
             || (),
             |(), k| {
-                let (i, first) = pieces[k];
-                let (request, held) = requests[i];
-                let last = (first + PIECE).min(request.candidates.len());
-                let context = self.prepared(held, request.view_yaw_rad)?;
-                let candidates = candidates_of(&request.candidates[first..last]);
-                let scored = match request.realism_by {
-                    RealismBy::Discriminator => self.models.realism(&context, request.query, &candidates, 1),
-                    RealismBy::Outcome => self.models.outcome(&context, request.query, &candidates, 1),
-                };
-                scored.map_err(|e| wire_error(&e, "query"))
+                let (i, piece) = pieces[k];
+                if let Some(reply) = scorings[i].score(piece) {
+                    finish(i, reply);
+                }
             },
         );
-        for ((i, _), realism) in pieces.into_iter().zip(scored) {
-            match (&mut replies[i], realism) {
-                (Ok(reply), Ok(realism)) => reply.realism.extend(realism),
-                (reply, Err(error)) => *reply = Err(error),
-                (Err(_), Ok(_)) => {}
-            }
-        }
-        replies
-    }
-
-    /// The reply without realism.
-    fn relations_of(&self, request: &ScoreRequest, held: &HeldScene) -> Result<ScoreReply, CallError> {
-        let context = self.prepared(held, request.view_yaw_rad)?;
-        let mut relations = Vec::new();
-        if request.relations {
-            let candidates = candidates_of(&request.candidates);
-            let learned = self.models.relations(&context, request.query, &request.anchors, &candidates, self.threads);
-            let learned = learned.map_err(|e| wire_error(&e, "anchors"))?;
-            let aligned = Alignment::new(held.scene(), request);
-            for (candidate, of_anchors) in request.candidates.iter().zip(&learned) {
-                for (anchor, learned) in request.anchors.iter().zip(of_anchors) {
-                    let mut row = [0.0; RELATION_COUNT];
-                    row[..learned.len()].copy_from_slice(learned);
-                    row[Relation::Aligned.index()] = f32::from(u8::from(aligned.holds(*anchor, f64::from(candidate[3]))));
-                    relations.push(row);
-                }
-            }
-        } else if context.centroid_in_world(request.query).is_none() {
-            return Err(CallError::not_found("query", format!("the scene has no object {}", request.query)));
-        }
-        let (weights_hash, kernel) = self.identity();
-        Ok(ScoreReply { weights_hash, kernel, realism: Vec::new(), relations, anchors: request.anchors.len() })
     }
 
     /// The weights served.
@@ -167,41 +154,17 @@ impl Engine {
         ModelsReply { weights_hash, kernel, models: vec![model] }
     }
 
-    fn identity(&self) -> (String, String) {
+    pub(crate) fn identity(&self) -> (String, String) {
         (self.models.hash().to_owned(), self.models.kernel_id().to_owned())
     }
 
-    fn prepared(&self, held: &HeldScene, view_yaw_rad: f64) -> Result<std::sync::Arc<SceneContext>, CallError> {
+    pub(crate) fn prepared(&self, held: &HeldScene, view_yaw_rad: f64) -> Result<Arc<SceneContext>, CallError> {
         held.prepared(view_yaw_rad, &self.models.config().cloud)
     }
 }
 
-fn candidates_of(rows: &[[f32; 4]]) -> Vec<Candidate> {
-    rows.iter().map(|c| Candidate { position_in_world: [c[0], c[1], c[2]], yaw_rad: c[3] }).collect()
-}
-
-/// Orientations of the query's and the anchors' clouds seen from above.
-struct Alignment {
-    query_yaw_rad: Option<f64>,
-    anchor_yaws_rad: BTreeMap<u16, Option<f64>>,
-}
-
-impl Alignment {
-    fn new(scene: &Scene, request: &ScoreRequest) -> Self {
-        let yaw = |id: u16| rectangle_yaw_rad(&scene.points_of(id).map(Point3::from).collect::<Vec<_>>());
-        Self { query_yaw_rad: yaw(request.query), anchor_yaws_rad: request.anchors.iter().map(|id| (*id, yaw(*id))).collect() }
-    }
-
-    fn holds(&self, anchor: u16, turn_rad: f64) -> bool {
-        match (self.query_yaw_rad, self.anchor_yaws_rad.get(&anchor).copied().flatten()) {
-            (Some(query), Some(anchor)) => quarter_turn_difference_rad(query + turn_rad, anchor) < ALIGNED_RAD,
-            _ => false,
-        }
-    }
-}
-
 /// The contract's error for a question that the networks cannot take; `anchor_field` is what the request calls its anchors.
-fn wire_error(error: &InputError, anchor_field: &str) -> CallError {
+pub(crate) fn wire_error(error: &InputError, anchor_field: &str) -> CallError {
     let message = error.to_string();
     match error {
         InputError::UnknownObject { field: "query", .. } => CallError::not_found("query", message),
@@ -209,5 +172,28 @@ fn wire_error(error: &InputError, anchor_field: &str) -> CallError {
         InputError::AnchorIsQuery { .. } => CallError::invalid(anchor_field, message),
         InputError::NotFinite { field, index } => CallError::invalid(format!("{field}[{index}]"), message),
         InputError::LabelCount { .. } => CallError::invalid("labels", message),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_networks::{NetworksConfig, Weights, parameters::WeightMap};
+
+    use super::*;
+
+    #[test]
+    fn weights_that_give_no_numbers_are_noticed_before_they_are_served() {
+        let weights = Weights::from_bytes(&Weights::initial(&NetworksConfig::paper(), 1).unwrap()).unwrap();
+        let served = |values: &WeightMap| Engine::new(Models::load(&Weights::to_bytes(values, &weights.info).unwrap()).unwrap(), 1);
+        served(&weights.values).warm_up().unwrap();
+        let cases =
+            [("prior", "prior/norm/scale"), ("relations", "relations/hidden/weight"), ("discriminator", "discriminator/sa4/norm/scale")];
+        for (network, parameter) in cases {
+            let mut values = weights.values.clone();
+            // Sums beyond all numbers, which the last layer subtracts from each other.
+            values.get_mut(parameter).unwrap().1.iter_mut().for_each(|x| *x = 3e38 * x.signum());
+            let error = served(&values).warm_up().expect_err(network);
+            assert!(matches!(error, TrialError::NotFinite { network: named } if named == network), "{network}: {error}");
+        }
     }
 }

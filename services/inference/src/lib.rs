@@ -8,6 +8,7 @@ pub mod endpoints;
 pub mod engine;
 pub mod mixture;
 pub mod scene_store;
+pub mod scoring;
 pub mod weights_file;
 pub mod worker;
 
@@ -35,9 +36,9 @@ pub enum InferenceError {
     /// The weights do not fit the networks.
     #[error(transparent)]
     Weights(#[from] repose_networks::WeightsError),
-    /// The networks gave no answer when they were tried.
+    /// The networks gave no answer, or no numbers, when they were tried.
     #[error("trying the weights: {0}")]
-    Trial(#[from] repose_networks::InputError),
+    Trial(#[from] engine::TrialError),
     /// The network or the threads failed.
     #[error(transparent)]
     Runtime(#[from] RuntimeError),
@@ -62,12 +63,14 @@ pub fn engine_of(config: &InferenceConfig) -> Result<Engine, InferenceError> {
 /// # Errors
 /// [`InferenceError`].
 pub async fn run(session: Session, config: InferenceConfig, shutdown: Shutdown) -> Result<(), InferenceError> {
+    // Looked at before it is read: what replaces it meanwhile is then seen as new.
+    let version = weights_file::Version::of(&config);
     let first = config.clone();
     let engine = tokio::task::spawn_blocking(move || engine_of(&first)).await;
     let engine =
         engine.map_err(|e| RuntimeError::System { operation: "loading the weights".to_owned(), source: std::io::Error::other(e) })??;
     let worker = Arc::new(worker::Worker::start(engine, &config)?);
-    let _watch = weights_file::watch(&worker, &config);
+    let _watch = weights_file::watch(&worker, &config, version);
     session.serve(Service::Inference, Arc::new(endpoints::Endpoints::new(worker)), shutdown).await?;
     Ok(())
 }

@@ -135,13 +135,14 @@ impl SceneStore {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use repose_proto::scene::WorldFrame;
     use repose_proto::{CameraModel, SceneMeta, Unseen};
 
     use super::*;
 
-    fn scene(points: usize, x: f32) -> Scene {
+    /// A scene of so many points at one place.
+    pub(crate) fn scene(points: usize, x: f32) -> Scene {
         let camera = CameraModel { width: 2, height: 2, fx: 1.0, fy: 1.0, cx: 0.5, cy: 0.5, depth_unit_m: 0.001, world_from_camera: None };
         let meta = SceneMeta {
             objects: Vec::new(),

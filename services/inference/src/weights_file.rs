@@ -11,26 +11,32 @@ use crate::config::InferenceConfig;
 use crate::engine_of;
 use crate::worker::Worker;
 
-/// What tells one version of a file from the next: when it was written, and its length.
-type Version = Option<(SystemTime, u64)>;
+/// What tells one version of a file from the next: when it was written, and its length; nothing of a file that is not there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Version(Option<(SystemTime, u64)>);
 
-fn version_of(path: &Path) -> Version {
-    let metadata = std::fs::metadata(path).ok()?;
-    Some((metadata.modified().ok()?, metadata.len()))
+impl Version {
+    /// The version of the configured file that is there now.
+    pub fn of(config: &InferenceConfig) -> Self {
+        Self(config.weights.as_deref().and_then(|path| {
+            let metadata = std::fs::metadata(path).ok()?;
+            Some((metadata.modified().ok()?, metadata.len()))
+        }))
+    }
 }
 
 /// Watches the configured file on behalf of a worker until the handle is dropped; nothing where there is no file, or it is not to be looked at.
-pub fn watch(worker: &Arc<Worker>, config: &InferenceConfig) -> Option<AbortOnDropHandle<()>> {
+/// `served` is the version that the worker's weights were read from, taken before they were.
+pub fn watch(worker: &Arc<Worker>, config: &InferenceConfig, mut served: Version) -> Option<AbortOnDropHandle<()>> {
     let path = config.weights.clone().filter(|_| config.weights_check_ms > 0)?;
     let every = Duration::from_millis(config.weights_check_ms);
     let (worker, config) = (Arc::clone(worker), config.clone());
-    let mut served = version_of(&path);
     Some(AbortOnDropHandle::new(tokio::spawn(async move {
         loop {
             tokio::time::sleep(every).await;
-            let found = version_of(&path);
+            let found = Version::of(&config);
             // A file that is missing is being replaced.
-            if found.is_none() || found == served {
+            if found == Version(None) || found == served {
                 continue;
             }
             served = found;
@@ -57,6 +63,13 @@ mod tests {
 
     use super::*;
 
+    /// Renamed into place, as whoever replaces a file that is in use should.
+    fn put(path: &Path, bytes: &[u8]) {
+        let beside = path.with_extension("new");
+        std::fs::write(&beside, bytes).unwrap();
+        std::fs::rename(beside, path).unwrap();
+    }
+
     async fn comes_to_be(worker: &Worker, hash: &str) -> bool {
         for _ in 0..1000 {
             if worker.engine().weights_hash() == hash {
@@ -73,21 +86,29 @@ mod tests {
         let path = folder.path().join("weights.safetensors");
         let weights = [1, 2].map(|seed| Weights::initial(&NetworksConfig::paper(), seed).unwrap());
         let hashes = weights.each_ref().map(|bytes| Weights::from_bytes(bytes).unwrap().hash);
-        // Renamed into place, as whoever replaces a file that is in use should.
-        let put = |bytes: &[u8]| {
-            let beside = folder.path().join("new");
-            std::fs::write(&beside, bytes).unwrap();
-            std::fs::rename(beside, &path).unwrap();
-        };
-        put(&weights[0]);
+        put(&path, &weights[0]);
         let config = InferenceConfig { weights: Some(path.clone()), threads: 1, weights_check_ms: 10, ..InferenceConfig::default() };
         let worker = Arc::new(Worker::start(engine_of(&config).unwrap(), &config).unwrap());
-        let _watch = watch(&worker, &config).unwrap();
+        let _watch = watch(&worker, &config, Version::of(&config)).unwrap();
         assert_eq!(worker.engine().weights_hash(), hashes[0]);
-        put(b"no weights");
+        put(&path, b"no weights");
         tokio::time::sleep(Duration::from_millis(300)).await;
         assert_eq!(worker.engine().weights_hash(), hashes[0]);
-        put(&weights[1]);
+        put(&path, &weights[1]);
         assert!(comes_to_be(&worker, &hashes[1]).await);
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_file_that_is_replaced_while_the_first_is_loaded_is_served() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("weights.safetensors");
+        let weights = [1, 2].map(|seed| Weights::initial(&NetworksConfig::paper(), seed).unwrap());
+        put(&path, &weights[0]);
+        let config = InferenceConfig { weights: Some(path.clone()), threads: 1, weights_check_ms: 10, ..InferenceConfig::default() };
+        let version = Version::of(&config);
+        let worker = Arc::new(Worker::start(engine_of(&config).unwrap(), &config).unwrap());
+        put(&path, &weights[1]);
+        let _watch = watch(&worker, &config, version).unwrap();
+        assert!(comes_to_be(&worker, &Weights::from_bytes(&weights[1]).unwrap().hash).await);
     }
 }

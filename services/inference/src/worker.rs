@@ -1,16 +1,17 @@
 //! The compute side of the service: one thread owns the order of work, takes whatever requests wait together, and spreads their
-//! candidates over the engine's threads.
+//! candidates over the engine's threads. Each is answered when its own last candidate is scored, and left when nobody waits for it.
 
-use std::sync::{Arc, PoisonError, RwLock};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::Duration;
 
-use repose_proto::CallError;
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
-use repose_runtime::{BatchQueue, Job, JobContext, LoadGauge, QueueSettings, RuntimeError};
+use repose_proto::{CallError, ErrorCode};
+use repose_runtime::{BatchQueue, Job, JobContext, JobReply, LoadGauge, QueueSettings, RuntimeError};
 
 use crate::config::InferenceConfig;
 use crate::engine::Engine;
 use crate::scene_store::{HeldScene, SceneStore};
+use crate::scoring::Asked;
 
 /// A question to the networks about a held scene.
 pub enum Question {
@@ -18,6 +19,16 @@ pub enum Question {
     Prior(PriorRequest, Arc<HeldScene>),
     /// Scores of candidates.
     Score(ScoreRequest, Arc<HeldScene>),
+}
+
+impl Question {
+    /// In candidates to score, about; a prior takes no longer than one.
+    fn weight(&self) -> usize {
+        match self {
+            Self::Prior(..) => 1,
+            Self::Score(request, _) => request.candidates.len(),
+        }
+    }
 }
 
 /// Its answer.
@@ -47,9 +58,10 @@ impl Worker {
             capacity: config.queue_capacity,
             threads: 1,
             max_batch: config.max_batch,
+            max_weight: config.max_batch_candidates,
             max_wait: Duration::from_millis(config.max_wait_ms),
         };
-        let queue = BatchQueue::start(settings, |_| {
+        let queue = BatchQueue::start_weighed(settings, Question::weight, |_| {
             let engine = engine.clone();
             // One batch is answered by one set of weights.
             move |jobs| answer_together(&current(&engine), jobs)
@@ -95,18 +107,93 @@ fn current(engine: &RwLock<Arc<Engine>>) -> Arc<Engine> {
     Arc::clone(&engine.read().unwrap_or_else(PoisonError::into_inner))
 }
 
+/// A scoring job while it is computed.
+struct Scoring {
+    request: ScoreRequest,
+    held: Arc<HeldScene>,
+    context: JobContext,
+    /// Taken by the answer.
+    reply: Mutex<Option<JobReply<Answer>>>,
+}
+
+impl Scoring {
+    /// Whether to go on with it.
+    fn check(&self) -> Result<(), CallError> {
+        let reply = self.reply.lock().unwrap_or_else(PoisonError::into_inner);
+        match reply.as_ref().is_some_and(JobReply::is_awaited) {
+            true => self.context.check(),
+            false => Err(CallError::new(ErrorCode::Cancelled, "the caller has gone")),
+        }
+    }
+
+    fn finish(&self, answer: Result<ScoreReply, CallError>) {
+        if let Some(reply) = self.reply.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            reply.finish(answer.map(Answer::Score));
+        }
+    }
+}
+
 fn answer_together(engine: &Engine, jobs: Vec<Job<Question, Answer>>) {
     let mut scores = Vec::new();
     for job in jobs {
-        let Job { request, reply, .. } = job;
+        let Job { request, context, reply } = job;
         match request {
-            Question::Prior(request, held) => reply.finish(engine.prior(&request, &held).map(Answer::Prior)),
-            Question::Score(request, held) => scores.push((request, held, reply)),
+            Question::Prior(request, held) => {
+                let answer = context.check().and_then(|()| engine.prior(&request, &held));
+                reply.finish(answer.map(Answer::Prior));
+            }
+            Question::Score(request, held) => scores.push(Scoring { request, held, context, reply: Mutex::new(Some(reply)) }),
         }
     }
-    let requests: Vec<(&ScoreRequest, &HeldScene)> = scores.iter().map(|(request, held, _)| (request, &**held)).collect();
-    let answers = engine.score_together(&requests);
-    for ((_, _, reply), answer) in scores.into_iter().zip(answers) {
-        reply.finish(answer.map(Answer::Score));
+    let checks: Vec<_> = scores.iter().map(|scoring| || scoring.check()).collect();
+    let asked: Vec<Asked<'_>> =
+        scores.iter().zip(&checks).map(|(scoring, check)| Asked { request: &scoring.request, held: &scoring.held, check }).collect();
+    engine.score_together(&asked, |i, answer| scores[i].finish(answer));
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc;
+
+    use repose_proto::SceneRef;
+    use repose_proto::scoring::RealismBy;
+    use tokio_util::sync::CancellationToken;
+
+    use super::*;
+
+    #[test]
+    fn a_scoring_job_goes_on_as_long_as_someone_waits_for_it() {
+        let (sender, jobs) = mpsc::channel();
+        let queue = BatchQueue::<(), Answer>::start(QueueSettings::default(), |_| {
+            let sender = sender.clone();
+            move |jobs| jobs.into_iter().for_each(|job: Job<(), Answer>| sender.send(job).unwrap())
+        })
+        .unwrap();
+        let scoring = |context: JobContext| {
+            let pending = queue.submit(context, ()).unwrap();
+            let Job { context, reply, .. } = jobs.recv().unwrap();
+            let request = ScoreRequest {
+                scene: SceneRef { scene_id: "scene".to_owned() },
+                view_yaw_rad: 0.0,
+                query: 1,
+                anchors: Vec::new(),
+                realism: true,
+                realism_by: RealismBy::Discriminator,
+                relations: false,
+                candidates: Vec::new(),
+            };
+            let held = Arc::new(HeldScene::new("scene".to_owned(), Arc::new(crate::scene_store::tests::scene(1, 0.0))));
+            (pending, Scoring { request, held, context, reply: Mutex::new(Some(reply)) })
+        };
+        let minute = Duration::from_secs(60);
+        let (pending, gone) = scoring(JobContext::within(minute));
+        gone.check().unwrap();
+        drop(pending);
+        assert_eq!(gone.check().unwrap_err().code, ErrorCode::Cancelled);
+        let token = CancellationToken::new();
+        let (_pending, cancelled) = scoring(JobContext::new(std::time::Instant::now() + minute, token.clone()));
+        cancelled.check().unwrap();
+        token.cancel();
+        assert_eq!(cancelled.check().unwrap_err().code, ErrorCode::Cancelled);
     }
 }
