@@ -424,7 +424,10 @@ fn check_plan(plan: &MotionPlan) -> Result<(), CallError> {
 
 fn check_robot(plan: &MotionPlan, state: &RobotState) -> Result<(), CallError> {
     match state.mode {
-        RobotMode::Stopped => return Err(CallError::precondition("a stop is latched: reset the robot first").at("robot")),
+        RobotMode::Stopped => {
+            let why = state.stop.as_ref().map_or("it does not say why", |stop| stop.reason.as_str());
+            return Err(CallError::precondition(format!("a stop is latched ({why}): reset the robot first")).at("robot"));
+        }
         RobotMode::Moving => return Err(CallError::precondition("the robot is moving").at("robot")),
         RobotMode::Idle => {}
     }
