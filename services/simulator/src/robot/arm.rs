@@ -5,10 +5,10 @@
 //! emergency stop bring the arm to rest within the limits of velocity, acceleration and jerk, and latch: only a command that clears the stop
 //! is accepted then. The rules refuse what could not be stopped any more, so whatever is sent, no limit is exceeded at any time.
 
-use repose_panda::{
-    CommandRuleSettings, CommandRules, JOINT_COUNT, Joints, MotionState, READY, Stop, StopSettings, Violation, hermite, smooth_step,
-};
-use repose_proto::robot::{EmergencyStop, GripperCommand, Owner, RobotCommand, RobotMode, SetPoint, StopState};
+use repose_panda::{CommandRuleSettings, CommandRules, Joints, MotionState, READY, Stop, StopSettings, Violation};
+use repose_proto::robot::{EmergencyStop, GripperCommand, Owner, RobotCommand, RobotMode, StopState};
+
+use crate::robot::stream::Stream;
 
 /// Robot time of one control step, seconds.
 pub const TICK_S: f64 = 0.001;
@@ -70,20 +70,6 @@ pub struct Arm {
     braking: Option<Stop>,
     gripper: Option<GripperCommand>,
 }
-
-#[derive(Debug, Clone)]
-struct Stream {
-    points: Vec<SetPoint>,
-    ends: bool,
-    clock_ms: f64,
-    /// From where the stream starts to where the arm stood, radians; it fades out.
-    offset: Joints,
-    since_start_ms: f64,
-    rules: CommandRules,
-}
-
-/// How long the difference between where the arm stood and where its stream starts takes to fade out, milliseconds.
-const FADE_MS: f64 = 200.0;
 
 impl Default for Arm {
     fn default() -> Self {
@@ -291,14 +277,7 @@ impl Arm {
             return;
         }
         self.stream_ms = Some(first.t_ms);
-        self.stream = Some(Stream {
-            points: command.set_points.clone(),
-            ends: command.ends_stream,
-            clock_ms: first.t_ms,
-            offset: std::array::from_fn(|i| stands_rad[i] - first.q_rad[i]),
-            since_start_ms: 0.0,
-            rules: CommandRules::continued(&stands_rad, self.settings.rules),
-        });
+        self.stream = Some(Stream::new(first, command, &stands_rad, self.settings.rules));
     }
 
     fn reflex(&mut self, kind: &str, reason: String) {
@@ -319,56 +298,6 @@ impl Arm {
     }
 }
 
-impl Stream {
-    /// Set-points from the first new time on are replaced; those behind the clock are dropped.
-    fn extend(&mut self, set_points: &[SetPoint]) {
-        let Some(first) = set_points.first() else { return };
-        self.points.truncate(self.before(first));
-        self.points.extend_from_slice(set_points);
-        self.points.drain(..self.passed());
-    }
-
-    /// How many set-points stay beside new ones that begin with `first`.
-    fn kept(&self, first: &SetPoint) -> usize {
-        self.before(first).saturating_sub(self.passed())
-    }
-
-    fn before(&self, first: &SetPoint) -> usize {
-        self.points.partition_point(|p| p.t_ms < first.t_ms)
-    }
-
-    /// How many set-points are of no use any more: the last one behind the clock still is.
-    fn passed(&self) -> usize {
-        self.points.partition_point(|p| p.t_ms <= self.clock_ms).saturating_sub(1)
-    }
-
-    fn advance(&mut self) {
-        self.clock_ms += TICK_S * 1e3;
-        self.since_start_ms += TICK_S * 1e3;
-    }
-
-    /// The time of the last set-point.
-    fn end_ms(&self) -> Option<f64> {
-        self.points.last().map(|p| p.t_ms)
-    }
-
-    /// Joint positions at a time between the first and the last set-point.
-    fn at(&self, t_ms: f64) -> Joints {
-        let fading = 1.0 - smooth_step(self.since_start_ms / FADE_MS);
-        let on_stream = self.interpolated(t_ms);
-        std::array::from_fn(|i| on_stream[i] + fading * self.offset[i])
-    }
-
-    fn interpolated(&self, t_ms: f64) -> Joints {
-        let next = self.points.partition_point(|p| p.t_ms <= t_ms);
-        // A time before the first set-point can only be asked for when a command has moved that into the future: the rules decide.
-        let Some(b) = self.points.get(next) else { return self.points.last().map_or([f64::NAN; JOINT_COUNT], |p| p.q_rad) };
-        let Some(a) = next.checked_sub(1).and_then(|before| self.points.get(before)) else { return b.q_rad };
-        let s = (t_ms - a.t_ms) / (b.t_ms - a.t_ms);
-        hermite((&a.q_rad, &a.dq_rad_s), (&b.q_rad, &b.dq_rad_s), (b.t_ms - a.t_ms) * 1e-3, s).0
-    }
-}
-
 /// The contract's name of a broken rule.
 fn kind_of(violation: &Violation) -> &'static str {
     match violation {
@@ -382,6 +311,8 @@ fn kind_of(violation: &Violation) -> &'static str {
 
 #[cfg(test)]
 mod tests {
+    use repose_proto::robot::SetPoint;
+
     use super::*;
 
     /// Joint 0 from rest over `delta_rad` and back to rest in `span_ms`, smoothly, sampled every 10 ms.

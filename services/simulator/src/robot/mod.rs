@@ -2,6 +2,7 @@
 
 pub mod arm;
 pub mod hand;
+mod stream;
 
 pub use arm::{Arm, ArmSettings};
 pub use hand::{Hand, HandSettings};
