@@ -1,8 +1,9 @@
 //! A session with a running system, and the calls that the client commands make.
 
-use std::time::Duration;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use repose_proto::perception::{LatestRequest, SceneRequest};
+use repose_proto::robot::RobotState;
 use repose_proto::scoring::enclose;
 use repose_proto::{CallError, ErrorCode, Message, Payload, PlaceRequest, PlaceResult, Scene, SceneSummary, Service};
 use repose_runtime::{Answer, CallOptions, Caller, RuntimeConfig, RuntimeError, Session, SessionMode};
@@ -70,6 +71,19 @@ pub async fn close(session: Session) {
     if let Err(error) = session.close().await {
         tracing::warn!(%error, "the session did not close in time");
     }
+}
+
+/// What a robot says of itself next.
+pub async fn robot_state(session: &Session, robot: &str, within: Duration) -> Result<RobotState, Failure> {
+    let mut states = session.subscribe_latest(&session.cell().robot_state(robot)).await?;
+    let silent = |_| Failure::Other(CallError::new(ErrorCode::Unavailable, format!("robot {robot} does not tell its state")));
+    let sample = tokio::time::timeout(within, states.recv()).await.map_err(silent)?;
+    Ok(sample.ok_or_else(|| Failure::other("the session has closed"))?.payload.decode_json()?)
+}
+
+/// The time of day as messages are stamped with, nanoseconds since the Unix epoch.
+pub fn now_ns() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64)
 }
 
 /// The newest scene of a camera, from the perception worker that owns it; asks until there is one or time is up.

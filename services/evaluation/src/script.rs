@@ -40,7 +40,8 @@ pub fn script_placement(problem: &Problem) -> Option<Isometry3<f64>> {
     let others: Vec<ViewerExtents> = scene.meta.objects.iter().map(|o| o.id).filter(|id| *id != problem.query).filter_map(box_of).collect();
     let rest = scene.points.iter().zip(&scene.labels).filter(|(_, label)| **label != problem.query);
     let rest: Vec<Point3<f64>> = rest.map(|(p, _)| to_viewer * Point3::from(*p).cast::<f64>()).collect();
-    let surfaces: Vec<(f64, Footprint)> = scene.meta.surfaces.iter().filter(|s| s.object.is_none()).filter_map(outline).collect();
+    let furniture = scene.meta.surfaces.iter().filter(|s| s.object.is_none());
+    let surfaces: Vec<(f64, Footprint)> = furniture.filter_map(|s| Some((s.height_m, Footprint::of_outline(&s.outline_m)?))).collect();
     if surfaces.is_empty() {
         return None;
     }
@@ -81,12 +82,6 @@ pub fn script_placement(problem: &Problem) -> Option<Isometry3<f64>> {
 fn is_inside(p: &Point3<f64>, there: &ViewerExtents) -> bool {
     let beside = |k: usize| p[k] > there.low[k] - CLEARANCE_M && p[k] < there.high[k] + CLEARANCE_M;
     beside(0) && beside(1) && p.z > there.low.z + SURFACE_M && p.z < there.high.z + HEADROOM_M
-}
-
-/// A surface's height and outline, world frame; `None` for a line.
-fn outline(surface: &repose_proto::Surface) -> Option<(f64, Footprint)> {
-    let corners: Vec<Point3<f32>> = surface.outline_m.iter().map(|[x, y]| Point3::new(*x as f32, *y as f32, 0.0)).collect();
-    Some((surface.height_m, Footprint::of(&corners)?))
 }
 
 #[cfg(test)]

@@ -180,8 +180,7 @@ fn list(known: &[String]) -> String {
 }
 
 fn plane(surface: &repose_proto::Surface) -> Option<SupportPlane> {
-    let corners: Vec<Point3<f32>> = surface.outline_m.iter().map(|[x, y]| Point3::new(*x as f32, *y as f32, 0.0)).collect();
-    let outline = Footprint::of(&corners)?;
+    let outline = Footprint::of_outline(&surface.outline_m)?;
     Some(SupportPlane { height_m: surface.height_m as f32, outline, object: surface.object.unwrap_or(0) })
 }
 

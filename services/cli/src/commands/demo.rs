@@ -7,7 +7,6 @@ use image::RgbImage;
 use nalgebra::{Isometry3, Point3};
 use repose_geometry::transform::from_row_major;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
-use repose_proto::robot::RobotState;
 use repose_proto::scoring::enclose;
 use repose_proto::simulator::{TrueObject, Truth, TruthRequest};
 use repose_proto::{
@@ -168,7 +167,7 @@ impl Cell {
 
     /// The first wish, in an order that the seed gives, for which there are a placement and a motion.
     async fn plan(&self, args: &DemoArgs, scene_id: &str, scene: &Scene, output: Output) -> Result<Planned, Failure> {
-        let start_joints_rad = self.robot_state().await?.q_rad;
+        let start_joints_rad = client::robot_state(&self.session, &self.robot, CALL).await?.q_rad;
         let truth = self.truth(Some(scene.meta.view_yaw_rad)).await?;
         let mut given_up = Vec::new();
         for (query, goal) in wishes(args.seed, scene, &truth) {
@@ -254,11 +253,6 @@ impl Cell {
         let frame = Frame::from_bulk(&next(&mut frames).await?.decode_bulk(Frame::SCHEMA)?)?;
         let color = frame.color.ok_or_else(|| Failure::other("the camera sends no color"))?;
         Ok(color_picture(frame.camera.width, frame.camera.height, &color))
-    }
-
-    async fn robot_state(&self) -> Result<RobotState, Failure> {
-        let mut states = self.session.subscribe_latest(&self.session.cell().robot_state(&self.robot)).await?;
-        Ok(next(&mut states).await?.decode_json()?)
     }
 }
 

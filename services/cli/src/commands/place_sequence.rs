@@ -5,13 +5,12 @@
 //! where it was put, every other where it was.
 
 use std::collections::BTreeMap;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use nalgebra::{Isometry3, Point3};
 use repose_geometry::ViewerFrame;
 use repose_geometry::transform::from_row_major;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
-use repose_proto::robot::RobotState;
 use repose_proto::scoring::enclose;
 use repose_proto::{CallError, ErrorCode, GoalTerm, Message, ObjectSummary, Payload, PlaceRequest, PlaceResult, Scene, SceneRef, Service};
 use repose_relations::{ObservedObject, observed};
@@ -145,36 +144,13 @@ async fn achieve(args: &PlaceArgs, session: &Session, steps: &mut Vec<Step>) -> 
         let (result, _) = client::place(&system.planner, &request, Some(&view.1), CallOptions::within(deadline)).await?;
         let mut step =
             Step { query: wish.query, goal: wish.goal.clone(), result, placement: None, execution: None, reason: None, holds: Vec::new() };
-        if step.result.placements.is_empty() {
-            steps.push(step);
-            break;
-        }
-        let (plan, executed) = match system.moved(&request, &step.result, &view).await {
-            Ok(moved) => moved,
-            Err(failure) => {
-                step.reason = failure.error().map(ToString::to_string);
-                steps.push(step);
-                return Err(failure);
-            }
+        let carried_out = match step.result.placements.is_empty() {
+            true => Ok(()),
+            false => system.carry_out(&request, (k, wish), &mut step, &mut view, &mut known).await,
         };
-        let moved: Isometry3<f64> =
-            from_row_major(&step.result.placements[plan.placement].placed_from_observed.0).map_err(Failure::other)?;
-        (step.placement, step.execution, step.reason) = (Some(plan.placement), Some(executed.outcome), executed.reason);
-        let seen = system.view_after(now_ns()).await;
-        let Ok(next) = seen else {
-            steps.push(step);
-            return seen.map(drop);
-        };
-        view = next;
-        known.move_on(wish.query, &moved, &view.1.meta.objects);
-        if step.execution == Some(ExecutionOutcome::Done) {
-            match known.translated(k, wish) {
-                Ok((query, goal)) => step.holds = holds(&view.1, step.result.view_yaw_rad, query, &goal),
-                Err(unseen) => step.reason = unseen.error().map(|e| format!("whether it holds cannot be seen: {}", e.message)),
-            }
-        }
         let achieved = step.achieved();
         steps.push(step);
+        carried_out?;
         if !achieved {
             break;
         }
@@ -210,6 +186,36 @@ impl System<'_> {
         }
     }
 
+    /// Has a placement carried out, and looks at what has become of the wish; `step` says how far it came.
+    async fn carry_out(
+        &self,
+        request: &PlaceRequest,
+        (k, wish): (usize, &NextWish),
+        step: &mut Step,
+        view: &mut (String, Scene),
+        known: &mut Known,
+    ) -> Outcome {
+        let (plan, executed) = match self.moved(request, &step.result, view).await {
+            Ok(moved) => moved,
+            Err(failure) => {
+                step.reason = failure.error().map(ToString::to_string);
+                return Err(failure);
+            }
+        };
+        (step.placement, step.execution, step.reason) = (Some(plan.placement), Some(executed.outcome), executed.reason);
+        let moved: Isometry3<f64> =
+            from_row_major(&step.result.placements[plan.placement].placed_from_observed.0).map_err(Failure::other)?;
+        *view = self.view_after(client::now_ns()).await?;
+        known.move_on(wish.query, &moved, &view.1.meta.objects);
+        if step.execution == Some(ExecutionOutcome::Done) {
+            match known.translated(k, wish) {
+                Ok((query, goal)) => step.holds = holds(&view.1, step.result.view_yaw_rad, query, &goal),
+                Err(unseen) => step.reason = unseen.error().map(|e| format!("whether it holds cannot be seen: {}", e.message)),
+            }
+        }
+        Ok(())
+    }
+
     /// Has the motion service plan, and carry the plan out.
     async fn moved(
         &self,
@@ -224,11 +230,7 @@ impl System<'_> {
     }
 
     async fn motion_plan(&self, request: &PlaceRequest, result: &PlaceResult, view: &(String, Scene)) -> Result<MotionPlan, Failure> {
-        let mut states = self.session.subscribe_latest(&self.session.cell().robot_state(self.robot)).await?;
-        let state = tokio::time::timeout(self.deadline, states.recv())
-            .await
-            .map_err(|_| Failure::Other(CallError::new(ErrorCode::Unavailable, format!("robot {} does not tell its state", self.robot))))?;
-        let state: RobotState = state.ok_or_else(|| Failure::other("the session has closed"))?.payload.decode_json()?;
+        let state = client::robot_state(self.session, self.robot, self.deadline).await?;
         let request = MotionPlanRequest {
             scene: SceneRef { scene_id: view.0.clone() },
             robot: self.robot.to_owned(),
@@ -316,10 +318,6 @@ fn holds(scene: &Scene, view_yaw_rad: f64, query: u16, goal: &[GoalTerm]) -> Vec
         _ => false,
     };
     goal.iter().map(term).collect()
-}
-
-fn now_ns() -> u64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64)
 }
 
 #[cfg(test)]

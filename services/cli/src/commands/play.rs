@@ -1,7 +1,7 @@
 //! `repose play`: frames from disk or a recording, put to a running system as a camera's.
 
 use std::path::PathBuf;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use clap::Args;
 use repose_perception::sources::{self, SourceError, Topics};
@@ -96,7 +96,7 @@ pub async fn run(args: &PlayArgs, output: Output) -> Outcome {
             tokio::time::sleep_until(pace.due(frame.stamp_ns)).await;
             camera.clone_into(&mut frame.camera_name);
             if !args.keep_stamps {
-                frame.stamp_ns = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
+                frame.stamp_ns = client::now_ns();
             }
             session.put(&key, Payload::bulk(Frame::SCHEMA, &frame.to_bulk())?, Traffic::Frame).await?;
             published += 1;

@@ -1,6 +1,6 @@
 //! `repose robot`: the operator's hand on a robot: stop it, say how it is, let it go on.
 
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use repose_proto::motion::{RobotResetReply, RobotResetRequest};
@@ -59,14 +59,13 @@ pub async fn run(args: &RobotArgs, output: Output) -> Outcome {
 async fn act(args: &RobotArgs, session: &Session, output: Output) -> Outcome {
     let within = Duration::from_millis(args.deadline_ms);
     let robot = &args.robot;
-    let silent = |what: &str| {
-        let message = format!("robot {robot} has not {what} in {} ms", args.deadline_ms);
-        Failure::Other(CallError::new(ErrorCode::DeadlineExceeded, message))
-    };
     match args.action {
         Action::Stop => {
-            let stopped =
-                tokio::time::timeout(within, stop(session, robot, &args.reason)).await.map_err(|_| silent("shown the stop"))??;
+            let unheard = |_| {
+                let message = format!("robot {robot} has not shown the stop in {} ms", args.deadline_ms);
+                Failure::Other(CallError::new(ErrorCode::DeadlineExceeded, message))
+            };
+            let stopped = tokio::time::timeout(within, stop(session, robot, &args.reason)).await.map_err(unheard)??;
             output.print(&stopped, || format!("{robot} is stopped: {}; `repose robot reset` lets it go on", args.reason))
         }
         Action::Reset => {
@@ -77,9 +76,7 @@ async fn act(args: &RobotArgs, session: &Session, output: Output) -> Outcome {
             output.print(&reply, || format!("{robot} {}", if reply.was_stopped { "may go on" } else { "was not stopped" }))
         }
         Action::State => {
-            let mut states = session.subscribe_latest(&session.cell().robot_state(robot)).await?;
-            let sample = tokio::time::timeout(within, states.recv()).await.map_err(|_| silent("said how it is"))?;
-            let state: RobotState = sample.ok_or_else(|| Failure::other("the session has closed"))?.payload.decode_json()?;
+            let state = client::robot_state(session, robot, within).await?;
             output.print(&state, || match &state.stop {
                 Some(stop) => format!("{robot} {:?}: {} ({})", state.mode, stop.reason, stop.kind),
                 None => format!("{robot} {:?}, joints {:.3?} rad, fingers {:.3} m", state.mode, state.q_rad, state.gripper_width_m),
@@ -91,10 +88,8 @@ async fn act(args: &RobotArgs, session: &Session, output: Output) -> Outcome {
 /// Puts the stop until a state shows it, or one that was latched before it.
 async fn stop(session: &Session, robot: &str, reason: &str) -> Result<RobotState, Failure> {
     let mut states = session.subscribe_latest(&session.cell().robot_state(robot)).await?;
-    let stamp_ns = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
-    let id = uuid::Uuid::new_v4().to_string();
     let (source, reason) = ("repose robot stop".to_owned(), reason.to_owned());
-    let wanted = EmergencyStop { v: limits::VERSION, id: id.clone(), source, reason, stamp_ns };
+    let wanted = EmergencyStop { v: limits::VERSION, id: uuid::Uuid::new_v4().to_string(), source, reason, stamp_ns: client::now_ns() };
     let (key, payload) = (session.cell().robot_estop(robot), Payload::json(&wanted)?);
     let mut again = tokio::time::interval(REPEAT);
     loop {

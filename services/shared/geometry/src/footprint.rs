@@ -30,6 +30,12 @@ impl Footprint {
         (corners.len() >= 3).then_some(Self { corners })
     }
 
+    /// The hull of a surface's outline as scenes carry it, world x and y, metres; `None` for a line.
+    pub fn of_outline(outline_m: &[[f64; 2]]) -> Option<Self> {
+        let corners: Vec<Point3<f32>> = outline_m.iter().map(|[x, y]| Point3::new(*x as f32, *y as f32, 0.0)).collect();
+        Self::of(&corners)
+    }
+
     /// The corners, counter-clockwise.
     pub fn corners(&self) -> &[Point2<f32>] {
         &self.corners
