@@ -1,9 +1,10 @@
 //! Training of the relation predictor alone, on encoders that stay as they are.
 //!
 //! Without gradients for the encoders a view's clouds are encoded once, when it is prepared, and all its ordered pairs are used: a core goes
-//! through a hundred times as many pairs as in the joint training. Pairs are of two kinds. *Standing* ones are both seen where they are,
-//! each hiding what it hides: so a scene is described. *Moved* ones have the query's cloud from elsewhere, turned and moved to where it came to
-//! rest: so a candidate for a placement is judged.
+//! through a hundred times as many pairs as in the joint training. Pairs are of three kinds. *Standing* ones are both seen where they are,
+//! each hiding what it hides: so a scene is described. *Apart* ones are the paper's: the query where it is, but from a picture without the other
+//! objects, and the anchor from the picture without the query. *Moved* ones have the query's cloud from elsewhere, turned and moved to
+//! where it came to rest: so a candidate for a placement is judged.
 
 use candle_core::{Result, Tensor};
 use nalgebra::{Point3, Rotation3};
@@ -36,6 +37,8 @@ use crate::{
 pub struct RelationsTask {
     /// Border bands are 1 up to this many pixels wide.
     pub band_px: usize,
+    /// Share of views as they were rendered: depth without faults and masks without bands, as in the paper's data.
+    pub clean: f64,
     /// Share of views whose gravity is not exact. A calibrated camera's is; one that finds it from the table is a little off.
     pub tilted: f64,
     /// Standard deviation of gravity's tilt in those, radians. A degree of it would move the top of a stack by the whole millimetre of
@@ -45,6 +48,10 @@ pub struct RelationsTask {
     pub points_least: usize,
     /// Of what the query shows elsewhere when alone, this much must be visible for a moved pair.
     pub visible_least: f64,
+    /// Weight of the apart pairs' cross-entropy beside that of the standing ones.
+    pub apart_weight: f64,
+    /// Queries of a view that apart pairs are made of, at most.
+    pub apart_queries: usize,
     /// Weight of the moved pairs' cross-entropy beside that of the standing ones.
     pub moved_weight: f64,
     /// Weight of the relations that are rare and finer than what is seen, beside that of all nine.
@@ -53,7 +60,18 @@ pub struct RelationsTask {
 
 impl Default for RelationsTask {
     fn default() -> Self {
-        Self { band_px: 2, tilted: 0.5, tilt_rad: 0.006, points_least: 10, visible_least: 0.5, moved_weight: 0.5, fine_weight: 1.0 }
+        Self {
+            band_px: 2,
+            clean: 0.3,
+            tilted: 0.5,
+            tilt_rad: 0.006,
+            points_least: 10,
+            visible_least: 0.5,
+            apart_weight: 1.0,
+            apart_queries: 2,
+            moved_weight: 0.5,
+            fine_weight: 1.0,
+        }
     }
 }
 
@@ -64,16 +82,26 @@ struct Rows {
     queries: Vec<f32>,
     /// `[n, 128]`.
     anchors: Vec<f32>,
-    /// `[n, 87]`.
+    /// `[n, 146]`.
     measures: Vec<f32>,
     /// `[n, 9]`: 0 or 1.
     labels: Vec<f32>,
+}
+
+impl Rows {
+    fn extend(&mut self, more: Self) {
+        self.queries.extend(more.queries);
+        self.anchors.extend(more.anchors);
+        self.measures.extend(more.measures);
+        self.labels.extend(more.labels);
+    }
 }
 
 /// The pairs of a view.
 #[derive(Debug)]
 pub struct ViewPairs {
     standing: Rows,
+    apart: Rows,
     moved: Rows,
 }
 
@@ -85,6 +113,14 @@ struct Placed {
 }
 
 impl RelationsTask {
+    /// The query seen alone, first, and the others without it.
+    fn apart(&self, view: &ViewRecord, query: usize, camera: &Camera<'_>, rng: &mut Pcg64) -> Option<Vec<Placed>> {
+        let mut clouds = camera.clouds(&mut Composite::of(view, |k| k == query), self.points_least, rng);
+        clouds.extend(camera.clouds(&mut Composite::of(view, |k| k != query), self.points_least, rng));
+        clouds.retain(|placed| view.is_seen(placed.object));
+        clouds.first().is_some_and(|placed| placed.object == query).then_some(clouds)
+    }
+
     /// The query from elsewhere, first, and all others.
     fn moved(&self, view: &ViewRecord, query: usize, camera: &Camera<'_>, rng: &mut Pcg64) -> Option<Vec<Placed>> {
         let elsewhere = view.objects[query].elsewhere.as_ref()?;
@@ -171,6 +207,11 @@ fn encoded(networks: &Networks, config: &NetworksConfig, view: &ViewRecord, clou
     Ok(rows)
 }
 
+/// The pairs of the first cloud with every other.
+fn of_first(clouds: &[Placed]) -> Vec<(usize, usize)> {
+    (1..clouds.len()).map(|anchor| (0, anchor)).collect()
+}
+
 /// What the predictor says of pairs, `[pairs, 9]`, and what is true; nothing where there are none.
 fn logits_of(networks: &Networks, rows: &[&Rows]) -> Result<Option<(Tensor, Tensor)>> {
     let n = rows.iter().map(|r| r.labels.len()).sum::<usize>() / PREDICTED_RELATIONS;
@@ -195,12 +236,16 @@ impl Task for RelationsTask {
 
     fn prepare(&self, networks: &Networks, config: &NetworksConfig, drawn: &Drawn<'_>, rng: &mut Pcg64) -> Result<Option<ViewPairs>> {
         let Drawn { view, query, .. } = drawn;
-        let band_px = rng.random_range(1..=self.band_px.max(1));
+        let (sensor, band_px) = if rng.random_bool(self.clean) {
+            (SensorModel::ideal(), 0)
+        } else {
+            (SensorModel::jittered(rng), rng.random_range(1..=self.band_px.max(1)))
+        };
         let tilt = if rng.random_bool(self.tilted) { tilt(self.tilt_rad, rng) } else { Rotation3::identity() };
         let camera = Camera {
             view,
             viewer_from_world: tilt * ViewerFrame::from_yaw(view.view_yaw_rad).viewer_from_world().cast::<f32>(),
-            sensor: SensorModel::jittered(rng),
+            sensor,
             band_px,
             cloud: CloudConfig { border_px: band_px as f32, ..config.cloud },
         };
@@ -209,8 +254,13 @@ impl Task for RelationsTask {
         let ordered: Vec<_> = (0..clouds.len()).flat_map(|i| (0..clouds.len()).map(move |j| (i, j))).filter(|(i, j)| i != j).collect();
         let standing = encoded(networks, config, view, &clouds, &ordered)?;
         let clouds = self.moved(view, *query, &camera, rng).unwrap_or_default();
-        let moved = encoded(networks, config, view, &clouds, &(1..clouds.len()).map(|anchor| (0, anchor)).collect::<Vec<_>>())?;
-        Ok((!standing.labels.is_empty()).then_some(ViewPairs { standing, moved }))
+        let moved = encoded(networks, config, view, &clouds, &of_first(&clouds))?;
+        let mut apart = Rows::default();
+        for k in 0..self.apart_queries.min(view.objects.len()) {
+            let clouds = self.apart(view, (query + k) % view.objects.len(), &camera, rng).unwrap_or_default();
+            apart.extend(encoded(networks, config, view, &clouds, &of_first(&clouds))?);
+        }
+        Ok((!standing.labels.is_empty()).then_some(ViewPairs { standing, apart, moved }))
     }
 
     fn loss(
@@ -223,13 +273,14 @@ impl Task for RelationsTask {
         _: &mut Pcg64,
     ) -> Result<Tensor> {
         let drawn = &prepared[..samples.min(prepared.len())];
-        let standing = self.loss_of(networks, &drawn.iter().map(|view| &view.standing).collect::<Vec<_>>())?;
-        let moved = self.loss_of(networks, &drawn.iter().map(|view| &view.moved).collect::<Vec<_>>())?;
-        match (standing, moved) {
-            (Some(standing), Some(moved)) => standing + (moved * self.moved_weight)?,
-            (Some(standing), None) => Ok(standing),
-            (None, _) => candle_core::bail!("a micro-batch without a pair"),
+        let of = |rows: fn(&ViewPairs) -> &Rows| self.loss_of(networks, &drawn.iter().map(|view| rows(view)).collect::<Vec<_>>());
+        let Some(mut loss) = of(|view| &view.standing)? else { candle_core::bail!("a micro-batch without a pair") };
+        for (more, weight) in [(of(|view| &view.apart)?, self.apart_weight), (of(|view| &view.moved)?, self.moved_weight)] {
+            if let Some(more) = more {
+                loss = (loss + (more * weight)?)?;
+            }
         }
+        Ok(loss)
     }
 
     fn measure(&self, networks: &Networks, _: &NetworksConfig, prepared: &[ViewPairs], _: &mut Pcg64) -> Result<serde_json::Value> {
@@ -246,11 +297,14 @@ impl Task for RelationsTask {
             Ok((f64::from(loss), serde_json::json!(counts.iter().map(Confusion::f1).collect::<Vec<_>>()), pairs))
         };
         let (standing, f1, pairs) = of(prepared.iter().map(|view| &view.standing).collect())?;
+        let (apart, f1_apart, apart_pairs) = of(prepared.iter().map(|view| &view.apart).collect())?;
         let (moved, f1_moved, moved_pairs) = of(prepared.iter().map(|view| &view.moved).collect())?;
         Ok(serde_json::json!({
-            "loss": standing + self.moved_weight * moved,
+            "loss": standing + self.apart_weight * apart + self.moved_weight * moved,
             "f1": f1,
             "pairs": pairs,
+            "f1_apart": f1_apart,
+            "apart_pairs": apart_pairs,
             "f1_moved": f1_moved,
             "moved_pairs": moved_pairs,
             "views": prepared.len(),

@@ -171,7 +171,8 @@ fn the_relation_predictor_is_fitted_alone_on_encoders_that_stay_as_they_are() {
     train(&two).unwrap();
     let loss = |r: &repose_training::TrainReport| r.metrics["loss"].as_f64().unwrap();
     assert!(loss(&later) < loss(&first), "{} then {}", loss(&first), loss(&later));
-    assert!(later.metrics["pairs"].as_u64().unwrap() > later.metrics["moved_pairs"].as_u64().unwrap(), "{}", later.metrics);
+    let pairs = ["pairs", "apart_pairs", "moved_pairs"].map(|of| later.metrics[of].as_u64().unwrap());
+    assert!(pairs[0] > pairs[1] && pairs[1] > 0 && pairs[0] > pairs[2] && pairs[2] > 0, "{}", later.metrics);
     let read = |path: &Path| Weights::from_bytes(&std::fs::read(path).unwrap()).unwrap().values;
     let (before, after) = (read(&start), read(&one.out));
     for (name, value) in &after {

@@ -70,7 +70,8 @@ impl Rim {
     fn new(centroid: &Point3<f32>, sight: &Sight, border_px: f32) -> Self {
         let line = centroid - sight.eye;
         let far_m = line.norm().max(f32::EPSILON);
-        Self { width_m: border_px * sight.pixel_rad * far_m, line_of_sight: (line / far_m).into() }
+        // Of the outermost pixel that is left, half lies beyond its point.
+        Self { width_m: (border_px + 0.5) * sight.pixel_rad * far_m, line_of_sight: (line / far_m).into() }
     }
 
     /// By how much the object reaches farther than its cloud in a direction (unit vector), metres.
@@ -192,15 +193,15 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn what_cleaning_took_is_as_wide_as_its_pixels_and_lies_across_the_line_of_sight() {
+    fn what_is_missing_is_as_wide_as_cleanings_pixels_and_half_a_pixel_and_lies_across_the_line_of_sight() {
         let config = CloudConfig { border_px: 3.0, ..CloudConfig::default() };
         let sight = Sight { eye: Point3::new(0.0, -2.0, 0.0), pixel_rad: 0.002 };
         let cloud = ObjectCloud::new(&[Point3::origin()], &sight, &config).unwrap();
-        assert!((cloud.rim.width_m - 0.012).abs() < 1e-6);
-        assert!((cloud.rim.beyond_m([1.0, 0.0, 0.0]) - 0.012).abs() < 1e-6 && cloud.rim.beyond_m([0.0, 1.0, 0.0]) < 1e-6);
+        assert!((cloud.rim.width_m - 0.014).abs() < 1e-6);
+        assert!((cloud.rim.beyond_m([1.0, 0.0, 0.0]) - 0.014).abs() < 1e-6 && cloud.rim.beyond_m([0.0, 1.0, 0.0]) < 1e-6);
         // Turned by a quarter, what was seen from the front is seen from the right.
         let turned = cloud.turned(std::f32::consts::FRAC_PI_2).rim;
-        assert!(turned.beyond_m([1.0, 0.0, 0.0]) < 1e-5 && (turned.beyond_m([0.0, 1.0, 0.0]) - 0.012).abs() < 1e-6);
+        assert!(turned.beyond_m([1.0, 0.0, 0.0]) < 1e-5 && (turned.beyond_m([0.0, 1.0, 0.0]) - 0.014).abs() < 1e-6);
         // The same camera in turned axes sees the same.
         let quarter = Rotation3::from_axis_angle(&nalgebra::Vector3::z_axis(), std::f32::consts::FRAC_PI_2);
         assert!((quarter * sight.eye - sight.turned(&quarter).eye).norm() < 1e-6);

@@ -12,7 +12,7 @@ use crate::{
 /// The path of a weight that only the `measured` variant has.
 pub(crate) const MEASURES_WEIGHT: &str = "relations/measures/weight";
 
-/// `[h_i, h_j]` → 128 → 9 logits. The `measured` variant (ours) encodes [`crate::pair_measures`] by two layers beside the codes: 87 → 128 →
+/// `[h_i, h_j]` → 128 → 9 logits. The `measured` variant (ours) encodes [`crate::pair_measures`] by two layers beside the codes: 146 → 128 →
 /// 128, and `[h_i, h_j, m]` → 256 → 9 logits.
 #[derive(Debug, Clone)]
 pub struct RelationPredictor {
@@ -42,7 +42,7 @@ impl RelationPredictor {
     }
 
     /// Codes of queries (with their centres relative to the anchors) and of anchors, `[pairs, 128]` each, and their measures
-    /// `[pairs, 87]`, which the paper's variant does not read → logits `[pairs, 9]`.
+    /// `[pairs, 146]`, which the paper's variant does not read → logits `[pairs, 9]`.
     ///
     /// # Errors
     /// When the shapes do not fit.

@@ -5,7 +5,8 @@ use std::sync::OnceLock;
 use nalgebra::{Point3, Vector3};
 use repose_relations::ViewerExtents;
 
-use super::middles::{Middles, without_strays};
+use super::bands::{Band, bands};
+use super::middles::{Guess, Middles, without_strays};
 use crate::points::{ObjectCloud, Rim};
 
 /// Directions tried for the plane between two clouds before the best is refined: azimuths, and their elevations.
@@ -22,6 +23,8 @@ pub(super) enum Outline {
     Observed,
     /// With what cleaning took put back on ([`Rim`]).
     Restored,
+    /// That, and its half turn about a guess at the object's middle: what of it is hidden looks like what shows.
+    Completed(Guess),
 }
 
 /// A cloud prepared for measuring.
@@ -36,9 +39,13 @@ pub struct MeasuredCloud {
     pub(super) rim: Rim,
     /// Guesses at the object's middle.
     pub(super) middles: Middles,
+    /// Its level slices.
+    pub(super) bands: Vec<Band>,
     /// How far the cloud reaches in each of [`directions`], from its centroid, and how much farther the object does.
     reaches: [f32; DIRECTIONS],
     beyond: [f32; DIRECTIONS],
+    /// How far it does when completed by each of [`Guess::ALL`].
+    completed: [[f32; DIRECTIONS]; Guess::ALL.len()],
 }
 
 impl MeasuredCloud {
@@ -48,15 +55,23 @@ impl MeasuredCloud {
         let [x, y, z] = axes.each_ref().map(|axis| without_strays(axis.clone(), STRAY_SHARE));
         let mut cloud = Self {
             middles: Middles::new(&axes),
+            bands: bands(&axes, z[0], z[1]),
             axes,
             low: [x[0], y[0], z[0]],
             high: [x[1], y[1], z[1]],
             rim: object.rim,
             reaches: [0.0; DIRECTIONS],
             beyond: [0.0; DIRECTIONS],
+            completed: [[0.0; DIRECTIONS]; Guess::ALL.len()],
         };
         cloud.reaches = std::array::from_fn(|d| cloud.reach(&directions()[d].0, Outline::Observed));
         cloud.beyond = std::array::from_fn(|d| cloud.rim.beyond_m(directions()[d].0.into()));
+        cloud.completed = Guess::ALL.map(|guess| {
+            std::array::from_fn(|d| {
+                let restored = |d: usize| cloud.known_reach(d, Outline::Restored);
+                restored(d).max(cloud.turned_reach(&directions()[d].0, restored(half_turned(d)), guess))
+            })
+        });
         cloud
     }
 
@@ -77,7 +92,19 @@ impl MeasuredCloud {
         match outline {
             Outline::Observed => observed,
             Outline::Restored => observed + self.rim.beyond_m((*direction).into()),
+            Outline::Completed(guess) => {
+                let turned = Vector3::new(-direction.x, -direction.y, direction.z);
+                let restored = observed + self.rim.beyond_m((*direction).into());
+                restored.max(self.turned_reach(direction, self.reach(&turned, Outline::Restored), guess))
+            }
         }
+    }
+
+    /// How far the half turn of the outline about a guess at the middle reaches in a direction, if the outline reaches `reach_m` in the
+    /// direction's own half turn.
+    fn turned_reach(&self, direction: &Vector3<f32>, reach_m: f32, guess: Guess) -> f32 {
+        let [x, y] = self.middles.by(guess);
+        2.0 * (x * direction.x + y * direction.y) + reach_m
     }
 
     /// The same in the `d`-th of [`directions`].
@@ -85,6 +112,7 @@ impl MeasuredCloud {
         match outline {
             Outline::Observed => self.reaches[d],
             Outline::Restored => self.reaches[d] + self.beyond[d],
+            Outline::Completed(guess) => self.completed[guess as usize][d],
         }
     }
 
@@ -121,14 +149,21 @@ pub(super) fn directions() -> &'static [(Vector3<f32>, usize); DIRECTIONS] {
     })
 }
 
+/// The `d`-th direction after half a turn about the vertical.
+fn half_turned(d: usize) -> usize {
+    if d < AZIMUTHS * ELEVATIONS.len() { d - d % AZIMUTHS + (d + AZIMUTHS / 2) % AZIMUTHS } else { d }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn every_direction_knows_its_opposite() {
-        for (direction, opposite) in directions() {
+    fn every_direction_knows_its_opposite_and_its_half_turn() {
+        for (d, (direction, opposite)) in directions().iter().enumerate() {
             assert!((directions()[*opposite].0 + direction).norm() < 1e-5);
+            let turned = directions()[half_turned(d)].0;
+            assert!((turned - Vector3::new(-direction.x, -direction.y, direction.z)).norm() < 1e-5);
         }
     }
 }

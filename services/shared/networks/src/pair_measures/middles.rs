@@ -4,14 +4,32 @@
 //! is whole where its top is seen, a round thing's axis follows from its front alone, and of what carries something else neither may be: so there
 //! are three guesses, and the predictor learns when to believe which.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// How far below its highest points a cloud's top reaches, metres.
 const TOP_M: f32 = 0.012;
 /// The share of points that is left out at either end.
 const STRAY_SHARE: f32 = 0.01;
+/// Points farther than this many mean distances from a circle are left out when it is drawn anew.
+const FAR_OFF: f32 = 2.0;
 /// Directions tried for the edges of the smallest rectangle.
 const EDGE_DIRECTIONS: usize = 30;
+
+/// By what a middle is guessed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Guess {
+    /// [`Middles::top`].
+    Top,
+    /// [`Middles::rectangle`].
+    Rectangle,
+    /// [`Middles::circle`].
+    Circle,
+}
+
+impl Guess {
+    /// All of them; a guess is its own position.
+    pub const ALL: [Self; 3] = [Self::Top, Self::Rectangle, Self::Circle];
+}
 
 /// Guesses at the middle, relative to the cloud's centroid, level, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,6 +54,15 @@ impl Middles {
         let (rectangle, edges) = smallest_rectangle(x, y);
         let (circle, radius, residual) = circle(x, y).unwrap_or((rectangle, 0.5 * edges[1], 0.5 * edges[1]));
         Self { top: top(x, y, z), rectangle, edges, circle, radius, residual }
+    }
+
+    /// The middle by one of the guesses.
+    pub fn by(&self, guess: Guess) -> [f32; 2] {
+        match guess {
+            Guess::Top => self.top,
+            Guess::Rectangle => self.rectangle,
+            Guess::Circle => self.circle,
+        }
     }
 }
 
@@ -76,6 +103,32 @@ fn smallest_rectangle(x: &[f32], y: &[f32]) -> ([f32; 2], [f32; 2]) {
         }
     }
     (best.1, best.2)
+}
+
+/// A circle through points of a level slice.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Circle {
+    /// Relative to the cloud's centroid, metres.
+    pub middle: Vector2<f32>,
+    /// Metres.
+    pub radius: f32,
+    /// How far points lie from it, in the mean, metres.
+    pub residual: f32,
+}
+
+impl Circle {
+    /// The circle through points, and again without those that lie far from it (a handle, a stray reading); `None` of fewer than `least`
+    /// points, and where they lie on a line.
+    pub fn robust(points: &[Vector2<f32>], least: usize) -> Option<Self> {
+        let through = |points: &[Vector2<f32>]| {
+            let [x, y]: [Vec<f32>; 2] = std::array::from_fn(|k| points.iter().map(|p| p[k]).collect());
+            let (middle, radius, residual) = (points.len() >= least).then(|| circle(&x, &y))??;
+            Some(Self { middle: middle.into(), radius, residual })
+        };
+        let first = through(points)?;
+        let close = |p: &&Vector2<f32>| ((*p - first.middle).norm() - first.radius).abs() <= FAR_OFF * first.residual;
+        Some(through(&points.iter().filter(close).copied().collect::<Vec<_>>()).unwrap_or(first))
+    }
 }
 
 /// The circle through points in the sense of least squares of `|p|² − 2 c·p − (r² − |c|²)` (Kåsa 1976, "A circle fitting procedure and its

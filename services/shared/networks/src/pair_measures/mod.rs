@@ -4,10 +4,12 @@
 //! `measured` variant reads the margins of the directional rules, how far the boxes, the clouds' nearest points and their hulls are apart
 //! (the widest gap that a plane can be put into), and guesses at where the objects' middles are. Border cleaning has taken the points at a
 //! contact from both clouds, and the nearer the camera, the less of them; so gaps are also given with what was taken put back on
-//! ([`crate::points::Rim`]).
+//! ([`crate::points::Rim`]). What is nearer hides its own back, so gaps are also given between clouds that were completed: by their half turn
+//! about a guess at the middle.
 //!
 //! Each length is given more than once, in units from decimetres to millimetres and cut off, so that a small network can use all of them.
 
+mod bands;
 mod cloud;
 mod gap;
 mod middles;
@@ -17,11 +19,13 @@ use repose_relations::{ViewerExtents, directional::directional_margins};
 
 pub use cloud::MeasuredCloud;
 
+use bands::{OUTLINES, circles_apart, outlines_apart, points_from_circle};
 use cloud::Outline;
 use gap::{CLOSE_M, nearest, separation};
+use middles::Guess;
 
 /// How many numbers [`pair_measures`] gives.
-pub const PAIR_MEASURES: usize = 87;
+pub const PAIR_MEASURES: usize = 146;
 
 /// Numbers are cut off at this many units.
 const MOST_UNITS: f32 = 3.0;
@@ -52,7 +56,10 @@ pub fn pair_measures(query: &MeasuredCloud, anchor: &MeasuredCloud, offset_m: [f
     let mut measures = Measures { values: [0.0; PAIR_MEASURES], next: 0 };
     let (q, a) = (query.extents(offset_m), anchor.extents([0.0; 3]));
     put_boxes(&mut measures, &q, &a);
-    put_gaps(&mut measures, query, anchor, &Vector3::from(offset_m));
+    let offset = Vector3::from(offset_m);
+    let between = put_gaps(&mut measures, query, anchor, &offset);
+    put_completed_gaps(&mut measures, query, anchor, &offset, &between);
+    put_gaps_by_height(&mut measures, query, anchor, &offset, &q, &a);
     put_restored_boxes(&mut measures, query, anchor, &q, &a);
     put_middles(&mut measures, query, anchor, offset_m, &q, &a);
     debug_assert_eq!(measures.next, PAIR_MEASURES);
@@ -72,9 +79,10 @@ fn put_boxes(measures: &mut Measures, q: &ViewerExtents, a: &ViewerExtents) {
     }
 }
 
-/// Gaps as observed and with what cleaning took put back on, where the planes in them face, and what it is that cleaning took.
-fn put_gaps(measures: &mut Measures, query: &MeasuredCloud, anchor: &MeasuredCloud, offset: &Vector3<f32>) {
-    let mut least_m = f32::INFINITY;
+/// Gaps as observed and with what cleaning took put back on, where the planes in them face, and what it is that cleaning took. Returns the
+/// normal of the second plane.
+fn put_gaps(measures: &mut Measures, query: &MeasuredCloud, anchor: &MeasuredCloud, offset: &Vector3<f32>) -> Vector3<f32> {
+    let (mut least_m, mut between) = (f32::INFINITY, Vector3::z());
     for outline in [Outline::Observed, Outline::Restored] {
         let (gap_m, normal) = separation(query, anchor, offset, outline);
         measures.put_length(gap_m, &[COARSE_M, FINE_M, FINEST_M]);
@@ -84,6 +92,7 @@ fn put_gaps(measures: &mut Measures, query: &MeasuredCloud, anchor: &MeasuredClo
             [query, anchor].iter().for_each(|cloud| measures.put(normal.dot(&Vector3::from(cloud.rim.line_of_sight))));
         }
         least_m = least_m.min(gap_m);
+        between = normal;
     }
     let nearest_m = if least_m < CLOSE_M { nearest(query, anchor, offset) } else { [CLOSE_M; 2] };
     nearest_m.iter().for_each(|distance_m| measures.put_length(*distance_m, &[FINE_M, FINEST_M]));
@@ -91,6 +100,56 @@ fn put_gaps(measures: &mut Measures, query: &MeasuredCloud, anchor: &MeasuredClo
         measures.put_length(cloud.rim.width_m, &[FINE_M]);
         measures.put(cloud.rim.line_of_sight[2]);
     }
+    between
+}
+
+/// The gap of the clouds completed by each guess at their middles, and where the plane in it faces; and how far the clouds are apart along
+/// the normal of the plane between them uncompleted, with either completed and with both.
+fn put_completed_gaps(
+    measures: &mut Measures,
+    query: &MeasuredCloud,
+    anchor: &MeasuredCloud,
+    offset: &Vector3<f32>,
+    between: &Vector3<f32>,
+) {
+    for guess in Guess::ALL {
+        let completed = Outline::Completed(guess);
+        let (gap_m, normal) = separation(query, anchor, offset, completed);
+        measures.put_length(gap_m, &[COARSE_M, FINE_M, FINEST_M]);
+        measures.put(normal.z);
+        measures.put(normal.dot(&Vector3::from(query.rim.line_of_sight)));
+        for [ours, theirs] in [[completed, Outline::Restored], [Outline::Restored, completed], [completed; 2]] {
+            let gap_m = between.dot(offset) - query.reach(&-between, ours) - anchor.reach(between, theirs);
+            measures.put_length(gap_m, &[FINE_M, FINEST_M]);
+        }
+    }
+}
+
+/// How far the clouds are apart at the heights that both reach, and at how many millimetres of height that is.
+fn put_gaps_by_height(
+    measures: &mut Measures,
+    query: &MeasuredCloud,
+    anchor: &MeasuredCloud,
+    offset: &Vector3<f32>,
+    q: &ViewerExtents,
+    a: &ViewerExtents,
+) {
+    for outline in OUTLINES {
+        let (gap_m, normal) = outlines_apart(query, anchor, offset, outline);
+        measures.put_length(gap_m, &[FINE_M, FINEST_M]);
+        let [x, y, _] = query.rim.line_of_sight;
+        measures.put(normal.x * x + normal.y * y);
+    }
+    let circles = circles_apart(query, anchor, offset);
+    measures.put_length(circles.gap_m, &[FINE_M, FINEST_M]);
+    circles.residuals.iter().for_each(|share| measures.put(*share));
+    for (gap_m, residual, radius_m) in [points_from_circle(query, anchor, &-offset), points_from_circle(anchor, query, offset)] {
+        measures.put_length(gap_m, &[FINE_M, FINEST_M]);
+        measures.put(residual);
+        measures.put_length(radius_m, &[COARSE_M]);
+    }
+    let shared_m = q.high.z.min(a.high.z) - q.low.z.max(a.low.z);
+    measures.put_length(shared_m as f32, &[COARSE_M, FINE_M]);
 }
 
 /// How far the boxes are apart with what cleaning took put back on; upwards, either on the other.
@@ -155,9 +214,18 @@ mod tests {
                 }
             }
         }
-        let config = CloudConfig { voxel_m: 0.001, object_points: points.len(), border_px: 1.0, ..CloudConfig::default() };
+        MeasuredCloud::new(&cloud_of(&points, rim_m).turned(yaw_rad))
+    }
+
+    /// Points seen along y by a camera whose border cleaning takes `rim_m`.
+    pub(super) fn measured(points: &[Point3<f32>], rim_m: f32) -> MeasuredCloud {
+        MeasuredCloud::new(&cloud_of(points, rim_m))
+    }
+
+    fn cloud_of(points: &[Point3<f32>], rim_m: f32) -> ObjectCloud {
+        let config = CloudConfig { voxel_m: 0.001, object_points: points.len(), border_px: 0.5, ..CloudConfig::default() };
         let sight = Sight { eye: Point3::new(0.0, -1.0, 0.0), pixel_rad: rim_m };
-        MeasuredCloud::new(&ObjectCloud::new(&points, &sight, &config).unwrap().turned(yaw_rad))
+        ObjectCloud::new(points, &sight, &config).unwrap()
     }
 
     proptest! {
@@ -175,7 +243,10 @@ mod tests {
         let cloud = cuboid([0.03, 0.04, 0.05], 0.3, 0.004);
         let (q, a) = (cloud.extents([0.1, 0.0, 0.0]), cloud.extents([0.0; 3]));
         put_boxes(&mut measures, &q, &a);
-        put_gaps(&mut measures, &cloud, &cloud, &Vector3::new(0.1, 0.0, 0.0));
+        let offset = Vector3::new(0.1, 0.0, 0.0);
+        let between = put_gaps(&mut measures, &cloud, &cloud, &offset);
+        put_completed_gaps(&mut measures, &cloud, &cloud, &offset, &between);
+        put_gaps_by_height(&mut measures, &cloud, &cloud, &offset, &q, &a);
         put_restored_boxes(&mut measures, &cloud, &cloud, &q, &a);
         put_middles(&mut measures, &cloud, &cloud, [0.1, 0.0, 0.0], &q, &a);
         assert_eq!(measures.next, PAIR_MEASURES);

@@ -1,0 +1,208 @@
+//! How far two objects are apart at the heights that both reach: band by band of their clouds, cut level.
+//!
+//! A plane between whole hulls says too little of what is wide at one height and narrow at another, and a circle through all points too
+//! little of what is round at each height only. In a band a few points make a circle, or an outline that half a turn completes.
+
+use nalgebra::{Vector2, Vector3};
+
+use super::cloud::{MeasuredCloud, Outline};
+use super::gap::CLOSE_M;
+use super::middles::{Circle, Guess};
+
+/// A band is about this high, metres; a cloud has [`LEAST_BANDS`] to [`MOST_BANDS`].
+const BAND_M: f32 = 0.02;
+const LEAST_BANDS: usize = 2;
+const MOST_BANDS: usize = 6;
+/// Bands with fewer points are left out.
+const POINTS_LEAST: usize = 12;
+/// Directions tried for the line between two outlines, and by how much the best is turned afterwards, radians.
+const DIRECTIONS: usize = 16;
+const TURNS_RAD: [f32; 4] = [0.2, 0.1, 0.05, 0.025];
+/// Circles whose points may be this much above or below the other's, metres.
+const SLACK_M: f32 = 0.005;
+/// Radii below this count as this where a residual is given as a share of them, metres.
+const RADIUS_LEAST_M: f32 = 0.005;
+
+/// What of an outline the gaps are given for.
+pub(super) const OUTLINES: [Outline; 4] =
+    [Outline::Restored, Outline::Completed(Guess::Top), Outline::Completed(Guess::Rectangle), Outline::Completed(Guess::Circle)];
+
+/// A level slice of a cloud, relative to the cloud's centroid.
+#[derive(Debug, Clone)]
+pub(super) struct Band {
+    low_m: f32,
+    high_m: f32,
+    points: Vec<Vector2<f32>>,
+    circle: Option<Circle>,
+}
+
+/// The bands of a cloud, from coordinates by axis and the heights that they reach.
+pub(super) fn bands([x, y, z]: &[Vec<f32>; 3], low_m: f32, high_m: f32) -> Vec<Band> {
+    let height_m = (high_m - low_m).max(f32::EPSILON);
+    let count = ((height_m / BAND_M) as usize).clamp(LEAST_BANDS, MOST_BANDS);
+    let edge = |k: usize| low_m + height_m * k as f32 / count as f32;
+    let band = |k: usize| {
+        let (low_m, high_m) = (edge(k), edge(k + 1));
+        let within = (0..z.len()).filter(|i| (low_m..=high_m).contains(&z[*i]));
+        let points: Vec<Vector2<f32>> = within.map(|i| Vector2::new(x[i], y[i])).collect();
+        let circle = Circle::robust(&points, POINTS_LEAST);
+        (points.len() >= POINTS_LEAST).then_some(Band { low_m, high_m, points, circle })
+    };
+    (0..count).filter_map(band).collect()
+}
+
+/// A gap with what it was found between; far apart where two clouds share no height.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct CircleGap {
+    /// Metres, [`CLOSE_M`] at most.
+    pub gap_m: f32,
+    /// How far points lie from the query's and the anchor's circle, as a share of its radius; zero where there is none.
+    pub residuals: [f32; 2],
+}
+
+/// The least gap at one height between two outlines, metres, [`CLOSE_M`] at most, and the level direction of it, towards the query.
+pub(super) fn outlines_apart(
+    query: &MeasuredCloud,
+    anchor: &MeasuredCloud,
+    offset: &Vector3<f32>,
+    outline: Outline,
+) -> (f32, Vector2<f32>) {
+    let apart = at_one_height(query, anchor, offset.z).map(|(ours, theirs)| separation(query, ours, anchor, theirs, &offset.xy(), outline));
+    apart.fold((CLOSE_M, Vector2::zeros()), |least, next| if next.0 < least.0 { next } else { least })
+}
+
+/// The least gap at one height between the two clouds' circles.
+pub(super) fn circles_apart(query: &MeasuredCloud, anchor: &MeasuredCloud, offset: &Vector3<f32>) -> CircleGap {
+    let far = CircleGap { gap_m: CLOSE_M, residuals: [0.0; 2] };
+    let gaps = at_one_height(query, anchor, offset.z).filter_map(|(ours, theirs)| {
+        let (ours, theirs) = (ours.circle.as_ref()?, theirs.circle.as_ref()?);
+        let gap_m = (ours.middle + offset.xy() - theirs.middle).norm() - ours.radius - theirs.radius;
+        Some(CircleGap { gap_m, residuals: [ours, theirs].map(share_off) })
+    });
+    gaps.fold(far, |least, next| if next.gap_m < least.gap_m { next } else { least })
+}
+
+/// The least distance of another cloud's points from a cloud's circle of the same height, [`CLOSE_M`] at most, with that circle's residual
+/// as a share of its radius, and its radius. `offset` is the other's centroid minus the cloud's own.
+pub(super) fn points_from_circle(cloud: &MeasuredCloud, other: &MeasuredCloud, offset: &Vector3<f32>) -> (f32, f32, f32) {
+    let [x, y, z] = &other.axes;
+    let mut least = (CLOSE_M, 0.0, 0.0);
+    for (band, circle) in cloud.bands.iter().filter_map(|band| Some((band, band.circle.as_ref()?))) {
+        for i in 0..z.len() {
+            let height_m = z[i] + offset.z;
+            if height_m >= band.low_m - SLACK_M && height_m <= band.high_m + SLACK_M {
+                let gap_m = (Vector2::new(x[i], y[i]) + offset.xy() - circle.middle).norm() - circle.radius;
+                if gap_m < least.0 {
+                    least = (gap_m, share_off(circle), circle.radius);
+                }
+            }
+        }
+    }
+    least
+}
+
+fn share_off(circle: &Circle) -> f32 {
+    circle.residual / circle.radius.max(RADIUS_LEAST_M)
+}
+
+/// The bands of the query and the anchor that share a height.
+fn at_one_height<'a>(query: &'a MeasuredCloud, anchor: &'a MeasuredCloud, up_m: f32) -> impl Iterator<Item = (&'a Band, &'a Band)> + 'a {
+    let shared = move |ours: &Band, theirs: &Band| ours.low_m + up_m <= theirs.high_m && theirs.low_m <= ours.high_m + up_m;
+    query
+        .bands
+        .iter()
+        .flat_map(move |ours| anchor.bands.iter().filter(move |theirs| shared(ours, theirs)).map(move |theirs| (ours, theirs)))
+}
+
+/// The widest gap that a line between two bands' outlines can have, negative where they overlap, and the line's normal, towards the query.
+fn separation(
+    query: &MeasuredCloud,
+    ours: &Band,
+    anchor: &MeasuredCloud,
+    theirs: &Band,
+    offset: &Vector2<f32>,
+    outline: Outline,
+) -> (f32, Vector2<f32>) {
+    let gap = |angle_rad: f32| {
+        let (sin, cos) = angle_rad.sin_cos();
+        let u = Vector2::new(cos, sin);
+        (u.dot(offset) - ours.reach(query, &-u, outline) - theirs.reach(anchor, &u, outline), angle_rad)
+    };
+    let widest = |best: (f32, f32), next: (f32, f32)| if next.0 > best.0 { next } else { best };
+    let all = (0..DIRECTIONS).map(|d| gap(std::f32::consts::TAU * d as f32 / DIRECTIONS as f32));
+    let mut best = all.fold((f32::NEG_INFINITY, 0.0), widest);
+    if best.0 < CLOSE_M {
+        for turn_rad in TURNS_RAD {
+            best = [best.1 - turn_rad, best.1 + turn_rad].into_iter().map(gap).fold(best, widest);
+        }
+    }
+    let (sin, cos) = best.1.sin_cos();
+    (best.0, Vector2::new(cos, sin))
+}
+
+impl Band {
+    /// How far the outline reaches in a level direction, from the cloud's centroid.
+    fn reach(&self, cloud: &MeasuredCloud, u: &Vector2<f32>, outline: Outline) -> f32 {
+        let (most, least) = self.points.iter().map(|p| p.dot(u)).fold((f32::NEG_INFINITY, f32::INFINITY), |(m, l), v| (m.max(v), l.min(v)));
+        let beyond_m = cloud.rim.beyond_m([u.x, u.y, 0.0]);
+        match outline {
+            Outline::Observed => most,
+            Outline::Restored => most + beyond_m,
+            Outline::Completed(guess) => {
+                let [x, y] = cloud.middles.by(guess);
+                // The rim is as wide in the opposite direction.
+                most.max(2.0 * (x * u.x + y * u.y) - least) + beyond_m
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::tests::{cuboid, measured};
+    use super::*;
+
+    /// A can that stands at the origin, seen from −y: the half of its wall towards the camera.
+    fn front_of_can(radius: f32) -> MeasuredCloud {
+        let wall = (0..=40).flat_map(|i| {
+            let (sin, cos) = (-std::f32::consts::PI * i as f32 / 40.0).sin_cos();
+            (0..=25).map(move |k| nalgebra::Point3::new(radius * cos, radius * sin, 0.004 * k as f32))
+        });
+        measured(&wall.collect::<Vec<_>>(), 0.0)
+    }
+
+    proptest! {
+        #[test]
+        fn the_gap_behind_a_can_follows_from_its_front(radius in 0.02..0.05f32, gap_m in 0.0..0.03f32) {
+            let can = front_of_can(radius);
+            let wall = cuboid([0.08, 0.01, 0.05], 0.0, 0.0);
+            // The can's centroid is 2/π of its radius before its axis; the wall's near face is `gap_m` behind its back.
+            let to_axis = can.middles.circle[1];
+            let offset = Vector3::new(0.0, -(radius + gap_m + 0.01) - to_axis, 0.0);
+            let (from_points, off, r) = points_from_circle(&can, &wall, &-offset);
+            prop_assert!((from_points - gap_m).abs() < 0.003 && off < 0.05 && (r - radius).abs() < 0.002, "{from_points} {off} {r}");
+            let (completed, normal) = outlines_apart(&can, &wall, &offset, Outline::Completed(Guess::Circle));
+            prop_assert!((completed - gap_m).abs() < 0.003 && normal.y < -0.95, "{completed} {normal}");
+            let (restored, _) = outlines_apart(&can, &wall, &offset, Outline::Restored);
+            prop_assert!(restored > completed + 0.8 * radius || restored == CLOSE_M, "the back that does not show is missing: {restored}");
+        }
+    }
+
+    #[test]
+    fn what_shares_no_height_is_far_apart() {
+        let (query, anchor) = (cuboid([0.03, 0.03, 0.03], 0.0, 0.0), cuboid([0.03, 0.03, 0.03], 0.0, 0.0));
+        let above = Vector3::new(0.0, 0.0, 0.08);
+        assert_eq!(outlines_apart(&query, &anchor, &above, Outline::Restored).0, CLOSE_M);
+        assert_eq!(circles_apart(&query, &anchor, &above).gap_m, CLOSE_M);
+    }
+
+    #[test]
+    fn the_gap_of_two_cans_is_that_of_their_circles() {
+        let (query, anchor) = (front_of_can(0.03), front_of_can(0.04));
+        let between = Vector3::new(0.075, 0.0, 0.0) + Vector3::new(0.0, anchor.middles.circle[1] - query.middles.circle[1], 0.0);
+        let CircleGap { gap_m, residuals } = circles_apart(&query, &anchor, &between);
+        assert!((gap_m - 0.005).abs() < 0.002 && residuals.iter().all(|r| *r < 0.05), "{gap_m} {residuals:?}");
+    }
+}
