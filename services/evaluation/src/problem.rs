@@ -102,8 +102,21 @@ impl Problem {
 
 /// What the sensor reports of a true scene, with true masks and the true pose.
 pub fn frame_of(scene: &Scene, camera: &Pinhole, world_from_camera: &Isometry3<f64>, sensor: &SensorModel, seed: u64) -> Frame {
+    frame_with(scene, |_| true, camera, world_from_camera, sensor, seed)
+}
+
+/// As [`frame_of`], as if only those objects were there of whose id `present` holds.
+pub fn frame_with(
+    scene: &Scene,
+    present: impl Fn(u16) -> bool,
+    camera: &Pinhole,
+    world_from_camera: &Isometry3<f64>,
+    sensor: &SensorModel,
+    seed: u64,
+) -> Frame {
     const DEPTH_UNIT_M: f32 = 0.001;
-    let mut seen = picture(camera, world_from_camera, &scene.drawables());
+    let drawables: Vec<_> = scene.drawables().into_iter().filter(|d| d.label == 0 || present(d.label)).collect();
+    let mut seen = picture(camera, world_from_camera, &drawables);
     sensor.disturb(seen.depth_m.pixels_mut(), camera, seed);
     Frame {
         camera_name: "evaluation".to_owned(),

@@ -16,13 +16,19 @@ const VIEWERS: usize = 4;
 pub struct HeldScene {
     scene_id: String,
     scene: Arc<Scene>,
+    border_px: Option<f32>,
     prepared: Mutex<Vec<(u64, Arc<SceneContext>)>>,
 }
 
 impl HeldScene {
     /// Holds a scene under its id.
     pub fn new(scene_id: String, scene: Arc<Scene>) -> Self {
-        Self { scene_id, scene, prepared: Mutex::default() }
+        Self { scene_id, scene, border_px: None, prepared: Mutex::default() }
+    }
+
+    /// The same, of which cleaning took a band of another width than perception's from the borders of the masks, pixels.
+    pub fn cleaned_by(self, border_px: f32) -> Self {
+        Self { border_px: Some(border_px), ..self }
     }
 
     /// The id.
@@ -46,7 +52,8 @@ impl HeldScene {
             return Ok(context.clone());
         }
         let points: Vec<Point3<f32>> = self.scene.points.iter().map(|p| Point3::from(*p)).collect();
-        let context = SceneContext::new(&points, &self.scene.labels, view_yaw_rad, &sight_of(&self.scene), config);
+        let config = CloudConfig { border_px: self.border_px.unwrap_or(config.border_px), ..*config };
+        let context = SceneContext::new(&points, &self.scene.labels, view_yaw_rad, &sight_of(&self.scene), &config);
         let context = Arc::new(context.map_err(|e| CallError::invalid("scene", e.to_string()))?);
         if prepared.len() == VIEWERS {
             prepared.remove(0);

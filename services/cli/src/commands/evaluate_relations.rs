@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use comfy_table::Table;
-use repose_evaluation::relations_table::{Figure, JudgedBy, MethodScores, RelationRow};
+use repose_evaluation::relations_table::{Figure, JudgedBy, MethodScores, RelationRow, Shown};
 use repose_evaluation::svg::{Bars, grouped_bars};
 use repose_evaluation::{RelationsSettings, RelationsTable, evaluate_relations, paper};
 use serde_json::{Value, json};
@@ -15,7 +15,9 @@ use crate::output::Output;
 
 /// What the table is of; part of the JSON.
 const EXAMPLE: &str = "an example is an ordered pair of objects of one view (one view a scene), both seen in it and kept by perception; \
-                       ground truth: instance masks, camera pose, meshes and poses; observed: depth with a random camera's faults, borders cleaned by perception";
+                       ground truth: instance masks, camera pose, meshes and poses; as in the paper's data, the query's cloud is from a picture without the other \
+                       objects and the anchor's from one without the query, depth as rendered; `apart`: the same pictures with a random camera's faults, \
+                       borders cleaned by perception; `together`: such a camera's picture of all, each object hiding what it hides";
 
 /// Arguments of `evaluate relations`.
 #[derive(Debug, Args)]
@@ -42,19 +44,30 @@ pub fn run(args: &EvaluateRelationsArgs, output: Output) -> Outcome {
         only_meshes(&mut settings.scene, folder)?;
     }
     let engine = args.common.engine()?;
-    let table = evaluate_relations(split, args.examples, &engine, &settings, |examples| tracing::info!(examples, "judged"))?;
-    let document = document(&table, &args.common.split, engine.weights_hash());
+    let mut table_of = |shown: Shown| {
+        settings.shown = shown;
+        evaluate_relations(split, args.examples, &engine, &settings, |examples| tracing::info!(?shown, examples, "judged"))
+    };
+    let (table, beside) = (table_of(Shown::Rendered)?, [table_of(Shown::Apart)?, table_of(Shown::Together)?]);
+    let document = document(&table, &beside, &args.common.split, engine.weights_hash());
     if let Some(folder) = &args.out {
-        write_report(folder, "relations", &document, &[("relations", picture(&table)?)])?;
+        write_report(folder, "relations", &document, &[("relations", picture(&table, &beside)?)])?;
     }
-    output.print(&document, || text_of(&table))
+    output.print(&document, || text_of(&table, &beside))
 }
 
-fn document(table: &RelationsTable, split: &str, weights_hash: &str) -> Value {
+fn document(table: &RelationsTable, [apart, together]: &[RelationsTable; 2], split: &str, weights_hash: &str) -> Value {
+    let rows_of = |table: &RelationsTable| table.rows.iter().map(row_document).collect::<Vec<_>>();
+    let beside = |table: &RelationsTable| {
+        json!({
+            "examples": table.examples, "scenes": table.scenes, "views": table.views, "lost_pairs": table.lost,
+            "relations": rows_of(table),
+        })
+    };
     json!({
         "examples": table.examples, "scenes": table.scenes, "views": table.views, "lost_pairs": table.lost,
         "split": split, "weights_hash": weights_hash, "definition": EXAMPLE, "paper_examples": paper::RELATION_EXAMPLES,
-        "relations": table.rows.iter().map(row_document).collect::<Vec<_>>(),
+        "relations": rows_of(table), "apart": beside(apart), "together": beside(together),
     })
 }
 
@@ -78,9 +91,9 @@ fn row_document(row: &RelationRow) -> Value {
     document
 }
 
-fn picture(table: &RelationsTable) -> Result<String, Failure> {
+fn picture(table: &RelationsTable, [apart, together]: &[RelationsTable; 2]) -> Result<String, Failure> {
     let names: Vec<&str> = table.rows.iter().map(|row| row.relation.as_str()).collect();
-    let ours = |name: &'static str, of: fn(&RelationRow) -> &MethodScores| Bars {
+    let ours = |name: &'static str, table: &RelationsTable, of: fn(&RelationRow) -> &MethodScores| Bars {
         name,
         values: table.rows.iter().map(|row| of(row).f1.value).collect(),
         intervals: table.rows.iter().map(|row| of(row).f1.interval).collect(),
@@ -91,15 +104,17 @@ fn picture(table: &RelationsTable) -> Result<String, Failure> {
         intervals: vec![None; table.rows.len()],
     };
     let series = [
-        ours("learned", |row| &row.learned),
-        ours("by rule", |row| &row.baseline),
+        ours("learned", table, |row| &row.learned),
+        ours("learned, apart", apart, |row| &row.learned),
+        ours("learned, together", together, |row| &row.learned),
+        ours("by rule", table, |row| &row.baseline),
         theirs("paper, learned", |p| p.f1),
         theirs("paper, by rule", |p| p.baseline_f1),
     ];
     grouped_bars(&format!("F1 of {} held-out examples", table.examples), &names, &series).map_err(Failure::other)
 }
 
-fn text_of(table: &RelationsTable) -> String {
+fn text_of(table: &RelationsTable, [apart, together]: &[RelationsTable; 2]) -> String {
     let mut text = Table::new();
     text.set_header([
         "relation",
@@ -107,13 +122,15 @@ fn text_of(table: &RelationsTable) -> String {
         "F1 learned",
         "at paper's %",
         "paper",
+        "apart",
+        "together",
         "F1 by rule",
         "at paper's %",
         "paper",
         "sensitivity learned, rule (paper)",
         "specificity learned, rule (paper)",
     ]);
-    for row in &table.rows {
+    for (row, (apart, together)) in table.rows.iter().zip(apart.rows.iter().zip(&together.rows)) {
         let paper = |of: fn(&paper::PaperRelation) -> f64| row.paper.as_ref().map_or_else(|| "-".to_owned(), |p| format!("{:.3}", of(p)));
         let pair = |of: fn(&MethodScores) -> Figure, theirs: String, their_baseline: String| {
             format!("{}, {} ({theirs}, {their_baseline})", plain(of(&row.learned)), plain(of(&row.baseline)))
@@ -129,6 +146,8 @@ fn text_of(table: &RelationsTable) -> String {
             with_interval(row.learned.f1),
             plain(row.learned.f1_at_paper_prevalence),
             paper(|p| p.f1),
+            with_interval(apart.learned.f1),
+            with_interval(together.learned.f1),
             with_interval(row.baseline.f1),
             plain(row.baseline.f1_at_paper_prevalence),
             paper(|p| p.baseline_f1),
