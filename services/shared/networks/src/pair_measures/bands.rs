@@ -3,6 +3,8 @@
 //! A plane between whole hulls says too little of what is wide at one height and narrow at another, and a circle through all points too
 //! little of what is round at each height only. In a band a few points make a circle, or an outline that half a turn completes.
 
+use std::sync::OnceLock;
+
 use nalgebra::{Vector2, Vector3};
 
 use super::cloud::{MeasuredCloud, Outline};
@@ -34,6 +36,46 @@ pub(super) struct Band {
     high_m: f32,
     points: Vec<Vector2<f32>>,
     circle: Option<Circle>,
+    /// The points' span in each of [`DIRECTIONS`].
+    spans: [Span; DIRECTIONS],
+}
+
+/// The least and the most of points along a direction.
+#[derive(Debug, Clone, Copy)]
+struct Span {
+    least: f32,
+    most: f32,
+}
+
+impl Span {
+    fn of(points: &[Vector2<f32>], u: &Vector2<f32>) -> Self {
+        let along = points.iter().map(|p| p.dot(u));
+        along.fold(Self { least: f32::INFINITY, most: f32::NEG_INFINITY }, |span, v| Self {
+            least: span.least.min(v),
+            most: span.most.max(v),
+        })
+    }
+
+    /// Along the opposite direction.
+    fn opposite(self) -> Self {
+        Self { least: -self.most, most: -self.least }
+    }
+}
+
+/// All [`DIRECTIONS`], with their angles in radians.
+fn directions() -> &'static [(Vector2<f32>, f32); DIRECTIONS] {
+    static ALL: OnceLock<[(Vector2<f32>, f32); DIRECTIONS]> = OnceLock::new();
+    ALL.get_or_init(|| {
+        std::array::from_fn(|d| {
+            let angle_rad = std::f32::consts::TAU * d as f32 / DIRECTIONS as f32;
+            (direction(angle_rad), angle_rad)
+        })
+    })
+}
+
+fn direction(angle_rad: f32) -> Vector2<f32> {
+    let (sin, cos) = angle_rad.sin_cos();
+    Vector2::new(cos, sin)
 }
 
 /// The bands of a cloud, from coordinates by axis and the heights that they reach.
@@ -45,8 +87,13 @@ pub(super) fn bands([x, y, z]: &[Vec<f32>; 3], low_m: f32, high_m: f32) -> Vec<B
         let (low_m, high_m) = (edge(k), edge(k + 1));
         let within = (0..z.len()).filter(|i| (low_m..=high_m).contains(&z[*i]));
         let points: Vec<Vector2<f32>> = within.map(|i| Vector2::new(x[i], y[i])).collect();
-        let circle = Circle::robust(&points, POINTS_LEAST);
-        (points.len() >= POINTS_LEAST).then_some(Band { low_m, high_m, points, circle })
+        (points.len() >= POINTS_LEAST).then(|| Band {
+            low_m,
+            high_m,
+            circle: Circle::robust(&points, POINTS_LEAST),
+            spans: directions().each_ref().map(|(u, _)| Span::of(&points, u)),
+            points,
+        })
     };
     (0..count).filter_map(band).collect()
 }
@@ -67,8 +114,17 @@ pub(super) fn outlines_apart(
     offset: &Vector3<f32>,
     outline: Outline,
 ) -> (f32, Vector2<f32>) {
-    let apart = at_one_height(query, anchor, offset.z).map(|(ours, theirs)| separation(query, ours, anchor, theirs, &offset.xy(), outline));
-    apart.fold((CLOSE_M, Vector2::zeros()), |least, next| if next.0 < least.0 { next } else { least })
+    let mut least = (CLOSE_M, Vector2::zeros());
+    for (ours, theirs) in at_one_height(query, anchor, offset.z) {
+        let between = Between { query, ours, anchor, theirs, offset: offset.xy(), outline };
+        // Turning the line only widens a gap.
+        let coarse = between.coarse();
+        let (gap_m, angle_rad) = if coarse.0 < least.0 { between.refined(coarse) } else { coarse };
+        if gap_m < least.0 {
+            least = (gap_m, direction(angle_rad));
+        }
+    }
+    least
 }
 
 /// The least gap at one height between the two clouds' circles.
@@ -114,47 +170,56 @@ fn at_one_height<'a>(query: &'a MeasuredCloud, anchor: &'a MeasuredCloud, up_m: 
         .flat_map(move |ours| anchor.bands.iter().filter(move |theirs| shared(ours, theirs)).map(move |theirs| (ours, theirs)))
 }
 
-/// The widest gap that a line between two bands' outlines can have, negative where they overlap, and the line's normal, towards the query.
-fn separation(
-    query: &MeasuredCloud,
-    ours: &Band,
-    anchor: &MeasuredCloud,
-    theirs: &Band,
-    offset: &Vector2<f32>,
+/// Two bands of one height, and what of their outlines is measured.
+struct Between<'a> {
+    query: &'a MeasuredCloud,
+    ours: &'a Band,
+    anchor: &'a MeasuredCloud,
+    theirs: &'a Band,
+    offset: Vector2<f32>,
     outline: Outline,
-) -> (f32, Vector2<f32>) {
-    let gap = |angle_rad: f32| {
-        let (sin, cos) = angle_rad.sin_cos();
-        let u = Vector2::new(cos, sin);
-        (u.dot(offset) - ours.reach(query, &-u, outline) - theirs.reach(anchor, &u, outline), angle_rad)
-    };
-    let widest = |best: (f32, f32), next: (f32, f32)| if next.0 > best.0 { next } else { best };
-    let all = (0..DIRECTIONS).map(|d| gap(std::f32::consts::TAU * d as f32 / DIRECTIONS as f32));
-    let mut best = all.fold((f32::NEG_INFINITY, 0.0), widest);
-    if best.0 < CLOSE_M {
+}
+
+impl Between<'_> {
+    /// The gap along a direction towards the query, with what the anchor's and the query's points span along it; negative where they overlap.
+    fn gap_m(&self, u: &Vector2<f32>, theirs: Span, ours: Span) -> f32 {
+        let reach = |cloud: &MeasuredCloud, u: &Vector2<f32>, span: Span| {
+            let beyond_m = cloud.rim.beyond_m([u.x, u.y, 0.0]);
+            match self.outline {
+                Outline::Observed => span.most,
+                Outline::Restored => span.most + beyond_m,
+                Outline::Completed(guess) => {
+                    let [x, y] = cloud.middles.by(guess);
+                    // The rim is as wide in the opposite direction.
+                    span.most.max(2.0 * (x * u.x + y * u.y) - span.least) + beyond_m
+                }
+            }
+        };
+        u.dot(&self.offset) - reach(self.query, &-u, ours.opposite()) - reach(self.anchor, u, theirs)
+    }
+
+    /// The widest of the gaps along [`DIRECTIONS`], and its angle.
+    fn coarse(&self) -> (f32, f32) {
+        let spans = self.theirs.spans.iter().zip(&self.ours.spans);
+        let known = directions().iter().zip(spans).map(|((u, angle_rad), (theirs, ours))| (self.gap_m(u, *theirs, *ours), *angle_rad));
+        known.fold((f32::NEG_INFINITY, 0.0), widest)
+    }
+
+    /// The widest gap that a line between the outlines can have, near the best so far.
+    fn refined(&self, mut best: (f32, f32)) -> (f32, f32) {
+        let gap = |angle_rad: f32| {
+            let u = direction(angle_rad);
+            (self.gap_m(&u, Span::of(&self.theirs.points, &u), Span::of(&self.ours.points, &u)), angle_rad)
+        };
         for turn_rad in TURNS_RAD {
             best = [best.1 - turn_rad, best.1 + turn_rad].into_iter().map(gap).fold(best, widest);
         }
+        best
     }
-    let (sin, cos) = best.1.sin_cos();
-    (best.0, Vector2::new(cos, sin))
 }
 
-impl Band {
-    /// How far the outline reaches in a level direction, from the cloud's centroid.
-    fn reach(&self, cloud: &MeasuredCloud, u: &Vector2<f32>, outline: Outline) -> f32 {
-        let (most, least) = self.points.iter().map(|p| p.dot(u)).fold((f32::NEG_INFINITY, f32::INFINITY), |(m, l), v| (m.max(v), l.min(v)));
-        let beyond_m = cloud.rim.beyond_m([u.x, u.y, 0.0]);
-        match outline {
-            Outline::Observed => most,
-            Outline::Restored => most + beyond_m,
-            Outline::Completed(guess) => {
-                let [x, y] = cloud.middles.by(guess);
-                // The rim is as wide in the opposite direction.
-                most.max(2.0 * (x * u.x + y * u.y) - least) + beyond_m
-            }
-        }
-    }
+fn widest(best: (f32, f32), next: (f32, f32)) -> (f32, f32) {
+    if next.0 > best.0 { next } else { best }
 }
 
 #[cfg(test)]
