@@ -35,8 +35,7 @@ const SCENES_AT_ONCE: usize = 16;
 const MOST_EMPTY: usize = 400;
 
 /// Which picture an example's clouds are from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shown {
     /// As in the paper's data set: the query from a picture without any other object, the anchors from the picture without the query, depth
     /// and masks as they were rendered. (The paper drops the borders of masks on its real robot only, and has no noise.)

@@ -57,18 +57,20 @@ pub fn run(args: &EvaluateRelationsArgs, output: Output) -> Outcome {
 }
 
 fn document(table: &RelationsTable, [apart, together]: &[RelationsTable; 2], split: &str, weights_hash: &str) -> Value {
-    let rows_of = |table: &RelationsTable| table.rows.iter().map(row_document).collect::<Vec<_>>();
-    let beside = |table: &RelationsTable| {
+    let of = |table: &RelationsTable| {
         json!({
             "examples": table.examples, "scenes": table.scenes, "views": table.views, "lost_pairs": table.lost,
-            "relations": rows_of(table),
+            "relations": table.rows.iter().map(row_document).collect::<Vec<_>>(),
         })
     };
-    json!({
-        "examples": table.examples, "scenes": table.scenes, "views": table.views, "lost_pairs": table.lost,
-        "split": split, "weights_hash": weights_hash, "definition": EXAMPLE, "paper_examples": paper::RELATION_EXAMPLES,
-        "relations": rows_of(table), "apart": beside(apart), "together": beside(together),
-    })
+    let mut document = of(table);
+    document["split"] = json!(split);
+    document["weights_hash"] = json!(weights_hash);
+    document["definition"] = json!(EXAMPLE);
+    document["paper_examples"] = json!(paper::RELATION_EXAMPLES);
+    document["apart"] = of(apart);
+    document["together"] = of(together);
+    document
 }
 
 fn row_document(row: &RelationRow) -> Value {

@@ -188,11 +188,8 @@ impl Between<'_> {
             match self.outline {
                 Outline::Observed => span.most,
                 Outline::Restored => span.most + beyond_m,
-                Outline::Completed(guess) => {
-                    let [x, y] = cloud.middles.by(guess);
-                    // The rim is as wide in the opposite direction.
-                    span.most.max(2.0 * (x * u.x + y * u.y) - span.least) + beyond_m
-                }
+                // The rim is as wide in the opposite direction.
+                Outline::Completed(guess) => span.most.max(cloud.turned_reach(u, -span.least, guess)) + beyond_m,
             }
         };
         u.dot(&self.offset) - reach(self.query, &-u, ours.opposite()) - reach(self.anchor, u, theirs)

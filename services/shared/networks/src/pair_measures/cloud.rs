@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, Vector2, Vector3};
 use repose_relations::ViewerExtents;
 
 use super::bands::{Band, bands};
@@ -69,7 +69,7 @@ impl MeasuredCloud {
         cloud.completed = Guess::ALL.map(|guess| {
             std::array::from_fn(|d| {
                 let restored = |d: usize| cloud.known_reach(d, Outline::Restored);
-                restored(d).max(cloud.turned_reach(&directions()[d].0, restored(half_turned(d)), guess))
+                restored(d).max(cloud.turned_reach(&directions()[d].0.xy(), restored(half_turned(d)), guess))
             })
         });
         cloud
@@ -95,14 +95,14 @@ impl MeasuredCloud {
             Outline::Completed(guess) => {
                 let turned = Vector3::new(-direction.x, -direction.y, direction.z);
                 let restored = observed + self.rim.beyond_m((*direction).into());
-                restored.max(self.turned_reach(direction, self.reach(&turned, Outline::Restored), guess))
+                restored.max(self.turned_reach(&direction.xy(), self.reach(&turned, Outline::Restored), guess))
             }
         }
     }
 
-    /// How far the half turn of the outline about a guess at the middle reaches in a direction, if the outline reaches `reach_m` in the
-    /// direction's own half turn.
-    fn turned_reach(&self, direction: &Vector3<f32>, reach_m: f32, guess: Guess) -> f32 {
+    /// How far the half turn of an outline about a guess at the middle reaches in a direction, of which the level part is given, if the
+    /// outline reaches `reach_m` in the direction's own half turn.
+    pub(super) fn turned_reach(&self, direction: &Vector2<f32>, reach_m: f32, guess: Guess) -> f32 {
         let [x, y] = self.middles.by(guess);
         2.0 * (x * direction.x + y * direction.y) + reach_m
     }
