@@ -1,15 +1,47 @@
 //! A session with a running system, and the calls that the client commands make.
 
+use std::path::PathBuf;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use clap::Args;
 use repose_proto::perception::{LatestRequest, SceneRequest};
 use repose_proto::robot::RobotState;
 use repose_proto::scoring::enclose;
 use repose_proto::{CallError, ErrorCode, Message, Payload, PlaceRequest, PlaceResult, Scene, SceneSummary, Service};
 use repose_runtime::{Answer, CallOptions, Caller, RuntimeConfig, RuntimeError, Session, SessionMode};
 
-use crate::args::{ENDPOINT, SystemArgs};
 use crate::failure::Failure;
+
+/// Where a router is looked for when nothing says otherwise, and where `up` has its own.
+pub const ENDPOINT: &str = "tcp/127.0.0.1:7447";
+
+/// How to reach a running system.
+#[derive(Debug, Clone, Args)]
+pub struct SystemArgs {
+    /// A router of the deployment; the configuration's, or tcp/127.0.0.1:7447, where absent.
+    #[arg(long, env = "REPOSE_CONNECT")]
+    pub connect: Option<String>,
+    /// The robot cell; the configuration's, or "cell", where absent.
+    #[arg(long, env = "REPOSE_CELL")]
+    pub cell: Option<String>,
+    /// Configuration (TOML): its sections [session], [caller] and [worker].
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+}
+
+/// A running system, and which of its cameras counts.
+#[derive(Debug, Clone, Args)]
+pub struct ConnectArgs {
+    /// The system.
+    #[command(flatten)]
+    pub system: SystemArgs,
+    /// The camera whose newest scene is used.
+    #[arg(long, default_value = "front")]
+    pub camera: String,
+    /// The deadline of a request, milliseconds.
+    #[arg(long, default_value_t = 60_000)]
+    pub deadline_ms: u64,
+}
 
 impl From<RuntimeError> for Failure {
     fn from(error: RuntimeError) -> Self {

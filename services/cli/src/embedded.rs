@@ -97,3 +97,9 @@ pub fn plan(
     };
     Ok(search(&prepared, request, models.as_ref(), &mut |_| ControlFlow::Continue(()))?)
 }
+
+/// The networks of a file, or those that come with the program, one thread a request.
+pub fn engine(weights: Option<PathBuf>) -> Result<Engine, Failure> {
+    let config = InferenceConfig { weights, threads: 1, ..InferenceConfig::default() };
+    engine_of(&config).map_err(|e| Failure::bad_input("weights", e))
+}

@@ -1,5 +1,6 @@
 //! How a command ends when it does not succeed, and the exit code that says so.
 
+use repose_evaluation::report::written::FileError;
 use repose_proto::{CallError, ErrorCode};
 
 /// Why a command did not succeed.
@@ -53,5 +54,11 @@ impl From<CallError> for Failure {
             ErrorCode::InvalidArgument | ErrorCode::NotFound | ErrorCode::FailedPrecondition => Self::BadInput(error),
             _ => Self::Other(error),
         }
+    }
+}
+
+impl From<FileError> for Failure {
+    fn from(error: FileError) -> Self {
+        Self::bad_input(&error.path.display().to_string(), error.why)
     }
 }

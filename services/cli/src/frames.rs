@@ -1,13 +1,47 @@
-//! From a frame folder to a scene, with errors that name the file.
+//! From a frame folder or a recording to a scene, with errors that name the file.
 
 use std::path::Path;
 
+use clap::Args;
 use repose_perception::frame_folder::{self, FrameFolderError};
 use repose_perception::sources::{self, SourceError, Topics};
 use repose_perception::{Settings, segment};
 use repose_proto::{CallError, Frame, Scene};
 
 use crate::failure::Failure;
+
+/// Which topics of a recording make the frames.
+#[derive(Debug, Clone, Args)]
+pub struct TopicArgs {
+    /// Depth images of a recording; by default those with "depth" in their topic's name.
+    #[arg(long, value_name = "TOPIC")]
+    pub depth_topic: Option<String>,
+    /// Color images of a recording; by default those of the depth images' size and frame, or namespace.
+    #[arg(long, value_name = "TOPIC")]
+    pub color_topic: Option<String>,
+    /// Intrinsics in a recording; by default those of the depth images' size and namespace, or frame.
+    #[arg(long, value_name = "TOPIC")]
+    pub info_topic: Option<String>,
+    /// Organised clouds of a recording, instead of depth images.
+    #[arg(long, value_name = "TOPIC")]
+    pub points_topic: Option<String>,
+    /// Make frames of the recording's first topic of organised clouds instead of depth images.
+    #[arg(long)]
+    pub clouds: bool,
+}
+
+impl TopicArgs {
+    /// As perception takes them.
+    pub fn topics(&self) -> Topics {
+        Topics {
+            depth: self.depth_topic.clone(),
+            color: self.color_topic.clone(),
+            info: self.info_topic.clone(),
+            points: self.points_topic.clone(),
+            clouds: self.clouds,
+        }
+    }
+}
 
 /// Reads a frame folder.
 pub fn read(folder: &Path) -> Result<Frame, Failure> {
@@ -46,14 +80,6 @@ pub fn read_nth(source: &Path, nth: usize, topics: &Topics) -> Result<Frame, Fai
 /// Segments a frame with perception's defaults.
 pub fn scene_of(frame: &Frame) -> Result<Scene, Failure> {
     segment(frame, &Settings::default()).map_err(|error| Failure::from(CallError::from(error)))
-}
-
-/// Writes a picture, making its folder.
-pub fn write_picture(path: &Path, picture: &image::DynamicImage) -> Result<(), Failure> {
-    if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(|e| Failure::bad_input(&folder.display().to_string(), e))?;
-    }
-    picture.save_with_format(path, image::ImageFormat::Png).map_err(|e| Failure::bad_input(&path.display().to_string(), e))
 }
 
 #[cfg(test)]

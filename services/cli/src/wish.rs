@@ -1,9 +1,45 @@
-//! From the command line's wish to a request.
+//! A placement wished for on the command line, and the request that it becomes.
 
-use repose_proto::PlaceRequest;
-use repose_proto::place::Budget;
+use clap::Args;
+use repose_proto::place::{Budget, Rotation, Variant};
+use repose_proto::{CallError, GoalTerm, PlaceRequest};
 
-use crate::args::WishArgs;
+use crate::values::{parse_rotation, parse_variant};
+
+/// A placement wished for: what both `plan` and `place` take.
+#[derive(Debug, Clone, Args)]
+pub struct WishArgs {
+    /// The object to move, by id.
+    #[arg(long = "move", value_name = "ID")]
+    pub query: u16,
+    /// What must hold, RELATION:ANCHOR or not:RELATION:ANCHOR; repeat for more terms.
+    #[arg(long, required = true, value_name = "TERM")]
+    pub goal: Vec<GoalTerm>,
+    /// Which method plans: best, full, full_lambda_1, no_discriminator, mean_only, mdn_prior or geometric.
+    #[arg(long, default_value = "best", value_parser = parse_variant)]
+    pub variant: Variant,
+    /// The source of every random number.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// How many distinct placements are wanted.
+    #[arg(long, default_value_t = 1)]
+    pub count: u32,
+    /// Whether the object may be turned: fixed or yaw.
+    #[arg(long, default_value = "fixed", value_parser = parse_rotation)]
+    pub rotation: Rotation,
+    /// The viewer's direction, radians; the camera's where absent.
+    #[arg(long, allow_negative_numbers = true)]
+    pub view_yaw: Option<f64>,
+    /// Iterations of the search.
+    #[arg(long)]
+    pub iterations: Option<u32>,
+    /// Accepted candidates wanted per iteration.
+    #[arg(long)]
+    pub batch: Option<u32>,
+    /// Least distance from everything but the support, metres.
+    #[arg(long)]
+    pub min_clearance: Option<f64>,
+}
 
 impl WishArgs {
     /// The request on a scene.
@@ -17,6 +53,43 @@ impl WishArgs {
             min_clearance_m: self.min_clearance,
             budget: Budget { iterations: self.iterations, batch: self.batch, ..Budget::default() },
             ..PlaceRequest::new(scene_id, self.query, self.goal.clone())
+        }
+    }
+}
+
+/// One wish of a sequence: `ID=TERM[,TERM…]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NextWish {
+    /// The object to move, by its id in the first view.
+    pub query: u16,
+    /// What must hold; anchors by their ids in the first view.
+    pub goal: Vec<GoalTerm>,
+}
+
+impl std::str::FromStr for NextWish {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (query, terms) = text.split_once('=').ok_or_else(|| format!("expected ID=TERM[,TERM…], got {text:?}"))?;
+        let query = query.parse().map_err(|e| format!("{query:?} is no object id: {e}"))?;
+        let goal = terms.split(',').map(|t| t.parse().map_err(|e: CallError| e.message)).collect::<Result<_, String>>()?;
+        Ok(Self { query, goal })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_proto::Relation;
+
+    use super::*;
+
+    #[test]
+    fn a_wish_is_read_with_its_terms_and_faults_are_named() {
+        let wish: NextWish = "3=right_of:5,not:near:2".parse().expect("a wish");
+        assert_eq!(wish.query, 3);
+        assert_eq!(wish.goal[1], GoalTerm { relation: Relation::Near, anchor: 2, holds: false });
+        for (text, named) in [("3", "ID=TERM"), ("x=near:2", "x"), ("3=beside:2", "beside")] {
+            assert!(text.parse::<NextWish>().is_err_and(|e| e.contains(named)), "{text}");
         }
     }
 }

@@ -15,9 +15,9 @@ use repose_networks::{
     relation_predictor::binary_cross_entropy,
     set_abstraction::Path,
 };
+use repose_relations::Confusion;
 
 use crate::{
-    confusion::Confusion,
     episode::{Anchor, Episode, EpisodeSettings},
     settings::Part,
     task::Task,
@@ -169,7 +169,7 @@ impl Task for JointTask {
             likelihood += f64::from(pairs.mixture.negative_log_likelihood(&pairs.offsets_m, &pairs.yaws_rad)?.to_scalar::<f32>()?);
             for (logits, labels) in pairs.logits.to_vec2::<f32>()?.iter().zip(pairs.labels.to_vec2::<f32>()?) {
                 for (count, (logit, label)) in counts.iter_mut().zip(logits.iter().zip(labels)) {
-                    count.add(*logit > 0.0, label > 0.5);
+                    count.count(*logit > 0.0, label > 0.5);
                 }
             }
         }

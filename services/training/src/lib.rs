@@ -7,7 +7,6 @@
 
 pub mod adam;
 mod checkpoint;
-mod confusion;
 pub mod curve;
 pub mod discriminator;
 pub mod episode;

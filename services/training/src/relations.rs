@@ -22,10 +22,10 @@ use repose_networks::{
     set_abstraction::Path,
 };
 use repose_proto::Relation;
+use repose_relations::Confusion;
 use repose_sensor::SensorModel;
 
 use crate::{
-    confusion::Confusion,
     episode::{is_visible, observed, tilt},
     settings::Part,
     task::Task,
@@ -291,7 +291,7 @@ impl Task for RelationsTask {
             if let Some((logits, labels)) = logits_of(networks, &rows)? {
                 for (logits, labels) in logits.to_vec2::<f32>()?.iter().zip(labels.to_vec2::<f32>()?) {
                     pairs += 1;
-                    counts.iter_mut().zip(logits.iter().zip(labels)).for_each(|(c, (logit, label))| c.add(*logit > 0.0, label > 0.5));
+                    counts.iter_mut().zip(logits.iter().zip(labels)).for_each(|(c, (logit, label))| c.count(*logit > 0.0, label > 0.5));
                 }
             }
             Ok((f64::from(loss), serde_json::json!(counts.iter().map(Confusion::f1).collect::<Vec<_>>()), pairs))

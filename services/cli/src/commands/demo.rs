@@ -1,12 +1,16 @@
 //! `repose demo`: a simulated cell and every service in this one process; one placement is asked, planned, executed and checked.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+use clap::Args;
 use image::RgbImage;
 use nalgebra::{Isometry3, Point3};
+use repose_evaluation::report::picture::{Coloring, color_picture, scene_picture, side_by_side, write_picture};
 use repose_geometry::transform::from_row_major;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
+use repose_proto::place::Variant;
 use repose_proto::scoring::enclose;
 use repose_proto::simulator::{TrueObject, Truth, TruthRequest};
 use repose_proto::{
@@ -15,13 +19,25 @@ use repose_proto::{
 use repose_runtime::{CallOptions, Caller, RuntimeConfig, Session, Shutdown, Subscription};
 use serde::Serialize;
 
-use crate::args::DemoArgs;
 use crate::client;
 use crate::failure::{Failure, Outcome};
-use crate::frames;
 use crate::output::Output;
-use crate::picture::{Coloring, color_picture, scene_picture, side_by_side};
 use crate::services::ServiceConfigs;
+use crate::values::{parse_png, parse_variant};
+
+/// Arguments of `demo`.
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// The scene's seed.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Which method plans.
+    #[arg(long, default_value = "best", value_parser = parse_variant)]
+    pub variant: Variant,
+    /// Where the picture of before, plan and after goes.
+    #[arg(long, default_value = "out/demo.png", value_name = "PNG", value_parser = parse_png)]
+    pub out: PathBuf,
+}
 
 /// The relations that may be asked for.
 const RELATIONS: [Relation; 4] = [Relation::LeftOf, Relation::RightOf, Relation::InFrontOf, Relation::Behind];
@@ -146,7 +162,7 @@ impl Cell {
 
         let placed_from_observed: Isometry3<f64> = transform(&planned.result.placements[planned.plan.placement].placed_from_observed)?;
         let drawn = scene_picture(&scene, Coloring::Seen, Some((planned.query, &placed_from_observed)));
-        frames::write_picture(&args.out, &side_by_side(&[seen_before, drawn, seen_after]).into())?;
+        write_picture(&args.out, &side_by_side(&[seen_before, drawn, seen_after]).into())?;
         let wanted = placed_from_observed * center_of(object_of(&before, planned.query)?)?;
         let stands = center_of(object_of(&after, planned.query)?)?;
         let pair = after.relations.iter().find(|p| p.query == planned.query && p.anchor == planned.goal.anchor);

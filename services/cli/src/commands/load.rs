@@ -5,16 +5,46 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
+use clap::Args;
 use hdrhistogram::Histogram;
-use repose_proto::place::{Budget, Outcome as SearchOutcome};
+use repose_proto::place::{Budget, Outcome as SearchOutcome, Variant};
 use repose_proto::{GoalTerm, PlaceRequest, Relation, Scene, SceneSummary, Service};
 use repose_runtime::{CallOptions, Caller};
 use serde::Serialize;
 
-use crate::args::LoadArgs;
-use crate::client;
+use crate::client::{self, ConnectArgs};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
+use crate::values::parse_variant;
+
+/// Arguments of `load`.
+#[derive(Debug, Clone, Args)]
+pub struct LoadArgs {
+    /// Where to ask.
+    #[command(flatten)]
+    pub connect: ConnectArgs,
+    /// Clients that ask at the same time.
+    #[arg(long, default_value_t = 4)]
+    pub clients: usize,
+    /// Requests in all.
+    #[arg(long, default_value_t = 100)]
+    pub requests: usize,
+    /// Offered requests per second; without it each client asks as soon as it was answered.
+    #[arg(long)]
+    pub rate: Option<f64>,
+    /// Which method plans.
+    #[arg(long, default_value = "best", value_parser = parse_variant)]
+    pub variant: Variant,
+    /// Iterations of each search.
+    #[arg(long, default_value_t = 1)]
+    pub iterations: u32,
+    /// Accepted candidates wanted per iteration.
+    #[arg(long, default_value_t = 16)]
+    pub batch: u32,
+    /// Seed of the first request; each next one has the next.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+}
 
 /// The relations asked for, in turn.
 const RELATIONS: [Relation; 4] = [Relation::LeftOf, Relation::RightOf, Relation::InFrontOf, Relation::Behind];

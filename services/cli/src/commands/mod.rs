@@ -1,28 +1,12 @@
-//! One file a subcommand.
+//! One file or folder a subcommand, which owns its arguments.
 
 pub mod bench;
-pub mod bench_motion;
-pub mod bench_perception;
-pub mod bench_planner;
-pub mod bench_scoring;
 pub mod demo;
 pub mod evaluate;
-pub mod evaluate_discriminator;
-pub mod evaluate_planner;
-pub mod evaluate_relations;
-pub mod evaluate_robot;
-pub mod evaluate_scenes;
-pub mod evaluate_segmentation;
-pub mod evaluate_world;
 pub mod generate;
-pub mod generate_proposals;
 pub mod load;
 pub mod place;
-pub mod place_sequence;
 pub mod plan;
-pub mod planner_records;
-pub mod planner_report;
-pub mod planner_sheets;
 pub mod play;
 pub mod relations;
 pub mod robot;
@@ -30,6 +14,5 @@ pub mod score;
 pub mod segment;
 pub mod serve;
 pub mod train;
-pub mod train_stability;
 pub mod up;
 pub mod weights;

@@ -2,16 +2,42 @@
 
 use std::time::Duration;
 
+use clap::Args;
 use repose_proto::place::PlaceProgress;
 use repose_proto::{Message, Service};
 use repose_runtime::CallOptions;
 use tokio::sync::mpsc;
 
-use crate::args::PlaceArgs;
-use crate::client;
-use crate::commands::plan::print_result;
+use crate::answer::print_result;
+use crate::client::{self, ConnectArgs};
 use crate::failure::Outcome;
 use crate::output::Output;
+use crate::sequence::{self, Sequence};
+use crate::wish::{NextWish, WishArgs};
+
+/// Arguments of `place`.
+#[derive(Debug, Args)]
+pub struct PlaceArgs {
+    /// What is wished for.
+    #[command(flatten)]
+    pub wish: WishArgs,
+    /// Where to ask.
+    #[command(flatten)]
+    pub connect: ConnectArgs,
+    /// Plan on this scene instead of the camera's newest.
+    #[arg(long, value_name = "ID", conflicts_with_all = ["execute", "then"])]
+    pub scene: Option<String>,
+    /// Have the robot carry it out, and check the goal on the view after it.
+    #[arg(long)]
+    pub execute: bool,
+    /// The next wish, ID=TERM[,TERM…] in the ids of the first view, once the one before has been carried out and its goal holds: planned
+    /// on a fresh view. Repeat for more.
+    #[arg(long, value_name = "WISH")]
+    pub then: Vec<NextWish>,
+    /// The robot that carries them out.
+    #[arg(long, default_value = "panda")]
+    pub robot: String,
+}
 
 /// Progress replies that may wait to be printed.
 const PROGRESS_WAITING: usize = 64;
@@ -19,7 +45,8 @@ const PROGRESS_WAITING: usize = 64;
 /// Runs the command.
 pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
     if args.execute || !args.then.is_empty() {
-        return super::place_sequence::run(args, output).await;
+        let sequence = Sequence { wish: &args.wish, then: &args.then, connect: &args.connect, robot: &args.robot };
+        return sequence::run(&sequence, output).await;
     }
     let session = client::connect(&args.connect.system).await?;
     let deadline = Duration::from_millis(args.connect.deadline_ms);

@@ -4,14 +4,14 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use repose_perception::sources::{self, SourceError, Topics};
+use repose_perception::sources::{self, SourceError};
 use repose_proto::{Frame, Payload, keys};
 use repose_runtime::Traffic;
 use tokio::time::Instant;
 
-use crate::args::SystemArgs;
-use crate::client;
+use crate::client::{self, SystemArgs};
 use crate::failure::{Failure, Outcome};
+use crate::frames::TopicArgs;
 use crate::output::Output;
 
 /// Frames per second where the source has no stamps and none were asked for.
@@ -42,39 +42,6 @@ pub struct PlayArgs {
     /// Which topics of a recording.
     #[command(flatten)]
     pub topics: TopicArgs,
-}
-
-/// Which topics of a recording make the frames.
-#[derive(Debug, Clone, Args)]
-pub struct TopicArgs {
-    /// Depth images of a recording; by default those with "depth" in their topic's name.
-    #[arg(long, value_name = "TOPIC")]
-    pub depth_topic: Option<String>,
-    /// Color images of a recording; by default those of the depth images' size and frame, or namespace.
-    #[arg(long, value_name = "TOPIC")]
-    pub color_topic: Option<String>,
-    /// Intrinsics in a recording; by default those of the depth images' size and namespace, or frame.
-    #[arg(long, value_name = "TOPIC")]
-    pub info_topic: Option<String>,
-    /// Organised clouds of a recording, instead of depth images.
-    #[arg(long, value_name = "TOPIC")]
-    pub points_topic: Option<String>,
-    /// Make frames of the recording's first topic of organised clouds instead of depth images.
-    #[arg(long)]
-    pub clouds: bool,
-}
-
-impl TopicArgs {
-    /// As perception takes them.
-    pub fn topics(&self) -> Topics {
-        Topics {
-            depth: self.depth_topic.clone(),
-            color: self.color_topic.clone(),
-            info: self.info_topic.clone(),
-            points: self.points_topic.clone(),
-            clouds: self.clouds,
-        }
-    }
 }
 
 /// Runs the command.

@@ -1,8 +1,10 @@
 //! `repose relations`: every ordered pair's relations, learned and by rule.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::sync::Arc;
 
+use clap::Args;
 use nalgebra::Point3;
 use repose_geometry::ViewerFrame;
 use repose_inference::HeldScene;
@@ -11,11 +13,20 @@ use repose_proto::{Relation, Scene, SceneRef};
 use repose_relations::{ObservedObject, observed};
 use serde::Serialize;
 
-use crate::args::RelationsArgs;
-use crate::embedded::EmbeddedModels;
+use crate::embedded::{EmbeddedModels, NetworkArgs};
 use crate::failure::{Failure, Outcome};
 use crate::frames;
 use crate::output::Output;
+
+/// Arguments of `relations`.
+#[derive(Debug, Args)]
+pub struct RelationsArgs {
+    /// The frame folder.
+    pub frame: PathBuf,
+    /// Which networks.
+    #[command(flatten)]
+    pub networks: NetworkArgs,
+}
 
 #[derive(Serialize)]
 struct Pair {

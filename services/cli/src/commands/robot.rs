@@ -8,8 +8,7 @@ use repose_proto::robot::{EmergencyStop, RobotState};
 use repose_proto::{CallError, ErrorCode, Payload, Service, keys, limits};
 use repose_runtime::{CallOptions, Session, Traffic};
 
-use crate::args::SystemArgs;
-use crate::client;
+use crate::client::{self, SystemArgs};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 

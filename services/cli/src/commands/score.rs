@@ -1,17 +1,49 @@
 //! `repose score`: what the networks say of given placements, so that others can judge the networks alone.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
+use clap::Args;
 use nalgebra::Point3;
 use repose_geometry::transform::{from_row_major, yaw_of};
 use repose_inference::HeldScene;
-use repose_proto::scoring::ScoreRequest;
+use repose_proto::scoring::{RealismBy, ScoreRequest};
 use repose_proto::{CallError, SceneRef, limits};
 
-use crate::args::ScoreArgs;
+use crate::embedded::NetworkArgs;
 use crate::failure::{Failure, Outcome};
 use crate::frames;
 use crate::output::Output;
+
+/// Arguments of `score`.
+#[derive(Debug, Args)]
+pub struct ScoreArgs {
+    /// The frame folder.
+    pub frame: PathBuf,
+    /// The object to move, by id.
+    #[arg(long = "move", value_name = "ID")]
+    pub query: u16,
+    /// The anchor, by id.
+    #[arg(long, value_name = "ID")]
+    pub anchor: u16,
+    /// JSON list of `placed_from_observed`, 16 numbers each.
+    #[arg(long, value_name = "FILE")]
+    pub transforms: PathBuf,
+    /// Who answers for realism: discriminator (the paper's) or outcome (learned from simulated releases; what the variant `best` asks).
+    #[arg(long, default_value = "discriminator", value_parser = parse_realism_by)]
+    pub realism_by: RealismBy,
+    /// Which networks.
+    #[command(flatten)]
+    pub networks: NetworkArgs,
+}
+
+fn parse_realism_by(name: &str) -> Result<RealismBy, String> {
+    match name {
+        "discriminator" => Ok(RealismBy::Discriminator),
+        "outcome" => Ok(RealismBy::Outcome),
+        _ => Err("expected discriminator or outcome".to_owned()),
+    }
+}
 
 /// How far from upright a transform's rotation may be: candidates turn about world z only.
 const UPRIGHT_RAD: f64 = 1e-3;

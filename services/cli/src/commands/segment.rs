@@ -1,15 +1,41 @@
 //! `repose segment`: the objects and surfaces of a frame.
 
+use std::path::PathBuf;
+
+use clap::Args;
 use image::{DynamicImage, ImageBuffer, Luma};
+use repose_evaluation::report::picture::write_picture;
 use repose_perception::store::LEFT_OUT;
 use repose_perception::{Settings, segment_with_labels};
 use repose_proto::CallError;
 
-use crate::args::SegmentArgs;
 use crate::failure::{Failure, Outcome};
-use crate::frames;
+use crate::frames::{self, TopicArgs};
 use crate::output::Output;
 use crate::segment_view::segment_view;
+use crate::values::parse_png;
+
+/// Arguments of `segment`.
+#[derive(Debug, Args)]
+pub struct SegmentArgs {
+    /// A frame folder, or anything that `play` plays.
+    pub frame: PathBuf,
+    /// Which of the source's frames, counted from 0.
+    #[arg(long, default_value_t = 0)]
+    pub nth: usize,
+    /// Which topics of a recording.
+    #[command(flatten)]
+    pub topics: TopicArgs,
+    /// Find the objects even where labels are given.
+    #[arg(long)]
+    pub ignore_labels: bool,
+    /// The found labels as a 16-bit picture.
+    #[arg(long, value_name = "PNG", value_parser = parse_png)]
+    pub labels_out: Option<PathBuf>,
+    /// A picture of color, depth, objects with ids and boxes, and the surfaces from above.
+    #[arg(long, value_name = "PNG", value_parser = parse_png)]
+    pub out: Option<PathBuf>,
+}
 
 /// Runs the command.
 pub fn run(args: &SegmentArgs, output: Output) -> Outcome {
@@ -26,10 +52,10 @@ pub fn run(args: &SegmentArgs, output: Output) -> Outcome {
         let (width, height) = (segmented.labels.width() as u32, segmented.labels.height() as u32);
         let labels: ImageBuffer<Luma<u16>, Vec<u16>> = ImageBuffer::from_raw(width, height, segmented.labels.pixels().to_vec())
             .ok_or_else(|| Failure::other("the labels do not fill their picture"))?;
-        frames::write_picture(path, &DynamicImage::ImageLuma16(labels))?;
+        write_picture(path, &DynamicImage::ImageLuma16(labels))?;
     }
     if let Some(path) = &args.out {
-        frames::write_picture(path, &segment_view(&frame, &segmented).into())?;
+        write_picture(path, &segment_view(&frame, &segmented).into())?;
     }
     let document = serde_json::json!({"objects": scene.meta.objects, "surfaces": scene.meta.surfaces, "left_out": segmented.left_out});
     output.print(&document, || {

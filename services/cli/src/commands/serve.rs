@@ -1,11 +1,43 @@
 //! `repose serve`: one service, or the router, as this process.
 
+use clap::Args;
+use repose_proto::Service;
 use repose_runtime::{Session, Shutdown, run_router};
 
-use crate::args::{ServeArgs, Served};
-use crate::client::{self, client_config, router_config};
+use crate::client::{self, SystemArgs, client_config, router_config};
 use crate::failure::Outcome;
 use crate::services::ServiceConfigs;
+
+/// Arguments of `serve`.
+#[derive(Debug, Args)]
+pub struct ServeArgs {
+    /// perception, inference, planner, motion, simulator, or router.
+    #[arg(value_parser = parse_served)]
+    pub service: Served,
+    /// The system. `--connect` is where the router itself listens.
+    #[command(flatten)]
+    pub system: SystemArgs,
+    /// This worker's name in the key space; unique. The configuration's, or a new one, where absent.
+    #[arg(long)]
+    pub worker: Option<String>,
+}
+
+/// What a `serve` process is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Served {
+    /// A service.
+    Service(Service),
+    /// The router that a deployment's processes meet at.
+    Router,
+}
+
+fn parse_served(name: &str) -> Result<Served, String> {
+    if name == "router" {
+        return Ok(Served::Router);
+    }
+    let known = || Service::ALL.map(Service::as_str).join(", ");
+    Service::parse(name).map(Served::Service).ok_or_else(|| format!("the services are {}, router", known()))
+}
 
 /// Runs until SIGTERM or SIGINT, then drains.
 pub async fn run(args: &ServeArgs) -> Outcome {

@@ -2,22 +2,45 @@
 //!
 //! Each is this program as `repose serve …`. One that ends is started again after a pause; all end with this process, however it ends.
 
-use std::path::Path;
-use std::process::Stdio;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use clap::Args;
 use repose_proto::Service;
 use repose_runtime::{RuntimeConfig, Session, Shutdown};
 use tokio::process::{Child, Command};
 use tokio::task::JoinSet;
 
-use crate::args::{SystemArgs, UpArgs};
-use crate::client::{self, client_config};
+use crate::client::{self, ENDPOINT, SystemArgs, client_config};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
+use crate::processes::service_process;
 use crate::services::ServiceConfigs;
+
+/// Arguments of `up`.
+#[derive(Debug, Args)]
+pub struct UpArgs {
+    /// Where the router of this deployment listens; another machine needs tcp/0.0.0.0:7447.
+    #[arg(long, default_value = ENDPOINT, env = "REPOSE_LISTEN")]
+    pub listen: String,
+    /// The robot cell; the configuration's, or "cell", where absent.
+    #[arg(long, env = "REPOSE_CELL")]
+    pub cell: Option<String>,
+    /// How many inference processes.
+    #[arg(long, default_value_t = 1)]
+    pub inference: usize,
+    /// How many planner processes.
+    #[arg(long, default_value_t = 1)]
+    pub planners: usize,
+    /// Seed of the simulated scene; the configuration's, or 0, where absent.
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Configuration of the services (TOML).
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+}
 
 /// How long to wait before an ended process is started again.
 const RESTART_PAUSE: Duration = Duration::from_secs(1);
@@ -96,26 +119,6 @@ fn command(args: &UpArgs, cell: &str, what: &str) -> Result<Command, Failure> {
     let mut command = service_process(&args.listen, cell, args.config.as_deref(), what)?;
     if let Some(seed) = args.seed.filter(|_| what == Service::Simulator.as_str()) {
         command.env("REPOSE_SIMULATOR__SEED", seed.to_string());
-    }
-    Ok(command)
-}
-
-/// A service, or the router, as a process of this program that ends with this one.
-pub fn service_process(endpoint: &str, cell: &str, config: Option<&Path>, what: &str) -> Result<Command, Failure> {
-    let mut command = Command::new(std::env::current_exe().map_err(Failure::other)?);
-    command.args(["serve", what, "--connect", endpoint, "--cell", cell]);
-    if let Some(config) = config {
-        command.arg("--config").arg(config);
-    }
-    command.stdin(Stdio::null()).stdout(Stdio::null()).kill_on_drop(true);
-    // A terminal's Ctrl-C would reach the whole group; the processes are told one by one instead, so that they drain.
-    command.process_group(0);
-    // SAFETY: prctl is async-signal-safe and touches nothing but the new process's own setting.
-    unsafe {
-        command.pre_exec(|| match libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGTERM) {
-            0 => Ok(()),
-            _ => Err(std::io::Error::last_os_error()),
-        });
     }
     Ok(command)
 }

@@ -6,12 +6,14 @@
 //! extents and distances come from differs. Everything is judged in the viewer's frame: x right, y away, z up, level.
 //! Pure: no I/O, no async, no global state.
 
+pub mod confusion;
 pub mod directional;
 pub mod margins;
 pub mod observed;
 pub mod rectangle;
 pub mod truth;
 
+pub use confusion::Confusion;
 pub use directional::ViewerExtents;
 pub use margins::{Margins, RELATIONS, index};
 pub use observed::{ObservedObject, observed, observed_margins};

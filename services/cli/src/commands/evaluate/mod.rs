@@ -1,0 +1,51 @@
+//! `repose evaluate`: the paper's tables.
+
+mod discriminator;
+mod planner;
+mod relations;
+mod robot;
+mod segmentation;
+mod shared;
+mod world;
+
+use clap::{Args, Subcommand};
+
+use crate::failure::Outcome;
+use crate::output::Output;
+
+/// Arguments of `evaluate`.
+#[derive(Debug, Args)]
+pub struct EvaluateArgs {
+    /// Which table.
+    #[command(subcommand)]
+    pub table: Table,
+}
+
+/// The tables.
+#[derive(Debug, Subcommand)]
+pub enum Table {
+    /// The planner's variants on simulated scenes never trained on.
+    Planner(planner::EvaluatePlannerArgs),
+    /// Relations learned against by rule, on simulated scenes never trained on.
+    Relations(relations::EvaluateRelationsArgs),
+    /// Realism against what physics does, on kitchens never trained on.
+    Discriminator(discriminator::EvaluateDiscriminatorArgs),
+    /// The simulated world: rejected draws, rest, penetration, and whether releases depend on the physics step.
+    World(world::EvaluateWorldArgs),
+    /// Perception's masks of labelled frames, labels ignored, against the labels.
+    Segmentation(segmentation::EvaluateSegmentationArgs),
+    /// The simulated Panda picks and places named objects (the paper's Table 3).
+    Robot(robot::EvaluateRobotArgs),
+}
+
+/// Runs the command.
+pub fn run(args: &EvaluateArgs, output: Output) -> Outcome {
+    match &args.table {
+        Table::Planner(args) => planner::run(args, output),
+        Table::World(args) => world::run(args, output),
+        Table::Relations(args) => relations::run(args, output),
+        Table::Discriminator(args) => discriminator::run(args, output),
+        Table::Segmentation(args) => segmentation::run(args, output),
+        Table::Robot(args) => robot::run(args, output),
+    }
+}

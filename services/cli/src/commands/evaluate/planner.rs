@@ -1,0 +1,211 @@
+//! `repose evaluate planner`: the paper's Table 1, and beside it how often what was returned is right.
+//!
+//! Every scene that is done goes to `scenes.jsonl` in the folder of `--out`: the same command goes on where it was interrupted, and
+//! parts of the table (`--first`, `--scenes`) can be run apart into one folder, one after the other.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use repose_evaluation::report::planner::{document, pictures, text_of};
+use repose_evaluation::report::planner_records::Records;
+use repose_evaluation::report::planner_sheets::Sheets;
+use repose_evaluation::report::written::write_report;
+use repose_evaluation::scenes::planner_scene::{PlannerSceneSettings, SceneSet, TriedScene};
+use repose_evaluation::scenes::problem::ProblemSettings;
+use repose_evaluation::tables::planner::{PlannerTableSettings, evaluate_planner, planner_tables};
+use repose_proto::place::Variant;
+use repose_simulator::scene::SceneKind;
+
+use super::shared::{StabilityArgs, TableArgs, named, only_meshes};
+use crate::failure::{Failure, Outcome};
+use crate::output::Output;
+use crate::progress::progress_bar;
+use crate::values::{parse_kind, parse_variant};
+
+/// The kinds that scenes of a user's meshes take turns in.
+const KINDS: [SceneKind; 6] =
+    [SceneKind::OpenTable, SceneKind::LargeBox, SceneKind::Clutter, SceneKind::Stacking, SceneKind::Drawer, SceneKind::Shelf];
+
+/// Arguments of `evaluate planner`.
+#[derive(Debug, Args)]
+pub struct EvaluatePlannerArgs {
+    /// How many scenes of each set; the paper has 100.
+    #[arg(long, default_value_t = 100)]
+    pub scenes: usize,
+    /// The first scene of each set, to run a table in parts.
+    #[arg(long, default_value_t = 0)]
+    pub first: u64,
+    /// Which variants; repeat for more. All seven by default.
+    #[arg(long = "variant", value_parser = parse_variant)]
+    pub variants: Vec<Variant>,
+    /// A set of scenes of this kind (open_table, large_box, clutter, stacking, shelf, drawer, kitchen) in place of the default sets;
+    /// repeat for more. By default: scenes of the meshes of `--objects`, where given, whose kinds take turns; and kitchens.
+    #[arg(long = "kind", value_parser = parse_kind)]
+    pub kinds: Vec<SceneKind>,
+    /// A folder of meshes never trained on, to make scenes of; kitchens have the program's own objects unless `--kind` is given.
+    #[arg(long, value_name = "DIR")]
+    pub objects: Option<PathBuf>,
+    /// Split, weights and threads.
+    #[command(flatten)]
+    pub common: TableArgs,
+    /// What `best` goes by.
+    #[command(flatten)]
+    pub stability: StabilityArgs,
+    /// A folder for every scene's record, the table as JSON and SVG, and contact sheets.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Whose answers the contact sheets show.
+    #[arg(long, default_value = "best", value_parser = parse_variant)]
+    pub look_at: Variant,
+}
+
+/// Runs the command.
+pub fn run(args: &EvaluatePlannerArgs, output: Output) -> Outcome {
+    let mut settings = settings_of(args)?;
+    let engine = args.common.engine()?;
+    settings.scene.stability = args.stability.read(&engine)?;
+    let head = serde_json::json!({
+        "split": args.common.split.name(), "weights_hash": engine.weights_hash(), "stability": named(&settings.scene.stability),
+        "variants": settings.scene.variants, "answers": settings.scene.answers,
+        "objects": args.objects.as_ref().and_then(|o| o.file_name()).map(|name| name.to_string_lossy()),
+    });
+    let mut records = Records::open(args.out.as_deref(), &head)?;
+    let sheets = args.out.as_ref().map(|folder| Sheets::new(folder, args.look_at));
+    let bar = progress_bar((settings.sets.len() * settings.scenes) as u64, "scenes");
+    let done = records.all.clone();
+    bar.set_position(done.len() as u64);
+    evaluate_planner(&settings, &engine, &done, |tried: TriedScene| {
+        if let Some(sheets) = &sheets {
+            sheets.keep(&tried)?;
+        }
+        log(&tried);
+        bar.inc(1);
+        records.add(tried.record).map_err(Failure::from)
+    })?;
+    bar.finish_and_clear();
+    let tables = planner_tables(&records.in_order(&settings.sets), &settings.scene.variants);
+    let document = document(&tables, &records.all, &head);
+    if let Some(folder) = &args.out {
+        write_report(folder, "planner", &document, &pictures(&tables).map_err(Failure::other)?)?;
+    }
+    if let Some(sheets) = &sheets {
+        sheets.bind(&records.all)?;
+    }
+    output.print(&document, || text_of(&tables))
+}
+
+fn settings_of(args: &EvaluatePlannerArgs) -> Result<PlannerTableSettings, Failure> {
+    let own = ProblemSettings::default();
+    let mut of_meshes = ProblemSettings::default();
+    if let Some(folder) = &args.objects {
+        only_meshes(&mut of_meshes.scene, folder)?;
+    }
+    let set = |name: &str, kinds: &[SceneKind], problem: &ProblemSettings| SceneSet {
+        name: name.to_owned(),
+        kinds: kinds.to_vec(),
+        problem: problem.clone(),
+    };
+    let sets = if args.kinds.is_empty() {
+        let meshes = args.objects.iter().map(|_| set("objects", &KINDS, &of_meshes));
+        meshes.chain([set(SceneKind::Kitchen.name(), &[SceneKind::Kitchen], &own)]).collect()
+    } else {
+        args.kinds.iter().map(|kind| set(kind.name(), &[*kind], &of_meshes)).collect()
+    };
+    let variants = if args.variants.is_empty() { Variant::ALL.to_vec() } else { args.variants.clone() };
+    Ok(PlannerTableSettings {
+        split: args.common.split,
+        sets,
+        first: args.first,
+        scenes: args.scenes,
+        scene: PlannerSceneSettings { variants, ..PlannerSceneSettings::default() },
+        threads: args.common.threads(),
+    })
+}
+
+fn log(tried: &TriedScene) {
+    let record = &tried.record;
+    for trial in &record.trials {
+        let came = match (&trial.release, &trial.refused) {
+            (Some(r), _) => format!("moved {:.0} mm, goal {}, clean {}", r.judged.moved_m * 1e3, r.judged.goal, r.judged.clean),
+            (None, Some(why)) => why.clone(),
+            (None, None) => "none".to_owned(),
+        };
+        tracing::info!(
+            set = record.set, slot = record.slot, kind = record.kind.name(), seed = record.seed, variant = %trial.variant,
+            answerable = record.answerable(), ms = trial.plan_ms.round(), "{came}"
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use repose_planner::stability::Stability;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: EvaluatePlannerArgs,
+    }
+
+    #[test]
+    fn a_table_is_gone_on_with_and_has_the_contracts_keys() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let out = folder.path().to_str().expect("a plain path");
+        let line = |scenes: &'static str, split: &'static str| {
+            Line::parse_from([
+                "x",
+                "--scenes",
+                scenes,
+                "--variant",
+                "geometric",
+                "--kind",
+                "large_box",
+                "--split",
+                split,
+                "--out",
+                out,
+                "--look-at",
+                "geometric",
+            ])
+            .args
+        };
+        let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).expect(name);
+        run(&line("1", "validation"), Output { json: false }).unwrap_or_else(|e| panic!("{e:?}"));
+        let first = read("scenes.jsonl");
+        run(&line("2", "validation"), Output { json: false }).unwrap_or_else(|e| panic!("{e:?}"));
+        let both = read("scenes.jsonl");
+        assert!(both.starts_with(&first) && both.lines().count() == first.lines().count() + 1, "one more scene");
+        let document: serde_json::Value = serde_json::from_str(&read("planner.json")).expect("JSON");
+        assert_eq!(document["scenes"], 2);
+        assert!(document["feasible"].as_u64().is_some_and(|n| n <= 2));
+        let row = &document["rows"][0];
+        assert_eq!(row["variant"], "geometric");
+        for key in ["predicates", "realistic", "successful", "stable", "joint", "none_precision", "none_recall"] {
+            // Nothing tried has no rate.
+            let counted = row["counts"].get(key).unwrap_or(&row["counts"]["of_all"][key]);
+            match counted["n"].as_u64() {
+                Some(0) => assert_eq!(row.get(key), Some(&serde_json::Value::Null), "{key}: {row}"),
+                _ => assert!(row[key].as_f64().is_some_and(|p| (0.0..=100.0).contains(&p)), "{key}: {row}"),
+            }
+        }
+        assert!(read("planner_large_box.svg").contains("</svg>"));
+        let refused = run(&line("2", "test"), Output { json: false }).expect_err("other settings");
+        assert_eq!(refused.exit_code(), 2);
+        // Another stability is other settings too, and a file that is none is refused before anything is tried.
+        let file = folder.path().join("stability.json");
+        let with_stability = || {
+            let mut args = line("2", "validation");
+            args.stability.stability = Some(file.clone());
+            run(&args, Output { json: false }).expect_err("another stability")
+        };
+        std::fs::write(&file, "{}").expect("written");
+        assert_eq!(with_stability().exit_code(), 2);
+        let own = serde_json::to_string(Stability::embedded()).expect("JSON");
+        let weights = &Stability::embedded().fitted_on().weights_hash;
+        std::fs::write(&file, own.replace(weights.as_str(), "of other weights")).expect("written");
+        assert!(format!("{:?}", with_stability()).contains("of other weights"), "named in the head");
+    }
+}

@@ -1,0 +1,88 @@
+//! `repose evaluate relations`: the paper's Table 2 with its appendix, learned against by rule.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use repose_evaluation::report::relations::{document, pictures, text_of};
+use repose_evaluation::report::written::write_report;
+use repose_evaluation::tables::relations::{RelationsSettings, Shown, evaluate_relations};
+
+use super::shared::{TableArgs, only_meshes};
+use crate::failure::{Failure, Outcome};
+use crate::output::Output;
+
+/// Arguments of `evaluate relations`.
+#[derive(Debug, Args)]
+pub struct EvaluateRelationsArgs {
+    /// How many examples at least; the paper has 2,696.
+    #[arg(long, default_value_t = 4000)]
+    pub examples: usize,
+    /// A folder of meshes to make the scenes of, in place of the objects that training uses.
+    #[arg(long, value_name = "DIR")]
+    pub objects: Option<PathBuf>,
+    /// Split, weights and threads.
+    #[command(flatten)]
+    pub common: TableArgs,
+    /// A folder for the table as JSON and as SVG.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &EvaluateRelationsArgs, output: Output) -> Outcome {
+    let mut settings = RelationsSettings { threads: args.common.threads(), ..RelationsSettings::default() };
+    if let Some(folder) = &args.objects {
+        only_meshes(&mut settings.scene, folder)?;
+    }
+    let engine = args.common.engine()?;
+    let mut table_of = |shown: Shown| {
+        settings.shown = shown;
+        evaluate_relations(args.common.split, args.examples, &engine, &settings, |examples| tracing::info!(?shown, examples, "judged"))
+    };
+    let (table, beside) = (table_of(Shown::Rendered)?, [table_of(Shown::Apart)?, table_of(Shown::Together)?]);
+    let document = document(&table, &beside, args.common.split.name(), engine.weights_hash());
+    if let Some(folder) = &args.out {
+        write_report(folder, "relations", &document, &pictures(&table, &beside).map_err(Failure::other)?)?;
+    }
+    output.print(&document, || text_of(&table, &beside))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use serde_json::Value;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: EvaluateRelationsArgs,
+    }
+
+    #[test]
+    fn a_few_examples_leave_a_report_with_the_contracts_keys() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let out = folder.path().join("out");
+        let line = ["x", "--examples", "12", "--split", "validation", "--out", out.to_str().expect("a plain path")];
+        run(&Line::parse_from(line).args, Output { json: false }).unwrap_or_else(|e| panic!("{e:?}"));
+        let document: Value = serde_json::from_slice(&std::fs::read(out.join("relations.json")).expect("a file")).expect("JSON");
+        assert!(document["examples"].as_u64().is_some_and(|n| n >= 12));
+        let rows = document["relations"].as_array().expect("rows");
+        assert_eq!(rows.len(), 10);
+        let keys = ["f1", "sensitivity", "specificity", "true_percent", "baseline_f1", "baseline_sensitivity", "baseline_specificity"];
+        for row in rows {
+            assert!(row["relation"].is_string());
+            assert!(keys.iter().all(|k| row.get(k).is_some_and(|v| v.is_null() || v.as_f64().is_some_and(|f| f >= 0.0))), "{row}");
+        }
+        assert!(std::fs::read_to_string(out.join("relations.svg")).expect("a picture").contains("</svg>"));
+    }
+
+    #[test]
+    fn what_cannot_be_is_named() {
+        let refused = Line::try_parse_from(["x", "--split", "tests"]).err().expect("refused").to_string();
+        assert!(refused.contains("--split") && refused.contains("validation"), "{refused}");
+        let failed = run(&Line::parse_from(["x", "--objects", "no/such/folder"]).args, Output { json: false }).expect_err("a failure");
+        assert_eq!(failed.exit_code(), 2);
+    }
+}

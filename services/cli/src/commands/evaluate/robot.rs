@@ -1,0 +1,78 @@
+//! `repose evaluate robot`: the paper's Table 3 with the simulated Panda.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use repose_evaluation::report;
+use repose_evaluation::report::picture::{rgb_image, side_by_side, write_picture};
+use repose_evaluation::scenes::robot_scene::Condition;
+use repose_evaluation::scenes::robot_trial::Cause;
+use repose_evaluation::tables::robot::{OBJECTS, RobotTableSettings, evaluate_robot};
+use repose_simulator::objects::{MeshLibrary, MeshSettings};
+
+use crate::embedded::EmbeddedModels;
+use crate::failure::{Failure, Outcome};
+use crate::output::Output;
+
+/// Arguments of `evaluate robot`.
+#[derive(Debug, Args)]
+pub struct EvaluateRobotArgs {
+    /// The folder with the YCB objects' meshes, one folder an object: `003_cracker_box/mesh.obj` and so on.
+    #[arg(long, value_name = "DIR")]
+    pub objects: PathBuf,
+    /// Trials for each object and condition.
+    #[arg(long, default_value_t = 3)]
+    pub trials: usize,
+    /// Only this object of the eight; repeat for more.
+    #[arg(long = "only", value_name = "OBJECT", value_parser = OBJECTS)]
+    pub only: Vec<String>,
+    /// Only this condition.
+    #[arg(long, value_parser = parse_condition)]
+    pub condition: Option<Condition>,
+    /// The seed that all scenes follow from.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// A folder for a strip of pictures per trial: before, lifted, lowered, placed.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+}
+
+fn parse_condition(name: &str) -> Result<Condition, String> {
+    let names = Condition::ALL.map(Condition::name).join(", ");
+    Condition::ALL.into_iter().find(|c| c.name() == name).ok_or_else(|| format!("the conditions are {names}"))
+}
+
+/// Runs the command.
+pub fn run(args: &EvaluateRobotArgs, output: Output) -> Outcome {
+    let models = EmbeddedModels::load()?;
+    let library = MeshLibrary::load(&args.objects, &MeshSettings::default()).map_err(|e| Failure::bad_input("objects", e))?;
+    let mut settings = RobotTableSettings { trials: args.trials, seed: args.seed, ..RobotTableSettings::default() };
+    if !args.only.is_empty() {
+        settings.objects.clone_from(&args.only);
+    }
+    if let Some(condition) = args.condition {
+        settings.conditions = vec![condition];
+    }
+    let mut picture_failure = None;
+    let table = evaluate_robot(&library, &settings, &models, |_, trial, strip| {
+        let outcome = trial.cause.map_or("placed", Cause::name);
+        let millimetres = |m: Option<f64>| m.map(|m| (m * 1e3).round());
+        let in_hand = trial.in_hand.map(|s| format!("{:.0} mm {:.2} rad", s.by_m * 1e3, s.turn_rad));
+        let incidents: Vec<String> = trial.incidents.iter().map(|i| format!("{} {:.1} s: {}", i.phase, i.at_s, i.what)).collect();
+        tracing::info!(
+            object = trial.object, condition = trial.condition.name(), seed = trial.seed, goal = %trial.goal, off_mm = ?millimetres(trial.off_m),
+            tilt_rad = ?trial.tilt_rad, ?in_hand, disturbed = trial.disturbed, plan_ms = ?trial.plan_ms.map(f64::round), robot_s = trial.robot_s.round(),
+            detail = trial.detail, incidents = incidents.join("; "), "{outcome}"
+        );
+        if let Some(folder) = &args.pictures {
+            let name = format!("{}_{}_{}_{}.png", trial.object, trial.condition.name(), trial.seed, outcome.replace(' ', "_"));
+            let pictures: Vec<_> = strip.iter().map(rgb_image).collect();
+            picture_failure = write_picture(&folder.join(name), &side_by_side(&pictures).into()).err().or(picture_failure.take());
+        }
+    });
+    let table = table.map_err(Failure::other)?;
+    if let Some(failure) = picture_failure {
+        return Err(failure.into());
+    }
+    output.print(&report::robot::document(&table), || report::robot::text_of(&table))
+}

@@ -1,0 +1,68 @@
+//! `repose evaluate segmentation`: perception's masks of labelled frames against the labels.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use repose_evaluation::report::segmentation::SegmentationReport;
+use repose_evaluation::statistics::mask_scores::tolerance_px;
+use repose_evaluation::tables::segmentation::judge_frame;
+use repose_perception::Settings;
+
+use crate::failure::{Failure, Outcome};
+use crate::frames;
+use crate::output::Output;
+
+/// Arguments of `evaluate segmentation`.
+#[derive(Debug, Args)]
+pub struct EvaluateSegmentationArgs {
+    /// A folder with labelled frame folders somewhere below it; the folder right above a frame is its set.
+    pub dir: PathBuf,
+}
+
+/// Runs the command.
+pub fn run(args: &EvaluateSegmentationArgs, output: Output) -> Outcome {
+    let mut folders = Vec::new();
+    find_frames(&args.dir, &mut folders)?;
+    if folders.is_empty() {
+        return Err(Failure::bad_input(&args.dir.display().to_string(), "no frame folder with depth.png and labels.png here or below"));
+    }
+    let mut trials = Vec::new();
+    let mut tolerances = Vec::new();
+    for folder in &folders {
+        let (set, name) = (name_of(folder.parent()), name_of(Some(folder)));
+        let frame = frames::read(folder)?;
+        tolerances.push(tolerance_px(frame.camera.width, frame.camera.height));
+        let trial = judge_frame(&set, &name, &frame, &Settings::default())
+            .map_err(|e| Failure::bad_input(&format!("{}: {}", folder.display(), e.field.as_deref().unwrap_or("frame")), &e.message))?;
+        tracing::info!(frame = name, overlap_f = trial.masks.overlap.f, boundary_f = trial.masks.boundary.f, "judged");
+        trials.push(trial);
+    }
+    tolerances.sort_unstable();
+    tolerances.dedup();
+    let report = SegmentationReport::new(&trials, &tolerances);
+    output.print(&report.document(), || report.text())
+}
+
+/// Folders that hold a labelled frame, in name order; nothing below a frame is searched.
+fn find_frames(dir: &Path, found: &mut Vec<PathBuf>) -> Outcome {
+    if dir.join("depth.png").is_file() {
+        if dir.join("labels.png").is_file() {
+            found.push(dir.to_owned());
+        }
+        return Ok(());
+    }
+    let failed = |e: std::io::Error| Failure::bad_input(&dir.display().to_string(), e);
+    let mut below = Vec::new();
+    for entry in std::fs::read_dir(dir).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        if path.is_dir() {
+            below.push(path);
+        }
+    }
+    below.sort();
+    below.iter().try_for_each(|folder| find_frames(folder, found))
+}
+
+fn name_of(folder: Option<&Path>) -> String {
+    folder.and_then(Path::file_name).map_or_else(|| ".".to_owned(), |name| name.to_string_lossy().into_owned())
+}

@@ -1,0 +1,46 @@
+//! `repose evaluate world`: how the simulated world behaves.
+
+use clap::Args;
+use repose_dataset::Split;
+use repose_evaluation::report;
+use repose_evaluation::tables::world::{WorldReportSettings, world_report};
+use repose_simulator::scene::{KindWeights, SceneKind};
+
+use crate::failure::Outcome;
+use crate::output::Output;
+use crate::progress::progress_bar;
+use crate::values::{parse_kind, parse_split, threads};
+
+/// Arguments of `evaluate world`.
+#[derive(Debug, Args)]
+pub struct EvaluateWorldArgs {
+    /// How many scenes.
+    #[arg(long, default_value_t = 1000)]
+    pub scenes: usize,
+    /// How many releases are simulated at the usual step and at a quarter of it.
+    #[arg(long, default_value_t = 200)]
+    pub placements: usize,
+    /// Only this kind of scene (open_table, large_box, clutter, stacking, shelf, drawer, kitchen); the training mix by default.
+    #[arg(long, value_parser = parse_kind)]
+    pub kind: Option<SceneKind>,
+    /// Which split's seeds: train, validation or test.
+    #[arg(long, default_value = "validation", value_parser = parse_split)]
+    pub split: Split,
+    /// Threads; all cores by default. Only times depend on it.
+    #[arg(long)]
+    pub threads: Option<usize>,
+}
+
+/// Runs the command.
+pub fn run(args: &EvaluateWorldArgs, output: Output) -> Outcome {
+    let mut settings =
+        WorldReportSettings { split: args.split, scenes: args.scenes, placements: args.placements, ..WorldReportSettings::default() };
+    if let Some(kind) = args.kind {
+        settings.scene.kinds = KindWeights::only(kind);
+    }
+    let threads = threads(args.threads);
+    let bar = progress_bar((args.scenes + args.placements) as u64, "scenes and releases");
+    let world = world_report(&settings, threads, |done| bar.set_position(done as u64));
+    bar.finish_and_clear();
+    output.print(&report::world::document(&world), || report::world::text_of(&world))
+}

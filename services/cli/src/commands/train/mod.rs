@@ -1,0 +1,123 @@
+//! `repose train`: weights from simulated scenes.
+
+mod stability;
+
+use std::path::PathBuf;
+
+use clap::Args;
+use repose_training::{Compute, ONE_THREAD_VARIABLES, Part, RelationsVariant, TrainError, TrainSettings, train};
+
+use crate::failure::{Failure, Outcome};
+use crate::output::Output;
+use crate::values::threads;
+
+/// Arguments of `train`.
+#[derive(Debug, Args)]
+pub struct TrainArgs {
+    /// The folder of shards that `generate` wrote, with training and validation scenes somewhere below it.
+    #[arg(long, value_name = "DIR")]
+    pub data: PathBuf,
+    /// Which networks: joint (encoders, relation predictor and prior), relations (the predictor alone, on the encoders of `--start`), discriminator,
+    /// or outcome (the discriminator's layers on what simulated releases came to; needs `generate --releases`). The others keep the weights of
+    /// `--start`. And stability: what `best` makes of the outcome network of `--start` with what geometry measures, a JSON file; needs the data
+    /// of `generate --proposals`, made with its other settings as they are by default (`--steps` then limits the scenes).
+    #[arg(long)]
+    pub network: String,
+    /// Which relation predictor `joint` and `relations` fit: measured (reads what can be measured of the pair beside the codes) or paper.
+    #[arg(long, value_name = "VARIANT", default_value = "measured")]
+    pub relations: String,
+    /// What the networks are computed on: cpu, or cuda where the program was built with `--features cuda` (no two runs the same there).
+    #[arg(long, value_name = "DEVICE", default_value = "cpu")]
+    pub device: String,
+    /// The weights file; a run that was stopped goes on from its checkpoint beside it (one that began with other weights is refused).
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Weights to start from; new ones from the seed by default.
+    #[arg(long, value_name = "FILE")]
+    pub start: Option<PathBuf>,
+    /// Start from the mean of `--start` and these, runs of the same network from one ancestor; repeat for more. With `--steps 0` that mean is
+    /// what is written, its batch statistics taken anew.
+    #[arg(long, value_name = "FILE", requires = "start")]
+    pub mean_with: Vec<PathBuf>,
+    /// Seed of initial weights, order and augmentation.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// End after this many minutes, with weights.
+    #[arg(long)]
+    pub minutes: Option<f64>,
+    /// End after this many steps.
+    #[arg(long)]
+    pub steps: Option<u64>,
+    /// Threads, of which no more than `--slots` have work; all cores by default. The weights do not depend on it.
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Micro-batches of a step, whose gradients are averaged; 2 by default. More keep more threads busy, and give other weights.
+    #[arg(long)]
+    pub slots: Option<usize>,
+}
+
+/// Runs the command.
+pub fn run(args: &TrainArgs, output: Output) -> Outcome {
+    if args.network == stability::NAME {
+        let settings = stability::StabilitySettings {
+            data: &args.data,
+            start: args.start.as_deref(),
+            out: &args.out,
+            scenes: args.steps,
+            threads: threads(args.threads),
+            seed: args.seed,
+        };
+        return stability::run(&settings, output);
+    }
+    let part = Part::parse(&args.network).ok_or_else(|| {
+        Failure::bad_input("network", format!("expected joint, relations, discriminator, outcome or stability, got {:?}", args.network))
+    })?;
+    let relations = RelationsVariant::parse(&args.relations)
+        .ok_or_else(|| Failure::bad_input("relations", format!("expected measured or paper, got {:?}", args.relations)))?;
+    let device =
+        Compute::parse(&args.device).ok_or_else(|| Failure::bad_input("device", format!("expected cpu or cuda, got {:?}", args.device)))?;
+    for variable in ONE_THREAD_VARIABLES {
+        // SAFETY: this command is synchronous and has started no thread yet that could read the environment meanwhile.
+        unsafe { std::env::set_var(variable, "1") };
+    }
+    let defaults = TrainSettings::of_part(part);
+    let settings = TrainSettings {
+        data: args.data.clone(),
+        out: args.out.clone(),
+        start: args.start.clone(),
+        mean_with: args.mean_with.clone(),
+        relations,
+        device,
+        seed: args.seed,
+        steps: args.steps.unwrap_or(defaults.steps),
+        minutes: args.minutes,
+        slots: args.slots.unwrap_or(defaults.slots),
+        threads: threads(args.threads),
+        ..defaults
+    };
+    let report = train(&settings).map_err(|e| failure_of(&e))?;
+    output.print(&report, || serde_json::to_string_pretty(&report).unwrap_or_default())
+}
+
+/// The user's, where a setting is at fault.
+fn failure_of(error: &TrainError) -> Failure {
+    match error.field() {
+        Some(field) => Failure::bad_input(field, error),
+        None => Failure::other(error),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_setting_at_fault_is_bad_input_that_names_it_and_the_rest_is_not() {
+        let start = TrainSettings { start: Some("no/such.safetensors".into()), ..TrainSettings::default() };
+        let field = |failure: Failure| failure.error().and_then(|e| e.field.clone());
+        let failure = failure_of(&train(&start).unwrap_err());
+        assert_eq!((failure.exit_code(), field(failure).as_deref()), (2, Some("start")));
+        let failure = failure_of(&TrainError::Diverged { step: 3, loss: f64::NAN });
+        assert_eq!((failure.exit_code(), field(failure)), (1, None));
+    }
+}

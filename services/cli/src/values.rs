@@ -1,0 +1,65 @@
+//! How values on the command line are read: variants, splits, kinds of scenes, files for pictures.
+
+use std::path::PathBuf;
+
+use repose_dataset::Split;
+use repose_proto::place::{Rotation, Variant};
+use repose_simulator::scene::SceneKind;
+
+/// The variant of that name.
+pub fn parse_variant(name: &str) -> Result<Variant, String> {
+    Variant::parse(name).ok_or_else(|| format!("the variants are {}", Variant::ALL.map(Variant::as_str).join(", ")))
+}
+
+/// The rotation of that name.
+pub fn parse_rotation(name: &str) -> Result<Rotation, String> {
+    match name {
+        "fixed" => Ok(Rotation::Fixed),
+        "yaw" => Ok(Rotation::Yaw),
+        _ => Err("expected fixed or yaw".to_owned()),
+    }
+}
+
+/// The split of that name.
+pub fn parse_split(name: &str) -> Result<Split, String> {
+    Split::ALL
+        .into_iter()
+        .find(|split| split.name() == name)
+        .ok_or_else(|| format!("the splits are {}", Split::ALL.map(Split::name).join(", ")))
+}
+
+/// The kind of scenes of that name.
+pub fn parse_kind(name: &str) -> Result<SceneKind, String> {
+    SceneKind::parse(name).ok_or_else(|| format!("the kinds are {}", SceneKind::ALL.map(SceneKind::name).join(", ")))
+}
+
+/// A file for a picture: PNG is what is written, so the name must say so.
+pub fn parse_png(path: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(path);
+    let is_png = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+    if is_png { Ok(path) } else { Err("pictures are written as PNG: expected a name that ends in .png".to_owned()) }
+}
+
+/// The threads to use: as many as asked for, or one a core.
+pub fn threads(asked: Option<usize>) -> usize {
+    asked.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)).max(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_read_and_what_is_unknown_is_told_what_there_is() {
+        assert_eq!(parse_split("validation"), Ok(Split::Validation));
+        assert!(parse_split("tests").is_err_and(|e| e.contains("validation")));
+        assert!(parse_kind("table").is_err_and(|e| e.contains("open_table")));
+        assert!(parse_variant("bets").is_err_and(|e| e.contains("best")));
+    }
+
+    #[test]
+    fn a_picture_is_a_png() {
+        assert_eq!(parse_png("out/a.PNG"), Ok(PathBuf::from("out/a.PNG")));
+        assert!(["a.jpg", "a", "png"].iter().all(|name| parse_png(name).is_err()));
+    }
+}

@@ -1,0 +1,14 @@
+//! What the tables are printed and drawn as: JSON, text, plots, pictures of scenes, contact sheets.
+
+pub mod discriminator;
+pub mod histogram;
+pub mod picture;
+pub mod planner;
+pub mod planner_records;
+pub mod planner_sheets;
+pub mod plots;
+pub mod relations;
+pub mod robot;
+pub mod segmentation;
+pub mod world;
+pub mod written;

@@ -1,0 +1,203 @@
+//! The report of `evaluate planner`: JSON with the contract's keys, tables for people with the paper's figures beside, bars as SVG.
+
+use crate::report::plots::{Bars, DrawError, grouped_bars};
+use crate::scenes::planner_scene::SceneRecord;
+use crate::statistics::paired::Paired;
+use crate::statistics::rate::Rate;
+use crate::tables::paper;
+use crate::tables::planner::{Columns, Part, PlannerRow, SetTable};
+use comfy_table::Table;
+use repose_proto::place::Variant;
+use serde_json::{Value, json};
+
+/// What the figures are of; part of the JSON.
+const DEFINITION: &str = "ground truth: masks, camera pose, meshes, and what 500 physics steps do; observed: depth with the sensor model; \
+                          predicates p > 0.5, realistic f > 0.5 (best: by boosted trees on the outcome network's word and geometry), successful both, stable (centre moved < 5 cm): each variant's lowest-cost feasible candidate, \
+                          or where none is feasible the one of lowest cost among the 20 in view that violate the constraints least; \
+                          joint: of the scenes with an answer, those where a placement was returned, the object stayed, the goal held by ground truth after settling, \
+                          nothing else moved 2 cm, tilt < 15 degrees, penetration <= 5 mm; a scene has an answer where a search with the truth, any variant or the script found one; script: boxes, planes and random draws (evaluation/src/script.rs); intervals 95 %";
+
+/// The JSON: the first set's rows on top, every set below `sets`, every scene below `records`.
+pub fn document(tables: &[SetTable], records: &[SceneRecord], head: &Value) -> Value {
+    let set = |table: &SetTable| {
+        let mut value = part(&table.all);
+        value["kinds"] = table.kinds.iter().map(part).collect();
+        value
+    };
+    let sets: Vec<Value> = tables.iter().map(set).collect();
+    let first = |key: &str| sets.first().map_or(Value::Null, |s| s[key].clone());
+    json!({
+        "scenes": first("scenes"), "feasible": first("feasible"), "rows": first("rows"),
+        "sets": sets, "paper": paper::VARIANTS, "settings": head, "definition": DEFINITION, "records": records,
+    })
+}
+
+fn part(part: &Part) -> Value {
+    json!({
+        "name": part.name, "scenes": part.scenes, "feasible": part.answerable, "found_by_variants_only": part.found_by_variants_only,
+        "script_joint": part.script_joint.percent(),
+        "rows": part.rows.iter().map(row).collect::<Vec<_>>(),
+    })
+}
+
+fn row(row: &PlannerRow) -> Value {
+    let all = &row.of_all;
+    json!({
+        "variant": row.variant,
+        "predicates": all.predicates.percent(), "realistic": all.realistic.percent(), "successful": all.successful.percent(), "stable": all.stable.percent(),
+        "joint": row.joint.percent(), "joint_interval": row.joint.interval_percent(),
+        "none_precision": row.none_precision.percent(), "none_recall": row.none_recall.percent(),
+        "of_answerable": {
+            "predicates": row.of_answerable.predicates.percent(), "realistic": row.of_answerable.realistic.percent(),
+            "successful": row.of_answerable.successful.percent(), "stable": row.of_answerable.stable.percent(),
+        },
+        "against_geometric": row.against_geometric, "against_script": row.against_script,
+        "p50_ms": row.times_ms[0], "p95_ms": row.times_ms[1],
+        "counts": row,
+    })
+}
+
+/// Bars for every set: the paper's columns, and the joint rate by kind.
+///
+/// # Errors
+/// When a picture cannot be drawn.
+pub fn pictures(tables: &[SetTable]) -> Result<Vec<(String, String)>, DrawError> {
+    let mut pictures = Vec::new();
+    for table in tables {
+        let rows = &table.all.rows;
+        let groups: Vec<&str> = rows.iter().map(|r| r.variant.as_str()).collect();
+        let rates = |pick: &dyn Fn(&PlannerRow) -> Rate, name: &'static str| {
+            let of: Vec<Rate> = rows.iter().map(pick).collect();
+            Bars {
+                name,
+                values: of.iter().map(|r| r.percent().map(|p| p / 100.0)).collect(),
+                intervals: of.iter().map(|r| Some(r.interval_percent().map(|p| p / 100.0))).collect(),
+            }
+        };
+        let successful = rates(&|r| r.of_answerable.successful, "successful (networks)");
+        let stable = rates(&|r| r.of_answerable.stable, "stable");
+        let joint = rates(&|r| r.joint, "joint");
+        let papers = rows.iter().map(|r| paper::VARIANTS.iter().find(|p| p.variant == r.variant).map(|p| p.stable / 100.0)).collect();
+        let papers = Bars { name: "stable, paper", values: papers, intervals: vec![None; rows.len()] };
+        let title = format!("Planner variants, {}: {} of {} scenes with an answer", table.all.name, table.all.answerable, table.all.scenes);
+        let svg = grouped_bars(&title, &groups, &[stable, successful, papers, joint])?;
+        pictures.push((format!("planner_{}", table.all.name), svg));
+        if !table.kinds.is_empty() {
+            pictures.push((format!("planner_{}_kinds", table.all.name), by_kind(table)?));
+        }
+    }
+    Ok(pictures)
+}
+
+fn by_kind(table: &SetTable) -> Result<String, DrawError> {
+    let groups: Vec<&str> = table.kinds.iter().map(|k| k.name.as_str()).collect();
+    let shown = [Variant::Best, Variant::Geometric, Variant::Full];
+    let bars = |variant: Variant| {
+        let of: Vec<Option<Rate>> = table.kinds.iter().map(|k| k.rows.iter().find(|r| r.variant == variant).map(|r| r.joint)).collect();
+        Bars {
+            name: variant.as_str(),
+            values: of.iter().map(|r| r.and_then(|r| r.percent()).map(|p| p / 100.0)).collect(),
+            intervals: of.iter().map(|r| r.map(|r| r.interval_percent().map(|p| p / 100.0))).collect(),
+        }
+    };
+    let series: Vec<Bars<'_>> = shown.map(bars).into();
+    grouped_bars(&format!("Joint rate by kind of scene, {}", table.all.name), &groups, &series)
+}
+
+/// The tables for people.
+pub fn text_of(tables: &[SetTable]) -> String {
+    let mut text = DEFINITION.to_owned();
+    for table in tables {
+        let all = &table.all;
+        text += &format!(
+            "\n\n{}: {} scenes, {} with an answer ({} of them found by a variant only); the script's joint rate {}\n{}\n{}",
+            all.name,
+            all.scenes,
+            all.answerable,
+            all.found_by_variants_only,
+            all.script_joint,
+            papers_columns(all),
+            joint_rates(all)
+        );
+        if !table.kinds.is_empty() {
+            text += &format!("\njoint rate by kind\n{}", kinds(table));
+        }
+    }
+    text
+}
+
+fn papers_columns(part: &Part) -> Table {
+    let mut table = Table::new();
+    table.set_header(["variant", "of", "predicates", "realistic", "successful", "stable"]);
+    for row in &part.rows {
+        let cells = |of: &str, c: &Columns| {
+            let mut cells = vec![row.variant.to_string(), of.to_owned()];
+            cells.extend([c.predicates, c.realistic, c.successful, c.stable].map(|r| r.to_string()));
+            cells
+        };
+        table.add_row(cells("all", &row.of_all));
+        table.add_row(cells("with an answer", &row.of_answerable));
+        if let Some(p) = paper::VARIANTS.iter().find(|p| p.variant == row.variant) {
+            let mut cells = vec![String::new(), "the paper's".to_owned()];
+            cells.extend([p.predicates, p.realistic, p.successful, p.stable].map(|v| format!("{v:.0} %")));
+            table.add_row(cells);
+        }
+    }
+    table
+}
+
+fn joint_rates(part: &Part) -> Table {
+    let mut table = Table::new();
+    table.set_header([
+        "variant",
+        "returned",
+        "joint",
+        "against geometric",
+        "against the script",
+        "right when returned",
+        "none right",
+        "none found",
+        "two supports",
+        "p50 / p95 ms",
+    ]);
+    for row in &part.rows {
+        table.add_row(vec![
+            row.variant.to_string(),
+            row.returned.to_string(),
+            row.joint.to_string(),
+            against(row.against_geometric),
+            against(row.against_script),
+            row.right_when_returned.to_string(),
+            row.none_precision.to_string(),
+            row.none_recall.to_string(),
+            format!("{}, good {}", row.two_supports, row.two_good_supports),
+            format!("{:.0} / {:.0}", row.times_ms[0], row.times_ms[1]),
+        ]);
+    }
+    table
+}
+
+fn kinds(set: &SetTable) -> Table {
+    let mut table = Table::new();
+    let mut header = vec!["kind".to_owned(), "with an answer".to_owned()];
+    header.extend(set.all.rows.iter().map(|r| r.variant.to_string()));
+    header.push("script".to_owned());
+    table.set_header(header);
+    for kind in &set.kinds {
+        let mut cells = vec![kind.name.clone(), format!("{} of {}", kind.answerable, kind.scenes)];
+        cells.extend(kind.rows.iter().map(|r| {
+            let beside = [("geometric", r.against_geometric), ("script", r.against_script)].map(|(name, paired)| (name, against(paired)));
+            let beside = beside.iter().filter(|(_, text)| !text.is_empty()).map(|(name, text)| format!("\n{name} {text}"));
+            format!("{}{}", r.joint, beside.collect::<String>())
+        }));
+        cells.push(kind.script_joint.to_string());
+        table.add_row(cells);
+    }
+    table
+}
+
+fn against(paired: Option<Paired>) -> String {
+    let Some(paired) = paired else { return String::new() };
+    let interval = paired.interval.map_or_else(String::new, |[low, high]| format!(" [{low:+.0}, {high:+.0}]"));
+    format!("{:+.1}{interval}, {}:{}, p {:.2}", paired.difference, paired.only_first, paired.only_second, paired.p)
+}

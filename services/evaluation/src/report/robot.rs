@@ -1,0 +1,66 @@
+//! The report of `evaluate robot`: JSON with the contract's keys, and a table beside the paper's figures.
+
+use comfy_table::Table;
+
+use crate::scenes::robot_scene::Condition;
+use crate::statistics::rate::Rate;
+use crate::tables::robot::{RobotRow, RobotTable};
+
+/// The paper's plan, grasp and placement rates, percent, each of those that came so far.
+fn of_paper(condition: Condition) -> [f64; 3] {
+    match condition {
+        Condition::Table => [95.0, 75.0, 100.0],
+        Condition::LargeBox => [75.0, 56.0, 60.0],
+    }
+}
+
+/// The JSON.
+pub fn document(table: &RobotTable) -> serde_json::Value {
+    let row = |row: &RobotRow| {
+        let mut value = serde_json::json!({
+            "condition": row.condition, "plan": row.plan.percent(), "grasp": row.grasp.percent(), "place": row.place.percent(),
+            "end_to_end": row.end_to_end.percent(), "end_to_end_interval": row.end_to_end.interval_percent(), "causes": row.causes,
+            "counts": {"plan": row.plan, "grasp": row.grasp, "place": row.place, "end_to_end": row.end_to_end},
+        });
+        match &row.object {
+            Some(object) => value["object"] = object.as_str().into(),
+            None => value["paper"] = of_paper(row.condition).into_iter().collect(),
+        }
+        value
+    };
+    serde_json::json!({
+        "rows": table.rows.iter().map(row).collect::<Vec<_>>(),
+        "overall": table.overall.iter().map(row).collect::<Vec<_>>(),
+        "trials": table.trials,
+    })
+}
+
+/// The table for people.
+pub fn text_of(table: &RobotTable) -> String {
+    let mut text = Table::new();
+    text.set_header(["object", "condition", "plan", "grasp", "place", "end to end", "failures"]);
+    for row in &table.rows {
+        text.add_row(cells(row, |rate| format!("{}/{}", rate.of, rate.n)));
+    }
+    for row in &table.overall {
+        text.add_row(cells(row, |rate| rate.to_string()));
+        let [plan, grasp, place] = of_paper(row.condition).map(|p| format!("{p:.0} %"));
+        text.add_row(["the paper's".to_owned(), row.condition.name().to_owned(), plan, grasp, place, String::new(), String::new()]);
+    }
+    format!(
+        "{text}\nground truth: masks, camera pose, outcomes; observed: depth with the sensor model. Rates are of the trials that came so far"
+    )
+}
+
+fn cells(row: &RobotRow, show: impl Fn(&Rate) -> String) -> Vec<String> {
+    let causes: Vec<String> = row.causes.iter().map(|(cause, count)| format!("{} {count}", cause.name())).collect();
+    vec![
+        row.object.clone().unwrap_or_else(|| "all".to_owned()),
+        row.condition.name().to_owned(),
+        show(&row.plan),
+        show(&row.grasp),
+        show(&row.place),
+        show(&row.end_to_end),
+        causes.join(", "),
+    ]
+}

@@ -1,0 +1,115 @@
+//! What goes wrong between approach and retreat, by ground truth: what hand and held object touch that they should not, and when what is
+//! held first shifts in the hand. It explains a failure; it decides none.
+
+use nalgebra::{Isometry3, Vector3};
+use repose_panda::base_from_hand;
+use repose_simulator::cell_world::CellWorld;
+use repose_simulator::physics::Touchable;
+use repose_simulator::scene::Scene;
+use serde::Serialize;
+
+/// A change of pose.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Shift {
+    /// Distance, metres.
+    pub by_m: f64,
+    /// Angle, radians.
+    pub turn_rad: f64,
+}
+
+impl Shift {
+    /// From one pose to another.
+    pub fn between(a: &Isometry3<f64>, b: &Isometry3<f64>) -> Self {
+        Self { by_m: (a.translation.vector - b.translation.vector).norm(), turn_rad: a.rotation.angle_to(&b.rotation) }
+    }
+}
+
+/// Something that should not have happened.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Incident {
+    /// The phase of the plan.
+    pub phase: String,
+    /// When, seconds of robot time.
+    pub at_s: f64,
+    /// What.
+    pub what: String,
+}
+
+/// Watches one object while a plan is carried out.
+#[derive(Debug)]
+pub struct CarryWatch {
+    query: usize,
+    phase: String,
+    /// The object's pose in the hand and its height (metres) when the fingers had closed.
+    grasped: Option<(Isometry3<f64>, f64)>,
+    slipped: bool,
+    /// What happened, each kind once per phase.
+    pub incidents: Vec<Incident>,
+}
+
+/// How high the object must be for its touching something to count, metres: until then it stands where it stood.
+const LIFTED_M: f64 = 0.03;
+/// From here on it has slipped: metres and radians.
+const SLIPPED: (f64, f64) = (0.008, 0.1);
+
+impl CarryWatch {
+    /// A watch over the scene's object number `query`.
+    pub fn new(query: usize) -> Self {
+        Self { query, phase: String::new(), grasped: None, slipped: false, incidents: Vec::new() }
+    }
+
+    /// The plan has come to a phase, by its name in the plan.
+    pub fn begins(&mut self, phase: &str, cell: &CellWorld) {
+        phase.clone_into(&mut self.phase);
+        if phase == "lift" {
+            let pose = cell.world_from_objects()[self.query];
+            self.grasped = Some((base_from_hand(cell.arm.q_rad()).inverse() * pose, pose.translation.z));
+        }
+    }
+
+    /// Looks at the cell as it is now.
+    pub fn look(&mut self, cell: &CellWorld, scene: &Scene) {
+        let is_carried = matches!(self.phase.as_str(), "lift" | "transfer" | "lower");
+        let pose = cell.world_from_objects()[self.query];
+        let risen_m = self.grasped.map_or(0.0, |(_, height_m)| pose.translation.z - height_m);
+        let is_up = is_carried && (self.phase != "lift" || risen_m > LIFTED_M);
+        let query = Touchable::Object(self.query);
+        for [a, b] in cell.contacts() {
+            let (who, other) = match (a, b) {
+                (Touchable::Robot, other) | (other, Touchable::Robot) if other == query => match self.phase.as_str() {
+                    "standoff" | "approach" => ("the hand", other),
+                    _ => continue,
+                },
+                (Touchable::Robot, other) | (other, Touchable::Robot) => ("the hand", other),
+                (a, other) | (other, a) if a == query && is_up => ("the object", other),
+                _ => continue,
+            };
+            self.note(cell, format!("{who} touches {}", self.name_of(other, scene)));
+        }
+        if let Some((in_hand, _)) = self.grasped.filter(|_| is_carried && !self.slipped) {
+            let now = base_from_hand(cell.arm.q_rad()).inverse() * pose;
+            let shift = Shift::between(&in_hand, &now);
+            if shift.by_m > SLIPPED.0 || shift.turn_rad > SLIPPED.1 {
+                self.slipped = true;
+                let along: Vector3<f64> = now.translation.vector - in_hand.translation.vector;
+                let [x, y, z] = [along.x, along.y, along.z].map(|m| m * 1e3);
+                self.note(cell, format!("the object slips: {x:.0} {y:.0} {z:.0} mm in the hand, {:.2} rad", shift.turn_rad));
+            }
+        }
+    }
+
+    fn note(&mut self, cell: &CellWorld, what: String) {
+        if !self.incidents.iter().any(|i| i.phase == self.phase && i.what == what) {
+            self.incidents.push(Incident { phase: self.phase.clone(), at_s: cell.robot_ms() * 1e-3, what });
+        }
+    }
+
+    fn name_of(&self, what: Touchable, scene: &Scene) -> String {
+        match what {
+            Touchable::Fixture(i) => scene.fixtures.get(i).map_or_else(String::new, |f| f.role.name().to_owned()),
+            Touchable::Object(i) if i == self.query => "the object".to_owned(),
+            Touchable::Object(i) => scene.objects.get(i).map_or_else(String::new, |o| format!("{} ({})", o.id, o.shape.name)),
+            Touchable::Robot => "the robot".to_owned(),
+        }
+    }
+}

@@ -1,0 +1,14 @@
+//! Single scenes: a problem with its truth, what is tried on it, and what physics makes of the answer.
+
+pub mod agreement;
+pub mod carry_watch;
+pub mod one_scene;
+pub mod outcome;
+pub mod planner_scene;
+pub mod problem;
+pub mod proposals;
+pub mod robot_scene;
+pub mod robot_trial;
+pub mod script;
+pub mod stability_samples;
+pub mod true_answers;

@@ -1,0 +1,325 @@
+//! One scene of the planner's table: a problem, its true answers, and what each variant makes of it.
+//!
+//! Ground truth: masks, gravity, meshes, and what a release does. Observed: depth with the sensor model.
+
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::time::Instant;
+
+use nalgebra::Isometry3;
+use repose_dataset::Split;
+use repose_geometry::transform::from_row_major;
+use repose_inference::Engine;
+use repose_planner::stability::Stability;
+use repose_planner::{Models, Prepared, plan_with_report};
+use repose_proto::place::{Outcome, Rejection, Variant};
+use repose_proto::scoring::{RealismBy, ScoreRequest};
+use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest, PlaceResult, SceneRef};
+use repose_simulator::release::ReleaseSettings;
+use repose_simulator::scene::{KindWeights, SceneKind};
+use serde::{Deserialize, Serialize};
+
+use crate::scenes::one_scene::OneScene;
+use crate::scenes::outcome::{Release, STABLE_M, judge, release};
+use crate::scenes::problem::{Problem, ProblemSettings};
+use crate::scenes::script::script_placement;
+use crate::scenes::true_answers::{Support, TrueAnswer, Truth, TruthSettings};
+
+/// What is tried on every scene.
+#[derive(Debug, Clone)]
+pub struct PlannerSceneSettings {
+    /// The variants, in the table's order.
+    pub variants: Vec<Variant>,
+    /// Distinct answers asked for; the first is the one that counts, all are looked at for what they stand on.
+    pub answers: u32,
+    /// What `best` makes of the outcome network's word and geometry.
+    pub stability: Stability,
+    /// How hard true answers are searched.
+    pub truth: TruthSettings,
+    /// How a release is simulated.
+    pub release: ReleaseSettings,
+}
+
+impl Default for PlannerSceneSettings {
+    fn default() -> Self {
+        Self {
+            variants: Variant::ALL.to_vec(),
+            answers: 8,
+            stability: Stability::embedded().clone(),
+            truth: TruthSettings::default(),
+            release: ReleaseSettings::default(),
+        }
+    }
+}
+
+/// A set of scenes: where they come from, and the kinds that take turns.
+#[derive(Debug, Clone)]
+pub struct SceneSet {
+    /// Its name in the table.
+    pub name: String,
+    /// The kinds, one a scene, in turn.
+    pub kinds: Vec<SceneKind>,
+    /// Whose problems.
+    pub problem: ProblemSettings,
+}
+
+impl SceneSet {
+    /// The problem of a slot of the set. A slot's seeds are its own, so that slots can be tried in any order and on any machine: where
+    /// a seed gives no scene or no open goal, the slot goes on to its next one. `None` when none of them does.
+    pub fn problem(&self, split: Split, slot: u64) -> Option<Problem> {
+        const SEEDS: u64 = 40;
+        const STRIDE: u64 = 1_000_000;
+        let kind = self.kinds.get(slot as usize % self.kinds.len().max(1)).copied()?;
+        let mut settings = self.problem.clone();
+        settings.scene.kinds = KindWeights::only(kind);
+        (0..SEEDS).find_map(|k| Problem::of_split(split, slot + k * STRIDE, &settings))
+    }
+}
+
+/// The candidate that the paper's columns are of: the lowest-cost feasible one, or where none is feasible, the one of lowest cost among
+/// those in view that violate the constraints least.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct InView {
+    /// The predictor's probability of the goal.
+    pub relations: f64,
+    /// The discriminator's.
+    pub realism: f64,
+    /// How far the object's centre moved after its release, metres.
+    pub moved_m: f64,
+}
+
+/// What a variant made of a problem.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Trial {
+    /// Which variant.
+    pub variant: Variant,
+    /// How its search ended.
+    pub outcome: Outcome,
+    /// Why the request was refused, if it was: the object carries another, or too little of it was seen. Counts as "none".
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refused: Option<String>,
+    /// What came of the first answer; none without one.
+    pub release: Option<Release>,
+    /// The paper's candidate; none when nothing drawn was in view.
+    pub in_view: Option<InView>,
+    /// On how many different things its answers stand.
+    pub supports: usize,
+    /// On how many of them at least one answer succeeds.
+    pub good_supports: usize,
+    /// What rejected candidates.
+    pub rejections: BTreeMap<Rejection, u64>,
+    /// Wall-clock time of the search, milliseconds.
+    pub plan_ms: f64,
+}
+
+impl Trial {
+    /// Whether a placement was returned that stayed, with the goal, and left everything else alone.
+    pub fn joint(&self) -> bool {
+        self.release.is_some_and(|r| r.judged.joint())
+    }
+
+    /// A trial whose request was refused.
+    fn refused(variant: Variant, why: String) -> Self {
+        Self {
+            variant,
+            outcome: Outcome::None,
+            refused: Some(why),
+            release: None,
+            in_view: None,
+            supports: 0,
+            good_supports: 0,
+            rejections: BTreeMap::new(),
+            plan_ms: 0.0,
+        }
+    }
+
+    /// Whether the release left the paper's candidate where it was.
+    pub fn stable(&self) -> bool {
+        self.in_view.is_some_and(|c| c.moved_m < STABLE_M)
+    }
+}
+
+/// What the script of [`crate::scenes::script`] made of a problem.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ScriptTrial {
+    /// What came of its answer; none without one.
+    pub release: Option<Release>,
+}
+
+impl ScriptTrial {
+    fn of(problem: &Problem, settings: &ReleaseSettings) -> Self {
+        Self { release: script_placement(problem).and_then(|placed| release(problem, &placed, settings)) }
+    }
+
+    /// As [`Trial::joint`].
+    pub fn joint(&self) -> bool {
+        self.release.is_some_and(|r| r.judged.joint())
+    }
+}
+
+/// What came of one scene.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SceneRecord {
+    /// The set's name.
+    pub set: String,
+    /// The scene's slot in its set.
+    pub slot: u64,
+    /// The scene's seed.
+    pub seed: u64,
+    /// What it is about.
+    pub kind: SceneKind,
+    /// The object to move.
+    pub query: u16,
+    /// The goal.
+    pub goal: GoalTerm,
+    /// On how many different things the search with the truth found an answer.
+    pub true_supports: usize,
+    /// What the bar to clear makes of it.
+    pub script: ScriptTrial,
+    /// One a variant.
+    pub trials: Vec<Trial>,
+}
+
+impl SceneRecord {
+    /// Whether the scene is known to have an answer: the search with the truth found one, or a variant or the script did.
+    pub fn answerable(&self) -> bool {
+        self.true_supports > 0 || self.script.joint() || self.trials.iter().any(Trial::joint)
+    }
+
+    /// What a variant made of it.
+    pub fn trial(&self, variant: Variant) -> Option<&Trial> {
+        self.trials.iter().find(|t| t.variant == variant)
+    }
+}
+
+/// A scene that was tried, for those who want to look at it.
+pub struct TriedScene {
+    /// The problem.
+    pub problem: Problem,
+    /// Its true answers.
+    pub truth: Vec<TrueAnswer>,
+    /// What is kept of it.
+    pub record: SceneRecord,
+    /// What each variant answered, in their order; `None` where the request was refused.
+    pub results: Vec<Option<PlaceResult>>,
+}
+
+/// Tries one slot of a set; `None` when it gives no problem.
+///
+/// # Errors
+/// The planner's or the engine's, on a problem that they should have been able to take.
+pub fn try_scene(
+    set: &SceneSet,
+    split: Split,
+    slot: u64,
+    engine: &Engine,
+    settings: &PlannerSceneSettings,
+) -> Result<Option<TriedScene>, CallError> {
+    let Some(problem) = set.problem(split, slot) else { return Ok(None) };
+    let Some(truth) = Truth::new(&problem) else { return Ok(None) };
+    let answers = truth.answers(&settings.truth, &settings.release);
+    let scene = Arc::new(problem.observed.clone());
+    let models = OneScene::new(engine, scene.clone()).with_stability(&settings.stability);
+    let prepared = Prepared::with_id(scene, models.scene_id().to_owned());
+    let (mut trials, mut results) = (Vec::new(), Vec::new());
+    for &variant in &settings.variants {
+        let (trial, result) = trial(variant, &problem, &truth, &prepared, &models, settings)?;
+        trials.push(trial);
+        results.push(result);
+    }
+    let record = SceneRecord {
+        set: set.name.clone(),
+        slot,
+        seed: problem.seed,
+        kind: problem.truth.kind,
+        query: problem.query,
+        goal: problem.goal,
+        true_supports: answers.len(),
+        script: ScriptTrial::of(&problem, &settings.release),
+        trials,
+    };
+    Ok(Some(TriedScene { truth: answers, record, results, problem }))
+}
+
+fn trial(
+    variant: Variant,
+    problem: &Problem,
+    truth: &Truth<'_>,
+    prepared: &Prepared,
+    models: &OneScene<'_>,
+    settings: &PlannerSceneSettings,
+) -> Result<(Trial, Option<PlaceResult>), CallError> {
+    let request = PlaceRequest {
+        variant,
+        seed: problem.seed,
+        count: settings.answers,
+        ..PlaceRequest::new(prepared.scene_id.clone(), problem.query, vec![problem.goal])
+    };
+    let started = Instant::now();
+    let report = match plan_with_report(prepared, &request, models, &mut |_| ControlFlow::Continue(())) {
+        Err(error) if error.code == ErrorCode::FailedPrecondition => return Ok((Trial::refused(variant, error.message), None)),
+        answered => answered?,
+    };
+    let plan_ms = started.elapsed().as_secs_f64() * 1e3;
+    let result = report.result;
+
+    let placed: Vec<Isometry3<f64>> = result.placements.iter().filter_map(|p| from_row_major(&p.placed_from_observed.0).ok()).collect();
+    let first = placed.first().and_then(|p| release(problem, p, &settings.release));
+    // One release a support: the first answer on it that succeeds, or all that fail.
+    let mut supports: BTreeMap<Support, bool> = BTreeMap::new();
+    for (i, p) in placed.iter().enumerate() {
+        let Some(support) = truth.support_of(p) else { continue };
+        let good = supports.entry(support).or_default();
+        if !*good {
+            let came = if i == 0 { first.map(|r| r.judged) } else { judge(problem, p, &settings.release) };
+            *good = came.is_some_and(|j| j.joint());
+        }
+    }
+    let in_view = match &report.best_in_view {
+        Some(best) => {
+            let there = best.candidate.placed_from_observed(&prepared.object(problem.query, "query")?.0.centroid);
+            let moved_m = judge(problem, &there, &settings.release).map_or(f64::MAX, |j| j.moved_m);
+            let asked = (best.relations.as_ref().map(|p| f64::from(p[0])), best.realism.map(f64::from));
+            let (relations, realism) = match asked {
+                (Some(relations), Some(realism)) if variant != Variant::Geometric => (relations, realism),
+                _ => scores(problem, models, best.candidate.row())?,
+            };
+            Some(InView { relations, realism, moved_m })
+        }
+        None => None,
+    };
+    let trial = Trial {
+        variant,
+        outcome: result.outcome,
+        refused: None,
+        release: first,
+        in_view,
+        supports: supports.len(),
+        good_supports: supports.values().filter(|good| **good).count(),
+        rejections: result.rejections.clone(),
+        plan_ms,
+    };
+    Ok((trial, Some(result)))
+}
+
+/// What the networks say of a candidate: probability of the goal as asked, and realism.
+fn scores(problem: &Problem, models: &OneScene<'_>, candidate: [f32; 4]) -> Result<(f64, f64), CallError> {
+    let goal = problem.goal;
+    let request = ScoreRequest {
+        scene: SceneRef { scene_id: models.scene_id().to_owned() },
+        query: problem.query,
+        anchors: vec![goal.anchor],
+        view_yaw_rad: problem.viewer.yaw_rad(),
+        realism: true,
+        realism_by: RealismBy::Discriminator,
+        relations: true,
+        candidates: vec![candidate],
+    };
+    let reply = models.score(&request, models.scene())?;
+    let (Some(realism), Some(relations)) = (reply.realism.first(), reply.relations.first()) else {
+        return Err(CallError::internal("the networks left a candidate out"));
+    };
+    let p = f64::from(relations[goal.relation.index()]);
+    Ok((if goal.holds { p } else { 1.0 - p }, f64::from(*realism)))
+}

@@ -1,0 +1,198 @@
+//! The scenes of the robot's table: one named object among others within the Panda's reach, seen by the cell's camera, and a goal for it.
+//!
+//! Ground truth: masks, the camera's pose, meshes and poses. Observed: depth with the sensor model. Objects stand upright, a hand's width
+//! apart, on the table or (in the second condition) on the table and a large box on it; the paper's Table 3 has the same two.
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use rand::RngExt;
+use rand::seq::SliceRandom;
+use rand_pcg::Pcg64;
+use repose_geometry::ViewerFrame;
+use repose_proto::{GoalTerm, Relation};
+use repose_sensor::SensorModel;
+use repose_simulator::arrange::random_color;
+use repose_simulator::cell::CellSettings;
+use repose_simulator::contact::PlacedParts;
+use repose_simulator::furniture::{Furniture, SupportSurface};
+use repose_simulator::objects::Shape;
+use repose_simulator::release::penetration_of;
+use repose_simulator::scene::{Scene, SceneKind, SceneObject, displacement_m};
+use serde::Serialize;
+
+use crate::scenes::problem::{GOAL_RELATIONS, Problem, frame_of};
+
+/// What stands on the table beside the objects.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Condition {
+    /// Nothing.
+    Table,
+    /// A large box, sometimes two.
+    LargeBox,
+}
+
+impl Condition {
+    /// Both, in the paper's order.
+    pub const ALL: [Self; 2] = [Self::Table, Self::LargeBox];
+
+    /// The name in snake case.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Table => "table",
+            Self::LargeBox => "large_box",
+        }
+    }
+
+    fn kind(self) -> SceneKind {
+        match self {
+            Self::Table => SceneKind::OpenTable,
+            Self::LargeBox => SceneKind::LargeBox,
+        }
+    }
+}
+
+/// How the scenes are made.
+#[derive(Debug, Clone)]
+pub struct RobotSceneSettings {
+    /// The robot's cell: table, camera, physics.
+    pub cell: CellSettings,
+    /// The depth sensor.
+    pub sensor: SensorModel,
+    /// Fewest and most other objects.
+    pub others: [usize; 2],
+    /// Corners of the part of the cell where objects start, world (x, y), metres: what the arm reaches from above.
+    pub workspace_m: [[f64; 2]; 2],
+    /// Least distance between objects at the start, metres: room for a finger.
+    pub margin_m: f32,
+    /// The fewest observed points of a query or an anchor.
+    pub min_points: usize,
+    /// How far an object may move while the scene settles, metres.
+    pub settled_m: f64,
+    /// Scenes drawn per trial until one will do.
+    pub attempts: usize,
+}
+
+impl Default for RobotSceneSettings {
+    fn default() -> Self {
+        Self {
+            cell: CellSettings::default(),
+            sensor: SensorModel::default(),
+            others: [2, 4],
+            workspace_m: [[0.32, -0.30], [0.70, 0.30]],
+            margin_m: 0.04,
+            min_points: 300,
+            settled_m: 0.02,
+            attempts: 60,
+        }
+    }
+}
+
+/// The problem of a trial: `object` among two to four of `others`. `None` when no draw will do.
+pub fn robot_problem(
+    object: &Arc<Shape>,
+    others: &[Arc<Shape>],
+    condition: Condition,
+    seed: u64,
+    settings: &RobotSceneSettings,
+) -> Option<Problem> {
+    let mut rng = Pcg64::new(u128::from(seed), 0x7ab1_e003);
+    (0..settings.attempts).find_map(|_| {
+        let truth = drawn(object, others, condition, seed, settings, &mut rng)?;
+        seen(truth, seed, settings, &mut rng)
+    })
+}
+
+/// A settled scene; its first object is the query.
+fn drawn(
+    object: &Arc<Shape>,
+    others: &[Arc<Shape>],
+    condition: Condition,
+    seed: u64,
+    settings: &RobotSceneSettings,
+    rng: &mut Pcg64,
+) -> Option<Scene> {
+    let kind = condition.kind();
+    let Furniture { fixtures, surfaces, outlook } = Furniture::sample(kind, &settings.cell.scene.table, rng);
+    let mut scene = Scene { seed, kind, fixtures, surfaces, outlook, objects: Vec::new(), gaps_m: Vec::new() };
+    let mut around: Vec<&Arc<Shape>> = others.iter().collect();
+    around.shuffle(rng);
+    let count = rng.random_range(settings.others[0]..=settings.others[1]);
+    for shape in std::iter::once(object).chain(around.into_iter().take(count)) {
+        put(&mut scene, shape, settings, rng)?;
+    }
+    let start: Vec<Isometry3<f64>> = scene.objects.iter().map(|o| o.world_from_object).collect();
+    let mut world = scene.world(settings.cell.scene.physics);
+    world.settle(&settings.cell.scene.rest)?;
+    let poses = world.poses();
+    let stays = |(i, o): (usize, &SceneObject)| displacement_m(&o.shape, &start[i], &poses[i]) <= settings.settled_m;
+    scene.objects.iter().enumerate().all(stays).then(|| scene.with_poses(&poses))
+}
+
+/// Puts one more object somewhere on a surface within the workspace, upright, turned at random.
+fn put(scene: &mut Scene, shape: &Arc<Shape>, settings: &RobotSceneSettings, rng: &mut Pcg64) -> Option<()> {
+    const TRIES: usize = 60;
+    const AIR_M: f64 = 0.0005;
+    let id = scene.objects.len() as u16 + 1;
+    let color = random_color(rng);
+    let [low, high] = settings.workspace_m;
+    for _ in 0..TRIES {
+        let surface = &scene.surfaces[rng.random_range(0..scene.surfaces.len())];
+        let [reach_x, reach_y] = [surface.half_extents_m.x, surface.half_extents_m.y];
+        let on_it = Point3::new(rng.random_range(-reach_x..reach_x), rng.random_range(-reach_y..reach_y), 0.0);
+        let at = surface.world_from_surface * on_it;
+        if !(low[0]..high[0]).contains(&at.x) || !(low[1]..high[1]).contains(&at.y) {
+            continue;
+        }
+        let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), rng.random_range(-std::f64::consts::PI..std::f64::consts::PI));
+        let height = at.z + shape.depth_below_origin_m(&Isometry3::identity()) + AIR_M;
+        let world_from_object = Isometry3::from_parts(Translation3::new(at.x, at.y, height), yaw);
+        if !stands_on(surface, shape, &world_from_object) || !keeps_away(scene, shape, &world_from_object, settings.margin_m) {
+            continue;
+        }
+        scene.objects.push(SceneObject { id, shape: shape.clone(), world_from_object, color });
+        if penetration_of(scene, scene.objects.len() - 1, &world_from_object) == 0.0 {
+            return Some(());
+        }
+        scene.objects.pop();
+    }
+    None
+}
+
+fn stands_on(surface: &SupportSurface, shape: &Shape, world_from_object: &Isometry3<f64>) -> bool {
+    shape.bounds(world_from_object).corners().iter().all(|corner| {
+        let at = surface.world_from_surface.inverse_transform_point(corner);
+        at.x.abs() <= surface.half_extents_m.x && at.y.abs() <= surface.half_extents_m.y
+    })
+}
+
+fn keeps_away(scene: &Scene, shape: &Shape, world_from_object: &Isometry3<f64>, margin_m: f32) -> bool {
+    let Some(placed) = PlacedParts::new(&shape.parts, world_from_object) else { return false };
+    let other = |o: &SceneObject| PlacedParts::new(&o.shape.parts, &o.world_from_object);
+    scene.objects.iter().filter_map(other).all(|o| !placed.is_within(&o, margin_m))
+}
+
+/// What the cell's camera makes of the scene, with a goal that is still open; `None` when too little is seen.
+fn seen(truth: Scene, seed: u64, settings: &RobotSceneSettings, rng: &mut Pcg64) -> Option<Problem> {
+    let (camera, world_from_camera) = (settings.cell.camera, settings.cell.world_from_camera());
+    let frame = frame_of(&truth, &camera, &world_from_camera, &settings.sensor, seed);
+    let observed = repose_perception::segment(&frame, &repose_perception::Settings::default()).ok()?;
+    let query = truth.objects.first()?.id;
+    let is_seen = |id: u16| observed.object(id).is_some_and(|o| o.points >= settings.min_points);
+    if !is_seen(query) {
+        return None;
+    }
+    let viewer = ViewerFrame::from_camera(&world_from_camera);
+    let relations = truth.relations(&viewer);
+    let mut open: Vec<(u16, Relation)> = Vec::new();
+    for (j, anchor) in truth.objects.iter().enumerate().skip(1).filter(|(_, o)| is_seen(o.id)) {
+        open.extend(GOAL_RELATIONS.iter().filter(|r| !relations[j][r.index()]).map(|r| (anchor.id, *r)));
+    }
+    if open.is_empty() {
+        return None;
+    }
+    let (anchor, relation) = open[rng.random_range(0..open.len())];
+    let goal = GoalTerm { relation, anchor, holds: true };
+    Some(Problem { seed, truth, camera, world_from_camera, viewer, frame, observed, query, goal })
+}

@@ -1,0 +1,159 @@
+//! The segmentation table: perception's own masks of labelled frames against the labels, which it does not get to see.
+//!
+//! Figures are means over frames, as published ones are; the share of objects found is of all objects. Two kinds of masks are scored:
+//! whole ones, which `segment --labels-out` writes, and cleaned ones, whose pixels became the points of the scene's objects (the band
+//! around each mask is left out on purpose). Frames are split by name ([`Half::of`]): changes to segmentation are judged on the one half
+//! only, and the other is for reporting.
+
+use repose_geometry::Image;
+use repose_perception::{SegmentError, Settings, segment_with_labels};
+use repose_proto::{CallError, Frame};
+use serde::Serialize;
+
+use crate::statistics::mask_scores::{MaskScores, Scores, score_masks};
+
+/// Which half of the frames a frame belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Half {
+    /// Looked at while segmentation is changed.
+    Tuning,
+    /// For reporting only.
+    Reporting,
+}
+
+impl Half {
+    /// The half of a frame by its folder's name: an even last digit is for tuning, everything else for reporting.
+    ///
+    /// Numbered frames of one recording share their objects, so that both halves see each kind of scene.
+    pub fn of(frame: &str) -> Self {
+        match frame.bytes().last() {
+            Some(digit) if digit.is_ascii_digit() && digit % 2 == 0 => Self::Tuning,
+            _ => Self::Reporting,
+        }
+    }
+}
+
+/// One frame's figures.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SegmentationTrial {
+    /// The set that it belongs to.
+    pub set: String,
+    /// Its name in the set.
+    pub frame: String,
+    /// Its half.
+    pub half: Half,
+    /// Of whole masks.
+    pub masks: MaskScores,
+    /// Of masks without their border bands.
+    pub cleaned: MaskScores,
+}
+
+/// Figures of several frames.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SegmentationRow {
+    /// How many frames.
+    pub frames: usize,
+    /// Labelled objects in them.
+    pub objects: usize,
+    /// Objects found in them.
+    pub found: usize,
+    /// On whole masks, mean over frames.
+    pub overlap: Scores,
+    /// On contours, mean over frames.
+    pub boundary: Scores,
+    /// Share of all labelled objects found with an overlap F above 0.75.
+    pub share_75: f64,
+}
+
+/// Perception's masks of one labelled frame, judged.
+///
+/// # Errors
+/// `invalid_argument` on `labels` when the frame has none; what [`segment_with_labels`] says otherwise.
+pub fn judge_frame(set: &str, name: &str, frame: &Frame, settings: &Settings) -> Result<SegmentationTrial, CallError> {
+    let mut frame = frame.clone();
+    let labels = frame.labels.take().ok_or_else(|| CallError::invalid("labels", format!("frame {name} has no labels to judge by")))?;
+    let labelled = Image::from_pixels(frame.camera.width, frame.camera.height, labels)
+        .map_err(|e| SegmentError::Frame(CallError::invalid("labels", e.to_string())))?;
+    let segmented = segment_with_labels(&frame, settings)?;
+    Ok(SegmentationTrial {
+        set: set.to_owned(),
+        frame: name.to_owned(),
+        half: Half::of(name),
+        masks: score_masks(&labelled, &segmented.labels),
+        cleaned: score_masks(&labelled, &segmented.cleaned),
+    })
+}
+
+/// The row of some frames; `scores` picks which masks.
+pub fn row_of<'a>(
+    trials: impl IntoIterator<Item = &'a SegmentationTrial>,
+    scores: impl Fn(&SegmentationTrial) -> &MaskScores,
+) -> SegmentationRow {
+    let scores: Vec<&MaskScores> = trials.into_iter().map(scores).collect();
+    let n = scores.len().max(1) as f64;
+    let mean = |of: &dyn Fn(&MaskScores) -> Scores| Scores {
+        precision: scores.iter().map(|s| of(s).precision).sum::<f64>() / n,
+        recall: scores.iter().map(|s| of(s).recall).sum::<f64>() / n,
+        f: scores.iter().map(|s| of(s).f).sum::<f64>() / n,
+    };
+    let objects: usize = scores.iter().map(|s| s.labelled).sum();
+    let above_75: usize = scores.iter().map(|s| s.above_75).sum();
+    SegmentationRow {
+        frames: scores.len(),
+        objects,
+        found: scores.iter().map(|s| s.found).sum(),
+        overlap: mean(&|s| s.overlap),
+        boundary: mean(&|s| s.boundary),
+        share_75: if objects == 0 { 1.0 } else { above_75 as f64 / objects as f64 },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_split_by_their_last_digit() {
+        for (name, half) in [
+            ("learn0", Half::Tuning),
+            ("learn44", Half::Tuning),
+            ("learn7", Half::Reporting),
+            ("mustard", Half::Reporting),
+            ("", Half::Reporting),
+        ] {
+            assert_eq!(Half::of(name), half, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_row_is_the_mean_over_frames_and_the_share_over_objects() {
+        let scores = |labelled, above_75, f| MaskScores {
+            labelled,
+            found: labelled,
+            above_75,
+            overlap: Scores { precision: f, recall: f, f },
+            boundary: Scores::default(),
+        };
+        let trial =
+            |masks: MaskScores| SegmentationTrial { set: "s".to_owned(), frame: "f".to_owned(), half: Half::Tuning, masks, cleaned: masks };
+        let row = row_of(&[trial(scores(1, 1, 1.0)), trial(scores(9, 4, 0.5))], |t| &t.masks);
+        assert_eq!((row.frames, row.objects, row.overlap.f, row.share_75), (2, 10, 0.75, 0.5));
+    }
+
+    #[test]
+    fn a_frame_without_labels_cannot_be_judged() {
+        let camera = repose_proto::CameraModel {
+            width: 2,
+            height: 1,
+            fx: 1.0,
+            fy: 1.0,
+            cx: 0.0,
+            cy: 0.0,
+            depth_unit_m: 0.001,
+            world_from_camera: None,
+        };
+        let frame = Frame { camera_name: "c".to_owned(), stamp_ns: 0, camera, depth: vec![1, 1], color: None, labels: None };
+        assert_eq!(judge_frame("s", "f", &frame, &Settings::default()).unwrap_err().field.as_deref(), Some("labels"));
+    }
+}
