@@ -1,61 +1,96 @@
 //! What is said and drawn of a placement that was asked for: by `plan`, `place` and sequences of them.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Isometry3;
-use repose_evaluation::report::picture::{Coloring, draw_ids, scene_picture, side_by_side};
-use repose_geometry::transform::from_row_major;
+use repose_evaluation::report::picture::{Coloring, captioned, draw_ids, scene_picture, side_by_side};
+use repose_geometry::transform::{from_row_major, yaw_of};
+use repose_proto::place::{Outcome, Placement, Rejection, Variant};
 use repose_proto::{PlaceResult, Scene};
 
-use crate::failure::{Failure, Outcome};
+use crate::failure::{self, Failure};
 use crate::output::Output;
 
 /// The scene with ids, and the scene with the best placement drawn in.
 pub fn before_and_after(scene: &Scene, result: &PlaceResult) -> Result<image::RgbImage, Failure> {
     let mut before = scene_picture(scene, Coloring::Seen, None);
     draw_ids(&mut before, scene);
+    let before = captioned(&before, "as seen, with object ids");
     let Some(best) = result.placements.first() else { return Ok(before) };
     let placed_from_observed: Isometry3<f64> = from_row_major(&best.placed_from_observed.0).map_err(Failure::other)?;
     let after = scene_picture(scene, Coloring::Seen, Some((result.query, &placed_from_observed)));
-    Ok(side_by_side(&[before, after]))
+    Ok(side_by_side(&[before, captioned(&after, "where the object is to stand: green")]))
 }
 
 /// Prints a result; ends in [`Failure::NoPlacement`] when it has none.
-pub fn print_result(result: &PlaceResult, output: Output) -> Outcome {
+pub fn print_result(result: &PlaceResult, output: Output) -> failure::Outcome {
     output.print(result, || describe(result))?;
     if result.placements.is_empty() { Err(Failure::NoPlacement) } else { Ok(()) }
 }
 
 /// A result for people.
 pub fn describe(result: &PlaceResult) -> String {
-    let goal = result.goal.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-    let mut text = format!(
-        "object {} to {goal}: {:?} after {} iterations and {} candidates ({})",
-        result.query, result.outcome, result.iterations, result.evaluated, result.variant
-    );
+    let goal = result.goal.iter().map(ToString::to_string).collect::<Vec<_>>().join(" and ");
+    let (iterations, evaluated, variant) = (result.iterations, result.evaluated, result.variant);
+    let effort = format!("{evaluated} candidates in {} ({variant})", counted(iterations, "iteration"));
+    let mut lines = vec![match result.placements.len() {
+        0 => format!("object {}, goal {goal}: no placement among {effort}", result.query),
+        found => format!("object {}, goal {goal}: {} from {effort}", result.query, counted(found as u32, "placement")),
+    }];
+    if result.outcome == Outcome::Partial {
+        lines.push("  the search was cut short by its time".to_owned());
+    }
     for (rank, placement) in result.placements.iter().enumerate() {
-        let m = &placement.placed_from_observed.0;
-        let yaw = from_row_major(m).map_or(0.0, |t| repose_geometry::transform::yaw_of(&t).to_degrees());
-        let relations = placement.relations.iter().map(|p| format!("{p:.2}")).collect::<Vec<_>>().join(" ");
-        let by_rule = placement.geometric.iter().map(|g| if g.holds { "holds" } else { "fails" }).collect::<Vec<_>>().join(" ");
-        text += &format!(
-            "\n  {rank}: moved by ({:+.3}, {:+.3}, {:+.3}) m, turned {yaw:.0}°; realism {:.3}, relations {relations}, by rule: {by_rule}; {:.0} mm inside its support, {:.0} mm clear",
-            m[3],
-            m[7],
-            m[11],
-            placement.realism,
-            placement.support_m * 1e3,
-            placement.clearance_m * 1e3
-        );
+        lines.push(format!("  {}. {}", rank + 1, motion(placement)));
+        lines.push(format!("     {}", merits(placement, result)));
+    }
+    let asked = result.count as usize;
+    if (1..asked).contains(&result.placements.len()) {
+        let apart_mm = result.min_separation_m * 1e3;
+        lines.push(format!("  {asked} were asked for: no other that passed is {apart_mm:.0} mm away from these"));
     }
     if result.placements.is_empty() {
-        let tally = result.rejections.iter().map(|(reason, n)| format!("{n} {}", reason_name(*reason))).collect::<Vec<_>>().join(", ");
-        text += &format!("\n  rejected: {tally}");
+        lines.push(format!("  rejected: {}", tally(&result.rejections)));
         if let Some(relaxation) = &result.relaxation {
-            text += &format!("\n  without {} {} candidates would have passed", relaxation.term, relaxation.admits);
+            lines.push(format!("  without {}, {} of them would pass", relaxation.term, relaxation.admits));
         }
     }
-    text
+    lines.join("\n")
 }
 
-fn reason_name(reason: repose_proto::place::Rejection) -> String {
-    serde_json::to_value(reason).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
+/// Where a placement moves the object.
+fn motion(placement: &Placement) -> String {
+    let m = &placement.placed_from_observed.0;
+    let turned = from_row_major(m).map_or(0.0, |t| yaw_of(&t).to_degrees());
+    format!("move by ({:+.3}, {:+.3}, {:+.3}) m, turn by {turned:.0}°", m[3], m[7], m[11])
+}
+
+/// What speaks for a placement: only what somebody evaluated.
+fn merits(placement: &Placement, result: &PlaceResult) -> String {
+    let realism = (!matches!(result.variant, Variant::Geometric | Variant::NoDiscriminator)).then_some(placement.realism);
+    let support_m = (placement.support_m > -1.0).then_some(placement.support_m);
+    let mut said: Vec<String> = realism.into_iter().map(|realism| format!("realism {realism:.2}")).collect();
+    for (k, term) in result.goal.iter().enumerate() {
+        let rule = placement.geometric.get(k).map(|g| if g.holds { "holds by rule" } else { "fails by rule" });
+        let learned = placement.relations.get(k).filter(|_| result.variant != Variant::Geometric).map(|p| format!("p {p:.2}"));
+        said.push(format!("{term}: {}", learned.into_iter().chain(rule.map(str::to_owned)).collect::<Vec<_>>().join(", ")));
+    }
+    said.extend(support_m.map(|m| format!("support margin {:.0} mm", m * 1e3)));
+    said.push(format!("clearance {:.0} mm", placement.clearance_m * 1e3));
+    said.join("; ")
+}
+
+/// What rejected candidates, the most frequent reason first.
+pub fn tally(rejections: &BTreeMap<Rejection, u64>) -> String {
+    let mut counts: Vec<(u64, String)> = rejections.iter().map(|(reason, count)| (*count, reason_name(*reason))).collect();
+    counts.sort_by(|a, b| b.0.cmp(&a.0).then_with(|| a.1.cmp(&b.1)));
+    counts.iter().map(|(count, reason)| format!("{reason} {count}")).collect::<Vec<_>>().join(", ")
+}
+
+fn reason_name(reason: Rejection) -> String {
+    serde_json::to_value(reason).ok().and_then(|v| v.as_str().map(|name| name.replace('_', " "))).unwrap_or_default()
+}
+
+fn counted(count: u32, noun: &str) -> String {
+    if count == 1 { format!("1 {noun}") } else { format!("{count} {noun}s") }
 }

@@ -103,6 +103,8 @@ pub fn lines_of(settings: &impl std::fmt::Debug) -> Vec<String> {
 pub struct Generated {
     /// Scenes written by this run.
     pub scenes: usize,
+    /// Scenes made of shards that are not written yet; none at the end.
+    pub unwritten: usize,
     /// Scenes that were there already.
     pub skipped: usize,
     /// Views written.
@@ -187,7 +189,8 @@ pub enum GenerateError {
     Stopped,
 }
 
-/// Generates what is missing. `progress` is called after every shard with the totals so far, and stops the run by returning false.
+/// Generates what is missing. `progress` is called after every scene with the totals so far, and stops the run by returning false: shards
+/// that were begun are finished.
 ///
 /// # Errors
 /// [`GenerateError`]; shards that were finished stay, and the next run goes on from them.
@@ -206,6 +209,16 @@ pub fn generate(settings: &GenerateSettings, progress: impl FnMut(&Generated) ->
     let next = AtomicUsize::new(0);
     let stop = AtomicBool::new(false);
     let state = Mutex::new((Generated::default(), progress, None::<GenerateError>));
+    // Tells of scenes: `count` gets the totals.
+    let told = |count: &dyn Fn(&mut Generated)| {
+        let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
+        count(&mut state.0);
+        let totals = state.0.clone();
+        if !(state.1)(&totals) {
+            state.2.get_or_insert(GenerateError::Stopped);
+            stop.store(true, Ordering::Relaxed);
+        }
+    };
     std::thread::scope(|scope| {
         for _ in 0..settings.threads.clamp(1, shards.max(1)) {
             scope.spawn(|| {
@@ -215,19 +228,13 @@ pub fn generate(settings: &GenerateSettings, progress: impl FnMut(&Generated) ->
                         break;
                     }
                     let first = settings.first_scene + shard as u64 * per_shard;
-                    let made = make_shard(settings, first, (first + per_shard).min(end));
-                    let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
-                    match made {
-                        Ok(shard) => {
-                            state.0.add(&shard);
-                            let totals = state.0.clone();
-                            if !(state.1)(&totals) {
-                                state.2.get_or_insert(GenerateError::Stopped);
-                                stop.store(true, Ordering::Relaxed);
-                            }
-                        }
+                    match make_shard(settings, first, (first + per_shard).min(end), &|| told(&|totals| totals.unwritten += 1)) {
+                        Ok(shard) => told(&|totals| {
+                            totals.add(&shard);
+                            totals.unwritten -= shard.scenes + shard.failed;
+                        }),
                         Err(error) => {
-                            state.2.get_or_insert(error);
+                            state.lock().unwrap_or_else(PoisonError::into_inner).2.get_or_insert(error);
                             stop.store(true, Ordering::Relaxed);
                         }
                     }
@@ -239,8 +246,8 @@ pub fn generate(settings: &GenerateSettings, progress: impl FnMut(&Generated) ->
     error.map_or(Ok(totals), Err)
 }
 
-/// Makes one shard, unless its file is there.
-fn make_shard(settings: &GenerateSettings, first: u64, end: u64) -> Result<Generated, GenerateError> {
+/// Makes one shard, unless its file is there; `scene_done` is called after each scene.
+fn make_shard(settings: &GenerateSettings, first: u64, end: u64, scene_done: &dyn Fn()) -> Result<Generated, GenerateError> {
     let mut made = Generated::default();
     // Numbered by its first scene, so that runs over different ranges share a folder.
     let (number, scenes) = ((first / settings.scenes_per_shard.max(1)) as usize, (end - first) as usize);
@@ -255,7 +262,9 @@ fn make_shard(settings: &GenerateSettings, first: u64, end: u64) -> Result<Gener
     let capacity = (scenes * settings.views as usize).max(1) + 1;
     let mut writer = ShardWriter::new(&settings.out, capacity, number).map_err(failed)?.with_suffix(&suffix);
     for scene in first..end {
-        let (views, rejected) = match scene_views(settings.split.seeds().start + scene, settings) {
+        let made_scene = scene_views(settings.split.seeds().start + scene, settings);
+        scene_done();
+        let (views, rejected) = match made_scene {
             Ok(views) => views,
             Err(none) => {
                 made.failed += 1;

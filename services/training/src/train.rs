@@ -54,7 +54,7 @@ pub struct TrainReport {
     pub views: usize,
     /// Samples (candidates, or pairs' episodes) a second of this run.
     pub samples_per_s: f64,
-    /// Figures on validation scenes at the end.
+    /// Figures on validation scenes at the end; null without such scenes.
     pub metrics: serde_json::Value,
 }
 
@@ -148,7 +148,12 @@ impl<'a, T: Task> Run<'a, T> {
         };
         run.resume()?;
         let validation_views = views_of(settings, Split::Validation)?;
-        if !validation_views.is_empty() {
+        if validation_views.is_empty() {
+            tracing::warn!(
+                data = %settings.data.display(),
+                "there are no validation scenes: nothing will say how good the weights are; `repose generate --split validation` makes some"
+            );
+        } else {
             let shared = Shared { views: &validation_views, ..run.shared() };
             let prepared = (0..settings.validation_episodes as u64).map(|i| draw(&shared, &mut generator(0, i, u64::MAX)));
             run.validation = prepared.filter_map(Result::transpose).collect::<Result<_, _>>()?;
@@ -289,7 +294,11 @@ impl<'a, T: Task> Run<'a, T> {
             }
         }
         let (averaged, _) = Networks::stored(&self.config, &weights, &self.networks.device)?;
-        let metrics = self.task.measure(&averaged, &self.config, &self.validation, &mut generator(0, 1, u64::MAX))?;
+        let metrics = match self.validation.is_empty() {
+            // Figures of no scenes would look like figures.
+            true => serde_json::Value::Null,
+            false => self.task.measure(&averaged, &self.config, &self.validation, &mut generator(0, 1, u64::MAX))?,
+        };
         let part = self.task.part().name();
         tracing::info!(step = self.step, %metrics, "validation");
         set(&mut self.info.metrics, part, metrics.clone());

@@ -7,7 +7,8 @@ use std::time::Duration;
 use clap::Args;
 use image::RgbImage;
 use nalgebra::{Isometry3, Point3};
-use repose_evaluation::report::picture::{Coloring, color_picture, scene_picture, side_by_side, write_picture};
+use repose_evaluation::report::picture::{Coloring, captioned, color_picture, scene_picture, side_by_side, write_picture};
+use repose_evaluation::report::written::can_write;
 use repose_geometry::transform::from_row_major;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
 use repose_proto::place::Variant;
@@ -19,6 +20,7 @@ use repose_proto::{
 use repose_runtime::{CallOptions, Caller, RuntimeConfig, Session, Shutdown, Subscription};
 use serde::Serialize;
 
+use crate::answer::tally;
 use crate::client;
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
@@ -72,6 +74,8 @@ struct Report {
 
 /// Runs the command.
 pub async fn run(args: &DemoArgs, output: Output) -> Outcome {
+    // A minute later would be too late to say so.
+    can_write(&args.out)?;
     let session = Session::open(RuntimeConfig::default()).await?;
     let shutdown = Shutdown::new();
     let mut configs = ServiceConfigs::default();
@@ -162,7 +166,9 @@ impl Cell {
 
         let placed_from_observed: Isometry3<f64> = transform(&planned.result.placements[planned.plan.placement].placed_from_observed)?;
         let drawn = scene_picture(&scene, Coloring::Seen, Some((planned.query, &placed_from_observed)));
-        write_picture(&args.out, &side_by_side(&[seen_before, drawn, seen_after]).into())?;
+        let strip =
+            [(&seen_before, "before"), (&drawn, "planned: green"), (&seen_after, "after the robot")].map(|(p, text)| captioned(p, text));
+        write_picture(&args.out, &side_by_side(&strip).into())?;
         let wanted = placed_from_observed * center_of(object_of(&before, planned.query)?)?;
         let stands = center_of(object_of(&after, planned.query)?)?;
         let pair = after.relations.iter().find(|p| p.query == planned.query && p.anchor == planned.goal.anchor);
@@ -201,7 +207,7 @@ impl Cell {
                 answered => answered?,
             };
             if result.placements.is_empty() {
-                given_up.push(format!("object {query} to {goal}: no placement, {:?}", result.rejections));
+                given_up.push(format!("object {query} to {goal}: no placement; rejected: {}", tally(&result.rejections)));
                 continue;
             }
             let request = MotionPlanRequest {

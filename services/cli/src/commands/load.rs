@@ -97,11 +97,19 @@ pub async fn run(args: &LoadArgs, output: Output) -> Outcome {
     output.print(&report, || {
         let latency = report.latency_ms.iter().map(|(k, v)| format!("{k} {v:.0}")).collect::<Vec<_>>().join(", ");
         format!(
-            "{} requests: {:?}\noffered {:.1}/s, achieved {:.1}/s; latency ms: {latency}\nper worker: {:?}",
-            report.requests, report.outcomes, report.offered_per_s, report.achieved_per_s, report.per_worker
+            "{} requests: {}\noffered {:.1}/s, achieved {:.1}/s; latency in ms: {latency}\nanswers by worker: {}",
+            report.requests,
+            counts(&report.outcomes),
+            report.offered_per_s,
+            report.achieved_per_s,
+            counts(&report.per_worker)
         )
     })?;
     if report.per_worker.is_empty() { Err(Failure::NotAchieved) } else { Ok(()) }
+}
+
+fn counts(of: &BTreeMap<String, usize>) -> String {
+    of.iter().map(|(name, count)| format!("{name} {count}")).collect::<Vec<_>>().join(", ")
 }
 
 /// One client: takes the next request until there are none; with a rate, at its time and not before.

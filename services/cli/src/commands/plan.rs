@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use clap::Args;
 use repose_evaluation::report::picture::write_picture;
+use repose_evaluation::report::written::can_write;
 use repose_proto::Message;
 
 use crate::answer::{before_and_after, print_result};
@@ -39,6 +40,7 @@ pub struct PlanArgs {
 
 /// Runs the command.
 pub fn run(args: &PlanArgs, output: Output) -> Outcome {
+    args.out.as_deref().map_or(Ok(()), can_write)?;
     let mut frame = frames::read(&args.frame)?;
     if args.ignore_labels {
         frame.labels = None;

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use clap::Args;
 use nalgebra::Point3;
+use repose_evaluation::report::text::table;
 use repose_geometry::ViewerFrame;
 use repose_inference::HeldScene;
 use repose_proto::scoring::{RealismBy, ScoreRequest};
@@ -42,13 +43,14 @@ pub fn run(args: &RelationsArgs, output: Output) -> Outcome {
     let scene = frames::scene_of(&frames::read(&args.frame)?)?;
     let pairs = pairs_of(scene, &args.networks.models()?)?;
     output.print(&serde_json::json!({"pairs": pairs}), || {
-        let name = |flags: &dyn Fn(usize) -> bool| {
-            Relation::ALL.iter().filter(|r| flags(r.index())).map(|r| r.as_str()).collect::<Vec<_>>().join(" ")
-        };
-        let line = |p: &Pair| {
-            format!("{:>3} to {:>3}: learned [{}] by rule [{}]", p.query, p.anchor, name(&|i| p.learned[i] > 0.5), name(&|i| p.rule[i]))
-        };
-        pairs.iter().map(line).collect::<Vec<_>>().join("\n")
+        let names = Relation::ALL.iter().map(|relation| relation.as_str().replace('_', "\n"));
+        let mut table = table(["query", "anchor"].map(str::to_owned).into_iter().chain(names));
+        for pair in &pairs {
+            let cell = |(p, rule): (&f32, &bool)| format!("{p:.2}{}", if *rule { " *" } else { "" });
+            let cells = pair.learned.iter().zip(&pair.rule).map(cell);
+            table.add_row([pair.query, pair.anchor].map(|id| id.to_string()).into_iter().chain(cells));
+        }
+        format!("{table}\nprobability that the query stands in the relation to the anchor; *: it does by rule")
     })
 }
 

@@ -5,10 +5,11 @@ use std::sync::Arc;
 
 use clap::Args;
 use nalgebra::Point3;
+use repose_evaluation::report::text::table;
 use repose_geometry::transform::{from_row_major, yaw_of};
 use repose_inference::HeldScene;
 use repose_proto::scoring::{RealismBy, ScoreRequest};
-use repose_proto::{CallError, SceneRef, limits};
+use repose_proto::{CallError, Relation, SceneRef, limits};
 
 use crate::embedded::NetworkArgs;
 use crate::failure::{Failure, Outcome};
@@ -84,9 +85,13 @@ pub fn run(args: &ScoreArgs, output: Output) -> Outcome {
     };
     let reply = args.networks.models()?.engine().score(&request, &held)?;
     output.print(&serde_json::json!({"realism": reply.realism, "relations": reply.relations}), || {
-        let line = |(realism, relations): (&f32, &[f32; 10])| {
-            format!("realism {realism:.3}, relations {}", relations.iter().map(|p| format!("{p:.2}")).collect::<Vec<_>>().join(" "))
-        };
-        reply.realism.iter().zip(&reply.relations).map(line).collect::<Vec<_>>().join("\n")
+        let names = Relation::ALL.iter().map(|relation| relation.as_str().replace('_', "\n"));
+        let mut table = table(["placement".to_owned(), "realism".to_owned()].into_iter().chain(names));
+        for (i, (realism, relations)) in reply.realism.iter().zip(&reply.relations).enumerate() {
+            let probabilities = std::iter::once(realism).chain(relations).map(|p| format!("{p:.2}"));
+            table.add_row(std::iter::once(i.to_string()).chain(probabilities));
+        }
+        let (query, anchor) = (args.query, args.anchor);
+        format!("{table}\nprobabilities: of realism, and that object {query} stands in each relation to object {anchor}; placements count from 0")
     })
 }

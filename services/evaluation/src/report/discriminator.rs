@@ -1,9 +1,9 @@
 //! The report of `evaluate discriminator`: JSON with the contract's keys, a table beside the paper's figures, and plots as SVG.
 
-use comfy_table::Table;
 use serde_json::{Value, json};
 
 use crate::report::plots::{DrawError, Points, reliability, scatter};
+use crate::report::text;
 use crate::tables::discriminator::{Correlation, DiscriminatorTable, Forecaster, OUTLIER_M, Trial};
 use crate::tables::paper;
 
@@ -92,8 +92,7 @@ fn scatter_plot(table: &DiscriminatorTable) -> Result<String, DrawError> {
 
 /// The table for people.
 pub fn text_of(table: &DiscriminatorTable) -> String {
-    let mut text = Table::new();
-    text.set_header(["", "ours", "paper"]);
+    let mut text = text::table(["", "ours", "paper"]);
     for row in &table.rows {
         let calibration = match (row.calibration.error, row.calibration.floor) {
             (Some(error), Some(floor)) => format!("{error:.3} (a perfect forecaster: {floor:.3})"),
@@ -119,8 +118,23 @@ pub fn text_of(table: &DiscriminatorTable) -> String {
         let area = row.auc.map_or_else(|| "-".to_owned(), |a| format!("{a:.3}{interval}"));
         text.add_row([format!("random, {by}: area under the curve"), area, "-".to_owned()]);
     }
-    format!("{} scenes; {DEFINITION}\n{text}", table.scenes)
+    format!("{} kitchen scenes, one open goal each\n{text}\n{}", table.scenes, text::legend(&LEGEND))
 }
+
+/// The rows, in their order.
+const LEGEND: [(&str, &str); 7] = [
+    ("scenes with an answer", "a placement was returned; the paper's confident scenes"),
+    ("stable", "the object's centre moved less than 5 cm in 500 physics steps, of the scenes with an answer"),
+    ("with the goal", "the goal held by ground truth after settling, too"),
+    ("random", "draws of the learned prior, without planning"),
+    (
+        "r",
+        "Pearson's correlation of realism with the distance moved, movements of 0.5 m and more left out. Its p takes draws for \
+           independent, which those of one scene are not: one a scene is as the paper has it. Intervals are over scenes",
+    ),
+    ("area under the curve", "of realism for moving less than 5 cm, all draws; 0.5 is chance"),
+    ("calibration error", "mean distance of realism from the share that was stable, over ten bins, of all placements returned"),
+];
 
 fn papers((r, p): (f64, f64)) -> String {
     format!("{r:.3}, p {p:.3}")

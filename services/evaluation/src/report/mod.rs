@@ -10,5 +10,6 @@ pub mod plots;
 pub mod relations;
 pub mod robot;
 pub mod segmentation;
+pub mod text;
 pub mod world;
 pub mod written;

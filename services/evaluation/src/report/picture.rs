@@ -6,8 +6,8 @@ use image::{DynamicImage, ImageFormat, Rgb, RgbImage};
 use nalgebra::{Isometry3, Point3};
 use repose_geometry::{Image, Pinhole};
 use repose_proto::{CameraModel, Scene};
-use repose_simulator::sheet::colors::object_color;
-use repose_simulator::sheet::drawing::number_pixels;
+use repose_simulator::sheet::colors::{PAPER, object_color};
+use repose_simulator::sheet::drawing::{LINE_HEIGHT, blit, number_pixels, write_lines};
 
 use crate::report::written::FileError;
 
@@ -90,6 +90,15 @@ pub fn side_by_side(pictures: &[RgbImage]) -> RgbImage {
         left += picture.width() + GAP;
     }
     sheet
+}
+
+/// A picture with a line of text below it.
+pub fn captioned(picture: &RgbImage, caption: &str) -> RgbImage {
+    let (width, height) = (picture.width() as usize, picture.height() as usize);
+    let mut sheet = Image::filled(width, height + LINE_HEIGHT + 4, PAPER);
+    blit(&mut sheet, &library_picture(picture), 0, 0);
+    write_lines(&mut sheet, 2, height + 2, caption, &[]);
+    rgb_image(&sheet)
 }
 
 /// Writes an object's id in the middle of a picture's region, so that people can name objects to `--move` and `--goal`.

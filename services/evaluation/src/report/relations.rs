@@ -4,6 +4,7 @@ use comfy_table::Table;
 use serde_json::{Value, json};
 
 use crate::report::plots::{Bars, DrawError, grouped_bars};
+use crate::report::text::{legend, paragraph, table};
 use crate::tables::paper;
 use crate::tables::relations::{Figure, JudgedBy, MethodScores, RelationRow, RelationsTable};
 
@@ -81,48 +82,85 @@ pub fn pictures(table: &RelationsTable, [apart, together]: &[RelationsTable; 2])
 
 /// The tables for people.
 pub fn text_of(table: &RelationsTable, [apart, together]: &[RelationsTable; 2]) -> String {
-    let mut text = Table::new();
-    text.set_header([
-        "relation",
-        "% true (paper)",
-        "F1 learned",
-        "at paper's %",
-        "paper",
-        "apart",
-        "together",
-        "F1 by rule",
-        "at paper's %",
-        "paper",
-        "sensitivity learned, rule (paper)",
-        "specificity learned, rule (paper)",
-    ]);
-    for (row, (apart, together)) in table.rows.iter().zip(apart.rows.iter().zip(&together.rows)) {
-        let paper = |of: fn(&paper::PaperRelation) -> f64| row.paper.as_ref().map_or_else(|| "-".to_owned(), |p| format!("{:.3}", of(p)));
-        let pair = |of: fn(&MethodScores) -> Figure, theirs: String, their_baseline: String| {
-            format!("{}, {} ({theirs}, {their_baseline})", plain(of(&row.learned)), plain(of(&row.baseline)))
-        };
-        let name = match row.judged_by {
-            JudgedBy::Network => row.relation.to_string(),
-            JudgedBy::Rule => format!("{} (by rule)", row.relation),
-        };
+    let RelationsTable { examples, scenes, views, lost, .. } = table;
+    let head = format!("{examples} examples of {views} views of {scenes} scenes; {lost} pairs were lost by perception.");
+    format!(
+        "{head}\n\nThe paper's Table 2: pictures as rendered\n{}\n\nF1 of the learned predictor with a camera's faults\n{}\n\nSensitivity and \
+         specificity, pictures as rendered\n{}\n\n{}\n\n{}",
+        f1_table(table),
+        faults_table(table, apart, together),
+        rates_table(table),
+        legend(&LEGEND),
+        paragraph(EXAMPLE)
+    )
+}
+
+/// The columns, in the order of the tables.
+const LEGEND: [(&str, &str); 6] = [
+    ("true", "share of the examples in which the relation holds, percent; the paper's in brackets"),
+    ("learned, rule", "the relation predictor, and the geometric rules on the same clouds; with 95 % intervals over scenes"),
+    ("at paper's", "the F1 of this sensitivity and specificity at the paper's share of true examples: F1 depends on that share"),
+    ("paper", "the same method's figure in the paper"),
+    ("apart, together", "a random camera's faults; each object hides what it hides in `together` only"),
+    ("(by rule)", "the networks leave this relation to the rules, as the paper's do"),
+];
+
+fn name(row: &RelationRow) -> String {
+    match row.judged_by {
+        JudgedBy::Network => row.relation.to_string(),
+        JudgedBy::Rule => format!("{} (by rule)", row.relation),
+    }
+}
+
+fn f1_table(of: &RelationsTable) -> Table {
+    let mut table = table(["relation", "true", "F1 learned", "at paper's", "paper", "F1 rule", "at paper's", "paper"]);
+    for row in &of.rows {
         let prevalence = row.paper.as_ref().map_or_else(|| "-".to_owned(), |p| format!("{:.1}", p.true_percent));
-        text.add_row([
-            name,
+        table.add_row([
+            name(row),
             format!("{:.1} ({prevalence})", row.learned.counts.true_percent()),
             with_interval(row.learned.f1),
             plain(row.learned.f1_at_paper_prevalence),
-            paper(|p| p.f1),
-            with_interval(apart.learned.f1),
-            with_interval(together.learned.f1),
+            papers(row, |p| p.f1),
             with_interval(row.baseline.f1),
             plain(row.baseline.f1_at_paper_prevalence),
-            paper(|p| p.baseline_f1),
-            pair(|s| s.sensitivity, paper(|p| p.sensitivity), paper(|p| p.baseline_sensitivity)),
-            pair(|s| s.specificity, paper(|p| p.specificity), paper(|p| p.baseline_specificity)),
+            papers(row, |p| p.baseline_f1),
         ]);
     }
-    let RelationsTable { examples, scenes, views, lost, .. } = table;
-    format!("{examples} examples of {views} views of {scenes} scenes ({lost} pairs lost by perception); {EXAMPLE}\n{text}")
+    table
+}
+
+fn faults_table(rendered: &RelationsTable, apart: &RelationsTable, together: &RelationsTable) -> Table {
+    let mut table = table(["relation", "rendered", "apart", "together", "paper"]);
+    for ((row, apart), together) in rendered.rows.iter().zip(&apart.rows).zip(&together.rows) {
+        let f1 = |row: &RelationRow| with_interval(row.learned.f1);
+        table.add_row([name(row), f1(row), f1(apart), f1(together), papers(row, |p| p.f1)]);
+    }
+    table
+}
+
+fn rates_table(of: &RelationsTable) -> Table {
+    let columns = ["learned", "paper", "rule", "paper"];
+    let header = ["sensitivity", "specificity"].into_iter().flat_map(|what| columns.map(|c| format!("{what} {c}")));
+    let mut table = table(std::iter::once("relation".to_owned()).chain(header));
+    for row in &of.rows {
+        table.add_row([
+            name(row),
+            plain(row.learned.sensitivity),
+            papers(row, |p| p.sensitivity),
+            plain(row.baseline.sensitivity),
+            papers(row, |p| p.baseline_sensitivity),
+            plain(row.learned.specificity),
+            papers(row, |p| p.specificity),
+            plain(row.baseline.specificity),
+            papers(row, |p| p.baseline_specificity),
+        ]);
+    }
+    table
+}
+
+fn papers(row: &RelationRow, of: fn(&paper::PaperRelation) -> f64) -> String {
+    row.paper.as_ref().map_or_else(|| "-".to_owned(), |p| format!("{:.3}", of(p)))
 }
 
 fn plain(figure: Figure) -> String {

@@ -1,7 +1,6 @@
 //! The report of `evaluate robot`: JSON with the contract's keys, and a table beside the paper's figures.
 
-use comfy_table::Table;
-
+use crate::report::text;
 use crate::scenes::robot_scene::Condition;
 use crate::statistics::rate::Rate;
 use crate::tables::robot::{RobotRow, RobotTable};
@@ -37,20 +36,26 @@ pub fn document(table: &RobotTable) -> serde_json::Value {
 
 /// The table for people.
 pub fn text_of(table: &RobotTable) -> String {
-    let mut text = Table::new();
-    text.set_header(["object", "condition", "plan", "grasp", "place", "end to end", "failures"]);
+    let mut text = text::table(["object", "condition", "plan", "grasp", "place", "end to end", "failures"]);
     for row in &table.rows {
         text.add_row(cells(row, |rate| format!("{}/{}", rate.of, rate.n)));
     }
     for row in &table.overall {
-        text.add_row(cells(row, |rate| rate.to_string()));
+        text.add_row(cells(row, |rate| rate.short()));
         let [plan, grasp, place] = of_paper(row.condition).map(|p| format!("{p:.0} %"));
         text.add_row(["the paper's".to_owned(), row.condition.name().to_owned(), plan, grasp, place, String::new(), String::new()]);
     }
-    format!(
-        "{text}\nground truth: masks, camera pose, outcomes; observed: depth with the sensor model. Rates are of the trials that came so far"
-    )
+    format!("{text}\n{}", text::legend(&LEGEND))
 }
+
+/// The columns, in their order.
+const LEGEND: [(&str, &str); 5] = [
+    ("plan", "a placement and a motion to it were found; successes of trials, with 95 % intervals over all objects"),
+    ("grasp", "of those: the object was in the hand when the lift had ended"),
+    ("place", "of those: it stands within 5 cm of where it was to stand, and the goal holds"),
+    ("end to end", "all three, of all trials"),
+    ("ground truth", "masks, the camera's pose and the outcomes; depth is disturbed by the sensor model"),
+];
 
 fn cells(row: &RobotRow, show: impl Fn(&Rate) -> String) -> Vec<String> {
     let causes: Vec<String> = row.causes.iter().map(|(cause, count)| format!("{} {count}", cause.name())).collect();

@@ -1,8 +1,8 @@
 //! The report of `evaluate segmentation`: JSON with the contract's keys, and a table for people.
 
-use comfy_table::Table;
 use serde_json::{Value, json};
 
+use crate::report::text;
 use crate::statistics::mask_scores::{MaskScores, Scores};
 use crate::tables::segmentation::{Half, SegmentationRow, SegmentationTrial, row_of};
 
@@ -58,8 +58,7 @@ impl<'a> SegmentationReport<'a> {
 
     /// The table for people.
     pub fn text(&self) -> String {
-        let mut table = Table::new();
-        table.set_header(["frames", "n", "objects", "found", "masks", "overlap P / R / F", "boundary P / R / F", "share ≥ .75"]);
+        let mut table = text::table(["frames", "n", "objects", "found", "masks", "overlap P / R / F", "boundary P / R / F", "share > .75"]);
         for (name, masks, cleaned) in &self.rows {
             table.add_row(cells(name, "whole", masks));
             table.add_row(cells("", "cleaned", cleaned));
@@ -68,9 +67,22 @@ impl<'a> SegmentationReport<'a> {
         worst.sort_by(|a, b| a.masks.overlap.f.total_cmp(&b.masks.overlap.f));
         let worst: Vec<String> = worst.iter().take(5).map(|t| format!("{} ({:.3})", t.frame, t.masks.overlap.f)).collect();
         let tolerances_px = self.tolerances_px;
-        format!("{table}\n{DEFINITION}; tolerance {tolerances_px:?} px\nlowest overlap F of the tuning half: {}", worst.join(", "))
+        format!(
+            "{table}\n{}\n{}\n{}",
+            text::legend(&LEGEND),
+            text::paragraph(&format!("{DEFINITION}; tolerance {tolerances_px:?} px")),
+            text::paragraph(&format!("lowest overlap F of the tuning half: {}", worst.join(", ")))
+        )
     }
 }
+
+/// The columns, in their order.
+const LEGEND: [(&str, &str); 4] = [
+    ("objects, found", "labelled objects, and objects that perception found"),
+    ("masks", "whole, or cleaned of their borders as scenes have them"),
+    ("P / R / F", "precision, recall and their harmonic mean, on whole masks and on contours"),
+    ("share > .75", "of the labelled objects, those found with an overlap F above .75"),
+];
 
 fn cells(name: &str, kind: &str, row: &SegmentationRow) -> Vec<String> {
     let three = |s: Scores| format!("{:.3} / {:.3} / {:.3}", s.precision, s.recall, s.f);

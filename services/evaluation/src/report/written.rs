@@ -34,3 +34,44 @@ pub fn write_report(folder: &Path, name: &str, document: &serde_json::Value, pic
     }
     Ok(())
 }
+
+/// Makes sure that a file can be written, before the work is done that it is to hold: makes its folder, and leaves a file that is there as it is.
+///
+/// # Errors
+/// When folder or file cannot be written.
+pub fn can_write(path: &Path) -> Result<(), FileError> {
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(|e| FileError::new(folder, e))?;
+    }
+    let is_new = !path.exists();
+    std::fs::File::options().append(true).create(true).open(path).map_err(|e| FileError::new(path, e))?;
+    if is_new { std::fs::remove_file(path).map_err(|e| FileError::new(path, e)) } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_cannot_be_written_is_named_and_one_that_is_there_stays() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let there = folder.path().join("there.png");
+        std::fs::write(&there, "kept").expect("written");
+        can_write(&there).expect("it can");
+        assert_eq!(std::fs::read_to_string(&there).expect("it is there"), "kept");
+        let new = folder.path().join("below/new.png");
+        can_write(&new).expect("it can");
+        assert!(!new.exists());
+        let below_a_file = there.join("picture.png");
+        assert!(can_write(&below_a_file).expect_err("a file is no folder").to_string().contains("there.png"));
+    }
+
+    #[test]
+    fn a_report_has_its_json_and_its_pictures() {
+        let folder = tempfile::tempdir().expect("a folder");
+        write_report(folder.path(), "table", &serde_json::json!({"scenes": 2}), &[("bars".to_owned(), "<svg/>".to_owned())])
+            .expect("written");
+        let text = |name: &str| std::fs::read_to_string(folder.path().join(name)).expect(name);
+        assert!(text("table.json").contains("\"scenes\": 2") && text("bars.svg") == "<svg/>");
+    }
+}

@@ -23,6 +23,12 @@ impl Rate {
         (self.n > 0).then(|| 100.0 * self.of as f64 / self.n as f64)
     }
 
+    /// The rate with its interval and without the counts: `95 % [89, 98]`, or `-` without trials.
+    pub fn short(&self) -> String {
+        let [low, high] = self.interval_percent();
+        self.percent().map_or_else(|| "-".to_owned(), |percent| format!("{percent:.0} % [{low:.0}, {high:.0}]"))
+    }
+
     /// Wilson's 95 % score interval, percent.
     pub fn interval_percent(&self) -> [f64; 2] {
         if self.n == 0 {

@@ -40,7 +40,7 @@ pub enum ManifestError {
         reason: String,
     },
     /// The folder's shards, or a file of outcomes, were made in another way.
-    #[error("{path}: what is there was made with other settings, so that new files cannot join it: {}", differences.join("; "))]
+    #[error("{path}: what is there was made with other settings; take another folder, or the same settings. {}", summary(differences))]
     Differs {
         /// The folder's manifest, or the file of outcomes.
         path: PathBuf,
@@ -108,8 +108,40 @@ pub(crate) fn compare(at: &str, there: &serde_json::Value, now: &serde_json::Val
                 compare(&format!("{at}[{k}]"), there, now, differences);
             }
         }
-        _ if there != now => differences.push(format!("{at}: there {there}, now {now}")),
+        (Array(there), Array(now)) => {
+            let only = |ours: &[serde_json::Value], theirs: &[serde_json::Value]| -> Vec<String> {
+                ours.iter().filter(|value| !theirs.contains(value)).map(short).collect()
+            };
+            let (gone, new) = (only(there, now), only(now, there));
+            differences.push(format!("{at}: only there [{}], only now [{}]", listed(&gone), listed(&new)));
+        }
+        _ if there != now => differences.push(format!("{at}: there {}, now {}", short(there), short(now))),
         _ => {}
+    }
+}
+
+/// Differences that a message names; who wants all compares the two files.
+const NAMED: usize = 4;
+
+fn summary(differences: &[String]) -> String {
+    let more = differences.len().saturating_sub(NAMED);
+    let named = differences[..differences.len() - more].join("; ");
+    if more == 0 { format!("Differs in {named}") } else { format!("Differs in {named}; and {more} more") }
+}
+
+fn listed(values: &[String]) -> String {
+    let more = values.len().saturating_sub(NAMED);
+    let named = values[..values.len() - more].join(", ");
+    if more == 0 { named } else { format!("{named}, and {more} more") }
+}
+
+/// A value as one short piece of text.
+fn short(value: &serde_json::Value) -> String {
+    const MOST: usize = 60;
+    let text = value.to_string();
+    match text.char_indices().nth(MOST) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text,
     }
 }
 
@@ -135,6 +167,16 @@ mod tests {
             "settings.color: there null, now true",
         ];
         assert_eq!(differences, expected);
+    }
+
+    #[test]
+    fn a_message_names_a_few_short_differences() {
+        let folder = tempfile::tempdir().unwrap();
+        let scene: Vec<String> = (0..40).map(|k| format!("setting {k}: {}", "9".repeat(90))).collect();
+        Manifest::new("test", json!({ "scene": scene, "views": 5 })).claim(folder.path()).unwrap();
+        let error = Manifest::new("test", json!({ "scene": scene[1..], "views": 4 })).claim(folder.path()).unwrap_err().to_string();
+        assert!(error.contains("only there [\"setting 0: 9") && error.contains("views: there 5, now 4"), "{error}");
+        assert!(error.len() < 400, "{error}");
     }
 
     #[test]

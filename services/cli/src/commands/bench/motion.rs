@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
+use repose_evaluation::report::text::{legend, table};
 use repose_evaluation::statistics::quantile::Sorted;
 use repose_motion::benchmark::{ProblemFile, Solution, Unsolved, solve};
 use repose_motion::joint_path::length;
@@ -147,8 +148,7 @@ fn write_paths(to: &std::path::Path, solved: &Solved) -> Outcome {
 }
 
 fn text_of(report: &Report) -> String {
-    let mut table = comfy_table::Table::new();
-    table.set_header(["set", "solved", "valid", "plan µs mean", "p50", "p95", "simplified µs mean", "p50", "p95", "length rad"]);
+    let mut table = table(["set", "solved", "valid", "plan µs mean", "p50", "p95", "simplified µs mean", "p50", "p95", "length rad"]);
     let rows = report.sets.iter().map(|(set, row)| (set.as_str(), row)).chain([("all", &report.all)]);
     for (set, row) in rows {
         let times = |t: &Times| [t.mean, t.p50, t.p95].map(|us| format!("{us:.0}"));
@@ -162,7 +162,12 @@ fn text_of(report: &Report) -> String {
         let kind = if f.invalid { "invalid" } else { "not solved" };
         format!("\n{} {}: {kind}: {}", f.set, f.index, f.reason)
     });
-    format!("{table}{}", unsolved.collect::<String>())
+    let legend = legend(&[
+        ("valid", "problems whose start and goal are within limits and touch nothing"),
+        ("plan, simplified", "time to a path, and to a path that has been shortened, too"),
+        ("length", "of shortened paths in joint space, on average"),
+    ]);
+    format!("{table}\n{legend}{}", unsolved.collect::<String>())
 }
 
 #[cfg(test)]

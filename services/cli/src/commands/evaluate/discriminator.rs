@@ -12,6 +12,7 @@ use serde_json::json;
 use super::shared::{StabilityArgs, TableArgs, named, only_meshes};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
+use crate::progress::Progress;
 use crate::values::parse_variant;
 
 /// Arguments of `evaluate discriminator`.
@@ -53,7 +54,9 @@ pub fn run(args: &EvaluateDiscriminatorArgs, output: Output) -> Outcome {
     }
     let engine = args.common.engine()?;
     settings.stability = args.stability.read(&engine)?;
-    let table = evaluate_discriminator(args.common.split, args.scenes, &engine, &settings, |scenes| tracing::info!(scenes, "tried"))?;
+    let progress = Progress::new(args.scenes as u64, "scenes");
+    let table = evaluate_discriminator(args.common.split, args.scenes, &engine, &settings, |scenes| progress.set(scenes as u64))?;
+    progress.finish();
     let made_with =
         json!({"split": args.common.split.name(), "weights_hash": engine.weights_hash(), "stability": named(&settings.stability)});
     let document = document(&table, &made_with);

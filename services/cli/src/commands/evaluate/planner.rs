@@ -19,7 +19,7 @@ use repose_simulator::scene::SceneKind;
 use super::shared::{StabilityArgs, TableArgs, named, only_meshes};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
-use crate::progress::progress_bar;
+use crate::progress::Progress;
 use crate::values::{parse_kind, parse_variant};
 
 /// The kinds that scenes of a user's meshes take turns in.
@@ -71,18 +71,18 @@ pub fn run(args: &EvaluatePlannerArgs, output: Output) -> Outcome {
     });
     let mut records = Records::open(args.out.as_deref(), &head)?;
     let sheets = args.out.as_ref().map(|folder| Sheets::new(folder, args.look_at));
-    let bar = progress_bar((settings.sets.len() * settings.scenes) as u64, "scenes");
+    let bar = Progress::new((settings.sets.len() * settings.scenes) as u64, "scenes");
     let done = records.all.clone();
-    bar.set_position(done.len() as u64);
+    bar.set(done.len() as u64);
     evaluate_planner(&settings, &engine, &done, |tried: TriedScene| {
         if let Some(sheets) = &sheets {
             sheets.keep(&tried)?;
         }
         log(&tried);
-        bar.inc(1);
+        bar.add(1);
         records.add(tried.record).map_err(Failure::from)
     })?;
-    bar.finish_and_clear();
+    bar.finish();
     let tables = planner_tables(&records.in_order(&settings.sets), &settings.scene.variants);
     let document = document(&tables, &records.all, &head);
     if let Some(folder) = &args.out {

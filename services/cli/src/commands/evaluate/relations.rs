@@ -10,6 +10,7 @@ use repose_evaluation::tables::relations::{RelationsSettings, Shown, evaluate_re
 use super::shared::{TableArgs, only_meshes};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
+use crate::progress::Progress;
 
 /// Arguments of `evaluate relations`.
 #[derive(Debug, Args)]
@@ -37,7 +38,10 @@ pub fn run(args: &EvaluateRelationsArgs, output: Output) -> Outcome {
     let engine = args.common.engine()?;
     let mut table_of = |shown: Shown| {
         settings.shown = shown;
-        evaluate_relations(args.common.split, args.examples, &engine, &settings, |examples| tracing::info!(?shown, examples, "judged"))
+        let progress = Progress::new(args.examples as u64, &format!("examples, {shown:?}").to_lowercase());
+        let table = evaluate_relations(args.common.split, args.examples, &engine, &settings, |examples| progress.set(examples as u64));
+        progress.finish();
+        table
     };
     let (table, beside) = (table_of(Shown::Rendered)?, [table_of(Shown::Apart)?, table_of(Shown::Together)?]);
     let document = document(&table, &beside, args.common.split.name(), engine.weights_hash());

@@ -8,7 +8,7 @@ use repose_simulator::scene::{KindWeights, SceneKind};
 
 use crate::failure::Outcome;
 use crate::output::Output;
-use crate::progress::progress_bar;
+use crate::progress::Progress;
 use crate::values::{parse_kind, parse_split, threads};
 
 /// Arguments of `evaluate world`.
@@ -39,8 +39,8 @@ pub fn run(args: &EvaluateWorldArgs, output: Output) -> Outcome {
         settings.scene.kinds = KindWeights::only(kind);
     }
     let threads = threads(args.threads);
-    let bar = progress_bar((args.scenes + args.placements) as u64, "scenes and releases");
-    let world = world_report(&settings, threads, |done| bar.set_position(done as u64));
-    bar.finish_and_clear();
+    let bar = Progress::new((args.scenes + args.placements) as u64, "scenes and releases");
+    let world = world_report(&settings, threads, |done| bar.set(done as u64));
+    bar.finish();
     output.print(&report::world::document(&world), || report::world::text_of(&world))
 }

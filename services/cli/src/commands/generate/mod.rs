@@ -24,7 +24,7 @@ use repose_simulator::views::view_of_scene;
 use self::proposals::write_proposals;
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
-use crate::progress::progress_bar;
+use crate::progress::Progress;
 use crate::values::{parse_kind, parse_split, threads};
 
 /// Arguments of `generate`.
@@ -177,14 +177,14 @@ impl Report {
 
 /// Makes the shards that are missing, and reports; returns what their scenes are like.
 fn write_shards(folder: &Path, settings: &GenerateSettings, report: &mut Report) -> Result<Statistics, Failure> {
-    let bar = progress_bar(settings.scenes, "scenes");
+    let bar = Progress::new(settings.scenes, "scenes");
     let started = std::time::Instant::now();
     let made = generate(settings, |so_far| {
-        bar.set_position((so_far.scenes + so_far.skipped) as u64);
+        bar.set((so_far.scenes + so_far.skipped + so_far.unwritten) as u64);
         true
     });
     let made = made.map_err(|e| Failure::bad_input(&folder.display().to_string(), e))?;
-    bar.finish_and_clear();
+    bar.finish();
     let scenes_per_s = made.scenes as f64 / started.elapsed().as_secs_f64();
     report.add("scenes", made.scenes);
     report.add("skipped", made.skipped);
@@ -217,14 +217,14 @@ fn survey(settings: &GenerateSettings) -> Statistics {
     let seeds = settings.split.seeds();
     let first = seeds.start + settings.first_scene;
     let end = (first + settings.scenes).min(seeds.end);
-    let bar = progress_bar(end.saturating_sub(first), "scenes counted");
+    let bar = Progress::new(end.saturating_sub(first), "scenes counted");
     let runs: Vec<u64> = (first..end).step_by(SCENES_AT_ONCE as usize).collect();
-    let counted = runs.par_iter().map(|start| surveyed(*start..(start + SCENES_AT_ONCE).min(end), settings, || bar.inc(1)));
+    let counted = runs.par_iter().map(|start| surveyed(*start..(start + SCENES_AT_ONCE).min(end), settings, || bar.add(1)));
     let statistics = counted.reduce(Statistics::default, |mut sum, part| {
         sum.merge(&part);
         sum
     });
-    bar.finish_and_clear();
+    bar.finish();
     statistics
 }
 
@@ -247,18 +247,18 @@ fn show(folder: &Path, settings: &GenerateSettings) -> Result<Vec<String>, Failu
     let first = seeds.start + settings.first_scene;
     let shown: Vec<u64> = (first..(first + settings.scenes.min(SHOWN)).min(seeds.end)).collect();
     std::fs::create_dir_all(folder).map_err(|e| Failure::bad_input("show", format!("{}: {e}", folder.display())))?;
-    let bar = progress_bar(shown.len() as u64, "scenes shown");
+    let bar = Progress::new(shown.len() as u64, "scenes shown");
     let sheets: Result<Vec<String>, Failure> = shown
         .par_chunks(SCENES_PER_SHEET)
         .map(|seeds| {
-            let rows: Vec<Image<[u8; 3]>> = seeds.iter().map(|seed| row_of_seed(*seed, settings)).inspect(|_| bar.inc(1)).collect();
+            let rows: Vec<Image<[u8; 3]>> = seeds.iter().map(|seed| row_of_seed(*seed, settings)).inspect(|_| bar.add(1)).collect();
             let path = folder.join(format!("scenes_{:010}.png", seeds[0]));
             let written = rgb_image(&stacked(&rows)).save(&path);
             written.map_err(|e| Failure::bad_input("show", format!("{}: {e}", path.display())))?;
             Ok(path.display().to_string())
         })
         .collect();
-    bar.finish_and_clear();
+    bar.finish();
     sheets
 }
 

@@ -11,7 +11,7 @@ use repose_simulator::generate::{GenerateSettings, lines_of};
 
 use crate::embedded::engine;
 use crate::failure::Failure;
-use crate::progress::progress_bar;
+use crate::progress::Progress;
 
 /// Lets each scene's problem go `per_scene` times, and writes what is missing in files of `settings.scenes_per_shard` scenes. Returns how many
 /// releases were written. Files that are there stay, so an interrupted run goes on.
@@ -22,7 +22,7 @@ pub fn write_proposals(folder: &Path, settings: &GenerateSettings, per_scene: u3
     let made_with = serde_json::json!({"proposals": lines_of(&proposal), "weights_hash": engine.weights_hash()});
     let end = settings.first_scene + settings.scenes;
     let runs: Vec<u64> = (settings.first_scene..end).step_by(settings.scenes_per_shard.max(1) as usize).collect();
-    let bar = progress_bar(settings.scenes, "scenes proposed on");
+    let bar = Progress::new(settings.scenes, "scenes proposed on");
     let written = spread(
         runs.len(),
         settings.threads,
@@ -31,19 +31,19 @@ pub fn write_proposals(folder: &Path, settings: &GenerateSettings, per_scene: u3
             let scenes = runs[run]..(runs[run] + settings.scenes_per_shard.max(1)).min(end);
             let path = proposals_path(folder, scenes.start, scenes.end - scenes.start);
             if releases_are_there(&path, &made_with).map_err(|e| Failure::bad_input("proposals", e))? {
-                bar.inc(scenes.end - scenes.start);
+                bar.add(scenes.end - scenes.start);
                 return Ok(0);
             }
             let mut records = Vec::new();
             for index in scenes {
                 records.extend(of_scene(settings, index, &problem, &engine, &proposal)?);
-                bar.inc(1);
+                bar.add(1);
             }
             write_releases(&path, &made_with, &records).map_err(|e| Failure::bad_input(&folder.display().to_string(), e))?;
             Ok(records.len())
         },
     );
-    bar.finish_and_clear();
+    bar.finish();
     written.into_iter().sum()
 }
 

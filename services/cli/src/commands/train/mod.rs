@@ -96,7 +96,18 @@ pub fn run(args: &TrainArgs, output: Output) -> Outcome {
         ..defaults
     };
     let report = train(&settings).map_err(|e| failure_of(&e))?;
-    output.print(&report, || serde_json::to_string_pretty(&report).unwrap_or_default())
+    output.print(&report, || {
+        let figures = report.metrics.as_object().into_iter().flatten().map(|(name, value)| format!("  {name}: {value}"));
+        let measured = if report.metrics.is_null() { "no validation scenes: not measured" } else { "figures on validation scenes:" };
+        let head = format!(
+            "{}: {} steps on {} training views, {:.0} samples/s\n{measured}",
+            args.out.display(),
+            report.steps,
+            report.views,
+            report.samples_per_s
+        );
+        std::iter::once(head).chain(figures).collect::<Vec<_>>().join("\n")
+    })
 }
 
 /// The user's, where a setting is at fault.

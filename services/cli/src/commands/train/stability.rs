@@ -17,7 +17,7 @@ use serde_json::json;
 use crate::embedded::engine;
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
-use crate::progress::progress_bar;
+use crate::progress::Progress;
 
 /// What `--network` calls it.
 pub const NAME: &str = "stability";
@@ -47,18 +47,18 @@ pub fn run(args: &StabilitySettings<'_>, output: Output) -> Outcome {
     let proposals = proposals_by_scene(&args.data.join(Split::Train.name()))?;
     // As many scenes as steps say, the first ones.
     let scenes: Vec<(u64, Vec<ReleaseRecord>)> = proposals.into_iter().take(args.scenes.map_or(usize::MAX, |s| s as usize)).collect();
-    let bar = progress_bar(scenes.len() as u64, "scenes measured");
+    let bar = Progress::new(scenes.len() as u64, "scenes measured");
     let settings = ProblemSettings::default();
     let measured = spread(
         scenes.len(),
         args.threads,
         || (),
         |(), i| {
-            bar.inc(1);
+            bar.add(1);
             samples_of(&scenes[i].1, scenes[i].0, &settings, &engine)
         },
     );
-    bar.finish_and_clear();
+    bar.finish();
     let measured: Vec<Vec<Sample>> = measured.into_iter().collect::<Result<_, CallError>>()?;
     let of = |keep: &dyn Fn(usize) -> bool| -> Vec<Sample> {
         measured.iter().enumerate().filter(|(i, _)| keep(*i)).flat_map(|(_, samples)| samples.clone()).collect()
@@ -82,7 +82,18 @@ pub fn run(args: &StabilitySettings<'_>, output: Output) -> Outcome {
         "out": args.out, "scenes": scenes.len(), "releases": measured.iter().map(Vec::len).sum::<usize>(),
         "held_out": held_out.len(), "area_network": network, "area": with_geometry,
     });
-    output.print(&document, || serde_json::to_string_pretty(&document).unwrap_or_default())
+    output.print(&document, || {
+        let area = |area: Option<f64>| area.map_or_else(|| "undefined".to_owned(), |a| format!("{a:.3}"));
+        format!(
+            "{}: fitted on {} releases of {} scenes\narea under the curve on {} held-out releases: {} (the outcome network alone: {})",
+            args.out.display(),
+            document["releases"],
+            scenes.len(),
+            held_out.len(),
+            area(with_geometry),
+            area(network)
+        )
+    })
 }
 
 /// The proposals under a folder by their scene's seed.
