@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 use bytes::Bytes;
+use futures::future::BoxFuture;
 use repose_proto::{Payload, Priority, message};
 use tokio::sync::watch;
 use zenoh::Wait;
@@ -42,7 +43,7 @@ impl ZenohTransport {
     /// When the configuration is unusable or nothing can be reached within `connect_timeout_ms`. A wrong password looks like a timeout.
     pub async fn open(config: &SessionConfig) -> Result<Self, RuntimeError> {
         let zenoh_config = zenoh_config(config)?;
-        let session = zenoh::open(zenoh_config).await.map_err(|e| {
+        let session = open_zenoh(zenoh_config).await.map_err(|e| {
             let targets = if config.connect.is_empty() { String::new() } else { format!(" (connecting to {})", config.connect.join(", ")) };
             let hint = match config.mode {
                 SessionMode::Client => "; is a router running there (`repose up` or `repose serve router`), and does it know this user?",
@@ -52,6 +53,13 @@ impl ZenohTransport {
         })?;
         Ok(Self { session })
     }
+}
+
+/// A plain function that boxes its future: the body of an `async fn` is compiled in every crate and test that awaits it, and this one takes
+/// most of Zenoh with it.
+#[inline(never)]
+fn open_zenoh(config: zenoh::Config) -> BoxFuture<'static, zenoh::Result<zenoh::Session>> {
+    Box::pin(async move { zenoh::open(config).await })
 }
 
 /// Our settings over Zenoh's defaults, or over the file that the configuration names.
