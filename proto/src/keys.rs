@@ -76,6 +76,11 @@ impl Cell {
         Ok(Self(format!("repose/v1/{name}")))
     }
 
+    /// The cell's name.
+    pub fn name(&self) -> &str {
+        last_chunk(&self.0)
+    }
+
     /// Put: a frame (bulk form).
     pub fn camera_frame(&self, camera: &str) -> String {
         format!("{}/camera/{camera}/frame", self.0)
@@ -89,6 +94,16 @@ impl Cell {
     /// Put: JSON summary of the newest scene, by the one perception worker that owns the camera.
     pub fn scene(&self, camera: &str) -> String {
         format!("{}/scene/{camera}", self.0)
+    }
+
+    /// The summaries of every camera's newest scene.
+    pub fn scenes(&self) -> String {
+        self.scene("*")
+    }
+
+    /// The states of every robot.
+    pub fn robot_states(&self) -> String {
+        self.robot_state("*")
     }
 
     /// Put: joint and gripper state, stop state, owner.
@@ -131,6 +146,11 @@ impl Cell {
         self.load(service, "*")
     }
 
+    /// The loads of every worker of every service.
+    pub fn all_loads(&self) -> String {
+        format!("{}/service/*/*/load", self.0)
+    }
+
     /// Liveliness token of a worker.
     pub fn live(&self, service: Service, worker: &str) -> String {
         format!("{}/live/{service}/{worker}", self.0)
@@ -142,12 +162,45 @@ impl Cell {
     }
 }
 
+/// The liveliness tokens of every worker in every cell.
+pub const LIVES_EVERYWHERE: &str = "repose/v1/*/live/*/*";
+
+/// Cell, service and worker of a liveliness token.
+pub fn of_live(key: &str) -> Option<(&str, Service, &str)> {
+    let mut chunks = key.strip_prefix("repose/v1/")?.split('/');
+    let (cell, live, service, worker) = (chunks.next()?, chunks.next()?, chunks.next()?, chunks.next()?);
+    Some((cell, Service::parse(service).filter(|_| live == "live")?, worker))
+}
+
+/// Service and worker of a `load` key.
+pub fn of_load(key: &str) -> Option<(Service, &str)> {
+    let mut chunks = key.rsplit('/');
+    let (load, worker, service) = (chunks.next()?, chunks.next()?, chunks.next()?);
+    Some((Service::parse(service).filter(|_| load == "load")?, worker))
+}
+
 /// The last chunk of a key: the worker of a `live` key, the request of a `@cancel` key.
 pub fn last_chunk(key: &str) -> &str {
     key.rsplit('/').next().unwrap_or(key)
 }
 
-/// The worker of a `load` or `call` key: the chunk before the last.
+/// The worker of a `load` or `call` key, the robot of a `state` key: the chunk before the last.
 pub fn worker_of(key: &str) -> Option<&str> {
     key.rsplit('/').nth(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_are_read_as_they_are_spelt() {
+        let cell = Cell::new("lab").expect("a cell");
+        assert_eq!(cell.name(), "lab");
+        assert_eq!(of_live(&cell.live(Service::Planner, "p-1")), Some(("lab", Service::Planner, "p-1")));
+        assert_eq!(of_load(&cell.load(Service::Motion, "m-1")), Some((Service::Motion, "m-1")));
+        assert_eq!(worker_of(&cell.robot_state("panda")), Some("panda"));
+        assert_eq!(last_chunk(&cell.scene("front")), "front");
+        assert_eq!((of_live(&cell.scene("front")), of_load(&cell.robot_state("panda"))), (None, None));
+    }
 }

@@ -5,6 +5,7 @@ mod asynchronous;
 mod client;
 mod commands;
 mod embedded;
+mod environment;
 mod failure;
 mod frames;
 mod output;
@@ -13,6 +14,7 @@ mod progress;
 mod segment_view;
 mod sequence;
 mod services;
+mod surroundings;
 mod values;
 mod wish;
 
@@ -56,6 +58,10 @@ enum Command {
     Score(commands::score::ScoreArgs),
     /// One placement asked of a running system.
     Place(commands::place::PlaceArgs),
+    /// The newest scene of a running system's camera.
+    Scene(commands::scene::SceneArgs),
+    /// What there is in a running system, how it does, and what is wrong.
+    Status(commands::status::StatusArgs),
     /// Many placements asked of a running system, and how long they took.
     Load(commands::load::LoadArgs),
     /// A robot of a running system: stopped in an emergency, let go on, asked how it is.
@@ -79,7 +85,7 @@ enum Command {
 fn main() -> ExitCode {
     let cli = Cli::parse();
     repose_runtime::start_logging("warn,zenoh=error,repose=info");
-    match run(&cli) {
+    match environment::check().and_then(|()| run(&cli)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             if let Some(error) = failure.error() {
@@ -100,6 +106,8 @@ fn run(cli: &Cli) -> Outcome {
         Command::Up(args) => in_runtime(commands::up::run(args, output)),
         Command::Serve(args) => in_runtime(commands::serve::run(args)),
         Command::Place(args) => in_runtime(commands::place::run(args, output)),
+        Command::Scene(args) => in_runtime(commands::scene::run(args, output)),
+        Command::Status(args) => in_runtime(commands::status::run(args, output)),
         Command::Load(args) => in_runtime(commands::load::run(args, output)),
         Command::Robot(args) => in_runtime(commands::robot::run(args, output)),
         Command::Plan(args) => commands::plan::run(args, output),

@@ -154,7 +154,7 @@ impl Cell {
 
     async fn show(&self, args: &DemoArgs, output: Output) -> Result<Report, Failure> {
         let before = self.truth(None).await?;
-        let summary = client::newest_scene(&self.session, &self.camera, CALL).await?;
+        let summary = client::newest_scene(&self.session, &self.camera, CALL, CALL).await?;
         let scene = Arc::new(client::whole_scene(&self.session, &summary.scene_id, CALL).await?);
         let seen_before = self.photograph().await?;
         tracing::info!(objects = scene.meta.objects.len(), surfaces = scene.meta.surfaces.len(), "the camera's scene is segmented");

@@ -75,7 +75,7 @@ pub async fn run(args: &LoadArgs, output: Output) -> Outcome {
     }
     let session = client::connect(&args.connect.system).await?;
     let deadline = Duration::from_millis(args.connect.deadline_ms);
-    let scene = Arc::new(client::newest_scene(&session, &args.connect.camera, deadline).await?);
+    let scene = Arc::new(client::newest_scene(&session, &args.connect.camera, deadline, client::PATIENCE).await?);
     if scene.objects.len() < 2 {
         return Err(Failure::bad_input("camera", format!("the newest scene has {} objects, two are needed", scene.objects.len())));
     }

@@ -52,7 +52,7 @@ pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
     let deadline = Duration::from_millis(args.connect.deadline_ms);
     let scene_id = match &args.scene {
         Some(id) => id.clone(),
-        None => client::newest_scene(&session, &args.connect.camera, deadline).await?.scene_id,
+        None => client::newest_scene(&session, &args.connect.camera, deadline, client::PATIENCE).await?.scene_id,
     };
     let request = args.wish.request(scene_id);
     request.validate()?;

@@ -7,7 +7,7 @@ use repose_proto::{Cell, Payload, Service};
 
 use crate::caller::Caller;
 use crate::config::RuntimeConfig;
-use crate::transport::{Subscription, Traffic, Transport};
+use crate::transport::{AliveWatch, Subscription, Traffic, Transport};
 use crate::zenoh_transport::ZenohTransport;
 use crate::{Handler, RuntimeError, Server, Shutdown};
 
@@ -93,6 +93,14 @@ impl Session {
     /// When the network refuses.
     pub async fn subscribe_queue(&self, key: &str, capacity: usize) -> Result<Subscription, RuntimeError> {
         self.transport.subscribe(key, capacity).await
+    }
+
+    /// Follows the liveliness tokens that match a key.
+    ///
+    /// # Errors
+    /// When the network refuses.
+    pub async fn watch_alive(&self, key: &str) -> Result<AliveWatch, RuntimeError> {
+        self.transport.watch_alive(key).await
     }
 
     /// Something to put messages of one kind to one key with.
