@@ -25,10 +25,10 @@ const ONE_CALL: Duration = Duration::from_secs(5);
 /// How to reach a running system.
 #[derive(Debug, Clone, Args)]
 pub struct SystemArgs {
-    /// A router of the deployment; the configuration's, or tcp/127.0.0.1:7447, where absent.
+    /// The router to connect to. Default: the configuration's, or tcp/127.0.0.1:7447.
     #[arg(long, env = "REPOSE_CONNECT")]
     pub connect: Option<String>,
-    /// The robot cell; the configuration's, or "cell", where absent.
+    /// The robot cell. Default: the configuration's, or "cell".
     #[arg(long, env = "REPOSE_CELL")]
     pub cell: Option<String>,
     /// Configuration (TOML): its sections [session], [caller] and [worker].
@@ -42,7 +42,7 @@ pub struct ConnectArgs {
     /// The system.
     #[command(flatten)]
     pub system: SystemArgs,
-    /// The camera whose newest scene is used.
+    /// The camera whose newest scene to use.
     #[arg(long, default_value = "front")]
     pub camera: String,
     /// The deadline of a request, milliseconds.

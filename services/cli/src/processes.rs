@@ -1,5 +1,6 @@
 //! This program as another process: how `up` and benches start services.
 
+use std::io::Write;
 use std::path::Path;
 use std::process::Stdio;
 use std::time::Duration;
@@ -73,10 +74,8 @@ async fn relabel(log: ChildStderr, name: String) {
     let is_json = std::env::var(FORMAT_VARIABLE).is_ok_and(|format| format == "json");
     let mut lines = BufReader::new(log).lines();
     while let Ok(Some(line)) = lines.next_line().await {
-        if is_json {
-            eprintln!("{line}");
-        } else {
-            eprintln!("{name:<NAME_WIDTH$} {line}");
-        }
+        let label = if is_json { String::new() } else { format!("{name:<NAME_WIDTH$} ") };
+        // Where nobody reads the log any more, the process goes on.
+        let _unread = writeln!(std::io::stderr(), "{label}{line}");
     }
 }

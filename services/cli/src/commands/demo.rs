@@ -36,7 +36,7 @@ pub struct DemoArgs {
     /// Which method plans.
     #[arg(long, default_value = "best", value_parser = parse_variant)]
     pub variant: Variant,
-    /// Where the picture of before, plan and after goes.
+    /// The picture that is written: before, as planned, and after.
     #[arg(long, default_value = "out/demo.png", value_name = "PNG", value_parser = parse_png)]
     pub out: PathBuf,
 }

@@ -18,23 +18,24 @@ use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 use crate::processes::{Labelled, service_process};
 use crate::services::ServiceConfigs;
+use crate::values::parse_count;
 
 /// Arguments of `up`.
 #[derive(Debug, Args)]
 pub struct UpArgs {
-    /// Where the router of this deployment listens; another machine needs tcp/0.0.0.0:7447.
+    /// Where the router listens. For clients on other machines: tcp/0.0.0.0:7447.
     #[arg(long, default_value = ENDPOINT, env = "REPOSE_LISTEN")]
     pub listen: String,
-    /// The robot cell; the configuration's, or "cell", where absent.
+    /// The robot cell. Default: the configuration's, or "cell".
     #[arg(long, env = "REPOSE_CELL")]
     pub cell: Option<String>,
-    /// How many inference processes.
-    #[arg(long, default_value_t = 1)]
+    /// Inference processes.
+    #[arg(long, default_value_t = 1, value_parser = parse_count)]
     pub inference: usize,
-    /// How many planner processes.
-    #[arg(long, default_value_t = 1)]
+    /// Planner processes.
+    #[arg(long, default_value_t = 1, value_parser = parse_count)]
     pub planners: usize,
-    /// Seed of the simulated scene; the configuration's, or 0, where absent.
+    /// Seed of the simulated scene. Default: the configuration's, or 0.
     #[arg(long)]
     pub seed: Option<u64>,
     /// Configuration of the services (TOML).
