@@ -5,7 +5,6 @@ mod asynchronous;
 mod client;
 mod commands;
 mod embedded;
-mod environment;
 mod failure;
 mod frames;
 mod output;
@@ -14,7 +13,6 @@ mod progress;
 mod segment_view;
 mod sequence;
 mod services;
-mod surroundings;
 mod values;
 mod wish;
 
@@ -44,52 +42,48 @@ struct Cli {
 /// The subcommands.
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Show everything in one process: plan one placement in a simulated cell, have the robot carry it out, check it.
+    /// Everything in one process: a simulated cell, one placement asked, planned, executed and checked.
     Demo(commands::demo::DemoArgs),
-    /// Start every service on this machine, each a process of its own, until interrupted.
+    /// Every service as a process of its own on this machine, until interrupted.
     Up(commands::up::UpArgs),
-    /// Run one service, or the router, as this process.
+    /// One service.
     Serve(commands::serve::ServeArgs),
-    /// Find a placement on a frame folder, without a running system.
+    /// One placement on a frame folder, without a running system.
     Plan(commands::plan::PlanArgs),
-    /// List every pair of objects in a frame with its relations, learned and by rule.
+    /// Every pair's relations in a frame, learned and by rule.
     Relations(commands::relations::RelationsArgs),
-    /// Score placements of your own with the networks.
+    /// What the networks say of given placements.
     Score(commands::score::ScoreArgs),
-    /// Ask a running system for a placement, and with --execute have its robot carry it out.
+    /// One placement asked of a running system.
     Place(commands::place::PlaceArgs),
-    /// Show the newest scene of a running system's camera: its objects and their ids.
-    Scene(commands::scene::SceneArgs),
-    /// Show what runs, how it does, and what is wrong.
-    Status(commands::status::StatusArgs),
-    /// Ask a running system for many placements, and measure how long they take.
+    /// Many placements asked of a running system, and how long they took.
     Load(commands::load::LoadArgs),
-    /// Stop a robot of a running system, let it go on, or ask for its state.
+    /// A robot of a running system: stopped in an emergency, let go on, asked how it is.
     Robot(commands::robot::RobotArgs),
-    /// Find the objects and surfaces of a frame or a recording.
+    /// The objects and surfaces of a frame folder.
     Segment(commands::segment::SegmentArgs),
-    /// Generate simulated scenes to train on.
+    /// Simulated scenes to train on.
     Generate(commands::generate::GenerateArgs),
-    /// Train networks on generated scenes.
+    /// Weights from simulated scenes.
     Train(commands::train::TrainArgs),
-    /// Put networks that were trained apart into one weights file.
+    /// Parts of the weights that were trained apart, put into one file.
     Weights(commands::weights::WeightsArgs),
-    /// Measure how well it works: the paper's tables, and others.
+    /// The paper's tables.
     Evaluate(commands::evaluate::EvaluateArgs),
-    /// Measure how fast a part is on this machine.
+    /// How fast a part is on this machine.
     Bench(commands::bench::BenchArgs),
-    /// Publish frames from disk or a recording as a camera's.
+    /// Frames from disk or a recording, published as a camera's.
     Play(commands::play::PlayArgs),
 }
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
     repose_runtime::start_logging("warn,zenoh=error,repose=info");
-    match environment::check().and_then(|()| run(&cli)) {
+    match run(&cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             if let Some(error) = failure.error() {
-                eprintln!("error: {}", failure::sentence(error));
+                eprintln!("error: {error}");
                 if cli.json {
                     println!("{}", serde_json::json!({"error": error}));
                 }
@@ -106,8 +100,6 @@ fn run(cli: &Cli) -> Outcome {
         Command::Up(args) => in_runtime(commands::up::run(args, output)),
         Command::Serve(args) => in_runtime(commands::serve::run(args)),
         Command::Place(args) => in_runtime(commands::place::run(args, output)),
-        Command::Scene(args) => in_runtime(commands::scene::run(args, output)),
-        Command::Status(args) => in_runtime(commands::status::run(args, output)),
         Command::Load(args) => in_runtime(commands::load::run(args, output)),
         Command::Robot(args) => in_runtime(commands::robot::run(args, output)),
         Command::Plan(args) => commands::plan::run(args, output),

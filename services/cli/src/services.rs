@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use repose_console::ConsoleConfig;
 use repose_inference::InferenceConfig;
 use repose_motion::MotionConfig;
 use repose_perception::PerceptionConfig;
@@ -25,6 +26,8 @@ pub struct ServiceConfigs {
     pub motion: MotionConfig,
     /// Section `[simulator]`.
     pub simulator: SimulatorConfig,
+    /// Section `[console]`.
+    pub console: ConsoleConfig,
 }
 
 impl ServiceConfigs {
@@ -36,6 +39,7 @@ impl ServiceConfigs {
             planner: load_config("planner", file)?,
             motion: load_config("motion", file)?,
             simulator: load_config("simulator", file)?,
+            console: load_config("console", file)?,
         })
     }
 
@@ -87,6 +91,7 @@ mod tests {
             ("planner", fields_of::<PlannerConfig>),
             ("motion", fields_of::<MotionConfig>),
             ("simulator", fields_of::<SimulatorConfig>),
+            ("console", fields_of::<ConsoleConfig>),
         ];
         assert_eq!(said.keys().map(String::as_str).collect::<BTreeSet<_>>(), sections.iter().map(|(name, _)| *name).collect());
         for (name, fields) in sections {

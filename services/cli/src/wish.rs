@@ -12,31 +12,31 @@ pub struct WishArgs {
     /// The object to move, by id.
     #[arg(long = "move", value_name = "ID")]
     pub query: u16,
-    /// What must hold: RELATION:ANCHOR, such as left_of:3, or not:RELATION:ANCHOR. Repeat for more terms.
+    /// What must hold, RELATION:ANCHOR or not:RELATION:ANCHOR; repeat for more terms.
     #[arg(long, required = true, value_name = "TERM")]
     pub goal: Vec<GoalTerm>,
     /// Which method plans: best, full, full_lambda_1, no_discriminator, mean_only, mdn_prior or geometric.
     #[arg(long, default_value = "best", value_parser = parse_variant)]
     pub variant: Variant,
-    /// Seed of every random number.
+    /// The source of every random number.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// How many distinct placements to find.
+    /// How many distinct placements are wanted.
     #[arg(long, default_value_t = 1)]
     pub count: u32,
     /// Whether the object may be turned: fixed or yaw.
     #[arg(long, default_value = "fixed", value_parser = parse_rotation)]
     pub rotation: Rotation,
-    /// Direction in which the viewer of `left_of` and the like looks, radians about z. Default: the camera's.
+    /// The viewer's direction, radians; the camera's where absent.
     #[arg(long, allow_negative_numbers = true)]
     pub view_yaw: Option<f64>,
-    /// Iterations of the search. Default: the variant's.
+    /// Iterations of the search.
     #[arg(long)]
     pub iterations: Option<u32>,
-    /// Candidates to accept in each iteration. Default: the variant's.
+    /// Accepted candidates wanted per iteration.
     #[arg(long)]
     pub batch: Option<u32>,
-    /// Least distance from everything but what carries it, metres.
+    /// Least distance from everything but the support, metres.
     #[arg(long)]
     pub min_clearance: Option<f64>,
 }

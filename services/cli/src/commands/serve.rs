@@ -1,23 +1,24 @@
 //! `repose serve`: one service, or the router, as this process.
 
 use clap::Args;
+use repose_console::ConsoleError;
 use repose_proto::Service;
 use repose_runtime::{Session, Shutdown, run_router};
 
 use crate::client::{self, SystemArgs, client_config, router_config};
-use crate::failure::Outcome;
+use crate::failure::{Failure, Outcome};
 use crate::services::ServiceConfigs;
 
 /// Arguments of `serve`.
 #[derive(Debug, Args)]
 pub struct ServeArgs {
-    /// perception, inference, planner, motion, simulator, or router.
+    /// perception, inference, planner, motion, simulator, console, or router.
     #[arg(value_parser = parse_served)]
     pub service: Served,
-    /// The system. The router itself listens at `--connect`.
+    /// The system. `--connect` is where the router itself listens.
     #[command(flatten)]
     pub system: SystemArgs,
-    /// This worker's name, unique in its cell. Default: the configuration's, or a new one.
+    /// This worker's name in the key space; unique. The configuration's, or a new one, where absent.
     #[arg(long)]
     pub worker: Option<String>,
 }
@@ -27,16 +28,19 @@ pub struct ServeArgs {
 pub enum Served {
     /// A service.
     Service(Service),
+    /// The live page.
+    Console,
     /// The router that a deployment's processes meet at.
     Router,
 }
 
 fn parse_served(name: &str) -> Result<Served, String> {
-    if name == "router" {
-        return Ok(Served::Router);
-    }
     let known = || Service::ALL.map(Service::as_str).join(", ");
-    Service::parse(name).map(Served::Service).ok_or_else(|| format!("the services are {}, router", known()))
+    match name {
+        "router" => Ok(Served::Router),
+        "console" => Ok(Served::Console),
+        _ => Service::parse(name).map(Served::Service).ok_or_else(|| format!("the services are {}, console, router", known())),
+    }
 }
 
 /// Runs until SIGTERM or SIGINT, then drains.
@@ -44,6 +48,18 @@ pub async fn run(args: &ServeArgs) -> Outcome {
     let shutdown = Shutdown::on_signals()?;
     match args.service {
         Served::Router => Ok(run_router(router_config(&args.system)?, shutdown).await?),
+        Served::Console => {
+            let config = ServiceConfigs::load(args.system.config.as_deref())?.console;
+            let session = Session::open(client_config(&args.system)?).await?;
+            let served = repose_console::run(session.clone(), config, shutdown).await;
+            client::close(session).await;
+            served.map_err(|e| match e {
+                ConsoleError::Config { field, .. } => Failure::bad_input(&format!("console.{field}"), e),
+                ConsoleError::Listen { .. } => Failure::bad_input("console.listen", e),
+                ConsoleError::Runtime(e) => e.into(),
+                ConsoleError::Serve(_) => Failure::other(e),
+            })
+        }
         Served::Service(service) => {
             let mut config = client_config(&args.system)?;
             if args.worker.is_some() {

@@ -12,7 +12,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use crate::RuntimeError;
 
 /// The sections that a configuration file may have. Any other is an error, so that a misspelled one is not silently ignored.
-pub const SECTIONS: [&str; 8] = ["session", "caller", "worker", "perception", "inference", "planner", "motion", "simulator"];
+pub const SECTIONS: [&str; 9] = ["session", "caller", "worker", "perception", "inference", "planner", "motion", "simulator", "console"];
 
 /// How a process takes part in the network.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]

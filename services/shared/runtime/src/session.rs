@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use repose_proto::{Cell, Payload, Service};
+use repose_proto::{CallError, Cell, Payload, Service};
 
 use crate::caller::Caller;
 use crate::config::RuntimeConfig;
@@ -45,6 +45,14 @@ impl Session {
     pub fn over(transport: Arc<dyn Transport>, config: RuntimeConfig) -> Result<Self, RuntimeError> {
         let cell = Cell::new(&config.session.cell).map_err(|e| RuntimeError::transport("naming the cell", e))?;
         Ok(Self { transport, cell, config: Arc::new(config) })
+    }
+
+    /// The same connection, in another cell.
+    ///
+    /// # Errors
+    /// When the name is no chunk of a key.
+    pub fn in_cell(&self, name: &str) -> Result<Self, CallError> {
+        Ok(Self { cell: Cell::new(name)?, ..self.clone() })
     }
 
     /// The cell's keys.

@@ -1,0 +1,154 @@
+// The robot and what it carries out: its mode and stop, the planned motion, the phases, and the sequence of goals.
+
+import { el, fill } from "./element.js";
+import { faultBox } from "./goal.js";
+import { STAGES, plain, seconds, sentence, termWords } from "./words.js";
+
+const OUTCOMES = { done: "Done", stopped: "Stopped", grasp_lost: "The grasp was lost" };
+const PREVIEW_STEP_MS = 50;
+
+export class Motion {
+  #robot; #plan; #execution; #fault; #may = false; #playing; #isMoving = false; #drawn = "";
+
+  /** `execute()`, `reset()`, `preview(t_ms)` and `newScene(seed)` are what its parts ask for. */
+  constructor(box, actions) {
+    this.box = box;
+    this.actions = actions;
+    this.render();
+  }
+
+  may(may) { this.#may = may; this.render(); }
+  fault(refusal) { this.#fault = refusal; this.render(); }
+
+  /** Takes a robot's state; draws only what a person would see change. */
+  robot(shown) {
+    this.#robot = shown;
+    const { state } = shown;
+    const drawn = JSON.stringify([shown.robot, state.mode, state.stop, Math.round(state.gripper_width_m * 1000), state.gripper_holding, state.owner?.id]);
+    if (drawn !== this.#drawn) {
+      this.#drawn = drawn;
+      this.render();
+    }
+  }
+
+  plan(plan) {
+    clearInterval(this.#playing);
+    this.#playing = undefined;
+    this.#plan = plan;
+    this.#fault = undefined;
+    this.render();
+  }
+
+  execution(execution) {
+    this.#execution = execution;
+    this.#isMoving = !!execution && !execution.ended;
+    this.render();
+  }
+
+  get isMoving() { return this.#isMoving; }
+  get isStopped() { return !!this.#robot?.state.stop; }
+
+  render() {
+    const { robot, state } = this.#robot ?? {};
+    fill(this.box,
+      el("div", { className: "title" }, el("h2", { id: "motion-title", textContent: robot ? sentence(robot) : "Robot" }),
+        state && el("span", { className: `badge ${state.mode === "stopped" ? "bad" : state.mode === "moving" ? "live" : ""}`, id: "mode", textContent: state.mode }),
+        el("span", { className: "grow" }),
+        state && el("span", { className: "muted small numbers", id: "gripper", textContent: `gripper ${(1000 * state.gripper_width_m).toFixed(0)} mm${state.gripper_holding ? ", holding" : ""}` })),
+      !state && el("p", { className: "hint", textContent: "No robot tells its state." }),
+      state?.stop && this.#stopped(robot, state.stop),
+      this.#execution && this.#phases(this.#execution),
+      this.#plan && !this.#isMoving && this.#preview(this.#plan),
+      this.#fault && faultBox(this.#fault));
+  }
+
+  #stopped(robot, stop) {
+    return el("div", { className: "stopped" }, el("b", { textContent: "Stopped" }), `${sentence(stop.reason)} (${plain(stop.kind)})`,
+      el("div", {}, el("button", { type: "button", id: "reset", textContent: "Clear the stop", disabled: !this.#may, title: "The robot may move again (R)", onclick: () => this.actions.reset(robot) })));
+  }
+
+  #phases({ phases, phase, ended, query }) {
+    const isDone = ended?.outcome?.outcome === "done";
+    const at = (k) => (isDone || k < phase ? "done" : k > phase ? "" : ended ? "failed" : "now");
+    const text = !ended ? `Moving object ${query}: ${plain(phases[phase] ?? "")}` : ended.outcome
+      ? `${OUTCOMES[ended.outcome.outcome] ?? ended.outcome.outcome}${isDone ? "" : ` in ${plain(phases[phase] ?? "")}`}` : `Ended in ${plain(phases[phase] ?? "")}`;
+    return el("div", { id: "execution" },
+      el("ol", { className: "phases", "aria-hidden": "true" }, phases.map((name, k) => el("li", { className: at(k), title: plain(name) }))),
+      el("p", { className: "small", role: "status", id: "phase", textContent: text }),
+      ended?.outcome?.reason && el("p", { className: "small fails", textContent: ended.outcome.reason }),
+      ended?.error && faultBox(ended.error));
+  }
+
+  #preview(plan) {
+    const slider = el("input", { type: "range", min: 0, max: Math.ceil(plan.duration_ms), value: 0, step: 10, "aria-label": "Instant of the planned motion", data: { key: "scrub" } });
+    const label = el("span", { className: "muted small numbers" });
+    const show = () => {
+      const t = Number(slider.value), phase = plan.phases.findLast((p) => p.start_ms <= t);
+      label.textContent = `${seconds(t)} of ${seconds(plan.duration_ms)} · ${plain(phase?.name ?? "")}`;
+      this.actions.preview(t);
+    };
+    slider.addEventListener("input", show);
+    const play = el("button", { type: "button", className: "quiet small", textContent: "▶ Preview", onclick: () => {
+      clearInterval(this.#playing);
+      slider.value = 0;
+      this.#playing = setInterval(() => {
+        if (!slider.isConnected || Number(slider.value) >= Number(slider.max)) return clearInterval(this.#playing);
+        slider.value = Number(slider.value) + 2 * PREVIEW_STEP_MS;
+        show();
+      }, PREVIEW_STEP_MS);
+    } });
+    show();
+    return el("div", { className: "scrub" }, slider, el("div", { className: "row" }, play, label, el("span", { className: "grow" }),
+      this.#mine && el("button", { type: "button", className: "primary", id: "execute", textContent: "Execute", title: "The robot moves (E)", disabled: !this.#may || this.isStopped, onclick: () => this.actions.execute() })));
+  }
+
+  #mine = false;
+  /** Whether the plan that is shown is this viewer's to carry out. */
+  mine(mine) { this.#mine = mine; this.render(); }
+}
+
+export class Sequence {
+  #goals = []; #running; #fault; #may = false;
+
+  /** `run(goals)` and `end()` are its buttons. */
+  constructor(box, actions) {
+    this.box = box;
+    this.actions = actions;
+    this.render();
+  }
+
+  may(may) { this.#may = may; this.render(); }
+  fault(refusal) { this.#fault = refusal; this.render(); }
+  add(request) { this.#goals.push(request); this.#fault = undefined; this.render(); }
+  clear() { this.#goals = []; this.render(); }
+  get isEmpty() { return !this.#goals.length; }
+
+  /** Takes the sequence that the cell carries out. */
+  running(sequence) {
+    const began = sequence && !sequence.ended && (!this.#running || this.#running.ended);
+    this.#running = sequence;
+    if (began) this.#goals = [];
+    this.render();
+  }
+
+  render() {
+    const running = this.#running, isUnderWay = running && !running.ended;
+    fill(this.box,
+      el("div", { className: "title" }, el("h2", { id: "sequence-title", textContent: "Sequence" }), el("span", { className: "grow" }),
+        isUnderWay && el("button", { type: "button", className: "small", textContent: "End after this goal", disabled: !this.#may, onclick: () => this.actions.end() })),
+      !running && !this.#goals.length && el("p", { className: "hint", textContent: "Goals added here are carried out one after another, each planned on a fresh view." }),
+      running && el("ol", { className: "steps", id: "steps" }, running.steps.map((step) => el("li", {},
+        el("span", {}, `${step.query} `, step.goal.map((term, k) => [k ? ", " : "",
+          el("span", { className: step.holds.length ? (step.holds[k] ? "holds" : "fails") : "", textContent: termWords(term) })])),
+        el("span", { className: `badge ${step.stage === "held" ? "live" : step.stage === "failed" ? "bad" : ""}`, textContent: STAGES[step.stage] ?? step.stage }),
+        step.error && el("span", { className: "why", textContent: `${step.error.message}${step.error.field ? ` (${step.error.field})` : ""}` })))),
+      this.#goals.length > 0 && [
+        el("ol", { className: "steps", id: "collected", style: running ? "margin-top: 8px" : "" }, this.#goals.map((goal, k) => el("li", {},
+          el("span", { textContent: `${goal.query} ${goal.goal.map(termWords).join(", ")}` }),
+          el("button", { type: "button", className: "quiet small", textContent: "✕", "aria-label": `Remove goal ${k + 1}`, onclick: () => { this.#goals.splice(k, 1); this.render(); } })))),
+        el("div", { className: "row", style: "margin-top: 8px" },
+          el("button", { type: "button", className: "primary", id: "run", textContent: "Carry out", disabled: !this.#may || isUnderWay, onclick: () => this.actions.run(this.#goals) }),
+          el("button", { type: "button", className: "quiet small", textContent: "Clear", onclick: () => this.clear() }))],
+      this.#fault && faultBox(this.#fault));
+  }
+}

@@ -1,0 +1,20 @@
+// The bulk form (safetensors): a length, a header in JSON, and tensors of little-endian numbers.
+
+const ARRAYS = { U8: Uint8Array, U16: Uint16Array, F32: Float32Array };
+
+/** Reads `{metadata, tensors}` from an ArrayBuffer; a tensor is a typed array. */
+export function readBulk(buffer) {
+  const length = Number(new DataView(buffer).getBigUint64(0, true));
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 8, length)));
+  const { __metadata__: metadata = {}, ...described } = header;
+  const tensors = {};
+  for (const [name, { dtype, data_offsets: [start, end] }] of Object.entries(described)) {
+    const Numbers = ARRAYS[dtype];
+    if (!Numbers) throw new Error(`tensor ${name} is of type ${dtype}`);
+    const at = 8 + length + start;
+    const count = (end - start) / Numbers.BYTES_PER_ELEMENT;
+    // Views must be aligned; what is not is copied.
+    tensors[name] = at % Numbers.BYTES_PER_ELEMENT ? new Numbers(buffer.slice(at, 8 + length + end)) : new Numbers(buffer, at, count);
+  }
+  return { metadata, tensors };
+}

@@ -1,0 +1,122 @@
+// The socket to the console: opened again whenever it is lost; requests with their answers; and the stop, which needs no socket.
+
+import { readBulk } from "./bulk.js";
+
+const FIRST_PAUSE_MS = 200;
+const LONGEST_PAUSE_MS = 2000;
+/** The console closes with this code when it wants a token. */
+const NEEDS_TOKEN = 4401;
+
+/** An error of the contract's: `code`, `message`, `field`. */
+export class Refusal extends Error {
+  constructor({ code, message, field }) {
+    super(message);
+    Object.assign(this, { code, field });
+  }
+}
+
+export class Connection {
+  #socket;
+  #open = new Map();
+  #nextId = 1;
+  #pauseMs = FIRST_PAUSE_MS;
+  #retry;
+
+  /** `heard(kind, message)` gets every message but answers; `changed(state)` gets "live", "lost" or "token". */
+  constructor(heard, changed) {
+    this.heard = heard;
+    this.changed = changed;
+    this.#connect();
+    // A machine that wakes up, or finds its network again, need not wait.
+    addEventListener("online", () => this.again());
+    document.addEventListener("visibilitychange", () => document.visibilityState === "visible" && this.again());
+  }
+
+  /** Tries at once, unless connected. */
+  again() {
+    if (this.#socket && this.#socket.readyState <= WebSocket.OPEN) return;
+    clearTimeout(this.#retry);
+    this.#connect();
+  }
+
+  #connect() {
+    const address = new URL("/socket", location.href);
+    address.protocol = address.protocol.replace("http", "ws");
+    const socket = new WebSocket(address);
+    socket.binaryType = "arraybuffer";
+    this.#socket = socket;
+    socket.onmessage = ({ data }) => {
+      this.#pauseMs = FIRST_PAUSE_MS;
+      if (typeof data !== "string") {
+        const bulk = readBulk(data);
+        return this.heard(bulk.metadata.kind, bulk);
+      }
+      this.#take(JSON.parse(data));
+    };
+    socket.onclose = ({ code }) => {
+      if (socket !== this.#socket) return;
+      const gone = new Refusal({ code: "unavailable", message: "The connection was lost before an answer came." });
+      for (const { reject } of this.#open.values()) reject(gone);
+      this.#open.clear();
+      if (code === NEEDS_TOKEN) return this.changed("token");
+      this.changed("lost");
+      this.#retry = setTimeout(() => this.#connect(), this.#pauseMs);
+      this.#pauseMs = Math.min(2 * this.#pauseMs, LONGEST_PAUSE_MS);
+    };
+  }
+
+  #take(message) {
+    const asked = this.#open.get(message.id);
+    switch (message.kind) {
+      case "answer":
+        this.#open.delete(message.id);
+        return asked?.resolve(message.result);
+      case "refused":
+        this.#open.delete(message.id);
+        return asked?.reject(new Refusal(message.error));
+      case "progress":
+        return asked?.progress?.(message.progress);
+      case "welcome":
+        this.changed("live");
+    }
+    this.heard(message.kind, message);
+  }
+
+  /** Asks; resolves to the result or rejects with a Refusal. The promise has the request's `id`, to cancel it by. */
+  ask(ask, fields = {}, progress) {
+    const id = this.#nextId++;
+    const answered = new Promise((resolve, reject) => {
+      if (this.#socket?.readyState !== WebSocket.OPEN) {
+        return reject(new Refusal({ code: "unavailable", message: "There is no connection to the console." }));
+      }
+      this.#open.set(id, { resolve, reject, progress });
+      this.#socket.send(JSON.stringify({ id, ask, ...fields }));
+    });
+    answered.id = id;
+    return answered;
+  }
+
+  /** Stops a robot; resolves when it shows the stop. */
+  async stop(cell, robot, reason) {
+    return post("/stop", JSON.stringify({ cell, robot, reason }));
+  }
+
+  /** Leaves a token with the console, and connects. */
+  async signIn(token) {
+    const answer = await post("/sign-in", token);
+    this.again();
+    return answer;
+  }
+}
+
+async function post(path, body) {
+  let response;
+  try {
+    response = await fetch(path, { method: "POST", body, headers: { "Content-Type": "text/plain" }, keepalive: true });
+  } catch {
+    throw new Refusal({ code: "unavailable", message: "The console does not answer." });
+  }
+  const answer = await response.json().catch(() => ({}));
+  if (!response.ok) throw new Refusal(answer.error ?? { code: "internal", message: `The console answers ${response.status}.` });
+  return answer;
+}

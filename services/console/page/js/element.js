@@ -1,0 +1,34 @@
+// Elements of the page, made and filled.
+
+/** An element with properties, `on…` listeners, `data`, `style` variables, attributes (`aria-…`, `role`, …) and children. */
+export function el(tag, properties = {}, ...children) {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(properties)) {
+    if (value === undefined || value === null) continue;
+    if (name === "data") Object.assign(element.dataset, value);
+    else if (name === "own") element.style.setProperty("--own", value);
+    else if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    else if (name in element && !name.includes("-")) element[name] = value;
+    else element.setAttribute(name, value);
+  }
+  element.append(...children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false));
+  return element;
+}
+
+/** The element with an id. */
+export const byId = (id) => document.getElementById(id);
+
+/** Puts new children in the place of an element's old ones; the focus stays on whatever has the same `data-key`. */
+export function fill(element, ...children) {
+  const focused = element.contains(document.activeElement) ? document.activeElement.dataset.key : undefined;
+  element.replaceChildren(...children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false));
+  if (focused) element.querySelector(`[data-key="${CSS.escape(focused)}"]`)?.focus();
+}
+
+/** Fills a select with names, and keeps or sets what is chosen. */
+export function choices(select, names, chosen) {
+  const same = names.length === select.options.length && names.every((name, i) => select.options[i].value === name);
+  if (!same) select.replaceChildren(...names.map((name) => el("option", { value: name, textContent: name })));
+  if (chosen !== undefined && select.value !== chosen) select.value = chosen;
+  select.disabled = names.length < 1;
+}

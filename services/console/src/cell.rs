@@ -1,0 +1,477 @@
+//! A cell as its viewers see it: followed while somebody looks, and told to everyone who does.
+//!
+//! One [`Cell`] serves all its viewers: each frame is encoded once and each scene fetched once, whoever looks. Dropping the last handle to a
+//! cell or to one of its cameras ends the subscriptions.
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::time::{Duration, Instant};
+
+use nalgebra::Isometry3;
+use repose_proto::perception::{LatestRequest, SceneRequest};
+use repose_proto::robot::RobotState;
+use repose_proto::{CallError, ErrorCode, Frame, Payload, Scene, SceneSummary, Service, keys, limits};
+use repose_runtime::{CallOptions, Caller, Sample, Session, Subscription};
+use tokio::sync::Notify;
+use tokio::task::JoinSet;
+use tokio::time::{MissedTickBehavior, interval};
+
+use crate::ConsoleConfig;
+use crate::arm::{PlanShown, link_poses};
+use crate::messages::{Activity, RobotShown, SystemShown, Told, WorkerShown};
+use crate::picture::jpeg;
+use crate::system::Cameras;
+use crate::view::{Kind, Picture, View, picture_message};
+use crate::viewers::{Audience, Topic};
+
+/// Robot states that may wait for their turn.
+const STATES: usize = 256;
+/// Scene summaries that may.
+const SUMMARIES: usize = 64;
+/// Robots that are followed in one cell; further ones are left out.
+const MAX_ROBOTS: usize = 16;
+/// Pictures kept to go with the scenes made of them.
+const PICTURES: usize = 8;
+/// Views kept for goals about them; what a viewer holds is kept beside these.
+const VIEWS: usize = 6;
+/// How long to wait for a cell's first camera.
+const CAMERA_WITHIN: Duration = Duration::from_secs(2);
+/// How long perception may take to send a scene.
+const SCENE_WITHIN: Duration = Duration::from_secs(5);
+
+/// A cell that somebody looks at.
+pub struct Cell {
+    shared: Arc<Shared>,
+    cameras: Mutex<BTreeMap<String, Weak<Camera>>>,
+    _following: JoinSet<()>,
+}
+
+struct Shared {
+    session: Session,
+    name: String,
+    config: Arc<ConsoleConfig>,
+    callers: BTreeMap<Service, Caller>,
+    audience: Audience,
+    known: Mutex<Parts>,
+    camera_came: Notify,
+}
+
+/// What is known of a cell's parts.
+#[derive(Default)]
+struct Parts {
+    cameras: Cameras,
+    robots: BTreeMap<String, RobotState>,
+    activity: Activity,
+    /// The plan that is shown.
+    plan: Option<String>,
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Cell {
+    /// Begins to follow a cell.
+    ///
+    /// # Errors
+    /// When the name is no chunk of a key, or the network refuses.
+    pub async fn follow(session: &Session, name: &str, config: Arc<ConsoleConfig>) -> Result<Self, CallError> {
+        let session = session.in_cell(name)?;
+        let mut callers = BTreeMap::new();
+        for service in Service::ALL {
+            callers.insert(service, session.caller(service).await?);
+        }
+        let states = session.subscribe_queue(&session.cell().robot_states(), STATES).await?;
+        let summaries = session.subscribe_queue(&session.cell().scenes(), SUMMARIES).await?;
+        let (audience, known, camera_came) = (Audience::default(), Mutex::default(), Notify::new());
+        let shared = Arc::new(Shared { session, name: name.to_owned(), config, callers, audience, known, camera_came });
+        let mut following = JoinSet::new();
+        following.spawn(shared.clone().follow_robots(states));
+        following.spawn(shared.clone().follow_cameras(summaries));
+        following.spawn(shared.clone().follow_workers());
+        Ok(Self { shared, cameras: Mutex::default(), _following: following })
+    }
+
+    /// The cell's name.
+    pub fn name(&self) -> &str {
+        &self.shared.name
+    }
+
+    /// The session in this cell.
+    pub fn session(&self) -> &Session {
+        &self.shared.session
+    }
+
+    /// Those who look at this cell.
+    pub fn audience(&self) -> &Audience {
+        &self.shared.audience
+    }
+
+    /// Calls to a service of this cell.
+    pub fn caller(&self, service: Service) -> &Caller {
+        // `follow` has made one for each.
+        &self.shared.callers[&service]
+    }
+
+    /// The newest state of a robot.
+    ///
+    /// # Errors
+    /// `unavailable` when it has told none.
+    pub fn robot(&self, robot: &str) -> Result<RobotState, CallError> {
+        let silent = || CallError::new(ErrorCode::Unavailable, format!("robot {robot} does not tell its state")).at("robot");
+        locked(&self.shared.known).robots.get(robot).cloned().ok_or_else(silent)
+    }
+
+    /// Follows one of this cell's cameras; the first by name where none is named.
+    ///
+    /// # Errors
+    /// `unavailable` when there is no camera yet, or what the network says.
+    pub async fn camera(&self, name: Option<&str>) -> Result<Arc<Camera>, CallError> {
+        let nobody =
+            || CallError::new(ErrorCode::Unavailable, format!("cell {} has no camera that shows a scene", self.name())).at("camera");
+        let name = match name {
+            Some(name) => name.to_owned(),
+            None => tokio::time::timeout(CAMERA_WITHIN, self.first_camera()).await.map_err(|_| nobody())?,
+        };
+        keys::validate_chunk("camera", &name)?;
+        if let Some(camera) = locked(&self.cameras).get(&name).and_then(Weak::upgrade) {
+            return Ok(camera);
+        }
+        let camera = Arc::new(Camera::follow(self.shared.clone(), &name).await?);
+        let mut cameras = locked(&self.cameras);
+        cameras.retain(|_, known| known.strong_count() > 0);
+        // Two viewers may have asked at once: the first one's stays.
+        if let Some(other) = cameras.get(&name).and_then(Weak::upgrade) {
+            return Ok(other);
+        }
+        cameras.insert(name, Arc::downgrade(&camera));
+        Ok(camera)
+    }
+
+    async fn first_camera(&self) -> String {
+        loop {
+            let mut changed = std::pin::pin!(self.shared.camera_came.notified());
+            changed.as_mut().enable();
+            if let Some(name) = locked(&self.shared.known).cameras.first() {
+                return name.to_owned();
+            }
+            changed.await;
+        }
+    }
+
+    /// Changes what is said to be carried out here, and tells everyone.
+    pub fn update(&self, change: impl FnOnce(&mut Activity)) {
+        let activity = {
+            let mut known = locked(&self.shared.known);
+            change(&mut known.activity);
+            known.activity.clone()
+        };
+        self.shared.audience.tell(&Topic::Activity, &Told::Activity(activity).encode());
+    }
+
+    /// Shows everyone a motion that was planned.
+    pub fn show_plan(&self, shown: Arc<PlanShown>) {
+        locked(&self.shared.known).plan = Some(shown.plan.clone());
+        self.shared.audience.tell(&Topic::Plan, &Told::Plan { shown: Some(shown) }.encode());
+    }
+
+    /// Shows no planned motion any more; with an id, only where it is that one that is shown.
+    pub fn hide_plan(&self, id: Option<&str>) {
+        let hidden = locked(&self.shared.known).plan.take_if(|shown| id.is_none_or(|id| shown == id));
+        if hidden.is_some() {
+            self.shared.audience.tell(&Topic::Plan, &Told::Plan { shown: None }.encode());
+        }
+    }
+
+    /// A whole scene from the perception worker that holds it.
+    ///
+    /// # Errors
+    /// `not_found` when nobody does any more.
+    pub async fn scene(&self, scene_id: &str) -> Result<Scene, CallError> {
+        self.shared.scene(scene_id).await
+    }
+
+    /// A view with the object that is seen at a pixel (column, row) of it, where perception can tell one there.
+    ///
+    /// # Errors
+    /// `failed_precondition` when the view's frame is not at hand, `invalid_argument` on `pixel` outside it, or what perception says.
+    pub async fn segmented(&self, view: &View, pixel: [usize; 2]) -> Result<View, CallError> {
+        let camera = &view.scene.meta.camera;
+        if pixel[0] >= camera.width || pixel[1] >= camera.height {
+            let message = format!("expected a pixel of {} x {}, got {pixel:?}", camera.width, camera.height);
+            return Err(CallError::invalid("pixel", message));
+        }
+        let frame = view.frame.clone().ok_or_else(|| CallError::precondition("the frame of this scene is no longer at hand"))?;
+        let hinted = computed(move || {
+            let mut bulk = frame.decode_bulk(Frame::SCHEMA)?;
+            bulk.metadata.insert("hints".to_owned(), serde_json::json!({"clicks_px": [pixel]}).to_string());
+            Payload::bulk(Frame::SCHEMA, &bulk)
+        });
+        let (hinted, options) = (hinted.await?, CallOptions::within(SCENE_WITHIN));
+        let answer = self.caller(Service::Perception).call("segment", hinted, options).await?;
+        let (quality, cloud_points) = (self.shared.config.jpeg_quality, self.shared.config.cloud_points);
+        let frame = view.frame.clone();
+        computed(move || {
+            let scene = Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA)?)?;
+            let picture = frame.map(|frame| picture_of(frame, quality)).transpose()?;
+            View::new(Kind::Segmented, scene.id(), scene.into(), picture.as_ref(), cloud_points)
+        })
+        .await
+    }
+
+    /// The newest scene of a camera, in short.
+    ///
+    /// # Errors
+    /// `not_found` when perception has none.
+    pub async fn newest(&self, camera: &str) -> Result<SceneSummary, CallError> {
+        self.shared.newest(camera).await
+    }
+}
+
+impl Shared {
+    async fn follow_robots(self: Arc<Self>, mut states: Subscription) {
+        let mut tick = ticking(self.config.robot_period_ms);
+        loop {
+            tick.tick().await;
+            // States come faster than anybody looks: only the newest of each robot is read.
+            let mut newest: BTreeMap<String, Sample> = BTreeMap::new();
+            while let Some(sample) = states.try_recv() {
+                newest.insert(sample.key.clone(), sample);
+            }
+            for sample in newest.into_values() {
+                let Some(robot) = keys::worker_of(&sample.key) else { continue };
+                match sample.payload.decode_json::<RobotState>() {
+                    Ok(state) => self.saw_robot(robot, state),
+                    Err(error) => tracing::debug!(robot, %error, "a state that cannot be read"),
+                }
+            }
+        }
+    }
+
+    fn saw_robot(&self, robot: &str, state: RobotState) {
+        {
+            let robots = &mut locked(&self.known).robots;
+            if robots.len() >= MAX_ROBOTS && !robots.contains_key(robot) {
+                return;
+            }
+            robots.insert(robot.to_owned(), state.clone());
+        }
+        let links = link_poses(&world_from_base(&state), &state.q_rad);
+        let shown = RobotShown { robot: robot.to_owned(), state, links };
+        self.audience.tell(&Topic::Robot(robot.to_owned()), &Told::Robot(Box::new(shown)).encode());
+    }
+
+    async fn follow_cameras(self: Arc<Self>, mut summaries: Subscription) {
+        while let Some(sample) = summaries.recv().await {
+            let is_new = locked(&self.known).cameras.saw(keys::last_chunk(&sample.key), Instant::now());
+            if is_new {
+                self.camera_came.notify_waiters();
+                self.tell_system();
+            }
+        }
+    }
+
+    async fn follow_workers(self: Arc<Self>) {
+        let mut tick = ticking(self.config.system_period_ms);
+        loop {
+            tick.tick().await;
+            self.tell_system();
+        }
+    }
+
+    fn tell_system(&self) {
+        let (cameras, robots) = {
+            let mut known = locked(&self.known);
+            (known.cameras.shown(Instant::now()), known.robots.keys().cloned().collect())
+        };
+        let of_service = |(service, caller): (&Service, &Caller)| {
+            let shown = |w: repose_runtime::WorkerView| WorkerShown {
+                service: *service,
+                name: w.name,
+                load: w.load,
+                silent_ms: w.silent.as_secs_f64() * 1e3,
+            };
+            caller.workers().into_iter().map(shown).collect::<Vec<_>>()
+        };
+        let workers = self.callers.iter().flat_map(of_service).collect();
+        let shown = SystemShown { cell: self.name.clone(), workers, cameras, robots };
+        self.audience.tell(&Topic::System, &Told::System(shown).encode());
+    }
+
+    async fn scene(&self, scene_id: &str) -> Result<Scene, CallError> {
+        let request = Payload::json(&SceneRequest { scene_id: scene_id.to_owned() })?;
+        let answer = self.callers[&Service::Perception].call_any("scene", &request, &CallOptions::within(SCENE_WITHIN)).await?;
+        computed(move || Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA)?)).await
+    }
+
+    async fn newest(&self, camera: &str) -> Result<SceneSummary, CallError> {
+        let request = Payload::json(&LatestRequest { camera: camera.to_owned() })?;
+        let answer = self.callers[&Service::Perception].call_any("latest", &request, &CallOptions::within(SCENE_WITHIN)).await?;
+        answer.payload.decode_json()
+    }
+}
+
+/// A camera that somebody looks at.
+pub struct Camera {
+    name: String,
+    seen: Arc<Seen>,
+    _following: JoinSet<()>,
+}
+
+/// What a camera has shown.
+#[derive(Default)]
+struct Seen {
+    audience: Audience,
+    pictures: Mutex<VecDeque<Picture>>,
+    views: Mutex<VecDeque<Arc<View>>>,
+}
+
+impl Camera {
+    async fn follow(cell: Arc<Shared>, name: &str) -> Result<Self, CallError> {
+        let frames = cell.session.subscribe_latest(&cell.session.cell().camera_frame(name)).await?;
+        let summaries = cell.session.subscribe_latest(&cell.session.cell().scene(name)).await?;
+        let seen = Arc::new(Seen::default());
+        let mut following = JoinSet::new();
+        following.spawn(follow_frames(cell.config.clone(), name.to_owned(), frames, seen.clone()));
+        following.spawn(follow_scenes(cell, name.to_owned(), summaries, seen.clone()));
+        Ok(Self { name: name.to_owned(), seen, _following: following })
+    }
+
+    /// The camera's name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Those who look through this camera.
+    pub fn audience(&self) -> &Audience {
+        &self.seen.audience
+    }
+
+    /// A scene that was shown a short while ago.
+    pub fn view(&self, scene_id: &str) -> Option<Arc<View>> {
+        locked(&self.seen.views).iter().find(|v| v.scene_id == scene_id).cloned()
+    }
+}
+
+async fn follow_frames(config: Arc<ConsoleConfig>, camera: String, mut frames: Subscription, seen: Arc<Seen>) {
+    let mut pause = ticking(config.picture_period_ms);
+    loop {
+        pause.tick().await;
+        let Some(sample) = frames.recv().await else { return };
+        let quality = config.jpeg_quality;
+        match computed(move || picture_of(sample.payload, quality)).await {
+            Ok(picture) => {
+                seen.audience.tell(&Topic::Picture, &picture_message(&camera, &picture));
+                let mut pictures = locked(&seen.pictures);
+                pictures.push_back(picture);
+                if pictures.len() > PICTURES {
+                    pictures.pop_front();
+                }
+            }
+            Err(error) => tracing::debug!(camera, %error, "a frame that cannot be shown"),
+        }
+    }
+}
+
+fn picture_of(payload: Payload, quality: u8) -> Result<Picture, CallError> {
+    let frame = Frame::from_bulk(&payload.decode_bulk(Frame::SCHEMA)?)?;
+    let jpeg = jpeg(&frame, quality)?.into();
+    Ok(Picture { stamp_ns: frame.stamp_ns, jpeg, frame: payload })
+}
+
+async fn follow_scenes(cell: Arc<Shared>, camera: String, mut summaries: Subscription, seen: Arc<Seen>) {
+    // What there is already need not be waited for.
+    if let Ok(summary) = cell.newest(&camera).await {
+        show_scene(&cell, &summary, &seen).await;
+    }
+    let mut pause = ticking(cell.config.scene_period_ms);
+    loop {
+        pause.tick().await;
+        let Some(sample) = summaries.recv().await else { return };
+        match sample.payload.decode_json::<SceneSummary>() {
+            Ok(summary) => show_scene(&cell, &summary, &seen).await,
+            Err(error) => tracing::debug!(camera, %error, "a scene's summary that cannot be read"),
+        }
+    }
+}
+
+async fn show_scene(cell: &Shared, summary: &SceneSummary, seen: &Seen) {
+    let scene_id = summary.scene_id.clone();
+    if locked(&seen.views).back().is_some_and(|v| v.scene_id == scene_id) {
+        return;
+    }
+    let picture = locked(&seen.pictures).iter().find(|p| p.stamp_ns == summary.stamp_ns).cloned();
+    let cloud_points = cell.config.cloud_points;
+    let made = async {
+        let scene = cell.scene(&scene_id).await?;
+        computed(move || View::new(Kind::Live, scene_id, scene.into(), picture.as_ref(), cloud_points)).await
+    };
+    match made.await {
+        Ok(view) => {
+            seen.audience.tell(&Topic::Scene, &view.message);
+            let mut views = locked(&seen.views);
+            views.push_back(Arc::new(view));
+            if views.len() > VIEWS {
+                views.pop_front();
+            }
+        }
+        // The next one comes soon.
+        Err(error) => tracing::debug!(camera = summary.camera, %error, "a scene that cannot be shown"),
+    }
+}
+
+/// The cells there are: those with anybody alive. Told to `audience` whenever it changes, until the network closes.
+///
+/// # Errors
+/// When the network refuses.
+pub async fn follow_cells(session: &Session, audience: Arc<Audience>) -> Result<impl Future<Output = ()> + use<>, CallError> {
+    let mut alive = session.watch_alive(keys::LIVES_EVERYWHERE).await?;
+    Ok(async move {
+        let mut told = None;
+        loop {
+            let cells: BTreeSet<String> =
+                alive.current().iter().filter_map(|key| keys::of_live(key)).map(|(cell, ..)| cell.to_owned()).collect();
+            if told.as_ref() != Some(&cells) {
+                audience.tell(&Topic::Cells, &Told::Cells { cells: cells.iter().cloned().collect() }.encode());
+                told = Some(cells);
+            }
+            if !alive.changed().await {
+                return;
+            }
+        }
+    })
+}
+
+/// Where a robot's base stands.
+pub fn world_from_base(_state: &RobotState) -> Isometry3<f64> {
+    Isometry3::identity()
+}
+
+/// An emergency stop from this console.
+pub fn emergency_stop(reason: &str) -> repose_proto::robot::EmergencyStop {
+    let id = uuid::Uuid::new_v4().to_string();
+    repose_proto::robot::EmergencyStop {
+        v: limits::VERSION,
+        id,
+        source: "repose console".to_owned(),
+        reason: reason.to_owned(),
+        stamp_ns: now_ns(),
+    }
+}
+
+/// The time of day as messages are stamped with, nanoseconds since the Unix epoch.
+pub fn now_ns() -> u64 {
+    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    since.map_or(0, |since| since.as_nanos() as u64)
+}
+
+/// Computes beside the async threads.
+async fn computed<T: Send + 'static>(work: impl FnOnce() -> Result<T, CallError> + Send + 'static) -> Result<T, CallError> {
+    tokio::task::spawn_blocking(work).await.map_err(|e| CallError::internal(format!("the computation was lost: {e}")))?
+}
+
+fn ticking(period_ms: u64) -> tokio::time::Interval {
+    let mut tick = interval(Duration::from_millis(period_ms));
+    tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    tick
+}

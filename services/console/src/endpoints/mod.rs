@@ -1,0 +1,180 @@
+//! The console over HTTP: the page, signing in, the stop, and the way to a viewer's WebSocket.
+//!
+//! Every request passes [`guarded`] first: nothing is answered to a page of another site, or under a name that is not ours.
+
+mod requests;
+mod sequence;
+mod socket;
+mod stop;
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, AtomicUsize};
+use std::sync::{Arc, Weak};
+
+use axum::Json;
+use axum::Router;
+use axum::body::Body;
+use axum::extract::{Request, State as Shared};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::middleware::{Next, from_fn_with_state};
+use axum::response::{IntoResponse, Response};
+use axum::routing::{get, post};
+use repose_proto::{CallError, ErrorCode};
+use repose_runtime::{Session, Shutdown};
+use tokio::sync::{Mutex, OnceCell};
+
+use crate::ConsoleConfig;
+use crate::access::{Access, COOKIE, Role, token_in};
+use crate::cell::{Cell, follow_cells};
+use crate::page::{INDEX, file};
+use crate::viewers::Audience;
+
+/// The largest body of a request, bytes: a token or a stop.
+const MAX_BODY: usize = 4096;
+
+/// What all requests share.
+pub struct State {
+    session: Session,
+    config: Arc<ConsoleConfig>,
+    access: Access,
+    over_tls: bool,
+    cells: Mutex<BTreeMap<String, Weak<Cell>>>,
+    everywhere: OnceCell<Arc<Audience>>,
+    open_viewers: Arc<AtomicUsize>,
+    next_viewer: AtomicU64,
+}
+
+impl State {
+    /// For a session and a configuration that has been checked.
+    pub fn new(session: Session, config: ConsoleConfig, access: Access, over_tls: bool) -> Self {
+        Self {
+            session,
+            config: Arc::new(config),
+            access,
+            over_tls,
+            cells: Mutex::default(),
+            everywhere: OnceCell::new(),
+            open_viewers: Arc::default(),
+            next_viewer: AtomicU64::new(1),
+        }
+    }
+
+    /// A cell, followed from now on if nobody looks at it yet.
+    async fn cell(&self, name: &str) -> Result<Arc<Cell>, CallError> {
+        let mut cells = self.cells.lock().await;
+        if let Some(cell) = cells.get(name).and_then(Weak::upgrade) {
+            return Ok(cell);
+        }
+        let cell = Arc::new(Cell::follow(&self.session, name, self.config.clone()).await?);
+        cells.retain(|_, known| known.strong_count() > 0);
+        cells.insert(name.to_owned(), Arc::downgrade(&cell));
+        Ok(cell)
+    }
+
+    /// Those who are told which cells there are.
+    async fn everywhere(&self) -> Result<&Arc<Audience>, CallError> {
+        self.everywhere
+            .get_or_try_init(|| async {
+                let audience = Arc::new(Audience::default());
+                tokio::spawn(follow_cells(&self.session, audience.clone()).await?);
+                Ok(audience)
+            })
+            .await
+    }
+
+    fn role(&self, headers: &HeaderMap) -> Option<Role> {
+        let text = |name| headers.get(name).and_then(|v: &HeaderValue| v.to_str().ok());
+        let bearer = text(header::AUTHORIZATION).and_then(|v| v.strip_prefix("Bearer "));
+        self.access.role_of(bearer.or_else(|| text(header::COOKIE).and_then(token_in)))
+    }
+}
+
+/// All routes.
+pub fn router(state: Arc<State>, shutdown: Shutdown) -> Router {
+    let socket = move |state: Shared<Arc<State>>, headers: HeaderMap, upgrade| socket::upgraded(state, headers, upgrade, shutdown);
+    Router::new()
+        .route("/", get(index))
+        .route("/socket", get(socket))
+        .route("/stop", post(stop::stop))
+        .route("/sign-in", post(sign_in))
+        .route("/health", get(|| async { "ok\n" }))
+        .fallback(page_file)
+        .layer(axum::extract::DefaultBodyLimit::max(MAX_BODY))
+        .layer(from_fn_with_state(state.clone(), guarded))
+        .with_state(state)
+}
+
+/// Refuses other sites and other names, and tells the browser to be as strict.
+async fn guarded(Shared(state): Shared<Arc<State>>, request: Request, next: Next) -> Response {
+    if let Err(reason) = admitted(&state, &request) {
+        tracing::debug!(path = request.uri().path(), reason, "refused");
+        return (StatusCode::FORBIDDEN, format!("{reason}\n")).into_response();
+    }
+    let mut response = next.run(request).await;
+    let headers = response.headers_mut();
+    for (name, value) in [
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::X_FRAME_OPTIONS, "DENY"),
+        (header::REFERRER_POLICY, "no-referrer"),
+        (header::HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
+    ] {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    response
+}
+
+fn admitted(state: &State, request: &Request) -> Result<(), String> {
+    let text = |name: header::HeaderName| request.headers().get(name).and_then(|v| v.to_str().ok());
+    // A link on another site may lead here; nothing else of another site may reach more than the page.
+    let acts = ["/socket", "/stop", "/sign-in"].contains(&request.uri().path());
+    let site = text(header::HeaderName::from_static("sec-fetch-site")).filter(|_| acts);
+    state.access.admits(text(header::HOST), text(header::ORIGIN), site)
+}
+
+async fn index() -> Response {
+    let nonce = uuid::Uuid::new_v4().simple().to_string();
+    let policy = format!(
+        "default-src 'none'; script-src 'self' 'nonce-{nonce}'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; \
+         base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    );
+    let headers = [
+        (header::CONTENT_TYPE, "text/html; charset=utf-8".to_owned()),
+        (header::CACHE_CONTROL, "no-store".to_owned()),
+        (header::CONTENT_SECURITY_POLICY, policy),
+    ];
+    (headers, INDEX.replace("NONCE", &nonce)).into_response()
+}
+
+async fn page_file(request: Request) -> Response {
+    let Some(file) = file(request.uri().path()) else {
+        return (StatusCode::NOT_FOUND, "no such page\n").into_response();
+    };
+    let tag = format!("\"{}\"", file.hash());
+    let is_known = request.headers().get(header::IF_NONE_MATCH).is_some_and(|known| known.as_bytes() == tag.as_bytes());
+    let headers =
+        [(header::ETAG, tag), (header::CACHE_CONTROL, "no-cache".to_owned()), (header::CONTENT_TYPE, file.media_type().to_owned())];
+    match is_known {
+        true => (StatusCode::NOT_MODIFIED, headers).into_response(),
+        false => (headers, Body::from(file.bytes)).into_response(),
+    }
+}
+
+/// Takes a token and leaves it with the browser, where scripts cannot read it.
+async fn sign_in(Shared(state): Shared<Arc<State>>, token: String) -> Response {
+    let Some(role) = state.access.role_of(Some(token.trim())) else {
+        return refused(StatusCode::UNAUTHORIZED, &CallError::invalid("token", "this token is not known here"));
+    };
+    let secure = if state.over_tls { "; Secure" } else { "" };
+    let cookie = format!("{COOKIE}={}; Path=/; HttpOnly; SameSite=Strict{secure}", token.trim());
+    ([(header::SET_COOKIE, cookie)], Json(serde_json::json!({"role": role}))).into_response()
+}
+
+/// An error of the contract, over HTTP.
+fn refused(status: StatusCode, error: &CallError) -> Response {
+    (status, Json(serde_json::json!({"error": error}))).into_response()
+}
+
+/// What somebody without a good token is told.
+fn unknown() -> CallError {
+    CallError::new(ErrorCode::FailedPrecondition, "this console asks for a token").at("token")
+}

@@ -1,0 +1,357 @@
+//! What a viewer asks, carried out: each request a task of its own that ends in one answer.
+
+use std::collections::BTreeMap;
+use std::convert::Infallible;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPlan, MotionPlanRequest, RobotResetReply, RobotResetRequest};
+use repose_proto::scoring::enclose;
+use repose_proto::simulator::WorldResetRequest;
+use repose_proto::{CallError, ErrorCode, Message as _, Payload, PlaceRequest, PlaceResult, Scene, SceneRef, Service};
+use repose_runtime::{Answer, CallOptions, Caller, CancellationToken};
+use tokio::sync::mpsc;
+
+use super::State;
+use super::socket::busy;
+use crate::access::Role;
+use crate::arm::PlanShown;
+use crate::cell::{Camera, Cell, world_from_base};
+use crate::messages::{Answered, Ask, ExecutionEnded, ExecutionShown, Request, Told};
+use crate::view::View;
+use crate::viewers::{Outbox, Topic};
+
+/// Requests of one viewer that may be open; the next is refused.
+const MAX_OPEN: usize = 16;
+/// Progress that may wait; what does not fit is dropped.
+const PROGRESS: usize = 16;
+/// How long an execution may take.
+const EXECUTION: Duration = Duration::from_secs(600);
+/// How long a reset may take.
+const RESET: Duration = Duration::from_secs(10);
+
+/// Somebody who looks.
+pub struct Viewer {
+    id: u64,
+    role: Role,
+    outbox: Arc<Outbox>,
+    state: Arc<State>,
+    eyes: Mutex<Eyes>,
+}
+
+/// What a viewer looks at, and what it has in hand.
+#[derive(Default)]
+struct Eyes {
+    cell: Option<Arc<Cell>>,
+    camera: Option<Arc<Camera>>,
+    held: Option<Arc<View>>,
+    plan: Option<(String, Arc<MotionPlan>)>,
+    open: BTreeMap<u64, CancellationToken>,
+    has_left: bool,
+}
+
+impl Viewer {
+    /// A viewer that looks at nothing yet.
+    pub fn new(id: u64, role: Role, outbox: Arc<Outbox>, state: Arc<State>) -> Arc<Self> {
+        Arc::new(Self { id, role, outbox, state, eyes: Mutex::default() })
+    }
+
+    /// Where its messages go.
+    pub fn outbox(&self) -> &Arc<Outbox> {
+        &self.outbox
+    }
+
+    fn eyes(&self) -> MutexGuard<'_, Eyes> {
+        self.eyes.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Begins to be told which cells there are.
+    ///
+    /// # Errors
+    /// When the network refuses.
+    pub async fn look_everywhere(&self) -> Result<(), CallError> {
+        self.state.everywhere().await?.join(self.id, self.outbox.clone());
+        Ok(())
+    }
+
+    /// Takes the viewer out of every audience and gives up what it asked for, but for what moves a robot.
+    pub async fn leave(&self) {
+        let eyes = std::mem::replace(&mut *self.eyes(), Eyes { has_left: true, ..Eyes::default() });
+        eyes.open.values().for_each(CancellationToken::cancel);
+        if let Ok(everywhere) = self.state.everywhere().await {
+            everywhere.leave(self.id);
+        }
+        if let (Some(cell), Some((plan, _))) = (&eyes.cell, &eyes.plan) {
+            cell.hide_plan(Some(plan));
+        }
+        leave(self.id, &eyes);
+    }
+
+    /// Takes a request; its answer comes to the outbox.
+    pub fn take(self: &Arc<Self>, request: Request) {
+        let Request { id, ask } = request;
+        let cancel = CancellationToken::new();
+        let refusal = {
+            let mut eyes = self.eyes();
+            match self.role.check(ask.needs()) {
+                Ok(()) if eyes.open.len() >= MAX_OPEN => Some(busy(MAX_OPEN)),
+                Ok(()) if eyes.open.contains_key(&id) => Some(CallError::invalid("id", format!("request {id} is open already"))),
+                Ok(()) => {
+                    eyes.open.insert(id, cancel.clone());
+                    None
+                }
+                Err(error) => Some(error),
+            }
+        };
+        if let Some(error) = refusal {
+            return self.outbox.put(Topic::Answer(id), Told::Refused { id, error }.encode());
+        }
+        let viewer = self.clone();
+        tokio::spawn(async move {
+            let answered = viewer.carry_out(id, ask, cancel).await;
+            viewer.eyes().open.remove(&id);
+            let told = match answered {
+                Ok(result) => Told::Answer { id, result: Box::new(result) },
+                Err(error) => Told::Refused { id, error },
+            };
+            viewer.outbox.put(Topic::Answer(id), told.encode());
+        });
+    }
+
+    async fn carry_out(self: &Arc<Self>, id: u64, ask: Ask, cancel: CancellationToken) -> Result<Answered, CallError> {
+        match ask {
+            Ask::Watch { cell, camera } => self.watch(&cell, camera.as_deref()).await,
+            Ask::Hold { scene_id } => self.hold(&scene_id),
+            Ask::Segment { scene_id, pixel } => self.segment(&scene_id, pixel).await,
+            Ask::Place { request } => self.place(id, &request, cancel).await,
+            Ask::Plan { scene_id, robot, query, placements, seed } => {
+                let scene = SceneRef { scene_id };
+                let request = MotionPlanRequest { scene, robot, query, placements, start_joints_rad: [0.0; 7], grasps: None, seed };
+                self.plan(request, cancel).await
+            }
+            Ask::Execute { plan } => self.execute(&plan).await,
+            Ask::Discard { plan } => {
+                self.eyes().plan.take_if(|(known, _)| *known == plan);
+                self.cell()?.hide_plan(Some(&plan));
+                Ok(Answered::Done {})
+            }
+            Ask::Sequence { scene_id, robot, goals } => {
+                let (cell, camera) = (self.cell()?, self.camera()?);
+                let scene = self.scene(&cell, &scene_id).await?;
+                super::sequence::begin(cell, camera, scene, robot, goals, Duration::from_millis(self.state.config.request_deadline_ms))
+            }
+            Ask::EndSequence => {
+                super::sequence::end(self.cell()?.as_ref());
+                Ok(Answered::Done {})
+            }
+            Ask::Reset { robot } => self.reset(&robot).await,
+            Ask::NewScene { seed } => {
+                let request = Payload::json(&WorldResetRequest { seed })?;
+                self.cell()?.caller(Service::Simulator).call("reset", request, CallOptions::at_most_once(RESET)).await?;
+                Ok(Answered::Done {})
+            }
+            Ask::Cancel { request } => {
+                if let Some(open) = self.eyes().open.get(&request) {
+                    open.cancel();
+                }
+                Ok(Answered::Done {})
+            }
+        }
+    }
+
+    fn cell(&self) -> Result<Arc<Cell>, CallError> {
+        self.eyes().cell.clone().ok_or_else(|| CallError::precondition("no cell is watched yet").at("cell"))
+    }
+
+    fn camera(&self) -> Result<Arc<Camera>, CallError> {
+        self.eyes().camera.clone().ok_or_else(|| CallError::precondition("no camera is watched yet").at("camera"))
+    }
+
+    async fn watch(&self, cell: &str, camera: Option<&str>) -> Result<Answered, CallError> {
+        let cell = self.state.cell(cell).await?;
+        // The cell is shown even where it has no camera yet.
+        let seen = {
+            let mut eyes = self.eyes();
+            if eyes.has_left {
+                return Ok(Answered::Done {});
+            }
+            let is_same = eyes.cell.as_ref().is_some_and(|old| Arc::ptr_eq(old, &cell));
+            let (open, held, plan) = (std::mem::take(&mut eyes.open), eyes.held.take(), eyes.plan.take());
+            let before = std::mem::replace(&mut *eyes, Eyes { cell: Some(cell.clone()), open, ..Eyes::default() });
+            if is_same {
+                (eyes.held, eyes.plan) = (held, plan);
+            }
+            before
+        };
+        leave(self.id, &seen);
+        cell.audience().join(self.id, self.outbox.clone());
+        let camera = cell.camera(camera).await?;
+        camera.audience().join(self.id, self.outbox.clone());
+        let mut eyes = self.eyes();
+        if eyes.has_left {
+            camera.audience().leave(self.id);
+            cell.audience().leave(self.id);
+        } else {
+            eyes.camera = Some(camera);
+        }
+        Ok(Answered::Done {})
+    }
+
+    fn hold(&self, scene_id: &str) -> Result<Answered, CallError> {
+        let view = self.view(scene_id)?;
+        self.eyes().held = Some(view);
+        Ok(Answered::Done {})
+    }
+
+    /// A scene that this viewer holds, or was shown a short while ago.
+    fn view(&self, scene_id: &str) -> Result<Arc<View>, CallError> {
+        let held = self.eyes().held.clone().filter(|view| view.scene_id == scene_id);
+        match held {
+            Some(view) => Ok(view),
+            None => self.camera()?.view(scene_id).ok_or_else(|| CallError::not_found("scene_id", "this scene is no longer shown")),
+        }
+    }
+
+    async fn segment(&self, scene_id: &str, pixel: [usize; 2]) -> Result<Answered, CallError> {
+        let view = self.cell()?.segmented(self.view(scene_id)?.as_ref(), pixel).await?;
+        self.outbox.put(Topic::Segmented, view.message.clone());
+        self.eyes().held = Some(Arc::new(view));
+        Ok(Answered::Done {})
+    }
+
+    /// A scene that this viewer has seen, or that perception still has.
+    async fn scene(&self, cell: &Cell, scene_id: &str) -> Result<Arc<Scene>, CallError> {
+        match self.view(scene_id) {
+            Ok(view) => Ok(view.scene.clone()),
+            Err(_) => Ok(Arc::new(cell.scene(scene_id).await?)),
+        }
+    }
+
+    fn deadline(&self) -> Duration {
+        Duration::from_millis(self.state.config.request_deadline_ms)
+    }
+
+    async fn place(&self, id: u64, request: &PlaceRequest, cancel: CancellationToken) -> Result<Answered, CallError> {
+        request.validate()?;
+        let (cell, started) = (self.cell()?, Instant::now());
+        let scene = self.scene(&cell, &request.scene.scene_id).await.ok();
+        let (sender, mut progress) = mpsc::channel::<Payload>(PROGRESS);
+        let telling = {
+            let outbox = self.outbox.clone();
+            tokio::spawn(async move {
+                while let Some(payload) = progress.recv().await {
+                    let Ok(progress) = serde_json::from_slice(&payload.bytes) else { continue };
+                    outbox.put(Topic::Progress(id), Told::Progress { id, progress }.encode());
+                }
+            })
+        };
+        let options = CallOptions { progress: Some(sender), cancel, ..CallOptions::within(self.deadline()) };
+        let answered = place(cell.caller(Service::Planner), request, scene.as_deref(), options).await;
+        telling.abort();
+        let (placed, answer) = answered?;
+        let took_ms = started.elapsed().as_secs_f64() * 1e3;
+        Ok(Answered::Placed { placed: Box::new(placed), worker: answer.worker, timing_ms: answer.timing_ms, took_ms })
+    }
+
+    async fn plan(&self, request: MotionPlanRequest, cancel: CancellationToken) -> Result<Answered, CallError> {
+        let cell = self.cell()?;
+        let scene = self.scene(&cell, &request.scene.scene_id).await?;
+        let options = CallOptions { cancel, ..CallOptions::within(self.deadline()) };
+        let (plan, shown) = plan(&cell, request, &scene, options).await?;
+        let id = shown.plan.clone();
+        self.eyes().plan = Some((id.clone(), plan));
+        cell.show_plan(shown);
+        Ok(Answered::Planned { plan: id })
+    }
+
+    async fn execute(&self, id: &str) -> Result<Answered, CallError> {
+        let planned = self.eyes().plan.take_if(|(known, _)| known == id);
+        let (_, plan) = planned.ok_or_else(|| CallError::not_found("plan", "this plan is not at hand; plan again"))?;
+        let reply = execute(self.cell()?.as_ref(), &plan).await?;
+        Ok(Answered::Executed { outcome: reply.outcome, reason: reply.reason })
+    }
+
+    async fn reset(&self, robot: &str) -> Result<Answered, CallError> {
+        let request = Payload::json(&RobotResetRequest { robot: robot.to_owned() })?;
+        let answer = self.cell()?.caller(Service::Motion).call("reset", request, CallOptions::at_most_once(RESET)).await?;
+        let reply: RobotResetReply = answer.payload.decode_json()?;
+        Ok(Answered::Cleared { was_stopped: reply.was_stopped })
+    }
+}
+
+fn leave(viewer: u64, eyes: &Eyes) {
+    if let Some(cell) = &eyes.cell {
+        cell.audience().leave(viewer);
+    }
+    if let Some(camera) = &eyes.camera {
+        camera.audience().leave(viewer);
+    }
+}
+
+/// Asks for a placement on a scene by its id; sends the scene whole, where it is at hand, when nobody holds it any more.
+pub(super) async fn place(
+    planner: &Caller,
+    request: &PlaceRequest,
+    scene: Option<&Scene>,
+    options: CallOptions,
+) -> Result<(PlaceResult, Answer), CallError> {
+    let by_id = planner.call("place", Payload::json(request)?, options.clone()).await;
+    let lacks_scene =
+        |error: &CallError| error.code == ErrorCode::NotFound && error.field.as_deref().is_some_and(|field| field.ends_with("scene_id"));
+    let answer = match (by_id, scene) {
+        (Err(error), Some(scene)) if lacks_scene(&error) => {
+            let whole = Payload::bulk(PlaceRequest::SCHEMA, &enclose(request, Some(scene)))?;
+            planner.call("place", whole, options).await?
+        }
+        (answered, _) => answered?,
+    };
+    Ok((answer.payload.decode_json()?, answer))
+}
+
+/// Has a motion planned from where the robot stands.
+pub(super) async fn plan(
+    cell: &Cell,
+    request: MotionPlanRequest,
+    scene: &Scene,
+    options: CallOptions,
+) -> Result<(Arc<MotionPlan>, Arc<PlanShown>), CallError> {
+    let robot = cell.robot(&request.robot)?;
+    let request = MotionPlanRequest { start_joints_rad: robot.q_rad, ..request };
+    request.validate()?;
+    // Enclosed: motion need not hold a scene that is this new, or this old.
+    let whole = Payload::bulk(MotionPlanRequest::SCHEMA, &enclose(&request, Some(scene)))?;
+    let answer = cell.caller(Service::Motion).call("plan", whole, options).await?;
+    let plan: MotionPlan = answer.payload.decode_json()?;
+    let shown = PlanShown::new(uuid::Uuid::new_v4().to_string(), &plan, &world_from_base(&robot));
+    Ok((Arc::new(plan), Arc::new(shown)))
+}
+
+/// Has a plan carried out, and tells the cell's viewers how far it is. Goes on when whoever asked has left: a robot is stopped by its stop.
+pub(super) async fn execute(cell: &Cell, plan: &MotionPlan) -> Result<ExecuteReply, CallError> {
+    let phases: Vec<String> = plan.phases.iter().map(|p| p.name.clone()).collect();
+    let shown = ExecutionShown { robot: plan.robot.clone(), query: plan.query, phases, phase: 0, ended: None };
+    cell.hide_plan(None);
+    cell.update(|activity| activity.execution = Some(shown));
+    let (sender, mut progress) = mpsc::channel::<Payload>(PROGRESS);
+    let options = CallOptions { progress: Some(sender), ..CallOptions::at_most_once(EXECUTION) };
+    let calling = async { cell.caller(Service::Motion).call("execute", Payload::json(plan)?, options).await?.payload.decode_json() };
+    let telling = async {
+        // The sender goes with the call, which ends the race below.
+        while let Some(payload) = progress.recv().await {
+            let Ok(at) = payload.decode_json::<ExecuteProgress>() else { continue };
+            let phase = at.done.min(at.of.saturating_sub(1));
+            cell.update(|activity| activity.execution.iter_mut().for_each(|e| e.phase = phase));
+        }
+        std::future::pending::<Infallible>().await
+    };
+    let reply: Result<ExecuteReply, CallError> = tokio::select! {
+        reply = calling => reply,
+        never = telling => match never {},
+    };
+    let ended = match &reply {
+        Ok(reply) => ExecutionEnded::Outcome { outcome: reply.outcome, reason: reply.reason.clone() },
+        Err(error) => ExecutionEnded::Error(error.clone()),
+    };
+    cell.update(|activity| activity.execution.iter_mut().for_each(|e| e.ended = Some(ended.clone())));
+    reply
+}

@@ -1,0 +1,138 @@
+//! A viewer's WebSocket: requests in, messages out, until either side goes.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use axum::body::Bytes;
+use axum::extract::State as Shared;
+use axum::extract::ws::{CloseFrame, Message as Frame, Utf8Bytes, WebSocket, WebSocketUpgrade, close_code};
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::{IntoResponse, Response};
+use futures::stream::SplitSink;
+use futures::{SinkExt, StreamExt};
+use repose_proto::{CallError, ErrorCode};
+use repose_runtime::Shutdown;
+
+use super::State;
+use super::requests::Viewer;
+use crate::access::Role;
+use crate::messages::{Request, Told};
+use crate::page::page_hash;
+use crate::viewers::{Message, Outbox, Topic};
+
+/// The largest message of a viewer's, bytes.
+const MAX_MESSAGE: usize = 256 * 1024;
+/// How often a silent viewer is asked whether it is there.
+const PING_EVERY: Duration = Duration::from_secs(5);
+/// How long a viewer may take to take a message, or to answer a ping, before it counts as gone.
+const GONE_AFTER: Duration = Duration::from_secs(20);
+/// The close code of a viewer without a good token; 4000 to 4999 are free for applications.
+const UNKNOWN: u16 = 4401;
+
+/// Makes a viewer of an HTTP request.
+pub async fn upgraded(Shared(state): Shared<Arc<State>>, headers: HeaderMap, upgrade: WebSocketUpgrade, shutdown: Shutdown) -> Response {
+    let upgrade = upgrade.max_message_size(MAX_MESSAGE).max_frame_size(MAX_MESSAGE);
+    // Browsers hide the status of a refused upgrade from the page: it is told by a close code.
+    let Some(role) = state.role(&headers) else {
+        return upgrade.on_upgrade(|socket| closed(socket, UNKNOWN, "this console asks for a token"));
+    };
+    let Some(place) = Place::take(&state) else {
+        return (StatusCode::SERVICE_UNAVAILABLE, "too many pages are open\n").into_response();
+    };
+    upgrade.on_upgrade(move |socket| async move {
+        serve(socket, state, role, shutdown).await;
+        drop(place);
+    })
+}
+
+/// One of the places that `max_viewers` gives.
+struct Place(Arc<AtomicUsize>);
+
+impl Place {
+    fn take(state: &State) -> Option<Self> {
+        let most = state.config.max_viewers;
+        let taken = state.open_viewers.fetch_update(Ordering::AcqRel, Ordering::Acquire, |open| (open < most).then_some(open + 1));
+        taken.is_ok().then(|| Self(state.open_viewers.clone()))
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::AcqRel);
+    }
+}
+
+async fn closed(mut socket: WebSocket, code: u16, reason: &'static str) {
+    // Whoever is gone already need not be told.
+    drop(socket.send(Frame::Close(Some(CloseFrame { code, reason: Utf8Bytes::from_static(reason) }))).await);
+}
+
+async fn serve(socket: WebSocket, state: Arc<State>, role: Role, shutdown: Shutdown) {
+    let id = state.next_viewer.fetch_add(1, Ordering::Relaxed);
+    let outbox = Arc::new(Outbox::default());
+    let cell = state.session.cell().name().to_owned();
+    outbox.put(Topic::Welcome, Told::Welcome { version: env!("CARGO_PKG_VERSION"), page: page_hash().to_owned(), role, cell }.encode());
+    let viewer = Viewer::new(id, role, outbox.clone(), state);
+    if let Err(error) = viewer.look_everywhere().await {
+        tracing::warn!(%error, "the cells cannot be told");
+    }
+    let (sink, mut stream) = socket.split();
+    let mut writing = tokio::spawn(write(sink, outbox.clone(), shutdown));
+    loop {
+        tokio::select! {
+            // Pongs count: a viewer that is there is heard every few seconds.
+            heard = tokio::time::timeout(GONE_AFTER, stream.next()) => match heard {
+                Ok(Some(Ok(Frame::Text(text)))) => read(&viewer, &text),
+                Ok(Some(Ok(Frame::Close(_)) | Err(_)) | None) | Err(_) => break,
+                Ok(Some(Ok(_))) => {}
+            },
+            _ = &mut writing => break,
+        }
+    }
+    outbox.close();
+    viewer.leave().await;
+    writing.abort();
+    tracing::debug!(viewer = id, replaced = outbox.replaced(), "a viewer has left");
+}
+
+fn read(viewer: &Arc<Viewer>, text: &Utf8Bytes) {
+    match repose_proto::message::from_json::<Request>(text.as_bytes()) {
+        Ok(request) => viewer.take(request),
+        Err(error) => {
+            // The id may be readable where the request is not.
+            let id = serde_json::from_str::<serde_json::Value>(text).ok().and_then(|v| v.get("id")?.as_u64()).unwrap_or(0);
+            viewer.outbox().put(Topic::Answer(id), Told::Refused { id, error }.encode());
+        }
+    }
+}
+
+async fn write(mut sink: SplitSink<WebSocket, Frame>, outbox: Arc<Outbox>, shutdown: Shutdown) {
+    let mut ping = tokio::time::interval(PING_EVERY);
+    loop {
+        let frame = tokio::select! {
+            message = outbox.next() => match message {
+                Some(Message::Text(text)) => Frame::Text(Utf8Bytes::from(&*text)),
+                Some(Message::Binary(bytes)) => Frame::Binary(bytes),
+                None => break,
+            },
+            _ = ping.tick() => Frame::Ping(Bytes::new()),
+            () = shutdown.requested() => {
+                let reason = Utf8Bytes::from_static("the console is ending");
+                // The last word: nobody waits for it longer than for any other.
+                let last = sink.send(Frame::Close(Some(CloseFrame { code: close_code::RESTART, reason })));
+                drop(tokio::time::timeout(Duration::from_secs(1), last).await);
+                return;
+            }
+        };
+        match tokio::time::timeout(GONE_AFTER, sink.send(frame)).await {
+            Ok(Ok(())) => {}
+            Ok(Err(_)) | Err(_) => return,
+        }
+    }
+}
+
+/// The answer to a request that came while too many were open.
+pub(super) fn busy(most: usize) -> CallError {
+    CallError::new(ErrorCode::ResourceExhausted, format!("{most} requests of this page are open already"))
+}

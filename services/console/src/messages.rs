@@ -1,0 +1,371 @@
+//! What goes over a viewer's WebSocket as JSON. The page's side is `page/js/connection.js`.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use repose_proto::load::WorkerLoad;
+use repose_proto::motion::ExecutionOutcome;
+use repose_proto::robot::RobotState;
+use repose_proto::{CallError, GoalTerm, PlaceRequest, PlaceResult, RigidTransform, Service};
+use serde::{Deserialize, Serialize};
+
+use crate::access::Role;
+use crate::arm::{LinkPoses, PlanShown};
+use crate::viewers::Message;
+
+/// A request of a viewer's; `id` comes back with its answer.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct Request {
+    /// Chosen by the viewer, different for each of its requests.
+    pub id: u64,
+    /// What is asked.
+    #[serde(flatten)]
+    pub ask: Ask,
+}
+
+/// What a viewer asks.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(tag = "ask", rename_all = "snake_case")]
+pub enum Ask {
+    /// Follow a cell, and one of its cameras; the first of them where none is named.
+    Watch {
+        /// The cell.
+        cell: String,
+        /// The camera.
+        camera: Option<String>,
+    },
+    /// Keep a scene that was shown: goals are about it until another is held.
+    Hold {
+        /// The scene's id.
+        scene_id: String,
+    },
+    /// Look for an object where none was found.
+    Segment {
+        /// The scene whose picture was clicked.
+        scene_id: String,
+        /// The pixel, column and row.
+        pixel: [usize; 2],
+    },
+    /// Where an object can go.
+    Place {
+        /// The request, as the planner takes it.
+        request: Box<PlaceRequest>,
+    },
+    /// How the arm would carry it there.
+    Plan {
+        /// The scene's id.
+        scene_id: String,
+        /// The robot.
+        robot: String,
+        /// The object.
+        query: u16,
+        /// Where it may go, best first.
+        placements: Vec<RigidTransform>,
+        /// The source of every random number.
+        #[serde(default)]
+        seed: u64,
+    },
+    /// Carry out the plan that was shown to this viewer last.
+    Execute {
+        /// The plan's id.
+        plan: String,
+    },
+    /// Forget a plan of this viewer's.
+    Discard {
+        /// The plan's id.
+        plan: String,
+    },
+    /// Carry out several goals one after another.
+    Sequence {
+        /// The scene whose ids the goals use.
+        scene_id: String,
+        /// The robot.
+        robot: String,
+        /// The goals, as the planner takes them.
+        goals: Vec<PlaceRequest>,
+    },
+    /// End the sequence that runs, after what moves now.
+    EndSequence,
+    /// Clear a robot's stop.
+    Reset {
+        /// The robot.
+        robot: String,
+    },
+    /// A new scene in a simulated cell.
+    NewScene {
+        /// Its seed.
+        seed: u64,
+    },
+    /// Give up a request of this viewer's.
+    Cancel {
+        /// The request's id.
+        request: u64,
+    },
+}
+
+impl Ask {
+    /// The least role that may ask it.
+    pub fn needs(&self) -> Role {
+        match self {
+            Self::Watch { .. } | Self::Hold { .. } | Self::Cancel { .. } | Self::Discard { .. } => Role::Viewer,
+            Self::Segment { .. } | Self::Place { .. } | Self::Plan { .. } => Role::Planner,
+            Self::Execute { .. } | Self::Sequence { .. } | Self::EndSequence | Self::Reset { .. } | Self::NewScene { .. } => Role::Operator,
+        }
+    }
+}
+
+/// What a viewer is told.
+#[derive(Debug, Clone, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum Told {
+    /// First of all.
+    Welcome {
+        /// Of the console.
+        version: &'static str,
+        /// Of its page: a page of another hash is out of date.
+        page: String,
+        /// What this viewer may do.
+        role: Role,
+        /// The cell of the console's configuration.
+        cell: String,
+    },
+    /// The cells with anybody alive in them.
+    Cells {
+        /// Their names.
+        cells: Vec<String>,
+    },
+    /// A cell's parts.
+    System(SystemShown),
+    /// A robot.
+    Robot(Box<RobotShown>),
+    /// What is being carried out in the cell, or was last.
+    Activity(Activity),
+    /// A motion that somebody planned in the cell; none once it has begun or is out of date.
+    Plan {
+        /// The plan.
+        shown: Option<Arc<PlanShown>>,
+    },
+    /// How far a request is.
+    Progress {
+        /// The request's id.
+        id: u64,
+        /// What its worker says.
+        progress: serde_json::Value,
+    },
+    /// The result of a request.
+    Answer {
+        /// The request's id.
+        id: u64,
+        /// The result.
+        result: Box<Answered>,
+    },
+    /// Why a request has no result.
+    Refused {
+        /// The request's id; 0 where it could not be read.
+        id: u64,
+        /// The contract's error.
+        error: CallError,
+    },
+}
+
+impl Told {
+    /// The message, encoded.
+    pub fn encode(&self) -> Message {
+        Message::Text(serde_json::to_string(self).unwrap_or_else(|e| format!(r#"{{"kind":"fault","message":"{e}"}}"#)).into())
+    }
+}
+
+/// The result of a request.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum Answered {
+    /// It was done, and there is nothing to say.
+    Done {},
+    /// A placement's answer.
+    Placed {
+        /// The planner's result.
+        placed: Box<PlaceResult>,
+        /// Its worker.
+        worker: String,
+        /// Milliseconds by stage, as the worker counted them.
+        timing_ms: BTreeMap<String, f64>,
+        /// Milliseconds from the request's arrival here to its answer.
+        took_ms: f64,
+    },
+    /// A motion plan.
+    Planned {
+        /// The plan's id.
+        plan: String,
+    },
+    /// How an execution ended.
+    Executed {
+        /// How.
+        outcome: ExecutionOutcome,
+        /// Why, when not done.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        reason: Option<String>,
+    },
+    /// Whether a stop was cleared.
+    Cleared {
+        /// Whether there was one.
+        was_stopped: bool,
+    },
+}
+
+/// A cell's parts.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SystemShown {
+    /// The cell.
+    pub cell: String,
+    /// Every worker alive.
+    pub workers: Vec<WorkerShown>,
+    /// Every camera that scenes come from.
+    pub cameras: Vec<CameraShown>,
+    /// Every robot that tells its state.
+    pub robots: Vec<String>,
+}
+
+/// A worker.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct WorkerShown {
+    /// Its service.
+    pub service: Service,
+    /// Its name.
+    pub name: String,
+    /// Its newest load.
+    pub load: Option<WorkerLoad>,
+    /// How long it has been silent, milliseconds.
+    pub silent_ms: f64,
+}
+
+/// A camera.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CameraShown {
+    /// Its name.
+    pub name: String,
+    /// Scenes per second, smoothed.
+    pub scenes_per_s: f64,
+    /// How old its newest scene is, milliseconds.
+    pub age_ms: f64,
+}
+
+/// A robot's state, and where its links are.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RobotShown {
+    /// Its name.
+    pub robot: String,
+    /// What it says of itself.
+    pub state: RobotState,
+    /// Its links.
+    pub links: LinkPoses,
+}
+
+/// What is being carried out in a cell, or was last.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Activity {
+    /// The motion.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub execution: Option<ExecutionShown>,
+    /// The sequence that it belongs to.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sequence: Option<SequenceShown>,
+}
+
+/// A motion under way, or the last one.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ExecutionShown {
+    /// The robot.
+    pub robot: String,
+    /// The object.
+    pub query: u16,
+    /// The names of its phases, in order.
+    pub phases: Vec<String>,
+    /// The phase it is in.
+    pub phase: usize,
+    /// How it ended.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ended: Option<ExecutionEnded>,
+}
+
+/// How a motion ended.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ExecutionEnded {
+    /// As motion says.
+    Outcome {
+        /// How.
+        outcome: ExecutionOutcome,
+        /// Why, when not done.
+        reason: Option<String>,
+    },
+    /// Without a word of motion's.
+    Error(CallError),
+}
+
+/// A sequence under way, or the last one.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct SequenceShown {
+    /// Its goals in order.
+    pub steps: Vec<StepShown>,
+    /// Whether it has ended.
+    pub ended: bool,
+}
+
+/// A goal of a sequence.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StepShown {
+    /// The object, by its id in the first view.
+    pub query: u16,
+    /// What is to hold, ids as in the first view.
+    pub goal: Vec<GoalTerm>,
+    /// How far it is.
+    pub stage: Stage,
+    /// Each term by rule on the view after it; empty before.
+    pub holds: Vec<bool>,
+    /// Why it ended without its goal.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub error: Option<CallError>,
+}
+
+/// How far a goal of a sequence is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stage {
+    /// Not begun.
+    Waiting,
+    /// A fresh view is waited for.
+    Looking,
+    /// The planner searches.
+    Placing,
+    /// Motion plans.
+    Planning,
+    /// The robot moves.
+    Moving,
+    /// Carried out, and its goal holds.
+    Held,
+    /// Ended without its goal.
+    Failed,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_request_is_read_with_its_id_and_an_unknown_one_is_refused() {
+        let read = |text: &str| repose_proto::message::from_json::<Request>(text.as_bytes());
+        let watch = read(r#"{"id": 3, "ask": "watch", "cell": "lab", "camera": null}"#).expect("a request");
+        assert_eq!(watch, Request { id: 3, ask: Ask::Watch { cell: "lab".to_owned(), camera: None } });
+        assert_eq!(watch.ask.needs(), Role::Viewer);
+        assert_eq!(read(r#"{"id": 4, "ask": "reset", "robot": "panda"}"#).expect("a request").ask.needs(), Role::Operator);
+        assert!(read(r#"{"id": 5, "ask": "dance"}"#).is_err_and(|e| e.message.contains("dance")));
+    }
+
+    #[test]
+    fn an_error_is_told_with_its_field() {
+        let told = Told::Refused { id: 9, error: CallError::invalid("goal[0].anchor", "no object 7") };
+        let Message::Text(text) = told.encode() else { panic!("expected JSON") };
+        let value: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+        assert_eq!((&value["kind"], &value["id"], &value["error"]["field"]), (&"refused".into(), &9.into(), &"goal[0].anchor".into()));
+    }
+}

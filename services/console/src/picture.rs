@@ -1,0 +1,142 @@
+//! Pictures for browsers: a frame as JPEG, and which object each pixel of a scene's picture shows.
+//!
+//! The label image comes from the scene, not from the frame: every point of the cloud is projected into the camera, so a click means the object
+//! that will be planned with, whoever segmented it. Borders, which perception leaves out, are filled from their neighbours.
+
+use jpeg_encoder::{ColorType, Encoder, EncodingError};
+use nalgebra::Point3;
+use repose_geometry::camera::Pinhole;
+use repose_geometry::transform::from_row_major;
+use repose_proto::{CallError, Frame, Scene};
+
+/// How far the label of an object is carried over pixels that show nobody, pixels.
+const FILL_PX: usize = 3;
+
+/// Encodes a frame's colour, or its depth in grey where it has none.
+///
+/// # Errors
+/// `internal` when the encoder refuses.
+pub fn jpeg(frame: &Frame, quality: u8) -> Result<Vec<u8>, CallError> {
+    let (width, height) = (frame.camera.width as u16, frame.camera.height as u16);
+    let mut bytes = Vec::new();
+    let encoder = Encoder::new(&mut bytes, quality);
+    let encoded = match &frame.color {
+        Some(color) => encoder.encode(color.as_flattened(), width, height, ColorType::Rgb),
+        None => encoder.encode(&grey(&frame.depth), width, height, ColorType::Luma),
+    };
+    encoded.map_err(|e: EncodingError| CallError::internal(format!("the picture could not be encoded: {e}")))?;
+    Ok(bytes)
+}
+
+/// Depth as brightness, near is bright, no reading is black.
+fn grey(depth: &[u16]) -> Vec<u8> {
+    let seen = || depth.iter().copied().filter(|d| *d > 0);
+    let (near, far) = (seen().min().unwrap_or(0), seen().max().unwrap_or(0));
+    let span = f32::from(far - near).max(1.0);
+    let level = |d: &u16| if *d == 0 { 0 } else { 255 - (f32::from(*d - near) / span * 200.0) as u8 };
+    depth.iter().map(level).collect()
+}
+
+/// The object that each pixel shows, row by row, 0 = none.
+///
+/// # Errors
+/// `invalid_argument` when the scene's camera has no pose.
+pub fn label_image(scene: &Scene) -> Result<Vec<u16>, CallError> {
+    let camera = &scene.meta.camera;
+    let lost = || CallError::invalid("scene.camera.world_from_camera", "a scene's camera must have a pose");
+    let pose = camera.world_from_camera.ok_or_else(lost)?;
+    let camera_from_world = from_row_major(&pose.0).map_err(|_| lost())?.inverse();
+    let (rotation, offset) = (camera_from_world.rotation.to_rotation_matrix(), camera_from_world.translation.vector);
+    let pinhole = Pinhole { width: camera.width, height: camera.height, fx: camera.fx, fy: camera.fy, cx: camera.cx, cy: camera.cy };
+    let mut labels = vec![0; camera.width * camera.height];
+    // Of several points on one pixel the nearest is seen.
+    let mut nearest = vec![f32::INFINITY; labels.len()];
+    for (point, label) in scene.points.iter().zip(&scene.labels) {
+        let point_in_camera = Point3::from(rotation * Point3::from(point.map(f64::from)).coords + offset);
+        let Some((u, v)) = pinhole.pixel_of(&point_in_camera) else { continue };
+        let at = v * camera.width + u;
+        let depth = point_in_camera.z as f32;
+        if depth < nearest[at] {
+            (nearest[at], labels[at]) = (depth, *label);
+        }
+    }
+    // Furniture was seen there: nobody's label is carried over it.
+    let is_open: Vec<bool> = nearest.iter().map(|d| !d.is_finite()).collect();
+    fill(&mut labels, &is_open, camera.width);
+    Ok(labels)
+}
+
+/// Carries labels over open pixels beside them, [`FILL_PX`] far.
+fn fill(labels: &mut [u16], is_open: &[bool], width: usize) {
+    let height = labels.len() / width.max(1);
+    let mut edge: Vec<usize> = (0..labels.len()).filter(|at| labels[*at] != 0).collect();
+    for _ in 0..FILL_PX {
+        let mut next = Vec::new();
+        for at in edge {
+            let (u, v) = (at % width, at / width);
+            let beside =
+                [(u > 0, at.wrapping_sub(1)), (u + 1 < width, at + 1), (v > 0, at.wrapping_sub(width)), (v + 1 < height, at + width)];
+            for (is_inside, other) in beside {
+                if is_inside && is_open[other] && labels[other] == 0 {
+                    labels[other] = labels[at];
+                    next.push(other);
+                }
+            }
+        }
+        edge = next;
+    }
+}
+
+/// A label image as runs, row by row: `[label, length]`; runs cross rows.
+pub fn runs(labels: &[u16]) -> Vec<[u16; 2]> {
+    let mut runs: Vec<[u16; 2]> = Vec::new();
+    for label in labels {
+        match runs.last_mut() {
+            Some([same, length]) if same == label && *length < u16::MAX => *length += 1,
+            _ => runs.push([*label, 1]),
+        }
+    }
+    runs
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_proto::CameraModel;
+
+    use super::*;
+    use crate::view::tests::scene_of;
+
+    #[test]
+    fn a_pixel_shows_the_nearest_object_and_open_borders_are_filled() {
+        // Straight down from 1 m on a 9 x 9 picture whose middle pixel is (4, 4): one pixel is 0.1 m at the floor.
+        let mut scene = scene_of(&[([0.0, 0.0, 0.0], 1), ([0.0, 0.0, 0.2], 2), ([0.3, 0.0, 0.0], 0)]);
+        scene.meta.camera.width = 9;
+        scene.meta.camera.height = 9;
+        let labels = label_image(&scene).expect("a camera with a pose");
+        let at = |u: usize, v: usize| labels[v * 9 + u];
+        assert_eq!(at(4, 4), 2, "the higher point hides the lower one");
+        assert_eq!((at(4, 1), at(1, 4), at(6, 3)), (2, 2, 2), "the open surroundings are filled");
+        assert_eq!(at(7, 4), 0, "furniture was seen there");
+        assert_eq!(at(0, 0), 0, "too far to be a border");
+    }
+
+    #[test]
+    fn runs_give_the_image_back() {
+        let labels: Vec<u16> = (0..70_000).map(|i| if i < 66_000 { 3 } else { (i % 2) as u16 }).collect();
+        let back: Vec<u16> = runs(&labels).iter().flat_map(|[label, n]| std::iter::repeat_n(*label, usize::from(*n))).collect();
+        assert_eq!(back, labels);
+    }
+
+    #[test]
+    fn a_frame_without_color_is_shown_by_its_depth() {
+        let camera =
+            CameraModel { width: 16, height: 8, fx: 10.0, fy: 10.0, cx: 8.0, cy: 4.0, depth_unit_m: 1e-3, world_from_camera: None };
+        let depth = (0..128).map(|i| if i % 7 == 0 { 0 } else { 500 + i }).collect();
+        let mut frame = Frame { camera_name: "front".to_owned(), stamp_ns: 1, camera, depth, color: None, labels: None };
+        let starts_as_jpeg = |frame: &Frame| jpeg(frame, 80).expect("encoded").starts_with(&[0xff, 0xd8, 0xff]);
+        assert!(starts_as_jpeg(&frame));
+        frame.color = Some(vec![[10, 200, 30]; 128]);
+        assert!(starts_as_jpeg(&frame));
+        assert_eq!(grey(&[0, 500, 1000]), [0, 255, 55]);
+    }
+}

@@ -1,0 +1,70 @@
+//! A cell's cameras, with how often they show something new.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use crate::messages::CameraShown;
+
+/// Weight of the newest interval between two scenes in the smoothed one.
+const NEWEST: f64 = 0.2;
+/// How long a camera that shows nothing is remembered.
+const REMEMBERED: Duration = Duration::from_secs(600);
+
+struct Seen {
+    at: Instant,
+    interval_s: Option<f64>,
+}
+
+/// When each camera's newest scene came.
+#[derive(Default)]
+pub struct Cameras(BTreeMap<String, Seen>);
+
+impl Cameras {
+    /// Notes a scene of a camera; whether the camera is new.
+    pub fn saw(&mut self, camera: &str, at: Instant) -> bool {
+        match self.0.get_mut(camera) {
+            Some(seen) => {
+                let interval_s = at.duration_since(seen.at).as_secs_f64();
+                seen.interval_s = Some(seen.interval_s.map_or(interval_s, |old| old + NEWEST * (interval_s - old)));
+                seen.at = at;
+                false
+            }
+            None => self.0.insert(camera.to_owned(), Seen { at, interval_s: None }).is_none(),
+        }
+    }
+
+    /// The first of them by name.
+    pub fn first(&self) -> Option<&str> {
+        self.0.keys().next().map(String::as_str)
+    }
+
+    /// Each as viewers get it; those long silent are forgotten.
+    pub fn shown(&mut self, now: Instant) -> Vec<CameraShown> {
+        self.0.retain(|_, seen| now.duration_since(seen.at) < REMEMBERED);
+        let shown = |(name, seen): (&String, &Seen)| {
+            let age_s = now.duration_since(seen.at).as_secs_f64();
+            // A camera that has stopped slows down to nothing.
+            let scenes_per_s = seen.interval_s.map_or(0.0, |interval_s| 1.0 / interval_s.max(age_s).max(1e-3));
+            CameraShown { name: name.clone(), scenes_per_s, age_ms: age_s * 1e3 }
+        };
+        self.0.iter().map(shown).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_camera_has_the_rate_of_its_scenes_and_loses_it_when_it_stops() {
+        let (mut cameras, start) = (Cameras::default(), Instant::now());
+        let at = |ms: u64| start + Duration::from_millis(ms);
+        assert!(cameras.saw("front", at(0)) && cameras.first() == Some("front"));
+        for k in 1..50 {
+            assert!(!cameras.saw("front", at(200 * k)));
+        }
+        assert!((cameras.shown(at(9900))[0].scenes_per_s - 5.0).abs() < 1e-6);
+        assert!(cameras.shown(at(19_800))[0].scenes_per_s < 0.11);
+        assert!(cameras.shown(at(10_000_000)).is_empty());
+    }
+}

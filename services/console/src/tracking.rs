@@ -1,0 +1,120 @@
+//! Which object is which from view to view, and whether what was asked holds.
+//!
+//! A view may number its objects anew. Objects are told by where they are: the nearest to where it was, or to where it was put.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Isometry3, Point3};
+use repose_geometry::ViewerFrame;
+use repose_proto::{CallError, GoalTerm, ObjectSummary, Scene};
+use repose_relations::{ObservedObject, observed};
+
+/// An object found anew is the known one that was to be nearest, up to this far away, metres.
+const SAME_M: f64 = 0.08;
+
+/// The objects of the first view, and where each is in the newest.
+pub struct Known {
+    /// By the id of the first view: the id in the newest one (none when it was not found again), and its centroid.
+    now: BTreeMap<u16, (Option<u16>, Point3<f64>)>,
+}
+
+impl Known {
+    /// The objects of a first view.
+    pub fn of(objects: &[ObjectSummary]) -> Self {
+        Self { now: objects.iter().map(|o| (o.id, (Some(o.id), Point3::from(o.centroid_m)))).collect() }
+    }
+
+    /// A goal in the ids of the newest view. `field` names the goal in errors.
+    ///
+    /// # Errors
+    /// `not_found` on an object that the first view lacks or that was not found again.
+    pub fn translated(&self, field: &str, query: u16, terms: &[GoalTerm]) -> Result<(u16, Vec<GoalTerm>), CallError> {
+        let find = |id: u16, field: String| match self.now.get(&id) {
+            Some((Some(now), _)) => Ok(*now),
+            Some((None, _)) => Err(CallError::not_found(field, format!("object {id} is not found again in the newest view"))),
+            None => Err(CallError::not_found(field, format!("the first view has no object {id}"))),
+        };
+        let now = find(query, format!("{field}.query"))?;
+        let term = |(i, t): (usize, &GoalTerm)| Ok(GoalTerm { anchor: find(t.anchor, format!("{field}.terms[{i}].anchor"))?, ..*t });
+        Ok((now, terms.iter().enumerate().map(term).collect::<Result<_, CallError>>()?))
+    }
+
+    /// Who is who in a new view, after `moved` (first view's id and its motion), if any. Nearest pairs first.
+    pub fn look_again(&mut self, moved: Option<(u16, Isometry3<f64>)>, objects: &[ObjectSummary]) {
+        if let Some((id, placed_from_observed)) = moved
+            && let Some((_, centroid)) = self.now.get_mut(&id)
+        {
+            *centroid = placed_from_observed * *centroid;
+        }
+        let mut pairs: Vec<(f64, u16, usize)> = Vec::new();
+        for (id, (_, expected)) in &self.now {
+            let distance = |o: &ObjectSummary| (Point3::from(o.centroid_m) - expected).norm();
+            pairs.extend(objects.iter().enumerate().map(|(k, o)| (distance(o), *id, k)).filter(|p| p.0 <= SAME_M));
+        }
+        pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+        let mut taken = vec![false; objects.len()];
+        let mut found: BTreeMap<u16, usize> = BTreeMap::new();
+        for (_, id, k) in pairs {
+            if !taken[k] && !found.contains_key(&id) {
+                taken[k] = true;
+                found.insert(id, k);
+            }
+        }
+        for (id, (now, centroid)) in &mut self.now {
+            *now = found.get(id).map(|k| objects[*k].id);
+            if let Some(k) = found.get(id) {
+                *centroid = Point3::from(objects[*k].centroid_m);
+            }
+        }
+    }
+}
+
+/// Each term by rule on what is seen, for a viewer.
+pub fn holds(scene: &Scene, view_yaw_rad: f64, query: u16, terms: &[GoalTerm]) -> Vec<bool> {
+    let viewer = ViewerFrame::from_yaw(view_yaw_rad);
+    let object = |id: u16| ObservedObject::new(&scene.points_of(id).map(Point3::from).collect::<Vec<_>>(), &viewer);
+    let moved = object(query);
+    let term = |t: &GoalTerm| match (&moved, object(t.anchor)) {
+        (Some(moved), Some(anchor)) => observed(moved, &anchor)[t.relation.index()] == t.holds,
+        _ => false,
+    };
+    terms.iter().map(term).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_proto::Relation;
+
+    use super::*;
+    use crate::view::tests::scene_of;
+
+    fn seen(id: u16, centroid_m: [f64; 3]) -> ObjectSummary {
+        let scene = scene_of(&[(centroid_m.map(|v| v as f32), id)]);
+        scene.meta.objects[0].clone()
+    }
+
+    #[test]
+    fn objects_are_told_by_where_they_were_put_when_a_view_numbers_them_anew() {
+        let mut known = Known::of(&[seen(1, [0.0, 0.0, 0.0]), seen(2, [0.3, 0.0, 0.0]), seen(3, [0.0, 0.4, 0.0])]);
+        // 1 went to x = 0.5; 3 is hidden; all others have new numbers.
+        let view = [seen(1, [0.31, 0.0, 0.0]), seen(2, [0.49, 0.01, 0.0]), seen(3, [0.9, 0.9, 0.0])];
+        known.look_again(Some((1, Isometry3::translation(0.5, 0.0, 0.0))), &view);
+        let near = |anchor: u16| [GoalTerm { relation: Relation::Near, anchor, holds: true }];
+        let (query, terms) = known.translated("goals[0]", 1, &near(2)).expect("both are there");
+        assert_eq!((query, terms[0].anchor), (2, 1));
+        let field = |query: u16, anchor: u16| known.translated("goals[1]", query, &near(anchor)).unwrap_err().field;
+        assert_eq!(field(3, 1).as_deref(), Some("goals[1].query"));
+        assert_eq!(field(1, 9).as_deref(), Some("goals[1].terms[0].anchor"));
+    }
+
+    #[test]
+    fn terms_are_judged_on_what_is_seen() {
+        let block =
+            |x: f32, id: u16| (0..64).map(move |i| ([x + (i % 4) as f32 * 0.02, (i / 4 % 4) as f32 * 0.02, (i / 16) as f32 * 0.02], id));
+        let scene = scene_of(&block(-0.5, 1).chain(block(0.0, 2)).collect::<Vec<_>>());
+        let term = |relation: Relation, holds: bool| GoalTerm { relation, anchor: 2, holds };
+        let terms = [term(Relation::LeftOf, true), term(Relation::RightOf, true), term(Relation::Near, false)];
+        assert_eq!(holds(&scene, 0.0, 1, &terms), [true, false, true]);
+        assert_eq!(holds(&scene, 0.0, 9, &terms[..1]), [false], "what is not seen is not said to hold");
+    }
+}

@@ -1,0 +1,208 @@
+//! A scene as viewers get it: its picture, which object each pixel shows, and a cloud thin enough to draw.
+
+use std::sync::Arc;
+
+use bytes::Bytes;
+use repose_proto::{Bulk, CallError, Payload, Scene, Tensor};
+use serde::Serialize;
+
+use crate::picture::{label_image, runs};
+use crate::viewers::Message;
+
+/// A scene that viewers have seen.
+pub struct View {
+    /// The scene's id.
+    pub scene_id: String,
+    /// The scene.
+    pub scene: Arc<Scene>,
+    /// The frame that it was made of, where it is at hand.
+    pub frame: Option<Payload>,
+    /// What viewers are sent.
+    pub message: Message,
+}
+
+/// A picture in its encoding, with the instant at which it was taken.
+#[derive(Debug, Clone)]
+pub struct Picture {
+    /// Nanoseconds since the Unix epoch.
+    pub stamp_ns: u64,
+    /// JPEG.
+    pub jpeg: Arc<[u8]>,
+    /// The frame itself.
+    pub frame: Payload,
+}
+
+/// Why a scene is sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// It is a camera's newest.
+    Live,
+    /// A viewer has asked for an object in it.
+    Segmented,
+}
+
+/// What is said of a cloud beside its tensors: a point is `low_m + step_m * (x, y, z)`, world frame.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+struct Grid {
+    low_m: [f32; 3],
+    step_m: f32,
+}
+
+impl View {
+    /// Encodes a scene for viewers; of its points at most `cloud_points`.
+    ///
+    /// # Errors
+    /// `invalid_argument` when the scene's camera has no pose.
+    pub fn new(kind: Kind, scene_id: String, scene: Arc<Scene>, picture: Option<&Picture>, cloud_points: usize) -> Result<Self, CallError> {
+        let labels = runs(&label_image(&scene)?);
+        let shown: Vec<usize> = thinned(scene.points.len(), cloud_points).collect();
+        let (grid, points) = quantised(&scene.points, &shown);
+        let mut bulk = Bulk::default();
+        let mut meta = scene.meta.clone();
+        // Tens of kilobytes that no viewer draws.
+        meta.unseen.space = None;
+        for (name, text) in [
+            ("kind", (if kind == Kind::Live { "scene" } else { "segmented" }).to_owned()),
+            ("scene_id", scene_id.clone()),
+            ("camera", scene.camera_name.clone()),
+            ("stamp_ns", scene.stamp_ns.to_string()),
+            ("scene", json(&meta)),
+            ("grid", json(&grid)),
+        ] {
+            bulk.metadata.insert(name.to_owned(), text);
+        }
+        let n = shown.len();
+        bulk.tensors.insert("label_runs".to_owned(), Tensor::u16(&[labels.len(), 2], labels.as_flattened()));
+        bulk.tensors.insert("points".to_owned(), Tensor::u16(&[n, 3], points.as_flattened()));
+        bulk.tensors.insert("point_labels".to_owned(), Tensor::u16(&[n], &pick(&scene.labels, &shown)));
+        if let Some(colors) = &scene.colors {
+            bulk.tensors.insert("colors".to_owned(), Tensor::u8(&[n, 3], pick(colors, &shown).as_flattened()));
+        }
+        if let Some(picture) = picture {
+            bulk.tensors.insert("jpeg".to_owned(), Tensor::u8(&[picture.jpeg.len()], &picture.jpeg));
+        }
+        let frame = picture.map(|picture| picture.frame.clone());
+        Ok(Self { scene_id, scene, frame, message: Message::Binary(bulk.encode().into()) })
+    }
+}
+
+/// A live picture as viewers get it.
+pub fn picture_message(camera: &str, picture: &Picture) -> Message {
+    let mut bulk = Bulk::default();
+    for (name, text) in [("kind", "picture"), ("camera", camera), ("stamp_ns", &picture.stamp_ns.to_string())] {
+        bulk.metadata.insert(name.to_owned(), text.to_owned());
+    }
+    bulk.tensors.insert("jpeg".to_owned(), Tensor::u8(&[picture.jpeg.len()], &picture.jpeg));
+    Message::Binary(Bytes::from(bulk.encode()))
+}
+
+fn json<T: Serialize>(value: &T) -> String {
+    serde_json::to_string(value).unwrap_or_default()
+}
+
+fn pick<T: Copy>(values: &[T], indices: &[usize]) -> Vec<T> {
+    indices.iter().map(|i| values[*i]).collect()
+}
+
+/// At most `most` of `n` indices, spread evenly but in no regular pattern: each is moved within its share by multiples of the golden ratio.
+fn thinned(n: usize, most: usize) -> impl Iterator<Item = usize> {
+    let share = (n as f64 / most as f64).max(1.0);
+    let count = n.min(most);
+    (0..count).map(move |k| {
+        let within = (k as f64 * 0.618_033_988_749_895).fract();
+        (((k as f64 + within * (1.0 - 1.0 / share)) * share) as usize).min(n - 1)
+    })
+}
+
+/// The points on the finest cubic grid over them that 16 bits span.
+fn quantised(points: &[[f32; 3]], shown: &[usize]) -> (Grid, Vec<[u16; 3]>) {
+    let start = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    let (low_m, high_m) = shown
+        .iter()
+        .map(|i| points[*i])
+        .fold(start, |(low, high), p| (std::array::from_fn(|k| low[k].min(p[k])), std::array::from_fn(|k| high[k].max(p[k]))));
+    if shown.is_empty() {
+        return (Grid { low_m: [0.0; 3], step_m: 1.0 }, Vec::new());
+    }
+    let span_m = (0..3).map(|k| high_m[k] - low_m[k]).fold(f32::MIN_POSITIVE, f32::max);
+    let step_m = span_m / f32::from(u16::MAX);
+    let cell = |p: [f32; 3]| std::array::from_fn(|k| ((p[k] - low_m[k]) / step_m).round() as u16);
+    (Grid { low_m, step_m }, shown.iter().map(|i| cell(points[*i])).collect())
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use repose_proto::scene::WorldFrame;
+    use repose_proto::{CameraModel, ObjectSummary, RigidTransform, SceneMeta, Unseen};
+
+    use super::*;
+
+    /// A scene of points with labels, seen straight down from a metre above the origin; every pixel of the 9 x 9 picture is 0.1 m of the floor.
+    pub(crate) fn scene_of(points: &[([f32; 3], u16)]) -> Scene {
+        let down = RigidTransform([1., 0., 0., 0., 0., -1., 0., 0., 0., 0., -1., 1., 0., 0., 0., 1.]);
+        let camera =
+            CameraModel { width: 9, height: 9, fx: 10.0, fy: 10.0, cx: 4.0, cy: 4.0, depth_unit_m: 1e-3, world_from_camera: Some(down) };
+        let mut ids: Vec<u16> = points.iter().map(|p| p.1).filter(|id| *id > 0).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        let summary = |id: &u16| {
+            let own: Vec<[f32; 3]> = points.iter().filter(|p| p.1 == *id).map(|p| p.0).collect();
+            let mean: [f64; 3] = std::array::from_fn(|k| own.iter().map(|p| f64::from(p[k])).sum::<f64>() / own.len() as f64);
+            serde_json::from_value::<ObjectSummary>(serde_json::json!({
+                "id": id, "points": own.len(), "centroid_m": mean, "extent_m": [0.1, 0.1, 0.1], "completeness": 1.0
+            }))
+            .expect("a summary")
+        };
+        let meta = serde_json::from_value(serde_json::json!({
+            "objects": ids.iter().map(summary).collect::<Vec<_>>(), "surfaces": [], "camera": camera,
+            "world_frame": WorldFrame::Extrinsics, "view_yaw_rad": 0.0, "unseen": Unseen::default()
+        }))
+        .expect("metadata");
+        Scene {
+            camera_name: "front".to_owned(),
+            stamp_ns: 7,
+            points: points.iter().map(|p| p.0).collect(),
+            labels: points.iter().map(|p| p.1).collect(),
+            colors: Some(points.iter().map(|p| [p.1 as u8; 3]).collect()),
+            meta,
+        }
+    }
+
+    #[test]
+    fn a_viewer_can_read_back_what_was_seen() {
+        let points: Vec<([f32; 3], u16)> = (0..100).map(|i| ([i as f32 * 0.01, 0.5 - i as f32 * 0.003, 0.0], (i % 4) as u16)).collect();
+        let scene = Arc::new(scene_of(&points));
+        let frame = Payload { encoding: String::new(), bytes: Bytes::new() };
+        let picture = Picture { stamp_ns: 7, jpeg: vec![1, 2, 3].into(), frame };
+        let view = View::new(Kind::Live, "ab".to_owned(), scene, Some(&picture), 1000).expect("a view");
+        let Message::Binary(bytes) = &view.message else { panic!("expected the bulk form") };
+        let bulk = Bulk::decode(bytes).expect("bulk");
+        assert_eq!((bulk.text("kind"), bulk.text("scene_id")), (Ok("scene"), Ok("ab")));
+        let meta: SceneMeta = serde_json::from_str(bulk.text("scene").expect("metadata")).expect("readable");
+        assert_eq!(meta.objects.len(), 3);
+        let grid: serde_json::Value = serde_json::from_str(bulk.text("grid").expect("grid")).expect("readable");
+        let (step, low_x) = (grid["step_m"].as_f64().expect("a step"), grid["low_m"][0].as_f64().expect("a corner"));
+        let (_, cells) = bulk.values::<u16>("points", safetensors_u16(), "[n, 3]", |s| s.len() == 2).expect("points");
+        for (k, (point, _)) in points.iter().enumerate() {
+            let x = low_x + step * f64::from(cells[3 * k]);
+            assert!((x - f64::from(point[0])).abs() < 1e-4, "point {k}: {x} for {}", point[0]);
+        }
+        assert_eq!(bulk.tensors["jpeg"].bytes, [1, 2, 3]);
+        assert_eq!(bulk.tensors["colors"].shape, [100, 3]);
+    }
+
+    fn safetensors_u16() -> safetensors::Dtype {
+        safetensors::Dtype::U16
+    }
+
+    #[test]
+    fn thinning_keeps_the_bound_and_every_part_of_the_cloud() {
+        for (n, most) in [(5, 10), (1000, 1000), (307_200, 60_000), (60_001, 60_000), (0, 10)] {
+            let shown: Vec<usize> = thinned(n, most).collect();
+            assert_eq!(shown.len(), n.min(most));
+            assert!(shown.windows(2).all(|w| w[0] < w[1]) && shown.last().is_none_or(|last| *last < n), "{n} {most}");
+            let widest = shown.windows(2).map(|w| w[1] - w[0]).max().unwrap_or(0);
+            assert!(widest as f64 <= 2.0 * (n as f64 / most as f64).max(1.0), "a gap of {widest} among {n}");
+        }
+    }
+}

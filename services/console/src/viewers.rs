@@ -1,0 +1,230 @@
+//! What waits for each viewer: one place per topic, where the newest message takes the place of an older one.
+//!
+//! So a viewer that reads slowly gets fewer and newer messages, never a growing queue, and whoever sends never waits. Answers to a viewer's
+//! own requests have a topic each; a viewer that leaves too many of them unread is let go.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use bytes::Bytes;
+use tokio::sync::Notify;
+
+/// Topics that may wait for one viewer: all there are, robots and open requests included, with room to spare.
+const MAX_WAITING: usize = 96;
+
+/// What a message is about. A viewer wants the newest of each.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Topic {
+    /// Who serves, and what the viewer may do.
+    Welcome,
+    /// The cells there are.
+    Cells,
+    /// A cell's workers, cameras and robots.
+    System,
+    /// A camera's picture.
+    Picture,
+    /// A camera's scene.
+    Scene,
+    /// A scene with an object that the viewer asked for.
+    Segmented,
+    /// A robot's state.
+    Robot(String),
+    /// What is being carried out.
+    Activity,
+    /// The motion planned last.
+    Plan,
+    /// How far a request of the viewer's is.
+    Progress(u64),
+    /// The answer to a request of the viewer's.
+    Answer(u64),
+}
+
+/// An encoded message, shared by all who get it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Message {
+    /// JSON.
+    Text(Arc<str>),
+    /// The bulk form.
+    Binary(Bytes),
+}
+
+#[derive(Default)]
+struct Waiting {
+    /// In the order in which the topics' oldest unread messages came.
+    order: VecDeque<Topic>,
+    newest: BTreeMap<Topic, Message>,
+    is_closed: bool,
+}
+
+/// The messages that wait for one viewer.
+#[derive(Default)]
+pub struct Outbox {
+    waiting: Mutex<Waiting>,
+    replaced: AtomicU64,
+    changed: Notify,
+}
+
+impl Outbox {
+    fn waiting(&self) -> MutexGuard<'_, Waiting> {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Leaves a message; an unread one of the same topic is dropped for it, and keeps its turn.
+    pub fn put(&self, topic: Topic, message: Message) {
+        let mut waiting = self.waiting();
+        if waiting.is_closed {
+            return;
+        }
+        if waiting.newest.insert(topic.clone(), message).is_some() {
+            self.replaced.fetch_add(1, Ordering::Relaxed);
+        } else if waiting.order.len() < MAX_WAITING {
+            waiting.order.push_back(topic);
+        } else {
+            *waiting = Waiting { is_closed: true, ..Waiting::default() };
+        }
+        drop(waiting);
+        self.changed.notify_one();
+    }
+
+    /// The next message; none once closed. For one reader at a time. Cancel safe.
+    pub async fn next(&self) -> Option<Message> {
+        loop {
+            {
+                let mut waiting = self.waiting();
+                if waiting.is_closed {
+                    return None;
+                }
+                if let Some(message) = waiting.order.pop_front().and_then(|topic| waiting.newest.remove(&topic)) {
+                    return Some(message);
+                }
+            }
+            self.changed.notified().await;
+        }
+    }
+
+    /// Lets the reader go; what waits is dropped.
+    pub fn close(&self) {
+        *self.waiting() = Waiting { is_closed: true, ..Waiting::default() };
+        self.changed.notify_one();
+    }
+
+    /// How many messages were dropped for newer ones.
+    pub fn replaced(&self) -> u64 {
+        self.replaced.load(Ordering::Relaxed)
+    }
+}
+
+/// Viewers who are told the same, and what they were told last, for those who come later.
+#[derive(Default)]
+pub struct Audience {
+    inner: Mutex<Told>,
+}
+
+#[derive(Default)]
+struct Told {
+    viewers: BTreeMap<u64, Arc<Outbox>>,
+    newest: BTreeMap<Topic, Message>,
+}
+
+impl Audience {
+    fn told(&self) -> MutexGuard<'_, Told> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Tells everyone.
+    pub fn tell(&self, topic: &Topic, message: &Message) {
+        let mut told = self.told();
+        told.viewers.values().for_each(|outbox| outbox.put(topic.clone(), message.clone()));
+        told.newest.insert(topic.clone(), message.clone());
+    }
+
+    /// Adds a viewer, who is told the newest of everything.
+    pub fn join(&self, viewer: u64, outbox: Arc<Outbox>) {
+        let mut told = self.told();
+        told.newest.iter().for_each(|(topic, message)| outbox.put(topic.clone(), message.clone()));
+        told.viewers.insert(viewer, outbox);
+    }
+
+    /// Takes a viewer out.
+    pub fn leave(&self, viewer: u64) {
+        self.told().viewers.remove(&viewer);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn text(text: &str) -> Message {
+        Message::Text(text.into())
+    }
+
+    #[tokio::test]
+    async fn a_newer_message_takes_the_place_of_an_unread_one_of_its_topic_and_keeps_its_turn() {
+        let outbox = Outbox::default();
+        outbox.put(Topic::Picture, text("picture 1"));
+        outbox.put(Topic::System, text("system 1"));
+        for k in 2..=1000 {
+            outbox.put(Topic::Picture, text(&format!("picture {k}")));
+        }
+        assert_eq!(outbox.next().await, Some(text("picture 1000")));
+        assert_eq!(outbox.next().await, Some(text("system 1")));
+        assert_eq!(outbox.replaced(), 999);
+    }
+
+    #[tokio::test]
+    async fn every_answer_arrives_in_its_turn() {
+        let outbox = Outbox::default();
+        for id in 0..5 {
+            outbox.put(Topic::Answer(id), text(&id.to_string()));
+            outbox.put(Topic::Picture, text("picture"));
+        }
+        let mut answers = Vec::new();
+        for _ in 0..6 {
+            answers.push(outbox.next().await.expect("open"));
+        }
+        answers.retain(|m| *m != text("picture"));
+        assert_eq!(answers, (0..5).map(|id| text(&id.to_string())).collect::<Vec<_>>());
+    }
+
+    #[tokio::test]
+    async fn a_viewer_that_reads_nothing_is_let_go_and_holds_nothing() {
+        let outbox = Outbox::default();
+        for id in 0..=MAX_WAITING as u64 {
+            outbox.put(Topic::Answer(id), text("answer"));
+        }
+        assert_eq!(outbox.next().await, None);
+        outbox.put(Topic::Picture, text("picture"));
+        assert!(outbox.waiting().newest.is_empty());
+    }
+
+    #[tokio::test]
+    async fn a_reader_that_waits_is_woken() {
+        let outbox = Arc::new(Outbox::default());
+        let reading = tokio::spawn({
+            let outbox = outbox.clone();
+            async move { (outbox.next().await, outbox.next().await) }
+        });
+        tokio::task::yield_now().await;
+        outbox.put(Topic::Cells, text("cells"));
+        tokio::task::yield_now().await;
+        outbox.close();
+        assert_eq!(reading.await.expect("joined"), (Some(text("cells")), None));
+    }
+
+    #[tokio::test]
+    async fn whoever_joins_late_is_told_the_newest_and_whoever_left_nothing() {
+        let (audience, early, late) = (Audience::default(), Arc::new(Outbox::default()), Arc::new(Outbox::default()));
+        audience.join(1, early.clone());
+        audience.tell(&Topic::Scene, &text("scene 1"));
+        audience.tell(&Topic::Scene, &text("scene 2"));
+        audience.join(2, late.clone());
+        audience.leave(1);
+        audience.tell(&Topic::Robot("panda".into()), &text("state"));
+        assert_eq!((late.next().await, late.next().await), (Some(text("scene 2")), Some(text("state"))));
+        assert_eq!(early.next().await, Some(text("scene 2")));
+        early.close();
+        assert_eq!(early.next().await, None);
+    }
+}

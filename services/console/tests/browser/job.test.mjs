@@ -1,0 +1,246 @@
+// The whole job at the screen: see, click, ask, plan, execute, stop, reset; with other viewers, a slow one, and a console that is started again.
+
+import assert from "node:assert/strict";
+import { request } from "node:http";
+import { connect } from "node:net";
+import { after, before, test } from "node:test";
+
+import { assertDrawn, clickObject, count, difference, objects, open, pixels, screenshot, textOf } from "./page.mjs";
+import { startBrowser, startSystem } from "./system.mjs";
+
+const isGreen = (r, g, b) => g > 110 && g > 1.6 * r && g > 1.25 * b;
+const isBlue = (r, g, b) => b > 150 && b > 1.5 * r && b > 1.15 * g;
+
+let system, browser, page;
+
+before(async () => {
+  // Robot time runs faster than the clock: a motion of half a minute is over in ten seconds.
+  system = await startSystem({ environment: { REPOSE_SIMULATOR__TIME_SCALE: "3" } });
+  browser = await startBrowser();
+  page = await open(browser, system.url);
+});
+
+after(async () => {
+  await browser?.close();
+  await system?.stop();
+});
+
+/** Asks for pairs of objects in turn until one has a place; clicks as a person would. */
+async function askUntilFound(page, relation = "left_of") {
+  const ids = await objects(page);
+  for (const query of ids) {
+    for (const anchor of ids.filter((id) => id !== query)) {
+      await page.keyboard.press("Escape");
+      await clickObject(page, query);
+      await clickObject(page, anchor);
+      await page.selectOption("#goal select", relation);
+      await page.click("#ask");
+      await page.waitForSelector("#answers .placement, #answers .tally, #goal .fault", { timeout: 60_000 });
+      if (await page.locator("#answers .placement").count()) return { query, anchor };
+    }
+  }
+  assert.fail("no pair of objects has a place");
+}
+
+async function plan(page) {
+  await page.click("#plan");
+  await page.waitForSelector("#execute, #answers .fault", { timeout: 60_000 });
+  return (await page.locator("#execute").count()) > 0;
+}
+
+/** A pair of objects with a place that the arm can serve. */
+async function planUntilFound(page) {
+  for (const relation of ["left_of", "right_of", "in_front_of", "behind", "near"]) {
+    const found = await askUntilFound(page, relation);
+    if (await plan(page)) return found;
+  }
+  assert.fail("the arm can serve no placement");
+}
+
+test("the page shows the picture and the scene", async () => {
+  assertDrawn(await pixels(page, "#picture canvas.over"));
+  assertDrawn(await pixels(page, "#world canvas"));
+  assert.ok((await objects(page)).length >= 2);
+  await screenshot(page, "1-open");
+  assert.deepEqual(page.faults, []);
+});
+
+test("a blank canvas is noticed", () => {
+  assert.throws(() => assertDrawn({ width: 64, height: 64, data: new Array(64 * 64 * 4).fill(200) }), /blank/);
+});
+
+test("two clicks and a question give ranked places, drawn as ghosts with their evidence", async () => {
+  const before = count(await pixels(page, "#world canvas"), isGreen);
+  await askUntilFound(page);
+  const withGhosts = count(await pixels(page, "#world canvas"), isGreen);
+  assert.ok(withGhosts > before + 200, `green pixels: ${before} before, ${withGhosts} with ghosts`);
+  const first = await page.locator("#answers .placement").first().textContent();
+  for (const fact of ["likely to stay", "Support margin", "Clearance", "Cost", "by rule"]) assert.ok(first.includes(fact), `${fact} in ${first}`);
+  await page.locator("#answers .placement").first().hover();
+  await screenshot(page, "2-places");
+});
+
+test("a goal that cannot be met is explained", async () => {
+  const [query, anchor] = await objects(page);
+  await page.keyboard.press("Escape");
+  await clickObject(page, query);
+  await clickObject(page, anchor);
+  await page.selectOption("#goal select", "left_of");
+  await page.keyboard.press("a");
+  await clickObject(page, anchor);
+  await page.locator("#goal select").nth(1).selectOption("right_of");
+  await page.click("#ask");
+  await page.waitForSelector("#answers .tally", { timeout: 60_000 });
+  assert.match(await page.locator("#answers").textContent(), /None of \d+ candidates passed/);
+  await screenshot(page, "3-none");
+});
+
+test("an error is shown as the contract's message with its field", async () => {
+  const [query, anchor] = await objects(page);
+  await page.keyboard.press("Escape");
+  await clickObject(page, query);
+  await clickObject(page, anchor);
+  await page.click("#goal summary");
+  await page.fill("#option-count", "1000");
+  await page.locator("#option-count").blur();
+  await page.click("#ask");
+  const fault = await textOf(page, "#goal .fault", /count/);
+  assert.match(fault, /invalid argument: .*64.*1000.*\(count\)/);
+  await screenshot(page, "4-error");
+  await page.fill("#option-count", "3");
+  await page.locator("#option-count").blur();
+  await page.click("#goal summary");
+});
+
+test("the keyboard is enough", async () => {
+  await page.keyboard.press("Escape");
+  const [query, anchor] = await objects(page);
+  await page.locator("#world canvas").focus();
+  await page.keyboard.press(String(query));
+  await page.keyboard.press(String(anchor));
+  await page.keyboard.press("n");
+  await page.keyboard.press("n");
+  await page.keyboard.press("Enter");
+  await page.waitForSelector("#answers .placement, #answers .tally", { timeout: 60_000 });
+});
+
+test("the planned way is drawn before anything moves, to other viewers too", async () => {
+  const other = await open(browser, system.url, { colorScheme: "dark", viewport: { width: 1180, height: 820 } });
+  await planUntilFound(page);
+  assert.ok(count(await pixels(page, "#world canvas"), isBlue) > 300, "no way is drawn");
+  await other.waitForSelector("#motion .scrub");
+  assert.equal(await other.locator("#execute").count(), 0, "a plan is its maker's to execute");
+  await page.locator("#motion input[type=range]").fill("6000");
+  await screenshot(page, "5-plan");
+  await screenshot(other, "5-plan-other-viewer");
+  await other.context().close();
+});
+
+test("stop stops, says why to everybody, and reset lets the robot go on", async () => {
+  const other = await open(browser, system.url, { colorScheme: "dark" });
+  const before = await pixels(page, "#world canvas");
+  await page.click("#execute");
+  await textOf(page, "#mode", /moving/);
+  await textOf(page, "#phase", /Moving object/);
+  await page.waitForTimeout(700);
+  const started = performance.now();
+  await page.click("#stop");
+  await textOf(page, "#mode", /stopped/);
+  const took = performance.now() - started;
+  await textOf(page, ".stopped", /Stopped from the console/i);
+  await textOf(other, ".stopped", /Stopped from the console/i);
+  await textOf(page, "#phase", /Stopped|Ended/i);
+  assert.ok(difference(before, await pixels(page, "#world canvas")) > 300, "the arm has not moved on the screen");
+  await screenshot(page, "6-stopped");
+  await screenshot(other, "6-stopped-other-viewer");
+  console.log(`stop shown after ${took.toFixed(0)} ms`);
+  await other.context().close();
+  await page.click("#reset");
+  await textOf(page, "#mode", /idle/);
+});
+
+test("the motion is carried out to its end", async () => {
+  await page.keyboard.press("Escape");
+  await planUntilFound(page);
+  await page.click("#execute");
+  await textOf(page, "#phase", /Moving object/);
+  await page.waitForFunction(() => /lift|transfer|lower/.test(document.querySelector("#phase")?.textContent ?? ""), undefined, { timeout: 60_000 });
+  await screenshot(page, "7-moving");
+  await textOf(page, "#phase", /^Done|lost|Ended|Stopped/, 120_000);
+  assert.match(await page.locator("#phase").textContent(), /^Done/);
+  await screenshot(page, "8-done");
+});
+
+test("goals that were collected are carried out one after another, with what held", async () => {
+  await planUntilFound(page);
+  await page.click("#collect");
+  await textOf(page, "#collected", /\d/);
+  await page.click("#run");
+  await textOf(page, "#steps", /looking|placing|planning|moving/);
+  await page.waitForFunction(() => /holds|failed/.test(document.querySelector("#steps .badge")?.textContent ?? ""), undefined, { timeout: 120_000 });
+  await screenshot(page, "9-sequence");
+  assert.match(await page.locator("#steps .badge").first().textContent(), /holds/, await page.locator("#steps").textContent());
+});
+
+test("a viewer that does not read slows nobody", async () => {
+  const { hostname, port } = new URL(system.url);
+  const slow = connect(Number(port), hostname);
+  slow.write(`GET /socket HTTP/1.1\r\nHost: ${hostname}:${port}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n`);
+  await new Promise((resolve) => slow.once("data", resolve));
+  // A masked text frame whose mask is zero.
+  const watch = Buffer.from(JSON.stringify({ id: 1, ask: "watch", cell: "cell", camera: "front" }));
+  slow.write(Buffer.concat([Buffer.from([0x81, 0x80 | watch.length, 0, 0, 0, 0]), watch]));
+  slow.pause();
+  const pictures = await page.evaluate(() => new Promise((resolve) => {
+    const canvas = document.querySelector("#picture canvas"), context = canvas.getContext("2d"), draw = context.drawImage;
+    let n = 0;
+    context.drawImage = function (...given) { n += 1; return draw.apply(this, given); };
+    setTimeout(() => { context.drawImage = draw; resolve(n); }, 4000);
+  }));
+  slow.destroy();
+  assert.ok(pictures >= 12, `${pictures} pictures in 4 s beside a viewer that reads nothing`);
+});
+
+test("a page of another site is refused", async () => {
+  const { hostname, port } = new URL(system.url);
+  const status = (headers, path = "/") => new Promise((resolve, reject) => {
+    request({ hostname, port, path, headers }, (response) => { response.resume(); resolve(response.statusCode); }).on("error", reject).end();
+  });
+  const upgrade = { Connection: "Upgrade", Upgrade: "websocket", "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==" };
+  assert.equal(await status({ ...upgrade, Origin: "http://evil.example" }, "/socket"), 403);
+  assert.equal(await status({ Host: `evil.example:${port}` }), 403);
+  assert.equal(await status({}), 200);
+});
+
+test("a page that lost its console says so and comes back by itself", async () => {
+  await page.keyboard.press("Escape");
+  process.kill(system.consoleProcess(), "SIGKILL");
+  await textOf(page, "#link", /lost/);
+  assert.match(await page.locator("#notice").textContent(), /connection to the console is lost/i);
+  await screenshot(page, "10-lost");
+  const stopped = page.click("#stop").then(() => textOf(page, "#notice", /Stop:/));
+  await stopped;
+  await textOf(page, "#link", /Live/, 30_000);
+  await page.waitForFunction(() => !document.body.classList.contains("stale"));
+  assertDrawn(await pixels(page, "#world canvas"));
+});
+
+test("a narrow screen has everything, and the stop at the thumb", async () => {
+  const phone = await open(browser, system.url, { viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true });
+  const width = await phone.evaluate(() => document.documentElement.scrollWidth);
+  assert.ok(width <= 390, `the page is ${width} pixels wide`);
+  await phone.evaluate(() => scrollTo(0, 700));
+  const box = await phone.locator("#stop").boundingBox();
+  assert.ok(box.y > 0 && box.y + box.height <= 844 && box.height >= 44, JSON.stringify(box));
+  await phone.evaluate(() => scrollTo(0, 0));
+  await screenshot(phone, "11-phone", { fullPage: true });
+  await phone.context().close();
+});
+
+test("the system is listed with its workers", async () => {
+  await page.click("#open-system");
+  const text = await textOf(page, "#workers", /planner/);
+  for (const service of ["perception", "inference", "motion", "simulator"]) assert.ok(text.includes(service), service);
+  await screenshot(page, "12-system");
+  assert.deepEqual(page.faults.filter((fault) => !/ERR_CONNECTION|WebSocket|Failed to load/.test(fault)), []);
+});

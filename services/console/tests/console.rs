@@ -1,0 +1,234 @@
+//! The console over real sockets, in a cell whose robot is a few lines here.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use futures::{SinkExt, StreamExt};
+use repose_console::{Console, ConsoleConfig};
+use repose_proto::Payload;
+use repose_proto::robot::{EmergencyStop, RobotMode, RobotState, StopState};
+use repose_runtime::{Session, Shutdown, Traffic};
+use serde_json::{Value, json};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
+use tokio_tungstenite::tungstenite::client::IntoClientRequest;
+use tokio_tungstenite::tungstenite::http::HeaderValue;
+use tokio_tungstenite::tungstenite::{Error, Message};
+use tokio_tungstenite::{MaybeTlsStream, WebSocketStream, connect_async};
+
+const WITHIN: Duration = Duration::from_secs(20);
+
+struct Running {
+    session: Session,
+    address: SocketAddr,
+    shutdown: Shutdown,
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.shutdown.trigger();
+    }
+}
+
+async fn start(config: ConsoleConfig) -> Running {
+    let session = Session::embedded().await.expect("a session");
+    let config = ConsoleConfig { listen: "127.0.0.1:0".parse().expect("an address"), ..config };
+    let console = Console::open(session.clone(), config).await.expect("a console");
+    let (address, shutdown) = (console.address(), Shutdown::new());
+    tokio::spawn(console.serve(shutdown.clone()));
+    Running { session, address, shutdown }
+}
+
+/// Sends a request over a socket of its own; status, headers and body.
+async fn http(address: SocketAddr, method: &str, path: &str, headers: &[(&str, &str)], body: &str) -> (u16, String, String) {
+    let mut stream = TcpStream::connect(address).await.expect("a connection");
+    let mut text = format!("{method} {path} HTTP/1.1\r\nConnection: close\r\nContent-Length: {}\r\n", body.len());
+    if !headers.iter().any(|(name, _)| *name == "Host") {
+        text.push_str(&format!("Host: {address}\r\n"));
+    }
+    headers.iter().for_each(|(name, value)| text.push_str(&format!("{name}: {value}\r\n")));
+    stream.write_all(format!("{text}\r\n{body}").as_bytes()).await.expect("sent");
+    let mut answer = Vec::new();
+    tokio::time::timeout(WITHIN, stream.read_to_end(&mut answer)).await.expect("in time").expect("received");
+    let answer = String::from_utf8_lossy(&answer).into_owned();
+    let (head, body) = answer.split_once("\r\n\r\n").expect("a head");
+    let status = head.split(' ').nth(1).and_then(|s| s.parse().ok()).expect("a status");
+    (status, head.to_ascii_lowercase(), body.to_owned())
+}
+
+type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
+
+async fn socket(address: SocketAddr, headers: &[(&'static str, &str)]) -> Result<Socket, Error> {
+    let mut request = format!("ws://{address}/socket").into_client_request()?;
+    for (name, value) in headers {
+        request.headers_mut().insert(*name, HeaderValue::from_str(value).expect("a header"));
+    }
+    Ok(connect_async(request).await?.0)
+}
+
+async fn ask(socket: &mut Socket, request: Value) {
+    socket.send(Message::text(request.to_string())).await.expect("sent");
+}
+
+/// The first message that passes.
+async fn heard(socket: &mut Socket, passes: impl Fn(&Value) -> bool) -> Value {
+    let hearing = async {
+        loop {
+            let message = socket.next().await.expect("the socket is open").expect("a message");
+            let Message::Text(text) = message else { continue };
+            let value: Value = serde_json::from_str(&text).expect("JSON");
+            if passes(&value) {
+                return value;
+            }
+        }
+    };
+    tokio::time::timeout(WITHIN, hearing).await.expect("heard in time")
+}
+
+fn state(seq: u64, stop: Option<&StopState>) -> RobotState {
+    let mode = if stop.is_some() { RobotMode::Stopped } else { RobotMode::Idle };
+    let still = [0.0; 7];
+    serde_json::from_value(json!({
+        "v": 1, "seq": seq, "stamp_ns": 0, "robot_ms": 0.0, "q_rad": repose_panda::READY, "dq_rad_s": still, "gripper_width_m": 0.04,
+        "gripper_settled": true, "gripper_holding": false, "mode": mode, "stop": stop, "owner": null, "last_command": null, "stream_ms": null
+    }))
+    .expect("a state")
+}
+
+/// A robot that tells its state and latches stops, until the session closes.
+async fn robot(session: &Session) {
+    let mut stops = session.subscribe_queue(&session.cell().robot_estop("panda"), 16).await.expect("a subscription");
+    let states = session.publisher(session.cell().robot_state("panda"), Traffic::RobotState);
+    tokio::spawn(async move {
+        let (mut stop, mut tick) = (None, tokio::time::interval(Duration::from_millis(10)));
+        for seq in 0.. {
+            tokio::select! {
+                _ = tick.tick() => {}
+                Some(sample) = stops.recv() => {
+                    let EmergencyStop { id, reason, .. } = EmergencyStop::read(&sample.payload.bytes);
+                    stop.get_or_insert(StopState { kind: "estop".to_owned(), reason, estop_id: Some(id) });
+                }
+            }
+            if states.put(Payload::json(&state(seq, stop.as_ref())).expect("encoded")).await.is_err() {
+                return;
+            }
+        }
+    });
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_page_and_its_files_are_served_and_nothing_else() {
+    let console = start(ConsoleConfig::default()).await;
+    let (status, head, page) = http(console.address, "GET", "/", &[], "").await;
+    assert!(status == 200 && head.contains("content-security-policy: default-src 'none'"), "{head}");
+    let nonce = head.split("'nonce-").nth(1).and_then(|rest| rest.split('\'').next()).expect("a nonce");
+    assert!(page.contains(&format!("nonce=\"{nonce}\"")) && !page.contains("NONCE"));
+    let (status, head, script) = http(console.address, "GET", "/js/main.js", &[], "").await;
+    assert!(status == 200 && head.contains("text/javascript") && script.contains("Connection"));
+    let tag = head.lines().find_map(|l| l.strip_prefix("etag: ")).expect("a tag").trim().to_owned();
+    assert_eq!(http(console.address, "GET", "/js/main.js", &[("If-None-Match", &tag)], "").await.0, 304);
+    assert_eq!(http(console.address, "GET", "/../Cargo.toml", &[], "").await.0, 404);
+    assert_eq!(http(console.address, "GET", "/js/other.js", &[], "").await.0, 404);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn pages_of_other_sites_reach_nothing() {
+    let console = start(ConsoleConfig::default()).await;
+    let foreign = ("Origin", "http://evil.example");
+    assert_eq!(http(console.address, "POST", "/stop", &[foreign], r#"{"cell":"cell","robot":"panda"}"#).await.0, 403);
+    assert_eq!(http(console.address, "GET", "/", &[("Host", "evil.example")], "").await.0, 403);
+    assert_eq!(http(console.address, "POST", "/sign-in", &[("Sec-Fetch-Site", "cross-site")], "token").await.0, 403);
+    assert_eq!(http(console.address, "GET", "/", &[("Sec-Fetch-Site", "cross-site")], "").await.0, 200, "a link may lead to the page");
+    let refused = socket(console.address, &[("origin", "http://evil.example")]).await;
+    assert!(matches!(&refused, Err(Error::Http(response)) if response.status() == 403), "{refused:?}");
+    let own = format!("http://{}", console.address);
+    assert!(socket(console.address, &[("origin", own.as_str())]).await.is_ok());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_viewer_sees_the_robot_and_anybody_stops_it() {
+    let console = start(ConsoleConfig::default()).await;
+    robot(&console.session).await;
+    let mut viewer = socket(console.address, &[]).await.expect("a socket");
+    let welcome = heard(&mut viewer, |m| m["kind"] == "welcome").await;
+    assert_eq!((&welcome["role"], &welcome["cell"]), (&json!("operator"), &json!("cell")));
+    ask(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
+    let shown = heard(&mut viewer, |m| m["kind"] == "robot").await;
+    assert_eq!((&shown["robot"], &shown["state"]["mode"]), (&json!("panda"), &json!("idle")));
+    assert_eq!(shown["links"].as_array().map(Vec::len), Some(9));
+    let stop = r#"{"cell": "cell", "robot": "panda", "reason": "a person is in the way"}"#;
+    let (status, _, body) = http(console.address, "POST", "/stop", &[], stop).await;
+    assert!(status == 200 && body.contains("a person is in the way"), "{status} {body}");
+    let shown = heard(&mut viewer, |m| m["kind"] == "robot" && m["state"]["mode"] == "stopped").await;
+    assert_eq!(shown["state"]["stop"]["reason"], "a person is in the way");
+    let (status, _, body) = http(console.address, "POST", "/stop", &[], r#"{"cell": "cell", "robot": "Not A Robot"}"#).await;
+    assert!(status == 400 && body.contains("\"field\":\"robot\""), "{body}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn faulty_requests_are_answered_with_their_field_and_end_nothing() {
+    let console = start(ConsoleConfig::default()).await;
+    let mut viewer = socket(console.address, &[]).await.expect("a socket");
+    ask(&mut viewer, json!({"id": 7, "ask": "dance"})).await;
+    let refused = heard(&mut viewer, |m| m["kind"] == "refused").await;
+    assert_eq!((&refused["id"], &refused["error"]["code"]), (&json!(7), &json!("invalid_argument")));
+    viewer.send(Message::text("not JSON")).await.expect("sent");
+    assert_eq!(heard(&mut viewer, |m| m["kind"] == "refused").await["id"], 0);
+    ask(&mut viewer, json!({"id": 8, "ask": "watch", "cell": "No Cell", "camera": null})).await;
+    assert_eq!(heard(&mut viewer, |m| m["id"] == 8).await["error"]["field"], "cell");
+    let goal = json!([{"relation": "left_of", "anchor": 3, "holds": true}]);
+    let request = json!({"scene": {"scene_id": "0".repeat(64)}, "query": 2, "goal": goal, "count": 1000});
+    ask(&mut viewer, json!({"id": 9, "ask": "place", "request": request})).await;
+    assert_eq!(heard(&mut viewer, |m| m["id"] == 9).await["error"]["field"], "count");
+}
+
+fn token_file(folder: &tempfile::TempDir, name: &str) -> Option<PathBuf> {
+    let path = folder.path().join(name);
+    std::fs::write(&path, format!("a-token-for-the-{name}")).expect("written");
+    Some(path)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn with_tokens_only_those_who_show_one_look_and_each_does_what_its_role_may() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (viewer_token, operator_token) = (token_file(&folder, "viewer"), token_file(&folder, "operator"));
+    let console = start(ConsoleConfig { viewer_token, operator_token, ..ConsoleConfig::default() }).await;
+    robot(&console.session).await;
+    let mut nobody = socket(console.address, &[]).await.expect("a socket");
+    let closed = tokio::time::timeout(WITHIN, nobody.next()).await.expect("in time");
+    assert!(matches!(&closed, Some(Ok(Message::Close(Some(frame)))) if u16::from(frame.code) == 4401), "{closed:?}");
+    let stop = r#"{"cell": "cell", "robot": "panda"}"#;
+    assert_eq!(http(console.address, "POST", "/stop", &[], stop).await.0, 401);
+    assert_eq!(http(console.address, "POST", "/sign-in", &[], "a-wrong-token-of-length").await.0, 401);
+    let (status, head, body) = http(console.address, "POST", "/sign-in", &[], "a-token-for-the-viewer").await;
+    assert!(status == 200 && body.contains("viewer"), "{body}");
+    let cookie = head.lines().find_map(|l| l.strip_prefix("set-cookie: ")).expect("a cookie").to_owned();
+    assert!(cookie.contains("httponly") && cookie.contains("samesite=strict"), "{cookie}");
+    let cookie = cookie.split(';').next().expect("a value").to_owned();
+    let mut viewer = socket(console.address, &[("cookie", cookie.as_str())]).await.expect("a socket");
+    assert_eq!(heard(&mut viewer, |m| m["kind"] == "welcome").await["role"], "viewer");
+    ask(&mut viewer, json!({"id": 1, "ask": "reset", "robot": "panda"})).await;
+    let refused = heard(&mut viewer, |m| m["id"] == 1).await;
+    assert!(refused["error"]["message"].as_str().is_some_and(|m| m.contains("operator")), "{refused}");
+    assert_eq!(http(console.address, "POST", "/stop", &[("Cookie", &cookie)], stop).await.0, 200, "everybody may stop");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn pages_are_let_go_when_the_console_ends_and_counted_while_it_runs() {
+    let console = start(ConsoleConfig { max_viewers: 1, ..ConsoleConfig::default() }).await;
+    let mut first = socket(console.address, &[]).await.expect("a socket");
+    heard(&mut first, |m| m["kind"] == "welcome").await;
+    let second = socket(console.address, &[]).await;
+    assert!(matches!(&second, Err(Error::Http(response)) if response.status() == 503), "{second:?}");
+    console.shutdown.trigger();
+    let last = async {
+        while let Some(Ok(message)) = first.next().await {
+            if message.is_close() {
+                return true;
+            }
+        }
+        false
+    };
+    assert!(tokio::time::timeout(WITHIN, last).await.expect("in time"), "the socket is closed with a word");
+}
