@@ -51,8 +51,23 @@ def call(session, prefix, service, worker, method, schema, request, timeout_s):
 
 def goal_term(text):
     holds = not text.startswith("not:")
-    relation, anchor = text.removeprefix("not:").split(":")
+    relation, separator, anchor = text.removeprefix("not:").partition(":")
+    if not separator or not anchor.isdigit():
+        raise argparse.ArgumentTypeError(f"expected RELATION:ANCHOR or not:RELATION:ANCHOR, got {text!r}")
     return {"relation": relation, "anchor": int(anchor), "holds": holds}
+
+
+def open_session(connect, config_file):
+    """A client session, or the contract's error that says where no router answered."""
+    try:
+        config = zenoh.Config.from_file(config_file) if config_file else zenoh.Config()
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("connect/endpoints", json.dumps([connect]))
+        config.insert_json5("scouting/multicast/enabled", "false")
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        message = f"no session at {connect}; is a router running there (`repose up`), and does it know this user? {error}"
+        raise CallFailed({"code": "unavailable", "message": message}) from None
 
 
 def main():
@@ -67,12 +82,8 @@ def main():
     parser.add_argument("--timeout", type=float, default=60.0, help="seconds")
     args = parser.parse_args()
 
-    config = zenoh.Config.from_file(args.zenoh_config) if args.zenoh_config else zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps([args.connect]))
-    config.insert_json5("scouting/multicast/enabled", "false")
     prefix = f"repose/v1/{args.cell}"
-    with zenoh.open(config) as session:
+    with open_session(args.connect, args.zenoh_config) as session:
         planners = live_workers(session, prefix, "planner")
         if not planners:
             raise CallFailed({"code": "unavailable", "message": f"no planner is alive at {args.connect}"})
@@ -96,5 +107,5 @@ if __name__ == "__main__":
         sys.exit(main())
     except CallFailed as failed:
         error = failed.args[0]
-        print(f"{error['code']}: {error['message']} (field {error.get('field')})", file=sys.stderr)
+        print(f"{error['code']}: {error['message']}" + (f" (field {error['field']})" if error.get("field") else ""), file=sys.stderr)
         sys.exit(EXIT.get(error["code"], 1))

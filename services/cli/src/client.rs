@@ -7,21 +7,28 @@ use clap::Args;
 use repose_proto::perception::{LatestRequest, SceneRequest};
 use repose_proto::robot::RobotState;
 use repose_proto::scoring::enclose;
-use repose_proto::{CallError, ErrorCode, Message, Payload, PlaceRequest, PlaceResult, Scene, SceneSummary, Service};
+use repose_proto::{CallError, ErrorCode, Message, Payload, PlaceRequest, PlaceResult, Scene, SceneSummary, Service, keys};
 use repose_runtime::{Answer, CallOptions, Caller, RuntimeConfig, RuntimeError, Session, SessionMode};
+use tokio::time::Instant;
 
 use crate::failure::Failure;
+use crate::surroundings::{listed, names};
 
 /// Where a router is looked for when nothing says otherwise, and where `up` has its own.
 pub const ENDPOINT: &str = "tcp/127.0.0.1:7447";
 
+/// How long somebody who is not there is waited for, before it is said who is: services tell of themselves five times a second.
+pub const PATIENCE: Duration = Duration::from_millis(600);
+/// The most that one of several calls for a scene may take.
+const ONE_CALL: Duration = Duration::from_secs(5);
+
 /// How to reach a running system.
 #[derive(Debug, Clone, Args)]
 pub struct SystemArgs {
-    /// A router of the deployment; the configuration's, or tcp/127.0.0.1:7447, where absent.
+    /// The router to connect to. Default: the configuration's, or tcp/127.0.0.1:7447.
     #[arg(long, env = "REPOSE_CONNECT")]
     pub connect: Option<String>,
-    /// The robot cell; the configuration's, or "cell", where absent.
+    /// The robot cell. Default: the configuration's, or "cell".
     #[arg(long, env = "REPOSE_CELL")]
     pub cell: Option<String>,
     /// Configuration (TOML): its sections [session], [caller] and [worker].
@@ -35,7 +42,7 @@ pub struct ConnectArgs {
     /// The system.
     #[command(flatten)]
     pub system: SystemArgs,
-    /// The camera whose newest scene is used.
+    /// The camera whose newest scene to use.
     #[arg(long, default_value = "front")]
     pub camera: String,
     /// The deadline of a request, milliseconds.
@@ -105,12 +112,17 @@ pub async fn close(session: Session) {
     }
 }
 
-/// What a robot says of itself next.
+/// What a robot says of itself next; says which robots there are where it says nothing.
 pub async fn robot_state(session: &Session, robot: &str, within: Duration) -> Result<RobotState, Failure> {
     let mut states = session.subscribe_latest(&session.cell().robot_state(robot)).await?;
-    let silent = |_| Failure::Other(CallError::new(ErrorCode::Unavailable, format!("robot {robot} does not tell its state")));
-    let sample = tokio::time::timeout(within, states.recv()).await.map_err(silent)?;
-    Ok(sample.ok_or_else(|| Failure::other("the session has closed"))?.payload.decode_json()?)
+    match tokio::time::timeout(within.min(PATIENCE), states.recv()).await {
+        Ok(sample) => Ok(sample.ok_or_else(|| Failure::other("the session has closed"))?.payload.decode_json()?),
+        Err(_) => {
+            let robots = names(session).await?.robots;
+            let message = format!("robot {robot} does not tell its state; robots that do: {}", listed(robots.keys()));
+            Err(Failure::Other(CallError { field: Some("robot".to_owned()), ..CallError::new(ErrorCode::Unavailable, message) }))
+        }
+    }
 }
 
 /// The time of day as messages are stamped with, nanoseconds since the Unix epoch.
@@ -118,16 +130,31 @@ pub fn now_ns() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64)
 }
 
-/// The newest scene of a camera, from the perception worker that owns it; asks until there is one or time is up.
-pub async fn newest_scene(session: &Session, camera: &str, within: Duration) -> Result<SceneSummary, Failure> {
+/// The newest scene of a camera, from the perception worker that owns it. A camera without a scene is waited for
+/// during `patience` ([`PATIENCE`], or longer where it is known that one will come); then it is said which cells or cameras there are.
+pub async fn newest_scene(session: &Session, camera: &str, within: Duration, patience: Duration) -> Result<SceneSummary, Failure> {
+    keys::validate_chunk("camera", camera)?;
     let perception = session.caller(Service::Perception).await?;
-    let request = Payload::json(&LatestRequest { camera: camera.to_owned() })?;
-    let give_up = tokio::time::Instant::now() + within;
+    if perception.wait_for_workers(1, within.min(PATIENCE)).await.is_err() {
+        let cells = names(session).await?.cells;
+        let message = format!("the cell has no perception worker that is alive; cells with workers: {}", listed(&cells));
+        return Err(Failure::Other(CallError { field: Some("cell".to_owned()), ..CallError::new(ErrorCode::Unavailable, message) }));
+    }
+    let (begin, request) = (Instant::now(), Payload::json(&LatestRequest { camera: camera.to_owned() })?);
     loop {
-        match perception.call_any("latest", &request, &CallOptions::within(Duration::from_secs(5).min(within))).await {
+        match perception.call_any("latest", &request, &CallOptions::within(ONE_CALL.min(within))).await {
             Ok(answer) => return Ok(answer.payload.decode_json()?),
-            // A scene may still come, a bad request does not get better.
-            Err(error) if error.code == ErrorCode::InvalidArgument || tokio::time::Instant::now() >= give_up => return Err(error.into()),
+            Err(error) if error.code == ErrorCode::InvalidArgument => return Err(error.into()),
+            Err(error) if error.code == ErrorCode::NotFound && begin.elapsed() >= within.min(patience) => {
+                let cameras = names(session).await?.cameras;
+                let message = format!("camera {camera} has no scene; cameras that have one: {}", listed(cameras.keys()));
+                return Err(CallError::not_found("camera", message).into());
+            }
+            Err(error) if begin.elapsed() >= within => {
+                let message = format!("no scene of camera {camera} came within {} ms: {}", within.as_millis(), error.message);
+                return Err(Failure::Other(CallError::new(ErrorCode::DeadlineExceeded, message)));
+            }
+            // A scene may still come.
             Err(_) => tokio::time::sleep(Duration::from_millis(100)).await,
         }
     }

@@ -22,7 +22,7 @@ const SCENES_BYTES: usize = 1 << 30;
 /// Which networks a command uses that computes in this process.
 #[derive(Debug, Clone, Default, Args)]
 pub struct NetworkArgs {
-    /// A weights file in place of the weights that come with the program; without it, what REPOSE_INFERENCE__WEIGHTS names, as for services.
+    /// A weights file. Default: the file that REPOSE_INFERENCE__WEIGHTS names, or the program's own weights.
     #[arg(long, value_name = "FILE")]
     pub weights: Option<PathBuf>,
 }

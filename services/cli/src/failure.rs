@@ -48,6 +48,14 @@ impl Failure {
     }
 }
 
+/// An error for people: the field at fault, where the message does not name it, and the message. The code is in the JSON.
+pub fn sentence(error: &CallError) -> String {
+    match &error.field {
+        Some(field) if !error.message.contains(field.as_str()) => format!("{field}: {}", error.message),
+        _ => error.message.clone(),
+    }
+}
+
 impl From<CallError> for Failure {
     fn from(error: CallError) -> Self {
         match error.code {

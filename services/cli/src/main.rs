@@ -5,6 +5,7 @@ mod asynchronous;
 mod client;
 mod commands;
 mod embedded;
+mod environment;
 mod failure;
 mod frames;
 mod output;
@@ -13,6 +14,7 @@ mod progress;
 mod segment_view;
 mod sequence;
 mod services;
+mod surroundings;
 mod values;
 mod wish;
 
@@ -42,48 +44,52 @@ struct Cli {
 /// The subcommands.
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Everything in one process: a simulated cell, one placement asked, planned, executed and checked.
+    /// Show everything in one process: plan one placement in a simulated cell, have the robot carry it out, check it.
     Demo(commands::demo::DemoArgs),
-    /// Every service as a process of its own on this machine, until interrupted.
+    /// Start every service on this machine, each a process of its own, until interrupted.
     Up(commands::up::UpArgs),
-    /// One service.
+    /// Run one service, or the router, as this process.
     Serve(commands::serve::ServeArgs),
-    /// One placement on a frame folder, without a running system.
+    /// Find a placement on a frame folder, without a running system.
     Plan(commands::plan::PlanArgs),
-    /// Every pair's relations in a frame, learned and by rule.
+    /// List every pair of objects in a frame with its relations, learned and by rule.
     Relations(commands::relations::RelationsArgs),
-    /// What the networks say of given placements.
+    /// Score placements of your own with the networks.
     Score(commands::score::ScoreArgs),
-    /// One placement asked of a running system.
+    /// Ask a running system for a placement, and with --execute have its robot carry it out.
     Place(commands::place::PlaceArgs),
-    /// Many placements asked of a running system, and how long they took.
+    /// Show the newest scene of a running system's camera: its objects and their ids.
+    Scene(commands::scene::SceneArgs),
+    /// Show what runs, how it does, and what is wrong.
+    Status(commands::status::StatusArgs),
+    /// Ask a running system for many placements, and measure how long they take.
     Load(commands::load::LoadArgs),
-    /// A robot of a running system: stopped in an emergency, let go on, asked how it is.
+    /// Stop a robot of a running system, let it go on, or ask for its state.
     Robot(commands::robot::RobotArgs),
-    /// The objects and surfaces of a frame folder.
+    /// Find the objects and surfaces of a frame or a recording.
     Segment(commands::segment::SegmentArgs),
-    /// Simulated scenes to train on.
+    /// Generate simulated scenes to train on.
     Generate(commands::generate::GenerateArgs),
-    /// Weights from simulated scenes.
+    /// Train networks on generated scenes.
     Train(commands::train::TrainArgs),
-    /// Parts of the weights that were trained apart, put into one file.
+    /// Put networks that were trained apart into one weights file.
     Weights(commands::weights::WeightsArgs),
-    /// The paper's tables.
+    /// Measure how well it works: the paper's tables, and others.
     Evaluate(commands::evaluate::EvaluateArgs),
-    /// How fast a part is on this machine.
+    /// Measure how fast a part is on this machine.
     Bench(commands::bench::BenchArgs),
-    /// Frames from disk or a recording, published as a camera's.
+    /// Publish frames from disk or a recording as a camera's.
     Play(commands::play::PlayArgs),
 }
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
     repose_runtime::start_logging("warn,zenoh=error,repose=info");
-    match run(&cli) {
+    match environment::check().and_then(|()| run(&cli)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             if let Some(error) = failure.error() {
-                eprintln!("error: {error}");
+                eprintln!("error: {}", failure::sentence(error));
                 if cli.json {
                     println!("{}", serde_json::json!({"error": error}));
                 }
@@ -100,6 +106,8 @@ fn run(cli: &Cli) -> Outcome {
         Command::Up(args) => in_runtime(commands::up::run(args, output)),
         Command::Serve(args) => in_runtime(commands::serve::run(args)),
         Command::Place(args) => in_runtime(commands::place::run(args, output)),
+        Command::Scene(args) => in_runtime(commands::scene::run(args, output)),
+        Command::Status(args) => in_runtime(commands::status::run(args, output)),
         Command::Load(args) => in_runtime(commands::load::run(args, output)),
         Command::Robot(args) => in_runtime(commands::robot::run(args, output)),
         Command::Plan(args) => commands::plan::run(args, output),

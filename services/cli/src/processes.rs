@@ -1,9 +1,14 @@
 //! This program as another process: how `up` and benches start services.
 
+use std::io::Write;
 use std::path::Path;
 use std::process::Stdio;
+use std::time::Duration;
 
-use tokio::process::Command;
+use repose_runtime::FORMAT_VARIABLE;
+use tokio::io::{AsyncBufReadExt, BufReader};
+use tokio::process::{Child, ChildStderr, Command};
+use tokio::task::JoinHandle;
 
 use crate::failure::Failure;
 
@@ -17,6 +22,13 @@ pub fn service_process(endpoint: &str, cell: &str, config: Option<&Path>, what: 
     command.stdin(Stdio::null()).stdout(Stdio::null()).kill_on_drop(true);
     // A terminal's Ctrl-C would reach the whole group; the processes are told one by one instead, so that they drain.
     command.process_group(0);
+    end_with_this_process(&mut command);
+    Ok(command)
+}
+
+/// Has the system end a process when this one has died without a chance to.
+#[cfg(target_os = "linux")]
+fn end_with_this_process(command: &mut Command) {
     // SAFETY: prctl is async-signal-safe and touches nothing but the new process's own setting.
     unsafe {
         command.pre_exec(|| match libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGTERM) {
@@ -24,5 +36,46 @@ pub fn service_process(endpoint: &str, cell: &str, config: Option<&Path>, what: 
             _ => Err(std::io::Error::last_os_error()),
         });
     }
-    Ok(command)
+}
+
+/// Other systems offer no such thing: there, a process outlives one that was killed.
+#[cfg(not(target_os = "linux"))]
+fn end_with_this_process(_: &mut Command) {}
+
+/// A process whose log comes out on standard error with its name before every line. Logs as JSON stay as they are, one document a line.
+pub struct Labelled {
+    /// The process.
+    pub child: Child,
+    log: Option<JoinHandle<()>>,
+}
+
+impl Labelled {
+    /// Starts one.
+    pub fn spawn(command: &mut Command, name: &str) -> std::io::Result<Self> {
+        let mut child = command.stderr(Stdio::piped()).spawn()?;
+        let log = child.stderr.take().map(|log| tokio::spawn(relabel(log, name.to_owned())));
+        Ok(Self { child, log })
+    }
+
+    /// Waits until the last line of a process that has ended is out.
+    pub async fn rest_of_log(self) {
+        if let Some(log) = self.log {
+            let _ended = tokio::time::timeout(LAST_LINES, log).await;
+        }
+    }
+}
+
+/// How long the last lines of a process may take: a process that it started may hold its log open.
+const LAST_LINES: Duration = Duration::from_secs(1);
+/// The longest name that is not cut off its column.
+const NAME_WIDTH: usize = 12;
+
+async fn relabel(log: ChildStderr, name: String) {
+    let is_json = std::env::var(FORMAT_VARIABLE).is_ok_and(|format| format == "json");
+    let mut lines = BufReader::new(log).lines();
+    while let Ok(Some(line)) = lines.next_line().await {
+        let label = if is_json { String::new() } else { format!("{name:<NAME_WIDTH$} ") };
+        // Where nobody reads the log any more, the process goes on.
+        let _unread = writeln!(std::io::stderr(), "{label}{line}");
+    }
 }

@@ -166,7 +166,7 @@ impl System<'_> {
     async fn view_after(&self, instant_ns: u64) -> Result<(String, Scene), Failure> {
         let give_up = tokio::time::Instant::now() + self.deadline;
         loop {
-            let summary = client::newest_scene(self.session, self.camera, self.deadline).await?;
+            let summary = client::newest_scene(self.session, self.camera, self.deadline, client::PATIENCE).await?;
             if summary.stamp_ns > instant_ns {
                 let scene = client::whole_scene(self.session, &summary.scene_id, self.deadline).await?;
                 return Ok((summary.scene_id, scene));

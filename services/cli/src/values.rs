@@ -40,6 +40,15 @@ pub fn parse_png(path: &str) -> Result<PathBuf, String> {
     if is_png { Ok(path) } else { Err("pictures are written as PNG: expected a name that ends in .png".to_owned()) }
 }
 
+/// How many of something: at least one.
+pub fn parse_count(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(0) => Err("expected at least 1".to_owned()),
+        Ok(count) => Ok(count),
+        Err(error) => Err(format!("expected a number, at least 1: {error}")),
+    }
+}
+
 /// The threads to use: as many as asked for, or one a core.
 pub fn threads(asked: Option<usize>) -> usize {
     asked.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)).max(1)
@@ -55,6 +64,12 @@ mod tests {
         assert!(parse_split("tests").is_err_and(|e| e.contains("validation")));
         assert!(parse_kind("table").is_err_and(|e| e.contains("open_table")));
         assert!(parse_variant("bets").is_err_and(|e| e.contains("best")));
+    }
+
+    #[test]
+    fn none_is_no_count() {
+        assert_eq!(parse_count("3"), Ok(3));
+        assert!(["0", "-1", "many"].iter().all(|text| parse_count(text).is_err_and(|e| e.contains("at least 1"))));
     }
 
     #[test]

@@ -12,31 +12,31 @@ pub struct WishArgs {
     /// The object to move, by id.
     #[arg(long = "move", value_name = "ID")]
     pub query: u16,
-    /// What must hold, RELATION:ANCHOR or not:RELATION:ANCHOR; repeat for more terms.
+    /// What must hold: RELATION:ANCHOR, such as left_of:3, or not:RELATION:ANCHOR. Repeat for more terms.
     #[arg(long, required = true, value_name = "TERM")]
     pub goal: Vec<GoalTerm>,
     /// Which method plans: best, full, full_lambda_1, no_discriminator, mean_only, mdn_prior or geometric.
     #[arg(long, default_value = "best", value_parser = parse_variant)]
     pub variant: Variant,
-    /// The source of every random number.
+    /// Seed of every random number.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// How many distinct placements are wanted.
+    /// How many distinct placements to find.
     #[arg(long, default_value_t = 1)]
     pub count: u32,
     /// Whether the object may be turned: fixed or yaw.
     #[arg(long, default_value = "fixed", value_parser = parse_rotation)]
     pub rotation: Rotation,
-    /// The viewer's direction, radians; the camera's where absent.
+    /// Direction in which the viewer of `left_of` and the like looks, radians about z. Default: the camera's.
     #[arg(long, allow_negative_numbers = true)]
     pub view_yaw: Option<f64>,
-    /// Iterations of the search.
+    /// Iterations of the search. Default: the variant's.
     #[arg(long)]
     pub iterations: Option<u32>,
-    /// Accepted candidates wanted per iteration.
+    /// Candidates to accept in each iteration. Default: the variant's.
     #[arg(long)]
     pub batch: Option<u32>,
-    /// Least distance from everything but the support, metres.
+    /// Least distance from everything but what carries it, metres.
     #[arg(long)]
     pub min_clearance: Option<f64>,
 }

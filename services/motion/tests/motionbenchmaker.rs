@@ -1,7 +1,9 @@
 //! Every path for the published problems, checked again by plain means: double precision kinematics, parry's shapes, small steps, no vectors.
 
+#[path = "../../../tests/common/real_data.rs"]
+mod real_data;
+
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use parry3d::math::{Pose, Rotation, Vector};
 use parry3d::query::PointQuery;
@@ -18,12 +20,8 @@ const STEP_RAD: f64 = 0.004;
 const ROUNDING_M: f64 = 2e-6;
 
 fn data(name: &str) -> Option<Value> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/motionbenchmaker").join(name);
-    let Ok(text) = std::fs::read_to_string(&path) else {
-        println!("skipped: {} is not there", path.display());
-        return None;
-    };
-    Some(serde_json::from_str(&text).unwrap())
+    let path = real_data::real_data(&format!("motionbenchmaker/{name}"))?;
+    Some(serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap())
 }
 
 fn numbers<const N: usize>(value: &Value) -> [f64; N] {

@@ -1,9 +1,10 @@
 //! A frame in memory to its scene, by size and by whether labels came with it: `cargo bench -p repose-perception`.
 //!
-//! The frames are the real `mosd/learn0` beside the repository, at its own size and resampled, so that the noise is a camera's; without
+//! The frames are the real `mosd/learn0`, at its own size and resampled, so that the noise is a camera's; without
 //! the data a drawn table with boxes stands in. Records are in `record/`.
 
-use std::path::Path;
+#[path = "../../../tests/common/real_data.rs"]
+mod real_data;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use repose_perception::{Settings, frame_folder, segment};
@@ -13,11 +14,10 @@ use repose_proto::{CameraModel, Frame, Scene};
 const SIZES: [(&str, usize, usize); 2] = [("640x480", 640, 480), ("1280x720", 1280, 720)];
 
 fn real() -> Frame {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/frames/mosd/learn0");
-    frame_folder::read(&folder).unwrap_or_else(|error| {
-        eprintln!("{error}; a drawn frame stands in");
-        drawn()
-    })
+    match real_data::real_data("frames/mosd/learn0") {
+        Some(folder) => frame_folder::read(&folder).expect("a frame"),
+        None => drawn(),
+    }
 }
 
 /// A table 1 m below a camera that looks straight down, with boxes of 8 cm on it.

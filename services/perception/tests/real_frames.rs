@@ -1,4 +1,7 @@
-//! Segmentation on frames that nobody here made: `data/frames` beside the repository, skipped with a message where it is absent.
+//! Segmentation on frames that nobody here made: skipped with a message where they are absent.
+
+#[path = "../../../tests/common/real_data.rs"]
+mod real_data;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -9,12 +12,8 @@ use repose_proto::{Frame, Scene};
 
 /// The frame folders of a set, in name order; empty, with a message, when the data is not there.
 fn folders(set: &str) -> Vec<PathBuf> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/frames").join(set);
-    let Ok(entries) = std::fs::read_dir(&root) else {
-        println!("skipped: no frames at {}", root.display());
-        return Vec::new();
-    };
-    let mut folders: Vec<PathBuf> = entries.filter_map(|e| Some(e.ok()?.path())).collect();
+    let Some(root) = real_data::real_data(&format!("frames/{set}")) else { return Vec::new() };
+    let mut folders: Vec<PathBuf> = std::fs::read_dir(root).unwrap().filter_map(|e| Some(e.ok()?.path())).collect();
     folders.sort();
     folders
 }

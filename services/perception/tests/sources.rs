@@ -1,6 +1,9 @@
 //! Frames from recordings that others wrote (`data/ros2` beside the repository, skipped with a message where it is absent) and from
 //! sequences of pictures.
 
+#[path = "../../../tests/common/real_data.rs"]
+mod real_data;
+
 use std::path::{Path, PathBuf};
 
 use repose_perception::sources::ros_messages::PointCloud2;
@@ -33,11 +36,8 @@ struct File {
 
 /// The data's folder and what is in it; none, with a message, when it is not there.
 fn data() -> Option<(PathBuf, Vec<Expected>)> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/ros2");
-    let Ok(text) = std::fs::read_to_string(root.join("expected.json")) else {
-        println!("skipped: no recordings at {}", root.display());
-        return None;
-    };
+    let root = real_data::real_data("ros2")?;
+    let text = std::fs::read_to_string(root.join("expected.json")).unwrap();
     let file: File = serde_json::from_str(&text).unwrap();
     Some((root, file.expected))
 }

@@ -1,5 +1,8 @@
 //! A folder of the user's meshes: what loads, what is refused and how it is said, and the YCB objects where they are present.
 
+#[path = "../../../tests/common/real_data.rs"]
+mod real_data;
+
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -192,11 +195,7 @@ fn surface_point(mesh: &TriMesh, rng: &mut Pcg64) -> Point3<f32> {
 }
 
 fn ycb(settings: &MeshSettings) -> Option<(PathBuf, MeshLibrary)> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/ycb");
-    if !folder.is_dir() {
-        println!("skipped: there is no {}", folder.display());
-        return None;
-    }
+    let folder = real_data::real_data("ycb")?;
     let library = MeshLibrary::load(&folder, settings).expect("the YCB objects load");
     Some((folder, library))
 }
@@ -263,11 +262,7 @@ fn the_ycb_objects_load_stand_and_are_touched_where_they_are_seen() {
 #[test]
 fn decomposing_the_ycb_mug_again_keeps_it_hollow() {
     let cache = tempfile::tempdir().expect("a folder");
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/ycb/025_mug");
-    if !folder.is_dir() {
-        println!("skipped: there is no {}", folder.display());
-        return;
-    }
+    let Some(folder) = real_data::real_data("ycb/025_mug") else { return };
     let decomposition = DecompositionSettings { ready_parts: false, ..DecompositionSettings::default() };
     let settings = MeshSettings { decomposition, cache: Some(cache.path().to_owned()), ..MeshSettings::default() };
     let start = std::time::Instant::now();

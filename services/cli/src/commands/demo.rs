@@ -36,7 +36,7 @@ pub struct DemoArgs {
     /// Which method plans.
     #[arg(long, default_value = "best", value_parser = parse_variant)]
     pub variant: Variant,
-    /// Where the picture of before, plan and after goes.
+    /// The picture that is written: before, as planned, and after.
     #[arg(long, default_value = "out/demo.png", value_name = "PNG", value_parser = parse_png)]
     pub out: PathBuf,
 }
@@ -154,7 +154,7 @@ impl Cell {
 
     async fn show(&self, args: &DemoArgs, output: Output) -> Result<Report, Failure> {
         let before = self.truth(None).await?;
-        let summary = client::newest_scene(&self.session, &self.camera, CALL).await?;
+        let summary = client::newest_scene(&self.session, &self.camera, CALL, CALL).await?;
         let scene = Arc::new(client::whole_scene(&self.session, &summary.scene_id, CALL).await?);
         let seen_before = self.photograph().await?;
         tracing::info!(objects = scene.meta.objects.len(), surfaces = scene.meta.surfaces.len(), "the camera's scene is segmented");

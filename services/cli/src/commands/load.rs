@@ -15,7 +15,7 @@ use serde::Serialize;
 use crate::client::{self, ConnectArgs};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
-use crate::values::parse_variant;
+use crate::values::{parse_count, parse_variant};
 
 /// Arguments of `load`.
 #[derive(Debug, Clone, Args)]
@@ -24,12 +24,12 @@ pub struct LoadArgs {
     #[command(flatten)]
     pub connect: ConnectArgs,
     /// Clients that ask at the same time.
-    #[arg(long, default_value_t = 4)]
+    #[arg(long, default_value_t = 4, value_parser = parse_count)]
     pub clients: usize,
-    /// Requests in all.
-    #[arg(long, default_value_t = 100)]
+    /// Requests in total.
+    #[arg(long, default_value_t = 100, value_parser = parse_count)]
     pub requests: usize,
-    /// Offered requests per second; without it each client asks as soon as it was answered.
+    /// Requests per second to offer. Default: each client asks again as soon as it has its answer.
     #[arg(long)]
     pub rate: Option<f64>,
     /// Which method plans.
@@ -38,7 +38,7 @@ pub struct LoadArgs {
     /// Iterations of each search.
     #[arg(long, default_value_t = 1)]
     pub iterations: u32,
-    /// Accepted candidates wanted per iteration.
+    /// Candidates to accept in each iteration.
     #[arg(long, default_value_t = 16)]
     pub batch: u32,
     /// Seed of the first request; each next one has the next.
@@ -75,7 +75,7 @@ pub async fn run(args: &LoadArgs, output: Output) -> Outcome {
     }
     let session = client::connect(&args.connect.system).await?;
     let deadline = Duration::from_millis(args.connect.deadline_ms);
-    let scene = Arc::new(client::newest_scene(&session, &args.connect.camera, deadline).await?);
+    let scene = Arc::new(client::newest_scene(&session, &args.connect.camera, deadline, client::PATIENCE).await?);
     if scene.objects.len() < 2 {
         return Err(Failure::bad_input("camera", format!("the newest scene has {} objects, two are needed", scene.objects.len())));
     }
@@ -85,7 +85,7 @@ pub async fn run(args: &LoadArgs, output: Output) -> Outcome {
     let args = Arc::new(args.clone());
     let next = Arc::new(AtomicUsize::new(0));
     let started = Instant::now();
-    let clients: Vec<_> = (0..args.clients.max(1))
+    let clients: Vec<_> = (0..args.clients)
         .map(|_| tokio::spawn(client(args.clone(), planner.clone(), (scene.clone(), whole.clone()), next.clone(), started)))
         .collect();
     let mut ended = Vec::new();

@@ -27,14 +27,14 @@ pub struct PlaceArgs {
     /// Plan on this scene instead of the camera's newest.
     #[arg(long, value_name = "ID", conflicts_with_all = ["execute", "then"])]
     pub scene: Option<String>,
-    /// Have the robot carry it out, and check the goal on the view after it.
+    /// Have the robot carry the placement out, then check the goal on a fresh view.
     #[arg(long)]
     pub execute: bool,
-    /// The next wish, ID=TERM[,TERM…] in the ids of the first view, once the one before has been carried out and its goal holds: planned
-    /// on a fresh view. Repeat for more.
+    /// A further placement, ID=TERM[,TERM…], planned on a fresh view once the one before was carried out and its goal holds. Ids are those
+    /// of the first view. Repeat for more.
     #[arg(long, value_name = "WISH")]
     pub then: Vec<NextWish>,
-    /// The robot that carries them out.
+    /// The robot that carries placements out.
     #[arg(long, default_value = "panda")]
     pub robot: String,
 }
@@ -52,7 +52,7 @@ pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
     let deadline = Duration::from_millis(args.connect.deadline_ms);
     let scene_id = match &args.scene {
         Some(id) => id.clone(),
-        None => client::newest_scene(&session, &args.connect.camera, deadline).await?.scene_id,
+        None => client::newest_scene(&session, &args.connect.camera, deadline, client::PATIENCE).await?.scene_id,
     };
     let request = args.wish.request(scene_id);
     request.validate()?;

@@ -27,13 +27,13 @@ pub struct PlanArgs {
     /// Which networks.
     #[command(flatten)]
     pub networks: NetworkArgs,
-    /// A file of `train --network stability` to go with those weights; without it, what REPOSE_PLANNER__STABILITY names, as for services.
+    /// What `train --network stability` wrote for those weights. Default: the file that REPOSE_PLANNER__STABILITY names, or the program's own.
     #[arg(long, value_name = "FILE")]
     pub stability: Option<PathBuf>,
-    /// Find the objects even where labels are given.
+    /// Find the objects although the frame has labels.
     #[arg(long)]
     pub ignore_labels: bool,
-    /// A picture of before and after.
+    /// A picture of the frame with object ids, and with the object where it is to stand.
     #[arg(long, value_name = "PNG", value_parser = parse_png)]
     pub out: Option<PathBuf>,
 }

@@ -27,10 +27,10 @@ pub struct ScoreArgs {
     /// The anchor, by id.
     #[arg(long, value_name = "ID")]
     pub anchor: u16,
-    /// JSON list of `placed_from_observed`, 16 numbers each.
+    /// JSON: a list of rigid transforms `placed_from_observed`, 16 numbers each, row by row.
     #[arg(long, value_name = "FILE")]
     pub transforms: PathBuf,
-    /// Who answers for realism: discriminator (the paper's) or outcome (learned from simulated releases; what the variant `best` asks).
+    /// Which network says how realistic a placement is: discriminator (the paper's) or outcome (trained on simulated releases).
     #[arg(long, default_value = "discriminator", value_parser = parse_realism_by)]
     pub realism_by: RealismBy,
     /// Which networks.

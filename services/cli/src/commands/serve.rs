@@ -15,10 +15,10 @@ pub struct ServeArgs {
     /// perception, inference, planner, motion, simulator, console, or router.
     #[arg(value_parser = parse_served)]
     pub service: Served,
-    /// The system. `--connect` is where the router itself listens.
+    /// The system. The router itself listens at `--connect`.
     #[command(flatten)]
     pub system: SystemArgs,
-    /// This worker's name in the key space; unique. The configuration's, or a new one, where absent.
+    /// This worker's name, unique in its cell. Default: the configuration's, or a new one.
     #[arg(long)]
     pub worker: Option<String>,
 }

@@ -18,25 +18,26 @@ use tokio::task::JoinSet;
 use crate::client::{self, ENDPOINT, SystemArgs, client_config};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
-use crate::processes::service_process;
+use crate::processes::{Labelled, service_process};
 use crate::services::ServiceConfigs;
+use crate::values::parse_count;
 
 /// Arguments of `up`.
 #[derive(Debug, Args)]
 pub struct UpArgs {
-    /// Where the router of this deployment listens; another machine needs tcp/0.0.0.0:7447.
+    /// Where the router listens. For clients on other machines: tcp/0.0.0.0:7447.
     #[arg(long, default_value = ENDPOINT, env = "REPOSE_LISTEN")]
     pub listen: String,
-    /// The robot cell; the configuration's, or "cell", where absent.
+    /// The robot cell. Default: the configuration's, or "cell".
     #[arg(long, env = "REPOSE_CELL")]
     pub cell: Option<String>,
-    /// How many inference processes.
-    #[arg(long, default_value_t = 1)]
+    /// Inference processes.
+    #[arg(long, default_value_t = 1, value_parser = parse_count)]
     pub inference: usize,
-    /// How many planner processes.
-    #[arg(long, default_value_t = 1)]
+    /// Planner processes.
+    #[arg(long, default_value_t = 1, value_parser = parse_count)]
     pub planners: usize,
-    /// Seed of the simulated scene; the configuration's, or 0, where absent.
+    /// Seed of the simulated scene. Default: the configuration's, or 0.
     #[arg(long)]
     pub seed: Option<u64>,
     /// Configuration of the services (TOML).
@@ -56,38 +57,30 @@ const STOP_WITHIN: Duration = Duration::from_secs(15);
 /// Runs until interrupted.
 pub async fn run(args: &UpArgs, output: Output) -> Outcome {
     let shutdown = Shutdown::on_signals()?;
-    let mut processes = vec!["router".to_owned()];
-    for service in Service::ALL {
-        let count = match service {
-            Service::Inference => args.inference,
-            Service::Planner => args.planners,
-            _ => 1,
-        };
-        processes.extend(std::iter::repeat_n(service.as_str().to_owned(), count));
-    }
-    processes.push(CONSOLE.to_owned());
+    let processes = processes(args);
     // What no process could start with is said at once, and by its field.
     let system = SystemArgs { connect: Some(args.listen.clone()), cell: args.cell.clone(), config: args.config.clone() };
     let config = client_config(&system)?;
     let cell = config.session.cell.clone();
-    let console = console_of(ServiceConfigs::load(args.config.as_deref())?.console)?;
+    let configs = ServiceConfigs::load(args.config.as_deref())?;
+    let (camera, console) = (configs.simulator.camera, console_of(configs.console)?);
     let page = console.url();
     is_free(&args.listen)?;
     let is_up = Arc::new(AtomicBool::new(false));
     let mut watchers = JoinSet::new();
-    for what in &processes {
-        watchers.spawn(keep_running(command(args, &cell, &console, what)?, what.clone(), is_up.clone(), shutdown.clone()));
+    for (what, name) in &processes {
+        watchers.spawn(keep_running(command(args, &cell, &console, what)?, name.clone(), is_up.clone(), shutdown.clone()));
     }
+    let names: Vec<&str> = processes.iter().map(|(_, name)| name.as_str()).collect();
     let up = tokio::select! {
-        up = ready(args, config, &shutdown) => up,
+        up = ready(args, config, &camera, &shutdown) => up,
         Some(ended) = watchers.join_next() => ended.map_err(Failure::other)?,
     };
     is_up.store(true, Ordering::Release);
     if up.is_ok() && !shutdown.is_requested() {
-        let document = serde_json::json!({"listen": args.listen, "cell": cell, "processes": processes, "console": page});
-        output.print(&document, || {
-            format!("up: {} at {}, cell {cell}; the page is {page}; Ctrl-C ends it", processes.join(", "), args.listen)
-        })?;
+        let document = serde_json::json!({"listen": args.listen, "cell": cell, "processes": names, "console": page});
+        output
+            .print(&document, || format!("up: {} at {}, cell {cell}; the page is {page}; Ctrl-C ends it", names.join(", "), args.listen))?;
         shutdown.requested().await;
     }
     shutdown.trigger();
@@ -97,6 +90,25 @@ pub async fn run(args: &UpArgs, output: Output) -> Outcome {
     up
 }
 
+/// Every process: what it serves, and its name in the log.
+fn processes(args: &UpArgs) -> Vec<(String, String)> {
+    let mut processes = vec![("router".to_owned(), "router".to_owned())];
+    for service in Service::ALL {
+        let (what, count) = (service.as_str(), count_of(args, service));
+        processes.extend((1..=count).map(|k| (what.to_owned(), if count == 1 { what.to_owned() } else { format!("{what}-{k}") })));
+    }
+    processes.push((CONSOLE.to_owned(), CONSOLE.to_owned()));
+    processes
+}
+
+fn count_of(args: &UpArgs, service: Service) -> usize {
+    match service {
+        Service::Inference => args.inference,
+        Service::Planner => args.planners,
+        _ => 1,
+    }
+}
+
 /// Refuses an address that something else listens at: a second system would join the first, with two of every camera and robot.
 fn is_free(endpoint: &str) -> Outcome {
     let Some(address) = endpoint.strip_prefix("tcp/") else { return Ok(()) };
@@ -104,23 +116,21 @@ fn is_free(endpoint: &str) -> Outcome {
     TcpListener::bind(address).map(drop).map_err(taken)
 }
 
-/// Waits until every service has its workers.
-async fn ready(args: &UpArgs, config: RuntimeConfig, shutdown: &Shutdown) -> Outcome {
+/// Waits until every service has its workers, and the simulated camera its first scene: from then on anything can be asked.
+async fn ready(args: &UpArgs, config: RuntimeConfig, camera: &str, shutdown: &Shutdown) -> Outcome {
     let session = Session::open(config).await?;
-    for service in Service::ALL {
-        let count = match service {
-            Service::Inference => args.inference,
-            Service::Planner => args.planners,
-            _ => 1,
-        };
-        let caller = session.caller(service).await?;
-        tokio::select! {
-            up = caller.wait_for_workers(count, READY_WITHIN) => up?,
-            () = shutdown.requested() => break,
+    let is_up = async {
+        for service in Service::ALL {
+            session.caller(service).await?.wait_for_workers(count_of(args, service), READY_WITHIN).await?;
         }
-    }
+        client::newest_scene(&session, camera, READY_WITHIN, READY_WITHIN).await.map(drop)
+    };
+    let up = tokio::select! {
+        up = is_up => up,
+        () = shutdown.requested() => Ok(()),
+    };
     client::close(session).await;
-    Ok(())
+    up
 }
 
 /// The console's configuration, at a port that is free: where its own is taken, as by another system on this machine, the system chooses.
@@ -146,27 +156,24 @@ fn command(args: &UpArgs, cell: &str, console: &ConsoleConfig, what: &str) -> Re
     Ok(command)
 }
 
-/// Starts a process again whenever it ends, until `shutdown`; then tells it to drain. One that ends before the system is up would always.
-async fn keep_running(mut command: Command, what: String, is_up: Arc<AtomicBool>, shutdown: Shutdown) -> Outcome {
+/// Starts a process again whenever it ends, until `shutdown`; then tells it to drain. One that ends before the system is up always would.
+async fn keep_running(mut command: Command, name: String, is_up: Arc<AtomicBool>, shutdown: Shutdown) -> Outcome {
     while !shutdown.is_requested() {
-        let mut child = match command.spawn() {
-            Ok(child) => child,
-            Err(error) => {
-                return Err(Failure::other(format!("{what} could not be started: {error}")));
-            }
-        };
+        let mut process = Labelled::spawn(&mut command, &name).map_err(|e| Failure::other(format!("{name} could not be started: {e}")))?;
         tokio::select! {
-            ended = child.wait() => {
+            ended = process.child.wait() => {
+                process.rest_of_log().await;
                 if !shutdown.is_requested() {
+                    let status = ended.map_or_else(|e| e.to_string(), |status| status.to_string());
                     if !is_up.load(Ordering::Acquire) {
-                        let status = ended.map_or_else(|e| e.to_string(), |status| status.to_string());
-                        return Err(Failure::other(format!("{what} ended before the system was up: {status}")));
+                        return Err(Failure::other(format!("{name} ended before the system was up: {status}")));
                     }
-                    tracing::warn!(what, status = ?ended.ok(), "ended, starting it again");
+                    tracing::warn!("{name} ended ({status}) and is started again");
                 }
             }
             () = shutdown.requested() => {
-                stop(&mut child, &what).await;
+                stop(&mut process.child, &name).await;
+                process.rest_of_log().await;
                 return Ok(());
             }
         }
@@ -178,15 +185,15 @@ async fn keep_running(mut command: Command, what: String, is_up: Arc<AtomicBool>
     Ok(())
 }
 
-async fn stop(child: &mut Child, what: &str) {
+async fn stop(child: &mut Child, name: &str) {
     if let Some(id) = child.id().and_then(|id| i32::try_from(id).ok()) {
         // SAFETY: a plain system call on a child that has not been waited for, so its id is still its own.
         unsafe { libc::kill(id, libc::SIGTERM) };
     }
     if tokio::time::timeout(STOP_WITHIN, child.wait()).await.is_err() {
-        tracing::warn!(what, "did not drain in time and is killed");
+        tracing::warn!("{name} did not drain in {} s and is killed", STOP_WITHIN.as_secs());
         if let Err(error) = child.kill().await {
-            tracing::error!(what, %error, "could not be killed");
+            tracing::error!("{name} could not be killed: {error}");
         }
     }
 }

@@ -197,6 +197,10 @@ fn placed_row(frame: &Frame, [x, y, z, radius_m]: &Row) -> PlacedSphere {
 }
 
 #[cfg(test)]
+#[path = "../../../../tests/common/real_data.rs"]
+mod real_data;
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::{READY, base_from_tcp};
@@ -220,11 +224,8 @@ mod tests {
 
     #[test]
     fn the_table_agrees_with_the_description_file_where_it_is_present() {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../../shared/data/panda/panda_spherized.urdf");
-        let Ok(text) = std::fs::read_to_string(path) else {
-            println!("skipped: {path} is not there");
-            return;
-        };
+        let Some(path) = real_data::real_data("panda/panda_spherized.urdf") else { return };
+        let text = std::fs::read_to_string(path).unwrap();
         let attribute = |line: &str, name: &str| -> Option<String> {
             let at = line.find(&format!("{name}=\""))? + name.len() + 2;
             Some(line[at..].split('"').next()?.to_owned())

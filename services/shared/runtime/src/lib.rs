@@ -84,6 +84,6 @@ pub use queue::{BatchQueue, ComputeQueue, Job, JobContext, JobReply, Pending, Qu
 pub use server::Server;
 pub use session::{Publisher, Session, run_router};
 pub use shutdown::Shutdown;
-pub use telemetry::start_logging;
+pub use telemetry::{FORMAT_VARIABLE, LOG_VARIABLE, start_logging};
 pub use tokio_util::sync::CancellationToken;
 pub use transport::{AliveWatch, Sample, Subscription, Traffic};

@@ -15,6 +15,8 @@ pub fn start_logging(default: &str) {
     // Color codes are for eyes: a file or a journal gets none.
     let colors = std::io::stderr().is_terminal();
     let subscriber = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(colors).with_writer(std::io::stderr);
+    // A log that nobody reads any more (`2>&1 | head`) is no reason to end: reporting that on standard error would panic.
+    let subscriber = subscriber.log_internal_errors(false);
     let json = std::env::var(FORMAT_VARIABLE).is_ok_and(|v| v == "json");
     // An error here means that a subscriber is set already, by an embedding program or a test.
     let _already_set = if json { subscriber.json().try_init() } else { subscriber.try_init() };

@@ -17,6 +17,7 @@ use crate::asynchronous::in_runtime;
 use crate::failure::{Failure, Outcome};
 use crate::frames;
 use crate::output::Output;
+use crate::values::parse_count;
 
 /// Runs before those that count: caches and the allocator settle.
 const WARM_UP_RUNS: usize = 10;
@@ -38,7 +39,7 @@ pub struct BenchPerceptionArgs {
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = parse_size)]
     pub size: Option<(usize, usize)>,
     /// Timed runs.
-    #[arg(long, default_value_t = 300)]
+    #[arg(long, default_value_t = 300, value_parser = parse_count)]
     pub runs: usize,
     /// Run the service for this long instead, seconds, and see whether it keeps up.
     #[arg(long, value_name = "SECONDS")]
@@ -60,7 +61,7 @@ pub fn run(args: &BenchPerceptionArgs, output: Output) -> Outcome {
     match args.soak_s {
         Some(seconds) if seconds > 0.0 && args.rate > 0.0 => in_runtime(soak(frame, seconds, args.rate, output)),
         Some(_) => Err(Failure::bad_input("soak-s", "the soak's length and its rate are above 0")),
-        None => time(&frame, args.runs.max(1), output),
+        None => time(&frame, args.runs, output),
     }
 }
 

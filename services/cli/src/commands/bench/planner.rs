@@ -28,6 +28,7 @@ use crate::embedded::EmbeddedModels;
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 use crate::processes::service_process;
+use crate::values::parse_count;
 
 /// How long anything may take.
 const PATIENCE: Duration = Duration::from_secs(300);
@@ -39,7 +40,7 @@ pub struct BenchPlannerArgs {
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=100))]
     pub scenes: u64,
     /// Placements with `best`.
-    #[arg(long, default_value_t = 60)]
+    #[arg(long, default_value_t = 60, value_parser = parse_count)]
     pub runs: usize,
     /// Placements with `full`; 0 leaves it out.
     #[arg(long, default_value_t = 10)]
@@ -53,7 +54,7 @@ pub struct BenchPlannerArgs {
 pub fn run(args: &BenchPlannerArgs, output: Output) -> Outcome {
     let wishes = wishes(args.scenes)?;
     let models = Counted { models: EmbeddedModels::load()?, scored: AtomicU64::new(0), micros: AtomicU64::new(0) };
-    let best = timed(&wishes, Variant::Best, args.runs.max(1), &models)?;
+    let best = timed(&wishes, Variant::Best, args.runs, &models)?;
     let full = if args.full_runs > 0 { Some(timed(&wishes, Variant::Full, args.full_runs, &models)?) } else { None };
     let services = Cell::new(None);
     if args.requests > 0 {

@@ -13,13 +13,13 @@ use super::shared::{StabilityArgs, TableArgs, named, only_meshes};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 use crate::progress::Progress;
-use crate::values::parse_variant;
+use crate::values::{parse_count, parse_variant};
 
 /// Arguments of `evaluate discriminator`.
 #[derive(Debug, Args)]
 pub struct EvaluateDiscriminatorArgs {
     /// How many scenes; the paper has 100.
-    #[arg(long, default_value_t = 100)]
+    #[arg(long, default_value_t = 100, value_parser = parse_count)]
     pub scenes: usize,
     /// Random prior samples of each scene; the paper has one.
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]

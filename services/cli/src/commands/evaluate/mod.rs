@@ -24,17 +24,17 @@ pub struct EvaluateArgs {
 /// The tables.
 #[derive(Debug, Subcommand)]
 pub enum Table {
-    /// The planner's variants on simulated scenes never trained on.
+    /// The planner's variants on simulated scenes that nothing was trained on (the paper's Table 1).
     Planner(planner::EvaluatePlannerArgs),
-    /// Relations learned against by rule, on simulated scenes never trained on.
+    /// Relations, learned and by rule, on simulated scenes that nothing was trained on (the paper's Table 2).
     Relations(relations::EvaluateRelationsArgs),
-    /// Realism against what physics does, on kitchens never trained on.
+    /// Realism against what physics does, on kitchens that nothing was trained on.
     Discriminator(discriminator::EvaluateDiscriminatorArgs),
-    /// The simulated world: rejected draws, rest, penetration, and whether releases depend on the physics step.
+    /// The simulated world: rejected draws, rest, overlaps, and whether releases depend on the physics step.
     World(world::EvaluateWorldArgs),
     /// Perception's masks of labelled frames, labels ignored, against the labels.
     Segmentation(segmentation::EvaluateSegmentationArgs),
-    /// The simulated Panda picks and places named objects (the paper's Table 3).
+    /// The simulated Panda picking and placing named objects (the paper's Table 3).
     Robot(robot::EvaluateRobotArgs),
 }
 

@@ -20,7 +20,7 @@ use super::shared::{StabilityArgs, TableArgs, named, only_meshes};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 use crate::progress::Progress;
-use crate::values::{parse_kind, parse_variant};
+use crate::values::{parse_count, parse_kind, parse_variant};
 
 /// The kinds that scenes of a user's meshes take turns in.
 const KINDS: [SceneKind; 6] =
@@ -29,13 +29,13 @@ const KINDS: [SceneKind; 6] =
 /// Arguments of `evaluate planner`.
 #[derive(Debug, Args)]
 pub struct EvaluatePlannerArgs {
-    /// How many scenes of each set; the paper has 100.
-    #[arg(long, default_value_t = 100)]
+    /// Scenes of each set; the paper has 100.
+    #[arg(long, default_value_t = 100, value_parser = parse_count)]
     pub scenes: usize,
-    /// The first scene of each set, to run a table in parts.
+    /// The first scene of each set, to make a table in parts.
     #[arg(long, default_value_t = 0)]
     pub first: u64,
-    /// Which variants; repeat for more. All seven by default.
+    /// A variant to try; repeat for more. Default: all seven.
     #[arg(long = "variant", value_parser = parse_variant)]
     pub variants: Vec<Variant>,
     /// A set of scenes of this kind (open_table, large_box, clutter, stacking, shelf, drawer, kitchen) in place of the default sets;

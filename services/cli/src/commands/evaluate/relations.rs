@@ -11,12 +11,13 @@ use super::shared::{TableArgs, only_meshes};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 use crate::progress::Progress;
+use crate::values::parse_count;
 
 /// Arguments of `evaluate relations`.
 #[derive(Debug, Args)]
 pub struct EvaluateRelationsArgs {
     /// How many examples at least; the paper has 2,696.
-    #[arg(long, default_value_t = 4000)]
+    #[arg(long, default_value_t = 4000, value_parser = parse_count)]
     pub examples: usize,
     /// A folder of meshes to make the scenes of, in place of the objects that training uses.
     #[arg(long, value_name = "DIR")]

@@ -13,6 +13,7 @@ use repose_simulator::objects::{MeshLibrary, MeshSettings};
 use crate::embedded::EmbeddedModels;
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
+use crate::values::parse_count;
 
 /// Arguments of `evaluate robot`.
 #[derive(Debug, Args)]
@@ -21,7 +22,7 @@ pub struct EvaluateRobotArgs {
     #[arg(long, value_name = "DIR")]
     pub objects: PathBuf,
     /// Trials for each object and condition.
-    #[arg(long, default_value_t = 3)]
+    #[arg(long, default_value_t = 3, value_parser = parse_count)]
     pub trials: usize,
     /// Only this object of the eight; repeat for more.
     #[arg(long = "only", value_name = "OBJECT", value_parser = OBJECTS)]

@@ -17,13 +17,13 @@ use crate::values::{parse_split, threads};
 /// What every table of the networks and the planner is told.
 #[derive(Debug, Args)]
 pub struct TableArgs {
-    /// Which split's seeds: validation or test.
+    /// Whose scenes: validation or test.
     #[arg(long, default_value = "test", value_parser = parse_split)]
     pub split: Split,
-    /// A weights file in place of the weights that come with the program.
+    /// A weights file in place of the program's own.
     #[arg(long, value_name = "FILE")]
     pub weights: Option<PathBuf>,
-    /// Threads; all cores by default. The table does not depend on it.
+    /// Threads. Default: one a core. The table does not depend on it.
     #[arg(long)]
     pub threads: Option<usize>,
 }
@@ -43,7 +43,7 @@ impl TableArgs {
 /// What the tables of `best` are told beside the weights.
 #[derive(Debug, Args)]
 pub struct StabilityArgs {
-    /// A file of `train --network stability` in place of the one that comes with the program: to go with `--weights`.
+    /// What `train --network stability` wrote for `--weights`. Default: the program's own.
     #[arg(long, value_name = "FILE")]
     pub stability: Option<PathBuf>,
 }

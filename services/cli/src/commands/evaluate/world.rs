@@ -9,13 +9,13 @@ use repose_simulator::scene::{KindWeights, SceneKind};
 use crate::failure::Outcome;
 use crate::output::Output;
 use crate::progress::Progress;
-use crate::values::{parse_kind, parse_split, threads};
+use crate::values::{parse_count, parse_kind, parse_split, threads};
 
 /// Arguments of `evaluate world`.
 #[derive(Debug, Args)]
 pub struct EvaluateWorldArgs {
     /// How many scenes.
-    #[arg(long, default_value_t = 1000)]
+    #[arg(long, default_value_t = 1000, value_parser = parse_count)]
     pub scenes: usize,
     /// How many releases are simulated at the usual step and at a quarter of it.
     #[arg(long, default_value_t = 200)]

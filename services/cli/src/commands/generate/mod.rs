@@ -40,14 +40,14 @@ pub struct GenerateArgs {
     /// Views per scene.
     #[arg(long, default_value_t = 5)]
     pub views: u32,
-    /// The folder for the shards; what is there already is kept and gone on from.
+    /// A folder for the shards. Shards that are there are kept, those that are missing are made.
     #[arg(long, value_name = "DIR", group = "product")]
     pub out: Option<PathBuf>,
     /// A folder for contact sheets of the scenes (the first 120 at most): color, depth, labels and relations of each one's first view.
     #[arg(long, value_name = "DIR", group = "product")]
     pub show: Option<PathBuf>,
-    /// A file for what the scenes are like, as JSON: prevalence of relations, histograms of gaps and centre offsets, objects, kinds of
-    /// scenes, rejections. The histograms are drawn beside it (.svg). With `--out` it counts the scenes that this run writes.
+    /// A JSON file for statistics of the scenes: prevalence of relations, histograms of gaps and centre offsets, objects, kinds of scenes,
+    /// rejections. The histograms are drawn beside it (.svg). With `--out` the scenes that this run writes are counted.
     #[arg(long, value_name = "FILE", group = "product")]
     pub statistics: Option<PathBuf>,
     /// Which split's seeds: train, validation or test.
@@ -66,18 +66,18 @@ pub struct GenerateArgs {
     /// Metres per unit of the files in `--objects`: 0.001 for millimetres.
     #[arg(long, default_value_t = 1.0, requires = "objects")]
     pub objects_scale: f32,
-    /// Let objects of each scene go this many times, and write what comes of it beside the shards (`releases` in the folder of `--out`): what
-    /// `train --network outcome` learns from. Shards that are there already get what they lack.
+    /// Release objects of each scene this many times, and write the outcomes beside the shards: `train --network outcome` learns from them.
+    /// Shards that are there get the outcomes that they lack.
     #[arg(long, value_name = "PER_SCENE", default_value_t = 0, requires = "out")]
     pub releases: usize,
-    /// Let one object of each scene go this many times where the prior and the planner would have it put, too: half of them draws of the
-    /// prior, a quarter turned draws, a quarter placements by geometry.
+    /// Release one object of each scene this many times where the prior (half), the prior turned (a quarter) and the planner by geometry (a
+    /// quarter) propose.
     #[arg(long, value_name = "PER_SCENE", default_value_t = 0, requires = "out")]
     pub proposals: u32,
     /// A weights file for `--proposals` in place of the weights that come with the program.
     #[arg(long, value_name = "FILE", requires = "proposals")]
     pub weights: Option<PathBuf>,
-    /// Keep color in the shards too; training does not need it.
+    /// Keep color in the shards; training does not need it.
     #[arg(long)]
     pub color: bool,
     /// Threads; all cores by default. The bytes do not depend on it.

@@ -14,25 +14,25 @@ use crate::values::threads;
 /// Arguments of `train`.
 #[derive(Debug, Args)]
 pub struct TrainArgs {
-    /// The folder of shards that `generate` wrote, with training and validation scenes somewhere below it.
+    /// The folder of shards that `generate` wrote, with training scenes and validation scenes somewhere below it.
     #[arg(long, value_name = "DIR")]
     pub data: PathBuf,
-    /// Which networks: joint (encoders, relation predictor and prior), relations (the predictor alone, on the encoders of `--start`), discriminator,
-    /// or outcome (the discriminator's layers on what simulated releases came to; needs `generate --releases`). The others keep the weights of
-    /// `--start`. And stability: what `best` makes of the outcome network of `--start` with what geometry measures, a JSON file; needs the data
-    /// of `generate --proposals`, made with its other settings as they are by default (`--steps` then limits the scenes).
+    /// What to train: joint (encoders, relation predictor and prior), relations (the predictor alone, on the encoders of `--start`),
+    /// discriminator, or outcome (on the outcomes of `generate --releases`); what is not trained keeps the weights of `--start`. Or
+    /// stability: boosted trees on the outcome network of `--start` and on geometry, which the variant `best` goes by, as a JSON file; they
+    /// learn from `generate --proposals` with its other settings left at their defaults, and `--steps` limits the scenes.
     #[arg(long)]
     pub network: String,
     /// Which relation predictor `joint` and `relations` fit: measured (reads what can be measured of the pair beside the codes) or paper.
     #[arg(long, value_name = "VARIANT", default_value = "measured")]
     pub relations: String,
-    /// What the networks are computed on: cpu, or cuda where the program was built with `--features cuda` (no two runs the same there).
+    /// Where to compute: cpu, or cuda where the program was built with `--features cuda` (runs are not reproducible there).
     #[arg(long, value_name = "DEVICE", default_value = "cpu")]
     pub device: String,
-    /// The weights file; a run that was stopped goes on from its checkpoint beside it (one that began with other weights is refused).
+    /// The weights file to write. A run that was stopped goes on from the checkpoint beside it, unless it began with other weights.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Weights to start from; new ones from the seed by default.
+    /// Weights to start from. Default: new ones, drawn from the seed.
     #[arg(long, value_name = "FILE")]
     pub start: Option<PathBuf>,
     /// Start from the mean of `--start` and these, runs of the same network from one ancestor; repeat for more. With `--steps 0` that mean is
@@ -48,10 +48,10 @@ pub struct TrainArgs {
     /// End after this many steps.
     #[arg(long)]
     pub steps: Option<u64>,
-    /// Threads, of which no more than `--slots` have work; all cores by default. The weights do not depend on it.
+    /// Threads; at most `--slots` of them have work. Default: one a core. The weights do not depend on it.
     #[arg(long)]
     pub threads: Option<usize>,
-    /// Micro-batches of a step, whose gradients are averaged; 2 by default. More keep more threads busy, and give other weights.
+    /// Micro-batches of a step, whose gradients are averaged. Default: 2. More keep more threads busy, and give other weights.
     #[arg(long)]
     pub slots: Option<usize>,
 }

@@ -1,0 +1,67 @@
+//! `repose scene`: the newest scene of a camera: which objects there are, by which ids.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use repose_evaluation::report::picture::{Coloring, captioned, draw_ids, scene_picture, write_picture};
+use repose_evaluation::report::written::can_write;
+use repose_proto::SceneSummary;
+
+use crate::client::{self, ConnectArgs};
+use crate::failure::{Failure, Outcome};
+use crate::output::Output;
+use crate::values::parse_png;
+
+/// Arguments of `scene`.
+#[derive(Debug, Args)]
+pub struct SceneArgs {
+    /// Where to ask.
+    #[command(flatten)]
+    pub connect: ConnectArgs,
+    /// A picture of the scene with its objects' ids.
+    #[arg(long, value_name = "PNG", value_parser = parse_png)]
+    pub out: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub async fn run(args: &SceneArgs, output: Output) -> Outcome {
+    args.out.as_deref().map_or(Ok(()), can_write)?;
+    let session = client::connect(&args.connect.system).await?;
+    let within = Duration::from_millis(args.connect.deadline_ms);
+    let asked = async {
+        let summary = client::newest_scene(&session, &args.connect.camera, within, client::PATIENCE).await?;
+        let whole = match &args.out {
+            Some(path) => Some((path, client::whole_scene(&session, &summary.scene_id, within).await?)),
+            None => None,
+        };
+        Ok::<_, Failure>((summary, whole))
+    };
+    let asked = asked.await;
+    client::close(session).await;
+    let (summary, whole) = asked?;
+    if let Some((path, scene)) = whole {
+        let mut picture = scene_picture(&scene, Coloring::Seen, None);
+        draw_ids(&mut picture, &scene);
+        let caption = format!("camera {}, object ids", summary.camera);
+        write_picture(path, &captioned(&picture, &caption).into())?;
+    }
+    output.print(&summary, || text_of(&summary))
+}
+
+fn text_of(summary: &SceneSummary) -> String {
+    let age_s = client::now_ns().saturating_sub(summary.stamp_ns) as f64 / 1e9;
+    let mut lines = vec![format!("camera {}, scene {}, taken {age_s:.1} s ago", summary.camera, summary.scene_id)];
+    for object in &summary.objects {
+        let ([x, y, z], [width, depth, height]) = (object.centroid_m, object.extent_m.map(|m| m * 1e3));
+        lines.push(format!(
+            "  object {:>3}: at ({x:+.3}, {y:+.3}, {z:+.3}) m, {width:.0} x {depth:.0} x {height:.0} mm, {} points",
+            object.id, object.points
+        ));
+    }
+    for surface in &summary.surfaces {
+        let what = surface.object.map_or_else(|| "surface".to_owned(), |id| format!("top of object {id}"));
+        lines.push(format!("  {what} at {:.3} m, {:.3} m²", surface.height_m, surface.area_m2));
+    }
+    lines.join("\n")
+}

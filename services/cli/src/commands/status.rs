@@ -1,0 +1,203 @@
+//! `repose status`: what is there, how it does, and what is wrong, a sentence each.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::IsTerminal;
+use std::time::Duration;
+
+use clap::Args;
+use repose_evaluation::report::text::table;
+use repose_proto::load::WorkerLoad;
+use repose_proto::robot::RobotState;
+use repose_proto::{SceneSummary, Service};
+use repose_runtime::{Session, Shutdown};
+use serde_json::{Value, json};
+
+use crate::client::{self, SystemArgs};
+use crate::failure::Outcome;
+use crate::output::Output;
+use crate::surroundings::{Heard, Observer, Surroundings, listed};
+
+/// A worker that has not told its load for this long is suspect, as callers take it.
+const SILENT: Duration = Duration::from_secs(1);
+/// A camera whose newest scene is older is said to stand still.
+const STALE: Duration = Duration::from_secs(3);
+
+/// Arguments of `status`.
+#[derive(Debug, Args)]
+pub struct StatusArgs {
+    /// The system.
+    #[command(flatten)]
+    pub system: SystemArgs,
+    /// Go on until interrupted.
+    #[arg(long)]
+    pub watch: bool,
+    /// How long is listened before something is said, seconds: rates are over this time.
+    #[arg(long, default_value_t = 1.5, value_parser = parse_seconds)]
+    pub seconds: f64,
+}
+
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    let seconds: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if (0.5..=60.0).contains(&seconds) { Ok(seconds) } else { Err("expected 0.5 to 60".to_owned()) }
+}
+
+/// Runs the command.
+pub async fn run(args: &StatusArgs, output: Output) -> Outcome {
+    let shutdown = Shutdown::on_signals()?;
+    let session = client::connect(&args.system).await?;
+    let watched = watch(args, &session, &shutdown, output).await;
+    client::close(session).await;
+    watched
+}
+
+async fn watch(args: &StatusArgs, session: &Session, shutdown: &Shutdown, output: Output) -> Outcome {
+    let within = Duration::from_secs_f64(args.seconds);
+    let mut observer = Observer::new(session).await?;
+    let mut heard = Surroundings::default();
+    loop {
+        heard = tokio::select! {
+            heard = observer.listen(within, &heard) => heard?,
+            () = shutdown.requested() => return Ok(()),
+        };
+        let status = Status { heard: &heard, cell: session.cell().name(), seconds: args.seconds };
+        output.print(&status.document(), || {
+            let top = if args.watch && std::io::stdout().is_terminal() { "\x1b[2J\x1b[H" } else { "" };
+            format!("{top}{}", status.text())
+        })?;
+        if !args.watch {
+            return Ok(());
+        }
+    }
+}
+
+/// What was heard of a cell, to be told.
+struct Status<'a> {
+    heard: &'a Surroundings,
+    cell: &'a str,
+    /// How long was listened.
+    seconds: f64,
+}
+
+impl Status<'_> {
+    fn document(&self) -> Value {
+        let heard = self.heard;
+        let worker = |((service, worker), load): (&(Service, String), &Option<Heard<WorkerLoad>>)| json!({"service": service, "worker": worker, "silent_ms": load.as_ref().map(|l| l.at.elapsed().as_millis() as u64), "load": load.as_ref().map(|l| &l.newest)});
+        let camera = |(name, scene): (&String, &Heard<SceneSummary>)| {
+            json!({
+                "camera": name, "scene_id": scene.newest.scene_id, "objects": scene.newest.objects.len(),
+                "scenes_per_s": scene.count as f64 / self.seconds, "age_ms": scene.at.elapsed().as_millis() as u64,
+            })
+        };
+        let robot = |(name, state): (&String, &Heard<RobotState>)| json!({"robot": name, "states_per_s": state.count as f64 / self.seconds, "age_ms": state.at.elapsed().as_millis() as u64, "state": state.newest});
+        json!({
+            "cell": self.cell, "cells": heard.cells,
+            "workers": heard.workers.iter().map(worker).collect::<Vec<_>>(),
+            "cameras": heard.cameras.iter().map(camera).collect::<Vec<_>>(),
+            "robots": heard.robots.iter().map(robot).collect::<Vec<_>>(),
+            "wrong": self.wrong(),
+        })
+    }
+
+    fn text(&self) -> String {
+        let others: BTreeSet<String> = self.heard.cells.iter().filter(|cell| *cell != self.cell).cloned().collect();
+        let mut text = format!("cell {}; other cells with workers: {}", self.cell, listed(&others));
+        if !self.heard.workers.is_empty() {
+            text += &format!("\n{}", self.workers());
+        }
+        for (name, camera) in &self.heard.cameras {
+            let (objects, rate) = (camera.newest.objects.len(), camera.count as f64 / self.seconds);
+            text += &format!("\ncamera {name}: {rate:.1} scenes/s, newest has {objects} objects, {}", ago(camera.at.elapsed()));
+        }
+        for (name, robot) in &self.heard.robots {
+            let rate = robot.count as f64 / self.seconds;
+            text += &format!("\nrobot {name}: {}, {rate:.0} states/s", of_robot(&robot.newest));
+        }
+        let wrong = self.wrong();
+        match wrong.is_empty() {
+            true => text + "\nnothing is wrong",
+            false => text + &wrong.iter().map(|sentence| format!("\n! {sentence}")).collect::<String>(),
+        }
+    }
+
+    fn workers(&self) -> String {
+        let mut table = table(["service", "worker", "waiting", "running", "ms a call", "weights", "kernel", ""]);
+        for ((service, worker), load) in &self.heard.workers {
+            let mut cells = vec![service.to_string(), worker.clone()];
+            match load.as_ref().map(|heard| &heard.newest) {
+                Some(load) => cells.extend([
+                    format!("{} of {}", load.queue_depth, load.queue_capacity),
+                    load.in_flight.to_string(),
+                    format!("{:.1}", load.service_ms),
+                    load.weights_hash.chars().take(12).collect(),
+                    load.kernel.clone(),
+                    if load.draining { "draining".to_owned() } else { String::new() },
+                ]),
+                None => cells.extend(["?", "?", "?", "", "", "silent"].map(str::to_owned)),
+            }
+            table.add_row(cells);
+        }
+        table.to_string()
+    }
+
+    /// What is wrong now, a sentence each.
+    fn wrong(&self) -> Vec<String> {
+        let heard = self.heard;
+        let alive = |service: Service| heard.workers.iter().filter(move |((of, _), _)| *of == service);
+        let mut wrong: Vec<String> = [Service::Perception, Service::Inference, Service::Planner, Service::Motion]
+            .into_iter()
+            .filter(|service| alive(*service).next().is_none())
+            .map(|service| format!("no {service} worker is alive"))
+            .collect();
+        for ((service, worker), load) in &heard.workers {
+            match load {
+                Some(load) if load.at.elapsed() > SILENT => {
+                    wrong.push(format!("{service} {worker} told its load {} and is taken for suspect", ago(load.at.elapsed())));
+                }
+                Some(load) if load.newest.queue_capacity > 0 && load.newest.queue_depth >= load.newest.queue_capacity => {
+                    wrong.push(format!("the queue of {service} {worker} is full: calls are refused"));
+                }
+                Some(_) => {}
+                None => wrong.push(format!("{service} {worker} is alive and does not tell its load")),
+            }
+        }
+        let mut weights: BTreeMap<&str, usize> = BTreeMap::new();
+        for load in alive(Service::Inference).filter_map(|(_, load)| load.as_ref()) {
+            *weights.entry(load.newest.weights_hash.as_str()).or_default() += 1;
+        }
+        if weights.len() > 1 {
+            let counts: Vec<String> = weights.iter().map(|(hash, count)| format!("{} by {count}", &hash[..hash.len().min(12)])).collect();
+            wrong.push(format!("inference workers serve different weights: {}", counts.join(", ")));
+        }
+        if heard.cameras.is_empty() {
+            wrong.push("no camera had a new scene while this was listened to".to_owned());
+        }
+        let still = heard.cameras.iter().filter(|(_, camera)| camera.at.elapsed() > STALE);
+        wrong.extend(still.map(|(name, camera)| format!("camera {name} had its newest scene {}", ago(camera.at.elapsed()))));
+        for (name, robot) in &heard.robots {
+            if let Some(stop) = &robot.newest.stop {
+                wrong.push(format!(
+                    "robot {name} is stopped: {} ({}); `repose robot reset --robot {name}` lets it go on",
+                    stop.reason, stop.kind
+                ));
+            }
+            if robot.at.elapsed() > SILENT {
+                wrong.push(format!("robot {name} told its state {}", ago(robot.at.elapsed())));
+            }
+        }
+        wrong
+    }
+}
+
+fn of_robot(state: &RobotState) -> String {
+    let mode = serde_json::to_value(state.mode).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default();
+    let owner = state.owner.as_ref().map_or_else(|| "nobody commands it".to_owned(), |owner| format!("commanded by {}", owner.id));
+    format!(
+        "{mode}, {owner}, fingers {:.0} mm apart{}",
+        state.gripper_width_m * 1e3,
+        if state.gripper_holding { " and holding" } else { "" }
+    )
+}
+
+fn ago(age: Duration) -> String {
+    format!("{:.1} s ago", age.as_secs_f64())
+}

@@ -1,0 +1,127 @@
+//! What there is around a client, as it says of itself: cells, workers with their loads, cameras with their newest scenes, robots.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+use repose_proto::load::WorkerLoad;
+use repose_proto::robot::RobotState;
+use repose_proto::{SceneSummary, Service, keys};
+use repose_runtime::{AliveWatch, Session, Subscription};
+use tokio::time::Instant;
+
+use crate::failure::Failure;
+
+/// Messages that may wait while others are read.
+const WAITING: usize = 1024;
+/// How long names are listened for that an error is to list. A worker tells its load every 200 ms at least, a robot its state more often.
+const NAMES_WITHIN: Duration = Duration::from_millis(400);
+
+/// A message with the instant at which it came.
+#[derive(Debug, Clone)]
+pub struct Heard<T> {
+    /// The newest message.
+    pub newest: T,
+    /// When it came.
+    pub at: Instant,
+    /// How many came while it was listened.
+    pub count: u64,
+}
+
+/// Listens to a cell.
+pub struct Observer {
+    session: Session,
+    lives: AliveWatch,
+    loads: Subscription,
+    scenes: Subscription,
+    robots: Subscription,
+}
+
+/// What was heard.
+#[derive(Debug, Clone, Default)]
+pub struct Surroundings {
+    /// Cells that have a worker.
+    pub cells: BTreeSet<String>,
+    /// Workers alive in the session's cell, with their newest load where one was heard.
+    pub workers: BTreeMap<(Service, String), Option<Heard<WorkerLoad>>>,
+    /// Cameras whose scenes were heard.
+    pub cameras: BTreeMap<String, Heard<SceneSummary>>,
+    /// Robots whose states were heard.
+    pub robots: BTreeMap<String, Heard<RobotState>>,
+}
+
+impl Observer {
+    /// Begins to listen.
+    pub async fn new(session: &Session) -> Result<Self, Failure> {
+        let cell = session.cell();
+        Ok(Self {
+            lives: session.watch_alive(keys::LIVES_EVERYWHERE).await?,
+            loads: session.subscribe_queue(&cell.all_loads(), WAITING).await?,
+            scenes: session.subscribe_queue(&cell.scenes(), WAITING).await?,
+            robots: session.subscribe_queue(&cell.robot_states(), WAITING).await?,
+            session: session.clone(),
+        })
+    }
+
+    /// Listens for a while. What `before` knew stays; counts begin anew.
+    pub async fn listen(&mut self, within: Duration, before: &Surroundings) -> Result<Surroundings, Failure> {
+        let mut heard = before.clone();
+        heard.cameras.values_mut().for_each(|camera| camera.count = 0);
+        heard.robots.values_mut().for_each(|robot| robot.count = 0);
+        let mut loads: BTreeMap<(Service, String), Heard<WorkerLoad>> = BTreeMap::new();
+        let until = tokio::time::sleep(within);
+        tokio::pin!(until);
+        loop {
+            let closed = || Failure::other("the session has closed");
+            tokio::select! {
+                () = &mut until => break,
+                sample = self.loads.recv() => {
+                    let sample = sample.ok_or_else(closed)?;
+                    if let (Some((service, worker)), Ok(load)) = (keys::of_load(&sample.key), sample.payload.decode_json()) {
+                        hear(&mut loads, (service, worker.to_owned()), load);
+                    }
+                }
+                sample = self.scenes.recv() => {
+                    let sample = sample.ok_or_else(closed)?;
+                    if let Ok(scene) = sample.payload.decode_json() {
+                        hear(&mut heard.cameras, keys::last_chunk(&sample.key).to_owned(), scene);
+                    }
+                }
+                sample = self.robots.recv() => {
+                    let sample = sample.ok_or_else(closed)?;
+                    if let (Some(robot), Ok(state)) = (keys::worker_of(&sample.key), sample.payload.decode_json()) {
+                        hear(&mut heard.robots, robot.to_owned(), state);
+                    }
+                }
+            }
+        }
+        let lives = self.lives.current();
+        let alive: Vec<(&str, Service, &str)> = lives.iter().filter_map(|key| keys::of_live(key)).collect();
+        heard.cells = alive.iter().map(|(cell, _, _)| (*cell).to_owned()).collect();
+        let of_this_cell = alive.into_iter().filter(|(_, service, worker)| lives.contains(&self.session.cell().live(*service, worker)));
+        let workers = of_this_cell.map(|(_, service, worker)| (service, worker.to_owned()));
+        heard.workers = workers
+            .map(|name| {
+                let load = loads.remove(&name).or_else(|| before.workers.get(&name).cloned().flatten());
+                (name, load)
+            })
+            .collect();
+        Ok(heard)
+    }
+}
+
+fn hear<K: Ord, T>(known: &mut BTreeMap<K, Heard<T>>, name: K, newest: T) {
+    let at = Instant::now();
+    let count = known.get(&name).map_or(0, |heard| heard.count) + 1;
+    known.insert(name, Heard { newest, at, count });
+}
+
+/// What there is, heard just long enough to name it.
+pub async fn names(session: &Session) -> Result<Surroundings, Failure> {
+    Observer::new(session).await?.listen(NAMES_WITHIN, &Surroundings::default()).await
+}
+
+/// A list of names for an error: `front, wrist`, or `none`.
+pub fn listed<'a>(names: impl IntoIterator<Item = &'a String>) -> String {
+    let names: Vec<&str> = names.into_iter().map(String::as_str).collect();
+    if names.is_empty() { "none".to_owned() } else { names.join(", ") }
+}
