@@ -54,6 +54,13 @@ pub struct MotionPlanRequest {
     pub seed: u64,
 }
 
+impl MotionPlanRequest {
+    /// A request for the ranked placements of an object, with grasps of motion's own and seed 0.
+    pub fn new(scene_id: String, robot: String, query: u16, placements: Vec<RigidTransform>, start_joints_rad: [f64; 7]) -> Self {
+        Self { scene: SceneRef { scene_id }, robot, query, placements, start_joints_rad, grasps: None, seed: 0 }
+    }
+}
+
 impl Message for MotionPlanRequest {
     const SCHEMA: &'static str = "MotionPlanRequest.v1";
 
@@ -116,12 +123,61 @@ impl MotionFailure {
     }
 }
 
+/// What a stretch of a motion is for. A pick and place has the first eight in this order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Phase {
+    /// Opens the fingers and moves to a short way before the grasp.
+    Standoff,
+    /// Straight to the grasp.
+    Approach,
+    /// Closes the fingers.
+    Grasp,
+    /// Straight up.
+    Lift,
+    /// To above the placement.
+    Transfer,
+    /// Straight down to the release height.
+    Lower,
+    /// Opens the fingers.
+    Release,
+    /// Back along the fingers.
+    Retreat,
+}
+
+impl Phase {
+    /// The name on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Standoff => "standoff",
+            Self::Approach => "approach",
+            Self::Grasp => "grasp",
+            Self::Lift => "lift",
+            Self::Transfer => "transfer",
+            Self::Lower => "lower",
+            Self::Release => "release",
+            Self::Retreat => "retreat",
+        }
+    }
+
+    /// Whether the object is between the fingers and the arm moves it.
+    pub fn is_carrying(self) -> bool {
+        matches!(self, Self::Lift | Self::Transfer | Self::Lower)
+    }
+}
+
+impl std::fmt::Display for Phase {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
 /// One stretch of a plan: the gripper acts first, then the arm follows the set-points.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MotionPhase {
-    /// `standoff`, `approach`, `grasp`, `lift`, `transfer`, `lower`, `release`, `retreat`.
-    pub name: String,
+    /// What it is for.
+    pub name: Phase,
     /// What the gripper does before the arm moves.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gripper: Option<GripperCommand>,
@@ -203,7 +259,7 @@ pub struct ExecuteReply {
     /// How it ended.
     pub outcome: ExecutionOutcome,
     /// The phase that it ended in.
-    pub phase: String,
+    pub phase: Phase,
     /// Why, when not done.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
@@ -220,7 +276,7 @@ impl Message for ExecuteReply {
 #[serde(deny_unknown_fields)]
 pub struct ExecuteProgress {
     /// The phase that begins.
-    pub phase: String,
+    pub phase: Phase,
     /// Phases before it.
     pub done: usize,
     /// Phases in all.

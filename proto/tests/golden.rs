@@ -5,7 +5,7 @@ mod common;
 use std::path::Path;
 
 use common::*;
-use repose_proto::motion::{ExecuteProgress, RobotResetReply, RobotResetRequest};
+use repose_proto::motion::{ExecuteProgress, Phase, RobotResetReply, RobotResetRequest};
 use repose_proto::perception::{LatestRequest, SceneRequest};
 use repose_proto::place::PlaceProgress;
 use repose_proto::scoring::{ModelsRequest, PriorReply, ScoreReply, ScoreRequest};
@@ -41,7 +41,7 @@ fn json_messages_keep_their_bytes() {
     check("PriorRequest.v1.json", &json(&prior_request()));
     check("ModelsRequest.v1.json", &json(&ModelsRequest {}));
     check("ModelsReply.v1.json", &json(&models_reply()));
-    check("ExecuteProgress.v1.json", &json(&ExecuteProgress { phase: "lift".into(), done: 3, of: 8 }));
+    check("ExecuteProgress.v1.json", &json(&ExecuteProgress { phase: Phase::Lift, done: 3, of: 8 }));
     check("RobotResetRequest.v1.json", &json(&RobotResetRequest { robot: "panda".into() }));
     check("RobotResetReply.v1.json", &json(&RobotResetReply { was_stopped: true }));
     check("RobotState.v1.json", &json(&robot_state()));

@@ -5,7 +5,7 @@ mod common;
 use common::*;
 use repose_proto::motion::{MotionPlan, MotionPlanRequest};
 use repose_proto::robot::EmergencyStop;
-use repose_proto::{CallError, ErrorCode, Message, limits};
+use repose_proto::{CallError, ErrorCode, Message, Payload, limits};
 
 fn field(error: &CallError) -> &str {
     assert_eq!(error.code, ErrorCode::InvalidArgument, "{error}");
@@ -29,6 +29,15 @@ fn a_motion_plan_names_the_field_at_fault() {
         edit(&mut plan);
         assert_eq!(field(&plan.validate().unwrap_err()), expected);
     }
+}
+
+#[test]
+fn a_phase_that_nobody_knows_is_refused_by_its_field() {
+    let text = serde_json::to_string(&motion_plan()).unwrap().replace("\"standoff\"", "\"sprint\"");
+    let sent = Payload { encoding: "application/json;repose.MotionPlan.v1".to_owned(), bytes: text.into_bytes().into() };
+    let error = sent.decode_json::<MotionPlan>().unwrap_err();
+    assert_eq!(field(&error), "phases[0].name");
+    assert!(error.message.contains("sprint"), "{error}");
 }
 
 #[test]

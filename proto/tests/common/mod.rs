@@ -4,7 +4,9 @@
 use std::collections::BTreeMap;
 
 use repose_proto::load::WorkerLoad;
-use repose_proto::motion::{ExecuteReply, ExecutionOutcome, Grasp, MotionFailure, MotionPhase, MotionPlan, MotionPlanRequest, NotChosen};
+use repose_proto::motion::{
+    ExecuteReply, ExecutionOutcome, Grasp, MotionFailure, MotionPhase, MotionPlan, MotionPlanRequest, NotChosen, Phase,
+};
 use repose_proto::place::*;
 use repose_proto::robot::*;
 use repose_proto::scene::*;
@@ -137,7 +139,7 @@ pub fn motion_plan() -> MotionPlan {
         scene_stamp_ns: 7,
         max_scene_age_ms: 60_000,
         phases: vec![MotionPhase {
-            name: "standoff".into(),
+            name: Phase::Standoff,
             gripper: Some(GripperCommand { width_m: 0.0625, force_n: 20.0 }),
             set_points: vec![set_point(0.0), set_point(10.0)],
         }],
@@ -161,7 +163,7 @@ pub fn robot_command() -> RobotCommand {
 }
 
 pub fn execute_reply() -> ExecuteReply {
-    ExecuteReply { outcome: ExecutionOutcome::Stopped, phase: "lift".into(), reason: Some("estop".into()), joints_rad: [0.5; 7] }
+    ExecuteReply { outcome: ExecutionOutcome::Stopped, phase: Phase::Lift, reason: Some("estop".into()), joints_rad: [0.5; 7] }
 }
 
 pub fn score_request() -> ScoreRequest {

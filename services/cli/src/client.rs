@@ -4,12 +4,14 @@ use std::path::PathBuf;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use clap::Args;
+use repose_proto::motion::{MotionPlan, MotionPlanRequest};
 use repose_proto::perception::{LatestRequest, SceneRequest};
 use repose_proto::robot::RobotState;
 use repose_proto::scoring::enclose;
 use repose_proto::{CallError, ErrorCode, Message, Payload, PlaceRequest, PlaceResult, Scene, SceneSummary, Service, keys};
 use repose_runtime::{Answer, CallOptions, Caller, RuntimeConfig, RuntimeError, Session, SessionMode};
 use tokio::time::Instant;
+use serde::Serialize;
 
 use crate::failure::Failure;
 use crate::surroundings::{listed, names};
@@ -168,24 +170,45 @@ pub async fn whole_scene(session: &Session, scene_id: &str, within: Duration) ->
     Ok(Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA)?)?)
 }
 
-/// Asks for a placement on a scene by its id; sends the scene whole, where it is at hand, when nobody holds it any more.
+/// Asks for a placement.
 pub async fn place(
     planner: &Caller,
     request: &PlaceRequest,
     scene: Option<&Scene>,
     options: CallOptions,
 ) -> Result<(PlaceResult, Answer), CallError> {
-    let by_id = planner.call("place", Payload::json(request)?, options.clone()).await;
-    let answer = match (by_id, scene) {
+    let answer = call_on_scene(planner, "place", request, scene, options).await?;
+    Ok((answer.payload.decode_json()?, answer))
+}
+
+/// Asks for a motion.
+pub async fn plan_motion(
+    motion: &Caller,
+    request: &MotionPlanRequest,
+    scene: &Scene,
+    options: CallOptions,
+) -> Result<MotionPlan, CallError> {
+    call_on_scene(motion, "plan", request, Some(scene), options).await?.payload.decode_json()
+}
+
+/// A call on a scene by its id; sends the scene whole, where it is at hand, when nobody holds it any more.
+async fn call_on_scene<Q: Message + Serialize>(
+    caller: &Caller,
+    method: &str,
+    request: &Q,
+    scene: Option<&Scene>,
+    options: CallOptions,
+) -> Result<Answer, CallError> {
+    let by_id = caller.call(method, Payload::json(request)?, options.clone()).await;
+    match (by_id, scene) {
         (Err(error), Some(scene))
             if error.code == ErrorCode::NotFound && error.field.as_deref().is_some_and(|f| f.ends_with("scene_id")) =>
         {
-            let whole = Payload::bulk(PlaceRequest::SCHEMA, &enclose(request, Some(scene)))?;
-            planner.call("place", whole, options).await?
+            let whole = Payload::bulk(Q::SCHEMA, &enclose(request, Some(scene)))?;
+            caller.call(method, whole, options).await
         }
-        (answered, _) => answered?,
-    };
-    Ok((answer.payload.decode_json()?, answer))
+        (answered, _) => answered,
+    }
 }
 
 #[cfg(test)]

@@ -11,8 +11,7 @@ use nalgebra::{Isometry3, Point3};
 use repose_geometry::ViewerFrame;
 use repose_geometry::transform::from_row_major;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
-use repose_proto::scoring::enclose;
-use repose_proto::{CallError, ErrorCode, GoalTerm, Message, ObjectSummary, Payload, PlaceRequest, PlaceResult, Scene, SceneRef, Service};
+use repose_proto::{CallError, ErrorCode, GoalTerm, Message, ObjectSummary, Payload, PlaceRequest, PlaceResult, Scene, Service};
 use repose_relations::{ObservedObject, observed};
 use repose_runtime::{CallOptions, Caller, Session};
 use serde::Serialize;
@@ -224,19 +223,12 @@ impl System<'_> {
 
     async fn motion_plan(&self, request: &PlaceRequest, result: &PlaceResult, view: &(String, Scene)) -> Result<MotionPlan, Failure> {
         let state = client::robot_state(self.session, self.robot, self.deadline).await?;
+        let placements = result.placements.iter().map(|p| p.placed_from_observed).collect();
         let request = MotionPlanRequest {
-            scene: SceneRef { scene_id: view.0.clone() },
-            robot: self.robot.to_owned(),
-            query: request.query,
-            placements: result.placements.iter().map(|p| p.placed_from_observed).collect(),
-            start_joints_rad: state.q_rad,
-            grasps: None,
             seed: request.seed,
+            ..MotionPlanRequest::new(view.0.clone(), self.robot.to_owned(), request.query, placements, state.q_rad)
         };
-        // Enclosed: motion need not hold a scene that is this new.
-        let whole = Payload::bulk(MotionPlanRequest::SCHEMA, &enclose(&request, Some(&view.1)))?;
-        let answer = self.motion.call("plan", whole, CallOptions::within(self.deadline)).await.map_err(of_motion)?;
-        Ok(answer.payload.decode_json()?)
+        client::plan_motion(&self.motion, &request, &view.1, CallOptions::within(self.deadline)).await.map_err(of_motion)
     }
 }
 

@@ -6,7 +6,7 @@
 //! ends, and the robot's own rules bring it to rest.
 
 use repose_panda::START_TOLERANCE_RAD;
-use repose_proto::motion::{ExecuteProgress, ExecuteReply, ExecutionOutcome, MotionPhase, MotionPlan};
+use repose_proto::motion::{ExecuteProgress, ExecuteReply, ExecutionOutcome, MotionPhase, MotionPlan, Phase};
 use repose_proto::robot::{Owner, RobotCommand, RobotMode, RobotState, SetPoint};
 use repose_proto::{CallError, limits};
 
@@ -265,7 +265,7 @@ impl Execution {
     }
 
     fn enter_phase(&mut self, now_ms: u64) -> Vec<Step> {
-        let progress = ExecuteProgress { phase: self.current().name.clone(), done: self.phase, of: self.plan.phases.len() };
+        let progress = ExecuteProgress { phase: self.current().name, done: self.phase, of: self.plan.phases.len() };
         let mut steps = vec![Step::Progress(progress)];
         steps.extend(if self.current().gripper.is_some() { self.start_gripper(now_ms, 0) } else { self.enter_stream(now_ms) });
         steps
@@ -322,7 +322,7 @@ impl Execution {
             return Vec::new();
         }
         let (width_m, wanted_m) = (self.last_state.gripper_width_m, self.current().gripper.map_or(0.0, |g| g.width_m));
-        if self.current().name == "grasp" {
+        if self.current().name == Phase::Grasp {
             // Fingers that press may tremble for long: standing well apart is holding too.
             if !self.last_state.gripper_holding && width_m <= wanted_m + REACHED_M {
                 return self.done(ExecutionOutcome::GraspLost, Some("the gripper closed on nothing".to_owned()));
@@ -356,7 +356,7 @@ impl Execution {
     }
 
     fn end_phase(&mut self, now_ms: u64) -> Vec<Step> {
-        let carrying = matches!(self.current().name.as_str(), "lift" | "transfer" | "lower");
+        let carrying = self.current().name.is_carrying();
         let closed_m = self.grasp_width_m - self.last_state.gripper_width_m;
         if carrying && !self.last_state.gripper_holding && closed_m > CLOSED_SHARE * self.grasp_width_m {
             return self.done(ExecutionOutcome::GraspLost, Some("the object was lost on the way".to_owned()));
@@ -399,7 +399,7 @@ impl Execution {
 
     fn done(&mut self, outcome: ExecutionOutcome, reason: Option<String>) -> Vec<Step> {
         self.over = true;
-        vec![Step::Done(ExecuteReply { outcome, phase: self.current().name.clone(), reason, joints_rad: self.last_state.q_rad })]
+        vec![Step::Done(ExecuteReply { outcome, phase: self.current().name, reason, joints_rad: self.last_state.q_rad })]
     }
 }
 

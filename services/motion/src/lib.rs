@@ -1,10 +1,22 @@
 //! Motion: from ranked placements to a timed pick and place of the Panda, and its execution.
 //!
+//! ```
+//! use nalgebra::Isometry3;
+//! use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place};
+//! use repose_motion::synthetic;
+//!
+//! // Object 1 of a table of boxes, 45 cm to the side.
+//! let (scene, aside) = (synthetic::scene(), Isometry3::translation(0.0, 0.45, 0.0));
+//! let request = PickPlaceRequest { scene: &scene, query: 1, placements: &[aside], start: &repose_panda::READY, grasps: None, seed: 3 };
+//! let plan = pick_place(&request, &PickPlaceSettings::default()).unwrap();
+//! assert_eq!((plan.placement, plan.phases.len()), (0, 8));
+//! ```
+//!
 //! The domain is pure: [`grasp`] finds grasps on the observed cloud, [`obstacles`] and [`collision`] judge configurations, [`rrt_connect`] and
 //! [`simplify`] find paths, [`timing`] times them under the robot's limits, [`pick_place`] puts them together over the ranked placements, and
 //! [`execution`] decides what a robot is told. Around it is the service ([`run`]): calls `plan`, `execute` and `reset`, and the link to robots.
 
-pub mod believed;
+pub mod belief;
 pub mod benchmark;
 pub mod blend;
 pub mod collision;
@@ -13,7 +25,6 @@ pub mod endpoints;
 pub mod execution;
 pub mod grasp;
 pub mod halt;
-pub mod hidden;
 pub mod joint_path;
 pub mod obstacles;
 pub mod pick_place;

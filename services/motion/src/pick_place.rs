@@ -9,9 +9,9 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_panda::{Frame, Joints, LIMITS};
 
-use crate::believed::{Heeded, Worlds};
+use crate::belief::believed::{Heeded, Worlds};
+use crate::belief::sight::Sight;
 use crate::collision::{ArmSettings, CollisionChecker, HeldObject};
-use crate::grasp::sight::Sight;
 use crate::grasp::{Grasp, GraspScene, GraspSettings, GraspTally, grasps};
 use crate::joint_path::distance;
 use crate::obstacles::{ObstacleSettings, Obstacles};

@@ -1,46 +1,11 @@
 //! What a planned pick and place is: its phases, and the reasons for what was not chosen.
 
-use crate::believed::Heeded;
+pub use repose_proto::motion::Phase;
+
+use crate::belief::believed::Heeded;
 use crate::collision::Contact;
 use crate::grasp::{Grasp, GraspTally};
 use crate::timing::Trajectory;
-
-/// The stretches of a pick and place, in order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Phase {
-    /// Open the fingers and move to 10 cm before the grasp.
-    Standoff,
-    /// Straight to the grasp.
-    Approach,
-    /// Close the fingers.
-    Grasp,
-    /// Straight up.
-    Lift,
-    /// To 10 cm above the placement.
-    Transfer,
-    /// Straight down to the release height.
-    Lower,
-    /// Open the fingers.
-    Release,
-    /// Back along the approach.
-    Retreat,
-}
-
-impl Phase {
-    /// The name on the wire.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Standoff => "standoff",
-            Self::Approach => "approach",
-            Self::Grasp => "grasp",
-            Self::Lift => "lift",
-            Self::Transfer => "transfer",
-            Self::Lower => "lower",
-            Self::Release => "release",
-            Self::Retreat => "retreat",
-        }
-    }
-}
 
 /// What the fingers are to do.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -86,7 +86,7 @@ impl RobotLink {
                     Step::Send(command) => commands.put(Payload::json(&command)?).await?,
                     Step::Progress(phase) => progress(phase),
                     Step::Done(reply) => {
-                        tracing::info!(robot = claim.robot, outcome = ?reply.outcome, phase = reply.phase, reason = reply.reason, "execution ended");
+                        tracing::info!(robot = claim.robot, outcome = ?reply.outcome, phase = %reply.phase, reason = reply.reason, "execution ended");
                         return Ok(reply);
                     }
                 }

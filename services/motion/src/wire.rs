@@ -79,7 +79,7 @@ pub fn motion_plan(plan: &PickPlacePlan, request: &MotionPlanRequest, scene_stam
         .phases
         .iter()
         .map(|p| MotionPhase {
-            name: p.phase.name().to_owned(),
+            name: p.phase,
             gripper: p.gripper.map(|g| GripperCommand { width_m: g.width_m, force_n: g.force_n }),
             set_points: p.trajectory.as_ref().map(|t| set_points(t, terms.set_point_period_ms)).unwrap_or_default(),
         })

@@ -4,14 +4,14 @@ mod common;
 
 use std::collections::VecDeque;
 
-use common::{NAMES, NOW_NS, Robot, joints, plan};
+use common::{NOW_NS, PHASES, Robot, joints, plan};
 use repose_motion::execution::{Execution, ExecutionSettings, Step};
-use repose_proto::motion::{ExecutionOutcome, MotionPlan};
+use repose_proto::motion::{ExecutionOutcome, MotionPlan, Phase};
 use repose_proto::robot::{Owner, RobotMode, RobotState, StopState};
 use repose_proto::{ErrorCode, limits};
 
 /// Runs to the end; what was told on the way, and the last step.
-fn run(robot: &mut Robot, meddle: impl FnMut(&mut Robot, &mut Execution, u64) -> Vec<Step>) -> (Vec<String>, Step) {
+fn run(robot: &mut Robot, meddle: impl FnMut(&mut Robot, &mut Execution, u64) -> Vec<Step>) -> (Vec<Phase>, Step) {
     run_late(robot, plan(), 0, meddle)
 }
 
@@ -21,7 +21,7 @@ fn run_late(
     plan: MotionPlan,
     late_ms: usize,
     mut meddle: impl FnMut(&mut Robot, &mut Execution, u64) -> Vec<Step>,
-) -> (Vec<String>, Step) {
+) -> (Vec<Phase>, Step) {
     let (mut execution, mut steps) = Execution::begin(plan, "motion-1", &robot.state, NOW_NS, 0, ExecutionSettings::default()).unwrap();
     let (mut phases, mut shown) = (Vec::new(), VecDeque::new());
     for now_ms in (0..60_000).step_by(10) {
@@ -49,17 +49,17 @@ fn run_late(
     panic!("the execution never ended; phases {phases:?}");
 }
 
-fn outcome(step: &Step) -> (ExecutionOutcome, String, String) {
+fn outcome(step: &Step) -> (ExecutionOutcome, Phase, String) {
     let Step::Done(reply) = step else { panic!("{step:?}") };
-    (reply.outcome, reply.phase.clone(), reply.reason.clone().unwrap_or_default())
+    (reply.outcome, reply.phase, reply.reason.clone().unwrap_or_default())
 }
 
 #[test]
 fn a_robot_that_follows_runs_through_all_phases() {
     let mut robot = Robot::new();
     let (phases, done) = run(&mut robot, |_, _, _| Vec::new());
-    assert_eq!(phases, NAMES);
-    assert_eq!(outcome(&done), (ExecutionOutcome::Done, "retreat".to_owned(), String::new()));
+    assert_eq!(phases, PHASES);
+    assert_eq!(outcome(&done), (ExecutionOutcome::Done, Phase::Retreat, String::new()));
     assert!((robot.state.q_rad[0] - 0.0).abs() < 1e-9, "six moves to and fro");
 }
 
@@ -70,7 +70,7 @@ fn a_state_that_is_late_starts_nothing_twice_and_is_no_silence() {
     let mut robot = Robot::new();
     robot.heeds_ttl = true;
     let (phases, done) = run_late(&mut robot, slow, 500, |_, _, _| Vec::new());
-    assert_eq!(phases, NAMES);
+    assert_eq!(phases, PHASES);
     assert_eq!(outcome(&done).0, ExecutionOutcome::Done, "{done:?}");
 }
 
@@ -92,7 +92,7 @@ fn fingers_that_close_on_nothing_end_it_at_the_grasp() {
     let mut robot = Robot::new();
     robot.holds = false;
     let (_, done) = run(&mut robot, |_, _, _| Vec::new());
-    assert_eq!((outcome(&done).0, outcome(&done).1), (ExecutionOutcome::GraspLost, "grasp".to_owned()));
+    assert_eq!((outcome(&done).0, outcome(&done).1), (ExecutionOutcome::GraspLost, Phase::Grasp));
 }
 
 #[test]
@@ -105,7 +105,7 @@ fn an_object_lost_on_the_way_is_noticed_at_the_end_of_the_phase() {
         }
         Vec::new()
     });
-    assert_eq!((outcome(&done).0, outcome(&done).1.as_str()), (ExecutionOutcome::GraspLost, "transfer"), "{phases:?}");
+    assert_eq!((outcome(&done).0, outcome(&done).1), (ExecutionOutcome::GraspLost, Phase::Transfer), "{phases:?}");
 }
 
 #[test]
@@ -118,7 +118,7 @@ fn a_latched_stop_ends_it_with_the_reason() {
         }
         Vec::new()
     });
-    assert_eq!(outcome(&done), (ExecutionOutcome::Stopped, "standoff".to_owned(), "estop: button".to_owned()));
+    assert_eq!(outcome(&done), (ExecutionOutcome::Stopped, Phase::Standoff, "estop: button".to_owned()));
 }
 
 #[test]
@@ -164,7 +164,7 @@ fn a_cancelled_motion_slows_down_on_its_path_and_leaves_the_robot_ready() {
         steps
     });
     assert!(cancelled_at.is_some());
-    assert_eq!(outcome(&done), (ExecutionOutcome::Stopped, phases[phases.len() - 1].clone(), "cancelled".to_owned()));
+    assert_eq!(outcome(&done), (ExecutionOutcome::Stopped, phases[phases.len() - 1], "cancelled".to_owned()));
     assert_eq!((robot.state.mode, robot.state.stop), (RobotMode::Idle, None));
     assert!(robot.state.q_rad[0] > 0.0 && robot.state.q_rad[0] < 0.1 + 1e-9, "between its start and its end: {}", robot.state.q_rad[0]);
 }
@@ -182,7 +182,7 @@ fn a_cancel_while_the_fingers_close_ends_at_once_and_so_does_a_lost_network() {
             assert!(execution.on_tick(now_ms).is_empty() && execution.on_state(&robot.state, now_ms).is_empty(), "nothing afterwards");
             steps
         });
-        assert_eq!((phases.last().map(String::as_str), outcome(&done).0), (Some("grasp"), ExecutionOutcome::Stopped));
+        assert_eq!((phases.last().copied(), outcome(&done).0), (Some(Phase::Grasp), ExecutionOutcome::Stopped));
     }
 }
 

@@ -12,8 +12,8 @@ use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place,
 use repose_motion::plan::{Failure, Phase, PickPlaceError, PickPlacePlan};
 use repose_motion::wire::motion_plan;
 use repose_motion::{MotionConfig, synthetic};
+use repose_proto::RigidTransform;
 use repose_proto::motion::MotionPlanRequest;
-use repose_proto::{RigidTransform, SceneRef};
 
 fn plan(query: u16, placements: &[Isometry3<f64>], grasps: Option<&[Grasp]>) -> Result<PickPlacePlan, PickPlaceError> {
     let scene = synthetic::scene();
@@ -43,7 +43,7 @@ fn milliseconds(plan: &PickPlacePlan) -> Vec<(Phase, Vec<Joints>)> {
 fn a_box_is_picked_and_placed_with_all_phases_joined() {
     let plan = plan(1, &[moved(0.45, 0.25)], None).unwrap();
     assert_eq!(plan.placement, 0);
-    let names: Vec<&str> = plan.phases.iter().map(|p| p.phase.name()).collect();
+    let names: Vec<&str> = plan.phases.iter().map(|p| p.phase.as_str()).collect();
     assert_eq!(names, ["standoff", "approach", "grasp", "lift", "transfer", "lower", "release", "retreat"]);
     let mut last = READY;
     for (phase, points) in set_points(&plan, 0.01) {
@@ -82,15 +82,7 @@ fn every_millisecond_keeps_frankas_rules_and_touches_nothing() {
 #[test]
 fn what_the_robot_makes_of_the_set_points_keeps_frankas_rules() {
     let plan = plan(1, &[moved(0.45, 0.25)], None).unwrap();
-    let request = MotionPlanRequest {
-        scene: SceneRef { scene_id: "0".repeat(64) },
-        robot: "panda".to_owned(),
-        query: 1,
-        placements: vec![RigidTransform::IDENTITY],
-        start_joints_rad: READY,
-        grasps: None,
-        seed: 3,
-    };
+    let request = MotionPlanRequest::new("0".repeat(64), "panda".to_owned(), 1, vec![RigidTransform::IDENTITY], READY);
     let sent = motion_plan(&plan, &request, 0, &MotionConfig::default().terms().unwrap());
     for phase in sent.phases.iter().filter(|p| !p.set_points.is_empty()) {
         let points = &phase.set_points;

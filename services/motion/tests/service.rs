@@ -5,13 +5,13 @@ mod common;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use common::{NAMES, Robot, plan};
+use common::{PHASES, Robot, plan};
 use nalgebra::{Point3, Vector3};
 use repose_geometry::transform::{look_at, to_row_major};
 use repose_motion::{MotionConfig, run, synthetic};
 use repose_panda::READY;
 use repose_proto::motion::{
-    ExecuteProgress, ExecuteReply, ExecutionOutcome, Grasp, MotionFailure, MotionPlan, MotionPlanRequest, RobotResetReply,
+    ExecuteProgress, ExecuteReply, ExecutionOutcome, Grasp, MotionFailure, MotionPlan, MotionPlanRequest, Phase, RobotResetReply,
     RobotResetRequest,
 };
 use repose_proto::robot::{RobotCommand, RobotMode, StopState};
@@ -69,15 +69,7 @@ fn now_ns() -> u64 {
 fn request(scene: &Scene) -> MotionPlanRequest {
     let mut moved = RigidTransform::IDENTITY;
     moved.0[7] = 0.45;
-    MotionPlanRequest {
-        scene: SceneRef { scene_id: scene.id() },
-        robot: "panda".to_owned(),
-        query: 1,
-        placements: vec![moved],
-        start_joints_rad: READY,
-        grasps: None,
-        seed: 1,
-    }
+    MotionPlanRequest { seed: 1, ..MotionPlanRequest::new(scene.id(), "panda".to_owned(), 1, vec![moved], READY) }
 }
 
 fn bulk(request: &MotionPlanRequest, scene: &Scene) -> Payload {
@@ -156,7 +148,7 @@ async fn a_plan_needs_its_scene_once_and_says_what_is_wrong_with_a_request() {
     assert!(error.message.contains("place_unreachable: "), "{}", error.message);
     // The scene is kept though nothing could be planned on it.
     let planned: MotionPlan = running.call("plan", by_id()).await.unwrap().payload.decode_json().unwrap();
-    assert_eq!(planned.phases.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), NAMES);
+    assert_eq!(planned.phases.iter().map(|p| p.name).collect::<Vec<_>>(), PHASES);
     assert_eq!((planned.placement, planned.scene_stamp_ns), (0, scene.stamp_ns));
     let again: MotionPlan = running.call("plan", by_id()).await.unwrap().payload.decode_json().unwrap();
     assert_eq!(again, planned, "the same request and seed give the same plan");
@@ -237,12 +229,12 @@ async fn an_execution_reports_its_phases_and_happens_once() {
     };
     let answer = running.caller.call("execute", payload.clone(), CallOptions { progress: Some(progress), ..options() }).await.unwrap();
     let reply: ExecuteReply = answer.payload.decode_json().unwrap();
-    assert_eq!((reply.outcome, reply.phase.as_str()), (ExecutionOutcome::Done, "retreat"), "{reply:?}");
+    assert_eq!((reply.outcome, reply.phase), (ExecutionOutcome::Done, Phase::Retreat), "{reply:?}");
     let mut phases = Vec::new();
     while let Some(payload) = progressed.recv().await {
         phases.push(payload.decode_json::<ExecuteProgress>().unwrap().phase);
     }
-    assert_eq!(phases, NAMES);
+    assert_eq!(phases, PHASES);
 
     let commands = robot.lock().unwrap().state.last_command;
     let again = running.caller.call("execute", payload, options()).await.unwrap();

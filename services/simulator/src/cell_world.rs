@@ -14,8 +14,7 @@ use crate::cell::{CellSettings, cell_of_seed};
 use crate::objects::body::cuboid_mesh;
 use crate::physics::{Touchable, World};
 use crate::render::{Drawable, Picture, picture};
-use crate::robot::arm::TICK_S;
-use crate::robot::{Arm, ArmSettings, Hand, HandSettings};
+use crate::robot::{Arm, ArmSettings, Hand, HandSettings, TICK_S};
 use crate::scene::{NoScene, Scene};
 
 /// A cell at work.

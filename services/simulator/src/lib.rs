@@ -1,9 +1,15 @@
 //! The stand-in world: objects, physics, a depth camera, and a simulated Panda.
 //!
-//! [`scene`] makes settled scenes from seeds, [`render`] shows them, [`repose_sensor`] as a depth camera would, [`generate`] writes training
-//! data, [`statistics`] and [`sheet`] tell people what it is like, [`release`] says what happens when an object is let go, and [`trials`] writes
-//! that down for training. [`cell_world`] is the running cell
-//! with its robot; [`run`] serves it.
+//! ```
+//! use repose_simulator::cell::{CellSettings, cell_of_seed};
+//!
+//! let scene = cell_of_seed(1, &CellSettings::default()).unwrap();
+//! assert!((3..=6).contains(&scene.objects.len()));
+//! ```
+//!
+//! [`scene`] makes settled scenes from seeds, [`render`] shows them, [`repose_sensor`] adds the faults of a depth camera, [`generate`] writes
+//! training data, [`statistics`] and [`sheet`] describe it, [`release`] simulates dropping an object, and [`trials`] records the outcomes for
+//! training. [`cell_world`] is the running cell with its robot; [`run`] serves it.
 
 pub mod arrange;
 pub mod cell;

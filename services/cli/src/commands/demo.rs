@@ -12,11 +12,8 @@ use repose_evaluation::report::written::can_write;
 use repose_geometry::transform::from_row_major;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
 use repose_proto::place::Variant;
-use repose_proto::scoring::enclose;
 use repose_proto::simulator::{TrueObject, Truth, TruthRequest};
-use repose_proto::{
-    CallError, ErrorCode, Frame, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Relation, Scene, SceneRef, Service,
-};
+use repose_proto::{CallError, ErrorCode, Frame, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Relation, Scene, Service};
 use repose_runtime::{CallOptions, Caller, RuntimeConfig, Session, Shutdown, Subscription};
 use serde::Serialize;
 
@@ -210,33 +207,18 @@ impl Cell {
                 given_up.push(format!("object {query} to {goal}: no placement; rejected: {}", tally(&result.rejections)));
                 continue;
             }
+            let placements = result.placements.iter().map(|p| p.placed_from_observed).collect();
             let request = MotionPlanRequest {
-                scene: SceneRef { scene_id: scene_id.to_owned() },
-                robot: self.robot.clone(),
-                query,
-                placements: result.placements.iter().map(|p| p.placed_from_observed).collect(),
-                start_joints_rad,
-                grasps: None,
                 seed: args.seed,
+                ..MotionPlanRequest::new(scene_id.to_owned(), self.robot.clone(), query, placements, start_joints_rad)
             };
-            match self.motion_plan(&request, scene).await {
+            match client::plan_motion(&self.motion, &request, scene, CallOptions::within(CALL)).await {
                 Ok(plan) => return Ok(Planned { query, goal, result, plan, given_up }),
                 Err(error) => given_up.push(format!("object {query} to {goal}: no motion, {}", error.message)),
             }
         }
         output.print(&serde_json::json!({"given_up": given_up}), || given_up.join("\n"))?;
         Err(Failure::NoPlacement)
-    }
-
-    /// Asks for a motion on a scene by its id; sends it whole to a worker that does not hold it.
-    async fn motion_plan(&self, request: &MotionPlanRequest, scene: &Scene) -> Result<MotionPlan, CallError> {
-        match self.call(&self.motion, "plan", request, CallOptions::within(CALL)).await {
-            Err(error) if error.code == ErrorCode::NotFound && error.field.as_deref() == Some("scene_id") => {
-                let whole = Payload::bulk(MotionPlanRequest::SCHEMA, &enclose(request, Some(scene)))?;
-                self.motion.call("plan", whole, CallOptions::within(CALL)).await?.payload.decode_json()
-            }
-            answered => answered,
-        }
     }
 
     async fn call<Q: Message + Serialize, R: Message + serde::de::DeserializeOwned>(

@@ -3,6 +3,7 @@
 
 use nalgebra::{Isometry3, Vector3};
 use repose_panda::base_from_hand;
+use repose_proto::motion::Phase;
 use repose_simulator::cell_world::CellWorld;
 use repose_simulator::physics::Touchable;
 use repose_simulator::scene::Scene;
@@ -28,7 +29,7 @@ impl Shift {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Incident {
     /// The phase of the plan.
-    pub phase: String,
+    pub phase: Phase,
     /// When, seconds of robot time.
     pub at_s: f64,
     /// What.
@@ -39,7 +40,7 @@ pub struct Incident {
 #[derive(Debug)]
 pub struct CarryWatch {
     query: usize,
-    phase: String,
+    phase: Phase,
     /// The object's pose in the hand and its height (metres) when the fingers had closed.
     grasped: Option<(Isometry3<f64>, f64)>,
     slipped: bool,
@@ -55,13 +56,13 @@ const SLIPPED: (f64, f64) = (0.008, 0.1);
 impl CarryWatch {
     /// A watch over the scene's object number `query`.
     pub fn new(query: usize) -> Self {
-        Self { query, phase: String::new(), grasped: None, slipped: false, incidents: Vec::new() }
+        Self { query, phase: Phase::Standoff, grasped: None, slipped: false, incidents: Vec::new() }
     }
 
-    /// The plan has come to a phase, by its name in the plan.
-    pub fn begins(&mut self, phase: &str, cell: &CellWorld) {
-        phase.clone_into(&mut self.phase);
-        if phase == "lift" {
+    /// The plan has come to a phase.
+    pub fn begins(&mut self, phase: Phase, cell: &CellWorld) {
+        self.phase = phase;
+        if phase == Phase::Lift {
             let pose = cell.world_from_objects()[self.query];
             self.grasped = Some((base_from_hand(cell.arm.q_rad()).inverse() * pose, pose.translation.z));
         }
@@ -69,15 +70,15 @@ impl CarryWatch {
 
     /// Looks at the cell as it is now.
     pub fn look(&mut self, cell: &CellWorld, scene: &Scene) {
-        let is_carried = matches!(self.phase.as_str(), "lift" | "transfer" | "lower");
+        let is_carried = self.phase.is_carrying();
         let pose = cell.world_from_objects()[self.query];
         let risen_m = self.grasped.map_or(0.0, |(_, height_m)| pose.translation.z - height_m);
-        let is_up = is_carried && (self.phase != "lift" || risen_m > LIFTED_M);
+        let is_up = is_carried && (self.phase != Phase::Lift || risen_m > LIFTED_M);
         let query = Touchable::Object(self.query);
         for [a, b] in cell.contacts() {
             let (who, other) = match (a, b) {
-                (Touchable::Robot, other) | (other, Touchable::Robot) if other == query => match self.phase.as_str() {
-                    "standoff" | "approach" => ("the hand", other),
+                (Touchable::Robot, other) | (other, Touchable::Robot) if other == query => match self.phase {
+                    Phase::Standoff | Phase::Approach => ("the hand", other),
                     _ => continue,
                 },
                 (Touchable::Robot, other) | (other, Touchable::Robot) => ("the hand", other),
@@ -100,7 +101,7 @@ impl CarryWatch {
 
     fn note(&mut self, cell: &CellWorld, what: String) {
         if !self.incidents.iter().any(|i| i.phase == self.phase && i.what == what) {
-            self.incidents.push(Incident { phase: self.phase.clone(), at_s: cell.robot_ms() * 1e-3, what });
+            self.incidents.push(Incident { phase: self.phase, at_s: cell.robot_ms() * 1e-3, what });
         }
     }
 

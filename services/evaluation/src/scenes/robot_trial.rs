@@ -10,7 +10,7 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Vector3};
 use repose_geometry::Image;
 use repose_geometry::transform::from_row_major;
-use repose_motion::believed::Heeded;
+use repose_motion::belief::believed::Heeded;
 use repose_motion::execution::{Execution, ExecutionSettings, Step};
 use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place};
 use repose_motion::plan::PickPlaceError;
@@ -18,9 +18,9 @@ use repose_motion::wire;
 use repose_motion::{MotionConfig, config::ConfigError};
 use repose_panda::{READY, base_from_hand};
 use repose_planner::{Models, Prepared, plan};
-use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
+use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest, Phase};
 use repose_proto::place::{RegionBox, Variant};
-use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest, RigidTransform, SceneRef};
+use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest, RigidTransform};
 use repose_simulator::cell::CellSettings;
 use repose_simulator::cell_world::CellWorld;
 use repose_simulator::robot::{ArmSettings, HandSettings};
@@ -270,13 +270,8 @@ fn planned(
     let found = pick_place(&asked, &motion);
     trial.plan_ms[1] = started.elapsed().as_secs_f64() * 1e3;
     let request = MotionPlanRequest {
-        scene: SceneRef { scene_id },
-        robot: "panda".to_owned(),
-        query: problem.query,
-        placements: wire_placements,
-        start_joints_rad: READY,
-        grasps: None,
         seed: problem.seed,
+        ..MotionPlanRequest::new(scene_id, "panda".to_owned(), problem.query, wire_placements, READY)
     };
     match found {
         Ok(plan) => {
@@ -328,15 +323,15 @@ fn carried_out(
                     }
                 }
                 Step::Progress(progress) => {
-                    watch.begins(&progress.phase, cell);
+                    watch.begins(progress.phase, cell);
                     let in_hand = || base_from_hand(cell.arm.q_rad()).inverse() * cell.world_from_objects()[query];
-                    match progress.phase.as_str() {
-                        "lift" => grasped = Some(in_hand()),
-                        "transfer" => {
+                    match progress.phase {
+                        Phase::Lift => grasped = Some(in_hand()),
+                        Phase::Transfer => {
                             lifted = Some(in_hand());
                             strip.push(cell.true_picture(true).color);
                         }
-                        "release" => {
+                        Phase::Release => {
                             lowered = Some(in_hand());
                             strip.push(cell.true_picture(true).color);
                         }

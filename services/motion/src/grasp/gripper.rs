@@ -7,7 +7,8 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 use repose_panda::FINGER_OPENING_MAX_M;
 
-use super::{ObjectCloud, sight::Sight};
+use super::ObjectCloud;
+use crate::belief::sight::Sight;
 
 /// How far the fingers reach beyond the grasp centre, metres.
 pub const TIP_BEYOND_TCP_M: f64 = 0.013;

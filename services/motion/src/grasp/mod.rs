@@ -7,7 +7,6 @@
 pub mod antipodal;
 pub mod gripper;
 pub mod normals;
-pub mod sight;
 pub mod top_down;
 
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -15,10 +14,10 @@ use rand_pcg::Pcg64;
 use repose_geometry::{Aabb, cloud};
 use repose_panda::{FINGER_OPENING_MAX_M, Frame, gripper_spheres, kinematics::TCP_M};
 
-use crate::hidden;
+use crate::belief::hidden;
+use crate::belief::sight::Sight;
 use crate::obstacles::Obstacles;
 use gripper::{GripperFit, GripperSettings};
-use sight::Sight;
 
 /// A pose of the grasp centre on the object, and how wide the fingers are.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,23 +1,24 @@
 //! A plan and a robot for tests: it takes every command and follows its stream, checking what the contract says of both.
 #![allow(dead_code, reason = "each test uses its share")]
 
-use repose_proto::motion::{Grasp, MotionPhase, MotionPlan};
+use repose_proto::motion::{Grasp, MotionPhase, MotionPlan, Phase};
 use repose_proto::robot::{GripperCommand, RobotCommand, RobotMode, RobotState, SetPoint, StopState};
 use repose_proto::{Message, RigidTransform};
 
 /// The wall clock of these tests, nanoseconds.
 pub const NOW_NS: u64 = 1_000_000_000_000;
 /// The phases of a plan.
-pub const NAMES: [&str; 8] = ["standoff", "approach", "grasp", "lift", "transfer", "lower", "release", "retreat"];
+pub const PHASES: [Phase; 8] =
+    [Phase::Standoff, Phase::Approach, Phase::Grasp, Phase::Lift, Phase::Transfer, Phase::Lower, Phase::Release, Phase::Retreat];
 
 /// Joint 1 goes to and fro by 0.1 rad in each moving phase, one second each.
 pub fn plan() -> MotionPlan {
     let mut at = 0.0;
-    let phases = NAMES.map(|name| {
-        let gripper = ["standoff", "grasp", "release"]
+    let phases = PHASES.map(|name| {
+        let gripper = [Phase::Standoff, Phase::Grasp, Phase::Release]
             .contains(&name)
-            .then_some(GripperCommand { width_m: if name == "grasp" { 0.0 } else { 0.05 }, force_n: 30.0 });
-        let moves = !["grasp", "release"].contains(&name);
+            .then_some(GripperCommand { width_m: if name == Phase::Grasp { 0.0 } else { 0.05 }, force_n: 30.0 });
+        let moves = ![Phase::Grasp, Phase::Release].contains(&name);
         let from = at;
         if moves {
             at = 0.1 - at;
@@ -25,7 +26,7 @@ pub fn plan() -> MotionPlan {
         let set_points = (0..=if moves { 50 } else { -1 })
             .map(|k| SetPoint { t_ms: 20.0 * f64::from(k), q_rad: joints(from + (at - from) * f64::from(k) / 50.0), dq_rad_s: [0.0; 7] })
             .collect();
-        MotionPhase { name: name.to_owned(), gripper, set_points }
+        MotionPhase { name, gripper, set_points }
     });
     MotionPlan {
         scene_id: "0".repeat(64),

@@ -1,5 +1,14 @@
 //! The Franka Panda: kinematics, limits, Franka's rules for commands, and the spheres that stand for its body.
 //!
+//! ```
+//! use repose_panda::{InverseSettings, READY, base_from_tcp, inverse_near};
+//!
+//! let mut target = base_from_tcp(&READY);
+//! target.translation.z -= 0.1;
+//! let lower = inverse_near(&target, &READY, &InverseSettings::default()).unwrap();
+//! assert!((base_from_tcp(&lower).translation.vector - target.translation.vector).norm() < 1e-6);
+//! ```
+//!
 //! Pure. Frames: `base` is the robot's foot, `flange` the end of link 7, `hand` the flange turned by −45° about z, `tcp` the point between
 //! the fingertips 0.1034 m along the hand's z. The hand approaches along +z and its fingers move along y. Angles are radians.
 

@@ -73,7 +73,7 @@ fn furniture_color(rng: &mut impl Rng) -> [u8; 3] {
     const WOODS: [[f32; 3]; 5] =
         [[196.0, 160.0, 116.0], [150.0, 108.0, 72.0], [222.0, 205.0, 178.0], [228.0, 228.0, 224.0], [120.0, 124.0, 130.0]];
     if rng.random_bool(0.25) {
-        return crate::arrange::random_color(rng).map(|c| (f32::from(c) * 0.5 + 90.0) as u8);
+        return crate::objects::color::random_color(rng).map(|c| (f32::from(c) * 0.5 + 90.0) as u8);
     }
     let shade = rng.random_range(0.85..1.1f32);
     WOODS[rng.random_range(0..WOODS.len())].map(|c| (c * shade).min(250.0) as u8)

@@ -135,7 +135,7 @@ pub(super) fn with_large_box(table: &Table, rng: &mut impl Rng) -> Furniture {
         let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), rng.random_range(-1.6..1.6));
         let pose = tabletop.world_from_surface * Isometry3::from_parts(Translation3::new(at.x, at.y, size.z), yaw);
         let cardboard = shaded([188, 150, 104], rng.random_range(0.75..1.2));
-        let color = if rng.random_bool(0.6) { cardboard } else { crate::arrange::random_color(rng) };
+        let color = if rng.random_bool(0.6) { cardboard } else { crate::objects::color::random_color(rng) };
         built.fixtures.push(Fixture::new(Role::LargeBox, size, pose, color));
         let lifted = pose * Translation3::new(0.0, 0.0, size.z);
         let surface = SupportSurface {

@@ -8,6 +8,7 @@ pub mod bar;
 pub mod body;
 #[cfg(test)]
 mod checks;
+pub mod color;
 pub mod families;
 pub mod loft;
 pub mod material;

@@ -10,9 +10,6 @@ use repose_proto::robot::{EmergencyStop, GripperCommand, Owner, RobotCommand, Ro
 
 use crate::robot::stream::Stream;
 
-/// Robot time of one control step, seconds.
-pub const TICK_S: f64 = 0.001;
-
 /// How the arm is driven.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmSettings {

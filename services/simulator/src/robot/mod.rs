@@ -6,3 +6,4 @@ mod stream;
 
 pub use arm::{Arm, ArmSettings};
 pub use hand::{Hand, HandSettings};
+pub use stream::TICK_S;

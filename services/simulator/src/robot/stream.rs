@@ -3,8 +3,8 @@
 use repose_panda::{CommandRuleSettings, CommandRules, JOINT_COUNT, Joints, hermite, smooth_step};
 use repose_proto::robot::{RobotCommand, SetPoint};
 
-use crate::robot::arm::TICK_S;
-
+/// Robot time of one control step, seconds.
+pub const TICK_S: f64 = 0.001;
 /// How long the difference between where the arm stood and where its stream starts takes to fade out, milliseconds.
 const FADE_MS: f64 = 200.0;
 

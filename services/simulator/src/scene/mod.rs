@@ -6,10 +6,9 @@
 
 mod draw;
 mod measures;
-mod rejected;
+pub mod object;
+pub mod rejected;
 mod settings;
-
-use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use repose_geometry::ViewerFrame;
@@ -18,25 +17,12 @@ use repose_relations::{RELATIONS, TrueObject, ground_truth};
 pub use crate::furniture::{Fixture, Focus, KindWeights, Outlook, SceneKind, SupportSurface};
 pub use draw::scene_of_seed;
 pub use measures::displacement_m;
+pub use object::SceneObject;
 pub use rejected::{NoScene, Rejected};
 pub use settings::{KnockSettings, SceneSettings};
 
-use crate::objects::Shape;
 use crate::physics::{PhysicsSettings, World};
 use crate::render::Drawable;
-
-/// An object in a scene.
-#[derive(Debug, Clone)]
-pub struct SceneObject {
-    /// Instance id, from 1.
-    pub id: u16,
-    /// What it is.
-    pub shape: Arc<Shape>,
-    /// Where it rests.
-    pub world_from_object: Isometry3<f64>,
-    /// Color in full light.
-    pub color: [u8; 3],
-}
 
 /// Furniture and objects at rest. World is z up; the main surface (a table's or a cabinet's top, a board) is z = 0.
 #[derive(Debug, Clone)]

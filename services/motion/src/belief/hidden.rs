@@ -8,7 +8,7 @@
 use nalgebra::{Point3, Vector3};
 use repose_geometry::{Aabb, Footprint, cloud};
 
-use crate::grasp::sight::Sight;
+use crate::belief::sight::Sight;
 use crate::scene::{PlanningScene, SupportSurface};
 
 /// Where the middle of what was seen within `bounds` is taken to be: `hidden_m` further from the camera, on the level.

@@ -10,8 +10,8 @@ use nalgebra::{Point3, Vector3};
 use repose_geometry::{Aabb, cloud::voxel_downsampled};
 use serde::Serialize;
 
-use crate::grasp::sight::Sight;
-use crate::hidden::{self, Guess};
+use crate::belief::hidden::{self, Guess};
+use crate::belief::sight::Sight;
 use crate::obstacles::Obstacles;
 use crate::pick_place::{PickPlaceRequest, PickPlaceSettings};
 use crate::scene::SupportSurface;
