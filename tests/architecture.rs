@@ -10,8 +10,17 @@ use std::path::{Path, PathBuf};
 const PURE: [&str; 5] = ["repose-geometry", "repose-relations", "repose-networks", "repose-panda", "repose-sensor"];
 const SERVICES: [&str; 5] = ["repose-perception", "repose-inference", "repose-planner", "repose-motion", "repose-simulator"];
 /// In a service, the files that may name the runtime: those that face the network or own the compute. Everything else is domain code.
-const RUNTIME_FILES: [&str; 8] =
-    ["weights_file.rs", "endpoints.rs", "lib.rs", "worker.rs", "config.rs", "cameras.rs", "remote_models.rs", "robot_link.rs"];
+const RUNTIME_FILES: [&str; 9] = [
+    "weights_file.rs",
+    "endpoints.rs",
+    "lib.rs",
+    "worker.rs",
+    "config.rs",
+    "cameras.rs",
+    "remote_models.rs",
+    "robot_link.rs",
+    "client_watch.rs",
+];
 
 struct Member {
     dir: PathBuf,

@@ -156,6 +156,11 @@ impl Cell {
         format!("{}/live/{service}/{worker}", self.0)
     }
 
+    /// Liveliness token of the client that waits for a request: what moves a robot on its behalf ends with it.
+    pub fn live_client(&self, request: &str) -> String {
+        format!("{}/live/client/{request}", self.0)
+    }
+
     /// The liveliness tokens of every worker of a service.
     pub fn lives(&self, service: Service) -> String {
         self.live(service, "*")

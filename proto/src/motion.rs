@@ -143,6 +143,8 @@ pub enum Phase {
     Release,
     /// Back along the fingers.
     Retreat,
+    /// To the ready pose. No part of a pick and place.
+    Home,
 }
 
 impl Phase {
@@ -157,6 +159,7 @@ impl Phase {
             Self::Lower => "lower",
             Self::Release => "release",
             Self::Retreat => "retreat",
+            Self::Home => "home",
         }
     }
 
@@ -285,6 +288,64 @@ pub struct ExecuteProgress {
 
 impl Message for ExecuteProgress {
     const SCHEMA: &'static str = "ExecuteProgress.v1";
+}
+
+/// What brings an arm back from where a stop has left it, in this order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum RecoveryMove {
+    /// Opens the fingers; what they held falls or stays where it stands.
+    Open,
+    /// Backs off along the fingers, as far as the way is free.
+    Retreat,
+    /// Goes to the ready pose.
+    Home,
+}
+
+/// Brings an arm back: slowly, checked against a scene where one is named or enclosed. For operators.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RecoverRequest {
+    /// The robot.
+    pub robot: String,
+    /// What it does.
+    #[serde(rename = "move")]
+    pub motion: RecoveryMove,
+    /// The scene that the way is checked against: the newest of a camera that sees the robot. The bulk form of the request encloses it. Without one
+    /// the way is only checked against the robot itself.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scene: Option<SceneRef>,
+}
+
+impl Message for RecoverRequest {
+    const SCHEMA: &'static str = "RecoverRequest.v1";
+
+    fn validate(&self) -> Result<(), CallError> {
+        self.scene.as_ref().map_or(Ok(()), SceneRef::validate)?;
+        validate_chunk("robot", &self.robot)
+    }
+}
+
+/// How a recovery ended.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RecoverReply {
+    /// How it ended.
+    pub outcome: ExecutionOutcome,
+    /// Why, when not done.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// How far the hand backed off, metres; none for another move.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub retreated_m: Option<f64>,
+    /// The scene that the way was checked against.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub checked_against: Option<String>,
+    /// Where the arm stands, radians.
+    pub joints_rad: [f64; 7],
+}
+
+impl Message for RecoverReply {
+    const SCHEMA: &'static str = "RecoverReply.v1";
 }
 
 /// Clears a latched stop.

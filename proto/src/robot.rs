@@ -4,12 +4,16 @@
 //! side ignores commands of lower epochs, of other owners under the same epoch, and of sequence numbers it has passed. So a command may be
 //! sent again under its number when it may have been lost: it is acted on once, and the last one's repeat only begins its time to live anew.
 //! Limits are enforced there, whatever a command asks for.
+//!
+//! What must not be left half done is a task: a command opens it, a later one closes it, and in between its owner is heard at least once in every
+//! time to live. The robot's side latches a stop when it is not, moving or at rest, and when a task is closed with an object in the hand. So a
+//! robot whose commander dies never stands there with an object in its hand and no stop latched.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::message::{check_finite, check_range};
-use crate::{CallError, Message, keys, limits};
+use crate::{CallError, Message, RigidTransform, keys, limits};
 
 /// A timed joint set-point. Positions between two are interpolated at 1 kHz of robot time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -58,7 +62,6 @@ impl GripperCommand {
 
 /// Who commands, and since which epoch.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Owner {
     /// The commander's name: its worker id.
     pub id: String,
@@ -80,9 +83,8 @@ pub enum RobotMode {
 
 /// Why a stop is latched.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct StopState {
-    /// `estop`, or the name of the reflex: `commander_silent`, `joint_position_limit`, `joint_velocity_limit`,
+    /// `estop`, or the name of the reflex: `commander_silent`, `task_unfinished`, `joint_position_limit`, `joint_velocity_limit`,
     /// `joint_acceleration_limit`, `start_pose_mismatch`, `invalid_command`.
     pub kind: String,
     /// The same for a person.
@@ -92,9 +94,57 @@ pub struct StopState {
     pub estop_id: Option<String>,
 }
 
-/// State of a robot, put at a fixed rate and on every change of mode.
+/// A task as a command tells of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+pub struct Task {
+    /// The task's id, 1 to 64 characters; an execution's is the id of its request.
+    pub id: String,
+    /// Whether it goes on. The command that says no is its last one.
+    pub open: bool,
+    /// With a gripper action that closes: what is to be held from then on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub grasps: Option<HeldObject>,
+}
+
+/// What a robot's side says of tasks.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct TaskState {
+    /// The open task's id; none between tasks. A stop that latches leaves it open; whoever clears the stop closes it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub id: Option<String>,
+}
+
+/// An object in the hand.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct HeldObject {
+    /// The scene in which it was seen.
+    pub scene_id: String,
+    /// Its id there.
+    pub object: u16,
+    /// The lower corner of a box around it, in the frame of the tool centre point (z is the approach, y the opening), metres.
+    pub low_m: [f64; 3],
+    /// The upper corner, metres.
+    pub high_m: [f64; 3],
+}
+
+impl HeldObject {
+    /// Checks the box.
+    ///
+    /// # Errors
+    /// `invalid_argument` that names the field below `field`.
+    pub fn validate(&self, field: &str) -> Result<(), CallError> {
+        check_finite(&format!("{field}.low_m"), &self.low_m)?;
+        check_finite(&format!("{field}.high_m"), &self.high_m)?;
+        match (0..3).find(|&i| self.low_m[i] > self.high_m[i]) {
+            Some(i) => Err(CallError::invalid(format!("{field}.high_m[{i}]"), "expected at least what low_m says")),
+            None => Ok(()),
+        }
+    }
+}
+
+/// State of a robot, put at a fixed rate and on every change of mode. Receivers ignore fields that they do not know.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RobotState {
     /// Contract version, 1.
     pub v: u32,
@@ -124,6 +174,25 @@ pub struct RobotState {
     pub last_command: Option<u64>,
     /// Robot time on the current stream, milliseconds: how far the set-points have been followed; none before the first.
     pub stream_ms: Option<f64>,
+    /// The open task, if there is one. A robot's side that knows tasks always says this; to one that does not, commands say none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub task: Option<TaskState>,
+    /// What is in the hand, as far as it was told; none where `gripper_holding` is false.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub held: Option<HeldObject>,
+    /// The robot's model, `panda`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<String>,
+    /// Where the robot's base stands in the world.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub world_from_base: Option<RigidTransform>,
+}
+
+impl RobotState {
+    /// The id of the open task.
+    pub fn open_task(&self) -> Option<&str> {
+        self.task.as_ref()?.id.as_deref()
+    }
 }
 
 impl Message for RobotState {
@@ -163,6 +232,28 @@ pub struct RobotCommand {
     /// The stop that is cleared: another one stays latched. Without it whichever is latched is cleared.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clears: Option<StopState>,
+    /// The task that the command belongs to, and whether it goes on. None leaves an open task as it is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub task: Option<Task>,
+}
+
+impl RobotCommand {
+    /// A command that asks for nothing: its owner is there.
+    pub fn new(owner: Owner, seq: u64, ttl_ms: u64) -> Self {
+        Self {
+            v: limits::VERSION,
+            seq,
+            owner,
+            ttl_ms,
+            starts_stream: false,
+            ends_stream: false,
+            set_points: Vec::new(),
+            gripper: None,
+            clear_stop: false,
+            clears: None,
+            task: None,
+        }
+    }
 }
 
 impl Message for RobotCommand {
@@ -184,6 +275,10 @@ impl Message for RobotCommand {
                 return Err(CallError::invalid(format!("set_points[{i}].t_ms"), "times must increase"));
             }
             last_ms = point.t_ms;
+        }
+        if let Some(task) = &self.task {
+            check_range("task.id", task.id.chars().count() as f64, 1.0..=limits::MAX_TASK_ID as f64)?;
+            task.grasps.as_ref().map_or(Ok(()), |held| held.validate("task.grasps"))?;
         }
         self.gripper.map_or(Ok(()), |g| g.validate("gripper"))
     }

@@ -34,6 +34,8 @@ pub fn all() -> Vec<(String, Schema)> {
         of::<motion::ExecuteProgress>(),
         of::<motion::RobotResetRequest>(),
         of::<motion::RobotResetReply>(),
+        of::<motion::RecoverRequest>(),
+        of::<motion::RecoverReply>(),
         of::<robot::RobotState>(),
         of::<robot::RobotCommand>(),
         of::<robot::EmergencyStop>(),

@@ -8,6 +8,7 @@ use common::*;
 use repose_proto::motion::{ExecuteProgress, Phase, RobotResetReply, RobotResetRequest};
 use repose_proto::perception::{LatestRequest, SceneRequest};
 use repose_proto::place::PlaceProgress;
+use repose_proto::robot::{RobotCommand, RobotState, TaskState};
 use repose_proto::scoring::{ModelsRequest, PriorReply, ScoreReply, ScoreRequest};
 use repose_proto::simulator::{TruthRequest, WorldResetRequest};
 use repose_proto::*;
@@ -44,7 +45,14 @@ fn json_messages_keep_their_bytes() {
     check("ExecuteProgress.v1.json", &json(&ExecuteProgress { phase: Phase::Lift, done: 3, of: 8 }));
     check("RobotResetRequest.v1.json", &json(&RobotResetRequest { robot: "panda".into() }));
     check("RobotResetReply.v1.json", &json(&RobotResetReply { was_stopped: true }));
+    check("RecoverRequest.v1.json", &json(&recover_request()));
+    check("RecoverReply.v1.json", &json(&recover_reply()));
     check("RobotState.v1.json", &json(&robot_state()));
+    check(
+        "RobotState.v1.task.json",
+        &json(&RobotState { task: Some(TaskState { id: Some("t1".into()) }), held: Some(held()), ..robot_state() }),
+    );
+    check("RobotCommand.v1.task.json", &json(&RobotCommand { task: Some(task()), ..robot_command() }));
     check("EmergencyStop.v1.json", &json(&emergency_stop()));
     check("WorldResetRequest.v1.json", &json(&WorldResetRequest { seed: 7 }));
     check("TruthRequest.v1.json", &json(&TruthRequest { view_yaw_rad: Some(0.5) }));

@@ -43,7 +43,7 @@ impl Drop for Process {
 pub struct Deployment {
     endpoint: String,
     processes: Vec<(Service, Process)>,
-    _router: Process,
+    router: Option<Process>,
 }
 
 impl Deployment {
@@ -52,8 +52,8 @@ impl Deployment {
         // The port is free when it is asked for; the router takes it right after.
         let port = TcpListener::bind("127.0.0.1:0").expect("a free port").local_addr().expect("its address").port();
         let endpoint = format!("tcp/127.0.0.1:{port}");
-        let router = Process(repose().args(["serve", "router", "--connect", &endpoint]).spawn().expect("the router"));
-        let mut deployment = Self { endpoint, processes: Vec::new(), _router: router };
+        let mut deployment = Self { endpoint, processes: Vec::new(), router: None };
+        deployment.start_router();
         for (service, count) in services {
             for _ in 0..*count {
                 deployment.add(*service);
@@ -80,6 +80,22 @@ impl Deployment {
         command.args(["serve", service.as_str(), "--connect", &self.endpoint]);
         command.env("REPOSE_INFERENCE__THREADS", threads.to_string());
         self.processes.push((service, Process(command.spawn().expect("a service"))));
+    }
+
+    /// Starts the router, again where it was killed.
+    pub fn start_router(&mut self) {
+        let mut command = repose();
+        self.router = Some(Process(command.args(["serve", "router", "--connect", &self.endpoint]).spawn().expect("the router")));
+    }
+
+    /// Kills the router.
+    pub fn kill_router(&mut self) {
+        self.router = None;
+    }
+
+    /// Kills every process of a service.
+    pub fn kill(&mut self, service: Service) {
+        self.processes.retain(|(running, _)| *running != service);
     }
 
     /// The processes of a service.

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 
 use repose_proto::load::WorkerLoad;
 use repose_proto::motion::{
-    ExecuteReply, ExecutionOutcome, Grasp, MotionFailure, MotionPhase, MotionPlan, MotionPlanRequest, NotChosen, Phase,
+    ExecuteReply, ExecutionOutcome, Grasp, MotionFailure, MotionPhase, MotionPlan, MotionPlanRequest, NotChosen, Phase, RecoverReply,
+    RecoverRequest, RecoveryMove,
 };
 use repose_proto::place::*;
 use repose_proto::robot::*;
@@ -159,6 +160,7 @@ pub fn robot_command() -> RobotCommand {
         gripper: None,
         clear_stop: false,
         clears: None,
+        task: None,
     }
 }
 
@@ -244,7 +246,28 @@ pub fn robot_state() -> RobotState {
         owner: Some(Owner { id: "motion-1".into(), epoch: 2 }),
         last_command: Some(3),
         stream_ms: None,
+        task: None,
+        held: None,
+        model: None,
+        world_from_base: None,
     }
+}
+
+pub fn held() -> HeldObject {
+    HeldObject { scene_id: SCENE_ID.into(), object: 3, low_m: [-0.03, -0.02, -0.05], high_m: [0.03, 0.02, 0.01] }
+}
+
+pub fn task() -> Task {
+    Task { id: "t1".into(), open: true, grasps: Some(held()) }
+}
+
+pub fn recover_request() -> RecoverRequest {
+    RecoverRequest { robot: "panda".into(), motion: RecoveryMove::Home, scene: Some(SceneRef { scene_id: SCENE_ID.into() }) }
+}
+
+pub fn recover_reply() -> RecoverReply {
+    let checked_against = Some(SCENE_ID.into());
+    RecoverReply { outcome: ExecutionOutcome::Done, reason: None, retreated_m: Some(0.09), checked_against, joints_rad: [0.5; 7] }
 }
 
 pub fn emergency_stop() -> EmergencyStop {

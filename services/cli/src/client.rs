@@ -10,8 +10,8 @@ use repose_proto::robot::RobotState;
 use repose_proto::scoring::enclose;
 use repose_proto::{CallError, ErrorCode, Message, Payload, PlaceRequest, PlaceResult, Scene, SceneSummary, Service, keys};
 use repose_runtime::{Answer, CallOptions, Caller, RuntimeConfig, RuntimeError, Session, SessionMode};
-use tokio::time::Instant;
 use serde::Serialize;
+use tokio::time::Instant;
 
 use crate::failure::Failure;
 use crate::surroundings::{listed, names};

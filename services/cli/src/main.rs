@@ -8,6 +8,7 @@ mod embedded;
 mod environment;
 mod failure;
 mod frames;
+mod moving;
 mod output;
 mod processes;
 mod progress;

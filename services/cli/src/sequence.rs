@@ -19,13 +19,12 @@ use serde::Serialize;
 use crate::answer::describe;
 use crate::client::{self, ConnectArgs};
 use crate::failure::{Failure, Outcome};
+use crate::moving::{self, Interrupts, of_motion};
 use crate::output::Output;
 use crate::wish::{NextWish, WishArgs};
 
 /// Placements that motion may choose from.
 const COUNT: u32 = 5;
-/// How long an execution may take.
-const EXECUTION: Duration = Duration::from_secs(600);
 /// An object found anew is the known one that was to be nearest, up to this far away, metres.
 const SAME_M: f64 = 0.08;
 
@@ -112,13 +111,14 @@ fn line(step: &Step) -> String {
 async fn achieve(args: &Sequence<'_>, session: &Session, steps: &mut Vec<Step>) -> Outcome {
     let deadline = Duration::from_millis(args.connect.deadline_ms);
     let first = NextWish { query: args.wish.query, goal: args.wish.goal.clone() };
-    let system = System {
+    let mut system = System {
         session,
         planner: session.caller(Service::Planner).await?,
         motion: session.caller(Service::Motion).await?,
         camera: &args.connect.camera,
         robot: args.robot,
         deadline,
+        interrupts: Interrupts::listen()?,
     };
     let mut view = system.view_after(0).await?;
     let mut known = Known::of(&view.1.meta.objects);
@@ -158,6 +158,7 @@ struct System<'a> {
     camera: &'a str,
     robot: &'a str,
     deadline: Duration,
+    interrupts: Interrupts,
 }
 
 impl System<'_> {
@@ -180,7 +181,7 @@ impl System<'_> {
 
     /// Has a placement carried out, and looks at what has become of the wish; `step` says how far it came.
     async fn carry_out(
-        &self,
+        &mut self,
         request: &PlaceRequest,
         (k, wish): (usize, &NextWish),
         step: &mut Step,
@@ -210,14 +211,15 @@ impl System<'_> {
 
     /// Has the motion service plan, and carry the plan out.
     async fn moved(
-        &self,
+        &mut self,
         request: &PlaceRequest,
         result: &PlaceResult,
         view: &(String, Scene),
     ) -> Result<(MotionPlan, ExecuteReply), Failure> {
         let plan = self.motion_plan(request, result, view).await?;
         tracing::info!(query = request.query, placement = plan.placement, seconds = plan.duration_ms / 1e3, "executing");
-        let answer = self.motion.call("execute", Payload::json(&plan)?, CallOptions::at_most_once(EXECUTION)).await.map_err(of_motion)?;
+        let execute = moving::call(self.session, &self.motion, (self.robot, "execute"), Payload::json(&plan)?, &mut self.interrupts);
+        let answer = execute.await?;
         Ok((plan, answer.payload.decode_json()?))
     }
 
@@ -229,14 +231,6 @@ impl System<'_> {
             ..MotionPlanRequest::new(view.0.clone(), self.robot.to_owned(), request.query, placements, state.q_rad)
         };
         client::plan_motion(&self.motion, &request, &view.1, CallOptions::within(self.deadline)).await.map_err(of_motion)
-    }
-}
-
-/// No grasp, no path, a latched stop: not what was asked is at fault, but what is there.
-fn of_motion(error: CallError) -> Failure {
-    match error.code {
-        ErrorCode::FailedPrecondition => Failure::Other(error),
-        _ => Failure::from(error),
     }
 }
 

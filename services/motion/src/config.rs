@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::execution::ExecutionSettings;
 use crate::pick_place::PickPlaceSettings;
+use crate::recovery::RecoverySettings;
 use crate::timing::TimingSettings;
 use crate::wire::PlanTerms;
 
@@ -55,6 +56,10 @@ pub struct MotionConfig {
     pub command_period_ms: u64,
     /// How long a command may be acted on after receipt, milliseconds. Default 500.
     pub command_ttl_ms: u64,
+    /// Share of the speed and acceleration of free space at which an arm is brought back after a stop, above 0 to 1. Default 0.2.
+    pub recovery_scale: f64,
+    /// What happens to an execution whose client is gone: `stop` (it comes to rest on its path) or `finish`. Default `stop`.
+    pub on_client_loss: OnClientLoss,
     /// How long to wait for a robot's first state, and for a stop to clear, milliseconds. Default 3000.
     pub robot_timeout_ms: u64,
     /// Threads that plan. Default 1.
@@ -65,6 +70,16 @@ pub struct MotionConfig {
     pub scenes: usize,
     /// The name under which this process commands robots; a chunk of a key. Default: one made up from the process and the time.
     pub commander: Option<String>,
+}
+
+/// What happens to an execution whose client is gone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum OnClientLoss {
+    /// It goes on to its end.
+    Finish,
+    /// It comes to rest on its path, as if it were cancelled.
+    Stop,
 }
 
 impl Default for MotionConfig {
@@ -87,6 +102,8 @@ impl Default for MotionConfig {
             start_tolerance_rad: START_TOLERANCE_RAD,
             max_scene_age_ms: 120_000,
             command_horizon_ms: execution.horizon_ms,
+            recovery_scale: 0.2,
+            on_client_loss: OnClientLoss::Stop,
             command_period_ms: 50,
             command_ttl_ms: execution.ttl_ms,
             robot_timeout_ms: 3000,
@@ -151,6 +168,15 @@ impl MotionConfig {
         settings.grasp.count = self.grasps;
         settings.rrt.iterations = self.rrt_iterations;
         Ok(settings)
+    }
+
+    /// Checks ranges; how an arm is brought back.
+    ///
+    /// # Errors
+    /// [`ConfigError`] that names the field.
+    pub fn recovery(&self) -> Result<RecoverySettings, ConfigError> {
+        within("recovery_scale", self.recovery_scale, 0.01, 1.0)?;
+        Ok(RecoverySettings::of(&self.planning()?, self.recovery_scale))
     }
 
     /// Checks ranges; what a plan says beside the motion.

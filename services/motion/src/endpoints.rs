@@ -1,25 +1,33 @@
-//! The service on the network: `plan`, `execute` and `reset`.
+//! The service on the network: `plan`, `execute`, `reset` and `recover`.
 
 use async_trait::async_trait;
 use repose_proto::load::WorkerLoad;
-use repose_proto::motion::{MotionPlan, MotionPlanRequest, RobotResetRequest};
+use repose_proto::motion::{
+    ExecuteReply, ExecutionOutcome, MotionPlanRequest, RecoverReply, RecoverRequest, RecoveryMove, RobotResetRequest,
+};
+use repose_proto::robot::HeldObject;
 use repose_proto::scoring::disclose;
 use repose_proto::{CallError, Message, Payload};
-use repose_runtime::{Call, Handler, load_of};
+use repose_runtime::{Call, Handler, Session, load_of};
 
+use crate::client_watch::ClientWatch;
+use crate::config::OnClientLoss;
+use crate::execution::{ExecutionTask, check_free};
 use crate::robot_link::RobotLink;
 use crate::worker::Worker;
 
-/// Answers `plan`, `execute` and `reset`.
+/// Answers `plan`, `execute`, `reset` and `recover`.
 pub struct Endpoints {
     worker: Worker,
     link: RobotLink,
+    session: Session,
+    on_client_loss: OnClientLoss,
 }
 
 impl Endpoints {
     /// Plans with a worker and moves robots over a link.
-    pub fn new(worker: Worker, link: RobotLink) -> Self {
-        Self { worker, link }
+    pub fn new(worker: Worker, link: RobotLink, session: Session, on_client_loss: OnClientLoss) -> Self {
+        Self { worker, link, session, on_client_loss }
     }
 
     /// Ranked placements to a timed motion. The request comes as JSON, or in bulk form with its scene.
@@ -34,20 +42,69 @@ impl Endpoints {
         Payload::json(&plan)
     }
 
-    /// A plan carried out, with progress by phase.
+    /// A plan carried out, with progress by phase. What becomes of it when its client is gone is configured.
     async fn execute(&self, call: &Call) -> Result<Payload, CallError> {
-        let plan: MotionPlan = self.worker.executable(call.payload.decode_json()?)?;
-        let (link, reporting, cancelled) = (self.link.clone(), call.clone(), call.cancelled.clone());
+        let (plan, grasps) = self.worker.executable(call.payload.decode_json()?)?;
+        let task = self.task(call, grasps);
+        let (link, reporting, cancelled) = (self.link.clone(), call.clone(), call.cancelled.child_token());
+        let client = match self.on_client_loss {
+            OnClientLoss::Stop => ClientWatch::of(&self.session, &call.id).await,
+            OnClientLoss::Finish => None,
+        };
+        let stop = cancelled.clone();
         // A task of its own: the end of the call must not cut it off between two commands.
         let execution = tokio::spawn(async move {
             let progress = |phase| match Payload::json(&phase) {
                 Ok(payload) => reporting.progress(payload),
                 Err(error) => tracing::warn!(%error, "progress that cannot be sent"),
             };
-            link.execute(plan, cancelled, progress).await
+            let gone = async {
+                match client {
+                    Some(mut client) => client.gone().await,
+                    None => std::future::pending().await,
+                }
+            };
+            let executing = link.execute(plan, task, cancelled, progress);
+            tokio::pin!(executing);
+            tokio::select! {
+                ended = &mut executing => return ended,
+                () = gone => {
+                    tracing::warn!(request = reporting.id, "the client is gone: its execution comes to rest");
+                    stop.cancel();
+                }
+            }
+            executing.await
         });
         let reply = execution.await.map_err(|e| CallError::internal(format!("the execution was lost: {e}")))??;
         Payload::json(&reply)
+    }
+
+    /// An arm brought back.
+    async fn recover(&self, call: &Call) -> Result<Payload, CallError> {
+        let (request, scene) = match call.payload.is_bulk() {
+            true => call.timed("decode", || disclose::<RecoverRequest>(&call.payload.decode_bulk(RecoverRequest::SCHEMA)?))?,
+            false => (call.payload.decode_json()?, None),
+        };
+        let state = self.link.state(&request.robot).await?;
+        check_free(&state)?;
+        let (robot, checked_against) = (request.robot.clone(), request.scene.as_ref().map(|scene| scene.scene_id.clone()));
+        let moves = request.motion != RecoveryMove::Open;
+        let (phases, retreated_m) = self.worker.recover(call.context(), request, scene, &state).await?;
+        let checked_against = checked_against.filter(|_| moves);
+        if phases.is_empty() {
+            let (outcome, joints_rad) = (ExecutionOutcome::Done, state.q_rad);
+            return Payload::json(&RecoverReply { outcome, reason: None, retreated_m, checked_against, joints_rad });
+        }
+        let (link, task, cancelled) = (self.link.clone(), self.task(call, None), call.cancelled.clone());
+        let following = tokio::spawn(async move { link.follow(&robot, phases, task, cancelled).await });
+        let ended = following.await.map_err(|e| CallError::internal(format!("the recovery was lost: {e}")))??;
+        let ExecuteReply { outcome, reason, joints_rad, .. } = ended;
+        Payload::json(&RecoverReply { outcome, reason, retreated_m, checked_against, joints_rad })
+    }
+
+    /// The robot's task of a call.
+    fn task(&self, call: &Call, grasps: Option<HeldObject>) -> ExecutionTask {
+        ExecutionTask { commander: self.link.commander().to_owned(), id: call.id.clone(), grasps }
     }
 
     /// A latched stop cleared.
@@ -64,12 +121,13 @@ impl Handler for Endpoints {
             "plan" => self.plan(&call).await,
             "execute" => self.execute(&call).await,
             "reset" => self.reset(&call).await,
+            "recover" => self.recover(&call).await,
             _ => Err(call.unknown_method()),
         }
     }
 
     fn at_most_once(&self, method: &str) -> bool {
-        matches!(method, "execute" | "reset")
+        matches!(method, "execute" | "reset" | "recover")
     }
 
     fn load(&self) -> WorkerLoad {

@@ -14,22 +14,23 @@
 //!
 //! The domain is pure: [`grasp`] finds grasps on the observed cloud, [`obstacles`] and [`collision`] judge configurations, [`rrt_connect`] and
 //! [`simplify`] find paths, [`timing`] times them under the robot's limits, [`pick_place`] puts them together over the ranked placements, and
-//! [`execution`] decides what a robot is told. Around it is the service ([`run`]): calls `plan`, `execute` and `reset`, and the link to robots.
+//! [`execution`] decides what a robot is told, and [`recovery`] brings an arm back after a stop. Around it is the service ([`run`]): calls `plan`, `execute`, `reset` and `recover`, and the link to robots.
 
 pub mod belief;
 pub mod benchmark;
 pub mod blend;
+pub mod client_watch;
 pub mod collision;
 pub mod config;
 pub mod endpoints;
 pub mod execution;
 pub mod grasp;
-pub mod halt;
 pub mod joint_path;
 pub mod obstacles;
 pub mod pick_place;
 pub mod plan;
 pub mod reach;
+pub mod recovery;
 pub mod robot_link;
 pub mod rrt_connect;
 pub mod scene;
@@ -53,5 +54,7 @@ pub use config::MotionConfig;
 pub async fn run(session: Session, config: MotionConfig, shutdown: Shutdown) -> Result<(), RuntimeError> {
     let worker = worker::Worker::start(&config)?;
     let link = robot_link::RobotLink::new(session.clone(), &config)?;
-    session.serve(Service::Motion, Arc::new(endpoints::Endpoints::new(worker, link)), shutdown).await
+    session
+        .serve(Service::Motion, Arc::new(endpoints::Endpoints::new(worker, link, session.clone(), config.on_client_loss)), shutdown)
+        .await
 }

@@ -428,7 +428,7 @@ const ROUNDINGS: usize = 4;
 const CHECK_PERIOD_S: f64 = 0.01;
 
 /// The fastest timing of a path that stays free when its corners are rounded.
-fn timed(corners: &[Joints], settings: &TimingSettings, checker: &CollisionChecker<'_>) -> Option<Trajectory> {
+pub(crate) fn timed(corners: &[Joints], settings: &TimingSettings, checker: &CollisionChecker<'_>) -> Option<Trajectory> {
     let mut settings = *settings;
     for _ in 0..ROUNDINGS {
         let trajectory = Trajectory::new(corners, &settings)?;

@@ -6,14 +6,14 @@ use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPlan, RobotResetReply};
-use repose_proto::robot::{Owner, RobotCommand, RobotMode, RobotState, StopState};
-use repose_proto::{CallError, ErrorCode, Payload, keys, limits};
+use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPhase, MotionPlan, RobotResetReply};
+use repose_proto::robot::{RobotCommand, RobotMode, RobotState};
+use repose_proto::{CallError, ErrorCode, Payload, keys};
 use repose_runtime::{CancellationToken, Publisher, RuntimeError, Session, Subscription, Traffic};
 use tokio::time::MissedTickBehavior;
 
 use crate::config::MotionConfig;
-use crate::execution::{Execution, ExecutionSettings, Step, next_owner};
+use crate::execution::{Execution, ExecutionSettings, ExecutionTask, Step, next_owner};
 
 /// Commands robots of one cell. Cheap to clone.
 #[derive(Clone)]
@@ -60,6 +60,11 @@ impl RobotLink {
         })
     }
 
+    /// The name under which this process commands.
+    pub fn commander(&self) -> &str {
+        &self.commander
+    }
+
     /// Carries a plan out. After `cancelled` the arm slows down on its path, and the execution ends when it stands.
     ///
     /// # Errors
@@ -68,15 +73,47 @@ impl RobotLink {
     pub async fn execute(
         &self,
         plan: MotionPlan,
+        task: ExecutionTask,
         cancelled: CancellationToken,
         progress: impl Fn(ExecuteProgress),
     ) -> Result<ExecuteReply, CallError> {
-        let claim = self.claim(&plan.robot)?;
+        let robot = plan.robot.clone();
+        let begin = |state: &RobotState, now_ms| Execution::begin(plan, task, state, now_ns(), now_ms, self.settings);
+        self.drive(&robot, begin, cancelled, progress).await
+    }
+
+    /// Carries phases out from where the robot stands.
+    ///
+    /// # Errors
+    /// As [`Self::execute`], with the conditions of [`Execution::from_here`].
+    pub async fn follow(
+        &self,
+        robot: &str,
+        phases: Vec<MotionPhase>,
+        task: ExecutionTask,
+        cancelled: CancellationToken,
+    ) -> Result<ExecuteReply, CallError> {
+        let begin = |state: &RobotState, now_ms| Execution::from_here(phases, task, state, now_ms, self.settings);
+        self.drive(robot, begin, cancelled, |_| {}).await
+    }
+
+    /// Drives one execution from its beginning to its reply.
+    async fn drive(
+        &self,
+        robot: &str,
+        begin: impl FnOnce(&RobotState, u64) -> Result<(Execution, Vec<Step>), CallError>,
+        cancelled: CancellationToken,
+        progress: impl Fn(ExecuteProgress),
+    ) -> Result<ExecuteReply, CallError> {
+        let claim = self.claim(robot)?;
         let (mut states, first) = self.states(&claim.robot).await?;
         let commands = self.commands(&claim.robot);
         let started = Instant::now();
         let now_ms = || started.elapsed().as_millis() as u64;
-        let (mut execution, mut steps) = Execution::begin(plan, &self.commander, &first, now_ns(), now_ms(), self.settings)?;
+        if first.task.is_none() {
+            tracing::warn!(robot, "this robot's side knows no tasks: it latches no stop when its commander is lost at rest");
+        }
+        let (mut execution, mut steps) = begin(&first, now_ms())?;
         let mut ticks = tokio::time::interval(self.period);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut halting = false;
@@ -86,7 +123,7 @@ impl RobotLink {
                     Step::Send(command) => commands.put(Payload::json(&command)?).await?,
                     Step::Progress(phase) => progress(phase),
                     Step::Done(reply) => {
-                        tracing::info!(robot = claim.robot, outcome = ?reply.outcome, phase = %reply.phase, reason = reply.reason, "execution ended");
+                        tracing::info!(robot, outcome = ?reply.outcome, phase = %reply.phase, reason = reply.reason, "execution ended");
                         return Ok(reply);
                     }
                 }
@@ -95,7 +132,7 @@ impl RobotLink {
                 sample = states.recv() => match sample.map(|s| s.payload.decode_json::<RobotState>()) {
                     Some(Ok(state)) => execution.on_state(&state, now_ms()),
                     Some(Err(error)) => {
-                        tracing::warn!(robot = claim.robot, %error, "a state that cannot be read");
+                        tracing::warn!(robot, %error, "a state that cannot be read");
                         Vec::new()
                     }
                     None => execution.abandon("the network closed"),
@@ -103,10 +140,18 @@ impl RobotLink {
                 _ = ticks.tick() => execution.on_tick(now_ms()),
                 () = cancelled.cancelled(), if !halting => {
                     halting = true;
-                    execution.cancel("the caller cancelled, or the deadline passed", now_ms())
+                    execution.cancel("the caller cancelled or is gone, or the deadline passed", now_ms())
                 }
             };
         }
+    }
+
+    /// What a robot says of itself now.
+    ///
+    /// # Errors
+    /// `unavailable` when it shows no state.
+    pub async fn state(&self, robot: &str) -> Result<RobotState, CallError> {
+        Ok(self.states(robot).await?.1)
     }
 
     /// Clears a latched stop, and waits until the robot shows it cleared. A stop that latches meanwhile stays.
@@ -136,7 +181,9 @@ impl RobotLink {
                 },
                 _ = ticks.tick() => {
                     seq += 1;
-                    commands.put(Payload::json(&clearing(&owner, seq, stop.as_ref()))?).await?;
+                    // It names the stop that it clears: no other that may latch before it arrives.
+                    let clearing = RobotCommand { clear_stop: true, clears: stop.clone(), ..RobotCommand::new(owner.clone(), seq, self.settings.ttl_ms) };
+                    commands.put(Payload::json(&clearing)?).await?;
                 }
                 () = tokio::time::sleep_until(deadline) => {
                     let why = stop.map_or_else(|| "the robot does not say why".to_owned(), |stop| format!("{}: {}", stop.kind, stop.reason));
@@ -170,22 +217,6 @@ impl RobotLink {
         let sample = tokio::time::timeout(self.timeout, states.recv()).await.map_err(|_| silent())?.ok_or_else(silent)?;
         let state = sample.payload.decode_json()?;
         Ok((states, state))
-    }
-}
-
-/// A command that clears a stop, and no other that may latch before it arrives.
-fn clearing(owner: &Owner, seq: u64, stop: Option<&StopState>) -> RobotCommand {
-    RobotCommand {
-        v: limits::VERSION,
-        seq,
-        owner: owner.clone(),
-        ttl_ms: 500,
-        starts_stream: false,
-        ends_stream: false,
-        set_points: Vec::new(),
-        gripper: None,
-        clear_stop: true,
-        clears: stop.cloned(),
     }
 }
 

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Point2, Point3};
 use repose_geometry::transform::{from_row_major, to_row_major};
 use repose_proto::motion::{Grasp as WireGrasp, MotionFailure, MotionPhase, MotionPlan, MotionPlanRequest, NotChosen as WireNotChosen};
-use repose_proto::robot::{GripperCommand, SetPoint};
+use repose_proto::robot::{GripperCommand, HeldObject, SetPoint};
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, ErrorCode, RigidTransform, Scene};
 
@@ -23,12 +23,23 @@ pub struct PlanTerms {
     pub max_scene_age_ms: u64,
 }
 
-/// The scene as the planner of motions sees it.
+/// The scene as the planner of a pick and place sees it.
 ///
 /// # Errors
-/// `failed_precondition` without a calibrated camera: the robot would not know where things are. `not_found` on `query` when the scene has no
-/// such object.
+/// As [`surroundings`]; `not_found` on `query` when the scene has no such object.
 pub fn planning_scene(scene: &Scene, query: u16) -> Result<PlanningScene, CallError> {
+    let surroundings = surroundings(scene)?;
+    match scene.object(query) {
+        Some(_) => Ok(surroundings),
+        None => Err(CallError::not_found("query", format!("the scene has no object {query}"))),
+    }
+}
+
+/// The scene as a moving arm sees it.
+///
+/// # Errors
+/// `failed_precondition` without a calibrated camera: the robot would not know where things are.
+pub fn surroundings(scene: &Scene) -> Result<PlanningScene, CallError> {
     if scene.meta.world_frame != WorldFrame::Extrinsics {
         return Err(
             CallError::precondition("the scene's camera has no calibrated pose (world_from_camera): a robot cannot act on it").at("scene")
@@ -38,9 +49,6 @@ pub fn planning_scene(scene: &Scene, query: u16) -> Result<PlanningScene, CallEr
         Some(transform) => isometry(transform, "scene.camera.world_from_camera")?,
         None => return Err(CallError::precondition("the scene's camera has no pose").at("scene.camera.world_from_camera")),
     };
-    if scene.object(query).is_none() {
-        return Err(CallError::not_found("query", format!("the scene has no object {query}")));
-    }
     let surfaces = scene.meta.surfaces.iter().filter_map(|s| {
         let outline: Vec<Point2<f32>> = s.outline_m.iter().map(|[x, y]| Point2::new(*x as f32, *y as f32)).collect();
         SupportSurface::new(s.height_m, &outline, s.object)
@@ -125,7 +133,17 @@ pub fn call_error(error: &PickPlaceError) -> CallError {
     }
 }
 
-fn set_points(trajectory: &Trajectory, period_ms: f64) -> Vec<SetPoint> {
+/// What a plan puts into the hand: a box around what was seen of it, as it lies between the fingers.
+pub fn held_object(scene: &Scene, plan: &MotionPlan) -> Option<HeldObject> {
+    let tcp_from_world = isometry(&plan.grasp.world_from_tcp, "grasp.world_from_tcp").ok()?.inverse();
+    let mut in_tcp = scene.points_of(plan.query).map(|p| tcp_from_world * Point3::from(p).cast::<f64>());
+    let first = in_tcp.next()?;
+    let (low, high) = in_tcp.fold((first, first), |(low, high), p| (low.inf(&p), high.sup(&p)));
+    Some(HeldObject { scene_id: plan.scene_id.clone(), object: plan.query, low_m: low.coords.into(), high_m: high.coords.into() })
+}
+
+/// A trajectory as set-points, at most `period_ms` apart.
+pub fn set_points(trajectory: &Trajectory, period_ms: f64) -> Vec<SetPoint> {
     let point = |(time_s, p): (f64, crate::timing::TrajectoryPoint)| SetPoint {
         t_ms: time_s * 1e3,
         q_rad: p.position_rad,

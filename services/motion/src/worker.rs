@@ -3,13 +3,17 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use repose_proto::motion::{MotionPlan, MotionPlanRequest};
+use repose_panda::FINGER_OPENING_MAX_M;
+use repose_proto::motion::{MotionPhase, MotionPlan, MotionPlanRequest, Phase, RecoverRequest, RecoveryMove};
+use repose_proto::robot::{GripperCommand, HeldObject, RobotState};
 use repose_proto::{CallError, Scene};
 use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError};
 
 use crate::config::MotionConfig;
 use crate::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place_until};
 use crate::plan::PickPlaceError;
+use crate::recovery::{Recovery, RecoveryError, RecoverySettings};
+use crate::timing::Trajectory;
 use crate::wire::{self, PlanTerms};
 
 /// Plans on its own threads.
@@ -17,6 +21,7 @@ pub struct Worker {
     queue: ComputeQueue,
     settings: Arc<PickPlaceSettings>,
     terms: PlanTerms,
+    recovery: Arc<RecoverySettings>,
     scenes: Arc<Mutex<HeldScenes>>,
 }
 
@@ -31,6 +36,7 @@ impl Worker {
         Ok(Self {
             settings: Arc::new(config.planning()?),
             terms: config.terms()?,
+            recovery: Arc::new(config.recovery()?),
             queue: ComputeQueue::start(queue)?,
             scenes: Arc::new(Mutex::new(HeldScenes { limit: config.scenes.max(1), held: VecDeque::new() })),
         })
@@ -42,11 +48,7 @@ impl Worker {
     /// `not_found` on `scene_id` when the scene is not held and did not come; `invalid_argument` when it is another one; the planner's errors
     /// as `failed_precondition`; `cancelled` and `deadline_exceeded` as soon as they are so; those of the queue.
     pub async fn plan(&self, context: JobContext, request: MotionPlanRequest, scene: Option<Scene>) -> Result<MotionPlan, CallError> {
-        let held = locked(&self.scenes).get(&request.scene.scene_id);
-        if held.is_none() && scene.is_none() {
-            let message = format!("this worker does not hold scene {}", request.scene.scene_id);
-            return Err(CallError::not_found("scene_id", message));
-        }
+        let held = self.held(&request.scene.scene_id, scene.as_ref())?;
         let (settings, terms, scenes) = (self.settings.clone(), self.terms, self.scenes.clone());
         let job = move |context: &JobContext| {
             let scene = match (held, scene) {
@@ -62,13 +64,70 @@ impl Worker {
         self.queue.run(context, job).await
     }
 
-    /// A plan as it may be carried out: it travels through its caller, so what it says of its scene's age counts only where that is stricter
-    /// than this worker's own limit and, where the scene is held, than when that was seen.
+    /// The scene where this worker holds it; none where it came along.
+    fn held(&self, scene_id: &str, sent: Option<&Scene>) -> Result<Option<Arc<Scene>>, CallError> {
+        let held = locked(&self.scenes).get(scene_id);
+        match (&held, sent) {
+            (None, None) => Err(CallError::not_found("scene_id", format!("this worker does not hold scene {scene_id}"))),
+            _ => Ok(held),
+        }
+    }
+
+    /// The phases that bring an arm back from where it stands, and how far the hand backs off, metres.
+    ///
+    /// # Errors
+    /// As [`Self::plan`]; `failed_precondition` when the arm cannot be brought back so, with what to do.
+    pub async fn recover(
+        &self,
+        context: JobContext,
+        request: RecoverRequest,
+        scene: Option<Scene>,
+        state: &RobotState,
+    ) -> Result<(Vec<MotionPhase>, Option<f64>), CallError> {
+        if request.motion == RecoveryMove::Open {
+            let gripper = Some(GripperCommand { width_m: FINGER_OPENING_MAX_M, force_n: self.settings.grip_force_n });
+            return Ok((vec![MotionPhase { name: Phase::Release, gripper, set_points: Vec::new() }], None));
+        }
+        if state.gripper_holding {
+            let message = "the robot has something in its hand: `repose robot open` first lets go of it where it is";
+            return Err(CallError::precondition(message).at("robot"));
+        }
+        let held = request.scene.as_ref().map(|named| self.held(&named.scene_id, scene.as_ref())).transpose()?.flatten();
+        let (settings, period_ms, q_rad, opening_m) =
+            (self.recovery.clone(), self.terms.set_point_period_ms, state.q_rad, state.gripper_width_m);
+        let job = move |context: &JobContext| {
+            let scene = match (held, scene, &request.scene) {
+                (Some(held), _, _) => Some(wire::surroundings(&held)?),
+                (None, Some(sent), Some(named)) => Some(wire::surroundings(&checked(sent, &named.scene_id)?)?),
+                _ => None,
+            };
+            let recovery = Recovery::new(&q_rad, opening_m, scene.as_ref(), &settings);
+            let stuck = |error: RecoveryError| CallError::precondition(error.to_string()).at("robot");
+            let phase =
+                |name, trajectory: &Trajectory| MotionPhase { name, gripper: None, set_points: wire::set_points(trajectory, period_ms) };
+            match request.motion {
+                RecoveryMove::Open | RecoveryMove::Retreat => {
+                    let (trajectory, retreated_m) = recovery.retreat().map_err(stuck)?;
+                    Ok((vec![phase(Phase::Retreat, &trajectory)], Some(retreated_m)))
+                }
+                RecoveryMove::Home => {
+                    let way = recovery.home(&|| context.check().is_err());
+                    context.check()?;
+                    Ok((way.map_err(stuck)?.iter().map(|trajectory| phase(Phase::Home, trajectory)).collect(), None))
+                }
+            }
+        };
+        self.queue.run(context, job).await
+    }
+
+    /// A plan as it may be carried out, and what it puts into the hand where the scene is held. It travels through its caller, so what it says
+    /// of its scene's age counts only where that is stricter than this worker's own limit and, where the scene is held, than when that was seen.
     ///
     /// # Errors
     /// `not_found` when the plan's scene is held and has no such object.
-    pub fn executable(&self, mut plan: MotionPlan) -> Result<MotionPlan, CallError> {
+    pub fn executable(&self, mut plan: MotionPlan) -> Result<(MotionPlan, Option<HeldObject>), CallError> {
         let held = locked(&self.scenes).get(&plan.scene_id);
+        let grasps = held.as_ref().and_then(|scene| wire::held_object(scene, &plan));
         if let Some(scene) = held {
             if scene.object(plan.query).is_none() {
                 return Err(CallError::not_found("query", format!("the plan's scene has no object {}", plan.query)));
@@ -76,7 +135,7 @@ impl Worker {
             plan.scene_stamp_ns = plan.scene_stamp_ns.min(scene.stamp_ns);
         }
         plan.max_scene_age_ms = plan.max_scene_age_ms.min(self.terms.max_scene_age_ms);
-        Ok(plan)
+        Ok((plan, grasps))
     }
 
     /// What waits and what runs.

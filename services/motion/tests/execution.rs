@@ -4,10 +4,10 @@ mod common;
 
 use std::collections::VecDeque;
 
-use common::{NOW_NS, PHASES, Robot, joints, plan};
-use repose_motion::execution::{Execution, ExecutionSettings, Step};
+use common::{NOW_NS, PHASES, Robot, joints, plan, task};
+use repose_motion::execution::{Execution, ExecutionSettings, ExecutionTask, Step};
 use repose_proto::motion::{ExecutionOutcome, MotionPlan, Phase};
-use repose_proto::robot::{Owner, RobotMode, RobotState, StopState};
+use repose_proto::robot::{HeldObject, Owner, RobotMode, RobotState, StopState, TaskState};
 use repose_proto::{ErrorCode, limits};
 
 /// Runs to the end; what was told on the way, and the last step.
@@ -22,7 +22,7 @@ fn run_late(
     late_ms: usize,
     mut meddle: impl FnMut(&mut Robot, &mut Execution, u64) -> Vec<Step>,
 ) -> (Vec<Phase>, Step) {
-    let (mut execution, mut steps) = Execution::begin(plan, "motion-1", &robot.state, NOW_NS, 0, ExecutionSettings::default()).unwrap();
+    let (mut execution, mut steps) = Execution::begin(plan, task(), &robot.state, NOW_NS, 0, ExecutionSettings::default()).unwrap();
     let (mut phases, mut shown) = (Vec::new(), VecDeque::new());
     for now_ms in (0..60_000).step_by(10) {
         robot.advance();
@@ -61,6 +61,73 @@ fn a_robot_that_follows_runs_through_all_phases() {
     assert_eq!(phases, PHASES);
     assert_eq!(outcome(&done), (ExecutionOutcome::Done, Phase::Retreat, String::new()));
     assert!((robot.state.q_rad[0] - 0.0).abs() < 1e-9, "six moves to and fro");
+    assert_eq!(robot.state.open_task(), None, "the task is closed");
+}
+
+#[test]
+fn the_task_is_open_and_kept_alive_from_the_first_command_to_the_last() {
+    let mut robot = Robot::new();
+    robot.heeds_ttl = true;
+    let (mut open, mut grasped) = (Vec::new(), None);
+    let grasps = HeldObject { scene_id: "0".repeat(64), object: 1, low_m: [-0.02; 3], high_m: [0.02; 3] };
+    let named = ExecutionTask { grasps: Some(grasps.clone()), ..task() };
+    let (mut execution, mut steps) = Execution::begin(plan(), named, &robot.state, NOW_NS, 0, ExecutionSettings::default()).unwrap();
+    'run: for now_ms in (0..60_000).step_by(10) {
+        robot.advance();
+        open.push(robot.state.open_task().map(str::to_owned));
+        grasped = grasped.or_else(|| robot.grasps.clone());
+        // Fingers that take their time: nothing but the task's keeping alive is sent meanwhile.
+        robot.state.gripper_settled = robot.state.robot_ms % 2000.0 < 200.0;
+        steps.extend(execution.on_state(&robot.state, now_ms));
+        if now_ms % 50 == 0 {
+            steps.extend(execution.on_tick(now_ms));
+        }
+        for step in steps.drain(..) {
+            match step {
+                Step::Send(command) => robot.take(&command),
+                Step::Progress(_) => {}
+                Step::Done(reply) => {
+                    assert_eq!(reply.outcome, ExecutionOutcome::Done, "{reply:?}");
+                    break 'run;
+                }
+            }
+        }
+    }
+    assert_eq!(grasped, Some(grasps));
+    let kept = open[1..].iter().take_while(|task| task.as_deref() == Some("t1")).count();
+    assert!(kept + 3 > open.len(), "open for {kept} of {} states", open.len());
+    assert_eq!(robot.state.open_task(), None);
+}
+
+#[test]
+fn a_robot_that_knows_no_tasks_is_told_of_none() {
+    let mut robot = Robot::new();
+    robot.state.task = None;
+    let (_, done) = run(&mut robot, |_, _, _| Vec::new());
+    assert_eq!((outcome(&done).0, robot.state.task), (ExecutionOutcome::Done, None));
+}
+
+#[test]
+fn a_cancel_with_an_object_in_the_hand_ends_in_a_latched_stop() {
+    for phase in [Phase::Grasp, Phase::Transfer] {
+        let mut robot = Robot::new();
+        let mut since_ms = None;
+        let (_, done) = run(&mut robot, |robot, execution, now_ms| {
+            let is_in_it = match phase {
+                Phase::Grasp => robot.state.gripper_holding,
+                _ => robot.state.gripper_holding && robot.state.mode == RobotMode::Moving,
+            };
+            if !is_in_it || since_ms.is_some() {
+                return Vec::new();
+            }
+            since_ms = Some(now_ms);
+            execution.cancel("cancelled", now_ms)
+        });
+        assert!(since_ms.is_some());
+        assert_eq!((outcome(&done).0, robot.state.mode), (ExecutionOutcome::Stopped, RobotMode::Stopped), "{done:?}");
+        let reason = outcome(&done).2;
+        assert!(reason.contains("cancelled") && reason.contains("task_unfinished"), "{reason}");
+    }
 }
 
 #[test]
@@ -170,26 +237,33 @@ fn a_cancelled_motion_slows_down_on_its_path_and_leaves_the_robot_ready() {
 }
 
 #[test]
-fn a_cancel_while_the_fingers_close_ends_at_once_and_so_does_a_lost_network() {
+fn a_cancel_while_the_fingers_open_waits_for_them_and_a_lost_network_ends_it_at_once() {
     for lost in [false, true] {
         let mut robot = Robot::new();
+        let mut settled_at = None;
         let (phases, done) = run(&mut robot, |robot, execution, now_ms| {
-            if !robot.state.gripper_holding {
+            robot.state.gripper_settled = robot.state.robot_ms > 500.0;
+            if now_ms != 200 {
+                settled_at = settled_at.or(robot.state.gripper_settled.then_some(now_ms));
                 return Vec::new();
             }
             let steps = if lost { execution.abandon("the network closed") } else { execution.cancel("cancelled", now_ms) };
-            assert!(matches!(steps.as_slice(), [Step::Done(_)]));
-            assert!(execution.on_tick(now_ms).is_empty() && execution.on_state(&robot.state, now_ms).is_empty(), "nothing afterwards");
+            assert_eq!(steps.is_empty(), !lost, "{steps:?}");
+            if lost {
+                assert!(execution.on_tick(now_ms).is_empty() && execution.on_state(&robot.state, now_ms).is_empty(), "nothing afterwards");
+            }
             steps
         });
-        assert_eq!((phases.last().copied(), outcome(&done).0), (Some(Phase::Grasp), ExecutionOutcome::Stopped));
+        assert_eq!((phases.as_slice(), outcome(&done).0), (&[Phase::Standoff][..], ExecutionOutcome::Stopped));
+        assert_eq!(settled_at.is_some(), !lost);
+        assert_eq!(robot.state.mode, RobotMode::Idle, "there is nothing in the hand");
     }
 }
 
 #[test]
 fn a_plan_that_does_not_fit_the_world_is_refused() {
     let begin = |plan: MotionPlan, state: &RobotState| {
-        Execution::begin(plan, "motion-1", state, NOW_NS, 0, ExecutionSettings::default()).map(|_| ()).unwrap_err()
+        Execution::begin(plan, task(), state, NOW_NS, 0, ExecutionSettings::default()).map(|_| ()).unwrap_err()
     };
     let idle = Robot::new().state;
     let refused = |error: repose_proto::CallError, field: &str| {
@@ -197,6 +271,9 @@ fn a_plan_that_does_not_fit_the_world_is_refused() {
     };
     refused(begin(plan(), &RobotState { mode: RobotMode::Stopped, ..idle.clone() }), "robot");
     refused(begin(plan(), &RobotState { mode: RobotMode::Moving, ..idle.clone() }), "robot");
+    refused(begin(plan(), &RobotState { gripper_holding: true, ..idle.clone() }), "robot");
+    let busy = Some(TaskState { id: Some("another".to_owned()) });
+    refused(begin(plan(), &RobotState { task: busy, ..idle.clone() }), "robot");
     refused(begin(plan(), &RobotState { q_rad: joints(0.05), ..idle.clone() }), "start_joints_rad");
     refused(
         begin(MotionPlan { start_tolerance_rad: 0.2, ..plan() }, &RobotState { q_rad: joints(0.005), ..idle.clone() }),

@@ -6,8 +6,8 @@
 use nalgebra::Isometry3;
 use repose_geometry::{TriMesh, Vector3};
 use repose_panda::base_from_hand;
-use repose_proto::limits;
-use repose_proto::robot::RobotState;
+use repose_proto::robot::{RobotState, TaskState};
+use repose_proto::{RigidTransform, limits};
 use repose_sensor::SensorModel;
 
 use crate::cell::{CellSettings, cell_of_seed};
@@ -61,6 +61,7 @@ impl CellWorld {
     /// One physics step of robot time; `now_s` is the receiver's monotonic clock.
     pub fn step(&mut self, now_s: f64) {
         let ticks = (f64::from(self.world.step_s()) / TICK_S).round().max(1.0) as usize;
+        self.arm.set_grips(self.hand.grips(&mut self.world));
         for _ in 0..ticks {
             self.arm.tick(now_s);
         }
@@ -121,6 +122,11 @@ impl CellWorld {
             owner: arm.owner().cloned(),
             last_command: arm.last_command(),
             stream_ms: arm.stream_ms(),
+            task: Some(TaskState { id: arm.task().map(str::to_owned) }),
+            held: arm.held().cloned(),
+            model: Some("panda".to_owned()),
+            // The cell's world is the base's.
+            world_from_base: Some(RigidTransform::IDENTITY),
         }
     }
 

@@ -30,7 +30,7 @@ const DEPTH_UNIT_M: f64 = 0.001;
 
 /// What the world is told or asked.
 enum Input {
-    Command { command: RobotCommand, received: Instant },
+    Command { command: Box<RobotCommand>, received: Instant },
     Reset { seed: u64, reply: oneshot::Sender<Result<Truth, CallError>> },
     Truth { view_yaw_rad: Option<f64>, reply: oneshot::Sender<Result<Truth, CallError>> },
 }
@@ -89,7 +89,7 @@ impl Worker {
     /// # Errors
     /// `resource_exhausted` when too many wait.
     pub fn command(&self, command: RobotCommand) -> Result<(), CallError> {
-        self.send(Input::Command { command, received: Instant::now() })
+        self.send(Input::Command { command: Box::new(command), received: Instant::now() })
     }
 
     /// Hands an emergency stop to the arm.
@@ -222,6 +222,9 @@ impl Running {
     fn reset(&mut self, seed: u64) -> Result<Truth, CallError> {
         if self.cell.arm.mode() == RobotMode::Moving {
             return Err(CallError::precondition("the robot moves"));
+        }
+        if let (Some(task), RobotMode::Idle) = (self.cell.arm.task(), self.cell.arm.mode()) {
+            return Err(CallError::precondition(format!("the robot carries out task {task}")));
         }
         self.cell.reset(seed).map_err(|error| CallError::precondition(error.to_string()).at("seed"))?;
         self.show_state();

@@ -90,6 +90,7 @@ impl Bench {
             gripper: None,
             clear_stop,
             clears: None,
+            task: None,
         };
         self.send(command);
     }

@@ -36,6 +36,7 @@ impl Commander {
             gripper,
             clear_stop: false,
             clears: None,
+            task: None,
         };
         cell.arm.command(&command, 0.0).expect("taken");
     }

@@ -50,6 +50,7 @@ fn swing(seq: u64) -> RobotCommand {
         gripper: None,
         clear_stop: false,
         clears: None,
+        task: None,
     }
 }
 

@@ -1,19 +1,21 @@
-//! `repose robot`: the operator's hand on a robot: stop it, say how it is, let it go on.
+//! `repose robot`: stop a robot, show its state, let it go on, bring its arm back.
 
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use repose_proto::motion::{RobotResetReply, RobotResetRequest};
-use repose_proto::robot::{EmergencyStop, RobotState};
-use repose_proto::{CallError, ErrorCode, Payload, Service, keys, limits};
-use repose_runtime::{CallOptions, Session, Traffic};
+use repose_proto::motion::{ExecutionOutcome, RecoverReply, RecoverRequest, RecoveryMove, RobotResetReply, RobotResetRequest};
+use repose_proto::scene::WorldFrame;
+use repose_proto::scoring::enclose;
+use repose_proto::{CallError, ErrorCode, Message, Payload, Scene, SceneRef, Service, keys};
+use repose_runtime::{CallOptions, Session};
 
 use crate::client::{self, SystemArgs};
 use crate::failure::{Failure, Outcome};
+use crate::moving::{self, Interrupts};
 use crate::output::Output;
 
-/// Between two puts of an emergency stop.
-const REPEAT: Duration = Duration::from_millis(20);
+/// How long to look for a scene to check a way against.
+const SCENE: Duration = Duration::from_secs(5);
 
 /// Arguments of `robot`.
 #[derive(Debug, Args)]
@@ -30,7 +32,10 @@ pub struct RobotArgs {
     /// Why it is stopped; the robot's state and whoever is refused will say it.
     #[arg(long, default_value = "stopped from the command line")]
     pub reason: String,
-    /// How long it may take, milliseconds.
+    /// The camera whose newest scene the way of `retreat` and `home` is checked against.
+    #[arg(long, default_value = "front")]
+    pub camera: String,
+    /// How long `stop`, `reset` and `state` may take, milliseconds.
     #[arg(long, default_value_t = 10_000)]
     pub deadline_ms: u64,
 }
@@ -42,8 +47,14 @@ pub enum Action {
     Stop,
     /// Lets a stopped robot go on, by way of the motion service.
     Reset,
-    /// What the robot says of itself.
+    /// What the robot does and holds, and who commands it.
     State,
+    /// Opens the fingers: what they hold falls, or stays where it stands. After `reset`.
+    Open,
+    /// Backs off along the fingers, slowly, as far as the way is free. After `open`.
+    Retreat,
+    /// Goes to the ready pose, slowly, on a free way. After `retreat`.
+    Home,
 }
 
 /// Runs the command.
@@ -64,8 +75,9 @@ async fn act(args: &RobotArgs, session: &Session, output: Output) -> Outcome {
                 let message = format!("robot {robot} has not shown the stop in {} ms", args.deadline_ms);
                 Failure::Other(CallError::new(ErrorCode::DeadlineExceeded, message))
             };
-            let stopped = tokio::time::timeout(within, stop(session, robot, &args.reason)).await.map_err(unheard)??;
-            output.print(&stopped, || format!("{robot} is stopped: {}; `repose robot reset` lets it go on", args.reason))
+            let stop = moving::emergency_stop(session, robot, "repose robot stop", &args.reason);
+            let stopped = tokio::time::timeout(within, stop).await.map_err(unheard)??;
+            output.print(&stopped, || moving::describe(robot, &stopped))
         }
         Action::Reset => {
             let motion = session.caller(Service::Motion).await?;
@@ -76,32 +88,58 @@ async fn act(args: &RobotArgs, session: &Session, output: Output) -> Outcome {
         }
         Action::State => {
             let state = client::robot_state(session, robot, within).await?;
-            output.print(&state, || match &state.stop {
-                Some(stop) => format!("{robot} {:?}: {} ({})", state.mode, stop.reason, stop.kind),
-                None => format!("{robot} {:?}, joints {:.3?} rad, fingers {:.3} m", state.mode, state.q_rad, state.gripper_width_m),
-            })
+            output.print(&state, || moving::describe(robot, &state))
         }
+        Action::Open => recover(args, session, RecoveryMove::Open, output).await,
+        Action::Retreat => recover(args, session, RecoveryMove::Retreat, output).await,
+        Action::Home => recover(args, session, RecoveryMove::Home, output).await,
     }
 }
 
-/// Puts the stop until a state shows it, or one that was latched before it.
-async fn stop(session: &Session, robot: &str, reason: &str) -> Result<RobotState, Failure> {
-    let mut states = session.subscribe_latest(&session.cell().robot_state(robot)).await?;
-    let (source, reason) = ("repose robot stop".to_owned(), reason.to_owned());
-    let wanted = EmergencyStop { v: limits::VERSION, id: uuid::Uuid::new_v4().to_string(), source, reason, stamp_ns: client::now_ns() };
-    let (key, payload) = (session.cell().robot_estop(robot), Payload::json(&wanted)?);
-    let mut again = tokio::time::interval(REPEAT);
-    loop {
-        tokio::select! {
-            _ = again.tick() => session.put(&key, payload.clone(), Traffic::EmergencyStop).await?,
-            sample = states.recv() => {
-                let sample = sample.ok_or_else(|| Failure::other("the session has closed"))?;
-                // Another's stop that came first holds as well as this one; a reflex that is only braking does not.
-                match sample.payload.decode_json::<RobotState>() {
-                    Ok(state) if state.stop.as_ref().is_some_and(|stop| stop.estop_id.is_some()) => return Ok(state),
-                    _ => {}
-                }
-            }
-        }
+/// Brings the arm back, checked against the newest scene of the camera where there is one.
+async fn recover(args: &RobotArgs, session: &Session, motion: RecoveryMove, output: Output) -> Outcome {
+    let mut interrupts = Interrupts::listen()?;
+    let scene = match motion {
+        RecoveryMove::Open => None,
+        RecoveryMove::Retreat | RecoveryMove::Home => newest_scene(args, session).await,
+    };
+    let named = scene.as_ref().map(|(scene_id, _)| SceneRef { scene_id: scene_id.clone() });
+    let request = RecoverRequest { robot: args.robot.clone(), motion, scene: named };
+    let payload = match &scene {
+        Some((_, scene)) => Payload::bulk(RecoverRequest::SCHEMA, &enclose(&request, Some(scene)))?,
+        None => Payload::json(&request)?,
+    };
+    let caller = session.caller(Service::Motion).await?;
+    let answer = moving::call(session, &caller, (&args.robot, "recover"), payload, &mut interrupts).await?;
+    let reply: RecoverReply = answer.payload.decode_json()?;
+    output.print(&reply, || recovered(&args.robot, motion, &reply))?;
+    if reply.outcome == ExecutionOutcome::Done { Ok(()) } else { Err(Failure::NotAchieved) }
+}
+
+fn recovered(robot: &str, motion: RecoveryMove, reply: &RecoverReply) -> String {
+    if let Some(reason) = &reply.reason {
+        return format!("{robot} did not get there: {reason}");
     }
+    let checked =
+        if reply.checked_against.is_some() { "" } else { " (no scene of a calibrated camera: unchecked against its surroundings)" };
+    match (motion, reply.retreated_m) {
+        (RecoveryMove::Open, _) => format!("{robot}'s fingers are open"),
+        (RecoveryMove::Retreat, backed_m) => format!("{robot} has backed off by {:.0} mm{checked}", backed_m.unwrap_or(0.0) * 1e3),
+        (RecoveryMove::Home, _) => format!("{robot} is in its ready pose{checked}"),
+    }
+}
+
+/// The newest scene whose camera knows where it stands.
+async fn newest_scene(args: &RobotArgs, session: &Session) -> Option<(String, Scene)> {
+    let newest = async {
+        let summary = client::newest_scene(session, &args.camera, SCENE).await?;
+        let scene = client::whole_scene(session, &summary.scene_id, SCENE).await?;
+        Ok::<_, Failure>((summary.scene_id, scene))
+    };
+    match newest.await {
+        Ok(newest) if newest.1.meta.world_frame == WorldFrame::Extrinsics => return Some(newest),
+        Ok(_) => tracing::warn!(camera = args.camera, "the camera does not know where it stands: its scene is of no use to the robot"),
+        Err(failure) => tracing::warn!(camera = args.camera, why = ?failure.error(), "no scene to check the way against"),
+    }
+    None
 }

@@ -11,7 +11,7 @@ use nalgebra::{Isometry3, Vector3};
 use repose_geometry::Image;
 use repose_geometry::transform::from_row_major;
 use repose_motion::belief::believed::Heeded;
-use repose_motion::execution::{Execution, ExecutionSettings, Step};
+use repose_motion::execution::{Execution, ExecutionSettings, ExecutionTask, Step};
 use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place};
 use repose_motion::plan::PickPlaceError;
 use repose_motion::wire;
@@ -311,8 +311,8 @@ fn carried_out(
     let stamp_ns = plan.scene_stamp_ns;
     let (mut grasped, mut lifted, mut lowered) = (None, None, None);
     let mut watch = CarryWatch::new(query);
-    let (mut execution, mut steps) =
-        Execution::begin(plan, "evaluation", &cell.robot_state(seq, stamp_ns), stamp_ns, now_ms, execution_settings)?;
+    let task = ExecutionTask { commander: "evaluation".to_owned(), id: "trial".to_owned(), grasps: None };
+    let (mut execution, mut steps) = Execution::begin(plan, task, &cell.robot_state(seq, stamp_ns), stamp_ns, now_ms, execution_settings)?;
     let steps_per_state = (STATE_MS as f64 * 1e-3 / cell.step_s()).round().max(1.0) as usize;
     loop {
         for step in steps.drain(..) {

@@ -1,8 +1,9 @@
 //! A plan and a robot for tests: it takes every command and follows its stream, checking what the contract says of both.
 #![allow(dead_code, reason = "each test uses its share")]
 
+use repose_motion::execution::ExecutionTask;
 use repose_proto::motion::{Grasp, MotionPhase, MotionPlan, Phase};
-use repose_proto::robot::{GripperCommand, RobotCommand, RobotMode, RobotState, SetPoint, StopState};
+use repose_proto::robot::{GripperCommand, RobotCommand, RobotMode, RobotState, SetPoint, StopState, TaskState};
 use repose_proto::{Message, RigidTransform};
 
 /// The wall clock of these tests, nanoseconds.
@@ -44,6 +45,11 @@ pub fn plan() -> MotionPlan {
     }
 }
 
+/// The task that tests execute as.
+pub fn task() -> ExecutionTask {
+    ExecutionTask { commander: "motion-1".to_owned(), id: "t1".to_owned(), grasps: None }
+}
+
 /// The ready pose with another first joint.
 pub fn joints(first: f64) -> [f64; 7] {
     [first, -0.7, 0.0, -2.3, 0.0, 1.5, 0.7]
@@ -64,6 +70,8 @@ pub struct Robot {
     expires_ms: f64,
     /// The stop that the last clearing command named.
     pub cleared: Option<StopState>,
+    /// What the last gripper action was to grasp.
+    pub grasps: Option<repose_proto::robot::HeldObject>,
 }
 
 impl Robot {
@@ -84,8 +92,22 @@ impl Robot {
             owner: None,
             last_command: None,
             stream_ms: None,
+            task: Some(TaskState::default()),
+            held: None,
+            model: None,
+            world_from_base: None,
         };
-        Self { state, points: Vec::new(), ends: false, holds: true, deaf: false, heeds_ttl: false, expires_ms: 0.0, cleared: None }
+        Self {
+            state,
+            points: Vec::new(),
+            ends: false,
+            holds: true,
+            deaf: false,
+            heeds_ttl: false,
+            expires_ms: 0.0,
+            cleared: None,
+            grasps: None,
+        }
     }
 
     /// Takes a command.
@@ -106,9 +128,20 @@ impl Robot {
             self.state.mode = RobotMode::Idle;
             self.state.stop = None;
         }
+        if let (Some(task), Some(shown)) = (&command.task, &mut self.state.task) {
+            assert!(shown.id.as_ref().is_none_or(|open| *open == task.id), "one task at a time");
+            shown.id = task.open.then(|| task.id.clone());
+            if !task.open && self.state.gripper_holding {
+                self.state.mode = RobotMode::Stopped;
+                let reason = format!("task {} was closed with an object in the hand", task.id);
+                self.state.stop = Some(StopState { kind: "task_unfinished".to_owned(), reason, estop_id: None });
+            }
+        }
+        assert!(self.state.task.is_none() == command.task.is_none() || command.clear_stop, "tasks are for robots that know them");
         if let Some(gripper) = command.gripper {
             self.state.gripper_holding = self.holds && gripper.width_m == 0.0;
             self.state.gripper_width_m = if self.state.gripper_holding { 0.03 } else { gripper.width_m };
+            self.grasps = command.task.as_ref().and_then(|task| task.grasps.clone());
         }
         if command.starts_stream {
             assert_eq!(self.state.mode, RobotMode::Idle, "a stream starts at rest");
@@ -128,6 +161,8 @@ impl Robot {
     pub fn advance(&mut self) {
         self.state.seq += 1;
         self.state.robot_ms += 10.0;
+        let lost = self.state.open_task().is_some() && self.state.robot_ms > self.expires_ms;
+        assert!(!self.heeds_ttl || !lost, "the commander is silent within its task");
         if self.state.mode == RobotMode::Moving {
             assert!(!self.heeds_ttl || self.ends || self.state.robot_ms <= self.expires_ms, "the commander is silent");
             let time = self.state.stream_ms.unwrap() + 10.0;

@@ -13,6 +13,7 @@
 //! the fingertips 0.1034 m along the hand's z. The hand approaches along +z and its fingers move along y. Angles are radians.
 
 pub mod command_rules;
+pub mod commander_watch;
 pub mod interpolation;
 pub mod inverse;
 pub mod kinematics;
@@ -25,6 +26,7 @@ pub mod spheres;
 pub mod stop;
 
 pub use command_rules::{CommandRuleSettings, CommandRules, START_TOLERANCE_RAD, Violation};
+pub use commander_watch::CommanderWatch;
 pub use interpolation::{hermite, smooth_step};
 pub use inverse::{InverseError, InverseSettings, inverse_at, inverse_near, inverse_sweep};
 pub use kinematics::{

@@ -164,8 +164,12 @@ impl Hand {
 
     /// Whether the fingers stand against something before they are where they were to go.
     pub fn is_holding(&self, world: &mut World) -> bool {
-        let width = self.width_m(world) as f32;
-        self.is_settled() && width > 2.0 * self.goal_m + HOLDING_M
+        self.is_settled() && self.grips(world)
+    }
+
+    /// The same while the fingers may still tremble: they press, and something keeps them apart.
+    pub fn grips(&self, world: &mut World) -> bool {
+        self.target_m == self.goal_m && self.width_m(world) as f32 > 2.0 * self.goal_m + HOLDING_M
     }
 
     /// Where the hand's parts are, for pictures: pose and half edge lengths of each box.

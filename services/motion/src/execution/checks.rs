@@ -1,0 +1,111 @@
+//! What must hold before an execution begins.
+
+use repose_panda::START_TOLERANCE_RAD;
+use repose_proto::motion::{MotionPhase, MotionPlan};
+use repose_proto::robot::{Owner, RobotMode, RobotState};
+use repose_proto::{CallError, limits};
+
+/// How far apart the end of one phase and the start of the next may be, radians per joint.
+const JOINED_RAD: f64 = 1e-3;
+/// How far in the future a scene may seem to have been seen: clocks differ, milliseconds.
+const CLOCKS_DIFFER_MS: u64 = 2000;
+
+/// Refuses phases that do not join, from where they start.
+///
+/// # Errors
+/// `invalid_argument` that names the field.
+pub fn check_phases(start_joints_rad: &[f64; 7], phases: &[MotionPhase]) -> Result<(), CallError> {
+    if phases.is_empty() {
+        return Err(CallError::invalid("phases", "the plan has no phases"));
+    }
+    let mut last = *start_joints_rad;
+    for (i, phase) in phases.iter().enumerate() {
+        let (Some(first), Some(end)) = (phase.set_points.first(), phase.set_points.last()) else { continue };
+        if first.t_ms != 0.0 {
+            return Err(CallError::invalid(format!("phases[{i}].set_points[0].t_ms"), format!("expected 0, got {}", first.t_ms)));
+        }
+        if let Some(joint) = apart(&last, &first.q_rad, JOINED_RAD) {
+            let message = format!("joint {joint} starts at {} rad but the phase before ends at {} rad", first.q_rad[joint], last[joint]);
+            return Err(CallError::invalid(format!("phases[{i}].set_points[0].q_rad"), message));
+        }
+        last = end.q_rad;
+    }
+    Ok(())
+}
+
+/// Refuses a scene that was seen too long ago.
+///
+/// # Errors
+/// `failed_precondition` on `scene_stamp_ns`.
+pub fn check_age(plan: &MotionPlan, now_ns: u64) -> Result<(), CallError> {
+    let ahead_ms = plan.scene_stamp_ns.saturating_sub(now_ns) / 1_000_000;
+    if ahead_ms > CLOCKS_DIFFER_MS {
+        let message = format!("the scene was seen {ahead_ms} ms in the future, at most {CLOCKS_DIFFER_MS} ms are put down to clocks");
+        return Err(CallError::precondition(message).at("scene_stamp_ns"));
+    }
+    let age_ms = now_ns.saturating_sub(plan.scene_stamp_ns) / 1_000_000;
+    if age_ms > plan.max_scene_age_ms {
+        let message = format!("the scene is {age_ms} ms old, at most {} ms are allowed", plan.max_scene_age_ms);
+        return Err(CallError::precondition(message).at("scene_stamp_ns"));
+    }
+    Ok(())
+}
+
+/// Refuses a robot that is not free.
+///
+/// # Errors
+/// `failed_precondition` on `robot` when a stop is latched, the robot moves, or a task is open.
+pub fn check_free(state: &RobotState) -> Result<(), CallError> {
+    match state.mode {
+        RobotMode::Stopped => {
+            let why = state.stop.as_ref().map_or("it does not say why", |stop| stop.reason.as_str());
+            return Err(CallError::precondition(format!("a stop is latched ({why}): `repose robot reset` clears it")).at("robot"));
+        }
+        RobotMode::Moving => return Err(CallError::precondition("the robot is moving").at("robot")),
+        RobotMode::Idle => {}
+    }
+    if let Some(task) = state.open_task() {
+        let owner = state.owner.as_ref().map_or("somebody", |owner| owner.id.as_str());
+        return Err(CallError::precondition(format!("the robot carries out task {task} of {owner}")).at("robot"));
+    }
+    Ok(())
+}
+
+/// Refuses a robot that does not stand, with an empty hand, where a plan starts.
+///
+/// # Errors
+/// `failed_precondition` on `robot` or `start_joints_rad`.
+pub fn check_start(plan: &MotionPlan, state: &RobotState) -> Result<(), CallError> {
+    if state.gripper_holding {
+        let message = "the robot has something in its hand already: `repose robot open` lets go of it where it is";
+        return Err(CallError::precondition(message).at("robot"));
+    }
+    let first = plan.phases.iter().find_map(|phase| phase.set_points.first());
+    // Whatever the plan allows, the robot takes no first set-point further from where it stands.
+    let starts = [(&plan.start_joints_rad, plan.start_tolerance_rad.min(START_TOLERANCE_RAD))];
+    for (start, tolerance_rad) in starts.into_iter().chain(first.map(|point| (&point.q_rad, START_TOLERANCE_RAD))) {
+        if let Some(joint) = apart(start, &state.q_rad, tolerance_rad) {
+            let (planned, stands) = (start[joint], state.q_rad[joint]);
+            let message = format!("joint {joint} stands at {stands:.4} rad but the plan starts at {planned:.4} rad");
+            return Err(CallError::precondition(message).at("start_joints_rad"));
+        }
+    }
+    Ok(())
+}
+
+/// Who commands a robot next: the commander, under an epoch above all that were shown.
+///
+/// # Errors
+/// `failed_precondition` when the robot's owner has the highest epoch.
+pub fn next_owner(commander: &str, state: &RobotState) -> Result<Owner, CallError> {
+    let last = state.owner.as_ref().map_or(0, |owner| owner.epoch);
+    if last >= limits::MAX_EPOCH {
+        return Err(CallError::precondition(format!("the robot's owner has the highest epoch, {last}")).at("robot"));
+    }
+    Ok(Owner { id: commander.to_owned(), epoch: last + 1 })
+}
+
+/// The first joint at which two configurations are further apart than a tolerance.
+pub(super) fn apart(a: &[f64; 7], b: &[f64; 7], tolerance_rad: f64) -> Option<usize> {
+    (0..7).find(|&i| (a[i] - b[i]).abs().is_nan() || (a[i] - b[i]).abs() > tolerance_rad)
+}

@@ -1,0 +1,35 @@
+//! How an execution talks to the robot.
+
+/// How an execution talks to the robot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ExecutionSettings {
+    /// How far ahead of the robot the set-points reach, milliseconds of robot time, at least 200. Default 1000.
+    pub horizon_ms: f64,
+    /// How long a command may be acted on after receipt, milliseconds. Default 500.
+    pub ttl_ms: u64,
+    /// How long the robot may take to take a command, milliseconds; it is repeated until then. Default 2000.
+    pub take_timeout_ms: u64,
+    /// How long the robot's state may be silent, milliseconds. Default 1500.
+    pub state_timeout_ms: u64,
+    /// How long the gripper may take to settle, milliseconds of robot time; then what it has reached decides. Default 3000.
+    pub gripper_timeout_ms: f64,
+    /// How far ahead of the robot a cancelled stream begins to slow down, milliseconds of robot time: longer than a state and a command take,
+    /// shorter than the horizon. Default 150.
+    pub halt_lead_ms: f64,
+    /// How far behind its stream the robot may be at the end, milliseconds of robot time. Default 3000.
+    pub lag_ms: f64,
+}
+
+impl Default for ExecutionSettings {
+    fn default() -> Self {
+        Self {
+            horizon_ms: 1000.0,
+            ttl_ms: 500,
+            take_timeout_ms: 2000,
+            state_timeout_ms: 1500,
+            gripper_timeout_ms: 3000.0,
+            halt_lead_ms: 150.0,
+            lag_ms: 3000.0,
+        }
+    }
+}

@@ -1,0 +1,277 @@
+//! What the arm takes, follows and latches.
+
+use repose_proto::robot::SetPoint;
+
+use repose_proto::robot::Task;
+
+use super::*;
+
+/// Joint 0 from rest over `delta_rad` and back to rest in `span_ms`, smoothly, sampled every 10 ms.
+fn swing(delta_rad: f64, span_ms: f64) -> Vec<SetPoint> {
+    let steps = (span_ms / 10.0) as usize;
+    let at = |k: usize| {
+        let s = k as f64 / steps as f64;
+        let (place, speed) = (s * s * s * (10.0 - 15.0 * s + 6.0 * s * s), 30.0 * s * s * (1.0 - s) * (1.0 - s));
+        let mut point = SetPoint { t_ms: k as f64 * 10.0, q_rad: READY, dq_rad_s: [0.0; 7] };
+        point.q_rad[0] += delta_rad * place;
+        point.dq_rad_s[0] = delta_rad * speed / (span_ms * 1e-3);
+        point
+    };
+    (0..=steps).map(at).collect()
+}
+
+fn command(seq: u64, epoch: u64, set_points: Vec<SetPoint>) -> RobotCommand {
+    RobotCommand {
+        v: 1,
+        seq,
+        owner: Owner { id: "motion-1".to_owned(), epoch },
+        ttl_ms: 1000,
+        starts_stream: true,
+        ends_stream: true,
+        set_points,
+        gripper: None,
+        clear_stop: false,
+        clears: None,
+        task: None,
+    }
+}
+
+fn run(arm: &mut Arm, ticks: usize, now_s: f64) {
+    for _ in 0..ticks {
+        arm.tick(now_s);
+    }
+}
+
+#[test]
+fn a_stream_within_the_limits_is_followed_to_its_end() {
+    let mut arm = Arm::default();
+    arm.command(&command(1, 1, swing(0.5, 1000.0)), 0.0).expect("taken");
+    assert_eq!(arm.mode(), RobotMode::Moving);
+    run(&mut arm, 1100, 0.0);
+    assert_eq!((arm.mode(), arm.stop()), (RobotMode::Idle, None));
+    assert!((arm.q_rad()[0] - 0.5).abs() < 1e-6 && arm.stream_ms() == Some(1000.0));
+}
+
+#[test]
+fn each_broken_rule_stops_with_its_name() {
+    let mut elsewhere = swing(0.5, 1000.0);
+    elsewhere.iter_mut().for_each(|p| p.q_rad[3] += 0.1);
+    for (name, points, kind) in [
+        ("too fast", swing(2.5, 1000.0), "joint_velocity_limit"),
+        ("too sudden", swing(0.3, 120.0), "joint_acceleration_limit"),
+        ("out of range", swing(2.95, 4000.0), "joint_position_limit"),
+        ("not where it stands", elsewhere, "start_pose_mismatch"),
+        ("nothing", Vec::new(), "invalid_command"),
+    ] {
+        let mut arm = Arm::default();
+        arm.command(&command(1, 1, points), 0.0).expect("taken");
+        run(&mut arm, 5000, 0.0);
+        assert_eq!(arm.stop().map(|s| s.kind.as_str()), Some(kind), "{name}");
+        assert!(arm.motion.is_at_rest(), "{name}");
+    }
+}
+
+#[test]
+fn a_silent_commander_stops_the_arm() {
+    for expires in [false, true] {
+        let mut arm = Arm::default();
+        let mut first = command(1, 1, swing(0.8, 1000.0));
+        first.ends_stream = false;
+        if !expires {
+            first.set_points.truncate(50);
+        }
+        arm.command(&first, 0.0).expect("taken");
+        run(&mut arm, 400, 0.0);
+        assert!(!arm.motion.is_at_rest());
+        run(&mut arm, 600, if expires { 2.0 } else { 0.0 });
+        assert_eq!(arm.stop().map(|s| s.kind.as_str()), Some("commander_silent"));
+        assert!(arm.motion.is_at_rest());
+    }
+}
+
+#[test]
+fn an_emergency_stop_latches_until_it_is_cleared() {
+    let mut arm = Arm::default();
+    arm.command(&command(1, 1, swing(0.5, 1000.0)), 0.0).expect("taken");
+    run(&mut arm, 300, 0.0);
+    arm.emergency_stop(&EmergencyStop { v: 1, id: "e1".to_owned(), source: "test".to_owned(), reason: "now".to_owned(), stamp_ns: 0 });
+    run(&mut arm, 500, 0.0);
+    assert_eq!(arm.mode(), RobotMode::Stopped);
+    assert_eq!(arm.command(&command(2, 1, swing(0.5, 1000.0)), 0.0), Err(Ignored::Stopped));
+    let mut clear = command(3, 1, Vec::new());
+    (clear.clear_stop, clear.starts_stream) = (true, false);
+    arm.command(&clear, 0.0).expect("taken");
+    assert_eq!(arm.mode(), RobotMode::Idle);
+}
+
+#[test]
+fn a_stop_that_latched_meanwhile_is_not_cleared_with_another() {
+    let mut arm = Arm::default();
+    arm.command(&command(1, 1, Vec::new()), 0.0).expect("taken");
+    let mut clear = command(2, 1, Vec::new());
+    (clear.clear_stop, clear.starts_stream, clear.clears) = (true, false, arm.stop().cloned());
+    arm.emergency_stop(&EmergencyStop::read(b"e1"));
+    assert_eq!(arm.command(&clear, 0.0), Err(Ignored::OtherStop));
+    assert_eq!(arm.mode(), RobotMode::Stopped);
+    clear.clears = arm.stop().cloned();
+    arm.command(&clear, 0.0).expect("taken");
+    assert_eq!(arm.mode(), RobotMode::Idle);
+}
+
+#[test]
+fn a_command_that_waited_longer_than_it_may_live_is_not_taken() {
+    let mut arm = Arm::default();
+    let first = command(1, 1, swing(0.5, 1000.0));
+    assert_eq!(arm.late_command(&first, 0.0, 1.1), Err(Ignored::Expired));
+    assert_eq!((arm.mode(), arm.last_command()), (RobotMode::Idle, None));
+    // What has lived for most of its time when it is taken lives for the rest.
+    let mut open = first.clone();
+    open.ends_stream = false;
+    arm.late_command(&open, 0.0, 0.9).expect("taken");
+    run(&mut arm, 100, 0.95);
+    assert_eq!(arm.mode(), RobotMode::Moving);
+    run(&mut arm, 1, 1.05);
+    assert_eq!(arm.stop().map(|s| s.kind.as_str()), Some("commander_silent"));
+}
+
+#[test]
+fn a_command_sent_again_is_acted_on_once_and_keeps_its_sender_from_being_silent() {
+    let mut arm = Arm::default();
+    let mut first = command(1, 1, swing(0.5, 2000.0));
+    first.ends_stream = false;
+    arm.command(&first, 0.0).expect("taken");
+    run(&mut arm, 400, 0.8);
+    assert_eq!(arm.command(&first, 0.8), Err(Ignored::Passed));
+    run(&mut arm, 400, 1.7);
+    assert_eq!((arm.mode(), arm.stream_ms()), (RobotMode::Moving, Some(800.0)), "it goes on where it was");
+}
+
+#[test]
+fn set_points_are_bounded_over_all_commands_of_a_stream() {
+    let mut arm = Arm::new(ArmSettings { max_set_points: 120, ..ArmSettings::default() });
+    let points = swing(0.5, 2000.0);
+    let window = |seq: u64, range: std::ops::Range<usize>| {
+        let mut window = command(seq, 1, points[range].to_vec());
+        (window.starts_stream, window.ends_stream) = (seq == 1, false);
+        window
+    };
+    arm.command(&window(1, 0..100), 0.0).expect("taken");
+    assert_eq!(arm.command(&window(2, 100..150), 0.0), Err(Ignored::TooMany));
+    arm.command(&window(2, 60..120), 0.0).expect("those that it replaces do not count");
+    run(&mut arm, 500, 0.0);
+    arm.command(&window(3, 120..160), 0.0).expect("nor do those that are behind");
+    assert_eq!(arm.stop(), None);
+}
+
+#[test]
+fn only_the_newest_owner_commands_and_only_forwards() {
+    let mut arm = Arm::default();
+    arm.command(&command(7, 2, swing(0.1, 1000.0)), 0.0).expect("taken");
+    let mut other = command(1, 2, Vec::new());
+    other.owner.id = "motion-2".to_owned();
+    assert_eq!(arm.command(&other, 0.0), Err(Ignored::NotOwner));
+    assert_eq!(arm.command(&command(8, 1, Vec::new()), 0.0), Err(Ignored::NotOwner));
+    assert_eq!(arm.command(&command(7, 2, Vec::new()), 0.0), Err(Ignored::Passed));
+    assert_eq!(arm.command(&command(8, 2, swing(0.1, 1000.0)), 0.0), Err(Ignored::Moving));
+    run(&mut arm, 1100, 0.0);
+    other.owner.epoch = 3;
+    other.starts_stream = false;
+    arm.command(&other, 0.0).expect("a higher epoch takes over, whatever its sequence number");
+    assert_eq!(arm.owner().map(|o| o.id.as_str()), Some("motion-2"));
+}
+
+/// A command of a task that keeps it open, or closes it.
+fn task_command(seq: u64, epoch: u64, open: bool) -> RobotCommand {
+    let task = Some(Task { id: "t1".to_owned(), open, grasps: None });
+    RobotCommand { starts_stream: false, ends_stream: false, task, ..command(seq, epoch, Vec::new()) }
+}
+
+#[test]
+fn a_commander_that_falls_silent_within_a_task_latches_the_arm_at_rest_and_outside_of_it_does_not() {
+    let mut arm = Arm::default();
+    arm.command(&task_command(1, 1, true), 0.0).expect("taken");
+    run(&mut arm, 10, 0.9);
+    assert_eq!((arm.mode(), arm.task()), (RobotMode::Idle, Some("t1")));
+    assert_eq!(arm.command(&task_command(1, 1, true), 0.9), Err(Ignored::Passed), "a repeat");
+    run(&mut arm, 10, 1.8);
+    assert_eq!(arm.mode(), RobotMode::Idle, "its commander is still there");
+    run(&mut arm, 1, 1.95);
+    let stop = arm.stop().cloned().expect("latched");
+    assert!(stop.kind == "commander_silent" && stop.reason.contains("t1"), "{stop:?}");
+    assert_eq!(arm.task(), Some("t1"), "the task stays open until somebody clears the stop");
+    let mut clear = command(1, 2, Vec::new());
+    (clear.clear_stop, clear.starts_stream) = (true, false);
+    arm.command(&clear, 2.0).expect("anybody clears");
+    assert_eq!((arm.mode(), arm.task()), (RobotMode::Idle, None));
+
+    arm.command(&task_command(2, 2, true), 2.0).expect("taken");
+    arm.command(&task_command(3, 2, false), 2.1).expect("closed");
+    run(&mut arm, 10, 99.0);
+    assert_eq!((arm.mode(), arm.task()), (RobotMode::Idle, None), "silence after a task means nothing");
+}
+
+#[test]
+fn a_commander_that_falls_silent_after_its_last_set_points_latches_too() {
+    let mut arm = Arm::default();
+    let whole = RobotCommand { task: task_command(1, 1, true).task, ..command(1, 1, swing(0.5, 1000.0)) };
+    arm.command(&whole, 0.0).expect("taken");
+    run(&mut arm, 300, 0.3);
+    assert_eq!(arm.mode(), RobotMode::Moving);
+    run(&mut arm, 900, 1.1);
+    assert_eq!(arm.stop().map(|s| s.kind.as_str()), Some("commander_silent"));
+    assert!(arm.motion.is_at_rest());
+}
+
+#[test]
+fn a_task_that_is_closed_with_an_object_in_the_hand_or_on_the_way_latches() {
+    for on_the_way in [false, true] {
+        let mut arm = Arm::default();
+        arm.command(&task_command(1, 1, true), 0.0).expect("taken");
+        if on_the_way {
+            arm.command(&command(2, 1, swing(0.5, 1000.0)), 0.0).expect("taken");
+            run(&mut arm, 300, 0.1);
+        } else {
+            arm.set_grips(true);
+        }
+        arm.command(&task_command(3, 1, false), 0.2).expect("taken");
+        run(&mut arm, 1000, 0.3);
+        assert_eq!(arm.stop().map(|s| s.kind.as_str()), Some("task_unfinished"), "{on_the_way}");
+        assert!(arm.motion.is_at_rest());
+    }
+}
+
+#[test]
+fn within_a_task_nobody_else_commands_and_no_other_task_opens() {
+    let mut arm = Arm::default();
+    arm.command(&task_command(1, 1, true), 0.0).expect("taken");
+    assert_eq!(arm.command(&task_command(1, 2, true), 0.1), Err(Ignored::OtherTask), "a newer epoch");
+    let mut clear = command(1, 2, Vec::new());
+    (clear.clear_stop, clear.starts_stream) = (true, false);
+    assert_eq!(arm.command(&clear, 0.1), Err(Ignored::OtherTask), "there is no stop to clear");
+    let mut other = task_command(2, 1, true);
+    other.task = Some(Task { id: "t2".to_owned(), open: true, grasps: None });
+    assert_eq!(arm.command(&other, 0.1), Err(Ignored::OtherTask));
+    arm.command(&RobotCommand { task: None, ..task_command(3, 1, true) }, 0.1).expect("a command that says nothing of it leaves it open");
+    assert_eq!(arm.task(), Some("t1"));
+    arm.emergency_stop(&EmergencyStop::read(b"e1"));
+    arm.command(&RobotCommand { clears: arm.stop().cloned(), ..clear }, 0.2).expect("a stop is cleared by anybody");
+    assert_eq!(arm.task(), None);
+}
+
+#[test]
+fn what_was_to_be_grasped_is_said_to_be_held_while_the_fingers_find_something() {
+    let mut arm = Arm::default();
+    let held = HeldObject { scene_id: "s".to_owned(), object: 3, low_m: [-0.01; 3], high_m: [0.02; 3] };
+    let mut close = task_command(1, 1, true);
+    close.gripper = Some(GripperCommand { width_m: 0.0, force_n: 30.0 });
+    close.task.iter_mut().for_each(|task| task.grasps = Some(held.clone()));
+    arm.command(&close, 0.0).expect("taken");
+    assert_eq!(arm.held(), None, "the fingers are on their way");
+    arm.set_grips(true);
+    arm.command(&task_command(2, 1, true), 0.1).expect("taken");
+    assert_eq!(arm.held(), Some(&held));
+    let mut open = task_command(3, 1, true);
+    open.gripper = Some(GripperCommand { width_m: 0.08, force_n: 30.0 });
+    arm.command(&open, 0.2).expect("taken");
+    assert_eq!(arm.held(), None);
+}
