@@ -197,3 +197,44 @@ fn without_a_router_a_client_says_what_to_start() {
     assert_eq!(document["error"]["code"], "unavailable");
     assert!(message.contains("`repose up`") && !message.contains(".rs:") && !message.contains('\u{1b}'), "{message}");
 }
+
+#[test]
+fn a_misspelt_section_of_the_environment_is_an_error_and_so_is_a_misspelt_field() {
+    let folder = folder_with(&frame());
+    let says = |name: &str| {
+        let output = repose_in(&[(name, "3")], &["--json", "segment", path(&folder)]);
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (code, message) = says("REPOSE_PLANER__THREADS");
+    assert!(code == Some(2) && message.contains("REPOSE_PLANER__THREADS") && message.contains("REPOSE_PLANNER__"), "{message}");
+    let (code, message) = says("REPOSE_PLANNER__THREDS");
+    assert!(code == Some(2) && message.contains("threds"), "{message}");
+    let (code, message) = says("REPOSE_PORT");
+    assert!(code == Some(0) && message.contains("REPOSE_PORT"), "an orchestrator may have set it: {message}");
+}
+
+#[test]
+fn a_picture_is_a_png_and_what_cannot_be_written_is_said_before_the_work() {
+    let folder = folder_with(&frame());
+    let plan = |out: &str| {
+        let output = repose(&["plan", path(&folder), "--move", "1", "--goal", "right_of:2", "--variant", "geometric", "--out", out]);
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (code, message) = plan("plan.jpg");
+    assert!(code == Some(2) && message.contains(".png"), "{message}");
+    let below_a_file = folder.path().join("camera.json/plan.png");
+    let (code, message) = plan(below_a_file.to_str().expect("a plain path"));
+    assert!(code == Some(2) && message.contains("camera.json"), "{message}");
+    let demo = repose(&["demo", "--out", below_a_file.to_str().expect("a plain path")]);
+    assert_eq!(demo.status.code(), Some(2), "{}", String::from_utf8_lossy(&demo.stderr));
+}
+
+#[test]
+fn fewer_placements_than_asked_for_are_said_to_be_fewer() {
+    let folder = folder_with(&frame());
+    let arguments = ["plan", path(&folder), "--move", "1", "--goal", "right_of:2", "--variant", "geometric", "--count", "64"];
+    let output = repose(&arguments);
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success() && text.contains("64 were asked for"), "{text}");
+    assert!(!text.contains("realism"), "nobody was asked for realism: {text}");
+}

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use repose_dataset::Split;
+use repose_evaluation::scenes::perturbation::Perturbation;
 use repose_proto::place::{Rotation, Variant};
 use repose_simulator::scene::SceneKind;
 
@@ -20,12 +21,24 @@ pub fn parse_rotation(name: &str) -> Result<Rotation, String> {
     }
 }
 
-/// The split of that name.
+/// The split of that name, of those that anything may be made of.
 pub fn parse_split(name: &str) -> Result<Split, String> {
-    Split::ALL
-        .into_iter()
-        .find(|split| split.name() == name)
-        .ok_or_else(|| format!("the splits are {}", Split::ALL.map(Split::name).join(", ")))
+    one_of(&[Split::Train, Split::Validation, Split::Test], name)
+}
+
+/// The split of that name, of those that tables are made of.
+pub fn parse_table_split(name: &str) -> Result<Split, String> {
+    one_of(&[Split::Validation, Split::Test, Split::Final], name)
+}
+
+fn one_of(splits: &[Split], name: &str) -> Result<Split, String> {
+    let known = || splits.iter().map(|split| split.name()).collect::<Vec<_>>().join(", ");
+    splits.iter().copied().find(|split| split.name() == name).ok_or_else(|| format!("expected one of {}", known()))
+}
+
+/// The fault of that name.
+pub fn parse_perturbation(name: &str) -> Result<Perturbation, String> {
+    Perturbation::parse(name).ok_or_else(|| format!("the faults are {}", Perturbation::ALL.map(Perturbation::name).join(", ")))
 }
 
 /// The kind of scenes of that name.
@@ -62,6 +75,11 @@ mod tests {
     fn names_are_read_and_what_is_unknown_is_told_what_there_is() {
         assert_eq!(parse_split("validation"), Ok(Split::Validation));
         assert!(parse_split("tests").is_err_and(|e| e.contains("validation")));
+        assert!(
+            parse_split("final").is_err() && parse_table_split("final") == Ok(Split::Final),
+            "nothing is trained on what figures come from"
+        );
+        assert!(parse_perturbation("noise").is_err_and(|e| e.contains("found_masks")));
         assert!(parse_kind("table").is_err_and(|e| e.contains("open_table")));
         assert!(parse_variant("bets").is_err_and(|e| e.contains("best")));
     }

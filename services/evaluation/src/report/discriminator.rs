@@ -52,7 +52,8 @@ pub fn document(table: &DiscriminatorTable, made_with: &Value) -> Value {
             "stable": paper::STABLE_PERCENT, "stable_with_goal": paper::STABLE_WITH_GOAL_PERCENT,
             "random_r": paper::RANDOM_R.0, "random_p": paper::RANDOM_R.1, "planned_r": paper::PLANNED_R.0, "planned_p": paper::PLANNED_R.1,
         },
-        "split": made_with["split"], "weights_hash": made_with["weights_hash"], "stability": made_with["stability"], "definition": DEFINITION,
+        "split": made_with["split"], "block": made_with["block"], "commit": made_with["commit"], "objects": made_with["objects"],
+        "weights_hash": made_with["weights_hash"], "stability": made_with["stability"], "definition": DEFINITION,
         "trials": table.trials,
     })
 }

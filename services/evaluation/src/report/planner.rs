@@ -46,6 +46,7 @@ fn row(row: &PlannerRow) -> Value {
     json!({
         "variant": row.variant,
         "predicates": all.predicates.percent(), "realistic": all.realistic.percent(), "successful": all.successful.percent(), "stable": all.stable.percent(),
+        "wrong": row.right_when_returned.percent().map(|right| 100.0 - right),
         "joint": row.joint.percent(), "joint_interval": row.joint.interval_percent(),
         "none_precision": row.none_precision.percent(), "none_recall": row.none_recall.percent(),
         "of_answerable": {

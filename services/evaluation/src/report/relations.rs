@@ -14,8 +14,8 @@ const EXAMPLE: &str = "an example is an ordered pair of objects of one view (one
                        objects and the anchor's from one without the query, depth as rendered; `apart`: the same pictures with a random camera's faults, \
                        borders cleaned by perception; `together`: such a camera's picture of all, each object hiding what it hides";
 
-/// The JSON: the table of pictures as rendered on top, the others under `apart` and `together`.
-pub fn document(table: &RelationsTable, [apart, together]: &[RelationsTable; 2], split: &str, weights_hash: &str) -> Value {
+/// The JSON: the table of pictures as rendered on top, the others under `apart` and `together`; `made_with` names split, weights and commit.
+pub fn document(table: &RelationsTable, [apart, together]: &[RelationsTable; 2], made_with: &Value) -> Value {
     let of = |table: &RelationsTable| {
         json!({
             "examples": table.examples, "scenes": table.scenes, "views": table.views, "lost_pairs": table.lost,
@@ -23,8 +23,9 @@ pub fn document(table: &RelationsTable, [apart, together]: &[RelationsTable; 2],
         })
     };
     let mut document = of(table);
-    document["split"] = json!(split);
-    document["weights_hash"] = json!(weights_hash);
+    for (name, value) in made_with.as_object().into_iter().flatten() {
+        document[name] = value.clone();
+    }
     document["definition"] = json!(EXAMPLE);
     document["paper_examples"] = json!(paper::RELATION_EXAMPLES);
     document["apart"] = of(apart);

@@ -4,6 +4,7 @@ pub mod agreement;
 pub mod carry_watch;
 pub mod one_scene;
 pub mod outcome;
+pub mod perturbation;
 pub mod planner_scene;
 pub mod problem;
 pub mod proposals;

@@ -22,6 +22,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::scenes::one_scene::OneScene;
 use crate::scenes::outcome::{Release, STABLE_M, judge, release};
+use crate::scenes::perturbation::Perturbation;
 use crate::scenes::problem::{Problem, ProblemSettings};
 use crate::scenes::script::script_placement;
 use crate::scenes::true_answers::{Support, TrueAnswer, Truth, TruthSettings};
@@ -35,6 +36,8 @@ pub struct PlannerSceneSettings {
     pub answers: u32,
     /// What `best` makes of the outcome network's word and geometry.
     pub stability: Stability,
+    /// A fault that is put on what the camera saw.
+    pub perturbation: Option<Perturbation>,
     /// How hard true answers are searched.
     pub truth: TruthSettings,
     /// How a release is simulated.
@@ -47,6 +50,7 @@ impl Default for PlannerSceneSettings {
             variants: Variant::ALL.to_vec(),
             answers: 8,
             stability: Stability::embedded().clone(),
+            perturbation: None,
             truth: TruthSettings::default(),
             release: ReleaseSettings::default(),
         }
@@ -96,7 +100,7 @@ pub struct Trial {
     pub variant: Variant,
     /// How its search ended.
     pub outcome: Outcome,
-    /// Why the request was refused, if it was: the object carries another, or too little of it was seen. Counts as "none".
+    /// Why the request was refused, if it was: the object carries another, too little of it was seen, or it was not found. Counts as "none".
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refused: Option<String>,
     /// What came of the first answer; none without one.
@@ -219,12 +223,17 @@ pub fn try_scene(
     let Some(problem) = set.problem(split, slot) else { return Ok(None) };
     let Some(truth) = Truth::new(&problem) else { return Ok(None) };
     let answers = truth.answers(&settings.truth, &settings.release);
-    let scene = Arc::new(problem.observed.clone());
+    // The truth is that of the scene; only what is seen of it changes.
+    let seen = match settings.perturbation {
+        Some(fault) => Problem { observed: fault.observed(&problem, &set.problem.perception)?, ..problem.clone() },
+        None => problem.clone(),
+    };
+    let scene = Arc::new(seen.observed.clone());
     let models = OneScene::new(engine, scene.clone()).with_stability(&settings.stability);
     let prepared = Prepared::with_id(scene, models.scene_id().to_owned());
     let (mut trials, mut results) = (Vec::new(), Vec::new());
     for &variant in &settings.variants {
-        let (trial, result) = trial(variant, &problem, &truth, &prepared, &models, settings)?;
+        let (trial, result) = trial(variant, &seen, &truth, &prepared, &models, settings)?;
         trials.push(trial);
         results.push(result);
     }
@@ -236,10 +245,10 @@ pub fn try_scene(
         query: problem.query,
         goal: problem.goal,
         true_supports: answers.len(),
-        script: ScriptTrial::of(&problem, &settings.release),
+        script: ScriptTrial::of(&seen, &settings.release),
         trials,
     };
-    Ok(Some(TriedScene { truth: answers, record, results, problem }))
+    Ok(Some(TriedScene { truth: answers, record, results, problem: seen }))
 }
 
 fn trial(
@@ -258,7 +267,10 @@ fn trial(
     };
     let started = Instant::now();
     let report = match plan_with_report(prepared, &request, models, &mut |_| ControlFlow::Continue(())) {
-        Err(error) if error.code == ErrorCode::FailedPrecondition => return Ok((Trial::refused(variant, error.message), None)),
+        // It is believed to carry another object, or perception has not found it.
+        Err(error) if matches!(error.code, ErrorCode::FailedPrecondition | ErrorCode::NotFound) => {
+            return Ok((Trial::refused(variant, error.message), None));
+        }
         answered => answered?,
     };
     let plan_ms = started.elapsed().as_secs_f64() * 1e3;

@@ -28,7 +28,7 @@ use repose_simulator::scene::Scene;
 use serde::Serialize;
 
 use crate::scenes::carry_watch::{CarryWatch, Incident, Shift};
-use crate::scenes::outcome::{OTHERS_MOVED_M, STABLE_M};
+use crate::scenes::outcome::{OTHERS_MOVED_M, STABLE_M, TILT_RAD};
 use crate::scenes::problem::Problem;
 use crate::scenes::robot_scene::Condition;
 
@@ -50,6 +50,10 @@ pub enum Cause {
     Dropped,
     /// It came to rest further than 5 cm from where it was to stand.
     Moved,
+    /// It stands where it was to stand, and has tipped by 15° or more.
+    Tipped,
+    /// It stands where it was to stand, and another object was moved by more than 2 cm.
+    Disturbed,
     /// It stands where it was to stand, but the goal does not hold.
     GoalNotTrue,
 }
@@ -65,6 +69,8 @@ impl Cause {
             Self::GraspLost => "grasp lost",
             Self::Dropped => "dropped",
             Self::Moved => "moved > 5 cm",
+            Self::Tipped => "tipped",
+            Self::Disturbed => "moved another",
             Self::GoalNotTrue => "goal not true",
         }
     }
@@ -85,7 +91,7 @@ pub struct RobotTrial {
     pub planned: bool,
     /// The object was in the hand when the lift had ended.
     pub grasped: bool,
-    /// It stands within 5 cm of where it was to stand, and the goal holds.
+    /// It stands upright within 5 cm of where it was to stand, nothing else was moved, and the goal holds.
     pub placed: bool,
     /// Why not.
     pub cause: Option<Cause>,
@@ -388,6 +394,10 @@ fn judge(problem: &Problem, cell: &CellWorld, wanted: &Isometry3<f64>, carried: 
         Some(Cause::Dropped)
     } else if off_m > STABLE_M {
         Some(Cause::Moved)
+    } else if trial.tilt_rad.is_some_and(|tilt| tilt > TILT_RAD) {
+        Some(Cause::Tipped)
+    } else if trial.disturbed {
+        Some(Cause::Disturbed)
     } else if !holds {
         Some(Cause::GoalNotTrue)
     } else {

@@ -71,16 +71,12 @@ pub fn tolerance_px(width: usize, height: usize) -> usize {
 pub fn score_masks(labelled: &Image<u16>, found: &Image<u16>) -> MaskScores {
     debug_assert_eq!((labelled.width(), labelled.height()), (found.width(), found.height()));
     let (labelled_px, found_px) = (sizes(labelled), sizes(found));
-    let mut shared: BTreeMap<(u16, u16), usize> = BTreeMap::new();
-    for (g, c) in labelled.pixels().iter().zip(found.pixels()).filter(|(g, c)| **g != 0 && **c != 0) {
-        *shared.entry((*g, *c)).or_insert(0) += 1;
-    }
-    let overlap_f = |g: u16, c: u16| 2.0 * shared.get(&(g, c)).map_or(0.0, |n| *n as f64) / (labelled_px[&g] + found_px[&c]) as f64;
-    let pairs = assign(&labelled_px.keys().copied().collect::<Vec<_>>(), &found_px.keys().copied().collect::<Vec<_>>(), overlap_f);
-
-    let matched: usize = pairs.iter().filter_map(|pair| shared.get(pair)).sum();
-    let overlap = Scores::of(matched, found_px.values().sum(), matched, labelled_px.values().sum());
-    let above_75 = pairs.iter().filter(|(g, c)| overlap_f(*g, *c) > FOUND_FROM).count();
+    let shared = shared_px(labelled, found);
+    let matches = matched(labelled, found);
+    let above_75 = matches.iter().filter(|(_, _, f)| *f > FOUND_FROM).count();
+    let pairs: Vec<(u16, u16)> = matches.into_iter().map(|(g, c, _)| (g, c)).collect();
+    let in_common: usize = pairs.iter().filter_map(|pair| shared.get(pair)).sum();
+    let overlap = Scores::of(in_common, found_px.values().sum(), in_common, labelled_px.values().sum());
 
     let disk = disk(tolerance_px(labelled.width(), labelled.height()));
     let (labelled_contours, found_contours) = (contours(labelled), contours(found));
@@ -92,6 +88,23 @@ pub fn score_masks(labelled: &Image<u16>, found: &Image<u16>) -> MaskScores {
     let total = |contours: &BTreeMap<u16, Vec<usize>>| contours.values().map(Vec::len).sum::<usize>();
     let boundary = Scores::of(matched_found, total(&found_contours), matched_labelled, total(&labelled_contours));
     MaskScores { labelled: labelled_px.len(), found: found_px.len(), above_75, overlap, boundary }
+}
+
+/// Pairs (labelled, found, overlap F) of masks with the greatest sum of F; those that do not overlap are no pairs.
+pub fn matched(labelled: &Image<u16>, found: &Image<u16>) -> Vec<(u16, u16, f64)> {
+    let (labelled_px, found_px, shared) = (sizes(labelled), sizes(found), shared_px(labelled, found));
+    let overlap_f = |g: u16, c: u16| 2.0 * shared.get(&(g, c)).map_or(0.0, |n| *n as f64) / (labelled_px[&g] + found_px[&c]) as f64;
+    let pairs = assign(&labelled_px.keys().copied().collect::<Vec<_>>(), &found_px.keys().copied().collect::<Vec<_>>(), overlap_f);
+    pairs.into_iter().map(|(g, c)| (g, c, overlap_f(g, c))).collect()
+}
+
+/// Pixels that a labelled and a found mask share.
+fn shared_px(labelled: &Image<u16>, found: &Image<u16>) -> BTreeMap<(u16, u16), usize> {
+    let mut shared = BTreeMap::new();
+    for (g, c) in labelled.pixels().iter().zip(found.pixels()).filter(|(g, c)| **g != 0 && **c != 0) {
+        *shared.entry((*g, *c)).or_insert(0) += 1;
+    }
+    shared
 }
 
 /// Pixels per id.

@@ -42,6 +42,8 @@ const MOST_EMPTY: u64 = 200;
 pub struct DiscriminatorSettings {
     /// Where problems come from; kitchens by default, as in the paper.
     pub problem: ProblemSettings,
+    /// The first scene, counted from the split's first seed.
+    pub first: u64,
     /// Random prior samples of each problem. The paper has one; more make the figures of all of them more certain.
     pub samples: u32,
     /// Distinct placements asked of the planner; the first is its answer, all of them are looked at for calibration.
@@ -61,7 +63,7 @@ impl Default for DiscriminatorSettings {
         let problem = ProblemSettings { scene: SceneSettings::only(SceneKind::Kitchen), ..ProblemSettings::default() };
         let variants = vec![Variant::Best, Variant::Full];
         let stability = Stability::embedded().clone();
-        Self { problem, samples: 8, placements: 3, variants, stability, release: ReleaseSettings::default(), threads: 2 }
+        Self { problem, first: 0, samples: 8, placements: 3, variants, stability, release: ReleaseSettings::default(), threads: 2 }
     }
 }
 
@@ -191,7 +193,7 @@ pub fn evaluate_discriminator(
     mut seen: impl FnMut(usize),
 ) -> Result<DiscriminatorTable, CallError> {
     let mut tried: Vec<Vec<Trial>> = Vec::with_capacity(scenes);
-    let (mut next, mut empty) = (0, 0);
+    let (mut next, mut empty) = (settings.first, 0);
     // As many at once as keep the threads busy; the table does not depend on it.
     let at_once = settings.threads.max(1) as u64;
     while tried.len() < scenes && empty < MOST_EMPTY {

@@ -57,6 +57,8 @@ pub struct RelationsSettings {
     pub viewpoint: ViewpointSettings,
     /// How frames are segmented (true masks are given).
     pub perception: repose_perception::Settings,
+    /// The first scene, counted from the split's first seed.
+    pub first: u64,
     /// Views of a scene. More of them say less than as many scenes do.
     pub views: u32,
     /// Threads to work with; the table does not depend on it.
@@ -70,6 +72,7 @@ impl Default for RelationsSettings {
             scene: SceneSettings::default(),
             viewpoint: ViewpointSettings { width: 640, height: 480, ..ViewpointSettings::default() },
             perception: repose_perception::Settings::default(),
+            first: 0,
             views: 1,
             threads: 2,
         }
@@ -167,6 +170,7 @@ pub fn evaluate_relations(
     let mut scenes: Vec<SceneCounts> = Vec::new();
     let (mut found, mut empty) = (0, 0);
     let mut seeds = split.seeds();
+    seeds.start += settings.first;
     while found < examples && empty < MOST_EMPTY {
         let batch: Vec<u64> = seeds.by_ref().take(SCENES_AT_ONCE).collect();
         if batch.is_empty() {

@@ -1,13 +1,13 @@
 //! Which scene seeds belong to which split: declared here and nowhere else.
 //!
-//! A scene's split follows from its seed alone, so that no tool can mix them up. Failures are looked at on validation; test scenes are
-//! run at the end.
+//! A scene's split follows from its seed alone, so that no tool can mix them up. Failures are looked at on validation scenes. Published
+//! figures come from `final`, block by block, each of which is run once.
 
 use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
-/// The three disjoint sets of scenes.
+/// The disjoint sets of scenes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Split {
@@ -15,13 +15,17 @@ pub enum Split {
     Train,
     /// Settings are chosen, and failures looked at, on these.
     Validation,
-    /// Published figures come from these.
+    /// Figures came from these until they had been looked at so often that they are a second set of validation scenes.
     Test,
+    /// Published figures come from these, a block of [`Split::BLOCK`] seeds at a time.
+    Final,
 }
 
 impl Split {
     /// Every split, in the order of their seeds.
-    pub const ALL: [Self; 3] = [Self::Train, Self::Validation, Self::Test];
+    pub const ALL: [Self; 4] = [Self::Train, Self::Validation, Self::Test, Self::Final];
+    /// Seeds of a block of `final`.
+    pub const BLOCK: u64 = 50_000_000;
 
     /// The scene seeds of this split.
     pub const fn seeds(self) -> Range<u64> {
@@ -29,6 +33,7 @@ impl Split {
             Self::Train => 0..1_000_000_000,
             Self::Validation => 1_000_000_000..2_000_000_000,
             Self::Test => 2_000_000_000..3_000_000_000,
+            Self::Final => 3_000_000_000..4_000_000_000,
         }
     }
 
@@ -43,6 +48,7 @@ impl Split {
             Self::Train => "train",
             Self::Validation => "validation",
             Self::Test => "test",
+            Self::Final => "final",
         }
     }
 }

@@ -9,7 +9,7 @@ use repose_evaluation::tables::discriminator::{DiscriminatorSettings, evaluate_d
 use repose_proto::place::Variant;
 use serde_json::json;
 
-use super::shared::{StabilityArgs, TableArgs, named, only_meshes};
+use super::shared::{StabilityArgs, TableArgs, folder_name, named, only_meshes};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 use crate::progress::Progress;
@@ -54,12 +54,14 @@ pub fn run(args: &EvaluateDiscriminatorArgs, output: Output) -> Outcome {
     }
     let engine = args.common.engine()?;
     settings.stability = args.stability.read(&engine)?;
+    let objects = folder_name(args.objects.as_deref());
+    let made_with = json!({"weights_hash": engine.weights_hash(), "stability": named(&settings.stability), "objects": objects});
+    let scenes = args.common.first("discriminator", &made_with)?;
+    settings.first = scenes.first;
     let progress = Progress::new(args.scenes as u64, "scenes");
-    let table = evaluate_discriminator(args.common.split, args.scenes, &engine, &settings, |scenes| progress.set(scenes as u64))?;
+    let table = evaluate_discriminator(scenes.split, args.scenes, &engine, &settings, |scenes| progress.set(scenes as u64))?;
     progress.finish();
-    let made_with =
-        json!({"split": args.common.split.name(), "weights_hash": engine.weights_hash(), "stability": named(&settings.stability)});
-    let document = document(&table, &made_with);
+    let document = document(&table, &scenes.named(&made_with));
     if let Some(folder) = &args.out {
         write_report(folder, "discriminator", &document, &pictures(&table).map_err(Failure::other)?)?;
     }

@@ -10,17 +10,18 @@ use repose_evaluation::report::planner::{document, pictures, text_of};
 use repose_evaluation::report::planner_records::Records;
 use repose_evaluation::report::planner_sheets::Sheets;
 use repose_evaluation::report::written::write_report;
+use repose_evaluation::scenes::perturbation::Perturbation;
 use repose_evaluation::scenes::planner_scene::{PlannerSceneSettings, SceneSet, TriedScene};
 use repose_evaluation::scenes::problem::ProblemSettings;
 use repose_evaluation::tables::planner::{PlannerTableSettings, evaluate_planner, planner_tables};
 use repose_proto::place::Variant;
 use repose_simulator::scene::SceneKind;
 
-use super::shared::{StabilityArgs, TableArgs, named, only_meshes};
+use super::shared::{StabilityArgs, TableArgs, folder_name, named, only_meshes};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 use crate::progress::Progress;
-use crate::values::{parse_count, parse_kind, parse_variant};
+use crate::values::{parse_count, parse_kind, parse_perturbation, parse_variant};
 
 /// The kinds that scenes of a user's meshes take turns in.
 const KINDS: [SceneKind; 6] =
@@ -45,6 +46,11 @@ pub struct EvaluatePlannerArgs {
     /// A folder of meshes never trained on, to make scenes of; kitchens have the program's own objects unless `--kind` is given.
     #[arg(long, value_name = "DIR")]
     pub objects: Option<PathBuf>,
+    /// A fault put on what the camera sees; the scenes, goals and true answers stay: found_masks (perception finds the objects), pose_1_10 and
+    /// pose_2_20 (the camera's pose off by 1° and 10 mm, 2° and 20 mm), labels_3_px (masks shifted by 3 pixels), depth_scale_1 (1 % too far),
+    /// holes (shiny objects), 320x240.
+    #[arg(long, value_name = "FAULT", value_parser = parse_perturbation)]
+    pub perturb: Option<Perturbation>,
     /// Split, weights and threads.
     #[command(flatten)]
     pub common: TableArgs,
@@ -64,11 +70,14 @@ pub fn run(args: &EvaluatePlannerArgs, output: Output) -> Outcome {
     let mut settings = settings_of(args)?;
     let engine = args.common.engine()?;
     settings.scene.stability = args.stability.read(&engine)?;
-    let head = serde_json::json!({
-        "split": args.common.split.name(), "weights_hash": engine.weights_hash(), "stability": named(&settings.scene.stability),
-        "variants": settings.scene.variants, "answers": settings.scene.answers,
-        "objects": args.objects.as_ref().and_then(|o| o.file_name()).map(|name| name.to_string_lossy()),
+    let made_with = serde_json::json!({
+        "weights_hash": engine.weights_hash(), "stability": named(&settings.scene.stability), "variants": settings.scene.variants,
+        "answers": settings.scene.answers, "objects": folder_name(args.objects.as_deref()), "perturb": args.perturb,
     });
+    let scenes = args.common.first("planner", &made_with)?;
+    settings.first += scenes.first;
+    let mut head = made_with.clone();
+    (head["split"], head["block"]) = (scenes.split.name().into(), scenes.block.into());
     let mut records = Records::open(args.out.as_deref(), &head)?;
     let sheets = args.out.as_ref().map(|folder| Sheets::new(folder, args.look_at));
     let bar = Progress::new((settings.sets.len() * settings.scenes) as u64, "scenes");
@@ -84,7 +93,7 @@ pub fn run(args: &EvaluatePlannerArgs, output: Output) -> Outcome {
     })?;
     bar.finish();
     let tables = planner_tables(&records.in_order(&settings.sets), &settings.scene.variants);
-    let document = document(&tables, &records.all, &head);
+    let document = document(&tables, &records.all, &scenes.named(&made_with));
     if let Some(folder) = &args.out {
         write_report(folder, "planner", &document, &pictures(&tables).map_err(Failure::other)?)?;
     }
@@ -117,7 +126,7 @@ fn settings_of(args: &EvaluatePlannerArgs) -> Result<PlannerTableSettings, Failu
         sets,
         first: args.first,
         scenes: args.scenes,
-        scene: PlannerSceneSettings { variants, ..PlannerSceneSettings::default() },
+        scene: PlannerSceneSettings { variants, perturbation: args.perturb, ..PlannerSceneSettings::default() },
         threads: args.common.threads(),
     })
 }

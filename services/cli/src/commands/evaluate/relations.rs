@@ -6,8 +6,9 @@ use clap::Args;
 use repose_evaluation::report::relations::{document, pictures, text_of};
 use repose_evaluation::report::written::write_report;
 use repose_evaluation::tables::relations::{RelationsSettings, Shown, evaluate_relations};
+use serde_json::json;
 
-use super::shared::{TableArgs, only_meshes};
+use super::shared::{TableArgs, folder_name, only_meshes};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 use crate::progress::Progress;
@@ -37,15 +38,18 @@ pub fn run(args: &EvaluateRelationsArgs, output: Output) -> Outcome {
         only_meshes(&mut settings.scene, folder)?;
     }
     let engine = args.common.engine()?;
+    let made_with = json!({"weights_hash": engine.weights_hash(), "objects": folder_name(args.objects.as_deref())});
+    let scenes = args.common.first("relations", &made_with)?;
+    settings.first = scenes.first;
     let mut table_of = |shown: Shown| {
         settings.shown = shown;
         let progress = Progress::new(args.examples as u64, &format!("examples, {shown:?}").to_lowercase());
-        let table = evaluate_relations(args.common.split, args.examples, &engine, &settings, |examples| progress.set(examples as u64));
+        let table = evaluate_relations(scenes.split, args.examples, &engine, &settings, |examples| progress.set(examples as u64));
         progress.finish();
         table
     };
     let (table, beside) = (table_of(Shown::Rendered)?, [table_of(Shown::Apart)?, table_of(Shown::Together)?]);
-    let document = document(&table, &beside, args.common.split.name(), engine.weights_hash());
+    let document = document(&table, &beside, &scenes.named(&made_with));
     if let Some(folder) = &args.out {
         write_report(folder, "relations", &document, &pictures(&table, &beside).map_err(Failure::other)?)?;
     }

@@ -4,22 +4,28 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use repose_dataset::Split;
+use repose_evaluation::report::final_runs::{claim, commit, ledger};
 use repose_inference::Engine;
 use repose_planner::stability::Stability;
 use repose_planner::{PlannerConfig, stability_of};
 use repose_simulator::objects::{MeshLibrary, MeshSettings, ObjectSource};
 use repose_simulator::scene::SceneSettings;
+use serde_json::Value;
 
 use crate::embedded::engine;
 use crate::failure::{Failure, Outcome};
-use crate::values::{parse_split, threads};
+use crate::values::{parse_table_split, threads};
 
 /// What every table of the networks and the planner is told.
 #[derive(Debug, Args)]
 pub struct TableArgs {
-    /// Whose scenes: validation or test.
-    #[arg(long, default_value = "test", value_parser = parse_split)]
+    /// Whose scenes: validation; test (a second set of validation scenes by now); or final, for figures that are published: each block of it
+    /// is run once, from a clean checkout, and written down in services/evaluation/record/final.jsonl.
+    #[arg(long, default_value = "validation", value_parser = parse_table_split)]
     pub split: Split,
+    /// Which block of `final`. Default: the next, or the one that an interrupted run of the same code and settings had begun.
+    #[arg(long, value_name = "N")]
+    pub block: Option<u64>,
     /// A weights file in place of the program's own.
     #[arg(long, value_name = "FILE")]
     pub weights: Option<PathBuf>,
@@ -29,6 +35,17 @@ pub struct TableArgs {
 }
 
 impl TableArgs {
+    /// The first scene, counted from the split's first seed: the block's, which is written down here when it begins.
+    pub fn first(&self, table: &str, made_with: &Value) -> Result<Scenes, Failure> {
+        let commit = commit();
+        if self.split != Split::Final {
+            let given = self.block.map_or(Ok(()), |_| Err(Failure::bad_input("block", "only `--split final` has blocks")));
+            return given.map(|()| Scenes { split: self.split, first: 0, block: None, commit });
+        }
+        let block = claim(&ledger(), table, self.block, &commit, made_with).map_err(|e| Failure::bad_input("block", e))?;
+        Ok(Scenes { split: self.split, first: block * Split::BLOCK, block: Some(block), commit })
+    }
+
     /// The networks, one thread a request: the tables spread scenes over the cores.
     pub fn engine(&self) -> Result<Engine, Failure> {
         engine(self.weights.clone())
@@ -37,6 +54,28 @@ impl TableArgs {
     /// The threads to use.
     pub fn threads(&self) -> usize {
         threads(self.threads)
+    }
+}
+
+/// Which scenes a table is of.
+#[derive(Debug, Clone)]
+pub struct Scenes {
+    /// Their split.
+    pub split: Split,
+    /// The first of them, counted from the split's first seed.
+    pub first: u64,
+    /// The block of `final`.
+    pub block: Option<u64>,
+    /// The commit of the code that makes the table.
+    pub commit: String,
+}
+
+impl Scenes {
+    /// What a report says of them beside `made_with`.
+    pub fn named(&self, made_with: &Value) -> Value {
+        let mut named = made_with.clone();
+        (named["split"], named["block"], named["commit"]) = (self.split.name().into(), self.block.into(), self.commit.clone().into());
+        named
     }
 }
 
@@ -66,8 +105,13 @@ impl StabilityArgs {
 }
 
 /// What a report says of a stability.
-pub fn named(stability: &Stability) -> serde_json::Value {
+pub fn named(stability: &Stability) -> Value {
     serde_json::json!({"hash": stability.hash(), "fitted_on": stability.fitted_on()})
+}
+
+/// The name of a folder of meshes, as reports have it: where it lies says nothing about them.
+pub fn folder_name(folder: Option<&Path>) -> Option<String> {
+    Some(folder?.file_name()?.to_string_lossy().into_owned())
 }
 
 /// Makes scenes of a folder's meshes only.

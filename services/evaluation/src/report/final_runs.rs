@@ -1,0 +1,142 @@
+//! The ledger of the `final` split: which block of its scenes was run when, by which code and weights.
+//!
+//! A figure that is published must come from scenes that nobody has looked at. So every block is run once for each table, its run is written
+//! down when it begins, and a block that was run is a validation split from then on. An interrupted run goes on; anything else takes the
+//! next block.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::report::written::FileError;
+
+/// One run, a line of the ledger.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FinalRun {
+    /// Which table: `planner`, `relations`, `discriminator`.
+    pub table: String,
+    /// The block of the split.
+    pub block: u64,
+    /// The commit of the code, with `-dirty` where files differed from it; `unknown` outside a checkout.
+    pub commit: String,
+    /// What the table was made with: weights, settings.
+    pub made_with: Value,
+    /// When it began, seconds since the Unix epoch.
+    pub begun_s: u64,
+}
+
+/// Why a block cannot be run.
+#[derive(Debug, thiserror::Error)]
+pub enum FinalRunError {
+    /// The ledger cannot be read or written.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// It was run already, or one before it was not.
+    #[error("block {asked} of `final` {why}; the next one for {table} is {next}")]
+    Block {
+        /// The block asked for.
+        asked: u64,
+        /// What is wrong with it.
+        why: &'static str,
+        /// The table.
+        table: String,
+        /// The block that may be run.
+        next: u64,
+    },
+    /// The code is not the code of any commit.
+    #[error("files differ from commit {0}: a run of `final` names the code that made it, so commit first")]
+    Dirty(String),
+}
+
+/// The block to run: the one asked for, or the next; writes it down. A run that was begun with the same code and settings goes on.
+///
+/// # Errors
+/// [`FinalRunError`] when the block was run before, one before it was not, the code is not committed, or the ledger cannot be kept.
+pub fn claim(ledger: &Path, table: &str, asked: Option<u64>, commit: &str, made_with: &Value) -> Result<u64, FinalRunError> {
+    if let Some(clean) = commit.strip_suffix(DIRTY) {
+        return Err(FinalRunError::Dirty(clean.to_owned()));
+    }
+    let runs: Vec<FinalRun> = read(ledger)?.into_iter().filter(|run| run.table == table).collect();
+    let next = runs.iter().map(|run| run.block + 1).max().unwrap_or(0);
+    let goes_on = |run: &FinalRun| run.commit == commit && run.made_with == *made_with;
+    // Without a block asked for, the last run goes on if it can.
+    let block = asked.or_else(|| runs.last().filter(|run| goes_on(run)).map(|run| run.block)).unwrap_or(next);
+    if runs.iter().any(|run| run.block == block && goes_on(run)) {
+        return Ok(block);
+    }
+    if block != next {
+        let why = if block < next { "was run before by other code or settings, and is a validation split now" } else { "is not the next" };
+        return Err(FinalRunError::Block { asked: block, why, table: table.to_owned(), next });
+    }
+    let begun_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    let run = FinalRun { table: table.to_owned(), block, commit: commit.to_owned(), made_with: made_with.clone(), begun_s };
+    let line = serde_json::to_string(&run).map_err(|e| FileError::new(ledger, e))?;
+    let mut file = std::fs::File::options().append(true).create(true).open(ledger).map_err(|e| FileError::new(ledger, e))?;
+    writeln!(file, "{line}").map_err(|e| FileError::new(ledger, e))?;
+    Ok(block)
+}
+
+/// What a commit that files differ from ends in.
+const DIRTY: &str = "-dirty";
+
+/// The commit that is checked out in the working directory.
+pub fn commit() -> String {
+    let git = |arguments: &[&str]| {
+        let said = std::process::Command::new("git").args(arguments).stderr(std::process::Stdio::null()).output().ok()?;
+        said.status.success().then(|| String::from_utf8_lossy(&said.stdout).trim().to_owned())
+    };
+    let Some(head) = git(&["rev-parse", "HEAD"]) else { return "unknown".to_owned() };
+    let differs = git(&["status", "--porcelain", "--untracked-files=no"]).is_none_or(|changes| !changes.is_empty());
+    format!("{head}{}", if differs { DIRTY } else { "" })
+}
+
+/// The ledger in a checkout, seen from its top folder.
+pub fn ledger() -> PathBuf {
+    PathBuf::from("services/evaluation/record/final.jsonl")
+}
+
+fn read(ledger: &Path) -> Result<Vec<FinalRun>, FileError> {
+    let text = match std::fs::read_to_string(ledger) {
+        Ok(text) => text,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
+        Err(error) => return Err(FileError::new(ledger, error)),
+    };
+    text.lines().map(|line| serde_json::from_str(line).map_err(|e| FileError::new(ledger, e))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn a_block_is_run_once_and_an_interrupted_run_goes_on() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let ledger = folder.path().join("final.jsonl");
+        let (old, new) = (json!({"weights_hash": "a"}), json!({"weights_hash": "b"}));
+        assert_eq!(claim(&ledger, "planner", None, "c1", &old).expect("the first"), 0);
+        assert_eq!(claim(&ledger, "planner", None, "c1", &old).expect("it goes on"), 0);
+        assert_eq!(claim(&ledger, "relations", None, "c1", &old).expect("another table's first"), 0);
+        assert_eq!(claim(&ledger, "planner", None, "c1", &new).expect("other weights take the next"), 1);
+        assert_eq!(claim(&ledger, "planner", None, "c2", &new).expect("so does other code"), 2);
+        let refused = |block| claim(&ledger, "planner", Some(block), "c3", &new).expect_err("not the next").to_string();
+        assert!(refused(1).contains("validation split now") && refused(1).contains("planner is 3"), "{}", refused(1));
+        assert!(refused(7).contains("is not the next"));
+        assert_eq!(std::fs::read_to_string(&ledger).expect("a file").lines().count(), 4);
+        let dirty = claim(&ledger, "planner", None, "c3-dirty", &new).expect_err("what made it has no name").to_string();
+        assert!(dirty.contains("c3") && dirty.contains("commit first"), "{dirty}");
+    }
+
+    #[test]
+    fn a_damaged_ledger_is_an_error() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let ledger = folder.path().join("final.jsonl");
+        std::fs::write(&ledger, "{}\n").expect("written");
+        assert!(claim(&ledger, "planner", None, "c", &json!({})).is_err_and(|e| e.to_string().contains("final.jsonl")));
+    }
+}
