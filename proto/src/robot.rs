@@ -58,7 +58,6 @@ impl GripperCommand {
 
 /// Who commands, and since which epoch.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Owner {
     /// The commander's name: its worker id.
     pub id: String,
@@ -80,7 +79,6 @@ pub enum RobotMode {
 
 /// Why a stop is latched.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct StopState {
     /// `estop`, or the name of the reflex: `commander_silent`, `joint_position_limit`, `joint_velocity_limit`,
     /// `joint_acceleration_limit`, `start_pose_mismatch`, `invalid_command`.
@@ -94,7 +92,6 @@ pub struct StopState {
 
 /// State of a robot, put at a fixed rate and on every change of mode.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct RobotState {
     /// Contract version, 1.
     pub v: u32,

@@ -1,11 +1,10 @@
 //! The compute side of the service: the bounded queue, the threads that plan, and the scenes that were sent.
 
-use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 use repose_proto::motion::{MotionPlan, MotionPlanRequest};
 use repose_proto::{CallError, Scene};
-use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError};
+use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore, check_scene_id};
 
 use crate::config::MotionConfig;
 use crate::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place_until};
@@ -17,7 +16,7 @@ pub struct Worker {
     queue: ComputeQueue,
     settings: Arc<PickPlaceSettings>,
     terms: PlanTerms,
-    scenes: Arc<Mutex<HeldScenes>>,
+    scenes: Arc<SceneStore<Scene>>,
 }
 
 impl Worker {
@@ -32,7 +31,7 @@ impl Worker {
             settings: Arc::new(config.planning()?),
             terms: config.terms()?,
             queue: ComputeQueue::start(queue)?,
-            scenes: Arc::new(Mutex::new(HeldScenes { limit: config.scenes.max(1), held: VecDeque::new() })),
+            scenes: Arc::new(SceneStore::new(config.scenes, usize::MAX, |_| 0)),
         })
     }
 
@@ -42,21 +41,24 @@ impl Worker {
     /// `not_found` on `scene_id` when the scene is not held and did not come; `invalid_argument` when it is another one; the planner's errors
     /// as `failed_precondition`; `cancelled` and `deadline_exceeded` as soon as they are so; those of the queue.
     pub async fn plan(&self, context: JobContext, request: MotionPlanRequest, scene: Option<Scene>) -> Result<MotionPlan, CallError> {
-        let held = locked(&self.scenes).get(&request.scene.scene_id);
-        if held.is_none() && scene.is_none() {
-            let message = format!("this worker does not hold scene {}", request.scene.scene_id);
-            return Err(CallError::not_found("scene_id", message));
-        }
+        let held = match self.scenes.get(&request.scene.scene_id) {
+            Err(missing) if scene.is_none() => return Err(missing),
+            held => held.ok(),
+        };
         let (settings, terms, scenes) = (self.settings.clone(), self.terms, self.scenes.clone());
         let job = move |context: &JobContext| {
             let scene = match (held, scene) {
                 (Some(held), None) => held,
                 (Some(held), Some(sent)) if sent.stamp_ns <= held.stamp_ns => held,
-                (_, Some(sent)) => Arc::new(checked(sent, &request.scene.scene_id)?),
+                (_, Some(sent)) => {
+                    check_scene_id(&sent, &request.scene.scene_id)?;
+                    Arc::new(sent)
+                }
                 (None, None) => return Err(CallError::internal("no scene to plan on")),
             };
-            // Kept before the planning, which may fail or be given up: the caller need not send it again.
-            locked(&scenes).keep(&request.scene.scene_id, scene.clone());
+            // Kept before the planning, which may fail or be given up: the caller need not send it again. The youngest sighting stays, for the
+            // id does not tell when the content was seen.
+            scenes.keep_over(&request.scene.scene_id, scene.clone(), |held| held.stamp_ns < scene.stamp_ns);
             planned(context, &request, &scene, &settings, &terms)
         };
         self.queue.run(context, job).await
@@ -68,8 +70,7 @@ impl Worker {
     /// # Errors
     /// `not_found` when the plan's scene is held and has no such object.
     pub fn executable(&self, mut plan: MotionPlan) -> Result<MotionPlan, CallError> {
-        let held = locked(&self.scenes).get(&plan.scene_id);
-        if let Some(scene) = held {
+        if let Ok(scene) = self.scenes.get(&plan.scene_id) {
             if scene.object(plan.query).is_none() {
                 return Err(CallError::not_found("query", format!("the plan's scene has no object {}", plan.query)));
             }
@@ -88,19 +89,6 @@ impl Worker {
     pub fn capacity(&self) -> usize {
         self.queue.capacity()
     }
-}
-
-/// The scene, if its content has the id that the request names.
-fn checked(scene: Scene, scene_id: &str) -> Result<Scene, CallError> {
-    let actual = scene.id();
-    if actual == scene_id {
-        return Ok(scene);
-    }
-    Err(CallError::invalid("scene.scene_id", format!("the enclosed scene's id is {actual}, not {scene_id}")))
-}
-
-fn locked(scenes: &Mutex<HeldScenes>) -> MutexGuard<'_, HeldScenes> {
-    scenes.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// One request on its scene, while it is worth it.
@@ -130,31 +118,4 @@ fn planned(
         error => wire::call_error(&error),
     })?;
     Ok(wire::motion_plan(&plan, request, scene.stamp_ns, terms))
-}
-
-/// Scenes by id, least recently used out.
-struct HeldScenes {
-    limit: usize,
-    /// Most recently used last.
-    held: VecDeque<(String, Arc<Scene>)>,
-}
-
-impl HeldScenes {
-    fn get(&mut self, scene_id: &str) -> Option<Arc<Scene>> {
-        let at = self.held.iter().position(|(id, _)| id == scene_id)?;
-        let entry = self.held.remove(at)?;
-        let scene = entry.1.clone();
-        self.held.push_back(entry);
-        Some(scene)
-    }
-
-    /// Keeps the youngest sighting: the id leaves out when the content was seen.
-    fn keep(&mut self, scene_id: &str, scene: Arc<Scene>) {
-        let younger = self.get(scene_id).filter(|held| held.stamp_ns > scene.stamp_ns);
-        self.held.retain(|(id, _)| id != scene_id);
-        self.held.push_back((scene_id.to_owned(), younger.unwrap_or(scene)));
-        while self.held.len() > self.limit {
-            self.held.pop_front();
-        }
-    }
 }
