@@ -4,11 +4,10 @@ use std::path::PathBuf;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use clap::Args;
-use repose_proto::perception::{LatestRequest, SceneRequest};
+use repose_proto::perception::LatestRequest;
 use repose_proto::robot::RobotState;
-use repose_proto::scoring::enclose;
-use repose_proto::{CallError, ErrorCode, Message, Payload, PlaceRequest, PlaceResult, Scene, SceneSummary, Service, keys};
-use repose_runtime::{Answer, CallOptions, Caller, RuntimeConfig, RuntimeError, Session, SessionMode};
+use repose_proto::{CallError, ErrorCode, Payload, PlaceRequest, PlaceResult, Scene, SceneSummary, Service, keys};
+use repose_runtime::{Answer, CallOptions, Caller, RuntimeConfig, RuntimeError, Session, SessionMode, fetch_scene};
 use tokio::time::Instant;
 
 use crate::failure::Failure;
@@ -84,6 +83,12 @@ pub fn router_config(args: &SystemArgs) -> Result<RuntimeConfig, Failure> {
         session.connect.clear();
     }
     session.mode = SessionMode::Router;
+    let secured = session.listen.iter().find(|endpoint| endpoint.starts_with("quic/"));
+    if let (Some(secured), Some(plain)) = (secured, args.connect.as_ref().filter(|given| given.starts_with("tcp/"))) {
+        let message =
+            format!("--connect or REPOSE_CONNECT says {plain}, without certificates, and the configuration says {secured}: take one away");
+        return Err(Failure::bad_input("connect", message));
+    }
     set_endpoint(&mut session.listen, args, session.zenoh_file.is_some());
     Ok(config)
 }
@@ -163,9 +168,7 @@ pub async fn newest_scene(session: &Session, camera: &str, within: Duration, pat
 /// A scene, whole, from the perception worker that made it.
 pub async fn whole_scene(session: &Session, scene_id: &str, within: Duration) -> Result<Scene, Failure> {
     let perception = session.caller(Service::Perception).await?;
-    let request = Payload::json(&SceneRequest { scene_id: scene_id.to_owned() })?;
-    let answer = perception.call_any("scene", &request, &CallOptions::within(within)).await?;
-    Ok(Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA)?)?)
+    Ok(fetch_scene(&perception, scene_id, &CallOptions::within(within)).await?)
 }
 
 /// Asks for a placement on a scene by its id; sends the scene whole, where it is at hand, when nobody holds it any more.
@@ -175,16 +178,7 @@ pub async fn place(
     scene: Option<&Scene>,
     options: CallOptions,
 ) -> Result<(PlaceResult, Answer), CallError> {
-    let by_id = planner.call("place", Payload::json(request)?, options.clone()).await;
-    let answer = match (by_id, scene) {
-        (Err(error), Some(scene))
-            if error.code == ErrorCode::NotFound && error.field.as_deref().is_some_and(|f| f.ends_with("scene_id")) =>
-        {
-            let whole = Payload::bulk(PlaceRequest::SCHEMA, &enclose(request, Some(scene)))?;
-            planner.call("place", whole, options).await?
-        }
-        (answered, _) => answered?,
-    };
+    let answer = planner.call_with_scene("place", scene, |scene| Payload::with_scene(request, scene), options).await?;
     Ok((answer.payload.decode_json()?, answer))
 }
 

@@ -11,7 +11,6 @@ use nalgebra::{Isometry3, Point3};
 use repose_geometry::ViewerFrame;
 use repose_geometry::transform::from_row_major;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
-use repose_proto::scoring::enclose;
 use repose_proto::{CallError, ErrorCode, GoalTerm, Message, ObjectSummary, Payload, PlaceRequest, PlaceResult, Scene, SceneRef, Service};
 use repose_relations::{ObservedObject, observed};
 use repose_runtime::{CallOptions, Caller, Session};
@@ -233,9 +232,9 @@ impl System<'_> {
             grasps: None,
             seed: request.seed,
         };
-        // Enclosed: motion need not hold a scene that is this new.
-        let whole = Payload::bulk(MotionPlanRequest::SCHEMA, &enclose(&request, Some(&view.1)))?;
-        let answer = self.motion.call("plan", whole, CallOptions::within(self.deadline)).await.map_err(of_motion)?;
+        let encode = |scene: Option<&Scene>| Payload::with_scene(&request, scene);
+        let answer =
+            self.motion.call_with_scene("plan", Some(&view.1), encode, CallOptions::within(self.deadline)).await.map_err(of_motion)?;
         Ok(answer.payload.decode_json()?)
     }
 }

@@ -12,7 +12,6 @@ use repose_evaluation::report::written::can_write;
 use repose_geometry::transform::from_row_major;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
 use repose_proto::place::Variant;
-use repose_proto::scoring::enclose;
 use repose_proto::simulator::{TrueObject, Truth, TruthRequest};
 use repose_proto::{
     CallError, ErrorCode, Frame, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Relation, Scene, SceneRef, Service,
@@ -230,13 +229,8 @@ impl Cell {
 
     /// Asks for a motion on a scene by its id; sends it whole to a worker that does not hold it.
     async fn motion_plan(&self, request: &MotionPlanRequest, scene: &Scene) -> Result<MotionPlan, CallError> {
-        match self.call(&self.motion, "plan", request, CallOptions::within(CALL)).await {
-            Err(error) if error.code == ErrorCode::NotFound && error.field.as_deref() == Some("scene_id") => {
-                let whole = Payload::bulk(MotionPlanRequest::SCHEMA, &enclose(request, Some(scene)))?;
-                self.motion.call("plan", whole, CallOptions::within(CALL)).await?.payload.decode_json()
-            }
-            answered => answered,
-        }
+        let encode = |scene: Option<&Scene>| Payload::with_scene(request, scene);
+        self.motion.call_with_scene("plan", Some(scene), encode, CallOptions::within(CALL)).await?.payload.decode_json()
     }
 
     async fn call<Q: Message + Serialize, R: Message + serde::de::DeserializeOwned>(
