@@ -20,7 +20,6 @@ pub enum Priority {
 
 /// The attachment of a call.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct CallAttachment {
     /// Contract version, 1.
     pub v: u32,
@@ -39,6 +38,10 @@ pub struct CallAttachment {
     /// W3C trace context, if the caller has one.
     #[serde(default)]
     pub traceparent: Option<String>,
+    /// The name that the caller's process goes by, for logs and traces. Whoever sends it may say anything: it is no proof of a user. Left out
+    /// where it is not configured, because workers of release 1 refuse it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub caller: Option<String>,
 }
 
 impl CallAttachment {
@@ -92,7 +95,6 @@ pub enum ReplyKind {
 
 /// The attachment of a reply.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct ReplyAttachment {
     /// Contract version, 1.
     pub v: u32,

@@ -48,7 +48,6 @@ impl ErrorCode {
 
 /// A typed error reply.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema, thiserror::Error)]
-#[serde(deny_unknown_fields)]
 #[error("{}: {message}{}", code.as_str(), field.as_ref().map(|f| format!(" (field {f})")).unwrap_or_default())]
 pub struct CallError {
     /// What kind of error this is.

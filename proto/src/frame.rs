@@ -9,7 +9,6 @@ use crate::{Bulk, CallError, RigidTransform, Tensor, limits};
 
 /// Intrinsics and, where known, the pose of a camera: the content of a frame folder's `camera.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct CameraModel {
     /// Columns.
     pub width: usize,

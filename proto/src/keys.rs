@@ -39,6 +39,21 @@ impl Service {
         }
     }
 
+    /// Whether a method moves a robot, lets it move again, or changes the world: what only operators may call. Such calls go to
+    /// [`Cell::operate`].
+    pub fn operates(self, method: &str) -> bool {
+        match self {
+            Self::Motion => ["execute", "reset", "open", "retreat", "home"].contains(&method),
+            Self::Simulator => method == "reset",
+            Self::Perception | Self::Inference | Self::Planner => false,
+        }
+    }
+
+    /// Whether the service has such methods.
+    pub fn has_operations(self) -> bool {
+        matches!(self, Self::Motion | Self::Simulator)
+    }
+
     /// The service of that name.
     pub fn parse(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|s| s.as_str() == name)
@@ -74,6 +89,11 @@ impl Cell {
     pub fn new(name: &str) -> Result<Self, CallError> {
         validate_chunk("cell", name)?;
         Ok(Self(format!("repose/v1/{name}")))
+    }
+
+    /// Every cell at once: for rules about keys, and for no message.
+    pub fn every() -> Self {
+        Self("repose/v1/*".to_owned())
     }
 
     /// The cell's name.
@@ -126,6 +146,12 @@ impl Cell {
         format!("{}/service/{service}/{worker}/call", self.0)
     }
 
+    /// Query: a call to one worker of a method that moves a robot or changes the world ([`Service::operates`]). A key of its own, because
+    /// access control sees keys and not methods.
+    pub fn operate(&self, service: Service, worker: &str) -> String {
+        format!("{}/service/{service}/{worker}/operate", self.0)
+    }
+
     /// Put: cancel of one request at one worker.
     pub fn cancel(&self, service: Service, worker: &str, request: &str) -> String {
         format!("{}/service/{service}/{worker}/@cancel/{request}", self.0)
@@ -149,6 +175,11 @@ impl Cell {
     /// The loads of every worker of every service.
     pub fn all_loads(&self) -> String {
         format!("{}/service/*/*/load", self.0)
+    }
+
+    /// The liveliness tokens of every worker of every service.
+    pub fn all_lives(&self) -> String {
+        format!("{}/live/*/*", self.0)
     }
 
     /// Liveliness token of a worker.

@@ -3,6 +3,23 @@
 //! Plain data with its validation and encoding: messages (JSON), the bulk form (safetensors) for clouds and images, the
 //! attachments of calls and replies, errors, and every key. No behaviour beyond that, and no dependency on anything of ours.
 //! The promises behind these types are the project's contract, version 1; [`frames`] is the glossary of coordinate frames.
+//!
+//! ```
+//! use repose_proto::{Cell, ErrorCode, Payload, PlaceRequest, Service};
+//!
+//! // A request as it goes to the key of one worker.
+//! let request = PlaceRequest::new("0".repeat(64), 2, vec!["left_of:3".parse()?]);
+//! let payload = Payload::json(&request)?;
+//! assert_eq!(payload.schema(), "PlaceRequest.v1");
+//! assert_eq!(payload.decode_json::<PlaceRequest>()?, request);
+//! assert_eq!(Cell::new("lab")?.call(Service::Planner, "p-1"), "repose/v1/lab/service/planner/p-1/call");
+//!
+//! // What cannot be is refused, with the field at fault.
+//! let wrong = Payload { bytes: String::from_utf8_lossy(&payload.bytes).replace("left_of", "beside").into(), ..payload };
+//! let error = wrong.decode_json::<PlaceRequest>().unwrap_err();
+//! assert_eq!((error.code, error.field.as_deref()), (ErrorCode::InvalidArgument, Some("goal[0].relation")));
+//! # Ok::<(), repose_proto::CallError>(())
+//! ```
 
 pub mod bulk;
 pub mod envelope;

@@ -7,7 +7,6 @@ use crate::Message;
 
 /// A worker's load.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct WorkerLoad {
     /// Contract version, 1.
     pub v: u32,
@@ -27,6 +26,9 @@ pub struct WorkerLoad {
     pub kernel: String,
     /// Whether the worker takes no new calls.
     pub draining: bool,
+    /// Whether the worker serves [`crate::Cell::operate`]; workers of release 1 take every method on their `call` key.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub operates: bool,
 }
 
 impl Message for WorkerLoad {

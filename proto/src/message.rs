@@ -4,7 +4,8 @@ use bytes::Bytes;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::{Bulk, CallError, ErrorCode, limits};
+use crate::scoring::enclose;
+use crate::{Bulk, CallError, ErrorCode, Scene, limits};
 
 /// A type that crosses the wire under a schema name of its own.
 pub trait Message {
@@ -48,6 +49,17 @@ impl Payload {
     /// `invalid_argument` when it is larger than a message may be.
     pub fn bulk(schema: &str, bulk: &Bulk) -> Result<Self, CallError> {
         Self { encoding: format!("{BULK};repose.{schema}"), bytes: bulk.encode().into() }.within_limit()
+    }
+
+    /// A request as JSON, or in bulk form where its scene goes along, enclosed.
+    ///
+    /// # Errors
+    /// As [`Payload::json`].
+    pub fn with_scene<T: Message + Serialize>(request: &T, scene: Option<&Scene>) -> Result<Self, CallError> {
+        match scene {
+            None => Self::json(request),
+            Some(scene) => Self::bulk(T::SCHEMA, &enclose(request, Some(scene))),
+        }
     }
 
     /// The same payload, if a message may be that large.
@@ -124,6 +136,21 @@ pub fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, CallError> {
     })?;
     reader.end().map_err(|e| CallError::invalid("payload", e.to_string()))?;
     Ok(value)
+}
+
+/// Reads JSON that a person wrote: as [`from_json`], and refuses fields at the top that `T` does not have, even where `T` ignores them on the
+/// wire for the sake of newer senders. A misspelt name in a file is a mistake.
+///
+/// # Errors
+/// `invalid_argument`.
+pub fn from_file_json<T: DeserializeOwned + Serialize>(bytes: &[u8]) -> Result<T, CallError> {
+    let value: T = from_json(bytes)?;
+    let given: serde_json::Map<String, serde_json::Value> = from_json(bytes)?;
+    let known = serde_json::to_value(&value).map_err(|e| CallError::internal(e.to_string()))?;
+    match given.iter().find(|(name, given)| !given.is_null() && known.get(name.as_str()).is_none()) {
+        Some((name, _)) => Err(CallError::invalid(name.as_str(), format!("unknown field `{name}`"))),
+        None => Ok(value),
+    }
 }
 
 /// serde reports an unknown or missing field at its parent's path and names it in the message only.

@@ -257,7 +257,6 @@ pub enum ExecutionOutcome {
 
 /// The outcome of an execution.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct ExecuteReply {
     /// How it ended.
     pub outcome: ExecutionOutcome,
@@ -276,7 +275,6 @@ impl Message for ExecuteReply {
 
 /// Progress of an execution.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct ExecuteProgress {
     /// The phase that begins.
     pub phase: Phase,
@@ -366,7 +364,6 @@ impl Message for RobotResetRequest {
 
 /// The stop is cleared.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct RobotResetReply {
     /// Whether a stop was latched before.
     pub was_stopped: bool,

@@ -283,7 +283,6 @@ pub enum Rejection {
 
 /// A goal term by rule on shapes completed from the observed clouds, independent of any network.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct GeometricCheck {
     /// Whether the term (negation included) holds.
     pub holds: bool,
@@ -293,7 +292,6 @@ pub struct GeometricCheck {
 
 /// One answer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Placement {
     /// The motion of world space that carries the object's observed points to the placed ones.
     pub placed_from_observed: RigidTransform,
@@ -316,7 +314,6 @@ pub struct Placement {
 
 /// The term whose removal would have admitted the most candidates; never the only one that must hold.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Relaxation {
     /// The goal term to give up.
     pub term: GoalTerm,
@@ -326,7 +323,6 @@ pub struct Relaxation {
 
 /// The answer to a [`PlaceRequest`]: identical bytes for the same request, weights and kernel, unless time ended it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlaceResult {
     /// How the search ended.
     pub outcome: Outcome,
@@ -380,7 +376,6 @@ impl Message for PlaceResult {
 
 /// Progress of a search, sent after every iteration.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlaceProgress {
     /// Iterations done.
     pub iterations: u32,

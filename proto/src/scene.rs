@@ -31,7 +31,6 @@ impl SceneRef {
 
 /// What is known of one object without its points.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct ObjectSummary {
     /// The object's id, its label in the cloud.
     pub id: u16,
@@ -47,7 +46,6 @@ pub struct ObjectSummary {
 
 /// A horizontal surface on which things can stand.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Surface {
     /// Height, world z, metres.
     pub height_m: f64,
@@ -62,7 +60,6 @@ pub struct Surface {
 
 /// What the camera could not tell.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Unseen {
     /// Pixels without a depth reading.
     pub pixels_without_reading: usize,
@@ -83,7 +80,6 @@ pub struct Unseen {
 /// Cube (column, row, level) spans `cell_m` from `origin_m + (column, row, level) * cell_m` in each world axis. Whatever lies outside
 /// the grid was not looked into.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct UnseenSpace {
     /// The lowest corner of the first cube, world frame, metres; its z is the height of the main support surface.
     pub origin_m: [f64; 3],
@@ -144,7 +140,6 @@ pub enum WorldFrame {
 
 /// All of a scene but its points.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct SceneMeta {
     /// The objects, by id.
     pub objects: Vec<ObjectSummary>,
@@ -279,7 +274,6 @@ impl Scene {
 
 /// A scene without its points: what `scene/{camera}` carries and `latest` returns.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct SceneSummary {
     /// The scene's id.
     pub scene_id: String,

@@ -46,7 +46,6 @@ impl Message for PriorRequest {
 
 /// One component of the prior's mixture, over the offset δ from the anchor's centroid to the query's, in the viewer's axes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct MixtureComponent {
     /// Mixing weight; the weights sum to 1.
     pub weight: f64,
@@ -62,7 +61,6 @@ pub struct MixtureComponent {
 
 /// The answer to a [`PriorRequest`]; in bulk form with `candidates` f32 `[n, 4]` and `components` u8 `[n]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PriorReply {
     /// The mixture.
     pub mixture: Vec<MixtureComponent>,
@@ -183,7 +181,6 @@ impl ScoreRequest {
 
 /// The answer to a [`ScoreRequest`]; always in bulk form, with `realism` f32 `[n]` and `relations` f32 `[n, anchors, 10]` as asked.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct ScoreReply {
     /// BLAKE3 of the weights.
     pub weights_hash: String,
@@ -240,7 +237,6 @@ impl Message for ModelsRequest {
 
 /// One set of weights.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct ModelInfo {
     /// The network's name.
     pub name: String,
@@ -254,7 +250,6 @@ pub struct ModelInfo {
 
 /// The weights served.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct ModelsReply {
     /// BLAKE3 over all of them: what `load` and results carry.
     pub weights_hash: String,

@@ -32,7 +32,6 @@ impl Message for TruthRequest {
 
 /// One object as it really is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct TrueObject {
     /// Its id, as in labels.
     pub id: u16,
@@ -48,7 +47,6 @@ pub struct TrueObject {
 
 /// The relations of an ordered pair.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct TruePair {
     /// The query.
     pub query: u16,
@@ -60,7 +58,6 @@ pub struct TruePair {
 
 /// The world as it is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Truth {
     /// The scene's seed.
     pub seed: u64,

@@ -91,6 +91,7 @@ fn attachments_keep_their_bytes() {
         priority: Priority::Batch,
         attempt: 1,
         traceparent: None,
+        caller: None,
     };
     check("CallAttachment.v1.json", &call.encode());
     assert_eq!(CallAttachment::decode(&call.encode()).unwrap(), call);

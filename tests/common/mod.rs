@@ -5,9 +5,9 @@ use std::net::TcpListener;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use repose_proto::perception::{LatestRequest, SceneRequest};
+use repose_proto::perception::LatestRequest;
 use repose_proto::{Message, Payload, Scene, SceneSummary, Service};
-use repose_runtime::{CallOptions, RuntimeConfig, Session, SessionMode};
+use repose_runtime::{CallOptions, RuntimeConfig, Session, SessionMode, fetch_scene};
 
 /// How long anything here may take before the test gives up.
 pub const PATIENCE: Duration = Duration::from_secs(120);
@@ -134,12 +134,10 @@ pub async fn newest_scene(session: &Session) -> SceneSummary {
 /// A scene, whole.
 pub async fn whole_scene(session: &Session, summary: &SceneSummary) -> Scene {
     let perception = session.caller(Service::Perception).await.expect("a caller");
-    let request = Payload::json(&SceneRequest { scene_id: summary.scene_id.clone() }).expect("a request");
-    let answer = perception.call_any("scene", &request, &CallOptions::within(PATIENCE)).await.expect("the scene");
-    Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA).expect("bulk")).expect("a scene")
+    fetch_scene(&perception, &summary.scene_id, &CallOptions::within(PATIENCE)).await.expect("the scene")
 }
 
 /// A request with its scene enclosed.
 pub fn enclosed<T: Message + serde::Serialize>(request: &T, scene: &Scene) -> Payload {
-    Payload::bulk(T::SCHEMA, &repose_proto::scoring::enclose(request, Some(scene))).expect("a payload")
+    Payload::with_scene(request, Some(scene)).expect("a payload")
 }

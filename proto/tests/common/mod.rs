@@ -302,5 +302,6 @@ pub fn worker_load() -> WorkerLoad {
         weights_hash: "w".into(),
         kernel: "avx2".into(),
         draining: false,
+        operates: false,
     }
 }

@@ -5,12 +5,10 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use clap::Args;
 use repose_proto::motion::{MotionPlan, MotionPlanRequest};
-use repose_proto::perception::{LatestRequest, SceneRequest};
+use repose_proto::perception::LatestRequest;
 use repose_proto::robot::RobotState;
-use repose_proto::scoring::enclose;
-use repose_proto::{CallError, ErrorCode, Message, Payload, PlaceRequest, PlaceResult, Scene, SceneSummary, Service, keys};
-use repose_runtime::{Answer, CallOptions, Caller, RuntimeConfig, RuntimeError, Session, SessionMode};
-use serde::Serialize;
+use repose_proto::{CallError, ErrorCode, Payload, PlaceRequest, PlaceResult, Scene, SceneSummary, Service, keys};
+use repose_runtime::{Answer, CallOptions, Caller, RuntimeConfig, RuntimeError, Session, SessionMode, fetch_scene};
 use tokio::time::Instant;
 
 use crate::failure::Failure;
@@ -86,6 +84,12 @@ pub fn router_config(args: &SystemArgs) -> Result<RuntimeConfig, Failure> {
         session.connect.clear();
     }
     session.mode = SessionMode::Router;
+    let secured = session.listen.iter().find(|endpoint| endpoint.starts_with("quic/"));
+    if let (Some(secured), Some(plain)) = (secured, args.connect.as_ref().filter(|given| given.starts_with("tcp/"))) {
+        let message =
+            format!("--connect or REPOSE_CONNECT says {plain}, without certificates, and the configuration says {secured}: take one away");
+        return Err(Failure::bad_input("connect", message));
+    }
     set_endpoint(&mut session.listen, args, session.zenoh_file.is_some());
     Ok(config)
 }
@@ -165,9 +169,7 @@ pub async fn newest_scene(session: &Session, camera: &str, within: Duration, pat
 /// A scene, whole, from the perception worker that made it.
 pub async fn whole_scene(session: &Session, scene_id: &str, within: Duration) -> Result<Scene, Failure> {
     let perception = session.caller(Service::Perception).await?;
-    let request = Payload::json(&SceneRequest { scene_id: scene_id.to_owned() })?;
-    let answer = perception.call_any("scene", &request, &CallOptions::within(within)).await?;
-    Ok(Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA)?)?)
+    Ok(fetch_scene(&perception, scene_id, &CallOptions::within(within)).await?)
 }
 
 /// Asks for a placement.
@@ -177,38 +179,19 @@ pub async fn place(
     scene: Option<&Scene>,
     options: CallOptions,
 ) -> Result<(PlaceResult, Answer), CallError> {
-    let answer = call_on_scene(planner, "place", request, scene, options).await?;
+    let answer = planner.call_with_scene("place", scene, |scene| Payload::with_scene(request, scene), options).await?;
     Ok((answer.payload.decode_json()?, answer))
 }
 
-/// Asks for a motion.
+/// Asks for a motion on a scene by its id; sends it whole to a worker that does not hold it.
 pub async fn plan_motion(
     motion: &Caller,
     request: &MotionPlanRequest,
     scene: &Scene,
     options: CallOptions,
 ) -> Result<MotionPlan, CallError> {
-    call_on_scene(motion, "plan", request, Some(scene), options).await?.payload.decode_json()
-}
-
-/// A call on a scene by its id; sends the scene whole, where it is at hand, when nobody holds it any more.
-async fn call_on_scene<Q: Message + Serialize>(
-    caller: &Caller,
-    method: &str,
-    request: &Q,
-    scene: Option<&Scene>,
-    options: CallOptions,
-) -> Result<Answer, CallError> {
-    let by_id = caller.call(method, Payload::json(request)?, options.clone()).await;
-    match (by_id, scene) {
-        (Err(error), Some(scene))
-            if error.code == ErrorCode::NotFound && error.field.as_deref().is_some_and(|f| f.ends_with("scene_id")) =>
-        {
-            let whole = Payload::bulk(Q::SCHEMA, &enclose(request, Some(scene)))?;
-            caller.call(method, whole, options).await
-        }
-        (answered, _) => answered,
-    }
+    let encode = |scene: Option<&Scene>| Payload::with_scene(request, scene);
+    motion.call_with_scene("plan", Some(scene), encode, options).await?.payload.decode_json()
 }
 
 #[cfg(test)]

@@ -5,13 +5,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
-use repose_inference::{Engine, HeldScene, InferenceConfig, SceneStore, engine_of};
+use repose_inference::{Engine, HeldScene, InferenceConfig, engine_of};
 use repose_planner::stability::Stability;
 use repose_planner::{Models, PlannerConfig, Prepared, plan as search, stability_of};
 use repose_proto::place::Variant;
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, PlaceRequest, PlaceResult, Scene};
-use repose_runtime::load_config;
+use repose_runtime::{SceneStore, check_scene_id, load_config};
 
 use crate::failure::Failure;
 
@@ -39,7 +39,7 @@ impl NetworkArgs {
 /// The planner's models, computed here.
 pub struct EmbeddedModels {
     engine: Engine,
-    store: SceneStore,
+    scenes: SceneStore<HeldScene>,
     stability: Stability,
 }
 
@@ -51,7 +51,7 @@ impl EmbeddedModels {
 
     fn of(config: &InferenceConfig) -> Result<Self, Failure> {
         let engine = engine_of(config).map_err(|e| Failure::bad_input("weights", e))?;
-        Ok(Self { engine, store: SceneStore::new(SCENES, SCENES_BYTES), stability: Stability::embedded().clone() })
+        Ok(Self { engine, scenes: SceneStore::new(SCENES, SCENES_BYTES, HeldScene::bytes), stability: Stability::embedded().clone() })
     }
 
     /// The networks.
@@ -60,7 +60,11 @@ impl EmbeddedModels {
     }
 
     fn held(&self, scene_id: &str, scene: &Arc<Scene>) -> Result<Arc<HeldScene>, CallError> {
-        self.store.get(scene_id).or_else(|_| self.store.insert(scene_id, Scene::clone(scene)))
+        if let Ok(held) = self.scenes.get(scene_id) {
+            return Ok(held);
+        }
+        check_scene_id(scene, scene_id)?;
+        Ok(self.scenes.keep(scene_id, Arc::new(HeldScene::new(scene_id.to_owned(), scene.clone()))))
     }
 }
 

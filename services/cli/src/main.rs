@@ -81,6 +81,8 @@ enum Command {
     Bench(commands::bench::BenchArgs),
     /// Publish frames from disk or a recording as a camera's.
     Play(commands::play::PlayArgs),
+    /// The configuration of a deployment with users, from one short file; `deploy check` tries who may do what.
+    Deploy(commands::deploy::DeployArgs),
 }
 
 fn main() -> ExitCode {
@@ -121,5 +123,6 @@ fn run(cli: &Cli) -> Outcome {
         Command::Evaluate(args) => commands::evaluate::run(args, output),
         Command::Bench(args) => commands::bench::run(args, output),
         Command::Play(args) => in_runtime(commands::play::run(args, output)),
+        Command::Deploy(args) => commands::deploy::run(args, output),
     }
 }

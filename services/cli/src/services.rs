@@ -59,7 +59,7 @@ impl ServiceConfigs {
 mod tests {
     use std::collections::BTreeSet;
 
-    use repose_runtime::{CallerConfig, SessionConfig, WorkerConfig};
+    use repose_runtime::{CallerConfig, SessionConfig, TelemetryConfig, WorkerConfig};
     use serde::de::DeserializeOwned;
 
     use super::*;
@@ -86,6 +86,7 @@ mod tests {
             ("session", fields_of::<SessionConfig> as fn(&str) -> BTreeSet<String>),
             ("caller", fields_of::<CallerConfig>),
             ("worker", fields_of::<WorkerConfig>),
+            ("telemetry", fields_of::<TelemetryConfig>),
             ("perception", fields_of::<PerceptionConfig>),
             ("inference", fields_of::<InferenceConfig>),
             ("planner", fields_of::<PlannerConfig>),

@@ -9,7 +9,7 @@ use repose_proto::scoring::{ModelsRequest, PriorReply, PriorRequest, ScoreReply,
 use repose_proto::{CallError, Message, Payload, Scene, SceneRef};
 use repose_runtime::{Call, Handler, load_of};
 
-use crate::scene_store::HeldScene;
+use crate::held_scene::HeldScene;
 use crate::worker::{Answer, Question, Worker};
 
 /// Answers `prior`, `score` and `models`.
@@ -57,7 +57,7 @@ impl Endpoints {
         let Some(enclosed) = enclosed else { return self.worker.store().get(&scene.scene_id) };
         let (worker, scene_id) = (self.worker.clone(), scene.scene_id.clone());
         // Hashing a scene takes milliseconds, too long for the threads that serve the network.
-        let held = tokio::task::spawn_blocking(move || worker.store().insert(&scene_id, enclosed)).await;
+        let held = tokio::task::spawn_blocking(move || worker.hold(&scene_id, enclosed)).await;
         held.unwrap_or_else(|e| Err(CallError::internal(format!("holding the scene failed: {e}"))))
     }
 }

@@ -14,8 +14,8 @@ use repose_networks::{Candidate, InputError, Mixture, Models, SceneContext};
 use repose_proto::CallError;
 use repose_proto::scoring::{MixtureComponent, ModelInfo, ModelsReply, PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 
+use crate::held_scene::HeldScene;
 use crate::mixture;
-use crate::scene_store::HeldScene;
 use crate::scoring::{Asked, Scoring};
 
 /// Why networks are not served.

@@ -1,13 +1,13 @@
 //! Inference: scenes held by id, and batched scoring of candidates with the learned prior, relation predictor and discriminator.
 //!
-//! The domain is synchronous: [`engine::Engine`] answers on [`scene_store::HeldScene`]s, in a service and in-process alike.
+//! The domain is synchronous: [`engine::Engine`] answers on [`held_scene::HeldScene`]s, in a service and in-process alike.
 //! [`run`] is the service.
 
 pub mod config;
 pub mod endpoints;
 pub mod engine;
+pub mod held_scene;
 pub mod mixture;
-pub mod scene_store;
 pub mod scoring;
 pub mod weights_file;
 pub mod worker;
@@ -20,7 +20,7 @@ use repose_runtime::{RuntimeError, Session, Shutdown};
 
 pub use config::InferenceConfig;
 pub use engine::Engine;
-pub use scene_store::{HeldScene, SceneStore};
+pub use held_scene::HeldScene;
 
 /// Why the service could not run.
 #[derive(Debug, thiserror::Error)]

@@ -13,7 +13,7 @@ use repose_relations::margins::ALIGNED_RAD;
 use repose_relations::rectangle::{quarter_turn_difference_rad, rectangle_yaw_rad};
 
 use crate::engine::{Engine, wire_error};
-use crate::scene_store::HeldScene;
+use crate::held_scene::HeldScene;
 
 /// Candidates that a thread takes at once.
 const PIECE: usize = 4;
@@ -170,7 +170,7 @@ mod tests {
     use repose_proto::{ErrorCode, SceneRef};
 
     use super::*;
-    use crate::scene_store::tests::scene;
+    use crate::held_scene::tests::scene;
 
     fn engine(threads: usize) -> Engine {
         Engine::new(Models::load(&Weights::initial(&NetworksConfig::paper(), 1).unwrap()).unwrap(), threads)

@@ -5,12 +5,12 @@ use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::Duration;
 
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
-use repose_proto::{CallError, ErrorCode};
-use repose_runtime::{BatchQueue, Job, JobContext, JobReply, LoadGauge, QueueSettings, RuntimeError};
+use repose_proto::{CallError, ErrorCode, Scene};
+use repose_runtime::{BatchQueue, Job, JobContext, JobReply, LoadGauge, QueueSettings, RuntimeError, SceneStore};
 
 use crate::config::InferenceConfig;
 use crate::engine::Engine;
-use crate::scene_store::{HeldScene, SceneStore};
+use crate::held_scene::HeldScene;
 use crate::scoring::Asked;
 
 /// A question to the networks about a held scene.
@@ -43,7 +43,7 @@ pub enum Answer {
 pub struct Worker {
     queue: BatchQueue<Question, Answer>,
     engine: Arc<RwLock<Arc<Engine>>>,
-    store: SceneStore,
+    store: SceneStore<HeldScene>,
 }
 
 impl Worker {
@@ -66,7 +66,7 @@ impl Worker {
             // One batch is answered by one set of weights.
             move |jobs| answer_together(&current(&engine), jobs)
         })?;
-        Ok(Self { queue, engine, store: SceneStore::new(config.scenes, config.scenes_bytes) })
+        Ok(Self { queue, engine, store: SceneStore::new(config.scenes, config.scenes_bytes, HeldScene::bytes) })
     }
 
     /// Asks a question and waits for its answer.
@@ -88,8 +88,16 @@ impl Worker {
     }
 
     /// The scenes held.
-    pub fn store(&self) -> &SceneStore {
+    pub fn store(&self) -> &SceneStore<HeldScene> {
         &self.store
+    }
+
+    /// Holds a scene that a request enclosed. Hashes it: not for async code.
+    ///
+    /// # Errors
+    /// `invalid_argument` on `scene.scene_id` when its content has another id.
+    pub fn hold(&self, scene_id: &str, scene: Scene) -> Result<Arc<HeldScene>, CallError> {
+        self.store.admit(scene_id, scene, |scene| HeldScene::new(scene_id.to_owned(), Arc::new(scene)))
     }
 
     /// What waits and what runs.
@@ -136,7 +144,7 @@ impl Scoring {
 fn answer_together(engine: &Engine, jobs: Vec<Job<Question, Answer>>) {
     let mut scores = Vec::new();
     for job in jobs {
-        let Job { request, context, reply } = job;
+        let Job { request, context, reply, .. } = job;
         match request {
             Question::Prior(request, held) => {
                 let answer = context.check().and_then(|()| engine.prior(&request, &held));
@@ -182,7 +190,7 @@ mod tests {
                 relations: false,
                 candidates: Vec::new(),
             };
-            let held = Arc::new(HeldScene::new("scene".to_owned(), Arc::new(crate::scene_store::tests::scene(1, 0.0))));
+            let held = Arc::new(HeldScene::new("scene".to_owned(), Arc::new(crate::held_scene::tests::scene(1, 0.0))));
             (pending, Scoring { request, held, context, reply: Mutex::new(Some(reply)) })
         };
         let minute = Duration::from_secs(60);

@@ -1,13 +1,12 @@
 //! The compute side of the service: the bounded queue, the threads that plan, and the scenes that were sent.
 
-use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 use repose_panda::FINGER_OPENING_MAX_M;
 use repose_proto::motion::{MotionPhase, MotionPlan, MotionPlanRequest, Phase, RecoverRequest, RecoveryMove};
 use repose_proto::robot::{GripperCommand, HeldObject, RobotState};
 use repose_proto::{CallError, Scene};
-use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError};
+use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore, check_scene_id};
 
 use crate::config::MotionConfig;
 use crate::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place_until};
@@ -22,7 +21,7 @@ pub struct Worker {
     settings: Arc<PickPlaceSettings>,
     terms: PlanTerms,
     recovery: Arc<RecoverySettings>,
-    scenes: Arc<Mutex<HeldScenes>>,
+    scenes: Arc<SceneStore<Scene>>,
 }
 
 impl Worker {
@@ -38,7 +37,7 @@ impl Worker {
             terms: config.terms()?,
             recovery: Arc::new(config.recovery()?),
             queue: ComputeQueue::start(queue)?,
-            scenes: Arc::new(Mutex::new(HeldScenes { limit: config.scenes.max(1), held: VecDeque::new() })),
+            scenes: Arc::new(SceneStore::new(config.scenes, usize::MAX, |_| 0)),
         })
     }
 
@@ -54,11 +53,15 @@ impl Worker {
             let scene = match (held, scene) {
                 (Some(held), None) => held,
                 (Some(held), Some(sent)) if sent.stamp_ns <= held.stamp_ns => held,
-                (_, Some(sent)) => Arc::new(checked(sent, &request.scene.scene_id)?),
+                (_, Some(sent)) => {
+                    check_scene_id(&sent, &request.scene.scene_id)?;
+                    Arc::new(sent)
+                }
                 (None, None) => return Err(CallError::internal("no scene to plan on")),
             };
-            // Kept before the planning, which may fail or be given up: the caller need not send it again.
-            locked(&scenes).keep(&request.scene.scene_id, scene.clone());
+            // Kept before the planning, which may fail or be given up: the caller need not send it again. The youngest sighting stays, for the
+            // id does not tell when the content was seen.
+            scenes.keep_over(&request.scene.scene_id, scene.clone(), |held| held.stamp_ns < scene.stamp_ns);
             planned(context, &request, &scene, &settings, &terms)
         };
         self.queue.run(context, job).await
@@ -66,10 +69,9 @@ impl Worker {
 
     /// The scene where this worker holds it; none where it came along.
     fn held(&self, scene_id: &str, sent: Option<&Scene>) -> Result<Option<Arc<Scene>>, CallError> {
-        let held = locked(&self.scenes).get(scene_id);
-        match (&held, sent) {
-            (None, None) => Err(CallError::not_found("scene_id", format!("this worker does not hold scene {scene_id}"))),
-            _ => Ok(held),
+        match self.scenes.get(scene_id) {
+            Err(missing) if sent.is_none() => Err(missing),
+            held => Ok(held.ok()),
         }
     }
 
@@ -98,7 +100,10 @@ impl Worker {
         let job = move |context: &JobContext| {
             let scene = match (held, scene, &request.scene) {
                 (Some(held), _, _) => Some(wire::surroundings(&held)?),
-                (None, Some(sent), Some(named)) => Some(wire::surroundings(&checked(sent, &named.scene_id)?)?),
+                (None, Some(sent), Some(named)) => {
+                    check_scene_id(&sent, &named.scene_id)?;
+                    Some(wire::surroundings(&sent)?)
+                }
                 _ => None,
             };
             let recovery = Recovery::new(&q_rad, opening_m, scene.as_ref(), &settings);
@@ -126,7 +131,7 @@ impl Worker {
     /// # Errors
     /// `not_found` when the plan's scene is held and has no such object.
     pub fn executable(&self, mut plan: MotionPlan) -> Result<(MotionPlan, Option<HeldObject>), CallError> {
-        let held = locked(&self.scenes).get(&plan.scene_id);
+        let held = self.scenes.get(&plan.scene_id).ok();
         let grasps = held.as_ref().and_then(|scene| wire::held_object(scene, &plan));
         if let Some(scene) = held {
             if scene.object(plan.query).is_none() {
@@ -147,19 +152,6 @@ impl Worker {
     pub fn capacity(&self) -> usize {
         self.queue.capacity()
     }
-}
-
-/// The scene, if its content has the id that the request names.
-fn checked(scene: Scene, scene_id: &str) -> Result<Scene, CallError> {
-    let actual = scene.id();
-    if actual == scene_id {
-        return Ok(scene);
-    }
-    Err(CallError::invalid("scene.scene_id", format!("the enclosed scene's id is {actual}, not {scene_id}")))
-}
-
-fn locked(scenes: &Mutex<HeldScenes>) -> MutexGuard<'_, HeldScenes> {
-    scenes.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// One request on its scene, while it is worth it.
@@ -189,31 +181,4 @@ fn planned(
         error => wire::call_error(&error),
     })?;
     Ok(wire::motion_plan(&plan, request, scene.stamp_ns, terms))
-}
-
-/// Scenes by id, least recently used out.
-struct HeldScenes {
-    limit: usize,
-    /// Most recently used last.
-    held: VecDeque<(String, Arc<Scene>)>,
-}
-
-impl HeldScenes {
-    fn get(&mut self, scene_id: &str) -> Option<Arc<Scene>> {
-        let at = self.held.iter().position(|(id, _)| id == scene_id)?;
-        let entry = self.held.remove(at)?;
-        let scene = entry.1.clone();
-        self.held.push_back(entry);
-        Some(scene)
-    }
-
-    /// Keeps the youngest sighting: the id leaves out when the content was seen.
-    fn keep(&mut self, scene_id: &str, scene: Arc<Scene>) {
-        let younger = self.get(scene_id).filter(|held| held.stamp_ns > scene.stamp_ns);
-        self.held.retain(|(id, _)| id != scene_id);
-        self.held.push_back((scene_id.to_owned(), younger.unwrap_or(scene)));
-        while self.held.len() > self.limit {
-            self.held.pop_front();
-        }
-    }
 }

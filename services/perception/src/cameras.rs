@@ -15,7 +15,7 @@ use tokio::sync::{Notify, Semaphore};
 use crate::camera_names::CameraNames;
 use crate::config::PerceptionConfig;
 use crate::newest::{NewestFrames, Placed};
-use crate::store::{Arrival, KeptScene, LEFT_OUT};
+use crate::newest_scenes::{Arrival, KeptScene, LEFT_OUT};
 use crate::worker::Worker;
 
 /// Stands for the camera of frames that were lost before anybody looked whose they were.
@@ -255,13 +255,16 @@ impl Cameras {
 
     /// Keeps a camera's scene, and says what its owner should know.
     fn keep(&self, camera: &str, scene: Arc<KeptScene>) -> Arrival {
-        let mut store = self.worker.store();
-        if !scene.left_out.is_empty() && scene.left_out != store.left_out(camera) {
+        let mut known = self.worker.newest();
+        if !scene.left_out.is_empty() && scene.left_out != known.left_out(camera) {
             tracing::warn!(camera, ids = ?scene.left_out, "{LEFT_OUT}");
         }
-        let newest_ns = store.latest(camera).map(|newest| newest.stamp_ns);
+        let newest_ns = known.of(camera).map(|newest| newest.stamp_ns);
         let stamp_ns = scene.summary.stamp_ns;
-        let arrival = store.keep_latest(scene);
+        let arrival = known.take(&scene);
+        if arrival != Arrival::Late {
+            self.worker.keep(scene);
+        }
         match arrival {
             Arrival::Newest => {}
             Arrival::Restarted => {

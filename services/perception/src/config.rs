@@ -2,8 +2,8 @@
 
 use serde::Deserialize;
 
+use crate::newest_scenes::NewestLimits;
 use crate::settings::Settings;
-use crate::store::StoreLimits;
 
 /// Configuration of a perception worker. Unknown fields are refused.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -51,14 +51,9 @@ impl Default for PerceptionConfig {
 }
 
 impl PerceptionConfig {
-    /// The store's limits.
-    pub fn store_limits(&self) -> StoreLimits {
-        StoreLimits {
-            scenes: self.scenes_kept,
-            bytes: self.scenes_kept_bytes,
-            cameras: self.max_cameras,
-            late_ns: self.late_within_ms.saturating_mul(1_000_000),
-        }
+    /// The limits of which scene is each camera's newest.
+    pub fn newest_limits(&self) -> NewestLimits {
+        NewestLimits { cameras: self.max_cameras, late_ns: self.late_within_ms.saturating_mul(1_000_000) }
     }
 }
 

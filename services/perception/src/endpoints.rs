@@ -8,7 +8,7 @@ use repose_proto::perception::{LatestRequest, SceneRequest};
 use repose_proto::{CallError, Payload};
 use repose_runtime::{Call, Handler, load_of};
 
-use crate::store::LEFT_OUT;
+use crate::newest_scenes::LEFT_OUT;
 use crate::worker::Worker;
 
 /// Answers `segment`, `latest` and `scene`.
@@ -32,14 +32,14 @@ impl Endpoints {
             tracing::warn!(scene_id = scene.summary.scene_id, ids = ?scene.left_out, "{LEFT_OUT}");
         }
         let payload = scene.payload.clone();
-        self.worker.store().keep(scene);
+        self.worker.keep(scene);
         Ok(payload)
     }
 
     /// The summary of a camera's newest scene.
     fn latest(&self, call: &Call) -> Result<Payload, CallError> {
         let LatestRequest { camera } = call.payload.decode_json()?;
-        let summary = self.worker.store().latest(&camera).cloned();
+        let summary = self.worker.newest().of(&camera).cloned();
         let summary = summary.ok_or_else(|| CallError::not_found("camera", format!("no scene of camera {camera:?} was made here")))?;
         Payload::json(&summary)
     }
@@ -47,9 +47,7 @@ impl Endpoints {
     /// A scene by its id.
     fn scene(&self, call: &Call) -> Result<Payload, CallError> {
         let SceneRequest { scene_id } = call.payload.decode_json()?;
-        let scene = self.worker.store().get(&scene_id);
-        let scene = scene.ok_or_else(|| CallError::not_found("scene_id", format!("scene {scene_id} is not, or no longer, kept here")))?;
-        Ok(scene.payload.clone())
+        Ok(self.worker.scenes().get(&scene_id)?.payload.clone())
     }
 }
 

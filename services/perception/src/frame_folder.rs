@@ -142,7 +142,7 @@ pub fn write(folder: &Path, frame: &Frame) -> Result<(), FrameFolderError> {
 pub fn read_camera(path: &Path) -> Result<CameraModel, FrameFolderError> {
     let bytes = std::fs::read(path).map_err(|source| FrameFolderError::File { path: path.to_owned(), source })?;
     let wrong = |error| FrameFolderError::Camera { path: path.to_owned(), error };
-    let camera: CameraModel = repose_proto::message::from_json(&bytes).map_err(wrong)?;
+    let camera: CameraModel = repose_proto::message::from_file_json(&bytes).map_err(wrong)?;
     camera.validate().map_err(wrong)?;
     Ok(camera)
 }

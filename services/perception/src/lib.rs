@@ -19,12 +19,12 @@ pub mod gravity;
 pub mod halves;
 pub mod hollows;
 pub mod newest;
+pub mod newest_scenes;
 pub mod objects;
 pub mod point_map;
 pub mod segment;
 pub mod settings;
 pub mod sources;
-pub mod store;
 pub mod surfaces;
 #[cfg(test)]
 mod synthetic;

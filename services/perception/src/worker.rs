@@ -4,18 +4,19 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use repose_proto::{CallError, Frame, Payload, Scene};
-use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError};
+use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore};
 
 use crate::config::PerceptionConfig;
+use crate::newest_scenes::{KeptScene, NewestScenes};
 use crate::segment::segment_with_left_out;
 use crate::settings::Settings;
-use crate::store::{KeptScene, SceneStore};
 
 /// Segments frames on its own threads and keeps the scenes.
 pub struct Worker {
     queue: ComputeQueue,
     settings: Arc<Settings>,
-    store: Mutex<SceneStore>,
+    scenes: SceneStore<KeptScene>,
+    newest: Mutex<NewestScenes>,
 }
 
 /// How long the stages of a frame took, milliseconds.
@@ -44,7 +45,8 @@ impl Worker {
         Ok(Self {
             queue: ComputeQueue::start(settings)?,
             settings: Arc::new(config.segmentation.clone()),
-            store: Mutex::new(SceneStore::new(config.store_limits())),
+            scenes: SceneStore::new(config.scenes_kept, config.scenes_kept_bytes, |scene| scene.payload.bytes.len()),
+            newest: Mutex::new(NewestScenes::new(config.newest_limits())),
         })
     }
 
@@ -57,10 +59,21 @@ impl Worker {
         self.queue.run(context, move |context| scene_of(&frame, &settings, context)).await
     }
 
-    /// The scenes that were made.
-    pub fn store(&self) -> MutexGuard<'_, SceneStore> {
-        // Every change leaves the store whole, so a panic elsewhere under the lock does not spoil it.
-        self.store.lock().unwrap_or_else(PoisonError::into_inner)
+    /// The scenes that can be asked for by id.
+    pub fn scenes(&self) -> &SceneStore<KeptScene> {
+        &self.scenes
+    }
+
+    /// Keeps a scene under its id. The same content again is kept once, as it came last.
+    pub fn keep(&self, scene: Arc<KeptScene>) {
+        let scene_id = scene.summary.scene_id.clone();
+        self.scenes.keep_over(&scene_id, scene, |_| true);
+    }
+
+    /// Which scene is each camera's newest.
+    pub fn newest(&self) -> MutexGuard<'_, NewestScenes> {
+        // Every change leaves it whole, so a panic elsewhere under the lock does not spoil it.
+        self.newest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// What waits and what runs.

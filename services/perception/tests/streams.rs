@@ -78,7 +78,7 @@ impl Following {
 
     /// The stamp of a camera's newest scene.
     fn newest(&self, camera: &str) -> Option<u64> {
-        self.worker.store().latest(camera).map(|summary| summary.stamp_ns)
+        self.worker.newest().of(camera).map(|summary| summary.stamp_ns)
     }
 
     async fn stop(self) {

@@ -5,15 +5,14 @@ use std::time::{Duration, Instant};
 
 use async_trait::async_trait;
 use repose_proto::load::WorkerLoad;
-use repose_proto::perception::SceneRequest;
 use repose_proto::place::PlaceRequest;
 use repose_proto::scoring::disclose;
 use repose_proto::{CallError, ErrorCode, Message, Payload, Scene};
-use repose_runtime::{Call, CallOptions, Caller, Handler, load_of};
+use repose_runtime::{Call, CallOptions, Caller, Handler, fetch_scene, load_of};
 
+use crate::cached_scene::CachedScene;
 use crate::config::PlannerConfig;
 use crate::remote_models::RemoteModels;
-use crate::scene_cache::CachedScene;
 use crate::stability::Stability;
 use crate::worker::Worker;
 
@@ -59,27 +58,25 @@ impl Endpoints {
 
     /// A scene by its id: kept here, or from whichever perception worker has it.
     async fn scene(&self, scene_id: &str, call: &Call) -> Result<Arc<CachedScene>, CallError> {
-        if let Some(kept) = self.worker.scenes().get(scene_id) {
+        if let Ok(kept) = self.worker.scenes().get(scene_id) {
             return Ok(kept);
         }
         let options = CallOptions::for_call(call);
         let options = CallOptions { deadline: options.deadline.min(self.scene_timeout), ..options };
-        let request = Payload::json(&SceneRequest { scene_id: scene_id.to_owned() })?;
         let started = Instant::now();
-        let answer = self.perception.call_any("scene", &request, &options).await.map_err(|error| match error.code {
+        let scene = fetch_scene(&self.perception, scene_id, &options).await.map_err(|error| match error.code {
             ErrorCode::Cancelled | ErrorCode::NotFound => error,
             // The caller can help: it may send the scene whole.
             _ => CallError::not_found("scene_id", format!("scene {scene_id} is not here, and perception could not be asked: {error}")),
         })?;
         call.stage("scene", started.elapsed().as_secs_f64() * 1e3);
-        let scene = Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA)?)?;
         self.keep(scene_id.to_owned(), scene).await
     }
 
     async fn keep(&self, scene_id: String, scene: Scene) -> Result<Arc<CachedScene>, CallError> {
         let worker = self.worker.clone();
         // Hashing a scene takes milliseconds, too long for the threads that serve the network.
-        let kept = tokio::task::spawn_blocking(move || worker.scenes().insert(&scene_id, scene)).await;
+        let kept = tokio::task::spawn_blocking(move || worker.keep(&scene_id, scene)).await;
         kept.unwrap_or_else(|e| Err(CallError::internal(format!("keeping the scene failed: {e}"))))
     }
 }

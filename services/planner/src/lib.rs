@@ -6,6 +6,7 @@
 
 pub mod answers;
 pub mod boosted_trees;
+pub mod cached_scene;
 pub mod candidate;
 pub mod columns;
 pub mod config;
@@ -26,7 +27,6 @@ pub mod query;
 pub mod ranking;
 pub mod remote_models;
 pub mod rules;
-pub mod scene_cache;
 pub mod scene_settings;
 pub mod search;
 pub mod settings;

@@ -7,8 +7,8 @@ use std::sync::{Arc, Mutex, Once, PoisonError};
 use std::time::{Duration, Instant};
 
 use repose_proto::load::WorkerLoad;
-use repose_proto::scoring::{PriorReply, PriorRequest, RealismBy, ScoreReply, ScoreRequest, enclose};
-use repose_proto::{CallError, ErrorCode, Message, Payload, Scene};
+use repose_proto::scoring::{PriorReply, PriorRequest, RealismBy, ScoreReply, ScoreRequest};
+use repose_proto::{CallError, Message, Payload, Scene};
 use repose_runtime::{Accept, Call, CallOptions, Caller};
 use tokio::runtime::Handle;
 
@@ -34,22 +34,18 @@ impl RemoteModels {
     }
 
     /// Asks with the scene's id, and with the whole scene when the worker lacks it.
-    fn ask(&self, method: &str, by_id: Payload, whole: impl FnOnce() -> Result<Payload, CallError>) -> Result<Payload, CallError> {
-        let started = Instant::now();
-        let answer = match self.call_inference(method, by_id) {
-            Err(error) if error.code == ErrorCode::NotFound && error.field.as_deref() == Some("scene_id") => {
-                self.call_inference(method, whole()?)
-            }
-            answer => answer,
-        };
-        self.call.stage("inference", started.elapsed().as_secs_f64() * 1e3);
-        answer
-    }
-
-    fn call_inference(&self, method: &str, payload: Payload) -> Result<Payload, CallError> {
+    fn ask(
+        &self,
+        method: &str,
+        scene: &Scene,
+        encode: impl Fn(Option<&Scene>) -> Result<Payload, CallError>,
+    ) -> Result<Payload, CallError> {
         let options = CallOptions::for_call(&self.call);
         let options = CallOptions { accept: self.accept(), deadline: options.deadline.saturating_sub(self.reserve), ..options };
-        let answer = self.runtime.block_on(self.inference.call(method, payload, options))?;
+        let started = Instant::now();
+        let answer = self.runtime.block_on(self.inference.call_with_scene(method, Some(scene), encode, options));
+        self.call.stage("inference", started.elapsed().as_secs_f64() * 1e3);
+        let answer = answer?;
         self.call.stage("networks", answer.timing_ms.get("networks").copied().unwrap_or(0.0));
         Ok(answer.payload)
     }
@@ -82,16 +78,14 @@ impl RemoteModels {
 
 impl Models for RemoteModels {
     fn prior(&self, request: &PriorRequest, scene: &Arc<Scene>) -> Result<PriorReply, CallError> {
-        let whole = || Payload::bulk(PriorRequest::SCHEMA, &enclose(request, Some(scene)));
-        let payload = self.ask("prior", Payload::json(request)?, whole)?;
+        let payload = self.ask("prior", scene, |scene| Payload::with_scene(request, scene))?;
         let reply = PriorReply::from_bulk(&payload.decode_bulk(PriorReply::SCHEMA)?)?;
         self.pin(&reply.weights_hash, &reply.kernel);
         Ok(reply)
     }
 
     fn score(&self, request: &ScoreRequest, scene: &Arc<Scene>) -> Result<ScoreReply, CallError> {
-        let encode = |scene: Option<&Scene>| Payload::bulk(ScoreRequest::SCHEMA, &request.to_bulk(scene));
-        let payload = self.ask("score", encode(None)?, || encode(Some(scene)))?;
+        let payload = self.ask("score", scene, |scene| Payload::bulk(ScoreRequest::SCHEMA, &request.to_bulk(scene)))?;
         let reply = ScoreReply::from_bulk(&payload.decode_bulk(ScoreReply::SCHEMA)?)?;
         self.pin(&reply.weights_hash, &reply.kernel);
         if request.realism && request.realism_by == RealismBy::Outcome {

@@ -5,19 +5,19 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use repose_proto::place::PlaceProgress;
-use repose_proto::{CallError, PlaceRequest, PlaceResult};
-use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError};
+use repose_proto::{CallError, PlaceRequest, PlaceResult, Scene};
+use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore};
 
+use crate::cached_scene::CachedScene;
 use crate::config::PlannerConfig;
 use crate::models::Models;
 use crate::plan::{Step, plan};
-use crate::scene_cache::{CachedScene, SceneCache};
 use crate::search::Stop;
 
 /// Searches on its own threads and keeps prepared scenes.
 pub struct Worker {
     queue: ComputeQueue,
-    scenes: SceneCache,
+    scenes: SceneStore<CachedScene>,
     reply_reserve: Duration,
 }
 
@@ -35,7 +35,7 @@ impl Worker {
         };
         Ok(Self {
             queue: ComputeQueue::start(settings)?,
-            scenes: SceneCache::new(config.scenes),
+            scenes: SceneStore::new(config.scenes, usize::MAX, |_| 0),
             reply_reserve: Duration::from_millis(config.reply_reserve_ms),
         })
     }
@@ -77,8 +77,16 @@ impl Worker {
     }
 
     /// The scenes kept.
-    pub fn scenes(&self) -> &SceneCache {
+    pub fn scenes(&self) -> &SceneStore<CachedScene> {
         &self.scenes
+    }
+
+    /// Keeps a scene that a request enclosed or perception sent. Hashes it: not for async code.
+    ///
+    /// # Errors
+    /// `invalid_argument` on `scene.scene_id` when its content has another id.
+    pub fn keep(&self, scene_id: &str, scene: Scene) -> Result<Arc<CachedScene>, CallError> {
+        self.scenes.admit(scene_id, scene, |scene| CachedScene::new(scene_id.to_owned(), Arc::new(scene)))
     }
 
     /// What waits and what runs.
@@ -94,9 +102,9 @@ impl Worker {
 
 #[cfg(test)]
 mod tests {
+    use repose_proto::ErrorCode;
     use repose_proto::place::{Budget, Outcome, Variant};
     use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
-    use repose_proto::{ErrorCode, Scene};
     use repose_runtime::CancellationToken;
 
     use super::*;
@@ -109,7 +117,7 @@ mod tests {
         let worker = Worker::start(&PlannerConfig { threads: 1, ..PlannerConfig::default() }).unwrap();
         let scene = Builder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.06, 0.05, 0.08]).scene();
         let id = scene.id();
-        let cached = worker.scenes().insert(&id, scene).unwrap();
+        let cached = worker.keep(&id, scene).unwrap();
         let request = PlaceRequest {
             variant: Variant::Geometric,
             budget: Budget { iterations: Some(100), batch: Some(1000), ..Budget::default() },

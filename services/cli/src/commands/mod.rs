@@ -2,6 +2,7 @@
 
 pub mod bench;
 pub mod demo;
+pub mod deploy;
 pub mod evaluate;
 pub mod generate;
 pub mod load;

@@ -3,7 +3,7 @@
 use clap::Args;
 use repose_console::ConsoleError;
 use repose_proto::Service;
-use repose_runtime::{Session, Shutdown, run_router};
+use repose_runtime::{HealthServer, Session, Shutdown, run_router, start_metrics};
 
 use crate::client::{self, SystemArgs, client_config, router_config};
 use crate::failure::{Failure, Outcome};
@@ -46,6 +46,7 @@ fn parse_served(name: &str) -> Result<Served, String> {
 /// Runs until SIGTERM or SIGINT, then drains.
 pub async fn run(args: &ServeArgs) -> Outcome {
     let shutdown = Shutdown::on_signals()?;
+    start_metrics()?;
     match args.service {
         Served::Router => Ok(run_router(router_config(&args.system)?, shutdown).await?),
         Served::Console => {
@@ -67,7 +68,12 @@ pub async fn run(args: &ServeArgs) -> Outcome {
             }
             let services = ServiceConfigs::load(args.system.config.as_deref())?;
             let cell = config.session.cell.clone();
+            let listen = config.telemetry.listen.clone();
             let session = Session::open(config).await?;
+            let _health = match &listen {
+                Some(listen) => Some(HealthServer::start(listen, session.clone(), true).await?),
+                None => None,
+            };
             tracing::info!(%service, cell, "serving");
             let served = services.run(service, session.clone(), shutdown).await;
             client::close(session).await;

@@ -6,9 +6,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPlan, MotionPlanRequest, RobotResetReply, RobotResetRequest};
-use repose_proto::scoring::enclose;
 use repose_proto::simulator::WorldResetRequest;
-use repose_proto::{CallError, ErrorCode, Message as _, Payload, PlaceRequest, PlaceResult, Scene, SceneRef, Service};
+use repose_proto::{CallError, Message as _, Payload, PlaceRequest, PlaceResult, Scene, SceneRef, Service};
 use repose_runtime::{Answer, CallOptions, Caller, CancellationToken};
 use tokio::sync::mpsc;
 
@@ -295,16 +294,7 @@ pub(super) async fn place(
     scene: Option<&Scene>,
     options: CallOptions,
 ) -> Result<(PlaceResult, Answer), CallError> {
-    let by_id = planner.call("place", Payload::json(request)?, options.clone()).await;
-    let lacks_scene =
-        |error: &CallError| error.code == ErrorCode::NotFound && error.field.as_deref().is_some_and(|field| field.ends_with("scene_id"));
-    let answer = match (by_id, scene) {
-        (Err(error), Some(scene)) if lacks_scene(&error) => {
-            let whole = Payload::bulk(PlaceRequest::SCHEMA, &enclose(request, Some(scene)))?;
-            planner.call("place", whole, options).await?
-        }
-        (answered, _) => answered?,
-    };
+    let answer = planner.call_with_scene("place", scene, |scene| Payload::with_scene(request, scene), options).await?;
     Ok((answer.payload.decode_json()?, answer))
 }
 
@@ -318,9 +308,8 @@ pub(super) async fn plan(
     let robot = cell.robot(&request.robot)?;
     let request = MotionPlanRequest { start_joints_rad: robot.q_rad, ..request };
     request.validate()?;
-    // Enclosed: motion need not hold a scene that is this new, or this old.
-    let whole = Payload::bulk(MotionPlanRequest::SCHEMA, &enclose(&request, Some(scene)))?;
-    let answer = cell.caller(Service::Motion).call("plan", whole, options).await?;
+    let encode = |scene: Option<&Scene>| Payload::with_scene(&request, scene);
+    let answer = cell.caller(Service::Motion).call_with_scene("plan", Some(scene), encode, options).await?;
     let plan: MotionPlan = answer.payload.decode_json()?;
     let shown = PlanShown::new(uuid::Uuid::new_v4().to_string(), &plan, &world_from_base(&robot));
     Ok((Arc::new(plan), Arc::new(shown)))

@@ -1,7 +1,5 @@
 //! A call as its handler sees it, and the handler.
 
-use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use async_trait::async_trait;
@@ -11,6 +9,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::mailbox::MailboxSender;
 use crate::queue::JobContext;
+use crate::stages::Stages;
 
 /// One call to this worker. Cheap to clone.
 #[derive(Clone)]
@@ -27,12 +26,14 @@ pub struct Call {
     pub attempt: u32,
     /// W3C trace context, if the caller sent one.
     pub traceparent: Option<String>,
+    /// The name that the caller's process goes by, if it told one; anybody may say anything.
+    pub caller: Option<String>,
     /// When the answer must be there. The runtime answers `deadline_exceeded` then, whatever the handler does.
     pub deadline: tokio::time::Instant,
     /// Triggered by the caller's cancel, by the deadline, and when draining takes too long.
     pub cancelled: CancellationToken,
     pub(crate) progress: MailboxSender<Payload>,
-    pub(crate) timing_ms: Arc<Mutex<BTreeMap<String, f64>>>,
+    pub(crate) stages: Stages,
 }
 
 impl Call {
@@ -43,8 +44,7 @@ impl Call {
 
     /// Adds to the time of a stage, milliseconds. It travels beside the result.
     pub fn stage(&self, name: &str, ms: f64) {
-        let mut stages = self.timing_ms.lock().unwrap_or_else(PoisonError::into_inner);
-        *stages.entry(name.to_owned()).or_insert(0.0) += ms;
+        self.stages.add(name, ms);
     }
 
     /// Runs something and adds the time that it took to a stage.
@@ -62,7 +62,7 @@ impl Call {
 
     /// What a compute job of this call needs to know.
     pub fn context(&self) -> JobContext {
-        JobContext::new(self.deadline.into_std(), self.cancelled.clone()).with_priority(self.priority)
+        JobContext::new(self.deadline.into_std(), self.cancelled.clone()).with_priority(self.priority).with_stages(self.stages.clone())
     }
 
     /// The error for a method that the service does not have.

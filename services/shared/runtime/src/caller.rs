@@ -3,6 +3,9 @@
 //! An attempt is left for another worker when its worker refuses or is gone, when the worker's load has been silent, or when the
 //! attempt has outlived its share of the deadline and takes much longer than that worker's calls do (its request may be lost). The same
 //! request id goes along, so a worker that gets it twice computes it once. What an attempt says after it was left goes nowhere.
+//!
+//! While the router is away a call waits for it, up to its deadline: attempts that the outage ended do not count. A worker whose token
+//! nobody stands behind is left after one try.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -28,6 +31,8 @@ use crate::transport::{OutgoingQuery, Traffic, Transport};
 const NETWORK_MARGIN: Duration = Duration::from_secs(1);
 /// An attempt is slow when it takes this many times what its worker's calls take.
 const SLOW_FACTOR: u32 = 3;
+/// How often a call that waits for a worker looks whether the network is there.
+const LOOK: Duration = Duration::from_millis(50);
 
 /// How one call is to be made.
 #[derive(Clone)]
@@ -115,6 +120,8 @@ struct Inner {
     transport: Arc<dyn Transport>,
     cell: Cell,
     service: Service,
+    /// The name that this process goes by.
+    name: Option<String>,
     config: CallerConfig,
     directory: Directory,
     /// Terminal replies that followed a terminal reply.
@@ -126,11 +133,17 @@ impl Caller {
     ///
     /// # Errors
     /// When the network refuses.
-    pub async fn new(transport: Arc<dyn Transport>, cell: Cell, service: Service, config: CallerConfig) -> Result<Self, RuntimeError> {
+    pub async fn new(
+        transport: Arc<dyn Transport>,
+        cell: Cell,
+        service: Service,
+        name: Option<String>,
+        config: CallerConfig,
+    ) -> Result<Self, RuntimeError> {
         let random = Pcg64::seed_from_u64(config.seed.unwrap_or_else(|| uuid::Uuid::new_v4().as_u64_pair().0));
         let suspect_after = Duration::from_millis(config.suspect_after_ms);
         let directory = Directory::follow(transport.as_ref(), &cell, service, suspect_after, random).await?;
-        Ok(Self { inner: Arc::new(Inner { transport, cell, service, config, directory, duplicates: Arc::default() }) })
+        Ok(Self { inner: Arc::new(Inner { transport, cell, service, name, config, directory, duplicates: Arc::default() }) })
     }
 
     /// How many terminal replies came after the one that ended their call: none, unless a worker breaks the contract.
@@ -160,6 +173,22 @@ impl Caller {
             }
         };
         tokio::time::timeout(bound, enough).await.map_err(|_| self.inner.nobody())
+    }
+
+    /// Waits for a first worker as a call does: `worker_wait_ms`, and through an outage of the router.
+    async fn wait_for_any(&self, deadline: Duration) -> Result<(), CallError> {
+        let started = Instant::now();
+        let bound = started + deadline;
+        while self.wait_for_workers(1, LOOK).await.is_err() {
+            let is_up = self.inner.transport.connection().is_up;
+            if Instant::now() >= bound {
+                return Err(if is_up { self.inner.nobody() } else { self.inner.no_router() });
+            }
+            if Instant::now() >= self.inner.patience(started) {
+                return Err(self.inner.nobody());
+            }
+        }
+        Ok(())
     }
 
     /// Makes a call. Ends within its deadline, exactly once.
@@ -198,7 +227,7 @@ impl Caller {
     /// # Errors
     /// When nobody has a result: `not_found` if anyone said so, otherwise the last error; `unavailable` when nobody is alive.
     pub async fn call_any(&self, method: &str, payload: &Payload, options: &CallOptions) -> Result<Answer, CallError> {
-        self.wait_for_workers(1, options.deadline.min(Duration::from_millis(self.inner.config.worker_wait_ms))).await?;
+        self.wait_for_any(options.deadline).await?;
         let mut calls: futures::stream::FuturesUnordered<_> = self
             .workers()
             .into_iter()
@@ -226,6 +255,26 @@ fn too_late() -> CallError {
 impl Inner {
     fn nobody(&self) -> CallError {
         CallError::new(ErrorCode::Unavailable, format!("no suitable {} worker is alive", self.service))
+    }
+
+    fn no_router(&self) -> CallError {
+        CallError::new(
+            ErrorCode::Unavailable,
+            format!("the router was away until the deadline: no {} worker could be reached", self.service),
+        )
+    }
+
+    /// Until when a call waits for a first worker, seen from now. Workers come back a while after their router: they reconnect as we did.
+    fn patience(&self, since: Instant) -> Instant {
+        let connection = self.transport.connection();
+        if !connection.is_up {
+            return Instant::now() + LOOK * 2;
+        }
+        let wait = since + Duration::from_millis(self.config.worker_wait_ms);
+        match connection.number {
+            1 => wait,
+            _ => wait.max(connection.since + Duration::from_millis(self.config.return_wait_ms)),
+        }
     }
 
     fn cancel_at(&self, worker: &str, id: &str) -> impl Future<Output = ()> + Send + 'static {
@@ -276,6 +325,8 @@ enum Next {
     Done(Result<Answer, CallError>),
     /// Try again; the error stands if there is no other try.
     Again(CallError),
+    /// The same, but the attempt does not count: it never reached a worker.
+    Unheard(CallError),
     /// The same without a pause: the attempt that was left was one, and a short deadline must not end in it.
     AtOnce(CallError),
 }
@@ -286,7 +337,11 @@ impl Ongoing<'_> {
             let assigned = self.worker().await?;
             let (error, waited) = match self.attempt(&assigned).await {
                 Next::Done(outcome) => return outcome,
-                Next::Again(error) => (error, false),
+                Next::Unheard(error) if self.options.idempotent => {
+                    tracing::debug!(id = self.id, worker = assigned.name(), %error, "the attempt reached nobody");
+                    continue;
+                }
+                Next::Again(error) | Next::Unheard(error) => (error, false),
                 Next::AtOnce(error) => (error, true),
             };
             self.attempts += 1;
@@ -314,13 +369,13 @@ impl Ongoing<'_> {
 
     fn wanted(&self) -> Wanted<'_> {
         let (worker, accept) = (self.options.worker.as_deref(), self.options.accept.as_ref());
-        Wanted { worker, accept, tried: &self.tried, never: &self.cancelled_at }
+        let needs_load = self.inner.service.operates(self.method);
+        Wanted { worker, accept, tried: &self.tried, never: &self.cancelled_at, needs_load }
     }
 
-    /// A worker, waiting a while for one to appear.
+    /// A worker, waiting a while for one to appear, and for the router as long as the deadline allows.
     async fn worker(&self) -> Result<Assigned, CallError> {
-        let directory = &self.inner.directory;
-        let patience = Instant::now() + Duration::from_millis(self.inner.config.worker_wait_ms);
+        let (directory, started) = (&self.inner.directory, Instant::now());
         loop {
             let mut changed = std::pin::pin!(directory.changed());
             changed.as_mut().enable();
@@ -330,8 +385,13 @@ impl Ongoing<'_> {
             tokio::select! {
                 () = changed => {}
                 () = self.options.cancel.cancelled() => return Err(CallError::new(ErrorCode::Cancelled, "cancelled before it was sent")),
-                () = tokio::time::sleep_until(patience.min(self.deadline)) => {
-                    return Err(if self.remaining().is_zero() { too_late() } else { self.inner.nobody() });
+                () = tokio::time::sleep(LOOK.min(self.remaining())) => {
+                    match (self.remaining().is_zero(), self.inner.transport.connection().is_up) {
+                        (true, true) => return Err(too_late()),
+                        (true, false) => return Err(self.inner.no_router()),
+                        (false, _) if Instant::now() >= self.inner.patience(started) => return Err(self.inner.nobody()),
+                        _ => {}
+                    }
                 }
             }
         }
@@ -341,6 +401,10 @@ impl Ongoing<'_> {
     async fn back_off(&self, error: CallError) -> Result<(), CallError> {
         if self.inner.directory.has_alternative(&self.wanted(), None) {
             return Ok(());
+        }
+        if error.code == ErrorCode::ResourceExhausted {
+            // Asking again would only add to the overload: the caller is told at once, and when to come back.
+            return Err(error);
         }
         let doubled = self.inner.config.backoff_ms.saturating_mul(1 << self.attempts.min(8));
         let wait_ms = error.retry_after_ms.unwrap_or(0).max(doubled) as f64 * (0.5 + 0.5 * self.inner.directory.random());
@@ -366,7 +430,8 @@ impl Ongoing<'_> {
             remaining_ms: u64::try_from(remaining.as_millis()).unwrap_or(limits::MAX_REMAINING_MS),
             priority: self.options.priority,
             attempt: self.attempts,
-            traceparent: self.options.traceparent.clone(),
+            traceparent: self.options.traceparent.clone().or_else(|| crate::trace::traceparent(&tracing::Span::current())),
+            caller: inner.name.clone(),
         };
         let query = OutgoingQuery {
             payload: self.payload.clone(),
@@ -374,7 +439,12 @@ impl Ongoing<'_> {
             priority: self.options.priority,
             timeout: remaining + NETWORK_MARGIN,
         };
-        let key = inner.cell.call(inner.service, assigned.name());
+        let operates = inner.service.operates(self.method) && inner.directory.operates(assigned.name());
+        let key = match operates {
+            true => inner.cell.operate(inner.service, assigned.name()),
+            false => inner.cell.call(inner.service, assigned.name()),
+        };
+        let connection = inner.transport.connection();
         let mut guard = CancelUnlessDone { inner, worker: assigned.name().to_owned(), id: self.id.clone(), armed: true };
         // A transport that does not take the query in time is like a worker that does not answer.
         let sent = tokio::time::timeout_at(self.deadline, inner.transport.query(&key, query)).await;
@@ -392,6 +462,14 @@ impl Ongoing<'_> {
             if guard.armed {
                 self.cancelled_at.push(assigned.name().to_owned());
             }
+        }
+        if matches!(ended, Ended::Empty) && self.options.idempotent {
+            let message = format!("{} worker {} is gone", inner.service, assigned.name());
+            let gone = CallError::new(ErrorCode::Unavailable, message);
+            let was_away = inner.transport.connection() != connection;
+            let was_ever_there = inner.directory.has_told_load(assigned.name());
+            inner.directory.mark_deserted(assigned.name());
+            return if was_away || !was_ever_there { Next::Unheard(gone) } else { Next::Again(gone) };
         }
         self.judge(ended, assigned.name())
     }
@@ -442,7 +520,6 @@ impl Ongoing<'_> {
     }
 
     fn judge(&self, ended: Ended, worker: &str) -> Next {
-        let unavailable = |message: String| Next::Again(CallError::new(ErrorCode::Unavailable, message));
         match ended {
             Ended::Result { payload, worker: by, timing_ms } => {
                 let worker = by.unwrap_or_else(|| worker.to_owned());
@@ -450,7 +527,6 @@ impl Ongoing<'_> {
             }
             Ended::Error(error) if error.retryable => Next::Again(error),
             Ended::Error(error) => Next::Done(Err(error)),
-            Ended::Empty if self.options.idempotent => unavailable(format!("{} worker {worker} is gone", self.inner.service)),
             Ended::Empty => {
                 let message =
                     format!("{} worker {worker} is gone; whether request {} was carried out is unknown", self.inner.service, self.id);

@@ -12,7 +12,8 @@ use serde::{Deserialize, Deserializer, Serialize};
 use crate::RuntimeError;
 
 /// The sections that a configuration file may have. Any other is an error, so that a misspelled one is not silently ignored.
-pub const SECTIONS: [&str; 9] = ["session", "caller", "worker", "perception", "inference", "planner", "motion", "simulator", "console"];
+pub const SECTIONS: [&str; 10] =
+    ["session", "caller", "worker", "telemetry", "perception", "inference", "planner", "motion", "simulator", "console"];
 
 /// How a process takes part in the network.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -35,6 +36,9 @@ pub enum SessionMode {
 pub struct SessionConfig {
     /// The robot cell, a chunk of every key. Processes with different cells do not see each other.
     pub cell: String,
+    /// The name that this process goes by in other processes' logs and traces; none where absent. Workers of release 1 refuse calls that
+    /// carry one.
+    pub name: Option<String>,
     /// How this process takes part.
     pub mode: SessionMode,
     /// Where to connect to, `tcp/127.0.0.1:7447`. Of several a client uses the first that answers; peers and routers use all.
@@ -63,6 +67,7 @@ impl Default for SessionConfig {
     fn default() -> Self {
         Self {
             cell: "cell".to_owned(),
+            name: None,
             mode: SessionMode::Embedded,
             connect: Vec::new(),
             listen: Vec::new(),
@@ -90,6 +95,8 @@ pub struct CallerConfig {
     pub attempt_share: f64,
     /// How long a call waits for a first worker to appear, milliseconds, within its deadline.
     pub worker_wait_ms: u64,
+    /// How long workers may take to come back after their router did, milliseconds, within the deadline of a call that waits for one.
+    pub return_wait_ms: u64,
     /// The first wait before the same workers are asked again, milliseconds; it doubles, and is drawn at random between half and all of it.
     pub backoff_ms: u64,
     /// How long a cancelled call that must not be repeated waits for its worker's last word, milliseconds.
@@ -105,6 +112,7 @@ impl Default for CallerConfig {
             suspect_after_ms: 1000,
             attempt_share: 0.5,
             worker_wait_ms: 1000,
+            return_wait_ms: 5000,
             backoff_ms: 20,
             cancel_grace_ms: 1000,
             seed: None,
@@ -118,8 +126,13 @@ impl Default for CallerConfig {
 pub struct WorkerConfig {
     /// The worker's name, unique in its service; without one it is made up.
     pub name: Option<String>,
+    /// How long a worker with a name waits for that of a predecessor that has died to become free, milliseconds: a lease, and some more.
+    pub name_wait_ms: u64,
     /// Calls that may be open at once, waiting and computing; the next is refused at once. Higher: longer queues, more memory.
     pub max_open_calls: usize,
+    /// Whether methods that move a robot or change the world are taken on the `operate` key only, and not on `call` as clients of release 1
+    /// send them. On where access control is: it tells users apart by keys.
+    pub operate_only: bool,
     /// How often the load is published, milliseconds, 100 to 200 in operation. Lower: better choices by callers, more traffic.
     pub load_period_ms: u64,
     /// How long a cancelled or overdue call may take to notice, milliseconds, before its future is dropped.
@@ -136,7 +149,9 @@ impl Default for WorkerConfig {
     fn default() -> Self {
         Self {
             name: None,
+            name_wait_ms: 6000,
             max_open_calls: 64,
+            operate_only: false,
             load_period_ms: 150,
             cancel_grace_ms: 1000,
             drain_notice_ms: 100,
@@ -144,6 +159,14 @@ impl Default for WorkerConfig {
             outcomes_kept: 256,
         }
     }
+}
+
+/// What a process tells of itself, section `[telemetry]`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TelemetryConfig {
+    /// Where `/live`, `/ready` and `/metrics` are served, `127.0.0.1:9464`; port 0 picks one, which the log says. Nowhere where absent.
+    pub listen: Option<String>,
 }
 
 /// Everything that the runtime reads.
@@ -155,6 +178,8 @@ pub struct RuntimeConfig {
     pub caller: CallerConfig,
     /// How calls are served.
     pub worker: WorkerConfig,
+    /// Health and metrics.
+    pub telemetry: TelemetryConfig,
 }
 
 impl RuntimeConfig {
@@ -173,7 +198,12 @@ impl RuntimeConfig {
     /// # Errors
     /// [`RuntimeError::Config`] that names the section and the field.
     pub fn read(file: Option<&Path>) -> Result<Self, RuntimeError> {
-        Ok(Self { session: load_config("session", file)?, caller: load_config("caller", file)?, worker: load_config("worker", file)? })
+        Ok(Self {
+            session: load_config("session", file)?,
+            caller: load_config("caller", file)?,
+            worker: load_config("worker", file)?,
+            telemetry: load_config("telemetry", file)?,
+        })
     }
 
     /// Checks what the types cannot.
@@ -191,6 +221,11 @@ impl RuntimeConfig {
         check(session.lease_ms >= 500, "session", "lease_ms: at least 500, or a busy process is taken for dead")?;
         let receives = session.max_receive_bytes > limits::MAX_MESSAGE_BYTES;
         check(receives, "session", "max_receive_bytes: must exceed 33554432, what a message may have")?;
+        let sections = [("connect", &session.connect), ("listen", &session.listen)];
+        let tls = sections.into_iter().find(|(_, endpoints)| endpoints.iter().any(|endpoint| endpoint.starts_with("tls/")));
+        let why =
+            "tls/ is not built in: Zenoh 1.10's TLS link can end the process (eclipse-zenoh/zenoh#2557); quic/ takes the same certificates";
+        check(tls.is_none(), "session", &format!("{}: {why}", tls.map_or("", |(field, _)| field)))?;
         let unreachable = session.mode == SessionMode::Client && session.connect.is_empty() && session.zenoh_file.is_none();
         check(!unreachable, "session", "connect: a client needs at least one endpoint, such as tcp/127.0.0.1:7447")?;
         let embedded = session.mode == SessionMode::Embedded && !(session.connect.is_empty() && session.listen.is_empty());

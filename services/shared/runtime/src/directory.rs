@@ -56,9 +56,15 @@ struct Entry {
     load: Option<WorkerLoad>,
     heard: Instant,
     outstanding: usize,
+    /// A call found nobody behind its token; until its next load, no further call tries.
+    deserted: bool,
 }
 
 impl Entry {
+    fn new(alive: bool, load: Option<WorkerLoad>) -> Self {
+        Self { alive, load, heard: Instant::now(), outstanding: 0, deserted: false }
+    }
+
     fn view(&self, name: &str) -> WorkerView {
         WorkerView { name: name.to_owned(), load: self.load.clone(), silent: self.heard.elapsed(), outstanding: self.outstanding }
     }
@@ -98,12 +104,15 @@ pub struct Wanted<'a> {
     pub tried: &'a [String],
     /// None of these: the request was cancelled there.
     pub never: &'a [String],
+    /// Only workers whose load is known, which says how they are to be called.
+    pub needs_load: bool,
 }
 
 impl Wanted<'_> {
     fn allows(&self, worker: &WorkerView) -> bool {
         self.worker.is_none_or(|name| name == worker.name)
             && self.accept.is_none_or(|accept| worker.load.as_ref().is_some_and(|load| accept(load)))
+            && (!self.needs_load || worker.load.is_some())
             && !self.never.contains(&worker.name)
     }
 }
@@ -136,15 +145,16 @@ impl Directory {
         self.shared.state().workers.iter().filter(|(_, e)| e.alive).map(|(name, e)| e.view(name)).collect()
     }
 
-    /// The less loaded of two suitable workers drawn at random, counted as having one more call. Those that were tried, are draining or
-    /// have been silent come last, in that order. None when no suitable worker is alive.
+    /// The less loaded of two suitable workers drawn at random, counted as having one more call. Those that were tried, are draining, have
+    /// never told their load or have been silent come last, in that order. None when no suitable worker is alive.
     pub fn choose(&self, wanted: &Wanted<'_>) -> Option<Assigned> {
         let mut state = self.shared.state();
-        let mut suitable: Vec<WorkerView> = state.workers.iter().filter(|(_, e)| e.alive).map(|(name, e)| e.view(name)).collect();
+        let mut suitable: Vec<WorkerView> =
+            state.workers.iter().filter(|(_, e)| e.alive && !e.deserted).map(|(name, e)| e.view(name)).collect();
         suitable.retain(|w| wanted.allows(w));
         let rank = |w: &WorkerView| {
             let tried = wanted.tried.contains(&w.name);
-            (w.silent >= self.shared.suspect_after, !w.takes_calls(), tried)
+            (w.silent >= self.shared.suspect_after, w.load.is_none(), !w.takes_calls(), tried)
         };
         let best = suitable.iter().map(rank).min()?;
         suitable.retain(|w| rank(w) == best);
@@ -156,6 +166,23 @@ impl Directory {
             entry.outstanding += 1;
         }
         Some(Assigned { shared: self.shared.clone(), name })
+    }
+
+    /// Whether a worker has ever told its load.
+    pub fn has_told_load(&self, worker: &str) -> bool {
+        self.shared.state().workers.get(worker).is_some_and(|e| e.load.is_some())
+    }
+
+    /// Whether a worker serves its `operate` key.
+    pub fn operates(&self, worker: &str) -> bool {
+        self.shared.state().workers.get(worker).and_then(|e| e.load.as_ref()).is_some_and(|load| load.operates)
+    }
+
+    /// Notes that nobody answered behind a worker's token: calls leave it until it tells its load again.
+    pub fn mark_deserted(&self, worker: &str) {
+        if let Some(entry) = self.shared.state().workers.get_mut(worker) {
+            entry.deserted = true;
+        }
     }
 
     /// Whether a worker has been silent for so long that calls should leave it.
@@ -172,7 +199,7 @@ impl Directory {
 
     /// Whether anyone besides `besides` could take a call: alive, heard from, not draining, not tried.
     pub fn has_alternative(&self, wanted: &Wanted<'_>, besides: Option<&str>) -> bool {
-        self.shared.state().workers.iter().filter(|(_, e)| e.alive).map(|(name, e)| e.view(name)).any(|w| {
+        self.shared.state().workers.iter().filter(|(_, e)| e.alive && !e.deserted).map(|(name, e)| e.view(name)).any(|w| {
             wanted.allows(&w)
                 && !wanted.tried.contains(&w.name)
                 && besides.is_none_or(|name| name != w.name)
@@ -222,8 +249,7 @@ impl Shared {
         }
         for key in &keys {
             let name = keys::last_chunk(key).to_owned();
-            let new = || Entry { alive: true, load: None, heard: Instant::now(), outstanding: 0 };
-            state.workers.entry(name).or_insert_with(new).alive = true;
+            state.workers.entry(name).or_insert_with(|| Entry::new(true, None)).alive = true;
         }
         state.workers.retain(|_, e| e.alive || e.outstanding > 0 || e.heard.elapsed() < REMEMBERED);
         drop(state);
@@ -240,13 +266,11 @@ impl Shared {
         };
         let mut state = self.state();
         if let Some(entry) = state.workers.get_mut(worker) {
-            entry.heard = Instant::now();
-            entry.load = Some(load);
+            (entry.heard, entry.load, entry.deserted) = (Instant::now(), Some(load), false);
         } else {
             // Heard before it is seen alive: kept, so that it is known when it is. Bounded, should it never be.
             state.workers.retain(|_, e| e.alive || e.outstanding > 0 || e.heard.elapsed() < REMEMBERED);
-            let entry = Entry { alive: false, load: Some(load), heard: Instant::now(), outstanding: 0 };
-            state.workers.insert(worker.to_owned(), entry);
+            state.workers.insert(worker.to_owned(), Entry::new(false, Some(load)));
         }
         drop(state);
         self.changed.notify_waiters();

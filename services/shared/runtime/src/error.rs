@@ -23,6 +23,16 @@ pub enum RuntimeError {
         /// What the network said.
         message: String,
     },
+    /// Another process serves under the same name.
+    #[error(
+        "a {service} worker named {worker:?} is alive already: names are unique in a cell (leave [worker] name out, and one is made up)"
+    )]
+    NameTaken {
+        /// The service.
+        service: repose_proto::Service,
+        /// The name.
+        worker: String,
+    },
     /// The operating system refused something.
     #[error("{operation}: {source}")]
     System {
@@ -40,7 +50,7 @@ impl RuntimeError {
 }
 
 /// Zenoh says with every error which line of its own source says it (` at /…/orchestrator.rs:123.`): nothing that a user can act on.
-fn without_source_lines(message: &str) -> String {
+pub(crate) fn without_source_lines(message: &str) -> String {
     let mut words: Vec<&str> = Vec::new();
     for word in message.split(' ') {
         if word.contains(".rs:") && words.last() == Some(&"at") {

@@ -1,13 +1,13 @@
-//! What every service does alike: configuration, the network session, calls and their workers, bounded compute, logs, shutdown.
+//! What every service does alike: configuration, the network session, calls and their workers, scenes by id, bounded compute, logs, metrics,
+//! health, shutdown; and [`deployment`], who may do what.
 //!
 //! The only crate that imports Zenoh. A service's `endpoints.rs` implements [`Handler`]; its `worker.rs` owns a [`ComputeQueue`] or a
 //! [`BatchQueue`]; its `lib.rs` has `run(session, config, shutdown)`. Sessions need a multi-threaded Tokio runtime.
 //!
-//! ```no_run
+//! ```
 //! use std::{sync::Arc, time::Duration};
-//! use repose_proto::{CallError, Payload, Service, load::WorkerLoad};
-//! use repose_proto::perception::{LatestRequest, SceneRequest};
-//! use repose_runtime::{Call, CallOptions, ComputeQueue, Handler, QueueSettings, RuntimeConfig, RuntimeError, Session, Shutdown, Traffic};
+//! use repose_proto::{CallError, Payload, Service, load::WorkerLoad, perception::LatestRequest};
+//! use repose_runtime::{Call, CallOptions, ComputeQueue, Handler, QueueSettings, RuntimeConfig, Session};
 //!
 //! struct Endpoints { queue: ComputeQueue }
 //!
@@ -34,56 +34,64 @@
 //!     }
 //! }
 //!
-//! pub async fn run(session: Session, shutdown: Shutdown) -> Result<(), RuntimeError> {
-//!     let queue = ComputeQueue::start(QueueSettings { name: "perception".into(), capacity: 8, threads: 2, ..Default::default() })?;
-//!     session.serve(Service::Perception, Arc::new(Endpoints { queue }), shutdown).await
-//! }
+//! # #[tokio::main]
+//! # async fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! // A service and its caller, here in one process.
+//! let session = Session::open(RuntimeConfig::default()).await?;
+//! let queue = ComputeQueue::start(QueueSettings { name: "perception".into(), ..Default::default() })?;
+//! let server = session.start(Service::Perception, Arc::new(Endpoints { queue })).await?;
 //!
-//! async fn call() -> Result<(), Box<dyn std::error::Error>> {
-//!     let session = Session::open(RuntimeConfig::load(None)?).await?;
-//!     let perception = session.caller(Service::Perception).await?;
-//!     let request = Payload::json(&LatestRequest { camera: "front".into() })?;
-//!     let (progress, mut _progressed) = tokio::sync::mpsc::channel(16);
-//!     let options = CallOptions { progress: Some(progress), ..CallOptions::within(Duration::from_secs(2)) };
-//!     let answer = perception.call("latest", request, options).await?;
-//!     let _reply: LatestRequest = answer.payload.decode_json()?;
-//!     let by_id = Payload::json(&SceneRequest { scene_id: "0".repeat(64) })?;
-//!     let _scene = perception.call_any("scene", &by_id, &CallOptions::default()).await?; // asks every worker
-//!     let mut frames = session.subscribe_latest(&session.cell().camera_frames()).await?;
-//!     let states = session.publisher(session.cell().robot_state("arm"), Traffic::RobotState);
-//!     while let Some(frame) = frames.recv().await { states.put(frame.payload).await?; }
-//!     Ok(())
-//! }
+//! let perception = session.caller(Service::Perception).await?;
+//! let request = Payload::json(&LatestRequest { camera: "front".into() })?;
+//! let answer = perception.call("latest", request, CallOptions::within(Duration::from_secs(10))).await?;
+//! assert_eq!(answer.payload.decode_json::<LatestRequest>()?.camera, "front");
+//! assert_eq!(answer.worker, server.worker());
+//! assert!(answer.timing_ms.contains_key("lookup"));
+//! server.drain().await;
+//! # Ok(())
+//! # }
 //! ```
 
 mod attempt;
 mod call;
 mod caller;
 mod config;
+pub mod deployment;
+mod diagnosis;
 mod directory;
 mod error;
 pub mod fake;
 mod gauge;
+mod health;
 pub mod mailbox;
+mod namesakes;
 mod queue;
 mod registry;
+mod scenes;
 mod server;
 mod session;
 mod shutdown;
+mod stages;
 mod telemetry;
+mod trace;
 pub mod transport;
 mod zenoh_transport;
 
 pub use call::{Call, Handler};
 pub use caller::{Answer, CallOptions, Caller};
-pub use config::{CallerConfig, RuntimeConfig, SECTIONS, SessionConfig, SessionMode, WorkerConfig, list_or_commas, load_config};
+pub use config::{
+    CallerConfig, RuntimeConfig, SECTIONS, SessionConfig, SessionMode, TelemetryConfig, WorkerConfig, list_or_commas, load_config,
+};
 pub use directory::{Accept, WorkerView};
 pub use error::RuntimeError;
 pub use gauge::{LoadGauge, load_of};
+pub use health::{HealthServer, METRICS, start_metrics};
 pub use queue::{BatchQueue, ComputeQueue, Job, JobContext, JobReply, Pending, QueueSettings};
+pub use scenes::{SceneStore, check_scene_id, fetch_scene};
 pub use server::Server;
 pub use session::{Publisher, Session, run_router};
 pub use shutdown::Shutdown;
+pub use stages::Stages;
 pub use telemetry::{FORMAT_VARIABLE, LOG_VARIABLE, start_logging};
 pub use tokio_util::sync::CancellationToken;
 pub use transport::{AliveWatch, Sample, Subscription, Traffic};

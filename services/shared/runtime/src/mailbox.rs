@@ -70,6 +70,10 @@ impl<T> MailboxSender<T> {
         drop(items);
         if displaced.is_some() {
             shared.dropped.fetch_add(1, Ordering::Relaxed);
+            if shared.capacity > 1 {
+                // Room for one is for the newest only, which is no loss.
+                metrics::counter!("repose_messages_dropped_total").increment(1);
+            }
         }
         shared.arrived.notify_one();
     }

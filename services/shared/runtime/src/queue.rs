@@ -5,6 +5,9 @@
 //! `max_weight`, so that an inference thread can batch across requests, and a thread may wait a configured time for a fuller batch.
 //! Interactive jobs go before batch ones and are not handed over with them, but these get a turn after some were let by. A panic ends its
 //! jobs with `internal` and not the thread.
+//!
+//! Overload is shed at the door: a job whose wait would not leave it time to be computed before its deadline is refused at once, batch jobs
+//! get no more than half of the places, and an interactive job takes the youngest batch job's place where there is none left.
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -17,6 +20,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::RuntimeError;
 use crate::gauge::LoadGauge;
+use crate::stages::Stages;
 
 /// Size of a queue and of its crew.
 #[derive(Debug, Clone)]
@@ -37,7 +41,9 @@ pub struct QueueSettings {
 }
 
 /// Interactive jobs that may be taken before a batch job that waits: no more, or a busy service would never come to it.
-const LET_BY: usize = 8;
+const LET_BY: usize = 16;
+/// How much longer than expected a job may take and still be admitted for its deadline: what is expected is a smoothed mean.
+const EXPECTED_MARGIN: f64 = 1.25;
 
 impl Default for QueueSettings {
     fn default() -> Self {
@@ -51,12 +57,20 @@ pub struct JobContext {
     deadline: Instant,
     cancelled: CancellationToken,
     priority: Priority,
+    stages: Stages,
+    span: tracing::Span,
 }
 
 impl JobContext {
     /// A job that must be done by `deadline` and ends when `cancelled` is triggered.
     pub fn new(deadline: Instant, cancelled: CancellationToken) -> Self {
-        Self { deadline, cancelled, priority: Priority::Interactive }
+        Self { deadline, cancelled, priority: Priority::Interactive, stages: Stages::default(), span: tracing::Span::current() }
+    }
+
+    /// The same, whose time in the queue is added to a call's stages.
+    #[must_use]
+    pub fn with_stages(self, stages: Stages) -> Self {
+        Self { stages, ..self }
     }
 
     /// The same with another priority; jobs are interactive unless said otherwise.
@@ -103,6 +117,7 @@ impl JobContext {
 
 /// A request on its way to a compute thread, with the way back.
 pub struct Job<R, T> {
+    queued: Instant,
     /// What to compute.
     pub request: R,
     /// How long it may take.
@@ -159,6 +174,14 @@ struct State<R, T> {
 impl<R, T> State<R, T> {
     fn waiting(&self) -> usize {
         self.interactive.len() + self.batch.len()
+    }
+
+    /// Jobs that go before a new one of a priority.
+    fn ahead(&self, priority: Priority) -> usize {
+        match priority {
+            Priority::Interactive => self.interactive.len(),
+            Priority::Batch => self.waiting(),
+        }
     }
 
     fn push(&mut self, job: Job<R, T>) {
@@ -234,6 +257,35 @@ struct Shared<R, T> {
 }
 
 impl<R, T> Shared<R, T> {
+    /// How many jobs may wait before one of a priority is refused: batch leaves half of the places to interactive jobs.
+    fn places(&self, priority: Priority) -> usize {
+        match priority {
+            Priority::Interactive => self.settings.capacity,
+            Priority::Batch => self.settings.capacity.div_ceil(2),
+        }
+    }
+
+    fn exhausted(&self, message: impl Into<String>) -> CallError {
+        metrics::counter!("repose_refused_total", "queue" => self.settings.name.clone()).increment(1);
+        CallError::new(ErrorCode::ResourceExhausted, message).retry_after(self.gauge.retry_after_ms(self.settings.threads))
+    }
+
+    /// Why a job cannot be taken: no place, or no hope to be done by its deadline.
+    fn refusal(&self, state: &State<R, T>, context: &JobContext) -> Option<CallError> {
+        if state.waiting() >= self.places(context.priority) {
+            return Some(self.exhausted(format!("{} calls wait already", state.waiting())));
+        }
+        let threads = self.settings.threads.max(1);
+        // Those that run are half done, in the mean.
+        let before = state.ahead(context.priority) as f64 + self.gauge.running().min(threads) as f64 / 2.0;
+        let rounds = if state.ahead(context.priority) == 0 && self.gauge.running() < threads { 0.0 } else { before / threads as f64 };
+        let expected_ms = (rounds + 1.0) * self.gauge.service_ms() * EXPECTED_MARGIN;
+        let left_ms = context.remaining().as_secs_f64() * 1e3;
+        // An idle queue takes anything: a deadline that looks too short may do, and a smoothed time has to be able to fall again.
+        (rounds > 0.0 && expected_ms > left_ms)
+            .then(|| self.exhausted(format!("it would take about {expected_ms:.0} ms and {left_ms:.0} ms are left")))
+    }
+
     fn state(&self) -> MutexGuard<'_, State<R, T>> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -247,6 +299,9 @@ impl<R, T> Shared<R, T> {
         loop {
             while let Some(job) = state.pop(&mut taken, self.weigh) {
                 if let Some(job) = job.alive() {
+                    let waited = job.queued.elapsed();
+                    job.context.stages.add("queue", waited.as_secs_f64() * 1e3);
+                    metrics::histogram!("repose_queue_seconds", "queue" => self.settings.name.clone()).record(waited.as_secs_f64());
                     let weight = (self.weigh)(&job.request);
                     taken.push(job, weight, max_batch);
                 }
@@ -307,6 +362,7 @@ impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
             let (shared, mut work) = (shared.clone(), crew(i));
             let builder = std::thread::Builder::new().name(format!("{}-{i}", shared.settings.name));
             let thread = builder.spawn(move || {
+                yield_to_the_network();
                 while let Some(batch) = shared.take() {
                     let (jobs, started) = (batch.len(), Instant::now());
                     shared.gauge.started(jobs);
@@ -314,7 +370,11 @@ impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
                     if catch_unwind(AssertUnwindSafe(|| work(batch))).is_err() {
                         tracing::error!(queue = shared.settings.name, "a job panicked");
                     }
-                    shared.gauge.finished(jobs, started.elapsed());
+                    let elapsed = started.elapsed();
+                    shared.gauge.finished(jobs, elapsed);
+                    let name = || shared.settings.name.clone();
+                    metrics::histogram!("repose_compute_seconds", "queue" => name()).record(elapsed.as_secs_f64());
+                    metrics::histogram!("repose_batch_jobs", "queue" => name()).record(jobs as f64);
                 }
             });
             // Detached: it ends with the queue.
@@ -326,22 +386,31 @@ impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
     /// Queues a request.
     ///
     /// # Errors
-    /// At once: `resource_exhausted` when the queue is full, `cancelled` or `deadline_exceeded` when it is too late already.
+    /// At once: `resource_exhausted` when there is no place for it or it could not be done before its deadline, `cancelled` or
+    /// `deadline_exceeded` when it is too late already.
     pub fn submit(&self, context: JobContext, request: R) -> Result<Pending<T>, CallError> {
         context.check()?;
         let (reply, answer) = oneshot::channel();
         let mut state = self.shared.state();
-        if state.waiting() >= self.shared.settings.capacity {
+        let places = self.shared.places(context.priority);
+        if state.waiting() >= places {
             // Those nobody waits for make room first.
             state.drop_abandoned();
         }
-        if state.waiting() >= self.shared.settings.capacity {
-            let error = CallError::new(ErrorCode::ResourceExhausted, format!("{} calls wait already", state.waiting()));
-            return Err(error.retry_after(self.shared.gauge.retry_after_ms(self.shared.settings.threads)));
+        let displaced = match (state.waiting() >= places, context.priority) {
+            (true, Priority::Interactive) => state.batch.pop_back(),
+            _ => None,
+        };
+        if let Some(refused) = self.shared.refusal(&state, &context) {
+            state.batch.extend(displaced);
+            return Err(refused);
         }
-        state.push(Job { request, context: context.clone(), reply: JobReply(reply) });
+        state.push(Job { queued: Instant::now(), request, context: context.clone(), reply: JobReply(reply) });
         self.shared.gauge.set_waiting(state.waiting());
         drop(state);
+        if let Some(displaced) = displaced {
+            displaced.finish(Err(self.shared.exhausted("an interactive call took this batch call's place")));
+        }
         self.shared.arrived.notify_one();
         Ok(Pending { answer, context })
     }
@@ -396,6 +465,19 @@ impl<T> Pending<T> {
     }
 }
 
+/// Lets the threads that carry messages go before those that compute: a refusal, or a stop, must not wait for a core.
+#[cfg(target_os = "linux")]
+fn yield_to_the_network() {
+    /// The lower priority of compute threads, on the scale of `nice`.
+    const NICER_BY: i32 = 5;
+    // SAFETY: a plain system call; on Linux it is about the calling thread. Refused, it leaves the thread as it is.
+    let _refused = unsafe { libc::setpriority(libc::PRIO_PROCESS, 0, NICER_BY) };
+}
+
+/// Elsewhere threads have no priority of their own that an ordinary user may lower.
+#[cfg(not(target_os = "linux"))]
+fn yield_to_the_network() {}
+
 type Task = Box<dyn FnOnce(&JobContext) + Send>;
 
 /// A [`BatchQueue`] of closures, for services whose requests have nothing to share.
@@ -412,8 +494,8 @@ impl ComputeQueue {
         let settings = QueueSettings { max_batch: 1, ..settings };
         let queue = BatchQueue::start(settings, |_| {
             |jobs: Vec<Job<Task, ()>>| {
-                for Job { request, context, reply } in jobs {
-                    request(&context);
+                for Job { request, context, reply, .. } in jobs {
+                    context.span.in_scope(|| request(&context));
                     reply.finish(Ok(()));
                 }
             }

@@ -210,3 +210,75 @@ async fn jobs_are_handed_over_up_to_a_weight_and_a_heavier_one_alone() {
     let sizes = handed_over(settings, &[4, 6, 1, 20, 2, 2, 2, 2].map(|weight| (weight, Priority::Interactive))).await;
     assert_eq!(sizes.iter().map(|(_, size)| *size).collect::<Vec<_>>(), [2, 2, 1, 1, 3, 3, 3, 1]);
 }
+
+fn within(priority: Priority, ms: u64) -> JobContext {
+    JobContext::within(Duration::from_millis(ms)).with_priority(priority)
+}
+
+#[tokio::test]
+async fn a_job_that_could_not_be_done_by_its_deadline_is_refused_at_once() {
+    let queue = queue(64);
+    // What jobs take here is known from one that took fifty milliseconds.
+    queue
+        .run(minute(), |_| {
+            std::thread::sleep(Duration::from_millis(50));
+            Ok(())
+        })
+        .await
+        .unwrap();
+    let (release, running) = block(&queue);
+    let mut running = std::pin::pin!(running);
+    assert!(futures::poll!(running.as_mut()).is_pending());
+    while queue.gauge().running() == 0 {
+        tokio::task::yield_now().await;
+    }
+    let mut waiting: Vec<_> = (0..4).map(|_| Box::pin(queue.run(minute(), |_| Ok(())))).collect();
+    for job in &mut waiting {
+        assert!(futures::poll!(job.as_mut()).is_pending());
+    }
+    let started = Instant::now();
+    let refused = queue.run(within(Priority::Interactive, 150), |_| Ok(())).await.unwrap_err();
+    assert_eq!(refused.code, ErrorCode::ResourceExhausted, "{refused}");
+    assert!(
+        refused.retry_after_ms.is_some() && refused.message.contains("150 ms are left") | refused.message.contains("149 ms are left"),
+        "{refused}"
+    );
+    assert!(started.elapsed() < Duration::from_millis(50), "at once, and not at the deadline: {:?}", started.elapsed());
+    drop(release);
+    running.await.unwrap();
+    for job in waiting {
+        job.await.unwrap();
+    }
+    // An idle queue takes anything: a smoothed time must be able to fall again.
+    queue.run(within(Priority::Interactive, 20), |_| Ok(())).await.unwrap();
+}
+
+#[tokio::test]
+async fn batch_leaves_half_of_the_places_and_yields_its_own_to_interactive_jobs() {
+    let queue = queue(4);
+    let (release, running) = block(&queue);
+    let mut running = std::pin::pin!(running);
+    assert!(futures::poll!(running.as_mut()).is_pending());
+    while queue.gauge().running() == 0 {
+        tokio::task::yield_now().await;
+    }
+    let job = |priority| Box::pin(queue.run(within(priority, 60_000), move |_| Ok(priority)));
+    let mut batch = [job(Priority::Batch), job(Priority::Batch)];
+    for job in &mut batch {
+        assert!(futures::poll!(job.as_mut()).is_pending());
+    }
+    assert_eq!(job(Priority::Batch).await.unwrap_err().code, ErrorCode::ResourceExhausted, "half of the places are batch's");
+    let mut interactive: Vec<_> = (0..4).map(|_| job(Priority::Interactive)).collect();
+    for job in &mut interactive {
+        assert!(futures::poll!(job.as_mut()).is_pending());
+    }
+    let [older, younger] = batch;
+    assert_eq!(younger.await.unwrap_err().code, ErrorCode::ResourceExhausted, "displaced");
+    assert_eq!(older.await.unwrap_err().code, ErrorCode::ResourceExhausted, "displaced, too");
+    assert_eq!(job(Priority::Interactive).await.unwrap_err().code, ErrorCode::ResourceExhausted, "no place and nothing to displace");
+    drop(release);
+    running.await.unwrap();
+    for job in interactive {
+        assert_eq!(job.await, Ok(Priority::Interactive));
+    }
+}

@@ -5,7 +5,7 @@ use std::collections::{HashMap, VecDeque};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::time::Duration;
 
-use repose_proto::{CallError, Payload, limits};
+use repose_proto::{CallError, Payload, Priority, limits};
 use tokio::sync::watch;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
@@ -65,8 +65,16 @@ impl Registry {
         self.open.len()
     }
 
+    /// How many calls may be open when one of a priority comes: batch leaves a quarter of the places to interactive calls.
+    fn places(&self, priority: Priority) -> usize {
+        match priority {
+            Priority::Interactive => self.max_open,
+            Priority::Batch => (self.max_open - self.max_open / 4).max(1),
+        }
+    }
+
     /// Takes a call in.
-    pub fn admit(&mut self, id: &str, method: &str, payload: &Payload) -> Admission {
+    pub fn admit(&mut self, id: &str, method: &str, priority: Priority, payload: &Payload) -> Admission {
         let fingerprint = fingerprint(method, payload);
         if let Some(entry) = self.open.get(id).or_else(|| self.kept.get(id)) {
             return match entry.fingerprint == fingerprint {
@@ -78,7 +86,7 @@ impl Registry {
         if self.cancels.iter().any(|(_, cancelled)| cancelled == id) {
             return Admission::Cancelled;
         }
-        if self.open.len() >= self.max_open {
+        if self.open.len() >= self.places(priority) {
             return Admission::Full;
         }
         let cancelled = CancellationToken::new();
@@ -154,38 +162,40 @@ mod tests {
     async fn a_cancel_before_its_call_is_remembered_for_ten_seconds() {
         let mut registry = Registry::new(4, 4);
         registry.cancel("a");
-        assert!(matches!(registry.admit("a", "m", &payload("1")), Admission::Cancelled));
+        assert!(matches!(registry.admit("a", "m", Priority::Interactive, &payload("1")), Admission::Cancelled));
         tokio::time::advance(Duration::from_millis(limits::CANCEL_MEMORY_MS + 1)).await;
-        assert!(matches!(registry.admit("a", "m", &payload("1")), Admission::Compute { .. }));
+        assert!(matches!(registry.admit("a", "m", Priority::Interactive, &payload("1")), Admission::Compute { .. }));
     }
 
     #[tokio::test]
     async fn the_same_id_joins_and_a_different_request_under_it_conflicts() {
         let mut registry = Registry::new(4, 4);
-        assert!(matches!(registry.admit("a", "m", &payload("1")), Admission::Compute { .. }));
-        let Admission::Join { mut outcome } = registry.admit("a", "m", &payload("1")) else { panic!("expected to join") };
-        assert!(matches!(registry.admit("a", "m", &payload("2")), Admission::Conflict));
+        assert!(matches!(registry.admit("a", "m", Priority::Interactive, &payload("1")), Admission::Compute { .. }));
+        let Admission::Join { mut outcome } = registry.admit("a", "m", Priority::Interactive, &payload("1")) else {
+            panic!("expected to join")
+        };
+        assert!(matches!(registry.admit("a", "m", Priority::Interactive, &payload("2")), Admission::Conflict));
         registry.finish("a", Ok(payload("done")), false);
         assert_eq!(outcome.wait_for(Option::is_some).await.unwrap().clone(), Some(Ok(payload("done"))));
-        assert!(matches!(registry.admit("a", "m", &payload("2")), Admission::Compute { .. }));
+        assert!(matches!(registry.admit("a", "m", Priority::Interactive, &payload("2")), Admission::Compute { .. }));
     }
 
     #[tokio::test]
     async fn outcomes_of_at_most_once_calls_are_kept_up_to_a_bound() {
         let mut registry = Registry::new(4, 2);
         for id in ["a", "b", "c"] {
-            assert!(matches!(registry.admit(id, "execute", &payload("1")), Admission::Compute { .. }));
+            assert!(matches!(registry.admit(id, "execute", Priority::Interactive, &payload("1")), Admission::Compute { .. }));
             registry.finish(id, Ok(payload("done")), true);
         }
-        assert!(matches!(registry.admit("a", "execute", &payload("1")), Admission::Compute { .. }));
-        assert!(matches!(registry.admit("c", "execute", &payload("1")), Admission::Join { .. }));
-        assert!(matches!(registry.admit("c", "execute", &payload("2")), Admission::Conflict));
+        assert!(matches!(registry.admit("a", "execute", Priority::Interactive, &payload("1")), Admission::Compute { .. }));
+        assert!(matches!(registry.admit("c", "execute", Priority::Interactive, &payload("1")), Admission::Join { .. }));
+        assert!(matches!(registry.admit("c", "execute", Priority::Interactive, &payload("2")), Admission::Conflict));
     }
 
     #[tokio::test]
     async fn no_more_than_the_bound_are_open() {
         let mut registry = Registry::new(1, 0);
-        assert!(matches!(registry.admit("a", "m", &payload("1")), Admission::Compute { .. }));
-        assert!(matches!(registry.admit("b", "m", &payload("1")), Admission::Full));
+        assert!(matches!(registry.admit("a", "m", Priority::Interactive, &payload("1")), Admission::Compute { .. }));
+        assert!(matches!(registry.admit("b", "m", Priority::Interactive, &payload("1")), Admission::Full));
     }
 }

@@ -4,7 +4,7 @@
 //! after a cancel, the end of the drain. The way back is dropped right after it, which is what ends the caller's stream.
 
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -15,19 +15,24 @@ use tokio::sync::{Notify, watch};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
+use tracing::Instrument;
 
 use crate::RuntimeError;
 use crate::call::{Call, Handler};
 use crate::config::WorkerConfig;
 use crate::gauge::LoadGauge;
 use crate::mailbox::{MailboxReceiver, mailbox};
+use crate::namesakes;
 use crate::registry::{Admission, Outcome, Registry};
+use crate::stages::Stages;
 use crate::transport::{Guard, IncomingQueries, IncomingQuery, Replier, Subscription, Traffic, Transport};
 
 /// Progress replies of one call that may wait to be sent.
 const PROGRESS_CAPACITY: usize = 64;
 /// Calls that may wait to be looked at; looking takes microseconds.
 const INCOMING_CAPACITY: usize = 1024;
+/// Loads under this worker's name that may wait to be looked at.
+const NAMESAKE_CAPACITY: usize = 8;
 /// Cancels that may wait to be looked at.
 const CANCEL_CAPACITY: usize = 4096;
 
@@ -35,6 +40,7 @@ const CANCEL_CAPACITY: usize = 4096;
 pub struct Server {
     shared: Arc<Shared>,
     alive: Option<Guard>,
+    name_taken: CancellationToken,
     stop: CancellationToken,
     _stop_on_drop: tokio_util::sync::DropGuard,
 }
@@ -44,6 +50,7 @@ struct Shared {
     cell: Cell,
     service: Service,
     worker: String,
+    loads_told: Arc<AtomicU64>,
     handler: Arc<dyn Handler>,
     config: WorkerConfig,
     registry: Mutex<Registry>,
@@ -68,7 +75,14 @@ impl Server {
     ) -> Result<Self, RuntimeError> {
         let worker = config.name.clone().unwrap_or_else(made_up_name);
         keys::validate_chunk("name", &worker).map_err(|e| RuntimeError::transport("naming the worker", e))?;
+        if config.name.is_some() {
+            namesakes::wait_until_free(transport.as_ref(), &cell, service, &worker, Duration::from_millis(config.name_wait_ms)).await?;
+        }
         let queries = transport.serve(&cell.call(service, &worker), INCOMING_CAPACITY).await?;
+        let operations = match service.has_operations() {
+            true => Some(transport.serve(&cell.operate(service, &worker), INCOMING_CAPACITY).await?),
+            false => None,
+        };
         let cancels = transport.subscribe(&cell.cancels(service, &worker), CANCEL_CAPACITY).await?;
         let shared = Arc::new(Shared {
             registry: Mutex::new(Registry::new(config.max_open_calls, config.outcomes_kept)),
@@ -80,17 +94,33 @@ impl Server {
             transport,
             cell,
             service,
+            loads_told: Arc::default(),
             worker,
             handler,
             config,
         });
         let stop = CancellationToken::new();
-        tokio::spawn(stop.clone().run_until_cancelled_owned(take_calls(shared.clone(), queries)));
+        let name_taken = CancellationToken::new();
+        if shared.config.name.is_some() {
+            let loads = shared.transport.subscribe(&shared.cell.load(service, &shared.worker), NAMESAKE_CAPACITY).await?;
+            let found = namesakes::find(loads, shared.loads_told.clone(), name_taken.clone());
+            tokio::spawn(stop.clone().run_until_cancelled_owned(found));
+        }
+        tokio::spawn(stop.clone().run_until_cancelled_owned(take_calls(shared.clone(), queries, Door::Call)));
+        if let Some(operations) = operations {
+            tokio::spawn(stop.clone().run_until_cancelled_owned(take_calls(shared.clone(), operations, Door::Operate)));
+        }
         tokio::spawn(stop.clone().run_until_cancelled_owned(take_cancels(shared.clone(), cancels)));
         tokio::spawn(stop.clone().run_until_cancelled_owned(report_load(shared.clone())));
         let alive = shared.transport.declare_alive(&shared.cell.live(service, &shared.worker)).await?;
         tracing::info!(%service, worker = shared.worker, "serving");
-        Ok(Self { shared, alive: Some(alive), _stop_on_drop: stop.clone().drop_guard(), stop })
+        Ok(Self { shared, alive: Some(alive), name_taken, _stop_on_drop: stop.clone().drop_guard(), stop })
+    }
+
+    /// Waits until another process turns out to serve under the same name, and this one is the younger: it must stop.
+    pub async fn name_taken(&self) -> RuntimeError {
+        self.name_taken.cancelled().await;
+        namesakes::taken(self.shared.service, &self.shared.worker)
     }
 
     /// The worker's name in the key space.
@@ -132,9 +162,16 @@ fn made_up_name() -> String {
     format!("w-{}", &uuid::Uuid::new_v4().simple().to_string()[..12])
 }
 
-async fn take_calls(shared: Arc<Shared>, mut queries: IncomingQueries) {
+/// The key that a call came by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Door {
+    Call,
+    Operate,
+}
+
+async fn take_calls(shared: Arc<Shared>, mut queries: IncomingQueries, door: Door) {
     while let Some(query) = queries.next().await {
-        shared.calls.spawn(answer(shared.clone(), query));
+        shared.calls.spawn(answer(shared.clone(), query, door));
     }
 }
 
@@ -148,10 +185,12 @@ async fn report_load(shared: Arc<Shared>) {
     let key = shared.cell.load(shared.service, &shared.worker);
     let period = Duration::from_millis(shared.config.load_period_ms);
     for seq in 1.. {
+        shared.loads_told.store(seq, Ordering::Release);
         let mut load: WorkerLoad = shared.handler.load();
         load.v = limits::VERSION;
         load.seq = seq;
         load.draining = shared.draining.load(Ordering::Acquire);
+        load.operates = shared.service.has_operations();
         if load.in_flight == 0 && load.queue_depth == 0 {
             load.in_flight = shared.registry().open_calls();
         }
@@ -161,6 +200,7 @@ async fn report_load(shared: Arc<Shared>) {
         if load.service_ms == 0.0 {
             load.service_ms = shared.gauge.service_ms();
         }
+        gauges(&shared, &load);
         match Payload::json(&load) {
             Ok(payload) => {
                 if let Err(error) = shared.transport.put(&key, payload, Traffic::Load).await {
@@ -172,6 +212,21 @@ async fn report_load(shared: Arc<Shared>) {
         // Early when there is news; the next one comes a whole period later.
         drop(tokio::time::timeout(period, shared.load_changed.notified()).await);
     }
+}
+
+/// The load as metrics.
+fn gauges(shared: &Shared, load: &WorkerLoad) {
+    let (service, worker) = (shared.service.as_str(), shared.worker.as_str());
+    let labels = [("service", service.to_owned()), ("worker", worker.to_owned())];
+    metrics::gauge!("repose_queue_waiting", &labels).set(load.queue_depth as f64);
+    metrics::gauge!("repose_calls_running", &labels).set(load.in_flight as f64);
+    metrics::gauge!("repose_draining", &labels).set(f64::from(u8::from(load.draining)));
+    let (weights, kernel) = (load.weights_hash.clone(), load.kernel.clone());
+    let version = env!("CARGO_PKG_VERSION");
+    metrics::gauge!(
+        "repose_worker_info", "service" => service, "worker" => worker.to_owned(), "weights" => weights, "kernel" => kernel, "version" => version
+    )
+    .set(1.0);
 }
 
 /// The way back of one call, with what every reply carries.
@@ -230,7 +285,7 @@ fn id_of(attachment: &[u8]) -> String {
     value.and_then(|v| Some(v.get("id")?.as_str()?.to_owned())).unwrap_or_default()
 }
 
-async fn answer(shared: Arc<Shared>, query: IncomingQuery) {
+async fn answer(shared: Arc<Shared>, query: IncomingQuery, door: Door) {
     let IncomingQuery { payload, attachment, replier } = query;
     let received = Instant::now();
     let mut reply = ReplyAttachment {
@@ -257,11 +312,10 @@ async fn answer(shared: Arc<Shared>, query: IncomingQuery) {
     reply.attempt = Some(call.attempt);
     let answerer = Answerer { replier, attachment: reply };
     let deadline = received + Duration::from_millis(call.remaining_ms);
-    if shared.refusing.load(Ordering::Acquire) {
-        let error = CallError::new(ErrorCode::Unavailable, "this worker is stopping");
+    if let Err(error) = shared.may_enter(door, &call.method) {
         return answerer.finish(Err(error), BTreeMap::new()).await;
     }
-    let admission = shared.registry().admit(&call.id, &call.method, &payload);
+    let admission = shared.registry().admit(&call.id, &call.method, call.priority, &payload);
     let error = match admission {
         Admission::Compute { cancelled } => return compute(shared, call, payload, deadline, cancelled, answerer).await,
         Admission::Join { outcome } => return join(outcome, deadline, answerer).await,
@@ -272,10 +326,30 @@ async fn answer(shared: Arc<Shared>, query: IncomingQuery) {
             CallError::new(ErrorCode::ResourceExhausted, message).retry_after(shared.retry_after_ms())
         }
     };
-    answerer.finish(Err(error), BTreeMap::new()).await;
+    let span = span_of(&shared, &call);
+    let refused = Err(error);
+    span.in_scope(|| told(&shared, &call.method, &refused, received.elapsed()));
+    answerer.finish(refused, BTreeMap::new()).await;
 }
 
 impl Shared {
+    /// Whether a call of a method may come by a door now.
+    fn may_enter(&self, door: Door, method: &str) -> Result<(), CallError> {
+        if self.refusing.load(Ordering::Acquire) {
+            return Err(CallError::new(ErrorCode::Unavailable, "this worker is stopping"));
+        }
+        match (door, self.service.operates(method)) {
+            (Door::Operate, false) => {
+                Err(CallError::invalid("method", format!("{method:?} moves nothing: it is called by this worker's key `call`")))
+            }
+            (Door::Call, true) if self.config.operate_only => {
+                let message = format!("{method:?} is for operators: it is called by this worker's key `operate`");
+                Err(CallError::precondition(message).at("method"))
+            }
+            _ => Ok(()),
+        }
+    }
+
     fn retry_after_ms(&self) -> u64 {
         let load = self.handler.load();
         let service_ms = if load.service_ms > 0.0 { load.service_ms } else { self.gauge.service_ms() };
@@ -292,24 +366,28 @@ async fn compute(
     mut answerer: Answerer,
 ) {
     let (progress, mut progressed) = mailbox(PROGRESS_CAPACITY);
+    let span = span_of(&shared, &attachment);
     let call = Call {
         id: attachment.id,
         method: attachment.method,
         payload,
         priority: attachment.priority,
         attempt: attachment.attempt,
-        traceparent: attachment.traceparent,
+        // A call made on behalf of this one belongs under this one's span.
+        traceparent: crate::trace::traceparent(&span).or(attachment.traceparent),
+        caller: attachment.caller,
         deadline,
         cancelled: cancelled.clone(),
         progress,
-        timing_ms: Arc::default(),
+        stages: Stages::default(),
     };
-    let (id, timing_ms) = (call.id.clone(), call.timing_ms.clone());
+    let (id, stages) = (call.id.clone(), call.stages.clone());
     let at_most_once = shared.handler.at_most_once(&call.method);
     let started = Instant::now();
     shared.gauge.started(1);
     let handler = shared.handler.clone();
-    let task = tokio::spawn(async move { handler.call(call).await });
+    let method = call.method.clone();
+    let task = tokio::spawn(async move { handler.call(call).await }.instrument(span.clone()));
     let mut outcome = supervise(&shared, task, deadline, &cancelled, &mut progressed, &mut answerer).await;
     shared.gauge.finished(1, started.elapsed());
     while let Some(payload) = progressed.try_recv() {
@@ -325,9 +403,38 @@ async fn compute(
         }
         registry.finish(&id, outcome.clone(), at_most_once);
     }
-    let mut timing_ms = std::mem::take(&mut *timing_ms.lock().unwrap_or_else(PoisonError::into_inner));
+    let mut timing_ms = stages.take();
     timing_ms.insert("total".to_owned(), started.elapsed().as_secs_f64() * 1e3);
+    span.in_scope(|| told(&shared, &method, &outcome, started.elapsed()));
     answerer.finish(outcome, timing_ms).await;
+}
+
+/// The span of a call, under the caller's where it sent one.
+fn span_of(shared: &Shared, call: &CallAttachment) -> tracing::Span {
+    let (service, worker) = (shared.service.as_str(), shared.worker.as_str());
+    let (id, method, attempt) = (call.id.as_str(), call.method.as_str(), call.attempt);
+    let span = tracing::info_span!("call", id, method, caller = call.caller, attempt, service, worker, cell = shared.cell.name());
+    crate::trace::continue_from(&span, call.traceparent.as_deref());
+    span
+}
+
+/// Counts how a call ended, and says so in the log.
+fn told(shared: &Shared, method: &str, outcome: &Outcome, took: Duration) {
+    let service = shared.service.as_str();
+    let (code, is_unknown) = match outcome {
+        Ok(_) => ("result", false),
+        Err(error) => (error.code.as_str(), error.field.as_deref() == Some("method")),
+    };
+    // Callers make methods up; the names of metrics are ours.
+    let known = if is_unknown { "unknown" } else { method }.to_owned();
+    metrics::counter!("repose_requests_total", "service" => service, "method" => known.clone(), "code" => code).increment(1);
+    metrics::histogram!("repose_request_seconds", "service" => service, "method" => known).record(took.as_secs_f64());
+    let took_ms = took.as_millis() as u64;
+    match outcome {
+        Err(error) if error.code == ErrorCode::Internal => tracing::error!(%error, took_ms, "ended"),
+        Err(error) => tracing::info!(%error, took_ms, "ended"),
+        Ok(_) => tracing::debug!(took_ms, "ended"),
+    }
 }
 
 /// Waits for the handler, for its deadline and for a cancel, and forwards progress meanwhile.

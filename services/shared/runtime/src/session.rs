@@ -1,6 +1,7 @@
 //! A process's place in one cell's network: callers, workers, publishers and subscriptions come from here. Cheap to clone.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use repose_proto::{CallError, Cell, Payload, Service};
@@ -9,7 +10,7 @@ use crate::caller::Caller;
 use crate::config::RuntimeConfig;
 use crate::transport::{AliveWatch, Subscription, Traffic, Transport};
 use crate::zenoh_transport::ZenohTransport;
-use crate::{Handler, RuntimeError, Server, Shutdown};
+use crate::{Handler, HealthServer, RuntimeError, Server, Shutdown};
 
 /// A connection to a cell.
 #[derive(Clone)]
@@ -17,6 +18,7 @@ pub struct Session {
     transport: Arc<dyn Transport>,
     cell: Cell,
     config: Arc<RuntimeConfig>,
+    serving: Arc<AtomicUsize>,
 }
 
 impl Session {
@@ -44,7 +46,7 @@ impl Session {
     /// When the configured cell is no chunk of a key.
     pub fn over(transport: Arc<dyn Transport>, config: RuntimeConfig) -> Result<Self, RuntimeError> {
         let cell = Cell::new(&config.session.cell).map_err(|e| RuntimeError::transport("naming the cell", e))?;
-        Ok(Self { transport, cell, config: Arc::new(config) })
+        Ok(Self { transport, cell, config: Arc::new(config), serving: Arc::default() })
     }
 
     /// The same connection, in another cell.
@@ -65,7 +67,7 @@ impl Session {
     /// # Errors
     /// When the network refuses.
     pub async fn caller(&self, service: Service) -> Result<Caller, RuntimeError> {
-        Caller::new(self.transport.clone(), self.cell.clone(), service, self.config.caller.clone()).await
+        Caller::new(self.transport.clone(), self.cell.clone(), service, self.config.session.name.clone(), self.config.caller.clone()).await
     }
 
     /// Starts a worker of a service; drain it to stop it.
@@ -82,9 +84,19 @@ impl Session {
     /// When the network refuses.
     pub async fn serve(&self, service: Service, handler: Arc<dyn Handler>, shutdown: Shutdown) -> Result<(), RuntimeError> {
         let server = self.start(service, handler).await?;
-        shutdown.requested().await;
+        self.serving.fetch_add(1, Ordering::AcqRel);
+        let ended = tokio::select! {
+            () = shutdown.requested() => Ok(()),
+            taken = server.name_taken() => Err(taken),
+        };
+        self.serving.fetch_sub(1, Ordering::AcqRel);
         server.drain().await;
-        Ok(())
+        ended
+    }
+
+    /// Workers that serve by [`Session::serve`] and are not draining.
+    pub fn serving(&self) -> usize {
+        self.serving.load(Ordering::Acquire)
     }
 
     /// Subscribes to the newest message: one that is not taken before the next comes is dropped and counted.
@@ -171,7 +183,12 @@ impl Publisher {
 /// # Errors
 /// When the session cannot be opened.
 pub async fn run_router(config: RuntimeConfig, shutdown: Shutdown) -> Result<(), RuntimeError> {
+    let listen = config.telemetry.listen.clone();
     let session = Session::open(config).await?;
+    let _health = match &listen {
+        Some(listen) => Some(HealthServer::start(listen, session.clone(), false).await?),
+        None => None,
+    };
     tracing::info!(locators = ?session.locators().await, "routing");
     shutdown.requested().await;
     session.close().await

@@ -14,22 +14,18 @@ impl Shutdown {
         Self::default()
     }
 
-    /// Asked by SIGTERM or SIGINT. A second signal ends the process as if nobody listened.
+    /// Asked by SIGTERM or SIGINT (elsewhere than on Unix, by Ctrl-C). A second signal ends the process as if nobody listened.
     ///
     /// # Errors
     /// When the signals cannot be listened to.
     pub fn on_signals() -> Result<Self, RuntimeError> {
-        use tokio::signal::unix::{SignalKind, signal};
-        let listen = |kind| signal(kind).map_err(|source| RuntimeError::System { operation: "listening for signals".to_owned(), source });
-        let (mut terminate, mut interrupt) = (listen(SignalKind::terminate())?, listen(SignalKind::interrupt())?);
+        let mut signals =
+            Signals::listen().map_err(|source| RuntimeError::System { operation: "listening for signals".to_owned(), source })?;
         let shutdown = Self::new();
         let asked = shutdown.clone();
         tokio::spawn(async move {
             for count in 0.. {
-                let number = tokio::select! {
-                    _ = terminate.recv() => libc::SIGTERM,
-                    _ = interrupt.recv() => libc::SIGINT,
-                };
+                let number = signals.next().await;
                 if count > 0 {
                     // The conventional status of a process that a signal ended.
                     std::process::exit(128 + number);
@@ -60,5 +56,46 @@ impl Shutdown {
     #[must_use]
     pub fn child(&self) -> Self {
         Self(self.0.child_token())
+    }
+}
+
+/// The signals that ask a process to stop.
+#[cfg(unix)]
+struct Signals {
+    terminate: tokio::signal::unix::Signal,
+    interrupt: tokio::signal::unix::Signal,
+}
+
+#[cfg(unix)]
+impl Signals {
+    fn listen() -> std::io::Result<Self> {
+        use tokio::signal::unix::{SignalKind, signal};
+        Ok(Self { terminate: signal(SignalKind::terminate())?, interrupt: signal(SignalKind::interrupt())? })
+    }
+
+    /// The number of the next one.
+    async fn next(&mut self) -> i32 {
+        tokio::select! {
+            _ = self.terminate.recv() => libc::SIGTERM,
+            _ = self.interrupt.recv() => libc::SIGINT,
+        }
+    }
+}
+
+/// Ctrl-C, where there are no signals.
+#[cfg(not(unix))]
+struct Signals;
+
+#[cfg(not(unix))]
+impl Signals {
+    fn listen() -> std::io::Result<Self> {
+        Ok(Self)
+    }
+
+    async fn next(&mut self) -> i32 {
+        if tokio::signal::ctrl_c().await.is_err() {
+            std::future::pending::<()>().await;
+        }
+        2
     }
 }

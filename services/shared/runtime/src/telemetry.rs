@@ -1,8 +1,17 @@
-//! Logs: structured, to standard error, so that standard output stays free for results.
+//! What a process tells of itself: logs to standard error, metrics and health over HTTP, and, with the feature `otlp`, traces to a collector.
+//!
+//! Zenoh's own log is passed through a sieve: a line that holds a configuration, and so a password, never comes out, and a router says in
+//! plain words whom it did not let in and what it refused.
 
+use std::collections::BTreeSet;
 use std::io::IsTerminal;
+use std::sync::mpsc::{SyncSender, sync_channel};
 
-use tracing_subscriber::EnvFilter;
+use tracing::field::{Field, Visit};
+use tracing::{Event, Level, Metadata, Subscriber};
+use tracing_subscriber::layer::{Context, Layer, SubscriberExt};
+use tracing_subscriber::util::SubscriberInitExt;
+use tracing_subscriber::{EnvFilter, filter};
 
 /// The environment variable with the filter, `info` or `repose_planner=debug,warn`.
 pub const LOG_VARIABLE: &str = "REPOSE_LOG";
@@ -11,13 +20,146 @@ pub const FORMAT_VARIABLE: &str = "REPOSE_LOG_FORMAT";
 
 /// Starts logging. The filter is `REPOSE_LOG` where it is set and valid, `default` otherwise. Later calls in the same process do nothing.
 pub fn start_logging(default: &str) {
-    let filter = EnvFilter::try_from_env(LOG_VARIABLE).unwrap_or_else(|_| EnvFilter::new(default));
+    let chosen = EnvFilter::try_from_env(LOG_VARIABLE).unwrap_or_else(|_| EnvFilter::new(default));
     // Color codes are for eyes: a file or a journal gets none.
     let colors = std::io::stderr().is_terminal();
-    let subscriber = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(colors).with_writer(std::io::stderr);
-    // A log that nobody reads any more (`2>&1 | head`) is no reason to end: reporting that on standard error would panic.
-    let subscriber = subscriber.log_internal_errors(false);
     let json = std::env::var(FORMAT_VARIABLE).is_ok_and(|v| v == "json");
+    // A log that nobody reads any more (`2>&1 | head`) is no reason to end: reporting that on standard error would panic.
+    let lines = tracing_subscriber::fmt::layer().with_ansi(colors).with_writer(std::io::stderr).log_internal_errors(false);
+    let lines = match json {
+        true => lines.json().boxed(),
+        false => lines.boxed(),
+    };
+    let lines = lines.with_filter(chosen).with_filter(filter::filter_fn(|metadata| !may_hold_secrets(metadata)));
+    let refusals = Refusals::start().with_filter(filter::filter_fn(is_refusal));
     // An error here means that a subscriber is set already, by an embedding program or a test.
-    let _already_set = if json { subscriber.json().try_init() } else { subscriber.try_init() };
+    let _already_set = tracing_subscriber::registry().with(lines).with(refusals).with(spans()).try_init();
+}
+
+/// Where spans go to: the collector that `OTEL_EXPORTER_OTLP_ENDPOINT` names.
+#[cfg(feature = "otlp")]
+fn spans<S: Subscriber + for<'a> tracing_subscriber::registry::LookupSpan<'a> + Send + Sync>() -> Option<Box<dyn Layer<S> + Send + Sync>> {
+    use opentelemetry::trace::TracerProvider;
+    std::env::var_os("OTEL_EXPORTER_OTLP_ENDPOINT")?;
+    let exporter = match opentelemetry_otlp::SpanExporter::builder().with_http().build() {
+        Ok(exporter) => exporter,
+        Err(error) => {
+            eprintln!("traces go nowhere: {error}");
+            return None;
+        }
+    };
+    let resource = opentelemetry_sdk::Resource::builder().with_service_name("repose").build();
+    let provider = opentelemetry_sdk::trace::SdkTracerProvider::builder().with_batch_exporter(exporter).with_resource(resource).build();
+    let layer = tracing_opentelemetry::layer().with_tracer(provider.tracer("repose"));
+    opentelemetry::global::set_tracer_provider(provider);
+    let ours = filter::filter_fn(|metadata| metadata.is_span() && metadata.target().starts_with("repose"));
+    Some(layer.with_filter(ours).boxed())
+}
+
+/// Without the feature spans go nowhere.
+#[cfg(not(feature = "otlp"))]
+fn spans() -> Option<tracing_subscriber::layer::Identity> {
+    None
+}
+
+/// Zenoh prints a session's whole configuration when it opens, password and all.
+fn may_hold_secrets(metadata: &Metadata<'_>) -> bool {
+    metadata.target() == "zenoh::api::session" && *metadata.level() >= Level::DEBUG
+}
+
+/// Where Zenoh says that it refuses a message or a login: at levels that nobody reads.
+fn is_refusal(metadata: &Metadata<'_>) -> bool {
+    metadata.target().starts_with("zenoh::net::routing::interceptor::access_control")
+        || (metadata.target().starts_with("zenoh_transport::unicast") && *metadata.level() <= Level::ERROR)
+        || (metadata.target() == "zenoh_transport::unicast::manager" && *metadata.level() <= Level::WARN)
+}
+
+/// Says in our words, and once for each, what the router refuses.
+struct Refusals {
+    found: SyncSender<(&'static str, String)>,
+}
+
+/// Refusals that may wait to be said; a flood is not worth more.
+const MOST_WAITING: usize = 256;
+/// Different refusals that are said; further ones are counted only, for nobody may fill a log from afar.
+const MOST_SAID: usize = 1000;
+
+impl Refusals {
+    fn start() -> Self {
+        let (found, said) = sync_channel::<(&'static str, String)>(MOST_WAITING);
+        // A line must not be written while another is on its way through the layers: a thread of its own does it.
+        let say = move || {
+            let mut known = BTreeSet::new();
+            while let Ok((kind, words)) = said.recv() {
+                metrics::counter!("repose_router_refused_total", "kind" => kind).increment(1);
+                if known.len() < MOST_SAID && known.insert(words.clone()) {
+                    tracing::error!(kind, "{words}");
+                }
+            }
+        };
+        if let Err(error) = std::thread::Builder::new().name("refusals".to_owned()).spawn(say) {
+            eprintln!("what the router refuses will not be said: {error}");
+        }
+        Self { found }
+    }
+}
+
+impl<S: Subscriber> Layer<S> for Refusals {
+    fn on_event(&self, event: &Event<'_>, _context: Context<'_, S>) {
+        let mut message = Message(String::new());
+        event.record(&mut message);
+        if let Some(refusal) = refusal(event.metadata().target(), &message.0) {
+            // Where too many wait already, this one is like them.
+            drop(self.found.try_send(refusal));
+        }
+    }
+}
+
+/// A refusal in our words, if the line is one.
+fn refusal(target: &str, line: &str) -> Option<(&'static str, String)> {
+    if target.starts_with("zenoh_transport") {
+        let is_login = ["usrpwd", "UsrPwd", "Invalid password", "certificate", "authent"].iter().any(|sign| line.contains(sign));
+        return is_login.then(|| ("login", format!("refused a login: {}", crate::error::without_source_lines(line))));
+    }
+    // "<zid> on <subject> is unauthorized to <action> on <key>"
+    let (who, what) = line.split_once(" is unauthorized to ")?;
+    let subject = who.split_once(" on ").map_or(who, |(_, subject)| subject);
+    let (action, key) = what.split_once(" on ")?;
+    let broad = if action.contains("Subscriber") && key.contains('*') { "; a subscription must lie within what is allowed" } else { "" };
+    Some(("message", format!("refused: {subject} may not {action} at {key}{broad}")))
+}
+
+/// An event's message.
+struct Message(String);
+
+impl Visit for Message {
+    fn record_debug(&mut self, field: &Field, value: &dyn std::fmt::Debug) {
+        use std::fmt::Write as _;
+        if field.name() == "message" {
+            // Writing to a string does not fail.
+            let _infallible = write!(self.0, "{value:?}");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_access_control_refuses_is_said_with_user_verb_and_key() {
+        let target = "zenoh::net::routing::interceptor::access_control";
+        let line = "3f on lo+anna+quic is unauthorized to Declare Subscriber (ingress) on repose/v1/**";
+        let (kind, words) = refusal(target, line).expect("a refusal");
+        assert_eq!(kind, "message");
+        assert!(words.contains("lo+anna+quic may not Declare Subscriber (ingress) at repose/v1/**;"), "{words}");
+        assert_eq!(refusal(target, "3f on lo is authorized to Put (ingress) on repose/v1/lab/scene/front"), None);
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_login_is_said_and_other_trouble_of_links_is_not() {
+        let target = "zenoh_transport::unicast::establishment::accept";
+        assert!(refusal(target, "UsrPwd extension - Recv OpenSyn. Invalid password.").is_some());
+        assert_eq!(refusal(target, "Received an unexpected message"), None);
+    }
 }

@@ -11,6 +11,7 @@ use async_trait::async_trait;
 use bytes::Bytes;
 use repose_proto::{Payload, Priority};
 use tokio::sync::watch;
+use tokio::time::Instant;
 
 use crate::RuntimeError;
 use crate::mailbox::MailboxReceiver;
@@ -160,6 +161,17 @@ impl AliveWatch {
     }
 }
 
+/// Whether the network can carry messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Connection {
+    /// Whether it can now. A client without its router cannot.
+    pub is_up: bool,
+    /// Since when that is so.
+    pub since: Instant,
+    /// How often it has come up: the same number twice says that it never went away between.
+    pub number: u64,
+}
+
 /// A network.
 #[async_trait]
 pub trait Transport: Send + Sync + 'static {
@@ -198,6 +210,9 @@ pub trait Transport: Send + Sync + 'static {
     /// # Errors
     /// When the network refuses.
     async fn watch_alive(&self, key: &str) -> Result<AliveWatch, RuntimeError>;
+
+    /// Whether messages get through now, as far as this end knows.
+    fn connection(&self) -> Connection;
 
     /// The locators that others can connect to.
     async fn locators(&self) -> Vec<String>;

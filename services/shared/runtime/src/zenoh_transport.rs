@@ -4,14 +4,14 @@
 //! synchronously and may wait for room, or for a large one of the same priority that is being sent: such sends have threads that may block.
 
 use std::collections::BTreeSet;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use async_trait::async_trait;
 use bytes::Bytes;
-use futures::future::BoxFuture;
 use repose_proto::{Payload, Priority, message};
 use tokio::sync::watch;
+use tokio::time::Instant;
 use zenoh::Wait;
 use zenoh::bytes::{Encoding, ZBytes};
 use zenoh::qos::{CongestionControl, Priority as Urgency};
@@ -20,46 +20,112 @@ use zenoh::sample::SampleKind;
 
 use crate::RuntimeError;
 use crate::config::{SessionConfig, SessionMode};
+use crate::diagnosis::{Credentials, Finding, look_at};
 use crate::mailbox::mailbox;
 use crate::transport::{
-    AliveWatch, Guard, IncomingQueries, IncomingQuery, OutgoingQuery, Replier, ReplyEvent, ReplyStream, Sample, Subscription, Traffic,
-    Transport,
+    AliveWatch, Connection, Guard, IncomingQueries, IncomingQuery, OutgoingQuery, Replier, ReplyEvent, ReplyStream, Sample, Subscription,
+    Traffic, Transport,
 };
 
 /// Replies of one query that may wait to be read. Progress goes first when it is exceeded.
 const REPLY_CAPACITY: usize = 256;
+/// How long opening may take before it is looked into, and between looks.
+const FIRST_LOOK: Duration = Duration::from_secs(1);
+/// How many looks must find a good link before a session that does not open is taken for refused.
+const GOOD_LOOKS: u32 = 3;
 /// How long the tokens declared before may take to arrive when a watch begins.
 const HISTORY_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// A Zenoh session as a [`Transport`].
 pub struct ZenohTransport {
     session: zenoh::Session,
+    connection: Arc<Mutex<Links>>,
+}
+
+/// The links to other processes, as Zenoh's events tell them.
+struct Links {
+    /// Whether a session without links can carry nothing: a client's.
+    needs_router: bool,
+    open: BTreeSet<String>,
+    connection: Connection,
+}
+
+impl Links {
+    fn take(&mut self, other: String, kind: SampleKind) {
+        match kind {
+            SampleKind::Put => self.open.insert(other),
+            SampleKind::Delete => self.open.remove(&other),
+        };
+        metrics::gauge!("repose_links").set(self.open.len() as f64);
+        let is_up = !self.needs_router || !self.open.is_empty();
+        if is_up != self.connection.is_up {
+            let number = self.connection.number + u64::from(is_up);
+            self.connection = Connection { is_up, since: Instant::now(), number };
+            match is_up {
+                true => tracing::info!("the router is there"),
+                false => tracing::warn!("the router is gone; trying to reach it again"),
+            }
+        }
+    }
 }
 
 impl ZenohTransport {
     /// Opens a session.
     ///
     /// # Errors
-    /// When the configuration is unusable or nothing can be reached within `connect_timeout_ms`. A wrong password looks like a timeout.
+    /// When the configuration is unusable, nothing can be reached within `connect_timeout_ms`, or the router lets nobody in: at once then,
+    /// with what is wrong of the address, the certificates or the user.
     pub async fn open(config: &SessionConfig) -> Result<Self, RuntimeError> {
         let zenoh_config = zenoh_config(config)?;
-        let session = open_zenoh(zenoh_config).await.map_err(|e| {
-            let targets = if config.connect.is_empty() { String::new() } else { format!(" (connecting to {})", config.connect.join(", ")) };
-            let hint = match config.mode {
-                SessionMode::Client => "; is a router running there (`repose up` or `repose serve router`), and does it know this user?",
-                _ => "",
-            };
-            RuntimeError::transport(format!("opening the session{targets}"), format!("{e}{hint}"))
-        })?;
-        Ok(Self { session })
+        let endpoints = match config.mode {
+            SessionMode::Client => connect_endpoints(&zenoh_config),
+            _ => Vec::new(),
+        };
+        if let Some(tls) = endpoints.iter().find(|endpoint| endpoint.starts_with("tls/")) {
+            return Err(RuntimeError::transport(
+                "opening the session",
+                format!("{tls}: tls/ is not built in; quic/ takes the same certificates"),
+            ));
+        }
+        let credentials = Credentials::of(&zenoh_config);
+        let operation = || match endpoints.is_empty() {
+            true => "opening the session".to_owned(),
+            false => format!("opening the session (connecting to {})", endpoints.join(", ")),
+        };
+        let opened = tokio::select! {
+            opened = open_apart(zenoh_config) => opened,
+            why = refusal(&endpoints, &credentials) => Err(why),
+        };
+        let session = match opened {
+            Ok(session) => session,
+            Err(zenoh_says) => {
+                let why = if endpoints.is_empty() { zenoh_says } else { findings(&endpoints, &credentials).await.unwrap_or(zenoh_says) };
+                return Err(RuntimeError::transport(operation(), why));
+            }
+        };
+        let connection = Connection { is_up: true, since: Instant::now(), number: 1 };
+        let links = Links { needs_router: config.mode == SessionMode::Client, open: BTreeSet::new(), connection };
+        let links = Arc::new(Mutex::new(links));
+        let told = links.clone();
+        session
+            .info()
+            .transport_events_listener()
+            .history(true)
+            .callback(move |event| {
+                let other = event.transport().zid().to_string();
+                told.lock().unwrap_or_else(PoisonError::into_inner).take(other, event.kind());
+            })
+            .background()
+            .await
+            .map_err(|e| RuntimeError::transport("following the session's links", e))?;
+        Ok(Self { session, connection: links })
     }
 }
 
-/// A plain function that boxes its future: the body of an `async fn` is compiled in every crate and test that awaits it, and this one takes
-/// most of Zenoh with it.
+/// A plain function: the body of an `async fn` is compiled in every crate and test that awaits it, and this one takes most of Zenoh with it.
 #[inline(never)]
-fn open_zenoh(config: zenoh::Config) -> BoxFuture<'static, zenoh::Result<zenoh::Session>> {
-    Box::pin(async move { zenoh::open(config).await })
+fn open_blocking(config: zenoh::Config) -> Result<zenoh::Session, String> {
+    zenoh::open(config).wait().map_err(|e| e.to_string())
 }
 
 /// Our settings over Zenoh's defaults, or over the file that the configuration names.
@@ -78,14 +144,18 @@ fn zenoh_config(config: &SessionConfig) -> Result<zenoh::Config, RuntimeError> {
         SessionMode::Client => "client",
         SessionMode::Router => "router",
     };
+    let is_router = config.mode == SessionMode::Router;
     let mut values = vec![
         ("mode", serde_json::json!(mode)),
         ("scouting/multicast/enabled", serde_json::json!(false)),
         ("scouting/gossip/enabled", serde_json::json!(false)),
         ("transport/link/tx/lease", serde_json::json!(config.lease_ms)),
         ("transport/link/rx/max_message_size", serde_json::json!(config.max_receive_bytes)),
-        ("connect/timeout_ms", serde_json::json!(config.connect_timeout_ms)),
-        ("connect/exit_on_failure", serde_json::json!(true)),
+        // A router comes up whether or not its companions are there, and goes on trying.
+        ("connect/timeout_ms", if is_router { serde_json::json!(-1) } else { serde_json::json!(config.connect_timeout_ms) }),
+        ("connect/exit_on_failure", serde_json::json!(!is_router)),
+        // A router that comes back is found within half a second, and not hammered.
+        ("connect/retry", serde_json::json!({"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5})),
         ("queries_default_timeout", serde_json::json!(config.query_timeout_ms)),
     ];
     // A file may name the endpoints; ours stand over them where there are any.
@@ -99,6 +169,59 @@ fn zenoh_config(config: &SessionConfig) -> Result<zenoh::Config, RuntimeError> {
         zenoh_config.insert_json5(key, &value.to_string()).map_err(|e| unusable(key, &e))?;
     }
     Ok(zenoh_config)
+}
+
+/// Opens on a thread of its own: Zenoh blocks the one that asks until it is open, and a thread of the pool would be waited for at exit.
+async fn open_apart(config: zenoh::Config) -> Result<zenoh::Session, String> {
+    let (opened, opening) = tokio::sync::oneshot::channel();
+    let open = move || {
+        // Nobody waits any more when the router has refused us: what opens then closes again.
+        drop(opened.send(open_blocking(config)));
+    };
+    std::thread::Builder::new().name("opening".to_owned()).spawn(open).map_err(|e| e.to_string())?;
+    opening.await.unwrap_or_else(|_| Err("opening ended without an answer".to_owned()))
+}
+
+/// Where a client connects to, as its configuration and its file say together.
+fn connect_endpoints(config: &zenoh::Config) -> Vec<String> {
+    let endpoints = config.get_json("connect/endpoints").ok().and_then(|json| serde_json::from_str::<serde_json::Value>(&json).ok());
+    let list = endpoints.map(|value| value.get("client").cloned().unwrap_or(value));
+    let texts = list.as_ref().and_then(serde_json::Value::as_array).into_iter().flatten().filter_map(serde_json::Value::as_str);
+    texts.map(str::to_owned).collect()
+}
+
+/// Ends when every endpoint refuses us for good: waiting would change nothing. Otherwise never.
+async fn refusal(endpoints: &[String], credentials: &Credentials) -> String {
+    // What comes up at once needs no second look, and neither does a router that is still starting.
+    tokio::time::sleep(FIRST_LOOK).await;
+    let mut good_for = 0;
+    while !endpoints.is_empty() {
+        let looks = futures::future::join_all(endpoints.iter().map(|endpoint| look_at(endpoint, credentials))).await;
+        if looks.iter().all(|finding| matches!(finding, Finding::Refused(_))) {
+            return said(&looks, credentials);
+        }
+        // A good link that Zenoh cannot use for so long is one that it may not use.
+        good_for = if looks.contains(&Finding::Good) { good_for + 1 } else { 0 };
+        if good_for == GOOD_LOOKS {
+            return said(&looks, credentials);
+        }
+        tokio::time::sleep(FIRST_LOOK).await;
+    }
+    std::future::pending().await
+}
+
+/// What is wrong with the endpoints, if anything can be said.
+async fn findings(endpoints: &[String], credentials: &Credentials) -> Option<String> {
+    let looks = futures::future::join_all(endpoints.iter().map(|endpoint| look_at(endpoint, credentials))).await;
+    Some(said(&looks, credentials)).filter(|text| !text.is_empty())
+}
+
+fn said(looks: &[Finding], credentials: &Credentials) -> String {
+    let words = looks.iter().map(|finding| match finding {
+        Finding::Absent(why) | Finding::Refused(why) => why.clone(),
+        Finding::Good => credentials.not_let_in(),
+    });
+    words.collect::<Vec<_>>().join("; ")
 }
 
 fn urgency_of(priority: Priority) -> Urgency {
@@ -283,6 +406,10 @@ impl Transport for ZenohTransport {
         history.await.map_err(refused)?;
         while end.recv().await.is_some() {}
         Ok(AliveWatch { keys, _declaration: Box::new(subscriber) })
+    }
+
+    fn connection(&self) -> Connection {
+        self.connection.lock().unwrap_or_else(PoisonError::into_inner).connection
     }
 
     async fn locators(&self) -> Vec<String> {

@@ -229,6 +229,30 @@ async fn a_call_whose_worker_dies_is_answered_by_another() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn tokens_that_nobody_stands_behind_cost_no_call_its_answer() {
+    let network = Network::routed(RuntimeConfig::default()).await;
+    let fakes = network.session().await;
+    let mut tokens = Vec::new();
+    for i in 0..500 {
+        tokens.push(fakes.transport().declare_alive(&fakes.cell().live(SERVICE, &format!("fake-{i}"))).await.unwrap());
+    }
+    let caller = network.caller.caller(SERVICE).await.unwrap();
+    while caller.workers().len() < tokens.len() {
+        tokio::task::yield_now().await;
+    }
+    // Nobody but fakes: the call ends as one without workers does, and soon.
+    let started = Instant::now();
+    let nobody = caller.call("echo", word(""), options()).await.unwrap_err();
+    assert_eq!(nobody.code, ErrorCode::Unavailable);
+    assert!(started.elapsed() < Duration::from_secs(5), "{:?}", started.elapsed());
+    let (_session, server) = network.worker(&Arc::new(Oddities::default())).await;
+    caller.wait_for_workers(1, Duration::from_secs(5)).await.unwrap();
+    for _ in 0..20 {
+        assert_eq!(caller.call("echo", word("x"), options()).await.unwrap().worker, server.worker());
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn draining_finishes_what_is_open_and_refuses_what_comes() {
     let mut config = RuntimeConfig::default();
     config.caller.retries = 0;

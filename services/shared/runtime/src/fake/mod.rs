@@ -75,7 +75,7 @@ impl FakeNetwork {
     /// A node of the network: what a process would be.
     pub fn node(&self, name: &str) -> Arc<dyn Transport> {
         self.shared.with(|state| state.conditions.insert(name.to_owned(), Condition::Running));
-        Arc::new(FakeTransport { shared: self.shared.clone(), node: name.to_owned() })
+        Arc::new(FakeTransport { shared: self.shared.clone(), node: name.to_owned(), since: Instant::now() })
     }
 
     /// Kills a node (SIGKILL): everyone sees its tokens vanish and its streams end.

@@ -14,14 +14,15 @@ use super::network_state::{Declared, Shared, State, matches};
 use crate::RuntimeError;
 use crate::mailbox::mailbox;
 use crate::transport::{
-    AliveWatch, Guard, IncomingQueries, IncomingQuery, OutgoingQuery, Replier, ReplyEvent, ReplyStream, Sample, Subscription, Traffic,
-    Transport,
+    AliveWatch, Connection, Guard, IncomingQueries, IncomingQuery, OutgoingQuery, Replier, ReplyEvent, ReplyStream, Sample, Subscription,
+    Traffic, Transport,
 };
 
 /// One node's access to the network.
 pub(super) struct FakeTransport {
     pub(super) shared: Arc<Shared>,
     pub(super) node: String,
+    pub(super) since: Instant,
 }
 
 type Undo = Box<dyn FnOnce(&mut State) + Send + Sync>;
@@ -200,6 +201,10 @@ impl Transport for FakeTransport {
             (id, keys)
         });
         Ok(AliveWatch { keys, _declaration: self.undeclare(move |state| drop(state.watches.remove(&id))) })
+    }
+
+    fn connection(&self) -> Connection {
+        Connection { is_up: true, since: self.since, number: 1 }
     }
 
     async fn locators(&self) -> Vec<String> {

@@ -6,8 +6,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
+use bytes::Bytes;
 use repose_proto::load::WorkerLoad;
-use repose_proto::{CallError, ErrorCode, Message, Payload, Service};
+use repose_proto::{CallAttachment, CallError, ErrorCode, Message, Payload, Priority, ReplyAttachment, ReplyKind, Service, limits};
+use repose_runtime::transport::{OutgoingQuery, ReplyEvent};
 use repose_runtime::{Call, Caller, Handler, RuntimeConfig, Server, Session, SessionMode};
 use serde::{Deserialize, Serialize};
 use tokio::sync::Notify;
@@ -161,5 +163,27 @@ impl Network {
         let caller = self.caller.caller(SERVICE).await.unwrap();
         caller.wait_for_workers(workers, Duration::from_secs(10)).await.unwrap();
         caller
+    }
+}
+
+/// A call by hand to a key, and its terminal reply: what any client could send.
+pub async fn raw_call(session: &Session, key: &str, method: &str) -> Result<Payload, CallError> {
+    let attachment = CallAttachment {
+        v: limits::VERSION,
+        id: format!("raw-{method}"),
+        method: method.to_owned(),
+        remaining_ms: 5000,
+        priority: Priority::Interactive,
+        attempt: 0,
+        traceparent: None,
+        caller: None,
+    };
+    let attachment = Bytes::from(attachment.encode());
+    let query = OutgoingQuery { payload: word("raw"), attachment, priority: Priority::Interactive, timeout: Duration::from_secs(5) };
+    let mut replies = session.transport().query(key, query).await.unwrap();
+    let Some(ReplyEvent::Reply { payload, attachment }) = replies.next().await else { panic!("no reply") };
+    match ReplyAttachment::decode(&attachment).unwrap().kind {
+        ReplyKind::Result => Ok(payload),
+        _ => Err(payload.decode_json().unwrap()),
     }
 }

@@ -1,8 +1,7 @@
-//! Scenes held by id, with what the networks need of them; bounded, least recently used out.
+//! A scene as it is held for scoring: with its clouds in network form, for each viewing direction asked for.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
-use lru::LruCache;
 use nalgebra::Point3;
 use repose_networks::SceneContext;
 use repose_networks::points::{CloudConfig, Sight};
@@ -63,7 +62,7 @@ impl HeldScene {
     }
 
     /// Roughly how much memory the scene and its preparations take, bytes.
-    fn bytes(&self) -> usize {
+    pub fn bytes(&self) -> usize {
         // Points, labels and colors, and about as much again for each preparation.
         self.scene.points.len() * 17 * (1 + VIEWERS)
     }
@@ -76,69 +75,6 @@ fn sight_of(scene: &Scene) -> Sight {
     // Row-major: the last column is where the camera is.
     let eye = [3, 7, 11].map(|entry| world_from_camera[entry] as f32).into();
     Sight { eye, pixel_rad: (2.0 / (camera.fx + camera.fy)) as f32 }
-}
-
-/// The scenes that a worker holds.
-#[derive(Debug)]
-pub struct SceneStore {
-    held: Mutex<Held>,
-    max_scenes: usize,
-    max_bytes: usize,
-}
-
-#[derive(Debug)]
-struct Held {
-    /// Bounded by [`SceneStore::insert`], in number and in bytes.
-    scenes: LruCache<String, Arc<HeldScene>>,
-    bytes: usize,
-}
-
-impl SceneStore {
-    /// A store for at most `max_scenes` scenes and about `max_bytes` bytes; the newest scene is always kept.
-    pub fn new(max_scenes: usize, max_bytes: usize) -> Self {
-        let held = Mutex::new(Held { scenes: LruCache::unbounded(), bytes: 0 });
-        Self { held, max_scenes: max_scenes.max(1), max_bytes }
-    }
-
-    /// The scene of that id.
-    ///
-    /// # Errors
-    /// `not_found` on `scene_id`: the caller sends it whole.
-    pub fn get(&self, scene_id: &str) -> Result<Arc<HeldScene>, CallError> {
-        let not_held = || CallError::not_found("scene_id", format!("this worker does not hold scene {scene_id}"));
-        self.held().scenes.get(scene_id).cloned().ok_or_else(not_held)
-    }
-
-    /// Holds a scene, which must hash to `scene_id`; the one already held under that id is kept.
-    ///
-    /// # Errors
-    /// `invalid_argument` on `scene.scene_id` when the content has another id.
-    pub fn insert(&self, scene_id: &str, scene: Scene) -> Result<Arc<HeldScene>, CallError> {
-        if let Ok(held) = self.get(scene_id) {
-            return Ok(held);
-        }
-        // Hashed without the lock: other requests go on meanwhile.
-        let actual = scene.id();
-        if actual != scene_id {
-            return Err(CallError::invalid("scene.scene_id", format!("the enclosed scene's id is {actual}, not {scene_id}")));
-        }
-        let mut held = self.held();
-        if let Some(first) = held.scenes.get(scene_id) {
-            return Ok(first.clone());
-        }
-        let scene = Arc::new(HeldScene::new(actual, Arc::new(scene)));
-        held.bytes += scene.bytes();
-        held.scenes.put(scene_id.to_owned(), scene.clone());
-        while held.scenes.len() > 1 && (held.scenes.len() > self.max_scenes || held.bytes > self.max_bytes) {
-            let Some((_, gone)) = held.scenes.pop_lru() else { break };
-            held.bytes -= gone.bytes();
-        }
-        Ok(scene)
-    }
-
-    fn held(&self) -> MutexGuard<'_, Held> {
-        self.held.lock().unwrap_or_else(PoisonError::into_inner)
-    }
 }
 
 #[cfg(test)]
@@ -161,29 +97,5 @@ pub(crate) mod tests {
         };
         let points_m = vec![[x, 0.0, 0.0]; points];
         Scene { camera_name: "front".to_owned(), stamp_ns: 0, labels: vec![1; points], points: points_m, colors: None, meta }
-    }
-
-    #[test]
-    fn scenes_leave_by_number_and_by_bytes_the_least_recently_used_first() {
-        let scenes = [0.1, 0.2, 0.3].map(|x| scene(100, x));
-        let ids = scenes.each_ref().map(Scene::id);
-        let store = SceneStore::new(2, usize::MAX);
-        let [a, b, c] = scenes;
-        store.insert(&ids[0], a.clone()).expect("its id");
-        store.insert(&ids[1], b).expect("its id");
-        store.get(&ids[0]).expect("held");
-        store.insert(&ids[2], c).expect("its id");
-        assert!(store.get(&ids[0]).is_ok() && store.get(&ids[1]).is_err() && store.get(&ids[2]).is_ok());
-        let huge = scene(5000, 0.4);
-        let small = SceneStore::new(10, 1);
-        small.insert(&ids[0], a).expect("its id");
-        small.insert(&huge.id(), huge.clone()).expect("its id");
-        assert!(small.get(&ids[0]).is_err() && small.get(&huge.id()).is_ok(), "the newest is kept whatever its size");
-    }
-
-    #[test]
-    fn a_scene_under_another_id_is_refused() {
-        let error = SceneStore::new(1, 1).insert("00", scene(1, 0.0)).expect_err("another id");
-        assert_eq!(error.field.as_deref(), Some("scene.scene_id"));
     }
 }

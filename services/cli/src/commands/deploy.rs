@@ -1,0 +1,110 @@
+//! `repose deploy`: the configuration of a deployment with users, from one short file; and the trial of who may do what.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+use repose_proto::CallError;
+use repose_runtime::deployment::{self, CheckReport, Roles};
+
+use crate::asynchronous::in_runtime;
+use crate::failure::{Failure, Outcome};
+use crate::output::Output;
+
+/// Arguments of `deploy`.
+#[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+pub struct DeployArgs {
+    /// Who takes part: the roles file (TOML). deploy/roles.toml is an example.
+    #[arg(required = true, value_name = "ROLES")]
+    roles: Option<PathBuf>,
+    /// Where the files go. Passwords and certificates that are there stay.
+    #[arg(long, required = true, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Where the files will lie on the machines that use them; DIR itself where absent.
+    #[arg(long, value_name = "DIR")]
+    installed_at: Option<PathBuf>,
+    /// What else to do.
+    #[command(subcommand)]
+    command: Option<DeployCommand>,
+}
+
+/// What else `deploy` does.
+#[derive(Debug, Subcommand)]
+enum DeployCommand {
+    /// Tries every user, verb and key through the running router, and says what came out otherwise than the roles say. For a cell that is not
+    /// in operation: robots would act on what is tried.
+    Check(CheckArgs),
+}
+
+/// Arguments of `deploy check`.
+#[derive(Debug, Args)]
+struct CheckArgs {
+    /// What `deploy` wrote.
+    #[arg(value_name = "DIR")]
+    deployment: PathBuf,
+    /// The router; the roles file's where absent.
+    #[arg(long, value_name = "ENDPOINT", conflicts_with = "apart")]
+    connect: Option<String>,
+    /// Start a router with this configuration here, on a port of its own, and try that one: harms nothing that runs.
+    #[arg(long)]
+    apart: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &DeployArgs, output: Output) -> Outcome {
+    match (&args.command, &args.roles, &args.out) {
+        (Some(DeployCommand::Check(args)), ..) => in_runtime(check(args, output)),
+        (None, Some(roles), Some(out)) => write(roles, out, args.installed_at.as_deref(), output),
+        _ => Err(Failure::bad_input("roles", "a roles file and --out are needed")),
+    }
+}
+
+/// The roles file beside what was made of it.
+const ROLES: &str = "roles.toml";
+
+fn read(path: &Path) -> Result<(Roles, String), Failure> {
+    let named = |e: CallError| CallError { message: format!("{}: {}", path.display(), e.message), ..e };
+    let text = std::fs::read_to_string(path).map_err(|e| Failure::bad_input(&path.display().to_string(), e))?;
+    let roles = Roles::parse(&text).map_err(|e| Failure::from(named(e)))?;
+    Ok((roles, text))
+}
+
+fn write(path: &Path, out: &Path, installed_at: Option<&Path>, output: Output) -> Outcome {
+    let (roles, text) = read(path)?;
+    let at = std::path::absolute(out).map_err(|e| Failure::bad_input("out", e))?;
+    let written = deployment::write(&roles, &at, installed_at.unwrap_or(&at));
+    let written = written.map_err(|e| Failure::bad_input(&e.path.display().to_string(), e.message))?;
+    std::fs::write(at.join(ROLES), text).map_err(|e| Failure::bad_input("out", e))?;
+    output.print(&written, || {
+        format!(
+            "{}: {} files written, {} secrets and certificates kept\nrouter: repose serve router --config {}\ncheck: repose deploy check {}",
+            at.display(),
+            written.files.len(),
+            written.kept.len(),
+            at.join("router/router.toml").display(),
+            at.display(),
+        )
+    })
+}
+
+async fn check(args: &CheckArgs, output: Output) -> Outcome {
+    let (roles, _) = read(&args.deployment.join(ROLES))?;
+    let at = std::path::absolute(&args.deployment).map_err(|e| Failure::bad_input("deployment", e))?;
+    let trial = deployment::TrialOptions { connect: args.connect.clone(), apart: args.apart };
+    let report = deployment::check(&roles, &at, &trial).await?;
+    output.print(&report, || words(&report))?;
+    if report.wrong.is_empty() { Ok(()) } else { Err(Failure::NotAchieved) }
+}
+
+fn words(report: &CheckReport) -> String {
+    let CheckReport { tried, allowed, untried, wrong } = report;
+    let mut lines = vec![format!(
+        "{tried} combinations of user, verb and key tried, {allowed} of them allowed; {untried} not tried, because nobody may be at the other end"
+    )];
+    lines.extend(wrong.iter().map(|trial| format!("WRONG: {trial}")));
+    lines.push(match wrong.len() {
+        0 => "every user may do what the roles say, and nothing else".to_owned(),
+        count => format!("{count} came out otherwise than the roles say"),
+    });
+    lines.join("\n")
+}

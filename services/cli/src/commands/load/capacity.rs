@@ -1,0 +1,88 @@
+//! The highest open-loop rate that keeps an objective: doubled until it does not, then halved between.
+
+use std::str::FromStr;
+use std::time::Duration;
+
+use super::Asking;
+use super::report::Report;
+use crate::failure::Failure;
+
+/// A percentile of the latency and its bound, `p99<1s`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Objective {
+    percentile: &'static str,
+    bound_ms: f64,
+}
+
+impl FromStr for Objective {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("expected a percentile and a bound, such as p99<1s or p50<200ms, got {text:?}");
+        let (percentile, bound) = text.split_once('<').ok_or_else(wrong)?;
+        let percentile = ["p50", "p90", "p95", "p99", "max"].into_iter().find(|known| *known == percentile.trim()).ok_or_else(wrong)?;
+        let bound = bound.trim();
+        let (number, unit_ms) = match (bound.strip_suffix("ms"), bound.strip_suffix('s')) {
+            (Some(number), _) => (number, 1.0),
+            (None, Some(number)) => (number, 1e3),
+            (None, None) => return Err(wrong()),
+        };
+        let bound_ms = number.trim().parse::<f64>().map_err(|_| wrong())? * unit_ms;
+        if bound_ms > 0.0 { Ok(Self { percentile, bound_ms }) } else { Err(wrong()) }
+    }
+}
+
+impl Objective {
+    /// Whether a run kept it, and answered at least 99 %.
+    fn is_kept(&self, report: &Report) -> bool {
+        report.latency_ms.get(self.percentile).is_some_and(|ms| *ms < self.bound_ms) && report.answered_share() >= 0.99
+    }
+}
+
+/// How near the capacity is found, as a share of it.
+const NEARNESS: f64 = 0.05;
+/// The rest between two rates: what one left in queues is not the next one's.
+const REST: Duration = Duration::from_secs(1);
+
+/// Finds the capacity; the report is of the highest rate that kept the objective, or of the lowest tried.
+pub async fn find(asking: &Asking) -> Result<Report, Failure> {
+    let requests = asking.args.requests;
+    // A closed loop says about where it is.
+    let about = asking.ask(requests, None).await?.goodput_per_s.max(0.1);
+    let (mut kept, mut failed, mut rate) = (None::<(f64, Report)>, None::<f64>, about / 2.0);
+    loop {
+        tokio::time::sleep(REST).await;
+        let report = asking.ask(requests, Some(rate)).await?;
+        let is_kept = asking.args.slo.is_kept(&report);
+        tracing::info!(rate, is_kept, goodput = report.goodput_per_s, "tried");
+        match is_kept {
+            true => kept = Some((rate, report)),
+            false if rate < about / 64.0 => return Ok(Report { capacity_per_s: Some(0.0), ..report }),
+            false => failed = Some(rate),
+        }
+        rate = match (&kept, failed) {
+            (Some((low, _)), Some(high)) if high - low <= NEARNESS * high => break,
+            (Some((low, _)), Some(high)) => (low + high) / 2.0,
+            (Some((low, _)), None) => low * 2.0,
+            (None, _) => rate / 2.0,
+        };
+    }
+    match kept {
+        Some((rate, report)) => Ok(Report { capacity_per_s: Some(rate), ..report }),
+        None => Err(Failure::other("no rate kept the objective")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn objectives_are_read_with_their_unit() {
+        assert_eq!("p99<1s".parse(), Ok(Objective { percentile: "p99", bound_ms: 1000.0 }));
+        assert_eq!("p50 < 20ms".parse(), Ok(Objective { percentile: "p50", bound_ms: 20.0 }));
+        for wrong in ["p98<1s", "p99", "p99<1", "p99<-1s", "p99<s"] {
+            assert!(wrong.parse::<Objective>().is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,203 @@
+//! What a load run found: outcomes, rates, goodput, and latencies by outcome, priority and stage.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use hdrhistogram::Histogram;
+use repose_proto::Priority;
+use serde::Serialize;
+
+use crate::failure::Failure;
+
+/// The outcome of a request that never ended.
+const LOST: &str = "lost";
+/// The longest latency that is told apart from longer ones, microseconds: the longest deadline, and some.
+const LONGEST_US: u64 = 700_000_000;
+
+/// One request, ended.
+#[derive(Debug, Clone)]
+pub struct Ended {
+    /// `result`, `none`, an error's code, or `lost`.
+    pub outcome: String,
+    /// Who waited.
+    pub priority: Priority,
+    /// Who answered.
+    pub worker: Option<String>,
+    /// From when it was due.
+    pub took: Duration,
+    /// Whether it ended after its deadline.
+    pub late: bool,
+    /// Milliseconds by stage; empty without an answer.
+    pub stages_ms: BTreeMap<&'static str, f64>,
+}
+
+impl Ended {
+    /// A request of which nothing was heard.
+    pub fn lost() -> Self {
+        Self {
+            outcome: LOST.to_owned(),
+            priority: Priority::Interactive,
+            worker: None,
+            took: Duration::ZERO,
+            late: false,
+            stages_ms: BTreeMap::new(),
+        }
+    }
+}
+
+/// An answered request's time by stage: the client (from when it was due until it was sent), the network and whatever else is between the two
+/// ends, the worker's queue, and computing.
+pub fn stages(took: Duration, on_the_wire: Duration, worker_ms: &BTreeMap<String, f64>) -> BTreeMap<&'static str, f64> {
+    let ms = |duration: Duration| duration.as_secs_f64() * 1e3;
+    let of_worker = |stage: &str| worker_ms.get(stage).copied().unwrap_or(0.0);
+    let (total, queue) = (of_worker("total"), of_worker("queue"));
+    BTreeMap::from([
+        ("client", ms(took.saturating_sub(on_the_wire))),
+        ("network", (ms(on_the_wire) - total).max(0.0)),
+        ("queue", queue),
+        ("compute", (total - queue).max(0.0)),
+    ])
+}
+
+/// Percentiles, milliseconds.
+pub type Percentiles = BTreeMap<&'static str, f64>;
+
+/// Requests of one priority.
+#[derive(Debug, Default, Serialize)]
+pub struct OfPriority {
+    /// How many.
+    pub requests: usize,
+    /// How they ended.
+    pub outcomes: BTreeMap<String, usize>,
+    /// Latency of those that were answered.
+    pub answered_ms: Percentiles,
+}
+
+/// What a run found.
+#[derive(Debug, Default, Serialize)]
+pub struct Report {
+    /// Requests that began.
+    pub requests: usize,
+    /// `result`, `none`, error codes; `lost`: requests that never ended; `duplicate`: terminal replies beyond a call's one.
+    pub outcomes: BTreeMap<String, usize>,
+    /// Requests a second that were due.
+    pub offered_per_s: f64,
+    /// Requests a second that ended.
+    pub achieved_per_s: f64,
+    /// Requests a second that were answered within their deadline.
+    pub goodput_per_s: f64,
+    /// The highest rate that kept the objective.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub capacity_per_s: Option<f64>,
+    /// Requests of an open loop that could not begin, because too many were under way.
+    pub dropped: usize,
+    /// Requests that ended after their deadline.
+    pub late: usize,
+    /// Latency of all requests.
+    pub latency_ms: Percentiles,
+    /// Latency by outcome.
+    pub outcome_latency_ms: BTreeMap<String, Percentiles>,
+    /// Where the time of answered requests went.
+    pub stages_ms: BTreeMap<&'static str, Percentiles>,
+    /// By priority.
+    pub priorities: BTreeMap<&'static str, OfPriority>,
+    /// Answers by worker.
+    pub per_worker: BTreeMap<String, usize>,
+}
+
+impl Report {
+    /// Sums up.
+    pub fn new(ended: &[Ended], rate: Option<f64>, elapsed: Duration, duplicates: usize, dropped: usize) -> Result<Self, Failure> {
+        let mut report = Self { requests: ended.len(), dropped, ..Self::default() };
+        report.outcomes = BTreeMap::from([(LOST.to_owned(), 0), ("duplicate".to_owned(), duplicates)]);
+        for end in ended {
+            *report.outcomes.entry(end.outcome.clone()).or_default() += 1;
+            if let Some(worker) = &end.worker {
+                *report.per_worker.entry(worker.clone()).or_default() += 1;
+            }
+            report.late += usize::from(end.late);
+        }
+        let is_answered = |end: &&Ended| end.worker.is_some();
+        let seconds = elapsed.as_secs_f64();
+        report.achieved_per_s = ended.len() as f64 / seconds;
+        report.offered_per_s = rate.unwrap_or(report.achieved_per_s);
+        report.goodput_per_s = ended.iter().filter(is_answered).filter(|end| !end.late).count() as f64 / seconds;
+        report.latency_ms = percentiles(ended.iter().map(milliseconds))?;
+        for outcome in ended.iter().map(|end| &end.outcome) {
+            if !report.outcome_latency_ms.contains_key(outcome) {
+                let of_it = percentiles(ended.iter().filter(|end| end.outcome == *outcome).map(milliseconds))?;
+                report.outcome_latency_ms.insert(outcome.clone(), of_it);
+            }
+        }
+        for stage in ["client", "network", "queue", "compute"] {
+            report.stages_ms.insert(stage, percentiles(ended.iter().filter_map(|end| end.stages_ms.get(stage).copied()))?);
+        }
+        for (name, priority) in [("interactive", Priority::Interactive), ("batch", Priority::Batch)] {
+            let of_it = || ended.iter().filter(|end| end.priority == priority);
+            let mut sum = OfPriority { requests: of_it().count(), ..OfPriority::default() };
+            of_it().for_each(|end| *sum.outcomes.entry(end.outcome.clone()).or_default() += 1);
+            sum.answered_ms = percentiles(of_it().filter(is_answered).map(milliseconds))?;
+            report.priorities.insert(name, sum);
+        }
+        Ok(report)
+    }
+
+    /// The share of the requests that were answered, and not late.
+    pub fn answered_share(&self) -> f64 {
+        let answered = self.per_worker.values().sum::<usize>().saturating_sub(self.late);
+        answered as f64 / (self.requests + self.dropped).max(1) as f64
+    }
+}
+
+fn milliseconds(end: &Ended) -> f64 {
+    end.took.as_secs_f64() * 1e3
+}
+
+/// Percentiles of times in milliseconds; empty of none.
+fn percentiles(times_ms: impl Iterator<Item = f64>) -> Result<Percentiles, Failure> {
+    let mut histogram = Histogram::<u64>::new_with_bounds(1, LONGEST_US, 3).map_err(Failure::other)?;
+    times_ms.for_each(|ms| histogram.saturating_record((ms * 1e3) as u64));
+    if histogram.is_empty() {
+        return Ok(Percentiles::new());
+    }
+    let at = |quantile: f64| histogram.value_at_quantile(quantile) as f64 / 1e3;
+    Ok(BTreeMap::from([("p50", at(0.5)), ("p90", at(0.9)), ("p95", at(0.95)), ("p99", at(0.99)), ("max", histogram.max() as f64 / 1e3)]))
+}
+
+fn counts(of: &BTreeMap<String, usize>) -> String {
+    of.iter().map(|(name, count)| format!("{name} {count}")).collect::<Vec<_>>().join(", ")
+}
+
+fn in_words(of: &Percentiles) -> String {
+    ["p50", "p90", "p95", "p99", "max"]
+        .iter()
+        .filter_map(|name| Some(format!("{name} {:.0}", of.get(name)?)))
+        .collect::<Vec<_>>()
+        .join(", ")
+}
+
+impl std::fmt::Display for Report {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        writeln!(f, "{} requests: {}", self.requests, counts(&self.outcomes))?;
+        if let Some(capacity) = self.capacity_per_s {
+            writeln!(f, "capacity {capacity:.1}/s")?;
+        }
+        let (offered, achieved, goodput) = (self.offered_per_s, self.achieved_per_s, self.goodput_per_s);
+        writeln!(
+            f,
+            "offered {offered:.1}/s, ended {achieved:.1}/s, answered in time {goodput:.1}/s; late {}, dropped {}",
+            self.late, self.dropped
+        )?;
+        writeln!(f, "latency in ms: {}", in_words(&self.latency_ms))?;
+        for (outcome, latency) in &self.outcome_latency_ms {
+            writeln!(f, "  {outcome}: {}", in_words(latency))?;
+        }
+        for (stage, times) in self.stages_ms.iter().filter(|(_, times)| !times.is_empty()) {
+            writeln!(f, "  in {stage}: {}", in_words(times))?;
+        }
+        for (priority, of_it) in self.priorities.iter().filter(|(_, of_it)| of_it.requests > 0) {
+            writeln!(f, "{priority}, {}: {}; answered in ms: {}", of_it.requests, counts(&of_it.outcomes), in_words(&of_it.answered_ms))?;
+        }
+        write!(f, "answers by worker: {}", counts(&self.per_worker))
+    }
+}

@@ -1,0 +1,214 @@
+//! Who may do what: each role as the verbs and keys that it is allowed. Everything else is denied.
+//!
+//! Access control sees keys and not methods, which is why what moves a robot has a key of its own. `**` and `*` do not match chunks that begin
+//! with `@`, so stops and cancels are always named.
+
+use repose_proto::{Cell, Service};
+
+use super::roles::{Role, User};
+
+/// What one can do at a key.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verb {
+    /// Put a message there.
+    Put,
+    /// Hear what is put there.
+    Subscribe,
+    /// Call what is served there.
+    Query,
+    /// Serve calls there.
+    Serve,
+    /// Show oneself alive there.
+    Token,
+    /// See who is alive there.
+    Watch,
+}
+
+impl Verb {
+    /// All verbs.
+    pub const ALL: [Self; 6] = [Self::Put, Self::Subscribe, Self::Query, Self::Serve, Self::Token, Self::Watch];
+
+    /// The verb of the other end: what is put is heard by a subscriber, and so on.
+    pub fn counterpart(self) -> Self {
+        match self {
+            Self::Put => Self::Subscribe,
+            Self::Subscribe => Self::Put,
+            Self::Query => Self::Serve,
+            Self::Serve => Self::Query,
+            Self::Token => Self::Watch,
+            Self::Watch => Self::Token,
+        }
+    }
+}
+
+/// A verb and the keys that it is allowed at, with `*` for any one chunk.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Grant {
+    /// What may be done.
+    pub verb: Verb,
+    /// Where.
+    pub keys: String,
+}
+
+/// Everything that a user may do. A user whose cells are no chunks may do nothing.
+pub fn grants(user: &User) -> Vec<Grant> {
+    user.cells.iter().filter_map(|cell| Cell::new(cell).ok()).flat_map(|cell| Grants { cell, grants: Vec::new() }.of(user)).collect()
+}
+
+/// Whether a user may do something at a key.
+pub fn may(user: &User, verb: Verb, key: &str) -> bool {
+    grants(user).iter().any(|grant| grant.verb == verb && includes(&grant.keys, key))
+}
+
+/// Whether every key that `key` stands for is among `keys`. `*` stands for a chunk that does not begin with `@`.
+fn includes(keys: &str, key: &str) -> bool {
+    let (mut allowed, mut asked) = (keys.split('/'), key.split('/'));
+    loop {
+        match (allowed.next(), asked.next()) {
+            (None, None) => return true,
+            (Some("*"), Some(chunk)) if !chunk.starts_with('@') && chunk != "**" => {}
+            (Some(expected), Some(chunk)) if expected == chunk => {}
+            _ => return false,
+        }
+    }
+}
+
+/// The grants of one cell while they are put together.
+struct Grants {
+    cell: Cell,
+    grants: Vec<Grant>,
+}
+
+impl Grants {
+    fn of(mut self, user: &User) -> Vec<Grant> {
+        self.add(Verb::Put, self.cell.robot_estop("*"));
+        if user.frames {
+            self.add(Verb::Subscribe, self.cell.camera_frames());
+        }
+        match user.role {
+            Role::Viewer => self.look(),
+            Role::Planner | Role::Operator => {
+                self.look();
+                for service in Service::ALL {
+                    self.call(service);
+                    if user.role == Role::Operator && service.has_operations() {
+                        self.add(Verb::Query, self.cell.operate(service, "*"));
+                    }
+                }
+            }
+            Role::Driver => self.drive(user),
+            Role::Service => self.serve(user),
+        }
+        self.grants
+    }
+
+    fn add(&mut self, verb: Verb, keys: String) {
+        let grant = Grant { verb, keys };
+        if !self.grants.contains(&grant) {
+            self.grants.push(grant);
+        }
+    }
+
+    fn look(&mut self) {
+        self.add(Verb::Subscribe, self.cell.scene("*"));
+        self.add(Verb::Subscribe, self.cell.robot_state("*"));
+        self.add(Verb::Subscribe, self.cell.all_loads());
+        self.add(Verb::Watch, self.cell.all_lives());
+    }
+
+    fn call(&mut self, service: Service) {
+        self.add(Verb::Query, self.cell.call(service, "*"));
+        self.add(Verb::Put, self.cell.cancels(service, "*"));
+        self.add(Verb::Subscribe, self.cell.loads(service));
+        self.add(Verb::Watch, self.cell.lives(service));
+    }
+
+    /// What a robot's and a camera's own program does; the simulator without names stands in for any.
+    fn drive(&mut self, user: &User) {
+        let is_any = user.role == Role::Service && user.robot.is_none() && user.cameras.is_empty();
+        if let Some(robot) = user.robot.as_deref().or(is_any.then_some("*")) {
+            self.add(Verb::Put, self.cell.robot_state(robot));
+            self.add(Verb::Subscribe, self.cell.robot_command(robot));
+            self.add(Verb::Subscribe, self.cell.robot_estop(robot));
+        }
+        for camera in user.cameras.iter().map(String::as_str).chain(is_any.then_some("*")) {
+            self.add(Verb::Put, self.cell.camera_frame(camera));
+        }
+    }
+
+    fn serve(&mut self, user: &User) {
+        let (Some(service), worker) = (user.service, user.worker.as_deref().unwrap_or("*")) else { return };
+        self.add(Verb::Serve, self.cell.call(service, worker));
+        if service.has_operations() {
+            self.add(Verb::Serve, self.cell.operate(service, worker));
+        }
+        self.add(Verb::Subscribe, self.cell.cancels(service, worker));
+        self.add(Verb::Put, self.cell.load(service, worker));
+        self.add(Verb::Token, self.cell.live(service, worker));
+        // A worker looks whether its name is free, and stays so.
+        self.add(Verb::Watch, self.cell.live(service, worker));
+        self.add(Verb::Subscribe, self.cell.load(service, worker));
+        match service {
+            Service::Perception => {
+                self.add(Verb::Subscribe, self.cell.camera_frames());
+                self.add(Verb::Subscribe, self.cell.robot_state("*"));
+                self.add(Verb::Put, self.cell.scene("*"));
+            }
+            Service::Inference => {}
+            Service::Planner => {
+                self.add(Verb::Subscribe, self.cell.robot_state("*"));
+                self.call(Service::Perception);
+                self.call(Service::Inference);
+            }
+            Service::Motion => {
+                self.add(Verb::Put, self.cell.robot_command("*"));
+                self.add(Verb::Subscribe, self.cell.robot_state("*"));
+                self.add(Verb::Subscribe, self.cell.robot_estop("*"));
+                self.call(Service::Perception);
+            }
+            Service::Simulator => self.drive(user),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Roles;
+    use super::*;
+
+    #[test]
+    fn a_star_is_one_chunk_and_never_one_that_begins_with_an_at_sign() {
+        assert!(includes("a/*/c", "a/b/c") && includes("a/*", "a/*"));
+        assert!(!includes("a/*", "a/@b") && !includes("a/*", "a/**") && !includes("a/*", "a/b/c") && !includes("a/b", "a/*"));
+        assert!(includes("a/@b/*", "a/@b/c"));
+    }
+
+    #[test]
+    fn roles_hold_what_they_are_for_in_their_cells_only() {
+        let roles = Roles::parse(
+            "router = \"r:1\"\ncells = [\"lab\"]\n[users.v]\nrole = \"viewer\"\n[users.p]\nrole = \"planner\"\n[users.o]\nrole = \"operator\"\n\
+             [users.d]\nrole = \"driver\"\nrobot = \"panda\"\ncameras = [\"wrist\"]\n[users.m]\nrole = \"service\"\nservice = \"motion\"\n",
+        )
+        .expect("roles");
+        let who = |verb, key: &str| {
+            let may = |name: &&String| may(&roles.users[name.as_str()], verb, key);
+            roles.users.keys().filter(may).map(String::as_str).collect::<String>()
+        };
+        assert_eq!(who(Verb::Query, "repose/v1/lab/service/motion/m/operate"), "o");
+        assert_eq!(who(Verb::Query, "repose/v1/lab/service/motion/m/call"), "op");
+        assert_eq!(who(Verb::Serve, "repose/v1/lab/service/motion/m/operate"), "m");
+        assert_eq!(who(Verb::Serve, "repose/v1/lab/service/planner/m/call"), "");
+        assert_eq!(who(Verb::Put, "repose/v1/lab/robot/panda/command"), "m");
+        assert_eq!(who(Verb::Put, "repose/v1/lab/robot/panda/@estop"), "dmopv");
+        assert_eq!(who(Verb::Put, "repose/v1/*/robot/panda/@estop"), "");
+        assert_eq!(who(Verb::Put, "repose/v1/hall/robot/panda/@estop"), "");
+        assert_eq!(who(Verb::Put, "repose/v1/lab/robot/panda/state"), "d");
+        assert_eq!(who(Verb::Put, "repose/v1/lab/robot/other/state"), "");
+        assert_eq!(who(Verb::Put, "repose/v1/lab/camera/wrist/frame"), "d");
+        assert_eq!(who(Verb::Put, "repose/v1/lab/camera/front/frame"), "");
+        assert_eq!(who(Verb::Subscribe, "repose/v1/lab/robot/panda/state"), "mopv");
+        assert_eq!(who(Verb::Subscribe, "repose/v1/lab/camera/wrist/frame"), "");
+        assert_eq!(who(Verb::Token, "repose/v1/lab/live/motion/x"), "m");
+    }
+}

@@ -1,0 +1,205 @@
+//! The files of a deployment: the router's configuration with access control, each user's own, certificates and units.
+//!
+//! What was made before is kept where it is a secret or a certificate: to add a user, add it to the roles file and write again.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::Path;
+
+use repose_proto::{Cell, limits};
+use serde_json::{Value, json};
+
+use super::access::{Verb, grants};
+use super::certificates::Authority;
+use super::roles::{Role, Roles, User};
+use super::writer::{Failed, Files, Written};
+
+/// Sessions that a router takes at once; every process has one, every client some.
+const MOST_SESSIONS: usize = 512;
+/// Frames of one camera that the router passes on in a second.
+const FRAMES_PER_S: f64 = 30.0;
+/// What an attachment may add to a message.
+const ATTACHMENT_BYTES: usize = 64 << 10;
+
+/// Writes a deployment to `out`. `installed_at` is where its files will lie on the machines that use them: what the configurations name.
+///
+/// # Errors
+/// The file that could not be read or written.
+pub fn write(roles: &Roles, out: &Path, installed_at: &Path) -> Result<Written, Failed> {
+    let mut files = Files::default();
+    let authority = Authority::of(&mut files, &out.join("authority"))?;
+    let router = out.join("router");
+    let hosts = [roles.host(), "localhost", "127.0.0.1", "::1"];
+    authority.sign(&mut files, &router.join("router.pem"), &router.join("router-key.pem"), roles.host(), &hosts)?;
+    files.write_unless_there(&router.join("authority.pem"), &authority.certificate)?;
+    let passwords = passwords(&mut files, roles, &router.join("users.txt"))?;
+    files.write(&router.join("router.json5"), &router_json5(roles, &installed_at.join("router")))?;
+    files.write(&router.join("router.toml"), &router_toml(roles, &installed_at.join("router")))?;
+    for (name, user) in &roles.users {
+        let (folder, installed) = (out.join("users").join(name), installed_at.join("users").join(name));
+        if roles.login.has_certificates() {
+            authority.sign(&mut files, &folder.join("certificate.pem"), &folder.join("key.pem"), name, &[])?;
+        }
+        files.write_unless_there(&folder.join("authority.pem"), &authority.certificate)?;
+        let session = user_json5(roles, name, passwords.get(name), &installed);
+        files.write_secret(&folder.join("zenoh.json5"), &session)?;
+        files.write(&folder.join("repose.toml"), &user_toml(roles, name, user, &installed))?;
+        if let Some(service) = user.service {
+            let unit =
+                unit(&format!("Repose {service} as {name}"), &format!("{service} --config {}", installed.join("repose.toml").display()));
+            files.write(&out.join("units").join(format!("repose-{name}.service")), &unit)?;
+        }
+    }
+    let run = format!("router --config {}", installed_at.join("router/router.toml").display());
+    files.write(&out.join("units/repose-router.service"), &unit("Repose router", &run))?;
+    Ok(files.written())
+}
+
+/// Writes the Zenoh files of a trial to `to`: as [`write`] does, with everything read from where it lies now.
+pub(super) fn write_trial(roles: &Roles, deployment: &Path, to: &Path) -> Result<(), Failed> {
+    let mut files = Files::default();
+    let router = deployment.join("router");
+    files.write_secret(&to.join("router.json5"), &router_json5(roles, &router))?;
+    let missing = |path: &Path| Failed::new(path, "is missing; `repose deploy` writes it");
+    let users = router.join("users.txt");
+    let passwords = match roles.login.has_passwords() {
+        true => files.existing(&users)?.ok_or_else(|| missing(&users))?,
+        false => String::new(),
+    };
+    let passwords: BTreeMap<&str, &str> = passwords.lines().filter_map(|line| line.split_once(':')).collect();
+    for name in roles.users.keys() {
+        let password = passwords.get(name.as_str()).map(|password| (*password).to_owned());
+        let installed = deployment.join("users").join(name);
+        files.write_secret(&to.join(format!("{name}.json5")), &user_json5(roles, name, password.as_ref(), &installed))?;
+    }
+    Ok(())
+}
+
+/// Every user's password; those of users that are there already stay.
+fn passwords(files: &mut Files, roles: &Roles, file: &Path) -> Result<BTreeMap<String, String>, Failed> {
+    if !roles.login.has_passwords() {
+        return Ok(BTreeMap::new());
+    }
+    let earlier = files.existing(file)?.unwrap_or_default();
+    let earlier: BTreeMap<&str, &str> = earlier.lines().filter_map(|line| line.split_once(':')).collect();
+    let password =
+        |name: &String| earlier.get(name.as_str()).map_or_else(|| uuid::Uuid::new_v4().simple().to_string(), |p| (*p).to_owned());
+    let passwords: BTreeMap<String, String> = roles.users.keys().map(|name| (name.clone(), password(name))).collect();
+    let lines = passwords.iter().fold(String::new(), |mut lines, (name, password)| {
+        // Writing to a string does not fail.
+        let _infallible = writeln!(lines, "{name}:{password}");
+        lines
+    });
+    files.write_secret(file, &lines)?;
+    Ok(passwords)
+}
+
+/// Zenoh's messages of a verb: those that the user sends, and those that the router passes on to it.
+fn messages(verb: Verb) -> [(&'static str, &'static [&'static str]); 2] {
+    match verb {
+        Verb::Put => [("ingress", &["put"]), ("egress", &[])],
+        Verb::Subscribe => [("ingress", &["declare_subscriber"]), ("egress", &["put"])],
+        Verb::Query => [("ingress", &["query"]), ("egress", &["declare_queryable", "reply"])],
+        Verb::Serve => [("ingress", &["declare_queryable", "reply"]), ("egress", &["query"])],
+        Verb::Token => [("ingress", &["liveliness_token"]), ("egress", &[])],
+        Verb::Watch => [("ingress", &["liveliness_query", "declare_liveliness_subscriber"]), ("egress", &["liveliness_token"])],
+    }
+}
+
+/// Zenoh's access control: a rule for each user, verb and direction.
+pub(super) fn access_control(roles: &Roles) -> Value {
+    let (mut rules, mut subjects, mut policies) = (Vec::new(), Vec::new(), Vec::new());
+    for (name, user) in &roles.users {
+        let grants = grants(user);
+        let mut of_user = Vec::new();
+        for verb in Verb::ALL {
+            let keys: Vec<&str> = grants.iter().filter(|g| g.verb == verb).map(|g| g.keys.as_str()).collect();
+            for (flow, messages) in messages(verb).into_iter().filter(|(_, messages)| !messages.is_empty() && !keys.is_empty()) {
+                let id = format!("{name} {} {flow}", json!(verb).as_str().unwrap_or_default());
+                rules.push(json!({"id": id, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys}));
+                of_user.push(id);
+            }
+        }
+        let mut subject = json!({"id": name});
+        if roles.login.has_passwords() {
+            subject["usernames"] = json!([name]);
+        }
+        if roles.login.has_certificates() {
+            subject["cert_common_names"] = json!([name]);
+        }
+        subjects.push(subject);
+        policies.push(json!({"subjects": [name], "rules": of_user}));
+    }
+    json!({"enabled": true, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies})
+}
+
+fn document(about: &str, value: &Value) -> String {
+    format!("// {about}\n// Written by `repose deploy`; change the roles file and write again.\n{value:#}\n")
+}
+
+fn router_json5(roles: &Roles, installed: &Path) -> String {
+    let at = |name: &str| installed.join(name).display().to_string();
+    let tls = json!({
+        "listen_private_key": at("router-key.pem"), "listen_certificate": at("router.pem"),
+        "root_ca_certificate": at("authority.pem"), "enable_mtls": roles.login.has_certificates(),
+    });
+    let mut transport = json!({"link": {"tls": tls}, "unicast": {"max_sessions": MOST_SESSIONS}});
+    if roles.login.has_passwords() {
+        transport["auth"] = json!({"usrpwd": {"dictionary_file": at("users.txt")}});
+    }
+    let every = Cell::every();
+    let frames = json!([{"key_expr": every.camera_frames(), "freq": FRAMES_PER_S}]);
+    let value = json!({
+        "transport": transport,
+        "access_control": access_control(roles),
+        "downsampling": [{"id": "frames of one camera", "messages": ["put"], "flows": ["ingress"], "rules": frames}],
+        "low_pass_filter": [{
+            "id": "larger than a message may be", "messages": ["put", "query", "reply"], "flows": ["ingress"],
+            "key_exprs": ["**"], "size_limit": limits::MAX_MESSAGE_BYTES + ATTACHMENT_BYTES,
+        }],
+    });
+    document("The router: its certificate, its users, and what each may do. Everything that no rule allows is denied.", &value)
+}
+
+fn router_toml(roles: &Roles, installed: &Path) -> String {
+    let (listen, file) = (roles.listening(), installed.join("router.json5"));
+    format!("# repose serve router --config router.toml\n[session]\nmode = \"router\"\nlisten = [\"{listen}\"]\nzenoh_file = {file:?}\n")
+}
+
+fn user_json5(roles: &Roles, name: &str, password: Option<&String>, installed: &Path) -> String {
+    let at = |name: &str| installed.join(name).display().to_string();
+    let mut tls = json!({"root_ca_certificate": at("authority.pem")});
+    if roles.login.has_certificates() {
+        tls["enable_mtls"] = json!(true);
+        tls["connect_certificate"] = json!(at("certificate.pem"));
+        tls["connect_private_key"] = json!(at("key.pem"));
+    }
+    let mut transport = json!({"link": {"tls": tls}});
+    if let Some(password) = password {
+        transport["auth"] = json!({"usrpwd": {"user": name, "password": password}});
+    }
+    let value = json!({"mode": "client", "connect": {"endpoints": [roles.endpoint()]}, "transport": transport});
+    document(&format!("What {name} needs to be let in, in any language: a Zenoh session opened with this file. Keep it secret."), &value)
+}
+
+fn user_toml(roles: &Roles, name: &str, user: &User, installed: &Path) -> String {
+    let (cell, endpoint, file) = (&user.cells[0], roles.endpoint(), installed.join("zenoh.json5"));
+    let session = format!("[session]\nmode = \"client\"\ncell = \"{cell}\"\nconnect = [\"{endpoint}\"]\nzenoh_file = {file:?}\n");
+    let (use_it, worker) = match (user.role, user.service) {
+        (Role::Service, Some(service)) => {
+            let worker = user.worker.as_ref().map_or_else(String::new, |worker| format!("name = \"{worker}\"\n"));
+            (format!("repose serve {service} --config repose.toml"), format!("\n[worker]\noperate_only = true\n{worker}"))
+        }
+        _ => ("the commands of repose take --config repose.toml".to_owned(), String::new()),
+    };
+    format!("# {name}: {use_it}\n{session}{worker}")
+}
+
+fn unit(description: &str, run: &str) -> String {
+    format!(
+        "[Unit]\nDescription={description}\nAfter=network-online.target\nWants=network-online.target\n\n[Service]\n\
+         ExecStart=/usr/bin/repose serve {run}\nUser=repose\n# Longer than draining takes.\nTimeoutStopSec=20\nKillSignal=SIGTERM\n\
+         Restart=always\nRestartSec=1\nNoNewPrivileges=yes\nProtectSystem=strict\nProtectHome=yes\nPrivateTmp=yes\n\n\
+         [Install]\nWantedBy=multi-user.target\n"
+    )
+}

@@ -1,0 +1,196 @@
+//! The roles file: the one place that says who takes part in a deployment, and as what.
+
+use std::collections::BTreeMap;
+
+use repose_proto::keys::validate_chunk;
+use repose_proto::{CallError, Service};
+use serde::Deserialize;
+
+/// What a user is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Role {
+    /// Looks: scenes, states, loads.
+    Viewer,
+    /// Also asks for scenes, placements and motions.
+    Planner,
+    /// Also moves robots, and resets robots and worlds.
+    Operator,
+    /// A robot's or camera's own program.
+    Driver,
+    /// One of our processes.
+    Service,
+}
+
+/// How users prove who they are.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Login {
+    /// By a password, over a link that the router's certificate protects.
+    #[default]
+    Password,
+    /// By a certificate of their own (mutual TLS).
+    Certificate,
+    /// By both: a stolen password alone lets nobody in.
+    Both,
+}
+
+impl Login {
+    /// Whether users have passwords.
+    pub fn has_passwords(self) -> bool {
+        self != Self::Certificate
+    }
+
+    /// Whether users have certificates.
+    pub fn has_certificates(self) -> bool {
+        self != Self::Password
+    }
+}
+
+/// One user.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct User {
+    /// What the user is for.
+    pub role: Role,
+    /// The cells that the user is bound to; those of the file where absent.
+    #[serde(default)]
+    pub cells: Vec<String>,
+    /// A driver's robot, or the simulator's.
+    #[serde(default)]
+    pub robot: Option<String>,
+    /// A driver's cameras, or the simulator's.
+    #[serde(default)]
+    pub cameras: Vec<String>,
+    /// Which service a process is.
+    #[serde(default)]
+    pub service: Option<Service>,
+    /// The only name under which that process may serve; any where absent.
+    #[serde(default)]
+    pub worker: Option<String>,
+    /// Whether the user may also see the cameras' pictures.
+    #[serde(default)]
+    pub frames: bool,
+}
+
+/// The roles file.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Roles {
+    /// Where users reach the router, `router.example:7447`. The name, or address, is in the router's certificate.
+    pub router: String,
+    /// Where the router listens; every interface where absent.
+    #[serde(default)]
+    pub listen: Option<String>,
+    /// The cells of users that name none.
+    #[serde(default)]
+    pub cells: Vec<String>,
+    /// How users prove who they are.
+    #[serde(default)]
+    pub login: Login,
+    /// The users by name.
+    pub users: BTreeMap<String, User>,
+}
+
+impl Roles {
+    /// Reads and checks a roles file, and gives every user its cells.
+    ///
+    /// # Errors
+    /// `invalid_argument` that names the field.
+    pub fn parse(text: &str) -> Result<Self, CallError> {
+        let mut roles: Self = toml::from_str(text).map_err(|e| CallError::invalid("roles", e.to_string().trim().to_owned()))?;
+        let port = roles.router.rsplit_once(':').and_then(|(host, port)| (!host.is_empty()).then(|| port.parse::<u16>().ok())?);
+        if port.is_none() {
+            return Err(CallError::invalid("router", format!("expected name:port, got {:?}", roles.router)));
+        }
+        if roles.users.is_empty() {
+            return Err(CallError::invalid("users", "at least one user is needed"));
+        }
+        for (name, user) in &mut roles.users {
+            if user.cells.is_empty() {
+                user.cells.clone_from(&roles.cells);
+            }
+            user.check(name)?;
+        }
+        Ok(roles)
+    }
+
+    /// The router's name without its port.
+    pub fn host(&self) -> &str {
+        self.router.rsplit_once(':').map_or(self.router.as_str(), |(host, _)| host).trim_matches(['[', ']'])
+    }
+
+    /// The endpoint that users connect to.
+    pub fn endpoint(&self) -> String {
+        format!("quic/{}", self.router)
+    }
+
+    /// The endpoint that the router listens at.
+    pub fn listening(&self) -> String {
+        let port = self.router.rsplit_once(':').map_or("7447", |(_, port)| port);
+        format!("quic/{}", self.listen.clone().unwrap_or_else(|| format!("0.0.0.0:{port}")))
+    }
+}
+
+impl User {
+    fn check(&self, name: &str) -> Result<(), CallError> {
+        let field = |what: &str| format!("users.{name}.{what}");
+        // Names become file names, lines of the password file and common names of certificates.
+        validate_chunk(&format!("users.{name}"), name)?;
+        if self.cells.is_empty() {
+            return Err(CallError::invalid(field("cells"), "which cells? Name them here, or once for all users at the top"));
+        }
+        let chunks = [("cells", &self.cells), ("cameras", &self.cameras)];
+        for (what, chunk) in chunks.into_iter().flat_map(|(what, list)| list.iter().map(move |chunk| (what, chunk))) {
+            validate_chunk(&field(what), chunk)?;
+        }
+        for (what, chunk) in [("robot", &self.robot), ("worker", &self.worker)] {
+            chunk.as_ref().map_or(Ok(()), |chunk| validate_chunk(&field(what), chunk))?;
+        }
+        let is_simulator = self.service == Some(Service::Simulator);
+        let faults = [
+            (self.role == Role::Service && self.service.is_none(), "service", "which service?"),
+            (self.role != Role::Service && self.service.is_some(), "service", "only users with the role \"service\" have one"),
+            (self.role != Role::Service && self.worker.is_some(), "worker", "only users with the role \"service\" have one"),
+            (self.role == Role::Driver && self.robot.is_none() && self.cameras.is_empty(), "robot", "a driver has a robot or cameras"),
+            (self.role != Role::Driver && !is_simulator && self.robot.is_some(), "robot", "only drivers and the simulator have one"),
+            (self.role != Role::Driver && !is_simulator && !self.cameras.is_empty(), "cameras", "only drivers and the simulator have some"),
+        ];
+        match faults.into_iter().find(|(is_fault, ..)| *is_fault) {
+            Some((_, what, why)) => Err(CallError::invalid(field(what), why)),
+            None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fault(users: &str) -> String {
+        let error = Roles::parse(&format!("router = \"r:1\"\n{users}")).expect_err("a fault");
+        error.field.unwrap_or(error.message)
+    }
+
+    #[test]
+    fn what_a_role_lacks_or_has_too_much_is_named() {
+        assert_eq!(fault("[users.a]\nrole = \"viewer\""), "users.a.cells");
+        assert_eq!(fault("cells = [\"*\"]\n[users.a]\nrole = \"viewer\""), "users.a.cells");
+        assert_eq!(fault("cells = [\"lab\"]\n[users.a]\nrole = \"driver\""), "users.a.robot");
+        assert_eq!(fault("cells = [\"lab\"]\n[users.a]\nrole = \"service\""), "users.a.service");
+        assert_eq!(fault("cells = [\"lab\"]\n[users.a]\nrole = \"viewer\"\nrobot = \"panda\""), "users.a.robot");
+        assert_eq!(fault("cells = [\"lab\"]\n[users.\"a b\"]\nrole = \"viewer\""), "users.a b");
+        assert_eq!(fault("cells = [\"lab\"]\n[users]"), "users");
+        let misspelt = Roles::parse("router = \"r:1\"\ncels = [\"lab\"]\n[users.a]\nrole = \"viewer\"").expect_err("misspelt");
+        assert!(misspelt.message.contains("cels"), "{misspelt}");
+        assert_eq!(Roles::parse("router = \"here\"\n[users]").expect_err("no port").field.as_deref(), Some("router"));
+    }
+
+    #[test]
+    fn endpoints_are_the_routers() {
+        let roles = Roles::parse("router = \"router.example:7447\"\ncells = [\"lab\"]\n[users.a]\nrole = \"viewer\"").expect("roles");
+        assert_eq!((roles.host(), roles.endpoint().as_str()), ("router.example", "quic/router.example:7447"));
+        assert_eq!(roles.listening(), "quic/0.0.0.0:7447");
+        assert_eq!(roles.users["a"].cells, ["lab"]);
+    }
+}

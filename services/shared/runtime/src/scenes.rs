@@ -1,0 +1,197 @@
+//! Scenes by id: the one bounded store that every worker keeps them in, and how a request that names a scene is sent.
+//!
+//! A request names its scene by id. A worker that does not hold it answers `not_found` on `scene_id`, and the caller sends the request again
+//! with the scene enclosed: [`Caller::call_with_scene`] does both within one deadline.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use lru::LruCache;
+use repose_proto::perception::SceneRequest;
+use repose_proto::{CallError, ErrorCode, Payload, Scene};
+
+use crate::{Answer, CallOptions, Caller};
+
+/// Scenes, in whatever form `T` a worker wants them, by id; bounded in number and in bytes, the least recently used goes first.
+#[derive(Debug)]
+pub struct SceneStore<T> {
+    held: Mutex<Held<T>>,
+    max_scenes: usize,
+    max_bytes: usize,
+    weigh: fn(&T) -> usize,
+}
+
+#[derive(Debug)]
+struct Held<T> {
+    /// Bounded by [`SceneStore::keep_over`], in number and in bytes.
+    scenes: LruCache<String, Arc<T>>,
+    bytes: usize,
+}
+
+impl<T> SceneStore<T> {
+    /// An empty store for at most `max_scenes` scenes of at most `max_bytes` together, as `weigh` counts them. The newest scene is always
+    /// kept, whatever its size.
+    pub fn new(max_scenes: usize, max_bytes: usize, weigh: fn(&T) -> usize) -> Self {
+        let held = Mutex::new(Held { scenes: LruCache::unbounded(), bytes: 0 });
+        Self { held, max_scenes: max_scenes.max(1), max_bytes, weigh }
+    }
+
+    /// The scene of that id.
+    ///
+    /// # Errors
+    /// `not_found` on `scene_id`: the caller may send it whole.
+    pub fn get(&self, scene_id: &str) -> Result<Arc<T>, CallError> {
+        let missing = || CallError::not_found("scene_id", format!("this worker does not hold scene {scene_id}"));
+        self.held().scenes.get(scene_id).cloned().ok_or_else(missing)
+    }
+
+    /// Keeps a scene and returns what is now held under its id: the one that was there already, if one was.
+    pub fn keep(&self, scene_id: &str, scene: Arc<T>) -> Arc<T> {
+        self.keep_over(scene_id, scene, |_| false)
+    }
+
+    /// The same, but the new scene takes the place of one that is held already where `replaces` says so of that.
+    pub fn keep_over(&self, scene_id: &str, scene: Arc<T>, replaces: impl FnOnce(&T) -> bool) -> Arc<T> {
+        let mut held = self.held();
+        match held.scenes.get(scene_id).cloned() {
+            Some(first) if !replaces(&first) => return first,
+            Some(first) => held.bytes -= (self.weigh)(&first),
+            None => {}
+        }
+        held.bytes += (self.weigh)(&scene);
+        held.scenes.put(scene_id.to_owned(), scene.clone());
+        while held.scenes.len() > 1 && (held.scenes.len() > self.max_scenes || held.bytes > self.max_bytes) {
+            let Some((_, gone)) = held.scenes.pop_lru() else { break };
+            held.bytes -= (self.weigh)(&gone);
+        }
+        metrics::gauge!("repose_scenes_held").set(held.scenes.len() as f64);
+        scene
+    }
+
+    /// Keeps a scene that a request enclosed, in the form that `form` gives it. Hashes the scene: not for async code.
+    ///
+    /// # Errors
+    /// `invalid_argument` on `scene.scene_id` when its content has another id than the request says.
+    pub fn admit(&self, scene_id: &str, scene: Scene, form: impl FnOnce(Scene) -> T) -> Result<Arc<T>, CallError> {
+        check_scene_id(&scene, scene_id)?;
+        Ok(self.keep(scene_id, Arc::new(form(scene))))
+    }
+
+    /// How many scenes are held, and their bytes.
+    pub fn size(&self) -> (usize, usize) {
+        let held = self.held();
+        (held.scenes.len(), held.bytes)
+    }
+
+    fn held(&self) -> MutexGuard<'_, Held<T>> {
+        // Every change leaves the store whole, so a panic elsewhere under the lock does not spoil it.
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Refuses a scene whose content has another id than a request says. Hashes the scene, which takes milliseconds: not for async code.
+///
+/// # Errors
+/// `invalid_argument` on `scene.scene_id`.
+pub fn check_scene_id(scene: &Scene, scene_id: &str) -> Result<(), CallError> {
+    let actual = scene.id();
+    if actual == scene_id {
+        return Ok(());
+    }
+    Err(CallError::invalid("scene.scene_id", format!("the enclosed scene's id is {actual}, not {scene_id}")))
+}
+
+/// A scene, whole, from whichever perception worker has it.
+///
+/// # Errors
+/// `not_found` when none of them has it; those of [`Caller::call_any`].
+pub async fn fetch_scene(perception: &Caller, scene_id: &str, options: &CallOptions) -> Result<Scene, CallError> {
+    let request = Payload::json(&SceneRequest { scene_id: scene_id.to_owned() })?;
+    let answer = perception.call_any("scene", &request, options).await?;
+    Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA)?)
+}
+
+impl Caller {
+    /// Calls with a request that names a scene by its id. A worker that lacks the scene is sent it whole, where it is at hand, within what is
+    /// left of the deadline. `encode` makes the request by id of `None`, and with the scene enclosed of `Some`; [`Payload::with_scene`] does
+    /// so for any JSON request.
+    ///
+    /// # Errors
+    /// Those of [`Caller::call`]; `not_found` on `scene_id` when nobody holds the scene and it is not at hand.
+    pub async fn call_with_scene(
+        &self,
+        method: &str,
+        scene: Option<&Scene>,
+        encode: impl Fn(Option<&Scene>) -> Result<Payload, CallError>,
+        options: CallOptions,
+    ) -> Result<Answer, CallError> {
+        let deadline = tokio::time::Instant::now() + options.deadline;
+        let by_id = self.call(method, encode(None)?, options.clone()).await;
+        match (by_id, scene) {
+            (Err(error), Some(scene)) if lacks_scene(&error) => {
+                let left = deadline.saturating_duration_since(tokio::time::Instant::now());
+                // Another request than the first, and so under another id, unless its caller chose one.
+                self.call(method, encode(Some(scene))?, CallOptions { deadline: left, ..options }).await
+            }
+            (answered, _) => answered,
+        }
+    }
+}
+
+/// Whether a worker refused a request because it does not hold the request's scene.
+fn lacks_scene(error: &CallError) -> bool {
+    error.code == ErrorCode::NotFound && error.field.as_deref().is_some_and(|field| field == "scene_id" || field.ends_with(".scene_id"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn store(max_scenes: usize, max_bytes: usize) -> SceneStore<Vec<u8>> {
+        SceneStore::new(max_scenes, max_bytes, Vec::len)
+    }
+
+    fn bytes(size: usize) -> Arc<Vec<u8>> {
+        Arc::new(vec![0; size])
+    }
+
+    #[test]
+    fn the_least_recently_used_scene_goes_first() {
+        let store = store(2, usize::MAX);
+        store.keep("a", bytes(1));
+        store.keep("b", bytes(1));
+        store.get("a").expect("held");
+        store.keep("c", bytes(1));
+        assert!(store.get("a").is_ok() && store.get("b").is_err() && store.get("c").is_ok());
+    }
+
+    #[test]
+    fn bytes_are_bounded_and_the_newest_scene_is_kept_whatever_its_size() {
+        let store = store(10, 100);
+        store.keep("a", bytes(60));
+        store.keep("b", bytes(60));
+        assert!(store.get("a").is_err() && store.get("b").is_ok());
+        store.keep("c", bytes(5000));
+        assert_eq!(store.size(), (1, 5000));
+        store.keep("d", bytes(10));
+        assert_eq!(store.size(), (1, 10));
+    }
+
+    #[test]
+    fn the_same_scene_counts_once_and_the_first_one_stays_unless_it_is_replaced() {
+        let store = store(10, 1000);
+        assert_eq!(store.keep("a", bytes(1)).len(), 1);
+        assert_eq!(store.keep("a", bytes(2)).len(), 1);
+        assert_eq!(store.keep_over("a", bytes(3), |held| held.len() > 1).len(), 1);
+        assert_eq!(store.keep_over("a", bytes(4), |held| held.len() == 1).len(), 4);
+        assert_eq!(store.size(), (1, 4));
+    }
+
+    #[test]
+    fn a_missing_scene_is_said_in_a_way_that_makes_the_caller_send_it() {
+        let error = store(1, 1).get("a").expect_err("nothing is held");
+        assert!(lacks_scene(&error));
+        assert!(lacks_scene(&CallError::not_found("scene.scene_id", "")));
+        assert!(!lacks_scene(&CallError::not_found("query", "")));
+        assert!(!lacks_scene(&CallError::invalid("scene_id", "")));
+    }
+}

@@ -1,0 +1,296 @@
+//! Deployments with users, through real routers with certificates: who may do what, and what is said to whoever is not let in.
+
+mod common;
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use common::{Oddities, SERVICE, read, word};
+use rcgen::{BasicConstraints, CertificateParams, DnType, IsCa, Issuer, KeyPair};
+use repose_proto::load::WorkerLoad;
+use repose_proto::{ErrorCode, Payload, Service};
+use repose_runtime::deployment::{Roles, TrialOptions, check, write};
+use repose_runtime::{CallOptions, RuntimeConfig, RuntimeError, Session, SessionMode, Traffic};
+
+const ROLES: &str = r#"
+router = "127.0.0.1:7447"
+cells = ["lab"]
+
+[users.viewer]
+role = "viewer"
+[users.asker]
+role = "planner"
+[users.operator]
+role = "operator"
+[users.elsewhere]
+role = "operator"
+cells = ["hall"]
+[users.arm]
+role = "driver"
+robot = "panda"
+cameras = ["wrist"]
+[users.planner]
+role = "service"
+service = "planner"
+[users.motion]
+role = "service"
+service = "motion"
+worker = "motion-1"
+[users.perception]
+role = "service"
+service = "perception"
+"#;
+
+fn roles(login: &str) -> Roles {
+    Roles::parse(&ROLES.replace("cells = [\"lab\"]\n\n", &format!("cells = [\"lab\"]\nlogin = \"{login}\"\n\n"))).unwrap()
+}
+
+async fn open(mode: SessionMode, endpoint: &str, file: Option<&Path>) -> Result<Session, RuntimeError> {
+    let mut config = RuntimeConfig::default();
+    config.session.mode = mode;
+    config.session.cell = "lab".to_owned();
+    config.session.connect_timeout_ms = 8000;
+    config.session.zenoh_file = file.map(Path::to_owned);
+    match mode {
+        SessionMode::Router => config.session.listen = vec![endpoint.to_owned()],
+        _ => config.session.connect = vec![endpoint.to_owned()],
+    }
+    Session::open(config).await
+}
+
+/// A router of a deployment on a port of its own, and where it is.
+async fn router(folder: &Path) -> (Session, String) {
+    let router = open(SessionMode::Router, "quic/127.0.0.1:0", Some(&folder.join("router/router.json5"))).await.unwrap();
+    let endpoint = router.locators().await[0].clone();
+    (router, endpoint)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn every_user_may_do_what_its_role_says_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let roles = roles("password");
+    write(&roles, folder.path(), folder.path()).unwrap();
+    let report = check(&roles, folder.path(), &TrialOptions { apart: true, ..TrialOptions::default() }).await.unwrap();
+    assert!(report.wrong.is_empty(), "{:#?}", report.wrong.iter().map(ToString::to_string).collect::<Vec<_>>());
+    assert!(report.tried > 500 && report.allowed > 100, "{} tried, {} allowed", report.tried, report.allowed);
+    assert!(!folder.path().join(".check").exists(), "the trial leaves no secrets behind");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_same_holds_where_users_have_certificates_and_passwords() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "router = \"127.0.0.1:7447\"\ncells = [\"lab\"]\nlogin = \"both\"\n[users.asker]\nrole = \"planner\"\n\
+                [users.planner]\nrole = \"service\"\nservice = \"planner\"\n";
+    let roles = Roles::parse(text).unwrap();
+    write(&roles, folder.path(), folder.path()).unwrap();
+    let report = check(&roles, folder.path(), &TrialOptions { apart: true, ..TrialOptions::default() }).await.unwrap();
+    assert!(report.wrong.is_empty(), "{:#?}", report.wrong);
+    assert!(report.allowed > 5);
+    // Neither alone is enough: with the certificate of one user and the password of the other, nobody is let do anything.
+    let mixed = std::fs::read_to_string(folder.path().join("users/asker/zenoh.json5")).unwrap();
+    let mixed = mixed
+        .replace("users/asker/certificate.pem", "users/planner/certificate.pem")
+        .replace("users/asker/key.pem", "users/planner/key.pem");
+    let file = folder.path().join("mixed.json5");
+    std::fs::write(&file, mixed).unwrap();
+    let (_router, endpoint) = router(folder.path()).await;
+    let planner = open(SessionMode::Client, &endpoint, Some(&folder.path().join("users/planner/zenoh.json5"))).await.unwrap();
+    let _server = planner.start(SERVICE, Arc::new(Oddities::default())).await.unwrap();
+    let asker = open(SessionMode::Client, &endpoint, Some(&folder.path().join("users/asker/zenoh.json5"))).await.unwrap();
+    asker.caller(SERVICE).await.unwrap().wait_for_workers(1, Duration::from_secs(5)).await.unwrap();
+    let neither = open(SessionMode::Client, &endpoint, Some(&file)).await.unwrap();
+    assert!(neither.caller(SERVICE).await.unwrap().wait_for_workers(1, Duration::from_secs(1)).await.is_err());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_hole_in_the_routers_rules_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let roles = roles("password");
+    write(&roles, folder.path(), folder.path()).unwrap();
+    let file = folder.path().join("router/router.json5");
+    let text = std::fs::read_to_string(&file).unwrap();
+    // The viewer may stop robots; now it may also pose as one, and the operator may operate no more.
+    let holed = text.replacen("\"repose/v1/lab/robot/*/@estop\"", "\"repose/v1/lab/robot/*/@estop\", \"repose/v1/lab/robot/*/state\"", 64);
+    let holed = holed.replace("repose/v1/lab/service/simulator/*/operate", "repose/v1/lab/service/simulator/nobody/operate");
+    assert_ne!(holed, text);
+    std::fs::write(&file, holed).unwrap();
+    let (_router, endpoint) = router(folder.path()).await;
+    let report = check(&roles, folder.path(), &TrialOptions { connect: Some(endpoint), apart: false }).await.unwrap();
+    let found = |user: &str, key: &str, expected: bool| {
+        report.wrong.iter().any(|t| t.user == user && t.key.ends_with(key) && t.expected == expected)
+    };
+    assert!(found("viewer", "robot/panda/state", false), "{:#?}", report.wrong);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_cell_in_operation_is_not_tried() {
+    let folder = tempfile::tempdir().unwrap();
+    let roles = roles("password");
+    write(&roles, folder.path(), folder.path()).unwrap();
+    let (_router, endpoint) = router(folder.path()).await;
+    let planner = open(SessionMode::Client, &endpoint, Some(&folder.path().join("users/planner/zenoh.json5"))).await.unwrap();
+    let _server = planner.start(SERVICE, Arc::new(Oddities::default())).await.unwrap();
+    let refused = check(&roles, folder.path(), &TrialOptions { connect: Some(endpoint), apart: false }).await.unwrap_err().to_string();
+    assert!(refused.contains("live/planner/") && refused.contains("alive"), "{refused}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn writing_again_keeps_passwords_and_certificates_and_adds_users() {
+    let folder = tempfile::tempdir().unwrap();
+    write(&roles("both"), folder.path(), folder.path()).unwrap();
+    let secrets =
+        ["router/users.txt", "authority/authority-key.pem", "router/router.pem", "users/arm/zenoh.json5", "users/arm/certificate.pem"];
+    let read = |file: &str| std::fs::read_to_string(folder.path().join(file)).unwrap();
+    let before = secrets.map(read);
+    let more = ROLES.replace("cells = [\"lab\"]\n\n", "cells = [\"lab\"]\nlogin = \"both\"\n\n") + "[users.newcomer]\nrole = \"viewer\"\n";
+    write(&Roles::parse(&more).unwrap(), folder.path(), folder.path()).unwrap();
+    let after = secrets.map(read);
+    assert_eq!(before[1..], after[1..]);
+    assert!(before[0].lines().all(|line| after[0].lines().any(|l| l == line)), "every earlier user keeps its password");
+    assert!(after[0].contains("newcomer:"));
+    #[cfg(unix)]
+    for secret in ["router/users.txt", "authority/authority-key.pem", "router/router-key.pem", "users/arm/zenoh.json5", "users/arm/key.pem"]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        let mode = std::fs::metadata(folder.path().join(secret)).unwrap().permissions().mode();
+        assert_eq!(mode & 0o077, 0, "{secret} is for its owner only");
+    }
+}
+
+/// Replaces the router's certificate by one for `host`, valid until `days` from now, of an authority of its own where `foreign`.
+fn replace_certificate(folder: &Path, host: &str, days: i64, foreign: bool) {
+    let read = |file: &str| std::fs::read_to_string(folder.join(file)).unwrap();
+    let authority_key = KeyPair::from_pem(&read("authority/authority-key.pem")).unwrap();
+    let issuer = match foreign {
+        false => Issuer::from_ca_cert_pem(&read("authority/authority.pem"), authority_key).unwrap(),
+        true => {
+            let mut params = CertificateParams::new(Vec::new()).unwrap();
+            params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
+            params.distinguished_name.push(DnType::CommonName, "another authority");
+            Issuer::new(params, KeyPair::generate().unwrap())
+        }
+    };
+    let mut params = CertificateParams::new(vec![host.to_owned()]).unwrap();
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap().as_secs();
+    let epoch = rcgen::date_time_ymd(1970, 1, 1);
+    params.not_before = epoch + Duration::from_secs(now - 10 * 86_400);
+    params.not_after = epoch + Duration::from_secs(now.checked_add_signed(days * 86_400).unwrap());
+    let key = KeyPair::generate().unwrap();
+    std::fs::write(folder.join("router/router.pem"), params.signed_by(&key, &issuer).unwrap().pem()).unwrap();
+    std::fs::write(folder.join("router/router-key.pem"), key.serialize_pem()).unwrap();
+}
+
+/// What somebody with the viewer's file, changed by `edit`, is told by a router with the certificate that `certificate` puts there.
+async fn told(certificate: impl FnOnce(&Path), edit: impl FnOnce(String) -> String) -> (String, Duration) {
+    let folder = tempfile::tempdir().unwrap();
+    write(&roles("password"), folder.path(), folder.path()).unwrap();
+    certificate(folder.path());
+    let (_router, endpoint) = router(folder.path()).await;
+    let file = folder.path().join("edited.json5");
+    std::fs::write(&file, edit(std::fs::read_to_string(folder.path().join("users/viewer/zenoh.json5")).unwrap())).unwrap();
+    let started = Instant::now();
+    let Err(error) = open(SessionMode::Client, &endpoint, Some(&file)).await else { panic!("let in") };
+    (error.to_string(), started.elapsed())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn whoever_is_not_let_in_is_told_why_and_soon() {
+    let unchanged = |text: String| text;
+    let wrong_password = |text: String| {
+        let at = text.find("\"password\": \"").unwrap() + "\"password\": \"".len();
+        text[..at].to_owned() + "x" + &text[at..]
+    };
+    let cases = [
+        (told(|folder| replace_certificate(folder, "127.0.0.1", -1, false), unchanged).await, "has expired"),
+        (told(|folder| replace_certificate(folder, "127.0.0.1", 1, true), unchanged).await, "another authority"),
+        (told(|folder| replace_certificate(folder, "router.example", 1, false), unchanged).await, "another name"),
+        (told(|_| (), wrong_password).await, "the password is wrong"),
+        (told(|_| (), |text| text.replace("\"viewer\"", "\"nobody\"")).await, "does not know that user"),
+        (told(|_| (), |text| text.replace("authority.pem", "missing.pem")).await, "missing.pem"),
+    ];
+    for ((said, took), expected) in cases {
+        assert!(said.contains(expected), "expected {expected:?}: {said}");
+        assert!(!said.contains(".rs:"), "{said}");
+        assert!(took < Duration::from_secs(7), "{expected} after {took:?}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn addresses_that_lead_nowhere_each_have_their_message() {
+    let folder = tempfile::tempdir().unwrap();
+    write(&roles("password"), folder.path(), folder.path()).unwrap();
+    let file = folder.path().join("users/viewer/zenoh.json5");
+    let said = async |endpoint: &str, file: Option<&Path>| {
+        let mut config = RuntimeConfig::default();
+        config.session.mode = SessionMode::Client;
+        config.session.connect = vec![endpoint.to_owned()];
+        config.session.connect_timeout_ms = 500;
+        config.session.zenoh_file = file.map(Path::to_owned);
+        Session::open(config).await.map(drop).unwrap_err().to_string()
+    };
+    let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let nobody = said(&format!("tcp/{free}"), None).await;
+    assert!(nobody.contains("nothing listens") && nobody.contains("quic/"), "{nobody}");
+    let nobody = said(&format!("quic/{free}"), Some(&file)).await;
+    assert!(nobody.contains("nothing answers") && nobody.contains("UDP"), "{nobody}");
+    let plain = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let without = said(&format!("quic/{}", plain.local_addr().unwrap()), Some(&file)).await;
+    assert!(without.contains("without certificates"), "{without}");
+    let unknown = said("tcp/no-such-host.invalid:7447", None).await;
+    assert!(unknown.contains("the address cannot be used"), "{unknown}");
+    let tls = said("tls/127.0.0.1:7447", None).await;
+    assert!(tls.contains("quic/ takes the same certificates"), "{tls}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn operations_come_by_their_own_key_and_by_no_other_where_that_is_asked_for() {
+    let mut config = RuntimeConfig::default();
+    config.worker.operate_only = true;
+    let session = Session::open(config).await.unwrap();
+    let handler = Arc::new(Oddities { work_ms: 1, ..Oddities::default() });
+    let server = session.start(Service::Motion, handler.clone()).await.unwrap();
+    let caller = session.caller(Service::Motion).await.unwrap();
+    let options = || CallOptions::at_most_once(Duration::from_secs(5));
+    assert_eq!(read(&caller.call("execute", word("moved"), options()).await.unwrap().payload), "moved");
+    assert_eq!(read(&caller.call("echo", word("looked"), options()).await.unwrap().payload), "looked");
+    // What a client of release 1 sends, and what somebody without the right to operate would.
+    let cell = session.cell();
+    let by = async |key: String, method: &str| common::raw_call(&session, &key, method).await;
+    let refused = by(cell.call(Service::Motion, server.worker()), "execute").await.unwrap_err();
+    assert_eq!((refused.code, refused.field.as_deref()), (ErrorCode::FailedPrecondition, Some("method")));
+    let refused = by(cell.operate(Service::Motion, server.worker()), "echo").await.unwrap_err();
+    assert_eq!((refused.code, refused.field.as_deref()), (ErrorCode::InvalidArgument, Some("method")));
+    assert_eq!(read(&by(cell.operate(Service::Motion, server.worker()), "execute").await.unwrap()), "raw");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_name_belongs_to_one_worker() {
+    let mut config = RuntimeConfig::default();
+    config.worker.name = Some("only-one".to_owned());
+    config.worker.name_wait_ms = 300;
+    let session = Session::open(config).await.unwrap();
+    let first = session.start(SERVICE, Arc::new(Oddities::default())).await.unwrap();
+    let Err(refused) = session.start(SERVICE, Arc::new(Oddities::default())).await else { panic!("two under one name") };
+    assert!(matches!(refused, RuntimeError::NameTaken { .. }), "{refused}");
+    first.drain().await;
+    session.start(SERVICE, Arc::new(Oddities::default())).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_worker_stops_for_an_older_one_of_its_name_and_not_for_a_younger_one() {
+    let mut config = RuntimeConfig::default();
+    config.worker.name = Some("twin".to_owned());
+    let session = Session::open(config).await.unwrap();
+    let server = session.start(SERVICE, Arc::new(Oddities::default())).await.unwrap();
+    // What another process under this name tells, of which neither saw the other's token.
+    let tells = async |seq| {
+        let load = Payload::json(&WorkerLoad { v: 1, seq, ..WorkerLoad::default() }).unwrap();
+        session.put(&session.cell().load(SERVICE, "twin"), load, Traffic::Load).await.unwrap();
+    };
+    tells(0).await;
+    assert!(tokio::time::timeout(Duration::from_millis(500), server.name_taken()).await.is_err(), "the older goes on");
+    tells(1 << 40).await;
+    let taken = tokio::time::timeout(Duration::from_secs(5), server.name_taken()).await.expect("the younger stops");
+    assert!(matches!(taken, RuntimeError::NameTaken { .. }), "{taken}");
+}

@@ -1,0 +1,8 @@
+//! A deployment as an operator has it: real processes of the program, with users, certificates, health, metrics and faults.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod observability;
+mod processes;
+mod roles;

@@ -1,0 +1,140 @@
+//! `repose deploy` and what it makes: users are let in as who they are, by processes of the program, and the log says whom it kept out.
+
+use std::net::UdpSocket;
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+
+use repose_proto::scoring::ModelsRequest;
+use repose_proto::{Payload, Service};
+use repose_runtime::{CallOptions, RuntimeConfig, Session};
+
+use crate::common::{PATIENCE, repose};
+use crate::processes::Logged;
+
+const USERS: &str = r#"
+cells = ["lab"]
+[users.display]
+role = "viewer"
+[users.asker]
+role = "planner"
+[users.anna]
+role = "operator"
+[users.arm]
+role = "driver"
+robot = "panda"
+cameras = ["wrist"]
+[users.inference]
+role = "service"
+service = "inference"
+worker = "inference-1"
+"#;
+
+/// Writes a deployment whose router is on a free port of this machine.
+fn deploy(folder: &Path) -> String {
+    let port = UdpSocket::bind("127.0.0.1:0").expect("a free port").local_addr().expect("its address").port();
+    let roles = folder.join("roles.toml");
+    std::fs::write(&roles, format!("router = \"127.0.0.1:{port}\"\n{USERS}")).expect("written");
+    let out = folder.join("out");
+    let written = repose().arg("deploy").args([&roles, Path::new("--out"), &out]).output().expect("it runs");
+    assert!(written.status.success(), "{}", String::from_utf8_lossy(&written.stderr));
+    format!("quic/127.0.0.1:{port}")
+}
+
+fn serve(folder: &Path, what: &str, config: &str) -> Command {
+    let mut command = repose();
+    command.args(["serve", what, "--config"]).arg(folder.join("out").join(config));
+    command
+}
+
+async fn session(folder: &Path, user: &str) -> Session {
+    let file = folder.join("out/users").join(user).join("repose.toml");
+    Session::open(RuntimeConfig::load(Some(&file)).expect("its configuration")).await.expect("it is let in")
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_deployment_made_of_a_roles_file_works_and_keeps_everyone_to_their_role() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    deploy(folder);
+    let router = Logged::start(serve(folder, "router", "router/router.toml"));
+    router.line("routing");
+    let checked = repose().args(["deploy", "check", "--json"]).arg(folder.join("out")).output().expect("it runs");
+    let report: serde_json::Value = serde_json::from_slice(&checked.stdout)
+        .unwrap_or_else(|_| panic!("no report: {}{}", String::from_utf8_lossy(&checked.stdout), String::from_utf8_lossy(&checked.stderr)));
+    assert!(checked.status.success() && report["wrong"] == serde_json::json!([]), "{report:#}");
+    assert!(report["allowed"].as_u64() > Some(50), "{report}");
+    // What was refused on the way is in the router's log, with user and key.
+    router.line("may not Put");
+
+    let inference = Logged::start(serve(folder, "inference", "users/inference/repose.toml"));
+    inference.line("serving");
+    let asker = session(folder, "asker").await.caller(Service::Inference).await.expect("a caller");
+    asker.wait_for_workers(1, PATIENCE).await.expect("it is seen");
+    let request = Payload::json(&ModelsRequest {}).expect("a request");
+    let answer = asker.call("models", request.clone(), CallOptions::within(Duration::from_secs(20))).await.expect("an answer");
+    assert_eq!(answer.worker, "inference-1");
+    let display = session(folder, "display").await;
+    let looking = display.caller(Service::Inference).await.expect("a caller");
+    looking.wait_for_workers(1, PATIENCE).await.expect("a viewer sees workers");
+    assert!(looking.call("models", request, CallOptions::within(Duration::from_secs(3))).await.is_err(), "and calls none");
+
+    // A subscription wider than what is allowed is dropped by access control; the log says so.
+    let _wide = display.subscribe_queue("repose/v1/**", 1).await.expect("nobody tells the subscriber");
+    let refused = router.line("a subscription must lie within");
+    assert!(refused.contains("display") && refused.contains("repose/v1/**") && refused.contains("ERROR"), "{refused}");
+}
+
+#[test]
+fn a_password_is_in_no_log_however_much_is_logged() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    deploy(folder);
+    let mut router = serve(folder, "router", "router/router.toml");
+    router.env("REPOSE_LOG", "trace");
+    let router = Logged::start(router);
+    router.line("routing");
+    let mut inference = serve(folder, "inference", "users/inference/repose.toml");
+    inference.env("REPOSE_LOG", "trace");
+    let inference = Logged::start(inference);
+    inference.line("serving");
+    let passwords = std::fs::read_to_string(folder.join("out/router/users.txt")).expect("the passwords");
+    for (user, password) in passwords.lines().filter_map(|line| line.split_once(':')) {
+        for log in [router.log(), inference.log()] {
+            assert!(!log.contains(password), "{user}'s password is in a log");
+        }
+    }
+}
+
+#[test]
+fn a_routers_certificates_are_not_silently_replaced_by_plain_tcp() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    deploy(folder);
+    let mut command = serve(folder, "router", "router/router.toml");
+    let ended = command.env("REPOSE_CONNECT", "tcp/127.0.0.1:7447").output().expect("it ends");
+    let said = String::from_utf8_lossy(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(2), "{said}");
+    assert!(said.contains("REPOSE_CONNECT") && said.contains("quic/"), "{said}");
+}
+
+#[test]
+fn the_units_run_commands_that_exist_and_set_no_endpoint() {
+    let folder = tempfile::tempdir().expect("a folder");
+    deploy(folder.path());
+    let units = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/systemd");
+    let mut seen = 0;
+    for entry in [units, folder.path().join("out/units")].iter().flat_map(|folder| std::fs::read_dir(folder).expect("units")) {
+        let path = entry.expect("a unit").path();
+        let text = std::fs::read_to_string(&path).expect("its text");
+        assert!(!text.lines().any(|line| line.starts_with("Environment=REPOSE_CONNECT")), "{}", path.display());
+        let run = text.lines().find_map(|line| line.strip_prefix("ExecStart=")).unwrap_or_else(|| panic!("{}", path.display()));
+        if let Some(args) = run.strip_prefix("/usr/bin/repose ") {
+            let (what, config) = args.split_once(" --config ").expect("a configuration");
+            assert!(Path::new(config).exists() || config.starts_with("/etc/repose"), "{}: {config}", path.display());
+            assert!(repose().args(what.split(' ')).arg("--help").output().expect("it runs").status.success(), "{what}");
+            seen += 1;
+        }
+    }
+    assert!(seen >= 2, "{seen}");
+}
