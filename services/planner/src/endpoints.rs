@@ -12,9 +12,9 @@ use repose_proto::{CallError, ErrorCode, Message, Payload, Scene};
 use repose_runtime::{Call, CallOptions, Caller, Handler, load_of};
 
 use crate::config::PlannerConfig;
+use crate::learned::stability::Stability;
 use crate::remote_models::RemoteModels;
 use crate::scene_cache::CachedScene;
-use crate::stability::Stability;
 use crate::worker::Worker;
 
 /// Answers `place`.

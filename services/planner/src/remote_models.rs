@@ -12,9 +12,8 @@ use repose_proto::{CallError, ErrorCode, Message, Payload, Scene};
 use repose_runtime::{Accept, Call, CallOptions, Caller};
 use tokio::runtime::Handle;
 
-use crate::judge::Provenance;
-use crate::models::Models;
-use crate::stability::Stability;
+use crate::learned::models::{PlacementModels, Provenance};
+use crate::learned::stability::Stability;
 
 /// The models of one placement request.
 pub struct RemoteModels {
@@ -80,7 +79,7 @@ impl RemoteModels {
     }
 }
 
-impl Models for RemoteModels {
+impl PlacementModels for RemoteModels {
     fn prior(&self, request: &PriorRequest, scene: &Arc<Scene>) -> Result<PriorReply, CallError> {
         let whole = || Payload::bulk(PriorRequest::SCHEMA, &enclose(request, Some(scene)));
         let payload = self.ask("prior", Payload::json(request)?, whole)?;

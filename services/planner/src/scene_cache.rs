@@ -6,20 +6,20 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use lru::LruCache;
 use repose_proto::{CallError, Scene};
 
-use crate::prepared::Prepared;
+use crate::scene::prepared::PreparedScene;
 
 /// A scene that is prepared when it is first planned on.
 #[derive(Debug)]
 pub struct CachedScene {
     scene_id: String,
     scene: Arc<Scene>,
-    prepared: OnceLock<Prepared>,
+    prepared: OnceLock<PreparedScene>,
 }
 
 impl CachedScene {
     /// The scene, prepared. The first caller prepares it; others that come meanwhile wait for that.
-    pub fn prepared(&self) -> &Prepared {
-        self.prepared.get_or_init(|| Prepared::with_id(self.scene.clone(), self.scene_id.clone()))
+    pub fn prepared(&self) -> &PreparedScene {
+        self.prepared.get_or_init(|| PreparedScene::with_id(self.scene.clone(), self.scene_id.clone()))
     }
 }
 
@@ -64,11 +64,11 @@ mod tests {
     use repose_proto::ErrorCode;
 
     use super::*;
-    use crate::synthetic::Builder;
+    use crate::tests::synthetic::SceneBuilder;
 
     #[test]
     fn the_least_recently_used_scene_goes_and_a_wrong_id_is_refused() {
-        let scenes = [0.1, 0.2, 0.3].map(|x| Builder::table().object(1, [x, 0.0], [0.1, 0.1, 0.1]).scene());
+        let scenes = [0.1, 0.2, 0.3].map(|x| SceneBuilder::table().object(1, [x, 0.0], [0.1, 0.1, 0.1]).scene());
         let ids = scenes.each_ref().map(Scene::id);
         let cache = SceneCache::new(2);
         let [a, b, c] = scenes;

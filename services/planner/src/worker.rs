@@ -9,10 +9,10 @@ use repose_proto::{CallError, PlaceRequest, PlaceResult};
 use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError};
 
 use crate::config::PlannerConfig;
-use crate::models::Models;
-use crate::plan::{Step, plan};
+use crate::learned::models::PlacementModels;
+use crate::plan::{SearchStep, plan};
 use crate::scene_cache::{CachedScene, SceneCache};
-use crate::search::Stop;
+use crate::search::stop::StopReason;
 
 /// Searches on its own threads and keeps prepared scenes.
 pub struct Worker {
@@ -49,24 +49,24 @@ impl Worker {
         context: JobContext,
         scene: Arc<CachedScene>,
         request: PlaceRequest,
-        models: impl Models + 'static,
+        models: impl PlacementModels + 'static,
         progress: impl Fn(PlaceProgress) + Send + 'static,
     ) -> Result<PlaceResult, CallError> {
         let reserve = self.reply_reserve;
         let search = move |context: &JobContext| {
             let mut last_batch = Instant::now();
-            let mut control = |step: Step| {
+            let mut control = |step: SearchStep| {
                 // Another batch will take about as long as the last one did: what cannot be finished is not begun.
                 let batch = last_batch.elapsed();
                 last_batch = Instant::now();
-                if let Step::Iteration(done) = step {
+                if let SearchStep::Iteration(done) = step {
                     progress(*done);
                 }
                 let left = context.remaining();
                 if !left.is_zero() && context.cancelled().is_cancelled() {
-                    ControlFlow::Break(Stop::Cancelled)
+                    ControlFlow::Break(StopReason::Cancelled)
                 } else if left < reserve + batch {
-                    ControlFlow::Break(Stop::Deadline)
+                    ControlFlow::Break(StopReason::Deadline)
                 } else {
                     ControlFlow::Continue(())
                 }
@@ -100,14 +100,14 @@ mod tests {
     use repose_runtime::CancellationToken;
 
     use super::*;
-    use crate::learned_tests::{BESIDE, Fake};
-    use crate::models::NoModels;
-    use crate::synthetic::Builder;
+    use crate::learned::models::NoModels;
+    use crate::tests::learned::{BESIDE, Fake};
+    use crate::tests::synthetic::SceneBuilder;
 
     /// A worker, a scene, and a request on it that would take minutes.
     fn long_search() -> (Worker, Arc<CachedScene>, PlaceRequest) {
         let worker = Worker::start(&PlannerConfig { threads: 1, ..PlannerConfig::default() }).unwrap();
-        let scene = Builder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.06, 0.05, 0.08]).scene();
+        let scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.06, 0.05, 0.08]).scene();
         let id = scene.id();
         let cached = worker.scenes().insert(&id, scene).unwrap();
         let request = PlaceRequest {
@@ -121,7 +121,7 @@ mod tests {
     /// Models that take their time.
     struct Slow(Fake);
 
-    impl Models for Slow {
+    impl PlacementModels for Slow {
         fn prior(&self, request: &PriorRequest, scene: &Arc<Scene>) -> Result<PriorReply, CallError> {
             self.0.prior(request, scene)
         }
