@@ -9,10 +9,10 @@ use std::time::{Duration, Instant};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_geometry::ViewerFrame;
-use repose_proto::place::{Outcome, PlaceProgress, PlaceRequest, PlaceResult, Placement, Relaxation};
+use repose_proto::place::{Outcome, PlaceProgress, PlaceRequest, PlaceResult};
 use repose_proto::{CallError, ErrorCode, Message};
 
-use crate::answers::choose;
+use crate::answers::Answers;
 use crate::answers::placement::Evidence;
 use crate::answers::relaxation::relaxation;
 use crate::checks::rules::Rules;
@@ -120,47 +120,45 @@ fn planned(
     if stopped == Some(StopReason::Deadline) && findings.iterations == 0 {
         return Err(CallError::new(ErrorCode::DeadlineExceeded, "time ended before the first iteration was done"));
     }
-    let mut chosen = choose(&mut judge, &mut findings, &mut stopped, &mut || go_on(SearchStep::Batch).break_value())?;
+    let mut answers = Answers::choose(&mut judge, &mut findings, &mut stopped, &mut || go_on(SearchStep::Batch).break_value())?;
     if stopped == Some(StopReason::Cancelled) {
         return Err(CallError::new(ErrorCode::Cancelled, "cancelled while searching"));
     }
     // After the deadline the networks are not asked again, and what is asked for evidence alone does not make a late answer an error.
     if stopped.is_none() {
-        in_time(judge.complete(&mut chosen))?;
+        in_time(judge.complete(&mut answers.chosen))?;
     }
     let best_in_view = if reports { best_in_view(&mut judge, &findings, stopped.is_some())? } else { None };
-    let relaxation = if chosen.is_empty() { in_time(relaxation(&mut judge, &findings, stopped.is_some()))?.flatten() } else { None };
-    let outcome = match (stopped, chosen.is_empty()) {
+    let relaxation =
+        if answers.chosen.is_empty() { in_time(relaxation(&mut judge, &findings, stopped.is_some()))?.flatten() } else { None };
+    let outcome = match (stopped, answers.chosen.is_empty()) {
         (Some(_), _) => Outcome::Partial,
         (None, true) => Outcome::None,
         (None, false) => Outcome::Found,
     };
-    let placements = chosen.iter().map(|j| evidence.placement(j)).collect();
-    let result = result(&judge, findings, outcome, placements, relaxation);
-    Ok(PlanReport { result, answers: chosen, best_in_view })
+    let placements = answers.chosen.iter().map(|j| evidence.placement(j)).collect();
+    let shortfall = answers.shortfall(request.count, stopped);
+    let result = PlaceResult { placements, relaxation, shortfall, ..without_answers(&judge, findings, outcome) };
+    Ok(PlanReport { result, answers: answers.chosen, best_in_view })
 }
 
-/// The answer, with what was used for it.
-fn result(
-    judge: &Judge<'_>,
-    findings: Findings,
-    outcome: Outcome,
-    placements: Vec<Placement>,
-    relaxation: Option<Relaxation>,
-) -> PlaceResult {
+/// A result that says how the search went and what was used for it.
+fn without_answers(judge: &Judge<'_>, findings: Findings, outcome: Outcome) -> PlaceResult {
     let PlacementProblem { prepared, rules, request, settings, .. } = judge.problem();
     let provenance = judge.scorer().provenance();
     PlaceResult {
         outcome,
-        placements,
+        placements: Vec::new(),
         rejections: findings.rejections,
-        relaxation,
+        relaxation: None,
+        shortfall: None,
         iterations: findings.iterations,
         evaluated: findings.evaluated,
         weights_hash: provenance.map_or_else(String::new, |p| p.weights_hash.clone()),
         kernel: provenance.map_or_else(String::new, |p| p.kernel.clone()),
         seed: request.seed,
         scene_id: prepared.scene_id.clone(),
+        world_from_camera: prepared.scene.meta.camera.world_from_camera.clone(),
         query: request.query,
         goal: request.goal.clone(),
         variant: request.variant,

@@ -237,16 +237,10 @@ fn trials_of(problem: &Problem, engine: &Engine, settings: &DiscriminatorSetting
         };
         for (rank, placement) in result.placements.iter().enumerate() {
             let Ok(placed_from_observed) = from_row_major(&placement.placed_from_observed.0) else { continue };
+            // A variant that asks no network says nothing to compare with.
+            let Some(realism) = placement.realism else { continue };
             let Some(judged) = judge(problem, &placed_from_observed, &settings.release) else { continue };
-            trials.push(Trial {
-                seed: problem.seed,
-                variant: Some(variant),
-                rank,
-                realism: placement.realism,
-                outcome: None,
-                best: None,
-                judged,
-            });
+            trials.push(Trial { seed: problem.seed, variant: Some(variant), rank, realism, outcome: None, best: None, judged });
         }
     }
     Ok(trials)

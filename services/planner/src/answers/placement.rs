@@ -1,27 +1,25 @@
 //! One answer with its evidence.
 
-use nalgebra::Point3;
 use repose_geometry::transform;
-use repose_proto::RigidTransform;
 use repose_proto::place::Placement;
+use repose_proto::{Relation, RigidTransform};
 
-use crate::checks::clearance::{exact_clearance_m, obstacles};
+use crate::checks::clearance::Clearance;
 use crate::judge::judged::JudgedCandidate;
 use crate::judge::problem::PlacementProblem;
 
-/// Says of candidates what an answer says of itself.
+/// Gathers what an answer says of itself.
 #[derive(Debug)]
 pub struct Evidence<'a> {
     problem: PlacementProblem<'a>,
-    /// The scene's points without the query's, thinned out.
-    obstacles: Vec<Point3<f32>>,
+    clearance: Clearance<'a>,
 }
 
 impl<'a> Evidence<'a> {
     /// Evidence for one problem's answers.
     pub fn new(problem: PlacementProblem<'a>) -> Self {
-        let obstacles = obstacles(problem.prepared, problem.query, problem.settings.fixed.clearance.voxel_m);
-        Self { problem, obstacles }
+        let touched = problem.anchors_of(&[Relation::Touching]);
+        Self { problem, clearance: Clearance::new(problem.prepared, problem.query, &problem.settings.fixed, touched) }
     }
 
     /// The answer that a candidate makes.
@@ -34,11 +32,11 @@ impl<'a> Evidence<'a> {
         Placement {
             placed_from_observed: RigidTransform(transform::to_row_major(&candidate.placed_from_observed(&query.shape.centroid))),
             cost: judged.cost,
-            realism: judged.realism.map_or(1.0, f64::from),
+            realism: judged.realism.map(f64::from),
             relations: judged.relations.as_ref().map_or_else(by_rule, |p| p.iter().map(|p| f64::from(*p)).collect()),
             geometric: checks,
             support_m: footing.margin_m,
-            clearance_m: exact_clearance_m(query, candidate, &self.obstacles, &settings.fixed.support),
+            clearance_m: self.clearance.of(candidate),
         }
     }
 }

@@ -22,10 +22,17 @@ pub struct Footing {
     pub seen_share: f64,
     /// Share of the base that is carried, hidden parts of surfaces included.
     pub carried_share: f64,
-    /// How far inside the outline of what carries it the axis stands, metres; negative beyond its edge; −1 when nothing carries it.
-    pub margin_m: f64,
+    /// How far inside the outline of what carries it the axis stands, metres; negative beyond its edge. None when nothing carries it.
+    pub margin_m: Option<f64>,
     /// The object that carries most of it, 0 for furniture, none when nothing does.
     pub carrier: Option<u16>,
+}
+
+impl Footing {
+    /// The margin, or a metre beyond the edge when nothing carries it: as bad as can be, to compare footings by.
+    pub fn margin_or_far_m(&self) -> f64 {
+        self.margin_m.unwrap_or(-1.0)
+    }
 }
 
 /// The ground that a query is set down on.
@@ -79,10 +86,23 @@ impl Ground<'_> {
         }
         let cells = self.query.base.len().max(1) as f64;
         let axis = candidate.carry(&self.query.shape.axis_offset());
-        let margin_m = Footprint::of(&contact).map_or(-1.0, |outline| f64::from(outline.margin(&axis)));
+        let margin_m = Footprint::of(&contact).map(|outline| f64::from(outline.margin(&axis)));
         // Of equals the lowest id, furniture first.
         let carrier = carriers.into_iter().rev().max_by_key(|(_, count)| *count).map(|(object, _)| object);
         Footing { seen_share: seen as f64 / cells, carried_share: contact.len() as f64 / cells, margin_m, carrier }
+    }
+
+    /// The objects that carry a candidate where it is, by more than a few stray cells.
+    pub fn objects_under(&self, candidate: &CandidatePose) -> Vec<u16> {
+        let level_m = self.query.bottom_of(candidate.centroid_m[2]) - self.settings.release_m;
+        let mut cells: BTreeMap<u16, usize> = BTreeMap::new();
+        for offset in &self.query.base {
+            if let Some(CellSupport::Seen(object)) = self.carried(&candidate.carry(offset), level_m) {
+                *cells.entry(object).or_default() += 1;
+            }
+        }
+        let enough = self.settings.stray_share * self.query.base.len() as f32;
+        cells.into_iter().filter(|(object, count)| *object != 0 && *count as f32 > enough).map(|(object, _)| object).collect()
     }
 
     /// Share of the band around the base that is carried too: near an edge it is not.
@@ -116,7 +136,7 @@ impl Ground<'_> {
 pub fn support_miss(footing: &Footing, query: &QueryObject, settings: &SupportSettings) -> Option<f64> {
     // A thin object has no margin to give: half of what its own base allows is enough.
     let wanted_m = settings.min_margin_m.min(0.5 * query.base_margin_m);
-    let miss = (wanted_m - footing.margin_m).max(0.0) * MISS_PER_METRE + (settings.min_seen_share - footing.seen_share).max(0.0);
+    let miss = (wanted_m - footing.margin_or_far_m()).max(0.0) * MISS_PER_METRE + (settings.min_seen_share - footing.seen_share).max(0.0);
     (miss > 0.0).then_some(miss)
 }
 
@@ -156,14 +176,14 @@ mod tests {
         let ground = Ground { prepared: &prepared, query: &query, settings: &settings };
         let (rest_m, footing) = put(&ground, 0.25, 0.0, f32::INFINITY);
         assert!((rest_m.unwrap() - settings.release_m).abs() < 1e-3);
-        assert!(footing.seen_share > 0.95 && footing.carrier == Some(0) && footing.margin_m > 0.02, "{footing:?}");
+        assert!(footing.seen_share > 0.95 && footing.carrier == Some(0) && footing.margin_m.unwrap() > 0.02, "{footing:?}");
 
         let (rest_m, footing) = put(&ground, 0.0, 0.08, f32::INFINITY);
         assert!((rest_m.unwrap() - 0.1 - settings.release_m).abs() < 1e-3);
-        assert!(footing.carrier == Some(1) && footing.margin_m > 0.02, "{footing:?}");
+        assert!(footing.carrier == Some(1) && footing.margin_m.unwrap() > 0.02, "{footing:?}");
 
         let (rest_m, footing) = put(&ground, 0.7, 0.0, f32::INFINITY);
-        assert_eq!((rest_m, footing.margin_m), (None, -1.0));
+        assert_eq!((rest_m, footing.margin_m), (None, None));
     }
 
     #[test]
@@ -174,7 +194,7 @@ mod tests {
         let offset = f64::from(query.shape.axis_offset().x);
         let (_, over) = put(&ground, 0.515 - offset, 0.0, f32::INFINITY);
         let (_, on) = put(&ground, 0.44 - offset, 0.0, f32::INFINITY);
-        assert!(over.margin_m < -0.005 && on.margin_m > 0.02, "{over:?} {on:?}");
+        assert!(over.margin_m.unwrap() < -0.005 && on.margin_m.unwrap() > 0.02, "{over:?} {on:?}");
     }
 
     #[test]

@@ -6,6 +6,7 @@
 pub mod clearance;
 pub mod footing;
 pub mod obstruction;
+mod prisms;
 pub mod region;
 pub mod rules;
 pub mod unseen;

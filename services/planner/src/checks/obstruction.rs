@@ -1,14 +1,7 @@
-//! What is in a candidate's way, and how far it keeps from everything.
+//! What is in a candidate's way, by cells: every prism of the query against the runs above the floor plan.
 //!
-//! During the search by cells: every prism of the query against the runs above the floor plan, completed backs of objects included.
-//! Where a wider clearance is asked than the cells reach, by points on completed shapes as well: what must be kept is the same, so that
-//! asking for more is never easier. Beside answers stands what was observed: the least distance from the placed cloud to anything that
-//! is not beneath it.
+//! Cheap enough for every candidate of a search. Completed backs of objects are in the way too.
 
-use nalgebra::{Point3, Vector3};
-use repose_geometry::{Aabb, cloud};
-
-use crate::belief::shape::Shape;
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;

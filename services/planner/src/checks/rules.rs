@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Point2, Point3};
-use repose_geometry::{Footprint, ViewerFrame, cloud};
+use repose_geometry::{ViewerFrame, cloud};
 use repose_proto::place::GeometricCheck;
 use repose_proto::{CallError, GoalTerm, Relation};
 use repose_relations::ViewerExtents;
@@ -14,7 +14,8 @@ use repose_relations::directional::directional_margins;
 use repose_relations::margins::{ALIGNED_RAD, CENTERED_M, NEAR_M, TOUCHING_CLOUDS_M};
 use repose_relations::rectangle::{quarter_turn_difference_rad, rectangle_yaw_rad};
 
-use crate::belief::shape::{Shape, Slab};
+use crate::belief::shape::Shape;
+use crate::checks::prisms::PlacedPrisms;
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;
@@ -95,13 +96,15 @@ impl Rules {
     /// Each term (negation included) for a candidate, in the goal's order.
     pub fn checks(&self, query: &QueryObject, candidate: &CandidatePose, settings: &RuleSettings) -> Vec<GeometricCheck> {
         let placed = self.placed_extents(query, candidate);
+        let prisms = PlacedPrisms::new(query, candidate);
+        let gap_m = |anchor: &RuleAnchor| prisms.to_shape_m(&anchor.shape, settings.contact_m);
         let mut directions: BTreeMap<u16, [f64; 6]> = BTreeMap::new();
         let check = |term: &GoalTerm| {
             // `new` has put every term's anchor in.
             let Some(anchor) = self.anchors.get(&term.anchor) else { return GeometricCheck { holds: false, margin_m: -1.0 } };
             let margin_m = match term.relation {
-                Relation::Near => NEAR_M - distance_m(query, candidate, &anchor.shape, settings),
-                Relation::Touching => TOUCHING_CLOUDS_M - distance_m(query, candidate, &anchor.shape, settings),
+                Relation::Near => NEAR_M - gap_m(anchor),
+                Relation::Touching => TOUCHING_CLOUDS_M - gap_m(anchor),
                 Relation::Centered => CENTERED_M - placed.center_offset_m(&anchor.extents),
                 Relation::Aligned => ALIGNED_RAD - self.turn_rad(candidate, anchor),
                 direction => {
@@ -165,64 +168,6 @@ fn extents(corners: &[Point3<f32>], viewer: &ViewerFrame) -> ViewerExtents {
         (low.inf(&c), high.sup(&c))
     });
     ViewerExtents { low, high, center: nalgebra::center(&low, &high) }
-}
-
-/// Distance between the placed query's prisms and an anchor's, metres; a bottom on a top is in contact.
-fn distance_m(query: &QueryObject, candidate: &CandidatePose, anchor: &Shape, settings: &RuleSettings) -> f64 {
-    let observed = query.shape.centroid.xy().cast::<f32>();
-    let rise_m = f64::from(query.bottom_of(candidate.centroid_m[2]) - query.shape.bottom_m);
-    let mut best = f64::INFINITY;
-    for slab in &query.shape.slabs {
-        let placed: Vec<Point2<f32>> = slab.outline.corners().iter().map(|c| candidate.carry(&(c - observed))).collect();
-        for other in &anchor.slabs {
-            let vertical_m = height_gap_m(slab, rise_m, other);
-            let vertical_m = if vertical_m <= settings.contact_m { 0.0 } else { vertical_m };
-            if vertical_m >= best {
-                continue;
-            }
-            best = best.min(vertical_m.hypot(outline_gap_m(&placed, &other.outline)));
-        }
-    }
-    best
-}
-
-fn height_gap_m(slab: &Slab, rise_m: f64, other: &Slab) -> f64 {
-    let (low, high) = (f64::from(slab.low_m) + rise_m, f64::from(slab.high_m) + rise_m);
-    (low - f64::from(other.high_m)).max(f64::from(other.low_m) - high).max(0.0)
-}
-
-/// Distance between two convex polygons, 0 when they overlap, metres.
-fn outline_gap_m(placed: &[Point2<f32>], other: &Footprint) -> f64 {
-    let corners = other.corners();
-    let overlap = placed.iter().any(|p| other.margin(p) >= 0.0) || separating_gap_m(placed, corners) <= 0.0;
-    if overlap {
-        return 0.0;
-    }
-    let from_points = |points: &[Point2<f32>], polygon: &[Point2<f32>]| {
-        let edges = (0..polygon.len()).map(|i| (polygon[i], polygon[(i + 1) % polygon.len()]));
-        edges.flat_map(|(a, b)| points.iter().map(move |p| to_segment_m(p, &a, &b))).fold(f32::INFINITY, f32::min)
-    };
-    f64::from(from_points(placed, corners).min(from_points(corners, placed)))
-}
-
-/// The largest gap between two convex polygons along any edge's normal: not positive when they overlap.
-fn separating_gap_m(a: &[Point2<f32>], b: &[Point2<f32>]) -> f32 {
-    let along = |one: &[Point2<f32>], other: &[Point2<f32>]| {
-        (0..one.len())
-            .map(|i| {
-                let (p, q) = (one[i], one[(i + 1) % one.len()]);
-                let outward = nalgebra::Vector2::new(q.y - p.y, p.x - q.x).normalize();
-                other.iter().map(|c| (c - p).dot(&outward)).fold(f32::INFINITY, f32::min)
-            })
-            .fold(f32::NEG_INFINITY, f32::max)
-    };
-    along(a, b).max(along(b, a))
-}
-
-fn to_segment_m(p: &Point2<f32>, a: &Point2<f32>, b: &Point2<f32>) -> f32 {
-    let along = b - a;
-    let t = ((p - a).dot(&along) / along.norm_squared().max(1e-12)).clamp(0.0, 1.0);
-    (a + along * t - p).norm()
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@
 use repose_proto::Relation;
 use repose_proto::place::Rejection;
 
-use crate::checks::clearance::WideClearance;
+use crate::checks::clearance::Clearance;
 use crate::checks::footing::support_miss;
 use crate::checks::obstruction::obstruction;
 use crate::checks::region::region_miss;
@@ -23,18 +23,15 @@ pub struct Constraints<'a> {
     problem: PlacementProblem<'a>,
     /// Objects that a goal term asks to touch.
     touched: Vec<u16>,
-    /// Present where a wider clearance is asked than the cells around the query reach.
-    wide: Option<WideClearance>,
+    clearance: Clearance<'a>,
 }
 
 impl<'a> Constraints<'a> {
     /// The constraints of a problem.
     pub fn new(problem: PlacementProblem<'a>) -> Self {
-        let clearance = &problem.settings.fixed.clearance;
         let touched = problem.anchors_of(&[Relation::Touching]);
-        let beyond_cells = problem.settings.min_clearance_m > f64::from(clearance.max_ring_m);
-        let wide = beyond_cells.then(|| WideClearance::new(problem.prepared, problem.query, &touched, clearance.voxel_m));
-        Self { problem, touched, wide }
+        let clearance = Clearance::new(problem.prepared, problem.query, &problem.settings.fixed, touched.clone());
+        Self { problem, touched, clearance }
     }
 
     /// A candidate after every constraint that needs no network.
@@ -79,19 +76,19 @@ impl<'a> Constraints<'a> {
     fn try_obstruction(&self, judged: &mut JudgedCandidate) {
         let PlacementProblem { prepared, query, settings, .. } = self.problem;
         let (fixed, wanted_m) = (&settings.fixed, settings.min_clearance_m);
-        let mut found = obstruction(prepared, query, &judged.candidate, &self.touched, &fixed.clearance, &fixed.support);
+        let found = obstruction(prepared, query, &judged.candidate, &self.touched, &fixed.clearance, &fixed.support);
         if settings.recipe.grounded && found.colliding_share > 0.0 {
             judged.reject(Rejection::Collision, found.colliding_share);
-        } else {
-            // Points may rule out what the cells around the query leave free. They take longer.
-            if let Some(wide) = self.wide.as_ref().filter(|_| judged.feasible())
-                && found.clearance_m >= f64::from(fixed.clearance.max_ring_m)
-            {
-                found.clearance_m = wide.of(query, &judged.candidate, &fixed.support, wanted_m);
-            }
+        } else if wanted_m > 0.0 {
             // A variant without a collision constraint still keeps the clearance: in collision it is 0.
-            if found.clearance_m < wanted_m {
+            let by_cells_m = wanted_m.min(f64::from(fixed.clearance.max_ring_m));
+            if found.clearance_m < by_cells_m {
                 judged.reject(Rejection::Clearance, wanted_m - found.clearance_m);
+            } else if judged.feasible()
+                && let Some(clearance_m) = self.clearance.of(&judged.candidate).filter(|c| *c < wanted_m)
+            {
+                // The cells do not see low things, nor farther than their ring.
+                judged.reject(Rejection::Clearance, wanted_m - clearance_m);
             }
         }
         judged.obstruction = Some(found);

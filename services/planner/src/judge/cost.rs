@@ -120,7 +120,7 @@ pub fn soundness_cost(comfort: &Comfort, query: &QueryObject, settings: &Soundne
     let comfort_m = settings.support_m.min(settings.support_share * query.base_margin_m).max(1e-3);
     let w = &settings.weights;
     let shortfalls = [
-        (w.edge, (1.0 - comfort.footing.margin_m / comfort_m).clamp(0.0, 1.0)),
+        (w.edge, (1.0 - comfort.footing.margin_or_far_m() / comfort_m).clamp(0.0, 1.0)),
         (w.base_not_seen, 1.0 - comfort.footing.seen_share),
         (w.clearance, (1.0 - comfort.clearance_m / settings.clearance_m).clamp(0.0, 1.0)),
         (w.hidden, 1.0 - comfort.unhidden),

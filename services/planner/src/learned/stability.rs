@@ -103,7 +103,7 @@ impl Rest {
     }
 
     fn margin(&self) -> f64 {
-        self.footing.margin_m.max(-f64::from(FAR_M))
+        self.footing.margin_or_far_m().max(-f64::from(FAR_M))
     }
 
     fn on_object(&self) -> f64 {

@@ -56,7 +56,7 @@ pub struct QueryObject {
     pub prisms: Vec<Prism>,
     /// Observed points spread over the cloud, to judge visibility with, world frame.
     pub view_points: Vec<Point3<f64>>,
-    /// Observed points thinned out, world frame.
+    /// Observed points thinned out, from which its orientation is read, world frame.
     pub cloud: Vec<Point3<f32>>,
 }
 
@@ -91,7 +91,7 @@ impl QueryObject {
             base_margin_m: f64::from(shape.base.margin(&shape.axis)).max(0.0),
             prisms,
             view_points: object.points.iter().step_by(stride).map(|p| p.cast()).collect(),
-            cloud: cloud::voxel_downsampled(&object.points, fixed.clearance.voxel_m),
+            cloud: cloud::voxel_downsampled(&object.points, fixed.rules.orientation_voxel_m),
             shape: shape.clone(),
         })
     }

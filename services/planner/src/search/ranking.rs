@@ -43,7 +43,7 @@ pub fn rank(judge: &mut Judge<'_>, findings: &mut Findings, count: usize) -> Res
 
 /// More answers where the shortlist gave fewer than `count`: the best of the `rest` that are far enough from those chosen are put to the
 /// networks, and what they believe comes after those, until there are enough, nothing is left, or some rounds are over. `control` is
-/// asked before each. Returns why it stopped early if it did.
+/// asked before each. Returns why it stopped early if it did; what nobody was asked about stays in `rest`.
 ///
 /// # Errors
 /// What the networks answer.
@@ -51,18 +51,14 @@ pub fn fill(
     judge: &mut Judge<'_>,
     findings: &mut Findings,
     chosen: &mut Vec<JudgedCandidate>,
-    mut rest: Vec<JudgedCandidate>,
+    rest: &mut Vec<JudgedCandidate>,
     control: &mut dyn FnMut() -> Option<StopReason>,
 ) -> Result<Option<StopReason>, CallError> {
     let settings = judge.problem().settings;
     let (count, first) = (judge.problem().request.count as usize, chosen.len());
     for _ in 0..settings.fixed.ranking.more_rounds {
-        let far = |j: &JudgedCandidate| {
-            let at = j.candidate.centroid();
-            chosen.iter().all(|c| (c.candidate.centroid() - at).norm() >= settings.min_separation_m)
-        };
-        rest.retain(far);
-        let list = shortlist(&rest, count - chosen.len(), settings.min_separation_m, settings.fixed.surrogate.level_gap_m);
+        keep_apart(rest, chosen, settings.min_separation_m);
+        let list = shortlist(rest, count - chosen.len(), settings.min_separation_m, settings.fixed.surrogate.level_gap_m);
         if list.is_empty() {
             break;
         }
@@ -74,9 +70,17 @@ pub fn fill(
         findings.reject(doubted);
         chosen.extend(believed);
         chosen[first..].sort_by(JudgedCandidate::better);
-        rest = without(rest, &list);
+        *rest = without(std::mem::take(rest), &list);
     }
     Ok(None)
+}
+
+/// Keeps the candidates that are at least `apart_m` from all those chosen.
+pub fn keep_apart(rest: &mut Vec<JudgedCandidate>, chosen: &[JudgedCandidate], apart_m: f64) {
+    rest.retain(|j| {
+        let at = j.candidate.centroid();
+        chosen.iter().all(|c| (c.candidate.centroid() - at).norm() >= apart_m)
+    });
 }
 
 /// What is left without those listed, by position.

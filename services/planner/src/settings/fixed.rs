@@ -103,7 +103,7 @@ impl Default for SupportSettings {
 pub struct ClearanceSettings {
     /// How far around the query clearance is measured during the search, metres.
     pub ring_m: f32,
-    /// How far at most: wider clearances are measured by points, which takes longer.
+    /// How far at most where a clearance is asked for.
     pub max_ring_m: f32,
     /// What reaches no deeper than this into the query's outline does not collide, metres (outlines are grown by the trim).
     pub graze_m: f32,
@@ -113,13 +113,13 @@ pub struct ClearanceSettings {
     pub stray_cells: usize,
     /// Or this share of the query's cells, whichever is more.
     pub stray_share: f32,
-    /// Distances of answers are measured on points this far apart, metres.
-    pub voxel_m: f32,
+    /// The clearance passes over so many of the nearest points.
+    pub stray_points: usize,
 }
 
 impl Default for ClearanceSettings {
     fn default() -> Self {
-        Self { ring_m: 0.04, max_ring_m: 0.12, graze_m: 0.002, touch_m: 0.009, stray_cells: 2, stray_share: 0.01, voxel_m: 0.008 }
+        Self { ring_m: 0.04, max_ring_m: 0.12, graze_m: 0.002, touch_m: 0.009, stray_cells: 2, stray_share: 0.01, stray_points: 2 }
     }
 }
 
@@ -132,11 +132,13 @@ pub struct RuleSettings {
     pub comfort_m: f64,
     /// Heights of a bottom and a top this close are in contact, metres.
     pub contact_m: f64,
+    /// The orientation of the query is read from points this far apart, metres.
+    pub orientation_voxel_m: f32,
 }
 
 impl Default for RuleSettings {
     fn default() -> Self {
-        Self { min_margin_m: 0.003, comfort_m: 0.06, contact_m: 0.009 }
+        Self { min_margin_m: 0.003, comfort_m: 0.06, contact_m: 0.009, orientation_voxel_m: 0.008 }
     }
 }
 

@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 
 use repose_geometry::{ViewerFrame, transform};
-use repose_proto::place::{Outcome, PlaceRequest, PlaceResult, RegionBox, Rejection, Rotation, Variant};
+use repose_proto::place::{Outcome, PlaceRequest, PlaceResult, RegionBox, Rejection, Rotation, Shortfall, ShortfallReason, Variant};
 use repose_proto::{ErrorCode, GoalTerm};
 
 use crate::checks::rules::Rules;
@@ -53,8 +53,14 @@ fn every_direction_is_found_on_an_open_table_and_stands_on_it() {
         assert!(sign * at[axis] > 0.05 && at[1 - axis].abs() < 0.25, "{term}: {at:?}");
         assert!((at[2] - 0.04).abs() < 0.008, "{term}: {at:?}");
         let best = &result.placements[0];
-        assert!(best.geometric[0].holds && best.geometric[0].margin_m > 0.01 && best.support_m > 0.015 && best.clearance_m > 0.005);
-        assert_eq!((best.realism, &best.relations[..]), (1.0, &[1.0][..]));
+        assert!(
+            best.geometric[0].holds
+                && best.geometric[0].margin_m > 0.01
+                && best.support_m.unwrap() > 0.015
+                && best.clearance_m.unwrap() > 0.005
+        );
+        assert_eq!((best.realism, &best.relations[..]), (None, &[1.0][..]), "no network was asked");
+        assert_eq!(result.world_from_camera, prepared.scene.meta.camera.world_from_camera);
     }
 }
 
@@ -127,6 +133,23 @@ fn several_answers_keep_their_distance_and_use_both_table_and_box() {
 }
 
 #[test]
+fn fewer_answers_than_asked_come_with_the_reason() {
+    let prepared = table().prepared();
+    let mut wanted = request(&prepared, 2, &["right_of:1"]);
+    wanted.count = 3;
+    assert_eq!(run(&prepared, &wanted).shortfall, None);
+    // Nothing on the table is three metres from anything else on it.
+    wanted.min_separation_m = Some(3.0);
+    let result = run(&prepared, &wanted);
+    let shortfall = result.shortfall.unwrap();
+    assert_eq!((result.placements.len(), shortfall.reason), (1, ShortfallReason::Separation));
+    assert!(shortfall.passed > 100 && shortfall.too_close == shortfall.passed - 1, "{shortfall:?}");
+    (wanted.budget.iterations, wanted.budget.batch, wanted.budget.draws_per_batch) = (Some(1), Some(1), Some(1));
+    let alone = (0..50).map(|seed| run(&prepared, &PlaceRequest { seed, ..wanted.clone() })).find(|r| r.placements.len() == 1).unwrap();
+    assert_eq!(alone.shortfall, Some(Shortfall { reason: ShortfallReason::Constraints, passed: 1, too_close: 0 }));
+}
+
+#[test]
 fn a_forbidden_region_is_the_reason() {
     let prepared = table().prepared();
     let mut blocked = request(&prepared, 2, &["right_of:1"]);
@@ -193,14 +216,17 @@ fn the_asked_clearance_is_kept() {
     wide.min_clearance_m = Some(0.06);
     let result = run(&prepared, &wide);
     assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
-    assert!(result.placements[0].clearance_m >= 0.055, "{}", result.placements[0].clearance_m);
+    assert!(result.placements[0].clearance_m.unwrap() >= 0.06, "{:?}", result.placements[0].clearance_m);
     wide.min_clearance_m = Some(0.14);
     let result = run(&prepared, &wide);
     assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
-    assert!(result.placements[0].clearance_m >= 0.14, "{}", result.placements[0].clearance_m);
-    wide.min_clearance_m = Some(2.0);
+    assert!(result.placements[0].clearance_m.unwrap() >= 0.14, "{:?}", result.placements[0].clearance_m);
+    wide.min_clearance_m = Some(0.9);
     let result = run(&prepared, &wide);
     assert_eq!((result.outcome, most_frequent(&result)), (Outcome::None, Rejection::Clearance), "{:?}", result.rejections);
+    wide.min_clearance_m = Some(5.0);
+    let error = plan(&prepared, &wide, &NoModels, &mut |_| ControlFlow::Continue(())).unwrap_err();
+    assert_eq!((error.code, error.field.as_deref()), (ErrorCode::InvalidArgument, Some("min_clearance_m")));
 }
 
 #[test]
