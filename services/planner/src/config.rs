@@ -18,7 +18,7 @@ pub struct PlannerConfig {
     pub threads: usize,
     /// Requests that may wait for a thread; the next is refused at once. Raising it lets callers wait longer instead.
     pub queue_capacity: usize,
-    /// Most prepared scenes kept, the least recently used go first. Raising it saves preparing a scene again, at some 20 MB each.
+    /// The most prepared scenes kept; the least recently used go first. Raising it saves preparing a scene again, at some 20 MB each.
     pub scenes: usize,
     /// How long perception may take to send a scene that is not here, milliseconds.
     pub scene_timeout_ms: u64,

@@ -37,14 +37,14 @@ pub enum SearchStep {
     Iteration(Box<PlaceProgress>),
 }
 
-/// A result, and what stands behind it.
+/// A result, and the candidates behind it.
 #[derive(Debug, Clone)]
 pub struct PlanReport {
     /// The answer.
     pub result: PlaceResult,
     /// The answers' candidates, in order.
     pub answers: Vec<JudgedCandidate>,
-    /// What the paper's Table 1 counts: the lowest-cost feasible candidate (Algorithm 1 is subject to its constraints, of which being in
+    /// The candidate that the paper's Table 1 counts: the lowest-cost feasible candidate (Algorithm 1 is subject to its constraints, of which being in
     /// view is one); where none is feasible, the one of lowest cost among those in view that violate the constraints least.
     pub best_in_view: Option<JudgedCandidate>,
 }
@@ -77,7 +77,7 @@ pub fn plan_with_report(
     planned(prepared, request, models, control, true)
 }
 
-/// Plans; `reports` says whether somebody wants to know of [`PlanReport::best_in_view`], which the networks may have to be asked about.
+/// Plans; `reports` says whether [`PlanReport::best_in_view`] is wanted, for which the networks may have to be asked.
 fn planned(
     prepared: &PreparedScene,
     request: &PlaceRequest,
@@ -158,7 +158,7 @@ fn without_answers(judge: &Judge<'_>, findings: Findings, outcome: Outcome) -> P
         kernel: provenance.map_or_else(String::new, |p| p.kernel.clone()),
         seed: request.seed,
         scene_id: prepared.scene_id.clone(),
-        world_from_camera: prepared.scene.meta.camera.world_from_camera.clone(),
+        world_from_camera: prepared.scene.meta.camera.world_from_camera,
         query: request.query,
         goal: request.goal.clone(),
         variant: request.variant,

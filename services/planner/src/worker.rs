@@ -56,7 +56,7 @@ impl Worker {
         let search = move |context: &JobContext| {
             let mut last_batch = Instant::now();
             let mut control = |step: SearchStep| {
-                // Another batch will take about as long as the last one did: what cannot be finished is not begun.
+                // Another batch takes about as long as the last one: a batch that cannot be finished is not begun.
                 let batch = last_batch.elapsed();
                 last_batch = Instant::now();
                 if let SearchStep::Iteration(done) = step {

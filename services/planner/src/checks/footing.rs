@@ -1,7 +1,7 @@
-//! What is right under a candidate: where it comes to rest when lowered, and how well it stands there.
+//! The support under a candidate: where it comes to rest when lowered, and how well it stands there.
 //!
-//! The height is taken from the tops under the base, never from the cloud's own bottom, which border cleaning trims. A cell carries
-//! when a top was seen at the right height; a hidden cell is believed to when it lies within a support surface that was seen around it.
+//! The height comes from the tops under the base, never from the cloud's own bottom, which border cleaning trims. A cell of the base is
+//! carried when a top was seen at its height, or when it is hidden within the outline of a support surface.
 
 use std::collections::BTreeMap;
 
@@ -24,7 +24,7 @@ pub struct Footing {
     pub carried_share: f64,
     /// How far inside the outline of what carries it the axis stands, metres; negative beyond its edge. None when nothing carries it.
     pub margin_m: Option<f64>,
-    /// The object that carries most of it, 0 for furniture, none when nothing does.
+    /// The object that carries most of it, 0 for furniture; none when nothing was seen to carry it.
     pub carrier: Option<u16>,
 }
 
@@ -140,7 +140,7 @@ pub fn support_miss(footing: &Footing, query: &QueryObject, settings: &SupportSe
     (miss > 0.0).then_some(miss)
 }
 
-/// Why a cell carries.
+/// What carries a cell.
 #[derive(Debug, Clone, Copy)]
 enum CellSupport {
     /// A top of this object (0: furniture) was seen there.

@@ -20,10 +20,10 @@ pub struct Obstruction {
 
 /// Width of a bin that distances are counted in, metres.
 const BIN_M: f32 = 0.005;
-/// Bins; what is farther counts in the last.
+/// Bins; larger distances count in the last.
 const BINS: usize = 64;
 
-/// What is in the way of a candidate. `touched` objects may be touched, and do not count for the clearance.
+/// What is in the way of a candidate. `touched` objects may be touched and do not count for the clearance.
 pub fn obstruction(
     prepared: &PreparedScene,
     query: &QueryObject,
@@ -33,7 +33,7 @@ pub fn obstruction(
     support: &SupportSettings,
 ) -> Obstruction {
     let bottom_m = query.bottom_of(candidate.centroid_m[2]);
-    // What ends here or lower carries the query and is not in its way.
+    // Runs that end here or lower carry the query and are not in its way.
     let floor_m = bottom_m + support.tolerance_m;
     let (mut colliding, mut near) = (0usize, [0usize; BINS]);
     let (mut farthest_m, mut doubtful) = (0.0f32, 0usize);

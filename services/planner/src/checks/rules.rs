@@ -1,7 +1,7 @@
-//! Goal terms by rule on completed shapes: the planner's own test, and the check beside every answer that no network had a say in.
+//! Goal terms by rule on completed shapes: a constraint of the grounded variants, and a check beside every answer that is independent of
+//! the networks.
 //!
-//! The rules are those of the paper's appendix (`repose-relations`), applied to boxes and prisms around what the objects are believed
-//! to be rather than around the seen half of them: labels are made of whole objects.
+//! The rules are those of the paper's appendix (`repose-relations`), applied to completed shapes, because labels are made from whole objects.
 
 use std::collections::BTreeMap;
 
@@ -21,7 +21,7 @@ use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;
 use crate::settings::RuleSettings;
 
-/// An anchor as the rules see it.
+/// An anchor, as far as the rules need it.
 #[derive(Debug, Clone)]
 pub struct RuleAnchor {
     /// Its shape, world frame.
@@ -88,12 +88,12 @@ impl Rules {
         &self.query_extents
     }
 
-    /// The turn that aligns the query with an anchor, modulo a quarter turn, if both have an orientation.
+    /// The turn that aligns the query with an anchor, modulo a quarter turn, radians; none if either has no orientation.
     pub fn aligning_yaw_rad(&self, anchor: u16) -> Option<f64> {
         Some(self.anchors.get(&anchor)?.yaw_rad? - self.query_yaw_rad?)
     }
 
-    /// Each term (negation included) for a candidate, in the goal's order.
+    /// Checks each term (negation included) for a candidate, in the goal's order.
     pub fn checks(&self, query: &QueryObject, candidate: &CandidatePose, settings: &RuleSettings) -> Vec<GeometricCheck> {
         let placed = self.placed_extents(query, candidate);
         let prisms = PlacedPrisms::new(query, candidate);
@@ -132,7 +132,7 @@ impl Rules {
     fn turn_rad(&self, candidate: &CandidatePose, anchor: &RuleAnchor) -> f64 {
         match (self.query_yaw_rad, anchor.yaw_rad) {
             (Some(query), Some(anchor)) => quarter_turn_difference_rad(query + f64::from(candidate.yaw_rad), anchor),
-            // Without an area there is no orientation to agree: as far apart as two rectangles can be.
+            // Without an area there is no orientation to compare: the largest difference between two rectangles.
             _ => std::f64::consts::FRAC_PI_4,
         }
     }
@@ -140,7 +140,7 @@ impl Rules {
 
 /// The corners of the upright box around a shape, its sides along those of the smallest rectangle seen from above (world frame).
 ///
-/// The rules are about boxes: the corner of a tray that stands diagonally reaches further than its rounded rim does.
+/// The rules compare boxes: a box's corner reaches further than the rounded rim inside it.
 fn boxed(shape: &Shape) -> Vec<Point3<f32>> {
     let corners: Vec<Point3<f32>> = shape.corners().collect();
     let turn = nalgebra::Rotation2::new(rectangle_yaw_rad(&corners).unwrap_or(0.0) as f32);

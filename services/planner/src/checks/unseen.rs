@@ -1,7 +1,6 @@
 //! How much of a placed object would be in space that the camera did not see: behind things, inside them, where readings are missing.
 //!
-//! Such space is neither free nor solid as far as anybody knows. The exception is where the object itself stood: that is free once it
-//! has been taken away.
+//! Such space may be free or filled. The place where the object itself stood is free once the object is picked up.
 
 use nalgebra::Point2;
 use repose_proto::UnseenSpace;

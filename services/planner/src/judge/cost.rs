@@ -94,7 +94,7 @@ pub fn rules_cost(terms: &[GoalTerm], checks: &[GeometricCheck], settings: &Rule
     terms.iter().zip(checks).map(shortfall).map(|s| s * s).sum::<f64>().sqrt()
 }
 
-/// What soundness is judged from.
+/// What soundness is computed from.
 #[derive(Debug, Clone, Copy)]
 pub struct Comfort {
     /// How it stands.
@@ -109,9 +109,9 @@ pub struct Comfort {
     pub on_stranger: bool,
     /// Share of its volume in space that was not seen.
     pub unseen_share: f64,
-    /// Share of small errors of its pose that would not do; 0 where they were not tried.
+    /// Share of small errors of its pose that break a constraint; 0 where they were not tried.
     pub fragile_share: f64,
-    /// Share of where its unseen back may reach that something else fills.
+    /// Share of the space that its unseen back may reach which something else fills.
     pub doubtful_share: f64,
 }
 
@@ -128,7 +128,7 @@ pub fn soundness_cost(comfort: &Comfort, query: &QueryObject, settings: &Soundne
         (w.stranger, if comfort.on_stranger { 1.0 } else { 0.0 }),
         (w.unseen_space, comfort.unseen_share),
         (w.fragile, comfort.fragile_share),
-        // A tenth of it filled is as bad as all of it: either would push.
+        // A tenth of it filled is as bad as all of it: either would push something.
         (w.doubtful, (10.0 * comfort.doubtful_share).min(1.0)),
     ];
     shortfalls.iter().map(|(weight, shortfall)| shortfall * weight).sum()

@@ -1,4 +1,4 @@
-//! What became of a candidate: accepted with a cost, or rejected by the first constraint that failed.
+//! A judged candidate: accepted with a cost, or rejected by the first constraint that failed.
 
 use std::cmp::Ordering;
 
@@ -29,20 +29,20 @@ pub struct JudgedCandidate {
     pub relations: Option<Vec<f32>>,
     /// Each goal term by rule, where it was tried.
     pub checks: Option<Vec<GeometricCheck>>,
-    /// How it stands, where that was tried.
+    /// How it stands, where tried.
     pub footing: Option<Footing>,
-    /// What is in its way, where that was tried.
+    /// What is in its way, where tried.
     pub obstruction: Option<Obstruction>,
-    /// Share of its points that would be seen, where that was tried.
+    /// Share of its points that would be seen, where tried.
     pub unhidden: Option<f64>,
-    /// Share of its volume in space that was not seen, where that was tried.
+    /// Share of its volume in space that was not seen, where tried.
     pub unseen_share: Option<f64>,
-    /// Share of small errors of its pose that would not do, where they were tried.
+    /// Share of small errors of its pose that break a constraint, where tried.
     pub fragile_share: Option<f64>,
 }
 
 impl JudgedCandidate {
-    /// A candidate that nothing is known of yet.
+    /// A candidate before any test.
     pub fn new(candidate: CandidatePose, mode: usize) -> Self {
         Self {
             candidate,
@@ -75,7 +75,7 @@ impl JudgedCandidate {
         self.cost = f64::INFINITY;
     }
 
-    /// Counts constraints that were not tried, because the candidate was lost anyhow, as missed.
+    /// Counts constraints as missed that were not tried because the candidate had been rejected.
     pub fn leave_untried(&mut self, constraints: usize) {
         self.violation += constraints as f64;
     }

@@ -1,4 +1,4 @@
-//! Boosted decision trees as they are served: sums of what the leaves say that a row of numbers falls into.
+//! Boosted decision trees as they are served: the sum of the leaves that a row of numbers falls into.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,22 +13,22 @@ pub enum Branch {
     Leaf(u16),
 }
 
-/// A split: which number of the row, below what it goes to the first branch, and the two branches.
+/// A split: the number of the row that it reads, the value below which a row takes the first branch, and the two branches.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TreeSplit(pub u8, pub f32, pub [Branch; 2]);
 
-/// One tree. The first split is its root; without any, the first leaf is all there is of it.
+/// One tree. The first split is its root; a tree without splits is its first leaf.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DecisionTree {
     /// The splits; each sends rows to later ones.
     pub splits: Vec<TreeSplit>,
-    /// What the leaves say.
+    /// The leaves' values.
     pub leaves: Vec<f32>,
 }
 
 impl DecisionTree {
-    /// What it says of a row.
+    /// Its value for a row.
     fn of(&self, row: &[f32]) -> f32 {
         let mut at = if self.splits.is_empty() { Branch::Leaf(0) } else { Branch::Split(0) };
         loop {
@@ -42,7 +42,7 @@ impl DecisionTree {
         }
     }
 
-    /// Whether every row of `numbers` numbers ends at a leaf that says something finite.
+    /// Whether every row of `numbers` numbers ends at a leaf with a finite value.
     fn is_sound(&self, numbers: usize) -> bool {
         let branch = |from: usize, to: &Branch| match to {
             Branch::Split(to) => usize::from(*to) > from && usize::from(*to) < self.splits.len(),
@@ -55,23 +55,23 @@ impl DecisionTree {
     }
 }
 
-/// The trees, and what is said before any of them.
+/// The trees, and the value that they add to.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BoostedTrees {
-    /// What is said without any tree.
+    /// The value without any tree.
     pub bias: f64,
     /// The trees.
     pub trees: Vec<DecisionTree>,
 }
 
 impl BoostedTrees {
-    /// What they say of a row of finite numbers, all together.
+    /// The sum for a row of finite numbers.
     pub fn of(&self, row: &[f32]) -> f64 {
         self.trees.iter().fold(self.bias, |sum, tree| sum + f64::from(tree.of(row)))
     }
 
-    /// Whether they say something finite of every row of `numbers` numbers.
+    /// Whether the sum is finite for every row of `numbers` numbers.
     pub fn is_sound(&self, numbers: usize) -> bool {
         self.bias.is_finite() && self.trees.iter().all(|t| t.is_sound(numbers))
     }

@@ -20,7 +20,7 @@ pub struct PriorMixture {
 }
 
 impl PriorMixture {
-    /// The mixture around an anchor's observed centroid (world frame).
+    /// The mixture around an anchor's observed centroid (world frame), in a viewer's axes.
     pub fn new(components: Vec<MixtureComponent>, anchor: Point3<f64>, viewer: ViewerFrame, rotation: Rotation) -> Self {
         Self { components, anchor, viewer, rotation }
     }

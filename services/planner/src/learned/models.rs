@@ -1,4 +1,4 @@
-//! What the planner asks of the learned models: a port that remote inference, in-process inference and tests' fakes implement.
+//! The port to the networks, which remote inference, in-process inference and the tests' fakes implement.
 
 use std::sync::Arc;
 
@@ -33,7 +33,7 @@ pub trait PlacementModels: Send + Sync {
     /// What inference answers.
     fn score(&self, request: &ScoreRequest, scene: &Arc<Scene>) -> Result<ScoreReply, CallError>;
 
-    /// What the outcome network's word and geometry together say of a place: the one that comes with the program, unless said otherwise.
+    /// The trees that combine the outcome network with geometry; by default those that come with the program.
     fn stability(&self) -> &Stability {
         Stability::embedded()
     }

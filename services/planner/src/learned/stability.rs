@@ -1,40 +1,39 @@
-//! How likely an object stays where it is let go: the outcome network's word, weighed with what geometry measures of the place.
+//! How likely an object stays where it is released: the outcome network's probability combined with what geometry measures of the place.
 //!
-//! The network sees points; that an object hangs a hand above a table, or is half in something, it tells only roughly. Geometry measures
-//! such things, but knows nothing of shapes beyond its guess. Boosted trees on both, fitted on releases in training scenes (draws of the
-//! prior and the planner's places: `repose train --network stability`), say more than either, and what they say comes true as often as they
-//! say.
+//! The network sees points, and tells only roughly that an object hangs above a table or is half inside something. Geometry measures that,
+//! but knows nothing of shapes beyond its guess. Boosted trees on both predict better than either and are calibrated. They are fitted on
+//! releases in training scenes, at draws of the prior and at the planner's places (`repose train --network stability`).
 
 use std::sync::OnceLock;
 
 use serde::{Deserialize, Serialize};
 
 use crate::belief::view::Visibility;
-use crate::checks::constraints::view_miss;
 use crate::checks::footing::{Footing, Ground};
 use crate::checks::obstruction::{Obstruction, obstruction};
 use crate::checks::unseen::unseen_share;
+use crate::checks::visibility::view_miss;
 use crate::learned::boosted_trees::BoostedTrees;
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;
 use crate::settings::Fixed;
 
-/// How many things are measured.
+/// The number of measures.
 pub const COUNT: usize = 30;
 
-/// A measure: its name, and how it is read off a place.
+/// A measure: its name, and how it is computed from a place.
 type Measure = (&'static str, fn(&Place<'_>) -> f64);
 
-/// What is measured, in order: lengths in metres, shares of 1, flags 0 or 1.
+/// The measures, in the order that the trees read: lengths in metres, shares from 0 to 1, flags 0 or 1.
 const MEASURES: [Measure; COUNT] = [
-    // What the outcome network says.
+    // The outcome network's probability.
     ("network", |p| p.network),
-    // How far it falls onto what reaches at most so far above its bottom; below zero, how deep it is in that.
+    // How far it drops onto tops that reach at most so far above its bottom; negative: how deep it is in them.
     ("drop_onto_low", |p| f64::from(p.low.drop_m)),
     ("drop", |p| f64::from(p.settled.drop_m)),
     ("drop_onto_high", |p| f64::from(p.high.drop_m)),
-    // Let down onto that: how far its axis is inside the edge of what carries it, and how much of its base is carried.
+    // Lowered onto those: how far its axis is inside the edge of its support, and how much of its base is carried.
     ("margin_low", |p| p.low.margin()),
     ("carried_low", |p| p.low.footing.carried_share),
     ("margin", |p| p.settled.margin()),
@@ -46,7 +45,7 @@ const MEASURES: [Measure; COUNT] = [
     ("on_high_object", |p| p.high.on_object()),
     // The band around its base that is carried too.
     ("rim", |p| p.rim_share),
-    // What fills its space: as it is, let down, and a hair above that; and where its unseen back may reach.
+    // How much of its space is filled: as it is, lowered, and a little above that; and where its unseen back may reach.
     ("colliding", |p| p.here.colliding_share),
     ("colliding_settled", |p| p.there.colliding_share),
     ("colliding_lifted", |p| p.lifted.colliding_share),
@@ -57,24 +56,24 @@ const MEASURES: [Measure; COUNT] = [
     ("unseen", |p| p.unseen_share),
     ("unhidden", |p| p.view.unhidden),
     ("in_picture", |p| p.view.in_picture),
-    // Itself: how tall, how far inside its base its axis is and how far the base reaches, the areas of its base and its widest part,
-    // square metres, and what its lowest part has of that.
+    // The object: its height, how far inside its base its axis is and how far the base reaches, the areas of its base and its widest part,
+    // square metres, and the share of its lowest part in that.
     ("height", |p| f64::from(p.query.shape.top_m - p.query.shape.bottom_m)),
     ("base_margin", |p| p.query.base_margin_m),
     ("base_reach", |p| p.base_reach_m()),
     ("base_area", |p| p.area_m2(p.query.base.len())),
     ("foot_share", |p| p.query.prisms.first().map_or(1.0, |foot| foot.inside as f64 / p.widest_cells() as f64)),
     ("widest_area", |p| p.area_m2(p.widest_cells())),
-    // How far its back is a guess; how many points of it were seen.
+    // How far its unseen back may reach; how many points of it were seen.
     ("back_unknown", |p| f64::from(p.query.shape.doubt.norm())),
     ("points", |p| p.points),
 ];
 
 /// The trees that come with the program.
 const EMBEDDED: &str = include_str!("../../weights/stability.json");
-/// A fall or a distance from the edge that is far, metres.
+/// Drops and distances from the edge are cut here, metres: more is as bad.
 const FAR_M: f32 = 0.1;
-/// What reaches at most so far above its bottom may carry it, metres: hardly into it, a little, and a lot.
+/// Tops that reach at most so far above its bottom may carry it, metres: hardly into it, a little, and a lot.
 const INTO_M: [f32; 3] = [0.01, 0.03, 0.08];
 
 /// Where a candidate would come to rest.
@@ -94,7 +93,7 @@ impl Rest {
             rest_m.map_or(FAR_M, |rest_m| (bottom_m - (rest_m - ground.settings.release_m)).min(FAR_M))
         };
         let at = |drop_m: f32| Self { drop_m, footing: ground.footing(&lowered(candidate, drop_m)) };
-        // Most often all of them are one place, and a footing is the dearest thing to measure.
+        // Most often all of them are one place, and a footing is the costliest measure.
         let [low_m, settled_m, high_m] = INTO_M.map(drop_m);
         let low = at(low_m);
         let settled = if settled_m == low_m { low } else { at(settled_m) };
@@ -117,7 +116,7 @@ fn lowered(candidate: &CandidatePose, by_m: f32) -> CandidatePose {
     at
 }
 
-/// A candidate with what is measured of it.
+/// A candidate with everything that the measures read.
 struct Place<'a> {
     prepared: &'a PreparedScene,
     query: &'a QueryObject,
@@ -171,7 +170,7 @@ impl<'a> Place<'a> {
     }
 }
 
-/// The measures of a candidate, in the order of their names; all finite. `outcome` is what the outcome network says of it.
+/// The measures of a candidate, in the order of their names; all finite. `outcome` is the outcome network's probability.
 pub fn measures(prepared: &PreparedScene, query: &QueryObject, candidate: &CandidatePose, outcome: f32, fixed: &Fixed) -> [f32; COUNT] {
     let place = Place::new(prepared, query, candidate, outcome, fixed);
     MEASURES.map(|(_, of)| of(&place) as f32)
@@ -180,25 +179,25 @@ pub fn measures(prepared: &PreparedScene, query: &QueryObject, candidate: &Candi
 /// A release to learn from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReleaseSample {
-    /// What was measured before.
+    /// The measures before the release.
     pub measures: [f32; COUNT],
     /// Whether the object's centre moved less than 5 cm.
     pub stable: bool,
 }
 
-/// Boosted trees that say from [`measures`] whether an object stays.
+/// Boosted trees that predict from [`measures`] whether an object stays.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Stability {
     /// Names of the measures, to tell a file of another version.
     measures: Vec<String>,
-    /// What it was fitted on: releases, and the weights whose outcome network spoke.
+    /// The data that it was fitted on.
     fitted_on: FittedOn,
     /// The logit.
     logit: BoostedTrees,
 }
 
-/// What a fit is made from.
+/// The data of a fit.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FittedOn {
@@ -206,34 +205,34 @@ pub struct FittedOn {
     pub scenes: u64,
     /// Releases.
     pub releases: usize,
-    /// BLAKE3 of the weights whose outcome network spoke.
+    /// BLAKE3 of the weights with the outcome network.
     pub weights_hash: String,
 }
 
-/// Why a text is none.
+/// Why a text is not a stability file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct NotAStability(String);
 
 impl Stability {
-    /// The one that comes with the program.
+    /// The trees that come with the program.
     pub fn embedded() -> &'static Self {
         static EMBEDDED_FIT: OnceLock<Stability> = OnceLock::new();
         EMBEDDED_FIT.get_or_init(|| Self::from_json(EMBEDDED).unwrap_or_else(|e| unreachable!("a test reads it: {e}")))
     }
 
-    /// Trees that read today's measures.
+    /// Trees that read the measures of this version.
     ///
     /// # Errors
-    /// When they read others, or lead nowhere.
+    /// When a branch leads nowhere or a value is not finite.
     pub fn new(logit: BoostedTrees, fitted_on: FittedOn) -> Result<Self, NotAStability> {
         Self { measures: MEASURES.map(|(name, _)| name.to_owned()).to_vec(), fitted_on, logit }.checked()
     }
 
-    /// Reads what [`serde_json`] wrote of one.
+    /// Reads one from JSON.
     ///
     /// # Errors
-    /// When the text is none, or is of other measures.
+    /// When the text is not a stability file, or has other measures.
     pub fn from_json(text: &str) -> Result<Self, NotAStability> {
         serde_json::from_str::<Self>(text).map_err(|e| NotAStability(e.to_string()))?.checked()
     }
@@ -251,17 +250,17 @@ impl Stability {
         Ok(self)
     }
 
-    /// What it was fitted on.
+    /// The data that it was fitted on.
     pub fn fitted_on(&self) -> &FittedOn {
         &self.fitted_on
     }
 
-    /// BLAKE3 of what is written of it.
+    /// BLAKE3 of its JSON.
     pub fn hash(&self) -> String {
         blake3::hash(&serde_json::to_vec(self).unwrap_or_default()).to_hex().to_string()
     }
 
-    /// The probability that what was measured stays: that it moves less than 5 cm.
+    /// The probability that the object moves less than 5 cm.
     pub fn of(&self, measures: &[f32; COUNT]) -> f64 {
         1.0 / (1.0 + (-self.logit.of(measures)).exp())
     }

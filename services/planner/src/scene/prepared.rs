@@ -1,16 +1,17 @@
-//! A scene prepared once for many requests: everything about it that does not depend on what is asked.
+//! A scene prepared once for many requests: everything about it that does not depend on the request.
 //!
-//! The points by object, the objects' completed shapes and what each stands on, the map of runs above the floor plan, the support
-//! surfaces, and the camera's picture rebuilt from the points. Requests then only leave the query out of it.
+//! The points by object, the objects' completed shapes and supports, the map of runs above the floor plan, the support surfaces, and the
+//! camera's picture rebuilt from the points. A request only leaves out its query.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point2, Point3};
-use repose_geometry::{Aabb, Footprint, cloud, transform};
+use repose_geometry::{Aabb, cloud, transform};
 use repose_proto::{CallError, Scene};
 
 use crate::belief::columns::{ColumnMap, ColumnRun, bounds_around, cells_of, cells_of_map};
+use crate::belief::plane::SupportPlane;
 use crate::belief::settings::BeliefSettings;
 use crate::belief::shape::Shape;
 use crate::belief::standing::{Seen, carried_by};
@@ -23,7 +24,7 @@ pub struct PreparedObject {
     pub points: Vec<Point3<f32>>,
     /// Their mean.
     pub centroid: Point3<f64>,
-    /// The whole object as it is believed to be; none when its points have no extent from above.
+    /// Its completed shape; none when its points have no extent seen from above.
     pub shape: Option<Shape>,
 }
 
@@ -77,7 +78,7 @@ impl PreparedScene {
         }
         let of_objects: Vec<Point3<f32>> = clouds.values().flatten().copied().collect();
         let nowhere = Aabb { min: Point3::origin(), max: Point3::origin() };
-        // Without any object there is nothing to plan with, but the caller's mistake is then named by the object it asked for.
+        // Without objects the map is around the origin: planning then names the object that is missing.
         let mut bounds = bounds_around(&of_objects, &scene.points, settings.reach_m)
             .or_else(|| bounds_around(&[Point3::origin()], &scene.points, settings.reach_m))
             .unwrap_or(nowhere);
@@ -97,7 +98,7 @@ impl PreparedScene {
         let before = Seen { clouds: &clouds, columns: &seen, planes: &planes, view: &view, settings };
         let complete = |id: u16, bottom_m: f32| Some((id, Shape::complete(&clouds[&id], bottom_m, &camera, &settings.shape)?));
         let mut shapes: BTreeMap<u16, Shape> = clouds.keys().filter_map(|id| complete(*id, before.bottom_m(*id)?)).collect();
-        // What an object stands on may be known only by its carrier's completed shape.
+        // Some supports are known only from a carrier's completed shape.
         let covering: Vec<(u16, Shape)> = shapes.keys().filter_map(|id| complete(*id, before.covered_top_m(*id, &shapes)?)).collect();
         shapes.extend(covering);
         let hidden: Vec<(Point2<f32>, ColumnRun)> = shapes.iter().flat_map(|(id, shape)| unseen_runs(*id, shape, &seen)).collect();

@@ -1,7 +1,6 @@
-//! The query of one request in the form that candidates are tried with: its completed shape as cells around its centroid.
+//! The object to move, in the form that candidates are tried with: its completed shape as cells around its observed centroid.
 //!
-//! Every cell is an offset from the observed centroid, the point that candidates move and turn about, so that trying a candidate is a
-//! look-up per cell in the scene's map.
+//! A cell is an offset from that centroid, about which candidates turn, so that trying a candidate takes one look-up per cell in the map.
 
 use nalgebra::{Point2, Point3, Vector2};
 use repose_geometry::{Footprint, cloud};
@@ -18,7 +17,7 @@ pub struct OutlineCell {
     pub offset: Vector2<f32>,
     /// How far inside the prism's outline, metres; negative: how far outside.
     pub inside_m: f32,
-    /// Whether it is outside, and the shape may reach there all the same ([`Shape::doubt`]).
+    /// Whether it is outside the outline, but the shape may reach there ([`Shape::doubt`]).
     pub doubtful: bool,
 }
 
@@ -46,15 +45,15 @@ pub struct QueryObject {
     pub id: u16,
     /// Its completed shape where it was observed.
     pub shape: Shape,
-    /// The cells that touch what it stands on, from the observed centroid.
+    /// The cells of its base, from the observed centroid.
     pub base: Vec<Vector2<f32>>,
     /// The band of cells around those.
     pub rim: Vec<Vector2<f32>>,
-    /// How far inside its own base the axis is: the best support that a flat floor can give, metres.
+    /// How far inside its own base the axis is, metres: the support margin on a flat floor.
     pub base_margin_m: f64,
     /// Its shape, from the bottom up.
     pub prisms: Vec<Prism>,
-    /// Observed points spread over the cloud, to judge visibility with, world frame.
+    /// Some of its observed points, spread over the cloud, to judge visibility by, world frame.
     pub view_points: Vec<Point3<f64>>,
     /// Observed points thinned out, from which its orientation is read, world frame.
     pub cloud: Vec<Point3<f32>>,
@@ -102,7 +101,7 @@ impl QueryObject {
     }
 }
 
-/// Marks the cells outside an outline that it would sweep if it were shifted by `by`; says how many.
+/// Marks the cells outside an outline that the outline sweeps when it is shifted by `by`; returns how many.
 pub fn doubt(cells: &mut [OutlineCell], outline: &Footprint, origin: &Point2<f32>, by: &Vector2<f32>) -> usize {
     if *by == Vector2::zeros() {
         return 0;

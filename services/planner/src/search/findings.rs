@@ -6,12 +6,12 @@ use repose_proto::place::Rejection;
 
 use crate::judge::judged::JudgedCandidate;
 
-/// How many infeasible candidates are remembered as the nearest misses.
+/// How many of the nearest misses are kept: as many as a batch has elites.
 const NEAREST: usize = 20;
-/// How many of the candidates that one goal term alone kept out are remembered, at most; even.
+/// The most candidates kept of those that one goal term alone rejected; even. The networks score so many in one request.
 const SAMPLE: usize = 100;
 
-/// Candidates that one goal term alone kept out: how many, and an even sample of them, so that the last iterations speak as the first do.
+/// Candidates that one goal term alone rejected: how many, and an even sample of them over all iterations.
 #[derive(Debug, Clone, Default)]
 pub struct KeptOut {
     /// How many.
@@ -25,7 +25,7 @@ impl KeptOut {
     fn add(&mut self, judged: &JudgedCandidate) {
         if self.count.is_multiple_of(1 << self.halvings) {
             if self.sample.len() == SAMPLE {
-                // As the sample's size is even, this one still is in step.
+                // The sample's size is even, so this candidate is still in step.
                 self.sample = self.sample.iter().step_by(2).cloned().collect();
                 self.halvings += 1;
             }
@@ -42,15 +42,15 @@ pub struct Findings {
     pub accepted: Vec<JudgedCandidate>,
     /// Rejected candidates by reason.
     pub rejections: BTreeMap<Rejection, u64>,
-    /// Candidates that one goal term alone kept out, by that term's position.
+    /// Candidates that one goal term alone rejected, by that term's position.
     pub kept_out: BTreeMap<usize, KeptOut>,
-    /// In-view candidates that failed by least, best first.
+    /// In-view candidates with the least violation, best first.
     pub nearest: Vec<JudgedCandidate>,
     /// Iterations done.
     pub iterations: u32,
     /// Candidates drawn.
     pub evaluated: u64,
-    /// Where networks only rank: the best of the last iteration done, with what they say of it.
+    /// Where networks only rank: the best candidate that they were asked about after an iteration.
     pub appraised: Option<JudgedCandidate>,
 }
 

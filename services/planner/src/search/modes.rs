@@ -1,7 +1,7 @@
-//! The modes that are searched apart, so that distinct answers survive: components of the prior, or levels of support.
+//! The modes, each with a search of its own, so that distinct answers survive: components of the prior, or levels of support.
 //!
 //! After every iteration each mode is refitted to its own elites. Modes with feasible candidates get the larger share of the next
-//! batch; those without keep a little, and are led towards feasible places by least violation.
+//! batch. The others keep a small share and move towards feasible places by least violation.
 
 use std::collections::BTreeMap;
 
@@ -12,19 +12,19 @@ use crate::scene::candidate::CandidatePose;
 use crate::search::surrogate::Surrogate;
 use crate::settings::SurrogateSettings;
 
-/// A mode without feasible candidates weighs this much of one that has some.
+/// The share of a mode without feasible candidates, relative to one with some. Chosen by hand on validation scenes.
 const INFEASIBLE_WEIGHT: f64 = 0.3;
 
-/// A mode in search.
+/// A mode.
 #[derive(Debug, Clone)]
 pub struct SearchMode {
     /// Its number, as [`JudgedCandidate::mode`].
     pub id: usize,
-    /// What its next candidates are drawn from.
+    /// The Gaussian that its next candidates are drawn from.
     pub surrogate: Surrogate,
     /// Its share of the next batch; shares sum to 1.
     pub share: f64,
-    /// What it was fitted to, best first.
+    /// The candidates that it was fitted to, best first.
     pub elites: Vec<JudgedCandidate>,
 }
 
@@ -70,7 +70,7 @@ pub fn refit(
     refitted
 }
 
-/// The elites among members sorted best first: feasible ones near the best where there are enough, else the least violating.
+/// The elites among members that are sorted best first: the feasible ones near the best, or the least violating where few are feasible.
 fn choose(own: Vec<JudgedCandidate>, wanted: usize, settings: &SurrogateSettings) -> Vec<JudgedCandidate> {
     let feasible = own.iter().filter(|j| j.feasible()).count();
     let best = own[0].candidate.centroid();

@@ -1,8 +1,8 @@
 //! Candidates from the goal's geometry, without a network: beside, on, around or aligned with the anchors of the positive terms.
 //!
-//! A proposal is where the query's axis goes, seen from above, a yaw, and the height from which it is lowered; the observed supports
+//! A proposal says where the query's axis goes, seen from above, its yaw, and the height from which it is lowered; the observed supports
 //! decide where it comes to rest. Terms take turns. Some proposals come from anywhere on the observed surfaces or in the asked regions,
-//! so that a goal is not called unreachable because of where this file would have looked.
+//! so that a place is also found where the geometry of the terms would not look.
 
 use nalgebra::{Point2, Point3, Vector2};
 use rand::RngExt;
@@ -18,7 +18,7 @@ use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;
 use crate::settings::ProposerSettings;
 
-/// A candidate whose height is yet to be found.
+/// A candidate that is still to be lowered onto its support.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Proposal {
     /// Where it was drawn; the height is that of the main anchor's support.
@@ -40,7 +40,7 @@ pub struct Proposer<'a> {
     pub region: &'a [RegionBox],
     /// Whether yaw is drawn.
     pub rotation: Rotation,
-    /// How.
+    /// Reach and shares.
     pub settings: &'a ProposerSettings,
 }
 
@@ -76,7 +76,7 @@ impl Proposer<'_> {
             Relation::InFrontOf => self.along(1, -1.0, &half_anchor, &half_query, rng),
             Relation::Behind => self.along(1, 1.0, &half_anchor, &half_query, rng),
             Relation::Above => {
-                // On the middle now and then exactly: a stack is best there.
+                // Every fifth exactly on the middle, where a stack is best.
                 let spread = if rng.random_range(0.0..1.0) < 0.2 { 0.0 } else { 0.5 };
                 half_anchor.map(|h| spread * h * normal(rng))
             }
@@ -94,7 +94,7 @@ impl Proposer<'_> {
 
     /// Along an axis of the viewer, beyond the anchor's face by a gap, within 45° sideways.
     fn along(&self, axis: usize, sign: f64, anchor: &Vector2<f64>, query: &Vector2<f64>, rng: &mut Pcg64) -> Vector2<f64> {
-        // More of them close by: squares of uniform numbers.
+        // The square of a uniform number: more of them close by.
         let u: f64 = rng.random_range(0.0..1.0);
         let gap_m = self.settings.reach_m * u * u;
         // Far enough that the query's near side lies beyond the anchor's middle, and its own middle beyond the anchor's face.
@@ -102,7 +102,7 @@ impl Proposer<'_> {
         let sideways_m = (distance_m - anchor[axis] + anchor[1 - axis]) * 0.95;
         let mut offset = Vector2::zeros();
         offset[axis] = sign * distance_m;
-        // A triangular distribution: straight beside is where the term holds by most.
+        // A triangular distribution: the term holds by most straight beside the anchor.
         offset[1 - axis] = sideways_m * (rng.random_range(-0.5..0.5) + rng.random_range(-0.5..0.5));
         offset
     }
@@ -146,7 +146,7 @@ impl Proposer<'_> {
         }
     }
 
-    /// As it stands, or turned anyhow.
+    /// As it stands, or any turn.
     fn any_yaw(&self, rng: &mut Pcg64) -> f64 {
         let turned = rng.random_range(0.0..1.0) < 0.6;
         let yaw_rad = rng.random_range(-std::f64::consts::PI..std::f64::consts::PI);

@@ -1,7 +1,8 @@
-//! The last step where networks only rank: geometry has found what can stand, the networks and small errors of the pose say what stands best.
+//! The last step where networks only rank: geometry has found places where the object can stand, the networks and small errors of the pose
+//! rank them.
 //!
-//! The optimiser picks lucky candidates: those whose geometry holds only just. So each of the shortlist is tried again a little off and a
-//! little turned, as a hand would put it, and the share of that which fails counts against it.
+//! An optimiser picks candidates whose geometry only just holds. So each candidate of the shortlist is tried again a little off and a
+//! little turned, as a robot may put it, and the share of failures counts against it.
 
 use repose_proto::CallError;
 
@@ -25,8 +26,8 @@ const OFF: [[f32; 3]; 8] = [
     [-0.7, 0.7, -1.0],
 ];
 
-/// Puts the shortlist of what was accepted to the networks and costs it anew. What they do not believe is rejected; answers come only from
-/// what they were asked about. Returns the rest of what was accepted.
+/// Asks the networks about the shortlist of the accepted candidates and costs it anew. Candidates below the realism threshold are rejected,
+/// and answers come from the shortlist alone. Returns the other accepted candidates.
 ///
 /// # Errors
 /// What the networks answer; nothing has changed then.
@@ -41,9 +42,9 @@ pub fn rank(judge: &mut Judge<'_>, findings: &mut Findings, count: usize) -> Res
     Ok(rest)
 }
 
-/// More answers where the shortlist gave fewer than `count`: the best of the `rest` that are far enough from those chosen are put to the
-/// networks, and what they believe comes after those, until there are enough, nothing is left, or some rounds are over. `control` is
-/// asked before each. Returns why it stopped early if it did; what nobody was asked about stays in `rest`.
+/// Finds more answers where the shortlist gave fewer than `count`: asks the networks about the best of the `rest` that are far enough from
+/// those chosen, and appends the believed ones, until there are enough, none is left, or some rounds are over. `control` is asked before
+/// each round. Returns why it stopped early if it did. Candidates that the networks were not asked about stay in `rest`.
 ///
 /// # Errors
 /// What the networks answer.
@@ -83,12 +84,12 @@ pub fn keep_apart(rest: &mut Vec<JudgedCandidate>, chosen: &[JudgedCandidate], a
     });
 }
 
-/// What is left without those listed, by position.
+/// All but the listed, by position.
 fn without(all: Vec<JudgedCandidate>, list: &[usize]) -> Vec<JudgedCandidate> {
     all.into_iter().enumerate().filter(|(i, _)| !list.contains(i)).map(|(_, j)| j).collect()
 }
 
-/// What the networks believe of what they are asked about, costed anew, and what they do not.
+/// The candidates above the realism threshold, costed anew, and those below.
 fn believed(judge: &mut Judge<'_>, mut asked: Vec<JudgedCandidate>) -> Result<(Vec<JudgedCandidate>, Vec<JudgedCandidate>), CallError> {
     appraise(judge, &mut asked)?;
     for j in &mut asked {

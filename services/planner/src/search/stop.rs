@@ -11,10 +11,10 @@ pub enum StopReason {
     Deadline,
 }
 
-/// What the models answered; none when time ended while they were asked.
+/// The models' answer; none when time ended while they were asked.
 ///
 /// # Errors
-/// Every other error of theirs.
+/// Every other error of the models.
 pub fn in_time<T>(answered: Result<T, CallError>) -> Result<Option<T>, CallError> {
     match answered {
         Err(error) if error.code == ErrorCode::DeadlineExceeded => Ok(None),

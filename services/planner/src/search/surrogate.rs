@@ -1,7 +1,7 @@
 //! The Gaussian that candidates of later iterations are drawn from, refitted to the elites of one mode (Algorithm 1, line 17).
 //!
-//! Its covariance is the elites', drawn towards its diagonal (few samples in four dimensions make up correlations) plus a floor that
-//! keeps the search from collapsing on its first lucky draw. Yaws are averaged around the best elite's.
+//! Its covariance is the elites', shrunk towards its diagonal (few samples in four dimensions show spurious correlations), plus a floor
+//! that keeps the search from collapsing on its first lucky draw. Yaws are averaged around the best elite's.
 
 use nalgebra::{Matrix4, Point3, Vector4};
 use rand_distr::{Distribution, StandardNormal};
@@ -22,7 +22,7 @@ pub struct Surrogate {
 }
 
 impl Surrogate {
-    /// Fitted to elites, the best first; none without any.
+    /// Fits the Gaussian to elites, the best first; none without any.
     pub fn fit(elites: &[CandidatePose], rotation: Rotation, settings: &SurrogateSettings) -> Option<Self> {
         let reference_rad = f64::from(elites.first()?.yaw_rad);
         let vector = |c: &CandidatePose| c.centroid().coords.push(reference_rad + wrap_angle(f64::from(c.yaw_rad) - reference_rad));

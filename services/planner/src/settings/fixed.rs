@@ -1,8 +1,10 @@
 //! The numbers that no request changes: tolerances, proposals, refitting, ranking.
+//!
+//! Unless a field says otherwise, they were chosen by hand on validation scenes of the simulator and looked at on real frames.
 
 use crate::belief::settings::ViewSettings;
 
-/// What requests cannot change.
+/// The settings that requests cannot change.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Fixed {
     /// Ranking by networks.
@@ -25,18 +27,18 @@ pub struct Fixed {
     pub soundness: SoundnessSettings,
 }
 
-/// Where networks only rank: what they are asked about once the search is done.
+/// Where networks only rank: the shortlist that they are asked about at the end of a search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RankingSettings {
-    /// The candidates that geometry finds best, at most; levels of support take turns.
+    /// Its length, at most; levels of support take turns.
     pub candidates: usize,
-    /// They are at least this far apart, metres.
+    /// Its candidates are at least this far apart, metres.
     pub apart_m: f64,
     /// Each is tried again when it ends up this far off, metres …
     pub off_m: f32,
     /// … and this far turned, radians.
     pub off_rad: f32,
-    /// Where those give fewer answers than asked, the networks are asked about farther ones, so many times at most.
+    /// Where it gives fewer answers than asked, the networks are asked about farther candidates, so many times at most.
     pub more_rounds: usize,
 }
 
@@ -74,8 +76,8 @@ pub struct SupportSettings {
     pub same_support_m: f32,
     /// A support surface's own height is used where the tops agree with it to this, metres.
     pub plane_m: f32,
-    /// How much above the support the bottom is put, metres. A bottom is known to a few millimetres; to fall by those is harmless, to be
-    /// pressed into the support by them is not.
+    /// The height of release above the support, metres. A bottom is known to a few millimetres: a fall of that much is harmless, being
+    /// pressed into the support is not.
     pub release_m: f32,
     /// Least distance of the axis from the edge of what carries it, metres.
     pub min_margin_m: f64,
@@ -105,7 +107,7 @@ pub struct ClearanceSettings {
     pub ring_m: f32,
     /// How far at most where a clearance is asked for.
     pub max_ring_m: f32,
-    /// What reaches no deeper than this into the query's outline does not collide, metres (outlines are grown by the trim).
+    /// Things that reach no deeper than this into the query's outline do not collide, metres (outlines are grown by the trim).
     pub graze_m: f32,
     /// The same for an anchor that must be touched.
     pub touch_m: f32,

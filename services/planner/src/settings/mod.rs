@@ -51,9 +51,9 @@ impl PlanSettings {
     pub fn of(request: &PlaceRequest) -> Self {
         let recipe = Recipe::of(request.variant);
         let budget = &request.budget;
-        // Where networks do not judge every candidate, one costs microseconds: search widely.
+        // Without networks a candidate costs microseconds: search widely.
         let (batch, draws) = if recipe.grounded { (200, 5) } else { (100, 3) };
-        // The outcome network doubts whatever it hardly sees: where geometry has found places and it believes in none of them, most are good.
+        // The outcome network doubts hardly seen places: where it doubts all places that geometry found, most are good all the same.
         let realism_threshold = if request.variant == Variant::Best { 0.05 } else { 0.5 };
         let (realism_weight, iterations) = match request.variant {
             Variant::FullLambda1 => (1.0, 5),

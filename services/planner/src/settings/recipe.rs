@@ -26,15 +26,15 @@ pub enum GoalBy {
     RuleRankedByLearned,
 }
 
-/// What stands for realism.
+/// What plays the part of realism.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Realism {
     /// Nothing.
     Unasked,
     /// The scene discriminator, as a constraint f > ε_f and as a cost.
     Discriminator,
-    /// What boosted trees make of the outcome network's word and geometry's measures, of what geometry finds best at the end of the
-    /// search: geometry constrains the search; this ranks its shortlist, as a cost, and rejects what it believes no more than ε_f.
+    /// Boosted trees on the outcome network and geometry's measures. Geometry constrains the search; this ranks the shortlist at its end,
+    /// as a cost, and rejects candidates that are not above ε_f.
     OutcomeRanks,
     /// −log π of the prior, as a cost only.
     PriorDensity,
@@ -47,7 +47,7 @@ pub struct Recipe {
     pub proposals: Proposals,
     /// What decides the goal.
     pub goal_by: GoalBy,
-    /// What stands for realism.
+    /// What plays the part of realism.
     pub realism: Realism,
     /// Whether candidates are set down on observed supports and must pass the geometric checks of support and collision.
     pub grounded: bool,
