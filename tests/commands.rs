@@ -65,7 +65,7 @@ fn plan_finds_a_placement_and_says_the_same_twice() {
     let best = &result.placements[0];
     let anchor_x_m = 0.1;
     assert!(best.placed_from_observed.0[3] > anchor_x_m, "it goes to the right: {:?}", best.placed_from_observed);
-    assert!(best.geometric[0].holds && best.support_m > 0.0);
+    assert!(best.geometric[0].holds && best.support_m > Some(0.0));
 }
 
 #[test]

@@ -18,6 +18,10 @@ pub const MAX_CANDIDATES: usize = 4096;
 pub const MAX_GOAL_TERMS: usize = 16;
 /// The most placements asked for, or offered to motion, in one request.
 pub const MAX_PLACEMENTS: usize = 64;
+/// The largest clearance that a placement request may ask for, metres.
+pub const MAX_CLEARANCE_M: f64 = 1.0;
+/// The largest separation of answers that a placement request may ask for, metres.
+pub const MAX_SEPARATION_M: f64 = 10.0;
 /// The most grasps offered to motion in one request.
 pub const MAX_GRASPS: usize = 256;
 /// The highest epoch of a robot's owner: JSON readers that keep numbers as doubles tell it from its neighbours.

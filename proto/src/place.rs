@@ -160,7 +160,7 @@ pub struct PlaceRequest {
     /// Boxes to stay inside or out of.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub region: Vec<RegionBox>,
-    /// Least distance from everything but the support and what a goal term asks to touch, metres; hidden backs of objects count.
+    /// Least [`Placement::clearance_m`], metres, 1 at most: farther than that around an object, a view seldom shows what is there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min_clearance_m: Option<f64>,
     /// The source of every random number.
@@ -218,9 +218,8 @@ impl Message for PlaceRequest {
         validate_goal(&self.goal, self.query)?;
         check_finite("view_yaw_rad", self.view_yaw_rad.as_slice())?;
         check_range("count", f64::from(self.count), 1.0..=limits::MAX_PLACEMENTS as f64)?;
-        for (field, value) in [("min_separation_m", self.min_separation_m), ("min_clearance_m", self.min_clearance_m)] {
-            value.map_or(Ok(()), |v| check_range(field, v, 0.0..=10.0))?;
-        }
+        self.min_separation_m.map_or(Ok(()), |v| check_range("min_separation_m", v, 0.0..=limits::MAX_SEPARATION_M))?;
+        self.min_clearance_m.map_or(Ok(()), |v| check_range("min_clearance_m", v, 0.0..=limits::MAX_CLEARANCE_M))?;
         for (i, region) in self.region.iter().enumerate() {
             check_finite(&format!("region[{i}].min_m"), &region.min_m)?;
             check_finite(&format!("region[{i}].max_m"), &region.max_m)?;
@@ -290,26 +289,27 @@ pub struct GeometricCheck {
     pub margin_m: f64,
 }
 
-/// One answer.
+/// One answer. Numbers that nobody evaluated are null.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Placement {
     /// The motion of world space that carries the object's observed points to the placed ones.
     pub placed_from_observed: RigidTransform,
     /// The cost that ranked it.
     pub cost: f64,
-    /// The discriminator's probability; for `best` that of moving less than 5 cm when let go, by boosted trees on what the outcome network
-    /// says and geometry measures; for variants without either, 1 (it is not asked).
-    pub realism: f64,
+    /// The discriminator's probability; for `best` the probability of moving less than 5 cm when released, by boosted trees on the outcome
+    /// network and geometry. Null where neither was asked.
+    pub realism: Option<f64>,
     /// Probability of each goal term as asked (a negated term: of not holding); by rule 0 or 1 for `geometric`.
     pub relations: Vec<f64>,
     /// The same terms by rule.
     pub geometric: Vec<GeometricCheck>,
     /// How far inside the outline of the carried part of its base the axis is in which its centre of mass is believed to be, metres;
-    /// negative: beyond its edge; -1 when nothing carries it.
-    pub support_m: f64,
-    /// Least distance from its observed points to others that were observed more than 12 mm above its bottom (lower ones count as its
-    /// support), metres; capped at 1.
-    pub clearance_m: f64,
+    /// negative: beyond its edge. Null when nothing carries it.
+    pub support_m: Option<f64>,
+    /// Least distance to everything but what carries it and what a goal term asks to touch, metres, hidden backs of objects included; 0 in
+    /// contact or overlap. Furniture below its bottom counts as what carries it, other objects count at any height. Null when nothing else
+    /// was seen.
+    pub clearance_m: Option<f64>,
 }
 
 /// The term whose removal would have admitted the most candidates; never the only one that must hold.
@@ -319,6 +319,29 @@ pub struct Relaxation {
     pub term: GoalTerm,
     /// How many of the candidates drawn would have passed without it; where networks decide that, an estimate from an even sample.
     pub admits: u64,
+}
+
+/// Why there are fewer placements than were asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ShortfallReason {
+    /// Every other candidate that passed is closer than `min_separation_m` to a placement.
+    Separation,
+    /// Of the candidates that are far enough apart, no other passed: see the rejections.
+    Constraints,
+    /// Time ended, or the limit of questions to the networks was reached, before all candidates that are far enough apart were asked about.
+    Budget,
+}
+
+/// Fewer placements than were asked for, and why.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Shortfall {
+    /// What limited the number of placements.
+    pub reason: ShortfallReason,
+    /// Candidates that passed every constraint.
+    pub passed: u64,
+    /// Of those, candidates closer than `min_separation_m` to a placement that they do not stand for.
+    pub too_close: u64,
 }
 
 /// The answer to a [`PlaceRequest`]: identical bytes for the same request, weights and kernel, unless time ended it.
@@ -334,6 +357,9 @@ pub struct PlaceResult {
     /// The smallest relaxation that would have helped.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub relaxation: Option<Relaxation>,
+    /// Why there is a placement but fewer than `count`; absent otherwise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shortfall: Option<Shortfall>,
     /// Iterations done.
     pub iterations: u32,
     /// Candidates drawn.
@@ -346,6 +372,9 @@ pub struct PlaceResult {
     pub seed: u64,
     /// The scene planned on.
     pub scene_id: String,
+    /// The camera's pose in the world frame that placements are given in; estimated where the frame had none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub world_from_camera: Option<RigidTransform>,
     /// The object to move.
     pub query: u16,
     /// The goal.

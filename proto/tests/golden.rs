@@ -30,6 +30,7 @@ fn json<T: Message + serde::Serialize>(message: &T) -> Vec<u8> {
 fn json_messages_keep_their_bytes() {
     check("PlaceRequest.v1.json", &json(&place_request()));
     check("PlaceResult.v1.json", &json(&place_result()));
+    check("PlaceResult.v1.second.json", &json(&place_result_2()));
     check("MotionPlanRequest.v1.json", &json(&motion_plan_request()));
     check("MotionPlan.v1.json", &json(&motion_plan()));
     check("ExecuteReply.v1.json", &json(&execute_reply()));
@@ -112,6 +113,7 @@ fn attachments_keep_their_bytes() {
 fn what_is_written_is_read_back() {
     assert_eq!(Payload::json(&place_request()).unwrap().decode_json::<PlaceRequest>().unwrap(), place_request());
     assert_eq!(Payload::json(&place_result()).unwrap().decode_json::<PlaceResult>().unwrap(), place_result());
+    assert_eq!(Payload::json(&place_result_2()).unwrap().decode_json::<PlaceResult>().unwrap(), place_result_2());
     assert_eq!(Frame::from_bulk(&Bulk::decode(&frame().to_bulk().encode()).unwrap()).unwrap(), frame());
     assert_eq!(Scene::from_bulk(&Bulk::decode(&scene().to_bulk().encode()).unwrap()).unwrap(), scene());
     let (request, enclosed) = ScoreRequest::from_bulk(&Bulk::decode(&score_request().to_bulk(Some(&scene())).encode()).unwrap()).unwrap();

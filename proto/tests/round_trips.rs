@@ -77,7 +77,7 @@ proptest! {
     fn results_keep_every_bit_of_their_numbers(cost in number(), realism in number(), margin_m in number(), pose in prop::array::uniform16(number())) {
         let mut result = place_result();
         result.placements[0].cost = cost;
-        result.placements[0].realism = realism;
+        result.placements[0].realism = Some(realism);
         result.placements[0].geometric[0].margin_m = margin_m;
         result.placements[0].placed_from_observed = RigidTransform(pose);
         let payload = Payload::json(&result).unwrap();

@@ -83,20 +83,22 @@ pub fn place_result() -> PlaceResult {
         placements: vec![Placement {
             placed_from_observed: RigidTransform::IDENTITY,
             cost: 0.5,
-            realism: 0.75,
+            realism: Some(0.75),
             relations: vec![0.875, 1.0],
             geometric: vec![GeometricCheck { holds: true, margin_m: 0.0625 }],
-            support_m: 0.03125,
-            clearance_m: 1.0,
+            support_m: Some(0.03125),
+            clearance_m: Some(1.0),
         }],
         rejections: BTreeMap::from([(Rejection::Goal, 3), (Rejection::OutOfView, 1)]),
         relaxation: Some(Relaxation { term: "not:near:3".parse().unwrap(), admits: 4 }),
+        shortfall: None,
         iterations: 2,
         evaluated: 20,
         weights_hash: String::new(),
         kernel: String::new(),
         seed: u64::MAX,
         scene_id: SCENE_ID.into(),
+        world_from_camera: None,
         query: 1,
         goal: place_request().goal,
         variant: Variant::Geometric,
@@ -108,6 +110,20 @@ pub fn place_result() -> PlaceResult {
         budget: Budget { iterations: Some(2), batch: Some(100), elites: Some(20), draws_per_batch: Some(3), time_ms: None },
         cost_weights: CostWeights { realism: Some(100.0), relations: Some(1.0) },
         thresholds: Thresholds { realism: Some(0.5), relations: Some(0.5) },
+    }
+}
+
+/// A result with what came after version 1's first release.
+pub fn place_result_2() -> PlaceResult {
+    let first = place_result();
+    let unevaluated = Placement { realism: None, support_m: None, clearance_m: None, ..first.placements[0].clone() };
+    PlaceResult {
+        placements: vec![unevaluated],
+        relaxation: None,
+        shortfall: Some(Shortfall { reason: ShortfallReason::Separation, passed: 17, too_close: 16 }),
+        world_from_camera: Some(RigidTransform::IDENTITY),
+        count: 3,
+        ..first
     }
 }
 

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Isometry3;
 use repose_evaluation::report::picture::{Coloring, captioned, draw_ids, scene_picture, side_by_side};
 use repose_geometry::transform::{from_row_major, yaw_of};
-use repose_proto::place::{Outcome, Placement, Rejection, Variant};
+use repose_proto::place::{Outcome, Placement, Rejection, Shortfall, ShortfallReason, Variant};
 use repose_proto::{PlaceResult, Scene};
 
 use crate::failure::{self, Failure};
@@ -44,10 +44,8 @@ pub fn describe(result: &PlaceResult) -> String {
         lines.push(format!("  {}. {}", rank + 1, motion(placement)));
         lines.push(format!("     {}", merits(placement, result)));
     }
-    let asked = result.count as usize;
-    if (1..asked).contains(&result.placements.len()) {
-        let apart_mm = result.min_separation_m * 1e3;
-        lines.push(format!("  {asked} were asked for: no other that passed is {apart_mm:.0} mm away from these"));
+    if let Some(shortfall) = &result.shortfall {
+        lines.push(format!("  {} were asked for: {}", result.count, limit(shortfall, result)));
     }
     if result.placements.is_empty() {
         lines.push(format!("  rejected: {}", tally(&result.rejections)));
@@ -56,6 +54,18 @@ pub fn describe(result: &PlaceResult) -> String {
         }
     }
     lines.join("\n")
+}
+
+/// What limited the number of placements.
+fn limit(shortfall: &Shortfall, result: &PlaceResult) -> String {
+    let separation_mm = result.min_separation_m * 1e3;
+    match shortfall.reason {
+        ShortfallReason::Separation => {
+            format!("the {} others that passed are less than {separation_mm:.0} mm (the separation) from these", shortfall.too_close)
+        }
+        ShortfallReason::Constraints => "no other candidate passed the constraints".to_owned(),
+        ShortfallReason::Budget => "the search ended before every candidate was judged".to_owned(),
+    }
 }
 
 /// Where a placement moves the object.
@@ -67,16 +77,14 @@ fn motion(placement: &Placement) -> String {
 
 /// What speaks for a placement: only what somebody evaluated.
 fn merits(placement: &Placement, result: &PlaceResult) -> String {
-    let realism = (!matches!(result.variant, Variant::Geometric | Variant::NoDiscriminator)).then_some(placement.realism);
-    let support_m = (placement.support_m > -1.0).then_some(placement.support_m);
-    let mut said: Vec<String> = realism.into_iter().map(|realism| format!("realism {realism:.2}")).collect();
+    let mut said: Vec<String> = placement.realism.into_iter().map(|realism| format!("realism {realism:.2}")).collect();
     for (k, term) in result.goal.iter().enumerate() {
         let rule = placement.geometric.get(k).map(|g| if g.holds { "holds by rule" } else { "fails by rule" });
         let learned = placement.relations.get(k).filter(|_| result.variant != Variant::Geometric).map(|p| format!("p {p:.2}"));
         said.push(format!("{term}: {}", learned.into_iter().chain(rule.map(str::to_owned)).collect::<Vec<_>>().join(", ")));
     }
-    said.extend(support_m.map(|m| format!("support margin {:.0} mm", m * 1e3)));
-    said.push(format!("clearance {:.0} mm", placement.clearance_m * 1e3));
+    said.extend(placement.support_m.map(|m| format!("support margin {:.0} mm", m * 1e3)));
+    said.extend(placement.clearance_m.map(|m| format!("clearance {:.0} mm", m * 1e3)));
     said.join("; ")
 }
 

@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use clap::Args;
 use repose_inference::{Engine, HeldScene, InferenceConfig, engine_of};
-use repose_planner::stability::Stability;
-use repose_planner::{Models, PlannerConfig, Prepared, plan as search, stability_of};
+use repose_planner::learned::stability::Stability;
+use repose_planner::{PlacementModels, PlannerConfig, PreparedScene, plan as search, stability_of};
 use repose_proto::place::Variant;
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, PlaceRequest, PlaceResult, Scene};
@@ -68,7 +68,7 @@ impl EmbeddedModels {
     }
 }
 
-impl Models for EmbeddedModels {
+impl PlacementModels for EmbeddedModels {
     fn prior(&self, request: &PriorRequest, scene: &Arc<Scene>) -> Result<PriorReply, CallError> {
         self.engine.prior(request, &*self.held(&request.scene.scene_id, scene)?)
     }
@@ -90,8 +90,8 @@ pub fn plan(
     networks: &NetworkArgs,
     stability: Option<PathBuf>,
 ) -> Result<PlaceResult, Failure> {
-    let prepared = Prepared::new(scene.clone());
-    let models: Box<dyn Models> = match request.variant {
+    let prepared = PreparedScene::new(scene.clone());
+    let models: Box<dyn PlacementModels> = match request.variant {
         Variant::Geometric => Box::new(repose_planner::NoModels),
         _ => {
             let mut config: PlannerConfig = load_config("planner", None)?;

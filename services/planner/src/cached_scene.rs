@@ -4,14 +4,14 @@ use std::sync::{Arc, OnceLock};
 
 use repose_proto::Scene;
 
-use crate::prepared::Prepared;
+use crate::scene::prepared::PreparedScene;
 
 /// A scene that is prepared when it is first planned on.
 #[derive(Debug)]
 pub struct CachedScene {
     scene_id: String,
     scene: Arc<Scene>,
-    prepared: OnceLock<Prepared>,
+    prepared: OnceLock<PreparedScene>,
 }
 
 impl CachedScene {
@@ -21,7 +21,7 @@ impl CachedScene {
     }
 
     /// The scene, prepared. The first caller prepares it; others that come meanwhile wait for that.
-    pub fn prepared(&self) -> &Prepared {
-        self.prepared.get_or_init(|| Prepared::with_id(self.scene.clone(), self.scene_id.clone()))
+    pub fn prepared(&self) -> &PreparedScene {
+        self.prepared.get_or_init(|| PreparedScene::with_id(self.scene.clone(), self.scene_id.clone()))
     }
 }

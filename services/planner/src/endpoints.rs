@@ -12,8 +12,8 @@ use repose_runtime::{Call, CallOptions, Caller, Handler, fetch_scene, load_of};
 
 use crate::cached_scene::CachedScene;
 use crate::config::PlannerConfig;
+use crate::learned::stability::Stability;
 use crate::remote_models::RemoteModels;
-use crate::stability::Stability;
 use crate::worker::Worker;
 
 /// Answers `place`.

@@ -1,61 +1,87 @@
 //! The planner: where can an object be set down so that a goal holds and it stays?
 //!
-//! The domain is pure and synchronous: [`plan()`] searches on a [`Prepared`] scene (Algorithm 1 of the paper, `search`), asking learned
-//! models through the [`Models`] port, or none for the `geometric` variant. `settings` says what each variant is made of.
-//! Around it is the service ([`run`]): it fetches scenes from perception, searches on its own threads, and asks inference for scores.
+//! ```
+//! use std::ops::ControlFlow;
+//! use std::sync::Arc;
+//!
+//! use repose_planner::{NoModels, PreparedScene, plan};
+//! use repose_proto::place::{Outcome, Variant};
+//! use repose_proto::{CameraModel, PlaceRequest, RigidTransform, Scene, SceneMeta, Surface};
+//!
+//! // A table of 1.2 m by 0.8 m, and on it two cubes of 8 cm, as points every centimetre (object 0 is furniture).
+//! # let mut points: Vec<([f32; 3], u16)> = Vec::new();
+//! # for (x, y) in (-60..=60).flat_map(|x| (-40..=40).map(move |y| (x, y))) {
+//! #     points.push(([x as f32 * 0.01, y as f32 * 0.01, 0.0], 0));
+//! # }
+//! # for (x0, id) in [(0.0, 1), (-0.4, 2)] {
+//! #     for (a, b) in (-4..=4).flat_map(|a| (0..=8).map(move |b| (a as f32 * 0.01, b as f32 * 0.01))) {
+//! #         points.extend([([x0 + a, -0.04, b], id), ([x0 + a, b - 0.04, 0.08], id)]);
+//! #     }
+//! # }
+//! # // A camera at (0, −1, 1) that looks along +y, down by 45°.
+//! # let c = std::f64::consts::FRAC_1_SQRT_2;
+//! # let world_from_camera = RigidTransform([1.0, 0.0, 0.0, 0.0, 0.0, -c, c, -1.0, 0.0, -c, -c, 1.0, 0.0, 0.0, 0.0, 1.0]);
+//! # let camera = CameraModel {
+//! #     width: 320, height: 240, fx: 240.0, fy: 240.0, cx: 159.5, cy: 119.5, depth_unit_m: 0.001,
+//! #     world_from_camera: Some(world_from_camera),
+//! # };
+//! # let outline_m = vec![[-0.6, -0.4], [0.6, -0.4], [0.6, 0.4], [-0.6, 0.4]];
+//! # let meta = SceneMeta {
+//! #     objects: Vec::new(),
+//! #     surfaces: vec![Surface { height_m: 0.0, outline_m, area_m2: 0.96, object: None }],
+//! #     camera,
+//! #     world_frame: repose_proto::scene::WorldFrame::Extrinsics,
+//! #     view_yaw_rad: 0.0,
+//! #     unseen: Default::default(),
+//! # };
+//! # let (points, labels) = points.into_iter().unzip();
+//! let scene = Scene { camera_name: "table".to_owned(), stamp_ns: 0, points, labels, colors: None, meta };
+//! let prepared = PreparedScene::new(Arc::new(scene));
+//!
+//! // Where can cube 2 stand to the right of cube 1? By geometry, without networks.
+//! let goal = vec!["right_of:1".parse()?];
+//! let request = PlaceRequest { variant: Variant::Geometric, ..PlaceRequest::new(prepared.scene_id.clone(), 2, goal) };
+//! let result = plan(&prepared, &request, &NoModels, &mut |_| ControlFlow::Continue(()))?;
+//!
+//! assert_eq!(result.outcome, Outcome::Found);
+//! let best = &result.placements[0];
+//! let moved_right_m = best.placed_from_observed.0[3];
+//! assert!(moved_right_m > 0.4 && best.geometric[0].holds);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! The domain is pure and synchronous: [`plan()`] searches on a [`PreparedScene`] (Algorithm 1 of the paper, [`search`]) and asks the
+//! networks through the [`PlacementModels`] port. [`settings`] says what each variant is made of. Around it is the service ([`run`]): it
+//! fetches scenes from perception, searches on its own threads, and asks inference for scores.
 
 pub mod answers;
-pub mod boosted_trees;
+pub mod belief;
 pub mod cached_scene;
-pub mod candidate;
-pub mod columns;
+pub mod checks;
 pub mod config;
-pub mod constraints;
-pub mod cost;
 pub mod endpoints;
-pub mod footing;
 pub mod judge;
-pub mod judged;
-pub mod mixture;
-pub mod models;
-pub mod modes;
-pub mod obstruction;
+pub mod learned;
 pub mod plan;
-pub mod prepared;
-pub mod proposals;
-pub mod query;
-pub mod ranking;
 pub mod remote_models;
-pub mod rules;
-pub mod scene_settings;
+pub mod scene;
 pub mod search;
 pub mod settings;
-pub mod shape;
-pub mod stability;
-pub mod standing;
-pub mod surrogate;
-pub mod unseen;
-pub mod view;
 pub mod worker;
 
 #[cfg(test)]
-mod learned_tests;
-#[cfg(test)]
-mod plan_tests;
-#[cfg(test)]
-pub(crate) mod synthetic;
+mod tests;
 
 use std::sync::Arc;
 
 use repose_proto::Service;
 use repose_runtime::{RuntimeError, Session, Shutdown};
 
-pub use config::PlannerConfig;
-pub use models::{Models, NoModels};
-pub use plan::{Report, Step, plan, plan_with_report};
-pub use prepared::Prepared;
-pub use search::Stop;
-use stability::Stability;
+pub use config::{PlannerConfig, stability_of};
+pub use learned::models::{NoModels, PlacementModels};
+pub use plan::{PlanReport, SearchStep, plan, plan_with_report};
+pub use scene::prepared::PreparedScene;
+pub use search::stop::StopReason;
 
 /// Runs a planner worker until `shutdown`, then drains it.
 ///
@@ -68,38 +94,4 @@ pub async fn run(session: Session, config: PlannerConfig, shutdown: Shutdown) ->
     let inference = session.caller(Service::Inference).await?;
     let endpoints = Arc::new(endpoints::Endpoints::new(worker, perception, inference, stability, &config));
     session.serve(Service::Planner, endpoints, shutdown).await
-}
-
-/// The stability that the configuration names, or the one that comes with the program.
-///
-/// # Errors
-/// [`RuntimeError::Config`] when the file cannot be read or is none.
-pub fn stability_of(config: &PlannerConfig) -> Result<Stability, RuntimeError> {
-    let Some(path) = &config.stability else { return Ok(Stability::embedded().clone()) };
-    let bad = |e: &dyn std::fmt::Display| RuntimeError::Config {
-        section: "planner".to_owned(),
-        file: None,
-        message: format!("stability: {}: {e}", path.display()),
-    };
-    let text = std::fs::read_to_string(path).map_err(|e| bad(&e))?;
-    Stability::from_json(&text).map_err(|e| bad(&e))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_stability_file_that_is_none_is_refused_by_name() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("stability.json");
-        let named = PlannerConfig { stability: Some(file.clone()), ..PlannerConfig::default() };
-        let refused = |config: &PlannerConfig| stability_of(config).unwrap_err().to_string();
-        assert!(refused(&named).contains("stability"), "a missing file");
-        std::fs::write(&file, "{}").unwrap();
-        assert!(refused(&named).contains("[planner]"), "another file");
-        std::fs::write(&file, serde_json::to_string(Stability::embedded()).unwrap()).unwrap();
-        assert_eq!(stability_of(&named).unwrap(), *Stability::embedded());
-        assert_eq!(stability_of(&PlannerConfig::default()).unwrap(), *Stability::embedded());
-    }
 }

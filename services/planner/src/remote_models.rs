@@ -1,4 +1,4 @@
-//! The learned models on inference workers: what a search on a compute thread asks, and waits for.
+//! The networks on inference workers, which a search on a compute thread asks and waits for.
 //!
 //! A request names the scene by its id; only when a worker does not hold it is it sent whole. From the first reply on, only workers with
 //! the same weights and kernel are asked, because a result must not depend on who answered.
@@ -12,9 +12,8 @@ use repose_proto::{CallError, Message, Payload, Scene};
 use repose_runtime::{Accept, Call, CallOptions, Caller};
 use tokio::runtime::Handle;
 
-use crate::judge::Provenance;
-use crate::models::Models;
-use crate::stability::Stability;
+use crate::learned::models::{PlacementModels, Provenance};
+use crate::learned::stability::Stability;
 
 /// The models of one placement request.
 pub struct RemoteModels {
@@ -27,8 +26,8 @@ pub struct RemoteModels {
 }
 
 impl RemoteModels {
-    /// Asks `inference` on behalf of a call, until `reserve` before its deadline: that is left to send what was found by then. `runtime`
-    /// carries the messages while compute threads wait.
+    /// Asks `inference` on behalf of a call, until `reserve` before its deadline, which is left to send the answer. `runtime` carries the
+    /// messages while compute threads wait.
     pub fn new(inference: Caller, runtime: Handle, call: Call, reserve: Duration, stability: Arc<Stability>) -> Self {
         Self { inference, runtime, call, reserve, stability, pinned: Mutex::default() }
     }
@@ -60,7 +59,7 @@ impl RemoteModels {
         pinned.get_or_insert_with(|| Provenance { weights_hash: weights_hash.to_owned(), kernel: kernel.to_owned() });
     }
 
-    /// Says once when what `best` makes of the outcome network was fitted on another one's words.
+    /// Warns once when the stability trees were fitted with other weights.
     fn check_fit(&self, weights_hash: &str) {
         static SAID: Once = Once::new();
         let fitted_with = &self.stability.fitted_on().weights_hash;
@@ -76,7 +75,7 @@ impl RemoteModels {
     }
 }
 
-impl Models for RemoteModels {
+impl PlacementModels for RemoteModels {
     fn prior(&self, request: &PriorRequest, scene: &Arc<Scene>) -> Result<PriorReply, CallError> {
         let payload = self.ask("prior", scene, |scene| Payload::with_scene(request, scene))?;
         let reply = PriorReply::from_bulk(&payload.decode_bulk(PriorReply::SCHEMA)?)?;

@@ -10,9 +10,9 @@ use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, Runtime
 
 use crate::cached_scene::CachedScene;
 use crate::config::PlannerConfig;
-use crate::models::Models;
-use crate::plan::{Step, plan};
-use crate::search::Stop;
+use crate::learned::models::PlacementModels;
+use crate::plan::{SearchStep, plan};
+use crate::search::stop::StopReason;
 
 /// Searches on its own threads and keeps prepared scenes.
 pub struct Worker {
@@ -49,24 +49,24 @@ impl Worker {
         context: JobContext,
         scene: Arc<CachedScene>,
         request: PlaceRequest,
-        models: impl Models + 'static,
+        models: impl PlacementModels + 'static,
         progress: impl Fn(PlaceProgress) + Send + 'static,
     ) -> Result<PlaceResult, CallError> {
         let reserve = self.reply_reserve;
         let search = move |context: &JobContext| {
             let mut last_batch = Instant::now();
-            let mut control = |step: Step| {
-                // Another batch will take about as long as the last one did: what cannot be finished is not begun.
+            let mut control = |step: SearchStep| {
+                // Another batch takes about as long as the last one: a batch that cannot be finished is not begun.
                 let batch = last_batch.elapsed();
                 last_batch = Instant::now();
-                if let Step::Iteration(done) = step {
+                if let SearchStep::Iteration(done) = step {
                     progress(*done);
                 }
                 let left = context.remaining();
                 if !left.is_zero() && context.cancelled().is_cancelled() {
-                    ControlFlow::Break(Stop::Cancelled)
+                    ControlFlow::Break(StopReason::Cancelled)
                 } else if left < reserve + batch {
-                    ControlFlow::Break(Stop::Deadline)
+                    ControlFlow::Break(StopReason::Deadline)
                 } else {
                     ControlFlow::Continue(())
                 }
@@ -108,14 +108,14 @@ mod tests {
     use repose_runtime::CancellationToken;
 
     use super::*;
-    use crate::learned_tests::{BESIDE, Fake};
-    use crate::models::NoModels;
-    use crate::synthetic::Builder;
+    use crate::learned::models::NoModels;
+    use crate::tests::learned::{BESIDE, Fake};
+    use crate::tests::synthetic::SceneBuilder;
 
     /// A worker, a scene, and a request on it that would take minutes.
     fn long_search() -> (Worker, Arc<CachedScene>, PlaceRequest) {
         let worker = Worker::start(&PlannerConfig { threads: 1, ..PlannerConfig::default() }).unwrap();
-        let scene = Builder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.06, 0.05, 0.08]).scene();
+        let scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.06, 0.05, 0.08]).scene();
         let id = scene.id();
         let cached = worker.keep(&id, scene).unwrap();
         let request = PlaceRequest {
@@ -129,7 +129,7 @@ mod tests {
     /// Models that take their time.
     struct Slow(Fake);
 
-    impl Models for Slow {
+    impl PlacementModels for Slow {
         fn prior(&self, request: &PriorRequest, scene: &Arc<Scene>) -> Result<PriorReply, CallError> {
             self.0.prior(request, scene)
         }

@@ -71,13 +71,13 @@ impl Sheets {
         if let Some(p) = best {
             let margin_m = p.geometric.first().map_or(0.0, |g| g.margin_m);
             lines.push(format!(
-                "cost {:.2}, realism {:.2}, relation {:.2}, by rule {:+.0} mm, support {:.0} mm, clear {:.0} mm",
+                "cost {:.2}, realism {}, relation {:.2}, by rule {:+.0} mm, support margin {} mm, clearance {} mm",
                 p.cost,
-                p.realism,
+                p.realism.map_or("-".to_owned(), |f| format!("{f:.2}")),
                 p.relations.first().copied().unwrap_or(0.0),
                 margin_m * 1e3,
-                p.support_m * 1e3,
-                p.clearance_m * 1e3
+                p.support_m.map_or("-".to_owned(), |m| format!("{:.0}", m * 1e3)),
+                p.clearance_m.map_or("-".to_owned(), |m| format!("{:.0}", m * 1e3))
             ));
         }
         lines.push(trial.rejections.iter().map(|(r, n)| format!("{r:?} {n}")).collect::<Vec<_>>().join(", "));

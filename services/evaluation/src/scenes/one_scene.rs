@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use repose_inference::{Engine, HeldScene};
-use repose_planner::Models;
-use repose_planner::stability::Stability;
+use repose_planner::PlacementModels;
+use repose_planner::learned::stability::Stability;
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, Scene as ObservedScene};
 
@@ -37,7 +37,7 @@ impl<'a> OneScene<'a> {
     }
 }
 
-impl Models for OneScene<'_> {
+impl PlacementModels for OneScene<'_> {
     fn prior(&self, request: &PriorRequest, _: &Arc<ObservedScene>) -> Result<PriorReply, CallError> {
         self.engine.prior(request, &self.held)
     }

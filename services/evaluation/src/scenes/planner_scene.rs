@@ -11,8 +11,8 @@ use nalgebra::Isometry3;
 use repose_dataset::Split;
 use repose_geometry::transform::from_row_major;
 use repose_inference::Engine;
-use repose_planner::stability::Stability;
-use repose_planner::{Models, Prepared, plan_with_report};
+use repose_planner::learned::stability::Stability;
+use repose_planner::{PlacementModels, PreparedScene, plan_with_report};
 use repose_proto::place::{Outcome, Rejection, Variant};
 use repose_proto::scoring::{RealismBy, ScoreRequest};
 use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest, PlaceResult, SceneRef};
@@ -230,7 +230,7 @@ pub fn try_scene(
     };
     let scene = Arc::new(seen.observed.clone());
     let models = OneScene::new(engine, scene.clone()).with_stability(&settings.stability);
-    let prepared = Prepared::with_id(scene, models.scene_id().to_owned());
+    let prepared = PreparedScene::with_id(scene, models.scene_id().to_owned());
     let (mut trials, mut results) = (Vec::new(), Vec::new());
     for &variant in &settings.variants {
         let (trial, result) = trial(variant, &seen, &truth, &prepared, &models, settings)?;
@@ -255,7 +255,7 @@ fn trial(
     variant: Variant,
     problem: &Problem,
     truth: &Truth<'_>,
-    prepared: &Prepared,
+    prepared: &PreparedScene,
     models: &OneScene<'_>,
     settings: &PlannerSceneSettings,
 ) -> Result<(Trial, Option<PlaceResult>), CallError> {

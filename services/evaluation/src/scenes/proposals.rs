@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Point3};
 use repose_dataset::ReleaseRecord;
 use repose_geometry::transform::{from_row_major, placed_from_observed, yaw_of};
 use repose_inference::Engine;
-use repose_planner::{Models, Prepared, plan};
+use repose_planner::{PlacementModels, PreparedScene, plan};
 use repose_proto::place::{Rotation, Variant};
 use repose_proto::scoring::PriorRequest;
 use repose_proto::{CallError, ErrorCode, PlaceRequest, RELATION_COUNT, SceneRef};
@@ -102,7 +102,7 @@ fn planned_motions(
         seed: problem.seed,
         ..PlaceRequest::new(models.scene_id().to_owned(), problem.query, vec![problem.goal])
     };
-    match plan(&Prepared::new(scene), &request, models, &mut |_| ControlFlow::Continue(())) {
+    match plan(&PreparedScene::new(scene), &request, models, &mut |_| ControlFlow::Continue(())) {
         // It is believed to carry another object: nothing is proposed.
         Err(error) if error.code == ErrorCode::FailedPrecondition => Ok(Vec::new()),
         answered => Ok(answered?.placements.iter().filter_map(|p| from_row_major(&p.placed_from_observed.0).ok()).collect()),

@@ -17,7 +17,7 @@ use repose_motion::plan::PickPlaceError;
 use repose_motion::wire;
 use repose_motion::{MotionConfig, config::ConfigError};
 use repose_panda::{READY, base_from_hand};
-use repose_planner::{Models, Prepared, plan};
+use repose_planner::{PlacementModels, PreparedScene, plan};
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest, Phase};
 use repose_proto::place::{RegionBox, Variant};
 use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest, RigidTransform};
@@ -177,7 +177,7 @@ pub enum TrialError {
 pub fn robot_trial(
     problem: &Problem,
     condition: Condition,
-    models: &dyn Models,
+    models: &dyn PlacementModels,
     settings: &RobotTrialSettings,
 ) -> Result<(RobotTrial, Strip), TrialError> {
     let query = problem.index_of(problem.query).unwrap_or(0);
@@ -234,7 +234,7 @@ type Planned = (Vec<Isometry3<f64>>, MotionPlan);
 /// Ranked placements and a motion to one of them, or what was in the way.
 fn planned(
     problem: &Problem,
-    models: &dyn Models,
+    models: &dyn PlacementModels,
     settings: &RobotTrialSettings,
     trial: &mut RobotTrial,
 ) -> Result<Result<Planned, (Cause, String)>, TrialError> {
@@ -248,7 +248,7 @@ fn planned(
         ..PlaceRequest::new(scene_id.clone(), problem.query, vec![problem.goal])
     };
     let started = Instant::now();
-    let result = match plan(&Prepared::new(scene.clone()), &request, models, &mut |_| ControlFlow::Continue(())) {
+    let result = match plan(&PreparedScene::new(scene.clone()), &request, models, &mut |_| ControlFlow::Continue(())) {
         // It is believed to carry another object.
         Err(error) if error.code == ErrorCode::FailedPrecondition => return Ok(Err((Cause::NoPlacement, error.message))),
         answered => answered?,

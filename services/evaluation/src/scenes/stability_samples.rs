@@ -5,11 +5,11 @@ use std::sync::Arc;
 use nalgebra::Point3;
 use repose_dataset::ReleaseRecord;
 use repose_inference::Engine;
-use repose_planner::candidate::Candidate;
-use repose_planner::query::Query;
+use repose_planner::learned::stability::{COUNT, ReleaseSample, measures};
+use repose_planner::scene::candidate::CandidatePose;
+use repose_planner::scene::query::QueryObject;
 use repose_planner::settings::Fixed;
-use repose_planner::stability::{COUNT, Sample, measures};
-use repose_planner::{Models, Prepared};
+use repose_planner::{PlacementModels, PreparedScene};
 use repose_proto::scoring::{RealismBy, ScoreRequest};
 use repose_proto::{CallError, SceneRef};
 
@@ -21,15 +21,16 @@ use crate::scenes::problem::Problem;
 ///
 /// # Errors
 /// The engine's.
-pub fn stability_samples(problem: &Problem, engine: &Engine, releases: &[ReleaseRecord]) -> Result<Vec<Sample>, CallError> {
+pub fn stability_samples(problem: &Problem, engine: &Engine, releases: &[ReleaseRecord]) -> Result<Vec<ReleaseSample>, CallError> {
     let scene = Arc::new(problem.observed.clone());
     let models = OneScene::new(engine, scene.clone());
-    let prepared = Prepared::with_id(scene, models.scene_id().to_owned());
-    let tried: Vec<(Candidate, bool)> =
+    let prepared = PreparedScene::with_id(scene, models.scene_id().to_owned());
+    let tried: Vec<(CandidatePose, bool)> =
         releases.iter().filter_map(|release| Some((candidate_of(problem, release)?, f64::from(release.moved_m) < STABLE_M))).collect();
     let said = said_of(problem, &models, RealismBy::Outcome, tried.iter().map(|(candidate, _)| candidate.row()).collect())?;
     let Some(of) = measured(problem, &prepared) else { return Ok(Vec::new()) };
-    let samples = tried.iter().zip(said).map(|((candidate, stable), outcome)| Sample { measures: of(candidate, outcome), stable: *stable });
+    let samples =
+        tried.iter().zip(said).map(|((candidate, stable), outcome)| ReleaseSample { measures: of(candidate, outcome), stable: *stable });
     Ok(samples.collect())
 }
 
@@ -52,16 +53,16 @@ pub fn said_of(problem: &Problem, models: &OneScene<'_>, by: RealismBy, candidat
 }
 
 /// What the planner measures of a candidate and the outcome network's word on it; none where the planner does not take the query.
-pub fn measured<'a>(problem: &Problem, prepared: &'a Prepared) -> Option<impl Fn(&Candidate, f32) -> [f32; COUNT] + 'a> {
+pub fn measured<'a>(problem: &Problem, prepared: &'a PreparedScene) -> Option<impl Fn(&CandidatePose, f32) -> [f32; COUNT] + 'a> {
     let fixed = Fixed::default();
-    let query = Query::new(prepared, problem.query, 0.0, &fixed).ok()?;
-    Some(move |candidate: &Candidate, outcome: f32| measures(prepared, &query, candidate, outcome, &fixed))
+    let query = QueryObject::new(prepared, problem.query, 0.0, &fixed).ok()?;
+    Some(move |candidate: &CandidatePose, outcome: f32| measures(prepared, &query, candidate, outcome, &fixed))
 }
 
 /// The candidate that a release tried: where it carried the observed centroid.
-fn candidate_of(problem: &Problem, release: &ReleaseRecord) -> Option<Candidate> {
+fn candidate_of(problem: &Problem, release: &ReleaseRecord) -> Option<CandidatePose> {
     let object = problem.observed.object(problem.query).filter(|_| release.object == problem.query)?;
     let standing = &problem.truth.objects[problem.index_of(problem.query)?].world_from_object;
     let centroid = release.placed_from_settled(standing) * Point3::from(object.centroid_m);
-    Some(Candidate::new(&centroid, f64::from(release.yaw_rad)))
+    Some(CandidatePose::new(&centroid, f64::from(release.yaw_rad)))
 }

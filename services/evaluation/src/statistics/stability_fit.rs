@@ -5,8 +5,8 @@ use forust_ml::objective::ObjectiveType;
 use forust_ml::sampler::SampleMethod;
 use forust_ml::tree::Tree as FittedTree;
 use forust_ml::{GradientBooster, Matrix};
-use repose_planner::boosted_trees::{BoostedTrees, Branch, Split, Tree};
-use repose_planner::stability::{COUNT, FittedOn, Sample, Stability};
+use repose_planner::learned::boosted_trees::{BoostedTrees, Branch, DecisionTree, TreeSplit};
+use repose_planner::learned::stability::{COUNT, FittedOn, ReleaseSample, Stability};
 
 /// How trees are fitted.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,7 +53,7 @@ pub struct NoFit(String);
 ///
 /// # Errors
 /// When there is nothing to learn from: fewer releases than leaves of a tree, or all came to the same.
-pub fn fit_stability(samples: &[Sample], fitted_on: FittedOn, settings: &FitSettings) -> Result<Stability, NoFit> {
+pub fn fit_stability(samples: &[ReleaseSample], fitted_on: FittedOn, settings: &FitSettings) -> Result<Stability, NoFit> {
     let stable = samples.iter().filter(|s| s.stable).count();
     if samples.len() < settings.leaves || stable == 0 || stable == samples.len() {
         return Err(NoFit(format!(
@@ -68,11 +68,11 @@ pub fn fit_stability(samples: &[Sample], fitted_on: FittedOn, settings: &FitSett
 }
 
 /// What was measured, one measure of all samples after the other.
-fn columns(samples: &[Sample]) -> Vec<f64> {
+fn columns(samples: &[ReleaseSample]) -> Vec<f64> {
     (0..COUNT).flat_map(|k| samples.iter().map(move |s| f64::from(s.measures[k]))).collect()
 }
 
-fn boosted(samples: &[Sample], settings: &FitSettings) -> Result<GradientBooster, forust_ml::errors::ForustError> {
+fn boosted(samples: &[ReleaseSample], settings: &FitSettings) -> Result<GradientBooster, forust_ml::errors::ForustError> {
     let measured = columns(samples);
     let stable: Vec<f64> = samples.iter().map(|s| f64::from(u8::from(s.stable))).collect();
     let mut booster = GradientBooster::default()
@@ -96,13 +96,13 @@ fn boosted(samples: &[Sample], settings: &FitSettings) -> Result<GradientBooster
 }
 
 /// A fitted tree as it is served: splits and leaves apart, splits in the order in which they are reached from the root.
-fn served(fitted: &FittedTree) -> Result<Tree, NoFit> {
-    let mut tree = Tree::default();
+fn served(fitted: &FittedTree) -> Result<DecisionTree, NoFit> {
+    let mut tree = DecisionTree::default();
     add(&mut tree, fitted, 0)?;
     Ok(tree)
 }
 
-fn add(tree: &mut Tree, fitted: &FittedTree, node: usize) -> Result<Branch, NoFit> {
+fn add(tree: &mut DecisionTree, fitted: &FittedTree, node: usize) -> Result<Branch, NoFit> {
     let node = fitted.nodes.get(node).ok_or_else(|| NoFit("a tree lacks a node".to_owned()))?;
     let index = |length: usize| u16::try_from(length).map_err(|_| NoFit("a tree has more than 65,536 leaves".to_owned()));
     if node.is_leaf {
@@ -113,7 +113,7 @@ fn add(tree: &mut Tree, fitted: &FittedTree, node: usize) -> Result<Branch, NoFi
     let at = tree.splits.len();
     let split = Branch::Split(index(at)?);
     // Measures are of single precision, and the trees were cut at such.
-    tree.splits.push(Split(node.split_feature as u8, node.split_value as f32, [split; 2]));
+    tree.splits.push(TreeSplit(node.split_feature as u8, node.split_value as f32, [split; 2]));
     for (k, child) in [node.left_child, node.right_child].into_iter().enumerate() {
         tree.splits[at].2[k] = add(tree, fitted, child)?;
     }
@@ -132,11 +132,11 @@ mod tests {
         1.0 / (1.0 + (-logit).exp())
     }
 
-    fn samples(count: usize, seed: u64) -> Vec<Sample> {
+    fn samples(count: usize, seed: u64) -> Vec<ReleaseSample> {
         let mut rng = Pcg64::seed_from_u64(seed);
         let mut draw = || {
             let measures = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
-            Sample { stable: rng.random_bool(probability(&measures)), measures }
+            ReleaseSample { stable: rng.random_bool(probability(&measures)), measures }
         };
         (0..count).map(|_| draw()).collect()
     }
@@ -145,7 +145,7 @@ mod tests {
     fn a_fit_finds_the_probabilities_that_made_the_releases() {
         let fit = fit_stability(&samples(8000, 4), FittedOn::default(), &FitSettings::default()).unwrap();
         let new = samples(2000, 5);
-        let off = |of: &dyn Fn(&Sample) -> f64| new.iter().map(|s| (of(s) - probability(&s.measures)).abs()).sum::<f64>() / 2000.0;
+        let off = |of: &dyn Fn(&ReleaseSample) -> f64| new.iter().map(|s| (of(s) - probability(&s.measures)).abs()).sum::<f64>() / 2000.0;
         let (fitted, nothing) = (off(&|s| fit.of(&s.measures)), off(&|_| 0.5));
         assert!(fitted < 0.12 && fitted < 0.45 * nothing, "off by {fitted}, knowing nothing by {nothing}");
         let said = new.iter().map(|s| fit.of(&s.measures)).sum::<f64>();
@@ -175,9 +175,10 @@ mod tests {
 
     #[test]
     fn nothing_is_learned_from_too_little_or_from_what_is_all_the_same() {
-        let refused = |samples: &[Sample]| fit_stability(samples, FittedOn::default(), &FitSettings::default()).unwrap_err().to_string();
+        let refused =
+            |samples: &[ReleaseSample]| fit_stability(samples, FittedOn::default(), &FitSettings::default()).unwrap_err().to_string();
         assert!(refused(&samples(50, 1)).contains("got 50"));
-        let falls: Vec<Sample> = samples(200, 1).into_iter().map(|s| Sample { stable: false, ..s }).collect();
+        let falls: Vec<ReleaseSample> = samples(200, 1).into_iter().map(|s| ReleaseSample { stable: false, ..s }).collect();
         assert!(refused(&falls).contains("0 of them stable"));
     }
 }

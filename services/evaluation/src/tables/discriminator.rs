@@ -12,9 +12,9 @@ use repose_dataset::Split;
 use repose_geometry::transform::from_row_major;
 use repose_inference::Engine;
 use repose_networks::serving::spread;
-use repose_planner::candidate::Candidate;
-use repose_planner::stability::Stability;
-use repose_planner::{Prepared, plan};
+use repose_planner::learned::stability::Stability;
+use repose_planner::scene::candidate::CandidatePose;
+use repose_planner::{PreparedScene, plan};
 use repose_proto::place::{Rotation, Variant};
 use repose_proto::scoring::RealismBy;
 use repose_proto::{CallError, ErrorCode, PlaceRequest};
@@ -222,7 +222,7 @@ pub fn evaluate_discriminator(
 fn trials_of(problem: &Problem, engine: &Engine, settings: &DiscriminatorSettings) -> Result<Vec<Trial>, CallError> {
     let scene = Arc::new(problem.observed.clone());
     let models = OneScene::new(engine, scene.clone()).with_stability(&settings.stability);
-    let prepared = Prepared::with_id(scene, models.scene_id().to_owned());
+    let prepared = PreparedScene::with_id(scene, models.scene_id().to_owned());
     let mut trials = random_trials(problem, &models, &prepared, settings)?;
     for &variant in &settings.variants {
         let goal = vec![problem.goal];
@@ -239,16 +239,10 @@ fn trials_of(problem: &Problem, engine: &Engine, settings: &DiscriminatorSetting
         };
         for (rank, placement) in result.placements.iter().enumerate() {
             let Ok(placed_from_observed) = from_row_major(&placement.placed_from_observed.0) else { continue };
+            // A variant that asks no network says nothing to compare with.
+            let Some(realism) = placement.realism else { continue };
             let Some(judged) = judge(problem, &placed_from_observed, &settings.release) else { continue };
-            trials.push(Trial {
-                seed: problem.seed,
-                variant: Some(variant),
-                rank,
-                realism: placement.realism,
-                outcome: None,
-                best: None,
-                judged,
-            });
+            trials.push(Trial { seed: problem.seed, variant: Some(variant), rank, realism, outcome: None, best: None, judged });
         }
     }
     Ok(trials)
@@ -257,7 +251,7 @@ fn trials_of(problem: &Problem, engine: &Engine, settings: &DiscriminatorSetting
 fn random_trials(
     problem: &Problem,
     models: &OneScene<'_>,
-    prepared: &Prepared,
+    prepared: &PreparedScene,
     settings: &DiscriminatorSettings,
 ) -> Result<Vec<Trial>, CallError> {
     let Some(object) = models.scene().object(problem.query) else { return Ok(Vec::new()) };
@@ -268,7 +262,7 @@ fn random_trials(
     let centroid = Point3::from(object.centroid_m);
     let trial = |(rank, draw): (usize, &[f32; 4])| {
         let judged = judge(problem, &motion_to(&centroid, draw), &settings.release)?;
-        let best = measured.as_ref().map(|of| settings.stability.of(&of(&Candidate::from_row(*draw), outcomes[rank])));
+        let best = measured.as_ref().map(|of| settings.stability.of(&of(&CandidatePose::from_row(*draw), outcomes[rank])));
         let (realism, outcome) = (f64::from(realism[rank]), Some(f64::from(outcomes[rank])));
         Some(Trial { seed: problem.seed, variant: None, rank, realism, outcome, best, judged })
     };
@@ -339,8 +333,8 @@ fn correlation(scenes: &[Vec<Trial>]) -> Correlation {
 mod tests {
     use super::*;
     use repose_networks::Models as Networks;
-    use repose_planner::boosted_trees::BoostedTrees;
-    use repose_planner::stability::FittedOn;
+    use repose_planner::learned::boosted_trees::BoostedTrees;
+    use repose_planner::learned::stability::FittedOn;
 
     fn trial(variant: Option<Variant>, rank: usize, realism: f64, moved_m: f64) -> Trial {
         let judged = Judged { moved_m, stable: moved_m < 0.05, goal: true, clean: true };

@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use repose_planner::Models;
+use repose_planner::PlacementModels;
 use repose_simulator::objects::MeshLibrary;
 use serde::Serialize;
 
@@ -137,7 +137,7 @@ pub struct RobotTable {
 pub fn evaluate_robot(
     library: &MeshLibrary,
     settings: &RobotTableSettings,
-    models: &dyn Models,
+    models: &dyn PlacementModels,
     mut seen: impl FnMut(&Problem, &RobotTrial, &Strip),
 ) -> Result<RobotTable, RobotTableError> {
     let mut trials = Vec::new();

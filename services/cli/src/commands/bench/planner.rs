@@ -14,7 +14,7 @@ use clap::Args;
 use repose_dataset::Split;
 use repose_evaluation::scenes::problem::{Problem, ProblemSettings};
 use repose_evaluation::statistics::quantile::Sorted;
-use repose_planner::{Models, Prepared, plan};
+use repose_planner::{PlacementModels, PreparedScene, plan};
 use repose_proto::place::Variant;
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, PlaceRequest, PlaceResult, Scene, Service};
@@ -106,7 +106,7 @@ fn document(best: &Times, full: Option<&Times>, services: Option<ThroughServices
 
 /// A scene, prepared, and what is asked on it.
 struct Wish {
-    prepared: Prepared,
+    prepared: PreparedScene,
     request: PlaceRequest,
 }
 
@@ -121,7 +121,7 @@ fn wishes(scenes: u64) -> Result<Vec<Wish>, Failure> {
     let settings = ProblemSettings::default();
     let problems = (0..SEEDS).filter_map(|i| Problem::of_split(Split::Validation, i, &settings));
     let wish = |problem: Problem| {
-        let prepared = Prepared::new(Arc::new(problem.observed));
+        let prepared = PreparedScene::new(Arc::new(problem.observed));
         let request = PlaceRequest::new(prepared.scene_id.clone(), problem.query, vec![problem.goal]);
         Wish { prepared, request }
     };
@@ -203,7 +203,7 @@ fn scene_of(i: usize, runs: usize, scenes: usize) -> usize {
     i * scenes / runs.max(1)
 }
 
-fn placed(wish: &Wish, request: &PlaceRequest, models: &dyn Models) -> Result<PlaceResult, Failure> {
+fn placed(wish: &Wish, request: &PlaceRequest, models: &dyn PlacementModels) -> Result<PlaceResult, Failure> {
     Ok(plan(&wish.prepared, request, models, &mut |_| ControlFlow::Continue(()))?)
 }
 
@@ -228,7 +228,7 @@ impl Counted {
     }
 }
 
-impl Models for Counted {
+impl PlacementModels for Counted {
     fn prior(&self, request: &PriorRequest, scene: &Arc<Scene>) -> Result<PriorReply, CallError> {
         self.timed(|| self.models.prior(request, scene))
     }

@@ -149,7 +149,7 @@ fn log(tried: &TriedScene) {
 #[cfg(test)]
 mod tests {
     use clap::Parser;
-    use repose_planner::stability::Stability;
+    use repose_planner::learned::stability::Stability;
 
     use super::*;
 

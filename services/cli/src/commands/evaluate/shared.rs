@@ -6,7 +6,7 @@ use clap::Args;
 use repose_dataset::Split;
 use repose_evaluation::report::final_runs::{claim, commit, ledger};
 use repose_inference::Engine;
-use repose_planner::stability::Stability;
+use repose_planner::learned::stability::Stability;
 use repose_planner::{PlannerConfig, stability_of};
 use repose_simulator::objects::{MeshLibrary, MeshSettings, ObjectSource};
 use repose_simulator::scene::SceneSettings;

@@ -10,7 +10,7 @@ use repose_evaluation::statistics::correlation::area_under_curve;
 use repose_evaluation::statistics::stability_fit::{FitSettings, fit_stability};
 use repose_inference::Engine;
 use repose_networks::serving::spread;
-use repose_planner::stability::{FittedOn, Sample};
+use repose_planner::learned::stability::{FittedOn, ReleaseSample};
 use repose_proto::CallError;
 use serde_json::json;
 
@@ -59,20 +59,20 @@ pub fn run(args: &StabilitySettings<'_>, output: Output) -> Outcome {
         },
     );
     bar.finish();
-    let measured: Vec<Vec<Sample>> = measured.into_iter().collect::<Result<_, CallError>>()?;
-    let of = |keep: &dyn Fn(usize) -> bool| -> Vec<Sample> {
+    let measured: Vec<Vec<ReleaseSample>> = measured.into_iter().collect::<Result<_, CallError>>()?;
+    let of = |keep: &dyn Fn(usize) -> bool| -> Vec<ReleaseSample> {
         measured.iter().enumerate().filter(|(i, _)| keep(*i)).flat_map(|(_, samples)| samples.clone()).collect()
     };
-    let fitted_on = |releases: &[Sample]| FittedOn {
+    let fitted_on = |releases: &[ReleaseSample]| FittedOn {
         scenes: scenes.len() as u64,
         releases: releases.len(),
         weights_hash: engine.weights_hash().to_owned(),
     };
     let fitting = FitSettings { seed: args.seed, ..FitSettings::default() };
-    let fit = |samples: &[Sample]| fit_stability(samples, fitted_on(samples), &fitting).map_err(|e| Failure::bad_input("data", e));
+    let fit = |samples: &[ReleaseSample]| fit_stability(samples, fitted_on(samples), &fitting).map_err(|e| Failure::bad_input("data", e));
     let (kept, held_out) = (of(&|i| i % HELD_OUT != 0), of(&|i| i % HELD_OUT == 0));
     let tried = fit(&kept)?;
-    let area = |said: &dyn Fn(&Sample) -> f64| area_under_curve(&held_out.iter().map(|s| (said(s), s.stable)).collect::<Vec<_>>());
+    let area = |said: &dyn Fn(&ReleaseSample) -> f64| area_under_curve(&held_out.iter().map(|s| (said(s), s.stable)).collect::<Vec<_>>());
     let (with_geometry, network) = (area(&|s| tried.of(&s.measures)), area(&|s| f64::from(s.measures[0])));
     let whole = fit(&of(&|_| true))?;
     let text = serde_json::to_string(&whole).map_err(Failure::other)?;
@@ -107,7 +107,7 @@ fn proposals_by_scene(folder: &Path) -> Result<BTreeMap<u64, Vec<ReleaseRecord>>
 }
 
 /// The samples of one scene; none where its seed gives no problem.
-fn samples_of(releases: &[ReleaseRecord], seed: u64, settings: &ProblemSettings, engine: &Engine) -> Result<Vec<Sample>, CallError> {
+fn samples_of(releases: &[ReleaseRecord], seed: u64, settings: &ProblemSettings, engine: &Engine) -> Result<Vec<ReleaseSample>, CallError> {
     match Problem::of_seed(seed, settings) {
         Some(problem) => stability_samples(&problem, engine, releases),
         None => Ok(Vec::new()),

@@ -1,0 +1,91 @@
+//! From what passed to answers: ranked, distinct, each with its evidence, or the reason why there are none.
+
+pub mod distinct;
+pub mod placement;
+pub mod relaxation;
+
+use repose_proto::CallError;
+use repose_proto::place::{Rejection, Shortfall, ShortfallReason};
+
+use crate::answers::distinct::distinct;
+use crate::judge::Judge;
+use crate::judge::judged::JudgedCandidate;
+use crate::search::findings::Findings;
+use crate::search::ranking::{fill, keep_apart, rank};
+use crate::search::stop::{StopReason, in_time};
+use crate::settings::Realism;
+
+/// The answers of a search.
+#[derive(Debug)]
+pub struct Answers {
+    /// Best first.
+    pub chosen: Vec<JudgedCandidate>,
+    /// Candidates that passed every constraint that was tried.
+    passed: u64,
+    /// Of those, far enough from all chosen, but the networks were not asked about them.
+    unasked: u64,
+}
+
+impl Answers {
+    /// The answers, once the search is over. Where networks only rank, they do so now; `control` is asked before each of their batches, and
+    /// `stopped` is told.
+    ///
+    /// # Errors
+    /// What the networks answer.
+    pub fn choose(
+        judge: &mut Judge<'_>,
+        findings: &mut Findings,
+        stopped: &mut Option<StopReason>,
+        control: &mut dyn FnMut() -> Option<StopReason>,
+    ) -> Result<Self, CallError> {
+        let (settings, count) = (judge.problem().settings, judge.problem().request.count as usize);
+        let apart =
+            |accepted: &[JudgedCandidate]| distinct(accepted, count, settings.min_separation_m, settings.fixed.surrogate.level_gap_m);
+        let passed = |findings: &Findings, rest: &[JudgedCandidate]| (findings.accepted.len() + rest.len()) as u64;
+        if settings.recipe.realism != Realism::OutcomeRanks {
+            return Ok(Self { chosen: apart(&findings.accepted), passed: passed(findings, &[]), unasked: 0 });
+        }
+        let mut rest = Vec::new();
+        if stopped.is_none() && !findings.accepted.is_empty() {
+            // The shortlist is a batch like any other.
+            *stopped = control();
+            if stopped.is_none() {
+                match in_time(rank(judge, findings, count))? {
+                    Some(unasked) => rest = unasked,
+                    None => *stopped = Some(StopReason::Deadline),
+                }
+            }
+        }
+        if stopped.is_some() {
+            // Time ended before the networks ranked: they were asked about one candidate at most, and may doubt it.
+            let believed = |j: &&JudgedCandidate| j.realism.is_some_and(|f| f64::from(f) > settings.realism_threshold);
+            let chosen = findings.appraised.iter().filter(believed).cloned().collect();
+            return Ok(Self { chosen, passed: passed(findings, &[]), unasked: 0 });
+        }
+        let mut chosen = apart(&findings.accepted);
+        let doubted = |findings: &Findings| findings.rejections.get(&Rejection::Unrealistic).copied().unwrap_or(0);
+        let (passed, doubted_before) = (passed(findings, &rest), doubted(findings));
+        if !chosen.is_empty() {
+            *stopped = fill(judge, findings, &mut chosen, &mut rest, control)?;
+        }
+        keep_apart(&mut rest, &chosen, settings.min_separation_m);
+        Ok(Self { chosen, passed: passed - (doubted(findings) - doubted_before), unasked: rest.len() as u64 })
+    }
+
+    /// Why there are fewer than `count`; none where there are as many, or none at all.
+    pub fn shortfall(&self, count: u32, stopped: Option<StopReason>) -> Option<Shortfall> {
+        let chosen = self.chosen.len() as u64;
+        if chosen == 0 || chosen >= u64::from(count) {
+            return None;
+        }
+        let too_close = self.passed.saturating_sub(chosen + self.unasked);
+        let reason = if stopped.is_some() || self.unasked > 0 {
+            ShortfallReason::Budget
+        } else if too_close > 0 {
+            ShortfallReason::Separation
+        } else {
+            ShortfallReason::Constraints
+        };
+        Some(Shortfall { reason, passed: self.passed, too_close })
+    }
+}

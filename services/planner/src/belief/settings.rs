@@ -1,0 +1,203 @@
+//! How a scene is prepared: the floor plan, what stands on what, and the completion of objects that were seen from one side.
+
+/// Preparing a scene.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BeliefSettings {
+    /// Edge of a cell of the floor plan, metres.
+    pub cell_m: f32,
+    /// Points of one object in one cell that are at most this far apart in height are one run, metres.
+    pub gap_m: f32,
+    /// How far around the objects the map goes, metres.
+    pub reach_m: f32,
+    /// Cells of the map, at most: some 14 m by 14 m. A scene whose objects are farther apart is not planned on.
+    pub max_cells: usize,
+    /// ColumnMap of the picture that visibility is judged in, at most.
+    pub view_columns: usize,
+    /// Fewer points than this are not enough to plan with an object.
+    pub min_points: usize,
+    /// A cloud's lowest points are its support up to this far above it, metres.
+    pub bottom_slack_m: f32,
+    /// How far around an object what it stands on is looked for, metres.
+    pub strip_m: f32,
+    /// How many cells must show it, as a share of the object's own.
+    pub carrier_share: f32,
+    /// Heights within this of each other are one level, metres.
+    pub same_level_m: f32,
+    /// How much border cleaning takes off a cloud's bottom where no support is seen, metres, at least …
+    pub trim_m: f32,
+    /// … and as many pixels of the frame.
+    pub border_px: f32,
+    /// What stands on what.
+    pub stack: StackSettings,
+    /// Completing objects.
+    pub shape: ShapeSettings,
+}
+
+impl Default for BeliefSettings {
+    fn default() -> Self {
+        Self {
+            cell_m: 0.005,
+            gap_m: 0.01,
+            reach_m: 0.8,
+            max_cells: 1 << 23,
+            view_columns: 640,
+            min_points: 20,
+            bottom_slack_m: 0.01,
+            strip_m: 0.025,
+            carrier_share: 0.1,
+            same_level_m: 0.01,
+            trim_m: 0.004,
+            border_px: 2.5,
+            stack: StackSettings::default(),
+            shape: ShapeSettings::default(),
+        }
+    }
+}
+
+/// What stands on what.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StackSettings {
+    /// Points of another object are under an object from this far inside its outline, metres.
+    pub inside_m: f32,
+    /// This many of the highest of them are taken for stray.
+    pub stray_points: usize,
+    /// Heights that differ by less are taken for the same, metres.
+    pub below_m: f32,
+    /// An object's lowest points are this band, metres.
+    pub band_m: f32,
+    /// ColumnMap under them that are looked at, at most.
+    pub columns: usize,
+    /// Distance between the places looked at in a column, metres.
+    pub step_m: f32,
+    /// Gaps below the lowest points up to this need no proof that the object fills them, metres: slopes hide themselves.
+    pub overhang_m: f32,
+    /// The same where only emptiness was seen in the gap: a low bowl's rim hides its foot.
+    pub hollow_m: f32,
+    /// A reading up to this far behind a place, along the optical axis, is of what is there, metres …
+    pub same_place_m: f32,
+    /// … and up to this far before it: what is nearer hides the place.
+    pub before_m: f32,
+    /// A reading this far behind a place says that the place is empty, metres.
+    pub through_m: f32,
+    /// Share of the places with another object or nothing in them from which on the object does not reach down.
+    pub contradicted_share: f32,
+    /// Rows of the picture between the lowest points of an object and what is seen under them, at most: the band that cleaning drops.
+    pub border_rows: usize,
+    /// What is seen under a point this far from it, seen from above, is touched by it, metres.
+    pub touching_m: f32,
+    /// What is seen right under an object carries it up to this far below its own lowest points, metres: the rim of a bowl hides as much.
+    pub sunk_m: f32,
+    /// A foot that is hidden is deeper than what was seen by this, metres: the middle of what it was on scenes to develop with.
+    pub hidden_m: f32,
+    /// A surface this far beside an object may be what it stands on, metres.
+    pub nearby_m: f32,
+    /// A top up to this far below an object's lowest points may be covered by it, metres.
+    pub covered_m: f32,
+    /// … if it is at least this far above where the object would otherwise be believed to stand, metres: low things hide their own feet.
+    pub raised_m: f32,
+    /// A bottom up to this far above a top stands on it, metres.
+    pub contact_m: f32,
+    /// Least share of the base that is over what carries it.
+    pub carried_share: f32,
+}
+
+impl Default for StackSettings {
+    fn default() -> Self {
+        Self {
+            inside_m: 0.005,
+            stray_points: 6,
+            below_m: 0.003,
+            band_m: 0.012,
+            columns: 24,
+            step_m: 0.01,
+            overhang_m: 0.025,
+            hollow_m: 0.06,
+            same_place_m: 0.02,
+            before_m: 0.01,
+            through_m: 0.04,
+            contradicted_share: 0.35,
+            border_rows: 12,
+            touching_m: 0.025,
+            sunk_m: 0.03,
+            hidden_m: 0.008,
+            nearby_m: 0.15,
+            covered_m: 0.025,
+            raised_m: 0.045,
+            contact_m: 0.015,
+            carried_share: 0.35,
+        }
+    }
+}
+
+/// Completing an object from the half that was seen.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ShapeSettings {
+    /// Share of stray points left out at either end of each axis.
+    pub stray_share: f64,
+    /// Least height of an object, metres.
+    pub min_height_m: f32,
+    /// Height of a slab, metres.
+    pub slab_m: f32,
+    /// Most slabs.
+    pub max_slabs: usize,
+    /// A slab with fewer points borrows its outline from the one above.
+    pub min_slab_points: usize,
+    /// What border cleaning takes off each side of a mask, metres.
+    pub trim_m: f32,
+    /// Neighbouring slabs are one when the smaller area is at least this share of the larger.
+    pub same_area_ratio: f32,
+    /// The base is outlined by points up to this height above the bottom, metres, or …
+    pub base_m: f32,
+    /// … up to this share of the height, whichever is more.
+    pub base_share: f32,
+    /// The rim is the topmost part of this height, metres, or …
+    pub rim_m: f32,
+    /// … of this share of the height, whichever is more.
+    pub rim_share: f32,
+    /// The top was seen whole where its outline has at least this share of the whole outline's area.
+    pub whole_top_ratio: f32,
+    /// Where it was not, the object may be deeper than it is wide by this share of its width, …
+    pub doubt_share: f32,
+    /// … metres at most.
+    pub max_doubt_m: f32,
+}
+
+impl Default for ShapeSettings {
+    fn default() -> Self {
+        Self {
+            stray_share: 0.005,
+            min_height_m: 0.008,
+            slab_m: 0.03,
+            max_slabs: 5,
+            min_slab_points: 12,
+            trim_m: 0.003,
+            same_area_ratio: 0.85,
+            base_m: 0.012,
+            base_share: 0.15,
+            rim_m: 0.012,
+            rim_share: 0.1,
+            whole_top_ratio: 0.6,
+            doubt_share: 0.7,
+            max_doubt_m: 0.04,
+        }
+    }
+}
+
+/// The in-view constraint.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ViewSettings {
+    /// Least share of the moved points in the picture.
+    pub min_in_picture: f64,
+    /// Least share of the moved points that nothing hides.
+    pub min_unhidden: f64,
+    /// A point this far behind what was observed is not hidden yet, metres.
+    pub behind_m: f32,
+    /// Points of the query that are tried, at most.
+    pub sample_points: usize,
+}
+
+impl Default for ViewSettings {
+    fn default() -> Self {
+        Self { min_in_picture: 0.9, min_unhidden: 0.3, behind_m: 0.01, sample_points: 256 }
+    }
+}

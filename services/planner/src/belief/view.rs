@@ -1,0 +1,179 @@
+//! Whether a placed object would be seen: the in-view constraint Π of the paper (equation 5), with occlusion.
+//!
+//! The picture is rebuilt from the scene's points. Pixels without a point, and those that the query covered before, are unknown: they
+//! hide nothing. The same picture tells whether a place was seen to be empty, seen to be a surface, or hidden.
+
+use nalgebra::{Isometry3, Point3};
+use repose_geometry::{Image, Pinhole};
+use repose_proto::CameraModel;
+
+use crate::belief::settings::ViewSettings;
+
+/// What the camera saw at one pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Pixel {
+    /// Along the optical axis, metres; 0 without a reading.
+    depth_m: f32,
+    /// Height of the point, world z, metres.
+    height_m: f32,
+    object: u16,
+}
+
+/// What the picture says of a place in the world.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sight {
+    /// A surface was seen there, and whose it is.
+    Surface(u16),
+    /// The camera looked through it: nothing is there.
+    Empty,
+    /// Hidden, outside the picture, or without a reading.
+    Unknown,
+}
+
+/// What the camera read in the direction of a place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reading {
+    /// Whose surface it met, 0 for furniture.
+    pub object: u16,
+    /// How far behind the place that surface is, along the optical axis, metres; negative: it hides the place.
+    pub behind_m: f32,
+}
+
+/// How well a cloud would be seen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Visibility {
+    /// Share of the points that fall in the picture.
+    pub in_picture: f64,
+    /// Share of the points that nothing observed hides (of all; a point outside the picture counts as hidden).
+    pub unhidden: f64,
+}
+
+/// The camera's picture of a scene.
+#[derive(Debug, Clone)]
+pub struct ObservedView {
+    camera: Pinhole,
+    camera_from_world: Isometry3<f64>,
+    /// Pixels of the camera's own picture along a side of one of these.
+    shrink: f64,
+    pixels: Image<Pixel>,
+}
+
+impl ObservedView {
+    /// The picture that the points (world frame) make in a camera; `columns` at most.
+    pub fn new(points: &[[f32; 3]], labels: &[u16], model: &CameraModel, world_from_camera: &Isometry3<f64>, columns: usize) -> Self {
+        let shrink = model.width.div_ceil(columns).max(1);
+        let s = shrink as f64;
+        let camera = Pinhole {
+            width: model.width.div_ceil(shrink),
+            height: model.height.div_ceil(shrink),
+            fx: model.fx / s,
+            fy: model.fy / s,
+            cx: (model.cx + 0.5) / s - 0.5,
+            cy: (model.cy + 0.5) / s - 0.5,
+        };
+        let camera_from_world = world_from_camera.inverse();
+        let mut pixels = Image::filled(camera.width, camera.height, Pixel::default());
+        for (p, object) in points.iter().zip(labels) {
+            let in_camera = camera_from_world * Point3::from(*p).cast::<f64>();
+            if let Some(at) = camera.pixel_of(&in_camera) {
+                let (pixel, depth_m) = (&mut pixels[at], in_camera.z as f32);
+                if pixel.depth_m == 0.0 || depth_m < pixel.depth_m {
+                    *pixel = Pixel { depth_m, height_m: p[2], object: *object };
+                }
+            }
+        }
+        Self { camera, camera_from_world, shrink: s, pixels }
+    }
+
+    /// Where the camera is, world frame, metres.
+    pub fn eye(&self) -> Point3<f32> {
+        Point3::from(self.camera_from_world.inverse().translation.vector.cast())
+    }
+
+    /// Focal length of the camera's own picture, pixels.
+    pub fn focal_px(&self) -> f32 {
+        (self.camera.fy * self.shrink) as f32
+    }
+
+    /// What the camera read in the direction of a place (world frame); none outside the picture or without a reading.
+    pub fn reading(&self, place: &Point3<f32>) -> Option<Reading> {
+        let in_camera = self.camera_from_world * place.cast::<f64>();
+        let pixel = self.camera.pixel_of(&in_camera).map(|at| &self.pixels[at]).filter(|p| p.depth_m > 0.0)?;
+        Some(Reading { object: pixel.object, behind_m: pixel.depth_m - in_camera.z as f32 })
+    }
+
+    /// What is seen right under a point of an object in the picture, up to `rows` further down, if it is level: whose, and where (world
+    /// frame). It is level where a third as many rows further down still show the same thing at the same height.
+    pub fn level_under(&self, point: &Point3<f32>, object: u16, rows: usize, level_m: f32) -> Option<(u16, Point3<f32>)> {
+        let (u, top) = self.camera.pixel_of(&(self.camera_from_world * point.cast::<f64>()))?;
+        let v = (top + 1..=top + rows).find(|v| self.pixels.get(u, *v).is_some_and(|p| p.depth_m > 0.0 && p.object != object))?;
+        let (near, further) = (self.pixels.get(u, v)?, self.pixels.get(u, v + rows / 3)?);
+        let is_level = further.object == near.object && further.depth_m > 0.0 && (further.height_m - near.height_m).abs() <= level_m;
+        let in_camera = self.camera.unproject(u as f64, v as f64, f64::from(near.depth_m));
+        is_level.then(|| (near.object, (self.camera_from_world.inverse() * in_camera).cast()))
+    }
+
+    /// How well points (world frame) of the moved `query` would be seen.
+    pub fn visibility(&self, points: impl Iterator<Item = Point3<f64>>, query: u16, settings: &ViewSettings) -> Visibility {
+        let (mut n, mut inside, mut unhidden) = (0usize, 0usize, 0usize);
+        for p in points {
+            n += 1;
+            let in_camera = self.camera_from_world * p;
+            let Some(at) = self.camera.pixel_of(&in_camera) else { continue };
+            inside += 1;
+            let pixel = &self.pixels[at];
+            let known = pixel.depth_m > 0.0 && pixel.object != query;
+            unhidden += usize::from(!known || in_camera.z as f32 <= pixel.depth_m + settings.behind_m);
+        }
+        let share = |count: usize| count as f64 / n.max(1) as f64;
+        Visibility { in_picture: share(inside), unhidden: share(unhidden) }
+    }
+
+    /// What the picture says of a place (world frame): a surface within `tolerance_m` of its height, empty, or unknown.
+    ///
+    /// Points of `without` are not surfaces to stand on, but what is seen through their place is still seen.
+    pub fn sight(&self, place: &Point3<f32>, tolerance_m: f32, through_m: f32, without: u16) -> Sight {
+        let in_camera = self.camera_from_world * place.cast::<f64>();
+        let Some(pixel) = self.camera.pixel_of(&in_camera).map(|at| &self.pixels[at]).filter(|p| p.depth_m > 0.0) else {
+            return Sight::Unknown;
+        };
+        if pixel.object != without && (pixel.height_m - place.z).abs() <= tolerance_m {
+            Sight::Surface(pixel.object)
+        } else if pixel.depth_m > in_camera.z as f32 + through_m {
+            Sight::Empty
+        } else {
+            Sight::Unknown
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::synthetic;
+
+    #[test]
+    fn a_place_on_the_table_is_a_surface_behind_a_box_unknown_and_in_the_air_empty() {
+        let scene = synthetic::SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.15]).scene();
+        let world_from_camera = synthetic::world_from_camera();
+        let view = ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &world_from_camera, 640);
+        let sight = |x: f32, y: f32, z: f32| view.sight(&Point3::new(x, y, z), 0.008, 0.03, 9);
+        assert_eq!(sight(0.2, 0.0, 0.0), Sight::Surface(0));
+        assert_eq!(sight(0.0, 0.0, 0.15), Sight::Surface(1));
+        assert_eq!(sight(0.2, 0.0, 0.1), Sight::Empty);
+        assert_eq!(sight(0.0, 0.1, 0.0), Sight::Unknown);
+        assert_eq!(sight(5.0, 0.0, 0.0), Sight::Unknown);
+    }
+
+    #[test]
+    fn what_stands_behind_something_is_hidden_unless_the_query_itself_was_there() {
+        let scene = synthetic::SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.15]).scene();
+        let view = ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &synthetic::world_from_camera(), 640);
+        let points = || (0..20).map(|i| Point3::new(-0.02 + 0.002 * f64::from(i), 0.09, 0.02));
+        let settings = ViewSettings::default();
+        assert!(view.visibility(points(), 2, &settings).unhidden < 0.1);
+        assert_eq!(view.visibility(points(), 1, &settings).unhidden, 1.0);
+        assert_eq!(view.visibility(points().map(|p| p + nalgebra::Vector3::new(0.0, -0.2, 0.0)), 2, &settings).unhidden, 1.0);
+        assert_eq!(view.visibility(points().map(|p| p + nalgebra::Vector3::new(3.0, 0.0, 0.0)), 2, &settings).in_picture, 0.0);
+    }
+}

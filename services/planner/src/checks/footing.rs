@@ -1,0 +1,208 @@
+//! The support under a candidate: where it comes to rest when lowered, and how well it stands there.
+//!
+//! The height comes from the tops under the base, never from the cloud's own bottom, which border cleaning trims. A cell of the base is
+//! carried when a top was seen at its height, or when it is hidden within the outline of a support surface.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Point2, Point3};
+use repose_geometry::Footprint;
+
+use crate::belief::view::Sight;
+use crate::checks::MISS_PER_METRE;
+use crate::scene::candidate::CandidatePose;
+use crate::scene::prepared::PreparedScene;
+use crate::scene::query::QueryObject;
+use crate::settings::SupportSettings;
+
+/// How well a candidate stands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Footing {
+    /// Share of the base that was seen to be carried.
+    pub seen_share: f64,
+    /// Share of the base that is carried, hidden parts of surfaces included.
+    pub carried_share: f64,
+    /// How far inside the outline of what carries it the axis stands, metres; negative beyond its edge. None when nothing carries it.
+    pub margin_m: Option<f64>,
+    /// The object that carries most of it, 0 for furniture; none when nothing was seen to carry it.
+    pub carrier: Option<u16>,
+}
+
+impl Footing {
+    /// The margin, or a metre beyond the edge when nothing carries it: as bad as can be, to compare footings by.
+    pub fn margin_or_far_m(&self) -> f64 {
+        self.margin_m.unwrap_or(-1.0)
+    }
+}
+
+/// The ground that a query is set down on.
+#[derive(Debug, Clone, Copy)]
+pub struct Ground<'a> {
+    /// The scene.
+    pub prepared: &'a PreparedScene,
+    /// The object set down, which the ground does not contain.
+    pub query: &'a QueryObject,
+    /// Tolerances.
+    pub settings: &'a SupportSettings,
+}
+
+impl Ground<'_> {
+    /// The height of the query's bottom when it is lowered at the candidate's place (its height is not looked at) from `ceiling_m`;
+    /// none when nothing is under it.
+    pub fn rest_m(&self, candidate: &CandidatePose, ceiling_m: f32) -> Option<f32> {
+        let top_under = |place: &Point2<f32>| {
+            let runs = self.prepared.columns.at(place).iter();
+            runs.filter(|r| r.object != self.query.id && r.high_m <= ceiling_m).map(|r| r.high_m).reduce(f32::max)
+        };
+        let mut tops: Vec<f32> = self.query.base.iter().filter_map(|offset| top_under(&candidate.carry(offset))).collect();
+        let axis = candidate.carry(&self.query.shape.axis_offset());
+        let planes = self.prepared.planes.iter().filter(|p| p.object != self.query.id && p.outline.margin(&axis) >= 0.0);
+        if tops.is_empty() {
+            let under = planes.map(|p| p.height_m).filter(|h| *h <= ceiling_m).reduce(f32::max);
+            return under.map(|h| h + self.settings.release_m);
+        }
+        tops.sort_unstable_by(|a, b| b.total_cmp(a));
+        let highest_m = tops[(self.settings.stray_share * tops.len() as f32) as usize];
+        let first = tops.partition_point(|t| *t > highest_m);
+        let last = tops.partition_point(|t| *t >= highest_m - self.settings.same_support_m);
+        let level_m = tops[(first + last) / 2];
+        let plane_m = planes.map(|p| p.height_m).find(|h| (h - level_m).abs() <= self.settings.plane_m);
+        Some(plane_m.unwrap_or(level_m) + self.settings.release_m)
+    }
+
+    /// How well a candidate stands where it is.
+    pub fn footing(&self, candidate: &CandidatePose) -> Footing {
+        let level_m = self.query.bottom_of(candidate.centroid_m[2]) - self.settings.release_m;
+        let (mut seen, mut contact) = (0usize, Vec::new());
+        let mut carriers: BTreeMap<u16, usize> = BTreeMap::new();
+        for offset in &self.query.base {
+            let place = candidate.carry(offset);
+            let Some(carried) = self.carried(&place, level_m) else { continue };
+            contact.push(Point3::new(place.x, place.y, 0.0));
+            if let CellSupport::Seen(object) = carried {
+                seen += 1;
+                *carriers.entry(object).or_default() += 1;
+            }
+        }
+        let cells = self.query.base.len().max(1) as f64;
+        let axis = candidate.carry(&self.query.shape.axis_offset());
+        let margin_m = Footprint::of(&contact).map(|outline| f64::from(outline.margin(&axis)));
+        // Of equals the lowest id, furniture first.
+        let carrier = carriers.into_iter().rev().max_by_key(|(_, count)| *count).map(|(object, _)| object);
+        Footing { seen_share: seen as f64 / cells, carried_share: contact.len() as f64 / cells, margin_m, carrier }
+    }
+
+    /// The objects that carry a candidate where it is, by more than a few stray cells.
+    pub fn objects_under(&self, candidate: &CandidatePose) -> Vec<u16> {
+        let level_m = self.query.bottom_of(candidate.centroid_m[2]) - self.settings.release_m;
+        let mut cells: BTreeMap<u16, usize> = BTreeMap::new();
+        for offset in &self.query.base {
+            if let Some(CellSupport::Seen(object)) = self.carried(&candidate.carry(offset), level_m) {
+                *cells.entry(object).or_default() += 1;
+            }
+        }
+        let enough = self.settings.stray_share * self.query.base.len() as f32;
+        cells.into_iter().filter(|(object, count)| *object != 0 && *count as f32 > enough).map(|(object, _)| object).collect()
+    }
+
+    /// Share of the band around the base that is carried too: near an edge it is not.
+    pub fn rim_share(&self, candidate: &CandidatePose) -> f64 {
+        let level_m = self.query.bottom_of(candidate.centroid_m[2]) - self.settings.release_m;
+        let carried = self.query.rim.iter().filter(|offset| self.carried(&candidate.carry(offset), level_m).is_some()).count();
+        carried as f64 / self.query.rim.len().max(1) as f64
+    }
+
+    fn carried(&self, place: &Point2<f32>, level_m: f32) -> Option<CellSupport> {
+        let tolerance_m = self.settings.tolerance_m;
+        let mut runs = self.prepared.columns.at(place).iter();
+        let top = runs.rfind(|r| r.seen && r.object != self.query.id && (r.high_m - level_m).abs() <= tolerance_m);
+        if let Some(run) = top {
+            return Some(CellSupport::Seen(run.object));
+        }
+        let at = Point3::new(place.x, place.y, level_m);
+        match self.prepared.view.sight(&at, tolerance_m, self.settings.through_m, self.query.id) {
+            Sight::Surface(object) => Some(CellSupport::Seen(object)),
+            Sight::Empty => None,
+            Sight::Unknown => {
+                let around = self.prepared.planes.iter().filter(|p| p.object != self.query.id);
+                let mut level = around.filter(|p| (p.height_m - level_m).abs() <= self.settings.same_support_m);
+                level.any(|p| p.outline.margin(place) >= 0.0).then_some(CellSupport::Believed)
+            }
+        }
+    }
+}
+
+/// By how much a candidate stands too badly.
+pub fn support_miss(footing: &Footing, query: &QueryObject, settings: &SupportSettings) -> Option<f64> {
+    // A thin object has no margin to give: half of what its own base allows is enough.
+    let wanted_m = settings.min_margin_m.min(0.5 * query.base_margin_m);
+    let miss = (wanted_m - footing.margin_or_far_m()).max(0.0) * MISS_PER_METRE + (settings.min_seen_share - footing.seen_share).max(0.0);
+    (miss > 0.0).then_some(miss)
+}
+
+/// What carries a cell.
+#[derive(Debug, Clone, Copy)]
+enum CellSupport {
+    /// A top of this object (0: furniture) was seen there.
+    Seen(u16),
+    /// It is hidden, within a surface that was seen around it.
+    Believed,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::Fixed;
+    use crate::tests::synthetic::SceneBuilder;
+
+    fn scene() -> (PreparedScene, QueryObject) {
+        let prepared =
+            SceneBuilder::table().object(1, [0.0, 0.1], [0.15, 0.15, 0.1]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.08]).prepared();
+        let query = QueryObject::new(&prepared, 2, 0.0, &Fixed::default()).unwrap();
+        (prepared, query)
+    }
+
+    fn put(ground: &Ground<'_>, x: f64, y: f64, ceiling_m: f32) -> (Option<f32>, Footing) {
+        let query = ground.query;
+        let at = |z: f32| CandidatePose::new(&Point3::new(x, y, f64::from(z + query.shape.centroid_height_m())), 0.0);
+        let rest_m = ground.rest_m(&at(0.0), ceiling_m);
+        (rest_m, ground.footing(&at(rest_m.unwrap_or(0.0))))
+    }
+
+    #[test]
+    fn it_rests_on_the_table_on_a_box_and_nowhere() {
+        let (prepared, query) = scene();
+        let settings = SupportSettings::default();
+        let ground = Ground { prepared: &prepared, query: &query, settings: &settings };
+        let (rest_m, footing) = put(&ground, 0.25, 0.0, f32::INFINITY);
+        assert!((rest_m.unwrap() - settings.release_m).abs() < 1e-3);
+        assert!(footing.seen_share > 0.95 && footing.carrier == Some(0) && footing.margin_m.unwrap() > 0.02, "{footing:?}");
+
+        let (rest_m, footing) = put(&ground, 0.0, 0.08, f32::INFINITY);
+        assert!((rest_m.unwrap() - 0.1 - settings.release_m).abs() < 1e-3);
+        assert!(footing.carrier == Some(1) && footing.margin_m.unwrap() > 0.02, "{footing:?}");
+
+        let (rest_m, footing) = put(&ground, 0.7, 0.0, f32::INFINITY);
+        assert_eq!((rest_m, footing.margin_m), (None, None));
+    }
+
+    #[test]
+    fn half_over_an_edge_the_axis_is_beyond_the_support() {
+        let (prepared, query) = scene();
+        let settings = SupportSettings::default();
+        let ground = Ground { prepared: &prepared, query: &query, settings: &settings };
+        let offset = f64::from(query.shape.axis_offset().x);
+        let (_, over) = put(&ground, 0.515 - offset, 0.0, f32::INFINITY);
+        let (_, on) = put(&ground, 0.44 - offset, 0.0, f32::INFINITY);
+        assert!(over.margin_m.unwrap() < -0.005 && on.margin_m.unwrap() > 0.02, "{over:?} {on:?}");
+    }
+
+    #[test]
+    fn where_the_query_stood_the_table_is_believed_to_go_on() {
+        let (prepared, query) = scene();
+        let settings = SupportSettings::default();
+        let ground = Ground { prepared: &prepared, query: &query, settings: &settings };
+        let (_, footing) = put(&ground, -0.3, -0.13, f32::INFINITY);
+        assert!(footing.carried_share > 0.95 && footing.seen_share < footing.carried_share, "{footing:?}");
+    }
+}

@@ -1,0 +1,213 @@
+//! Goal terms by rule on completed shapes: a constraint of the grounded variants, and a check beside every answer that is independent of
+//! the networks.
+//!
+//! The rules are those of the paper's appendix (`repose-relations`), applied to completed shapes, because labels are made from whole objects.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Point2, Point3};
+use repose_geometry::{ViewerFrame, cloud};
+use repose_proto::place::GeometricCheck;
+use repose_proto::{CallError, GoalTerm, Relation};
+use repose_relations::ViewerExtents;
+use repose_relations::directional::directional_margins;
+use repose_relations::margins::{ALIGNED_RAD, CENTERED_M, NEAR_M, TOUCHING_CLOUDS_M};
+use repose_relations::rectangle::{quarter_turn_difference_rad, rectangle_yaw_rad};
+
+use crate::belief::shape::Shape;
+use crate::checks::prisms::PlacedPrisms;
+use crate::scene::candidate::CandidatePose;
+use crate::scene::prepared::PreparedScene;
+use crate::scene::query::QueryObject;
+use crate::settings::RuleSettings;
+
+/// An anchor, as far as the rules need it.
+#[derive(Debug, Clone)]
+pub struct RuleAnchor {
+    /// Its shape, world frame.
+    pub shape: Shape,
+    /// What it spans for the viewer.
+    pub extents: ViewerExtents,
+    yaw_rad: Option<f64>,
+}
+
+/// The rules of one request.
+#[derive(Debug, Clone)]
+pub struct Rules {
+    terms: Vec<GoalTerm>,
+    anchors: BTreeMap<u16, RuleAnchor>,
+    viewer: ViewerFrame,
+    query_corners: Vec<Point3<f32>>,
+    query_extents: ViewerExtents,
+    query_yaw_rad: Option<f64>,
+}
+
+impl Rules {
+    /// The rules for a goal as a viewer sees it.
+    ///
+    /// # Errors
+    /// As [`PreparedScene::object`], on `goal[i].anchor`.
+    pub fn new(prepared: &PreparedScene, query: &QueryObject, goal: &[GoalTerm], viewer: &ViewerFrame) -> Result<Self, CallError> {
+        let mut anchors = BTreeMap::new();
+        for (i, term) in goal.iter().enumerate() {
+            let (object, shape) = prepared.object(term.anchor, &format!("goal[{i}].anchor"))?;
+            anchors.entry(term.anchor).or_insert_with(|| RuleAnchor {
+                shape: shape.clone(),
+                extents: extents(&boxed(shape), viewer),
+                yaw_rad: rectangle_yaw_rad(&object.points),
+            });
+        }
+        let query_corners = boxed(&query.shape);
+        Ok(Self {
+            terms: goal.to_vec(),
+            anchors,
+            viewer: *viewer,
+            query_extents: extents(&query_corners, viewer),
+            query_yaw_rad: rectangle_yaw_rad(&query.cloud),
+            query_corners,
+        })
+    }
+
+    /// The goal.
+    pub fn terms(&self) -> &[GoalTerm] {
+        &self.terms
+    }
+
+    /// The viewer.
+    pub fn viewer(&self) -> &ViewerFrame {
+        &self.viewer
+    }
+
+    /// An anchor of the goal.
+    pub fn anchor(&self, id: u16) -> Option<&RuleAnchor> {
+        self.anchors.get(&id)
+    }
+
+    /// What the query spans for the viewer where it was observed.
+    pub fn query_extents(&self) -> &ViewerExtents {
+        &self.query_extents
+    }
+
+    /// The turn that aligns the query with an anchor, modulo a quarter turn, radians; none if either has no orientation.
+    pub fn aligning_yaw_rad(&self, anchor: u16) -> Option<f64> {
+        Some(self.anchors.get(&anchor)?.yaw_rad? - self.query_yaw_rad?)
+    }
+
+    /// Checks each term (negation included) for a candidate, in the goal's order.
+    pub fn checks(&self, query: &QueryObject, candidate: &CandidatePose, settings: &RuleSettings) -> Vec<GeometricCheck> {
+        let placed = self.placed_extents(query, candidate);
+        let prisms = PlacedPrisms::new(query, candidate);
+        let gap_m = |anchor: &RuleAnchor| prisms.to_shape_m(&anchor.shape, settings.contact_m);
+        let mut directions: BTreeMap<u16, [f64; 6]> = BTreeMap::new();
+        let check = |term: &GoalTerm| {
+            // `new` has put every term's anchor in.
+            let Some(anchor) = self.anchors.get(&term.anchor) else { return GeometricCheck { holds: false, margin_m: -1.0 } };
+            let margin_m = match term.relation {
+                Relation::Near => NEAR_M - gap_m(anchor),
+                Relation::Touching => TOUCHING_CLOUDS_M - gap_m(anchor),
+                Relation::Centered => CENTERED_M - placed.center_offset_m(&anchor.extents),
+                Relation::Aligned => ALIGNED_RAD - self.turn_rad(candidate, anchor),
+                direction => {
+                    directions.entry(term.anchor).or_insert_with(|| directional_margins(&placed, &anchor.extents))[direction.index()]
+                }
+            };
+            let at_limit = matches!(term.relation, Relation::Near | Relation::Touching | Relation::Centered);
+            let holds = if at_limit { margin_m >= 0.0 } else { margin_m > 0.0 };
+            let sign = if term.holds { 1.0 } else { -1.0 };
+            GeometricCheck { holds: holds == term.holds, margin_m: sign * margin_m }
+        };
+        self.terms.iter().map(check).collect()
+    }
+
+    fn placed_extents(&self, query: &QueryObject, candidate: &CandidatePose) -> ViewerExtents {
+        let placed_from_observed = candidate.placed_from_observed(&query.shape.centroid);
+        if candidate.yaw_rad != 0.0 {
+            return extents(&cloud::transformed(&self.query_corners, &placed_from_observed), &self.viewer);
+        }
+        let shift = self.viewer.viewer_from_world() * placed_from_observed.translation.vector;
+        let e = &self.query_extents;
+        ViewerExtents { low: e.low + shift, high: e.high + shift, center: e.center + shift }
+    }
+
+    fn turn_rad(&self, candidate: &CandidatePose, anchor: &RuleAnchor) -> f64 {
+        match (self.query_yaw_rad, anchor.yaw_rad) {
+            (Some(query), Some(anchor)) => quarter_turn_difference_rad(query + f64::from(candidate.yaw_rad), anchor),
+            // Without an area there is no orientation to compare: the largest difference between two rectangles.
+            _ => std::f64::consts::FRAC_PI_4,
+        }
+    }
+}
+
+/// The corners of the upright box around a shape, its sides along those of the smallest rectangle seen from above (world frame).
+///
+/// The rules compare boxes: a box's corner reaches further than the rounded rim inside it.
+fn boxed(shape: &Shape) -> Vec<Point3<f32>> {
+    let corners: Vec<Point3<f32>> = shape.corners().collect();
+    let turn = nalgebra::Rotation2::new(rectangle_yaw_rad(&corners).unwrap_or(0.0) as f32);
+    let start = (Point2::new(f32::INFINITY, f32::INFINITY), Point2::new(f32::NEG_INFINITY, f32::NEG_INFINITY));
+    let (low, high) = corners.iter().fold(start, |(low, high), c| {
+        let along = turn.inverse() * c.xy();
+        (low.inf(&along), high.sup(&along))
+    });
+    let of_height = |z: f32| {
+        [[low.x, low.y], [high.x, low.y], [high.x, high.y], [low.x, high.y]].map(|[x, y]| {
+            let at = turn * Point2::new(x, y);
+            Point3::new(at.x, at.y, z)
+        })
+    };
+    of_height(shape.bottom_m).into_iter().chain(of_height(shape.top_m)).collect()
+}
+
+/// What corners (world frame) span for a viewer; the centre is the box's.
+fn extents(corners: &[Point3<f32>], viewer: &ViewerFrame) -> ViewerExtents {
+    let viewer_from_world = viewer.viewer_from_world();
+    let infinity = f64::INFINITY;
+    let start = (Point3::new(infinity, infinity, infinity), Point3::new(-infinity, -infinity, -infinity));
+    let (low, high) = corners.iter().fold(start, |(low, high), c| {
+        let c = viewer_from_world * c.cast::<f64>();
+        (low.inf(&c), high.sup(&c))
+    });
+    ViewerExtents { low, high, center: nalgebra::center(&low, &high) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::Fixed;
+    use crate::tests::synthetic::{SceneBuilder, standing_at};
+
+    #[test]
+    fn a_table_of_places_has_the_relations_that_people_would_say() {
+        let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.06]).prepared();
+        let fixed = Fixed::default();
+        let query = QueryObject::new(&prepared, 2, 0.0, &fixed).unwrap();
+        let goal: Vec<GoalTerm> = Relation::ALL.map(|relation| GoalTerm { relation, anchor: 1, holds: true }).to_vec();
+        let rules = Rules::new(&prepared, &query, &goal, &ViewerFrame::from_yaw(0.0)).unwrap();
+        let holding = |x: f32, y: f32, bottom_m: f32| {
+            let checks = rules.checks(&query, &standing_at(&query, x, y, bottom_m), &fixed.rules);
+            let held = checks.iter().zip(Relation::ALL).filter(|(c, _)| c.holds);
+            held.map(|(_, r)| r).filter(|r| *r != Aligned).collect::<Vec<_>>()
+        };
+        use Relation::*;
+        assert_eq!(holding(-0.2, 0.0, 0.0), [LeftOf]);
+        assert_eq!(holding(0.12, 0.0, 0.0), [RightOf, Near]);
+        assert_eq!(holding(0.0, 0.2, 0.0), [Behind]);
+        assert_eq!(holding(0.0, -0.082, 0.0), [InFrontOf, Near, Touching]);
+        let anchor = &rules.anchor(1).unwrap().extents;
+        let [x, y] = [anchor.center.x as f32, anchor.center.y as f32];
+        assert_eq!(holding(x, y, 0.102), [Above, Near, Touching, Centered]);
+    }
+
+    #[test]
+    fn a_negated_term_turns_the_answer_and_the_margin() {
+        let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.06]).prepared();
+        let fixed = Fixed::default();
+        let query = QueryObject::new(&prepared, 2, 0.0, &fixed).unwrap();
+        let goal = [true, false].map(|holds| GoalTerm { relation: Relation::Near, anchor: 1, holds });
+        let rules = Rules::new(&prepared, &query, &goal, &ViewerFrame::from_yaw(0.0)).unwrap();
+        let checks = rules.checks(&query, &CandidatePose { centroid_m: [0.3, 0.0, 0.03], yaw_rad: 0.4 }, &fixed.rules);
+        assert!(!checks[0].holds && checks[1].holds);
+        assert_eq!(checks[0].margin_m, -checks[1].margin_m);
+        assert!((0.13..0.19).contains(&checks[1].margin_m), "{checks:?}");
+    }
+}

@@ -1,0 +1,115 @@
+//! The constraints that need no network, in their order, the cheap ones first (paper, equations 2 to 5).
+//!
+//! The first that fails is the reason for the rejection. The others are tried all the same, so that a search without feasible candidates
+//! knows where less is missed.
+
+use repose_proto::Relation;
+use repose_proto::place::Rejection;
+
+use crate::checks::clearance::Clearance;
+use crate::checks::footing::support_miss;
+use crate::checks::obstruction::obstruction;
+use crate::checks::region::region_miss;
+use crate::checks::unseen::unseen_share;
+use crate::checks::visibility::view_miss;
+use crate::judge::judged::JudgedCandidate;
+use crate::judge::problem::PlacementProblem;
+use crate::scene::candidate::CandidatePose;
+use crate::settings::GoalBy;
+
+/// The constraints of one problem.
+#[derive(Debug)]
+pub struct Constraints<'a> {
+    problem: PlacementProblem<'a>,
+    /// Objects that a goal term asks to touch.
+    touched: Vec<u16>,
+    clearance: Clearance<'a>,
+}
+
+impl<'a> Constraints<'a> {
+    /// The constraints of a problem.
+    pub fn new(problem: PlacementProblem<'a>) -> Self {
+        let touched = problem.anchors_of(&[Relation::Touching]);
+        let clearance = Clearance::new(problem.prepared, problem.query, &problem.settings.fixed, touched.clone());
+        Self { problem, touched, clearance }
+    }
+
+    /// A candidate after every constraint that needs no network.
+    pub fn tried(&self, candidate: CandidatePose, mode: usize) -> JudgedCandidate {
+        let PlacementProblem { prepared, query, request, settings, .. } = self.problem;
+        let (fixed, recipe) = (&settings.fixed, settings.recipe);
+        let mut judged = JudgedCandidate::new(candidate, mode);
+        if let Some(miss) = region_miss(&candidate, &request.region) {
+            judged.reject(Rejection::Region, miss);
+        }
+        let (visibility, miss) = view_miss(&prepared.view, query, &candidate, &fixed.view);
+        judged.unhidden = Some(visibility.unhidden);
+        if let Some(miss) = miss {
+            judged.reject(Rejection::OutOfView, miss);
+        }
+        if recipe.grounded {
+            let unseen = unseen_share(prepared.scene.meta.unseen.space.as_ref(), query, &candidate, &fixed.unseen);
+            judged.unseen_share = Some(unseen);
+            if unseen > fixed.unseen.max_share {
+                judged.reject(Rejection::OutOfView, unseen - fixed.unseen.max_share);
+            }
+        }
+        if recipe.grounded || settings.min_clearance_m > 0.0 {
+            self.try_obstruction(&mut judged);
+        }
+        if recipe.grounded {
+            let footing = self.problem.ground().footing(&candidate);
+            judged.footing = Some(footing);
+            if let Some(miss) = support_miss(&footing, query, &fixed.support) {
+                judged.reject(Rejection::Unsupported, miss);
+            }
+        }
+        if recipe.goal_by != GoalBy::Learned {
+            self.try_goal_by_rule(&mut judged);
+        }
+        if !judged.feasible() {
+            judged.leave_untried(recipe.learned_constraints());
+        }
+        judged
+    }
+
+    fn try_obstruction(&self, judged: &mut JudgedCandidate) {
+        let PlacementProblem { prepared, query, settings, .. } = self.problem;
+        let (fixed, wanted_m) = (&settings.fixed, settings.min_clearance_m);
+        let found = obstruction(prepared, query, &judged.candidate, &self.touched, &fixed.clearance, &fixed.support);
+        if settings.recipe.grounded && found.colliding_share > 0.0 {
+            judged.reject(Rejection::Collision, found.colliding_share);
+        } else if wanted_m > 0.0 {
+            // A variant without a collision constraint still keeps the clearance: in collision it is 0.
+            let by_cells_m = wanted_m.min(f64::from(fixed.clearance.max_ring_m));
+            if found.clearance_m < by_cells_m {
+                judged.reject(Rejection::Clearance, wanted_m - found.clearance_m);
+            } else if judged.feasible()
+                && let Some(clearance_m) = self.clearance.of(&judged.candidate).filter(|c| *c < wanted_m)
+            {
+                // The cells do not see low things, nor farther than their ring.
+                judged.reject(Rejection::Clearance, wanted_m - clearance_m);
+            }
+        }
+        judged.obstruction = Some(found);
+    }
+
+    fn try_goal_by_rule(&self, judged: &mut JudgedCandidate) {
+        let PlacementProblem { query, rules, request, settings, .. } = self.problem;
+        let rule_settings = &settings.fixed.rules;
+        let checks = rules.checks(query, &judged.candidate, rule_settings);
+        let mut missing = 0.0;
+        for (i, (term, check)) in request.goal.iter().zip(&checks).enumerate() {
+            let wanted_m = if term.relation.index() <= Relation::Below.index() { rule_settings.min_margin_m } else { 0.0 };
+            if !check.holds || check.margin_m < wanted_m {
+                judged.failing.push(i);
+                missing += (wanted_m - check.margin_m).max(0.0);
+            }
+        }
+        judged.checks = Some(checks);
+        if !judged.failing.is_empty() {
+            // A tenth of a metre counts as one.
+            judged.reject(Rejection::Goal, 10.0 * missing);
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! A judged candidate: accepted with a cost, or rejected by the first constraint that failed.
+
+use std::cmp::Ordering;
+
+use repose_proto::place::{GeometricCheck, Rejection};
+
+use crate::checks::footing::Footing;
+use crate::checks::obstruction::Obstruction;
+use crate::scene::candidate::CandidatePose;
+
+/// A candidate that has been tried.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JudgedCandidate {
+    /// The candidate.
+    pub candidate: CandidatePose,
+    /// The mode of the prior, or the support, that it belongs to.
+    pub mode: usize,
+    /// The first constraint that failed, in the order of [`Rejection`]; none when it is feasible.
+    pub rejection: Option<Rejection>,
+    /// How far it is from feasible, over all constraints: each adds 0 to 1; 0 when feasible.
+    pub violation: f64,
+    /// c(δ); infinite when it was rejected.
+    pub cost: f64,
+    /// Which goal terms fail, by position; empty unless the goal was tried.
+    pub failing: Vec<usize>,
+    /// The discriminator's probability, where it was asked.
+    pub realism: Option<f32>,
+    /// The predictor's probability of each goal term as asked, where it was asked.
+    pub relations: Option<Vec<f32>>,
+    /// Each goal term by rule, where it was tried.
+    pub checks: Option<Vec<GeometricCheck>>,
+    /// How it stands, where tried.
+    pub footing: Option<Footing>,
+    /// What is in its way, where tried.
+    pub obstruction: Option<Obstruction>,
+    /// Share of its points that would be seen, where tried.
+    pub unhidden: Option<f64>,
+    /// Share of its volume in space that was not seen, where tried.
+    pub unseen_share: Option<f64>,
+    /// Share of small errors of its pose that break a constraint, where tried.
+    pub fragile_share: Option<f64>,
+}
+
+impl JudgedCandidate {
+    /// A candidate before any test.
+    pub fn new(candidate: CandidatePose, mode: usize) -> Self {
+        Self {
+            candidate,
+            mode,
+            rejection: None,
+            violation: 0.0,
+            cost: f64::INFINITY,
+            failing: Vec::new(),
+            realism: None,
+            relations: None,
+            checks: None,
+            footing: None,
+            obstruction: None,
+            unhidden: None,
+            unseen_share: None,
+            fragile_share: None,
+        }
+    }
+
+    /// Whether every constraint holds.
+    pub fn feasible(&self) -> bool {
+        self.rejection.is_none()
+    }
+
+    /// Rejects it by a constraint that it misses by `amount` (any non-negative number; larger is worse). Constraints come in order: the
+    /// first is the reason, every one adds to the violation.
+    pub fn reject(&mut self, rejection: Rejection, amount: f64) {
+        self.rejection.get_or_insert(rejection);
+        self.violation += amount / (1.0 + amount) + f64::EPSILON;
+        self.cost = f64::INFINITY;
+    }
+
+    /// Counts constraints as missed that were not tried because the candidate had been rejected.
+    pub fn leave_untried(&mut self, constraints: usize) {
+        self.violation += constraints as f64;
+    }
+
+    /// Better first: feasible ones by cost, then the others by violation.
+    pub fn better(&self, other: &Self) -> Ordering {
+        self.violation.total_cmp(&other.violation).then(self.cost.total_cmp(&other.cost))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn feasible_comes_before_infeasible_and_few_misses_before_many() {
+        let judged = |rejections: &[(Rejection, f64)], cost: f64| {
+            let mut j = JudgedCandidate::new(CandidatePose { centroid_m: [0.0; 3], yaw_rad: 0.0 }, 0);
+            j.cost = cost;
+            rejections.iter().for_each(|(rejection, amount)| j.reject(*rejection, *amount));
+            j
+        };
+        let mut untried = judged(&[(Rejection::Region, 0.1)], 0.0);
+        untried.leave_untried(2);
+        let order = [
+            judged(&[], 1.0),
+            judged(&[], 2.0),
+            judged(&[(Rejection::Unrealistic, 0.0)], 0.0),
+            judged(&[(Rejection::Unrealistic, 0.3)], 0.0),
+            judged(&[(Rejection::Collision, 0.3), (Rejection::Goal, 0.1)], 0.0),
+            untried,
+        ];
+        assert!(order.windows(2).all(|w| w[0].better(&w[1]) == Ordering::Less));
+        assert_eq!(order[4].rejection, Some(Rejection::Collision), "the first is the reason");
+    }
+}

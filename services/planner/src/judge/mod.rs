@@ -1,0 +1,153 @@
+//! Judges candidates: the constraints first, then the networks, then the cost of what passed.
+//!
+//! One judge serves every variant; the recipe says which tests it has (paper, equations 1 to 5 and Algorithm 1, lines 9 to 15). The
+//! networks see a whole batch in one request for relations, and then those that pass in one for realism.
+
+pub mod constraints;
+pub mod cost;
+pub mod judged;
+pub mod problem;
+pub mod scorer;
+
+use repose_proto::CallError;
+use repose_proto::place::Rejection;
+
+use crate::judge::constraints::Constraints;
+use crate::judge::cost::Costs;
+use crate::judge::judged::JudgedCandidate;
+use crate::judge::problem::PlacementProblem;
+use crate::judge::scorer::{Question, Scorer};
+use crate::learned::mixture::PriorMixture;
+use crate::learned::models::PlacementModels;
+use crate::scene::candidate::CandidatePose;
+use crate::settings::{GoalBy, Realism};
+
+/// Judges the candidates of one problem.
+pub struct Judge<'a> {
+    problem: PlacementProblem<'a>,
+    constraints: Constraints<'a>,
+    scorer: Scorer<'a>,
+    costs: Costs<'a>,
+}
+
+impl<'a> Judge<'a> {
+    /// A judge that asks `models`.
+    pub fn new(problem: PlacementProblem<'a>, models: &'a dyn PlacementModels) -> Self {
+        Self { problem, constraints: Constraints::new(problem), scorer: Scorer::new(problem, models), costs: Costs::new(problem) }
+    }
+
+    /// What is judged.
+    pub fn problem(&self) -> PlacementProblem<'a> {
+        self.problem
+    }
+
+    /// The networks.
+    pub fn scorer(&self) -> &Scorer<'a> {
+        &self.scorer
+    }
+
+    /// The networks, to ask them.
+    pub fn scorer_mut(&mut self) -> &mut Scorer<'a> {
+        &mut self.scorer
+    }
+
+    /// Tells the cost of the prior's mixture, which `mdn_prior` reads.
+    pub fn take_mixture(&mut self, mixture: PriorMixture) {
+        self.costs.take_mixture(mixture);
+    }
+
+    /// Judges candidates, each with its mode; in their order.
+    ///
+    /// # Errors
+    /// What the networks answer; `unavailable` when their weights changed half way.
+    pub fn judge(&mut self, candidates: &[(CandidatePose, usize)]) -> Result<Vec<JudgedCandidate>, CallError> {
+        let mut judged: Vec<JudgedCandidate> =
+            candidates.iter().map(|(candidate, mode)| self.without_networks(*candidate, *mode)).collect();
+        let recipe = self.problem.settings.recipe;
+        if recipe.goal_by == GoalBy::Learned {
+            let open = feasible(&judged);
+            self.scorer.ask(Question::Relations, &mut judged, &open)?;
+            for i in open {
+                self.judge_learned_goal(&mut judged[i]);
+            }
+        }
+        if recipe.realism == Realism::Discriminator {
+            let open = feasible(&judged);
+            self.scorer.ask(Question::Realism, &mut judged, &open)?;
+            for i in open {
+                self.judge_realism(&mut judged[i]);
+            }
+        }
+        for j in judged.iter_mut().filter(|j| j.feasible()) {
+            j.cost = self.cost(j);
+        }
+        Ok(judged)
+    }
+
+    /// Every constraint that needs no network.
+    pub fn without_networks(&self, candidate: CandidatePose, mode: usize) -> JudgedCandidate {
+        self.constraints.tried(candidate, mode)
+    }
+
+    /// The cost of a candidate from what is known of it.
+    pub fn cost(&self, judged: &JudgedCandidate) -> f64 {
+        self.costs.of(judged)
+    }
+
+    /// Rejects a candidate whose realism is not above the threshold.
+    pub fn judge_realism(&self, judged: &mut JudgedCandidate) {
+        let threshold = self.problem.settings.realism_threshold;
+        let realism = judged.realism.map_or(0.0, f64::from);
+        if realism <= threshold {
+            judged.reject(Rejection::Unrealistic, threshold - realism);
+        }
+    }
+
+    /// Asks the networks what was not asked yet of some candidates, for the evidence beside answers.
+    ///
+    /// # Errors
+    /// As [`Judge::judge`].
+    pub fn complete(&mut self, judged: &mut [JudgedCandidate]) -> Result<(), CallError> {
+        let recipe = self.problem.settings.recipe;
+        let wants_realism = matches!(recipe.realism, Realism::Discriminator | Realism::OutcomeRanks);
+        let wants_relations = recipe.goal_by != GoalBy::Rule;
+        for what in [Question::Both, Question::Realism, Question::Relations] {
+            let lacks = |j: &JudgedCandidate| match (wants_realism && j.realism.is_none(), wants_relations && j.relations.is_none()) {
+                (true, true) => Some(Question::Both),
+                (true, false) => Some(Question::Realism),
+                (false, true) => Some(Question::Relations),
+                (false, false) => None,
+            };
+            let open: Vec<usize> = (0..judged.len()).filter(|i| lacks(&judged[*i]) == Some(what)).collect();
+            self.scorer.ask(what, judged, &open)?;
+        }
+        let PlacementProblem { query, rules, settings, .. } = self.problem;
+        for j in judged {
+            if j.footing.is_none() {
+                j.footing = Some(self.problem.ground().footing(&j.candidate));
+            }
+            if j.checks.is_none() {
+                j.checks = Some(rules.checks(query, &j.candidate, &settings.fixed.rules));
+            }
+        }
+        Ok(())
+    }
+
+    fn judge_learned_goal(&self, judged: &mut JudgedCandidate) {
+        let settings = self.problem.settings;
+        let threshold = settings.relations_threshold;
+        let Some(probabilities) = &judged.relations else { return };
+        let missing = |p: &f32| (threshold - f64::from(*p)).max(0.0);
+        let failing: Vec<usize> = probabilities.iter().enumerate().filter(|(_, p)| f64::from(**p) <= threshold).map(|(i, _)| i).collect();
+        let total = probabilities.iter().map(missing).sum();
+        if !failing.is_empty() {
+            judged.failing = failing;
+            judged.reject(Rejection::Goal, total);
+            judged.leave_untried(usize::from(settings.recipe.realism == Realism::Discriminator));
+        }
+    }
+}
+
+fn feasible(judged: &[JudgedCandidate]) -> Vec<usize> {
+    (0..judged.len()).filter(|i| judged[*i].feasible()).collect()
+}

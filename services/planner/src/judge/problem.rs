@@ -1,0 +1,64 @@
+//! One request on one scene: what every step of a search reads and none changes.
+
+use repose_proto::Relation;
+use repose_proto::place::PlaceRequest;
+
+use crate::checks::footing::Ground;
+use crate::checks::rules::Rules;
+use crate::scene::candidate::CandidatePose;
+use crate::scene::prepared::PreparedScene;
+use crate::scene::query::QueryObject;
+use crate::settings::PlanSettings;
+
+/// A placement problem.
+#[derive(Debug, Clone, Copy)]
+pub struct PlacementProblem<'a> {
+    /// The scene.
+    pub prepared: &'a PreparedScene,
+    /// The object to move.
+    pub query: &'a QueryObject,
+    /// The goal by rule.
+    pub rules: &'a Rules,
+    /// The request.
+    pub request: &'a PlaceRequest,
+    /// The request's settings.
+    pub settings: &'a PlanSettings,
+}
+
+impl<'a> PlacementProblem<'a> {
+    /// The ground under this problem's candidates.
+    pub fn ground(&self) -> Ground<'a> {
+        Ground { prepared: self.prepared, query: self.query, settings: &self.settings.fixed.support }
+    }
+
+    /// The anchors of the terms that must hold for one of some relations, in the goal's order.
+    pub fn anchors_of(&self, relations: &[Relation]) -> Vec<u16> {
+        let terms = self.request.goal.iter().filter(|t| t.holds && relations.contains(&t.relation));
+        terms.map(|t| t.anchor).collect()
+    }
+
+    /// The candidate set down on what is under it when it is lowered from `ceiling_m`. Unchanged when nothing is under it, or when the
+    /// variant does not ground its candidates. A goal of being centered moves it over the anchor first.
+    pub fn settled(&self, candidate: &CandidatePose, ceiling_m: f32) -> CandidatePose {
+        if !self.settings.recipe.grounded {
+            return *candidate;
+        }
+        let mut settled = *candidate;
+        let centered = self.request.goal.iter().find(|t| t.holds && t.relation == Relation::Centered);
+        if let Some(anchor) = centered.and_then(|t| self.rules.anchor(t.anchor)) {
+            let center = self.rules.viewer().world_from_viewer() * anchor.extents.center;
+            let shift = center.xy().cast::<f32>() - settled.carry(&self.query.shape.axis_offset());
+            settled.centroid_m[0] += shift.x;
+            settled.centroid_m[1] += shift.y;
+        }
+        if let Some(rest_m) = self.ground().rest_m(&settled, ceiling_m) {
+            settled.centroid_m[2] = rest_m + self.query.shape.centroid_height_m();
+        }
+        settled
+    }
+
+    /// The height that a drawn candidate is lowered from, world z, metres.
+    pub fn ceiling_over(&self, candidate: &CandidatePose) -> f32 {
+        self.query.bottom_of(candidate.centroid_m[2]) + self.settings.fixed.proposals.lowered_m
+    }
+}

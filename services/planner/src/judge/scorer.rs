@@ -1,0 +1,138 @@
+//! Asks the networks about candidates, many in one request, and keeps account of which weights answered.
+
+use repose_proto::place::PlaceRequest;
+use repose_proto::scoring::{PriorReply, PriorRequest, RealismBy, ScoreRequest};
+use repose_proto::{CallError, ErrorCode, GoalTerm, RELATION_COUNT, SceneRef};
+
+use crate::judge::judged::JudgedCandidate;
+use crate::judge::problem::PlacementProblem;
+use crate::learned::models::{PlacementModels, Provenance};
+use crate::learned::stability::measures;
+use crate::scene::candidate::CandidatePose;
+use crate::settings::Realism;
+
+/// What the networks are asked about candidates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Question {
+    /// The relation predictor: the goal's terms.
+    Relations,
+    /// The discriminator, or the outcome network where the recipe has it.
+    Realism,
+    /// Both in one message.
+    Both,
+}
+
+/// Asks the networks on behalf of one problem.
+pub struct Scorer<'a> {
+    problem: PlacementProblem<'a>,
+    models: &'a dyn PlacementModels,
+    /// The goal's anchors, each once, in its order.
+    anchors: Vec<u16>,
+    provenance: Option<Provenance>,
+}
+
+impl<'a> Scorer<'a> {
+    /// A scorer that has asked nothing yet.
+    pub fn new(problem: PlacementProblem<'a>, models: &'a dyn PlacementModels) -> Self {
+        Self { anchors: anchors(problem.request), problem, models, provenance: None }
+    }
+
+    /// Which weights and kernel answered; none before the first answer.
+    pub fn provenance(&self) -> Option<&Provenance> {
+        self.provenance.as_ref()
+    }
+
+    /// Asks the prior.
+    ///
+    /// # Errors
+    /// What inference answers; `unavailable` when the weights changed half way.
+    pub fn prior(&mut self, request: &PriorRequest) -> Result<PriorReply, CallError> {
+        let reply = self.models.prior(request, &self.problem.prepared.scene)?;
+        self.note(&reply.weights_hash, &reply.kernel)?;
+        Ok(reply)
+    }
+
+    /// Asks about some of the candidates, by position, in one request.
+    ///
+    /// # Errors
+    /// As [`Scorer::prior`]; `internal` when the answer is not of the length that was asked for.
+    pub fn ask(&mut self, what: Question, judged: &mut [JudgedCandidate], which: &[usize]) -> Result<(), CallError> {
+        if which.is_empty() {
+            return Ok(());
+        }
+        let (relations, realism) = (what != Question::Realism, what != Question::Relations);
+        let request = ScoreRequest {
+            scene: SceneRef { scene_id: self.problem.prepared.scene_id.clone() },
+            query: self.problem.query.id,
+            anchors: if relations { self.anchors.clone() } else { Vec::new() },
+            view_yaw_rad: self.problem.rules.viewer().yaw_rad(),
+            realism,
+            realism_by: match self.problem.settings.recipe.realism {
+                Realism::OutcomeRanks => RealismBy::Outcome,
+                _ => RealismBy::Discriminator,
+            },
+            relations,
+            candidates: which.iter().map(|i| judged[*i].candidate.row()).collect(),
+        };
+        let reply = self.models.score(&request, &self.problem.prepared.scene)?;
+        self.note(&reply.weights_hash, &reply.kernel)?;
+        let expected = |asked: bool, each: usize| if asked { which.len() * each } else { 0 };
+        let (vectors, scores) = (expected(relations, self.anchors.len()), expected(realism, 1));
+        if (reply.relations.len(), reply.realism.len()) != (vectors, scores) {
+            let got = format!("got {} and {}", reply.relations.len(), reply.realism.len());
+            return Err(CallError::internal(format!("expected {vectors} relation vectors and {scores} realism scores, {got}")));
+        }
+        for (row, i) in reply.relations.chunks_exact(self.anchors.len()).zip(which) {
+            judged[*i].relations = Some(self.as_asked(row));
+        }
+        for (said, i) in reply.realism.iter().zip(which) {
+            judged[*i].realism = Some(self.realism(&judged[*i].candidate, *said));
+        }
+        Ok(())
+    }
+
+    /// Realism from a network's answer: the discriminator's as it is, the outcome network's combined with geometry by the boosted trees.
+    fn realism(&self, candidate: &CandidatePose, said: f32) -> f32 {
+        let PlacementProblem { prepared, query, settings, .. } = self.problem;
+        match settings.recipe.realism {
+            Realism::OutcomeRanks => self.models.stability().of(&measures(prepared, query, candidate, said, &settings.fixed)) as f32,
+            _ => said,
+        }
+    }
+
+    /// The probability of each goal term as asked, from one relation vector per anchor.
+    fn as_asked(&self, by_anchor: &[[f32; RELATION_COUNT]]) -> Vec<f32> {
+        let probability = |term: &GoalTerm| {
+            let row = self.anchors.iter().position(|a| *a == term.anchor).unwrap_or(0);
+            let p = by_anchor[row][term.relation.index()];
+            if term.holds { p } else { 1.0 - p }
+        };
+        self.problem.request.goal.iter().map(probability).collect()
+    }
+
+    /// Notes who answered. Another answer than before is an error: results would then depend on who was asked.
+    fn note(&mut self, weights_hash: &str, kernel: &str) -> Result<(), CallError> {
+        let who = Provenance { weights_hash: weights_hash.to_owned(), kernel: kernel.to_owned() };
+        match &self.provenance {
+            Some(before) if *before != who => {
+                let message = format!("the weights or the kernel changed during the request, from {before:?} to {who:?}");
+                Err(CallError::new(ErrorCode::Unavailable, message))
+            }
+            _ => {
+                self.provenance = Some(who);
+                Ok(())
+            }
+        }
+    }
+}
+
+/// The goal's anchors, each once, in its order.
+fn anchors(request: &PlaceRequest) -> Vec<u16> {
+    let mut anchors: Vec<u16> = Vec::new();
+    for term in &request.goal {
+        if !anchors.contains(&term.anchor) {
+            anchors.push(term.anchor);
+        }
+    }
+    anchors
+}

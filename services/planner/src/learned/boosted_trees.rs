@@ -1,0 +1,115 @@
+//! Boosted decision trees as they are served: the sum of the leaves that a row of numbers falls into.
+
+use serde::{Deserialize, Serialize};
+
+/// Where a split sends a row: on to another split of its tree, or to a leaf.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Branch {
+    /// The split of this index.
+    #[serde(rename = "s")]
+    Split(u16),
+    /// The leaf of this index.
+    #[serde(rename = "l")]
+    Leaf(u16),
+}
+
+/// A split: the number of the row that it reads, the value below which a row takes the first branch, and the two branches.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TreeSplit(pub u8, pub f32, pub [Branch; 2]);
+
+/// One tree. The first split is its root; a tree without splits is its first leaf.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DecisionTree {
+    /// The splits; each sends rows to later ones.
+    pub splits: Vec<TreeSplit>,
+    /// The leaves' values.
+    pub leaves: Vec<f32>,
+}
+
+impl DecisionTree {
+    /// Its value for a row.
+    fn of(&self, row: &[f32]) -> f32 {
+        let mut at = if self.splits.is_empty() { Branch::Leaf(0) } else { Branch::Split(0) };
+        loop {
+            match at {
+                Branch::Leaf(leaf) => return self.leaves[usize::from(leaf)],
+                Branch::Split(split) => {
+                    let TreeSplit(number, below, branches) = &self.splits[usize::from(split)];
+                    at = branches[usize::from(row[usize::from(*number)] >= *below)];
+                }
+            }
+        }
+    }
+
+    /// Whether every row of `numbers` numbers ends at a leaf with a finite value.
+    fn is_sound(&self, numbers: usize) -> bool {
+        let branch = |from: usize, to: &Branch| match to {
+            Branch::Split(to) => usize::from(*to) > from && usize::from(*to) < self.splits.len(),
+            Branch::Leaf(leaf) => usize::from(*leaf) < self.leaves.len(),
+        };
+        let split = |(i, TreeSplit(number, below, branches)): (usize, &TreeSplit)| {
+            usize::from(*number) < numbers && below.is_finite() && branches.iter().all(|to| branch(i, to))
+        };
+        !self.leaves.is_empty() && self.leaves.iter().all(|l| l.is_finite()) && self.splits.iter().enumerate().all(split)
+    }
+}
+
+/// The trees, and the value that they add to.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BoostedTrees {
+    /// The value without any tree.
+    pub bias: f64,
+    /// The trees.
+    pub trees: Vec<DecisionTree>,
+}
+
+impl BoostedTrees {
+    /// The sum for a row of finite numbers.
+    pub fn of(&self, row: &[f32]) -> f64 {
+        self.trees.iter().fold(self.bias, |sum, tree| sum + f64::from(tree.of(row)))
+    }
+
+    /// Whether the sum is finite for every row of `numbers` numbers.
+    pub fn is_sound(&self, numbers: usize) -> bool {
+        self.bias.is_finite() && self.trees.iter().all(|t| t.is_sound(numbers))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// −1 below 0.5 of the first number, from there on 2 below 3 of the second and 4 above.
+    fn steps() -> DecisionTree {
+        DecisionTree {
+            splits: vec![TreeSplit(0, 0.5, [Branch::Leaf(0), Branch::Split(1)]), TreeSplit(1, 3.0, [Branch::Leaf(1), Branch::Leaf(2)])],
+            leaves: vec![-1.0, 2.0, 4.0],
+        }
+    }
+
+    #[test]
+    fn a_row_falls_to_its_leaf_and_leaves_add_up() {
+        let all = BoostedTrees { bias: 0.5, trees: vec![steps(), DecisionTree { splits: Vec::new(), leaves: vec![10.0] }] };
+        let said = [[0.4, 9.0], [0.5, 2.9], [0.5, 3.0]].map(|row| all.of(&row));
+        assert_eq!(said, [9.5, 12.5, 14.5]);
+        let text = serde_json::to_string(&all).unwrap();
+        assert_eq!(serde_json::from_str::<BoostedTrees>(&text).unwrap(), all);
+    }
+
+    #[test]
+    fn trees_that_lead_nowhere_are_not_sound() {
+        let with = |change: fn(&mut DecisionTree)| {
+            let mut tree = steps();
+            change(&mut tree);
+            BoostedTrees { bias: 0.0, trees: vec![tree] }.is_sound(2)
+        };
+        assert!(with(|_| ()));
+        assert!(!with(|t| t.splits[1].2[0] = Branch::Split(0)), "a circle");
+        assert!(!with(|t| t.splits[1].2[0] = Branch::Leaf(3)), "no such leaf");
+        assert!(!with(|t| t.splits[0].0 = 2), "no such number");
+        assert!(!with(|t| t.splits[0].1 = f32::NAN), "no number");
+        assert!(!with(|t| t.leaves.clear()), "no leaf");
+    }
+}

@@ -1,0 +1,5 @@
+//! A scene prepared for planning, the object to move in it, and where that may go.
+
+pub mod candidate;
+pub mod prepared;
+pub mod query;

@@ -1,0 +1,134 @@
+//! The object to move, in the form that candidates are tried with: its completed shape as cells around its observed centroid.
+//!
+//! A cell is an offset from that centroid, about which candidates turn, so that trying a candidate takes one look-up per cell in the map.
+
+use nalgebra::{Point2, Point3, Vector2};
+use repose_geometry::{Footprint, cloud};
+use repose_proto::CallError;
+
+use crate::belief::shape::Shape;
+use crate::scene::prepared::PreparedScene;
+use crate::settings::Fixed;
+
+/// A cell in or around a prism.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OutlineCell {
+    /// From the observed centroid, world axes, metres.
+    pub offset: Vector2<f32>,
+    /// How far inside the prism's outline, metres; negative: how far outside.
+    pub inside_m: f32,
+    /// Whether it is outside the outline, but the shape may reach there ([`Shape::doubt`]).
+    pub doubtful: bool,
+}
+
+/// One prism of the query's shape.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prism {
+    /// Bottom above the query's bottom, metres.
+    pub low_m: f32,
+    /// Top above the query's bottom, metres.
+    pub high_m: f32,
+    /// The cells inside it, and those within the clearance ring around it.
+    pub cells: Vec<OutlineCell>,
+    /// How many of them are inside.
+    pub inside: usize,
+    /// How many of them are doubtful.
+    pub doubtful: usize,
+    /// A few places inside it, from the observed centroid: enough to sample the prism's volume.
+    pub sparse: Vec<Vector2<f32>>,
+}
+
+/// The query of a request.
+#[derive(Debug, Clone)]
+pub struct QueryObject {
+    /// Its id.
+    pub id: u16,
+    /// Its completed shape where it was observed.
+    pub shape: Shape,
+    /// The cells of its base, from the observed centroid.
+    pub base: Vec<Vector2<f32>>,
+    /// The band of cells around those.
+    pub rim: Vec<Vector2<f32>>,
+    /// How far inside its own base the axis is, metres: the support margin on a flat floor.
+    pub base_margin_m: f64,
+    /// Its shape, from the bottom up.
+    pub prisms: Vec<Prism>,
+    /// Some of its observed points, spread over the cloud, to judge visibility by, world frame.
+    pub view_points: Vec<Point3<f64>>,
+    /// Observed points thinned out, from which its orientation is read, world frame.
+    pub cloud: Vec<Point3<f32>>,
+}
+
+impl QueryObject {
+    /// The query of that id, with a clearance ring that measures at least `min_clearance_m`.
+    ///
+    /// # Errors
+    /// As [`PreparedScene::movable`].
+    pub fn new(prepared: &PreparedScene, id: u16, min_clearance_m: f64, fixed: &Fixed) -> Result<Self, CallError> {
+        let (object, shape) = prepared.movable(id)?;
+        let cell_m = prepared.columns.cell_m();
+        let origin = object.centroid.xy().cast::<f32>();
+        let ring_m = (min_clearance_m as f32 + 2.0 * cell_m).clamp(fixed.clearance.ring_m, fixed.clearance.max_ring_m + 2.0 * cell_m);
+        let prisms = shape
+            .slabs
+            .iter()
+            .map(|slab| {
+                let mut cells = cells_around(&slab.outline, &origin, ring_m, cell_m);
+                let doubtful = doubt(&mut cells, &slab.outline, &origin, &shape.doubt);
+                let inside = cells.iter().filter(|c| c.inside_m >= 0.0).count();
+                let sparse = cells_around(&slab.outline, &origin, 0.0, fixed.unseen.step_m).into_iter().map(|c| c.offset).collect();
+                Prism { low_m: slab.low_m - shape.bottom_m, high_m: slab.high_m - shape.bottom_m, cells, inside, doubtful, sparse }
+            })
+            .collect();
+        let (base, rim): (Vec<OutlineCell>, Vec<OutlineCell>) =
+            cells_around(&shape.base, &origin, fixed.soundness.rim_m, cell_m).into_iter().partition(|c| c.inside_m >= 0.0);
+        let stride = object.points.len().div_ceil(fixed.view.sample_points).max(1);
+        Ok(Self {
+            id,
+            base: base.into_iter().map(|c| c.offset).collect(),
+            rim: rim.into_iter().map(|c| c.offset).collect(),
+            base_margin_m: f64::from(shape.base.margin(&shape.axis)).max(0.0),
+            prisms,
+            view_points: object.points.iter().step_by(stride).map(|p| p.cast()).collect(),
+            cloud: cloud::voxel_downsampled(&object.points, fixed.rules.orientation_voxel_m),
+            shape: shape.clone(),
+        })
+    }
+
+    /// The height of the bottom of the query with its centroid at a height, metres.
+    pub fn bottom_of(&self, centroid_m: f32) -> f32 {
+        centroid_m - self.shape.centroid_height_m()
+    }
+}
+
+/// Marks the cells outside an outline that the outline sweeps when it is shifted by `by`; returns how many.
+pub fn doubt(cells: &mut [OutlineCell], outline: &Footprint, origin: &Point2<f32>, by: &Vector2<f32>) -> usize {
+    if *by == Vector2::zeros() {
+        return 0;
+    }
+    let swept: Vec<Point3<f32>> = outline.corners().iter().flat_map(|c| [*c, c + by]).map(|c| Point3::new(c.x, c.y, 0.0)).collect();
+    let Some(swept) = Footprint::of(&swept) else { return 0 };
+    for cell in cells.iter_mut() {
+        cell.doubtful = cell.inside_m < 0.0 && swept.margin(&(origin + cell.offset)) >= 0.0;
+    }
+    cells.iter().filter(|c| c.doubtful).count()
+}
+
+/// Cells every `cell_m` in an outline and up to `ring_m` around it.
+fn cells_around(outline: &Footprint, origin: &Point2<f32>, ring_m: f32, cell_m: f32) -> Vec<OutlineCell> {
+    let corners = outline.corners();
+    let (min, max) = corners.iter().fold((corners[0], corners[0]), |(min, max), c| (min.inf(c), max.sup(c)));
+    let middle = nalgebra::center(&min, &max);
+    let half = ((max - min) / 2.0).map(|v| ((v + ring_m) / cell_m).ceil() as i32);
+    let mut cells = Vec::new();
+    for j in -half.y..=half.y {
+        for i in -half.x..=half.x {
+            let at = middle + Vector2::new(i as f32, j as f32) * cell_m;
+            let inside_m = outline.margin(&at);
+            if inside_m >= -ring_m {
+                cells.push(OutlineCell { offset: at - origin, inside_m, doubtful: false });
+            }
+        }
+    }
+    cells
+}

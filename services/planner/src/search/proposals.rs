@@ -1,0 +1,174 @@
+//! Candidates from the goal's geometry, without a network: beside, on, around or aligned with the anchors of the positive terms.
+//!
+//! A proposal says where the query's axis goes, seen from above, its yaw, and the height from which it is lowered; the observed supports
+//! decide where it comes to rest. Terms take turns. Some proposals come from anywhere on the observed surfaces or in the asked regions,
+//! so that a place is also found where the geometry of the terms would not look.
+
+use nalgebra::{Point2, Point3, Vector2};
+use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+use repose_geometry::transform::wrap_angle;
+use repose_proto::place::{RegionBox, Rotation};
+use repose_proto::{GoalTerm, Relation};
+
+use crate::checks::rules::Rules;
+use crate::scene::candidate::CandidatePose;
+use crate::scene::prepared::PreparedScene;
+use crate::scene::query::QueryObject;
+use crate::settings::ProposerSettings;
+
+/// A candidate that is still to be lowered onto its support.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Proposal {
+    /// Where it was drawn; the height is that of the main anchor's support.
+    pub drawn: CandidatePose,
+    /// Its bottom is lowered from here, world z, metres.
+    pub ceiling_m: f32,
+}
+
+/// Draws proposals for one request.
+#[derive(Debug)]
+pub struct Proposer<'a> {
+    /// The scene.
+    pub prepared: &'a PreparedScene,
+    /// The object to move.
+    pub query: &'a QueryObject,
+    /// The goal.
+    pub rules: &'a Rules,
+    /// Boxes to stay inside or out of.
+    pub region: &'a [RegionBox],
+    /// Whether yaw is drawn.
+    pub rotation: Rotation,
+    /// Reach and shares.
+    pub settings: &'a ProposerSettings,
+}
+
+impl Proposer<'_> {
+    /// The `index`-th proposal.
+    pub fn draw(&self, index: u64, rng: &mut Pcg64) -> Proposal {
+        let positive: Vec<&GoalTerm> = self.rules.terms().iter().filter(|t| t.holds).collect();
+        let anywhere = rng.random_range(0.0..1.0) < self.settings.anywhere_share;
+        let term = positive.get(index as usize % positive.len().max(1));
+        let (axis, mut yaw_rad) = match term {
+            Some(term) if !anywhere => (self.beside(term, rng), self.yaw(term, rng)),
+            _ => (self.anywhere(rng), self.any_yaw(rng)),
+        };
+        if self.rotation == Rotation::Fixed {
+            yaw_rad = 0.0;
+        }
+        let low_m = self.rules.terms().iter().find(|t| t.holds).and_then(|t| self.rules.anchor(t.anchor)).map_or(0.0, |a| a.shape.bottom_m);
+        let ceiling_m = self.ceiling_m(&axis, low_m, rng);
+        let offset = nalgebra::Rotation2::new(yaw_rad as f32) * self.query.shape.axis_offset();
+        let at = axis - offset;
+        let centroid = Point3::new(at.x, at.y, low_m + self.query.shape.centroid_height_m());
+        Proposal { drawn: CandidatePose::new(&centroid.cast(), yaw_rad), ceiling_m }
+    }
+
+    /// Where the axis goes so that a term may hold.
+    fn beside(&self, term: &GoalTerm, rng: &mut Pcg64) -> Point2<f32> {
+        let Some(anchor) = self.rules.anchor(term.anchor) else { return self.anywhere(rng) };
+        let (a, q) = (&anchor.extents, self.rules.query_extents());
+        let (half_anchor, half_query) = ((a.high - a.low).xy() / 2.0, (q.high - q.low).xy() / 2.0);
+        let in_viewer = match term.relation {
+            Relation::LeftOf => self.along(0, -1.0, &half_anchor, &half_query, rng),
+            Relation::RightOf => self.along(0, 1.0, &half_anchor, &half_query, rng),
+            Relation::InFrontOf => self.along(1, -1.0, &half_anchor, &half_query, rng),
+            Relation::Behind => self.along(1, 1.0, &half_anchor, &half_query, rng),
+            Relation::Above => {
+                // Every fifth exactly on the middle, where a stack is best.
+                let spread = if rng.random_range(0.0..1.0) < 0.2 { 0.0 } else { 0.5 };
+                half_anchor.map(|h| spread * h * normal(rng))
+            }
+            Relation::Below => (half_anchor + Vector2::repeat(0.15)).map(|h| h * rng.random_range(-1.0..1.0)),
+            Relation::Near => self.around(rng.random_range(0.003..0.05), &half_anchor, &half_query, rng),
+            Relation::Touching if rng.random_range(0.0..1.0) < 0.5 => half_anchor.map(|h| 0.4 * h * normal(rng)),
+            Relation::Touching => self.around(rng.random_range(0.0..0.002), &half_anchor, &half_query, rng),
+            Relation::Centered => Vector2::zeros(),
+            Relation::Aligned => self.around(rng.random_range(0.01..self.settings.reach_m), &half_anchor, &half_query, rng),
+        };
+        let offset = self.rules.viewer().world_from_viewer() * in_viewer.push(0.0);
+        let center = self.rules.viewer().world_from_viewer() * a.center;
+        Point2::from((center.coords + offset).xy().cast::<f32>())
+    }
+
+    /// Along an axis of the viewer, beyond the anchor's face by a gap, within 45° sideways.
+    fn along(&self, axis: usize, sign: f64, anchor: &Vector2<f64>, query: &Vector2<f64>, rng: &mut Pcg64) -> Vector2<f64> {
+        // The square of a uniform number: more of them close by.
+        let u: f64 = rng.random_range(0.0..1.0);
+        let gap_m = self.settings.reach_m * u * u;
+        // Far enough that the query's near side lies beyond the anchor's middle, and its own middle beyond the anchor's face.
+        let distance_m = (anchor[axis] + query[axis] + gap_m).max(anchor[axis] + 0.005);
+        let sideways_m = (distance_m - anchor[axis] + anchor[1 - axis]) * 0.95;
+        let mut offset = Vector2::zeros();
+        offset[axis] = sign * distance_m;
+        // A triangular distribution: the term holds by most straight beside the anchor.
+        offset[1 - axis] = sideways_m * (rng.random_range(-0.5..0.5) + rng.random_range(-0.5..0.5));
+        offset
+    }
+
+    /// In any direction around the anchor's box, a gap away from it.
+    fn around(&self, gap_m: f64, anchor: &Vector2<f64>, query: &Vector2<f64>, rng: &mut Pcg64) -> Vector2<f64> {
+        let reach = anchor + query + Vector2::repeat(gap_m);
+        let along = rng.random_range(-1.0..1.0);
+        match rng.random_range(0..4u8) {
+            0 => Vector2::new(-reach.x, along * reach.y),
+            1 => Vector2::new(reach.x, along * reach.y),
+            2 => Vector2::new(along * reach.x, -reach.y),
+            _ => Vector2::new(along * reach.x, reach.y),
+        }
+    }
+
+    /// Anywhere in an asked region, or else on an observed surface.
+    fn anywhere(&self, rng: &mut Pcg64) -> Point2<f32> {
+        let asked: Vec<&RegionBox> = self.region.iter().filter(|r| r.inside).collect();
+        if !asked.is_empty() {
+            let region = asked[rng.random_range(0..asked.len())];
+            return Point2::from([0, 1].map(|k| between(region.min_m[k], region.max_m[k], rng) as f32));
+        }
+        let planes = &self.prepared.planes;
+        if planes.is_empty() {
+            return self.query.shape.axis;
+        }
+        let corners = planes[rng.random_range(0..planes.len())].outline.corners();
+        let (min, max) = corners.iter().fold((corners[0], corners[0]), |(min, max), c| (min.inf(c), max.sup(c)));
+        Point2::from([0, 1].map(|k| between(f64::from(min[k]), f64::from(max[k]), rng) as f32))
+    }
+
+    fn yaw(&self, term: &GoalTerm, rng: &mut Pcg64) -> f64 {
+        let aligning = self.rules.terms().iter().find(|t| t.holds && t.relation == Relation::Aligned).unwrap_or(term);
+        match (aligning.relation, self.rules.aligning_yaw_rad(aligning.anchor)) {
+            (Relation::Aligned, Some(yaw_rad)) => {
+                let quarter = f64::from(rng.random_range(0..4u8)) * std::f64::consts::FRAC_PI_2;
+                wrap_angle(yaw_rad + quarter + 0.03 * normal(rng))
+            }
+            _ => self.any_yaw(rng),
+        }
+    }
+
+    /// As it stands, or any turn.
+    fn any_yaw(&self, rng: &mut Pcg64) -> f64 {
+        let turned = rng.random_range(0.0..1.0) < 0.6;
+        let yaw_rad = rng.random_range(-std::f64::consts::PI..std::f64::consts::PI);
+        if turned { yaw_rad } else { 0.0 }
+    }
+
+    /// From above everything, from just above what the main anchor stands on, or from just above a surface under the place.
+    fn ceiling_m(&self, axis: &Point2<f32>, low_m: f32, rng: &mut Pcg64) -> f32 {
+        let (from_above, pick): (f64, f64) = (rng.random_range(0.0..1.0), rng.random_range(0.0..1.0));
+        if from_above < self.settings.from_above_share {
+            return f32::INFINITY;
+        }
+        let under: Vec<f32> = self.prepared.planes.iter().filter(|p| p.outline.margin(axis) >= 0.0).map(|p| p.height_m).collect();
+        let choice = (pick * (under.len() + 1) as f64) as usize;
+        under.get(choice).copied().unwrap_or(low_m) + self.settings.lowered_m
+    }
+}
+
+fn normal(rng: &mut Pcg64) -> f64 {
+    StandardNormal.sample(rng)
+}
+
+fn between(low: f64, high: f64, rng: &mut Pcg64) -> f64 {
+    low + (high - low) * rng.random_range(0.0..1.0)
+}

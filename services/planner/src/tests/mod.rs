@@ -1,0 +1,5 @@
+//! What the planner answers on synthetic scenes, with and without networks.
+
+pub(crate) mod learned;
+mod plan;
+pub(crate) mod synthetic;
