@@ -7,7 +7,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-const PURE: [&str; 5] = ["repose-geometry", "repose-relations", "repose-networks", "repose-panda", "repose-sensor"];
+const PURE: [&str; 6] = ["repose-geometry", "repose-relations", "repose-networks", "repose-panda", "repose-sensor", "repose-simd"];
 const SERVICES: [&str; 5] = ["repose-perception", "repose-inference", "repose-planner", "repose-motion", "repose-simulator"];
 /// In a service, the files that may name the runtime: those that face the network or own the compute. Everything else is domain code.
 const RUNTIME_FILES: [&str; 9] = [

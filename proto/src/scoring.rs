@@ -111,8 +111,8 @@ pub enum RealismBy {
     /// The paper's scene discriminator: does this look like objects at rest?
     #[default]
     Discriminator,
-    /// The outcome network: does the object stay when it is let go there? It learned from simulated releases. Where the weights served have
-    /// none, the discriminator answers.
+    /// The outcome network: does the object stay where it is released? It learned from simulated releases. Where the weights served have none,
+    /// the call is refused with `failed_precondition`.
     Outcome,
 }
 

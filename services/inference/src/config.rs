@@ -12,22 +12,23 @@ pub struct InferenceConfig {
     pub weights: Option<PathBuf>,
     /// Threads that score; 0 takes every core. Results do not depend on it.
     pub threads: usize,
-    /// Requests that may wait; the next is refused at once. Raising it lets callers wait longer instead.
+    /// Requests that may wait; further ones are refused at once. Raising it lets callers wait longer instead.
     pub queue_capacity: usize,
     /// Requests whose candidates are scored together. Raising it helps many small requests and delays the first of them.
     pub max_batch: usize,
-    /// Candidates that such requests may have together; a request with more is scored alone. Raising it helps many small requests, and whoever
-    /// comes next waits longer: 400 take two cores about a second by the paper's discriminator, and a third of that by the outcome network.
+    /// Candidates that such requests may have together; a request with more is scored alone. Raising it helps many small requests, and later
+    /// requests wait longer: 400 candidates take two cores about a second with the paper's discriminator, and a third of that with the outcome
+    /// network (`services/shared/networks/benches/record/scoring.md`).
     pub max_batch_candidates: usize,
-    /// How long a request waits for others to be scored with, milliseconds; 0 scores what waits already. Raising it fills batches when many
-    /// ask, and makes every lone request later by as much.
+    /// How long a request waits for others to share a batch, milliseconds; 0 does not wait. Raising it fills batches under load, and delays
+    /// every lone request by as much.
     pub max_wait_ms: u64,
-    /// How often the weights file is looked at, milliseconds: when it has changed, the new weights are loaded, tried, and served from then on
-    /// without a restart. 0 never looks.
+    /// How often the weights file is checked, milliseconds: when it has changed, the new weights are loaded, tried, and served without a restart.
+    /// 0 never checks.
     pub weights_check_ms: u64,
-    /// Most scenes held. Raising it lets more scenes be planned on without being sent again, at tens of MB each.
+    /// Most scenes held. Raising it lets more scenes be used without being sent again, at tens of MB each.
     pub scenes: usize,
-    /// Most bytes of those scenes, roughly. The least recently used go first.
+    /// Most bytes of those scenes, roughly. The least recently used are dropped first.
     pub scenes_bytes: usize,
 }
 

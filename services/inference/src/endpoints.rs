@@ -44,7 +44,7 @@ impl Endpoints {
         }
     }
 
-    /// Asks the networks; how long that took travels beside the answer, so that a caller can tell it from the time on the way.
+    /// Asks the worker. The time that takes travels beside the answer, so that a caller can separate it from transport.
     async fn ask(&self, call: &Call, question: Question) -> Result<Answer, CallError> {
         let started = Instant::now();
         let answer = self.worker.ask(call.context(), question).await;
@@ -52,7 +52,7 @@ impl Endpoints {
         answer
     }
 
-    /// The scene of a request: the enclosed one, which is then held, or the one held under its id.
+    /// The scene of a request: the enclosed one, which is held from then on, or the one held under its id.
     async fn held(&self, scene: &SceneRef, enclosed: Option<Scene>) -> Result<Arc<HeldScene>, CallError> {
         let Some(enclosed) = enclosed else { return self.worker.store().get(&scene.scene_id) };
         let (worker, scene_id) = (self.worker.clone(), scene.scene_id.clone());

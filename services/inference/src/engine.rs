@@ -3,12 +3,12 @@
 //! Nine relations are the networks'; `aligned` is judged by rule on the observed clouds, as a probability of 0 or 1. A candidate is one
 //! unit of work for one thread, so an answer does not depend on how candidates were batched or spread.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 use nalgebra::Point3;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use repose_networks::points::Sight;
+use repose_networks::points::Observer;
 use repose_networks::serving::spread;
 use repose_networks::{Candidate, InputError, Mixture, Models, SceneContext};
 use repose_proto::CallError;
@@ -16,18 +16,19 @@ use repose_proto::scoring::{MixtureComponent, ModelInfo, ModelsReply, PriorReply
 
 use crate::held_scene::HeldScene;
 use crate::mixture;
-use crate::scoring::{Asked, Scoring};
+use crate::scoring::{ScoreJob, Scoring};
+use crate::wire_error::wire_error;
 
 /// Why networks are not served.
 #[derive(Debug, thiserror::Error)]
 pub enum TrialError {
-    /// They gave no answer.
+    /// They refused the trial scene.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// They answered with what is no number.
-    #[error("{network}: answered with a number that is not finite")]
+    /// An answer was NaN or infinite.
+    #[error("{network}: the answer is not finite")]
     NotFinite {
-        /// The first of them that did.
+        /// The first network of which this is true.
         network: &'static str,
     },
 }
@@ -45,37 +46,35 @@ impl Engine {
         Self { models, threads: threads.max(1) }
     }
 
-    /// Asks every network once about a small scene made up for it, so that the first caller does not wait for memory and threads, and weights
-    /// that give no numbers are noticed before they are served.
+    /// Runs every network once on a small made-up scene, so that the first caller does not wait for memory and threads, and weights that
+    /// overflow are noticed before they are served.
     ///
     /// # Errors
-    /// What the networks answer, or that it is not finite.
+    /// [`TrialError`].
     pub fn warm_up(&self) -> Result<(), TrialError> {
         let side = |i: u32| 0.05 * (i % 8) as f32 / 8.0;
         let block = |label: u16| (0..64u32).map(move |i| (Point3::new(0.2 * f32::from(label) + side(i), side(i / 8), 0.05), label));
         let table = (0..900u32).map(|i| (Point3::new((i % 30) as f32 * 0.03 - 0.3, (i / 30) as f32 * 0.03 - 0.3, 0.0), 0));
         let (points, labels): (Vec<_>, Vec<_>) = table.chain(block(1)).chain(block(2)).unzip();
-        let sight = Sight { eye: Point3::new(0.2, -0.5, 0.5), pixel_rad: 0.002 };
-        let context = SceneContext::new(&points, &labels, 0.0, &sight, &self.models.config().cloud)?;
+        let observer = Observer { eye: Point3::new(0.2, -0.5, 0.5), pixel_rad: 0.002 };
+        let context = SceneContext::new(&points, &labels, 0.0, &observer, &self.models.config().cloud)?;
         let candidates = vec![Candidate { position_in_world: [0.3, 0.1, 0.05], yaw_rad: 0.1 }; 4 * self.threads];
         let Mixture { weights, means_in_viewer_m, sigmas_m, yaw_mean_rad, kappa } =
             self.models.prior(&context, 1, 2, [1, 0, 0, 0, 0, 0, 0, 0, 0, 0])?;
         let prior = [&weights, means_in_viewer_m.as_flattened(), sigmas_m.as_flattened(), &yaw_mean_rad, &kappa].concat();
         let relations = self.models.relations(&context, 1, &[2], &candidates, self.threads)?;
-        let answers = [
+        let mut answers = vec![
             ("prior", prior),
             ("relations", relations.into_iter().flatten().flatten().collect()),
             ("discriminator", self.models.realism(&context, 1, &candidates, self.threads)?),
-            ("outcome", self.models.outcome(&context, 1, &candidates, self.threads)?),
         ];
+        if self.models.config().outcome {
+            answers.push(("outcome", self.models.outcome(&context, 1, &candidates, self.threads)?));
+        }
         match answers.iter().find(|(_, numbers)| !numbers.iter().all(|x| x.is_finite())) {
             Some((network, _)) => Err(TrialError::NotFinite { network }),
             None => Ok(()),
         }
-    }
-
-    pub(crate) fn networks(&self) -> &Models {
-        &self.models
     }
 
     /// BLAKE3 of the weights.
@@ -93,7 +92,7 @@ impl Engine {
     /// # Errors
     /// `not_found` on `query` or `anchor`.
     pub fn prior(&self, request: &PriorRequest, held: &HeldScene) -> Result<PriorReply, CallError> {
-        let context = self.prepared(held, request.view_yaw_rad)?;
+        let context = held.prepared(request.view_yaw_rad, &self.models.config().cloud)?;
         let predicted = self.models.prior(&context, request.query, request.anchor, request.goal).map_err(|e| wire_error(&e, "anchor"))?;
         let mixture: Vec<MixtureComponent> = (0..predicted.weights.len())
             .map(|k| MixtureComponent {
@@ -119,17 +118,17 @@ impl Engine {
     /// `not_found` on `query` or `anchors`.
     pub fn score(&self, request: &ScoreRequest, held: &HeldScene) -> Result<ScoreReply, CallError> {
         let answer = Mutex::new(None);
-        let asked = Asked { request, held, check: &|| Ok(()) };
-        self.score_together(&[asked], |_, reply| *answer.lock().unwrap_or_else(PoisonError::into_inner) = Some(reply));
+        let job = ScoreJob { request, held, check: &|| Ok(()) };
+        self.score_together(&[job], |_, reply| *answer.lock().unwrap_or_else(PoisonError::into_inner) = Some(reply));
         let answer = answer.into_inner().unwrap_or_else(PoisonError::into_inner);
         answer.unwrap_or_else(|| Err(CallError::internal("a request without an answer")))
     }
 
-    /// Several requests at once: their candidates share the threads, in the order of the requests. `finish` gets each answer, once, as soon as its
-    /// last candidate is scored; it is what [`Engine::score`] would give alone. What is left of a request that failed, or whose check did, is
+    /// Several requests at once: their candidates share the threads, in the order of the requests. `finish` gets each reply once, as soon as
+    /// its last candidate is scored; it is what [`Engine::score`] would give alone. The rest of a request that failed, or whose check did, is
     /// not computed.
-    pub fn score_together(&self, requests: &[Asked<'_>], finish: impl Fn(usize, Result<ScoreReply, CallError>) + Sync) {
-        let scorings: Vec<Scoring<'_>> = requests.iter().map(|asked| Scoring::new(self, asked)).collect();
+    pub fn score_together(&self, jobs: &[ScoreJob<'_>], finish: impl Fn(usize, Result<ScoreReply, CallError>) + Sync) {
+        let scorings: Vec<Scoring<'_>> = jobs.iter().map(|job| Scoring::new(&self.models, job)).collect();
         let of_request = |(i, scoring): (usize, &Scoring<'_>)| (0..scoring.pieces).map(move |piece| (i, piece));
         let pieces: Vec<(usize, usize)> = scorings.iter().enumerate().flat_map(of_request).collect();
         spread(
@@ -154,24 +153,8 @@ impl Engine {
         ModelsReply { weights_hash, kernel, models: vec![model] }
     }
 
-    pub(crate) fn identity(&self) -> (String, String) {
+    fn identity(&self) -> (String, String) {
         (self.models.hash().to_owned(), self.models.kernel_id().to_owned())
-    }
-
-    pub(crate) fn prepared(&self, held: &HeldScene, view_yaw_rad: f64) -> Result<Arc<SceneContext>, CallError> {
-        held.prepared(view_yaw_rad, &self.models.config().cloud)
-    }
-}
-
-/// The contract's error for a question that the networks cannot take; `anchor_field` is what the request calls its anchors.
-pub(crate) fn wire_error(error: &InputError, anchor_field: &str) -> CallError {
-    let message = error.to_string();
-    match error {
-        InputError::UnknownObject { field: "query", .. } => CallError::not_found("query", message),
-        InputError::UnknownObject { .. } => CallError::not_found(anchor_field, message),
-        InputError::AnchorIsQuery { .. } => CallError::invalid(anchor_field, message),
-        InputError::NotFinite { field, index } => CallError::invalid(format!("{field}[{index}]"), message),
-        InputError::LabelCount { .. } => CallError::invalid("labels", message),
     }
 }
 
@@ -182,7 +165,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn weights_that_give_no_numbers_are_noticed_before_they_are_served() {
+    fn weights_that_overflow_are_noticed_before_they_are_served() {
         let weights = Weights::from_bytes(&Weights::initial(&NetworksConfig::paper(), 1).unwrap()).unwrap();
         let served = |values: &WeightMap| Engine::new(Models::load(&Weights::to_bytes(values, &weights.info).unwrap()).unwrap(), 1);
         served(&weights.values).warm_up().unwrap();
@@ -190,7 +173,7 @@ mod tests {
             [("prior", "prior/norm/scale"), ("relations", "relations/hidden/weight"), ("discriminator", "discriminator/sa4/norm/scale")];
         for (network, parameter) in cases {
             let mut values = weights.values.clone();
-            // Sums beyond all numbers, which the last layer subtracts from each other.
+            // Sums overflow to infinity, and the last layer subtracts infinities.
             values.get_mut(parameter).unwrap().1.iter_mut().for_each(|x| *x = 3e38 * x.signum());
             let error = served(&values).warm_up().expect_err(network);
             assert!(matches!(error, TrialError::NotFinite { network: named } if named == network), "{network}: {error}");

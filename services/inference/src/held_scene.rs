@@ -4,13 +4,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use nalgebra::Point3;
 use repose_networks::SceneContext;
-use repose_networks::points::{CloudConfig, Sight};
+use repose_networks::points::{CloudConfig, Observer};
 use repose_proto::{CallError, RigidTransform, Scene};
 
 /// Viewers prepared per scene; requests on a scene nearly always share one.
 const VIEWERS: usize = 4;
 
-/// A scene and, for each viewer that was asked for, its clouds in network form.
+/// A scene and its clouds in network form, for each viewer that was asked for.
 #[derive(Debug)]
 pub struct HeldScene {
     scene_id: String,
@@ -25,7 +25,7 @@ impl HeldScene {
         Self { scene_id, scene, border_px: None, prepared: Mutex::default() }
     }
 
-    /// The same, of which cleaning took a band of another width than perception's from the borders of the masks, pixels.
+    /// The same scene, cleaned with another band around the masks than perception's, pixels.
     pub fn cleaned_by(self, border_px: f32) -> Self {
         Self { border_px: Some(border_px), ..self }
     }
@@ -52,7 +52,7 @@ impl HeldScene {
         }
         let points: Vec<Point3<f32>> = self.scene.points.iter().map(|p| Point3::from(*p)).collect();
         let config = CloudConfig { border_px: self.border_px.unwrap_or(config.border_px), ..*config };
-        let context = SceneContext::new(&points, &self.scene.labels, view_yaw_rad, &sight_of(&self.scene), &config);
+        let context = SceneContext::new(&points, &self.scene.labels, view_yaw_rad, &observer_of(&self.scene), &config);
         let context = Arc::new(context.map_err(|e| CallError::invalid("scene", e.to_string()))?);
         if prepared.len() == VIEWERS {
             prepared.remove(0);
@@ -69,12 +69,12 @@ impl HeldScene {
 }
 
 /// The camera that took a scene. A scene's camera always has a pose.
-fn sight_of(scene: &Scene) -> Sight {
+fn observer_of(scene: &Scene) -> Observer {
     let camera = &scene.meta.camera;
     let RigidTransform(world_from_camera) = camera.world_from_camera.unwrap_or(RigidTransform::IDENTITY);
     // Row-major: the last column is where the camera is.
     let eye = [3, 7, 11].map(|entry| world_from_camera[entry] as f32).into();
-    Sight { eye, pixel_rad: (2.0 / (camera.fx + camera.fy)) as f32 }
+    Observer { eye, pixel_rad: (2.0 / (camera.fx + camera.fy)) as f32 }
 }
 
 #[cfg(test)]

@@ -1,4 +1,29 @@
-//! Inference: scenes held by id, and batched scoring of candidates with the learned prior, relation predictor and discriminator.
+//! Inference: scenes held by id, and batched scoring of candidates with the learned prior, relation predictor, discriminator and outcome
+//! network.
+//!
+//! ```no_run
+//! use std::sync::Arc;
+//!
+//! use repose_inference::{HeldScene, InferenceConfig, engine_of};
+//! use repose_proto::scoring::{RealismBy, ScoreRequest};
+//!
+//! # fn f(scene: repose_proto::Scene) -> Result<(), Box<dyn std::error::Error>> {
+//! let engine = engine_of(&InferenceConfig::default())?; // the weights that come with the program
+//! let held = HeldScene::new(scene.id(), Arc::new(scene));
+//! let request = ScoreRequest {
+//!     scene: repose_proto::SceneRef { scene_id: held.scene_id().to_owned() },
+//!     query: 2,
+//!     anchors: vec![3],
+//!     view_yaw_rad: 0.0,
+//!     realism: true,
+//!     realism_by: RealismBy::Outcome,
+//!     relations: true,
+//!     candidates: vec![[0.1, 0.2, 0.05, 0.0]], // where the query's centroid goes in the world, metres, and its turn, radians
+//! };
+//! let reply = engine.score(&request, &held)?;
+//! println!("stays with probability {}, relations to object 3: {:?}", reply.realism[0], reply.relations[0]);
+//! # Ok(()) }
+//! ```
 //!
 //! The domain is synchronous: [`engine::Engine`] answers on [`held_scene::HeldScene`]s, in a service and in-process alike.
 //! [`run`] is the service.
@@ -10,6 +35,7 @@ pub mod held_scene;
 pub mod mixture;
 pub mod scoring;
 pub mod weights_file;
+mod wire_error;
 pub mod worker;
 
 use std::sync::Arc;
@@ -36,7 +62,7 @@ pub enum InferenceError {
     /// The weights do not fit the networks.
     #[error(transparent)]
     Weights(#[from] repose_networks::WeightsError),
-    /// The networks gave no answer, or no numbers, when they were tried.
+    /// The networks failed on a trial scene.
     #[error("trying the weights: {0}")]
     Trial(#[from] engine::TrialError),
     /// The network or the threads failed.

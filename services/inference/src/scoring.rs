@@ -1,4 +1,4 @@
-//! One request to score, taken apart into pieces of a few candidates that any thread may score, and put together when the last of them is over.
+//! One request to score: split into pieces of a few candidates that any thread may score, and joined when the last piece is done.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -6,40 +6,40 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use nalgebra::Point3;
 use repose_networks::serving::Pairs;
-use repose_networks::{Candidate, PREDICTED_RELATIONS, SceneContext};
+use repose_networks::{Candidate, Models, PREDICTED_RELATIONS, SceneContext};
 use repose_proto::scoring::{RealismBy, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, RELATION_COUNT, Relation, Scene};
 use repose_relations::margins::ALIGNED_RAD;
 use repose_relations::rectangle::{quarter_turn_difference_rad, rectangle_yaw_rad};
 
-use crate::engine::{Engine, wire_error};
 use crate::held_scene::HeldScene;
+use crate::wire_error::wire_error;
 
 /// Candidates that a thread takes at once.
 const PIECE: usize = 4;
 
-/// A request to score, and what becomes of it while others are scored with it.
-pub struct Asked<'a> {
-    /// What is asked.
+/// A request to score, together with others.
+pub struct ScoreJob<'a> {
+    /// The request.
     pub request: &'a ScoreRequest,
-    /// Of which scene.
+    /// Its scene.
     pub held: &'a HeldScene,
-    /// Whether the answer is still worth computing; asked before every few candidates.
+    /// Whether the reply is still wanted; called before every few candidates.
     pub check: &'a (dyn Fn() -> Result<(), CallError> + Sync),
 }
 
-/// One request while its pieces of a few candidates are scored, on any thread and in any order.
+/// A job in progress: its pieces are scored on any thread and in any order.
 pub(crate) struct Scoring<'a> {
-    engine: &'a Engine,
-    asked: &'a Asked<'a>,
+    models: &'a Models,
+    job: &'a ScoreJob<'a>,
     pub pieces: usize,
     /// Made by the first piece.
     prepared: OnceLock<Result<Prepared, CallError>>,
-    /// What came of each piece.
+    /// The scores of each piece that is done.
     scored: Mutex<Vec<Option<Piece>>>,
     /// The first error, after which nothing more is computed.
     failed: OnceLock<CallError>,
-    /// Pieces that are not over.
+    /// Pieces that are not done.
     open: AtomicUsize,
 }
 
@@ -57,14 +57,14 @@ struct Piece {
 }
 
 impl<'a> Scoring<'a> {
-    pub fn new(engine: &'a Engine, asked: &'a Asked<'a>) -> Self {
-        // A request without candidates has a piece too, which looks at what is wrong with it.
-        let pieces = asked.request.candidates.len().div_ceil(PIECE).max(1);
+    pub fn new(models: &'a Models, job: &'a ScoreJob<'a>) -> Self {
+        // A request without candidates has a piece too, which checks the request.
+        let pieces = job.request.candidates.len().div_ceil(PIECE).max(1);
         let scored = Mutex::new((0..pieces).map(|_| None).collect());
-        Self { engine, asked, pieces, prepared: OnceLock::new(), scored, failed: OnceLock::new(), open: AtomicUsize::new(pieces) }
+        Self { models, job, pieces, prepared: OnceLock::new(), scored, failed: OnceLock::new(), open: AtomicUsize::new(pieces) }
     }
 
-    /// Scores a piece; the answer after the last of them, whichever that is.
+    /// Scores a piece. Returns the reply if no other piece is open.
     pub fn score(&self, piece: usize) -> Option<Result<ScoreReply, CallError>> {
         if self.failed.get().is_none() {
             match self.scores_of(piece) {
@@ -77,10 +77,10 @@ impl<'a> Scoring<'a> {
     }
 
     fn scores_of(&self, piece: usize) -> Result<Piece, CallError> {
-        let Asked { request, check, .. } = self.asked;
+        let ScoreJob { request, check, .. } = self.job;
         check()?;
         let Prepared { context, relations } = self.prepared.get_or_init(|| self.prepare()).as_ref().map_err(Clone::clone)?;
-        let models = self.engine.networks();
+        let models = self.models;
         let rows = request.candidates.chunks(PIECE).nth(piece).unwrap_or_default();
         let candidates: Vec<Candidate> = rows.iter().map(|c| Candidate { position_in_world: [c[0], c[1], c[2]], yaw_rad: c[3] }).collect();
         let mut scores = Piece::default();
@@ -102,10 +102,10 @@ impl<'a> Scoring<'a> {
     }
 
     fn prepare(&self) -> Result<Prepared, CallError> {
-        let Asked { request, held, .. } = self.asked;
-        let context = self.engine.prepared(held, request.view_yaw_rad)?;
+        let ScoreJob { request, held, .. } = self.job;
+        let context = held.prepared(request.view_yaw_rad, &self.models.config().cloud)?;
         let relations = if request.relations {
-            let pairs = self.engine.networks().pairs(&context, request.query, &request.anchors).map_err(|e| wire_error(&e, "anchors"))?;
+            let pairs = self.models.pairs(&context, request.query, &request.anchors).map_err(|e| wire_error(&e, "anchors"))?;
             Some((pairs, Alignment::new(held.scene(), request)))
         } else {
             None
@@ -116,14 +116,18 @@ impl<'a> Scoring<'a> {
         Ok(Prepared { context, relations })
     }
 
-    /// The answer, once no piece is open.
+    /// The reply, once no piece is open.
     fn reply(&self) -> Result<ScoreReply, CallError> {
         if let Some(error) = self.failed.get() {
             return Err(error.clone());
         }
-        let (weights_hash, kernel) = self.engine.identity();
-        let mut reply =
-            ScoreReply { weights_hash, kernel, realism: Vec::new(), relations: Vec::new(), anchors: self.asked.request.anchors.len() };
+        let mut reply = ScoreReply {
+            weights_hash: self.models.hash().to_owned(),
+            kernel: self.models.kernel_id().to_owned(),
+            realism: Vec::new(),
+            relations: Vec::new(),
+            anchors: self.job.request.anchors.len(),
+        };
         for piece in self.scored().drain(..).flatten() {
             reply.realism.extend(piece.realism);
             reply.relations.extend(piece.relations);
@@ -136,7 +140,7 @@ impl<'a> Scoring<'a> {
     }
 }
 
-/// Orientations of the query's and the anchors' clouds seen from above.
+/// Orientations of the query's and the anchors' clouds, seen from above.
 struct Alignment {
     query_yaw_rad: Option<f64>,
     anchor_yaws_rad: BTreeMap<u16, Option<f64>>,
@@ -166,10 +170,11 @@ impl Alignment {
 
 #[cfg(test)]
 mod tests {
-    use repose_networks::{Models, NetworksConfig, Weights};
+    use repose_networks::{NetworksConfig, Weights};
     use repose_proto::{ErrorCode, SceneRef};
 
     use super::*;
+    use crate::engine::Engine;
     use crate::held_scene::tests::scene;
 
     fn engine(threads: usize) -> Engine {
@@ -200,9 +205,9 @@ mod tests {
     }
 
     /// The answers, in the order in which they came.
-    fn answers(engine: &Engine, asked: &[Asked<'_>]) -> Vec<(usize, Result<ScoreReply, CallError>)> {
+    fn answers(engine: &Engine, jobs: &[ScoreJob<'_>]) -> Vec<(usize, Result<ScoreReply, CallError>)> {
         let answers = Mutex::new(Vec::new());
-        engine.score_together(asked, |i, reply| answers.lock().unwrap().push((i, reply)));
+        engine.score_together(jobs, |i, reply| answers.lock().unwrap().push((i, reply)));
         answers.into_inner().unwrap()
     }
 
@@ -214,17 +219,17 @@ mod tests {
         let counts = [0, 1, 2, 3].map(|i: usize| {
             let checks = &checks;
             move || {
-                // The last request is only begun when the first has its answer.
+                // The last request only starts when the first has its reply.
                 assert!(i != 3 || checks[0].load(Ordering::Relaxed) == 2);
                 checks[i].fetch_add(1, Ordering::Relaxed);
                 Ok(())
             }
         });
-        let asked: Vec<_> = requests.iter().zip(&counts).map(|(request, check)| Asked { request, held: &held, check }).collect();
-        let answers = answers(&engine, &asked);
+        let jobs: Vec<_> = requests.iter().zip(&counts).map(|(request, check)| ScoreJob { request, held: &held, check }).collect();
+        let answers = answers(&engine, &jobs);
         assert_eq!(answers.iter().map(|(i, _)| *i).collect::<Vec<_>>(), [0, 1, 2, 3]);
         assert_eq!(answers[1].1.as_ref().unwrap_err().field.as_deref(), Some("query"));
-        assert_eq!(checks.map(AtomicUsize::into_inner), [2, 1, 1, 2], "a request that failed is left");
+        assert_eq!(checks.map(AtomicUsize::into_inner), [2, 1, 1, 2], "a request that failed is not computed any further");
         for (i, answer) in answers {
             assert_eq!(answer, engine.score(&requests[i], &held), "request {i}");
         }
@@ -234,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nobody_waits_for_is_not_computed_to_its_end() {
+    fn a_request_that_nobody_waits_for_is_not_computed_to_its_end() {
         let (engine, held) = (engine(1), held());
         let (long, short) = (request(10 * PIECE), request(1));
         let checks = AtomicUsize::new(0);
@@ -242,10 +247,17 @@ mod tests {
             0 => Ok(()),
             _ => Err(CallError::new(ErrorCode::Cancelled, "gone")),
         };
-        let asked = [Asked { request: &long, held: &held, check: &gone }, Asked { request: &short, held: &held, check: &|| Ok(()) }];
-        let answers = answers(&engine, &asked);
+        let jobs = [ScoreJob { request: &long, held: &held, check: &gone }, ScoreJob { request: &short, held: &held, check: &|| Ok(()) }];
+        let answers = answers(&engine, &jobs);
         assert_eq!(answers[0].1.as_ref().unwrap_err().code, ErrorCode::Cancelled);
         assert_eq!(answers[1].1.as_ref().unwrap().realism.len(), 1);
         assert_eq!(checks.into_inner(), 2);
+    }
+
+    #[test]
+    fn weights_without_an_outcome_network_refuse_to_score_by_it() {
+        let request = ScoreRequest { realism_by: RealismBy::Outcome, ..request(3) };
+        let error = engine(1).score(&request, &held()).unwrap_err();
+        assert_eq!((error.code, error.field.as_deref()), (ErrorCode::FailedPrecondition, Some("realism_by")));
     }
 }

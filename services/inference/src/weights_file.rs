@@ -1,5 +1,5 @@
-//! Weights that change while they are served: the file is looked at now and then, and what is new in it is loaded and tried before it takes
-//! the place of the old. A file that cannot be read or does not fit is reported once, and the old weights go on.
+//! Weights that change while they are served: the file is checked at intervals, and new weights are loaded and tried before they replace the
+//! old. A file that cannot be read or does not fit is reported once, and the old weights stay in service.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,12 +11,12 @@ use crate::config::InferenceConfig;
 use crate::engine_of;
 use crate::worker::Worker;
 
-/// What tells one version of a file from the next: when it was written, and its length; nothing of a file that is not there.
+/// What distinguishes versions of a file: when it was written, and its length; `None` without a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Version(Option<(SystemTime, u64)>);
 
 impl Version {
-    /// The version of the configured file that is there now.
+    /// The current version of the configured file.
     pub fn of(config: &InferenceConfig) -> Self {
         Self(config.weights.as_deref().and_then(|path| {
             let metadata = std::fs::metadata(path).ok()?;
@@ -25,8 +25,8 @@ impl Version {
     }
 }
 
-/// Watches the configured file on behalf of a worker until the handle is dropped; nothing where there is no file, or it is not to be looked at.
-/// `served` is the version that the worker's weights were read from, taken before they were.
+/// Watches the configured file for a worker until the handle is dropped; `None` without a configured file or interval. `served` is the version
+/// that the worker's weights were read from, taken before they were read.
 pub fn watch(worker: &Arc<Worker>, config: &InferenceConfig, mut served: Version) -> Option<AbortOnDropHandle<()>> {
     let path = config.weights.clone().filter(|_| config.weights_check_ms > 0)?;
     let every = Duration::from_millis(config.weights_check_ms);
@@ -35,7 +35,7 @@ pub fn watch(worker: &Arc<Worker>, config: &InferenceConfig, mut served: Version
         loop {
             tokio::time::sleep(every).await;
             let found = Version::of(&config);
-            // A file that is missing is being replaced.
+            // A missing file is being replaced.
             if found == Version(None) || found == served {
                 continue;
             }
@@ -63,7 +63,7 @@ mod tests {
 
     use super::*;
 
-    /// Renamed into place, as whoever replaces a file that is in use should.
+    /// Renamed into place, as any file in use should be replaced.
     fn put(path: &Path, bytes: &[u8]) {
         let beside = path.with_extension("new");
         std::fs::write(&beside, bytes).unwrap();

@@ -1,5 +1,5 @@
-//! The compute side of the service: one thread owns the order of work, takes whatever requests wait together, and spreads their
-//! candidates over the engine's threads. Each is answered when its own last candidate is scored, and left when nobody waits for it.
+//! The compute side of the service: one thread owns the order of work, takes all waiting requests together, and spreads their candidates over
+//! the engine's threads. A request is answered when its last candidate is scored, and dropped when nobody waits for it any more.
 
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::Duration;
@@ -11,7 +11,7 @@ use repose_runtime::{BatchQueue, Job, JobContext, JobReply, LoadGauge, QueueSett
 use crate::config::InferenceConfig;
 use crate::engine::Engine;
 use crate::held_scene::HeldScene;
-use crate::scoring::Asked;
+use crate::scoring::ScoreJob;
 
 /// A question to the networks about a held scene.
 pub enum Question {
@@ -22,7 +22,7 @@ pub enum Question {
 }
 
 impl Question {
-    /// In candidates to score, about; a prior takes no longer than one.
+    /// The cost in candidates, about; a prior takes no longer than one.
     fn weight(&self) -> usize {
         match self {
             Self::Prior(..) => 1,
@@ -77,12 +77,12 @@ impl Worker {
         self.queue.run(context, question).await
     }
 
-    /// The networks that are served now.
+    /// The engine in service.
     pub fn engine(&self) -> Arc<Engine> {
         current(&self.engine)
     }
 
-    /// Serves other networks from the next batch on.
+    /// Serves with another engine from the next batch on.
     pub fn serve_with(&self, engine: Engine) {
         *self.engine.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(engine);
     }
@@ -100,7 +100,7 @@ impl Worker {
         self.store.admit(scene_id, scene, |scene| HeldScene::new(scene_id.to_owned(), Arc::new(scene)))
     }
 
-    /// What waits and what runs.
+    /// How much waits and runs.
     pub fn gauge(&self) -> Arc<LoadGauge> {
         self.queue.gauge()
     }
@@ -115,8 +115,8 @@ fn current(engine: &RwLock<Arc<Engine>>) -> Arc<Engine> {
     Arc::clone(&engine.read().unwrap_or_else(PoisonError::into_inner))
 }
 
-/// A scoring job while it is computed.
-struct Scoring {
+/// A request to score that waits for its reply.
+struct PendingScore {
     request: ScoreRequest,
     held: Arc<HeldScene>,
     context: JobContext,
@@ -124,8 +124,8 @@ struct Scoring {
     reply: Mutex<Option<JobReply<Answer>>>,
 }
 
-impl Scoring {
-    /// Whether to go on with it.
+impl PendingScore {
+    /// Whether to continue.
     fn check(&self) -> Result<(), CallError> {
         let reply = self.reply.lock().unwrap_or_else(PoisonError::into_inner);
         match reply.as_ref().is_some_and(JobReply::is_awaited) {
@@ -150,13 +150,13 @@ fn answer_together(engine: &Engine, jobs: Vec<Job<Question, Answer>>) {
                 let answer = context.check().and_then(|()| engine.prior(&request, &held));
                 reply.finish(answer.map(Answer::Prior));
             }
-            Question::Score(request, held) => scores.push(Scoring { request, held, context, reply: Mutex::new(Some(reply)) }),
+            Question::Score(request, held) => scores.push(PendingScore { request, held, context, reply: Mutex::new(Some(reply)) }),
         }
     }
-    let checks: Vec<_> = scores.iter().map(|scoring| || scoring.check()).collect();
-    let asked: Vec<Asked<'_>> =
-        scores.iter().zip(&checks).map(|(scoring, check)| Asked { request: &scoring.request, held: &scoring.held, check }).collect();
-    engine.score_together(&asked, |i, answer| scores[i].finish(answer));
+    let checks: Vec<_> = scores.iter().map(|pending| || pending.check()).collect();
+    let jobs: Vec<ScoreJob<'_>> =
+        scores.iter().zip(&checks).map(|(pending, check)| ScoreJob { request: &pending.request, held: &pending.held, check }).collect();
+    engine.score_together(&jobs, |i, answer| scores[i].finish(answer));
 }
 
 #[cfg(test)]
@@ -170,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_scoring_job_goes_on_as_long_as_someone_waits_for_it() {
+    fn a_scoring_job_continues_as_long_as_someone_waits_for_it() {
         let (sender, jobs) = mpsc::channel();
         let queue = BatchQueue::<(), Answer>::start(QueueSettings::default(), |_| {
             let sender = sender.clone();
@@ -191,7 +191,7 @@ mod tests {
                 candidates: Vec::new(),
             };
             let held = Arc::new(HeldScene::new("scene".to_owned(), Arc::new(crate::held_scene::tests::scene(1, 0.0))));
-            (pending, Scoring { request, held, context, reply: Mutex::new(Some(reply)) })
+            (pending, PendingScore { request, held, context, reply: Mutex::new(Some(reply)) })
         };
         let minute = Duration::from_secs(60);
         let (pending, gone) = scoring(JobContext::within(minute));

@@ -1,4 +1,4 @@
-//! A run's state beside its weights: what it takes to go on as if it had not been interrupted, and to know that it is the same run.
+//! A run's state beside its weights: everything it needs to continue as if it had not been interrupted, and to recognise the same run.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use crate::{
     settings::{RelationsVariant, TrainSettings},
 };
 
-/// What a run began with; one that began with something else is another run.
+/// What a run began with. A run that began with something else is another run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Origin {
     /// The weights it started from, by [`name_of`]; none for new ones.
@@ -22,7 +22,7 @@ pub struct Origin {
     pub relations: RelationsVariant,
 }
 
-/// What tells weights in an [`Origin`]: their hash. Where a run writes over what it started from there is nothing to compare later.
+/// How an [`Origin`] identifies weights: by their hash. A run that overwrites its start has nothing to compare later.
 pub fn name_of(weights: &Weights, path: &Path, out: &Path) -> String {
     let is_out = path == out || matches!((path.canonicalize(), out.canonicalize()), (Ok(path), Ok(out)) if path == out);
     if is_out { "the file that it writes".to_owned() } else { weights.hash.clone() }
@@ -46,7 +46,7 @@ impl Origin {
     }
 }
 
-/// What is taken up again.
+/// The state that a run resumes from.
 pub struct State {
     /// Steps done.
     pub step: u64,
@@ -62,7 +62,7 @@ fn path(settings: &TrainSettings) -> PathBuf {
     settings.out.with_extension(format!("{}.checkpoint", settings.part.name()))
 }
 
-/// Replaces a file at once, so that a reader or an interruption never meets half of one.
+/// Replaces a file atomically: readers and interruptions never see half of it.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
     repose_dataset::write_whole(path, bytes).map_err(|source| TrainError::Io { path: path.to_path_buf(), source })
 }
@@ -97,7 +97,7 @@ pub fn save(
 /// The state of an earlier session of the same part and seed, if there is one.
 ///
 /// # Errors
-/// [`TrainError::OtherRun`] when that run began otherwise; checkpoints from before that was kept are taken up.
+/// [`TrainError::OtherRun`] when that run began differently. Checkpoints that do not say how they began are resumed.
 pub fn load(settings: &TrainSettings, origin: &Origin) -> Result<Option<State>, TrainError> {
     let path = path(settings);
     let bytes = match std::fs::read(&path) {

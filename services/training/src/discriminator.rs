@@ -19,18 +19,18 @@ use crate::{
 
 /// The paper's candidates.
 #[derive(Debug, Clone, Copy)]
-pub struct Moved {
+pub struct MovedPlaces {
     /// How far a bad one is moved, metres: nearest and farthest.
     pub offset_m: [f32; 2],
 }
 
-impl Default for Moved {
+impl Default for MovedPlaces {
     fn default() -> Self {
         Self { offset_m: [0.02, 0.15] }
     }
 }
 
-impl Candidates for Moved {
+impl Candidates for MovedPlaces {
     const PART: Part = Part::Discriminator;
 
     fn places(&self, episode: &Episode, rng: &mut Pcg64) -> Vec<Labelled> {

@@ -1,16 +1,15 @@
-//! One view with one object taken as the query: what both trainings draw their samples from.
+//! One view with one of its objects as the query: what most trainings draw their samples from.
 //!
-//! The query's cloud comes from somewhere else and is moved in by the operator that makes candidates (paper, section 2 and appendix A.3), or is
-//! seen alone in its place; either way the scene is the one without it, so its surroundings are seen as they are when a robot asks where
-//! to put something. What the query hid elsewhere stays unknown, as it does then. Both clouds go through the sensor model, the border
-//! cleaning and a small tilt of gravity.
+//! The query's cloud comes from another place and is moved in by the operator that makes candidates (paper, section 2 and appendix A.3), or is
+//! seen alone in its place. Either way the scene is seen without it, as when a robot asks where to put something. What the query hid in its
+//! other place stays unknown, as it does then. Both clouds go through the sensor model, the border cleaning and a small tilt of gravity.
 
 use nalgebra::{Point3, Rotation3, UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 use repose_dataset::{Composite, Layer, RELATIONS, ReleaseRecord, ViewRecord};
 use repose_geometry::{ViewerFrame, cloud, transform::yaw_of};
-use repose_networks::points::{CloudConfig, ObjectCloud, SceneCloud, Sight};
+use repose_networks::points::{CloudConfig, ObjectCloud, Observer, SceneCloud};
 use repose_sensor::SensorModel;
 
 use crate::{
@@ -18,7 +17,8 @@ use crate::{
     views::{Drawn, PIXELS_LEAST},
 };
 
-/// How episodes are disturbed.
+/// How episodes are perturbed. The tilt is the ±2° that gravity may be off by (twice the deviation); the shares are ours, without a recorded
+/// comparison.
 #[derive(Debug, Clone, Copy)]
 pub struct EpisodeSettings {
     /// Border bands are 1 up to this many pixels wide.
@@ -27,7 +27,7 @@ pub struct EpisodeSettings {
     pub tilt_rad: f32,
     /// Share of episodes whose query comes from elsewhere, where the data has it.
     pub elsewhere: f64,
-    /// Of what the query shows elsewhere when alone, this much must be visible, or it is taken in its place.
+    /// The share of the query that must be visible elsewhere; below it, the query is taken where it stands.
     pub visible_least: f64,
 }
 
@@ -46,10 +46,10 @@ pub struct Anchor {
     pub relations: [bool; RELATIONS],
 }
 
-/// A place where the query was let go, and what came of it.
+/// A simulated release of the query, and its outcome.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Trial {
-    /// Where its observed centroid was.
+    /// Where its observed centroid was released.
     pub position: Point3<f32>,
     /// Turn about z from how it was observed, radians.
     pub yaw_rad: f32,
@@ -59,7 +59,7 @@ pub struct Trial {
     pub as_put: bool,
 }
 
-/// Whether an object stays as it is put: it moves less than 1 cm, tilts less than 5 degrees, overlapped nothing by more than 3 mm, and moves
+/// Whether an object stays as it was put: it moves less than 1 cm, tilts less than 5 degrees, overlapped nothing by more than 3 mm, and moves
 /// nothing else by more than 1 cm.
 pub fn stays_as_put(release: &ReleaseRecord) -> bool {
     release.moved_m < 0.01 && release.tilt_rad < 5f32.to_radians() && release.penetration_m < 0.003 && release.others_moved_m < 0.01
@@ -68,20 +68,20 @@ pub fn stays_as_put(release: &ReleaseRecord) -> bool {
 /// How far an object may move and still count as stable, metres (paper, section 3).
 const STAYED_M: f32 = 0.05;
 
-/// A query, where it belongs, and what is around. All in the viewer's axes.
+/// A query, its resting place and its surroundings, in the viewer's axes.
 #[derive(Debug, Clone)]
 pub struct Episode {
     /// The query as observed (not turned).
     pub query: ObjectCloud,
     /// Turn about z from how it was observed to how it rests, radians.
     pub yaw_rad: f32,
-    /// Where its observed centroid comes to rest.
+    /// Where its observed centroid rests.
     pub position: Point3<f32>,
     /// The scene without the query, in sampling order; labels are 1 + object index.
     pub scene: SceneCloud,
     /// The other objects that are visible enough.
     pub anchors: Vec<Anchor>,
-    /// Where it was let go.
+    /// Its simulated releases.
     pub trials: Vec<Trial>,
 }
 
@@ -97,7 +97,7 @@ impl Episode {
         let object = &view.objects[query];
         let elsewhere =
             object.elsewhere.as_ref().filter(|e| wants_elsewhere && is_visible(&scene, &e.layer, label, settings.visible_least));
-        // Every episode is seen by a camera of its own.
+        // Every episode has its own camera noise.
         let sensor = SensorModel::jittered(rng);
         let clean = |picture: &mut Composite, rng: &mut Pcg64| observed(picture, view, &sensor, band_px, rng);
         let cloud = &CloudConfig { border_px: band_px as f32, ..*cloud };
@@ -116,14 +116,14 @@ impl Episode {
         let yaw_rad = elsewhere.map_or(0.0, |e| yaw_of(&e.placed_from_elsewhere)) as f32;
         let centroid = cloud::centroid(&query_points).filter(|_| query_points.len() >= PIXELS_LEAST / 2)?;
         let position = elsewhere.map_or(centroid, |e| e.placed_from_elsewhere * centroid).cast::<f32>();
-        // Gravity is known to a degree or so: everything tilts about where the query comes to rest.
+        // Gravity is known to a degree or so: everything tilts about the place where the query rests.
         let viewer_from_world = ViewerFrame::from_yaw(view.view_yaw_rad).viewer_from_world().cast::<f32>();
         let rotation = tilt(settings.tilt_rad, rng) * viewer_from_world;
         let about = |p: &Point3<f32>| viewer_from_world * position + rotation * (p - position);
         let points: Vec<Point3<f32>> = points.iter().map(about).collect();
-        let sight = Sight::of_camera(&view.camera, &view.world_from_camera);
+        let observer = Observer::of_camera(&view.camera, &view.world_from_camera);
         // The query tilts about itself and the scene about where the query rests; for the lines of sight that is the same camera.
-        let sight = Sight { eye: about(&sight.eye), ..sight };
+        let observer = Observer { eye: about(&observer.eye), ..observer };
         for p in &mut query_points {
             *p = viewer_from_world * centroid.cast::<f32>() + rotation * (*p - centroid.cast::<f32>());
         }
@@ -131,7 +131,7 @@ impl Episode {
         let mut centers = vec![viewer_from_world * position];
         for (k, _) in view.objects.iter().enumerate().filter(|(k, _)| *k != query) {
             let own: Vec<Point3<f32>> = points.iter().zip(&labels).filter(|(_, l)| usize::from(**l) == k + 1).map(|(p, _)| *p).collect();
-            if let Some(object) = ObjectCloud::new(&own, &sight, cloud).filter(|_| own.len() >= PIXELS_LEAST / 2) {
+            if let Some(object) = ObjectCloud::new(&own, &observer, cloud).filter(|_| own.len() >= PIXELS_LEAST / 2) {
                 centers.push(object.centroid_in_viewer);
                 anchors.push(Anchor { cloud: object, relations: *view.relations_of(query, k) });
             }
@@ -146,11 +146,11 @@ impl Episode {
             }
         };
         let trials: Vec<Trial> = releases.iter().map(trial).collect();
-        // The crop around a trial has to be there too.
+        // The crops around trials must be kept too.
         centers.extend(trials.iter().map(|t| t.position));
         let scene = SceneCloud::new(&points, &labels, &centers, cloud).without(label);
         (!anchors.is_empty()).then_some(Self {
-            query: ObjectCloud::new(&query_points, &sight, cloud)?,
+            query: ObjectCloud::new(&query_points, &observer, cloud)?,
             yaw_rad,
             position: viewer_from_world * position,
             scene,

@@ -8,7 +8,7 @@ pub enum TrainError {
     /// A shard could not be read.
     #[error(transparent)]
     Data(#[from] repose_dataset::ReadError),
-    /// There is nothing to train on.
+    /// There is no training data.
     #[error("{folder}: no view of a {split} scene in which an object can be seen beside another")]
     Empty {
         /// The data folder.
@@ -16,7 +16,7 @@ pub enum TrainError {
         /// The split that is empty.
         split: &'static str,
     },
-    /// Weights to start from are needed, and none were named.
+    /// The run needs weights to start from.
     #[error("expected weights to start from: {0}")]
     NoStart(&'static str),
     /// A file to start from cannot be read.
@@ -39,8 +39,8 @@ pub enum TrainError {
         /// What is wrong with it.
         source: repose_networks::WeightsError,
     },
-    /// The checkpoint beside the weights file is of a run that began otherwise.
-    #[error("{checkpoint} is of a run with {theirs}, this one has {ours}: remove it, or write to another file")]
+    /// The checkpoint beside the weights file belongs to a run that began differently.
+    #[error("{checkpoint} belongs to a run with {theirs}, but this run has {ours}: remove it, or write to another file")]
     OtherRun {
         /// The setting that differs.
         field: &'static str,
@@ -51,7 +51,7 @@ pub enum TrainError {
         /// What it is now.
         ours: String,
     },
-    /// The checkpoint cannot be taken up.
+    /// The checkpoint cannot be read.
     #[error("{path}: {source}")]
     Checkpoint {
         /// The file.
@@ -62,12 +62,12 @@ pub enum TrainError {
     /// Weights do not fit each other, or could not be put into a file.
     #[error(transparent)]
     Weights(#[from] repose_networks::WeightsError),
-    /// A mean of weights needs the same values in the same shapes.
+    /// Weights whose mean is taken must have the same tensors in the same shapes.
     #[error("{path}: {parameter} is missing or has another shape")]
     Mean {
         /// The weights that do not fit.
         path: PathBuf,
-        /// What does not.
+        /// The tensor that does not fit.
         parameter: String,
     },
     /// There is no CUDA device, or the program was built without the `cuda` feature.
@@ -95,7 +95,7 @@ pub enum TrainError {
 }
 
 impl TrainError {
-    /// The setting at fault; none where it is not the caller's.
+    /// The setting at fault; `None` where no setting is.
     pub fn field(&self) -> Option<&'static str> {
         match self {
             Self::Data(_) | Self::Empty { .. } => Some("data"),

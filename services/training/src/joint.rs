@@ -24,7 +24,7 @@ use crate::{
     views::Drawn,
 };
 
-/// How pairs and goals are drawn.
+/// How pairs and goals are drawn. The values are ours; no comparison is recorded.
 #[derive(Debug, Clone, Copy)]
 pub struct JointTask {
     /// Anchors of an episode that are used at once.

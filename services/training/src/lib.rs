@@ -1,9 +1,19 @@
 //! Training: shards of simulated views in, weights out.
 //!
-//! [`train`] fits one [`Part`]: the encoders, relation predictor and prior jointly, the relation predictor alone on encoders that stay as they
-//! are, the scene discriminator, or the outcome network. All prepare views (most as [`episode`]s: with one object taken as the query) from those of training scenes, and are measured on those of validation scenes
-//! ([`repose_dataset::Split`] says which is which). A run takes up its own checkpoint, follows new shards as they appear, and ends after its
-//! steps or its minutes with weights written, and the learning [`curve`] beside them. A process that trains should start with [`ONE_THREAD_VARIABLES`] set to 1.
+//! ```no_run
+//! use repose_training::{Part, TrainSettings, train};
+//!
+//! let settings = TrainSettings { data: "out/data".into(), out: "out/joint.safetensors".into(), ..TrainSettings::of_part(Part::Joint) };
+//! let report = train(&settings)?;
+//! println!("{} steps on {} views; validation: {}", report.steps, report.views, report.metrics);
+//! # Ok::<(), repose_training::TrainError>(())
+//! ```
+//!
+//! [`train`] fits one [`Part`]: the encoders, relation predictor and prior jointly, the relation predictor alone on frozen encoders, the scene
+//! discriminator, or the outcome network. All of them prepare views of training scenes (most as [`episode`]s, with one object as the query) and
+//! measure on validation scenes; [`repose_dataset::Split`] says which is which. A run resumes from its own checkpoint, follows new shards as
+//! they appear, and ends after its steps or minutes with the weights and the learning [`curve`] written. A process that trains should start
+//! with [`ONE_THREAD_VARIABLES`] set to 1.
 
 pub mod adam;
 mod checkpoint;

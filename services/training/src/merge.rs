@@ -4,8 +4,7 @@ use std::path::PathBuf;
 
 use repose_networks::{
     Models, Weights, WeightsInfo,
-    networks::{DISCRIMINATOR, OUTCOME, RELATIONS},
-    parameters::WeightMap,
+    parameters::{DISCRIMINATOR, OUTCOME, RELATIONS, WeightMap},
 };
 
 use crate::{error::TrainError, settings::Part};

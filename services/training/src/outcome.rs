@@ -1,5 +1,5 @@
-//! Candidates of the outcome network: places where the simulator let the query go. They count one when it stayed as it was put, a half when it
-//! moved by less than the paper's 5 cm, nothing otherwise.
+//! Candidates of the outcome network: places where the simulator released the query. The label is 1 if it stayed as it was put, ½ if it moved
+//! by less than the paper's 5 cm, 0 otherwise.
 
 use candle_core::Result;
 use rand::{RngExt, seq::IndexedRandom};
@@ -19,16 +19,16 @@ use crate::{
     views::TRIALS_AT_ONCE,
 };
 
-/// Places where the query was let go.
+/// Places where the query was released.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct LetGo;
+pub struct ReleasedPlaces;
 
-impl Candidates for LetGo {
+impl Candidates for ReleasedPlaces {
     const PART: Part = Part::Outcome;
 
     fn places(&self, episode: &Episode, rng: &mut Pcg64) -> Vec<Labelled> {
         let mut places: Vec<Labelled> = episode.trials.sample(rng, TRIALS_AT_ONCE).map(labelled).collect();
-        // Where it rested it stays; nothing has to be let go to know that.
+        // Where it rested it stays; no release is needed to know that.
         places.push(Labelled::settled(episode, rng));
         places
     }

@@ -1,9 +1,9 @@
-//! What the trainings of the scene discriminator (paper, section 2.1) and of the outcome network (ours) have in common: one network of the same
-//! layers scores places of an object, and is told which are good.
+//! What the trainings of the scene discriminator (paper, section 2.1) and of the outcome network (ours) share: a network of the same layers
+//! scores places of an object against labels.
 //!
 //! They differ in what counts as good and in how points are sampled: [`crate::discriminator`], [`crate::outcome`]. Good and bad candidates
-//! share scene and cloud, and all clouds were moved in, so that nothing but the place tells them apart. Candidates are turned about z at
-//! random: what is stable does not depend on where it is seen from.
+//! share scene and cloud, and all clouds were moved in, so that only the place tells them apart. Candidates are turned about z at random:
+//! stability does not depend on the viewpoint.
 
 use candle_core::{Result, Tensor};
 use nalgebra::{Point3, Vector3};
@@ -22,24 +22,24 @@ use crate::{
     views::{Drawn, TRIALS_AT_ONCE},
 };
 
-/// Standard deviation of the disturbance of where a query rests, metres: what calibration and cleaning leave.
+/// Standard deviation of the noise on a query's resting place, metres: about the error of calibration and cleaning.
 const POSITION_NOISE_M: f32 = 0.001;
 
-/// A place for the query, and what it counts.
+/// A place for the query, and its label.
 #[derive(Debug, Clone, Copy)]
 pub struct Labelled {
     /// Where the query's observed centroid is put, viewer's axes, metres.
     pub position: Point3<f32>,
     /// From how the query was observed, radians.
     pub yaw_rad: f32,
-    /// What the network should say, 0 to 1.
+    /// The target of the network, 0 to 1.
     pub label: f32,
-    /// What the area under the curve tells apart.
+    /// Whether it counts as a positive for the area under the curve.
     pub is_good: bool,
 }
 
 impl Labelled {
-    /// Where the query rests, about.
+    /// The query's resting place, with noise.
     pub fn settled(episode: &Episode, rng: &mut Pcg64) -> Self {
         let offset = Vector3::from_fn(|_, _| gaussian(rng) * POSITION_NOISE_M);
         Self { position: episode.position + offset, yaw_rad: episode.yaw_rad, label: 1.0, is_good: true }
@@ -51,7 +51,7 @@ pub trait Candidates: Sync {
     /// Which training.
     const PART: Part;
 
-    /// Places of an episode, good and bad; never none, at most [`TRIALS_AT_ONCE`] and one.
+    /// Places of an episode, good and bad: at least one, at most [`TRIALS_AT_ONCE`] + 1.
     fn places(&self, episode: &Episode, rng: &mut Pcg64) -> Vec<Labelled>;
 
     /// Places of one episode as network input.

@@ -1,10 +1,10 @@
-//! Training of the relation predictor alone, on encoders that stay as they are.
+//! Training of the relation predictor alone, on frozen encoders.
 //!
-//! Without gradients for the encoders a view's clouds are encoded once, when it is prepared, and all its ordered pairs are used: a core goes
-//! through a hundred times as many pairs as in the joint training. Pairs are of three kinds. *Standing* ones are both seen where they are,
-//! each hiding what it hides: so a scene is described. *Apart* ones are the paper's: the query where it is, but from a picture without the other
-//! objects, and the anchor from the picture without the query. *Moved* ones have the query's cloud from elsewhere, turned and moved to
-//! where it came to rest: so a candidate for a placement is judged.
+//! Without gradients for the encoders, a view's clouds are encoded once, when the view is prepared, and all its ordered pairs are used: a core
+//! processes a hundred times as many pairs as in the joint training. Pairs are of three kinds. *Standing* pairs are seen where they stand,
+//! hiding parts of each other, as when a scene is described. *Apart* pairs are the paper's: the query from a picture without the other objects,
+//! the anchor from the picture without the query. *Moved* pairs have the query's cloud from another place, turned and moved to where it rests,
+//! as when a candidate for a placement is judged.
 
 use candle_core::{Result, Tensor};
 use nalgebra::{Point3, Rotation3};
@@ -17,7 +17,7 @@ use repose_networks::{
     crops::{Grouped, object_input},
     layers::Mode,
     pair_measures::{MeasuredCloud, pair_measures},
-    points::{CloudConfig, ObjectCloud, Sight},
+    points::{CloudConfig, ObjectCloud, Observer},
     relation_predictor::binary_cross_entropy,
     set_abstraction::Path,
 };
@@ -32,21 +32,21 @@ use crate::{
     views::Drawn,
 };
 
-/// How pairs are made and weighed.
+/// How pairs are made and weighted. The values are ours; apart from `tilt_rad` (below) no comparison is recorded.
 #[derive(Debug, Clone, Copy)]
 pub struct RelationsTask {
     /// Border bands are 1 up to this many pixels wide.
     pub band_px: usize,
     /// Share of views as they were rendered: depth without faults and masks without bands, as in the paper's data.
     pub clean: f64,
-    /// Share of views whose gravity is not exact. A calibrated camera's is; one that finds it from the table is a little off.
+    /// Share of views whose gravity is inexact. A calibrated camera's is exact; one that estimates it from the table is slightly off.
     pub tilted: f64,
-    /// Standard deviation of gravity's tilt in those, radians. A degree of it would move the top of a stack by the whole millimetre of
-    /// `centered` four times over, and teach that nothing can be known of it.
+    /// Standard deviation of gravity's tilt in those, radians. A degree would move the top of a stack by four times the millimetre of
+    /// `centered`, and make that relation unlearnable.
     pub tilt_rad: f32,
     /// Objects with fewer points than this are in no pair.
     pub points_least: usize,
-    /// Of what the query shows elsewhere when alone, this much must be visible for a moved pair.
+    /// The share of the query that must be visible elsewhere for a moved pair.
     pub visible_least: f64,
     /// Weight of the apart pairs' cross-entropy beside that of the standing ones.
     pub apart_weight: f64,
@@ -54,7 +54,7 @@ pub struct RelationsTask {
     pub apart_queries: usize,
     /// Weight of the moved pairs' cross-entropy beside that of the standing ones.
     pub moved_weight: f64,
-    /// Weight of the relations that are rare and finer than what is seen, beside that of all nine.
+    /// Weight of the rare relations that are finer than a pixel (`touching`, `centered`), beside that of all nine.
     pub fine_weight: f64,
 }
 
@@ -106,7 +106,7 @@ pub struct ViewPairs {
 }
 
 /// An object's cloud, and where its centroid is taken to be.
-struct Placed {
+struct PlacedCloud {
     object: usize,
     cloud: ObjectCloud,
     position: Point3<f32>,
@@ -114,7 +114,7 @@ struct Placed {
 
 impl RelationsTask {
     /// The query seen alone, first, and the others without it.
-    fn apart(&self, view: &ViewRecord, query: usize, camera: &Camera<'_>, rng: &mut Pcg64) -> Option<Vec<Placed>> {
+    fn apart(&self, view: &ViewRecord, query: usize, camera: &Camera<'_>, rng: &mut Pcg64) -> Option<Vec<PlacedCloud>> {
         let mut clouds = camera.clouds(&mut Composite::of(view, |k| k == query), self.points_least, rng);
         clouds.extend(camera.clouds(&mut Composite::of(view, |k| k != query), self.points_least, rng));
         clouds.retain(|placed| view.is_seen(placed.object));
@@ -122,7 +122,7 @@ impl RelationsTask {
     }
 
     /// The query from elsewhere, first, and all others.
-    fn moved(&self, view: &ViewRecord, query: usize, camera: &Camera<'_>, rng: &mut Pcg64) -> Option<Vec<Placed>> {
+    fn moved(&self, view: &ViewRecord, query: usize, camera: &Camera<'_>, rng: &mut Pcg64) -> Option<Vec<PlacedCloud>> {
         let elsewhere = view.objects[query].elsewhere.as_ref()?;
         let label = query as u16 + 1;
         let mut picture = Composite::of(view, |k| k != query);
@@ -140,7 +140,7 @@ impl RelationsTask {
         Some(clouds)
     }
 
-    /// The loss of some pairs; nothing where there are none.
+    /// The loss of some pairs; `None` without pairs.
     fn loss_of(&self, networks: &Networks, rows: &[&Rows]) -> Result<Option<Tensor>> {
         let Some((logits, labels)) = logits_of(networks, rows)? else { return Ok(None) };
         let all = binary_cross_entropy(&logits, &labels)?;
@@ -150,7 +150,7 @@ impl RelationsTask {
     }
 }
 
-/// What a view's clouds are seen with.
+/// The camera and its faults that a view's clouds are seen with.
 struct Camera<'a> {
     view: &'a ViewRecord,
     viewer_from_world: Rotation3<f32>,
@@ -161,7 +161,7 @@ struct Camera<'a> {
 
 impl Camera<'_> {
     /// The objects of a picture that show enough points.
-    fn clouds(&self, picture: &mut Composite, points_least: usize, rng: &mut Pcg64) -> Vec<Placed> {
+    fn clouds(&self, picture: &mut Composite, points_least: usize, rng: &mut Pcg64) -> Vec<PlacedCloud> {
         let (points, labels) = observed(picture, self.view, &self.sensor, self.band_px, rng);
         let mut by_object = vec![Vec::new(); self.view.objects.len()];
         for (point, label) in points.iter().zip(labels) {
@@ -169,17 +169,23 @@ impl Camera<'_> {
                 own.push(self.viewer_from_world * point);
             }
         }
-        let sight = Sight::of_camera(&self.view.camera, &self.view.world_from_camera).turned(&self.viewer_from_world);
+        let observer = Observer::of_camera(&self.view.camera, &self.view.world_from_camera).turned(&self.viewer_from_world);
         let cloud = |(object, own): (usize, Vec<Point3<f32>>)| {
-            let cloud = ObjectCloud::new(&own, &sight, &self.cloud).filter(|_| own.len() >= points_least)?;
-            Some(Placed { object, position: cloud.centroid_in_viewer, cloud })
+            let cloud = ObjectCloud::new(&own, &observer, &self.cloud).filter(|_| own.len() >= points_least)?;
+            Some(PlacedCloud { object, position: cloud.centroid_in_viewer, cloud })
         };
         by_object.into_iter().enumerate().filter_map(cloud).collect()
     }
 }
 
 /// Encodes pairs (query, anchor) of clouds.
-fn encoded(networks: &Networks, config: &NetworksConfig, view: &ViewRecord, clouds: &[Placed], pairs: &[(usize, usize)]) -> Result<Rows> {
+fn encoded(
+    networks: &Networks,
+    config: &NetworksConfig,
+    view: &ViewRecord,
+    clouds: &[PlacedCloud],
+    pairs: &[(usize, usize)],
+) -> Result<Rows> {
     let mut rows = Rows::default();
     if pairs.is_empty() {
         return Ok(rows);
@@ -208,11 +214,11 @@ fn encoded(networks: &Networks, config: &NetworksConfig, view: &ViewRecord, clou
 }
 
 /// The pairs of the first cloud with every other.
-fn of_first(clouds: &[Placed]) -> Vec<(usize, usize)> {
+fn of_first(clouds: &[PlacedCloud]) -> Vec<(usize, usize)> {
     (1..clouds.len()).map(|anchor| (0, anchor)).collect()
 }
 
-/// What the predictor says of pairs, `[pairs, 9]`, and what is true; nothing where there are none.
+/// The predictor's logits of pairs, `[pairs, 9]`, and their labels; `None` without pairs.
 fn logits_of(networks: &Networks, rows: &[&Rows]) -> Result<Option<(Tensor, Tensor)>> {
     let n = rows.iter().map(|r| r.labels.len()).sum::<usize>() / PREDICTED_RELATIONS;
     if n == 0 {

@@ -1,4 +1,4 @@
-//! What a training run is told.
+//! Settings of a training run.
 
 use std::path::PathBuf;
 
@@ -17,7 +17,7 @@ pub enum Part {
     Relations,
     /// The scene discriminator.
     Discriminator,
-    /// The outcome network: the discriminator's layers, on what simulated releases came to.
+    /// The outcome network: the discriminator's layers, on outcomes of simulated releases.
     Outcome,
 }
 
@@ -105,9 +105,9 @@ pub struct TrainSettings {
     pub out: PathBuf,
     /// Weights to start from; without, new ones from the seed.
     pub start: Option<PathBuf>,
-    /// Further runs' weights whose mean with `start` the run starts from ([`crate::merge::mean_with`]); with no steps, that is what it gives.
+    /// Weights of further runs: the run starts from their mean with `start` ([`crate::merge::mean_with`]). Without steps, the mean is the result.
     pub mean_with: Vec<PathBuf>,
-    /// What is fitted.
+    /// Which networks are fitted.
     pub part: Part,
     /// Which relation predictor.
     pub relations: RelationsVariant,
@@ -117,11 +117,11 @@ pub struct TrainSettings {
     pub seed: u64,
     /// Steps at most, 0 for none. The learning rate falls to zero at the last.
     pub steps: u64,
-    /// The step before which this session ends, with a checkpoint from which the next goes on as if nothing had been: a run in parts.
+    /// The step before which this session ends, with a checkpoint that the next session resumes: a run in parts.
     pub pause_at: Option<u64>,
     /// Minutes at most; the learning rate then follows the clock too, and the run is not repeatable.
     pub minutes: Option<f64>,
-    /// Worker threads, of which no more than `slots` have work. Changes the speed only.
+    /// Worker threads; at most `slots` have work. Changes the speed only.
     pub threads: usize,
     /// Micro-batches of a step, each with its own graph and batch statistics; their gradients are averaged in order.
     pub slots: usize,
@@ -148,7 +148,7 @@ pub struct TrainSettings {
 
 impl TrainSettings {
     /// The defaults for a part. One view's pairs have much in common, so the relation predictor's micro-batches mix many views; each is drawn
-    /// about four times before it goes (sixteen times were learned by heart: the loss on validation scenes rose after 3,000 steps).
+    /// about four times before it is replaced (with sixteen times it overfitted: the loss on validation scenes rose after 3,000 steps).
     pub fn of_part(part: Part) -> Self {
         let defaults = Self { part, ..Self::default() };
         match part {

@@ -16,7 +16,7 @@ use repose_networks::{
 
 use crate::{adam::Gradients, settings::TrainSettings, task::Task, views::Views};
 
-/// How many draws a prepared view may take before a slot goes without a new one.
+/// How many views are tried for one that can be prepared before a slot goes without a new one.
 const TRIES: usize = 20;
 
 /// One slot's prepared views, newest last.
@@ -31,7 +31,7 @@ impl<P> Default for Slot<P> {
     }
 }
 
-/// What a step gives.
+/// The result of a step.
 #[derive(Debug)]
 pub struct StepResult {
     /// Mean loss of the slots.
@@ -44,7 +44,7 @@ pub struct StepResult {
 
 /// What all slots of a run share.
 pub struct Shared<'a, T> {
-    /// What is fitted.
+    /// Which training.
     pub task: &'a T,
     /// The networks, which see the parameters' newest values.
     pub networks: &'a Networks,
@@ -54,7 +54,7 @@ pub struct Shared<'a, T> {
     pub config: &'a NetworksConfig,
     /// The run's settings.
     pub settings: &'a TrainSettings,
-    /// What is drawn from.
+    /// The views that samples are drawn from.
     pub views: &'a Views,
 }
 

@@ -1,4 +1,4 @@
-//! What the trainings have in common: views prepared, a loss of a micro-batch of them, measurements on validation views.
+//! What the trainings share: preparing views, a loss on a micro-batch of them, figures on validation views.
 
 use candle_core::{Result, Tensor};
 use rand_pcg::Pcg64;
@@ -11,7 +11,7 @@ pub trait Task: Sync {
     /// A view prepared, with one of its objects as the query; kept for some steps.
     type Prepared: Send + Sync;
 
-    /// Which.
+    /// Which part it fits.
     fn part(&self) -> Part;
 
     /// Whether a parameter is fitted by this task.
@@ -19,8 +19,8 @@ pub trait Task: Sync {
         self.part().fits(parameter)
     }
 
-    /// Prepares a view; `None` when cleaning leaves too little of it. Only parts that are not fitted may be asked of the networks, for these do
-    /// not change.
+    /// Prepares a view; `None` when cleaning leaves too little of it. Only networks that are not fitted may be used, since
+    /// the others change.
     ///
     /// # Errors
     /// Tensor errors.
@@ -40,7 +40,7 @@ pub trait Task: Sync {
         rng: &mut Pcg64,
     ) -> Result<Tensor>;
 
-    /// Figures on validation views, with running statistics, as JSON. The first, `loss`, falls as things get better.
+    /// Figures on validation views, with running statistics, as JSON. `loss` falls as the networks get better.
     ///
     /// # Errors
     /// Tensor errors.

@@ -12,19 +12,18 @@ use repose_dataset::Split;
 use repose_networks::{
     Networks, NetworksConfig, Weights, WeightsInfo,
     layers::{BatchStatistics, Mode},
-    networks::{DISCRIMINATOR, OUTCOME},
-    parameters::{Parameters, WeightMap},
+    parameters::{DISCRIMINATOR, OUTCOME, Parameters, WeightMap},
 };
 
 use crate::{
     adam::{AdamW, clip},
     checkpoint::{self, Origin, name_of},
     curve::{Curve, CurvePoint},
-    discriminator::Moved,
+    discriminator::MovedPlaces,
     error::TrainError,
     joint::JointTask,
     merge::mean_with,
-    outcome::LetGo,
+    outcome::ReleasedPlaces,
     placement::PlacementTask,
     relations::RelationsTask,
     settings::{Part, RelationsVariant, TrainSettings},
@@ -32,6 +31,8 @@ use crate::{
     task::Task,
     views::Views,
 };
+
+// The rates and counts below are ours; no comparison of values is recorded.
 
 /// How fast running statistics follow the batches'.
 const STATISTICS_RATE: f32 = 0.03;
@@ -41,11 +42,11 @@ const STATISTICS_EPISODES: usize = 6;
 /// How fast the averaged weights that are saved follow the trained ones, once training is under way.
 const AVERAGE_RATE: f32 = 0.005;
 
-/// Environment variables that keep candle to the worker that calls it, when they are 1 before the process does anything: it would otherwise
-/// spread each operation over a pool that spins for its members, which took a third of the time of a training on two busy cores.
+/// Environment variables that keep candle on the calling worker's thread when they are 1 at the start of the process. Otherwise it spreads each
+/// operation over a pool whose threads spin while they wait, which took a third of the time of a training on two busy cores.
 pub const ONE_THREAD_VARIABLES: [&str; 2] = ["RAYON_NUM_THREADS", "CANDLE_NUM_THREADS"];
 
-/// What a run came to.
+/// The result of a run.
 #[derive(Debug, Clone, serde::Serialize)]
 pub struct TrainReport {
     /// Steps done, those before a resumed checkpoint included.
@@ -58,9 +59,9 @@ pub struct TrainReport {
     pub metrics: serde_json::Value,
 }
 
-/// Trains one part until its steps or minutes are over, writing weights to `settings.out`.
+/// Trains one part for its steps or minutes, writing weights to `settings.out`.
 ///
-/// A checkpoint beside `settings.out` (of the same part and seed) is taken up again; one of a run that began with other weights is refused.
+/// Resumes from a checkpoint beside `settings.out` (of the same part and seed); one of a run that began with other weights is refused.
 ///
 /// # Errors
 /// [`TrainError`] when the data is missing or broken, a file cannot be written, or the loss diverges.
@@ -68,8 +69,8 @@ pub fn train(settings: &TrainSettings) -> Result<TrainReport, TrainError> {
     match settings.part {
         Part::Joint => Run::new(settings, &JointTask::default())?.run(),
         Part::Relations => Run::new(settings, &RelationsTask::default())?.run(),
-        Part::Discriminator => Run::new(settings, &PlacementTask(Moved::default()))?.run(),
-        Part::Outcome => Run::new(settings, &PlacementTask(LetGo))?.run(),
+        Part::Discriminator => Run::new(settings, &PlacementTask(MovedPlaces::default()))?.run(),
+        Part::Outcome => Run::new(settings, &PlacementTask(ReleasedPlaces))?.run(),
     }
 }
 
@@ -116,9 +117,11 @@ impl<'a, T: Task> Run<'a, T> {
                 (networks, parameters, weights.info)
             }
             None if settings.part == Part::Relations => {
-                return Err(TrainError::NoStart("the relation predictor is trained on encoders that are there already"));
+                return Err(TrainError::NoStart("the relation predictor is trained on encoders that are trained already"));
             }
-            None if !settings.mean_with.is_empty() => return Err(TrainError::NoStart("other weights' mean is taken with them")),
+            None if !settings.mean_with.is_empty() => {
+                return Err(TrainError::NoStart("mean_with needs weights whose mean is taken with the others"));
+            }
             None => {
                 let (networks, parameters) = Networks::seeded(&config, &mut generator(settings.seed, 0, u64::MAX), &device)?;
                 (networks, parameters, WeightsInfo::default())
@@ -183,7 +186,7 @@ impl<'a, T: Task> Run<'a, T> {
         if spinning > 1 {
             tracing::warn!(
                 threads = spinning,
-                "candle's own threads spin beside the workers; set {} to 1",
+                "candle's own threads compete with the workers; set {} to 1",
                 ONE_THREAD_VARIABLES.join(" and ")
             );
         }
@@ -228,7 +231,7 @@ impl<'a, T: Task> Run<'a, T> {
 
     /// Running statistics and averaged weights follow the step.
     fn follow(&mut self, statistics: &BTreeMap<String, Vec<f32>>) -> Result<(), TrainError> {
-        // Early on both follow faster, or they would remember the initial weights for too long.
+        // Early on both follow faster; otherwise they would keep the initial weights for too long.
         let early = 1.0 / (1.0 + self.step as f32);
         for (name, batch) in statistics {
             if let Some(var) = self.parameters.statistics.get(name) {
@@ -259,8 +262,8 @@ impl<'a, T: Task> Run<'a, T> {
         Ok(weights)
     }
 
-    /// The batch norms' statistics under given weights, from training episodes. Those that were followed belong to the weights of the moment;
-    /// averaged weights have others (Izmailov et al. 2018, "Averaging weights leads to wider optima", section 3.2).
+    /// The batch norms' statistics under given weights, from training episodes. Running statistics belong to the weights of the moment; averaged
+    /// weights have others (Izmailov et al. 2018, "Averaging weights leads to wider optima", section 3.2).
     fn statistics_of(&self, networks: &Networks) -> Result<BTreeMap<String, Vec<f32>>, TrainError> {
         let shared = self.shared();
         let mut sums: BTreeMap<String, Vec<f32>> = BTreeMap::new();
@@ -305,13 +308,13 @@ impl<'a, T: Task> Run<'a, T> {
         let mut recipe = serde_json::json!({ "settings": self.settings, "steps": self.step, "views": self.views.len(), "train_seeds": Split::Train.seeds() });
         if let Some(settings) = recipe["settings"].as_object_mut() {
             settings.insert("mean_of".to_owned(), (1 + self.settings.mean_with.len()).into());
-            // Where files lay, how many threads there were and when they paused says nothing about the weights.
+            // Paths, threads and pauses do not change the weights.
             settings.retain(|key, _| !["data", "out", "start", "mean_with", "threads", "pause_at"].contains(&key.as_str()));
         }
         set(&mut self.info.recipe, part, recipe);
         checkpoint::write(&self.settings.out, &Weights::to_bytes(&weights, &self.info)?)?;
         checkpoint::save(self.settings, &self.origin, self.step, &self.parameters.to_map()?, &self.average, &self.adam)?;
-        // A run that was over when it was resumed has its last loss from the curve.
+        // A finished run that is resumed takes its last loss from the curve.
         let before = self.curve.points.last().map(|point| (point.step, point.loss));
         if let Some(loss) = self.loss.or(before.map(|(_, loss)| loss)).filter(|_| before.is_none_or(|(step, _)| step < self.step)) {
             self.curve.add(self.settings, CurvePoint { step: self.step, loss, validation: metrics.clone() })?;
@@ -331,13 +334,13 @@ impl<'a, T: Task> Run<'a, T> {
     }
 }
 
-/// What a run's samples are drawn from.
+/// The views that a run draws its samples from.
 fn views_of(settings: &TrainSettings, split: Split) -> Result<Views, TrainError> {
     let open = if settings.part == Part::Outcome { Views::released } else { Views::open };
     Ok(open(&settings.data, split)?)
 }
 
-/// Weights to start from: an outcome network that is not there yet begins as the discriminator, which knows what objects at rest look like.
+/// Weights to start from. A missing outcome network starts as a copy of the discriminator, which knows what objects at rest look like.
 fn starting(mut weights: WeightMap) -> WeightMap {
     if !weights.keys().any(|path| path.starts_with(OUTCOME)) {
         let as_outcome =
@@ -348,7 +351,7 @@ fn starting(mut weights: WeightMap) -> WeightMap {
     weights
 }
 
-/// How much of the run is over, by steps or by the clock, whichever is further.
+/// The share of the run that is done, by steps or by the clock, whichever is further.
 fn progress(settings: &TrainSettings, step: u64, elapsed: Duration) -> f64 {
     let by_steps = if settings.steps == 0 { 1.0 } else { step as f64 / settings.steps as f64 };
     by_steps.max(settings.minutes.map_or(0.0, |m| elapsed.as_secs_f64() / (60.0 * m)))

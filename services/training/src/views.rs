@@ -30,7 +30,7 @@ pub struct Drawn<'a> {
     pub view: ViewRecord,
     /// The query, by its position among the view's objects.
     pub query: usize,
-    /// What letting the query go came to; nothing where outcomes were not asked for.
+    /// The outcomes of the query's releases; empty unless the views were opened with [`Views::released`].
     pub releases: &'a [ReleaseRecord],
 }
 
@@ -42,15 +42,15 @@ pub struct Views {
     seen: BTreeSet<PathBuf>,
     shards: Vec<Shard>,
     views: usize,
-    /// Every object that is visible enough, in views with at least two such; where outcomes were asked for as often as it takes to see all of
-    /// them, [`TRIALS_AT_ONCE`] a time.
+    /// Every object that is visible enough, in views with at least two such. With outcomes, an object is listed as often as it takes to see all of
+    /// its outcomes, [`TRIALS_AT_ONCE`] at a time.
     queries: Vec<Query>,
-    /// What letting an object go came to, by scene and object; only queries in here are drawn where [`Views::released`] was asked for.
+    /// Outcomes of releases by scene and object, with [`Views::released`]; then only objects that have some are queries.
     releases: Option<BTreeMap<(u64, u16), Vec<ReleaseRecord>>>,
 }
 
 impl Views {
-    /// Reads what is there: shards in the split's own folder (`train`, `validation`, `test`) below `folder`, or in `folder` itself.
+    /// Reads the shards in the split's own folder (`train`, `validation`, `test`) below `folder`, or in `folder` itself.
     ///
     /// # Errors
     /// When the folder cannot be listed or a shard cannot be read.
@@ -82,12 +82,12 @@ impl Views {
         Ok(views)
     }
 
-    /// What letting an object of a scene go came to; nothing where outcomes were not asked for.
+    /// The outcomes of an object's releases; empty without outcomes.
     fn releases_of(&self, scene_seed: u64, object: u16) -> &[ReleaseRecord] {
         self.releases.as_ref().and_then(|all| all.get(&(scene_seed, object))).map_or(&[], Vec::as_slice)
     }
 
-    /// Reads shards that were not there before, and all outcomes anew where they were asked for; says how many views were added.
+    /// Reads new shards, and with outcomes all of them again. Returns how many views were added.
     ///
     /// # Errors
     /// As [`Views::open`].
@@ -96,7 +96,7 @@ impl Views {
         for path in shard_paths(&self.folder)? {
             if self.seen.insert(path.clone()) {
                 let shard = Shard::open(&path)?;
-                // Those of another split may lie in the same folder.
+                // Shards of other splits may lie in the same folder.
                 if shard.summaries().any(|view| Split::of_seed(view.scene_seed) == Some(self.split)) {
                     self.shards.push(shard);
                 }
@@ -112,7 +112,7 @@ impl Views {
         Ok(self.views.saturating_sub(before))
     }
 
-    /// Finds the queries of all shards anew: outcomes that were added since make queries of objects that were none.
+    /// Finds the queries of all shards again: with new outcomes, more objects are queries.
     fn find_queries(&mut self) {
         let (mut views, mut queries) = (0, Vec::new());
         for (index, shard) in (0..).zip(&self.shards) {
@@ -149,7 +149,7 @@ impl Views {
         self.queries.len()
     }
 
-    /// The `i`-th (view, query) pair; `None`, and a warning, where the view's pixels are broken.
+    /// The `i`-th (view, query) pair; `None`, with a warning, if the view's pixels are broken.
     pub fn query(&self, i: usize) -> Option<Drawn<'_>> {
         let Query { shard, view, object } = self.queries[i];
         match self.shards[shard as usize].view(usize::from(view)) {
@@ -158,7 +158,7 @@ impl Views {
                 Some(Drawn { releases: self.releases_of(view.scene_seed, view.objects[query].id), view, query })
             }
             Err(error) => {
-                tracing::warn!(%error, "a view is left out");
+                tracing::warn!(%error, "a broken view is skipped");
                 None
             }
         }

@@ -249,7 +249,7 @@ fn a_checkpoint_of_a_run_that_began_otherwise_is_refused() {
         assert_eq!(error.field(), Some(field), "{error}");
     }
     assert_eq!(train(&TrainSettings { steps: 2, ..first.clone() }).unwrap().steps, 2);
-    // One from before the origin was kept is taken up.
+    // One that does not say how it began is resumed.
     let checkpoint = first.out.with_extension("relations.checkpoint");
     let mut stored = Weights::from_bytes(&std::fs::read(&checkpoint).unwrap()).unwrap();
     stored.info.recipe.as_object_mut().unwrap().remove("origin").unwrap();

@@ -10,7 +10,7 @@ use candle_core::{Device, Tensor};
 use repose_dataset::Split;
 use repose_geometry::{Point3, ViewerFrame};
 use repose_networks::crops::discriminator_input;
-use repose_networks::points::{ObjectCloud, SceneCloud, Sight};
+use repose_networks::points::{ObjectCloud, Observer, SceneCloud};
 use repose_networks::serving::spread;
 use repose_networks::{Candidate, Kernel, Models, NetworksConfig, SceneContext};
 use repose_proto::{CallError, Scene as ObservedScene};
@@ -70,7 +70,7 @@ pub struct ScoringScene {
     /// [`TRANSLATIONS`] of them.
     pub candidates: Vec<Candidate>,
     observed: ObservedScene,
-    sight: Sight,
+    observer: Observer,
 }
 
 impl ScoringScene {
@@ -84,8 +84,8 @@ impl ScoringScene {
         let Problem { observed, query, goal, viewer, camera, world_from_camera, .. } =
             problem.ok_or_else(|| CallError::internal("no seed gave a problem"))?;
         let points: Vec<Point3<f32>> = observed.points.iter().map(|p| Point3::from(*p)).collect();
-        let sight = Sight::of_camera(&camera, &world_from_camera);
-        let context = SceneContext::new(&points, &observed.labels, viewer.yaw_rad(), &sight, &config.cloud);
+        let observer = Observer::of_camera(&camera, &world_from_camera);
+        let context = SceneContext::new(&points, &observed.labels, viewer.yaw_rad(), &observer, &config.cloud);
         let context = context.map_err(|e| CallError::internal(e.to_string()))?;
         let centre = context.centroid_in_world(goal.anchor).ok_or_else(|| CallError::not_found("anchor", "the scene has no anchor"))?;
         // A spiral of 3 to 20 cm around the anchor: near and far, on all sides.
@@ -93,7 +93,7 @@ impl ScoringScene {
             let (turn, reach) = (i as f32 * 2.399_963, 0.03 + 0.17 * (i as f32 / TRANSLATIONS as f32).sqrt());
             Candidate { position_in_world: [centre.x + reach * turn.cos(), centre.y + reach * turn.sin(), centre.z], yaw_rad: 0.0 }
         };
-        Ok(Self { context, query, anchor: goal.anchor, candidates: (0..TRANSLATIONS).map(around).collect(), observed, sight })
+        Ok(Self { context, query, anchor: goal.anchor, candidates: (0..TRANSLATIONS).map(around).collect(), observed, observer })
     }
 
     /// Points, and operations (two a weight and neighbour) of a candidate's discriminator, the mean of the first hundred.
@@ -107,7 +107,7 @@ impl ScoringScene {
         };
         let query = {
             let points = in_viewer(&|i| self.observed.labels[i] == self.query).0;
-            ObjectCloud::new(&points, &self.sight.turned(&viewer_from_world), &config.cloud)?
+            ObjectCloud::new(&points, &self.observer.turned(&viewer_from_world), &config.cloud)?
         };
         let (points, labels) = in_viewer(&|_| true);
         let centers: Vec<Point3<f32>> =

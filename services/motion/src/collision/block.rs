@@ -7,10 +7,8 @@
 
 use nalgebra::Point3;
 use repose_panda::lane_frames::{LaneFrame, lane_frames};
-#[cfg(target_arch = "x86_64")]
-use repose_panda::lanes::{Avx2, Avx512};
-use repose_panda::lanes::{InstructionSet, Lanes, Plain};
 use repose_panda::{Frame, JOINT_COUNT};
+use repose_simd::{InstructionSet, Lanes, Work};
 
 use super::body::{Body, Group, Pair};
 use crate::obstacles::{Obstacles, Shape};
@@ -70,30 +68,23 @@ pub(super) struct Verdict {
 
 /// Answers with the instruction set.
 pub(super) fn ask(set: InstructionSet, world: &World<'_>, question: &mut Question<'_>) -> Verdict {
-    // SAFETY: a set other than `Plain` is only made by `InstructionSet::available`, which detected it.
-    unsafe {
-        match set {
-            #[cfg(target_arch = "x86_64")]
-            InstructionSet::Avx512 => ask_avx512(world, question),
-            #[cfg(target_arch = "x86_64")]
-            InstructionSet::Avx2 => ask_avx2(world, question),
-            _ => ask_with::<Plain>(world, question),
-        }
+    set.run(Asking { world, question })
+}
+
+/// A question on its way into the instruction set.
+struct Asking<'a, 'w, 'q> {
+    world: &'a World<'w>,
+    question: &'a mut Question<'q>,
+}
+
+impl Work for Asking<'_, '_, '_> {
+    type Output = Verdict;
+
+    #[inline(always)]
+    unsafe fn run<S: Lanes>(self) -> Verdict {
+        // SAFETY: the instruction set is present by this function's contract.
+        unsafe { ask_with::<S>(self.world, self.question) }
     }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
-unsafe fn ask_avx512(world: &World<'_>, question: &mut Question<'_>) -> Verdict {
-    // SAFETY: by this function's features.
-    unsafe { ask_with::<Avx512>(world, question) }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
-unsafe fn ask_avx2(world: &World<'_>, question: &mut Question<'_>) -> Verdict {
-    // SAFETY: by this function's features.
-    unsafe { ask_with::<Avx2>(world, question) }
 }
 
 #[inline(always)]

@@ -9,8 +9,8 @@ mod body;
 mod edge;
 mod held;
 
-use repose_panda::lanes::InstructionSet;
 use repose_panda::{Frame, JointLimits, Joints, LIMITS, Link, LinkFrames, SPHERE_LINKS, self_collides, spheres_in_base};
+use repose_simd::InstructionSet;
 
 use crate::obstacles::{Obstacles, Shape};
 use block::{BLOCK, Configurations, Near, Question, World, ask};
@@ -83,13 +83,10 @@ impl<'a> CollisionChecker<'a> {
         }
     }
 
-    /// The same with an instruction set that this machine has: results of different ones differ in their last bits.
+    /// The same with another instruction set of this machine: results of different ones differ in their last bits.
     #[must_use]
-    pub fn with_instruction_set(mut self, set: InstructionSet) -> Self {
-        if InstructionSet::available().contains(&set) {
-            self.instruction_set = set;
-        }
-        self
+    pub fn with_instruction_set(self, set: InstructionSet) -> Self {
+        Self { instruction_set: set, ..self }
     }
 
     /// The arm's position limits.

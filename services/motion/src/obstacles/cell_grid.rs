@@ -6,7 +6,7 @@
 
 use nalgebra::{Point3, Vector3};
 use repose_geometry::Aabb;
-use repose_panda::lanes::Lanes;
+use repose_simd::Lanes;
 
 /// How many cells away an occupied cell is looked for; beyond, a cell is free as far as that.
 const GAP_CELLS: usize = 7;

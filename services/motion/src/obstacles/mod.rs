@@ -8,7 +8,7 @@ mod shape;
 
 use nalgebra::Point3;
 use repose_geometry::cloud;
-use repose_panda::lanes::Lanes;
+use repose_simd::Lanes;
 
 use crate::scene::SupportSurface;
 use cell_grid::CellGrid;

@@ -5,7 +5,7 @@
 
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use repose_geometry::Footprint;
-use repose_panda::lanes::Lanes;
+use repose_simd::Lanes;
 
 /// A solid in the world.
 #[derive(Debug, Clone, PartialEq)]
@@ -187,7 +187,7 @@ fn side(a: &Point2<f32>, b: &Point2<f32>) -> [f32; 3] {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use repose_panda::lanes::Plain;
+    use repose_simd::Plain;
 
     fn shapes() -> impl Strategy<Value = Shape> {
         let pose = (prop::array::uniform3(-0.5..0.5f64), prop::array::uniform3(-2.0..2.0f64), any::<bool>()).prop_map(|(t, r, upright)| {

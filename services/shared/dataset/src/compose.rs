@@ -3,7 +3,10 @@
 //! "Each object either hidden if it is query (to get scene and anchor embeddings) or hidden if it is *not* query" (paper, appendix A.1):
 //! with one layer per object any such picture is exact, what was behind a hidden object included.
 
-use crate::{INVERSE_DEPTH_STEP, Layer, ViewRecord};
+use crate::{
+    layer::{INVERSE_DEPTH_STEP, Layer},
+    record::ViewRecord,
+};
 use nalgebra::Point3;
 
 /// Color where there is nothing.

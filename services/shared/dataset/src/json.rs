@@ -8,7 +8,11 @@ use repose_geometry::transform::{NotRigid, from_row_major, to_row_major};
 use repose_geometry::{OrientedBox, Pinhole};
 use serde::{Deserialize, Serialize};
 
-use crate::{FixtureRecord, Layer, ObjectRecord, Split, ViewRecord};
+use crate::{
+    layer::Layer,
+    record::{FixtureRecord, ObjectRecord, ViewRecord},
+    split::Split,
+};
 
 /// The camera's intrinsics and pose.
 #[derive(Debug, Clone, Serialize, Deserialize)]

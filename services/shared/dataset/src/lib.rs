@@ -21,6 +21,18 @@
 //! 0.1 mm at 1 m and 0.4 mm at 2 m. A packed color layer is a zlib stream of `3 · height · width` bytes: red, green, blue, each the
 //! differences (modulo 256) along the rectangle.
 //!
+//! ```no_run
+//! use repose_dataset::{Composite, Split, read_shard, shard_paths};
+//!
+//! for path in shard_paths("out/data/train".as_ref())? {
+//!     for view in read_shard(&path)?.iter().filter(|view| Split::of_seed(view.scene_seed) == Some(Split::Train)) {
+//!         // The picture without its second object, as a cloud with labels.
+//!         let (points, labels) = Composite::of(view, |object| object != 1).points_in_world(view);
+//!     }
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! `scripts/read_views.py` reads it all in ten lines of Python.
 
 pub mod codec;

@@ -14,9 +14,10 @@ use repose_geometry::{OrientedBox, Pinhole, transform::from_row_major};
 use safetensors::{Dtype, SafeTensors, tensor::Metadata};
 
 use crate::{
-    Elsewhere, FixtureRecord, Layer, ObjectRecord, RELATIONS, ViewRecord,
     codec::{unpack_color, unpack_u16},
     json::{BoxJson, ObjectJson, RectJson, ViewJson},
+    layer::Layer,
+    record::{Elsewhere, FixtureRecord, ObjectRecord, RELATIONS, ViewRecord},
     writer::{FORMAT, FORMAT_KEY, VIEWS},
 };
 

@@ -3,7 +3,7 @@
 use nalgebra::Isometry3;
 use repose_geometry::{OrientedBox, Pinhole};
 
-use crate::Layer;
+use crate::layer::Layer;
 
 /// How many relations a pair has, in wire order: `left_of right_of in_front_of behind above below near touching centered aligned`.
 pub const RELATIONS: usize = 10;

@@ -1,4 +1,4 @@
-//! What happens when an object of a scene is let go somewhere: what the outcome network learns from.
+//! Outcomes of releasing an object of a scene somewhere: what the outcome network learns from.
 //!
 //! Outcomes belong to scenes, not to views: a folder of views may have a folder `releases` in it, with one file per range of scenes
 //! and way of drawing places.
@@ -6,12 +6,12 @@
 //! ```text
 //! metadata  {"format": "repose-releases-1"}
 //! tensors   "scene_seed"  u64 [n]     the scene
-//!           "object"      u16 [n]     the id of the object that was let go
+//!           "object"      u16 [n]     the id of the object that was released
 //!           "placed"      f32 [n, 4]  where: world position of the object's origin (metres), and its turn about world z from how it
 //!                                     stands in the scene (radians, counter-clockwise)
 //!           "outcome"     f32 [n, 4]  how far its centre moved (metres), how far its up axis tilted (radians), how deep it overlapped
 //!                                     something at the start (metres), the farthest that another object moved (metres)
-//!           "made_with" u8 [bytes]    optional: what the generator was told, as JSON
+//!           "made_with" u8 [bytes]    optional: the generator's settings, as JSON
 //! ```
 
 use std::{
@@ -38,14 +38,14 @@ const MADE_WITH: &str = "made_with";
 /// This version of the format.
 const RELEASES_FORMAT: &str = "repose-releases-1";
 
-/// An object let go somewhere, and what came of it.
+/// A release of an object, and its outcome.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReleaseRecord {
     /// The scene.
     pub scene_seed: u64,
     /// The object's id.
     pub object: u16,
-    /// World position of the object's origin where it was let go, metres.
+    /// World position of the object's origin where it was released, metres.
     pub origin_m: [f32; 3],
     /// Its turn about world z from how it stands in the scene, radians.
     pub yaw_rad: f32,
@@ -60,7 +60,7 @@ pub struct ReleaseRecord {
 }
 
 impl ReleaseRecord {
-    /// The motion from where the object stands in the scene to where it was let go.
+    /// The motion from where the object stands in the scene to where it was released.
     pub fn placed_from_settled(&self, world_from_object: &Isometry3<f64>) -> Isometry3<f64> {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), f64::from(self.yaw_rad));
         let origin = Vector3::from(self.origin_m).cast::<f64>();

@@ -10,7 +10,13 @@ use std::{
 use flate2::{Compression, write::ZlibEncoder};
 use safetensors::{Dtype, View};
 
-use crate::{Layer, RELATIONS, ViewRecord, codec::Packer, json::ViewJson, whole::write_whole};
+use crate::{
+    codec::Packer,
+    json::ViewJson,
+    layer::Layer,
+    record::{RELATIONS, ViewRecord},
+    whole::write_whole,
+};
 
 /// The metadata's only key (a hash map of several would be written in any order, and the same views would give other bytes).
 pub(crate) const FORMAT_KEY: &str = "format";

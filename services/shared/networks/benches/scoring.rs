@@ -6,7 +6,7 @@
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::Point3;
-use repose_networks::{Candidate, Models, SceneContext, points::Sight};
+use repose_networks::{Candidate, Models, SceneContext, points::Observer};
 
 /// Batches of the discriminator.
 const BATCHES: [usize; 3] = [1, 25, 100];
@@ -37,8 +37,8 @@ fn scene(models: &Models) -> SceneContext {
             steps(0.1).for_each(|z| add(cx + u, cy, z, label));
         }
     }
-    let sight = Sight { eye: Point3::new(0.0, -0.8, 0.6), pixel_rad: 0.002 };
-    SceneContext::new(&points, &labels, 0.0, &sight, &models.config().cloud).expect("finite points, a label each")
+    let observer = Observer { eye: Point3::new(0.0, -0.8, 0.6), pixel_rad: 0.002 };
+    SceneContext::new(&points, &labels, 0.0, &observer, &models.config().cloud).expect("finite points, a label each")
 }
 
 fn candidates(yaw_rad: f32) -> Vec<Candidate> {

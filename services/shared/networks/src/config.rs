@@ -1,7 +1,8 @@
 //! The shapes of all networks in one place.
 
 use crate::{
-    networks::OUTCOME, parameters::WeightMap, points::CloudConfig, relation_predictor::MEASURES_WEIGHT, shared_scene::SharedConfig,
+    parameters::{MEASURES_WEIGHT, OUTCOME, WeightMap},
+    points::CloudConfig,
 };
 
 /// One set abstraction: `SA(n, k, r, mlp)`.
@@ -63,14 +64,14 @@ pub struct NetworksConfig {
     /// Whether the relation predictor reads [`crate::pair_measures`] beside the codes (ours), and how wide the two layers of their encoding are;
     /// `None` is the paper's.
     pub measures_code: Option<usize>,
-    /// How the outcome network's points are shared out.
+    /// How many points the outcome network uses.
     pub shared: SharedConfig,
     /// Whether there is an outcome network beside the discriminator (ours): the same layers, on scene features
     /// that candidates share ([`crate::shared_scene`]), trained on simulated releases.
     pub outcome: bool,
 }
 
-/// How the discriminator's points are shared out.
+/// How many points the discriminator uses of each kind.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DiscriminatorPoints {
     /// All points.
@@ -84,13 +85,30 @@ pub struct DiscriminatorPoints {
     pub near_m: f32,
 }
 
-/// Relations that the predictor tells, in wire order; the tenth (`aligned`) is judged by rule.
+/// How many centroids and neighbours the outcome network has.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SharedConfig {
+    /// Centroids of the scene at the first and the second level.
+    pub scene_centroids: [usize; 2],
+    /// Centroids of the query at the three levels, even numbers.
+    pub query_centroids: [usize; 3],
+    /// Neighbours of a query's centroid among the query's points, and among the scene's, at most.
+    pub neighbours: [usize; 2],
+}
+
+impl Default for SharedConfig {
+    fn default() -> Self {
+        Self { scene_centroids: [2048, 512], query_centroids: [128, 64, 32], neighbours: [32, 32] }
+    }
+}
+
+/// Relations that the predictor predicts, the first in wire order; the tenth (`aligned`) is judged by rule.
 pub const PREDICTED_RELATIONS: usize = 9;
 /// Relations that a goal can name.
 pub const GOAL_RELATIONS: usize = 10;
 
 impl NetworksConfig {
-    /// The networks of the paper and nothing else.
+    /// The networks of the paper alone.
     pub fn paper() -> Self {
         Self { measures_code: None, outcome: false, ..Self::default() }
     }
@@ -100,7 +118,7 @@ impl NetworksConfig {
         if self.measures_code.is_some() { self.hidden[0] } else { self.hidden[1] }
     }
 
-    /// The default shapes with the parts that stored weights have.
+    /// The default shapes, with the optional parts that the weights have.
     pub fn of_weights(weights: &WeightMap) -> Self {
         let measures = weights.get(MEASURES_WEIGHT).and_then(|(shape, _)| shape.first().copied());
         let outcome = weights.keys().any(|path| path.starts_with(OUTCOME));
@@ -120,7 +138,7 @@ impl Default for NetworksConfig {
         Self {
             cloud: CloudConfig::default(),
             object_levels: encoder(1.0),
-            // The same layers over a crop of half a metre, where 0.04 m would hold no neighbour.
+            // The same layers over a crop of half a metre, where a radius of 0.04 m would hold no neighbours.
             scene_levels: encoder(3.0),
             discriminator_levels: vec![
                 level(512, 64, 0.05, 1, &[32, 64]),

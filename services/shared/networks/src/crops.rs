@@ -1,9 +1,10 @@
-//! The networks' inputs, built from ordered clouds: the one place, for training and for serving.
+//! The networks' inputs, built from ordered clouds, in one place for training and serving.
 //!
 //! An input is points in an order of which every prefix is a good sample, with one grouping per set abstraction: the centroids are the
 //! first of the points, their neighbours the first within the radius.
 
 use crate::{
+    ball_query::ball_query,
     config::{NetworksConfig, SetAbstractionConfig},
     kernel::Kernel,
     neighbours::Neighbours,
@@ -41,7 +42,7 @@ impl Grouped {
             } else {
                 Grouping {
                     centroids: from[..config.centroids.min(from.len())].to_vec(),
-                    neighbours: Neighbours::within(kernel, from, config.centroids, config.neighbours, config.radius_m),
+                    neighbours: ball_query(kernel, from, config.centroids, config.neighbours, config.radius_m),
                 }
             });
         }
@@ -178,7 +179,7 @@ mod tests {
 
     fn cube() -> ObjectCloud {
         let points: Vec<_> = (0..1000).map(|i| Point3::new((i % 10) as f32, (i / 10 % 10) as f32, (i / 100) as f32) * 0.006).collect();
-        ObjectCloud::new(&points, &crate::points::tests::sight(), &crate::points::CloudConfig::default()).unwrap()
+        ObjectCloud::new(&points, &crate::points::tests::observer(), &crate::points::CloudConfig::default()).unwrap()
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The fused pair work of a set abstraction as a candle operation with a gradient.
 //!
-//! Candle's element-wise operations run on one thread and go through memory each time; gathering 32,768 pairs that way costs more than
+//! Candle's element-wise operations run on one thread and pass through memory each time; gathering 32,768 pairs that way costs more than
 //! the products. Here the gather, the shared MLP and the max run in cache ([`crate::kernel`]), and the gradient follows the winners.
 
 use std::sync::{Arc, Mutex};

@@ -53,7 +53,7 @@ impl Linear {
     }
 }
 
-/// Whether a network is being fitted, and where what the batch norms saw goes.
+/// Whether a network is being fitted; if so, where batch norms report their statistics.
 #[derive(Debug)]
 pub enum Mode {
     /// Batch statistics are used and reported.
@@ -73,7 +73,7 @@ impl BatchStatistics {
         Ok(())
     }
 
-    /// What was reported.
+    /// The reported statistics.
     pub fn into_inner(self) -> BTreeMap<String, Vec<f32>> {
         self.0.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner)
     }

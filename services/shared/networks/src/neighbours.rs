@@ -1,8 +1,6 @@
-//! Ragged neighbour lists: for each centroid the first k points in sampling order within a radius.
+//! Lists of neighbours of differing lengths, one per centroid.
 //!
 //! Lists hold no padding. A repeated neighbour changes no maximum, it only costs time, and in training it multiplies gradients.
-
-use crate::kernel::{Kernel, PointColumns};
 
 /// One list of point indices per centroid, concatenated.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -16,17 +14,6 @@ impl Neighbours {
     /// No lists yet.
     pub fn new() -> Self {
         Self { starts: vec![0], indices: Vec::new() }
-    }
-
-    /// The first `most` of `points` (in the order given) within `radius_m` of each of the first `centroids` points.
-    pub fn within(kernel: Kernel, points: &[[f32; 3]], centroids: usize, most: usize, radius_m: f32) -> Self {
-        let columns = PointColumns::new(points);
-        let mut lists = Self::new();
-        for center in points.iter().take(centroids) {
-            kernel.within(&columns, *center, radius_m, most, &mut lists.indices);
-            lists.starts.push(lists.indices.len() as u32);
-        }
-        lists
     }
 
     /// One list with all of `points` points: the grouping of a global layer.
@@ -86,7 +73,6 @@ impl Neighbours {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
 
     #[test]
     fn short_lists_are_filled_up_with_their_first_point_and_none_may_be_empty() {
@@ -96,22 +82,5 @@ mod tests {
         assert_eq!(lists.padded().unwrap(), [3, 1, 2, 5, 5, 5]);
         lists.push(&[]);
         assert!(lists.padded().unwrap_err().to_string().contains("centroid 2"));
-    }
-
-    proptest! {
-        #[test]
-        fn lists_hold_the_first_points_within_the_radius_for_every_kernel(
-            points in prop::collection::vec(prop::array::uniform3(-0.2..0.2f32), 1..120), most in 1usize..20,
-        ) {
-            for kernel in Kernel::available() {
-                let lists = Neighbours::within(kernel, &points, 10, most, 0.1);
-                prop_assert_eq!(lists.centroids(), points.len().min(10));
-                for i in 0..lists.centroids() {
-                    let near = |p: &[f32; 3]| (0..3).map(|k| (p[k] - points[i][k]).powi(2)).sum::<f32>() <= 0.1f32 * 0.1;
-                    let expected: Vec<u32> = (0..points.len() as u32).filter(|j| near(&points[*j as usize])).take(most).collect();
-                    prop_assert_eq!(lists.of(i), &expected[..]);
-                }
-            }
-        }
     }
 }

@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// The paper's five networks and ours. Encoders, relation predictor and prior are trained jointly, the discriminator and the outcome network
-/// each apart.
+/// separately.
 #[derive(Debug, Clone)]
 pub struct Networks {
     /// `e`.
@@ -27,18 +27,11 @@ pub struct Networks {
     pub prior: Prior,
     /// `f`.
     pub discriminator: Discriminator,
-    /// The discriminator's layers again, trained on what happens when an object is let go (ours).
+    /// The discriminator's layers, trained on the outcomes of simulated releases (ours).
     pub outcome: Option<Discriminator>,
-    /// Where the parameters are, and what is computed with them.
+    /// Where the parameters are and the computation runs.
     pub device: Device,
 }
-
-/// The first part of the relation predictor's parameter paths.
-pub const RELATIONS: &str = "relations/";
-/// The first part of the discriminator's parameter paths: what tells the trainings apart.
-pub const DISCRIMINATOR: &str = "discriminator/";
-/// The first part of the outcome network's parameter paths.
-pub const OUTCOME: &str = "outcome/";
 
 impl Networks {
     /// New networks with weights from a generator, and their parameters.
@@ -57,7 +50,7 @@ impl Networks {
         Self::build(Builder::stored(weights, device), config)
     }
 
-    /// Networks with stored weights where there are some that fit and new ones elsewhere, so that training can go on with other parts.
+    /// Networks with stored weights where they fit, and new ones elsewhere, so that training can continue with other parts.
     ///
     /// # Errors
     /// None on a CPU; elsewhere when the device fails.

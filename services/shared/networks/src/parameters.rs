@@ -9,6 +9,15 @@ use candle_core::{DType, Device, Result, Tensor, Var};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
+/// The first part of the relation predictor's paths.
+pub const RELATIONS: &str = "relations/";
+/// The path of the weight that reads [`crate::pair_measures`]; only the `measured` variant of the relation predictor has it.
+pub const MEASURES_WEIGHT: &str = "relations/measures/weight";
+/// The first part of the discriminator's paths.
+pub const DISCRIMINATOR: &str = "discriminator/";
+/// The first part of the outcome network's paths.
+pub const OUTCOME: &str = "outcome/";
+
 /// Values by name, as stored: shape and row-major numbers.
 pub type WeightMap = BTreeMap<String, (Vec<usize>, Vec<f32>)>;
 

@@ -22,8 +22,8 @@ pub struct CloudConfig {
     pub scene_reach_m: f32,
     /// Points of an object that are kept, in sampling order.
     pub object_points: usize,
-    /// How wide a band cleaning takes from either side of a mask's border, pixels: as wide as perception's. It says by how much clouds end
-    /// short of their objects ([`Rim`]).
+    /// The width of the band that cleaning removes on either side of a mask's border, pixels: the same as perception's. Clouds end short of
+    /// their objects by it ([`Rim`]).
     pub border_px: f32,
 }
 
@@ -33,17 +33,17 @@ impl Default for CloudConfig {
     }
 }
 
-/// The camera of a picture, as far as its clouds show it.
+/// The camera that observed a cloud: where it was, and how fine its pixels are.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sight {
+pub struct Observer {
     /// The optical centre, in the axes of the points that go with it, metres.
     pub eye: Point3<f32>,
     /// What a pixel spans in the middle of the picture, radians: the inverse of the focal length in pixels.
     pub pixel_rad: f32,
 }
 
-impl Sight {
-    /// A pinhole camera's at its pose.
+impl Observer {
+    /// A pinhole camera at its pose.
     pub fn of_camera(camera: &Pinhole, world_from_camera: &Isometry3<f64>) -> Self {
         let focal_px = 0.5 * (camera.fx + camera.fy);
         Self { eye: world_from_camera.translation.vector.cast::<f32>().into(), pixel_rad: (1.0 / focal_px) as f32 }
@@ -55,9 +55,9 @@ impl Sight {
     }
 }
 
-/// What cleaning took from a cloud's outline, as its camera saw it: an object reaches about `width_m` farther than its cloud, across
-/// the line of sight. Two objects that touch show a gap of both their widths, millimetres near a camera and a centimetre and more at arm's
-/// length, so a gap says little without them.
+/// The band that cleaning removed from a cloud's outline: the object reaches about `width_m` farther than its cloud, across the line of
+/// sight. Two touching objects show a gap of both their widths, millimetres near a camera and more than a centimetre at arm's length, so
+/// gaps mean little without them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rim {
     /// How much is missing on every side, metres.
@@ -67,14 +67,14 @@ pub struct Rim {
 }
 
 impl Rim {
-    fn new(centroid: &Point3<f32>, sight: &Sight, border_px: f32) -> Self {
-        let line = centroid - sight.eye;
+    fn new(centroid: &Point3<f32>, observer: &Observer, border_px: f32) -> Self {
+        let line = centroid - observer.eye;
         let far_m = line.norm().max(f32::EPSILON);
         // Of the outermost pixel that is left, half lies beyond its point.
-        Self { width_m: (border_px + 0.5) * sight.pixel_rad * far_m, line_of_sight: (line / far_m).into() }
+        Self { width_m: (border_px + 0.5) * observer.pixel_rad * far_m, line_of_sight: (line / far_m).into() }
     }
 
-    /// By how much the object reaches farther than its cloud in a direction (unit vector), metres.
+    /// How much farther than its cloud the object reaches in a direction (unit vector), metres.
     pub fn beyond_m(&self, direction: [f32; 3]) -> f32 {
         let along: f32 = (0..3).map(|k| direction[k] * self.line_of_sight[k]).sum();
         self.width_m * (1.0 - along * along).max(0.0).sqrt()
@@ -88,19 +88,19 @@ pub struct ObjectCloud {
     pub centroid_in_viewer: Point3<f32>,
     /// Up to [`CloudConfig::object_points`] points minus the centroid.
     pub points: Vec<[f32; 3]>,
-    /// What cleaning took from its outline.
+    /// The band that cleaning removed from its outline.
     pub rim: Rim,
 }
 
 impl ObjectCloud {
     /// From the object's points and the camera that saw them, both in the viewer's axes; `None` without points.
-    pub fn new(points_in_viewer: &[Point3<f32>], sight: &Sight, config: &CloudConfig) -> Option<Self> {
+    pub fn new(points_in_viewer: &[Point3<f32>], observer: &Observer, config: &CloudConfig) -> Option<Self> {
         let centroid = cloud::centroid(points_in_viewer)?;
         let thinned = cloud::voxel_downsampled(points_in_viewer, config.voxel_m);
         let order = farthest_point_order(&thinned, config.object_points);
         let points = order.iter().map(|i| (thinned[*i as usize].cast::<f64>() - centroid).cast::<f32>().into()).collect();
         let centroid_in_viewer = centroid.cast();
-        Some(Self { centroid_in_viewer, points, rim: Rim::new(&centroid_in_viewer, sight, config.border_px) })
+        Some(Self { centroid_in_viewer, points, rim: Rim::new(&centroid_in_viewer, observer, config.border_px) })
     }
 
     /// The same cloud turned counter-clockwise about z through its centroid. The sampling order does not change.
@@ -179,31 +179,31 @@ pub(crate) mod tests {
     use super::*;
 
     /// A camera a metre off, on the left and above.
-    pub(crate) fn sight() -> Sight {
-        Sight { eye: Point3::new(-0.5, -0.7, 0.5), pixel_rad: 0.002 }
+    pub(crate) fn observer() -> Observer {
+        Observer { eye: Point3::new(-0.5, -0.7, 0.5), pixel_rad: 0.002 }
     }
 
     #[test]
     fn turning_an_object_keeps_its_order_and_its_centroid() {
         let points: Vec<_> = (0..40).map(|i| Point3::new((i % 7) as f32 * 0.01, (i % 5) as f32 * 0.013, i as f32 * 0.002)).collect();
-        let cloud = ObjectCloud::new(&points, &sight(), &CloudConfig::default()).unwrap();
+        let cloud = ObjectCloud::new(&points, &observer(), &CloudConfig::default()).unwrap();
         let back = cloud.turned(0.7).turned(-0.7);
         assert_eq!(back.centroid_in_viewer, cloud.centroid_in_viewer);
         assert!(back.points.iter().flatten().zip(cloud.points.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-6));
     }
 
     #[test]
-    fn what_is_missing_is_as_wide_as_cleanings_pixels_and_half_a_pixel_and_lies_across_the_line_of_sight() {
+    fn the_rim_is_as_wide_as_the_removed_pixels_and_half_a_pixel_across_the_line_of_sight() {
         let config = CloudConfig { border_px: 3.0, ..CloudConfig::default() };
-        let sight = Sight { eye: Point3::new(0.0, -2.0, 0.0), pixel_rad: 0.002 };
-        let cloud = ObjectCloud::new(&[Point3::origin()], &sight, &config).unwrap();
+        let observer = Observer { eye: Point3::new(0.0, -2.0, 0.0), pixel_rad: 0.002 };
+        let cloud = ObjectCloud::new(&[Point3::origin()], &observer, &config).unwrap();
         assert!((cloud.rim.width_m - 0.014).abs() < 1e-6);
         assert!((cloud.rim.beyond_m([1.0, 0.0, 0.0]) - 0.014).abs() < 1e-6 && cloud.rim.beyond_m([0.0, 1.0, 0.0]) < 1e-6);
-        // Turned by a quarter, what was seen from the front is seen from the right.
+        // After a quarter turn, the side that faced the camera faces right.
         let turned = cloud.turned(std::f32::consts::FRAC_PI_2).rim;
         assert!(turned.beyond_m([1.0, 0.0, 0.0]) < 1e-5 && (turned.beyond_m([0.0, 1.0, 0.0]) - 0.014).abs() < 1e-6);
         // The same camera in turned axes sees the same.
         let quarter = Rotation3::from_axis_angle(&nalgebra::Vector3::z_axis(), std::f32::consts::FRAC_PI_2);
-        assert!((quarter * sight.eye - sight.turned(&quarter).eye).norm() < 1e-6);
+        assert!((quarter * observer.eye - observer.turned(&quarter).eye).norm() < 1e-6);
     }
 }

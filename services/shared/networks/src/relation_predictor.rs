@@ -9,9 +9,6 @@ use crate::{
     parameters::Builder,
 };
 
-/// The path of a weight that only the `measured` variant has.
-pub(crate) const MEASURES_WEIGHT: &str = "relations/measures/weight";
-
 /// `[h_i, h_j]` → 128 → 9 logits. The `measured` variant (ours) encodes [`crate::pair_measures`] by two layers beside the codes: 146 → 128 →
 /// 128, and `[h_i, h_j, m]` → 256 → 9 logits.
 #[derive(Debug, Clone)]

@@ -215,7 +215,7 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::*;
-    use crate::NetworksConfig;
+    use crate::config::NetworksConfig;
 
     /// What candle's CUDA backend asks of a product's right operand (`gemm_config` in its `cuda_backend/mod.rs`); its CPU takes any.
     fn is_taken_by_cuda(right: &Tensor) -> bool {

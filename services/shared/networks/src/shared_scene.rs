@@ -1,36 +1,19 @@
 //! The outcome network's inputs (ours): one sampling per scene, whose features all candidates share.
 //!
-//! With a crop and a sampling for every candidate, as in the paper, nothing that was computed for one candidate serves another. Here the
-//! scene without the query has its own points and centroids, which never look at the query, so that their features are computed once. The
-//! query has centroids of its own, which look at its points and at the scene's: what is learned about a place flows from the scene to the
-//! query. Half of the query's first centroids are its points let down to its lowest height, since what carries an object is found there
-//! and not on the sides that a camera sees. Coordinates only count relative to a centroid, so features do not depend on where in the world
-//! the scene is.
+//! With a crop and a sampling per candidate, as in the paper, no computation serves two candidates. Here the scene without the query has its
+//! own points and centroids, whose neighbours are never the query's, so that their features are computed once. The query has its own
+//! centroids, whose neighbours are its points and the scene's: information about a place flows from the scene to the query. Half of the
+//! query's first centroids are its points projected down to its lowest height, since an object is supported there and not on the sides that
+//! a camera sees. Only coordinates relative to a centroid count, so features do not depend on the scene's place in the world.
 
 use crate::{
+    ball_query::ball_query,
     config::NetworksConfig,
     crops::{Grouped, Grouping},
     kernel::{Kernel, PointColumns},
     neighbours::Neighbours,
     points::{ObjectCloud, SceneCloud},
 };
-
-/// How points are shared out.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SharedConfig {
-    /// Centroids of the scene at the first and the second level.
-    pub scene_centroids: [usize; 2],
-    /// Centroids of the query at the three levels, even numbers.
-    pub query_centroids: [usize; 3],
-    /// Neighbours of a query's centroid among the query's points, and among the scene's, at most.
-    pub neighbours: [usize; 2],
-}
-
-impl Default for SharedConfig {
-    fn default() -> Self {
-        Self { scene_centroids: [2048, 512], query_centroids: [128, 64, 32], neighbours: [32, 32] }
-    }
-}
 
 /// The scene's part: points in sampling order, and what its centroids look at.
 #[derive(Debug, Clone)]
@@ -70,7 +53,7 @@ impl SharedScene {
         let counts = [points.len(), config.shared.scene_centroids[0].min(points.len()), 0];
         let counts = [counts[0], counts[1], config.shared.scene_centroids[1].min(counts[1])];
         let within = |from: &[[f32; 3]], centroids: usize, level: usize| {
-            Neighbours::within(kernel, from, centroids, levels[level].neighbours, levels[level].radius_m)
+            ball_query(kernel, from, centroids, levels[level].neighbours, levels[level].radius_m)
         };
         let first = within(&points, counts[1], 0);
         let second = within(&points[..counts[1]], counts[2], 1);
@@ -174,7 +157,10 @@ mod tests {
         let points: Vec<[f32; 3]> = (0..3600).map(|i| [(i % 60) as f32 * 0.01 - 0.3, (i / 60) as f32 * 0.01 - 0.3, 0.0]).collect();
         let block: Vec<_> = (0..400).map(|i| Point3::new((i % 20) as f32 * 0.003, 0.0, (i / 20) as f32 * 0.005)).collect();
         let config = CloudConfig { voxel_m: 0.001, ..CloudConfig::default() };
-        (SceneCloud { labels: vec![0; points.len()], points }, ObjectCloud::new(&block, &crate::points::tests::sight(), &config).unwrap())
+        (
+            SceneCloud { labels: vec![0; points.len()], points },
+            ObjectCloud::new(&block, &crate::points::tests::observer(), &config).unwrap(),
+        )
     }
 
     #[test]

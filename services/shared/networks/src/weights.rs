@@ -1,6 +1,7 @@
-//! Weights on disk: one safetensors file with where it came from, known by its BLAKE3 hash.
+//! Weights on disk: one safetensors file with its origin, identified by its BLAKE3 hash.
 //!
-//! Tensors are stored as `f32` under their parameter paths. The metadata holds the recipe, the data's seed range and the metrics as JSON.
+//! Tensors are stored as `f32` under their parameter paths. The metadata holds the recipe, the data's seed range and the metrics as JSON, and
+//! the names of the measures that the relation predictor reads.
 
 use std::collections::HashMap;
 
@@ -10,7 +11,12 @@ use rand_pcg::Pcg64;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize};
 
-use crate::{config::NetworksConfig, networks::Networks, parameters::WeightMap};
+use crate::{
+    config::NetworksConfig,
+    networks::Networks,
+    pair_measures::pair_measure_names,
+    parameters::{MEASURES_WEIGHT, WeightMap},
+};
 
 /// The metadata's only key (a hash map of several would be written in any order, and the file's hash would change with it).
 const METADATA: &str = "repose-weights-1";
@@ -22,6 +28,16 @@ pub struct WeightsInfo {
     pub recipe: serde_json::Value,
     /// What was measured on validation scenes.
     pub metrics: serde_json::Value,
+}
+
+/// The metadata entry as it is stored.
+#[derive(Debug, Serialize, Deserialize)]
+struct Header {
+    #[serde(flatten)]
+    info: WeightsInfo,
+    /// What each input of [`MEASURES_WEIGHT`] reads, where there is that tensor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    measures: Option<Vec<String>>,
 }
 
 /// Why weights could not be used.
@@ -61,7 +77,7 @@ impl Weights {
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| malformed("header", e.to_string()))?;
         let info = header.metadata().as_ref().and_then(|entries| entries.get(METADATA));
         let info = info.ok_or_else(|| malformed("metadata", format!("expected the key {METADATA}, which is missing")))?;
-        let info = serde_json::from_str(info).map_err(|e| malformed(METADATA, e.to_string()))?;
+        let Header { info, measures } = serde_json::from_str(info).map_err(|e| malformed(METADATA, e.to_string()))?;
         let tensors = SafeTensors::deserialize(bytes).map_err(|e| malformed("tensors", e.to_string()))?;
         let mut values = WeightMap::new();
         for (name, view) in tensors.tensors() {
@@ -74,6 +90,9 @@ impl Weights {
                 return Err(malformed(&name, format!("entry {i} is not finite")));
             }
             values.insert(name, (view.shape().to_vec(), numbers));
+        }
+        for (name, value) in values.iter_mut().filter(|(name, _)| reads_measures(name)) {
+            *value = in_our_order(value, measures.as_deref()).map_err(|reason| malformed(name, reason))?;
         }
         Ok(Self { values, info, hash: blake3::hash(bytes).to_hex().to_string() })
     }
@@ -89,7 +108,9 @@ impl Weights {
             let view = TensorView::new(Dtype::F32, shape.clone(), bytemuck::cast_slice(numbers));
             tensors.push((name.clone(), view.map_err(|e| malformed(name, e.to_string()))?));
         }
-        let text = serde_json::to_string(info).map_err(|e| malformed(METADATA, e.to_string()))?;
+        // `values` are in this program's order, into which reading brings them.
+        let measures = values.keys().any(|name| reads_measures(name)).then(|| pair_measure_names().to_vec());
+        let text = serde_json::to_string(&Header { info: info.clone(), measures }).map_err(|e| malformed(METADATA, e.to_string()))?;
         let metadata = HashMap::from([(METADATA.to_string(), text)]);
         safetensors::serialize(tensors, Some(metadata)).map_err(|e| malformed("container", e.to_string()))
     }
@@ -97,12 +118,43 @@ impl Weights {
     /// Untrained weights from a seed, with which a whole system runs (and answers nonsense).
     ///
     /// # Errors
-    /// None in practice; the networks' construction is fallible.
+    /// Never for valid shapes; building networks is fallible for stored weights.
     pub fn initial(config: &NetworksConfig, seed: u64) -> Result<Vec<u8>, WeightsError> {
         let (_, parameters) = Networks::seeded(config, &mut Pcg64::seed_from_u64(seed), &Device::Cpu)?;
         let info = WeightsInfo { recipe: serde_json::json!({ "untrained": true, "seed": seed }), metrics: serde_json::Value::Null };
         Self::to_bytes(&parameters.to_map()?, &info)
     }
+}
+
+/// Whether a tensor's inputs are measures: the relation predictor's own, or a checkpoint's copy of it.
+fn reads_measures(name: &str) -> bool {
+    name.rsplit_once(':').map_or(name, |(_, path)| path) == MEASURES_WEIGHT
+}
+
+/// `[outputs, named]` with one column per name → `[outputs, measures]` with one per measure of this program; measures that are not read
+/// weigh nothing.
+fn in_our_order((shape, weight): &(Vec<usize>, Vec<f32>), names: Option<&[String]>) -> Result<(Vec<usize>, Vec<f32>), String> {
+    let Some(names) = names else {
+        return Err("the file does not name the measures that this tensor reads (metadata entry `measures`)".to_owned());
+    };
+    let &[outputs, inputs] = &shape[..] else { return Err(format!("expected two dimensions, got {shape:?}")) };
+    if inputs != names.len() {
+        return Err(format!("expected shape [{outputs}, {}] for the measures that the file names, got {shape:?}", names.len()));
+    }
+    let ours = pair_measure_names();
+    let column = |name: &String| {
+        let at = ours.iter().position(|n| n == name);
+        at.ok_or_else(|| format!("reads the measure {name:?}, which this program does not have"))
+    };
+    let columns = names.iter().map(column).collect::<Result<Vec<usize>, String>>()?;
+    if let Some(k) = (1..columns.len()).find(|k| columns[..*k].contains(&columns[*k])) {
+        return Err(format!("names the measure {:?} twice", names[k]));
+    }
+    let mut ordered = vec![0.0; outputs * ours.len()];
+    for (row, from) in ordered.chunks_exact_mut(ours.len()).zip(weight.chunks_exact(inputs.max(1))) {
+        columns.iter().zip(from).for_each(|(column, value)| row[*column] = *value);
+    }
+    Ok((vec![outputs, ours.len()], ordered))
 }
 
 #[cfg(test)]
@@ -132,5 +184,38 @@ mod tests {
         weights.values.remove("relations/out/bias");
         let error = Networks::stored(&config, &weights.values, &Device::Cpu).unwrap_err();
         assert!(error.to_string().contains("relations/out/bias is missing"), "{error}");
+    }
+
+    /// A file whose metadata says what `change` makes of the names, with the columns in any order.
+    fn with_names(weights: &Weights, value: (Vec<usize>, Vec<f32>), names: Option<Vec<String>>) -> Vec<u8> {
+        let view = TensorView::new(Dtype::F32, value.0.clone(), bytemuck::cast_slice(&value.1)).unwrap();
+        let text = serde_json::to_string(&Header { info: weights.info.clone(), measures: names }).unwrap();
+        safetensors::serialize([(MEASURES_WEIGHT, view)], Some(HashMap::from([(METADATA.to_owned(), text)]))).unwrap()
+    }
+
+    #[test]
+    fn measures_are_read_by_name_in_any_order_and_others_are_refused_by_name() {
+        let weights = Weights::from_bytes(&Weights::initial(&NetworksConfig::default(), 3).unwrap()).unwrap();
+        let (shape, ours) = weights.values[MEASURES_WEIGHT].clone();
+        let (outputs, inputs) = (shape[0], shape[1]);
+        let names = pair_measure_names().to_vec();
+
+        let backwards = (0..outputs).flat_map(|o| ours[o * inputs..(o + 1) * inputs].iter().rev().copied()).collect::<Vec<_>>();
+        let turned = with_names(&weights, (shape.clone(), backwards), Some(names.iter().rev().cloned().collect()));
+        assert_eq!(Weights::from_bytes(&turned).unwrap().values[MEASURES_WEIGHT].1, ours);
+
+        let fewer: Vec<f32> = (0..outputs).flat_map(|o| ours[o * inputs..(o + 1) * inputs - 1].iter().copied()).collect();
+        let fewer = with_names(&weights, (vec![outputs, inputs - 1], fewer), Some(names[..inputs - 1].to_vec()));
+        let read = &Weights::from_bytes(&fewer).unwrap().values[MEASURES_WEIGHT];
+        assert_eq!((&read.0, read.1[inputs - 1], read.1[inputs - 2]), (&shape, 0.0, ours[inputs - 2]));
+
+        let mut other = names.clone();
+        other[7] = "height_above_sea_level".to_owned();
+        for (names, expected) in
+            [(Some(other), "height_above_sea_level"), (Some(names[1..].to_vec()), "[128, 145]"), (None, "does not name the measures")]
+        {
+            let error = Weights::from_bytes(&with_names(&weights, (shape.clone(), ours.clone()), names)).unwrap_err().to_string();
+            assert!(error.contains(MEASURES_WEIGHT) && error.contains(expected), "{error}");
+        }
     }
 }

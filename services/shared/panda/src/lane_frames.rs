@@ -3,8 +3,10 @@
 //! The same chain as [`crate::kinematics`], in single precision; the Denavit–Hartenberg turns are all right angles and are written out. A place
 //! on the arm is within about a micrometre of what double precision gives, which callers cover by [`LANE_ROUNDING_M`].
 
+use repose_simd::Lanes;
+
 use crate::kinematics::{ELBOW_OFFSET_M, FOREARM_M, SHOULDER_M, UPPER_ARM_M, WRIST_OFFSET_M};
-use crate::{Frame, JOINT_COUNT, lanes::Lanes};
+use crate::{Frame, JOINT_COUNT};
 
 /// More than single precision moves any place on the arm (or something held within half a metre of it), metres.
 pub const LANE_ROUNDING_M: f32 = 1e-5;
@@ -144,10 +146,10 @@ unsafe fn sin_cos<S: Lanes>(angle: S::V) -> (S::V, S::V) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lanes::Plain;
     use crate::{Joints, LIMITS, LinkFrames};
     use nalgebra::{Isometry3, Vector3};
     use proptest::prelude::*;
+    use repose_simd::{InstructionSet, Work};
 
     fn joints() -> impl Strategy<Value = Joints> {
         prop::array::uniform7(0.0..1.0f64).prop_map(|u| LIMITS.between(&u))
@@ -178,18 +180,17 @@ mod tests {
         worst
     }
 
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
-    unsafe fn deviation_avx512(configurations: &[Joints; 16], world_from_base: &Isometry3<f64>) -> f64 {
-        // SAFETY: by this function's features.
-        unsafe { deviation::<crate::lanes::Avx512>(configurations, world_from_base) }
-    }
+    /// [`deviation`] of sixteen configurations.
+    struct Deviation<'a>(&'a [Joints; 16], &'a Isometry3<f64>);
 
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2,fma")]
-    unsafe fn deviation_avx2(configurations: &[Joints; 16], world_from_base: &Isometry3<f64>) -> f64 {
-        // SAFETY: by this function's features.
-        unsafe { deviation::<crate::lanes::Avx2>(configurations, world_from_base) }
+    impl Work for Deviation<'_> {
+        type Output = f64;
+
+        #[inline(always)]
+        unsafe fn run<S: Lanes>(self) -> f64 {
+            // SAFETY: the instruction set is present by this function's contract.
+            unsafe { deviation::<S>(self.0, self.1) }
+        }
     }
 
     proptest! {
@@ -197,20 +198,10 @@ mod tests {
         fn every_lane_agrees_with_double_precision(
             many in prop::collection::vec(joints(), 16), shift in prop::array::uniform3(-0.5..0.5f64), turn in -3.0..3.0f64,
         ) {
-            use crate::lanes::InstructionSet;
             let configurations: [Joints; 16] = std::array::from_fn(|k| many[k]);
             let world_from_base = Isometry3::new(Vector3::from(shift), Vector3::z() * turn);
             for set in InstructionSet::available() {
-                // SAFETY: the set is available.
-                let worst = unsafe {
-                    match set {
-                        #[cfg(target_arch = "x86_64")]
-                        InstructionSet::Avx512 => deviation_avx512(&configurations, &world_from_base),
-                        #[cfg(target_arch = "x86_64")]
-                        InstructionSet::Avx2 => deviation_avx2(&configurations, &world_from_base),
-                        _ => deviation::<Plain>(&configurations, &world_from_base),
-                    }
-                };
+                let worst = set.run(Deviation(&configurations, &world_from_base));
                 prop_assert!(worst < f64::from(LANE_ROUNDING_M) / 3.0, "{set:?}: {worst}");
             }
         }

@@ -18,7 +18,6 @@ pub mod interpolation;
 pub mod inverse;
 pub mod kinematics;
 pub mod lane_frames;
-pub mod lanes;
 pub mod levers;
 pub mod limits;
 pub mod self_collision;

@@ -1,24 +1,24 @@
-//! Counts of a yes-or-no judgement against the truth, and what is said of them: F1, sensitivity, specificity.
+//! Counts of yes-or-no judgements against the truth, and their figures: F1, sensitivity, specificity.
 
 use serde::Serialize;
 
-/// How often a judgement said yes or no, and how often it was so.
+/// True and false positives and negatives.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Confusion {
-    /// Said yes, and it is so.
+    /// Judged true, and true.
     pub true_positives: usize,
-    /// Said yes, and it is not so.
+    /// Judged true, but false.
     pub false_positives: usize,
-    /// Said no, and it is so.
+    /// Judged false, but true.
     pub false_negatives: usize,
-    /// Said no, and it is not so.
+    /// Judged false, and false.
     pub true_negatives: usize,
 }
 
 impl Confusion {
     /// Counts one judgement.
-    pub fn count(&mut self, said: bool, truly: bool) {
-        *match (said, truly) {
+    pub fn count(&mut self, judged: bool, truth: bool) {
+        *match (judged, truth) {
             (true, true) => &mut self.true_positives,
             (true, false) => &mut self.false_positives,
             (false, true) => &mut self.false_negatives,
@@ -26,7 +26,7 @@ impl Confusion {
         } += 1;
     }
 
-    /// Adds what was counted elsewhere.
+    /// Adds the counts of another.
     pub fn merge(&mut self, other: &Self) {
         self.true_positives += other.true_positives;
         self.false_positives += other.false_positives;
@@ -39,28 +39,28 @@ impl Confusion {
         self.true_positives + self.false_positives + self.false_negatives + self.true_negatives
     }
 
-    /// Share of all in which it is so, percent; 0 without any.
+    /// The share that is true, percent; 0 without judgements.
     pub fn true_percent(&self) -> f64 {
         100.0 * share(self.true_positives + self.false_negatives, self.total()).unwrap_or(0.0)
     }
 
-    /// Share of what is so that was said to be, 0 to 1; `None` where nothing is so.
+    /// The share of what is true that was judged true, 0 to 1; `None` where nothing is true.
     pub fn sensitivity(&self) -> Option<f64> {
         share(self.true_positives, self.true_positives + self.false_negatives)
     }
 
-    /// Share of what is not so that was not said to be, 0 to 1; `None` where everything is so.
+    /// The share of what is false that was judged false, 0 to 1; `None` where everything is true.
     pub fn specificity(&self) -> Option<f64> {
         share(self.true_negatives, self.true_negatives + self.false_positives)
     }
 
-    /// Harmonic mean of precision and sensitivity, 0 to 1; `None` where nothing is so and nothing was said to be.
+    /// Harmonic mean of precision and sensitivity, 0 to 1; `None` where nothing is true and nothing was judged true.
     pub fn f1(&self) -> Option<f64> {
         share(2 * self.true_positives, 2 * self.true_positives + self.false_positives + self.false_negatives)
     }
 
-    /// The F1 that the same sensitivity and specificity would give where a share `prevalence` (0 to 1) is so: F1 is not comparable between
-    /// sets that differ in it.
+    /// The F1 that the same sensitivity and specificity would give at another `prevalence`, the share that is true (0 to 1): F1 cannot be
+    /// compared between sets that differ in it.
     pub fn f1_at(&self, prevalence: f64) -> Option<f64> {
         let found = prevalence * self.sensitivity()?;
         let mistaken = (1.0 - prevalence) * (1.0 - self.specificity()?);
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn f1_at_the_own_prevalence_is_f1_and_falls_where_the_relation_is_rarer() {
+    fn f1_at_its_own_prevalence_is_f1_and_falls_where_the_relation_is_rarer() {
         let f1 = WORKED.f1().expect("defined");
         assert!((WORKED.f1_at(0.2).expect("defined") - f1).abs() < 1e-12);
         // At 5 %: found 0.0375, mistaken 0.95 · 0.125 = 0.11875; 2 · 0.0375 / (0.0375 + 0.11875 + 0.05).
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_said_is_not_said() {
+    fn figures_without_a_denominator_are_none() {
         let mut none = Confusion::default();
         assert_eq!((none.f1(), none.sensitivity(), none.specificity(), none.true_percent()), (None, None, None, 0.0));
         none.count(false, false);

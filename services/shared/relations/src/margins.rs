@@ -3,7 +3,7 @@
 /// How many relations there are.
 pub const RELATIONS: usize = 10;
 
-/// Two objects are near up to this distance between their surfaces.
+/// Two objects are near up to this distance between their surfaces (the paper's appendix, like all thresholds here).
 pub const NEAR_M: f64 = 0.05;
 /// Meshes touch up to this distance.
 pub const TOUCHING_MESHES_M: f64 = 0.001;

@@ -14,7 +14,7 @@ use crate::directional::{ViewerExtents, directional_margins};
 use crate::margins::{Margins, NEAR_M, RELATIONS, TOUCHING_CLOUDS_M};
 use crate::rectangle::{quarter_turn_difference_rad, rectangle_yaw_rad};
 
-/// The share of points that the box of a cloud leaves out at either end of each axis.
+/// The share of points that the box of a cloud leaves out at either end of each axis: the appendix's 1–99 % box.
 const STRAY_SHARE: f64 = 0.01;
 /// Distances between clouds are searched this far; more only has to be known to be more.
 const SEARCH_M: f32 = NEAR_M as f32 + 0.01;

@@ -3,11 +3,12 @@
 //! A maximum sends its gradient to one neighbour only, so the last layer's backward pass touches one row per output instead of all
 //! neighbours: a sixty-fourth of a dense one. (candle's own `max` sends it in full to every tied element.)
 
+use repose_simd::{Lanes, Work};
+
 use super::{
     linear::linear,
     packed::PackedLinear,
     pair_mlp::PairMlp,
-    simd::Simd,
     tile::{ROWS, product},
 };
 
@@ -37,6 +38,24 @@ pub struct PairMlpGradients {
     pub last_bias: Vec<f32>,
 }
 
+/// [`super::Kernel::pair_mlp_backward`].
+pub(super) struct Backward<'a> {
+    pub op: &'a PairMlp<'a>,
+    pub raw: &'a RawLayers<'a>,
+    pub winners: &'a [u16],
+    pub grad_out: &'a [f32],
+}
+
+impl Work for Backward<'_> {
+    type Output = PairMlpGradients;
+
+    #[inline(always)]
+    unsafe fn run<S: Lanes>(self) -> PairMlpGradients {
+        // SAFETY: the instruction set is present by this function's contract.
+        unsafe { backward::<S>(self.op, self.raw, self.winners, self.grad_out) }
+    }
+}
+
 /// Gradients from `grad_out` `[centroids, outputs]` and the forward pass's `winners` `[centroids, padded outputs]`.
 ///
 /// The last layer and the gather are plain slices, vectorised as the caller's `#[target_feature]` allows; the middle layer, whose gradient
@@ -45,12 +64,7 @@ pub struct PairMlpGradients {
 /// # Safety
 /// The instruction set must be present.
 #[inline(always)]
-pub(crate) unsafe fn backward<S: Simd, const C: usize>(
-    op: &PairMlp<'_>,
-    raw: &RawLayers<'_>,
-    winners: &[u16],
-    grad_out: &[f32],
-) -> PairMlpGradients {
+unsafe fn backward<S: Lanes>(op: &PairMlp<'_>, raw: &RawLayers<'_>, winners: &[u16], grad_out: &[f32]) -> PairMlpGradients {
     let hidden = op.middle.map_or(op.last.inputs(), |m| m.inputs());
     let (inputs, outputs, padded) = (op.last.inputs(), op.last.outputs(), op.last.padded());
     let mut grads = PairMlpGradients {
@@ -79,11 +93,11 @@ pub(crate) unsafe fn backward<S: Simd, const C: usize>(
         if let Some(middle) = &mut middle {
             let n = list.len();
             // SAFETY: the instruction set is present by this function's contract; `linear` asserts lengths.
-            unsafe { linear::<S, C>(middle.packed, &first, n, true, &mut middle.rows) };
+            unsafe { linear::<S>(middle.packed, &first, n, true, &mut middle.rows) };
             middle.grad[..n * inputs].fill(0.0);
             last_layer(raw.last, inputs, grad, winners, &middle.rows, &mut middle.grad, &mut grads);
             // SAFETY: as above.
-            unsafe { middle.backward::<S, C>(&first, n, &mut grad_first, &mut grads) };
+            unsafe { middle.backward::<S>(&first, n, &mut grad_first, &mut grads) };
         } else {
             grad_first[..list.len() * hidden].fill(0.0);
             last_layer(raw.last, inputs, grad, winners, &first, &mut grad_first, &mut grads);
@@ -131,15 +145,9 @@ impl<'a> Middle<'a> {
 
     /// From the gradient of the rows to those of their inputs (`grad_first`, overwritten) and of the layer (added).
     #[inline(always)]
-    unsafe fn backward<S: Simd, const C: usize>(
-        &mut self,
-        first: &[f32],
-        count: usize,
-        grad_first: &mut [f32],
-        grads: &mut PairMlpGradients,
-    ) {
+    unsafe fn backward<S: Lanes>(&mut self, first: &[f32], count: usize, grad_first: &mut [f32], grads: &mut PairMlpGradients) {
         let (inputs, outputs) = (self.packed.inputs(), self.packed.outputs());
-        assert!(outputs.is_multiple_of(4) && inputs.is_multiple_of(2 * S::LANES) && outputs == self.packed.padded());
+        assert!(outputs.is_multiple_of(4) && inputs.is_multiple_of(2 * S::COUNT) && outputs == self.packed.padded());
         for r in 0..count {
             for c in 0..outputs {
                 let at = r * outputs + c;
@@ -152,14 +160,14 @@ impl<'a> Middle<'a> {
         // SAFETY: the instruction set is present by the caller's contract. `linear` asserts lengths; the products below read
         // `outputs` (a multiple of 4) rows of `count` and `count` rows of `inputs` (a multiple of two vectors), both asserted.
         unsafe {
-            linear::<S, C>(&self.transposed, &self.grad, count, false, grad_first);
+            linear::<S>(&self.transposed, &self.grad, count, false, grad_first);
             for c in (0..outputs).step_by(4) {
                 let rows = self.grad_by_output.as_ptr().add(c * count);
-                for k in (0..inputs).step_by(2 * S::LANES) {
+                for k in (0..inputs).step_by(2 * S::COUNT) {
                     let sums = product::<S, 4, 2>(rows, count, count, first.as_ptr().add(k), inputs);
                     for (r, sums) in sums.iter().enumerate() {
                         for (v, sum) in sums.iter().enumerate() {
-                            let to = grads.middle_weight.as_mut_ptr().add((c + r) * inputs + k + v * S::LANES);
+                            let to = grads.middle_weight.as_mut_ptr().add((c + r) * inputs + k + v * S::COUNT);
                             S::store(to, S::add(S::load(to), *sum));
                         }
                     }

@@ -75,6 +75,12 @@ impl MeasuredCloud {
         cloud
     }
 
+    /// One point, seen from a metre away: the least there is to measure.
+    pub(super) fn of_one_point() -> Self {
+        let rim = Rim { width_m: 0.0, line_of_sight: [0.0, 1.0, 0.0] };
+        Self::new(&ObjectCloud { centroid_in_viewer: Point3::origin(), points: vec![[0.0; 3]], rim })
+    }
+
     /// How far the outline reaches in a direction, from the centroid.
     pub(super) fn reach(&self, direction: &Vector3<f32>, outline: Outline) -> f32 {
         // Sixteen lanes keep the loop free of a single chain of comparisons.

@@ -45,7 +45,7 @@ pub(super) fn nearest(query: &MeasuredCloud, anchor: &MeasuredCloud, offset: &Ve
     let of_query = facing(query, anchor, offset);
     let of_anchor = facing(anchor, query, &-offset);
     let width = query.rim.width_m + anchor.rim.width_m;
-    let sight = Vector3::from(query.rim.line_of_sight);
+    let line_of_sight = Vector3::from(query.rim.line_of_sight);
     let (mut least, mut restored) = (CLOSE_M * CLOSE_M, CLOSE_M);
     for i in of_query {
         let from = offset + point(query, i);
@@ -56,7 +56,7 @@ pub(super) fn nearest(query: &MeasuredCloud, anchor: &MeasuredCloud, offset: &Ve
             // Cheap first: putting the rims back on brings points nearer by both at most.
             if squared < (restored + width) * (restored + width) {
                 let distance = squared.sqrt().max(f32::EPSILON);
-                let along = between.dot(&sight) / distance;
+                let along = between.dot(&line_of_sight) / distance;
                 restored = restored.min(distance - width * (1.0 - along * along).max(0.0).sqrt());
             }
         }

@@ -14,6 +14,9 @@ mod cloud;
 mod gap;
 mod middles;
 
+use std::fmt::Arguments;
+use std::sync::OnceLock;
+
 use nalgebra::Vector3;
 use repose_relations::{ViewerExtents, directional::directional_margins};
 
@@ -24,171 +27,223 @@ use cloud::Outline;
 use gap::{CLOSE_M, nearest, separation};
 use middles::Guess;
 
-/// How many numbers [`pair_measures`] gives.
+/// How many measures a pair has.
 pub const PAIR_MEASURES: usize = 146;
 
-/// Numbers are cut off at this many units.
+/// Measures are limited to this many units either way.
 const MOST_UNITS: f32 = 3.0;
-/// The units, metres.
+/// The units of lengths, metres.
 const COARSE_M: f32 = 0.1;
 const FINE_M: f32 = 0.01;
 const FINEST_M: f32 = 0.003;
 
-/// Numbers, one after the other.
-struct Measures {
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// What a pair's measures are listed into: their values, or their names.
+trait List {
+    fn put(&mut self, name: Arguments<'_>, value: f32);
+
+    fn put_length(&mut self, name: Arguments<'_>, length_m: f32, units_m: &[f32]) {
+        for unit_m in units_m {
+            self.put(format_args!("{name}/{}mm", (unit_m * 1e3).round()), length_m / unit_m);
+        }
+    }
+}
+
+struct Values {
     values: [f32; PAIR_MEASURES],
     next: usize,
 }
 
-impl Measures {
-    fn put(&mut self, value: f32) {
+impl List for Values {
+    fn put(&mut self, _name: Arguments<'_>, value: f32) {
         self.values[self.next] = value.clamp(-MOST_UNITS, MOST_UNITS);
         self.next += 1;
     }
+}
 
-    fn put_length(&mut self, length_m: f32, units_m: &[f32]) {
-        units_m.iter().for_each(|unit_m| self.put(length_m / unit_m));
+impl List for Vec<String> {
+    fn put(&mut self, name: Arguments<'_>, _value: f32) {
+        self.push(name.to_string());
     }
 }
 
 /// The measures of a pair: `offset_m` is the query's centroid minus the anchor's, viewer's axes, metres.
 pub fn pair_measures(query: &MeasuredCloud, anchor: &MeasuredCloud, offset_m: [f32; 3]) -> [f32; PAIR_MEASURES] {
-    let mut measures = Measures { values: [0.0; PAIR_MEASURES], next: 0 };
-    let (q, a) = (query.extents(offset_m), anchor.extents([0.0; 3]));
-    put_boxes(&mut measures, &q, &a);
-    let offset = Vector3::from(offset_m);
-    let between = put_gaps(&mut measures, query, anchor, &offset);
-    put_completed_gaps(&mut measures, query, anchor, &offset, &between);
-    put_gaps_by_height(&mut measures, query, anchor, &offset, &q, &a);
-    put_restored_boxes(&mut measures, query, anchor, &q, &a);
-    put_middles(&mut measures, query, anchor, offset_m, &q, &a);
+    let mut measures = Values { values: [0.0; PAIR_MEASURES], next: 0 };
+    put_all(&mut measures, query, anchor, offset_m);
     debug_assert_eq!(measures.next, PAIR_MEASURES);
     measures.values
 }
 
-/// Margins of the rules, and how the boxes lie to each other.
-fn put_boxes(measures: &mut Measures, q: &ViewerExtents, a: &ViewerExtents) {
-    for margin_m in directional_margins(q, a) {
-        measures.put_length(margin_m as f32, &[COARSE_M, FINE_M]);
+/// The name of each measure, in the order of [`pair_measures`]. Weights say by these names which measures they read.
+pub fn pair_measure_names() -> &'static [String] {
+    static NAMES: OnceLock<Vec<String>> = OnceLock::new();
+    NAMES.get_or_init(|| {
+        let mut names = Vec::with_capacity(PAIR_MEASURES);
+        let point = MeasuredCloud::of_one_point();
+        put_all(&mut names, &point, &point, [0.0; 3]);
+        names
+    })
+}
+
+fn put_all(list: &mut impl List, query: &MeasuredCloud, anchor: &MeasuredCloud, offset_m: [f32; 3]) {
+    let pair = Pair { query, anchor, offset_m, offset: Vector3::from(offset_m), q: query.extents(offset_m), a: anchor.extents([0.0; 3]) };
+    put_boxes(list, &pair);
+    let between = put_gaps(list, &pair);
+    put_completed_gaps(list, &pair, &between);
+    put_gaps_by_height(list, &pair);
+    put_restored_boxes(list, &pair);
+    put_middles(list, &pair);
+}
+
+/// Two clouds, and the query's place relative to the anchor's.
+struct Pair<'a> {
+    query: &'a MeasuredCloud,
+    anchor: &'a MeasuredCloud,
+    /// The query's centroid minus the anchor's, metres.
+    offset_m: [f32; 3],
+    offset: Vector3<f32>,
+    /// The query's box, where it stands relative to the anchor's centroid.
+    q: ViewerExtents,
+    /// The anchor's box.
+    a: ViewerExtents,
+}
+
+/// Margins of the rules, and where the boxes are relative to each other.
+fn put_boxes(list: &mut impl List, Pair { q, a, .. }: &Pair<'_>) {
+    for (relation, margin_m) in ["left_of", "right_of", "in_front_of", "behind", "above", "below"].iter().zip(directional_margins(q, a)) {
+        list.put_length(format_args!("margin.{relation}"), margin_m as f32, &[COARSE_M, FINE_M]);
     }
-    for k in 0..3 {
-        measures.put_length((q.center[k] - a.center[k]) as f32, &[COARSE_M, FINE_M]);
-        measures.put_length((q.high[k] - q.low[k]) as f32, &[COARSE_M]);
-        measures.put_length((a.high[k] - a.low[k]) as f32, &[COARSE_M]);
-        measures.put_length((q.low[k] - a.high[k]).max(a.low[k] - q.high[k]) as f32, &[COARSE_M, FINE_M]);
+    for (k, axis) in AXES.iter().enumerate() {
+        list.put_length(format_args!("box.center.{axis}"), (q.center[k] - a.center[k]) as f32, &[COARSE_M, FINE_M]);
+        list.put_length(format_args!("box.query_size.{axis}"), (q.high[k] - q.low[k]) as f32, &[COARSE_M]);
+        list.put_length(format_args!("box.anchor_size.{axis}"), (a.high[k] - a.low[k]) as f32, &[COARSE_M]);
+        let gap_m = (q.low[k] - a.high[k]).max(a.low[k] - q.high[k]) as f32;
+        list.put_length(format_args!("box.gap.{axis}"), gap_m, &[COARSE_M, FINE_M]);
     }
 }
 
 /// Gaps as observed and with what cleaning took put back on, where the planes in them face, and what it is that cleaning took. Returns the
 /// normal of the second plane.
-fn put_gaps(measures: &mut Measures, query: &MeasuredCloud, anchor: &MeasuredCloud, offset: &Vector3<f32>) -> Vector3<f32> {
+fn put_gaps(list: &mut impl List, Pair { query, anchor, offset, .. }: &Pair<'_>) -> Vector3<f32> {
     let (mut least_m, mut between) = (f32::INFINITY, Vector3::z());
-    for outline in [Outline::Observed, Outline::Restored] {
+    for (name, outline) in [("observed", Outline::Observed), ("restored", Outline::Restored)] {
         let (gap_m, normal) = separation(query, anchor, offset, outline);
-        measures.put_length(gap_m, &[COARSE_M, FINE_M, FINEST_M]);
-        normal.iter().for_each(|n| measures.put(*n));
+        list.put_length(format_args!("plane.{name}.gap"), gap_m, &[COARSE_M, FINE_M, FINEST_M]);
+        AXES.iter().zip(&normal).for_each(|(axis, n)| list.put(format_args!("plane.{name}.normal.{axis}"), *n));
         if outline == Outline::Restored {
             // A gap along the line of sight is one that the nearer object may hide its own back in.
-            [query, anchor].iter().for_each(|cloud| measures.put(normal.dot(&Vector3::from(cloud.rim.line_of_sight))));
+            for (of, cloud) in [("query", query), ("anchor", anchor)] {
+                let along = normal.dot(&Vector3::from(cloud.rim.line_of_sight));
+                list.put(format_args!("plane.{name}.normal_along_sight_of_{of}"), along);
+            }
         }
         least_m = least_m.min(gap_m);
         between = normal;
     }
     let nearest_m = if least_m < CLOSE_M { nearest(query, anchor, offset) } else { [CLOSE_M; 2] };
-    nearest_m.iter().for_each(|distance_m| measures.put_length(*distance_m, &[FINE_M, FINEST_M]));
-    for cloud in [query, anchor] {
-        measures.put_length(cloud.rim.width_m, &[FINE_M]);
-        measures.put(cloud.rim.line_of_sight[2]);
+    for (name, distance_m) in ["observed", "restored"].iter().zip(nearest_m) {
+        list.put_length(format_args!("points.{name}.gap"), distance_m, &[FINE_M, FINEST_M]);
+    }
+    for (of, cloud) in [("query", query), ("anchor", anchor)] {
+        list.put_length(format_args!("{of}.rim"), cloud.rim.width_m, &[FINE_M]);
+        list.put(format_args!("{of}.line_of_sight.z"), cloud.rim.line_of_sight[2]);
     }
     between
 }
 
 /// The gap of the clouds completed by each guess at their middles, and where the plane in it faces; and how far the clouds are apart along
 /// the normal of the plane between them uncompleted, with either completed and with both.
-fn put_completed_gaps(
-    measures: &mut Measures,
-    query: &MeasuredCloud,
-    anchor: &MeasuredCloud,
-    offset: &Vector3<f32>,
-    between: &Vector3<f32>,
-) {
+fn put_completed_gaps(list: &mut impl List, Pair { query, anchor, offset, .. }: &Pair<'_>, between: &Vector3<f32>) {
     for guess in Guess::ALL {
-        let completed = Outline::Completed(guess);
+        let (name, completed) = (name_of(guess), Outline::Completed(guess));
         let (gap_m, normal) = separation(query, anchor, offset, completed);
-        measures.put_length(gap_m, &[COARSE_M, FINE_M, FINEST_M]);
-        measures.put(normal.z);
-        measures.put(normal.dot(&Vector3::from(query.rim.line_of_sight)));
-        for [ours, theirs] in [[completed, Outline::Restored], [Outline::Restored, completed], [completed; 2]] {
+        list.put_length(format_args!("plane.completed_by_{name}.gap"), gap_m, &[COARSE_M, FINE_M, FINEST_M]);
+        list.put(format_args!("plane.completed_by_{name}.normal.z"), normal.z);
+        let along = normal.dot(&Vector3::from(query.rim.line_of_sight));
+        list.put(format_args!("plane.completed_by_{name}.normal_along_sight_of_query"), along);
+        let completions =
+            [("query", completed, Outline::Restored), ("anchor", Outline::Restored, completed), ("both", completed, completed)];
+        for (which, ours, theirs) in completions {
             let gap_m = between.dot(offset) - query.reach(&-between, ours) - anchor.reach(between, theirs);
-            measures.put_length(gap_m, &[FINE_M, FINEST_M]);
+            list.put_length(format_args!("plane.restored.gap_with_{which}_completed_by_{name}"), gap_m, &[FINE_M, FINEST_M]);
         }
     }
 }
 
-/// How far the clouds are apart at the heights that both reach, and at how many millimetres of height that is.
-fn put_gaps_by_height(
-    measures: &mut Measures,
-    query: &MeasuredCloud,
-    anchor: &MeasuredCloud,
-    offset: &Vector3<f32>,
-    q: &ViewerExtents,
-    a: &ViewerExtents,
-) {
+/// How far the clouds are apart at the heights that both reach, and how much of their heights they share.
+fn put_gaps_by_height(list: &mut impl List, Pair { query, anchor, offset, q, a, .. }: &Pair<'_>) {
     for outline in OUTLINES {
+        let name = match outline {
+            Outline::Observed => "observed",
+            Outline::Restored => "restored",
+            Outline::Completed(Guess::Top) => "completed_by_top",
+            Outline::Completed(Guess::Rectangle) => "completed_by_rectangle",
+            Outline::Completed(Guess::Circle) => "completed_by_circle",
+        };
         let (gap_m, normal) = outlines_apart(query, anchor, offset, outline);
-        measures.put_length(gap_m, &[FINE_M, FINEST_M]);
+        list.put_length(format_args!("bands.{name}.gap"), gap_m, &[FINE_M, FINEST_M]);
         let [x, y, _] = query.rim.line_of_sight;
-        measures.put(normal.x * x + normal.y * y);
+        list.put(format_args!("bands.{name}.normal_along_sight_of_query"), normal.x * x + normal.y * y);
     }
     let circles = circles_apart(query, anchor, offset);
-    measures.put_length(circles.gap_m, &[FINE_M, FINEST_M]);
-    circles.residuals.iter().for_each(|share| measures.put(*share));
-    for (gap_m, residual, radius_m) in [points_from_circle(query, anchor, &-offset), points_from_circle(anchor, query, offset)] {
-        measures.put_length(gap_m, &[FINE_M, FINEST_M]);
-        measures.put(residual);
-        measures.put_length(radius_m, &[COARSE_M]);
+    list.put_length(format_args!("bands.circles.gap"), circles.gap_m, &[FINE_M, FINEST_M]);
+    for (of, share) in ["query", "anchor"].iter().zip(circles.residuals) {
+        list.put(format_args!("bands.circles.residual_of_{of}"), share);
+    }
+    let of_query = points_from_circle(query, anchor, &-offset);
+    let of_anchor = points_from_circle(anchor, query, offset);
+    for (of, (gap_m, residual, radius_m)) in [("query", of_query), ("anchor", of_anchor)] {
+        list.put_length(format_args!("bands.circle_of_{of}.gap_to_points"), gap_m, &[FINE_M, FINEST_M]);
+        list.put(format_args!("bands.circle_of_{of}.residual"), residual);
+        list.put_length(format_args!("bands.circle_of_{of}.radius"), radius_m, &[COARSE_M]);
     }
     let shared_m = q.high.z.min(a.high.z) - q.low.z.max(a.low.z);
-    measures.put_length(shared_m as f32, &[COARSE_M, FINE_M]);
+    list.put_length(format_args!("box.shared_height"), shared_m as f32, &[COARSE_M, FINE_M]);
 }
 
 /// How far the boxes are apart with what cleaning took put back on; upwards, either on the other.
-fn put_restored_boxes(measures: &mut Measures, query: &MeasuredCloud, anchor: &MeasuredCloud, q: &ViewerExtents, a: &ViewerExtents) {
-    for k in 0..3 {
+fn put_restored_boxes(list: &mut impl List, Pair { query, anchor, q, a, .. }: &Pair<'_>) {
+    for (k, axis) in AXES.iter().enumerate() {
         let beyond_m = query.beyond_along(k) + anchor.beyond_along(k);
         let (over_m, under_m) = ((q.low[k] - a.high[k]) as f32 - beyond_m, (a.low[k] - q.high[k]) as f32 - beyond_m);
-        measures.put_length(over_m.max(under_m), &[FINE_M, FINEST_M]);
+        list.put_length(format_args!("box.restored.gap.{axis}"), over_m.max(under_m), &[FINE_M, FINEST_M]);
         if k == 2 {
-            measures.put_length(over_m, &[FINE_M, FINEST_M]);
-            measures.put_length(under_m, &[FINE_M, FINEST_M]);
+            list.put_length(format_args!("box.restored.gap_with_query_above"), over_m, &[FINE_M, FINEST_M]);
+            list.put_length(format_args!("box.restored.gap_with_query_below"), under_m, &[FINE_M, FINEST_M]);
         }
     }
 }
 
-/// Where the middles are to each other, seen from above, and what speaks for which guess.
-fn put_middles(
-    measures: &mut Measures,
-    query: &MeasuredCloud,
-    anchor: &MeasuredCloud,
-    offset_m: [f32; 3],
-    q: &ViewerExtents,
-    a: &ViewerExtents,
-) {
+/// Where the middles are relative to each other, seen from above, and what speaks for which guess.
+fn put_middles(list: &mut impl List, Pair { query, anchor, offset_m, q, a, .. }: &Pair<'_>) {
     let between = |of: [[f32; 2]; 2]| [0, 1].map(|k| of[0][k] + offset_m[k] - of[1][k]);
     let (ours, theirs) = (&query.middles, &anchor.middles);
-    let of_boxes = [0, 1].map(|k| (q.center[k] - a.center[k]) as f32);
-    measures.put_length(of_boxes[0].hypot(of_boxes[1]), &[COARSE_M, FINE_M, FINEST_M]);
-    measures.put_length(of_boxes[0], &[FINEST_M]);
-    measures.put_length(of_boxes[1], &[FINEST_M]);
-    for pair in [[ours.top, theirs.top], [ours.rectangle, theirs.rectangle], [ours.circle, theirs.circle]] {
-        let [x, y] = between(pair);
-        measures.put_length(x.hypot(y), &[FINE_M, FINEST_M]);
-        measures.put_length(x, &[FINEST_M]);
-        measures.put_length(y, &[FINEST_M]);
+    let [x, y] = [0, 1].map(|k| (q.center[k] - a.center[k]) as f32);
+    list.put_length(format_args!("middle.by_box.distance"), x.hypot(y), &[COARSE_M, FINE_M, FINEST_M]);
+    list.put_length(format_args!("middle.by_box.x"), x, &[FINEST_M]);
+    list.put_length(format_args!("middle.by_box.y"), y, &[FINEST_M]);
+    for guess in Guess::ALL {
+        let name = name_of(guess);
+        let [x, y] = between([ours.by(guess), theirs.by(guess)]);
+        list.put_length(format_args!("middle.by_{name}.distance"), x.hypot(y), &[FINE_M, FINEST_M]);
+        list.put_length(format_args!("middle.by_{name}.x"), x, &[FINEST_M]);
+        list.put_length(format_args!("middle.by_{name}.y"), y, &[FINEST_M]);
     }
-    for middles in [ours, theirs] {
-        measures.put_length(middles.residual, &[FINEST_M]);
-        [middles.radius, middles.edges[0], middles.edges[1]].iter().for_each(|m| measures.put_length(*m, &[COARSE_M]));
+    for (of, middles) in [("query", ours), ("anchor", theirs)] {
+        list.put_length(format_args!("{of}.circle_residual"), middles.residual, &[FINEST_M]);
+        list.put_length(format_args!("{of}.circle_radius"), middles.radius, &[COARSE_M]);
+        list.put_length(format_args!("{of}.shorter_edge"), middles.edges[0], &[COARSE_M]);
+        list.put_length(format_args!("{of}.longer_edge"), middles.edges[1], &[COARSE_M]);
+    }
+}
+
+fn name_of(guess: Guess) -> &'static str {
+    match guess {
+        Guess::Top => "top",
+        Guess::Rectangle => "rectangle",
+        Guess::Circle => "circle",
     }
 }
 
@@ -198,7 +253,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::points::{CloudConfig, ObjectCloud, Sight};
+    use crate::points::{CloudConfig, ObjectCloud, Observer};
 
     /// The surface of a box about its middle, turned about z, seen along y before it was turned by a camera whose border cleaning takes `rim_m`.
     pub(super) fn cuboid(half: [f32; 3], yaw_rad: f32, rim_m: f32) -> MeasuredCloud {
@@ -224,8 +279,8 @@ mod tests {
 
     fn cloud_of(points: &[Point3<f32>], rim_m: f32) -> ObjectCloud {
         let config = CloudConfig { voxel_m: 0.001, object_points: points.len(), border_px: 0.5, ..CloudConfig::default() };
-        let sight = Sight { eye: Point3::new(0.0, -1.0, 0.0), pixel_rad: rim_m };
-        ObjectCloud::new(points, &sight, &config).unwrap()
+        let observer = Observer { eye: Point3::new(0.0, -1.0, 0.0), pixel_rad: rim_m };
+        ObjectCloud::new(points, &observer, &config).unwrap()
     }
 
     proptest! {
@@ -238,20 +293,22 @@ mod tests {
     }
 
     #[test]
-    fn there_are_as_many_measures_as_it_says_and_a_single_point_has_them_too() {
-        let mut measures = Measures { values: [0.0; PAIR_MEASURES], next: 0 };
+    fn each_measure_has_a_name_of_its_own_and_a_single_point_has_them_all() {
+        let names = pair_measure_names();
+        assert_eq!(names.len(), PAIR_MEASURES);
+        assert_eq!(names.iter().collect::<std::collections::BTreeSet<_>>().len(), PAIR_MEASURES, "{names:?}");
+        assert_eq!((&*names[0], &*names[1], &*names[145]), ("margin.left_of/100mm", "margin.left_of/10mm", "anchor.longer_edge/100mm"));
         let cloud = cuboid([0.03, 0.04, 0.05], 0.3, 0.004);
-        let (q, a) = (cloud.extents([0.1, 0.0, 0.0]), cloud.extents([0.0; 3]));
-        put_boxes(&mut measures, &q, &a);
-        let offset = Vector3::new(0.1, 0.0, 0.0);
-        let between = put_gaps(&mut measures, &cloud, &cloud, &offset);
-        put_completed_gaps(&mut measures, &cloud, &cloud, &offset, &between);
-        put_gaps_by_height(&mut measures, &cloud, &cloud, &offset, &q, &a);
-        put_restored_boxes(&mut measures, &cloud, &cloud, &q, &a);
-        put_middles(&mut measures, &cloud, &cloud, [0.1, 0.0, 0.0], &q, &a);
-        assert_eq!(measures.next, PAIR_MEASURES);
-        let sight = Sight { eye: Point3::new(0.0, -1.0, 0.0), pixel_rad: 0.002 };
-        let point = MeasuredCloud::new(&ObjectCloud::new(&[Point3::origin()], &sight, &CloudConfig::default()).unwrap());
-        assert!(pair_measures(&point, &cloud, [0.0; 3]).iter().all(|m| m.is_finite()));
+        assert!(pair_measures(&MeasuredCloud::of_one_point(), &cloud, [0.0; 3]).iter().all(|m| m.is_finite()));
+    }
+
+    #[test]
+    fn a_name_belongs_to_its_number() {
+        let (query, anchor) = (cuboid([0.03, 0.04, 0.05], 0.0, 0.004), cuboid([0.05, 0.04, 0.02], 0.0, 0.002));
+        let measures = pair_measures(&query, &anchor, [0.1, 0.0, 0.05]);
+        let by_name = |name: &str| measures[pair_measure_names().iter().position(|n| n == name).unwrap()];
+        assert!((by_name("box.query_size.z/100mm") - 1.0).abs() < 0.05);
+        assert!((by_name("box.gap.x/10mm") - 2.0).abs() < 0.1);
+        assert!((by_name("query.rim/10mm") - 0.4).abs() < 0.02 && (by_name("anchor.rim/10mm") - 0.2).abs() < 0.02);
     }
 }

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use nalgebra::{Point3, Rotation3};
 use repose_geometry::ViewerFrame;
 
-use crate::points::{CloudConfig, ObjectCloud, SceneCloud, Sight};
+use crate::points::{CloudConfig, ObjectCloud, Observer, SceneCloud};
 
 use super::shared::SceneFeatures;
 
@@ -26,9 +26,9 @@ pub enum InputError {
     /// One label per point.
     #[error("labels: expected {points} (one per point), got {labels}")]
     LabelCount {
-        /// Points that came.
+        /// Points given.
         points: usize,
-        /// Labels that came.
+        /// Labels given.
         labels: usize,
     },
     /// A coordinate or an angle is NaN or infinite.
@@ -44,13 +44,16 @@ pub enum InputError {
     UnknownObject {
         /// `query` or `anchors`.
         field: &'static str,
-        /// The label asked for.
+        /// The label.
         label: u16,
     },
+    /// The weights have no outcome network: they are those of the paper's networks alone.
+    #[error("the weights have no outcome network; score with the discriminator, or serve weights that were trained with one")]
+    NoOutcomeNetwork,
     /// The query was named as its own anchor.
     #[error("anchors: object {label} is the query")]
     AnchorIsQuery {
-        /// The label asked for.
+        /// The label.
         label: u16,
     },
 }
@@ -62,7 +65,7 @@ pub struct SceneContext {
     objects: BTreeMap<u16, ObjectCloud>,
     viewer_from_world: Rotation3<f32>,
     viewer: ViewerFrame,
-    /// The scene's features without a query, newest last: whose weights, which query, what.
+    /// The scene's features without a query, newest last.
     features: Arc<Mutex<Vec<Features>>>,
 }
 
@@ -73,8 +76,8 @@ type Features = (String, u16, Arc<SceneFeatures>);
 const FEATURES_KEPT: usize = 4;
 
 impl SceneContext {
-    /// Prepares world points `[n]` with labels `[n]` (0 = not an object), as a camera took them (`sight`, world axes) and a viewer at
-    /// `view_yaw_rad` sees them (see [`repose_geometry::ViewerFrame`]). Takes some tens of milliseconds: build it once per scene.
+    /// Prepares world points `[n]` with labels `[n]` (0 = not an object) that a camera (`observer`, world axes) observed, for a viewer at
+    /// `view_yaw_rad` (see [`repose_geometry::ViewerFrame`]). Takes tens of milliseconds: prepare a scene once.
     ///
     /// # Errors
     /// [`InputError`] when the lengths differ or a coordinate is not finite.
@@ -82,7 +85,7 @@ impl SceneContext {
         points_in_world: &[Point3<f32>],
         labels: &[u16],
         view_yaw_rad: f64,
-        sight: &Sight,
+        observer: &Observer,
         config: &CloudConfig,
     ) -> Result<Self, InputError> {
         if points_in_world.len() != labels.len() {
@@ -94,19 +97,19 @@ impl SceneContext {
         if !view_yaw_rad.is_finite() {
             return Err(InputError::NotFinite { field: "view_yaw_rad", index: 0 });
         }
-        if !(sight.eye.iter().all(|x| x.is_finite()) && sight.pixel_rad.is_finite()) {
-            return Err(InputError::NotFinite { field: "sight", index: 0 });
+        if !(observer.eye.iter().all(|x| x.is_finite()) && observer.pixel_rad.is_finite()) {
+            return Err(InputError::NotFinite { field: "observer", index: 0 });
         }
         let viewer = ViewerFrame::from_yaw(view_yaw_rad);
         let viewer_from_world = viewer.viewer_from_world().cast();
-        let sight = sight.turned(&viewer_from_world);
+        let observer = observer.turned(&viewer_from_world);
         let points = viewer.points_in_viewer(points_in_world);
         let mut by_label: BTreeMap<u16, Vec<Point3<f32>>> = BTreeMap::new();
         for (p, label) in points.iter().zip(labels).filter(|(_, label)| **label != 0) {
             by_label.entry(*label).or_default().push(*p);
         }
         let objects: BTreeMap<u16, ObjectCloud> =
-            by_label.iter().filter_map(|(label, points)| Some((*label, ObjectCloud::new(points, &sight, config)?))).collect();
+            by_label.iter().filter_map(|(label, points)| Some((*label, ObjectCloud::new(points, &observer, config)?))).collect();
         let centers: Vec<Point3<f32>> = objects.values().map(|o| o.centroid_in_viewer).collect();
         let scene = SceneCloud::new(&points, labels, &centers, config);
         Ok(Self { scene, objects, viewer_from_world, viewer, features: Arc::default() })
@@ -131,9 +134,9 @@ impl SceneContext {
         self.objects.get(&label).ok_or(InputError::UnknownObject { field, label })
     }
 
-    /// The scene's features without a query under some weights: made when they are first asked for, and kept for the queries asked for last.
+    /// The scene's features without a query under some weights: computed at the first call, and kept for the last few queries.
     pub(super) fn features_without(&self, query: u16, weights: &str, make: impl FnOnce() -> SceneFeatures) -> Arc<SceneFeatures> {
-        // Held while they are made: threads that ask at once would all make the same.
+        // Held while they are computed: concurrent threads would all compute the same.
         let mut kept = self.features.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((.., features)) = kept.iter().find(|(hash, label, _)| hash == weights && *label == query) {
             return Arc::clone(features);

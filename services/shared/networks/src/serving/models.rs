@@ -3,10 +3,9 @@
 use nalgebra::Point3;
 
 use crate::{
-    Kernel,
     config::{GOAL_RELATIONS, NetworksConfig, PREDICTED_RELATIONS},
     crops,
-    kernel::PackedLinear,
+    kernel::{Kernel, PackedLinear},
     pair_measures::{MeasuredCloud, PAIR_MEASURES, pair_measures},
     points::ObjectCloud,
     prior::{KAPPA_MAX, OFFSET_UNIT_M, PER_COMPONENT, SIGMA_FLOOR_M},
@@ -38,12 +37,12 @@ pub struct Mixture {
     pub kappa: Vec<f32>,
 }
 
-/// A query and its anchors as the relation predictor knows them, made once for any number of candidates ([`Models::pairs`]).
+/// A query and its anchors, prepared for the relation predictor once for any number of candidates ([`Models::pairs`]).
 #[derive(Debug, Clone)]
 pub struct Pairs {
     query: ObjectCloud,
-    /// The query as it was observed: what a candidate that only moves it has.
-    observed: Seen,
+    /// The query without a turn, for candidates that only move it.
+    observed: Oriented,
     anchors: Vec<Anchor>,
 }
 
@@ -54,8 +53,8 @@ struct Anchor {
     centroid_in_viewer: Point3<f32>,
 }
 
-/// What the predictor sees of a query in one orientation: its shape's features, and what measuring needs.
-type Seen = (Vec<f32>, Option<MeasuredCloud>);
+/// What the predictor reads of a query in one orientation: its shape's features, and its cloud prepared for measuring.
+type Oriented = (Vec<f32>, Option<MeasuredCloud>);
 
 /// All networks with their weights, ready to score. Shared between threads by reference; never changes.
 #[derive(Debug, Clone)]
@@ -145,7 +144,7 @@ impl Models {
         &self.hash
     }
 
-    /// Where the weights came from.
+    /// The origin of the weights.
     pub fn info(&self) -> &WeightsInfo {
         &self.info
     }
@@ -160,8 +159,8 @@ impl Models {
         &self.config
     }
 
-    /// Where the query might go for the goal to hold: `goal[r]` is +1 (must hold), −1 (must not) or 0 (not said), per relation in wire
-    /// order, all about one anchor.
+    /// Where the query could go to make the goal hold: `goal[r]` is +1 (must hold), −1 (must not hold) or 0 (unspecified) per relation in wire
+    /// order, all relative to one anchor.
     ///
     /// # Errors
     /// [`InputError`] for unknown objects.
@@ -193,7 +192,7 @@ impl Models {
         self.relations_of(scene, &self.pairs(scene, query, anchors)?, candidates, threads)
     }
 
-    /// What is the same for all candidates of a query.
+    /// Prepares what all candidates of a query share.
     ///
     /// # Errors
     /// [`InputError`] for unknown objects.
@@ -206,10 +205,10 @@ impl Models {
             Ok(Anchor { code, measured: self.measured(cloud), centroid_in_viewer: cloud.centroid_in_viewer })
         };
         let anchors = anchors.iter().map(of_anchor).collect::<Result<_, InputError>>()?;
-        Ok(Pairs { query: query_cloud.clone(), observed: self.seen(query_cloud, scratch), anchors })
+        Ok(Pairs { query: query_cloud.clone(), observed: self.oriented(query_cloud, scratch), anchors })
     }
 
-    /// [`Models::relations`] of pairs that are made already.
+    /// [`Models::relations`] of prepared pairs.
     ///
     /// # Errors
     /// [`InputError`] for numbers that are not finite.
@@ -224,7 +223,7 @@ impl Models {
         Ok(spread(placed.len(), threads, Scratch::default, |scratch, i| {
             let (position, yaw_rad) = placed[i];
             // A translation changes only the centre's encoding; a turn changes the shape's too.
-            let turned = (yaw_rad != 0.0).then(|| self.seen(&pairs.query.turned(yaw_rad), scratch));
+            let turned = (yaw_rad != 0.0).then(|| self.oriented(&pairs.query.turned(yaw_rad), scratch));
             let (shape, measured) = turned.as_ref().unwrap_or(&pairs.observed);
             let of_anchor = |anchor: &Anchor| {
                 let offset = std::array::from_fn(|k| position[k] - anchor.centroid_in_viewer[k]);
@@ -242,7 +241,7 @@ impl Models {
         }))
     }
 
-    /// How much each candidate looks like an object at rest (paper), 0 to 1, `[candidates]`, on up to `threads` threads.
+    /// The probability that each candidate looks like an object at rest (paper), 0 to 1, `[candidates]`, on up to `threads` threads.
     ///
     /// # Errors
     /// [`InputError`] for an unknown query and numbers that are not finite.
@@ -258,13 +257,13 @@ impl Models {
         }))
     }
 
-    /// How likely each candidate stays where it is let go (ours: learned from simulated releases), 0 to 1, `[candidates]`, on up to `threads`
-    /// threads. The discriminator's answer where the weights have no outcome network.
+    /// The probability that each candidate stays where it is released (ours: learned from simulated releases), 0 to 1, `[candidates]`, on up
+    /// to `threads` threads.
     ///
     /// # Errors
-    /// As [`Models::realism`].
+    /// As [`Models::realism`]; [`InputError::NoOutcomeNetwork`] where the weights have no such network.
     pub fn outcome(&self, scene: &SceneContext, query: u16, candidates: &[Candidate], threads: usize) -> Result<Vec<f32>, InputError> {
-        let Some((points, out)) = &self.outcome else { return self.realism(scene, query, candidates, threads) };
+        let (points, out) = self.outcome.as_ref().ok_or(InputError::NoOutcomeNetwork)?;
         let placed = scene.in_viewer(candidates)?;
         let query_cloud = scene.object("query", query)?;
         let features = scene
@@ -277,12 +276,12 @@ impl Models {
         }))
     }
 
-    /// What measuring needs of an object, where the predictor reads measures.
+    /// The object prepared for measuring, if the predictor reads measures.
     fn measured(&self, object: &ObjectCloud) -> Option<MeasuredCloud> {
         self.relation_measures.as_ref().map(|_| MeasuredCloud::new(object))
     }
 
-    fn seen(&self, query: &ObjectCloud, scratch: &mut Scratch) -> Seen {
+    fn oriented(&self, query: &ObjectCloud, scratch: &mut Scratch) -> Oriented {
         (self.shape(query, scratch), self.measured(query))
     }
 

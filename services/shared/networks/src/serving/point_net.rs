@@ -1,7 +1,7 @@
 //! A chain of set abstractions and the dense layers around it, on the kernels, with every norm folded into a scale and a shift.
 
 use crate::{
-    config::SetAbstractionConfig,
+    config::{NetworksConfig, SetAbstractionConfig},
     crops::Grouped,
     kernel::{Kernel, PackedLinear, PairMlp},
     layers::NORM_EPSILON,
@@ -218,7 +218,7 @@ pub(crate) struct CodeHead {
 }
 
 impl CodeHead {
-    pub(crate) fn new(stored: &Stored<'_>, path: &str, config: &crate::NetworksConfig, features: usize) -> Result<Self> {
+    pub(crate) fn new(stored: &Stored<'_>, path: &str, config: &NetworksConfig, features: usize) -> Result<Self> {
         let (center, hidden) = (config.center_code, config.hidden[0]);
         Ok(Self {
             center1: stored.linear(&format!("{path}/center1"), 3, center)?,

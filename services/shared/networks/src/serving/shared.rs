@@ -10,7 +10,7 @@ use crate::{
 
 use super::point_net::{PointNet, Scratch};
 
-/// A scene without one query, with what its centroids learned of it.
+/// A scene without one query, and the features of its centroids.
 #[derive(Debug, Clone)]
 pub struct SceneFeatures {
     scene: SharedScene,
@@ -19,7 +19,7 @@ pub struct SceneFeatures {
 }
 
 impl SceneFeatures {
-    /// The scene's own levels; some milliseconds.
+    /// Computes the scene's own levels; takes a few milliseconds.
     pub(super) fn new(kernel: Kernel, config: &NetworksConfig, points: &PointNet, scene_without_query: &SceneCloud) -> Self {
         let scene = SharedScene::new(kernel, config, scene_without_query);
         let scratch = &mut Scratch::default();
@@ -56,7 +56,7 @@ impl SceneFeatures {
         let lists = &placed.lists[level];
         let of_query = if level == 0 { &placed.points[..] } else { &placed.centroids[..placed.lists[level - 1].centroids()] };
         let (width, count) = (own.len() / of_query.len(), self.scene.counts[level]);
-        // What is looked at, numbered anew: the query's own first, then what the lists name of the scene, in their order.
+        // The points that the lists name, numbered anew: the query's own first, then the scene's, in the order of the lists.
         let mut seen = of_query.to_vec();
         let mut features = own.to_vec();
         let mut numbers = vec![u32::MAX; count];

@@ -1,8 +1,8 @@
-//! Work items over a number of threads, results in order.
+//! Work items spread over threads, with results in order.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// `work(item)` for `0..count` on up to `threads` threads; each result is its item's alone, so the number of threads cannot show.
+/// `work(item)` for `0..count` on up to `threads` threads. A result depends on its item only, never on the number of threads.
 ///
 /// `state` makes a thread's reusable buffers.
 pub fn spread<S, T: Send>(count: usize, threads: usize, state: impl Fn() -> S + Sync, work: impl Fn(&mut S, usize) -> T + Sync) -> Vec<T> {
