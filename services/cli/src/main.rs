@@ -11,6 +11,7 @@ mod frames;
 mod output;
 mod processes;
 mod progress;
+mod say;
 mod segment_view;
 mod sequence;
 mod services;

@@ -19,6 +19,7 @@ pub mod obstacles;
 pub mod pick_place;
 pub mod plan;
 pub mod reach;
+pub mod request;
 pub mod robot_link;
 pub mod rrt_connect;
 pub mod scene;

@@ -2,7 +2,6 @@
 
 pub mod discriminator;
 pub mod histogram;
-pub mod picture;
 pub mod planner;
 pub mod planner_records;
 pub mod planner_sheets;
