@@ -2,29 +2,30 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Isometry3;
-use repose_evaluation::report::picture::{Coloring, captioned, draw_ids, scene_picture, side_by_side};
 use repose_geometry::transform::{from_row_major, yaw_of};
+use repose_proto::PlaceResult;
 use repose_proto::place::{Outcome, Placement, Rejection, Shortfall, ShortfallReason, Variant};
-use repose_proto::{PlaceResult, Scene};
+use serde::Serialize;
 
 use crate::failure::{self, Failure};
 use crate::output::Output;
+use crate::say::Said;
 
-/// The scene with ids, and the scene with the best placement drawn in.
-pub fn before_and_after(scene: &Scene, result: &PlaceResult) -> Result<image::RgbImage, Failure> {
-    let mut before = scene_picture(scene, Coloring::Seen, None);
-    draw_ids(&mut before, scene);
-    let before = captioned(&before, "as seen, with object ids");
-    let Some(best) = result.placements.first() else { return Ok(before) };
-    let placed_from_observed: Isometry3<f64> = from_row_major(&best.placed_from_observed.0).map_err(Failure::other)?;
-    let after = scene_picture(scene, Coloring::Seen, Some((result.query, &placed_from_observed)));
-    Ok(side_by_side(&[before, captioned(&after, "where the object is to stand: green")]))
+/// A result with how the words that asked for it were taken.
+#[derive(Serialize)]
+struct Answered<'a> {
+    #[serde(flatten)]
+    result: &'a PlaceResult,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    said: Option<&'a Said>,
 }
 
-/// Prints a result; ends in [`Failure::NoPlacement`] when it has none.
-pub fn print_result(result: &PlaceResult, output: Output) -> failure::Outcome {
-    output.print(result, || describe(result))?;
+/// Prints a result, and how the words that asked for it were taken; ends in [`Failure::NoPlacement`] when it has no placement.
+pub fn print_result(result: &PlaceResult, said: Option<&Said>, output: Output) -> failure::Outcome {
+    output.print(&Answered { result, said }, || {
+        let understood = said.map(|s| format!("{s}\n")).unwrap_or_default();
+        format!("{understood}{}", describe(result))
+    })?;
     if result.placements.is_empty() { Err(Failure::NoPlacement) } else { Ok(()) }
 }
 

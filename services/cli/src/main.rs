@@ -12,6 +12,7 @@ mod moving;
 mod output;
 mod processes;
 mod progress;
+mod say;
 mod segment_view;
 mod sequence;
 mod services;

@@ -7,7 +7,7 @@ use repose_perception::Segmented;
 use repose_proto::{Frame, Scene, UnseenSpace};
 use repose_simulator::sheet::colors::object_color;
 
-use repose_evaluation::report::picture::{Coloring, color_picture, draw_number, pinhole, scene_picture};
+use repose_local::picture::{Coloring, color_picture, draw_number, pinhole, scene_picture};
 
 /// Gap between the panels, pixels.
 const GAP: u32 = 6;

@@ -21,6 +21,7 @@ use crate::client::{self, ConnectArgs};
 use crate::failure::{Failure, Outcome};
 use crate::moving::{self, Interrupts, of_motion};
 use crate::output::Output;
+use crate::say::Said;
 use crate::wish::{NextWish, WishArgs};
 
 /// Placements that motion may choose from.
@@ -46,6 +47,9 @@ pub struct Sequence<'a> {
 struct Step {
     query: u16,
     goal: Vec<GoalTerm>,
+    /// How words were taken, where it was said in words.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    said: Option<Said>,
     /// The answer; ids are those of its own view.
     result: PlaceResult,
     /// The placement that motion chose, from 0; none where there was none to choose from.
@@ -104,13 +108,13 @@ fn line(step: &Step) -> String {
     };
     let holds = step.goal.iter().zip(&step.holds).map(|(t, h)| format!("{t} {}", if *h { "holds" } else { "does not hold" }));
     let said: Vec<String> = std::iter::once(end).chain(step.reason.clone()).chain(holds).collect();
-    format!("{}\n  {}", describe(&step.result), said.join("; "))
+    let understood = step.said.as_ref().map(|s| format!("{s}\n")).unwrap_or_default();
+    format!("{understood}{}\n  {}", describe(&step.result), said.join("; "))
 }
 
 /// Adds what came of each wish to `steps`, also of one that an error ended.
 async fn achieve(args: &Sequence<'_>, session: &Session, steps: &mut Vec<Step>) -> Outcome {
     let deadline = Duration::from_millis(args.connect.deadline_ms);
-    let first = NextWish { query: args.wish.query, goal: args.wish.goal.clone() };
     let mut system = System {
         session,
         planner: session.caller(Service::Planner).await?,
@@ -121,10 +125,12 @@ async fn achieve(args: &Sequence<'_>, session: &Session, steps: &mut Vec<Step>) 
         interrupts: Interrupts::listen()?,
     };
     let mut view = system.view_after(0).await?;
+    let (first, mut said) = args.wish.on(&view.1)?;
     let mut known = Known::of(&view.1.meta.objects);
     let wishes = || std::iter::once(&first).chain(args.then).enumerate();
     let request = |scene_id: &str, (query, goal): (u16, Vec<GoalTerm>)| {
-        let request = PlaceRequest { query, goal, count: args.wish.count.max(COUNT), ..args.wish.request(scene_id.to_owned()) };
+        let asked = args.wish.request(scene_id.to_owned(), &NextWish { query, goal });
+        let request = PlaceRequest { count: args.wish.count.max(COUNT), ..asked };
         request.validate().map(|()| request)
     };
     // A wish that cannot be is refused before anything moves.
@@ -134,8 +140,16 @@ async fn achieve(args: &Sequence<'_>, session: &Session, steps: &mut Vec<Step>) 
     for (k, wish) in wishes() {
         let request = request(&view.0, known.translated(k, wish)?)?;
         let (result, _) = client::place(&system.planner, &request, Some(&view.1), CallOptions::within(deadline)).await?;
-        let mut step =
-            Step { query: wish.query, goal: wish.goal.clone(), result, placement: None, execution: None, reason: None, holds: Vec::new() };
+        let mut step = Step {
+            query: wish.query,
+            goal: wish.goal.clone(),
+            said: said.take(),
+            result,
+            placement: None,
+            execution: None,
+            reason: None,
+            holds: Vec::new(),
+        };
         let carried_out = match step.result.placements.is_empty() {
             true => Ok(()),
             false => system.carry_out(&request, (k, wish), &mut step, &mut view, &mut known).await,

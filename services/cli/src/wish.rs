@@ -2,19 +2,25 @@
 
 use clap::Args;
 use repose_proto::place::{Budget, Rotation, Variant};
-use repose_proto::{CallError, GoalTerm, PlaceRequest};
+use repose_proto::{CallError, GoalTerm, PlaceRequest, Scene};
 
+use crate::failure::Failure;
+use crate::say::{Said, wish_of};
 use crate::values::{parse_rotation, parse_variant};
 
 /// A placement wished for: what both `plan` and `place` take.
 #[derive(Debug, Clone, Args)]
 pub struct WishArgs {
     /// The object to move, by id.
-    #[arg(long = "move", value_name = "ID")]
-    pub query: u16,
+    #[arg(long = "move", value_name = "ID", required_unless_present = "say")]
+    pub query: Option<u16>,
     /// What must hold: RELATION:ANCHOR, such as left_of:3, or not:RELATION:ANCHOR. Repeat for more terms.
-    #[arg(long, required = true, value_name = "TERM")]
+    #[arg(long, required_unless_present = "say", value_name = "TERM")]
     pub goal: Vec<GoalTerm>,
+    /// Both in words, by what objects look like: "put the red mug to the left of the box, not near the bowl". What may mean several
+    /// objects is refused, and they are named.
+    #[arg(long, value_name = "SENTENCE", conflicts_with_all = ["query", "goal"])]
+    pub say: Option<String>,
     /// Which method plans: best, full, full_lambda_1, no_discriminator, mean_only, mdn_prior or geometric.
     #[arg(long, default_value = "best", value_parser = parse_variant)]
     pub variant: Variant,
@@ -42,8 +48,22 @@ pub struct WishArgs {
 }
 
 impl WishArgs {
-    /// The request on a scene.
-    pub fn request(&self, scene_id: String) -> PlaceRequest {
+    /// What is wished for by numbers; none where it is said in words, which mean something on a scene only.
+    pub fn numbered(&self) -> Option<NextWish> {
+        Some(NextWish { query: self.query?, goal: self.goal.clone() })
+    }
+
+    /// What is wished for on a scene, and how the words were taken where it is said in words.
+    pub fn on(&self, scene: &Scene) -> Result<(NextWish, Option<Said>), Failure> {
+        if let Some(sentence) = &self.say {
+            return wish_of(sentence, scene, self.view_yaw).map(|(wish, said)| (wish, Some(said)));
+        }
+        let wish = self.numbered().ok_or_else(|| Failure::bad_input("move", "neither --move nor --say is given"))?;
+        Ok((wish, None))
+    }
+
+    /// The request for a wish on a scene.
+    pub fn request(&self, scene_id: String, wish: &NextWish) -> PlaceRequest {
         PlaceRequest {
             view_yaw_rad: self.view_yaw,
             count: self.count,
@@ -52,7 +72,7 @@ impl WishArgs {
             variant: self.variant,
             min_clearance_m: self.min_clearance,
             budget: Budget { iterations: self.iterations, batch: self.batch, ..Budget::default() },
-            ..PlaceRequest::new(scene_id, self.query, self.goal.clone())
+            ..PlaceRequest::new(scene_id, wish.query, wish.goal.clone())
         }
     }
 }

@@ -80,7 +80,7 @@ impl PlanShown {
         let step_ms = (plan.duration_ms / POSES as f64).max(20.0);
         let (mut start_ms, mut gripper_m) = (0.0, None);
         for (k, phase) in plan.phases.iter().enumerate() {
-            phases.push(PhaseShown { name: phase.name.clone(), start_ms });
+            phases.push(PhaseShown { name: phase.name.to_string(), start_ms });
             gripper_m = phase.gripper.map_or(gripper_m, |g| Some(g.width_m));
             let Some(last) = phase.set_points.last() else { continue };
             let count = (last.t_ms / step_ms).ceil().max(1.0) as usize;
@@ -126,7 +126,7 @@ fn joints_at(points: &[SetPoint], t_ms: f64) -> Joints {
 mod tests {
     use repose_panda::READY;
     use repose_proto::RigidTransform;
-    use repose_proto::motion::{Grasp, MotionPhase};
+    use repose_proto::motion::{Grasp, MotionPhase, Phase};
     use repose_proto::robot::GripperCommand;
 
     use super::*;
@@ -150,8 +150,8 @@ mod tests {
 
     #[test]
     fn a_plan_is_shown_from_its_first_to_its_last_set_point_with_phases_in_order() {
-        let phase = |name: &str, gripper_m: Option<f64>, points: Vec<SetPoint>| MotionPhase {
-            name: name.to_owned(),
+        let phase = |name: Phase, gripper_m: Option<f64>, points: Vec<SetPoint>| MotionPhase {
+            name,
             gripper: gripper_m.map(|width_m| GripperCommand { width_m, force_n: 20.0 }),
             set_points: points,
         };
@@ -167,9 +167,9 @@ mod tests {
             scene_stamp_ns: 0,
             max_scene_age_ms: 1000,
             phases: vec![
-                phase("approach", Some(0.08), vec![set_point(0.0, 0.0), set_point(1000.0, 1.0)]),
-                phase("grasp", Some(0.03), Vec::new()),
-                phase("transfer", None, vec![set_point(0.0, 1.0), set_point(1000.0, 0.0)]),
+                phase(Phase::Approach, Some(0.08), vec![set_point(0.0, 0.0), set_point(1000.0, 1.0)]),
+                phase(Phase::Grasp, Some(0.03), Vec::new()),
+                phase(Phase::Transfer, None, vec![set_point(0.0, 1.0), set_point(1000.0, 0.0)]),
             ],
             duration_ms: 2000.0,
         };

@@ -5,8 +5,9 @@
 use std::path::PathBuf;
 
 use nalgebra::{Point3, Vector3};
-use repose_evaluation::report::picture::{captioned, rgb_image, side_by_side, write_picture};
+use repose_evaluation::report::written::write_picture;
 use repose_geometry::Image;
+use repose_local::picture::{captioned, rgb_image, side_by_side};
 use repose_relations::ViewerExtents;
 use repose_relations::directional::directional_margins;
 use repose_relations::margins::NEAR_M;

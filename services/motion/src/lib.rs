@@ -31,6 +31,7 @@ pub mod pick_place;
 pub mod plan;
 pub mod reach;
 pub mod recovery;
+pub mod request;
 pub mod robot_link;
 pub mod rrt_connect;
 pub mod scene;

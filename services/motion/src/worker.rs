@@ -5,13 +5,13 @@ use std::sync::Arc;
 use repose_panda::FINGER_OPENING_MAX_M;
 use repose_proto::motion::{MotionPhase, MotionPlan, MotionPlanRequest, Phase, RecoverRequest, RecoveryMove};
 use repose_proto::robot::{GripperCommand, HeldObject, RobotState};
-use repose_proto::{CallError, Scene};
+use repose_proto::{CallError, ErrorCode, Scene};
 use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore, check_scene_id};
 
 use crate::config::MotionConfig;
-use crate::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place_until};
-use crate::plan::PickPlaceError;
+use crate::pick_place::PickPlaceSettings;
 use crate::recovery::{Recovery, RecoveryError, RecoverySettings};
+use crate::request;
 use crate::timing::Trajectory;
 use crate::wire::{self, PlanTerms};
 
@@ -163,22 +163,9 @@ fn planned(
     terms: &PlanTerms,
 ) -> Result<MotionPlan, CallError> {
     context.check()?;
-    let planning_scene = wire::planning_scene(scene, request.query)?;
-    let placements = request.placements.iter().enumerate().map(|(i, p)| wire::isometry(p, &format!("placements[{i}]")));
-    let placements = placements.collect::<Result<Vec<_>, _>>()?;
-    let grasps = request.grasps.as_deref().map(wire::grasps).transpose()?;
-    let request_to_plan = PickPlaceRequest {
-        scene: &planning_scene,
-        query: request.query,
-        placements: &placements,
-        start: &request.start_joints_rad,
-        grasps: grasps.as_deref(),
-        seed: request.seed,
-    };
-    let plan = pick_place_until(&request_to_plan, settings, &|| context.check().is_err()).map_err(|error| match error {
+    request::plan(scene, request, settings, terms, &|| context.check().is_err()).map_err(|error| match error.code {
         // The context knows why.
-        PickPlaceError::Stopped => context.check().err().unwrap_or_else(|| wire::call_error(&error)),
-        error => wire::call_error(&error),
-    })?;
-    Ok(wire::motion_plan(&plan, request, scene.stamp_ns, terms))
+        ErrorCode::Cancelled => context.check().err().unwrap_or(error),
+        _ => error,
+    })
 }

@@ -54,7 +54,11 @@ pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
         Some(id) => id.clone(),
         None => client::newest_scene(&session, &args.connect.camera, deadline, client::PATIENCE).await?.scene_id,
     };
-    let request = args.wish.request(scene_id);
+    let (wish, said) = match args.wish.numbered() {
+        Some(wish) => (wish, None),
+        None => args.wish.on(&client::whole_scene(&session, &scene_id, deadline).await?)?,
+    };
+    let request = args.wish.request(scene_id, &wish);
     request.validate()?;
     let planner = session.caller(Service::Planner).await?;
     let (sender, mut progress) = mpsc::channel::<repose_proto::Payload>(PROGRESS_WAITING);
@@ -71,5 +75,5 @@ pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
     client::close(session).await;
     let (result, answer) = answered?;
     tracing::info!(worker = answer.worker, attempts = answer.attempts, timing_ms = ?answer.timing_ms, "answered");
-    print_result(&result, output)
+    print_result(&result, said.as_ref(), output)
 }

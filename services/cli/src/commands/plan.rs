@@ -4,12 +4,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
-use repose_evaluation::report::picture::write_picture;
 use repose_evaluation::report::written::can_write;
-use repose_proto::Message;
+use repose_evaluation::report::written::write_picture;
+use repose_local::picture::before_and_after;
+use repose_local::{ModelFiles, Models};
 
-use crate::answer::{before_and_after, print_result};
-use crate::embedded::{self, NetworkArgs};
+use crate::answer::print_result;
+use crate::embedded::NetworkArgs;
 use crate::failure::Outcome;
 use crate::frames;
 use crate::output::Output;
@@ -46,11 +47,12 @@ pub fn run(args: &PlanArgs, output: Output) -> Outcome {
         frame.labels = None;
     }
     let scene = Arc::new(frames::scene_of(&frame)?);
-    let request = args.wish.request(scene.id());
-    request.validate()?;
-    let result = embedded::plan(&scene, &request, &args.networks, args.stability.clone())?;
+    let (wish, said) = args.wish.on(&scene)?;
+    let request = args.wish.request(scene.id(), &wish);
+    let files = ModelFiles { weights: args.networks.weights.clone(), stability: args.stability.clone() };
+    let result = repose_local::plan(&scene, &request, || Models::load(&files).map(Arc::new))?;
     if let Some(path) = &args.out {
         write_picture(path, &before_and_after(&scene, &result)?.into())?;
     }
-    print_result(&result, output)
+    print_result(&result, said.as_ref(), output)
 }

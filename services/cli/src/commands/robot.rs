@@ -132,7 +132,7 @@ fn recovered(robot: &str, motion: RecoveryMove, reply: &RecoverReply) -> String 
 /// The newest scene whose camera knows where it stands.
 async fn newest_scene(args: &RobotArgs, session: &Session) -> Option<(String, Scene)> {
     let newest = async {
-        let summary = client::newest_scene(session, &args.camera, SCENE).await?;
+        let summary = client::newest_scene(session, &args.camera, SCENE, client::PATIENCE).await?;
         let scene = client::whole_scene(session, &summary.scene_id, SCENE).await?;
         Ok::<_, Failure>((summary.scene_id, scene))
     };

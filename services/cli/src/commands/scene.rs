@@ -4,8 +4,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use repose_evaluation::report::picture::{Coloring, captioned, draw_ids, scene_picture, write_picture};
 use repose_evaluation::report::written::can_write;
+use repose_evaluation::report::written::write_picture;
+use repose_local::picture::{Coloring, captioned, draw_ids, scene_picture};
 use repose_proto::SceneSummary;
 
 use crate::client::{self, ConnectArgs};

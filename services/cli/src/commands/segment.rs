@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use image::{DynamicImage, ImageBuffer, Luma};
-use repose_evaluation::report::picture::write_picture;
+use repose_evaluation::report::written::write_picture;
 use repose_perception::newest_scenes::LEFT_OUT;
 use repose_perception::{Settings, segment_with_labels};
 use repose_proto::CallError;

@@ -317,7 +317,7 @@ pub(super) async fn plan(
 
 /// Has a plan carried out, and tells the cell's viewers how far it is. Goes on when whoever asked has left: a robot is stopped by its stop.
 pub(super) async fn execute(cell: &Cell, plan: &MotionPlan) -> Result<ExecuteReply, CallError> {
-    let phases: Vec<String> = plan.phases.iter().map(|p| p.name.clone()).collect();
+    let phases: Vec<String> = plan.phases.iter().map(|p| p.name.to_string()).collect();
     let shown = ExecutionShown { robot: plan.robot.clone(), query: plan.query, phases, phase: 0, ended: None };
     cell.hide_plan(None);
     cell.update(|activity| activity.execution = Some(shown));

@@ -3,7 +3,6 @@
 pub mod discriminator;
 pub mod final_runs;
 pub mod histogram;
-pub mod picture;
 pub mod planner;
 pub mod planner_records;
 pub mod planner_sheets;

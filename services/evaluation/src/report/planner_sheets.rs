@@ -12,9 +12,10 @@ use repose_simulator::release::{ReleaseSettings, released};
 use repose_simulator::render::picture;
 use repose_simulator::sheet::{Rgb, SheetSettings, stacked, tile};
 
-use crate::report::picture::{Coloring, draw_ids, library_picture, rgb_image, scene_picture, write_picture};
 use crate::report::written::FileError;
+use crate::report::written::write_picture;
 use crate::scenes::planner_scene::{SceneRecord, TriedScene};
+use repose_local::picture::{Coloring, draw_ids, library_picture, rgb_image, scene_picture};
 
 /// Tiles on one sheet.
 const TILES: usize = 12;

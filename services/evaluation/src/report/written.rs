@@ -3,6 +3,8 @@
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
+use image::{DynamicImage, ImageFormat};
+
 /// A file of a report that could not be read or written.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {why}", path.display())]
@@ -46,6 +48,17 @@ pub fn can_write(path: &Path) -> Result<(), FileError> {
     let is_new = !path.exists();
     std::fs::File::options().append(true).create(true).open(path).map_err(|e| FileError::new(path, e))?;
     if is_new { std::fs::remove_file(path).map_err(|e| FileError::new(path, e)) } else { Ok(()) }
+}
+
+/// Writes a picture as PNG, making its folder.
+///
+/// # Errors
+/// When folder or file cannot be written.
+pub fn write_picture(path: &Path, picture: &DynamicImage) -> Result<(), FileError> {
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(|e| FileError::new(folder, e))?;
+    }
+    picture.save_with_format(path, ImageFormat::Png).map_err(|e| FileError::new(path, e))
 }
 
 #[cfg(test)]

@@ -187,8 +187,8 @@ mod tests {
     }
 
     /// A file whose metadata says what `change` makes of the names, with the columns in any order.
-    fn with_names(weights: &Weights, value: (Vec<usize>, Vec<f32>), names: Option<Vec<String>>) -> Vec<u8> {
-        let view = TensorView::new(Dtype::F32, value.0.clone(), bytemuck::cast_slice(&value.1)).unwrap();
+    fn with_names(weights: &Weights, (shape, values): (&[usize], &[f32]), names: Option<Vec<String>>) -> Vec<u8> {
+        let view = TensorView::new(Dtype::F32, shape.to_vec(), bytemuck::cast_slice(values)).unwrap();
         let text = serde_json::to_string(&Header { info: weights.info.clone(), measures: names }).unwrap();
         safetensors::serialize([(MEASURES_WEIGHT, view)], Some(HashMap::from([(METADATA.to_owned(), text)]))).unwrap()
     }
@@ -201,11 +201,11 @@ mod tests {
         let names = pair_measure_names().to_vec();
 
         let backwards = (0..outputs).flat_map(|o| ours[o * inputs..(o + 1) * inputs].iter().rev().copied()).collect::<Vec<_>>();
-        let turned = with_names(&weights, (shape.clone(), backwards), Some(names.iter().rev().cloned().collect()));
+        let turned = with_names(&weights, (&shape, &backwards), Some(names.iter().rev().cloned().collect()));
         assert_eq!(Weights::from_bytes(&turned).unwrap().values[MEASURES_WEIGHT].1, ours);
 
         let fewer: Vec<f32> = (0..outputs).flat_map(|o| ours[o * inputs..(o + 1) * inputs - 1].iter().copied()).collect();
-        let fewer = with_names(&weights, (vec![outputs, inputs - 1], fewer), Some(names[..inputs - 1].to_vec()));
+        let fewer = with_names(&weights, (&[outputs, inputs - 1], &fewer), Some(names[..inputs - 1].to_vec()));
         let read = &Weights::from_bytes(&fewer).unwrap().values[MEASURES_WEIGHT];
         assert_eq!((&read.0, read.1[inputs - 1], read.1[inputs - 2]), (&shape, 0.0, ours[inputs - 2]));
 
@@ -214,7 +214,7 @@ mod tests {
         for (names, expected) in
             [(Some(other), "height_above_sea_level"), (Some(names[1..].to_vec()), "[128, 145]"), (None, "does not name the measures")]
         {
-            let error = Weights::from_bytes(&with_names(&weights, (shape.clone(), ours.clone()), names)).unwrap_err().to_string();
+            let error = Weights::from_bytes(&with_names(&weights, (&shape, &ours), names)).unwrap_err().to_string();
             assert!(error.contains(MEASURES_WEIGHT) && error.contains(expected), "{error}");
         }
     }

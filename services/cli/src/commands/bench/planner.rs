@@ -24,11 +24,11 @@ use tokio::process::Child;
 
 use crate::asynchronous::in_runtime;
 use crate::client;
-use crate::embedded::EmbeddedModels;
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 use crate::processes::service_process;
 use crate::values::parse_count;
+use repose_local::Models as LocalModels;
 
 /// How long anything may take.
 const PATIENCE: Duration = Duration::from_secs(300);
@@ -53,7 +53,7 @@ pub struct BenchPlannerArgs {
 /// Runs the command.
 pub fn run(args: &BenchPlannerArgs, output: Output) -> Outcome {
     let wishes = wishes(args.scenes)?;
-    let models = Counted { models: EmbeddedModels::load()?, scored: AtomicU64::new(0), micros: AtomicU64::new(0) };
+    let models = Counted { models: LocalModels::embedded()?, scored: AtomicU64::new(0), micros: AtomicU64::new(0) };
     let best = timed(&wishes, Variant::Best, args.runs, &models)?;
     let full = if args.full_runs > 0 { Some(timed(&wishes, Variant::Full, args.full_runs, &models)?) } else { None };
     let services = Cell::new(None);
@@ -209,7 +209,7 @@ fn placed(wish: &Wish, request: &PlaceRequest, models: &dyn PlacementModels) -> 
 
 /// The models, and how much they were asked.
 struct Counted {
-    models: EmbeddedModels,
+    models: LocalModels,
     scored: AtomicU64,
     micros: AtomicU64,
 }
@@ -261,7 +261,7 @@ struct ThroughServices {
     beyond_p50_ms: f64,
 }
 
-async fn through_services(wishes: &[Wish], requests: usize, models: &EmbeddedModels) -> Result<ThroughServices, Failure> {
+async fn through_services(wishes: &[Wish], requests: usize, models: &LocalModels) -> Result<ThroughServices, Failure> {
     let port = TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).map_err(Failure::other)?.port();
     let endpoint = format!("tcp/127.0.0.1:{port}");
     let start = |what: &str| -> Result<Child, Failure> { service_process(&endpoint, "bench", None, what)?.spawn().map_err(Failure::other) };
@@ -376,7 +376,7 @@ mod tests {
     #[test]
     fn a_placement_is_timed_and_the_networks_share_is_told() {
         let wishes = wishes(1).unwrap_or_else(|e| panic!("{e:?}"));
-        let models = EmbeddedModels::load().unwrap_or_else(|e| panic!("{e:?}"));
+        let models = LocalModels::embedded().unwrap_or_else(|e| panic!("{e:?}"));
         let models = Counted { models, scored: AtomicU64::new(0), micros: AtomicU64::new(0) };
         let times = timed(&wishes, Variant::Best, 2, &models).unwrap_or_else(|e| panic!("{e:?}"));
         assert!(times.p50_ms > 0.0 && times.p99_ms >= times.p50_ms && (0.0..=1.0).contains(&times.networks), "{times:?}");

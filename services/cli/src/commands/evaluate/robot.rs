@@ -4,16 +4,17 @@ use std::path::PathBuf;
 
 use clap::Args;
 use repose_evaluation::report;
-use repose_evaluation::report::picture::{rgb_image, side_by_side, write_picture};
+use repose_evaluation::report::written::write_picture;
 use repose_evaluation::scenes::robot_scene::Condition;
 use repose_evaluation::scenes::robot_trial::Cause;
 use repose_evaluation::tables::robot::{OBJECTS, RobotTableSettings, evaluate_robot};
+use repose_local::picture::{rgb_image, side_by_side};
 use repose_simulator::objects::{MeshLibrary, MeshSettings};
 
-use crate::embedded::EmbeddedModels;
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 use crate::values::parse_count;
+use repose_local::Models as LocalModels;
 
 /// Arguments of `evaluate robot`.
 #[derive(Debug, Args)]
@@ -45,7 +46,7 @@ fn parse_condition(name: &str) -> Result<Condition, String> {
 
 /// Runs the command.
 pub fn run(args: &EvaluateRobotArgs, output: Output) -> Outcome {
-    let models = EmbeddedModels::load()?;
+    let models = LocalModels::embedded()?;
     let library = MeshLibrary::load(&args.objects, &MeshSettings::default()).map_err(|e| Failure::bad_input("objects", e))?;
     let mut settings = RobotTableSettings { trials: args.trials, seed: args.seed, ..RobotTableSettings::default() };
     if !args.only.is_empty() {

@@ -1,15 +1,12 @@
 //! Pictures for people: a scene as its camera saw it, with an object drawn where it is to go, and several of them side by side.
 
-use std::path::Path;
-
-use image::{DynamicImage, ImageFormat, Rgb, RgbImage};
+use image::{Rgb, RgbImage};
 use nalgebra::{Isometry3, Point3};
+use repose_geometry::transform::from_row_major;
 use repose_geometry::{Image, Pinhole};
-use repose_proto::{CameraModel, Scene};
+use repose_proto::{CallError, CameraModel, PlaceResult, Scene};
 use repose_simulator::sheet::colors::{PAPER, object_color};
 use repose_simulator::sheet::drawing::{LINE_HEIGHT, blit, number_pixels, write_lines};
-
-use crate::report::written::FileError;
 
 const NOTHING: Rgb<u8> = Rgb([255, 255, 255]);
 const PLACED: [u8; 3] = [40, 200, 60];
@@ -19,6 +16,29 @@ const SPLAT: i64 = 1;
 /// The intrinsics of a camera message.
 pub fn pinhole(camera: &CameraModel) -> Pinhole {
     Pinhole { width: camera.width, height: camera.height, fx: camera.fx, fy: camera.fy, cx: camera.cx, cy: camera.cy }
+}
+
+/// The scene with object ids, and beside it the scene with the best placement drawn in, where there is one.
+///
+/// # Errors
+/// When the placement is no rigid transform.
+pub fn before_and_after(scene: &Scene, result: &PlaceResult) -> Result<RgbImage, CallError> {
+    let mut before = scene_picture(scene, Coloring::Seen, None);
+    draw_ids(&mut before, scene);
+    let before = captioned(&before, "as seen, with object ids");
+    let Some(best) = result.placements.first() else { return Ok(before) };
+    let placed_from_observed = from_row_major(&best.placed_from_observed.0)
+        .map_err(|e| CallError::invalid("placements[0].placed_from_observed", e.to_string()))?;
+    let after = scene_picture(scene, Coloring::Seen, Some((result.query, &placed_from_observed)));
+    Ok(side_by_side(&[before, captioned(&after, "where the object is to stand: green")]))
+}
+
+/// A placement's motion of world space.
+///
+/// # Errors
+/// `invalid_argument` on `placed_from_observed` when it is no rigid transform.
+pub fn placed(placed_from_observed: &[f64; 16]) -> Result<Isometry3<f64>, CallError> {
+    from_row_major(placed_from_observed).map_err(|e| CallError::invalid("placed_from_observed", e.to_string()))
 }
 
 /// How a scene's points are colored.
@@ -33,12 +53,7 @@ pub enum Coloring {
 /// The scene seen from its own camera; `moved` names an object and where its points go. The hole that it leaves stays white.
 pub fn scene_picture(scene: &Scene, coloring: Coloring, moved: Option<(u16, &Isometry3<f64>)>) -> RgbImage {
     let camera = pinhole(&scene.meta.camera);
-    let world_from_camera = scene
-        .meta
-        .camera
-        .world_from_camera
-        .and_then(|t| repose_geometry::transform::from_row_major(&t.0).ok())
-        .unwrap_or_else(Isometry3::identity);
+    let world_from_camera = scene.meta.camera.world_from_camera.and_then(|t| from_row_major(&t.0).ok()).unwrap_or_else(Isometry3::identity);
     let camera_from_world = world_from_camera.inverse();
     let mut picture = RgbImage::from_pixel(camera.width as u32, camera.height as u32, NOTHING);
     let mut nearest = vec![f64::INFINITY; camera.width * camera.height];
@@ -126,7 +141,7 @@ pub fn library_picture(picture: &RgbImage) -> Image<[u8; 3]> {
 
 /// Where an object's centroid falls in its camera's picture.
 pub fn pixel_of_object(scene: &Scene, id: u16) -> Option<(i64, i64)> {
-    let world_from_camera = repose_geometry::transform::from_row_major(&scene.meta.camera.world_from_camera?.0).ok()?;
+    let world_from_camera = from_row_major(&scene.meta.camera.world_from_camera?.0).ok()?;
     let centroid = scene.object(id)?.centroid_m;
     let pixel = pinhole(&scene.meta.camera).project(&(world_from_camera.inverse() * Point3::from(centroid)))?;
     Some((pixel.x.round() as i64, pixel.y.round() as i64))
@@ -139,15 +154,4 @@ pub fn draw_ids(picture: &mut RgbImage, scene: &Scene) {
             draw_number(picture, object.id, at);
         }
     }
-}
-
-/// Writes a picture as PNG, making its folder.
-///
-/// # Errors
-/// When folder or file cannot be written.
-pub fn write_picture(path: &Path, picture: &DynamicImage) -> Result<(), FileError> {
-    if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(|e| FileError::new(folder, e))?;
-    }
-    picture.save_with_format(path, ImageFormat::Png).map_err(|e| FileError::new(path, e))
 }

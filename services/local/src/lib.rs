@@ -1,0 +1,30 @@
+//! Everything on one frame in this process, without a running system: what commands on frame folders and the Python package call.
+//!
+//! A frame becomes a scene ([`scene_of`]); on a scene one can plan a placement ([`plan()`]), judge relations ([`relations()`]) and
+//! placements ([`score()`]), plan the motion ([`plan_motion`]) and draw ([`picture`]). The same messages go in and out as over the
+//! network, so the answers are the services' own, byte for byte. [`Models`] holds the networks; loading them takes a while, so keep it.
+
+pub mod models;
+pub mod motion;
+pub mod picture;
+pub mod plan;
+pub mod relations;
+pub mod score;
+
+use repose_perception::{Settings, segment};
+use repose_proto::{CallError, Frame, Scene};
+
+pub use models::{ModelFiles, Models};
+pub use motion::plan_motion;
+pub use plan::plan;
+pub use relations::{Pair, relations};
+pub use score::{Scores, score};
+
+/// Segments a frame with perception's defaults.
+///
+/// # Errors
+/// `invalid_argument` that names the field; what perception says of the picture.
+pub fn scene_of(frame: &Frame) -> Result<Scene, CallError> {
+    frame.validate()?;
+    Ok(segment(frame, &Settings::default())?)
+}

@@ -1,0 +1,28 @@
+//! A placement on a scene.
+
+use std::ops::ControlFlow;
+use std::sync::Arc;
+
+use repose_planner::{NoModels, PreparedScene};
+use repose_proto::place::Variant;
+use repose_proto::{CallError, Message, PlaceRequest, PlaceResult, Scene};
+
+use crate::models::Models;
+
+/// Plans. `models` is asked only for variants that use networks.
+///
+/// # Errors
+/// `invalid_argument` and `not_found` that name the field; those of `models`.
+pub fn plan(
+    scene: &Arc<Scene>,
+    request: &PlaceRequest,
+    models: impl FnOnce() -> Result<Arc<Models>, CallError>,
+) -> Result<PlaceResult, CallError> {
+    request.validate()?;
+    let prepared = PreparedScene::new(scene.clone());
+    let go_on = &mut |_| ControlFlow::Continue(());
+    match request.variant {
+        Variant::Geometric => repose_planner::plan(&prepared, request, &NoModels, go_on),
+        _ => repose_planner::plan(&prepared, request, models()?.as_ref(), go_on),
+    }
+}

@@ -1,0 +1,241 @@
+//! A connection to a running system: calls by the runtime's own `Caller`, subscriptions and puts.
+//!
+//! Choice of workers, retries, deadlines and cancelling are those of the services among themselves, since it is the same code. The network
+//! runs on threads of its own; who waits for it releases the interpreter lock and still sees Ctrl-C.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use pyo3::prelude::*;
+use repose_proto::{CallError, Payload, Priority, Service, keys};
+use repose_runtime::{CallOptions, Caller, CancellationToken, RuntimeConfig, RuntimeError, Session, SessionMode, Traffic};
+use tokio::runtime::{Builder, Runtime};
+use tokio::sync::{Mutex, mpsc};
+
+use crate::error::raised;
+use crate::pending::Pending;
+use crate::scene::Scene;
+use crate::subscription::Subscription;
+
+/// Where a router is looked for when nothing says otherwise.
+const ENDPOINT: &str = "tcp/127.0.0.1:7447";
+/// Threads of the network: it waits more than it works.
+const THREADS: usize = 2;
+/// Progress replies that may wait to be read.
+const PROGRESS_WAITING: usize = 256;
+/// Messages of a subscription that may wait where not only the newest counts.
+const MESSAGES_WAITING: usize = 256;
+
+/// The network's threads, left to themselves at the end: dropping them must not wait.
+pub struct Threads(Option<Runtime>);
+
+impl Threads {
+    /// The runtime to spawn on.
+    pub fn handle(&self) -> Option<&tokio::runtime::Handle> {
+        self.0.as_ref().map(Runtime::handle)
+    }
+}
+
+impl Drop for Threads {
+    fn drop(&mut self) {
+        if let Some(runtime) = self.0.take() {
+            runtime.shutdown_background();
+        }
+    }
+}
+
+/// A session with a cell.
+#[pyclass(frozen, module = "repose._native")]
+pub struct Connection {
+    threads: Arc<Threads>,
+    session: Session,
+    cell: String,
+    callers: Arc<Mutex<BTreeMap<&'static str, Caller>>>,
+}
+
+fn of_runtime(error: RuntimeError) -> PyErr {
+    raised(match error {
+        RuntimeError::Config { .. } => CallError::invalid("config", error.to_string()),
+        other => other.into(),
+    })
+}
+
+fn service_of(name: &str) -> PyResult<Service> {
+    Service::parse(name).ok_or_else(|| raised(CallError::invalid("service", format!("there is no service {name:?}"))))
+}
+
+#[pymethods]
+impl Connection {
+    #[new]
+    #[pyo3(signature = (endpoints, cell = None, config = None))]
+    fn new(py: Python<'_>, endpoints: Vec<String>, cell: Option<String>, config: Option<PathBuf>) -> PyResult<Self> {
+        let opened = py.detach(|| {
+            let mut config = RuntimeConfig::read(config.as_deref())?;
+            let session = &mut config.session;
+            (session.mode, session.listen) = (SessionMode::Client, Vec::new());
+            if let Some(cell) = cell {
+                session.cell = cell;
+            }
+            if !endpoints.is_empty() {
+                session.connect = endpoints;
+            } else if session.connect.is_empty() && session.zenoh_file.is_none() {
+                session.connect = vec![ENDPOINT.to_owned()];
+            }
+            let system = |source| RuntimeError::System { operation: "starting threads".to_owned(), source };
+            let runtime = Builder::new_multi_thread().worker_threads(THREADS).enable_all().build().map_err(system)?;
+            let cell = config.session.cell.clone();
+            let session = runtime.block_on(Session::open(config))?;
+            Ok((runtime, session, cell))
+        });
+        let (runtime, session, cell) = opened.map_err(of_runtime)?;
+        Ok(Self { threads: Arc::new(Threads(Some(runtime))), session, cell, callers: Arc::default() })
+    }
+
+    /// Starts a call. `request` is JSON; with a scene it goes by id first and is sent whole to who lacks it. `everyone`: whoever has it.
+    #[pyo3(signature = (service, method, schema, request, *, deadline_s, priority, idempotent, scene=None, worker=None, id=None, everyone=false))]
+    #[expect(clippy::too_many_arguments, reason = "named arguments of a method that only the package's own Python calls")]
+    fn call(
+        &self,
+        service: &str,
+        method: String,
+        schema: &str,
+        request: &[u8],
+        deadline_s: f64,
+        priority: &str,
+        idempotent: bool,
+        scene: Option<&Scene>,
+        worker: Option<String>,
+        id: Option<String>,
+        everyone: bool,
+    ) -> PyResult<Pending> {
+        let service = service_of(service)?;
+        let deadline = Duration::try_from_secs_f64(deadline_s)
+            .map_err(|_| raised(CallError::invalid("deadline_s", format!("expected a time from now in seconds, got {deadline_s}"))))?;
+        let priority = match priority {
+            "interactive" => Priority::Interactive,
+            "batch" => Priority::Batch,
+            other => return Err(raised(CallError::invalid("priority", format!("expected interactive or batch, got {other:?}")))),
+        };
+        let payload = crate::payload::json(schema, request).map_err(raised)?;
+        let whole = scene.map(|scene| crate::payload::Enclosing { schema: schema.to_owned(), scene: scene.scene.clone() });
+        let cancel = CancellationToken::new();
+        let (sender, progress) = mpsc::channel(PROGRESS_WAITING);
+        let options = CallOptions {
+            deadline,
+            priority,
+            idempotent,
+            cancel: cancel.clone(),
+            worker,
+            progress: Some(sender),
+            id,
+            ..CallOptions::default()
+        };
+        let (session, callers) = (self.session.clone(), self.callers.clone());
+        let answer = async move {
+            let caller = caller(&session, &callers, service).await?;
+            if everyone {
+                return caller.call_any(&method, &payload, &options).await;
+            }
+            match (caller.call(&method, payload.clone(), options.clone()).await, whole) {
+                (Err(error), Some(whole)) if is_of_scene(&error) => caller.call(&method, whole.payload(&payload)?, options).await,
+                (answered, _) => answered,
+            }
+        };
+        Pending::start(&self.threads, answer, cancel, progress)
+    }
+
+    /// Sends a frame to perception in bulk form.
+    fn segment(&self, frame: &[u8], deadline_s: f64) -> PyResult<Pending> {
+        let payload =
+            Payload { encoding: format!("application/octet-stream;repose.{}", repose_proto::Frame::SCHEMA), bytes: frame.to_vec().into() };
+        let deadline = Duration::try_from_secs_f64(deadline_s).map_err(|e| raised(CallError::invalid("deadline_s", e.to_string())))?;
+        let cancel = CancellationToken::new();
+        let (sender, progress) = mpsc::channel(1);
+        let options = CallOptions { cancel: cancel.clone(), progress: Some(sender), ..CallOptions::within(deadline) };
+        let (session, callers) = (self.session.clone(), self.callers.clone());
+        let answer = async move { caller(&session, &callers, Service::Perception).await?.call("segment", payload, options).await };
+        Pending::start(&self.threads, answer, cancel, progress)
+    }
+
+    /// The workers of a service that are alive, by name.
+    fn workers(&self, py: Python<'_>, service: &str) -> PyResult<Vec<String>> {
+        let service = service_of(service)?;
+        let found = py.detach(|| {
+            let Some(handle) = self.threads.handle() else { return Ok(Vec::new()) };
+            let caller = handle.block_on(caller(&self.session, &self.callers, service))?;
+            Ok(caller.workers().into_iter().map(|w| w.name).collect())
+        });
+        found.map_err(raised)
+    }
+
+    /// Follows a key: `scene` or `frame` of a camera, `robot_state`, `robot_command` or `robot_estop` of a robot.
+    fn subscribe(&self, py: Python<'_>, kind: &str, name: &str, newest_only: bool) -> PyResult<Subscription> {
+        let (key, _) = self.key(kind, name)?;
+        let subscribed = py.detach(|| {
+            let handle = self.threads.handle().ok_or_else(closed)?;
+            let capacity = if newest_only { 1 } else { MESSAGES_WAITING };
+            handle.block_on(self.session.subscribe_queue(&key, capacity)).map_err(CallError::from)
+        });
+        Ok(Subscription::new(self.threads.clone(), subscribed.map_err(raised)?))
+    }
+
+    /// Puts a message on a key, as JSON or in bulk form.
+    fn put(&self, py: Python<'_>, kind: &str, name: &str, schema: &str, body: &[u8], bulk: bool) -> PyResult<()> {
+        let (key, traffic) = self.key(kind, name)?;
+        let form = if bulk { "application/octet-stream" } else { "application/json" };
+        let put = py.detach(|| {
+            let payload = Payload { encoding: format!("{form};repose.{schema}"), bytes: body.to_vec().into() }.within_limit()?;
+            let handle = self.threads.handle().ok_or_else(closed)?;
+            handle.block_on(self.session.put(&key, payload, traffic)).map_err(CallError::from)
+        });
+        put.map_err(raised)
+    }
+
+    /// Ends the session.
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        let ended = py.detach(|| self.threads.handle().map_or(Ok(()), |handle| handle.block_on(self.session.close())));
+        ended.map_err(of_runtime)
+    }
+
+    /// The cell's name.
+    #[getter]
+    fn cell(&self) -> String {
+        self.cell.clone()
+    }
+}
+
+impl Connection {
+    fn key(&self, kind: &str, name: &str) -> PyResult<(String, Traffic)> {
+        keys::validate_chunk(if matches!(kind, "scene" | "frame") { "camera" } else { "robot" }, name).map_err(raised)?;
+        let cell = self.session.cell();
+        match kind {
+            "scene" => Ok((cell.scene(name), Traffic::Scene)),
+            "frame" => Ok((cell.camera_frame(name), Traffic::Frame)),
+            "robot_state" => Ok((cell.robot_state(name), Traffic::RobotState)),
+            "robot_command" => Ok((cell.robot_command(name), Traffic::RobotCommand)),
+            "robot_estop" => Ok((cell.robot_estop(name), Traffic::EmergencyStop)),
+            other => Err(raised(CallError::invalid("kind", format!("there is no key of kind {other:?}")))),
+        }
+    }
+}
+
+fn closed() -> CallError {
+    CallError::precondition("the connection is closed")
+}
+
+fn is_of_scene(error: &CallError) -> bool {
+    error.code == repose_proto::ErrorCode::NotFound && error.field.as_deref().is_some_and(|field| field.ends_with("scene_id"))
+}
+
+/// The caller of a service, which goes on following its workers.
+async fn caller(session: &Session, callers: &Mutex<BTreeMap<&'static str, Caller>>, service: Service) -> Result<Caller, CallError> {
+    let mut callers = callers.lock().await;
+    if let Some(caller) = callers.get(service.as_str()) {
+        return Ok(caller.clone());
+    }
+    let caller = session.caller(service).await?;
+    callers.insert(service.as_str(), caller.clone());
+    Ok(caller)
+}

@@ -1,0 +1,235 @@
+"""The client against a running system: processes of their own, one of them killed in between."""
+
+import asyncio
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import repose
+
+READY_WITHIN_S = 120.0
+
+
+def free_port() -> int:
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+class System:
+    """`repose up` with two planners."""
+
+    def __init__(self, program: str) -> None:
+        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        command = [program, "up", "--listen", self.endpoint, "--planners", "2"]
+        self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+    def children(self, service: str) -> list[int]:
+        """Process ids of a service's workers."""
+        found = []
+        for entry in Path("/proc").iterdir():
+            if entry.name.isdigit():
+                try:
+                    words = (entry / "cmdline").read_text().split("\0")
+                    parent = (entry / "stat").read_text().rsplit(")", 1)[1].split()[1]
+                except OSError:
+                    continue
+                if int(parent) == self.process.pid and words[1:3] == ["serve", service]:
+                    found.append(int(entry.name))
+        return found
+
+
+@pytest.fixture(scope="module")
+def system():
+    program = os.environ.get("REPOSE_COMMAND")
+    if not program or sys.platform != "linux":
+        pytest.skip("REPOSE_COMMAND does not name the repose program")
+    system = System(program)
+    yield system
+    system.process.send_signal(signal.SIGINT)
+    system.process.wait(60)
+
+
+@pytest.fixture(scope="module")
+def client(system):
+    ends = time.monotonic() + READY_WITHIN_S
+    while True:
+        try:
+            client = repose.connect(system.endpoint)
+            break
+        except repose.Unavailable:
+            if time.monotonic() > ends:
+                raise
+    client.latest(deadline_s=READY_WITHIN_S)
+    while len(client.workers("planner")) < 2 or not client.workers("motion") or not client.workers("inference"):
+        assert time.monotonic() < ends, "the services have not come up"
+        time.sleep(0.05)
+    yield client
+    client.close()
+
+
+@pytest.fixture(scope="module")
+def scene(client):
+    return client.scene()
+
+
+@pytest.fixture(scope="module")
+def wish(scene):
+    """An object and a goal that geometry alone plans quickly."""
+    ids = [o.id for o in scene.objects]
+    assert len(ids) >= 2
+    return {"move": ids[0], "goal": [("near", ids[1])], "variant": "geometric", "seed": 3}
+
+
+def test_a_scene_is_the_same_as_arrays_and_on_the_wire(client, scene):
+    assert scene.id == client.scene(scene.id).id
+    assert scene.points.shape[1] == 3
+    assert np.isfinite(scene.points).all()
+
+
+def test_a_placement_over_the_network_is_the_one_of_this_process(client, scene, wish):
+    over_network = client.place(scene, **wish)
+    here = repose.plan(scene, **wish)
+    assert over_network.data == here.data
+
+
+def test_every_call_is_answered_while_a_planner_is_killed(client, system, scene, wish):
+    planners = system.children("planner")
+    assert len(planners) == 2
+    expected = client.place(scene, **wish).data
+    calls = []
+    for i in range(24):
+        calls.append(client.place_call(scene, **wish, deadline_s=60))
+        if i == 8:
+            os.kill(planners[0], signal.SIGKILL)
+    answers = [call.answer(60) for call in calls]
+    assert all(answer.data == expected for answer in answers)
+    assert {answer.worker for answer in answers} <= set(client.workers("planner")) | {a.worker for a in answers}
+
+
+def test_progress_is_seen_before_the_result(client, scene, wish):
+    options = {**wish, "variant": "best", "budget": {"iterations": 4}}
+    call = client.place_call(scene, **options)
+    progress = list(call.progress())
+    assert progress
+    assert progress[-1]["iterations"] >= 1
+    assert call.done()
+    assert call.result().outcome in ("found", "none")
+
+
+def test_a_cancelled_call_ends_as_cancelled(client, scene, wish):
+    call = client.place_call(scene, **{**wish, "variant": "full", "budget": {"iterations": 100, "batch": 1000}}, deadline_s=120)
+    next(iter(call.progress()), None)
+    started = time.monotonic()
+    call.cancel()
+    with pytest.raises(repose.Cancelled):
+        call.result(30)
+    assert time.monotonic() - started < 10
+
+
+def test_a_deadline_that_passes_is_its_error(client, scene, wish):
+    long = {**wish, "variant": "full", "budget": {"iterations": 100, "batch": 1000}}
+    with pytest.raises(repose.DeadlineExceeded):
+        client.place(scene, **long, deadline_s=0.3)
+    with pytest.raises(repose.InvalidArgument) as raised:
+        client.place(scene, **wish, deadline_s=601)
+    assert raised.value.field == "remaining_ms"
+
+
+def test_errors_of_services_have_code_and_field(client, scene, wish):
+    with pytest.raises(repose.NotFound) as raised:
+        client.place("0" * 64, 1, [("near", 2)])
+    assert raised.value.field is not None
+    assert raised.value.field.endswith("scene_id")
+    with pytest.raises(repose.InvalidArgument) as raised:
+        client.place(scene, **{**wish, "count": 0})
+    assert raised.value.field == "count"
+    with pytest.raises(repose.InvalidArgument) as raised:
+        client.call("planner", "dance", "PlaceRequest.v1", {}).result()
+    assert raised.value.field == "method"
+    with pytest.raises(repose.NotFound):
+        client.latest("nobody", deadline_s=1)
+
+
+def test_nobody_there_is_unavailable():
+    with pytest.raises(repose.Unavailable):
+        repose.connect(f"tcp/127.0.0.1:{free_port()}")
+
+
+def test_a_motion_is_planned_from_where_the_robot_is(client, scene, wish):
+    plan = client.place(scene, **wish, count=5)
+    motion = client.plan_motion(scene, plan)
+    np.testing.assert_allclose(motion.phases[0].joints_rad[0], client.robot_state().joints_rad, atol=1e-3)
+
+
+def test_a_stop_latches_until_reset(client):
+    state = client.stop(reason="test")
+    assert state.mode == "stopped"
+    assert state.stop is not None
+    assert state.stop["kind"] == "estop"
+    client.reset()
+    ends = time.monotonic() + 10
+    while client.robot_state().mode == "stopped":
+        assert time.monotonic() < ends
+
+
+def test_scenes_are_watched_as_they_come(client, scene):
+    summary = next(client.watch_scene(timeout_s=30))
+    assert {"scene_id", "objects", "surfaces"} <= set(summary)
+    assert next(client.watch_robot(timeout_s=5)).joints_rad.shape == (7,)
+    assert list(client.watch_scene("nobody", timeout_s=0.2)) == []
+
+
+def test_asyncio_waits_for_several_calls_at_once(system, client, scene, wish):
+    async def main():
+        async with await repose.connect_async(system.endpoint) as aclient:
+            plans = await asyncio.gather(*(aclient.place(scene, **{**wish, "seed": seed}) for seed in range(6)))
+            assert [p.data["seed"] for p in plans] == list(range(6))
+            assert (await aclient.latest())["scene_id"]
+            call = await aclient.place_call(scene, **{**wish, "variant": "full", "budget": {"iterations": 100, "batch": 1000}})
+            task = asyncio.ensure_future(call._ended())
+            async for _ in call.aprogress():
+                break
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+            with pytest.raises(repose.Cancelled):
+                await call
+            async for state in aclient.watch_robot():
+                assert state.joints_rad.shape == (7,)
+                break
+
+    asyncio.run(main())
+
+
+def test_threads_share_a_client(client, scene, wish):
+    answers: list[int] = []
+    threads = [
+        threading.Thread(target=lambda s=s: answers.append(client.place(scene, **{**wish, "seed": s}).data["seed"])) for s in range(8)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(answers) == list(range(8))
+
+
+def test_the_script_prints_a_result(system, scene, wish):
+    script = Path(__file__).parents[3] / "scripts" / "place.py"
+    goal = [f"{wish['goal'][0][0]}:{wish['goal'][0][1]}"]
+    command = [sys.executable, str(script), "--connect", system.endpoint, "--move", str(wish["move"]), "--goal", *goal]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode in (0, 3), done.stderr
+    assert done.stdout.startswith("{")
+    elsewhere = [*command[:2], "--connect", "tcp/127.0.0.1:9", *command[4:]]
+    nobody = subprocess.run(elsewhere, capture_output=True, text=True, timeout=60, check=False)
+    assert nobody.returncode == 1
+    assert nobody.stderr.startswith("unavailable")

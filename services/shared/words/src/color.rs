@@ -1,0 +1,224 @@
+//! Color names from the observed colors of an object's points.
+//!
+//! The eleven basic color terms of English (Berlin and Kay, 1969) as soft regions of OKLCh (Ottosson, 2020): lightness, chroma and hue
+//! as people see them, from sRGB. Each point belongs to a name by a weight between 0 and 1; an object's share of a name is the mean
+//! over its points. Whether something without a hue is white, grey or black is decided by its lighter points, since its shaded side is
+//! darker than it is.
+
+use crate::grade::Grade;
+
+/// A basic color term.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Color {
+    /// No hue, light.
+    White,
+    /// No hue, between.
+    Grey,
+    /// No hue, dark.
+    Black,
+    /// Red.
+    Red,
+    /// Orange.
+    Orange,
+    /// Dark orange or yellow.
+    Brown,
+    /// Yellow.
+    Yellow,
+    /// Green.
+    Green,
+    /// Blue.
+    Blue,
+    /// Purple.
+    Purple,
+    /// Light red or magenta.
+    Pink,
+}
+
+impl Color {
+    /// Every name.
+    pub const ALL: [Self; 11] = [
+        Self::White,
+        Self::Grey,
+        Self::Black,
+        Self::Red,
+        Self::Orange,
+        Self::Brown,
+        Self::Yellow,
+        Self::Green,
+        Self::Blue,
+        Self::Purple,
+        Self::Pink,
+    ];
+
+    /// The name in English.
+    pub fn as_str(self) -> &'static str {
+        ["white", "grey", "black", "red", "orange", "brown", "yellow", "green", "blue", "purple", "pink"][self as usize]
+    }
+}
+
+/// The regions of names with a hue: hue in degrees (the second end may pass 360), lightness, least chroma; in the order of [`Color`].
+/// Neighbours overlap: a color on the border between two may be called either.
+const REGIONS: [(Color, [f64; 2], [f64; 2], f64); 9] = [
+    (Color::Red, [8.0, 42.0], [0.20, 0.68], 0.09),
+    (Color::Orange, [44.0, 78.0], [0.62, 0.90], 0.10),
+    (Color::Brown, [38.0, 95.0], [0.15, 0.62], 0.03),
+    (Color::Yellow, [82.0, 118.0], [0.66, 1.00], 0.08),
+    (Color::Green, [120.0, 175.0], [0.15, 0.97], 0.04),
+    (Color::Blue, [215.0, 285.0], [0.15, 0.95], 0.05),
+    (Color::Purple, [292.0, 340.0], [0.15, 0.72], 0.06),
+    (Color::Pink, [335.0, 388.0], [0.68, 0.97], 0.06),
+    // Magenta: called pink when light or strong, purple when dark.
+    (Color::Pink, [338.0, 366.0], [0.55, 0.97], 0.14),
+];
+/// How far outside a region a color still partly belongs to it: hue in degrees, lightness, chroma.
+const HUE_MARGIN_DEG: f64 = 14.0;
+const LIGHTNESS_MARGIN: f64 = 0.08;
+const CHROMA_MARGIN: f64 = 0.03;
+/// Chroma up to which a color has no hue to speak of.
+const COLORLESS_CHROMA: f64 = 0.03;
+/// The quantile of lightness that says how light a colorless surface is where light falls on it.
+const LIT_QUANTILE: f64 = 0.8;
+/// Shares of an object's points from which it is, or may be, called by a name.
+const SURE_SHARE: f64 = 0.5;
+const POSSIBLE_SHARE: f64 = 0.18;
+
+/// How much of an object each color name covers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ColorShares {
+    shares: [f64; Color::ALL.len()],
+}
+
+impl ColorShares {
+    /// The shares of an object's points; `None` without any.
+    pub fn of(colors: &[[u8; 3]]) -> Option<Self> {
+        if colors.is_empty() {
+            return None;
+        }
+        let mut shares = [0.0; Color::ALL.len()];
+        let mut colorless = 0.0;
+        let mut lightness: Vec<f64> = Vec::new();
+        for rgb in colors {
+            let [l, chroma, hue_deg] = oklch(*rgb);
+            let without_hue = falls(chroma, COLORLESS_CHROMA, CHROMA_MARGIN);
+            colorless += without_hue;
+            if without_hue > 0.5 {
+                lightness.push(l);
+            }
+            for (color, hues, lights, least_chroma) in REGIONS {
+                let weight =
+                    hue_weight(hue_deg, hues) * trapezoid(l, lights, LIGHTNESS_MARGIN) * rises(chroma, least_chroma, CHROMA_MARGIN);
+                shares[color as usize] = f64::max(shares[color as usize], 0.0) + weight / colors.len() as f64;
+            }
+        }
+        if !lightness.is_empty() {
+            lightness.sort_by(f64::total_cmp);
+            let lit = lightness[((lightness.len() - 1) as f64 * LIT_QUANTILE) as usize];
+            let share = colorless / colors.len() as f64;
+            shares[Color::White as usize] = share * rises(lit, 0.80, 0.12);
+            shares[Color::Grey as usize] = share * trapezoid(lit, [0.46, 0.72], 0.09);
+            shares[Color::Black as usize] = share * falls(lit, 0.34, 0.12);
+        }
+        Some(Self { shares: shares.map(|s| s.min(1.0)) })
+    }
+
+    /// How much of the object a name covers, 0 to 1.
+    pub fn share(&self, color: Color) -> f64 {
+        self.shares[color as usize]
+    }
+
+    /// Whether people would call the object that.
+    pub fn is(&self, color: Color) -> Grade {
+        Grade::at_least(self.share(color), SURE_SHARE, POSSIBLE_SHARE)
+    }
+
+    /// The name that fits best, if any does.
+    pub fn name(&self) -> Option<Color> {
+        let best = Color::ALL.into_iter().max_by(|a, b| self.share(*a).total_cmp(&self.share(*b)))?;
+        (self.share(best) >= POSSIBLE_SHARE).then_some(best)
+    }
+}
+
+/// Lightness (0 to 1), chroma (0 to about 0.3) and hue (degrees, 0 to 360) of an 8-bit sRGB color.
+pub fn oklch(rgb: [u8; 3]) -> [f64; 3] {
+    let [r, g, b] = rgb.map(|c| {
+        let c = f64::from(c) / 255.0;
+        if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+    });
+    let l = (0.4122214708 * r + 0.5363325363 * g + 0.0514459929 * b).cbrt();
+    let m = (0.2119034982 * r + 0.6806995451 * g + 0.1073969566 * b).cbrt();
+    let s = (0.0883024619 * r + 0.2817188376 * g + 0.6299787005 * b).cbrt();
+    let lightness = 0.2104542553 * l + 0.7936177850 * m - 0.0040720468 * s;
+    let a = 1.9779984951 * l - 2.4285922050 * m + 0.4505937099 * s;
+    let b = 0.0259040371 * l + 0.7827717662 * m - 0.8086757660 * s;
+    [lightness, a.hypot(b), b.atan2(a).to_degrees().rem_euclid(360.0)]
+}
+
+/// 1 from `edge` upwards, falling to 0 over `margin` below it.
+fn rises(value: f64, edge: f64, margin: f64) -> f64 {
+    ((value - edge) / margin + 1.0).clamp(0.0, 1.0)
+}
+
+/// 1 up to `edge`, falling to 0 over `margin` above it.
+fn falls(value: f64, edge: f64, margin: f64) -> f64 {
+    ((edge - value) / margin + 1.0).clamp(0.0, 1.0)
+}
+
+fn trapezoid(value: f64, [low, high]: [f64; 2], margin: f64) -> f64 {
+    rises(value, low, margin).min(falls(value, high, margin))
+}
+
+fn hue_weight(hue_deg: f64, hues: [f64; 2]) -> f64 {
+    [hue_deg, hue_deg + 360.0].into_iter().map(|h| trapezoid(h, hues, HUE_MARGIN_DEG)).fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn plain_colors_have_their_names() {
+        let named = [
+            ([250, 250, 250], Color::White),
+            ([128, 128, 128], Color::Grey),
+            ([20, 20, 22], Color::Black),
+            ([220, 20, 30], Color::Red),
+            ([110, 20, 25], Color::Red),
+            ([255, 140, 0], Color::Orange),
+            ([139, 69, 19], Color::Brown),
+            ([240, 215, 40], Color::Yellow),
+            ([30, 130, 50], Color::Green),
+            ([140, 220, 140], Color::Green),
+            ([30, 60, 200], Color::Blue),
+            ([20, 30, 90], Color::Blue),
+            ([130, 180, 240], Color::Blue),
+            ([120, 40, 160], Color::Purple),
+            ([245, 150, 185], Color::Pink),
+        ];
+        for (rgb, color) in named {
+            let shares = ColorShares::of(&[rgb]).expect("a point");
+            assert_eq!(shares.name(), Some(color), "{rgb:?}: {:?}", oklch(rgb));
+            assert_eq!(shares.is(color), Grade::Yes, "{rgb:?}: {}", shares.share(color));
+        }
+    }
+
+    #[test]
+    fn a_shaded_side_leaves_white_white_and_two_colors_leave_either_possible() {
+        let white: Vec<[u8; 3]> = (0..100).map(|i| [150 + i; 3]).collect();
+        assert_eq!(ColorShares::of(&white).expect("points").is(Color::White), Grade::Yes);
+        let mut striped = vec![[220, 20, 30]; 30];
+        striped.extend([[30, 60, 200]; 70]);
+        let shares = ColorShares::of(&striped).expect("points");
+        assert_eq!((shares.is(Color::Blue), shares.is(Color::Red), shares.is(Color::Green)), (Grade::Yes, Grade::Maybe, Grade::No));
+    }
+
+    #[test]
+    fn oklch_of_primaries_is_as_published() {
+        let close = |rgb, expected: [f64; 3]| {
+            let got = oklch(rgb);
+            assert!((0..3).all(|k| (got[k] - expected[k]).abs() < [0.01, 0.01, 1.0][k]), "{rgb:?}: {got:?}");
+        };
+        close([255, 0, 0], [0.628, 0.258, 29.2]);
+        close([0, 255, 0], [0.866, 0.295, 142.5]);
+        close([0, 0, 255], [0.452, 0.313, 264.1]);
+    }
+}

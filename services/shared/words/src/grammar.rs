@@ -1,0 +1,418 @@
+//! The grammar: every way to read a sentence, before anybody has looked at the scene.
+//!
+//! ```text
+//! sentence    = [request] verb object places | [request] take object [places] "and" verb "it" places
+//!             | wish object [to be] places | object goes places
+//! places      = term { [","] ["and" | "but"] term }          (places side by side need no word between them)
+//! term        = [lead] ["not"] relation { ["and" | "but"] ["not"] relation } object { ("," | "and" | "or" | "nor") object }
+//! object      = [article] ["other"] { adjective } noun [number] { position | nearest | clause } | "number" n | "it"
+//! ```
+//! Each function takes a position and returns everything that can be read from there with the position after it: English is
+//! ambiguous, and which readings make sense only the scene can tell.
+
+use crate::description::{Anchor, Clause, Description, Head, Pick, Reading, Term};
+use crate::vocabulary::{self as v, Table};
+use repose_proto::Relation;
+
+/// What can be read from a position, each with the position after it.
+type Read<T> = Vec<(T, usize)>;
+
+/// How many readings of one part are followed up; no sentence that people say has as many.
+const MOST_READINGS: usize = 64;
+/// How deeply descriptions may be nested: "the ball near the box left of the can".
+const DEEPEST: usize = 3;
+
+/// Every reading of a whole sentence.
+pub fn readings(words: &[String]) -> Vec<Reading> {
+    let text = Text { words };
+    let mut found: Vec<Reading> = Vec::new();
+    let whole = [text.commands(), text.take_and_put(), text.wishes(), text.statements()];
+    for (reading, end) in whole.into_iter().flatten() {
+        if end == words.len() && !reading.terms.is_empty() && !found.contains(&reading) {
+            found.push(reading);
+        }
+    }
+    found
+}
+
+/// Whether a word is in the vocabulary.
+pub fn knows(word: &str) -> bool {
+    fn has<T>(table: Table<T>, word: &str) -> bool {
+        table.iter().any(|(phrase, _)| phrase.split(' ').any(|w| w == word))
+    }
+    let bare = [v::REQUESTS, v::VERBS, v::TAKES, v::WISHES, v::TO_BE, v::GOES, v::TO_THE, v::SIDE, v::ARTICLES, v::THAT_IS];
+    word.parse::<u16>().is_ok()
+        || v::OWN.contains(&word)
+        || bare.iter().any(|table| has(table, word))
+        || has(v::LEADS, word)
+        || has(v::SIDES, word)
+        || has(v::RELATIONS, word)
+        || has(v::COLORS, word)
+        || has(v::SHAPES, word)
+        || has(v::PICKS, word)
+        || has(v::MIDDLES, word)
+        || has(v::ORDINALS, word)
+        || has(v::PLACES, word)
+        || has(v::MIDDLE_PLACES, word)
+        || has(v::FROM, word)
+        || has(v::DISTANCES, word)
+        || v::NOUNS.iter().any(|(noun, (_, plural))| *noun == word || *plural == word)
+}
+
+struct Text<'a> {
+    words: &'a [String],
+}
+
+impl Text<'_> {
+    fn is(&self, at: usize, word: &str) -> bool {
+        self.words.get(at).is_some_and(|w| w == word)
+    }
+
+    /// The position after a phrase, if it stands there. The empty phrase stands everywhere.
+    fn after(&self, at: usize, phrase: &str) -> Option<usize> {
+        phrase.split(' ').filter(|w| !w.is_empty()).try_fold(at, |at, word| self.is(at, word).then_some(at + 1))
+    }
+
+    fn any<T: Copy>(&self, at: usize, table: Table<T>) -> Read<T> {
+        table.iter().filter_map(|(phrase, meaning)| Some((*meaning, self.after(at, phrase)?))).collect()
+    }
+
+    /// Positions after one of a table's phrases, or none of them.
+    fn maybe(&self, at: usize, table: Table<()>) -> Vec<usize> {
+        std::iter::once(at).chain(self.any(at, table).into_iter().map(|(_, end)| end)).collect()
+    }
+
+    fn one_of(&self, at: usize, table: Table<()>) -> Vec<usize> {
+        self.any(at, table).into_iter().map(|(_, end)| end).collect()
+    }
+
+    /// A comma, or nothing.
+    fn comma(&self, at: usize) -> usize {
+        if self.is(at, ",") { at + 1 } else { at }
+    }
+
+    // Sentences.
+
+    fn commands(&self) -> Read<Reading> {
+        let verbs = self.maybe(self.comma(0), v::REQUESTS).into_iter().flat_map(|at| self.one_of(at, v::VERBS));
+        verbs.flat_map(|at| self.object_with_places(at, &[])).collect()
+    }
+
+    fn wishes(&self) -> Read<Reading> {
+        self.one_of(0, v::WISHES).into_iter().flat_map(|at| self.object_with_places(at, v::TO_BE)).collect()
+    }
+
+    fn statements(&self) -> Read<Reading> {
+        let said = self.object(0, 0).into_iter().flat_map(|(query, at)| {
+            let goes = self.one_of(at, v::GOES);
+            goes.into_iter()
+                .flat_map(|at| self.terms(at))
+                .map(move |(terms, end)| (Reading { query: query.clone(), terms }, end))
+                .collect::<Vec<_>>()
+        });
+        bounded(said.collect())
+    }
+
+    fn object_with_places(&self, at: usize, between: Table<()>) -> Read<Reading> {
+        let said = self.object(at, 0).into_iter().flat_map(|(query, at)| {
+            let starts = self.maybe(self.comma(at), between);
+            let terms = starts.into_iter().flat_map(|at| self.terms(at));
+            terms.map(|(terms, end)| (Reading { query: query.clone(), terms }, end)).collect::<Vec<_>>()
+        });
+        bounded(said.collect())
+    }
+
+    /// "Take X and put it …", and "take X away from Y and put it …".
+    fn take_and_put(&self) -> Read<Reading> {
+        let mut found = Vec::new();
+        let verbs = self.maybe(self.comma(0), v::REQUESTS).into_iter().flat_map(|at| self.one_of(at, v::TAKES));
+        for (query, at) in verbs.flat_map(|at| self.object(at, 0)) {
+            let places = std::iter::once((Vec::new(), at)).chain(self.terms(at));
+            for (first, at) in places {
+                let at = self.comma(at);
+                let at = if self.is(at, "and") { at + 1 } else { at };
+                for at in self.one_of(at, v::VERBS) {
+                    if !self.is(at, "it") {
+                        continue;
+                    }
+                    for (more, end) in self.terms(self.comma(at + 1)) {
+                        let terms = first.iter().cloned().chain(more).collect();
+                        found.push((Reading { query: query.clone(), terms }, end));
+                    }
+                }
+            }
+        }
+        bounded(found)
+    }
+
+    // Places.
+
+    fn terms(&self, at: usize) -> Read<Vec<Term>> {
+        let mut found = Vec::new();
+        for (term, end) in self.term(at, None) {
+            let mut frontier = vec![(vec![term], end)];
+            while let Some((terms, end)) = frontier.pop() {
+                for (next, end) in self.next_terms(&terms, end) {
+                    frontier.push((terms.iter().cloned().chain(next).collect(), end));
+                }
+                found.push((terms, end));
+                if found.len() >= MOST_READINGS {
+                    break;
+                }
+            }
+        }
+        bounded(found)
+    }
+
+    /// A further term. After "not …" a bare "and" leaves open whether the "not" goes on.
+    fn next_terms(&self, before: &[Term], at: usize) -> Read<Vec<Term>> {
+        let comma = self.comma(at);
+        let (word, start) = match ["and", "but"].into_iter().find(|w| self.is(comma, w)) {
+            Some(word) => (Some(word), comma + 1),
+            None => (None, comma),
+        };
+        let goes_on = comma == at && word == Some("and") && self.any(start, v::LEADS).is_empty();
+        let open = goes_on && before.last().is_some_and(|t| t.said_not);
+        let mut found: Read<Vec<Term>> = Vec::new();
+        for (term, end) in self.term(start, None) {
+            if open && term.relations.iter().all(|r| r.1) {
+                let relations = term.relations.iter().map(|(r, _)| (*r, false)).collect();
+                found.push((vec![Term { relations, ..term.clone() }], end));
+            }
+            found.push((vec![term], end));
+        }
+        if self.is(start, "neither") {
+            for (first, at) in self.term(start + 1, Some(false)) {
+                if self.is(at, "nor") {
+                    found.extend(self.term(at + 1, Some(false)).into_iter().map(|(second, end)| (vec![first.clone(), second], end)));
+                }
+            }
+        }
+        found
+    }
+
+    fn term(&self, at: usize, polarity: Option<bool>) -> Read<Term> {
+        let mut found = Vec::new();
+        let leads = std::iter::once((true, at)).chain(self.any(at, v::LEADS));
+        for (lead, at) in leads {
+            let (said, at) = if self.is(at, "not") { (false, at + 1) } else { (true, at) };
+            for (relations, at) in self.relations(at, polarity.unwrap_or(true) && lead && said) {
+                let negated = relations.iter().all(|r| !r.1);
+                for (anchors, end) in self.anchors(at, negated) {
+                    found.push((Term { relations: relations.clone(), said_not: !(said && lead), anchors }, end));
+                }
+            }
+        }
+        bounded(found)
+    }
+
+    /// One or more relations to the same anchors: "behind and to the left of", "near but not touching".
+    fn relations(&self, at: usize, holds: bool) -> Read<Vec<(&'static [Relation], bool)>> {
+        let mut found = Vec::new();
+        for (first, at) in self.relation(at, holds) {
+            found.push((vec![first], at));
+        }
+        for (first, at) in self.relation(at, holds).into_iter().chain(self.short_side(at, holds)) {
+            let at = self.comma(at);
+            let Some(word) = ["and", "but"].into_iter().find(|w| self.is(at, w)) else { continue };
+            let (said, at) = if self.is(at + 1, "not") { (false, at + 2) } else { (true, at + 1) };
+            let holds = if word == "and" { holds && said } else { said };
+            found.extend(self.relation(at, holds).into_iter().map(|(second, end)| (vec![first, second], end)));
+        }
+        found
+    }
+
+    fn relation(&self, at: usize, holds: bool) -> Read<(&'static [Relation], bool)> {
+        let mut found: Read<_> = self.any(at, v::RELATIONS).into_iter().map(|((r, positive), end)| ((r, positive == holds), end)).collect();
+        // "right next to", "right behind".
+        if self.is(at, "right") {
+            found.extend(self.any(at + 1, v::RELATIONS).into_iter().map(|((r, positive), end)| ((r, positive == holds), end)));
+        }
+        for (side, at) in self.side(at) {
+            found.extend(self.one_of(at, v::SIDE).into_iter().map(|end| ((side, holds), end)));
+        }
+        found
+    }
+
+    /// "to the left", where the rest of it comes with the next relation: "to the left and in front of the box".
+    fn short_side(&self, at: usize, holds: bool) -> Read<(&'static [Relation], bool)> {
+        self.side(at).into_iter().map(|(side, end)| ((side, holds), end)).collect()
+    }
+
+    fn side(&self, at: usize) -> Read<&'static [Relation]> {
+        self.one_of(at, v::TO_THE).into_iter().flat_map(|at| self.any(at, v::SIDES)).collect()
+    }
+
+    /// One or more anchors. "the green and the blue mug": the first takes the noun of the second.
+    fn anchors(&self, at: usize, negated: bool) -> Read<Vec<Anchor>> {
+        let mut found = Vec::new();
+        for (first, at) in self.anchor(at) {
+            if !matches!(&first, Anchor::Described(d) if d.head.is_none() && d.number.is_none()) {
+                found.push((vec![first.clone()], at));
+            }
+            let between = match self.words.get(at).map(String::as_str) {
+                Some("and") => Some(at + 1),
+                Some("or" | "nor") if negated => Some(at + 1),
+                _ => None,
+            };
+            for (rest, end) in between.into_iter().flat_map(|at| self.anchors(at, negated)) {
+                let mut first = first.clone();
+                if let (Anchor::Described(d), Some(Anchor::Described(next))) = (&mut first, rest.first())
+                    && d.head.is_none()
+                    && d.number.is_none()
+                {
+                    d.head = next.head;
+                }
+                found.push((std::iter::once(first).chain(rest).collect(), end));
+            }
+        }
+        bounded(found)
+    }
+
+    fn anchor(&self, at: usize) -> Read<Anchor> {
+        let mut found: Read<Anchor> = self.any_object(at, 0).into_iter().map(|(d, end)| (Anchor::Described(d), end)).collect();
+        if self.is(at, "it") {
+            found.push((Anchor::It, at + 1));
+        }
+        found
+    }
+
+    // Objects.
+
+    /// A description with a noun, a number, or a superlative.
+    fn object(&self, at: usize, depth: usize) -> Read<Description> {
+        let mut found = self.any_object(at, depth);
+        found.retain(|(d, _)| d.head.is_some() || d.number.is_some());
+        found
+    }
+
+    fn any_object(&self, at: usize, depth: usize) -> Read<Description> {
+        let mut found = Vec::new();
+        if depth > DEEPEST {
+            return found;
+        }
+        for start in self.maybe(at, v::ARTICLES) {
+            let (other, start) = if self.is(start, "other") { (true, start + 1) } else { (false, start) };
+            let bare = Description { other, ..Description::default() };
+            for (described, end) in self.adjectives(&bare, start) {
+                for (named, end) in self.noun(&described, end, end > start) {
+                    found.extend(self.after_noun(named, end, depth));
+                }
+            }
+        }
+        for (description, end) in &mut found {
+            description.span = (at, *end);
+        }
+        bounded(found)
+    }
+
+    /// Any number of adjectives. An ordinal counts by the comparison after it, "second largest", or by what follows the noun.
+    fn adjectives(&self, so_far: &Description, at: usize) -> Read<Description> {
+        let mut found = vec![(so_far.clone(), at)];
+        let mut longer = |next: &Description, at: usize| found.extend(self.adjectives(next, at));
+        for (color, end) in self.any(at, v::COLORS) {
+            longer(&Description { colors: with(&so_far.colors, color), ..so_far.clone() }, end);
+        }
+        for (shape, end) in self.any(at, v::SHAPES) {
+            longer(&Description { shapes: with(&so_far.shapes, shape), ..so_far.clone() }, end);
+        }
+        for ((measure, least), end) in self.any(at, v::PICKS) {
+            let pick = Pick { measure, least, rank: Some(so_far.ordinal.unwrap_or(1)) };
+            longer(&Description { picks: with(&so_far.picks, pick), ordinal: None, ..so_far.clone() }, end);
+        }
+        for (measure, end) in self.any(at, v::MIDDLES) {
+            let pick = Pick { measure, least: true, rank: None };
+            longer(&Description { picks: with(&so_far.picks, pick), ..so_far.clone() }, end);
+        }
+        if so_far.ordinal.is_none() {
+            for (rank, end) in self.any(at, v::ORDINALS) {
+                longer(&Description { ordinal: Some(rank), ..so_far.clone() }, end);
+            }
+        }
+        bounded(found)
+    }
+
+    /// A noun, a number, both, or (after adjectives) nothing.
+    fn noun(&self, described: &Description, at: usize, has_adjectives: bool) -> Read<Description> {
+        let mut found = Vec::new();
+        let numbered = |at: usize| -> Option<(u16, usize)> {
+            let at = if self.is(at, "number") { at + 1 } else { at };
+            Some((self.words.get(at)?.parse().ok()?, at + 1))
+        };
+        for (noun, (head, plural)) in v::NOUNS {
+            if self.is(at, noun) {
+                let named = Description { head: Some(*head), ..described.clone() };
+                if let Some((number, end)) = numbered(at + 1) {
+                    found.push((Description { number: Some(number), ..named.clone() }, end));
+                }
+                found.push((named, at + 1));
+            }
+            if self.is(at, plural) {
+                found.push((Description { head: Some(*head), plural: true, ..described.clone() }, at + 1));
+            }
+        }
+        if self.is(at, "number")
+            && let Some((number, end)) = numbered(at)
+        {
+            found.push((Description { number: Some(number), ..described.clone() }, end));
+        }
+        if has_adjectives {
+            // "the largest" is a whole phrase, "the left" is not.
+            let compared = ["est", "er", "most"].iter().any(|ending| self.words[at - 1].ends_with(ending));
+            let head = (compared && !described.picks.is_empty() && described.ordinal.is_none()).then_some(Head::One);
+            found.push((Description { head, ..described.clone() }, at));
+        }
+        found
+    }
+
+    /// What follows a noun and belongs to it.
+    fn after_noun(&self, named: Description, at: usize, depth: usize) -> Read<Description> {
+        let mut found = Vec::new();
+        if let Some(rank) = named.ordinal {
+            for ((measure, least), end) in self.any(at, v::FROM) {
+                let pick = Pick { measure, least, rank: Some(rank) };
+                let counted = Description { picks: with(&named.picks, pick), ordinal: None, ..named.clone() };
+                found.extend(self.after_noun(counted, end, depth));
+            }
+            return found;
+        }
+        let clause_starts = self.one_of(at, v::THAT_IS);
+        for at in std::iter::once(at).chain(clause_starts.iter().copied()) {
+            for ((measure, least), end) in self.any(at, v::PLACES) {
+                let pick = Pick { measure, least, rank: Some(1) };
+                found.extend(self.after_noun(Description { picks: with(&named.picks, pick), ..named.clone() }, end, depth));
+            }
+            for (measure, end) in self.any(at, v::MIDDLE_PLACES) {
+                let pick = Pick { measure, least: true, rank: None };
+                found.extend(self.after_noun(Description { picks: with(&named.picks, pick), ..named.clone() }, end, depth));
+            }
+            if named.distance.is_none() {
+                for (nearest, at) in self.any(at, v::DISTANCES) {
+                    for (to, end) in self.object(at, depth + 1) {
+                        found.push((Description { distance: Some((nearest, Box::new(to))), ..named.clone() }, end));
+                    }
+                }
+            }
+        }
+        let only_if_needed = std::iter::once((at, true)).chain(clause_starts.into_iter().map(|at| (at, false)));
+        for (at, only_if_needed) in only_if_needed {
+            for ((relations, holds), at) in self.relation(at, true) {
+                for (anchor, end) in self.object(at, depth + 1).into_iter().filter(|_| holds) {
+                    let clause = Clause { relations, anchor: Box::new(anchor), only_if_needed };
+                    found.push((Description { clauses: with(&named.clauses, clause), ..named.clone() }, end));
+                }
+            }
+        }
+        found.push((named, at));
+        found
+    }
+}
+
+fn with<T: Clone>(items: &[T], more: T) -> Vec<T> {
+    items.iter().cloned().chain([more]).collect()
+}
+
+fn bounded<T>(mut found: Read<T>) -> Read<T> {
+    found.truncate(MOST_READINGS);
+    found
+}

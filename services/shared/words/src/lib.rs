@@ -1,0 +1,69 @@
+//! Goals in words, without a model: "put the red mug to the left of the box, not near the bowl" becomes an object and goal terms.
+//!
+//! A small grammar over what perception knows of an object: its colors, its size, its shape by measured extent, where it is among the
+//! others, its number. [`understand`] finds every reading of a sentence on the looks of a scene's objects ([`looks_of`]), and answers
+//! only if exactly one goal remains; otherwise it refuses and names the objects in question. What it does not know it does not guess:
+//! a word outside its vocabulary refuses the sentence. Pure: no I/O, no async, no global state.
+
+mod color;
+mod description;
+mod grade;
+mod grammar;
+mod look;
+mod refused;
+mod resolve;
+mod selection;
+mod shape;
+mod vocabulary;
+mod words;
+
+use repose_proto::GoalTerm;
+
+pub use color::{Color, ColorShares, oklch};
+pub use grade::Grade;
+pub use look::{Look, looks_of};
+pub use refused::{Reason, Refused};
+pub use shape::{Kind, Shape};
+
+/// A phrase of the sentence and the object that it was taken to mean.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Taken {
+    /// The phrase, lower case.
+    pub phrase: String,
+    /// The object's id.
+    pub object: u16,
+}
+
+/// What a sentence asks for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Understood {
+    /// The object to move.
+    pub query: u16,
+    /// What must hold, in the order of the sentence.
+    pub goal: Vec<GoalTerm>,
+    /// Every phrase for an object, in the order of the sentence.
+    pub taken: Vec<Taken>,
+}
+
+/// Longest sentence that is read, characters.
+pub const MAX_CHARACTERS: usize = 400;
+
+/// Reads a sentence about a scene.
+///
+/// # Errors
+/// [`Refused`] with the objects in question where the sentence has no meaning that can be planned, or more than one.
+pub fn understand(sentence: &str, looks: &[Look]) -> Result<Understood, Refused> {
+    let refused = |reason| Refused::about(reason, looks, &[]);
+    if sentence.chars().count() > MAX_CHARACTERS {
+        return Err(refused(Reason::TooLong));
+    }
+    let words = words::words_of(sentence);
+    if let Some(unknown) = words.iter().find(|word| !grammar::knows(word)) {
+        return Err(refused(Reason::UnknownWord { word: unknown.clone() }));
+    }
+    let readings = grammar::readings(&words);
+    if readings.is_empty() {
+        return Err(refused(Reason::NoRequest));
+    }
+    resolve::only_goal(&readings, &words, looks)
+}

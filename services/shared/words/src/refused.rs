@@ -1,0 +1,73 @@
+//! Why a sentence is not acted upon, with the objects in question.
+
+use crate::look::Look;
+
+/// Why a sentence was refused.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Reason {
+    /// Longer than anything that is meant.
+    #[error("at most {} characters are read", crate::MAX_CHARACTERS)]
+    TooLong,
+    /// A word outside the vocabulary.
+    #[error("the word {word:?} is not known")]
+    UnknownWord {
+        /// The first such word.
+        word: String,
+    },
+    /// Known words that ask for no placement.
+    #[error("this is not read as a request to put an object somewhere; try \"put the red mug to the left of the box, not near the bowl\"")]
+    NoRequest,
+    /// Several objects fit a phrase.
+    #[error("{phrase:?} may mean several objects")]
+    SeveralObjects {
+        /// The phrase.
+        phrase: String,
+    },
+    /// No object fits a phrase.
+    #[error("nothing in view is {phrase:?}{}", if *colorless { "; the camera sees no color" } else { "" })]
+    NoObject {
+        /// The phrase.
+        phrase: String,
+        /// Whether it names a color where the camera sees none.
+        colorless: bool,
+    },
+    /// The moved object is its own anchor.
+    #[error("{phrase:?} is the object to be moved")]
+    Itself {
+        /// The anchor's phrase.
+        phrase: String,
+    },
+    /// Nothing must hold.
+    #[error("this says only where the object must not be")]
+    OnlyNegative,
+    /// More than one goal fits the sentence.
+    #[error("this can be read as {}", goals.join(" or as "))]
+    SeveralGoals {
+        /// Each goal: the object to move and its terms.
+        goals: Vec<String>,
+    },
+}
+
+/// A sentence that is not acted upon. Its text names the objects in question.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{reason}: {}", descriptions.join("; "))]
+pub struct Refused {
+    /// Why.
+    pub reason: Reason,
+    /// The objects that it may be about: those that fit the phrase, or all of the scene.
+    pub candidates: Vec<u16>,
+    /// A description of each candidate.
+    pub descriptions: Vec<String>,
+}
+
+impl Refused {
+    /// A refusal that names some objects, or all where none is in question more than another.
+    pub(crate) fn about(reason: Reason, looks: &[Look], ids: &[u16]) -> Self {
+        let named: Vec<&Look> = looks.iter().filter(|l| ids.is_empty() || ids.contains(&l.id)).collect();
+        let mut descriptions: Vec<String> = named.iter().map(|l| l.describe()).collect();
+        if descriptions.is_empty() {
+            descriptions.push("no objects are in view".to_owned());
+        }
+        Self { reason, candidates: named.iter().map(|l| l.id).collect(), descriptions }
+    }
+}

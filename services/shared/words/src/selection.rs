@@ -1,0 +1,108 @@
+//! Which objects fit: nouns, colors and shapes by grade, then comparisons among those that are left.
+
+use crate::description::{Description, Head, Measure, Pick, ShapeWord};
+use crate::grade::Grade;
+use crate::look::Look;
+
+/// How much farther left, nearer or farther away the meant object must be than the next, metres.
+const CLEARLY_M: f64 = 0.02;
+/// By which factor it must be larger (volume), and higher or longer.
+const CLEARLY_LARGER: f64 = 1.35;
+const CLEARLY_HIGHER: f64 = 1.15;
+/// … or by this much, metres, which eyes tell however long both are.
+const CLEARLY_HIGHER_M: f64 = 0.015;
+
+/// The objects that fit the noun, colors and shape: those that surely do, or else those that may.
+pub fn fitting<'a>(description: &Description, head: Option<Head>, looks: &[&'a Look]) -> Vec<&'a Look> {
+    best(looks.iter().map(|look| (grade(description, head, look), *look)).collect())
+}
+
+/// Those of the best grade that occurs, if that is not [`Grade::No`].
+pub fn best(graded: Vec<(Grade, &Look)>) -> Vec<&Look> {
+    let best = graded.iter().map(|(grade, _)| *grade).max().unwrap_or(Grade::No);
+    graded.into_iter().filter(|(grade, _)| best > Grade::No && *grade == best).map(|(_, look)| look).collect()
+}
+
+fn grade(description: &Description, head: Option<Head>, look: &Look) -> Grade {
+    if let Some(number) = description.number {
+        // The number says which; a noun beside it is not held against it.
+        return if look.id == number { Grade::Yes } else { Grade::No };
+    }
+    let noun = match (head, &look.shape) {
+        (Some(Head::Kind(kind)), Some(shape)) => kind.fits(shape),
+        (Some(Head::Kind(_)), None) => Grade::Maybe,
+        _ => Grade::Yes,
+    };
+    let colors = description.colors.iter().map(|color| look.colors.as_ref().map_or(Grade::No, |c| c.is(*color)));
+    let shapes = description.shapes.iter().map(|word| match (word, &look.shape) {
+        (ShapeWord::Round, Some(shape)) => shape.round(),
+        (ShapeWord::Boxy, Some(shape)) => shape.boxy(),
+        // Compared afterwards.
+        (ShapeWord::Tall | ShapeWord::Flat, _) => Grade::Yes,
+        (_, None) => Grade::Maybe,
+    });
+    colors.chain(shapes).fold(noun, Grade::and)
+}
+
+/// The tall ones by shape, or else the one that is clearly higher than the others; flat likewise.
+pub fn by_build<'a>(word: ShapeWord, among: &[&'a Look]) -> Vec<&'a Look> {
+    let (by_shape, least): (fn(&crate::Shape) -> Grade, bool) = match word {
+        ShapeWord::Tall => (crate::Shape::tall, false),
+        ShapeWord::Flat => (crate::Shape::flat, true),
+        ShapeWord::Round | ShapeWord::Boxy => return among.to_vec(),
+    };
+    let sure: Vec<&Look> = among.iter().copied().filter(|l| l.shape.as_ref().map(by_shape) == Some(Grade::Yes)).collect();
+    if sure.is_empty() { picked(Pick { measure: Measure::Height, least, rank: Some(1) }, among) } else { sure }
+}
+
+/// The object that a comparison picks; those that are too much alike to be told apart where it is not clear; none past the last.
+pub fn picked<'a>(pick: Pick, among: &[&'a Look]) -> Vec<&'a Look> {
+    let rank = match pick.rank {
+        Some(rank) => rank,
+        // The one in the middle has as many on either side.
+        None if among.len() % 2 == 1 => among.len() / 2 + 1,
+        None => return among.to_vec(),
+    };
+    let values = among.iter().map(|look| (measured(pick.measure, look), *look)).collect();
+    ranked(values, pick.least, rank, |a, b| clearly(pick.measure, a, b))
+}
+
+/// The object that is nearest to another, or farthest from it.
+pub fn by_distance<'a>(nearest: bool, to: &Look, among: &[&'a Look]) -> Vec<&'a Look> {
+    let distance = |look: &Look| {
+        let [a, b] = [look, to].map(|l| nalgebra::Vector3::from(l.center_in_viewer_m));
+        (a - b).xy().norm()
+    };
+    let values = among.iter().filter(|look| look.id != to.id).map(|look| (distance(look), *look)).collect();
+    ranked(values, nearest, 1, |a, b| (a - b).abs() >= CLEARLY_M)
+}
+
+fn ranked(mut values: Vec<(f64, &Look)>, least: bool, rank: usize, apart: impl Fn(f64, f64) -> bool) -> Vec<&Look> {
+    values.sort_by(|a, b| a.0.total_cmp(&b.0));
+    if !least {
+        values.reverse();
+    }
+    let Some((chosen, _)) = values.get(rank - 1).copied() else { return Vec::new() };
+    let alike = |i: usize, value: f64| i + 1 == rank || !apart(value, chosen);
+    values.iter().enumerate().filter(|(i, (value, _))| alike(*i, *value)).map(|(_, (_, look))| *look).collect()
+}
+
+fn measured(measure: Measure, look: &Look) -> f64 {
+    let of_shape = |value: fn(&crate::Shape) -> f64| look.shape.as_ref().map_or(0.0, value);
+    match measure {
+        Measure::Size => of_shape(crate::Shape::volume_m3),
+        Measure::Height => of_shape(|s| s.height_m),
+        Measure::Length => of_shape(|s| s.plan_m[0]),
+        Measure::Right => look.center_in_viewer_m[0],
+        Measure::Away => look.center_in_viewer_m[1],
+    }
+}
+
+fn clearly(measure: Measure, a: f64, b: f64) -> bool {
+    let by_factor = |factor: f64| a.max(b) >= factor * a.min(b);
+    match measure {
+        Measure::Size => by_factor(CLEARLY_LARGER),
+        Measure::Height | Measure::Length => by_factor(CLEARLY_HIGHER) || (a - b).abs() >= CLEARLY_HIGHER_M,
+        Measure::Right | Measure::Away => (a - b).abs() >= CLEARLY_M,
+    }
+}

@@ -1,0 +1,70 @@
+//! From a sentence to its words: lower case, commas kept, politeness and other words that change nothing left out.
+
+/// Words that change nothing.
+const EMPTY: [&str; 8] = ["please", "kindly", "just", "somewhere", "down", "directly", "now", "thanks"];
+/// What people write in one word and the vocabulary has in two, and contractions.
+const SPELLED: [(&str, &str); 14] = [
+    ("dont", "do not"),
+    ("doesnt", "does not"),
+    ("mustnt", "must not"),
+    ("shouldnt", "should not"),
+    ("isnt", "is not"),
+    ("its", "it is"),
+    ("id", "i would"),
+    ("lets", "let us"),
+    ("gray", "grey"),
+    ("centre", "center"),
+    ("centred", "centered"),
+    ("leftmost", "left most"),
+    ("rightmost", "right most"),
+    ("righthand", "right hand"),
+];
+
+/// The words of a sentence. `#` before a number becomes the word `number`, and what separates clauses a comma.
+pub fn words_of(sentence: &str) -> Vec<String> {
+    let mut words: Vec<String> = Vec::new();
+    let mut word = String::new();
+    for c in sentence.to_lowercase().chars().chain([' ']) {
+        match c {
+            '\'' | '’' => {}
+            c if c.is_alphanumeric() => word.push(c),
+            c => {
+                push(&mut words, &std::mem::take(&mut word));
+                match c {
+                    ',' | ';' | ':' => words.push(",".to_owned()),
+                    '#' => words.push("number".to_owned()),
+                    // An end inside the text separates clauses too.
+                    '.' | '!' | '?' => words.push(",".to_owned()),
+                    _ => {}
+                }
+            }
+        }
+    }
+    words.dedup_by(|a, b| a == "," && b == ",");
+    while words.last().is_some_and(|w| w == ",") {
+        words.pop();
+    }
+    words
+}
+
+fn push(words: &mut Vec<String>, word: &str) {
+    if word.is_empty() || EMPTY.contains(&word) {
+        return;
+    }
+    match SPELLED.iter().find(|(short, _)| *short == word) {
+        Some((_, long)) => words.extend(long.split(' ').map(str::to_owned)),
+        None => words.push(word.to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn punctuation_and_politeness_leave_the_words_that_count() {
+        let words = words_of("Please, don't put the left-most mug near #3 … the box!");
+        assert_eq!(words.join(" "), ", do not put the left most mug near number 3 the box");
+        assert_eq!(words_of(" \u{0} "), Vec::<String>::new());
+    }
+}
