@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { request } from "node:http";
 import { connect } from "node:net";
-import { after, before, test } from "node:test";
+import { after, before, test as plainTest } from "node:test";
 
 import { assertDrawn, clickObject, count, difference, objects, open, pixels, screenshot, textOf } from "./page.mjs";
 import { startBrowser, startSystem } from "./system.mjs";
@@ -56,6 +56,16 @@ async function planUntilFound(page) {
   }
   assert.fail("the arm can serve no placement");
 }
+
+/** A test whose page is kept as a picture when it fails. */
+const test = (name, body) => plainTest(name, async (context) => {
+  try {
+    await body(context);
+  } catch (error) {
+    await screenshot(page, `failed-${name.replaceAll(/[^a-z]+/g, "-").slice(0, 40)}`).catch(() => {});
+    throw error;
+  }
+});
 
 test("the page shows the picture and the scene", async () => {
   assertDrawn(await pixels(page, "#picture canvas.over"));
@@ -121,7 +131,8 @@ test("the keyboard is enough", async () => {
   await page.keyboard.press("n");
   await page.keyboard.press("n");
   await page.keyboard.press("Enter");
-  await page.waitForSelector("#answers .placement, #answers .tally", { timeout: 60_000 });
+  await page.waitForSelector("#answers .placement, #answers .tally, #goal .fault", { timeout: 60_000 });
+  assert.equal(await page.locator("#goal .fault").count(), 0, await page.locator("#goal").textContent());
 });
 
 test("the planned way is drawn before anything moves, to other viewers too", async () => {
