@@ -20,7 +20,11 @@ before(async () => {
   page = await open(browser, system.url);
 });
 
+/** The figures of this run, printed at the end. */
+const figures = [];
+
 after(async () => {
+  for (const figure of figures) console.log(`figure: ${figure}`);
   await browser?.close();
   await system?.stop();
 });
@@ -71,6 +75,7 @@ test("the page shows the picture and the scene", async () => {
   assertDrawn(await pixels(page, "#picture canvas.over"));
   assertDrawn(await pixels(page, "#world canvas"));
   assert.ok((await objects(page)).length >= 2);
+  figures.push(`the page is usable ${page.openedMs.toFixed(0)} ms after it was opened`);
   await screenshot(page, "1-open");
   assert.deepEqual(page.faults, []);
 });
@@ -164,7 +169,7 @@ test("stop stops, says why to everybody, and reset lets the robot go on", async 
   assert.ok(difference(before, await pixels(page, "#world canvas")) > 300, "the arm has not moved on the screen");
   await screenshot(page, "6-stopped");
   await screenshot(other, "6-stopped-other-viewer");
-  console.log(`stop shown after ${took.toFixed(0)} ms`);
+  figures.push(`a stop is shown ${took.toFixed(0)} ms after its click`);
   await other.context().close();
   await page.click("#reset");
   await textOf(page, "#mode", /idle/);
