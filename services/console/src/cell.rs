@@ -21,8 +21,8 @@ use crate::arm::{PlanShown, link_poses};
 use crate::messages::{Activity, RobotShown, SystemShown, Told, WorkerShown};
 use crate::picture::jpeg;
 use crate::system::Cameras;
-use crate::view::{Kind, Picture, View, picture_message};
-use crate::viewers::{Audience, Topic};
+use crate::view::{Kind, Picture, View, picture_bytes};
+use crate::viewers::{Audience, Message, Topic};
 
 /// Robot states that may wait for their turn.
 const STATES: usize = 256;
@@ -361,7 +361,7 @@ async fn follow_frames(config: Arc<ConsoleConfig>, camera: String, mut frames: S
         let quality = config.jpeg_quality;
         match computed(move || picture_of(sample.payload, quality)).await {
             Ok(picture) => {
-                seen.audience.tell(&Topic::Picture, &picture_message(&camera, &picture));
+                seen.audience.tell(&Topic::Picture, &Message::Binary(picture_bytes(&camera, &picture)));
                 let mut pictures = locked(&seen.pictures);
                 pictures.push_back(picture);
                 if pictures.len() > PICTURES {
@@ -408,9 +408,10 @@ async fn show_scene(cell: &Shared, summary: &SceneSummary, seen: &Seen) {
     };
     match made.await {
         Ok(view) => {
-            seen.audience.tell(&Topic::Scene, &view.message);
+            let view = Arc::new(view);
+            seen.audience.tell(&Topic::Scene, &Message::View(view.clone()));
             let mut views = locked(&seen.views);
-            views.push_back(Arc::new(view));
+            views.push_back(view);
             if views.len() > VIEWS {
                 views.pop_front();
             }

@@ -34,6 +34,11 @@ pub enum Ask {
         /// The camera.
         camera: Option<String>,
     },
+    /// The last picture, or the last scene, has been drawn: the next may come. Has no answer.
+    Seen {
+        /// Which of the two.
+        what: Drawn,
+    },
     /// Keep a scene that was shown: goals are about it until another is held.
     Hold {
         /// The scene's id.
@@ -103,11 +108,21 @@ pub enum Ask {
     },
 }
 
+/// A large message that the viewer says it has drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Drawn {
+    /// A camera's picture.
+    Picture,
+    /// A camera's scene.
+    Scene,
+}
+
 impl Ask {
     /// The least role that may ask it.
     pub fn needs(&self) -> Role {
         match self {
-            Self::Watch { .. } | Self::Hold { .. } | Self::Cancel { .. } | Self::Discard { .. } => Role::Viewer,
+            Self::Watch { .. } | Self::Seen { .. } | Self::Hold { .. } | Self::Cancel { .. } | Self::Discard { .. } => Role::Viewer,
             Self::Segment { .. } | Self::Place { .. } | Self::Plan { .. } => Role::Planner,
             Self::Execute { .. } | Self::Sequence { .. } | Self::EndSequence | Self::Reset { .. } | Self::NewScene { .. } => Role::Operator,
         }

@@ -7,7 +7,6 @@ use repose_proto::{Bulk, CallError, Payload, Scene, Tensor};
 use serde::Serialize;
 
 use crate::picture::{label_image, runs};
-use crate::viewers::Message;
 
 /// A scene that viewers have seen.
 pub struct View {
@@ -17,8 +16,8 @@ pub struct View {
     pub scene: Arc<Scene>,
     /// The frame that it was made of, where it is at hand.
     pub frame: Option<Payload>,
-    /// What viewers are sent.
-    pub message: Message,
+    /// What viewers are sent: the bulk form.
+    pub bytes: Bytes,
 }
 
 /// A picture in its encoding, with the instant at which it was taken.
@@ -82,18 +81,18 @@ impl View {
             bulk.tensors.insert("jpeg".to_owned(), Tensor::u8(&[picture.jpeg.len()], &picture.jpeg));
         }
         let frame = picture.map(|picture| picture.frame.clone());
-        Ok(Self { scene_id, scene, frame, message: Message::Binary(bulk.encode().into()) })
+        Ok(Self { scene_id, scene, frame, bytes: bulk.encode().into() })
     }
 }
 
 /// A live picture as viewers get it.
-pub fn picture_message(camera: &str, picture: &Picture) -> Message {
+pub fn picture_bytes(camera: &str, picture: &Picture) -> Bytes {
     let mut bulk = Bulk::default();
     for (name, text) in [("kind", "picture"), ("camera", camera), ("stamp_ns", &picture.stamp_ns.to_string())] {
         bulk.metadata.insert(name.to_owned(), text.to_owned());
     }
     bulk.tensors.insert("jpeg".to_owned(), Tensor::u8(&[picture.jpeg.len()], &picture.jpeg));
-    Message::Binary(Bytes::from(bulk.encode()))
+    bulk.encode().into()
 }
 
 fn json<T: Serialize>(value: &T) -> String {
@@ -175,8 +174,7 @@ pub(crate) mod tests {
         let frame = Payload { encoding: String::new(), bytes: Bytes::new() };
         let picture = Picture { stamp_ns: 7, jpeg: vec![1, 2, 3].into(), frame };
         let view = View::new(Kind::Live, "ab".to_owned(), scene, Some(&picture), 1000).expect("a view");
-        let Message::Binary(bytes) = &view.message else { panic!("expected the bulk form") };
-        let bulk = Bulk::decode(bytes).expect("bulk");
+        let bulk = Bulk::decode(&view.bytes).expect("bulk");
         assert_eq!((bulk.text("kind"), bulk.text("scene_id")), (Ok("scene"), Ok("ab")));
         let meta: SceneMeta = serde_json::from_str(bulk.text("scene").expect("metadata")).expect("readable");
         assert_eq!(meta.objects.len(), 3);

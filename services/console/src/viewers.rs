@@ -3,12 +3,14 @@
 //! So a viewer that reads slowly gets fewer and newer messages, never a growing queue, and whoever sends never waits. Answers to a viewer's
 //! own requests have a topic each; a viewer that leaves too many of them unread is let go.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bytes::Bytes;
 use tokio::sync::Notify;
+
+use crate::view::View;
 
 /// Topics that may wait for one viewer: all there are, robots and open requests included, with room to spare.
 const MAX_WAITING: usize = 96;
@@ -41,12 +43,22 @@ pub enum Topic {
 }
 
 /// An encoded message, shared by all who get it.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Clone)]
 pub enum Message {
     /// JSON.
     Text(Arc<str>),
     /// The bulk form.
     Binary(Bytes),
+    /// A scene.
+    View(Arc<View>),
+}
+
+impl Topic {
+    /// Whether its messages are large: the next is sent when the viewer has said that it has seen the last, so that none wait in buffers on the
+    /// way, where they would grow old.
+    fn waits_for_viewer(&self) -> bool {
+        matches!(self, Self::Picture | Self::Scene)
+    }
 }
 
 #[derive(Default)]
@@ -54,7 +66,21 @@ struct Waiting {
     /// In the order in which the topics' oldest unread messages came.
     order: VecDeque<Topic>,
     newest: BTreeMap<Topic, Message>,
+    /// Sent, and not yet said to be seen.
+    on_its_way: BTreeSet<Topic>,
     is_closed: bool,
+}
+
+impl Waiting {
+    fn take(&mut self) -> Option<Message> {
+        let at = self.order.iter().position(|topic| !self.on_its_way.contains(topic))?;
+        let topic = self.order.remove(at)?;
+        let message = self.newest.remove(&topic);
+        if topic.waits_for_viewer() {
+            self.on_its_way.insert(topic);
+        }
+        message
+    }
 }
 
 /// The messages that wait for one viewer.
@@ -95,12 +121,18 @@ impl Outbox {
                 if waiting.is_closed {
                     return None;
                 }
-                if let Some(message) = waiting.order.pop_front().and_then(|topic| waiting.newest.remove(&topic)) {
+                if let Some(message) = waiting.take() {
                     return Some(message);
                 }
             }
             self.changed.notified().await;
         }
+    }
+
+    /// The viewer has seen the last message of a topic.
+    pub fn seen(&self, topic: &Topic) {
+        self.waiting().on_its_way.remove(topic);
+        self.changed.notify_one();
     }
 
     /// Lets the reader go; what waits is dropped.
@@ -160,6 +192,13 @@ mod tests {
         Message::Text(text.into())
     }
 
+    async fn next(outbox: &Outbox) -> Option<String> {
+        outbox.next().await.map(|message| match message {
+            Message::Text(text) => text.to_string(),
+            Message::Binary(_) | Message::View(_) => panic!("expected text"),
+        })
+    }
+
     #[tokio::test]
     async fn a_newer_message_takes_the_place_of_an_unread_one_of_its_topic_and_keeps_its_turn() {
         let outbox = Outbox::default();
@@ -168,9 +207,22 @@ mod tests {
         for k in 2..=1000 {
             outbox.put(Topic::Picture, text(&format!("picture {k}")));
         }
-        assert_eq!(outbox.next().await, Some(text("picture 1000")));
-        assert_eq!(outbox.next().await, Some(text("system 1")));
+        assert_eq!(next(&outbox).await.as_deref(), Some("picture 1000"));
+        assert_eq!(next(&outbox).await.as_deref(), Some("system 1"));
         assert_eq!(outbox.replaced(), 999);
+    }
+
+    #[tokio::test]
+    async fn large_messages_wait_until_the_last_one_was_seen_and_nothing_else_waits_for_them() {
+        let outbox = Outbox::default();
+        outbox.put(Topic::Scene, text("scene 1"));
+        assert_eq!(next(&outbox).await.as_deref(), Some("scene 1"));
+        outbox.put(Topic::Scene, text("scene 2"));
+        outbox.put(Topic::System, text("system"));
+        outbox.put(Topic::Scene, text("scene 3"));
+        assert_eq!(next(&outbox).await.as_deref(), Some("system"));
+        outbox.seen(&Topic::Scene);
+        assert_eq!(next(&outbox).await.as_deref(), Some("scene 3"));
     }
 
     #[tokio::test]
@@ -178,14 +230,14 @@ mod tests {
         let outbox = Outbox::default();
         for id in 0..5 {
             outbox.put(Topic::Answer(id), text(&id.to_string()));
-            outbox.put(Topic::Picture, text("picture"));
+            outbox.put(Topic::System, text("system"));
         }
         let mut answers = Vec::new();
         for _ in 0..6 {
-            answers.push(outbox.next().await.expect("open"));
+            answers.extend(next(&outbox).await);
         }
-        answers.retain(|m| *m != text("picture"));
-        assert_eq!(answers, (0..5).map(|id| text(&id.to_string())).collect::<Vec<_>>());
+        answers.retain(|m| m != "system");
+        assert_eq!(answers, ["0", "1", "2", "3", "4"]);
     }
 
     #[tokio::test]
@@ -194,7 +246,7 @@ mod tests {
         for id in 0..=MAX_WAITING as u64 {
             outbox.put(Topic::Answer(id), text("answer"));
         }
-        assert_eq!(outbox.next().await, None);
+        assert_eq!(next(&outbox).await, None);
         outbox.put(Topic::Picture, text("picture"));
         assert!(outbox.waiting().newest.is_empty());
     }
@@ -204,13 +256,13 @@ mod tests {
         let outbox = Arc::new(Outbox::default());
         let reading = tokio::spawn({
             let outbox = outbox.clone();
-            async move { (outbox.next().await, outbox.next().await) }
+            async move { (next(&outbox).await, next(&outbox).await) }
         });
         tokio::task::yield_now().await;
         outbox.put(Topic::Cells, text("cells"));
         tokio::task::yield_now().await;
         outbox.close();
-        assert_eq!(reading.await.expect("joined"), (Some(text("cells")), None));
+        assert_eq!(reading.await.expect("joined"), (Some("cells".to_owned()), None));
     }
 
     #[tokio::test]
@@ -222,9 +274,10 @@ mod tests {
         audience.join(2, late.clone());
         audience.leave(1);
         audience.tell(&Topic::Robot("panda".into()), &text("state"));
-        assert_eq!((late.next().await, late.next().await), (Some(text("scene 2")), Some(text("state"))));
-        assert_eq!(early.next().await, Some(text("scene 2")));
+        assert_eq!(next(&late).await.as_deref(), Some("scene 2"));
+        assert_eq!(next(&late).await.as_deref(), Some("state"));
+        assert_eq!(next(&early).await.as_deref(), Some("scene 2"));
         early.close();
-        assert_eq!(early.next().await, None);
+        assert_eq!(next(&early).await, None);
     }
 }

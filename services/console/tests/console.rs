@@ -2,6 +2,7 @@
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 use futures::{SinkExt, StreamExt};
@@ -10,8 +11,13 @@ use repose_proto::Payload;
 use repose_proto::robot::{EmergencyStop, RobotMode, RobotState, StopState};
 use repose_runtime::{Session, Shutdown, Traffic};
 use serde_json::{Value, json};
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::TcpStream;
+use tokio_rustls::TlsConnector;
+use tokio_rustls::rustls::crypto::ring;
+use tokio_rustls::rustls::pki_types::pem::PemObject;
+use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName};
+use tokio_rustls::rustls::{ClientConfig, RootCertStore};
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 use tokio_tungstenite::tungstenite::{Error, Message};
@@ -42,7 +48,18 @@ async fn start(config: ConsoleConfig) -> Running {
 
 /// Sends a request over a socket of its own; status, headers and body.
 async fn http(address: SocketAddr, method: &str, path: &str, headers: &[(&str, &str)], body: &str) -> (u16, String, String) {
-    let mut stream = TcpStream::connect(address).await.expect("a connection");
+    let stream = TcpStream::connect(address).await.expect("a connection");
+    http_over(stream, address, method, path, headers, body).await
+}
+
+async fn http_over<S: AsyncRead + AsyncWrite + Unpin>(
+    mut stream: S,
+    address: SocketAddr,
+    method: &str,
+    path: &str,
+    headers: &[(&str, &str)],
+    body: &str,
+) -> (u16, String, String) {
     let mut text = format!("{method} {path} HTTP/1.1\r\nConnection: close\r\nContent-Length: {}\r\n", body.len());
     if !headers.iter().any(|(name, _)| *name == "Host") {
         text.push_str(&format!("Host: {address}\r\n"));
@@ -231,4 +248,37 @@ async fn pages_are_let_go_when_the_console_ends_and_counted_while_it_runs() {
         false
     };
     assert!(tokio::time::timeout(WITHIN, last).await.expect("in time"), "the socket is closed with a word");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn with_a_certificate_the_page_is_served_over_tls_and_the_token_never_leaves_it() {
+    // A certificate for localhost that signs itself, made for this test.
+    let tls = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/tls"));
+    let (certificate, private_key) = (tls.join("localhost.pem"), tls.join("localhost.key"));
+    let folder = tempfile::tempdir().expect("a folder");
+    let operator_token = token_file(&folder, "operator");
+    let console = start(ConsoleConfig {
+        certificate: Some(certificate.clone()),
+        private_key: Some(private_key),
+        operator_token,
+        ..ConsoleConfig::default()
+    })
+    .await;
+    let mut roots = RootCertStore::empty();
+    roots.add(CertificateDer::from_pem_file(&certificate).expect("a certificate")).expect("a root");
+    let client = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
+        .with_safe_default_protocol_versions()
+        .expect("versions")
+        .with_root_certificates(roots)
+        .with_no_client_auth();
+    // A connection that never shakes hands keeps nobody waiting.
+    let _silent = TcpStream::connect(console.address).await.expect("a connection");
+    let connector = TlsConnector::from(Arc::new(client));
+    let stream = TcpStream::connect(console.address).await.expect("a connection");
+    let stream = connector.connect(ServerName::try_from("localhost").expect("a name"), stream).await.expect("a handshake");
+    let (status, head, body) = http_over(stream, console.address, "POST", "/sign-in", &[], "a-token-for-the-operator").await;
+    assert!(status == 200 && body.contains("operator") && head.contains("; secure"), "{status} {head} {body}");
+    let missing = ConsoleConfig { certificate: Some("none.pem".into()), private_key: Some("none.key".into()), ..ConsoleConfig::default() };
+    let refused = Console::open(console.session.clone(), missing).await.err().expect("there is no such file");
+    assert!(refused.to_string().contains("certificate: none.pem"), "{refused}");
 }

@@ -8,7 +8,7 @@ const OUTCOMES = { done: "Done", stopped: "Stopped", grasp_lost: "The grasp was 
 const PREVIEW_STEP_MS = 50;
 
 export class Motion {
-  #robot; #plan; #execution; #fault; #may = false; #playing; #isMoving = false; #drawn = "";
+  #robot; #plan; #execution; #fault; #may = false; #playing; #isMoving = false; #drawn = ""; #at = 0;
 
   /** `execute()`, `reset()`, `preview(t_ms)` and `newScene(seed)` are what its parts ask for. */
   constructor(box, actions) {
@@ -35,6 +35,7 @@ export class Motion {
     clearInterval(this.#playing);
     this.#playing = undefined;
     this.#plan = plan;
+    this.#at = 0;
     this.#fault = undefined;
     this.render();
   }
@@ -80,21 +81,24 @@ export class Motion {
   }
 
   #preview(plan) {
-    const slider = el("input", { type: "range", min: 0, max: Math.ceil(plan.duration_ms), value: 0, step: 10, "aria-label": "Instant of the planned motion", data: { key: "scrub" } });
+    const slider = el("input", { type: "range", min: 0, max: Math.ceil(plan.duration_ms), step: 10, value: this.#at, "aria-label": "Instant of the planned motion", data: { key: "scrub" } });
     const label = el("span", { className: "muted small numbers" });
     const show = () => {
       const t = Number(slider.value), phase = plan.phases.findLast((p) => p.start_ms <= t);
       label.textContent = `${seconds(t)} of ${seconds(plan.duration_ms)} · ${plain(phase?.name ?? "")}`;
-      this.actions.preview(t);
+      this.#at = t;
+      // At its start the plan has the arm where it is.
+      this.actions.preview(t || undefined);
     };
     slider.addEventListener("input", show);
     const play = el("button", { type: "button", className: "quiet small", textContent: "▶ Preview", onclick: () => {
       clearInterval(this.#playing);
       slider.value = 0;
       this.#playing = setInterval(() => {
-        if (!slider.isConnected || Number(slider.value) >= Number(slider.max)) return clearInterval(this.#playing);
-        slider.value = Number(slider.value) + 2 * PREVIEW_STEP_MS;
-        show();
+        const now = this.box.querySelector("input[type=range]");
+        if (!now || Number(now.value) >= Number(now.max)) return clearInterval(this.#playing);
+        now.value = Number(now.value) + 2 * PREVIEW_STEP_MS;
+        now.dispatchEvent(new Event("input"));
       }, PREVIEW_STEP_MS);
     } });
     show();

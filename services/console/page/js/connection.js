@@ -48,8 +48,11 @@ export class Connection {
     socket.onmessage = ({ data }) => {
       this.#pauseMs = FIRST_PAUSE_MS;
       if (typeof data !== "string") {
-        const bulk = readBulk(data);
-        return this.heard(bulk.metadata.kind, bulk);
+        const bulk = readBulk(data), { kind } = bulk.metadata;
+        // The next one comes when this one is drawn.
+        return Promise.resolve(this.heard(kind, bulk)).finally(() => {
+          if (socket.readyState === WebSocket.OPEN && kind !== "segmented") socket.send(JSON.stringify({ id: 0, ask: "seen", what: kind }));
+        });
       }
       this.#take(JSON.parse(data));
     };

@@ -71,7 +71,11 @@ export class Goal {
   }
 
   asking(is) { this.#isAsking = is; this.render(); }
-  fault(refusal) { this.#fault = refusal; this.render(); }
+  fault(refusal) {
+    this.#fault = refusal;
+    this.render();
+    this.box.querySelector(".fault")?.scrollIntoView({ block: "nearest" });
+  }
   /** Whether this viewer's role may ask. */
   may(may) { this.#may = may; this.render(); }
 
@@ -161,7 +165,7 @@ export class Goal {
         field("view", "Left and right as", select("view", { camera: "the camera sees it", scene: "I look at the scene", degrees: "from a direction" }),
           options.view === "degrees" && number("degrees", "view_yaw_rad", { min: -180, max: 180, step: 5 }), options.view === "degrees" && "°"),
         field("variant", "Method", select("variant", VARIANTS)),
-        field("clearance", "Clearance", number("clearance", "min_clearance_m", { min: 0, max: 500, placeholder: "default" }), "mm"),
+        field("clearance", "Clearance", number("clearance", "min_clearance_m", { min: 0, max: 500, placeholder: "any" }), "mm"),
         field("seed", "Seed", number("seed", "seed", { min: 0 }))));
     return details;
   }

@@ -11,6 +11,8 @@ import { System } from "./system.js";
 import { centimetres, colorOf } from "./words.js";
 
 const LAYERS = { cloud: "Cloud", surfaces: "Surfaces", placements: "Places", arm: "Arm", way: "Way" };
+/** How long a passing notice stays. */
+const NOTICE_MS = 6000;
 /** How far an object may seem to have moved between two segmentations of one picture, metres. */
 const SAME_M = 0.03;
 const ROLES = ["viewer", "planner", "operator"];
@@ -47,7 +49,7 @@ const goal = new Goal(byId("goal"), { changed: goalChanged, ask: find, collect: 
 const placements = new Placements(byId("answers"), { lit, plan: planMotion });
 const motion = new Motion(byId("motion"), { execute, reset, preview: (t) => world.previewAt(t) });
 const sequence = new Sequence(byId("sequence"), { run: runSequence, end: () => connection.ask("end_sequence").catch((refusal) => sequence.fault(refusal)) });
-const system = new System(byId("system"), { newScene: (seed) => connection.ask("new_scene", { seed }).then(() => release(), notice) });
+const system = new System(byId("system"), { newScene: (seed) => connection.ask("new_scene", { seed }).then(() => release(), (refusal) => notice(refusal, "bad")) });
 
 function lit(rank) {
   placements.lit(rank);
@@ -68,6 +70,9 @@ function notice(text, kind = "") {
   const box = byId("notice");
   box.hidden = !text;
   box.className = `notice ${kind}`;
+  clearTimeout(notice.over);
+  // What is wrong stays until it is not; the rest is read and gone.
+  if (text && !kind) notice.over = setTimeout(() => { box.hidden = true; }, NOTICE_MS);
   if (text) box.textContent = `${text.message}${text.field ? ` (${text.field})` : ""}`;
 }
 
@@ -192,7 +197,7 @@ async function hold() {
   isHeld = true;
   drawSeen();
   const { tensors, id } = scene;
-  connection.ask("hold", { scene_id: id }).catch(notice);
+  connection.ask("hold", { scene_id: id }).catch((refusal) => notice(refusal));
   if (tensors.jpeg) picture.show(await createImageBitmap(new Blob([tensors.jpeg], { type: "image/jpeg" })));
 }
 

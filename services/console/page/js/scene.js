@@ -13,6 +13,10 @@ const LINEAR = Uint16Array.from({ length: 256 }, (_, i) => {
   const s = i / 255;
   return Math.round(65535 * (s <= 0.04045 ? s / 12.92 : ((s + 0.055) / 1.055) ** 2.4));
 });
+/** Kept free around what the scene is first looked at for, metres. */
+const MARGIN_M = 0.12;
+/** Surfaces smaller than this share of the largest are not drawn. */
+const LEAST_SURFACE = 0.04;
 const BEST = 0x16a34a, FURTHER = 0x6f8fb8, QUERY = 0x2f7df0, ANCHOR = 0xd9822b, WAY = 0x2f7df0;
 
 const matrixOf = (rows) => new THREE.Matrix4().set(...rows);
@@ -138,7 +142,8 @@ export class World {
     this.#cloud.position.set(...low);
     this.#cloud.scale.setScalar(step);
     this.layers.cloud.add(this.#cloud);
-    for (const surface of scene.meta.surfaces) this.#addSurface(surface);
+    const least = LEAST_SURFACE * Math.max(...scene.meta.surfaces.map(({ area_m2 }) => area_m2));
+    for (const surface of scene.meta.surfaces) if (surface.area_m2 >= least) this.#addSurface(surface);
     this.boxes = boxesOf(points, labels, low, step);
     this.#drawMarks();
     this.#fit();
@@ -158,17 +163,24 @@ export class World {
   /** Looks from beside the sensor at the objects and the robots, from so far that all of them are in sight. */
   look() {
     if (!this.#scene || !this.boxes) return;
-    const all = new THREE.Box3(), place = new THREE.Vector3();
-    for (const bounds of this.boxes.values()) all.union(bounds);
-    for (const { links } of this.arms.values()) links.forEach(({ matrix }) => all.expandByPoint(place.setFromMatrixPosition(matrix)));
-    if (all.isEmpty()) return;
-    const { center, radius } = all.getBoundingSphere(new THREE.Sphere());
+    const places = [];
+    for (const { min, max } of this.boxes.values()) places.push(min, max);
+    for (const { links } of this.arms.values()) links.forEach(({ matrix }) => places.push(new THREE.Vector3().setFromMatrixPosition(matrix)));
+    if (!places.length) return;
+    const center = new THREE.Box3().setFromPoints(places).getCenter(new THREE.Vector3());
     const eye = new THREE.Vector3().setFromMatrixPosition(matrixOf(this.#scene.meta.camera.world_from_camera));
-    const away = eye.sub(center).applyAxisAngle(new THREE.Vector3(0, 0, 1), 0.5);
-    away.z = Math.max(away.z, 0.4 * Math.hypot(away.x, away.y));
-    const half = 0.5 * THREE.MathUtils.degToRad(this.camera.fov), narrow = Math.atan(Math.tan(half) * Math.min(1, this.camera.aspect));
+    const away = eye.sub(center).applyAxisAngle(new THREE.Vector3(0, 0, 1), 0.5).normalize();
+    away.z = Math.max(away.z, 0.45);
+    away.normalize();
+    const right = new THREE.Vector3(0, 0, 1).cross(away).normalize(), up = away.clone().cross(right);
+    const tall = Math.tan(0.5 * THREE.MathUtils.degToRad(this.camera.fov)), wide = tall * this.camera.aspect;
+    // Each place must lie within the cone of sight, with a margin for what stands around it.
+    const distance = Math.max(...places.map((place) => {
+      const p = place.clone().sub(center);
+      return p.dot(away) + Math.max((Math.abs(p.dot(right)) + MARGIN_M) / wide, (Math.abs(p.dot(up)) + MARGIN_M) / tall);
+    }));
     this.controls.target.copy(center);
-    this.camera.position.copy(center).addScaledVector(away.normalize(), radius / Math.sin(narrow));
+    this.camera.position.copy(center).addScaledVector(away, distance);
     this.controls.update();
   }
 

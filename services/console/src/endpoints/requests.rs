@@ -1,6 +1,6 @@
 //! What a viewer asks, carried out: each request a task of its own that ends in one answer.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::convert::Infallible;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -16,9 +16,9 @@ use super::socket::busy;
 use crate::access::Role;
 use crate::arm::PlanShown;
 use crate::cell::{Camera, Cell, world_from_base};
-use crate::messages::{Answered, Ask, ExecutionEnded, ExecutionShown, Request, Told};
+use crate::messages::{Answered, Ask, Drawn, ExecutionEnded, ExecutionShown, Request, Told};
 use crate::view::View;
-use crate::viewers::{Outbox, Topic};
+use crate::viewers::{Message, Outbox, Topic};
 
 /// Requests of one viewer that may be open; the next is refused.
 const MAX_OPEN: usize = 16;
@@ -26,6 +26,8 @@ const MAX_OPEN: usize = 16;
 const PROGRESS: usize = 16;
 /// How long an execution may take.
 const EXECUTION: Duration = Duration::from_secs(600);
+/// Scenes kept for a viewer: the one that it is sent, and the one before, which is on its screen until then.
+const SENT: usize = 2;
 /// How long a reset may take.
 const RESET: Duration = Duration::from_secs(10);
 
@@ -44,6 +46,8 @@ struct Eyes {
     cell: Option<Arc<Cell>>,
     camera: Option<Arc<Camera>>,
     held: Option<Arc<View>>,
+    /// The scenes that were sent last, newest last: one of them is on the screen.
+    sent: VecDeque<Arc<View>>,
     plan: Option<(String, Arc<MotionPlan>)>,
     open: BTreeMap<u64, CancellationToken>,
     has_left: bool,
@@ -89,6 +93,9 @@ impl Viewer {
     /// Takes a request; its answer comes to the outbox.
     pub fn take(self: &Arc<Self>, request: Request) {
         let Request { id, ask } = request;
+        if let Ask::Seen { what } = ask {
+            return self.outbox.seen(&if what == Drawn::Picture { Topic::Picture } else { Topic::Scene });
+        }
         let cancel = CancellationToken::new();
         let refusal = {
             let mut eyes = self.eyes();
@@ -120,6 +127,8 @@ impl Viewer {
     async fn carry_out(self: &Arc<Self>, id: u64, ask: Ask, cancel: CancellationToken) -> Result<Answered, CallError> {
         match ask {
             Ask::Watch { cell, camera } => self.watch(&cell, camera.as_deref()).await,
+            // Taken above.
+            Ask::Seen { .. } => Ok(Answered::Done {}),
             Ask::Hold { scene_id } => self.hold(&scene_id),
             Ask::Segment { scene_id, pixel } => self.segment(&scene_id, pixel).await,
             Ask::Place { request } => self.place(id, &request, cancel).await,
@@ -202,10 +211,22 @@ impl Viewer {
         Ok(Answered::Done {})
     }
 
-    /// A scene that this viewer holds, or was shown a short while ago.
+    /// Notes that a scene is sent to this viewer.
+    pub fn sends(&self, view: Arc<View>) {
+        let sent = &mut self.eyes().sent;
+        sent.push_back(view);
+        if sent.len() > SENT {
+            sent.pop_front();
+        }
+    }
+
+    /// A scene that this viewer holds or may have on its screen.
     fn view(&self, scene_id: &str) -> Result<Arc<View>, CallError> {
-        let held = self.eyes().held.clone().filter(|view| view.scene_id == scene_id);
-        match held {
+        let at_hand = {
+            let eyes = self.eyes();
+            eyes.held.iter().chain(&eyes.sent).find(|view| view.scene_id == scene_id).cloned()
+        };
+        match at_hand {
             Some(view) => Ok(view),
             None => self.camera()?.view(scene_id).ok_or_else(|| CallError::not_found("scene_id", "this scene is no longer shown")),
         }
@@ -213,8 +234,9 @@ impl Viewer {
 
     async fn segment(&self, scene_id: &str, pixel: [usize; 2]) -> Result<Answered, CallError> {
         let view = self.cell()?.segmented(self.view(scene_id)?.as_ref(), pixel).await?;
-        self.outbox.put(Topic::Segmented, view.message.clone());
-        self.eyes().held = Some(Arc::new(view));
+        let view = Arc::new(view);
+        self.outbox.put(Topic::Segmented, Message::View(view.clone()));
+        self.eyes().held = Some(view);
         Ok(Answered::Done {})
     }
 

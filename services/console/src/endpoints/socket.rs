@@ -78,7 +78,7 @@ async fn serve(socket: WebSocket, state: Arc<State>, role: Role, shutdown: Shutd
         tracing::warn!(%error, "the cells cannot be told");
     }
     let (sink, mut stream) = socket.split();
-    let mut writing = tokio::spawn(write(sink, outbox.clone(), shutdown));
+    let mut writing = tokio::spawn(write(sink, viewer.clone(), shutdown));
     loop {
         tokio::select! {
             // Pongs count: a viewer that is there is heard every few seconds.
@@ -107,13 +107,17 @@ fn read(viewer: &Arc<Viewer>, text: &Utf8Bytes) {
     }
 }
 
-async fn write(mut sink: SplitSink<WebSocket, Frame>, outbox: Arc<Outbox>, shutdown: Shutdown) {
+async fn write(mut sink: SplitSink<WebSocket, Frame>, viewer: Arc<Viewer>, shutdown: Shutdown) {
     let mut ping = tokio::time::interval(PING_EVERY);
     loop {
         let frame = tokio::select! {
-            message = outbox.next() => match message {
+            message = viewer.outbox().next() => match message {
                 Some(Message::Text(text)) => Frame::Text(Utf8Bytes::from(&*text)),
                 Some(Message::Binary(bytes)) => Frame::Binary(bytes),
+                Some(Message::View(view)) => {
+                    viewer.sends(view.clone());
+                    Frame::Binary(view.bytes.clone())
+                }
                 None => break,
             },
             _ = ping.tick() => Frame::Ping(Bytes::new()),

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { request } from "node:http";
 import { connect } from "node:net";
-import { after, before, test } from "node:test";
+import { after, before, test as plainTest } from "node:test";
 
 import { assertDrawn, clickObject, count, difference, objects, open, pixels, screenshot, textOf } from "./page.mjs";
 import { startBrowser, startSystem } from "./system.mjs";
@@ -20,7 +20,11 @@ before(async () => {
   page = await open(browser, system.url);
 });
 
+/** The figures of this run, printed at the end. */
+const figures = [];
+
 after(async () => {
+  for (const figure of figures) console.log(`figure: ${figure}`);
   await browser?.close();
   await system?.stop();
 });
@@ -57,10 +61,21 @@ async function planUntilFound(page) {
   assert.fail("the arm can serve no placement");
 }
 
+/** A test whose page is kept as a picture when it fails. */
+const test = (name, body) => plainTest(name, async (context) => {
+  try {
+    await body(context);
+  } catch (error) {
+    await screenshot(page, `failed-${name.replaceAll(/[^a-z]+/g, "-").slice(0, 40)}`).catch(() => {});
+    throw error;
+  }
+});
+
 test("the page shows the picture and the scene", async () => {
   assertDrawn(await pixels(page, "#picture canvas.over"));
   assertDrawn(await pixels(page, "#world canvas"));
   assert.ok((await objects(page)).length >= 2);
+  figures.push(`the page is usable ${page.openedMs.toFixed(0)} ms after it was opened`);
   await screenshot(page, "1-open");
   assert.deepEqual(page.faults, []);
 });
@@ -121,7 +136,8 @@ test("the keyboard is enough", async () => {
   await page.keyboard.press("n");
   await page.keyboard.press("n");
   await page.keyboard.press("Enter");
-  await page.waitForSelector("#answers .placement, #answers .tally", { timeout: 60_000 });
+  await page.waitForSelector("#answers .placement, #answers .tally, #goal .fault", { timeout: 60_000 });
+  assert.equal(await page.locator("#goal .fault").count(), 0, await page.locator("#goal").textContent());
 });
 
 test("the planned way is drawn before anything moves, to other viewers too", async () => {
@@ -153,7 +169,7 @@ test("stop stops, says why to everybody, and reset lets the robot go on", async 
   assert.ok(difference(before, await pixels(page, "#world canvas")) > 300, "the arm has not moved on the screen");
   await screenshot(page, "6-stopped");
   await screenshot(other, "6-stopped-other-viewer");
-  console.log(`stop shown after ${took.toFixed(0)} ms`);
+  figures.push(`a stop is shown ${took.toFixed(0)} ms after its click`);
   await other.context().close();
   await page.click("#reset");
   await textOf(page, "#mode", /idle/);

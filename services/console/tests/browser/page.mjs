@@ -75,7 +75,7 @@ export async function clickObject(page, id) {
 export const screenshot = (page, name, options) => page.screenshot({ path: `${SCREENS}/${name}.png`, ...options });
 
 /** The text of an element, once it matches. */
-export async function textOf(page, selector, matches, timeout = 15_000) {
+export async function textOf(page, selector, matches, timeout = 45_000) {
   const element = page.locator(selector);
   await page.waitForFunction(([selector, source]) => new RegExp(source, "i").test(document.querySelector(selector)?.textContent ?? ""), [selector, matches.source], { timeout });
   return element.textContent();
