@@ -28,7 +28,11 @@ fn every_kind_gives_scenes_at_rest_on_its_furniture() {
     }
     for scene in scenes() {
         let (kind, seed) = (scene.kind, scene.seed);
-        let wanted = if kind == SceneKind::Clutter { 7..=7 } else { 3..=7 };
+        let wanted = match kind {
+            SceneKind::Clutter => 7..=7,
+            SceneKind::Desk => 8..=25,
+            _ => 3..=7,
+        };
         assert!(wanted.contains(&scene.objects.len()), "{kind:?} {seed}: {} objects", scene.objects.len());
         assert!(scene.penetration_m() <= 0.002, "{kind:?} {seed}");
         for object in &scene.objects {
@@ -68,10 +72,10 @@ fn a_seed_gives_the_same_scene_on_every_thread() {
 }
 
 #[test]
-fn the_training_mix_leaves_the_kitchen_out_and_has_all_else() {
+fn the_training_mix_leaves_the_kitchen_and_the_desk_out_and_has_all_else() {
     assert_eq!(SceneSettings::default().kinds, KindWeights::training());
-    assert_eq!(KindWeights::training().weight(SceneKind::Kitchen), 0.0);
-    for kind in SceneKind::ALL.into_iter().filter(|k| *k != SceneKind::Kitchen) {
+    assert_eq!([SceneKind::Kitchen, SceneKind::Desk].map(|kind| KindWeights::training().weight(kind)), [0.0; 2]);
+    for kind in SceneKind::ALL.into_iter().filter(|k| ![SceneKind::Kitchen, SceneKind::Desk].contains(k)) {
         assert!(KindWeights::training().weight(kind) > 0.05, "{kind:?}");
     }
 }

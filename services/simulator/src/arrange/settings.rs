@@ -3,7 +3,7 @@
 use nalgebra::Point2;
 
 use crate::furniture::SceneKind;
-use crate::objects::ObjectSource;
+use crate::objects::{Family, ObjectSource};
 
 /// How scenes are arranged.
 #[derive(Debug, Clone, PartialEq)]
@@ -104,6 +104,14 @@ impl ArrangeSettings {
             SceneKind::Shelf => {
                 settings.spread_m = self.spread_m.map(|s| s * 1.2);
                 ways.falling = 0.0;
+            }
+            SceneKind::Desk => {
+                settings.objects = [8, 25];
+                settings.source = self.source.clone().with_family(Family::Flat, 1.0 / 3.0);
+                settings.spread_m = [0.25, 0.5];
+                settings.at_edge = self.at_edge * 0.3;
+                settings.stackable = 0.5;
+                *ways = Ways { surface: 0.45, beside: 0.3, on_top: 0.2, into: 0.03, falling: 0.02 };
             }
             SceneKind::Drawer | SceneKind::Kitchen => settings.lying = self.lying.max(0.3),
         }

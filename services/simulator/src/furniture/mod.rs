@@ -42,6 +42,7 @@ impl Furniture {
             SceneKind::Shelf => shelf::shelf(rng),
             SceneKind::Drawer => drawer::drawer(rng),
             SceneKind::Kitchen => kitchen::kitchen(rng),
+            SceneKind::Desk => table::desk(table, rng),
         };
         let stays = matches!(table, Table::Fixed { .. }) && kind.is_on_table();
         if stays { built } else { built.turned(rng.random_range(-std::f64::consts::PI..std::f64::consts::PI)) }
@@ -159,6 +160,7 @@ mod tests {
         assert_eq!(of(SceneKind::LargeBox), ["large_box", "tabletop"]);
         assert_eq!(of(SceneKind::Shelf), ["board", "shelf_top"]);
         assert_eq!(of(SceneKind::Drawer), ["cabinet_top", "drawer_bottom", "tabletop"]);
+        assert_eq!(of(SceneKind::Desk), ["tabletop"]);
         assert_eq!(of(SceneKind::Kitchen), ["drawer_bottom", "worktop"]);
     }
 }

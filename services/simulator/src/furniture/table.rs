@@ -111,6 +111,14 @@ fn round_table(radius: f64, thickness: f64, height: f64, color: [u8; 3]) -> Furn
     Furniture { fixtures, surfaces: vec![surface], outlook: Outlook::AROUND }
 }
 
+/// A desk: a rectangular table as large as those people work at, often before a wall; a fixed table stays what it is.
+pub(super) fn desk(table: &Table, rng: &mut impl Rng) -> Furniture {
+    match table {
+        Table::Fixed { .. } => table.furniture(rng),
+        Table::Random { .. } => Table::Random { half_m: [0.4, 0.75], height_m: [0.68, 0.78], round: 0.0, wall: 0.4 }.furniture(rng),
+    }
+}
+
 /// A table with one or two large boxes on it, as the paper's robot had them.
 pub(super) fn with_large_box(table: &Table, rng: &mut impl Rng) -> Furniture {
     let mut built = table.furniture(rng);

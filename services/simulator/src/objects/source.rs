@@ -37,6 +37,16 @@ impl ObjectSource {
         Self { meshes: Some((library, share.clamp(0.0, 1.0))), ..self }
     }
 
+    /// The same with another family at a share (0 to 1) of those objects that are no meshes.
+    #[must_use]
+    pub fn with_family(mut self, family: Family, share: f64) -> Self {
+        self.families.retain(|(other, _)| *other != family);
+        let others: f64 = self.families.iter().map(|(_, weight)| weight).sum();
+        let share = share.clamp(0.0, 0.999);
+        self.families.push((family, share / (1.0 - share) * others.max(f64::MIN_POSITIVE)));
+        self
+    }
+
     /// Draws an object. `scale` multiplies a family's usual size; meshes keep theirs.
     pub fn sample(&self, scale: f32, rng: &mut impl Rng) -> Arc<Shape> {
         if let Some((library, share)) = &self.meshes
@@ -62,6 +72,8 @@ impl Default for ObjectSource {
         let weight = |family: Family| match family {
             Family::Box => 4.0,
             Family::Carton | Family::Mug | Family::Bowl | Family::Bottle => 2.0,
+            // Scenes that were made before it came stay what they are.
+            Family::Flat => 0.0,
             Family::Glass | Family::Flask | Family::Pan | Family::Tray | Family::Toy => 0.8,
             Family::Cylinder
             | Family::Prism

@@ -1,5 +1,6 @@
 //! `repose generate`: simulated scenes to train on, contact sheets of them to look at, and what they are like in numbers.
 
+mod frames;
 mod proposals;
 
 use std::path::{Path, PathBuf};
@@ -21,6 +22,7 @@ use repose_simulator::statistics::Statistics;
 use repose_simulator::trials::TrialSettings;
 use repose_simulator::views::view_of_scene;
 
+use self::frames::write_frames;
 use self::proposals::write_proposals;
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
@@ -46,6 +48,9 @@ pub struct GenerateArgs {
     /// A folder for contact sheets of the scenes (the first 120 at most): color, depth, labels and relations of each one's first view.
     #[arg(long, value_name = "DIR", group = "product")]
     pub show: Option<PathBuf>,
+    /// A folder for labelled frame folders of the scenes, 640 x 480 with a depth camera's noise, for `evaluate segmentation`.
+    #[arg(long, value_name = "DIR", group = "product")]
+    pub frames: Option<PathBuf>,
     /// A JSON file for statistics of the scenes: prevalence of relations, histograms of gaps and centre offsets, objects, kinds of scenes,
     /// rejections. The histograms are drawn beside it (.svg). With `--out` the scenes that this run writes are counted.
     #[arg(long, value_name = "FILE", group = "product")]
@@ -53,8 +58,8 @@ pub struct GenerateArgs {
     /// Which split's seeds: train, validation or test.
     #[arg(long, default_value = "train", value_parser = parse_split)]
     pub split: Split,
-    /// Scenes of one kind only: open_table, large_box, clutter, stacking, shelf, drawer or kitchen. By default the mixture to train on,
-    /// which has no kitchens.
+    /// Scenes of one kind only: open_table, large_box, clutter, stacking, shelf, drawer, kitchen or desk. By default the mixture to train
+    /// on, which has no kitchens and no desks.
     #[arg(long, value_name = "KIND", value_parser = parse_kind)]
     pub kind: Option<SceneKind>,
     /// A folder of meshes (OBJ, STL, PLY) to draw objects from, beside the procedural families or instead of them.
@@ -118,6 +123,11 @@ pub fn run(args: &GenerateArgs, output: Output) -> Outcome {
         let sheets = show(folder, &settings)?;
         report.text.push(format!("{} contact sheets in {}", sheets.len(), folder.display()));
         report.add("sheets", sheets);
+    }
+    if let Some(folder) = &args.frames {
+        let frames = write_frames(folder, &settings)?;
+        report.text.push(format!("{frames} frames in {}", folder.display()));
+        report.add("frames", frames);
     }
     let statistics = match &args.out {
         Some(folder) => Some(write_shards(folder, &settings, &mut report)?),

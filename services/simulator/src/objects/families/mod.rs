@@ -7,6 +7,7 @@ mod cans;
 mod compounds;
 mod cups;
 mod draw;
+mod flats;
 mod handles;
 mod made;
 mod plates;
@@ -64,11 +65,13 @@ pub enum Family {
     Compound,
     /// Toys.
     Toy,
+    /// What lies flat on a desk: books, notebooks, parcels, laptops, tablets, lids. Only where it is asked for.
+    Flat,
 }
 
 impl Family {
     /// All families.
-    pub const ALL: [Self; 20] = [
+    pub const ALL: [Self; 21] = [
         Self::Box,
         Self::Carton,
         Self::Cylinder,
@@ -89,6 +92,7 @@ impl Family {
         Self::Small,
         Self::Compound,
         Self::Toy,
+        Self::Flat,
     ];
 
     /// The lower-case name.
@@ -114,6 +118,7 @@ impl Family {
             Self::Small => "small",
             Self::Compound => "compound",
             Self::Toy => "toy",
+            Self::Flat => "flat",
         }
     }
 
@@ -143,6 +148,7 @@ impl Family {
             Self::Small => small::small(draw),
             Self::Compound => compounds::compound(draw),
             Self::Toy => toys::toy(draw),
+            Self::Flat => flats::flat(draw),
         };
         made.shape(draw)
     }
