@@ -2,7 +2,8 @@
 //!
 //! Plain data with its validation and encoding: messages (JSON), the bulk form (safetensors) for clouds and images, the
 //! attachments of calls and replies, errors, and every key. No behaviour beyond that, and no dependency on anything of ours.
-//! The promises behind these types are the project's contract, version 1; [`frames`] is the glossary of coordinate frames.
+//! The promises behind these types are the project's contract, version 1; [`glossary`] has the words, [`frames`] the
+//! coordinate frames.
 //!
 //! ```
 //! use repose_proto::{Cell, ErrorCode, Payload, PlaceRequest, Service};
@@ -26,6 +27,7 @@ pub mod envelope;
 pub mod error;
 pub mod frame;
 pub mod frames;
+pub mod glossary;
 pub mod keys;
 pub mod limits;
 pub mod load;

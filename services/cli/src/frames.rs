@@ -43,8 +43,12 @@ impl TopicArgs {
     }
 }
 
-/// Reads a frame folder.
-pub fn read(folder: &Path) -> Result<Frame, Failure> {
+/// Reads a frame folder, or the first frame of any other source.
+pub fn read(source: &Path) -> Result<Frame, Failure> {
+    read_nth(source, 0, &Topics::default())
+}
+
+fn read_folder(folder: &Path) -> Result<Frame, Failure> {
     frame_folder::read(folder).map_err(|error| match &error {
         FrameFolderError::Camera { path, error } => {
             let field = format!("{}: {}", path.display(), error.field.as_deref().unwrap_or("payload"));
@@ -61,9 +65,10 @@ pub fn read_nth(source: &Path, nth: usize, topics: &Topics) -> Result<Frame, Fai
     if !source.exists() {
         return Err(Failure::bad_input(&source.display().to_string(), "no such file or folder"));
     }
-    if source.join("depth.png").is_file() {
+    let holds = |name: &str| source.join(name).exists();
+    if holds("depth.png") || holds("camera.json") && !holds("depth") {
         // A plain frame folder, whose faults are told by field.
-        return if nth == 0 { read(source) } else { Err(no_frame(1)) };
+        return if nth == 0 { read_folder(source) } else { Err(no_frame(1)) };
     }
     let mut count = 0;
     for frame in sources::open(source, topics).map_err(bad)? {

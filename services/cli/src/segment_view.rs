@@ -7,9 +7,9 @@ use repose_perception::Segmented;
 use repose_proto::{Frame, Scene, UnseenSpace};
 use repose_simulator::sheet::colors::object_color;
 
-use repose_local::picture::{Coloring, color_picture, draw_number, pinhole, scene_picture};
+use repose_local::picture::{Coloring, captioned, color_picture, draw_number, pinhole, scene_picture, side_by_side};
 
-/// Gap between the panels, pixels.
+/// Gap between the rows of panels, pixels.
 const GAP: u32 = 6;
 /// Width of the strip around the map from above, metres.
 const RIM_M: f64 = 0.05;
@@ -17,30 +17,48 @@ const PAPER: Rgb<u8> = Rgb([255, 255, 255]);
 const UNSEEN: [u8; 3] = [70, 70, 90];
 const FURNITURE: Rgb<u8> = Rgb([20, 90, 200]);
 
-/// Four panels, two by two, each as large as the frame.
+/// Four panels, two by two, each as large as the frame and with a legend below it.
 pub fn segment_view(frame: &Frame, segmented: &Segmented) -> RgbImage {
     let (width, height) = (frame.camera.width as u32, frame.camera.height as u32);
-    let depth = depth_panel(frame);
+    let unit_m = frame.camera.depth_unit_m;
+    let (near, far) = depth_range(frame);
     let color = match &frame.color {
         Some(color) => color_picture(frame.camera.width, frame.camera.height, color),
         None => scene_picture(&segmented.scene, Coloring::Objects, None),
     };
     let objects = objects_panel(&color, segmented);
-    let surfaces = map_panel(&segmented.scene, width, height);
-    let mut sheet = RgbImage::from_pixel(2 * width + GAP, 2 * height + GAP, PAPER);
-    for (k, panel) in [color, depth, objects, surfaces].iter().enumerate() {
-        let (column, row) = (k as u32 % 2, k as u32 / 2);
-        image::imageops::replace(&mut sheet, panel, i64::from(column * (width + GAP)), i64::from(row * (height + GAP)));
-    }
+    let panels = [
+        (color, if frame.color.is_some() { "Color" } else { "No color; points by object" }.to_owned(), String::new()),
+        (
+            depth_panel(frame, near, far),
+            "Depth".to_owned(),
+            format!("red {:.2} m or less, blue {:.2} m or more, black no reading", near * unit_m, far * unit_m),
+        ),
+        (objects, "Objects: mask, box of its points, id".to_owned(), "paler: uncertain border, its readings are dropped".to_owned()),
+        (
+            map_panel(&segmented.scene, width, height),
+            "From above, world x right, y up. Blue: furniture, mm above the lowest".to_owned(),
+            "dots: objects, dark outlines: their tops; darker ground: more unseen above it".to_owned(),
+        ),
+    ];
+    let panels = panels.map(|(panel, title, explained)| captioned(&captioned(&panel, &title), &explained));
+    let [top, bottom] = [&panels[..2], &panels[2..]].map(side_by_side);
+    let mut sheet = RgbImage::from_pixel(top.width(), top.height() + GAP + bottom.height(), PAPER);
+    image::imageops::replace(&mut sheet, &top, 0, 0);
+    image::imageops::replace(&mut sheet, &bottom, 0, i64::from(top.height() + GAP));
     sheet
 }
 
-/// Depth from red (near) to blue (far) over the middle 96 % of the readings; black where there is none.
-fn depth_panel(frame: &Frame) -> RgbImage {
+/// The depth counts below and above which two in a hundred readings lie.
+fn depth_range(frame: &Frame) -> (f64, f64) {
     let mut readings: Vec<u16> = frame.depth.iter().copied().filter(|d| *d > 0).collect();
     readings.sort_unstable();
     let at = |share: f64| readings.get((readings.len() as f64 * share) as usize).map_or(0.0, |d| f64::from(*d));
-    let (near, far) = (at(0.02), at(0.98).max(at(0.02) + 1.0));
+    (at(0.02), at(0.98).max(at(0.02) + 1.0))
+}
+
+/// Depth from red (near) to blue (far); black where there is none.
+fn depth_panel(frame: &Frame, near: f64, far: f64) -> RgbImage {
     let width = frame.camera.width;
     RgbImage::from_fn(width as u32, frame.camera.height as u32, |u, v| match frame.depth[v as usize * width + u as usize] {
         0 => Rgb([0; 3]),
@@ -90,7 +108,7 @@ fn objects_panel(under: &RgbImage, segmented: &Segmented) -> RgbImage {
     panel
 }
 
-/// The world from above, the camera below it: furniture and tops with their outlines and heights in millimetres, objects' points, and
+/// The world from above, x to the right and y up: furniture and tops with their outlines and heights in millimetres, objects' points, and
 /// cells darker the more of the space above them was not seen.
 fn map_panel(scene: &Scene, width: u32, height: u32) -> RgbImage {
     let mut panel = RgbImage::from_pixel(width, height, PAPER);

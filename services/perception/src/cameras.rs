@@ -4,6 +4,9 @@
 //! or unusable is counted, so that a camera that is too fast, or broken, can be seen. A camera's frames are taken one after the other in
 //! the order that they came in, up to the publishing: what was published last is its newest scene.
 
+pub mod names;
+pub mod newest;
+
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -12,11 +15,11 @@ use repose_proto::{CallError, ErrorCode, Payload, keys};
 use repose_runtime::{CancellationToken, JobContext, RuntimeError, Session, Subscription, Traffic};
 use tokio::sync::{Notify, Semaphore};
 
-use crate::camera_names::CameraNames;
 use crate::config::PerceptionConfig;
-use crate::newest::{NewestFrames, Placed};
 use crate::newest_scenes::{Arrival, KeptScene, LEFT_OUT};
 use crate::worker::Worker;
+use names::CameraNames;
+use newest::{NewestFrames, Placed};
 
 /// Stands for the camera of frames that were lost before anybody looked whose they were.
 const ANY_CAMERA: &str = "any";

@@ -1,36 +1,49 @@
-//! Perception: frames in, segmented scenes out.
+//! Perception: camera frames in, segmented scenes out.
 //!
-//! The domain is pure: [`segment()`] turns a frame into a scene, one algorithm a module. Around it is the service ([`run`]): it follows
-//! cameras, publishes the summary of each new scene, keeps the newest scenes by id, and answers `segment`, `latest` and `scene`.
-//! [`sources`] are frames from disk: folders, sequences of pictures, recordings of ROS 2.
+//! ```
+//! use repose_perception::{Settings, segment};
+//! use repose_proto::{CameraModel, Frame};
+//!
+//! // A camera one metre above a table, looking straight down at a box of 10 cm.
+//! let (width, height) = (320, 240);
+//! let camera = CameraModel {
+//!     width, height, fx: 262.0, fy: 262.0, cx: 159.5, cy: 119.5, depth_unit_m: 0.001, world_from_camera: None,
+//! };
+//! let on_box = |i: usize| (140..170).contains(&(i % width)) && (100..130).contains(&(i / width));
+//! let depth = (0..width * height).map(|i| if on_box(i) { 900 } else { 1000 }).collect();
+//! let frame = Frame { camera_name: "front".to_owned(), stamp_ns: 0, camera, depth, color: None, labels: None };
+//!
+//! let scene = segment(&frame, &Settings::default())?;
+//! assert_eq!(scene.meta.objects.len(), 1);
+//! assert!((scene.meta.objects[0].centroid_m[2] - 0.1).abs() < 0.005, "its top is 10 cm above the table");
+//! # Ok::<(), repose_perception::SegmentError>(())
+//! ```
+//!
+//! | room | what is in it |
+//! |---|---|
+//! | [`segment`](mod@segment) | the way from a frame to a scene; pure, as are the next five |
+//! | [`readings`] | the depth picture: metres, points, normals, stray readings |
+//! | [`supports`] | which way is up, and the surfaces that things stand on |
+//! | [`objects`] | finding objects in frames without labels |
+//! | [`masks`] | cleaning instance masks, found or given |
+//! | [`scene`] | the scene's points, summaries of its objects, unseen space |
+//! | [`sources`] | frames from disk: folders, sequences of pictures, recordings of ROS 2 |
+//! | [`cameras`], [`endpoints`], [`worker`], [`newest_scenes`] | the service that [`run`] starts: it follows cameras, publishes a summary of each new scene, keeps the newest scenes by id, and answers `segment`, `latest` and `scene` |
 
-pub mod borders;
-pub mod camera_names;
 pub mod cameras;
-pub mod clean_masks;
-pub mod cloud;
-pub mod components;
 pub mod config;
-pub mod depth;
 pub mod endpoints;
-pub mod flying;
-pub mod frame_folder;
-pub mod gravity;
-pub mod halves;
-pub mod hollows;
-pub mod newest;
+pub mod masks;
 pub mod newest_scenes;
 pub mod objects;
-pub mod point_map;
+pub mod readings;
+pub mod scene;
 pub mod segment;
 pub mod settings;
 pub mod sources;
-pub mod surfaces;
+pub mod supports;
 #[cfg(test)]
 mod synthetic;
-pub mod unlabelled;
-pub mod unseen;
-pub mod upward;
 pub mod worker;
 
 use std::sync::Arc;
@@ -42,6 +55,7 @@ use repose_runtime::{RuntimeError, Session, Shutdown};
 pub use config::PerceptionConfig;
 pub use segment::{SegmentError, Segmented, segment, segment_with_labels, segment_with_left_out};
 pub use settings::Settings;
+pub use sources::frame_folder;
 
 /// Runs a perception worker until `shutdown`, then drains it.
 ///

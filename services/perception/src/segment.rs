@@ -10,16 +10,17 @@ use repose_geometry::{Image, Isometry3, Pinhole, Point3, ViewerFrame};
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, CameraModel, ErrorCode, Frame, RigidTransform, Scene, SceneMeta, Surface, Unseen};
 
-use crate::clean_masks::CleanMasks;
-use crate::cloud::Cloud;
-use crate::depth::DepthMap;
-use crate::objects::{Completeness, summarise};
-use crate::point_map::{PointMap, strided, transformed};
+use crate::masks::clean::CleanMasks;
+use crate::objects::find::{self, CoarseView};
+use crate::readings::depth::DepthMap;
+use crate::readings::point_map::{PointMap, strided, transformed};
+use crate::readings::{flying, upward};
+use crate::scene::cloud::Cloud;
+use crate::scene::summary::{Completeness, summarise};
+use crate::scene::unseen::{self, RayView};
 use crate::settings::Settings;
-use crate::surfaces::{self, SupportSurface};
-use crate::unlabelled::{self, CoarseView};
-use crate::unseen::{self, RayView};
-use crate::{flying, gravity, upward};
+use crate::supports::gravity;
+use crate::supports::surfaces::{self, SupportSurface};
 
 /// Why a frame gave no scene.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -143,7 +144,7 @@ impl Parts {
             Some(labels) => as_image(labels.clone(), &camera)?,
             None => {
                 let surfaces = surfaces::find(coarse.upward(|_| Some(0)), &settings.surfaces);
-                unlabelled::spread(&unlabelled::label(&coarse.view(), &surfaces, &settings.components), &depth, stride)
+                find::spread(&find::label(&coarse.view(), &surfaces, &settings.components), &depth, stride)
             }
         };
         let coarse_labels = strided(&labels, stride);

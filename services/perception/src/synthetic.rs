@@ -2,7 +2,7 @@
 
 use repose_geometry::{Image, Isometry3, Pinhole, Point3, Vector3};
 
-use crate::point_map::{MISSING, PointMap};
+use crate::readings::point_map::{MISSING, PointMap};
 
 /// An axis-aligned box in the world.
 #[derive(Debug, Clone, Copy)]

@@ -20,7 +20,7 @@ use crate::wish::WishArgs;
 /// Arguments of `plan`.
 #[derive(Debug, Args)]
 pub struct PlanArgs {
-    /// The frame folder.
+    /// A frame folder, or anything that `play` plays: its first frame.
     pub frame: PathBuf,
     /// What is wished for.
     #[command(flatten)]

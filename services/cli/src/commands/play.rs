@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use clap::Args;
 use repose_perception::sources::{self, SourceError};
-use repose_proto::{Frame, Payload, keys};
-use repose_runtime::Traffic;
+use repose_proto::{Frame, Payload, SceneSummary, keys};
+use repose_runtime::{Subscription, Traffic};
 use tokio::time::Instant;
 
 use crate::client::{self, SystemArgs};
@@ -16,6 +16,10 @@ use crate::output::Output;
 
 /// Frames per second where the source has no stamps and none were asked for.
 const DEFAULT_RATE: f64 = 10.0;
+/// How long the scene of the last frame may take to be seen.
+const LAST_SCENE_WITHIN: Duration = Duration::from_secs(5);
+/// Scenes that may wait to be looked at; only the newest matter.
+const SCENES_WAITING: usize = 16;
 /// Longest pause between two frames of a recording; longer ones are cut short.
 const LONGEST_PAUSE_S: f64 = 5.0;
 
@@ -53,8 +57,10 @@ pub async fn run(args: &PlayArgs, output: Output) -> Outcome {
     }
     let session = client::connect(&args.system).await?;
     let key = session.cell().camera_frame(camera);
+    let mut scenes = session.subscribe_queue(&session.cell().scene(camera), SCENES_WAITING).await?;
     let begin = Instant::now();
     let mut published = 0u64;
+    let mut last_stamp_ns = 0;
     let mut pace = Pace::new(args.rate, begin);
     loop {
         let published_before = published;
@@ -65,6 +71,7 @@ pub async fn run(args: &PlayArgs, output: Output) -> Outcome {
             if !args.keep_stamps {
                 frame.stamp_ns = client::now_ns();
             }
+            last_stamp_ns = frame.stamp_ns;
             session.put(&key, Payload::bulk(Frame::SCHEMA, &frame.to_bulk())?, Traffic::Frame).await?;
             published += 1;
             tracing::debug!(published, stamp_ns = frame.stamp_ns, "frame published");
@@ -73,13 +80,38 @@ pub async fn run(args: &PlayArgs, output: Output) -> Outcome {
             break;
         }
     }
-    // Every frame has been put; a router that is slow to say goodbye does not take that back.
-    if let Err(error) = session.close().await {
-        tracing::warn!(%error, "the session did not close in time");
-    }
     let seconds = begin.elapsed().as_secs_f64();
-    let document = serde_json::json!({"camera": camera, "published": published, "seconds": seconds});
-    output.print(&document, || format!("{published} frames published as camera {camera} in {seconds:.1} s"))
+    // A frame is sent in many parts, and closing the session drops those that still wait. Its scene says that it arrived.
+    let last_scene = scene_of_stamp(&mut scenes, last_stamp_ns).await;
+    drop(scenes);
+    client::close(session).await;
+    let scene_id = last_scene.map(|scene| scene.scene_id);
+    let document = serde_json::json!({"camera": camera, "published": published, "seconds": seconds, "last_scene_id": scene_id});
+    output.print(&document, || {
+        let plural = if published == 1 { "" } else { "s" };
+        let said = format!("{published} frame{plural} published as camera {camera} in {seconds:.1} s");
+        match &scene_id {
+            Some(id) => format!("{said}; the scene of the last one is {id}"),
+            None => format!(
+                "{said}, but no scene of the last one came within {} s: is a perception worker running that follows this camera?",
+                LAST_SCENE_WITHIN.as_secs()
+            ),
+        }
+    })
+}
+
+/// The scene of the frame with this stamp, where it comes in time.
+async fn scene_of_stamp(scenes: &mut Subscription, stamp_ns: u64) -> Option<SceneSummary> {
+    let search = async {
+        loop {
+            let sample = scenes.recv().await?;
+            let summary = sample.payload.decode_json::<SceneSummary>().ok();
+            if let Some(summary) = summary.filter(|summary| summary.stamp_ns == stamp_ns) {
+                return Some(summary);
+            }
+        }
+    };
+    tokio::time::timeout(LAST_SCENE_WITHIN, search).await.ok().flatten()
 }
 
 /// When frames are due, over all passes: a single frame that is played again and again keeps the pace, too.

@@ -15,7 +15,7 @@ use crate::output::Output;
 /// Arguments of `relations`.
 #[derive(Debug, Args)]
 pub struct RelationsArgs {
-    /// The frame folder.
+    /// A frame folder, or anything that `play` plays: its first frame.
     pub frame: PathBuf,
     /// Which networks.
     #[command(flatten)]

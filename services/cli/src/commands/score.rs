@@ -16,7 +16,7 @@ use crate::output::Output;
 /// Arguments of `score`.
 #[derive(Debug, Args)]
 pub struct ScoreArgs {
-    /// The frame folder.
+    /// A frame folder, or anything that `play` plays: its first frame.
     pub frame: PathBuf,
     /// The object to move, by id.
     #[arg(long = "move", value_name = "ID")]

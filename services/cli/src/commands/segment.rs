@@ -8,6 +8,7 @@ use repose_evaluation::report::written::write_picture;
 use repose_perception::newest_scenes::LEFT_OUT;
 use repose_perception::{Settings, segment_with_labels};
 use repose_proto::CallError;
+use repose_proto::scene::WorldFrame;
 
 use crate::failure::{Failure, Outcome};
 use crate::frames::{self, TopicArgs};
@@ -57,9 +58,19 @@ pub fn run(args: &SegmentArgs, output: Output) -> Outcome {
     if let Some(path) = &args.out {
         write_picture(path, &segment_view(&frame, &segmented).into())?;
     }
-    let document = serde_json::json!({"objects": scene.meta.objects, "surfaces": scene.meta.surfaces, "left_out": segmented.left_out});
+    let estimated = scene.meta.world_frame == WorldFrame::SupportPlane;
+    let document = serde_json::json!({
+        "objects": scene.meta.objects,
+        "surfaces": scene.meta.surfaces,
+        "left_out": segmented.left_out,
+        "world_from_camera": scene.meta.camera.world_from_camera,
+        "world_from_camera_estimated": estimated,
+    });
     output.print(&document, || {
         let mut text = format!("{} objects, {} surfaces", scene.meta.objects.len(), scene.meta.surfaces.len());
+        if estimated {
+            text += "; no camera pose came with the frame: heights are above the main support plane, the origin is below the camera";
+        }
         for o in &scene.meta.objects {
             let ([x, y, z], [w, d, h]) = (o.centroid_m, o.extent_m);
             text += &format!(

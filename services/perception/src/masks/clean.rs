@@ -5,7 +5,7 @@
 
 use repose_geometry::Image;
 
-use crate::borders::border_band;
+use crate::masks::borders::border_band;
 use crate::settings::{BorderSettings, Settings};
 
 /// Labels and the band around them, objects with enough readings only.

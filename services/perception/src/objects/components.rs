@@ -6,9 +6,9 @@
 
 use repose_geometry::{Image, Point3};
 
-use crate::point_map::{PointMap, is_reading};
+use crate::readings::point_map::{PointMap, is_reading};
+use crate::readings::upward::arm_px;
 use crate::settings::ComponentSettings;
-use crate::upward::arm_px;
 
 /// Longest arm over which a crease is looked for, pixels.
 const MAX_ARM_PX: usize = 12;

@@ -5,11 +5,11 @@
 
 use repose_geometry::{Aabb, Image, Point2, Point3};
 
-use crate::depth::DepthMap;
-use crate::point_map::{PointMap, is_reading};
+use super::{components, halves, hollows};
+use crate::readings::depth::DepthMap;
+use crate::readings::point_map::{PointMap, is_reading};
 use crate::settings::ComponentSettings;
-use crate::surfaces::SupportSurface;
-use crate::{components, halves, hollows};
+use crate::supports::surfaces::SupportSurface;
 
 /// How far outside the outline of a support's seen part its objects may stand, metres: they hide its rim.
 const OUTLINE_SLACK_M: f32 = 0.05;
@@ -127,10 +127,10 @@ fn keep_objects(labels: &mut Image<u16>, in_world: &PointMap, supports: &[&Suppo
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::point_map::transformed;
+    use crate::readings::point_map::transformed;
     use crate::settings::SurfaceSettings;
     use crate::synthetic::{Solid, cast, render};
-    use crate::{surfaces, upward};
+    use crate::{readings::upward, supports::surfaces};
     use repose_geometry::transform::look_at;
     use repose_geometry::{Pinhole, Vector3};
 

@@ -8,8 +8,8 @@ use std::collections::BTreeMap;
 
 use repose_geometry::{Image, Point3};
 
-use crate::hollows::rims;
-use crate::point_map::PointMap;
+use crate::objects::hollows::rims;
+use crate::readings::point_map::PointMap;
 use crate::settings::HalvesSettings;
 
 /// Gives components that continue each other behind a third one the lower of their ids; ids that vanish are not closed up.
@@ -104,8 +104,8 @@ fn distance_to_line(p: &Point3<f32>, a: &Point3<f32>, b: &Point3<f32>) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::components;
-    use crate::point_map::transformed;
+    use crate::objects::components;
+    use crate::readings::point_map::transformed;
     use crate::settings::ComponentSettings;
     use crate::synthetic::{Solid, cast, render};
     use repose_geometry::transform::look_at;

@@ -6,7 +6,7 @@
 
 use repose_geometry::{Image, Point3};
 
-use crate::point_map::{PointMap, is_reading};
+use crate::readings::point_map::{PointMap, is_reading};
 use crate::settings::HollowSettings;
 
 /// Gives the inside of hollow objects the id of their outside, and what lies between the two (a bowl's floor) as well.
@@ -134,8 +134,8 @@ fn fill(labels: &mut Image<u16>, in_camera: &PointMap, inside: u16, outside: u16
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::components;
-    use crate::point_map::transformed;
+    use crate::objects::components;
+    use crate::readings::point_map::transformed;
     use crate::settings::ComponentSettings;
     use crate::synthetic::{Solid, cast, render};
     use repose_geometry::transform::look_at;

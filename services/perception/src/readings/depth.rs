@@ -5,7 +5,7 @@
 
 use repose_geometry::{Image, Pinhole, Point3};
 
-use crate::point_map::{MISSING, PointMap};
+use crate::readings::point_map::{MISSING, PointMap};
 
 /// Pixels further off the optical axis than this (a slope, 84°) hold no reading: no pinhole camera sees them, and extreme intrinsics
 /// would turn them into infinities.
@@ -102,7 +102,7 @@ impl DepthMap {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::point_map::is_reading;
+    use crate::readings::point_map::is_reading;
 
     const CAMERA: Pinhole = Pinhole { width: 5, height: 3, fx: 4.0, fy: 5.0, cx: 2.0, cy: 1.0 };
 

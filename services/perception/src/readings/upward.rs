@@ -5,7 +5,7 @@
 
 use repose_geometry::{Image, Point3};
 
-use crate::point_map::PointMap;
+use crate::readings::point_map::PointMap;
 
 /// Half the length over which a normal is taken, metres.
 const ARM_M: f32 = 0.012;
@@ -56,7 +56,7 @@ pub fn arm_px(depth_m: f32, focal_px: f32, length_m: f32, most: usize) -> usize 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::point_map::{MISSING, transformed};
+    use crate::readings::point_map::{MISSING, transformed};
     use crate::synthetic::{Solid, cast, render};
     use repose_geometry::transform::look_at;
     use repose_geometry::{Pinhole, Vector3};

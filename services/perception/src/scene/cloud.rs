@@ -2,8 +2,8 @@
 
 use repose_geometry::{Isometry3, Vector3};
 
-use crate::clean_masks::CleanMasks;
-use crate::depth::DepthMap;
+use crate::masks::clean::CleanMasks;
+use crate::readings::depth::DepthMap;
 
 /// Points in the picture's order.
 #[derive(Debug)]

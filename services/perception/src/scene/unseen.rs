@@ -8,7 +8,7 @@ use repose_geometry::{Image, Isometry3, Pinhole, Point3};
 use repose_proto::UnseenSpace;
 
 use crate::settings::UnseenSettings;
-use crate::surfaces::SupportSurface;
+use crate::supports::surfaces::SupportSurface;
 
 /// How far above the highest furniture the cubes reach at least, where they must grow to reach it at all, metres: things stand on it.
 const HEADROOM_M: f64 = 0.3;

@@ -7,6 +7,7 @@
 //! | a folder with `camera.json`, `depth/*.png`, and `color/`, `labels/` where there are any | one per depth picture |
 //! | a file `*.mcap`, or a folder with such files (a rosbag2 folder) | one per depth image or organised cloud |
 
+pub mod frame_folder;
 pub mod messages;
 pub mod png_sequence;
 pub mod recording;
@@ -20,7 +21,7 @@ use std::path::{Path, PathBuf};
 
 use repose_proto::Frame;
 
-use crate::frame_folder::{self, FrameFolderError};
+use frame_folder::FrameFolderError;
 use png_sequence::PngSequence;
 pub use recording::Recording;
 use ros_messages::MessageError;
@@ -58,6 +59,17 @@ pub enum SourceError {
         /// What is wrong with the message.
         error: MessageError,
     },
+    /// The recording is in the sqlite3 format of ROS 2, which is not read here.
+    #[error(
+        "{}: a sqlite3 recording, and only MCAP is read here; convert it where ROS 2 is installed: `ros2 bag convert -i {} -o convert.yaml`, with \
+         `output_bags: [{{uri: converted, storage_id: mcap, all: true}}]` in convert.yaml",
+        path.display(),
+        path.display()
+    )]
+    Sqlite {
+        /// The file or folder.
+        path: PathBuf,
+    },
     /// There is nothing here that a frame can be made of.
     #[error("{}: no frames; expected {lacks}", path.display())]
     Empty {
@@ -73,7 +85,11 @@ impl SourceError {
     pub fn path(&self) -> &Path {
         match self {
             Self::Pictures(error) => error.path(),
-            Self::File { path, .. } | Self::Recording { path, .. } | Self::Message { path, .. } | Self::Empty { path, .. } => path,
+            Self::File { path, .. }
+            | Self::Recording { path, .. }
+            | Self::Message { path, .. }
+            | Self::Sqlite { path }
+            | Self::Empty { path, .. } => path,
         }
     }
 }
@@ -86,7 +102,10 @@ pub type Frames = Box<dyn Iterator<Item = Result<Frame, SourceError>> + Send>;
 /// # Errors
 /// [`SourceError`] when the path holds no frames; what is wrong with a single frame is said when its turn comes.
 pub fn open(path: &Path, topics: &Topics) -> Result<Frames, SourceError> {
-    if path.extension().is_some_and(|extension| extension == "mcap") {
+    if has_extension(path, "db3") {
+        return Err(SourceError::Sqlite { path: path.to_owned() });
+    }
+    if has_extension(path, "mcap") {
         return Ok(Box::new(Recording::open(path, vec![path.to_owned()], topics.clone())?));
     }
     if path.join("depth.png").is_file() {
@@ -101,10 +120,20 @@ pub fn open(path: &Path, topics: &Topics) -> Result<Frames, SourceError> {
     Ok(Box::new((0..sequence.len()).map(move |index| Ok(sequence.read(index)?))))
 }
 
+fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|e| e == extension)
+}
+
 /// The recordings in a folder, in the order of the numbers in their names.
 fn recordings_in(folder: &Path) -> Result<Vec<PathBuf>, SourceError> {
     let names = png_sequence::entries(folder)?;
-    Ok(names.iter().map(|name| folder.join(name)).filter(|path| path.extension().is_some_and(|e| e == "mcap")).collect())
+    let with =
+        |extension: &str| names.iter().map(|name| folder.join(name)).filter(|path| has_extension(path, extension)).collect::<Vec<_>>();
+    let recordings = with("mcap");
+    if recordings.is_empty() && !with("db3").is_empty() {
+        return Err(SourceError::Sqlite { path: folder.to_owned() });
+    }
+    Ok(recordings)
 }
 
 #[cfg(test)]
@@ -119,5 +148,16 @@ mod tests {
             std::fs::write(name, "").unwrap();
         }
         assert_eq!(recordings_in(folder.path()).unwrap(), names);
+    }
+
+    #[test]
+    fn a_sqlite3_recording_is_told_how_to_become_one_that_can_be_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("bag_0.db3");
+        std::fs::write(&file, "").unwrap();
+        for path in [file.as_path(), folder.path()] {
+            let Err(error) = open(path, &Topics::default()) else { panic!("{} gave frames", path.display()) };
+            assert!(error.path() == path && error.to_string().contains("ros2 bag convert"), "{error}");
+        }
     }
 }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use repose_proto::{CameraModel, Frame};
 
 use super::SourceError;
-use crate::frame_folder::{self, FrameFolderError};
+use crate::sources::frame_folder::{self, FrameFolderError};
 
 /// Where each frame is, in order.
 #[derive(Debug, Clone)]

@@ -8,7 +8,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use repose_geometry::{Isometry3, Plane, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-use crate::point_map::{PointMap, is_reading};
+use crate::readings::point_map::{PointMap, is_reading};
 use crate::settings::GravitySettings;
 
 /// Rounds of least squares on the winner's readings; the third changes the normal by less than a hundredth of a degree.
@@ -157,6 +157,6 @@ mod tests {
 
     #[test]
     fn nothing_is_found_in_an_empty_picture() {
-        assert_eq!(find(&PointMap::filled(40, 30, crate::point_map::MISSING)), None);
+        assert_eq!(find(&PointMap::filled(40, 30, crate::readings::point_map::MISSING)), None);
     }
 }

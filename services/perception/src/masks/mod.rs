@@ -1,0 +1,4 @@
+//! Instance masks: the uncertain band around each, and what is left of them without it.
+
+pub mod borders;
+pub mod clean;

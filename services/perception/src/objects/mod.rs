@@ -1,0 +1,6 @@
+//! Objects in a frame without labels: connected readings above the supports, cut and joined.
+
+pub mod components;
+pub mod find;
+pub mod halves;
+pub mod hollows;

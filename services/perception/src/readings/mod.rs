@@ -1,0 +1,6 @@
+//! A depth picture's readings: in metres, as points, without those that hang in the air, and which of them face up.
+
+pub mod depth;
+pub mod flying;
+pub mod point_map;
+pub mod upward;
