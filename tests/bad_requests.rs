@@ -70,7 +70,7 @@ async fn bad_requests_get_typed_errors_that_name_the_field() {
         depth_unit_m: 0.001,
         world_from_camera: None,
     };
-    let frame = Frame { camera_name: "odd".into(), stamp_ns: 0, camera, depth: vec![500; 64 * 48], color: None, labels: None };
+    let frame = Frame::new("odd".into(), 0, camera, vec![500; 64 * 48]);
     let mut bulk = frame.to_bulk();
     bulk.tensors.insert("labels".into(), Tensor::u16(&[64, 48], &[0; 64 * 48]));
     let payload = Payload::bulk(Frame::SCHEMA, &bulk).expect("a payload");

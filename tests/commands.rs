@@ -39,7 +39,7 @@ fn frame() -> Frame {
     };
     let labels: Vec<u16> = (0..WIDTH * HEIGHT).map(label).collect();
     let depth = labels.iter().map(|l| if *l == 0 { 800 } else { 700 }).collect();
-    Frame { camera_name: "above".into(), stamp_ns: 0, camera, depth, color: None, labels: Some(labels) }
+    Frame { labels: Some(labels), ..Frame::new("above".into(), 0, camera, depth) }
 }
 
 fn folder_with(frame: &Frame) -> tempfile::TempDir {

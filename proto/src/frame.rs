@@ -62,11 +62,112 @@ pub struct Frame {
     pub color: Option<Vec<[u8; 3]>>,
     /// Instance ids, 0 = background.
     pub labels: Option<Vec<u16>>,
+    /// The robots at the instant of the picture: what shows of them is neither object nor obstacle.
+    pub robots: Vec<RobotInView>,
+    /// What a person says about the objects.
+    pub hints: SegmentHints,
+}
+
+/// Where a robot was when a picture was taken: an entry of the frame's metadata `robots`, and of `robot.json` in a frame folder.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RobotInView {
+    /// The robot's name.
+    pub name: String,
+    /// Which robot it is: `panda`, the default.
+    #[serde(default = "panda")]
+    pub model: String,
+    /// Joint positions from the base outwards, radians.
+    pub joints_rad: [f64; 7],
+    /// Opening of the gripper, metres.
+    pub gripper_width_m: f64,
+    /// Whether something is between the fingers; where absent, the picture has to tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub holding: Option<bool>,
+    /// Pose of the robot's base.
+    pub world_from_base: RigidTransform,
+}
+
+fn panda() -> String {
+    "panda".to_owned()
+}
+
+impl RobotInView {
+    /// Checks numbers and the pose.
+    ///
+    /// # Errors
+    /// `invalid_argument` that names the field below `field`.
+    pub fn validate(&self, field: &str) -> Result<(), CallError> {
+        check_finite(&format!("{field}.joints_rad"), &self.joints_rad)?;
+        check_range(&format!("{field}.gripper_width_m"), self.gripper_width_m, 0.0..=0.2)?;
+        self.world_from_base.validate(&format!("{field}.world_from_base"))
+    }
+}
+
+/// What a person says about the objects in a picture, beside the labels or instead of them. Pixels are (column, row) from the upper left.
+///
+/// Ids in `merge` and `split` are those that the same frame gives without hints.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct SegmentHints {
+    /// Each pixel is on an object of its own.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub clicks_px: Vec<[usize; 2]>,
+    /// Each box, `[left, top, right, bottom]`, ends included, encloses one object.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub boxes_px: Vec<[usize; 4]>,
+    /// The ids of each list are one object, which keeps the first.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub merge: Vec<Vec<u16>>,
+    /// Each of these is more than one object.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub split: Vec<u16>,
+}
+
+impl SegmentHints {
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Checks that pixels are in the picture, boxes have room, and lists are bounded.
+    ///
+    /// # Errors
+    /// `invalid_argument` that names the field below `hints`.
+    pub fn validate(&self, camera: &CameraModel) -> Result<(), CallError> {
+        let lists = [
+            ("clicks_px", self.clicks_px.len()),
+            ("boxes_px", self.boxes_px.len()),
+            ("merge", self.merge.len()),
+            ("split", self.split.len()),
+        ];
+        for (field, length) in lists {
+            check_range(&format!("hints.{field}"), length as f64, 0.0..=limits::MAX_HINTS as f64)?;
+        }
+        let size = || format!("{} x {}", camera.width, camera.height);
+        let inside = |u: usize, v: usize| u < camera.width && v < camera.height;
+        if let Some((i, at)) = self.clicks_px.iter().enumerate().find(|(_, [u, v])| !inside(*u, *v)) {
+            return Err(CallError::invalid(format!("hints.clicks_px[{i}]"), format!("{at:?} is outside the picture of {}", size())));
+        }
+        let fits = |[left, top, right, bottom]: &[usize; 4]| left < right && top < bottom && inside(*right, *bottom);
+        if let Some((i, at)) = self.boxes_px.iter().enumerate().find(|(_, at)| !fits(at)) {
+            let message = format!("expected left < right and top < bottom within the picture of {}, got {at:?}", size());
+            return Err(CallError::invalid(format!("hints.boxes_px[{i}]"), message));
+        }
+        match self.merge.iter().position(|ids| ids.len() < 2 || ids.contains(&0)) {
+            Some(i) => Err(CallError::invalid(format!("hints.merge[{i}]"), "expected two ids or more, none of them 0")),
+            None => Ok(()),
+        }
+    }
 }
 
 impl Frame {
     /// The bulk schema's name.
     pub const SCHEMA: &'static str = "Frame.v1";
+
+    /// A frame of depth alone.
+    pub fn new(camera_name: String, stamp_ns: u64, camera: CameraModel, depth: Vec<u16>) -> Self {
+        Self { camera_name, stamp_ns, camera, depth, color: None, labels: None, robots: Vec::new(), hints: SegmentHints::default() }
+    }
 
     /// Checks the camera and that every image has its size.
     ///
@@ -74,6 +175,10 @@ impl Frame {
     /// `invalid_argument` that names the field.
     pub fn validate(&self) -> Result<(), CallError> {
         self.camera.validate()?;
+        for (i, robot) in self.robots.iter().enumerate() {
+            robot.validate(&format!("robots[{i}]"))?;
+        }
+        self.hints.validate(&self.camera)?;
         let pixels = self.camera.width * self.camera.height;
         let sizes = [
             ("depth", Some(self.depth.len())),
@@ -103,6 +208,12 @@ impl Frame {
         bulk.metadata.insert("camera".to_owned(), self.camera_name.clone());
         bulk.metadata.insert("stamp_ns".to_owned(), self.stamp_ns.to_string());
         bulk.metadata.insert("camera_json".to_owned(), serde_json::to_string(&self.camera).unwrap_or_default());
+        if !self.robots.is_empty() {
+            bulk.metadata.insert("robots".to_owned(), serde_json::to_string(&self.robots).unwrap_or_default());
+        }
+        if !self.hints.is_empty() {
+            bulk.metadata.insert("hints".to_owned(), serde_json::to_string(&self.hints).unwrap_or_default());
+        }
         bulk
     }
 
@@ -132,8 +243,30 @@ impl Frame {
         let stamp_ns = parse_stamp(bulk)?;
         let camera_name = bulk.text("camera")?.to_owned();
         crate::keys::validate_chunk("camera", &camera_name)?;
-        Ok(Self { camera_name, stamp_ns, camera, depth, color, labels })
+        let frame = Self {
+            camera_name,
+            stamp_ns,
+            camera,
+            depth,
+            color,
+            labels,
+            robots: optional_json(bulk, "robots")?,
+            hints: optional_json(bulk, "hints")?,
+        };
+        frame.validate()?;
+        Ok(frame)
     }
+}
+
+/// A metadata entry that may be absent.
+fn optional_json<T: Default + serde::de::DeserializeOwned>(bulk: &Bulk, entry: &str) -> Result<T, CallError> {
+    let below = |error: CallError| {
+        let field = error.field.clone().unwrap_or_default();
+        let dot = if field.starts_with('[') { "" } else { "." };
+        error.at(format!("{entry}{dot}{field}"))
+    };
+    let read = |text: &String| crate::message::from_json(text.as_bytes()).map_err(below);
+    bulk.metadata.get(entry).map_or_else(|| Ok(T::default()), read)
 }
 
 /// The `stamp_ns` metadata entry.

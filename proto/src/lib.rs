@@ -45,10 +45,12 @@ pub mod simulator;
 pub use bulk::{Bulk, Tensor};
 pub use envelope::{CallAttachment, Priority, ReplyAttachment, ReplyKind};
 pub use error::{CallError, ErrorCode};
-pub use frame::{CameraModel, Frame};
+pub use frame::{CameraModel, Frame, RobotInView, SegmentHints};
 pub use frames::RigidTransform;
 pub use keys::{Cell, Service};
 pub use message::{Message, Payload};
 pub use place::{PlaceRequest, PlaceResult};
 pub use relation::{GoalTerm, RELATION_COUNT, Relation};
-pub use scene::{ObjectSummary, Scene, SceneMeta, SceneRef, SceneSummary, Surface, Unseen, UnseenSpace};
+pub use scene::{
+    LeftOut, LeftOutReason, ObjectSummary, Scene, SceneMeta, SceneRef, SceneSummary, SceneWarning, Surface, Unseen, UnseenSpace,
+};

@@ -28,6 +28,8 @@ pub const MAX_GRASPS: usize = 256;
 pub const MAX_EPOCH: u64 = (1 << 53) - 1;
 /// The longest id of a robot's task, characters.
 pub const MAX_TASK_ID: usize = 64;
+/// The most hints of one kind for a frame.
+pub const MAX_HINTS: usize = 64;
 /// The largest coordinate of a scene's points, metres.
 pub const MAX_COORDINATE_M: f32 = 1000.0;
 /// The most pixels of a frame on either side.

@@ -42,6 +42,62 @@ pub struct ObjectSummary {
     pub extent_m: [f64; 3],
     /// Estimated share of its visible surface that was in fact observed, 0 to 1.
     pub completeness: f64,
+    /// How sure it is that its points are those of one whole object, 0 to 1; none where its mask came with the frame.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub score: Option<f64>,
+}
+
+/// Readings that make up no object and no surface: an obstacle of which nothing else is known.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct LeftOut {
+    /// Why it is no object.
+    pub reason: LeftOutReason,
+    /// How many points of the scene it has.
+    pub points: usize,
+    /// Mean of its points, world frame, metres.
+    pub centroid_m: [f64; 3],
+    /// Its label in the frame, where that came with one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub label: Option<u16>,
+}
+
+/// Why something that was seen is no object.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum LeftOutReason {
+    /// Too thin or too small: too few readings are left without its uncertain border.
+    TooSmall,
+    /// Larger than an object may be: furniture, a wall, or several things in one.
+    TooLarge,
+    /// It goes on below the surface behind which it stands, or beside it.
+    BesideSupports,
+    /// There are more objects than a scene may have, and this is one of the smallest.
+    TooMany,
+    /// A reason of a later version.
+    #[serde(other)]
+    Other,
+}
+
+impl LeftOutReason {
+    /// The same for a person.
+    pub fn in_words(self) -> &'static str {
+        match self {
+            Self::TooSmall => "too thin or too small for an object",
+            Self::TooLarge => "larger than an object may be",
+            Self::BesideSupports => "beside what objects stand on",
+            Self::TooMany => "one object too many",
+            Self::Other => "no object",
+        }
+    }
+}
+
+/// Something about a scene that its user should know and look into: a camera pose that cannot be right, a robot that is not where it says.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SceneWarning {
+    /// The field of the frame, or the setting, that is most likely at fault.
+    pub field: String,
+    /// What is wrong.
+    pub message: String,
 }
 
 /// A horizontal surface on which things can stand.
@@ -153,6 +209,12 @@ pub struct SceneMeta {
     pub view_yaw_rad: f64,
     /// What the camera could not tell.
     pub unseen: Unseen,
+    /// What was seen and is no object: with the surfaces, all that is labelled 0.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<LeftOut>,
+    /// What should be looked into.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<SceneWarning>,
 }
 
 /// A segmented point cloud in the world frame.
@@ -199,6 +261,8 @@ impl Scene {
             stamp_ns: self.stamp_ns,
             objects: self.meta.objects.clone(),
             surfaces: self.meta.surfaces.clone(),
+            left_out: self.meta.left_out.clone(),
+            warnings: self.meta.warnings.clone(),
         }
     }
 
@@ -285,6 +349,12 @@ pub struct SceneSummary {
     pub objects: Vec<ObjectSummary>,
     /// The support surfaces.
     pub surfaces: Vec<Surface>,
+    /// What was seen and is no object.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<LeftOut>,
+    /// What should be looked into.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<SceneWarning>,
 }
 
 impl Message for SceneSummary {

@@ -2,7 +2,8 @@
 
 use schemars::{JsonSchema, Schema, schema_for};
 
-use crate::{Message, frame::CameraModel};
+use crate::Message;
+use crate::frame::{CameraModel, RobotInView, SegmentHints};
 use crate::{envelope, error, load, motion, perception, place, robot, scene, scoring, simulator};
 
 /// File stem and schema of every message, by name.
@@ -15,6 +16,8 @@ pub fn all() -> Vec<(String, Schema)> {
         ("ReplyAttachment.v1".to_owned(), schema_for!(envelope::ReplyAttachment)),
         of::<error::CallError>(),
         ("CameraModel.v1".to_owned(), schema_for!(CameraModel)),
+        ("RobotInView.v1".to_owned(), schema_for!(RobotInView)),
+        ("SegmentHints.v1".to_owned(), schema_for!(SegmentHints)),
         ("SceneMeta.v1".to_owned(), schema_for!(scene::SceneMeta)),
         of::<scene::SceneSummary>(),
         of::<perception::LatestRequest>(),

@@ -36,6 +36,7 @@ fn json_messages_keep_their_bytes() {
     check("ExecuteReply.v1.json", &json(&execute_reply()));
     check("RobotCommand.v1.json", &json(&robot_command()));
     check("SceneSummary.v1.json", &json(&scene().summary(SCENE_ID.into())));
+    check("SceneSummary.v1.left_out.json", &json(&scene_with_left_out().summary(SCENE_ID.into())));
     check("CallError.v1.json", &json(&CallError::invalid("goal[0].anchor", "no such object")));
     check("PlaceProgress.v1.json", &json(&PlaceProgress { iterations: 1, evaluated: 100, best: place_result().placements.pop() }));
     check("LatestRequest.v1.json", &json(&LatestRequest { camera: "table".into() }));
@@ -65,7 +66,7 @@ fn json_messages_keep_their_bytes() {
 fn every_message_with_a_schema_has_its_bytes_checked_in() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
     // Parts of other messages, and of a frame folder on disk.
-    let parts = ["CameraModel.v1", "SceneMeta.v1"];
+    let parts = ["CameraModel.v1", "RobotInView.v1", "SceneMeta.v1", "SegmentHints.v1"];
     for (name, _) in schemas::all().iter().filter(|(name, _)| !parts.contains(&name.as_str())) {
         let found = ["json", "safetensors"].iter().any(|form| folder.join(format!("{name}.{form}")).exists());
         assert!(found, "tests/golden has no {name}");
@@ -80,6 +81,8 @@ fn bulk_messages_keep_their_bytes_and_a_scene_its_id() {
     check("ScoreReply.v1.safetensors", &score_reply().to_bulk().encode());
     check("PriorReply.v1.safetensors", &prior_reply().to_bulk().encode());
     check("Scene.v1.id", scene().id().as_bytes());
+    check("Frame.v1.robots_and_hints.safetensors", &frame_with_robot_and_hints().to_bulk().encode());
+    check("Scene.v1.left_out.safetensors", &scene_with_left_out().to_bulk().encode());
 }
 
 #[test]

@@ -33,7 +33,7 @@ proptest! {
         scene.labels[1] = 2;
         scene.colors = None;
         scene.points = points;
-        scene.meta.objects = vec![ObjectSummary { id: 2, points: 1, centroid_m, extent_m: centroid_m, completeness: share }];
+        scene.meta.objects = vec![ObjectSummary { id: 2, points: 1, centroid_m, extent_m: centroid_m, completeness: share, score: None }];
         scene.meta.surfaces = vec![Surface { height_m, outline_m, area_m2: share, object: None }];
         scene.meta.camera.fx = fx;
         scene.meta.view_yaw_rad = view_yaw_rad;

@@ -32,13 +32,34 @@ pub fn camera() -> CameraModel {
 
 pub fn frame() -> Frame {
     Frame {
-        camera_name: "table".into(),
-        stamp_ns: 1_700_000_000_000_000_001,
-        camera: camera(),
-        depth: vec![0, 800, 801, 802, 803, 65535],
         color: Some(vec![[1, 2, 3]; 6]),
         labels: Some(vec![0, 0, 1, 1, 2, 2]),
+        ..Frame::new("table".into(), 1_700_000_000_000_000_001, camera(), vec![0, 800, 801, 802, 803, 65535])
     }
+}
+
+/// The frame with all that came after the first release.
+pub fn frame_with_robot_and_hints() -> Frame {
+    let robot = RobotInView {
+        name: "left".into(),
+        model: "panda".into(),
+        joints_rad: [0.0, -0.5, 0.0, -2.0, 0.0, 1.5, 0.75],
+        gripper_width_m: 0.04,
+        holding: Some(true),
+        world_from_base: RigidTransform::IDENTITY,
+    };
+    let hints = SegmentHints { clicks_px: vec![[2, 1]], boxes_px: vec![[0, 0, 2, 1]], merge: vec![vec![1, 2]], split: vec![2] };
+    Frame { robots: vec![robot], hints, ..frame() }
+}
+
+/// The scene with all that came after the first release.
+pub fn scene_with_left_out() -> Scene {
+    let mut scene = scene();
+    scene.meta.objects[0].score = Some(0.75);
+    let too_small = LeftOut { reason: LeftOutReason::TooSmall, points: 1, centroid_m: [0.0, 0.0, 0.5], label: Some(4) };
+    scene.meta.left_out = vec![too_small];
+    scene.meta.warnings = vec![SceneWarning { field: "world_from_camera".into(), message: "no level surface".into() }];
+    scene
 }
 
 pub fn scene() -> Scene {
@@ -50,8 +71,8 @@ pub fn scene() -> Scene {
         colors: Some(vec![[9, 8, 7]; 3]),
         meta: SceneMeta {
             objects: vec![
-                ObjectSummary { id: 1, points: 1, centroid_m: [0.25, 0.0, 0.5], extent_m: [0.0; 3], completeness: 0.5 },
-                ObjectSummary { id: 2, points: 1, centroid_m: [-0.25, 1.0, 0.75], extent_m: [0.0; 3], completeness: 0.5 },
+                ObjectSummary { id: 1, points: 1, centroid_m: [0.25, 0.0, 0.5], extent_m: [0.0; 3], completeness: 0.5, score: None },
+                ObjectSummary { id: 2, points: 1, centroid_m: [-0.25, 1.0, 0.75], extent_m: [0.0; 3], completeness: 0.5, score: None },
             ],
             surfaces: vec![Surface { height_m: 0.0, outline_m: vec![[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], area_m2: 0.5, object: None }],
             camera: camera(),
@@ -64,6 +85,8 @@ pub fn scene() -> Scene {
                 share: 0.5,
                 space: Some(UnseenSpace { origin_m: [-0.5, 0.0, 0.0], cell_m: 0.02, columns: 2, rows: 1, hidden: vec![0, 0x8000_0003] }),
             },
+            left_out: Vec::new(),
+            warnings: Vec::new(),
         },
     }
 }

@@ -50,7 +50,7 @@ pub fn read(source: &Path) -> Result<Frame, Failure> {
 
 fn read_folder(folder: &Path) -> Result<Frame, Failure> {
     frame_folder::read(folder).map_err(|error| match &error {
-        FrameFolderError::Camera { path, error } => {
+        FrameFolderError::Json { path, error } => {
             let field = format!("{}: {}", path.display(), error.field.as_deref().unwrap_or("payload"));
             Failure::bad_input(&field, &error.message)
         }
@@ -97,8 +97,7 @@ mod tests {
         let root = tempfile::tempdir().unwrap();
         let camera = CameraModel { width: 2, height: 1, fx: 1.0, fy: 1.0, cx: 0.5, cy: 0.0, depth_unit_m: 0.001, world_from_camera: None };
         for count in 0..3 {
-            let (camera_name, camera) = ("folder".to_owned(), camera.clone());
-            let frame = Frame { camera_name, stamp_ns: 0, camera, depth: vec![count; 2], color: None, labels: None };
+            let frame = Frame::new("folder".to_owned(), 0, camera.clone(), vec![count; 2]);
             frame_folder::write(&root.path().join(format!("frame{count}")), &frame).unwrap();
         }
         let read = |path: &Path, nth| read_nth(path, nth, &Topics::default());

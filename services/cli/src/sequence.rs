@@ -320,7 +320,7 @@ mod tests {
     use super::*;
 
     fn seen(id: u16, centroid_m: [f64; 3]) -> ObjectSummary {
-        ObjectSummary { id, points: 100, centroid_m, extent_m: [0.1; 3], completeness: 1.0 }
+        ObjectSummary { id, points: 100, centroid_m, extent_m: [0.1; 3], completeness: 1.0, score: None }
     }
 
     #[test]

@@ -132,7 +132,7 @@ mod tests {
         let camera =
             CameraModel { width: 16, height: 8, fx: 10.0, fy: 10.0, cx: 8.0, cy: 4.0, depth_unit_m: 1e-3, world_from_camera: None };
         let depth = (0..128).map(|i| if i % 7 == 0 { 0 } else { 500 + i }).collect();
-        let mut frame = Frame { camera_name: "front".to_owned(), stamp_ns: 1, camera, depth, color: None, labels: None };
+        let mut frame = Frame::new("front".to_owned(), 1, camera, depth);
         let starts_as_jpeg = |frame: &Frame| jpeg(frame, 80).expect("encoded").starts_with(&[0xff, 0xd8, 0xff]);
         assert!(starts_as_jpeg(&frame));
         frame.color = Some(vec![[10, 200, 30]; 128]);

@@ -94,6 +94,8 @@ pub(crate) mod tests {
             world_frame: WorldFrame::SupportPlane,
             view_yaw_rad: 0.0,
             unseen: Unseen::default(),
+            left_out: Vec::new(),
+            warnings: Vec::new(),
         };
         let points_m = vec![[x, 0.0, 0.0]; points];
         Scene { camera_name: "front".to_owned(), stamp_ns: 0, labels: vec![1; points], points: points_m, colors: None, meta }

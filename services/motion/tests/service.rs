@@ -37,7 +37,7 @@ fn scene() -> Scene {
         depth_unit_m: 0.001,
         world_from_camera: Some(RigidTransform(to_row_major(&world_from_camera))),
     };
-    let object = |id| ObjectSummary { id, points: 1, centroid_m: [0.0; 3], extent_m: [0.0; 3], completeness: 1.0 };
+    let object = |id| ObjectSummary { id, points: 1, centroid_m: [0.0; 3], extent_m: [0.0; 3], completeness: 1.0, score: None };
     let surfaces = seen.surfaces.iter().map(|s| Surface {
         height_m: s.height_m,
         outline_m: s.footprint.corners().iter().map(|c| [f64::from(c.x), f64::from(c.y)]).collect(),
@@ -57,6 +57,8 @@ fn scene() -> Scene {
             world_frame: WorldFrame::Extrinsics,
             view_yaw_rad: 0.0,
             unseen: Unseen::default(),
+            left_out: Vec::new(),
+            warnings: Vec::new(),
         },
     }
 }

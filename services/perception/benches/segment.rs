@@ -27,14 +27,8 @@ fn drawn() -> Frame {
     let on_box = |i: usize| (i % width) % 100 < 45 && (i / width) % 100 < 45;
     let count = width * height;
     let labels = (0..count).map(|i| if on_box(i) { (1 + (i % width) / 100 + 7 * ((i / width) / 100)) as u16 } else { 0 }).collect();
-    Frame {
-        camera_name: "drawn".to_owned(),
-        stamp_ns: 0,
-        camera,
-        depth: (0..count).map(|i| if on_box(i) { 920 } else { 1000 }).collect(),
-        color: Some(vec![[128; 3]; count]),
-        labels: Some(labels),
-    }
+    let depth = (0..count).map(|i| if on_box(i) { 920 } else { 1000 }).collect();
+    Frame { color: Some(vec![[128; 3]; count]), labels: Some(labels), ..Frame::new("drawn".to_owned(), 0, camera, depth) }
 }
 
 /// Nearest pixels, intrinsics scaled alike.

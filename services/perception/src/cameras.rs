@@ -16,7 +16,8 @@ use repose_runtime::{CancellationToken, JobContext, RuntimeError, Session, Subsc
 use tokio::sync::{Notify, Semaphore};
 
 use crate::config::PerceptionConfig;
-use crate::newest_scenes::{Arrival, KeptScene, LEFT_OUT};
+use crate::newest_scenes::{Arrival, KeptScene};
+use crate::report::report;
 use crate::worker::Worker;
 use names::CameraNames;
 use newest::{NewestFrames, Placed};
@@ -259,9 +260,7 @@ impl Cameras {
     /// Keeps a camera's scene, and says what its owner should know.
     fn keep(&self, camera: &str, scene: Arc<KeptScene>) -> Arrival {
         let mut known = self.worker.newest();
-        if !scene.left_out.is_empty() && scene.left_out != known.left_out(camera) {
-            tracing::warn!(camera, ids = ?scene.left_out, "{LEFT_OUT}");
-        }
+        report(&scene.summary, known.of(camera));
         let newest_ns = known.of(camera).map(|newest| newest.stamp_ns);
         let stamp_ns = scene.summary.stamp_ns;
         let arrival = known.take(&scene);

@@ -8,7 +8,7 @@ use repose_proto::perception::{LatestRequest, SceneRequest};
 use repose_proto::{CallError, Payload};
 use repose_runtime::{Call, Handler, load_of};
 
-use crate::newest_scenes::LEFT_OUT;
+use crate::report::report;
 use crate::worker::Worker;
 
 /// Answers `segment`, `latest` and `scene`.
@@ -28,9 +28,7 @@ impl Endpoints {
         call.stage("decode", times.decode_ms);
         call.stage("segment", times.segment_ms);
         call.stage("encode", times.encode_ms);
-        if !scene.left_out.is_empty() {
-            tracing::warn!(scene_id = scene.summary.scene_id, ids = ?scene.left_out, "{LEFT_OUT}");
-        }
+        report(&scene.summary, None);
         let payload = scene.payload.clone();
         self.worker.keep(scene);
         Ok(payload)

@@ -11,9 +11,8 @@
 //! };
 //! let on_box = |i: usize| (140..170).contains(&(i % width)) && (100..130).contains(&(i / width));
 //! let depth = (0..width * height).map(|i| if on_box(i) { 900 } else { 1000 }).collect();
-//! let frame = Frame { camera_name: "front".to_owned(), stamp_ns: 0, camera, depth, color: None, labels: None };
 //!
-//! let scene = segment(&frame, &Settings::default())?;
+//! let scene = segment(&Frame::new("front".to_owned(), 0, camera, depth), &Settings::default())?;
 //! assert_eq!(scene.meta.objects.len(), 1);
 //! assert!((scene.meta.objects[0].centroid_m[2] - 0.1).abs() < 0.005, "its top is 10 cm above the table");
 //! # Ok::<(), repose_perception::SegmentError>(())
@@ -37,6 +36,8 @@ pub mod masks;
 pub mod newest_scenes;
 pub mod objects;
 pub mod readings;
+pub mod report;
+pub mod robots;
 pub mod scene;
 pub mod segment;
 pub mod settings;
@@ -53,7 +54,7 @@ use repose_proto::Service;
 use repose_runtime::{RuntimeError, Session, Shutdown};
 
 pub use config::PerceptionConfig;
-pub use segment::{SegmentError, Segmented, segment, segment_with_labels, segment_with_left_out};
+pub use segment::{SegmentError, Segmented, segment, segment_with_labels};
 pub use settings::Settings;
 pub use sources::frame_folder;
 

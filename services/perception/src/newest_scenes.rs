@@ -4,9 +4,6 @@ use std::collections::BTreeMap;
 
 use repose_proto::{Payload, SceneSummary};
 
-/// What a warning of [`KeptScene::left_out`] says.
-pub const LEFT_OUT: &str = "labelled, but too thin or too small to be objects; what was read of them stays in the scene as nobody's";
-
 /// A scene in the form that it is answered with, so that answering copies nothing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KeptScene {
@@ -14,8 +11,6 @@ pub struct KeptScene {
     pub summary: SceneSummary,
     /// The scene in bulk form.
     pub payload: Payload,
-    /// Ids of the frame's masks that are no objects of the scene.
-    pub left_out: Vec<u16>,
 }
 
 /// Which cameras' newest scenes are known, and which stamps count as late.
@@ -40,7 +35,6 @@ pub struct NewestScenes {
 #[derive(Debug)]
 struct Newest {
     summary: SceneSummary,
-    left_out: Vec<u16>,
     /// Its number among the scenes of streams.
     number: u64,
 }
@@ -73,7 +67,7 @@ impl NewestScenes {
             _ => return Arrival::Late,
         };
         self.streamed += 1;
-        let newest = Newest { left_out: scene.left_out.clone(), number: self.streamed, summary };
+        let newest = Newest { number: self.streamed, summary };
         self.of_cameras.insert(newest.summary.camera.clone(), newest);
         if self.of_cameras.len() > self.limits.cameras.max(1)
             && let Some(gone) = self.of_cameras.iter().min_by_key(|(_, newest)| newest.number).map(|(camera, _)| camera.clone())
@@ -87,11 +81,6 @@ impl NewestScenes {
     pub fn of(&self, camera: &str) -> Option<&SceneSummary> {
         self.of_cameras.get(camera).map(|newest| &newest.summary)
     }
-
-    /// [`KeptScene::left_out`] of that scene.
-    pub fn left_out(&self, camera: &str) -> &[u16] {
-        self.of_cameras.get(camera).map_or(&[], |newest| &newest.left_out)
-    }
 }
 
 #[cfg(test)]
@@ -99,9 +88,16 @@ mod tests {
     use super::*;
 
     fn scene(id: &str, camera: &str, stamp_ns: u64) -> KeptScene {
-        let summary =
-            SceneSummary { scene_id: id.to_owned(), camera: camera.to_owned(), stamp_ns, objects: Vec::new(), surfaces: Vec::new() };
-        KeptScene { summary, payload: Payload { encoding: String::new(), bytes: Vec::new().into() }, left_out: Vec::new() }
+        let summary = SceneSummary {
+            scene_id: id.to_owned(),
+            camera: camera.to_owned(),
+            stamp_ns,
+            objects: Vec::new(),
+            surfaces: Vec::new(),
+            left_out: Vec::new(),
+            warnings: Vec::new(),
+        };
+        KeptScene { summary, payload: Payload { encoding: String::new(), bytes: Vec::new().into() } }
     }
 
     fn newest() -> NewestScenes {

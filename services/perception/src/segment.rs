@@ -3,6 +3,8 @@
 //! Labels that come with the frame are taken as they are; without them objects are found from depth. Without a camera pose the world
 //! is that of the main support plane. The same frame and settings give the same scene, bit for bit.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_geometry::transform::{NotRigid, from_row_major, to_row_major};
@@ -15,6 +17,7 @@ use crate::objects::find::{self, CoarseView};
 use crate::readings::depth::DepthMap;
 use crate::readings::point_map::{PointMap, strided, transformed};
 use crate::readings::{flying, upward};
+use crate::robots::{held, self_filter};
 use crate::scene::cloud::Cloud;
 use crate::scene::summary::{Completeness, summarise};
 use crate::scene::unseen::{self, RayView};
@@ -79,8 +82,6 @@ pub struct Segmented {
     pub labels: Image<u16>,
     /// The same without the band around each mask: the pixels whose readings are the objects' points.
     pub cleaned: Image<u16>,
-    /// The ids that are none of the scene's objects, in order: too thin or too small. What was read of them is nobody's.
-    pub left_out: Vec<u16>,
 }
 
 /// The scene that a frame shows.
@@ -96,7 +97,7 @@ pub fn segment(frame: &Frame, settings: &Settings) -> Result<Scene, SegmentError
 /// # Errors
 /// As [`segment`].
 pub fn segment_with_labels(frame: &Frame, settings: &Settings) -> Result<Segmented, SegmentError> {
-    let Parts { scene, masks: CleanMasks { mut labels, band, left_out, .. } } = Parts::of(frame, settings)?;
+    let Parts { scene, masks: CleanMasks { mut labels, band, .. } } = Parts::of(frame, settings)?;
     for id in labels.pixels_mut().iter_mut().filter(|id| **id != 0 && scene.object(**id).is_none()) {
         *id = 0;
     }
@@ -104,16 +105,7 @@ pub fn segment_with_labels(frame: &Frame, settings: &Settings) -> Result<Segment
     for (id, _) in cleaned.pixels_mut().iter_mut().zip(band.pixels()).filter(|(_, banded)| **banded) {
         *id = 0;
     }
-    Ok(Segmented { scene, labels, cleaned, left_out })
-}
-
-/// The scene that a frame shows, and [`Segmented::left_out`], for those who warn of it.
-///
-/// # Errors
-/// As [`segment`].
-pub fn segment_with_left_out(frame: &Frame, settings: &Settings) -> Result<(Scene, Vec<u16>), SegmentError> {
-    let parts = Parts::of(frame, settings)?;
-    Ok((parts.scene, parts.masks.left_out))
+    Ok(Segmented { scene, labels, cleaned })
 }
 
 /// A scene and what it was made with.
@@ -135,31 +127,44 @@ impl Parts {
             return Err(SegmentError::NoReadings { pixels, max_depth_m: settings.max_depth_m });
         }
 
+        let given_pose = model.world_from_camera.map(|pose| from_row_major(&pose.0)).transpose()?;
+        let robots = self_filter::remove(&mut depth, &camera, &frame.robots, given_pose.as_ref(), &settings.self_filter);
+
         let stride = camera.width.div_ceil(settings.coarse_columns.max(1)).max(1);
         let in_camera = depth.points(stride);
-        let (world_from_camera, world_frame) = world_of(model, &in_camera, settings)?;
-        let coarse = Coarse::new(in_camera, &world_from_camera, &camera, stride, settings);
+        let (world_from_camera, world_frame) = match given_pose {
+            Some(pose) => (pose, WorldFrame::Extrinsics),
+            None => (estimated_pose(&in_camera, settings)?, WorldFrame::SupportPlane),
+        };
+        let mut coarse = Coarse::new(in_camera, &world_from_camera, &camera, stride, settings);
 
-        let labels = match &frame.labels {
-            Some(labels) => as_image(labels.clone(), &camera)?,
+        let (mut labels, no_objects) = match &frame.labels {
+            Some(labels) => (as_image(labels.clone(), &camera)?, BTreeMap::new()),
             None => {
                 let surfaces = surfaces::find(coarse.upward(|_| Some(0)), &settings.surfaces);
-                find::spread(&find::label(&coarse.view(), &surfaces, &settings.components), &depth, stride)
+                (find::spread(&find::label(&coarse.view(), &surfaces, &settings.components), &depth, stride), BTreeMap::new())
             }
         };
+        let held = robots.bodies.iter().flat_map(|(body, holding)| held::labels(body, *holding, &labels, &depth, &settings.self_filter));
+        let held: BTreeSet<u16> = held.collect();
+        if !held.is_empty() {
+            held::remove(&held, &mut labels, &mut depth);
+            coarse = Coarse::new(depth.points(stride), &world_from_camera, &camera, stride, settings);
+        }
         let coarse_labels = strided(&labels, stride);
-        let masks = CleanMasks::new(labels, depth.depth_m(), settings);
+        let masks = CleanMasks::new(labels, no_objects, depth.depth_m(), settings);
         let masks = masks.ok_or(SegmentError::NothingLeft { readings, border_px: settings.borders.radius_px })?;
         let cloud = Cloud::new(&depth, &world_from_camera, &masks, frame.color.as_deref(), settings.max_points);
 
         let coarse_band = strided(&masks.band, stride);
         // What was left out is in the way, but no piece of furniture.
-        let whole = |id: &u16| masks.left_out.binary_search(id).is_err();
+        let whole = |id: &u16| !masks.left_out.reasons.contains_key(id);
         let clean_label = |i: usize| (!coarse_band.pixels()[i]).then(|| coarse_labels.pixels()[i]).filter(whole);
         let surfaces = surfaces::find(coarse.upward(clean_label), &settings.surfaces);
         let rays = RayView { depth_m: &coarse.depth_m, camera: coarse.camera, world_from_camera: &world_from_camera };
         let space = unseen::space(&rays, &surfaces, &settings.unseen);
         let mut objects = summarise(&cloud.points, &cloud.labels, &Completeness::measure(depth.depth_m(), &masks.labels));
+        let left_out = masks.left_out.described(&depth, &world_from_camera, frame.labels.is_some());
         for object in &mut objects {
             object.centroid_m = object.centroid_m.map(micro);
             object.extent_m = object.extent_m.map(micro);
@@ -181,6 +186,8 @@ impl Parts {
                 share: micro(1.0 - masks.available as f64 / pixels as f64),
                 space,
             },
+            left_out,
+            warnings: robots.warnings,
         };
         let scene = Scene {
             camera_name: frame.camera_name.clone(),
@@ -194,15 +201,12 @@ impl Parts {
     }
 }
 
-/// The camera's pose: as given, or from the main support plane.
-fn world_of(model: &CameraModel, in_camera: &PointMap, settings: &Settings) -> Result<(Isometry3<f64>, WorldFrame), SegmentError> {
-    if let Some(RigidTransform(entries)) = &model.world_from_camera {
-        return Ok((from_row_major(entries)?, WorldFrame::Extrinsics));
-    }
+/// The camera's pose above the main support plane.
+fn estimated_pose(in_camera: &PointMap, settings: &Settings) -> Result<Isometry3<f64>, SegmentError> {
     let mut rng = Pcg64::seed_from_u64(settings.seed);
     let plane = gravity::support_plane(in_camera, &settings.gravity, &mut rng)
         .ok_or(SegmentError::NoSupport { share: 100.0 * settings.gravity.min_share })?;
-    Ok((gravity::level(&plane), WorldFrame::SupportPlane))
+    Ok(gravity::level(&plane))
 }
 
 fn as_image(labels: Vec<u16>, camera: &Pinhole) -> Result<Image<u16>, SegmentError> {
@@ -298,15 +302,8 @@ mod tests {
             depth_unit_m: 1e-4,
             world_from_camera: None,
         };
-        let frame = Frame {
-            camera_name: "test".to_owned(),
-            stamp_ns: 3,
-            camera: model,
-            depth,
-            color: Some(vec![[1, 2, 3]; 320 * 240]),
-            labels: Some(labels),
-        };
-        (frame, world_from_camera)
+        let color = Some(vec![[1, 2, 3]; 320 * 240]);
+        (Frame { color, labels: Some(labels), ..Frame::new("test".to_owned(), 3, model, depth) }, world_from_camera)
     }
 
     fn check(scene: &Scene, id: u16, z_m: f64) {
@@ -359,7 +356,8 @@ mod tests {
         assert!(mask > 60, "{mask}");
         let segmented = segment_with_labels(&frame, &Settings::default()).unwrap();
         let scene = &segmented.scene;
-        assert_eq!((scene.meta.objects.len(), segmented.left_out.as_slice()), (0, [9].as_slice()));
+        assert_eq!((scene.meta.objects.len(), scene.meta.left_out.len()), (0, 1));
+        assert_eq!((scene.meta.left_out[0].label, scene.meta.left_out[0].reason), (Some(9), LeftOutReason::TooSmall));
         assert!(segmented.labels.pixels().iter().all(|id| *id == 0));
         // Of the readings without any mask only those go that the band takes beside it, two pixels wide.
         let unlabelled = segment(&Frame { labels: Some(vec![0; 320 * 240]), ..frame }, &Settings::default()).unwrap();
@@ -407,7 +405,7 @@ mod tests {
                 world_from_camera: posed.then_some(RigidTransform::IDENTITY),
             };
             let labels = (labelled > 0).then(|| seed[..pixels].iter().map(|s| (s / 400) % labelled).collect());
-            let frame = Frame { camera_name: "test".to_owned(), stamp_ns: 0, camera, depth: seed[..pixels].to_vec(), color: None, labels };
+            let frame = Frame { labels, ..Frame::new("test".to_owned(), 0, camera, seed[..pixels].to_vec()) };
             let mut settings = Settings { min_object_points: 1, ..Settings::default() };
             settings.components.min_pixels = 1;
             settings.components.halves.min_run_px = 0;

@@ -16,6 +16,8 @@ pub struct Settings {
     pub coarse_columns: usize,
     /// Removing readings that hang in the air.
     pub flying: FlyingSettings,
+    /// Telling the robots from the rest of the picture.
+    pub self_filter: SelfFilterSettings,
     /// Removing the uncertain band around every mask.
     pub borders: BorderSettings,
     /// Finding out which way is up.
@@ -38,6 +40,7 @@ impl Default for Settings {
             min_object_points: 50,
             coarse_columns: 320,
             flying: FlyingSettings::default(),
+            self_filter: SelfFilterSettings::default(),
             borders: BorderSettings::default(),
             gravity: GravitySettings::default(),
             surfaces: SurfaceSettings::default(),
@@ -62,6 +65,26 @@ pub struct FlyingSettings {
 impl Default for FlyingSettings {
     fn default() -> Self {
         Self { max_slope: 6.0, noise_per_m2: 0.006 }
+    }
+}
+
+/// What counts as part of a robot.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SelfFilterSettings {
+    /// Readings up to this far outside the robot's balls are its own, metres. Raising it bears worse calibration, and hides more beside the arm.
+    pub margin_m: f32,
+    /// How far from its place a robot is looked for, metres.
+    pub look_m: f32,
+    /// A robot seen further than this from its place is warned of, metres.
+    pub warn_m: f32,
+    /// Fewest readings between the fingers that make a held object.
+    pub held_readings: usize,
+}
+
+impl Default for SelfFilterSettings {
+    fn default() -> Self {
+        Self { margin_m: 0.02, look_m: 0.06, warn_m: 0.015, held_readings: 30 }
     }
 }
 

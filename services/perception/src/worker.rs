@@ -8,7 +8,7 @@ use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, Runtime
 
 use crate::config::PerceptionConfig;
 use crate::newest_scenes::{KeptScene, NewestScenes};
-use crate::segment::segment_with_left_out;
+use crate::segment::segment;
 use crate::settings::Settings;
 
 /// Segments frames on its own threads and keeps the scenes.
@@ -92,11 +92,11 @@ fn scene_of(frame: &Payload, settings: &Settings, context: &JobContext) -> Resul
     let mut times = StageTimes::default();
     let frame = timed(&mut times.decode_ms, || Frame::from_bulk(&frame.decode_bulk(Frame::SCHEMA)?))?;
     context.check()?;
-    let (scene, left_out) = timed(&mut times.segment_ms, || segment_with_left_out(&frame, settings).map_err(CallError::from))?;
+    let scene = timed(&mut times.segment_ms, || segment(&frame, settings).map_err(CallError::from))?;
     context.check()?;
     let kept = timed(&mut times.encode_ms, || {
         let payload = Payload::bulk(Scene::SCHEMA, &scene.to_bulk())?;
-        Ok::<_, CallError>(KeptScene { summary: scene.summary(scene.id()), payload, left_out })
+        Ok::<_, CallError>(KeptScene { summary: scene.summary(scene.id()), payload })
     })?;
     Ok((Arc::new(kept), times))
 }

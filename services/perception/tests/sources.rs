@@ -140,7 +140,7 @@ fn a_damaged_recording_is_an_error_and_not_a_panic() {
 /// A frame of 4 x 3 pixels whose depths are all `count`.
 fn frame(count: u16) -> Frame {
     let camera = CameraModel { width: 4, height: 3, fx: 5.0, fy: 5.0, cx: 1.5, cy: 1.0, depth_unit_m: 0.001, world_from_camera: None };
-    Frame { camera_name: "folder".to_owned(), stamp_ns: 0, camera, depth: vec![count; 12], color: Some(vec![[7; 3]; 12]), labels: None }
+    Frame { color: Some(vec![[7; 3]; 12]), ..Frame::new("folder".to_owned(), 0, camera, vec![count; 12]) }
 }
 
 #[test]

@@ -33,6 +33,8 @@
 //! #     world_frame: repose_proto::scene::WorldFrame::Extrinsics,
 //! #     view_yaw_rad: 0.0,
 //! #     unseen: Default::default(),
+//! #     left_out: Vec::new(),
+//! #     warnings: Vec::new(),
 //! # };
 //! # let (points, labels) = points.into_iter().unzip();
 //! let scene = Scene { camera_name: "table".to_owned(), stamp_ns: 0, points, labels, colors: None, meta };

@@ -269,22 +269,21 @@ impl Running {
         let settings = self.cell.settings();
         let pinhole = settings.camera;
         let counts = |z: &f32| (f64::from(*z) / DEPTH_UNIT_M).round().clamp(0.0, f64::from(u16::MAX)) as u16;
+        let camera = CameraModel {
+            width: pinhole.width,
+            height: pinhole.height,
+            fx: pinhole.fx,
+            fy: pinhole.fy,
+            cx: pinhole.cx,
+            cy: pinhole.cy,
+            depth_unit_m: DEPTH_UNIT_M,
+            world_from_camera: Some(RigidTransform(to_row_major(&settings.world_from_camera()))),
+        };
+        let depth = picture.depth_m.pixels().iter().map(counts).collect();
         let frame = Frame {
-            camera_name: self.config.camera.clone(),
-            stamp_ns: wall_ns(),
-            camera: CameraModel {
-                width: pinhole.width,
-                height: pinhole.height,
-                fx: pinhole.fx,
-                fy: pinhole.fy,
-                cx: pinhole.cx,
-                cy: pinhole.cy,
-                depth_unit_m: DEPTH_UNIT_M,
-                world_from_camera: Some(RigidTransform(to_row_major(&settings.world_from_camera()))),
-            },
-            depth: picture.depth_m.pixels().iter().map(counts).collect(),
             color: Some(picture.color.into_pixels()),
             labels: self.config.labels.then(|| picture.labels.into_pixels()),
+            ..Frame::new(self.config.camera.clone(), wall_ns(), camera, depth)
         };
         show(&self.frames, Payload::bulk(Frame::SCHEMA, &frame.to_bulk()));
     }

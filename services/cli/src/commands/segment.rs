@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use clap::Args;
 use image::{DynamicImage, ImageBuffer, Luma};
 use repose_evaluation::report::written::write_picture;
-use repose_perception::newest_scenes::LEFT_OUT;
 use repose_perception::{Settings, segment_with_labels};
 use repose_proto::CallError;
 use repose_proto::scene::WorldFrame;
@@ -46,9 +45,6 @@ pub fn run(args: &SegmentArgs, output: Output) -> Outcome {
     }
     let segmented = segment_with_labels(&frame, &Settings::default()).map_err(|e| Failure::from(CallError::from(e)))?;
     let scene = &segmented.scene;
-    if !segmented.left_out.is_empty() {
-        tracing::warn!(ids = ?segmented.left_out, "{LEFT_OUT}");
-    }
     if let Some(path) = &args.labels_out {
         let (width, height) = (segmented.labels.width() as u32, segmented.labels.height() as u32);
         let labels: ImageBuffer<Luma<u16>, Vec<u16>> = ImageBuffer::from_raw(width, height, segmented.labels.pixels().to_vec())
@@ -62,7 +58,8 @@ pub fn run(args: &SegmentArgs, output: Output) -> Outcome {
     let document = serde_json::json!({
         "objects": scene.meta.objects,
         "surfaces": scene.meta.surfaces,
-        "left_out": segmented.left_out,
+        "left_out": scene.meta.left_out,
+        "warnings": scene.meta.warnings,
         "world_from_camera": scene.meta.camera.world_from_camera,
         "world_from_camera_estimated": estimated,
     });
@@ -83,9 +80,21 @@ pub fn run(args: &SegmentArgs, output: Output) -> Outcome {
                 o.completeness * 100.0
             );
         }
+        for l in &scene.meta.left_out {
+            let [x, y, z] = l.centroid_m;
+            let label = l.label.map_or(String::new(), |id| format!(" label {id}:"));
+            text += &format!(
+                "\n  left out, an obstacle:{label} {:>6} points, at ({x:.3}, {y:.3}, {z:.3}) m, {}",
+                l.points,
+                l.reason.in_words()
+            );
+        }
         for s in &scene.meta.surfaces {
             let on = s.object.map_or(String::new(), |id| format!(", the top of object {id}"));
             text += &format!("\n  surface at {:.3} m, {:.3} m²{on}", s.height_m, s.area_m2);
+        }
+        for warning in &scene.meta.warnings {
+            text += &format!("\n  warning: {}: {}", warning.field, warning.message);
         }
         text
     })

@@ -118,22 +118,21 @@ pub fn frame_with(
     let drawables: Vec<_> = scene.drawables().into_iter().filter(|d| d.label == 0 || present(d.label)).collect();
     let mut seen = picture(camera, world_from_camera, &drawables);
     sensor.disturb(seen.depth_m.pixels_mut(), camera, seed);
+    let camera = CameraModel {
+        width: camera.width,
+        height: camera.height,
+        fx: camera.fx,
+        fy: camera.fy,
+        cx: camera.cx,
+        cy: camera.cy,
+        depth_unit_m: f64::from(DEPTH_UNIT_M),
+        world_from_camera: Some(RigidTransform(repose_geometry::transform::to_row_major(world_from_camera))),
+    };
+    let depth = seen.depth_m.pixels().iter().map(|d| (d / DEPTH_UNIT_M).round() as u16).collect();
     Frame {
-        camera_name: "evaluation".to_owned(),
-        stamp_ns: 0,
-        camera: CameraModel {
-            width: camera.width,
-            height: camera.height,
-            fx: camera.fx,
-            fy: camera.fy,
-            cx: camera.cx,
-            cy: camera.cy,
-            depth_unit_m: f64::from(DEPTH_UNIT_M),
-            world_from_camera: Some(RigidTransform(repose_geometry::transform::to_row_major(world_from_camera))),
-        },
-        depth: seen.depth_m.pixels().iter().map(|d| (d / DEPTH_UNIT_M).round() as u16).collect(),
         color: Some(seen.color.into_pixels()),
         labels: Some(seen.labels.into_pixels()),
+        ..Frame::new("evaluation".to_owned(), 0, camera, depth)
     }
 }
 

@@ -153,7 +153,7 @@ mod tests {
             depth_unit_m: 0.001,
             world_from_camera: None,
         };
-        let frame = Frame { camera_name: "c".to_owned(), stamp_ns: 0, camera, depth: vec![1, 1], color: None, labels: None };
+        let frame = Frame::new("c".to_owned(), 0, camera, vec![1, 1]);
         assert_eq!(judge_frame("s", "f", &frame, &Settings::default()).unwrap_err().field.as_deref(), Some("labels"));
     }
 }

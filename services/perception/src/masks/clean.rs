@@ -5,7 +5,12 @@
 
 use repose_geometry::Image;
 
+use std::collections::BTreeMap;
+
+use repose_proto::LeftOutReason;
+
 use crate::masks::borders::border_band;
+use crate::scene::left_out::LeftOutMasks;
 use crate::settings::{BorderSettings, Settings};
 
 /// Labels and the band around them, objects with enough readings only.
@@ -15,8 +20,8 @@ pub struct CleanMasks {
     pub labels: Image<u16>,
     /// The pixels whose readings are dropped.
     pub band: Image<bool>,
-    /// The ids that became 0, in order.
-    pub left_out: Vec<u16>,
+    /// The masks that became 0, and why.
+    pub left_out: LeftOutMasks,
     /// Readings outside the band.
     pub available: usize,
     /// Readings in it.
@@ -24,9 +29,16 @@ pub struct CleanMasks {
 }
 
 impl CleanMasks {
-    /// Cleans the masks of `labels`; `depth_m` holds NaN where there is no reading. `None` where no reading of the background or of an
-    /// object with enough of them lies outside the bands.
-    pub fn new(mut labels: Image<u16>, depth_m: &Image<f32>, settings: &Settings) -> Option<Self> {
+    /// Cleans the masks of `labels`; `depth_m` holds NaN where there is no reading. The masks in `no_objects` are taken out first.
+    /// `None` where no reading of the background or of an object with enough of them lies outside the bands.
+    pub fn new(
+        mut labels: Image<u16>,
+        no_objects: BTreeMap<u16, LeftOutReason>,
+        depth_m: &Image<f32>,
+        settings: &Settings,
+    ) -> Option<Self> {
+        let mut left_out = LeftOutMasks::none(labels.width(), labels.height());
+        left_out.take(&mut labels, no_objects);
         let mut band = border_band(&labels, &settings.borders);
         let mut tally = Tally::of(depth_m, &labels, &band);
         let enough = |readings: usize| readings >= settings.min_object_points;
@@ -36,12 +48,10 @@ impl CleanMasks {
         if kept.iter().all(|(_, mask)| mask.readings == 0) {
             return None;
         }
-        let left_out: Vec<u16> = few.into_iter().map(|(id, _)| id).collect();
-        if !left_out.is_empty() {
-            narrow(&mut band, &labels, depth_m, &left_out, settings);
-            for id in labels.pixels_mut().iter_mut().filter(|id| left_out.binary_search(id).is_ok()) {
-                *id = 0;
-            }
+        let small: Vec<u16> = few.into_iter().map(|(id, _)| id).collect();
+        if !small.is_empty() {
+            narrow(&mut band, &labels, depth_m, &small, settings);
+            left_out.take(&mut labels, small.into_iter().map(|id| (id, LeftOutReason::TooSmall)).collect());
             tally = Tally::of(depth_m, &labels, &band);
         }
         let available = tally.masks.iter().map(|mask| mask.readings).sum();
@@ -125,14 +135,14 @@ mod tests {
 
     fn cleaned(min_object_points: usize) -> CleanMasks {
         let settings = Settings { min_object_points, ..Settings::default() };
-        CleanMasks::new(labels(), &Image::filled(60, 40, 1.0), &settings).unwrap()
+        CleanMasks::new(labels(), BTreeMap::new(), &Image::filled(60, 40, 1.0), &settings).unwrap()
     }
 
     /// Readings of the picture's mask `id` that stay.
     fn staying(masks: &CleanMasks, id: u16) -> usize {
         let pixels = labels().pixels().iter().zip(masks.band.pixels()).filter(|(of, banded)| **of == id && !**banded).count();
         let relabelled = labels().pixels().iter().zip(masks.labels.pixels()).filter(|(of, _)| **of == id).all(|(_, now)| *now == 0);
-        assert_eq!(relabelled, masks.left_out.contains(&id));
+        assert_eq!(relabelled, masks.left_out.reasons.contains_key(&id));
         pixels
     }
 
@@ -140,7 +150,7 @@ mod tests {
     fn what_is_too_thin_or_too_small_for_an_object_stays_as_nobodys() {
         // The pen's middle row is left at a radius of 1 px, shortened by one at each end; the crumb has 25 readings in all.
         let masks = cleaned(30);
-        assert_eq!(masks.left_out, [2, 3]);
+        assert!(masks.left_out.reasons.keys().eq(&[2, 3]));
         assert_eq!([staying(&masks, 1), staying(&masks, 2), staying(&masks, 3)], [16 * 16, 38, 25]);
         // Beside them the band is what it was.
         let band = border_band(&labels(), &Settings::default().borders);
@@ -152,17 +162,17 @@ mod tests {
     #[test]
     fn where_every_object_has_enough_nothing_but_the_band_is_taken() {
         let masks = cleaned(1);
-        assert_eq!(masks.left_out, [2], "no pixel of the pen is two pixels from its border");
+        assert!(masks.left_out.reasons.keys().eq(&[2]), "no pixel of the pen is two pixels from its border");
         let wide = Image::from_pixels(60, 40, labels().pixels().iter().map(|id| if *id == 1 { 7 } else { 0 }).collect()).unwrap();
-        let masks = CleanMasks::new(wide.clone(), &Image::filled(60, 40, 1.0), &Settings::default()).unwrap();
-        assert_eq!((&masks.labels, &masks.band, masks.left_out.len()), (&wide, &border_band(&wide, &BorderSettings::default()), 0));
+        let masks = CleanMasks::new(wide.clone(), BTreeMap::new(), &Image::filled(60, 40, 1.0), &Settings::default()).unwrap();
+        assert_eq!((&masks.labels, &masks.band, masks.left_out.reasons.len()), (&wide, &border_band(&wide, &BorderSettings::default()), 0));
     }
 
     #[test]
     fn with_nothing_outside_the_bands_there_are_no_masks() {
         let stripes = Image::from_pixels(20, 20, (0..400).map(|i| (i % 2) as u16).collect()).unwrap();
-        assert!(CleanMasks::new(stripes, &Image::filled(20, 20, 1.0), &Settings::default()).is_none());
+        assert!(CleanMasks::new(stripes, BTreeMap::new(), &Image::filled(20, 20, 1.0), &Settings::default()).is_none());
         let unseen = Image::filled(20, 20, f32::NAN);
-        assert!(CleanMasks::new(Image::filled(20, 20, 0), &unseen, &Settings::default()).is_none());
+        assert!(CleanMasks::new(Image::filled(20, 20, 0), BTreeMap::new(), &unseen, &Settings::default()).is_none());
     }
 }

@@ -110,7 +110,7 @@ mod tests {
             let camera = Pinhole { width: 5, height: 4, fx: 6.0, fy: 7.0, cx: 2.2, cy: 1.4 };
             let world_from_camera = Isometry3::new(Vector3::from(shift), Vector3::from(axis_angle));
             let depth = DepthMap::new(&counts, 0.001, &camera, 5.0);
-            let masks = CleanMasks::new(Image::filled(5, 4, 0), depth.depth_m(), &Settings::default());
+            let masks = CleanMasks::new(Image::filled(5, 4, 0), std::collections::BTreeMap::new(), depth.depth_m(), &Settings::default());
             prop_assume!(masks.is_some());
             let cloud = Cloud::new(&depth, &world_from_camera, &masks.unwrap(), None, 1000);
             let seen = counts.iter().enumerate().filter(|(_, count)| **count > 0);

@@ -45,7 +45,7 @@ impl Gathered {
     fn summary(&self, id: u16, completeness: f64) -> ObjectSummary {
         let centroid_m = self.sum_m.map(|sum| sum / self.points as f64);
         let extent_m = std::array::from_fn(|k| f64::from(self.high_m[k] - self.low_m[k]));
-        ObjectSummary { id, points: self.points, centroid_m, extent_m, completeness }
+        ObjectSummary { id, points: self.points, centroid_m, extent_m, completeness, score: None }
     }
 }
 
@@ -152,7 +152,8 @@ mod tests {
     fn a_summary_is_of_the_points_given() {
         let points = [[0.0, 0.0, 0.0], [1.0, 2.0, 3.0], [9.0, 9.0, 9.0]];
         let objects = summarise(&points, &[4, 4, 0], &measured(&[(4, 1.0, 8..14, 8..14)]));
-        let expected = ObjectSummary { id: 4, points: 2, centroid_m: [0.5, 1.0, 1.5], extent_m: [1.0, 2.0, 3.0], completeness: 1.0 };
+        let expected =
+            ObjectSummary { id: 4, points: 2, centroid_m: [0.5, 1.0, 1.5], extent_m: [1.0, 2.0, 3.0], completeness: 1.0, score: None };
         assert_eq!(objects, [expected]);
     }
 }

@@ -1,13 +1,13 @@
-//! A frame on disk: a folder with `depth.png` (16-bit), `camera.json` and, optionally, `color.png` and `labels.png`.
+//! A frame on disk: a folder with `depth.png` (16-bit), `camera.json` and, optionally, `color.png`, `labels.png` and `robot.json`.
 //!
-//! What is wrong is said with the file and, inside `camera.json`, the field; all pictures must
-//! have the size that `camera.json` states.
+//! What is wrong is said with the file and, inside `camera.json` and `robot.json`, the field; all pictures must have the size that
+//! `camera.json` states. `robot.json` is a [`RobotInView`], or a list of them.
 
 use std::io::{BufReader, ErrorKind};
 use std::path::{Path, PathBuf};
 
 use image::{DynamicImage, ExtendedColorType, ImageError, ImageReader};
-use repose_proto::{CallError, CameraModel, Frame, limits};
+use repose_proto::{CallError, CameraModel, Frame, RobotInView, limits};
 
 /// Why a folder is not a frame.
 #[derive(Debug, thiserror::Error)]
@@ -20,9 +20,9 @@ pub enum FrameFolderError {
         /// What the system says.
         source: std::io::Error,
     },
-    /// `camera.json` does not hold a camera.
+    /// `camera.json` does not hold a camera, or `robot.json` no robot.
     #[error("{}: {error}", path.display())]
-    Camera {
+    Json {
         /// The file.
         path: PathBuf,
         /// The field at fault and why.
@@ -63,7 +63,7 @@ impl FrameFolderError {
     pub fn path(&self) -> &Path {
         match self {
             Self::File { path, .. }
-            | Self::Camera { path, .. }
+            | Self::Json { path, .. }
             | Self::Png { path, .. }
             | Self::PixelKind { path, .. }
             | Self::Size { path, .. } => path,
@@ -78,7 +78,7 @@ impl FrameFolderError {
 pub fn read(folder: &Path) -> Result<Frame, FrameFolderError> {
     let camera = read_camera(&folder.join("camera.json"))?;
     let frame = read_pictures(camera, &folder.join("depth.png"), &folder.join("color.png"), &folder.join("labels.png"))?;
-    Ok(Frame { camera_name: camera_name(folder), ..frame })
+    Ok(Frame { camera_name: camera_name(folder), robots: read_robots(&folder.join("robot.json"))?, ..frame })
 }
 
 /// Reads a frame's pictures, of which color and labels may be absent. The camera's name is `folder`, and the frame has no stamp.
@@ -104,7 +104,7 @@ pub fn read_pictures(camera: CameraModel, depth: &Path, color: &Path, labels: &P
             other => Err(pixel_kind(path, "8- or 16-bit gray (instance ids)", &other)),
         })
         .transpose()?;
-    Ok(Frame { camera_name: "folder".to_owned(), stamp_ns: 0, camera, depth, color, labels })
+    Ok(Frame { color, labels, ..Frame::new("folder".to_owned(), 0, camera, depth) })
 }
 
 /// Writes a frame as a folder, which is made if it is not there.
@@ -113,10 +113,10 @@ pub fn read_pictures(camera: CameraModel, depth: &Path, color: &Path, labels: &P
 /// [`FrameFolderError`]; the frame must be valid ([`Frame::validate`]), which is reported against `camera.json`.
 pub fn write(folder: &Path, frame: &Frame) -> Result<(), FrameFolderError> {
     let path = folder.join("camera.json");
-    frame.validate().map_err(|error| FrameFolderError::Camera { path: path.clone(), error })?;
+    frame.validate().map_err(|error| FrameFolderError::Json { path: path.clone(), error })?;
     std::fs::create_dir_all(folder).map_err(|source| FrameFolderError::File { path: folder.to_owned(), source })?;
     let json = serde_json::to_string_pretty(&frame.camera)
-        .map_err(|e| FrameFolderError::Camera { path: path.clone(), error: CallError::internal(e.to_string()) })?;
+        .map_err(|e| FrameFolderError::Json { path: path.clone(), error: CallError::internal(e.to_string()) })?;
     std::fs::write(&path, json).map_err(|source| FrameFolderError::File { path, source })?;
     let save = |name: &str, bytes: &[u8], color: ExtendedColorType| {
         let path = folder.join(name);
@@ -129,6 +129,12 @@ pub fn write(folder: &Path, frame: &Frame) -> Result<(), FrameFolderError> {
     if let Some(color) = &frame.color {
         save("color.png", color.as_flattened(), ExtendedColorType::Rgb8)?;
     }
+    if !frame.robots.is_empty() {
+        let path = folder.join("robot.json");
+        let json = serde_json::to_string_pretty(&frame.robots)
+            .map_err(|e| FrameFolderError::Json { path: path.clone(), error: CallError::internal(e.to_string()) })?;
+        std::fs::write(&path, json).map_err(|source| FrameFolderError::File { path, source })?;
+    }
     if let Some(labels) = &frame.labels {
         save("labels.png", &native(labels), ExtendedColorType::L16)?;
     }
@@ -138,13 +144,32 @@ pub fn write(folder: &Path, frame: &Frame) -> Result<(), FrameFolderError> {
 /// Reads a `camera.json`.
 ///
 /// # Errors
-/// [`FrameFolderError::Camera`] that names the field, [`FrameFolderError::File`] when there is none.
+/// [`FrameFolderError::Json`] that names the field, [`FrameFolderError::File`] when there is none.
 pub fn read_camera(path: &Path) -> Result<CameraModel, FrameFolderError> {
     let bytes = std::fs::read(path).map_err(|source| FrameFolderError::File { path: path.to_owned(), source })?;
-    let wrong = |error| FrameFolderError::Camera { path: path.to_owned(), error };
+    let wrong = |error| FrameFolderError::Json { path: path.to_owned(), error };
     let camera: CameraModel = repose_proto::message::from_file_json(&bytes).map_err(wrong)?;
     camera.validate().map_err(wrong)?;
     Ok(camera)
+}
+
+/// Reads a `robot.json`; no robots where there is none.
+fn read_robots(path: &Path) -> Result<Vec<RobotInView>, FrameFolderError> {
+    let bytes = match std::fs::read(path) {
+        Ok(bytes) => bytes,
+        Err(source) if source.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(source) => return Err(FrameFolderError::File { path: path.to_owned(), source }),
+    };
+    let wrong = |error| FrameFolderError::Json { path: path.to_owned(), error };
+    let is_list = bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[');
+    let read = |bytes| {
+        if is_list { repose_proto::message::from_json(bytes) } else { repose_proto::message::from_json(bytes).map(|robot| vec![robot]) }
+    };
+    let robots: Vec<RobotInView> = read(&bytes).map_err(wrong)?;
+    for (i, robot) in robots.iter().enumerate() {
+        robot.validate(&format!("[{i}]")).map_err(wrong)?;
+    }
+    Ok(robots)
 }
 
 /// A picture that may be absent.
@@ -209,7 +234,7 @@ mod tests {
         };
         let depth = (0..12).map(|i| i * 5000).collect();
         let color = Some((0..12).map(|i| [i, 2 * i, 255 - i]).collect());
-        Frame { camera_name: "folder".to_owned(), stamp_ns: 0, camera, depth, color, labels: Some((0..12).map(|i| i * 300).collect()) }
+        Frame { color, labels: Some((0..12).map(|i| i * 300).collect()), ..Frame::new("folder".to_owned(), 0, camera, depth) }
     }
 
     fn written() -> TempDir {
@@ -251,6 +276,27 @@ mod tests {
         assert!(back.color.is_none() && back.labels.is_none());
         assert!(error_after(|f| std::fs::remove_file(f.join("depth.png")).unwrap()).contains("depth.png"));
         assert!(error_after(|f| std::fs::remove_file(f.join("camera.json")).unwrap()).contains("camera.json"));
+    }
+
+    #[test]
+    fn robots_are_a_list_or_a_single_one_and_a_wrong_one_is_named() {
+        let pose = serde_json::to_string(&RigidTransform::IDENTITY).unwrap();
+        let robot = |width: &str| {
+            format!(r#"{{"name": "left", "joints_rad": [0, 0, 0, -2, 0, 2, 0], "gripper_width_m": {width}, "world_from_base": {pose}}}"#)
+        };
+        let read_with = |text: String| {
+            let folder = written();
+            std::fs::write(folder.path().join("robot.json"), text).unwrap();
+            read(folder.path())
+        };
+        let single = read_with(robot("0.04")).unwrap().robots;
+        assert_eq!((single.len(), single[0].model.as_str(), single[0].holding), (1, "panda", None));
+        assert_eq!(read_with(format!(" [{}]", robot("0.04"))).unwrap().robots, single);
+        let text = read_with(robot("4")).unwrap_err().to_string();
+        assert!(text.contains("robot.json") && text.contains("gripper_width_m"), "{text}");
+        let folder = tempfile::tempdir().unwrap();
+        write(folder.path(), &Frame { robots: single.clone(), ..frame() }).unwrap();
+        assert_eq!(read(folder.path()).unwrap().robots, single);
     }
 
     #[test]

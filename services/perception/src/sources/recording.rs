@@ -227,14 +227,8 @@ impl Assembly {
         let Some(camera) = self.model(&depth) else { return Ok(None) };
         check_rays(&depth.sample, &camera)?;
         let of_image = self.color.as_ref().filter(|c| belongs(c, &depth)).map(|c| c.pixels.clone());
-        Ok(Some(Frame {
-            camera_name: "recording".to_owned(),
-            stamp_ns: depth.stamp_ns,
-            camera,
-            color: depth.colors.or(of_image),
-            depth: depth.counts,
-            labels: None,
-        }))
+        let color = depth.colors.or(of_image);
+        Ok(Some(Frame { color, ..Frame::new("recording".to_owned(), depth.stamp_ns, camera, depth.counts) }))
     }
 }
 

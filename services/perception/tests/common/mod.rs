@@ -27,7 +27,7 @@ pub fn frame_of(camera_name: &str, stamp_ns: u64, scale: usize) -> Frame {
     };
     let on_box = |i: usize| (70..90).contains(&(i % width / scale)) && (50..70).contains(&(i / width / scale));
     let depth = (0..width * height).map(|i| if on_box(i) { 900 } else { 1000 }).collect();
-    Frame { camera_name: camera_name.to_owned(), stamp_ns, camera, depth, color: None, labels: None }
+    Frame::new(camera_name.to_owned(), stamp_ns, camera, depth)
 }
 
 /// The frame as a camera puts it.

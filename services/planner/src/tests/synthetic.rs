@@ -133,6 +133,7 @@ impl SceneBuilder {
                 centroid_m: [mean(0), mean(1), mean(2)],
                 extent_m: size.into(),
                 completeness: 1.0,
+                score: None,
             });
         }
         let camera = CameraModel {
@@ -146,6 +147,15 @@ impl SceneBuilder {
             world_from_camera: Some(RigidTransform(transform::to_row_major(world_from_camera))),
         };
         let unseen = Unseen::default();
-        SceneMeta { objects, surfaces, camera, world_frame: WorldFrame::Extrinsics, view_yaw_rad: 0.0, unseen }
+        SceneMeta {
+            objects,
+            surfaces,
+            camera,
+            world_frame: WorldFrame::Extrinsics,
+            view_yaw_rad: 0.0,
+            unseen,
+            left_out: Vec::new(),
+            warnings: Vec::new(),
+        }
     }
 }

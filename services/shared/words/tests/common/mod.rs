@@ -119,6 +119,7 @@ fn seen(case: &SceneCase, surfels: &[Surfel], world_from_camera: &Isometry3<f64>
         centroid_m: [o.at[0], o.at[1], 0.05],
         extent_m: [0.1; 3],
         completeness: 0.5,
+        score: None,
     };
     let meta = SceneMeta {
         objects: case.objects.iter().map(summary).collect(),
@@ -127,6 +128,8 @@ fn seen(case: &SceneCase, surfels: &[Surfel], world_from_camera: &Isometry3<f64>
         world_frame: WorldFrame::Extrinsics,
         view_yaw_rad: 0.0,
         unseen: Unseen::default(),
+        left_out: Vec::new(),
+        warnings: Vec::new(),
     };
     Scene { camera_name: "front".to_owned(), stamp_ns: 0, points, labels, colors: Some(colors), meta }
 }

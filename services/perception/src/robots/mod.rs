@@ -1,0 +1,6 @@
+//! Robots in the picture: what shows of them is neither object nor obstacle nor free, but unseen.
+
+pub mod body;
+pub mod calibration;
+pub mod held;
+pub mod self_filter;
