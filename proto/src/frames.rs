@@ -36,7 +36,9 @@ impl RigidTransform {
             return Err(CallError::invalid(field, format!("entry {i} is not a finite number")));
         }
         if m[12].abs().max(m[13].abs()).max(m[14].abs()).max((m[15] - 1.0).abs()) > 1e-6 {
-            return Err(CallError::invalid(field, "the last row is not 0 0 0 1"));
+            let is_transposed = [m[3], m[7], m[11]] == [0.0; 3] && m[15] == 1.0;
+            let hint = if is_transposed { ", but the last column is: the matrix is transposed, and is written row by row" } else { "" };
+            return Err(CallError::invalid(field, format!("the last row is not 0 0 0 1{hint}")));
         }
         let dot = |a: usize, b: usize| (0..3).map(|k| m[4 * a + k] * m[4 * b + k]).sum::<f64>();
         for a in 0..3 {

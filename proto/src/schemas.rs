@@ -3,7 +3,7 @@
 use schemars::{JsonSchema, Schema, schema_for};
 
 use crate::Message;
-use crate::frame::{CameraModel, RobotInView, SegmentHints};
+use crate::frame::CameraModel;
 use crate::{envelope, error, load, motion, perception, place, robot, scene, scoring, simulator};
 
 /// File stem and schema of every message, by name.
@@ -16,8 +16,6 @@ pub fn all() -> Vec<(String, Schema)> {
         ("ReplyAttachment.v1".to_owned(), schema_for!(envelope::ReplyAttachment)),
         of::<error::CallError>(),
         ("CameraModel.v1".to_owned(), schema_for!(CameraModel)),
-        ("RobotInView.v1".to_owned(), schema_for!(RobotInView)),
-        ("SegmentHints.v1".to_owned(), schema_for!(SegmentHints)),
         ("SceneMeta.v1".to_owned(), schema_for!(scene::SceneMeta)),
         of::<scene::SceneSummary>(),
         of::<perception::LatestRequest>(),

@@ -357,7 +357,7 @@ mod tests {
         let segmented = segment_with_labels(&frame, &Settings::default()).unwrap();
         let scene = &segmented.scene;
         assert_eq!((scene.meta.objects.len(), scene.meta.left_out.len()), (0, 1));
-        assert_eq!((scene.meta.left_out[0].label, scene.meta.left_out[0].reason), (Some(9), LeftOutReason::TooSmall));
+        assert_eq!((scene.meta.left_out[0].label, scene.meta.left_out[0].reason), (Some(9), repose_proto::LeftOutReason::TooSmall));
         assert!(segmented.labels.pixels().iter().all(|id| *id == 0));
         // Of the readings without any mask only those go that the band takes beside it, two pixels wide.
         let unlabelled = segment(&Frame { labels: Some(vec![0; 320 * 240]), ..frame }, &Settings::default()).unwrap();
