@@ -10,6 +10,9 @@ use crate::tables::segmentation::{Half, SegmentationRow, SegmentationTrial, row_
 const DEFINITION: &str = "Xie et al., CoRL 2019 (after Dave et al. 2019): Hungarian assignment on pairwise overlap F, background excluded, \
                           contours matched within 0.3 % of the picture's diagonal; means over frames, share over objects with F > 0.75";
 
+/// Heading of the faults.
+const FAULTS: &str = "faults";
+
 /// What is printed of judged frames.
 pub struct SegmentationReport<'a> {
     trials: &'a [SegmentationTrial],
@@ -33,6 +36,10 @@ impl<'a> SegmentationReport<'a> {
             rows.push(row(format!("{set}, tuning half"), &|t| t.set == *set && t.half == Half::Tuning));
             rows.push(row(format!("{set}, reporting half"), &|t| t.set == *set && t.half == Half::Reporting));
             rows.push(row((*set).to_owned(), &|t| t.set == *set));
+        }
+        for [least, most] in OBJECTS {
+            let many = format!("{least} to {most} objects");
+            rows.push(row(many, &|t| (least..=most).contains(&t.masks.labelled)));
         }
         rows.retain(|(_, masks, _)| masks.frames > 0);
         Self { trials, tolerances_px, rows }
@@ -58,7 +65,8 @@ impl<'a> SegmentationReport<'a> {
 
     /// The table for people.
     pub fn text(&self) -> String {
-        let mut table = text::table(["frames", "n", "objects", "found", "masks", "overlap P / R / F", "boundary P / R / F", "share > .75"]);
+        let mut table =
+            text::table(["frames", "n", "objects", "found", "masks", "overlap P / R / F", "boundary P / R / F", "share > .75", FAULTS]);
         for (name, masks, cleaned) in &self.rows {
             table.add_row(cells(name, "whole", masks));
             table.add_row(cells("", "cleaned", cleaned));
@@ -76,12 +84,16 @@ impl<'a> SegmentationReport<'a> {
     }
 }
 
+/// Frames by how many objects are labelled in them.
+const OBJECTS: [[usize; 2]; 4] = [[1, 3], [4, 7], [8, 12], [13, 64]];
+
 /// The columns, in their order.
-const LEGEND: [(&str, &str); 4] = [
+const LEGEND: [(&str, &str); 5] = [
     ("objects, found", "labelled objects, and objects that perception found"),
     ("masks", "whole, or cleaned of their borders as scenes have them"),
     ("P / R / F", "precision, recall and their harmonic mean, on whole masks and on contours"),
     ("share > .75", "of the labelled objects, those found with an overlap F above .75"),
+    (FAULTS, "the others: merged, split, missed, inexact objects; then masks invented on the background"),
 ];
 
 fn cells(name: &str, kind: &str, row: &SegmentationRow) -> Vec<String> {
@@ -95,5 +107,6 @@ fn cells(name: &str, kind: &str, row: &SegmentationRow) -> Vec<String> {
         three(row.overlap),
         three(row.boundary),
         format!("{:.3}", row.share_75),
+        [row.faults.merged, row.faults.split, row.faults.missed, row.faults.inexact, row.faults.invented].map(|n| n.to_string()).join(" "),
     ]
 }

@@ -11,6 +11,8 @@ use std::collections::BTreeMap;
 use repose_geometry::Image;
 use serde::Serialize;
 
+use crate::statistics::mask_faults::MaskFaults;
+
 use crate::statistics::assignment::best_assignment;
 
 /// Share of the picture's diagonal within which contours match, as in the published evaluation (and DAVIS before it).
@@ -53,6 +55,8 @@ pub struct MaskScores {
     pub overlap: Scores,
     /// On contours.
     pub boundary: Scores,
+    /// What went wrong with the rest.
+    pub faults: MaskFaults,
 }
 
 impl MaskScores {
@@ -78,6 +82,9 @@ pub fn score_masks(labelled: &Image<u16>, found: &Image<u16>) -> MaskScores {
     let in_common: usize = pairs.iter().filter_map(|pair| shared.get(pair)).sum();
     let overlap = Scores::of(in_common, found_px.values().sum(), in_common, labelled_px.values().sum());
 
+    let is_found = |g: u16| pairs.iter().any(|pair| pair.0 == g && overlap_f(pair.0, pair.1) > FOUND_FROM);
+    let faults = MaskFaults::of(&labelled_px, &found_px, &shared, is_found);
+
     let disk = disk(tolerance_px(labelled.width(), labelled.height()));
     let (labelled_contours, found_contours) = (contours(labelled), contours(found));
     let (mut matched_found, mut matched_labelled) = (0, 0);
@@ -87,7 +94,7 @@ pub fn score_masks(labelled: &Image<u16>, found: &Image<u16>) -> MaskScores {
     }
     let total = |contours: &BTreeMap<u16, Vec<usize>>| contours.values().map(Vec::len).sum::<usize>();
     let boundary = Scores::of(matched_found, total(&found_contours), matched_labelled, total(&labelled_contours));
-    MaskScores { labelled: labelled_px.len(), found: found_px.len(), above_75, overlap, boundary }
+    MaskScores { labelled: labelled_px.len(), found: found_px.len(), above_75, overlap, boundary, faults }
 }
 
 /// Pairs (labelled, found, overlap F) of masks with the greatest sum of F; those that do not overlap are no pairs.

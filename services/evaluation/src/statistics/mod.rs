@@ -3,6 +3,7 @@
 pub mod assignment;
 pub mod calibration;
 pub mod correlation;
+pub mod mask_faults;
 pub mod mask_scores;
 pub mod paired;
 pub mod quantile;

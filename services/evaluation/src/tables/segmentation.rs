@@ -10,6 +10,7 @@ use repose_perception::{SegmentError, Settings, segment_with_labels};
 use repose_proto::{CallError, Frame};
 use serde::Serialize;
 
+use crate::statistics::mask_faults::MaskFaults;
 use crate::statistics::mask_scores::{MaskScores, Scores, score_masks};
 
 /// Which half of the frames a frame belongs to.
@@ -64,6 +65,8 @@ pub struct SegmentationRow {
     pub boundary: Scores,
     /// Share of all labelled objects found with an overlap F above 0.75.
     pub share_75: f64,
+    /// What went wrong with the rest.
+    pub faults: MaskFaults,
 }
 
 /// Perception's masks of one labelled frame, judged.
@@ -106,6 +109,7 @@ pub fn row_of<'a>(
         overlap: mean(&|s| s.overlap),
         boundary: mean(&|s| s.boundary),
         share_75: if objects == 0 { 1.0 } else { above_75 as f64 / objects as f64 },
+        faults: scores.iter().map(|s| s.faults).fold(MaskFaults::default(), MaskFaults::plus),
     }
 }
 
@@ -134,6 +138,7 @@ mod tests {
             above_75,
             overlap: Scores { precision: f, recall: f, f },
             boundary: Scores::default(),
+            faults: MaskFaults::default(),
         };
         let trial =
             |masks: MaskScores| SegmentationTrial { set: "s".to_owned(), frame: "f".to_owned(), half: Half::Tuning, masks, cleaned: masks };
