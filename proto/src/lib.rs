@@ -1,5 +1,16 @@
 //! What crosses the wire between Repose's services, robots and clients, and nothing else.
 //!
+//! ```
+//! use repose_proto::{GoalTerm, Payload, PlaceRequest};
+//!
+//! let goal: Vec<GoalTerm> = vec!["left_of:2".parse()?, "not:near:3".parse()?];
+//! let request = PlaceRequest::new("0".repeat(64), 1, goal);
+//! let payload = Payload::json(&request)?;
+//! assert_eq!(payload.encoding, "application/json;repose.PlaceRequest.v1");
+//! assert_eq!(payload.decode_json::<PlaceRequest>()?, request);
+//! # Ok::<(), repose_proto::CallError>(())
+//! ```
+//!
 //! Plain data with its validation and encoding: messages (JSON), the bulk form (safetensors) for clouds and images, the
 //! attachments of calls and replies, errors, and every key. No behaviour beyond that, and no dependency on anything of ours.
 //! The promises behind these types are the project's contract, version 1; [`glossary`] has the words, [`frames`] the

@@ -10,9 +10,10 @@ use rand_pcg::Pcg64;
 use repose_geometry::transform::{NotRigid, from_row_major, to_row_major};
 use repose_geometry::{Image, Isometry3, Pinhole, Point3, ViewerFrame};
 use repose_proto::scene::WorldFrame;
-use repose_proto::{CallError, CameraModel, ErrorCode, Frame, RigidTransform, Scene, SceneMeta, Surface, Unseen};
+use repose_proto::{CallError, CameraModel, ErrorCode, Frame, RigidTransform, Scene, SceneMeta, SceneWarning, Surface, Unseen};
 
 use crate::masks::clean::CleanMasks;
+use crate::masks::{hints, stray};
 use crate::objects::find::{self, CoarseView};
 use crate::readings::depth::DepthMap;
 use crate::readings::point_map::{PointMap, strided, transformed};
@@ -35,12 +36,14 @@ pub enum SegmentError {
     #[error("world_from_camera: {0}")]
     Pose(#[from] NotRigid),
     /// No pixel has a depth within range.
-    #[error("none of {pixels} pixels has a reading between 0 and {max_depth_m} m")]
+    #[error("none of {pixels} pixels has a reading between 0 and {max_depth_m} m{}", nearest_in_words(*nearest_m))]
     NoReadings {
         /// Pixels of the frame.
         pixels: usize,
         /// The range that was allowed, metres.
         max_depth_m: f32,
+        /// The nearest reading beyond it, metres.
+        nearest_m: Option<f64>,
     },
     /// Every reading lies in the band around some mask, or belongs to an object too small to be one.
     #[error("none of {readings} readings is left after cleaning {border_px} pixels around the borders of the labels")]
@@ -58,6 +61,10 @@ pub enum SegmentError {
         /// Share of the readings that a support must hold, percent.
         share: f64,
     },
+}
+
+fn nearest_in_words(nearest_m: Option<f64>) -> String {
+    nearest_m.map_or(String::new(), |m| format!("; the nearest is at {m:.1} m: is the camera's depth_unit_m metres per count?"))
 }
 
 impl From<SegmentError> for CallError {
@@ -122,9 +129,11 @@ impl Parts {
         let mut depth = DepthMap::new(&frame.depth, model.depth_unit_m, &camera, settings.max_depth_m);
         let pixels = depth.depth_m().pixels().len();
         let readings = depth.readings();
-        let pixels_flying = flying::remove(depth.depth_m_mut(), camera.fx as f32, &settings.flying);
+        let mut pixels_flying = flying::remove(depth.depth_m_mut(), camera.fx as f32, &settings.flying);
         if readings == pixels_flying {
-            return Err(SegmentError::NoReadings { pixels, max_depth_m: settings.max_depth_m });
+            let nearest = frame.depth.iter().copied().filter(|count| *count > 0).min();
+            let nearest_m = nearest.map(|count| f64::from(count) * model.depth_unit_m).filter(|m| *m > f64::from(settings.max_depth_m));
+            return Err(SegmentError::NoReadings { pixels, max_depth_m: settings.max_depth_m, nearest_m });
         }
 
         let given_pose = model.world_from_camera.map(|pose| from_row_major(&pose.0)).transpose()?;
@@ -138,13 +147,19 @@ impl Parts {
         };
         let mut coarse = Coarse::new(in_camera, &world_from_camera, &camera, stride, settings);
 
-        let (mut labels, no_objects) = match &frame.labels {
-            Some(labels) => (as_image(labels.clone(), &camera)?, BTreeMap::new()),
+        let (mut labels, mut no_objects) = match &frame.labels {
+            Some(labels) => {
+                let labels = as_image(labels.clone(), &camera)?;
+                pixels_flying += stray::remove(&labels, depth.depth_m_mut(), camera.fx as f32, &settings.flying);
+                (labels, BTreeMap::new())
+            }
             None => {
                 let surfaces = surfaces::find(coarse.upward(|_| Some(0)), &settings.surfaces);
-                (find::spread(&find::label(&coarse.view(), &surfaces, &settings.components), &depth, stride), BTreeMap::new())
+                let found = find::find(&coarse.view(), &surfaces, &settings.components);
+                (find::spread(&found.ids, &depth, stride), found.no_objects)
             }
         };
+        hints::follow(&mut labels, &mut no_objects, &depth, &frame.hints).map_err(SegmentError::Frame)?;
         let held = robots.bodies.iter().flat_map(|(body, holding)| held::labels(body, *holding, &labels, &depth, &settings.self_filter));
         let held: BTreeSet<u16> = held.collect();
         if !held.is_empty() {
@@ -163,8 +178,17 @@ impl Parts {
         let surfaces = surfaces::find(coarse.upward(clean_label), &settings.surfaces);
         let rays = RayView { depth_m: &coarse.depth_m, camera: coarse.camera, world_from_camera: &world_from_camera };
         let space = unseen::space(&rays, &surfaces, &settings.unseen);
-        let mut objects = summarise(&cloud.points, &cloud.labels, &Completeness::measure(depth.depth_m(), &masks.labels));
+        let warnings_later = doubts(&surfaces, &depth, &coarse, world_frame, settings);
+        let completeness = Completeness::measure(depth.depth_m(), &masks.labels);
+        let mut objects = summarise(&cloud.points, &cloud.labels, &completeness);
         let left_out = masks.left_out.described(&depth, &world_from_camera, frame.labels.is_some());
+        if frame.labels.is_none() {
+            for object in &mut objects {
+                object.score = Some(micro(completeness.score_of(object.id)));
+            }
+        }
+        let mut warnings = robots.warnings;
+        warnings.extend(warnings_later);
         for object in &mut objects {
             object.centroid_m = object.centroid_m.map(micro);
             object.extent_m = object.extent_m.map(micro);
@@ -187,7 +211,7 @@ impl Parts {
                 space,
             },
             left_out,
-            warnings: robots.warnings,
+            warnings,
         };
         let scene = Scene {
             camera_name: frame.camera_name.clone(),
@@ -209,12 +233,48 @@ fn estimated_pose(in_camera: &PointMap, settings: &Settings) -> Result<Isometry3
     Ok(gravity::level(&plane))
 }
 
+/// What cannot be right about the camera, judged by the surfaces that the scene has with it.
+fn doubts(
+    surfaces: &[SupportSurface],
+    depth: &DepthMap,
+    coarse: &Coarse,
+    world_frame: WorldFrame,
+    settings: &Settings,
+) -> Vec<SceneWarning> {
+    /// No depth camera measures below this, metres.
+    const NEAREST_M: f32 = 0.05;
+    let readings = || coarse.depth_m.pixels().iter().filter(|z| !z.is_nan());
+    let near = readings().filter(|z| **z < NEAREST_M).count();
+    if 2 * near > readings().count() {
+        let message = format!("most readings are nearer than {:.0} mm: is it metres per count?", NEAREST_M * 1e3);
+        return vec![SceneWarning { field: "depth_unit_m".to_owned(), message }];
+    }
+    if surfaces.iter().any(|s| s.object.is_none()) {
+        return Vec::new();
+    }
+    let mut message = "no level surface is seen on which anything could stand".to_owned();
+    if world_frame == WorldFrame::Extrinsics {
+        message += "; is the camera's pose right?";
+        let inverse =
+            Coarse::new(depth.points(coarse.stride), &coarse.world_from_camera.inverse(), &coarse.of_full, coarse.stride, settings);
+        let of_inverse = surfaces::find(inverse.upward(|_| Some(0)), &settings.surfaces);
+        if of_inverse.iter().any(|s| s.seen_m2 >= settings.components.min_support_area_m2) {
+            message += " With its inverse there is one: it seems to be camera_from_world.";
+        }
+    }
+    vec![SceneWarning { field: "world_from_camera".to_owned(), message }]
+}
+
 fn as_image(labels: Vec<u16>, camera: &Pinhole) -> Result<Image<u16>, SegmentError> {
     Image::from_pixels(camera.width, camera.height, labels).map_err(|e| SegmentError::Frame(CallError::invalid("labels", e.to_string())))
 }
 
 /// The coarse picture and which of its pixels face up.
 struct Coarse {
+    /// The camera of the whole picture, its pose, and how many of its columns make one.
+    of_full: Pinhole,
+    world_from_camera: Isometry3<f64>,
+    stride: usize,
     camera: Pinhole,
     in_camera: PointMap,
     in_world: PointMap,
@@ -226,6 +286,7 @@ impl Coarse {
     /// From every `stride`-th pixel of `camera`'s picture.
     fn new(in_camera: PointMap, world_from_camera: &Isometry3<f64>, camera: &Pinhole, stride: usize, settings: &Settings) -> Self {
         let scale = stride as f64;
+        let of_full = *camera;
         let camera = Pinhole {
             width: in_camera.width(),
             height: in_camera.height(),
@@ -237,7 +298,7 @@ impl Coarse {
         let in_world = transformed(&in_camera, world_from_camera);
         let depth_m = in_camera.map(|p| p.z);
         let faces_up = upward::upward_facing(&in_world, &depth_m, camera.fx as f32, settings.surfaces.max_tilt_rad);
-        Self { camera, in_camera, in_world, depth_m, faces_up }
+        Self { of_full, world_from_camera: *world_from_camera, stride, camera, in_camera, in_world, depth_m, faces_up }
     }
 
     fn view(&self) -> CoarseView<'_> {

@@ -3,11 +3,13 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
+use repose_proto::robot::RobotState;
 use repose_proto::{CallError, Frame, Payload, Scene};
 use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore};
 
 use crate::config::PerceptionConfig;
 use crate::newest_scenes::{KeptScene, NewestScenes};
+use crate::robots::states::RobotStates;
 use crate::segment::segment;
 use crate::settings::Settings;
 
@@ -17,6 +19,7 @@ pub struct Worker {
     settings: Arc<Settings>,
     scenes: SceneStore<KeptScene>,
     newest: Mutex<NewestScenes>,
+    robots: Arc<Mutex<RobotStates>>,
 }
 
 /// How long the stages of a frame took, milliseconds.
@@ -47,6 +50,7 @@ impl Worker {
             settings: Arc::new(config.segmentation.clone()),
             scenes: SceneStore::new(config.scenes_kept, config.scenes_kept_bytes, |scene| scene.payload.bytes.len()),
             newest: Mutex::new(NewestScenes::new(config.newest_limits())),
+            robots: Arc::default(),
         })
     }
 
@@ -55,8 +59,13 @@ impl Worker {
     /// # Errors
     /// `invalid_argument` and `failed_precondition` as [`segment`] has them, and those of the queue.
     pub async fn segment(&self, context: JobContext, frame: Payload) -> Result<(Arc<KeptScene>, StageTimes), CallError> {
-        let settings = self.settings.clone();
-        self.queue.run(context, move |context| scene_of(&frame, &settings, context)).await
+        let (settings, robots) = (self.settings.clone(), self.robots.clone());
+        self.queue.run(context, move |context| scene_of(&frame, &robots, &settings, context)).await
+    }
+
+    /// A robot of the cell told its state: frames that say nothing of robots are taken to show it there.
+    pub fn put_robot_state(&self, robot: &str, state: RobotState) {
+        self.robots.lock().unwrap_or_else(PoisonError::into_inner).put(robot, state);
     }
 
     /// The scenes that can be asked for by id.
@@ -88,9 +97,17 @@ impl Worker {
 }
 
 /// Decodes, segments, encodes and names a scene.
-fn scene_of(frame: &Payload, settings: &Settings, context: &JobContext) -> Result<(Arc<KeptScene>, StageTimes), CallError> {
+fn scene_of(
+    frame: &Payload,
+    robots: &Mutex<RobotStates>,
+    settings: &Settings,
+    context: &JobContext,
+) -> Result<(Arc<KeptScene>, StageTimes), CallError> {
     let mut times = StageTimes::default();
-    let frame = timed(&mut times.decode_ms, || Frame::from_bulk(&frame.decode_bulk(Frame::SCHEMA)?))?;
+    let mut frame = timed(&mut times.decode_ms, || Frame::from_bulk(&frame.decode_bulk(Frame::SCHEMA)?))?;
+    if frame.robots.is_empty() {
+        frame.robots = robots.lock().unwrap_or_else(PoisonError::into_inner).at(frame.stamp_ns);
+    }
     context.check()?;
     let scene = timed(&mut times.segment_ms, || segment(&frame, settings).map_err(CallError::from))?;
     context.check()?;

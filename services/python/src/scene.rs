@@ -50,13 +50,11 @@ impl Scene {
         let world_from_camera = world_from_camera.map(RigidTransform);
         let segmented = py.detach(|| {
             repose_proto::keys::validate_chunk("camera", camera)?;
+            let model = CameraModel { width, height, fx, fy, cx, cy, depth_unit_m, world_from_camera };
             let frame = Frame {
-                camera: CameraModel { width, height, fx, fy, cx, cy, depth_unit_m, world_from_camera },
-                depth: words(depth),
                 color: color.map(|bytes| bytes.as_chunks::<3>().0.to_vec()),
                 labels: labels.map(words),
-                camera_name: camera.to_owned(),
-                stamp_ns,
+                ..Frame::new(camera.to_owned(), stamp_ns, model, words(depth))
             };
             repose_local::scene_of(&frame)
         });

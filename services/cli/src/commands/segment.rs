@@ -6,8 +6,8 @@ use clap::Args;
 use image::{DynamicImage, ImageBuffer, Luma};
 use repose_evaluation::report::written::write_picture;
 use repose_perception::{Settings, segment_with_labels};
-use repose_proto::CallError;
 use repose_proto::scene::WorldFrame;
+use repose_proto::{CallError, SegmentHints};
 
 use crate::failure::{Failure, Outcome};
 use crate::frames::{self, TopicArgs};
@@ -29,6 +29,18 @@ pub struct SegmentArgs {
     /// Find the objects even where labels are given.
     #[arg(long)]
     pub ignore_labels: bool,
+    /// A pixel on an object, column and row: what was left out there becomes one. Repeat for more.
+    #[arg(long, value_name = "U,V", value_parser = parse_numbers::<2>)]
+    pub click: Vec<[usize; 2]>,
+    /// A box of pixels around one object: left, top, right, bottom. Repeat for more.
+    #[arg(long = "box", value_name = "L,T,R,B", value_parser = parse_numbers::<4>)]
+    pub around: Vec<[usize; 4]>,
+    /// Ids, as printed without hints, that are one object. Repeat for more.
+    #[arg(long, value_name = "IDS", value_parser = parse_ids)]
+    pub merge: Vec<Ids>,
+    /// An id, as printed without hints, that is two objects. Repeat for more.
+    #[arg(long, value_name = "ID")]
+    pub split: Vec<u16>,
     /// The found labels as a 16-bit picture.
     #[arg(long, value_name = "PNG", value_parser = parse_png)]
     pub labels_out: Option<PathBuf>,
@@ -37,12 +49,39 @@ pub struct SegmentArgs {
     pub out: Option<PathBuf>,
 }
 
+/// Ids that are one object.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Ids(Vec<u16>);
+
+fn parse_ids(text: &str) -> Result<Ids, String> {
+    let ids: Result<Vec<u16>, _> = text.split(',').map(|id| id.trim().parse()).collect();
+    ids.ok().filter(|ids| ids.len() > 1).map(Ids).ok_or_else(|| "expected two ids or more with commas between them".to_owned())
+}
+
+fn parse_numbers<const N: usize>(text: &str) -> Result<[usize; N], String> {
+    let numbers: Result<Vec<usize>, _> = text.split(',').map(|number| number.trim().parse()).collect();
+    let numbers = numbers.ok().and_then(|numbers| <[usize; N]>::try_from(numbers).ok());
+    numbers.ok_or_else(|| format!("expected {N} whole numbers with commas between them"))
+}
+
+impl SegmentArgs {
+    fn hints(&self) -> SegmentHints {
+        SegmentHints {
+            clicks_px: self.click.clone(),
+            boxes_px: self.around.clone(),
+            merge: self.merge.iter().map(|ids| ids.0.clone()).collect(),
+            split: self.split.clone(),
+        }
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &SegmentArgs, output: Output) -> Outcome {
     let mut frame = frames::read_nth(&args.frame, args.nth, &args.topics.topics())?;
     if args.ignore_labels {
         frame.labels = None;
     }
+    frame.hints = args.hints();
     let segmented = segment_with_labels(&frame, &Settings::default()).map_err(|e| Failure::from(CallError::from(e)))?;
     let scene = &segmented.scene;
     if let Some(path) = &args.labels_out {
@@ -79,6 +118,7 @@ pub fn run(args: &SegmentArgs, output: Output) -> Outcome {
                 h * 1e3,
                 o.completeness * 100.0
             );
+            text += &o.score.map_or(String::new(), |score| format!(", score {score:.2}"));
         }
         for l in &scene.meta.left_out {
             let [x, y, z] = l.centroid_m;

@@ -6,7 +6,7 @@
 //! labelled one assigned to it, precision is Σ|c ∩ g(c)| / Σ|c| over all found masks and recall Σ|c ∩ g(c)| / Σ|g| over all labelled
 //! ones. The boundary figures are the same on one-pixel contours, where a contour pixel matches within a disk of [`tolerance_px`].
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use repose_geometry::Image;
 use serde::Serialize;
@@ -77,13 +77,12 @@ pub fn score_masks(labelled: &Image<u16>, found: &Image<u16>) -> MaskScores {
     let (labelled_px, found_px) = (sizes(labelled), sizes(found));
     let shared = shared_px(labelled, found);
     let matches = matched(labelled, found);
-    let above_75 = matches.iter().filter(|(_, _, f)| *f > FOUND_FROM).count();
+    let good: BTreeSet<u16> = matches.iter().filter(|(_, _, f)| *f > FOUND_FROM).map(|(g, _, _)| *g).collect();
     let pairs: Vec<(u16, u16)> = matches.into_iter().map(|(g, c, _)| (g, c)).collect();
     let in_common: usize = pairs.iter().filter_map(|pair| shared.get(pair)).sum();
     let overlap = Scores::of(in_common, found_px.values().sum(), in_common, labelled_px.values().sum());
 
-    let is_found = |g: u16| pairs.iter().any(|pair| pair.0 == g && overlap_f(pair.0, pair.1) > FOUND_FROM);
-    let faults = MaskFaults::of(&labelled_px, &found_px, &shared, is_found);
+    let faults = MaskFaults::of(&labelled_px, &found_px, &shared, |g| good.contains(&g));
 
     let disk = disk(tolerance_px(labelled.width(), labelled.height()));
     let (labelled_contours, found_contours) = (contours(labelled), contours(found));
@@ -94,7 +93,7 @@ pub fn score_masks(labelled: &Image<u16>, found: &Image<u16>) -> MaskScores {
     }
     let total = |contours: &BTreeMap<u16, Vec<usize>>| contours.values().map(Vec::len).sum::<usize>();
     let boundary = Scores::of(matched_found, total(&found_contours), matched_labelled, total(&labelled_contours));
-    MaskScores { labelled: labelled_px.len(), found: found_px.len(), above_75, overlap, boundary, faults }
+    MaskScores { labelled: labelled_px.len(), found: found_px.len(), above_75: good.len(), overlap, boundary, faults }
 }
 
 /// Pairs (labelled, found, overlap F) of masks with the greatest sum of F; those that do not overlap are no pairs.

@@ -2,3 +2,5 @@
 
 pub mod borders;
 pub mod clean;
+pub mod hints;
+pub mod stray;

@@ -22,11 +22,30 @@ pub fn find(in_camera: &PointMap, foreground: &Image<bool>, focal_px: f32, setti
     let neighbours = Neighbours { in_camera, focal_px, settings };
     let whole: Vec<bool> =
         (0..in_camera.pixels().len()).map(|i| foreground.pixels()[i] && !neighbours.is_crease(i, foreground.pixels())).collect();
-    let mut ids = number_by_size(&neighbours, &whole, settings);
+    let mut ids = number_by_size(&neighbours, &whole, settings.min_pixels, settings.max_count);
     grow(&neighbours, foreground.pixels(), &mut ids);
     // The count is the picture's own: a mismatch cannot happen, and nothing found is the harmless reading of it.
     Image::from_pixels(in_camera.width(), in_camera.height(), ids)
         .unwrap_or_else(|_| Image::filled(in_camera.width(), in_camera.height(), 0))
+}
+
+/// Gives what `foreground` holds beside the components in `ids` ids of its own, above theirs, from the largest down; those are returned.
+pub fn add_rest(
+    ids: &mut Image<u16>,
+    in_camera: &PointMap,
+    foreground: &Image<bool>,
+    focal_px: f32,
+    settings: &ComponentSettings,
+) -> std::ops::RangeInclusive<u16> {
+    let neighbours = Neighbours { in_camera, focal_px, settings };
+    let numbered = ids.pixels().iter().copied().max().unwrap_or(0);
+    let rest: Vec<bool> = foreground.pixels().iter().zip(ids.pixels()).map(|(marked, id)| *marked && *id == 0).collect();
+    let small = number_by_size(&neighbours, &rest, settings.min_told_pixels, settings.max_count);
+    let count = small.iter().copied().max().unwrap_or(0);
+    for (id, small) in ids.pixels_mut().iter_mut().zip(small).filter(|(_, small)| *small != 0) {
+        *id = numbered + small;
+    }
+    numbered + 1..=numbered + count
 }
 
 /// What decides whether pixels belong together.
@@ -81,7 +100,7 @@ impl Neighbours<'_> {
 }
 
 /// Connected components of the marked pixels, numbered from the largest down; small ones stay 0.
-fn number_by_size(neighbours: &Neighbours<'_>, marked: &[bool], settings: &ComponentSettings) -> Vec<u16> {
+fn number_by_size(neighbours: &Neighbours<'_>, marked: &[bool], min_pixels: usize, max_count: usize) -> Vec<u16> {
     let (width, height) = (neighbours.in_camera.width(), neighbours.in_camera.height());
     let mut component = vec![u32::MAX; marked.len()];
     let mut sizes: Vec<(usize, u32)> = Vec::new();
@@ -105,9 +124,9 @@ fn number_by_size(neighbours: &Neighbours<'_>, marked: &[bool], settings: &Compo
         }
         sizes.push((size, id));
     }
-    let mut ranked: Vec<(usize, u32)> = sizes.iter().copied().filter(|(size, _)| *size >= settings.min_pixels).collect();
+    let mut ranked: Vec<(usize, u32)> = sizes.iter().copied().filter(|(size, _)| *size >= min_pixels).collect();
     ranked.sort_by_key(|&(size, id)| (std::cmp::Reverse(size), id));
-    ranked.truncate(settings.max_count.min(usize::from(u16::MAX)));
+    ranked.truncate(max_count.min(usize::from(u16::MAX / 2)));
     let mut rank = vec![0u16; sizes.len()];
     for (k, (_, id)) in ranked.into_iter().enumerate() {
         rank[id as usize] = k as u16 + 1;

@@ -3,7 +3,11 @@
 //! Worked out on the coarse picture: large horizontal surfaces are furniture, what rises above one of them is foreground, its
 //! components are objects. The labels are then spread to the full picture by nearness in space.
 
+use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
+
 use repose_geometry::{Aabb, Image, Point2, Point3};
+use repose_proto::LeftOutReason;
 
 use super::{components, halves, hollows};
 use crate::readings::depth::DepthMap;
@@ -24,21 +28,28 @@ pub struct CoarseView<'a> {
     pub focal_px: f32,
 }
 
-/// Instance ids of the coarse picture, 1, 2, … from the largest down; 0 where there is no object.
-///
-/// `surfaces` are those of the whole scene, tops of yet unknown objects among them.
-pub fn label(view: &CoarseView<'_>, surfaces: &[SupportSurface], settings: &ComponentSettings) -> Image<u16> {
+/// What was found in the coarse picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Found {
+    /// Ids 1, 2, … from the largest object down, then those of what is none; 0 where nothing rises above the supports.
+    pub ids: Image<u16>,
+    /// Why some of them are no objects.
+    pub no_objects: BTreeMap<u16, LeftOutReason>,
+}
+
+/// Objects in the coarse picture. `surfaces` are those of the whole scene, tops of yet unknown objects among them.
+pub fn find(view: &CoarseView<'_>, surfaces: &[SupportSurface], settings: &ComponentSettings) -> Found {
     let mut supports: Vec<&SupportSurface> = surfaces.iter().filter(|s| s.seen_m2 >= settings.min_support_area_m2).collect();
     if supports.is_empty() {
         // A close view of a small table: its largest surface has to do.
         supports.extend(surfaces.iter().max_by(|a, b| a.seen_m2.total_cmp(&b.seen_m2)));
     }
     let foreground = foreground(view, &supports, settings);
-    let mut labels = components::find(view.in_camera, &foreground, view.focal_px, settings);
-    hollows::join(&mut labels, view.in_camera, view.in_world, &settings.hollows);
-    halves::join(&mut labels, view.in_camera, view.in_world, &settings.halves);
-    keep_objects(&mut labels, view.in_world, &supports, settings);
-    labels
+    let mut ids = components::find(view.in_camera, &foreground, view.focal_px, settings);
+    hollows::join(&mut ids, view.in_camera, view.in_world, &settings.hollows);
+    halves::join(&mut ids, view.in_camera, view.in_world, &settings.halves);
+    let small = components::add_rest(&mut ids, view.in_camera, &foreground, view.focal_px, settings);
+    judged(&ids, &small, view.in_world, &supports, settings)
 }
 
 /// The full picture's labels: each pixel takes the label of the nearest (in space) of the coarse pixels around it.
@@ -101,27 +112,42 @@ fn foreground(view: &CoarseView<'_>, supports: &[&SupportSurface], settings: &Co
     foreground
 }
 
-/// Drops what is too large for an object or stands beside every support, and closes the gaps in the numbering.
-fn keep_objects(labels: &mut Image<u16>, in_world: &PointMap, supports: &[&SupportSurface], settings: &ComponentSettings) {
-    let most = labels.pixels().iter().copied().max().unwrap_or(0);
-    let mut points: Vec<Vec<Point3<f32>>> = vec![Vec::new(); usize::from(most) + 1];
-    for (p, id) in in_world.pixels().iter().zip(labels.pixels()).filter(|(_, id)| **id != 0) {
+/// Says of each component whether it is an object, and numbers the objects first. Those in `small` are too small.
+fn judged(
+    ids: &Image<u16>,
+    small: &RangeInclusive<u16>,
+    in_world: &PointMap,
+    supports: &[&SupportSurface],
+    settings: &ComponentSettings,
+) -> Found {
+    let most = usize::from(ids.pixels().iter().copied().max().unwrap_or(0));
+    let mut points: Vec<Vec<Point3<f32>>> = vec![Vec::new(); most + 1];
+    for (p, id) in in_world.pixels().iter().zip(ids.pixels()).filter(|(_, id)| **id != 0) {
         points[usize::from(*id)].push(*p);
     }
-    let mut renumbered = vec![0u16; points.len()];
-    let mut next = 1;
-    for (id, points) in points.iter().enumerate().skip(1) {
-        let Some(bounds) = Aabb::of(points) else { continue };
+    let reason = |id: u16| {
+        let bounds = Aabb::of(&points[usize::from(id)])?;
         let center: Point2<f32> = bounds.center().xy();
         let stands = supports.is_empty() || supports.iter().any(|s| s.outline.margin(&center) > -OUTLINE_SLACK_M);
-        if bounds.extent().max() <= settings.max_extent_m && stands {
-            renumbered[id] = next;
-            next += 1;
+        if small.contains(&id) {
+            Some(LeftOutReason::TooSmall)
+        } else if bounds.extent().max() > settings.max_extent_m {
+            Some(LeftOutReason::TooLarge)
+        } else {
+            (!stands).then_some(LeftOutReason::BesideSupports)
+        }
+    };
+    let present = (1..=most as u16).filter(|id| !points[usize::from(*id)].is_empty());
+    let (objects, others): (Vec<_>, Vec<_>) = present.map(|id| (id, reason(id))).partition(|(_, reason)| reason.is_none());
+    let mut renumbered = vec![0u16; most + 1];
+    let mut no_objects = BTreeMap::new();
+    for (number, (id, reason)) in (1..).zip(objects.into_iter().chain(others)) {
+        renumbered[usize::from(id)] = number;
+        if let Some(reason) = reason {
+            no_objects.insert(number, reason);
         }
     }
-    for id in labels.pixels_mut() {
-        *id = renumbered[usize::from(*id)];
-    }
+    Found { ids: ids.map(|id| renumbered[usize::from(*id)]), no_objects }
 }
 
 #[cfg(test)]
@@ -146,11 +172,12 @@ mod tests {
         let facing = in_world.pixels().iter().zip(faces_up.pixels()).filter(|(_, up)| **up).map(|(p, _)| (*p, 0));
         let surfaces = surfaces::find(facing, &settings);
         let view = CoarseView { in_camera: &in_camera, in_world: &in_world, focal_px: 262.0 };
-        let labels = label(&view, &surfaces, &ComponentSettings::default());
+        let found = find(&view, &surfaces, &ComponentSettings::default());
+        let labels = found.ids.map(|id| if found.no_objects.contains_key(id) { 0 } else { *id });
         let seen = cast(solids, &CAMERA, &world_from_camera);
         (0..solids.len())
             .map(|solid| {
-                let mut counts = std::collections::BTreeMap::new();
+                let mut counts = BTreeMap::new();
                 for (_, id) in seen.pixels().iter().zip(labels.pixels()).filter(|(s, _)| s.is_some_and(|(_, k)| k == solid)) {
                     *counts.entry(*id).or_insert(0usize) += 1;
                 }

@@ -22,7 +22,8 @@ const HOLD: f32 = 0.3;
 pub fn offset(near: &Nearness, settings: &SelfFilterSettings) -> Option<Vector3<f32>> {
     let pixels = || near.pixels.iter().filter(|pixel| pixel.distance_m.abs() <= settings.look_m);
     let count = pixels().count();
-    if count < LEAST_READINGS {
+    // A camera that leaves the robot out sees what is behind it; the little that is near its place is something else.
+    if count < LEAST_READINGS || near.met < near.expected / 2 {
         return None;
     }
     // Shift, then the common distance.

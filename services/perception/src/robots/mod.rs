@@ -4,3 +4,4 @@ pub mod body;
 pub mod calibration;
 pub mod held;
 pub mod self_filter;
+pub mod states;

@@ -90,6 +90,10 @@ pub struct NearPixel {
 pub struct Nearness {
     /// In the picture's order.
     pub pixels: Vec<NearPixel>,
+    /// Pixels whose rays meet a ball.
+    pub expected: usize,
+    /// Those of them with a reading near a ball, or without a reading.
+    pub met: usize,
 }
 
 impl Nearness {
@@ -97,11 +101,16 @@ impl Nearness {
     pub fn new(depth: &DepthMap, camera: &Pinhole, balls: &[Ball], reach_m: f32) -> Self {
         let (width, height) = (depth.width(), depth.height());
         let mut nearest: Vec<(f32, u32)> = vec![(f32::INFINITY, 0); width * height];
+        let mut is_expected = vec![false; width * height];
         for (k, ball) in balls.iter().enumerate() {
             let Some([columns, rows]) = covered(camera, ball, ball.radius_m + reach_m) else { continue };
             for v in rows {
                 for u in columns.clone() {
                     let distance = (depth.point(u, v) - ball.center).norm() - ball.radius_m;
+                    let ray = Vector3::new(depth.slope_x()[u], depth.slope_y()[v], 1.0);
+                    let along = ray.dot(&ball.center.coords);
+                    let beside = ball.center.coords.norm_squared() - along * along / ray.norm_squared();
+                    is_expected[v * width + u] |= along > 0.0 && beside < ball.radius_m * ball.radius_m;
                     let slot = &mut nearest[v * width + u];
                     // False without a reading.
                     if distance < slot.0 {
@@ -116,7 +125,11 @@ impl Nearness {
             distance_m: *distance_m,
             outward: (depth.point(index % width, index / width) - balls[*k as usize].center).normalize(),
         });
-        Self { pixels: pixels.collect() }
+        let pixels: Vec<NearPixel> = pixels.collect();
+        let expected = is_expected.iter().filter(|expected| **expected).count();
+        let without = is_expected.iter().zip(depth.depth_m().pixels()).filter(|(expected, z)| **expected && z.is_nan()).count();
+        let met = without + pixels.iter().filter(|pixel| is_expected[pixel.index]).count();
+        Self { pixels, expected, met }
     }
 }
 
@@ -137,4 +150,84 @@ fn covered(camera: &Pinhole, ball: &Ball, reach_m: f32) -> Option<[std::ops::Ran
     };
     let ranges = [range(center.x, camera.fx, camera.cx, camera.width), range(center.y, camera.fy, camera.cy, camera.height)];
     ranges.iter().all(|range| !range.is_empty()).then_some(ranges)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+    use repose_geometry::transform::{look_at, to_row_major};
+    use repose_proto::RigidTransform;
+
+    use super::*;
+
+    const CAMERA: Pinhole = Pinhole { width: 320, height: 240, fx: 262.0, fy: 262.0, cx: 159.5, cy: 119.5 };
+    /// Depth of the wall behind the robot, metres.
+    const WALL_M: f32 = 3.0;
+
+    fn world_from_camera() -> Isometry3<f64> {
+        look_at(&Point3::new(1.4, -1.0, 0.9), &Point3::new(0.2, 0.0, 0.4), &Vector3::z())
+    }
+
+    fn robot(shift_m: [f64; 3]) -> RobotInView {
+        RobotInView {
+            name: "left".to_owned(),
+            model: "panda".to_owned(),
+            joints_rad: repose_panda::READY,
+            gripper_width_m: 0.04,
+            holding: None,
+            world_from_base: RigidTransform(to_row_major(&Isometry3::translation(shift_m[0], shift_m[1], shift_m[2]))),
+        }
+    }
+
+    /// The robot's balls before a wall, and how many pixels they fill.
+    fn seen(robot: &RobotInView) -> (DepthMap, usize) {
+        let body = Body::new(robot, &world_from_camera().inverse()).unwrap();
+        let mut on_robot = 0;
+        let counts: Vec<u16> = (0..CAMERA.width * CAMERA.height)
+            .map(|i| {
+                let ray = CAMERA.unproject((i % CAMERA.width) as f64, (i / CAMERA.width) as f64, 1.0).coords.cast::<f32>();
+                let hit = |ball: &Ball| {
+                    let (a, b) = (ray.norm_squared(), ray.dot(&ball.center.coords));
+                    let rest = b * b - a * (ball.center.coords.norm_squared() - ball.radius_m * ball.radius_m);
+                    (rest >= 0.0).then(|| (b - rest.sqrt()) / a)
+                };
+                let nearest = body.balls.iter().filter_map(hit).fold(f32::INFINITY, f32::min);
+                on_robot += usize::from(nearest < WALL_M);
+                (nearest.min(WALL_M) * 1000.0).round() as u16
+            })
+            .collect();
+        (DepthMap::new(&counts, 0.001, &CAMERA, 4.0), on_robot)
+    }
+
+    #[test]
+    fn a_robot_where_it_says_leaves_the_picture_and_nothing_else_does() {
+        let (mut depth, on_robot) = seen(&robot([0.0; 3]));
+        let pose = world_from_camera();
+        let filtered = remove(&mut depth, &CAMERA, &[robot([0.0; 3])], Some(&pose), &SelfFilterSettings::default());
+        assert!(on_robot > 3000 && filtered.readings == on_robot, "{} of {on_robot}", filtered.readings);
+        assert!(filtered.warnings.is_empty(), "{:?}", filtered.warnings);
+        assert_eq!(depth.readings(), CAMERA.width * CAMERA.height - on_robot);
+    }
+
+    #[test]
+    fn a_robot_beside_its_place_is_told_and_taken_out_all_the_same() {
+        let (mut depth, on_robot) = seen(&robot([0.0, 0.03, 0.0]));
+        let pose = world_from_camera();
+        let filtered = remove(&mut depth, &CAMERA, &[robot([0.0; 3])], Some(&pose), &SelfFilterSettings::default());
+        assert_eq!(filtered.warnings.len(), 1);
+        assert_eq!(filtered.warnings[0].field, "world_from_camera");
+        assert!(filtered.readings * 100 >= on_robot * 97, "{} of {on_robot}", filtered.readings);
+    }
+
+    #[test]
+    fn without_the_cameras_pose_or_for_an_unknown_robot_the_filter_says_that_it_cannot() {
+        let (depth, _) = seen(&robot([0.0; 3]));
+        let pose = world_from_camera();
+        let unknown = RobotInView { model: "other".to_owned(), ..robot([0.0; 3]) };
+        for (robot, pose, field) in [(robot([0.0; 3]), None, "world_from_camera"), (unknown, Some(&pose), "robots[0]")] {
+            let mut left = depth.clone();
+            let filtered = remove(&mut left, &CAMERA, &[robot], pose, &SelfFilterSettings::default());
+            assert_eq!((filtered.readings, filtered.warnings[0].field.as_str()), (0, field));
+        }
+    }
 }

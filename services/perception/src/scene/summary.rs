@@ -6,6 +6,9 @@ use repose_proto::ObjectSummary;
 /// A neighbour this much nearer to the camera covers the object rather than ending beside it, metres.
 const COVER_STEP_M: f32 = 0.015;
 
+/// Readings with which an object that is told from everything else is half sure to be one.
+const HALF_SURE_READINGS: f64 = 150.0;
+
 /// Summaries of the objects that have points, by id. `points` are in the world, `labels` beside them.
 pub fn summarise(points: &[[f32; 3]], labels: &[u16], completeness: &Completeness) -> Vec<ObjectSummary> {
     let most = labels.iter().copied().max().unwrap_or(0);
@@ -65,6 +68,8 @@ struct Tally {
     readings: u32,
     outline: u32,
     cut: u32,
+    /// Part of the outline where another object's reading is beside it without a jump in depth, or the picture ends.
+    unsure: u32,
 }
 
 impl Completeness {
@@ -93,11 +98,13 @@ impl Completeness {
                     None => {
                         tally.outline += 1;
                         tally.cut += 1;
+                        tally.unsure += 1;
                     }
                     Some(j) if ids[j] != id => {
                         tally.outline += 1;
                         // With either reading missing this is false: an edge in the sensor's shadow counts as seen.
                         tally.cut += u32::from(depths[j] + COVER_STEP_M < depths[i]);
+                        tally.unsure += u32::from(ids[j] != 0 && (depths[j] - depths[i]).abs() < COVER_STEP_M);
                     }
                     Some(_) => {}
                 }
@@ -111,6 +118,15 @@ impl Completeness {
         let Some(tally) = self.tallies.get(usize::from(id)).filter(|t| t.pixels > 0) else { return 0.0 };
         let free = 1.0 - f64::from(tally.cut) / f64::from(tally.outline.max(1));
         free * f64::from(tally.readings) / f64::from(tally.pixels)
+    }
+
+    /// How sure it is that a found mask is one whole object, 0 to 1: the share of its outline that a jump in depth or the support tells,
+    /// times how many readings it has beside [`HALF_SURE_READINGS`]. Not calibrated: it ranks.
+    pub fn score_of(&self, id: u16) -> f64 {
+        let Some(tally) = self.tallies.get(usize::from(id)).filter(|t| t.pixels > 0) else { return 0.0 };
+        let told = 1.0 - f64::from(tally.unsure) / f64::from(tally.outline.max(1));
+        let readings = f64::from(tally.readings);
+        told * readings / (readings + HALF_SURE_READINGS)
     }
 }
 

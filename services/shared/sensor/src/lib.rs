@@ -1,5 +1,15 @@
 //! The one depth sensor of Repose: what a structured-light or an active-stereo camera reports of true depth.
 //!
+//! ```
+//! use repose_geometry::Pinhole;
+//! use repose_sensor::SensorModel;
+//!
+//! let camera = Pinhole { width: 64, height: 48, fx: 52.0, fy: 52.0, cx: 31.5, cy: 23.5 };
+//! let mut wall_m = vec![1.0; 64 * 48];
+//! SensorModel::structured_light().disturb(&mut wall_m, &camera, 7);
+//! assert!(wall_m.iter().all(|z| *z == 0.0 || (z - 1.0).abs() < 0.02), "0 is a lost reading");
+//! ```
+//!
 //! The simulator's camera and the augmentation in training use the same [`SensorModel`], so that networks see in training what they see in
 //! service. Both kinds of camera measure *disparity*, the shift of a patch between two points of view, and their faults are simple there: steps
 //! and noise of a share of a pixel, correlated as wide as the patch. Depth is `focal · baseline / disparity`, so that both grow with the square of
