@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use repose_proto::LeftOutReason;
 
 use crate::masks::borders::border_band;
-use crate::scene::left_out::LeftOutMasks;
+use crate::masks::left_out::LeftOutMasks;
 use crate::settings::{BorderSettings, Settings};
 
 /// Labels and the band around them, objects with enough readings only.

@@ -6,7 +6,7 @@
 
 use nalgebra::{Matrix4, Vector3, Vector4};
 
-use super::self_filter::Nearness;
+use super::nearness::Nearness;
 use crate::settings::SelfFilterSettings;
 
 /// Fewer readings near the robot say nothing of where it is.

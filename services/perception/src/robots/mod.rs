@@ -3,5 +3,6 @@
 pub mod body;
 pub mod calibration;
 pub mod held;
+pub mod nearness;
 pub mod self_filter;
 pub mod states;

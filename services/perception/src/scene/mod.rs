@@ -1,6 +1,5 @@
 //! The parts of a scene: its points, a summary of each object, and where nothing was seen.
 
 pub mod cloud;
-pub mod left_out;
 pub mod summary;
 pub mod unseen;
