@@ -351,18 +351,17 @@ fn circle_through(start: &Path, imports: &BTreeMap<PathBuf, BTreeSet<PathBuf>>) 
     None
 }
 
+/// Crates in which some files still do.
+const CIRCLES_LEFT: [&str; 5] = ["repose-proto", "repose-networks", "repose-motion", "repose-console", "repose-python"];
+
 #[test]
-#[ignore = "inference, motion and planner still have circles"]
 fn files_of_a_crate_do_not_import_each_other_in_circles() {
-    for (name, member) in members() {
+    for (name, member) in members().into_iter().filter(|(name, _)| !CIRCLES_LEFT.contains(&name.as_str())) {
         let src = member.dir.join("src");
         let imports = imports_of(&src);
-        for file in imports.keys() {
-            if let Some(way) = circle_through(file, &imports) {
-                let way: Vec<String> =
-                    way.iter().map(|path| path.strip_prefix(&src).expect("of the crate").display().to_string()).collect();
-                panic!("{name}: {} import each other in a circle", way.join(" -> "));
-            }
+        if let Some(way) = imports.keys().find_map(|file| circle_through(file, &imports)) {
+            let way: Vec<String> = way.iter().map(|path| path.strip_prefix(&src).expect("of the crate").display().to_string()).collect();
+            panic!("{name}: {} import each other in a circle", way.join(" -> "));
         }
     }
 }

@@ -1,11 +1,10 @@
 //! `--say`: a goal in words, and what it was taken to mean.
 
-use repose_proto::{CallError, Scene};
+use repose_proto::{CallError, GoalTerm, Scene};
 use repose_words::{Understood, looks_of, understand};
 use serde::Serialize;
 
 use crate::failure::Failure;
-use crate::wish::NextWish;
 
 /// What a sentence was taken to mean; printed beside the result.
 #[derive(Debug, Clone, Serialize)]
@@ -32,11 +31,11 @@ impl std::fmt::Display for Said {
     }
 }
 
-/// Reads a sentence about a scene, for a viewer; the camera's where none is given.
-pub fn wish_of(sentence: &str, scene: &Scene, view_yaw_rad: Option<f64>) -> Result<(NextWish, Said), Failure> {
+/// Reads a sentence about a scene, for a viewer (the camera's where none is given): the object to move, and what must hold.
+pub fn wish_of(sentence: &str, scene: &Scene, view_yaw_rad: Option<f64>) -> Result<(u16, Vec<GoalTerm>, Said), Failure> {
     let looks = looks_of(scene, view_yaw_rad.unwrap_or(scene.meta.view_yaw_rad));
     let Understood { query, goal, taken } =
         understand(sentence, &looks).map_err(|refused| Failure::BadInput(CallError::invalid("say", refused.to_string())))?;
     let taken = taken.into_iter().map(|t| TakenAs { phrase: t.phrase, object: t.object }).collect();
-    Ok((NextWish { query, goal }, Said { say: sentence.to_owned(), taken }))
+    Ok((query, goal, Said { say: sentence.to_owned(), taken }))
 }

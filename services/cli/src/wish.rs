@@ -56,7 +56,7 @@ impl WishArgs {
     /// What is wished for on a scene, and how the words were taken where it is said in words.
     pub fn on(&self, scene: &Scene) -> Result<(NextWish, Option<Said>), Failure> {
         if let Some(sentence) = &self.say {
-            return wish_of(sentence, scene, self.view_yaw).map(|(wish, said)| (wish, Some(said)));
+            return wish_of(sentence, scene, self.view_yaw).map(|(query, goal, said)| (NextWish { query, goal }, Some(said)));
         }
         let wish = self.numbered().ok_or_else(|| Failure::bad_input("move", "neither --move nor --say is given"))?;
         Ok((wish, None))
