@@ -411,7 +411,7 @@ fn no_file_names_a_place_on_the_machine_that_made_it() {
         let Ok(text) = std::fs::read_to_string(root().join(&path)) else { continue };
         for place in &places {
             let named = text.match_indices(place.as_str()).any(|(at, _)| {
-                // `a/home/b` is a path of ours, `/home/b` is the machine's.
+                // After a name it is a folder of ours; only at the beginning of a path is it the machine's.
                 !text[..at].ends_with(|c: char| c.is_alphanumeric() || ['.', '_', '-', '*', '}', '/'].contains(&c))
             });
             assert!(!named, "{} names {place}", path.display());

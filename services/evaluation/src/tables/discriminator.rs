@@ -76,8 +76,8 @@ pub struct Trial {
     pub variant: Option<Variant>,
     /// Its rank among the scene's samples, or among the placements of the answer, from 0.
     pub rank: usize,
-    /// What the discriminator said; what the answer said, for a placement.
-    pub realism: f64,
+    /// What the discriminator said; what the answer said, for a placement: none where its variant asks no network.
+    pub realism: Option<f64>,
     /// What the outcome network said of a random prior sample.
     pub outcome: Option<f64>,
     /// What `best` makes of that with what geometry measures; none where the planner does not take the query.
@@ -142,7 +142,7 @@ impl Forecaster {
     /// What it says of a random prior sample; none where it says nothing.
     pub fn said(self, trial: &Trial) -> Option<f64> {
         match self {
-            Self::Discriminator => Some(trial.realism),
+            Self::Discriminator => trial.realism,
             Self::Outcome => trial.outcome,
             Self::Best => trial.best,
         }
@@ -239,10 +239,8 @@ fn trials_of(problem: &Problem, engine: &Engine, settings: &DiscriminatorSetting
         };
         for (rank, placement) in result.placements.iter().enumerate() {
             let Ok(placed_from_observed) = from_row_major(&placement.placed_from_observed.0) else { continue };
-            // A variant that asks no network says nothing to compare with.
-            let Some(realism) = placement.realism else { continue };
             let Some(judged) = judge(problem, &placed_from_observed, &settings.release) else { continue };
-            trials.push(Trial { seed: problem.seed, variant: Some(variant), rank, realism, outcome: None, best: None, judged });
+            trials.push(Trial { seed: problem.seed, variant: Some(variant), rank, realism: placement.realism, outcome: None, best: None, judged });
         }
     }
     Ok(trials)
@@ -263,7 +261,7 @@ fn random_trials(
     let trial = |(rank, draw): (usize, &[f32; 4])| {
         let judged = judge(problem, &motion_to(&centroid, draw), &settings.release)?;
         let best = measured.as_ref().map(|of| settings.stability.of(&of(&CandidatePose::from_row(*draw), outcomes[rank])));
-        let (realism, outcome) = (f64::from(realism[rank]), Some(f64::from(outcomes[rank])));
+        let (realism, outcome) = (Some(f64::from(realism[rank])), Some(f64::from(outcomes[rank])));
         Some(Trial { seed: problem.seed, variant: None, rank, realism, outcome, best, judged })
     };
     Ok(draws.iter().enumerate().filter_map(trial).collect())
@@ -287,11 +285,11 @@ fn table_of(scenes: &[Vec<Trial>], variants: &[Variant]) -> DiscriminatorTable {
 
 fn random_row(by: Forecaster, samples: &[Vec<Trial>]) -> RandomRow {
     // What it said stands for realism from here on.
-    let said = |t: &Trial| Some(Trial { realism: by.said(t)?, ..*t });
+    let said = |t: &Trial| Some(Trial { realism: Some(by.said(t)?), ..*t });
     let samples: Vec<Vec<Trial>> = samples.iter().map(|scene| scene.iter().filter_map(said).collect()).collect();
     let first: Vec<Vec<Trial>> = samples.iter().map(|scene| scene.iter().copied().filter(|t| t.rank == 0).collect()).collect();
     let area = |groups: &[&Vec<Trial>]| {
-        area_under_curve(&groups.iter().flat_map(|g| g.iter()).map(|t| (t.realism, t.judged.stable)).collect::<Vec<_>>())
+        area_under_curve(&groups.iter().flat_map(|g| g.iter()).filter_map(|t| Some((t.realism?, t.judged.stable))).collect::<Vec<_>>())
     };
     RandomRow {
         by,
@@ -312,7 +310,7 @@ fn row(variant: Variant, scenes: &[Vec<Trial>]) -> VariantRow {
         }
     }
     let answers: Vec<Vec<Trial>> = scenes.iter().map(|s| s.iter().copied().filter(|t| t.rank == 0).collect()).collect();
-    let forecasts: Vec<(f64, bool)> = scenes.iter().flatten().map(|t| (t.realism, t.judged.stable)).collect();
+    let forecasts: Vec<(f64, bool)> = scenes.iter().flatten().filter_map(|t| Some((t.realism?, t.judged.stable))).collect();
     let calibration = Calibration::of(&forecasts, 1);
     VariantRow { variant, confident, stable, stable_with_goal, correlation: correlation(&answers), calibration }
 }
@@ -320,12 +318,13 @@ fn row(variant: Variant, scenes: &[Vec<Trial>]) -> VariantRow {
 /// Realism against distance moved, outliers left out.
 fn correlation(scenes: &[Vec<Trial>]) -> Correlation {
     let pairs = |trials: &mut dyn Iterator<Item = &Trial>| -> Vec<(f64, f64)> {
-        trials.filter(|t| t.judged.moved_m < OUTLIER_M).map(|t| (t.realism, t.judged.moved_m)).collect()
+        let within = trials.filter(|t| t.judged.moved_m < OUTLIER_M);
+        within.filter_map(|t| Some((t.realism?, t.judged.moved_m))).collect()
     };
     let all = pairs(&mut scenes.iter().flatten());
     let r = pearson_r(&all);
     let interval = interval(scenes, 2, |groups| pearson_r(&pairs(&mut groups.iter().flat_map(|g| g.iter()))));
-    let outliers = scenes.iter().map(Vec::len).sum::<usize>() - all.len();
+    let outliers = scenes.iter().flatten().filter(|t| t.judged.moved_m >= OUTLIER_M).count();
     Correlation { n: all.len(), outliers, r, p: r.and_then(|r| pearson_p(r, all.len())), interval }
 }
 
@@ -338,7 +337,7 @@ mod tests {
 
     fn trial(variant: Option<Variant>, rank: usize, realism: f64, moved_m: f64) -> Trial {
         let judged = Judged { moved_m, stable: moved_m < 0.05, goal: true, clean: true };
-        Trial { seed: 1, variant, rank, realism, outcome: variant.is_none().then_some(1.0 - realism), best: None, judged }
+        Trial { seed: 1, variant, rank, realism: Some(realism), outcome: variant.is_none().then_some(1.0 - realism), best: None, judged }
     }
 
     #[test]
@@ -375,10 +374,10 @@ mod tests {
         let mut told = 0;
         let table = evaluate_discriminator(Split::Validation, 2, &engine, &settings, |n| told = n).expect("a table");
         assert_eq!((table.scenes, told, table.random_stable.n), (2, 2, 6));
-        assert!(table.trials.iter().all(|t| (0.0..=1.0).contains(&t.realism) && t.judged.moved_m >= 0.0), "{table:?}");
+        assert!(table.trials.iter().all(|t| t.realism.is_none_or(|said| (0.0..=1.0).contains(&said)) && t.judged.moved_m >= 0.0), "{table:?}");
         assert_eq!(table.rows[0].confident.n, 2);
         let of_best = |t: &&Trial| t.variant == Some(Variant::Best);
-        assert!(table.trials.iter().filter(of_best).all(|t| t.realism == 0.5), "best goes by the stability given: {table:?}");
+        assert!(table.trials.iter().filter(of_best).all(|t| t.realism == Some(0.5)), "best goes by the stability given: {table:?}");
         assert!(table.trials.iter().filter(|t| t.variant.is_none()).all(|t| t.best.is_none_or(|said| said == 0.5)), "{table:?}");
         assert!(table.random.iter().all(|row| row.auc.is_none_or(|a| (0.0..=1.0).contains(&a))));
     }
