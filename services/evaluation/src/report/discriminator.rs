@@ -79,7 +79,7 @@ pub fn pictures(table: &DiscriminatorTable) -> Result<Vec<(String, String)>, Dra
 fn scatter_plot(table: &DiscriminatorTable) -> Result<String, DrawError> {
     let by = main_forecaster(table);
     // A placement carries what its answer said.
-    let said = |t: &Trial| if t.variant.is_none() { by.said(t) } else { Some(t.realism) };
+    let said = |t: &Trial| if t.variant.is_none() { by.said(t) } else { t.realism };
     let of = |keep: &dyn Fn(&Trial) -> bool| -> Vec<(f64, f64)> {
         let kept = table.trials.iter().filter(|t| keep(t) && t.judged.moved_m < OUTLIER_M);
         kept.filter_map(|t| Some((t.judged.moved_m, said(t)?))).collect()
