@@ -240,7 +240,15 @@ fn trials_of(problem: &Problem, engine: &Engine, settings: &DiscriminatorSetting
         for (rank, placement) in result.placements.iter().enumerate() {
             let Ok(placed_from_observed) = from_row_major(&placement.placed_from_observed.0) else { continue };
             let Some(judged) = judge(problem, &placed_from_observed, &settings.release) else { continue };
-            trials.push(Trial { seed: problem.seed, variant: Some(variant), rank, realism: placement.realism, outcome: None, best: None, judged });
+            trials.push(Trial {
+                seed: problem.seed,
+                variant: Some(variant),
+                rank,
+                realism: placement.realism,
+                outcome: None,
+                best: None,
+                judged,
+            });
         }
     }
     Ok(trials)
@@ -374,7 +382,10 @@ mod tests {
         let mut told = 0;
         let table = evaluate_discriminator(Split::Validation, 2, &engine, &settings, |n| told = n).expect("a table");
         assert_eq!((table.scenes, told, table.random_stable.n), (2, 2, 6));
-        assert!(table.trials.iter().all(|t| t.realism.is_none_or(|said| (0.0..=1.0).contains(&said)) && t.judged.moved_m >= 0.0), "{table:?}");
+        assert!(
+            table.trials.iter().all(|t| t.realism.is_none_or(|said| (0.0..=1.0).contains(&said)) && t.judged.moved_m >= 0.0),
+            "{table:?}"
+        );
         assert_eq!(table.rows[0].confident.n, 2);
         let of_best = |t: &&Trial| t.variant == Some(Variant::Best);
         assert!(table.trials.iter().filter(of_best).all(|t| t.realism == Some(0.5)), "best goes by the stability given: {table:?}");
