@@ -20,11 +20,12 @@
 //!
 //! | room | what is in it |
 //! |---|---|
-//! | [`segment`](mod@segment) | the way from a frame to a scene; pure, as are the next five |
+//! | [`segment`](mod@segment) | the way from a frame to a scene; pure, as are the next six |
 //! | [`readings`] | the depth picture: metres, points, normals, stray readings |
 //! | [`supports`] | which way is up, and the surfaces that things stand on |
 //! | [`objects`] | finding objects in frames without labels |
 //! | [`masks`] | cleaning instance masks, found or given |
+//! | [`robots`] | telling robots and what they hold from the rest of the picture |
 //! | [`scene`] | the scene's points, summaries of its objects, unseen space |
 //! | [`sources`] | frames from disk: folders, sequences of pictures, recordings of ROS 2 |
 //! | [`cameras`], [`endpoints`], [`worker`], [`newest_scenes`] | the service that [`run`] starts: it follows cameras, publishes a summary of each new scene, keeps the newest scenes by id, and answers `segment`, `latest` and `scene` |
