@@ -38,13 +38,13 @@ const PANELS: [Panel; 2] = [
         title: "seen from above; the viewer is at the bottom",
         axes: [0, 1],
         rows_point_down: -1.0,
-        relations: [(0, "left_of", [0.14, 0.5]), (1, "right_of", [0.86, 0.5]), (2, "in_front_of", [0.5, 0.9]), (3, "behind", [0.5, 0.1])],
+        relations: [(0, "left_of", [0.14, 0.5]), (1, "right_of", [0.86, 0.62]), (2, "in_front_of", [0.5, 0.9]), (3, "behind", [0.5, 0.1])],
     },
     Panel {
         title: "as the viewer sees it",
         axes: [0, 2],
         rows_point_down: -1.0,
-        relations: [(0, "left_of", [0.14, 0.5]), (1, "right_of", [0.86, 0.5]), (4, "above", [0.5, 0.1]), (5, "below", [0.5, 0.9])],
+        relations: [(0, "left_of", [0.14, 0.5]), (1, "right_of", [0.86, 0.62]), (4, "above", [0.5, 0.1]), (5, "below", [0.5, 0.9])],
     },
 ];
 
