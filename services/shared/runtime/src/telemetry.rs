@@ -3,9 +3,11 @@
 //! Zenoh's own log is passed through a sieve: a line that holds a configuration, and so a password, never comes out, and a router says in
 //! plain words whom it did not let in and what it refused.
 
-use std::collections::BTreeSet;
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::IsTerminal;
 use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::{Mutex, PoisonError};
 
 use tracing::field::{Field, Visit};
 use tracing::{Event, Level, Metadata, Subscriber};
@@ -77,12 +79,23 @@ fn is_refusal(metadata: &Metadata<'_>) -> bool {
 /// Says in our words, and once for each, what the router refuses.
 struct Refusals {
     found: SyncSender<(&'static str, String)>,
+    /// Which user a session is, by its id.
+    subjects: Mutex<BTreeMap<String, String>>,
+}
+
+thread_local! {
+    /// The key that access control is working out every permission of, on this thread: what it finds there was not asked for by anybody.
+    static CACHING: RefCell<Option<String>> = const { RefCell::new(None) };
 }
 
 /// Refusals that may wait to be said; a flood is not worth more.
 const MOST_WAITING: usize = 256;
 /// Different refusals that are said; further ones are counted only, for nobody may fill a log from afar.
 const MOST_SAID: usize = 1000;
+/// Sessions whose user is remembered.
+const MOST_SUBJECTS: usize = 4096;
+/// The last of the permissions that access control works out together.
+const LAST_CACHED: &str = "Declare Liveliness Subscriber (";
 
 impl Refusals {
     fn start() -> Self {
@@ -100,7 +113,78 @@ impl Refusals {
         if let Err(error) = std::thread::Builder::new().name("refusals".to_owned()).spawn(say) {
             eprintln!("what the router refuses will not be said: {error}");
         }
-        Self { found }
+        Self { found, subjects: Mutex::default() }
+    }
+
+    /// A refusal in our words, if the line is one.
+    fn refusal(&self, target: &str, line: &str) -> Option<(&'static str, String)> {
+        if target.starts_with("zenoh_transport") {
+            let is_login = ["usrpwd", "UsrPwd", "Invalid password", "certificate", "authent"].iter().any(|sign| line.contains(sign));
+            return is_login.then(|| ("login", format!("refused a login: {}", crate::error::without_source_lines(line))));
+        }
+        if let Some((_, rest)) = line.split_once("caching permissions for `") {
+            CACHING.set(rest.split('`').next().map(str::to_owned));
+            return None;
+        }
+        let decision = Decision::read(line)?;
+        let subject = self.subject(&decision);
+        let is_caching = !decision.is_cached && CACHING.with_borrow(|key| key.as_deref() == Some(decision.key));
+        if !is_caching || decision.action.starts_with(LAST_CACHED) {
+            CACHING.set(None);
+        }
+        // What the router does not pass on to a user is as it should be; what a user sends and may not is a mistake, or worse.
+        if decision.is_allowed || is_caching || !decision.action.contains("(ingress)") {
+            return None;
+        }
+        let Decision { action, key, .. } = decision;
+        let action = action.trim_end_matches("(ingress)").trim();
+        let broad =
+            if action.contains("Subscriber") && key.contains('*') { "; a subscription must lie within what is allowed" } else { "" };
+        Some(("message", format!("refused: {subject} may not {action} at {key}{broad}")))
+    }
+
+    /// Who a decision is about: only those that are not from the cache name the user.
+    fn subject(&self, decision: &Decision<'_>) -> String {
+        let mut subjects = self.subjects.lock().unwrap_or_else(PoisonError::into_inner);
+        match decision.subject {
+            Some(subject) => {
+                if subjects.len() < MOST_SUBJECTS {
+                    subjects.insert(decision.session.to_owned(), subject.to_owned());
+                }
+                subject.to_owned()
+            }
+            None => subjects.get(decision.session).cloned().unwrap_or_else(|| format!("session {}", decision.session)),
+        }
+    }
+}
+
+/// A decision of access control: `<session> on <subject> is unauthorized to <action> on <key>`, or
+/// `Using cached result: <session> is unauthorized to <action> on <key>`.
+#[derive(Debug, PartialEq, Eq)]
+struct Decision<'a> {
+    session: &'a str,
+    subject: Option<&'a str>,
+    is_allowed: bool,
+    is_cached: bool,
+    action: &'a str,
+    key: &'a str,
+}
+
+impl<'a> Decision<'a> {
+    fn read(line: &'a str) -> Option<Self> {
+        let (who, what, is_allowed) = match (line.split_once(" is unauthorized to "), line.split_once(" is authorized to ")) {
+            (Some((who, what)), _) => (who, what, false),
+            (None, Some((who, what))) => (who, what, true),
+            (None, None) => return None,
+        };
+        let (action, key) = what.rsplit_once(" on ")?;
+        let cached = who.strip_prefix("Using cached result: ");
+        let (session, subject) = match (cached, who.split_once(" on ")) {
+            (Some(session), _) => (session, None),
+            (None, Some((session, subject))) => (session, Some(subject)),
+            (None, None) => (who, None),
+        };
+        Some(Self { session, subject, is_allowed, is_cached: cached.is_some(), action, key })
     }
 }
 
@@ -108,25 +192,11 @@ impl<S: Subscriber> Layer<S> for Refusals {
     fn on_event(&self, event: &Event<'_>, _context: Context<'_, S>) {
         let mut message = Message(String::new());
         event.record(&mut message);
-        if let Some(refusal) = refusal(event.metadata().target(), &message.0) {
+        if let Some(refusal) = self.refusal(event.metadata().target(), &message.0) {
             // Where too many wait already, this one is like them.
             drop(self.found.try_send(refusal));
         }
     }
-}
-
-/// A refusal in our words, if the line is one.
-fn refusal(target: &str, line: &str) -> Option<(&'static str, String)> {
-    if target.starts_with("zenoh_transport") {
-        let is_login = ["usrpwd", "UsrPwd", "Invalid password", "certificate", "authent"].iter().any(|sign| line.contains(sign));
-        return is_login.then(|| ("login", format!("refused a login: {}", crate::error::without_source_lines(line))));
-    }
-    // "<zid> on <subject> is unauthorized to <action> on <key>"
-    let (who, what) = line.split_once(" is unauthorized to ")?;
-    let subject = who.split_once(" on ").map_or(who, |(_, subject)| subject);
-    let (action, key) = what.split_once(" on ")?;
-    let broad = if action.contains("Subscriber") && key.contains('*') { "; a subscription must lie within what is allowed" } else { "" };
-    Some(("message", format!("refused: {subject} may not {action} at {key}{broad}")))
 }
 
 /// An event's message.
@@ -146,20 +216,41 @@ impl Visit for Message {
 mod tests {
     use super::*;
 
+    const ACCESS: &str = "zenoh::net::routing::interceptor::access_control";
+
     #[test]
-    fn what_access_control_refuses_is_said_with_user_verb_and_key() {
-        let target = "zenoh::net::routing::interceptor::access_control";
+    fn what_a_user_sends_and_may_not_is_said_with_user_verb_and_key() {
+        let refusals = Refusals::start();
         let line = "3f on lo+anna+quic is unauthorized to Declare Subscriber (ingress) on repose/v1/**";
-        let (kind, words) = refusal(target, line).expect("a refusal");
+        let (kind, words) = refusals.refusal(ACCESS, line).expect("a refusal");
         assert_eq!(kind, "message");
-        assert!(words.contains("lo+anna+quic may not Declare Subscriber (ingress) at repose/v1/**;"), "{words}");
-        assert_eq!(refusal(target, "3f on lo is authorized to Put (ingress) on repose/v1/lab/scene/front"), None);
+        assert!(words.contains("lo+anna+quic may not Declare Subscriber at repose/v1/**; a subscription"), "{words}");
+        assert_eq!(refusals.refusal(ACCESS, "3f on lo is authorized to Put (ingress) on repose/v1/lab/scene/front"), None);
+        assert_eq!(refusals.refusal(ACCESS, "3f on lo is unauthorized to Put (egress) on repose/v1/lab/scene/front"), None);
+    }
+
+    #[test]
+    fn what_is_worked_out_in_advance_is_nobodys_attempt_and_what_is_tried_later_is() {
+        let refusals = Refusals::start();
+        let key = "repose/v1/lab/robot/panda/command";
+        assert_eq!(refusals.refusal(ACCESS, &format!("ACL (ingress): caching permissions for `{key}` ...")), None);
+        for action in ["Query", "Put", "Declare/Undeclare Subscriber", "Declare Liveliness Subscriber"] {
+            assert_eq!(
+                refusals.refusal(ACCESS, &format!("3f on lo+anna is unauthorized to {action} (ingress) on {key}")),
+                None,
+                "{action}"
+            );
+        }
+        let tried = format!("Using cached result: 3f is unauthorized to Put (ingress) on {key}");
+        let (_, words) = refusals.refusal(ACCESS, &tried).expect("a refusal");
+        assert!(words.contains("lo+anna may not Put at"), "the user is known from before: {words}");
     }
 
     #[test]
     fn what_is_wrong_with_a_login_is_said_and_other_trouble_of_links_is_not() {
+        let refusals = Refusals::start();
         let target = "zenoh_transport::unicast::establishment::accept";
-        assert!(refusal(target, "UsrPwd extension - Recv OpenSyn. Invalid password.").is_some());
-        assert_eq!(refusal(target, "Received an unexpected message"), None);
+        assert!(refusals.refusal(target, "UsrPwd extension - Recv OpenSyn. Invalid password.").is_some());
+        assert_eq!(refusals.refusal(target, "Received an unexpected message"), None);
     }
 }
