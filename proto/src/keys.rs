@@ -43,7 +43,7 @@ impl Service {
     /// [`Cell::operate`].
     pub fn operates(self, method: &str) -> bool {
         match self {
-            Self::Motion => ["execute", "reset", "open", "retreat", "home"].contains(&method),
+            Self::Motion => ["execute", "reset", "recover"].contains(&method),
             Self::Simulator => method == "reset",
             Self::Perception | Self::Inference | Self::Planner => false,
         }

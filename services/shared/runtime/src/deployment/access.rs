@@ -96,6 +96,10 @@ impl Grants {
                         self.add(Verb::Query, self.cell.operate(service, "*"));
                     }
                 }
+                if user.role == Role::Operator {
+                    // Shows that whoever has a robot moved is still there.
+                    self.add(Verb::Token, self.cell.live_client("*"));
+                }
             }
             Role::Driver => self.drive(user),
             Role::Service => self.serve(user),
@@ -165,6 +169,7 @@ impl Grants {
                 self.add(Verb::Put, self.cell.robot_command("*"));
                 self.add(Verb::Subscribe, self.cell.robot_state("*"));
                 self.add(Verb::Subscribe, self.cell.robot_estop("*"));
+                self.add(Verb::Watch, self.cell.live_client("*"));
                 self.call(Service::Perception);
             }
             Service::Simulator => self.drive(user),
@@ -210,5 +215,7 @@ mod tests {
         assert_eq!(who(Verb::Subscribe, "repose/v1/lab/robot/panda/state"), "mopv");
         assert_eq!(who(Verb::Subscribe, "repose/v1/lab/camera/wrist/frame"), "");
         assert_eq!(who(Verb::Token, "repose/v1/lab/live/motion/x"), "m");
+        assert_eq!(who(Verb::Token, "repose/v1/lab/live/client/x"), "o");
+        assert_eq!(who(Verb::Watch, "repose/v1/lab/live/client/x"), "mopv");
     }
 }

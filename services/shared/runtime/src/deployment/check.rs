@@ -178,6 +178,7 @@ fn probes(roles: &Roles) -> Vec<Probe> {
         for robot in &robots {
             keys.extend([cell.robot_state(robot), cell.robot_command(robot), cell.robot_estop(robot)]);
         }
+        keys.insert(cell.live_client("check"));
         for camera in &cameras {
             keys.extend([cell.camera_frame(camera), cell.scene(camera)]);
         }
