@@ -138,6 +138,17 @@ fn training_takes_its_data_through_the_dataset_crate() {
 }
 
 #[test]
+fn of_the_console_only_what_faces_the_network_knows_the_runtime() {
+    // Its other async files face browsers: queues of messages, and TLS.
+    const OUTER: [&str; 3] = ["cell.rs", "config.rs", "lib.rs"];
+    for (path, text) in sources(&members()["repose-console"].dir.join("src")) {
+        let file = path.file_name().and_then(|f| f.to_str()).unwrap_or_default();
+        let outer = OUTER.contains(&file) || path.components().any(|c| c.as_os_str() == "endpoints");
+        assert!(outer || !code(&text).contains("repose_runtime"), "{} uses the runtime", path.display());
+    }
+}
+
+#[test]
 fn in_a_service_only_the_outer_files_know_the_runtime() {
     let members = members();
     for name in SERVICES {

@@ -8,6 +8,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
 use nalgebra::Isometry3;
+use repose_geometry::transform::from_row_major;
 use repose_proto::perception::{LatestRequest, SceneRequest};
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, Frame, Payload, Scene, SceneSummary, Service, keys, limits};
@@ -443,9 +444,9 @@ pub async fn follow_cells(session: &Session, audience: Arc<Audience>) -> Result<
     })
 }
 
-/// Where a robot's base stands.
-pub fn world_from_base(_state: &RobotState) -> Isometry3<f64> {
-    Isometry3::identity()
+/// Where a robot's base stands, as its state says; at the world's origin where it does not.
+pub fn world_from_base(state: &RobotState) -> Isometry3<f64> {
+    state.world_from_base.and_then(|pose| from_row_major(&pose.0).ok()).unwrap_or_else(Isometry3::identity)
 }
 
 /// An emergency stop from this console.

@@ -1,11 +1,12 @@
 // The planner's answer: placements in rank order with their evidence, or why there is none.
 
 import { el, fill } from "./element.js";
-import { MOTION_FAILURES, REJECTIONS, REJECTION_COLORS, milliseconds, millimetres, percent, sentence, termWords } from "./words.js";
+import { MOTION_FAILURES, REJECTIONS, REJECTION_COLORS, SHORTFALLS, milliseconds, millimetres, percent, sentence, termWords } from "./words.js";
 import { faultBox } from "./goal.js";
 
 /** How likely a placement stays, where the planner says. */
 const success = (placement) => placement.success ?? placement.realism;
+const likely = (placement) => (typeof success(placement) === "number" ? `${percent(success(placement))} likely to stay` : "Stands by geometry");
 
 /** The facts of a placement as a list. */
 export function evidence(placement, goal) {
@@ -13,7 +14,7 @@ export function evidence(placement, goal) {
   return el("dl", { className: "facts" },
     goal.map((term, k) => {
       const check = placement.geometric[k], probability = placement.relations[k];
-      return fact(sentence(termWords(term)), `${probability === undefined ? "" : percent(probability) + " · "}${check?.holds ? "holds" : "fails"} by rule`, check?.holds ? "holds" : "fails");
+      return fact(sentence(termWords(term)), `${typeof probability === "number" ? percent(probability) + " · " : ""}${check?.holds ? "holds" : "fails"} by rule`, check?.holds ? "holds" : "fails");
     }),
     typeof placement.realism === "number" && fact(placement.success === undefined ? "Stays" : "Realism", percent(placement.realism)),
     fact("Support margin", millimetres(placement.support_m)),
@@ -70,12 +71,13 @@ export class Placements {
       return el("li", { className: `placement${rank === this.#lit ? " lit" : ""}`, tabIndex: 0, data: { key: `placement-${rank}` },
         onpointerenter: () => this.actions.lit(rank), onpointerleave: () => this.actions.lit(-1), onfocus: () => this.actions.lit(rank), onblur: () => this.actions.lit(-1) },
         el("span", { className: "rank", textContent: rank + 1 }),
-        el("div", { className: "main" }, el("span", { textContent: `${percent(success(placement))} likely to stay` }), isChosen && el("span", { className: "badge live", textContent: "chosen" })),
+        el("div", { className: "main" }, el("span", { textContent: likely(placement) }), isChosen && el("span", { className: "badge live", textContent: "chosen" })),
         el("div", {}, evidence(placement, placed.goal),
           passed && el("p", { className: "small fails", textContent: `Not this one: ${MOTION_FAILURES[passed.reason] ?? passed.reason}`, title: passed.detail })));
     };
     return [
       el("ol", { className: "placements" }, placed.placements.map(row)),
+      SHORTFALLS[placed.shortfall?.reason] && el("p", { className: "hint small", style: "margin-top: 8px", textContent: SHORTFALLS[placed.shortfall.reason] }),
       el("div", { className: "row", style: "margin-top: 10px" },
         el("button", { type: "button", id: "plan", className: this.#plan ? "" : "primary", disabled: !this.#may || this.#isPlanning, title: "How the arm would do it (P)",
           onclick: () => this.actions.plan(), textContent: this.#isPlanning ? "Planning …" : this.#plan ? "Plan again" : "Plan the motion" })),

@@ -31,6 +31,12 @@ export const MOTION_FAILURES = {
   no_path: "no collision-free path",
 };
 
+/** Why there are fewer placements than were asked for. */
+export const SHORTFALLS = {
+  separation: "Every other candidate is too close to one of these.", constraints: "No other candidate that is far enough apart passed.",
+  budget: "Time or questions ran out before more could be found.",
+};
+
 /** How far a step of a sequence is. */
 export const STAGES = { waiting: "waiting", looking: "looking", placing: "placing", planning: "planning", moving: "moving", held: "holds", failed: "failed" };
 
@@ -42,7 +48,7 @@ export const colorOf = (id) => OBJECT_COLORS[(id - 1 + OBJECT_COLORS.length * 10
 export const termWords = (term) => `${term.holds ? "" : "not "}${RELATIONS[term.relation] ?? term.relation} ${term.anchor}`;
 
 export const percent = (share) => `${(100 * share).toFixed(share > 0.995 || share < 0.1 ? 1 : 0)} %`;
-export const millimetres = (metres) => `${(1000 * metres).toFixed(0)} mm`;
+export const millimetres = (metres) => (typeof metres === "number" ? `${(1000 * metres).toFixed(0)} mm` : "–");
 export const centimetres = (extent) => extent.map((m) => (100 * m).toFixed(0)).join(" × ") + " cm";
 export const milliseconds = (ms) => (ms < 10 ? `${ms.toFixed(1)} ms` : ms < 1000 ? `${ms.toFixed(0)} ms` : `${(ms / 1000).toFixed(ms < 10000 ? 2 : 1)} s`);
 export const seconds = (ms) => `${(ms / 1000).toFixed(1)} s`;
