@@ -55,7 +55,7 @@ export class Motion {
       el("div", { className: "title" }, el("h2", { id: "motion-title", textContent: robot ? sentence(robot) : "Robot" }),
         state && el("span", { className: `badge ${state.mode === "stopped" ? "bad" : state.mode === "moving" ? "live" : ""}`, id: "mode", textContent: state.mode }),
         el("span", { className: "grow" }),
-        state && el("span", { className: "muted small numbers", id: "gripper", textContent: `gripper ${(1000 * state.gripper_width_m).toFixed(0)} mm${state.gripper_holding ? `, holding${state.held?.query ? ` object ${state.held.query}` : ""}` : ""}` })),
+        state && el("span", { className: "muted small numbers", id: "gripper", textContent: `gripper ${(1000 * state.gripper_width_m).toFixed(0)} mm${state.gripper_holding ? `, holding${state.held ? ` object ${state.held.object}` : ""}` : ""}` })),
       !state && el("p", { className: "hint", textContent: "No robot tells its state." }),
       state?.stop && this.#stopped(robot, state.stop),
       this.#execution && this.#phases(this.#execution),
