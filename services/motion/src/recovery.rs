@@ -246,7 +246,7 @@ mod tests {
         let (start, opening_m) = at_a_grasp();
         let mut scene = synthetic::scene();
         let lid = synthetic::seen_box([0.45, -0.2], [0.4, 0.4, 0.01], 0.0);
-        let above = base_from_tcp(&start).translation.z + 0.19;
+        let above = base_from_tcp(&start).translation.z + 0.165;
         scene.labels.extend(std::iter::repeat_n(9, lid.len()));
         scene.points.extend(lid.iter().map(|p| Point3::new(p.x, p.y, above as f32)));
         let settings = settings();

@@ -132,15 +132,17 @@ fn reads_measures(name: &str) -> bool {
 }
 
 /// `[outputs, named]` with one column per name → `[outputs, measures]` with one per measure of this program; measures that are not read
-/// weigh nothing.
+/// weigh nothing. A checkpoint's moments are the same in one dimension.
 fn in_our_order((shape, weight): &(Vec<usize>, Vec<f32>), names: Option<&[String]>) -> Result<(Vec<usize>, Vec<f32>), String> {
     let Some(names) = names else {
         return Err("the file does not name the measures that this tensor reads (metadata entry `measures`)".to_owned());
     };
-    let &[outputs, inputs] = &shape[..] else { return Err(format!("expected two dimensions, got {shape:?}")) };
-    if inputs != names.len() {
-        return Err(format!("expected shape [{outputs}, {}] for the measures that the file names, got {shape:?}", names.len()));
-    }
+    let inputs = names.len();
+    let outputs = match shape[..] {
+        [outputs, columns] if columns == inputs => outputs,
+        [values] if inputs > 0 && values % inputs == 0 => values / inputs,
+        _ => return Err(format!("expected {inputs} columns, one for each measure that the file names, got shape {shape:?}")),
+    };
     let ours = pair_measure_names();
     let column = |name: &String| {
         let at = ours.iter().position(|n| n == name);
@@ -154,7 +156,8 @@ fn in_our_order((shape, weight): &(Vec<usize>, Vec<f32>), names: Option<&[String
     for (row, from) in ordered.chunks_exact_mut(ours.len()).zip(weight.chunks_exact(inputs.max(1))) {
         columns.iter().zip(from).for_each(|(column, value)| row[*column] = *value);
     }
-    Ok((vec![outputs, ours.len()], ordered))
+    let shape = if shape.len() == 1 { vec![outputs * ours.len()] } else { vec![outputs, ours.len()] };
+    Ok((shape, ordered))
 }
 
 #[cfg(test)]

@@ -25,8 +25,8 @@ const PATIENCE: Duration = Duration::from_secs(5);
 const DENIAL: Duration = Duration::from_millis(250);
 /// How often what is tried is repeated.
 const PERIOD: Duration = Duration::from_millis(50);
-/// Keys tried at once.
-const AT_ONCE: usize = 8;
+/// Keys tried at once: a trial mostly waits, and those of different keys do not hear each other.
+const AT_ONCE: usize = 64;
 
 /// One thing that came out otherwise than the roles say.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
