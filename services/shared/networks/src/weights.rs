@@ -141,7 +141,8 @@ fn in_our_order((shape, weight): &(Vec<usize>, Vec<f32>), names: Option<&[String
     let outputs = match shape[..] {
         [outputs, columns] if columns == inputs => outputs,
         [values] if inputs > 0 && values % inputs == 0 => values / inputs,
-        _ => return Err(format!("expected {inputs} columns, one for each measure that the file names, got shape {shape:?}")),
+        [outputs, _] => return Err(format!("expected shape [{outputs}, {inputs}] for the measures that the file names, got {shape:?}")),
+        _ => return Err(format!("expected two dimensions, got {shape:?}")),
     };
     let ours = pair_measure_names();
     let column = |name: &String| {
