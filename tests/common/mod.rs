@@ -79,6 +79,8 @@ impl Deployment {
         let mut command = repose();
         command.args(["serve", service.as_str(), "--connect", &self.endpoint]);
         command.env("REPOSE_INFERENCE__THREADS", threads.to_string());
+        // A motion process that waits half a second for a core is not lost.
+        command.env("REPOSE_MOTION__COMMAND_TTL_MS", "2000");
         self.processes.push((service, Process(command.spawn().expect("a service"))));
     }
 
