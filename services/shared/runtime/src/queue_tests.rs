@@ -148,7 +148,7 @@ async fn interactive_jobs_go_first_and_batch_jobs_get_their_turn() {
         tokio::task::yield_now().await;
     }
     let batch: Vec<_> = (0..2).map(|_| queue.submit(minute().with_priority(Priority::Batch), 1).unwrap()).collect();
-    let interactive: Vec<_> = (0..20).map(|_| queue.submit(minute(), 2).unwrap()).collect();
+    let interactive: Vec<_> = (0..2 * LET_BY + 8).map(|_| queue.submit(minute(), 2).unwrap()).collect();
     drop(release);
     assert_eq!(first.answer().await.unwrap().0, 0);
     let mut places = Vec::new();
@@ -194,7 +194,7 @@ async fn handed_over(settings: QueueSettings, jobs: &[(u32, Priority)]) -> Vec<(
 #[tokio::test]
 async fn batch_jobs_join_interactive_ones_only_when_it_is_their_turn() {
     use Priority::{Batch, Interactive};
-    let settings = QueueSettings { capacity: 64, max_batch: 16, ..QueueSettings::default() };
+    let settings = QueueSettings { capacity: 64, max_batch: 2 * LET_BY, ..QueueSettings::default() };
     let few = handed_over(settings.clone(), &[(1, Batch), (1, Interactive), (1, Interactive), (1, Batch)]).await;
     assert_eq!(few, [(3, 2), (1, 2), (2, 2), (4, 2)], "interactive ones first and alone, then the batch ones together");
     // The batch job that has let enough by is handed over with those that come after it, and is the last of them.
