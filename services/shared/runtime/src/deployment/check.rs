@@ -419,14 +419,13 @@ async fn answer(name: &str, mut served: IncomingQueries) {
     }
 }
 
-/// Who answers at a key, if anyone does.
+/// Who answers at a key, if anyone does in time.
 async fn ask(transport: &dyn Transport, key: &str) -> Result<Option<String>, RuntimeError> {
     let query = OutgoingQuery { payload: note("?"), attachment: Bytes::new(), priority: Priority::Interactive, timeout: DENIAL };
     let mut replies = transport.query(key, query).await?;
-    while let Some(event) = replies.next().await {
-        if let ReplyEvent::Reply { payload, .. } = event {
-            return Ok(Some(String::from_utf8_lossy(&payload.bytes).into_owned()));
-        }
+    // The first event decides. A stream whose query was given up does not end by itself: it is held open by the means to forget the query.
+    match timeout(DENIAL * 2, replies.next()).await {
+        Ok(Some(ReplyEvent::Reply { payload, .. })) => Ok(Some(String::from_utf8_lossy(&payload.bytes).into_owned())),
+        Ok(Some(ReplyEvent::TimedOut) | None) | Err(_) => Ok(None),
     }
-    Ok(None)
 }
