@@ -327,6 +327,7 @@ mod tests {
             ("\"width\": 4", "\"width\": 0", "width"),
             ("\"width\": 4", "\"width\": 400000", "width"),
             ("\"width\": 4", "\"wide\": 4", "width"),
+            ("\"width\": 4", "\"lens\": 1, \"width\": 4", "lens"),
         ] {
             let text = with_camera(from, to);
             assert!(text.contains("camera.json") && text.contains(field), "{text}");
