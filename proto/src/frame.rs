@@ -4,7 +4,7 @@ use safetensors::Dtype;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::message::{check_finite, check_range};
+use crate::checks::{check_finite, check_range};
 use crate::{Bulk, CallError, RigidTransform, Tensor, limits};
 
 /// Intrinsics and, where known, the pose of a camera: the content of a frame folder's `camera.json`.

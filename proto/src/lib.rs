@@ -34,6 +34,8 @@
 //! ```
 
 pub mod bulk;
+pub mod checks;
+pub mod enclosed;
 pub mod envelope;
 pub mod error;
 pub mod frame;

@@ -3,8 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::checks::{check_finite, check_range};
 use crate::keys::validate_chunk;
-use crate::message::{check_finite, check_range};
 use crate::robot::{GripperCommand, SetPoint};
 use crate::{CallError, Message, RigidTransform, SceneRef, limits};
 

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::message::{check_finite, check_range};
+use crate::checks::{check_finite, check_range};
 use crate::relation::validate_goal;
 use crate::{CallError, GoalTerm, Message, RigidTransform, SceneRef, limits};
 

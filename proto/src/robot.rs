@@ -12,7 +12,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::message::{check_finite, check_range};
+use crate::checks::{check_finite, check_range};
 use crate::{CallError, Message, RigidTransform, keys, limits};
 
 /// A timed joint set-point. Positions between two are interpolated at 1 kHz of robot time.

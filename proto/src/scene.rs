@@ -160,10 +160,10 @@ impl UnseenSpace {
     /// # Errors
     /// `invalid_argument` that names the field.
     pub fn validate(&self) -> Result<(), CallError> {
-        crate::message::check_finite("scene.unseen.space.origin_m", &self.origin_m)?;
-        crate::message::check_range("scene.unseen.space.cell_m", self.cell_m, f64::MIN_POSITIVE..=1e3)?;
+        crate::checks::check_finite("scene.unseen.space.origin_m", &self.origin_m)?;
+        crate::checks::check_range("scene.unseen.space.cell_m", self.cell_m, f64::MIN_POSITIVE..=1e3)?;
         for (field, side) in [("columns", self.columns), ("rows", self.rows)] {
-            crate::message::check_range(&format!("scene.unseen.space.{field}"), side as f64, 1.0..=Self::MAX_SIDE as f64)?;
+            crate::checks::check_range(&format!("scene.unseen.space.{field}"), side as f64, 1.0..=Self::MAX_SIDE as f64)?;
         }
         if self.hidden.len() != self.columns * self.rows {
             let message =

@@ -4,7 +4,8 @@ use safetensors::Dtype;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::message::{check_finite, check_range};
+use crate::checks::{check_finite, check_range};
+use crate::enclosed::{disclose, enclose};
 use crate::place::Rotation;
 use crate::{Bulk, CallError, Message, RELATION_COUNT, Scene, SceneRef, Tensor, limits};
 
@@ -261,22 +262,4 @@ pub struct ModelsReply {
 
 impl Message for ModelsReply {
     const SCHEMA: &'static str = "ModelsReply.v1";
-}
-
-/// A JSON request in bulk form, with the scene enclosed if given: metadata `request`, and the scene's own entries and tensors.
-pub fn enclose<T: Serialize>(request: &T, scene: Option<&Scene>) -> Bulk {
-    let mut bulk = scene.map(Scene::to_bulk).unwrap_or_default();
-    bulk.metadata.insert("request".to_owned(), serde_json::to_string(request).unwrap_or_default());
-    bulk
-}
-
-/// The request and the enclosed scene of a bulk form made by [`enclose`]. Validates neither against the other: the receiver compares ids.
-///
-/// # Errors
-/// `invalid_argument` that names the field.
-pub fn disclose<T: Message + serde::de::DeserializeOwned>(bulk: &Bulk) -> Result<(T, Option<Scene>), CallError> {
-    let request: T = crate::message::from_json(bulk.text("request")?.as_bytes())?;
-    request.validate()?;
-    let scene = bulk.tensors.contains_key("points").then(|| Scene::from_bulk(bulk)).transpose()?;
-    Ok((request, scene))
 }

@@ -5,9 +5,9 @@
 
 use nalgebra::Isometry3;
 use repose_motion::execution::{Execution, ExecutionSettings, ExecutionTask, Step};
+use repose_motion::path::timing::Trajectory;
 use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place};
 use repose_motion::recovery::{Recovery, RecoverySettings};
-use repose_motion::timing::Trajectory;
 use repose_motion::{MotionConfig, synthetic, wire};
 use repose_panda::READY;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPhase, MotionPlan, MotionPlanRequest, Phase};

@@ -4,8 +4,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use async_trait::async_trait;
+use repose_proto::enclosed::disclose;
 use repose_proto::load::WorkerLoad;
-use repose_proto::scoring::{ModelsRequest, PriorReply, PriorRequest, ScoreReply, ScoreRequest, disclose};
+use repose_proto::scoring::{ModelsRequest, PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, Message, Payload, Scene, SceneRef};
 use repose_runtime::{Call, Handler, load_of};
 

@@ -14,8 +14,8 @@ use serde::Deserialize;
 
 use crate::collision::{ArmSettings, CollisionChecker, Contact};
 use crate::obstacles::{Obstacles, Shape};
-use crate::rrt_connect::{RrtError, RrtSettings, rrt_connect};
-use crate::simplify::{SimplifySettings, simplified};
+use crate::path::rrt_connect::{RrtError, RrtSettings, rrt_connect};
+use crate::path::simplify::{SimplifySettings, simplified};
 
 /// A file of problems.
 #[derive(Debug, Clone, Deserialize)]

@@ -8,9 +8,9 @@ use repose_runtime::RuntimeError;
 use serde::{Deserialize, Serialize};
 
 use crate::execution::ExecutionSettings;
+use crate::path::timing::TimingSettings;
 use crate::pick_place::PickPlaceSettings;
 use crate::recovery::RecoverySettings;
-use crate::timing::TimingSettings;
 use crate::wire::PlanTerms;
 
 /// Configuration of a motion process.
@@ -253,7 +253,7 @@ mod tests {
     use repose_panda::{CommandRuleSettings, CommandRules, Joints, LIMITS, hermite};
 
     use super::*;
-    use crate::timing::Trajectory;
+    use crate::path::timing::Trajectory;
 
     #[test]
     fn the_defaults_are_in_range_and_a_bad_value_is_named() {

@@ -1,12 +1,12 @@
 //! The service on the network: `plan`, `execute`, `reset` and `recover`.
 
 use async_trait::async_trait;
+use repose_proto::enclosed::disclose;
 use repose_proto::load::WorkerLoad;
 use repose_proto::motion::{
     ExecuteReply, ExecutionOutcome, MotionPlanRequest, RecoverReply, RecoverRequest, RecoveryMove, RobotResetRequest,
 };
 use repose_proto::robot::HeldObject;
-use repose_proto::scoring::disclose;
 use repose_proto::{CallError, Message, Payload};
 use repose_runtime::{Call, Handler, Session, load_of};
 

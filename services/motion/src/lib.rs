@@ -12,32 +12,27 @@
 //! assert_eq!((plan.placement, plan.phases.len()), (0, 8));
 //! ```
 //!
-//! The domain is pure: [`grasp`] finds grasps on the observed cloud, [`obstacles`] and [`collision`] judge configurations, [`rrt_connect`] and
-//! [`simplify`] find paths, [`timing`] times them under the robot's limits, [`pick_place`] puts them together over the ranked placements, and
-//! [`execution`] decides what a robot is told, and [`recovery`] brings an arm back after a stop. Around it is the service ([`run`]): calls `plan`, `execute`, `reset` and `recover`, and the link to robots.
+//! The domain is pure: [`grasp`] finds grasps on the observed cloud, [`obstacles`] and [`collision`] judge configurations, [`path`] finds the
+//! arm's way and times it under the robot's limits, [`pick_place`] puts them together over the ranked placements, [`execution`] decides what a
+//! robot is told, and [`recovery`] brings an arm back after a stop. Around it is the service ([`run`]): calls `plan`, `execute`, `reset` and
+//! `recover`, and the link to robots.
 
 pub mod belief;
 pub mod benchmark;
-pub mod blend;
 pub mod client_watch;
 pub mod collision;
 pub mod config;
 pub mod endpoints;
 pub mod execution;
 pub mod grasp;
-pub mod joint_path;
 pub mod obstacles;
+pub mod path;
 pub mod pick_place;
-pub mod plan;
-pub mod reach;
 pub mod recovery;
 pub mod request;
 pub mod robot_link;
-pub mod rrt_connect;
 pub mod scene;
-pub mod simplify;
 pub mod synthetic;
-pub mod timing;
 pub mod wire;
 pub mod worker;
 

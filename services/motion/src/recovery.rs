@@ -14,11 +14,12 @@ use repose_panda::{
 
 use crate::collision::{ArmSettings, CollisionChecker, Contact};
 use crate::obstacles::{ObstacleSettings, Obstacles};
-use crate::pick_place::{PickPlaceSettings, timed};
-use crate::rrt_connect::{RrtSettings, rrt_connect};
+use crate::path::rrt_connect::{RrtSettings, rrt_connect};
+use crate::path::simplify::{SimplifySettings, simplified};
+use crate::path::timed::timed;
+use crate::path::timing::{TimingSettings, Trajectory};
+use crate::pick_place::settings::PickPlaceSettings;
 use crate::scene::PlanningScene;
-use crate::simplify::{SimplifySettings, simplified};
-use crate::timing::{TimingSettings, Trajectory};
 
 /// How an arm is brought back.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -209,8 +210,8 @@ impl<'a> Recovery<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pick_place::plan::Phase;
     use crate::pick_place::{PickPlaceRequest, pick_place};
-    use crate::plan::Phase;
     use crate::synthetic;
     use repose_panda::FINGER_OPENING_MAX_M;
 

@@ -8,9 +8,9 @@ use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, ErrorCode, RigidTransform, Scene};
 
 use crate::grasp::Grasp;
-use crate::plan::{Failure, NotChosen, PickPlaceError, PickPlacePlan};
+use crate::path::timing::Trajectory;
+use crate::pick_place::plan::{Failure, NotChosen, PickPlaceError, PickPlacePlan};
 use crate::scene::{PlanningScene, SupportSurface};
-use crate::timing::Trajectory;
 
 /// What a plan says beside the motion itself.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -144,7 +144,7 @@ pub fn held_object(scene: &Scene, plan: &MotionPlan) -> Option<HeldObject> {
 
 /// A trajectory as set-points, at most `period_ms` apart.
 pub fn set_points(trajectory: &Trajectory, period_ms: f64) -> Vec<SetPoint> {
-    let point = |(time_s, p): (f64, crate::timing::TrajectoryPoint)| SetPoint {
+    let point = |(time_s, p): (f64, crate::path::timing::TrajectoryPoint)| SetPoint {
         t_ms: time_s * 1e3,
         q_rad: p.position_rad,
         dq_rad_s: p.velocity_rad_s,

@@ -9,10 +9,10 @@ use repose_proto::{CallError, ErrorCode, Scene};
 use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore, check_scene_id};
 
 use crate::config::MotionConfig;
+use crate::path::timing::Trajectory;
 use crate::pick_place::PickPlaceSettings;
 use crate::recovery::{Recovery, RecoveryError, RecoverySettings};
 use crate::request;
-use crate::timing::Trajectory;
 use crate::wire::{self, PlanTerms};
 
 /// Plans on its own threads.

@@ -9,8 +9,8 @@ use parry3d::math::{Pose, Rotation, Vector};
 use parry3d::query::PointQuery;
 use parry3d::shape::{Cuboid, Cylinder};
 use repose_motion::benchmark::{ProblemFile, Unsolved, solve};
-use repose_motion::rrt_connect::RrtSettings;
-use repose_motion::simplify::SimplifySettings;
+use repose_motion::path::rrt_connect::RrtSettings;
+use repose_motion::path::simplify::SimplifySettings;
 use repose_panda::{FINGER_OPENING_MAX_M, Joints, LIMITS, LINKS, Link, LinkFrames, PlacedSphere, SPHERE_COUNT, spheres_in_base};
 use serde_json::Value;
 

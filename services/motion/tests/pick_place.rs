@@ -8,8 +8,8 @@ use repose_panda::{CommandRuleSettings, CommandRules, JOINT_COUNT, Joints, LIMIT
 use repose_motion::collision::{ArmSettings, CollisionChecker};
 use repose_motion::grasp::Grasp;
 use repose_motion::obstacles::{ObstacleSettings, Obstacles};
+use repose_motion::pick_place::plan::{Failure, Phase, PickPlaceError, PickPlacePlan};
 use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place, pick_place_until};
-use repose_motion::plan::{Failure, Phase, PickPlaceError, PickPlacePlan};
 use repose_motion::wire::motion_plan;
 use repose_motion::{MotionConfig, synthetic};
 use repose_proto::RigidTransform;

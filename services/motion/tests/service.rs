@@ -10,13 +10,13 @@ use nalgebra::{Point3, Vector3};
 use repose_geometry::transform::{look_at, to_row_major};
 use repose_motion::{MotionConfig, run, synthetic};
 use repose_panda::READY;
+use repose_proto::enclosed::enclose;
 use repose_proto::motion::{
     ExecuteProgress, ExecuteReply, ExecutionOutcome, Grasp, MotionFailure, MotionPlan, MotionPlanRequest, Phase, RobotResetReply,
     RobotResetRequest,
 };
 use repose_proto::robot::{RobotCommand, RobotMode, StopState};
 use repose_proto::scene::WorldFrame;
-use repose_proto::scoring::enclose;
 use repose_proto::{
     CallError, CameraModel, ErrorCode, Message, ObjectSummary, Payload, RigidTransform, Scene, SceneMeta, SceneRef, Service, Surface,
     Unseen,

@@ -4,9 +4,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use async_trait::async_trait;
+use repose_proto::enclosed::disclose;
 use repose_proto::load::WorkerLoad;
 use repose_proto::place::PlaceRequest;
-use repose_proto::scoring::disclose;
 use repose_proto::{CallError, ErrorCode, Message, Payload, Scene};
 use repose_runtime::{Call, CallOptions, Caller, Handler, fetch_scene, load_of};
 

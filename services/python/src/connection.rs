@@ -11,13 +11,14 @@ use std::time::Duration;
 use pyo3::prelude::*;
 use repose_proto::{CallError, Payload, Priority, Service, keys};
 use repose_runtime::{CallOptions, Caller, CancellationToken, RuntimeConfig, RuntimeError, Session, SessionMode, Traffic};
-use tokio::runtime::{Builder, Runtime};
+use tokio::runtime::Builder;
 use tokio::sync::{Mutex, mpsc};
 
 use crate::error::raised;
 use crate::pending::Pending;
 use crate::scene::Scene;
 use crate::subscription::Subscription;
+use crate::threads::Threads;
 
 /// Where a router is looked for when nothing says otherwise.
 const ENDPOINT: &str = "tcp/127.0.0.1:7447";
@@ -27,24 +28,6 @@ const THREADS: usize = 2;
 const PROGRESS_WAITING: usize = 256;
 /// Messages of a subscription that may wait where not only the newest counts.
 const MESSAGES_WAITING: usize = 256;
-
-/// The network's threads, left to themselves at the end: dropping them must not wait.
-pub struct Threads(Option<Runtime>);
-
-impl Threads {
-    /// The runtime to spawn on.
-    pub fn handle(&self) -> Option<&tokio::runtime::Handle> {
-        self.0.as_ref().map(Runtime::handle)
-    }
-}
-
-impl Drop for Threads {
-    fn drop(&mut self) {
-        if let Some(runtime) = self.0.take() {
-            runtime.shutdown_background();
-        }
-    }
-}
 
 /// A session with a cell.
 #[pyclass(frozen, module = "repose._native")]
@@ -90,7 +73,7 @@ impl Connection {
             Ok((runtime, session, cell))
         });
         let (runtime, session, cell) = opened.map_err(of_runtime)?;
-        Ok(Self { threads: Arc::new(Threads(Some(runtime))), session, cell, callers: Arc::default() })
+        Ok(Self { threads: Arc::new(Threads::new(runtime)), session, cell, callers: Arc::default() })
     }
 
     /// Starts a call. `request` is JSON; with a scene it goes by id first and is sent whole to who lacks it. `everyone`: whoever has it.

@@ -13,6 +13,7 @@ mod pending;
 mod planning;
 mod scene;
 mod subscription;
+mod threads;
 
 use pyo3::prelude::*;
 

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
+use repose_proto::enclosed::enclose;
 use repose_proto::message::from_json;
 use repose_proto::motion::MotionPlanRequest;
-use repose_proto::scoring::enclose;
 use repose_proto::{CallError, Message, Payload, PlaceRequest, Scene};
 
 /// JSON of a schema, which the service checks.

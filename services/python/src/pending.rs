@@ -10,8 +10,8 @@ use repose_proto::{CallError, Payload};
 use repose_runtime::{Answer, CancellationToken};
 use tokio::sync::mpsc;
 
-use crate::connection::Threads;
 use crate::error::raised;
+use crate::threads::Threads;
 
 /// How long a wait goes on before it looks for Ctrl-C.
 const SLICE: Duration = Duration::from_millis(50);

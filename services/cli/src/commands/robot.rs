@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
+use repose_proto::enclosed::enclose;
 use repose_proto::motion::{ExecutionOutcome, RecoverReply, RecoverRequest, RecoveryMove, RobotResetReply, RobotResetRequest};
 use repose_proto::scene::WorldFrame;
-use repose_proto::scoring::enclose;
 use repose_proto::{CallError, ErrorCode, Message, Payload, Scene, SceneRef, Service, keys};
 use repose_runtime::{CallOptions, Session};
 

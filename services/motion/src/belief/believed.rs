@@ -13,7 +13,8 @@ use serde::Serialize;
 use crate::belief::hidden::{self, Guess};
 use crate::belief::sight::Sight;
 use crate::obstacles::Obstacles;
-use crate::pick_place::{PickPlaceRequest, PickPlaceSettings};
+use crate::pick_place::request::PickPlaceRequest;
+use crate::pick_place::settings::PickPlaceSettings;
 use crate::scene::SupportSurface;
 
 /// What is heeded of what was not seen.

@@ -239,11 +239,11 @@ mod tests {
         fn a_free_edge_is_free_wherever_it_is_asked((solids, cloud) in worlds(), a in joints(), b in joints(), reach in 0.05..1.0f64) {
             let obstacles = [&solids, &cloud];
             let exact = CollisionChecker::new(ArmSettings::default(), &obstacles, None);
-            let b = crate::joint_path::between(&a, &b, reach);
+            let b = crate::path::joint_path::between(&a, &b, reach);
             for set in InstructionSet::available() {
                 if exact.clone().with_instruction_set(set).edge_is_free(&a, &b) {
                     for k in 0..=200 {
-                        let q = crate::joint_path::between(&a, &b, f64::from(k) / 200.0);
+                        let q = crate::path::joint_path::between(&a, &b, f64::from(k) / 200.0);
                         prop_assert_eq!(exact.contact(&q), None);
                     }
                 }

@@ -8,9 +8,9 @@ use clap::Args;
 use repose_evaluation::report::text::{legend, table};
 use repose_evaluation::statistics::quantile::Sorted;
 use repose_motion::benchmark::{ProblemFile, Solution, Unsolved, solve};
-use repose_motion::joint_path::length;
-use repose_motion::rrt_connect::RrtSettings;
-use repose_motion::simplify::SimplifySettings;
+use repose_motion::path::joint_path::length;
+use repose_motion::path::rrt_connect::RrtSettings;
+use repose_motion::path::simplify::SimplifySettings;
 use serde::Serialize;
 
 use crate::failure::{Failure, Outcome};

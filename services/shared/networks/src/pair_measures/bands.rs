@@ -3,22 +3,14 @@
 //! A plane between whole hulls says too little of what is wide at one height and narrow at another, and a circle through all points too
 //! little of what is round at each height only. In a band a few points make a circle, or an outline that half a turn completes.
 
-use std::sync::OnceLock;
-
 use nalgebra::{Vector2, Vector3};
 
 use super::cloud::{MeasuredCloud, Outline};
 use super::gap::CLOSE_M;
 use super::middles::{Circle, Guess};
+use super::slices::{Band, Span, direction, directions};
 
-/// A band is about this high, metres; a cloud has [`LEAST_BANDS`] to [`MOST_BANDS`].
-const BAND_M: f32 = 0.02;
-const LEAST_BANDS: usize = 2;
-const MOST_BANDS: usize = 6;
-/// Bands with fewer points are left out.
-const POINTS_LEAST: usize = 12;
-/// Directions tried for the line between two outlines, and by how much the best is turned afterwards, radians.
-const DIRECTIONS: usize = 16;
+/// By how much the best of [`directions`] is turned afterwards, radians.
 const TURNS_RAD: [f32; 4] = [0.2, 0.1, 0.05, 0.025];
 /// Circles whose points may be this much above or below the other's, metres.
 const SLACK_M: f32 = 0.005;
@@ -28,75 +20,6 @@ const RADIUS_LEAST_M: f32 = 0.005;
 /// What of an outline the gaps are given for.
 pub(super) const OUTLINES: [Outline; 4] =
     [Outline::Restored, Outline::Completed(Guess::Top), Outline::Completed(Guess::Rectangle), Outline::Completed(Guess::Circle)];
-
-/// A level slice of a cloud, relative to the cloud's centroid.
-#[derive(Debug, Clone)]
-pub(super) struct Band {
-    low_m: f32,
-    high_m: f32,
-    points: Vec<Vector2<f32>>,
-    circle: Option<Circle>,
-    /// The points' span in each of [`DIRECTIONS`].
-    spans: [Span; DIRECTIONS],
-}
-
-/// The least and the most of points along a direction.
-#[derive(Debug, Clone, Copy)]
-struct Span {
-    least: f32,
-    most: f32,
-}
-
-impl Span {
-    fn of(points: &[Vector2<f32>], u: &Vector2<f32>) -> Self {
-        let along = points.iter().map(|p| p.dot(u));
-        along.fold(Self { least: f32::INFINITY, most: f32::NEG_INFINITY }, |span, v| Self {
-            least: span.least.min(v),
-            most: span.most.max(v),
-        })
-    }
-
-    /// Along the opposite direction.
-    fn opposite(self) -> Self {
-        Self { least: -self.most, most: -self.least }
-    }
-}
-
-/// All [`DIRECTIONS`], with their angles in radians.
-fn directions() -> &'static [(Vector2<f32>, f32); DIRECTIONS] {
-    static ALL: OnceLock<[(Vector2<f32>, f32); DIRECTIONS]> = OnceLock::new();
-    ALL.get_or_init(|| {
-        std::array::from_fn(|d| {
-            let angle_rad = std::f32::consts::TAU * d as f32 / DIRECTIONS as f32;
-            (direction(angle_rad), angle_rad)
-        })
-    })
-}
-
-fn direction(angle_rad: f32) -> Vector2<f32> {
-    let (sin, cos) = angle_rad.sin_cos();
-    Vector2::new(cos, sin)
-}
-
-/// The bands of a cloud, from coordinates by axis and the heights that they reach.
-pub(super) fn bands([x, y, z]: &[Vec<f32>; 3], low_m: f32, high_m: f32) -> Vec<Band> {
-    let height_m = (high_m - low_m).max(f32::EPSILON);
-    let count = ((height_m / BAND_M) as usize).clamp(LEAST_BANDS, MOST_BANDS);
-    let edge = |k: usize| low_m + height_m * k as f32 / count as f32;
-    let band = |k: usize| {
-        let (low_m, high_m) = (edge(k), edge(k + 1));
-        let within = (0..z.len()).filter(|i| (low_m..=high_m).contains(&z[*i]));
-        let points: Vec<Vector2<f32>> = within.map(|i| Vector2::new(x[i], y[i])).collect();
-        (points.len() >= POINTS_LEAST).then(|| Band {
-            low_m,
-            high_m,
-            circle: Circle::robust(&points, POINTS_LEAST),
-            spans: directions().each_ref().map(|(u, _)| Span::of(&points, u)),
-            points,
-        })
-    };
-    (0..count).filter_map(band).collect()
-}
 
 /// A gap with what it was found between; far apart where two clouds share no height.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -195,7 +118,7 @@ impl Between<'_> {
         u.dot(&self.offset) - reach(self.query, &-u, ours.opposite()) - reach(self.anchor, u, theirs)
     }
 
-    /// The widest of the gaps along [`DIRECTIONS`], and its angle.
+    /// The widest of the gaps along [`directions`], and its angle.
     fn coarse(&self) -> (f32, f32) {
         let spans = self.theirs.spans.iter().zip(&self.ours.spans);
         let known = directions().iter().zip(spans).map(|((u, angle_rad), (theirs, ours))| (self.gap_m(u, *theirs, *ours), *angle_rad));

@@ -5,8 +5,8 @@ use std::sync::OnceLock;
 use nalgebra::{Point3, Vector2, Vector3};
 use repose_relations::ViewerExtents;
 
-use super::bands::{Band, bands};
 use super::middles::{Guess, Middles, without_strays};
+use super::slices::{Band, bands};
 use crate::points::{ObjectCloud, Rim};
 
 /// Directions tried for the plane between two clouds before the best is refined: azimuths, and their elevations.

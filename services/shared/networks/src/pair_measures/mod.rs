@@ -13,6 +13,7 @@ mod bands;
 mod cloud;
 mod gap;
 mod middles;
+mod slices;
 
 use std::fmt::Arguments;
 use std::sync::OnceLock;

@@ -5,7 +5,7 @@ pub use repose_proto::motion::Phase;
 use crate::belief::believed::Heeded;
 use crate::collision::Contact;
 use crate::grasp::{Grasp, GraspTally};
-use crate::timing::Trajectory;
+use crate::path::timing::Trajectory;
 
 /// What the fingers are to do.
 #[derive(Debug, Clone, Copy, PartialEq)]

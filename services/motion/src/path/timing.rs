@@ -8,7 +8,7 @@
 
 use repose_panda::{JOINT_COUNT, JointLimits, Joints, LIMITS};
 
-use crate::blend::{Piece, blended};
+use crate::path::blend::{Piece, blended};
 
 /// How fast the arm may go.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -320,7 +320,7 @@ mod tests {
             let off = (0..JOINT_COUNT).map(|i| (settings.limits.acceleration_rad_s2[i] * settings.acceleration_scale * square_s / 24.0).powi(2));
             let allowed = off.sum::<f64>().sqrt() + spacing;
             for (_, point) in trajectory.sampled(0.05).filter(|_| !dense.is_empty()) {
-                let nearest = dense.iter().map(|q| crate::joint_path::distance(q, &point.position_rad)).fold(f64::INFINITY, f64::min);
+                let nearest = dense.iter().map(|q| crate::path::joint_path::distance(q, &point.position_rad)).fold(f64::INFINITY, f64::min);
                 prop_assert!(nearest <= allowed, "{nearest} of {allowed}");
             }
         }

@@ -6,7 +6,7 @@
 
 use repose_panda::{JOINT_COUNT, Joints};
 
-use crate::joint_path::distance;
+use crate::path::joint_path::distance;
 
 /// Edges shorter than this are dropped, radians.
 const SHORTEST_EDGE_RAD: f64 = 1e-7;

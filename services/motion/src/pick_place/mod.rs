@@ -4,111 +4,31 @@
 //! them (start to standoff, lift to above the placement); so an unreachable best placement falls back to the next, and the result says why.
 //! What is known of a grasp at the object is kept for all placements. Standoff and release heights: paper, section 3.
 
+pub mod plan;
+pub mod reach;
+pub mod request;
+pub mod settings;
+
 use nalgebra::{Isometry3, Point3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_panda::{Frame, Joints, LIMITS};
 
+pub use self::request::PickPlaceRequest;
+pub use self::settings::PickPlaceSettings;
+
 use crate::belief::believed::{Heeded, Worlds};
 use crate::belief::sight::Sight;
 use crate::collision::{ArmSettings, CollisionChecker, HeldObject};
-use crate::grasp::{Grasp, GraspScene, GraspSettings, GraspTally, grasps};
-use crate::joint_path::distance;
-use crate::obstacles::{ObstacleSettings, Obstacles};
-use crate::plan::{EndTally, GripperMove, NotChosen, Phase, PickPlaceError, PickPlacePlan, PlannedPhase};
-use crate::reach::{EndFailure, PickEnd, PlaceEnd, Reach, ReachSettings};
-use crate::rrt_connect::{RrtSettings, rrt_connect};
-use crate::scene::PlanningScene;
-use crate::simplify::{SimplifySettings, simplified};
-use crate::timing::{TimingSettings, Trajectory};
-
-/// How a pick and place is planned.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PickPlaceSettings {
-    /// Where the robot stands.
-    pub world_from_base: Isometry3<f64>,
-    /// The obstacles' resolution.
-    pub obstacles: ObstacleSettings,
-    /// How grasps are found.
-    pub grasp: GraspSettings,
-    /// How the ends are reached.
-    pub reach: ReachSettings,
-    /// The search for paths between them.
-    pub rrt: RrtSettings,
-    /// The shortening of those paths.
-    pub simplify: SimplifySettings,
-    /// How fast the arm moves in free space.
-    pub timing: TimingSettings,
-    /// Share of that speed and acceleration near things: approach, lift, lower, retreat. Default 0.5.
-    pub contact_scale: f64,
-    /// Share of the free speed and acceleration at which the object is carried: what is held by friction turns and slips when it is
-    /// hurried. Default 0.5.
-    pub holding_scale: f64,
-    /// What is added to the robot's spheres, metres: they leave out the edges of the hand. Default 0.005.
-    pub padding_m: f64,
-    /// Spacing of the held object's points, metres. Default 0.012.
-    pub held_spacing_m: f32,
-    /// Ball that each of them stands for, metres. Default 0.004.
-    pub held_radius_m: f64,
-    /// Room that is kept around what is held on the way where there is some, metres. Default 0.02.
-    pub held_room_m: f64,
-    /// Grip force, newtons. Default 30.
-    pub grip_force_n: f64,
-    /// Grasps found here that are tried per placement, both turns of the hand counted. Default 64.
-    pub grasps_per_placement: usize,
-    /// A carry of at most this length (joint space) is short enough not to look for a shorter one, radians. Default 2.2.
-    pub carry_rad: f64,
-    /// What each further radian takes off a grasp's score (0 to 1). Default 0.08.
-    pub carry_cost_per_rad: f64,
-    /// Grasps found here, with longer carries, that are compared. Default 8.
-    pub compared: usize,
-    /// Path searches per placement that may fail. Default 4.
-    pub path_failures: usize,
-}
-
-impl Default for PickPlaceSettings {
-    fn default() -> Self {
-        Self {
-            world_from_base: Isometry3::identity(),
-            obstacles: ObstacleSettings::default(),
-            grasp: GraspSettings::default(),
-            reach: ReachSettings::default(),
-            // A pick and place asks many searches, some of them in vain.
-            rrt: RrtSettings { iterations: 1500, ..RrtSettings::default() },
-            simplify: SimplifySettings::default(),
-            timing: TimingSettings::default(),
-            contact_scale: 0.5,
-            holding_scale: 0.5,
-            padding_m: 0.005,
-            held_spacing_m: 0.012,
-            held_radius_m: 0.004,
-            held_room_m: 0.02,
-            grip_force_n: 30.0,
-            grasps_per_placement: 64,
-            carry_rad: 2.2,
-            carry_cost_per_rad: 0.08,
-            compared: 8,
-            path_failures: 4,
-        }
-    }
-}
-
-/// What to plan.
-#[derive(Debug, Clone, Copy)]
-pub struct PickPlaceRequest<'a> {
-    /// The scene.
-    pub scene: &'a PlanningScene,
-    /// The object to move.
-    pub query: u16,
-    /// Where it may go, best first: `placed_from_observed` in the world frame.
-    pub placements: &'a [Isometry3<f64>],
-    /// Where the arm stands, radians.
-    pub start: &'a Joints,
-    /// Grasps from elsewhere, in the order in which they are tried; none to find them here.
-    pub grasps: Option<&'a [Grasp]>,
-    /// The source of every random number.
-    pub seed: u64,
-}
+use crate::grasp::{Grasp, GraspScene, GraspTally, grasps};
+use crate::obstacles::Obstacles;
+use crate::path::joint_path::distance;
+use crate::path::rrt_connect::rrt_connect;
+use crate::path::simplify::simplified;
+use crate::path::timed::timed;
+use crate::path::timing::{TimingSettings, Trajectory};
+use crate::pick_place::plan::{EndTally, GripperMove, NotChosen, Phase, PickPlaceError, PickPlacePlan, PlannedPhase};
+use crate::pick_place::reach::{EndFailure, PickEnd, PlaceEnd, Reach};
 
 /// Height of the shoulder over the base, metres.
 const SHOULDER_M: f64 = 0.333;
@@ -421,22 +341,3 @@ impl<'a> Search<'a> {
 
 /// Shares of the room around what is held that are tried before there is none.
 const ROOM_SHARES: [f64; 2] = [1.0, 0.5];
-/// How often a path that was rounded into an obstacle is rounded less.
-const ROUNDINGS: usize = 4;
-/// Time between the checks of a timed path, seconds. Straight edges between its places there leave it by at most an eighth of the acceleration
-/// times the square of this: less than a twentieth of the default padding.
-const CHECK_PERIOD_S: f64 = 0.01;
-
-/// The fastest timing of a path that stays free when its corners are rounded.
-pub(crate) fn timed(corners: &[Joints], settings: &TimingSettings, checker: &CollisionChecker<'_>) -> Option<Trajectory> {
-    let mut settings = *settings;
-    for _ in 0..ROUNDINGS {
-        let trajectory = Trajectory::new(corners, &settings)?;
-        let points: Vec<Joints> = trajectory.sampled(CHECK_PERIOD_S).map(|(_, point)| point.position_rad).collect();
-        if checker.path_is_free(&points) {
-            return Some(trajectory);
-        }
-        settings.deviation_rad *= 0.2;
-    }
-    None
-}

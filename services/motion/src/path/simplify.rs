@@ -6,7 +6,7 @@
 
 use repose_panda::Joints;
 
-use crate::joint_path::{FreeSpace, between, length};
+use crate::path::joint_path::{FreeSpace, between, length};
 
 /// How hard to shorten.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,7 +72,7 @@ fn without_corners(path: &[Joints], space: &impl FreeSpace) -> Vec<Joints> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::joint_path::Sampled;
+    use crate::path::joint_path::Sampled;
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64;
     use repose_panda::READY;

@@ -9,7 +9,7 @@ use repose_panda::{InverseSettings, JOINT_COUNT, Joints, inverse_near, inverse_s
 
 use crate::collision::{CollisionChecker, Contact};
 use crate::grasp::Grasp;
-use crate::joint_path::{between, distance};
+use crate::path::joint_path::{between, distance};
 
 /// How ends are looked for.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -7,7 +7,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use repose_panda::{JOINT_COUNT, Joints};
 
-use crate::joint_path::{FreeSpace, between, distance};
+use crate::path::joint_path::{FreeSpace, between, distance};
 
 /// How the search goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -199,7 +199,7 @@ pub fn rrt_connect(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::joint_path::Sampled;
+    use crate::path::joint_path::Sampled;
     use rand::SeedableRng;
     use repose_panda::{LIMITS, READY};
 
