@@ -3,6 +3,7 @@
 One thread steps the world and puts messages; what comes in waits in queues until it looks. Frames are taken while the arm rests.
 """
 
+import contextlib
 import json
 import queue
 import struct
@@ -72,10 +73,9 @@ class Cell:
     @staticmethod
     def _receive(waiting):
         def receive(sample):
-            try:
+            # Where the queue is full the sender repeats what is not shown as taken.
+            with contextlib.suppress(queue.Full):
                 waiting.put_nowait((time.monotonic(), sample.payload.to_bytes()))
-            except queue.Full:
-                pass  # The sender repeats what is not shown as taken.
 
         return receive
 

@@ -1,7 +1,8 @@
 """The robot's side of the command key: who commands, which set-points are followed, and when the arm stops by itself.
 
-No physics and no network: commands and milliseconds of robot time in, the joint positions that the motors are to hold out. The rules are those
-of Repose's contract: one owner by growing epochs, sequence numbers, a time to live, tasks that their owner has to keep alive, stops that latch.
+No physics and no network: commands and milliseconds of robot time in, the joint positions that the motors are to hold out. The rules
+are those of Repose's contract: one owner by growing epochs, sequence numbers, a time to live, tasks that their owner has to keep alive,
+stops that latch.
 """
 
 import json

@@ -7,6 +7,7 @@ import math
 import os
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -88,7 +89,7 @@ def _read_obj(path):
 
 
 def _read_parts(path):
-    """The vertices of each part of a binary STL: one closed surface after the other. Neighbours share vertices, so only their order tells."""
+    """The vertices of each part of a binary STL: closed surfaces one after the other. Neighbours share vertices: only the order tells."""
     data = np.fromfile(path, dtype=np.uint8)[84:].reshape(-1, 50)
     corners = np.ascontiguousarray(data[:, 12:48]).view("<f4").reshape(-1, 3).astype(float)
     places, index = np.unique(corners.round(6), axis=0, return_inverse=True)
@@ -129,7 +130,7 @@ def _lathe(profile):
         triangles += [(bottom, k, i), (top, last + i, last + k)]
         for ring in range(0, last, SIDES):
             triangles += [(ring + i, ring + k, ring + SIDES + k), (ring + i, ring + SIDES + k, ring + SIDES + i)]
-    return vertices, np.array(triangles), [np.vstack(pair) for pair in zip(rings, rings[1:])]
+    return vertices, np.array(triangles), [np.vstack(pair) for pair in pairwise(rings)]
 
 
 def _joined(solids):

@@ -1,7 +1,7 @@
 """What is asked in a scene: which object, which goal. Fixed before the first trial; what is excluded is counted.
 
-An object may be asked for when the hand can span it as it lies and gets over it; a goal when it does not hold yet and some free place within
-reach would make it true.
+An object may be asked for when the hand can span it as it lies and gets over it; a goal when it does not hold yet and some free place
+within reach would make it true.
 """
 
 import math

@@ -143,7 +143,7 @@ def _rests(client, body):
 
 
 def stands_after_a_drop(client, meshes, shape, step_s):
-    """Whether an object alone stands where it was dropped from 2 cm onto a table: a scan whose foot or centre of mass is unsound does not."""
+    """Whether an object stands where it is dropped from 2 cm: a scan whose foot or centre of mass is unsound does not."""
     table = add_box(client, (-0.5, -0.5, -0.04), (0.5, 0.5, 0.0), (0.6, 0.6, 0.6))
     body = add_object(client, meshes, shape, (0, 0, DROP_M - shape.low_m[2]), 0.3, 0.6, (1, 1, 1))
     rests = settle(client, [body], 4.0, step_s)
