@@ -40,6 +40,7 @@ def arguments():
     parser.add_argument("--config", metavar="FILE", help="a configuration of the services")
     parser.add_argument("--time-scale", type=float, default=1.0, help="seconds of robot time in a second, as far as the machine keeps up")
     parser.add_argument("--pictures", metavar="DIR", help="where to put a strip of pictures of each trial")
+    parser.add_argument("--frames", metavar="DIR", help="where to put a frame folder of each trial's scene, to look into what was planned")
     parser.add_argument("--logs", metavar="DIR", help="where the services' logs go; default: nowhere")
     parser.add_argument("--least", type=int, default=0, help="successes below which this exits 1")
     return parser.parse_args()
@@ -85,6 +86,10 @@ def trials(args, cell, deployment, shapes, say):
             excluded[why] += 1
             say({"seed": seed, "excluded": why})
             continue
+        if not cell.until_seen():
+            raise RuntimeError("perception makes no scenes of the camera's frames")
+        if args.frames:
+            cell.save_frame(os.path.join(args.frames, str(seed)))
         result = trial.run(cell, problem, deployment.place(), seed, args.pictures)
         done += 1
         good += result["success"]
@@ -100,15 +105,21 @@ def trials(args, cell, deployment, shapes, say):
 
 def main():
     args = arguments()
+    # PyBullet prints to the standard output, which is for results.
+    results = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+
+    def say(line):
+        print(json.dumps(line), file=results, flush=True)
+
     with tempfile.TemporaryDirectory() as folder:
         logs = args.logs or folder
-        for made in filter(None, (args.logs, args.pictures)):
+        for made in filter(None, (args.logs, args.pictures, args.frames)):
             os.makedirs(made, exist_ok=True)
         world = World(objects.Meshes(folder))
         drawn = np.random.default_rng(7)
         scanned, unsound = sound(world, objects.scans(args.objects)) if args.objects else ([], [])
         made, unsound_made = sound(world, [objects.generated(drawn) for _ in range(GENERATED)])
-        say = lambda line: print(json.dumps(line), flush=True)  # noqa: E731
         say({"unsound": unsound, "unsound_generated": len(unsound_made), "scans": len(scanned), "generated": len(made)})
         deployment = Deployment(args.program, logs, args.config)
         cell = None

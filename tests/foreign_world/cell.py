@@ -5,12 +5,14 @@ One thread steps the world and puts messages; what comes in waits in queues unti
 
 import contextlib
 import json
+import os
 import queue
 import struct
 import time
 
 import numpy as np
 import zenoh
+from PIL import Image
 
 from .camera import sensed
 from .world import STEP_S
@@ -47,7 +49,7 @@ class Cell:
         config.insert_json5("connect/endpoints", json.dumps([connect]))
         config.insert_json5("scouting/multicast/enabled", "false")
         self.session = zenoh.open(config)
-        root = f"repose/v1/{cell}"
+        self.root = root = f"repose/v1/{cell}"
         self.commands, self.stops = queue.Queue(64), queue.Queue(16)
         self.subscribers = [
             self.session.declare_subscriber(f"{root}/robot/{robot}/command", self._receive(self.commands)),
@@ -88,6 +90,19 @@ class Cell:
         self.ignored = []
         now = time.monotonic()
         self.stepped_to, self.next_state, self.next_frame = now, now, now
+
+    def until_seen(self, longest_s=60.0):
+        """Runs until perception has made a scene of a frame of the world as it is; whether it has."""
+        began, since_ns, seen = time.monotonic(), time.time_ns(), []
+
+        def receive(sample):
+            if json.loads(sample.payload.to_bytes()).get("stamp_ns", 0) > since_ns:
+                seen.append(True)
+
+        scenes = self.session.declare_subscriber(f"{self.root}/scene/{self.camera}", receive)
+        self.run(lambda: bool(seen) or time.monotonic() - began > longest_s)
+        scenes.undeclare()
+        return bool(seen)
 
     def run(self, until):
         """Steps the world in real time (times the scale) until `until()` says so; it is asked every few milliseconds."""
@@ -135,6 +150,22 @@ class Cell:
                 why = f"not a command: {error!r}"
             if why and why != "sequence number passed":
                 self.ignored.append(why)
+
+    def save_frame(self, folder):
+        """The picture of the world as it is, as a frame folder, the robot's place in it."""
+        os.makedirs(folder, exist_ok=True)
+        color, depth_m, labels = self.world.picture()
+        for name, pixels in (("color", color), ("depth", sensed(depth_m, self.rng)), ("labels", labels)):
+            Image.fromarray(pixels).save(os.path.join(folder, f"{name}.png"))
+        robot = {
+            "name": "panda",
+            "joints_rad": self.world.robot.measured_rad,
+            "gripper_width_m": self.world.robot.width_m,
+            "world_from_base": np.eye(4).ravel().tolist(),
+        }
+        for name, content in (("camera", self.world.furniture.camera.model()), ("robot", [robot])):
+            with open(os.path.join(folder, f"{name}.json"), "w", encoding="utf-8") as out:
+                json.dump(content, out)
 
     def _put_frame(self):
         if self.drawn is None:

@@ -10,9 +10,12 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 GRIP_MAX_M = 0.075
 SIDES = 24
+# A scan whose hull has less than this times the volume of its convex parts is taken for its hull.
+CONVEX = 1.08
 
 
 @dataclass
@@ -68,7 +71,7 @@ def scans(folder):
         mesh = os.path.join(folder, name, "mesh.obj")
         if os.path.exists(mesh):
             vertices, triangles = _read_obj(mesh)
-            parts = _read_parts(os.path.join(folder, name, "convex_parts.stl"))
+            parts = _as_hull(vertices, _read_parts(os.path.join(folder, name, "convex_parts.stl")))
             urdf = ElementTree.parse(os.path.join(folder, name, "model.urdf"))
             mass_kg = float(urdf.find(".//inertial/mass").get("value"))
             found.append(Shape(name, mass_kg, parts, vertices, triangles))
@@ -107,6 +110,14 @@ def _read_parts(path):
     if members:
         parts.append(places[sorted(members)])
     return parts
+
+
+def _as_hull(vertices, parts):
+    """One convex part in place of many where the scan is all but convex: its foot is flat then, and contacts are few."""
+    whole = ConvexHull(vertices)
+    if whole.volume > CONVEX * sum(ConvexHull(part).volume for part in parts):
+        return parts
+    return [vertices[whole.vertices]]
 
 
 def _box(size, at=(0.0, 0.0, 0.0)):

@@ -31,7 +31,7 @@ def holds(relation, query, anchor):
     """Whether a directional relation holds between two extents."""
     axis = 0 if relation in ("left_of", "right_of") else 1
     first, second = (query, anchor) if relation in ("left_of", "in_front_of") else (anchor, query)
-    return _toward_low(first, second, axis) > 0
+    return bool(_toward_low(first, second, axis) > 0)
 
 
 def _toward_low(i, j, axis):

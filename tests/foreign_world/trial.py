@@ -138,7 +138,7 @@ def _judged(world, problem, out, log):
     placements = (step.get("result") or {}).get("placements") or []
     judged = {
         "execution": step.get("execution"),
-        "reason": reason[:300],
+        "reason": reason[:1000],
         "offered": len(placements),
         "attempts": [a.get("outcome") or a.get("reason") for a in step.get("attempts", [])] or None,
     }
