@@ -7,8 +7,16 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-const PURE: [&str; 7] =
-    ["repose-geometry", "repose-relations", "repose-networks", "repose-panda", "repose-sensor", "repose-simd", "repose-words"];
+const PURE: [&str; 8] = [
+    "repose-geometry",
+    "repose-relations",
+    "repose-networks",
+    "repose-panda",
+    "repose-robot-side",
+    "repose-sensor",
+    "repose-simd",
+    "repose-words",
+];
 const SERVICES: [&str; 5] = ["repose-perception", "repose-inference", "repose-planner", "repose-motion", "repose-simulator"];
 /// In a service, the files that may name the runtime: those that face the network or own the compute. Everything else is domain code.
 const RUNTIME_FILES: [&str; 9] = [

@@ -11,10 +11,11 @@ use std::time::Duration;
 use pyo3::prelude::*;
 use repose_proto::{CallError, Payload, Priority, Service, keys};
 use repose_runtime::{CallOptions, Caller, CancellationToken, RuntimeConfig, RuntimeError, Session, SessionMode, Traffic};
-use tokio::runtime::Builder;
+use tokio::runtime::{Builder, Handle};
 use tokio::sync::{Mutex, mpsc};
 
 use crate::error::raised;
+use crate::frame::Frame;
 use crate::pending::Pending;
 use crate::scene::Scene;
 use crate::subscription::Subscription;
@@ -76,8 +77,12 @@ impl Connection {
         Ok(Self { threads: Arc::new(Threads::new(runtime)), session, cell, callers: Arc::default() })
     }
 
-    /// Starts a call. `request` is JSON; with a scene it goes by id first and is sent whole to who lacks it. `everyone`: whoever has it.
-    #[pyo3(signature = (service, method, schema, request, *, deadline_s, priority, idempotent, scene=None, worker=None, id=None, everyone=false))]
+    /// Starts a call. `request` is JSON; with a scene it goes by id first and is sent whole to who lacks it. `everyone`: whoever has it. `missed`: the
+    /// worker is to notice when this process is gone before the call has ended.
+    #[pyo3(signature = (
+        service, method, schema, request, *, deadline_s, priority, idempotent,
+        scene=None, worker=None, id=None, everyone=false, missed=false,
+    ))]
     #[expect(clippy::too_many_arguments, reason = "named arguments of a method that only the package's own Python calls")]
     fn call(
         &self,
@@ -92,6 +97,7 @@ impl Connection {
         worker: Option<String>,
         id: Option<String>,
         everyone: bool,
+        missed: bool,
     ) -> PyResult<Pending> {
         let service = service_of(service)?;
         let deadline = Duration::try_from_secs_f64(deadline_s)
@@ -102,9 +108,10 @@ impl Connection {
             other => return Err(raised(CallError::invalid("priority", format!("expected interactive or batch, got {other:?}")))),
         };
         let payload = crate::payload::json(schema, request).map_err(raised)?;
-        let whole = scene.map(|scene| crate::payload::Enclosing { schema: schema.to_owned(), scene: scene.scene.clone() });
+        let (schema, scene) = (schema.to_owned(), scene.map(|scene| scene.scene.clone()));
         let cancel = CancellationToken::new();
         let (sender, progress) = mpsc::channel(PROGRESS_WAITING);
+        let token = id.as_deref().filter(|_| missed).map(|id| self.session.cell().live_client(id));
         let options = CallOptions {
             deadline,
             priority,
@@ -117,22 +124,27 @@ impl Connection {
         };
         let (session, callers) = (self.session.clone(), self.callers.clone());
         let answer = async move {
+            // Held until the call has ended: the network takes it back when this process is gone.
+            let _there = match &token {
+                Some(token) => Some(session.transport().declare_alive(token).await?),
+                None => None,
+            };
             let caller = caller(&session, &callers, service).await?;
             if everyone {
                 return caller.call_any(&method, &payload, &options).await;
             }
-            match (caller.call(&method, payload.clone(), options.clone()).await, whole) {
-                (Err(error), Some(whole)) if is_of_scene(&error) => caller.call(&method, whole.payload(&payload)?, options).await,
-                (answered, _) => answered,
-            }
+            let encode = |scene: Option<&repose_proto::Scene>| match scene {
+                Some(scene) => crate::payload::enclosing(&schema, &payload, scene),
+                None => Ok(payload.clone()),
+            };
+            caller.call_with_scene(&method, scene.as_deref(), encode, options).await
         };
         Pending::start(&self.threads, answer, cancel, progress)
     }
 
-    /// Sends a frame to perception in bulk form.
-    fn segment(&self, frame: &[u8], deadline_s: f64) -> PyResult<Pending> {
-        let payload =
-            Payload { encoding: format!("application/octet-stream;repose.{}", repose_proto::Frame::SCHEMA), bytes: frame.to_vec().into() };
+    /// Sends a frame to perception.
+    fn segment(&self, py: Python<'_>, frame: &Frame, deadline_s: f64) -> PyResult<Pending> {
+        let payload = py.detach(|| bulk_of(frame)).map_err(raised)?;
         let deadline = Duration::try_from_secs_f64(deadline_s).map_err(|e| raised(CallError::invalid("deadline_s", e.to_string())))?;
         let cancel = CancellationToken::new();
         let (sender, progress) = mpsc::channel(1);
@@ -157,21 +169,27 @@ impl Connection {
     fn subscribe(&self, py: Python<'_>, kind: &str, name: &str, newest_only: bool) -> PyResult<Subscription> {
         let (key, _) = self.key(kind, name)?;
         let subscribed = py.detach(|| {
-            let handle = self.threads.handle().ok_or_else(closed)?;
             let capacity = if newest_only { 1 } else { MESSAGES_WAITING };
-            handle.block_on(self.session.subscribe_queue(&key, capacity)).map_err(CallError::from)
+            self.handle()?.block_on(self.session.subscribe_queue(&key, capacity)).map_err(CallError::from)
         });
         Ok(Subscription::new(self.threads.clone(), subscribed.map_err(raised)?))
     }
 
-    /// Puts a message on a key, as JSON or in bulk form.
-    fn put(&self, py: Python<'_>, kind: &str, name: &str, schema: &str, body: &[u8], bulk: bool) -> PyResult<()> {
+    /// Puts a message on a key, as JSON.
+    fn put(&self, py: Python<'_>, kind: &str, name: &str, schema: &str, body: &[u8]) -> PyResult<()> {
         let (key, traffic) = self.key(kind, name)?;
-        let form = if bulk { "application/octet-stream" } else { "application/json" };
         let put = py.detach(|| {
-            let payload = Payload { encoding: format!("{form};repose.{schema}"), bytes: body.to_vec().into() }.within_limit()?;
-            let handle = self.threads.handle().ok_or_else(closed)?;
-            handle.block_on(self.session.put(&key, payload, traffic)).map_err(CallError::from)
+            let payload = crate::payload::json(schema, body)?;
+            self.handle()?.block_on(self.session.put(&key, payload, traffic)).map_err(CallError::from)
+        });
+        put.map_err(raised)
+    }
+
+    /// Puts a frame on its camera's key.
+    fn publish(&self, py: Python<'_>, frame: &Frame) -> PyResult<()> {
+        let put = py.detach(|| {
+            let key = self.session.cell().camera_frame(&frame.frame.camera_name);
+            self.handle()?.block_on(self.session.put(&key, bulk_of(frame)?, Traffic::Frame)).map_err(CallError::from)
         });
         put.map_err(raised)
     }
@@ -190,6 +208,19 @@ impl Connection {
 }
 
 impl Connection {
+    /// The session, for what lives as long as it.
+    pub fn session(&self) -> &Session {
+        &self.session
+    }
+
+    /// The network's threads.
+    ///
+    /// # Errors
+    /// `failed_precondition` when they are gone.
+    pub fn handle(&self) -> Result<&Handle, CallError> {
+        self.threads.handle().ok_or_else(|| CallError::precondition("the connection is closed"))
+    }
+
     fn key(&self, kind: &str, name: &str) -> PyResult<(String, Traffic)> {
         keys::validate_chunk(if matches!(kind, "scene" | "frame") { "camera" } else { "robot" }, name).map_err(raised)?;
         let cell = self.session.cell();
@@ -204,12 +235,9 @@ impl Connection {
     }
 }
 
-fn closed() -> CallError {
-    CallError::precondition("the connection is closed")
-}
-
-fn is_of_scene(error: &CallError) -> bool {
-    error.code == repose_proto::ErrorCode::NotFound && error.field.as_deref().is_some_and(|field| field.ends_with("scene_id"))
+/// A frame as it travels.
+fn bulk_of(frame: &Frame) -> Result<Payload, CallError> {
+    Payload::bulk(repose_proto::Frame::SCHEMA, &frame.frame.to_bulk())
 }
 
 /// The caller of a service, which goes on following its workers.

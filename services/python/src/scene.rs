@@ -1,13 +1,13 @@
 //! A segmented scene.
 
-use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use repose_proto::{Bulk, CallError, CameraModel, Frame, RigidTransform};
+use repose_proto::Bulk;
 
 use crate::error::{pretty, raised};
+use crate::frame::Frame;
 
 /// A scene with its id.
 #[pyclass(frozen, module = "repose._native")]
@@ -29,50 +29,10 @@ impl Scene {
 
 #[pymethods]
 impl Scene {
-    /// Segments a frame. Images are row-major bytes: depth and labels 16-bit in native order, color 8-bit RGB.
+    /// Segments a frame.
     #[staticmethod]
-    #[pyo3(signature = (depth, size, intrinsics, depth_unit_m, color, labels, world_from_camera, camera, stamp_ns))]
-    #[expect(clippy::too_many_arguments, reason = "named arguments of a function that only the package's own Python calls")]
-    fn from_rgbd(
-        py: Python<'_>,
-        depth: &[u8],
-        size: (usize, usize),
-        intrinsics: [f64; 4],
-        depth_unit_m: f64,
-        color: Option<&[u8]>,
-        labels: Option<&[u8]>,
-        world_from_camera: Option<[f64; 16]>,
-        camera: &str,
-        stamp_ns: u64,
-    ) -> PyResult<Self> {
-        let (width, height) = size;
-        let [fx, fy, cx, cy] = intrinsics;
-        let world_from_camera = world_from_camera.map(RigidTransform);
-        let segmented = py.detach(|| {
-            repose_proto::keys::validate_chunk("camera", camera)?;
-            let model = CameraModel { width, height, fx, fy, cx, cy, depth_unit_m, world_from_camera };
-            let frame = Frame {
-                color: color.map(|bytes| bytes.as_chunks::<3>().0.to_vec()),
-                labels: labels.map(words),
-                ..Frame::new(camera.to_owned(), stamp_ns, model, words(depth))
-            };
-            repose_local::scene_of(&frame)
-        });
-        segmented.map(Self::of).map_err(raised)
-    }
-
-    /// Reads a frame folder and segments it.
-    #[staticmethod]
-    fn from_folder(py: Python<'_>, folder: PathBuf, ignore_labels: bool) -> PyResult<Self> {
-        let segmented = py.detach(|| {
-            let mut frame = repose_perception::frame_folder::read(&folder)
-                .map_err(|e| CallError::invalid(e.path().display().to_string(), e.to_string()))?;
-            if ignore_labels {
-                frame.labels = None;
-            }
-            repose_local::scene_of(&frame)
-        });
-        segmented.map(Self::of).map_err(raised)
+    fn of_frame(py: Python<'_>, frame: &Frame) -> PyResult<Self> {
+        py.detach(|| repose_local::scene_of(&frame.frame)).map(Self::of).map_err(raised)
     }
 
     /// Reads the bulk form.
@@ -123,8 +83,4 @@ impl Scene {
     fn colors<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyBytes>> {
         self.scene.colors.as_ref().map(|colors| PyBytes::new(py, colors.as_flattened()))
     }
-}
-
-fn words(bytes: &[u8]) -> Vec<u16> {
-    bytes.as_chunks::<2>().0.iter().map(|b| u16::from_ne_bytes(*b)).collect()
 }

@@ -1,11 +1,15 @@
-"""A table with boxes as a depth camera sees it, made with NumPy; and the command to compare with."""
+"""A table with boxes as a depth camera sees it, made with NumPy; the command to compare with; a system of processes to call."""
 
 from __future__ import annotations
 
 import json
 import os
+import signal
+import socket
 import struct
 import subprocess
+import sys
+import time
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,17 +87,76 @@ def scene(view: View) -> repose.Scene:
 
 
 @pytest.fixture(scope="session")
-def command():
-    """Run the `repose` command that REPOSE_COMMAND names; its exit code and standard output."""
+def repose_program() -> str:
+    """The `repose` program that REPOSE_COMMAND names."""
     program = os.environ.get("REPOSE_COMMAND")
     if not program:
         pytest.skip("REPOSE_COMMAND does not name the repose program")
+    return program
+
+
+@pytest.fixture(scope="session")
+def command(repose_program):
+    """Run the `repose` command; its exit code and standard output."""
 
     def run(*args: str) -> tuple[int, str]:
-        done = subprocess.run([program, *args], capture_output=True, text=True, timeout=300, check=False)
+        done = subprocess.run([repose_program, *args], capture_output=True, text=True, timeout=300, check=False)
         return done.returncode, done.stdout
 
     return run
+
+
+def free_port() -> int:
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+class System:
+    """`repose up`, until the end of the block."""
+
+    READY_WITHIN_S = 120.0
+
+    def __init__(self, program: str, *args: str) -> None:
+        if sys.platform != "linux":
+            pytest.skip("processes are found as Linux shows them")
+        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self.log = Path(os.environ.get("REPOSE_TEST_LOG", os.devnull)).open("ab")  # noqa: SIM115
+        command = [program, "up", "--listen", self.endpoint, *args]
+        self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=self.log)
+
+    def __enter__(self) -> System:
+        # One line, once anything can be asked.
+        assert self.process.stdout is not None
+        if not self.process.stdout.readline():
+            raise RuntimeError(f"repose up ended with status {self.process.wait()}")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.send_signal(signal.SIGINT)
+        self.process.wait(60)
+        self.log.close()
+
+    def wait_for(self, client: repose.Client, *services: str) -> None:
+        """Wait until the services have workers."""
+        ends = time.monotonic() + self.READY_WITHIN_S
+        while not all(client.workers(service) for service in services):
+            assert time.monotonic() < ends, "the services have not come up"
+            time.sleep(0.05)
+
+    def children(self, service: str) -> list[int]:
+        """Process ids of a service's workers."""
+        found = []
+        for entry in Path("/proc").iterdir():
+            if entry.name.isdigit():
+                try:
+                    words = (entry / "cmdline").read_text().split("\0")
+                    parent = (entry / "stat").read_text().rsplit(")", 1)[1].split()[1]
+                except OSError:
+                    continue
+                if int(parent) == self.process.pid and words[1:3] == ["serve", service]:
+                    found.append(int(entry.name))
+        return found
 
 
 def write_png(path: Path, pixels: np.ndarray) -> None:

@@ -3,7 +3,6 @@
 import asyncio
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -12,68 +11,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import System, free_port
 
 import repose
 
-READY_WITHIN_S = 120.0
-
-
-def free_port() -> int:
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return s.getsockname()[1]
-
-
-class System:
-    """`repose up` with two planners."""
-
-    def __init__(self, program: str) -> None:
-        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
-        command = [program, "up", "--listen", self.endpoint, "--planners", "2"]
-        self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-
-    def children(self, service: str) -> list[int]:
-        """Process ids of a service's workers."""
-        found = []
-        for entry in Path("/proc").iterdir():
-            if entry.name.isdigit():
-                try:
-                    words = (entry / "cmdline").read_text().split("\0")
-                    parent = (entry / "stat").read_text().rsplit(")", 1)[1].split()[1]
-                except OSError:
-                    continue
-                if int(parent) == self.process.pid and words[1:3] == ["serve", service]:
-                    found.append(int(entry.name))
-        return found
-
 
 @pytest.fixture(scope="module")
-def system():
-    program = os.environ.get("REPOSE_COMMAND")
-    if not program or sys.platform != "linux":
-        pytest.skip("REPOSE_COMMAND does not name the repose program")
-    system = System(program)
-    yield system
-    system.process.send_signal(signal.SIGINT)
-    system.process.wait(60)
+def system(repose_program):
+    with System(repose_program, "--planners", "2", "--seed", "3") as system:
+        yield system
 
 
 @pytest.fixture(scope="module")
 def client(system):
-    ends = time.monotonic() + READY_WITHIN_S
-    while True:
-        try:
-            client = repose.connect(system.endpoint)
-            break
-        except repose.Unavailable:
-            if time.monotonic() > ends:
-                raise
-    client.latest(deadline_s=READY_WITHIN_S)
-    while len(client.workers("planner")) < 2 or not client.workers("motion") or not client.workers("inference"):
-        assert time.monotonic() < ends, "the services have not come up"
-        time.sleep(0.05)
-    yield client
-    client.close()
+    with repose.connect(system.endpoint) as client:
+        yield client
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,9 @@
 use nalgebra::Isometry3;
 use repose_geometry::{TriMesh, Vector3};
 use repose_panda::base_from_hand;
-use repose_proto::robot::{RobotState, TaskState};
-use repose_proto::{RigidTransform, limits};
+use repose_proto::RigidTransform;
+use repose_proto::robot::RobotState;
+use repose_robot_side::{GripperState, Shown, state_of};
 use repose_sensor::SensorModel;
 
 use crate::cell::{CellSettings, cell_of_seed};
@@ -105,29 +106,11 @@ impl CellWorld {
 
     /// What the robot shows of itself: its state number `seq`, made at `stamp_ns` of the wall clock.
     pub fn robot_state(&mut self, seq: u64, stamp_ns: u64) -> RobotState {
-        let (gripper_width_m, gripper_settled, gripper_holding) = self.gripper();
-        let arm = &self.arm;
-        RobotState {
-            v: limits::VERSION,
-            seq,
-            stamp_ns,
-            robot_ms: self.robot_ms(),
-            q_rad: *arm.q_rad(),
-            dq_rad_s: *arm.dq_rad_s(),
-            gripper_width_m,
-            gripper_settled,
-            gripper_holding,
-            mode: arm.mode(),
-            stop: arm.stop().cloned(),
-            owner: arm.owner().cloned(),
-            last_command: arm.last_command(),
-            stream_ms: arm.stream_ms(),
-            task: Some(TaskState { id: arm.task().map(str::to_owned) }),
-            held: arm.held().cloned(),
-            model: Some("panda".to_owned()),
-            // The cell's world is the base's.
-            world_from_base: Some(RigidTransform::IDENTITY),
-        }
+        let (width_m, settled, holding) = self.gripper();
+        let gripper = GripperState { width_m, settled, holding };
+        // The cell's world is the base's.
+        let world_from_base = Some(RigidTransform::IDENTITY);
+        state_of(&self.arm, &Shown { seq, stamp_ns, robot_ms: self.robot_ms(), gripper, world_from_base })
     }
 
     /// Whether every object is at rest.

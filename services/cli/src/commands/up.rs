@@ -37,6 +37,9 @@ pub struct UpArgs {
     /// Planner processes.
     #[arg(long, default_value_t = 1, value_parser = parse_count)]
     pub planners: usize,
+    /// Without the simulated cell: a camera and a robot of your own join (services/python has drivers).
+    #[arg(long, conflicts_with = "seed")]
+    pub no_simulator: bool,
     /// Seed of the simulated scene. Default: the configuration's, or 0.
     #[arg(long)]
     pub seed: Option<u64>,
@@ -105,6 +108,7 @@ fn count_of(args: &UpArgs, service: Service) -> usize {
     match service {
         Service::Inference => args.inference,
         Service::Planner => args.planners,
+        Service::Simulator if args.no_simulator => 0,
         _ => 1,
     }
 }
@@ -116,14 +120,18 @@ fn is_free(endpoint: &str) -> Outcome {
     TcpListener::bind(address).map(drop).map_err(taken)
 }
 
-/// Waits until every service has its workers, and the simulated camera its first scene: from then on anything can be asked.
+/// Waits until every service has its workers, and the simulated camera its first scene: from then on anything can be asked. For a camera that
+/// somebody else starts nobody waits.
 async fn ready(args: &UpArgs, config: RuntimeConfig, camera: &str, shutdown: &Shutdown) -> Outcome {
     let session = Session::open(config).await?;
     let is_up = async {
         for service in Service::ALL {
             session.caller(service).await?.wait_for_workers(count_of(args, service), READY_WITHIN).await?;
         }
-        client::newest_scene(&session, camera, READY_WITHIN, READY_WITHIN).await.map(drop)
+        match args.no_simulator {
+            true => Ok(()),
+            false => client::newest_scene(&session, camera, READY_WITHIN, READY_WITHIN).await.map(drop),
+        }
     };
     let up = tokio::select! {
         up = is_up => up,

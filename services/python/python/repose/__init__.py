@@ -11,13 +11,15 @@ On a running system (``repose up``), with the same arguments and answers::
     with repose.connect("tcp/127.0.0.1:7447") as client:
         plan = client.place(move=2, goal=[("left_of", 3)])
 
+A robot or a camera of your own joins a running system with `repose.driver`.
+
 Lengths are metres, angles radians. The world frame has z up; the camera's has x right, y down, z forward. ``left_of``, ``in_front_of`` and
 so on are the viewer's: the camera's, unless a view direction is given.
 """
 
-from .async_client import AsyncClient, connect_async
+from . import driver
 from .calls import Answer, Call, Execution, RobotState
-from .client import Client, connect
+from .client import AsyncClient, Client, connect, connect_async
 from .errors import (
     Cancelled,
     DeadlineExceeded,
@@ -30,6 +32,7 @@ from .errors import (
     Unavailable,
     Unclear,
 )
+from .frame import Frame
 from .local import Models, PairRelations, Scores, picture, plan, plan_motion, relations, score, understand
 from .placements import RELATIONS, MotionPlan, Phase, Placement, Plan, Taken
 from .scene import Scene, SceneObject, Surface
@@ -44,6 +47,7 @@ __all__ = [
     "DeadlineExceeded",
     "Execution",
     "FailedPrecondition",
+    "Frame",
     "InternalError",
     "InvalidArgument",
     "Models",
@@ -65,6 +69,7 @@ __all__ = [
     "Unclear",
     "connect",
     "connect_async",
+    "driver",
     "picture",
     "plan",
     "plan_motion",

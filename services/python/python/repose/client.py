@@ -1,149 +1,137 @@
-"""A client of a running system, over Zenoh.
+"""Clients of a running system, over Zenoh: one that waits, and one for asyncio.
 
 Calls are made by the code that Repose's services call each other with: the less loaded of two workers, another worker where one is gone or
-silent, one deadline for all attempts, an answer or a typed error exactly once. `Client` waits; `repose.AsyncClient` is for asyncio.
+silent, one deadline for all attempts, an answer or a typed error exactly once.
 """
 
 from __future__ import annotations
 
+import asyncio
 import json
-import time
-import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import AsyncIterator, Iterator, Sequence
 from os import PathLike
 from types import TracebackType
 from typing import Any
 
 from . import _native
-from .calls import Call, Calls, Execution, RobotState, robot_state_of, until, wanted_on
-from .errors import DeadlineExceeded, Unavailable
-from .local import motion_request, place_request
-from .placements import Goal, MotionPlan, Placement, Plan
+from ._cell import Cell
+from ._steps import awaiting, blocking
+from .calls import Answer, Call, RobotState, connection_to
 from .scene import Scene
 
-__all__ = ["Client", "connect"]
+__all__ = ["AsyncClient", "Client", "connect", "connect_async"]
+
+#: How long one wait for a message lasts within asyncio, seconds: a cancelled task leaves no thread behind that waits for ever.
+SLICE_S = 0.5
 
 
-class Client(Calls):
-    """A client that waits for its answers. Safe to use from several threads. Make one with `connect`."""
+class _Connected:
+    """What both clients are made of."""
 
-    def latest(self, camera: str | None = None, *, deadline_s: float = 10.0) -> dict[str, Any]:
-        """Return the summary of a camera's newest scene: ``scene_id``, ``objects``, ``surfaces``, ``stamp_ns``."""
-        return until(lambda left: self._latest(camera, left).result(), deadline_s)
+    def __init__(self, connection: _native.Connection, camera: str, robot: str) -> None:
+        self._core = Cell(connection, camera, robot)
 
-    def scene(self, scene_id: str | None = None, *, camera: str | None = None, deadline_s: float = 10.0) -> Scene:
-        """Return a scene, whole: by its id, or a camera's newest."""
-        ends = time.monotonic() + deadline_s
-        found = scene_id or str(self.latest(camera, deadline_s=deadline_s)["scene_id"])
-        return self._scene(found, max(ends - time.monotonic(), 0.001)).result()
+    @property
+    def cell(self) -> str:
+        """The robot cell."""
+        return self._core.connection.cell
 
-    def place_call(
+    @property
+    def camera(self) -> str:
+        """The camera that is meant where a call names none."""
+        return self._core.camera
+
+    @property
+    def robot(self) -> str:
+        """The robot that is meant where a call names none."""
+        return self._core.robot
+
+    def workers(self, service: str) -> list[str]:
+        """Return the names of a service's workers that are alive."""
+        return self._core.connection.workers(service)
+
+    def call(
         self,
-        scene: Scene | str | None = None,
-        move: int | None = None,
-        goal: Goal | None = None,
+        service: str,
+        method: str,
+        schema: str,
+        request: dict[str, Any],
         *,
-        say: str | None = None,
-        deadline_s: float = 60.0,
+        deadline_s: float = 10.0,
         priority: str = "interactive",
-        camera: str | None = None,
-        **options: Any,
-    ) -> Call[Plan]:
-        """Start `place`, to follow its progress or cancel it."""
-        if scene is None:
-            scene = self.scene(camera=camera) if say is not None else str(self.latest(camera)["scene_id"])
-        elif say is not None and not isinstance(scene, Scene):
-            scene = self.scene(scene)
-        move, terms, taken = wanted_on(scene, move, goal, say, options)
-        scene_id = scene.id if isinstance(scene, Scene) else scene
-        return self._place(scene, place_request(scene_id, move, terms, options), taken, deadline_s, priority)
-
-    def place(self, scene: Scene | str | None = None, move: int | None = None, goal: Goal | None = None, **options: Any) -> Plan:
-        """Ask a planner for placements.
+        idempotent: bool = True,
+        scene: Scene | None = None,
+        worker: str | None = None,
+        id: str | None = None,
+        everyone: bool = False,
+        missed: bool = False,
+    ) -> Call[Answer]:
+        """Start any call of the contract.
 
         Args:
-            scene: A scene (sent whole to a planner that lacks it), its id, or nothing for the newest of ``camera``.
-            move: The object to move.
-            goal: Terms that must all hold, as for `repose.plan`.
-            options: ``say``, ``deadline_s`` (60), ``priority``, ``camera``, and the options of `repose.plan`.
-
-        Raises:
-            ReposeError: The typed error that the call ended in. No placement is no error: the plan is empty then.
+            service: ``perception``, ``inference``, ``planner``, ``motion`` or ``simulator``.
+            method: The method.
+            schema: The request's schema, ``PlaceRequest.v1``.
+            request: The request.
+            deadline_s: When the answer must be there, seconds from now, for all attempts together.
+            priority: ``interactive`` or ``batch``.
+            idempotent: Whether it may be computed twice, and so be tried again on another worker. Never for what moves a robot.
+            scene: Sent whole to a worker that does not hold it.
+            worker: This worker only.
+            id: The request's id.
+            everyone: Ask every worker, and take the first result: whoever holds what is asked for.
+            missed: Whether the worker is to notice when this process is gone before the call has ended, as for what moves a robot.
 
         """
-        return self.place_call(scene, move, goal, **options).result()
+        return self._core.call(
+            service,
+            method,
+            schema,
+            request,
+            deadline_s=deadline_s,
+            priority=priority,
+            idempotent=idempotent,
+            scene=scene,
+            worker=worker,
+            id=id,
+            everyone=everyone,
+            missed=missed,
+        )
 
-    def plan_motion(
-        self,
-        scene: Scene,
-        placements: Plan | Sequence[Placement] | Any,
-        start_joints_rad: Any = None,
-        *,
-        move: int | None = None,
-        robot: str | None = None,
-        grasps: list[dict[str, Any]] | None = None,
-        seed: int = 0,
-        deadline_s: float = 60.0,
-    ) -> MotionPlan:
-        """Plan the pick and place, from where the robot is unless ``start_joints_rad`` says otherwise; see `repose.plan_motion`."""
-        robot = self.robot if robot is None else robot
-        start = self.robot_state(robot).joints_rad if start_joints_rad is None else start_joints_rad
-        request = motion_request(scene.id, placements, start, move, robot, grasps, seed)
-        call = self.call("motion", "plan", "MotionPlanRequest.v1", request, deadline_s=deadline_s, scene=scene)
-        return MotionPlan(call.answer().content.decode())
+    def close(self) -> None:
+        """End the session."""
+        self._core.connection.close()
 
-    def execute_call(self, plan: MotionPlan) -> Call[Execution]:
-        """Start `execute`, to follow its progress; cancelling brings the robot to a stop."""
-        return self._execute(plan)
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of cell {self.cell}>"
 
-    def execute(self, plan: MotionPlan) -> Execution:
-        """Have the robot carry a plan out. It moves."""
-        return self._execute(plan).result()
 
-    def segment(self, frame: bytes, *, deadline_s: float = 10.0) -> Scene:
-        """Have perception segment a frame in its wire form."""
-        return Scene.from_bytes(Call(self._connection.segment(frame, deadline_s), lambda a: a.content).result())
+class Client(_Connected):
+    """A client that waits for its answers. Safe to use from several threads. Make one with `connect`."""
+
+    latest = blocking(Cell.latest)
+    scene = blocking(Cell.scene)
+    segment = blocking(Cell.segment)
+    place = blocking(Cell.place)
+    place_call = blocking(Cell.place_call)
+    plan_motion = blocking(Cell.plan_motion)
+    execute = blocking(Cell.execute)
+    execute_call = blocking(Cell.execute_call)
+    recover = blocking(Cell.recover)
+    robot_state = blocking(Cell.robot_state)
+    stop = blocking(Cell.stop)
+    reset = blocking(Cell.reset)
 
     def watch_scene(self, camera: str | None = None, *, timeout_s: float | None = None) -> Iterator[dict[str, Any]]:
         """Go through a camera's scene summaries as they are published, the newest only; ends when none comes for ``timeout_s``."""
-        for content in self._watch("scene", self.camera if camera is None else camera, timeout_s):
-            yield json.loads(content)
+        return map(json.loads, self._watch("scene", self.camera if camera is None else camera, timeout_s))
 
     def watch_robot(self, robot: str | None = None, *, timeout_s: float | None = None) -> Iterator[RobotState]:
         """Go through a robot's states as they are published, the newest only; ends when none comes for ``timeout_s``."""
-        for content in self._watch("robot_state", self.robot if robot is None else robot, timeout_s):
-            yield robot_state_of(content)
-
-    def robot_state(self, robot: str | None = None, *, timeout_s: float = 5.0) -> RobotState:
-        """Return what a robot says of itself next."""
-        for state in self.watch_robot(robot, timeout_s=timeout_s):
-            return state
-        raise Unavailable(f"robot {robot or self.robot} does not tell its state")
-
-    def stop(self, robot: str | None = None, reason: str = "asked for", *, timeout_s: float = 5.0) -> RobotState:
-        """Stop a robot in an emergency. The stop latches until `reset`. It is repeated until the robot shows it.
-
-        Raises:
-            DeadlineExceeded: The robot has not shown the stop within ``timeout_s``. It was sent all the same.
-
-        """
-        robot = self.robot if robot is None else robot
-        id = str(uuid.uuid4())
-        ends = time.monotonic() + timeout_s
-        states = self._connection.subscribe("robot_state", robot, True)
-        while time.monotonic() < ends:
-            self._stop_once(robot, id, reason)
-            heard = states.recv(0.1)
-            if heard is not None and (state := robot_state_of(heard[2])).mode == "stopped":
-                return state
-        raise DeadlineExceeded(f"robot {robot} has not shown the stop within {timeout_s} s")
-
-    def reset(self, robot: str | None = None) -> None:
-        """Clear a latched stop."""
-        self._reset(robot).result()
+        return map(RobotState._of, self._watch("robot_state", self.robot if robot is None else robot, timeout_s))
 
     def _watch(self, kind: str, name: str, timeout_s: float | None) -> Iterator[bytes]:
-        subscription = self._connection.subscribe(kind, name, True)
+        subscription = self._core.connection.subscribe(kind, name, True)
         try:
             while (message := subscription.recv(timeout_s)) is not None:
                 yield message[2]
@@ -155,6 +143,49 @@ class Client(Calls):
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
+
+
+class AsyncClient(_Connected):
+    """A client for asyncio. Cancelling the task cancels the call at its worker. Make one with `connect_async`."""
+
+    latest = awaiting(Cell.latest)
+    scene = awaiting(Cell.scene)
+    segment = awaiting(Cell.segment)
+    place = awaiting(Cell.place)
+    place_call = awaiting(Cell.place_call)
+    plan_motion = awaiting(Cell.plan_motion)
+    execute = awaiting(Cell.execute)
+    execute_call = awaiting(Cell.execute_call)
+    recover = awaiting(Cell.recover)
+    robot_state = awaiting(Cell.robot_state)
+    stop = awaiting(Cell.stop)
+    reset = awaiting(Cell.reset)
+
+    async def watch_scene(self, camera: str | None = None) -> AsyncIterator[dict[str, Any]]:
+        """See `Client.watch_scene`."""
+        async for content in self._watch("scene", self.camera if camera is None else camera):
+            yield json.loads(content)
+
+    async def watch_robot(self, robot: str | None = None) -> AsyncIterator[RobotState]:
+        """See `Client.watch_robot`."""
+        async for content in self._watch("robot_state", self.robot if robot is None else robot):
+            yield RobotState._of(content)
+
+    async def _watch(self, kind: str, name: str) -> AsyncIterator[bytes]:
+        subscription = self._core.connection.subscribe(kind, name, True)
+        try:
+            while True:
+                message = await asyncio.to_thread(subscription.recv, SLICE_S)
+                if message is not None:
+                    yield message[2]
+        finally:
+            subscription.close()
+
+    async def __aenter__(self) -> AsyncClient:
+        return self
+
+    async def __aexit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        await asyncio.to_thread(self.close)
 
 
 def connect(
@@ -182,6 +213,13 @@ def connect(
     return Client(connection_to(endpoint, cell, config), camera, robot)
 
 
-def connection_to(endpoint: str | Sequence[str] | None, cell: str | None, config: str | PathLike[str] | None) -> _native.Connection:
-    endpoints = [endpoint] if isinstance(endpoint, str) else list(endpoint or [])
-    return _native.Connection(endpoints, cell, config)
+async def connect_async(
+    endpoint: str | Sequence[str] | None = None,
+    *,
+    cell: str | None = None,
+    config: str | PathLike[str] | None = None,
+    camera: str = "front",
+    robot: str = "panda",
+) -> AsyncClient:
+    """Connect to a running system from asyncio; see `connect`."""
+    return AsyncClient(await asyncio.to_thread(connection_to, endpoint, cell, config), camera, robot)

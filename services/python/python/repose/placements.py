@@ -65,8 +65,8 @@ class Placement:
         relations: Probability of each goal term as asked, ``[terms]``.
         holds: Whether each term holds by rule on the completed shapes, ``[terms]``.
         margins_m: By how much it does, metres (radians for ``aligned``), positive where it holds, ``[terms]``.
-        support_m: How far inside its support its centre of mass is, metres; negative beyond its edge.
-        clearance_m: Least distance to other objects, metres.
+        support_m: How far inside its support its centre of mass is, metres; negative beyond its edge; ``None`` where nobody looked.
+        clearance_m: Least distance to other objects, metres; ``None`` where nobody looked.
         data: Everything, as it travels.
 
     """
@@ -77,8 +77,8 @@ class Placement:
     relations: NDArray[np.float64]
     holds: NDArray[np.bool_]
     margins_m: NDArray[np.float64]
-    support_m: float
-    clearance_m: float
+    support_m: float | None
+    clearance_m: float | None
     data: dict[str, Any]
 
     @classmethod
@@ -91,8 +91,8 @@ class Placement:
             relations=np.array(data["relations"], dtype=np.float64),
             holds=np.array([c["holds"] for c in checks], dtype=np.bool_),
             margins_m=np.array([c["margin_m"] for c in checks], dtype=np.float64),
-            support_m=data["support_m"],
-            clearance_m=data["clearance_m"],
+            support_m=data.get("support_m"),
+            clearance_m=data.get("clearance_m"),
             data=data,
         )
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _native
-from ._arrays import depth_counts, image, intrinsics, rigid_transforms
 from .errors import NotFound
+from .frame import Frame
 
 __all__ = ["Scene", "SceneObject", "Surface"]
 
@@ -84,9 +84,7 @@ class Scene:
         camera: str = "camera",
         stamp_ns: int = 0,
     ) -> Scene:
-        """Segment one RGB-D view.
-
-        Images may come from any library with NumPy's array protocols or DLPack (in the memory of the CPU).
+        """Segment one RGB-D view. The interpreter lock is released.
 
         Args:
             depth: Depth along the optical axis, ``[h, w]``: uint16 counts of ``depth_unit_m``, or floating-point metres. 0, negative and
@@ -103,18 +101,18 @@ class Scene:
             InvalidArgument: An argument cannot be used, or the picture shows nothing to plan on; ``field`` names it.
 
         """
-        counts, unit_m = depth_counts(depth, depth_unit_m)
-        height, width = counts.shape
-        rgb = None if color is None else image(color, "color", (height, width, 3), np.uint8).tobytes()
-        ids = None if labels is None else image(labels, "labels", (height, width), np.uint16).tobytes()
-        pose = None if world_from_camera is None else rigid_transforms(world_from_camera, "world_from_camera")[0].ravel().tolist()
-        native = _native.Scene.from_rgbd(counts.tobytes(), (width, height), intrinsics(K), unit_m, rgb, ids, pose, camera, stamp_ns)
-        return cls(native)
+        taken = Frame(depth, K, color, labels, world_from_camera, depth_unit_m=depth_unit_m, camera=camera, stamp_ns=stamp_ns)
+        return cls.from_frame(taken)
+
+    @classmethod
+    def from_frame(cls, frame: Frame) -> Scene:
+        """Segment a frame, by its labels where it has any."""
+        return cls(_native.Scene.of_frame(frame._native))
 
     @classmethod
     def from_folder(cls, folder: str | PathLike[str], *, ignore_labels: bool = False) -> Scene:
-        """Segment a frame folder: ``depth.png``, ``camera.json``, optionally ``color.png`` and ``labels.png``."""
-        return cls(_native.Scene.from_folder(folder, ignore_labels))
+        """Segment a frame folder: ``depth.png``, ``camera.json``, optionally ``color.png``, ``labels.png`` and ``robot.json``."""
+        return cls.from_frame(Frame.from_folder(folder, ignore_labels=ignore_labels))
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Scene:

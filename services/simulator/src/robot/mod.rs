@@ -1,9 +1,6 @@
-//! The simulated Panda: an arm that follows timed set-points under Franka's rules, and a hand that grasps by friction.
+//! The simulated Panda: a hand that grasps by friction. Its arm is [`repose_robot_side::Arm`], as everybody's.
 
-pub mod arm;
 pub mod hand;
-mod stream;
 
-pub use arm::{Arm, ArmSettings};
 pub use hand::{Hand, HandSettings};
-pub use stream::TICK_S;
+pub use repose_robot_side::{Arm, ArmSettings, TICK_S};

@@ -275,3 +275,31 @@ fn what_was_to_be_grasped_is_said_to_be_held_while_the_fingers_find_something() 
     arm.command(&open, 0.2).expect("taken");
     assert_eq!(arm.held(), None);
 }
+
+#[test]
+fn an_arm_that_does_not_follow_its_set_points_latches_and_one_that_was_moved_by_hand_stands_there() {
+    let mut arm = Arm::new(ArmSettings { following_tolerance_rad: 0.05, ..ArmSettings::default() });
+    let mut behind = READY;
+    behind[0] -= 0.04;
+    arm.measured(&behind);
+    assert_eq!(arm.q_rad(), &READY, "a servo's droop is not followed");
+    arm.command(&command(1, 1, swing(0.5, 1000.0)), 0.0).expect("taken");
+    run(&mut arm, 300, 0.0);
+    arm.measured(&behind);
+    let stop = arm.stop().cloned().expect("latched");
+    assert!(stop.kind == FOLLOWING_ERROR && stop.reason.contains("joint 0"), "{stop:?}");
+    arm.measured(&behind);
+    assert!(!arm.motion.is_at_rest(), "it brakes first");
+    run(&mut arm, 1000, 0.0);
+    let mut elsewhere = READY;
+    elsewhere[3] += 0.3;
+    arm.measured(&elsewhere);
+    assert_eq!(arm.q_rad(), &elsewhere);
+    elsewhere[3] = f64::NAN;
+    arm.measured(&elsewhere);
+    assert!(arm.q_rad()[3].is_finite(), "what was not measured is not believed");
+    let mut clear = command(2, 1, Vec::new());
+    (clear.clear_stop, clear.starts_stream) = (true, false);
+    arm.command(&clear, 0.0).expect("taken");
+    assert_eq!(arm.mode(), RobotMode::Idle);
+}

@@ -7,6 +7,9 @@
 //!
 //! Within a task the commander must be heard at rest too, nobody else may command, and a task that is closed with an object in the hand, or
 //! while the arm moves, latches: so nobody leaves the arm with something in its hand unnoticed.
+//!
+//! A real arm is not where its set-points are. It is told where the joints were measured ([`Arm::measured`]): further off than the tolerance, it
+//! latches while it follows set-points, and is taken to stand where it was measured while it does not (somebody has moved it by hand).
 
 mod ignored;
 #[cfg(test)]
@@ -17,7 +20,7 @@ pub use ignored::Ignored;
 use repose_panda::{CommandRuleSettings, CommandRules, CommanderWatch, Joints, MotionState, READY, Stop, StopSettings, Violation};
 use repose_proto::robot::{EmergencyStop, GripperCommand, HeldObject, Owner, RobotCommand, RobotMode, StopState, Task};
 
-use crate::robot::stream::Stream;
+use crate::stream::Stream;
 
 /// How the arm is driven.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,11 +31,22 @@ pub struct ArmSettings {
     pub gentle_share: f64,
     /// Set-points that are kept at most; a command that brings more, with those still to follow, is refused.
     pub max_set_points: usize,
+    /// How far a measured joint may be from its set-point, radians. Default 0.1: set-points of a few radians a second and a servo that is some
+    /// hundredths of a second behind.
+    pub following_tolerance_rad: f64,
 }
+
+/// The stop of an arm that does not follow its set-points.
+pub const FOLLOWING_ERROR: &str = "following_error";
 
 impl Default for ArmSettings {
     fn default() -> Self {
-        Self { rules: CommandRuleSettings::default(), gentle_share: StopSettings::default().gentle_share, max_set_points: 100_000 }
+        Self {
+            rules: CommandRuleSettings::default(),
+            gentle_share: StopSettings::default().gentle_share,
+            max_set_points: 100_000,
+            following_tolerance_rad: 0.1,
+        }
     }
 }
 
@@ -64,9 +78,14 @@ impl Default for Arm {
 impl Arm {
     /// An arm at rest in the ready pose, without an owner.
     pub fn new(settings: ArmSettings) -> Self {
+        Self::standing_at(READY, settings)
+    }
+
+    /// The same where the arm stands now, radians.
+    pub fn standing_at(stands_rad: Joints, settings: ArmSettings) -> Self {
         Self {
             settings,
-            motion: MotionState::at_rest(READY),
+            motion: MotionState::at_rest(stands_rad),
             owner: None,
             last_command: None,
             watch: CommanderWatch::default(),
@@ -129,6 +148,19 @@ impl Arm {
     /// What the hand holds, as far as it was told.
     pub fn held(&self) -> Option<&HeldObject> {
         self.grasps.as_ref().filter(|_| self.grips)
+    }
+
+    /// Says where the joints were measured, radians.
+    pub fn measured(&mut self, measured_rad: &Joints) {
+        let set_rad = self.motion.position_rad;
+        let off = |i: &usize| !((measured_rad[*i] - set_rad[*i]).abs() <= self.settings.following_tolerance_rad);
+        let Some(joint) = (0..measured_rad.len()).find(off) else { return };
+        if self.stream.is_some() || (self.stop.is_none() && self.task().is_some()) {
+            let reason = format!("joint {joint} was measured at {:.4} rad and set to {:.4} rad", measured_rad[joint], set_rad[joint]);
+            self.reflex(FOLLOWING_ERROR, reason);
+        } else if self.motion.is_at_rest() && measured_rad.iter().all(|q| q.is_finite()) {
+            self.motion = MotionState::at_rest(*measured_rad);
+        }
     }
 
     /// Says whether the fingers stand against something.

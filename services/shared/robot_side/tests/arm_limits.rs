@@ -5,7 +5,7 @@
 use proptest::prelude::*;
 use repose_panda::{JOINT_COUNT, Joints, LIMITS, READY, smooth_step};
 use repose_proto::robot::{EmergencyStop, Owner, RobotCommand, RobotMode, SetPoint};
-use repose_simulator::robot::{Arm, ArmSettings};
+use repose_robot_side::{Arm, ArmSettings};
 
 /// What is done to the arm between two stretches of time.
 #[derive(Debug, Clone)]
