@@ -100,6 +100,12 @@ impl Deployment {
         self.processes.retain(|(running, _)| *running != service);
     }
 
+    /// Kills one process of a service, where there is one.
+    pub fn kill_one(&mut self, service: Service) {
+        let found = self.processes.iter().position(|(running, _)| *running == service);
+        found.map(|place| self.processes.remove(place));
+    }
+
     /// The processes of a service.
     pub fn of(&self, service: Service) -> Vec<&Process> {
         self.processes.iter().filter(|(s, _)| *s == service).map(|(_, p)| p).collect()

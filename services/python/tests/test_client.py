@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import textwrap
 import threading
 import time
 from pathlib import Path
@@ -172,6 +173,66 @@ def test_threads_share_a_client(client, scene, wish):
     for thread in threads:
         thread.join()
     assert sorted(answers) == list(range(8))
+
+
+def executed(client, scene):
+    """A motion that the arm can carry out, of whichever object it can."""
+    ids = [o.id for o in scene.objects]
+    for move in ids:
+        for anchor in (i for i in ids if i != move):
+            plan = client.place(scene, move, [("near", anchor)], variant="geometric", count=5, seed=1)
+            try:
+                return client.plan_motion(scene, plan) if plan else None
+            except repose.FailedPrecondition:
+                continue
+    pytest.fail("no object of the scene can be moved")
+
+
+def test_a_robot_whose_client_dies_comes_to_rest(system, client):
+    client.recover("home")
+    script = textwrap.dedent(f"""
+        import json, sys
+        import repose
+        client = repose.connect({system.endpoint!r})
+        motion = repose.MotionPlan(sys.stdin.read())
+        call = client.execute_call(motion)
+        for step in call.progress():
+            print(step["phase"], flush=True)
+    """)
+    motion = executed(client, client.scene())
+    with subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as dying:
+        dying.stdin.write(motion.json)
+        dying.stdin.close()
+        assert dying.stdout.readline().strip() == "standoff"
+        while client.robot_state().mode != "moving":
+            assert dying.poll() is None
+        dying.kill()
+    task = client.robot_state().data["task"]["id"]
+    ends = time.monotonic() + 15
+    for state in client.watch_robot(timeout_s=5):
+        if state.data["task"].get("id") is None and state.mode != "moving":
+            break
+        assert time.monotonic() < ends, state.data
+    assert task is not None
+    assert np.abs(state.joints_rad - motion.phases[-1].joints_rad[-1]).max() > 0.01, "it has not gone on to the end"
+    client.reset()
+    assert client.recover("home").outcome == "done"
+
+
+def test_a_motion_is_carried_out_with_its_phases(client):
+    motion = executed(client, client.scene())
+    call = client.execute_call(motion)
+    phases = [step["phase"] for step in call.progress()]
+    ended = call.result()
+    # The simulated grasp may slip: that is an outcome, too.
+    assert ended.outcome in ("done", "grasp_lost"), ended
+    assert phases[:3] == ["standoff", "approach", "grasp"]
+    with pytest.raises(repose.FailedPrecondition) as raised:
+        client.execute(motion)
+    assert raised.value.field in ("start_joints_rad", "robot")
+    client.recover("open")
+    client.recover("retreat")
+    assert client.recover("home").outcome == "done"
 
 
 def test_the_script_prints_a_result(system, scene, wish):

@@ -106,7 +106,7 @@ class Plan(Sequence[Placement]):
     """Ranked placements, best first; empty when there is none, with what rejected the candidates."""
 
     def __init__(self, text: str, taken: Sequence[Taken] = ()) -> None:
-        """Read a ``PlaceResult``; private."""
+        """Read a result from its JSON (see `json`)."""
         self.json = text
         self.data: dict[str, Any] = json.loads(text)
         self.taken = list(taken)
@@ -191,7 +191,7 @@ class MotionPlan:
     """A complete, timed pick and place."""
 
     def __init__(self, text: str) -> None:
-        """Read a ``MotionPlan``; private."""
+        """Read a plan from its JSON (see `json`)."""
         self.json = text
         self.data: dict[str, Any] = json.loads(text)
 
