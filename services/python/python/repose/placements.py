@@ -235,6 +235,6 @@ def _phase(data: dict[str, Any]) -> Phase:
         name=data["name"],
         gripper=data.get("gripper"),
         times_s=np.array([p["t_ms"] for p in points], dtype=np.float64) / 1e3,
-        joints_rad=np.array([p["q_rad"] for p in points], dtype=np.float64).reshape(len(points), -1),
-        velocities_rad_s=np.array([p["dq_rad_s"] for p in points], dtype=np.float64).reshape(len(points), -1),
+        joints_rad=np.array([p["q_rad"] for p in points], dtype=np.float64).reshape(-1, 7),
+        velocities_rad_s=np.array([p["dq_rad_s"] for p in points], dtype=np.float64).reshape(-1, 7),
     )
