@@ -61,7 +61,9 @@ impl Meant {
             Value::String(name) if name == "$move" => json!(self.query),
             Value::String(name) if name == "$anchor" => json!(self.anchor),
             Value::Array(inner) => inner.iter().map(|value| self.filled(value)).collect(),
-            Value::Object(inner) => inner.iter().map(|(key, value)| (key.clone(), self.filled(value))).collect::<serde_json::Map<_, _>>().into(),
+            Value::Object(inner) => {
+                inner.iter().map(|(key, value)| (key.clone(), self.filled(value))).collect::<serde_json::Map<_, _>>().into()
+            }
             other => other.clone(),
         }
     }
