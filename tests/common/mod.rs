@@ -102,8 +102,9 @@ impl Deployment {
 
     /// Kills one process of a service, where there is one.
     pub fn kill_one(&mut self, service: Service) {
-        let found = self.processes.iter().position(|(running, _)| *running == service);
-        found.map(|place| self.processes.remove(place));
+        if let Some(place) = self.processes.iter().position(|(running, _)| *running == service) {
+            self.processes.remove(place);
+        }
     }
 
     /// The processes of a service.

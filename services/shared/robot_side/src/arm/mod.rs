@@ -153,7 +153,9 @@ impl Arm {
     /// Says where the joints were measured, radians.
     pub fn measured(&mut self, measured_rad: &Joints) {
         let set_rad = self.motion.position_rad;
-        let off = |i: &usize| !((measured_rad[*i] - set_rad[*i]).abs() <= self.settings.following_tolerance_rad);
+        let near = 0.0..=self.settings.following_tolerance_rad;
+        // What is no number is not near.
+        let off = |i: &usize| !near.contains(&(measured_rad[*i] - set_rad[*i]).abs());
         let Some(joint) = (0..measured_rad.len()).find(off) else { return };
         if self.stream.is_some() || (self.stop.is_none() && self.task().is_some()) {
             let reason = format!("joint {joint} was measured at {:.4} rad and set to {:.4} rad", measured_rad[joint], set_rad[joint]);
