@@ -33,6 +33,7 @@
 //! # Ok::<(), repose_proto::CallError>(())
 //! ```
 
+pub mod arrange;
 pub mod bulk;
 pub mod checks;
 pub mod enclosed;
@@ -55,6 +56,7 @@ pub mod schemas;
 pub mod scoring;
 pub mod simulator;
 
+pub use arrange::{ArrangeRequest, ArrangeResult};
 pub use bulk::{Bulk, Tensor};
 pub use envelope::{CallAttachment, Priority, ReplyAttachment, ReplyKind};
 pub use error::{CallError, ErrorCode};

@@ -16,6 +16,8 @@ pub const MAX_STOP_BYTES: usize = 64 * 1024;
 pub const MAX_CANDIDATES: usize = 4096;
 /// The most goal terms in one placement request.
 pub const MAX_GOAL_TERMS: usize = 16;
+/// The most objects with goals in one request for an arrangement.
+pub const MAX_ARRANGED: usize = 16;
 /// The most placements asked for, or offered to motion, in one request.
 pub const MAX_PLACEMENTS: usize = 64;
 /// The largest clearance that a placement request may ask for, metres.

@@ -52,6 +52,19 @@ impl Relation {
         Self::Aligned,
     ];
 
+    /// The relation that the anchor then has to the query: `i left_of j` is `j right_of i`. All others read the same both ways.
+    pub fn converse(self) -> Self {
+        match self {
+            Self::LeftOf => Self::RightOf,
+            Self::RightOf => Self::LeftOf,
+            Self::InFrontOf => Self::Behind,
+            Self::Behind => Self::InFrontOf,
+            Self::Above => Self::Below,
+            Self::Below => Self::Above,
+            Self::Near | Self::Touching | Self::Centered | Self::Aligned => self,
+        }
+    }
+
     /// The place in a relation vector.
     pub fn index(self) -> usize {
         self as usize
@@ -128,15 +141,23 @@ pub fn validate_goal(goal: &[GoalTerm], query: u16) -> Result<(), CallError> {
     if !goal.iter().any(|t| t.holds) {
         return Err(CallError::invalid("goal", "at least one term must hold (offsets are taken from its anchor)"));
     }
-    if goal.len() > limits::MAX_GOAL_TERMS {
-        return Err(CallError::invalid("goal", format!("at most {} terms, got {}", limits::MAX_GOAL_TERMS, goal.len())));
+    validate_terms(goal, query, "goal")
+}
+
+/// Checks terms about an object one by one: not too many, no anchor that is the object itself or the background.
+///
+/// # Errors
+/// `invalid_argument` on `field` or `field[i].anchor`.
+pub fn validate_terms(terms: &[GoalTerm], object: u16, field: &str) -> Result<(), CallError> {
+    if terms.len() > limits::MAX_GOAL_TERMS {
+        return Err(CallError::invalid(field, format!("at most {} terms, got {}", limits::MAX_GOAL_TERMS, terms.len())));
     }
-    for (i, term) in goal.iter().enumerate() {
-        if term.anchor == query {
-            return Err(CallError::invalid(format!("goal[{i}].anchor"), format!("object {query} is the query itself")));
+    for (i, term) in terms.iter().enumerate() {
+        if term.anchor == object {
+            return Err(CallError::invalid(format!("{field}[{i}].anchor"), format!("object {object} is the query itself")));
         }
         if term.anchor == 0 {
-            return Err(CallError::invalid(format!("goal[{i}].anchor"), "0 is the background, not an object"));
+            return Err(CallError::invalid(format!("{field}[{i}].anchor"), "0 is the background, not an object"));
         }
     }
     Ok(())

@@ -4,7 +4,7 @@ use schemars::{JsonSchema, Schema, schema_for};
 
 use crate::Message;
 use crate::frame::CameraModel;
-use crate::{envelope, error, load, motion, perception, place, robot, scene, scoring, simulator};
+use crate::{arrange, envelope, error, load, motion, perception, place, robot, scene, scoring, simulator};
 
 /// File stem and schema of every message, by name.
 pub fn all() -> Vec<(String, Schema)> {
@@ -23,6 +23,8 @@ pub fn all() -> Vec<(String, Schema)> {
         of::<place::PlaceRequest>(),
         of::<place::PlaceResult>(),
         of::<place::PlaceProgress>(),
+        of::<arrange::ArrangeRequest>(),
+        of::<arrange::ArrangeResult>(),
         of::<scoring::PriorRequest>(),
         of::<scoring::PriorReply>(),
         of::<scoring::ScoreRequest>(),

@@ -70,7 +70,7 @@ fn limit(shortfall: &Shortfall, result: &PlaceResult) -> String {
 }
 
 /// Where a placement moves the object.
-fn motion(placement: &Placement) -> String {
+pub fn motion(placement: &Placement) -> String {
     let m = &placement.placed_from_observed.0;
     let turned = from_row_major(m).map_or(0.0, |t| yaw_of(&t).to_degrees());
     format!("move by ({:+.3}, {:+.3}, {:+.3}) m, turn by {turned:.0}°", m[3], m[7], m[11])

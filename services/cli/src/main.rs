@@ -54,6 +54,8 @@ enum Command {
     Serve(commands::serve::ServeArgs),
     /// Find a placement on a frame folder, without a running system.
     Plan(commands::plan::PlanArgs),
+    /// Find the moves after which several goals hold together, on a frame folder or a running system's newest scene.
+    Arrange(commands::arrange::ArrangeArgs),
     /// List every pair of objects in a frame with its relations, learned and by rule.
     Relations(commands::relations::RelationsArgs),
     /// Score placements of your own with the networks.
@@ -110,6 +112,7 @@ fn run(cli: &Cli) -> Outcome {
         Command::Up(args) => in_runtime(commands::up::run(args, output)),
         Command::Serve(args) => in_runtime(commands::serve::run(args)),
         Command::Place(args) => in_runtime(commands::place::run(args, output)),
+        Command::Arrange(args) => in_runtime(commands::arrange::run(args, output)),
         Command::Scene(args) => in_runtime(commands::scene::run(args, output)),
         Command::Status(args) => in_runtime(commands::status::run(args, output)),
         Command::Load(args) => in_runtime(commands::load::run(args, output)),

@@ -16,7 +16,7 @@ use repose_proto::{CallError, Frame, Scene};
 
 pub use models::{ModelFiles, Models};
 pub use motion::plan_motion;
-pub use plan::plan;
+pub use plan::{arrange, plan};
 pub use relations::{Pair, relations};
 pub use score::{Scores, score};
 

@@ -1,11 +1,11 @@
-//! A placement on a scene.
+//! Placements on a scene: one, or an arrangement of several.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use repose_planner::{NoModels, PreparedScene};
 use repose_proto::place::Variant;
-use repose_proto::{CallError, Message, PlaceRequest, PlaceResult, Scene};
+use repose_proto::{ArrangeRequest, ArrangeResult, CallError, Message, PlaceRequest, PlaceResult, Scene};
 
 use crate::models::Models;
 
@@ -24,5 +24,23 @@ pub fn plan(
     match request.variant {
         Variant::Geometric => repose_planner::plan(&prepared, request, &NoModels, go_on),
         _ => repose_planner::plan(&prepared, request, models()?.as_ref(), go_on),
+    }
+}
+
+/// Plans an arrangement. `models` is asked only for variants that use networks.
+///
+/// # Errors
+/// `invalid_argument` and `not_found` that name the field; those of `models`.
+pub fn arrange(
+    scene: &Arc<Scene>,
+    request: &ArrangeRequest,
+    models: impl FnOnce() -> Result<Arc<Models>, CallError>,
+) -> Result<ArrangeResult, CallError> {
+    request.validate()?;
+    let prepared = PreparedScene::new(scene.clone());
+    let go_on = &mut |_| ControlFlow::Continue(());
+    match request.variant {
+        Variant::Geometric => repose_planner::arrange::arrange(&prepared, request, &NoModels, go_on),
+        _ => repose_planner::arrange::arrange(&prepared, request, models()?.as_ref(), go_on),
     }
 }

@@ -1,4 +1,4 @@
-//! The service on the network: `place`. Requests come as JSON with a scene's id, or in bulk form with the scene enclosed.
+//! The service on the network: `place` and `arrange`. Requests come as JSON with a scene's id, or in bulk form with the scene enclosed.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -7,7 +7,7 @@ use async_trait::async_trait;
 use repose_proto::enclosed::disclose;
 use repose_proto::load::WorkerLoad;
 use repose_proto::place::PlaceRequest;
-use repose_proto::{CallError, ErrorCode, Message, Payload, Scene};
+use repose_proto::{ArrangeRequest, CallError, ErrorCode, Message, Payload, Scene};
 use repose_runtime::{Call, CallOptions, Caller, Handler, fetch_scene, load_of};
 
 use crate::cached_scene::CachedScene;
@@ -16,7 +16,7 @@ use crate::learned::stability::Stability;
 use crate::remote_models::RemoteModels;
 use crate::worker::Worker;
 
-/// Answers `place`.
+/// Answers `place` and `arrange`.
 pub struct Endpoints {
     worker: Arc<Worker>,
     perception: Caller,
@@ -39,12 +39,8 @@ impl Endpoints {
             true => disclose::<PlaceRequest>(&call.payload.decode_bulk(PlaceRequest::SCHEMA)?)?,
             false => (call.payload.decode_json::<PlaceRequest>()?, None),
         };
-        let scene = match enclosed {
-            Some(scene) => self.keep(request.scene.scene_id.clone(), scene).await?,
-            None => self.scene(&request.scene.scene_id, call).await?,
-        };
-        let runtime = tokio::runtime::Handle::current();
-        let models = RemoteModels::new(self.inference.clone(), runtime, call.clone(), self.reply_reserve, self.stability.clone());
+        let scene = self.scene_of(&request.scene.scene_id, enclosed, call).await?;
+        let models = self.models(call);
         let reporting = call.clone();
         let progress = move |done| match Payload::json(&done) {
             Ok(payload) => reporting.progress(payload),
@@ -54,6 +50,32 @@ impl Endpoints {
         let result = self.worker.plan(call.context(), scene, request, models, progress).await?;
         call.stage("search", started.elapsed().as_secs_f64() * 1e3);
         Payload::json(&result)
+    }
+
+    async fn arrange(&self, call: &Call) -> Result<Payload, CallError> {
+        let (request, enclosed) = match call.payload.is_bulk() {
+            true => disclose::<ArrangeRequest>(&call.payload.decode_bulk(ArrangeRequest::SCHEMA)?)?,
+            false => (call.payload.decode_json::<ArrangeRequest>()?, None),
+        };
+        let scene = self.scene_of(&request.scene.scene_id, enclosed, call).await?;
+        let started = Instant::now();
+        let result = self.worker.arrange(call.context(), scene, request, self.models(call)).await?;
+        call.stage("search", started.elapsed().as_secs_f64() * 1e3);
+        Payload::json(&result)
+    }
+
+    /// The networks, asked for a call.
+    fn models(&self, call: &Call) -> RemoteModels {
+        let runtime = tokio::runtime::Handle::current();
+        RemoteModels::new(self.inference.clone(), runtime, call.clone(), self.reply_reserve, self.stability.clone())
+    }
+
+    /// The scene of a request: the one that it encloses, or by its id.
+    async fn scene_of(&self, scene_id: &str, enclosed: Option<Scene>, call: &Call) -> Result<Arc<CachedScene>, CallError> {
+        match enclosed {
+            Some(scene) => self.keep(scene_id.to_owned(), scene).await,
+            None => self.scene(scene_id, call).await,
+        }
     }
 
     /// A scene by its id: kept here, or from whichever perception worker has it.
@@ -86,6 +108,7 @@ impl Handler for Endpoints {
     async fn call(&self, call: Call) -> Result<Payload, CallError> {
         match call.method.as_str() {
             "place" => self.place(&call).await,
+            "arrange" => self.arrange(&call).await,
             _ => Err(call.unknown_method()),
         }
     }

@@ -57,6 +57,7 @@
 //! fetches scenes from perception, searches on its own threads, and asks inference for scores.
 
 pub mod answers;
+pub mod arrange;
 pub mod belief;
 pub mod cached_scene;
 pub mod checks;

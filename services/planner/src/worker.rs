@@ -5,9 +5,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use repose_proto::place::PlaceProgress;
-use repose_proto::{CallError, PlaceRequest, PlaceResult, Scene};
+use repose_proto::{ArrangeRequest, ArrangeResult, CallError, PlaceRequest, PlaceResult, Scene};
 use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore};
 
+use crate::arrange::arrange;
 use crate::cached_scene::CachedScene;
 use crate::config::PlannerConfig;
 use crate::learned::models::PlacementModels;
@@ -54,24 +55,27 @@ impl Worker {
     ) -> Result<PlaceResult, CallError> {
         let reserve = self.reply_reserve;
         let search = move |context: &JobContext| {
-            let mut last_batch = Instant::now();
-            let mut control = |step: SearchStep| {
-                // Another batch takes about as long as the last one: a batch that cannot be finished is not begun.
-                let batch = last_batch.elapsed();
-                last_batch = Instant::now();
-                if let SearchStep::Iteration(done) = step {
-                    progress(*done);
-                }
-                let left = context.remaining();
-                if !left.is_zero() && context.cancelled().is_cancelled() {
-                    ControlFlow::Break(StopReason::Cancelled)
-                } else if left < reserve + batch {
-                    ControlFlow::Break(StopReason::Deadline)
-                } else {
-                    ControlFlow::Continue(())
-                }
-            };
+            let mut control = in_time(context, reserve, progress);
             plan(scene.prepared(), &request, &models, &mut control)
+        };
+        self.queue.run(context, search).await
+    }
+
+    /// Plans an arrangement on a scene.
+    ///
+    /// # Errors
+    /// Those of [`arrange`] and of the queue.
+    pub async fn arrange(
+        &self,
+        context: JobContext,
+        scene: Arc<CachedScene>,
+        request: ArrangeRequest,
+        models: impl PlacementModels + 'static,
+    ) -> Result<ArrangeResult, CallError> {
+        let reserve = self.reply_reserve;
+        let search = move |context: &JobContext| {
+            let mut control = in_time(context, reserve, |_| ());
+            arrange(scene.prepared(), &request, &models, &mut control)
         };
         self.queue.run(context, search).await
     }
@@ -97,6 +101,31 @@ impl Worker {
     /// Requests that may wait.
     pub fn capacity(&self) -> usize {
         self.queue.capacity()
+    }
+}
+
+/// Lets a search go on until it is cancelled or its time is up; `progress` is told of every iteration.
+fn in_time<'a>(
+    context: &'a JobContext,
+    reserve: Duration,
+    progress: impl Fn(PlaceProgress) + 'a,
+) -> impl FnMut(SearchStep) -> ControlFlow<StopReason> + 'a {
+    let mut last_batch = Instant::now();
+    move |step: SearchStep| {
+        // Another batch takes about as long as the last one: a batch that cannot be finished is not begun.
+        let batch = last_batch.elapsed();
+        last_batch = Instant::now();
+        if let SearchStep::Iteration(done) = step {
+            progress(*done);
+        }
+        let left = context.remaining();
+        if !left.is_zero() && context.cancelled().is_cancelled() {
+            ControlFlow::Break(StopReason::Cancelled)
+        } else if left < reserve + batch {
+            ControlFlow::Break(StopReason::Deadline)
+        } else {
+            ControlFlow::Continue(())
+        }
     }
 }
 

@@ -1,5 +1,6 @@
 //! One file or folder a subcommand, which owns its arguments.
 
+pub mod arrange;
 pub mod bench;
 pub mod demo;
 pub mod deploy;

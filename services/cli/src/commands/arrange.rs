@@ -1,0 +1,150 @@
+//! `repose arrange`: goals about several objects that shall all hold at the end, on a frame folder or a running system's newest scene.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use clap::Args;
+use repose_local::{ModelFiles, Models};
+use repose_proto::arrange::{ArrangeMove, ArrangeRequest, ArrangeResult, Conflict, ObjectGoal, Proof, Purpose};
+use repose_proto::place::{Outcome as Found, Rotation, Variant};
+use repose_proto::{Message, Payload, Scene, Service};
+use repose_runtime::CallOptions;
+
+use crate::answer::motion;
+use crate::client::{self, ConnectArgs};
+use crate::embedded::NetworkArgs;
+use crate::failure::{Failure, Outcome};
+use crate::frames;
+use crate::output::Output;
+use crate::values::{parse_rotation, parse_variant};
+use crate::wish::NextWish;
+
+/// Arguments of `arrange`.
+#[derive(Debug, Args)]
+pub struct ArrangeArgs {
+    /// A frame folder, or anything that `play` plays: its first frame. Default: a running system's newest scene.
+    pub frame: Option<PathBuf>,
+    /// What shall hold of an object at the end: ID=TERM[,TERM…], such as 2=left_of:3 or 4=near:2,not:touching:2. Repeat for more objects.
+    #[arg(long = "goal", required = true, value_name = "ID=TERMS")]
+    pub goals: Vec<NextWish>,
+    /// Which method finds each placement: best, full, full_lambda_1, no_discriminator, mean_only, mdn_prior or geometric.
+    #[arg(long, default_value = "best", value_parser = parse_variant)]
+    pub variant: Variant,
+    /// Seed of every random number.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Whether objects may be turned: fixed or yaw.
+    #[arg(long, default_value = "fixed", value_parser = parse_rotation)]
+    pub rotation: Rotation,
+    /// Direction in which the viewer of `left_of` and the like looks, radians about z. Default: the camera's.
+    #[arg(long, allow_negative_numbers = true)]
+    pub view_yaw: Option<f64>,
+    /// How often an object may be set down aside to make room. Default: 2.
+    #[arg(long)]
+    pub max_parkings: Option<u32>,
+    /// Placements searched for at most. Default: 60.
+    #[arg(long)]
+    pub max_searches: Option<u32>,
+    /// Milliseconds after which the best so far is printed; answers then depend on the machine. Default: no limit.
+    #[arg(long)]
+    pub time_ms: Option<u64>,
+    /// Which networks, for a frame.
+    #[command(flatten)]
+    pub networks: NetworkArgs,
+    /// Where to ask, without a frame.
+    #[command(flatten)]
+    pub connect: ConnectArgs,
+}
+
+/// Runs the command.
+pub async fn run(args: &ArrangeArgs, output: Output) -> Outcome {
+    let result = match &args.frame {
+        Some(path) => {
+            let scene: Arc<Scene> = Arc::new(frames::scene_of(&frames::read(path)?)?);
+            let files = ModelFiles { weights: args.networks.weights.clone(), stability: None };
+            let request = args.request(scene.id());
+            // Everything computes here; nothing else waits in this process.
+            tokio::task::block_in_place(|| repose_local::arrange(&scene, &request, || Models::load(&files).map(Arc::new)))?
+        }
+        None => asked(args).await?,
+    };
+    output.print(&result, || describe(&result))?;
+    if result.outcome == Found::Found { Ok(()) } else { Err(Failure::NoPlacement) }
+}
+
+/// The answer of a running system for its newest scene.
+async fn asked(args: &ArrangeArgs) -> Result<ArrangeResult, Failure> {
+    let session = client::connect(&args.connect.system).await?;
+    let deadline = Duration::from_millis(args.connect.deadline_ms);
+    let summary = client::newest_scene(&session, &args.connect.camera, deadline, client::PATIENCE).await?;
+    let request = args.request(summary.scene_id);
+    request.validate()?;
+    let planner = session.caller(Service::Planner).await?;
+    let encode = |scene: Option<&Scene>| Payload::with_scene(&request, scene);
+    let answered = planner.call_with_scene("arrange", None, encode, CallOptions::within(deadline)).await;
+    client::close(session).await;
+    Ok(answered?.payload.decode_json()?)
+}
+
+impl ArrangeArgs {
+    fn request(&self, scene_id: String) -> ArrangeRequest {
+        let goals = self.goals.iter().map(|wish| ObjectGoal { object: wish.query, terms: wish.goal.clone() }).collect();
+        let default = ArrangeRequest::new(scene_id, goals);
+        ArrangeRequest {
+            variant: self.variant,
+            seed: self.seed,
+            rotation: self.rotation,
+            view_yaw_rad: self.view_yaw,
+            max_parkings: self.max_parkings.unwrap_or(default.max_parkings),
+            max_searches: self.max_searches.unwrap_or(default.max_searches),
+            time_ms: self.time_ms,
+            ..default
+        }
+    }
+}
+
+/// A result for people.
+fn describe(result: &ArrangeResult) -> String {
+    let mut lines: Vec<String> = Vec::new();
+    lines.push(match (result.outcome, result.moves.len()) {
+        (Found::Found, 0) => "all goals hold as things stand".to_owned(),
+        (Found::Found, 1) => format!("1 move, {} placements searched", result.searches),
+        (Found::Found, n) => format!("{n} moves, {} placements searched", result.searches),
+        (Found::None, _) => format!("no arrangement among {} placements searched", result.searches),
+        (Found::Partial, n) => format!("the search was cut short after {} placements; its best so far has {n} moves", result.searches),
+    });
+    lines.extend(result.moves.iter().enumerate().map(|(k, step)| line(k, step)));
+    lines.extend(result.probability.map(|p| format!("probability that all moves succeed: {p:.2}")));
+    if !result.satisfied.is_empty() && result.outcome != Found::None {
+        lines.push(format!("their goals hold already: {}", ids(&result.satisfied)));
+    }
+    if !result.open.is_empty() && result.outcome == Found::Partial {
+        lines.push(format!("still open: {}", ids(&result.open)));
+    }
+    lines.extend(result.conflict.as_ref().map(conflict));
+    lines.join("\n")
+}
+
+fn line(k: usize, step: &ArrangeMove) -> String {
+    let goal: Vec<String> = step.goal.iter().map(ToString::to_string).collect();
+    let purpose = match step.purpose {
+        Purpose::Goal => format!("so that {}", goal.join(" and ")),
+        Purpose::Aside => "set down aside, to make room".to_owned(),
+    };
+    format!("  {}. object {}: {}, {purpose}", k + 1, step.object, motion(&step.placement))
+}
+
+fn conflict(conflict: &Conflict) -> String {
+    let goals: Vec<String> = conflict.goals.iter().map(ToString::to_string).collect();
+    let smallest = if conflict.smallest { "" } else { " (a smaller set of them may be to blame)" };
+    match conflict.proof {
+        Proof::Contradiction => format!("  these contradict each other on any table: {}", goals.join(" and ")),
+        Proof::NotFound if goals.len() == 1 => format!("  for {} alone no place was found", goals[0]),
+        Proof::NotFound => format!("  together no places were found for {}{smallest}", goals.join(" and ")),
+    }
+}
+
+fn ids(objects: &[u16]) -> String {
+    objects.iter().map(u16::to_string).collect::<Vec<_>>().join(", ")
+}

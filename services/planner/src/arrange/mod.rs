@@ -1,0 +1,134 @@
+//! Many goals at once: which objects must move, in which order, and where to, so that all goals hold together at the end.
+//!
+//! The paper leaves rearrangement to future work; its appendix's mug and bowl show why order and room matter. Here it is a search over moves,
+//! each of which is a placement planned as any other on the scene as it would be then ([`moved`]). An object's place is chosen by its own
+//! terms and, turned about, those of others about it, as far as the others stand already ([`goals`]); so whatever the order, all terms hold
+//! when the last object stands. Fewest moves first: no object is set down aside before every order and alternative without that has failed,
+//! and goals that contradict each other are refused before anything is searched ([`contradiction`]).
+
+pub mod contradiction;
+pub mod goals;
+pub mod moved;
+pub mod parking;
+mod search;
+
+use std::ops::ControlFlow;
+use std::sync::Arc;
+
+use repose_geometry::ViewerFrame;
+use repose_proto::arrange::{ArrangeMove, ArrangeRequest, ArrangeResult, Conflict, ObjectGoal, Proof};
+use repose_proto::place::Outcome;
+use repose_proto::{CallError, Message};
+
+use crate::arrange::contradiction::contradiction;
+use crate::arrange::goals::Goals;
+use crate::arrange::search::{Ended, Search};
+use crate::learned::models::PlacementModels;
+use crate::plan::SearchStep;
+use crate::scene::prepared::PreparedScene;
+use crate::search::stop::StopReason;
+
+/// Plans an arrangement. `control` is asked between batches of every placement that is searched; breaking it stops the search.
+///
+/// # Errors
+/// `invalid_argument` for a bad request, `not_found` on `goals[i].object` or `goals[i].terms[k].anchor`, `cancelled`, `deadline_exceeded`
+/// before anything was found, and what the models answer.
+pub fn arrange(
+    prepared: &PreparedScene,
+    request: &ArrangeRequest,
+    models: &dyn PlacementModels,
+    control: &mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
+) -> Result<ArrangeResult, CallError> {
+    request.validate()?;
+    prepared.check()?;
+    if request.scene.scene_id != prepared.scene_id {
+        let message = format!("expected {}, got {}", prepared.scene_id, request.scene.scene_id);
+        return Err(CallError::invalid("scene.scene_id", message));
+    }
+    known(prepared, &request.goals)?;
+    let viewer = ViewerFrame::from_yaw(request.view_yaw_rad.unwrap_or(prepared.scene.meta.view_yaw_rad));
+    let scene = Arc::new(prepared.clone());
+    let goals = Goals::new(&request.goals);
+    let unmet = goals.unmet(&scene, &viewer);
+    let satisfied: Vec<u16> = request.goals.iter().map(|goal| goal.object).filter(|object| !unmet.contains(object)).collect();
+    let mut result = ArrangeResult {
+        outcome: Outcome::Found,
+        moves: Vec::new(),
+        satisfied,
+        open: Vec::new(),
+        probability: None,
+        conflict: None,
+        searches: 0,
+        weights_hash: String::new(),
+        scene_id: prepared.scene_id.clone(),
+        view_yaw_rad: viewer.yaw_rad(),
+        goals: request.goals.clone(),
+        seed: request.seed,
+    };
+    if let Some(goals) = contradiction(&request.goals) {
+        result.outcome = Outcome::None;
+        result.open = unmet.into_iter().collect();
+        result.conflict = Some(Conflict { goals, proof: Proof::Contradiction, smallest: true });
+        return Ok(result);
+    }
+    let mut search = Search::new(&goals, request, viewer, models, control);
+    let found = search.arranged(&scene, unmet.clone())?;
+    match (found, search.ended()) {
+        (Some(moves), _) => result.moves = moves,
+        (None, Some(_)) => {
+            result.outcome = Outcome::Partial;
+            (result.moves, result.open) = search.best_so_far();
+        }
+        (None, None) => {
+            result.outcome = Outcome::None;
+            result.open = unmet.into_iter().collect();
+            result.conflict = Some(conflict(&scene, request, &mut search)?);
+        }
+    }
+    (result.searches, result.weights_hash) = (search.searches(), search.weights_hash().to_owned());
+    // Moves that left their goal open do not stay where they are.
+    let moved: Vec<u16> = result.moves.iter().map(|m| m.object).collect();
+    result.satisfied.retain(|object| !moved.contains(object));
+    result.probability = probability(&result.moves);
+    Ok(result)
+}
+
+/// Refuses objects that the scene does not have, before anything is searched.
+fn known(prepared: &PreparedScene, goals: &[ObjectGoal]) -> Result<(), CallError> {
+    for (i, goal) in goals.iter().enumerate() {
+        prepared.object(goal.object, &format!("goals[{i}].object"))?;
+        for (k, term) in goal.terms.iter().enumerate() {
+            prepared.object(term.anchor, &format!("goals[{i}].terms[{k}].anchor"))?;
+        }
+    }
+    Ok(())
+}
+
+/// A smallest set of goals for which nothing is found: each is left out in turn, and stays out where nothing is found without it either.
+fn conflict(scene: &Arc<PreparedScene>, request: &ArrangeRequest, search: &mut Search<'_>) -> Result<Conflict, CallError> {
+    let mut kept = request.goals.clone();
+    let mut smallest = true;
+    let mut next = 0;
+    while kept.len() > 1 && next < kept.len() {
+        let mut without = kept.clone();
+        without.remove(next);
+        let goals = Goals::new(&without);
+        let unmet = goals.unmet(scene, search.viewer());
+        let found = search.with_goals(&goals, |search| search.arranged(scene, unmet))?;
+        match search.ended() {
+            Some(Ended::Budget | Ended::Time) => {
+                smallest = false;
+                break;
+            }
+            None if found.is_none() => kept = without,
+            None => next += 1,
+        }
+    }
+    Ok(Conflict { goals: kept, proof: Proof::NotFound, smallest })
+}
+
+/// Null without moves and where one of them was not evaluated.
+fn probability(moves: &[ArrangeMove]) -> Option<f64> {
+    let each: Option<Vec<f64>> = moves.iter().map(|m| m.placement.realism).collect();
+    each.filter(|each| !each.is_empty()).map(|each| each.iter().product())
+}

@@ -1,0 +1,119 @@
+//! A scene as it would be after a move: what was seen of the object stands elsewhere, and its old place is free.
+//!
+//! What carried the object goes on where it stood, and what it filled is no longer unseen. What it hid stays unseen: nobody has looked.
+
+use std::collections::BTreeSet;
+
+use nalgebra::{Isometry3, Point2, Point3};
+use repose_geometry::Aabb;
+use repose_proto::{Scene, Surface};
+
+/// Spacing of the points that stand for the surface where an object stood, metres: a few to a cell of the planner's map.
+const SURFACE_M: f32 = 0.005;
+/// A surface at most this far from an object's lowest point is what it stood on, metres: borders are cleaned off a cloud.
+const FOOT_M: f64 = 0.03;
+/// The color of points that nobody saw.
+const GREY: [u8; 3] = [128; 3];
+
+/// The scene with an object elsewhere.
+pub fn moved(scene: &Scene, object: u16, placed_from_observed: &Isometry3<f64>) -> Scene {
+    let mut after = scene.clone();
+    let carry = |p: [f32; 3]| -> [f32; 3] { (placed_from_observed * Point3::from(p).cast::<f64>()).cast::<f32>().coords.into() };
+    for (point, _) in after.points.iter_mut().zip(&scene.labels).filter(|(_, label)| **label == object) {
+        *point = carry(*point);
+    }
+    leave(&mut after, scene, object);
+    let cloud: Vec<Point3<f32>> = after.points_of(object).map(Point3::from).collect();
+    if let (Some(summary), Some(bounds)) = (after.meta.objects.iter_mut().find(|o| o.id == object), Aabb::of(&cloud)) {
+        summary.centroid_m = (placed_from_observed * Point3::from(summary.centroid_m)).coords.into();
+        summary.extent_m = (bounds.max - bounds.min).cast::<f64>().into();
+    }
+    for surface in after.meta.surfaces.iter_mut().filter(|s| s.object == Some(object)) {
+        let height_m = surface.height_m;
+        let carried = |p: &[f64; 2]| placed_from_observed * Point3::new(p[0], p[1], height_m);
+        let outline: Vec<Point3<f64>> = surface.outline_m.iter().map(carried).collect();
+        surface.height_m = outline.first().map_or(height_m, |p| p.z);
+        surface.outline_m = outline.iter().map(|p| [p.x, p.y]).collect();
+    }
+    after
+}
+
+/// The scene without an object.
+pub fn without(scene: &Scene, object: u16) -> Scene {
+    let mut after = scene.clone();
+    leave(&mut after, scene, object);
+    let kept = |i: &usize| *i >= scene.labels.len() || scene.labels[*i] != object;
+    let keep: Vec<usize> = (0..after.points.len()).filter(kept).collect();
+    after.points = keep.iter().map(|i| after.points[*i]).collect();
+    after.labels = keep.iter().map(|i| after.labels[*i]).collect();
+    after.colors = after.colors.map(|colors| keep.iter().map(|i| colors[*i]).collect());
+    after.meta.objects.retain(|o| o.id != object);
+    after.meta.surfaces.retain(|s| s.object != Some(object));
+    after
+}
+
+/// Frees the place where an object stood: its space was seen through, as it were, and what carried it goes on beneath it.
+fn leave(after: &mut Scene, before: &Scene, object: u16) {
+    let cloud: Vec<Point3<f32>> = before.points_of(object).map(Point3::from).collect();
+    let Some(bounds) = Aabb::of(&cloud) else { return };
+    if let Some(space) = &mut after.meta.unseen.space {
+        let cell = |value: f32, k: usize| (f64::from(value) - space.origin_m[k]) / space.cell_m;
+        let side = |k: usize, most: usize| {
+            let low = cell(bounds.min[k], k).floor().clamp(0.0, most as f64) as usize;
+            low..(cell(bounds.max[k], k).ceil().clamp(0.0, most as f64) as usize)
+        };
+        let (columns, rows, levels) = (side(0, space.columns), side(1, space.rows), side(2, repose_proto::UnseenSpace::LEVELS));
+        let mask = levels.fold(0u32, |mask, level| mask | 1 << level);
+        for row in rows {
+            for column in columns.clone() {
+                space.hidden[row * space.columns + column] &= !mask;
+            }
+        }
+    }
+    let Some(carrier) = carrier(before, object, f64::from(bounds.min.z)) else { return };
+    let footprint: BTreeSet<[i32; 2]> =
+        cloud.iter().map(|p| [(p.x / SURFACE_M).floor() as i32, (p.y / SURFACE_M).floor() as i32]).collect();
+    for [column, row] in footprint {
+        let place = Point2::new((column as f32 + 0.5) * SURFACE_M, (row as f32 + 0.5) * SURFACE_M);
+        after.points.push([place.x, place.y, carrier.height_m as f32]);
+        after.labels.push(carrier.object.unwrap_or(0));
+        if let Some(colors) = &mut after.colors {
+            colors.push(GREY);
+        }
+    }
+}
+
+/// The surface that an object stood on: the nearest one under it.
+fn carrier(scene: &Scene, object: u16, lowest_m: f64) -> Option<&Surface> {
+    let under = scene.meta.surfaces.iter().filter(|s| s.object != Some(object) && (lowest_m - s.height_m).abs() <= FOOT_M);
+    let centroid = scene.object(object)?.centroid_m;
+    let inside = |s: &&Surface| inside(&s.outline_m, [centroid[0], centroid[1]]);
+    under.filter(inside).min_by(|a, b| (lowest_m - a.height_m).abs().total_cmp(&(lowest_m - b.height_m).abs()))
+}
+
+/// Whether a place is in a convex outline, counter-clockwise.
+fn inside(outline: &[[f64; 2]], [x, y]: [f64; 2]) -> bool {
+    let edges = outline.iter().zip(outline.iter().cycle().skip(1));
+    edges.fold(!outline.is_empty(), |all, (a, b)| all && (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0]) >= 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::synthetic::SceneBuilder;
+
+    #[test]
+    fn a_moved_object_stands_elsewhere_and_leaves_its_carrier_behind() {
+        let scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.3, -0.2], [0.06, 0.05, 0.08]).scene();
+        let after = moved(&scene, 1, &Isometry3::translation(0.25, 0.1, 0.0));
+        let (was, is) = (scene.object(1).unwrap().centroid_m, after.object(1).unwrap().centroid_m);
+        assert!((is[0] - was[0] - 0.25).abs() < 1e-9 && (is[1] - was[1] - 0.1).abs() < 1e-9 && (is[2] - was[2]).abs() < 1e-9);
+        assert_eq!(after.points_of(2).count(), scene.points_of(2).count());
+        let on_table = after.points.iter().zip(&after.labels).filter(|(p, l)| **l == 0 && p[0].abs() < 0.04 && p[1].abs() < 0.04).count();
+        assert!(on_table > 100, "{on_table} points where it stood");
+        let top = after.meta.surfaces.iter().find(|s| s.object == Some(1)).unwrap();
+        assert!((top.height_m - 0.1).abs() < 1e-9 && top.outline_m.iter().all(|p| p[0] > 0.15));
+        let gone = without(&scene, 1);
+        assert!(gone.object(1).is_none() && gone.points_of(1).count() == 0 && gone.points.len() == gone.labels.len());
+    }
+}

@@ -1,0 +1,127 @@
+//! Arrangements on tables of boxes, by geometry alone: what moves, in which order, and where things stand at the end.
+
+use std::ops::ControlFlow;
+
+use repose_geometry::ViewerFrame;
+use repose_geometry::transform::from_row_major;
+use repose_proto::Scene;
+use repose_proto::arrange::{ArrangeRequest, ArrangeResult, ObjectGoal, Proof, Purpose};
+use repose_proto::place::{Outcome, Variant};
+
+use super::synthetic::SceneBuilder;
+use crate::arrange::arrange;
+use crate::arrange::goals::all_hold;
+use crate::arrange::moved::moved;
+use crate::learned::models::NoModels;
+use crate::scene::prepared::PreparedScene;
+
+fn goals(texts: &[(u16, &[&str])]) -> Vec<ObjectGoal> {
+    texts.iter().map(|(object, terms)| ObjectGoal { object: *object, terms: terms.iter().map(|t| t.parse().unwrap()).collect() }).collect()
+}
+
+fn arranged(scene: &Scene, texts: &[(u16, &[&str])]) -> ArrangeResult {
+    arranged_with(scene, texts, 1)
+}
+
+fn arranged_with(scene: &Scene, texts: &[(u16, &[&str])], max_parkings: u32) -> ArrangeResult {
+    let prepared = PreparedScene::new(std::sync::Arc::new(scene.clone()));
+    let request =
+        ArrangeRequest { variant: Variant::Geometric, max_parkings, ..ArrangeRequest::new(prepared.scene_id.clone(), goals(texts)) };
+    arrange(&prepared, &request, &NoModels, &mut |_| ControlFlow::Continue(())).unwrap()
+}
+
+/// Whether all goals hold on the scene that the moves lead to.
+fn hold_at_the_end(scene: &Scene, result: &ArrangeResult) -> bool {
+    let carried = |scene: Scene, m: &repose_proto::arrange::ArrangeMove| {
+        moved(&scene, m.object, &from_row_major(&m.placement.placed_from_observed.0).unwrap())
+    };
+    let end = PreparedScene::new(std::sync::Arc::new(result.moves.iter().fold(scene.clone(), carried)));
+    let viewer = ViewerFrame::from_yaw(result.view_yaw_rad);
+    result.goals.iter().all(|goal| all_hold(&end, &viewer, goal.object, &goal.terms))
+}
+
+const SMALL: [f64; 3] = [0.06, 0.06, 0.08];
+
+#[test]
+fn what_holds_already_stays_where_it_is() {
+    let scene = SceneBuilder::table().object(1, [0.0, 0.0], SMALL).object(2, [0.25, 0.0], SMALL).object(3, [-0.3, -0.2], SMALL).scene();
+    let result = arranged(&scene, &[(2, &["right_of:1"]), (3, &["behind:1"])]);
+    assert_eq!((result.outcome, result.satisfied.as_slice()), (Outcome::Found, [2].as_slice()));
+    assert_eq!(result.moves.iter().map(|m| m.object).collect::<Vec<_>>(), [3]);
+    assert!(hold_at_the_end(&scene, &result));
+}
+
+#[test]
+fn what_others_are_placed_by_moves_first() {
+    let scene = SceneBuilder::table().object(1, [0.3, 0.0], SMALL).object(2, [-0.1, -0.1], SMALL).object(3, [-0.3, 0.1], SMALL).scene();
+    // 2 goes left of where 3 will be, not of where it is.
+    let result = arranged(&scene, &[(2, &["left_of:3", "near:3"]), (3, &["left_of:1", "near:1"])]);
+    assert_eq!(result.outcome, Outcome::Found, "{result:?}");
+    assert_eq!(result.moves.iter().map(|m| m.object).collect::<Vec<_>>(), [3, 2]);
+    assert!(hold_at_the_end(&scene, &result));
+}
+
+#[test]
+fn what_stands_on_an_object_is_set_down_first() {
+    let scene = SceneBuilder::table()
+        .object(1, [0.2, 0.0], SMALL)
+        .object(2, [-0.2, 0.0], [0.12, 0.12, 0.06])
+        .object_at(3, [-0.2, 0.0], 0.06, [0.05, 0.05, 0.05])
+        .scene();
+    let result = arranged(&scene, &[(2, &["right_of:1"])]);
+    assert_eq!(result.outcome, Outcome::Found, "{result:?}");
+    let moves: Vec<_> = result.moves.iter().map(|m| (m.object, m.purpose)).collect();
+    assert_eq!(moves, [(3, Purpose::Aside), (2, Purpose::Goal)]);
+    assert!(hold_at_the_end(&scene, &result));
+}
+
+#[test]
+fn objects_that_stand_where_the_other_must_go_change_places() {
+    // Beside the block there is room for one at each side, with a post at its end, and before the block for one more.
+    let scene = SceneBuilder::table_within([-0.215, -0.4, 0.215, 0.13])
+        .object(1, [0.0, 0.0], [0.2, 0.14, 0.05])
+        .object(2, [-0.155, 0.0], [0.09, 0.24, 0.06])
+        .object(3, [0.155, 0.0], [0.09, 0.24, 0.06])
+        .object(4, [-0.16, -0.19], [0.03, 0.03, 0.15])
+        .object(5, [0.16, -0.19], [0.03, 0.03, 0.15])
+        .scene();
+    let result = arranged(&scene, &[(2, &["right_of:1", "not:above:1"]), (3, &["left_of:1", "not:above:1"])]);
+    assert_eq!(result.outcome, Outcome::Found, "{result:?}");
+    assert!(result.moves.len() == 3 && result.moves[0].purpose == Purpose::Aside, "{result:?}");
+    assert!(hold_at_the_end(&scene, &result));
+}
+
+#[test]
+fn a_contradiction_is_proven_and_nothing_is_searched() {
+    let scene = SceneBuilder::table().object(1, [0.0, 0.0], SMALL).object(2, [0.25, 0.0], SMALL).object(3, [-0.3, -0.2], SMALL).scene();
+    let result = arranged(&scene, &[(1, &["left_of:2"]), (2, &["left_of:3"]), (3, &["left_of:1", "near:1"])]);
+    let conflict = result.conflict.expect("a conflict");
+    assert_eq!((result.outcome, conflict.proof, conflict.goals.len(), result.searches), (Outcome::None, Proof::Contradiction, 3, 0));
+    assert_eq!(conflict.goals[2].terms.len(), 1, "{conflict:?}");
+}
+
+#[test]
+fn the_smallest_part_without_a_place_is_named() {
+    // Nothing of this size stands on the small box.
+    let scene = SceneBuilder::table()
+        .object(1, [0.0, 0.1], [0.03, 0.03, 0.05])
+        .object(2, [0.3, 0.0], [0.15, 0.15, 0.2])
+        .object(3, [-0.3, -0.2], SMALL)
+        .scene();
+    let result = arranged_with(&scene, &[(3, &["right_of:1"]), (2, &["above:1", "centered:1"])], 0);
+    let conflict = result.conflict.clone().unwrap_or_else(|| panic!("{result:?}"));
+    assert_eq!((result.outcome, conflict.proof, conflict.smallest), (Outcome::None, Proof::NotFound, true), "{result:?}");
+    assert_eq!(conflict.goals.iter().map(|g| g.object).collect::<Vec<_>>(), [2]);
+}
+
+#[test]
+fn the_same_request_gives_the_same_answer_and_a_small_budget_a_part_of_it() {
+    let scene = SceneBuilder::table().object(1, [0.3, 0.0], SMALL).object(2, [-0.1, -0.1], SMALL).object(3, [-0.3, 0.1], SMALL).scene();
+    let wanted: &[(u16, &[&str])] = &[(2, &["left_of:3", "near:3"]), (3, &["left_of:1", "near:1"])];
+    assert_eq!(arranged(&scene, wanted), arranged(&scene, wanted));
+    let prepared = PreparedScene::new(std::sync::Arc::new(scene));
+    let request =
+        ArrangeRequest { variant: Variant::Geometric, max_searches: 1, ..ArrangeRequest::new(prepared.scene_id.clone(), goals(wanted)) };
+    let partial = arrange(&prepared, &request, &NoModels, &mut |_| ControlFlow::Continue(())).unwrap();
+    assert_eq!((partial.outcome, partial.open.as_slice(), partial.moves.len()), (Outcome::Partial, [2].as_slice(), 1));
+}
