@@ -4,7 +4,8 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use repose_perception::frame_folder;
-use repose_proto::{CameraModel, Frame, PlaceResult, RigidTransform};
+use repose_proto::arrange::Proof;
+use repose_proto::{ArrangeResult, CameraModel, Frame, PlaceResult, RigidTransform};
 
 const WIDTH: usize = 160;
 const HEIGHT: usize = 120;
@@ -66,6 +67,33 @@ fn plan_finds_a_placement_and_says_the_same_twice() {
     let anchor_x_m = 0.1;
     assert!(best.placed_from_observed.0[3] > anchor_x_m, "it goes to the right: {:?}", best.placed_from_observed);
     assert!(best.geometric[0].holds && best.support_m > Some(0.0));
+}
+
+#[test]
+fn arrange_says_which_moves_make_all_goals_hold_or_which_goals_cannot() {
+    let folder = folder_with(&frame());
+    let arrange = |goals: &[&str]| {
+        let goals: Vec<&str> = goals.iter().flat_map(|goal| ["--goal", goal]).collect();
+        repose(&[&["--json", "arrange", path(&folder), "--variant", "geometric", "--max-parkings", "0"], &goals[..]].concat())
+    };
+    let holds_already = arrange(&["1=left_of:2"]);
+    assert_eq!(holds_already.status.code(), Some(0), "{}", String::from_utf8_lossy(&holds_already.stderr));
+    let result: ArrangeResult = serde_json::from_slice(&holds_already.stdout).expect("an ArrangeResult");
+    assert_eq!((result.moves.len(), result.satisfied, result.searches), (0, vec![1], 0));
+
+    let changed = arrange(&["1=behind:2"]);
+    let result: ArrangeResult = serde_json::from_slice(&changed.stdout).expect("an ArrangeResult");
+    assert_eq!(result.moves.iter().map(|m| m.object).collect::<Vec<_>>(), [1], "{result:?}");
+    assert_eq!(changed.stdout, arrange(&["1=behind:2"]).stdout, "the same request, the same bytes");
+
+    let impossible = arrange(&["1=left_of:2", "2=left_of:1"]);
+    assert_eq!(impossible.status.code(), Some(3), "{}", String::from_utf8_lossy(&impossible.stderr));
+    let result: ArrangeResult = serde_json::from_slice(&impossible.stdout).expect("an ArrangeResult");
+    assert_eq!(result.conflict.map(|c| (c.proof, c.goals.len())), Some((Proof::Contradiction, 2)));
+
+    let unknown = arrange(&["1=left_of:9"]);
+    let text = String::from_utf8_lossy(&unknown.stderr);
+    assert!(unknown.status.code() == Some(2) && text.contains("goals[0].terms[0].anchor"), "{text}");
 }
 
 #[test]

@@ -47,6 +47,7 @@ fn receivers_ignore_what_a_newer_sender_adds_to_states_summaries_attachments_and
     ignores::<ReplyAttachment>("ReplyAttachment");
     ignores::<CallError>("CallError");
     ignores::<PlaceResult>("PlaceResult");
+    ignores::<ArrangeResult>("ArrangeResult");
     ignores::<PlaceProgress>("PlaceProgress");
     ignores::<ExecuteReply>("ExecuteReply");
     ignores::<ExecuteProgress>("ExecuteProgress");
@@ -77,6 +78,7 @@ fn receivers_ignore_what_a_newer_sender_adds_to_a_scenes_metadata() {
 #[test]
 fn requests_and_commands_refuse_fields_that_they_do_not_know() {
     refuses::<PlaceRequest>("PlaceRequest");
+    refuses::<ArrangeRequest>("ArrangeRequest");
     refuses::<MotionPlanRequest>("MotionPlanRequest");
     refuses::<MotionPlan>("MotionPlan");
     refuses::<RobotResetRequest>("RobotResetRequest");

@@ -30,6 +30,8 @@ fn json<T: Message + serde::Serialize>(message: &T) -> Vec<u8> {
 fn json_messages_keep_their_bytes() {
     check("PlaceRequest.v1.json", &json(&place_request()));
     check("PlaceResult.v1.json", &json(&place_result()));
+    check("ArrangeRequest.v1.json", &json(&arrange_request()));
+    check("ArrangeResult.v1.json", &json(&arrange_result()));
     check("PlaceResult.v1.second.json", &json(&place_result_2()));
     check("MotionPlanRequest.v1.json", &json(&motion_plan_request()));
     check("MotionPlan.v1.json", &json(&motion_plan()));

@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use repose_proto::arrange::*;
 use repose_proto::load::WorkerLoad;
 use repose_proto::motion::{
     ExecuteReply, ExecutionOutcome, Grasp, MotionFailure, MotionPhase, MotionPlan, MotionPlanRequest, NotChosen, Phase, RecoverReply,
@@ -97,6 +98,34 @@ pub fn place_request() -> PlaceRequest {
         region: vec![RegionBox { min_m: [0.0; 3], max_m: [1.0; 3], inside: true }],
         budget: Budget { iterations: Some(2), ..Budget::default() },
         ..PlaceRequest::new(SCENE_ID.into(), 1, goal)
+    }
+}
+
+pub fn arrange_request() -> ArrangeRequest {
+    let goal = ObjectGoal { object: 1, terms: vec!["left_of:2".parse().unwrap(), "not:near:3".parse().unwrap()] };
+    ArrangeRequest { view_yaw_rad: Some(0.5), time_ms: Some(2000), ..ArrangeRequest::new(SCENE_ID.into(), vec![goal]) }
+}
+
+pub fn arrange_result() -> ArrangeResult {
+    let goals = arrange_request().goals;
+    ArrangeResult {
+        outcome: Outcome::Partial,
+        moves: vec![ArrangeMove {
+            object: 1,
+            purpose: Purpose::Aside,
+            goal: vec!["right_of:2".parse().unwrap()],
+            placement: place_result().placements.remove(0),
+        }],
+        satisfied: vec![4],
+        open: vec![1],
+        probability: Some(0.75),
+        conflict: Some(Conflict { goals: goals.clone(), proof: Proof::NotFound, smallest: true }),
+        searches: 3,
+        weights_hash: String::new(),
+        scene_id: SCENE_ID.into(),
+        view_yaw_rad: 0.5,
+        goals,
+        seed: 7,
     }
 }
 

@@ -95,7 +95,10 @@ fn grouped(stated: &[Stated]) -> Vec<ObjectGoal> {
 mod tests {
     use super::*;
 
-    fn found(texts: &[(u16, &[&str])]) -> Option<Vec<String>> {
+    /// Objects with their terms.
+    type Texts<'a> = &'a [(u16, &'a [&'a str])];
+
+    fn found(texts: Texts<'_>) -> Option<Vec<String>> {
         let goal =
             |(object, terms): &(u16, &[&str])| ObjectGoal { object: *object, terms: terms.iter().map(|t| t.parse().unwrap()).collect() };
         let goals: Vec<ObjectGoal> = texts.iter().map(goal).collect();
@@ -104,7 +107,7 @@ mod tests {
 
     #[test]
     fn circles_of_an_order_and_terms_that_exclude_each_other_are_named() {
-        let cases: [(&[(u16, &[&str])], &[&str]); 7] = [
+        let cases: [(Texts<'_>, &[&str]); 7] = [
             (&[(1, &["left_of:2"]), (2, &["left_of:3"]), (3, &["left_of:1", "near:2"])], &["1=left_of:2", "2=left_of:3", "3=left_of:1"]),
             (&[(1, &["left_of:2"]), (2, &["left_of:1"])], &["1=left_of:2", "2=left_of:1"]),
             (&[(1, &["above:2", "near:3"]), (2, &["above:1"])], &["1=above:2", "2=above:1"]),
@@ -120,7 +123,7 @@ mod tests {
 
     #[test]
     fn what_can_be_is_let_through() {
-        let cases: [&[(u16, &[&str])]; 4] = [
+        let cases: [Texts<'_>; 4] = [
             &[(1, &["left_of:2"]), (2, &["right_of:1"])],
             &[(1, &["left_of:2"]), (2, &["behind:1"]), (3, &["left_of:1"])],
             &[(1, &["near:2", "not:touching:2"])],

@@ -1,4 +1,4 @@
-//! The search over moves: depth first over orders and alternative places, with one object more set down aside in each round.
+//! The search over moves: depth first over orders and alternative places, with one move more allowed in each round.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::ControlFlow;
@@ -55,6 +55,8 @@ pub struct Search<'a> {
     weights_hash: String,
     known: Known,
     path: Vec<ArrangeMove>,
+    /// Moves on a path, those that are still needed at least among them.
+    most_moves: usize,
     best: Option<(Vec<ArrangeMove>, Vec<u16>)>,
 }
 
@@ -79,6 +81,7 @@ impl<'a> Search<'a> {
             weights_hash: String::new(),
             known: Known::new(),
             path: Vec::new(),
+            most_moves: 0,
             best: None,
         }
     }
@@ -123,9 +126,12 @@ impl<'a> Search<'a> {
     pub fn arranged(&mut self, scene: &Arc<PreparedScene>, unsettled: BTreeSet<u16>) -> Result<Option<Vec<ArrangeMove>>, CallError> {
         self.best = Some((Vec::new(), unsettled.iter().copied().collect()));
         let state = State { scene: scene.clone(), unsettled };
-        for parkings in 0..=self.request.max_parkings {
+        let fewest = state.unsettled.len();
+        // An object set down aside costs a move, and one that stood where it should and made room another.
+        for more in 0..=2 * self.request.max_parkings as usize {
             self.path.clear();
-            if self.solved(&state, parkings)? {
+            self.most_moves = fewest + more;
+            if self.solved(&state, self.request.max_parkings.min(more as u32))? {
                 return Ok(Some(std::mem::take(&mut self.path)));
             }
             if self.ended.is_some() {
@@ -144,6 +150,9 @@ impl<'a> Search<'a> {
         if open == 0 {
             return Ok(true);
         }
+        if self.path.len() + open > self.most_moves {
+            return Ok(false);
+        }
         let mut without_room: Vec<(u16, Vec<GoalTerm>)> = Vec::new();
         for object in self.order(state) {
             if !state.scene.carried(object).is_empty() {
@@ -161,10 +170,15 @@ impl<'a> Search<'a> {
             let mut found = false;
             for goal in self.positive(state, object, &terms, &others) {
                 let places = self.places(&state.scene, object, &goal, self.request.alternatives)?;
-                found |= !places.is_empty();
                 for placement in places.iter() {
                     let step = ArrangeMove { object, purpose: Purpose::Goal, goal: goal.clone(), placement: placement.clone() };
-                    if self.after(state, step, others.clone(), parkings)? {
+                    let scene = after(state, &step)?;
+                    // On something that must move again it would be in the way.
+                    if others.iter().any(|other| scene.carried(*other).contains(&object)) {
+                        continue;
+                    }
+                    found = true;
+                    if self.solved_after(step, &State { scene, unsettled: others.clone() }, parkings)? {
                         return Ok(true);
                     }
                 }
@@ -229,7 +243,8 @@ impl<'a> Search<'a> {
                 let places = self.places(&state.scene, object, &goal, 1)?;
                 for placement in places.iter() {
                     let step = ArrangeMove { object, purpose: Purpose::Aside, goal: goal.clone(), placement: placement.clone() };
-                    if self.after(state, step, unsettled.clone(), parkings - 1)? {
+                    let scene = after(state, &step)?;
+                    if self.solved_after(step, &State { scene, unsettled: unsettled.clone() }, parkings - 1)? {
                         return Ok(true);
                     }
                     kept += 1;
@@ -271,13 +286,10 @@ impl<'a> Search<'a> {
         Ok(found)
     }
 
-    /// Whether all can be settled after a move.
-    fn after(&mut self, state: &State, step: ArrangeMove, unsettled: BTreeSet<u16>, parkings: u32) -> Result<bool, CallError> {
-        let carried = from_row_major(&step.placement.placed_from_observed.0)
-            .map_err(|e| CallError::internal(format!("a placement is no rigid motion: {e}")))?;
-        let scene = prepared(moved(&state.scene.scene, step.object, &carried));
+    /// Whether all can be settled after a move, which led to a state.
+    fn solved_after(&mut self, step: ArrangeMove, state: &State, parkings: u32) -> Result<bool, CallError> {
         self.path.push(step);
-        let solved = self.solved(&State { scene, unsettled }, parkings)?;
+        let solved = self.solved(state, parkings)?;
         if !solved {
             self.path.pop();
         }
@@ -328,6 +340,13 @@ impl<'a> Search<'a> {
         self.known.insert(key, places.clone());
         Ok(places)
     }
+}
+
+/// The scene after a move.
+fn after(state: &State, step: &ArrangeMove) -> Result<Arc<PreparedScene>, CallError> {
+    let carried = from_row_major(&step.placement.placed_from_observed.0)
+        .map_err(|e| CallError::internal(format!("a placement is no rigid motion: {e}")))?;
+    Ok(prepared(moved(&state.scene.scene, step.object, &carried)))
 }
 
 fn prepared(scene: Scene) -> Arc<PreparedScene> {
