@@ -327,7 +327,8 @@ impl Coarse {
         const THINNED: usize = 3;
         let facing = self.upward(|_| Some(0)).step_by(THINNED);
         let pieces = surfaces::find(facing, &SurfaceSettings { max_count: MOST_PIECES, ..settings.surfaces.clone() });
-        let levels = levels::find(&pieces, view.in_camera, view.in_world, &Viewpoint::new(&self.camera, &self.world_from_camera), &settings.levels);
+        let levels =
+            levels::find(&pieces, view.in_camera, view.in_world, &Viewpoint::new(&self.camera, &self.world_from_camera), &settings.levels);
         find::find(&view, &levels, &settings.components, &settings.levels, |parts| parts.together.clone())
     }
 

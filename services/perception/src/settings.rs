@@ -279,14 +279,7 @@ pub struct ForegroundSettings {
 
 impl Default for ForegroundSettings {
     fn default() -> Self {
-        Self {
-            like_deviations: 3.0,
-            least_m: 0.002,
-            seed_deviations: 4.0,
-            belongs_deviations: 2.0,
-            slack_m: 0.05,
-            beyond_m: 0.25,
-        }
+        Self { like_deviations: 3.0, least_m: 0.002, seed_deviations: 4.0, belongs_deviations: 2.0, slack_m: 0.05, beyond_m: 0.25 }
     }
 }
 

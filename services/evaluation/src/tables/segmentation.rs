@@ -174,7 +174,8 @@ mod tests {
 
     /// Labelled frames of validation desks.
     fn desks(scenes: u64) -> Vec<Frame> {
-        let (settings, viewpoint) = (SceneSettings::only(SceneKind::Desk), ViewpointSettings { width: 640, height: 480, ..ViewpointSettings::default() });
+        let (settings, viewpoint) =
+            (SceneSettings::only(SceneKind::Desk), ViewpointSettings { width: 640, height: 480, ..ViewpointSettings::default() });
         let mut canvas = DepthCanvas::new(640, 480);
         let first = Split::Validation.seeds().start;
         let frame = |seed: u64| {

@@ -45,8 +45,7 @@ pub fn find(
     level_settings: &LevelSettings,
     together: impl FnOnce(&Parts) -> Vec<(u16, u16)>,
 ) -> Found {
-    let foreground =
-        foreground::find(view.in_camera, view.in_world, levels, view.camera_m, &settings.foreground, level_settings);
+    let foreground = foreground::find(view.in_camera, view.in_world, levels, view.camera_m, &settings.foreground, level_settings);
     let parts = parts::find(view, &foreground, settings);
     let joined = parts.joined(&together(&parts));
     judged(&joined, &foreground, view.in_world, settings)
@@ -75,7 +74,8 @@ fn judged(ids: &Image<u16>, foreground: &Foreground, in_world: &PointMap, settin
     };
     let mut present: Vec<u16> = (1..=most as u16).filter(|id| !points[usize::from(*id)].is_empty()).collect();
     present.sort_by_key(|id| (std::cmp::Reverse(points[usize::from(*id)].len()), *id));
-    let (mut objects, mut others): (Vec<_>, Vec<_>) = present.into_iter().map(|id| (id, reason(id))).partition(|(_, reason)| reason.is_none());
+    let (mut objects, mut others): (Vec<_>, Vec<_>) =
+        present.into_iter().map(|id| (id, reason(id))).partition(|(_, reason)| reason.is_none());
     others.extend(objects.drain(settings.max_count.min(objects.len())..).map(|(id, _)| (id, Some(LeftOutReason::TooMany))));
     let mut renumbered = vec![0u16; most + 1];
     let mut no_objects = BTreeMap::new();
@@ -92,11 +92,11 @@ fn judged(ids: &Image<u16>, foreground: &Foreground, in_world: &PointMap, settin
 mod tests {
     use super::*;
     use crate::readings::point_map::transformed;
-    use crate::settings::Settings;
-    use crate::synthetic::{Solid, cast, render};
     use crate::readings::upward;
+    use crate::settings::Settings;
     use crate::supports::levels::{self, Viewpoint};
     use crate::supports::surfaces;
+    use crate::synthetic::{Solid, cast, render};
     use repose_geometry::transform::look_at;
     use repose_geometry::{Pinhole, Vector3};
 

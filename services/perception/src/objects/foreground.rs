@@ -205,13 +205,11 @@ mod tests {
         let viewpoint = Viewpoint::new(&CAMERA, &world_from_camera);
         let levels = levels::find(&surfaces::find(everything, &settings.surfaces), &in_camera, &in_world, &viewpoint, &settings.levels);
         let found = find(&in_camera, &in_world, &levels, viewpoint.camera.z, &settings.components.foreground, &settings.levels);
-        let of = |solid: usize| (0..320 * 240).filter(move |i| seen.pixels()[*i].is_some_and(|(_, k)| k == solid)).collect::<Vec<_>>();
-        (0..solids.len())
-            .map(|solid| {
-                let own = of(solid);
-                own.iter().filter(|i| found.rises.pixels()[**i]).count() as f64 / own.len().max(1) as f64
-            })
-            .collect()
+        let share = |solid: usize| {
+            let own: Vec<usize> = (0..320 * 240).filter(|i| seen.pixels()[*i].is_some_and(|(_, k)| k == solid)).collect();
+            own.iter().filter(|i| found.rises.pixels()[**i]).count() as f64 / own.len().max(1) as f64
+        };
+        (0..solids.len()).map(share).collect()
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The levels of a scene: what furniture offers to stand on, each one plane however much of it is covered, and the tops of things.
 //!
-//! What is seen of a covered table falls into pieces. Pieces of one plane are one level unless the camera looks through between them:
-//! what lies in their common outline and was seen below the plane says that they are two. A level is furniture when it is large, high over
+//! What is seen of a covered table falls into pieces. Pieces of one plane are one level unless the camera looks through the plane between
+//! them. A level is furniture when it is large, high over
 //! whatever is below it, or hollow beneath; raised a little over another one it is the top of a thing that stands there.
 
 use repose_geometry::{Footprint, Isometry3, Pinhole, Point2, Point3, Vector3};
@@ -58,7 +58,8 @@ impl LevelPlane {
         }
         let determinant = xx * yy - xy * xy;
         let (mut a, mut b) = ((xz * yy - yz * xy) / determinant, (yz * xx - xz * xy) / determinant);
-        if !(a.hypot(b) <= f64::from(max_slope)) {
+        let is_level = a.hypot(b) <= f64::from(max_slope);
+        if !is_level {
             (a, b) = (0.0, 0.0);
         }
         Some(Self { height_m: (mean.z - a * mean.x - b * mean.y) as f32, slope_x: a as f32, slope_y: b as f32 })
@@ -160,7 +161,7 @@ pub fn find(
         if rank == 0 {
             noise = measured_noise(&own, &plane, camera_m, settings);
         }
-        let joins = |level: &&mut Level| continues(level, piece, &plane, &own, &looked_at, noise, camera_m, settings);
+        let joins = |level: &&mut Level| continues(level, piece, &plane, &own, &looked_at, noise, &viewpoint.camera, settings);
         match levels.iter_mut().find(joins) {
             Some(level) => {
                 level.outline = joint(&level.outline, &piece.outline).unwrap_or_else(|| level.outline.clone());
@@ -229,22 +230,20 @@ fn continues(
     own: &[Reading],
     looked_at: &[Point3<f32>],
     noise: DepthNoise,
-    camera_m: f32,
+    camera: &Point3<f32>,
     settings: &LevelSettings,
 ) -> bool {
     let at = middle(&piece.outline);
     let off_m = (level.plane.height_at(&at) - plane.height_at(&at)).abs();
     // The plane of a large piece is known well; carried on over a distance, its slope is what errs.
     let depth_m = own.first().map_or(1.0, |(_, depth_m)| *depth_m);
-    let tolerance_m = settings.least_clearance_m + settings.clearance_deviations * noise.height_m(depth_m, camera_m - plane.height_at(&at));
+    let tolerance_m = settings.least_clearance_m + settings.clearance_deviations * noise.height_m(depth_m, camera.z - plane.height_at(&at));
     if off_m > tolerance_m {
         return false;
     }
     let Some(both) = joint(&level.outline, &piece.outline) else { return false };
-    let inside = |p: &&Point3<f32>| {
-        both.margin(&p.xy()) > 0.0 && level.outline.margin(&p.xy()) < 0.0 && piece.outline.margin(&p.xy()) < 0.0
-    };
-    !is_seen_through(&level.plane, looked_at.iter().filter(inside), settings)
+    let between = |at: &Point2<f32>| both.margin(at) > 0.0 && level.outline.margin(at) < 0.0 && piece.outline.margin(at) < 0.0;
+    !is_seen_through(&level.plane, camera, looked_at, between, settings)
 }
 
 /// Takes a level on to the picture's lower edge and from there to under the camera (what stands there is seen where it is high), unless
@@ -254,19 +253,32 @@ fn extend(level: &mut Level, viewpoint: &Viewpoint, looked_at: &[Point3<f32>], s
         let corners: Vec<Point3<f32>> =
             level.extent.corners().iter().chain(std::iter::once(&corner)).map(|c| Point3::new(c.x, c.y, 0.0)).collect();
         let Some(wider) = Footprint::of(&corners) else { continue };
-        let added = |p: &&Point3<f32>| wider.margin(&p.xy()) > 0.0 && level.extent.margin(&p.xy()) < 0.0;
-        if !is_seen_through(&level.plane, looked_at.iter().filter(added), settings) {
+        let added = |at: &Point2<f32>| wider.margin(at) > 0.0 && level.extent.margin(at) < 0.0;
+        if !is_seen_through(&level.plane, &viewpoint.camera, looked_at, added, settings) {
             level.extent = wider;
         }
     }
 }
 
-/// Whether more than a few of these points lie below a plane.
-fn is_seen_through<'a>(plane: &LevelPlane, points: impl Iterator<Item = &'a Point3<f32>>, settings: &LevelSettings) -> bool {
+/// Whether the camera looks through a plane in some region of it: more than a few of what it sees there lies below.
+fn is_seen_through(
+    plane: &LevelPlane,
+    camera: &Point3<f32>,
+    looked_at: &[Point3<f32>],
+    region: impl Fn(&Point2<f32>) -> bool,
+    settings: &LevelSettings,
+) -> bool {
+    let above_m = plane.rise_m(camera);
     let (mut below, mut all) = (0usize, 0usize);
-    for p in points {
-        all += 1;
-        below += usize::from(plane.rise_m(p) < -settings.seen_below_m);
+    for p in looked_at {
+        let rise_m = plane.rise_m(p);
+        let is_below = rise_m < -settings.seen_below_m;
+        // What lies below was seen through the plane where the line of sight crosses it.
+        let at = if is_below { (camera + (p - camera) * (above_m / (above_m - rise_m))).xy() } else { p.xy() };
+        if region(&at) {
+            all += 1;
+            below += usize::from(is_below);
+        }
     }
     below as f32 > settings.max_below_share * all as f32
 }
@@ -293,9 +305,8 @@ fn tell_apart(levels: &mut [Level], looked_at: &[Point3<f32>], settings: &LevelS
         let carries = |below: &&Level| below.kind != LevelKind::Top && below.outline.margin(&at) > -settings.rim_m;
         let raised_m = lower.iter().filter(carries).map(|below| height_m - below.plane.height_at(&at)).fold(f32::INFINITY, f32::min);
         let hollow = || {
-            let beneath = |p: &&Point3<f32>| {
-                level.plane.rise_m(p) < -settings.hollow_m && level.outline.margin(&p.xy()) > settings.hollow_m / 2.0
-            };
+            let beneath =
+                |p: &&Point3<f32>| level.plane.rise_m(p) < -settings.hollow_m && level.outline.margin(&p.xy()) > settings.hollow_m / 2.0;
             looked_at.iter().filter(beneath).count() >= settings.hollow_readings
         };
         let area_m2 = level.outline.area();
