@@ -303,8 +303,8 @@ pub struct TopSettings {
     pub min_flat: f32,
     /// Most of its border that may be higher than it, a share.
     pub max_rim: f32,
-    /// How far beyond the border that is looked at, pixels of the coarse picture.
-    pub look_px: isize,
+    /// How far beyond the border that is looked at, metres: more than the half length over which a pixel is told to face up.
+    pub look_m: f32,
     /// What stands on a top lies this far inside its outline, metres.
     pub inset_m: f32,
 }
@@ -320,7 +320,7 @@ impl Default for TopSettings {
             on_deviations: 3.0,
             min_flat: 0.8,
             max_rim: 0.6,
-            look_px: 4,
+            look_m: 0.022,
             inset_m: 0.004,
         }
     }

@@ -41,6 +41,7 @@ pub fn find(view: &CoarseView<'_>, foreground: &Foreground, settings: &Component
         depth_m: &depth_m,
         faces_up: view.faces_up,
         rises: &foreground.rises,
+        focal_px: view.focal_px,
         noise: foreground.noise,
         camera_m: view.camera_m,
     };

@@ -8,9 +8,13 @@ use repose_geometry::{Footprint, Image, Point3};
 
 use crate::readings::noise::DepthNoise;
 use crate::readings::point_map::PointMap;
+use crate::readings::upward::arm_px;
 use crate::settings::TopSettings;
 use crate::supports::extent::Extent;
 use crate::supports::levels::LevelPlane;
+
+/// Farthest beyond a border that is looked, pixels.
+const MAX_LOOK_PX: usize = 24;
 
 /// What of the picture stands on which top.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,6 +54,8 @@ pub struct TopView<'a> {
     pub faces_up: &'a Image<bool>,
     /// Which of them rise above the furniture.
     pub rises: &'a Image<bool>,
+    /// Focal length of the picture, pixels.
+    pub focal_px: f32,
     /// Noise of the averaged heights.
     pub noise: DepthNoise,
     /// The camera's height, metres.
@@ -160,7 +166,8 @@ fn rim(view: &TopView<'_>, top: &Top, own: &mut [bool], settings: &TopSettings) 
             if at(1).is_some_and(|j| own[j]) {
                 continue;
             }
-            let Some(j) = at(settings.look_px) else { continue };
+            let look = arm_px(view.depth_m.pixels()[*i], view.focal_px, settings.look_m, MAX_LOOK_PX) as isize;
+            let Some(j) = at(look) else { continue };
             if own[j] {
                 continue;
             }
@@ -224,6 +231,7 @@ mod tests {
             depth_m: &depth_m,
             faces_up: &faces_up,
             rises: &rises,
+            focal_px: 262.0,
             noise: DepthNoise { per_m2: 0.001 },
             camera_m: 0.6,
         };

@@ -66,16 +66,17 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        #[test]
-        fn margins_are_the_outlines_to_a_cell(corners in prop::collection::vec(prop::array::uniform2(-1.0..1.0f32), 3..12), at in prop::array::uniform2(-1.2..1.2f32)) {
-            let corners: Vec<Point3<f32>> = corners.iter().map(|[x, y]| Point3::new(*x, *y, 0.0)).collect();
-            let Some(outline) = Footprint::of(&corners) else { return Ok(()) };
-            prop_assume!(outline.area() > 1e-3);
-            let (p, extent) = (Point3::new(at[0], at[1], 0.3), Extent::new(&outline, 0.2));
-            let (margin, looked_up) = (outline.margin(&p.xy()), extent.margin_m(&p));
-            prop_assert!(looked_up == f32::NEG_INFINITY && margin < -0.19 || (margin - looked_up).abs() < 0.03, "{margin} {looked_up}");
+            #[test]
+            fn margins_are_the_outlines_to_a_cell(corners in prop::collection::vec(prop::array::uniform2(-1.0..1.0f32), 3..12), at in prop::array::uniform2(-1.2..1.2f32)) {
+                let corners: Vec<Point3<f32>> = corners.iter().map(|[x, y]| Point3::new(*x, *y, 0.0)).collect();
+                let Some(outline) = Footprint::of(&corners) else { return Ok(()) };
+                prop_assume!(outline.area() > 1e-3);
+                let (p, extent) = (Point3::new(at[0], at[1], 0.3), Extent::new(&outline, 0.2));
+                let (margin, looked_up) = (outline.margin(&p.xy()), extent.margin_m(&p));
+    // Beyond the surroundings, which are a box, the margin may still be small: it is taken from lines.
+                prop_assert!(if looked_up == f32::NEG_INFINITY { margin < 0.0 } else { (margin - looked_up).abs() < 0.03 }, "{margin} {looked_up}");
+            }
         }
-    }
 
     #[test]
     fn a_missing_reading_is_nowhere() {
