@@ -93,7 +93,7 @@ pub fn find(view: &TopView<'_>, settings: &TopSettings) -> Storeys {
     let mut tops: Vec<Top> = Vec::new();
     for start in 0..seen.len() {
         if let Some(region) = grown(view, start, &mut seen, settings) {
-            let Some(top) = flat(view, region, settings) else { continue };
+            let Some(top) = flat(view, &region, settings) else { continue };
             match rim(view, &top, &mut own, settings) {
                 Some(around) => storeys.basins.push(Basin { pixels: top.pixels, around }),
                 None => tops.push(top),
@@ -131,10 +131,10 @@ fn grown(view: &TopView<'_>, start: usize, seen: &mut [bool], settings: &TopSett
 }
 
 /// The top that a region of pixels is, where most of it lies in one plane.
-fn flat(view: &TopView<'_>, region: Vec<usize>, settings: &TopSettings) -> Option<Top> {
+fn flat(view: &TopView<'_>, region: &[usize], settings: &TopSettings) -> Option<Top> {
     const ROUNDS: usize = 3;
     let points = view.in_world.pixels();
-    let mut on = region.clone();
+    let mut on = region.to_vec();
     let mut plane = LevelPlane { height_m: 0.0, slope_x: 0.0, slope_y: 0.0 };
     for _ in 0..ROUNDS {
         let fitted: Vec<Point3<f32>> = on.iter().map(|i| points[*i]).collect();
