@@ -14,7 +14,8 @@ use repose_proto::{CallError, CameraModel, ErrorCode, Frame, RigidTransform, Sce
 
 use crate::masks::clean::CleanMasks;
 use crate::masks::{hints, stray};
-use crate::objects::find::{self, CoarseView};
+use crate::objects::find::{self, CoarseView, Found};
+use crate::objects::spread;
 use crate::readings::depth::DepthMap;
 use crate::readings::point_map::{PointMap, strided, transformed};
 use crate::readings::{flying, upward};
@@ -22,9 +23,13 @@ use crate::robots::{held, self_filter};
 use crate::scene::cloud::Cloud;
 use crate::scene::summary::{Completeness, summarise};
 use crate::scene::unseen::{self, RayView};
-use crate::settings::Settings;
+use crate::settings::{Settings, SurfaceSettings};
 use crate::supports::gravity;
+use crate::supports::levels::{self, Viewpoint};
 use crate::supports::surfaces::{self, SupportSurface};
+
+/// Level pieces that are looked at for furniture, at most: a crowded desk has many tops.
+const MOST_PIECES: usize = 24;
 
 /// Why a frame gave no scene.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -89,6 +94,8 @@ pub struct Segmented {
     pub labels: Image<u16>,
     /// The same without the band around each mask: the pixels whose readings are the objects' points.
     pub cleaned: Image<u16>,
+    /// What of the picture was told and is no object, each part with a number of its own; 0 elsewhere. The scene says why of each.
+    pub left_out: Image<u16>,
 }
 
 /// The scene that a frame shows.
@@ -104,7 +111,7 @@ pub fn segment(frame: &Frame, settings: &Settings) -> Result<Scene, SegmentError
 /// # Errors
 /// As [`segment`].
 pub fn segment_with_labels(frame: &Frame, settings: &Settings) -> Result<Segmented, SegmentError> {
-    let Parts { scene, masks: CleanMasks { mut labels, band, .. } } = Parts::of(frame, settings)?;
+    let Parts { scene, masks: CleanMasks { mut labels, band, left_out, .. } } = Parts::of(frame, settings)?;
     for id in labels.pixels_mut().iter_mut().filter(|id| **id != 0 && scene.object(**id).is_none()) {
         *id = 0;
     }
@@ -112,7 +119,7 @@ pub fn segment_with_labels(frame: &Frame, settings: &Settings) -> Result<Segment
     for (id, _) in cleaned.pixels_mut().iter_mut().zip(band.pixels()).filter(|(_, banded)| **banded) {
         *id = 0;
     }
-    Ok(Segmented { scene, labels, cleaned })
+    Ok(Segmented { scene, labels, cleaned, left_out: left_out.parts })
 }
 
 /// A scene and what it was made with.
@@ -140,7 +147,8 @@ impl Parts {
         let robots = self_filter::remove(&mut depth, &camera, &frame.robots, given_pose.as_ref(), &settings.self_filter);
 
         let stride = camera.width.div_ceil(settings.coarse_columns.max(1)).max(1);
-        let in_camera = depth.points(stride);
+        // Given masks say which pixel is whose; found ones follow the readings.
+        let in_camera = if frame.labels.is_some() { depth.points(stride) } else { depth.points_of_blocks(stride) };
         let (world_from_camera, world_frame) = match given_pose {
             Some(pose) => (pose, WorldFrame::Extrinsics),
             None => (estimated_pose(&in_camera, settings)?, WorldFrame::SupportPlane),
@@ -154,9 +162,10 @@ impl Parts {
                 (labels, BTreeMap::new())
             }
             None => {
-                let surfaces = surfaces::find(coarse.upward(|_| Some(0)), &settings.surfaces);
-                let found = find::find(&coarse.view(), &surfaces, &settings.components);
-                (find::spread(&found.ids, &depth, stride), found.no_objects)
+                let found = coarse.objects(settings);
+                let mut labels = spread::spread(&found.ids, &coarse.in_camera, &depth, stride);
+                spread::fill_gaps(&mut labels, depth.depth_m(), settings.components.max_gap_px);
+                (labels, found.no_objects)
             }
         };
         hints::follow(&mut labels, &mut no_objects, &depth, &frame.hints).map_err(SegmentError::Frame)?;
@@ -258,7 +267,7 @@ fn doubts(
         let inverse =
             Coarse::new(depth.points(coarse.stride), &coarse.world_from_camera.inverse(), &coarse.of_full, coarse.stride, settings);
         let of_inverse = surfaces::find(inverse.upward(|_| Some(0)), &settings.surfaces);
-        if of_inverse.iter().any(|s| s.seen_m2 >= settings.components.min_support_area_m2) {
+        if of_inverse.iter().any(|s| s.seen_m2 >= settings.levels.large_m2) {
             message += " With its inverse there is one: it seems to be camera_from_world.";
         }
     }
@@ -302,7 +311,25 @@ impl Coarse {
     }
 
     fn view(&self) -> CoarseView<'_> {
-        CoarseView { in_camera: &self.in_camera, in_world: &self.in_world, focal_px: self.camera.fx as f32 }
+        CoarseView {
+            in_camera: &self.in_camera,
+            in_world: &self.in_world,
+            faces_up: &self.faces_up,
+            focal_px: self.camera.fx as f32,
+            camera_m: self.world_from_camera.translation.z as f32,
+        }
+    }
+
+    /// The objects that geometry finds.
+    fn objects(&self, settings: &Settings) -> Found {
+        let view = self.view();
+        /// Of so many readings that face up one tells of levels: cells of furniture hold many.
+        const THINNED: usize = 3;
+        let facing = self.upward(|_| Some(0)).step_by(THINNED);
+        let pieces = surfaces::find(facing, &SurfaceSettings { max_count: MOST_PIECES, ..settings.surfaces.clone() });
+        let levels =
+            levels::find(&pieces, view.in_camera, view.in_world, &Viewpoint::new(&self.camera, &self.world_from_camera), &settings.levels);
+        find::find(&view, &levels, &settings.components, &settings.levels, |parts| parts.together.clone())
     }
 
     /// The points that face up, with the label of their pixel; pixels without one are left out.

@@ -28,6 +28,8 @@ pub struct Settings {
     pub gravity: GravitySettings,
     /// Finding surfaces that objects can stand on.
     pub surfaces: SurfaceSettings,
+    /// Telling furniture, however covered, from the tops of things.
+    pub levels: LevelSettings,
     /// Finding objects when no labels are given.
     pub components: ComponentSettings,
     /// Telling where nothing was seen.
@@ -48,6 +50,7 @@ impl Default for Settings {
             borders: BorderSettings::default(),
             gravity: GravitySettings::default(),
             surfaces: SurfaceSettings::default(),
+            levels: LevelSettings::default(),
             components: ComponentSettings::default(),
             unseen: UnseenSettings::default(),
             seed: 0,
@@ -201,14 +204,136 @@ impl Default for SurfaceSettings {
     }
 }
 
+/// How furniture is told from the tops of things.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LevelSettings {
+    /// Depth noise that is assumed until a large level says better, metres per square metre of depth, one standard deviation.
+    pub usual_noise_per_m2: f32,
+    /// Readings within this of a plane lie on it whatever the noise, metres.
+    pub least_clearance_m: f32,
+    /// And within so many standard deviations of the noise.
+    pub clearance_deviations: f32,
+    /// Steepest slope of a level, which errors of the camera's pose give it.
+    pub max_slope: f32,
+    /// What lies this far below a plane was seen below it, metres.
+    pub seen_below_m: f32,
+    /// Most of what is seen between two pieces of one level that may lie below it, a share.
+    pub max_below_share: f32,
+    /// A level with an outline of this area is furniture, square metres.
+    pub large_m2: f32,
+    /// And one as long as this, metres.
+    pub large_m: f32,
+    /// A level higher than this above the furniture below it is furniture, metres.
+    pub highest_top_m: f32,
+    /// A level may stand over the rim of what it stands on by this, metres: it hides the rim.
+    pub rim_m: f32,
+    /// A level half as large that is hollow beneath is a board where it is this high above what is below it, metres.
+    pub lowest_board_m: f32,
+    /// A level is hollow beneath where readings lie this far under it, metres.
+    pub hollow_m: f32,
+    /// Fewest such readings, of the 6000 that are looked at.
+    pub hollow_readings: usize,
+    /// Furniture this far below other furniture is a floor, metres.
+    pub floor_below_m: f32,
+}
+
+impl Default for LevelSettings {
+    fn default() -> Self {
+        Self {
+            usual_noise_per_m2: 0.0018,
+            least_clearance_m: 0.002,
+            clearance_deviations: 3.0,
+            max_slope: 0.05,
+            seen_below_m: 0.03,
+            max_below_share: 0.15,
+            large_m2: 0.15,
+            large_m: 0.6,
+            highest_top_m: 0.36,
+            rim_m: 0.1,
+            lowest_board_m: 0.18,
+            hollow_m: 0.06,
+            hollow_readings: 40,
+            floor_below_m: 0.36,
+        }
+    }
+}
+
+/// What rises above furniture.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ForegroundSettings {
+    /// Readings that differ by at most so many standard deviations are averaged.
+    pub like_deviations: f32,
+    /// Least rise above furniture, metres, whatever the noise: real cameras' planes bend.
+    pub least_m: f32,
+    /// What rises by so many standard deviations more stands on it.
+    pub seed_deviations: f32,
+    /// Beside that, what rises by so many belongs to it.
+    pub belongs_deviations: f32,
+    /// How far outside the outline of furniture something may stand on it, metres: it hides its rim.
+    pub slack_m: f32,
+    /// How far outside what stands on it may reach, metres.
+    pub beyond_m: f32,
+}
+
+impl Default for ForegroundSettings {
+    fn default() -> Self {
+        Self { like_deviations: 3.0, least_m: 0.002, seed_deviations: 4.0, belongs_deviations: 2.0, slack_m: 0.05, beyond_m: 0.25 }
+    }
+}
+
+/// What is a flat top, and what stands on it.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TopSettings {
+    /// Fewest pixels of the coarse picture.
+    pub min_pixels: usize,
+    /// Least area of its outline, square metres.
+    pub min_area_m2: f32,
+    /// Steepest slope.
+    pub max_slope: f32,
+    /// Heights that differ by this are one, metres, whatever the noise.
+    pub least_m: f32,
+    /// Neighbours differ by at most so many standard deviations more.
+    pub like_deviations: f32,
+    /// What lies within so many of the top's plane is of it.
+    pub on_deviations: f32,
+    /// Least share of a region that lies in its plane.
+    pub min_flat: f32,
+    /// Most of its border that may be higher than it, a share.
+    pub max_rim: f32,
+    /// How far beyond the border that is looked at, metres: more than the half length over which a pixel is told to face up.
+    pub look_m: f32,
+    /// What stands on a top lies this far inside its outline, metres.
+    pub inset_m: f32,
+}
+
+impl Default for TopSettings {
+    fn default() -> Self {
+        Self {
+            min_pixels: 80,
+            min_area_m2: 0.003,
+            max_slope: 0.35,
+            least_m: 0.002,
+            like_deviations: 2.0,
+            on_deviations: 3.0,
+            min_flat: 0.8,
+            max_rim: 0.6,
+            look_m: 0.022,
+            inset_m: 0.004,
+        }
+    }
+}
+
 /// How objects are told apart without labels.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ComponentSettings {
-    /// A horizontal surface of at least this observed area is furniture, not the top of an object, square metres.
-    pub min_support_area_m2: f32,
-    /// Readings up to this height above a support belong to it, metres; `noise_per_m2` adds to it.
-    pub clearance_m: f32,
+    /// Telling what rises above the furniture.
+    pub foreground: ForegroundSettings,
+    /// Cutting what stands on a flat top from it.
+    pub tops: TopSettings,
     /// Neighbouring readings of one object are at most this far apart, metres; `noise_per_m2` adds to it.
     pub gap_m: f32,
     /// Depth noise added to the lengths above, metres per square metre of depth.
@@ -217,12 +342,18 @@ pub struct ComponentSettings {
     pub crease_arm_m: f32,
     /// Depth of the crease over that length from which it separates, metres; `noise_per_m2` adds to it.
     pub crease_depth_m: f32,
+    /// What is cut at creases must have this many readings on the coarse picture to be a part of its own.
+    pub min_part_pixels: usize,
     /// Components with fewer readings on the coarse picture are too small for an object.
     pub min_pixels: usize,
     /// Those with fewer than this are not even told of.
     pub min_told_pixels: usize,
     /// Components with a longer edge of their box are background, metres.
     pub max_extent_m: f32,
+    /// Least share of an object's readings that lie over the outline of what it stands on.
+    pub min_inside: f32,
+    /// Widest gap in the readings of a mask that is filled, pixels of the frame.
+    pub max_gap_px: usize,
     /// Most objects; the largest are kept.
     pub max_count: usize,
     /// Joining the inside of hollow objects with their outside.
@@ -234,15 +365,18 @@ pub struct ComponentSettings {
 impl Default for ComponentSettings {
     fn default() -> Self {
         Self {
-            min_support_area_m2: 0.1,
-            clearance_m: 0.005,
+            foreground: ForegroundSettings::default(),
+            tops: TopSettings::default(),
             gap_m: 0.008,
             noise_per_m2: 0.003,
             crease_arm_m: 0.012,
             crease_depth_m: 0.002,
-            min_pixels: 150,
+            min_part_pixels: 100,
+            min_pixels: 60,
             min_told_pixels: 12,
             max_extent_m: 0.8,
+            min_inside: 0.2,
+            max_gap_px: 24,
             max_count: 64,
             hollows: HollowSettings::default(),
             halves: HalvesSettings::default(),

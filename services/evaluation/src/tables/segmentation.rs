@@ -115,7 +115,17 @@ pub fn row_of<'a>(
 
 #[cfg(test)]
 mod tests {
+    use repose_dataset::Split;
+    use repose_sensor::SensorModel;
+    use repose_simulator::furniture::SceneKind;
+    use repose_simulator::generate::view_rng;
+    use repose_simulator::render::DepthCanvas;
+    use repose_simulator::scene::{SceneSettings, scene_of_seed};
+    use repose_simulator::viewpoint::ViewpointSettings;
+    use repose_simulator::views::view_of_scene;
+
     use super::*;
+    use crate::scenes::problem::frame_of;
 
     #[test]
     fn frames_are_split_by_their_last_digit() {
@@ -160,5 +170,43 @@ mod tests {
         };
         let frame = Frame::new("c".to_owned(), 0, camera, vec![1, 1]);
         assert_eq!(judge_frame("s", "f", &frame, &Settings::default()).unwrap_err().field.as_deref(), Some("labels"));
+    }
+
+    /// Labelled frames of validation desks.
+    fn desks(scenes: u64) -> Vec<Frame> {
+        let (settings, viewpoint) =
+            (SceneSettings::only(SceneKind::Desk), ViewpointSettings { width: 640, height: 480, ..ViewpointSettings::default() });
+        let mut canvas = DepthCanvas::new(640, 480);
+        let first = Split::Validation.seeds().start;
+        let frame = |seed: u64| {
+            let (scene, _) = scene_of_seed(seed, &settings).ok()?;
+            let seen = view_of_scene(&scene, 0, &viewpoint, false, &mut canvas, &mut view_rng(seed, 0))?;
+            Some(frame_of(&scene, &seen.camera, &seen.world_from_camera, &SensorModel::structured_light(), seed))
+        };
+        (first..first + scenes).filter_map(frame).collect()
+    }
+
+    #[test]
+    fn no_object_of_1500_readings_on_a_crowded_desk_is_missing_without_a_reason() {
+        const READINGS: usize = 1500;
+        let (mut objects, mut matched) = (0, 0);
+        for (k, mut frame) in desks(5).into_iter().enumerate() {
+            let labels = frame.labels.take().expect("labels");
+            let segmented = segment_with_labels(&frame, &Settings::default()).expect("a scene");
+            let ids: std::collections::BTreeSet<u16> = labels.iter().copied().filter(|id| *id != 0).collect();
+            for id in ids {
+                let own = || (0..labels.len()).filter(|i| labels[*i] == id && frame.depth[*i] > 0);
+                let readings = own().count();
+                if readings < READINGS {
+                    continue;
+                }
+                objects += 1;
+                let found = own().filter(|i| segmented.labels.pixels()[*i] != 0).count();
+                let told = own().filter(|i| segmented.left_out.pixels()[*i] != 0).count();
+                matched += usize::from(2 * found > readings);
+                assert!(2 * (found + told) > readings, "desk {k}, object {id}: {found} found and {told} told of {readings} readings");
+            }
+        }
+        assert!(objects >= 20 && matched * 10 >= objects * 9, "{matched} of {objects} are objects");
     }
 }

@@ -10,42 +10,39 @@ use crate::readings::point_map::{PointMap, is_reading};
 use crate::readings::upward::arm_px;
 use crate::settings::ComponentSettings;
 
+/// Most components.
+const MAX_PARTS: usize = 2000;
 /// Longest arm over which a crease is looked for, pixels.
 const MAX_ARM_PX: usize = 12;
 /// A reading further than this many arms away lies beyond a jump and says nothing about a crease.
 const MAX_ARM_STRETCH: f32 = 2.5;
 
-/// Ids of the components among `foreground` pixels: 1, 2, … from the largest down (ties by first pixel), 0 elsewhere.
+/// Ids of the components among `foreground` pixels: 1, 2, … from the largest down (ties by first pixel), 0 elsewhere. Those that only
+/// creases made small enough to be missed come last.
 ///
-/// `in_camera` are points in the camera frame, `focal_px` the focal length of the same picture.
-pub fn find(in_camera: &PointMap, foreground: &Image<bool>, focal_px: f32, settings: &ComponentSettings) -> Image<u16> {
-    let neighbours = Neighbours { in_camera, focal_px, settings };
-    let whole: Vec<bool> =
-        (0..in_camera.pixels().len()).map(|i| foreground.pixels()[i] && !neighbours.is_crease(i, foreground.pixels())).collect();
-    let mut ids = number_by_size(&neighbours, &whole, settings.min_pixels, settings.max_count);
-    grow(&neighbours, foreground.pixels(), &mut ids);
-    // The count is the picture's own: a mismatch cannot happen, and nothing found is the harmless reading of it.
-    Image::from_pixels(in_camera.width(), in_camera.height(), ids)
-        .unwrap_or_else(|_| Image::filled(in_camera.width(), in_camera.height(), 0))
-}
-
-/// Gives what `foreground` holds beside the components in `ids` ids of its own, above theirs, from the largest down; those are returned.
-pub fn add_rest(
-    ids: &mut Image<u16>,
+/// `in_camera` are points in the camera frame, `focal_px` the focal length of the same picture, and `parted` says where between two
+/// neighbouring pixels one object ends and another begins.
+pub fn find(
     in_camera: &PointMap,
     foreground: &Image<bool>,
     focal_px: f32,
     settings: &ComponentSettings,
-) -> std::ops::RangeInclusive<u16> {
-    let neighbours = Neighbours { in_camera, focal_px, settings };
-    let numbered = ids.pixels().iter().copied().max().unwrap_or(0);
-    let rest: Vec<bool> = foreground.pixels().iter().zip(ids.pixels()).map(|(marked, id)| *marked && *id == 0).collect();
-    let small = number_by_size(&neighbours, &rest, settings.min_told_pixels, settings.max_count);
-    let count = small.iter().copied().max().unwrap_or(0);
-    for (id, small) in ids.pixels_mut().iter_mut().zip(small).filter(|(_, small)| *small != 0) {
+    parted: &dyn Fn(usize, usize) -> bool,
+) -> Image<u16> {
+    let neighbours = Neighbours { in_camera, focal_px, settings, parted };
+    let whole: Vec<bool> =
+        (0..in_camera.pixels().len()).map(|i| foreground.pixels()[i] && !neighbours.is_crease(i, foreground.pixels())).collect();
+    let mut ids = number_by_size(&neighbours, &whole, settings.min_part_pixels, 0);
+    grow(&neighbours, foreground.pixels(), &mut ids);
+    let rest: Vec<bool> = foreground.pixels().iter().zip(&ids).map(|(marked, id)| *marked && *id == 0).collect();
+    let numbered = ids.iter().copied().max().unwrap_or(0);
+    let small = number_by_size(&neighbours, &rest, settings.min_told_pixels, usize::from(numbered));
+    for (id, small) in ids.iter_mut().zip(small).filter(|(_, small)| *small != 0) {
         *id = numbered + small;
     }
-    numbered + 1..=numbered + count
+    // The count is the picture's own: a mismatch cannot happen, and nothing found is the harmless reading of it.
+    Image::from_pixels(in_camera.width(), in_camera.height(), ids)
+        .unwrap_or_else(|_| Image::filled(in_camera.width(), in_camera.height(), 0))
 }
 
 /// What decides whether pixels belong together.
@@ -53,6 +50,7 @@ struct Neighbours<'a> {
     in_camera: &'a PointMap,
     focal_px: f32,
     settings: &'a ComponentSettings,
+    parted: &'a dyn Fn(usize, usize) -> bool,
 }
 
 impl Neighbours<'_> {
@@ -69,7 +67,7 @@ impl Neighbours<'_> {
         let (a, b) = (self.point(i), self.point(j));
         let pixel_m = a.z / self.focal_px;
         let limit = self.settings.gap_m + self.noise_m(a.z) + pixel_m;
-        (a - b).norm_squared() <= limit * limit
+        (a - b).norm_squared() <= limit * limit && !(self.parted)(i, j)
     }
 
     /// Whether a pixel lies in a valley along any of four directions.
@@ -99,8 +97,8 @@ impl Neighbours<'_> {
     }
 }
 
-/// Connected components of the marked pixels, numbered from the largest down; small ones stay 0.
-fn number_by_size(neighbours: &Neighbours<'_>, marked: &[bool], min_pixels: usize, max_count: usize) -> Vec<u16> {
+/// Connected components of the marked pixels, numbered from the largest down; small ones stay 0. `numbered` are counted already.
+fn number_by_size(neighbours: &Neighbours<'_>, marked: &[bool], min_pixels: usize, numbered: usize) -> Vec<u16> {
     let (width, height) = (neighbours.in_camera.width(), neighbours.in_camera.height());
     let mut component = vec![u32::MAX; marked.len()];
     let mut sizes: Vec<(usize, u32)> = Vec::new();
@@ -126,7 +124,7 @@ fn number_by_size(neighbours: &Neighbours<'_>, marked: &[bool], min_pixels: usiz
     }
     let mut ranked: Vec<(usize, u32)> = sizes.iter().copied().filter(|(size, _)| *size >= min_pixels).collect();
     ranked.sort_by_key(|&(size, id)| (std::cmp::Reverse(size), id));
-    ranked.truncate(max_count.min(usize::from(u16::MAX / 2)));
+    ranked.truncate(MAX_PARTS.saturating_sub(numbered));
     let mut rank = vec![0u16; sizes.len()];
     for (k, (_, id)) in ranked.into_iter().enumerate() {
         rank[id as usize] = k as u16 + 1;
@@ -175,7 +173,7 @@ mod tests {
         let in_camera = render(solids, &CAMERA, &world_from_camera);
         let seen = cast(solids, &CAMERA, &world_from_camera);
         let foreground = seen.map(|s| s.is_some_and(|(_, solid)| solid > 0));
-        let ids = find(&in_camera, &foreground, 262.0, &ComponentSettings::default());
+        let ids = find(&in_camera, &foreground, 262.0, &ComponentSettings::default(), &|_, _| false);
         (1..solids.len())
             .map(|solid| {
                 let mut counts = std::collections::BTreeMap::new();
@@ -228,6 +226,6 @@ mod tests {
             in_camera[(u, 0)] = Point3::new(u as f32 * 0.002, 0.0, 0.9);
             foreground[(u, 0)] = true;
         }
-        assert!(find(&in_camera, &foreground, 50.0, &ComponentSettings::default()).pixels().iter().all(|id| *id == 0));
+        assert!(find(&in_camera, &foreground, 50.0, &ComponentSettings::default(), &|_, _| false).pixels().iter().all(|id| *id == 0));
     }
 }

@@ -12,8 +12,8 @@ use crate::objects::hollows::rims;
 use crate::readings::point_map::PointMap;
 use crate::settings::HalvesSettings;
 
-/// Gives components that continue each other behind a third one the lower of their ids; ids that vanish are not closed up.
-pub fn join(labels: &mut Image<u16>, in_camera: &PointMap, in_world: &PointMap, settings: &HalvesSettings) {
+/// Pairs of components that continue each other behind a third one.
+pub fn find(labels: &Image<u16>, in_camera: &PointMap, in_world: &PointMap, settings: &HalvesSettings) -> Vec<(u16, u16)> {
     let (width, height) = (labels.width(), labels.height());
     let mut votes = Votes::default();
     for v in 0..height {
@@ -24,18 +24,12 @@ pub fn join(labels: &mut Image<u16>, in_camera: &PointMap, in_world: &PointMap, 
     }
     let most = labels.pixels().iter().copied().max().unwrap_or(0);
     let rims_m = rims(labels, in_world, usize::from(most) + 1);
-    let mut joined: Vec<u16> = (0..=most).collect();
-    for ((low, high), tally) in votes.0 {
+    let continues = |((low, high), tally): ((u16, u16), Tally)| {
         let level = (rims_m[usize::from(low)] - rims_m[usize::from(high)]).abs() <= settings.rim_tolerance_m;
-        if level && tally.lines >= settings.min_lines && tally.agree as f64 >= settings.min_agreement * tally.lines as f64 {
-            let (from, to) = (joined[usize::from(high)], joined[usize::from(low)]);
-            let (from, to) = (from.max(to), from.min(to));
-            joined.iter_mut().filter(|id| **id == from).for_each(|id| *id = to);
-        }
-    }
-    for id in labels.pixels_mut() {
-        *id = joined[usize::from(*id)];
-    }
+        let agree = tally.lines >= settings.min_lines && tally.agree as f64 >= settings.min_agreement * tally.lines as f64;
+        (level && agree).then_some((low, high))
+    };
+    votes.0.into_iter().filter_map(continues).collect()
 }
 
 /// How many lines see a pair of ids on both sides of a third, and on how many the two continue each other.
@@ -105,6 +99,7 @@ fn distance_to_line(p: &Point3<f32>, a: &Point3<f32>, b: &Point3<f32>) -> f32 {
 mod tests {
     use super::*;
     use crate::objects::components;
+    use crate::objects::parts::Parts;
     use crate::readings::point_map::transformed;
     use crate::settings::ComponentSettings;
     use crate::synthetic::{Solid, cast, render};
@@ -118,12 +113,12 @@ mod tests {
         let world_from_camera = look_at(&Point3::new(0.0, -0.7, 0.4), &Point3::new(0.0, 0.0, 0.05), &Vector3::z());
         let in_camera = render(solids, &CAMERA, &world_from_camera);
         let foreground = cast(solids, &CAMERA, &world_from_camera).map(|s| s.is_some_and(|(_, solid)| solid > 0));
-        let mut labels = components::find(&in_camera, &foreground, 262.0, &ComponentSettings::default());
+        let labels = components::find(&in_camera, &foreground, 262.0, &ComponentSettings::default(), &|_, _| false);
         let distinct =
             |labels: &Image<u16>| labels.pixels().iter().copied().filter(|id| *id != 0).collect::<std::collections::BTreeSet<u16>>().len();
         let before = distinct(&labels);
-        join(&mut labels, &in_camera, &transformed(&in_camera, &world_from_camera), &HalvesSettings::default());
-        (before, distinct(&labels))
+        let together = find(&labels, &in_camera, &transformed(&in_camera, &world_from_camera), &HalvesSettings::default());
+        (before, distinct(&Parts { ids: labels, together: Vec::new() }.joined(&together)))
     }
 
     fn behind_a_pillar(left: Solid, right: Solid) -> [Solid; 4] {

@@ -9,10 +9,11 @@ use repose_geometry::{Image, Point3};
 use crate::readings::point_map::{PointMap, is_reading};
 use crate::settings::HollowSettings;
 
-/// Gives the inside of hollow objects the id of their outside, and what lies between the two (a bowl's floor) as well.
+/// Pairs of the inside and the outside of a hollow object. What lies between the two (a bowl's floor) is given to the outside.
 ///
-/// `labels` are the components of the same picture as the points; ids that vanish are not closed up.
-pub fn join(labels: &mut Image<u16>, in_camera: &PointMap, in_world: &PointMap, settings: &HollowSettings) {
+/// `labels` are the components of the same picture as the points.
+pub fn find(labels: &mut Image<u16>, in_camera: &PointMap, in_world: &PointMap, settings: &HollowSettings) -> Vec<(u16, u16)> {
+    let mut pairs = Vec::new();
     let count = usize::from(labels.pixels().iter().copied().max().unwrap_or(0)) + 1;
     let rims_m = rims(labels, in_world, count);
     let below = Below::look(labels, count, settings);
@@ -22,8 +23,10 @@ pub fn join(labels: &mut Image<u16>, in_camera: &PointMap, in_world: &PointMap, 
         let level = (rims_m[inside] - rims_m[outside]).abs() <= settings.rim_tolerance_m;
         if level && bends_away(labels, in_camera, inside as u16, settings) {
             fill(labels, in_camera, inside as u16, outside as u16, settings);
+            pairs.push((inside as u16, outside as u16));
         }
     }
+    pairs
 }
 
 /// Per id, the height that 95 % of its points stay below; NaN for an id without points. `count` is one more than the highest id.
@@ -100,7 +103,7 @@ fn sag(left: &Point3<f32>, middle: &Point3<f32>, right: &Point3<f32>) -> f32 {
     (middle - nalgebra::center(left, right)).dot(&away) / (right - left).norm()
 }
 
-/// Renames `inside`, and what is seen between it and `outside` below it in a column.
+/// Gives `outside` what is seen between `inside` and it in a column.
 fn fill(labels: &mut Image<u16>, in_camera: &PointMap, inside: u16, outside: u16, settings: &HollowSettings) {
     for u in 0..labels.width() {
         let mut floor = Vec::new();
@@ -110,7 +113,6 @@ fn fill(labels: &mut Image<u16>, in_camera: &PointMap, inside: u16, outside: u16
                 id if id == inside => {
                     floor.clear();
                     from_inside = Some(v);
-                    labels[(u, v)] = outside;
                 }
                 0 if from_inside.is_some_and(|from| v - from <= settings.max_floor_px) => {
                     if is_reading(&in_camera[(u, v)]) {
@@ -135,6 +137,7 @@ fn fill(labels: &mut Image<u16>, in_camera: &PointMap, inside: u16, outside: u16
 mod tests {
     use super::*;
     use crate::objects::components;
+    use crate::objects::parts::Parts;
     use crate::readings::point_map::transformed;
     use crate::settings::ComponentSettings;
     use crate::synthetic::{Solid, cast, render};
@@ -150,7 +153,7 @@ mod tests {
         let in_world = transformed(&in_camera, &world_from_camera);
         let seen = cast(solids, &CAMERA, &world_from_camera);
         let foreground = seen.map(|s| s.is_some_and(|(_, solid)| solid > 0));
-        let mut labels = components::find(&in_camera, &foreground, 262.0, &ComponentSettings::default());
+        let mut labels = components::find(&in_camera, &foreground, 262.0, &ComponentSettings::default(), &|_, _| false);
         let distinct = |labels: &Image<u16>| {
             let mut ids: Vec<u16> = labels.pixels().iter().copied().filter(|id| *id != 0).collect();
             ids.sort_unstable();
@@ -158,8 +161,8 @@ mod tests {
             ids
         };
         let before = distinct(&labels);
-        join(&mut labels, &in_camera, &in_world, &HollowSettings::default());
-        (before, distinct(&labels))
+        let together = find(&mut labels, &in_camera, &in_world, &HollowSettings::default());
+        (before, distinct(&Parts { ids: labels, together: Vec::new() }.joined(&together)))
     }
 
     /// Four walls 5 mm thick, 10 cm wide and 8 cm high, without a floor.

@@ -2,5 +2,9 @@
 
 pub mod components;
 pub mod find;
+pub mod foreground;
 pub mod halves;
 pub mod hollows;
+pub mod parts;
+pub mod spread;
+pub mod tops;

@@ -5,7 +5,7 @@
 
 use repose_geometry::{Image, Pinhole, Point3};
 
-use crate::readings::point_map::{MISSING, PointMap};
+use crate::readings::point_map::{MISSING, PointMap, is_reading};
 
 /// Pixels further off the optical axis than this (a slope, 84°) hold no reading: no pinhole camera sees them, and extreme intrinsics
 /// would turn them into infinities.
@@ -97,12 +97,26 @@ impl DepthMap {
         }
         points
     }
+
+    /// The same, but where a pixel holds no reading, that of another one of its `stride` × `stride` block where one does: surfaces seen at a
+    /// glance lose readings here and there, and would fall apart.
+    pub fn points_of_blocks(&self, stride: usize) -> PointMap {
+        let mut points = self.points(stride);
+        let (columns, width, height) = (points.width(), self.width(), self.height());
+        for (i, p) in points.pixels_mut().iter_mut().enumerate().filter(|(_, p)| !is_reading(p)) {
+            let (u0, v0) = (i % columns * stride, i / columns * stride);
+            let block = (v0..(v0 + stride).min(height)).flat_map(|v| (u0..(u0 + stride).min(width)).map(move |u| (u, v)));
+            if let Some(other) = block.map(|(u, v)| self.point(u, v)).find(is_reading) {
+                *p = other;
+            }
+        }
+        points
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::readings::point_map::is_reading;
 
     const CAMERA: Pinhole = Pinhole { width: 5, height: 3, fx: 4.0, fy: 5.0, cx: 2.0, cy: 1.0 };
 
@@ -128,6 +142,17 @@ mod tests {
             let points = DepthMap::new(&[1000; 15], 0.001, &camera, 4.0).points(1);
             assert!(points.pixels().iter().all(|p| !is_reading(p) || p.coords.iter().all(|c| c.is_finite())));
         }
+    }
+
+    #[test]
+    fn a_block_has_a_reading_where_any_of_its_pixels_has_one() {
+        let mut counts: Vec<u16> = (1..16).map(|i| i * 100).collect();
+        (counts[0], counts[2], counts[3], counts[7], counts[8]) = (0, 0, 0, 0, 0);
+        let depth = DepthMap::new(&counts, 0.001, &CAMERA, 4.0);
+        let blocks = depth.points_of_blocks(2);
+        assert_eq!(blocks[(0, 0)], depth.point(1, 0));
+        assert!(!is_reading(&blocks[(1, 0)]));
+        assert_eq!(blocks[(2, 1)], depth.point(4, 2));
     }
 
     #[test]

@@ -2,5 +2,6 @@
 
 pub mod depth;
 pub mod flying;
+pub mod noise;
 pub mod point_map;
 pub mod upward;

@@ -6,9 +6,10 @@ use repose_panda::kinematics::LinkFrames;
 use repose_panda::{base_from_hand, hand_from_tcp, shoulder_in_base, spheres_in_base};
 use repose_proto::RobotInView;
 
-/// The Panda's foot reaches further back than its collision sphere: centre (base frame, metres) and radius of what is added. After the
-/// capsule of link 0 in Franka's robot description (centre (-0.075, 0, 0.06), radius 0.06, length 0.03, safety distance 0.03).
-const PANDA_FOOT: [[f64; 4]; 2] = [[-0.09, 0.0, 0.06, 0.09], [-0.04, 0.0, 0.06, 0.09]];
+/// The Panda's foot reaches further back than its collision sphere: centre (base frame, metres) and radius of what is added. They are the
+/// ends of link 0's capsule in Franka's robot description (`franka_description`, `franka_arm.xacro`: centre (-0.075, 0, 0.06), radius 0.06,
+/// length 0.03) with the safety distance of 0.03 that it gives the Panda.
+const PANDA_FOOT: [[f64; 4]; 2] = [[-0.09, 0.0, 0.06, 0.09], [-0.06, 0.0, 0.06, 0.09]];
 
 /// Why a robot cannot be told from the rest of the picture.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
