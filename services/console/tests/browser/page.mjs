@@ -25,7 +25,11 @@ export async function open(browser, url, options = {}) {
 }
 
 /** Pixels of an element as they are on the screen: `{width, height, data}` with 4 bytes a pixel. */
-export const pixels = async (page, selector) => decodePng(await page.locator(selector).screenshot());
+export async function pixels(page, selector) {
+  // Of the page, cut: a picture of the element alone waits for frames in which it stands still, which a machine without a free core draws minutes apart.
+  await page.locator(selector).scrollIntoViewIfNeeded();
+  return decodePng(await page.screenshot({ clip: await page.locator(selector).boundingBox(), animations: "disabled" }));
+}
 
 /** How many pixels pass. */
 export const count = ({ data }, passes) => {
