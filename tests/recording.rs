@@ -90,8 +90,10 @@ async fn twenty_answers_of_four_planners_are_the_same_from_one() {
     assert_eq!(summary["lost"], 0, "{summary}");
     assert!(summary["messages"]["calls"].as_u64() >= Some(40) && summary["messages"]["scenes"].as_u64() >= Some(1), "{summary}");
 
-    // A recorder that is killed leaves what it had written out.
+    // A recorder that is killed leaves what it had written out. Of a scene that perception has forgotten it could have none: a fresh one.
     let recorder = recording(&deployment, &session, &killed, 8).await;
+    let summary = newest_scene(&session).await;
+    let (scene, scene_id) = (whole_scene(&session, &summary).await, summary.scene_id);
     ask(&session, &scene_id, &scene, 20..23).await;
     on_disk(&killed, 3).await;
     recorder.signal(libc::SIGKILL);
