@@ -49,6 +49,11 @@ impl Service {
         }
     }
 
+    /// Whether copies of a method's calls are made for whoever records. Not of those that only fetch what is held: a recorder fetches scenes too.
+    pub fn journals(self, method: &str) -> bool {
+        !(self == Self::Perception && ["scene", "latest"].contains(&method))
+    }
+
     /// Whether the service has such methods.
     pub fn has_operations(self) -> bool {
         matches!(self, Self::Motion | Self::Simulator)
@@ -157,6 +162,16 @@ impl Cell {
         format!("{}/service/{service}/{worker}/@cancel/{request}", self.0)
     }
 
+    /// Put while somebody records: copies of a worker's calls and replies ([`crate::JournalEntry`]).
+    pub fn journal(&self, service: Service, worker: &str) -> String {
+        format!("{}/service/{service}/{worker}/journal", self.0)
+    }
+
+    /// The journals of every worker of every service.
+    pub fn journals(&self) -> String {
+        format!("{}/service/*/*/journal", self.0)
+    }
+
     /// Every cancel at one worker.
     pub fn cancels(&self, service: Service, worker: &str) -> String {
         self.cancel(service, worker, "*")
@@ -192,6 +207,16 @@ impl Cell {
         format!("{}/live/client/{request}", self.0)
     }
 
+    /// Liveliness token of somebody who records the cell: workers put copies of their calls on their journals while there is one.
+    pub fn live_recorder(&self, recorder: &str) -> String {
+        format!("{}/live/recorder/{recorder}", self.0)
+    }
+
+    /// The emergency stops of every robot.
+    pub fn robot_estops(&self) -> String {
+        self.robot_estop("*")
+    }
+
     /// The liveliness tokens of every worker of a service.
     pub fn lives(&self, service: Service) -> String {
         self.live(service, "*")
@@ -210,9 +235,18 @@ pub fn of_live(key: &str) -> Option<(&str, Service, &str)> {
 
 /// Service and worker of a `load` key.
 pub fn of_load(key: &str) -> Option<(Service, &str)> {
+    of_worker(key, "load")
+}
+
+/// Service and worker of a `journal` key.
+pub fn of_journal(key: &str) -> Option<(Service, &str)> {
+    of_worker(key, "journal")
+}
+
+fn of_worker<'a>(key: &'a str, last: &str) -> Option<(Service, &'a str)> {
     let mut chunks = key.rsplit('/');
-    let (load, worker, service) = (chunks.next()?, chunks.next()?, chunks.next()?);
-    Some((Service::parse(service).filter(|_| load == "load")?, worker))
+    let (found, worker, service) = (chunks.next()?, chunks.next()?, chunks.next()?);
+    Some((Service::parse(service).filter(|_| found == last)?, worker))
 }
 
 /// The last chunk of a key: the worker of a `live` key, the request of a `@cancel` key.
@@ -235,6 +269,7 @@ mod tests {
         assert_eq!(cell.name(), "lab");
         assert_eq!(of_live(&cell.live(Service::Planner, "p-1")), Some(("lab", Service::Planner, "p-1")));
         assert_eq!(of_load(&cell.load(Service::Motion, "m-1")), Some((Service::Motion, "m-1")));
+        assert_eq!(of_journal(&cell.journal(Service::Planner, "p-1")), Some((Service::Planner, "p-1")));
         assert_eq!(worker_of(&cell.robot_state("panda")), Some("panda"));
         assert_eq!(last_chunk(&cell.scene("front")), "front");
         assert_eq!((of_live(&cell.scene("front")), of_load(&cell.robot_state("panda"))), (None, None));

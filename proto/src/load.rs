@@ -29,6 +29,9 @@ pub struct WorkerLoad {
     /// Whether the worker serves [`crate::Cell::operate`]; workers of release 1 take every method on their `call` key.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub operates: bool,
+    /// Whether the worker puts copies of its calls on its journal: somebody records.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub journals: bool,
 }
 
 impl Message for WorkerLoad {

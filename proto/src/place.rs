@@ -354,6 +354,9 @@ pub struct PlaceResult {
     pub placements: Vec<Placement>,
     /// Candidates rejected, by reason.
     pub rejections: BTreeMap<Rejection, u64>,
+    /// Where there is no placement: where rejected candidates' centroids were, world frame, metres; an even sample of at most 48 by reason.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub rejected_at_m: BTreeMap<Rejection, Vec<[f32; 3]>>,
     /// The smallest relaxation that would have helped.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub relaxation: Option<Relaxation>,

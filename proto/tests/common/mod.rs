@@ -142,6 +142,7 @@ pub fn place_result() -> PlaceResult {
             clearance_m: Some(1.0),
         }],
         rejections: BTreeMap::from([(Rejection::Goal, 3), (Rejection::OutOfView, 1)]),
+        rejected_at_m: BTreeMap::new(),
         relaxation: Some(Relaxation { term: "not:near:3".parse().unwrap(), admits: 4 }),
         shortfall: None,
         iterations: 2,
@@ -371,5 +372,6 @@ pub fn worker_load() -> WorkerLoad {
         kernel: "avx2".into(),
         draining: false,
         operates: false,
+        journals: false,
     }
 }

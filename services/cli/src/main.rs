@@ -7,6 +7,7 @@ mod commands;
 mod embedded;
 mod environment;
 mod failure;
+mod film;
 mod frames;
 mod moving;
 mod output;
@@ -82,7 +83,11 @@ enum Command {
     Evaluate(commands::evaluate::EvaluateArgs),
     /// Measure how fast a part is on this machine.
     Bench(commands::bench::BenchArgs),
-    /// Publish frames from disk or a recording as a camera's.
+    /// Record a running cell, to look at, to play, and to ask again.
+    Record(commands::record::RecordArgs),
+    /// Ask the requests of a recording again, and say whether the answers are the same.
+    Replay(commands::replay::ReplayArgs),
+    /// Publish frames from disk or a recording as a camera's, or a whole recorded cell.
     Play(commands::play::PlayArgs),
     /// The configuration of a deployment with users, from one short file; `deploy check` tries who may do what.
     Deploy(commands::deploy::DeployArgs),
@@ -126,6 +131,8 @@ fn run(cli: &Cli) -> Outcome {
         Command::Train(args) => commands::train::run(args, output),
         Command::Evaluate(args) => commands::evaluate::run(args, output),
         Command::Bench(args) => commands::bench::run(args, output),
+        Command::Record(args) => in_runtime(commands::record::run(args, output)),
+        Command::Replay(args) => in_runtime(commands::replay::run(args, output)),
         Command::Play(args) => in_runtime(commands::play::run(args, output)),
         Command::Deploy(args) => commands::deploy::run(args, output),
     }

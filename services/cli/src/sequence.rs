@@ -4,16 +4,14 @@
 //! are named as in the first view. A camera that finds its objects anew numbers them anew; they are told by where they are: the moved one
 //! where it was put, every other where it was.
 
-use std::collections::BTreeMap;
 use std::time::Duration;
 
-use nalgebra::{Isometry3, Point3};
-use repose_geometry::ViewerFrame;
+use nalgebra::Isometry3;
 use repose_geometry::transform::from_row_major;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
-use repose_proto::{CallError, ErrorCode, GoalTerm, Message, ObjectSummary, Payload, PlaceRequest, PlaceResult, Scene, Service};
-use repose_relations::{ObservedObject, observed};
+use repose_proto::{CallError, ErrorCode, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Scene, Service};
 use repose_runtime::{CallOptions, Caller, Session};
+use repose_tracking::{Known, holds};
 use serde::Serialize;
 
 use crate::answer::describe;
@@ -26,8 +24,6 @@ use crate::wish::{NextWish, WishArgs};
 
 /// Placements that motion may choose from.
 const COUNT: u32 = 5;
-/// An object found anew is the known one that was to be nearest, up to this far away, metres.
-const SAME_M: f64 = 0.08;
 
 /// What is to be achieved, and where.
 #[derive(Debug, Clone, Copy)]
@@ -135,11 +131,11 @@ async fn achieve(args: &Sequence<'_>, session: &Session, steps: &mut Vec<Step>) 
     };
     // A wish that cannot be is refused before anything moves.
     for (k, wish) in wishes() {
-        request(&view.0, known.translated(k, wish)?)?;
+        request(&view.0, known.translated(&format!("step[{k}]"), wish.query, &wish.goal)?)?;
     }
     for (k, wish) in wishes() {
-        let request = request(&view.0, known.translated(k, wish)?)?;
-        let (result, _) = client::place(&system.planner, &request, Some(&view.1), CallOptions::within(deadline)).await?;
+        let request = request(&view.0, known.translated(&format!("step[{k}]"), wish.query, &wish.goal)?)?;
+        let (result, _) = system.planner.place(&request, Some(&view.1), CallOptions::within(deadline)).await?;
         let mut step = Step {
             query: wish.query,
             goal: wish.goal.clone(),
@@ -213,11 +209,11 @@ impl System<'_> {
         let moved: Isometry3<f64> =
             from_row_major(&step.result.placements[plan.placement].placed_from_observed.0).map_err(Failure::other)?;
         *view = self.view_after(client::now_ns()).await?;
-        known.move_on(wish.query, &moved, &view.1.meta.objects);
+        known.look_again(Some((wish.query, moved)), &view.1.meta.objects);
         if step.execution == Some(ExecutionOutcome::Done) {
-            match known.translated(k, wish) {
+            match known.translated(&format!("step[{k}]"), wish.query, &wish.goal) {
                 Ok((query, goal)) => step.holds = holds(&view.1, step.result.view_yaw_rad, query, &goal),
-                Err(unseen) => step.reason = unseen.error().map(|e| format!("whether it holds cannot be seen: {}", e.message)),
+                Err(unseen) => step.reason = Some(format!("whether it holds cannot be seen: {}", unseen.message)),
             }
         }
         Ok(())
@@ -244,97 +240,6 @@ impl System<'_> {
             seed: request.seed,
             ..MotionPlanRequest::new(view.0.clone(), self.robot.to_owned(), request.query, placements, state.q_rad)
         };
-        client::plan_motion(&self.motion, &request, &view.1, CallOptions::within(self.deadline)).await.map_err(of_motion)
-    }
-}
-
-/// The objects of the first view, and where each is now.
-struct Known {
-    /// By the id of the first view: the id in the newest one (none when it was not found again), and its centroid.
-    now: BTreeMap<u16, (Option<u16>, Point3<f64>)>,
-}
-
-impl Known {
-    fn of(objects: &[ObjectSummary]) -> Self {
-        Self { now: objects.iter().map(|o| (o.id, (Some(o.id), Point3::from(o.centroid_m)))).collect() }
-    }
-
-    /// A wish in the ids of the newest view.
-    fn translated(&self, step: usize, wish: &NextWish) -> Result<(u16, Vec<GoalTerm>), Failure> {
-        let find = |id: u16, field: &str| match self.now.get(&id) {
-            Some((Some(now), _)) => Ok(*now),
-            Some((None, _)) => {
-                Err(Failure::from(CallError::not_found(field, format!("object {id} is not found again in the newest view"))))
-            }
-            None => Err(Failure::from(CallError::not_found(field, format!("the first view has no object {id}")))),
-        };
-        let query = find(wish.query, &format!("step[{step}].query"))?;
-        let term = |(i, t): (usize, &GoalTerm)| Ok(GoalTerm { anchor: find(t.anchor, &format!("step[{step}].goal[{i}].anchor"))?, ..*t });
-        Ok((query, wish.goal.iter().enumerate().map(term).collect::<Result<_, Failure>>()?))
-    }
-
-    /// After `query` (first view's id) was moved: who is who among the objects of a new view. Nearest pairs first.
-    fn move_on(&mut self, query: u16, placed_from_observed: &Isometry3<f64>, objects: &[ObjectSummary]) {
-        if let Some((_, centroid)) = self.now.get_mut(&query) {
-            *centroid = placed_from_observed * *centroid;
-        }
-        let mut pairs: Vec<(f64, u16, usize)> = Vec::new();
-        for (id, (_, expected)) in &self.now {
-            let distance = |o: &ObjectSummary| (Point3::from(o.centroid_m) - expected).norm();
-            pairs.extend(objects.iter().enumerate().map(|(k, o)| (distance(o), *id, k)).filter(|p| p.0 <= SAME_M));
-        }
-        pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
-        let mut taken = vec![false; objects.len()];
-        let mut found: BTreeMap<u16, usize> = BTreeMap::new();
-        for (_, id, k) in pairs {
-            if !taken[k] && !found.contains_key(&id) {
-                taken[k] = true;
-                found.insert(id, k);
-            }
-        }
-        for (id, (now, centroid)) in &mut self.now {
-            *now = found.get(id).map(|k| objects[*k].id);
-            if let Some(k) = found.get(id) {
-                *centroid = Point3::from(objects[*k].centroid_m);
-            }
-        }
-    }
-}
-
-/// Each term by rule on what is seen, for the viewer of the wish.
-fn holds(scene: &Scene, view_yaw_rad: f64, query: u16, goal: &[GoalTerm]) -> Vec<bool> {
-    let viewer = ViewerFrame::from_yaw(view_yaw_rad);
-    let object = |id: u16| ObservedObject::new(&scene.points_of(id).map(Point3::from).collect::<Vec<_>>(), &viewer);
-    let moved = object(query);
-    let term = |t: &GoalTerm| match (&moved, object(t.anchor)) {
-        (Some(moved), Some(anchor)) => observed(moved, &anchor)[t.relation.index()] == t.holds,
-        _ => false,
-    };
-    goal.iter().map(term).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use repose_proto::Relation;
-
-    use super::*;
-
-    fn seen(id: u16, centroid_m: [f64; 3]) -> ObjectSummary {
-        ObjectSummary { id, points: 100, centroid_m, extent_m: [0.1; 3], completeness: 1.0, score: None }
-    }
-
-    #[test]
-    fn objects_are_told_by_where_they_were_put_when_a_view_numbers_them_anew() {
-        let mut known = Known::of(&[seen(1, [0.0, 0.0, 0.0]), seen(2, [0.3, 0.0, 0.0]), seen(3, [0.0, 0.4, 0.0])]);
-        let moved = Isometry3::translation(0.5, 0.0, 0.0);
-        // 1 went to x = 0.5; 3 is hidden; all others have new numbers.
-        known.move_on(1, &moved, &[seen(1, [0.31, 0.0, 0.0]), seen(2, [0.49, 0.01, 0.0]), seen(3, [0.9, 0.9, 0.0])]);
-        let wish = |query: u16, anchor: u16| NextWish { query, goal: vec![GoalTerm { relation: Relation::Near, anchor, holds: true }] };
-        let (query, goal) = known.translated(1, &wish(1, 2)).expect("both are there");
-        assert_eq!((query, goal[0].anchor), (2, 1));
-        let lost = known.translated(1, &wish(3, 2)).expect_err("it is hidden");
-        assert_eq!(lost.error().and_then(|e| e.field.clone()).as_deref(), Some("step[1].query"));
-        let unknown = known.translated(0, &wish(1, 9)).expect_err("there never was one");
-        assert_eq!(unknown.error().and_then(|e| e.field.clone()).as_deref(), Some("step[0].goal[0].anchor"));
+        self.motion.plan_motion(&request, Some(&view.1), CallOptions::within(self.deadline)).await.map_err(of_motion)
     }
 }

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Isometry3;
 use repose_geometry::transform::from_row_major;
+use repose_pictures::jpeg;
 use repose_proto::perception::{LatestRequest, SceneRequest};
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, Frame, Payload, Scene, SceneSummary, Service, keys, limits};
@@ -20,7 +21,6 @@ use tokio::time::{MissedTickBehavior, interval};
 use crate::ConsoleConfig;
 use crate::arm::{PlanShown, link_poses};
 use crate::messages::{Activity, RobotShown, SystemShown, Told, WorkerShown};
-use crate::picture::jpeg;
 use crate::system::Cameras;
 use crate::view::{Kind, Picture, View, picture_bytes};
 use crate::viewers::{Audience, Message, Topic};

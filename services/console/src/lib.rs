@@ -14,7 +14,6 @@ pub mod page;
 pub mod picture;
 pub mod system;
 pub mod tls;
-pub mod tracking;
 pub mod view;
 pub mod viewers;
 

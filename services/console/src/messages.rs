@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use repose_proto::load::WorkerLoad;
-use repose_proto::motion::ExecutionOutcome;
+use repose_proto::motion::{ExecutionOutcome, RecoveryMove};
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, GoalTerm, PlaceRequest, PlaceResult, RigidTransform, Service};
 use serde::{Deserialize, Serialize};
@@ -96,6 +96,14 @@ pub enum Ask {
         /// The robot.
         robot: String,
     },
+    /// Bring a robot's arm back after a stop.
+    Recover {
+        /// The robot.
+        robot: String,
+        /// What it does.
+        #[serde(rename = "move")]
+        motion: RecoveryMove,
+    },
     /// A new scene in a simulated cell.
     NewScene {
         /// Its seed.
@@ -124,7 +132,12 @@ impl Ask {
         match self {
             Self::Watch { .. } | Self::Seen { .. } | Self::Hold { .. } | Self::Cancel { .. } | Self::Discard { .. } => Role::Viewer,
             Self::Segment { .. } | Self::Place { .. } | Self::Plan { .. } => Role::Planner,
-            Self::Execute { .. } | Self::Sequence { .. } | Self::EndSequence | Self::Reset { .. } | Self::NewScene { .. } => Role::Operator,
+            Self::Execute { .. }
+            | Self::Sequence { .. }
+            | Self::EndSequence
+            | Self::Reset { .. }
+            | Self::Recover { .. }
+            | Self::NewScene { .. } => Role::Operator,
         }
     }
 }

@@ -1,41 +1,15 @@
-//! Pictures for browsers: a frame as JPEG, and which object each pixel of a scene's picture shows.
+//! Which object each pixel of a scene's picture shows.
 //!
 //! The label image comes from the scene, not from the frame: every point of the cloud is projected into the camera, so a click means the object
 //! that will be planned with, whoever segmented it. Borders, which perception leaves out, are filled from their neighbours.
 
-use jpeg_encoder::{ColorType, Encoder, EncodingError};
 use nalgebra::Point3;
 use repose_geometry::camera::Pinhole;
 use repose_geometry::transform::from_row_major;
-use repose_proto::{CallError, Frame, Scene};
+use repose_proto::{CallError, Scene};
 
 /// How far the label of an object is carried over pixels that show nobody, pixels.
 const FILL_PX: usize = 3;
-
-/// Encodes a frame's colour, or its depth in grey where it has none.
-///
-/// # Errors
-/// `internal` when the encoder refuses.
-pub fn jpeg(frame: &Frame, quality: u8) -> Result<Vec<u8>, CallError> {
-    let (width, height) = (frame.camera.width as u16, frame.camera.height as u16);
-    let mut bytes = Vec::new();
-    let encoder = Encoder::new(&mut bytes, quality);
-    let encoded = match &frame.color {
-        Some(color) => encoder.encode(color.as_flattened(), width, height, ColorType::Rgb),
-        None => encoder.encode(&grey(&frame.depth), width, height, ColorType::Luma),
-    };
-    encoded.map_err(|e: EncodingError| CallError::internal(format!("the picture could not be encoded: {e}")))?;
-    Ok(bytes)
-}
-
-/// Depth as brightness, near is bright, no reading is black.
-fn grey(depth: &[u16]) -> Vec<u8> {
-    let seen = || depth.iter().copied().filter(|d| *d > 0);
-    let (near, far) = (seen().min().unwrap_or(0), seen().max().unwrap_or(0));
-    let span = f32::from(far - near).max(1.0);
-    let level = |d: &u16| if *d == 0 { 0 } else { 255 - (f32::from(*d - near) / span * 200.0) as u8 };
-    depth.iter().map(level).collect()
-}
 
 /// The object that each pixel shows, row by row, 0 = none.
 ///
@@ -101,8 +75,6 @@ pub fn runs(labels: &[u16]) -> Vec<[u16; 2]> {
 
 #[cfg(test)]
 mod tests {
-    use repose_proto::CameraModel;
-
     use super::*;
     use crate::view::tests::scene_of;
 
@@ -125,18 +97,5 @@ mod tests {
         let labels: Vec<u16> = (0..70_000).map(|i| if i < 66_000 { 3 } else { (i % 2) as u16 }).collect();
         let back: Vec<u16> = runs(&labels).iter().flat_map(|[label, n]| std::iter::repeat_n(*label, usize::from(*n))).collect();
         assert_eq!(back, labels);
-    }
-
-    #[test]
-    fn a_frame_without_color_is_shown_by_its_depth() {
-        let camera =
-            CameraModel { width: 16, height: 8, fx: 10.0, fy: 10.0, cx: 8.0, cy: 4.0, depth_unit_m: 1e-3, world_from_camera: None };
-        let depth = (0..128).map(|i| if i % 7 == 0 { 0 } else { 500 + i }).collect();
-        let mut frame = Frame::new("front".to_owned(), 1, camera, depth);
-        let starts_as_jpeg = |frame: &Frame| jpeg(frame, 80).expect("encoded").starts_with(&[0xff, 0xd8, 0xff]);
-        assert!(starts_as_jpeg(&frame));
-        frame.color = Some(vec![[10, 200, 30]; 128]);
-        assert!(starts_as_jpeg(&frame));
-        assert_eq!(grey(&[0, 500, 1000]), [0, 255, 55]);
     }
 }

@@ -3,6 +3,7 @@
 //! Pure but for the clock that a time budget in the request needs: the same request, weights and kernel give the same result, bit for
 //! bit, on any number of threads. "No placement" is an outcome with its reasons, not an error.
 
+use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
@@ -138,7 +139,9 @@ fn planned(
     };
     let placements = answers.chosen.iter().map(|j| evidence.placement(j)).collect();
     let shortfall = answers.shortfall(request.count, stopped);
-    let result = PlaceResult { placements, relaxation, shortfall, ..without_answers(&judge, findings, outcome) };
+    // Whoever has an answer need not look at what is none.
+    let rejected_at_m = if answers.chosen.is_empty() { findings.rejected_at_m() } else { BTreeMap::new() };
+    let result = PlaceResult { placements, relaxation, shortfall, rejected_at_m, ..without_answers(&judge, findings, outcome) };
     Ok(PlanReport { result, answers: answers.chosen, best_in_view })
 }
 
@@ -150,6 +153,7 @@ fn without_answers(judge: &Judge<'_>, findings: Findings, outcome: Outcome) -> P
         outcome,
         placements: Vec::new(),
         rejections: findings.rejections,
+        rejected_at_m: BTreeMap::new(),
         relaxation: None,
         shortfall: None,
         iterations: findings.iterations,

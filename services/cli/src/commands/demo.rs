@@ -11,16 +11,18 @@ use repose_evaluation::report::written::can_write;
 use repose_evaluation::report::written::write_picture;
 use repose_geometry::transform::from_row_major;
 use repose_local::picture::{Coloring, captioned, color_picture, scene_picture, side_by_side};
-use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
+use repose_proto::motion::{ExecuteProgress, ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
 use repose_proto::place::Variant;
 use repose_proto::simulator::{TrueObject, Truth, TruthRequest};
 use repose_proto::{CallError, ErrorCode, Frame, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Relation, Scene, Service};
 use repose_runtime::{CallOptions, Caller, RuntimeConfig, Session, Shutdown, Subscription};
 use serde::Serialize;
+use tokio::sync::mpsc;
 
 use crate::answer::tally;
 use crate::client;
 use crate::failure::{Failure, Outcome};
+use crate::film::Film;
 use crate::output::Output;
 use crate::services::ServiceConfigs;
 use crate::values::{parse_png, parse_variant};
@@ -37,8 +39,16 @@ pub struct DemoArgs {
     /// The picture that is written: before, as planned, and after.
     #[arg(long, default_value = "out/demo.png", value_name = "PNG", value_parser = parse_png)]
     pub out: PathBuf,
+    /// A folder for a film of the run: its pictures, and film.png, which is animated.
+    #[arg(long, value_name = "FOLDER")]
+    pub film: Option<PathBuf>,
 }
 
+/// How long a picture of the film is shown while the robot moves, and before and after, milliseconds.
+const MOVING_MS: u16 = 100;
+const STILL_MS: u16 = 1500;
+/// Progress that may wait.
+const PROGRESS: usize = 16;
 /// The relations that may be asked for.
 const RELATIONS: [Relation; 4] = [Relation::LeftOf, Relation::RightOf, Relation::InFrontOf, Relation::Behind];
 /// Placements asked of the planner, for motion to choose from.
@@ -68,12 +78,17 @@ struct Report {
     /// Whether the goal holds by ground truth.
     goal_holds: bool,
     picture: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    film: Option<String>,
 }
 
 /// Runs the command.
 pub async fn run(args: &DemoArgs, output: Output) -> Outcome {
     // A minute later would be too late to say so.
     can_write(&args.out)?;
+    if let Some(folder) = &args.film {
+        can_write(&folder.join("film.png"))?;
+    }
     let session = Session::open(RuntimeConfig::default()).await?;
     let shutdown = Shutdown::new();
     let mut configs = ServiceConfigs::default();
@@ -158,12 +173,25 @@ impl Cell {
         tracing::info!(objects = scene.meta.objects.len(), surfaces = scene.meta.surfaces.len(), "the camera's scene is segmented");
         let planned = self.plan(args, &summary.scene_id, &scene, output).await?;
         tracing::info!(query = planned.query, goal = %planned.goal, seconds = planned.plan.duration_ms / 1e3, "executing");
-        let executed: ExecuteReply = self.call(&self.motion, "execute", &planned.plan, CallOptions::at_most_once(EXECUTION)).await?;
-        let after = self.settled(scene.meta.view_yaw_rad).await?;
-        let seen_after = self.photograph().await?;
-
         let placed_from_observed: Isometry3<f64> = transform(&planned.result.placements[planned.plan.placement].placed_from_observed)?;
         let drawn = scene_picture(&scene, Coloring::Seen, Some((planned.query, &placed_from_observed)));
+        let mut film = args.film.is_some().then(Film::default);
+        if let Some(film) = &mut film {
+            film.add(&seen_before, &format!("object {} is to be {}", planned.query, planned.goal), STILL_MS);
+            film.add(&drawn, "planned: green", STILL_MS);
+        }
+        let executed = self.execute(&planned.plan, &mut film).await?;
+        let after = self.settled(scene.meta.view_yaw_rad).await?;
+        let seen_after = self.photograph().await?;
+        let film = match (film, &args.film) {
+            (Some(mut film), Some(folder)) => {
+                film.add(&seen_after, "done", STILL_MS);
+                let (path, bytes) = film.write(folder)?;
+                tracing::info!(path = %path.display(), bytes, "the film is written");
+                Some(path.display().to_string())
+            }
+            _ => None,
+        };
         let strip =
             [(&seen_before, "before"), (&drawn, "planned: green"), (&seen_after, "after the robot")].map(|(p, text)| captioned(p, text));
         write_picture(&args.out, &side_by_side(&strip).into())?;
@@ -182,7 +210,33 @@ impl Cell {
             distance_from_plan_m: (stands - wanted).norm(),
             goal_holds: holds,
             picture: args.out.display().to_string(),
+            film,
         })
+    }
+
+    /// Has a plan carried out; what the camera sees meanwhile goes into the film, where one is shot.
+    async fn execute(&self, plan: &MotionPlan, film: &mut Option<Film>) -> Result<ExecuteReply, Failure> {
+        let (sender, mut progress) = mpsc::channel::<Payload>(PROGRESS);
+        let options = CallOptions { progress: Some(sender), ..CallOptions::at_most_once(EXECUTION) };
+        let mut frames = self.session.subscribe_latest(&self.session.cell().camera_frame(&self.camera)).await?;
+        let mut executing = std::pin::pin!(self.call::<_, ExecuteReply>(&self.motion, "execute", plan, options));
+        let mut phase = plan.phases.first().map(|p| p.name);
+        loop {
+            tokio::select! {
+                reply = &mut executing => return Ok(reply?),
+                Some(payload) = progress.recv() => {
+                    if let Ok(at) = payload.decode_json::<ExecuteProgress>() {
+                        phase = plan.phases.get(at.done).map(|p| p.name).or(phase);
+                    }
+                }
+                picture = seen(&mut frames), if film.is_some() => {
+                    let caption = phase.map(|p| p.to_string().replace('_', " ")).unwrap_or_default();
+                    if let (Some(film), picture) = (film.as_mut(), picture?) {
+                        film.add(&picture, &caption, MOVING_MS);
+                    }
+                }
+            }
+        }
     }
 
     /// The first wish, in an order that the seed gives, for which there are a placement and a motion.
@@ -197,7 +251,7 @@ impl Cell {
                 variant: args.variant,
                 ..PlaceRequest::new(scene_id.to_owned(), query, vec![goal])
             };
-            let (result, _) = match client::place(&self.planner, &request, Some(scene), CallOptions::within(CALL)).await {
+            let (result, _) = match self.planner.place(&request, Some(scene), CallOptions::within(CALL)).await {
                 Err(error) if error.code == ErrorCode::FailedPrecondition => {
                     given_up.push(format!("object {query} to {goal}: {}", error.message));
                     continue;
@@ -213,7 +267,7 @@ impl Cell {
                 seed: args.seed,
                 ..MotionPlanRequest::new(scene_id.to_owned(), self.robot.clone(), query, placements, start_joints_rad)
             };
-            match client::plan_motion(&self.motion, &request, scene, CallOptions::within(CALL)).await {
+            match self.motion.plan_motion(&request, Some(scene), CallOptions::within(CALL)).await {
                 Ok(plan) => return Ok(Planned { query, goal, result, plan, given_up }),
                 Err(error) => given_up.push(format!("object {query} to {goal}: no motion, {}", error.message)),
             }
@@ -255,10 +309,15 @@ impl Cell {
     /// The next frame's color picture.
     async fn photograph(&self) -> Result<RgbImage, Failure> {
         let mut frames = self.session.subscribe_latest(&self.session.cell().camera_frame(&self.camera)).await?;
-        let frame = Frame::from_bulk(&next(&mut frames).await?.decode_bulk(Frame::SCHEMA)?)?;
-        let color = frame.color.ok_or_else(|| Failure::other("the camera sends no color"))?;
-        Ok(color_picture(frame.camera.width, frame.camera.height, &color))
+        seen(&mut frames).await
     }
+}
+
+/// The color picture of the next frame.
+async fn seen(frames: &mut Subscription) -> Result<RgbImage, Failure> {
+    let frame = Frame::from_bulk(&next(frames).await?.decode_bulk(Frame::SCHEMA)?)?;
+    let color = frame.color.ok_or_else(|| Failure::other("the camera sends no color"))?;
+    Ok(color_picture(frame.camera.width, frame.camera.height, &color))
 }
 
 async fn next(subscription: &mut Subscription) -> Result<Payload, Failure> {

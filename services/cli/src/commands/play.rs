@@ -1,12 +1,14 @@
-//! `repose play`: frames from disk or a recording, put to a running system as a camera's.
+//! `repose play`: frames from disk or a recording, put to a running system as a camera's; or a whole cell as `repose record` has recorded it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
 use repose_perception::sources::{self, SourceError};
 use repose_proto::{Frame, Payload, SceneSummary, keys};
-use repose_runtime::{Subscription, Traffic};
+use repose_recorder::file::reading::is_recording;
+use repose_recorder::play::{PlaySettings, Played, play};
+use repose_runtime::{Shutdown, Subscription, Traffic};
 use tokio::time::Instant;
 
 use crate::client::{self, SystemArgs};
@@ -26,8 +28,10 @@ const LONGEST_PAUSE_S: f64 = 5.0;
 /// Arguments of `play`.
 #[derive(Debug, Args)]
 pub struct PlayArgs {
-    /// A frame folder, a folder of them, a folder with depth/ and camera.json, an MCAP recording, or a folder of recordings.
-    pub source: PathBuf,
+    /// A frame folder, a folder of them, a folder with depth/ and camera.json, an MCAP recording, or a folder of recordings. A recording by
+    /// `repose record` (its files, in order) is played as the whole cell that it was, into a cell in which nobody is alive (`--cell`).
+    #[arg(required = true)]
+    pub source: Vec<PathBuf>,
     /// Where to publish.
     #[command(flatten)]
     pub system: SystemArgs,
@@ -37,6 +41,9 @@ pub struct PlayArgs {
     /// Frames per second; by default the recording's own pace, and 10 for pictures.
     #[arg(long)]
     pub rate: Option<f64>,
+    /// How many times as fast a recorded cell is played.
+    #[arg(long, default_value_t = 1.0)]
+    pub speed: f64,
     /// Start again at the end, until interrupted.
     #[arg(long = "loop")]
     pub again: bool,
@@ -50,6 +57,39 @@ pub struct PlayArgs {
 
 /// Runs the command.
 pub async fn run(args: &PlayArgs, output: Output) -> Outcome {
+    match &args.source[..] {
+        files if files.iter().all(|file| is_recording(file)) => cell(files, args, output).await,
+        [source] => frames(source, args, output).await,
+        _ => {
+            Err(Failure::bad_input("source", "several sources are the files of one recording by `repose record`, and one of these is none"))
+        }
+    }
+}
+
+/// Plays a recorded cell.
+async fn cell(files: &[PathBuf], args: &PlayArgs, output: Output) -> Outcome {
+    let session = client::connect(&args.system).await?;
+    let shutdown = Shutdown::on_signals()?;
+    let settings = PlaySettings { files: files.to_owned(), speed: args.speed };
+    let name = session.cell().name().to_owned();
+    tracing::info!(cell = name, "playing; Ctrl-C ends it");
+    let played = loop {
+        let played = play(&session, &settings, &shutdown).await;
+        if !args.again || played.is_err() || shutdown.is_requested() {
+            break played;
+        }
+    };
+    client::close(session).await;
+    let Played { messages, seconds, cut } = played?;
+    cut.iter().for_each(|reason| tracing::warn!(reason, "the recording ends early"));
+    output.print(&serde_json::json!({"cell": name, "messages": messages, "seconds": seconds, "cut": cut}), || {
+        let counts: Vec<String> = messages.iter().map(|(kind, count)| format!("{count} {kind}")).collect();
+        format!("{seconds:.1} s of a cell played into cell {name}: {}", counts.join(", "))
+    })
+}
+
+/// Plays frames as a camera's.
+async fn frames(source: &Path, args: &PlayArgs, output: Output) -> Outcome {
     let camera = &args.camera;
     keys::validate_chunk("camera", camera)?;
     if args.rate.is_some_and(|rate| !(rate > 0.0 && rate <= 1000.0)) {
@@ -64,7 +104,7 @@ pub async fn run(args: &PlayArgs, output: Output) -> Outcome {
     let mut pace = Pace::new(args.rate, begin);
     loop {
         let published_before = published;
-        for frame in sources::open(&args.source, &args.topics.topics()).map_err(|e| bad_source(&e))? {
+        for frame in sources::open(source, &args.topics.topics()).map_err(|e| bad_source(&e))? {
             let mut frame = frame.map_err(|e| bad_source(&e))?;
             tokio::time::sleep_until(pace.due(frame.stamp_ns)).await;
             camera.clone_into(&mut frame.camera_name);

@@ -8,9 +8,9 @@ const OUTCOMES = { done: "Done", stopped: "Stopped", grasp_lost: "The grasp was 
 const PREVIEW_STEP_MS = 50;
 
 export class Motion {
-  #robot; #plan; #execution; #fault; #may = false; #playing; #isMoving = false; #drawn = ""; #at = 0;
+  #robot; #plan; #execution; #fault; #may = false; #playing; #isMoving = false; #isRecovering = false; #drawn = ""; #at = 0;
 
-  /** `execute()`, `reset()`, `preview(t_ms)` and `newScene(seed)` are what its parts ask for. */
+  /** `execute()`, `reset(robot)`, `recover(robot, move)`, which resolves to what went wrong, and `preview(t_ms)` are what its parts ask for. */
   constructor(box, actions) {
     this.box = box;
     this.actions = actions;
@@ -60,7 +60,25 @@ export class Motion {
       state?.stop && this.#stopped(robot, state.stop),
       this.#execution && this.#phases(this.#execution),
       this.#plan && !this.#isMoving && this.#preview(this.#plan),
+      state?.mode === "idle" && !this.#isMoving && this.#may && this.#recovery(robot),
       this.#fault && faultBox(this.#fault));
+  }
+
+  /** After a stop an arm may stand anywhere, with something in its hand. */
+  #recovery(robot) {
+    const button = (move, textContent, title) => el("button", { type: "button", className: "small", textContent, title, disabled: this.#isRecovering, data: { key: `recover-${move}` }, onclick: async () => {
+      this.#isRecovering = true;
+      this.#fault = undefined;
+      this.render();
+      this.#fault = await this.actions.recover(robot, move);
+      this.#isRecovering = false;
+      this.render();
+    } });
+    return el("details", { className: "more", id: "recovery", open: this.isOpen, ontoggle: ({ target }) => { this.isOpen = target.open; } },
+      el("summary", { textContent: "Bring the arm back" }),
+      el("div", { className: "row", style: "margin-top: 8px" },
+        button("open", "Open the hand", "What it holds falls, or stays where it stands"), button("retreat", "Back off", "Along the fingers, as far as the way is free"),
+        button("home", "Home", "To the ready pose"), this.#isRecovering && el("span", { className: "hint small", textContent: "moving …" })));
   }
 
   #stopped(robot, stop) {

@@ -46,8 +46,8 @@ const world = new World(byId("world"), {
   },
 });
 const goal = new Goal(byId("goal"), { changed: goalChanged, ask: find, collect: () => sequence.add(goal.request(scene.id, world.yaw)), cancel: () => asked && connection.ask("cancel", { request: asked }).catch(() => {}) });
-const placements = new Placements(byId("answers"), { lit, plan: planMotion });
-const motion = new Motion(byId("motion"), { execute, reset, preview: (t) => world.previewAt(t) });
+const placements = new Placements(byId("answers"), { lit, reason: (reason) => world.litRejected(reason), plan: planMotion });
+const motion = new Motion(byId("motion"), { execute, reset, recover, preview: (t) => world.previewAt(t) });
 const sequence = new Sequence(byId("sequence"), { run: runSequence, end: () => connection.ask("end_sequence").catch((refusal) => sequence.fault(refusal)) });
 const system = new System(byId("system"), { newScene: (seed) => connection.ask("new_scene", { seed }).then(() => release(), (refusal) => notice(refusal, "bad")) });
 
@@ -124,6 +124,7 @@ async function watch() {
 function systemShown(message) {
   if (message.cell !== cell) return;
   system.show(message);
+  byId("recording").hidden = !message.workers.some(({ load }) => load?.journals);
   const names = message.cameras.map(({ name }) => name);
   if (!hasWatched && names.length) watch();
   choices(byId("camera"), names, camera ?? newest?.camera);
@@ -241,7 +242,7 @@ function release() {
 function clearAnswer() {
   placements.clear();
   world.showPlacements(0, []);
-  world.showRejected([]);
+  world.showRejected({});
   if (!myPlan) return;
   connection.ask("discard", { plan: myPlan }).catch(() => {});
   myPlan = undefined;
@@ -261,7 +262,7 @@ async function find() {
     const found = await answer;
     placements.show(found);
     world.showPlacements(found.placed.query, found.placed.placements);
-    world.showRejected(found.placed.rejected ?? []);
+    world.showRejected(found.placed.rejected_at_m ?? {});
   } catch (refusal) {
     if (refusal.code !== "cancelled") goal.fault(refusal);
   } finally {
@@ -342,6 +343,16 @@ function reset(name) {
   connection.ask("reset", { robot: name }).catch((refusal) => motion.fault(refusal));
 }
 
+/** Brings an arm back; what went wrong, if anything did. */
+async function recover(name, move) {
+  try {
+    const { outcome, reason } = await connection.ask("recover", { robot: name, move });
+    return outcome === "done" ? undefined : { code: outcome, message: reason ?? "it did not get there" };
+  } catch (refusal) {
+    return refusal;
+  }
+}
+
 function runSequence(goals) {
   sequence.fault();
   connection.ask("sequence", { scene_id: goals[0].scene.scene_id, robot, goals }).then(() => { goal.clear(); release(); }, (refusal) => sequence.fault(refusal));
@@ -387,8 +398,9 @@ fill(byId("layers"), Object.entries(LAYERS).map(([name, text]) => el("button", {
 addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || byId("sign-in").open) return;
   if (event.key === "s" || event.key === "S") if (!event.target.matches("input")) return stop();
-  if (byId("system").open || event.target.matches("input, select, textarea, summary")) return;
-  const onButton = event.target.matches("button, .placement");
+  // Giving a goal up works everywhere; other letters belong to the field that is being filled.
+  if (byId("system").open || event.key !== "Escape" && event.target.matches("input, select, textarea")) return;
+  const onButton = event.target.matches("button, summary, .placement");
   const keys = {
     Enter: () => !onButton && find(), p: planMotion, e: () => byId("execute")?.click(), r: () => byId("reset")?.click(), n: () => goal.negate(), a: () => goal.addTerm(),
     Escape: () => { goal.clear(); release(); },

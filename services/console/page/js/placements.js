@@ -25,7 +25,7 @@ export function evidence(placement, goal) {
 export class Placements {
   #answer; #plan; #lit = -1;
 
-  /** `lit(rank)` is told what the pointer is over; `plan()` asks for the motion. */
+  /** `lit(rank)` and `reason(name)` are told what the pointer is over; `plan()` asks for the motion. */
   constructor(box, actions) {
     this.box = box;
     this.actions = actions;
@@ -60,7 +60,7 @@ export class Placements {
         answer && el("span", { className: "muted small numbers", textContent: milliseconds(answer.took_ms), title: `by ${answer.worker}; ${placed.evaluated} candidates, weights ${placed.weights_hash.slice(0, 8) || "none"}, seed ${placed.seed}` })),
       !placed && el("p", { className: "hint", textContent: "Where the object can go will stand here, best first." }),
       placed && placed.placements.length > 0 && this.#list(placed),
-      placed && placed.placements.length === 0 && none(placed),
+      placed && placed.placements.length === 0 && none(placed, this.actions.reason),
       this.#fault && faultBox(this.#fault));
   }
 
@@ -86,14 +86,15 @@ export class Placements {
 }
 
 /** Why there is no placement. */
-function none(placed) {
+function none(placed, lit) {
   const counts = Object.entries(placed.rejections).sort((a, b) => b[1] - a[1]);
   const total = counts.reduce((sum, [, n]) => sum + n, 0);
   const [most] = counts;
   const { relaxation } = placed;
   return [
     el("p", { textContent: most ? `None of ${placed.evaluated} candidates passed; most were rejected because: ${REJECTIONS[most[0]] ?? most[0]}.` : `None of ${placed.evaluated} candidates passed.` }),
-    el("ul", { className: "tally" }, counts.map(([reason, n]) => el("li", { own: REJECTION_COLORS[reason] },
+    el("ul", { className: "tally" }, counts.map(([reason, n]) => el("li", { own: REJECTION_COLORS[reason], tabIndex: 0,
+      onpointerenter: () => lit(reason), onpointerleave: () => lit(), onfocus: () => lit(reason), onblur: () => lit() },
       el("span", { textContent: sentence(REJECTIONS[reason] ?? reason) }), el("span", { className: "numbers muted", textContent: `${n}` }),
       el("span", { className: "share" }, el("i", { style: `width: ${(100 * n / Math.max(1, total)).toFixed(1)}%` }))))),
     el("p", { className: "relax", textContent: relaxation

@@ -30,6 +30,16 @@ function dispose(group) {
   group.clear();
 }
 
+/** A round dot: points are squares without it. */
+function dot() {
+  const canvas = el("canvas", { width: 32, height: 32 }), context = canvas.getContext("2d");
+  context.fillStyle = "#fff";
+  context.beginPath();
+  context.arc(16, 16, 14, 0, 7);
+  context.fill();
+  return new THREE.CanvasTexture(canvas);
+}
+
 /** A number that always faces the viewer. */
 function numberSprite(text, color) {
   const canvas = el("canvas", { width: 64, height: 64 }), context = canvas.getContext("2d");
@@ -165,6 +175,7 @@ export class World {
     if (!this.#scene || !this.boxes) return;
     const places = [];
     for (const { min, max } of this.boxes.values()) places.push(min, max);
+    places.push(...this.#ghosts.map(middleOf));
     for (const { links } of this.arms.values()) links.forEach(({ matrix }) => places.push(new THREE.Vector3().setFromMatrixPosition(matrix)));
     if (!places.length) return;
     const center = new THREE.Box3().setFromPoints(places).getCenter(new THREE.Vector3());
@@ -227,7 +238,14 @@ export class World {
       this.layers.placements.add(ghost);
       this.#ghosts.push(ghost);
     });
+    // An answer that lies outside of what is seen is no answer to whoever looks.
+    if (!this.#ghosts.every((ghost) => this.#isInSight(middleOf(ghost)))) this.look();
     this.redraw();
+  }
+
+  #isInSight(place) {
+    const seen = place.clone().project(this.camera);
+    return Math.max(Math.abs(seen.x), Math.abs(seen.y)) < 0.95 && seen.z < 1;
   }
 
   /** Lights a ghost up; -1 for none. */
@@ -242,15 +260,22 @@ export class World {
     this.redraw();
   }
 
-  /** Shows rejected candidates `[{at_m, reason}]` by reason. */
-  showRejected(candidates) {
+  /** Shows where rejected candidates were, `{reason: [[x, y, z], …]}`: a dot each, in the reason's color. */
+  showRejected(places) {
     dispose(this.layers.rejected);
-    const positions = new Float32Array(candidates.flatMap(({ at_m }) => at_m));
-    const colors = new Float32Array(candidates.flatMap(({ reason }) => new THREE.Color(REJECTION_COLORS[reason] ?? "#888888").toArray()));
-    const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute("position", new THREE.BufferAttribute(positions, 3));
-    geometry.setAttribute("color", new THREE.BufferAttribute(colors, 3));
-    this.layers.rejected.add(new THREE.Points(geometry, new THREE.PointsMaterial({ size: 0.012, vertexColors: true })));
+    for (const [reason, at_m] of Object.entries(places)) {
+      const geometry = new THREE.BufferGeometry();
+      geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(at_m.flat()), 3));
+      const dots = new THREE.Points(geometry, new THREE.PointsMaterial({ color: REJECTION_COLORS[reason] ?? "#888888", map: dot(), size: 0.016, transparent: true, alphaTest: 0.3 }));
+      dots.userData.reason = reason;
+      this.layers.rejected.add(dots);
+    }
+    this.redraw();
+  }
+
+  /** Shows the candidates that were rejected for one reason alone; all of them for none. */
+  litRejected(reason) {
+    this.layers.rejected.children.forEach((dots) => { dots.visible = !reason || dots.userData.reason === reason; });
     this.redraw();
   }
 
@@ -270,6 +295,10 @@ export class World {
       this.arms.set(robot, (arm = new Arm()));
       this.layers.arm.add(arm.group);
     }
+    // An arm that stands is told of twenty times a second: nothing needs to be drawn for it.
+    const shown = `${links} ${state.gripper_width_m.toFixed(4)}`;
+    if (arm.shown === shown) return;
+    arm.shown = shown;
     arm.setLinks(links);
     arm.setOpening(state.gripper_width_m);
     this.#fit();
@@ -334,6 +363,9 @@ function boxesOf(points, labels, low, step) {
   }
   return boxes;
 }
+
+/** Where a ghost stands, world frame. */
+const middleOf = (ghost) => (ghost.userData.body?.position.clone() ?? new THREE.Vector3()).applyMatrix4(ghost.matrix);
 
 /** The points of one object, world frame. */
 function ownPoints({ tensors: { points, point_labels: labels }, grid: { low_m: low, step_m: step } }, id) {

@@ -2,14 +2,15 @@
 //!
 //! Every request passes [`guarded`] first: nothing is answered to a page of another site, or under a name that is not ours.
 
+mod calls;
+mod refusal;
 mod requests;
 mod sequence;
 mod socket;
+mod state;
 mod stop;
 
-use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicU64, AtomicUsize};
-use std::sync::{Arc, Weak};
+use std::sync::Arc;
 
 use axum::Json;
 use axum::Router;
@@ -19,75 +20,16 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
-use repose_proto::{CallError, ErrorCode};
-use repose_runtime::{Session, Shutdown};
-use tokio::sync::{Mutex, OnceCell};
+use repose_proto::CallError;
+use repose_runtime::Shutdown;
 
-use crate::ConsoleConfig;
-use crate::access::{Access, COOKIE, Role, token_in};
-use crate::cell::{Cell, follow_cells};
+use self::refusal::refused;
+pub use self::state::State;
+use crate::access::COOKIE;
 use crate::page::{INDEX, file};
-use crate::viewers::Audience;
 
 /// The largest body of a request, bytes: a token or a stop.
 const MAX_BODY: usize = 4096;
-
-/// What all requests share.
-pub struct State {
-    session: Session,
-    config: Arc<ConsoleConfig>,
-    access: Access,
-    over_tls: bool,
-    cells: Mutex<BTreeMap<String, Weak<Cell>>>,
-    everywhere: OnceCell<Arc<Audience>>,
-    open_viewers: Arc<AtomicUsize>,
-    next_viewer: AtomicU64,
-}
-
-impl State {
-    /// For a session and a configuration that has been checked.
-    pub fn new(session: Session, config: ConsoleConfig, access: Access, over_tls: bool) -> Self {
-        Self {
-            session,
-            config: Arc::new(config),
-            access,
-            over_tls,
-            cells: Mutex::default(),
-            everywhere: OnceCell::new(),
-            open_viewers: Arc::default(),
-            next_viewer: AtomicU64::new(1),
-        }
-    }
-
-    /// A cell, followed from now on if nobody looks at it yet.
-    async fn cell(&self, name: &str) -> Result<Arc<Cell>, CallError> {
-        let mut cells = self.cells.lock().await;
-        if let Some(cell) = cells.get(name).and_then(Weak::upgrade) {
-            return Ok(cell);
-        }
-        let cell = Arc::new(Cell::follow(&self.session, name, self.config.clone()).await?);
-        cells.retain(|_, known| known.strong_count() > 0);
-        cells.insert(name.to_owned(), Arc::downgrade(&cell));
-        Ok(cell)
-    }
-
-    /// Those who are told which cells there are.
-    async fn everywhere(&self) -> Result<&Arc<Audience>, CallError> {
-        self.everywhere
-            .get_or_try_init(|| async {
-                let audience = Arc::new(Audience::default());
-                tokio::spawn(follow_cells(&self.session, audience.clone()).await?);
-                Ok(audience)
-            })
-            .await
-    }
-
-    fn role(&self, headers: &HeaderMap) -> Option<Role> {
-        let text = |name| headers.get(name).and_then(|v: &HeaderValue| v.to_str().ok());
-        let bearer = text(header::AUTHORIZATION).and_then(|v| v.strip_prefix("Bearer "));
-        self.access.role_of(bearer.or_else(|| text(header::COOKIE).and_then(token_in)))
-    }
-}
 
 /// All routes.
 pub fn router(state: Arc<State>, shutdown: Shutdown) -> Router {
@@ -167,14 +109,4 @@ async fn sign_in(Shared(state): Shared<Arc<State>>, token: String) -> Response {
     let secure = if state.over_tls { "; Secure" } else { "" };
     let cookie = format!("{COOKIE}={}; Path=/; HttpOnly; SameSite=Strict{secure}", token.trim());
     ([(header::SET_COOKIE, cookie)], Json(serde_json::json!({"role": role}))).into_response()
-}
-
-/// An error of the contract, over HTTP.
-fn refused(status: StatusCode, error: &CallError) -> Response {
-    (status, Json(serde_json::json!({"error": error}))).into_response()
-}
-
-/// What somebody without a good token is told.
-fn unknown() -> CallError {
-    CallError::new(ErrorCode::FailedPrecondition, "this console asks for a token").at("token")
 }

@@ -1,22 +1,20 @@
 //! What a viewer asks, carried out: each request a task of its own that ends in one answer.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::convert::Infallible;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPlan, MotionPlanRequest, RobotResetReply, RobotResetRequest};
+use repose_proto::motion::{MotionPlan, MotionPlanRequest, RobotResetReply, RobotResetRequest};
 use repose_proto::simulator::WorldResetRequest;
-use repose_proto::{CallError, Message as _, Payload, PlaceRequest, PlaceResult, Scene, SceneRef, Service};
-use repose_runtime::{Answer, CallOptions, Caller, CancellationToken};
+use repose_proto::{CallError, ErrorCode, Message as _, Payload, PlaceRequest, Scene, SceneRef, Service};
+use repose_runtime::{CallOptions, CancellationToken};
 use tokio::sync::mpsc;
 
-use super::State;
-use super::socket::busy;
+use super::calls::{execute, plan, recover};
+use super::state::State;
 use crate::access::Role;
-use crate::arm::PlanShown;
-use crate::cell::{Camera, Cell, world_from_base};
-use crate::messages::{Answered, Ask, Drawn, ExecutionEnded, ExecutionShown, Request, Told};
+use crate::cell::{Camera, Cell};
+use crate::messages::{Answered, Ask, Drawn, Request, Told};
 use crate::view::View;
 use crate::viewers::{Message, Outbox, Topic};
 
@@ -24,8 +22,6 @@ use crate::viewers::{Message, Outbox, Topic};
 const MAX_OPEN: usize = 16;
 /// Progress that may wait; what does not fit is dropped.
 const PROGRESS: usize = 16;
-/// How long an execution may take.
-const EXECUTION: Duration = Duration::from_secs(600);
 /// Scenes kept for a viewer: the one that it is sent, and the one before, which is on its screen until then.
 const SENT: usize = 2;
 /// How long a reset may take.
@@ -153,6 +149,10 @@ impl Viewer {
                 Ok(Answered::Done {})
             }
             Ask::Reset { robot } => self.reset(&robot).await,
+            Ask::Recover { robot, motion } => {
+                let reply = recover(self.cell()?.as_ref(), self.camera()?.name(), robot, motion).await?;
+                Ok(Answered::Executed { outcome: reply.outcome, reason: reply.reason })
+            }
             Ask::NewScene { seed } => {
                 let request = Payload::json(&WorldResetRequest { seed })?;
                 self.cell()?.caller(Service::Simulator).call("reset", request, CallOptions::at_most_once(RESET)).await?;
@@ -267,7 +267,7 @@ impl Viewer {
             })
         };
         let options = CallOptions { progress: Some(sender), cancel, ..CallOptions::within(self.deadline()) };
-        let answered = place(cell.caller(Service::Planner), request, scene.as_deref(), options).await;
+        let answered = cell.caller(Service::Planner).place(request, scene.as_deref(), options).await;
         telling.abort();
         let (placed, answer) = answered?;
         let took_ms = started.elapsed().as_secs_f64() * 1e3;
@@ -309,60 +309,7 @@ fn leave(viewer: u64, eyes: &Eyes) {
     }
 }
 
-/// Asks for a placement on a scene by its id; sends the scene whole, where it is at hand, when nobody holds it any more.
-pub(super) async fn place(
-    planner: &Caller,
-    request: &PlaceRequest,
-    scene: Option<&Scene>,
-    options: CallOptions,
-) -> Result<(PlaceResult, Answer), CallError> {
-    let answer = planner.call_with_scene("place", scene, |scene| Payload::with_scene(request, scene), options).await?;
-    Ok((answer.payload.decode_json()?, answer))
-}
-
-/// Has a motion planned from where the robot stands.
-pub(super) async fn plan(
-    cell: &Cell,
-    request: MotionPlanRequest,
-    scene: &Scene,
-    options: CallOptions,
-) -> Result<(Arc<MotionPlan>, Arc<PlanShown>), CallError> {
-    let robot = cell.robot(&request.robot)?;
-    let request = MotionPlanRequest { start_joints_rad: robot.q_rad, ..request };
-    request.validate()?;
-    let encode = |scene: Option<&Scene>| Payload::with_scene(&request, scene);
-    let answer = cell.caller(Service::Motion).call_with_scene("plan", Some(scene), encode, options).await?;
-    let plan: MotionPlan = answer.payload.decode_json()?;
-    let shown = PlanShown::new(uuid::Uuid::new_v4().to_string(), &plan, &world_from_base(&robot));
-    Ok((Arc::new(plan), Arc::new(shown)))
-}
-
-/// Has a plan carried out, and tells the cell's viewers how far it is. Goes on when whoever asked has left: a robot is stopped by its stop.
-pub(super) async fn execute(cell: &Cell, plan: &MotionPlan) -> Result<ExecuteReply, CallError> {
-    let phases: Vec<String> = plan.phases.iter().map(|p| p.name.to_string()).collect();
-    let shown = ExecutionShown { robot: plan.robot.clone(), query: plan.query, phases, phase: 0, ended: None };
-    cell.hide_plan(None);
-    cell.update(|activity| activity.execution = Some(shown));
-    let (sender, mut progress) = mpsc::channel::<Payload>(PROGRESS);
-    let options = CallOptions { progress: Some(sender), ..CallOptions::at_most_once(EXECUTION) };
-    let calling = async { cell.caller(Service::Motion).call("execute", Payload::json(plan)?, options).await?.payload.decode_json() };
-    let telling = async {
-        // The sender goes with the call, which ends the race below.
-        while let Some(payload) = progress.recv().await {
-            let Ok(at) = payload.decode_json::<ExecuteProgress>() else { continue };
-            let phase = at.done.min(at.of.saturating_sub(1));
-            cell.update(|activity| activity.execution.iter_mut().for_each(|e| e.phase = phase));
-        }
-        std::future::pending::<Infallible>().await
-    };
-    let reply: Result<ExecuteReply, CallError> = tokio::select! {
-        reply = calling => reply,
-        never = telling => match never {},
-    };
-    let ended = match &reply {
-        Ok(reply) => ExecutionEnded::Outcome { outcome: reply.outcome, reason: reply.reason.clone() },
-        Err(error) => ExecutionEnded::Error(error.clone()),
-    };
-    cell.update(|activity| activity.execution.iter_mut().for_each(|e| e.ended = Some(ended.clone())));
-    reply
+/// The answer to a request that came while too many were open.
+fn busy(most: usize) -> CallError {
+    CallError::new(ErrorCode::ResourceExhausted, format!("{most} requests of this page are open already"))
 }

@@ -11,11 +11,10 @@ use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 use futures::stream::SplitSink;
 use futures::{SinkExt, StreamExt};
-use repose_proto::{CallError, ErrorCode};
 use repose_runtime::Shutdown;
 
-use super::State;
 use super::requests::Viewer;
+use super::state::State;
 use crate::access::Role;
 use crate::messages::{Request, Told};
 use crate::page::page_hash;
@@ -134,9 +133,4 @@ async fn write(mut sink: SplitSink<WebSocket, Frame>, viewer: Arc<Viewer>, shutd
             Ok(Err(_)) | Err(_) => return,
         }
     }
-}
-
-/// The answer to a request that came while too many were open.
-pub(super) fn busy(most: usize) -> CallError {
-    CallError::new(ErrorCode::ResourceExhausted, format!("{most} requests of this page are open already"))
 }

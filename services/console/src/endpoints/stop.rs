@@ -12,7 +12,8 @@ use repose_proto::{CallError, ErrorCode, Payload, keys};
 use repose_runtime::{Session, Traffic};
 use serde::Deserialize;
 
-use super::{State, refused, unknown};
+use super::refusal::{refused, unknown};
+use super::state::State;
 use crate::cell::emergency_stop;
 
 /// Between two puts of a stop.

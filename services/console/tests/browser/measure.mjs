@@ -51,7 +51,8 @@ async function cost(pid) {
   return 100 * (cpuMs(pid) - before) / (performance.now() - started);
 }
 
-const system = await startSystem();
+// What users get: not the thin cloud of the tests.
+const system = await startSystem({ environment: { REPOSE_CONSOLE__CLOUD_POINTS: "60000", REPOSE_CONSOLE__SCENE_PERIOD_MS: "500" } });
 const browser = await startBrowser();
 const figures = {};
 try {

@@ -2,37 +2,33 @@
 
 import assert from "node:assert/strict";
 
+import { decodePng } from "./png.mjs";
+
+/** How long a state is waited for before the test gives up: a machine may be slow, and nothing here measures it. */
+export const PATIENCE_MS = 120_000;
+
 export const SCREENS = `${process.env.REPOSE_BROWSER_MODULES}/screens`;
 
 /** Opens the page and waits until a scene is drawn; how long that took, milliseconds, is in `openedMs`. */
 export async function open(browser, url, options = {}) {
   const context = await browser.newContext({ viewport: { width: 1440, height: 900 }, colorScheme: "light", ...options });
+  context.setDefaultTimeout(PATIENCE_MS);
   const page = await context.newPage();
   page.faults = [];
   page.on("pageerror", (error) => page.faults.push(String(error)));
   page.on("console", (message) => message.type() === "error" && page.faults.push(message.text()));
   const started = performance.now();
   await page.goto(url);
-  await page.waitForSelector("body[data-ready=true]", { timeout: 30_000 });
+  await page.waitForSelector("body[data-ready=true]", { timeout: PATIENCE_MS });
   page.openedMs = performance.now() - started;
   return page;
 }
 
 /** Pixels of an element as they are on the screen: `{width, height, data}` with 4 bytes a pixel. */
 export async function pixels(page, selector) {
-  const png = (await page.locator(selector).screenshot()).toString("base64");
-  const read = await page.context().newPage();
-  try {
-    return await read.evaluate(async (png) => {
-      const bytes = Uint8Array.from(atob(png), (c) => c.charCodeAt(0));
-      const bitmap = await createImageBitmap(new Blob([bytes], { type: "image/png" }));
-      const canvas = new OffscreenCanvas(bitmap.width, bitmap.height), context = canvas.getContext("2d");
-      context.drawImage(bitmap, 0, 0);
-      return { width: bitmap.width, height: bitmap.height, data: [...context.getImageData(0, 0, bitmap.width, bitmap.height).data] };
-    }, png);
-  } finally {
-    await read.close();
-  }
+  // Of the page, cut: a picture of the element alone waits for frames in which it stands still, which a machine without a free core draws minutes apart.
+  await page.locator(selector).scrollIntoViewIfNeeded();
+  return decodePng(await page.screenshot({ clip: await page.locator(selector).boundingBox(), animations: "disabled" }));
 }
 
 /** How many pixels pass. */
@@ -75,7 +71,7 @@ export async function clickObject(page, id) {
 export const screenshot = (page, name, options) => page.screenshot({ path: `${SCREENS}/${name}.png`, ...options });
 
 /** The text of an element, once it matches. */
-export async function textOf(page, selector, matches, timeout = 45_000) {
+export async function textOf(page, selector, matches, timeout = PATIENCE_MS) {
   const element = page.locator(selector);
   await page.waitForFunction(([selector, source]) => new RegExp(source, "i").test(document.querySelector(selector)?.textContent ?? ""), [selector, matches.source], { timeout });
   return element.textContent();

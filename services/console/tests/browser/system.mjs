@@ -24,7 +24,8 @@ export async function freePort() {
 export async function startSystem({ seed = 1, environment = {} } = {}) {
   const [router, page] = [await freePort(), await freePort()];
   const child = spawn(process.env.REPOSE, ["--json", "up", "--listen", `tcp/127.0.0.1:${router}`, "--seed", String(seed)], {
-    env: { ...process.env, REPOSE_CONSOLE__LISTEN: `127.0.0.1:${page}`, ...environment },
+    // A browser that draws in software, on cores that others need too: a thinner cloud, seldom anew.
+    env: { ...process.env, REPOSE_CONSOLE__LISTEN: `127.0.0.1:${page}`, REPOSE_CONSOLE__CLOUD_POINTS: "20000", REPOSE_CONSOLE__SCENE_PERIOD_MS: "1000", ...environment },
     stdio: ["ignore", "pipe", "pipe"],
   });
   const said = [];

@@ -10,26 +10,38 @@ use crate::judge::judged::JudgedCandidate;
 const NEAREST: usize = 20;
 /// The most candidates kept of those that one goal term alone rejected; even. The networks score so many in one request.
 const SAMPLE: usize = 100;
+/// The most positions of rejected candidates kept for each reason; even. For people to look at, and of a few kilobytes together.
+const SHOWN: usize = 48;
 
-/// Candidates that one goal term alone rejected: how many, and an even sample of them over all iterations.
-#[derive(Debug, Clone, Default)]
-pub struct KeptOut {
-    /// How many.
+/// An even sample, over all iterations, of at most `MOST` (even) of the things that were added.
+#[derive(Debug, Clone)]
+pub struct EvenSample<T, const MOST: usize> {
+    /// How many were added.
     pub count: u64,
-    /// Every 2^`halvings`-th of them, in the order in which they were drawn.
-    pub sample: Vec<JudgedCandidate>,
+    /// Every 2^`halvings`-th of them, in the order in which they were added.
+    pub sample: Vec<T>,
     halvings: u32,
 }
 
-impl KeptOut {
-    fn add(&mut self, judged: &JudgedCandidate) {
+impl<T, const MOST: usize> Default for EvenSample<T, MOST> {
+    fn default() -> Self {
+        Self { count: 0, sample: Vec::new(), halvings: 0 }
+    }
+}
+
+impl<T, const MOST: usize> EvenSample<T, MOST> {
+    fn add(&mut self, one: impl FnOnce() -> T) {
         if self.count.is_multiple_of(1 << self.halvings) {
-            if self.sample.len() == SAMPLE {
-                // The sample's size is even, so this candidate is still in step.
-                self.sample = self.sample.iter().step_by(2).cloned().collect();
+            if self.sample.len() == MOST {
+                // The sample's size is even, so this one is still in step.
+                let mut place = 0;
+                self.sample.retain(|_| {
+                    place += 1;
+                    place % 2 == 1
+                });
                 self.halvings += 1;
             }
-            self.sample.push(judged.clone());
+            self.sample.push(one());
         }
         self.count += 1;
     }
@@ -43,7 +55,9 @@ pub struct Findings {
     /// Rejected candidates by reason.
     pub rejections: BTreeMap<Rejection, u64>,
     /// Candidates that one goal term alone rejected, by that term's position.
-    pub kept_out: BTreeMap<usize, KeptOut>,
+    pub kept_out: BTreeMap<usize, EvenSample<JudgedCandidate, SAMPLE>>,
+    /// Where rejected candidates' centroids were, world frame, metres, by reason.
+    rejected_at_m: BTreeMap<Rejection, EvenSample<[f32; 3], SHOWN>>,
     /// In-view candidates with the least violation, best first.
     pub nearest: Vec<JudgedCandidate>,
     /// Iterations done.
@@ -60,6 +74,11 @@ impl Findings {
         self.accepted.iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
     }
 
+    /// Where rejected candidates' centroids were, world frame, metres: an even sample by reason.
+    pub fn rejected_at_m(&self) -> BTreeMap<Rejection, Vec<[f32; 3]>> {
+        self.rejected_at_m.iter().map(|(reason, places)| (*reason, places.sample.clone())).collect()
+    }
+
     /// Notes judged candidates.
     pub fn record(&mut self, judged: &[JudgedCandidate]) {
         self.evaluated += judged.len() as u64;
@@ -74,8 +93,9 @@ impl Findings {
         for j in rejected {
             let Some(rejection) = j.rejection else { continue };
             *self.rejections.entry(rejection).or_default() += 1;
+            self.rejected_at_m.entry(rejection).or_default().add(|| j.candidate.centroid_m);
             if let (Rejection::Goal, [term]) = (rejection, &j.failing[..]) {
-                self.kept_out.entry(*term).or_default().add(&j);
+                self.kept_out.entry(*term).or_default().add(|| j.clone());
             }
             if rejection > Rejection::OutOfView {
                 self.nearest.push(j);
@@ -89,17 +109,14 @@ impl Findings {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::candidate::CandidatePose;
 
     #[test]
-    fn what_a_term_kept_out_is_counted_and_sampled_evenly() {
+    fn what_was_rejected_is_counted_and_sampled_evenly() {
         for n in [1u16, 99, 100, 101, 1000, 12_345] {
-            let mut kept_out = KeptOut::default();
-            for i in 0..n {
-                kept_out.add(&JudgedCandidate::new(CandidatePose { centroid_m: [f32::from(i), 0.0, 0.0], yaw_rad: 0.0 }, 0));
-            }
-            let drawn: Vec<f32> = kept_out.sample.iter().map(|j| j.candidate.centroid_m[0]).collect();
-            assert_eq!(kept_out.count, u64::from(n));
+            let mut kept = EvenSample::<f32, SAMPLE>::default();
+            (0..n).for_each(|i| kept.add(|| f32::from(i)));
+            let drawn = &kept.sample;
+            assert_eq!(kept.count, u64::from(n));
             assert!(drawn.len() <= SAMPLE && drawn.len() >= usize::from(n).min(SAMPLE / 2), "{n}: {}", drawn.len());
             let step = if drawn.len() > 1 { drawn[1] } else { 1.0 };
             assert!(drawn.iter().enumerate().all(|(i, at)| *at == step * i as f32), "{n}: {drawn:?}");

@@ -157,6 +157,13 @@ fn a_forbidden_region_is_the_reason() {
     let result = run(&prepared, &blocked);
     assert_eq!((result.outcome, most_frequent(&result)), (Outcome::None, Rejection::Region));
     assert_eq!(result.rejections.values().sum::<u64>(), result.evaluated);
+    for (reason, places) in &result.rejected_at_m {
+        let most = result.rejections[reason].min(48) as usize;
+        assert!(places.len() >= most / 2 && places.len() <= most, "{reason:?}: {} of {most}", places.len());
+    }
+    assert!(result.rejected_at_m.keys().eq(result.rejections.keys()));
+    let found = run(&prepared, &request(&prepared, 2, &["right_of:1"]));
+    assert!(found.outcome == Outcome::Found && found.rejected_at_m.is_empty(), "whoever has an answer is not sent them");
 }
 
 #[test]

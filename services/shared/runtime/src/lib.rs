@@ -63,6 +63,7 @@ mod error;
 pub mod fake;
 mod gauge;
 mod health;
+mod journal;
 pub mod mailbox;
 mod namesakes;
 mod queue;

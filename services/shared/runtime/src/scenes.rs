@@ -6,8 +6,9 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use lru::LruCache;
+use repose_proto::motion::{MotionPlan, MotionPlanRequest};
 use repose_proto::perception::SceneRequest;
-use repose_proto::{CallError, ErrorCode, Payload, Scene};
+use repose_proto::{CallError, ErrorCode, Payload, PlaceRequest, PlaceResult, Scene};
 
 use crate::{Answer, CallOptions, Caller};
 
@@ -111,6 +112,34 @@ pub async fn fetch_scene(perception: &Caller, scene_id: &str, options: &CallOpti
 }
 
 impl Caller {
+    /// Asks a planner for a placement; sends the scene whole, where it is at hand, to a worker that does not hold it.
+    ///
+    /// # Errors
+    /// Those of [`Caller::call_with_scene`].
+    pub async fn place(
+        &self,
+        request: &PlaceRequest,
+        scene: Option<&Scene>,
+        options: CallOptions,
+    ) -> Result<(PlaceResult, Answer), CallError> {
+        let answer = self.call_with_scene("place", scene, |scene| Payload::with_scene(request, scene), options).await?;
+        Ok((answer.payload.decode_json()?, answer))
+    }
+
+    /// Asks motion for a plan, likewise.
+    ///
+    /// # Errors
+    /// Those of [`Caller::call_with_scene`].
+    pub async fn plan_motion(
+        &self,
+        request: &MotionPlanRequest,
+        scene: Option<&Scene>,
+        options: CallOptions,
+    ) -> Result<MotionPlan, CallError> {
+        let answer = self.call_with_scene("plan", scene, |scene| Payload::with_scene(request, scene), options).await?;
+        answer.payload.decode_json()
+    }
+
     /// Calls with a request that names a scene by its id. A worker that lacks the scene is sent it whole, where it is at hand, within what is
     /// left of the deadline. `encode` makes the request by id of `None`, and with the scene enclosed of `Some`; [`Payload::with_scene`] does
     /// so for any JSON request.

@@ -10,7 +10,9 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use repose_proto::load::WorkerLoad;
-use repose_proto::{CallAttachment, CallError, Cell, ErrorCode, Payload, ReplyAttachment, ReplyKind, Service, keys, limits, message};
+use repose_proto::{
+    CallAttachment, CallError, Cell, ErrorCode, JournalKind, Payload, ReplyAttachment, ReplyKind, Service, keys, limits, message,
+};
 use tokio::sync::{Notify, watch};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
@@ -21,6 +23,7 @@ use crate::RuntimeError;
 use crate::call::{Call, Handler};
 use crate::config::WorkerConfig;
 use crate::gauge::LoadGauge;
+use crate::journal::Journal;
 use crate::mailbox::{MailboxReceiver, mailbox};
 use crate::namesakes;
 use crate::registry::{Admission, Outcome, Registry};
@@ -55,9 +58,10 @@ struct Shared {
     config: WorkerConfig,
     registry: Mutex<Registry>,
     gauge: LoadGauge,
+    journal: Journal,
     draining: AtomicBool,
     refusing: AtomicBool,
-    load_changed: Notify,
+    load_changed: Arc<Notify>,
     calls: TaskTracker,
 }
 
@@ -84,12 +88,15 @@ impl Server {
             false => None,
         };
         let cancels = transport.subscribe(&cell.cancels(service, &worker), CANCEL_CAPACITY).await?;
+        let (stop, load_changed) = (CancellationToken::new(), Arc::new(Notify::new()));
+        let journal = Journal::follow(transport.clone(), &cell, (service, &worker), load_changed.clone(), stop.clone()).await?;
         let shared = Arc::new(Shared {
             registry: Mutex::new(Registry::new(config.max_open_calls, config.outcomes_kept)),
             gauge: LoadGauge::default(),
             draining: AtomicBool::new(false),
             refusing: AtomicBool::new(false),
-            load_changed: Notify::new(),
+            load_changed,
+            journal,
             calls: TaskTracker::new(),
             transport,
             cell,
@@ -99,7 +106,6 @@ impl Server {
             handler,
             config,
         });
-        let stop = CancellationToken::new();
         let name_taken = CancellationToken::new();
         if shared.config.name.is_some() {
             let loads = shared.transport.subscribe(&shared.cell.load(service, &shared.worker), NAMESAKE_CAPACITY).await?;
@@ -191,6 +197,7 @@ async fn report_load(shared: Arc<Shared>) {
         load.seq = seq;
         load.draining = shared.draining.load(Ordering::Acquire);
         load.operates = shared.service.has_operations();
+        load.journals = shared.journal.is_on();
         if load.in_flight == 0 && load.queue_depth == 0 {
             load.in_flight = shared.registry().open_calls();
         }
@@ -233,12 +240,18 @@ fn gauges(shared: &Shared, load: &WorkerLoad) {
 struct Answerer {
     replier: Box<dyn Replier>,
     attachment: ReplyAttachment,
+    /// Takes copies, where somebody records and the call was copied too.
+    journal: Option<Journal>,
 }
 
 impl Answerer {
     async fn send(&self, payload: Payload, attachment: &ReplyAttachment) {
+        let encoded = Bytes::from(attachment.encode());
+        if let Some(journal) = &self.journal {
+            journal.copy(JournalKind::Reply, &encoded, &payload);
+        }
         // The caller sees a stream that ends, and calls again or not.
-        if let Err(error) = self.replier.reply(payload, Bytes::from(attachment.encode())).await {
+        if let Err(error) = self.replier.reply(payload, encoded).await {
             tracing::warn!(%error, id = attachment.id, "a reply could not be sent");
         }
     }
@@ -305,12 +318,16 @@ async fn answer(shared: Arc<Shared>, query: IncomingQuery, door: Door) {
         Ok(call) => call,
         Err(error) => {
             reply.id = id_of(&attachment);
-            return Answerer { replier, attachment: reply }.finish(Err(error), BTreeMap::new()).await;
+            return Answerer { replier, attachment: reply, journal: None }.finish(Err(error), BTreeMap::new()).await;
         }
     };
     reply.id.clone_from(&call.id);
     reply.attempt = Some(call.attempt);
-    let answerer = Answerer { replier, attachment: reply };
+    let journal = Some(&shared.journal).filter(|journal| journal.is_on() && shared.service.journals(&call.method)).cloned();
+    if let Some(journal) = &journal {
+        journal.copy(JournalKind::Call, &attachment, &payload);
+    }
+    let answerer = Answerer { replier, attachment: reply, journal };
     let deadline = received + Duration::from_millis(call.remaining_ms);
     if let Err(error) = shared.may_enter(door, &call.method) {
         return answerer.finish(Err(error), BTreeMap::new()).await;

@@ -31,6 +31,8 @@ pub enum Traffic {
     Scene,
     /// Calls, their replies and cancels; waits for room.
     Call(Priority),
+    /// Copies for whoever records: below calls; waits for room, since a copy that is missing is a request that cannot be asked again.
+    Journal,
     /// Lowest; dropped under congestion.
     Load,
 }

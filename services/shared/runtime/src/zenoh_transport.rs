@@ -240,6 +240,7 @@ fn delivery_of(traffic: Traffic) -> (Urgency, CongestionControl, bool) {
         Traffic::Frame => (Urgency::DataLow, CongestionControl::BlockFirst, false),
         Traffic::Scene => (Urgency::DataHigh, CongestionControl::Block, false),
         Traffic::Call(priority) => (urgency_of(priority), CongestionControl::Block, false),
+        Traffic::Journal => (Urgency::Data, CongestionControl::Block, false),
         Traffic::Load => (Urgency::Background, CongestionControl::Drop, false),
     }
 }
@@ -347,7 +348,7 @@ impl Transport for ZenohTransport {
         let (priority, congestion, express) = delivery_of(traffic);
         let (session, key) = (self.session.clone(), key.to_owned());
         // Stops and commands have a priority of their own, with nothing large in it, and must not wait for a thread.
-        let waits = matches!(traffic, Traffic::Frame | Traffic::Scene | Traffic::Call(_));
+        let waits = matches!(traffic, Traffic::Frame | Traffic::Scene | Traffic::Journal | Traffic::Call(_));
         send("putting", waits, move || {
             session
                 .put(key, payload.bytes)

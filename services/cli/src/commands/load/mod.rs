@@ -187,7 +187,7 @@ impl Asking {
         let priority = self.args.arrivals.priority(self.args.interactive, self.args.seed, i);
         let (asked, options) = (self.request(i), CallOptions { priority, ..CallOptions::within(deadline) });
         let sent = Instant::now();
-        let ends = tokio::time::timeout(deadline + 2 * LATE_GRACE, client::place(&self.planner, &asked, Some(&self.whole), options)).await;
+        let ends = tokio::time::timeout(deadline + 2 * LATE_GRACE, self.planner.place(&asked, Some(&self.whole), options)).await;
         let (took, on_the_wire) = (due.elapsed(), sent.elapsed());
         tracing::debug!(request = i, ms = took.as_millis() as u64, "request ended");
         let mut end = Ended { priority, took, late: on_the_wire > deadline + LATE_GRACE, ..Ended::lost() };

@@ -85,6 +85,10 @@ impl Grants {
         self.add(Verb::Put, self.cell.robot_estop("*"));
         if user.frames {
             self.add(Verb::Subscribe, self.cell.camera_frames());
+            // Calls have pictures in them, too.
+            self.add(Verb::Subscribe, self.cell.journals());
+            self.add(Verb::Subscribe, self.cell.robot_estop("*"));
+            self.add(Verb::Token, self.cell.live_recorder("*"));
         }
         match user.role {
             Role::Viewer => self.look(),
@@ -149,6 +153,8 @@ impl Grants {
         }
         self.add(Verb::Subscribe, self.cell.cancels(service, worker));
         self.add(Verb::Put, self.cell.load(service, worker));
+        self.add(Verb::Put, self.cell.journal(service, worker));
+        self.add(Verb::Watch, self.cell.live_recorder("*"));
         self.add(Verb::Token, self.cell.live(service, worker));
         // A worker looks whether its name is free, and stays so.
         self.add(Verb::Watch, self.cell.live(service, worker));

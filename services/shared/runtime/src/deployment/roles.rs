@@ -68,7 +68,7 @@ pub struct User {
     /// The only name under which that process may serve; any where absent.
     #[serde(default)]
     pub worker: Option<String>,
-    /// Whether the user may also see the cameras' pictures.
+    /// Whether the user may also see the cameras' pictures, and record the cell.
     #[serde(default)]
     pub frames: bool,
 }

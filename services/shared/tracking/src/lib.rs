@@ -1,6 +1,7 @@
-//! Which object is which from view to view, and whether what was asked holds.
+//! Which object is which from view to view, and whether what was asked holds in a view.
 //!
-//! A view may number its objects anew. Objects are told by where they are: the nearest to where it was, or to where it was put.
+//! A camera that finds its objects anew numbers them anew. Goals that are carried out one after another name objects as in the first view;
+//! [`Known`] tells them by where they are: the moved one where it was put, every other where it was. [`holds`] judges goal terms by rule.
 
 use std::collections::BTreeMap;
 
@@ -24,7 +25,7 @@ impl Known {
         Self { now: objects.iter().map(|o| (o.id, (Some(o.id), Point3::from(o.centroid_m)))).collect() }
     }
 
-    /// A goal in the ids of the newest view. `field` names the goal in errors.
+    /// A goal in the ids of the newest view. `field` names it in errors, as `{field}.query` and `{field}.goal[i].anchor`.
     ///
     /// # Errors
     /// `not_found` on an object that the first view lacks or that was not found again.
@@ -35,7 +36,7 @@ impl Known {
             None => Err(CallError::not_found(field, format!("the first view has no object {id}"))),
         };
         let now = find(query, format!("{field}.query"))?;
-        let term = |(i, t): (usize, &GoalTerm)| Ok(GoalTerm { anchor: find(t.anchor, format!("{field}.terms[{i}].anchor"))?, ..*t });
+        let term = |(i, t): (usize, &GoalTerm)| Ok(GoalTerm { anchor: find(t.anchor, format!("{field}.goal[{i}].anchor"))?, ..*t });
         Ok((now, terms.iter().enumerate().map(term).collect::<Result<_, CallError>>()?))
     }
 
@@ -69,7 +70,7 @@ impl Known {
     }
 }
 
-/// Each term by rule on what is seen, for a viewer.
+/// Each term by rule on what is seen, for a viewer who looks along `view_yaw_rad`. A term about an object that is not seen does not hold.
 pub fn holds(scene: &Scene, view_yaw_rad: f64, query: u16, terms: &[GoalTerm]) -> Vec<bool> {
     let viewer = ViewerFrame::from_yaw(view_yaw_rad);
     let object = |id: u16| ObservedObject::new(&scene.points_of(id).map(Point3::from).collect::<Vec<_>>(), &viewer);
@@ -83,14 +84,12 @@ pub fn holds(scene: &Scene, view_yaw_rad: f64, query: u16, terms: &[GoalTerm]) -
 
 #[cfg(test)]
 mod tests {
-    use repose_proto::Relation;
+    use repose_proto::{CameraModel, Relation, SceneMeta, scene::WorldFrame};
 
     use super::*;
-    use crate::view::tests::scene_of;
 
     fn seen(id: u16, centroid_m: [f64; 3]) -> ObjectSummary {
-        let scene = scene_of(&[(centroid_m.map(|v| v as f32), id)]);
-        scene.meta.objects[0].clone()
+        ObjectSummary { id, points: 100, centroid_m, extent_m: [0.1; 3], completeness: 1.0, score: None }
     }
 
     #[test]
@@ -103,15 +102,27 @@ mod tests {
         let (query, terms) = known.translated("goals[0]", 1, &near(2)).expect("both are there");
         assert_eq!((query, terms[0].anchor), (2, 1));
         let field = |query: u16, anchor: u16| known.translated("goals[1]", query, &near(anchor)).unwrap_err().field;
-        assert_eq!(field(3, 1).as_deref(), Some("goals[1].query"));
-        assert_eq!(field(1, 9).as_deref(), Some("goals[1].terms[0].anchor"));
+        assert_eq!(field(3, 1).as_deref(), Some("goals[1].query"), "it is hidden");
+        assert_eq!(field(1, 9).as_deref(), Some("goals[1].goal[0].anchor"), "there never was one");
     }
 
     #[test]
     fn terms_are_judged_on_what_is_seen() {
         let block =
             |x: f32, id: u16| (0..64).map(move |i| ([x + (i % 4) as f32 * 0.02, (i / 4 % 4) as f32 * 0.02, (i / 16) as f32 * 0.02], id));
-        let scene = scene_of(&block(-0.5, 1).chain(block(0.0, 2)).collect::<Vec<_>>());
+        let (points, labels) = block(-0.5, 1).chain(block(0.0, 2)).unzip();
+        let camera = CameraModel { width: 4, height: 4, fx: 4.0, fy: 4.0, cx: 2.0, cy: 2.0, depth_unit_m: 0.001, world_from_camera: None };
+        let meta = SceneMeta {
+            objects: Vec::new(),
+            surfaces: Vec::new(),
+            camera,
+            world_frame: WorldFrame::Extrinsics,
+            view_yaw_rad: 0.0,
+            unseen: repose_proto::Unseen::default(),
+            left_out: Vec::new(),
+            warnings: Vec::new(),
+        };
+        let scene = Scene { camera_name: "front".to_owned(), stamp_ns: 0, points, labels, colors: None, meta };
         let term = |relation: Relation, holds: bool| GoalTerm { relation, anchor: 2, holds };
         let terms = [term(Relation::LeftOf, true), term(Relation::RightOf, true), term(Relation::Near, false)];
         assert_eq!(holds(&scene, 0.0, 1, &terms), [true, false, true]);

@@ -1,0 +1,113 @@
+//! `repose record`: a running cell into MCAP files, to look at, to play, and to ask again.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use repose_recorder::record::record;
+use repose_recorder::{RecordSettings, RecordingError, Summary};
+use repose_runtime::Shutdown;
+
+use crate::client::{self, SystemArgs};
+use crate::failure::{Failure, Outcome};
+use crate::output::Output;
+
+/// Arguments of `record`.
+#[derive(Debug, Args)]
+pub struct RecordArgs {
+    /// The file to write; the next ones are named run.2.mcap, run.3.mcap, ….
+    #[arg(long, default_value = "run.mcap", value_name = "FILE.mcap")]
+    pub out: PathBuf,
+    /// The running system.
+    #[command(flatten)]
+    pub system: SystemArgs,
+    /// End after so many seconds; otherwise when interrupted.
+    #[arg(long)]
+    pub seconds: Option<f64>,
+    /// Begin the next file when one is larger, MiB.
+    #[arg(long, default_value_t = 512)]
+    pub file_mib: u64,
+    /// Remove the oldest files when all together are larger, MiB.
+    #[arg(long, default_value_t = 8192)]
+    pub total_mib: u64,
+    /// Least time between two pictures of a camera, milliseconds; 0 takes all of them.
+    #[arg(long, default_value_t = 200)]
+    pub frame_period_ms: u64,
+    /// Least time between two whole scenes of a camera, milliseconds. Scenes that somebody asks about are taken whatever it is.
+    #[arg(long, default_value_t = 1000)]
+    pub scene_period_ms: u64,
+    /// Write the messages of the wire only, which is what playing and replaying need; without those that Foxglove, Lichtblick and Rerun draw.
+    #[arg(long)]
+    pub no_looks: bool,
+}
+
+impl RecordArgs {
+    fn settings(&self) -> Result<RecordSettings, Failure> {
+        let bytes = |field: &str, mib: u64| {
+            mib.checked_mul(1 << 20).ok_or_else(|| Failure::bad_input(field, format!("{mib} MiB are more than a file system has")))
+        };
+        let settings = RecordSettings {
+            max_file_bytes: bytes("file_mib", self.file_mib)?,
+            max_total_bytes: bytes("total_mib", self.total_mib)?,
+            frame_period: Duration::from_millis(self.frame_period_ms),
+            scene_period: Duration::from_millis(self.scene_period_ms),
+            looks: !self.no_looks,
+            ..RecordSettings::new(self.out.clone())
+        };
+        settings.validate()?;
+        Ok(settings)
+    }
+}
+
+impl From<RecordingError> for Failure {
+    fn from(error: RecordingError) -> Self {
+        match error {
+            RecordingError::Setting { field, message } => Self::bad_input(field, message),
+            RecordingError::File { path, source } => Self::bad_input(&path.display().to_string(), source),
+            RecordingError::Content { path, reason } => Self::bad_input(&path.display().to_string(), reason),
+            RecordingError::Call(error) => error.into(),
+            RecordingError::Runtime(error) => error.into(),
+        }
+    }
+}
+
+/// Runs the command.
+pub async fn run(args: &RecordArgs, output: Output) -> Outcome {
+    let settings = args.settings()?;
+    if args.seconds.is_some_and(|seconds| !(seconds > 0.0 && seconds <= 1e9)) {
+        return Err(Failure::bad_input("seconds", "expected above 0"));
+    }
+    let session = client::connect(&args.system).await?;
+    let shutdown = Shutdown::on_signals()?;
+    let enough = shutdown.clone();
+    let seconds = args.seconds;
+    let begun = |silent: &[String]| {
+        tracing::info!(file = %args.out.display(), cell = session.cell().name(), "recording; Ctrl-C ends it");
+        if !silent.is_empty() {
+            tracing::warn!("these workers do not copy their calls (an earlier version?): {}", silent.join(", "));
+        }
+        if let Some(seconds) = seconds {
+            tokio::spawn(async move {
+                tokio::time::sleep(Duration::from_secs_f64(seconds)).await;
+                enough.trigger();
+            });
+        }
+    };
+    let recorded = record(&session, settings, &shutdown, begun).await;
+    client::close(session).await;
+    let Summary { written, messages, lost } = recorded?;
+    let files: Vec<String> = written.files.iter().map(|file| file.display().to_string()).collect();
+    let document =
+        serde_json::json!({"files": files, "bytes": written.bytes, "removed": written.removed, "messages": messages, "lost": lost});
+    output.print(&document, || {
+        let counts: Vec<String> = messages.iter().map(|(kind, count)| format!("{count} {kind}")).collect();
+        let mut said = format!("{} ({:.1} MB): {}", files.join(", "), written.bytes as f64 / 1e6, counts.join(", "));
+        if written.removed > 0 {
+            said.push_str(&format!("; {} older files had to go", written.removed));
+        }
+        if lost > 0 {
+            said.push_str(&format!("; {lost} messages were lost: disk or machine were too slow"));
+        }
+        said
+    })
+}

@@ -1,0 +1,114 @@
+//! `repose replay`: the requests in a recording asked again, and whether the answers are the same.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use repose_proto::Service;
+use repose_recorder::asked::{Asked, Calls};
+use repose_recorder::replay::{Repeated, Replay, is_repeatable};
+use repose_runtime::{RuntimeConfig, Session, Shutdown};
+
+use crate::client::{self, SystemArgs};
+use crate::failure::{Failure, Outcome};
+use crate::output::Output;
+use crate::services::ServiceConfigs;
+
+/// Arguments of `replay`.
+#[derive(Debug, Args)]
+pub struct ReplayArgs {
+    /// The recording: its files, in order.
+    #[arg(required = true, value_name = "FILE.mcap")]
+    pub files: Vec<PathBuf>,
+    /// Only the request of this id.
+    #[arg(long)]
+    pub request: Option<String>,
+    /// Ask the running system instead of services in this process.
+    #[arg(long)]
+    pub running: bool,
+    /// The running system; of the configuration also what services in this process are made with.
+    #[command(flatten)]
+    pub system: SystemArgs,
+    /// The deadline of a request, milliseconds.
+    #[arg(long, default_value_t = 60_000)]
+    pub deadline_ms: u64,
+}
+
+/// What is asked again, and so what runs in this process for it.
+const SERVICES: [Service; 4] = [Service::Perception, Service::Inference, Service::Planner, Service::Motion];
+
+/// Runs the command.
+pub async fn run(args: &ReplayArgs, output: Output) -> Outcome {
+    let files = args.files.clone();
+    let calls = tokio::task::spawn_blocking(move || Calls::read(&files, is_repeatable)).await.map_err(Failure::other)??;
+    for (file, reason) in &calls.cut {
+        tracing::warn!(file = %file.display(), reason, "the recording ends early: what is there is asked");
+    }
+    let chosen: Vec<&Asked> = calls.asked.iter().filter(|asked| args.request.as_ref().is_none_or(|id| asked.id == *id)).collect();
+    if chosen.is_empty() {
+        return Err(match &args.request {
+            Some(id) => Failure::bad_input("request", format!("the recording has no answered request {id}")),
+            None => Failure::bad_input("files", "the recording has no answered request that can be asked again"),
+        });
+    }
+    let repeated = match args.running {
+        true => {
+            let session = client::connect(&args.system).await?;
+            let repeated = repeat(&session, &chosen, &calls, args).await;
+            client::close(session).await;
+            repeated?
+        }
+        false => in_this_process(&chosen, &calls, args).await?,
+    };
+    report(&repeated, &calls, output)
+}
+
+/// Starts what is needed here, and asks it.
+async fn in_this_process(chosen: &[&Asked], calls: &Calls, args: &ReplayArgs) -> Result<Vec<Repeated>, Failure> {
+    let session = Session::open(RuntimeConfig::default()).await?;
+    let (shutdown, configs) = (Shutdown::new(), ServiceConfigs::load(args.system.config.as_deref())?);
+    let services = SERVICES.map(|service| tokio::spawn(configs.clone().run(service, session.clone(), shutdown.child())));
+    let repeated = repeat(&session, chosen, calls, args).await;
+    shutdown.trigger();
+    let mut served = Ok(());
+    for service in services {
+        served = served.and(service.await.map_err(Failure::other)?);
+    }
+    client::close(session).await;
+    // Where a service failed, what failed for want of it says less.
+    served.and(repeated)
+}
+
+async fn repeat(session: &Session, chosen: &[&Asked], calls: &Calls, args: &ReplayArgs) -> Result<Vec<Repeated>, Failure> {
+    let replay = Replay::new(session, Duration::from_millis(args.deadline_ms)).await?;
+    replay.ready(chosen).await?;
+    let mut repeated = Vec::new();
+    for asked in chosen {
+        let one = replay.repeat(asked, calls).await;
+        tracing::info!(id = one.id, method = one.method, same = one.why.is_none(), "asked again");
+        repeated.push(one);
+    }
+    Ok(repeated)
+}
+
+fn report(repeated: &[Repeated], calls: &Calls, output: Output) -> Outcome {
+    let differ: Vec<&Repeated> = repeated.iter().filter(|one| one.why.is_some()).collect();
+    let same = repeated.len() - differ.len();
+    let document = serde_json::json!({
+        "requests": repeated.len(), "same": same, "differ": differ,
+        "errors": calls.errors, "unanswered": calls.unanswered, "lost": calls.lost,
+    });
+    output.print(&document, || {
+        let mut lines: Vec<String> =
+            differ.iter().map(|one| format!("{} {}: {}", one.method, one.id, one.why.as_deref().unwrap_or_default())).collect();
+        lines.push(format!("{same} of {} answers are the same, byte for byte", repeated.len()));
+        for (code, count) in &calls.errors {
+            lines.push(format!("{count} requests had ended in {code} and were not asked again"));
+        }
+        if calls.unanswered + calls.lost > 0 {
+            lines.push(format!("{} requests have no answer in the recording; {} copies are missing from it", calls.unanswered, calls.lost));
+        }
+        lines.join("\n")
+    })?;
+    if differ.is_empty() { Ok(()) } else { Err(Failure::NotAchieved) }
+}

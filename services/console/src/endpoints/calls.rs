@@ -1,0 +1,88 @@
+//! Having a motion planned and carried out: what a viewer's request and a step of a sequence have in common.
+
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+
+use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPlan, MotionPlanRequest, RecoverReply, RecoverRequest, RecoveryMove};
+use repose_proto::scene::WorldFrame;
+use repose_proto::{CallError, Message as _, Payload, Scene, SceneRef, Service};
+use repose_runtime::{Answer, CallOptions};
+use tokio::sync::mpsc;
+
+use crate::arm::PlanShown;
+use crate::cell::{Cell, world_from_base};
+use crate::messages::{ExecutionEnded, ExecutionShown};
+
+/// Progress that may wait; what does not fit is dropped.
+const PROGRESS: usize = 16;
+/// How long an execution may take.
+const EXECUTION: Duration = Duration::from_secs(600);
+
+/// Has a motion planned from where the robot stands.
+pub async fn plan(
+    cell: &Cell,
+    request: MotionPlanRequest,
+    scene: &Scene,
+    options: CallOptions,
+) -> Result<(Arc<MotionPlan>, Arc<PlanShown>), CallError> {
+    let robot = cell.robot(&request.robot)?;
+    let request = MotionPlanRequest { start_joints_rad: robot.q_rad, ..request };
+    request.validate()?;
+    let plan = cell.caller(Service::Motion).plan_motion(&request, Some(scene), options).await?;
+    let shown = PlanShown::new(uuid::Uuid::new_v4().to_string(), &plan, &world_from_base(&robot));
+    Ok((Arc::new(plan), Arc::new(shown)))
+}
+
+/// Has a plan carried out, and tells the cell's viewers how far it is. Goes on when whoever asked has left: a robot is stopped by its stop.
+pub async fn execute(cell: &Cell, plan: &MotionPlan) -> Result<ExecuteReply, CallError> {
+    let phases: Vec<String> = plan.phases.iter().map(|p| p.name.to_string()).collect();
+    let shown = ExecutionShown { robot: plan.robot.clone(), query: plan.query, phases, phase: 0, ended: None };
+    cell.hide_plan(None);
+    cell.update(|activity| activity.execution = Some(shown));
+    let (sender, mut progress) = mpsc::channel::<Payload>(PROGRESS);
+    let calling = async { moving(cell, "execute", Payload::json(plan)?, Some(sender)).await?.payload.decode_json() };
+    let telling = async {
+        // The sender goes with the call, which ends the race below.
+        while let Some(payload) = progress.recv().await {
+            let Ok(at) = payload.decode_json::<ExecuteProgress>() else { continue };
+            let phase = at.done.min(at.of.saturating_sub(1));
+            cell.update(|activity| activity.execution.iter_mut().for_each(|e| e.phase = phase));
+        }
+        std::future::pending::<Infallible>().await
+    };
+    let reply: Result<ExecuteReply, CallError> = tokio::select! {
+        reply = calling => reply,
+        never = telling => match never {},
+    };
+    let ended = match &reply {
+        Ok(reply) => ExecutionEnded::Outcome { outcome: reply.outcome, reason: reply.reason.clone() },
+        Err(error) => ExecutionEnded::Error(error.clone()),
+    };
+    cell.update(|activity| activity.execution.iter_mut().for_each(|e| e.ended = Some(ended.clone())));
+    reply
+}
+
+/// Brings an arm back, checked against the newest scene of a camera that knows where it stands, where there is one.
+pub async fn recover(cell: &Cell, camera: &str, robot: String, motion: RecoveryMove) -> Result<RecoverReply, CallError> {
+    let mut scene = None;
+    if motion != RecoveryMove::Open
+        && let Ok(summary) = cell.newest(camera).await
+        && let Ok(newest) = cell.scene(&summary.scene_id).await
+    {
+        scene = Some((summary.scene_id, newest)).filter(|(_, newest)| newest.meta.world_frame == WorldFrame::Extrinsics);
+    }
+    let (scene_id, scene) = scene.unzip();
+    let request = RecoverRequest { robot, motion, scene: scene_id.map(|scene_id| SceneRef { scene_id }) };
+    request.validate()?;
+    moving(cell, "recover", Payload::with_scene(&request, scene.as_ref())?, None).await?.payload.decode_json()
+}
+
+/// Calls something that moves a robot, at most once. Meanwhile a liveliness token says that this process is there: where it dies, the motion service
+/// does what it is configured to (`on_client_loss`).
+async fn moving(cell: &Cell, method: &str, payload: Payload, progress: Option<mpsc::Sender<Payload>>) -> Result<Answer, CallError> {
+    let (id, session) = (uuid::Uuid::new_v4().to_string(), cell.session());
+    let _alive = session.transport().declare_alive(&session.cell().live_client(&id)).await?;
+    let options = CallOptions { id: Some(id), progress, ..CallOptions::at_most_once(EXECUTION) };
+    cell.caller(Service::Motion).call(method, payload, options).await
+}

@@ -1,0 +1,72 @@
+//! What all requests share: the session, who may, and the cells that somebody looks at.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, AtomicUsize};
+use std::sync::{Arc, Weak};
+
+use axum::http::{HeaderMap, HeaderValue, header};
+use repose_proto::CallError;
+use repose_runtime::Session;
+use tokio::sync::{Mutex, OnceCell};
+
+use crate::ConsoleConfig;
+use crate::access::{Access, Role, token_in};
+use crate::cell::{Cell, follow_cells};
+use crate::viewers::Audience;
+
+/// What all requests share.
+pub struct State {
+    pub(super) session: Session,
+    pub(super) config: Arc<ConsoleConfig>,
+    pub(super) access: Access,
+    pub(super) over_tls: bool,
+    cells: Mutex<BTreeMap<String, Weak<Cell>>>,
+    everywhere: OnceCell<Arc<Audience>>,
+    pub(super) open_viewers: Arc<AtomicUsize>,
+    pub(super) next_viewer: AtomicU64,
+}
+
+impl State {
+    /// For a session and a configuration that has been checked.
+    pub fn new(session: Session, config: ConsoleConfig, access: Access, over_tls: bool) -> Self {
+        Self {
+            session,
+            config: Arc::new(config),
+            access,
+            over_tls,
+            cells: Mutex::default(),
+            everywhere: OnceCell::new(),
+            open_viewers: Arc::default(),
+            next_viewer: AtomicU64::new(1),
+        }
+    }
+
+    /// A cell, followed from now on if nobody looks at it yet.
+    pub(super) async fn cell(&self, name: &str) -> Result<Arc<Cell>, CallError> {
+        let mut cells = self.cells.lock().await;
+        if let Some(cell) = cells.get(name).and_then(Weak::upgrade) {
+            return Ok(cell);
+        }
+        let cell = Arc::new(Cell::follow(&self.session, name, self.config.clone()).await?);
+        cells.retain(|_, known| known.strong_count() > 0);
+        cells.insert(name.to_owned(), Arc::downgrade(&cell));
+        Ok(cell)
+    }
+
+    /// Those who are told which cells there are.
+    pub(super) async fn everywhere(&self) -> Result<&Arc<Audience>, CallError> {
+        self.everywhere
+            .get_or_try_init(|| async {
+                let audience = Arc::new(Audience::default());
+                tokio::spawn(follow_cells(&self.session, audience.clone()).await?);
+                Ok(audience)
+            })
+            .await
+    }
+
+    pub(super) fn role(&self, headers: &HeaderMap) -> Option<Role> {
+        let text = |name| headers.get(name).and_then(|v: &HeaderValue| v.to_str().ok());
+        let bearer = text(header::AUTHORIZATION).and_then(|v| v.strip_prefix("Bearer "));
+        self.access.role_of(bearer.or_else(|| text(header::COOKIE).and_then(token_in)))
+    }
+}

@@ -1,0 +1,178 @@
+//! The calls in a recording: each with its answer, and the scenes that they are about.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+
+use repose_proto::{CallAttachment, JournalEntry, JournalKind, Payload, ReplyAttachment, ReplyKind, Scene, Service, keys};
+
+use crate::RecordingError;
+use crate::file::SCENE_TOPIC;
+use crate::file::reading::{Reading, Recorded};
+
+/// A call and its answer, as they were on the wire.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Asked {
+    /// The request's id.
+    pub id: String,
+    /// Whom it was asked of.
+    pub service: Service,
+    /// The method.
+    pub method: String,
+    /// The request.
+    pub request: Payload,
+    /// The result.
+    pub result: Payload,
+    /// The worker that answered.
+    pub worker: String,
+    /// When it came, nanoseconds since the Unix epoch.
+    pub at_ns: u64,
+}
+
+/// What a recording holds to ask again.
+#[derive(Debug, Default)]
+pub struct Calls {
+    /// Calls with a result, in the order in which they came.
+    pub asked: Vec<Asked>,
+    /// Calls that ended in an error, by its code.
+    pub errors: BTreeMap<String, u64>,
+    /// Calls whose answer is not in the recording.
+    pub unanswered: u64,
+    /// Copies that are missing between others: so many messages were lost.
+    pub lost: u64,
+    /// Whole scenes by their ids, in bulk form.
+    pub scenes: BTreeMap<String, Payload>,
+    /// Files that end early, and why.
+    pub cut: Vec<(PathBuf, String)>,
+}
+
+impl Calls {
+    /// Reads a recording's files. Calls of other methods than `wanted` are left out.
+    ///
+    /// # Errors
+    /// When a file is no recording or cannot be read.
+    pub fn read(files: &[PathBuf], wanted: impl Fn(Service, &str) -> bool) -> Result<Self, RecordingError> {
+        let mut calls = Self::default();
+        let mut pending = Pending::default();
+        for file in files {
+            let mut reading = Reading::open(file)?;
+            while let Some(recorded) = reading.next_message()? {
+                calls.take(recorded, &mut pending, &wanted);
+            }
+            calls.cut.extend(reading.cut().map(|reason| (file.clone(), reason.to_owned())));
+        }
+        calls.unanswered = pending.open.len() as u64;
+        calls.asked.sort_by_key(|asked| asked.at_ns);
+        Ok(calls)
+    }
+
+    fn take(&mut self, recorded: Recorded, pending: &mut Pending, wanted: &impl Fn(Service, &str) -> bool) {
+        if keys::last_chunk(&recorded.topic) == SCENE_TOPIC {
+            // Its id is the hash of its content: whatever else is said of it counts for nothing.
+            if let Ok(scene) = recorded.payload.decode_bulk(Scene::SCHEMA).and_then(|bulk| Scene::from_bulk(&bulk)) {
+                self.scenes.insert(scene.id(), recorded.payload);
+            }
+            return;
+        }
+        let Some((service, worker)) = keys::of_journal(&recorded.topic) else { return };
+        let entry = recorded.payload.decode_bulk(JournalEntry::SCHEMA).and_then(|bulk| JournalEntry::from_bulk(&bulk));
+        let Ok(entry) = entry else { return };
+        if let Some(expected) = pending.next.insert(recorded.topic.clone(), entry.seq + 1) {
+            self.lost += entry.seq.saturating_sub(expected);
+        }
+        match entry.kind {
+            JournalKind::Call => {
+                let Ok(call) = CallAttachment::decode(entry.attachment.as_bytes()) else { return };
+                // A call that is asked a second time while it is open, or is asked again elsewhere, is the same call.
+                if wanted(service, &call.method) && !pending.done.contains(&call.id) {
+                    pending.open.insert((worker.to_owned(), call.id), (service, call.method, entry.payload, entry.stamp_ns));
+                }
+            }
+            JournalKind::Reply => {
+                let Ok(reply) = ReplyAttachment::decode(entry.attachment.as_bytes()) else { return };
+                if reply.kind == ReplyKind::Progress {
+                    return;
+                }
+                let key = (worker.to_owned(), reply.id.clone());
+                let Some((service, method, request, at_ns)) = pending.open.remove(&key) else { return };
+                if reply.kind == ReplyKind::Error {
+                    let code = entry.payload.decode_json::<repose_proto::CallError>().map_or("unreadable", |e| e.code.as_str());
+                    *self.errors.entry(code.to_owned()).or_default() += 1;
+                } else if pending.done.insert(reply.id.clone()) {
+                    self.asked.push(Asked { id: reply.id, service, method, request, result: entry.payload, worker: key.0, at_ns });
+                }
+            }
+        }
+    }
+}
+
+/// Whom a call was asked of, what, with which request, and when.
+type Open = (Service, String, Payload, u64);
+
+/// What reading has to remember.
+#[derive(Default)]
+struct Pending {
+    /// Calls without an answer yet, by worker and id.
+    open: BTreeMap<(String, String), Open>,
+    /// Calls with a result.
+    done: BTreeSet<String>,
+    /// The number that each journal's next copy must have.
+    next: BTreeMap<String, u64>,
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_proto::{CallError, Cell, limits};
+
+    use super::*;
+
+    const METHOD: &str = "place";
+
+    fn json(text: &str) -> Payload {
+        Payload { encoding: "application/json;repose.X.v1".to_owned(), bytes: text.to_owned().into() }
+    }
+
+    fn copy(worker: &str, seq: u64, kind: JournalKind, attachment: &str, payload: Payload) -> Recorded {
+        let entry = JournalEntry { seq, stamp_ns: 100 + seq, kind, attachment: attachment.to_owned(), payload };
+        let topic = Cell::new("lab").expect("a cell").journal(Service::Planner, worker);
+        Recorded { topic, at_ns: seq, payload: Payload::bulk(JournalEntry::SCHEMA, &entry.to_bulk()).expect("small") }
+    }
+
+    fn call(worker: &str, seq: u64, id: &str, request: &str) -> Recorded {
+        let attachment = format!(r#"{{"v":{},"id":"{id}","method":"{METHOD}","remaining_ms":1000}}"#, limits::VERSION);
+        copy(worker, seq, JournalKind::Call, &attachment, json(request))
+    }
+
+    fn reply(worker: &str, seq: u64, id: &str, kind: &str, payload: Payload) -> Recorded {
+        copy(worker, seq, JournalKind::Reply, &format!(r#"{{"v":1,"id":"{id}","kind":"{kind}"}}"#), payload)
+    }
+
+    #[test]
+    fn calls_are_paired_with_their_results_and_everything_else_is_counted() {
+        let error = Payload::json(&CallError::not_found("scene_id", "no")).expect("small");
+        let heard = [
+            call("a", 0, "one", "1"),
+            call("b", 7, "two", "2"),
+            reply("a", 1, "one", "progress", json("0")),
+            reply("b", 8, "two", "error", error),
+            reply("a", 2, "one", "result", json("I")),
+            call("b", 9, "two", "2, with its scene"),
+            // The first attempt of this one is answered, too, but later: it counts once.
+            call("a", 3, "three", "3"),
+            call("b", 11, "three", "3"),
+            reply("b", 12, "three", "result", json("III")),
+            reply("a", 4, "three", "result", json("III")),
+            reply("b", 13, "two", "result", json("II")),
+            call("a", 5, "four", "4"),
+        ];
+        let (mut calls, mut pending) = (Calls::default(), Pending::default());
+        for recorded in heard {
+            calls.take(recorded, &mut pending, &|service: Service, method: &str| service == Service::Planner && method == METHOD);
+        }
+        let mut asked: Vec<_> = calls.asked.iter().map(|a| (a.id.as_str(), &a.request.bytes[..], &a.result.bytes[..])).collect();
+        asked.sort();
+        let expected: [(&str, &[u8], &[u8]); 3] = [("one", b"1", b"I"), ("three", b"3", b"III"), ("two", b"2, with its scene", b"II")];
+        assert_eq!(asked, expected);
+        assert_eq!((calls.lost, calls.errors), (1, BTreeMap::from([("not_found".to_owned(), 1)])), "number 10 of b is missing");
+        assert_eq!(pending.open.len(), 1);
+    }
+}

@@ -1,0 +1,140 @@
+//! A recording of bounded size: a file that grows too large is closed and the next one begun, and the oldest go when all are too large together.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::path::{Path, PathBuf};
+
+use super::writing::PartWriter;
+use crate::{RecordSettings, RecordingError};
+
+/// A recording that is being made.
+pub struct Parts {
+    settings: RecordSettings,
+    about: BTreeMap<String, String>,
+    open: PartWriter,
+    number: usize,
+    /// Closed files that are still there, oldest first, and their bytes.
+    closed: VecDeque<(PathBuf, u64)>,
+    /// Files that had to go.
+    removed: usize,
+}
+
+/// What has become of a recording.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Written {
+    /// Its files that are there, oldest first.
+    pub files: Vec<PathBuf>,
+    /// Their bytes.
+    pub bytes: u64,
+    /// Older files that had to go.
+    pub removed: usize,
+}
+
+impl Parts {
+    /// Begins a recording; `about` goes into every file.
+    ///
+    /// # Errors
+    /// When the settings are out of range, the first file is there already, or it cannot be written.
+    pub fn begin(settings: RecordSettings, about: BTreeMap<String, String>) -> Result<Self, RecordingError> {
+        settings.validate()?;
+        let open = PartWriter::create(&settings.out, about.clone())?;
+        Ok(Self { settings, about, open, number: 1, closed: VecDeque::new(), removed: 0 })
+    }
+
+    /// The file that is being written.
+    pub fn open(&mut self) -> &mut PartWriter {
+        &mut self.open
+    }
+
+    /// Goes on to the next file where this one has become too large; whether it did.
+    ///
+    /// # Errors
+    /// When a file cannot be written or removed.
+    pub fn turn(&mut self) -> Result<bool, RecordingError> {
+        if self.open.bytes() < self.settings.max_file_bytes {
+            return Ok(false);
+        }
+        let next = part(&self.settings.out, self.number + 1);
+        let full = std::mem::replace(&mut self.open, PartWriter::create(&next, self.about.clone())?);
+        self.number += 1;
+        let path = full.path().to_owned();
+        let bytes = full.finish(BTreeMap::new())?;
+        self.closed.push_back((path, bytes));
+        // Room for the one that is open, too.
+        while self.closed.iter().map(|(_, bytes)| bytes).sum::<u64>() + self.settings.max_file_bytes > self.settings.max_total_bytes {
+            let Some((oldest, _)) = self.closed.pop_front() else { break };
+            std::fs::remove_file(&oldest).map_err(|source| RecordingError::File { path: oldest.clone(), source })?;
+            tracing::info!(file = %oldest.display(), "the oldest part of the recording had to go");
+            self.removed += 1;
+        }
+        Ok(true)
+    }
+
+    /// Ends the recording.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn finish(self, about: BTreeMap<String, String>) -> Result<Written, RecordingError> {
+        let last = self.open.path().to_owned();
+        let mut closed = self.closed;
+        closed.push_back((last, self.open.finish(about)?));
+        let bytes = closed.iter().map(|(_, bytes)| bytes).sum();
+        Ok(Written { files: closed.into_iter().map(|(path, _)| path).collect(), bytes, removed: self.removed })
+    }
+}
+
+/// The name of a recording's `number`-th file, from 1.
+fn part(first: &Path, number: usize) -> PathBuf {
+    first.with_extension(format!("{number}.mcap"))
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_proto::Payload;
+
+    use super::*;
+    use crate::file::reading::Reading;
+
+    /// Bytes that do not shrink.
+    fn noise(seed: u64, count: usize) -> Vec<u8> {
+        let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+        let mut next = || {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            state as u8
+        };
+        (0..count).map(|_| next()).collect()
+    }
+
+    #[test]
+    fn files_turn_when_they_are_full_and_the_oldest_go() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let settings =
+            RecordSettings { max_file_bytes: 1 << 20, max_total_bytes: 3 << 20, ..RecordSettings::new(folder.path().join("run.mcap")) };
+        let mut parts = Parts::begin(settings.clone(), BTreeMap::new()).expect("a file");
+        assert!(Parts::begin(settings, BTreeMap::new()).is_err(), "nothing is written over");
+        for k in 0..12u64 {
+            let payload = Payload { encoding: "application/octet-stream;repose.Frame.v1".to_owned(), bytes: noise(k, 500_000).into() };
+            parts.open().wire("repose/v1/cell/camera/front/frame", &payload, k).expect("written");
+            parts.open().flush().expect("written");
+            parts.turn().expect("written");
+        }
+        let written = parts.finish(BTreeMap::new()).expect("written");
+        assert!(written.removed > 0 && written.bytes <= 3 << 20, "{written:?}");
+        let mut there: Vec<_> = std::fs::read_dir(folder.path()).expect("the folder").map(|e| e.expect("an entry").path()).collect();
+        there.sort();
+        let mut named = written.files.clone();
+        named.sort();
+        assert_eq!(there, named);
+        let mut seen = Vec::new();
+        for file in &written.files {
+            let mut reading = Reading::open(file).expect("a recording");
+            while let Some(recorded) = reading.next_message().expect("readable") {
+                assert_eq!(recorded.payload.bytes, noise(recorded.at_ns, 500_000));
+                seen.push(recorded.at_ns);
+            }
+        }
+        let newest: Vec<u64> = (12 - seen.len() as u64..12).collect();
+        assert_eq!(seen, newest, "the newest are there, in order");
+    }
+}

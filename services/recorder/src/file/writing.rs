@@ -1,0 +1,144 @@
+//! One MCAP file: chunks that are compressed, indexed, and written at once when they are complete.
+//!
+//! The writer never goes back in the file, so that what is there when the process is killed is whole up to the last chunk.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use mcap::records::{MessageHeader, Metadata};
+use mcap::write::NoSeek;
+use mcap::{Compression, McapError, WriteOptions, Writer};
+use repose_proto::Payload;
+
+use super::{ENCODING, PROFILE};
+use crate::RecordingError;
+use crate::look::Look;
+
+/// Uncompressed size at which a chunk is closed, bytes.
+const CHUNK_BYTES: u64 = 4 << 20;
+/// The fastest of zstd's usual levels: depth pictures shrink to a third by it, at some 300 MB/s.
+const COMPRESSION: u32 = 1;
+
+/// A file that is being written.
+pub struct PartWriter {
+    path: PathBuf,
+    writer: Writer<NoSeek<Counted>>,
+    written: Arc<AtomicU64>,
+    /// Messages of each channel.
+    sequences: BTreeMap<u16, u32>,
+}
+
+/// Counts what goes into a file.
+struct Counted {
+    file: File,
+    written: Arc<AtomicU64>,
+}
+
+impl Write for Counted {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let count = self.file.write(bytes)?;
+        self.written.fetch_add(count as u64, Ordering::Relaxed);
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl PartWriter {
+    /// Begins a file; `about` goes into its metadata record `repose`.
+    ///
+    /// # Errors
+    /// [`RecordingError::File`] when there is one already, or it cannot be written.
+    pub fn create(path: &Path, about: BTreeMap<String, String>) -> Result<Self, RecordingError> {
+        let failed = |source| RecordingError::File { path: path.to_owned(), source };
+        let file = File::options().write(true).create_new(true).open(path).map_err(failed)?;
+        let written = Arc::<AtomicU64>::default();
+        let options = WriteOptions::new()
+            .profile(PROFILE)
+            .library(concat!("repose ", env!("CARGO_PKG_VERSION")))
+            .compression(Some(Compression::Zstd))
+            .compression_level(COMPRESSION)
+            .compression_threads(0)
+            .chunk_size(Some(CHUNK_BYTES))
+            .disable_seeking(true);
+        let counted = NoSeek::new(Counted { file, written: written.clone() });
+        let mut writer = options.create(counted).map_err(|e| failed(io_error(e)))?;
+        writer.write_metadata(&Metadata { name: PROFILE.to_owned(), metadata: about }).map_err(|e| failed(io_error(e)))?;
+        Ok(Self { path: path.to_owned(), writer, written, sequences: BTreeMap::new() })
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Bytes written so far; what waits in the open chunk is not among them.
+    pub fn bytes(&self) -> u64 {
+        self.written.load(Ordering::Relaxed)
+    }
+
+    /// Adds a message of the wire.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn wire(&mut self, topic: &str, payload: &Payload, at_ns: u64) -> Result<(), RecordingError> {
+        let form = if payload.is_bulk() { "safetensors" } else { "json" };
+        let metadata = BTreeMap::from([(ENCODING.to_owned(), payload.encoding.clone())]);
+        let channel = self.writer.add_channel(0, topic, form, &metadata);
+        self.add(channel, &payload.bytes, at_ns)
+    }
+
+    /// Adds something to look at.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn look(&mut self, look: &Look) -> Result<(), RecordingError> {
+        let schema = self.writer.add_schema(look.kind.schema_name(), "jsonschema", look.kind.schema().as_bytes());
+        let channel = schema.and_then(|schema| self.writer.add_channel(schema, &look.topic, "json", &BTreeMap::new()));
+        self.add(channel, &look.message, look.at_ns)
+    }
+
+    fn add(&mut self, channel: Result<u16, McapError>, bytes: &[u8], at_ns: u64) -> Result<(), RecordingError> {
+        let channel_id = channel.map_err(|e| self.failed(e))?;
+        let sequence = self.sequences.entry(channel_id).or_default();
+        let header = MessageHeader { channel_id, sequence: *sequence, log_time: at_ns, publish_time: at_ns };
+        *sequence = sequence.wrapping_add(1);
+        self.writer.write_to_known_channel(&header, bytes).map_err(|e| self.failed(e))
+    }
+
+    /// Writes out what waits: from now on it survives the process.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn flush(&mut self) -> Result<(), RecordingError> {
+        self.writer.flush().map_err(|e| self.failed(e))
+    }
+
+    /// Ends the file with its index. `about` goes into its metadata record `repose.end`. Returns its size, bytes.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn finish(mut self, about: BTreeMap<String, String>) -> Result<u64, RecordingError> {
+        let metadata = Metadata { name: format!("{PROFILE}.end"), metadata: about };
+        let ended = self.writer.write_metadata(&metadata).and_then(|()| self.writer.finish().map(drop));
+        ended.map_err(|e| self.failed(e))?;
+        Ok(self.bytes())
+    }
+
+    fn failed(&self, error: McapError) -> RecordingError {
+        RecordingError::File { path: self.path.clone(), source: io_error(error) }
+    }
+}
+
+fn io_error(error: McapError) -> io::Error {
+    match error {
+        McapError::Io(source) => source,
+        other => io::Error::other(other),
+    }
+}

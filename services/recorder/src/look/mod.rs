@@ -1,0 +1,53 @@
+//! What Foxglove's viewers, Lichtblick and Rerun draw of a recording: their messages as JSON, made of those of the wire.
+//!
+//! Source: Foxglove's public schemas (docs.foxglove.dev, "Foxglove schemas"), JSON form: bytes in base64, times as seconds and nanoseconds.
+
+mod camera;
+mod message;
+mod robot;
+mod scene;
+mod schema;
+mod types;
+
+use std::collections::BTreeMap;
+
+use repose_proto::robot::RobotState;
+use repose_proto::{CallError, Frame, PlaceResult, Scene};
+
+pub use message::Look;
+pub use schema::Kind;
+
+/// Makes what is looked at of what is heard. Remembers what a message alone does not tell.
+#[derive(Debug, Default)]
+pub struct Looker {
+    /// The box around each object of the newest scenes, by scene and object: what a placement moves.
+    boxes: scene::Boxes,
+    /// When each robot was drawn last, nanoseconds since the Unix epoch, and the stop that it showed.
+    robots: BTreeMap<String, robot::Drawn>,
+}
+
+impl Looker {
+    /// A camera's picture and calibration.
+    ///
+    /// # Errors
+    /// `internal` when the picture cannot be encoded.
+    pub fn frame(&self, frame: &Frame) -> Result<Vec<Look>, CallError> {
+        camera::looks(frame)
+    }
+
+    /// A scene's cloud and its objects.
+    pub fn scene(&mut self, scene_id: &str, scene: &Scene) -> Vec<Look> {
+        self.boxes.keep(scene_id, scene);
+        scene::looks(scene)
+    }
+
+    /// A robot's joints, links and body, as often as they are worth drawing; and its stop when it begins or ends.
+    pub fn robot(&mut self, name: &str, state: &RobotState) -> Vec<Look> {
+        robot::looks(name, state, self.robots.entry(name.to_owned()).or_default())
+    }
+
+    /// The placements of an answer, as ghosts of the object's box.
+    pub fn placements(&self, result: &PlaceResult, at_ns: u64) -> Option<Look> {
+        self.boxes.ghosts(result, at_ns)
+    }
+}

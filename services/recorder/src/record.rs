@@ -1,0 +1,265 @@
+//! Recording a running cell: what is put is heard, calls are copied by the workers, and scenes are fetched from perception.
+//!
+//! Async code only listens. One thread owns the file: it encodes pictures, compresses and writes. What it cannot take in time is dropped where it is
+//! heard, and counted: a recording slows nobody down, and says what it lacks.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use repose_proto::load::WorkerLoad;
+use repose_proto::perception::SceneRequest;
+use repose_proto::{JournalEntry, JournalKind, Payload, SceneSummary, Service, keys};
+use repose_runtime::{CallOptions, Caller, Sample, Session, Shutdown, Subscription};
+use tokio::sync::mpsc;
+use tokio::time::Instant;
+
+use crate::RecordingError;
+use crate::file::parts::Parts;
+use crate::settings::RecordSettings;
+use crate::writer::{Captured, Summary, Writer};
+
+/// Messages of each kind that may wait to be taken.
+const WAITING: usize = 4096;
+/// Pictures that may: they are large.
+const PICTURES: usize = 16;
+/// Messages that may wait for the file.
+const FOR_FILE: usize = 1024;
+/// How long perception may take to send a scene.
+const SCENE_WITHIN: Duration = Duration::from_secs(30);
+/// How long workers may take to begin their journals before it is said who has not.
+const JOURNALS_WITHIN: Duration = Duration::from_secs(2);
+
+/// Records a session's cell until `shutdown`. `begun` is told when every worker that is alive copies its calls, or of those that do not.
+///
+/// # Errors
+/// When a setting is out of range, a file cannot be written, or the network refuses.
+pub async fn record(
+    session: &Session,
+    settings: RecordSettings,
+    shutdown: &Shutdown,
+    begun: impl FnOnce(&[String]),
+) -> Result<Summary, RecordingError> {
+    let cell = session.cell().clone();
+    let about = BTreeMap::from([
+        ("cell".to_owned(), cell.name().to_owned()),
+        ("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+        ("started_ns".to_owned(), now_ns().to_string()),
+    ]);
+    let (to_file, captured) = mpsc::channel(FOR_FILE);
+    let parts = Parts::begin(settings.clone(), about)?;
+    let (chunk_period, looks) = (settings.chunk_period, settings.looks);
+    let topic = format!("repose/v1/{}/{}", cell.name(), crate::file::SCENE_TOPIC);
+    let mut writing = tokio::task::spawn_blocking(move || Writer::new(parts, topic, looks).run(captured, chunk_period));
+
+    let subscribe = async |key: String, room: usize| session.subscribe_queue(&key, room).await;
+    let mut heard = Heard {
+        frames: subscribe(cell.camera_frames(), PICTURES).await?,
+        scenes: subscribe(cell.scenes(), WAITING).await?,
+        states: subscribe(cell.robot_states(), WAITING).await?,
+        stops: subscribe(cell.robot_estops(), WAITING).await?,
+        journals: subscribe(cell.journals(), WAITING).await?,
+    };
+    let mut capture = Capture {
+        perception: session.caller(Service::Perception).await?,
+        to_file,
+        settings,
+        lost: Arc::default(),
+        frame_due: BTreeMap::new(),
+        scene_due: BTreeMap::new(),
+        asked_for: BTreeSet::new(),
+    };
+    let _recorder = session.transport().declare_alive(&cell.live_recorder(&uuid::Uuid::new_v4().to_string())).await?;
+    begun(&silent(session).await?);
+    let early = loop {
+        tokio::select! {
+            sample = heard.next() => match sample {
+                Some(sample) => capture.take(sample),
+                None => break None,
+            },
+            // The file failed: nothing can be recorded any more.
+            written = &mut writing => break Some(written),
+            () = shutdown.requested() => break None,
+        }
+    };
+    let dropped = heard.dropped() + capture.lost.load(Ordering::Relaxed);
+    // The last sender: the writer ends its file when it has taken what waits.
+    drop(capture);
+    let written = match early {
+        Some(written) => written,
+        None => writing.await,
+    };
+    let summary = written.map_err(|e| repose_proto::CallError::internal(format!("the writer was lost: {e}")))??;
+    Ok(Summary { lost: summary.lost + dropped, ..summary })
+}
+
+/// The workers alive that do not copy their calls, after some time.
+async fn silent(session: &Session) -> Result<Vec<String>, RecordingError> {
+    let mut callers = Vec::new();
+    for service in Service::ALL {
+        callers.push((service, session.caller(service).await?));
+    }
+    let mut loads = session.subscribe_queue(&session.cell().all_loads(), WAITING).await?;
+    let mut journals = BTreeSet::new();
+    let give_up = Instant::now() + JOURNALS_WITHIN;
+    loop {
+        let waiting: Vec<String> = callers
+            .iter()
+            .flat_map(|(service, caller)| caller.workers().into_iter().map(move |worker| format!("{service} {}", worker.name)))
+            .filter(|worker| !journals.contains(worker))
+            .collect();
+        if waiting.is_empty() {
+            return Ok(waiting);
+        }
+        let Ok(Some(sample)) = tokio::time::timeout_at(give_up, loads.recv()).await else { return Ok(waiting) };
+        let told = sample.payload.decode_json::<WorkerLoad>();
+        if let (Some((service, worker)), Ok(true)) = (keys::of_load(&sample.key), told.map(|load| load.journals)) {
+            journals.insert(format!("{service} {worker}"));
+        }
+    }
+}
+
+/// What is put in a cell.
+struct Heard {
+    frames: Subscription,
+    scenes: Subscription,
+    states: Subscription,
+    stops: Subscription,
+    journals: Subscription,
+}
+
+/// A message by what it is.
+enum Message {
+    Frame(Sample),
+    Scene(Sample),
+    Other(&'static str, Sample),
+    Journal(Sample),
+}
+
+impl Heard {
+    async fn next(&mut self) -> Option<Message> {
+        tokio::select! {
+            frame = self.frames.recv() => frame.map(Message::Frame),
+            scene = self.scenes.recv() => scene.map(Message::Scene),
+            state = self.states.recv() => state.map(|state| Message::Other("states", state)),
+            stop = self.stops.recv() => stop.map(|stop| Message::Other("stops", stop)),
+            journal = self.journals.recv() => journal.map(Message::Journal),
+        }
+    }
+
+    fn dropped(&self) -> u64 {
+        [&self.frames, &self.scenes, &self.states, &self.stops, &self.journals].map(Subscription::dropped).iter().sum()
+    }
+}
+
+/// Decides what is kept of what is heard, and fetches scenes.
+struct Capture {
+    perception: Caller,
+    to_file: mpsc::Sender<Captured>,
+    settings: RecordSettings,
+    lost: Arc<AtomicU64>,
+    frame_due: BTreeMap<String, Instant>,
+    scene_due: BTreeMap<String, Instant>,
+    /// Scenes that were fetched already, or are being fetched.
+    asked_for: BTreeSet<String>,
+}
+
+/// Ids of scenes that are remembered as fetched; then all are forgotten and may be fetched again.
+const REMEMBERED: usize = 4096;
+
+impl Capture {
+    fn take(&mut self, message: Message) {
+        match message {
+            Message::Frame(sample) => {
+                if is_due(&mut self.frame_due, &sample.key, self.settings.frame_period) {
+                    self.keep("frames", sample);
+                }
+            }
+            Message::Scene(sample) => {
+                if let Ok(summary) = sample.payload.decode_json::<SceneSummary>()
+                    && is_due(&mut self.scene_due, &sample.key, self.settings.scene_period)
+                {
+                    self.fetch(summary.scene_id);
+                }
+                self.keep("summaries", sample);
+            }
+            Message::Other(kind, sample) => self.keep(kind, sample),
+            Message::Journal(sample) => {
+                let entry = sample.payload.decode_bulk(JournalEntry::SCHEMA).and_then(|bulk| JournalEntry::from_bulk(&bulk));
+                if let Ok(JournalEntry { kind: JournalKind::Call, payload, .. }) = &entry
+                    && let Some(scene_id) = scene_asked_about(payload)
+                {
+                    self.fetch(scene_id);
+                }
+                self.keep("calls", sample);
+            }
+        }
+    }
+
+    fn keep(&self, kind: &'static str, sample: Sample) {
+        let captured = Captured::Sample { kind, sample, at_ns: now_ns() };
+        if self.to_file.try_send(captured).is_err() {
+            self.lost.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// Fetches a scene, once.
+    fn fetch(&mut self, scene_id: String) {
+        if self.asked_for.len() >= REMEMBERED {
+            self.asked_for.clear();
+        }
+        if !self.asked_for.insert(scene_id.clone()) {
+            // The file may be another one by now.
+            let captured = Captured::Asked { scene_id };
+            if self.to_file.try_send(captured).is_err() {
+                self.lost.fetch_add(1, Ordering::Relaxed);
+            }
+            return;
+        }
+        let (perception, to_file, lost) = (self.perception.clone(), self.to_file.clone(), self.lost.clone());
+        tokio::spawn(async move {
+            let Ok(request) = Payload::json(&SceneRequest { scene_id: scene_id.clone() }) else { return };
+            match perception.call_any("scene", &request, &CallOptions::within(SCENE_WITHIN)).await {
+                Ok(answer) => {
+                    if to_file.send(Captured::Scene { scene_id, payload: answer.payload, at_ns: now_ns() }).await.is_err() {
+                        lost.fetch_add(1, Ordering::Relaxed);
+                    }
+                }
+                // Whoever asked about it may have sent it along: then it is in the recording with the call.
+                Err(error) => tracing::debug!(scene_id, %error, "a scene cannot be fetched"),
+            }
+        });
+    }
+}
+
+/// Whether the next message of a key may be kept, and from when on the one after it.
+fn is_due(due: &mut BTreeMap<String, Instant>, key: &str, period: Duration) -> bool {
+    let now = Instant::now();
+    match due.get_mut(key) {
+        Some(at) if *at > now => false,
+        // A message that comes a little early is not left out for it: the pace is kept, not the gap.
+        Some(at) => {
+            *at = (*at + period).max(now + period / 2);
+            true
+        }
+        None => {
+            due.insert(key.to_owned(), now + period);
+            true
+        }
+    }
+}
+
+/// The scene that a request names, where it does not enclose it.
+fn scene_asked_about(payload: &Payload) -> Option<String> {
+    if payload.is_bulk() {
+        return None;
+    }
+    let request: serde_json::Value = serde_json::from_slice(&payload.bytes).ok()?;
+    Some(request.get("scene")?.get("scene_id")?.as_str()?.to_owned())
+}
+
+/// The time of day as messages are stamped with, nanoseconds since the Unix epoch.
+fn now_ns() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64)
+}
