@@ -10,6 +10,7 @@ Prints a JSON line per trial (or per exclusion) and one of totals at the end. Ex
 """
 
 import argparse
+import contextlib
 import json
 import math
 import os
@@ -20,7 +21,7 @@ from collections import Counter
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "tests"))
 
 import numpy as np
-from foreign_world import objects, problems, scenes, trial
+from foreign_world import frames, objects, offline, problems, scenes, trial
 from foreign_world.cell import Cell
 from foreign_world.deployment import Deployment
 from foreign_world.world import STEP_S, World
@@ -42,6 +43,7 @@ def arguments():
     parser.add_argument("--pictures", metavar="DIR", help="where to put a strip of pictures of each trial")
     parser.add_argument("--frames", metavar="DIR", help="where to put a frame folder of each trial's scene, to look into what was planned")
     parser.add_argument("--logs", metavar="DIR", help="where the services' logs go; default: nowhere")
+    parser.add_argument("--offline", action="store_true", help="without a network and a clock: one plan, followed as it is")
     parser.add_argument("--least", type=int, default=0, help="successes below which this exits 1")
     return parser.parse_args()
 
@@ -65,9 +67,9 @@ def interval(good, of):
     return [round(100 * (middle + sign * half) / (1 + z * z / of)) for sign in (-1, 1)]
 
 
-def trials(args, cell, deployment, shapes, say):
-    """Runs them; totals."""
-    world, done, k = cell.world, 0, args.first
+def trials(args, world, run, shapes, say):
+    """Runs them with `run(problem, seed, rng)`; totals."""
+    done, k = 0, args.first
     good, causes, excluded, floor = 0, Counter(), Counter(), 0
     while done < args.trials and k < args.first + 5 * args.trials + 10:
         seed = args.seed * 1000 + k
@@ -80,27 +82,44 @@ def trials(args, cell, deployment, shapes, say):
         if not world.furnish(args.kind, pool, rng):
             excluded["the scene does not stand"] += 1
             continue
-        cell.begin(rng)
         problem, why = problems.chosen(world, rng)
         if problem is None:
             excluded[why] += 1
             say({"seed": seed, "excluded": why})
             continue
-        if not cell.until_seen():
-            raise RuntimeError("perception makes no scenes of the camera's frames")
         if args.frames:
-            cell.save_frame(os.path.join(args.frames, str(seed)))
-        result = trial.run(cell, problem, deployment.place(), seed, args.pictures)
+            frames.save(world, np.random.default_rng(seed), os.path.join(args.frames, str(seed)))
+        result = run(problem, seed, rng)
         done += 1
         good += result["success"]
         causes.update([result["cause"]] if result["cause"] else [])
         floor += bool(result["on_floor"])
         say({"seed": seed, "kind": args.kind, **result})
-        if deployment.ended():
-            raise RuntimeError(f"ended before its time: {', '.join(deployment.ended())}")
         # The next trial has a new robot; what the last one left latched or open is forgotten with it.
         world.control.stop = world.control.task = None
     return {"trials": done, "good": good, "interval": interval(good, done), "causes": causes, "on_floor": floor, "excluded": excluded}
+
+
+def offline_trials(args, world, _, shapes, say):
+    """Trials without a network."""
+    return trials(args, world, lambda problem, seed, rng: offline.run(world, rng, problem, args.program, seed, args.pictures), shapes, say)
+
+
+def live_trials(args, world, logs, shapes, say):
+    """Trials of a deployment that is started for them."""
+    with contextlib.closing(Deployment(args.program, logs, args.config)) as deployment:
+        with contextlib.closing(Cell(world, deployment.connect, deployment.cell, time_scale=args.time_scale)) as cell:
+
+            def run(problem, seed, rng):
+                cell.begin(rng)
+                if not cell.until_seen():
+                    raise RuntimeError("perception makes no scenes of the camera's frames")
+                result = trial.run(cell, problem, deployment.place(), seed, args.pictures)
+                if deployment.ended():
+                    raise RuntimeError(f"ended before its time: {', '.join(deployment.ended())}")
+                return result
+
+            return trials(args, world, run, shapes, say)
 
 
 def main():
@@ -121,15 +140,8 @@ def main():
         scanned, unsound = sound(world, objects.scans(args.objects)) if args.objects else ([], [])
         made, unsound_made = sound(world, [objects.generated(drawn) for _ in range(GENERATED)])
         say({"unsound": unsound, "unsound_generated": len(unsound_made), "scans": len(scanned), "generated": len(made)})
-        deployment = Deployment(args.program, logs, args.config)
-        cell = None
-        try:
-            cell = Cell(world, deployment.connect, deployment.cell, time_scale=args.time_scale)
-            totals = trials(args, cell, deployment, (scanned, made), say)
-        finally:
-            if cell:
-                cell.close()
-            deployment.close()
+        ran = offline_trials if args.offline else live_trials
+        totals = ran(args, world, logs, (scanned, made), say)
         say(totals)
     sys.exit(0 if totals["good"] >= args.least else 1)
 

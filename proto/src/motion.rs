@@ -251,7 +251,7 @@ pub enum ExecutionOutcome {
     Done,
     /// An emergency stop, a reflex of the robot or a cancel ended it.
     Stopped,
-    /// The gripper closed on nothing, or the object was lost on the way.
+    /// The hand did not get to the object, closed on nothing, or lost it on the way.
     GraspLost,
 }
 

@@ -5,14 +5,12 @@ One thread steps the world and puts messages; what comes in waits in queues unti
 
 import contextlib
 import json
-import os
 import queue
 import struct
 import time
 
 import numpy as np
 import zenoh
-from PIL import Image
 
 from .camera import sensed
 from .world import STEP_S
@@ -70,7 +68,7 @@ class Cell:
         self.seq = 0
         self.ignored = []
         self.behind_s = 0.0
-        self.begin(np.random.default_rng(0))
+        self.rng = None
 
     @staticmethod
     def _receive(waiting):
@@ -150,22 +148,6 @@ class Cell:
                 why = f"not a command: {error!r}"
             if why and why != "sequence number passed":
                 self.ignored.append(why)
-
-    def save_frame(self, folder):
-        """The picture of the world as it is, as a frame folder, the robot's place in it."""
-        os.makedirs(folder, exist_ok=True)
-        color, depth_m, labels = self.world.picture()
-        for name, pixels in (("color", color), ("depth", sensed(depth_m, self.rng)), ("labels", labels)):
-            Image.fromarray(pixels).save(os.path.join(folder, f"{name}.png"))
-        robot = {
-            "name": "panda",
-            "joints_rad": self.world.robot.measured_rad,
-            "gripper_width_m": self.world.robot.width_m,
-            "world_from_base": np.eye(4).ravel().tolist(),
-        }
-        for name, content in (("camera", self.world.furniture.camera.model()), ("robot", [robot])):
-            with open(os.path.join(folder, f"{name}.json"), "w", encoding="utf-8") as out:
-                json.dump(content, out)
 
     def _put_frame(self):
         if self.drawn is None:

@@ -144,6 +144,8 @@ class ArmControl:
 
     def _act(self, command, task):
         if task and task["open"]:
+            if self.task != task["id"]:
+                self.events = []
             self.task = task["id"]
         if command.get("gripper"):
             self.gripper = command["gripper"]

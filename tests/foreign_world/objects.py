@@ -42,6 +42,15 @@ class Shape:
     def extent_m(self):
         return self.high_m - self.low_m
 
+    def surface(self, count=4000):
+        """Points spread evenly over the surface, the same in every call."""
+        rng = np.random.default_rng(1)
+        a, b, c = (self.vertices[self.triangles[:, k]] for k in range(3))
+        areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        chosen = rng.choice(len(areas), count, p=areas / areas.sum())
+        u, v = np.sqrt(rng.random(count)), rng.random(count)
+        return ((1 - u)[:, None] * a[chosen]) + (u * (1 - v))[:, None] * b[chosen] + (u * v)[:, None] * c[chosen]
+
     @property
     def width_m(self):
         """The narrowest width of its outline seen from above: what the fingers have to span."""

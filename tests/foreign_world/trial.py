@@ -17,6 +17,8 @@ TILT_RAD = math.radians(15)
 MOVED_M = 0.02
 # How long a trial may take, and how long the world may then take to come to rest in robot time.
 LONGEST_S, REST_S = 240.0, 4.0
+# Half the width of a finger pad.
+PAD_HALF_M = 0.0105
 PICTURED = ("approach", "grasp", "lift", "transfer", "lower", "release")
 
 
@@ -41,20 +43,22 @@ class Watched:
         self._picture("end")
 
     def _fingers(self):
-        """Where the fingers close: aside from the object's centre of mass seen from above, and over its foot and under its top, metres."""
+        """Where the fingers close: how far aside of the centre of mass seen from above, how high, and the true room beside each finger."""
         place, turn = self.world.robot.tcp()
         pose, shape = self.world.pose(self.query), self.world.placed[self.query].shape
         rotation = np.reshape(self.world.client.getMatrixFromQuaternion(turn), (3, 3))
-        corners = shape.vertices @ pose[:3, :3].T
-        across = corners @ rotation[:, 1] + rotation[:, 1] @ (pose[:3, 3] - place)
+        surface = shape.surface() @ pose[:3, :3].T + pose[:3, 3]
+        in_hand = (surface - place) @ rotation
+        between = in_hand[(np.abs(in_hand[:, 0]) < PAD_HALF_M) & (in_hand[:, 2] > -0.03) & (in_hand[:, 2] < 0.011)]
+        half = self.world.robot.width_m / 2
+        room = [half + between[:, 1].min(), half - between[:, 1].max()] if len(between) else []
         return {
             "aside_m": round(math.hypot(place[0] - pose[0, 3], place[1] - pose[1, 3]), 4),
-            "below_top_m": round(pose[2, 3] + corners[:, 2].max() - place[2], 4),
-            "above_foot_m": round(place[2] - pose[2, 3] - corners[:, 2].min(), 4),
-            "above_center_m": round(place[2] - pose[2, 3], 4),
+            "below_top_m": round(surface[:, 2].max() - place[2], 4),
+            "above_foot_m": round(place[2] - surface[:, 2].min(), 4),
             "tilt_rad": round(math.acos(min(1.0, max(-1.0, -rotation[2, 2]))), 3),
             "opening_m": round(self.world.robot.width_m, 4),
-            "room_m": [round(self.world.robot.width_m / 2 + across.min(), 4), round(self.world.robot.width_m / 2 - across.max(), 4)],
+            "room_m": [round(r, 4) for r in room],
         }
 
     def _picture(self, name):
@@ -76,8 +80,7 @@ class Watched:
 def run(cell, problem, command, seed, pictures=None):
     """Has `command` (the program and how it connects) place and execute; a dictionary of what came of it."""
     world = cell.world
-    shape = world.placed[problem.query].shape
-    asked = [*command, "--move", str(problem.query + 1), "--goal", problem.goal, "--seed", str(seed), "--execute", "--json"]
+    asked = [*command, *wish(problem, seed), "--execute", "--json"]
     watched = Watched(world, problem.query, pictures)
     began, robot_began_s, behind_s = time.monotonic(), world.robot_s, cell.behind_s
     process = subprocess.Popen(asked, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -90,6 +93,32 @@ def run(cell, problem, command, seed, pictures=None):
 
     cell.run(over)
     out, log = process.communicate()
+    rest_until_s = world.robot_s + REST_S
+    cell.run(lambda: world.robot_s >= rest_until_s or (world.at_rest() and world.robot_s > rest_until_s - REST_S + 0.5))
+    document = {}
+    with contextlib.suppress(ValueError):
+        document = json.loads(out)
+    result = reported(watched, problem, seed, (document, log, process.returncode), pictures)
+    result |= {
+        "robot_s": round(world.robot_s - robot_began_s, 1),
+        "wall_s": round(time.monotonic() - began, 1),
+        "behind_s": round(cell.behind_s - behind_s, 1),
+    }
+    if cell.ignored:
+        result["ignored"] = cell.ignored[:8]
+    return result
+
+
+def wish(problem, seed):
+    """The arguments of `repose` that say what is wanted."""
+    return ["--move", str(problem.query + 1), "--goal", problem.goal, "--seed", str(seed)]
+
+
+def reported(watched, problem, seed, ended, pictures):
+    """What came of a trial, the world at rest; `ended` is what `repose` printed, its log, and its exit status."""
+    world, (document, log, status) = watched.world, ended
+    shape = world.placed[problem.query].shape
+    watched.end()
     result = {
         "object": shape.name,
         "query": problem.query + 1,
@@ -99,25 +128,16 @@ def run(cell, problem, command, seed, pictures=None):
         "mass_kg": round(shape.mass_kg, 3),
         "friction": round(world.placed[problem.query].friction, 2),
         "objects": [p.shape.name for p in world.placed],
-        "exit": process.returncode,
+        "exit": status,
     }
-    rest_until_s = world.robot_s + REST_S
-    stop = world.control.stop
-    cell.run(lambda: world.robot_s >= rest_until_s or (world.at_rest() and world.robot_s > rest_until_s - REST_S + 0.5))
-    watched.end()
-    result |= _judged(world, problem, out, log)
+    result |= _judged(world, problem, document, log)
     result |= {
         "ended_in": watched.phase,
-        "stop": stop,
+        "stop": world.control.stop,
         "grasp": watched.grasp,
         "first_stirred": {str(k + 1): phase for k, phase in world.stirred.items()},
         "peak_n": _peaks(world),
-        "robot_s": round(world.robot_s - robot_began_s, 1),
-        "wall_s": round(time.monotonic() - began, 1),
-        "behind_s": round(cell.behind_s - behind_s, 1),
     }
-    if cell.ignored:
-        result["ignored"] = cell.ignored[:8]
     if pictures:
         watched.save(os.path.join(pictures, f"{seed}-{'good' if result['success'] else result['cause']}.png"))
     return result
@@ -128,10 +148,7 @@ def _peaks(world):
     return {" ".join(map(str, key)): round(force) for key, force in sorted(world.peaks.items()) if force >= 1}
 
 
-def _judged(world, problem, out, log):
-    document = {}
-    with contextlib.suppress(ValueError):
-        document = json.loads(out)
+def _judged(world, problem, document, log):
     step = (document.get("steps") or [{}])[0]
     error = document.get("error") or {}
     reason = step.get("reason") or error.get("message") or (log.strip().splitlines() or [""])[-1]
@@ -140,7 +157,7 @@ def _judged(world, problem, out, log):
         "execution": step.get("execution"),
         "reason": reason[:1000],
         "offered": len(placements),
-        "attempts": [a.get("outcome") or a.get("reason") for a in step.get("attempts", [])] or None,
+        "attempts": [a.get("reason") or "the goal did not hold" for a in step.get("attempts", [])] or None,
     }
     query, start = problem.query, world.start
     now = [world.pose(k) for k in range(len(world.objects))]
@@ -155,7 +172,7 @@ def _judged(world, problem, out, log):
     off_m = None
     if step.get("placement") is not None:
         placed_from_observed = np.reshape(placements[step["placement"]]["placed_from_observed"], (4, 4))
-        wanted = placed_from_observed @ start[query]
+        wanted = placed_from_observed @ (world.observed or start)[query]
         off_m = math.dist(wanted[:3, 3], now[query][:3, 3])
     judged |= {"off_m": None if off_m is None else round(off_m, 4), "tilt_rad": round(tilt, 3)}
     cause = _cause(judged, step, reason, off_m, tilt, goal, placements)

@@ -40,7 +40,9 @@ class World:
         client.setGravity(0, 0, -9.81)
         client.setPhysicsEngineParameter(numSolverIterations=100, enableConeFriction=1, contactERP=0.2, frictionERP=0.2)
         self.objects, self.placed, self.fixed, self.peaks = [], [], [], defaultdict(float)
-        self.stirred, self.trail, self.steps = {}, [], 0
+        self.stirred, self.steps = {}, 0
+        # The task that runs or ran last, and where things were when it began: what its plan was made of.
+        self.task, self.observed = None, []
 
     def furnish(self, kind, shapes, rng):
         """Draws a scene, lets it settle, and puts the robot in; whether all stands as it was put."""
@@ -74,6 +76,8 @@ class World:
         for _ in range(TICKS):
             control.tick(now_s)
         self.robot_s += STEP_S
+        if control.task not in (None, self.task):
+            self.task, self.observed = control.task, [self.pose(k) for k in range(len(self.objects))]
         if control.gripper:
             robot.grip(control.gripper)
             control.gripper = None

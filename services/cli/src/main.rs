@@ -2,6 +2,7 @@
 
 mod answer;
 mod asynchronous;
+mod bring_back;
 mod client;
 mod commands;
 mod embedded;

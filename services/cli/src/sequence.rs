@@ -3,18 +3,23 @@
 //! Paper, appendix: mug and bowl to the right of a large box, one after the other, where the second may well end up on the first. Objects
 //! are named as in the first view. A camera that finds its objects anew numbers them anew; they are told by where they are: the moved one
 //! where it was put, every other where it was.
+//!
+//! What slips, falls or is not grasped is looked for on a fresh view and tried again, with another draw of grasps and placements, a bounded
+//! number of times. After a stop, whoever latched it, and after a cancel nothing is tried again: a person decides.
 
 use std::time::Duration;
 
 use nalgebra::Isometry3;
 use repose_geometry::transform::from_row_major;
-use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
-use repose_proto::{CallError, ErrorCode, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Scene, Service};
+use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest, RecoveryMove};
+use repose_proto::robot::{RobotMode, RobotState};
+use repose_proto::{CallError, ErrorCode, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Scene, SceneRef, Service};
 use repose_runtime::{CallOptions, Caller, Session};
 use repose_tracking::{Known, holds};
 use serde::Serialize;
 
 use crate::answer::describe;
+use crate::bring_back::bring_back;
 use crate::client::{self, ConnectArgs};
 use crate::failure::{Failure, Outcome};
 use crate::moving::{self, Interrupts, of_motion};
@@ -36,6 +41,8 @@ pub struct Sequence<'a> {
     pub connect: &'a ConnectArgs,
     /// The robot that carries them out.
     pub robot: &'a str,
+    /// Attempts at each wish, at least 1.
+    pub attempts: u32,
 }
 
 /// What came of one wish.
@@ -57,11 +64,32 @@ struct Step {
     reason: Option<String>,
     /// Each term by rule on the view after it.
     holds: Vec<bool>,
+    /// What earlier attempts came to; the fields above are those of the last.
+    attempts: Vec<Attempt>,
+}
+
+/// What an attempt that was followed by another came to.
+#[derive(Debug, Serialize)]
+struct Attempt {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    placement: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    execution: Option<ExecutionOutcome>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reason: Option<String>,
+    holds: Vec<bool>,
 }
 
 impl Step {
     fn achieved(&self) -> bool {
         self.execution == Some(ExecutionOutcome::Done) && !self.holds.is_empty() && self.holds.iter().all(|holds| *holds)
+    }
+
+    /// Makes room for another attempt.
+    fn begin_again(&mut self, result: PlaceResult) {
+        let (placement, execution, reason) = (self.placement.take(), self.execution.take(), self.reason.take());
+        self.attempts.push(Attempt { placement, execution, reason, holds: std::mem::take(&mut self.holds) });
+        self.result = result;
     }
 }
 
@@ -103,7 +131,11 @@ fn line(step: &Step) -> String {
         None => "not executed".to_owned(),
     };
     let holds = step.goal.iter().zip(&step.holds).map(|(t, h)| format!("{t} {}", if *h { "holds" } else { "does not hold" }));
-    let said: Vec<String> = std::iter::once(end).chain(step.reason.clone()).chain(holds).collect();
+    let before = step.attempts.iter().enumerate().map(|(k, a)| {
+        let why = a.reason.as_deref().unwrap_or("the goal did not hold afterwards");
+        format!("attempt {}: {why}", k + 1)
+    });
+    let said: Vec<String> = before.chain(std::iter::once(end)).chain(step.reason.clone()).chain(holds).collect();
     let understood = step.said.as_ref().map(|s| format!("{s}\n")).unwrap_or_default();
     format!("{understood}{}\n  {}", describe(&step.result), said.join("; "))
 }
@@ -118,6 +150,7 @@ async fn achieve(args: &Sequence<'_>, session: &Session, steps: &mut Vec<Step>) 
         camera: &args.connect.camera,
         robot: args.robot,
         deadline,
+        attempts: args.attempts as usize,
         interrupts: Interrupts::listen()?,
     };
     let mut view = system.view_after(0).await?;
@@ -134,8 +167,8 @@ async fn achieve(args: &Sequence<'_>, session: &Session, steps: &mut Vec<Step>) 
         request(&view.0, known.translated(&format!("step[{k}]"), wish.query, &wish.goal)?)?;
     }
     for (k, wish) in wishes() {
-        let request = request(&view.0, known.translated(&format!("step[{k}]"), wish.query, &wish.goal)?)?;
-        let (result, _) = system.planner.place(&request, Some(&view.1), CallOptions::within(deadline)).await?;
+        let asked = request(&view.0, known.translated(&format!("step[{k}]"), wish.query, &wish.goal)?)?;
+        let (result, _) = system.planner.place(&asked, Some(&view.1), CallOptions::within(deadline)).await?;
         let mut step = Step {
             query: wish.query,
             goal: wish.goal.clone(),
@@ -145,11 +178,9 @@ async fn achieve(args: &Sequence<'_>, session: &Session, steps: &mut Vec<Step>) 
             execution: None,
             reason: None,
             holds: Vec::new(),
+            attempts: Vec::new(),
         };
-        let carried_out = match step.result.placements.is_empty() {
-            true => Ok(()),
-            false => system.carry_out(&request, (k, wish), &mut step, &mut view, &mut known).await,
-        };
+        let carried_out = system.carry_out_or_try_again(asked, (k, wish), &mut step, &mut view, &mut known).await;
         let achieved = step.achieved();
         steps.push(step);
         carried_out?;
@@ -168,6 +199,7 @@ struct System<'a> {
     camera: &'a str,
     robot: &'a str,
     deadline: Duration,
+    attempts: usize,
     interrupts: Interrupts,
 }
 
@@ -189,6 +221,59 @@ impl System<'_> {
         }
     }
 
+    /// Has a placement of `asked` carried out, and tries again while that makes sense; `step` says what the last attempt came to.
+    async fn carry_out_or_try_again(
+        &mut self,
+        mut asked: PlaceRequest,
+        (k, wish): (usize, &NextWish),
+        step: &mut Step,
+        view: &mut (String, Scene),
+        known: &mut Known,
+    ) -> Outcome {
+        loop {
+            let carried_out = match step.result.placements.is_empty() {
+                true => Ok(()),
+                false => self.carry_out(&asked, (k, wish), step, view, known).await,
+            };
+            if step.attempts.len() + 1 >= self.attempts || !self.may_try_again(step, &carried_out).await {
+                return carried_out;
+            }
+            match self.asked_again(&asked, (k, wish), step, view, known).await {
+                Ok((request, result)) => {
+                    asked = request;
+                    step.begin_again(result);
+                }
+                // What is in the way of another attempt is said beside what came of this one.
+                Err(failure) => {
+                    let why = failure.error().map_or_else(String::new, ToString::to_string);
+                    let before = step.reason.take().map_or_else(String::new, |reason| format!("{reason}; "));
+                    step.reason = Some(format!("{before}not tried again: {why}"));
+                    return carried_out;
+                }
+            }
+        }
+    }
+
+    /// The same request on a fresh view, with other draws, and its answer. Where the arm has moved it is brought home first.
+    async fn asked_again(
+        &mut self,
+        asked: &PlaceRequest,
+        (k, wish): (usize, &NextWish),
+        step: &Step,
+        view: &mut (String, Scene),
+        known: &mut Known,
+    ) -> Result<(PlaceRequest, PlaceResult), Failure> {
+        if step.execution.is_some() {
+            *view = self.back_and_looking().await?;
+            known.look_for_lost(wish.query, &view.1.meta.objects);
+        }
+        let (query, goal) = known.translated(&format!("step[{k}]"), wish.query, &wish.goal)?;
+        let scene = SceneRef { scene_id: view.0.clone() };
+        let request = PlaceRequest { scene, query, goal, seed: asked.seed.wrapping_add(1), ..asked.clone() };
+        let (result, _) = self.planner.place(&request, Some(&view.1), CallOptions::within(self.deadline)).await?;
+        Ok((request, result))
+    }
+
     /// Has a placement carried out, and looks at what has become of the wish; `step` says how far it came.
     async fn carry_out(
         &mut self,
@@ -206,8 +291,13 @@ impl System<'_> {
             }
         };
         (step.placement, step.execution, step.reason) = (Some(plan.placement), Some(executed.outcome), executed.reason);
-        let moved: Isometry3<f64> =
-            from_row_major(&step.result.placements[plan.placement].placed_from_observed.0).map_err(Failure::other)?;
+        // What was not placed is looked for where it was.
+        let moved: Isometry3<f64> = match executed.outcome {
+            ExecutionOutcome::Done => {
+                from_row_major(&step.result.placements[plan.placement].placed_from_observed.0).map_err(Failure::other)?
+            }
+            ExecutionOutcome::Stopped | ExecutionOutcome::GraspLost => Isometry3::identity(),
+        };
         *view = self.view_after(client::now_ns()).await?;
         known.look_again(Some((wish.query, moved)), &view.1.meta.objects);
         if step.execution == Some(ExecutionOutcome::Done) {
@@ -217,6 +307,41 @@ impl System<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Whether another attempt makes sense and is nobody else's decision: nothing could be served and nothing has moved, or the object was not
+    /// grasped, was lost, or does not stand where it should, and the robot stands there free, without a stop.
+    async fn may_try_again(&self, step: &Step, carried_out: &Outcome) -> bool {
+        if let Err(failure) = carried_out {
+            let unserved = |error: &CallError| error.code == ErrorCode::FailedPrecondition && error.field.as_deref() == Some("placements");
+            return step.execution.is_none() && failure.error().is_some_and(unserved);
+        }
+        let failed = match step.execution {
+            Some(ExecutionOutcome::GraspLost) => true,
+            Some(ExecutionOutcome::Done) => !step.achieved(),
+            Some(ExecutionOutcome::Stopped) | None => false,
+        };
+        let is_free = |state: RobotState| state.mode == RobotMode::Idle && state.stop.is_none() && state.open_task().is_none();
+        failed && client::robot_state(self.session, self.robot, self.deadline).await.is_ok_and(is_free)
+    }
+
+    /// Opens the hand, brings the arm home, and looks.
+    async fn back_and_looking(&mut self) -> Result<(String, Scene), Failure> {
+        for wanted in [RecoveryMove::Open, RecoveryMove::Retreat, RecoveryMove::Home] {
+            let seen = match wanted {
+                RecoveryMove::Open => None,
+                RecoveryMove::Retreat | RecoveryMove::Home => Some(self.view_after(client::now_ns()).await?),
+            };
+            let moved = bring_back(self.session, &self.motion, (self.robot, wanted), seen.as_ref(), &mut self.interrupts).await;
+            match moved {
+                Ok(reply) if reply.outcome == ExecutionOutcome::Done => {}
+                // The way home may be free all the same.
+                Err(Failure::Other(error)) if wanted == RecoveryMove::Retreat && error.code == ErrorCode::FailedPrecondition => {}
+                Ok(reply) => return Err(Failure::other(reply.reason.unwrap_or_else(|| "the arm was not brought back".to_owned()))),
+                Err(failure) => return Err(failure),
+            }
+        }
+        self.view_after(client::now_ns()).await
     }
 
     /// Has the motion service plan, and carry the plan out.

@@ -155,6 +155,18 @@ fn an_arm_that_stands_beside_the_end_of_a_phase_is_not_sent_on() {
 }
 
 #[test]
+fn a_hand_that_is_held_up_on_its_way_to_the_object_has_not_grasped_it() {
+    let mut robot = Robot::new();
+    let (_, done) = run(&mut robot, |robot, _, _| {
+        if robot.state.robot_ms > 1800.0 && robot.state.mode == RobotMode::Idle && !robot.state.gripper_holding {
+            robot.state.q_rad[1] = -0.695;
+        }
+        Vec::new()
+    });
+    assert_eq!((outcome(&done).0, outcome(&done).1), (ExecutionOutcome::GraspLost, Phase::Approach), "{done:?}");
+}
+
+#[test]
 fn fingers_that_close_on_nothing_end_it_at_the_grasp() {
     let mut robot = Robot::new();
     robot.holds = false;

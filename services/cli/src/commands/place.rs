@@ -34,6 +34,10 @@ pub struct PlaceArgs {
     /// of the first view. Repeat for more.
     #[arg(long, value_name = "WISH")]
     pub then: Vec<NextWish>,
+    /// How often an object that slips, falls or is not grasped is looked for again and tried anew, the first time counted: 1 to 10. Nothing is
+    /// tried again after a stop, or where a person intervened.
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=10))]
+    pub attempts: u32,
     /// The robot that carries placements out.
     #[arg(long, default_value = "panda")]
     pub robot: String,
@@ -45,7 +49,8 @@ const PROGRESS_WAITING: usize = 64;
 /// Runs the command.
 pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
     if args.execute || !args.then.is_empty() {
-        let sequence = Sequence { wish: &args.wish, then: &args.then, connect: &args.connect, robot: &args.robot };
+        let PlaceArgs { wish, then, connect, robot, attempts, .. } = args;
+        let sequence = Sequence { wish, then, connect, robot, attempts: *attempts };
         return sequence::run(&sequence, output).await;
     }
     let session = client::connect(&args.connect.system).await?;

@@ -4,15 +4,17 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
-use repose_evaluation::report::written::can_write;
-use repose_evaluation::report::written::write_picture;
+use repose_evaluation::report::written::{FileError, can_write, write_picture};
 use repose_local::picture::before_and_after;
 use repose_local::{ModelFiles, Models};
+use repose_proto::motion::{MotionPlan, MotionPlanRequest};
+use repose_proto::{Frame, PlaceRequest, PlaceResult, Scene};
 
 use crate::answer::print_result;
 use crate::embedded::NetworkArgs;
-use crate::failure::Outcome;
+use crate::failure::{Failure, Outcome};
 use crate::frames;
+use crate::moving::of_motion;
 use crate::output::Output;
 use crate::values::parse_png;
 use crate::wish::WishArgs;
@@ -37,11 +39,16 @@ pub struct PlanArgs {
     /// A picture of the frame with object ids, and with the object where it is to stand.
     #[arg(long, value_name = "PNG", value_parser = parse_png)]
     pub out: Option<PathBuf>,
+    /// Plan the pick and place of the answer too, from where the frame's `robot.json` says that the arm stands, and write it down: a
+    /// `MotionPlan`. With --count the arm chooses among several placements.
+    #[arg(long, value_name = "JSON")]
+    pub motion: Option<PathBuf>,
 }
 
 /// Runs the command.
 pub fn run(args: &PlanArgs, output: Output) -> Outcome {
     args.out.as_deref().map_or(Ok(()), can_write)?;
+    args.motion.as_deref().map_or(Ok(()), can_write)?;
     let mut frame = frames::read(&args.frame)?;
     if args.ignore_labels {
         frame.labels = None;
@@ -54,5 +61,19 @@ pub fn run(args: &PlanArgs, output: Output) -> Outcome {
     if let Some(path) = &args.out {
         write_picture(path, &before_and_after(&scene, &result)?.into())?;
     }
+    if let Some(path) = args.motion.as_ref().filter(|_| !result.placements.is_empty()) {
+        let motion = serde_json::to_string(&motion_of(&frame, &scene, &request, &result)?).map_err(Failure::other)?;
+        std::fs::write(path, motion).map_err(|e| FileError::new(path, e))?;
+    }
     print_result(&result, said.as_ref(), output)
+}
+
+/// The pick and place of the best placement that the robot in the frame can serve.
+fn motion_of(frame: &Frame, scene: &Scene, request: &PlaceRequest, result: &PlaceResult) -> Result<MotionPlan, Failure> {
+    let Some(robot) = frame.robots.first() else {
+        return Err(Failure::bad_input("motion", "the frame has no robot.json that says where the arm stands"));
+    };
+    let placements = result.placements.iter().map(|p| p.placed_from_observed).collect();
+    let wanted = MotionPlanRequest::new(scene.id(), robot.name.clone(), request.query, placements, robot.joints_rad);
+    repose_local::plan_motion(scene, &MotionPlanRequest { seed: request.seed, ..wanted }).map_err(of_motion)
 }

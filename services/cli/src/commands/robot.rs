@@ -3,12 +3,12 @@
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use repose_proto::enclosed::enclose;
-use repose_proto::motion::{ExecutionOutcome, RecoverReply, RecoverRequest, RecoveryMove, RobotResetReply, RobotResetRequest};
+use repose_proto::motion::{ExecutionOutcome, RecoverReply, RecoveryMove, RobotResetReply, RobotResetRequest};
 use repose_proto::scene::WorldFrame;
-use repose_proto::{CallError, ErrorCode, Message, Payload, Scene, SceneRef, Service, keys};
+use repose_proto::{CallError, ErrorCode, Payload, Scene, Service, keys};
 use repose_runtime::{CallOptions, Session};
 
+use crate::bring_back::bring_back;
 use crate::client::{self, SystemArgs};
 use crate::failure::{Failure, Outcome};
 use crate::moving::{self, Interrupts};
@@ -103,15 +103,8 @@ async fn recover(args: &RobotArgs, session: &Session, motion: RecoveryMove, outp
         RecoveryMove::Open => None,
         RecoveryMove::Retreat | RecoveryMove::Home => newest_scene(args, session).await,
     };
-    let named = scene.as_ref().map(|(scene_id, _)| SceneRef { scene_id: scene_id.clone() });
-    let request = RecoverRequest { robot: args.robot.clone(), motion, scene: named };
-    let payload = match &scene {
-        Some((_, scene)) => Payload::bulk(RecoverRequest::SCHEMA, &enclose(&request, Some(scene)))?,
-        None => Payload::json(&request)?,
-    };
     let caller = session.caller(Service::Motion).await?;
-    let answer = moving::call(session, &caller, (&args.robot, "recover"), payload, &mut interrupts).await?;
-    let reply: RecoverReply = answer.payload.decode_json()?;
+    let reply = bring_back(session, &caller, (&args.robot, motion), scene.as_ref(), &mut interrupts).await?;
     output.print(&reply, || recovered(&args.robot, motion, &reply))?;
     if reply.outcome == ExecutionOutcome::Done { Ok(()) } else { Err(Failure::NotAchieved) }
 }

@@ -381,7 +381,12 @@ impl Execution {
 
     fn end_stream(&mut self, now_ms: u64) -> Vec<Step> {
         if !self.has_arrived() {
-            return self.end(ExecutionOutcome::Stopped, Some("the robot did not follow its set-points".to_owned()), now_ms);
+            // An arm that is held up on the last straight way to the object has a finger on it, or on what stands beside it.
+            let (outcome, reason) = match self.current().name {
+                Phase::Approach => (ExecutionOutcome::GraspLost, "the hand met something before it was at the object"),
+                _ => (ExecutionOutcome::Stopped, "the robot did not follow its set-points"),
+            };
+            return self.end(outcome, Some(reason.to_owned()), now_ms);
         }
         self.end_phase(now_ms)
     }

@@ -24,6 +24,8 @@ pub struct GripperSettings {
     pub finger_thickness_m: f64,
     /// Room between the object and each open finger, metres. Default 0.016.
     pub clearance_m: f64,
+    /// The same where something stands beside the object, metres: what borders leave out, and as much again. Default 0.010.
+    pub clearance_beside_m: f64,
     /// The least room where the opening allows no more, metres. Default 0.003.
     pub clearance_min_m: f64,
     /// How much of the object is missing at each border of what was seen of it, as borders are cleaned away, metres. Default 0.005.
@@ -47,6 +49,7 @@ impl Default for GripperSettings {
             finger_half_width_m: 0.0105,
             finger_thickness_m: 0.022,
             clearance_m: 0.016,
+            clearance_beside_m: 0.010,
             clearance_min_m: 0.003,
             border_m: 0.005,
             points_min: 6,
@@ -120,11 +123,13 @@ pub fn fit(world_from_tcp: &Isometry3<f64>, object: &ObjectCloud, sight: &Sight,
         };
         seen = [seen_at(offset_m - 0.5 * opening_m, -1.0), seen_at(offset_m + 0.5 * opening_m, 1.0)];
     }
-    let in_finger = |(p, _): &&SlabPoint| {
+    let in_finger = |p: &Vector3<f64>| {
         let beyond_m = (p.y - offset_m).abs() - 0.5 * opening_m;
         (0.0..settings.finger_thickness_m).contains(&beyond_m)
     };
-    if slab.iter().filter(in_finger).count() > settings.strays {
+    let tcp_from_world = world_from_tcp.inverse().cast::<f32>();
+    let behind = object.behind.iter().map(|p| (tcp_from_world * p).coords.cast::<f64>()).filter(|p| is_between_pads(p, settings));
+    if slab.iter().map(|(p, _)| *p).chain(behind).filter(in_finger).count() > settings.strays {
         return Err(Misfit::FingerBlocked);
     }
     let depth_m = contact_depth_m(&slab[run.clone()], low).max(contact_depth_m(&slab[run.clone()], high));
@@ -142,8 +147,7 @@ fn slab(world_from_tcp: &Isometry3<f64>, object: &ObjectCloud, settings: &Grippe
     let mut palm_points = 0;
     for (i, point) in object.points.iter().enumerate() {
         let p = (tcp_from_world * point).coords.cast::<f64>();
-        let across = p.x.abs() <= settings.finger_half_width_m;
-        if across && p.y.abs() <= reach && (-FINGER_LENGTH_M..=TIP_BEYOND_TCP_M).contains(&p.z) {
+        if is_between_pads(&p, settings) && p.y.abs() <= reach {
             slab.push((p, i));
         }
         palm_points += usize::from(p.z < palm_m && p.z > -0.15 && p.x.abs() < PALM_HALF_M[0] && p.y.abs() < PALM_HALF_M[1]);
@@ -153,6 +157,11 @@ fn slab(world_from_tcp: &Isometry3<f64>, object: &ObjectCloud, settings: &Grippe
     }
     slab.sort_by(|a, b| a.0.y.total_cmp(&b.0.y).then(a.1.cmp(&b.1)));
     Ok(slab)
+}
+
+/// Whether a place is as far along and across as the fingers are.
+fn is_between_pads(p: &Vector3<f64>, settings: &GripperSettings) -> bool {
+    p.x.abs() <= settings.finger_half_width_m && (-FINGER_LENGTH_M..=TIP_BEYOND_TCP_M).contains(&p.z)
 }
 
 /// The share of a finger that is in space that was seen to be free; `y` is its inner face, `side` where its bulk lies.

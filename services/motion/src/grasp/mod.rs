@@ -136,8 +136,10 @@ pub struct ObjectCloud {
     pub points: Vec<Point3<f32>>,
     /// Unit surface normal at each, towards the side from which it was seen.
     pub normals: Vec<Vector3<f32>>,
-    /// Where its middle is taken to be, on the level; the height is that of what was seen.
+    /// Where the middle of its top is taken to be: a camera that looks down sees the top whole, and of the rest only the near side.
     pub middle: Point3<f64>,
+    /// What is believed of its far side, hidden from the camera: no finger comes down there. Empty where guesses are not heeded.
+    pub behind: Vec<Point3<f32>>,
     /// The smallest axis-aligned box around the points.
     pub bounds: Aabb,
     /// The lowest the grasp centre may go, world z, metres.
@@ -157,7 +159,14 @@ pub struct GraspScene<'a> {
     pub sight: &'a Sight,
     /// The rest of the scene.
     pub others: &'a Obstacles,
+    /// Whether the object is believed to have a far side like its near one.
+    pub believes: bool,
 }
+
+/// How far below the top of an object its top reaches, metres: the lid of a can, the cap of a bottle, the rim of a bowl.
+const TOP_M: f32 = 0.02;
+/// Share of the highest points that are taken for stray ones.
+const STRAY_SHARE: f64 = 0.02;
 
 /// Distinct grasps on the object, best first, with the tally of what was refused.
 pub fn grasps(scene: &GraspScene<'_>, settings: &GraspSettings, rng: &mut Pcg64) -> (Vec<Grasp>, GraspTally) {
@@ -166,8 +175,12 @@ pub fn grasps(scene: &GraspScene<'_>, settings: &GraspSettings, rng: &mut Pcg64)
     let Some(bounds) = Aabb::of(&thinned) else { return (Vec::new(), tally) };
     let normals = normals::estimated(&thinned, 3.0 * settings.voxel_m, &scene.camera_in_world.cast::<f32>());
     let floor_m = scene.support_m + gripper::TIP_BEYOND_TCP_M + settings.support_clearance_m;
-    let middle = hidden::middle(&bounds, scene.camera_in_world, settings.hidden_m);
-    let object = ObjectCloud { points: thinned, normals, middle, bounds, floor_m };
+    let middle = hidden::middle(&top_of(&thinned).unwrap_or(bounds), scene.camera_in_world, settings.hidden_m);
+    let behind = match scene.believes {
+        true => hidden::far_side(&thinned, &middle).into_iter().filter(|p| !scene.sight.is_free(&p.cast())).collect(),
+        false => Vec::new(),
+    };
+    let object = ObjectCloud { points: thinned, normals, middle, behind, bounds, floor_m };
 
     let mut proposals = top_down::proposals(&object, settings);
     proposals.extend(antipodal::proposals(&object, settings, rng));
@@ -178,7 +191,15 @@ pub fn grasps(scene: &GraspScene<'_>, settings: &GraspSettings, rng: &mut Pcg64)
     (distinct(found, settings), tally)
 }
 
+/// The box around the upper end of what was seen of an object.
+fn top_of(points: &[Point3<f32>]) -> Option<Aabb> {
+    let top = cloud::percentile_box(points, 0.0, 1.0 - STRAY_SHARE)?.max.z;
+    let upper: Vec<Point3<f32>> = points.iter().filter(|p| p.z >= top - TOP_M).copied().collect();
+    Aabb::of(&upper)
+}
+
 /// The grasp at a proposed pose, moved along the closing direction so that the fingers meet the object at the same time; or nothing.
+/// The fingers open wide where there is room, and only as far as needed beside something.
 fn judged(
     world_from_tcp: &Isometry3<f64>,
     object: &ObjectCloud,
@@ -186,24 +207,27 @@ fn judged(
     settings: &GraspSettings,
     tally: &mut GraspTally,
 ) -> Option<Grasp> {
-    let fit = match gripper::fit(world_from_tcp, object, scene.sight, &settings.gripper) {
-        Ok(fit) => fit,
-        Err(misfit) => {
-            match misfit {
-                gripper::Misfit::Empty => tally.empty += 1,
-                gripper::Misfit::TooWide => tally.too_wide += 1,
-                gripper::Misfit::FingerBlocked | gripper::Misfit::PalmBlocked => tally.object_in_the_way += 1,
+    for clearance_m in [settings.gripper.clearance_m, settings.gripper.clearance_beside_m] {
+        let gripper = GripperSettings { clearance_m, ..settings.gripper };
+        let fit = match gripper::fit(world_from_tcp, object, scene.sight, &gripper) {
+            Ok(fit) => fit,
+            Err(misfit) => {
+                match misfit {
+                    gripper::Misfit::Empty => tally.empty += 1,
+                    gripper::Misfit::TooWide => tally.too_wide += 1,
+                    gripper::Misfit::FingerBlocked | gripper::Misfit::PalmBlocked => tally.object_in_the_way += 1,
+                }
+                return None;
             }
-            return None;
+        };
+        let world_from_tcp = world_from_tcp * Isometry3::translation(0.0, fit.offset_m, 0.0);
+        if !gripper_touches(&world_from_tcp, fit.opening_m, scene.others, settings.padding_m) {
+            let score = score(&world_from_tcp, &fit, object, settings.gripper.border_m, &settings.weights);
+            return Some(Grasp { world_from_tcp, opening_m: fit.opening_m, width_m: Some(fit.width_m), score });
         }
-    };
-    let world_from_tcp = world_from_tcp * Isometry3::translation(0.0, fit.offset_m, 0.0);
-    if gripper_touches(&world_from_tcp, fit.opening_m, scene.others, settings.padding_m) {
-        tally.scene_in_the_way += 1;
-        return None;
     }
-    let score = score(&world_from_tcp, &fit, object, settings.gripper.border_m, &settings.weights);
-    Some(Grasp { world_from_tcp, opening_m: fit.opening_m, width_m: Some(fit.width_m), score })
+    tally.scene_in_the_way += 1;
+    None
 }
 
 /// Whether hand or fingers, fingers `opening_m` apart, touch `obstacles`.
@@ -286,7 +310,8 @@ mod tests {
         let all: Vec<Point3<f32>> = synthetic::table_points().iter().chain(points).chain(others).copied().collect();
         let others = Obstacles::new(others, &[synthetic::table()], &ObstacleSettings::default());
         let sight = Sight::new(&synthetic::CAMERA, &all);
-        let scene = GraspScene { points, support_m: 0.0, camera_in_world: &synthetic::CAMERA, sight: &sight, others: &others };
+        let scene =
+            GraspScene { points, support_m: 0.0, camera_in_world: &synthetic::CAMERA, sight: &sight, others: &others, believes: true };
         grasps(&scene, &GraspSettings::default(), &mut Pcg64::seed_from_u64(5))
     }
 
@@ -300,6 +325,52 @@ mod tests {
         assert!(closing.dot(&narrow).abs() > 0.95, "{closing}");
         assert!((found[0].width_m.unwrap() - 0.05).abs() < 0.012, "{:?}", found[0].width_m);
         assert!(found.windows(2).all(|w| w[0].score >= w[1].score));
+    }
+
+    /// What the camera sees of a bottle that stands on the table: its near side, and its cap from above.
+    fn seen_bottle(at: [f64; 2]) -> Vec<Point3<f32>> {
+        let towards = (synthetic::CAMERA.y - at[1]).atan2(synthetic::CAMERA.x - at[0]);
+        let radius_m = |z: f64| 0.034 - 0.021 * ((z - 0.10) / 0.03).clamp(0.0, 1.0);
+        let ring = |z: f64, radius_m: f64, half_rad: f64| {
+            (-20..=20).map(move |k| {
+                let angle = towards + half_rad * f64::from(k) / 20.0;
+                Point3::new(at[0] + radius_m * angle.cos(), at[1] + radius_m * angle.sin(), z).cast::<f32>()
+            })
+        };
+        let side = (2..57).flat_map(|k| ring(0.003 * f64::from(k), radius_m(0.003 * f64::from(k)), 1.2));
+        let cap = (1..=4).flat_map(|k| ring(0.17, 0.003 * f64::from(k), std::f64::consts::PI));
+        side.chain(cap).collect()
+    }
+
+    #[test]
+    fn a_bottle_is_grasped_at_its_axis_and_not_at_the_middle_of_what_is_seen_of_it() {
+        for at in [[0.5, 0.0], [0.45, 0.2], [0.6, -0.15]] {
+            let points = seen_bottle(at);
+            let (found, tally) = find(&points, &[]);
+            assert!(!found.is_empty(), "{tally:?}");
+            let aside_m = (found[0].world_from_tcp.translation.vector.xy() - nalgebra::Vector2::from(at)).norm();
+            assert!(aside_m < 0.008, "{aside_m} at {at:?}");
+        }
+    }
+
+    #[test]
+    fn no_finger_comes_down_on_the_far_side_that_the_camera_did_not_see() {
+        let (at, radius_m, height_m) = ([0.5, 0.1], 0.03, 0.08);
+        let seen: Vec<Point3<f32>> = synthetic::seen_bowl(at, radius_m, height_m)
+            .into_iter()
+            .filter(|p| p.z > 0.074 || f64::from(p.x) > at[0] + 0.3 * radius_m)
+            .collect();
+        let (found, tally) = find(&seen, &[]);
+        assert!(!found.is_empty(), "{tally:?}");
+        for grasp in found.iter().filter(|g| g.opening_m > 2.0 * radius_m) {
+            let tcp_from_world = grasp.world_from_tcp.inverse();
+            let in_finger = |k: i32| {
+                let angle = std::f64::consts::TAU * f64::from(k) / 90.0;
+                let p = tcp_from_world * Point3::new(at[0] + radius_m * angle.cos(), at[1] + radius_m * angle.sin(), height_m - 0.02);
+                p.x.abs() < 0.008 && p.z > -0.04 && p.z < 0.012 && (0.002..0.018).contains(&(p.y.abs() - 0.5 * grasp.opening_m))
+            };
+            assert!((0..90).filter(|k| in_finger(*k)).count() <= 2, "{grasp:?}");
+        }
     }
 
     #[test]

@@ -87,7 +87,8 @@ fn planned(worlds: &Worlds<'_>, heeded: Heeded, should_stop: &dyn Fn() -> bool) 
         Some(given) => given.to_vec(),
         None => {
             let (object, camera_in_world) = (request.scene.points_of(request.query), &request.scene.camera_in_world);
-            let scene = GraspScene { points: &object, support_m: world.support_m, camera_in_world, sight, others: world.others };
+            let (support_m, believes) = (world.support_m, heeded != Heeded::Held);
+            let scene = GraspScene { points: &object, support_m, camera_in_world, sight, others: world.others, believes };
             let (found, tally) = grasps(&scene, &settings.grasp, &mut rng);
             if found.is_empty() {
                 return Err(PickPlaceError::NoGrasp(tally));

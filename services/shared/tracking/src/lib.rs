@@ -12,6 +12,8 @@ use repose_relations::{ObservedObject, observed};
 
 /// An object found anew is the known one that was to be nearest, up to this far away, metres.
 const SAME_M: f64 = 0.08;
+/// The same for one that was lost on its way, metres.
+const LOST_M: f64 = 0.25;
 
 /// The objects of the first view, and where each is in the newest.
 pub struct Known {
@@ -47,10 +49,20 @@ impl Known {
         {
             *centroid = placed_from_observed * *centroid;
         }
+        self.matched(objects, |_| SAME_M);
+    }
+
+    /// Who is who in a new view, after an object (first view's id) was lost or fell: it may be some way off.
+    pub fn look_for_lost(&mut self, lost: u16, objects: &[ObjectSummary]) {
+        self.matched(objects, |id| if id == lost { LOST_M } else { SAME_M });
+    }
+
+    /// Who is who in a new view, each at most so far from where it was to be.
+    fn matched(&mut self, objects: &[ObjectSummary], within_m: impl Fn(u16) -> f64) {
         let mut pairs: Vec<(f64, u16, usize)> = Vec::new();
         for (id, (_, expected)) in &self.now {
             let distance = |o: &ObjectSummary| (Point3::from(o.centroid_m) - expected).norm();
-            pairs.extend(objects.iter().enumerate().map(|(k, o)| (distance(o), *id, k)).filter(|p| p.0 <= SAME_M));
+            pairs.extend(objects.iter().enumerate().map(|(k, o)| (distance(o), *id, k)).filter(|p| p.0 <= within_m(*id)));
         }
         pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
         let mut taken = vec![false; objects.len()];
@@ -104,6 +116,9 @@ mod tests {
         let field = |query: u16, anchor: u16| known.translated("goals[1]", query, &near(anchor)).unwrap_err().field;
         assert_eq!(field(3, 1).as_deref(), Some("goals[1].query"), "it is hidden");
         assert_eq!(field(1, 9).as_deref(), Some("goals[1].goal[0].anchor"), "there never was one");
+        // A lost one may be some way off, and takes nobody else's place.
+        known.look_for_lost(3, &[seen(7, [0.0, 0.2, 0.0]), seen(2, [0.49, 0.01, 0.0]), seen(1, [0.31, 0.0, 0.0])]);
+        assert_eq!(known.translated("goals[1]", 3, &near(2)).expect("it is found").0, 7);
     }
 
     #[test]
