@@ -70,7 +70,10 @@ fn the_trial_of_a_deployment_finds_nothing_wrong() {
     let checked = repose().args(["deploy", "check", "--json"]).arg(folder.join("out")).output().expect("it runs");
     let report: serde_json::Value = serde_json::from_slice(&checked.stdout)
         .unwrap_or_else(|_| panic!("no report: {}{}", String::from_utf8_lossy(&checked.stdout), String::from_utf8_lossy(&checked.stderr)));
-    assert!(checked.status.success() && report["wrong"] == serde_json::json!([]) && report["unanswered"] == serde_json::json!([]), "{report:#}");
+    assert!(
+        checked.status.success() && report["wrong"] == serde_json::json!([]) && report["unanswered"] == serde_json::json!([]),
+        "{report:#}"
+    );
     assert!(report["allowed"].as_u64() > Some(50), "{report}");
     // What was refused on the way is in the router's log, with user and key.
     router.line("may not Put");

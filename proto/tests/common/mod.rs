@@ -342,5 +342,8 @@ pub fn worker_load() -> WorkerLoad {
         kernel: "avx2".into(),
         draining: false,
         operates: false,
+        version: None,
+        ended: None,
+        failed: None,
     }
 }

@@ -7,8 +7,8 @@ use clap::Args;
 use repose_proto::motion::{MotionPlan, MotionPlanRequest};
 use repose_proto::perception::LatestRequest;
 use repose_proto::robot::RobotState;
-use repose_proto::{CallError, ErrorCode, Payload, PlaceRequest, PlaceResult, Scene, SceneSummary, Service, keys};
-use repose_runtime::{Answer, CallOptions, Caller, RuntimeConfig, RuntimeError, Session, SessionMode, fetch_scene};
+use repose_proto::{CallError, ErrorCode, Payload, Scene, SceneSummary, Service, keys};
+use repose_runtime::{CallOptions, Caller, RuntimeConfig, RuntimeError, Session, SessionMode, fetch_scene};
 use tokio::time::Instant;
 
 use crate::failure::Failure;
@@ -170,17 +170,6 @@ pub async fn newest_scene(session: &Session, camera: &str, within: Duration, pat
 pub async fn whole_scene(session: &Session, scene_id: &str, within: Duration) -> Result<Scene, Failure> {
     let perception = session.caller(Service::Perception).await?;
     Ok(fetch_scene(&perception, scene_id, &CallOptions::within(within)).await?)
-}
-
-/// Asks for a placement.
-pub async fn place(
-    planner: &Caller,
-    request: &PlaceRequest,
-    scene: Option<&Scene>,
-    options: CallOptions,
-) -> Result<(PlaceResult, Answer), CallError> {
-    let answer = planner.call_with_scene("place", scene, |scene| Payload::with_scene(request, scene), options).await?;
-    Ok((answer.payload.decode_json()?, answer))
 }
 
 /// Asks for a motion on a scene by its id; sends it whole to a worker that does not hold it.

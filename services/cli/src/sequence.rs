@@ -139,7 +139,7 @@ async fn achieve(args: &Sequence<'_>, session: &Session, steps: &mut Vec<Step>) 
     }
     for (k, wish) in wishes() {
         let request = request(&view.0, known.translated(k, wish)?)?;
-        let (result, _) = client::place(&system.planner, &request, Some(&view.1), CallOptions::within(deadline)).await?;
+        let (result, _) = system.planner.place(&request, Some(&view.1), CallOptions::within(deadline)).await?;
         let mut step = Step {
             query: wish.query,
             goal: wish.goal.clone(),

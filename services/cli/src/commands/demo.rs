@@ -21,6 +21,7 @@ use serde::Serialize;
 use crate::answer::tally;
 use crate::client;
 use crate::failure::{Failure, Outcome};
+use crate::moving::{self, Interrupts};
 use crate::output::Output;
 use crate::services::ServiceConfigs;
 use crate::values::{parse_png, parse_variant};
@@ -45,8 +46,6 @@ const RELATIONS: [Relation; 4] = [Relation::LeftOf, Relation::RightOf, Relation:
 const COUNT: u32 = 5;
 /// The deadline of one call.
 const CALL: Duration = Duration::from_secs(120);
-/// How long an execution may take.
-const EXECUTION: Duration = Duration::from_secs(300);
 /// How long things may take to come to rest after it.
 const SETTLING: Duration = Duration::from_secs(15);
 
@@ -158,7 +157,11 @@ impl Cell {
         tracing::info!(objects = scene.meta.objects.len(), surfaces = scene.meta.surfaces.len(), "the camera's scene is segmented");
         let planned = self.plan(args, &summary.scene_id, &scene, output).await?;
         tracing::info!(query = planned.query, goal = %planned.goal, seconds = planned.plan.duration_ms / 1e3, "executing");
-        let executed: ExecuteReply = self.call(&self.motion, "execute", &planned.plan, CallOptions::at_most_once(EXECUTION)).await?;
+        // Shows that this process is there while the arm moves, and lets Ctrl-C stop it on its path, as `place --execute` does.
+        let mut interrupts = Interrupts::listen()?;
+        let executing = (self.robot.as_str(), "execute");
+        let answer = moving::call(&self.session, &self.motion, executing, Payload::json(&planned.plan)?, &mut interrupts).await?;
+        let executed: ExecuteReply = answer.payload.decode_json()?;
         let after = self.settled(scene.meta.view_yaw_rad).await?;
         let seen_after = self.photograph().await?;
 
@@ -197,7 +200,7 @@ impl Cell {
                 variant: args.variant,
                 ..PlaceRequest::new(scene_id.to_owned(), query, vec![goal])
             };
-            let (result, _) = match client::place(&self.planner, &request, Some(scene), CallOptions::within(CALL)).await {
+            let (result, _) = match self.planner.place(&request, Some(scene), CallOptions::within(CALL)).await {
                 Err(error) if error.code == ErrorCode::FailedPrecondition => {
                     given_up.push(format!("object {query} to {goal}: {}", error.message));
                     continue;

@@ -70,7 +70,7 @@ pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
         }
     });
     let options = CallOptions { progress: Some(sender), ..CallOptions::within(deadline) };
-    let answered = client::place(&planner, &request, None, options).await;
+    let answered = planner.place(&request, None, options).await;
     printing.abort();
     client::close(session).await;
     let (result, answer) = answered?;

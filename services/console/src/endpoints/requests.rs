@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPlan, MotionPlanRequest, RobotResetReply, RobotResetRequest};
 use repose_proto::simulator::WorldResetRequest;
-use repose_proto::{CallError, Message as _, Payload, PlaceRequest, PlaceResult, Scene, SceneRef, Service};
-use repose_runtime::{Answer, CallOptions, Caller, CancellationToken};
+use repose_proto::{CallError, Message as _, Payload, PlaceRequest, Scene, SceneRef, Service};
+use repose_runtime::{CallOptions, CancellationToken};
 use tokio::sync::mpsc;
 
 use super::State;
@@ -267,7 +267,7 @@ impl Viewer {
             })
         };
         let options = CallOptions { progress: Some(sender), cancel, ..CallOptions::within(self.deadline()) };
-        let answered = place(cell.caller(Service::Planner), request, scene.as_deref(), options).await;
+        let answered = cell.caller(Service::Planner).place(request, scene.as_deref(), options).await;
         telling.abort();
         let (placed, answer) = answered?;
         let took_ms = started.elapsed().as_secs_f64() * 1e3;
@@ -307,17 +307,6 @@ fn leave(viewer: u64, eyes: &Eyes) {
     if let Some(camera) = &eyes.camera {
         camera.audience().leave(viewer);
     }
-}
-
-/// Asks for a placement on a scene by its id; sends the scene whole, where it is at hand, when nobody holds it any more.
-pub(super) async fn place(
-    planner: &Caller,
-    request: &PlaceRequest,
-    scene: Option<&Scene>,
-    options: CallOptions,
-) -> Result<(PlaceResult, Answer), CallError> {
-    let answer = planner.call_with_scene("place", scene, |scene| Payload::with_scene(request, scene), options).await?;
-    Ok((answer.payload.decode_json()?, answer))
 }
 
 /// Has a motion planned from where the robot stands.

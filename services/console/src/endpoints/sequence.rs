@@ -11,7 +11,7 @@ use repose_proto::motion::{ExecutionOutcome, MotionPlanRequest};
 use repose_proto::{CallError, ErrorCode, Message as _, PlaceRequest, Scene, SceneRef, Service};
 use repose_runtime::CallOptions;
 
-use super::requests::{execute, place, plan};
+use super::requests::{execute, plan};
 use crate::cell::{Camera, Cell, now_ns};
 use crate::messages::{Answered, SequenceShown, Stage, StepShown};
 use crate::tracking::{Known, holds};
@@ -125,7 +125,7 @@ impl Running {
         let scene_ref = SceneRef { scene_id };
         let request = PlaceRequest { scene: scene_ref.clone(), query, goal: terms, count: goal.count.max(COUNT), ..goal.clone() };
         let options = CallOptions::within(self.deadline);
-        let (placed, _) = place(self.cell.caller(Service::Planner), &request, Some(&scene), options.clone()).await?;
+        let (placed, _) = self.cell.caller(Service::Planner).place(&request, Some(&scene), options.clone()).await?;
         if placed.placements.is_empty() {
             return Err(CallError::precondition("there is no such placement"));
         }

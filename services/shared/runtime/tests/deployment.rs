@@ -90,7 +90,8 @@ async fn a_hole_in_the_routers_rules_is_found() {
     let file = folder.path().join("router/router.json5");
     let text = std::fs::read_to_string(&file).unwrap();
     // The viewer may stop robots; now it may also pose as one, and the operator may operate no more.
-    let holed = text.replacen("\"repose/v1/cell/robot/*/@estop\"", "\"repose/v1/cell/robot/*/@estop\", \"repose/v1/cell/robot/*/state\"", 64);
+    let holed =
+        text.replacen("\"repose/v1/cell/robot/*/@estop\"", "\"repose/v1/cell/robot/*/@estop\", \"repose/v1/cell/robot/*/state\"", 64);
     let holed = holed.replace("repose/v1/cell/service/motion/*/operate", "repose/v1/cell/service/motion/nobody/operate");
     assert_ne!(holed, text);
     std::fs::write(&file, holed).unwrap();

@@ -23,7 +23,6 @@ use serde_json::json;
 use tokio::process::Child;
 
 use crate::asynchronous::in_runtime;
-use crate::client;
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 use crate::processes::service_process;
@@ -340,7 +339,7 @@ struct Asked {
 /// Asks for a placement.
 async fn ask(planner: &Caller, request: &PlaceRequest, scene: &Scene) -> Result<Asked, Failure> {
     let begin = Instant::now();
-    let (_, answer) = client::place(planner, request, Some(scene), CallOptions::within(PATIENCE)).await?;
+    let (_, answer) = planner.place(request, Some(scene), CallOptions::within(PATIENCE)).await?;
     let total_ms = begin.elapsed().as_secs_f64() * 1e3;
     // The search waits for `inference`, of which `networks` was spent in them.
     let stage = |name: &str| answer.timing_ms.get(name).copied().unwrap_or(0.0);
