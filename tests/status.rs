@@ -33,6 +33,9 @@ async fn what_is_there_is_told_and_so_is_what_is_not() {
     assert!(output.status.success(), "{}", said());
     let alive: Vec<&str> = status["workers"].as_array().expect("workers").iter().filter_map(|w| w["service"].as_str()).collect();
     assert_eq!(alive, ["perception", "motion", "simulator"], "{}", said());
+    let perception = &status["workers"][0];
+    assert_eq!(perception["load"]["version"], env!("CARGO_PKG_VERSION"), "{}", said());
+    assert_eq!((perception["errors_per_s"].as_f64(), perception["calls_per_s"].is_number()), (Some(0.0), true), "{}", said());
     assert_eq!(status["cameras"][0]["camera"], "front", "{}", said());
     assert!(status["cameras"][0]["scenes_per_s"].as_f64().is_some_and(|rate| rate > 0.0), "{}", said());
     assert_eq!(status["robots"][0]["robot"], "panda", "{}", said());

@@ -26,6 +26,11 @@ pub enum ErrorCode {
 }
 
 impl ErrorCode {
+    /// Whether the worker failed, and not its caller or the world: what an operator counts as errors.
+    pub fn is_workers(self) -> bool {
+        matches!(self, Self::Internal | Self::Unavailable | Self::ResourceExhausted | Self::DeadlineExceeded)
+    }
+
     /// The code as it is spelled in JSON.
     pub fn as_str(self) -> &'static str {
         match self {

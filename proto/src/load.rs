@@ -32,6 +32,16 @@ pub struct WorkerLoad {
     /// Whether the worker puts copies of its calls on its journal: somebody records.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub journals: bool,
+    /// Version of the worker's program; workers of release 1 tell none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub version: Option<String>,
+    /// Calls ended since the worker started; workers of release 1 do not tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ended: Option<u64>,
+    /// Those of them that the worker failed: `internal`, `unavailable`, `resource_exhausted`, `deadline_exceeded`. What was wrong with the
+    /// request itself is not among them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failed: Option<u64>,
 }
 
 impl Message for WorkerLoad {

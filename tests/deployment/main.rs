@@ -4,5 +4,7 @@
 mod common;
 
 mod observability;
+mod package;
 mod processes;
 mod roles;
+mod two_routers;

@@ -373,5 +373,8 @@ pub fn worker_load() -> WorkerLoad {
         draining: false,
         operates: false,
         journals: false,
+        version: None,
+        ended: None,
+        failed: None,
     }
 }

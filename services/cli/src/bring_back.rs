@@ -25,6 +25,6 @@ pub async fn bring_back(
         Some((_, scene)) => Payload::bulk(RecoverRequest::SCHEMA, &enclose(&request, Some(scene)))?,
         None => Payload::json(&request)?,
     };
-    let answer = moving::call(session, motion, (robot, "recover"), payload, interrupts).await?;
+    let answer = moving::call(session, motion, (robot, "recover"), payload, interrupts, None).await?;
     Ok(answer.payload.decode_json()?)
 }

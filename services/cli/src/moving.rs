@@ -11,7 +11,7 @@ use repose_proto::robot::{EmergencyStop, RobotMode, RobotState};
 use repose_proto::{CallError, ErrorCode, Payload, limits};
 use repose_runtime::{Answer, CallOptions, Caller, CancellationToken, Session, Traffic};
 use tokio::signal::unix::{SignalKind, signal};
-use tokio::sync::watch;
+use tokio::sync::{mpsc, watch};
 
 use crate::client;
 use crate::failure::Failure;
@@ -66,7 +66,7 @@ impl Interrupts {
     }
 }
 
-/// Calls a method that moves `robot`, at most once.
+/// Calls a method that moves `robot`, at most once; how far it is goes to `progress`, where somebody listens.
 ///
 /// # Errors
 /// The call's own; where it was interrupted, how the robot stands and what to do.
@@ -76,11 +76,12 @@ pub async fn call(
     (robot, method): (&str, &str),
     payload: Payload,
     interrupts: &mut Interrupts,
+    progress: Option<mpsc::Sender<Payload>>,
 ) -> Result<Answer, Failure> {
     let id = uuid::Uuid::new_v4().to_string();
     let _alive = session.transport().declare_alive(&session.cell().live_client(&id)).await?;
     let cancel = CancellationToken::new();
-    let options = CallOptions { id: Some(id), cancel: cancel.clone(), ..CallOptions::at_most_once(LONGEST) };
+    let options = CallOptions { id: Some(id), cancel: cancel.clone(), progress, ..CallOptions::at_most_once(LONGEST) };
     interrupts.moving.store(true, Ordering::Release);
     let answered = tokio::select! {
         answered = motion.call(method, payload, options) => answered.map_err(of_motion),

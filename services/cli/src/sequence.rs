@@ -353,7 +353,8 @@ impl System<'_> {
     ) -> Result<(MotionPlan, ExecuteReply), Failure> {
         let plan = self.motion_plan(request, result, view).await?;
         tracing::info!(query = request.query, placement = plan.placement, seconds = plan.duration_ms / 1e3, "executing");
-        let execute = moving::call(self.session, &self.motion, (self.robot, "execute"), Payload::json(&plan)?, &mut self.interrupts);
+        let payload = Payload::json(&plan)?;
+        let execute = moving::call(self.session, &self.motion, (self.robot, "execute"), payload, &mut self.interrupts, None);
         let answer = execute.await?;
         Ok((plan, answer.payload.decode_json()?))
     }

@@ -19,6 +19,10 @@ const NAMES_WITHIN: Duration = Duration::from_millis(400);
 /// A message with the instant at which it came.
 #[derive(Debug, Clone)]
 pub struct Heard<T> {
+    /// The first message while it was listened.
+    pub first: T,
+    /// When that came.
+    pub first_at: Instant,
     /// The newest message.
     pub newest: T,
     /// When it came.
@@ -109,10 +113,12 @@ impl Observer {
     }
 }
 
-fn hear<K: Ord, T>(known: &mut BTreeMap<K, Heard<T>>, name: K, newest: T) {
+fn hear<K: Ord, T: Clone>(known: &mut BTreeMap<K, Heard<T>>, name: K, newest: T) {
     let at = Instant::now();
-    let count = known.get(&name).map_or(0, |heard| heard.count) + 1;
-    known.insert(name, Heard { newest, at, count });
+    match known.get_mut(&name) {
+        Some(heard) if heard.count > 0 => (heard.newest, heard.at, heard.count) = (newest, at, heard.count + 1),
+        _ => drop(known.insert(name, Heard { first: newest.clone(), first_at: at, newest, at, count: 1 })),
+    }
 }
 
 /// What there is, heard just long enough to name it.

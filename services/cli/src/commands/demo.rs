@@ -23,6 +23,7 @@ use crate::answer::tally;
 use crate::client;
 use crate::failure::{Failure, Outcome};
 use crate::film::Film;
+use crate::moving::{self, Interrupts};
 use crate::output::Output;
 use crate::services::ServiceConfigs;
 use crate::values::{parse_png, parse_variant};
@@ -55,8 +56,6 @@ const RELATIONS: [Relation; 4] = [Relation::LeftOf, Relation::RightOf, Relation:
 const COUNT: u32 = 5;
 /// The deadline of one call.
 const CALL: Duration = Duration::from_secs(120);
-/// How long an execution may take.
-const EXECUTION: Duration = Duration::from_secs(300);
 /// How long things may take to come to rest after it.
 const SETTLING: Duration = Duration::from_secs(15);
 
@@ -217,13 +216,16 @@ impl Cell {
     /// Has a plan carried out; what the camera sees meanwhile goes into the film, where one is shot.
     async fn execute(&self, plan: &MotionPlan, film: &mut Option<Film>) -> Result<ExecuteReply, Failure> {
         let (sender, mut progress) = mpsc::channel::<Payload>(PROGRESS);
-        let options = CallOptions { progress: Some(sender), ..CallOptions::at_most_once(EXECUTION) };
         let mut frames = self.session.subscribe_latest(&self.session.cell().camera_frame(&self.camera)).await?;
-        let mut executing = std::pin::pin!(self.call::<_, ExecuteReply>(&self.motion, "execute", plan, options));
+        // Shows that this process is there while the arm moves, and lets Ctrl-C stop it on its path, as `place --execute` does.
+        let mut interrupts = Interrupts::listen()?;
+        let called = (self.robot.as_str(), "execute");
+        let executing = moving::call(&self.session, &self.motion, called, Payload::json(plan)?, &mut interrupts, Some(sender));
+        let mut executing = std::pin::pin!(executing);
         let mut phase = plan.phases.first().map(|p| p.name);
         loop {
             tokio::select! {
-                reply = &mut executing => return Ok(reply?),
+                answer = &mut executing => return Ok(answer?.payload.decode_json()?),
                 Some(payload) = progress.recv() => {
                     if let Ok(at) = payload.decode_json::<ExecuteProgress>() {
                         phase = plan.phases.get(at.done).map(|p| p.name).or(phase);

@@ -93,18 +93,20 @@ async fn check(args: &CheckArgs, output: Output) -> Outcome {
     let trial = deployment::TrialOptions { connect: args.connect.clone(), apart: args.apart };
     let report = deployment::check(&roles, &at, &trial).await?;
     output.print(&report, || words(&report))?;
-    if report.wrong.is_empty() { Ok(()) } else { Err(Failure::NotAchieved) }
+    if report.is_right() { Ok(()) } else { Err(Failure::NotAchieved) }
 }
 
 fn words(report: &CheckReport) -> String {
-    let CheckReport { tried, allowed, untried, wrong } = report;
+    let CheckReport { tried, allowed, untried, wrong, unanswered } = report;
     let mut lines = vec![format!(
         "{tried} combinations of user, verb and key tried, {allowed} of them allowed; {untried} not tried, because nobody may be at the other end"
     )];
     lines.extend(wrong.iter().map(|trial| format!("WRONG: {trial}")));
-    lines.push(match wrong.len() {
-        0 => "every user may do what the roles say, and nothing else".to_owned(),
-        count => format!("{count} came out otherwise than the roles say"),
+    lines.extend(unanswered.iter().map(|trial| format!("UNKNOWN: {trial}")));
+    lines.push(match (wrong.len(), unanswered.len()) {
+        (0, 0) => "every user may do what the roles say, and nothing else".to_owned(),
+        (wrong, 0) => format!("{wrong} came out otherwise than the roles say"),
+        (wrong, unanswered) => format!("{wrong} came out otherwise than the roles say, and {unanswered} had no answer either way"),
     });
     lines.join("\n")
 }

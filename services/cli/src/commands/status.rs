@@ -70,6 +70,23 @@ async fn watch(args: &StatusArgs, session: &Session, shutdown: &Shutdown, output
     }
 }
 
+/// Calls of a worker that ended, and those that it failed.
+#[derive(Debug, Clone, Copy)]
+struct Rates {
+    calls_per_s: f64,
+    errors_per_s: f64,
+}
+
+impl Rates {
+    /// From the first load that was heard to the newest; none where the worker does not count its calls, or told its load once only.
+    fn of(load: &Heard<WorkerLoad>) -> Option<Self> {
+        let seconds = load.at.duration_since(load.first_at).as_secs_f64();
+        let since = |of: fn(&WorkerLoad) -> Option<u64>| of(&load.newest)?.checked_sub(of(&load.first)?);
+        let (ended, failed) = (since(|load| load.ended)?, since(|load| load.failed)?);
+        (seconds > 0.0).then(|| Self { calls_per_s: ended as f64 / seconds, errors_per_s: failed as f64 / seconds })
+    }
+}
+
 /// What was heard of a cell, to be told.
 struct Status<'a> {
     heard: &'a Surroundings,
@@ -81,7 +98,14 @@ struct Status<'a> {
 impl Status<'_> {
     fn document(&self) -> Value {
         let heard = self.heard;
-        let worker = |((service, worker), load): (&(Service, String), &Option<Heard<WorkerLoad>>)| json!({"service": service, "worker": worker, "silent_ms": load.as_ref().map(|l| l.at.elapsed().as_millis() as u64), "load": load.as_ref().map(|l| &l.newest)});
+        let worker = |((service, worker), load): (&(Service, String), &Option<Heard<WorkerLoad>>)| {
+            let rates = load.as_ref().and_then(Rates::of);
+            json!({
+                "service": service, "worker": worker, "silent_ms": load.as_ref().map(|l| l.at.elapsed().as_millis() as u64),
+                "calls_per_s": rates.map(|rates| rates.calls_per_s), "errors_per_s": rates.map(|rates| rates.errors_per_s),
+                "load": load.as_ref().map(|l| &l.newest),
+            })
+        };
         let camera = |(name, scene): (&String, &Heard<SceneSummary>)| {
             json!({
                 "camera": name, "scene_id": scene.newest.scene_id, "objects": scene.newest.objects.len(),
@@ -120,19 +144,25 @@ impl Status<'_> {
     }
 
     fn workers(&self) -> String {
-        let mut table = table(["service", "worker", "waiting", "running", "ms a call", "weights", "kernel", ""]);
+        let mut table =
+            table(["service", "worker", "version", "waiting", "running", "calls/s", "errors/s", "ms a call", "weights", "kernel", ""]);
         for ((service, worker), load) in &self.heard.workers {
             let mut cells = vec![service.to_string(), worker.clone()];
+            let rates = load.as_ref().and_then(Rates::of);
+            let rate = |of: fn(Rates) -> f64| rates.map_or_else(|| "?".to_owned(), |rates| format!("{:.1}", of(rates)));
             match load.as_ref().map(|heard| &heard.newest) {
                 Some(load) => cells.extend([
+                    load.version.clone().unwrap_or_else(|| "?".to_owned()),
                     format!("{} of {}", load.queue_depth, load.queue_capacity),
                     load.in_flight.to_string(),
+                    rate(|rates| rates.calls_per_s),
+                    rate(|rates| rates.errors_per_s),
                     format!("{:.1}", load.service_ms),
                     load.weights_hash.chars().take(12).collect(),
                     load.kernel.clone(),
                     if load.draining { "draining".to_owned() } else { String::new() },
                 ]),
-                None => cells.extend(["?", "?", "?", "", "", "silent"].map(str::to_owned)),
+                None => cells.extend(["?", "?", "?", "?", "?", "?", "", "", "silent"].map(str::to_owned)),
             }
             table.add_row(cells);
         }
@@ -159,6 +189,14 @@ impl Status<'_> {
                 Some(_) => {}
                 None => wrong.push(format!("{service} {worker} is alive and does not tell its load")),
             }
+            if let Some(rates) = load.as_ref().and_then(Rates::of).filter(|rates| rates.errors_per_s > 0.0) {
+                let Rates { calls_per_s, errors_per_s } = rates;
+                wrong.push(format!("{service} {worker} fails {errors_per_s:.1} of {calls_per_s:.1} calls a second; its log says why"));
+            }
+        }
+        let versions: BTreeSet<&str> = heard.workers.values().flatten().filter_map(|load| load.newest.version.as_deref()).collect();
+        if versions.len() > 1 {
+            wrong.push(format!("workers are of several versions: {}", Vec::from_iter(versions).join(", ")));
         }
         let mut weights: BTreeMap<&str, usize> = BTreeMap::new();
         for load in alive(Service::Inference).filter_map(|(_, load)| load.as_ref()) {

@@ -7,8 +7,8 @@ use repose_proto::load::WorkerLoad;
 use repose_proto::{CallError, Payload, Priority};
 use tokio_util::sync::CancellationToken;
 
+use crate::job::JobContext;
 use crate::mailbox::MailboxSender;
-use crate::queue::JobContext;
 use crate::stages::Stages;
 
 /// One call to this worker. Cheap to clone.

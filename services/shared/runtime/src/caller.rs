@@ -16,14 +16,15 @@ use bytes::Bytes;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_proto::{CallAttachment, CallError, Cell, ErrorCode, Payload, Priority, Service, limits, message};
-use tokio::sync::mpsc;
 use tokio::time::Instant;
-use tokio_util::sync::CancellationToken;
+use tracing::Instrument;
 
 use crate::RuntimeError;
 use crate::attempt::{Attempt, Ended};
+use crate::call_options::CallOptions;
 use crate::config::CallerConfig;
-use crate::directory::{Accept, Assigned, Directory, Wanted, WorkerView};
+use crate::directory::{Assigned, Directory, Wanted, WorkerView};
+use crate::outage::{LOOK, Patience};
 use crate::transport::{OutgoingQuery, Traffic, Transport};
 
 /// By how much the network's own time limit of a query outlives the deadline: the caller's clock alone ends a call, and a stream that ends
@@ -31,71 +32,6 @@ use crate::transport::{OutgoingQuery, Traffic, Transport};
 const NETWORK_MARGIN: Duration = Duration::from_secs(1);
 /// An attempt is slow when it takes this many times what its worker's calls take.
 const SLOW_FACTOR: u32 = 3;
-/// How often a call that waits for a worker looks whether the network is there.
-const LOOK: Duration = Duration::from_millis(50);
-
-/// How one call is to be made.
-#[derive(Clone)]
-pub struct CallOptions {
-    /// Time until the deadline (10 s), at most [`limits::MAX_REMAINING_MS`].
-    pub deadline: Duration,
-    /// Who waits.
-    pub priority: Priority,
-    /// Whether it may be computed twice, and so be tried again (yes). Never for what moves a robot.
-    pub idempotent: bool,
-    /// Triggering it ends the call with `cancelled`, and tells the worker. Dropping the call's future tells it too.
-    pub cancel: CancellationToken,
-    /// This worker only.
-    pub worker: Option<String>,
-    /// Only workers whose load this accepts: a pin on weights and kernel.
-    pub accept: Option<Accept>,
-    /// Where progress goes; what does not fit is dropped.
-    pub progress: Option<mpsc::Sender<Payload>>,
-    /// The request's id; made up where absent. Repeating an at-most-once call needs the same one, at the same worker: it remembers what came
-    /// of it, another would do it again.
-    pub id: Option<String>,
-    /// W3C trace context to pass on.
-    pub traceparent: Option<String>,
-}
-
-impl Default for CallOptions {
-    fn default() -> Self {
-        Self {
-            deadline: Duration::from_secs(10),
-            priority: Priority::Interactive,
-            idempotent: true,
-            cancel: CancellationToken::new(),
-            worker: None,
-            accept: None,
-            progress: None,
-            id: None,
-            traceparent: None,
-        }
-    }
-}
-
-impl CallOptions {
-    /// The defaults with a deadline.
-    pub fn within(deadline: Duration) -> Self {
-        Self { deadline, ..Self::default() }
-    }
-
-    /// A call that must not happen twice.
-    pub fn at_most_once(deadline: Duration) -> Self {
-        Self { deadline, idempotent: false, ..Self::default() }
-    }
-
-    /// A call on behalf of another: the same deadline, priority, cancel and trace.
-    pub fn for_call(call: &crate::Call) -> Self {
-        Self {
-            deadline: call.remaining(),
-            priority: call.priority,
-            cancel: call.cancelled.clone(),
-            traceparent: call.traceparent.clone(),
-            ..Self::default()
-        }
-    }
-}
 
 /// The result of a call.
 #[derive(Debug, Clone, PartialEq)]
@@ -124,6 +60,7 @@ struct Inner {
     name: Option<String>,
     config: CallerConfig,
     directory: Directory,
+    patience: Patience,
     /// Terminal replies that followed a terminal reply.
     duplicates: Arc<AtomicU64>,
 }
@@ -143,7 +80,9 @@ impl Caller {
         let random = Pcg64::seed_from_u64(config.seed.unwrap_or_else(|| uuid::Uuid::new_v4().as_u64_pair().0));
         let suspect_after = Duration::from_millis(config.suspect_after_ms);
         let directory = Directory::follow(transport.as_ref(), &cell, service, suspect_after, random).await?;
-        Ok(Self { inner: Arc::new(Inner { transport, cell, service, name, config, directory, duplicates: Arc::default() }) })
+        let patience = Patience::new(transport.clone(), service, &config);
+        let duplicates = Arc::default();
+        Ok(Self { inner: Arc::new(Inner { transport, cell, service, name, config, directory, patience, duplicates }) })
     }
 
     /// How many terminal replies came after the one that ended their call: none, unless a worker breaks the contract.
@@ -172,20 +111,18 @@ impl Caller {
                 changed.await;
             }
         };
-        tokio::time::timeout(bound, enough).await.map_err(|_| self.inner.nobody())
+        tokio::time::timeout(bound, enough).await.map_err(|_| self.inner.patience.nobody())
     }
 
     /// Waits for a first worker as a call does: `worker_wait_ms`, and through an outage of the router.
     async fn wait_for_any(&self, deadline: Duration) -> Result<(), CallError> {
-        let started = Instant::now();
-        let bound = started + deadline;
+        let (began, patience) = (Instant::now(), &self.inner.patience);
         while self.wait_for_workers(1, LOOK).await.is_err() {
-            let is_up = self.inner.transport.connection().is_up;
-            if Instant::now() >= bound {
-                return Err(if is_up { self.inner.nobody() } else { self.inner.no_router() });
+            if began.elapsed() >= deadline {
+                return Err(patience.at_deadline(patience.nobody()));
             }
-            if Instant::now() >= self.inner.patience(started) {
-                return Err(self.inner.nobody());
+            if patience.is_over(began) {
+                return Err(patience.nobody());
             }
         }
         Ok(())
@@ -219,7 +156,10 @@ impl Caller {
             cancelled_at: Vec::new(),
             attempts: 0,
         };
-        ongoing.run().await
+        // Debug, so that logs have no second span beside the worker's; a collector of traces gets it all the same.
+        let span = tracing::debug_span!("request", id = ongoing.id, method, service = self.inner.service.as_str());
+        crate::trace::continue_from(&span, options.traceparent.as_deref());
+        ongoing.run().instrument(span).await
     }
 
     /// Makes the same call to every worker alive and returns the first result: who holds it, whoever that is.
@@ -236,7 +176,7 @@ impl Caller {
                 self.call(method, payload.clone(), options)
             })
             .collect();
-        let mut worst = self.inner.nobody();
+        let mut worst = self.inner.patience.nobody();
         while let Some(ended) = futures::StreamExt::next(&mut calls).await {
             match ended {
                 Ok(answer) => return Ok(answer),
@@ -253,30 +193,6 @@ fn too_late() -> CallError {
 }
 
 impl Inner {
-    fn nobody(&self) -> CallError {
-        CallError::new(ErrorCode::Unavailable, format!("no suitable {} worker is alive", self.service))
-    }
-
-    fn no_router(&self) -> CallError {
-        CallError::new(
-            ErrorCode::Unavailable,
-            format!("the router was away until the deadline: no {} worker could be reached", self.service),
-        )
-    }
-
-    /// Until when a call waits for a first worker, seen from now. Workers come back a while after their router: they reconnect as we did.
-    fn patience(&self, since: Instant) -> Instant {
-        let connection = self.transport.connection();
-        if !connection.is_up {
-            return Instant::now() + LOOK * 2;
-        }
-        let wait = since + Duration::from_millis(self.config.worker_wait_ms);
-        match connection.number {
-            1 => wait,
-            _ => wait.max(connection.since + Duration::from_millis(self.config.return_wait_ms)),
-        }
-    }
-
     fn cancel_at(&self, worker: &str, id: &str) -> impl Future<Output = ()> + Send + 'static {
         let (transport, key) = (self.transport.clone(), self.cell.cancel(self.service, worker, id));
         async move {
@@ -375,7 +291,7 @@ impl Ongoing<'_> {
 
     /// A worker, waiting a while for one to appear, and for the router as long as the deadline allows.
     async fn worker(&self) -> Result<Assigned, CallError> {
-        let (directory, started) = (&self.inner.directory, Instant::now());
+        let (directory, patience, began) = (&self.inner.directory, &self.inner.patience, Instant::now());
         loop {
             let mut changed = std::pin::pin!(directory.changed());
             changed.as_mut().enable();
@@ -386,11 +302,11 @@ impl Ongoing<'_> {
                 () = changed => {}
                 () = self.options.cancel.cancelled() => return Err(CallError::new(ErrorCode::Cancelled, "cancelled before it was sent")),
                 () = tokio::time::sleep(LOOK.min(self.remaining())) => {
-                    match (self.remaining().is_zero(), self.inner.transport.connection().is_up) {
-                        (true, true) => return Err(too_late()),
-                        (true, false) => return Err(self.inner.no_router()),
-                        (false, _) if Instant::now() >= self.inner.patience(started) => return Err(self.inner.nobody()),
-                        _ => {}
+                    if self.remaining().is_zero() {
+                        return Err(patience.at_deadline(too_late()));
+                    }
+                    if patience.is_over(began) {
+                        return Err(patience.nobody());
                     }
                 }
             }
@@ -430,7 +346,7 @@ impl Ongoing<'_> {
             remaining_ms: u64::try_from(remaining.as_millis()).unwrap_or(limits::MAX_REMAINING_MS),
             priority: self.options.priority,
             attempt: self.attempts,
-            traceparent: self.options.traceparent.clone().or_else(|| crate::trace::traceparent(&tracing::Span::current())),
+            traceparent: crate::trace::traceparent(&tracing::Span::current()).or_else(|| self.options.traceparent.clone()),
             caller: inner.name.clone(),
         };
         let query = OutgoingQuery {

@@ -54,6 +54,7 @@
 
 mod attempt;
 mod call;
+mod call_options;
 mod caller;
 mod config;
 pub mod deployment;
@@ -63,9 +64,11 @@ mod error;
 pub mod fake;
 mod gauge;
 mod health;
+mod job;
 mod journal;
 pub mod mailbox;
 mod namesakes;
+mod outage;
 mod queue;
 mod registry;
 mod scenes;
@@ -73,13 +76,16 @@ mod server;
 mod session;
 mod shutdown;
 mod stages;
+mod tally;
 mod telemetry;
 mod trace;
 pub mod transport;
+mod waiting;
 mod zenoh_transport;
 
 pub use call::{Call, Handler};
-pub use caller::{Answer, CallOptions, Caller};
+pub use call_options::CallOptions;
+pub use caller::{Answer, Caller};
 pub use config::{
     CallerConfig, RuntimeConfig, SECTIONS, SessionConfig, SessionMode, TelemetryConfig, WorkerConfig, list_or_commas, load_config,
 };
@@ -87,7 +93,8 @@ pub use directory::{Accept, WorkerView};
 pub use error::RuntimeError;
 pub use gauge::{LoadGauge, load_of};
 pub use health::{HealthServer, METRICS, start_metrics};
-pub use queue::{BatchQueue, ComputeQueue, Job, JobContext, JobReply, Pending, QueueSettings};
+pub use job::{Job, JobContext, JobReply};
+pub use queue::{BatchQueue, ComputeQueue, Pending, QueueSettings};
 pub use scenes::{SceneStore, check_scene_id, fetch_scene};
 pub use server::Server;
 pub use session::{Publisher, Session, run_router};

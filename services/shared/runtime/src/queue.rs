@@ -9,18 +9,17 @@
 //! Overload is shed at the door: a job whose wait would not leave it time to be computed before its deadline is refused at once, batch jobs
 //! get no more than half of the places, and an interactive job takes the youngest batch job's place where there is none left.
 
-use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use repose_proto::{CallError, ErrorCode, Priority};
+use repose_proto::{CallError, ErrorCode};
 use tokio::sync::oneshot;
-use tokio_util::sync::CancellationToken;
 
 use crate::RuntimeError;
 use crate::gauge::LoadGauge;
-use crate::stages::Stages;
+use crate::job::{Job, JobContext, JobReply};
+use crate::waiting::{Taken, WaitingJobs};
 
 /// Size of a queue and of its crew.
 #[derive(Debug, Clone)]
@@ -40,212 +39,15 @@ pub struct QueueSettings {
     pub max_wait: Duration,
 }
 
-/// Interactive jobs that may be taken before a batch job that waits: no more, or a busy service would never come to it.
-const LET_BY: usize = 16;
-/// How much longer than expected a job may take and still be admitted for its deadline: what is expected is a smoothed mean.
-const EXPECTED_MARGIN: f64 = 1.25;
-
 impl Default for QueueSettings {
     fn default() -> Self {
         Self { name: "compute".to_owned(), capacity: 32, threads: 1, max_batch: 1, max_weight: usize::MAX, max_wait: Duration::ZERO }
     }
 }
 
-/// How long a job may still be worth computing. Long computations ask between their steps.
-#[derive(Debug, Clone)]
-pub struct JobContext {
-    deadline: Instant,
-    cancelled: CancellationToken,
-    priority: Priority,
-    stages: Stages,
-    span: tracing::Span,
-}
-
-impl JobContext {
-    /// A job that must be done by `deadline` and ends when `cancelled` is triggered.
-    pub fn new(deadline: Instant, cancelled: CancellationToken) -> Self {
-        Self { deadline, cancelled, priority: Priority::Interactive, stages: Stages::default(), span: tracing::Span::current() }
-    }
-
-    /// The same, whose time in the queue is added to a call's stages.
-    #[must_use]
-    pub fn with_stages(self, stages: Stages) -> Self {
-        Self { stages, ..self }
-    }
-
-    /// The same with another priority; jobs are interactive unless said otherwise.
-    #[must_use]
-    pub fn with_priority(self, priority: Priority) -> Self {
-        Self { priority, ..self }
-    }
-
-    /// A job that nobody cancels.
-    pub fn within(time: Duration) -> Self {
-        Self::new(Instant::now() + time, CancellationToken::new())
-    }
-
-    /// When the job must be done.
-    pub fn deadline(&self) -> Instant {
-        self.deadline
-    }
-
-    /// Triggered when the caller cancels.
-    pub fn cancelled(&self) -> &CancellationToken {
-        &self.cancelled
-    }
-
-    /// Time left.
-    pub fn remaining(&self) -> Duration {
-        self.deadline.saturating_duration_since(Instant::now())
-    }
-
-    /// Whether to go on.
-    ///
-    /// # Errors
-    /// `cancelled` or `deadline_exceeded`.
-    pub fn check(&self) -> Result<(), CallError> {
-        // The deadline first: passing it triggers the cancel as well.
-        if self.remaining().is_zero() {
-            return Err(CallError::new(ErrorCode::DeadlineExceeded, "the deadline passed before the work was done"));
-        }
-        if self.cancelled.is_cancelled() {
-            return Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled"));
-        }
-        Ok(())
-    }
-}
-
-/// A request on its way to a compute thread, with the way back.
-pub struct Job<R, T> {
-    queued: Instant,
-    /// What to compute.
-    pub request: R,
-    /// How long it may take.
-    pub context: JobContext,
-    /// Where the answer goes.
-    pub reply: JobReply<T>,
-}
-
-impl<R, T> Job<R, T> {
-    /// Answers, and drops the request.
-    pub fn finish(self, result: Result<T, CallError>) {
-        self.reply.finish(result);
-    }
-
-    /// The job, if anyone still waits for it; answers if it is too late.
-    fn alive(self) -> Option<Self> {
-        if !self.reply.is_awaited() {
-            return None;
-        }
-        match self.context.check() {
-            Ok(()) => Some(self),
-            Err(error) => {
-                self.finish(Err(error));
-                None
-            }
-        }
-    }
-}
-
-/// The way back of a [`Job`]. Dropped without an answer, the job ends as `internal`.
-pub struct JobReply<T>(oneshot::Sender<Result<T, CallError>>);
-
-impl<T> JobReply<T> {
-    /// Whether anyone still waits for the answer.
-    pub fn is_awaited(&self) -> bool {
-        !self.0.is_closed()
-    }
-
-    /// Answers.
-    pub fn finish(self, result: Result<T, CallError>) {
-        // A caller that has gone needs no answer.
-        drop(self.0.send(result));
-    }
-}
-
 struct State<R, T> {
-    interactive: VecDeque<Job<R, T>>,
-    batch: VecDeque<Job<R, T>>,
-    /// Interactive jobs taken while a batch job waited, since the last batch job.
-    let_by: usize,
+    jobs: WaitingJobs<R, T>,
     closed: bool,
-}
-
-impl<R, T> State<R, T> {
-    fn waiting(&self) -> usize {
-        self.interactive.len() + self.batch.len()
-    }
-
-    /// Jobs that go before a new one of a priority.
-    fn ahead(&self, priority: Priority) -> usize {
-        match priority {
-            Priority::Interactive => self.interactive.len(),
-            Priority::Batch => self.waiting(),
-        }
-    }
-
-    fn push(&mut self, job: Job<R, T>) {
-        match job.context.priority {
-            Priority::Interactive => self.interactive.push_back(job),
-            Priority::Batch => self.batch.push_back(job),
-        }
-    }
-
-    /// Whether a batch job has let enough by.
-    fn is_batch_due(&self) -> bool {
-        !self.batch.is_empty() && self.let_by >= LET_BY
-    }
-
-    /// The next job to go with those taken already, if there is room for it: the oldest interactive one, unless a batch job is due. A batch job
-    /// that is not due would only delay the interactive ones beside it.
-    fn pop(&mut self, taken: &mut Taken<R, T>, weigh: fn(&R) -> usize) -> Option<Job<R, T>> {
-        let is_interactive = !self.interactive.is_empty() && !self.is_batch_due();
-        if !is_interactive && !self.is_batch_due() && taken.is_interactive() {
-            return None;
-        }
-        let line = if is_interactive { &mut self.interactive } else { &mut self.batch };
-        taken.is_full |= line.front().is_some_and(|job| !taken.has_room_for(weigh(&job.request)));
-        let job = if taken.is_full { None } else { line.pop_front() }?;
-        self.let_by = if is_interactive && !self.batch.is_empty() { self.let_by + 1 } else { 0 };
-        Some(job)
-    }
-
-    /// Forgets those nobody waits for.
-    fn drop_abandoned(&mut self) {
-        self.interactive.retain(|job| job.reply.is_awaited());
-        self.batch.retain(|job| job.reply.is_awaited());
-    }
-}
-
-/// Jobs that are handed over together.
-struct Taken<R, T> {
-    jobs: Vec<Job<R, T>>,
-    weight: usize,
-    max_weight: usize,
-    /// No more jobs, or none as heavy as the next.
-    is_full: bool,
-}
-
-impl<R, T> Taken<R, T> {
-    fn has_room_for(&self, weight: usize) -> bool {
-        self.jobs.is_empty() || self.weight.saturating_add(weight) <= self.max_weight
-    }
-
-    fn is_interactive(&self) -> bool {
-        self.jobs.iter().any(|job| job.context.priority == Priority::Interactive)
-    }
-
-    fn push(&mut self, job: Job<R, T>, weight: usize, most: usize) {
-        self.weight = self.weight.saturating_add(weight);
-        self.jobs.push(job);
-        self.is_full = self.jobs.len() >= most;
-    }
-
-    /// The jobs, interactive ones first.
-    fn in_order(mut self) -> Vec<Job<R, T>> {
-        self.jobs.sort_by_key(|job| job.context.priority == Priority::Batch);
-        self.jobs
-    }
 }
 
 struct Shared<R, T> {
@@ -257,33 +59,9 @@ struct Shared<R, T> {
 }
 
 impl<R, T> Shared<R, T> {
-    /// How many jobs may wait before one of a priority is refused: batch leaves half of the places to interactive jobs.
-    fn places(&self, priority: Priority) -> usize {
-        match priority {
-            Priority::Interactive => self.settings.capacity,
-            Priority::Batch => self.settings.capacity.div_ceil(2),
-        }
-    }
-
     fn exhausted(&self, message: impl Into<String>) -> CallError {
         metrics::counter!("repose_refused_total", "queue" => self.settings.name.clone()).increment(1);
         CallError::new(ErrorCode::ResourceExhausted, message).retry_after(self.gauge.retry_after_ms(self.settings.threads))
-    }
-
-    /// Why a job cannot be taken: no place, or no hope to be done by its deadline.
-    fn refusal(&self, state: &State<R, T>, context: &JobContext) -> Option<CallError> {
-        if state.waiting() >= self.places(context.priority) {
-            return Some(self.exhausted(format!("{} calls wait already", state.waiting())));
-        }
-        let threads = self.settings.threads.max(1);
-        // Those that run are half done, in the mean.
-        let before = state.ahead(context.priority) as f64 + self.gauge.running().min(threads) as f64 / 2.0;
-        let rounds = if state.ahead(context.priority) == 0 && self.gauge.running() < threads { 0.0 } else { before / threads as f64 };
-        let expected_ms = (rounds + 1.0) * self.gauge.service_ms() * EXPECTED_MARGIN;
-        let left_ms = context.remaining().as_secs_f64() * 1e3;
-        // An idle queue takes anything: a deadline that looks too short may do, and a smoothed time has to be able to fall again.
-        (rounds > 0.0 && expected_ms > left_ms)
-            .then(|| self.exhausted(format!("it would take about {expected_ms:.0} ms and {left_ms:.0} ms are left")))
     }
 
     fn state(&self) -> MutexGuard<'_, State<R, T>> {
@@ -294,10 +72,10 @@ impl<R, T> Shared<R, T> {
     fn take(&self) -> Option<Vec<Job<R, T>>> {
         let mut state = self.state();
         let QueueSettings { max_batch, max_weight, max_wait, .. } = self.settings;
-        let mut taken = Taken { jobs: Vec::new(), weight: 0, max_weight, is_full: false };
+        let mut taken = Taken::none(max_weight);
         let mut full_by = None;
         loop {
-            while let Some(job) = state.pop(&mut taken, self.weigh) {
+            while let Some(job) = state.jobs.pop(&mut taken, self.weigh) {
                 if let Some(job) = job.alive() {
                     let waited = job.queued.elapsed();
                     job.context.stages.add("queue", waited.as_secs_f64() * 1e3);
@@ -306,12 +84,12 @@ impl<R, T> Shared<R, T> {
                     taken.push(job, weight, max_batch);
                 }
             }
-            self.gauge.set_waiting(state.waiting());
+            self.gauge.set_waiting(state.jobs.waiting());
             if !taken.jobs.is_empty() {
                 let full_by = *full_by.get_or_insert_with(|| Instant::now() + max_wait);
                 let left = full_by.saturating_duration_since(Instant::now());
                 if taken.is_full || left.is_zero() || state.closed {
-                    if state.waiting() > 0 {
+                    if state.jobs.waiting() > 0 {
                         // What is left here may have woken no other thread than this.
                         self.arrived.notify_one();
                     }
@@ -354,7 +132,7 @@ impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
     where
         W: FnMut(Vec<Job<R, T>>) + Send + 'static,
     {
-        let state = Mutex::new(State { interactive: VecDeque::new(), batch: VecDeque::new(), let_by: 0, closed: false });
+        let state = Mutex::new(State { jobs: WaitingJobs::default(), closed: false });
         let shared = Arc::new(Shared { state, arrived: Condvar::new(), gauge: Arc::default(), settings, weigh });
         // Made first, so that the threads end when one of them could not be started.
         let queue = Self { shared: shared.clone() };
@@ -392,21 +170,14 @@ impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
         context.check()?;
         let (reply, answer) = oneshot::channel();
         let mut state = self.shared.state();
-        let places = self.shared.places(context.priority);
-        if state.waiting() >= places {
-            // Those nobody waits for make room first.
-            state.drop_abandoned();
+        let QueueSettings { capacity, threads, .. } = self.shared.settings;
+        let displaced = state.jobs.displaced_by(context.priority, capacity);
+        if let Some(why) = state.jobs.refusal(&context, capacity, threads, &self.shared.gauge) {
+            state.jobs.restore(displaced);
+            return Err(self.shared.exhausted(why));
         }
-        let displaced = match (state.waiting() >= places, context.priority) {
-            (true, Priority::Interactive) => state.batch.pop_back(),
-            _ => None,
-        };
-        if let Some(refused) = self.shared.refusal(&state, &context) {
-            state.batch.extend(displaced);
-            return Err(refused);
-        }
-        state.push(Job { queued: Instant::now(), request, context: context.clone(), reply: JobReply(reply) });
-        self.shared.gauge.set_waiting(state.waiting());
+        state.jobs.push(Job { queued: Instant::now(), request, context: context.clone(), reply: JobReply(reply) });
+        self.shared.gauge.set_waiting(state.jobs.waiting());
         drop(state);
         if let Some(displaced) = displaced {
             displaced.finish(Err(self.shared.exhausted("an interactive call took this batch call's place")));
@@ -453,14 +224,14 @@ impl<T> Pending<T> {
     /// # Errors
     /// The job's own, `internal` when it panicked, `cancelled`, or `deadline_exceeded`.
     pub async fn answer(self) -> Result<T, CallError> {
-        let deadline = tokio::time::Instant::from_std(self.context.deadline);
+        let deadline = tokio::time::Instant::from_std(self.context.deadline());
         tokio::select! {
             biased;
             answer = self.answer => answer.unwrap_or_else(|_| Err(CallError::internal("the computation ended without an answer"))),
             () = tokio::time::sleep_until(deadline) => {
                 Err(CallError::new(ErrorCode::DeadlineExceeded, "the deadline passed before the work was done"))
             }
-            () = self.context.cancelled.cancelled() => Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled")),
+            () = self.context.cancelled().cancelled() => Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled")),
         }
     }
 }

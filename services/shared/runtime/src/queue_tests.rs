@@ -2,7 +2,11 @@
 
 use std::sync::mpsc;
 
+use repose_proto::Priority;
+use tokio_util::sync::CancellationToken;
+
 use super::*;
+use crate::waiting::LET_BY;
 
 fn queue(capacity: usize) -> ComputeQueue {
     ComputeQueue::start(QueueSettings { capacity, ..QueueSettings::default() }).unwrap()

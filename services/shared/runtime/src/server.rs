@@ -28,6 +28,7 @@ use crate::mailbox::{MailboxReceiver, mailbox};
 use crate::namesakes;
 use crate::registry::{Admission, Outcome, Registry};
 use crate::stages::Stages;
+use crate::tally::Tally;
 use crate::transport::{Guard, IncomingQueries, IncomingQuery, Replier, Subscription, Traffic, Transport};
 
 /// Progress replies of one call that may wait to be sent.
@@ -59,6 +60,7 @@ struct Shared {
     registry: Mutex<Registry>,
     gauge: LoadGauge,
     journal: Journal,
+    tally: Tally,
     draining: AtomicBool,
     refusing: AtomicBool,
     load_changed: Arc<Notify>,
@@ -93,6 +95,7 @@ impl Server {
         let shared = Arc::new(Shared {
             registry: Mutex::new(Registry::new(config.max_open_calls, config.outcomes_kept)),
             gauge: LoadGauge::default(),
+            tally: Tally::default(),
             draining: AtomicBool::new(false),
             refusing: AtomicBool::new(false),
             load_changed,
@@ -198,6 +201,8 @@ async fn report_load(shared: Arc<Shared>) {
         load.draining = shared.draining.load(Ordering::Acquire);
         load.operates = shared.service.has_operations();
         load.journals = shared.journal.is_on();
+        load.version = Some(env!("CARGO_PKG_VERSION").to_owned());
+        (load.ended, load.failed) = shared.tally.so_far();
         if load.in_flight == 0 && load.queue_depth == 0 {
             load.in_flight = shared.registry().open_calls();
         }
@@ -345,7 +350,7 @@ async fn answer(shared: Arc<Shared>, query: IncomingQuery, door: Door) {
     };
     let span = span_of(&shared, &call);
     let refused = Err(error);
-    span.in_scope(|| told(&shared, &call.method, &refused, received.elapsed()));
+    span.in_scope(|| shared.tally.count(shared.service, &call.method, &refused, received.elapsed()));
     answerer.finish(refused, BTreeMap::new()).await;
 }
 
@@ -422,7 +427,7 @@ async fn compute(
     }
     let mut timing_ms = stages.take();
     timing_ms.insert("total".to_owned(), started.elapsed().as_secs_f64() * 1e3);
-    span.in_scope(|| told(&shared, &method, &outcome, started.elapsed()));
+    span.in_scope(|| shared.tally.count(shared.service, &method, &outcome, started.elapsed()));
     answerer.finish(outcome, timing_ms).await;
 }
 
@@ -433,25 +438,6 @@ fn span_of(shared: &Shared, call: &CallAttachment) -> tracing::Span {
     let span = tracing::info_span!("call", id, method, caller = call.caller, attempt, service, worker, cell = shared.cell.name());
     crate::trace::continue_from(&span, call.traceparent.as_deref());
     span
-}
-
-/// Counts how a call ended, and says so in the log.
-fn told(shared: &Shared, method: &str, outcome: &Outcome, took: Duration) {
-    let service = shared.service.as_str();
-    let (code, is_unknown) = match outcome {
-        Ok(_) => ("result", false),
-        Err(error) => (error.code.as_str(), error.field.as_deref() == Some("method")),
-    };
-    // Callers make methods up; the names of metrics are ours.
-    let known = if is_unknown { "unknown" } else { method }.to_owned();
-    metrics::counter!("repose_requests_total", "service" => service, "method" => known.clone(), "code" => code).increment(1);
-    metrics::histogram!("repose_request_seconds", "service" => service, "method" => known).record(took.as_secs_f64());
-    let took_ms = took.as_millis() as u64;
-    match outcome {
-        Err(error) if error.code == ErrorCode::Internal => tracing::error!(%error, took_ms, "ended"),
-        Err(error) => tracing::info!(%error, took_ms, "ended"),
-        Ok(_) => tracing::debug!(took_ms, "ended"),
-    }
 }
 
 /// Waits for the handler, for its deadline and for a cancel, and forwards progress meanwhile.

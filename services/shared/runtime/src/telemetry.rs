@@ -69,11 +69,16 @@ fn may_hold_secrets(metadata: &Metadata<'_>) -> bool {
     metadata.target() == "zenoh::api::session" && *metadata.level() >= Level::DEBUG
 }
 
+/// Where Zenoh says who wants to be let in, and why not.
+const ACCEPTING: &str = "zenoh_transport::unicast::establishment::accept";
+/// Where it says whose certificate is no good.
+const QUIC: &str = "zenoh_link_commons::quic";
+
 /// Where Zenoh says that it refuses a message or a login: at levels that nobody reads.
 fn is_refusal(metadata: &Metadata<'_>) -> bool {
     metadata.target().starts_with("zenoh::net::routing::interceptor::access_control")
-        || (metadata.target().starts_with("zenoh_transport::unicast") && *metadata.level() <= Level::ERROR)
-        || (metadata.target() == "zenoh_transport::unicast::manager" && *metadata.level() <= Level::WARN)
+        || metadata.target() == ACCEPTING
+        || (metadata.target().starts_with(QUIC) && *metadata.level() <= Level::ERROR)
 }
 
 /// Says in our words, and once for each, what the router refuses.
@@ -86,6 +91,8 @@ struct Refusals {
 thread_local! {
     /// The key that access control is working out every permission of, on this thread: what it finds there was not asked for by anybody.
     static CACHING: RefCell<Option<String>> = const { RefCell::new(None) };
+    /// Where the login came from that is looked at on this thread.
+    static LOGIN: RefCell<Option<String>> = const { RefCell::new(None) };
 }
 
 /// Refusals that may wait to be said; a flood is not worth more.
@@ -118,9 +125,8 @@ impl Refusals {
 
     /// A refusal in our words, if the line is one.
     fn refusal(&self, target: &str, line: &str) -> Option<(&'static str, String)> {
-        if target.starts_with("zenoh_transport") {
-            let is_login = ["usrpwd", "UsrPwd", "Invalid password", "certificate", "authent"].iter().any(|sign| line.contains(sign));
-            return is_login.then(|| ("login", format!("refused a login: {}", crate::error::without_source_lines(line))));
+        if target == ACCEPTING || target.starts_with(QUIC) {
+            return refused_login(line).map(|words| ("login", words));
         }
         if let Some((_, rest)) = line.split_once("caching permissions for `") {
             CACHING.set(rest.split('`').next().map(str::to_owned));
@@ -156,6 +162,32 @@ impl Refusals {
             None => subjects.get(decision.session).cloned().unwrap_or_else(|| format!("session {}", decision.session)),
         }
     }
+}
+
+/// A login that is refused, in our words. Zenoh says first whose it looks at, `Establishment Accept OpenSyn: <ours> => <theirs>. Received: …`, and
+/// then what is wrong with it, `UsrPwd extension - Recv OpenSyn. Invalid password.`
+fn refused_login(line: &str) -> Option<String> {
+    if let Some((link, _)) = line.strip_prefix("Establishment Accept OpenSyn: ").and_then(|rest| rest.split_once(". Received")) {
+        LOGIN.set(link.rsplit("=> ").next().map(str::to_owned));
+        return None;
+    }
+    let why = match line {
+        _ if line.contains("Invalid user.") => "the router does not know that user",
+        _ if line.contains("Invalid password.") => "the password is wrong",
+        _ if line.contains("UsrPwd extension") && line.contains("Expected extension") => "it names no user",
+        _ if line.contains("Cannot accept QUIC") && line.contains("ertificate") => {
+            return Some(format!("refused a login: {}", crate::error::without_source_lines(line)));
+        }
+        _ => return None,
+    };
+    let from = LOGIN.take().map_or_else(String::new, |from| format!(" from {}", host_of(&from)));
+    Some(format!("refused a login{from}: {why}"))
+}
+
+/// The host of an endpoint: whoever tries again comes from another port, and a log has one line of each.
+fn host_of(endpoint: &str) -> &str {
+    let address = endpoint.split_once('/').map_or(endpoint, |(_, address)| address);
+    address.rsplit_once(':').map_or(address, |(host, _)| host)
 }
 
 /// A decision of access control: `<session> on <subject> is unauthorized to <action> on <key>`, or
@@ -249,8 +281,15 @@ mod tests {
     #[test]
     fn what_is_wrong_with_a_login_is_said_and_other_trouble_of_links_is_not() {
         let refusals = Refusals::start();
-        let target = "zenoh_transport::unicast::establishment::accept";
-        assert!(refusals.refusal(target, "UsrPwd extension - Recv OpenSyn. Invalid password.").is_some());
-        assert_eq!(refusals.refusal(target, "Received an unexpected message"), None);
+        let said = |line: &str| refusals.refusal(ACCEPTING, line);
+        assert_eq!(said("Establishment Accept OpenSyn: quic/10.0.0.1:7447 => quic/10.0.0.9:51234. Received: TransportMessage {}"), None);
+        let (kind, words) = said("UsrPwd extension - Recv OpenSyn. Invalid password. at file.rs:424.").expect("a refusal");
+        assert_eq!((kind, words.as_str()), ("login", "refused a login from 10.0.0.9: the password is wrong"));
+        let (_, words) = said("UsrPwd extension - Recv OpenSyn. Invalid user.").expect("a refusal");
+        assert_eq!(words, "refused a login: the router does not know that user", "where that one came from is not known");
+        assert_eq!(said("Received an unexpected message"), None);
+        assert!(
+            refusals.refusal("zenoh_link_commons::quic::unicast", "Cannot accept QUIC connection: peer sent no certificates").is_some()
+        );
     }
 }

@@ -66,6 +66,24 @@ async fn every_ending_through_a_router() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_stream_of_replies_ends_once_its_query_was_given_up() {
+    for network in [Network::embedded(RuntimeConfig::default()).await, Network::routed(RuntimeConfig::default()).await] {
+        let handler = Arc::new(Oddities::default());
+        let (_session, server) = network.worker(&handler).await;
+        network.caller(1).await;
+        let key = network.caller.cell().call(SERVICE, server.worker());
+        let attachment = Bytes::from_static(b"{\"v\":1,\"id\":\"given-up\",\"method\":\"held\",\"remaining_ms\":60000}");
+        let query = OutgoingQuery { payload: word(""), attachment, priority: Priority::Interactive, timeout: Duration::from_millis(200) };
+        let mut replies = network.caller.transport().query(&key, query).await.unwrap();
+        handler.wait_for(&handler.started, 1).await;
+        assert!(matches!(replies.next().await, Some(ReplyEvent::TimedOut)));
+        let after = tokio::time::timeout(Duration::from_secs(10), replies.next()).await.expect("it ends by itself");
+        assert!(after.is_none(), "{after:?}");
+        handler.release.notify_one();
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_worker_that_is_seen_can_be_called_at_once() {
     let mut config = RuntimeConfig::default();
     config.worker.drain_notice_ms = 10;

@@ -10,46 +10,25 @@ use common::{Oddities, SERVICE, read, word};
 use rcgen::{BasicConstraints, CertificateParams, DnType, IsCa, Issuer, KeyPair};
 use repose_proto::load::WorkerLoad;
 use repose_proto::{ErrorCode, Payload, Service};
-use repose_runtime::deployment::{Roles, TrialOptions, check, write};
+use repose_runtime::deployment::{CheckReport, Roles, Trial, TrialOptions, TrialOutcome, check, write};
 use repose_runtime::{CallOptions, RuntimeConfig, RuntimeError, Session, SessionMode, Traffic};
 
-const ROLES: &str = r#"
-router = "127.0.0.1:7447"
-cells = ["lab"]
-
-[users.viewer]
-role = "viewer"
-[users.asker]
-role = "planner"
-[users.operator]
-role = "operator"
-[users.elsewhere]
-role = "operator"
-cells = ["hall"]
-[users.arm]
-role = "driver"
-robot = "panda"
-cameras = ["wrist"]
-[users.planner]
-role = "service"
-service = "planner"
-[users.motion]
-role = "service"
-service = "motion"
-worker = "motion-1"
-[users.perception]
-role = "service"
-service = "perception"
-"#;
+/// The example that the README points to, for a router of this machine, and somebody of another cell.
+fn roles_text(login: &str) -> String {
+    let example = include_str!("../../../../deploy/roles.toml");
+    let text = example.replace("router.example:7447", "127.0.0.1:7447").replace("login = \"password\"", &format!("login = \"{login}\""));
+    assert!(text.contains("127.0.0.1:7447") && text.contains(&format!("login = \"{login}\"")));
+    text + "[users.elsewhere]\nrole = \"operator\"\ncells = [\"hall\"]\n"
+}
 
 fn roles(login: &str) -> Roles {
-    Roles::parse(&ROLES.replace("cells = [\"lab\"]\n\n", &format!("cells = [\"lab\"]\nlogin = \"{login}\"\n\n"))).unwrap()
+    Roles::parse(&roles_text(login)).unwrap()
 }
 
 async fn open(mode: SessionMode, endpoint: &str, file: Option<&Path>) -> Result<Session, RuntimeError> {
     let mut config = RuntimeConfig::default();
     config.session.mode = mode;
-    config.session.cell = "lab".to_owned();
+    config.session.cell = "cell".to_owned();
     config.session.connect_timeout_ms = 8000;
     config.session.zenoh_file = file.map(Path::to_owned);
     match mode {
@@ -67,28 +46,28 @@ async fn router(folder: &Path) -> (Session, String) {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-#[ignore = "the trial of every user, verb and key waits for minutes: cargo test -p repose-runtime --release --test deployment -- --ignored"]
+#[ignore = "with router and users in one process it does not always end: cargo test -p repose-runtime --release --test deployment -- --ignored"]
 async fn every_user_may_do_what_its_role_says_and_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
     let roles = roles("password");
     write(&roles, folder.path(), folder.path()).unwrap();
     let report = check(&roles, folder.path(), &TrialOptions { apart: true, ..TrialOptions::default() }).await.unwrap();
-    assert!(report.wrong.is_empty(), "{:#?}", report.wrong.iter().map(ToString::to_string).collect::<Vec<_>>());
+    let said = |list: &[Trial]| list.iter().map(ToString::to_string).collect::<Vec<_>>();
+    assert!(report.is_right(), "{:#?} {:#?}", said(&report.wrong), said(&report.unanswered));
     assert!(report.tried > 500 && report.allowed > 100, "{} tried, {} allowed", report.tried, report.allowed);
     assert!(!folder.path().join(".check").exists(), "the trial leaves no secrets behind");
 }
 
 #[tokio::test(flavor = "multi_thread")]
-#[ignore = "the trial of every user, verb and key waits for minutes: cargo test -p repose-runtime --release --test deployment -- --ignored"]
+#[ignore = "with router and users in one process it does not always end: cargo test -p repose-runtime --release --test deployment -- --ignored"]
 async fn the_same_holds_where_users_have_certificates_and_passwords() {
     let folder = tempfile::tempdir().unwrap();
-    let text = "router = \"127.0.0.1:7447\"\ncells = [\"lab\"]\nlogin = \"both\"\n[users.asker]\nrole = \"planner\"\n\
+    let text = "router = \"127.0.0.1:7447\"\ncells = [\"cell\"]\nlogin = \"both\"\n[users.asker]\nrole = \"planner\"\n\
                 [users.planner]\nrole = \"service\"\nservice = \"planner\"\n";
     let roles = Roles::parse(text).unwrap();
     write(&roles, folder.path(), folder.path()).unwrap();
     let report = check(&roles, folder.path(), &TrialOptions { apart: true, ..TrialOptions::default() }).await.unwrap();
-    assert!(report.wrong.is_empty(), "{:#?}", report.wrong);
-    assert!(report.allowed > 5);
+    assert!(report.is_right() && report.allowed > 5, "{report:#?}");
     // Neither alone is enough: with the certificate of one user and the password of the other, nobody is let do anything.
     let mixed = std::fs::read_to_string(folder.path().join("users/asker/zenoh.json5")).unwrap();
     let mixed = mixed
@@ -106,7 +85,7 @@ async fn the_same_holds_where_users_have_certificates_and_passwords() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-#[ignore = "the trial of every user, verb and key waits for minutes: cargo test -p repose-runtime --release --test deployment -- --ignored"]
+#[ignore = "with router and users in one process it does not always end: cargo test -p repose-runtime --release --test deployment -- --ignored"]
 async fn a_hole_in_the_routers_rules_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let roles = roles("password");
@@ -114,16 +93,20 @@ async fn a_hole_in_the_routers_rules_is_found() {
     let file = folder.path().join("router/router.json5");
     let text = std::fs::read_to_string(&file).unwrap();
     // The viewer may stop robots; now it may also pose as one, and the operator may operate no more.
-    let holed = text.replacen("\"repose/v1/lab/robot/*/@estop\"", "\"repose/v1/lab/robot/*/@estop\", \"repose/v1/lab/robot/*/state\"", 64);
-    let holed = holed.replace("repose/v1/lab/service/simulator/*/operate", "repose/v1/lab/service/simulator/nobody/operate");
+    let holed =
+        text.replacen("\"repose/v1/cell/robot/*/@estop\"", "\"repose/v1/cell/robot/*/@estop\", \"repose/v1/cell/robot/*/state\"", 64);
+    let holed = holed.replace("repose/v1/cell/service/motion/*/operate", "repose/v1/cell/service/motion/nobody/operate");
     assert_ne!(holed, text);
     std::fs::write(&file, holed).unwrap();
     let (_router, endpoint) = router(folder.path()).await;
     let report = check(&roles, folder.path(), &TrialOptions { connect: Some(endpoint), apart: false }).await.unwrap();
-    let found = |user: &str, key: &str, expected: bool| {
-        report.wrong.iter().any(|t| t.user == user && t.key.ends_with(key) && t.expected == expected)
-    };
-    assert!(found("viewer", "robot/panda/state", false), "{:#?}", report.wrong);
+    let of = |list: &[Trial], user: &str, key: &str| list.iter().find(|t| t.user == user && t.key.ends_with(key)).map(|t| t.outcome);
+    let CheckReport { wrong, unanswered, .. } = &report;
+    assert_eq!(of(wrong, "wall-display", "robot/panda/state"), Some(TrialOutcome::CameThrough), "{report:#?}");
+    let operate = "service/motion/motion-1/operate";
+    assert_eq!(of(wrong, "anna", operate), Some(TrialOutcome::Refused), "{report:#?}");
+    // Where nobody comes through who may, that others do not says nothing.
+    assert_eq!(of(unanswered, "task-planner", operate), Some(TrialOutcome::None), "{report:#?}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -146,7 +129,7 @@ async fn writing_again_keeps_passwords_and_certificates_and_adds_users() {
         ["router/users.txt", "authority/authority-key.pem", "router/router.pem", "users/arm/zenoh.json5", "users/arm/certificate.pem"];
     let read = |file: &str| std::fs::read_to_string(folder.path().join(file)).unwrap();
     let before = secrets.map(read);
-    let more = ROLES.replace("cells = [\"lab\"]\n\n", "cells = [\"lab\"]\nlogin = \"both\"\n\n") + "[users.newcomer]\nrole = \"viewer\"\n";
+    let more = roles_text("both") + "[users.newcomer]\nrole = \"viewer\"\n";
     write(&Roles::parse(&more).unwrap(), folder.path(), folder.path()).unwrap();
     let after = secrets.map(read);
     assert_eq!(before[1..], after[1..]);
@@ -191,7 +174,7 @@ async fn told(certificate: impl FnOnce(&Path), edit: impl FnOnce(String) -> Stri
     certificate(folder.path());
     let (_router, endpoint) = router(folder.path()).await;
     let file = folder.path().join("edited.json5");
-    std::fs::write(&file, edit(std::fs::read_to_string(folder.path().join("users/viewer/zenoh.json5")).unwrap())).unwrap();
+    std::fs::write(&file, edit(std::fs::read_to_string(folder.path().join("users/wall-display/zenoh.json5")).unwrap())).unwrap();
     let started = Instant::now();
     let Err(error) = open(SessionMode::Client, &endpoint, Some(&file)).await else { panic!("let in") };
     (error.to_string(), started.elapsed())
@@ -209,7 +192,7 @@ async fn whoever_is_not_let_in_is_told_why_and_soon() {
         (told(|folder| replace_certificate(folder, "127.0.0.1", 1, true), unchanged).await, "another authority"),
         (told(|folder| replace_certificate(folder, "router.example", 1, false), unchanged).await, "another name"),
         (told(|_| (), wrong_password).await, "the password is wrong"),
-        (told(|_| (), |text| text.replace("\"viewer\"", "\"nobody\"")).await, "does not know that user"),
+        (told(|_| (), |text| text.replace("\"wall-display\"", "\"nobody\"")).await, "does not know that user"),
         (told(|_| (), |text| text.replace("authority.pem", "missing.pem")).await, "missing.pem"),
     ];
     for ((said, took), expected) in cases {
@@ -223,7 +206,7 @@ async fn whoever_is_not_let_in_is_told_why_and_soon() {
 async fn addresses_that_lead_nowhere_each_have_their_message() {
     let folder = tempfile::tempdir().unwrap();
     write(&roles("password"), folder.path(), folder.path()).unwrap();
-    let file = folder.path().join("users/viewer/zenoh.json5");
+    let file = folder.path().join("users/wall-display/zenoh.json5");
     let said = async |endpoint: &str, file: Option<&Path>| {
         let mut config = RuntimeConfig::default();
         config.session.mode = SessionMode::Client;

@@ -4,7 +4,7 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use super::Asking;
-use super::report::Report;
+use super::report::{Ended, Report};
 use crate::failure::Failure;
 
 /// A percentile of the latency and its bound, `p99<1s`.
@@ -45,30 +45,30 @@ const NEARNESS: f64 = 0.05;
 const REST: Duration = Duration::from_secs(1);
 
 /// Finds the capacity; the report is of the highest rate that kept the objective, or of the lowest tried.
-pub async fn find(asking: &Asking) -> Result<Report, Failure> {
+pub async fn find(asking: &Asking) -> Result<(Report, Vec<Ended>), Failure> {
     let requests = asking.args.requests;
     // A closed loop says about where it is.
-    let about = asking.ask(requests, None).await?.goodput_per_s.max(0.1);
-    let (mut kept, mut failed, mut rate) = (None::<(f64, Report)>, None::<f64>, about / 2.0);
+    let about = asking.ask(requests, None).await?.0.goodput_per_s.max(0.1);
+    let (mut kept, mut failed, mut rate) = (None::<(f64, Report, Vec<Ended>)>, None::<f64>, about / 2.0);
     loop {
         tokio::time::sleep(REST).await;
-        let report = asking.ask(requests, Some(rate)).await?;
+        let (report, ended) = asking.ask(requests, Some(rate)).await?;
         let is_kept = asking.args.slo.is_kept(&report);
         tracing::info!(rate, is_kept, goodput = report.goodput_per_s, "tried");
         match is_kept {
-            true => kept = Some((rate, report)),
-            false if rate < about / 64.0 => return Ok(Report { capacity_per_s: Some(0.0), ..report }),
+            true => kept = Some((rate, report, ended)),
+            false if rate < about / 64.0 => return Ok((Report { capacity_per_s: Some(0.0), ..report }, ended)),
             false => failed = Some(rate),
         }
         rate = match (&kept, failed) {
-            (Some((low, _)), Some(high)) if high - low <= NEARNESS * high => break,
-            (Some((low, _)), Some(high)) => (low + high) / 2.0,
-            (Some((low, _)), None) => low * 2.0,
+            (Some((low, ..)), Some(high)) if high - low <= NEARNESS * high => break,
+            (Some((low, ..)), Some(high)) => (low + high) / 2.0,
+            (Some((low, ..)), None) => low * 2.0,
             (None, _) => rate / 2.0,
         };
     }
     match kept {
-        Some((rate, report)) => Ok(Report { capacity_per_s: Some(rate), ..report }),
+        Some((rate, report, ended)) => Ok((Report { capacity_per_s: Some(rate), ..report }, ended)),
         None => Err(Failure::other("no rate kept the objective")),
     }
 }

@@ -6,12 +6,15 @@
 mod arrivals;
 mod capacity;
 mod report;
+mod written;
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Args;
+use repose_evaluation::report::written::can_write;
 use repose_proto::place::{Budget, Outcome as SearchOutcome, Variant};
 use repose_proto::{GoalTerm, PlaceRequest, Relation, Scene, SceneSummary, Service};
 use repose_runtime::{CallOptions, Caller};
@@ -55,6 +58,12 @@ pub struct LoadArgs {
     /// The objective: a percentile of the latency and its bound; at least 99 % must be answered, too.
     #[arg(long, value_name = "OBJECTIVE", default_value = "p99<1s")]
     pub slo: Objective,
+    /// Write a line for each request, as CSV.
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+    /// Write a page with the report, and with latency and rates over time.
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
     /// Which method plans.
     #[arg(long, default_value = "best", value_parser = parse_variant)]
     pub variant: Variant,
@@ -91,6 +100,8 @@ struct Asking {
 /// Runs the command.
 pub async fn run(args: &LoadArgs, output: Output) -> Outcome {
     check(args)?;
+    // A run later would be too late to say so.
+    args.csv.iter().chain(&args.html).try_for_each(|path| can_write(path))?;
     let session = client::connect(&args.connect.system).await?;
     let deadline = Duration::from_millis(args.connect.deadline_ms);
     let scene = Arc::new(client::newest_scene(&session, &args.connect.camera, deadline, client::PATIENCE).await?);
@@ -103,11 +114,13 @@ pub async fn run(args: &LoadArgs, output: Output) -> Outcome {
     if args.warm_up > 0 {
         asking.ask(args.warm_up, None).await?;
     }
-    let report = match args.find_capacity {
+    let (report, ended) = match args.find_capacity {
         true => capacity::find(&asking).await?,
         false => asking.ask(args.requests, args.rate).await?,
     };
     client::close(session).await;
+    let asked = std::env::args().collect::<Vec<_>>().join(" ");
+    written::write(args.csv.as_deref(), args.html.as_deref(), &asked, &report, &ended)?;
     output.print(&report, || report.to_string())?;
     if report.per_worker.is_empty() { Err(Failure::NotAchieved) } else { Ok(()) }
 }
@@ -124,19 +137,19 @@ fn check(args: &LoadArgs) -> Outcome {
 
 impl Asking {
     /// Asks for so many placements, in a closed loop or at a rate.
-    async fn ask(&self, requests: usize, rate: Option<f64>) -> Result<Report, Failure> {
+    async fn ask(&self, requests: usize, rate: Option<f64>) -> Result<(Report, Vec<Ended>), Failure> {
         let duplicates = self.planner.duplicates();
         let started = Instant::now();
         let (ended, dropped) = match rate {
-            None => (self.closed_loop(requests).await?, 0),
+            None => (self.closed_loop(requests, started).await?, 0),
             Some(rate) => self.open_loop(requests, rate, started).await?,
         };
         let elapsed = started.elapsed();
         let duplicates = self.planner.duplicates() - duplicates;
-        Report::new(&ended, rate, elapsed, duplicates as usize, dropped)
+        Ok((Report::new(&ended, rate, elapsed, duplicates as usize, dropped)?, ended))
     }
 
-    async fn closed_loop(&self, requests: usize) -> Result<Vec<Ended>, Failure> {
+    async fn closed_loop(&self, requests: usize, started: Instant) -> Result<Vec<Ended>, Failure> {
         let next = Arc::new(AtomicUsize::new(0));
         let mut clients = JoinSet::new();
         for _ in 0..self.args.clients.clamp(1, requests) {
@@ -148,7 +161,7 @@ impl Asking {
                     if i >= requests {
                         return ended;
                     }
-                    ended.push(asking.one(i, Instant::now()).await);
+                    ended.push(asking.one(i, started, Instant::now()).await);
                 }
             });
         }
@@ -173,7 +186,7 @@ impl Asking {
                 continue;
             }
             let asking = self.clone();
-            under_way.spawn(async move { asking.one(i, due).await });
+            under_way.spawn(async move { asking.one(i, started, due).await });
         }
         while let Some(one) = under_way.join_next().await {
             ended.push(one.map_err(Failure::other)?);
@@ -182,7 +195,7 @@ impl Asking {
     }
 
     /// Asks once. Latency counts from when the request was due, so that a slow system cannot hide by slowing its clients down.
-    async fn one(&self, i: usize, due: Instant) -> Ended {
+    async fn one(&self, i: usize, started: Instant, due: Instant) -> Ended {
         let deadline = Duration::from_millis(self.args.connect.deadline_ms);
         let priority = self.args.arrivals.priority(self.args.interactive, self.args.seed, i);
         let (asked, options) = (self.request(i), CallOptions { priority, ..CallOptions::within(deadline) });
@@ -190,7 +203,13 @@ impl Asking {
         let ends = tokio::time::timeout(deadline + 2 * LATE_GRACE, self.planner.place(&asked, Some(&self.whole), options)).await;
         let (took, on_the_wire) = (due.elapsed(), sent.elapsed());
         tracing::debug!(request = i, ms = took.as_millis() as u64, "request ended");
-        let mut end = Ended { priority, took, late: on_the_wire > deadline + LATE_GRACE, ..Ended::lost() };
+        let mut end = Ended {
+            priority,
+            due: due.saturating_duration_since(started),
+            took,
+            late: on_the_wire > deadline + LATE_GRACE,
+            ..Ended::lost()
+        };
         match ends {
             Err(_) => {}
             Ok(Ok((result, answer))) => {

@@ -14,6 +14,9 @@ const LOST: &str = "lost";
 /// The longest latency that is told apart from longer ones, microseconds: the longest deadline, and some.
 const LONGEST_US: u64 = 700_000_000;
 
+/// The stages of an answered request, in their order.
+pub const STAGES: [&str; 4] = ["client", "network", "queue", "compute"];
+
 /// One request, ended.
 #[derive(Debug, Clone)]
 pub struct Ended {
@@ -23,6 +26,8 @@ pub struct Ended {
     pub priority: Priority,
     /// Who answered.
     pub worker: Option<String>,
+    /// When it was due, from the start of the run.
+    pub due: Duration,
     /// From when it was due.
     pub took: Duration,
     /// Whether it ended after its deadline.
@@ -38,6 +43,7 @@ impl Ended {
             outcome: LOST.to_owned(),
             priority: Priority::Interactive,
             worker: None,
+            due: Duration::ZERO,
             took: Duration::ZERO,
             late: false,
             stages_ms: BTreeMap::new(),
@@ -129,7 +135,7 @@ impl Report {
                 report.outcome_latency_ms.insert(outcome.clone(), of_it);
             }
         }
-        for stage in ["client", "network", "queue", "compute"] {
+        for stage in STAGES {
             report.stages_ms.insert(stage, percentiles(ended.iter().filter_map(|end| end.stages_ms.get(stage).copied()))?);
         }
         for (name, priority) in [("interactive", Priority::Interactive), ("batch", Priority::Batch)] {

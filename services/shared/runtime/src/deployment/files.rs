@@ -17,7 +17,7 @@ use super::writer::{Failed, Files, Written};
 /// Sessions that a router takes at once; every process has one, every client some.
 const MOST_SESSIONS: usize = 512;
 /// Frames of one camera that the router passes on in a second.
-const FRAMES_PER_S: f64 = 30.0;
+pub(super) const FRAMES_PER_S: f64 = 30.0;
 /// What an attachment may add to a message.
 const ATTACHMENT_BYTES: usize = 64 << 10;
 

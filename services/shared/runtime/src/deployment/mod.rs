@@ -22,14 +22,19 @@
 //! ```
 
 pub mod access;
+mod attempts;
 mod certificates;
 mod check;
 mod files;
+mod probes;
+mod report;
 mod roles;
+mod sessions;
 mod writer;
 
 pub use access::Verb;
-pub use check::{CheckReport, Trial, TrialOptions, check};
+pub use check::{TrialOptions, check};
 pub use files::write;
+pub use report::{CheckReport, Trial, TrialOutcome};
 pub use roles::{Login, Role, Roles, User};
 pub use writer::{Failed, Written};

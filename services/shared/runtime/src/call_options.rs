@@ -1,0 +1,72 @@
+//! How one call is to be made: its deadline, its priority, and whether it may be computed twice.
+
+use std::time::Duration;
+
+use repose_proto::{Payload, Priority};
+use tokio::sync::mpsc;
+use tokio_util::sync::CancellationToken;
+
+use crate::directory::Accept;
+
+/// How one call is to be made.
+#[derive(Clone)]
+pub struct CallOptions {
+    /// Time until the deadline (10 s), at most [`repose_proto::limits::MAX_REMAINING_MS`].
+    pub deadline: Duration,
+    /// Who waits.
+    pub priority: Priority,
+    /// Whether it may be computed twice, and so be tried again (yes). Never for what moves a robot.
+    pub idempotent: bool,
+    /// Triggering it ends the call with `cancelled`, and tells the worker. Dropping the call's future tells it too.
+    pub cancel: CancellationToken,
+    /// This worker only.
+    pub worker: Option<String>,
+    /// Only workers whose load this accepts: a pin on weights and kernel.
+    pub accept: Option<Accept>,
+    /// Where progress goes; what does not fit is dropped.
+    pub progress: Option<mpsc::Sender<Payload>>,
+    /// The request's id; made up where absent. Repeating an at-most-once call needs the same one, at the same worker: it remembers what came
+    /// of it, another would do it again.
+    pub id: Option<String>,
+    /// W3C trace context to pass on.
+    pub traceparent: Option<String>,
+}
+
+impl Default for CallOptions {
+    fn default() -> Self {
+        Self {
+            deadline: Duration::from_secs(10),
+            priority: Priority::Interactive,
+            idempotent: true,
+            cancel: CancellationToken::new(),
+            worker: None,
+            accept: None,
+            progress: None,
+            id: None,
+            traceparent: None,
+        }
+    }
+}
+
+impl CallOptions {
+    /// The defaults with a deadline.
+    pub fn within(deadline: Duration) -> Self {
+        Self { deadline, ..Self::default() }
+    }
+
+    /// A call that must not happen twice.
+    pub fn at_most_once(deadline: Duration) -> Self {
+        Self { deadline, idempotent: false, ..Self::default() }
+    }
+
+    /// A call on behalf of another: the same deadline, priority, cancel and trace.
+    pub fn for_call(call: &crate::Call) -> Self {
+        Self {
+            deadline: call.remaining(),
+            priority: call.priority,
+            cancel: call.cancelled.clone(),
+            traceparent: call.traceparent.clone(),
+            ..Self::default()
+        }
+    }
+}

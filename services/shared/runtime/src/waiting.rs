@@ -1,0 +1,200 @@
+//! The jobs that wait: who is let in, and who goes next.
+//!
+//! Interactive jobs go before batch ones, which get a turn after some were let by. Batch leaves half of the places to interactive jobs, of which
+//! one takes the youngest batch job's place where there is none left. A job that could not be done by its deadline is refused at once.
+
+use std::collections::VecDeque;
+
+use repose_proto::Priority;
+
+use crate::gauge::LoadGauge;
+use crate::job::{Job, JobContext};
+
+/// Interactive jobs that may be taken before a batch job that waits: no more, or a busy service would never come to it.
+pub(crate) const LET_BY: usize = 16;
+/// How much longer than expected a job may take and still be admitted for its deadline: what is expected is a smoothed mean.
+const EXPECTED_MARGIN: f64 = 1.25;
+/// Weight of the newest job in the share of interactive ones: about the last sixteen count.
+const SMOOTHING: f64 = 1.0 / 16.0;
+/// The most that interactive jobs can take, since batch ones get a turn after some were let by.
+const MOST_INTERACTIVE: f64 = LET_BY as f64 / (LET_BY + 1) as f64;
+
+/// How many jobs may wait before one of a priority is refused: batch leaves half of the places to interactive jobs.
+fn places(capacity: usize, priority: Priority) -> usize {
+    match priority {
+        Priority::Interactive => capacity,
+        Priority::Batch => capacity.div_ceil(2),
+    }
+}
+
+/// The jobs that wait.
+pub(crate) struct WaitingJobs<R, T> {
+    interactive: VecDeque<Job<R, T>>,
+    batch: VecDeque<Job<R, T>>,
+    /// Interactive jobs taken while a batch job waited, since the last batch job.
+    let_by: usize,
+    /// The smoothed share of interactive jobs among those taken.
+    interactive_share: f64,
+}
+
+impl<R, T> Default for WaitingJobs<R, T> {
+    fn default() -> Self {
+        Self { interactive: VecDeque::new(), batch: VecDeque::new(), let_by: 0, interactive_share: 0.0 }
+    }
+}
+
+impl<R, T> WaitingJobs<R, T> {
+    pub(crate) fn waiting(&self) -> usize {
+        self.interactive.len() + self.batch.len()
+    }
+
+    /// Jobs that go before a new one of a priority.
+    fn ahead(&self, priority: Priority) -> usize {
+        match priority {
+            Priority::Interactive => self.interactive.len(),
+            Priority::Batch => self.waiting(),
+        }
+    }
+
+    /// The youngest batch job, where an interactive one needs its place.
+    pub(crate) fn displaced_by(&mut self, priority: Priority, capacity: usize) -> Option<Job<R, T>> {
+        if self.waiting() >= places(capacity, priority) {
+            // Those nobody waits for make room first.
+            self.drop_abandoned();
+        }
+        match (self.waiting() >= places(capacity, priority), priority) {
+            (true, Priority::Interactive) => self.batch.pop_back(),
+            _ => None,
+        }
+    }
+
+    /// Puts a displaced job back.
+    pub(crate) fn restore(&mut self, displaced: Option<Job<R, T>>) {
+        self.batch.extend(displaced);
+    }
+
+    /// Why a job cannot be taken: no place, or no hope to be done by its deadline.
+    pub(crate) fn refusal(&self, context: &JobContext, capacity: usize, threads: usize, gauge: &LoadGauge) -> Option<String> {
+        if self.waiting() >= places(capacity, context.priority) {
+            return Some(format!("{} calls wait already", self.waiting()));
+        }
+        let threads = threads.max(1);
+        // Those that run are half done, in the mean.
+        let before = self.ahead(context.priority) as f64 + gauge.running().min(threads) as f64 / 2.0;
+        let is_idle = self.ahead(context.priority) == 0 && gauge.running() < threads;
+        let rounds = if is_idle { 0.0 } else { before / threads as f64 };
+        // A batch job also waits for the interactive ones that are still to come.
+        let left_for_it = match context.priority {
+            Priority::Interactive => 1.0,
+            Priority::Batch => 1.0 - self.interactive_share.min(MOST_INTERACTIVE),
+        };
+        let expected_ms = (rounds / left_for_it + 1.0) * gauge.service_ms() * EXPECTED_MARGIN;
+        let left_ms = context.remaining().as_secs_f64() * 1e3;
+        // An idle queue takes anything: a deadline that looks too short may do, and a smoothed time has to be able to fall again.
+        (rounds > 0.0 && expected_ms > left_ms).then(|| format!("it would take about {expected_ms:.0} ms and {left_ms:.0} ms are left"))
+    }
+
+    pub(crate) fn push(&mut self, job: Job<R, T>) {
+        match job.context.priority {
+            Priority::Interactive => self.interactive.push_back(job),
+            Priority::Batch => self.batch.push_back(job),
+        }
+    }
+
+    /// Whether a batch job has let enough by.
+    fn is_batch_due(&self) -> bool {
+        !self.batch.is_empty() && self.let_by >= LET_BY
+    }
+
+    /// The next job to go with those taken already, if there is room for it: the oldest interactive one, unless a batch job is due. A batch job
+    /// that is not due would only delay the interactive ones beside it.
+    pub(crate) fn pop(&mut self, taken: &mut Taken<R, T>, weigh: fn(&R) -> usize) -> Option<Job<R, T>> {
+        let is_interactive = !self.interactive.is_empty() && !self.is_batch_due();
+        if !is_interactive && !self.is_batch_due() && taken.is_interactive() {
+            return None;
+        }
+        let line = if is_interactive { &mut self.interactive } else { &mut self.batch };
+        taken.is_full |= line.front().is_some_and(|job| !taken.has_room_for(weigh(&job.request)));
+        let job = if taken.is_full { None } else { line.pop_front() }?;
+        self.let_by = if is_interactive && !self.batch.is_empty() { self.let_by + 1 } else { 0 };
+        self.interactive_share += SMOOTHING * (f64::from(u8::from(is_interactive)) - self.interactive_share);
+        Some(job)
+    }
+
+    /// Forgets those nobody waits for.
+    fn drop_abandoned(&mut self) {
+        self.interactive.retain(|job| job.reply.is_awaited());
+        self.batch.retain(|job| job.reply.is_awaited());
+    }
+}
+
+/// Jobs that are handed over together.
+pub(crate) struct Taken<R, T> {
+    pub(crate) jobs: Vec<Job<R, T>>,
+    weight: usize,
+    max_weight: usize,
+    /// No more jobs, or none as heavy as the next.
+    pub(crate) is_full: bool,
+}
+
+impl<R, T> Taken<R, T> {
+    /// None yet; `max_weight` of them at most.
+    pub(crate) fn none(max_weight: usize) -> Self {
+        Self { jobs: Vec::new(), weight: 0, max_weight, is_full: false }
+    }
+
+    fn has_room_for(&self, weight: usize) -> bool {
+        self.jobs.is_empty() || self.weight.saturating_add(weight) <= self.max_weight
+    }
+
+    fn is_interactive(&self) -> bool {
+        self.jobs.iter().any(|job| job.context.priority == Priority::Interactive)
+    }
+
+    pub(crate) fn push(&mut self, job: Job<R, T>, weight: usize, most: usize) {
+        self.weight = self.weight.saturating_add(weight);
+        self.jobs.push(job);
+        self.is_full = self.jobs.len() >= most;
+    }
+
+    /// The jobs, interactive ones first.
+    pub(crate) fn in_order(mut self) -> Vec<Job<R, T>> {
+        self.jobs.sort_by_key(|job| job.context.priority == Priority::Batch);
+        self.jobs
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use tokio::sync::oneshot;
+
+    use super::*;
+    use crate::job::JobReply;
+
+    fn push(waiting: &mut WaitingJobs<(), ()>, priority: Priority) -> oneshot::Receiver<Result<(), repose_proto::CallError>> {
+        let (reply, answer) = oneshot::channel();
+        let context = JobContext::within(Duration::from_secs(60)).with_priority(priority);
+        waiting.push(Job { queued: std::time::Instant::now(), request: (), context, reply: JobReply(reply) });
+        answer
+    }
+
+    #[test]
+    fn a_batch_job_reckons_with_the_interactive_ones_that_will_go_before_it() {
+        let (mut waiting, gauge) = (WaitingJobs::default(), LoadGauge::default());
+        gauge.started(1);
+        gauge.finished(1, Duration::from_millis(1000));
+        gauge.started(1);
+        let _awaited = [push(&mut waiting, Priority::Batch), push(&mut waiting, Priority::Batch)];
+        let within_5_s = |priority| JobContext::within(Duration::from_secs(5)).with_priority(priority);
+        let refusal = |waiting: &WaitingJobs<(), ()>, priority| waiting.refusal(&within_5_s(priority), 64, 1, &gauge);
+        assert_eq!(refusal(&waiting, Priority::Batch), None, "half a job and two before it, and itself: 4.4 s");
+        for _ in 0..8 {
+            let _answer = push(&mut waiting, Priority::Interactive);
+            assert!(waiting.pop(&mut Taken::none(usize::MAX), |()| 1).is_some());
+        }
+        assert!(refusal(&waiting, Priority::Batch).is_some_and(|why| why.contains("5000 ms are left") || why.contains("4999 ms")));
+        assert_eq!(refusal(&waiting, Priority::Interactive), None, "those go before what waits");
+    }
+}
