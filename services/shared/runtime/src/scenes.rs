@@ -164,20 +164,6 @@ impl Caller {
             (answered, _) => answered,
         }
     }
-
-    /// Asks a planner for placements on a scene by its id; sends the scene whole, where it is at hand, to one that does not hold it.
-    ///
-    /// # Errors
-    /// Those of [`Caller::call_with_scene`].
-    pub async fn place(
-        &self,
-        request: &PlaceRequest,
-        scene: Option<&Scene>,
-        options: CallOptions,
-    ) -> Result<(PlaceResult, Answer), CallError> {
-        let answer = self.call_with_scene("place", scene, |scene| Payload::with_scene(request, scene), options).await?;
-        Ok((answer.payload.decode_json()?, answer))
-    }
 }
 
 /// Whether a worker refused a request because it does not hold the request's scene.
