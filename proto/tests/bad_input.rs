@@ -44,7 +44,7 @@ fn a_place_request_names_the_field_at_fault() {
         ("variant", |v| v["variant"] = "better".into()),
         ("min_success", |v| v["min_success"] = 1.25.into()),
         ("robot.name", |v| v["robot"] = serde_json::json!({"name": "Arm 1"})),
-        ("robot.world_from_base", |v| v["robot"] = serde_json::json!({"name": "arm", "world_from_base": [0.0; 16]})),
+        ("robot.world_from_base", |v| v["robot"] = serde_json::json!({"name": "arm", "world_from_base": vec![0.0; 16]})),
     ];
     assert!(place_json(|_| ()).is_ok());
     for (expected, edit) in cases {

@@ -27,6 +27,7 @@ pub fn measures(problem: &PlacementProblem<'_>, judged: &JudgedCandidate) -> Opt
         query.traits.hidden_foot_m,
         query.traits.oblique.share,
         query.traits.oblique.off_rad,
+        query.traits.oblique.level_share,
         f64::from(query.shape.axis_offset().norm()),
         length_m,
         width_m,

@@ -7,7 +7,7 @@
 use crate::learned::stability::{self, COUNT as OF_PLACE};
 
 /// The measures beside those of [`stability`], in their order.
-const BESIDE: [&str; 16] = [
+const BESIDE: [&str; 17] = [
     // The probability that it stays.
     "stays",
     // The least probability of a goal term, and the least margin by rule, metres.
@@ -15,7 +15,7 @@ const BESIDE: [&str; 16] = [
     "goal_margin",
     // Share of small errors of its pose that break a constraint.
     "fragile",
-    // How many points its neighbours' shapes are away from it, metres; capped.
+    // How far the shapes of its neighbours are from it, metres; capped.
     "shape_gap",
     // The same at the place where it was seen: what it may lean on.
     "seen_gap",
@@ -30,6 +30,8 @@ const BESIDE: [&str; 16] = [
     // The largest share of its points that one oblique face explains, and how far that is from upright or level, radians.
     "oblique_share",
     "oblique_rad",
+    // Share of its points on level faces.
+    "level_share",
     // How far its mean point is from its believed axis, metres; how wide it is along and across.
     "off_axis",
     "length",

@@ -27,13 +27,15 @@ pub const VOXEL_M: f32 = 0.004;
 /// Gaps are looked for within this distance, metres.
 const GAP_M: f64 = 0.1;
 
-/// The largest oblique face.
+/// The largest oblique face, and how much is level.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Oblique {
     /// Share of the points on it.
     pub share: f64,
     /// How far it is from upright or level, whichever is nearer, radians; 0 without such a face.
     pub off_rad: f64,
+    /// Share of the points on level faces: what stands by itself mostly shows one.
+    pub level_share: f64,
 }
 
 /// What may lean on the query: its neighbour with the largest oblique face.
@@ -114,11 +116,10 @@ fn oblique(cloud: &[Point3<f32>]) -> Oblique {
     let same = SAME_RAD.cos();
     let on_face_of = |n: &Vector3<f32>| normals.iter().filter(|other| other.dot(n).abs() >= same).count();
     let faces = normals.iter().filter(|n| off(n) > OFF_RAD).map(|n| (on_face_of(n), off(n)));
-    let largest = faces.max_by(|a, b| a.0.cmp(&b.0).then(b.1.total_cmp(&a.1)));
-    largest.map_or_else(Oblique::default, |(count, off_rad)| Oblique {
-        share: count as f64 / normals.len() as f64,
-        off_rad: f64::from(off_rad),
-    })
+    let (count, off_rad) = faces.max_by(|a, b| a.0.cmp(&b.0).then(b.1.total_cmp(&a.1))).unwrap_or((0, 0.0));
+    let level = normals.iter().filter(|n| n.z.abs() >= OFF_RAD.cos()).count();
+    let share = |count: usize| count as f64 / normals.len().max(1) as f64;
+    Oblique { share: share(count), off_rad: f64::from(off_rad), level_share: share(level) }
 }
 
 /// The normal of the surface at a point; none where too few points are near.
@@ -147,8 +148,8 @@ mod tests {
     #[test]
     fn a_leaning_face_is_oblique_and_upright_and_level_ones_are_not() {
         let off = |degrees: f32| oblique(&leaning(degrees.to_radians()));
-        for degrees in [0.0, 90.0, 3.0] {
-            assert_eq!(off(degrees), Oblique::default(), "{degrees}");
+        for (degrees, level_share) in [(0.0, 1.0), (90.0, 0.0), (3.0, 1.0)] {
+            assert_eq!(off(degrees), Oblique { level_share, ..Oblique::default() }, "{degrees}");
         }
         for (degrees, expected) in [(30.0f64, 30.0f64), (70.0, 20.0)] {
             let found = off(degrees as f32);

@@ -16,7 +16,6 @@ use repose_evaluation::statistics::forecast_fit::{FitSettings, Sample, fit_forec
 use repose_networks::serving::spread;
 use repose_planner::learned::forecast::{FittedOn, SUCCESS};
 use repose_planner::learned::success::names;
-use repose_proto::CallError;
 use serde_json::json;
 
 use super::with_forecast;
