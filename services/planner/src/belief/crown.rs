@@ -1,5 +1,7 @@
 //! Tops that carry nothing: of balls, of tubes that lie, of boxes that stand on an edge. Something set down on one rolls or tips off.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{DMatrix, DVector, Matrix2, Point3};
 
 use crate::belief::settings::CrownSettings;
@@ -8,6 +10,7 @@ use crate::belief::settings::CrownSettings;
 ///
 /// The rim of a cup is level and its inside hollow: neither is crowned.
 pub fn is_crowned(points: &[Point3<f32>], settings: &CrownSettings) -> bool {
+    let points = uppermost(points, settings.cell_m);
     let mut heights: Vec<f32> = points.iter().map(|p| p.z).collect();
     heights.sort_by(f32::total_cmp);
     // The highest few may be stray.
@@ -36,6 +39,19 @@ pub fn is_crowned(points: &[Point3<f32>], settings: &CrownSettings) -> bool {
     // Over a narrow top a curve is only noise.
     let spread_m2 = upper.iter().map(|p| (p.coords.cast::<f64>() - mean).xy().dot(&across).powi(2)).sum::<f64>() / count;
     bulge_per_m >= settings.bulge_per_m && bulge_per_m * spread_m2 >= settings.rise_m
+}
+
+/// The highest point of each cell seen from above: the upright faces below a top's edge are none of it.
+fn uppermost(points: &[Point3<f32>], cell_m: f32) -> Vec<Point3<f32>> {
+    let mut highest: BTreeMap<[i32; 2], Point3<f32>> = BTreeMap::new();
+    for p in points {
+        let cell = [p.x, p.y].map(|along| (along / cell_m).floor() as i32);
+        let top = highest.entry(cell).or_insert(*p);
+        if p.z > top.z {
+            *top = *p;
+        }
+    }
+    highest.into_values().collect()
 }
 
 #[cfg(test)]
@@ -67,5 +83,17 @@ mod tests {
             assert!(!is_crowned(&points, &settings));
         }
         assert!(!is_crowned(&[], &settings));
+    }
+
+    #[test]
+    fn a_small_box_whose_front_shows_is_not_crowned() {
+        let settings = CrownSettings::default();
+        for size_m in [0.04, 0.05, 0.08] {
+            let steps = (size_m / 0.002) as i32;
+            let at = |i: i32| i as f32 * 0.002;
+            let top = (0..=steps).flat_map(|i| (0..=steps).map(move |j| Point3::new(at(i), at(j), 0.1)));
+            let front = (0..=steps).flat_map(|i| (0..50).map(move |k| Point3::new(at(i), 0.0, 0.1 - at(k))));
+            assert!(!is_crowned(&top.chain(front).collect::<Vec<_>>(), &settings), "{size_m}");
+        }
     }
 }

@@ -135,6 +135,8 @@ impl Default for StackSettings {
 /// Tops that carry nothing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CrownSettings {
+    /// Of each cell of this size, seen from above, the highest point counts, metres.
+    pub cell_m: f32,
     /// The top is the part this far below the highest points, metres …
     pub band_m: f32,
     /// … and this far above all but the highest fiftieth of them.
@@ -151,7 +153,7 @@ pub struct CrownSettings {
 
 impl Default for CrownSettings {
     fn default() -> Self {
-        Self { band_m: 0.015, stray_m: 0.01, sample: 400, min_points: 20, bulge_per_m: 8.0, rise_m: 0.0015 }
+        Self { cell_m: 0.005, band_m: 0.015, stray_m: 0.01, sample: 400, min_points: 16, bulge_per_m: 8.0, rise_m: 0.0015 }
     }
 }
 
