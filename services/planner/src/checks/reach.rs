@@ -1,7 +1,8 @@
 //! Whether a robot's hand can get to where it would let go of the object: a cheap test, necessary but not sufficient.
 //!
 //! The hand holds the object somewhere at its upper half, from above or leaning outwards, and comes down to the place from a standoff above it. Where
-//! no posture within the joint limits has it at both, no motion leads there. Grasps, obstacles and the pick are motion's to judge.
+//! no posture within the joint limits has it at both, no motion leads there. Grasps, obstacles, the arm's
+//! own body and the pick are motion's to judge.
 
 use nalgebra::{Isometry3, Point3, Rotation3, Unit, Vector3};
 use repose_panda::{InverseSettings, inverse_sweep};
@@ -80,7 +81,7 @@ mod tests {
     use crate::tests::synthetic::{SceneBuilder, standing_at};
 
     #[test]
-    fn places_before_the_arm_are_in_reach_and_far_low_or_inner_ones_are_not() {
+    fn places_before_the_arm_are_in_reach_and_far_or_low_ones_are_not() {
         let prepared = SceneBuilder::table().object(1, [0.0, 0.1], [0.1, 0.1, 0.12]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.08]).prepared();
         let fixed = Fixed::default();
         let query = QueryObject::new(&prepared, 2, 0.0, &fixed).unwrap();
@@ -90,7 +91,7 @@ mod tests {
         for [x, y] in [[-0.1, 0.0], [0.0, 0.3], [0.05, -0.2]] {
             assert_eq!(miss(x, y, 0.004), None, "{x} {y}");
         }
-        for [x, y, z] in [[0.6, 0.0, 0.0], [0.45, 0.4, 0.0], [-0.1, 0.0, -0.9], [-0.6, 0.0, 0.0]] {
+        for [x, y, z] in [[0.6, 0.0, 0.0], [0.45, 0.4, 0.0], [-0.1, 0.0, -0.9]] {
             assert!(miss(x, y, z).is_some(), "{x} {y} {z}");
         }
         assert!(miss(1.6, 0.0, 0.0) > miss(0.9, 0.0, 0.0), "farther is worse");

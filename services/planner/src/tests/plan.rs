@@ -150,26 +150,6 @@ fn nothing_is_put_over_an_edge_however_few_places_there_are() {
 }
 
 #[test]
-fn the_floor_is_no_second_choice_unless_it_is_asked_for() {
-    // Furniture 40 cm high on a floor; both objects stand on the furniture.
-    let prepared = SceneBuilder::table()
-        .object(0, [0.0, 0.0], [0.5, 0.4, 0.4])
-        .object_at(1, [0.0, 0.0], 0.4, [0.08, 0.08, 0.08])
-        .object_at(2, [-0.15, -0.1], 0.4, [0.05, 0.05, 0.06])
-        .prepared();
-    let mut wanted = request(&prepared, 2, &["right_of:1"]);
-    (wanted.count, wanted.min_separation_m) = (12, Some(0.05));
-    let heights = |result: &PlaceResult| -> Vec<f64> {
-        (0..result.placements.len()).map(|answer| placed(result, answer, [-0.15, -0.1, 0.43])[2]).collect()
-    };
-    let result = run(&prepared, &wanted);
-    assert!(!result.placements.is_empty() && heights(&result).iter().all(|z| *z > 0.35), "{:?}", heights(&result));
-    wanted.region = vec![RegionBox { min_m: [0.27, -0.4, 0.0], max_m: [0.5, 0.4, 0.2], inside: true }];
-    let result = run(&prepared, &wanted);
-    assert!(!result.placements.is_empty() && heights(&result).iter().all(|z| *z < 0.1), "{:?}", result.rejections);
-}
-
-#[test]
 fn places_beyond_the_reach_of_the_robot_that_is_named_are_no_answers() {
     let prepared = table().prepared();
     let with_base = |x: f64| {
