@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::checks::{check_finite, check_range};
+use crate::keys::validate_chunk;
 use crate::relation::validate_goal;
 use crate::{CallError, GoalTerm, Message, RigidTransform, SceneRef, limits};
 
@@ -131,6 +132,18 @@ pub struct Thresholds {
     pub relations: Option<f64>,
 }
 
+/// The robot that is to carry a placement out: an arm whose hand must be able to get there.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ReachingRobot {
+    /// Its name in the cell.
+    pub name: String,
+    /// Pose of its base. Where absent the planner takes what its configuration says of a robot of that name, or refuses with
+    /// `failed_precondition`; the result says what was used.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub world_from_base: Option<RigidTransform>,
+}
+
 fn one() -> u32 {
     1
 }
@@ -163,6 +176,13 @@ pub struct PlaceRequest {
     /// Least [`Placement::clearance_m`], metres, 1 at most: farther than that around an object, a view seldom shows what is there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min_clearance_m: Option<f64>,
+    /// Least [`Placement::success`], 0 to 1: where nothing is as sure as that, the answer is "none". Refused for variants that do not say
+    /// how sure they are (`failed_precondition`).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min_success: Option<f64>,
+    /// Who carries the placement out: places beyond this robot's reach are no answers.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub robot: Option<ReachingRobot>,
     /// The source of every random number.
     #[serde(default)]
     pub seed: u64,
@@ -193,6 +213,8 @@ impl PlaceRequest {
             rotation: Rotation::Fixed,
             region: Vec::new(),
             min_clearance_m: None,
+            min_success: None,
+            robot: None,
             seed: 0,
             variant: Variant::Best,
             budget: Budget::default(),
@@ -220,6 +242,11 @@ impl Message for PlaceRequest {
         check_range("count", f64::from(self.count), 1.0..=limits::MAX_PLACEMENTS as f64)?;
         self.min_separation_m.map_or(Ok(()), |v| check_range("min_separation_m", v, 0.0..=limits::MAX_SEPARATION_M))?;
         self.min_clearance_m.map_or(Ok(()), |v| check_range("min_clearance_m", v, 0.0..=limits::MAX_CLEARANCE_M))?;
+        self.min_success.map_or(Ok(()), |v| check_range("min_success", v, 0.0..=1.0))?;
+        if let Some(robot) = &self.robot {
+            validate_chunk("robot.name", &robot.name)?;
+            robot.world_from_base.as_ref().map_or(Ok(()), |pose| pose.validate("robot.world_from_base"))?;
+        }
         for (i, region) in self.region.iter().enumerate() {
             check_finite(&format!("region[{i}].min_m"), &region.min_m)?;
             check_finite(&format!("region[{i}].max_m"), &region.max_m)?;
@@ -274,10 +301,14 @@ pub enum Rejection {
     Clearance,
     /// Nothing under it, or too little.
     Unsupported,
+    /// Beyond the reach of the robot that the request names.
+    OutOfReach,
     /// A goal term would not hold.
     Goal,
     /// The discriminator does not believe it; for `best`, of its shortlist only: it is not likely enough to stay.
     Unrealistic,
+    /// Of the shortlist of `best` only: its success is less likely than the request demands.
+    Unsure,
 }
 
 /// A goal term by rule on shapes completed from the observed clouds, independent of any network.
@@ -299,6 +330,11 @@ pub struct Placement {
     /// The discriminator's probability; for `best` the probability of moving less than 5 cm when released, by boosted trees on the outcome
     /// network and geometry. Null where neither was asked.
     pub realism: Option<f64>,
+    /// The probability that it succeeds: the object stays where it is let go and does not tip, every goal term holds afterwards by the true
+    /// shapes, nothing else is moved, and it is not put into anything. Calibrated on releases in scenes that nothing else was fitted on.
+    /// Absent where nobody evaluated it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub success: Option<f64>,
     /// Probability of each goal term as asked (a negated term: of not holding); by rule 0 or 1 for `geometric`.
     pub relations: Vec<f64>,
     /// The same terms by rule.
@@ -394,6 +430,12 @@ pub struct PlaceResult {
     pub min_separation_m: f64,
     /// The clearance used, metres.
     pub min_clearance_m: f64,
+    /// The least success asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min_success: Option<f64>,
+    /// The robot whose reach was a constraint, with the pose of its base that was used.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub robot: Option<ReachingRobot>,
     /// The budget used.
     pub budget: Budget,
     /// The weights, asked for or the variant's default.

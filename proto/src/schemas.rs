@@ -31,6 +31,8 @@ pub fn all() -> Vec<(String, Schema)> {
         of::<scoring::ScoreReply>(),
         of::<scoring::ModelsRequest>(),
         of::<scoring::ModelsReply>(),
+        of::<scoring::ForecastsRequest>(),
+        of::<scoring::ForecastsReply>(),
         of::<motion::MotionPlanRequest>(),
         of::<motion::MotionPlan>(),
         of::<motion::ExecuteReply>(),

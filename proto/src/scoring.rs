@@ -1,5 +1,7 @@
 //! Asking inference: the prior, scores of candidates, and which weights are served.
 
+use std::collections::BTreeMap;
+
 use safetensors::Dtype;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -262,4 +264,26 @@ pub struct ModelsReply {
 
 impl Message for ModelsReply {
     const SCHEMA: &'static str = "ModelsReply.v1";
+}
+
+/// Asks for what was learned beside the networks.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ForecastsRequest {}
+
+impl Message for ForecastsRequest {
+    const SCHEMA: &'static str = "ForecastsRequest.v1";
+}
+
+/// What was learned beside the networks: part of the weights.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ForecastsReply {
+    /// BLAKE3 of the weights that they are part of.
+    pub weights_hash: String,
+    /// Forecasts by name, in the form of the planner that reads them.
+    pub forecasts: BTreeMap<String, serde_json::Value>,
+}
+
+impl Message for ForecastsReply {
+    const SCHEMA: &'static str = "ForecastsReply.v1";
 }

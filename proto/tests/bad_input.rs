@@ -25,7 +25,7 @@ fn place_json(edit: impl FnOnce(&mut serde_json::Value)) -> Result<PlaceRequest,
 #[test]
 fn a_place_request_names_the_field_at_fault() {
     type Edit = fn(&mut serde_json::Value);
-    let cases: [(&str, Edit); 16] = [
+    let cases: [(&str, Edit); 19] = [
         ("colour", |v| v["colour"] = "red".into()),
         ("goal[0].relation", |v| v["goal"][0]["relation"] = "beside".into()),
         ("goal[0].sure", |v| v["goal"][0]["sure"] = true.into()),
@@ -42,6 +42,9 @@ fn a_place_request_names_the_field_at_fault() {
         ("thresholds.realism", |v| v["thresholds"]["realism"] = 1.5.into()),
         ("region[0]", |v| v["region"][0]["min_m"] = serde_json::json!([2.0, 0.0, 0.0])),
         ("variant", |v| v["variant"] = "better".into()),
+        ("min_success", |v| v["min_success"] = 1.25.into()),
+        ("robot.name", |v| v["robot"] = serde_json::json!({"name": "Arm 1"})),
+        ("robot.world_from_base", |v| v["robot"] = serde_json::json!({"name": "arm", "world_from_base": vec![0.0; 16]})),
     ];
     assert!(place_json(|_| ()).is_ok());
     for (expected, edit) in cases {

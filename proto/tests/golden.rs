@@ -2,6 +2,7 @@
 
 mod common;
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use common::*;
@@ -9,7 +10,7 @@ use repose_proto::motion::{ExecuteProgress, Phase, RobotResetReply, RobotResetRe
 use repose_proto::perception::{LatestRequest, SceneRequest};
 use repose_proto::place::PlaceProgress;
 use repose_proto::robot::{RobotCommand, RobotState, TaskState};
-use repose_proto::scoring::{ModelsRequest, PriorReply, ScoreReply, ScoreRequest};
+use repose_proto::scoring::{ForecastsReply, ForecastsRequest, ModelsRequest, PriorReply, ScoreReply, ScoreRequest};
 use repose_proto::simulator::{TruthRequest, WorldResetRequest};
 use repose_proto::*;
 
@@ -33,6 +34,8 @@ fn json_messages_keep_their_bytes() {
     check("ArrangeRequest.v1.json", &json(&arrange_request()));
     check("ArrangeResult.v1.json", &json(&arrange_result()));
     check("PlaceResult.v1.second.json", &json(&place_result_2()));
+    check("PlaceRequest.v1.third.json", &json(&place_request_3()));
+    check("PlaceResult.v1.third.json", &json(&place_result_3()));
     check("MotionPlanRequest.v1.json", &json(&motion_plan_request()));
     check("MotionPlan.v1.json", &json(&motion_plan()));
     check("ExecuteReply.v1.json", &json(&execute_reply()));
@@ -46,6 +49,9 @@ fn json_messages_keep_their_bytes() {
     check("PriorRequest.v1.json", &json(&prior_request()));
     check("ModelsRequest.v1.json", &json(&ModelsRequest {}));
     check("ModelsReply.v1.json", &json(&models_reply()));
+    check("ForecastsRequest.v1.json", &json(&ForecastsRequest {}));
+    let forecasts = BTreeMap::from([("success".to_owned(), serde_json::json!({"measures": ["a"]}))]);
+    check("ForecastsReply.v1.json", &json(&ForecastsReply { weights_hash: "w".into(), forecasts }));
     check("ExecuteProgress.v1.json", &json(&ExecuteProgress { phase: Phase::Lift, done: 3, of: 8 }));
     check("RobotResetRequest.v1.json", &json(&RobotResetRequest { robot: "panda".into() }));
     check("RobotResetReply.v1.json", &json(&RobotResetReply { was_stopped: true }));

@@ -136,6 +136,7 @@ pub fn place_result() -> PlaceResult {
             placed_from_observed: RigidTransform::IDENTITY,
             cost: 0.5,
             realism: Some(0.75),
+            success: None,
             relations: vec![0.875, 1.0],
             geometric: vec![GeometricCheck { holds: true, margin_m: 0.0625 }],
             support_m: Some(0.03125),
@@ -160,6 +161,8 @@ pub fn place_result() -> PlaceResult {
         count: 1,
         min_separation_m: 0.03125,
         min_clearance_m: 0.0,
+        min_success: None,
+        robot: None,
         budget: Budget { iterations: Some(2), batch: Some(100), elites: Some(20), draws_per_batch: Some(3), time_ms: None },
         cost_weights: CostWeights { realism: Some(100.0), relations: Some(1.0) },
         thresholds: Thresholds { realism: Some(0.5), relations: Some(0.5) },
@@ -176,6 +179,25 @@ pub fn place_result_2() -> PlaceResult {
         shortfall: Some(Shortfall { reason: ShortfallReason::Separation, passed: 17, too_close: 16 }),
         world_from_camera: Some(RigidTransform::IDENTITY),
         count: 3,
+        ..first
+    }
+}
+
+/// A request that names a robot and demands sureness.
+pub fn place_request_3() -> PlaceRequest {
+    let robot = ReachingRobot { name: "panda".into(), world_from_base: Some(RigidTransform::IDENTITY) };
+    PlaceRequest { min_success: Some(0.875), robot: Some(robot), ..place_request() }
+}
+
+/// What answers it.
+pub fn place_result_3() -> PlaceResult {
+    let first = place_result();
+    let sure = Placement { success: Some(0.9375), ..first.placements[0].clone() };
+    PlaceResult {
+        placements: vec![sure],
+        rejections: BTreeMap::from([(Rejection::OutOfReach, 2), (Rejection::Unsure, 1)]),
+        min_success: place_request_3().min_success,
+        robot: place_request_3().robot,
         ..first
     }
 }

@@ -78,7 +78,8 @@ pub fn motion(placement: &Placement) -> String {
 
 /// What speaks for a placement: only what somebody evaluated.
 fn merits(placement: &Placement, result: &PlaceResult) -> String {
-    let mut said: Vec<String> = placement.realism.into_iter().map(|realism| format!("realism {realism:.2}")).collect();
+    let mut said: Vec<String> = placement.success.into_iter().map(|success| format!("success {success:.2}")).collect();
+    said.extend(placement.realism.map(|realism| format!("realism {realism:.2}")));
     for (k, term) in result.goal.iter().enumerate() {
         let rule = placement.geometric.get(k).map(|g| if g.holds { "holds by rule" } else { "fails by rule" });
         let learned = placement.relations.get(k).filter(|_| result.variant != Variant::Geometric).map(|p| format!("p {p:.2}"));

@@ -19,8 +19,8 @@ pub struct NetworkArgs {
 
 impl NetworkArgs {
     /// The models of the files named here, or else in the environment, or else those of the program.
-    pub fn models(&self, stability: Option<PathBuf>) -> Result<Arc<Models>, Failure> {
-        Ok(Arc::new(Models::load(&ModelFiles { weights: self.weights.clone(), stability })?))
+    pub fn models(&self) -> Result<Arc<Models>, Failure> {
+        Ok(Arc::new(Models::load(&ModelFiles { weights: self.weights.clone() })?))
     }
 }
 

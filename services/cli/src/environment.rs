@@ -45,7 +45,7 @@ mod tests {
 
     #[test]
     fn a_misspelt_section_is_told_which_there_are() {
-        assert_eq!(has_section("REPOSE_PLANNER__STABILITY"), Ok(()));
-        assert!(has_section("REPOSE_PLANER__STABILITY").is_err_and(|why| why.contains("\"planer\"") && why.contains("REPOSE_PLANNER__")));
+        assert_eq!(has_section("REPOSE_PLANNER__ROBOT"), Ok(()));
+        assert!(has_section("REPOSE_PLANER__ROBOT").is_err_and(|why| why.contains("\"planer\"") && why.contains("REPOSE_PLANNER__")));
     }
 }

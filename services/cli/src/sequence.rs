@@ -12,6 +12,7 @@ use std::time::Duration;
 use nalgebra::Isometry3;
 use repose_geometry::transform::from_row_major;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest, RecoveryMove};
+use repose_proto::place::ReachingRobot;
 use repose_proto::robot::{RobotMode, RobotState};
 use repose_proto::{CallError, ErrorCode, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Scene, SceneRef, Service};
 use repose_runtime::{CallOptions, Caller, Session};
@@ -155,11 +156,13 @@ async fn achieve(args: &Sequence<'_>, session: &Session, steps: &mut Vec<Step>) 
     };
     let mut view = system.view_after(0).await?;
     let (first, mut said) = args.wish.on(&view.1)?;
+    let reaching = system.reaching().await;
     let mut known = Known::of(&view.1.meta.objects);
     let wishes = || std::iter::once(&first).chain(args.then).enumerate();
     let request = |scene_id: &str, (query, goal): (u16, Vec<GoalTerm>)| {
         let asked = args.wish.request(scene_id.to_owned(), &NextWish { query, goal });
-        let request = PlaceRequest { count: args.wish.count.max(COUNT), ..asked };
+        let robot = asked.robot.clone().or_else(|| reaching.clone());
+        let request = PlaceRequest { count: args.wish.count.max(COUNT), robot, ..asked };
         request.validate().map(|()| request)
     };
     // A wish that cannot be is refused before anything moves.
@@ -204,6 +207,15 @@ struct System<'a> {
 }
 
 impl System<'_> {
+    /// The robot with the pose of its base, where it tells that and its reach is known.
+    async fn reaching(&self) -> Option<ReachingRobot> {
+        // One that does not answer is named when it is to move.
+        let state = client::robot_state(self.session, self.robot, self.deadline).await.ok()?;
+        let is_known = state.model.as_deref().is_none_or(|model| model == "panda");
+        let pose = state.world_from_base.filter(|_| is_known)?;
+        Some(ReachingRobot { name: self.robot.to_owned(), world_from_base: Some(pose) })
+    }
+
     /// The first scene, with its id, that was seen after an instant.
     async fn view_after(&self, instant_ns: u64) -> Result<(String, Scene), Failure> {
         let give_up = tokio::time::Instant::now() + self.deadline;

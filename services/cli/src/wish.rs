@@ -1,7 +1,7 @@
 //! A placement wished for on the command line, and the request that it becomes.
 
 use clap::Args;
-use repose_proto::place::{Budget, Rotation, Variant};
+use repose_proto::place::{Budget, ReachingRobot, Rotation, Variant};
 use repose_proto::{CallError, GoalTerm, PlaceRequest, Scene};
 
 use crate::failure::Failure;
@@ -45,6 +45,13 @@ pub struct WishArgs {
     /// Least distance from everything but what carries it, metres.
     #[arg(long)]
     pub min_clearance: Option<f64>,
+    /// Least probability that the placement succeeds, 0 to 1; where nothing is as sure, there is none.
+    #[arg(long, value_name = "P")]
+    pub min_success: Option<f64>,
+    /// Only places within the reach of this robot. `plan` takes where it stands from the frame's robot.json, `place` from what the robot
+    /// says of itself, or else from the planner's configuration.
+    #[arg(long, value_name = "ROBOT")]
+    pub reach_of: Option<String>,
 }
 
 impl WishArgs {
@@ -71,6 +78,8 @@ impl WishArgs {
             seed: self.seed,
             variant: self.variant,
             min_clearance_m: self.min_clearance,
+            min_success: self.min_success,
+            robot: self.reach_of.clone().map(|name| ReachingRobot { name, world_from_base: None }),
             budget: Budget { iterations: self.iterations, batch: self.batch, ..Budget::default() },
             ..PlaceRequest::new(scene_id, wish.query, wish.goal.clone())
         }

@@ -1,4 +1,4 @@
-//! The service on the network: `prior`, `score` and `models`. Requests come as JSON or in bulk form with the scene enclosed.
+//! The service on the network: `prior`, `score`, `models` and `forecasts`. Requests come as JSON or in bulk form with the scene enclosed.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -6,14 +6,14 @@ use std::time::Instant;
 use async_trait::async_trait;
 use repose_proto::enclosed::disclose;
 use repose_proto::load::WorkerLoad;
-use repose_proto::scoring::{ModelsRequest, PriorReply, PriorRequest, ScoreReply, ScoreRequest};
+use repose_proto::scoring::{ForecastsRequest, ModelsRequest, PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, Message, Payload, Scene, SceneRef};
 use repose_runtime::{Call, Handler, load_of};
 
 use crate::held_scene::HeldScene;
 use crate::worker::{Answer, Question, Worker};
 
-/// Answers `prior`, `score` and `models`.
+/// Answers `prior`, `score`, `models` and `forecasts`.
 pub struct Endpoints {
     worker: Arc<Worker>,
 }
@@ -72,6 +72,10 @@ impl Handler for Endpoints {
             "models" => {
                 call.payload.decode_json::<ModelsRequest>()?;
                 Payload::json(&self.worker.engine().models())
+            }
+            "forecasts" => {
+                call.payload.decode_json::<ForecastsRequest>()?;
+                Payload::json(&self.worker.engine().forecasts())
             }
             _ => Err(call.unknown_method()),
         }

@@ -12,7 +12,7 @@ use repose_networks::points::Observer;
 use repose_networks::serving::spread;
 use repose_networks::{Candidate, InputError, Mixture, Models, SceneContext};
 use repose_proto::CallError;
-use repose_proto::scoring::{MixtureComponent, ModelInfo, ModelsReply, PriorReply, PriorRequest, ScoreReply, ScoreRequest};
+use repose_proto::scoring::{ForecastsReply, MixtureComponent, ModelInfo, ModelsReply, PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 
 use crate::held_scene::HeldScene;
 use crate::mixture;
@@ -151,6 +151,21 @@ impl Engine {
         let (recipe, metrics) = (info.recipe.clone(), info.metrics.clone());
         let model = ModelInfo { name: "default".to_owned(), hash: weights_hash.clone(), recipe, metrics };
         ModelsReply { weights_hash, kernel, models: vec![model] }
+    }
+
+    /// What was learned beside the networks, by name.
+    pub fn forecasts(&self) -> ForecastsReply {
+        ForecastsReply { weights_hash: self.models.hash().to_owned(), forecasts: self.models.info().forecasts.clone() }
+    }
+
+    /// The forecasts that were fitted with another outcome network than the one served: what they say is less sure.
+    pub fn misfit_forecasts(&self) -> Vec<String> {
+        self.models.misfit_forecasts()
+    }
+
+    /// BLAKE3 of the outcome network's parameters.
+    pub fn outcome_hash(&self) -> &str {
+        self.models.outcome_hash()
     }
 
     fn identity(&self) -> (String, String) {

@@ -81,6 +81,13 @@ pub fn engine_of(config: &InferenceConfig) -> Result<Engine, InferenceError> {
     };
     let engine = Engine::new(models, config.actual_threads());
     engine.warm_up()?;
+    for forecast in engine.misfit_forecasts() {
+        tracing::warn!(
+            weights_hash = engine.weights_hash(),
+            forecast,
+            "fitted with another outcome network: the variant `best` is less sure; `repose train --network stability` and `success` fit anew"
+        );
+    }
     Ok(engine)
 }
 

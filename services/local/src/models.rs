@@ -1,11 +1,10 @@
-//! The networks and the stability model in this process.
+//! The networks and the forecasts in this process.
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use repose_inference::{Engine, HeldScene, InferenceConfig, engine_of};
-use repose_planner::learned::stability::Stability;
-use repose_planner::{PlacementModels, PlannerConfig, stability_of};
+use repose_planner::{Forecasts, PlacementModels};
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, Scene};
 use repose_runtime::{SceneStore, check_scene_id, load_config};
@@ -14,36 +13,32 @@ use repose_runtime::{SceneStore, check_scene_id, load_config};
 const SCENES: usize = 2;
 const SCENES_BYTES: usize = 1 << 30;
 
-/// Files in place of the models that come with the program. What is not named here is taken from the environment as services take it
-/// (REPOSE_INFERENCE__WEIGHTS, REPOSE_PLANNER__STABILITY), and else from the program.
+/// A file in place of the models that come with the program. Where none is named it is taken from the environment as services take it
+/// (REPOSE_INFERENCE__WEIGHTS), and else from the program.
 #[derive(Debug, Clone, Default)]
 pub struct ModelFiles {
     /// A weights file.
     pub weights: Option<PathBuf>,
-    /// A file of the stability model to go with those weights.
-    pub stability: Option<PathBuf>,
 }
 
 /// The learned models, computed in this process on every core.
 pub struct Models {
     engine: Engine,
     store: SceneStore<HeldScene>,
-    stability: Stability,
+    /// Weights without forecasts do for everything but the variant `best`.
+    forecasts: Result<Arc<Forecasts>, CallError>,
 }
 
 impl Models {
     /// Loads the models and tries them once.
     ///
     /// # Errors
-    /// `invalid_argument` on `weights`, `stability` or `config` when a file cannot be read or does not fit.
+    /// `invalid_argument` on `weights` or `config` when a file cannot be read or does not fit.
     pub fn load(files: &ModelFiles) -> Result<Self, CallError> {
         let mut inference: InferenceConfig = load_config("inference", None).map_err(|e| CallError::invalid("config", e.to_string()))?;
         inference.weights = files.weights.clone().or(inference.weights);
-        let mut planner: PlannerConfig = load_config("planner", None).map_err(|e| CallError::invalid("config", e.to_string()))?;
-        planner.stability = files.stability.clone().or(planner.stability);
-        let stability = stability_of(&planner).map_err(|e| CallError::invalid("stability", e.to_string()))?;
         let engine = engine_of(&inference).map_err(|e| CallError::invalid("weights", e.to_string()))?;
-        Ok(Self { engine, store: SceneStore::new(SCENES, SCENES_BYTES, HeldScene::bytes), stability })
+        Ok(Self::of(engine))
     }
 
     /// The models that come with the program, whatever the environment says.
@@ -52,7 +47,12 @@ impl Models {
     /// `internal` when they do not fit this program.
     pub fn embedded() -> Result<Self, CallError> {
         let engine = engine_of(&InferenceConfig::default()).map_err(|e| CallError::internal(e.to_string()))?;
-        Ok(Self { engine, store: SceneStore::new(SCENES, SCENES_BYTES, HeldScene::bytes), stability: Stability::embedded().clone() })
+        Ok(Self::of(engine))
+    }
+
+    fn of(engine: Engine) -> Self {
+        let forecasts = Forecasts::read(&engine.forecasts().forecasts).map(Arc::new);
+        Self { engine, store: SceneStore::new(SCENES, SCENES_BYTES, HeldScene::bytes), forecasts }
     }
 
     /// The networks.
@@ -78,7 +78,7 @@ impl PlacementModels for Models {
         self.engine.score(request, &*self.held(&request.scene.scene_id, scene)?)
     }
 
-    fn stability(&self) -> &Stability {
-        &self.stability
+    fn forecasts(&self) -> Result<Arc<Forecasts>, CallError> {
+        self.forecasts.clone()
     }
 }

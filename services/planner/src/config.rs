@@ -1,18 +1,20 @@
 //! The service's configuration, section `[planner]`.
 
-use std::path::PathBuf;
+use std::collections::BTreeMap;
 
+use repose_proto::place::ReachingRobot;
+use repose_proto::{PlaceRequest, RigidTransform};
 use repose_runtime::RuntimeError;
 use serde::Deserialize;
-
-use crate::learned::stability::Stability;
 
 /// Configuration of a planner worker. Unknown fields are refused.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PlannerConfig {
-    /// A file of `repose train --network stability` in place of the one that comes with the program: to go with weights of one's own.
-    pub stability: Option<PathBuf>,
+    /// Poses of robots' bases in the world frame by name, row-major: to tell which places a robot reaches that a request names without one.
+    pub robots: BTreeMap<String, [f64; 16]>,
+    /// The robot that requests are for which name none; with none, nothing is out of reach for them.
+    pub robot: Option<String>,
     /// Threads that search; each has one request and waits while inference scores. Raising it keeps inference busier; results do not
     /// depend on it.
     pub threads: usize,
@@ -29,23 +31,53 @@ pub struct PlannerConfig {
 
 impl Default for PlannerConfig {
     fn default() -> Self {
-        Self { stability: None, threads: 4, queue_capacity: 64, scenes: 8, scene_timeout_ms: 2000, reply_reserve_ms: 60 }
+        Self {
+            robots: BTreeMap::new(),
+            robot: None,
+            threads: 4,
+            queue_capacity: 64,
+            scenes: 8,
+            scene_timeout_ms: 2000,
+            reply_reserve_ms: 60,
+        }
     }
 }
 
-/// The stability that the configuration names, or the one that comes with the program.
-///
-/// # Errors
-/// [`RuntimeError::Config`] when the file cannot be read or is none.
-pub fn stability_of(config: &PlannerConfig) -> Result<Stability, RuntimeError> {
-    let Some(path) = &config.stability else { return Ok(Stability::embedded().clone()) };
-    let bad = |e: &dyn std::fmt::Display| RuntimeError::Config {
-        section: "planner".to_owned(),
-        file: None,
-        message: format!("stability: {}: {e}", path.display()),
-    };
-    let text = std::fs::read_to_string(path).map_err(|e| bad(&e))?;
-    Stability::from_json(&text).map_err(|e| bad(&e))
+/// Where the cell's robots stand, as the configuration says.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Robots {
+    bases: BTreeMap<String, RigidTransform>,
+    default: Option<String>,
+}
+
+impl Robots {
+    /// Those of a configuration.
+    ///
+    /// # Errors
+    /// [`RuntimeError::Config`] when a pose is not rigid, or the default robot has none.
+    pub fn of(config: &PlannerConfig) -> Result<Self, RuntimeError> {
+        let bad = |message: String| RuntimeError::Config { section: "planner".to_owned(), file: None, message };
+        for (name, pose) in &config.robots {
+            RigidTransform(*pose).validate(&format!("robots.{name}")).map_err(|e| bad(e.to_string()))?;
+        }
+        if let Some(name) = config.robot.as_ref().filter(|name| !config.robots.contains_key(*name)) {
+            return Err(bad(format!("robot: {name} is not among robots")));
+        }
+        let bases = config.robots.iter().map(|(name, pose)| (name.clone(), RigidTransform(*pose))).collect();
+        Ok(Self { bases, default: config.robot.clone() })
+    }
+
+    /// Puts in what a request leaves to the cell: the robot, and where it stands.
+    pub fn complete(&self, request: &mut PlaceRequest) {
+        if let (None, Some(name)) = (&request.robot, &self.default) {
+            request.robot = Some(ReachingRobot { name: name.clone(), world_from_base: None });
+        }
+        if let Some(robot) = &mut request.robot
+            && robot.world_from_base.is_none()
+        {
+            robot.world_from_base = self.bases.get(&robot.name).copied();
+        }
+    }
 }
 
 #[cfg(test)]
@@ -60,16 +92,25 @@ mod tests {
     }
 
     #[test]
-    fn a_stability_file_that_is_none_is_refused_by_name() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("stability.json");
-        let named = PlannerConfig { stability: Some(file.clone()), ..PlannerConfig::default() };
-        let refused = |config: &PlannerConfig| stability_of(config).unwrap_err().to_string();
-        assert!(refused(&named).contains("stability"), "a missing file");
-        std::fs::write(&file, "{}").unwrap();
-        assert!(refused(&named).contains("[planner]"), "another file");
-        std::fs::write(&file, serde_json::to_string(Stability::embedded()).unwrap()).unwrap();
-        assert_eq!(stability_of(&named).unwrap(), *Stability::embedded());
-        assert_eq!(stability_of(&PlannerConfig::default()).unwrap(), *Stability::embedded());
+    fn robots_are_put_into_requests_that_leave_them_to_the_cell() {
+        let pose = |x: f64| [1.0, 0.0, 0.0, x, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+        let robots = BTreeMap::from([("left".to_owned(), pose(-0.5)), ("right".to_owned(), pose(0.5))]);
+        let config = PlannerConfig { robot: Some("left".to_owned()), robots, ..PlannerConfig::default() };
+        let of_request = |robot: Option<ReachingRobot>| {
+            let mut request = PlaceRequest { robot, ..PlaceRequest::new("scene".to_owned(), 2, Vec::new()) };
+            Robots::of(&config).unwrap().complete(&mut request);
+            request.robot.map(|robot| (robot.name, robot.world_from_base.map(|pose| pose.0[3])))
+        };
+        let named =
+            |name: &str, pose: Option<[f64; 16]>| Some(ReachingRobot { name: name.to_owned(), world_from_base: pose.map(RigidTransform) });
+        assert_eq!(of_request(None), Some(("left".to_owned(), Some(-0.5))));
+        assert_eq!(of_request(named("right", None)), Some(("right".to_owned(), Some(0.5))));
+        assert_eq!(of_request(named("right", Some(pose(2.0)))), Some(("right".to_owned(), Some(2.0))));
+        assert_eq!(of_request(named("third", None)), Some(("third".to_owned(), None)), "the search refuses it");
+        let refused = |config: &PlannerConfig| Robots::of(config).unwrap_err().to_string();
+        assert!(refused(&PlannerConfig { robot: Some("third".to_owned()), ..config.clone() }).contains("third"));
+        assert!(
+            refused(&PlannerConfig { robots: BTreeMap::from([("left".to_owned(), [0.0; 16])]), ..config.clone() }).contains("robots.left")
+        );
     }
 }

@@ -11,9 +11,8 @@ use repose_proto::{ArrangeRequest, CallError, ErrorCode, Message, Payload, Scene
 use repose_runtime::{Call, CallOptions, Caller, Handler, fetch_scene, load_of};
 
 use crate::cached_scene::CachedScene;
-use crate::config::PlannerConfig;
-use crate::learned::stability::Stability;
-use crate::remote_models::RemoteModels;
+use crate::config::{PlannerConfig, Robots};
+use crate::remote_models::{KnownForecasts, RemoteModels};
 use crate::worker::Worker;
 
 /// Answers `place` and `arrange`.
@@ -23,22 +22,24 @@ pub struct Endpoints {
     inference: Caller,
     scene_timeout: Duration,
     reply_reserve: Duration,
-    stability: Arc<Stability>,
+    forecasts: Arc<KnownForecasts>,
+    robots: Robots,
 }
 
 impl Endpoints {
     /// Answers from what a worker computes, with scenes from perception and scores from inference.
-    pub fn new(worker: Arc<Worker>, perception: Caller, inference: Caller, stability: Arc<Stability>, config: &PlannerConfig) -> Self {
+    pub fn new(worker: Arc<Worker>, perception: Caller, inference: Caller, robots: Robots, config: &PlannerConfig) -> Self {
         let (scene_timeout, reply_reserve) =
             (Duration::from_millis(config.scene_timeout_ms), Duration::from_millis(config.reply_reserve_ms));
-        Self { worker, perception, inference, stability, scene_timeout, reply_reserve }
+        Self { worker, perception, inference, scene_timeout, reply_reserve, forecasts: Arc::default(), robots }
     }
 
     async fn place(&self, call: &Call) -> Result<Payload, CallError> {
-        let (request, enclosed) = match call.payload.is_bulk() {
+        let (mut request, enclosed) = match call.payload.is_bulk() {
             true => disclose::<PlaceRequest>(&call.payload.decode_bulk(PlaceRequest::SCHEMA)?)?,
             false => (call.payload.decode_json::<PlaceRequest>()?, None),
         };
+        self.robots.complete(&mut request);
         let scene = self.scene_of(&request.scene.scene_id, enclosed, call).await?;
         let models = self.models(call);
         let reporting = call.clone();
@@ -67,7 +68,7 @@ impl Endpoints {
     /// The networks, asked for a call.
     fn models(&self, call: &Call) -> RemoteModels {
         let runtime = tokio::runtime::Handle::current();
-        RemoteModels::new(self.inference.clone(), runtime, call.clone(), self.reply_reserve, self.stability.clone())
+        RemoteModels::new(self.inference.clone(), runtime, call.clone(), self.reply_reserve, self.forecasts.clone())
     }
 
     /// The scene of a request: the one that it encloses, or by its id.

@@ -80,7 +80,10 @@ use std::sync::Arc;
 use repose_proto::Service;
 use repose_runtime::{RuntimeError, Session, Shutdown};
 
-pub use config::{PlannerConfig, stability_of};
+use config::Robots;
+
+pub use config::PlannerConfig;
+pub use learned::forecast::Forecasts;
 pub use learned::models::{NoModels, PlacementModels};
 pub use plan::{PlanReport, SearchStep, plan, plan_with_report};
 pub use scene::prepared::PreparedScene;
@@ -89,12 +92,12 @@ pub use search::stop::StopReason;
 /// Runs a planner worker until `shutdown`, then drains it.
 ///
 /// # Errors
-/// When the configuration names a file that is none, and when the network or the operating system refuses.
+/// When the configuration is wrong, and when the network or the operating system refuses.
 pub async fn run(session: Session, config: PlannerConfig, shutdown: Shutdown) -> Result<(), RuntimeError> {
-    let stability = Arc::new(stability_of(&config)?);
+    let robots = Robots::of(&config)?;
     let worker = Arc::new(worker::Worker::start(&config)?);
     let perception = session.caller(Service::Perception).await?;
     let inference = session.caller(Service::Inference).await?;
-    let endpoints = Arc::new(endpoints::Endpoints::new(worker, perception, inference, stability, &config));
+    let endpoints = Arc::new(endpoints::Endpoints::new(worker, perception, inference, robots, &config));
     session.serve(Service::Planner, endpoints, shutdown).await
 }

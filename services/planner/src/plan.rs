@@ -27,7 +27,7 @@ use crate::search::findings::Findings;
 use crate::search::search;
 use crate::search::source::CandidateSource;
 use crate::search::stop::{StopReason, in_time};
-use crate::settings::PlanSettings;
+use crate::settings::{PlanSettings, Realism};
 
 /// What a search tells its caller, who may stop it.
 #[derive(Debug, Clone, PartialEq)]
@@ -93,6 +93,7 @@ fn planned(
         return Err(CallError::invalid("scene.scene_id", message));
     }
     let settings = PlanSettings::of(request);
+    check_demands(request, &settings)?;
     let viewer = ViewerFrame::from_yaw(request.view_yaw_rad.unwrap_or(prepared.scene.meta.view_yaw_rad));
     let query = QueryObject::new(prepared, request.query, settings.min_clearance_m, &settings.fixed)?;
     let rules = Rules::new(prepared, &query, &request.goal, &viewer)?;
@@ -145,6 +146,19 @@ fn planned(
     Ok(PlanReport { result, answers: answers.chosen, best_in_view })
 }
 
+/// Refuses demands that cannot be met whatever is found.
+fn check_demands(request: &PlaceRequest, settings: &PlanSettings) -> Result<(), CallError> {
+    if request.robot.is_some() && settings.world_from_base.is_none() {
+        let message = "where the base of that robot stands is not known; give robot.world_from_base";
+        return Err(CallError::precondition(message).at("robot"));
+    }
+    if request.min_success.is_some() && settings.recipe.realism != Realism::OutcomeRanks {
+        let message = format!("the variant {} does not say how likely its placements succeed", request.variant);
+        return Err(CallError::precondition(message).at("min_success"));
+    }
+    Ok(())
+}
+
 /// A result that says how the search went and what was used for it.
 fn without_answers(judge: &Judge<'_>, findings: Findings, outcome: Outcome) -> PlaceResult {
     let PlacementProblem { prepared, rules, request, settings, .. } = judge.problem();
@@ -171,6 +185,8 @@ fn without_answers(judge: &Judge<'_>, findings: Findings, outcome: Outcome) -> P
         count: request.count,
         min_separation_m: settings.min_separation_m,
         min_clearance_m: settings.min_clearance_m,
+        min_success: request.min_success,
+        robot: request.robot.clone(),
         budget: settings.budget(),
         cost_weights: settings.cost_weights(),
         thresholds: settings.thresholds(),

@@ -3,17 +3,35 @@
 //! A request names the scene by its id; only when a worker does not hold it is it sent whole. From the first reply on, only workers with
 //! the same weights and kernel are asked, because a result must not depend on who answered.
 
-use std::sync::{Arc, Mutex, Once, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use repose_proto::load::WorkerLoad;
-use repose_proto::scoring::{PriorReply, PriorRequest, RealismBy, ScoreReply, ScoreRequest};
-use repose_proto::{CallError, Message, Payload, Scene};
+use repose_proto::scoring::{ForecastsReply, ForecastsRequest, PriorReply, PriorRequest, ScoreReply, ScoreRequest};
+use repose_proto::{CallError, ErrorCode, Message, Payload, Scene};
 use repose_runtime::{Accept, Call, CallOptions, Caller};
 use tokio::runtime::Handle;
 
+use crate::learned::forecast::Forecasts;
 use crate::learned::models::{PlacementModels, Provenance};
-use crate::learned::stability::Stability;
+
+/// The forecasts of the weights in service: megabytes that hardly ever change, so that they are asked for once.
+#[derive(Debug, Default)]
+pub struct KnownForecasts(Mutex<Option<(String, Arc<Forecasts>)>>);
+
+impl KnownForecasts {
+    /// The forecasts of these weights, asked for where others or none are known.
+    fn of(&self, weights_hash: &str, ask: impl FnOnce() -> Result<Forecasts, CallError>) -> Result<Arc<Forecasts>, CallError> {
+        let known = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, forecasts)) = known().as_ref().filter(|(hash, _)| hash == weights_hash) {
+            return Ok(forecasts.clone());
+        }
+        // Nobody waits for another's answer: after a change of weights a few may ask at once.
+        let forecasts = Arc::new(ask()?);
+        *known() = Some((weights_hash.to_owned(), forecasts.clone()));
+        Ok(forecasts)
+    }
+}
 
 /// The models of one placement request.
 pub struct RemoteModels {
@@ -21,15 +39,15 @@ pub struct RemoteModels {
     runtime: Handle,
     call: Call,
     reserve: Duration,
-    stability: Arc<Stability>,
+    forecasts: Arc<KnownForecasts>,
     pinned: Mutex<Option<Provenance>>,
 }
 
 impl RemoteModels {
     /// Asks `inference` on behalf of a call, until `reserve` before its deadline, which is left to send the answer. `runtime` carries the
-    /// messages while compute threads wait.
-    pub fn new(inference: Caller, runtime: Handle, call: Call, reserve: Duration, stability: Arc<Stability>) -> Self {
-        Self { inference, runtime, call, reserve, stability, pinned: Mutex::default() }
+    /// messages while compute threads wait; `forecasts` are shared by all requests.
+    pub fn new(inference: Caller, runtime: Handle, call: Call, reserve: Duration, forecasts: Arc<KnownForecasts>) -> Self {
+        Self { inference, runtime, call, reserve, forecasts, pinned: Mutex::default() }
     }
 
     /// Asks with the scene's id, and with the whole scene when the worker lacks it.
@@ -58,21 +76,6 @@ impl RemoteModels {
         let mut pinned = self.pinned.lock().unwrap_or_else(PoisonError::into_inner);
         pinned.get_or_insert_with(|| Provenance { weights_hash: weights_hash.to_owned(), kernel: kernel.to_owned() });
     }
-
-    /// Warns once when the stability trees were fitted with other weights.
-    fn check_fit(&self, weights_hash: &str) {
-        static SAID: Once = Once::new();
-        let fitted_with = &self.stability.fitted_on().weights_hash;
-        if fitted_with != weights_hash {
-            SAID.call_once(|| {
-                tracing::warn!(
-                    weights_hash,
-                    fitted_with,
-                    "the stability was fitted with other weights: the realism of `best` is less sure; `repose train --network stability` fits it anew"
-                );
-            });
-        }
-    }
 }
 
 impl PlacementModels for RemoteModels {
@@ -87,13 +90,22 @@ impl PlacementModels for RemoteModels {
         let payload = self.ask("score", scene, |scene| Payload::bulk(ScoreRequest::SCHEMA, &request.to_bulk(scene)))?;
         let reply = ScoreReply::from_bulk(&payload.decode_bulk(ScoreReply::SCHEMA)?)?;
         self.pin(&reply.weights_hash, &reply.kernel);
-        if request.realism && request.realism_by == RealismBy::Outcome {
-            self.check_fit(&reply.weights_hash);
-        }
         Ok(reply)
     }
 
-    fn stability(&self) -> &Stability {
-        &self.stability
+    fn forecasts(&self) -> Result<Arc<Forecasts>, CallError> {
+        let weights_hash = self.pinned.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map(|pinned| pinned.weights_hash.clone());
+        let weights_hash = weights_hash.ok_or_else(|| CallError::internal("forecasts were asked for before any answer"))?;
+        self.forecasts.of(&weights_hash, || {
+            let options = CallOptions::for_call(&self.call);
+            let options = CallOptions { accept: self.accept(), deadline: options.deadline.saturating_sub(self.reserve), ..options };
+            let answer = self.runtime.block_on(self.inference.call("forecasts", Payload::json(&ForecastsRequest {})?, options))?;
+            let reply: ForecastsReply = answer.payload.decode_json()?;
+            if reply.weights_hash != weights_hash {
+                let message = format!("the weights changed during the request, from {weights_hash} to {}", reply.weights_hash);
+                return Err(CallError::new(ErrorCode::Unavailable, message));
+            }
+            Forecasts::read(&reply.forecasts)
+        })
     }
 }

@@ -137,6 +137,7 @@ mod tests {
     use repose_runtime::CancellationToken;
 
     use super::*;
+    use crate::learned::forecast::Forecasts;
     use crate::learned::models::NoModels;
     use crate::tests::learned::{BESIDE, Fake};
     use crate::tests::synthetic::SceneBuilder;
@@ -166,6 +167,10 @@ mod tests {
         fn score(&self, request: &ScoreRequest, scene: &Arc<Scene>) -> Result<ScoreReply, CallError> {
             std::thread::sleep(Duration::from_millis(50));
             self.0.score(request, scene)
+        }
+
+        fn forecasts(&self) -> Result<Arc<Forecasts>, CallError> {
+            self.0.forecasts()
         }
     }
 

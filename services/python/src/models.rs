@@ -12,7 +12,7 @@ use crate::error::raised;
 /// Models that nobody named: those of the environment, or of the program.
 static DEFAULT: Mutex<Option<Arc<repose_local::Models>>> = Mutex::new(None);
 
-/// Networks and stability model.
+/// Networks and forecasts.
 #[pyclass(frozen, module = "repose._native")]
 pub struct Models {
     models: Arc<repose_local::Models>,
@@ -21,9 +21,9 @@ pub struct Models {
 #[pymethods]
 impl Models {
     #[new]
-    #[pyo3(signature = (weights = None, stability = None))]
-    fn new(py: Python<'_>, weights: Option<PathBuf>, stability: Option<PathBuf>) -> PyResult<Self> {
-        let files = ModelFiles { weights, stability };
+    #[pyo3(signature = (weights = None))]
+    fn new(py: Python<'_>, weights: Option<PathBuf>) -> PyResult<Self> {
+        let files = ModelFiles { weights };
         let models = py.detach(|| repose_local::Models::load(&files)).map_err(raised)?;
         Ok(Self { models: Arc::new(models) })
     }

@@ -91,7 +91,7 @@ pub fn save(
     }
     let recipe =
         serde_json::json!({ "step": step, "adam_step": adam_step, "seed": settings.seed, "part": settings.part, "origin": origin });
-    write(&path(settings), &Weights::to_bytes(&all, &WeightsInfo { recipe, metrics: serde_json::Value::Null })?)
+    write(&path(settings), &Weights::to_bytes(&all, &WeightsInfo { recipe, ..WeightsInfo::default() })?)
 }
 
 /// The state of an earlier session of the same part and seed, if there is one.

@@ -27,12 +27,16 @@ impl Part {
 /// When the parts together are no whole set of weights.
 pub fn merged(parts: &[(Part, Weights)]) -> Result<Vec<u8>, TrainError> {
     let mut values = WeightMap::new();
-    let mut info = WeightsInfo { recipe: serde_json::json!({}), metrics: serde_json::json!({}) };
+    let mut info = WeightsInfo { recipe: serde_json::json!({}), metrics: serde_json::json!({}), ..WeightsInfo::default() };
     for (part, weights) in parts {
         values.retain(|name, _| !part.fits(name));
         values.extend(weights.values.iter().filter(|(name, _)| part.fits(name)).map(|(name, value)| (name.clone(), value.clone())));
         info.recipe[part.name()] = weights.info.recipe[part.name()].clone();
         info.metrics[part.name()] = weights.info.metrics[part.name()].clone();
+        if *part == Part::Outcome {
+            // They read its word.
+            info.forecasts = weights.info.forecasts.clone();
+        }
     }
     let bytes = Weights::to_bytes(&values, &info)?;
     Models::load(&bytes)?;

@@ -62,7 +62,7 @@ pub async fn run(args: &ArrangeArgs, output: Output) -> Outcome {
     let result = match &args.frame {
         Some(path) => {
             let scene: Arc<Scene> = Arc::new(frames::scene_of(&frames::read(path)?)?);
-            let files = ModelFiles { weights: args.networks.weights.clone(), stability: None };
+            let files = ModelFiles { weights: args.networks.weights.clone() };
             let request = args.request(scene.id());
             // Everything computes here; nothing else waits in this process.
             tokio::task::block_in_place(|| repose_local::arrange(&scene, &request, || Models::load(&files).map(Arc::new)))?

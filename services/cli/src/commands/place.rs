@@ -63,7 +63,11 @@ pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
         Some(wish) => (wish, None),
         None => args.wish.on(&client::whole_scene(&session, &scene_id, deadline).await?)?,
     };
-    let request = args.wish.request(scene_id, &wish);
+    let mut request = args.wish.request(scene_id, &wish);
+    if let Some(robot) = &mut request.robot {
+        // Where it does not tell, the planner's configuration may.
+        robot.world_from_base = client::robot_state(&session, &robot.name, deadline).await.ok().and_then(|state| state.world_from_base);
+    }
     request.validate()?;
     let planner = session.caller(Service::Planner).await?;
     let (sender, mut progress) = mpsc::channel::<repose_proto::Payload>(PROGRESS_WAITING);

@@ -30,9 +30,6 @@ pub struct PlanArgs {
     /// Which networks.
     #[command(flatten)]
     pub networks: NetworkArgs,
-    /// What `train --network stability` wrote for those weights. Default: the file that REPOSE_PLANNER__STABILITY names, or the program's own.
-    #[arg(long, value_name = "FILE")]
-    pub stability: Option<PathBuf>,
     /// Find the objects although the frame has labels.
     #[arg(long)]
     pub ignore_labels: bool,
@@ -55,8 +52,11 @@ pub fn run(args: &PlanArgs, output: Output) -> Outcome {
     }
     let scene = Arc::new(frames::scene_of(&frame)?);
     let (wish, said) = args.wish.on(&scene)?;
-    let request = args.wish.request(scene.id(), &wish);
-    let files = ModelFiles { weights: args.networks.weights.clone(), stability: args.stability.clone() };
+    let mut request = args.wish.request(scene.id(), &wish);
+    if let Some(robot) = &mut request.robot {
+        robot.world_from_base = frame.robots.iter().find(|r| r.name == robot.name).map(|r| r.world_from_base);
+    }
+    let files = ModelFiles { weights: args.networks.weights.clone() };
     let result = repose_local::plan(&scene, &request, || Models::load(&files).map(Arc::new))?;
     if let Some(path) = &args.out {
         write_picture(path, &before_and_after(&scene, &result)?.into())?;

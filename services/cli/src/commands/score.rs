@@ -49,7 +49,7 @@ pub fn run(args: &ScoreArgs, output: Output) -> Outcome {
     let name = args.transforms.display().to_string();
     let text = std::fs::read(&args.transforms).map_err(|e| Failure::bad_input(&name, e))?;
     let transforms: Vec<[f64; 16]> = serde_json::from_slice(&text).map_err(|e| Failure::bad_input(&name, e))?;
-    let models = args.networks.models(None)?;
+    let models = args.networks.models()?;
     // The error names the file's entry.
     let of_file = |mut error: CallError| {
         error.field = error.field.map(|field| field.replacen("transforms", &name, 1));

@@ -29,6 +29,7 @@ pub fn document(tables: &[SetTable], records: &[SceneRecord], head: &Value) -> V
     let first = |key: &str| sets.first().map_or(Value::Null, |s| s[key].clone());
     json!({
         "scenes": first("scenes"), "feasible": first("feasible"), "rows": first("rows"),
+        "curve": tables.first().and_then(|t| t.all.rows.first()).map_or_else(Vec::new, |row| row.curve.clone()),
         "sets": sets, "paper": paper::VARIANTS, "settings": head, "definition": DEFINITION, "records": records,
     })
 }
@@ -46,6 +47,7 @@ fn row(row: &PlannerRow) -> Value {
     json!({
         "variant": row.variant,
         "predicates": all.predicates.percent(), "realistic": all.realistic.percent(), "successful": all.successful.percent(), "stable": all.stable.percent(),
+        "success_calibration": row.success_calibration.error, "success_calibration_floor": row.success_calibration.floor,
         "wrong": row.right_when_returned.percent().map(|right| 100.0 - right),
         "joint": row.joint.percent(), "joint_interval": row.joint.interval_percent(),
         "none_precision": row.none_precision.percent(), "none_recall": row.none_recall.percent(),
@@ -117,6 +119,7 @@ pub fn text_of(tables: &[SetTable]) -> String {
         ));
         text += &format!("\n\nThe paper's columns (its Table 1)\n{}", papers_columns(all));
         text += &format!("\n\nWhat was returned\n{}", returned(all));
+        text += &format!("\n\nHow sure answers are of themselves, and what is wrong with those that fail\n{}", sureness(all));
         text += &format!("\n\nScene by scene against others; the script's joint rate is {}\n{}", all.script_joint, comparisons(all));
         if !table.kinds.is_empty() {
             text += &format!("\n\nJoint rate by kind of scene\n{}\n{}", joint_by_kind(table), best_by_kind(table));
@@ -127,7 +130,7 @@ pub fn text_of(tables: &[SetTable]) -> String {
 }
 
 /// The columns, in the order of the tables.
-const LEGEND: [(&str, &str); 12] = [
+const LEGEND: [(&str, &str); 15] = [
     ("predicates, realistic, successful", "the networks' word on each variant's cheapest candidate: p > 0.5, f > 0.5, both"),
     (
         "stable",
@@ -142,6 +145,20 @@ const LEGEND: [(&str, &str); 12] = [
                2 cm, it tilted less than 15 degrees and went at most 5 mm into anything",
     ),
     ("right of answers", "of all placements returned, those that succeed as `joint` demands"),
+    (
+        "calibration error",
+        "how far the probability of success that answers give themselves is from the share that succeeds, mean over ten bins; in brackets \
+               what probabilities that are right would have with as few answers. Variants without such a probability: their realism",
+    ),
+    (
+        "wrong of the surest",
+        "of the answers that are surest of themselves, those that fail; in brackets the --min-success that gives these",
+    ),
+    (
+        "faults",
+        "the worst of each wrong answer: fell (its centre came down 5 cm), pressed (5 mm into something), tipped (15 degrees), moved_others \
+               (2 cm), slid (5 cm), goal (does not hold)",
+    ),
     ("none right", "of the scenes answered with none, those without an answer"),
     ("none found", "of the scenes without an answer, those answered with none"),
     ("two supports, two good", "of the scenes with answers on two supports: the answers stand on two; on both of them one succeeds"),
@@ -181,6 +198,26 @@ fn returned(part: &Part) -> Table {
             row.none_recall.short(),
             format!("{:.0} / {:.0}", row.times_ms[0], row.times_ms[1]),
         ]);
+    }
+    table
+}
+
+/// What is wrong with answers, and how many would be if only the surest were given.
+fn sureness(part: &Part) -> Table {
+    let shares = [100.0, 95.0, 90.0, 80.0];
+    let header = ["variant", "calibration error (floor)"].map(str::to_owned).into_iter();
+    let columns = shares.iter().map(|share| format!("wrong of the surest {share:.0} %")).chain(["faults".to_owned()]);
+    let mut table = table(header.chain(columns));
+    for row in &part.rows {
+        let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
+        let of = &row.success_calibration;
+        let mut cells = vec![row.variant.to_string(), format!("{} ({})", number(of.error), number(of.floor))];
+        let wrong = |share: &f64| row.curve.iter().find(|point| point.answered == *share);
+        cells.extend(shares.iter().map(|share| {
+            wrong(share).map_or_else(|| "-".to_owned(), |p| format!("{:.1} % of {} (from {:.2})", p.wrong, p.answers, p.least))
+        }));
+        cells.push(row.faults.iter().map(|(fault, count)| format!("{} {count}", fault.name())).collect::<Vec<_>>().join(", "));
+        table.add_row(cells);
     }
     table
 }

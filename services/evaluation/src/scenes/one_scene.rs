@@ -3,8 +3,7 @@
 use std::sync::Arc;
 
 use repose_inference::{Engine, HeldScene};
-use repose_planner::PlacementModels;
-use repose_planner::learned::stability::Stability;
+use repose_planner::{Forecasts, PlacementModels};
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, Scene as ObservedScene};
 
@@ -12,18 +11,26 @@ use repose_proto::{CallError, Scene as ObservedScene};
 pub struct OneScene<'a> {
     engine: &'a Engine,
     held: HeldScene,
-    stability: &'a Stability,
+    forecasts: Option<Arc<Forecasts>>,
+}
+
+/// The forecasts of an engine's weights, to be read once for many scenes.
+///
+/// # Errors
+/// `failed_precondition` when the weights have none that this program reads.
+pub fn forecasts_of(engine: &Engine) -> Result<Arc<Forecasts>, CallError> {
+    Forecasts::read(&engine.forecasts().forecasts).map(Arc::new)
 }
 
 impl<'a> OneScene<'a> {
     /// Holds a scene. Hashes it for its id.
     pub fn new(engine: &'a Engine, scene: Arc<ObservedScene>) -> Self {
-        Self { engine, held: HeldScene::new(scene.id(), scene), stability: Stability::embedded() }
+        Self { engine, held: HeldScene::new(scene.id(), scene), forecasts: None }
     }
 
-    /// The same with another stability than the one that comes with the program.
-    pub fn with_stability(self, stability: &'a Stability) -> Self {
-        Self { stability, ..self }
+    /// The same with the forecasts of the engine's weights, which the variant `best` asks for.
+    pub fn with_forecasts(self, forecasts: &Arc<Forecasts>) -> Self {
+        Self { forecasts: Some(forecasts.clone()), ..self }
     }
 
     /// The scene's id.
@@ -46,7 +53,10 @@ impl PlacementModels for OneScene<'_> {
         self.engine.score(request, &self.held)
     }
 
-    fn stability(&self) -> &Stability {
-        self.stability
+    fn forecasts(&self) -> Result<Arc<Forecasts>, CallError> {
+        match &self.forecasts {
+            Some(forecasts) => Ok(forecasts.clone()),
+            None => forecasts_of(self.engine),
+        }
     }
 }

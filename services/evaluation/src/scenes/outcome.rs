@@ -45,6 +45,59 @@ pub struct Release {
     pub tilt_rad: f64,
     /// How deep it was put into something, metres.
     pub penetration_m: f32,
+    /// How far its centre came down, metres; negative: up.
+    #[serde(default)]
+    pub dropped_m: f64,
+}
+
+impl Release {
+    /// What went wrong first, in the order of [`Fault::ALL`]; none where nothing did.
+    pub fn fault(&self) -> Option<Fault> {
+        let is = |fault: &Fault| match fault {
+            Fault::Fell => self.dropped_m > STABLE_M,
+            Fault::Pressed => self.penetration_m > PENETRATION_M,
+            Fault::Tipped => self.tilt_rad > TILT_RAD,
+            Fault::MovedOthers => self.others_moved_m > OTHERS_MOVED_M,
+            Fault::Slid => !self.judged.stable,
+            Fault::Goal => !self.judged.goal,
+        };
+        Fault::ALL.into_iter().find(is)
+    }
+}
+
+/// What is wrong with a placement that was returned.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Fault {
+    /// Its centre came down by 5 cm: over an edge, or off what carried it.
+    Fell,
+    /// It was put more than 5 mm into something.
+    Pressed,
+    /// It tipped by more than 15 degrees.
+    Tipped,
+    /// Something else moved more than 2 cm.
+    MovedOthers,
+    /// It moved 5 cm without any of that.
+    Slid,
+    /// It stayed, but the goal does not hold.
+    Goal,
+}
+
+impl Fault {
+    /// The worst first: an answer with several faults counts for the first.
+    pub const ALL: [Self; 6] = [Self::Fell, Self::Pressed, Self::Tipped, Self::MovedOthers, Self::Slid, Self::Goal];
+
+    /// Its name, as in records.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fell => "fell",
+            Self::Pressed => "pressed",
+            Self::Tipped => "tipped",
+            Self::MovedOthers => "moved_others",
+            Self::Slid => "slid",
+            Self::Goal => "goal",
+        }
+    }
 }
 
 /// Puts the problem's query where `placed_from_observed` carries it, and lets go. `None` when the scene lacks the query or its anchor.
@@ -65,5 +118,11 @@ pub fn release(problem: &Problem, placed_from_observed: &Isometry3<f64>, setting
         goal: holds == problem.goal.holds,
         clean: outcome.others_moved_m <= OTHERS_MOVED_M && outcome.tilt_rad <= TILT_RAD && outcome.penetration_m <= PENETRATION_M,
     };
-    Some(Release { judged, others_moved_m: outcome.others_moved_m, tilt_rad: outcome.tilt_rad, penetration_m: outcome.penetration_m })
+    Some(Release {
+        judged,
+        others_moved_m: outcome.others_moved_m,
+        tilt_rad: outcome.tilt_rad,
+        penetration_m: outcome.penetration_m,
+        dropped_m: placed.translation.z - outcome.world_from_objects[query].translation.z,
+    })
 }

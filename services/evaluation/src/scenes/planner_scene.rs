@@ -11,9 +11,9 @@ use nalgebra::Isometry3;
 use repose_dataset::Split;
 use repose_geometry::transform::from_row_major;
 use repose_inference::Engine;
-use repose_planner::learned::stability::Stability;
-use repose_planner::{PlacementModels, PreparedScene, plan_with_report};
-use repose_proto::place::{Outcome, Rejection, Variant};
+use repose_planner::judge::judged::JudgedCandidate;
+use repose_planner::{Forecasts, PlacementModels, PreparedScene, plan_with_report};
+use repose_proto::place::{Outcome, Placement, Rejection, Variant};
 use repose_proto::scoring::{RealismBy, ScoreRequest};
 use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest, PlaceResult, SceneRef};
 use repose_simulator::release::ReleaseSettings;
@@ -34,8 +34,6 @@ pub struct PlannerSceneSettings {
     pub variants: Vec<Variant>,
     /// Distinct answers asked for; the first is the one that counts, all are looked at for what they stand on.
     pub answers: u32,
-    /// What `best` makes of the outcome network's word and geometry.
-    pub stability: Stability,
     /// A fault that is put on what the camera saw.
     pub perturbation: Option<Perturbation>,
     /// How hard true answers are searched.
@@ -49,7 +47,6 @@ impl Default for PlannerSceneSettings {
         Self {
             variants: Variant::ALL.to_vec(),
             answers: 8,
-            stability: Stability::embedded().clone(),
             perturbation: None,
             truth: TruthSettings::default(),
             release: ReleaseSettings::default(),
@@ -93,6 +90,45 @@ pub struct InView {
     pub moved_m: f64,
 }
 
+/// What an answer says of itself.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Said {
+    /// The probability that it succeeds.
+    pub success: Option<f64>,
+    /// The probability that it stays.
+    pub realism: Option<f64>,
+    /// The least probability of a goal term.
+    pub relations: f64,
+    /// The least margin of a goal term by rule, metres.
+    pub rule_margin_m: f64,
+    /// See [`Placement::support_m`].
+    pub support_m: Option<f64>,
+    /// See [`Placement::clearance_m`].
+    pub clearance_m: Option<f64>,
+    /// What the forecast of success read of it; empty where it was not asked.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub measures: Vec<f32>,
+}
+
+impl Said {
+    fn by(placement: &Placement, judged: Option<&JudgedCandidate>) -> Self {
+        Self {
+            success: placement.success,
+            realism: placement.realism,
+            relations: placement.relations.iter().copied().fold(1.0, f64::min),
+            rule_margin_m: placement.geometric.iter().map(|check| check.margin_m).fold(f64::INFINITY, f64::min),
+            support_m: placement.support_m,
+            clearance_m: placement.clearance_m,
+            measures: judged.and_then(|judged| judged.success_measures.clone()).unwrap_or_default(),
+        }
+    }
+
+    /// How sure it is of itself: its probability of success, or where that was not asked, of staying.
+    pub fn sureness(&self) -> Option<f64> {
+        self.success.or(self.realism)
+    }
+}
+
 /// What a variant made of a problem.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
@@ -105,6 +141,9 @@ pub struct Trial {
     pub refused: Option<String>,
     /// What came of the first answer; none without one.
     pub release: Option<Release>,
+    /// What the first answer said of itself; none without one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub said: Option<Said>,
     /// The paper's candidate; none when nothing drawn was in view.
     pub in_view: Option<InView>,
     /// On how many different things its answers stand.
@@ -130,6 +169,7 @@ impl Trial {
             outcome: Outcome::None,
             refused: Some(why),
             release: None,
+            said: None,
             in_view: None,
             supports: 0,
             good_supports: 0,
@@ -218,6 +258,7 @@ pub fn try_scene(
     split: Split,
     slot: u64,
     engine: &Engine,
+    forecasts: &Arc<Forecasts>,
     settings: &PlannerSceneSettings,
 ) -> Result<Option<TriedScene>, CallError> {
     let Some(problem) = set.problem(split, slot) else { return Ok(None) };
@@ -229,7 +270,7 @@ pub fn try_scene(
         None => problem.clone(),
     };
     let scene = Arc::new(seen.observed.clone());
-    let models = OneScene::new(engine, scene.clone()).with_stability(&settings.stability);
+    let models = OneScene::new(engine, scene.clone()).with_forecasts(forecasts);
     let prepared = PreparedScene::with_id(scene, models.scene_id().to_owned());
     let (mut trials, mut results) = (Vec::new(), Vec::new());
     for &variant in &settings.variants {
@@ -306,6 +347,7 @@ fn trial(
         outcome: result.outcome,
         refused: None,
         release: first,
+        said: first.and(result.placements.first()).map(|placement| Said::by(placement, report.answers.first())),
         in_view,
         supports: supports.len(),
         good_supports: supports.values().filter(|good| **good).count(),

@@ -19,7 +19,7 @@ use repose_motion::{MotionConfig, config::ConfigError};
 use repose_panda::{READY, base_from_hand};
 use repose_planner::{PlacementModels, PreparedScene, plan};
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest, Phase};
-use repose_proto::place::{RegionBox, Variant};
+use repose_proto::place::{ReachingRobot, RegionBox, Variant};
 use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest, RigidTransform};
 use repose_simulator::cell::CellSettings;
 use repose_simulator::cell_world::CellWorld;
@@ -245,6 +245,7 @@ fn planned(
         variant: settings.variant,
         seed: problem.seed,
         region: vec![settings.region.clone()],
+        robot: Some(ReachingRobot { name: "panda".to_owned(), world_from_base: Some(RigidTransform(settings.motion.world_from_base)) }),
         ..PlaceRequest::new(scene_id.clone(), problem.query, vec![problem.goal])
     };
     let started = Instant::now();

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::Point3;
 use repose_dataset::ReleaseRecord;
 use repose_inference::Engine;
-use repose_planner::learned::stability::{COUNT, ReleaseSample, measures};
+use repose_planner::learned::stability::{COUNT, measures};
 use repose_planner::scene::candidate::CandidatePose;
 use repose_planner::scene::query::QueryObject;
 use repose_planner::settings::Fixed;
@@ -16,12 +16,13 @@ use repose_proto::{CallError, SceneRef};
 use crate::scenes::one_scene::OneScene;
 use crate::scenes::outcome::STABLE_M;
 use crate::scenes::problem::Problem;
+use crate::statistics::forecast_fit::Sample;
 
 /// One sample a release of the problem's query; none where the planner does not take the query.
 ///
 /// # Errors
 /// The engine's.
-pub fn stability_samples(problem: &Problem, engine: &Engine, releases: &[ReleaseRecord]) -> Result<Vec<ReleaseSample>, CallError> {
+pub fn stability_samples(problem: &Problem, engine: &Engine, releases: &[ReleaseRecord]) -> Result<Vec<Sample>, CallError> {
     let scene = Arc::new(problem.observed.clone());
     let models = OneScene::new(engine, scene.clone());
     let prepared = PreparedScene::with_id(scene, models.scene_id().to_owned());
@@ -29,9 +30,11 @@ pub fn stability_samples(problem: &Problem, engine: &Engine, releases: &[Release
         releases.iter().filter_map(|release| Some((candidate_of(problem, release)?, f64::from(release.moved_m) < STABLE_M))).collect();
     let said = said_of(problem, &models, RealismBy::Outcome, tried.iter().map(|(candidate, _)| candidate.row()).collect())?;
     let Some(of) = measured(problem, &prepared) else { return Ok(Vec::new()) };
-    let samples =
-        tried.iter().zip(said).map(|((candidate, stable), outcome)| ReleaseSample { measures: of(candidate, outcome), stable: *stable });
-    Ok(samples.collect())
+    let sample = |((candidate, stable), outcome): (&(CandidatePose, bool), f32)| Sample {
+        measures: of(candidate, outcome).to_vec(),
+        came_true: *stable,
+    };
+    Ok(tried.iter().zip(said).map(sample).collect())
 }
 
 /// What a network says of candidates (world position of the query's observed centroid, metres; turn about z, radians).

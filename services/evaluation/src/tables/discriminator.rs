@@ -12,9 +12,8 @@ use repose_dataset::Split;
 use repose_geometry::transform::from_row_major;
 use repose_inference::Engine;
 use repose_networks::serving::spread;
-use repose_planner::learned::stability::Stability;
 use repose_planner::scene::candidate::CandidatePose;
-use repose_planner::{PreparedScene, plan};
+use repose_planner::{Forecasts, PlacementModels, PreparedScene, plan};
 use repose_proto::place::{Rotation, Variant};
 use repose_proto::scoring::RealismBy;
 use repose_proto::{CallError, ErrorCode, PlaceRequest};
@@ -22,7 +21,7 @@ use repose_simulator::release::ReleaseSettings;
 use repose_simulator::scene::{SceneKind, SceneSettings};
 use serde::Serialize;
 
-use crate::scenes::one_scene::OneScene;
+use crate::scenes::one_scene::{OneScene, forecasts_of};
 use crate::scenes::outcome::{Judged, judge};
 use crate::scenes::problem::{Problem, ProblemSettings};
 use crate::scenes::proposals::{motion_to, prior_draws};
@@ -50,8 +49,6 @@ pub struct DiscriminatorSettings {
     pub placements: u32,
     /// The planner's variants; the first is the one that the table's main figures are of.
     pub variants: Vec<Variant>,
-    /// What `best` makes of the outcome network's word and geometry.
-    pub stability: Stability,
     /// How a release is simulated.
     pub release: ReleaseSettings,
     /// Threads to work with; the table does not depend on it.
@@ -62,8 +59,7 @@ impl Default for DiscriminatorSettings {
     fn default() -> Self {
         let problem = ProblemSettings { scene: SceneSettings::only(SceneKind::Kitchen), ..ProblemSettings::default() };
         let variants = vec![Variant::Best, Variant::Full];
-        let stability = Stability::embedded().clone();
-        Self { problem, first: 0, samples: 8, placements: 3, variants, stability, release: ReleaseSettings::default(), threads: 2 }
+        Self { problem, first: 0, samples: 8, placements: 3, variants, release: ReleaseSettings::default(), threads: 2 }
     }
 }
 
@@ -192,6 +188,7 @@ pub fn evaluate_discriminator(
     settings: &DiscriminatorSettings,
     mut seen: impl FnMut(usize),
 ) -> Result<DiscriminatorTable, CallError> {
+    let forecasts = forecasts_of(engine)?;
     let mut tried: Vec<Vec<Trial>> = Vec::with_capacity(scenes);
     let (mut next, mut empty) = (settings.first, 0);
     // As many at once as keep the threads busy; the table does not depend on it.
@@ -203,7 +200,7 @@ pub fn evaluate_discriminator(
             || (),
             |(), k| {
                 let problem = Problem::of_split(split, next + k as u64, &settings.problem)?;
-                Some(trials_of(&problem, engine, settings))
+                Some(trials_of(&problem, engine, &forecasts, settings))
             },
         );
         next += at_once;
@@ -219,9 +216,14 @@ pub fn evaluate_discriminator(
 }
 
 /// Everything that is let go in one scene.
-fn trials_of(problem: &Problem, engine: &Engine, settings: &DiscriminatorSettings) -> Result<Vec<Trial>, CallError> {
+fn trials_of(
+    problem: &Problem,
+    engine: &Engine,
+    forecasts: &Arc<Forecasts>,
+    settings: &DiscriminatorSettings,
+) -> Result<Vec<Trial>, CallError> {
     let scene = Arc::new(problem.observed.clone());
-    let models = OneScene::new(engine, scene.clone()).with_stability(&settings.stability);
+    let models = OneScene::new(engine, scene.clone()).with_forecasts(forecasts);
     let prepared = PreparedScene::with_id(scene, models.scene_id().to_owned());
     let mut trials = random_trials(problem, &models, &prepared, settings)?;
     for &variant in &settings.variants {
@@ -264,11 +266,11 @@ fn random_trials(
     let draws = prior_draws(problem, models, Rotation::Fixed, settings.samples)?;
     let realism = said_of(problem, models, RealismBy::Discriminator, draws.clone())?;
     let outcomes = said_of(problem, models, RealismBy::Outcome, draws.clone())?;
-    let measured = measured(problem, prepared);
+    let (measured, forecasts) = (measured(problem, prepared), models.forecasts()?);
     let centroid = Point3::from(object.centroid_m);
     let trial = |(rank, draw): (usize, &[f32; 4])| {
         let judged = judge(problem, &motion_to(&centroid, draw), &settings.release)?;
-        let best = measured.as_ref().map(|of| settings.stability.of(&of(&CandidatePose::from_row(*draw), outcomes[rank])));
+        let best = measured.as_ref().map(|of| forecasts.stability.of(&of(&CandidatePose::from_row(*draw), outcomes[rank])));
         let (realism, outcome) = (Some(f64::from(realism[rank])), Some(f64::from(outcomes[rank])));
         Some(Trial { seed: problem.seed, variant: None, rank, realism, outcome, best, judged })
     };
@@ -340,8 +342,10 @@ fn correlation(scenes: &[Vec<Trial>]) -> Correlation {
 mod tests {
     use super::*;
     use repose_networks::Models as Networks;
+    use repose_networks::Weights;
     use repose_planner::learned::boosted_trees::BoostedTrees;
-    use repose_planner::learned::stability::FittedOn;
+    use repose_planner::learned::forecast::{FittedOn, Forecast, STABILITY};
+    use repose_planner::learned::stability::names;
 
     fn trial(variant: Option<Variant>, rank: usize, realism: f64, moved_m: f64) -> Trial {
         let judged = Judged { moved_m, stable: moved_m < 0.05, goal: true, clean: true };
@@ -374,11 +378,14 @@ mod tests {
 
     #[test]
     fn two_scenes_give_a_table_within_its_bounds() {
-        let engine = Engine::new(Networks::embedded().expect("embedded weights"), 1);
-        // A stability of one's own that says the same of everything.
-        let stability = Stability::new(BoostedTrees { bias: 0.0, trees: Vec::new() }, FittedOn::default()).expect("sound");
+        // Weights of one's own, whose stability says the same of everything.
+        let stability = Forecast::new(&names(), BoostedTrees { bias: 0.0, trees: Vec::new() }, FittedOn::default()).expect("sound");
+        let mut weights = Weights::embedded().expect("embedded weights");
+        weights.info.forecasts.insert(STABILITY.to_owned(), serde_json::to_value(stability).expect("JSON"));
+        let bytes = Weights::to_bytes(&weights.values, &weights.info).expect("weights");
+        let engine = Engine::new(Networks::load(&bytes).expect("weights"), 1);
         let variants = vec![Variant::Geometric, Variant::Best];
-        let settings = DiscriminatorSettings { samples: 3, variants, stability, ..DiscriminatorSettings::default() };
+        let settings = DiscriminatorSettings { samples: 3, variants, ..DiscriminatorSettings::default() };
         let mut told = 0;
         let table = evaluate_discriminator(Split::Validation, 2, &engine, &settings, |n| told = n).expect("a table");
         assert_eq!((table.scenes, told, table.random_stable.n), (2, 2, 6));

@@ -6,6 +6,8 @@
 //! and the object neither tipped by 15° nor was put 5 mm into anything. "None" is right where there is no answer. Rates come with
 //! intervals, comparisons are paired by scene.
 
+use std::collections::BTreeMap;
+
 use repose_dataset::Split;
 use repose_inference::Engine;
 use repose_networks::serving::spread;
@@ -14,7 +16,10 @@ use repose_proto::place::Variant;
 use repose_simulator::scene::SceneKind;
 use serde::Serialize;
 
-use crate::scenes::planner_scene::{PlannerSceneSettings, SceneRecord, SceneSet, Trial, TriedScene, try_scene};
+use crate::scenes::one_scene::forecasts_of;
+use crate::scenes::outcome::Fault;
+use crate::scenes::planner_scene::{PlannerSceneSettings, Said, SceneRecord, SceneSet, Trial, TriedScene, try_scene};
+use crate::statistics::calibration::Calibration;
 use crate::statistics::paired::Paired;
 use crate::statistics::quantile::Sorted;
 use crate::statistics::rate::Rate;
@@ -51,6 +56,7 @@ pub fn evaluate_planner<E: From<CallError>>(
     done: &[SceneRecord],
     mut seen: impl FnMut(TriedScene) -> Result<(), E>,
 ) -> Result<(), E> {
+    let forecasts = forecasts_of(engine).map_err(E::from)?;
     let is_done = |set: &SceneSet, slot: u64| done.iter().any(|r| r.set == set.name && r.slot == slot);
     let slots = settings.first..settings.first + settings.scenes as u64;
     let open: Vec<(&SceneSet, u64)> = settings
@@ -64,7 +70,7 @@ pub fn evaluate_planner<E: From<CallError>>(
             batch.len(),
             settings.threads,
             || (),
-            |(), k| try_scene(batch[k].0, settings.split, batch[k].1, engine, &settings.scene),
+            |(), k| try_scene(batch[k].0, settings.split, batch[k].1, engine, &forecasts, &settings.scene),
         );
         for scene in tried {
             if let Some(scene) = scene.map_err(E::from)? {
@@ -98,6 +104,36 @@ impl Columns {
     }
 }
 
+/// A point of the curve of wrong answers against answers given.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct CurvePoint {
+    /// Share of the answers that are given: the surest of them, percent.
+    pub answered: f64,
+    /// How many that is.
+    pub answers: usize,
+    /// The least sureness among them: the `--min-success` that gives them.
+    pub least: f64,
+    /// Share of those that are wrong, percent.
+    pub wrong: f64,
+}
+
+/// The shares of the answers that the curve has points for, percent.
+const CURVE_AT: [usize; 8] = [100, 98, 95, 90, 85, 80, 70, 50];
+
+/// The curve of answers given by how sure they are of themselves and whether they are right.
+fn curve_of(answers: &[(f64, bool)]) -> Vec<CurvePoint> {
+    let mut surest = answers.to_vec();
+    surest.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let point = |share: usize| {
+        let given = &surest[..surest.len() * share / 100];
+        let wrong = given.iter().filter(|(_, right)| !right).count();
+        let (least, _) = given.last()?;
+        let percent = |count: usize, of: usize| 100.0 * count as f64 / of as f64;
+        Some(CurvePoint { answered: share as f64, answers: given.len(), least: *least, wrong: percent(wrong, given.len()) })
+    };
+    CURVE_AT.into_iter().filter_map(point).collect()
+}
+
 /// A variant's figures.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PlannerRow {
@@ -113,6 +149,12 @@ pub struct PlannerRow {
     pub joint: Rate,
     /// Of the placements returned, in scenes with an answer or without: those that succeed.
     pub right_when_returned: Rate,
+    /// Placements returned that fail, by what is wrong with them.
+    pub faults: BTreeMap<Fault, usize>,
+    /// Whether what first answers say of themselves comes true ([`Said::sureness`] against success); none where they say nothing.
+    pub success_calibration: Calibration,
+    /// How many of the answers would be wrong if only the surest were given.
+    pub curve: Vec<CurvePoint>,
     /// Of the scenes answered with "none", those without an answer.
     pub none_precision: Rate,
     /// Of the scenes without an answer, those answered with "none".
@@ -190,6 +232,7 @@ fn row(variant: Variant, records: &[&SceneRecord]) -> PlannerRow {
     let (mut returned, mut joint, mut right_when_returned, mut none_precision, mut none_recall) = (rate, rate, rate, rate, rate);
     let (mut two_supports, mut two_good_supports) = (rate, rate);
     let (mut times, mut pairs, mut script_pairs) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut faults, mut forecasts) = (BTreeMap::new(), Vec::new());
     for record in records {
         let Some(trial) = record.trial(variant) else { continue };
         let is_none = trial.release.is_none();
@@ -209,6 +252,10 @@ fn row(variant: Variant, records: &[&SceneRecord]) -> PlannerRow {
         } else {
             right_when_returned.count(trial.joint());
         }
+        if let Some(fault) = trial.release.and_then(|release| release.fault()) {
+            *faults.entry(fault).or_default() += 1;
+        }
+        forecasts.extend(trial.said.as_ref().and_then(Said::sureness).map(|sureness| (sureness, trial.joint())));
         if record.true_supports > 1 {
             two_supports.count(trial.supports > 1);
             two_good_supports.count(trial.good_supports > 1);
@@ -223,6 +270,9 @@ fn row(variant: Variant, records: &[&SceneRecord]) -> PlannerRow {
         returned,
         joint,
         right_when_returned,
+        faults,
+        success_calibration: Calibration::of(&forecasts, 1),
+        curve: curve_of(&forecasts),
         none_precision,
         none_recall,
         against_geometric: if variant == Variant::Geometric { None } else { Paired::of(&pairs) },
@@ -235,8 +285,6 @@ fn row(variant: Variant, records: &[&SceneRecord]) -> PlannerRow {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
     use repose_proto::place::Outcome;
     use repose_proto::{GoalTerm, Relation};
 
@@ -254,6 +302,16 @@ mod tests {
                 others_moved_m: 0.0,
                 tilt_rad: 0.0,
                 penetration_m: 0.0,
+                dropped_m: 0.0,
+            }),
+            said: joint.map(|_| Said {
+                success: Some(realism),
+                realism: Some(realism),
+                relations,
+                rule_margin_m: 0.01,
+                support_m: None,
+                clearance_m: None,
+                measures: Vec::new(),
             }),
             in_view: Some(InView { relations, realism, moved_m }),
             supports: 2,
@@ -308,6 +366,16 @@ mod tests {
         assert_eq!((best.two_supports, best.two_good_supports), (rate(1, 1), rate(0, 1)));
         assert_eq!(table.kinds.iter().map(|k| (k.name.as_str(), k.scenes)).collect::<Vec<_>>(), [("shelf", 3), ("kitchen", 2)]);
         assert_eq!(geometric.against_geometric, None);
+    }
+
+    #[test]
+    fn the_curve_leaves_out_the_least_sure_first() {
+        let answers: Vec<(f64, bool)> = (0..20).map(|i| (f64::from(i) / 20.0, i >= 3)).collect();
+        let curve = curve_of(&answers);
+        let at = |share: f64| curve.iter().find(|point| point.answered == share).expect("a point");
+        assert_eq!((at(100.0).wrong, at(90.0).wrong, at(85.0).wrong), (15.0, 100.0 / 18.0, 0.0));
+        assert_eq!((at(85.0).answers, at(85.0).least), (17, 0.15));
+        assert!(curve_of(&[]).is_empty());
     }
 
     #[test]

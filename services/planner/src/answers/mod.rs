@@ -58,7 +58,8 @@ impl Answers {
         }
         if stopped.is_some() {
             // Time ended before the networks ranked: they were asked about one candidate at most, and may doubt it.
-            let believed = |j: &&JudgedCandidate| j.realism.is_some_and(|f| f64::from(f) > settings.realism_threshold);
+            let sure = |j: &JudgedCandidate| j.success.unwrap_or(1.0) >= settings.min_success.unwrap_or(0.0);
+            let believed = |j: &&JudgedCandidate| j.realism.is_some_and(|f| f64::from(f) > settings.realism_threshold) && sure(j);
             let chosen = findings.appraised.iter().filter(believed).cloned().collect();
             return Ok(Self { chosen, passed: passed(findings, &[]), unasked: 0 });
         }

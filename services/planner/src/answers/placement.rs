@@ -33,6 +33,7 @@ impl<'a> Evidence<'a> {
             placed_from_observed: RigidTransform(transform::to_row_major(&candidate.placed_from_observed(&query.shape.centroid))),
             cost: judged.cost,
             realism: judged.realism.map(f64::from),
+            success: judged.success,
             relations: judged.relations.as_ref().map_or_else(by_rule, |p| p.iter().map(|p| f64::from(*p)).collect()),
             geometric: checks,
             support_m: footing.margin_m,

@@ -27,14 +27,21 @@ pub struct ColumnMap {
     cells: [usize; 2],
     starts: Vec<u32>,
     runs: Vec<ColumnRun>,
+    /// The highest top of each cell, −∞ without a run.
+    tops: Vec<f32>,
+    /// The highest top of each block of [`BLOCK`] × [`BLOCK`] cells, row by row.
+    block_tops: Vec<f32>,
 }
+
+/// Cells along a side of a block.
+const BLOCK: usize = 8;
 
 impl ColumnMap {
     /// The runs of labelled points (world frame) within `bounds`; gaps in height up to `gap_m` are filled.
     pub fn of_points(points: &[[f32; 3]], labels: &[u16], bounds: &Aabb, cell_m: f32, gap_m: f32) -> Self {
         let origin = bounds.min.xy();
         let cells = cells_of_map(bounds, cell_m);
-        let mut grid = Self { origin, cell_m, cells, starts: Vec::new(), runs: Vec::new() };
+        let mut grid = Self::empty(origin, cell_m, cells);
         let mut at: Vec<(u32, u16, f32)> =
             points.iter().zip(labels).filter_map(|(p, label)| grid.cell_of(p[0], p[1]).map(|cell| (cell as u32, *label, p[2]))).collect();
         at.sort_unstable_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1)).then(a.2.total_cmp(&b.2)));
@@ -58,7 +65,7 @@ impl ColumnMap {
         }
         runs.extend(added.into_iter().filter_map(|(p, run)| self.cell_of(p.x, p.y).map(|cell| (cell as u32, run))));
         runs.sort_by_key(|(cell, _)| *cell);
-        let mut grid = Self { starts: Vec::new(), runs: Vec::new(), ..*self };
+        let mut grid = Self::empty(self.origin, self.cell_m, self.cells);
         grid.index(runs);
         grid
     }
@@ -66,6 +73,27 @@ impl ColumnMap {
     /// The runs above a place, none outside the map.
     pub fn at(&self, place: &Point2<f32>) -> &[ColumnRun] {
         self.cell_of(place.x, place.y).map_or(&[], |cell| self.in_cell(cell))
+    }
+
+    /// The highest top above a place and the runs there; −∞ and none outside the map.
+    pub fn top_and_runs(&self, place: &Point2<f32>) -> (f32, &[ColumnRun]) {
+        self.cell_of(place.x, place.y).map_or((f32::NEG_INFINITY, Default::default()), |cell| (self.tops[cell], self.in_cell(cell)))
+    }
+
+    /// No top within `reach_m` of a place is higher, seen from above; −∞ where nothing is. A broad phase: what is a block farther may count.
+    pub fn top_around(&self, place: &Point2<f32>, reach_m: f32) -> f32 {
+        let blocks = self.cells.map(|count| count.div_ceil(BLOCK));
+        let block_m = self.cell_m * BLOCK as f32;
+        let index = |along_m: f32, most: usize| ((along_m / block_m).floor().max(0.0) as usize).min(most);
+        let range = |k: usize| {
+            let along_m = place[k] - self.origin[k];
+            // Outside the map there is nothing.
+            let is_off = along_m + reach_m < 0.0 || along_m - reach_m > self.cells[k] as f32 * self.cell_m;
+            (!is_off).then(|| index(along_m - reach_m, blocks[k] - 1)..=index(along_m + reach_m, blocks[k] - 1))
+        };
+        let (Some(columns), Some(rows)) = (range(0), range(1)) else { return f32::NEG_INFINITY };
+        let tops = rows.flat_map(|row| &self.block_tops[row * blocks[0] + columns.start()..=row * blocks[0] + columns.end()]);
+        tops.copied().fold(f32::NEG_INFINITY, f32::max)
     }
 
     /// Edge length of a cell, metres.
@@ -102,6 +130,17 @@ impl ColumnMap {
             self.starts[cell + 1] += self.starts[cell];
         }
         self.runs = runs.into_iter().map(|(_, run)| run).collect();
+        let [columns, rows] = self.cells;
+        self.tops = (0..cells).map(|cell| self.in_cell(cell).iter().map(|run| run.high_m).fold(f32::NEG_INFINITY, f32::max)).collect();
+        self.block_tops = vec![f32::NEG_INFINITY; columns.div_ceil(BLOCK) * rows.div_ceil(BLOCK)];
+        for (cell, top_m) in self.tops.iter().enumerate() {
+            let block = &mut self.block_tops[cell / columns / BLOCK * columns.div_ceil(BLOCK) + cell % columns / BLOCK];
+            *block = block.max(*top_m);
+        }
+    }
+
+    fn empty(origin: Point2<f32>, cell_m: f32, cells: [usize; 2]) -> Self {
+        Self { origin, cell_m, cells, starts: Vec::new(), runs: Vec::new(), tops: Vec::new(), block_tops: Vec::new() }
     }
 }
 
@@ -131,6 +170,9 @@ pub fn bounds_around(objects: &[Point3<f32>], points: &[[f32; 3]], reach_m: f32)
 
 #[cfg(test)]
 mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
     use super::*;
 
     #[test]
@@ -148,5 +190,26 @@ mod tests {
         let more = columns.with([(Point2::new(0.0325, 0.0125), ColumnRun { low_m: 0.0, high_m: 0.1, object: 4, seen: false })]);
         assert_eq!(more.at(&Point2::new(0.0325, 0.0125)).len(), 3);
         assert_eq!(more.at(&Point2::new(0.011, 0.014)), wall);
+    }
+
+    #[test]
+    fn no_top_is_higher_than_the_highest_around() {
+        let mut rng = Pcg64::seed_from_u64(5);
+        let points: Vec<[f32; 3]> =
+            (0..400).map(|_| [rng.random_range(0.0..0.6), rng.random_range(0.0..0.3), rng.random_range(0.0..0.2)]).collect();
+        let bounds = Aabb { min: Point3::new(0.0, 0.0, 0.0), max: Point3::new(0.6, 0.3, 0.2) };
+        let columns = ColumnMap::of_points(&points, &vec![0; points.len()], &bounds, 0.005, 0.01);
+        for _ in 0..300 {
+            let place = Point2::new(rng.random_range(-0.2..0.8), rng.random_range(-0.2..0.5));
+            let reach_m = rng.random_range(0.0..0.15);
+            let around = points.iter().filter(|p| (Point2::new(p[0], p[1]) - place).norm() <= reach_m).map(|p| p[2]);
+            let highest_m = around.fold(f32::NEG_INFINITY, f32::max);
+            assert!(columns.top_around(&place, reach_m) >= highest_m, "{place} {reach_m}");
+            assert!(columns.top_around(&place, 0.0) >= columns.top_and_runs(&place).0);
+        }
+        assert_eq!(columns.top_around(&Point2::new(2.0, 0.1), 0.1), f32::NEG_INFINITY);
+        let low = Aabb { min: Point3::origin(), max: Point3::new(0.6, 0.3, 0.2) };
+        let step = ColumnMap::of_points(&[[0.3, 0.1, 0.1], [0.01, 0.01, 0.0]], &[0, 0], &low, 0.005, 0.01);
+        assert_eq!(step.top_around(&Point2::new(0.05, 0.1), 0.1), 0.0, "far from what is high");
     }
 }

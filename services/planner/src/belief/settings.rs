@@ -31,6 +31,8 @@ pub struct BeliefSettings {
     pub stack: StackSettings,
     /// Completing objects.
     pub shape: ShapeSettings,
+    /// Tops that carry nothing.
+    pub crown: CrownSettings,
 }
 
 impl Default for BeliefSettings {
@@ -50,6 +52,7 @@ impl Default for BeliefSettings {
             border_px: 2.5,
             stack: StackSettings::default(),
             shape: ShapeSettings::default(),
+            crown: CrownSettings::default(),
         }
     }
 }
@@ -126,6 +129,31 @@ impl Default for StackSettings {
             contact_m: 0.015,
             carried_share: 0.35,
         }
+    }
+}
+
+/// Tops that carry nothing.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CrownSettings {
+    /// Of each cell of this size, seen from above, the highest point counts, metres.
+    pub cell_m: f32,
+    /// The top is the part this far below the highest points, metres …
+    pub band_m: f32,
+    /// … and this far above all but the highest fiftieth of them.
+    pub stray_m: f32,
+    /// Points of it that are looked at, at most, …
+    pub sample: usize,
+    /// … and at least.
+    pub min_points: usize,
+    /// A top bulges from this curvature on, per metre: the reverse of a radius of an eighth of a metre.
+    pub bulge_per_m: f64,
+    /// … if that makes this much over its spread, metres.
+    pub rise_m: f64,
+}
+
+impl Default for CrownSettings {
+    fn default() -> Self {
+        Self { cell_m: 0.005, band_m: 0.015, stray_m: 0.01, sample: 400, min_points: 16, bulge_per_m: 8.0, rise_m: 0.0015 }
     }
 }
 

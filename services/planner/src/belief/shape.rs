@@ -9,6 +9,7 @@
 use nalgebra::{Point2, Point3, Vector2};
 use repose_geometry::{Footprint, cloud};
 
+use crate::belief::outlines::outline_gap_m;
 use crate::belief::settings::ShapeSettings;
 
 /// An upright prism.
@@ -84,6 +85,18 @@ impl Shape {
     /// From the observed centroid to the axis, seen from above, world frame.
     pub fn axis_offset(&self) -> Vector2<f32> {
         self.axis - self.centroid.xy().cast::<f32>()
+    }
+
+    /// Distance to another shape, metres; 0 when they overlap.
+    pub fn gap_m(&self, other: &Self) -> f64 {
+        let mut best = f64::INFINITY;
+        for (a, b) in self.slabs.iter().flat_map(|a| other.slabs.iter().map(move |b| (a, b))) {
+            let vertical_m = f64::from((a.low_m - b.high_m).max(b.low_m - a.high_m).max(0.0));
+            if vertical_m < best {
+                best = best.min(vertical_m.hypot(f64::from(outline_gap_m(a.outline.corners(), b.outline.corners()))));
+            }
+        }
+        best
     }
 
     /// The corners of all prisms, world frame.

@@ -113,12 +113,19 @@ impl ObservedView {
         is_level.then(|| (near.object, (self.camera_from_world.inverse() * in_camera).cast()))
     }
 
-    /// How well points (world frame) of the moved `query` would be seen.
-    pub fn visibility(&self, points: impl Iterator<Item = Point3<f64>>, query: u16, settings: &ViewSettings) -> Visibility {
-        let (mut n, mut inside, mut unhidden) = (0usize, 0usize, 0usize);
+    /// How well points (world frame) of the `query` would be seen, moved by `placed_from_observed`.
+    pub fn visibility(
+        &self,
+        points: &[Point3<f64>],
+        placed_from_observed: &Isometry3<f64>,
+        query: u16,
+        settings: &ViewSettings,
+    ) -> Visibility {
+        let (n, mut inside, mut unhidden) = (points.len(), 0usize, 0usize);
+        let camera_from_observed = self.camera_from_world * placed_from_observed;
+        let (turn, shift) = (camera_from_observed.rotation.to_rotation_matrix(), camera_from_observed.translation.vector);
         for p in points {
-            n += 1;
-            let in_camera = self.camera_from_world * p;
+            let in_camera = turn * p + shift;
             let Some(at) = self.camera.pixel_of(&in_camera) else { continue };
             inside += 1;
             let pixel = &self.pixels[at];
@@ -169,11 +176,12 @@ mod tests {
     fn what_stands_behind_something_is_hidden_unless_the_query_itself_was_there() {
         let scene = synthetic::SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.15]).scene();
         let view = ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &synthetic::world_from_camera(), 640);
-        let points = || (0..20).map(|i| Point3::new(-0.02 + 0.002 * f64::from(i), 0.09, 0.02));
+        let points: Vec<Point3<f64>> = (0..20).map(|i| Point3::new(-0.02 + 0.002 * f64::from(i), 0.09, 0.02)).collect();
+        let moved = |y: f64, x: f64| Isometry3::translation(x, y, 0.0);
         let settings = ViewSettings::default();
-        assert!(view.visibility(points(), 2, &settings).unhidden < 0.1);
-        assert_eq!(view.visibility(points(), 1, &settings).unhidden, 1.0);
-        assert_eq!(view.visibility(points().map(|p| p + nalgebra::Vector3::new(0.0, -0.2, 0.0)), 2, &settings).unhidden, 1.0);
-        assert_eq!(view.visibility(points().map(|p| p + nalgebra::Vector3::new(3.0, 0.0, 0.0)), 2, &settings).in_picture, 0.0);
+        assert!(view.visibility(&points, &moved(0.0, 0.0), 2, &settings).unhidden < 0.1);
+        assert_eq!(view.visibility(&points, &moved(0.0, 0.0), 1, &settings).unhidden, 1.0);
+        assert_eq!(view.visibility(&points, &moved(-0.2, 0.0), 2, &settings).unhidden, 1.0);
+        assert_eq!(view.visibility(&points, &moved(0.0, 3.0), 2, &settings).in_picture, 0.0);
     }
 }

@@ -54,7 +54,8 @@ impl Ground<'_> {
             let runs = self.prepared.columns.at(place).iter();
             runs.filter(|r| r.object != self.query.id && r.high_m <= ceiling_m).map(|r| r.high_m).reduce(f32::max)
         };
-        let mut tops: Vec<f32> = self.query.base.iter().filter_map(|offset| top_under(&candidate.carry(offset))).collect();
+        let carry = candidate.carrying();
+        let mut tops: Vec<f32> = self.query.base.iter().filter_map(|offset| top_under(&carry(offset))).collect();
         let axis = candidate.carry(&self.query.shape.axis_offset());
         let planes = self.prepared.planes.iter().filter(|p| p.object != self.query.id && p.outline.margin(&axis) >= 0.0);
         if tops.is_empty() {
@@ -75,8 +76,9 @@ impl Ground<'_> {
         let level_m = self.query.bottom_of(candidate.centroid_m[2]) - self.settings.release_m;
         let (mut seen, mut contact) = (0usize, Vec::new());
         let mut carriers: BTreeMap<u16, usize> = BTreeMap::new();
+        let carry = candidate.carrying();
         for offset in &self.query.base {
-            let place = candidate.carry(offset);
+            let place = carry(offset);
             let Some(carried) = self.carried(&place, level_m) else { continue };
             contact.push(Point3::new(place.x, place.y, 0.0));
             if let CellSupport::Seen(object) = carried {
@@ -96,8 +98,9 @@ impl Ground<'_> {
     pub fn objects_under(&self, candidate: &CandidatePose) -> Vec<u16> {
         let level_m = self.query.bottom_of(candidate.centroid_m[2]) - self.settings.release_m;
         let mut cells: BTreeMap<u16, usize> = BTreeMap::new();
+        let carry = candidate.carrying();
         for offset in &self.query.base {
-            if let Some(CellSupport::Seen(object)) = self.carried(&candidate.carry(offset), level_m) {
+            if let Some(CellSupport::Seen(object)) = self.carried(&carry(offset), level_m) {
                 *cells.entry(object).or_default() += 1;
             }
         }
@@ -108,7 +111,8 @@ impl Ground<'_> {
     /// Share of the band around the base that is carried too: near an edge it is not.
     pub fn rim_share(&self, candidate: &CandidatePose) -> f64 {
         let level_m = self.query.bottom_of(candidate.centroid_m[2]) - self.settings.release_m;
-        let carried = self.query.rim.iter().filter(|offset| self.carried(&candidate.carry(offset), level_m).is_some()).count();
+        let carry = candidate.carrying();
+        let carried = self.query.rim.iter().filter(|offset| self.carried(&carry(offset), level_m).is_some()).count();
         carried as f64 / self.query.rim.len().max(1) as f64
     }
 
@@ -117,11 +121,11 @@ impl Ground<'_> {
         let mut runs = self.prepared.columns.at(place).iter();
         let top = runs.rfind(|r| r.seen && r.object != self.query.id && (r.high_m - level_m).abs() <= tolerance_m);
         if let Some(run) = top {
-            return Some(CellSupport::Seen(run.object));
+            return self.prepared.carries(run.object).then_some(CellSupport::Seen(run.object));
         }
         let at = Point3::new(place.x, place.y, level_m);
         match self.prepared.view.sight(&at, tolerance_m, self.settings.through_m, self.query.id) {
-            Sight::Surface(object) => Some(CellSupport::Seen(object)),
+            Sight::Surface(object) => self.prepared.carries(object).then_some(CellSupport::Seen(object)),
             Sight::Empty => None,
             Sight::Unknown => {
                 let around = self.prepared.planes.iter().filter(|p| p.object != self.query.id);
@@ -136,7 +140,11 @@ impl Ground<'_> {
 pub fn support_miss(footing: &Footing, query: &QueryObject, settings: &SupportSettings) -> Option<f64> {
     // A thin object has no margin to give: half of what its own base allows is enough.
     let wanted_m = settings.min_margin_m.min(0.5 * query.base_margin_m);
-    let miss = (wanted_m - footing.margin_or_far_m()).max(0.0) * MISS_PER_METRE + (settings.min_seen_share - footing.seen_share).max(0.0);
+    // An object may be set down on a smaller one. On furniture nothing may reach over an edge, nor over what is not known to be there.
+    let wanted_share = if footing.carrier.unwrap_or(0) == 0 { settings.min_carried_share } else { 0.0 };
+    let miss = (wanted_m - footing.margin_or_far_m()).max(0.0) * MISS_PER_METRE
+        + (settings.min_seen_share - footing.seen_share).max(0.0)
+        + (wanted_share - footing.carried_share).max(0.0);
     (miss > 0.0).then_some(miss)
 }
 

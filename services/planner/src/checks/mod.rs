@@ -6,11 +6,12 @@
 pub mod clearance;
 pub mod footing;
 pub mod obstruction;
-mod prisms;
+pub mod prisms;
+pub mod reach;
 pub mod region;
 pub mod rules;
 pub mod unseen;
 pub mod visibility;
 
 /// Metres by which a constraint is missed count this much: a tenth of a metre as one.
-const MISS_PER_METRE: f64 = 10.0;
+pub const MISS_PER_METRE: f64 = 10.0;

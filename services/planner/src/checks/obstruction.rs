@@ -2,6 +2,8 @@
 //!
 //! Cheap enough for every candidate of a search. Completed backs of objects are in the way too.
 
+use nalgebra::Point2;
+
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;
@@ -36,12 +38,19 @@ pub fn obstruction(
     // Runs that end here or lower carry the query and are not in its way.
     let floor_m = bottom_m + support.tolerance_m;
     let (mut colliding, mut near) = (0usize, [0usize; BINS]);
-    let (mut farthest_m, mut doubtful) = (0.0f32, 0usize);
-    for prism in &query.prisms {
+    let mut doubtful = 0usize;
+    let carry = candidate.carrying();
+    // Broad phase: over most of an open table nothing reaches up beside the query at all.
+    let [x, y, _] = candidate.centroid_m;
+    let free = prepared.columns.top_around(&Point2::new(x, y), query.reach_m) <= floor_m;
+    for prism in query.prisms.iter().filter(|_| !free) {
         let (low_m, high_m) = (bottom_m + prism.low_m, bottom_m + prism.high_m);
         for cell in &prism.cells {
-            farthest_m = farthest_m.max(-cell.inside_m);
-            let runs = prepared.columns.at(&candidate.carry(&cell.offset)).iter();
+            let (top_m, runs) = prepared.columns.top_and_runs(&carry(&cell.offset));
+            if top_m <= floor_m.max(low_m) {
+                continue;
+            }
+            let runs = runs.iter();
             let mut in_way = runs.filter(|r| r.object != query.id && r.high_m > floor_m && r.high_m > low_m && r.low_m < high_m);
             if touched.is_empty() {
                 if in_way.next().is_none() {
@@ -74,7 +83,7 @@ pub fn obstruction(
         found += n;
         found > settings.stray_cells
     });
-    let clearance_m = first.map_or(f64::from(farthest_m), |bin| f64::from(bin as f32 * BIN_M));
+    let clearance_m = first.map_or(f64::from(query.ring_m), |bin| f64::from(bin as f32 * BIN_M));
     Obstruction { colliding_share: 0.0, clearance_m, doubtful_share }
 }
 

@@ -1,8 +1,9 @@
 //! Distances from a placed query to points and to other shapes, all of them stacks of upright prisms.
 
-use nalgebra::{Point2, Point3, Vector2, Vector3};
+use nalgebra::{Point2, Point3, Vector3};
 use repose_geometry::Aabb;
 
+use crate::belief::outlines::{outline_gap_m, to_outline_m};
 use crate::belief::shape::Shape;
 use crate::scene::candidate::CandidatePose;
 use crate::scene::query::QueryObject;
@@ -65,50 +66,6 @@ impl PlacedPrisms {
         }
         best
     }
-}
-
-/// Distance between two convex polygons, 0 when they overlap, metres.
-fn outline_gap_m(a: &[Point2<f32>], b: &[Point2<f32>]) -> f32 {
-    if separating_gap_m(a, b) <= 0.0 {
-        return 0.0;
-    }
-    let from = |points: &[Point2<f32>], polygon: &[Point2<f32>]| {
-        points
-            .iter()
-            .map(|p| edges(polygon).map(|(a, b)| to_segment_m(p, a, b)).fold(f32::INFINITY, f32::min))
-            .fold(f32::INFINITY, f32::min)
-    };
-    from(a, b).min(from(b, a))
-}
-
-/// The largest gap between two convex polygons along any edge's normal: not positive when they overlap.
-fn separating_gap_m(a: &[Point2<f32>], b: &[Point2<f32>]) -> f32 {
-    let along = |one: &[Point2<f32>], other: &[Point2<f32>]| {
-        let gap = |(p, q): (&Point2<f32>, &Point2<f32>)| {
-            let outward = Vector2::new(q.y - p.y, p.x - q.x).normalize();
-            other.iter().map(|c| (c - p).dot(&outward)).fold(f32::INFINITY, f32::min)
-        };
-        edges(one).map(gap).fold(f32::NEG_INFINITY, f32::max)
-    };
-    along(a, b).max(along(b, a))
-}
-
-/// Distance from a point to a convex polygon, counter-clockwise; 0 inside, metres.
-fn to_outline_m(p: &Point2<f32>, corners: &[Point2<f32>]) -> f32 {
-    if edges(corners).all(|(a, b)| (b - a).perp(&(p - a)) >= 0.0) {
-        return 0.0;
-    }
-    edges(corners).map(|(a, b)| to_segment_m(p, a, b)).fold(f32::INFINITY, f32::min)
-}
-
-fn edges(corners: &[Point2<f32>]) -> impl Iterator<Item = (&Point2<f32>, &Point2<f32>)> {
-    corners.iter().zip(corners.iter().cycle().skip(1))
-}
-
-fn to_segment_m(p: &Point2<f32>, a: &Point2<f32>, b: &Point2<f32>) -> f32 {
-    let along = b - a;
-    let t = ((p - a).dot(&along) / along.norm_squared().max(1e-12)).clamp(0.0, 1.0);
-    (a + along * t - p).norm()
 }
 
 /// Distance from a box to a point, squared, square metres; 0 inside.

@@ -14,11 +14,12 @@ pub fn unseen_share(space: Option<&UnseenSpace>, query: &QueryObject, candidate:
     let Some(space) = space else { return 0.0 };
     let bottom_m = query.bottom_of(candidate.centroid_m[2]);
     let (mut tried, mut unseen) = (0usize, 0usize);
+    let carry = candidate.carrying();
     for prism in &query.prisms {
         let levels = ((prism.high_m - prism.low_m) / settings.step_m).ceil().max(1.0);
         let rise_m = (prism.high_m - prism.low_m) / levels;
         for offset in &prism.sparse {
-            let place = candidate.carry(offset);
+            let place = carry(offset);
             for level in 0..levels as usize {
                 let height_m = bottom_m + prism.low_m + (level as f32 + 0.5) * rise_m;
                 tried += 1;

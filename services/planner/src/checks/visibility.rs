@@ -13,7 +13,7 @@ pub fn view_miss(
     settings: &ViewSettings,
 ) -> (Visibility, Option<f64>) {
     let placed_from_observed = candidate.placed_from_observed(&query.shape.centroid);
-    let visibility = view.visibility(query.view_points.iter().map(|p| placed_from_observed * p), query.id, settings);
+    let visibility = view.visibility(&query.view_points, &placed_from_observed, query.id, settings);
     let miss = (settings.min_in_picture - visibility.in_picture).max(0.0) + (settings.min_unhidden - visibility.unhidden).max(0.0);
     (visibility, (miss > 0.0).then_some(miss))
 }

@@ -6,9 +6,11 @@
 use repose_proto::Relation;
 use repose_proto::place::Rejection;
 
+use crate::checks::MISS_PER_METRE;
 use crate::checks::clearance::Clearance;
 use crate::checks::footing::support_miss;
 use crate::checks::obstruction::obstruction;
+use crate::checks::reach::Reach;
 use crate::checks::region::region_miss;
 use crate::checks::unseen::unseen_share;
 use crate::checks::visibility::view_miss;
@@ -24,6 +26,10 @@ pub struct Constraints<'a> {
     /// Objects that a goal term asks to touch.
     touched: Vec<u16>,
     clearance: Clearance<'a>,
+    /// Of the robot that the request names.
+    reach: Option<Reach<'a>>,
+    /// Heights at which things stand and of their tops; empty where the request says itself where to look.
+    levels_m: Vec<f32>,
 }
 
 impl<'a> Constraints<'a> {
@@ -31,7 +37,12 @@ impl<'a> Constraints<'a> {
     pub fn new(problem: PlacementProblem<'a>) -> Self {
         let touched = problem.anchors_of(&[Relation::Touching]);
         let clearance = Clearance::new(problem.prepared, problem.query, &problem.settings.fixed, touched.clone());
-        Self { problem, touched, clearance }
+        let reach = problem.settings.world_from_base.map(|pose| Reach::new(&pose, &problem.settings.fixed.reach));
+        // The floor beside a table is no second choice, but a region or a goal of being below something may ask for it.
+        let asked = !problem.anchors_of(&[Relation::Above, Relation::Below]).is_empty() || problem.request.region.iter().any(|r| r.inside);
+        let shapes = problem.prepared.objects.values().filter_map(|object| object.shape.as_ref()).filter(|_| !asked);
+        let levels_m = shapes.flat_map(|shape| [shape.bottom_m, shape.top_m]).collect();
+        Self { problem, touched, clearance, reach, levels_m }
     }
 
     /// A candidate after every constraint that needs no network.
@@ -60,9 +71,14 @@ impl<'a> Constraints<'a> {
         if recipe.grounded {
             let footing = self.problem.ground().footing(&candidate);
             judged.footing = Some(footing);
-            if let Some(miss) = support_miss(&footing, query, &fixed.support) {
+            let miss = support_miss(&footing, query, &fixed.support).unwrap_or(0.0) + self.level_miss(&candidate);
+            if miss > 0.0 {
                 judged.reject(Rejection::Unsupported, miss);
             }
+        }
+        // Postures are looked for where nothing else speaks against the place.
+        if let Some(miss) = self.reach.as_ref().filter(|_| judged.feasible()).and_then(|reach| reach.miss(query, &candidate)) {
+            judged.reject(Rejection::OutOfReach, miss);
         }
         if recipe.goal_by != GoalBy::Learned {
             self.try_goal_by_rule(&mut judged);
@@ -71,6 +87,14 @@ impl<'a> Constraints<'a> {
             judged.leave_untried(recipe.learned_constraints());
         }
         judged
+    }
+
+    /// By how much a candidate's level is farther from all that things stand on than counts.
+    fn level_miss(&self, candidate: &CandidatePose) -> f64 {
+        let PlacementProblem { query, settings, .. } = self.problem;
+        let bottom_m = query.bottom_of(candidate.centroid_m[2]);
+        let nearest_m = self.levels_m.iter().map(|level_m| (bottom_m - level_m).abs()).reduce(f32::min);
+        nearest_m.map_or(0.0, |off_m| MISS_PER_METRE * f64::from((off_m - settings.fixed.support.far_level_m).max(0.0)))
     }
 
     fn try_obstruction(&self, judged: &mut JudgedCandidate) {

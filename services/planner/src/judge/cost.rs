@@ -52,7 +52,8 @@ impl<'a> Costs<'a> {
             Realism::Discriminator | Realism::OutcomeRanks => unrealistic + soundness,
             Realism::PriorDensity => self.mixture.as_ref().map_or(0.0, |m| -m.log_density(&judged.candidate)),
         };
-        settings.realism_weight * realism + settings.relations_weight * relations
+        let unsure = judged.success.map_or(0.0, |success| settings.fixed.ranking.unsure * (1.0 - success));
+        settings.realism_weight * (realism + unsure) + settings.relations_weight * relations
     }
 
     fn soundness(&self, judged: &JudgedCandidate) -> f64 {

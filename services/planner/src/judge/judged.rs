@@ -6,6 +6,7 @@ use repose_proto::place::{GeometricCheck, Rejection};
 
 use crate::checks::footing::Footing;
 use crate::checks::obstruction::Obstruction;
+use crate::learned::stability::COUNT;
 use crate::scene::candidate::CandidatePose;
 
 /// A candidate that has been tried.
@@ -25,6 +26,12 @@ pub struct JudgedCandidate {
     pub failing: Vec<usize>,
     /// The discriminator's probability, where it was asked.
     pub realism: Option<f32>,
+    /// What geometry and the outcome network measure of it ([`crate::learned::stability`]), where that was asked.
+    pub measures: Option<Box<[f32; COUNT]>>,
+    /// What the forecast of success reads of it ([`crate::learned::success`]), where that was asked.
+    pub success_measures: Option<Vec<f32>>,
+    /// The probability that it succeeds, where that was asked and the weights say it.
+    pub success: Option<f64>,
     /// The predictor's probability of each goal term as asked, where it was asked.
     pub relations: Option<Vec<f32>>,
     /// Each goal term by rule, where it was tried.
@@ -52,6 +59,9 @@ impl JudgedCandidate {
             cost: f64::INFINITY,
             failing: Vec::new(),
             realism: None,
+            measures: None,
+            success_measures: None,
+            success: None,
             relations: None,
             checks: None,
             footing: None,

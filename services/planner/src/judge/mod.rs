@@ -8,6 +8,7 @@ pub mod cost;
 pub mod judged;
 pub mod problem;
 pub mod scorer;
+pub mod success;
 
 use repose_proto::CallError;
 use repose_proto::place::Rejection;
@@ -17,6 +18,7 @@ use crate::judge::cost::Costs;
 use crate::judge::judged::JudgedCandidate;
 use crate::judge::problem::PlacementProblem;
 use crate::judge::scorer::{Question, Scorer};
+use crate::judge::success::measures;
 use crate::learned::mixture::PriorMixture;
 use crate::learned::models::PlacementModels;
 use crate::scene::candidate::CandidatePose;
@@ -100,6 +102,28 @@ impl<'a> Judge<'a> {
         let realism = judged.realism.map_or(0.0, f64::from);
         if realism <= threshold {
             judged.reject(Rejection::Unrealistic, threshold - realism);
+        }
+    }
+
+    /// Says how likely a candidate succeeds that the networks were asked about.
+    ///
+    /// # Errors
+    /// As [`Judge::judge`]; `failed_precondition` on `min_success` where that is demanded and the weights have no such forecast.
+    pub fn forecast_success(&mut self, judged: &mut JudgedCandidate) -> Result<(), CallError> {
+        let forecasts = self.scorer.forecasts()?;
+        judged.success_measures = measures(&self.problem, judged);
+        judged.success = forecasts.success.as_ref().zip(judged.success_measures.as_ref()).map(|(success, measures)| success.of(measures));
+        if judged.success.is_none() && self.problem.settings.min_success.is_some() {
+            return Err(CallError::precondition("the weights in service do not say how likely placements succeed").at("min_success"));
+        }
+        Ok(())
+    }
+
+    /// Rejects a candidate that is not as likely to succeed as the request demands.
+    pub fn judge_success(&self, judged: &mut JudgedCandidate) {
+        let missing = self.problem.settings.min_success.unwrap_or(0.0) - judged.success.unwrap_or(1.0);
+        if missing > 0.0 {
+            judged.reject(Rejection::Unsure, missing);
         }
     }
 

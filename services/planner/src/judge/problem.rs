@@ -4,6 +4,7 @@ use repose_proto::Relation;
 use repose_proto::place::PlaceRequest;
 
 use crate::checks::footing::Ground;
+use crate::checks::prisms::PlacedPrisms;
 use crate::checks::rules::Rules;
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
@@ -35,6 +36,13 @@ impl<'a> PlacementProblem<'a> {
     pub fn anchors_of(&self, relations: &[Relation]) -> Vec<u16> {
         let terms = self.request.goal.iter().filter(|t| t.holds && relations.contains(&t.relation));
         terms.map(|t| t.anchor).collect()
+    }
+
+    /// The least distance from a candidate to the shape of another object that does not carry it, metres; infinite without one.
+    pub fn shape_gap_m(&self, candidate: &CandidatePose) -> f64 {
+        let (under, placed) = (self.ground().objects_under(candidate), PlacedPrisms::new(self.query, candidate));
+        let others = self.prepared.objects.iter().filter(|(id, _)| **id != self.query.id && !under.contains(id));
+        others.filter_map(|(_, object)| object.shape.as_ref()).map(|shape| placed.to_shape_m(shape, 0.0)).fold(f64::INFINITY, f64::min)
     }
 
     /// The candidate set down on what is under it when it is lowered from `ceiling_m`. Unchanged when nothing is under it, or when the

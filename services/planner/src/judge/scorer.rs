@@ -1,14 +1,16 @@
 //! Asks the networks about candidates, many in one request, and keeps account of which weights answered.
 
+use std::sync::Arc;
+
 use repose_proto::place::PlaceRequest;
 use repose_proto::scoring::{PriorReply, PriorRequest, RealismBy, ScoreRequest};
 use repose_proto::{CallError, ErrorCode, GoalTerm, RELATION_COUNT, SceneRef};
 
 use crate::judge::judged::JudgedCandidate;
 use crate::judge::problem::PlacementProblem;
+use crate::learned::forecast::Forecasts;
 use crate::learned::models::{PlacementModels, Provenance};
 use crate::learned::stability::measures;
-use crate::scene::candidate::CandidatePose;
 use crate::settings::Realism;
 
 /// What the networks are asked about candidates.
@@ -29,12 +31,14 @@ pub struct Scorer<'a> {
     /// The goal's anchors, each once, in its order.
     anchors: Vec<u16>,
     provenance: Option<Provenance>,
+    /// The forecasts of the weights that answered; none before they were needed.
+    forecasts: Option<Arc<Forecasts>>,
 }
 
 impl<'a> Scorer<'a> {
     /// A scorer that has asked nothing yet.
     pub fn new(problem: PlacementProblem<'a>, models: &'a dyn PlacementModels) -> Self {
-        Self { anchors: anchors(problem.request), problem, models, provenance: None }
+        Self { anchors: anchors(problem.request), problem, models, provenance: None, forecasts: None }
     }
 
     /// Which weights and kernel answered; none before the first answer.
@@ -86,17 +90,32 @@ impl<'a> Scorer<'a> {
             judged[*i].relations = Some(self.as_asked(row));
         }
         for (said, i) in reply.realism.iter().zip(which) {
-            judged[*i].realism = Some(self.realism(&judged[*i].candidate, *said));
+            self.take_realism(&mut judged[*i], *said)?;
         }
         Ok(())
     }
 
     /// Realism from a network's answer: the discriminator's as it is, the outcome network's combined with geometry by the boosted trees.
-    fn realism(&self, candidate: &CandidatePose, said: f32) -> f32 {
+    fn take_realism(&mut self, judged: &mut JudgedCandidate, said: f32) -> Result<(), CallError> {
         let PlacementProblem { prepared, query, settings, .. } = self.problem;
-        match settings.recipe.realism {
-            Realism::OutcomeRanks => self.models.stability().of(&measures(prepared, query, candidate, said, &settings.fixed)) as f32,
-            _ => said,
+        if settings.recipe.realism != Realism::OutcomeRanks {
+            judged.realism = Some(said);
+            return Ok(());
+        }
+        let measured = measures(prepared, query, &judged.candidate, said, &settings.fixed);
+        judged.realism = Some(self.forecasts()?.stability.of(&measured) as f32);
+        judged.measures = Some(Box::new(measured));
+        Ok(())
+    }
+
+    /// The forecasts of the weights that answered.
+    ///
+    /// # Errors
+    /// What inference answers; `failed_precondition` when the weights have none.
+    pub fn forecasts(&mut self) -> Result<Arc<Forecasts>, CallError> {
+        match &self.forecasts {
+            Some(forecasts) => Ok(forecasts.clone()),
+            None => Ok(self.forecasts.insert(self.models.forecasts()?).clone()),
         }
     }
 

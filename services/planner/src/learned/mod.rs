@@ -1,6 +1,8 @@
-//! What is learned: the port to the networks, the prior's mixture, and the trees that predict stability.
+//! What is learned: the port to the networks, the prior's mixture, and the forecasts by boosted trees.
 
 pub mod boosted_trees;
+pub mod forecast;
 pub mod mixture;
 pub mod models;
 pub mod stability;
+pub mod success;

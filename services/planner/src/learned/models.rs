@@ -6,7 +6,7 @@ use repose_proto::CallError;
 use repose_proto::Scene;
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 
-use crate::learned::stability::Stability;
+use crate::learned::forecast::Forecasts;
 
 /// Which weights and kernel answered.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -33,10 +33,11 @@ pub trait PlacementModels: Send + Sync {
     /// What inference answers.
     fn score(&self, request: &ScoreRequest, scene: &Arc<Scene>) -> Result<ScoreReply, CallError>;
 
-    /// The trees that combine the outcome network with geometry; by default those that come with the program.
-    fn stability(&self) -> &Stability {
-        Stability::embedded()
-    }
+    /// The forecasts of the weights that answered, to be asked for after an answer.
+    ///
+    /// # Errors
+    /// What inference answers; `failed_precondition` when the weights have none that this program reads.
+    fn forecasts(&self) -> Result<Arc<Forecasts>, CallError>;
 }
 
 /// No models: enough for [`Variant::Geometric`](repose_proto::place::Variant::Geometric), an error for every other variant.
@@ -49,6 +50,10 @@ impl PlacementModels for NoModels {
     }
 
     fn score(&self, _: &ScoreRequest, _: &Arc<Scene>) -> Result<ScoreReply, CallError> {
+        Err(CallError::precondition("this variant needs the learned models, and none are loaded").at("variant"))
+    }
+
+    fn forecasts(&self) -> Result<Arc<Forecasts>, CallError> {
         Err(CallError::precondition("this variant needs the learned models, and none are loaded").at("variant"))
     }
 }

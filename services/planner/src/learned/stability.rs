@@ -2,18 +2,14 @@
 //!
 //! The network sees points, and tells only roughly that an object hangs above a table or is half inside something. Geometry measures that,
 //! but knows nothing of shapes beyond its guess. Boosted trees on both predict better than either and are calibrated. They are fitted on
-//! releases in training scenes, at draws of the prior and at the planner's places (`repose train --network stability`).
-
-use std::sync::OnceLock;
-
-use serde::{Deserialize, Serialize};
+//! releases in training scenes, at draws of the prior and at the planner's places (`repose train --network stability`), and are part of the
+//! weights ([`crate::learned::forecast`]).
 
 use crate::belief::view::Visibility;
 use crate::checks::footing::{Footing, Ground};
 use crate::checks::obstruction::{Obstruction, obstruction};
 use crate::checks::unseen::unseen_share;
 use crate::checks::visibility::view_miss;
-use crate::learned::boosted_trees::BoostedTrees;
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;
@@ -69,8 +65,11 @@ const MEASURES: [Measure; COUNT] = [
     ("points", |p| p.points),
 ];
 
-/// The trees that come with the program.
-const EMBEDDED: &str = include_str!("../../weights/stability.json");
+/// The names of the measures, in the order that the trees read.
+pub fn names() -> Vec<&'static str> {
+    MEASURES.iter().map(|(name, _)| *name).collect()
+}
+
 /// Drops and distances from the edge are cut here, metres: more is as bad.
 const FAR_M: f32 = 0.1;
 /// Tops that reach at most so far above its bottom may carry it, metres: hardly into it, a little, and a lot.
@@ -176,109 +175,11 @@ pub fn measures(prepared: &PreparedScene, query: &QueryObject, candidate: &Candi
     MEASURES.map(|(_, of)| of(&place) as f32)
 }
 
-/// A release to learn from.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ReleaseSample {
-    /// The measures before the release.
-    pub measures: [f32; COUNT],
-    /// Whether the object's centre moved less than 5 cm.
-    pub stable: bool,
-}
-
-/// Boosted trees that predict from [`measures`] whether an object stays.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Stability {
-    /// Names of the measures, to tell a file of another version.
-    measures: Vec<String>,
-    /// The data that it was fitted on.
-    fitted_on: FittedOn,
-    /// The logit.
-    logit: BoostedTrees,
-}
-
-/// The data of a fit.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct FittedOn {
-    /// Scenes of the training split.
-    pub scenes: u64,
-    /// Releases.
-    pub releases: usize,
-    /// BLAKE3 of the weights with the outcome network.
-    pub weights_hash: String,
-}
-
-/// Why a text is not a stability file.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{0}")]
-pub struct NotAStability(String);
-
-impl Stability {
-    /// The trees that come with the program.
-    pub fn embedded() -> &'static Self {
-        static EMBEDDED_FIT: OnceLock<Stability> = OnceLock::new();
-        EMBEDDED_FIT.get_or_init(|| Self::from_json(EMBEDDED).unwrap_or_else(|e| unreachable!("a test reads it: {e}")))
-    }
-
-    /// Trees that read the measures of this version.
-    ///
-    /// # Errors
-    /// When a branch leads nowhere or a value is not finite.
-    pub fn new(logit: BoostedTrees, fitted_on: FittedOn) -> Result<Self, NotAStability> {
-        Self { measures: MEASURES.map(|(name, _)| name.to_owned()).to_vec(), fitted_on, logit }.checked()
-    }
-
-    /// Reads one from JSON.
-    ///
-    /// # Errors
-    /// When the text is not a stability file, or has other measures.
-    pub fn from_json(text: &str) -> Result<Self, NotAStability> {
-        serde_json::from_str::<Self>(text).map_err(|e| NotAStability(e.to_string()))?.checked()
-    }
-
-    fn checked(self) -> Result<Self, NotAStability> {
-        let names = MEASURES.map(|(name, _)| name);
-        if self.measures != names {
-            return Err(NotAStability(format!("measures: expected {names:?}")));
-        }
-        if !self.logit.is_sound(COUNT) {
-            return Err(NotAStability(format!(
-                "logit: expected finite trees over {COUNT} measures, each branch to a later split or a leaf"
-            )));
-        }
-        Ok(self)
-    }
-
-    /// The data that it was fitted on.
-    pub fn fitted_on(&self) -> &FittedOn {
-        &self.fitted_on
-    }
-
-    /// BLAKE3 of its JSON.
-    pub fn hash(&self) -> String {
-        blake3::hash(&serde_json::to_vec(self).unwrap_or_default()).to_hex().to_string()
-    }
-
-    /// The probability that the object moves less than 5 cm.
-    pub fn of(&self, measures: &[f32; COUNT]) -> f64 {
-        1.0 / (1.0 + (-self.logit.of(measures)).exp())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tests::forecasts;
     use crate::tests::synthetic::{SceneBuilder, standing_at};
-
-    #[test]
-    fn a_file_of_other_measures_is_refused() {
-        let text = serde_json::to_string(Stability::embedded()).unwrap();
-        let refused = |text: &str| Stability::from_json(text).unwrap_err().to_string();
-        assert!(refused(&text.replace("rim", "brim")).contains("measures"));
-        assert!(refused(&text.replacen(r#"{"l":0}"#, r#"{"l":999}"#, 1)).contains("logit"));
-        assert!(Stability::from_json("{}").is_err());
-    }
 
     #[test]
     fn what_is_measured_is_what_it_is_called() {
@@ -318,7 +219,7 @@ mod tests {
         let fixed = Fixed::default();
         let query = QueryObject::new(&prepared, 2, 0.0, &fixed).unwrap();
         let stays = |x: f32, y: f32, bottom_m: f32| {
-            Stability::embedded().of(&measures(&prepared, &query, &standing_at(&query, x, y, bottom_m), 0.7, &fixed))
+            forecasts().stability.of(&measures(&prepared, &query, &standing_at(&query, x, y, bottom_m), 0.7, &fixed))
         };
         let stands = stays(0.25, 0.0, 0.004);
         assert!(stands > 0.8, "{stands}");

@@ -43,9 +43,14 @@ impl CandidatePose {
 
     /// Where something at a horizontal `offset` from the observed centroid goes, seen from above, world frame.
     pub fn carry(&self, offset: &Vector2<f32>) -> Point2<f32> {
+        self.carrying()(offset)
+    }
+
+    /// [`CandidatePose::carry`] for many offsets: the turn is computed once.
+    pub fn carrying(&self) -> impl Fn(&Vector2<f32>) -> Point2<f32> + use<> {
         let [x, y, _] = self.centroid_m;
-        let turned = if self.yaw_rad == 0.0 { *offset } else { Rotation2::new(self.yaw_rad) * offset };
-        Point2::new(x, y) + turned
+        let turn = (self.yaw_rad != 0.0).then(|| Rotation2::new(self.yaw_rad));
+        move |offset| Point2::new(x, y) + turn.map_or(*offset, |turn| turn * offset)
     }
 }
 

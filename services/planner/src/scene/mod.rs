@@ -3,3 +3,4 @@
 pub mod candidate;
 pub mod prepared;
 pub mod query;
+pub mod traits;

@@ -3,7 +3,7 @@
 //! The points by object, the objects' completed shapes and supports, the map of runs above the floor plan, the support surfaces, and the
 //! camera's picture rebuilt from the points. A request only leaves out its query.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point2, Point3};
@@ -11,6 +11,7 @@ use repose_geometry::{Aabb, cloud, transform};
 use repose_proto::{CallError, Scene};
 
 use crate::belief::columns::{ColumnMap, ColumnRun, bounds_around, cells_of, cells_of_map};
+use crate::belief::crown::is_crowned;
 use crate::belief::plane::SupportPlane;
 use crate::belief::settings::BeliefSettings;
 use crate::belief::shape::Shape;
@@ -44,6 +45,8 @@ pub struct PreparedScene {
     /// What the camera saw.
     pub view: ObservedView,
     carried: BTreeMap<u16, Vec<u16>>,
+    /// Objects whose tops carry nothing.
+    crowned: BTreeSet<u16>,
     fault: Option<CallError>,
     min_points: usize,
 }
@@ -104,12 +107,13 @@ impl PreparedScene {
         let hidden: Vec<(Point2<f32>, ColumnRun)> = shapes.iter().flat_map(|(id, shape)| unseen_runs(*id, shape, &seen)).collect();
         let columns = seen.with(hidden);
         let carried = carried_by(&shapes, &columns, &settings.stack);
+        let crowned = clouds.iter().filter(|(_, points)| is_crowned(points, &settings.crown)).map(|(id, _)| *id).collect();
         let prepared = clouds.into_iter().filter_map(|(id, points)| {
             let centroid = cloud::centroid(&points)?;
             Some((id, PreparedObject { points, centroid, shape: shapes.remove(&id) }))
         });
         let objects: BTreeMap<u16, PreparedObject> = prepared.collect();
-        Self { columns, fault, scene, scene_id, objects, planes, view, carried, min_points: settings.min_points }
+        Self { columns, fault, scene, scene_id, objects, planes, view, carried, crowned, min_points: settings.min_points }
     }
 
     /// Whether the scene can be planned on.
@@ -123,6 +127,11 @@ impl PreparedScene {
     /// The objects that stand on an object or in it.
     pub fn carried(&self, id: u16) -> &[u16] {
         self.carried.get(&id).map_or(&[], Vec::as_slice)
+    }
+
+    /// Whether something can stand on an object's top: not on a ball or on a tube that lies. Furniture (0) carries.
+    pub fn carries(&self, id: u16) -> bool {
+        !self.crowned.contains(&id)
     }
 
     /// The object to move, with its completed shape.
@@ -170,13 +179,16 @@ fn list(known: &[String]) -> String {
 }
 
 /// The parts of a shape that must be there though no point shows them: under its tops, and behind its front.
+///
+/// What is hidden looks like what was seen of the object, turned by half a turn: the far side of a bowl's inside tells how deep the near side is.
 fn unseen_runs(id: u16, shape: &Shape, seen: &ColumnMap) -> Vec<(Point2<f32>, ColumnRun)> {
     let mut runs = Vec::new();
+    let own_top_m = |place: &Point2<f32>| seen.at(place).iter().filter(|r| r.object == id).map(|r| r.high_m).reduce(f32::max);
     for slab in &shape.slabs {
         for center in cells_of(&slab.outline, 0.0, seen) {
-            let own = seen.at(&center).iter().filter(|r| r.object == id).map(|r| r.high_m).reduce(f32::max);
             // A hollow that was looked into is as deep as it was seen to be.
-            let high_m = own.unwrap_or(slab.high_m).min(slab.high_m);
+            let own_m = own_top_m(&center).or_else(|| own_top_m(&(shape.axis + (shape.axis - center))));
+            let high_m = own_m.unwrap_or(slab.high_m).min(slab.high_m);
             if high_m > slab.low_m {
                 runs.push((center, ColumnRun { low_m: slab.low_m, high_m, object: id, seen: false }));
             }

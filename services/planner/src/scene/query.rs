@@ -8,6 +8,7 @@ use repose_proto::CallError;
 
 use crate::belief::shape::Shape;
 use crate::scene::prepared::PreparedScene;
+use crate::scene::traits::{self, StandingTraits};
 use crate::settings::Fixed;
 
 /// A cell in or around a prism.
@@ -53,10 +54,16 @@ pub struct QueryObject {
     pub base_margin_m: f64,
     /// Its shape, from the bottom up.
     pub prisms: Vec<Prism>,
+    /// How far from the observed centroid its cells are, those of the clearance rings included, metres.
+    pub reach_m: f32,
+    /// How far outside of its prisms those are, metres.
+    pub ring_m: f32,
     /// Some of its observed points, spread over the cloud, to judge visibility by, world frame.
     pub view_points: Vec<Point3<f64>>,
     /// Observed points thinned out, from which its orientation is read, world frame.
     pub cloud: Vec<Point3<f32>>,
+    /// What the place where it was seen tells of how it stands.
+    pub traits: StandingTraits,
 }
 
 impl QueryObject {
@@ -69,7 +76,7 @@ impl QueryObject {
         let cell_m = prepared.columns.cell_m();
         let origin = object.centroid.xy().cast::<f32>();
         let ring_m = (min_clearance_m as f32 + 2.0 * cell_m).clamp(fixed.clearance.ring_m, fixed.clearance.max_ring_m + 2.0 * cell_m);
-        let prisms = shape
+        let prisms: Vec<Prism> = shape
             .slabs
             .iter()
             .map(|slab| {
@@ -82,15 +89,20 @@ impl QueryObject {
             .collect();
         let (base, rim): (Vec<OutlineCell>, Vec<OutlineCell>) =
             cells_around(&shape.base, &origin, fixed.soundness.rim_m, cell_m).into_iter().partition(|c| c.inside_m >= 0.0);
+        let cloud = cloud::voxel_downsampled(&object.points, fixed.rules.orientation_voxel_m);
+        let dense = cloud::voxel_downsampled(&object.points, traits::VOXEL_M);
         let stride = object.points.len().div_ceil(fixed.view.sample_points).max(1);
         Ok(Self {
             id,
             base: base.into_iter().map(|c| c.offset).collect(),
             rim: rim.into_iter().map(|c| c.offset).collect(),
             base_margin_m: f64::from(shape.base.margin(&shape.axis)).max(0.0),
+            reach_m: prisms.iter().flat_map(|p| &p.cells).map(|cell| cell.offset.norm()).fold(0.0, f32::max),
+            ring_m: prisms.iter().flat_map(|p| &p.cells).map(|cell| -cell.inside_m).fold(0.0, f32::max),
             prisms,
             view_points: object.points.iter().step_by(stride).map(|p| p.cast()).collect(),
-            cloud: cloud::voxel_downsampled(&object.points, fixed.rules.orientation_voxel_m),
+            traits: StandingTraits::of(prepared, id, shape, &dense),
+            cloud,
             shape: shape.clone(),
         })
     }

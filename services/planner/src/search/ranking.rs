@@ -94,6 +94,7 @@ fn believed(judge: &mut Judge<'_>, mut asked: Vec<JudgedCandidate>) -> Result<(V
     appraise(judge, &mut asked)?;
     for j in &mut asked {
         judge.judge_realism(j);
+        judge.judge_success(j);
     }
     Ok(asked.into_iter().partition(JudgedCandidate::feasible))
 }
@@ -107,6 +108,7 @@ pub fn appraise(judge: &mut Judge<'_>, candidates: &mut [JudgedCandidate]) -> Re
     judge.scorer_mut().ask(Question::Both, candidates, &all)?;
     for j in candidates {
         j.fragile_share = Some(fragile_share(judge, &j.candidate));
+        judge.forecast_success(j)?;
         j.cost = judge.cost(j);
     }
     Ok(())

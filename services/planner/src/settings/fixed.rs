@@ -17,6 +17,8 @@ pub struct Fixed {
     pub clearance: ClearanceSettings,
     /// Space that was not seen.
     pub unseen: UnseenShareSettings,
+    /// The reach of a robot that a request names.
+    pub reach: ReachSettings,
     /// Goals by rule.
     pub rules: RuleSettings,
     /// Proposals from the goal's geometry.
@@ -40,11 +42,13 @@ pub struct RankingSettings {
     pub off_rad: f32,
     /// Where it gives fewer answers than asked, the networks are asked about farther candidates, so many times at most.
     pub more_rounds: usize,
+    /// What it costs to be certain to fail, in units of λ_f.
+    pub unsure: f64,
 }
 
 impl Default for RankingSettings {
     fn default() -> Self {
-        Self { candidates: 32, apart_m: 0.012, off_m: 0.005, off_rad: 3.0_f32.to_radians(), more_rounds: 4 }
+        Self { candidates: 32, apart_m: 0.012, off_m: 0.005, off_rad: 3.0_f32.to_radians(), more_rounds: 4, unsure: 2.0 }
     }
 }
 
@@ -83,6 +87,10 @@ pub struct SupportSettings {
     pub min_margin_m: f64,
     /// Least share of the base that was seen to be carried.
     pub min_seen_share: f64,
+    /// Least share of the base that is carried where furniture carries it, what is hidden within a surface included.
+    pub min_carried_share: f64,
+    /// Levels farther than this from where things stand, and from their tops, count only when they are asked for, metres.
+    pub far_level_m: f32,
 }
 
 impl Default for SupportSettings {
@@ -96,6 +104,8 @@ impl Default for SupportSettings {
             release_m: 0.004,
             min_margin_m: 0.008,
             min_seen_share: 0.25,
+            min_carried_share: 0.9,
+            far_level_m: 0.35,
         }
     }
 }
@@ -122,6 +132,31 @@ pub struct ClearanceSettings {
 impl Default for ClearanceSettings {
     fn default() -> Self {
         Self { ring_m: 0.04, max_ring_m: 0.12, graze_m: 0.002, touch_m: 0.009, stray_cells: 2, stray_share: 0.01, stray_points: 2 }
+    }
+}
+
+/// The reach of a robot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReachSettings {
+    /// Farther than this from the shoulder is out of reach without a further look, metres: an arm straightened to the grasp centre.
+    pub max_m: f64,
+    /// Where, away from the base, an arm has most room, metres.
+    pub middle_m: f64,
+    /// Height of the standoff above the place, metres: motion's.
+    pub standoff_m: f64,
+    /// Attitudes of the hand from straight down to leaning outwards …
+    pub leans: usize,
+    /// … this far apart, radians.
+    pub lean_step_rad: f64,
+    /// Directions in which the hand closes, over half a turn.
+    pub turns: usize,
+    /// Angles of the last joint that are tried.
+    pub sweep: usize,
+}
+
+impl Default for ReachSettings {
+    fn default() -> Self {
+        Self { max_m: 1.1, middle_m: 0.5, standoff_m: 0.1, leans: 4, lean_step_rad: 25.0_f64.to_radians(), turns: 4, sweep: 12 }
     }
 }
 

@@ -6,6 +6,8 @@
 pub mod fixed;
 pub mod recipe;
 
+use nalgebra::Isometry3;
+use repose_geometry::transform::from_row_major;
 use repose_proto::place::{Budget, CostWeights, PlaceRequest, Rotation, Thresholds, Variant};
 
 pub use fixed::*;
@@ -42,6 +44,10 @@ pub struct PlanSettings {
     pub min_separation_m: f64,
     /// Least distance from everything but the support, metres.
     pub min_clearance_m: f64,
+    /// Least probability of success.
+    pub min_success: Option<f64>,
+    /// Where the robot that carries a placement out has its base.
+    pub world_from_base: Option<Isometry3<f64>>,
     /// Everything that requests cannot change.
     pub fixed: Fixed,
 }
@@ -79,6 +85,9 @@ impl PlanSettings {
             relations_threshold: request.thresholds.relations.unwrap_or(0.5),
             min_separation_m: request.min_separation_m.unwrap_or(0.03),
             min_clearance_m: request.min_clearance_m.unwrap_or(0.0),
+            min_success: request.min_success,
+            // A request without a pose is refused before, and one that is not rigid by its validation.
+            world_from_base: request.robot.as_ref().and_then(|r| r.world_from_base).and_then(|pose| from_row_major(&pose.0).ok()),
             fixed: Fixed::default(),
         }
     }

@@ -13,10 +13,14 @@ use repose_proto::place::{Outcome, PlaceRequest, PlaceResult, Rejection, Variant
 use repose_proto::scoring::{MixtureComponent, PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, ErrorCode, RELATION_COUNT, Relation, Scene};
 
+use crate::learned::boosted_trees::{BoostedTrees, Branch, DecisionTree, TreeSplit};
+use crate::learned::forecast::{FittedOn, Forecast, Forecasts};
 use crate::learned::models::PlacementModels;
+use crate::learned::success;
 use crate::plan::{SearchStep, plan, plan_with_report};
 use crate::scene::prepared::PreparedScene;
 use crate::search::stop::StopReason;
+use crate::tests::forecasts;
 use crate::tests::synthetic::SceneBuilder;
 
 /// A fake whose prior has components at given offsets, whose realism falls with the distance from the nearest of some heights, and
@@ -29,6 +33,8 @@ pub(crate) struct Fake {
     changes_after: usize,
     /// From this score request on, the deadline passes before an answer comes.
     late_after: usize,
+    /// What it says of success.
+    success: Option<Forecast>,
 }
 
 impl Fake {
@@ -39,6 +45,7 @@ impl Fake {
             scored: AtomicUsize::new(0),
             changes_after: usize::MAX,
             late_after: usize::MAX,
+            success: None,
         }
     }
 }
@@ -95,6 +102,10 @@ impl PlacementModels for Fake {
             },
             anchors: request.anchors.len(),
         })
+    }
+
+    fn forecasts(&self) -> Result<Arc<Forecasts>, CallError> {
+        Ok(Arc::new(Forecasts { success: self.success.clone(), ..(**forecasts()).clone() }))
     }
 }
 
@@ -158,6 +169,39 @@ fn mean_only_tries_the_means_and_mdn_prior_stays_near_them() {
     let placed = prepared.objects[&2].centroid + moved_by(&mdn, 0);
     let nearest = fake.means_m.iter().map(|m| (placed - anchor - nalgebra::Vector3::from(*m)).norm()).fold(f64::INFINITY, f64::min);
     assert!(nearest < 0.02, "{nearest}");
+}
+
+/// A forecast of success that only looks at how likely the goal is: .9 from a half on, .2 below.
+fn by_goal() -> Forecast {
+    let goal = success::names().iter().position(|name| *name == "goal").unwrap() as u8;
+    let logit = |p: f32| (p / (1.0 - p)).ln();
+    let tree =
+        DecisionTree { splits: vec![TreeSplit(goal, 0.5, [Branch::Leaf(0), Branch::Leaf(1)])], leaves: vec![logit(0.2), logit(0.9)] };
+    Forecast::new(&success::names(), BoostedTrees { bias: 0.0, trees: vec![tree] }, FittedOn::default()).unwrap()
+}
+
+#[test]
+fn best_says_how_sure_it_is_and_answers_none_where_that_is_too_little() {
+    let prepared = scene();
+    let fake = Fake { success: Some(by_goal()), ..Fake::new(&[BESIDE]) };
+    let wanted = |goal: &str, min_success: Option<f64>| PlaceRequest { min_success, ..request(&prepared, Variant::Best, &[goal]) };
+    // The fake predictor believes in `right_of` only.
+    for (goal, said) in [("right_of:1", 0.9), ("left_of:1", 0.2)] {
+        let result = run(&prepared, &wanted(goal, None), &fake);
+        let success = result.placements[0].success.unwrap();
+        assert!((success - said).abs() < 1e-6, "{goal}: {success}");
+        assert_eq!(result.min_success, None);
+        let enough = run(&prepared, &wanted(goal, Some(said - 0.05)), &fake);
+        assert_eq!((enough.outcome, enough.min_success), (Outcome::Found, Some(said - 0.05)));
+        let too_much = run(&prepared, &wanted(goal, Some(said + 0.05)), &fake);
+        assert_eq!((too_much.outcome, too_much.placements.len()), (Outcome::None, 0));
+        assert!(too_much.rejections[&Rejection::Unsure] > 0, "{:?}", too_much.rejections);
+    }
+    // Weights without the forecast say nothing, and refuse the demand.
+    let silent = Fake { success: None, ..Fake::new(&[BESIDE]) };
+    assert_eq!(run(&prepared, &wanted("right_of:1", None), &silent).placements[0].success, None);
+    let error = plan(&prepared, &wanted("right_of:1", Some(0.5)), &silent, &mut |_| ControlFlow::Continue(())).unwrap_err();
+    assert_eq!((error.code, error.field.as_deref()), (ErrorCode::FailedPrecondition, Some("min_success")));
 }
 
 #[test]

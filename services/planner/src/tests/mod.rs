@@ -4,3 +4,16 @@ mod arrange;
 pub(crate) mod learned;
 mod plan;
 pub(crate) mod synthetic;
+
+use std::sync::{Arc, OnceLock};
+
+use crate::learned::forecast::Forecasts;
+
+/// The forecasts of the weights that come with the program.
+pub fn forecasts() -> &'static Arc<Forecasts> {
+    static FORECASTS: OnceLock<Arc<Forecasts>> = OnceLock::new();
+    FORECASTS.get_or_init(|| {
+        let weights = repose_networks::Weights::embedded().expect("the program's weights");
+        Arc::new(Forecasts::read(&weights.info.forecasts).expect("forecasts of this program"))
+    })
+}

@@ -3,8 +3,10 @@
 use std::ops::ControlFlow;
 
 use repose_geometry::{ViewerFrame, transform};
-use repose_proto::place::{Outcome, PlaceRequest, PlaceResult, RegionBox, Rejection, Rotation, Shortfall, ShortfallReason, Variant};
-use repose_proto::{ErrorCode, GoalTerm};
+use repose_proto::place::{
+    Outcome, PlaceRequest, PlaceResult, ReachingRobot, RegionBox, Rejection, Rotation, Shortfall, ShortfallReason, Variant,
+};
+use repose_proto::{ErrorCode, GoalTerm, RigidTransform};
 
 use crate::checks::rules::Rules;
 use crate::judge::constraints::Constraints;
@@ -130,6 +132,50 @@ fn several_answers_keep_their_distance_and_use_both_table_and_box() {
     assert!(result.placements.windows(2).all(|w| w[0].cost <= w[1].cost));
     assert!(all.iter().any(|p| p[2] > 0.08), "none on the box: {all:?}");
     assert!(all.iter().any(|p| p[2] < 0.06), "none on the table: {all:?}");
+}
+
+#[test]
+fn nothing_is_put_over_an_edge_however_few_places_there_are() {
+    let prepared = table().prepared();
+    let mut wanted = request(&prepared, 2, &["right_of:1"]);
+    // The table ends at x = 0.5, and the query is 6 cm wide.
+    wanted.region = vec![RegionBox { min_m: [0.4, -0.3, -1.0], max_m: [0.6, 0.3, 1.0], inside: true }];
+    (wanted.count, wanted.min_separation_m) = (16, Some(0.02));
+    let result = run(&prepared, &wanted);
+    assert!(!result.placements.is_empty(), "{:?}", result.rejections);
+    for answer in 0..result.placements.len() {
+        let [x, ..] = placed(&result, answer, QUERY_MIDDLE);
+        assert!(x + 0.03 < 0.508, "answer {answer} hangs over: {x}");
+    }
+}
+
+#[test]
+fn places_beyond_the_reach_of_the_robot_that_is_named_are_no_answers() {
+    let prepared = table().prepared();
+    let with_base = |x: f64| {
+        let mut wanted = request(&prepared, 2, &["right_of:1"]);
+        let mut pose = RigidTransform::IDENTITY;
+        pose.0[3] = x;
+        wanted.robot = Some(ReachingRobot { name: "arm".to_owned(), world_from_base: Some(pose) });
+        wanted
+    };
+    let near = run(&prepared, &with_base(-0.35));
+    assert_eq!((near.outcome, &near.robot), (Outcome::Found, &with_base(-0.35).robot), "{:?}", near.rejections);
+    let far = run(&prepared, &with_base(-1.6));
+    assert_eq!(far.outcome, Outcome::None, "{:?}", far.placements);
+    assert!(far.rejections[&Rejection::OutOfReach] > 20, "{:?}", far.rejections);
+    let mut unknown = with_base(0.0);
+    unknown.robot = Some(ReachingRobot { name: "arm".to_owned(), world_from_base: None });
+    let error = plan(&prepared, &unknown, &NoModels, &mut |_| ControlFlow::Continue(())).unwrap_err();
+    assert_eq!((error.code, error.field.as_deref()), (ErrorCode::FailedPrecondition, Some("robot")));
+}
+
+#[test]
+fn a_variant_that_does_not_say_how_sure_it_is_refuses_the_demand() {
+    let prepared = table().prepared();
+    let demanding = PlaceRequest { min_success: Some(0.9), ..request(&prepared, 2, &["right_of:1"]) };
+    let error = plan(&prepared, &demanding, &NoModels, &mut |_| ControlFlow::Continue(())).unwrap_err();
+    assert_eq!((error.code, error.field.as_deref()), (ErrorCode::FailedPrecondition, Some("min_success")));
 }
 
 #[test]

@@ -6,7 +6,7 @@ from typing import final
 
 @final
 class Models:
-    def __new__(cls, weights: str | PathLike[str] | None = None, stability: str | PathLike[str] | None = None) -> Models: ...
+    def __new__(cls, weights: str | PathLike[str] | None = None) -> Models: ...
 
 @final
 class Frame:

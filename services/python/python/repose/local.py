@@ -25,12 +25,11 @@ class Models:
 
     Args:
         weights: A weights file in place of the weights of the package; without it, what ``REPOSE_INFERENCE__WEIGHTS`` names.
-        stability: A stability model to go with them; without it, what ``REPOSE_PLANNER__STABILITY`` names.
 
     """
 
-    def __init__(self, weights: str | PathLike[str] | None = None, stability: str | PathLike[str] | None = None) -> None:
-        self._native = _native.Models(weights, stability)
+    def __init__(self, weights: str | PathLike[str] | None = None) -> None:
+        self._native = _native.Models(weights)
 
 
 def place_request(scene_id: str, move: int, goal: Goal | list[dict[str, Any]], options: dict[str, Any]) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 //! Tensors are stored as `f32` under their parameter paths. The metadata holds the recipe, the data's seed range and the metrics as JSON, and
 //! the names of the measures that the relation predictor reads.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use candle_core::Device;
 use rand::SeedableRng;
@@ -28,6 +28,10 @@ pub struct WeightsInfo {
     pub recipe: serde_json::Value,
     /// What was measured on validation scenes.
     pub metrics: serde_json::Value,
+    /// What was learned beside the networks, by name, in a form that only its readers know: it is served with the weights, and their hash
+    /// covers it.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub forecasts: BTreeMap<String, serde_json::Value>,
 }
 
 /// The metadata entry as it is stored.
@@ -97,6 +101,14 @@ impl Weights {
         Ok(Self { values, info, hash: blake3::hash(bytes).to_hex().to_string() })
     }
 
+    /// The weights that come with the program.
+    ///
+    /// # Errors
+    /// None unless the program was built with a broken file.
+    pub fn embedded() -> Result<Self, WeightsError> {
+        Self::from_bytes(crate::serving::EMBEDDED)
+    }
+
     /// The file's bytes for these values and this origin.
     ///
     /// # Errors
@@ -115,13 +127,27 @@ impl Weights {
         safetensors::serialize(tensors, Some(metadata)).map_err(|e| malformed("container", e.to_string()))
     }
 
+    /// BLAKE3 of the outcome network's parameters, hexadecimal: what forecasts that read its word were fitted with.
+    pub fn outcome_hash(&self) -> String {
+        let mut hasher = blake3::Hasher::new();
+        for (name, (shape, numbers)) in self.values.iter().filter(|(name, _)| name.starts_with("outcome/")) {
+            hasher.update(format!("{name} {shape:?}").as_bytes());
+            hasher.update(bytemuck::cast_slice(numbers));
+        }
+        hasher.finalize().to_hex().to_string()
+    }
+
     /// Untrained weights from a seed, with which a whole system runs (and answers nonsense).
     ///
     /// # Errors
     /// Never for valid shapes; building networks is fallible for stored weights.
     pub fn initial(config: &NetworksConfig, seed: u64) -> Result<Vec<u8>, WeightsError> {
         let (_, parameters) = Networks::seeded(config, &mut Pcg64::seed_from_u64(seed), &Device::Cpu)?;
-        let info = WeightsInfo { recipe: serde_json::json!({ "untrained": true, "seed": seed }), metrics: serde_json::Value::Null };
+        let info = WeightsInfo {
+            recipe: serde_json::json!({ "untrained": true, "seed": seed }),
+            metrics: serde_json::Value::Null,
+            ..WeightsInfo::default()
+        };
         Self::to_bytes(&parameters.to_map()?, &info)
     }
 }

@@ -14,7 +14,7 @@ use clap::Args;
 use repose_dataset::Split;
 use repose_evaluation::scenes::problem::{Problem, ProblemSettings};
 use repose_evaluation::statistics::quantile::Sorted;
-use repose_planner::{PlacementModels, PreparedScene, plan};
+use repose_planner::{Forecasts, PlacementModels, PreparedScene, plan};
 use repose_proto::place::Variant;
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, PlaceRequest, PlaceResult, Scene, Service};
@@ -237,6 +237,10 @@ impl PlacementModels for Counted {
             self.scored.fetch_add(request.candidates.len() as u64, Ordering::Relaxed);
         }
         self.timed(|| self.models.score(request, scene))
+    }
+
+    fn forecasts(&self) -> Result<Arc<Forecasts>, CallError> {
+        self.models.forecasts()
     }
 }
 

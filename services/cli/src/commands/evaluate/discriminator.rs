@@ -9,7 +9,7 @@ use repose_evaluation::tables::discriminator::{DiscriminatorSettings, evaluate_d
 use repose_proto::place::Variant;
 use serde_json::json;
 
-use super::shared::{StabilityArgs, TableArgs, folder_name, named, only_meshes};
+use super::shared::{TableArgs, folder_name, only_meshes};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 use crate::progress::Progress;
@@ -33,9 +33,6 @@ pub struct EvaluateDiscriminatorArgs {
     /// Split, weights and threads.
     #[command(flatten)]
     pub common: TableArgs,
-    /// What `best` goes by.
-    #[command(flatten)]
-    pub stability: StabilityArgs,
     /// A folder for the table as JSON, the scatter plot and the reliability diagrams as SVG.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -53,9 +50,8 @@ pub fn run(args: &EvaluateDiscriminatorArgs, output: Output) -> Outcome {
         only_meshes(&mut settings.problem.scene, folder)?;
     }
     let engine = args.common.engine()?;
-    settings.stability = args.stability.read(&engine)?;
     let objects = folder_name(args.objects.as_deref());
-    let made_with = json!({"weights_hash": engine.weights_hash(), "stability": named(&settings.stability), "objects": objects});
+    let made_with = json!({"weights_hash": engine.weights_hash(), "objects": objects});
     let scenes = args.common.first("discriminator", &made_with)?;
     settings.first = scenes.first;
     let progress = Progress::new(args.scenes as u64, "scenes");
@@ -94,7 +90,6 @@ mod tests {
         }
         assert_eq!(document["scenes"], 2);
         assert!(document["pearson_one_a_scene"]["n"].as_u64().is_some_and(|n| n <= 2), "{document}");
-        assert_eq!(document["stability"]["fitted_on"]["weights_hash"], document["weights_hash"]);
         assert!(document["stable"].as_f64().is_some_and(|s| (0.0..=100.0).contains(&s)));
         for picture in ["discriminator.svg", "reliability_geometric.svg"] {
             assert!(std::fs::read_to_string(folder.path().join(picture)).expect("a picture").contains("</svg>"));

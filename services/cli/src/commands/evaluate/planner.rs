@@ -17,7 +17,7 @@ use repose_evaluation::tables::planner::{PlannerTableSettings, evaluate_planner,
 use repose_proto::place::Variant;
 use repose_simulator::scene::SceneKind;
 
-use super::shared::{StabilityArgs, TableArgs, folder_name, named, only_meshes};
+use super::shared::{TableArgs, folder_name, only_meshes};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 use crate::progress::Progress;
@@ -54,9 +54,6 @@ pub struct EvaluatePlannerArgs {
     /// Split, weights and threads.
     #[command(flatten)]
     pub common: TableArgs,
-    /// What `best` goes by.
-    #[command(flatten)]
-    pub stability: StabilityArgs,
     /// A folder for every scene's record, the table as JSON and SVG, and contact sheets.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -69,9 +66,8 @@ pub struct EvaluatePlannerArgs {
 pub fn run(args: &EvaluatePlannerArgs, output: Output) -> Outcome {
     let mut settings = settings_of(args)?;
     let engine = args.common.engine()?;
-    settings.scene.stability = args.stability.read(&engine)?;
     let made_with = serde_json::json!({
-        "weights_hash": engine.weights_hash(), "stability": named(&settings.scene.stability), "variants": settings.scene.variants,
+        "weights_hash": engine.weights_hash(), "variants": settings.scene.variants,
         "answers": settings.scene.answers, "objects": folder_name(args.objects.as_deref()), "perturb": args.perturb,
     });
     let scenes = args.common.first("planner", &made_with)?;
@@ -149,7 +145,6 @@ fn log(tried: &TriedScene) {
 #[cfg(test)]
 mod tests {
     use clap::Parser;
-    use repose_planner::learned::stability::Stability;
 
     use super::*;
 
@@ -203,18 +198,5 @@ mod tests {
         assert!(read("planner_large_box.svg").contains("</svg>"));
         let refused = run(&line("2", "test"), Output { json: false }).expect_err("other settings");
         assert_eq!(refused.exit_code(), 2);
-        // Another stability is other settings too, and a file that is none is refused before anything is tried.
-        let file = folder.path().join("stability.json");
-        let with_stability = || {
-            let mut args = line("2", "validation");
-            args.stability.stability = Some(file.clone());
-            run(&args, Output { json: false }).expect_err("another stability")
-        };
-        std::fs::write(&file, "{}").expect("written");
-        assert_eq!(with_stability().exit_code(), 2);
-        let own = serde_json::to_string(Stability::embedded()).expect("JSON");
-        let weights = &Stability::embedded().fitted_on().weights_hash;
-        std::fs::write(&file, own.replace(weights.as_str(), "of other weights")).expect("written");
-        assert!(format!("{:?}", with_stability()).contains("of other weights"), "named in the head");
     }
 }

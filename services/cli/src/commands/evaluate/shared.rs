@@ -6,8 +6,6 @@ use clap::Args;
 use repose_dataset::Split;
 use repose_evaluation::report::final_runs::{claim, commit, ledger};
 use repose_inference::Engine;
-use repose_planner::learned::stability::Stability;
-use repose_planner::{PlannerConfig, stability_of};
 use repose_simulator::objects::{MeshLibrary, MeshSettings, ObjectSource};
 use repose_simulator::scene::SceneSettings;
 use serde_json::Value;
@@ -77,36 +75,6 @@ impl Scenes {
         (named["split"], named["block"], named["commit"]) = (self.split.name().into(), self.block.into(), self.commit.clone().into());
         named
     }
-}
-
-/// What the tables of `best` are told beside the weights.
-#[derive(Debug, Args)]
-pub struct StabilityArgs {
-    /// What `train --network stability` wrote for `--weights`. Default: the program's own.
-    #[arg(long, value_name = "FILE")]
-    pub stability: Option<PathBuf>,
-}
-
-impl StabilityArgs {
-    /// What `best` makes of the outcome network of an engine; says so when it was fitted on another one's words.
-    pub fn read(&self, engine: &Engine) -> Result<Stability, Failure> {
-        let config = PlannerConfig { stability: self.stability.clone(), ..PlannerConfig::default() };
-        let stability = stability_of(&config).map_err(|e| Failure::bad_input("stability", e))?;
-        let fitted_with = &stability.fitted_on().weights_hash;
-        if fitted_with != engine.weights_hash() {
-            tracing::warn!(
-                weights_hash = engine.weights_hash(),
-                fitted_with,
-                "the stability was fitted with other weights: the figures of `best` are not what these weights can reach; `repose train --network stability` fits it anew"
-            );
-        }
-        Ok(stability)
-    }
-}
-
-/// What a report says of a stability.
-pub fn named(stability: &Stability) -> Value {
-    serde_json::json!({"hash": stability.hash(), "fitted_on": stability.fitted_on()})
 }
 
 /// The name of a folder of meshes, as reports have it: where it lies says nothing about them.

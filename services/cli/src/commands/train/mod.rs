@@ -1,15 +1,21 @@
 //! `repose train`: weights from simulated scenes.
 
 mod stability;
+mod success;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
+use repose_networks::Weights;
+use repose_planner::learned::forecast::{Forecast, STABILITY, SUCCESS};
 use repose_training::{Compute, ONE_THREAD_VARIABLES, Part, RelationsVariant, TrainError, TrainSettings, train};
 
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 use crate::values::threads;
+
+/// Scenes that `success` tries unless told.
+const SUCCESS_SCENES: u64 = 700;
 
 /// Arguments of `train`.
 #[derive(Debug, Args)]
@@ -18,9 +24,10 @@ pub struct TrainArgs {
     #[arg(long, value_name = "DIR")]
     pub data: PathBuf,
     /// What to train: joint (encoders, relation predictor and prior), relations (the predictor alone, on the encoders of `--start`),
-    /// discriminator, or outcome (on the outcomes of `generate --releases`); what is not trained keeps the weights of `--start`. Or
-    /// stability: boosted trees on the outcome network of `--start` and on geometry, which the variant `best` goes by, as a JSON file; they
-    /// learn from `generate --proposals` with its other settings left at their defaults, and `--steps` limits the scenes.
+    /// discriminator, or outcome (on the outcomes of `generate --releases`); what is not trained keeps the weights of `--start`. Or a
+    /// forecast, boosted trees on the outcome network of `--start` and on geometry, which the variant `best` goes by. stability learns from
+    /// `generate --proposals` with its other settings left at their defaults, and `--steps` limits the scenes. success comes after it: it
+    /// learns from what becomes of the planner's own answers in as many scenes as `--steps` says (700), which it keeps in `--data`.
     #[arg(long)]
     pub network: String,
     /// Which relation predictor `joint` and `relations` fit: measured (reads what can be measured of the pair beside the codes) or paper.
@@ -48,6 +55,9 @@ pub struct TrainArgs {
     /// End after this many steps.
     #[arg(long)]
     pub steps: Option<u64>,
+    /// The first scene that `success` tries, to make its data in parts.
+    #[arg(long, default_value_t = 0)]
+    pub first: u64,
     /// Threads; at most `--slots` of them have work. Default: one a core. The weights do not depend on it.
     #[arg(long)]
     pub threads: Option<usize>,
@@ -58,7 +68,19 @@ pub struct TrainArgs {
 
 /// Runs the command.
 pub fn run(args: &TrainArgs, output: Output) -> Outcome {
-    if args.network == stability::NAME {
+    if args.network == SUCCESS {
+        let settings = success::SuccessSettings {
+            data: &args.data,
+            start: args.start.as_deref(),
+            out: &args.out,
+            first: args.first,
+            scenes: args.steps.unwrap_or(SUCCESS_SCENES),
+            threads: threads(args.threads),
+            seed: args.seed,
+        };
+        return success::run(&settings, output);
+    }
+    if args.network == STABILITY {
         let settings = stability::StabilitySettings {
             data: &args.data,
             start: args.start.as_deref(),
@@ -70,7 +92,10 @@ pub fn run(args: &TrainArgs, output: Output) -> Outcome {
         return stability::run(&settings, output);
     }
     let part = Part::parse(&args.network).ok_or_else(|| {
-        Failure::bad_input("network", format!("expected joint, relations, discriminator, outcome or stability, got {:?}", args.network))
+        Failure::bad_input(
+            "network",
+            format!("expected joint, relations, discriminator, outcome, stability or success, got {:?}", args.network),
+        )
     })?;
     let relations = RelationsVariant::parse(&args.relations)
         .ok_or_else(|| Failure::bad_input("relations", format!("expected measured or paper, got {:?}", args.relations)))?;
@@ -108,6 +133,20 @@ pub fn run(args: &TrainArgs, output: Output) -> Outcome {
         );
         std::iter::once(head).chain(figures).collect::<Vec<_>>().join("\n")
     })
+}
+
+/// Writes the weights of `start`, or the program's own, with a forecast in place of that of its name.
+fn with_forecast(start: Option<&Path>, out: &Path, name: &str, forecast: &Forecast) -> Outcome {
+    let mut weights = match start {
+        Some(path) => {
+            let bad = |e: &dyn std::fmt::Display| Failure::bad_input("start", format!("{}: {e}", path.display()));
+            Weights::from_bytes(&std::fs::read(path).map_err(|e| bad(&e))?).map_err(|e| bad(&e))?
+        }
+        None => Weights::embedded().map_err(Failure::other)?,
+    };
+    weights.info.forecasts.insert(name.to_owned(), serde_json::to_value(forecast).map_err(Failure::other)?);
+    let bytes = Weights::to_bytes(&weights.values, &weights.info).map_err(Failure::other)?;
+    repose_dataset::write_whole(out, &bytes).map_err(|e| Failure::bad_input("out", format!("{}: {e}", out.display())))
 }
 
 /// The user's, where a setting is at fault.

@@ -7,20 +7,20 @@ use repose_dataset::{ReleaseRecord, Split, read_proposals};
 use repose_evaluation::scenes::problem::{Problem, ProblemSettings};
 use repose_evaluation::scenes::stability_samples::stability_samples;
 use repose_evaluation::statistics::correlation::area_under_curve;
-use repose_evaluation::statistics::stability_fit::{FitSettings, fit_stability};
+use repose_evaluation::statistics::forecast_fit::{FitSettings, Sample, fit_forecast};
 use repose_inference::Engine;
 use repose_networks::serving::spread;
-use repose_planner::learned::stability::{FittedOn, ReleaseSample};
+use repose_planner::learned::forecast::{FittedOn, STABILITY};
+use repose_planner::learned::stability::names;
 use repose_proto::CallError;
 use serde_json::json;
 
+use super::with_forecast;
 use crate::embedded::engine;
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 use crate::progress::Progress;
 
-/// What `--network` calls it.
-pub const NAME: &str = "stability";
 /// Of this many scenes one is held out, to tell how good the fit is.
 const HELD_OUT: usize = 8;
 
@@ -31,7 +31,7 @@ pub struct StabilitySettings<'a> {
     pub data: &'a Path,
     /// Weights in place of those that come with the program.
     pub start: Option<&'a Path>,
-    /// The file that is written.
+    /// The weights file that is written: those of `start` with the forecast in it.
     pub out: &'a Path,
     /// The most scenes.
     pub scenes: Option<u64>,
@@ -59,25 +59,23 @@ pub fn run(args: &StabilitySettings<'_>, output: Output) -> Outcome {
         },
     );
     bar.finish();
-    let measured: Vec<Vec<ReleaseSample>> = measured.into_iter().collect::<Result<_, CallError>>()?;
-    let of = |keep: &dyn Fn(usize) -> bool| -> Vec<ReleaseSample> {
+    let measured: Vec<Vec<Sample>> = measured.into_iter().collect::<Result<_, CallError>>()?;
+    let of = |keep: &dyn Fn(usize) -> bool| -> Vec<Sample> {
         measured.iter().enumerate().filter(|(i, _)| keep(*i)).flat_map(|(_, samples)| samples.clone()).collect()
     };
-    let fitted_on = |releases: &[ReleaseSample]| FittedOn {
+    let fitted_on = |releases: &[Sample]| FittedOn {
         scenes: scenes.len() as u64,
         releases: releases.len(),
-        weights_hash: engine.weights_hash().to_owned(),
+        outcome_hash: engine.outcome_hash().to_owned(),
     };
     let fitting = FitSettings { seed: args.seed, ..FitSettings::default() };
-    let fit = |samples: &[ReleaseSample]| fit_stability(samples, fitted_on(samples), &fitting).map_err(|e| Failure::bad_input("data", e));
+    let fit = |samples: &[Sample]| fit_forecast(&names(), samples, fitted_on(samples), &fitting).map_err(|e| Failure::bad_input("data", e));
     let (kept, held_out) = (of(&|i| i % HELD_OUT != 0), of(&|i| i % HELD_OUT == 0));
     let tried = fit(&kept)?;
-    let area = |said: &dyn Fn(&ReleaseSample) -> f64| area_under_curve(&held_out.iter().map(|s| (said(s), s.stable)).collect::<Vec<_>>());
+    let area = |said: &dyn Fn(&Sample) -> f64| area_under_curve(&held_out.iter().map(|s| (said(s), s.came_true)).collect::<Vec<_>>());
     let (with_geometry, network) = (area(&|s| tried.of(&s.measures)), area(&|s| f64::from(s.measures[0])));
     let whole = fit(&of(&|_| true))?;
-    let text = serde_json::to_string(&whole).map_err(Failure::other)?;
-    repose_dataset::write_whole(args.out, text.as_bytes())
-        .map_err(|e| Failure::bad_input("out", format!("{}: {e}", args.out.display())))?;
+    with_forecast(args.start, args.out, STABILITY, &whole)?;
     let document = json!({
         "out": args.out, "scenes": scenes.len(), "releases": measured.iter().map(Vec::len).sum::<usize>(),
         "held_out": held_out.len(), "area_network": network, "area": with_geometry,
@@ -107,7 +105,7 @@ fn proposals_by_scene(folder: &Path) -> Result<BTreeMap<u64, Vec<ReleaseRecord>>
 }
 
 /// The samples of one scene; none where its seed gives no problem.
-fn samples_of(releases: &[ReleaseRecord], seed: u64, settings: &ProblemSettings, engine: &Engine) -> Result<Vec<ReleaseSample>, CallError> {
+fn samples_of(releases: &[ReleaseRecord], seed: u64, settings: &ProblemSettings, engine: &Engine) -> Result<Vec<Sample>, CallError> {
     match Problem::of_seed(seed, settings) {
         Some(problem) => stability_samples(&problem, engine, releases),
         None => Ok(Vec::new()),

@@ -9,5 +9,6 @@ mod shared;
 mod spread;
 
 pub use context::{Candidate, InputError, SceneContext};
+pub(crate) use models::EMBEDDED;
 pub use models::{Mixture, Models, Pairs};
 pub use spread::spread;

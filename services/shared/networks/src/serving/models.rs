@@ -20,7 +20,7 @@ use super::{
 };
 
 /// The weights that come with the program.
-const EMBEDDED: &[u8] = include_bytes!("../../weights/default.safetensors");
+pub(crate) const EMBEDDED: &[u8] = include_bytes!("../../weights/default.safetensors");
 
 /// The prior's answer: a mixture over offset and yaw.
 #[derive(Debug, Clone, PartialEq)]
@@ -76,6 +76,7 @@ pub struct Models {
     outcome: Option<(PointNet, PackedLinear)>,
     info: WeightsInfo,
     hash: String,
+    outcome_hash: String,
 }
 
 impl Models {
@@ -133,6 +134,7 @@ impl Models {
             } else {
                 None
             },
+            outcome_hash: weights.outcome_hash(),
             info: weights.info,
             hash: weights.hash,
             config,
@@ -142,6 +144,17 @@ impl Models {
     /// BLAKE3 of the weights file, hexadecimal.
     pub fn hash(&self) -> &str {
         &self.hash
+    }
+
+    /// BLAKE3 of the outcome network's parameters ([`Weights::outcome_hash`]).
+    pub fn outcome_hash(&self) -> &str {
+        &self.outcome_hash
+    }
+
+    /// The forecasts among the weights that were fitted with another outcome network, by name.
+    pub fn misfit_forecasts(&self) -> Vec<String> {
+        let fits = |value: &serde_json::Value| value["fitted_on"]["outcome_hash"].as_str() == Some(self.outcome_hash.as_str());
+        self.info.forecasts.iter().filter(|(_, value)| !fits(value)).map(|(name, _)| name.clone()).collect()
     }
 
     /// The origin of the weights.

@@ -1,4 +1,4 @@
-//! The fit of `best`'s stability: boosted trees on what was measured of places, for what became of them.
+//! The fit of a forecast: boosted trees on what was measured of places, for what became of them.
 
 use forust_ml::gradientbooster::GrowPolicy;
 use forust_ml::objective::ObjectiveType;
@@ -6,7 +6,16 @@ use forust_ml::sampler::SampleMethod;
 use forust_ml::tree::Tree as FittedTree;
 use forust_ml::{GradientBooster, Matrix};
 use repose_planner::learned::boosted_trees::{BoostedTrees, Branch, DecisionTree, TreeSplit};
-use repose_planner::learned::stability::{COUNT, FittedOn, ReleaseSample, Stability};
+use repose_planner::learned::forecast::{FittedOn, Forecast};
+
+/// Something to learn from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sample {
+    /// What was measured before it was let go, in the order of the forecast's names.
+    pub measures: Vec<f32>,
+    /// Whether it came true.
+    pub came_true: bool,
+}
 
 /// How trees are fitted.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,37 +53,44 @@ impl Default for FitSettings {
     }
 }
 
+impl FitSettings {
+    /// For a few thousand answers, several of one scene: small trees that say little each.
+    pub fn of_few(seed: u64) -> Self {
+        Self { trees: 160, leaves: 6, learning_rate: 0.05, ridge: 10.0, least_curvature: 8.0, releases_share: 0.6, seed, ..Self::default() }
+    }
+}
+
 /// Why there is no fit.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct NoFit(String);
 
-/// Fits releases by the largest likelihood. The same samples in the same order give the same bits.
+/// Fits what came true by the largest likelihood. The same samples in the same order give the same bits.
 ///
 /// # Errors
-/// When there is nothing to learn from: fewer releases than leaves of a tree, or all came to the same.
-pub fn fit_stability(samples: &[ReleaseSample], fitted_on: FittedOn, settings: &FitSettings) -> Result<Stability, NoFit> {
-    let stable = samples.iter().filter(|s| s.stable).count();
-    if samples.len() < settings.leaves || stable == 0 || stable == samples.len() {
+/// When there is nothing to learn from: fewer samples than leaves of a tree, or all came to the same.
+pub fn fit_forecast(names: &[&str], samples: &[Sample], fitted_on: FittedOn, settings: &FitSettings) -> Result<Forecast, NoFit> {
+    let came_true = samples.iter().filter(|s| s.came_true).count();
+    if samples.len() < settings.leaves || came_true == 0 || came_true == samples.len() {
         return Err(NoFit(format!(
-            "expected at least {} releases, some stable and some not; got {}, {stable} of them stable",
+            "expected at least {} releases, some that came true and some that did not; got {}, of which {came_true} did",
             settings.leaves,
             samples.len()
         )));
     }
-    let booster = boosted(samples, settings).map_err(|e| NoFit(e.to_string()))?;
+    let booster = boosted(names.len(), samples, settings).map_err(|e| NoFit(e.to_string()))?;
     let trees = booster.trees.iter().map(served).collect::<Result<_, NoFit>>()?;
-    Stability::new(BoostedTrees { bias: booster.base_score, trees }, fitted_on).map_err(|e| NoFit(e.to_string()))
+    Forecast::new(names, BoostedTrees { bias: booster.base_score, trees }, fitted_on).map_err(|e| NoFit(e.to_string()))
 }
 
 /// What was measured, one measure of all samples after the other.
-fn columns(samples: &[ReleaseSample]) -> Vec<f64> {
-    (0..COUNT).flat_map(|k| samples.iter().map(move |s| f64::from(s.measures[k]))).collect()
+fn columns(count: usize, samples: &[Sample]) -> Vec<f64> {
+    (0..count).flat_map(|k| samples.iter().map(move |s| f64::from(s.measures[k]))).collect()
 }
 
-fn boosted(samples: &[ReleaseSample], settings: &FitSettings) -> Result<GradientBooster, forust_ml::errors::ForustError> {
-    let measured = columns(samples);
-    let stable: Vec<f64> = samples.iter().map(|s| f64::from(u8::from(s.stable))).collect();
+fn boosted(count: usize, samples: &[Sample], settings: &FitSettings) -> Result<GradientBooster, forust_ml::errors::ForustError> {
+    let measured = columns(count, samples);
+    let came_true: Vec<f64> = samples.iter().map(|s| f64::from(u8::from(s.came_true))).collect();
     let mut booster = GradientBooster::default()
         .set_objective_type(ObjectiveType::LogLoss)
         .set_initialize_base_score(true)
@@ -91,7 +107,7 @@ fn boosted(samples: &[ReleaseSample], settings: &FitSettings) -> Result<Gradient
         // Sums must not depend on how many threads share them.
         .set_parallel(false);
     booster.grow_policy = GrowPolicy::LossGuide;
-    booster.fit_unweighted(&Matrix::new(&measured, samples.len(), COUNT), &stable, None)?;
+    booster.fit_unweighted(&Matrix::new(&measured, samples.len(), count), &came_true, None)?;
     Ok(booster)
 }
 
@@ -127,25 +143,35 @@ mod tests {
 
     use super::*;
 
-    fn probability(m: &[f32; COUNT]) -> f64 {
+    const COUNT: usize = 12;
+
+    fn names() -> Vec<&'static str> {
+        vec!["a", "b", "c", "d", "e", "f", "g", "h", "i", "j", "k", "l"]
+    }
+
+    fn probability(m: &[f32]) -> f64 {
         let logit = f64::from(2.0 * m[0] - 3.0 * m[7] * m[9] + if m[3] > 0.2 { 1.5 } else { -0.5 });
         1.0 / (1.0 + (-logit).exp())
     }
 
-    fn samples(count: usize, seed: u64) -> Vec<ReleaseSample> {
+    fn samples(count: usize, seed: u64) -> Vec<Sample> {
         let mut rng = Pcg64::seed_from_u64(seed);
         let mut draw = || {
-            let measures = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
-            ReleaseSample { stable: rng.random_bool(probability(&measures)), measures }
+            let measures: Vec<f32> = (0..COUNT).map(|_| rng.random_range(-1.0..1.0)).collect();
+            Sample { came_true: rng.random_bool(probability(&measures)), measures }
         };
         (0..count).map(|_| draw()).collect()
     }
 
+    fn fitted(samples: &[Sample], settings: &FitSettings) -> Result<Forecast, NoFit> {
+        fit_forecast(&names(), samples, FittedOn::default(), settings)
+    }
+
     #[test]
     fn a_fit_finds_the_probabilities_that_made_the_releases() {
-        let fit = fit_stability(&samples(8000, 4), FittedOn::default(), &FitSettings::default()).unwrap();
+        let fit = fitted(&samples(8000, 4), &FitSettings::default()).unwrap();
         let new = samples(2000, 5);
-        let off = |of: &dyn Fn(&ReleaseSample) -> f64| new.iter().map(|s| (of(s) - probability(&s.measures)).abs()).sum::<f64>() / 2000.0;
+        let off = |of: &dyn Fn(&Sample) -> f64| new.iter().map(|s| (of(s) - probability(&s.measures)).abs()).sum::<f64>() / 2000.0;
         let (fitted, nothing) = (off(&|s| fit.of(&s.measures)), off(&|_| 0.5));
         assert!(fitted < 0.12 && fitted < 0.45 * nothing, "off by {fitted}, knowing nothing by {nothing}");
         let said = new.iter().map(|s| fit.of(&s.measures)).sum::<f64>();
@@ -157,28 +183,30 @@ mod tests {
     fn what_is_served_says_what_was_fitted() {
         let samples = samples(3000, 6);
         let settings = FitSettings { trees: 40, ..FitSettings::default() };
-        let booster = boosted(&samples, &settings).unwrap();
-        let logits = booster.predict(&Matrix::new(&columns(&samples), samples.len(), COUNT), false);
-        let served = fit_stability(&samples, FittedOn::default(), &settings).unwrap();
+        let booster = boosted(COUNT, &samples, &settings).unwrap();
+        let logits = booster.predict(&Matrix::new(&columns(COUNT, &samples), samples.len(), COUNT), false);
+        let served = fitted(&samples, &settings).unwrap();
         for (sample, logit) in samples.iter().zip(logits) {
             let expected = 1.0 / (1.0 + (-logit).exp());
             assert!((served.of(&sample.measures) - expected).abs() < 1e-6, "{} instead of {expected}", served.of(&sample.measures));
         }
-        assert_eq!(fit_stability(&samples, FittedOn::default(), &settings).unwrap(), served);
+        assert_eq!(fitted(&samples, &settings).unwrap(), served);
     }
 
     #[test]
-    fn the_stability_that_comes_with_the_program_is_of_the_weights_that_do() {
-        let weights = repose_networks::Models::embedded().unwrap();
-        assert_eq!(Stability::embedded().fitted_on().weights_hash, weights.hash());
+    fn the_forecasts_that_come_with_the_program_are_of_its_outcome_network() {
+        let weights = repose_networks::Weights::embedded().unwrap();
+        let forecasts = repose_planner::Forecasts::read(&weights.info.forecasts).unwrap();
+        let own = weights.outcome_hash();
+        assert_eq!(forecasts.stability.fitted_on().outcome_hash, own);
+        assert!(forecasts.success.is_none_or(|success| success.fitted_on().outcome_hash == own));
     }
 
     #[test]
     fn nothing_is_learned_from_too_little_or_from_what_is_all_the_same() {
-        let refused =
-            |samples: &[ReleaseSample]| fit_stability(samples, FittedOn::default(), &FitSettings::default()).unwrap_err().to_string();
+        let refused = |samples: &[Sample]| fitted(samples, &FitSettings::default()).unwrap_err().to_string();
         assert!(refused(&samples(50, 1)).contains("got 50"));
-        let falls: Vec<ReleaseSample> = samples(200, 1).into_iter().map(|s| ReleaseSample { stable: false, ..s }).collect();
-        assert!(refused(&falls).contains("0 of them stable"));
+        let falls: Vec<Sample> = samples(200, 1).into_iter().map(|s| Sample { came_true: false, ..s }).collect();
+        assert!(refused(&falls).contains("of which 0 did"));
     }
 }

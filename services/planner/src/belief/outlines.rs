@@ -1,0 +1,47 @@
+//! Distances of convex outlines seen from above, their corners counter-clockwise.
+
+use nalgebra::{Point2, Vector2};
+
+/// Distance between two convex polygons, 0 when they overlap, metres.
+pub fn outline_gap_m(a: &[Point2<f32>], b: &[Point2<f32>]) -> f32 {
+    if separating_gap_m(a, b) <= 0.0 {
+        return 0.0;
+    }
+    let from = |points: &[Point2<f32>], polygon: &[Point2<f32>]| {
+        points
+            .iter()
+            .map(|p| edges(polygon).map(|(a, b)| to_segment_m(p, a, b)).fold(f32::INFINITY, f32::min))
+            .fold(f32::INFINITY, f32::min)
+    };
+    from(a, b).min(from(b, a))
+}
+
+/// The largest gap between two convex polygons along any edge's normal: not positive when they overlap.
+pub fn separating_gap_m(a: &[Point2<f32>], b: &[Point2<f32>]) -> f32 {
+    let along = |one: &[Point2<f32>], other: &[Point2<f32>]| {
+        let gap = |(p, q): (&Point2<f32>, &Point2<f32>)| {
+            let outward = Vector2::new(q.y - p.y, p.x - q.x).normalize();
+            other.iter().map(|c| (c - p).dot(&outward)).fold(f32::INFINITY, f32::min)
+        };
+        edges(one).map(gap).fold(f32::NEG_INFINITY, f32::max)
+    };
+    along(a, b).max(along(b, a))
+}
+
+/// Distance from a point to a convex polygon, counter-clockwise; 0 inside, metres.
+pub fn to_outline_m(p: &Point2<f32>, corners: &[Point2<f32>]) -> f32 {
+    if edges(corners).all(|(a, b)| (b - a).perp(&(p - a)) >= 0.0) {
+        return 0.0;
+    }
+    edges(corners).map(|(a, b)| to_segment_m(p, a, b)).fold(f32::INFINITY, f32::min)
+}
+
+fn edges(corners: &[Point2<f32>]) -> impl Iterator<Item = (&Point2<f32>, &Point2<f32>)> {
+    corners.iter().zip(corners.iter().cycle().skip(1))
+}
+
+fn to_segment_m(p: &Point2<f32>, a: &Point2<f32>, b: &Point2<f32>) -> f32 {
+    let along = b - a;
+    let t = ((p - a).dot(&along) / along.norm_squared().max(1e-12)).clamp(0.0, 1.0);
+    (a + along * t - p).norm()
+}

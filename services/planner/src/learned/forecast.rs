@@ -1,0 +1,139 @@
+//! A learned forecast: the probability of something from measures that have names, by boosted trees.
+//!
+//! Forecasts are part of the weights: they travel in the weights file, inference serves them, and the hash of the weights covers them.
+//! They are fitted on measures of this program, so a file names its measures and others are refused.
+
+use std::collections::BTreeMap;
+
+use repose_proto::{CallError, ErrorCode};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::learned::boosted_trees::BoostedTrees;
+use crate::learned::{stability, success};
+
+/// What the weights call the forecast that an object stays ([`stability`]).
+pub const STABILITY: &str = "stability";
+/// What the weights call the forecast that a placement succeeds ([`success`]).
+pub const SUCCESS: &str = "success";
+
+/// The data of a fit.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FittedOn {
+    /// Scenes of the training split.
+    pub scenes: u64,
+    /// Releases.
+    pub releases: usize,
+    /// BLAKE3 of the parameters of the outcome network, whose word is among the measures.
+    pub outcome_hash: String,
+}
+
+/// Why something is no forecast of this program.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct NotAForecast(String);
+
+/// A probability from named measures.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Forecast {
+    measures: Vec<String>,
+    fitted_on: FittedOn,
+    logit: BoostedTrees,
+}
+
+impl Forecast {
+    /// A forecast from measures of these names, in this order.
+    ///
+    /// # Errors
+    /// When a branch leads nowhere or a value is not finite.
+    pub fn new(names: &[&str], logit: BoostedTrees, fitted_on: FittedOn) -> Result<Self, NotAForecast> {
+        Self { measures: names.iter().map(|&name| name.to_owned()).collect(), fitted_on, logit }.checked(names)
+    }
+
+    /// Reads one.
+    ///
+    /// # Errors
+    /// When the value is no forecast, or reads other measures than these.
+    pub fn read(value: &Value, names: &[&str]) -> Result<Self, NotAForecast> {
+        Self::deserialize(value).map_err(|e| NotAForecast(e.to_string()))?.checked(names)
+    }
+
+    fn checked(self, names: &[&str]) -> Result<Self, NotAForecast> {
+        if self.measures != names {
+            return Err(NotAForecast(format!("measures: expected {names:?}, got {:?}", self.measures)));
+        }
+        if !self.logit.is_sound(names.len()) {
+            let expected = format!("expected finite trees over {} measures, each branch to a later split or a leaf", names.len());
+            return Err(NotAForecast(format!("logit: {expected}")));
+        }
+        Ok(self)
+    }
+
+    /// The data that it was fitted on.
+    pub fn fitted_on(&self) -> &FittedOn {
+        &self.fitted_on
+    }
+
+    /// The probability, from finite measures in the order of their names.
+    pub fn of(&self, measures: &[f32]) -> f64 {
+        1.0 / (1.0 + (-self.logit.of(measures)).exp())
+    }
+}
+
+/// The forecasts that the weights in service have.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Forecasts {
+    /// Whether an object stays where it is let go.
+    pub stability: Forecast,
+    /// Whether a placement succeeds; weights made before there was such a forecast have none.
+    pub success: Option<Forecast>,
+}
+
+impl Forecasts {
+    /// The forecasts of weights, by name.
+    ///
+    /// # Errors
+    /// `failed_precondition` when the weights lack the stability, or a forecast is not one of this program.
+    pub fn read(by_name: &BTreeMap<String, Value>) -> Result<Self, CallError> {
+        let read = |name: &str, names: &[&str]| {
+            let read =
+                |value| Forecast::read(value, names).map_err(|e| CallError::precondition(format!("the weights' forecast {name}: {e}")));
+            by_name.get(name).map(read).transpose()
+        };
+        let none = || {
+            CallError::new(
+                ErrorCode::FailedPrecondition,
+                "the weights have no forecast of stability; `repose train --network stability` fits it",
+            )
+        };
+        Ok(Self { stability: read(STABILITY, &stability::names())?.ok_or_else(none)?, success: read(SUCCESS, &success::names())? })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learned::boosted_trees::DecisionTree;
+
+    fn leaf(value: f32) -> BoostedTrees {
+        BoostedTrees { bias: 0.0, trees: vec![DecisionTree { splits: Vec::new(), leaves: vec![value] }] }
+    }
+
+    #[test]
+    fn forecasts_of_other_measures_or_broken_trees_are_refused_by_name() {
+        let own = |logit| serde_json::to_value(Forecast::new(&["a", "b"], logit, FittedOn::default()).unwrap()).unwrap();
+        let value = own(leaf(0.0));
+        assert_eq!(Forecast::read(&value, &["a", "b"]).unwrap().of(&[1.0, 2.0]), 0.5);
+        assert!(Forecast::read(&value, &["a", "c"]).unwrap_err().to_string().contains("measures"));
+        assert!(Forecast::new(&["a"], leaf(f32::NAN), FittedOn::default()).unwrap_err().to_string().contains("logit"));
+        let of =
+            |entries: &[(&str, &Value)]| Forecasts::read(&entries.iter().map(|(name, v)| ((*name).to_owned(), (*v).clone())).collect());
+        assert!(of(&[]).unwrap_err().message.contains("no forecast of stability"));
+        assert!(of(&[(STABILITY, &value)]).unwrap_err().message.contains("stability: measures"));
+        let stable = serde_json::to_value(Forecast::new(&stability::names(), leaf(1.0), FittedOn::default()).unwrap()).unwrap();
+        assert_eq!(of(&[(STABILITY, &stable)]).unwrap().success, None);
+        assert!(of(&[(STABILITY, &stable), (SUCCESS, &value)]).unwrap_err().message.contains("success: measures"));
+    }
+}

@@ -1,0 +1,47 @@
+//! How likely a placement succeeds: the object stays and does not tip, the goal holds by the true shapes, nothing else is moved or pressed.
+//!
+//! One forecast over everything that is known of a place ([`stability`]'s measures and its word), of the goal there, and of the object
+//! where it was seen: one that leans on something tips when it is set down by itself. The judge measures it. It is fitted on the planner's own answers in
+//! training scenes that no network was fitted on, because an optimiser picks lucky candidates (`repose train --network success`).
+
+use crate::learned::stability::{self, COUNT as OF_PLACE};
+
+/// The measures beside those of [`stability`], in their order.
+const BESIDE: [&str; 17] = [
+    // The probability that it stays.
+    "stays",
+    // The least probability of a goal term, and the least margin by rule, metres.
+    "goal",
+    "goal_margin",
+    // Share of small errors of its pose that break a constraint.
+    "fragile",
+    // How far the shapes of its neighbours are from it, metres; capped.
+    "shape_gap",
+    // The same at the place where it was seen: what it may lean on.
+    "seen_gap",
+    // What may lean on it there: its largest oblique face, and how far it reaches over it, metres.
+    "leaner_share",
+    "leaner_rad",
+    "leaner_over",
+    // Whether it stood on an object there.
+    "seen_on_object",
+    // How far below its lowest points its foot is believed to be, metres.
+    "hidden_foot",
+    // The largest share of its points that one oblique face explains, and how far that is from upright or level, radians.
+    "oblique_share",
+    "oblique_rad",
+    // Share of its points on level faces.
+    "level_share",
+    // How far its mean point is from its believed axis, metres; how wide it is along and across.
+    "off_axis",
+    "length",
+    "width",
+];
+
+/// The number of measures.
+pub const COUNT: usize = OF_PLACE + BESIDE.len();
+
+/// The names of the measures, in the order that the trees read.
+pub fn names() -> Vec<&'static str> {
+    stability::names().into_iter().chain(BESIDE).collect()
+}

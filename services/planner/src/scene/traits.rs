@@ -1,0 +1,170 @@
+//! What the place where the query was seen tells about how it will stand elsewhere: whether it leans, and what it may lean on.
+//!
+//! An object that rests against something else, or lies across an edge, shows faces that are neither upright nor level, all in one
+//! direction. Set down by itself in the same attitude it tips. Round things show oblique patches too, but in all directions.
+
+use nalgebra::{Matrix3, Point3, Vector3};
+use repose_geometry::{Footprint, cloud};
+
+use crate::belief::outlines::separating_gap_m;
+use crate::belief::shape::Shape;
+use crate::scene::prepared::PreparedScene;
+
+/// Points whose normals are looked at, at most.
+const SAMPLE: usize = 240;
+/// A normal is that of the points this near, metres.
+const NEAR_M: f32 = 0.012;
+/// The fewest points that have a normal.
+const FEWEST: usize = 6;
+/// A face is oblique from this far off upright and level, radians.
+const OFF_RAD: f32 = 8.0 * std::f32::consts::PI / 180.0;
+/// Normals this close are of one face, radians.
+const SAME_RAD: f32 = 8.0 * std::f32::consts::PI / 180.0;
+/// What leans on the query is this near to it, metres.
+const LEANER_M: f64 = 0.02;
+/// Faces are read from points this far apart, metres.
+pub const VOXEL_M: f32 = 0.004;
+/// Gaps are looked for within this distance, metres.
+const GAP_M: f64 = 0.1;
+
+/// The largest oblique face, and how much is level.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Oblique {
+    /// Share of the points on it.
+    pub share: f64,
+    /// How far it is from upright or level, whichever is nearer, radians; 0 without such a face.
+    pub off_rad: f64,
+    /// Share of the points on level faces: what stands by itself mostly shows one.
+    pub level_share: f64,
+}
+
+/// What may lean on the query: its neighbour with the largest oblique face.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Leaner {
+    /// That face.
+    pub oblique: Oblique,
+    /// How far its outline reaches over the query's, both of what was seen from above, metres.
+    pub over_m: f64,
+}
+
+/// What was seen of how the query stands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StandingTraits {
+    /// The largest oblique face.
+    pub oblique: Oblique,
+    /// Distance to the nearest other object's shape, metres; capped.
+    pub gap_m: f64,
+    /// What may lean on it.
+    pub leaner: Leaner,
+    /// Whether it stands on an object or in it.
+    pub on_object: bool,
+    /// How far below its lowest points its foot is believed to be, metres.
+    pub hidden_foot_m: f64,
+    /// Its longer and shorter span seen from above, metres.
+    pub spans_m: [f64; 2],
+}
+
+impl StandingTraits {
+    /// Of an object where it was seen; `cloud` are its points, thinned out.
+    pub fn of(prepared: &PreparedScene, id: u16, shape: &Shape, cloud: &[Point3<f32>]) -> Self {
+        let others = || prepared.objects.iter().filter(move |(other, _)| **other != id).filter_map(|(_, o)| Some((o, o.shape.as_ref()?)));
+        let near = || others().filter(|(_, other)| shape.gap_m(other) <= LEANER_M);
+        let leaners = near().map(|(other, _)| Leaner {
+            oblique: oblique(&cloud::voxel_downsampled(&other.points, VOXEL_M)),
+            over_m: overlap_m(cloud, &other.points),
+        });
+        let mut lowest: Vec<f32> = cloud.iter().map(|p| p.z).collect();
+        lowest.sort_by(f32::total_cmp);
+        let lowest_m = lowest.get(lowest.len() / 50).copied().unwrap_or(shape.bottom_m);
+        Self {
+            oblique: oblique(cloud),
+            gap_m: others().map(|(_, other)| shape.gap_m(other)).fold(GAP_M, f64::min),
+            leaner: leaners.max_by(|a, b| a.oblique.share.total_cmp(&b.oblique.share)).unwrap_or_default(),
+            on_object: prepared.objects.keys().any(|other| prepared.carried(*other).contains(&id)),
+            hidden_foot_m: f64::from((lowest_m - shape.bottom_m).max(0.0)),
+            spans_m: spans_m(shape),
+        }
+    }
+}
+
+/// How far the outlines of two clouds reach over each other, seen from above, metres; 0 where they do not.
+fn overlap_m(a: &[Point3<f32>], b: &[Point3<f32>]) -> f64 {
+    let outlines = Footprint::of(a).zip(Footprint::of(b));
+    outlines.map_or(0.0, |(a, b)| f64::from((-separating_gap_m(a.corners(), b.corners())).max(0.0)))
+}
+
+/// The spans of a shape seen from above along and across its longest direction.
+fn spans_m(shape: &Shape) -> [f64; 2] {
+    let corners: Vec<_> = shape.slabs.iter().flat_map(|slab| slab.outline.corners()).collect();
+    let widths = (0..12).map(|k| {
+        let direction = nalgebra::Rotation2::new(k as f32 * std::f32::consts::PI / 12.0) * nalgebra::Vector2::x();
+        let along = corners.iter().map(|c| c.coords.dot(&direction));
+        let (low, high) = along.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+        f64::from(high - low)
+    });
+    widths.fold([0.0, f64::INFINITY], |[longest, shortest], w| [w.max(longest), w.min(shortest)])
+}
+
+/// The largest oblique face of a cloud.
+fn oblique(cloud: &[Point3<f32>]) -> Oblique {
+    let step = cloud.len().div_ceil(SAMPLE).max(1);
+    let normals: Vec<Vector3<f32>> = cloud.iter().step_by(step).filter_map(|p| normal(p, cloud)).collect();
+    let off = |n: &Vector3<f32>| {
+        let from_upright = n.z.abs().clamp(0.0, 1.0).acos();
+        from_upright.min(std::f32::consts::FRAC_PI_2 - from_upright)
+    };
+    let same = SAME_RAD.cos();
+    let on_face_of = |n: &Vector3<f32>| normals.iter().filter(|other| other.dot(n).abs() >= same).count();
+    let faces = normals.iter().filter(|n| off(n) > OFF_RAD).map(|n| (on_face_of(n), off(n)));
+    let (count, off_rad) = faces.max_by(|a, b| a.0.cmp(&b.0).then(b.1.total_cmp(&a.1))).unwrap_or((0, 0.0));
+    let level = normals.iter().filter(|n| n.z.abs() >= OFF_RAD.cos()).count();
+    let share = |count: usize| count as f64 / normals.len().max(1) as f64;
+    Oblique { share: share(count), off_rad: f64::from(off_rad), level_share: share(level) }
+}
+
+/// The normal of the surface at a point; none where too few points are near.
+fn normal(at: &Point3<f32>, cloud: &[Point3<f32>]) -> Option<Vector3<f32>> {
+    let near: Vec<Vector3<f32>> = cloud.iter().map(|p| p - at).filter(|d| d.norm_squared() <= NEAR_M * NEAR_M).collect();
+    if near.len() < FEWEST {
+        return None;
+    }
+    let mean = near.iter().sum::<Vector3<f32>>() / near.len() as f32;
+    let scatter: Matrix3<f32> = near.iter().map(|d| (d - mean) * (d - mean).transpose()).sum();
+    let eigen = scatter.symmetric_eigen();
+    let thinnest = eigen.eigenvalues.imin();
+    Some(eigen.eigenvectors.column(thinnest).into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A square of 8 cm whose normal leans from upright by an angle.
+    fn leaning(angle_rad: f32) -> Vec<Point3<f32>> {
+        let turn = nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), angle_rad);
+        (0..400).map(|k| turn * Point3::new((k % 20) as f32 * 0.004, (k / 20) as f32 * 0.004, 0.0)).collect()
+    }
+
+    #[test]
+    fn a_leaning_face_is_oblique_and_upright_and_level_ones_are_not() {
+        let off = |degrees: f32| oblique(&leaning(degrees.to_radians()));
+        for (degrees, level_share) in [(0.0, 1.0), (90.0, 0.0), (3.0, 1.0)] {
+            assert_eq!(off(degrees), Oblique { level_share, ..Oblique::default() }, "{degrees}");
+        }
+        for (degrees, expected) in [(30.0f64, 30.0f64), (70.0, 20.0)] {
+            let found = off(degrees as f32);
+            assert!(found.share > 0.95 && (found.off_rad.to_degrees() - expected).abs() < 2.0, "{degrees}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn a_balls_patches_are_oblique_but_no_face() {
+        let at = |k: usize| {
+            let (turn, height) = (k as f32 * 2.4, k as f32 / 600.0);
+            let radius = (1.0 - height * height).sqrt();
+            Point3::new(radius * turn.cos(), radius * turn.sin(), height) * 0.04
+        };
+        let found = oblique(&(0..600).map(at).collect::<Vec<_>>());
+        assert!(found.share < 0.2, "{found:?}");
+    }
+}
