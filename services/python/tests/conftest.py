@@ -161,6 +161,12 @@ class System:
         return found
 
 
+def readme_blocks() -> list[str]:
+    """The Python code in the package's README, in its order."""
+    text = (Path(__file__).parents[1] / "README.md").read_text()
+    return [part.split("```")[0] for part in text.split("```python\n")[1:]]
+
+
 def write_png(path: Path, pixels: np.ndarray) -> None:
     """Write 8-bit RGB or 16-bit grey pixels."""
     height, width = pixels.shape[:2]

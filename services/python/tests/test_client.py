@@ -1,6 +1,7 @@
 """The client against a running system: processes of their own, one of them killed in between."""
 
 import asyncio
+import contextlib
 import os
 import signal
 import subprocess
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import System, free_port
+from conftest import System, free_port, readme_blocks
 
 import repose
 
@@ -90,7 +91,8 @@ def test_a_cancelled_call_ends_as_cancelled(client, scene, wish):
 
 def test_a_deadline_that_passes_is_its_error(client, scene, wish):
     long = {**wish, "variant": "full", "budget": {"iterations": 100, "batch": 20, "elites": 5}}
-    with pytest.raises(repose.DeadlineExceeded):
+    # A planner that knows how long it takes refuses at once what cannot be done in time.
+    with pytest.raises((repose.DeadlineExceeded, repose.ResourceExhausted)):
         client.place(scene, **long, deadline_s=0.3)
     with pytest.raises(repose.InvalidArgument) as raised:
         client.place(scene, **wish, deadline_s=601)
@@ -186,6 +188,17 @@ def executed(client, scene):
             except repose.FailedPrecondition:
                 continue
     pytest.fail("no object of the scene can be moved")
+
+
+def test_the_lines_of_the_readme_reach_the_robot(system, scene, wish):
+    lines = readme_blocks()[1].replace("tcp/127.0.0.1:7447", system.endpoint)
+    # Everything but the motion itself, and with an object and a goal of this scene.
+    lines = lines.replace('move=2, goal=[("left_of", 3)]', f"move={wish['move']}, goal={wish['goal']!r}")
+    names = {"repose": repose}
+    # Not every object can be taken by the arm.
+    with contextlib.suppress(repose.FailedPrecondition):
+        exec(lines.replace("client.execute(motion)", "motion.phases"), names)
+    assert names["plan"].query == wish["move"]
 
 
 def test_a_robot_whose_client_dies_comes_to_rest(system, client):

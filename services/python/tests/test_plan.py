@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from conftest import readme_blocks
 
 import repose
 
@@ -172,3 +173,9 @@ def test_pictures_show_the_scene_and_the_plan(scene, planned, view):
     assert both.shape[1] > 2 * seen.shape[1]
     moved = repose.picture(scene, placement=planned[0], move=1)
     assert (moved != repose.picture(scene, by_object=True)).any()
+
+
+def test_the_first_lines_of_the_readme_plan(view):
+    names = {"depth": view.depth, "K": view.camera_matrix, "color": view.color}
+    exec(readme_blocks()[0], names)
+    assert names["plan"][0].placed_from_observed.shape == (4, 4)
