@@ -113,6 +113,16 @@ impl ArrangeSettings {
                 settings.stackable = 0.5;
                 *ways = Ways { surface: 0.45, beside: 0.3, on_top: 0.2, into: 0.03, falling: 0.02 };
             }
+            SceneKind::Pile => {
+                settings.objects = [8, 25];
+                settings.source = self.source.clone().with_family(Family::Flat, 0.3);
+                settings.scale = [self.scale[0] * 0.8, self.scale[1]];
+                settings.spread_m = [0.12, 0.32];
+                settings.at_edge = self.at_edge * 0.2;
+                settings.lying = self.lying.max(0.3);
+                settings.stackable = 0.3;
+                *ways = Ways { surface: 0.24, beside: 0.34, on_top: 0.22, into: 0.03, falling: 0.17 };
+            }
             SceneKind::Drawer | SceneKind::Kitchen => settings.lying = self.lying.max(0.3),
         }
         settings

@@ -37,7 +37,7 @@ impl Furniture {
     /// Random furniture for a kind of scene. Tables are `table`, when that is fixed; other kinds have no use for it.
     pub fn sample(kind: SceneKind, table: &Table, rng: &mut impl Rng) -> Self {
         let built = match kind {
-            SceneKind::OpenTable | SceneKind::Clutter | SceneKind::Stacking => table.furniture(rng),
+            SceneKind::OpenTable | SceneKind::Clutter | SceneKind::Stacking | SceneKind::Pile => table.furniture(rng),
             SceneKind::LargeBox => table::with_large_box(table, rng),
             SceneKind::Shelf => shelf::shelf(rng),
             SceneKind::Drawer => drawer::drawer(rng),
@@ -161,6 +161,7 @@ mod tests {
         assert_eq!(of(SceneKind::Shelf), ["board", "shelf_top"]);
         assert_eq!(of(SceneKind::Drawer), ["cabinet_top", "drawer_bottom", "tabletop"]);
         assert_eq!(of(SceneKind::Desk), ["tabletop"]);
+        assert_eq!(of(SceneKind::Pile), ["tabletop"]);
         assert_eq!(of(SceneKind::Kitchen), ["drawer_bottom", "worktop"]);
     }
 }

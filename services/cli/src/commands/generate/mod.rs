@@ -58,8 +58,8 @@ pub struct GenerateArgs {
     /// Which split's seeds: train, validation or test.
     #[arg(long, default_value = "train", value_parser = parse_split)]
     pub split: Split,
-    /// Scenes of one kind only: open_table, large_box, clutter, stacking, shelf, drawer, kitchen or desk. By default the mixture to train
-    /// on, which has no kitchens and no desks.
+    /// Scenes of one kind only: open_table, large_box, clutter, stacking, shelf, drawer, kitchen, desk or pile. By default the mixture to train
+    /// on, which has no kitchens, desks or piles.
     #[arg(long, value_name = "KIND", value_parser = parse_kind)]
     pub kind: Option<SceneKind>,
     /// A folder of meshes (OBJ, STL, PLY) to draw objects from, beside the procedural families or instead of them.
