@@ -8,14 +8,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_geometry::transform::{NotRigid, from_row_major, to_row_major};
-use repose_geometry::{Image, Isometry3, Pinhole, Point3, ViewerFrame};
+use repose_geometry::{Image, Isometry3, Pinhole, Point3, Vector3, ViewerFrame};
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, CameraModel, ErrorCode, Frame, RigidTransform, Scene, SceneMeta, SceneWarning, Surface, Unseen};
 
 use crate::masks::clean::CleanMasks;
 use crate::masks::{hints, stray};
 use crate::objects::find::{self, CoarseView, Found};
-use crate::objects::spread;
+use crate::objects::{learned, spread};
 use crate::readings::depth::DepthMap;
 use crate::readings::point_map::{PointMap, strided, transformed};
 use crate::readings::{flying, upward};
@@ -162,7 +162,7 @@ impl Parts {
                 (labels, BTreeMap::new())
             }
             None => {
-                let found = coarse.objects(settings);
+                let found = coarse.with_network(coarse.objects(settings), settings);
                 let mut labels = spread::spread(&found.ids, &coarse.in_camera, &depth, stride);
                 spread::fill_gaps(&mut labels, depth.depth_m(), settings.components.max_gap_px);
                 (labels, found.no_objects)
@@ -332,6 +332,19 @@ impl Coarse {
         find::find(&view, &levels, &settings.components, &settings.levels, |parts| parts.together.clone())
     }
 
+    /// What geometry found, put right by the network where that is asked for.
+    fn with_network(&self, found: Found, settings: &Settings) -> Found {
+        let up = self.world_from_camera.rotation.inverse() * Vector3::z();
+        let says = settings.learned.enabled.then(|| learned::logits(&self.depth_m, &self.camera, &up)).flatten();
+        match says {
+            Some(logits) => {
+                let ids = learned::ids(&logits, &self.depth_m, &settings.learned);
+                learned::put_right(&found, &ids, &self.in_world, settings)
+            }
+            None => found,
+        }
+    }
+
     /// The points that face up, with the label of their pixel; pixels without one are left out.
     fn upward(&self, label: impl Fn(usize) -> Option<u16>) -> impl Iterator<Item = (Point3<f32>, u16)> {
         let facing = self.faces_up.pixels().iter().enumerate().filter(|(_, up)| **up);
@@ -369,7 +382,6 @@ mod tests {
     use super::*;
     use crate::synthetic::{Solid, cast};
     use proptest::prelude::*;
-    use repose_geometry::Vector3;
     use repose_geometry::transform::look_at;
 
     /// A frame of a box of 12 x 10 x 8 cm on a table, with the box labelled 9, and the true camera pose.

@@ -32,6 +32,8 @@ pub struct Settings {
     pub levels: LevelSettings,
     /// Finding objects when no labels are given.
     pub components: ComponentSettings,
+    /// Finding them with the network for masks, too.
+    pub learned: LearnedSettings,
     /// Telling where nothing was seen.
     pub unseen: UnseenSettings,
     /// Seed of every random draw, so that the same frame gives the same scene.
@@ -52,6 +54,7 @@ impl Default for Settings {
             surfaces: SurfaceSettings::default(),
             levels: LevelSettings::default(),
             components: ComponentSettings::default(),
+            learned: LearnedSettings::default(),
             unseen: UnseenSettings::default(),
             seed: 0,
         }
@@ -107,6 +110,28 @@ pub struct UnseenSettings {
 impl Default for UnseenSettings {
     fn default() -> Self {
         Self { cell_m: 0.02 }
+    }
+}
+
+/// What the network for masks is asked, and how far it is believed.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LearnedSettings {
+    /// Whether it is asked at all.
+    pub enabled: bool,
+    /// Logit from which a pixel shows an object. Lowering it finds more objects, and takes more furniture for some.
+    pub object_from: f32,
+    /// Logit from which a pair of pixels shows one object. Raising it cuts more.
+    pub same_from: f32,
+    /// Groups with fewer readings on the coarse picture are too small for an object.
+    pub min_pixels: usize,
+    /// What geometry finds is kept as it is where the network's objects cover less than this share of it.
+    pub uncovered: f32,
+}
+
+impl Default for LearnedSettings {
+    fn default() -> Self {
+        Self { enabled: true, object_from: 0.0, same_from: 0.0, min_pixels: 40, uncovered: 0.2 }
     }
 }
 

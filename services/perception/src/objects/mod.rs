@@ -5,6 +5,8 @@ pub mod find;
 pub mod foreground;
 pub mod halves;
 pub mod hollows;
+pub mod learned;
 pub mod parts;
 pub mod spread;
 pub mod tops;
+pub mod watershed;

@@ -26,6 +26,7 @@
 //! - [`points`] and [`crops`] are the one place where clouds become network inputs, in training as in serving.
 //! - [`serving`] scores, and knows nothing of candle; a candidate's bytes depend on weights and [`Kernel`], not on its batch or the number of
 //!   threads.
+//! - [`masks`] tells objects from furniture and from each other in depth pictures; it is trained apart, in Python.
 //! - [`networks`] puts the trainable networks together; [`set_abstraction`] explains the choices where the paper leaves room.
 //! - [`weights`] reads and writes the file; [`Weights::initial`] makes an untrained one from a seed.
 
@@ -36,6 +37,7 @@ pub mod discriminator;
 mod fused;
 pub mod kernel;
 pub mod layers;
+pub mod masks;
 pub mod neighbours;
 pub mod networks;
 pub mod object_encoder;

@@ -17,6 +17,9 @@ use crate::output::Output;
 pub struct EvaluateSegmentationArgs {
     /// A folder with labelled frame folders somewhere below it; the folder right above a frame is its set.
     pub dir: PathBuf,
+    /// Segmentation settings to try, a TOML file with what `[perception.segmentation]` of a configuration may hold.
+    #[arg(long, value_name = "FILE")]
+    pub settings: Option<PathBuf>,
 }
 
 /// Runs the command.
@@ -26,13 +29,14 @@ pub fn run(args: &EvaluateSegmentationArgs, output: Output) -> Outcome {
     if folders.is_empty() {
         return Err(Failure::bad_input(&args.dir.display().to_string(), "no frame folder with depth.png and labels.png here or below"));
     }
+    let settings = args.settings.as_deref().map_or(Ok(Settings::default()), read_settings)?;
     let mut trials = Vec::new();
     let mut tolerances = Vec::new();
     for folder in &folders {
         let (set, name) = (name_of(folder.parent()), name_of(Some(folder)));
         let frame = frames::read(folder)?;
         tolerances.push(tolerance_px(frame.camera.width, frame.camera.height));
-        let trial = judge_frame(&set, &name, &frame, &Settings::default())
+        let trial = judge_frame(&set, &name, &frame, &settings)
             .map_err(|e| Failure::bad_input(&format!("{}: {}", folder.display(), e.field.as_deref().unwrap_or("frame")), &e.message))?;
         tracing::info!(frame = name, overlap_f = trial.masks.overlap.f, boundary_f = trial.masks.boundary.f, "judged");
         trials.push(trial);
@@ -41,6 +45,12 @@ pub fn run(args: &EvaluateSegmentationArgs, output: Output) -> Outcome {
     tolerances.dedup();
     let report = SegmentationReport::new(&trials, &tolerances);
     output.print(&report.document(), || report.text())
+}
+
+fn read_settings(path: &Path) -> Result<Settings, Failure> {
+    let failed = |e: &dyn std::fmt::Display| Failure::bad_input(&path.display().to_string(), e);
+    let text = std::fs::read_to_string(path).map_err(|e| failed(&e))?;
+    toml::from_str(&text).map_err(|e| failed(&e))
 }
 
 /// Folders that hold a labelled frame, in name order; nothing below a frame is searched.

@@ -4,6 +4,7 @@
 //! nothing else. Training's forward and backward passes run on the same kernels.
 
 mod ball;
+mod convolution;
 mod linear;
 pub(crate) mod packed;
 mod pair_mlp;
@@ -45,6 +46,25 @@ impl Kernel {
     /// `count` rows `[count, inputs]` through a layer (and ReLU) into `out` `[count, padded outputs]`.
     pub(crate) fn linear(self, layer: &PackedLinear, rows: &[f32], count: usize, relu: bool, out: &mut [f32]) {
         self.0.run(linear::Linear { layer, rows, count, relu, out });
+    }
+
+    /// A row of `count` pixels `[count, padded outputs]` of a 3 × 3 convolution (and ReLU).
+    ///
+    /// `rows` are the three input rows around it, `[3, row / channels, channels]` with a rim of one pixel; `layer` reads
+    /// `[3 rows, 3 columns, channels]`.
+    #[allow(clippy::too_many_arguments, reason = "a convolution's shape, named one by one")]
+    pub(crate) fn convolution(
+        self,
+        layer: &PackedLinear,
+        rows: &[f32],
+        row: usize,
+        channels: usize,
+        stride: usize,
+        count: usize,
+        relu: bool,
+        out: &mut [f32],
+    ) {
+        self.0.run(convolution::Convolution { layer, rows, row, channels, stride, count, relu, out });
     }
 
     /// Gather, MLP and max ([`PairMlp`]) into `out` `[centroids, padded outputs]`.

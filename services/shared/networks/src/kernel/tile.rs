@@ -27,9 +27,25 @@ pub(super) unsafe fn product<S: Lanes, const R: usize, const C: usize>(
     panel: *const f32,
     width: usize,
 ) -> [[S::V; C]; R] {
+    // SAFETY: the same contract.
+    unsafe { extended::<S, R, C>([[S::splat(0.0); C]; R], rows, stride, inputs, panel, width) }
+}
+
+/// [`product`], starting from `acc`.
+///
+/// # Safety
+/// As [`product`].
+#[inline(always)]
+pub(super) unsafe fn extended<S: Lanes, const R: usize, const C: usize>(
+    mut acc: [[S::V; C]; R],
+    rows: *const f32,
+    stride: usize,
+    inputs: usize,
+    panel: *const f32,
+    width: usize,
+) -> [[S::V; C]; R] {
     // SAFETY: by the function's contract all addresses lie in the two arrays.
     unsafe {
-        let mut acc = [[S::splat(0.0); C]; R];
         for k in 0..inputs {
             let mut w = [S::splat(0.0); C];
             for (c, w) in w.iter_mut().enumerate() {

@@ -1,0 +1,169 @@
+//! The network: a U-net with added skips, from features of depth to "object" and "same object".
+//!
+//! | pictures of | layers |
+//! |---|---|
+//! | ½ | four pixels' features side by side → 3 × 3 → 48, + 3 × 3 |
+//! | ¼, ⅛ | every second pixel 3 × 3 → 64 and 128, each + 3 × 3 |
+//! | 1/16 | every second 3 × 3 → 192, + 3 × 3, + a layer on the picture's mean, + 3 × 3 |
+//! | ⅛, ¼, ½ | the coarser one narrowed and doubled, added to what was there, ReLU, + 3 × 3 |
+//! | 1 | a layer whose outputs are those of four pixels |
+//!
+//! `+` adds a layer's output to its input. Norms are folded into the convolutions (`scripts/train_masks.py` trains and exports).
+
+use std::collections::HashMap;
+
+use candle_core::{DType, Device, Tensor};
+use safetensors::SafeTensors;
+
+use super::feature_map::FeatureMap;
+use super::inputs::{CHANNELS, Inputs};
+use crate::kernel::{Kernel, PackedLinear};
+use crate::weights::WeightsError;
+
+/// The metadata's entry that names the format.
+const FORMAT: (&str, &str) = ("format", "repose-masks-1");
+/// Channels at ½, ¼, ⅛ and 1/16 of the picture.
+const WIDTHS: [usize; 4] = [48, 64, 128, 192];
+/// Outputs of a pixel: object, and one for each of [`OFFSETS`].
+const OUTPUTS: usize = 1 + OFFSETS.len();
+/// Sides of the picture must be multiples of this; the rest is filled up with pixels without readings.
+const MULTIPLE: usize = 16;
+
+/// Columns to the right and rows down from a pixel to the one that it is compared with; the first two are its neighbours.
+pub const OFFSETS: [[isize; 2]; 10] = [[1, 0], [0, 1], [4, 0], [0, 4], [4, 4], [-4, 4], [12, 0], [0, 12], [12, 12], [-12, 12]];
+
+/// What the network says of a picture, as logits: above 0 is more likely than not.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MaskLogits {
+    /// Columns of the picture.
+    pub width: usize,
+    /// Rows of the picture.
+    pub height: usize,
+    /// Of each pixel, row by row: whether it shows a movable object, then for each of [`OFFSETS`] whether the pixel there shows the same one.
+    pub pixels: Vec<[f32; OUTPUTS]>,
+}
+
+/// The network with its weights.
+#[derive(Debug, Clone)]
+pub struct MaskNetwork {
+    kernel: Kernel,
+    stem: PackedLinear,
+    same: [PackedLinear; 4],
+    down: [PackedLinear; 3],
+    same_again: PackedLinear,
+    whole: PackedLinear,
+    /// From the next coarser picture's channels to those of ½, ¼, ⅛.
+    narrow: [PackedLinear; 3],
+    join: [PackedLinear; 3],
+    head: PackedLinear,
+}
+
+impl MaskNetwork {
+    /// The weights that come with the program.
+    ///
+    /// # Errors
+    /// Never: a test reads them.
+    pub fn embedded() -> Result<Self, WeightsError> {
+        Self::load(include_bytes!("../../weights/masks.safetensors"), Kernel::detect())
+    }
+
+    /// From a weights file's bytes (half precision), on a kernel of [`Kernel::available`].
+    ///
+    /// # Errors
+    /// [`WeightsError::Malformed`] when the file is of another format, a tensor is missing or of another shape, or a value is not finite.
+    pub fn load(bytes: &[u8], kernel: Kernel) -> Result<Self, WeightsError> {
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| malformed("header", e.to_string()))?;
+        let format = header.metadata().as_ref().and_then(|entries| entries.get(FORMAT.0));
+        if format.is_none_or(|format| format != FORMAT.1) {
+            return Err(malformed(FORMAT.0, format!("expected {:?}, got {format:?}", FORMAT.1)));
+        }
+        let tensors = candle_core::safetensors::load_buffer(bytes, &Device::Cpu)?;
+        let layer = |name: &str, shape: &[usize]| packed(&tensors, &format!("masks/{name}"), shape);
+        let [a, b, c, d] = WIDTHS;
+        let square = |name: &str, inputs: usize, outputs: usize| layer(name, &[outputs, 3, 3, inputs]);
+        Ok(Self {
+            kernel,
+            stem: square("stem", 4 * CHANNELS, a)?,
+            same: [square("same0", a, a)?, square("same1", b, b)?, square("same2", c, c)?, square("same3", d, d)?],
+            down: [square("down1", a, b)?, square("down2", b, c)?, square("down3", c, d)?],
+            same_again: square("same3b", d, d)?,
+            whole: layer("whole", &[d, d])?,
+            narrow: [layer("narrow0", &[a, 1, 1, b])?, layer("narrow1", &[b, 1, 1, c])?, layer("narrow2", &[c, 1, 1, d])?],
+            join: [square("join0", a, a)?, square("join1", b, b)?, square("join2", c, c)?],
+            head: layer("head", &[4 * OUTPUTS, 1, 1, a])?,
+        })
+    }
+
+    /// What the network says of a picture. The same inputs give the same bits on any number of threads.
+    pub fn logits(&self, inputs: &Inputs) -> MaskLogits {
+        let kernel = self.kernel;
+        let plus_own = |x: FeatureMap, layer: &PackedLinear| {
+            let more = x.convolved(kernel, layer, 1);
+            x.plus(&more)
+        };
+        let mut x = plus_own(folded(inputs).convolved(kernel, &self.stem, 1), &self.same[0]);
+        let mut finer = Vec::with_capacity(self.down.len());
+        for (down, same) in self.down.iter().zip(&self.same[1..]) {
+            let half = plus_own(x.convolved(kernel, down, 2), same);
+            finer.push(std::mem::replace(&mut x, half));
+        }
+        let mut whole = vec![0.0; self.whole.padded()];
+        kernel.linear(&self.whole, &x.mean(), 1, true, &mut whole);
+        x = plus_own(x.plus_everywhere(&whole), &self.same_again);
+        for ((finer, narrow), join) in finer.into_iter().zip(&self.narrow).zip(&self.join).rev() {
+            x = plus_own(finer.plus_twice_as_large(&x.projected(kernel, narrow)), join);
+        }
+        unfolded(&x.projected(kernel, &self.head), inputs)
+    }
+}
+
+/// The inputs with four pixels' features in each, those of one channel side by side, filled up to whole multiples.
+fn folded(inputs: &Inputs) -> FeatureMap {
+    let (rows, columns) = (inputs.height.next_multiple_of(MULTIPLE) / 2, inputs.width.next_multiple_of(MULTIPLE) / 2);
+    let mut map = FeatureMap::zeros(rows, columns, 4 * CHANNELS);
+    for (v, row) in inputs.pixels.chunks_exact(inputs.width.max(1)).enumerate() {
+        let out = map.inside_mut(v / 2);
+        for (u, pixel) in row.iter().enumerate() {
+            let corner = 2 * (v % 2) + u % 2;
+            let out = &mut out[u / 2 * 4 * CHANNELS..][..4 * CHANNELS];
+            out.iter_mut().skip(corner).step_by(4).zip(pixel).for_each(|(out, x)| *out = *x);
+        }
+    }
+    map
+}
+
+/// Each pixel's own outputs, from those of four pixels.
+fn unfolded(map: &FeatureMap, inputs: &Inputs) -> MaskLogits {
+    let mut pixels = vec![[0.0; OUTPUTS]; inputs.width * inputs.height];
+    for (v, row) in pixels.chunks_exact_mut(inputs.width.max(1)).enumerate() {
+        let from = map.inside(v / 2);
+        for (u, pixel) in row.iter_mut().enumerate() {
+            let corner = 2 * (v % 2) + u % 2;
+            let from = from[u / 2 * map.channels..].iter().skip(corner).step_by(4);
+            pixel.iter_mut().zip(from).for_each(|(x, from)| *x = *from);
+        }
+    }
+    MaskLogits { width: inputs.width, height: inputs.height, pixels }
+}
+
+/// A layer's weight of this shape, outputs first, and its bias.
+fn packed(tensors: &HashMap<String, Tensor>, path: &str, shape: &[usize]) -> Result<PackedLinear, WeightsError> {
+    let (outputs, inputs) = (shape[0], shape[1..].iter().product());
+    let read = |part: &str, shape: &[usize]| {
+        let name = format!("{path}/{part}");
+        let tensor = tensors.get(&name).ok_or_else(|| malformed(&name, "this tensor is missing".to_owned()))?;
+        if tensor.dims() != shape {
+            return Err(malformed(&name, format!("expected shape {shape:?}, got {:?}", tensor.dims())));
+        }
+        let values = tensor.to_dtype(DType::F32)?.flatten_all()?.to_vec1::<f32>()?;
+        match values.iter().position(|v| !v.is_finite()) {
+            Some(i) => Err(malformed(&name, format!("entry {i} is not finite"))),
+            None => Ok(values),
+        }
+    };
+    Ok(PackedLinear::new(inputs, outputs, &read("weight", shape)?, &read("bias", &[outputs])?))
+}
+
+fn malformed(field: &str, reason: String) -> WeightsError {
+    WeightsError::Malformed { field: field.to_owned(), reason }
+}
