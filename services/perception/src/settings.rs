@@ -131,7 +131,7 @@ pub struct LearnedSettings {
 
 impl Default for LearnedSettings {
     fn default() -> Self {
-        Self { enabled: true, object_from: 0.0, same_from: 0.0, min_pixels: 40, uncovered: 0.2 }
+        Self { enabled: false, object_from: 0.0, same_from: -1.0, min_pixels: 25, uncovered: 0.2 }
     }
 }
 

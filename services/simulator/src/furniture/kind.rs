@@ -30,17 +30,8 @@ pub enum SceneKind {
 
 impl SceneKind {
     /// All kinds.
-    pub const ALL: [Self; 9] = [
-        Self::OpenTable,
-        Self::LargeBox,
-        Self::Clutter,
-        Self::Stacking,
-        Self::Shelf,
-        Self::Drawer,
-        Self::Kitchen,
-        Self::Desk,
-        Self::Pile,
-    ];
+    pub const ALL: [Self; 9] =
+        [Self::OpenTable, Self::LargeBox, Self::Clutter, Self::Stacking, Self::Shelf, Self::Drawer, Self::Kitchen, Self::Desk, Self::Pile];
 
     /// The name in snake case.
     pub fn name(self) -> &'static str {
