@@ -3,7 +3,7 @@
 //! The network says of each pixel whether it shows an object, and of pairs of pixels whether they show the same one
 //! ([`repose_networks::masks`]); a mutex watershed groups them ([`super::watershed`]). Geometry has the word where the network sees nothing.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::OnceLock;
 
 use repose_geometry::{Aabb, Image, Pinhole, Point3, Vector3};
@@ -56,6 +56,7 @@ pub fn ids(logits: &MaskLogits, depth_m: &Image<f32>, settings: &LearnedSettings
 /// `seen` are the network's ids. What geometry found is kept, under its own reason if it is no object, where they cover little of it; the readings
 /// that they do not cover of the rest are furniture or doubtful, and stay in the way as nobody's.
 pub fn put_right(geometry: &Found, seen: &Image<u16>, in_world: &PointMap, settings: &Settings) -> Found {
+    let seen = &islands_joined(geometry, seen);
     let of_network = seen.pixels().iter().copied().max().unwrap_or(0);
     let own = covered_shares(geometry, seen);
     let keeps = |id: u16| own.get(usize::from(id)).is_some_and(|share| *share < settings.learned.uncovered);
@@ -85,6 +86,38 @@ pub fn put_right(geometry: &Found, seen: &Image<u16>, in_world: &PointMap, setti
         no_objects.extend(reason.map(|reason| (number, reason)));
     }
     Found { ids: ids.map(|id| numbers.get(id).copied().unwrap_or(0)), no_objects }
+}
+
+/// Least share of an id's pixels that makes it a part of one of geometry's objects.
+const PART_FROM: f32 = 0.6;
+
+/// The network's ids, those joined that geometry takes for one object and that touch nowhere: ends of something behind another thing, of which the
+/// network sees only that they are apart. Where two of them touch it saw a border, and all stay as they are.
+fn islands_joined(geometry: &Found, seen: &Image<u16>) -> Image<u16> {
+    let mut shared: BTreeMap<u16, BTreeMap<u16, usize>> = BTreeMap::new();
+    let mut touching = BTreeSet::new();
+    let width = seen.width();
+    for (i, id) in seen.pixels().iter().enumerate().filter(|(_, id)| **id != 0) {
+        *shared.entry(*id).or_default().entry(geometry.ids.pixels()[i]).or_insert(0) += 1;
+        let beside = [((i + 1) % width != 0).then(|| i + 1), Some(i + width)];
+        let others = beside.into_iter().flatten().filter_map(|j| seen.pixels().get(j)).filter(|other| **other != 0 && *other != id);
+        touching.extend(others.map(|other| (*id.min(other), *id.max(other))));
+    }
+    let mut parts: BTreeMap<u16, Vec<u16>> = BTreeMap::new();
+    for (id, shares) in &shared {
+        let pixels: usize = shares.values().sum();
+        let whole = shares.iter().find(|(of, n)| **of != 0 && **n as f32 >= PART_FROM * pixels as f32);
+        if let Some((of, _)) = whole.filter(|(of, _)| !geometry.no_objects.contains_key(of)) {
+            parts.entry(*of).or_default().push(*id);
+        }
+    }
+    let apart =
+        |parts: &[u16]| parts.iter().enumerate().all(|(k, one)| parts[k + 1..].iter().all(|other| !touching.contains(&(*one, *other))));
+    let mut joined: BTreeMap<u16, u16> = BTreeMap::new();
+    for parts in parts.values().filter(|parts| apart(parts)) {
+        joined.extend(parts.iter().map(|part| (*part, parts[0])));
+    }
+    seen.map(|id| joined.get(id).copied().unwrap_or(*id))
 }
 
 /// Of each of geometry's ids, the share of its pixels that `seen` has an id for.
@@ -150,6 +183,17 @@ mod tests {
         let seen = picture(&["1112220000", "1112220000"]);
         let found = put_right(&geometry, &seen, &points(&seen), &settings());
         assert_eq!(found, Found { ids: picture(&["1112220333", "1112220333"]), no_objects: BTreeMap::new() });
+    }
+
+    #[test]
+    fn ends_that_geometry_joins_behind_another_thing_are_one_and_what_touches_is_not() {
+        let geometry = Found { ids: picture(&["1112222111", "1112222111"]), no_objects: BTreeMap::new() };
+        let seen = picture(&["1112222333", "1112222333"]);
+        let found = put_right(&geometry, &seen, &points(&seen), &settings());
+        assert_eq!(found.ids, picture(&["1112222111", "1112222111"]));
+        let chain = Found { ids: picture(&["1111111111"]), no_objects: BTreeMap::new() };
+        let seen = picture(&["1112222333"]);
+        assert_eq!(islands_joined(&chain, &seen), seen);
     }
 
     #[test]
