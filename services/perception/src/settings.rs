@@ -125,13 +125,14 @@ pub struct LearnedSettings {
     pub same_from: f32,
     /// Groups with fewer readings on the coarse picture are too small for an object.
     pub min_pixels: usize,
-    /// What geometry finds is kept as it is where the network's objects cover less than this share of it.
+    /// What geometry finds stays as geometry says where the network's objects cover less than this share of it; at 0 only the network says what is an
+    /// object. Raising it finds again what the network missed, and furniture that geometry takes for objects.
     pub uncovered: f32,
 }
 
 impl Default for LearnedSettings {
     fn default() -> Self {
-        Self { enabled: false, object_from: 0.0, same_from: -1.0, min_pixels: 25, uncovered: 0.2 }
+        Self { enabled: false, object_from: 0.0, same_from: -1.0, min_pixels: 25, uncovered: 0.0 }
     }
 }
 

@@ -167,6 +167,7 @@ mod tests {
     fn settings() -> Settings {
         let mut settings = Settings::default();
         settings.learned.min_pixels = 3;
+        settings.learned.uncovered = 0.2;
         settings
     }
 

@@ -65,7 +65,7 @@ mod tests {
             let (x, y) = (i as f32 * 0.002, j as f32 * 0.002);
             top_m(x, y).map(|z| Point3::new(x, y, z + noise(i, j)))
         };
-        (-20..=20).flat_map(|i| (-20..=20).filter_map(move |j| Some((i, j)))).filter_map(|(i, j)| at(i, j)).collect()
+        (-20..=20).flat_map(|i| (-20..=20).map(move |j| (i, j))).filter_map(|(i, j)| at(i, j)).collect()
     }
 
     #[test]
