@@ -132,7 +132,7 @@ pub struct LearnedSettings {
 
 impl Default for LearnedSettings {
     fn default() -> Self {
-        Self { enabled: false, object_from: 0.0, same_from: -1.0, min_pixels: 25, uncovered: 0.0 }
+        Self { enabled: true, object_from: 0.0, same_from: -1.0, min_pixels: 25, uncovered: 0.0 }
     }
 }
 
