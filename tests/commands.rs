@@ -194,8 +194,6 @@ fn the_networks_are_those_of_the_command_line_or_of_the_environment() {
     assert!(code == Some(2) && message.contains("/no/weights"), "{message}");
     let (code, message) = says(&weights, &[&plan[..], &["--weights", "/none/either"]].concat());
     assert!(code == Some(2) && message.contains("/none/either"), "{message}");
-    let (code, message) = says(&[], &[&plan[..], &["--stability", "/no/stability"]].concat());
-    assert!(code == Some(2) && message.contains("/no/stability"), "{message}");
 }
 
 #[test]

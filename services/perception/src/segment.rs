@@ -14,7 +14,8 @@ use repose_proto::{CallError, CameraModel, ErrorCode, Frame, RigidTransform, Sce
 
 use crate::masks::clean::CleanMasks;
 use crate::masks::{hints, stray};
-use crate::objects::find::{self, CoarseView, Found};
+use crate::objects::coarse::CoarseView;
+use crate::objects::find::{self, Found};
 use crate::objects::{learned, spread};
 use crate::readings::depth::DepthMap;
 use crate::readings::point_map::{PointMap, strided, transformed};

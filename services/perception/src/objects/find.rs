@@ -8,25 +8,12 @@ use std::collections::BTreeMap;
 use repose_geometry::{Aabb, Image, Point3};
 use repose_proto::LeftOutReason;
 
+use super::coarse::CoarseView;
 use super::foreground::{self, Foreground};
 use super::parts::{self, Parts};
 use crate::readings::point_map::PointMap;
 use crate::settings::{ComponentSettings, LevelSettings};
 use crate::supports::levels::Levels;
-
-/// A picture coarse enough to be searched, with its points in both frames.
-pub struct CoarseView<'a> {
-    /// Points in the camera frame.
-    pub in_camera: &'a PointMap,
-    /// The same points in the world.
-    pub in_world: &'a PointMap,
-    /// Which of them face up.
-    pub faces_up: &'a Image<bool>,
-    /// Focal length of this picture, pixels.
-    pub focal_px: f32,
-    /// The camera's height in the world, metres.
-    pub camera_m: f32,
-}
 
 /// What was found in the coarse picture.
 #[derive(Debug, Clone, PartialEq)]

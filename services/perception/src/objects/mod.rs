@@ -1,5 +1,6 @@
 //! Objects in a frame without labels: connected readings above the supports, cut and joined.
 
+pub mod coarse;
 pub mod components;
 pub mod find;
 pub mod foreground;

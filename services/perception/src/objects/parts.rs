@@ -4,7 +4,7 @@
 
 use repose_geometry::Image;
 
-use super::find::CoarseView;
+use super::coarse::CoarseView;
 use super::foreground::Foreground;
 use super::tops::{self, Basin, TopView};
 use super::{components, halves, hollows};
