@@ -25,6 +25,7 @@ pub const METRICS: [(&str, &str); 18] = [
     ("repose_draining", "1 while a worker takes no new calls"),
     ("repose_worker_info", "1; its labels say weights, kernel and version"),
     ("repose_messages_dropped_total", "Messages that were dropped because nobody took them in time"),
+    ("repose_journal_dropped_total", "Copies of calls that a recorder did not get, because they were not taken in time"),
     ("repose_links", "Links to other processes: a router's sessions"),
     ("repose_router_refused_total", "Logins and messages that the router refused"),
     ("repose_perception_frames_total", "Frames by what they became"),
