@@ -13,7 +13,7 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 use crate::{RuntimeError, Session};
 
 /// Every metric that a process tells: its name, and what it counts. Boards and alerts name these and no others.
-pub const METRICS: [(&str, &str); 18] = [
+pub const METRICS: [(&str, &str); 19] = [
     ("repose_requests_total", "Calls that ended, by service, method and code (`result` or an error's)"),
     ("repose_request_seconds", "From a call's arrival to its end, seconds"),
     ("repose_queue_seconds", "From a job's submission to the moment that a thread took it, seconds"),
