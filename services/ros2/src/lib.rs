@@ -1,0 +1,1 @@
+//! A cell and a ROS 2 system on `rmw_zenoh`, each as the other knows it.
