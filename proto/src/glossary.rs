@@ -38,4 +38,5 @@
 //! |---|---|
 //! | belief | a completed shape of what was seen in part; *believed* geometry is more than was seen |
 //! | heeded | believed geometry that a step must keep clear of |
+//! | keep-out zone | a box of the cell that no part of the arm, nor what it holds, may enter, whether or not anything was seen there |
 //! | doubt | where a believed shape is a guess: places that more of the object may reach, or less of it |

@@ -26,6 +26,10 @@ pub const MAX_CLEARANCE_M: f64 = 1.0;
 pub const MAX_SEPARATION_M: f64 = 10.0;
 /// The most grasps offered to motion in one request.
 pub const MAX_GRASPS: usize = 256;
+/// The most keep-out zones of a cell.
+pub const MAX_KEEP_OUT_ZONES: usize = 64;
+/// The longest name of a keep-out zone, characters.
+pub const MAX_ZONE_NAME: usize = 64;
 /// The highest epoch of a robot's owner: JSON readers that keep numbers as doubles tell it from its neighbours.
 pub const MAX_EPOCH: u64 = (1 << 53) - 1;
 /// The longest id of a robot's task, characters.

@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::Message;
+use crate::motion::KeepOutZone;
 
 /// A worker's load.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -42,6 +43,9 @@ pub struct WorkerLoad {
     /// request itself is not among them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failed: Option<u64>,
+    /// The keep-out zones that a motion worker heeds; nobody else has any.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub keep_out: Vec<KeepOutZone>,
 }
 
 impl Message for WorkerLoad {

@@ -32,6 +32,42 @@ impl Grasp {
     }
 }
 
+/// A box in the world that no part of a moving arm, nor what it holds, may enter.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct KeepOutZone {
+    /// What people call it.
+    pub name: String,
+    /// Lowest corner, world frame, metres.
+    pub min_m: [f64; 3],
+    /// Highest corner, world frame, metres.
+    pub max_m: [f64; 3],
+}
+
+impl KeepOutZone {
+    /// Checks the name and the corners.
+    ///
+    /// # Errors
+    /// `invalid_argument` that names the field below `field`.
+    pub fn validate(&self, field: &str) -> Result<(), CallError> {
+        let length = self.name.chars().count();
+        if length == 0 || length > limits::MAX_ZONE_NAME {
+            let message = format!("expected 1 to {} characters, got {length}", limits::MAX_ZONE_NAME);
+            return Err(CallError::invalid(format!("{field}.name"), message));
+        }
+        let furthest_m = f64::from(limits::MAX_COORDINATE_M);
+        for (corner, values) in [("min_m", &self.min_m), ("max_m", &self.max_m)] {
+            values.iter().try_for_each(|v| check_range(&format!("{field}.{corner}"), *v, -furthest_m..=furthest_m))?;
+        }
+        match (0..3).find(|k| self.min_m[*k] >= self.max_m[*k]) {
+            Some(k) => {
+                let message = format!("expected more than min_m in every coordinate, got {} over {}", self.max_m[k], self.min_m[k]);
+                Err(CallError::invalid(format!("{field}.max_m[{k}]"), message))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
 /// Plans a pick and a placement.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]

@@ -398,5 +398,6 @@ pub fn worker_load() -> WorkerLoad {
         version: None,
         ended: None,
         failed: None,
+        keep_out: Vec::new(),
     }
 }

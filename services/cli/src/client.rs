@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use clap::Args;
+use repose_proto::motion::KeepOutZone;
 use repose_proto::perception::LatestRequest;
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, Payload, Scene, SceneSummary, Service, keys};
@@ -209,4 +210,14 @@ mod tests {
         assert!(router.listen.is_empty());
         assert_eq!(router.connect, ["tcp/10.0.0.1:1"], "a router's own file may name another router");
     }
+}
+
+/// The keep-out zones that the cell's motion workers heed; none where no such worker is alive.
+pub async fn keep_out_zones(session: &Session) -> Result<Vec<KeepOutZone>, Failure> {
+    let motion = session.caller(Service::Motion).await?;
+    // A cell without motion has no zones either.
+    if motion.wait_for_workers(1, PATIENCE).await.is_err() {
+        return Ok(Vec::new());
+    }
+    Ok(motion.workers().into_iter().filter_map(|worker| worker.load).find(|load| !load.keep_out.is_empty()).map_or_else(Vec::new, |load| load.keep_out))
 }

@@ -1,13 +1,13 @@
 //! The picture of a segmentation: color, depth, the objects with ids and boxes, and the surfaces from above with what was not seen.
 
 use image::{Rgb, RgbImage};
-use nalgebra::{Isometry3, Point3};
-use repose_geometry::{Image, Pinhole, transform};
+use repose_geometry::Image;
 use repose_perception::Segmented;
 use repose_proto::{Frame, Scene, UnseenSpace};
 use repose_simulator::sheet::colors::object_color;
 
-use repose_local::picture::{Coloring, captioned, color_picture, draw_number, pinhole, scene_picture, side_by_side};
+use repose_local::picture::{Coloring, captioned, color_picture, draw_number, scene_picture, side_by_side};
+use repose_local::wireframe::{draw_box, draw_line, put};
 
 /// Gap between the rows of panels, pixels.
 const GAP: u32 = 6;
@@ -86,19 +86,11 @@ fn objects_panel(under: &RgbImage, segmented: &Segmented) -> RgbImage {
         let color = object_color(id);
         pixel.0 = std::array::from_fn(|k| ((u16::from(pixel.0[k]) * (4 - share) + u16::from(color[k]) * share) / 4) as u8);
     }
-    let camera = pinhole(&scene.meta.camera);
-    let Some(camera_from_world) = camera_from_world(scene) else { return panel };
     for object in &scene.meta.objects {
         let (low, high) = scene.points_of(object.id).fold(([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]), |(low, high), p| {
             (std::array::from_fn(|k| low[k].min(f64::from(p[k]))), std::array::from_fn(|k| high[k].max(f64::from(p[k]))))
         });
-        let corner = |bits: usize| Point3::from(std::array::from_fn(|k| if bits >> k & 1 == 0 { low[k] } else { high[k] }));
-        for from in 0..8usize {
-            for axis in (0..3).filter(|axis| from >> axis & 1 == 0) {
-                let ends = [corner(from), corner(from | 1 << axis)];
-                draw_edge(&mut panel, &camera, &camera_from_world, ends, Rgb(object_color(object.id)));
-            }
-        }
+        draw_box(&mut panel, scene, low, high, Rgb(object_color(object.id)));
     }
     for object in &scene.meta.objects {
         if let Some(at) = middle_of(labels, object.id) {
@@ -165,36 +157,10 @@ fn draw_unseen(panel: &mut RgbImage, space: &UnseenSpace, to_pixel: &impl Fn(f64
     }
 }
 
-fn camera_from_world(scene: &Scene) -> Option<Isometry3<f64>> {
-    Some(transform::from_row_major(&scene.meta.camera.world_from_camera?.0).ok()?.inverse())
-}
-
 /// The mean place of an object's mask.
 fn middle_of(labels: &Image<u16>, id: u16) -> Option<(i64, i64)> {
     let width = labels.width();
     let places = labels.pixels().iter().enumerate().filter(|(_, other)| **other == id);
     let (u, v, n) = places.fold((0, 0, 0), |(u, v, n), (i, _)| (u + i % width, v + i / width, n + 1));
     (n > 0).then(|| ((u / n) as i64, (v / n) as i64))
-}
-
-/// A straight edge in space; left out where an end is not in front of the camera.
-fn draw_edge(panel: &mut RgbImage, camera: &Pinhole, camera_from_world: &Isometry3<f64>, ends: [Point3<f64>; 2], color: Rgb<u8>) {
-    let [Some(from), Some(to)] = ends.map(|end| camera.project(&(camera_from_world * end))) else { return };
-    draw_line(panel, (from.x.round() as i64, from.y.round() as i64), (to.x.round() as i64, to.y.round() as i64), color);
-}
-
-/// A line one pixel wide; ends outside the picture are fine.
-fn draw_line(panel: &mut RgbImage, from: (i64, i64), to: (i64, i64), color: Rgb<u8>) {
-    // Far outside nothing would be seen for a long time.
-    const FAR: i64 = 20_000;
-    let steps = (to.0 - from.0).abs().max((to.1 - from.1).abs()).clamp(1, FAR);
-    for step in 0..=steps {
-        put(panel, from.0 + (to.0 - from.0) * step / steps, from.1 + (to.1 - from.1) * step / steps, color);
-    }
-}
-
-fn put(panel: &mut RgbImage, x: i64, y: i64, color: Rgb<u8>) {
-    if x >= 0 && y >= 0 && x < i64::from(panel.width()) && y < i64::from(panel.height()) {
-        panel.put_pixel(x as u32, y as u32, color);
-    }
 }

@@ -10,6 +10,7 @@ pub mod picture;
 pub mod plan;
 pub mod relations;
 pub mod score;
+pub mod wireframe;
 
 use repose_perception::{Settings, segment};
 use repose_proto::{CallError, Frame, Scene};

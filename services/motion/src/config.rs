@@ -1,13 +1,17 @@
 //! Motion's configuration: every field with its unit, its default, and what raising it does. Unknown fields are refused.
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 use repose_geometry::transform::{from_row_major, to_row_major};
 use repose_panda::interpolation::{ACCELERATION_EXCESS, ACCELERATION_JUMP, VELOCITY_EXCESS};
 use repose_panda::{JOINT_COUNT, JointLimits, START_TOLERANCE_RAD};
+use repose_proto::limits::MAX_KEEP_OUT_ZONES;
+use repose_proto::motion::KeepOutZone;
+use repose_proto::CallError;
 use repose_runtime::RuntimeError;
 use serde::{Deserialize, Serialize};
 
 use crate::execution::ExecutionSettings;
+use crate::obstacles::Shape;
 use crate::path::timing::TimingSettings;
 use crate::pick_place::PickPlaceSettings;
 use crate::recovery::RecoverySettings;
@@ -31,6 +35,9 @@ pub struct MotionConfig {
     pub contact_scale: f64,
     /// Share of all three while the object is carried, above 0 to 1. Default 0.5; higher is faster and loses more objects.
     pub holding_scale: f64,
+    /// Boxes in the world that no part of the arm, nor what it holds, may enter: where people reach in, cables, a wall behind the camera.
+    /// Default: none. Plans go around them, an arm is brought back around them, and a plan from elsewhere that enters one is not executed.
+    pub keep_out: Vec<KeepOutZone>,
     /// What is added to the robot's spheres against the scene, metres. Default 0.005; more keeps further off and finds fewer ways.
     pub padding_m: f64,
     /// Grip force, newtons. Default 30.
@@ -72,6 +79,18 @@ pub struct MotionConfig {
     pub commander: Option<String>,
 }
 
+/// Keep-out zones as the solids that they are to a moving arm.
+fn keep_out(zones: &[KeepOutZone]) -> Result<Vec<Shape>, ConfigError> {
+    within("keep_out", zones.len() as f64, 0.0, MAX_KEEP_OUT_ZONES as f64)?;
+    let solid = |(i, zone): (usize, &KeepOutZone)| {
+        let refused = |e: CallError| ConfigError { field: "keep_out", message: format!("{}: {}", e.field.unwrap_or_default(), e.message) };
+        zone.validate(&format!("keep_out[{i}]")).map_err(refused)?;
+        let (min, max) = (Vector3::from(zone.min_m), Vector3::from(zone.max_m));
+        Ok(Shape::cuboid(Isometry3::from((min + max) / 2.0), max - min))
+    };
+    zones.iter().enumerate().map(solid).collect()
+}
+
 /// What happens to an execution whose client is gone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -93,6 +112,7 @@ impl Default for MotionConfig {
             jerk_scale: planning.timing.jerk_scale,
             contact_scale: planning.contact_scale,
             holding_scale: planning.holding_scale,
+            keep_out: Vec::new(),
             padding_m: planning.padding_m,
             grip_force_n: planning.grip_force_n,
             release_m: planning.reach.release_m,
@@ -152,6 +172,7 @@ impl MotionConfig {
             from_row_major(&self.world_from_base).map_err(|e| ConfigError { field: "world_from_base", message: e.to_string() })?;
         let mut settings = PickPlaceSettings {
             world_from_base,
+            keep_out: keep_out(&self.keep_out)?,
             contact_scale: self.contact_scale,
             holding_scale: self.holding_scale,
             padding_m: self.padding_m,
@@ -306,6 +327,21 @@ mod tests {
             let followed: Vec<Joints> = (0..(end_s * 1e3) as usize + 5).map(at).collect();
             prop_assert_eq!(CommandRules::check(&followed[0], &followed, CommandRuleSettings::default()), Ok(()));
         }
+    }
+
+    #[test]
+    fn keep_out_zones_are_checked_field_by_field() {
+        let zone = |min_m, max_m| KeepOutZone { name: "operator".to_owned(), min_m, max_m };
+        let with = |zones: &[KeepOutZone]| MotionConfig { keep_out: zones.to_vec(), ..MotionConfig::default() }.planning();
+        let good = zone([0.0, 0.3, 0.0], [1.0, 1.0, 2.0]);
+        assert_eq!(with(std::slice::from_ref(&good)).unwrap().keep_out.len(), 1);
+        let flat = with(&[good.clone(), zone([0.0, 0.3, 0.0], [1.0, 0.3, 2.0])]).unwrap_err();
+        assert!(flat.field == "keep_out" && flat.message.contains("keep_out[1].max_m[1]"), "{flat}");
+        let nan = with(&[zone([f64::NAN, 0.0, 0.0], [1.0, 1.0, 1.0])]).unwrap_err();
+        assert!(nan.message.contains("keep_out[0].min_m"), "{nan}");
+        let nameless = with(&[KeepOutZone { name: String::new(), ..good.clone() }]).unwrap_err();
+        assert!(nameless.message.contains("keep_out[0].name"), "{nameless}");
+        assert!(with(&vec![good; 65]).is_err());
     }
 
     #[test]

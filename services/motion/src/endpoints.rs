@@ -131,6 +131,6 @@ impl Handler for Endpoints {
     }
 
     fn load(&self) -> WorkerLoad {
-        load_of(&self.worker.gauge(), self.worker.capacity())
+        WorkerLoad { keep_out: self.worker.keep_out().to_vec(), ..load_of(&self.worker.gauge(), self.worker.capacity()) }
     }
 }

@@ -2,7 +2,7 @@
 //! the hand.
 //!
 //! The arm may stand in contact: its fingers around what they have let go of, a link against something. So what touches at the start may go on
-//! touching until it is free, and nothing else may begin to. Where no scene is known only the arm itself is in the way.
+//! touching until it is free, and nothing else may begin to. Where no scene is known only the arm itself and the keep-out zones are in the way.
 
 use nalgebra::{Isometry3, Point3};
 use rand::SeedableRng;
@@ -13,7 +13,7 @@ use repose_panda::{
 };
 
 use crate::collision::{ArmSettings, CollisionChecker, Contact};
-use crate::obstacles::{ObstacleSettings, Obstacles};
+use crate::obstacles::{ObstacleSettings, Obstacles, Shape};
 use crate::path::rrt_connect::{RrtSettings, rrt_connect};
 use crate::path::simplify::{SimplifySettings, simplified};
 use crate::path::timed::timed;
@@ -22,10 +22,12 @@ use crate::pick_place::settings::PickPlaceSettings;
 use crate::scene::PlanningScene;
 
 /// How an arm is brought back.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct RecoverySettings {
     /// Where the robot stands.
     pub world_from_base: Isometry3<f64>,
+    /// What no part of the arm may enter, whether or not a scene is known.
+    pub keep_out: Vec<Shape>,
     /// The obstacles' resolution.
     pub obstacles: ObstacleSettings,
     /// What is added to the robot's spheres, metres.
@@ -49,6 +51,7 @@ impl RecoverySettings {
     pub fn of(planning: &PickPlaceSettings, share: f64) -> Self {
         Self {
             world_from_base: planning.world_from_base,
+            keep_out: planning.keep_out.clone(),
             obstacles: planning.obstacles,
             padding_m: planning.padding_m,
             timing: TimingSettings { deviation_rad: 0.002, ..planning.timing.slowed(share) },
@@ -113,6 +116,7 @@ impl<'a> Recovery<'a> {
             let points: Vec<Point3<f32>> = scene.points.iter().filter(|p| !is_arm(p)).copied().collect();
             recovery.obstacles = Obstacles::new(&points, &scene.surfaces, &settings.obstacles);
         }
+        recovery.obstacles = recovery.obstacles.with_keep_out(&settings.keep_out);
         recovery
     }
 
@@ -150,7 +154,7 @@ impl<'a> Recovery<'a> {
         let touching = self.touching(&next);
         for (i, touches) in touching.into_iter().enumerate() {
             if touches && !exempt[i] {
-                return Err(Stuck::Contact(Contact::Scene(SPHERE_LINKS[i])));
+                return Err(Stuck::Contact(self.contact(&next, i)));
             }
             exempt[i] &= touches;
         }
@@ -198,6 +202,13 @@ impl<'a> Recovery<'a> {
         std::array::from_fn(|i| {
             !foot.contains(&i) && self.obstacles.touches(&spheres[i].center, spheres[i].radius_m + self.settings.padding_m)
         })
+    }
+
+    /// What a sphere touches that does.
+    fn contact(&self, joints: &Joints, sphere: usize) -> Contact {
+        let (link, at) = (SPHERE_LINKS[sphere], &self.spheres(joints)[sphere]);
+        let zone = self.obstacles.zone_touched(&at.center, at.radius_m + self.settings.padding_m);
+        zone.map_or(Contact::Scene(link), |zone| Contact::Zone(link, zone))
     }
 
     /// The robot's spheres in the world.

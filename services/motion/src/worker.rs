@@ -3,12 +3,13 @@
 use std::sync::Arc;
 
 use repose_panda::FINGER_OPENING_MAX_M;
-use repose_proto::motion::{MotionPhase, MotionPlan, MotionPlanRequest, Phase, RecoverRequest, RecoveryMove};
+use repose_proto::motion::{KeepOutZone, MotionPhase, MotionPlan, MotionPlanRequest, Phase, RecoverRequest, RecoveryMove};
 use repose_proto::robot::{GripperCommand, HeldObject, RobotState};
 use repose_proto::{CallError, ErrorCode, Scene};
 use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore, check_scene_id};
 
 use crate::config::MotionConfig;
+use crate::execution::keep_out;
 use crate::path::timing::Trajectory;
 use crate::pick_place::PickPlaceSettings;
 use crate::recovery::{Recovery, RecoveryError, RecoverySettings};
@@ -22,6 +23,7 @@ pub struct Worker {
     terms: PlanTerms,
     recovery: Arc<RecoverySettings>,
     scenes: Arc<SceneStore<Scene>>,
+    keep_out: Vec<KeepOutZone>,
 }
 
 impl Worker {
@@ -38,6 +40,7 @@ impl Worker {
             recovery: Arc::new(config.recovery()?),
             queue: ComputeQueue::start(queue)?,
             scenes: Arc::new(SceneStore::new(config.scenes, usize::MAX, |_| 0)),
+            keep_out: config.keep_out.clone(),
         })
     }
 
@@ -129,7 +132,7 @@ impl Worker {
     /// of its scene's age counts only where that is stricter than this worker's own limit and, where the scene is held, than when that was seen.
     ///
     /// # Errors
-    /// `not_found` when the plan's scene is held and has no such object.
+    /// `not_found` when the plan's scene is held and has no such object; `failed_precondition` when the plan enters a keep-out zone.
     pub fn executable(&self, mut plan: MotionPlan) -> Result<(MotionPlan, Option<HeldObject>), CallError> {
         let held = self.scenes.get(&plan.scene_id).ok();
         let grasps = held.as_ref().and_then(|scene| wire::held_object(scene, &plan));
@@ -140,7 +143,13 @@ impl Worker {
             plan.scene_stamp_ns = plan.scene_stamp_ns.min(scene.stamp_ns);
         }
         plan.max_scene_age_ms = plan.max_scene_age_ms.min(self.terms.max_scene_age_ms);
+        keep_out::check(&plan, &self.settings.world_from_base, &self.settings.keep_out)?;
         Ok((plan, grasps))
+    }
+
+    /// The keep-out zones that are heeded here.
+    pub fn keep_out(&self) -> &[KeepOutZone] {
+        &self.keep_out
     }
 
     /// What waits and what runs.

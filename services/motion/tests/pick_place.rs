@@ -6,6 +6,7 @@ use nalgebra::{Isometry3, Vector3};
 use repose_panda::{CommandRuleSettings, CommandRules, JOINT_COUNT, Joints, LIMITS, READY, base_from_tcp, hermite};
 
 use repose_motion::collision::{ArmSettings, CollisionChecker};
+use repose_motion::execution::keep_out;
 use repose_motion::grasp::Grasp;
 use repose_motion::obstacles::{ObstacleSettings, Obstacles};
 use repose_motion::pick_place::plan::{Failure, Phase, PickPlaceError, PickPlacePlan};
@@ -13,7 +14,7 @@ use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place,
 use repose_motion::wire::motion_plan;
 use repose_motion::{MotionConfig, synthetic};
 use repose_proto::RigidTransform;
-use repose_proto::motion::MotionPlanRequest;
+use repose_proto::motion::{KeepOutZone, MotionPlanRequest};
 
 fn plan(query: u16, placements: &[Isometry3<f64>], grasps: Option<&[Grasp]>) -> Result<PickPlacePlan, PickPlaceError> {
     let scene = synthetic::scene();
@@ -129,6 +130,46 @@ fn an_unknown_object_and_a_start_inside_the_table_are_refused() {
     let placements = [moved(0.45, 0.25)];
     let request = PickPlaceRequest { scene: &scene, query: 1, placements: &placements, start: &start, grasps: None, seed: 3 };
     assert!(matches!(pick_place(&request, &PickPlaceSettings::default()), Err(PickPlaceError::StartBlocked(_))));
+}
+
+/// A zone as it is configured.
+fn zone(min_m: [f64; 3], max_m: [f64; 3]) -> MotionConfig {
+    MotionConfig { keep_out: vec![KeepOutZone { name: "zone".to_owned(), min_m, max_m }], ..MotionConfig::default() }
+}
+
+fn plan_in(config: &MotionConfig, placements: &[Isometry3<f64>]) -> Result<PickPlacePlan, PickPlaceError> {
+    let scene = synthetic::scene();
+    let request = PickPlaceRequest { scene: &scene, query: 1, placements, start: &READY, grasps: None, seed: 3 };
+    pick_place(&request, &config.planning().unwrap())
+}
+
+#[test]
+fn the_arm_and_what_it_holds_go_around_a_keep_out_zone() {
+    // A wall across the straight way, as high as the lift.
+    let walled = zone([0.3, -0.02, 0.0], [0.6, 0.06, 0.35]);
+    let settings = walled.planning().unwrap();
+    let enters = |plan: &PickPlacePlan| {
+        let request = MotionPlanRequest::new("0".repeat(64), "panda".to_owned(), 1, vec![RigidTransform::IDENTITY], READY);
+        let sent = motion_plan(plan, &request, 0, &walled.terms().unwrap());
+        keep_out::check(&sent, &settings.world_from_base, &settings.keep_out)
+    };
+    let around = plan_in(&walled, &[moved(0.45, 0.25)]).unwrap();
+    assert_eq!(enters(&around), Ok(()));
+    let straight = plan(1, &[moved(0.45, 0.25)], None).unwrap();
+    let refused = enters(&straight).unwrap_err();
+    assert!(refused.message.contains("keep_out[0]") && refused.field.unwrap().starts_with("phases["), "{}", refused.message);
+}
+
+#[test]
+fn what_stands_in_a_keep_out_zone_is_not_served_and_the_zone_is_named() {
+    let taken = zone([0.3, 0.15, 0.0], [0.6, 0.35, 0.6]);
+    let Err(PickPlaceError::NoPlacement(reasons)) = plan_in(&taken, &[moved(0.45, 0.25)]) else { panic!("expected no placement") };
+    assert_eq!(reasons[0].failure, Failure::PlaceBlocked);
+    assert!(reasons[0].tally.to_string().contains("keep_out[0]"), "{}", reasons[0].tally);
+    let home = base_from_tcp(&READY).translation.vector;
+    let around_the_hand = zone((home - Vector3::repeat(0.05)).into(), (home + Vector3::repeat(0.05)).into());
+    let blocked = plan_in(&around_the_hand, &[moved(0.45, 0.25)]).unwrap_err();
+    assert!(blocked.to_string().contains("keep_out[0]"), "{blocked}");
 }
 
 #[test]

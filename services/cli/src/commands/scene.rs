@@ -4,9 +4,11 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
+use image::Rgb;
 use repose_evaluation::report::written::can_write;
 use repose_evaluation::report::written::write_picture;
 use repose_local::picture::{Coloring, captioned, draw_ids, scene_picture};
+use repose_local::wireframe::draw_box;
 use repose_proto::SceneSummary;
 
 use crate::client::{self, ConnectArgs};
@@ -14,13 +16,15 @@ use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 use crate::values::parse_png;
 
+const KEEP_OUT: Rgb<u8> = Rgb([220, 40, 40]);
+
 /// Arguments of `scene`.
 #[derive(Debug, Args)]
 pub struct SceneArgs {
     /// Where to ask.
     #[command(flatten)]
     pub connect: ConnectArgs,
-    /// A picture of the scene with its objects' ids.
+    /// A picture of the scene with its objects' ids and the cell's keep-out zones.
     #[arg(long, value_name = "PNG", value_parser = parse_png)]
     pub out: Option<PathBuf>,
 }
@@ -33,7 +37,10 @@ pub async fn run(args: &SceneArgs, output: Output) -> Outcome {
     let asked = async {
         let summary = client::newest_scene(&session, &args.connect.camera, within, client::PATIENCE).await?;
         let whole = match &args.out {
-            Some(path) => Some((path, client::whole_scene(&session, &summary.scene_id, within).await?)),
+            Some(path) => {
+                let scene = client::whole_scene(&session, &summary.scene_id, within).await?;
+                Some((path, scene, client::keep_out_zones(&session).await?))
+            }
             None => None,
         };
         Ok::<_, Failure>((summary, whole))
@@ -41,10 +48,14 @@ pub async fn run(args: &SceneArgs, output: Output) -> Outcome {
     let asked = asked.await;
     client::close(session).await;
     let (summary, whole) = asked?;
-    if let Some((path, scene)) = whole {
+    if let Some((path, scene, keep_out)) = whole {
         let mut picture = scene_picture(&scene, Coloring::Seen, None);
+        for zone in &keep_out {
+            draw_box(&mut picture, &scene, zone.min_m, zone.max_m, KEEP_OUT);
+        }
         draw_ids(&mut picture, &scene);
-        let caption = format!("camera {}, object ids", summary.camera);
+        let zones = if keep_out.is_empty() { "" } else { "; red: keep-out zones" };
+        let caption = format!("camera {}, object ids{zones}", summary.camera);
         write_picture(path, &captioned(&picture, &caption).into())?;
     }
     output.print(&summary, || text_of(&summary))

@@ -10,7 +10,7 @@ import { World } from "./scene.js";
 import { System } from "./system.js";
 import { centimetres, colorOf } from "./words.js";
 
-const LAYERS = { cloud: "Cloud", surfaces: "Surfaces", placements: "Places", arm: "Arm", way: "Way" };
+const LAYERS = { cloud: "Cloud", surfaces: "Surfaces", placements: "Places", arm: "Arm", way: "Way", zones: "Keep-out" };
 /** How long a passing notice stays. */
 const NOTICE_MS = 6000;
 /** How far an object may seem to have moved between two segmentations of one picture, metres. */
@@ -124,6 +124,7 @@ async function watch() {
 function systemShown(message) {
   if (message.cell !== cell) return;
   system.show(message);
+  world.showZones(message.workers.flatMap(({ load }) => load?.keep_out ?? []));
   byId("recording").hidden = !message.workers.some(({ load }) => load?.journals);
   const names = message.cameras.map(({ name }) => name);
   if (!hasWatched && names.length) watch();

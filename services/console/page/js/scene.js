@@ -17,7 +17,7 @@ const LINEAR = Uint16Array.from({ length: 256 }, (_, i) => {
 const MARGIN_M = 0.12;
 /** Surfaces smaller than this share of the largest are not drawn. */
 const LEAST_SURFACE = 0.04;
-const BEST = 0x16a34a, FURTHER = 0x6f8fb8, QUERY = 0x2f7df0, ANCHOR = 0xd9822b, WAY = 0x2f7df0;
+const BEST = 0x16a34a, FURTHER = 0x6f8fb8, QUERY = 0x2f7df0, ANCHOR = 0xd9822b, WAY = 0x2f7df0, KEEP_OUT = 0xdc2828;
 
 const matrixOf = (rows) => new THREE.Matrix4().set(...rows);
 
@@ -56,7 +56,7 @@ function numberSprite(text, color) {
 }
 
 export class World {
-  #dirty = true; #scene; #cloud; #ghosts = []; #lit = -1; #isTurned = false; #fitted = 0; #marks = { query: 0, anchors: [] }; #preview;
+  #dirty = true; #zones = "[]"; #scene; #cloud; #ghosts = []; #lit = -1; #isTurned = false; #fitted = 0; #marks = { query: 0, anchors: [] }; #preview;
   #ray = new THREE.Raycaster();
 
   /** `hovered(rank, event)` gets the ghost under the pointer, or -1; `moved()` is told when the viewer turns the scene. */
@@ -81,7 +81,7 @@ export class World {
     const sun = new THREE.DirectionalLight(0xffffff, 1.6);
     sun.position.set(1, -1.5, 3);
     this.scene.add(sun);
-    this.layers = Object.fromEntries(["cloud", "surfaces", "placements", "rejected", "arm", "way"].map((name) => {
+    this.layers = Object.fromEntries(["cloud", "surfaces", "placements", "rejected", "arm", "way", "zones"].map((name) => {
       const group = new THREE.Group();
       this.scene.add(group);
       return [name, group];
@@ -206,6 +206,22 @@ export class World {
     };
     draw(this.#marks.query, QUERY);
     new Set(this.#marks.anchors).forEach((id) => draw(id, ANCHOR));
+    this.redraw();
+  }
+
+  /** Shows the boxes that no arm may enter. They are told of again and again, and hardly ever change. */
+  showZones(zones) {
+    const shown = JSON.stringify(zones);
+    if (shown === this.#zones) return;
+    this.#zones = shown;
+    dispose(this.layers.zones);
+    for (const { min_m, max_m } of zones) {
+      const bounds = new THREE.Box3(new THREE.Vector3(...min_m), new THREE.Vector3(...max_m));
+      const body = new THREE.Mesh(new THREE.BoxGeometry(...bounds.getSize(new THREE.Vector3()).toArray()),
+        new THREE.MeshBasicMaterial({ color: KEEP_OUT, transparent: true, opacity: 0.08, depthWrite: false }));
+      bounds.getCenter(body.position);
+      this.layers.zones.add(body, new THREE.Box3Helper(bounds, KEEP_OUT));
+    }
     this.redraw();
   }
 

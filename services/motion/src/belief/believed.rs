@@ -121,7 +121,7 @@ impl<'a> Worlds<'a> {
         let surfaces = self.request.scene.surfaces.iter().filter(|s| s.object != Some(self.request.query));
         let surfaces: Vec<SupportSurface> = surfaces.map(solid).collect();
         let in_reach: Vec<Point3<f32>> = points.filter(|p| (p - self.shoulder).norm_squared() < ARM_REACH_M * ARM_REACH_M).collect();
-        Obstacles::new(&in_reach, &surfaces, &self.settings.obstacles)
+        Obstacles::new(&in_reach, &surfaces, &self.settings.obstacles).with_keep_out(&self.settings.keep_out)
     }
 
     /// What was seen of the object and its likeness behind, thinned.

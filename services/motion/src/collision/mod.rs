@@ -30,6 +30,12 @@ pub enum Contact {
     /// A link touches the scene.
     #[error("{0:?} touches the scene")]
     Scene(Link),
+    /// A link enters a keep-out zone (from 0, as they are configured).
+    #[error("{0:?} enters keep_out[{1}]")]
+    Zone(Link, usize),
+    /// What is held enters a keep-out zone.
+    #[error("the held object enters keep_out[{0}]")]
+    HeldZone(usize),
     /// The held object touches the scene.
     #[error("the held object touches the scene")]
     HeldScene,
@@ -129,8 +135,10 @@ impl<'a> CollisionChecker<'a> {
         // The hand is what gets near things: asking from there inwards finds contacts sooner.
         for (sphere, link) in spheres.iter().zip(SPHERE_LINKS).skip(Link::Link0.sphere_range().end).rev() {
             let center = self.arm.world_from_base.carry(&sphere.center.coords);
-            if self.obstacles.iter().any(|o| o.touches(&center, sphere.radius_m + self.arm.padding_m)) {
-                return Some(Contact::Scene(link));
+            let radius_m = sphere.radius_m + self.arm.padding_m;
+            if let Some(obstacles) = self.obstacles.iter().find(|o| o.touches(&center, radius_m)) {
+                let zone = obstacles.zone_touched(&center, radius_m);
+                return Some(zone.map_or(Contact::Scene(link), |zone| Contact::Zone(link, zone)));
             }
         }
         if self_collides(&spheres) {
@@ -142,8 +150,8 @@ impl<'a> CollisionChecker<'a> {
         for point in &held.points_in_tcp {
             let in_base = tcp.carry(point);
             let in_world = self.arm.world_from_base.carry(&in_base.coords);
-            if self.obstacles.iter().any(|o| o.touches(&in_world, held.radius_m)) {
-                return Some(Contact::HeldScene);
+            if let Some(obstacles) = self.obstacles.iter().find(|o| o.touches(&in_world, held.radius_m)) {
+                return Some(obstacles.zone_touched(&in_world, held.radius_m).map_or(Contact::HeldScene, Contact::HeldZone));
             }
             for (sphere, link) in spheres[arm.clone()].iter().zip(SPHERE_LINKS) {
                 if (sphere.center - in_base).norm() < sphere.radius_m + held.radius_m {

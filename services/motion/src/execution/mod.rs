@@ -10,6 +10,7 @@
 
 mod checks;
 mod halt;
+pub mod keep_out;
 mod settings;
 
 use repose_panda::START_TOLERANCE_RAD;

@@ -37,6 +37,8 @@ impl Default for ObstacleSettings {
 #[derive(Debug, Clone)]
 pub struct Obstacles {
     shapes: Vec<Shape>,
+    /// Where the keep-out zones begin among them.
+    first_zone: usize,
     grid: Option<CellGrid>,
 }
 
@@ -46,19 +48,32 @@ impl Obstacles {
         // An object's top is backed by its own points only: it may be the lid of something hollow.
         let unknown_m = |s: &SupportSurface| if s.object.is_some() { 0.0 } else { settings.surface_depth_m };
         let depth_m = |s: &SupportSurface| s.depth_m.unwrap_or(unknown_m(s)).max(unknown_m(s));
-        let shapes = surfaces.iter().map(|s| Shape::slab(s.footprint.clone(), s.height_m, depth_m(s))).collect();
+        let shapes: Vec<Shape> = surfaces.iter().map(|s| Shape::slab(s.footprint.clone(), s.height_m, depth_m(s))).collect();
         let furniture: Vec<&SupportSurface> = surfaces.iter().filter(|s| s.object.is_none()).collect();
         let is_noise = |p: &Point3<f32>| {
             let near = |s: &&&SupportSurface| (f64::from(p.z) - s.height_m).abs() < settings.surface_noise_m;
             furniture.iter().filter(near).any(|s| s.footprint.margin(&p.xy()) >= 0.0)
         };
         let standing: Vec<Point3<f32>> = points.iter().filter(|p| !is_noise(p)).copied().collect();
-        Self { shapes, grid: CellGrid::new(&cloud::voxel_downsampled(&standing, settings.voxel_m), settings.cell_m) }
+        Self { first_zone: shapes.len(), shapes, grid: CellGrid::new(&cloud::voxel_downsampled(&standing, settings.voxel_m), settings.cell_m) }
     }
 
     /// Known solids.
     pub fn solids(shapes: Vec<Shape>) -> Self {
-        Self { shapes, grid: None }
+        Self { first_zone: shapes.len(), shapes, grid: None }
+    }
+
+    /// The same with zones that the arm must keep out of, as solid as the rest.
+    #[must_use]
+    pub fn with_keep_out(mut self, zones: &[Shape]) -> Self {
+        self.shapes.truncate(self.first_zone);
+        self.shapes.extend_from_slice(zones);
+        self
+    }
+
+    /// The first keep-out zone, from 0, that lies within `radius_m` of `center`.
+    pub fn zone_touched(&self, center: &Point3<f64>, radius_m: f64) -> Option<usize> {
+        self.shapes[self.first_zone..].iter().position(|zone| zone.distance_m(center) < radius_m)
     }
 
     /// The solids, support surfaces among them.

@@ -3,17 +3,19 @@
 use nalgebra::Isometry3;
 
 use crate::grasp::GraspSettings;
-use crate::obstacles::ObstacleSettings;
+use crate::obstacles::{ObstacleSettings, Shape};
 use crate::path::rrt_connect::RrtSettings;
 use crate::path::simplify::SimplifySettings;
 use crate::path::timing::TimingSettings;
 use crate::pick_place::reach::ReachSettings;
 
 /// How a pick and place is planned.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct PickPlaceSettings {
     /// Where the robot stands.
     pub world_from_base: Isometry3<f64>,
+    /// What no part of the arm, nor what it holds, may enter. Default: nothing.
+    pub keep_out: Vec<Shape>,
     /// The obstacles' resolution.
     pub obstacles: ObstacleSettings,
     /// How grasps are found.
@@ -57,6 +59,7 @@ impl Default for PickPlaceSettings {
     fn default() -> Self {
         Self {
             world_from_base: Isometry3::identity(),
+            keep_out: Vec::new(),
             obstacles: ObstacleSettings::default(),
             grasp: GraspSettings::default(),
             reach: ReachSettings::default(),
