@@ -219,5 +219,10 @@ pub async fn keep_out_zones(session: &Session) -> Result<Vec<KeepOutZone>, Failu
     if motion.wait_for_workers(1, PATIENCE).await.is_err() {
         return Ok(Vec::new());
     }
-    Ok(motion.workers().into_iter().filter_map(|worker| worker.load).find(|load| !load.keep_out.is_empty()).map_or_else(Vec::new, |load| load.keep_out))
+    Ok(motion
+        .workers()
+        .into_iter()
+        .filter_map(|worker| worker.load)
+        .find(|load| !load.keep_out.is_empty())
+        .map_or_else(Vec::new, |load| load.keep_out))
 }

@@ -4,9 +4,9 @@ use nalgebra::{Isometry3, Vector3};
 use repose_geometry::transform::{from_row_major, to_row_major};
 use repose_panda::interpolation::{ACCELERATION_EXCESS, ACCELERATION_JUMP, VELOCITY_EXCESS};
 use repose_panda::{JOINT_COUNT, JointLimits, START_TOLERANCE_RAD};
+use repose_proto::CallError;
 use repose_proto::limits::MAX_KEEP_OUT_ZONES;
 use repose_proto::motion::KeepOutZone;
-use repose_proto::CallError;
 use repose_runtime::RuntimeError;
 use serde::{Deserialize, Serialize};
 

@@ -55,7 +55,11 @@ impl Obstacles {
             furniture.iter().filter(near).any(|s| s.footprint.margin(&p.xy()) >= 0.0)
         };
         let standing: Vec<Point3<f32>> = points.iter().filter(|p| !is_noise(p)).copied().collect();
-        Self { first_zone: shapes.len(), shapes, grid: CellGrid::new(&cloud::voxel_downsampled(&standing, settings.voxel_m), settings.cell_m) }
+        Self {
+            first_zone: shapes.len(),
+            shapes,
+            grid: CellGrid::new(&cloud::voxel_downsampled(&standing, settings.voxel_m), settings.cell_m),
+        }
     }
 
     /// Known solids.
