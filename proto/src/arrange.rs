@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::checks::{check_finite, check_range};
-use crate::place::{Outcome, Placement, Rotation, Variant};
+use crate::place::{Outcome, Placement, ReachingRobot, Rotation, Variant};
 use crate::relation::validate_terms;
 use crate::{CallError, GoalTerm, Message, SceneRef, limits};
 
@@ -57,6 +57,9 @@ pub struct ArrangeRequest {
     /// Which method finds each placement.
     #[serde(default)]
     pub variant: Variant,
+    /// Only places that this robot reaches.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub robot: Option<ReachingRobot>,
     /// How often an object may be set down aside for a while, to make room (2).
     #[serde(default = "two")]
     pub max_parkings: u32,
@@ -81,6 +84,7 @@ impl ArrangeRequest {
             rotation: Rotation::Fixed,
             seed: 0,
             variant: Variant::Best,
+            robot: None,
             max_parkings: two(),
             alternatives: three(),
             max_searches: sixty(),
@@ -172,7 +176,7 @@ pub struct ArrangeResult {
     pub satisfied: Vec<u16>,
     /// Objects whose goals the moves do not reach.
     pub open: Vec<u16>,
-    /// The probability that all moves succeed: the product of their realism. Null where nobody evaluated one of them.
+    /// The probability that all moves succeed: the product of what each says of its success. Null where nobody evaluated one of them.
     pub probability: Option<f64>,
     /// Why there is no arrangement, where there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]

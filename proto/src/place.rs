@@ -405,6 +405,10 @@ pub struct PlaceResult {
     pub evaluated: u64,
     /// BLAKE3 of the weights; empty for `geometric`.
     pub weights_hash: String,
+    /// BLAKE3 of everything learned that the answers rest on, forecasts as well as networks; empty for `geometric`. One file holds all of it
+    /// today, so that it is `weights_hash`.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub models_hash: String,
     /// Which kernel computed the scores; empty for `geometric`.
     pub kernel: String,
     /// The request's seed.

@@ -126,7 +126,8 @@ impl RealismBy {
     }
 }
 
-/// Scores candidates; always in bulk form, with `candidates` f32 `[n, 4]` beside the JSON.
+/// Scores candidates; always in bulk form, with `candidates` f32 `[n, 4]` (position, yaw) or `[n, 7]` (position, quaternion x, y, z, w) beside the
+/// JSON. The networks know turns about the vertical only: a quaternion that tips the object is refused.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ScoreRequest {
@@ -176,10 +177,31 @@ impl ScoreRequest {
     /// `invalid_argument` that names the field.
     pub fn from_bulk(bulk: &Bulk) -> Result<(Self, Option<Scene>), CallError> {
         let (mut request, scene) = disclose::<Self>(bulk)?;
-        request.candidates = bulk.finite_rows::<4>("candidates")?;
+        let columns = bulk.tensors.get("candidates").and_then(|tensor| tensor.shape.get(1).copied());
+        request.candidates = match columns {
+            Some(7) => bulk.finite_rows::<7>("candidates")?.iter().enumerate().map(upright).collect::<Result<_, CallError>>()?,
+            _ => bulk.finite_rows::<4>("candidates")?,
+        };
         request.validate()?;
         Ok((request, scene))
     }
+}
+
+/// The row x, y, z, yaw of a pose that turns about the vertical only.
+fn upright((i, [x, y, z, quaternion @ ..]): (usize, &[f32; 7])) -> Result<[f32; 4], CallError> {
+    /// How far a quaternion's length may be from 1, and its axis from the vertical.
+    const TOLERANCE: f32 = 1e-3;
+    let [qx, qy, qz, qw] = *quaternion;
+    let refused = |message: &str| Err(CallError::invalid(format!("candidates[{i}]"), message));
+    if ((qx * qx + qy * qy + qz * qz + qw * qw).sqrt() - 1.0).abs() > TOLERANCE {
+        return refused("expected a quaternion of length 1 (x, y, z, w) after the position");
+    }
+    if qx.hypot(qy) > TOLERANCE {
+        return refused("only turns about the vertical can be scored, and this one tips the object");
+    }
+    // A quaternion and its negative are the same turn.
+    let sign = if qw < 0.0 { -1.0 } else { 1.0 };
+    Ok([*x, *y, *z, 2.0 * (sign * qz).atan2(sign * qw)])
 }
 
 /// The answer to a [`ScoreRequest`]; always in bulk form, with `realism` f32 `[n]` and `relations` f32 `[n, anchors, 10]` as asked.

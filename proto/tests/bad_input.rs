@@ -73,6 +73,23 @@ fn numbers_that_are_not_finite_are_refused() {
 }
 
 #[test]
+fn poses_to_score_are_read_and_those_that_tip_the_object_are_refused() {
+    let asked = |row: [f32; 7]| {
+        let mut bulk = score_request().to_bulk(None);
+        bulk.tensors.insert("candidates".into(), Tensor::f32(&[1, 7], &row));
+        ScoreRequest::from_bulk(&bulk).map(|(request, _)| request.candidates[0])
+    };
+    let (sine, cosine) = 0.25f32.sin_cos();
+    for sign in [1.0, -1.0] {
+        let [x, y, z, yaw_rad] = asked([0.5, -0.25, 1.0, 0.0, 0.0, sign * sine, sign * cosine]).unwrap();
+        assert!([x, y, z] == [0.5, -0.25, 1.0] && (yaw_rad - 0.5).abs() < 1e-6, "{yaw_rad}");
+    }
+    for wrong in [[0.0, 0.0, 0.0, sine, 0.0, 0.0, cosine], [0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5], [0.0, 0.0, 0.0, 0.0, f32::NAN, 0.0, 1.0]] {
+        assert_eq!(field(&asked(wrong).unwrap_err()), "candidates[0]");
+    }
+}
+
+#[test]
 fn scores_that_are_not_finite_are_refused() {
     let reply = |p: f32, f: f32| scoring::ScoreReply {
         weights_hash: "w".into(),

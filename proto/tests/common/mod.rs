@@ -149,6 +149,7 @@ pub fn place_result() -> PlaceResult {
         iterations: 2,
         evaluated: 20,
         weights_hash: String::new(),
+        models_hash: String::new(),
         kernel: String::new(),
         seed: u64::MAX,
         scene_id: SCENE_ID.into(),

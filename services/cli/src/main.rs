@@ -1,6 +1,7 @@
 //! The `repose` command: every service, the tools around them, and the clients.
 
 mod answer;
+mod arrangement;
 mod asynchronous;
 mod bring_back;
 mod client;
@@ -19,6 +20,7 @@ mod segment_view;
 mod sequence;
 mod services;
 mod surroundings;
+mod system;
 mod values;
 mod wish;
 

@@ -37,7 +37,7 @@ pub fn arrange(
     models: impl FnOnce() -> Result<Arc<Models>, CallError>,
 ) -> Result<ArrangeResult, CallError> {
     request.validate()?;
-    let prepared = PreparedScene::new(scene.clone());
+    let prepared = Arc::new(PreparedScene::new(scene.clone()));
     let go_on = &mut |_| ControlFlow::Continue(());
     match request.variant {
         Variant::Geometric => repose_planner::arrange::arrange(&prepared, request, &NoModels, go_on),

@@ -11,7 +11,7 @@ use crate::scene::prepared::PreparedScene;
 pub struct CachedScene {
     scene_id: String,
     scene: Arc<Scene>,
-    prepared: OnceLock<PreparedScene>,
+    prepared: OnceLock<Arc<PreparedScene>>,
 }
 
 impl CachedScene {
@@ -21,7 +21,7 @@ impl CachedScene {
     }
 
     /// The scene, prepared. The first caller prepares it; others that come meanwhile wait for that.
-    pub fn prepared(&self) -> &PreparedScene {
-        self.prepared.get_or_init(|| PreparedScene::with_id(self.scene.clone(), self.scene_id.clone()))
+    pub fn prepared(&self) -> &Arc<PreparedScene> {
+        self.prepared.get_or_init(|| Arc::new(PreparedScene::with_id(self.scene.clone(), self.scene_id.clone())))
     }
 }

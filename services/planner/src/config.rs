@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use repose_proto::RigidTransform;
 use repose_proto::place::ReachingRobot;
-use repose_proto::{PlaceRequest, RigidTransform};
 use repose_runtime::RuntimeError;
 use serde::Deserialize;
 
@@ -68,11 +68,11 @@ impl Robots {
     }
 
     /// Puts in what a request leaves to the cell: the robot, and where it stands.
-    pub fn complete(&self, request: &mut PlaceRequest) {
-        if let (None, Some(name)) = (&request.robot, &self.default) {
-            request.robot = Some(ReachingRobot { name: name.clone(), world_from_base: None });
+    pub fn complete(&self, asked: &mut Option<ReachingRobot>) {
+        if let (None, Some(name)) = (&asked, &self.default) {
+            *asked = Some(ReachingRobot { name: name.clone(), world_from_base: None });
         }
-        if let Some(robot) = &mut request.robot
+        if let Some(robot) = asked
             && robot.world_from_base.is_none()
         {
             robot.world_from_base = self.bases.get(&robot.name).copied();
@@ -96,10 +96,9 @@ mod tests {
         let pose = |x: f64| [1.0, 0.0, 0.0, x, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
         let robots = BTreeMap::from([("left".to_owned(), pose(-0.5)), ("right".to_owned(), pose(0.5))]);
         let config = PlannerConfig { robot: Some("left".to_owned()), robots, ..PlannerConfig::default() };
-        let of_request = |robot: Option<ReachingRobot>| {
-            let mut request = PlaceRequest { robot, ..PlaceRequest::new("scene".to_owned(), 2, Vec::new()) };
-            Robots::of(&config).unwrap().complete(&mut request);
-            request.robot.map(|robot| (robot.name, robot.world_from_base.map(|pose| pose.0[3])))
+        let of_request = |mut robot: Option<ReachingRobot>| {
+            Robots::of(&config).unwrap().complete(&mut robot);
+            robot.map(|robot| (robot.name, robot.world_from_base.map(|pose| pose.0[3])))
         };
         let named =
             |name: &str, pose: Option<[f64; 16]>| Some(ReachingRobot { name: name.to_owned(), world_from_base: pose.map(RigidTransform) });

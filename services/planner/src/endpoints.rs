@@ -39,7 +39,7 @@ impl Endpoints {
             true => disclose::<PlaceRequest>(&call.payload.decode_bulk(PlaceRequest::SCHEMA)?)?,
             false => (call.payload.decode_json::<PlaceRequest>()?, None),
         };
-        self.robots.complete(&mut request);
+        self.robots.complete(&mut request.robot);
         let scene = self.scene_of(&request.scene.scene_id, enclosed, call).await?;
         let models = self.models(call);
         let reporting = call.clone();
@@ -54,10 +54,11 @@ impl Endpoints {
     }
 
     async fn arrange(&self, call: &Call) -> Result<Payload, CallError> {
-        let (request, enclosed) = match call.payload.is_bulk() {
+        let (mut request, enclosed) = match call.payload.is_bulk() {
             true => disclose::<ArrangeRequest>(&call.payload.decode_bulk(ArrangeRequest::SCHEMA)?)?,
             false => (call.payload.decode_json::<ArrangeRequest>()?, None),
         };
+        self.robots.complete(&mut request.robot);
         let scene = self.scene_of(&request.scene.scene_id, enclosed, call).await?;
         let started = Instant::now();
         let result = self.worker.arrange(call.context(), scene, request, self.models(call)).await?;

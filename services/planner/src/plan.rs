@@ -173,6 +173,7 @@ fn without_answers(judge: &Judge<'_>, findings: Findings, outcome: Outcome) -> P
         iterations: findings.iterations,
         evaluated: findings.evaluated,
         weights_hash: provenance.map_or_else(String::new, |p| p.weights_hash.clone()),
+        models_hash: provenance.map_or_else(String::new, |p| p.weights_hash.clone()),
         kernel: provenance.map_or_else(String::new, |p| p.kernel.clone()),
         seed: request.seed,
         scene_id: prepared.scene_id.clone(),

@@ -12,6 +12,7 @@ use repose_proto::{Message, Payload, Scene, Service};
 use repose_runtime::CallOptions;
 
 use crate::answer::motion;
+use crate::arrangement::{self, Arranging};
 use crate::client::{self, ConnectArgs};
 use crate::embedded::NetworkArgs;
 use crate::failure::{Failure, Outcome};
@@ -49,6 +50,16 @@ pub struct ArrangeArgs {
     /// Milliseconds after which the best so far is printed; answers then depend on the machine. Default: no limit.
     #[arg(long)]
     pub time_ms: Option<u64>,
+    /// Have the robot carry the moves out, with a fresh view after each and the rest planned anew from there.
+    #[arg(long, conflicts_with = "frame")]
+    pub execute: bool,
+    /// How often an object that slips, falls or is not grasped is tried, the first time counted: 1 to 10. Nothing is tried again after a
+    /// stop, or where a person intervened.
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=10))]
+    pub attempts: u32,
+    /// The robot that carries moves out.
+    #[arg(long, default_value = "panda")]
+    pub robot: String,
     /// Which networks, for a frame.
     #[command(flatten)]
     pub networks: NetworkArgs,
@@ -59,6 +70,11 @@ pub struct ArrangeArgs {
 
 /// Runs the command.
 pub async fn run(args: &ArrangeArgs, output: Output) -> Outcome {
+    if args.execute {
+        // The request names each view in turn.
+        let (request, connect, attempts) = (args.request(String::new()), &args.connect, args.attempts as usize);
+        return arrangement::run(&Arranging { request, connect, robot: &args.robot, attempts }, output).await;
+    }
     let result = match &args.frame {
         Some(path) => {
             let scene: Arc<Scene> = Arc::new(frames::scene_of(&frames::read(path)?)?);

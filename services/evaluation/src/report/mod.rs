@@ -1,5 +1,6 @@
 //! What the tables are printed and drawn as: JSON, text, plots, pictures of scenes, contact sheets.
 
+pub mod arrange;
 pub mod discriminator;
 pub mod final_runs;
 pub mod histogram;

@@ -1,6 +1,7 @@
 //! Single scenes: a problem with its truth, what is tried on it, and what physics makes of the answer.
 
 pub mod agreement;
+pub mod arrangement;
 pub mod carry_watch;
 pub mod one_scene;
 pub mod outcome;

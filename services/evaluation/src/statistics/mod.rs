@@ -7,6 +7,7 @@ pub mod forecast_fit;
 pub mod mask_faults;
 pub mod mask_scores;
 pub mod paired;
+pub mod processor_time;
 pub mod quantile;
 pub mod rate;
 pub mod resample;

@@ -10,7 +10,9 @@ pub mod contradiction;
 pub mod goals;
 pub mod moved;
 pub mod parking;
+mod places;
 mod search;
+mod tables;
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -22,7 +24,8 @@ use repose_proto::{CallError, Message};
 
 use crate::arrange::contradiction::contradiction;
 use crate::arrange::goals::Goals;
-use crate::arrange::search::{Ended, Search};
+use crate::arrange::places::Ended;
+use crate::arrange::search::Search;
 use crate::learned::models::PlacementModels;
 use crate::plan::SearchStep;
 use crate::scene::prepared::PreparedScene;
@@ -34,7 +37,7 @@ use crate::search::stop::StopReason;
 /// `invalid_argument` for a bad request, `not_found` on `goals[i].object` or `goals[i].terms[k].anchor`, `cancelled`, `deadline_exceeded`
 /// before anything was found, and what the models answer.
 pub fn arrange(
-    prepared: &PreparedScene,
+    prepared: &Arc<PreparedScene>,
     request: &ArrangeRequest,
     models: &dyn PlacementModels,
     control: &mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
@@ -47,9 +50,8 @@ pub fn arrange(
     }
     known(prepared, &request.goals)?;
     let viewer = ViewerFrame::from_yaw(request.view_yaw_rad.unwrap_or(prepared.scene.meta.view_yaw_rad));
-    let scene = Arc::new(prepared.clone());
     let goals = Goals::new(&request.goals);
-    let unmet = goals.unmet(&scene, &viewer);
+    let unmet = goals.unmet(prepared, &viewer);
     let satisfied: Vec<u16> = request.goals.iter().map(|goal| goal.object).filter(|object| !unmet.contains(object)).collect();
     let mut result = ArrangeResult {
         outcome: Outcome::Found,
@@ -72,8 +74,8 @@ pub fn arrange(
         return Ok(result);
     }
     let mut search = Search::new(&goals, request, viewer, models, control);
-    let found = search.arranged(&scene, unmet.clone())?;
-    match (found, search.ended()) {
+    let found = search.arranged(prepared, unmet.clone())?;
+    match (found, search.places().ended()) {
         (Some(moves), _) => result.moves = moves,
         (None, Some(_)) => {
             result.outcome = Outcome::Partial;
@@ -82,10 +84,10 @@ pub fn arrange(
         (None, None) => {
             result.outcome = Outcome::None;
             result.open = unmet.into_iter().collect();
-            result.conflict = Some(conflict(&scene, request, &mut search)?);
+            result.conflict = Some(conflict(prepared, request, &mut search)?);
         }
     }
-    (result.searches, result.weights_hash) = (search.searches(), search.weights_hash().to_owned());
+    (result.searches, result.weights_hash) = (search.places().searches(), search.places().weights_hash().to_owned());
     // Moves that left their goal open do not stay where they are.
     let moved: Vec<u16> = result.moves.iter().map(|m| m.object).collect();
     result.satisfied.retain(|object| !moved.contains(object));
@@ -113,9 +115,9 @@ fn conflict(scene: &Arc<PreparedScene>, request: &ArrangeRequest, search: &mut S
         let mut without = kept.clone();
         without.remove(next);
         let goals = Goals::new(&without);
-        let unmet = goals.unmet(scene, search.viewer());
+        let unmet = goals.unmet(scene, search.places().viewer());
         let found = search.with_goals(&goals, |search| search.arranged(scene, unmet))?;
-        match search.ended() {
+        match search.places().ended() {
             Some(Ended::Budget | Ended::Time) => {
                 smallest = false;
                 break;
@@ -129,6 +131,7 @@ fn conflict(scene: &Arc<PreparedScene>, request: &ArrangeRequest, search: &mut S
 
 /// Null without moves and where one of them was not evaluated.
 fn probability(moves: &[ArrangeMove]) -> Option<f64> {
-    let each: Option<Vec<f64>> = moves.iter().map(|m| m.placement.realism).collect();
+    // The forecast of success where there is one; else the networks' word that it stays.
+    let each: Option<Vec<f64>> = moves.iter().map(|m| m.placement.success.or(m.placement.realism)).collect();
     each.filter(|each| !each.is_empty()).map(|each| each.iter().product())
 }

@@ -1,35 +1,29 @@
-//! The search over moves: depth first over orders and alternative places, with one move more allowed in each round.
+//! The search over moves: straight down first, then depth first over orders and alternative places, with one move more allowed in each round.
+//!
+//! Going straight down, each object takes its best place; whoever finds no room goes first the next time. That solves most tables in as many
+//! searches as there are moves, where going back step by step would first try every other place of those that came last.
 
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::ControlFlow;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 
 use repose_geometry::ViewerFrame;
-use repose_geometry::transform::from_row_major;
 use repose_proto::arrange::{ArrangeMove, ArrangeRequest, Purpose};
 use repose_proto::place::Placement;
-use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest, Scene};
+use repose_proto::{CallError, GoalTerm};
 
 use crate::arrange::goals::{Goals, all_hold};
-use crate::arrange::moved::{moved, without};
 use crate::arrange::parking::places_aside;
+use crate::arrange::places::Places;
+use crate::arrange::tables::Tables;
 use crate::learned::models::PlacementModels;
-use crate::plan::{SearchStep, plan};
+use crate::plan::SearchStep;
 use crate::scene::prepared::PreparedScene;
 use crate::search::stop::StopReason;
 
 /// Alternative places aside that are gone on with.
 const ASIDE: usize = 2;
-
-/// What ended a search before it was through.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ended {
-    /// As many placements as may be searched were.
-    Budget,
-    /// Its time.
-    Time,
-}
 
 /// The table between two moves.
 #[derive(Debug, Clone)]
@@ -39,21 +33,31 @@ struct State {
     unsettled: BTreeSet<u16>,
 }
 
-/// Searched placements by scene, object and terms.
-type Known = BTreeMap<(String, u16, String), Arc<Vec<Placement>>>;
+impl State {
+    /// The objects but one that do not stand where they will.
+    fn others(&self, object: u16) -> BTreeSet<u16> {
+        self.unsettled.iter().copied().filter(|other| *other != object).collect()
+    }
+}
+
+/// How an object can be settled.
+enum Settling {
+    /// Where it stands.
+    Stays,
+    /// By one of these moves, best first.
+    Moves(Vec<ArrangeMove>),
+    /// Not yet: it carries something, or waits for others.
+    Waits,
+}
 
 /// A search and what it has found out.
 pub struct Search<'a> {
     goals: Goals,
     request: &'a ArrangeRequest,
-    viewer: ViewerFrame,
-    models: &'a dyn PlacementModels,
-    control: &'a mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
-    started: Instant,
-    searches: u32,
-    ended: Option<Ended>,
-    weights_hash: String,
-    known: Known,
+    places: Places<'a>,
+    tables: Tables,
+    /// How often an object found no room on the way straight down.
+    crowded: BTreeMap<u16, u32>,
     path: Vec<ArrangeMove>,
     /// Moves on a path, those that are still needed at least among them.
     most_moves: usize,
@@ -72,38 +76,18 @@ impl<'a> Search<'a> {
         Self {
             goals: goals.clone(),
             request,
-            viewer,
-            models,
-            control,
-            started: Instant::now(),
-            searches: 0,
-            ended: None,
-            weights_hash: String::new(),
-            known: Known::new(),
+            places: Places::new(request, viewer, models, control),
+            tables: Tables::default(),
+            crowded: BTreeMap::new(),
             path: Vec::new(),
             most_moves: 0,
             best: None,
         }
     }
 
-    /// The viewer of all relations.
-    pub fn viewer(&self) -> &ViewerFrame {
-        &self.viewer
-    }
-
-    /// Placements searched for so far.
-    pub fn searches(&self) -> u32 {
-        self.searches
-    }
-
-    /// What ended it early, if anything.
-    pub fn ended(&self) -> Option<Ended> {
-        self.ended
-    }
-
-    /// The weights that answered; empty where no network was asked.
-    pub fn weights_hash(&self) -> &str {
-        &self.weights_hash
+    /// What was searched.
+    pub fn places(&self) -> &Places<'a> {
+        &self.places
     }
 
     /// The moves that left the fewest objects unsettled, and those objects.
@@ -119,13 +103,17 @@ impl<'a> Search<'a> {
         done
     }
 
-    /// The moves after which all goals hold; none where there are none, or where it was [`ended`](Self::ended).
+    /// The moves after which all goals hold; none where there are none, or where it was ended ([`Places::ended`]).
     ///
     /// # Errors
     /// What the models answer, and `cancelled`.
     pub fn arranged(&mut self, scene: &Arc<PreparedScene>, unsettled: BTreeSet<u16>) -> Result<Option<Vec<ArrangeMove>>, CallError> {
         self.best = Some((Vec::new(), unsettled.iter().copied().collect()));
+        self.crowded.clear();
         let state = State { scene: scene.clone(), unsettled };
+        if self.straight(&state)? {
+            return Ok(Some(std::mem::take(&mut self.path)));
+        }
         let fewest = state.unsettled.len();
         // An object set down aside costs a move, and one that stood where it should and made room another.
         for more in 0..=2 * self.request.max_parkings as usize {
@@ -134,19 +122,65 @@ impl<'a> Search<'a> {
             if self.solved(&state, self.request.max_parkings.min(more as u32))? {
                 return Ok(Some(std::mem::take(&mut self.path)));
             }
-            if self.ended.is_some() {
+            if self.places.ended().is_some() {
                 break;
             }
         }
         Ok(None)
     }
 
+    /// Goes straight down a few times: whether all was settled; the moves are then on the path.
+    fn straight(&mut self, start: &State) -> Result<bool, CallError> {
+        for _ in 0..=start.unsettled.len() {
+            self.path.clear();
+            let before = self.order(start);
+            let stuck = self.stuck_after_straight(start.clone())?;
+            if stuck.is_empty() || self.places.ended().is_some() {
+                return Ok(stuck.is_empty());
+            }
+            for object in stuck {
+                *self.crowded.entry(object).or_default() += 1;
+            }
+            if self.order(start) == before {
+                break;
+            }
+        }
+        Ok(false)
+    }
+
+    /// Settles one object after the other, each as well as can be; those that are left over.
+    fn stuck_after_straight(&mut self, mut state: State) -> Result<BTreeSet<u16>, CallError> {
+        loop {
+            self.keep_if_best(&state);
+            let mut next = None;
+            for object in self.order(&state) {
+                let others = state.others(object);
+                match self.settling(&state, object, &others)? {
+                    Settling::Stays => next = Some((None, State { scene: state.scene.clone(), unsettled: others })),
+                    Settling::Moves(moves) => {
+                        for step in moves {
+                            if let Some(after) = self.after(&state, &step, &others)? {
+                                next = Some((Some(step), after));
+                                break;
+                            }
+                        }
+                    }
+                    Settling::Waits => {}
+                }
+                if next.is_some() {
+                    break;
+                }
+            }
+            let Some((step, after)) = next else { return Ok(state.unsettled) };
+            self.path.extend(step);
+            state = after;
+        }
+    }
+
     /// Whether all that is unsettled can be settled from here; the moves are then on the path.
     fn solved(&mut self, state: &State, parkings: u32) -> Result<bool, CallError> {
+        self.keep_if_best(state);
         let open = state.unsettled.len();
-        if self.best.as_ref().is_none_or(|(_, unsettled)| open < unsettled.len()) {
-            self.best = Some((self.path.clone(), state.unsettled.iter().copied().collect()));
-        }
         if open == 0 {
             return Ok(true);
         }
@@ -155,55 +189,75 @@ impl<'a> Search<'a> {
         }
         let mut without_room: Vec<(u16, Vec<GoalTerm>)> = Vec::new();
         for object in self.order(state) {
-            if !state.scene.carried(object).is_empty() {
-                continue;
-            }
-            let mut others = state.unsettled.clone();
-            others.remove(&object);
-            let terms = self.goals.of(object, &others);
-            if self.stays(state, object, &terms) {
-                if self.solved(&State { scene: state.scene.clone(), unsettled: others }, parkings)? {
-                    return Ok(true);
-                }
-                continue;
-            }
-            let mut found = false;
-            for goal in self.positive(state, object, &terms, &others) {
-                let places = self.places(&state.scene, object, &goal, self.request.alternatives)?;
-                for placement in places.iter() {
-                    let step = ArrangeMove { object, purpose: Purpose::Goal, goal: goal.clone(), placement: placement.clone() };
-                    let scene = after(state, &step)?;
-                    // On something that must move again it would be in the way.
-                    if others.iter().any(|other| scene.carried(*other).contains(&object)) {
-                        continue;
-                    }
-                    found = true;
-                    if self.solved_after(step, &State { scene, unsettled: others.clone() }, parkings)? {
+            let others = state.others(object);
+            match self.settling(state, object, &others)? {
+                Settling::Waits => {}
+                Settling::Stays => {
+                    if self.solved(&State { scene: state.scene.clone(), unsettled: others }, parkings)? {
                         return Ok(true);
                     }
                 }
-                if found {
-                    break;
+                Settling::Moves(moves) => {
+                    let mut found = false;
+                    for step in moves {
+                        let Some(after) = self.after(state, &step, &others)? else { continue };
+                        found = true;
+                        if self.solved_after(step, &after, parkings)? {
+                            return Ok(true);
+                        }
+                    }
+                    if !found {
+                        without_room.push((object, self.goals.of(object, &others)));
+                    }
                 }
             }
-            if !found {
-                without_room.push((object, terms));
+        }
+        if parkings > 0 && self.places.ended().is_none() { self.solved_aside(state, &without_room, parkings) } else { Ok(false) }
+    }
+
+    fn keep_if_best(&mut self, state: &State) {
+        if self.best.as_ref().is_none_or(|(_, unsettled)| state.unsettled.len() < unsettled.len()) {
+            self.best = Some((self.path.clone(), state.unsettled.iter().copied().collect()));
+        }
+    }
+
+    /// How an object can be settled while the others are not.
+    fn settling(&mut self, state: &State, object: u16, others: &BTreeSet<u16>) -> Result<Settling, CallError> {
+        if !state.scene.carried(object).is_empty() {
+            return Ok(Settling::Waits);
+        }
+        let terms = self.goals.of(object, others);
+        if self.stays(state, object, &terms) {
+            return Ok(Settling::Stays);
+        }
+        let goals = self.positive(state, object, &terms, others);
+        if goals.is_empty() {
+            return Ok(Settling::Waits);
+        }
+        for goal in goals {
+            let places = self.places.of(&state.scene, object, &goal, self.request.alternatives)?;
+            if !places.is_empty() {
+                let step = |p: &Placement| ArrangeMove { object, purpose: Purpose::Goal, goal: goal.clone(), placement: p.clone() };
+                return Ok(Settling::Moves(places.iter().map(step).collect()));
             }
         }
-        if parkings > 0 && self.ended.is_none() { self.solved_aside(state, &without_room, parkings) } else { Ok(false) }
+        Ok(Settling::Moves(Vec::new()))
+    }
+
+    /// The table after a move; none where the object would stand on something that must move yet, and be in the way there.
+    fn after(&mut self, state: &State, step: &ArrangeMove, unsettled: &BTreeSet<u16>) -> Result<Option<State>, CallError> {
+        let scene = self.tables.after(&state.scene, step.object, &step.placement.placed_from_observed)?;
+        let is_in_the_way = unsettled.iter().any(|other| *other != step.object && scene.carried(*other).contains(&step.object));
+        Ok((!is_in_the_way).then(|| State { scene, unsettled: unsettled.clone() }))
     }
 
     /// Whether an object needs no move: nothing is asked of it as long as the others do not stand, and all of them wait for each other; or
     /// what is asked of it holds where it is.
     fn stays(&self, state: &State, object: u16, terms: &[GoalTerm]) -> bool {
         match terms.is_empty() {
-            true => state.unsettled.iter().all(|other| {
-                let mut others = state.unsettled.clone();
-                others.remove(other);
-                self.goals.of(*other, &others).is_empty()
-            }),
+            true => state.unsettled.iter().all(|other| self.goals.of(*other, &state.others(*other)).is_empty()),
             // One that was set down aside, or had to give way, may well stand where it should.
-            false => all_hold(&state.scene, &self.viewer, object, terms) && self.goals.waiting(object, &state.unsettled) == 0,
+            false => all_hold(&state.scene, self.places.viewer(), object, terms) && self.goals.waiting(object, &state.unsettled) == 0,
         }
     }
 
@@ -219,71 +273,88 @@ impl<'a> Search<'a> {
         beside.into_iter().map(|side| [side, terms.to_vec()].concat()).collect()
     }
 
-    /// Who is tried first: whoever waits for the fewest others, in the order of the goals.
+    /// Who is tried first: whoever waits for the fewest others, of those who found no room before, in the order of the goals.
     fn order(&self, state: &State) -> Vec<u16> {
         let mut order: Vec<u16> = self.goals.objects().iter().copied().filter(|o| state.unsettled.contains(o)).collect();
-        order.sort_by_key(|object| self.goals.waiting(*object, &state.unsettled));
+        let crowded = |object: &u16| self.crowded.get(object).copied().unwrap_or(0);
+        order.sort_by_key(|object| (self.goals.waiting(*object, &state.unsettled), Reverse(crowded(object))));
         order
     }
 
     /// Sets one object down aside, and goes on.
     fn solved_aside(&mut self, state: &State, without_room: &[(u16, Vec<GoalTerm>)], parkings: u32) -> Result<bool, CallError> {
-        for object in self.in_the_way(state, without_room)? {
-            let mut unsettled = state.unsettled.clone();
-            if self.goals.has(object) {
-                unsettled.insert(object);
+        let anchors = without_room.iter().flat_map(|(_, terms)| terms.iter().filter(|t| t.holds).map(|t| t.anchor)).collect();
+        let mut tried: BTreeSet<u16> = BTreeSet::new();
+        for (other, for_whom) in self.in_the_way(state, without_room) {
+            if self.places.ended().is_some() {
+                return Ok(false);
             }
-            // Goals about it may not hold any more; those that do are seen to when their turn comes.
-            unsettled.extend(self.goals.about(object).filter(|other| *other != object));
-            let mut others = unsettled.clone();
-            others.remove(&object);
-            let anchors = without_room.iter().flat_map(|(_, terms)| terms.iter().filter(|t| t.holds).map(|t| t.anchor)).collect();
-            let mut kept = 0;
-            for goal in places_aside(&state.scene, object, &others, &anchors) {
-                let places = self.places(&state.scene, object, &goal, 1)?;
-                for placement in places.iter() {
-                    let step = ArrangeMove { object, purpose: Purpose::Aside, goal: goal.clone(), placement: placement.clone() };
-                    let scene = after(state, &step)?;
-                    if self.solved_after(step, &State { scene, unsettled: unsettled.clone() }, parkings - 1)? {
-                        return Ok(true);
-                    }
-                    kept += 1;
-                }
-                if kept >= ASIDE || self.ended.is_some() {
-                    break;
-                }
+            if tried.contains(&other) || !self.makes_room(state, other, for_whom)? {
+                continue;
+            }
+            tried.insert(other);
+            if self.solved_with_aside(state, other, &anchors, parkings)? {
+                return Ok(true);
             }
         }
         Ok(false)
     }
 
-    /// The objects that keep others from their places: those that stand on what must move, or else those without which there would be room.
-    fn in_the_way(&mut self, state: &State, without_room: &[(u16, Vec<GoalTerm>)]) -> Result<Vec<u16>, CallError> {
+    /// Sets this object down aside, here or there, and goes on.
+    fn solved_with_aside(&mut self, state: &State, object: u16, anchors: &BTreeSet<u16>, parkings: u32) -> Result<bool, CallError> {
+        let mut unsettled = state.unsettled.clone();
+        if self.goals.has(object) {
+            unsettled.insert(object);
+        }
+        // Goals about it may not hold any more; those that do are seen to when their turn comes.
+        unsettled.extend(self.goals.about(object).filter(|other| *other != object));
+        let mut others = unsettled.clone();
+        others.remove(&object);
+        let mut kept = 0;
+        for goal in places_aside(&state.scene, object, &others, anchors) {
+            let places = self.places.of(&state.scene, object, &goal, 1)?;
+            for placement in places.iter() {
+                let step = ArrangeMove { object, purpose: Purpose::Aside, goal: goal.clone(), placement: placement.clone() };
+                let Some(after) = self.after(state, &step, &unsettled)? else { continue };
+                if self.solved_after(step, &after, parkings - 1)? {
+                    return Ok(true);
+                }
+                kept += 1;
+            }
+            if kept >= ASIDE || self.places.ended().is_some() {
+                break;
+            }
+        }
+        Ok(false)
+    }
+
+    /// The objects that may keep others from their places, likeliest first, each with whom it may keep from which: those that stand on what must
+    /// move, or where there are none, everything that can be moved.
+    fn in_the_way<'g>(&self, state: &State, without_room: &'g [(u16, Vec<GoalTerm>)]) -> Vec<(u16, Option<&'g (u16, Vec<GoalTerm>)>)> {
         let free = |id: &u16| state.scene.carried(*id).is_empty();
         let carried: BTreeSet<u16> = state.unsettled.iter().flat_map(|object| state.scene.carried(*object).iter().copied()).collect();
         if !carried.is_empty() {
-            return Ok(carried.into_iter().filter(free).collect());
+            return carried.into_iter().filter(free).map(|object| (object, None)).collect();
         }
-        let mut found: Vec<u16> = Vec::new();
-        for (object, terms) in without_room.iter().filter(|(_, terms)| terms.iter().any(|t| t.holds)) {
-            let others: Vec<u16> = state.scene.objects.keys().copied().filter(|id| id != object).collect();
-            // Who moves anyway first.
-            let (moving, standing): (Vec<u16>, Vec<u16>) = others.into_iter().filter(free).partition(|id| state.unsettled.contains(id));
-            for other in moving.into_iter().chain(standing) {
-                let anchors = terms.iter().any(|t| t.anchor == other);
-                if found.contains(&other) || anchors {
-                    continue;
-                }
-                let scene = prepared(without(&state.scene.scene, other));
-                if !self.places(&scene, *object, terms, 1)?.is_empty() {
-                    found.push(other);
-                }
-                if self.ended.is_some() {
-                    return Ok(found);
-                }
+        let mut likely: Vec<((bool, bool), u16, Option<&'g (u16, Vec<GoalTerm>)>)> = Vec::new();
+        for whom in without_room.iter().filter(|(_, terms)| terms.iter().any(|t| t.holds)) {
+            let (object, terms) = whom;
+            let is_anchor = |id: &u16| terms.iter().any(|t| t.anchor == *id);
+            for other in state.scene.objects.keys().copied().filter(|id| id != object && !is_anchor(id)).filter(free) {
+                // What stands where this one must go comes first, then what moves anyway.
+                let stands_there = all_hold(&state.scene, self.places.viewer(), other, terms);
+                likely.push(((!stands_there, !state.unsettled.contains(&other)), other, Some(whom)));
             }
         }
-        Ok(found)
+        likely.sort_by_key(|(rank, ..)| *rank);
+        likely.into_iter().map(|(_, other, whom)| (other, whom)).collect()
+    }
+
+    /// Whether there would be room for whoever has none, if this object were not there.
+    fn makes_room(&mut self, state: &State, other: u16, for_whom: Option<&(u16, Vec<GoalTerm>)>) -> Result<bool, CallError> {
+        let Some((object, terms)) = for_whom else { return Ok(true) };
+        let scene = self.tables.without(&state.scene, other);
+        Ok(!self.places.of(&scene, *object, terms, 1)?.is_empty())
     }
 
     /// Whether all can be settled after a move, which led to a state.
@@ -295,60 +366,4 @@ impl<'a> Search<'a> {
         }
         Ok(solved)
     }
-
-    /// Places for an object on a scene, best first; none where there is none, where too little is known of it, or where the search has ended.
-    fn places(
-        &mut self,
-        scene: &Arc<PreparedScene>,
-        object: u16,
-        terms: &[GoalTerm],
-        count: u32,
-    ) -> Result<Arc<Vec<Placement>>, CallError> {
-        let named: Vec<String> = terms.iter().map(ToString::to_string).collect();
-        let key = (scene.scene_id.clone(), object, format!("{count} {}", named.join(",")));
-        if let Some(known) = self.known.get(&key) {
-            return Ok(known.clone());
-        }
-        let time_is_up = self.request.time_ms.is_some_and(|ms| self.started.elapsed() >= Duration::from_millis(ms));
-        if time_is_up || self.searches >= self.request.max_searches {
-            self.ended = Some(if time_is_up { Ended::Time } else { Ended::Budget });
-            return Ok(Arc::default());
-        }
-        self.searches += 1;
-        let request = PlaceRequest {
-            view_yaw_rad: Some(self.viewer.yaw_rad()),
-            count,
-            rotation: self.request.rotation,
-            seed: self.request.seed,
-            variant: self.request.variant,
-            ..PlaceRequest::new(scene.scene_id.clone(), object, terms.to_vec())
-        };
-        let places = match plan(scene, &request, self.models, self.control) {
-            Ok(result) => {
-                self.weights_hash = result.weights_hash;
-                result.placements
-            }
-            // It carries something, or too little of it was seen: it stays where it is.
-            Err(error) if error.code == ErrorCode::FailedPrecondition && error.field.as_deref() == Some("query") => Vec::new(),
-            Err(error) if error.code == ErrorCode::DeadlineExceeded => {
-                self.ended = Some(Ended::Time);
-                Vec::new()
-            }
-            Err(error) => return Err(error),
-        };
-        let places = Arc::new(places);
-        self.known.insert(key, places.clone());
-        Ok(places)
-    }
-}
-
-/// The scene after a move.
-fn after(state: &State, step: &ArrangeMove) -> Result<Arc<PreparedScene>, CallError> {
-    let carried = from_row_major(&step.placement.placed_from_observed.0)
-        .map_err(|e| CallError::internal(format!("a placement is no rigid motion: {e}")))?;
-    Ok(prepared(moved(&state.scene.scene, step.object, &carried)))
-}
-
-fn prepared(scene: Scene) -> Arc<PreparedScene> {
-    Arc::new(PreparedScene::new(Arc::new(scene)))
 }

@@ -24,7 +24,7 @@ fn arranged(scene: &Scene, texts: &[(u16, &[&str])]) -> ArrangeResult {
 }
 
 fn arranged_with(scene: &Scene, texts: &[(u16, &[&str])], max_parkings: u32) -> ArrangeResult {
-    let prepared = PreparedScene::new(std::sync::Arc::new(scene.clone()));
+    let prepared = std::sync::Arc::new(PreparedScene::new(std::sync::Arc::new(scene.clone())));
     let request =
         ArrangeRequest { variant: Variant::Geometric, max_parkings, ..ArrangeRequest::new(prepared.scene_id.clone(), goals(texts)) };
     arrange(&prepared, &request, &NoModels, &mut |_| ControlFlow::Continue(())).unwrap()
@@ -119,7 +119,7 @@ fn the_same_request_gives_the_same_answer_and_a_small_budget_a_part_of_it() {
     let scene = SceneBuilder::table().object(1, [0.3, 0.0], SMALL).object(2, [-0.1, -0.1], SMALL).object(3, [-0.3, 0.1], SMALL).scene();
     let wanted: &[(u16, &[&str])] = &[(2, &["left_of:3", "near:3"]), (3, &["left_of:1", "near:1"])];
     assert_eq!(arranged(&scene, wanted), arranged(&scene, wanted));
-    let prepared = PreparedScene::new(std::sync::Arc::new(scene));
+    let prepared = std::sync::Arc::new(PreparedScene::new(std::sync::Arc::new(scene)));
     let request =
         ArrangeRequest { variant: Variant::Geometric, max_searches: 1, ..ArrangeRequest::new(prepared.scene_id.clone(), goals(wanted)) };
     let partial = arrange(&prepared, &request, &NoModels, &mut |_| ControlFlow::Continue(())).unwrap();

@@ -1,5 +1,6 @@
 //! `repose evaluate`: the paper's tables.
 
+mod arrange;
 mod discriminator;
 mod planner;
 mod relations;
@@ -28,6 +29,8 @@ pub enum Table {
     Planner(planner::EvaluatePlannerArgs),
     /// Relations, learned and by rule, on simulated scenes that nothing was trained on (the paper's Table 2).
     Relations(relations::EvaluateRelationsArgs),
+    /// Several goals at once, on generated tasks with a known solution.
+    Arrange(arrange::EvaluateArrangeArgs),
     /// Realism against what physics does, on kitchens that nothing was trained on.
     Discriminator(discriminator::EvaluateDiscriminatorArgs),
     /// The simulated world: rejected draws, rest, overlaps, and whether releases depend on the physics step.
@@ -42,6 +45,7 @@ pub enum Table {
 pub fn run(args: &EvaluateArgs, output: Output) -> Outcome {
     match &args.table {
         Table::Planner(args) => planner::run(args, output),
+        Table::Arrange(args) => arrange::run(args, output),
         Table::World(args) => world::run(args, output),
         Table::Relations(args) => relations::run(args, output),
         Table::Discriminator(args) => discriminator::run(args, output),

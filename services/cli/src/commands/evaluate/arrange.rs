@@ -1,0 +1,106 @@
+//! `repose evaluate arrange`: several goals at once, on generated tasks with a known solution.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+use repose_evaluation::report::arrange::{document, text_of};
+use repose_evaluation::report::written::{FileError, can_write, write_report};
+use repose_evaluation::scenes::arrangement::task::{Shapes, TaskKind};
+use repose_evaluation::scenes::arrangement::trial::TaskRecord;
+use repose_evaluation::tables::arrange::{ArrangeTableSettings, arrange_rows, evaluate_arrange};
+use repose_proto::place::Variant;
+
+use super::shared::TableArgs;
+use crate::failure::{Failure, Outcome};
+use crate::output::Output;
+use crate::progress::Progress;
+use crate::values::{parse_count, parse_variant};
+
+/// Arguments of `evaluate arrange`.
+#[derive(Debug, Args)]
+pub struct EvaluateArrangeArgs {
+    /// Tasks of each kind and size.
+    #[arg(long, default_value_t = 25, value_parser = parse_count)]
+    pub tasks: usize,
+    /// The first task of each kind and size, to make a table in parts.
+    #[arg(long, default_value_t = 0)]
+    pub first: u64,
+    /// How many goals the tasks have, 2 to 8; repeat for more. Default: 2, 3, 4, 6 and 8.
+    #[arg(long, value_parser = clap::value_parser!(u8).range(2..=8))]
+    pub goals: Vec<u8>,
+    /// What makes the tasks hard: free, ordered, swap or unstack; repeat for more. Default: all four.
+    #[arg(long = "kind", value_parser = parse_task_kind)]
+    pub kinds: Vec<TaskKind>,
+    /// What is given of the objects' shapes: true or observed; repeat for both. Default: both.
+    #[arg(long, value_parser = parse_shapes)]
+    pub shapes: Vec<Shapes>,
+    /// Which method finds each placement.
+    #[arg(long, default_value = "best", value_parser = parse_variant)]
+    pub variant: Variant,
+    /// Split, weights and threads.
+    #[command(flatten)]
+    pub common: TableArgs,
+    /// A folder for the table as JSON, and for every task's record as it ends.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &EvaluateArrangeArgs, output: Output) -> Outcome {
+    let engine = args.common.engine()?;
+    let or_all = |given: &[u8]| if given.is_empty() { vec![2, 3, 4, 6, 8] } else { given.iter().map(|n| usize::from(*n)).collect() };
+    let goals: Vec<usize> = or_all(&args.goals);
+    let kinds = if args.kinds.is_empty() { TaskKind::ALL.to_vec() } else { args.kinds.clone() };
+    let shapes = if args.shapes.is_empty() { Shapes::ALL.to_vec() } else { args.shapes.clone() };
+    let made_with = serde_json::json!({
+        "weights_hash": engine.weights_hash(), "variant": args.variant, "goals": goals, "kinds": kinds, "shapes": shapes,
+        "tasks": args.tasks,
+    });
+    let scenes = args.common.first("arrange", &made_with)?;
+    let settings = ArrangeTableSettings {
+        split: scenes.split,
+        first: scenes.first + args.first,
+        tasks: args.tasks,
+        kinds,
+        goals,
+        shapes,
+        variant: args.variant,
+        threads: args.common.threads(),
+    };
+    let lines = args.out.as_ref().map(|folder| folder.join("tasks.jsonl"));
+    if let Some(path) = &lines {
+        can_write(path)?;
+    }
+    let bar = Progress::new((settings.kinds.len() * settings.goals.len() * settings.shapes.len() * settings.tasks) as u64, "tasks");
+    let mut records: Vec<TaskRecord> = Vec::new();
+    evaluate_arrange(&settings, &engine, |record: TaskRecord| {
+        bar.add(1);
+        let fault = record.fault.map_or("solved", |fault| fault.name());
+        tracing::info!(kind = record.kind.name(), goals = record.goals, slot = record.slot, ms = record.plan_ms.round(), "{fault}");
+        if let Some(path) = &lines {
+            let line = serde_json::to_string(&record).map_err(Failure::other)?;
+            let mut file = std::fs::File::options().append(true).create(true).open(path).map_err(|e| FileError::new(path, e))?;
+            writeln!(file, "{line}").map_err(|e| FileError::new(path, e))?;
+        }
+        records.push(record);
+        Ok::<(), Failure>(())
+    })?;
+    bar.finish();
+    let rows = arrange_rows(&records);
+    let document = document(&rows, &records, &scenes.named(&made_with));
+    if let Some(folder) = &args.out {
+        write_report(folder, "arrange", &document, &[])?;
+    }
+    output.print(&document, || text_of(&rows))
+}
+
+fn parse_task_kind(text: &str) -> Result<TaskKind, String> {
+    let named = TaskKind::ALL.into_iter().find(|kind| kind.name() == text);
+    named.ok_or_else(|| format!("expected free, ordered, swap or unstack, got {text:?}"))
+}
+
+fn parse_shapes(text: &str) -> Result<Shapes, String> {
+    let named = Shapes::ALL.into_iter().find(|shapes| shapes.name() == text);
+    named.ok_or_else(|| format!("expected true or observed, got {text:?}"))
+}

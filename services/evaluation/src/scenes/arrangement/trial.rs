@@ -1,0 +1,317 @@
+//! What a way of planning makes of a task: its moves, and what they come to in the true world.
+//!
+//! Everything is planned on the first view; each move is then let go where it was planned, from where the object truly stands, and nothing is
+//! looked at in between. Two bars stand beside `arrange`: the goals one after another, each planned by itself on what the one before is
+//! believed to have left, in the order given; and the same in a few random orders, of which the first counts after which all goals are
+//! believed to hold.
+
+use std::collections::VecDeque;
+use std::ops::ControlFlow;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+use nalgebra::Isometry3;
+use rand::seq::SliceRandom;
+use rand_pcg::Pcg64;
+use repose_geometry::transform::from_row_major;
+use repose_inference::{Engine, HeldScene};
+use repose_planner::arrange::goals::all_hold;
+use repose_planner::arrange::moved::moved;
+use repose_planner::{Forecasts, PlacementModels, PreparedScene, plan};
+use repose_proto::arrange::{ArrangeRequest, ObjectGoal};
+use repose_proto::place::{Outcome, Variant};
+use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
+use repose_proto::{CallError, ErrorCode, PlaceRequest, Scene as ObservedScene};
+use repose_simulator::release::{ReleaseSettings, released};
+use serde::{Deserialize, Serialize};
+
+use crate::scenes::arrangement::task::{ArrangementTask, Shapes, TaskKind};
+use crate::scenes::outcome::{OTHERS_MOVED_M, PENETRATION_M, STABLE_M, TILT_RAD};
+use crate::statistics::processor_time::of_this_thread_ms;
+
+/// Random orders that the second bar tries.
+pub const RANDOM_ORDERS: usize = 3;
+
+/// What went wrong with a plan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PlanFault {
+    /// There was none.
+    NoPlan,
+    /// Its search was cut short.
+    CutShort,
+    /// An object was put more than 5 mm into something.
+    Pressed,
+    /// An object tipped.
+    Tipped,
+    /// Something else moved more than 2 cm.
+    MovedOthers,
+    /// An object moved 5 cm where it was let go.
+    Slid,
+    /// All stayed, but a goal does not hold.
+    Goal,
+}
+
+impl PlanFault {
+    /// Its name, as in records.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::NoPlan => "no_plan",
+            Self::CutShort => "cut_short",
+            Self::Pressed => "pressed",
+            Self::Tipped => "tipped",
+            Self::MovedOthers => "moved_others",
+            Self::Slid => "slid",
+            Self::Goal => "goal",
+        }
+    }
+}
+
+/// What a task came to.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TaskRecord {
+    /// What makes it hard.
+    pub kind: TaskKind,
+    /// How many goals it has.
+    pub goals: usize,
+    /// What was given of the objects' shapes.
+    pub shapes: Shapes,
+    /// Its slot in its kind and size.
+    pub slot: u64,
+    /// Its seed.
+    pub seed: u64,
+    /// The goals.
+    pub asked: Vec<String>,
+    /// Moves of its known solution.
+    pub known_moves: usize,
+    /// Moves of the plan.
+    pub moves: usize,
+    /// What was wrong with the plan; none where all goals held at the end.
+    pub fault: Option<PlanFault>,
+    /// The move that it went wrong with, counted from 0, where it was one.
+    pub at_move: Option<usize>,
+    /// The probability that the plan gave itself.
+    pub probability: Option<f64>,
+    /// Placements searched for.
+    pub searches: u32,
+    /// Wall-clock time of planning, milliseconds.
+    pub plan_ms: f64,
+    /// Processor time of planning, milliseconds; none where the operating system does not tell.
+    pub processor_ms: Option<f64>,
+    /// What was wrong with the goals one after another in the given order.
+    pub in_order: Option<PlanFault>,
+    /// What was wrong with the best of the random orders.
+    pub random_order: Option<PlanFault>,
+}
+
+impl TaskRecord {
+    /// Whether the plan solved it.
+    pub fn solved(&self) -> bool {
+        self.fault.is_none()
+    }
+}
+
+/// Plans a task in every way, and tries the plans.
+///
+/// # Errors
+/// The planner's or the engine's, on a task that they should have been able to take.
+pub fn try_task(
+    task: &ArrangementTask,
+    (slot, shapes, variant): (u64, Shapes, Variant),
+    engine: &Engine,
+    forecasts: &Arc<Forecasts>,
+) -> Result<TaskRecord, CallError> {
+    let seen = task.seen(shapes);
+    let models = HeldScenes { engine, forecasts, held: Mutex::default() };
+    let planning = Planning { task, variant, models: &models };
+    let prepared = Arc::new(PreparedScene::new(seen));
+    let request = ArrangeRequest {
+        variant,
+        seed: task.seed,
+        view_yaw_rad: Some(task.viewer.yaw_rad()),
+        ..ArrangeRequest::new(prepared.scene_id.clone(), task.goals.clone())
+    };
+    let (started, before_ms) = (Instant::now(), of_this_thread_ms());
+    let result = repose_planner::arrange::arrange(&prepared, &request, &models, &mut |_| ControlFlow::Continue(()))?;
+    let plan_ms = started.elapsed().as_secs_f64() * 1e3;
+    let processor_ms = of_this_thread_ms().zip(before_ms).map(|(now_ms, before_ms)| now_ms - before_ms);
+    let moves: Vec<Move> = result
+        .moves
+        .iter()
+        .map(|m| Ok((m.object, from_row_major(&m.placement.placed_from_observed.0).map_err(|e| CallError::internal(e.to_string()))?)))
+        .collect::<Result<_, CallError>>()?;
+    let (fault, at_move) = match result.outcome {
+        Outcome::Found => carried_out(task, &moves),
+        Outcome::Partial => (Some(PlanFault::CutShort), None),
+        Outcome::None => (Some(PlanFault::NoPlan), None),
+    };
+    let in_order = planning.one_after_another(&prepared, &task.goals)?.fault(task);
+    let random_order = planning.random_order(&prepared)?.fault(task);
+    Ok(TaskRecord {
+        kind: task.kind,
+        goals: task.goals.len(),
+        shapes,
+        slot,
+        seed: task.seed,
+        asked: task.goals.iter().map(ToString::to_string).collect(),
+        known_moves: task.moves,
+        moves: moves.len(),
+        fault,
+        at_move,
+        probability: result.probability,
+        searches: result.searches,
+        plan_ms,
+        processor_ms,
+        in_order,
+        random_order,
+    })
+}
+
+/// An object and the motion of the world that carries it.
+type Move = (u16, Isometry3<f64>);
+
+/// Carries moves out in the true world: the first fault, and the move that it came with.
+fn carried_out(task: &ArrangementTask, moves: &[Move]) -> (Option<PlanFault>, Option<usize>) {
+    let settings = ReleaseSettings { ends_at_rest: true, ..ReleaseSettings::default() };
+    let mut table = task.truth.clone();
+    for (k, (object, placed_from_observed)) in moves.iter().enumerate() {
+        let put = |index: usize| {
+            let placed = placed_from_observed * table.objects[index].world_from_object;
+            released(&table, index, &placed, &settings)
+        };
+        let Some(came) = task.index_of(*object).and_then(put) else { return (Some(PlanFault::NoPlan), Some(k)) };
+        let faults = [
+            (PlanFault::Pressed, came.penetration_m > PENETRATION_M),
+            (PlanFault::Tipped, came.tilt_rad > TILT_RAD),
+            (PlanFault::MovedOthers, came.others_moved_m > OTHERS_MOVED_M),
+            (PlanFault::Slid, came.moved_m > STABLE_M),
+        ];
+        if let Some((fault, _)) = faults.into_iter().find(|(_, is)| *is) {
+            return (Some(fault), Some(k));
+        }
+        table = table.with_poses(&came.world_from_objects);
+    }
+    ((!task.hold(&table)).then_some(PlanFault::Goal), None)
+}
+
+/// Planning goal by goal.
+struct Planning<'a> {
+    task: &'a ArrangementTask,
+    variant: Variant,
+    models: &'a HeldScenes<'a>,
+}
+
+/// What planning goal by goal came to.
+struct GoalByGoal {
+    moves: Vec<Move>,
+    /// Whether all goals are believed to hold after them.
+    believed: bool,
+}
+
+impl GoalByGoal {
+    fn fault(&self, task: &ArrangementTask) -> Option<PlanFault> {
+        let all_planned = self.believed || !self.moves.is_empty();
+        if all_planned { carried_out(task, &self.moves).0 } else { Some(PlanFault::NoPlan) }
+    }
+}
+
+impl Planning<'_> {
+    /// The goals in an order. One that holds when its turn comes needs no move; one for which there is no place is left out.
+    fn one_after_another(&self, first: &PreparedScene, order: &[ObjectGoal]) -> Result<GoalByGoal, CallError> {
+        let mut moves = Vec::new();
+        let mut scene = first.clone();
+        for goal in order {
+            if all_hold(&scene, &self.task.viewer, goal.object, &goal.terms) {
+                continue;
+            }
+            let request = PlaceRequest {
+                view_yaw_rad: Some(self.task.viewer.yaw_rad()),
+                seed: self.task.seed,
+                variant: self.variant,
+                ..PlaceRequest::new(scene.scene_id.clone(), goal.object, goal.terms.clone())
+            };
+            let answered = plan(&scene, &request, self.models, &mut |_| ControlFlow::Continue(()));
+            let placements = match answered {
+                // It carries another, or too little of it was seen.
+                Err(error) if error.code == ErrorCode::FailedPrecondition => continue,
+                answered => answered?.placements,
+            };
+            let Some(best) = placements.first() else { continue };
+            let motion = from_row_major(&best.placed_from_observed.0).map_err(|e| CallError::internal(e.to_string()))?;
+            scene = PreparedScene::new(Arc::new(moved(&scene.scene, goal.object, &motion)));
+            moves.push((goal.object, motion));
+        }
+        let believed = order.iter().all(|goal| all_hold(&scene, &self.task.viewer, goal.object, &goal.terms));
+        Ok(GoalByGoal { moves, believed })
+    }
+
+    /// The first of a few random orders after which all goals are believed to hold, or the last.
+    fn random_order(&self, first: &PreparedScene) -> Result<GoalByGoal, CallError> {
+        let mut rng = Pcg64::new(u128::from(self.task.seed), 0x0a9d_e35);
+        let mut order = self.task.goals.clone();
+        let mut tried = GoalByGoal { moves: Vec::new(), believed: false };
+        for _ in 0..RANDOM_ORDERS {
+            order.shuffle(&mut rng);
+            tried = self.one_after_another(first, &order)?;
+            if tried.believed {
+                break;
+            }
+        }
+        Ok(tried)
+    }
+}
+
+/// The models on the scenes that an arrangement goes through, of which a few are held.
+struct HeldScenes<'a> {
+    engine: &'a Engine,
+    forecasts: &'a Arc<Forecasts>,
+    held: Mutex<VecDeque<Arc<HeldScene>>>,
+}
+
+impl HeldScenes<'_> {
+    fn held(&self, scene_id: &str, scene: &Arc<ObservedScene>) -> Arc<HeldScene> {
+        const SCENES: usize = 4;
+        let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = held.iter().find(|known| known.scene_id() == scene_id) {
+            return known.clone();
+        }
+        let new = Arc::new(HeldScene::new(scene_id.to_owned(), scene.clone()));
+        held.push_back(new.clone());
+        if held.len() > SCENES {
+            held.pop_front();
+        }
+        new
+    }
+}
+
+impl PlacementModels for HeldScenes<'_> {
+    fn prior(&self, request: &PriorRequest, scene: &Arc<ObservedScene>) -> Result<PriorReply, CallError> {
+        self.engine.prior(request, &self.held(&request.scene.scene_id, scene))
+    }
+
+    fn score(&self, request: &ScoreRequest, scene: &Arc<ObservedScene>) -> Result<ScoreReply, CallError> {
+        self.engine.score(request, &self.held(&request.scene.scene_id, scene))
+    }
+
+    fn forecasts(&self) -> Result<Arc<Forecasts>, CallError> {
+        Ok(self.forecasts.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_dataset::Split;
+
+    use super::*;
+
+    #[test]
+    fn moves_are_tried_in_the_true_world_and_the_first_fault_is_named() {
+        let task = ArrangementTask::of_slot(Split::Train, (TaskKind::Free, 2), 1).expect("a task");
+        assert_eq!(carried_out(&task, &[]), (Some(PlanFault::Goal), None), "nothing was done");
+        let object = task.goals[0].object;
+        let thrown = (object, Isometry3::translation(0.0, 0.0, 0.3));
+        assert_eq!(carried_out(&task, &[thrown]), (Some(PlanFault::Slid), Some(0)));
+        let sunk = (object, Isometry3::translation(0.0, 0.0, -0.02));
+        assert_eq!(carried_out(&task, &[sunk]), (Some(PlanFault::Pressed), Some(0)));
+    }
+}

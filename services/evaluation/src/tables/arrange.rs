@@ -1,0 +1,174 @@
+//! The table of arrangements: how many tasks of a kind and size are solved, in how many moves and how fast, beside the two bars.
+
+use std::collections::BTreeMap;
+
+use repose_dataset::Split;
+use repose_inference::Engine;
+use repose_networks::serving::spread;
+use repose_proto::CallError;
+use repose_proto::place::Variant;
+use serde::Serialize;
+
+use crate::scenes::arrangement::task::{ArrangementTask, Shapes, TaskKind};
+use crate::scenes::arrangement::trial::{PlanFault, TaskRecord, try_task};
+use crate::scenes::one_scene::forecasts_of;
+use crate::statistics::quantile::Sorted;
+use crate::statistics::rate::Rate;
+
+/// The tasks of a table.
+#[derive(Debug, Clone)]
+pub struct ArrangeTableSettings {
+    /// Whose seeds.
+    pub split: Split,
+    /// The first slot of each kind and size.
+    pub first: u64,
+    /// Tasks of each kind and size.
+    pub tasks: usize,
+    /// The kinds.
+    pub kinds: Vec<TaskKind>,
+    /// The sizes: how many goals.
+    pub goals: Vec<usize>,
+    /// What is given of the objects' shapes.
+    pub shapes: Vec<Shapes>,
+    /// Which method finds each placement.
+    pub variant: Variant,
+    /// Threads; the table does not depend on it, but for times.
+    pub threads: usize,
+}
+
+/// Tries every task; `seen` is given each record as it ends, in the order of kinds, sizes and slots.
+///
+/// # Errors
+/// The planner's or the engine's, on a task that they should have been able to take; what `seen` returns.
+pub fn evaluate_arrange<E: From<CallError>>(
+    settings: &ArrangeTableSettings,
+    engine: &Engine,
+    mut seen: impl FnMut(TaskRecord) -> Result<(), E>,
+) -> Result<(), E> {
+    let forecasts = forecasts_of(engine).map_err(E::from)?;
+    let slots = || settings.first..settings.first + settings.tasks as u64;
+    let sizes = settings.kinds.iter().flat_map(|kind| settings.goals.iter().map(move |goals| (*kind, *goals)));
+    let open: Vec<((TaskKind, usize), u64)> = sizes.flat_map(|size| slots().map(move |slot| (size, slot))).collect();
+    for batch in open.chunks(settings.threads.max(1)) {
+        let tried = spread(
+            batch.len(),
+            settings.threads,
+            || (),
+            |(), k| {
+                let (size, slot) = batch[k];
+                let Some(task) = ArrangementTask::of_slot(settings.split, size, slot) else { return Ok(Vec::new()) };
+                let of_shapes = |shapes: &Shapes| try_task(&task, (slot, *shapes, settings.variant), engine, &forecasts);
+                settings.shapes.iter().map(of_shapes).collect::<Result<Vec<_>, CallError>>()
+            },
+        );
+        for records in tried {
+            records.map_err(E::from)?.into_iter().try_for_each(&mut seen)?;
+        }
+    }
+    Ok(())
+}
+
+/// The figures of a kind and size.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ArrangeRow {
+    /// What makes the tasks hard; none for all kinds.
+    pub kind: Option<TaskKind>,
+    /// How many goals each has.
+    pub goals: usize,
+    /// What was given of the objects' shapes.
+    pub shapes: Shapes,
+    /// All goals held at the end, and every object stayed where it was put.
+    pub solved: Rate,
+    /// Moves of the plans that solved their task, of the fewest known for these tasks: 1 is as few.
+    pub moves_of_fewest: Option<f64>,
+    /// Median time of planning, milliseconds.
+    pub p50_ms: f64,
+    /// Median processor time of planning, milliseconds; none where it is not known.
+    pub p50_processor_ms: Option<f64>,
+    /// Median number of placements searched for.
+    pub searches: f64,
+    /// The first bar: the goals one after another in the given order.
+    pub in_order: Rate,
+    /// The second bar: the same in a few random orders.
+    pub random_order: Rate,
+    /// What was wrong with the plans that failed.
+    pub faults: BTreeMap<PlanFault, usize>,
+}
+
+/// One row a kind, size and shapes, and one for all kinds of a size.
+pub fn arrange_rows(records: &[TaskRecord]) -> Vec<ArrangeRow> {
+    let mut groups: BTreeMap<(Shapes, usize, Option<TaskKind>), Vec<&TaskRecord>> = BTreeMap::new();
+    for record in records {
+        for kind in [Some(record.kind), None] {
+            groups.entry((record.shapes, record.goals, kind)).or_default().push(record);
+        }
+    }
+    groups.into_iter().map(|((shapes, goals, kind), own)| row(kind, goals, shapes, &own)).collect()
+}
+
+fn row(kind: Option<TaskKind>, goals: usize, shapes: Shapes, records: &[&TaskRecord]) -> ArrangeRow {
+    let solved: Vec<&&TaskRecord> = records.iter().filter(|r| r.solved()).collect();
+    let fewest: usize = solved.iter().map(|r| r.known_moves.min(r.moves)).sum();
+    let moves: usize = solved.iter().map(|r| r.moves).sum();
+    let median = |of: &dyn Fn(&TaskRecord) -> f64| Sorted::new(records.iter().map(|r| of(r)).collect()).at(0.5).unwrap_or(0.0);
+    let mut faults = BTreeMap::new();
+    for fault in records.iter().filter_map(|r| r.fault) {
+        *faults.entry(fault).or_default() += 1;
+    }
+    ArrangeRow {
+        kind,
+        goals,
+        shapes,
+        solved: records.iter().map(|r| r.solved()).collect(),
+        moves_of_fewest: (fewest > 0).then(|| moves as f64 / fewest as f64),
+        p50_ms: median(&|r| r.plan_ms),
+        p50_processor_ms: Sorted::new(records.iter().filter_map(|r| r.processor_ms).collect()).at(0.5),
+        searches: median(&|r| f64::from(r.searches)),
+        in_order: records.iter().map(|r| r.in_order.is_none()).collect(),
+        random_order: records.iter().map(|r| r.random_order.is_none()).collect(),
+        faults,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(kind: TaskKind, fault: Option<PlanFault>, moves: usize) -> TaskRecord {
+        TaskRecord {
+            kind,
+            goals: 2,
+            shapes: Shapes::Observed,
+            slot: 0,
+            seed: 1,
+            asked: Vec::new(),
+            known_moves: 3,
+            moves,
+            fault,
+            at_move: None,
+            probability: None,
+            searches: 4,
+            plan_ms: 100.0,
+            processor_ms: None,
+            in_order: Some(PlanFault::Goal),
+            random_order: None,
+        }
+    }
+
+    #[test]
+    fn moves_are_those_of_solved_tasks_and_a_shorter_way_is_the_fewest_known() {
+        let records = [
+            record(TaskKind::Swap, None, 4),
+            record(TaskKind::Swap, None, 2),
+            record(TaskKind::Swap, Some(PlanFault::Tipped), 9),
+            record(TaskKind::Free, None, 3),
+        ];
+        let rows = arrange_rows(&records);
+        let of = |kind: Option<TaskKind>| rows.iter().find(|r| r.kind == kind).expect("a row");
+        let swap = of(Some(TaskKind::Swap));
+        assert_eq!((swap.solved, swap.moves_of_fewest), (Rate { of: 2, n: 3 }, Some(6.0 / 5.0)));
+        assert_eq!(swap.faults, BTreeMap::from([(PlanFault::Tipped, 1)]));
+        let all = of(None);
+        assert_eq!((all.solved.n, all.in_order.of, all.random_order.of), (4, 0, 4));
+    }
+}

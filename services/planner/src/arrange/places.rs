@@ -1,0 +1,132 @@
+//! Places for objects on tables as they would be: each searched for once, within the budget of the request.
+
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use repose_geometry::ViewerFrame;
+use repose_proto::arrange::ArrangeRequest;
+use repose_proto::place::Placement;
+use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest};
+
+use crate::learned::models::PlacementModels;
+use crate::plan::{SearchStep, plan};
+use crate::scene::prepared::PreparedScene;
+use crate::search::stop::StopReason;
+
+/// What ended a search before it was through.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ended {
+    /// As many placements as may be searched were.
+    Budget,
+    /// Its time.
+    Time,
+}
+
+/// Searched placements by scene, object and terms.
+type Known = BTreeMap<(String, u16, String), Arc<Vec<Placement>>>;
+
+/// Searches for places, and what it has found out.
+pub struct Places<'a> {
+    request: &'a ArrangeRequest,
+    viewer: ViewerFrame,
+    models: &'a dyn PlacementModels,
+    control: &'a mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
+    started: Instant,
+    known: Known,
+    searches: u32,
+    ended: Option<Ended>,
+    weights_hash: String,
+}
+
+impl<'a> Places<'a> {
+    /// Nothing searched yet.
+    pub fn new(
+        request: &'a ArrangeRequest,
+        viewer: ViewerFrame,
+        models: &'a dyn PlacementModels,
+        control: &'a mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
+    ) -> Self {
+        Self {
+            request,
+            viewer,
+            models,
+            control,
+            started: Instant::now(),
+            known: Known::new(),
+            searches: 0,
+            ended: None,
+            weights_hash: String::new(),
+        }
+    }
+
+    /// The viewer of all relations.
+    pub fn viewer(&self) -> &ViewerFrame {
+        &self.viewer
+    }
+
+    /// Placements searched for so far.
+    pub fn searches(&self) -> u32 {
+        self.searches
+    }
+
+    /// What ended it early, if anything.
+    pub fn ended(&self) -> Option<Ended> {
+        self.ended
+    }
+
+    /// The weights that answered; empty where no network was asked.
+    pub fn weights_hash(&self) -> &str {
+        &self.weights_hash
+    }
+
+    /// Places for an object on a table, best first; none where there is none, where too little is known of it, or where the search has ended.
+    ///
+    /// # Errors
+    /// What the models answer, and `cancelled`.
+    pub fn of(
+        &mut self,
+        scene: &Arc<PreparedScene>,
+        object: u16,
+        terms: &[GoalTerm],
+        count: u32,
+    ) -> Result<Arc<Vec<Placement>>, CallError> {
+        let named: Vec<String> = terms.iter().map(ToString::to_string).collect();
+        let key = (scene.scene_id.clone(), object, format!("{count} {}", named.join(",")));
+        if let Some(known) = self.known.get(&key) {
+            return Ok(known.clone());
+        }
+        let time_is_up = self.request.time_ms.is_some_and(|ms| self.started.elapsed() >= Duration::from_millis(ms));
+        if time_is_up || self.searches >= self.request.max_searches {
+            self.ended = Some(if time_is_up { Ended::Time } else { Ended::Budget });
+            return Ok(Arc::default());
+        }
+        self.searches += 1;
+        let request = PlaceRequest {
+            view_yaw_rad: Some(self.viewer.yaw_rad()),
+            count,
+            rotation: self.request.rotation,
+            robot: self.request.robot.clone(),
+            seed: self.request.seed,
+            variant: self.request.variant,
+            ..PlaceRequest::new(scene.scene_id.clone(), object, terms.to_vec())
+        };
+        let places = match plan(scene, &request, self.models, self.control) {
+            Ok(result) => {
+                self.weights_hash = result.weights_hash;
+                result.placements
+            }
+            // It carries something, or too little of it was seen: it stays where it is.
+            Err(error) if error.code == ErrorCode::FailedPrecondition && error.field.as_deref() == Some("query") => Vec::new(),
+            Err(error) if error.code == ErrorCode::DeadlineExceeded => {
+                self.ended = Some(Ended::Time);
+                Vec::new()
+            }
+            Err(error) => return Err(error),
+        };
+        let places = Arc::new(places);
+        self.known.insert(key, places.clone());
+        Ok(places)
+    }
+}

@@ -1,0 +1,81 @@
+//! Tables as moves would leave them, prepared once: orders and rounds of the search come back to the same ones.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use repose_geometry::transform::from_row_major;
+use repose_proto::{CallError, RigidTransform};
+
+use crate::arrange::moved::{moved, without};
+use crate::scene::prepared::PreparedScene;
+
+/// Tables kept: a prepared scene takes some ten megabytes.
+const KEPT: usize = 16;
+
+/// What was done to a table: an object carried elsewhere (where to, to the bit), or taken away.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Change {
+    scene_id: String,
+    object: u16,
+    motion: Option<[u64; 16]>,
+}
+
+/// Prepared tables, the last used ones kept.
+#[derive(Debug, Default)]
+pub struct Tables(VecDeque<(Change, Arc<PreparedScene>)>);
+
+impl Tables {
+    /// The table after an object was carried elsewhere.
+    ///
+    /// # Errors
+    /// `internal` where the motion is not rigid.
+    pub fn after(
+        &mut self,
+        scene: &Arc<PreparedScene>,
+        object: u16,
+        placed_from_observed: &RigidTransform,
+    ) -> Result<Arc<PreparedScene>, CallError> {
+        let carried =
+            from_row_major(&placed_from_observed.0).map_err(|e| CallError::internal(format!("a placement is no rigid motion: {e}")))?;
+        let motion = Some(placed_from_observed.0.map(f64::to_bits));
+        let change = Change { scene_id: scene.scene_id.clone(), object, motion };
+        Ok(self.kept(change, || PreparedScene::new(Arc::new(moved(&scene.scene, object, &carried)))))
+    }
+
+    /// The table without an object.
+    pub fn without(&mut self, scene: &Arc<PreparedScene>, object: u16) -> Arc<PreparedScene> {
+        let change = Change { scene_id: scene.scene_id.clone(), object, motion: None };
+        self.kept(change, || PreparedScene::new(Arc::new(without(&scene.scene, object))))
+    }
+
+    fn kept(&mut self, change: Change, prepare: impl FnOnce() -> PreparedScene) -> Arc<PreparedScene> {
+        let known = self.0.iter().position(|(other, _)| *other == change).and_then(|at| self.0.remove(at));
+        let (change, scene) = known.unwrap_or_else(|| (change, Arc::new(prepare())));
+        self.0.push_back((change, scene.clone()));
+        if self.0.len() > KEPT {
+            self.0.pop_front();
+        }
+        scene
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::synthetic::SceneBuilder;
+
+    #[test]
+    fn the_same_move_gives_the_same_table_and_only_the_last_ones_are_kept() {
+        let scene = Arc::new(SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [0.3, 0.0], [0.06; 3]).prepared());
+        let by = |x: f64| RigidTransform([1.0, 0.0, 0.0, x, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+        let mut tables = Tables::default();
+        let first = tables.after(&scene, 1, &by(-0.2)).unwrap();
+        assert!(Arc::ptr_eq(&first, &tables.after(&scene, 1, &by(-0.2)).unwrap()));
+        assert!(!Arc::ptr_eq(&first, &tables.without(&scene, 1)));
+        for k in 0..KEPT {
+            tables.after(&scene, 2, &by(-0.001 * k as f64)).unwrap();
+        }
+        assert_eq!(tables.0.len(), KEPT);
+        assert!(!Arc::ptr_eq(&first, &tables.after(&scene, 1, &by(-0.2)).unwrap()), "it was used longest ago");
+    }
+}
