@@ -73,6 +73,8 @@ pub enum LeftOutReason {
     BesideSupports,
     /// There are more objects than a scene may have, and this is one of the smallest.
     TooMany,
+    /// It rises above what things stand on, and the network for masks sees no object in it: furniture, or an object that was missed.
+    Unconfirmed,
     /// A reason of a later version.
     #[serde(other)]
     Other,
@@ -86,6 +88,7 @@ impl LeftOutReason {
             Self::TooLarge => "larger than an object may be",
             Self::BesideSupports => "beside what objects stand on",
             Self::TooMany => "one object too many",
+            Self::Unconfirmed => "rises like an object, but the network for masks sees none",
             Self::Other => "no object",
         }
     }

@@ -3,34 +3,30 @@
 //! Labels that come with the frame are taken as they are; without them objects are found from depth. Without a camera pose the world
 //! is that of the main support plane. The same frame and settings give the same scene, bit for bit.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_geometry::transform::{NotRigid, from_row_major, to_row_major};
-use repose_geometry::{Image, Isometry3, Pinhole, Point3, Vector3, ViewerFrame};
+use repose_geometry::{Image, Isometry3, Pinhole, ViewerFrame};
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, CameraModel, ErrorCode, Frame, RigidTransform, Scene, SceneMeta, SceneWarning, Surface, Unseen};
 
 use crate::masks::clean::CleanMasks;
 use crate::masks::{hints, stray};
-use crate::objects::coarse::CoarseView;
-use crate::objects::find::{self, Found};
-use crate::objects::{learned, spread};
+use crate::objects::coarse::CoarsePicture;
+use crate::objects::find::Found;
+use crate::objects::{seen, spread};
 use crate::readings::depth::DepthMap;
-use crate::readings::point_map::{PointMap, strided, transformed};
-use crate::readings::{flying, upward};
+use crate::readings::flying;
+use crate::readings::point_map::{PointMap, strided};
 use crate::robots::{held, self_filter};
 use crate::scene::cloud::Cloud;
 use crate::scene::summary::{Completeness, summarise};
 use crate::scene::unseen::{self, RayView};
-use crate::settings::{Settings, SurfaceSettings};
+use crate::settings::Settings;
 use crate::supports::gravity;
-use crate::supports::levels::{self, Viewpoint};
 use crate::supports::surfaces::{self, SupportSurface};
-
-/// Level pieces that are looked at for furniture, at most: a crowded desk has many tops.
-const MOST_PIECES: usize = 24;
 
 /// Why a frame gave no scene.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -154,19 +150,19 @@ impl Parts {
             Some(pose) => (pose, WorldFrame::Extrinsics),
             None => (estimated_pose(&in_camera, settings)?, WorldFrame::SupportPlane),
         };
-        let mut coarse = Coarse::new(in_camera, &world_from_camera, &camera, stride, settings);
+        let mut coarse = CoarsePicture::new(in_camera, &world_from_camera, &camera, stride, settings);
 
-        let (mut labels, mut no_objects) = match &frame.labels {
+        let Found { ids: mut labels, mut no_objects, furniture } = match &frame.labels {
             Some(labels) => {
                 let labels = as_image(labels.clone(), &camera)?;
                 pixels_flying += stray::remove(&labels, depth.depth_m_mut(), camera.fx as f32, &settings.flying);
-                (labels, BTreeMap::new())
+                Found::objects(labels)
             }
             None => {
-                let found = coarse.with_network(coarse.objects(settings), settings);
+                let found = seen::objects(&coarse, settings);
                 let mut labels = spread::spread(&found.ids, &coarse.in_camera, &depth, stride);
                 spread::fill_gaps(&mut labels, depth.depth_m(), settings.components.max_gap_px);
-                (labels, found.no_objects)
+                Found { ids: labels, ..found }
             }
         };
         hints::follow(&mut labels, &mut no_objects, &depth, &frame.hints).map_err(SegmentError::Frame)?;
@@ -174,7 +170,7 @@ impl Parts {
         let held: BTreeSet<u16> = held.collect();
         if !held.is_empty() {
             held::remove(&held, &mut labels, &mut depth);
-            coarse = Coarse::new(depth.points(stride), &world_from_camera, &camera, stride, settings);
+            coarse = CoarsePicture::new(depth.points(stride), &world_from_camera, &camera, stride, settings);
         }
         let coarse_labels = strided(&labels, stride);
         let masks = CleanMasks::new(labels, no_objects, depth.depth_m(), settings);
@@ -182,9 +178,12 @@ impl Parts {
         let cloud = Cloud::new(&depth, &world_from_camera, &masks, frame.color.as_deref(), settings.max_points);
 
         let coarse_band = strided(&masks.band, stride);
-        // What was left out is in the way, but no piece of furniture.
-        let whole = |id: &u16| !masks.left_out.reasons.contains_key(id);
-        let clean_label = |i: usize| (!coarse_band.pixels()[i]).then(|| coarse_labels.pixels()[i]).filter(whole);
+        // What was left out is in the way, but no piece of furniture, unless it may well be one.
+        let standing = |id: u16| match masks.left_out.reasons.contains_key(&id) {
+            true => furniture.contains(&id).then_some(0),
+            false => Some(id),
+        };
+        let clean_label = |i: usize| (!coarse_band.pixels()[i]).then(|| coarse_labels.pixels()[i]).and_then(standing);
         let surfaces = surfaces::find(coarse.upward(clean_label), &settings.surfaces);
         let rays = RayView { depth_m: &coarse.depth_m, camera: coarse.camera, world_from_camera: &world_from_camera };
         let space = unseen::space(&rays, &surfaces, &settings.unseen);
@@ -247,7 +246,7 @@ fn estimated_pose(in_camera: &PointMap, settings: &Settings) -> Result<Isometry3
 fn doubts(
     surfaces: &[SupportSurface],
     depth: &DepthMap,
-    coarse: &Coarse,
+    coarse: &CoarsePicture,
     world_frame: WorldFrame,
     settings: &Settings,
 ) -> Vec<SceneWarning> {
@@ -266,7 +265,7 @@ fn doubts(
     if world_frame == WorldFrame::Extrinsics {
         message += "; is the camera's pose right?";
         let inverse =
-            Coarse::new(depth.points(coarse.stride), &coarse.world_from_camera.inverse(), &coarse.of_full, coarse.stride, settings);
+            CoarsePicture::new(depth.points(coarse.stride), &coarse.world_from_camera.inverse(), &coarse.of_full, coarse.stride, settings);
         let of_inverse = surfaces::find(inverse.upward(|_| Some(0)), &settings.surfaces);
         if of_inverse.iter().any(|s| s.seen_m2 >= settings.levels.large_m2) {
             message += " With its inverse there is one: it seems to be camera_from_world.";
@@ -277,80 +276,6 @@ fn doubts(
 
 fn as_image(labels: Vec<u16>, camera: &Pinhole) -> Result<Image<u16>, SegmentError> {
     Image::from_pixels(camera.width, camera.height, labels).map_err(|e| SegmentError::Frame(CallError::invalid("labels", e.to_string())))
-}
-
-/// The coarse picture and which of its pixels face up.
-struct Coarse {
-    /// The camera of the whole picture, its pose, and how many of its columns make one.
-    of_full: Pinhole,
-    world_from_camera: Isometry3<f64>,
-    stride: usize,
-    camera: Pinhole,
-    in_camera: PointMap,
-    in_world: PointMap,
-    depth_m: Image<f32>,
-    faces_up: Image<bool>,
-}
-
-impl Coarse {
-    /// From every `stride`-th pixel of `camera`'s picture.
-    fn new(in_camera: PointMap, world_from_camera: &Isometry3<f64>, camera: &Pinhole, stride: usize, settings: &Settings) -> Self {
-        let scale = stride as f64;
-        let of_full = *camera;
-        let camera = Pinhole {
-            width: in_camera.width(),
-            height: in_camera.height(),
-            fx: camera.fx / scale,
-            fy: camera.fy / scale,
-            cx: camera.cx / scale,
-            cy: camera.cy / scale,
-        };
-        let in_world = transformed(&in_camera, world_from_camera);
-        let depth_m = in_camera.map(|p| p.z);
-        let faces_up = upward::upward_facing(&in_world, &depth_m, camera.fx as f32, settings.surfaces.max_tilt_rad);
-        Self { of_full, world_from_camera: *world_from_camera, stride, camera, in_camera, in_world, depth_m, faces_up }
-    }
-
-    fn view(&self) -> CoarseView<'_> {
-        CoarseView {
-            in_camera: &self.in_camera,
-            in_world: &self.in_world,
-            faces_up: &self.faces_up,
-            focal_px: self.camera.fx as f32,
-            camera_m: self.world_from_camera.translation.z as f32,
-        }
-    }
-
-    /// The objects that geometry finds.
-    fn objects(&self, settings: &Settings) -> Found {
-        let view = self.view();
-        /// Of so many readings that face up one tells of levels: cells of furniture hold many.
-        const THINNED: usize = 3;
-        let facing = self.upward(|_| Some(0)).step_by(THINNED);
-        let pieces = surfaces::find(facing, &SurfaceSettings { max_count: MOST_PIECES, ..settings.surfaces.clone() });
-        let levels =
-            levels::find(&pieces, view.in_camera, view.in_world, &Viewpoint::new(&self.camera, &self.world_from_camera), &settings.levels);
-        find::find(&view, &levels, &settings.components, &settings.levels, |parts| parts.together.clone())
-    }
-
-    /// What geometry found, put right by the network where that is asked for.
-    fn with_network(&self, found: Found, settings: &Settings) -> Found {
-        let up = self.world_from_camera.rotation.inverse() * Vector3::z();
-        let says = settings.learned.enabled.then(|| learned::logits(&self.depth_m, &self.camera, &up)).flatten();
-        match says {
-            Some(logits) => {
-                let ids = learned::ids(&logits, &self.depth_m, &settings.learned);
-                learned::put_right(&found, &ids, &self.in_world, settings)
-            }
-            None => found,
-        }
-    }
-
-    /// The points that face up, with the label of their pixel; pixels without one are left out.
-    fn upward(&self, label: impl Fn(usize) -> Option<u16>) -> impl Iterator<Item = (Point3<f32>, u16)> {
-        let facing = self.faces_up.pixels().iter().enumerate().filter(|(_, up)| **up);
-        facing.filter_map(move |(i, _)| Some((self.in_world.pixels()[i], label(i)?)))
-    }
 }
 
 /// Surfaces in the wire's form, largest outline first.
@@ -384,6 +309,7 @@ mod tests {
     use crate::synthetic::{Solid, cast};
     use proptest::prelude::*;
     use repose_geometry::transform::look_at;
+    use repose_geometry::{Point3, Vector3};
 
     /// A frame of a box of 12 x 10 x 8 cm on a table, with the box labelled 9, and the true camera pose.
     fn frame() -> (Frame, Isometry3<f64>) {

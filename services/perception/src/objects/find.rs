@@ -3,7 +3,7 @@
 //! Worked out on the coarse picture: what rises above the furniture's levels falls into parts, parts that belong together are objects,
 //! and each is judged.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use repose_geometry::{Aabb, Image, Point3};
 use repose_proto::LeftOutReason;
@@ -22,6 +22,15 @@ pub struct Found {
     pub ids: Image<u16>,
     /// Why some of them are no objects.
     pub no_objects: BTreeMap<u16, LeftOutReason>,
+    /// Those of these that may well be furniture, on which things can stand.
+    pub furniture: BTreeSet<u16>,
+}
+
+impl Found {
+    /// Ids of which nothing is known but that they are objects.
+    pub fn objects(ids: Image<u16>) -> Self {
+        Self { ids, no_objects: BTreeMap::new(), furniture: BTreeSet::new() }
+    }
 }
 
 /// Objects in the coarse picture. `together` says which parts belong together: [`Parts::together`] is what geometry says.
@@ -72,7 +81,7 @@ fn judged(ids: &Image<u16>, foreground: &Foreground, in_world: &PointMap, settin
             no_objects.insert(number, reason);
         }
     }
-    Found { ids: ids.map(|id| renumbered[usize::from(*id)]), no_objects }
+    Found { ids: ids.map(|id| renumbered[usize::from(*id)]), no_objects, furniture: BTreeSet::new() }
 }
 
 #[cfg(test)]

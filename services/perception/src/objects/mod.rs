@@ -1,13 +1,17 @@
 //! Objects in a frame without labels: connected readings above the supports, cut and joined.
 
+pub mod agreed;
 pub mod coarse;
 pub mod components;
+pub mod ends;
 pub mod find;
 pub mod foreground;
 pub mod halves;
 pub mod hollows;
+pub mod islands;
 pub mod learned;
 pub mod parts;
+pub mod seen;
 pub mod spread;
 pub mod tops;
 pub mod watershed;
