@@ -4,8 +4,8 @@ use image::{Rgb, RgbImage};
 use nalgebra::{Isometry3, Point3};
 use repose_geometry::{Image, Pinhole, transform};
 use repose_perception::Segmented;
+use repose_pictures::colors::object_color;
 use repose_proto::{Frame, Scene, UnseenSpace};
-use repose_simulator::sheet::colors::object_color;
 
 use repose_local::picture::{Coloring, captioned, color_picture, draw_number, pinhole, scene_picture, side_by_side};
 

@@ -15,11 +15,11 @@ use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPla
 use repose_proto::place::ReachingRobot;
 use repose_proto::robot::{RobotMode, RobotState};
 use repose_proto::{CallError, ErrorCode, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Scene, SceneRef, Service};
-use repose_runtime::{CallOptions, Caller, Session};
+use repose_runtime::{CallOptions, Caller, Session, now_ns, reaching_robot};
+use repose_sentences::placement::describe;
 use repose_tracking::{Known, holds};
 use serde::Serialize;
 
-use crate::answer::describe;
 use crate::bring_back::bring_back;
 use crate::client::{self, ConnectArgs};
 use crate::failure::{Failure, Outcome};
@@ -211,9 +211,7 @@ impl System<'_> {
     async fn reaching(&self) -> Option<ReachingRobot> {
         // One that does not answer is named when it is to move.
         let state = client::robot_state(self.session, self.robot, self.deadline).await.ok()?;
-        let is_known = state.model.as_deref().is_none_or(|model| model == "panda");
-        let pose = state.world_from_base.filter(|_| is_known)?;
-        Some(ReachingRobot { name: self.robot.to_owned(), world_from_base: Some(pose) })
+        reaching_robot(self.robot, &state)
     }
 
     /// The first scene, with its id, that was seen after an instant.
@@ -310,7 +308,7 @@ impl System<'_> {
             }
             ExecutionOutcome::Stopped | ExecutionOutcome::GraspLost => Isometry3::identity(),
         };
-        *view = self.view_after(client::now_ns()).await?;
+        *view = self.view_after(now_ns()).await?;
         known.look_again(Some((wish.query, moved)), &view.1.meta.objects);
         if step.execution == Some(ExecutionOutcome::Done) {
             match known.translated(&format!("step[{k}]"), wish.query, &wish.goal) {
@@ -342,7 +340,7 @@ impl System<'_> {
         for wanted in [RecoveryMove::Open, RecoveryMove::Retreat, RecoveryMove::Home] {
             let seen = match wanted {
                 RecoveryMove::Open => None,
-                RecoveryMove::Retreat | RecoveryMove::Home => Some(self.view_after(client::now_ns()).await?),
+                RecoveryMove::Retreat | RecoveryMove::Home => Some(self.view_after(now_ns()).await?),
             };
             let moved = bring_back(self.session, &self.motion, (self.robot, wanted), seen.as_ref(), &mut self.interrupts).await;
             match moved {
@@ -353,7 +351,7 @@ impl System<'_> {
                 Err(failure) => return Err(failure),
             }
         }
-        self.view_after(client::now_ns()).await
+        self.view_after(now_ns()).await
     }
 
     /// Has the motion service plan, and carry the plan out.

@@ -1,7 +1,8 @@
 //! Which object is which from view to view, and whether what was asked holds in a view.
 //!
 //! A camera that finds its objects anew numbers them anew. Goals that are carried out one after another name objects as in the first view;
-//! [`Known`] tells them by where they are: the moved one where it was put, every other where it was. [`holds`] judges goal terms by rule.
+//! [`Known`] tells them by where they are: the moved one where it was put, every other where it was. [`changes`] says what is different in a
+//! second view, [`holds`] judges goal terms by rule.
 
 use std::collections::BTreeMap;
 
@@ -82,6 +83,56 @@ impl Known {
     }
 }
 
+/// What has become of an object between two views.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Change {
+    /// It stands elsewhere.
+    Moved {
+        /// Its id in the first view.
+        id: u16,
+        /// How far its centroid has moved, metres.
+        by_m: f64,
+    },
+    /// It is not found near where it was.
+    Gone {
+        /// Its id in the first view.
+        id: u16,
+    },
+    /// Something is there that was not.
+    New {
+        /// Its id in the second view.
+        id: u16,
+    },
+}
+
+impl std::fmt::Display for Change {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Moved { id, by_m } => write!(f, "object {id} has moved by {:.0} mm", by_m * 1e3),
+            Self::Gone { id } => write!(f, "object {id} is not where it was"),
+            Self::New { id } => write!(f, "there is an object (now {id}) that was not there"),
+        }
+    }
+}
+
+/// What is different in a second view of a scene that nobody should have touched; centroids up to `still_m` apart are the same place.
+pub fn changes(before: &[ObjectSummary], after: &[ObjectSummary], still_m: f64) -> Vec<Change> {
+    let mut known = Known::of(before);
+    known.look_again(None, after);
+    let mut changes = Vec::new();
+    for object in before {
+        let found = known.now.get(&object.id).and_then(|(now, centroid)| now.map(|_| centroid));
+        match found.map(|now| (now - Point3::from(object.centroid_m)).norm()) {
+            Some(by_m) if by_m > still_m => changes.push(Change::Moved { id: object.id, by_m }),
+            Some(_) => {}
+            None => changes.push(Change::Gone { id: object.id }),
+        }
+    }
+    let found: Vec<u16> = known.now.values().filter_map(|(now, _)| *now).collect();
+    changes.extend(after.iter().filter(|o| !found.contains(&o.id)).map(|o| Change::New { id: o.id }));
+    changes
+}
+
 /// Each term by rule on what is seen, for a viewer who looks along `view_yaw_rad`. A term about an object that is not seen does not hold.
 pub fn holds(scene: &Scene, view_yaw_rad: f64, query: u16, terms: &[GoalTerm]) -> Vec<bool> {
     let viewer = ViewerFrame::from_yaw(view_yaw_rad);
@@ -119,6 +170,19 @@ mod tests {
         // A lost one may be some way off, and takes nobody else's place.
         known.look_for_lost(3, &[seen(7, [0.0, 0.2, 0.0]), seen(2, [0.49, 0.01, 0.0]), seen(1, [0.31, 0.0, 0.0])]);
         assert_eq!(known.translated("goals[1]", 3, &near(2)).expect("it is found").0, 7);
+    }
+
+    #[test]
+    fn what_somebody_touched_between_two_views_is_told() {
+        let before = [seen(1, [0.0, 0.0, 0.0]), seen(2, [0.3, 0.0, 0.0]), seen(3, [0.0, 0.4, 0.0])];
+        let same = [seen(2, [0.002, 0.0, 0.0]), seen(1, [0.3, 0.001, 0.0]), seen(3, [0.0, 0.4, 0.003])];
+        assert_eq!(changes(&before, &same, 0.01), [], "other numbers and a camera's noise are no change");
+        let touched = [seen(1, [0.0, 0.0, 0.0]), seen(2, [0.3, 0.05, 0.0]), seen(4, [0.9, 0.4, 0.0])];
+        let told = changes(&before, &touched, 0.01);
+        assert!(
+            matches!(told[..], [Change::Moved { id: 2, by_m }, Change::Gone { id: 3 }, Change::New { id: 4 }] if (by_m - 0.05).abs() < 1e-9),
+            "{told:?}"
+        );
     }
 
     #[test]
