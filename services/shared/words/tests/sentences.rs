@@ -65,7 +65,7 @@ fn a_phrase_finds_its_object_or_names_those_in_question() {
         assert_eq!(find(phrase, &looks), Ok(id), "{phrase}");
     }
     let all = [1, 2, 3, 4, 5];
-    for (phrase, named) in [("the thing", &all[..]), ("the pink mug", &all), ("the mug to the left", &all), ("the gizmo", &all)] {
+    for (phrase, named) in [("the thing", &all[..]), ("the pink mug", &all), ("the gizmo", &all)] {
         let refused = find(phrase, &looks).expect_err(phrase);
         assert_eq!(refused.candidates, named, "{phrase}: {refused}");
     }
