@@ -7,7 +7,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-const PURE: [&str; 10] = [
+const PURE: [&str; 11] = [
     "repose-geometry",
     "repose-relations",
     "repose-networks",
@@ -15,6 +15,7 @@ const PURE: [&str; 10] = [
     "repose-pictures",
     "repose-robot-side",
     "repose-sensor",
+    "repose-sentences",
     "repose-simd",
     "repose-tracking",
     "repose-words",
@@ -155,6 +156,14 @@ fn of_the_console_only_what_faces_the_network_knows_the_runtime() {
         let file = path.file_name().and_then(|f| f.to_str()).unwrap_or_default();
         let outer = OUTER.contains(&file) || path.components().any(|c| c.as_os_str() == "endpoints");
         assert!(outer || !code(&text).contains("repose_runtime"), "{} uses the runtime", path.display());
+    }
+}
+
+#[test]
+fn the_kit_of_the_agents_protocol_is_known_in_one_file() {
+    for (path, text) in sources(&members()["repose-mcp"].dir.join("src")) {
+        let is_protocol = path.file_name().is_some_and(|file| file == "protocol.rs");
+        assert!(is_protocol || !code(&text).contains("rmcp::"), "{} knows the kit", path.display());
     }
 }
 

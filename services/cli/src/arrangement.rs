@@ -13,7 +13,7 @@ use repose_proto::arrange::{ArrangeMove, ArrangeRequest, ArrangeResult, Conflict
 use repose_proto::motion::ExecutionOutcome;
 use repose_proto::place::{Outcome as Found, Placement};
 use repose_proto::{CallError, Message, Payload, PlaceRequest, Scene, SceneRef};
-use repose_runtime::{CallOptions, Session};
+use repose_runtime::{CallOptions, Session, now_ns};
 use repose_tracking::{Fate, Followed, holds};
 use serde::Serialize;
 
@@ -205,7 +205,7 @@ impl Run<'_> {
             };
             let goals: Result<Vec<ObjectGoal>, CallError> = self.request.goals.iter().enumerate().map(translated).collect();
             let fresh = match goals {
-                Err(_) if !self.steps.is_empty() && looks < LOOKS => self.system.view_after(client::now_ns()).await,
+                Err(_) if !self.steps.is_empty() && looks < LOOKS => self.system.view_after(now_ns()).await,
                 goals => return goals.map_err(|unseen| self.explained(unseen)),
             };
             looks += 1;
@@ -277,7 +277,7 @@ impl Run<'_> {
             }
         };
         let is_done = executed.outcome == ExecutionOutcome::Done;
-        self.view = if is_done { self.system.view_after(client::now_ns()).await? } else { self.system.back_and_looking().await? };
+        self.view = if is_done { self.system.view_after(now_ns()).await? } else { self.system.back_and_looking().await? };
         let fates = self.followed.look_again(object.map(|object| (object, motion)), &self.view.1);
         let stands = object.is_none_or(|object| matches!(fates.get(&object), Some(Fate::Stands | Fate::Hidden)));
         self.remember(fates);

@@ -1,14 +1,13 @@
 //! A session with a running system, and the calls that the client commands make.
 
 use std::path::PathBuf;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use clap::Args;
 use repose_proto::motion::KeepOutZone;
-use repose_proto::perception::LatestRequest;
 use repose_proto::robot::RobotState;
-use repose_proto::{CallError, ErrorCode, Payload, Scene, SceneSummary, Service, keys};
-use repose_runtime::{CallOptions, RuntimeConfig, RuntimeError, Session, SessionMode, fetch_scene};
+use repose_proto::{CallError, ErrorCode, Scene, SceneSummary, Service, keys};
+use repose_runtime::{CallOptions, RuntimeConfig, RuntimeError, Session, SessionMode, fetch_newest, fetch_scene};
 use tokio::time::Instant;
 
 use crate::failure::Failure;
@@ -120,20 +119,14 @@ pub async fn close(session: Session) {
 
 /// What a robot says of itself next; says which robots there are where it says nothing.
 pub async fn robot_state(session: &Session, robot: &str, within: Duration) -> Result<RobotState, Failure> {
-    let mut states = session.subscribe_latest(&session.cell().robot_state(robot)).await?;
-    match tokio::time::timeout(within.min(PATIENCE), states.recv()).await {
-        Ok(sample) => Ok(sample.ok_or_else(|| Failure::other("the session has closed"))?.payload.decode_json()?),
-        Err(_) => {
+    match repose_runtime::robot_state(session, robot, within.min(PATIENCE)).await {
+        Err(error) if error.code == ErrorCode::Unavailable => {
             let robots = names(session).await?.robots;
-            let message = format!("robot {robot} does not tell its state; robots that do: {}", listed(robots.keys()));
-            Err(Failure::Other(CallError { field: Some("robot".to_owned()), ..CallError::new(ErrorCode::Unavailable, message) }))
+            let message = format!("{}; robots that do: {}", error.message, listed(robots.keys()));
+            Err(Failure::Other(CallError { message, ..error }))
         }
+        told => Ok(told?),
     }
-}
-
-/// The time of day as messages are stamped with, nanoseconds since the Unix epoch.
-pub fn now_ns() -> u64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64)
 }
 
 /// The newest scene of a camera, from the perception worker that owns it. A camera without a scene is waited for
@@ -146,10 +139,10 @@ pub async fn newest_scene(session: &Session, camera: &str, within: Duration, pat
         let message = format!("the cell has no perception worker that is alive; cells with workers: {}", listed(&cells));
         return Err(Failure::Other(CallError { field: Some("cell".to_owned()), ..CallError::new(ErrorCode::Unavailable, message) }));
     }
-    let (begin, request) = (Instant::now(), Payload::json(&LatestRequest { camera: camera.to_owned() })?);
+    let begin = Instant::now();
     loop {
-        match perception.call_any("latest", &request, &CallOptions::within(ONE_CALL.min(within))).await {
-            Ok(answer) => return Ok(answer.payload.decode_json()?),
+        match fetch_newest(&perception, camera, &CallOptions::within(ONE_CALL.min(within))).await {
+            Ok(summary) => return Ok(summary),
             Err(error) if error.code == ErrorCode::InvalidArgument => return Err(error.into()),
             Err(error) if error.code == ErrorCode::NotFound && begin.elapsed() >= within.min(patience) => {
                 let cameras = names(session).await?.cameras;

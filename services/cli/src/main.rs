@@ -92,6 +92,8 @@ enum Command {
     Replay(commands::replay::ReplayArgs),
     /// Publish frames from disk or a recording as a camera's, or a whole recorded cell.
     Play(commands::play::PlayArgs),
+    /// Give an agent tools to look at a running cell and to plan, over the Model Context Protocol.
+    Mcp(commands::mcp::McpArgs),
     /// The configuration of a deployment with users, from one short file; `deploy check` tries who may do what.
     Deploy(commands::deploy::DeployArgs),
 }
@@ -137,6 +139,7 @@ fn run(cli: &Cli) -> Outcome {
         Command::Record(args) => in_runtime(commands::record::run(args, output)),
         Command::Replay(args) => in_runtime(commands::replay::run(args, output)),
         Command::Play(args) => in_runtime(commands::play::run(args, output)),
+        Command::Mcp(args) => in_runtime(commands::mcp::run(args)),
         Command::Deploy(args) => commands::deploy::run(args, output),
     }
 }

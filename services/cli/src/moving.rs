@@ -7,13 +7,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use repose_proto::robot::{EmergencyStop, RobotMode, RobotState};
-use repose_proto::{CallError, ErrorCode, Payload, limits};
-use repose_runtime::{Answer, CallOptions, Caller, CancellationToken, Session, Traffic};
+use repose_proto::robot::{RobotMode, RobotState};
+use repose_proto::{CallError, ErrorCode, Payload};
+use repose_runtime::{Answer, CallOptions, Caller, CancellationToken, Session, call_moving, emergency_stop};
+use repose_sentences::robot::describe;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::{mpsc, watch};
 
-use crate::client;
 use crate::failure::Failure;
 
 /// How long a call that moves a robot may take.
@@ -22,8 +22,6 @@ const LONGEST: Duration = Duration::from_secs(600);
 const REST: Duration = Duration::from_secs(20);
 /// How long the emergency stop is repeated before the command leaves in any case.
 const LAST_STOP: Duration = Duration::from_secs(3);
-/// Between two puts of an emergency stop.
-const REPEAT: Duration = Duration::from_millis(20);
 /// A joint below this speed stands, radians per second.
 const STANDS_RAD_S: f64 = 1e-6;
 
@@ -78,13 +76,11 @@ pub async fn call(
     interrupts: &mut Interrupts,
     progress: Option<mpsc::Sender<Payload>>,
 ) -> Result<Answer, Failure> {
-    let id = uuid::Uuid::new_v4().to_string();
-    let _alive = session.transport().declare_alive(&session.cell().live_client(&id)).await?;
     let cancel = CancellationToken::new();
-    let options = CallOptions { id: Some(id), cancel: cancel.clone(), progress, ..CallOptions::at_most_once(LONGEST) };
+    let options = CallOptions { cancel: cancel.clone(), progress, ..CallOptions::at_most_once(LONGEST) };
     interrupts.moving.store(true, Ordering::Release);
     let answered = tokio::select! {
-        answered = motion.call(method, payload, options) => answered.map_err(of_motion),
+        answered = call_moving(session, motion, method, payload, options) => answered.map_err(of_motion),
         () = interrupts.next() => {
             tracing::warn!(robot, "interrupted: the robot comes to rest on its path; Ctrl-C again puts the emergency stop and leaves");
             cancel.cancel();
@@ -106,7 +102,7 @@ async fn stopped(session: &Session, robot: &str, interrupts: &mut Interrupts) ->
         () = interrupts.next() => {
             match tokio::time::timeout(LAST_STOP, emergency_stop(session, robot, "repose", "interrupted twice")).await {
                 Ok(Ok(state)) => format!("interrupted twice: {}", describe(robot, &state)),
-                Ok(Err(failure)) => return failure,
+                Ok(Err(error)) => return error.into(),
                 Err(_) => format!("interrupted twice: the emergency stop was put, and {robot} has not shown it"),
             }
         }
@@ -126,55 +122,6 @@ async fn rest(session: &Session, robot: &str) -> Result<RobotState, Failure> {
             return Ok(state);
         }
     }
-}
-
-/// Puts an emergency stop until a state shows it, or one that was latched before it.
-///
-/// # Errors
-/// When the network refuses.
-pub async fn emergency_stop(session: &Session, robot: &str, source: &str, reason: &str) -> Result<RobotState, Failure> {
-    let mut states = session.subscribe_latest(&session.cell().robot_state(robot)).await?;
-    let (source, reason) = (source.to_owned(), reason.to_owned());
-    let wanted = EmergencyStop { v: limits::VERSION, id: uuid::Uuid::new_v4().to_string(), source, reason, stamp_ns: client::now_ns() };
-    let (key, payload) = (session.cell().robot_estop(robot), Payload::json(&wanted)?);
-    let mut again = tokio::time::interval(REPEAT);
-    loop {
-        tokio::select! {
-            _ = again.tick() => session.put(&key, payload.clone(), Traffic::EmergencyStop).await?,
-            sample = states.recv() => {
-                let sample = sample.ok_or_else(|| Failure::other("the session has closed"))?;
-                // Another's stop that came first holds as well as this one; a reflex that is only braking does not.
-                match sample.payload.decode_json::<RobotState>() {
-                    Ok(state) if state.stop.as_ref().is_some_and(|stop| stop.estop_id.is_some()) => return Ok(state),
-                    _ => {}
-                }
-            }
-        }
-    }
-}
-
-/// A robot's state for a person: what it does, what it holds, who commands, and what can be done.
-pub fn describe(robot: &str, state: &RobotState) -> String {
-    let mut said = vec![match (&state.stop, state.mode) {
-        (Some(stop), _) => format!("{robot} is stopped: {} ({})", stop.reason, stop.kind),
-        (None, RobotMode::Stopped) => format!("{robot} is stopped and does not say why"),
-        (None, RobotMode::Idle) => format!("{robot} stands"),
-        (None, RobotMode::Moving) => format!("{robot} moves"),
-    }];
-    said.push(match (&state.held, state.gripper_holding) {
-        (Some(held), _) => format!("it holds object {} of scene {}", held.object, held.scene_id.chars().take(12).collect::<String>()),
-        (None, true) => format!("it holds something {:.0} mm wide", state.gripper_width_m * 1e3),
-        (None, false) => format!("its hand is empty, fingers {:.0} mm apart", state.gripper_width_m * 1e3),
-    });
-    said.push(match (&state.owner, state.open_task()) {
-        (Some(owner), Some(task)) => format!("{} commands it (task {task})", owner.id),
-        (Some(owner), None) => format!("{} commanded it last", owner.id),
-        (None, _) => "nobody has commanded it".to_owned(),
-    });
-    if state.mode == RobotMode::Stopped {
-        said.push("`repose robot reset` clears the stop; then `repose robot open`, `retreat` and `home` bring it back".to_owned());
-    }
-    said.join("; ")
 }
 
 /// No grasp, no path, a latched stop: not what was asked is at fault, but what is there.

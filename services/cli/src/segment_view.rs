@@ -3,8 +3,8 @@
 use image::{Rgb, RgbImage};
 use repose_geometry::Image;
 use repose_perception::Segmented;
+use repose_pictures::colors::object_color;
 use repose_proto::{Frame, Scene, UnseenSpace};
-use repose_simulator::sheet::colors::object_color;
 
 use repose_local::picture::{Coloring, captioned, color_picture, draw_number, scene_picture, side_by_side};
 use repose_local::wireframe::{draw_box, draw_line, put};

@@ -11,11 +11,11 @@ use nalgebra::Isometry3;
 use repose_geometry::transform::from_row_major;
 use repose_proto::motion::ExecutionOutcome;
 use repose_proto::{GoalTerm, Message, PlaceRequest, PlaceResult, SceneRef};
-use repose_runtime::Session;
+use repose_runtime::{Session, now_ns};
+use repose_sentences::placement::describe;
 use repose_tracking::{Known, holds};
 use serde::Serialize;
 
-use crate::answer::describe;
 use crate::client::{self, ConnectArgs};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
@@ -239,7 +239,7 @@ impl Run<'_> {
             }
             ExecutionOutcome::Stopped | ExecutionOutcome::GraspLost => Isometry3::identity(),
         };
-        self.view = self.system.view_after(client::now_ns()).await?;
+        self.view = self.system.view_after(now_ns()).await?;
         self.known.look_again(Some((wish.query, moved)), &self.view.1.meta.objects);
         if executed.outcome == ExecutionOutcome::Done {
             match self.known.translated(&format!("step[{k}]"), wish.query, &wish.goal) {

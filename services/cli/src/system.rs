@@ -6,7 +6,7 @@ use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPla
 use repose_proto::place::{Placement, ReachingRobot};
 use repose_proto::robot::{RobotMode, RobotState};
 use repose_proto::{CallError, ErrorCode, Payload, PlaceRequest, PlaceResult, Scene, Service};
-use repose_runtime::{CallOptions, Caller, Session};
+use repose_runtime::{CallOptions, Caller, Session, now_ns, reaching_robot};
 
 use crate::bring_back::bring_back;
 use crate::client::{self, ConnectArgs};
@@ -50,9 +50,7 @@ impl<'a> System<'a> {
     pub async fn reaching(&self) -> Option<ReachingRobot> {
         // One that does not answer is named when it is to move.
         let state = self.state().await.ok()?;
-        let is_known = state.model.as_deref().is_none_or(|model| model == "panda");
-        let pose = state.world_from_base.filter(|_| is_known)?;
-        Some(ReachingRobot { name: self.robot.to_owned(), world_from_base: Some(pose) })
+        reaching_robot(self.robot, &state)
     }
 
     /// What the robot says of itself.
@@ -93,7 +91,7 @@ impl<'a> System<'a> {
         for wanted in [RecoveryMove::Open, RecoveryMove::Retreat, RecoveryMove::Home] {
             let seen = match wanted {
                 RecoveryMove::Open => None,
-                RecoveryMove::Retreat | RecoveryMove::Home => Some(self.view_after(client::now_ns()).await?),
+                RecoveryMove::Retreat | RecoveryMove::Home => Some(self.view_after(now_ns()).await?),
             };
             let moved = bring_back(self.session, &self.motion, (self.robot, wanted), seen.as_ref(), &mut self.interrupts).await;
             match moved {
@@ -104,7 +102,7 @@ impl<'a> System<'a> {
                 Err(failure) => return Err(failure),
             }
         }
-        self.view_after(client::now_ns()).await
+        self.view_after(now_ns()).await
     }
 
     /// Has the motion service plan for the placements of a request's query, the best first, and carry the plan out.

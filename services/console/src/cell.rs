@@ -10,10 +10,10 @@ use std::time::{Duration, Instant};
 use nalgebra::Isometry3;
 use repose_geometry::transform::from_row_major;
 use repose_pictures::jpeg;
-use repose_proto::perception::{LatestRequest, SceneRequest};
+use repose_proto::perception::SceneRequest;
 use repose_proto::robot::RobotState;
-use repose_proto::{CallError, ErrorCode, Frame, Payload, Scene, SceneSummary, Service, keys, limits};
-use repose_runtime::{CallOptions, Caller, Sample, Session, Subscription};
+use repose_proto::{CallError, ErrorCode, Frame, Payload, Scene, SceneSummary, Service, keys};
+use repose_runtime::{CallOptions, Caller, Sample, Session, Subscription, fetch_newest};
 use tokio::sync::Notify;
 use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval};
@@ -306,9 +306,7 @@ impl Shared {
     }
 
     async fn newest(&self, camera: &str) -> Result<SceneSummary, CallError> {
-        let request = Payload::json(&LatestRequest { camera: camera.to_owned() })?;
-        let answer = self.callers[&Service::Perception].call_any("latest", &request, &CallOptions::within(SCENE_WITHIN)).await?;
-        answer.payload.decode_json()
+        fetch_newest(&self.callers[&Service::Perception], camera, &CallOptions::within(SCENE_WITHIN)).await
     }
 }
 
@@ -447,24 +445,6 @@ pub async fn follow_cells(session: &Session, audience: Arc<Audience>) -> Result<
 /// Where a robot's base stands, as its state says; at the world's origin where it does not.
 pub fn world_from_base(state: &RobotState) -> Isometry3<f64> {
     state.world_from_base.and_then(|pose| from_row_major(&pose.0).ok()).unwrap_or_else(Isometry3::identity)
-}
-
-/// An emergency stop from this console.
-pub fn emergency_stop(reason: &str) -> repose_proto::robot::EmergencyStop {
-    let id = uuid::Uuid::new_v4().to_string();
-    repose_proto::robot::EmergencyStop {
-        v: limits::VERSION,
-        id,
-        source: "repose console".to_owned(),
-        reason: reason.to_owned(),
-        stamp_ns: now_ns(),
-    }
-}
-
-/// The time of day as messages are stamped with, nanoseconds since the Unix epoch.
-pub fn now_ns() -> u64 {
-    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
-    since.map_or(0, |since| since.as_nanos() as u64)
 }
 
 /// Computes beside the async threads.

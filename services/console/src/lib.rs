@@ -11,7 +11,6 @@ pub mod config;
 pub mod endpoints;
 pub mod messages;
 pub mod page;
-pub mod picture;
 pub mod system;
 pub mod tls;
 pub mod view;

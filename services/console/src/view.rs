@@ -3,10 +3,9 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
+use repose_pictures::labels::label_image;
 use repose_proto::{Bulk, CallError, Payload, Scene, Tensor};
 use serde::Serialize;
-
-use crate::picture::{label_image, runs};
 
 /// A scene that viewers have seen.
 pub struct View {
@@ -95,6 +94,18 @@ pub fn picture_bytes(camera: &str, picture: &Picture) -> Bytes {
     bulk.encode().into()
 }
 
+/// A label image as runs, row by row: `[label, length]`; runs cross rows.
+fn runs(labels: &[u16]) -> Vec<[u16; 2]> {
+    let mut runs: Vec<[u16; 2]> = Vec::new();
+    for label in labels {
+        match runs.last_mut() {
+            Some([same, length]) if same == label && *length < u16::MAX => *length += 1,
+            _ => runs.push([*label, 1]),
+        }
+    }
+    runs
+}
+
 fn json<T: Serialize>(value: &T) -> String {
     serde_json::to_string(value).unwrap_or_default()
 }
@@ -130,14 +141,14 @@ fn quantised(points: &[[f32; 3]], shown: &[usize]) -> (Grid, Vec<[u16; 3]>) {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     use repose_proto::scene::WorldFrame;
     use repose_proto::{CameraModel, ObjectSummary, RigidTransform, SceneMeta, Unseen};
 
     use super::*;
 
     /// A scene of points with labels, seen straight down from a metre above the origin; every pixel of the 9 x 9 picture is 0.1 m of the floor.
-    pub(crate) fn scene_of(points: &[([f32; 3], u16)]) -> Scene {
+    fn scene_of(points: &[([f32; 3], u16)]) -> Scene {
         let down = RigidTransform([1., 0., 0., 0., 0., -1., 0., 0., 0., 0., -1., 1., 0., 0., 0., 1.]);
         let camera =
             CameraModel { width: 9, height: 9, fx: 10.0, fy: 10.0, cx: 4.0, cy: 4.0, depth_unit_m: 1e-3, world_from_camera: Some(down) };
@@ -191,6 +202,13 @@ pub(crate) mod tests {
 
     fn safetensors_u16() -> safetensors::Dtype {
         safetensors::Dtype::U16
+    }
+
+    #[test]
+    fn runs_give_the_image_back() {
+        let labels: Vec<u16> = (0..70_000).map(|i| if i < 66_000 { 3 } else { (i % 2) as u16 }).collect();
+        let back: Vec<u16> = runs(&labels).iter().flat_map(|[label, n]| std::iter::repeat_n(*label, usize::from(*n))).collect();
+        assert_eq!(back, labels);
     }
 
     #[test]

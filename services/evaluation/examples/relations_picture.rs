@@ -8,12 +8,12 @@ use nalgebra::{Point3, Vector3};
 use repose_evaluation::report::written::write_picture;
 use repose_geometry::Image;
 use repose_local::picture::{captioned, rgb_image, side_by_side};
+use repose_pictures::Rgb;
+use repose_pictures::colors::object_color;
+use repose_pictures::drawing::{GLYPH_HEIGHT, GLYPH_WIDTH, write_lines};
 use repose_relations::ViewerExtents;
 use repose_relations::directional::directional_margins;
 use repose_relations::margins::NEAR_M;
-use repose_simulator::sheet::Rgb;
-use repose_simulator::sheet::colors::object_color;
-use repose_simulator::sheet::drawing::{GLYPH_HEIGHT, GLYPH_WIDTH, write_lines};
 
 /// Half the extents of the two boxes along the viewer's axes (right, away, up), metres.
 const ANCHOR_HALF_M: [f64; 3] = [0.06, 0.045, 0.05];

@@ -1,22 +1,17 @@
 //! Pictures for people: a scene as its camera saw it, with an object drawn where it is to go, and several of them side by side.
 
 use image::{Rgb, RgbImage};
-use nalgebra::{Isometry3, Point3};
+use nalgebra::Isometry3;
+use repose_geometry::Image;
 use repose_geometry::transform::from_row_major;
-use repose_geometry::{Image, Pinhole};
-use repose_proto::{CallError, CameraModel, PlaceResult, Scene};
-use repose_simulator::sheet::colors::{PAPER, object_color};
-use repose_simulator::sheet::drawing::{LINE_HEIGHT, blit, number_pixels, write_lines};
+use repose_pictures::colors::PAPER;
+use repose_pictures::drawing::{LINE_HEIGHT, blit, number_pixels, write_lines};
+use repose_proto::{CallError, PlaceResult, Scene};
+
+pub use repose_pictures::projection::{pinhole, pixel_of_object};
+pub use repose_pictures::scene::Coloring;
 
 const NOTHING: Rgb<u8> = Rgb([255, 255, 255]);
-const PLACED: [u8; 3] = [40, 200, 60];
-/// Half the side of the square that a point is drawn as, pixels.
-const SPLAT: i64 = 1;
-
-/// The intrinsics of a camera message.
-pub fn pinhole(camera: &CameraModel) -> Pinhole {
-    Pinhole { width: camera.width, height: camera.height, fx: camera.fx, fy: camera.fy, cx: camera.cx, cy: camera.cy }
-}
 
 /// The scene with object ids, and beside it the scene with the best placement drawn in, where there is one.
 ///
@@ -41,51 +36,9 @@ pub fn placed(placed_from_observed: &[f64; 16]) -> Result<Isometry3<f64>, CallEr
     from_row_major(placed_from_observed).map_err(|e| CallError::invalid("placed_from_observed", e.to_string()))
 }
 
-/// How a scene's points are colored.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Coloring {
-    /// As the camera saw them; by object where it saw no color.
-    Seen,
-    /// By object, background grey.
-    Objects,
-}
-
 /// The scene seen from its own camera; `moved` names an object and where its points go. The hole that it leaves stays white.
 pub fn scene_picture(scene: &Scene, coloring: Coloring, moved: Option<(u16, &Isometry3<f64>)>) -> RgbImage {
-    let camera = pinhole(&scene.meta.camera);
-    let world_from_camera = scene.meta.camera.world_from_camera.and_then(|t| from_row_major(&t.0).ok()).unwrap_or_else(Isometry3::identity);
-    let camera_from_world = world_from_camera.inverse();
-    let mut picture = RgbImage::from_pixel(camera.width as u32, camera.height as u32, NOTHING);
-    let mut nearest = vec![f64::INFINITY; camera.width * camera.height];
-    for (i, (point, &label)) in scene.points.iter().zip(&scene.labels).enumerate() {
-        let mut in_world = Point3::from(*point).cast::<f64>();
-        let seen = match (&scene.colors, coloring) {
-            (Some(colors), Coloring::Seen) => colors[i],
-            _ if label == 0 => [190; 3],
-            _ => object_color(label),
-        };
-        let mut color = seen;
-        if let Some((_, placed_from_observed)) = moved.filter(|(id, _)| *id == label) {
-            in_world = placed_from_observed * in_world;
-            color = std::array::from_fn(|k| ((u16::from(seen[k]) + 2 * u16::from(PLACED[k])) / 3) as u8);
-        }
-        let in_camera = camera_from_world * in_world;
-        let Some(pixel) = camera.project(&in_camera) else { continue };
-        let (u, v) = (pixel.x.round() as i64, pixel.y.round() as i64);
-        for (x, y) in (v - SPLAT..=v + SPLAT).flat_map(|y| (u - SPLAT..=u + SPLAT).map(move |x| (x, y))) {
-            if x < 0 || y < 0 || x >= camera.width as i64 || y >= camera.height as i64 {
-                continue;
-            }
-            let slot = y as usize * camera.width + x as usize;
-            // A splat's border must not cover a neighbour at the same depth.
-            let depth = in_camera.z + if (x, y) == (u, v) { 0.0 } else { 0.002 };
-            if depth < nearest[slot] {
-                nearest[slot] = depth;
-                picture.put_pixel(x as u32, y as u32, Rgb(color));
-            }
-        }
-    }
-    picture
+    rgb_image(&repose_pictures::scene::scene_picture(scene, coloring, moved))
 }
 
 /// A color image as it came from a camera.
@@ -137,14 +90,6 @@ pub fn library_picture(picture: &RgbImage) -> Image<[u8; 3]> {
     let (width, height) = (picture.width() as usize, picture.height() as usize);
     let pixels = picture.pixels().map(|p| p.0).collect();
     Image::from_pixels(width, height, pixels).unwrap_or_else(|_| Image::filled(width, height, NOTHING.0))
-}
-
-/// Where an object's centroid falls in its camera's picture.
-pub fn pixel_of_object(scene: &Scene, id: u16) -> Option<(i64, i64)> {
-    let world_from_camera = from_row_major(&scene.meta.camera.world_from_camera?.0).ok()?;
-    let centroid = scene.object(id)?.centroid_m;
-    let pixel = pinhole(&scene.meta.camera).project(&(world_from_camera.inverse() * Point3::from(centroid)))?;
-    Some((pixel.x.round() as i64, pixel.y.round() as i64))
 }
 
 /// Writes every object's id on a picture of the scene.

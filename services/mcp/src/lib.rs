@@ -1,1 +1,74 @@
-//! The tools of an agent: looking, planning, executing, stopping.
+//! The tools of an agent: a cell over the Model Context Protocol.
+//!
+//! Five tools ([`tools`]): `look`, `plan`, `state` and `stop` for every agent, `execute` where whoever started the server allows it. An agent
+//! names objects and relations; joints, poses and keys it never sees. What is carried out is a plan that this server made itself, in the same
+//! session, on a scene that still looks as it did ([`execute`]). A [`desk::Desk`] does what tools ask; [`protocol`] is the only file that knows
+//! the protocol's kit, [`http`] says who may connect.
+
+pub mod answer;
+pub mod arguments;
+pub mod asker;
+pub mod desk;
+pub mod execute;
+pub mod http;
+pub mod look;
+pub mod plan;
+pub mod plans;
+pub mod protocol;
+pub mod robot;
+pub mod seen;
+pub mod settings;
+pub mod tools;
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+
+use repose_proto::CallError;
+use repose_runtime::{RuntimeError, Session, Shutdown};
+
+pub use desk::Desk;
+pub use http::HttpSettings;
+pub use settings::Settings;
+
+/// Why the server could not run.
+#[derive(Debug, thiserror::Error)]
+pub enum McpError {
+    /// A setting that cannot be used.
+    #[error("{0}")]
+    Setting(CallError),
+    /// The address could not be listened at.
+    #[error("{address}: {source}")]
+    Listen {
+        /// Where.
+        address: SocketAddr,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// Serving ended.
+    #[error("serving agents: {0}")]
+    Serve(String),
+    /// The network refused.
+    #[error(transparent)]
+    Runtime(#[from] RuntimeError),
+}
+
+/// Serves one agent on standard input and output, until it closes them or `shutdown` is asked.
+///
+/// # Errors
+/// When a setting is unusable, the network refuses, or what comes is not the protocol.
+pub async fn serve_stdio(session: Session, settings: Settings, shutdown: Shutdown) -> Result<(), McpError> {
+    let desk = Arc::new(Desk::open(session, settings).await?);
+    tracing::info!(execute = desk.settings().allow_execute, "serving an agent on standard input and output");
+    protocol::serve_stdio(desk, shutdown).await
+}
+
+/// Serves agents over streamable HTTP at `/mcp` until `shutdown`.
+///
+/// # Errors
+/// When a setting is unusable, the address is taken, or the network refuses.
+pub async fn serve_http(session: Session, settings: Settings, http: HttpSettings, shutdown: Shutdown) -> Result<(), McpError> {
+    let http = http::Door::open(http).await?;
+    let desk = Arc::new(Desk::open(session, settings).await?);
+    tracing::info!(url = http.url(), execute = desk.settings().allow_execute, "serving agents");
+    http.serve(desk, shutdown).await
+}

@@ -6,12 +6,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use repose_proto::load::WorkerLoad;
 use repose_proto::perception::SceneRequest;
 use repose_proto::{JournalEntry, JournalKind, Payload, SceneSummary, Service, keys};
-use repose_runtime::{CallOptions, Caller, Sample, Session, Shutdown, Subscription};
+use repose_runtime::{CallOptions, Caller, Sample, Session, Shutdown, Subscription, now_ns};
 use tokio::sync::mpsc;
 use tokio::time::Instant;
 
@@ -257,9 +257,4 @@ fn scene_asked_about(payload: &Payload) -> Option<String> {
     }
     let request: serde_json::Value = serde_json::from_slice(&payload.bytes).ok()?;
     Some(request.get("scene")?.get("scene_id")?.as_str()?.to_owned())
-}
-
-/// The time of day as messages are stamped with, nanoseconds since the Unix epoch.
-fn now_ns() -> u64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64)
 }

@@ -10,8 +10,8 @@ use repose_proto::arrange::{ArrangeMove, ArrangeRequest, ArrangeResult, Conflict
 use repose_proto::place::{Outcome as Found, Rotation, Variant};
 use repose_proto::{Message, Payload, Scene, Service};
 use repose_runtime::CallOptions;
+use repose_sentences::placement::motion;
 
-use crate::answer::motion;
 use crate::arrangement::{self, Arranging};
 use crate::client::{self, ConnectArgs};
 use crate::embedded::NetworkArgs;

@@ -16,10 +16,10 @@ use repose_proto::place::Variant;
 use repose_proto::simulator::{TrueObject, Truth, TruthRequest};
 use repose_proto::{CallError, ErrorCode, Frame, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Relation, Scene, Service};
 use repose_runtime::{CallOptions, Caller, RuntimeConfig, Session, Shutdown, Subscription};
+use repose_sentences::placement::tally;
 use serde::Serialize;
 use tokio::sync::mpsc;
 
-use crate::answer::tally;
 use crate::client;
 use crate::failure::{Failure, Outcome};
 use crate::film::Film;

@@ -7,6 +7,7 @@ pub mod deploy;
 pub mod evaluate;
 pub mod generate;
 pub mod load;
+pub mod mcp;
 pub mod place;
 pub mod plan;
 pub mod play;

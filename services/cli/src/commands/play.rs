@@ -109,7 +109,7 @@ async fn frames(source: &Path, args: &PlayArgs, output: Output) -> Outcome {
             tokio::time::sleep_until(pace.due(frame.stamp_ns)).await;
             camera.clone_into(&mut frame.camera_name);
             if !args.keep_stamps {
-                frame.stamp_ns = client::now_ns();
+                frame.stamp_ns = repose_runtime::now_ns();
             }
             last_stamp_ns = frame.stamp_ns;
             session.put(&key, Payload::bulk(Frame::SCHEMA, &frame.to_bulk())?, Traffic::Frame).await?;

@@ -6,12 +6,13 @@ use clap::{Args, ValueEnum};
 use repose_proto::motion::{ExecutionOutcome, RecoverReply, RecoveryMove, RobotResetReply, RobotResetRequest};
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, ErrorCode, Payload, Scene, Service, keys};
-use repose_runtime::{CallOptions, Session};
+use repose_runtime::{CallOptions, Session, emergency_stop};
+use repose_sentences::robot::describe;
 
 use crate::bring_back::bring_back;
 use crate::client::{self, SystemArgs};
 use crate::failure::{Failure, Outcome};
-use crate::moving::{self, Interrupts};
+use crate::moving::Interrupts;
 use crate::output::Output;
 
 /// How long to look for a scene to check a way against.
@@ -75,9 +76,9 @@ async fn act(args: &RobotArgs, session: &Session, output: Output) -> Outcome {
                 let message = format!("robot {robot} has not shown the stop in {} ms", args.deadline_ms);
                 Failure::Other(CallError::new(ErrorCode::DeadlineExceeded, message))
             };
-            let stop = moving::emergency_stop(session, robot, "repose robot stop", &args.reason);
+            let stop = emergency_stop(session, robot, "repose robot stop", &args.reason);
             let stopped = tokio::time::timeout(within, stop).await.map_err(unheard)??;
-            output.print(&stopped, || moving::describe(robot, &stopped))
+            output.print(&stopped, || describe(robot, &stopped))
         }
         Action::Reset => {
             let motion = session.caller(Service::Motion).await?;
@@ -88,7 +89,7 @@ async fn act(args: &RobotArgs, session: &Session, output: Output) -> Outcome {
         }
         Action::State => {
             let state = client::robot_state(session, robot, within).await?;
-            output.print(&state, || moving::describe(robot, &state))
+            output.print(&state, || describe(robot, &state))
         }
         Action::Open => recover(args, session, RecoveryMove::Open, output).await,
         Action::Retreat => recover(args, session, RecoveryMove::Retreat, output).await,

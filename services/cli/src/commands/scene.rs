@@ -62,7 +62,7 @@ pub async fn run(args: &SceneArgs, output: Output) -> Outcome {
 }
 
 fn text_of(summary: &SceneSummary) -> String {
-    let age_s = client::now_ns().saturating_sub(summary.stamp_ns) as f64 / 1e9;
+    let age_s = repose_runtime::now_ns().saturating_sub(summary.stamp_ns) as f64 / 1e9;
     let mut lines = vec![format!("camera {}, scene {}, taken {age_s:.1} s ago", summary.camera, summary.scene_id)];
     for object in &summary.objects {
         let ([x, y, z], [width, depth, height]) = (object.centroid_m, object.extent_m.map(|m| m * 1e3));

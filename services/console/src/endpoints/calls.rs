@@ -7,7 +7,7 @@ use std::time::Duration;
 use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPlan, MotionPlanRequest, RecoverReply, RecoverRequest, RecoveryMove};
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, Message as _, Payload, Scene, SceneRef, Service};
-use repose_runtime::{Answer, CallOptions};
+use repose_runtime::{Answer, CallOptions, call_moving};
 use tokio::sync::mpsc;
 
 use crate::arm::PlanShown;
@@ -78,11 +78,8 @@ pub async fn recover(cell: &Cell, camera: &str, robot: String, motion: RecoveryM
     moving(cell, "recover", Payload::with_scene(&request, scene.as_ref())?, None).await?.payload.decode_json()
 }
 
-/// Calls something that moves a robot, at most once. Meanwhile a liveliness token says that this process is there: where it dies, the motion service
-/// does what it is configured to (`on_client_loss`).
+/// Calls something that moves a robot.
 async fn moving(cell: &Cell, method: &str, payload: Payload, progress: Option<mpsc::Sender<Payload>>) -> Result<Answer, CallError> {
-    let (id, session) = (uuid::Uuid::new_v4().to_string(), cell.session());
-    let _alive = session.transport().declare_alive(&session.cell().live_client(&id)).await?;
-    let options = CallOptions { id: Some(id), progress, ..CallOptions::at_most_once(EXECUTION) };
-    cell.caller(Service::Motion).call(method, payload, options).await
+    let options = CallOptions { progress, ..CallOptions::at_most_once(EXECUTION) };
+    call_moving(cell.session(), cell.caller(Service::Motion), method, payload, options).await
 }

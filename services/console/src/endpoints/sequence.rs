@@ -9,11 +9,11 @@ use nalgebra::Isometry3;
 use repose_geometry::transform::from_row_major;
 use repose_proto::motion::{ExecutionOutcome, MotionPlanRequest};
 use repose_proto::{CallError, ErrorCode, Message as _, PlaceRequest, Scene, SceneRef, Service};
-use repose_runtime::CallOptions;
+use repose_runtime::{CallOptions, now_ns};
 use repose_tracking::{Known, holds};
 
 use super::calls::{execute, plan};
-use crate::cell::{Camera, Cell, now_ns};
+use crate::cell::{Camera, Cell};
 use crate::messages::{Answered, SequenceShown, Stage, StepShown};
 
 /// Goals of one sequence at most.

@@ -7,17 +7,15 @@ use axum::Json;
 use axum::extract::State as Shared;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
-use repose_proto::robot::RobotState;
-use repose_proto::{CallError, ErrorCode, Payload, keys};
-use repose_runtime::{Session, Traffic};
+use repose_proto::{CallError, ErrorCode, keys};
+use repose_runtime::emergency_stop;
 use serde::Deserialize;
 
 use super::refusal::{refused, unknown};
 use super::state::State;
-use crate::cell::emergency_stop;
 
-/// Between two puts of a stop.
-const REPEAT: Duration = Duration::from_millis(20);
+/// Who stops, as the robot's state says it.
+const SOURCE: &str = "repose console";
 /// How long a robot may take to show it before the viewer is told that it has not.
 const SHOWN_WITHIN: Duration = Duration::from_secs(5);
 
@@ -44,7 +42,7 @@ pub async fn stop(Shared(state): Shared<Arc<State>>, headers: HeaderMap, body: S
             let message = format!("robot {} has not shown the stop in {} ms", stop.robot, SHOWN_WITHIN.as_millis());
             CallError::new(ErrorCode::DeadlineExceeded, message)
         };
-        tokio::time::timeout(SHOWN_WITHIN, latch(&session, &stop.robot, reason)).await.map_err(unheard)?
+        tokio::time::timeout(SHOWN_WITHIN, emergency_stop(&session, &stop.robot, SOURCE, reason)).await.map_err(unheard)?
     };
     match stopped.await {
         Ok(shown) => Json(serde_json::json!({"stop": shown.stop})).into_response(),
@@ -54,26 +52,6 @@ pub async fn stop(Shared(state): Shared<Arc<State>>, headers: HeaderMap, body: S
                 _ => StatusCode::GATEWAY_TIMEOUT,
             };
             refused(status, &error)
-        }
-    }
-}
-
-/// Puts the stop until a state shows it, or one that was latched before it.
-async fn latch(session: &Session, robot: &str, reason: &str) -> Result<RobotState, CallError> {
-    let mut states = session.subscribe_latest(&session.cell().robot_state(robot)).await?;
-    let (key, payload) = (session.cell().robot_estop(robot), Payload::json(&emergency_stop(reason))?);
-    let mut again = tokio::time::interval(REPEAT);
-    loop {
-        tokio::select! {
-            _ = again.tick() => session.put(&key, payload.clone(), Traffic::EmergencyStop).await?,
-            sample = states.recv() => {
-                let closed = || CallError::new(ErrorCode::Unavailable, "the session has closed");
-                match sample.ok_or_else(closed)?.payload.decode_json::<RobotState>() {
-                    // A reflex that is only braking is not a stop that stays.
-                    Ok(state) if state.stop.as_ref().is_some_and(|stop| stop.estop_id.is_some()) => return Ok(state),
-                    _ => {}
-                }
-            }
         }
     }
 }

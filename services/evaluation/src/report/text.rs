@@ -1,7 +1,7 @@
 //! Tables for people: at most 120 columns wide, with a legend under them.
 
 use comfy_table::{ContentArrangement, Table};
-use repose_simulator::sheet::drawing::wrapped;
+use repose_pictures::drawing::wrapped;
 
 /// The widest line that a report prints.
 pub const WIDTH: usize = 120;

@@ -1,49 +1,50 @@
-//! Frames as pictures to look at: for the live page and for recordings.
+//! Pictures to look at: frames, scenes with numbered objects, places where an object can go. For the live page, recordings, commands, agents.
+//!
+//! [`scene`] draws a scene as its camera saw it; [`labels`] tells which object each pixel shows; [`drawing`] has text and numbers, [`colors`]
+//! what stands for an object; [`encoded`] makes JPEG of it. Pure: no I/O, no async, no global state.
 
-use jpeg_encoder::{ColorType, Encoder, EncodingError};
-use repose_proto::{CallError, Frame};
+pub mod colors;
+pub mod drawing;
+pub mod encoded;
+pub mod labels;
+pub mod projection;
+pub mod scene;
 
-/// Encodes a frame's colour, or its depth in grey where it has none, as JPEG of a quality of 1 to 100.
-///
-/// # Errors
-/// `internal` when the encoder refuses.
-pub fn jpeg(frame: &Frame, quality: u8) -> Result<Vec<u8>, CallError> {
-    let (width, height) = (frame.camera.width as u16, frame.camera.height as u16);
-    let mut bytes = Vec::new();
-    let encoder = Encoder::new(&mut bytes, quality);
-    let encoded = match &frame.color {
-        Some(color) => encoder.encode(color.as_flattened(), width, height, ColorType::Rgb),
-        None => encoder.encode(&grey(&frame.depth), width, height, ColorType::Luma),
-    };
-    encoded.map_err(|e: EncodingError| CallError::internal(format!("the picture could not be encoded: {e}")))?;
-    Ok(bytes)
-}
+pub use encoded::{jpeg, jpeg_of};
 
-/// Depth as brightness, near is bright, no reading is black.
-fn grey(depth: &[u16]) -> Vec<u8> {
-    let seen = || depth.iter().copied().filter(|d| *d > 0);
-    let (near, far) = (seen().min().unwrap_or(0), seen().max().unwrap_or(0));
-    let span = f32::from(far - near).max(1.0);
-    let level = |d: &u16| if *d == 0 { 0 } else { 255 - (f32::from(*d - near) / span * 200.0) as u8 };
-    depth.iter().map(level).collect()
-}
+/// Red, green, blue.
+pub type Rgb = [u8; 3];
 
 #[cfg(test)]
 mod tests {
-    use repose_proto::CameraModel;
+    use repose_proto::scene::WorldFrame;
+    use repose_proto::{CameraModel, ObjectSummary, RigidTransform, Scene, Unseen};
 
-    use super::*;
-
-    #[test]
-    fn a_frame_without_color_is_shown_by_its_depth() {
+    /// A scene of points with labels, seen straight down from a metre above the origin; every pixel of the 9 x 9 picture is 0.1 m of the floor.
+    pub(crate) fn scene_of(points: &[([f32; 3], u16)]) -> Scene {
+        let down = RigidTransform([1., 0., 0., 0., 0., -1., 0., 0., 0., 0., -1., 1., 0., 0., 0., 1.]);
         let camera =
-            CameraModel { width: 16, height: 8, fx: 10.0, fy: 10.0, cx: 8.0, cy: 4.0, depth_unit_m: 1e-3, world_from_camera: None };
-        let depth = (0..128).map(|i| if i % 7 == 0 { 0 } else { 500 + i }).collect();
-        let mut frame = Frame::new("front".to_owned(), 1, camera, depth);
-        let starts_as_jpeg = |frame: &Frame| jpeg(frame, 80).expect("encoded").starts_with(&[0xff, 0xd8, 0xff]);
-        assert!(starts_as_jpeg(&frame));
-        frame.color = Some(vec![[10, 200, 30]; 128]);
-        assert!(starts_as_jpeg(&frame));
-        assert_eq!(grey(&[0, 500, 1000]), [0, 255, 55]);
+            CameraModel { width: 9, height: 9, fx: 10.0, fy: 10.0, cx: 4.0, cy: 4.0, depth_unit_m: 1e-3, world_from_camera: Some(down) };
+        let mut ids: Vec<u16> = points.iter().map(|p| p.1).filter(|id| *id > 0).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        let summary = |id: &u16| {
+            let own: Vec<[f32; 3]> = points.iter().filter(|p| p.1 == *id).map(|p| p.0).collect();
+            let centroid_m = std::array::from_fn(|k| own.iter().map(|p| f64::from(p[k])).sum::<f64>() / own.len() as f64);
+            ObjectSummary { id: *id, points: own.len(), centroid_m, extent_m: [0.1; 3], completeness: 1.0, score: None }
+        };
+        let meta = serde_json::from_value(serde_json::json!({
+            "objects": ids.iter().map(summary).collect::<Vec<_>>(), "surfaces": [], "camera": camera,
+            "world_frame": WorldFrame::Extrinsics, "view_yaw_rad": 0.0, "unseen": Unseen::default()
+        }))
+        .expect("metadata");
+        Scene {
+            camera_name: "front".to_owned(),
+            stamp_ns: 1,
+            points: points.iter().map(|p| p.0).collect(),
+            labels: points.iter().map(|p| p.1).collect(),
+            colors: Some(points.iter().map(|p| [p.1 as u8; 3]).collect()),
+            meta,
+        }
     }
 }

@@ -7,8 +7,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use lru::LruCache;
 use repose_proto::motion::{MotionPlan, MotionPlanRequest};
-use repose_proto::perception::SceneRequest;
-use repose_proto::{CallError, ErrorCode, Payload, PlaceRequest, PlaceResult, Scene};
+use repose_proto::perception::{LatestRequest, SceneRequest};
+use repose_proto::{CallError, ErrorCode, Payload, PlaceRequest, PlaceResult, Scene, SceneSummary};
 
 use crate::{Answer, CallOptions, Caller};
 
@@ -99,6 +99,15 @@ pub fn check_scene_id(scene: &Scene, scene_id: &str) -> Result<(), CallError> {
         return Ok(());
     }
     Err(CallError::invalid("scene.scene_id", format!("the enclosed scene's id is {actual}, not {scene_id}")))
+}
+
+/// The newest scene of a camera, in short, from the perception worker that owns it.
+///
+/// # Errors
+/// `not_found` on `camera` when it has no scene yet; those of [`Caller::call_any`].
+pub async fn fetch_newest(perception: &Caller, camera: &str, options: &CallOptions) -> Result<SceneSummary, CallError> {
+    let request = Payload::json(&LatestRequest { camera: camera.to_owned() })?;
+    perception.call_any("latest", &request, options).await?.payload.decode_json()
 }
 
 /// A scene, whole, from whichever perception worker has it.

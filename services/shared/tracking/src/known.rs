@@ -13,7 +13,7 @@ const LOST_M: f64 = 0.25;
 /// The objects of the first view, and where each is in the newest.
 pub struct Known {
     /// By the id of the first view: the id in the newest one (none when it was not found again), and its centroid.
-    now: BTreeMap<u16, (Option<u16>, Point3<f64>)>,
+    pub(crate) now: BTreeMap<u16, (Option<u16>, Point3<f64>)>,
 }
 
 impl Known {

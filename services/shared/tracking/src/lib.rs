@@ -2,8 +2,10 @@
 //!
 //! A camera that finds its objects anew numbers them anew. Goals that are carried out one after another name objects as in the first view;
 //! [`Known`] tells them by where they are: the moved one where it was put, every other where it was. [`Followed`] says beside it what became
-//! of those that are not there: moved, fallen, gone, or only hidden. [`holds`] judges goal terms by rule.
+//! of those that are not there: moved, fallen, gone, or only hidden. [`changes`] says what is different in a
+//! second view, [`holds`] judges goal terms by rule.
 
+mod change;
 mod fate;
 mod known;
 mod picture;
@@ -15,6 +17,7 @@ use repose_geometry::ViewerFrame;
 use repose_proto::{GoalTerm, Scene};
 use repose_relations::{ObservedObject, observed};
 
+pub use change::{Change, changes};
 pub use fate::{Fate, Followed};
 pub use known::Known;
 

@@ -35,6 +35,18 @@ pub fn readings(words: &[String]) -> Vec<Reading> {
     found
 }
 
+/// Every reading of words as the description of an object.
+pub fn descriptions(words: &[String]) -> Vec<Description> {
+    let read = Text { words }.object(0, 0);
+    let mut found: Vec<Description> = Vec::new();
+    for (description, end) in read {
+        if end == words.len() && !found.contains(&description) {
+            found.push(description);
+        }
+    }
+    found
+}
+
 /// Whether a word is in the vocabulary.
 pub fn knows(word: &str) -> bool {
     fn has<T>(table: Table<T>, word: &str) -> bool {

@@ -53,17 +53,35 @@ pub const MAX_CHARACTERS: usize = 400;
 /// # Errors
 /// [`Refused`] with the objects in question where the sentence has no meaning that can be planned, or more than one.
 pub fn understand(sentence: &str, looks: &[Look]) -> Result<Understood, Refused> {
-    let refused = |reason| Refused::about(reason, looks, &[]);
-    if sentence.chars().count() > MAX_CHARACTERS {
-        return Err(refused(Reason::TooLong));
-    }
-    let words = words::words_of(sentence);
-    if let Some(unknown) = words.iter().find(|word| !grammar::knows(word)) {
-        return Err(refused(Reason::UnknownWord { word: unknown.clone() }));
-    }
+    let words = known_words(sentence, looks)?;
     let readings = grammar::readings(&words);
     if readings.is_empty() {
-        return Err(refused(Reason::NoRequest));
+        return Err(Refused::about(Reason::NoRequest, looks, &[]));
     }
     resolve::only_goal(&readings, &words, looks)
+}
+
+/// The object that a phrase means: "the red mug", "the box left of the bowl", "number 3".
+///
+/// # Errors
+/// [`Refused`] with the objects in question where the phrase means none of them, or may mean several.
+pub fn find(phrase: &str, looks: &[Look]) -> Result<u16, Refused> {
+    let words = known_words(phrase, looks)?;
+    let descriptions = grammar::descriptions(&words);
+    if descriptions.is_empty() {
+        return Err(Refused::about(Reason::NoDescription { phrase: phrase.to_owned() }, looks, &[]));
+    }
+    resolve::only_object(&descriptions, &words, looks)
+}
+
+/// The words of a text, all of which must be in the vocabulary.
+fn known_words(text: &str, looks: &[Look]) -> Result<Vec<String>, Refused> {
+    if text.chars().count() > MAX_CHARACTERS {
+        return Err(Refused::about(Reason::TooLong, looks, &[]));
+    }
+    let words = words::words_of(text);
+    match words.iter().find(|word| !grammar::knows(word)) {
+        Some(unknown) => Err(Refused::about(Reason::UnknownWord { word: unknown.clone() }, looks, &[])),
+        None => Ok(words),
+    }
 }

@@ -17,6 +17,12 @@ pub enum Reason {
     /// Known words that ask for no placement.
     #[error("this is not read as a request to put an object somewhere; try \"put the red mug to the left of the box, not near the bowl\"")]
     NoRequest,
+    /// Known words that describe no object.
+    #[error("{phrase:?} is not read as an object; try \"the red mug\" or \"the box left of the bowl\"")]
+    NoDescription {
+        /// The phrase.
+        phrase: String,
+    },
     /// Several objects fit a phrase.
     #[error("{phrase:?} may mean several objects")]
     SeveralObjects {

@@ -52,6 +52,32 @@ pub fn only_goal(readings: &[Reading], words: &[String], looks: &[Look]) -> Resu
     }
 }
 
+/// The object that all readings of a phrase which mean anything agree on.
+pub fn only_object(descriptions: &[Description], words: &[String], looks: &[Look]) -> Result<u16, Refused> {
+    let resolver = Resolver { words, looks: looks.iter().collect() };
+    let (mut found, mut problems): (Vec<u16>, Vec<(Reason, Vec<u16>)>) = (Vec::new(), Vec::new());
+    for description in descriptions {
+        // A phrase has no other part that the words of its clauses could belong to.
+        let clauses = description.clauses.iter().map(|clause| Clause { only_if_needed: false, ..clause.clone() }).collect();
+        match resolver.one(&Description { clauses, ..description.clone() }, &mut Said::default()) {
+            Ok(look) if found.contains(&look.id) => {}
+            Ok(look) => found.push(look.id),
+            Err(Problem::Needless) => {}
+            Err(Problem::Refused(reason, ids)) => problems.push((reason, ids)),
+        }
+    }
+    match found[..] {
+        [id] => Ok(id),
+        [] => {
+            let phrase = words.join(" ");
+            let none = (Reason::NoObject { phrase, colorless: false }, Vec::new());
+            let (reason, ids) = problems.into_iter().min_by_key(|(reason, _)| distance_from_meaning(reason)).unwrap_or(none);
+            Err(Refused::about(reason, looks, &ids))
+        }
+        _ => Err(Refused::about(Reason::SeveralObjects { phrase: words.join(" ") }, looks, &found)),
+    }
+}
+
 fn distance_from_meaning(reason: &Reason) -> u8 {
     match reason {
         Reason::Itself { .. } => 0,

@@ -3,7 +3,7 @@
 mod common;
 
 use repose_proto::GoalTerm;
-use repose_words::{Understood, looks_of, understand};
+use repose_words::{Understood, find, looks_of, understand};
 
 fn is_meant(understood: &Understood, query: u16, terms: &[String]) -> bool {
     let meant: Vec<GoalTerm> = terms.iter().map(|t| t.parse().expect("a term")).collect();
@@ -53,6 +53,22 @@ fn unclear_sentences_are_refused_with_the_objects_in_question() {
     println!("{refused} of {all} refused with the objects named\n{}", taken.join("\n"));
     assert_eq!(all, 50);
     assert!(refused * 100 >= all * 98, "{refused} of {all}:\n{}", taken.join("\n"));
+}
+
+#[test]
+fn a_phrase_finds_its_object_or_names_those_in_question() {
+    let table = common::table();
+    let kitchen = table.scene.iter().find(|case| case.name == "kitchen").expect("the kitchen");
+    let scene = common::scene(kitchen);
+    let looks = looks_of(&scene, scene.meta.view_yaw_rad);
+    for (phrase, id) in [("the red mug", 1), ("box", 2), ("object 4", 4), ("the tallest object", 5), ("the bowl right of the plate", 3)] {
+        assert_eq!(find(phrase, &looks), Ok(id), "{phrase}");
+    }
+    let all = [1, 2, 3, 4, 5];
+    for (phrase, named) in [("the thing", &all[..]), ("the pink mug", &all), ("the gizmo", &all)] {
+        let refused = find(phrase, &looks).expect_err(phrase);
+        assert_eq!(refused.candidates, named, "{phrase}: {refused}");
+    }
 }
 
 #[test]

@@ -1,10 +1,11 @@
 //! The tile of one scene: what the camera sees of it, and what holds in it.
 
 use repose_geometry::{Image, ViewerFrame};
+use repose_pictures::colors::{depth_colors, label_colors};
+use repose_pictures::drawing;
 
-use super::colors::{depth_colors, label_colors};
 use super::words::relations_in_words;
-use super::{Rgb, SheetSettings, drawing, tile};
+use super::{Rgb, SheetSettings, tile};
 use crate::render::Picture;
 use crate::scene::Scene;
 
@@ -84,6 +85,6 @@ mod tests {
         assert_eq!(tile.width(), settings.width);
         assert_eq!(tile[(6 + 160, 6 + 120)], seen.color[(160, 120)], "the first picture is the color");
         let text = (3 * 326 + 6..1600).flat_map(|x| (0..tile.height()).map(move |y| (x, y)));
-        assert!(text.filter(|at| tile[*at] != super::super::colors::PAPER).count() > 500, "text to the right");
+        assert!(text.filter(|at| tile[*at] != repose_pictures::colors::PAPER).count() > 500, "text to the right");
     }
 }

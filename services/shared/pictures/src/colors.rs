@@ -2,7 +2,7 @@
 
 use repose_geometry::Image;
 
-use super::Rgb;
+use crate::Rgb;
 
 /// Where nothing is drawn.
 pub const PAPER: Rgb = [255, 255, 255];

@@ -4,9 +4,10 @@
 //! that will be planned with, whoever segmented it. Borders, which perception leaves out, are filled from their neighbours.
 
 use nalgebra::Point3;
-use repose_geometry::camera::Pinhole;
 use repose_geometry::transform::from_row_major;
 use repose_proto::{CallError, Scene};
+
+use crate::projection::pinhole;
 
 /// How far the label of an object is carried over pixels that show nobody, pixels.
 const FILL_PX: usize = 3;
@@ -21,7 +22,7 @@ pub fn label_image(scene: &Scene) -> Result<Vec<u16>, CallError> {
     let pose = camera.world_from_camera.ok_or_else(lost)?;
     let camera_from_world = from_row_major(&pose.0).map_err(|_| lost())?.inverse();
     let (rotation, offset) = (camera_from_world.rotation.to_rotation_matrix(), camera_from_world.translation.vector);
-    let pinhole = Pinhole { width: camera.width, height: camera.height, fx: camera.fx, fy: camera.fy, cx: camera.cx, cy: camera.cy };
+    let pinhole = pinhole(camera);
     let mut labels = vec![0; camera.width * camera.height];
     // Of several points on one pixel the nearest is seen.
     let mut nearest = vec![f32::INFINITY; labels.len()];
@@ -61,22 +62,10 @@ fn fill(labels: &mut [u16], is_open: &[bool], width: usize) {
     }
 }
 
-/// A label image as runs, row by row: `[label, length]`; runs cross rows.
-pub fn runs(labels: &[u16]) -> Vec<[u16; 2]> {
-    let mut runs: Vec<[u16; 2]> = Vec::new();
-    for label in labels {
-        match runs.last_mut() {
-            Some([same, length]) if same == label && *length < u16::MAX => *length += 1,
-            _ => runs.push([*label, 1]),
-        }
-    }
-    runs
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::view::tests::scene_of;
+    use crate::tests::scene_of;
 
     #[test]
     fn a_pixel_shows_the_nearest_object_and_open_borders_are_filled() {
@@ -90,12 +79,5 @@ mod tests {
         assert_eq!((at(4, 1), at(1, 4), at(6, 3)), (2, 2, 2), "the open surroundings are filled");
         assert_eq!(at(7, 4), 0, "furniture was seen there");
         assert_eq!(at(0, 0), 0, "too far to be a border");
-    }
-
-    #[test]
-    fn runs_give_the_image_back() {
-        let labels: Vec<u16> = (0..70_000).map(|i| if i < 66_000 { 3 } else { (i % 2) as u16 }).collect();
-        let back: Vec<u16> = runs(&labels).iter().flat_map(|[label, n]| std::iter::repeat_n(*label, usize::from(*n))).collect();
-        assert_eq!(back, labels);
     }
 }

@@ -3,8 +3,8 @@
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
 use repose_geometry::Image;
 
-use super::Rgb;
-use super::colors::{INK, PAPER};
+use crate::Rgb;
+use crate::colors::{INK, PAPER};
 
 const SIZE: RasterHeight = RasterHeight::Size16;
 /// Columns that a character takes.

@@ -1,0 +1,27 @@
+//! What tools answer.
+
+use repose_proto::CallError;
+use serde::Serialize;
+use serde_json::Value;
+
+/// What a tool answers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Answer {
+    /// In sentences.
+    pub text: String,
+    /// The same as data.
+    pub data: Value,
+    /// JPEG.
+    pub picture: Option<Vec<u8>>,
+}
+
+impl Answer {
+    /// An answer as text and data.
+    ///
+    /// # Errors
+    /// `internal` when the data cannot be encoded.
+    pub fn new<T: Serialize>(text: String, data: &T, picture: Option<Vec<u8>>) -> Result<Self, CallError> {
+        let data = serde_json::to_value(data).map_err(|e| CallError::internal(e.to_string()))?;
+        Ok(Self { text, data, picture })
+    }
+}

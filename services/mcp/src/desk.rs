@@ -1,0 +1,121 @@
+//! Where tools are carried out: the cell as an agent's server sees it, the scenes that were shown, the plans that were made.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use repose_proto::{CallError, ErrorCode, Service};
+use repose_runtime::{CallOptions, Caller, SceneStore, Session, fetch_newest, fetch_scene, now_ns};
+use tokio::time::Instant;
+
+use crate::McpError;
+use crate::plans::Plans;
+use crate::seen::Seen;
+use crate::settings::Settings;
+
+/// Scenes held for agents that name them, and their bytes.
+const SCENES: usize = 16;
+const SCENES_BYTES: usize = 512 << 20;
+/// Between two looks for a newer view.
+const LOOK_EVERY: Duration = Duration::from_millis(50);
+
+/// Does what tools ask. Any number of agents share one.
+pub struct Desk {
+    pub(crate) session: Session,
+    pub(crate) planner: Caller,
+    pub(crate) motion: Caller,
+    perception: Caller,
+    settings: Settings,
+    scenes: SceneStore<Seen>,
+    plans: Mutex<Plans>,
+    moving: AtomicBool,
+}
+
+/// While this is held nobody else's plan is carried out.
+pub(crate) struct Moving<'a>(&'a AtomicBool);
+
+impl Drop for Moving<'_> {
+    fn drop(&mut self) {
+        self.0.store(false, Ordering::Release);
+    }
+}
+
+impl Desk {
+    /// A desk for the session's cell.
+    ///
+    /// # Errors
+    /// When a setting is unusable or the network refuses.
+    pub async fn open(session: Session, settings: Settings) -> Result<Self, McpError> {
+        settings.validate().map_err(McpError::Setting)?;
+        let (perception, planner, motion) =
+            (session.caller(Service::Perception).await?, session.caller(Service::Planner).await?, session.caller(Service::Motion).await?);
+        let scenes = SceneStore::new(SCENES, SCENES_BYTES, Seen::bytes);
+        Ok(Self { session, planner, motion, perception, settings, scenes, plans: Mutex::default(), moving: AtomicBool::new(false) })
+    }
+
+    /// What it is about.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    pub(crate) fn plans(&self) -> MutexGuard<'_, Plans> {
+        // Every change leaves the plans whole, so a panic elsewhere under the lock does not spoil them.
+        self.plans.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes the robot for one execution.
+    pub(crate) fn begin_moving(&self) -> Result<Moving<'_>, CallError> {
+        match self.moving.swap(true, Ordering::AcqRel) {
+            true => Err(CallError::precondition("another plan is being carried out; wait for its end, or stop the robot")),
+            false => Ok(Moving(&self.moving)),
+        }
+    }
+
+    /// Whether a plan is being carried out.
+    pub(crate) fn is_moving(&self) -> bool {
+        self.moving.load(Ordering::Acquire)
+    }
+
+    /// The camera's newest view, kept under its handle.
+    pub(crate) async fn newest(&self) -> Result<Arc<Seen>, CallError> {
+        self.view_after(0).await
+    }
+
+    /// The first view that was seen after an instant, kept under its handle.
+    pub(crate) async fn view_after(&self, instant_ns: u64) -> Result<Arc<Seen>, CallError> {
+        let (camera, deadline) = (&self.settings.camera, self.settings.deadline);
+        let give_up = Instant::now() + deadline;
+        loop {
+            let summary = fetch_newest(&self.perception, camera, &CallOptions::within(deadline)).await?;
+            if summary.stamp_ns > instant_ns {
+                let scene = fetch_scene(&self.perception, &summary.scene_id, &CallOptions::within(deadline)).await?;
+                let seen = Arc::new(Seen { scene_id: summary.scene_id, scene });
+                // A scene that looks the same to the last point has the same id and a later stamp.
+                return Ok(self.scenes.keep_over(seen.clone().handle(), seen, |_| true));
+            }
+            if Instant::now() >= give_up {
+                let message = format!("camera {camera} has shown nothing new in {} ms", deadline.as_millis());
+                return Err(CallError::new(ErrorCode::DeadlineExceeded, message));
+            }
+            tokio::time::sleep(LOOK_EVERY).await;
+        }
+    }
+
+    /// A view from now on.
+    pub(crate) async fn fresh(&self) -> Result<Arc<Seen>, CallError> {
+        self.view_after(now_ns()).await
+    }
+
+    /// A view that was shown.
+    ///
+    /// # Errors
+    /// `not_found` on `scene` when it is not held any more, or never was.
+    pub(crate) fn shown(&self, handle: &str) -> Result<Arc<Seen>, CallError> {
+        self.scenes.get(handle).map_err(|_| CallError::not_found("scene", format!("scene {handle:?} is not at hand: look again")))
+    }
+}
+
+/// Computes beside the async threads.
+pub(crate) async fn computed<T: Send + 'static>(work: impl FnOnce() -> Result<T, CallError> + Send + 'static) -> Result<T, CallError> {
+    tokio::task::spawn_blocking(work).await.map_err(|e| CallError::internal(format!("the computation was lost: {e}")))?
+}

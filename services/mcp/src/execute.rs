@@ -1,0 +1,158 @@
+//! `execute`: a plan of this server's, of the same session, on a scene that still looks as it did, carried out once.
+//!
+//! The placement is the one that the agent was shown. The arm's way is planned anew, from where it stands and on a fresh view: the scene may
+//! differ from the plan's by what a camera's noise makes of it ([`crate::Settings::still_m`]) and by nothing else.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use repose_pictures::jpeg_of;
+use repose_pictures::scene::with_numbered_outlines;
+use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
+use repose_proto::robot::{RobotMode, RobotState};
+use repose_proto::{CallError, Payload};
+use repose_runtime::{CallOptions, CancellationToken, call_moving};
+use repose_tracking::{Known, changes, holds};
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::answer::Answer;
+use crate::arguments::ExecuteArguments;
+use crate::asker::Asker;
+use crate::desk::{Desk, computed};
+use crate::look::QUALITY;
+use crate::plan::moved_by;
+use crate::plans::Plan;
+use crate::robot::PATIENCE;
+use crate::seen::Seen;
+
+/// How long an execution may take.
+const LONGEST: Duration = Duration::from_secs(600);
+/// Fresh views in which the scene may show that it is the same: one in which a small object is not found is no change.
+const VIEWS: usize = 3;
+
+/// What `execute` answers beside the picture.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+pub struct Executed {
+    /// The plan.
+    pub plan: String,
+    /// `done`, `stopped` or `grasp_lost`.
+    pub outcome: ExecutionOutcome,
+    /// Why, where it is not done.
+    pub reason: Option<String>,
+    /// What was asked to hold, and whether each holds in the view afterwards; empty where that cannot be seen.
+    pub holds: Vec<TermHeld>,
+    /// The scene afterwards, for `plan`.
+    pub scene: String,
+}
+
+/// A term of the goal, afterwards.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+pub struct TermHeld {
+    /// In the numbers of the plan's scene: `left_of:2`.
+    pub term: String,
+    /// Whether it holds by rule on what is seen.
+    pub holds: bool,
+}
+
+impl Desk {
+    /// Carries a plan out.
+    ///
+    /// # Errors
+    /// `failed_precondition` when this server may not, another motion is under way, the robot is stopped, the scene has changed or the arm cannot
+    /// serve the place any more; `not_found` on `plan`; what the cell says.
+    pub async fn execute(&self, asked: &ExecuteArguments, asker: &Asker, cancel: CancellationToken) -> Result<Answer, CallError> {
+        if !self.settings().allow_execute {
+            let message = "this server may not carry plans out: a person starts it with --allow-execute where it may";
+            return Err(CallError::precondition(message));
+        }
+        let plan = self.plans().get(&asked.plan, asker)?;
+        let _alone = self.begin_moving()?;
+        let state = repose_runtime::robot_state(&self.session, &self.settings().robot, PATIENCE).await?;
+        check_free(&self.settings().robot, &state)?;
+        let seen = self.unchanged(&plan).await?;
+        let mut known = Known::of(&plan.seen.scene.meta.objects);
+        known.look_again(None, &seen.scene.meta.objects);
+        let motion = self.motion_plan(&plan, &known, &seen, &state).await?;
+        // From here on it may have moved something, whatever the answer is.
+        self.plans().remove(&plan.id);
+        let options = CallOptions { cancel, ..CallOptions::at_most_once(LONGEST) };
+        let reply = call_moving(&self.session, &self.motion, "execute", Payload::json(&motion)?, options).await?;
+        let reply: ExecuteReply = reply.payload.decode_json()?;
+        self.afterwards(&plan, &reply, known).await
+    }
+
+    /// A fresh view in which everything is where it was planned with.
+    async fn unchanged(&self, plan: &Plan) -> Result<Arc<Seen>, CallError> {
+        let mut differences = Vec::new();
+        for _ in 0..VIEWS {
+            let seen = self.fresh().await?;
+            differences = changes(&plan.seen.scene.meta.objects, &seen.scene.meta.objects, self.settings().still_m);
+            if differences.is_empty() {
+                return Ok(seen);
+            }
+        }
+        let told: Vec<String> = differences.iter().map(ToString::to_string).collect();
+        Err(CallError::precondition(format!("the scene has changed since the plan was made: {}; look and plan again", told.join("; ")))
+            .at("plan"))
+    }
+
+    async fn motion_plan(&self, plan: &Plan, known: &Known, seen: &Seen, state: &RobotState) -> Result<MotionPlan, CallError> {
+        let (query, _) = known.translated("plan", plan.query, &plan.goal)?;
+        let placements = vec![plan.placement.placed_from_observed];
+        let robot = self.settings().robot.clone();
+        let request =
+            MotionPlanRequest { seed: plan.seed, ..MotionPlanRequest::new(seen.scene_id.clone(), robot, query, placements, state.q_rad) };
+        self.motion.plan_motion(&request, Some(&seen.scene), CallOptions::within(self.settings().deadline)).await
+    }
+
+    /// Looks at what has become of the wish.
+    async fn afterwards(&self, plan: &Plan, reply: &ExecuteReply, mut known: Known) -> Result<Answer, CallError> {
+        let seen = self.fresh().await?;
+        let objects = &seen.scene.meta.objects;
+        match reply.outcome {
+            ExecutionOutcome::Done => known.look_again(Some((plan.query, moved_by(&plan.placement)?)), objects),
+            ExecutionOutcome::Stopped | ExecutionOutcome::GraspLost => known.look_for_lost(plan.query, objects),
+        }
+        let held = match known.translated("plan", plan.query, &plan.goal) {
+            Ok((query, goal)) => holds(&seen.scene, plan.view_yaw_rad, query, &goal),
+            Err(_) => Vec::new(),
+        };
+        let executed = Executed {
+            plan: plan.id.clone(),
+            outcome: reply.outcome,
+            reason: reply.reason.clone(),
+            holds: plan.goal.iter().zip(&held).map(|(term, holds)| TermHeld { term: term.to_string(), holds: *holds }).collect(),
+            scene: seen.handle().to_owned(),
+        };
+        let text = sentences(&executed);
+        let picture = computed(move || jpeg_of(&with_numbered_outlines(&seen.scene)?, QUALITY)).await?;
+        Answer::new(text, &executed, Some(picture))
+    }
+}
+
+/// Refuses a robot that a person, or somebody else's task, has.
+fn check_free(robot: &str, state: &RobotState) -> Result<(), CallError> {
+    let refused = |message: String| Err(CallError::precondition(message).at("robot"));
+    match (&state.stop, state.mode, state.open_task()) {
+        (Some(stop), _, _) => refused(format!("robot {robot} is stopped: {}; a person clears that", stop.reason)),
+        (None, RobotMode::Idle, None) => Ok(()),
+        (None, _, _) => refused(format!("robot {robot} is doing something else")),
+    }
+}
+
+fn sentences(executed: &Executed) -> String {
+    let mut lines = vec![match (executed.outcome, &executed.reason) {
+        (ExecutionOutcome::Done, _) => "done".to_owned(),
+        (ExecutionOutcome::Stopped, why) => format!("stopped: {}", why.as_deref().unwrap_or("nobody says why")),
+        (ExecutionOutcome::GraspLost, why) => format!("the grasp was lost: {}", why.as_deref().unwrap_or("nobody says why")),
+    }];
+    match executed.holds[..] {
+        [] => lines.push("whether the goal holds cannot be seen".to_owned()),
+        _ => {
+            lines.extend(executed.holds.iter().map(|term| format!("{} {}", term.term, if term.holds { "holds" } else { "does not hold" })))
+        }
+    }
+    lines.push(format!("the scene afterwards is {}; numbers may be others in it", executed.scene));
+    lines.join("\n")
+}

@@ -1,0 +1,138 @@
+//! Who may connect over HTTP: this machine, or whoever shows the token; never a page of another site.
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use axum::Router;
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::middleware::{Next, from_fn_with_state};
+use axum::response::{IntoResponse, Response};
+use repose_proto::CallError;
+use repose_runtime::Shutdown;
+use tokio::net::TcpListener;
+
+use crate::McpError;
+use crate::desk::Desk;
+use crate::protocol;
+
+/// The shortest token, characters.
+const MIN_TOKEN: usize = 16;
+
+/// Where agents connect.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HttpSettings {
+    /// Address and port; beyond loopback it needs a token.
+    pub listen: SocketAddr,
+    /// A file with the token that agents show as `Authorization: Bearer …`. Without one, everybody on this machine may connect.
+    pub token: Option<PathBuf>,
+    /// Names, without a port, by which agents may ask for it; addresses of loopback and `localhost` always may.
+    pub hosts: Vec<String>,
+}
+
+/// A server that listens and serves nobody yet.
+pub struct Door {
+    listener: TcpListener,
+    address: SocketAddr,
+    token: Option<blake3::Hash>,
+    hosts: Vec<String>,
+}
+
+impl Door {
+    /// Checks the settings and takes the address.
+    ///
+    /// # Errors
+    /// When a setting is unusable or the address taken.
+    pub async fn open(settings: HttpSettings) -> Result<Self, McpError> {
+        let HttpSettings { listen, token, hosts } = settings;
+        if !listen.ip().is_loopback() && token.is_none() {
+            let message = format!("{listen} can be reached from other machines: that needs a token");
+            return Err(McpError::Setting(CallError::invalid("token", message)));
+        }
+        let token = token.as_deref().map(token_of).transpose().map_err(McpError::Setting)?;
+        let listener = TcpListener::bind(listen).await.map_err(|source| McpError::Listen { address: listen, source })?;
+        let address = listener.local_addr().map_err(|source| McpError::Listen { address: listen, source })?;
+        Ok(Self { listener, address, token, hosts })
+    }
+
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// What an agent is given.
+    pub fn url(&self) -> String {
+        format!("http://{}/mcp", self.address)
+    }
+
+    /// Serves until `shutdown`.
+    ///
+    /// # Errors
+    /// When the listener fails.
+    pub async fn serve(self, desk: Arc<Desk>, shutdown: Shutdown) -> Result<(), McpError> {
+        let mut hosts = vec!["localhost".to_owned(), "127.0.0.1".to_owned(), "::1".to_owned(), self.address.ip().to_string()];
+        hosts.extend(self.hosts);
+        let (agents, ending) = protocol::http(desk, hosts);
+        let routes = Router::new().merge(agents).layer(from_fn_with_state(self.token, guarded));
+        let ended = async move {
+            shutdown.requested().await;
+            ending.cancel();
+        };
+        axum::serve(self.listener, routes).with_graceful_shutdown(ended).await.map_err(|e| McpError::Serve(e.to_string()))
+    }
+}
+
+/// Refuses whoever does not show the token, where there is one.
+async fn guarded(State(token): State<Option<blake3::Hash>>, request: Request, next: Next) -> Response {
+    match admits(token, request.headers()) {
+        true => next.run(request).await,
+        false => (StatusCode::UNAUTHORIZED, [(header::WWW_AUTHENTICATE, "Bearer")], "this server needs its token\n").into_response(),
+    }
+}
+
+fn admits(token: Option<blake3::Hash>, headers: &HeaderMap) -> bool {
+    let Some(token) = token else { return true };
+    let shown = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok()).and_then(|value| value.strip_prefix("Bearer "));
+    // Hashes compare in constant time.
+    shown.is_some_and(|shown| blake3::hash(shown.trim().as_bytes()) == token)
+}
+
+fn token_of(file: &Path) -> Result<blake3::Hash, CallError> {
+    let fail = |message: String| CallError::invalid("token", format!("{}: {message}", file.display()));
+    let text = std::fs::read_to_string(file).map_err(|e| fail(e.to_string()))?;
+    let token = text.trim();
+    match token.len() >= MIN_TOKEN && token.bytes().all(|b| b.is_ascii_graphic()) {
+        true => Ok(blake3::hash(token.as_bytes())),
+        false => Err(fail(format!("expected a token of at least {MIN_TOKEN} letters, digits or signs"))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use axum::http::HeaderValue;
+
+    use super::*;
+
+    #[test]
+    fn only_the_token_opens_a_door_that_has_one() {
+        let token = Some(blake3::hash(b"a-long-agents-token"));
+        let with = |value: &'static str| HeaderMap::from_iter([(header::AUTHORIZATION, HeaderValue::from_static(value))]);
+        assert!(admits(None, &HeaderMap::new()) && admits(token, &with("Bearer a-long-agents-token")));
+        for headers in [HeaderMap::new(), with("Bearer a-guess"), with("a-long-agents-token"), with("Basic a-long-agents-token")] {
+            assert!(!admits(token, &headers), "{headers:?}");
+        }
+    }
+
+    #[tokio::test]
+    async fn other_machines_are_let_in_with_a_token_only() {
+        let beyond = HttpSettings { listen: "0.0.0.0:0".parse().expect("an address"), token: None, hosts: Vec::new() };
+        let refused = Door::open(beyond.clone()).await.err().map(|e| e.to_string());
+        assert!(refused.as_deref().is_some_and(|e| e.contains("token")), "{refused:?}");
+        let here = HttpSettings { listen: "127.0.0.1:0".parse().expect("an address"), ..beyond };
+        let door = Door::open(here.clone()).await.expect("it listens");
+        assert!(door.url().starts_with("http://127.0.0.1:") && door.address().port() != 0);
+        let short = HttpSettings { token: Some("/dev/null".into()), ..here };
+        assert!(Door::open(short).await.err().is_some_and(|e| e.to_string().contains("at least 16")));
+    }
+}

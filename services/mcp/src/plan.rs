@@ -1,0 +1,284 @@
+//! `plan`: from numbers or words to a place that can be carried out, drawn and with its evidence; or to what stands in the way.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use nalgebra::Isometry3;
+use repose_geometry::transform::from_row_major;
+use repose_pictures::jpeg_of;
+use repose_pictures::scene::with_placement;
+use repose_proto::motion::{MotionPlan, MotionPlanRequest};
+use repose_proto::place::{Placement, Rotation};
+use repose_proto::robot::RobotState;
+use repose_proto::{CallError, ErrorCode, GoalTerm, Message, PlaceRequest, PlaceResult};
+use repose_runtime::{CallOptions, CancellationToken, reaching_robot};
+use repose_sentences::placement::{describe, merits, motion, relaxation, tally};
+use repose_words::{Look, find, looks_of, understand};
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::answer::Answer;
+use crate::arguments::{Named, PlanArguments};
+use crate::asker::Asker;
+use crate::desk::{Desk, computed};
+use crate::look::QUALITY;
+use crate::plans::Plan;
+use crate::seen::Seen;
+
+/// Placements that motion may choose from.
+const COUNT: u32 = 5;
+
+/// What `plan` answers beside the picture.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+pub struct Planned {
+    /// The plan, for `execute`; none where there is no place, or the arm cannot serve one.
+    pub plan: Option<String>,
+    /// The scene that it was made on.
+    pub scene: String,
+    /// The object that was meant to move, by its number in the scene.
+    #[serde(rename = "move")]
+    pub query: u16,
+    /// What was asked to hold, numbers of the scene: `left_of:2`, `not:near:3`.
+    pub goal: Vec<String>,
+    /// How words were taken: each phrase with its object's number.
+    pub understood: BTreeMap<String, u16>,
+    /// How the object is moved.
+    pub motion: Option<String>,
+    /// The probability that it succeeds in every respect; none where nobody evaluated it.
+    pub success: Option<f64>,
+    /// What speaks for the place.
+    pub evidence: Option<String>,
+    /// How long the arm takes, seconds; none where no arm was asked.
+    pub seconds: Option<f64>,
+    /// Why there is no plan, or why no arm was asked.
+    pub reasons: Vec<String>,
+}
+
+/// What is wished for on a scene.
+struct Wish {
+    query: u16,
+    goal: Vec<GoalTerm>,
+    understood: BTreeMap<String, u16>,
+}
+
+/// What the arm says of ranked placements.
+enum Arm {
+    /// How it would carry one of them out.
+    Can(Box<MotionPlan>),
+    /// Why it cannot.
+    Cannot(String),
+    /// Nobody could be asked.
+    Unasked(String),
+}
+
+impl Desk {
+    /// Finds a place.
+    ///
+    /// # Errors
+    /// `invalid_argument` and `not_found` that name the argument, with the objects in question where words are not clear; what the cell says.
+    pub async fn plan(&self, asked: &PlanArguments, asker: &Asker, cancel: CancellationToken) -> Result<Answer, CallError> {
+        let seen = match &asked.scene {
+            Some(handle) => self.shown(handle)?,
+            None => self.newest().await?,
+        };
+        let wish = {
+            let (seen, asked) = (seen.clone(), asked.clone());
+            computed(move || wish_of(&asked, &seen)).await?
+        };
+        let state = repose_runtime::robot_state(&self.session, &self.settings().robot, crate::robot::PATIENCE).await;
+        let request = self.request(asked, &seen, &wish, state.as_ref().ok());
+        request.validate()?;
+        let options = CallOptions { cancel, ..CallOptions::within(self.settings().deadline) };
+        let (result, _) = self.planner.place(&request, Some(&seen.scene), options.clone()).await?;
+        let arm = match (&state, result.placements.is_empty()) {
+            (_, true) => None,
+            (Err(error), false) => Some(Arm::Unasked(error.message.clone())),
+            (Ok(state), false) => Some(self.arm(&request, &result, &seen, state, options).await?),
+        };
+        let (planned, plan) = judged(&wish, &seen, &result, arm, &request, asker);
+        self.answer(planned, plan, &result, &seen).await
+    }
+
+    fn request(&self, asked: &PlanArguments, seen: &Seen, wish: &Wish, state: Option<&RobotState>) -> PlaceRequest {
+        PlaceRequest {
+            count: COUNT,
+            rotation: if asked.may_turn { Rotation::Yaw } else { Rotation::Fixed },
+            min_success: asked.min_success,
+            seed: asked.seed,
+            robot: state.and_then(|state| reaching_robot(&self.settings().robot, state)),
+            ..PlaceRequest::new(seen.scene_id.clone(), wish.query, wish.goal.clone())
+        }
+    }
+
+    /// Asks motion for the way of the best placement that the arm can serve.
+    async fn arm(
+        &self,
+        request: &PlaceRequest,
+        result: &PlaceResult,
+        seen: &Seen,
+        state: &RobotState,
+        options: CallOptions,
+    ) -> Result<Arm, CallError> {
+        let placements = result.placements.iter().map(|p| p.placed_from_observed).collect();
+        let robot = self.settings().robot.clone();
+        let request = MotionPlanRequest {
+            seed: request.seed,
+            ..MotionPlanRequest::new(seen.scene_id.clone(), robot, request.query, placements, state.q_rad)
+        };
+        match self.motion.plan_motion(&request, Some(&seen.scene), options).await {
+            Ok(plan) if plan.placement < result.placements.len() => Ok(Arm::Can(Box::new(plan))),
+            Ok(_) => Err(CallError::internal("motion chose no placement of ours")),
+            Err(error) if error.code == ErrorCode::FailedPrecondition => Ok(Arm::Cannot(error.message)),
+            Err(error) if error.code == ErrorCode::Unavailable => Ok(Arm::Unasked(error.message)),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Keeps a plan, and draws what was found of it.
+    async fn answer(&self, planned: Planned, plan: Option<Plan>, result: &PlaceResult, seen: &Arc<Seen>) -> Result<Answer, CallError> {
+        let shown = plan.as_ref().map(|plan| plan.placement.clone()).or_else(|| result.placements.first().cloned());
+        let (seen, query) = (seen.clone(), planned.query);
+        let picture = match shown {
+            Some(placement) => Some(computed(move || drawn(&seen, query, &placement)).await?),
+            None => None,
+        };
+        let text = sentences(&planned, result);
+        if let Some(plan) = plan {
+            self.plans().keep(plan);
+        }
+        Answer::new(text, &planned, picture)
+    }
+}
+
+fn drawn(seen: &Seen, query: u16, placement: &Placement) -> Result<Vec<u8>, CallError> {
+    jpeg_of(&with_placement(&seen.scene, query, &moved_by(placement)?), QUALITY)
+}
+
+/// A placement's motion of world space.
+///
+/// # Errors
+/// `internal` when a planner answered something else.
+pub fn moved_by(placement: &Placement) -> Result<Isometry3<f64>, CallError> {
+    from_row_major(&placement.placed_from_observed.0).map_err(|e| CallError::internal(e.to_string()))
+}
+
+/// The wish that arguments make on a scene.
+fn wish_of(asked: &PlanArguments, seen: &Seen) -> Result<Wish, CallError> {
+    let looks = looks_of(&seen.scene, seen.scene.meta.view_yaw_rad);
+    match (&asked.say, &asked.object) {
+        (Some(_), Some(_)) => Err(CallError::invalid("say", "expected either a sentence, or `move` and `goal`")),
+        (Some(_), None) if !asked.goal.is_empty() => Err(CallError::invalid("goal", "a sentence says the goal, too")),
+        (None, None) => Err(CallError::invalid("move", "expected the object to move, or the wish as a sentence in `say`")),
+        (Some(sentence), None) => {
+            let meant = understand(sentence, &looks).map_err(|refused| CallError::invalid("say", refused.to_string()))?;
+            let understood = meant.taken.into_iter().map(|taken| (taken.phrase, taken.object)).collect();
+            Ok(Wish { query: meant.query, goal: meant.goal, understood })
+        }
+        (None, Some(object)) => {
+            let mut naming = Naming { looks: &looks, has_scene: asked.scene.is_some(), understood: BTreeMap::new() };
+            let query = naming.number("move", object)?;
+            let term = |(k, term): (usize, &crate::arguments::Term)| {
+                let anchor = naming.number(&format!("goal[{k}].to"), &term.to)?;
+                Ok(GoalTerm { relation: term.relation, anchor, holds: !term.not })
+            };
+            let goal = asked.goal.iter().enumerate().map(term).collect::<Result<_, CallError>>()?;
+            Ok(Wish { query, goal, understood: naming.understood })
+        }
+    }
+}
+
+/// Objects' numbers from what an agent calls them.
+struct Naming<'a> {
+    looks: &'a [Look],
+    has_scene: bool,
+    understood: BTreeMap<String, u16>,
+}
+
+impl Naming<'_> {
+    fn number(&mut self, field: &str, named: &Named) -> Result<u16, CallError> {
+        match named {
+            // The newest view may number its objects otherwise than the one that the agent has in mind.
+            Named::Number(_) if !self.has_scene => {
+                Err(CallError::invalid("scene", format!("{field} is a number: say of which scene, as `look` called it")))
+            }
+            Named::Number(number) if self.looks.iter().any(|look| look.id == *number) => Ok(*number),
+            Named::Number(number) => Err(CallError::not_found(field, format!("the scene has no object {number}"))),
+            Named::Description(phrase) => {
+                let number = find(phrase, self.looks).map_err(|refused| CallError::invalid(field, refused.to_string()))?;
+                self.understood.insert(phrase.clone(), number);
+                Ok(number)
+            }
+        }
+    }
+}
+
+/// What is said of an answer, and the plan that comes of it.
+fn judged(
+    wish: &Wish,
+    seen: &Arc<Seen>,
+    result: &PlaceResult,
+    arm: Option<Arm>,
+    request: &PlaceRequest,
+    asker: &Asker,
+) -> (Planned, Option<Plan>) {
+    let mut planned = Planned {
+        plan: None,
+        scene: seen.handle().to_owned(),
+        query: wish.query,
+        goal: wish.goal.iter().map(ToString::to_string).collect(),
+        understood: wish.understood.clone(),
+        motion: None,
+        success: None,
+        evidence: None,
+        seconds: None,
+        reasons: Vec::new(),
+    };
+    let chosen = match arm {
+        None => {
+            planned.reasons = vec![format!("every candidate was rejected: {}", tally(&result.rejections))];
+            planned.reasons.extend(relaxation(result));
+            return (planned, None);
+        }
+        Some(Arm::Cannot(why)) => {
+            planned.reasons = vec![format!("there are places, and the arm can serve none of them: {why}")];
+            return (planned, None);
+        }
+        Some(Arm::Unasked(why)) => {
+            planned.reasons = vec![format!("the arm was not asked: {why}")];
+            &result.placements[0]
+        }
+        Some(Arm::Can(motion)) => {
+            planned.seconds = Some((motion.duration_ms / 100.0).round() / 10.0);
+            &result.placements[motion.placement]
+        }
+    };
+    let id = uuid::Uuid::new_v4().to_string();
+    planned.plan = Some(id.clone());
+    planned.motion = Some(motion(chosen));
+    planned.success = chosen.success;
+    planned.evidence = Some(merits(chosen, result));
+    let (query, goal, view_yaw_rad) = (wish.query, wish.goal.clone(), result.view_yaw_rad);
+    let session = asker.session.clone();
+    let plan = Plan { id, seen: seen.clone(), query, goal, view_yaw_rad, placement: chosen.clone(), seed: request.seed, session };
+    (planned, Some(plan))
+}
+
+fn sentences(planned: &Planned, result: &PlaceResult) -> String {
+    let mut lines: Vec<String> = planned.understood.iter().map(|(phrase, object)| format!("{phrase:?} is object {object}")).collect();
+    match (&planned.plan, &planned.motion, &planned.evidence) {
+        (Some(plan), Some(motion), Some(evidence)) => {
+            lines.push(format!("plan {plan}: object {}, goal {}: {motion}", planned.query, planned.goal.join(" and ")));
+            lines.push(format!("evidence: {evidence}"));
+            lines.extend(planned.seconds.map(|seconds| format!("the arm takes {seconds} s")));
+            lines.extend(planned.reasons.iter().cloned());
+        }
+        _ => {
+            lines.push("no plan".to_owned());
+            lines.extend(planned.reasons.iter().cloned());
+            if result.placements.is_empty() {
+                lines.extend(describe(result).lines().next().map(str::to_owned));
+            }
+        }
+    }
+    lines.join("\n")
+}

@@ -1,0 +1,135 @@
+//! The Model Context Protocol, by its official kit. The only file that knows the kit, whose interface changes often.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::http::request::Parts;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use repose_proto::CallError;
+use repose_runtime::{CancellationToken, Shutdown};
+use rmcp::model::{
+    CallToolRequestParams, CallToolResponse, CallToolResult, ContentBlock, Implementation, ListToolsResult, PaginatedRequestParams,
+    ServerCapabilities, ServerConfig, ToolAnnotations,
+};
+use rmcp::service::RequestContext;
+use rmcp::transport::streamable_http_server::session::local::LocalSessionManager;
+use rmcp::transport::streamable_http_server::{StreamableHttpServerConfig, StreamableHttpService};
+use rmcp::{ErrorData, RoleServer, ServerHandler, serve_server};
+use serde_json::{Value, json};
+
+use crate::McpError;
+use crate::answer::Answer;
+use crate::asker::Asker;
+use crate::desk::Desk;
+use crate::tools::{INSTRUCTIONS, Tool, call};
+
+/// The header that names a session over HTTP.
+const SESSION: &str = "mcp-session-id";
+/// What the one session on standard input and output is called.
+const STDIO: &str = "stdio";
+/// How long a session over HTTP may say nothing: people think between a plan and its execution.
+const IDLE: Duration = Duration::from_secs(3600);
+/// Longest name that is taken of a client, characters.
+const NAME: usize = 100;
+
+/// Serves one agent on standard input and output.
+pub async fn serve_stdio(desk: Arc<Desk>, shutdown: Shutdown) -> Result<(), McpError> {
+    let agent = async {
+        let server = Server { desk, over_http: false };
+        let running = serve_server(server, rmcp::transport::stdio()).await.map_err(|e| McpError::Serve(e.to_string()))?;
+        running.waiting().await.map(drop).map_err(|e| McpError::Serve(e.to_string()))
+    };
+    tokio::select! {
+        ended = agent => ended,
+        () = shutdown.requested() => Ok(()),
+    }
+}
+
+/// The route of agents over HTTP, and what ends their sessions. Requests under a name that is not among `hosts` are refused, and so is every
+/// request of a web page: agents say no origin.
+pub fn http(desk: Arc<Desk>, hosts: Vec<String>) -> (Router, CancellationToken) {
+    let ending = CancellationToken::new();
+    let config =
+        StreamableHttpServerConfig::default().with_allowed_hosts(hosts).enforce_origin_validation().with_cancellation_token(ending.clone());
+    let mut sessions = LocalSessionManager::default();
+    sessions.session_config.keep_alive = Some(IDLE);
+    let server = move || Ok(Server { desk: desk.clone(), over_http: true });
+    let service = StreamableHttpService::new(server, Arc::new(sessions), config);
+    (Router::new().route_service("/mcp", service), ending)
+}
+
+#[derive(Clone)]
+struct Server {
+    desk: Arc<Desk>,
+    over_http: bool,
+}
+
+impl Server {
+    /// Who asks, as the client says it of itself and the transport knows its session.
+    fn asker(&self, context: &RequestContext<RoleServer>) -> Asker {
+        let said = context.client_info().map(|client| format!("{} {}", client.name, client.version));
+        let client: String = said.unwrap_or_else(|| "unknown".to_owned()).chars().filter(|c| !c.is_control()).take(NAME).collect();
+        let session = match self.over_http {
+            false => STDIO.to_owned(),
+            // Clients of the newer protocol have no session: then it is the name, and an id that nobody can guess.
+            true => {
+                let header = context.extensions.get::<Parts>().and_then(|parts| parts.headers.get(SESSION)?.to_str().ok());
+                header.map_or_else(|| client.clone(), str::to_owned)
+            }
+        };
+        Asker { client, session }
+    }
+}
+
+impl ServerHandler for Server {
+    fn get_info(&self) -> ServerConfig {
+        ServerConfig::new(ServerCapabilities::builder().enable_tools().build())
+            .with_server_info(Implementation::new("repose", env!("CARGO_PKG_VERSION")))
+            .with_instructions(INSTRUCTIONS)
+    }
+
+    async fn list_tools(&self, _: Option<PaginatedRequestParams>, _: RequestContext<RoleServer>) -> Result<ListToolsResult, ErrorData> {
+        let allow_execute = self.desk.settings().allow_execute;
+        let offered = Tool::ALL.into_iter().filter(|tool| tool.is_offered(allow_execute));
+        Ok(ListToolsResult::with_all_items(offered.map(described).collect()))
+    }
+
+    async fn call_tool(&self, request: CallToolRequestParams, context: RequestContext<RoleServer>) -> Result<CallToolResponse, ErrorData> {
+        let asker = self.asker(&context);
+        let arguments = request.arguments.map_or(Value::Null, Value::Object);
+        let answered = call(&self.desk, &request.name, arguments, &asker, context.ct.clone()).await;
+        Ok(match answered {
+            Ok(answer) => result(answer),
+            Err(error) => refusal(&error),
+        }
+        .into())
+    }
+}
+
+fn described(tool: Tool) -> rmcp::model::Tool {
+    let hints = ToolAnnotations::new()
+        .read_only(tool.only_reads())
+        .destructive(tool == Tool::Execute)
+        .idempotent(tool != Tool::Execute)
+        .open_world(false);
+    rmcp::model::Tool::new(tool.name(), tool.description(), Arc::new(tool.input()))
+        .with_raw_output_schema(Arc::new(tool.output()))
+        .with_annotations(hints)
+}
+
+fn result(answer: Answer) -> CallToolResult {
+    let mut content = vec![ContentBlock::text(answer.text)];
+    content.extend(answer.picture.map(|jpeg| ContentBlock::image(STANDARD.encode(jpeg), "image/jpeg")));
+    let mut result = CallToolResult::success(content);
+    result.structured_content = Some(answer.data);
+    result
+}
+
+/// An error that the agent reads, with its code and field as everywhere else.
+fn refusal(error: &CallError) -> CallToolResult {
+    let mut result = CallToolResult::error(vec![ContentBlock::text(error.to_string())]);
+    result.structured_content = Some(json!({"error": error}));
+    result
+}

@@ -1,0 +1,28 @@
+//! A scene that an agent was shown.
+
+use repose_proto::Scene;
+
+/// Digits of a scene's id that an agent is given: enough for those held here.
+const HANDLE: usize = 12;
+
+/// A scene with its whole id.
+#[derive(Debug)]
+pub struct Seen {
+    /// The id.
+    pub scene_id: String,
+    /// The scene.
+    pub scene: Scene,
+}
+
+impl Seen {
+    /// What agents call it.
+    pub fn handle(&self) -> &str {
+        &self.scene_id[..HANDLE.min(self.scene_id.len())]
+    }
+
+    /// The size of its points, bytes.
+    pub fn bytes(&self) -> usize {
+        // Coordinates, label and color of a point.
+        self.scene.points.len() * (12 + 2 + 3)
+    }
+}

@@ -1,0 +1,153 @@
+//! What agents are told, and what they may: every tool in a cell of a few lines.
+
+mod cell;
+
+use cell::{Cell, asker, start};
+use repose_mcp::answer::Answer;
+use repose_mcp::tools::call;
+use repose_proto::{CallError, ErrorCode};
+use repose_runtime::CancellationToken;
+use serde_json::{Value, json};
+
+async fn ask(cell: &Cell, tool: &str, arguments: Value) -> Result<Answer, CallError> {
+    ask_as(cell, tool, arguments, "one").await
+}
+
+async fn ask_as(cell: &Cell, tool: &str, arguments: Value, session: &str) -> Result<Answer, CallError> {
+    call(&cell.desk, tool, arguments, &asker(session), CancellationToken::new()).await
+}
+
+async fn planned(cell: &Cell) -> String {
+    let answer = ask(cell, "plan", json!({"say": "put the red box left of the blue box"})).await.expect("an answer");
+    answer.data["plan"].as_str().unwrap_or_else(|| panic!("no plan: {}", answer.text)).to_owned()
+}
+
+fn refused(answer: Result<Answer, CallError>) -> (ErrorCode, Option<String>, String) {
+    let error = answer.expect_err("it must be refused");
+    (error.code, error.field, error.message)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_look_tells_numbers_colors_sizes_and_relations_and_shows_them() {
+    let cell = start(false).await;
+    let looked = ask(&cell, "look", json!({})).await.expect("an answer");
+    let objects = looked.data["objects"].as_array().expect("objects");
+    assert_eq!(objects.iter().map(|o| o["color"].as_str()).collect::<Vec<_>>(), [Some("red"), Some("blue"), Some("green")]);
+    assert_eq!(objects[0]["relations"]["right_of"], json!([2]), "{}", looked.text);
+    assert!((objects[0]["size_cm"][2].as_f64().expect("a height") - 8.0).abs() < 0.5);
+    assert!(looked.text.contains("object 1: red") && looked.text.contains("right of 2"), "{}", looked.text);
+    assert!(looked.picture.is_some_and(|jpeg| jpeg.starts_with(&[0xff, 0xd8, 0xff])));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_plan_is_made_by_number_by_looks_or_in_a_sentence_and_none_says_why() {
+    let cell = start(false).await;
+    let looked = ask(&cell, "look", json!({})).await.expect("an answer");
+    let scene = looked.data["scene"].clone();
+    let by_number = json!({"scene": scene, "move": 1, "goal": [{"relation": "left_of", "to": 2}]});
+    let by_looks = json!({"move": "the red box", "goal": [{"relation": "left_of", "to": "the blue box"}]});
+    let said = json!({"say": "put the red box left of the blue box"});
+    for arguments in [by_number.clone(), by_looks, said] {
+        let answer = ask(&cell, "plan", arguments.clone()).await.expect("an answer");
+        assert_eq!((&answer.data["move"], &answer.data["goal"]), (&json!(1), &json!(["left_of:2"])), "{arguments}");
+        assert!(answer.data["plan"].is_string() && answer.picture.is_some(), "{}", answer.text);
+        assert!(answer.text.contains("success 0.94") && answer.text.contains("holds by rule"), "{}", answer.text);
+    }
+    let field = |answer| refused(answer).1;
+    let no_scene = json!({"move": 1, "goal": [{"relation": "left_of", "to": 2}]});
+    assert_eq!(field(ask(&cell, "plan", no_scene).await).as_deref(), Some("scene"), "numbers are of a scene");
+    let unknown = json!({"scene": "0123456789ab", "move": 1, "goal": [{"relation": "left_of", "to": 2}]});
+    assert_eq!(field(ask(&cell, "plan", unknown).await).as_deref(), Some("scene"));
+    let absent = json!({"scene": scene, "move": 1, "goal": [{"relation": "left_of", "to": 9}]});
+    assert_eq!(field(ask(&cell, "plan", absent).await).as_deref(), Some("goal[0].to"));
+    let (code, at, message) = refused(ask(&cell, "plan", json!({"say": "put the box left of the blue box"})).await);
+    assert_eq!((code, at.as_deref()), (ErrorCode::InvalidArgument, Some("say")));
+    assert!(message.contains("object 1") && message.contains("object 3"), "the objects in question are named: {message}");
+    assert_eq!(field(ask(&cell, "plan", json!({})).await).as_deref(), Some("move"));
+
+    *cell.world.has_place.lock().expect("the answer") = false;
+    let none = ask(&cell, "plan", by_number).await.expect("none is an answer");
+    assert!(none.data["plan"].is_null() && none.picture.is_none());
+    assert!(none.text.contains("out of reach 2") && none.text.contains("without not:near:3"), "{}", none.text);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nothing_is_carried_out_where_it_is_not_allowed_and_a_stop_always_is() {
+    let cell = start(false).await;
+    let plan = planned(&cell).await;
+    let (code, _, message) = refused(ask(&cell, "execute", json!({"plan": plan})).await);
+    assert_eq!(code, ErrorCode::FailedPrecondition);
+    assert!(message.contains("--allow-execute"), "{message}");
+    assert_eq!(cell.world.executions(), 0);
+    let state = ask(&cell, "state", json!({})).await.expect("a state");
+    assert_eq!((&state.data["mode"], &state.data["may_execute"]), (&json!("idle"), &json!(false)));
+    let stopped = ask(&cell, "stop", json!({"reason": "a hand"})).await.expect("stopped");
+    assert_eq!((&stopped.data["mode"], &stopped.data["stopped_because"]), (&json!("stopped"), &json!("a hand")));
+    assert_eq!(cell.world.stop().map(|stop| stop.reason).as_deref(), Some("a hand"));
+    assert_eq!(refused(ask(&cell, "drive", json!({})).await).1.as_deref(), Some("tool"));
+    assert_eq!(refused(ask(&cell, "stop", json!({"robot": "other"})).await).0, ErrorCode::InvalidArgument, "no robot but this");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_plan_of_this_session_is_carried_out_once_and_no_other_is() {
+    let cell = start(true).await;
+    let plan = planned(&cell).await;
+    let not_found = |answer| refused(answer).0 == ErrorCode::NotFound;
+    assert!(not_found(ask(&cell, "execute", json!({"plan": "made up"})).await));
+    assert!(not_found(ask_as(&cell, "execute", json!({"plan": plan}), "another").await), "another session's");
+    let elsewhere = start(true).await;
+    assert!(not_found(ask(&elsewhere, "execute", json!({"plan": plan})).await), "another server's");
+    assert_eq!(cell.world.executions() + elsewhere.world.executions(), 0);
+    // The camera may number the objects anew meanwhile.
+    cell.world.renumber(&[7, 8, 9]);
+    cell.world.may_move.notify_one();
+    let done = ask(&cell, "execute", json!({"plan": plan})).await.expect("an answer");
+    assert_eq!(
+        (&done.data["outcome"], &done.data["holds"]),
+        (&json!("done"), &json!([{"term": "left_of:2", "holds": true}])),
+        "{}",
+        done.text
+    );
+    assert!(done.picture.is_some());
+    assert!(not_found(ask(&cell, "execute", json!({"plan": plan})).await), "it was carried out already");
+    assert_eq!(cell.world.executions(), 1);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scene_that_somebody_touched_is_not_acted_upon() {
+    let cell = start(true).await;
+    let plan = planned(&cell).await;
+    cell.world.push(3, [0.0, 0.03]);
+    let (code, field, message) = refused(ask(&cell, "execute", json!({"plan": plan})).await);
+    assert_eq!((code, field.as_deref()), (ErrorCode::FailedPrecondition, Some("plan")));
+    assert!(message.contains("object 3 has moved by 30 mm"), "{message}");
+    assert_eq!(cell.world.executions(), 0);
+    // What is put back is as it was: the plan still stands.
+    cell.world.push(3, [0.0, -0.03]);
+    cell.world.may_move.notify_one();
+    assert_eq!(ask(&cell, "execute", json!({"plan": plan})).await.expect("an answer").data["outcome"], "done");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn while_a_plan_is_carried_out_no_other_is_and_everybody_may_stop() {
+    let cell = start(true).await;
+    let (first, second) = (planned(&cell).await, planned(&cell).await);
+    let executing = async { ask(&cell, "execute", json!({"plan": first})).await.expect("an answer") };
+    let meanwhile = async {
+        cell.world.has_begun.notified().await;
+        let state = ask(&cell, "state", json!({})).await.expect("a state");
+        assert_eq!(state.data["carrying_out"], true);
+        let (code, _, message) = refused(ask(&cell, "execute", json!({"plan": second})).await);
+        assert!(code == ErrorCode::FailedPrecondition && message.contains("being carried out"), "{message}");
+        let stopped = ask_as(&cell, "stop", json!({}), "another").await.expect("stopped");
+        assert_eq!(stopped.data["mode"], "stopped");
+        cell.world.may_move.notify_one();
+    };
+    let (ended, ()) = tokio::join!(executing, meanwhile);
+    assert_eq!((&ended.data["outcome"], &ended.data["reason"]), (&json!("stopped"), &json!("stopped by an agent")), "{}", ended.text);
+    // Only a person lets it go on.
+    let (code, field, message) = refused(ask(&cell, "execute", json!({"plan": second})).await);
+    assert_eq!((code, field.as_deref()), (ErrorCode::FailedPrecondition, Some("robot")));
+    assert!(message.contains("stopped by an agent"), "{message}");
+    assert_eq!(cell.world.executions(), 1);
+}

@@ -1,0 +1,81 @@
+//! What every client that moves a robot does alike: hear its state, call with a token that says the caller is there, and stop it.
+
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use repose_proto::place::ReachingRobot;
+use repose_proto::robot::{EmergencyStop, RobotState};
+use repose_proto::{CallError, ErrorCode, Payload, limits};
+
+use crate::{Answer, CallOptions, Caller, Session, Traffic};
+
+/// Between two puts of an emergency stop.
+const REPEAT: Duration = Duration::from_millis(20);
+
+/// What a robot says of itself next.
+///
+/// # Errors
+/// `unavailable` on `robot` when it says nothing in time.
+pub async fn robot_state(session: &Session, robot: &str, within: Duration) -> Result<RobotState, CallError> {
+    let mut states = session.subscribe_latest(&session.cell().robot_state(robot)).await?;
+    match tokio::time::timeout(within, states.recv()).await {
+        Ok(sample) => sample.ok_or_else(closed)?.payload.decode_json(),
+        Err(_) => Err(CallError::new(ErrorCode::Unavailable, format!("robot {robot} does not tell its state")).at("robot")),
+    }
+}
+
+/// A robot whose reach is to be a constraint: one that tells where its base stands, and whose reach is known.
+pub fn reaching_robot(robot: &str, state: &RobotState) -> Option<ReachingRobot> {
+    let is_known = state.model.as_deref().is_none_or(|model| model == "panda");
+    let pose = state.world_from_base.filter(|_| is_known)?;
+    Some(ReachingRobot { name: robot.to_owned(), world_from_base: Some(pose) })
+}
+
+/// Calls a method that moves a robot, at most once, whatever `options` say of that. Meanwhile a liveliness token says that this process is
+/// there: where it dies, the motion service does what it is configured to (`on_client_loss`).
+///
+/// # Errors
+/// Those of [`Caller::call`].
+pub async fn call_moving(
+    session: &Session,
+    motion: &Caller,
+    method: &str,
+    payload: Payload,
+    options: CallOptions,
+) -> Result<Answer, CallError> {
+    let id = options.id.clone().unwrap_or_else(|| uuid::Uuid::new_v4().to_string());
+    let _alive = session.transport().declare_alive(&session.cell().live_client(&id)).await?;
+    motion.call(method, payload, CallOptions { id: Some(id), idempotent: false, ..options }).await
+}
+
+/// Puts an emergency stop until a state shows it, or one that was latched before it. Does not end before that: bound it in time.
+///
+/// # Errors
+/// When the network refuses.
+pub async fn emergency_stop(session: &Session, robot: &str, source: &str, reason: &str) -> Result<RobotState, CallError> {
+    let mut states = session.subscribe_latest(&session.cell().robot_state(robot)).await?;
+    let (id, source, reason) = (uuid::Uuid::new_v4().to_string(), source.to_owned(), reason.to_owned());
+    let wanted = Payload::json(&EmergencyStop { v: limits::VERSION, id, source, reason, stamp_ns: now_ns() })?;
+    let key = session.cell().robot_estop(robot);
+    let mut again = tokio::time::interval(REPEAT);
+    loop {
+        tokio::select! {
+            _ = again.tick() => session.put(&key, wanted.clone(), Traffic::EmergencyStop).await?,
+            sample = states.recv() => {
+                // Another's stop that came first holds as well as this one; a reflex that is only braking does not.
+                match sample.ok_or_else(closed)?.payload.decode_json::<RobotState>() {
+                    Ok(state) if state.stop.as_ref().is_some_and(|stop| stop.estop_id.is_some()) => return Ok(state),
+                    _ => {}
+                }
+            }
+        }
+    }
+}
+
+/// The time of day as messages are stamped with, nanoseconds since the Unix epoch.
+pub fn now_ns() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64)
+}
+
+fn closed() -> CallError {
+    CallError::new(ErrorCode::Unavailable, "the session has closed")
+}

@@ -1,0 +1,4 @@
+//! Answers and states in sentences: what commands print for people and agents are told. Pure: no I/O, no async, no global state.
+
+pub mod placement;
+pub mod robot;
