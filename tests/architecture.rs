@@ -7,13 +7,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-const PURE: [&str; 10] = [
+const PURE: [&str; 11] = [
     "repose-geometry",
     "repose-relations",
     "repose-networks",
     "repose-panda",
     "repose-pictures",
     "repose-robot-side",
+    "repose-ros-messages",
     "repose-sensor",
     "repose-simd",
     "repose-tracking",
