@@ -14,6 +14,7 @@ const PURE: [&str; 11] = [
     "repose-panda",
     "repose-pictures",
     "repose-robot-side",
+    "repose-ros-messages",
     "repose-sensor",
     "repose-sentences",
     "repose-simd",

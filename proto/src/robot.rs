@@ -186,6 +186,10 @@ pub struct RobotState {
     /// Where the robot's base stands in the world.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub world_from_base: Option<RigidTransform>,
+    /// How far ahead of itself it needs set-points, milliseconds: a controller that takes whole trajectories needs whole streams. Commanders
+    /// send at least as much, as far as their streams go.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub horizon_ms: Option<u64>,
 }
 
 impl RobotState {

@@ -86,6 +86,7 @@ impl Robot {
             held: self.arm.held().cloned(),
             model: None,
             world_from_base: None,
+            horizon_ms: None,
         }
     }
 

@@ -342,6 +342,7 @@ pub fn robot_state() -> RobotState {
         held: None,
         model: None,
         world_from_base: None,
+        horizon_ms: None,
     }
 }
 

@@ -249,6 +249,38 @@ fn a_cancelled_motion_slows_down_on_its_path_and_leaves_the_robot_ready() {
 }
 
 #[test]
+fn a_robot_that_needs_whole_streams_gets_each_at_once_and_then_signs_of_life_only() {
+    let mut robot = Robot::new();
+    robot.state.horizon_ms = Some(600_000);
+    let (mut execution, mut steps) = Execution::begin(plan(), task(), &robot.state, NOW_NS, 0, ExecutionSettings::default()).unwrap();
+    let (mut streams, mut again) = (0, 0);
+    for now_ms in (0..60_000).step_by(10) {
+        robot.advance();
+        steps.extend(execution.on_state(&robot.state, now_ms));
+        if now_ms % 50 == 0 {
+            steps.extend(execution.on_tick(now_ms));
+        }
+        for step in steps.drain(..) {
+            match step {
+                Step::Send(command) => {
+                    assert!(!command.starts_stream || command.ends_stream, "a stream that does not come whole");
+                    streams += usize::from(command.starts_stream);
+                    again += usize::from(!command.starts_stream && !command.set_points.is_empty());
+                    robot.take(&command);
+                }
+                Step::Progress(_) => {}
+                Step::Done(reply) => {
+                    assert_eq!((reply.outcome, again), (ExecutionOutcome::Done, 0));
+                    assert!(streams >= 4, "{streams} streams");
+                    return;
+                }
+            }
+        }
+    }
+    panic!("the execution never ended");
+}
+
+#[test]
 fn a_cancel_while_the_fingers_open_waits_for_them_and_a_lost_network_ends_it_at_once() {
     for lost in [false, true] {
         let mut robot = Robot::new();

@@ -6,10 +6,10 @@ mod real_data;
 
 use std::path::{Path, PathBuf};
 
-use repose_perception::sources::ros_messages::PointCloud2;
 use repose_perception::sources::{self, SourceError, Topics};
 use repose_perception::{Settings, frame_folder, segment};
 use repose_proto::{CameraModel, Frame};
+use repose_ros_messages::PointCloud2;
 use serde::Deserialize;
 
 /// What `expected.json` says of one scene.

@@ -1,1 +1,143 @@
-//! A cell and a ROS 2 system on `rmw_zenoh`, each as the other knows it.
+//! A cell joined to a ROS 2 system that speaks Zenoh (`rmw_zenoh`, Jazzy and later), without ROS installed.
+//!
+//! [`wire`] is that system's wire form: types and their hashes, keys, tokens, attachments. [`node`] is a node of it. [`camera`] makes frames of
+//! a camera's topics, [`robot`] is the robot's side of the cell's keys for controllers of ROS, [`show`] publishes what the cell sees,
+//! `services` is what ROS clients may ask for. Two sessions: the cell's, and one on the ROS system's router.
+
+pub mod camera;
+mod config;
+mod error;
+pub mod node;
+pub mod report;
+pub mod robot;
+mod services;
+pub mod show;
+pub mod transforms;
+pub mod tree;
+pub mod wire;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use repose_ros_messages::DiagnosticArray;
+use repose_runtime::{Session, Shutdown};
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+
+pub use config::{CameraConfig, RobotConfig, Ros2Config};
+pub use error::BridgeError;
+
+use node::{Graph, Node, mismatch, now_ns};
+use report::Reports;
+use tree::{Tree, TreeSource};
+use wire::names::Qos;
+use wire::token::EntityKind;
+use wire::type_hash::type_named;
+
+/// Between two diagnostics.
+const DIAGNOSTICS: Duration = Duration::from_secs(1);
+/// How long closing may take.
+const CLOSE: Duration = Duration::from_secs(2);
+
+/// Runs the bridge until `shutdown`.
+///
+/// # Errors
+/// When the configuration is unusable, the ROS system's router cannot be reached, or a part of the bridge cannot go on.
+pub async fn run(session: Session, config: Ros2Config, shutdown: Shutdown) -> Result<(), BridgeError> {
+    config.validate()?;
+    let node = Node::join(&config.session, config.domain, &config.namespace, &config.node).await?;
+    tracing::info!(domain = config.domain, node = config.node, "joined the ROS 2 system");
+    let config = Arc::new(config);
+    let (reports, tree) = (Reports::default(), Tree::default());
+    let (come, publishers) = watch::channel(0);
+    let mut parts = JoinSet::new();
+    parts.spawn(TreeSource::of(&node).await?.run(tree.clone(), publishers, reports.clone()));
+    parts.spawn(follow_graph(node.clone(), config.clone(), come, reports.clone()));
+    parts.spawn(tell(node.clone(), reports.clone()));
+    for camera in &config.cameras {
+        parts.spawn(camera::link::run(session.clone(), node.clone(), config.clone(), camera.clone(), tree.clone(), reports.clone()));
+        if config.publish_scenes {
+            parts.spawn(show::link::run(session.clone(), node.clone(), config.clone(), camera.name.clone(), reports.clone()));
+        }
+    }
+    for robot in &config.robots {
+        parts.spawn(robot::link::run(session.clone(), node.clone(), config.clone(), robot.clone(), tree.clone(), reports.clone()));
+    }
+    if config.offer_services {
+        parts.spawn(services::run(session.clone(), node.clone(), config.clone()));
+    }
+    let ended = tokio::select! {
+        () = shutdown.requested() => Ok(()),
+        // A part ends by itself only when it cannot go on, and half a bridge is none.
+        ended = parts.join_next() => match ended {
+            Some(Ok(ended)) => ended,
+            Some(Err(failure)) => Err(repose_proto::CallError::internal(failure.to_string()).into()),
+            None => Ok(()),
+        },
+    };
+    parts.shutdown().await;
+    if let Err(error) = node.session().close(CLOSE).await {
+        tracing::warn!(%error, "the ROS session did not close");
+    }
+    ended
+}
+
+/// Watches who comes and goes, and warns of ends of other types: nothing would come from them, and nobody would say why.
+async fn follow_graph(node: Node, config: Arc<Ros2Config>, come: watch::Sender<u64>, reports: Reports) -> Result<(), BridgeError> {
+    let expected = expected(&config);
+    let mut graph = Graph::follow(&node).await?;
+    let mut publishers = std::collections::BTreeSet::new();
+    loop {
+        let endpoints = graph.endpoints();
+        for (part, kind, name, type_name) in &expected {
+            if let Some(words) = mismatch(&endpoints, *kind, name, &type_named(type_name)?) {
+                reports.warn(part, words);
+            }
+        }
+        let now: std::collections::BTreeSet<_> =
+            endpoints.into_iter().filter(|e| e.kind == EntityKind::Publisher && e.topic == "/tf_static").collect();
+        if !now.is_subset(&publishers) {
+            come.send_modify(|count| *count += 1);
+        }
+        publishers = now;
+        if !graph.changed().await {
+            return Ok(());
+        }
+    }
+}
+
+/// Which ends the configuration expects of others, and for which part of the bridge.
+fn expected(config: &Ros2Config) -> Vec<(&str, EntityKind, String, &'static str)> {
+    let picture =
+        |topic: &str, packed: &str| if topic.ends_with(packed) { "sensor_msgs/msg/CompressedImage" } else { "sensor_msgs/msg/Image" };
+    let mut all = Vec::new();
+    for camera in &config.cameras {
+        let part = camera.name.as_str();
+        all.push((part, EntityKind::Publisher, camera.depth.clone(), picture(&camera.depth, "/compressedDepth")));
+        all.push((part, EntityKind::Publisher, camera.info.clone(), "sensor_msgs/msg/CameraInfo"));
+        all.extend(camera.color.iter().map(|color| (part, EntityKind::Publisher, color.clone(), picture(color, "/compressed"))));
+    }
+    for robot in &config.robots {
+        let part = robot.name.as_str();
+        all.push((part, EntityKind::Publisher, robot.joint_states.clone(), "sensor_msgs/msg/JointState"));
+        let send = |action: &str| format!("{action}/_action/send_goal");
+        all.push((part, EntityKind::Service, send(&robot.trajectory_action), node::ActionTypes::FOLLOW_JOINT_TRAJECTORY.send_goal));
+        let hand = robot
+            .gripper_action
+            .iter()
+            .map(|action| (part, EntityKind::Service, send(action), node::ActionTypes::GRIPPER_COMMAND.send_goal));
+        all.extend(hand);
+    }
+    all
+}
+
+/// Publishes the reports.
+async fn tell(node: Node, reports: Reports) -> Result<(), BridgeError> {
+    let diagnostics = node.publisher::<DiagnosticArray>("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", Qos::DEFAULT).await?;
+    let mut due = tokio::time::interval(DIAGNOSTICS);
+    let name = node.own("").trim_matches('/').to_owned();
+    loop {
+        due.tick().await;
+        diagnostics.publish(&reports.array(&name, now_ns())).await?;
+    }
+}

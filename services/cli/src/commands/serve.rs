@@ -3,7 +3,8 @@
 use clap::Args;
 use repose_console::ConsoleError;
 use repose_proto::Service;
-use repose_runtime::{HealthServer, Session, Shutdown, run_router, start_metrics};
+use repose_ros2::BridgeError;
+use repose_runtime::{HealthServer, Session, Shutdown, load_config, run_router, start_metrics};
 
 use crate::client::{self, SystemArgs, client_config, router_config};
 use crate::failure::{Failure, Outcome};
@@ -12,7 +13,7 @@ use crate::services::ServiceConfigs;
 /// Arguments of `serve`.
 #[derive(Debug, Args)]
 pub struct ServeArgs {
-    /// perception, inference, planner, motion, simulator, console, or router.
+    /// perception, inference, planner, motion, simulator, console, ros2, or router.
     #[arg(value_parser = parse_served)]
     pub service: Served,
     /// The system. The router itself listens at `--connect`.
@@ -30,6 +31,8 @@ pub enum Served {
     Service(Service),
     /// The live page.
     Console,
+    /// The bridge to a ROS 2 system.
+    Ros2,
     /// The router that a deployment's processes meet at.
     Router,
 }
@@ -39,7 +42,8 @@ fn parse_served(name: &str) -> Result<Served, String> {
     match name {
         "router" => Ok(Served::Router),
         "console" => Ok(Served::Console),
-        _ => Service::parse(name).map(Served::Service).ok_or_else(|| format!("the services are {}, console, router", known())),
+        "ros2" => Ok(Served::Ros2),
+        _ => Service::parse(name).map(Served::Service).ok_or_else(|| format!("the services are {}, console, ros2, router", known())),
     }
 }
 
@@ -59,6 +63,18 @@ pub async fn run(args: &ServeArgs) -> Outcome {
                 ConsoleError::Listen { .. } => Failure::bad_input("console.listen", e),
                 ConsoleError::Runtime(e) => e.into(),
                 ConsoleError::Serve(_) => Failure::other(e),
+            })
+        }
+        Served::Ros2 => {
+            let config = load_config("ros2", args.system.config.as_deref())?;
+            let session = Session::open(client_config(&args.system)?).await?;
+            let served = repose_ros2::run(session.clone(), config, shutdown).await;
+            client::close(session).await;
+            served.map_err(|e| match e {
+                BridgeError::Config { field, .. } => Failure::bad_input(&format!("ros2.{field}"), e),
+                BridgeError::Runtime(e) => e.into(),
+                BridgeError::Call(e) => Failure::Other(e),
+                other => Failure::other(other),
             })
         }
         Served::Service(service) => {

@@ -227,6 +227,8 @@ impl Execution {
             return self.send_again(taken, now_ms);
         }
         match self.stage {
+            // Once a robot that asks for it has its whole stream, nothing of it is to be said again.
+            Stage::Stream { .. } if self.has_whole_stream() => self.kept_alive(),
             Stage::Stream { .. } => vec![Step::Send(self.window(false))],
             Stage::Gripper { .. } | Stage::Closing { .. } => self.kept_alive(),
         }
@@ -419,12 +421,19 @@ impl Execution {
         command
     }
 
+    /// Whether the first command, which the robot has taken, had all set-points of the stream.
+    fn has_whole_stream(&self) -> bool {
+        let end_ms = self.current().set_points.last().map_or(0.0, |p| p.t_ms);
+        self.last_state.horizon_ms.is_some_and(|wanted_ms| wanted_ms as f64 >= end_ms)
+    }
+
     /// The set-points from where the robot is on its stream (or the beginning) to the horizon beyond it.
     fn window(&mut self, starts_stream: bool) -> RobotCommand {
         let followed_ms = if starts_stream { 0.0 } else { self.last_state.stream_ms.unwrap_or(0.0) };
         let points = &self.current().set_points;
         let first = points.partition_point(|p| p.t_ms <= followed_ms).saturating_sub(1);
-        let reach_ms = followed_ms + self.settings.horizon_ms.max(limits::MIN_COMMAND_HORIZON_MS as f64);
+        let wanted_ms = self.last_state.horizon_ms.unwrap_or(0).max(limits::MIN_COMMAND_HORIZON_MS);
+        let reach_ms = followed_ms + self.settings.horizon_ms.max(wanted_ms as f64);
         // One set-point beyond the horizon, so that it is covered whole.
         let end = (points.partition_point(|p| p.t_ms < reach_ms) + 1).min(points.len());
         let (set_points, ends_stream): (Vec<SetPoint>, bool) = (points[first..end].to_vec(), end == points.len());

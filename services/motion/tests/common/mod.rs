@@ -96,6 +96,7 @@ impl Robot {
             held: None,
             model: None,
             world_from_base: None,
+            horizon_ms: None,
         };
         Self {
             state,

@@ -11,8 +11,6 @@ pub mod frame_folder;
 pub mod messages;
 pub mod png_sequence;
 pub mod recording;
-pub mod ros_frames;
-pub mod ros_messages;
 pub mod survey;
 #[cfg(test)]
 mod synthetic;
@@ -24,7 +22,7 @@ use repose_proto::Frame;
 use frame_folder::FrameFolderError;
 use png_sequence::PngSequence;
 pub use recording::Recording;
-use ros_messages::MessageError;
+use repose_ros_messages::MessageError;
 pub use survey::Topics;
 
 /// Why a source gives no frames, or no more.

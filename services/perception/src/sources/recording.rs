@@ -9,11 +9,13 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
 use repose_proto::{CameraModel, Frame};
+use repose_ros_messages::frames::{
+    CloudPicture, DEPTH_UNIT_M, SampledPoint, check_rays, color_of, depth_of_cloud, depth_of_image, model_of,
+};
+use repose_ros_messages::{CameraInfo, MessageError, PointCloud2, RosImage};
 
 use super::SourceError;
 use super::messages::{Channel, Messages};
-use super::ros_frames::{CloudPicture, DEPTH_UNIT_M, SampledPoint, check_rays, color_of, depth_of_cloud, depth_of_image, model_of};
-use super::ros_messages::{CameraInfo, MessageError, PointCloud2, RosImage};
 use super::survey::{Chosen, Survey, Topics};
 
 /// A color image belongs to a depth image when their stamps are at most this far apart.

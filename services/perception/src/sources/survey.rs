@@ -6,8 +6,8 @@
 use std::collections::BTreeMap;
 
 use super::messages::Channel;
-use super::ros_frames::model_of;
-use super::ros_messages::{CameraInfo, Header, MessageError, PointCloud2, RosImage};
+use repose_ros_messages::frames::model_of;
+use repose_ros_messages::{CameraInfo, Header, MessageError, PointCloud2, RosImage};
 
 /// Which topics make the frames. Of those that are not named the best fitting ones do.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]

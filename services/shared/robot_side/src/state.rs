@@ -52,5 +52,6 @@ pub fn state_of(arm: &Arm, shown: &Shown) -> RobotState {
         held: arm.held().cloned(),
         model: Some("panda".to_owned()),
         world_from_base: shown.world_from_base,
+        horizon_ms: None,
     }
 }

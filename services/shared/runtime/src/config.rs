@@ -12,8 +12,8 @@ use serde::{Deserialize, Deserializer, Serialize};
 use crate::RuntimeError;
 
 /// The sections that a configuration file may have. Any other is an error, so that a misspelled one is not silently ignored.
-pub const SECTIONS: [&str; 10] =
-    ["session", "caller", "worker", "telemetry", "perception", "inference", "planner", "motion", "simulator", "console"];
+pub const SECTIONS: [&str; 11] =
+    ["session", "caller", "worker", "telemetry", "perception", "inference", "planner", "motion", "simulator", "console", "ros2"];
 
 /// How a process takes part in the network.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,4 +1,4 @@
-//! The transport over Zenoh: the one place that imports it.
+//! The transport over Zenoh: with `raw`, the places that import it.
 //!
 //! Zenoh's callbacks run on its receiving threads, so they only push into bounded mailboxes. Its puts, queries and replies complete
 //! synchronously and may wait for room, or for a large one of the same priority that is being sent: such sends have threads that may block.
@@ -38,7 +38,7 @@ const HISTORY_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// A Zenoh session as a [`Transport`].
 pub struct ZenohTransport {
-    session: zenoh::Session,
+    pub(crate) session: zenoh::Session,
     connection: Arc<Mutex<Links>>,
 }
 
@@ -245,7 +245,7 @@ fn delivery_of(traffic: Traffic) -> (Urgency, CongestionControl, bool) {
     }
 }
 
-fn bytes_of(bytes: &ZBytes) -> Bytes {
+pub(crate) fn bytes_of(bytes: &ZBytes) -> Bytes {
     Bytes::from(bytes.to_bytes().into_owned())
 }
 
@@ -254,7 +254,7 @@ fn payload_of(bytes: Option<&ZBytes>, encoding: Option<&Encoding>) -> Payload {
 }
 
 /// Runs a synchronous send: on a thread that may block if it can have to wait, however small it is.
-async fn send<T: Send + 'static>(
+pub(crate) async fn send<T: Send + 'static>(
     operation: &'static str,
     waits: bool,
     send: impl FnOnce() -> zenoh::Result<T> + Send + 'static,
@@ -264,7 +264,7 @@ async fn send<T: Send + 'static>(
 }
 
 /// Lets Zenoh forget a query whose stream was dropped.
-struct CancelOnDrop(zenoh::cancellation::CancellationToken);
+pub(crate) struct CancelOnDrop(pub zenoh::cancellation::CancellationToken);
 
 impl Drop for CancelOnDrop {
     fn drop(&mut self) {

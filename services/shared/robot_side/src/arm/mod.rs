@@ -165,6 +165,19 @@ impl Arm {
         }
     }
 
+    /// Says where the arm stands that something else has brought to rest: a controller whose trajectory was canceled. Of no effect while it
+    /// follows set-points or brakes.
+    pub fn settle(&mut self, stands_rad: &Joints) {
+        if self.is_at_rest() && stands_rad.iter().all(|q| q.is_finite()) {
+            self.motion = MotionState::at_rest(*stands_rad);
+        }
+    }
+
+    /// Latches a stop for a fault that the arm cannot see by itself: of what moves it, or of what tells of it.
+    pub fn fault(&mut self, kind: &str, reason: String) {
+        self.reflex(kind, reason);
+    }
+
     /// Says whether the fingers stand against something.
     pub fn set_grips(&mut self, grips: bool) {
         self.grips = grips;

@@ -2,7 +2,8 @@
 
 use repose_proto::CameraModel;
 
-use super::ros_messages::{CameraInfo, MessageError, PointCloud2, RosImage};
+use crate::cdr::MessageError;
+use crate::sensor::{CameraInfo, PointCloud2, RosImage};
 
 /// Metres per count of depth that came as floats: fine enough for any depth camera, and 6.5 m fit.
 pub const DEPTH_UNIT_M: f64 = 1e-4;
@@ -132,11 +133,11 @@ fn count_of(depth_m: f32) -> u16 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sources::synthetic;
+    use crate::synthetic;
 
     #[test]
     fn rectified_pictures_have_the_intrinsics_of_the_projection() {
-        let mut info = CameraInfo::read(&synthetic::info("/camera_info", "camera", 4).bytes).unwrap();
+        let mut info = CameraInfo::read(&synthetic::info("camera", 4)).unwrap();
         let intrinsics = |info: &CameraInfo| model_of(info, (4, 4), 0.001).map(|m| [m.fx, m.fy, m.cx, m.cy]);
         assert_eq!(intrinsics(&info), Some([5.0, 5.0, 1.5, 1.5]));
         info.p = [4.0, 0.0, 1.25, -0.2, 0.0, 4.5, 1.75, 0.0, 0.0, 0.0, 1.0, 0.0];
@@ -146,14 +147,14 @@ mod tests {
 
     #[test]
     fn a_cloud_in_another_frame_than_the_cameras_is_refused() {
-        let info = CameraInfo::read(&synthetic::info("/camera_info", "camera", 40).bytes).unwrap();
+        let info = CameraInfo::read(&synthetic::info("camera", 40)).unwrap();
         let camera = model_of(&info, (40, 40), DEPTH_UNIT_M).unwrap();
         let optical = |row: u32, column: u32| {
             let slope = |at: u32| (f64::from(at) - 19.5) / 5.0;
             [slope(column) as f32, slope(row) as f32, 1.0f32]
         };
         let checked = |point: &dyn Fn(u32, u32) -> [f32; 3]| {
-            let cloud = PointCloud2::read(&synthetic::cloud("/points", "any", 40, point).bytes).unwrap();
+            let cloud = PointCloud2::read(&synthetic::cloud("any", 40, point)).unwrap();
             check_rays(&depth_of_cloud(&cloud).unwrap().sample, &camera)
         };
         assert_eq!(checked(&optical), Ok(()));

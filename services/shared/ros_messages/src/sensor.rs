@@ -1,88 +1,23 @@
-//! The messages of ROS 2's `sensor_msgs` that a depth camera's driver publishes, read from their bytes.
-//!
-//! A serialized message is a four-byte header that names the byte order, then plain CDR (OMG; ROS 2's default encoding). Field names and
-//! order are those of `sensor_msgs/msg`; what is not needed here is still read, because CDR has no field lengths to skip by.
+//! `sensor_msgs`: what a depth camera's driver and a robot's publish.
 
-use byteorder::{BigEndian, LittleEndian};
-use serde::Deserialize;
-use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use serde_bytes::ByteBuf;
 
-/// `sensor_msgs/msg/PointField`'s number for 32-bit floats.
-const FLOAT32: u8 = 7;
+use crate::cdr::{MessageError, decode};
+use crate::common::Header;
 
-/// Why bytes are not the message they should be.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum MessageError {
-    /// The header names no byte order of plain CDR.
-    #[error("expected the header of plain CDR (00 00 or 00 01), got {got:02x?}")]
-    Encapsulation {
-        /// The first bytes.
-        got: Vec<u8>,
-    },
-    /// The body ends early or holds something else.
-    #[error("not a {message}: {reason}")]
-    Body {
-        /// The message's name.
-        message: &'static str,
-        /// What the decoder says.
-        reason: String,
-    },
-    /// The picture's or cloud's data is shorter than its sizes say.
-    #[error("{message}: {expected} bytes of data expected, got {got}")]
-    Short {
-        /// The message's name.
-        message: &'static str,
-        /// Bytes that the sizes ask for.
-        expected: usize,
-        /// Bytes that came.
-        got: usize,
-    },
-    /// An organised cloud whose points are not where their pixels look.
-    #[error("{off_percent} % of the points lie off their pixels' rays; expected the camera's optical frame (x right, y down, z forward)")]
-    NotOptical {
-        /// How many of them.
-        off_percent: usize,
-    },
-    /// A kind of content that is not read.
-    #[error("{field}: {got} is not supported, only {expected}")]
-    Unsupported {
-        /// The field.
-        field: &'static str,
-        /// What came.
-        got: String,
-        /// What would do.
-        expected: &'static str,
-    },
+/// The kinds of numbers that a `sensor_msgs/msg/PointField` may have.
+pub mod datatype {
+    /// 16-bit counts.
+    pub const UINT16: u8 = 4;
+    /// 32-bit floats.
+    pub const FLOAT32: u8 = 7;
 }
 
-/// `builtin_interfaces/msg/Time`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-pub struct Time {
-    /// Seconds since the epoch.
-    pub sec: i32,
-    /// Nanoseconds on top.
-    pub nanosec: u32,
-}
-
-impl Time {
-    /// Nanoseconds since the epoch; instants before it count as the epoch.
-    pub fn as_ns(self) -> u64 {
-        u64::try_from(self.sec).unwrap_or(0) * 1_000_000_000 + u64::from(self.nanosec)
-    }
-}
-
-/// `std_msgs/msg/Header`.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-pub struct Header {
-    /// When it was taken.
-    pub stamp: Time,
-    /// The coordinate frame.
-    pub frame_id: String,
-}
+use datatype::FLOAT32;
 
 /// `sensor_msgs/msg/Image`.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RosImage {
     /// When and from where.
     pub header: Header,
@@ -101,7 +36,7 @@ pub struct RosImage {
 }
 
 /// `sensor_msgs/msg/RegionOfInterest`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RegionOfInterest {
     /// First column.
     pub x_offset: u32,
@@ -116,7 +51,7 @@ pub struct RegionOfInterest {
 }
 
 /// `sensor_msgs/msg/CameraInfo`.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CameraInfo {
     /// When and from where.
     pub header: Header,
@@ -142,8 +77,34 @@ pub struct CameraInfo {
     pub roi: RegionOfInterest,
 }
 
+/// `sensor_msgs/msg/CompressedImage`.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CompressedImage {
+    /// When and from where.
+    pub header: Header,
+    /// What the pixels were, and what they are packed as.
+    pub format: String,
+    /// The packed picture.
+    pub data: ByteBuf,
+}
+
+/// `sensor_msgs/msg/JointState`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct JointState {
+    /// When.
+    pub header: Header,
+    /// The joints.
+    pub name: Vec<String>,
+    /// Radians, or metres.
+    pub position: Vec<f64>,
+    /// The same per second; may be empty.
+    pub velocity: Vec<f64>,
+    /// Newton metres, or newtons; may be empty.
+    pub effort: Vec<f64>,
+}
+
 /// `sensor_msgs/msg/PointField`.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PointField {
     /// What it is.
     pub name: String,
@@ -156,7 +117,7 @@ pub struct PointField {
 }
 
 /// `sensor_msgs/msg/PointCloud2`.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PointCloud2 {
     /// When and from where.
     pub header: Header,
@@ -272,23 +233,10 @@ fn check_length(message: &'static str, rows: u32, step: u32, got: usize) -> Resu
     if got < expected { Err(MessageError::Short { message, expected, got }) } else { Ok(()) }
 }
 
-/// A message from its header and body.
-fn decode<T: DeserializeOwned>(bytes: &[u8], message: &'static str) -> Result<T, MessageError> {
-    let Some((header, body)) = bytes.split_at_checked(4) else {
-        return Err(MessageError::Encapsulation { got: bytes.to_vec() });
-    };
-    let decoded = match header {
-        [0, 0, _, _] => cdr_encoding::from_bytes::<T, BigEndian>(body),
-        [0, 1, _, _] => cdr_encoding::from_bytes::<T, LittleEndian>(body),
-        _ => return Err(MessageError::Encapsulation { got: header.to_vec() }),
-    };
-    decoded.map(|(value, _)| value).map_err(|e| MessageError::Body { message, reason: e.to_string() })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sources::synthetic::Writer;
+    use crate::synthetic::Writer;
     use proptest::prelude::*;
 
     /// An image of 2 x 2 16-bit pixels in rows of 6 bytes.

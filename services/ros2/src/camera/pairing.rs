@@ -1,0 +1,175 @@
+//! Depth with the color of the same instant, by stamps that are nearly the same; what never pairs is counted.
+//!
+//! A depth picture takes the color that is nearest to it within the tolerance. It may be sure of that when color has come that is later, or is
+//! of its very instant; otherwise it waits for as long as it has patience. Instants are stamps; patience is counted by the receiver's clock.
+
+use std::collections::VecDeque;
+
+/// Pictures of one kind that wait at most.
+const MOST: usize = 8;
+
+/// How pictures are paired.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PairingSettings {
+    /// How far apart stamps may be, nanoseconds.
+    pub tolerance_ns: u64,
+    /// How long depth waits, milliseconds.
+    pub patience_ms: u64,
+    /// Whether there is color at all.
+    pub has_color: bool,
+}
+
+/// What has become of the pictures so far.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct PairingCounts {
+    /// Pairs, or depth alone where there is no color.
+    pub paired: u64,
+    /// Depth for which no color came.
+    pub depth_alone: u64,
+    /// Color for which no depth came.
+    pub color_alone: u64,
+    /// Depth that came after a later one was used.
+    pub late: u64,
+}
+
+struct Waiting<T> {
+    stamp_ns: u64,
+    since_ms: u64,
+    picture: T,
+}
+
+/// Pairs two streams.
+pub struct Pairing<D, C> {
+    settings: PairingSettings,
+    depths: VecDeque<Waiting<D>>,
+    colors: VecDeque<Waiting<C>>,
+    last_ns: u64,
+    /// What has become of the pictures.
+    pub counts: PairingCounts,
+}
+
+impl<D, C> Pairing<D, C> {
+    /// Nothing so far.
+    pub fn new(settings: PairingSettings) -> Self {
+        Self { settings, depths: VecDeque::new(), colors: VecDeque::new(), last_ns: 0, counts: PairingCounts::default() }
+    }
+
+    /// Takes depth that came at `now_ms`.
+    pub fn depth(&mut self, stamp_ns: u64, picture: D, now_ms: u64) {
+        // Stamps that jump far back are a clock that began anew, and no late picture.
+        if stamp_ns <= self.last_ns && self.last_ns - stamp_ns < 10_000_000_000 {
+            self.counts.late += 1;
+            return;
+        }
+        if stamp_ns < self.last_ns {
+            self.last_ns = 0;
+            self.colors.clear();
+        }
+        let at = self.depths.partition_point(|waiting| waiting.stamp_ns <= stamp_ns);
+        self.depths.insert(at, Waiting { stamp_ns, since_ms: now_ms, picture });
+        if self.depths.len() > MOST {
+            self.depths.pop_front();
+            self.counts.depth_alone += 1;
+        }
+    }
+
+    /// Takes color that came at `now_ms`.
+    pub fn color(&mut self, stamp_ns: u64, picture: C, now_ms: u64) {
+        let at = self.colors.partition_point(|waiting| waiting.stamp_ns <= stamp_ns);
+        self.colors.insert(at, Waiting { stamp_ns, since_ms: now_ms, picture });
+        if self.colors.len() > MOST {
+            self.colors.pop_front();
+            self.counts.color_alone += 1;
+        }
+    }
+
+    /// The next pair that is complete, with its depth's stamp.
+    pub fn next(&mut self, now_ms: u64) -> Option<(u64, D, Option<C>)> {
+        if !self.settings.has_color {
+            let depth = self.depths.pop_front()?;
+            (self.last_ns, self.counts.paired) = (depth.stamp_ns, self.counts.paired + 1);
+            return Some((depth.stamp_ns, depth.picture, None));
+        }
+        loop {
+            let depth = self.depths.front()?;
+            let off_ns = |color: &Waiting<C>| color.stamp_ns.abs_diff(depth.stamp_ns);
+            let nearest = (0..self.colors.len()).min_by_key(|i| off_ns(&self.colors[*i]));
+            let nearest = nearest.filter(|i| off_ns(&self.colors[*i]) <= self.settings.tolerance_ns);
+            let is_sure = self.colors.back().is_some_and(|newest| newest.stamp_ns >= depth.stamp_ns);
+            let waited_ms = now_ms.saturating_sub(depth.since_ms);
+            if !is_sure && waited_ms < self.settings.patience_ms {
+                return None;
+            }
+            let depth = self.depths.pop_front()?;
+            let Some(nearest) = nearest else {
+                self.counts.depth_alone += 1;
+                continue;
+            };
+            // Earlier colors have no depth any more: depths come in order.
+            self.counts.color_alone += nearest as u64;
+            self.colors.drain(..nearest);
+            let color = self.colors.pop_front()?;
+            (self.last_ns, self.counts.paired) = (depth.stamp_ns, self.counts.paired + 1);
+            return Some((depth.stamp_ns, depth.picture, Some(color.picture)));
+        }
+    }
+
+    /// When the first that waits will have waited long enough.
+    pub fn due_ms(&self) -> Option<u64> {
+        self.depths.front().map(|depth| depth.since_ms + self.settings.patience_ms)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+
+    fn pairing(tolerance_ms: u64) -> Pairing<&'static str, &'static str> {
+        Pairing::new(PairingSettings { tolerance_ns: tolerance_ms * MS, patience_ms: 100, has_color: true })
+    }
+
+    #[test]
+    fn depth_takes_the_nearest_color_and_waits_for_it() {
+        let mut pairs = pairing(17);
+        pairs.color(1000 * MS, "c0", 0);
+        pairs.depth(1010 * MS, "d0", 5);
+        assert_eq!(pairs.next(10), None, "a nearer one may come");
+        pairs.color(1012 * MS, "c1", 12);
+        assert_eq!(pairs.next(12), Some((1010 * MS, "d0", Some("c1"))));
+        assert_eq!(pairs.counts, PairingCounts { paired: 1, color_alone: 1, ..PairingCounts::default() });
+        pairs.depth(1043 * MS, "d1", 40);
+        pairs.color(1040 * MS, "c2", 41);
+        assert_eq!((pairs.next(50), pairs.due_ms()), (None, Some(140)));
+        assert_eq!(pairs.next(140), Some((1043 * MS, "d1", Some("c2"))));
+    }
+
+    #[test]
+    fn what_has_no_partner_and_what_is_late_is_counted() {
+        let mut pairs = pairing(5);
+        pairs.depth(1000 * MS, "d0", 0);
+        pairs.color(1010 * MS, "c0", 1);
+        assert_eq!(pairs.next(2), None);
+        assert_eq!(pairs.counts.depth_alone, 1);
+        pairs.depth(1010 * MS, "d1", 3);
+        assert!(pairs.next(3).is_some());
+        pairs.depth(1005 * MS, "d2", 4);
+        assert_eq!((pairs.next(4), pairs.counts.late), (None, 1));
+        for i in 0..20 {
+            pairs.color((2000 + i) * MS, "c", 10);
+        }
+        assert_eq!((pairs.counts.color_alone, pairs.colors.len()), (12, MOST));
+    }
+
+    #[test]
+    fn a_clock_that_begins_anew_is_followed() {
+        let mut pairs = pairing(5);
+        pairs.depth(100_000 * MS, "d0", 0);
+        pairs.color(100_000 * MS, "c0", 0);
+        assert!(pairs.next(0).is_some());
+        pairs.depth(5 * MS, "d1", 1);
+        pairs.color(5 * MS, "c1", 1);
+        assert_eq!(pairs.next(1), Some((5 * MS, "d1", Some("c1"))));
+    }
+}

@@ -1,0 +1,289 @@
+//! The bridge's configuration, section `[ros2]`: which topics are which cameras and robots. Unknown fields are refused.
+
+use repose_proto::{RigidTransform, keys};
+use repose_runtime::{SessionConfig, SessionMode};
+use serde::Deserialize;
+
+use crate::error::BridgeError;
+use crate::wire::names;
+
+/// Configuration of a bridge process.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Ros2Config {
+    /// The session with the ROS 2 system, like `[session]`; the cell is of no matter. Default: a client of `rmw_zenohd` on this machine,
+    /// `tcp/127.0.0.1:7447`.
+    pub session: SessionConfig,
+    /// The ROS domain, `ROS_DOMAIN_ID`. Default 0.
+    pub domain: u32,
+    /// The node's namespace. Default `/`.
+    pub namespace: String,
+    /// The node's name, under which its own topics and services are. Default `repose`.
+    pub node: String,
+    /// The frame of ROS that is the cell's world. Default `world`.
+    pub world_frame: String,
+    /// The cameras.
+    pub cameras: Vec<CameraConfig>,
+    /// The robots.
+    pub robots: Vec<RobotConfig>,
+    /// Whether scenes are published as detections, poses, markers and a labelled cloud. Default true.
+    pub publish_scenes: bool,
+    /// Whether `place`, `plan` and `stop` are offered as services. Default true.
+    pub offer_services: bool,
+    /// Whether a ROS client may have plans carried out: it acts with this process's rights then. Default false.
+    pub allow_execute: bool,
+    /// The deadline of a placement or a plan that a ROS client asks for, milliseconds. Default 30000.
+    pub request_deadline_ms: u64,
+}
+
+impl Default for Ros2Config {
+    fn default() -> Self {
+        Self {
+            session: SessionConfig {
+                mode: SessionMode::Client,
+                connect: vec!["tcp/127.0.0.1:7447".to_owned()],
+                ..SessionConfig::default()
+            },
+            domain: 0,
+            namespace: "/".to_owned(),
+            node: "repose".to_owned(),
+            world_frame: "world".to_owned(),
+            cameras: Vec::new(),
+            robots: Vec::new(),
+            publish_scenes: true,
+            offer_services: true,
+            allow_execute: false,
+            request_deadline_ms: 30_000,
+        }
+    }
+}
+
+/// One camera: the topics that its frames are made of.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraConfig {
+    /// Its name in the cell, a chunk of a key.
+    pub name: String,
+    /// Depth: `sensor_msgs/msg/Image` of `16UC1` or `32FC1`, or what image_transport publishes under a name that ends in `/compressedDepth`.
+    pub depth: String,
+    /// Intrinsics of the depth: `sensor_msgs/msg/CameraInfo`.
+    pub info: String,
+    /// Color of the same size, registered to the depth: `sensor_msgs/msg/Image`, or PNG under a name that ends in `/compressed`. Frames have no
+    /// color without it; with it, depth without color is no frame.
+    #[serde(default)]
+    pub color: Option<String>,
+    /// Whether the pictures are rectified. Default: if `rect` is in the depth topic's name, as ROS names such topics. Others are rectified here.
+    #[serde(default)]
+    pub rectified: Option<bool>,
+    /// The camera's optical frame. Default: the one that its messages name.
+    #[serde(default)]
+    pub frame: Option<String>,
+    /// Where the camera stands. Default: from the transforms, at each picture's stamp.
+    #[serde(default)]
+    pub world_from_camera: Option<RigidTransform>,
+    /// How far apart the stamps of depth and color may be, milliseconds. Default 17: half a picture at 30/s.
+    #[serde(default = "tolerance_ms")]
+    pub tolerance_ms: f64,
+    /// How long depth waits for its color and for the transform at its stamp, milliseconds. Default 200; longer delays every frame that misses
+    /// something.
+    #[serde(default = "patience_ms")]
+    pub patience_ms: u64,
+    /// How old a picture may be when it comes, by its stamp and this machine's clock, milliseconds; older ones are late. Default 2000.
+    #[serde(default = "max_age_ms")]
+    pub max_age_ms: u64,
+    /// Whether frames are stamped with their arrival, where ROS's clock is not this machine's (`use_sim_time`). Default false.
+    #[serde(default)]
+    pub stamp_on_arrival: bool,
+}
+
+fn tolerance_ms() -> f64 {
+    17.0
+}
+
+fn patience_ms() -> u64 {
+    200
+}
+
+fn max_age_ms() -> u64 {
+    2000
+}
+
+/// One robot: its joints, and the controllers that move them.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RobotConfig {
+    /// Its name in the cell, a chunk of a key.
+    pub name: String,
+    /// Its joints: `sensor_msgs/msg/JointState`. Default `/joint_states`.
+    #[serde(default = "joint_states")]
+    pub joint_states: String,
+    /// The names of its seven joints, from the base outwards. Default: the Panda's.
+    #[serde(default = "joints")]
+    pub joints: [String; 7],
+    /// The names of its finger joints, whose positions add up to the gripper's opening. Default: the Panda's.
+    #[serde(default = "finger_joints")]
+    pub finger_joints: Vec<String>,
+    /// The action `control_msgs/action/FollowJointTrajectory` of its controller.
+    pub trajectory_action: String,
+    /// The action `control_msgs/action/GripperCommand` of its hand; without it the hand is never moved.
+    #[serde(default)]
+    pub gripper_action: Option<String>,
+    /// What a controller's gripper position is of the opening. Default 0.5: the position of one of two fingers.
+    #[serde(default = "half")]
+    pub gripper_position_per_width: f64,
+    /// Where the robot's base stands. Default: from the transforms, `world_frame` from `base_frame`.
+    #[serde(default)]
+    pub world_from_base: Option<RigidTransform>,
+    /// The frame of the robot's base. Default `panda_link0`.
+    #[serde(default = "base_frame")]
+    pub base_frame: String,
+    /// How far a joint may be from its set-point before the arm counts as not following, radians. Default 0.1.
+    #[serde(default = "following_tolerance_rad")]
+    pub following_tolerance_rad: f64,
+    /// How long a controller may take to answer, and a result may be overdue, milliseconds. Default 2000.
+    #[serde(default = "controller_timeout_ms")]
+    pub controller_timeout_ms: u64,
+}
+
+fn joint_states() -> String {
+    "/joint_states".to_owned()
+}
+
+fn joints() -> [String; 7] {
+    std::array::from_fn(|i| format!("panda_joint{}", i + 1))
+}
+
+fn finger_joints() -> Vec<String> {
+    ["panda_finger_joint1", "panda_finger_joint2"].map(str::to_owned).into()
+}
+
+fn half() -> f64 {
+    0.5
+}
+
+fn base_frame() -> String {
+    "panda_link0".to_owned()
+}
+
+fn following_tolerance_rad() -> f64 {
+    0.1
+}
+
+fn controller_timeout_ms() -> u64 {
+    2000
+}
+
+impl Ros2Config {
+    /// Checks names and ranges.
+    ///
+    /// # Errors
+    /// [`BridgeError::Config`] that names the field.
+    pub fn validate(&self) -> Result<(), BridgeError> {
+        if self.namespace != "/" {
+            check_name("namespace", &self.namespace)?;
+        }
+        check_name("node", &format!("/{}", self.node))?;
+        within("domain", f64::from(self.domain), 0.0, 232.0)?;
+        within("request_deadline_ms", self.request_deadline_ms as f64, 1.0, repose_proto::limits::MAX_REMAINING_MS as f64)?;
+        for (i, camera) in self.cameras.iter().enumerate() {
+            camera.validate(&format!("cameras[{i}]"))?;
+        }
+        for (i, robot) in self.robots.iter().enumerate() {
+            robot.validate(&format!("robots[{i}]"))?;
+        }
+        let names = self.cameras.iter().map(|c| ("cameras", &c.name)).chain(self.robots.iter().map(|r| ("robots", &r.name)));
+        let mut seen = std::collections::BTreeSet::new();
+        for (field, name) in names {
+            if !seen.insert((field, name)) {
+                return Err(BridgeError::config(field, format!("{name:?} is there twice")));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl CameraConfig {
+    /// Whether its pictures are rectified already.
+    pub fn is_rectified(&self) -> bool {
+        self.rectified.unwrap_or_else(|| self.depth.contains("rect"))
+    }
+
+    fn validate(&self, field: &str) -> Result<(), BridgeError> {
+        check_chunk(&format!("{field}.name"), &self.name)?;
+        check_name(&format!("{field}.depth"), &self.depth)?;
+        check_name(&format!("{field}.info"), &self.info)?;
+        self.color.iter().try_for_each(|color| check_name(&format!("{field}.color"), color))?;
+        check_pose(&format!("{field}.world_from_camera"), self.world_from_camera.as_ref())?;
+        within(&format!("{field}.tolerance_ms"), self.tolerance_ms, 0.0, 1000.0)?;
+        within(&format!("{field}.patience_ms"), self.patience_ms as f64, 0.0, 10_000.0)?;
+        within(&format!("{field}.max_age_ms"), self.max_age_ms as f64, 1.0, 600_000.0)
+    }
+}
+
+impl RobotConfig {
+    fn validate(&self, field: &str) -> Result<(), BridgeError> {
+        check_chunk(&format!("{field}.name"), &self.name)?;
+        check_name(&format!("{field}.joint_states"), &self.joint_states)?;
+        check_name(&format!("{field}.trajectory_action"), &self.trajectory_action)?;
+        self.gripper_action.iter().try_for_each(|action| check_name(&format!("{field}.gripper_action"), action))?;
+        check_pose(&format!("{field}.world_from_base"), self.world_from_base.as_ref())?;
+        within(&format!("{field}.gripper_position_per_width"), self.gripper_position_per_width, 0.01, 100.0)?;
+        within(&format!("{field}.following_tolerance_rad"), self.following_tolerance_rad, 0.001, 1.0)?;
+        within(&format!("{field}.controller_timeout_ms"), self.controller_timeout_ms as f64, 50.0, 60_000.0)
+    }
+}
+
+fn check_name(field: &str, name: &str) -> Result<(), BridgeError> {
+    names::check(name).map_err(|e| BridgeError::config(field, e.to_string()))
+}
+
+fn check_chunk(field: &str, name: &str) -> Result<(), BridgeError> {
+    keys::validate_chunk(field, name).map_err(|e| BridgeError::config(field, e.message))
+}
+
+fn check_pose(field: &str, pose: Option<&RigidTransform>) -> Result<(), BridgeError> {
+    pose.map_or(Ok(()), |pose| pose.validate(field)).map_err(|e| BridgeError::config(field, e.message))
+}
+
+fn within(field: &str, value: f64, low: f64, high: f64) -> Result<(), BridgeError> {
+    if (low..=high).contains(&value) { Ok(()) } else { Err(BridgeError::config(field, format!("expected {low} to {high}, got {value}"))) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn config(toml: &str) -> Result<Ros2Config, String> {
+        let config: Ros2Config = toml::from_str(toml).map_err(|e| e.to_string())?;
+        config.validate().map(|()| config).map_err(|e| e.to_string())
+    }
+
+    const CAMERA: &str = "[[cameras]]\nname = \"front\"\ndepth = \"/cam/depth/image_raw\"\ninfo = \"/cam/depth/camera_info\"\n";
+
+    #[test]
+    fn the_example_is_a_configuration() {
+        let example: toml::Table = include_str!("../../../deploy/ros2.toml").parse().expect("TOML");
+        let config: Ros2Config = example["ros2"].clone().try_into().expect("a configuration");
+        config.validate().expect("good values");
+        assert_eq!((config.cameras.len(), config.robots.len()), (1, 1));
+        assert_eq!(config.session, Ros2Config::default().session);
+    }
+
+    #[test]
+    fn little_needs_to_be_said_and_what_is_wrong_is_named() {
+        let robot = "[[robots]]\nname = \"panda\"\ntrajectory_action = \"/arm/follow_joint_trajectory\"\n";
+        let good = config(&format!("{CAMERA}{robot}")).expect("a configuration");
+        assert_eq!((good.cameras[0].tolerance_ms, good.cameras[0].is_rectified()), (17.0, false));
+        assert_eq!(good.robots[0].joints[6], "panda_joint7");
+        for (wrong, field) in [
+            (format!("{CAMERA}color = \"cam/color\"\n"), "cameras[0].color"),
+            (format!("{CAMERA}{CAMERA}"), "cameras"),
+            (format!("{CAMERA}colour = \"/cam/color\"\n"), "colour"),
+            (format!("{robot}gripper_position_per_width = 0.0\n"), "robots[0].gripper_position_per_width"),
+            ("node = \"my node\"\n".to_owned(), "node"),
+        ] {
+            let error = config(&wrong).expect_err("a refusal");
+            assert!(error.contains(field), "{error}");
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! What the bridge has to say of itself: counts and warnings by part, for the log and for `/diagnostics`.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use repose_proto::robot::RobotMode;
+use repose_ros_messages::{DiagnosticArray, DiagnosticStatus, Header, KeyValue, Time};
+
+const GOOD: u8 = 0;
+const WARNING: u8 = 1;
+const FAULT: u8 = 2;
+
+#[derive(Debug, Clone, Default)]
+struct Part {
+    level: u8,
+    message: String,
+    /// What was warned of since the last report.
+    warned: Option<String>,
+    counts: BTreeMap<&'static str, u64>,
+}
+
+/// The reports of every part. Cheap to clone.
+#[derive(Clone, Default)]
+pub struct Reports {
+    parts: Arc<Mutex<BTreeMap<String, Part>>>,
+}
+
+impl Reports {
+    fn parts(&self) -> MutexGuard<'_, BTreeMap<String, Part>> {
+        self.parts.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Warns of a part; the same words again are not logged until a report without them.
+    pub fn warn(&self, part: &str, words: String) {
+        let mut parts = self.parts();
+        let held = parts.entry(part.to_owned()).or_default();
+        if held.warned.as_ref() != Some(&words) && !(held.level == WARNING && held.message == words) {
+            tracing::warn!(part, "{words}");
+        }
+        held.warned = Some(words);
+    }
+
+    /// How much of something there is so far.
+    pub fn count(&self, part: &str, what: &'static str, so_far: u64) {
+        self.parts().entry(part.to_owned()).or_default().counts.insert(what, so_far);
+    }
+
+    /// What a robot does.
+    pub fn robot(&self, part: &str, mode: RobotMode, why: Option<String>) {
+        let mut parts = self.parts();
+        let held = parts.entry(part.to_owned()).or_default();
+        let words = match mode {
+            RobotMode::Idle => "standing",
+            RobotMode::Moving => "moving",
+            RobotMode::Stopped => "stopped",
+        };
+        held.level = if mode == RobotMode::Stopped { FAULT } else { GOOD };
+        held.message = why.unwrap_or_else(|| words.to_owned());
+    }
+
+    /// Everything, as others read it; `node` is put before the names.
+    pub fn array(&self, node: &str, now_ns: u64) -> DiagnosticArray {
+        let mut parts = self.parts();
+        let status = parts.iter_mut().map(|(name, part)| {
+            let warned = part.warned.take();
+            if part.level != FAULT {
+                part.level = if warned.is_some() { WARNING } else { GOOD };
+                if let Some(words) = warned {
+                    part.message = words;
+                } else if !matches!(part.message.as_str(), "standing" | "moving") {
+                    part.message = "good".to_owned();
+                }
+            }
+            let values = part.counts.iter().map(|(key, count)| KeyValue { key: (*key).to_owned(), value: count.to_string() });
+            DiagnosticStatus {
+                level: part.level,
+                name: format!("{node}: {name}"),
+                message: part.message.clone(),
+                hardware_id: name.clone(),
+                values: values.collect(),
+            }
+        });
+        let status = status.collect();
+        DiagnosticArray { header: Header { stamp: Time::from_ns(now_ns), frame_id: String::new() }, status }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_warning_is_there_until_a_report_without_it_and_a_stop_until_it_is_cleared() {
+        let reports = Reports::default();
+        reports.warn("front", "no pose".to_owned());
+        reports.count("front", "frames", 3);
+        let levels = || reports.array("repose", 0).status.iter().map(|s| (s.level, s.message.clone())).collect::<Vec<_>>();
+        assert_eq!(levels(), [(WARNING, "no pose".to_owned())]);
+        assert_eq!(levels(), [(GOOD, "good".to_owned())]);
+        reports.robot("front", RobotMode::Stopped, Some("estop: me".to_owned()));
+        reports.warn("front", "no pose".to_owned());
+        assert_eq!(levels(), [(FAULT, "estop: me".to_owned())]);
+        reports.robot("front", RobotMode::Idle, None);
+        assert_eq!(levels()[0].0, GOOD);
+    }
+}

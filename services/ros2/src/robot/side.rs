@@ -1,0 +1,304 @@
+//! What a robot of ROS 2 does of what its cell commands, by the rules that the simulated robot is under too.
+//!
+//! The rules of the contract are those of [`Arm`], which follows every stream in step with the controller: owners and epochs, repeats, times to
+//! live, limits, stops that latch, commanders that fall silent. A controller takes whole trajectories, so a stream has to come whole
+//! ([`HORIZON_MS`] asks for that); it is followed in thought before the controller gets it, and one that breaks a rule never does. The arm
+//! counts as started when the controller accepts, and as arrived when the controller says so. A stop, whoever latches it, cancels the goal; a
+//! controller that refuses, aborts or falls silent latches one. Then the arm stands where its joints are measured.
+//!
+//! Pure: events and time come in, what is to be done goes out.
+
+use repose_proto::robot::{EmergencyStop, RobotCommand, RobotMode, RobotState, SetPoint};
+use repose_proto::{CallError, RigidTransform};
+use repose_robot_side::{Arm, ArmSettings, Shown, TICK_S, state_of};
+use repose_ros_messages::{FollowJointTrajectoryResult, GripperCommandResult, JointState, JointTrajectory, status};
+
+use super::goal::{Goal, GoalState, trajectory};
+use super::hand::Hand;
+use super::measured::Measured;
+use crate::config::RobotConfig;
+
+/// How far ahead set-points are asked for, milliseconds: the whole of any stream.
+pub const HORIZON_MS: u64 = 600_000;
+/// Joints that were not told of for so long are not known any more, milliseconds.
+const JOINTS_OLD_MS: u64 = 500;
+/// Longest time that a step makes up for, seconds.
+const CATCH_UP_S: f64 = 0.06;
+/// By how much a result may follow the end of the trajectory before it is overdue, beside the controller's time, milliseconds.
+const SLACK_MS: f64 = 1000.0;
+
+/// What is to be done.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Do {
+    /// Send the arm's controller a goal.
+    Follow(u64, JointTrajectory),
+    /// Cancel it.
+    Cancel(u64),
+    /// Send the hand's controller a goal: position of its joint (metres), effort (newtons).
+    Grip(u64, f64, f64),
+}
+
+/// The controllers' answers, by the number of the goal.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Told {
+    /// The arm's controller accepts.
+    Accepted(u64),
+    /// It refuses, or does not answer: why.
+    Refused(u64, String),
+    /// It has ended the goal: a state of goals, and the result.
+    Ended(u64, i8, FollowJointTrajectoryResult),
+    /// It will not end it any more: why.
+    Lost(u64, String),
+    /// The hand's controller has ended its goal, or not taken it.
+    Gripped(u64, Option<GripperCommandResult>),
+}
+
+/// One robot.
+pub struct RosSide {
+    config: RobotConfig,
+    arm: Option<Arm>,
+    measured: Measured,
+    hand: Hand,
+    goal: Option<Goal>,
+    goals: u64,
+    /// The stream that the controller has.
+    stream: Vec<SetPoint>,
+    world_from_base: Option<RigidTransform>,
+    stepped_ms: u64,
+    owed_s: f64,
+    ticks: u64,
+    states: u64,
+}
+
+impl RosSide {
+    /// A robot of which nothing is known yet.
+    pub fn new(config: RobotConfig) -> Self {
+        Self {
+            measured: Measured::new(&config),
+            world_from_base: config.world_from_base,
+            config,
+            arm: None,
+            hand: Hand::default(),
+            goal: None,
+            goals: 0,
+            stream: Vec::new(),
+            stepped_ms: 0,
+            owed_s: 0.0,
+            ticks: 0,
+            states: 0,
+        }
+    }
+
+    /// The joints that nobody has told of yet.
+    pub fn missing(&self) -> Vec<&str> {
+        self.measured.missing()
+    }
+
+    /// Says where its base stands.
+    pub fn stands(&mut self, world_from_base: RigidTransform) {
+        self.world_from_base = Some(world_from_base);
+    }
+
+    /// Takes joint states.
+    pub fn joints(&mut self, state: &JointState, now_ms: u64) {
+        let whole = self.measured.take(state, now_ms);
+        if let Some(width_m) = self.measured.width_m() {
+            self.hand.measured(width_m);
+        }
+        let Some(q_rad) = self.measured.q_rad().filter(|_| whole) else { return };
+        let settings = ArmSettings { following_tolerance_rad: self.config.following_tolerance_rad, ..ArmSettings::default() };
+        let arm = self.arm.get_or_insert_with(|| Arm::standing_at(q_rad, settings));
+        // While the controller has not begun, the arm's stream has not either.
+        if self.goal.is_none_or(|goal| goal.state != GoalState::Sent) {
+            arm.measured(&q_rad);
+        }
+        if self.goal.is_none() && arm.stop().is_some() {
+            arm.settle(&q_rad);
+        }
+    }
+
+    /// Takes an emergency stop.
+    pub fn emergency_stop(&mut self, stop: &EmergencyStop) {
+        if let Some(arm) = &mut self.arm {
+            arm.emergency_stop(stop);
+        }
+    }
+
+    /// Takes a command that came at `received_ms`.
+    ///
+    /// # Errors
+    /// Why it was not taken.
+    pub fn command(&mut self, command: &RobotCommand, received_ms: u64, now_ms: u64) -> Result<Option<Do>, CallError> {
+        let Some(arm) = &mut self.arm else { return Err(CallError::precondition("the joints are not known yet")) };
+        let was_moving = arm.mode() == RobotMode::Moving;
+        arm.late_command(command, received_ms as f64 * 1e-3, now_ms as f64 * 1e-3)
+            .map_err(|why| CallError::precondition(format!("command {} of {}: {why}", command.seq, command.owner.id)))?;
+        if arm.mode() != RobotMode::Moving || command.set_points.is_empty() {
+            return Ok(None);
+        }
+        if command.starts_stream {
+            if !command.ends_stream {
+                let reason = "a controller of ROS takes whole trajectories, and the command's set-points end before its stream does";
+                arm.fault("horizon_too_short", reason.to_owned());
+                return Ok(None);
+            }
+            self.stream.clone_from(&command.set_points);
+            return Ok(self.follow(0.0, GoalState::Sent, now_ms));
+        }
+        let from = self.stream.partition_point(|p| p.t_ms < command.set_points[0].t_ms);
+        if !was_moving || self.stream[from..] == command.set_points {
+            return Ok(None);
+        }
+        self.stream.truncate(from);
+        self.stream.extend_from_slice(&command.set_points);
+        // A goal that was not accepted yet still is to be begun; one that was goes on under the new one.
+        let (state, from_ms) = match self.goal {
+            Some(goal) if goal.state == GoalState::Sent => (GoalState::Sent, 0.0),
+            _ => (GoalState::Accepted, self.arm.as_ref().and_then(Arm::stream_ms).unwrap_or(0.0)),
+        };
+        Ok(self.follow(from_ms, state, now_ms))
+    }
+
+    /// Hands the stream to the controller, unless the arm would break a rule on it.
+    fn follow(&mut self, from_ms: f64, state: GoalState, now_ms: u64) -> Option<Do> {
+        let arm = self.arm.as_mut()?;
+        let end_ms = self.stream.last()?.t_ms;
+        if let Some((kind, reason)) = broken_rule(arm, end_ms - from_ms, now_ms) {
+            arm.fault(&kind, reason);
+            return None;
+        }
+        self.goals += 1;
+        self.goal = Some(Goal { number: self.goals, state, since_ms: now_ms, duration_ms: end_ms - from_ms });
+        Some(Do::Follow(self.goals, trajectory(&self.config.joints, &self.stream, from_ms)))
+    }
+
+    /// Takes an answer of a controller.
+    pub fn told(&mut self, told: Told, now_ms: u64) {
+        if let Told::Gripped(number, result) = &told {
+            let width_m = result.map_or(0.0, |r| r.position / self.config.gripper_position_per_width);
+            self.hand.ended(*number, result.as_ref(), width_m);
+            return;
+        }
+        let (Told::Accepted(number)
+        | Told::Refused(number, _)
+        | Told::Ended(number, ..)
+        | Told::Lost(number, _)
+        | Told::Gripped(number, _)) = &told;
+        // Of a goal whose place another has taken nothing is to be learnt.
+        let Some(goal) = self.goal.filter(|goal| goal.number == *number) else { return };
+        let Some(arm) = &mut self.arm else { return };
+        let mut fault = |kind: &str, reason: String| {
+            self.goal = None;
+            if arm.stop().is_none() {
+                arm.fault(kind, reason);
+            }
+        };
+        match told {
+            Told::Accepted(_) if goal.state == GoalState::Sent => {
+                self.goal = Some(Goal { state: GoalState::Accepted, since_ms: now_ms, ..goal });
+                self.owed_s = 0.0;
+            }
+            Told::Accepted(_) | Told::Gripped(..) => {}
+            Told::Refused(_, why) => fault("controller_refused", why),
+            Told::Lost(_, why) => fault("controller_silent", why),
+            Told::Ended(_, status::SUCCEEDED, _) => self.goal = None,
+            Told::Ended(_, state, result) => {
+                let FollowJointTrajectoryResult { error_code, error_string } = result;
+                fault("controller_aborted", format!("the goal ended {}: {error_string} (error {error_code})", status::name(state)));
+            }
+        }
+    }
+
+    /// Goes on to `now_ms`, and what is to be done.
+    pub fn step(&mut self, now_ms: u64) -> Vec<Do> {
+        let since_s = now_ms.saturating_sub(std::mem::replace(&mut self.stepped_ms, now_ms)) as f64 * 1e-3;
+        let Some(arm) = &mut self.arm else { return Vec::new() };
+        arm.set_grips(self.hand.state().holding);
+        if arm.mode() == RobotMode::Moving && self.measured.age_ms(now_ms).is_none_or(|age_ms| age_ms > JOINTS_OLD_MS) {
+            arm.fault("joint_states_silent", format!("no joint states for more than {JOINTS_OLD_MS} ms"));
+        }
+        // A stream begins when its controller accepts it.
+        let waits = self.goal.is_some_and(|goal| goal.state == GoalState::Sent) && arm.stop().is_none();
+        self.owed_s = if waits { 0.0 } else { self.owed_s + since_s.min(CATCH_UP_S) };
+        while self.owed_s >= TICK_S {
+            self.owed_s -= TICK_S;
+            self.ticks += 1;
+            arm.tick(now_ms as f64 * 1e-3);
+        }
+        let mut todo = Vec::new();
+        if let Some(action) = arm.take_gripper() {
+            if self.config.gripper_action.is_some() {
+                self.goals += 1;
+                self.hand.sent(self.goals);
+                todo.push(Do::Grip(self.goals, action.width_m * self.config.gripper_position_per_width, action.force_n));
+            } else {
+                arm.fault("no_gripper", "the configuration names no gripper_action".to_owned());
+            }
+        }
+        todo.extend(self.watch_goal(now_ms));
+        todo
+    }
+
+    /// Notices a controller that is overdue, and cancels the goal of an arm that is stopped.
+    fn watch_goal(&mut self, now_ms: u64) -> Option<Do> {
+        let (goal, arm) = (self.goal?, self.arm.as_mut()?);
+        let waited_ms = now_ms.saturating_sub(goal.since_ms) as f64;
+        let patience_ms = self.config.controller_timeout_ms as f64;
+        let overdue = match goal.state {
+            GoalState::Sent | GoalState::Canceling => waited_ms > patience_ms,
+            GoalState::Accepted => waited_ms > goal.duration_ms + patience_ms + SLACK_MS,
+        };
+        if overdue && goal.state == GoalState::Canceling {
+            self.goal = None;
+            return None;
+        }
+        if overdue && arm.stop().is_none() {
+            arm.fault("controller_silent", format!("no word of its goal for {waited_ms:.0} ms"));
+        }
+        arm.stop()?;
+        (goal.state != GoalState::Canceling).then(|| {
+            self.goal = Some(Goal { state: GoalState::Canceling, since_ms: now_ms, ..goal });
+            Do::Cancel(goal.number)
+        })
+    }
+
+    /// What it shows of itself; nothing while its joints are not known.
+    pub fn state(&mut self, now_ms: u64, stamp_ns: u64) -> Option<RobotState> {
+        let arm = self.arm.as_ref()?;
+        self.measured.age_ms(now_ms).filter(|age_ms| *age_ms <= JOINTS_OLD_MS)?;
+        self.states += 1;
+        let shown = Shown {
+            seq: self.states,
+            stamp_ns,
+            robot_ms: self.ticks as f64 * TICK_S * 1e3,
+            gripper: self.hand.state(),
+            world_from_base: self.world_from_base,
+        };
+        let mut state = state_of(arm, &shown);
+        // The arm's own stream may be over before the controller says that it is there.
+        if state.mode == RobotMode::Idle && self.goal.is_some() {
+            state.mode = RobotMode::Moving;
+        }
+        state.horizon_ms = Some(HORIZON_MS);
+        Some(state)
+    }
+}
+
+/// The rule that the arm would break on its stream, by following it in thought.
+fn broken_rule(arm: &Arm, duration_ms: f64, now_ms: u64) -> Option<(String, String)> {
+    let mut rehearsed = arm.clone();
+    let ticks = (duration_ms + SLACK_MS) as usize;
+    for _ in 0..ticks {
+        rehearsed.tick(now_ms as f64 * 1e-3);
+        if rehearsed.mode() != RobotMode::Moving {
+            break;
+        }
+    }
+    match rehearsed.stop() {
+        Some(stop) => Some((stop.kind.clone(), stop.reason.clone())),
+        None if rehearsed.mode() == RobotMode::Moving => {
+            Some(("invalid_command".to_owned(), "the stream does not come to rest".to_owned()))
+        }
+        None => None,
+    }
+}

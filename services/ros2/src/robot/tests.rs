@@ -1,0 +1,248 @@
+//! A robot of ROS with controllers that do as they are told, and with others.
+
+use repose_panda::READY;
+use repose_proto::robot::{EmergencyStop, Owner, RobotCommand, RobotMode, SetPoint, Task};
+use repose_ros_messages::{FollowJointTrajectoryResult, GripperCommandResult, JointState, status};
+
+use super::side::{Do, RosSide, Told};
+use crate::config::RobotConfig;
+
+fn config(gripper: bool) -> RobotConfig {
+    let hand = if gripper { "gripper_action = \"/hand/gripper_cmd\"\n" } else { "" };
+    toml::from_str(&format!("name = \"panda\"\ntrajectory_action = \"/arm/follow_joint_trajectory\"\n{hand}")).expect("a robot")
+}
+
+/// Joint 0 at `s` of a swing of a second over `delta_rad`, and its speed.
+fn swung(from_rad: f64, delta_rad: f64, s: f64, t_ms: f64, rate: f64) -> SetPoint {
+    let (place, speed) = (s * s * s * (10.0 - 15.0 * s + 6.0 * s * s), 30.0 * s * s * (1.0 - s) * (1.0 - s));
+    let mut point = SetPoint { t_ms, q_rad: READY, dq_rad_s: [0.0; 7] };
+    (point.q_rad[0], point.dq_rad_s[0]) = (from_rad + delta_rad * place, delta_rad * speed * rate);
+    point
+}
+
+/// Joint 0 from where it stands over `delta_rad` and back to rest in a second.
+fn swing(from_rad: f64, delta_rad: f64) -> Vec<SetPoint> {
+    (0..=100).map(|k| swung(from_rad, delta_rad, f64::from(k) / 100.0, f64::from(k) * 10.0, 1.0)).collect()
+}
+
+/// The same swing slowed down to rest from 200 ms on, within 400 ms.
+fn halted(from_rad: f64, delta_rad: f64) -> Vec<SetPoint> {
+    let at = |k: u32| {
+        let u = f64::from(k) / 40.0;
+        let rate = 1.0 - u * u * u * (10.0 - 15.0 * u + 6.0 * u * u);
+        let s = 0.2 + 0.4 * (u - u.powi(4) * (2.5 - 3.0 * u + u * u));
+        swung(from_rad, delta_rad, s, 200.0 + 10.0 * f64::from(k), rate)
+    };
+    (0..=40).map(at).collect()
+}
+
+/// A robot, its clock, and joints that are where its controller has them.
+struct Trial {
+    side: RosSide,
+    now_ms: u64,
+    seq: u64,
+    joints_rad: [f64; 7],
+    fingers_m: f64,
+    todo: Vec<Do>,
+}
+
+impl Trial {
+    fn new(gripper: bool) -> Self {
+        let mut trial =
+            Self { side: RosSide::new(config(gripper)), now_ms: 0, seq: 0, joints_rad: READY, fingers_m: 0.04, todo: Vec::new() };
+        trial.run(20);
+        trial
+    }
+
+    /// Lets so many milliseconds pass, in steps of four.
+    fn run(&mut self, ms: u64) {
+        for _ in 0..ms / 4 {
+            self.now_ms += 4;
+            self.tell_joints();
+            self.todo.extend(self.side.step(self.now_ms));
+        }
+    }
+
+    fn tell_joints(&mut self) {
+        let fingers = ["panda_finger_joint1", "panda_finger_joint2"].map(str::to_owned);
+        let name = (1..=7).map(|i| format!("panda_joint{i}")).chain(fingers).collect();
+        let position = self.joints_rad.into_iter().chain([self.fingers_m; 2]).collect();
+        self.side.joints(&JointState { name, position, ..JointState::default() }, self.now_ms);
+    }
+
+    fn command(&mut self, change: impl FnOnce(&mut RobotCommand)) {
+        self.seq += 1;
+        let mut command = RobotCommand::new(Owner { id: "motion-1".to_owned(), epoch: 1 }, self.seq, 500);
+        change(&mut command);
+        let todo = self.side.command(&command, self.now_ms, self.now_ms).expect("taken");
+        self.todo.extend(todo);
+    }
+
+    fn start(&mut self, set_points: Vec<SetPoint>) {
+        self.command(|command| (command.set_points, command.starts_stream, command.ends_stream) = (set_points, true, true));
+    }
+
+    fn done(&mut self) -> Vec<Do> {
+        std::mem::take(&mut self.todo)
+    }
+
+    fn mode(&mut self) -> RobotMode {
+        self.side.state(self.now_ms, 0).expect("a state").mode
+    }
+
+    fn stop_kind(&mut self) -> Option<String> {
+        self.side.state(self.now_ms, 0).expect("a state").stop.map(|stop| stop.kind)
+    }
+}
+
+fn ended(number: u64, status: i8) -> Told {
+    Told::Ended(number, status, FollowJointTrajectoryResult::default())
+}
+
+#[test]
+fn a_stream_becomes_one_goal_begins_when_it_is_accepted_and_is_over_when_the_controller_says_so() {
+    let mut trial = Trial::new(false);
+    trial.start(swing(READY[0], 0.3));
+    let [Do::Follow(1, trajectory)] = &trial.done()[..] else { panic!("one goal") };
+    assert_eq!((trajectory.joint_names[0].as_str(), trajectory.points.len()), ("panda_joint1", 100));
+    assert_eq!(trajectory.points[0].time_from_start.as_ms(), 10.0);
+    assert_eq!(trajectory.points[99].positions[0], READY[0] + 0.3);
+    trial.run(200);
+    let waiting = trial.side.state(trial.now_ms, 0).expect("a state");
+    assert_eq!((waiting.mode, waiting.stream_ms), (RobotMode::Moving, Some(0.0)), "the controller has not begun");
+    trial.side.told(Told::Accepted(1), trial.now_ms);
+    for k in 0..26 {
+        trial.joints_rad[0] = READY[0] + 0.3 * f64::from(k) / 25.0;
+        trial.run(40);
+    }
+    let late = trial.side.state(trial.now_ms, 0).expect("a state");
+    assert_eq!((late.mode, late.stream_ms), (RobotMode::Moving, Some(1000.0)), "its result has not come");
+    trial.side.told(ended(1, status::SUCCEEDED), trial.now_ms);
+    assert_eq!((trial.mode(), trial.done().len()), (RobotMode::Idle, 0));
+}
+
+#[test]
+fn what_a_controller_must_not_get_it_does_not_get() {
+    for (name, points, kind) in
+        [("too fast", swing(READY[0], 2.5), "joint_velocity_limit"), ("from elsewhere", swing(READY[0] + 0.1, 0.1), "start_pose_mismatch")]
+    {
+        let mut trial = Trial::new(false);
+        trial.start(points);
+        assert_eq!((trial.done(), trial.stop_kind().as_deref()), (Vec::new(), Some(kind)), "{name}");
+    }
+    let mut trial = Trial::new(false);
+    trial.command(|command| (command.set_points, command.starts_stream) = (swing(READY[0], 0.3), true));
+    assert_eq!((trial.done(), trial.stop_kind().as_deref()), (Vec::new(), Some("horizon_too_short")));
+    trial.side.told(Told::Accepted(7), trial.now_ms);
+    let mut trial = Trial::new(false);
+    trial.command(|command| command.gripper = Some(repose_proto::robot::GripperCommand { width_m: 0.0, force_n: 10.0 }));
+    trial.run(8);
+    assert_eq!(trial.stop_kind().as_deref(), Some("no_gripper"));
+}
+
+#[test]
+fn a_controller_that_refuses_aborts_or_falls_silent_latches_a_stop() {
+    let trial = || {
+        let mut trial = Trial::new(false);
+        trial.start(swing(READY[0], 0.3));
+        trial.done();
+        trial
+    };
+    let mut refused = trial();
+    refused.side.told(Told::Refused(1, "busy".to_owned()), refused.now_ms);
+    assert_eq!(refused.stop_kind().as_deref(), Some("controller_refused"));
+    let mut silent = trial();
+    silent.run(2100);
+    assert_eq!(silent.stop_kind().as_deref(), Some("controller_silent"));
+    assert_eq!(silent.done(), [Do::Cancel(1)]);
+    let mut aborted = trial();
+    aborted.side.told(Told::Accepted(1), aborted.now_ms);
+    aborted.run(40);
+    aborted.side.told(ended(1, status::ABORTED), aborted.now_ms);
+    assert_eq!(aborted.stop_kind().as_deref(), Some("controller_aborted"));
+    let mut stuck = trial();
+    stuck.side.told(Told::Accepted(1), stuck.now_ms);
+    stuck.run(1200);
+    assert_eq!(stuck.stop_kind().as_deref(), Some("following_error"), "its joints do not move");
+}
+
+#[test]
+fn a_stop_cancels_the_goal_and_the_arm_stands_where_its_joints_are() {
+    let mut trial = Trial::new(false);
+    trial.start(swing(READY[0], 0.3));
+    trial.side.told(Told::Accepted(1), trial.now_ms);
+    trial.run(300);
+    trial.done();
+    trial.side.emergency_stop(&EmergencyStop::read(b"e1"));
+    trial.run(4);
+    assert_eq!(trial.done(), [Do::Cancel(1)]);
+    trial.joints_rad[0] = READY[0] + 0.07;
+    trial.side.told(ended(1, status::CANCELED), trial.now_ms);
+    trial.run(800);
+    let state = trial.side.state(trial.now_ms, 0).expect("a state");
+    assert_eq!((state.mode, state.q_rad[0]), (RobotMode::Stopped, READY[0] + 0.07));
+    let stop = state.stop.expect("latched");
+    assert_eq!(stop.kind, "estop", "the canceled goal is no fault of its own");
+    trial.command(|command| (command.clear_stop, command.clears) = (true, Some(stop)));
+    assert_eq!(trial.mode(), RobotMode::Idle);
+    trial.start(swing(READY[0] + 0.07, 0.1));
+    assert!(matches!(trial.done()[..], [Do::Follow(2, _)]), "it goes on from there");
+}
+
+#[test]
+fn a_stream_that_is_brought_to_rest_on_its_way_takes_the_place_of_the_goal() {
+    let mut trial = Trial::new(false);
+    let whole = swing(READY[0], 0.3);
+    trial.start(whole.clone());
+    trial.side.told(Told::Accepted(1), trial.now_ms);
+    trial.run(100);
+    trial.done();
+    trial.command(|command| (command.set_points, command.ends_stream) = (whole[20..].to_vec(), true));
+    assert_eq!(trial.done(), [], "what it has already");
+    trial.command(|command| (command.set_points, command.ends_stream) = (halted(READY[0], 0.3), true));
+    let [Do::Follow(2, trajectory)] = &trial.done()[..] else { panic!("another goal") };
+    assert!(trajectory.points[0].time_from_start.as_ms() <= 10.0);
+    assert_eq!(trajectory.points.last().map(|p| p.velocities[0].abs() < 1e-9), Some(true));
+    trial.side.told(ended(1, status::ABORTED), trial.now_ms);
+    assert_eq!((trial.stop_kind(), trial.mode()), (None, RobotMode::Moving), "the goal whose place was taken is of no matter");
+    trial.side.told(Told::Accepted(2), trial.now_ms);
+    trial.joints_rad[0] = halted(READY[0], 0.3)[40].q_rad[0];
+    trial.run(600);
+    trial.side.told(ended(2, status::SUCCEEDED), trial.now_ms);
+    assert_eq!(trial.mode(), RobotMode::Idle);
+}
+
+#[test]
+fn the_hand_closes_and_holds_what_stalls_it() {
+    let mut trial = Trial::new(true);
+    trial.command(|command| {
+        command.gripper = Some(repose_proto::robot::GripperCommand { width_m: 0.02, force_n: 30.0 });
+        command.task = Some(Task { id: "t1".to_owned(), open: true, grasps: None });
+    });
+    trial.run(8);
+    assert_eq!(trial.done(), [Do::Grip(1, 0.01, 30.0)]);
+    assert!(!trial.side.state(trial.now_ms, 0).expect("a state").gripper_settled);
+    trial.fingers_m = 0.03;
+    let stalled = GripperCommandResult { position: 0.03, effort: 30.0, stalled: true, reached_goal: false };
+    trial.side.told(Told::Gripped(1, Some(stalled)), trial.now_ms);
+    trial.run(8);
+    let state = trial.side.state(trial.now_ms, 0).expect("a state");
+    assert!(state.gripper_settled && state.gripper_holding && (state.gripper_width_m - 0.06).abs() < 1e-9);
+}
+
+#[test]
+fn joints_that_nobody_tells_of_are_not_shown_and_stop_an_arm_that_moves() {
+    let mut trial = Trial::new(false);
+    trial.now_ms += 600;
+    assert!(trial.side.state(trial.now_ms, 0).is_none());
+    trial.run(8);
+    trial.start(swing(READY[0], 0.3));
+    trial.side.told(Told::Accepted(1), trial.now_ms);
+    trial.run(20);
+    trial.now_ms += 600;
+    let todo = trial.side.step(trial.now_ms);
+    assert_eq!(todo, [Do::Cancel(1)]);
+    trial.run(8);
+    assert_eq!(trial.stop_kind().as_deref(), Some("joint_states_silent"));
+    assert_eq!(RosSide::new(config(false)).missing().len(), 7);
+}

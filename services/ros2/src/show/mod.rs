@@ -1,0 +1,4 @@
+//! What others are shown: scenes and placements as messages of ROS.
+
+pub mod link;
+pub mod messages;
