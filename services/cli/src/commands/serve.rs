@@ -71,7 +71,7 @@ pub async fn run(args: &ServeArgs) -> Outcome {
             let served = repose_ros2::run(session.clone(), config, shutdown).await;
             client::close(session).await;
             served.map_err(|e| match e {
-                BridgeError::Config { field, .. } => Failure::bad_input(&format!("ros2.{field}"), e),
+                BridgeError::Config { ref field, .. } => Failure::bad_input(&format!("ros2.{field}"), e),
                 BridgeError::Runtime(e) => e.into(),
                 BridgeError::Call(e) => Failure::Other(e),
                 other => Failure::other(other),

@@ -1,8 +1,8 @@
 //! The masks after cleaning: what is left of each outside the uncertain bands, and what becomes of those of which too little is left.
 //!
 //! The band takes most of an object that is thin, small or hidden but for a little. So its mask is eroded only as far as enough is left of it.
-//! What has too few readings however little is taken is no object, but still in the way: its readings stay in the scene, as nobody's (label
-//! 0). What is dilated, the band beside it, is dropped as ever.
+//! Where any erosion leaves too little it is no object, but still in the way: all its readings stay in the scene, as nobody's (label 0). What is
+//! dilated, the band beside it, is dropped as ever.
 
 use repose_geometry::Image;
 
@@ -51,10 +51,8 @@ impl CleanMasks {
         }
         let small: Vec<u16> = few.into_iter().map(|(id, _)| id).collect();
         if !small.is_empty() {
-            narrow(&mut band, &labels, depth_m, &small, settings);
-            tally = Tally::of(depth_m, &labels, &band);
-            let too_small = small.into_iter().filter(|id| !enough(tally.masks[usize::from(*id)].readings));
-            left_out.take(&mut labels, too_small.map(|id| (id, LeftOutReason::TooSmall)).collect());
+            let too_small = narrow(&mut band, &labels, depth_m, &small, settings);
+            left_out.take(&mut labels, too_small.into_iter().map(|id| (id, LeftOutReason::TooSmall)).collect());
             tally = Tally::of(depth_m, &labels, &band);
         }
         let available = tally.masks.iter().map(|mask| mask.readings).sum();
@@ -63,8 +61,8 @@ impl CleanMasks {
 }
 
 /// Takes the pixels of some masks out of the band: of each those that remain under the widest erosion (halved until it does) that leaves
-/// it enough readings, and all where none does.
-fn narrow(band: &mut Image<bool>, labels: &Image<u16>, depth_m: &Image<f32>, ids: &[u16], settings: &Settings) {
+/// it enough readings, and all where none does; returns the masks of which that is so.
+fn narrow(band: &mut Image<bool>, labels: &Image<u16>, depth_m: &Image<f32>, ids: &[u16], settings: &Settings) -> Vec<u16> {
     let mut waiting = ids.to_vec();
     let mut radius_px = settings.borders.radius_px;
     while radius_px > 0 && !waiting.is_empty() {
@@ -76,8 +74,12 @@ fn narrow(band: &mut Image<bool>, labels: &Image<u16>, depth_m: &Image<f32>, ids
         for ((banded, id), narrow) in band.pixels_mut().iter_mut().zip(labels.pixels()).zip(narrower.pixels()) {
             *banded &= *narrow || now.binary_search(id).is_err();
         }
+        if radius_px == 0 {
+            return now;
+        }
         waiting = later;
     }
+    waiting
 }
 
 /// What lies where.

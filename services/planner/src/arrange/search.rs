@@ -40,6 +40,9 @@ impl State {
     }
 }
 
+/// An object for which no place was found, with what a place must satisfy.
+type WithoutRoom = (u16, Vec<GoalTerm>);
+
 /// How an object can be settled.
 enum Settling {
     /// Where it stands.
@@ -187,7 +190,7 @@ impl<'a> Search<'a> {
         if self.path.len() + open > self.most_moves {
             return Ok(false);
         }
-        let mut without_room: Vec<(u16, Vec<GoalTerm>)> = Vec::new();
+        let mut without_room: Vec<WithoutRoom> = Vec::new();
         for object in self.order(state) {
             let others = state.others(object);
             match self.settling(state, object, &others)? {
@@ -282,7 +285,7 @@ impl<'a> Search<'a> {
     }
 
     /// Sets one object down aside, and goes on.
-    fn solved_aside(&mut self, state: &State, without_room: &[(u16, Vec<GoalTerm>)], parkings: u32) -> Result<bool, CallError> {
+    fn solved_aside(&mut self, state: &State, without_room: &[WithoutRoom], parkings: u32) -> Result<bool, CallError> {
         let anchors = without_room.iter().flat_map(|(_, terms)| terms.iter().filter(|t| t.holds).map(|t| t.anchor)).collect();
         let mut tried: BTreeSet<u16> = BTreeSet::new();
         for (other, for_whom) in self.in_the_way(state, without_room) {
@@ -330,13 +333,13 @@ impl<'a> Search<'a> {
 
     /// The objects that may keep others from their places, likeliest first, each with whom it may keep from which: those that stand on what must
     /// move, or where there are none, everything that can be moved.
-    fn in_the_way<'g>(&self, state: &State, without_room: &'g [(u16, Vec<GoalTerm>)]) -> Vec<(u16, Option<&'g (u16, Vec<GoalTerm>)>)> {
+    fn in_the_way<'g>(&self, state: &State, without_room: &'g [WithoutRoom]) -> Vec<(u16, Option<&'g WithoutRoom>)> {
         let free = |id: &u16| state.scene.carried(*id).is_empty();
         let carried: BTreeSet<u16> = state.unsettled.iter().flat_map(|object| state.scene.carried(*object).iter().copied()).collect();
         if !carried.is_empty() {
             return carried.into_iter().filter(free).map(|object| (object, None)).collect();
         }
-        let mut likely: Vec<((bool, bool), u16, Option<&'g (u16, Vec<GoalTerm>)>)> = Vec::new();
+        let mut likely: Vec<((bool, bool), u16, Option<&'g WithoutRoom>)> = Vec::new();
         for whom in without_room.iter().filter(|(_, terms)| terms.iter().any(|t| t.holds)) {
             let (object, terms) = whom;
             let is_anchor = |id: &u16| terms.iter().any(|t| t.anchor == *id);
@@ -351,7 +354,7 @@ impl<'a> Search<'a> {
     }
 
     /// Whether there would be room for whoever has none, if this object were not there.
-    fn makes_room(&mut self, state: &State, other: u16, for_whom: Option<&(u16, Vec<GoalTerm>)>) -> Result<bool, CallError> {
+    fn makes_room(&mut self, state: &State, other: u16, for_whom: Option<&WithoutRoom>) -> Result<bool, CallError> {
         let Some((object, terms)) = for_whom else { return Ok(true) };
         let scene = self.tables.without(&state.scene, other);
         Ok(!self.places.of(&scene, *object, terms, 1)?.is_empty())

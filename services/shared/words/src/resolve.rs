@@ -57,9 +57,7 @@ pub fn only_object(descriptions: &[Description], words: &[String], looks: &[Look
     let resolver = Resolver { words, looks: looks.iter().collect() };
     let (mut found, mut problems): (Vec<u16>, Vec<(Reason, Vec<u16>)>) = (Vec::new(), Vec::new());
     for description in descriptions {
-        // A phrase has no other part that the words of its clauses could belong to.
-        let clauses = description.clauses.iter().map(|clause| Clause { only_if_needed: false, ..clause.clone() }).collect();
-        match resolver.one(&Description { clauses, ..description.clone() }, &mut Said::default()) {
+        match resolver.one(description, &mut Said::default()) {
             Ok(look) if found.contains(&look.id) => {}
             Ok(look) => found.push(look.id),
             Err(Problem::Needless) => {}
