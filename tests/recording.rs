@@ -71,7 +71,6 @@ async fn on_disk(file: &Path, count: usize) {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-#[ignore = "copies of calls are lost under load (5 of 324 while two cores also compiled): not mended yet"]
 async fn twenty_answers_of_four_planners_are_the_same_from_one() {
     let folder = tempfile::tempdir().expect("a folder");
     let (run, killed) = (folder.path().join("run.mcap"), folder.path().join("killed.mcap"));

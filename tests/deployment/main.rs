@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod load;
 mod observability;
 mod package;
 mod processes;

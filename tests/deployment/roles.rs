@@ -8,20 +8,28 @@ use std::time::Duration;
 use repose_proto::scoring::ModelsRequest;
 use repose_proto::{Payload, Service};
 use repose_runtime::{CallOptions, RuntimeConfig, Session};
+use serde_json::{Value, json};
 
 use crate::common::{PATIENCE, repose};
 use crate::processes::Logged;
 
 /// Writes the deployment that the README points to, with its router on a free port of this machine.
-fn deploy(folder: &Path) -> String {
+fn deploy(folder: &Path) {
+    deploy_as(folder, |port| {
+        let example = include_str!("../../deploy/roles.toml").replace("router.example:7447", &format!("127.0.0.1:{port}"));
+        // And somebody of another cell.
+        example + "[users.elsewhere]\nrole = \"operator\"\ncells = [\"hall\"]\n"
+    });
+}
+
+/// Writes the deployment of a roles file, which is told the router's port.
+fn deploy_as(folder: &Path, text: impl FnOnce(u16) -> String) {
     let port = UdpSocket::bind("127.0.0.1:0").expect("a free port").local_addr().expect("its address").port();
     let roles = folder.join("roles.toml");
-    let example = include_str!("../../deploy/roles.toml").replace("router.example:7447", &format!("127.0.0.1:{port}"));
-    std::fs::write(&roles, example).expect("written");
+    std::fs::write(&roles, text(port)).expect("written");
     let out = folder.join("out");
     let written = repose().arg("deploy").args([&roles, Path::new("--out"), &out]).output().expect("it runs");
     assert!(written.status.success(), "{}", String::from_utf8_lossy(&written.stderr));
-    format!("quic/127.0.0.1:{port}")
 }
 
 fn serve(folder: &Path, what: &str, config: &str) -> Command {
@@ -60,6 +68,13 @@ async fn a_deployment_made_of_a_roles_file_works_and_keeps_everyone_to_their_rol
     assert!(refused.contains("wall-display") && refused.contains("repose/v1/**") && refused.contains("ERROR"), "{refused}");
 }
 
+/// What `deploy check` reports of a deployment, and whether it found all of it right.
+fn checked(folder: &Path, more: &[&str]) -> (bool, Value) {
+    let checked = repose().args(["deploy", "check", "--json"]).args(more).arg(folder.join("out")).output().expect("it runs");
+    let said = || format!("{}{}", String::from_utf8_lossy(&checked.stdout), String::from_utf8_lossy(&checked.stderr));
+    (checked.status.success(), serde_json::from_slice(&checked.stdout).unwrap_or_else(|_| panic!("no report: {}", said())))
+}
+
 #[test]
 fn the_trial_of_a_deployment_finds_nothing_wrong() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -67,16 +82,85 @@ fn the_trial_of_a_deployment_finds_nothing_wrong() {
     deploy(folder);
     let router = Logged::start(serve(folder, "router", "router/router.toml"));
     router.line("routing");
-    let checked = repose().args(["deploy", "check", "--json"]).arg(folder.join("out")).output().expect("it runs");
-    let report: serde_json::Value = serde_json::from_slice(&checked.stdout)
-        .unwrap_or_else(|_| panic!("no report: {}{}", String::from_utf8_lossy(&checked.stdout), String::from_utf8_lossy(&checked.stderr)));
-    assert!(
-        checked.status.success() && report["wrong"] == serde_json::json!([]) && report["unanswered"] == serde_json::json!([]),
-        "{report:#}"
-    );
-    assert!(report["allowed"].as_u64() > Some(50), "{report}");
+    let (is_right, report) = checked(folder, &[]);
+    assert!(is_right && report["wrong"] == json!([]) && report["unanswered"] == json!([]), "{report:#}");
+    assert!(report["tried"].as_u64() > Some(500) && report["allowed"].as_u64() > Some(100), "{report}");
+    assert!(!folder.join("out/.check").exists(), "the trial leaves no secrets behind");
     // What was refused on the way is in the router's log, with user and key.
     router.line("may not Put");
+}
+
+#[test]
+fn a_hole_in_the_routers_rules_is_found() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    deploy(folder);
+    let file = folder.join("out/router/router.json5");
+    let text = std::fs::read_to_string(&file).expect("the router's file");
+    // The viewer may stop robots; now it may also pose as one, and the operator may operate no more.
+    let holed = text.replace("\"repose/v1/cell/robot/*/@estop\"", "\"repose/v1/cell/robot/*/@estop\", \"repose/v1/cell/robot/*/state\"");
+    let holed = holed.replace("repose/v1/cell/service/motion/*/operate", "repose/v1/cell/service/motion/nobody/operate");
+    assert_ne!(holed, text);
+    std::fs::write(&file, holed).expect("written");
+    let router = Logged::start(serve(folder, "router", "router/router.toml"));
+    router.line("routing");
+    let (is_right, report) = checked(folder, &[]);
+    let of = |list: &str, user: &str, key: &str| {
+        let trials = report[list].as_array().into_iter().flatten();
+        let mut of_it = trials.filter(|trial| trial["user"] == user && trial["key"].as_str().is_some_and(|k| k.ends_with(key)));
+        of_it.next().map(|trial| trial["outcome"].clone())
+    };
+    assert!(!is_right);
+    assert_eq!(of("wrong", "wall-display", "robot/panda/state"), Some(json!("came_through")), "{report:#}");
+    let operate = "service/motion/motion-1/operate";
+    assert_eq!(of("wrong", "anna", operate), Some(json!("refused")), "{report:#}");
+    // Where nobody comes through who may, that others do not says nothing.
+    assert_eq!(of("unanswered", "task-planner", operate), Some(json!("none")), "{report:#}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn certificates_and_passwords_together_keep_out_whoever_has_one_of_them() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    deploy_as(folder, |port| {
+        format!(
+            "router = \"127.0.0.1:{port}\"\ncells = [\"cell\"]\nlogin = \"both\"\n[users.asker]\nrole = \"planner\"\n\
+             [users.inference]\nrole = \"service\"\nservice = \"inference\"\n"
+        )
+    });
+    // On a router of its own, which nobody has to start.
+    let (is_right, report) = checked(folder, &["--apart"]);
+    assert!(is_right && report["allowed"].as_u64() > Some(5), "{report:#}");
+    let router = Logged::start(serve(folder, "router", "router/router.toml"));
+    router.line("routing");
+    let inference = Logged::start(serve(folder, "inference", "users/inference/repose.toml"));
+    inference.line("serving");
+    let asker = session(folder, "asker").await.caller(Service::Inference).await.expect("a caller");
+    asker.wait_for_workers(1, PATIENCE).await.expect("it is seen");
+
+    // With the certificate of one user and the password of the other, nobody is let do anything.
+    let file = folder.join("out/users/asker/zenoh.json5");
+    let mixed = std::fs::read_to_string(&file).expect("the user's file");
+    let mixed = ["certificate.pem", "key.pem"]
+        .iter()
+        .fold(mixed, |text, name| text.replace(&format!("users/asker/{name}"), &format!("users/inference/{name}")));
+    std::fs::write(&file, mixed).expect("written");
+    let neither = session(folder, "asker").await.caller(Service::Inference).await.expect("a caller");
+    assert!(neither.wait_for_workers(1, Duration::from_secs(1)).await.is_err());
+}
+
+#[test]
+fn a_cell_in_operation_is_not_tried() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    deploy(folder);
+    let router = Logged::start(serve(folder, "router", "router/router.toml"));
+    router.line("routing");
+    let inference = Logged::start(serve(folder, "inference", "users/inference/repose.toml"));
+    inference.line("serving");
+    let (is_right, report) = checked(folder, &[]);
+    let said = report["error"]["message"].as_str().unwrap_or_default();
+    assert!(!is_right && said.contains("live/inference/") && said.contains("alive"), "{report}");
 }
 
 #[tokio::test(flavor = "multi_thread")]

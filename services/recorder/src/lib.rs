@@ -11,6 +11,7 @@ pub mod asked;
 pub mod difference;
 pub mod file;
 pub mod look;
+mod lost;
 pub mod play;
 pub mod record;
 pub mod replay;

@@ -4,8 +4,6 @@
 //! heard, and counted: a recording slows nobody down, and says what it lacks.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use repose_proto::load::WorkerLoad;
@@ -17,6 +15,7 @@ use tokio::time::Instant;
 
 use crate::RecordingError;
 use crate::file::parts::Parts;
+use crate::lost::Lost;
 use crate::settings::RecordSettings;
 use crate::writer::{Captured, Summary, Writer};
 
@@ -51,7 +50,9 @@ pub async fn record(
     let parts = Parts::begin(settings.clone(), about)?;
     let (chunk_period, looks) = (settings.chunk_period, settings.looks);
     let topic = format!("repose/v1/{}/{}", cell.name(), crate::file::SCENE_TOPIC);
-    let mut writing = tokio::task::spawn_blocking(move || Writer::new(parts, topic, looks).run(captured, chunk_period));
+    let lost = Lost::default();
+    let writer = Writer::new(parts, topic, looks, lost.clone());
+    let mut writing = tokio::task::spawn_blocking(move || writer.run(captured, chunk_period));
 
     let subscribe = async |key: String, room: usize| session.subscribe_queue(&key, room).await;
     let mut heard = Heard {
@@ -65,7 +66,7 @@ pub async fn record(
         perception: session.caller(Service::Perception).await?,
         to_file,
         settings,
-        lost: Arc::default(),
+        lost: lost.clone(),
         frame_due: BTreeMap::new(),
         scene_due: BTreeMap::new(),
         asked_for: BTreeSet::new(),
@@ -83,15 +84,14 @@ pub async fn record(
             () = shutdown.requested() => break None,
         }
     };
-    let dropped = heard.dropped() + capture.lost.load(Ordering::Relaxed);
+    heard.count_dropped(&lost);
     // The last sender: the writer ends its file when it has taken what waits.
     drop(capture);
     let written = match early {
         Some(written) => written,
         None => writing.await,
     };
-    let summary = written.map_err(|e| repose_proto::CallError::internal(format!("the writer was lost: {e}")))??;
-    Ok(Summary { lost: summary.lost + dropped, ..summary })
+    written.map_err(|e| repose_proto::CallError::internal(format!("the writer was lost: {e}")))?
 }
 
 /// The workers alive that do not copy their calls, after some time.
@@ -148,8 +148,12 @@ impl Heard {
         }
     }
 
-    fn dropped(&self) -> u64 {
-        [&self.frames, &self.scenes, &self.states, &self.stops, &self.journals].map(Subscription::dropped).iter().sum()
+    /// Counts what came faster than it was taken.
+    fn count_dropped(&self, lost: &Lost) {
+        let Self { frames, scenes, states, stops, journals } = self;
+        for (kind, heard) in [("frames", frames), ("summaries", scenes), ("states", states), ("stops", stops), ("calls", journals)] {
+            lost.add(kind, heard.dropped());
+        }
     }
 }
 
@@ -158,7 +162,7 @@ struct Capture {
     perception: Caller,
     to_file: mpsc::Sender<Captured>,
     settings: RecordSettings,
-    lost: Arc<AtomicU64>,
+    lost: Lost,
     frame_due: BTreeMap<String, Instant>,
     scene_due: BTreeMap<String, Instant>,
     /// Scenes that were fetched already, or are being fetched.
@@ -200,7 +204,7 @@ impl Capture {
     fn keep(&self, kind: &'static str, sample: Sample) {
         let captured = Captured::Sample { kind, sample, at_ns: now_ns() };
         if self.to_file.try_send(captured).is_err() {
-            self.lost.fetch_add(1, Ordering::Relaxed);
+            self.lost.add(kind, 1);
         }
     }
 
@@ -213,7 +217,7 @@ impl Capture {
             // The file may be another one by now.
             let captured = Captured::Asked { scene_id };
             if self.to_file.try_send(captured).is_err() {
-                self.lost.fetch_add(1, Ordering::Relaxed);
+                self.lost.add("scenes", 1);
             }
             return;
         }
@@ -223,7 +227,7 @@ impl Capture {
             match perception.call_any("scene", &request, &CallOptions::within(SCENE_WITHIN)).await {
                 Ok(answer) => {
                     if to_file.send(Captured::Scene { scene_id, payload: answer.payload, at_ns: now_ns() }).await.is_err() {
-                        lost.fetch_add(1, Ordering::Relaxed);
+                        lost.add("scenes", 1);
                     }
                 }
                 // Whoever asked about it may have sent it along: then it is in the recording with the call.

@@ -15,6 +15,7 @@ use tokio::time::{Instant, timeout_at};
 use crate::RecordingError;
 use crate::file::parts::{Parts, Written};
 use crate::look::{Look, Looker};
+use crate::lost::Lost;
 
 /// Scenes kept to be written into the next file, too, where somebody asks about them there.
 const SCENES: NonZeroUsize = NonZeroUsize::new(8).expect("above 0");
@@ -26,8 +27,8 @@ pub struct Summary {
     pub written: Written,
     /// Messages by kind: `frames`, `scenes`, `states`, `stops`, `calls`, ….
     pub messages: BTreeMap<&'static str, u64>,
-    /// Messages that were heard, or announced, and are not in it.
-    pub lost: u64,
+    /// Messages that were heard, or announced, and are not in it, by the same kinds.
+    pub lost: BTreeMap<&'static str, u64>,
 }
 
 /// Something for the file.
@@ -67,17 +68,17 @@ pub struct Writer {
     /// Scenes that the open file has.
     in_file: BTreeSet<String>,
     messages: BTreeMap<&'static str, u64>,
-    lost: u64,
+    lost: Lost,
     /// The number that each journal's next copy must have.
     next_copy: BTreeMap<String, u64>,
 }
 
 impl Writer {
-    /// A writer of `parts`; whole scenes go to `scene_topic`.
-    pub fn new(parts: Parts, scene_topic: String, looks: bool) -> Self {
+    /// A writer of `parts`; whole scenes go to `scene_topic`. What is not written is added to `lost`.
+    pub fn new(parts: Parts, scene_topic: String, looks: bool, lost: Lost) -> Self {
         let looker = looks.then(Looker::default);
         let (in_file, messages, next_copy) = (BTreeSet::new(), BTreeMap::new(), BTreeMap::new());
-        Self { parts, scene_topic, looker, scenes: LruCache::new(SCENES), in_file, messages, lost: 0, next_copy }
+        Self { parts, scene_topic, looker, scenes: LruCache::new(SCENES), in_file, messages, lost, next_copy }
     }
 
     /// Writes until nobody sends any more; what was heard is in the file after `chunk_period` at most. Blocks: not for async code.
@@ -104,8 +105,9 @@ impl Writer {
         }
         let mut about: BTreeMap<String, String> =
             self.messages.iter().map(|(kind, count)| ((*kind).to_owned(), count.to_string())).collect();
-        about.insert("lost".to_owned(), self.lost.to_string());
-        Ok(Summary { written: self.parts.finish(about)?, messages: self.messages, lost: self.lost })
+        let lost = self.lost.by_kind();
+        about.insert("lost".to_owned(), lost.values().sum::<u64>().to_string());
+        Ok(Summary { written: self.parts.finish(about)?, messages: self.messages, lost })
     }
 
     fn take(&mut self, captured: Captured) -> Result<(), RecordingError> {
@@ -145,7 +147,11 @@ impl Writer {
             let entry = sample.payload.decode_bulk(JournalEntry::SCHEMA).and_then(|bulk| JournalEntry::from_bulk(&bulk));
             let Ok(entry) = entry else { return Ok(()) };
             if let Some(expected) = self.next_copy.insert(sample.key.clone(), entry.seq + 1) {
-                self.lost += entry.seq.saturating_sub(expected);
+                let missing = entry.seq.saturating_sub(expected);
+                if missing > 0 {
+                    tracing::warn!(journal = sample.key, missing, before = entry.seq, "copies of calls did not come");
+                }
+                self.lost.add("calls", missing);
             }
             let look = self.looker.as_ref().and_then(|looker| looker.placements(&answered(&entry)?, at_ns));
             return self.show(look.as_slice());

@@ -1,14 +1,18 @@
 //! `repose deploy`: the configuration of a deployment with users, from one short file; and the trial of who may do what.
 
+use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
+use std::process::Stdio;
 
 use clap::{Args, Subcommand};
 use repose_proto::CallError;
-use repose_runtime::deployment::{self, CheckReport, Roles};
+use repose_runtime::deployment::{self, CheckReport, Roles, TrialFiles};
+use tokio::process::Child;
 
 use crate::asynchronous::in_runtime;
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
+use crate::processes::service_process;
 
 /// Arguments of `deploy`.
 #[derive(Debug, Args)]
@@ -90,10 +94,24 @@ fn write(path: &Path, out: &Path, installed_at: Option<&Path>, output: Output) -
 async fn check(args: &CheckArgs, output: Output) -> Outcome {
     let (roles, _) = read(&args.deployment.join(ROLES))?;
     let at = std::path::absolute(&args.deployment).map_err(|e| Failure::bad_input("deployment", e))?;
-    let trial = deployment::TrialOptions { connect: args.connect.clone(), apart: args.apart };
-    let report = deployment::check(&roles, &at, &trial).await?;
+    let files = TrialFiles::write(&roles, &at)?;
+    let (_router, endpoint) = match args.apart {
+        true => router_apart(&files).map(|(router, endpoint)| (Some(router), endpoint))?,
+        false => (None, args.connect.clone().unwrap_or_else(|| roles.endpoint())),
+    };
+    let report = deployment::check(&roles, &files, &endpoint).await?;
     output.print(&report, || words(&report))?;
     if report.is_right() { Ok(()) } else { Err(Failure::NotAchieved) }
+}
+
+/// A router with the deployment's configuration, as a process of its own on a port that is free; and where it is.
+fn router_apart(files: &TrialFiles) -> Result<(Child, String), Failure> {
+    let address = UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).map_err(Failure::other)?;
+    let endpoint = format!("quic/{address}");
+    let mut router = service_process(&endpoint, "check", None, "router")?;
+    // What it refuses is in the report; in its log it would be said a second time.
+    router.env("REPOSE_SESSION__ZENOH_FILE", files.router()).stderr(Stdio::null());
+    Ok((router.spawn().map_err(Failure::other)?, endpoint))
 }
 
 fn words(report: &CheckReport) -> String {

@@ -66,7 +66,8 @@ pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
     let mut request = args.wish.request(scene_id, &wish);
     if let Some(robot) = &mut request.robot {
         // Where it does not tell, the planner's configuration may.
-        robot.world_from_base = client::robot_state(&session, &robot.name, deadline).await.ok().and_then(|state| state.world_from_base);
+        let told = client::robot_state(&session, &robot.name, deadline.min(client::PATIENCE)).await;
+        robot.world_from_base = told.ok().and_then(|state| state.world_from_base);
     }
     request.validate()?;
     let planner = session.caller(Service::Planner).await?;

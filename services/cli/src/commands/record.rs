@@ -97,16 +97,19 @@ pub async fn run(args: &RecordArgs, output: Output) -> Outcome {
     client::close(session).await;
     let Summary { written, messages, lost } = recorded?;
     let files: Vec<String> = written.files.iter().map(|file| file.display().to_string()).collect();
-    let document =
-        serde_json::json!({"files": files, "bytes": written.bytes, "removed": written.removed, "messages": messages, "lost": lost});
+    let lost_count = lost.values().sum::<u64>();
+    let document = serde_json::json!({
+        "files": files, "bytes": written.bytes, "removed": written.removed, "messages": messages, "lost": lost_count, "lost_by_kind": lost,
+    });
     output.print(&document, || {
         let counts: Vec<String> = messages.iter().map(|(kind, count)| format!("{count} {kind}")).collect();
         let mut said = format!("{} ({:.1} MB): {}", files.join(", "), written.bytes as f64 / 1e6, counts.join(", "));
         if written.removed > 0 {
             said.push_str(&format!("; {} older files had to go", written.removed));
         }
-        if lost > 0 {
-            said.push_str(&format!("; {lost} messages were lost: disk or machine were too slow"));
+        if lost_count > 0 {
+            let lost: Vec<String> = lost.iter().map(|(kind, count)| format!("{count} {kind}")).collect();
+            said.push_str(&format!("; lost: {} (disk, network or machine were too slow)", lost.join(", ")));
         }
         said
     })

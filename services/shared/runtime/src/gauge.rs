@@ -15,6 +15,8 @@ pub struct LoadGauge {
     running: AtomicUsize,
     /// The smoothed time as the bits of an `f64`; 0 before the first job.
     service_ms: AtomicU64,
+    /// How far times are from it, smoothed, likewise.
+    spread_ms: AtomicU64,
 }
 
 impl LoadGauge {
@@ -33,6 +35,11 @@ impl LoadGauge {
         f64::from_bits(self.service_ms.load(Ordering::Relaxed))
     }
 
+    /// Smoothed distance of single times from [`Self::service_ms`], milliseconds.
+    pub(crate) fn spread_ms(&self) -> f64 {
+        f64::from_bits(self.spread_ms.load(Ordering::Relaxed))
+    }
+
     pub(crate) fn set_waiting(&self, waiting: usize) {
         self.waiting.store(waiting, Ordering::Relaxed);
     }
@@ -45,10 +52,14 @@ impl LoadGauge {
     pub(crate) fn finished(&self, jobs: usize, elapsed: Duration) {
         self.running.fetch_sub(jobs, Ordering::Relaxed);
         let each_ms = elapsed.as_secs_f64() * 1e3 / jobs.max(1) as f64;
-        let smooth = |old: f64| if old == 0.0 { each_ms } else { old + SMOOTHING * (each_ms - old) };
-        let update = |bits| Some(smooth(f64::from_bits(bits)).to_bits());
-        // The closure never declines.
-        let _previous = self.service_ms.fetch_update(Ordering::Relaxed, Ordering::Relaxed, update);
+        let smooth = |old: f64, new: f64| if old == 0.0 { new } else { old + SMOOTHING * (new - old) };
+        // The closures never decline.
+        let update = |bits| Some(smooth(f64::from_bits(bits), each_ms).to_bits());
+        let before = self.service_ms.fetch_update(Ordering::Relaxed, Ordering::Relaxed, update);
+        if let Some(before_ms) = before.ok().map(f64::from_bits).filter(|before_ms| *before_ms > 0.0) {
+            let update = |bits| Some(smooth(f64::from_bits(bits), (each_ms - before_ms).abs()).to_bits());
+            let _previous = self.spread_ms.fetch_update(Ordering::Relaxed, Ordering::Relaxed, update);
+        }
     }
 
     /// When a refused job may be worth another try, milliseconds: once half of what is here is done by `threads`.
@@ -82,6 +93,7 @@ mod tests {
         gauge.started(1);
         gauge.finished(1, Duration::from_millis(20));
         assert!((gauge.service_ms() - 12.0).abs() < 1e-9);
+        assert!((gauge.spread_ms() - 10.0).abs() < 1e-9, "the second took 10 ms longer than the first");
         assert_eq!(gauge.running(), 0);
     }
 }

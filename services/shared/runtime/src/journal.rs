@@ -3,8 +3,8 @@
 //! Copying costs the call no more than a push into a bounded queue, whose messages share their bytes with the call's; a task of its own encodes and
 //! sends them. What finds no room is dropped and counted, which a recorder sees as a gap in the numbers.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use repose_proto::{Cell, JournalEntry, JournalKind, Payload, Service};
@@ -23,14 +23,14 @@ const MAX_WAITING_BYTES: usize = 64 << 20;
 #[derive(Clone)]
 pub(crate) struct Journal {
     is_on: Arc<AtomicBool>,
-    counted: Arc<Counted>,
-    waiting: mpsc::Sender<JournalEntry>,
+    waiting_bytes: Arc<AtomicUsize>,
+    line: Arc<Mutex<Line>>,
 }
 
-#[derive(Default)]
-struct Counted {
-    seq: AtomicU64,
-    waiting_bytes: AtomicUsize,
+/// The line of copies, and the number of the next: a copy is numbered and put in line in one step, so that they come in the order of their numbers.
+struct Line {
+    next_seq: u64,
+    waiting: mpsc::Sender<JournalEntry>,
 }
 
 impl Journal {
@@ -43,11 +43,16 @@ impl Journal {
         stop: CancellationToken,
     ) -> Result<Self, RuntimeError> {
         let recorders = transport.watch_alive(&cell.live_recorder("*")).await?;
-        let (waiting, entries) = mpsc::channel(MAX_WAITING);
-        let journal = Self { is_on: Arc::default(), counted: Arc::default(), waiting };
+        let (journal, entries) = Self::new();
         tokio::spawn(stop.run_until_cancelled_owned(switch(recorders, journal.is_on.clone(), changed)));
-        tokio::spawn(send(transport, cell.journal(service, worker), entries, journal.counted.clone()));
+        tokio::spawn(send(transport, cell.journal(service, worker), entries, journal.waiting_bytes.clone()));
         Ok(journal)
+    }
+
+    fn new() -> (Self, mpsc::Receiver<JournalEntry>) {
+        let (waiting, entries) = mpsc::channel(MAX_WAITING);
+        let line = Arc::new(Mutex::new(Line { next_seq: 0, waiting }));
+        (Self { is_on: Arc::default(), waiting_bytes: Arc::default(), line }, entries)
     }
 
     /// Whether somebody records.
@@ -57,13 +62,16 @@ impl Journal {
 
     /// Puts a copy in line; never waits.
     pub(crate) fn copy(&self, kind: JournalKind, attachment: &[u8], payload: &Payload) {
-        let seq = self.counted.seq.fetch_add(1, Ordering::AcqRel);
+        let (stamp_ns, attachment) = (now_ns(), String::from_utf8_lossy(attachment).into_owned());
         let bytes = payload.bytes.len();
-        let had = self.counted.waiting_bytes.fetch_add(bytes, Ordering::AcqRel);
-        let attachment = String::from_utf8_lossy(attachment).into_owned();
-        let entry = JournalEntry { seq, stamp_ns: now_ns(), kind, attachment, payload: payload.clone() };
-        if had + bytes > MAX_WAITING_BYTES || self.waiting.try_send(entry).is_err() {
-            self.counted.waiting_bytes.fetch_sub(bytes, Ordering::AcqRel);
+        let had = self.waiting_bytes.fetch_add(bytes, Ordering::AcqRel);
+        let mut line = self.line.lock().unwrap_or_else(PoisonError::into_inner);
+        let entry = JournalEntry { seq: line.next_seq, stamp_ns, kind, attachment, payload: payload.clone() };
+        line.next_seq += 1;
+        let has_room = had + bytes <= MAX_WAITING_BYTES && line.waiting.try_send(entry).is_ok();
+        drop(line);
+        if !has_room {
+            self.waiting_bytes.fetch_sub(bytes, Ordering::AcqRel);
             metrics::counter!("repose_journal_dropped_total").increment(1);
         }
     }
@@ -87,9 +95,9 @@ async fn switch(mut recorders: AliveWatch, is_on: Arc<AtomicBool>, changed: Arc<
     }
 }
 
-async fn send(transport: Arc<dyn Transport>, key: String, mut entries: mpsc::Receiver<JournalEntry>, counted: Arc<Counted>) {
+async fn send(transport: Arc<dyn Transport>, key: String, mut entries: mpsc::Receiver<JournalEntry>, waiting_bytes: Arc<AtomicUsize>) {
     while let Some(entry) = entries.recv().await {
-        counted.waiting_bytes.fetch_sub(entry.payload.bytes.len(), Ordering::AcqRel);
+        waiting_bytes.fetch_sub(entry.payload.bytes.len(), Ordering::AcqRel);
         let sent = match Payload::bulk(JournalEntry::SCHEMA, &entry.to_bulk()) {
             Ok(copy) => transport.put(&key, copy, Traffic::Journal).await.map_err(|e| e.to_string()),
             // A message of nearly the largest size: its copy would be larger.
@@ -99,5 +107,36 @@ async fn send(transport: Arc<dyn Transport>, key: String, mut entries: mpsc::Rec
             metrics::counter!("repose_journal_dropped_total").increment(1);
             tracing::debug!(error, seq = entry.seq, "a copy of a call is lost");
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn copies_of_many_threads_come_in_the_order_of_their_numbers() {
+        let (journal, mut entries) = Journal::new();
+        let payload = Payload { encoding: String::new(), bytes: vec![7; 64].into() };
+        std::thread::scope(|scope| {
+            for _ in 0..8 {
+                scope.spawn(|| (0..MAX_WAITING / 16).for_each(|_| journal.copy(JournalKind::Call, b"{}", &payload)));
+            }
+        });
+        for seq in 0..MAX_WAITING as u64 / 2 {
+            assert_eq!(entries.recv().await.map(|entry| entry.seq), Some(seq));
+        }
+        assert_eq!(journal.waiting_bytes.load(Ordering::Acquire), 64 * MAX_WAITING / 2);
+    }
+
+    #[tokio::test]
+    async fn a_copy_without_room_is_missing_in_the_numbers() {
+        let (journal, mut entries) = Journal::new();
+        let copy =
+            |bytes: usize| journal.copy(JournalKind::Call, b"{}", &Payload { encoding: String::new(), bytes: vec![0; bytes].into() });
+        copy(1);
+        copy(MAX_WAITING_BYTES);
+        copy(1);
+        assert_eq!((entries.recv().await.map(|entry| entry.seq), entries.recv().await.map(|entry| entry.seq)), (Some(0), Some(2)));
     }
 }

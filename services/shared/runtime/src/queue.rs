@@ -19,6 +19,7 @@ use tokio::sync::oneshot;
 use crate::RuntimeError;
 use crate::gauge::LoadGauge;
 use crate::job::{Job, JobContext, JobReply};
+use crate::scheduling::yield_to_messages;
 use crate::waiting::{Taken, WaitingJobs};
 
 /// Size of a queue and of its crew.
@@ -140,7 +141,7 @@ impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
             let (shared, mut work) = (shared.clone(), crew(i));
             let builder = std::thread::Builder::new().name(format!("{}-{i}", shared.settings.name));
             let thread = builder.spawn(move || {
-                yield_to_the_network();
+                yield_to_messages();
                 while let Some(batch) = shared.take() {
                     let (jobs, started) = (batch.len(), Instant::now());
                     shared.gauge.started(jobs);
@@ -235,19 +236,6 @@ impl<T> Pending<T> {
         }
     }
 }
-
-/// Lets the threads that carry messages go before those that compute: a refusal, or a stop, must not wait for a core.
-#[cfg(target_os = "linux")]
-fn yield_to_the_network() {
-    /// The lower priority of compute threads, on the scale of `nice`.
-    const NICER_BY: i32 = 5;
-    // SAFETY: a plain system call; on Linux it is about the calling thread. Refused, it leaves the thread as it is.
-    let _refused = unsafe { libc::setpriority(libc::PRIO_PROCESS, 0, NICER_BY) };
-}
-
-/// Elsewhere threads have no priority of their own that an ordinary user may lower.
-#[cfg(not(target_os = "linux"))]
-fn yield_to_the_network() {}
 
 type Task = Box<dyn FnOnce(&JobContext) + Send>;
 

@@ -12,8 +12,10 @@ use crate::job::{Job, JobContext};
 
 /// Interactive jobs that may be taken before a batch job that waits: no more, or a busy service would never come to it.
 pub(crate) const LET_BY: usize = 16;
-/// How much longer than expected a job may take and still be admitted for its deadline: what is expected is a smoothed mean.
-const EXPECTED_MARGIN: f64 = 1.25;
+/// How much longer than expected the jobs before one may take and it still is in time: what is expected follows a machine that others use, too.
+const WAIT_MARGIN: f64 = 1.5;
+/// How many times their smoothed distance from the mean a job may take longer than that: one in a hundred does, of times that are spread as usual.
+const SPREADS: f64 = 3.0;
 /// Weight of the newest job in the share of interactive ones: about the last sixteen count.
 const SMOOTHING: f64 = 1.0 / 16.0;
 /// The most that interactive jobs can take, since batch ones get a turn after some were let by.
@@ -88,7 +90,8 @@ impl<R, T> WaitingJobs<R, T> {
             Priority::Interactive => 1.0,
             Priority::Batch => 1.0 - self.interactive_share.min(MOST_INTERACTIVE),
         };
-        let expected_ms = (rounds / left_for_it + 1.0) * gauge.service_ms() * EXPECTED_MARGIN;
+        let service_ms = gauge.service_ms();
+        let expected_ms = rounds / left_for_it * service_ms * WAIT_MARGIN + service_ms + SPREADS * gauge.spread_ms();
         let left_ms = context.remaining().as_secs_f64() * 1e3;
         // An idle queue takes anything: a deadline that looks too short may do, and a smoothed time has to be able to fall again.
         (rounds > 0.0 && expected_ms > left_ms).then(|| format!("it would take about {expected_ms:.0} ms and {left_ms:.0} ms are left"))
@@ -189,7 +192,7 @@ mod tests {
         let _awaited = [push(&mut waiting, Priority::Batch), push(&mut waiting, Priority::Batch)];
         let within_5_s = |priority| JobContext::within(Duration::from_secs(5)).with_priority(priority);
         let refusal = |waiting: &WaitingJobs<(), ()>, priority| waiting.refusal(&within_5_s(priority), 64, 1, &gauge);
-        assert_eq!(refusal(&waiting, Priority::Batch), None, "half a job and two before it, and itself: 4.4 s");
+        assert_eq!(refusal(&waiting, Priority::Batch), None, "half a job and two before it, and itself: 4.75 s");
         for _ in 0..8 {
             let _answer = push(&mut waiting, Priority::Interactive);
             assert!(waiting.pop(&mut Taken::none(usize::MAX), |()| 1).is_some());

@@ -20,8 +20,9 @@ use zenoh::sample::SampleKind;
 
 use crate::RuntimeError;
 use crate::config::{SessionConfig, SessionMode};
-use crate::diagnosis::{Credentials, Finding, look_at};
+use crate::diagnosis::Credentials;
 use crate::mailbox::mailbox;
+use crate::opening::{Opening, open_apart};
 use crate::transport::{
     AliveWatch, Connection, Guard, IncomingQueries, IncomingQuery, OutgoingQuery, Replier, ReplyEvent, ReplyStream, Sample, Subscription,
     Traffic, Transport,
@@ -29,10 +30,8 @@ use crate::transport::{
 
 /// Replies of one query that may wait to be read. Progress goes first when it is exceeded.
 const REPLY_CAPACITY: usize = 256;
-/// How long opening may take before it is looked into, and between looks.
-const FIRST_LOOK: Duration = Duration::from_secs(1);
-/// How many looks must find a good link before a session that does not open is taken for refused.
-const GOOD_LOOKS: u32 = 3;
+/// The least time of an attempt at a link, milliseconds: a few round trips between busy machines.
+const LEAST_ATTEMPT_MS: u64 = 1000;
 /// How long the tokens declared before may take to arrive when a watch begins.
 const HISTORY_TIMEOUT: Duration = Duration::from_secs(2);
 
@@ -87,22 +86,16 @@ impl ZenohTransport {
                 format!("{tls}: tls/ is not built in; quic/ takes the same certificates"),
             ));
         }
-        let credentials = Credentials::of(&zenoh_config);
-        let operation = || match endpoints.is_empty() {
-            true => "opening the session".to_owned(),
-            false => format!("opening the session (connecting to {})", endpoints.join(", ")),
-        };
-        let opened = tokio::select! {
-            opened = open_apart(zenoh_config) => opened,
-            why = refusal(&endpoints, &credentials) => Err(why),
-        };
-        let session = match opened {
-            Ok(session) => session,
-            Err(zenoh_says) => {
-                let why = if endpoints.is_empty() { zenoh_says } else { findings(&endpoints, &credentials).await.unwrap_or(zenoh_says) };
-                return Err(RuntimeError::transport(operation(), why));
+        let opened = match endpoints.is_empty() {
+            true => open_apart(zenoh_config).await.map_err(|why| ("opening the session".to_owned(), why)),
+            false => {
+                let operation = format!("opening the session (connecting to {})", endpoints.join(", "));
+                let (credentials, bound) = (Credentials::of(&zenoh_config), Duration::from_millis(config.connect_timeout_ms));
+                let opening = Opening { config: zenoh_config, endpoints, credentials, attempt: attempt_time(config), bound };
+                opening.run().await.map_err(|why| (operation, why))
             }
         };
+        let session = opened.map_err(|(operation, why)| RuntimeError::transport(operation, why))?;
         let connection = Connection { is_up: true, since: Instant::now(), number: 1 };
         let links = Links { needs_router: config.mode == SessionMode::Client, open: BTreeSet::new(), connection };
         let links = Arc::new(Mutex::new(links));
@@ -122,12 +115,6 @@ impl ZenohTransport {
     }
 }
 
-/// A plain function: the body of an `async fn` is compiled in every crate and test that awaits it, and this one takes most of Zenoh with it.
-#[inline(never)]
-fn open_blocking(config: zenoh::Config) -> Result<zenoh::Session, String> {
-    zenoh::open(config).wait().map_err(|e| e.to_string())
-}
-
 /// Our settings over Zenoh's defaults, or over the file that the configuration names.
 fn zenoh_config(config: &SessionConfig) -> Result<zenoh::Config, RuntimeError> {
     let unusable = |key: &str, e: &dyn std::fmt::Display| RuntimeError::Config {
@@ -144,6 +131,12 @@ fn zenoh_config(config: &SessionConfig) -> Result<zenoh::Config, RuntimeError> {
         SessionMode::Client => "client",
         SessionMode::Router => "router",
     };
+    // A router comes up whether or not its companions are there, and goes on trying; a client's attempts are ours to repeat.
+    let connect_timeout_ms = match config.mode {
+        SessionMode::Router => -1,
+        SessionMode::Client => 0,
+        SessionMode::Embedded | SessionMode::Peer => i64::try_from(config.connect_timeout_ms).unwrap_or(i64::MAX),
+    };
     let is_router = config.mode == SessionMode::Router;
     let mut values = vec![
         ("mode", serde_json::json!(mode)),
@@ -151,11 +144,11 @@ fn zenoh_config(config: &SessionConfig) -> Result<zenoh::Config, RuntimeError> {
         ("scouting/gossip/enabled", serde_json::json!(false)),
         ("transport/link/tx/lease", serde_json::json!(config.lease_ms)),
         ("transport/link/rx/max_message_size", serde_json::json!(config.max_receive_bytes)),
-        // A router comes up whether or not its companions are there, and goes on trying.
-        ("connect/timeout_ms", if is_router { serde_json::json!(-1) } else { serde_json::json!(config.connect_timeout_ms) }),
+        ("connect/timeout_ms", serde_json::json!(connect_timeout_ms)),
         ("connect/exit_on_failure", serde_json::json!(!is_router)),
         // A router that comes back is found within half a second, and not hammered.
         ("connect/retry", serde_json::json!({"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5})),
+        ("transport/unicast/open_timeout", serde_json::json!(attempt_time(config).as_millis() as u64)),
         ("queries_default_timeout", serde_json::json!(config.query_timeout_ms)),
     ];
     // A file may name the endpoints; ours stand over them where there are any.
@@ -171,15 +164,9 @@ fn zenoh_config(config: &SessionConfig) -> Result<zenoh::Config, RuntimeError> {
     Ok(zenoh_config)
 }
 
-/// Opens on a thread of its own: Zenoh blocks the one that asks until it is open, and a thread of the pool would be waited for at exit.
-async fn open_apart(config: zenoh::Config) -> Result<zenoh::Session, String> {
-    let (opened, opening) = tokio::sync::oneshot::channel();
-    let open = move || {
-        // Nobody waits any more when the router has refused us: what opens then closes again.
-        drop(opened.send(open_blocking(config)));
-    };
-    std::thread::Builder::new().name("opening".to_owned()).spawn(open).map_err(|e| e.to_string())?;
-    opening.await.unwrap_or_else(|_| Err("opening ended without an answer".to_owned()))
+/// How long one attempt at a link may take: what a dying router has left unanswered is tried again within the time for all.
+fn attempt_time(config: &SessionConfig) -> Duration {
+    Duration::from_millis((config.connect_timeout_ms / 2).max(LEAST_ATTEMPT_MS))
 }
 
 /// Where a client connects to, as its configuration and its file say together.
@@ -188,40 +175,6 @@ fn connect_endpoints(config: &zenoh::Config) -> Vec<String> {
     let list = endpoints.map(|value| value.get("client").cloned().unwrap_or(value));
     let texts = list.as_ref().and_then(serde_json::Value::as_array).into_iter().flatten().filter_map(serde_json::Value::as_str);
     texts.map(str::to_owned).collect()
-}
-
-/// Ends when every endpoint refuses us for good: waiting would change nothing. Otherwise never.
-async fn refusal(endpoints: &[String], credentials: &Credentials) -> String {
-    // What comes up at once needs no second look, and neither does a router that is still starting.
-    tokio::time::sleep(FIRST_LOOK).await;
-    let mut good_for = 0;
-    while !endpoints.is_empty() {
-        let looks = futures::future::join_all(endpoints.iter().map(|endpoint| look_at(endpoint, credentials))).await;
-        if looks.iter().all(|finding| matches!(finding, Finding::Refused(_))) {
-            return said(&looks, credentials);
-        }
-        // A good link that Zenoh cannot use for so long is one that it may not use.
-        good_for = if looks.contains(&Finding::Good) { good_for + 1 } else { 0 };
-        if good_for == GOOD_LOOKS {
-            return said(&looks, credentials);
-        }
-        tokio::time::sleep(FIRST_LOOK).await;
-    }
-    std::future::pending().await
-}
-
-/// What is wrong with the endpoints, if anything can be said.
-async fn findings(endpoints: &[String], credentials: &Credentials) -> Option<String> {
-    let looks = futures::future::join_all(endpoints.iter().map(|endpoint| look_at(endpoint, credentials))).await;
-    Some(said(&looks, credentials)).filter(|text| !text.is_empty())
-}
-
-fn said(looks: &[Finding], credentials: &Credentials) -> String {
-    let words = looks.iter().map(|finding| match finding {
-        Finding::Absent(why) | Finding::Refused(why) => why.clone(),
-        Finding::Good => credentials.not_let_in(),
-    });
-    words.collect::<Vec<_>>().join("; ")
 }
 
 fn urgency_of(priority: Priority) -> Urgency {

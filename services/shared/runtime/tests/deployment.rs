@@ -10,7 +10,7 @@ use common::{Oddities, SERVICE, read, word};
 use rcgen::{BasicConstraints, CertificateParams, DnType, IsCa, Issuer, KeyPair};
 use repose_proto::load::WorkerLoad;
 use repose_proto::{ErrorCode, Payload, Service};
-use repose_runtime::deployment::{CheckReport, Roles, Trial, TrialOptions, TrialOutcome, check, write};
+use repose_runtime::deployment::{Roles, write};
 use repose_runtime::{CallOptions, RuntimeConfig, RuntimeError, Session, SessionMode, Traffic};
 
 /// The example that the README points to, for a router of this machine, and somebody of another cell.
@@ -43,82 +43,6 @@ async fn router(folder: &Path) -> (Session, String) {
     let router = open(SessionMode::Router, "quic/127.0.0.1:0", Some(&folder.join("router/router.json5"))).await.unwrap();
     let endpoint = router.locators().await[0].clone();
     (router, endpoint)
-}
-
-#[tokio::test(flavor = "multi_thread")]
-#[ignore = "with router and users in one process it does not always end: cargo test -p repose-runtime --release --test deployment -- --ignored"]
-async fn every_user_may_do_what_its_role_says_and_nothing_else() {
-    let folder = tempfile::tempdir().unwrap();
-    let roles = roles("password");
-    write(&roles, folder.path(), folder.path()).unwrap();
-    let report = check(&roles, folder.path(), &TrialOptions { apart: true, ..TrialOptions::default() }).await.unwrap();
-    let said = |list: &[Trial]| list.iter().map(ToString::to_string).collect::<Vec<_>>();
-    assert!(report.is_right(), "{:#?} {:#?}", said(&report.wrong), said(&report.unanswered));
-    assert!(report.tried > 500 && report.allowed > 100, "{} tried, {} allowed", report.tried, report.allowed);
-    assert!(!folder.path().join(".check").exists(), "the trial leaves no secrets behind");
-}
-
-#[tokio::test(flavor = "multi_thread")]
-#[ignore = "with router and users in one process it does not always end: cargo test -p repose-runtime --release --test deployment -- --ignored"]
-async fn the_same_holds_where_users_have_certificates_and_passwords() {
-    let folder = tempfile::tempdir().unwrap();
-    let text = "router = \"127.0.0.1:7447\"\ncells = [\"cell\"]\nlogin = \"both\"\n[users.asker]\nrole = \"planner\"\n\
-                [users.planner]\nrole = \"service\"\nservice = \"planner\"\n";
-    let roles = Roles::parse(text).unwrap();
-    write(&roles, folder.path(), folder.path()).unwrap();
-    let report = check(&roles, folder.path(), &TrialOptions { apart: true, ..TrialOptions::default() }).await.unwrap();
-    assert!(report.is_right() && report.allowed > 5, "{report:#?}");
-    // Neither alone is enough: with the certificate of one user and the password of the other, nobody is let do anything.
-    let mixed = std::fs::read_to_string(folder.path().join("users/asker/zenoh.json5")).unwrap();
-    let mixed = mixed
-        .replace("users/asker/certificate.pem", "users/planner/certificate.pem")
-        .replace("users/asker/key.pem", "users/planner/key.pem");
-    let file = folder.path().join("mixed.json5");
-    std::fs::write(&file, mixed).unwrap();
-    let (_router, endpoint) = router(folder.path()).await;
-    let planner = open(SessionMode::Client, &endpoint, Some(&folder.path().join("users/planner/zenoh.json5"))).await.unwrap();
-    let _server = planner.start(SERVICE, Arc::new(Oddities::default())).await.unwrap();
-    let asker = open(SessionMode::Client, &endpoint, Some(&folder.path().join("users/asker/zenoh.json5"))).await.unwrap();
-    asker.caller(SERVICE).await.unwrap().wait_for_workers(1, Duration::from_secs(5)).await.unwrap();
-    let neither = open(SessionMode::Client, &endpoint, Some(&file)).await.unwrap();
-    assert!(neither.caller(SERVICE).await.unwrap().wait_for_workers(1, Duration::from_secs(1)).await.is_err());
-}
-
-#[tokio::test(flavor = "multi_thread")]
-#[ignore = "with router and users in one process it does not always end: cargo test -p repose-runtime --release --test deployment -- --ignored"]
-async fn a_hole_in_the_routers_rules_is_found() {
-    let folder = tempfile::tempdir().unwrap();
-    let roles = roles("password");
-    write(&roles, folder.path(), folder.path()).unwrap();
-    let file = folder.path().join("router/router.json5");
-    let text = std::fs::read_to_string(&file).unwrap();
-    // The viewer may stop robots; now it may also pose as one, and the operator may operate no more.
-    let holed =
-        text.replacen("\"repose/v1/cell/robot/*/@estop\"", "\"repose/v1/cell/robot/*/@estop\", \"repose/v1/cell/robot/*/state\"", 64);
-    let holed = holed.replace("repose/v1/cell/service/motion/*/operate", "repose/v1/cell/service/motion/nobody/operate");
-    assert_ne!(holed, text);
-    std::fs::write(&file, holed).unwrap();
-    let (_router, endpoint) = router(folder.path()).await;
-    let report = check(&roles, folder.path(), &TrialOptions { connect: Some(endpoint), apart: false }).await.unwrap();
-    let of = |list: &[Trial], user: &str, key: &str| list.iter().find(|t| t.user == user && t.key.ends_with(key)).map(|t| t.outcome);
-    let CheckReport { wrong, unanswered, .. } = &report;
-    assert_eq!(of(wrong, "wall-display", "robot/panda/state"), Some(TrialOutcome::CameThrough), "{report:#?}");
-    let operate = "service/motion/motion-1/operate";
-    assert_eq!(of(wrong, "anna", operate), Some(TrialOutcome::Refused), "{report:#?}");
-    // Where nobody comes through who may, that others do not says nothing.
-    assert_eq!(of(unanswered, "task-planner", operate), Some(TrialOutcome::None), "{report:#?}");
-}
-
-#[tokio::test(flavor = "multi_thread")]
-async fn a_cell_in_operation_is_not_tried() {
-    let folder = tempfile::tempdir().unwrap();
-    let roles = roles("password");
-    write(&roles, folder.path(), folder.path()).unwrap();
-    let (_router, endpoint) = router(folder.path()).await;
-    let planner = open(SessionMode::Client, &endpoint, Some(&folder.path().join("users/planner/zenoh.json5"))).await.unwrap();
-    let _server = planner.start(SERVICE, Arc::new(Oddities::default())).await.unwrap();
-    let refused = check(&roles, folder.path(), &TrialOptions { connect: Some(endpoint), apart: false }).await.unwrap_err().to_string();
-    assert!(refused.contains("live/planner/") && refused.contains("alive"), "{refused}");
 }
 
 #[tokio::test(flavor = "multi_thread")]

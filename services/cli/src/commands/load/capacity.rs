@@ -3,7 +3,7 @@
 use std::str::FromStr;
 use std::time::Duration;
 
-use super::Asking;
+use super::Run;
 use super::report::{Ended, Report};
 use crate::failure::Failure;
 
@@ -45,15 +45,15 @@ const NEARNESS: f64 = 0.05;
 const REST: Duration = Duration::from_secs(1);
 
 /// Finds the capacity; the report is of the highest rate that kept the objective, or of the lowest tried.
-pub async fn find(asking: &Asking) -> Result<(Report, Vec<Ended>), Failure> {
-    let requests = asking.args.requests;
+pub async fn find(run: &Run) -> Result<(Report, Vec<Ended>), Failure> {
+    let requests = run.args.requests;
     // A closed loop says about where it is.
-    let about = asking.ask(requests, None).await?.0.goodput_per_s.max(0.1);
+    let about = run.ask(requests, None).await?.0.goodput_per_s.max(0.1);
     let (mut kept, mut failed, mut rate) = (None::<(f64, Report, Vec<Ended>)>, None::<f64>, about / 2.0);
     loop {
         tokio::time::sleep(REST).await;
-        let (report, ended) = asking.ask(requests, Some(rate)).await?;
-        let is_kept = asking.args.slo.is_kept(&report);
+        let (report, ended) = run.ask(requests, Some(rate)).await?;
+        let is_kept = run.args.slo.is_kept(&report);
         tracing::info!(rate, is_kept, goodput = report.goodput_per_s, "tried");
         match is_kept {
             true => kept = Some((rate, report, ended)),

@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use hdrhistogram::Histogram;
 use repose_proto::Priority;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
+use super::own::Happened;
 use crate::failure::Failure;
 
 /// The outcome of a request that never ended.
@@ -18,8 +19,10 @@ const LONGEST_US: u64 = 700_000_000;
 pub const STAGES: [&str; 4] = ["client", "network", "queue", "compute"];
 
 /// One request, ended.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Ended {
+    /// Its kind, by its place in the mix.
+    pub kind: usize,
     /// `result`, `none`, an error's code, or `lost`.
     pub outcome: String,
     /// Who waited.
@@ -33,13 +36,14 @@ pub struct Ended {
     /// Whether it ended after its deadline.
     pub late: bool,
     /// Milliseconds by stage; empty without an answer.
-    pub stages_ms: BTreeMap<&'static str, f64>,
+    pub stages_ms: BTreeMap<String, f64>,
 }
 
 impl Ended {
     /// A request of which nothing was heard.
     pub fn lost() -> Self {
         Self {
+            kind: 0,
             outcome: LOST.to_owned(),
             priority: Priority::Interactive,
             worker: None,
@@ -51,26 +55,34 @@ impl Ended {
     }
 }
 
+/// What became of requests that were asked.
+pub struct Asked {
+    /// Each of them.
+    pub ended: Vec<Ended>,
+    /// Those that could not even begin.
+    pub dropped: usize,
+    /// Terminal replies beyond a call's one.
+    pub duplicates: usize,
+    /// How long all of it took.
+    pub elapsed: Duration,
+}
+
 /// An answered request's time by stage: the client (from when it was due until it was sent), the network and whatever else is between the two
 /// ends, the worker's queue, and computing.
-pub fn stages(took: Duration, on_the_wire: Duration, worker_ms: &BTreeMap<String, f64>) -> BTreeMap<&'static str, f64> {
+pub fn stages(took: Duration, on_the_wire: Duration, worker_ms: &BTreeMap<String, f64>) -> BTreeMap<String, f64> {
     let ms = |duration: Duration| duration.as_secs_f64() * 1e3;
     let of_worker = |stage: &str| worker_ms.get(stage).copied().unwrap_or(0.0);
     let (total, queue) = (of_worker("total"), of_worker("queue"));
-    BTreeMap::from([
-        ("client", ms(took.saturating_sub(on_the_wire))),
-        ("network", (ms(on_the_wire) - total).max(0.0)),
-        ("queue", queue),
-        ("compute", (total - queue).max(0.0)),
-    ])
+    let times = [ms(took.saturating_sub(on_the_wire)), (ms(on_the_wire) - total).max(0.0), queue, (total - queue).max(0.0)];
+    STAGES.into_iter().map(str::to_owned).zip(times).collect()
 }
 
 /// Percentiles, milliseconds.
 pub type Percentiles = BTreeMap<&'static str, f64>;
 
-/// Requests of one priority.
+/// Requests of one priority, or of one kind.
 #[derive(Debug, Default, Serialize)]
-pub struct OfPriority {
+pub struct OfSome {
     /// How many.
     pub requests: usize,
     /// How they ended.
@@ -106,16 +118,32 @@ pub struct Report {
     /// Where the time of answered requests went.
     pub stages_ms: BTreeMap<&'static str, Percentiles>,
     /// By priority.
-    pub priorities: BTreeMap<&'static str, OfPriority>,
+    pub priorities: BTreeMap<&'static str, OfSome>,
+    /// By kind, where there are several.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub kinds: BTreeMap<String, OfSome>,
     /// Answers by worker.
     pub per_worker: BTreeMap<String, usize>,
+    /// Faults that the run caused, and processes that ended without it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<Happened>,
+}
+
+impl OfSome {
+    fn of<'a>(ended: impl Iterator<Item = &'a Ended> + Clone) -> Result<Self, Failure> {
+        let mut sum = Self { requests: ended.clone().count(), ..Self::default() };
+        ended.clone().for_each(|end| *sum.outcomes.entry(end.outcome.clone()).or_default() += 1);
+        sum.answered_ms = percentiles(ended.filter(|end| end.worker.is_some()).map(milliseconds))?;
+        Ok(sum)
+    }
 }
 
 impl Report {
-    /// Sums up.
-    pub fn new(ended: &[Ended], rate: Option<f64>, elapsed: Duration, duplicates: usize, dropped: usize) -> Result<Self, Failure> {
-        let mut report = Self { requests: ended.len(), dropped, ..Self::default() };
-        report.outcomes = BTreeMap::from([(LOST.to_owned(), 0), ("duplicate".to_owned(), duplicates)]);
+    /// Sums up; `kinds` names the kinds of requests.
+    pub fn new(asked: &Asked, rate: Option<f64>, kinds: &[String]) -> Result<Self, Failure> {
+        let Asked { ended, dropped, duplicates, elapsed } = asked;
+        let mut report = Self { requests: ended.len(), dropped: *dropped, ..Self::default() };
+        report.outcomes = BTreeMap::from([(LOST.to_owned(), 0), ("duplicate".to_owned(), *duplicates)]);
         for end in ended {
             *report.outcomes.entry(end.outcome.clone()).or_default() += 1;
             if let Some(worker) = &end.worker {
@@ -139,11 +167,10 @@ impl Report {
             report.stages_ms.insert(stage, percentiles(ended.iter().filter_map(|end| end.stages_ms.get(stage).copied()))?);
         }
         for (name, priority) in [("interactive", Priority::Interactive), ("batch", Priority::Batch)] {
-            let of_it = || ended.iter().filter(|end| end.priority == priority);
-            let mut sum = OfPriority { requests: of_it().count(), ..OfPriority::default() };
-            of_it().for_each(|end| *sum.outcomes.entry(end.outcome.clone()).or_default() += 1);
-            sum.answered_ms = percentiles(of_it().filter(is_answered).map(milliseconds))?;
-            report.priorities.insert(name, sum);
+            report.priorities.insert(name, OfSome::of(ended.iter().filter(|end| end.priority == priority))?);
+        }
+        for (number, name) in kinds.iter().enumerate().filter(|_| kinds.len() > 1) {
+            report.kinds.insert(name.clone(), OfSome::of(ended.iter().filter(|end| end.kind == number))?);
         }
         Ok(report)
     }
@@ -201,8 +228,15 @@ impl std::fmt::Display for Report {
         for (stage, times) in self.stages_ms.iter().filter(|(_, times)| !times.is_empty()) {
             writeln!(f, "  in {stage}: {}", in_words(times))?;
         }
-        for (priority, of_it) in self.priorities.iter().filter(|(_, of_it)| of_it.requests > 0) {
-            writeln!(f, "{priority}, {}: {}; answered in ms: {}", of_it.requests, counts(&of_it.outcomes), in_words(&of_it.answered_ms))?;
+        let some =
+            self.priorities.iter().map(|(name, of_it)| (*name, of_it)).chain(self.kinds.iter().map(|(name, of_it)| (name.as_str(), of_it)));
+        for (name, of_it) in some.filter(|(_, of_it)| of_it.requests > 0) {
+            writeln!(f, "{name}, {}: {}; answered in ms: {}", of_it.requests, counts(&of_it.outcomes), in_words(&of_it.answered_ms))?;
+        }
+        if !self.faults.is_empty() {
+            let mut faults: BTreeMap<String, usize> = BTreeMap::new();
+            self.faults.iter().for_each(|fault| *faults.entry(fault.what.clone()).or_default() += 1);
+            writeln!(f, "faults: {}", counts(&faults))?;
         }
         write!(f, "answers by worker: {}", counts(&self.per_worker))
     }

@@ -68,7 +68,9 @@ fn in_order(ended: &[Ended]) -> Vec<&Ended> {
 /// The report in words, with latency and rates over time.
 fn page(title: &str, report: &Report, ended: &[Ended]) -> Result<String, Failure> {
     let ended = in_order(ended);
-    let plots = [latencies(&ended), rates(&ended)].into_iter().collect::<Result<Vec<_>, _>>().map_err(Failure::other)?;
+    let faults_s: Vec<f64> = report.faults.iter().map(|fault| fault.at_s).collect();
+    let plots =
+        [latencies(&ended, &faults_s), rates(&ended, &faults_s)].into_iter().collect::<Result<Vec<_>, _>>().map_err(Failure::other)?;
     let escape = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
     let (title, words) = (escape(title), escape(&report.to_string()));
     let plots = plots.join("\n");
@@ -92,7 +94,7 @@ fn drawn(draw: impl FnOnce(&DrawingArea<SVGBackend<'_>, Shift>) -> Drawn<()>) ->
     Ok(svg)
 }
 
-fn series<'a>(plot: &str, names: impl Iterator<Item = (&'a str, Vec<(f64, f64)>)>, as_lines: bool) -> Drawn<String> {
+fn series<'a>(plot: &str, names: impl Iterator<Item = (&'a str, Vec<(f64, f64)>)>, as_lines: bool, faults_s: &[f64]) -> Drawn<String> {
     let all: BTreeMap<&str, Vec<(f64, f64)>> = names.collect();
     let largest = |of: fn(&(f64, f64)) -> f64| all.values().flatten().map(of).fold(0.0_f64, f64::max).max(1e-3) * 1.05;
     let (to_s, top) = (largest(|point| point.0), largest(|point| point.1));
@@ -100,6 +102,10 @@ fn series<'a>(plot: &str, names: impl Iterator<Item = (&'a str, Vec<(f64, f64)>)
         let mut chart =
             ChartBuilder::on(root).margin(10).x_label_area_size(36).y_label_area_size(64).build_cartesian_2d(0.0..to_s, 0.0..top)?;
         chart.configure_mesh().x_desc("seconds").y_desc(plot).draw()?;
+        // A fault is a line from bottom to top, below everything else.
+        for at_s in faults_s.iter().copied().filter(|at_s| *at_s <= to_s) {
+            chart.draw_series(std::iter::once(PathElement::new(vec![(at_s, 0.0), (at_s, top)], BLACK.mix(0.25))))?;
+        }
         for ((name, points), color) in all.iter().zip(COLORS.iter().cycle()) {
             let drawn = match as_lines {
                 true => chart.draw_series(std::iter::once(PathElement::new(points.clone(), color.stroke_width(2))))?,
@@ -113,17 +119,17 @@ fn series<'a>(plot: &str, names: impl Iterator<Item = (&'a str, Vec<(f64, f64)>)
 }
 
 /// When each request was due, and how long it took, by outcome.
-fn latencies(ended: &[&Ended]) -> Drawn<String> {
+fn latencies(ended: &[&Ended], faults_s: &[f64]) -> Drawn<String> {
     let mut by_outcome: BTreeMap<&str, Vec<(f64, f64)>> = BTreeMap::new();
     for end in ended.iter().step_by(ended.len().div_ceil(MOST_POINTS).max(1)) {
         let point = (end.due.as_secs_f64(), end.took.as_secs_f64() * 1e3);
         by_outcome.entry(&end.outcome).or_default().push(point);
     }
-    series("latency, ms", by_outcome.into_iter(), false)
+    series("latency, ms", by_outcome.into_iter(), false, faults_s)
 }
 
 /// Requests a second by time slice: due, and by how they ended.
-fn rates(ended: &[&Ended]) -> Drawn<String> {
+fn rates(ended: &[&Ended], faults_s: &[f64]) -> Drawn<String> {
     let last_s = ended.iter().map(|end| (end.due + end.took).as_secs_f64()).fold(0.0, f64::max).max(1e-3);
     let slice_s = last_s / SLICES as f64;
     let mut by_name: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
@@ -136,7 +142,7 @@ fn rates(ended: &[&Ended]) -> Drawn<String> {
         count(end.outcome.as_str(), (end.due + end.took).as_secs_f64());
     }
     let points = |slices: Vec<f64>| slices.into_iter().enumerate().map(|(k, rate)| ((k as f64 + 0.5) * slice_s, rate)).collect();
-    series("requests a second", by_name.into_iter().map(|(name, slices)| (name, points(slices))), true)
+    series("requests a second", by_name.into_iter().map(|(name, slices)| (name, points(slices))), true, faults_s)
 }
 
 #[cfg(test)]
@@ -146,16 +152,19 @@ mod tests {
     use repose_proto::Priority;
 
     use super::*;
+    use crate::commands::load::own::Happened;
+    use crate::commands::load::report::Asked;
 
     fn ended() -> Vec<Ended> {
         let one = |due_ms, outcome: &str, took_ms| Ended {
+            kind: 0,
             outcome: outcome.to_owned(),
             priority: Priority::Batch,
             worker: (outcome == "result").then(|| "planner-1".to_owned()),
             due: Duration::from_millis(due_ms),
             took: Duration::from_millis(took_ms),
             late: false,
-            stages_ms: BTreeMap::from([("queue", 2.5)]),
+            stages_ms: BTreeMap::from([("queue".to_owned(), 2.5)]),
         };
         vec![one(20, "resource_exhausted", 1), one(10, "result", 30)]
     }
@@ -171,9 +180,12 @@ mod tests {
 
     #[test]
     fn the_page_holds_the_report_and_both_plots_and_nothing_from_elsewhere() {
-        let ended = ended();
-        let report = Report::new(&ended, Some(10.0), Duration::from_secs(1), 0, 0).expect("a report");
-        let page = page("repose load --slo p99<1s", &report, &ended).expect("a page");
+        let asked = Asked { ended: ended(), dropped: 0, duplicates: 0, elapsed: Duration::from_secs(1) };
+        let mut report = Report::new(&asked, Some(10.0), &["a".to_owned(), "b".to_owned()]).expect("a report");
+        assert_eq!(report.kinds["a"].requests, 2);
+        report.faults.push(Happened { at_s: 0.015, what: "kill router".to_owned() });
+        let page = page("repose load --slo p99<1s", &report, &asked.ended).expect("a page");
+        assert!(page.contains("faults: kill router 1"));
         assert_eq!(page.matches("<svg").count(), 2);
         assert!(page.contains("p99&lt;1s") && page.contains("resource_exhausted") && page.contains("requests a second"));
         assert!(!page.contains("<script") && !page.contains("src="), "it needs nothing else");

@@ -4,7 +4,7 @@
 //! The other end is a user that may do the counterpart, in a session of its own. Where nobody may, nothing can be harmed, and nothing is tried.
 //! Nothing waits for something not to happen: `TrialSessions::settle` tells when the router has dealt with all that was tried.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use futures::future::try_join_all;
 use repose_proto::{Cell, Service};
@@ -14,45 +14,47 @@ use super::attempts::Attempts;
 use super::probes::probes;
 use super::report::CheckReport;
 use super::roles::Roles;
-use super::sessions::{TrialSessions, close, open};
-use crate::{RuntimeError, SessionMode};
+use super::sessions::TrialSessions;
+use crate::RuntimeError;
 
-/// Which router is tried.
-#[derive(Debug, Clone, Default)]
-pub struct TrialOptions {
-    /// Its endpoint; the roles file's where absent.
-    pub connect: Option<String>,
-    /// A router of our own with the same configuration, on a loopback port.
-    pub apart: bool,
+/// What a trial's sessions read: the users' files with everything where it lies now, since a deployment's own name it where it will be installed.
+/// They hold secrets, and go when this goes.
+pub struct TrialFiles(PathBuf);
+
+impl TrialFiles {
+    /// Writes them beside `deployment`, which [`super::write`] wrote.
+    ///
+    /// # Errors
+    /// The file that is missing or cannot be written.
+    pub fn write(roles: &Roles, deployment: &Path) -> Result<Self, RuntimeError> {
+        let files = Self(deployment.join(".check"));
+        super::files::write_trial(roles, deployment, &files.0).map_err(|e| RuntimeError::transport("preparing the trial", e))?;
+        Ok(files)
+    }
+
+    /// Zenoh's file for a router that is started for the trial alone. It must be a process of its own: sessions of one process share their
+    /// threads, and a router waits on them for its own clients to take what it sends.
+    pub fn router(&self) -> PathBuf {
+        self.0.join("router.json5")
+    }
 }
 
-/// Tries everything, with the users' files in `deployment`, which [`super::write`] wrote.
+impl Drop for TrialFiles {
+    fn drop(&mut self) {
+        if let Err(error) = std::fs::remove_dir_all(&self.0) {
+            tracing::warn!(folder = %self.0.display(), %error, "could not be removed");
+        }
+    }
+}
+
+/// Tries everything through the router at `endpoint`.
 ///
 /// # Errors
 /// When a user is not let in, or a cell is in operation: its robots would act on what is tried.
-pub async fn check(roles: &Roles, deployment: &Path, options: &TrialOptions) -> Result<CheckReport, RuntimeError> {
-    // Sessions read their configuration from files, and the users' name files by where they will be installed.
-    let files = deployment.join(".check");
-    let _removed = RemoveOnDrop(&files);
-    super::files::write_trial(roles, deployment, &files).map_err(|e| RuntimeError::transport("preparing the trial", e))?;
-    let mut endpoint = options.connect.clone().unwrap_or_else(|| roles.endpoint());
-    let mut router = None;
-    if options.apart {
-        let apart = open(SessionMode::Router, "quic/127.0.0.1:0", files.join("router.json5")).await?;
-        endpoint = apart.locators().await.into_iter().next().ok_or_else(|| RuntimeError::transport("starting a router", "no port"))?;
-        router = Some(apart);
-    }
-    let report = match TrialSessions::open(roles, &endpoint, &files).await {
-        Ok(ends) => {
-            let report = try_all(roles, &ends).await;
-            ends.close().await;
-            report
-        }
-        Err(error) => Err(error),
-    };
-    if let Some(router) = router {
-        close(&router).await;
-    }
+pub async fn check(roles: &Roles, files: &TrialFiles, endpoint: &str) -> Result<CheckReport, RuntimeError> {
+    let ends = TrialSessions::open(roles, endpoint, &files.0).await?;
+    let report = try_all(roles, &ends).await;
+    ends.close().await;
     report
 }
 
@@ -67,17 +69,6 @@ async fn try_all(roles: &Roles, ends: &TrialSessions) -> Result<CheckReport, Run
         list.sort_by(|a, b| (&a.user, a.verb, &a.key).cmp(&(&b.user, b.verb, &b.key)));
     }
     Ok(report)
-}
-
-/// Takes a folder with secrets away.
-struct RemoveOnDrop<'a>(&'a Path);
-
-impl Drop for RemoveOnDrop<'_> {
-    fn drop(&mut self) {
-        if let Err(error) = std::fs::remove_dir_all(self.0) {
-            tracing::warn!(folder = %self.0.display(), %error, "could not be removed");
-        }
-    }
 }
 
 async fn refuse_cells_in_operation(roles: &Roles, ends: &TrialSessions) -> Result<(), RuntimeError> {

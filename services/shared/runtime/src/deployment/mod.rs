@@ -33,7 +33,7 @@ mod sessions;
 mod writer;
 
 pub use access::Verb;
-pub use check::{TrialOptions, check};
+pub use check::{TrialFiles, check};
 pub use files::write;
 pub use report::{CheckReport, Trial, TrialOutcome};
 pub use roles::{Login, Role, Roles, User};

@@ -15,16 +15,15 @@ use crate::{RuntimeConfig, RuntimeError, Session, SessionMode};
 
 /// How long the router may take to answer, and what is allowed to come through.
 pub(super) const PATIENCE: Duration = Duration::from_secs(5);
+/// How much longer than the network a question waits for its end: a trial ends, whatever the network does.
+const MARGIN: Duration = Duration::from_secs(1);
 
-/// A session with a Zenoh file.
-pub(super) async fn open(mode: SessionMode, endpoint: &str, file: PathBuf) -> Result<Session, RuntimeError> {
+/// A client's session with a Zenoh file.
+async fn open(endpoint: &str, file: PathBuf) -> Result<Session, RuntimeError> {
     let mut config = RuntimeConfig::default();
-    config.session.mode = mode;
+    config.session.mode = SessionMode::Client;
     config.session.zenoh_file = Some(file);
-    match mode {
-        SessionMode::Router => config.session.listen = vec![endpoint.to_owned()],
-        _ => config.session.connect = vec![in_one_stream(endpoint)],
-    }
+    config.session.connect = vec![in_one_stream(endpoint)];
     Session::open(config).await
 }
 
@@ -38,7 +37,7 @@ fn in_one_stream(endpoint: &str) -> String {
     format!("{address}{separator}multistream=0{config}")
 }
 
-pub(super) async fn close(session: &Session) {
+async fn close(session: &Session) {
     if let Err(error) = session.close().await {
         tracing::debug!(%error, "a session of the trial did not close in time");
     }
@@ -60,7 +59,7 @@ pub(super) struct TrialSessions {
 
 impl TrialSessions {
     pub(super) async fn open(roles: &Roles, endpoint: &str, files: &Path) -> Result<Self, RuntimeError> {
-        let session = |name: &String| open(SessionMode::Client, endpoint, files.join(format!("{name}.json5")));
+        let session = |name: &String| open(endpoint, files.join(format!("{name}.json5")));
         let opened = roles.users.keys().map(|name| async move { tokio::try_join!(session(name), session(name)) });
         let (mut sessions, mut of_users) = (Vec::new(), BTreeMap::new());
         for (name, (tries, witness)) in roles.users.keys().zip(try_join_all(opened).await?) {
@@ -108,8 +107,12 @@ pub(super) enum QueryEnd {
 /// Asks at a key.
 pub(super) async fn ask(transport: &dyn Transport, key: &str) -> Result<QueryEnd, RuntimeError> {
     let query = OutgoingQuery { payload: note("?"), attachment: Bytes::new(), priority: Priority::Batch, timeout: PATIENCE };
-    let mut replies = transport.query(key, query).await?;
-    Ok(match replies.next().await {
+    let asked = async { Ok::<_, RuntimeError>(transport.query(key, query).await?.next().await) };
+    let Ok(answered) = tokio::time::timeout(PATIENCE + MARGIN, asked).await else {
+        tracing::warn!(key, "a question has no end");
+        return Ok(QueryEnd::TimedOut);
+    };
+    Ok(match answered? {
         Some(ReplyEvent::Reply { payload, .. }) => QueryEnd::Replied(String::from_utf8_lossy(&payload.bytes).into_owned()),
         Some(ReplyEvent::TimedOut) => QueryEnd::TimedOut,
         None => QueryEnd::Ended,

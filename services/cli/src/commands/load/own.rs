@@ -1,0 +1,247 @@
+//! A system of the run's own: a router, a simulated cell and services, each a process on this machine, which faults may be done to.
+
+use std::net::{TcpListener, UdpSocket};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use repose_proto::Service;
+use repose_runtime::deployment::{self, Roles};
+use repose_runtime::{RuntimeConfig, Session};
+use serde::{Deserialize, Serialize};
+use tokio::sync::oneshot;
+use tokio::task::JoinHandle;
+
+use super::fault::{Deed, Fault, Schedule};
+use crate::client::{self, SystemArgs, client_config};
+use crate::failure::{Failure, Outcome};
+use crate::processes::{Labelled, service_process};
+
+/// How long the processes may take to come up.
+const READY_WITHIN: Duration = Duration::from_secs(60);
+/// What the router is called.
+const ROUTER: &str = "router";
+/// The user that asks, where there are users.
+const CLIENT: &str = "asker";
+
+/// How many processes of the services that a run asks.
+#[derive(Debug, Clone, Copy)]
+pub struct Sizes {
+    /// Planner processes.
+    pub planners: usize,
+    /// Inference processes.
+    pub inference: usize,
+}
+
+impl Sizes {
+    fn of(self, service: Service) -> usize {
+        match service {
+            Service::Planner => self.planners,
+            Service::Inference => self.inference,
+            Service::Simulator | Service::Perception => 1,
+            // Nothing is carried out.
+            Service::Motion => 0,
+        }
+    }
+}
+
+/// A fault as it happened.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Happened {
+    /// When, seconds from the start of the run.
+    pub at_s: f64,
+    /// What.
+    pub what: String,
+}
+
+struct Own {
+    what: String,
+    name: String,
+    process: Labelled,
+    is_halted: bool,
+}
+
+/// The processes. They end with this.
+pub struct OwnSystem {
+    endpoint: String,
+    /// What each process reads, by what it is; nothing where there are no users.
+    deployment: Option<(tempfile::TempDir, Roles)>,
+    seed: u64,
+    processes: Vec<Own>,
+    /// The process of a service that a fault takes next.
+    turn: usize,
+}
+
+impl OwnSystem {
+    /// Starts one and waits until it can be asked. `is_secured`: with users, certificates and access control over QUIC, as over a network.
+    pub async fn start(sizes: Sizes, seed: u64, is_secured: bool) -> Result<Self, Failure> {
+        let port = match is_secured {
+            true => UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()),
+            false => TcpListener::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()),
+        };
+        let port = port.map_err(Failure::other)?.port();
+        let endpoint = format!("{}/127.0.0.1:{port}", if is_secured { "quic" } else { "tcp" });
+        let deployment = is_secured.then(|| secured(port)).transpose()?;
+        let mut system = Self { endpoint, deployment, seed, processes: Vec::new(), turn: 0 };
+        system.add(ROUTER, ROUTER.to_owned())?;
+        for service in Service::ALL {
+            for k in 1..=sizes.of(service) {
+                system.add(service.as_str(), format!("{service}-{k}"))?;
+            }
+        }
+        let session = Session::open(system.config()?).await?;
+        for service in Service::ALL {
+            session.caller(service).await?.wait_for_workers(sizes.of(service), READY_WITHIN).await?;
+        }
+        client::close(session).await;
+        Ok(system)
+    }
+
+    /// Where its router is.
+    pub fn endpoint(&self) -> &str {
+        &self.endpoint
+    }
+
+    /// What a client of it is given: where it is, and who it is there.
+    pub fn args(&self) -> SystemArgs {
+        SystemArgs { connect: Some(self.endpoint.clone()), cell: None, config: self.file(CLIENT) }
+    }
+
+    fn config(&self) -> Result<RuntimeConfig, Failure> {
+        client_config(&self.args())
+    }
+
+    fn file(&self, of: &str) -> Option<PathBuf> {
+        let (folder, _) = self.deployment.as_ref()?;
+        Some(match of {
+            ROUTER => folder.path().join("router/router.toml"),
+            user => folder.path().join("users").join(user).join("repose.toml"),
+        })
+    }
+
+    fn add(&mut self, what: &str, name: String) -> Outcome {
+        let mut command = service_process(&self.endpoint, &RuntimeConfig::default().session.cell, self.file(what).as_deref(), what)?;
+        if what == Service::Simulator.as_str() {
+            command.env("REPOSE_SIMULATOR__SEED", self.seed.to_string());
+        }
+        let process = Labelled::spawn(&mut command, &name).map_err(|e| Failure::other(format!("{name} could not be started: {e}")))?;
+        self.processes.push(Own { what: what.to_owned(), name, process, is_halted: false });
+        Ok(())
+    }
+
+    fn signal(own: &Own, signal: i32) {
+        if let Some(id) = own.process.child.id().and_then(|id| i32::try_from(id).ok()) {
+            // SAFETY: a plain system call on a child that has not been waited for, so its id is still its own.
+            unsafe { libc::kill(id, signal) };
+        }
+    }
+
+    /// Does a deed; says what it was, where there was somebody to do it to.
+    async fn perform(&mut self, deed: Deed) -> Result<Option<String>, Failure> {
+        match deed {
+            Deed::Restart(service) => {
+                let Some(mut own) = self.next_of(service).map(|place| self.processes.remove(place)) else { return Ok(None) };
+                own.process.child.kill().await.map_err(Failure::other)?;
+                self.add(service.as_str(), own.name.clone())?;
+                Ok(Some(format!("kill {}", own.name)))
+            }
+            Deed::Halt(service) => {
+                let Some(place) = self.next_of(service) else { return Ok(None) };
+                let own = &mut self.processes[place];
+                own.is_halted = true;
+                Self::signal(own, libc::SIGSTOP);
+                Ok(Some(format!("stop {}", own.name)))
+            }
+            Deed::Resume => {
+                let Some(own) = self.processes.iter_mut().find(|own| own.is_halted) else { return Ok(None) };
+                own.is_halted = false;
+                Self::signal(own, libc::SIGCONT);
+                Ok(Some(format!("resume {}", own.name)))
+            }
+            Deed::KillRouter => {
+                let Some(place) = self.processes.iter().position(|own| own.what == ROUTER) else { return Ok(None) };
+                self.processes.remove(place).process.child.kill().await.map_err(Failure::other)?;
+                Ok(Some("kill router".to_owned()))
+            }
+            Deed::StartRouter if self.processes.iter().any(|own| own.what == ROUTER) => Ok(None),
+            Deed::StartRouter => {
+                self.add(ROUTER, ROUTER.to_owned())?;
+                Ok(Some("start router".to_owned()))
+            }
+        }
+    }
+
+    /// The process of a service whose turn it is. Those that hang are left alone.
+    fn next_of(&mut self, service: Service) -> Option<usize> {
+        let places: Vec<usize> =
+            (0..self.processes.len()).filter(|i| self.processes[*i].what == service.as_str() && !self.processes[*i].is_halted).collect();
+        self.turn += 1;
+        places.get(self.turn % places.len().max(1)).copied()
+    }
+
+    /// Those that have ended without being asked to.
+    fn ended(&mut self) -> Vec<String> {
+        let ended = self.processes.iter_mut().filter_map(|own| {
+            let status = own.process.child.try_wait().ok()??;
+            Some(format!("{} ended by itself: {status}", own.name))
+        });
+        ended.collect()
+    }
+}
+
+/// The configuration of a router and of a user for each service, in a folder of its own.
+fn secured(port: u16) -> Result<(tempfile::TempDir, Roles), Failure> {
+    let mut text = format!(
+        "router = \"127.0.0.1:{port}\"\ncells = [\"{}\"]\n[users.{CLIENT}]\nrole = \"planner\"\nframes = true\n",
+        RuntimeConfig::default().session.cell
+    );
+    for service in Service::ALL {
+        text += &format!("[users.{service}]\nrole = \"service\"\nservice = \"{service}\"\n");
+    }
+    let roles = Roles::parse(&text)?;
+    let folder = tempfile::tempdir().map_err(Failure::other)?;
+    deployment::write(&roles, folder.path(), folder.path()).map_err(|e| Failure::bad_input(&e.path.display().to_string(), e.message))?;
+    Ok((folder, roles))
+}
+
+/// Faults being done to a system.
+pub struct Troubled {
+    enough: oneshot::Sender<()>,
+    doing: JoinHandle<(OwnSystem, Result<Vec<Happened>, Failure>)>,
+}
+
+impl Troubled {
+    /// Begins to do faults to a system.
+    pub fn begin(mut system: OwnSystem, faults: &[Fault]) -> Self {
+        let (enough, mut stop) = oneshot::channel();
+        let (began, mut schedule) = (Instant::now(), Schedule::new(faults));
+        let doing = tokio::spawn(async move {
+            let mut happened = Vec::new();
+            loop {
+                let Some((at, deed)) = schedule.next() else {
+                    let _told = (&mut stop).await;
+                    break;
+                };
+                tokio::select! {
+                    () = tokio::time::sleep_until((began + at).into()) => {}
+                    _told = &mut stop => break,
+                }
+                match system.perform(deed).await {
+                    Ok(what) => happened.extend(what.map(|what| Happened { at_s: began.elapsed().as_secs_f64(), what })),
+                    Err(failure) => return (system, Err(failure)),
+                }
+            }
+            let at_s = began.elapsed().as_secs_f64();
+            happened.extend(system.ended().into_iter().map(|what| Happened { at_s, what }));
+            (system, Ok(happened))
+        });
+        Self { enough, doing }
+    }
+
+    /// Ends the faults: the system, and what happened to it.
+    pub async fn end(self) -> Result<(OwnSystem, Vec<Happened>), Failure> {
+        // It has ended already where there was nothing to do.
+        let _unheard = self.enough.send(());
+        let (system, happened) = self.doing.await.map_err(Failure::other)?;
+        Ok((system, happened?))
+    }
+}

@@ -1,0 +1,43 @@
+//! `repose load` with a system of its own: a mix of requests while processes are killed, asked by one process and by several.
+
+use serde_json::Value;
+
+use crate::common::repose;
+
+fn load(args: &[&str]) -> Value {
+    let mut command = repose();
+    command.env("REPOSE_INFERENCE__THREADS", "1").args(["--json", "load", "--up", "--deadline-ms", "120000"]).args(args);
+    let ended = command.output().expect("it runs");
+    let said = || format!("{}{}", String::from_utf8_lossy(&ended.stdout), String::from_utf8_lossy(&ended.stderr));
+    assert!(ended.status.success(), "{}", said());
+    serde_json::from_slice(&ended.stdout).unwrap_or_else(|_| panic!("no report: {}", said()))
+}
+
+fn count(of: &Value, name: &str) -> u64 {
+    of["outcomes"][name].as_u64().unwrap_or(0)
+}
+
+#[test]
+fn a_mix_of_requests_is_answered_while_inference_is_killed_and_each_ends_once() {
+    let mix = ["3:variant=geometric", "1:count=2,priority=batch", "1:method=segment"];
+    let mix: Vec<&str> = mix.iter().flat_map(|kind| ["--mix", kind]).collect();
+    let more = ["--requests", "40", "--clients", "4", "--inference", "2", "--fault", "kill:inference:2s", "--fault", "delay:5ms"];
+    let report = load(&[&more[..], &mix].concat());
+    assert_eq!((report["requests"].as_u64(), count(&report, "lost"), count(&report, "duplicate")), (Some(40), 0, 0), "{report:#}");
+    // On a machine that has too much to do, processes are killed faster than they come up: what nobody could answer is said so.
+    let ended = count(&report, "result") + count(&report, "none") + count(&report, "unavailable");
+    assert!(ended == 40 && count(&report, "result") > 9, "{report:#}");
+    let faults = report["faults"].as_array().expect("faults happened");
+    assert!(faults.iter().all(|fault| fault["what"].as_str().is_some_and(|what| what.starts_with("kill inference-"))), "{report:#}");
+    let kinds = report["kinds"].as_object().expect("several kinds");
+    let asked: u64 = kinds.values().filter_map(|kind| kind["requests"].as_u64()).sum();
+    assert!(kinds.len() == 3 && asked == 40 && kinds["variant=geometric"]["requests"].as_u64() > Some(14), "{report:#}");
+    assert_eq!(kinds["count=2,priority=batch"]["requests"], report["priorities"]["batch"]["requests"], "{report:#}");
+}
+
+#[test]
+fn several_processes_ask_what_one_would_have_asked() {
+    let report = load(&["--requests", "15", "--clients", "3", "--variant", "geometric", "--agents", "2", "--secured"]);
+    assert_eq!((report["requests"].as_u64(), count(&report, "lost"), count(&report, "duplicate")), (Some(15), 0, 0), "{report:#}");
+    assert_eq!(report["per_worker"].as_object().map(|workers| workers.len()), Some(1), "{report:#}");
+}
