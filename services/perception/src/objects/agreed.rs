@@ -53,7 +53,7 @@ pub fn put_right(geometry: &Found, seen: &Image<u16>, in_camera: &PointMap, in_w
             furniture.insert(number);
         }
     }
-    Found { ids: ids.map(|id| numbers.get(&id).copied().unwrap_or(0)), no_objects, furniture }
+    Found { ids: ids.map(|id| numbers.get(id).copied().unwrap_or(0)), no_objects, furniture }
 }
 
 /// Of each of geometry's ids, how much of it the network's objects leave open.
