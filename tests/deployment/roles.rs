@@ -157,7 +157,8 @@ fn a_cell_in_operation_is_not_tried() {
     let router = Logged::start(serve(folder, "router", "router/router.toml"));
     router.line("routing");
     let inference = Logged::start(serve(folder, "inference", "users/inference/repose.toml"));
-    inference.line("serving");
+    // It says first that it begins to, and this once its token is there.
+    inference.line("repose_runtime::server: serving");
     let (is_right, report) = checked(folder, &[]);
     let said = report["error"]["message"].as_str().unwrap_or_default();
     assert!(!is_right && said.contains("live/inference/") && said.contains("alive"), "{report}");

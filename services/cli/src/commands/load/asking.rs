@@ -1,6 +1,7 @@
 //! Asking: what each request is, and the loops in which they are asked.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
@@ -78,9 +79,9 @@ impl Asking {
         for kind in kinds.iter() {
             let name = kind.cell.clone().unwrap_or_else(|| cell.clone());
             let wants_frame = kinds.iter().any(|kind| kind.method == Method::Segment);
-            if !targets.contains_key(&name) {
-                let target = Target::of(&session.in_cell(&name)?, args, wants_frame).await?;
-                targets.insert(name, target);
+            if let Entry::Vacant(vacant) = targets.entry(name) {
+                let target = Target::of(&session.in_cell(vacant.key())?, args, wants_frame).await?;
+                vacant.insert(target);
             }
         }
         Ok(Self { args: Arc::new(args.clone()), kinds, targets: Arc::new(targets), cell, slice })
