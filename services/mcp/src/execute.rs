@@ -150,7 +150,7 @@ fn sentences(executed: &Executed) -> String {
     match executed.holds[..] {
         [] => lines.push("whether the goal holds cannot be seen".to_owned()),
         _ => {
-            lines.extend(executed.holds.iter().map(|term| format!("{} {}", term.term, if term.holds { "holds" } else { "does not hold" })))
+            lines.extend(executed.holds.iter().map(|term| format!("{} {}", term.term, if term.holds { "holds" } else { "does not hold" })));
         }
     }
     lines.push(format!("the scene afterwards is {}; numbers may be others in it", executed.scene));

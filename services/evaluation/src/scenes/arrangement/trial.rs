@@ -247,7 +247,7 @@ impl Planning<'_> {
 
     /// The first of a few random orders after which all goals are believed to hold, or the last.
     fn random_order(&self, first: &PreparedScene) -> Result<GoalByGoal, CallError> {
-        let mut rng = Pcg64::new(u128::from(self.task.seed), 0x0a9d_e35);
+        let mut rng = Pcg64::new(u128::from(self.task.seed), 0x00a9_de35);
         let mut order = self.task.goals.clone();
         let mut tried = GoalByGoal { moves: Vec::new(), believed: false };
         for _ in 0..RANDOM_ORDERS {
