@@ -92,7 +92,7 @@ fn told(answered: Result<(), BridgeError>) {
 /// An error's code as the contract spells it.
 fn code_of(error: &BridgeError) -> String {
     match error {
-        BridgeError::Call(error) => serde_json::to_value(&error.code).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default(),
+        BridgeError::Call(error) => serde_json::to_value(error.code).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default(),
         _ => "unavailable".to_owned(),
     }
 }

@@ -223,7 +223,7 @@ mod tests {
             let labels = frame.labels.take().expect("labels");
             let labels = Image::from_pixels(640, 480, labels).expect("as many as pixels");
             let segmented = segment_with_labels(&frame, &Settings::default()).expect("a scene");
-            assert_eq!(untold(&labels, &segmented, &frame.depth), [], "desk {k}");
+            assert_eq!(untold(&labels, &segmented, &frame.depth), Vec::<u16>::new(), "desk {k}");
             // Nobody sees anything of these.
             let blind = Segmented { labels: Image::filled(640, 480, 0), left_out: Image::filled(640, 480, 0), ..segmented.clone() };
             large += untold(&labels, &blind, &frame.depth).len();

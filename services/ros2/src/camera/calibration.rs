@@ -32,7 +32,7 @@ impl Lens {
         if info.d.iter().any(|d| !d.is_finite()) {
             return Err(MessageError::Unsupported { field: "d", got: format!("{:?}", info.d), expected: "finite numbers" });
         }
-        let turned = |i: usize| (info.r[i] - f64::from(u8::from(i % 4 == 0))).abs() > 1e-6;
+        let turned = |i: usize| (info.r[i] - f64::from(u8::from(i.is_multiple_of(4)))).abs() > 1e-6;
         if info.r.iter().any(|r| *r != 0.0) && (0..9).any(turned) {
             let expected = "no rotation; rectify the pictures with image_proc and name its topics";
             return Err(MessageError::Unsupported { field: "r", got: format!("{:?}", info.r), expected });
