@@ -11,7 +11,7 @@ use serde_json::Value;
 async fn arrange(deployment: &Deployment, goals: &[&str]) -> (Output, Value) {
     let mut command = repose();
     command.args(["--json", "arrange", "--execute", "--connect", deployment.endpoint()]);
-    goals.iter().for_each(|goal| drop(command.args(["--goal", goal])));
+    command.args(goals.iter().flat_map(|goal| ["--goal", goal]));
     let output = tokio::task::spawn_blocking(move || command.output()).await.expect("no panic").expect("the program runs");
     let document = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
     (output, document)
