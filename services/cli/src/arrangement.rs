@@ -14,7 +14,7 @@ use repose_proto::motion::ExecutionOutcome;
 use repose_proto::place::{Outcome as Found, Placement};
 use repose_proto::{CallError, Message, Payload, PlaceRequest, Scene, SceneRef};
 use repose_runtime::{CallOptions, Session, now_ns};
-use repose_sentences::robot::describe;
+use repose_sentences::robot;
 use repose_tracking::{Fate, Followed, holds};
 use serde::Serialize;
 
@@ -129,7 +129,7 @@ async fn brought_about(args: &Arranging<'_>, session: &Session) -> Result<Told, 
         Ok((ended, why)) => (ended, why, None),
     };
     let robot = match run.system.state().await {
-        Ok(state) => describe(args.robot, &state),
+        Ok(state) => robot::describe(args.robot, &state),
         Err(_) => format!("{} does not tell its state", args.robot),
     };
     let holds = run.holds();
