@@ -80,6 +80,9 @@ class Programs:
 CONFIG = """
 [session]
 mode = "client"
+# Geometry alone, so that the figures are those of the bridge and not of a network for masks on a shared machine.
+[perception.segmentation.learned]
+enabled = false
 [ros2]
 domain = {domain}
 allow_execute = true
