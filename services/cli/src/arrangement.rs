@@ -122,7 +122,7 @@ async fn brought_about(args: &Arranging<'_>, session: &Session) -> Result<Told, 
     };
     let mut run =
         Run { system, request, attempts: args.attempts, view, followed, steps: Vec::new(), failed: BTreeMap::new(), conflict: None };
-    let (ended, why, error) = match run.to_the_end().await {
+    let (ended, why, error) = match run.until_the_end().await {
         // Nothing was tried.
         Err(failure) if run.steps.is_empty() => return Err(failure),
         Err(failure) => (Ended::Stopped, failure.error().map(ToString::to_string), failure.error().cloned()),
@@ -162,7 +162,7 @@ struct Run<'a> {
 
 impl Run<'_> {
     /// Plans, moves and looks until all goals hold, or until it has to end; how it ended, and why.
-    async fn to_the_end(&mut self) -> Result<(Ended, Option<String>), Failure> {
+    async fn until_the_end(&mut self) -> Result<(Ended, Option<String>), Failure> {
         let most_moves = 2 * self.request.goals.len() + self.request.max_parkings as usize + self.attempts;
         loop {
             let goals = match self.goals_in_view().await {

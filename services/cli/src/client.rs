@@ -181,6 +181,21 @@ pub async fn whole_scene(session: &Session, scene_id: &str, within: Duration) ->
     Ok(fetch_scene(&perception, scene_id, &CallOptions::within(within)).await?)
 }
 
+/// The keep-out zones that the cell's motion workers heed; none where no such worker is alive.
+pub async fn keep_out_zones(session: &Session) -> Result<Vec<KeepOutZone>, Failure> {
+    let motion = session.caller(Service::Motion).await?;
+    // A cell without motion has no zones either.
+    if motion.wait_for_workers(1, PATIENCE).await.is_err() {
+        return Ok(Vec::new());
+    }
+    Ok(motion
+        .workers()
+        .into_iter()
+        .filter_map(|worker| worker.load)
+        .find(|load| !load.keep_out.is_empty())
+        .map_or_else(Vec::new, |load| load.keep_out))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -219,19 +234,4 @@ mod tests {
         assert!(router.listen.is_empty());
         assert_eq!(router.connect, ["tcp/10.0.0.1:1"], "a router's own file may name another router");
     }
-}
-
-/// The keep-out zones that the cell's motion workers heed; none where no such worker is alive.
-pub async fn keep_out_zones(session: &Session) -> Result<Vec<KeepOutZone>, Failure> {
-    let motion = session.caller(Service::Motion).await?;
-    // A cell without motion has no zones either.
-    if motion.wait_for_workers(1, PATIENCE).await.is_err() {
-        return Ok(Vec::new());
-    }
-    Ok(motion
-        .workers()
-        .into_iter()
-        .filter_map(|worker| worker.load)
-        .find(|load| !load.keep_out.is_empty())
-        .map_or_else(Vec::new, |load| load.keep_out))
 }
