@@ -1,12 +1,10 @@
 //! Lines over pictures: boxes of the world as a camera sees them.
 
 use image::{Rgb, RgbImage};
-use nalgebra::{Isometry3, Point3};
+use nalgebra::Point3;
 use repose_geometry::Pinhole;
-use repose_geometry::transform::from_row_major;
+use repose_pictures::projection::{camera_from_world, pinhole};
 use repose_proto::Scene;
-
-use crate::picture::pinhole;
 
 /// Ends of lines nearer to the camera's plane than this are cut off there, metres.
 const NEAREST_M: f64 = 0.05;
@@ -22,10 +20,6 @@ pub fn draw_box(picture: &mut RgbImage, scene: &Scene, min_m: [f64; 3], max_m: [
             draw_edge(picture, &camera, ends, color);
         }
     }
-}
-
-fn camera_from_world(scene: &Scene) -> Option<Isometry3<f64>> {
-    Some(from_row_major(&scene.meta.camera.world_from_camera?.0).ok()?.inverse())
 }
 
 /// A straight edge in the camera's frame: what lies behind the camera is cut off.

@@ -1,6 +1,6 @@
 //! Where things are seen: from the world to a camera's pixels.
 
-use nalgebra::Point3;
+use nalgebra::{Isometry3, Point3};
 use repose_geometry::Pinhole;
 use repose_geometry::transform::from_row_major;
 use repose_proto::{CameraModel, Scene};
@@ -10,6 +10,11 @@ pub fn pinhole(camera: &CameraModel) -> Pinhole {
     Pinhole { width: camera.width, height: camera.height, fx: camera.fx, fy: camera.fy, cx: camera.cx, cy: camera.cy }
 }
 
+/// The world as a scene's camera has it; none where its pose is not known or not rigid.
+pub fn camera_from_world(scene: &Scene) -> Option<Isometry3<f64>> {
+    Some(from_row_major(&scene.meta.camera.world_from_camera?.0).ok()?.inverse())
+}
+
 /// Where an object's centroid falls in its camera's picture.
 pub fn pixel_of_object(scene: &Scene, id: u16) -> Option<(i64, i64)> {
     pixel_of(scene, &scene.object(id)?.centroid_m.into())
@@ -17,7 +22,6 @@ pub fn pixel_of_object(scene: &Scene, id: u16) -> Option<(i64, i64)> {
 
 /// Where a point of the world falls in a scene's picture, column and row.
 pub fn pixel_of(scene: &Scene, point_in_world: &Point3<f64>) -> Option<(i64, i64)> {
-    let world_from_camera = from_row_major(&scene.meta.camera.world_from_camera?.0).ok()?;
-    let pixel = pinhole(&scene.meta.camera).project(&(world_from_camera.inverse() * point_in_world))?;
+    let pixel = pinhole(&scene.meta.camera).project(&(camera_from_world(scene)? * point_in_world))?;
     Some((pixel.x.round() as i64, pixel.y.round() as i64))
 }
