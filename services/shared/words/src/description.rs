@@ -89,7 +89,8 @@ pub struct Clause {
     pub relations: &'static [Relation],
     /// To which object.
     pub anchor: Box<Description>,
-    /// Whether the clause may only be read so where the object could not be told without it: "the mug left of the plate" has no "that is".
+    /// Whether the clause may, in a sentence that goes on to say a place, only be read so where the object could not be told without it: "the
+    /// mug left of the plate" has no "that is".
     pub only_if_needed: bool,
 }
 

@@ -25,7 +25,7 @@ enum Problem {
 pub fn only_goal(readings: &[Reading], words: &[String], looks: &[Look]) -> Result<Understood, Refused> {
     let mut goals: Vec<Understood> = Vec::new();
     let mut problems: Vec<(Reason, Vec<u16>)> = Vec::new();
-    let resolver = Resolver { words, looks: looks.iter().collect() };
+    let resolver = Resolver { words, looks: looks.iter().collect(), places_follow: true };
     for reading in readings {
         match resolver.goal(reading) {
             Ok(goal) if goals.iter().any(|g| same(g, &goal)) => {}
@@ -54,7 +54,7 @@ pub fn only_goal(readings: &[Reading], words: &[String], looks: &[Look]) -> Resu
 
 /// The object that all readings of a phrase which mean anything agree on.
 pub fn only_object(descriptions: &[Description], words: &[String], looks: &[Look]) -> Result<u16, Refused> {
-    let resolver = Resolver { words, looks: looks.iter().collect() };
+    let resolver = Resolver { words, looks: looks.iter().collect(), places_follow: false };
     let (mut found, mut problems): (Vec<u16>, Vec<(Reason, Vec<u16>)>) = (Vec::new(), Vec::new());
     for description in descriptions {
         match resolver.one(description, &mut Said::default()) {
@@ -107,6 +107,9 @@ struct Said {
 struct Resolver<'a> {
     words: &'a [String],
     looks: Vec<&'a Look>,
+    /// Whether words after a phrase may say where to put the object. Where they cannot, a clause that is not needed to tell the object must
+    /// merely be true of it: "the bowl right of the plate" is the only bowl, if it stands there.
+    places_follow: bool,
 }
 
 impl<'a> Resolver<'a> {
@@ -164,7 +167,7 @@ impl<'a> Resolver<'a> {
         }
         let all = self.all(description, said)?;
         let ids: Vec<u16> = all.iter().map(|l| l.id).filter(|id| Some(*id) != said.moved).collect();
-        if ids.is_empty() { Err(self.nothing(description)) } else { Ok((self.phrase(description), ids)) }
+        if ids.is_empty() { Err(self.nothing(description, Vec::new())) } else { Ok((self.phrase(description), ids)) }
     }
 
     /// The one object that a description fits.
@@ -199,7 +202,13 @@ impl<'a> Resolver<'a> {
         if matches!(description.head, Some(Head::Kind(_))) {
             said.noun = description.head;
         }
-        if found.is_empty() { Err(self.nothing(description)) } else { Ok(found) }
+        if found.is_empty() {
+            // Whatever fits but for where it is said to be is in question.
+            let anywhere = Description { clauses: Vec::new(), ..description.clone() };
+            let near_misses = self.selected(&anywhere, head, &among, &mut said.clone()).unwrap_or_default();
+            return Err(self.nothing(description, near_misses.iter().map(|l| l.id).collect()));
+        }
+        Ok(found)
     }
 
     fn selected(
@@ -209,7 +218,7 @@ impl<'a> Resolver<'a> {
         among: &[&'a Look],
         said: &mut Said,
     ) -> Result<Vec<&'a Look>, Problem> {
-        if description.clauses.iter().any(|c| c.only_if_needed) {
+        if self.places_follow && description.clauses.iter().any(|c| c.only_if_needed) {
             let without = Description { clauses: Vec::new(), ..description.clone() };
             if self.selected(&without, head, among, &mut said.clone())?.len() == 1 {
                 return Err(Problem::Needless);
@@ -235,9 +244,9 @@ impl<'a> Resolver<'a> {
         Ok(found)
     }
 
-    fn nothing(&self, description: &Description) -> Problem {
+    fn nothing(&self, description: &Description, in_question: Vec<u16>) -> Problem {
         let colorless = !description.colors.is_empty() && self.looks.iter().all(|l| l.colors.is_none());
-        Problem::Refused(Reason::NoObject { phrase: self.phrase(description), colorless }, Vec::new())
+        Problem::Refused(Reason::NoObject { phrase: self.phrase(description), colorless }, in_question)
     }
 
     fn phrase(&self, description: &Description) -> String {

@@ -64,6 +64,21 @@ fn a_phrase_finds_its_object_or_names_those_in_question() {
     for (phrase, id) in [("the red mug", 1), ("box", 2), ("object 4", 4), ("the tallest object", 5)] {
         assert_eq!(find(phrase, &looks), Ok(id), "{phrase}");
     }
+    // Saying more than is needed is no mistake as long as it is true.
+    for (phrase, id) in [
+        ("the bowl right of the plate", 3),
+        ("the bowl that is right of the plate", 3),
+        ("the mug left of the box left of the bowl", 1),
+        ("the tallest object behind the mug", 5),
+    ] {
+        assert_eq!(find(phrase, &looks), Ok(id), "{phrase}");
+    }
+    for (phrase, named) in
+        [("the bowl left of the plate", [3]), ("the bowl that is left of the plate", [3]), ("the red mug behind the bottle", [1])]
+    {
+        let refused = find(phrase, &looks).expect_err(phrase);
+        assert_eq!(refused.candidates, named, "{phrase}: {refused}");
+    }
     let all = [1, 2, 3, 4, 5];
     for (phrase, named) in [("the thing", &all[..]), ("the pink mug", &all), ("the gizmo", &all)] {
         let refused = find(phrase, &looks).expect_err(phrase);
