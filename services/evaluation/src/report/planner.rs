@@ -6,7 +6,7 @@ use crate::scenes::planner_scene::SceneRecord;
 use crate::statistics::paired::Paired;
 use crate::statistics::rate::Rate;
 use crate::tables::paper;
-use crate::tables::planner::{Columns, Part, PlannerRow, SetTable};
+use crate::tables::planner::{Columns, CurvePoint, Part, PlannerRow, SetTable};
 use comfy_table::Table;
 use repose_proto::place::Variant;
 use serde_json::{Value, json};
@@ -214,7 +214,8 @@ fn sureness(part: &Part) -> Table {
         let mut cells = vec![row.variant.to_string(), format!("{} ({})", number(of.error), number(of.floor))];
         let wrong = |share: &f64| row.curve.iter().find(|point| point.answered == *share);
         cells.extend(shares.iter().map(|share| {
-            wrong(share).map_or_else(|| "-".to_owned(), |p| format!("{:.1} % of {} (from {:.2})", p.wrong, p.answers, p.least))
+            let text = |p: &CurvePoint| format!("{} of {}, {:.1} % (from {:.2})", p.wrong_answers, p.answers, p.wrong, p.least);
+            wrong(share).map_or_else(|| "-".to_owned(), text)
         }));
         cells.push(row.faults.iter().map(|(fault, count)| format!("{} {count}", fault.name())).collect::<Vec<_>>().join(", "));
         table.add_row(cells);

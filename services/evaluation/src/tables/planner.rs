@@ -113,6 +113,8 @@ pub struct CurvePoint {
     pub answers: usize,
     /// The least sureness among them: the `--min-success` that gives them.
     pub least: f64,
+    /// How many of those are wrong.
+    pub wrong_answers: usize,
     /// Share of those that are wrong, percent.
     pub wrong: f64,
 }
@@ -129,7 +131,8 @@ fn curve_of(answers: &[(f64, bool)]) -> Vec<CurvePoint> {
         let wrong = given.iter().filter(|(_, right)| !right).count();
         let (least, _) = given.last()?;
         let percent = |count: usize, of: usize| 100.0 * count as f64 / of as f64;
-        Some(CurvePoint { answered: share as f64, answers: given.len(), least: *least, wrong: percent(wrong, given.len()) })
+        let wrong_share = percent(wrong, given.len());
+        Some(CurvePoint { answered: share as f64, answers: given.len(), least: *least, wrong_answers: wrong, wrong: wrong_share })
     };
     CURVE_AT.into_iter().filter_map(point).collect()
 }
@@ -374,7 +377,7 @@ mod tests {
         let curve = curve_of(&answers);
         let at = |share: f64| curve.iter().find(|point| point.answered == share).expect("a point");
         assert_eq!((at(100.0).wrong, at(90.0).wrong, at(85.0).wrong), (15.0, 100.0 / 18.0, 0.0));
-        assert_eq!((at(85.0).answers, at(85.0).least), (17, 0.15));
+        assert_eq!((at(90.0).answers, at(90.0).wrong_answers, at(85.0).least), (18, 1, 0.15));
         assert!(curve_of(&[]).is_empty());
     }
 
