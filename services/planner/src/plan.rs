@@ -96,7 +96,7 @@ fn planned(
     check_demands(request, &settings)?;
     let viewer = ViewerFrame::from_yaw(request.view_yaw_rad.unwrap_or(prepared.scene.meta.view_yaw_rad));
     let query = QueryObject::new(prepared, request.query, settings.min_clearance_m, &settings.fixed)?;
-    let rules = Rules::new(prepared, &query, &request.goal, &viewer)?;
+    let rules = Rules::new(prepared, query.id, &request.goal, &viewer, &settings.fixed.rules)?;
     let problem = PlacementProblem { prepared, query: &query, rules: &rules, request, settings: &settings };
     let evidence = Evidence::new(problem);
     let mut judge = Judge::new(problem, models);

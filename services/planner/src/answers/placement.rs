@@ -24,9 +24,9 @@ impl<'a> Evidence<'a> {
 
     /// The answer that a candidate makes.
     pub fn placement(&self, judged: &JudgedCandidate) -> Placement {
-        let PlacementProblem { query, rules, settings, .. } = self.problem;
+        let PlacementProblem { query, rules, .. } = self.problem;
         let candidate = &judged.candidate;
-        let checks = judged.checks.clone().unwrap_or_else(|| rules.checks(query, candidate, &settings.fixed.rules));
+        let checks = judged.checks.clone().unwrap_or_else(|| rules.checks(candidate));
         let by_rule = || checks.iter().map(|c| if c.holds { 1.0 } else { 0.0 }).collect();
         let footing = judged.footing.unwrap_or_else(|| self.problem.ground().footing(candidate));
         Placement {

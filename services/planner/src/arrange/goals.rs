@@ -2,13 +2,13 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::Point3;
 use repose_geometry::ViewerFrame;
 use repose_proto::arrange::ObjectGoal;
 use repose_proto::{GoalTerm, limits};
-use repose_relations::{ObservedObject, observed};
 
+use crate::checks::rules::Rules;
 use crate::scene::prepared::PreparedScene;
+use crate::settings::RuleSettings;
 
 /// What shall hold at the end, by object.
 #[derive(Debug, Clone)]
@@ -36,9 +36,25 @@ impl Goals {
         &self.order
     }
 
-    /// How many of an object's own terms are about objects that do not stand yet.
-    pub fn waiting(&self, object: u16, unsettled: &BTreeSet<u16>) -> usize {
-        self.terms.get(&object).map_or(0, |terms| terms.iter().filter(|t| unsettled.contains(&t.anchor)).count())
+    /// The objects that an object waits for, directly or through others: those of its terms that do not stand yet, those of theirs, and so on.
+    pub fn waits_for(&self, object: u16, unsettled: &BTreeSet<u16>) -> BTreeSet<u16> {
+        let mut found = BTreeSet::new();
+        let mut open = vec![object];
+        while let Some(waiting) = open.pop() {
+            let terms = self.terms.get(&waiting).into_iter().flatten();
+            open.extend(terms.map(|t| t.anchor).filter(|anchor| unsettled.contains(anchor) && found.insert(*anchor)));
+        }
+        found
+    }
+
+    /// Whether nothing is asked yet of an object or of anyone whom it waits for, and all of these wait for it in turn: one of such a circle
+    /// must stay where it is, for the others to be placed by it.
+    pub fn waits_in_circle(&self, object: u16, unsettled: &BTreeSet<u16>) -> bool {
+        let asked = |other: u16| {
+            let others = unsettled.iter().copied().filter(|o| *o != other).collect();
+            !self.of(other, &others).is_empty()
+        };
+        !asked(object) && self.waits_for(object, unsettled).into_iter().all(|o| !asked(o) && self.waits_for(o, unsettled).contains(&object))
     }
 
     /// What a place of an object must satisfy: its own terms, and turned about those of others about it, each as far as the other stands.
@@ -58,7 +74,7 @@ impl Goals {
         all
     }
 
-    /// The objects of which some term does not hold as things stand, by rule on what was seen.
+    /// The objects of which some term does not hold as things stand.
     pub fn unmet(&self, scene: &PreparedScene, viewer: &ViewerFrame) -> BTreeSet<u16> {
         self.order.iter().copied().filter(|object| !all_hold(scene, viewer, *object, &self.terms[object])).collect()
     }
@@ -69,14 +85,10 @@ impl Goals {
     }
 }
 
-/// Whether all terms about an object hold as things stand, by rule on what was seen.
+/// Whether all terms about an object hold as things stand: by the rules on completed shapes that its placements are judged by. Nothing holds
+/// of what is not there, or of which too little was seen.
 pub fn all_hold(scene: &PreparedScene, viewer: &ViewerFrame, object: u16, terms: &[GoalTerm]) -> bool {
-    let cloud = |id: u16| {
-        let points: Vec<Point3<f32>> = scene.objects.get(&id).map(|o| o.points.clone()).unwrap_or_default();
-        ObservedObject::new(&points, viewer)
-    };
-    let Some(moved) = cloud(object) else { return false };
-    terms.iter().all(|t| cloud(t.anchor).is_some_and(|anchor| observed(&moved, &anchor)[t.relation.index()] == t.holds))
+    Rules::new(scene, object, terms, viewer, &RuleSettings::default()).is_ok_and(|rules| rules.hold_as_observed())
 }
 
 #[cfg(test)]
@@ -100,5 +112,16 @@ mod tests {
         assert_eq!(named(3, &[]), ["behind:4", "right_of:2"]);
         assert_eq!(named(3, &[2]), ["behind:4"]);
         assert_eq!(named(4, &[2]), ["in_front_of:3"]);
+    }
+
+    #[test]
+    fn a_circle_is_told_from_those_who_wait_for_it() {
+        let goals = goals(&[(1, &["left_of:2"]), (2, &["near:1"]), (3, &["behind:2"]), (4, &["near:9"])]);
+        let unsettled: BTreeSet<u16> = [1, 2, 3, 4].into();
+        assert_eq!(goals.waits_for(3, &unsettled), [1, 2].into());
+        let in_circle: Vec<u16> = unsettled.iter().copied().filter(|o| goals.waits_in_circle(*o, &unsettled)).collect();
+        assert_eq!(in_circle, [1, 2]);
+        // Once one of them stands, the other has something to go by.
+        assert!(!goals.waits_in_circle(1, &[1, 3].into()));
     }
 }

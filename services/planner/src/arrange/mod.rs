@@ -1,14 +1,13 @@
 //! Many goals at once: which objects must move, in which order, and where to, so that all goals hold together at the end.
 //!
 //! The paper leaves rearrangement to future work; its appendix's mug and bowl show why order and room matter. Here it is a search over moves,
-//! each of which is a placement planned as any other on the scene as it would be then ([`moved`]). An object's place is chosen by its own
+//! each of which is a placement planned as any other on the scene as it would be then ([`crate::scene::moved`]). An object's place is chosen by its own
 //! terms and, turned about, those of others about it, as far as the others stand already ([`goals`]); so whatever the order, all terms hold
 //! when the last object stands. Fewest moves first: no object is set down aside before every order and alternative without that has failed,
 //! and goals that contradict each other are refused before anything is searched ([`contradiction`]).
 
 pub mod contradiction;
 pub mod goals;
-pub mod moved;
 pub mod parking;
 mod places;
 mod search;

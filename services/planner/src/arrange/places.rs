@@ -61,6 +61,11 @@ impl<'a> Places<'a> {
         }
     }
 
+    /// What was asked.
+    pub fn request(&self) -> &'a ArrangeRequest {
+        self.request
+    }
+
     /// The viewer of all relations.
     pub fn viewer(&self) -> &ViewerFrame {
         &self.viewer

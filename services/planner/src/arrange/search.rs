@@ -19,6 +19,7 @@ use crate::arrange::places::Places;
 use crate::arrange::tables::Tables;
 use crate::learned::models::PlacementModels;
 use crate::plan::SearchStep;
+use crate::scene::moved::fall_m;
 use crate::scene::prepared::PreparedScene;
 use crate::search::stop::StopReason;
 
@@ -56,7 +57,6 @@ enum Settling {
 /// A search and what it has found out.
 pub struct Search<'a> {
     goals: Goals,
-    request: &'a ArrangeRequest,
     places: Places<'a>,
     tables: Tables,
     /// How often an object found no room on the way straight down.
@@ -78,9 +78,8 @@ impl<'a> Search<'a> {
     ) -> Self {
         Self {
             goals: goals.clone(),
-            request,
             places: Places::new(request, viewer, models, control),
-            tables: Tables::default(),
+            tables: Tables::new(fall_m(request.variant)),
             crowded: BTreeMap::new(),
             path: Vec::new(),
             most_moves: 0,
@@ -119,10 +118,10 @@ impl<'a> Search<'a> {
         }
         let fewest = state.unsettled.len();
         // An object set down aside costs a move, and one that stood where it should and made room another.
-        for more in 0..=2 * self.request.max_parkings as usize {
+        for more in 0..=2 * self.places.request().max_parkings as usize {
             self.path.clear();
             self.most_moves = fewest + more;
-            if self.solved(&state, self.request.max_parkings.min(more as u32))? {
+            if self.solved(&state, self.places.request().max_parkings.min(more as u32))? {
                 return Ok(Some(std::mem::take(&mut self.path)));
             }
             if self.places.ended().is_some() {
@@ -238,7 +237,7 @@ impl<'a> Search<'a> {
             return Ok(Settling::Waits);
         }
         for goal in goals {
-            let places = self.places.of(&state.scene, object, &goal, self.request.alternatives)?;
+            let places = self.places.of(&state.scene, object, &goal, self.places.request().alternatives)?;
             if !places.is_empty() {
                 let step = |p: &Placement| ArrangeMove { object, purpose: Purpose::Goal, goal: goal.clone(), placement: p.clone() };
                 return Ok(Settling::Moves(places.iter().map(step).collect()));
@@ -254,13 +253,14 @@ impl<'a> Search<'a> {
         Ok((!is_in_the_way).then(|| State { scene, unsettled: unsettled.clone() }))
     }
 
-    /// Whether an object needs no move: nothing is asked of it as long as the others do not stand, and all of them wait for each other; or
-    /// what is asked of it holds where it is.
+    /// Whether an object needs no move: it and those that it waits for wait for each other; or all that is asked of it holds where it is.
     fn stays(&self, state: &State, object: u16, terms: &[GoalTerm]) -> bool {
         match terms.is_empty() {
-            true => state.unsettled.iter().all(|other| self.goals.of(*other, &state.others(*other)).is_empty()),
+            true => self.goals.waits_in_circle(object, &state.unsettled),
             // One that was set down aside, or had to give way, may well stand where it should.
-            false => all_hold(&state.scene, self.places.viewer(), object, terms) && self.goals.waiting(object, &state.unsettled) == 0,
+            false => {
+                self.goals.waits_for(object, &state.unsettled).is_empty() && all_hold(&state.scene, self.places.viewer(), object, terms)
+            }
         }
     }
 
@@ -276,11 +276,11 @@ impl<'a> Search<'a> {
         beside.into_iter().map(|side| [side, terms.to_vec()].concat()).collect()
     }
 
-    /// Who is tried first: whoever waits for the fewest others, of those who found no room before, in the order of the goals.
+    /// Who is tried first: whoever others wait for comes before them, then those who found no room before, in the order of the goals.
     fn order(&self, state: &State) -> Vec<u16> {
         let mut order: Vec<u16> = self.goals.objects().iter().copied().filter(|o| state.unsettled.contains(o)).collect();
         let crowded = |object: &u16| self.crowded.get(object).copied().unwrap_or(0);
-        order.sort_by_key(|object| (self.goals.waiting(*object, &state.unsettled), Reverse(crowded(object))));
+        order.sort_by_cached_key(|object| (self.goals.waits_for(*object, &state.unsettled).len(), Reverse(crowded(object))));
         order
     }
 

@@ -6,11 +6,11 @@ use std::sync::Arc;
 use repose_geometry::transform::from_row_major;
 use repose_proto::{CallError, RigidTransform};
 
-use crate::arrange::moved::{moved, without};
+use crate::scene::moved::{table_after, table_without};
 use crate::scene::prepared::PreparedScene;
 
 /// Tables kept: a prepared scene takes some ten megabytes.
-const KEPT: usize = 16;
+const KEPT: usize = 32;
 
 /// What was done to a table: an object carried elsewhere (where to, to the bit), or taken away.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -21,10 +21,18 @@ struct Change {
 }
 
 /// Prepared tables, the last used ones kept.
-#[derive(Debug, Default)]
-pub struct Tables(VecDeque<(Change, Arc<PreparedScene>)>);
+#[derive(Debug)]
+pub struct Tables {
+    kept: VecDeque<(Change, Arc<PreparedScene>)>,
+    fall_m: f64,
+}
 
 impl Tables {
+    /// None yet; objects come down by `fall_m` where they are let go.
+    pub fn new(fall_m: f64) -> Self {
+        Self { kept: VecDeque::new(), fall_m }
+    }
+
     /// The table after an object was carried elsewhere.
     ///
     /// # Errors
@@ -39,21 +47,22 @@ impl Tables {
             from_row_major(&placed_from_observed.0).map_err(|e| CallError::internal(format!("a placement is no rigid motion: {e}")))?;
         let motion = Some(placed_from_observed.0.map(f64::to_bits));
         let change = Change { scene_id: scene.scene_id.clone(), object, motion };
-        Ok(self.kept(change, || PreparedScene::new(Arc::new(moved(&scene.scene, object, &carried)))))
+        let fall_m = self.fall_m;
+        Ok(self.kept(change, || table_after(scene, object, &carried, fall_m)))
     }
 
     /// The table without an object.
     pub fn without(&mut self, scene: &Arc<PreparedScene>, object: u16) -> Arc<PreparedScene> {
         let change = Change { scene_id: scene.scene_id.clone(), object, motion: None };
-        self.kept(change, || PreparedScene::new(Arc::new(without(&scene.scene, object))))
+        self.kept(change, || table_without(scene, object))
     }
 
     fn kept(&mut self, change: Change, prepare: impl FnOnce() -> PreparedScene) -> Arc<PreparedScene> {
-        let known = self.0.iter().position(|(other, _)| *other == change).and_then(|at| self.0.remove(at));
+        let known = self.kept.iter().position(|(other, _)| *other == change).and_then(|at| self.kept.remove(at));
         let (change, scene) = known.unwrap_or_else(|| (change, Arc::new(prepare())));
-        self.0.push_back((change, scene.clone()));
-        if self.0.len() > KEPT {
-            self.0.pop_front();
+        self.kept.push_back((change, scene.clone()));
+        if self.kept.len() > KEPT {
+            self.kept.pop_front();
         }
         scene
     }
@@ -68,14 +77,14 @@ mod tests {
     fn the_same_move_gives_the_same_table_and_only_the_last_ones_are_kept() {
         let scene = Arc::new(SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [0.3, 0.0], [0.06; 3]).prepared());
         let by = |x: f64| RigidTransform([1.0, 0.0, 0.0, x, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
-        let mut tables = Tables::default();
+        let mut tables = Tables::new(0.0);
         let first = tables.after(&scene, 1, &by(-0.2)).unwrap();
         assert!(Arc::ptr_eq(&first, &tables.after(&scene, 1, &by(-0.2)).unwrap()));
         assert!(!Arc::ptr_eq(&first, &tables.without(&scene, 1)));
         for k in 0..KEPT {
             tables.after(&scene, 2, &by(-0.001 * k as f64)).unwrap();
         }
-        assert_eq!(tables.0.len(), KEPT);
+        assert_eq!(tables.kept.len(), KEPT);
         assert!(!Arc::ptr_eq(&first, &tables.after(&scene, 1, &by(-0.2)).unwrap()), "it was used longest ago");
     }
 }

@@ -6,7 +6,7 @@
 //! How far its back reaches then is a guess: [`Shape::doubt`] says where more of it may be.
 //! The bottom is the support under it: border cleaning trims the cloud's own.
 
-use nalgebra::{Point2, Point3, Vector2};
+use nalgebra::{Isometry3, Point2, Point3, Vector2};
 use repose_geometry::{Footprint, cloud};
 
 use crate::belief::outlines::outline_gap_m;
@@ -75,6 +75,23 @@ impl Shape {
         let base = (near_bottom.len() >= settings.min_slab_points).then(|| mirrored_outline(near_bottom.into_iter(), &axis)).flatten();
         let base = base.unwrap_or_else(|| slabs[0].outline.clone());
         Some(Self { centroid, axis, bottom_m, top_m, slabs, base, doubt })
+    }
+
+    /// The shape after a turn about world z and a translation. None where an outline vanishes, which a rigid motion does not do.
+    pub fn carried(&self, motion: &Isometry3<f64>) -> Option<Self> {
+        let there = |p: &Point2<f32>| (motion * Point3::new(p.x, p.y, 0.0).cast::<f64>()).cast::<f32>();
+        let outline = |o: &Footprint| Footprint::of(&o.corners().iter().map(there).collect::<Vec<_>>());
+        let rise_m = motion.translation.z as f32;
+        let slab = |s: &Slab| Some(Slab { low_m: s.low_m + rise_m, high_m: s.high_m + rise_m, outline: outline(&s.outline)? });
+        Some(Self {
+            centroid: motion * self.centroid,
+            axis: there(&self.axis).xy(),
+            bottom_m: self.bottom_m + rise_m,
+            top_m: self.top_m + rise_m,
+            slabs: self.slabs.iter().map(slab).collect::<Option<_>>()?,
+            base: outline(&self.base)?,
+            doubt: (motion.rotation * self.doubt.push(0.0).cast::<f64>()).xy().cast::<f32>(),
+        })
     }
 
     /// How far the observed centroid is above the bottom, metres.
@@ -215,6 +232,20 @@ mod tests {
         assert!((0.0048..0.0063).contains(&area), "{area}");
         assert!(shape.centroid.y < 0.5, "the observed centroid is nearer the camera than the axis");
         assert!(shape.base.margin(&Point2::new(0.1, 0.52)) > 0.0, "the hidden back is part of the base");
+    }
+
+    #[test]
+    fn a_carried_shape_is_the_same_shape_elsewhere() {
+        let points = seen_box([0.1, 0.5], [0.08, 0.06, 0.12]);
+        let shape = Shape::complete(&points, 0.0, &Point2::new(0.1, -0.5), &ShapeSettings::default()).unwrap();
+        let turn = nalgebra::Rotation3::from_axis_angle(&nalgebra::Vector3::z_axis(), 0.8);
+        let motion = Isometry3::from_parts(nalgebra::Translation3::new(-0.3, 0.2, 0.05), turn.into());
+        let carried = shape.carried(&motion).unwrap();
+        assert!((carried.slabs[0].outline.area() - shape.slabs[0].outline.area()).abs() < 1e-6);
+        assert!((carried.bottom_m - 0.05).abs() < 1e-6 && (carried.top_m - shape.top_m - 0.05).abs() < 1e-6);
+        assert!((carried.centroid_height_m() - shape.centroid_height_m()).abs() < 1e-6);
+        let back = carried.carried(&motion.inverse()).unwrap();
+        assert!((back.axis - shape.axis).norm() < 1e-6 && (back.centroid - shape.centroid).norm() < 1e-9);
     }
 
     #[test]

@@ -33,7 +33,7 @@ impl<'a> Clearance<'a> {
 
     /// The least distance from the placed query to what does not carry it, metres; none when there is nothing else.
     pub fn of(&self, candidate: &CandidatePose) -> Option<f64> {
-        let placed = PlacedPrisms::new(self.query, candidate);
+        let placed = PlacedPrisms::new(&self.query.shape, candidate);
         let bounds = placed.bounds()?;
         let carriers = self.carriers(candidate);
         let counts = |id: &u16| *id != self.query.id && !self.touched.contains(id) && !carriers.contains(id);

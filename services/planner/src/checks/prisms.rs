@@ -6,7 +6,6 @@ use repose_geometry::Aabb;
 use crate::belief::outlines::{outline_gap_m, to_outline_m};
 use crate::belief::shape::Shape;
 use crate::scene::candidate::CandidatePose;
-use crate::scene::query::QueryObject;
 
 /// The query's prisms where a candidate puts them, world frame.
 #[derive(Debug, Clone)]
@@ -24,10 +23,10 @@ struct PlacedPrism {
 
 impl PlacedPrisms {
     /// The query's completed shape, moved.
-    pub fn new(query: &QueryObject, candidate: &CandidatePose) -> Self {
-        let observed = query.shape.centroid.xy().cast::<f32>();
-        let rise_m = f64::from(query.bottom_of(candidate.centroid_m[2]) - query.shape.bottom_m);
-        let placed = query.shape.slabs.iter().map(|slab| PlacedPrism {
+    pub fn new(shape: &Shape, candidate: &CandidatePose) -> Self {
+        let observed = shape.centroid.xy().cast::<f32>();
+        let rise_m = f64::from(candidate.centroid_m[2] - shape.centroid_height_m() - shape.bottom_m);
+        let placed = shape.slabs.iter().map(|slab| PlacedPrism {
             low_m: f64::from(slab.low_m) + rise_m,
             high_m: f64::from(slab.high_m) + rise_m,
             corners: slab.outline.corners().iter().map(|c| candidate.carry(&(c - observed))).collect(),
@@ -76,6 +75,7 @@ pub fn box_gap_m2(bounds: &Aabb, point: &Point3<f32>) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::query::QueryObject;
     use crate::settings::Fixed;
     use crate::tests::synthetic::{SceneBuilder, standing_at};
 
@@ -83,7 +83,7 @@ mod tests {
     fn distances_to_points_are_straight_also_past_corners_and_0_inside() {
         let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.08]).prepared();
         let query = QueryObject::new(&prepared, 2, 0.0, &Fixed::default()).unwrap();
-        let placed = PlacedPrisms::new(&query, &standing_at(&query, 0.0, 0.0, 0.0));
+        let placed = PlacedPrisms::new(&query.shape, &standing_at(&query, 0.0, 0.0, 0.0));
         let bounds = placed.bounds().unwrap();
         let (high, middle) = (bounds.max, nalgebra::center(&bounds.min, &bounds.max));
         assert_eq!(placed.to_point_m(&middle), 0.0);

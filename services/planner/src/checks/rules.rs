@@ -18,54 +18,58 @@ use crate::belief::shape::Shape;
 use crate::checks::prisms::PlacedPrisms;
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
-use crate::scene::query::QueryObject;
 use crate::settings::RuleSettings;
 
-/// An anchor, as far as the rules need it.
+/// One of the two objects of a relation, as far as the rules need it.
 #[derive(Debug, Clone)]
-pub struct RuleAnchor {
+pub struct RuleObject {
     /// Its shape, world frame.
     pub shape: Shape,
     /// What it spans for the viewer.
     pub extents: ViewerExtents,
+    corners: Vec<Point3<f32>>,
     yaw_rad: Option<f64>,
+}
+
+impl RuleObject {
+    /// Of a completed shape and the cloud that its orientation is read from, both where the object was observed (world frame).
+    pub fn new(shape: &Shape, cloud: &[Point3<f32>], viewer: &ViewerFrame) -> Self {
+        let corners = boxed(shape);
+        Self { shape: shape.clone(), extents: extents(&corners, viewer), corners, yaw_rad: rectangle_yaw_rad(cloud) }
+    }
 }
 
 /// The rules of one request.
 #[derive(Debug, Clone)]
 pub struct Rules {
     terms: Vec<GoalTerm>,
-    anchors: BTreeMap<u16, RuleAnchor>,
+    anchors: BTreeMap<u16, RuleObject>,
     viewer: ViewerFrame,
-    query_corners: Vec<Point3<f32>>,
-    query_extents: ViewerExtents,
-    query_yaw_rad: Option<f64>,
+    query: RuleObject,
+    settings: RuleSettings,
 }
 
 impl Rules {
-    /// The rules for a goal as a viewer sees it.
+    /// The rules for a goal about an object as a viewer sees it.
     ///
     /// # Errors
-    /// As [`PreparedScene::object`], on `goal[i].anchor`.
-    pub fn new(prepared: &PreparedScene, query: &QueryObject, goal: &[GoalTerm], viewer: &ViewerFrame) -> Result<Self, CallError> {
+    /// As [`PreparedScene::object`], on `query` and `goal[i].anchor`.
+    pub fn new(
+        prepared: &PreparedScene,
+        query: u16,
+        goal: &[GoalTerm],
+        viewer: &ViewerFrame,
+        settings: &RuleSettings,
+    ) -> Result<Self, CallError> {
         let mut anchors = BTreeMap::new();
         for (i, term) in goal.iter().enumerate() {
             let (object, shape) = prepared.object(term.anchor, &format!("goal[{i}].anchor"))?;
-            anchors.entry(term.anchor).or_insert_with(|| RuleAnchor {
-                shape: shape.clone(),
-                extents: extents(&boxed(shape), viewer),
-                yaw_rad: rectangle_yaw_rad(&object.points),
-            });
+            anchors.entry(term.anchor).or_insert_with(|| RuleObject::new(shape, &object.points, viewer));
         }
-        let query_corners = boxed(&query.shape);
-        Ok(Self {
-            terms: goal.to_vec(),
-            anchors,
-            viewer: *viewer,
-            query_extents: extents(&query_corners, viewer),
-            query_yaw_rad: rectangle_yaw_rad(&query.cloud),
-            query_corners,
-        })
+        let (object, shape) = prepared.object(query, "query")?;
+        let cloud = cloud::voxel_downsampled(&object.points, settings.orientation_voxel_m);
+        let query = RuleObject::new(shape, &cloud, viewer);
+        Ok(Self { terms: goal.to_vec(), anchors, viewer: *viewer, query, settings: settings.clone() })
     }
 
     /// The goal.
@@ -79,25 +83,25 @@ impl Rules {
     }
 
     /// An anchor of the goal.
-    pub fn anchor(&self, id: u16) -> Option<&RuleAnchor> {
+    pub fn anchor(&self, id: u16) -> Option<&RuleObject> {
         self.anchors.get(&id)
     }
 
     /// What the query spans for the viewer where it was observed.
     pub fn query_extents(&self) -> &ViewerExtents {
-        &self.query_extents
+        &self.query.extents
     }
 
     /// The turn that aligns the query with an anchor, modulo a quarter turn, radians; none if either has no orientation.
     pub fn aligning_yaw_rad(&self, anchor: u16) -> Option<f64> {
-        Some(self.anchors.get(&anchor)?.yaw_rad? - self.query_yaw_rad?)
+        Some(self.anchors.get(&anchor)?.yaw_rad? - self.query.yaw_rad?)
     }
 
     /// Checks each term (negation included) for a candidate, in the goal's order.
-    pub fn checks(&self, query: &QueryObject, candidate: &CandidatePose, settings: &RuleSettings) -> Vec<GeometricCheck> {
-        let placed = self.placed_extents(query, candidate);
-        let prisms = PlacedPrisms::new(query, candidate);
-        let gap_m = |anchor: &RuleAnchor| prisms.to_shape_m(&anchor.shape, settings.contact_m);
+    pub fn checks(&self, candidate: &CandidatePose) -> Vec<GeometricCheck> {
+        let placed = self.placed_extents(candidate);
+        let prisms = PlacedPrisms::new(&self.query.shape, candidate);
+        let gap_m = |anchor: &RuleObject| prisms.to_shape_m(&anchor.shape, self.settings.contact_m);
         let mut directions: BTreeMap<u16, [f64; 6]> = BTreeMap::new();
         let check = |term: &GoalTerm| {
             // `new` has put every term's anchor in.
@@ -119,18 +123,23 @@ impl Rules {
         self.terms.iter().map(check).collect()
     }
 
-    fn placed_extents(&self, query: &QueryObject, candidate: &CandidatePose) -> ViewerExtents {
-        let placed_from_observed = candidate.placed_from_observed(&query.shape.centroid);
+    /// Whether every term holds of the object where it was observed.
+    pub fn hold_as_observed(&self) -> bool {
+        self.checks(&CandidatePose::new(&self.query.shape.centroid, 0.0)).iter().all(|check| check.holds)
+    }
+
+    fn placed_extents(&self, candidate: &CandidatePose) -> ViewerExtents {
+        let placed_from_observed = candidate.placed_from_observed(&self.query.shape.centroid);
         if candidate.yaw_rad != 0.0 {
-            return extents(&cloud::transformed(&self.query_corners, &placed_from_observed), &self.viewer);
+            return extents(&cloud::transformed(&self.query.corners, &placed_from_observed), &self.viewer);
         }
         let shift = self.viewer.viewer_from_world() * placed_from_observed.translation.vector;
-        let e = &self.query_extents;
+        let e = &self.query.extents;
         ViewerExtents { low: e.low + shift, high: e.high + shift, center: e.center + shift }
     }
 
-    fn turn_rad(&self, candidate: &CandidatePose, anchor: &RuleAnchor) -> f64 {
-        match (self.query_yaw_rad, anchor.yaw_rad) {
+    fn turn_rad(&self, candidate: &CandidatePose, anchor: &RuleObject) -> f64 {
+        match (self.query.yaw_rad, anchor.yaw_rad) {
             (Some(query), Some(anchor)) => quarter_turn_difference_rad(query + f64::from(candidate.yaw_rad), anchor),
             // Without an area there is no orientation to compare: the largest difference between two rectangles.
             _ => std::f64::consts::FRAC_PI_4,
@@ -173,6 +182,7 @@ fn extents(corners: &[Point3<f32>], viewer: &ViewerFrame) -> ViewerExtents {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::query::QueryObject;
     use crate::settings::Fixed;
     use crate::tests::synthetic::{SceneBuilder, standing_at};
 
@@ -182,9 +192,9 @@ mod tests {
         let fixed = Fixed::default();
         let query = QueryObject::new(&prepared, 2, 0.0, &fixed).unwrap();
         let goal: Vec<GoalTerm> = Relation::ALL.map(|relation| GoalTerm { relation, anchor: 1, holds: true }).to_vec();
-        let rules = Rules::new(&prepared, &query, &goal, &ViewerFrame::from_yaw(0.0)).unwrap();
+        let rules = Rules::new(&prepared, 2, &goal, &ViewerFrame::from_yaw(0.0), &fixed.rules).unwrap();
         let holding = |x: f32, y: f32, bottom_m: f32| {
-            let checks = rules.checks(&query, &standing_at(&query, x, y, bottom_m), &fixed.rules);
+            let checks = rules.checks(&standing_at(&query, x, y, bottom_m));
             let held = checks.iter().zip(Relation::ALL).filter(|(c, _)| c.holds);
             held.map(|(_, r)| r).filter(|r| *r != Aligned).collect::<Vec<_>>()
         };
@@ -202,12 +212,22 @@ mod tests {
     fn a_negated_term_turns_the_answer_and_the_margin() {
         let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.06]).prepared();
         let fixed = Fixed::default();
-        let query = QueryObject::new(&prepared, 2, 0.0, &fixed).unwrap();
         let goal = [true, false].map(|holds| GoalTerm { relation: Relation::Near, anchor: 1, holds });
-        let rules = Rules::new(&prepared, &query, &goal, &ViewerFrame::from_yaw(0.0)).unwrap();
-        let checks = rules.checks(&query, &CandidatePose { centroid_m: [0.3, 0.0, 0.03], yaw_rad: 0.4 }, &fixed.rules);
+        let rules = Rules::new(&prepared, 2, &goal, &ViewerFrame::from_yaw(0.0), &fixed.rules).unwrap();
+        let checks = rules.checks(&CandidatePose { centroid_m: [0.3, 0.0, 0.03], yaw_rad: 0.4 });
         assert!(!checks[0].holds && checks[1].holds);
         assert_eq!(checks[0].margin_m, -checks[1].margin_m);
         assert!((0.13..0.19).contains(&checks[1].margin_m), "{checks:?}");
+    }
+
+    #[test]
+    fn what_holds_as_observed_is_judged_by_whole_shapes_like_any_place() {
+        // The lower front of 2, from which the gap is measured, hides behind 1.
+        let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [0.0, 0.12], [0.06, 0.06, 0.12]).prepared();
+        let holds = |term: &str| {
+            let goal: [GoalTerm; 1] = [term.parse().unwrap()];
+            Rules::new(&prepared, 2, &goal, &ViewerFrame::from_yaw(0.0), &RuleSettings::default()).unwrap().hold_as_observed()
+        };
+        assert!(holds("behind:1") && holds("near:1") && holds("not:touching:1") && !holds("in_front_of:1"));
     }
 }

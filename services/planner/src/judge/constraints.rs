@@ -119,9 +119,9 @@ impl<'a> Constraints<'a> {
     }
 
     fn try_goal_by_rule(&self, judged: &mut JudgedCandidate) {
-        let PlacementProblem { query, rules, request, settings, .. } = self.problem;
+        let PlacementProblem { rules, request, settings, .. } = self.problem;
         let rule_settings = &settings.fixed.rules;
-        let checks = rules.checks(query, &judged.candidate, rule_settings);
+        let checks = rules.checks(&judged.candidate);
         let mut missing = 0.0;
         for (i, (term, check)) in request.goal.iter().zip(&checks).enumerate() {
             let wanted_m = if term.relation.index() <= Relation::Below.index() { rule_settings.min_margin_m } else { 0.0 };

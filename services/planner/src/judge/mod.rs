@@ -145,13 +145,13 @@ impl<'a> Judge<'a> {
             let open: Vec<usize> = (0..judged.len()).filter(|i| lacks(&judged[*i]) == Some(what)).collect();
             self.scorer.ask(what, judged, &open)?;
         }
-        let PlacementProblem { query, rules, settings, .. } = self.problem;
+        let rules = self.problem.rules;
         for j in judged {
             if j.footing.is_none() {
                 j.footing = Some(self.problem.ground().footing(&j.candidate));
             }
             if j.checks.is_none() {
-                j.checks = Some(rules.checks(query, &j.candidate, &settings.fixed.rules));
+                j.checks = Some(rules.checks(&j.candidate));
             }
         }
         Ok(())

@@ -68,6 +68,16 @@ impl PreparedScene {
 
     /// Prepares a scene with other settings.
     pub fn with_settings(scene: Arc<Scene>, scene_id: String, settings: &BeliefSettings) -> Self {
+        Self::with_known(scene, scene_id, settings, None)
+    }
+
+    /// Prepares a scene whose objects' shapes are known from elsewhere: what is believed of an object does not change when it is moved.
+    pub fn with_shapes(scene: Arc<Scene>, shapes: BTreeMap<u16, Shape>) -> Self {
+        let scene_id = scene.id();
+        Self::with_known(scene, scene_id, &BeliefSettings::default(), Some(shapes))
+    }
+
+    fn with_known(scene: Arc<Scene>, scene_id: String, settings: &BeliefSettings, known: Option<BTreeMap<u16, Shape>>) -> Self {
         let pose = pose_of(&scene);
         let mut fault = match &pose {
             Err(error) => Some(error.clone()),
@@ -99,11 +109,7 @@ impl PreparedScene {
         let camera = world_from_camera.translation.vector.xy().cast::<f32>().into();
         let view = ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &world_from_camera, settings.view_columns);
         let before = Seen { clouds: &clouds, columns: &seen, planes: &planes, view: &view, settings };
-        let complete = |id: u16, bottom_m: f32| Some((id, Shape::complete(&clouds[&id], bottom_m, &camera, &settings.shape)?));
-        let mut shapes: BTreeMap<u16, Shape> = clouds.keys().filter_map(|id| complete(*id, before.bottom_m(*id)?)).collect();
-        // Some supports are known only from a carrier's completed shape.
-        let covering: Vec<(u16, Shape)> = shapes.keys().filter_map(|id| complete(*id, before.covered_top_m(*id, &shapes)?)).collect();
-        shapes.extend(covering);
+        let mut shapes = known.unwrap_or_else(|| completed(&before, &camera));
         let hidden: Vec<(Point2<f32>, ColumnRun)> = shapes.iter().flat_map(|(id, shape)| unseen_runs(*id, shape, &seen)).collect();
         let columns = seen.with(hidden);
         let carried = carried_by(&shapes, &columns, &settings.stack);
@@ -165,6 +171,16 @@ impl PreparedScene {
         })?;
         Ok((object, shape))
     }
+}
+
+/// The completed shapes of all objects.
+fn completed(seen: &Seen<'_>, camera: &Point2<f32>) -> BTreeMap<u16, Shape> {
+    let complete = |id: u16, bottom_m: f32| Some((id, Shape::complete(&seen.clouds[&id], bottom_m, camera, &seen.settings.shape)?));
+    let mut shapes: BTreeMap<u16, Shape> = seen.clouds.keys().filter_map(|id| complete(*id, seen.bottom_m(*id)?)).collect();
+    // Some supports are known only from a carrier's completed shape.
+    let covering: Vec<(u16, Shape)> = shapes.keys().filter_map(|id| complete(*id, seen.covered_top_m(*id, &shapes)?)).collect();
+    shapes.extend(covering);
+    shapes
 }
 
 fn pose_of(scene: &Scene) -> Result<Isometry3<f64>, CallError> {

@@ -60,8 +60,6 @@ pub struct QueryObject {
     pub ring_m: f32,
     /// Some of its observed points, spread over the cloud, to judge visibility by, world frame.
     pub view_points: Vec<Point3<f64>>,
-    /// Observed points thinned out, from which its orientation is read, world frame.
-    pub cloud: Vec<Point3<f32>>,
     /// What the place where it was seen tells of how it stands.
     pub traits: StandingTraits,
 }
@@ -89,7 +87,6 @@ impl QueryObject {
             .collect();
         let (base, rim): (Vec<OutlineCell>, Vec<OutlineCell>) =
             cells_around(&shape.base, &origin, fixed.soundness.rim_m, cell_m).into_iter().partition(|c| c.inside_m >= 0.0);
-        let cloud = cloud::voxel_downsampled(&object.points, fixed.rules.orientation_voxel_m);
         let dense = cloud::voxel_downsampled(&object.points, traits::VOXEL_M);
         let stride = object.points.len().div_ceil(fixed.view.sample_points).max(1);
         Ok(Self {
@@ -102,7 +99,6 @@ impl QueryObject {
             prisms,
             view_points: object.points.iter().step_by(stride).map(|p| p.cast()).collect(),
             traits: StandingTraits::of(prepared, id, shape, &dense),
-            cloud,
             shape: shape.clone(),
         })
     }

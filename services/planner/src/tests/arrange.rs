@@ -11,8 +11,8 @@ use repose_proto::place::{Outcome, Variant};
 use super::synthetic::SceneBuilder;
 use crate::arrange::arrange;
 use crate::arrange::goals::all_hold;
-use crate::arrange::moved::moved;
 use crate::learned::models::NoModels;
+use crate::scene::moved::moved;
 use crate::scene::prepared::PreparedScene;
 
 fn goals(texts: &[(u16, &[&str])]) -> Vec<ObjectGoal> {

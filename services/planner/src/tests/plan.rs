@@ -291,7 +291,7 @@ fn a_larger_clearance_is_never_easier_to_keep() {
             let request = PlaceRequest { min_clearance_m: Some(min_clearance_m), ..request(&prepared, 2, goal) };
             let settings = PlanSettings::of(&request);
             let query = QueryObject::new(&prepared, 2, min_clearance_m, &settings.fixed).unwrap();
-            let rules = Rules::new(&prepared, &query, &request.goal, &ViewerFrame::from_yaw(0.0)).unwrap();
+            let rules = Rules::new(&prepared, query.id, &request.goal, &ViewerFrame::from_yaw(0.0), &settings.fixed.rules).unwrap();
             let problem = PlacementProblem { prepared: &prepared, query: &query, rules: &rules, request: &request, settings: &settings };
             let constraints = Constraints::new(problem);
             let places = (0..400).map(|i| standing_at(&query, -0.38 + 0.04 * (i % 20) as f32, -0.38 + 0.04 * (i / 20) as f32, 0.004));

@@ -1,12 +1,19 @@
 //! A scene as it would be after a move: what was seen of the object stands elsewhere, and its old place is free.
 //!
-//! What carried the object goes on where it stood, and what it filled is no longer unseen. What it hid stays unseen: nobody has looked.
+//! What carried the object goes on where it stood, and what it filled is no longer unseen. What it hid stays unseen: nobody has looked. What was
+//! believed of the objects' shapes is believed of them still.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
-use nalgebra::{Isometry3, Point2, Point3};
+use nalgebra::{Isometry3, Point2, Point3, Translation3};
 use repose_geometry::Aabb;
+use repose_proto::place::Variant;
 use repose_proto::{Scene, Surface};
+
+use crate::belief::shape::Shape;
+use crate::scene::prepared::PreparedScene;
+use crate::settings::{Recipe, SupportSettings};
 
 /// Spacing of the points that stand for the surface where an object stood, metres: a few to a cell of the planner's map.
 const SURFACE_M: f32 = 0.005;
@@ -14,6 +21,35 @@ const SURFACE_M: f32 = 0.005;
 const FOOT_M: f64 = 0.03;
 /// The color of points that nobody saw.
 const GREY: [u8; 3] = [128; 3];
+
+/// How far an object comes down where a variant's placements let go of it, metres.
+pub fn fall_m(variant: Variant) -> f64 {
+    if Recipe::of(variant).grounded { SupportSettings::default().release_m.into() } else { 0.0 }
+}
+
+/// The table after an object was let go where a placement puts it, and has come down by `fall_m`. A later move of the same object starts from
+/// there.
+pub fn table_after(table: &PreparedScene, object: u16, placed_from_observed: &Isometry3<f64>, fall_m: f64) -> PreparedScene {
+    let came_to_rest = Translation3::new(0.0, 0.0, -fall_m) * placed_from_observed;
+    let mut shapes = shapes(table);
+    if let Some(shape) = shapes.get_mut(&object)
+        && let Some(carried) = shape.carried(&came_to_rest)
+    {
+        *shape = carried;
+    }
+    PreparedScene::with_shapes(Arc::new(moved(&table.scene, object, &came_to_rest)), shapes)
+}
+
+/// The table without an object.
+pub fn table_without(table: &PreparedScene, object: u16) -> PreparedScene {
+    let mut shapes = shapes(table);
+    shapes.remove(&object);
+    PreparedScene::with_shapes(Arc::new(without(&table.scene, object)), shapes)
+}
+
+fn shapes(table: &PreparedScene) -> BTreeMap<u16, Shape> {
+    table.objects.iter().filter_map(|(id, object)| Some((*id, object.shape.clone()?))).collect()
+}
 
 /// The scene with an object elsewhere.
 pub fn moved(scene: &Scene, object: u16, placed_from_observed: &Isometry3<f64>) -> Scene {
@@ -39,7 +75,7 @@ pub fn moved(scene: &Scene, object: u16, placed_from_observed: &Isometry3<f64>) 
 }
 
 /// The scene without an object.
-pub fn without(scene: &Scene, object: u16) -> Scene {
+fn without(scene: &Scene, object: u16) -> Scene {
     let mut after = scene.clone();
     leave(&mut after, scene, object);
     let kept = |i: &usize| *i >= scene.labels.len() || scene.labels[*i] != object;
@@ -113,6 +149,9 @@ mod tests {
         assert!(on_table > 100, "{on_table} points where it stood");
         let top = after.meta.surfaces.iter().find(|s| s.object == Some(1)).unwrap();
         assert!((top.height_m - 0.1).abs() < 1e-9 && top.outline_m.iter().all(|p| p[0] > 0.15));
+        let placed = table_after(&PreparedScene::new(Arc::new(scene.clone())), 1, &Isometry3::translation(0.25, 0.1, 0.004), 0.004);
+        let shape = placed.objects[&1].shape.as_ref().unwrap();
+        assert!(shape.bottom_m.abs() < 0.002 && (shape.axis.x - 0.25).abs() < 0.01, "it came to rest: {shape:?}");
         let gone = without(&scene, 1);
         assert!(gone.object(1).is_none() && gone.points_of(1).count() == 0 && gone.points.len() == gone.labels.len());
     }
