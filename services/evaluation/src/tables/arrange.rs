@@ -146,6 +146,7 @@ mod tests {
             moves,
             fault,
             at_move: None,
+            successes: Vec::new(),
             probability: None,
             searches: 4,
             plan_ms: 100.0,

@@ -74,7 +74,7 @@ pub fn arrange(
     }
     let mut search = Search::new(&goals, request, viewer, models, control);
     let found = search.arranged(prepared, unmet.clone())?;
-    match (found, search.places().ended()) {
+    match (found, search.asked().ended()) {
         (Some(moves), _) => result.moves = moves,
         (None, Some(_)) => {
             result.outcome = Outcome::Partial;
@@ -86,7 +86,7 @@ pub fn arrange(
             result.conflict = Some(conflict(prepared, request, &mut search)?);
         }
     }
-    (result.searches, result.weights_hash) = (search.places().searches(), search.places().weights_hash().to_owned());
+    (result.searches, result.weights_hash) = (search.asked().searches(), search.asked().weights_hash().to_owned());
     // Moves that left their goal open do not stay where they are.
     let moved: Vec<u16> = result.moves.iter().map(|m| m.object).collect();
     result.satisfied.retain(|object| !moved.contains(object));
@@ -114,9 +114,9 @@ fn conflict(scene: &Arc<PreparedScene>, request: &ArrangeRequest, search: &mut S
         let mut without = kept.clone();
         without.remove(next);
         let goals = Goals::new(&without);
-        let unmet = goals.unmet(scene, search.places().viewer());
+        let unmet = goals.unmet(scene, search.asked().viewer());
         let found = search.with_goals(&goals, |search| search.arranged(scene, unmet))?;
-        match search.places().ended() {
+        match search.asked().ended() {
             Some(Ended::Budget | Ended::Time) => {
                 smallest = false;
                 break;

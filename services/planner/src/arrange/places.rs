@@ -36,6 +36,8 @@ pub struct Places<'a> {
     started: Instant,
     known: Known,
     searches: u32,
+    /// How many may be searched for until [`Places::allow`] says otherwise.
+    most_searches: u32,
     ended: Option<Ended>,
     weights_hash: String,
 }
@@ -56,6 +58,7 @@ impl<'a> Places<'a> {
             started: Instant::now(),
             known: Known::new(),
             searches: 0,
+            most_searches: request.max_searches,
             ended: None,
             weights_hash: String::new(),
         }
@@ -74,6 +77,13 @@ impl<'a> Places<'a> {
     /// Placements searched for so far.
     pub fn searches(&self) -> u32 {
         self.searches
+    }
+
+    /// Lets that share of the searches that are left be made; what was ended by having made too many goes on.
+    pub fn allow(&mut self, share: f64) {
+        let left = self.request.max_searches.saturating_sub(self.searches);
+        self.most_searches = self.searches + (f64::from(left) * share).ceil() as u32;
+        self.ended = self.ended.filter(|ended| *ended != Ended::Budget);
     }
 
     /// What ended it early, if anything.
@@ -103,7 +113,7 @@ impl<'a> Places<'a> {
             return Ok(known.clone());
         }
         let time_is_up = self.request.time_ms.is_some_and(|ms| self.started.elapsed() >= Duration::from_millis(ms));
-        if time_is_up || self.searches >= self.request.max_searches {
+        if time_is_up || self.searches >= self.most_searches {
             self.ended = Some(if time_is_up { Ended::Time } else { Ended::Budget });
             return Ok(Arc::default());
         }

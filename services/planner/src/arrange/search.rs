@@ -15,7 +15,7 @@ use repose_proto::{CallError, GoalTerm};
 
 use crate::arrange::goals::{Goals, all_hold};
 use crate::arrange::parking::places_aside;
-use crate::arrange::places::Places;
+use crate::arrange::places::{Ended, Places};
 use crate::arrange::tables::Tables;
 use crate::learned::models::PlacementModels;
 use crate::plan::SearchStep;
@@ -23,6 +23,10 @@ use crate::scene::moved::fall_m;
 use crate::scene::prepared::PreparedScene;
 use crate::search::stop::StopReason;
 
+/// A move is sure where its success is said to be likelier than its failure.
+const SURE: f64 = 0.5;
+/// The share of the searches in which a way of sure moves alone is looked for.
+const SURE_SHARE: f64 = 0.5;
 /// Alternative places aside that are gone on with.
 const ASIDE: usize = 2;
 
@@ -59,6 +63,9 @@ pub struct Search<'a> {
     goals: Goals,
     places: Places<'a>,
     tables: Tables,
+    /// Whether only sure moves count now, and whether others were left out for that.
+    sure_only: bool,
+    left_out: bool,
     /// How often an object found no room on the way straight down.
     crowded: BTreeMap<u16, u32>,
     path: Vec<ArrangeMove>,
@@ -80,6 +87,8 @@ impl<'a> Search<'a> {
             goals: goals.clone(),
             places: Places::new(request, viewer, models, control),
             tables: Tables::new(fall_m(request.variant)),
+            sure_only: false,
+            left_out: false,
             crowded: BTreeMap::new(),
             path: Vec::new(),
             most_moves: 0,
@@ -87,8 +96,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// What was searched.
-    pub fn places(&self) -> &Places<'a> {
+    /// What was asked for places.
+    pub fn asked(&self) -> &Places<'a> {
         &self.places
     }
 
@@ -105,15 +114,30 @@ impl<'a> Search<'a> {
         done
     }
 
-    /// The moves after which all goals hold; none where there are none, or where it was ended ([`Places::ended`]).
+    /// The moves after which all goals hold; none where there are none, or where it was ended ([`Places::ended`]). A way of sure moves goes before
+    /// a shorter one that takes its chances.
     ///
     /// # Errors
     /// What the models answer, and `cancelled`.
     pub fn arranged(&mut self, scene: &Arc<PreparedScene>, unsettled: BTreeSet<u16>) -> Result<Option<Vec<ArrangeMove>>, CallError> {
         self.best = Some((Vec::new(), unsettled.iter().copied().collect()));
-        self.crowded.clear();
         let state = State { scene: scene.clone(), unsettled };
-        if self.straight(&state)? {
+        (self.sure_only, self.left_out) = (true, false);
+        self.places.allow(SURE_SHARE);
+        let sure = self.found(&state)?;
+        let is_through = self.places.ended().is_none() && !self.left_out;
+        if sure.is_some() || is_through || self.places.ended() == Some(Ended::Time) {
+            return Ok(sure);
+        }
+        self.sure_only = false;
+        self.places.allow(1.0);
+        self.found(&state)
+    }
+
+    /// The moves after which all goals hold, with the fewest moves, but that a way straight down goes first.
+    fn found(&mut self, state: &State) -> Result<Option<Vec<ArrangeMove>>, CallError> {
+        self.crowded.clear();
+        if self.straight(state)? {
             return Ok(Some(std::mem::take(&mut self.path)));
         }
         let fewest = state.unsettled.len();
@@ -121,7 +145,7 @@ impl<'a> Search<'a> {
         for more in 0..=2 * self.places.request().max_parkings as usize {
             self.path.clear();
             self.most_moves = fewest + more;
-            if self.solved(&state, self.places.request().max_parkings.min(more as u32))? {
+            if self.solved(state, self.places.request().max_parkings.min(more as u32))? {
                 return Ok(Some(std::mem::take(&mut self.path)));
             }
             if self.places.ended().is_some() {
@@ -237,13 +261,22 @@ impl<'a> Search<'a> {
             return Ok(Settling::Waits);
         }
         for goal in goals {
-            let places = self.places.of(&state.scene, object, &goal, self.places.request().alternatives)?;
+            let places = self.places(&state.scene, object, &goal, self.places.request().alternatives)?;
             if !places.is_empty() {
                 let step = |p: &Placement| ArrangeMove { object, purpose: Purpose::Goal, goal: goal.clone(), placement: p.clone() };
                 return Ok(Settling::Moves(places.iter().map(step).collect()));
             }
         }
         Ok(Settling::Moves(Vec::new()))
+    }
+
+    /// Places for an object, of which those that are not sure are left out where only sure ones count.
+    fn places(&mut self, scene: &Arc<PreparedScene>, object: u16, terms: &[GoalTerm], count: u32) -> Result<Vec<Placement>, CallError> {
+        let all = self.places.of(scene, object, terms, count)?;
+        let is_sure = |p: &&Placement| p.success.is_none_or(|success| success > SURE);
+        let kept: Vec<Placement> = all.iter().filter(|p| !self.sure_only || is_sure(p)).cloned().collect();
+        self.left_out |= kept.len() < all.len();
+        Ok(kept)
     }
 
     /// The table after a move; none where the object would stand on something that must move yet, and be in the way there.
@@ -315,8 +348,8 @@ impl<'a> Search<'a> {
         others.remove(&object);
         let mut kept = 0;
         for goal in places_aside(&state.scene, object, &others, anchors) {
-            let places = self.places.of(&state.scene, object, &goal, 1)?;
-            for placement in places.iter() {
+            let places = self.places(&state.scene, object, &goal, 1)?;
+            for placement in &places {
                 let step = ArrangeMove { object, purpose: Purpose::Aside, goal: goal.clone(), placement: placement.clone() };
                 let Some(after) = self.after(state, &step, &unsettled)? else { continue };
                 if self.solved_after(step, &after, parkings - 1)? {
@@ -357,7 +390,7 @@ impl<'a> Search<'a> {
     fn makes_room(&mut self, state: &State, other: u16, for_whom: Option<&WithoutRoom>) -> Result<bool, CallError> {
         let Some((object, terms)) = for_whom else { return Ok(true) };
         let scene = self.tables.without(&state.scene, other);
-        Ok(!self.places.of(&scene, *object, terms, 1)?.is_empty())
+        Ok(!self.places(&scene, *object, terms, 1)?.is_empty())
     }
 
     /// Whether all can be settled after a move, which led to a state.

@@ -90,6 +90,9 @@ pub struct TaskRecord {
     pub fault: Option<PlanFault>,
     /// The move that it went wrong with, counted from 0, where it was one.
     pub at_move: Option<usize>,
+    /// The probability of success that each move was given.
+    #[serde(default)]
+    pub successes: Vec<f64>,
     /// The probability that the plan gave itself.
     pub probability: Option<f64>,
     /// Placements searched for.
@@ -158,6 +161,7 @@ pub fn try_task(
         moves: moves.len(),
         fault,
         at_move,
+        successes: result.moves.iter().filter_map(|m| m.placement.success).collect(),
         probability: result.probability,
         searches: result.searches,
         plan_ms,
