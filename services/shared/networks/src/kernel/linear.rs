@@ -4,7 +4,7 @@ use repose_simd::{Lanes, Work};
 
 use super::{
     packed::PackedLinear,
-    tile::{ROWS, product, vectors_at_once},
+    tile::{Inputs, ROWS, outputs, product},
 };
 
 /// [`super::Kernel::linear`].
@@ -32,68 +32,21 @@ impl Work for Linear<'_> {
 /// The instruction set must be present. Lengths are asserted.
 #[inline(always)]
 pub(super) unsafe fn linear<S: Lanes>(layer: &PackedLinear, rows: &[f32], count: usize, relu: bool, out: &mut [f32]) {
-    let (inputs, padded) = (layer.inputs(), layer.padded());
-    assert!(rows.len() >= count * inputs && out.len() >= count * padded);
-    for (start, width, panel) in layer.panels() {
-        let mut column = 0;
-        while column < width {
-            let vectors = ((width - column) / S::COUNT).min(vectors_at_once::<S>());
-            let job = Job { rows, inputs, panel: &panel[column..], width, bias: &layer.bias()[start + column..], padded, relu };
-            let out = &mut out[start + column..];
-            // SAFETY: the job's slices cover `count` rows by the assertion above and `vectors` whole vectors of the panel.
-            unsafe {
-                match vectors {
-                    4.. => job.run::<S, 4>(count, out),
-                    3 => job.run::<S, 3>(count, out),
-                    2 => job.run::<S, 2>(count, out),
-                    _ => job.run::<S, 1>(count, out),
-                }
-            }
-            column += vectors.clamp(1, 4) * S::COUNT;
-        }
-    }
+    assert!(rows.len() >= count * layer.inputs());
+    // SAFETY: there are `count` rows of the layer's inputs.
+    unsafe { outputs::<S, ROWS>(&Rows { rows, inputs: layer.inputs() }, layer, count, relu, out) }
 }
 
-struct Job<'a> {
+/// Rows of `inputs` floats.
+struct Rows<'a> {
     rows: &'a [f32],
     inputs: usize,
-    panel: &'a [f32],
-    width: usize,
-    bias: &'a [f32],
-    padded: usize,
-    relu: bool,
 }
 
-impl Job<'_> {
+impl Inputs for Rows<'_> {
     #[inline(always)]
-    unsafe fn run<S: Lanes, const C: usize>(&self, count: usize, out: &mut [f32]) {
-        let mut r = 0;
-        // SAFETY: `linear` chose `C` and `count` so that every tile lies in the slices.
-        unsafe {
-            while r + ROWS <= count {
-                self.tile::<S, ROWS, C>(r, out);
-                r += ROWS;
-            }
-            while r < count {
-                self.tile::<S, 1, C>(r, out);
-                r += 1;
-            }
-        }
-    }
-
-    #[inline(always)]
-    unsafe fn tile<S: Lanes, const R: usize, const C: usize>(&self, first: usize, out: &mut [f32]) {
-        // SAFETY: as in `run`.
-        unsafe {
-            let acc =
-                product::<S, R, C>(self.rows.as_ptr().add(first * self.inputs), self.inputs, self.inputs, self.panel.as_ptr(), self.width);
-            for (r, acc) in acc.iter().enumerate() {
-                for (c, sum) in acc.iter().enumerate() {
-                    let y = S::add(*sum, S::load(self.bias.as_ptr().add(c * S::COUNT)));
-                    let y = if self.relu { S::max(y, S::splat(0.0)) } else { y };
-                    S::store(out.as_mut_ptr().add((first + r) * self.padded + c * S::COUNT), y);
-                }
-            }
-        }
+    unsafe fn product<S: Lanes, const R: usize, const C: usize>(&self, first: usize, panel: *const f32, width: usize) -> [[S::V; C]; R] {
+        // SAFETY: the same contract.
+        unsafe { product::<S, R, C>(self.rows.as_ptr().add(first * self.inputs), self.inputs, self.inputs, panel, width) }
     }
 }

@@ -5,8 +5,97 @@
 
 use repose_simd::Lanes;
 
+use super::packed::PackedLinear;
+
 /// Rows of the main tile. Its sums fill three quarters of the registers: 6 rows of [`vectors_at_once`] vectors.
 pub(super) const ROWS: usize = 6;
+
+/// What a layer reads: for each of its outputs, inputs that a tile multiplies with the layer's weights.
+pub(super) trait Inputs {
+    /// Sums of the inputs of `R` outputs from the `first` on, times `C` vectors of columns of `panel`, whose rows are `width` floats apart.
+    ///
+    /// # Safety
+    /// The instruction set must be present, the outputs among those that the inputs are for, and the panel that of a layer for such inputs.
+    unsafe fn product<S: Lanes, const R: usize, const C: usize>(&self, first: usize, panel: *const f32, width: usize) -> [[S::V; C]; R];
+}
+
+/// `out[i, ..] = (relu)(sums of input i + bias)` for `count` inputs, `R` at once where so many are left; `out` has rows of
+/// `layer.padded()` floats.
+///
+/// # Safety
+/// The instruction set must be present; `inputs` must be for `count` outputs of such a layer. The length of `out` is asserted.
+#[inline(always)]
+pub(super) unsafe fn outputs<S: Lanes, const R: usize>(
+    inputs: &impl Inputs,
+    layer: &PackedLinear,
+    count: usize,
+    relu: bool,
+    out: &mut [f32],
+) {
+    assert!(out.len() >= count * layer.padded());
+    for (start, width, panel) in layer.panels() {
+        let mut column = 0;
+        while column < width {
+            let vectors = ((width - column) / S::COUNT).min(vectors_at_once::<S>());
+            let bias = &layer.bias()[start + column..];
+            let columns = Columns { inputs, panel: &panel[column..], width, bias, padded: layer.padded(), relu };
+            let out = &mut out[start + column..];
+            // SAFETY: the slices cover `count` rows by the assertion above and `vectors` whole vectors of the panel.
+            unsafe {
+                match vectors {
+                    4.. => columns.all::<S, R, 4>(count, out),
+                    3 => columns.all::<S, R, 3>(count, out),
+                    2 => columns.all::<S, R, 2>(count, out),
+                    _ => columns.all::<S, R, 1>(count, out),
+                }
+            }
+            column += vectors.clamp(1, 4) * S::COUNT;
+        }
+    }
+}
+
+/// Columns of a layer's panel, and what goes through them.
+struct Columns<'a, I> {
+    inputs: &'a I,
+    panel: &'a [f32],
+    width: usize,
+    bias: &'a [f32],
+    padded: usize,
+    relu: bool,
+}
+
+impl<I: Inputs> Columns<'_, I> {
+    #[inline(always)]
+    unsafe fn all<S: Lanes, const R: usize, const C: usize>(&self, count: usize, out: &mut [f32]) {
+        let mut first = 0;
+        // SAFETY: `outputs` chose `C` and `count` so that every tile lies in the slices.
+        unsafe {
+            while first + R <= count {
+                self.tile::<S, R, C>(first, out);
+                first += R;
+            }
+            while first < count {
+                self.tile::<S, 1, C>(first, out);
+                first += 1;
+            }
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn tile<S: Lanes, const R: usize, const C: usize>(&self, first: usize, out: &mut [f32]) {
+        // SAFETY: as in `all`.
+        unsafe {
+            let sums = self.inputs.product::<S, R, C>(first, self.panel.as_ptr(), self.width);
+            for (r, sums) in sums.iter().enumerate() {
+                for (c, sum) in sums.iter().enumerate() {
+                    let y = S::add(*sum, S::load(self.bias.as_ptr().add(c * S::COUNT)));
+                    let y = if self.relu { S::max(y, S::splat(0.0)) } else { y };
+                    S::store(out.as_mut_ptr().add((first + r) * self.padded + c * S::COUNT), y);
+                }
+            }
+        }
+    }
+}
 
 /// Vectors of outputs that a tile computes at once: four of AVX-512's 32 registers a row, two of the 16 that the others have.
 #[inline(always)]
