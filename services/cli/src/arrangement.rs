@@ -7,8 +7,6 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Isometry3;
-use repose_geometry::transform::from_row_major;
 use repose_proto::arrange::{ArrangeMove, ArrangeRequest, ArrangeResult, Conflict, ObjectGoal, Purpose};
 use repose_proto::motion::ExecutionOutcome;
 use repose_proto::place::{Outcome as Found, Placement};
@@ -21,7 +19,7 @@ use serde::Serialize;
 use crate::client::{self, ConnectArgs};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
-use crate::system::{COUNT, System, View, is_unserved};
+use crate::system::{COUNT, System, Tried, View, is_unserved};
 
 /// Fresh views in which something that is not seen is looked for before it counts as lost.
 const LOOKS: usize = 3;
@@ -47,13 +45,9 @@ struct Step {
     planned: ArrangeMove,
     /// Moves that were still to come after it.
     to_come: usize,
-    /// Which placement was carried out: 0 is the plan's, others are alternatives for the same goal that the robot could serve.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    placement: Option<usize>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    execution: Option<ExecutionOutcome>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    reason: Option<String>,
+    /// How far it came. Placement 0 is the plan's, others are alternatives for the same goal that the robot could serve.
+    #[serde(flatten)]
+    tried: Tried,
     /// Objects that do not stand where they were to be on the view after it.
     fates: BTreeMap<u16, Fate>,
 }
@@ -254,29 +248,24 @@ impl Run<'_> {
 
     /// Has a move carried out, and looks: whether the object stands where it was to go. An error ends it all.
     async fn carry_out(&mut self, object: Option<u16>, planned: &ArrangeMove, to_come: usize) -> Result<bool, Failure> {
-        let step =
-            Step { object, planned: planned.clone(), to_come, placement: None, execution: None, reason: None, fates: BTreeMap::new() };
-        self.steps.push(step);
+        self.steps.push(Step { object, planned: planned.clone(), to_come, tried: Tried::default(), fates: BTreeMap::new() });
         let (request, placements) = self.choices(planned).await?;
-        let moved = self.system.moved(&request, &placements, &self.view).await;
+        let carried_out = self.system.carry_out(&request, &placements, &self.view).await;
         let Some(step) = self.steps.last_mut() else { return Ok(false) };
-        let (plan, executed) = match moved {
-            Ok(moved) => moved,
+        step.tried = match carried_out {
+            Ok(tried) => tried,
             Err(failure) => {
-                step.reason = failure.error().map(ToString::to_string);
+                step.tried = Tried::failed(&failure);
                 return if is_unserved(&failure) { Ok(false) } else { Err(failure) };
             }
         };
-        (step.placement, step.execution, step.reason) = (Some(plan.placement), Some(executed.outcome), executed.reason);
-        let motion = match executed.outcome {
-            ExecutionOutcome::Done => from_row_major(&placements[plan.placement].placed_from_observed.0).map_err(Failure::other)?,
-            ExecutionOutcome::GraspLost if self.system.is_free().await => Isometry3::identity(),
-            ExecutionOutcome::GraspLost | ExecutionOutcome::Stopped => {
-                let why = step.reason.clone().unwrap_or_else(|| "the robot was stopped".to_owned());
-                return Err(Failure::Other(CallError::precondition(why)));
-            }
-        };
-        let is_done = executed.outcome == ExecutionOutcome::Done;
+        let is_done = step.tried.execution == Some(ExecutionOutcome::Done);
+        let motion = step.tried.moved(&placements)?;
+        let why = step.tried.reason.clone();
+        if !is_done && !(step.tried.execution == Some(ExecutionOutcome::GraspLost) && self.system.is_free().await) {
+            let why = why.unwrap_or_else(|| "the robot was stopped".to_owned());
+            return Err(Failure::Other(CallError::precondition(why)));
+        }
         self.view = if is_done { self.system.view_after(now_ns()).await? } else { self.system.back_and_looking().await? };
         let fates = self.followed.look_again(object.map(|object| (object, motion)), &self.view.1);
         let stands = object.is_none_or(|object| matches!(fates.get(&object), Some(Fate::Stands | Fate::Hidden)));
@@ -338,7 +327,7 @@ fn line(k: usize, step: &Step) -> String {
         Purpose::Goal => "to its goal",
         Purpose::Aside => "aside, to make room",
     };
-    let end = match (step.execution, &step.reason) {
+    let end = match (step.tried.execution, &step.tried.reason) {
         (Some(ExecutionOutcome::Done), _) => "executed".to_owned(),
         (_, Some(reason)) => reason.clone(),
         (Some(other), None) => format!("{other:?}"),

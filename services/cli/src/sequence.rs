@@ -7,8 +7,6 @@
 //! What slips, falls or is not grasped is looked for on a fresh view and tried again, with another draw of grasps and placements, a bounded
 //! number of times. After a stop, whoever latched it, and after a cancel nothing is tried again: a person decides.
 
-use nalgebra::Isometry3;
-use repose_geometry::transform::from_row_major;
 use repose_proto::motion::ExecutionOutcome;
 use repose_proto::{GoalTerm, Message, PlaceRequest, PlaceResult, SceneRef};
 use repose_runtime::{Session, now_ns};
@@ -20,7 +18,7 @@ use crate::client::{self, ConnectArgs};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 use crate::say::Said;
-use crate::system::{COUNT, System, View, is_unserved};
+use crate::system::{COUNT, System, Tried, View, is_unserved};
 use crate::wish::{NextWish, WishArgs};
 
 /// What is to be achieved, and where.
@@ -58,20 +56,17 @@ struct Step {
 /// What an attempt came to.
 #[derive(Debug, Default, Serialize)]
 struct Attempt {
-    /// The placement that motion chose, from 0; none where there was none to choose from.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    placement: Option<usize>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    execution: Option<ExecutionOutcome>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    reason: Option<String>,
+    #[serde(flatten)]
+    tried: Tried,
     /// Each term by rule on the view after it.
     holds: Vec<bool>,
 }
 
 impl Step {
     fn achieved(&self) -> bool {
-        self.last.execution == Some(ExecutionOutcome::Done) && !self.last.holds.is_empty() && self.last.holds.iter().all(|holds| *holds)
+        self.last.tried.execution == Some(ExecutionOutcome::Done)
+            && !self.last.holds.is_empty()
+            && self.last.holds.iter().all(|holds| *holds)
     }
 
     /// Makes room for another attempt.
@@ -113,17 +108,17 @@ pub async fn run(args: &Sequence<'_>, output: Output) -> Outcome {
 }
 
 fn line(step: &Step) -> String {
-    let end = match step.last.execution {
+    let end = match step.last.tried.execution {
         Some(ExecutionOutcome::Done) => "executed".to_owned(),
         Some(other) => format!("{other:?}"),
         None => "not executed".to_owned(),
     };
     let holds = step.goal.iter().zip(&step.last.holds).map(|(t, h)| format!("{t} {}", if *h { "holds" } else { "does not hold" }));
     let before = step.attempts.iter().enumerate().map(|(k, a)| {
-        let why = a.reason.as_deref().unwrap_or("the goal did not hold afterwards");
+        let why = a.tried.reason.as_deref().unwrap_or("the goal did not hold afterwards");
         format!("attempt {}: {why}", k + 1)
     });
-    let said: Vec<String> = before.chain(std::iter::once(end)).chain(step.last.reason.clone()).chain(holds).collect();
+    let said: Vec<String> = before.chain(std::iter::once(end)).chain(step.last.tried.reason.clone()).chain(holds).collect();
     let understood = step.said.as_ref().map(|s| format!("{s}\n")).unwrap_or_default();
     format!("{understood}{}\n  {}", describe(&step.result), said.join("; "))
 }
@@ -195,8 +190,8 @@ impl Run<'_> {
                 // What is in the way of another attempt is said beside what came of this one.
                 Err(failure) => {
                     let why = failure.error().map_or_else(String::new, ToString::to_string);
-                    let before = step.last.reason.take().map_or_else(String::new, |reason| format!("{reason}; "));
-                    step.last.reason = Some(format!("{before}not tried again: {why}"));
+                    let before = step.last.tried.reason.take().map_or_else(String::new, |reason| format!("{reason}; "));
+                    step.last.tried.reason = Some(format!("{before}not tried again: {why}"));
                     return carried_out;
                 }
             }
@@ -210,7 +205,7 @@ impl Run<'_> {
         (k, wish): (usize, &NextWish),
         step: &Step,
     ) -> Result<(PlaceRequest, PlaceResult), Failure> {
-        if step.last.execution.is_some() {
+        if step.last.tried.execution.is_some() {
             self.view = self.system.back_and_looking().await?;
             self.known.look_for_lost(wish.query, &self.view.1.meta.objects);
         }
@@ -223,28 +218,22 @@ impl Run<'_> {
 
     /// Has a placement carried out, and looks at what has become of the wish; `step` says how far it came.
     async fn carry_out(&mut self, request: &PlaceRequest, (k, wish): (usize, &NextWish), step: &mut Step) -> Outcome {
-        let (plan, executed) = match self.system.moved(request, &step.result.placements, &self.view).await {
-            Ok(moved) => moved,
+        let placements = &step.result.placements;
+        step.last.tried = match self.system.carry_out(request, placements, &self.view).await {
+            Ok(tried) => tried,
             Err(failure) => {
-                step.last.reason = failure.error().map(ToString::to_string);
+                step.last.tried = Tried::failed(&failure);
                 return Err(failure);
             }
         };
-        let last = &mut step.last;
-        (last.placement, last.execution, last.reason) = (Some(plan.placement), Some(executed.outcome), executed.reason);
         // What was not placed is looked for where it was.
-        let moved: Isometry3<f64> = match executed.outcome {
-            ExecutionOutcome::Done => {
-                from_row_major(&step.result.placements[plan.placement].placed_from_observed.0).map_err(Failure::other)?
-            }
-            ExecutionOutcome::Stopped | ExecutionOutcome::GraspLost => Isometry3::identity(),
-        };
+        let moved = step.last.tried.moved(placements)?;
         self.view = self.system.view_after(now_ns()).await?;
         self.known.look_again(Some((wish.query, moved)), &self.view.1.meta.objects);
-        if executed.outcome == ExecutionOutcome::Done {
+        if step.last.tried.execution == Some(ExecutionOutcome::Done) {
             match self.known.translated(&format!("step[{k}]"), wish.query, &wish.goal) {
                 Ok((query, goal)) => step.last.holds = holds(&self.view.1, step.result.view_yaw_rad, query, &goal),
-                Err(unseen) => step.last.reason = Some(format!("whether it holds cannot be seen: {}", unseen.message)),
+                Err(unseen) => step.last.tried.reason = Some(format!("whether it holds cannot be seen: {}", unseen.message)),
             }
         }
         Ok(())
@@ -254,9 +243,9 @@ impl Run<'_> {
     /// grasped, was lost, or does not stand where it should, and the robot stands there free, without a stop.
     async fn may_try_again(&self, step: &Step, carried_out: &Outcome) -> bool {
         if let Err(failure) = carried_out {
-            return step.last.execution.is_none() && is_unserved(failure);
+            return step.last.tried.execution.is_none() && is_unserved(failure);
         }
-        let failed = match step.last.execution {
+        let failed = match step.last.tried.execution {
             Some(ExecutionOutcome::GraspLost) => true,
             Some(ExecutionOutcome::Done) => !step.achieved(),
             Some(ExecutionOutcome::Stopped) | None => false,

@@ -2,11 +2,14 @@
 
 use std::time::Duration;
 
+use nalgebra::Isometry3;
+use repose_geometry::transform::from_row_major;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest, RecoveryMove};
 use repose_proto::place::{Placement, ReachingRobot};
 use repose_proto::robot::{RobotMode, RobotState};
 use repose_proto::{CallError, ErrorCode, Payload, PlaceRequest, PlaceResult, Scene, Service};
 use repose_runtime::{CallOptions, Caller, Session, now_ns, reaching_robot};
+use serde::Serialize;
 
 use crate::bring_back::bring_back;
 use crate::client::{self, ConnectArgs};
@@ -18,6 +21,42 @@ pub const COUNT: u32 = 5;
 
 /// A scene with its id.
 pub type View = (String, Scene);
+
+/// How far carrying a placement out came.
+#[derive(Debug, Default, Serialize)]
+pub struct Tried {
+    /// The placement that motion chose, from 0; none where there was none to choose from.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub placement: Option<usize>,
+    /// How the execution ended; none where nothing was executed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub execution: Option<ExecutionOutcome>,
+    /// Why it ended there, or why nothing was executed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+}
+
+impl Tried {
+    /// A plan that was executed, whatever came of it.
+    fn executed(plan: &MotionPlan, reply: ExecuteReply) -> Self {
+        Self { placement: Some(plan.placement), execution: Some(reply.outcome), reason: reply.reason }
+    }
+
+    /// A failure before the end of an execution.
+    pub fn failed(failure: &Failure) -> Self {
+        Self { reason: failure.error().map(ToString::to_string), ..Self::default() }
+    }
+
+    /// Where the executed placement put the object; the identity where nothing was placed.
+    pub fn moved(&self, placements: &[Placement]) -> Result<Isometry3<f64>, Failure> {
+        match (self.execution, self.placement) {
+            (Some(ExecutionOutcome::Done), Some(chosen)) => {
+                from_row_major(&placements[chosen].placed_from_observed.0).map_err(Failure::other)
+            }
+            _ => Ok(Isometry3::identity()),
+        }
+    }
+}
 
 /// The running system.
 pub struct System<'a> {
@@ -106,12 +145,7 @@ impl<'a> System<'a> {
     }
 
     /// Has the motion service plan for the placements of a request's query, the best first, and carry the plan out.
-    pub async fn moved(
-        &mut self,
-        request: &PlaceRequest,
-        placements: &[Placement],
-        view: &View,
-    ) -> Result<(MotionPlan, ExecuteReply), Failure> {
+    pub async fn carry_out(&mut self, request: &PlaceRequest, placements: &[Placement], view: &View) -> Result<Tried, Failure> {
         let state = self.state().await?;
         let placed = placements.iter().map(|p| p.placed_from_observed).collect();
         let wanted = MotionPlanRequest {
@@ -124,7 +158,7 @@ impl<'a> System<'a> {
         let payload = Payload::json(&plan)?;
         let execute = moving::call(self.session, &self.motion, (self.robot, "execute"), payload, &mut self.interrupts, None);
         let answer = execute.await?;
-        Ok((plan, answer.payload.decode_json()?))
+        Ok(Tried::executed(&plan, answer.payload.decode_json()?))
     }
 }
 

@@ -10,7 +10,7 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Vector3};
 use repose_geometry::Image;
 use repose_geometry::transform::from_row_major;
-use repose_motion::belief::believed::Heeded;
+use repose_motion::believed::Heeded;
 use repose_motion::execution::{Execution, ExecutionSettings, ExecutionTask, Step};
 use repose_motion::pick_place::plan::PickPlaceError;
 use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place};
@@ -117,6 +117,32 @@ pub struct RobotTrial {
     pub robot_s: f64,
 }
 
+impl RobotTrial {
+    /// A trial of which nothing has come yet.
+    pub(crate) fn new(object: String, condition: Condition, seed: u64, goal: GoalTerm) -> Self {
+        Self {
+            object,
+            condition,
+            seed,
+            goal,
+            planned: false,
+            grasped: false,
+            placed: false,
+            cause: None,
+            detail: String::new(),
+            heeded: None,
+            aside_m: None,
+            in_hand: None,
+            off_m: None,
+            tilt_rad: None,
+            disturbed: false,
+            incidents: Vec::new(),
+            plan_ms: [0.0; 2],
+            robot_s: 0.0,
+        }
+    }
+}
+
 /// How a trial is run.
 #[derive(Debug, Clone)]
 pub struct RobotTrialSettings {
@@ -182,26 +208,7 @@ pub fn robot_trial(
 ) -> Result<(RobotTrial, Strip), TrialError> {
     let query = problem.index_of(problem.query).unwrap_or(0);
     let name = problem.truth.objects.get(query).map_or_else(String::new, |o| o.shape.name.to_string());
-    let mut trial = RobotTrial {
-        object: name,
-        condition,
-        seed: problem.seed,
-        goal: problem.goal,
-        planned: false,
-        grasped: false,
-        placed: false,
-        cause: None,
-        detail: String::new(),
-        heeded: None,
-        aside_m: None,
-        in_hand: None,
-        off_m: None,
-        tilt_rad: None,
-        disturbed: false,
-        incidents: Vec::new(),
-        plan_ms: [0.0; 2],
-        robot_s: 0.0,
-    };
+    let mut trial = RobotTrial::new(name, condition, problem.seed, problem.goal);
     let mut cell = CellWorld::with_scene(problem.truth.clone(), settings.cell.clone(), settings.arm, settings.hand);
     let mut strip = vec![cell.true_picture(true).color];
     let (placements, plan) = match planned(problem, models, settings, &mut trial)? {

@@ -181,26 +181,8 @@ mod tests {
     use super::*;
 
     fn trial(object: &str, [planned, grasped, placed]: [bool; 3], cause: Option<Cause>) -> RobotTrial {
-        RobotTrial {
-            object: object.to_owned(),
-            condition: Condition::Table,
-            seed: 0,
-            goal: GoalTerm { relation: Relation::LeftOf, anchor: 2, holds: true },
-            planned,
-            grasped,
-            placed,
-            cause,
-            detail: String::new(),
-            heeded: None,
-            aside_m: None,
-            in_hand: None,
-            off_m: None,
-            tilt_rad: None,
-            disturbed: false,
-            incidents: Vec::new(),
-            plan_ms: [0.0; 2],
-            robot_s: 0.0,
-        }
+        let goal = GoalTerm { relation: Relation::LeftOf, anchor: 2, holds: true };
+        RobotTrial { planned, grasped, placed, cause, ..RobotTrial::new(object.to_owned(), Condition::Table, 0, goal) }
     }
 
     #[test]
