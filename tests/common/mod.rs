@@ -1,6 +1,8 @@
 //! A deployment of real processes on this machine, for tests: a router and services, each `repose serve …`, on a port of its own.
 #![allow(dead_code, reason = "each test file uses some of it")]
 
+pub mod link;
+
 use std::net::TcpListener;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
@@ -76,8 +78,14 @@ impl Deployment {
 
     /// Starts one more worker whose inference, if that is its service, has so many threads.
     pub fn add_with_threads(&mut self, service: Service, threads: usize) {
+        let endpoint = self.endpoint.clone();
+        self.add_at(service, &endpoint, threads);
+    }
+
+    /// Starts one more worker that finds the router at another endpoint.
+    pub fn add_at(&mut self, service: Service, endpoint: &str, threads: usize) {
         let mut command = repose();
-        command.args(["serve", service.as_str(), "--connect", &self.endpoint]);
+        command.args(["serve", service.as_str(), "--connect", endpoint]);
         command.env("REPOSE_INFERENCE__THREADS", threads.to_string());
         // A motion process that waits half a second for a core is not lost.
         command.env("REPOSE_MOTION__COMMAND_TTL_MS", "2000");

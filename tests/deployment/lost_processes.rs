@@ -7,6 +7,7 @@ mod common;
 use std::process::{Child, Output, Stdio};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
+use common::link::Link;
 use common::{Deployment, PATIENCE, Process, newest_scene, repose};
 use repose_proto::robot::{RobotMode, RobotState};
 use repose_proto::simulator::{Truth, WorldResetRequest};
@@ -14,23 +15,39 @@ use repose_proto::{Payload, Service};
 use repose_runtime::{CallOptions, Session};
 use serde_json::Value;
 
-/// Moments of an execution at which the long test kills.
+/// Moments of an execution at which the long test kills or cuts.
 const MOMENTS: u32 = 40;
 /// How soon the robot has to latch: the time to live of a command, and room for two busy cores.
 const LATCHES_WITHIN: Duration = Duration::from_secs(5);
 
+/// How long the robot's link is cut: longer than a command lives, shorter than the network takes to give the link up.
+const CUT: Duration = Duration::from_secs(4);
+
 /// A cell with one robot, and what is asked of it.
 struct Trial {
     deployment: Deployment,
+    /// The robot's, and its camera's.
+    link: Link,
     session: Session,
 }
 
 impl Trial {
     async fn start() -> Self {
-        let services = [Service::Simulator, Service::Perception, Service::Inference, Service::Planner, Service::Motion].map(|s| (s, 1));
-        let deployment = Deployment::start(&services).await;
+        let services = [Service::Perception, Service::Inference, Service::Planner, Service::Motion].map(|s| (s, 1));
+        let mut deployment = Deployment::start(&services).await;
+        let link = Link::to(deployment.endpoint());
+        deployment.add_at(Service::Simulator, link.endpoint(), 1);
         let session = deployment.session().await;
-        Self { deployment, session }
+        let trial = Self { deployment, link, session };
+        trial.served(&[Service::Simulator]).await;
+        trial
+    }
+
+    /// Waits for a worker of each service.
+    async fn served(&self, services: &[Service]) {
+        for service in services {
+            self.session.caller(*service).await.expect("a caller").wait_for_workers(1, PATIENCE).await.expect("it is back");
+        }
     }
 
     /// A fresh scene in front of a ready arm.
@@ -99,7 +116,7 @@ impl Trial {
         state
     }
 
-    /// At rest after an outage of the router: latched, or, where motion reached the robot again before that missed it, with its task closed and
+    /// At rest after an outage: latched, or, where motion reached the robot again before that missed it, with its task closed and
     /// nothing in its hand, so that there is nothing to bring back. Whether it is latched.
     async fn safe(&self) -> bool {
         let is_safe = |state: &RobotState| {
@@ -107,6 +124,13 @@ impl Trial {
             (state.mode == RobotMode::Stopped || is_closed) && state.dq_rad_s.iter().all(|v| *v == 0.0)
         };
         self.state_where("safe", is_safe).await.mode == RobotMode::Stopped
+    }
+
+    /// Cuts the robot's link for a while.
+    async fn cut_off(&self) {
+        self.link.cut();
+        tokio::time::sleep(CUT).await;
+        self.link.mend();
     }
 
     /// What an operator does to a latched robot.
@@ -155,7 +179,7 @@ fn said(output: &Output) -> String {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_robot_that_carries_something_latches_when_motion_or_the_router_dies_and_is_brought_back() {
+async fn a_robot_that_carries_something_latches_when_its_commander_is_lost_and_is_brought_back() {
     let mut trial = Trial::start().await;
     trial.reset_world(1).await;
     let placing = trial.place();
@@ -166,7 +190,7 @@ async fn a_robot_that_carries_something_latches_when_motion_or_the_router_dies_a
     assert!(state.gripper_holding && state.stop.is_some_and(|stop| stop.kind == "commander_silent"));
     assert_ne!(placing.ended().0, Some(0), "nobody takes it for done");
     trial.deployment.add(Service::Motion);
-    trial.session.caller(Service::Motion).await.expect("a caller").wait_for_workers(1, PATIENCE).await.expect("motion is back");
+    trial.served(&[Service::Motion]).await;
     trial.brought_back().await;
 
     trial.reset_world(2).await;
@@ -177,9 +201,17 @@ async fn a_robot_that_carries_something_latches_when_motion_or_the_router_dies_a
     trial.deployment.start_router();
     trial.session = trial.deployment.session().await;
     trial.latched().await;
-    for service in [Service::Motion, Service::Perception] {
-        trial.session.caller(service).await.expect("a caller").wait_for_workers(1, PATIENCE).await.expect("it is back");
-    }
+    trial.served(&[Service::Motion, Service::Perception]).await;
+    trial.brought_back().await;
+
+    trial.reset_world(3).await;
+    let placing = trial.place();
+    trial.carrying().await;
+    trial.cut_off().await;
+    // Set-points that were on their way all the while arrive now, and move nothing.
+    let state = trial.latched().await;
+    assert!(state.stop.is_some_and(|stop| stop.kind == "commander_silent"));
+    assert_ne!(placing.ended().0, Some(0), "nobody takes it for done");
     trial.brought_back().await;
 }
 
@@ -197,8 +229,8 @@ async fn an_interrupted_or_killed_client_stops_the_robot_and_other_deaths_do_not
     placing.signal(libc::SIGKILL);
     for service in [Service::Planner, Service::Inference, Service::Perception] {
         trial.deployment.add(service);
-        trial.session.caller(service).await.expect("a caller").wait_for_workers(1, PATIENCE).await.expect("it is back");
     }
+    trial.served(&[Service::Planner, Service::Inference, Service::Perception]).await;
 
     // Ctrl-C: on the path, and with an object in its hand it latches.
     trial.reset_world(2).await;
@@ -241,8 +273,8 @@ async fn an_interrupted_or_killed_client_stops_the_robot_and_other_deaths_do_not
 }
 
 #[tokio::test(flavor = "multi_thread")]
-#[ignore = "half an hour: a process dies at each of 40 moments of an execution; run it with --ignored after changes to motion or the robot's side"]
-async fn whenever_motion_or_the_router_dies_the_robot_latches_and_is_brought_back() {
+#[ignore = "half an hour: a process dies, or the robot's link is cut, at each of 40 moments of an execution; run it with --ignored after changes to motion or the robot's side"]
+async fn whenever_the_commander_is_lost_the_robot_latches_and_is_brought_back() {
     let mut trial = Trial::start().await;
     for moment in 0..MOMENTS {
         trial.reset_world(1 + u64::from(moment % 3)).await;
@@ -255,21 +287,26 @@ async fn whenever_motion_or_the_router_dies_the_robot_latches_and_is_brought_bac
             assert_eq!(placing.ended().0, Some(0), "over before the moment came");
             continue;
         }
-        let is_latched = if moment % 2 == 0 {
-            trial.deployment.kill(Service::Motion);
-            trial.latched().await;
-            trial.deployment.add(Service::Motion);
-            true
-        } else {
-            trial.deployment.kill_router();
-            trial.deployment.start_router();
-            trial.session = trial.deployment.session().await;
-            trial.safe().await
+        let is_latched = match moment % 3 {
+            0 => {
+                trial.deployment.kill(Service::Motion);
+                trial.latched().await;
+                trial.deployment.add(Service::Motion);
+                true
+            }
+            1 => {
+                trial.deployment.kill_router();
+                trial.deployment.start_router();
+                trial.session = trial.deployment.session().await;
+                trial.safe().await
+            }
+            _ => {
+                trial.cut_off().await;
+                trial.safe().await
+            }
         };
         assert_ne!(placing.ended().0, Some(0), "moment {moment}: nobody takes it for done");
-        for service in [Service::Motion, Service::Perception, Service::Simulator] {
-            trial.session.caller(service).await.expect("a caller").wait_for_workers(1, PATIENCE).await.expect("it is back");
-        }
+        trial.served(&[Service::Motion, Service::Perception, Service::Simulator]).await;
         if is_latched {
             trial.brought_back().await;
         }
