@@ -1,7 +1,8 @@
 //! The jobs that wait: who is let in, and who goes next.
 //!
 //! Interactive jobs go before batch ones, which get a turn after some were let by. Batch leaves half of the places to interactive jobs, of which
-//! one takes the youngest batch job's place where there is none left. A job that could not be done by its deadline is refused at once.
+//! one takes the youngest batch job's place where there is none left. A job that could not be done by its deadline is refused at once, and a batch
+//! job that is overtaken by too many interactive ones as soon as that is clear.
 
 use std::collections::VecDeque;
 
@@ -80,21 +81,44 @@ impl<R, T> WaitingJobs<R, T> {
         if self.waiting() >= places(capacity, context.priority) {
             return Some(format!("{} calls wait already", self.waiting()));
         }
+        let ahead = self.ahead(context.priority);
+        if ahead == 0 && gauge.running() < threads.max(1) {
+            // An idle queue takes anything: a deadline that looks too short may do, and a smoothed time has to be able to fall again.
+            return None;
+        }
+        let wait_ms = self.wait_ms(ahead, context.priority, threads, gauge) * WAIT_MARGIN;
+        let expected_ms = wait_ms + gauge.service_ms() + SPREADS * gauge.spread_ms();
+        let left_ms = context.remaining().as_secs_f64() * 1e3;
+        (expected_ms > left_ms).then(|| format!("it would take about {expected_ms:.0} ms and {left_ms:.0} ms are left"))
+    }
+
+    /// How long a job of a priority waits for those that run and `ahead` others, in the mean, milliseconds.
+    fn wait_ms(&self, ahead: usize, priority: Priority, threads: usize, gauge: &LoadGauge) -> f64 {
         let threads = threads.max(1);
         // Those that run are half done, in the mean.
-        let before = self.ahead(context.priority) as f64 + gauge.running().min(threads) as f64 / 2.0;
-        let is_idle = self.ahead(context.priority) == 0 && gauge.running() < threads;
-        let rounds = if is_idle { 0.0 } else { before / threads as f64 };
+        let rounds = (ahead as f64 + gauge.running().min(threads) as f64 / 2.0) / threads as f64;
         // A batch job also waits for the interactive ones that are still to come.
-        let left_for_it = match context.priority {
+        let left_for_it = match priority {
             Priority::Interactive => 1.0,
             Priority::Batch => 1.0 - self.interactive_share.min(MOST_INTERACTIVE),
         };
-        let service_ms = gauge.service_ms();
-        let expected_ms = rounds / left_for_it * service_ms * WAIT_MARGIN + service_ms + SPREADS * gauge.spread_ms();
-        let left_ms = context.remaining().as_secs_f64() * 1e3;
-        // An idle queue takes anything: a deadline that looks too short may do, and a smoothed time has to be able to fall again.
-        (rounds > 0.0 && expected_ms > left_ms).then(|| format!("it would take about {expected_ms:.0} ms and {left_ms:.0} ms are left"))
+        rounds / left_for_it * gauge.service_ms()
+    }
+
+    /// Takes out the batch jobs that were let in and have been overtaken since by so many interactive ones that they can no longer be done by their
+    /// deadlines: their callers are told now, not when it is too late.
+    pub(crate) fn overtaken(&mut self, threads: usize, gauge: &LoadGauge) -> Vec<Job<R, T>> {
+        if self.interactive.is_empty() {
+            return Vec::new();
+        }
+        let (mut kept, mut overtaken) = (VecDeque::with_capacity(self.batch.len()), Vec::new());
+        for job in std::mem::take(&mut self.batch) {
+            let wait_ms = self.wait_ms(self.interactive.len() + kept.len(), Priority::Batch, threads, gauge);
+            let is_possible = wait_ms + gauge.service_ms() <= job.context.remaining().as_secs_f64() * 1e3;
+            if is_possible { kept.push_back(job) } else { overtaken.push(job) }
+        }
+        self.batch = kept;
+        overtaken
     }
 
     pub(crate) fn push(&mut self, job: Job<R, T>) {
@@ -199,5 +223,20 @@ mod tests {
         }
         assert!(refusal(&waiting, Priority::Batch).is_some_and(|why| why.contains("5000 ms are left") || why.contains("4999 ms")));
         assert_eq!(refusal(&waiting, Priority::Interactive), None, "those go before what waits");
+    }
+
+    #[test]
+    fn batch_jobs_that_interactive_ones_have_overtaken_are_told_before_their_deadlines() {
+        let (mut waiting, gauge) = (WaitingJobs::default(), LoadGauge::default());
+        gauge.started(1);
+        gauge.finished(1, Duration::from_secs(10));
+        gauge.started(1);
+        // Done after half a job and itself, and after one more: 15 and 25 s of 60.
+        let _awaited = [push(&mut waiting, Priority::Batch), push(&mut waiting, Priority::Batch)];
+        assert!(waiting.overtaken(1, &gauge).is_empty());
+        let _also_awaited: Vec<_> = (0..4).map(|_| push(&mut waiting, Priority::Interactive)).collect();
+        // Four more before them: 55 and 65 s.
+        assert_eq!(waiting.overtaken(1, &gauge).len(), 1);
+        assert_eq!(waiting.waiting(), 5, "the other one, and the interactive ones");
     }
 }
