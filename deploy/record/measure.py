@@ -1,0 +1,188 @@
+#!/usr/bin/env python3
+"""What a deployment on this machine bears: capacity, overload, faults and a soak, each a run of `repose load --up`.
+
+    deploy/record/measure.py --program target/release/repose --commit "$(git rev-parse --short HEAD)" [capacity overload faults soak]
+
+Every run starts a system of its own (router, simulated cell, services), asks it, and ends it. One JSON document a run is appended to
+`runs.jsonl` beside this file (or to --out), with the command, what it printed, and the memory and descriptors of the system's processes
+over time; `report.py`-like tables are printed at the end. Needs nothing but Python's standard library.
+"""
+
+import argparse
+import datetime
+import json
+import os
+import pathlib
+import subprocess
+import threading
+
+# Seconds between two readings of memory and descriptors.
+READ_EVERY_S = 5.0
+
+
+def family(root):
+    """The processes below `root`, with what each is."""
+    parents = {}
+    for entry in pathlib.Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                fields = (entry / "stat").read_text().rpartition(")")[2].split()
+                parents.setdefault(int(fields[1]), []).append(int(entry.name))
+            except OSError:
+                pass
+    found, open_ids = [], [root]
+    while open_ids:
+        children = parents.get(open_ids.pop(), [])
+        found += children
+        open_ids += children
+    return found
+
+
+def reading(process):
+    """Resident memory (MiB) and open descriptors of a process; none once it has ended."""
+    try:
+        folder = pathlib.Path(f"/proc/{process}")
+        words = (folder / "cmdline").read_bytes().split(b"\0")
+        resident = next(line for line in (folder / "status").read_text().splitlines() if line.startswith("VmRSS"))
+        what = words[words.index(b"serve") + 1].decode() if b"serve" in words else "load"
+        return what, int(resident.split()[1]) / 1024, len(os.listdir(folder / "fd"))
+    except (OSError, StopIteration, ValueError, IndexError):
+        return None
+
+
+class Watch(threading.Thread):
+    """Reads the memory and descriptors of a run's processes, by service: the largest process of each."""
+
+    def __init__(self, root):
+        super().__init__(daemon=True)
+        self.root, self.readings, self.over = root, [], threading.Event()
+
+    def run(self):
+        while not self.over.wait(READ_EVERY_S):
+            now = {}
+            for read in filter(None, map(reading, family(self.root))):
+                what, memory, descriptors = read
+                before = now.get(what, (0.0, 0))
+                now[what] = (max(before[0], round(memory, 1)), max(before[1], descriptors))
+            if now:
+                self.readings.append(now)
+
+    def summary(self):
+        """By service: memory and descriptors after a tenth of the run, at its end, and the most."""
+        if not self.readings:
+            return {}
+        first = self.readings[len(self.readings) // 10]
+        last = self.readings[-1]
+        services = set(first) & set(last)
+        return {
+            what: {
+                "mib": [first[what][0], last[what][0], max(r[what][0] for r in self.readings if what in r)],
+                "descriptors": [first[what][1], last[what][1], max(r[what][1] for r in self.readings if what in r)],
+            }
+            for what in sorted(services)
+        }
+
+
+def run(settings, group, name, words):
+    """One run; its document."""
+    command = [settings.program, "load", "--up", "--json", *map(str, words)]
+    began = datetime.datetime.now(datetime.timezone.utc)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    watch = Watch(process.pid)
+    watch.start()
+    # Both pipes are read at once: a full one would hold the run up.
+    printed, log = process.communicate()
+    watch.over.set()
+    document = {
+        "group": group,
+        "name": name,
+        "command": " ".join(["repose", *command[1:]]),
+        "commit": settings.commit,
+        "began": began.isoformat(timespec="seconds"),
+        "load_before": os.getloadavg()[0],
+        "cores": os.cpu_count(),
+        "exit": process.returncode,
+        "report": json.loads(printed) if printed.strip() else None,
+        "processes": watch.summary(),
+        # A process that aborts says so on its last line.
+        "aborts": [line for line in log.splitlines() if "panicked" in line or "allocation of" in line or "SIGABRT" in line][:20],
+    }
+    with open(settings.out, "a", encoding="utf-8") as out:
+        out.write(json.dumps(document) + "\n")
+    print(line(document), flush=True)
+    return document
+
+
+def line(document):
+    """A run in a line."""
+    report = document["report"]
+    if report is None:
+        return f"{document['group']:9} {document['name']:34} exit {document['exit']}"
+    latency, priorities = report["latency_ms"], report["priorities"]
+    refused = report["outcome_latency_ms"].get("resource_exhausted", {}).get("p99")
+    share = {p: f"{v['outcomes'].get('result', 0)}/{v['requests']}" for p, v in priorities.items() if v["requests"]}
+    return (
+        f"{document['group']:9} {document['name']:34} {report['achieved_per_s']:6.2f}/s goodput {report['goodput_per_s']:6.2f}/s"
+        f"  p50 {latency['p50']:7.0f} ms p99 {latency['p99']:7.0f} ms  late {report['late']}  lost {report['outcomes'].get('lost', 0)}"
+        f"  twice {report['outcomes'].get('duplicate', 0)}  answered {share}  refusals p99 {refused}  aborts {len(document['aborts'])}"
+    )
+
+
+def capacity(settings):
+    """One to eight workers, with and without encryption, and with a slow link."""
+    count = settings.requests
+    closed = ["--clients", 8, "--requests", count, "--warm-up", 16]
+    for workers in (1, 2, 4, 8):
+        run(settings, "capacity", f"{workers} planners", [*closed, "--planners", workers])
+    run(settings, "capacity", "2 planners, 2 inference", [*closed, "--planners", 2, "--inference", 2])
+    run(settings, "capacity", "2 planners, QUIC", [*closed, "--planners", 2, "--secured"])
+    for delay in (20, 80):
+        run(settings, "capacity", f"2 planners, {delay} ms each way", [*closed, "--planners", 2, "--fault", f"delay:{delay}ms"])
+
+
+def overload(settings):
+    """Half as much again, and three times what can be done, a third of it interactive."""
+    count = settings.requests
+    deadline = ["--deadline-ms", 3000]
+    measured = run(settings, "overload", "capacity, 8 clients", ["--clients", 8, "--requests", count, "--warm-up", 16])
+    rate = measured["report"]["achieved_per_s"]
+    for factor in (1.5, 3.0):
+        words = ["--rate", f"{factor * rate:.2f}", "--requests", int(factor * count), "--interactive", 0.3, "--warm-up", 16, *deadline]
+        document = run(settings, "overload", f"{factor} x", words)
+        print(f"          goodput {document['report']['goodput_per_s'] / rate:.3f} of the capacity")
+
+
+def faults(settings):
+    """Trouble while it is asked, each for the given minutes."""
+    rate = 4
+    asked = ["--planners", 2, "--inference", 2, "--rate", rate, "--requests", int(rate * 60 * settings.minutes), "--deadline-ms", 10000]
+    for fault in ("kill:planner:5s", "kill:inference:5s", "stop:inference:10s:2s", "router:20s:1s", "delay:80ms"):
+        run(settings, "faults", fault, [*asked, "--fault", fault])
+
+
+def soak(settings):
+    """Encrypted, with workers killed all the while: memory and descriptors stay, and nothing aborts."""
+    rate = 2
+    asked = ["--planners", 2, "--inference", 2, "--rate", rate, "--requests", int(rate * 60 * settings.minutes), "--deadline-ms", 10000]
+    kills = ["--fault", "kill:planner:40s", "--fault", "kill:inference:40s"]
+    run(settings, "soak", f"{settings.minutes} minutes, QUIC", [*asked, "--secured", *kills])
+
+
+GROUPS = {"capacity": capacity, "overload": overload, "faults": faults, "soak": soak}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("groups", nargs="*", choices=[*GROUPS, []], help="which runs; all by default")
+    parser.add_argument("--program", default="target/release/repose", help="the program")
+    parser.add_argument("--commit", default="", help="what it was built from")
+    parser.add_argument("--requests", type=int, default=400, help="requests of a run of capacity")
+    parser.add_argument("--minutes", type=float, default=10.0, help="length of a run with faults, and of the soak")
+    parser.add_argument("--out", default=pathlib.Path(__file__).parent / "runs.jsonl", help="where documents are appended")
+    settings = parser.parse_args()
+    for group in settings.groups or GROUPS:
+        GROUPS[group](settings)
+
+
+if __name__ == "__main__":
+    main()
