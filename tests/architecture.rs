@@ -7,9 +7,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-const PURE: [&str; 12] = [
+const PURE: [&str; 14] = [
+    "repose-belief",
     "repose-geometry",
     "repose-relations",
+    "repose-made-scenes",
     "repose-networks",
     "repose-panda",
     "repose-pictures",

@@ -142,46 +142,15 @@ fn quantised(points: &[[f32; 3]], shown: &[usize]) -> (Grid, Vec<[u16; 3]>) {
 
 #[cfg(test)]
 mod tests {
-    use repose_proto::scene::WorldFrame;
-    use repose_proto::{CameraModel, ObjectSummary, RigidTransform, SceneMeta, Unseen};
+    use repose_made_scenes::seen_from_above;
+    use repose_proto::SceneMeta;
 
     use super::*;
-
-    /// A scene of points with labels, seen straight down from a metre above the origin; every pixel of the 9 x 9 picture is 0.1 m of the floor.
-    fn scene_of(points: &[([f32; 3], u16)]) -> Scene {
-        let down = RigidTransform([1., 0., 0., 0., 0., -1., 0., 0., 0., 0., -1., 1., 0., 0., 0., 1.]);
-        let camera =
-            CameraModel { width: 9, height: 9, fx: 10.0, fy: 10.0, cx: 4.0, cy: 4.0, depth_unit_m: 1e-3, world_from_camera: Some(down) };
-        let mut ids: Vec<u16> = points.iter().map(|p| p.1).filter(|id| *id > 0).collect();
-        ids.sort_unstable();
-        ids.dedup();
-        let summary = |id: &u16| {
-            let own: Vec<[f32; 3]> = points.iter().filter(|p| p.1 == *id).map(|p| p.0).collect();
-            let mean: [f64; 3] = std::array::from_fn(|k| own.iter().map(|p| f64::from(p[k])).sum::<f64>() / own.len() as f64);
-            serde_json::from_value::<ObjectSummary>(serde_json::json!({
-                "id": id, "points": own.len(), "centroid_m": mean, "extent_m": [0.1, 0.1, 0.1], "completeness": 1.0
-            }))
-            .expect("a summary")
-        };
-        let meta = serde_json::from_value(serde_json::json!({
-            "objects": ids.iter().map(summary).collect::<Vec<_>>(), "surfaces": [], "camera": camera,
-            "world_frame": WorldFrame::Extrinsics, "view_yaw_rad": 0.0, "unseen": Unseen::default()
-        }))
-        .expect("metadata");
-        Scene {
-            camera_name: "front".to_owned(),
-            stamp_ns: 7,
-            points: points.iter().map(|p| p.0).collect(),
-            labels: points.iter().map(|p| p.1).collect(),
-            colors: Some(points.iter().map(|p| [p.1 as u8; 3]).collect()),
-            meta,
-        }
-    }
 
     #[test]
     fn a_viewer_can_read_back_what_was_seen() {
         let points: Vec<([f32; 3], u16)> = (0..100).map(|i| ([i as f32 * 0.01, 0.5 - i as f32 * 0.003, 0.0], (i % 4) as u16)).collect();
-        let scene = Arc::new(scene_of(&points));
+        let scene = Arc::new(Scene { stamp_ns: 7, ..seen_from_above(&points) });
         let frame = Payload { encoding: String::new(), bytes: Bytes::new() };
         let picture = Picture { stamp_ns: 7, jpeg: vec![1, 2, 3].into(), frame };
         let view = View::new(Kind::Live, "ab".to_owned(), scene, Some(&picture), 1000).expect("a view");

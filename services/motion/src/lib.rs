@@ -17,7 +17,7 @@
 //! robot is told, and [`recovery`] brings an arm back after a stop. Around it is the service ([`run`]): calls `plan`, `execute`, `reset` and
 //! `recover`, and the link to robots.
 
-pub mod belief;
+pub mod believed;
 pub mod benchmark;
 pub mod client_watch;
 pub mod collision;

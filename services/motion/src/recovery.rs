@@ -114,7 +114,7 @@ impl<'a> Recovery<'a> {
             let arm = recovery.spheres(start);
             let is_arm = |p: &Point3<f32>| arm.iter().any(|s| (s.center - p.cast::<f64>()).norm() < s.radius_m + settings.self_m);
             let points: Vec<Point3<f32>> = scene.points.iter().filter(|p| !is_arm(p)).copied().collect();
-            recovery.obstacles = Obstacles::new(&points, &scene.surfaces, &settings.obstacles);
+            recovery.obstacles = Obstacles::new(&points, &scene.surfaces_without(0, |_| None), &settings.obstacles);
         }
         recovery.obstacles = recovery.obstacles.with_keep_out(&settings.keep_out);
         recovery

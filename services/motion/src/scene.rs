@@ -1,6 +1,8 @@
 //! What the planner of motions knows of the world: the labelled cloud and its support surfaces, in the world frame.
 
 use nalgebra::{Point2, Point3};
+use repose_belief::plane::SupportPlane;
+use repose_belief::{Belief, BeliefSettings, SeenScene, TooWide};
 use repose_geometry::Footprint;
 
 /// A horizontal surface that things stand on.
@@ -24,23 +26,30 @@ impl SupportSurface {
     }
 }
 
-/// A segmented scene in a calibrated world frame.
-#[derive(Debug, Clone, PartialEq)]
+/// A segmented scene in a calibrated world frame, and what is believed of it.
+#[derive(Debug, Clone)]
 pub struct PlanningScene {
     /// The observed points, metres.
     pub points: Vec<Point3<f32>>,
     /// The object of each point, 0 = not an object. As long as `points`.
     pub labels: Vec<u16>,
-    /// The support surfaces.
-    pub surfaces: Vec<SupportSurface>,
-    /// Where the camera stood: the side from which objects were seen.
-    pub camera_in_world: Point3<f64>,
+    /// Whole shapes, what carries what, and which places were seen to be free: the same as the planner of placements believes.
+    pub belief: Belief,
 }
 
 impl PlanningScene {
-    /// The points of one object, in cloud order.
-    pub fn points_of(&self, object: u16) -> Vec<Point3<f32>> {
-        self.points.iter().zip(&self.labels).filter(|(_, label)| **label == object).map(|(p, _)| *p).collect()
+    /// A scene as it was seen.
+    ///
+    /// # Errors
+    /// When its objects are too far apart.
+    pub fn of(seen: &SeenScene<'_>) -> Result<Self, TooWide> {
+        let belief = Belief::of(seen, &BeliefSettings::default())?;
+        Ok(Self { points: seen.points.iter().map(|p| Point3::from(*p)).collect(), labels: seen.labels.to_vec(), belief })
+    }
+
+    /// The points of one object, in cloud order; none of an unknown one.
+    pub fn points_of(&self, object: u16) -> &[Point3<f32>] {
+        self.belief.objects.get(&object).map_or(&[], |object| &object.points)
     }
 
     /// All points but those of one object, in cloud order.
@@ -48,13 +57,15 @@ impl PlanningScene {
         self.points.iter().zip(&self.labels).filter(|(_, label)| **label != object).map(|(p, _)| *p).collect()
     }
 
-    /// The height of the highest surface under (x, y) that is not above `below_m`, the object's own top excepted.
-    pub fn support_below(&self, x_m: f64, y_m: f64, below_m: f64, object: u16) -> Option<f64> {
-        let xy = Point2::new(x_m as f32, y_m as f32);
-        self.surfaces
-            .iter()
-            .filter(|s| s.object != Some(object) && s.height_m <= below_m && s.footprint.margin(&xy) > 0.0)
-            .map(|s| s.height_m)
-            .max_by(f64::total_cmp)
+    /// The support surfaces but an object's own top (0: all of them), as solid as `depth_m` says.
+    pub fn surfaces_without(&self, object: u16, depth_m: impl Fn(&SupportPlane) -> Option<f32>) -> Vec<SupportSurface> {
+        let others = self.belief.planes.iter().filter(|plane| object == 0 || plane.object != object);
+        let solid = |plane: &SupportPlane| SupportSurface {
+            height_m: f64::from(plane.height_m),
+            footprint: plane.outline.clone(),
+            object: (plane.object != 0).then_some(plane.object),
+            depth_m: depth_m(plane).map(f64::from),
+        };
+        others.map(solid).collect()
     }
 }

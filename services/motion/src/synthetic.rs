@@ -1,16 +1,21 @@
 //! Clouds of simple things as one camera sees them: the known scenes of this crate's tests and benches.
 
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
+use repose_belief::SeenScene;
+use repose_geometry::transform::look_at;
+use repose_proto::{CameraModel, Surface};
 
 use crate::scene::{PlanningScene, SupportSurface};
 
 /// The camera looks at the table from the far side and above.
 pub const CAMERA: Point3<f64> = Point3::new(1.3, 0.0, 0.9);
 
+/// The outline of the table, world x and y, metres.
+const TABLE: [[f32; 2]; 4] = [[0.25, -0.45], [0.85, -0.45], [0.85, 0.45], [0.25, 0.45]];
+
 /// The default cell's table top.
 pub fn table() -> SupportSurface {
-    let outline = [[0.25, -0.45], [0.85, -0.45], [0.85, 0.45], [0.25, 0.45]].map(Point2::from);
-    SupportSurface::new(0.0, &outline, None).expect("the outline has an area")
+    SupportSurface::new(0.0, &TABLE.map(Point2::from), None).expect("the outline has an area")
 }
 
 /// The points of the table top, 8 mm apart.
@@ -68,10 +73,22 @@ pub fn scene() -> PlanningScene {
         (2, seen_box([0.55, 0.1], [0.10, 0.10, 0.15], -0.2)),
         (3, seen_bowl([0.6, -0.25], 0.06, 0.05)),
     ];
-    let mut scene = PlanningScene { points: Vec::new(), labels: Vec::new(), surfaces: vec![table()], camera_in_world: CAMERA };
-    for (label, points) in objects {
-        scene.labels.extend(std::iter::repeat_n(label, points.len()));
-        scene.points.extend(points);
-    }
-    scene
+    scene_of(&objects)
+}
+
+/// The scene of objects by label (0: none) on the table.
+///
+/// # Panics
+/// Where they are tens of metres apart.
+pub fn scene_of(objects: &[(u16, Vec<Point3<f32>>)]) -> PlanningScene {
+    let labelled = || objects.iter().flat_map(|(label, points)| points.iter().map(move |p| (p, *label)));
+    let points: Vec<[f32; 3]> = labelled().map(|(p, _)| p.coords.into()).collect();
+    let labels: Vec<u16> = labelled().map(|(_, label)| label).collect();
+    let outline_m = TABLE.map(|corner| corner.map(f64::from)).to_vec();
+    let surfaces = [Surface { height_m: 0.0, outline_m, area_m2: 0.54, object: None }];
+    let camera =
+        CameraModel { width: 640, height: 480, fx: 525.0, fy: 525.0, cx: 319.5, cy: 239.5, depth_unit_m: 0.001, world_from_camera: None };
+    let world_from_camera = look_at(&CAMERA, &Point3::new(0.5, 0.0, 0.0), &Vector3::z());
+    let seen = SeenScene { points: &points, labels: &labels, surfaces: &surfaces, camera: &camera, world_from_camera: &world_from_camera };
+    PlanningScene::of(&seen).expect("a table's objects are near each other")
 }

@@ -1,6 +1,7 @@
 //! Between the messages of `repose-proto` and the planner's own types.
 
-use nalgebra::{Isometry3, Point2, Point3};
+use nalgebra::{Isometry3, Point3};
+use repose_belief::SeenScene;
 use repose_geometry::transform::{from_row_major, to_row_major};
 use repose_proto::motion::{Grasp as WireGrasp, MotionFailure, MotionPhase, MotionPlan, MotionPlanRequest, NotChosen as WireNotChosen};
 use repose_proto::robot::{GripperCommand, HeldObject, SetPoint};
@@ -10,7 +11,7 @@ use repose_proto::{CallError, ErrorCode, RigidTransform, Scene};
 use crate::grasp::Grasp;
 use crate::path::timing::Trajectory;
 use crate::pick_place::plan::{Failure, NotChosen, PickPlaceError, PickPlacePlan};
-use crate::scene::{PlanningScene, SupportSurface};
+use crate::scene::PlanningScene;
 
 /// What a plan says beside the motion itself.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,16 +50,9 @@ pub fn surroundings(scene: &Scene) -> Result<PlanningScene, CallError> {
         Some(transform) => isometry(transform, "scene.camera.world_from_camera")?,
         None => return Err(CallError::precondition("the scene's camera has no pose").at("scene.camera.world_from_camera")),
     };
-    let surfaces = scene.meta.surfaces.iter().filter_map(|s| {
-        let outline: Vec<Point2<f32>> = s.outline_m.iter().map(|[x, y]| Point2::new(*x as f32, *y as f32)).collect();
-        SupportSurface::new(s.height_m, &outline, s.object)
-    });
-    Ok(PlanningScene {
-        points: scene.points.iter().map(|p| Point3::from(*p)).collect(),
-        labels: scene.labels.clone(),
-        surfaces: surfaces.collect(),
-        camera_in_world: Point3::from(world_from_camera.translation.vector),
-    })
+    let Scene { points, labels, meta, .. } = scene;
+    let seen = SeenScene { points, labels, surfaces: &meta.surfaces, camera: &meta.camera, world_from_camera: &world_from_camera };
+    PlanningScene::of(&seen).map_err(|too_wide| CallError::invalid("scene.points", too_wide.to_string()))
 }
 
 /// A rigid transform of a message.

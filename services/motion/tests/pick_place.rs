@@ -69,7 +69,7 @@ fn the_object_is_released_two_centimetres_above_the_planned_pose_after_a_standof
 fn every_millisecond_keeps_frankas_rules_and_touches_nothing() {
     let plan = plan(1, &[moved(0.45, 0.25)], None).unwrap();
     let scene = synthetic::scene();
-    let others = Obstacles::new(&scene.points_without(1), &scene.surfaces, &ObstacleSettings::default());
+    let others = Obstacles::new(&scene.points_without(1), &scene.surfaces_without(1, |_| None), &ObstacleSettings::default());
     let obstacles = [&others];
     let arm = ArmSettings { padding_m: 0.0, finger_opening_m: plan.grasp.opening_m, ..ArmSettings::default() };
     let checker = CollisionChecker::new(arm, &obstacles, None);

@@ -38,10 +38,10 @@ fn scene() -> Scene {
         world_from_camera: Some(RigidTransform(to_row_major(&world_from_camera))),
     };
     let object = |id| ObjectSummary { id, points: 1, centroid_m: [0.0; 3], extent_m: [0.0; 3], completeness: 1.0, score: None };
-    let surfaces = seen.surfaces.iter().map(|s| Surface {
-        height_m: s.height_m,
-        outline_m: s.footprint.corners().iter().map(|c| [f64::from(c.x), f64::from(c.y)]).collect(),
-        area_m2: f64::from(s.footprint.area()),
+    let surfaces = seen.belief.planes.iter().map(|s| Surface {
+        height_m: f64::from(s.height_m),
+        outline_m: s.outline.corners().iter().map(|c| [f64::from(c.x), f64::from(c.y)]).collect(),
+        area_m2: f64::from(s.outline.area()),
         object: None,
     });
     Scene {

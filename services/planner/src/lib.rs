@@ -58,7 +58,6 @@
 
 pub mod answers;
 pub mod arrange;
-pub mod belief;
 pub mod cached_scene;
 pub mod checks;
 pub mod config;

@@ -5,10 +5,10 @@
 //! Where a finger would come down unseen, behind the object, the run may end later than it seems: that finger gets all the room there is.
 
 use nalgebra::{Isometry3, Point3, Vector3};
+use repose_belief::ObservedView;
 use repose_panda::FINGER_OPENING_MAX_M;
 
 use super::ObjectCloud;
-use crate::belief::sight::Sight;
 
 /// How far the fingers reach beyond the grasp centre, metres.
 pub const TIP_BEYOND_TCP_M: f64 = 0.013;
@@ -103,7 +103,12 @@ type SlabPoint = (Vector3<f64>, usize);
 ///
 /// # Errors
 /// The [`Misfit`] when that is no grasp.
-pub fn fit(world_from_tcp: &Isometry3<f64>, object: &ObjectCloud, sight: &Sight, settings: &GripperSettings) -> Result<GripperFit, Misfit> {
+pub fn fit(
+    world_from_tcp: &Isometry3<f64>,
+    object: &ObjectCloud,
+    view: &ObservedView,
+    settings: &GripperSettings,
+) -> Result<GripperFit, Misfit> {
     let slab = slab(world_from_tcp, object, settings)?;
     let run = run_at_the_middle(&slab, settings)?;
     let (low, high) = (slab[run.start].0.y, slab[run.end - 1].0.y);
@@ -113,7 +118,7 @@ pub fn fit(world_from_tcp: &Isometry3<f64>, object: &ObjectCloud, sight: &Sight,
         return Err(Misfit::TooWide);
     }
     let mut offset_m = 0.5 * (low + high);
-    let seen_at = |y: f64, side: f64| seen_share(world_from_tcp, y, side, sight, settings);
+    let seen_at = |y: f64, side: f64| seen_share(world_from_tcp, y, side, view, settings);
     let mut seen = [seen_at(offset_m - 0.5 * opening_m, -1.0), seen_at(offset_m + 0.5 * opening_m, 1.0)];
     if (seen[0] < settings.seen_min) != (seen[1] < settings.seen_min) {
         opening_m = FINGER_OPENING_MAX_M;
@@ -165,14 +170,14 @@ fn is_between_pads(p: &Vector3<f64>, settings: &GripperSettings) -> bool {
 }
 
 /// The share of a finger that is in space that was seen to be free; `y` is its inner face, `side` where its bulk lies.
-fn seen_share(world_from_tcp: &Isometry3<f64>, y: f64, side: f64, sight: &Sight, settings: &GripperSettings) -> f64 {
+fn seen_share(world_from_tcp: &Isometry3<f64>, y: f64, side: f64, view: &ObservedView, settings: &GripperSettings) -> f64 {
     let mut free = 0;
     let mut asked = 0;
     for z in [-0.022, -0.008, 0.006] {
         for x in [-0.6, 0.6] {
             for share in [0.15, 0.6] {
                 let place = Point3::new(x * settings.finger_half_width_m, y + side * share * settings.finger_thickness_m, z);
-                free += usize::from(sight.is_free(&(world_from_tcp * place)));
+                free += usize::from(view.is_free(&(world_from_tcp * place).cast()));
                 asked += 1;
             }
         }

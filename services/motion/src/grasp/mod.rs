@@ -9,13 +9,13 @@ pub mod gripper;
 pub mod normals;
 pub mod top_down;
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point2, Point3, Vector2, Vector3};
 use rand_pcg::Pcg64;
+use repose_belief::ObservedView;
+use repose_belief::far_side::far_side;
 use repose_geometry::{Aabb, cloud};
 use repose_panda::{FINGER_OPENING_MAX_M, Frame, gripper_spheres, kinematics::TCP_M};
 
-use crate::belief::hidden;
-use crate::belief::sight::Sight;
 use crate::obstacles::Obstacles;
 use gripper::{GripperFit, GripperSettings};
 
@@ -56,9 +56,6 @@ pub struct GraspSettings {
     pub friction: f64,
     /// How far the approach may be from straight down, radians. Default 1.2.
     pub approach_max_rad: f64,
-    /// How far the object's middle is taken to lie behind the middle of what was seen of it: its far side is hidden, and its borders are
-    /// cleaned away, metres. Default 0.006.
-    pub hidden_m: f64,
     /// How far the fingertips stay above what the object stands on, metres. Default 0.004.
     pub support_clearance_m: f64,
     /// What is added to the hand's spheres against the rest of the scene, metres. Default 0.005.
@@ -81,7 +78,6 @@ impl Default for GraspSettings {
             pairs: 300,
             friction: 0.5,
             approach_max_rad: 1.2,
-            hidden_m: 0.006,
             support_clearance_m: 0.004,
             padding_m: 0.005,
             count: 48,
@@ -136,8 +132,8 @@ pub struct ObjectCloud {
     pub points: Vec<Point3<f32>>,
     /// Unit surface normal at each, towards the side from which it was seen.
     pub normals: Vec<Vector3<f32>>,
-    /// Where the middle of its top is taken to be: a camera that looks down sees the top whole, and of the rest only the near side.
-    pub middle: Point3<f64>,
+    /// Its upright axis, seen from above.
+    pub axis: Vector2<f64>,
     /// What is believed of its far side, hidden from the camera: no finger comes down there. Empty where guesses are not heeded.
     pub behind: Vec<Point3<f32>>,
     /// The smallest axis-aligned box around the points.
@@ -153,34 +149,29 @@ pub struct GraspScene<'a> {
     pub points: &'a [Point3<f32>],
     /// The height of what it stands on, metres.
     pub support_m: f64,
-    /// Where it was seen from.
-    pub camera_in_world: &'a Point3<f64>,
-    /// What was seen to be free.
-    pub sight: &'a Sight,
+    /// Its believed upright axis, seen from above; none: the middle of what was seen.
+    pub axis: Option<Point2<f32>>,
+    /// What the camera saw.
+    pub view: &'a ObservedView,
     /// The rest of the scene.
     pub others: &'a Obstacles,
     /// Whether the object is believed to have a far side like its near one.
     pub believes: bool,
 }
 
-/// How far below the top of an object its top reaches, metres: the lid of a can, the cap of a bottle, the rim of a bowl.
-const TOP_M: f32 = 0.02;
-/// Share of the highest points that are taken for stray ones.
-const STRAY_SHARE: f64 = 0.02;
-
 /// Distinct grasps on the object, best first, with the tally of what was refused.
 pub fn grasps(scene: &GraspScene<'_>, settings: &GraspSettings, rng: &mut Pcg64) -> (Vec<Grasp>, GraspTally) {
     let mut tally = GraspTally::default();
     let thinned = cloud::voxel_downsampled(scene.points, settings.voxel_m);
     let Some(bounds) = Aabb::of(&thinned) else { return (Vec::new(), tally) };
-    let normals = normals::estimated(&thinned, 3.0 * settings.voxel_m, &scene.camera_in_world.cast::<f32>());
+    let normals = normals::estimated(&thinned, 3.0 * settings.voxel_m, &scene.view.eye());
     let floor_m = scene.support_m + gripper::TIP_BEYOND_TCP_M + settings.support_clearance_m;
-    let middle = hidden::middle(&top_of(&thinned).unwrap_or(bounds), scene.camera_in_world, settings.hidden_m);
+    let axis = scene.axis.unwrap_or_else(|| bounds.center().xy());
     let behind = match scene.believes {
-        true => hidden::far_side(&thinned, &middle).into_iter().filter(|p| !scene.sight.is_free(&p.cast())).collect(),
+        true => far_side(&thinned, &axis).into_iter().filter(|p| !scene.view.is_free(p)).collect(),
         false => Vec::new(),
     };
-    let object = ObjectCloud { points: thinned, normals, middle, behind, bounds, floor_m };
+    let object = ObjectCloud { points: thinned, normals, axis: axis.coords.cast(), behind, bounds, floor_m };
 
     let mut proposals = top_down::proposals(&object, settings);
     proposals.extend(antipodal::proposals(&object, settings, rng));
@@ -189,13 +180,6 @@ pub fn grasps(scene: &GraspScene<'_>, settings: &GraspSettings, rng: &mut Pcg64)
         proposals.iter().filter_map(|world_from_tcp| judged(world_from_tcp, &object, scene, settings, &mut tally)).collect();
     found.sort_by(|a, b| b.score.total_cmp(&a.score));
     (distinct(found, settings), tally)
-}
-
-/// The box around the upper end of what was seen of an object.
-fn top_of(points: &[Point3<f32>]) -> Option<Aabb> {
-    let top = cloud::percentile_box(points, 0.0, 1.0 - STRAY_SHARE)?.max.z;
-    let upper: Vec<Point3<f32>> = points.iter().filter(|p| p.z >= top - TOP_M).copied().collect();
-    Aabb::of(&upper)
 }
 
 /// The grasp at a proposed pose, moved along the closing direction so that the fingers meet the object at the same time; or nothing.
@@ -209,7 +193,7 @@ fn judged(
 ) -> Option<Grasp> {
     for clearance_m in [settings.gripper.clearance_m, settings.gripper.clearance_beside_m] {
         let gripper = GripperSettings { clearance_m, ..settings.gripper };
-        let fit = match gripper::fit(world_from_tcp, object, scene.sight, &gripper) {
+        let fit = match gripper::fit(world_from_tcp, object, scene.view, &gripper) {
             Ok(fit) => fit,
             Err(misfit) => {
                 match misfit {
@@ -252,7 +236,7 @@ const EDGE_M: f64 = 0.010;
 /// `border_m` is how much of the object is missing at each border of what was seen of it.
 fn score(world_from_tcp: &Isometry3<f64>, fit: &GripperFit, object: &ObjectCloud, border_m: f64, weights: &GraspWeights) -> f64 {
     let approach = world_from_tcp.rotation * Vector3::z();
-    let aside = (world_from_tcp.translation.vector.xy() - object.middle.coords.xy()).norm();
+    let aside = (world_from_tcp.translation.vector.xy() - object.axis).norm();
     let room_m = FINGER_OPENING_MAX_M - fit.width_m - 2.0 * border_m;
     let half_diagonal = 0.5 * f64::from(object.bounds.extent().xy().norm()).max(0.02);
     let terms = [
@@ -307,11 +291,10 @@ mod tests {
     use rand::SeedableRng;
 
     fn find(points: &[Point3<f32>], others: &[Point3<f32>]) -> (Vec<Grasp>, GraspTally) {
-        let all: Vec<Point3<f32>> = synthetic::table_points().iter().chain(points).chain(others).copied().collect();
+        let seen = synthetic::scene_of(&[(0, synthetic::table_points()), (1, points.to_vec()), (0, others.to_vec())]);
         let others = Obstacles::new(others, &[synthetic::table()], &ObstacleSettings::default());
-        let sight = Sight::new(&synthetic::CAMERA, &all);
-        let scene =
-            GraspScene { points, support_m: 0.0, camera_in_world: &synthetic::CAMERA, sight: &sight, others: &others, believes: true };
+        let axis = seen.belief.objects[&1].shape.as_ref().map(|shape| shape.axis);
+        let scene = GraspScene { points, support_m: 0.0, axis, view: &seen.belief.view, others: &others, believes: true };
         grasps(&scene, &GraspSettings::default(), &mut Pcg64::seed_from_u64(5))
     }
 
@@ -348,7 +331,7 @@ mod tests {
             let points = seen_bottle(at);
             let (found, tally) = find(&points, &[]);
             assert!(!found.is_empty(), "{tally:?}");
-            let aside_m = (found[0].world_from_tcp.translation.vector.xy() - nalgebra::Vector2::from(at)).norm();
+            let aside_m = (found[0].world_from_tcp.translation.vector.xy() - Vector2::from(at)).norm();
             assert!(aside_m < 0.008, "{aside_m} at {at:?}");
         }
     }
@@ -379,7 +362,7 @@ mod tests {
         let (found, tally) = find(&points, &[]);
         assert!(!found.is_empty(), "{tally:?}");
         for grasp in &found {
-            let from_axis = (grasp.world_from_tcp.translation.vector.xy() - nalgebra::Vector2::new(0.5, 0.0)).norm();
+            let from_axis = (grasp.world_from_tcp.translation.vector.xy() - Vector2::new(0.5, 0.0)).norm();
             // A finger that comes down unseen gets all the room there is, so the wall need not be in the middle between the two.
             let (wall_m, width_m) = ((from_axis - 0.07).abs(), grasp.width_m.unwrap_or(1.0));
             assert!(wall_m < grasp.opening_m / 2.0 && width_m < 0.03, "the wall between the fingers, not across: {wall_m} {width_m}");

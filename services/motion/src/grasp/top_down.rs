@@ -54,7 +54,7 @@ fn across(object: &ObjectCloud, yaw: f64, settings: &GraspSettings, poses: &mut 
     let along = Vector3::new(-yaw.sin(), yaw.cos(), 0.0);
     let (closing_low, closing_high) = extent(object, &closing);
     let (along_low, along_high) = extent(object, &along);
-    let middle = along.dot(&object.middle.coords);
+    let middle = along.xy().dot(&object.axis);
     let across_middle = 0.5 * (closing_low + closing_high);
     let places = ALONG.map(|share| middle + share * 0.5 * (along_high - along_low));
     // Where a round object is widest, which is further from the camera than the middle of what was seen of it.

@@ -17,8 +17,7 @@ use repose_panda::{Frame, Joints, LIMITS};
 pub use self::request::PickPlaceRequest;
 pub use self::settings::PickPlaceSettings;
 
-use crate::belief::believed::{Heeded, Worlds};
-use crate::belief::sight::Sight;
+use crate::believed::{Heeded, Worlds};
 use crate::collision::{ArmSettings, CollisionChecker, HeldObject};
 use crate::grasp::{Grasp, GraspScene, GraspTally, grasps};
 use crate::obstacles::Obstacles;
@@ -60,9 +59,8 @@ pub fn pick_place_until(
     if request.grasps.is_some_and(<[Grasp]>::is_empty) {
         return Err(PickPlaceError::NoGrasp(GraspTally::default()));
     }
-    let sight = Sight::new(&request.scene.camera_in_world, &request.scene.points);
     let shoulder = (settings.world_from_base * Point3::new(0.0, 0.0, SHOULDER_M)).cast::<f32>();
-    let worlds = Worlds::new(request, settings, &sight, shoulder);
+    let worlds = Worlds::new(request, settings, shoulder);
     let mut found = planned(&worlds, Heeded::Everything, should_stop);
     for heeded in Heeded::IN_TURN.into_iter().skip(1) {
         if found.is_ok() || should_stop() {
@@ -75,7 +73,7 @@ pub fn pick_place_until(
 
 /// The plan in one of the worlds.
 fn planned(worlds: &Worlds<'_>, heeded: Heeded, should_stop: &dyn Fn() -> bool) -> Result<PickPlacePlan, PickPlaceError> {
-    let &Worlds { request, settings, sight, .. } = worlds;
+    let &Worlds { request, settings, .. } = worlds;
     let world = worlds.world(heeded);
     let (others, everything) = ([world.others], [world.others, &world.query]);
     let mut rng = Pcg64::seed_from_u64(request.seed);
@@ -86,9 +84,9 @@ fn planned(worlds: &Worlds<'_>, heeded: Heeded, should_stop: &dyn Fn() -> bool) 
     let found = match request.grasps {
         Some(given) => given.to_vec(),
         None => {
-            let (object, camera_in_world) = (request.scene.points_of(request.query), &request.scene.camera_in_world);
-            let (support_m, believes) = (world.support_m, heeded != Heeded::Held);
-            let scene = GraspScene { points: &object, support_m, camera_in_world, sight, others: world.others, believes };
+            let (points, view) = (request.scene.points_of(request.query), &request.scene.belief.view);
+            let (support_m, axis, believes) = (world.support_m, world.axis, heeded != Heeded::Held);
+            let scene = GraspScene { points, support_m, axis, view, others: world.others, believes };
             let (found, tally) = grasps(&scene, &settings.grasp, &mut rng);
             if found.is_empty() {
                 return Err(PickPlaceError::NoGrasp(tally));

@@ -2,7 +2,7 @@
 
 pub use repose_proto::motion::Phase;
 
-use crate::belief::believed::Heeded;
+use crate::believed::Heeded;
 use crate::collision::Contact;
 use crate::grasp::{Grasp, GraspTally};
 use crate::path::timing::Trajectory;

@@ -14,15 +14,15 @@ const ANCHORS: usize = 3;
 /// Goals to try for an object's place aside, one after the other: a side of something that stands, nearest to it first, and not near what
 /// others must still come to.
 pub fn places_aside(scene: &PreparedScene, object: u16, unsettled: &BTreeSet<u16>, keep_clear: &BTreeSet<u16>) -> Vec<Vec<GoalTerm>> {
-    let Some(from) = scene.objects.get(&object).map(|o| o.centroid) else { return Vec::new() };
-    let others = scene.objects.iter().filter(|(id, _)| **id != object);
+    let Some(from) = scene.belief.objects.get(&object).map(|o| o.centroid) else { return Vec::new() };
+    let others = scene.belief.objects.iter().filter(|(id, _)| **id != object);
     // What moves again is an anchor only where nothing else is there.
     let mut anchors: Vec<(bool, f64, u16)> =
         others.map(|(id, other)| (unsettled.contains(id), (other.centroid - from).xy().norm(), *id)).collect();
     anchors.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)));
     let clear: Vec<GoalTerm> = keep_clear
         .iter()
-        .filter(|id| **id != object && scene.objects.contains_key(id))
+        .filter(|id| **id != object && scene.belief.objects.contains_key(id))
         .map(|id| GoalTerm { relation: Relation::Near, anchor: *id, holds: false })
         .collect();
     let side = |(relation, anchor): (Relation, u16)| [vec![GoalTerm { relation, anchor, holds: true }], clear.clone()].concat();

@@ -249,7 +249,7 @@ impl<'a> Search<'a> {
 
     /// How an object can be settled while the others are not.
     fn settling(&mut self, state: &State, object: u16, others: &BTreeSet<u16>) -> Result<Settling, CallError> {
-        if !state.scene.carried(object).is_empty() {
+        if !state.scene.belief.carried(object).is_empty() {
             return Ok(Settling::Waits);
         }
         let terms = self.goals.of(object, others);
@@ -282,7 +282,7 @@ impl<'a> Search<'a> {
     /// The table after a move; none where the object would stand on something that must move yet, and be in the way there.
     fn after(&mut self, state: &State, step: &ArrangeMove, unsettled: &BTreeSet<u16>) -> Result<Option<State>, CallError> {
         let scene = self.tables.after(&state.scene, step.object, &step.placement.placed_from_observed)?;
-        let is_in_the_way = unsettled.iter().any(|other| *other != step.object && scene.carried(*other).contains(&step.object));
+        let is_in_the_way = unsettled.iter().any(|other| *other != step.object && scene.belief.carried(*other).contains(&step.object));
         Ok((!is_in_the_way).then(|| State { scene, unsettled: unsettled.clone() }))
     }
 
@@ -367,8 +367,9 @@ impl<'a> Search<'a> {
     /// The objects that may keep others from their places, likeliest first, each with whom it may keep from which: those that stand on what must
     /// move, or where there are none, everything that can be moved.
     fn in_the_way<'g>(&self, state: &State, without_room: &'g [WithoutRoom]) -> Vec<(u16, Option<&'g WithoutRoom>)> {
-        let free = |id: &u16| state.scene.carried(*id).is_empty();
-        let carried: BTreeSet<u16> = state.unsettled.iter().flat_map(|object| state.scene.carried(*object).iter().copied()).collect();
+        let free = |id: &u16| state.scene.belief.carried(*id).is_empty();
+        let carried: BTreeSet<u16> =
+            state.unsettled.iter().flat_map(|object| state.scene.belief.carried(*object).iter().copied()).collect();
         if !carried.is_empty() {
             return carried.into_iter().filter(free).map(|object| (object, None)).collect();
         }
@@ -376,7 +377,7 @@ impl<'a> Search<'a> {
         for whom in without_room.iter().filter(|(_, terms)| terms.iter().any(|t| t.holds)) {
             let (object, terms) = whom;
             let is_anchor = |id: &u16| terms.iter().any(|t| t.anchor == *id);
-            for other in state.scene.objects.keys().copied().filter(|id| id != object && !is_anchor(id)).filter(free) {
+            for other in state.scene.belief.objects.keys().copied().filter(|id| id != object && !is_anchor(id)).filter(free) {
                 // What stands where this one must go comes first, then what moves anyway.
                 let stands_there = all_hold(&state.scene, self.places.viewer(), other, terms);
                 likely.push(((!stands_there, !state.unsettled.contains(&other)), other, Some(whom)));

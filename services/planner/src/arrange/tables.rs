@@ -71,7 +71,7 @@ impl Tables {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tests::synthetic::SceneBuilder;
+    use crate::tests::synthetic::{Prepared, SceneBuilder};
 
     #[test]
     fn the_same_move_gives_the_same_table_and_only_the_last_ones_are_kept() {

@@ -37,7 +37,7 @@ impl<'a> Clearance<'a> {
         let bounds = placed.bounds()?;
         let carriers = self.carriers(candidate);
         let counts = |id: &u16| *id != self.query.id && !self.touched.contains(id) && !carriers.contains(id);
-        let shapes = self.prepared.objects.iter().filter(|(id, _)| counts(id)).filter_map(|(_, o)| o.shape.as_ref());
+        let shapes = self.prepared.belief.objects.iter().filter(|(id, _)| counts(id)).filter_map(|(_, o)| o.shape.as_ref());
         let to_shapes_m = shapes.map(|shape| placed.to_shape_m(shape, 0.0)).fold(f64::INFINITY, f64::min) as f32;
 
         let floor_m = self.query.bottom_of(candidate.centroid_m[2]) + self.fixed.support.same_support_m;
@@ -59,8 +59,8 @@ impl<'a> Clearance<'a> {
         let ground = Ground { prepared: self.prepared, query: self.query, settings: &self.fixed.support };
         let mut carriers: BTreeSet<u16> = ground.objects_under(candidate).into_iter().collect();
         loop {
-            let carries_one = |id: &&u16| self.prepared.carried(**id).iter().any(|above| carriers.contains(above));
-            let below: BTreeSet<u16> = self.prepared.objects.keys().filter(carries_one).copied().collect();
+            let carries_one = |id: &&u16| self.prepared.belief.carried(**id).iter().any(|above| carriers.contains(above));
+            let below: BTreeSet<u16> = self.prepared.belief.objects.keys().filter(carries_one).copied().collect();
             if below.is_subset(&carriers) {
                 return carriers;
             }
@@ -98,7 +98,7 @@ impl Nearest {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tests::synthetic::{SceneBuilder, standing_at};
+    use crate::tests::synthetic::{Prepared, SceneBuilder, standing_at};
 
     fn clearance_m(prepared: &PreparedScene, touched: &[u16], place: [f32; 3]) -> Option<f64> {
         let fixed = Fixed::default();

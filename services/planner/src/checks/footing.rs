@@ -8,12 +8,12 @@ use std::collections::BTreeMap;
 use nalgebra::{Point2, Point3};
 use repose_geometry::Footprint;
 
-use crate::belief::view::Sight;
 use crate::checks::MISS_PER_METRE;
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;
 use crate::settings::SupportSettings;
+use repose_belief::view::Sight;
 
 /// How well a candidate stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,13 +51,13 @@ impl Ground<'_> {
     /// none when nothing is under it.
     pub fn rest_m(&self, candidate: &CandidatePose, ceiling_m: f32) -> Option<f32> {
         let top_under = |place: &Point2<f32>| {
-            let runs = self.prepared.columns.at(place).iter();
+            let runs = self.prepared.belief.columns.at(place).iter();
             runs.filter(|r| r.object != self.query.id && r.high_m <= ceiling_m).map(|r| r.high_m).reduce(f32::max)
         };
         let carry = candidate.carrying();
         let mut tops: Vec<f32> = self.query.base.iter().filter_map(|offset| top_under(&carry(offset))).collect();
         let axis = candidate.carry(&self.query.shape.axis_offset());
-        let planes = self.prepared.planes.iter().filter(|p| p.object != self.query.id && p.outline.margin(&axis) >= 0.0);
+        let planes = self.prepared.belief.planes.iter().filter(|p| p.object != self.query.id && p.outline.margin(&axis) >= 0.0);
         if tops.is_empty() {
             let under = planes.map(|p| p.height_m).filter(|h| *h <= ceiling_m).reduce(f32::max);
             return under.map(|h| h + self.settings.release_m);
@@ -118,17 +118,17 @@ impl Ground<'_> {
 
     fn carried(&self, place: &Point2<f32>, level_m: f32) -> Option<CellSupport> {
         let tolerance_m = self.settings.tolerance_m;
-        let mut runs = self.prepared.columns.at(place).iter();
+        let mut runs = self.prepared.belief.columns.at(place).iter();
         let top = runs.rfind(|r| r.seen && r.object != self.query.id && (r.high_m - level_m).abs() <= tolerance_m);
         if let Some(run) = top {
-            return self.prepared.carries(run.object).then_some(CellSupport::Seen(run.object));
+            return self.prepared.belief.carries(run.object).then_some(CellSupport::Seen(run.object));
         }
         let at = Point3::new(place.x, place.y, level_m);
-        match self.prepared.view.sight(&at, tolerance_m, self.settings.through_m, self.query.id) {
-            Sight::Surface(object) => self.prepared.carries(object).then_some(CellSupport::Seen(object)),
+        match self.prepared.belief.view.sight(&at, tolerance_m, self.settings.through_m, self.query.id) {
+            Sight::Surface(object) => self.prepared.belief.carries(object).then_some(CellSupport::Seen(object)),
             Sight::Empty => None,
             Sight::Unknown => {
-                let around = self.prepared.planes.iter().filter(|p| p.object != self.query.id);
+                let around = self.prepared.belief.planes.iter().filter(|p| p.object != self.query.id);
                 let mut level = around.filter(|p| (p.height_m - level_m).abs() <= self.settings.same_support_m);
                 level.any(|p| p.outline.margin(place) >= 0.0).then_some(CellSupport::Believed)
             }
@@ -161,7 +161,7 @@ enum CellSupport {
 mod tests {
     use super::*;
     use crate::settings::Fixed;
-    use crate::tests::synthetic::SceneBuilder;
+    use crate::tests::synthetic::{Prepared, SceneBuilder};
 
     fn scene() -> (PreparedScene, QueryObject) {
         let prepared =

@@ -42,11 +42,11 @@ pub fn obstruction(
     let carry = candidate.carrying();
     // Broad phase: over most of an open table nothing reaches up beside the query at all.
     let [x, y, _] = candidate.centroid_m;
-    let free = prepared.columns.top_around(&Point2::new(x, y), query.reach_m) <= floor_m;
+    let free = prepared.belief.columns.top_around(&Point2::new(x, y), query.reach_m) <= floor_m;
     for prism in query.prisms.iter().filter(|_| !free) {
         let (low_m, high_m) = (bottom_m + prism.low_m, bottom_m + prism.high_m);
         for cell in &prism.cells {
-            let (top_m, runs) = prepared.columns.top_and_runs(&carry(&cell.offset));
+            let (top_m, runs) = prepared.belief.columns.top_and_runs(&carry(&cell.offset));
             if top_m <= floor_m.max(low_m) {
                 continue;
             }
@@ -99,7 +99,7 @@ fn count(inside_m: f32, graze_m: f32, colliding: &mut usize, near: &mut [usize; 
 mod tests {
     use super::*;
     use crate::settings::Fixed;
-    use crate::tests::synthetic::{SceneBuilder, standing_at};
+    use crate::tests::synthetic::{Prepared, SceneBuilder, standing_at};
 
     #[test]
     fn it_collides_with_a_box_and_its_hidden_back_and_is_clear_beside_it() {

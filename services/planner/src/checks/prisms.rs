@@ -3,9 +3,9 @@
 use nalgebra::{Point2, Point3, Vector3};
 use repose_geometry::Aabb;
 
-use crate::belief::outlines::{outline_gap_m, to_outline_m};
-use crate::belief::shape::Shape;
 use crate::scene::candidate::CandidatePose;
+use repose_belief::outlines::{outline_gap_m, to_outline_m};
+use repose_belief::shape::Shape;
 
 /// The query's prisms where a candidate puts them, world frame.
 #[derive(Debug, Clone)]
@@ -77,7 +77,7 @@ mod tests {
     use super::*;
     use crate::scene::query::QueryObject;
     use crate::settings::Fixed;
-    use crate::tests::synthetic::{SceneBuilder, standing_at};
+    use crate::tests::synthetic::{Prepared, SceneBuilder, standing_at};
 
     #[test]
     fn distances_to_points_are_straight_also_past_corners_and_0_inside() {

@@ -78,7 +78,7 @@ fn held_at(query: &QueryObject, candidate: &CandidatePose) -> Point3<f64> {
 mod tests {
     use super::*;
     use crate::settings::Fixed;
-    use crate::tests::synthetic::{SceneBuilder, standing_at};
+    use crate::tests::synthetic::{Prepared, SceneBuilder, standing_at};
 
     #[test]
     fn places_before_the_arm_are_in_reach_and_far_or_low_ones_are_not() {

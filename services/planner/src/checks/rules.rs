@@ -14,11 +14,11 @@ use repose_relations::directional::directional_margins;
 use repose_relations::margins::{ALIGNED_RAD, CENTERED_M, NEAR_M, TOUCHING_CLOUDS_M};
 use repose_relations::rectangle::{quarter_turn_difference_rad, rectangle_yaw_rad};
 
-use crate::belief::shape::Shape;
 use crate::checks::prisms::PlacedPrisms;
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::settings::RuleSettings;
+use repose_belief::shape::Shape;
 
 /// One of the two objects of a relation, as far as the rules need it.
 #[derive(Debug, Clone)]
@@ -184,7 +184,7 @@ mod tests {
     use super::*;
     use crate::scene::query::QueryObject;
     use crate::settings::Fixed;
-    use crate::tests::synthetic::{SceneBuilder, standing_at};
+    use crate::tests::synthetic::{Prepared, SceneBuilder, standing_at};
 
     #[test]
     fn a_table_of_places_has_the_relations_that_people_would_say() {

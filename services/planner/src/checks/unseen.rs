@@ -40,7 +40,7 @@ fn stood_there(query: &QueryObject, place: &Point2<f32>, height_m: f32) -> bool 
 mod tests {
     use super::*;
     use crate::settings::Fixed;
-    use crate::tests::synthetic::{SceneBuilder, standing_at};
+    use crate::tests::synthetic::{Prepared, SceneBuilder, standing_at};
 
     #[test]
     fn behind_a_wall_is_unseen_beside_it_is_seen_and_its_own_place_is_free() {

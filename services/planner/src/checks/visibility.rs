@@ -1,9 +1,9 @@
 //! The in-view constraint of the paper (equation 5), with occlusion.
 
-use crate::belief::settings::ViewSettings;
-use crate::belief::view::{ObservedView, Visibility};
 use crate::scene::candidate::CandidatePose;
 use crate::scene::query::QueryObject;
+use repose_belief::settings::ViewSettings;
+use repose_belief::view::{ObservedView, Visibility};
 
 /// How well a candidate would be seen, and by how much that is too little.
 pub fn view_miss(

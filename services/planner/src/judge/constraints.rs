@@ -40,7 +40,7 @@ impl<'a> Constraints<'a> {
         let reach = problem.settings.world_from_base.map(|pose| Reach::new(&pose, &problem.settings.fixed.reach));
         // The floor beside a table is no second choice, but a region or a goal of being below something may ask for it.
         let asked = !problem.anchors_of(&[Relation::Above, Relation::Below]).is_empty() || problem.request.region.iter().any(|r| r.inside);
-        let shapes = problem.prepared.objects.values().filter_map(|object| object.shape.as_ref()).filter(|_| !asked);
+        let shapes = problem.prepared.belief.objects.values().filter_map(|object| object.shape.as_ref()).filter(|_| !asked);
         let levels_m = shapes.flat_map(|shape| [shape.bottom_m, shape.top_m]).collect();
         Self { problem, touched, clearance, reach, levels_m }
     }
@@ -53,7 +53,7 @@ impl<'a> Constraints<'a> {
         if let Some(miss) = region_miss(&candidate, &request.region) {
             judged.reject(Rejection::Region, miss);
         }
-        let (visibility, miss) = view_miss(&prepared.view, query, &candidate, &fixed.view);
+        let (visibility, miss) = view_miss(&prepared.belief.view, query, &candidate, &fixed.view);
         judged.unhidden = Some(visibility.unhidden);
         if let Some(miss) = miss {
             judged.reject(Rejection::OutOfView, miss);

@@ -69,7 +69,7 @@ impl<'a> Costs<'a> {
             fragile_share: judged.fragile_share.unwrap_or(0.0),
             doubtful_share: found.doubtful_share,
         };
-        let main = request.main_anchor().and_then(|a| prepared.objects.get(&a));
+        let main = request.main_anchor().and_then(|a| prepared.belief.objects.get(&a));
         let distance_m = main.map_or(0.0, |a| (a.centroid - judged.candidate.centroid()).xy().norm());
         let soundness = &settings.fixed.soundness;
         soundness_cost(&comfort, query, soundness) + soundness.distance_per_m * distance_m

@@ -41,7 +41,7 @@ impl<'a> PlacementProblem<'a> {
     /// The least distance from a candidate to the shape of another object that does not carry it, metres; infinite without one.
     pub fn shape_gap_m(&self, candidate: &CandidatePose) -> f64 {
         let (under, placed) = (self.ground().objects_under(candidate), PlacedPrisms::new(&self.query.shape, candidate));
-        let others = self.prepared.objects.iter().filter(|(id, _)| **id != self.query.id && !under.contains(id));
+        let others = self.prepared.belief.objects.iter().filter(|(id, _)| **id != self.query.id && !under.contains(id));
         others.filter_map(|(_, object)| object.shape.as_ref()).map(|shape| placed.to_shape_m(shape, 0.0)).fold(f64::INFINITY, f64::min)
     }
 

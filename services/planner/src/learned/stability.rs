@@ -5,7 +5,6 @@
 //! releases in training scenes, at draws of the prior and at the planner's places (`repose train --network stability`), and are part of the
 //! weights ([`crate::learned::forecast`]).
 
-use crate::belief::view::Visibility;
 use crate::checks::footing::{Footing, Ground};
 use crate::checks::obstruction::{Obstruction, obstruction};
 use crate::checks::unseen::unseen_share;
@@ -14,6 +13,7 @@ use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;
 use crate::settings::Fixed;
+use repose_belief::view::Visibility;
 
 /// The number of measures.
 pub const COUNT: usize = 30;
@@ -150,8 +150,8 @@ impl<'a> Place<'a> {
             there: in_way(&at),
             lifted: in_way(&lowered(candidate, settled.drop_m - fixed.support.release_m)),
             unseen_share: unseen_share(prepared.scene.meta.unseen.space.as_ref(), query, candidate, &fixed.unseen),
-            view: view_miss(&prepared.view, query, candidate, &fixed.view).0,
-            points: prepared.objects.get(&query.id).map_or(0.0, |o| o.points.len() as f64),
+            view: view_miss(&prepared.belief.view, query, candidate, &fixed.view).0,
+            points: prepared.belief.objects.get(&query.id).map_or(0.0, |o| o.points.len() as f64),
         }
     }
 
@@ -165,7 +165,7 @@ impl<'a> Place<'a> {
     }
 
     fn area_m2(&self, cells: usize) -> f64 {
-        cells as f64 * f64::from(self.prepared.columns.cell_m()).powi(2)
+        cells as f64 * f64::from(self.prepared.belief.columns.cell_m()).powi(2)
     }
 }
 
@@ -179,7 +179,7 @@ pub fn measures(prepared: &PreparedScene, query: &QueryObject, candidate: &Candi
 mod tests {
     use super::*;
     use crate::tests::forecasts;
-    use crate::tests::synthetic::{SceneBuilder, standing_at};
+    use crate::tests::synthetic::{Prepared, SceneBuilder, standing_at};
 
     #[test]
     fn what_is_measured_is_what_it_is_called() {

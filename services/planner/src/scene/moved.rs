@@ -7,11 +7,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point2, Point3, Translation3};
+use repose_belief::shape::Shape;
 use repose_geometry::Aabb;
 use repose_proto::place::Variant;
 use repose_proto::{Scene, Surface};
 
-use crate::belief::shape::Shape;
 use crate::scene::prepared::PreparedScene;
 use crate::settings::{Recipe, SupportSettings};
 
@@ -48,7 +48,7 @@ pub fn table_without(table: &PreparedScene, object: u16) -> PreparedScene {
 }
 
 fn shapes(table: &PreparedScene) -> BTreeMap<u16, Shape> {
-    table.objects.iter().filter_map(|(id, object)| Some((*id, object.shape.clone()?))).collect()
+    table.belief.objects.iter().filter_map(|(id, object)| Some((*id, object.shape.clone()?))).collect()
 }
 
 /// The scene with an object elsewhere.
@@ -150,7 +150,7 @@ mod tests {
         let top = after.meta.surfaces.iter().find(|s| s.object == Some(1)).unwrap();
         assert!((top.height_m - 0.1).abs() < 1e-9 && top.outline_m.iter().all(|p| p[0] > 0.15));
         let placed = table_after(&PreparedScene::new(Arc::new(scene.clone())), 1, &Isometry3::translation(0.25, 0.1, 0.004), 0.004);
-        let shape = placed.objects[&1].shape.as_ref().unwrap();
+        let shape = placed.belief.objects[&1].shape.as_ref().unwrap();
         assert!(shape.bottom_m.abs() < 0.002 && (shape.axis.x - 0.25).abs() < 0.01, "it came to rest: {shape:?}");
         let gone = without(&scene, 1);
         assert!(gone.object(1).is_none() && gone.points_of(1).count() == 0 && gone.points.len() == gone.labels.len());

@@ -6,10 +6,10 @@ use nalgebra::{Point2, Point3, Vector2};
 use repose_geometry::{Footprint, cloud};
 use repose_proto::CallError;
 
-use crate::belief::shape::Shape;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::traits::{self, StandingTraits};
 use crate::settings::Fixed;
+use repose_belief::shape::Shape;
 
 /// A cell in or around a prism.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,7 +71,7 @@ impl QueryObject {
     /// As [`PreparedScene::movable`].
     pub fn new(prepared: &PreparedScene, id: u16, min_clearance_m: f64, fixed: &Fixed) -> Result<Self, CallError> {
         let (object, shape) = prepared.movable(id)?;
-        let cell_m = prepared.columns.cell_m();
+        let cell_m = prepared.belief.columns.cell_m();
         let origin = object.centroid.xy().cast::<f32>();
         let ring_m = (min_clearance_m as f32 + 2.0 * cell_m).clamp(fixed.clearance.ring_m, fixed.clearance.max_ring_m + 2.0 * cell_m);
         let prisms: Vec<Prism> = shape

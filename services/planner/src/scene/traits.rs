@@ -6,9 +6,9 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 use repose_geometry::{Footprint, cloud};
 
-use crate::belief::outlines::separating_gap_m;
-use crate::belief::shape::Shape;
 use crate::scene::prepared::PreparedScene;
+use repose_belief::outlines::separating_gap_m;
+use repose_belief::shape::Shape;
 
 /// Points whose normals are looked at, at most.
 const SAMPLE: usize = 240;
@@ -67,7 +67,8 @@ pub struct StandingTraits {
 impl StandingTraits {
     /// Of an object where it was seen; `cloud` are its points, thinned out.
     pub fn of(prepared: &PreparedScene, id: u16, shape: &Shape, cloud: &[Point3<f32>]) -> Self {
-        let others = || prepared.objects.iter().filter(move |(other, _)| **other != id).filter_map(|(_, o)| Some((o, o.shape.as_ref()?)));
+        let others =
+            || prepared.belief.objects.iter().filter(move |(other, _)| **other != id).filter_map(|(_, o)| Some((o, o.shape.as_ref()?)));
         let near = || others().filter(|(_, other)| shape.gap_m(other) <= LEANER_M);
         let leaners = near().map(|(other, _)| Leaner {
             oblique: oblique(&cloud::voxel_downsampled(&other.points, VOXEL_M)),
@@ -80,7 +81,7 @@ impl StandingTraits {
             oblique: oblique(cloud),
             gap_m: others().map(|(_, other)| shape.gap_m(other)).fold(GAP_M, f64::min),
             leaner: leaners.max_by(|a, b| a.oblique.share.total_cmp(&b.oblique.share)).unwrap_or_default(),
-            on_object: prepared.objects.keys().any(|other| prepared.carried(*other).contains(&id)),
+            on_object: prepared.belief.objects.keys().any(|other| prepared.belief.carried(*other).contains(&id)),
             hidden_foot_m: f64::from((lowest_m - shape.bottom_m).max(0.0)),
             spans_m: spans_m(shape),
         }

@@ -126,7 +126,7 @@ impl Proposer<'_> {
             let region = asked[rng.random_range(0..asked.len())];
             return Point2::from([0, 1].map(|k| between(region.min_m[k], region.max_m[k], rng) as f32));
         }
-        let planes = &self.prepared.planes;
+        let planes = &self.prepared.belief.planes;
         if planes.is_empty() {
             return self.query.shape.axis;
         }
@@ -159,7 +159,7 @@ impl Proposer<'_> {
         if from_above < self.settings.from_above_share {
             return f32::INFINITY;
         }
-        let under: Vec<f32> = self.prepared.planes.iter().filter(|p| p.outline.margin(axis) >= 0.0).map(|p| p.height_m).collect();
+        let under: Vec<f32> = self.prepared.belief.planes.iter().filter(|p| p.outline.margin(axis) >= 0.0).map(|p| p.height_m).collect();
         let choice = (pick * (under.len() + 1) as f64) as usize;
         under.get(choice).copied().unwrap_or(low_m) + self.settings.lowered_m
     }

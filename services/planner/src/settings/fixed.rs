@@ -2,7 +2,7 @@
 //!
 //! Unless a field says otherwise, they were chosen by hand on validation scenes of the simulator and looked at on real frames.
 
-use crate::belief::settings::ViewSettings;
+use repose_belief::settings::ViewSettings;
 
 /// The settings that requests cannot change.
 #[derive(Debug, Clone, Default, PartialEq)]

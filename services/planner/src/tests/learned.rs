@@ -21,7 +21,7 @@ use crate::plan::{SearchStep, plan, plan_with_report};
 use crate::scene::prepared::PreparedScene;
 use crate::search::stop::StopReason;
 use crate::tests::forecasts;
-use crate::tests::synthetic::SceneBuilder;
+use crate::tests::synthetic::{Prepared, SceneBuilder};
 
 /// A fake whose prior has components at given offsets, whose realism falls with the distance from the nearest of some heights, and
 /// whose only relation is `right_of`: likely where x exceeds the anchor's.
@@ -165,8 +165,8 @@ fn mean_only_tries_the_means_and_mdn_prior_stays_near_them() {
     assert_eq!((more.evaluated, more.iterations, more.budget.iterations), (2, 1, Some(1)), "no noise, however many are asked for");
     let mdn = run(&prepared, &request(&prepared, Variant::MdnPrior, &["right_of:1"]), &fake);
     assert_eq!(mdn.outcome, Outcome::Found);
-    let anchor = prepared.objects[&1].centroid;
-    let placed = prepared.objects[&2].centroid + moved_by(&mdn, 0);
+    let anchor = prepared.belief.objects[&1].centroid;
+    let placed = prepared.belief.objects[&2].centroid + moved_by(&mdn, 0);
     let nearest = fake.means_m.iter().map(|m| (placed - anchor - nalgebra::Vector3::from(*m)).norm()).fold(f64::INFINITY, f64::min);
     assert!(nearest < 0.02, "{nearest}");
 }
@@ -210,7 +210,7 @@ fn answers_come_from_every_mode_of_the_prior() {
     let mut wanted = request(&prepared, Variant::Full, &["right_of:1"]);
     (wanted.count, wanted.min_separation_m) = (6, Some(0.08));
     let result = run(&prepared, &wanted, &Fake::new(&[[0.16, -0.12, 0.0], [0.2, 0.15, 0.0]]));
-    let y: Vec<f64> = (0..result.placements.len()).map(|i| prepared.objects[&2].centroid.y + moved_by(&result, i).y).collect();
+    let y: Vec<f64> = (0..result.placements.len()).map(|i| prepared.belief.objects[&2].centroid.y + moved_by(&result, i).y).collect();
     assert!(y.iter().any(|y| *y < 0.0) && y.iter().any(|y| *y > 0.08), "{y:?}");
 }
 

@@ -17,7 +17,7 @@ use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;
 use crate::search::stop::StopReason;
 use crate::settings::PlanSettings;
-use crate::tests::synthetic::{SceneBuilder, standing_at};
+use crate::tests::synthetic::{Prepared, SceneBuilder, standing_at};
 
 /// A table with a box in the middle (1) and a small box in front on the left (2).
 fn table() -> SceneBuilder {

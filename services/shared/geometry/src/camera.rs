@@ -20,6 +20,21 @@ pub struct Pinhole {
 }
 
 impl Pinhole {
+    /// The camera of a smaller picture of the same view, of `columns` columns at most: whole blocks of pixels become one.
+    pub fn shrunk(&self, columns: usize) -> Self {
+        let block = self.width.div_ceil(columns.max(1)).max(1);
+        let side = block as f64;
+        Self {
+            width: self.width.div_ceil(block),
+            height: self.height.div_ceil(block),
+            fx: self.fx / side,
+            fy: self.fy / side,
+            // Pixel centres have whole coordinates: those of a block lie around its middle.
+            cx: (self.cx + 0.5) / side - 0.5,
+            cy: (self.cy + 0.5) / side - 0.5,
+        }
+    }
+
     /// The point at `depth_m` along the optical axis seen at pixel (`u`, `v`).
     pub fn unproject(&self, u: f64, v: f64, depth_m: f64) -> Point3<f64> {
         Point3::new((u - self.cx) / self.fx * depth_m, (v - self.cy) / self.fy * depth_m, depth_m)
@@ -56,6 +71,16 @@ mod tests {
             let back = CAMERA.project(&CAMERA.unproject(u, v, depth)).unwrap();
             prop_assert!((back - Point2::new(u, v)).norm() < 1e-9);
         }
+    }
+
+    #[test]
+    fn a_shrunk_picture_shows_a_place_in_the_block_of_its_pixel() {
+        let small = CAMERA.shrunk(160);
+        assert_eq!((small.width, small.height), (160, 120));
+        for (u, v) in [(0, 0), (3, 3), (4, 0), (319, 239), (639, 479)] {
+            assert_eq!(small.pixel_of(&CAMERA.unproject(u as f64, v as f64, 0.9)), Some((u / 4, v / 4)));
+        }
+        assert_eq!(CAMERA.shrunk(1000), CAMERA);
     }
 
     #[test]

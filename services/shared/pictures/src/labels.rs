@@ -65,12 +65,12 @@ fn fill(labels: &mut [u16], is_open: &[bool], width: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tests::scene_of;
+    use repose_made_scenes::seen_from_above;
 
     #[test]
     fn a_pixel_shows_the_nearest_object_and_open_borders_are_filled() {
         // Straight down from 1 m on a 9 x 9 picture whose middle pixel is (4, 4): one pixel is 0.1 m at the floor.
-        let mut scene = scene_of(&[([0.0, 0.0, 0.0], 1), ([0.0, 0.0, 0.2], 2), ([0.3, 0.0, 0.0], 0)]);
+        let mut scene = seen_from_above(&[([0.0, 0.0, 0.0], 1), ([0.0, 0.0, 0.2], 2), ([0.3, 0.0, 0.0], 0)]);
         scene.meta.camera.width = 9;
         scene.meta.camera.height = 9;
         let labels = label_image(&scene).expect("a camera with a pose");

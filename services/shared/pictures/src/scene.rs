@@ -111,13 +111,13 @@ fn outline(picture: &mut Image<Rgb>, labels: &[u16]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tests::scene_of;
+    use repose_made_scenes::seen_from_above;
 
     /// A plate of the second object on the floor, seen from above: pixels 2 to 4 in both axes.
     fn plate() -> Scene {
         let floor = (0..81).map(|i| ([(i % 9 - 4) as f32 * 0.1, (i / 9 - 4) as f32 * 0.1, 0.0], 0));
         let object = (0..9).map(|i| ([(i % 3 - 2) as f32 * 0.1, (i / 3) as f32 * 0.1, 0.001], 2));
-        scene_of(&floor.chain(object).collect::<Vec<_>>())
+        seen_from_above(&floor.chain(object).collect::<Vec<_>>())
     }
 
     #[test]

@@ -36,16 +36,8 @@ impl DepthPicture {
     pub fn of(scene: &Scene) -> Option<Self> {
         let model = &scene.meta.camera;
         let camera_from_world = from_row_major(&model.world_from_camera?.0).ok()?.inverse();
-        let shrink = model.width.div_ceil(COLUMNS).max(1);
-        let s = shrink as f64;
-        let camera = Pinhole {
-            width: model.width.div_ceil(shrink),
-            height: model.height.div_ceil(shrink),
-            fx: model.fx / s,
-            fy: model.fy / s,
-            cx: (model.cx + 0.5) / s - 0.5,
-            cy: (model.cy + 0.5) / s - 0.5,
-        };
+        let whole = Pinhole { width: model.width, height: model.height, fx: model.fx, fy: model.fy, cx: model.cx, cy: model.cy };
+        let camera = whole.shrunk(COLUMNS);
         let mut depth_m = Image::filled(camera.width, camera.height, 0.0f32);
         for point in &scene.points {
             let in_camera = camera_from_world * Point3::from(*point).cast::<f64>();

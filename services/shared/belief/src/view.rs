@@ -7,7 +7,12 @@ use nalgebra::{Isometry3, Point3};
 use repose_geometry::{Image, Pinhole};
 use repose_proto::CameraModel;
 
-use crate::belief::settings::ViewSettings;
+use crate::settings::ViewSettings;
+
+/// How much farther than a free place what was seen behind it must be, metres: depth is as uncertain.
+const BEHIND_M: f32 = 0.008;
+/// How many pixels around one without a reading are asked: cleaning takes two or three off each border.
+const RINGS: usize = 4;
 
 /// What the camera saw at one pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -53,24 +58,16 @@ pub struct Visibility {
 pub struct ObservedView {
     camera: Pinhole,
     camera_from_world: Isometry3<f64>,
-    /// Pixels of the camera's own picture along a side of one of these.
-    shrink: f64,
+    /// Focal length of the camera's own picture, pixels.
+    focal_px: f32,
     pixels: Image<Pixel>,
 }
 
 impl ObservedView {
     /// The picture that the points (world frame) make in a camera; `columns` at most.
     pub fn new(points: &[[f32; 3]], labels: &[u16], model: &CameraModel, world_from_camera: &Isometry3<f64>, columns: usize) -> Self {
-        let shrink = model.width.div_ceil(columns).max(1);
-        let s = shrink as f64;
-        let camera = Pinhole {
-            width: model.width.div_ceil(shrink),
-            height: model.height.div_ceil(shrink),
-            fx: model.fx / s,
-            fy: model.fy / s,
-            cx: (model.cx + 0.5) / s - 0.5,
-            cy: (model.cy + 0.5) / s - 0.5,
-        };
+        let whole = Pinhole { width: model.width, height: model.height, fx: model.fx, fy: model.fy, cx: model.cx, cy: model.cy };
+        let camera = whole.shrunk(columns);
         let camera_from_world = world_from_camera.inverse();
         let mut pixels = Image::filled(camera.width, camera.height, Pixel::default());
         for (p, object) in points.iter().zip(labels) {
@@ -82,7 +79,7 @@ impl ObservedView {
                 }
             }
         }
-        Self { camera, camera_from_world, shrink: s, pixels }
+        Self { camera, camera_from_world, focal_px: model.fy as f32, pixels }
     }
 
     /// Where the camera is, world frame, metres.
@@ -92,7 +89,7 @@ impl ObservedView {
 
     /// Focal length of the camera's own picture, pixels.
     pub fn focal_px(&self) -> f32 {
-        (self.camera.fy * self.shrink) as f32
+        self.focal_px
     }
 
     /// What the camera read in the direction of a place (world frame); none outside the picture or without a reading.
@@ -100,6 +97,23 @@ impl ObservedView {
         let in_camera = self.camera_from_world * place.cast::<f64>();
         let pixel = self.camera.pixel_of(&in_camera).map(|at| &self.pixels[at]).filter(|p| p.depth_m > 0.0)?;
         Some(Reading { object: pixel.object, behind_m: pixel.depth_m - in_camera.z as f32 })
+    }
+
+    /// Whether the camera saw past a place (world frame): something lies clearly behind it.
+    ///
+    /// Pixels without a reading (borders of objects are cleaned away) take the word of the nearest thing around them.
+    pub fn is_free(&self, place: &Point3<f32>) -> bool {
+        let in_camera = self.camera_from_world * place.cast::<f64>();
+        let Some((u, v)) = self.camera.pixel_of(&in_camera) else { return false };
+        for ring in 0..=RINGS {
+            let columns = || u.saturating_sub(ring)..=(u + ring).min(self.camera.width - 1);
+            let rows = v.saturating_sub(ring)..=(v + ring).min(self.camera.height - 1);
+            let read = rows.flat_map(|y| columns().map(move |x| (x, y))).map(|at| self.pixels[at].depth_m).filter(|depth_m| *depth_m > 0.0);
+            if let Some(nearest_m) = read.reduce(f32::min) {
+                return nearest_m > in_camera.z as f32 + BEHIND_M;
+            }
+        }
+        false
     }
 
     /// What is seen right under a point of an object in the picture, up to `rows` further down, if it is level: whose, and where (world
@@ -156,14 +170,14 @@ impl ObservedView {
 
 #[cfg(test)]
 mod tests {
+    use repose_made_scenes::{SceneBuilder, world_from_camera};
+
     use super::*;
-    use crate::tests::synthetic;
 
     #[test]
     fn a_place_on_the_table_is_a_surface_behind_a_box_unknown_and_in_the_air_empty() {
-        let scene = synthetic::SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.15]).scene();
-        let world_from_camera = synthetic::world_from_camera();
-        let view = ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &world_from_camera, 640);
+        let scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.15]).scene();
+        let view = ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &world_from_camera(), 640);
         let sight = |x: f32, y: f32, z: f32| view.sight(&Point3::new(x, y, z), 0.008, 0.03, 9);
         assert_eq!(sight(0.2, 0.0, 0.0), Sight::Surface(0));
         assert_eq!(sight(0.0, 0.0, 0.15), Sight::Surface(1));
@@ -174,8 +188,8 @@ mod tests {
 
     #[test]
     fn what_stands_behind_something_is_hidden_unless_the_query_itself_was_there() {
-        let scene = synthetic::SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.15]).scene();
-        let view = ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &synthetic::world_from_camera(), 640);
+        let scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.15]).scene();
+        let view = ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &world_from_camera(), 640);
         let points: Vec<Point3<f64>> = (0..20).map(|i| Point3::new(-0.02 + 0.002 * f64::from(i), 0.09, 0.02)).collect();
         let moved = |y: f64, x: f64| Isometry3::translation(x, y, 0.0);
         let settings = ViewSettings::default();
@@ -183,5 +197,18 @@ mod tests {
         assert_eq!(view.visibility(&points, &moved(0.0, 0.0), 1, &settings).unhidden, 1.0);
         assert_eq!(view.visibility(&points, &moved(-0.2, 0.0), 2, &settings).unhidden, 1.0);
         assert_eq!(view.visibility(&points, &moved(0.0, 3.0), 2, &settings).in_picture, 0.0);
+    }
+
+    #[test]
+    fn before_and_beside_an_object_is_free_and_behind_it_is_not_known() {
+        let scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.05, 0.05, 0.1]).scene();
+        let view = ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &world_from_camera(), 160);
+        let free = |x: f32, y: f32| view.is_free(&Point3::new(x, y, 0.05));
+        assert!(free(0.0, -0.06), "towards the camera");
+        assert!(free(0.06, 0.0) && free(-0.06, 0.0), "to both sides");
+        assert!(!free(0.0, 0.05) && !free(0.0, 0.0), "behind and inside");
+        assert!(!free(0.0, -3.0), "behind the camera");
+        let blind = ObservedView::new(&[], &[], &scene.meta.camera, &world_from_camera(), 160);
+        assert!(!blind.is_free(&Point3::new(0.0, 0.0, 0.3)), "without points nothing is known");
     }
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector, Matrix2, Point3};
 
-use crate::belief::settings::CrownSettings;
+use crate::settings::CrownSettings;
 
 /// Whether an object's top is crowned: a paraboloid through its uppermost points bulges upwards.
 ///

@@ -9,11 +9,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{Point2, Point3, Vector2};
 use repose_geometry::{Aabb, Footprint, cloud};
 
-use crate::belief::columns::{ColumnMap, cells_of};
-use crate::belief::plane::SupportPlane;
-use crate::belief::settings::{BeliefSettings, StackSettings};
-use crate::belief::shape::Shape;
-use crate::belief::view::ObservedView;
+use crate::columns::{ColumnMap, cells_of};
+use crate::plane::SupportPlane;
+use crate::settings::{BeliefSettings, StackSettings};
+use crate::shape::Shape;
+use crate::view::ObservedView;
 
 /// What is known of a scene before its objects are completed.
 #[derive(Debug, Clone, Copy)]
@@ -234,13 +234,21 @@ fn is_on(above: &Shape, below: &Shape, columns: &ColumnMap, settings: &StackSett
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
+    use nalgebra::Isometry3;
+    use repose_made_scenes::{SceneBuilder, world_from_camera};
+    use repose_proto::Scene;
 
-    use crate::scene::prepared::PreparedScene;
-    use crate::tests::synthetic::SceneBuilder;
+    use crate::{Belief, BeliefSettings, SeenScene};
 
-    fn bottom_m(scene: &PreparedScene, id: u16) -> f32 {
-        scene.objects[&id].shape.as_ref().unwrap().bottom_m
+    fn believed(scene: &Scene) -> Belief {
+        let world_from_camera: Isometry3<f64> = world_from_camera();
+        let Scene { points, labels, meta, .. } = scene;
+        let seen = SeenScene { points, labels, surfaces: &meta.surfaces, camera: &meta.camera, world_from_camera: &world_from_camera };
+        Belief::of(&seen, &BeliefSettings::default()).expect("a small scene")
+    }
+
+    fn bottom_m(belief: &Belief, id: u16) -> f32 {
+        belief.objects[&id].shape.as_ref().unwrap().bottom_m
     }
 
     #[test]
@@ -249,9 +257,13 @@ mod tests {
             .object(1, [0.0, 0.0], [0.15, 0.12, 0.1])
             .object_at(2, [0.0, 0.0], 0.1, [0.06, 0.06, 0.08])
             .object(3, [0.25, 0.0], [0.05, 0.05, 0.05])
-            .prepared();
-        assert!(bottom_m(&scene, 1).abs() < 1e-3 && (bottom_m(&scene, 2) - 0.1).abs() < 2e-3 && bottom_m(&scene, 3).abs() < 1e-3);
-        assert_eq!((scene.carried(1), scene.carried(2), scene.carried(3)), (&[2][..], &[][..], &[][..]));
+            .scene();
+        assert!(
+            bottom_m(&believed(&scene), 1).abs() < 1e-3
+                && (bottom_m(&believed(&scene), 2) - 0.1).abs() < 2e-3
+                && bottom_m(&believed(&scene), 3).abs() < 1e-3
+        );
+        assert_eq!((believed(&scene).carried(1), believed(&scene).carried(2), believed(&scene).carried(3)), (&[2][..], &[][..], &[][..]));
     }
 
     #[test]
@@ -260,23 +272,23 @@ mod tests {
         let mut scene =
             SceneBuilder::table().object(0, [0.0, 0.0], [0.12, 0.12, 0.14]).object_at(2, [0.0, 0.02], 0.14, [0.11, 0.07, 0.06]).scene();
         scene.meta.surfaces.retain(|s| s.height_m < 0.01);
-        let bottom_m = bottom_m(&PreparedScene::new(Arc::new(scene)), 2);
+        let bottom_m = bottom_m(&believed(&scene), 2);
         assert!((bottom_m - 0.14).abs() < 0.004, "{bottom_m}");
     }
 
     #[test]
     fn a_neighbour_in_front_does_not_carry_what_it_hides() {
-        let scene = SceneBuilder::table().object(1, [0.0, -0.06], [0.16, 0.06, 0.07]).object(2, [0.0, 0.02], [0.06, 0.06, 0.12]).prepared();
-        assert!(bottom_m(&scene, 2).abs() < 0.004, "{}", bottom_m(&scene, 2));
-        assert_eq!(scene.carried(1), &[] as &[u16]);
+        let scene = SceneBuilder::table().object(1, [0.0, -0.06], [0.16, 0.06, 0.07]).object(2, [0.0, 0.02], [0.06, 0.06, 0.12]).scene();
+        assert!(bottom_m(&believed(&scene), 2).abs() < 0.004, "{}", bottom_m(&believed(&scene), 2));
+        assert_eq!(believed(&scene).carried(1), &[] as &[u16]);
     }
 
     #[test]
     fn a_foot_that_is_seen_to_touch_a_top_behind_its_front_stands_on_it() {
         // The far half of a tall box's top: most of what it stands on is in front of it, and it reaches beyond the back.
         let scene =
-            SceneBuilder::table().object(1, [0.0, 0.0], [0.06, 0.1, 0.14]).object_at(2, [0.0, 0.04], 0.14, [0.07, 0.08, 0.1]).prepared();
-        assert!((bottom_m(&scene, 2) - 0.14).abs() < 0.008, "{}", bottom_m(&scene, 2));
+            SceneBuilder::table().object(1, [0.0, 0.0], [0.06, 0.1, 0.14]).object_at(2, [0.0, 0.04], 0.14, [0.07, 0.08, 0.1]).scene();
+        assert!((bottom_m(&believed(&scene), 2) - 0.14).abs() < 0.008, "{}", bottom_m(&believed(&scene), 2));
     }
 
     #[test]
@@ -286,8 +298,8 @@ mod tests {
             .object(1, [0.0, 0.0], [0.1, 0.1, 0.2])
             .object_at(2, [0.055, 0.03], 0.2, [0.12, 0.06, 0.05])
             .object(3, [-0.25, 0.0], [0.05, 0.05, 0.05])
-            .prepared();
-        assert!((bottom_m(&scene, 2) - 0.2).abs() < 0.008, "{}", bottom_m(&scene, 2));
+            .scene();
+        assert!((bottom_m(&believed(&scene), 2) - 0.2).abs() < 0.008, "{}", bottom_m(&believed(&scene), 2));
     }
 
     #[test]
@@ -303,7 +315,7 @@ mod tests {
         for surface in scene.meta.surfaces.iter_mut().filter(|s| s.height_m < 0.01) {
             surface.outline_m = vec![[0.1, -0.4], [0.5, -0.4], [0.5, 0.4], [0.1, 0.4]];
         }
-        let bottom_m = bottom_m(&PreparedScene::new(Arc::new(scene)), 1);
+        let bottom_m = bottom_m(&believed(&scene), 1);
         assert!(bottom_m.abs() < 0.004, "{bottom_m}");
     }
 
@@ -311,11 +323,11 @@ mod tests {
     fn what_covers_its_carrier_whole_does_not_reach_down_to_the_table() {
         // As wide as the tall box that it stands on, and a plate that overhangs a post on all sides.
         let tower =
-            SceneBuilder::table().object(1, [0.0, 0.0], [0.08, 0.08, 0.16]).object_at(2, [0.0, 0.0], 0.16, [0.08, 0.08, 0.08]).prepared();
+            SceneBuilder::table().object(1, [0.0, 0.0], [0.08, 0.08, 0.16]).object_at(2, [0.0, 0.0], 0.16, [0.08, 0.08, 0.08]).scene();
         // No more is known than what cleaning may have taken, which these clouds have kept.
-        assert!((bottom_m(&tower, 2) - 0.16).abs() < 0.015, "{}", bottom_m(&tower, 2));
+        assert!((bottom_m(&believed(&tower), 2) - 0.16).abs() < 0.015, "{}", bottom_m(&believed(&tower), 2));
         let table =
-            SceneBuilder::table().object(1, [0.0, 0.0], [0.03, 0.03, 0.2]).object_at(2, [0.0, 0.0], 0.2, [0.16, 0.16, 0.02]).prepared();
-        assert!((bottom_m(&table, 2) - 0.2).abs() < 0.02, "{}", bottom_m(&table, 2));
+            SceneBuilder::table().object(1, [0.0, 0.0], [0.03, 0.03, 0.2]).object_at(2, [0.0, 0.0], 0.2, [0.16, 0.16, 0.02]).scene();
+        assert!((bottom_m(&believed(&table), 2) - 0.2).abs() < 0.02, "{}", bottom_m(&believed(&table), 2));
     }
 }

@@ -9,8 +9,8 @@
 use nalgebra::{Isometry3, Point2, Point3, Vector2};
 use repose_geometry::{Footprint, cloud};
 
-use crate::belief::outlines::outline_gap_m;
-use crate::belief::settings::ShapeSettings;
+use crate::outlines::outline_gap_m;
+use crate::settings::ShapeSettings;
 
 /// An upright prism.
 #[derive(Debug, Clone, PartialEq)]
@@ -168,7 +168,9 @@ fn axis(points: &[Point3<f32>], top_m: f32, height_m: f32, camera: &Point2<f32>,
         values.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
     };
     let ((near, far), (left, right)) = (span(&away), span(&across));
-    let depth = (far - near).max((right - left).min(height_m));
+    // Both sides of what was seen lost their borders.
+    let width = right - left + 2.0 * settings.trim_m;
+    let depth = (far - near).max(width.min(height_m));
     let at = Point2::from(away * (near + depth / 2.0) + across * ((left + right) / 2.0));
     Some(Axis { at, doubt: away * (settings.doubt_share * (right - left)).min(settings.max_doubt_m) })
 }

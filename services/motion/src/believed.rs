@@ -4,14 +4,13 @@
 //! and less of them is heeded.
 
 use std::cell::OnceCell;
-use std::collections::BTreeSet;
 
-use nalgebra::{Point3, Vector3};
-use repose_geometry::{Aabb, cloud::voxel_downsampled};
+use nalgebra::{Point2, Point3, Vector3};
+use repose_belief::far_side::far_side;
+use repose_belief::plane::SupportPlane;
+use repose_geometry::cloud::voxel_downsampled;
 use serde::Serialize;
 
-use crate::belief::hidden::{self, Guess};
-use crate::belief::sight::Sight;
 use crate::obstacles::Obstacles;
 use crate::pick_place::request::PickPlaceRequest;
 use crate::pick_place::settings::PickPlaceSettings;
@@ -45,6 +44,8 @@ pub struct World<'a> {
     pub held: Vec<Point3<f32>>,
     /// The height of what the object stands on, world z, metres.
     pub support_m: f64,
+    /// The object's upright axis, seen from above, world frame; none where it has no extent.
+    pub axis: Option<Point2<f32>>,
 }
 
 /// Further from the shoulder than arm, hand and a held object reach, metres.
@@ -59,8 +60,6 @@ pub struct Worlds<'a> {
     pub request: &'a PickPlaceRequest<'a>,
     /// Resolutions.
     pub settings: &'a PickPlaceSettings,
-    /// What was seen to be free.
-    pub sight: &'a Sight,
     /// The shoulder, world frame.
     pub shoulder: Point3<f32>,
     believed: OnceCell<Obstacles>,
@@ -72,22 +71,25 @@ const LIFTED_M: f64 = 0.015;
 
 impl<'a> Worlds<'a> {
     /// The worlds of a request; what is in them is made when it is first asked for.
-    pub fn new(request: &'a PickPlaceRequest<'a>, settings: &'a PickPlaceSettings, sight: &'a Sight, shoulder: Point3<f32>) -> Self {
-        Self { request, settings, sight, shoulder, believed: OnceCell::new(), seen: OnceCell::new() }
+    pub fn new(request: &'a PickPlaceRequest<'a>, settings: &'a PickPlaceSettings, shoulder: Point3<f32>) -> Self {
+        Self { request, settings, shoulder, believed: OnceCell::new(), seen: OnceCell::new() }
     }
 
     /// The world in which so much is heeded.
     pub fn world(&self, heeded: Heeded) -> World<'_> {
-        let (scene, settings) = (self.request.scene, self.settings);
-        let object = scene.points_of(self.request.query);
+        let (scene, query, settings) = (self.request.scene, self.request.query, self.settings);
+        let object = scene.points_of(query);
         let others = match heeded {
             Heeded::Everything | Heeded::Obstacles => self.believed.get_or_init(|| self.believed_others()),
             Heeded::Held => self.seen.get_or_init(|| self.seen_others()),
         };
-        let guess = self.guess(settings.held_spacing_m, 0.0);
+        let shape = scene.belief.objects.get(&query).and_then(|object| object.shape.as_ref());
         let held = match heeded {
-            Heeded::Everything => guess.whole(self.request.query, &object),
-            Heeded::Obstacles | Heeded::Held => self.with_far_side(&object),
+            Heeded::Everything => scene.belief.whole(query, settings.held_spacing_m, 0.0),
+            Heeded::Obstacles | Heeded::Held => {
+                let far = shape.map_or_else(Vec::new, |shape| far_side(object, &shape.axis));
+                voxel_downsampled(&[object, &far].concat(), settings.held_spacing_m)
+            }
         };
         let lowest_m = object.iter().map(|p| p.z).fold(f32::INFINITY, f32::min);
         // Where a guess or the noise of depth puts the object inside of something else, it does not reach.
@@ -95,44 +97,30 @@ impl<'a> Worlds<'a> {
         let possible = held.iter().filter(|p| !others.touches(&lifted(p), settings.held_radius_m)).copied();
         World {
             held: possible.collect(),
-            query: Obstacles::new(&[&*object, &*held].concat(), &[], &settings.obstacles),
-            support_m: f64::from(guess.foot_m(self.request.query, &object).unwrap_or(lowest_m)),
+            query: Obstacles::new(&[object, &held].concat(), &[], &settings.obstacles),
+            support_m: f64::from(shape.map_or(lowest_m, |shape| shape.bottom_m)),
+            axis: shape.map(|shape| shape.axis),
             others,
         }
     }
 
     fn believed_others(&self) -> Obstacles {
-        let scene = self.request.scene;
-        let guess = self.guess(GUESS_SPACING_M, self.settings.grasp.gripper.border_m as f32);
-        let labels: BTreeSet<u16> = scene.labels.iter().copied().filter(|l| *l != 0 && *l != self.request.query).collect();
-        let guessed = labels.into_iter().flat_map(|id| guess.whole(id, &scene.points_of(id)));
-        self.others(scene.points_without(self.request.query).into_iter().chain(guessed), |surface| match surface.object {
-            None => SupportSurface { depth_m: guess.solid_m(surface), ..surface.clone() },
-            Some(_) => surface.clone(),
-        })
+        let (scene, query) = (self.request.scene, self.request.query);
+        let border_m = self.settings.grasp.gripper.border_m as f32;
+        let others = scene.belief.objects.keys().filter(|id| **id != query);
+        let guessed = others.flat_map(|id| scene.belief.whole(*id, GUESS_SPACING_M, border_m));
+        let solid_m = |plane: &SupportPlane| if plane.object == 0 { scene.belief.solid_m(plane) } else { None };
+        self.others(scene.points_without(query).into_iter().chain(guessed), &scene.surfaces_without(query, solid_m))
     }
 
     fn seen_others(&self) -> Obstacles {
-        self.others(self.request.scene.points_without(self.request.query).into_iter(), SupportSurface::clone)
+        let (scene, query) = (self.request.scene, self.request.query);
+        self.others(scene.points_without(query).into_iter(), &scene.surfaces_without(query, |_| None))
     }
 
-    /// Obstacles of points and of the scene's surfaces, as `solid` has them; the object's own top is none.
-    fn others(&self, points: impl Iterator<Item = Point3<f32>>, solid: impl Fn(&SupportSurface) -> SupportSurface) -> Obstacles {
-        let surfaces = self.request.scene.surfaces.iter().filter(|s| s.object != Some(self.request.query));
-        let surfaces: Vec<SupportSurface> = surfaces.map(solid).collect();
+    /// Obstacles of the points within reach and of surfaces.
+    fn others(&self, points: impl Iterator<Item = Point3<f32>>, surfaces: &[SupportSurface]) -> Obstacles {
         let in_reach: Vec<Point3<f32>> = points.filter(|p| (p - self.shoulder).norm_squared() < ARM_REACH_M * ARM_REACH_M).collect();
-        Obstacles::new(&in_reach, &surfaces, &self.settings.obstacles).with_keep_out(&self.settings.keep_out)
-    }
-
-    /// What was seen of the object and its likeness behind, thinned.
-    fn with_far_side(&self, object: &[Point3<f32>]) -> Vec<Point3<f32>> {
-        let (camera_in_world, hidden_m) = (&self.request.scene.camera_in_world, self.settings.grasp.hidden_m);
-        let middle = Aabb::of(object).map(|bounds| hidden::middle(&bounds, camera_in_world, hidden_m));
-        let far = middle.map_or_else(Vec::new, |middle| hidden::far_side(object, &middle));
-        voxel_downsampled(&[object, &far].concat(), self.settings.held_spacing_m)
-    }
-
-    fn guess(&self, spacing_m: f32, border_m: f32) -> Guess<'_> {
-        Guess { scene: self.request.scene, sight: self.sight, hidden_m: self.settings.grasp.hidden_m, spacing_m, border_m }
+        Obstacles::new(&in_reach, surfaces, &self.settings.obstacles).with_keep_out(&self.settings.keep_out)
     }
 }

@@ -1,0 +1,229 @@
+//! What is believed of a scene beyond what one camera saw of it: whole shapes, what stands on what, the space above the floor plan, and which
+//! places were seen to be free. Whoever plans with a scene, for placements or for motions, reads it here, so that they agree where things end.
+//!
+//! ```
+//! use repose_belief::{Belief, BeliefSettings, SeenScene};
+//! use repose_geometry::transform::look_at;
+//! use repose_geometry::{Point3, Vector3};
+//! use repose_proto::CameraModel;
+//!
+//! // The front and the top of a box of 8 cm, 10 cm high, on a table; object 0 is furniture.
+//! let mut points: Vec<([f32; 3], u16)> = Vec::new();
+//! for (x, y) in (-40..=40).flat_map(|x| (-40..=40).map(move |y| (x as f32 * 0.01, y as f32 * 0.01))) {
+//!     points.push(([x, y, 0.0], 0));
+//! }
+//! for (a, b) in (0..=16).flat_map(|a| (0..=20).map(move |b| (a as f32 * 0.005 - 0.04, b as f32 * 0.005))) {
+//!     points.push(([a, -0.04, b], 1));
+//!     points.push(([a, b.min(0.08) - 0.04, 0.1], 1));
+//! }
+//! let (points, labels): (Vec<[f32; 3]>, Vec<u16>) = points.into_iter().unzip();
+//! let camera = CameraModel {
+//!     width: 320, height: 240, fx: 240.0, fy: 240.0, cx: 159.5, cy: 119.5, depth_unit_m: 0.001, world_from_camera: None,
+//! };
+//! let world_from_camera = look_at(&Point3::new(0.0, -0.8, 0.7), &Point3::origin(), &Vector3::z());
+//! let seen = SeenScene { points: &points, labels: &labels, surfaces: &[], camera: &camera, world_from_camera: &world_from_camera };
+//! let belief = Belief::of(&seen, &BeliefSettings::default())?;
+//!
+//! let shape = belief.objects[&1].shape.as_ref().expect("it has an extent");
+//! assert!(shape.bottom_m.abs() < 0.005, "it stands on the table");
+//! assert!(shape.base.margin(&[0.0, 0.03].into()) > 0.0, "its base goes on where its front hides it");
+//! # Ok::<(), repose_belief::TooWide>(())
+//! ```
+//!
+//! Pure: from points to beliefs, with fixed rules ([`settings`]); no I/O, no random numbers.
+
+pub mod columns;
+pub mod crown;
+pub mod far_side;
+pub mod outlines;
+pub mod plane;
+pub mod settings;
+pub mod shape;
+pub mod standing;
+pub mod view;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+
+use nalgebra::{Isometry3, Point2, Point3};
+use repose_geometry::{Aabb, cloud};
+use repose_proto::{CameraModel, Surface};
+
+use columns::{ColumnMap, ColumnRun, bounds_around, cells_of, cells_of_map};
+use crown::is_crowned;
+use plane::SupportPlane;
+use standing::{Seen, carried_by};
+
+pub use settings::BeliefSettings;
+pub use shape::Shape;
+pub use view::ObservedView;
+
+/// A labelled scene as one camera saw it.
+#[derive(Debug, Clone, Copy)]
+pub struct SeenScene<'a> {
+    /// The points, world frame, metres.
+    pub points: &'a [[f32; 3]],
+    /// The object of each point, 0 for furniture. As long as `points`.
+    pub labels: &'a [u16],
+    /// The support surfaces, world frame.
+    pub surfaces: &'a [Surface],
+    /// The camera.
+    pub camera: &'a CameraModel,
+    /// Its pose.
+    pub world_from_camera: &'a Isometry3<f64>,
+}
+
+/// An object.
+#[derive(Debug, Clone)]
+pub struct BelievedObject {
+    /// Its points, world frame.
+    pub points: Vec<Point3<f32>>,
+    /// Their mean.
+    pub centroid: Point3<f64>,
+    /// Its whole shape; none when its points have no extent seen from above.
+    pub shape: Option<Shape>,
+}
+
+/// What is believed of a scene.
+#[derive(Debug, Clone)]
+pub struct Belief {
+    /// Its objects by id.
+    pub objects: BTreeMap<u16, BelievedObject>,
+    /// Its support surfaces, as perception ranked them.
+    pub planes: Vec<SupportPlane>,
+    /// What stands above each cell of the floor plan.
+    pub columns: ColumnMap,
+    /// What the camera saw.
+    pub view: ObservedView,
+    carried: BTreeMap<u16, Vec<u16>>,
+    /// Objects whose tops carry nothing.
+    crowned: BTreeSet<u16>,
+}
+
+/// A scene whose objects are farther apart than a map reaches.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TooWide {
+    /// How far they spread, seen from above, metres.
+    pub span_m: [f32; 2],
+    /// How far they may, about, metres.
+    pub most_m: f32,
+}
+
+impl fmt::Display for TooWide {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [x, y] = self.span_m;
+        write!(f, "the objects spread over {x:.0} m by {y:.0} m, expected about {:.0} m at most", self.most_m)
+    }
+}
+
+impl std::error::Error for TooWide {}
+
+impl Belief {
+    /// What is believed of a scene.
+    ///
+    /// # Errors
+    /// [`TooWide`].
+    pub fn of(seen: &SeenScene<'_>, settings: &BeliefSettings) -> Result<Self, TooWide> {
+        Self::made(seen, None, settings)
+    }
+
+    /// The same of a scene whose objects' shapes are known from elsewhere: what is believed of an object does not change when it is moved.
+    ///
+    /// # Errors
+    /// [`TooWide`].
+    pub fn with_shapes(seen: &SeenScene<'_>, shapes: BTreeMap<u16, Shape>, settings: &BeliefSettings) -> Result<Self, TooWide> {
+        Self::made(seen, Some(shapes), settings)
+    }
+
+    fn made(seen: &SeenScene<'_>, known: Option<BTreeMap<u16, Shape>>, settings: &BeliefSettings) -> Result<Self, TooWide> {
+        let mut clouds: BTreeMap<u16, Vec<Point3<f32>>> = BTreeMap::new();
+        for (p, label) in seen.points.iter().zip(seen.labels).filter(|(_, label)| **label != 0) {
+            clouds.entry(*label).or_default().push(Point3::from(*p));
+        }
+        let bounds = bounds_of(&clouds, seen.points, settings)?;
+        let observed = ColumnMap::of_points(seen.points, seen.labels, &bounds, settings.cell_m, settings.gap_m);
+        let planes: Vec<SupportPlane> = seen.surfaces.iter().filter_map(SupportPlane::of).collect();
+        let view = ObservedView::new(seen.points, seen.labels, seen.camera, seen.world_from_camera, settings.view_columns);
+
+        let before = Seen { clouds: &clouds, columns: &observed, planes: &planes, view: &view, settings };
+        let mut shapes = known.unwrap_or_else(|| completed(&before));
+        let hidden: Vec<(Point2<f32>, ColumnRun)> = shapes.iter().flat_map(|(id, shape)| unseen_runs(*id, shape, &observed)).collect();
+        let columns = observed.with(hidden);
+        let carried = carried_by(&shapes, &columns, &settings.stack);
+        let crowned = clouds.iter().filter(|(_, points)| is_crowned(points, &settings.crown)).map(|(id, _)| *id).collect();
+        let believed = clouds.into_iter().filter_map(|(id, points)| {
+            let centroid = cloud::centroid(&points)?;
+            Some((id, BelievedObject { points, centroid, shape: shapes.remove(&id) }))
+        });
+        Ok(Self { objects: believed.collect(), planes, columns, view, carried, crowned })
+    }
+
+    /// What is believed of a scene nothing of which counts: it has no objects, and the camera saw nothing.
+    #[must_use]
+    pub fn of_nothing(seen: &SeenScene<'_>, settings: &BeliefSettings) -> Self {
+        let nowhere = Aabb { min: Point3::origin(), max: Point3::origin() };
+        Self {
+            objects: BTreeMap::new(),
+            planes: Vec::new(),
+            columns: ColumnMap::of_points(&[], &[], &nowhere, settings.cell_m, settings.gap_m),
+            view: ObservedView::new(&[], &[], seen.camera, seen.world_from_camera, settings.view_columns),
+            carried: BTreeMap::new(),
+            crowned: BTreeSet::new(),
+        }
+    }
+
+    /// The objects that stand on an object or in it.
+    pub fn carried(&self, id: u16) -> &[u16] {
+        self.carried.get(&id).map_or(&[], Vec::as_slice)
+    }
+
+    /// Whether something can stand on an object's top: not on a ball or on a tube that lies. Furniture (0) carries.
+    pub fn carries(&self, id: u16) -> bool {
+        !self.crowned.contains(&id)
+    }
+}
+
+/// The whole shapes of the objects that were seen.
+fn completed(seen: &Seen<'_>) -> BTreeMap<u16, Shape> {
+    let eye = seen.view.eye().xy();
+    let complete = |id: u16, bottom_m: f32| Some((id, Shape::complete(&seen.clouds[&id], bottom_m, &eye, &seen.settings.shape)?));
+    let mut shapes: BTreeMap<u16, Shape> = seen.clouds.keys().filter_map(|id| complete(*id, seen.bottom_m(*id)?)).collect();
+    // Some supports are known only from a carrier's completed shape.
+    let covering: Vec<(u16, Shape)> = shapes.keys().filter_map(|id| complete(*id, seen.covered_top_m(*id, &shapes)?)).collect();
+    shapes.extend(covering);
+    shapes
+}
+
+/// The box that the map of a scene covers.
+fn bounds_of(clouds: &BTreeMap<u16, Vec<Point3<f32>>>, points: &[[f32; 3]], settings: &BeliefSettings) -> Result<Aabb, TooWide> {
+    let of_objects: Vec<Point3<f32>> = clouds.values().flatten().copied().collect();
+    // Without objects the map is around the origin: planning then names the object that is missing.
+    let bounds = bounds_around(&of_objects, points, settings.reach_m)
+        .or_else(|| bounds_around(&[Point3::origin()], points, settings.reach_m))
+        .unwrap_or(Aabb { min: Point3::origin(), max: Point3::origin() });
+    let [columns, rows] = cells_of_map(&bounds, settings.cell_m);
+    if columns.saturating_mul(rows) <= settings.max_cells {
+        return Ok(bounds);
+    }
+    let span_m = bounds.max - bounds.min;
+    Err(TooWide { span_m: [span_m.x, span_m.y], most_m: (settings.max_cells as f32).sqrt() * settings.cell_m })
+}
+
+/// The parts of a shape that must be there though no point shows them: under its tops, and behind its front.
+///
+/// What is hidden looks like what was seen of the object, turned by half a turn: the far side of a bowl's inside tells how deep the near side is.
+fn unseen_runs(id: u16, shape: &Shape, seen: &ColumnMap) -> Vec<(Point2<f32>, ColumnRun)> {
+    let mut runs = Vec::new();
+    let own_top_m = |place: &Point2<f32>| seen.at(place).iter().filter(|r| r.object == id).map(|r| r.high_m).reduce(f32::max);
+    for slab in &shape.slabs {
+        for center in cells_of(&slab.outline, 0.0, seen) {
+            // A hollow that was looked into is as deep as it was seen to be.
+            let own_m = own_top_m(&center).or_else(|| own_top_m(&(shape.axis + (shape.axis - center))));
+            let high_m = own_m.unwrap_or(slab.high_m).min(slab.high_m);
+            if high_m > slab.low_m {
+                runs.push((center, ColumnRun { low_m: slab.low_m, high_m, object: id, seen: false }));
+            }
+        }
+    }
+    runs
+}
