@@ -254,14 +254,18 @@ test("a page of another site is refused", async () => {
 test("a page that lost its console says so and comes back by itself", async () => {
   await page.keyboard.press("Escape");
   process.kill(system.consoleProcess(), "SIGKILL");
-  await textOf(page, "#link", /lost/);
-  assert.match(await page.locator("#notice").textContent(), /connection to the console is lost/i);
+  await Promise.all([textOf(page, "#link", /lost/), textOf(page, "#notice", /connection to the console is lost/i)]);
   await screenshot(page, "10-lost");
-  const stopped = page.click("#stop").then(() => textOf(page, "#notice", /Stop:/));
-  await stopped;
   await textOf(page, "#link", /Live/);
   await page.waitForFunction(() => !document.body.classList.contains("stale"));
   assertDrawn(await pixels(page, "#world canvas"));
+});
+
+test("a stop that nobody takes is not passed over in silence", async () => {
+  await page.route("**/stop", (route) => route.abort());
+  await page.click("#stop");
+  await textOf(page, "#notice", /Stop:/);
+  await page.unroute("**/stop");
 });
 
 test("a narrow screen has everything, and the stop at the thumb", async () => {
