@@ -8,8 +8,10 @@ use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
 use common::{Deployment, PATIENCE, Process, newest_scene, repose, whole_scene};
+use repose_proto::arrange::ObjectGoal;
 use repose_proto::load::WorkerLoad;
-use repose_proto::{GoalTerm, PlaceRequest, PlaceResult, Relation, Scene, Service, keys};
+use repose_proto::place::Variant;
+use repose_proto::{ArrangeRequest, GoalTerm, Payload, PlaceRequest, PlaceResult, Relation, Scene, Service, keys};
 use repose_recorder::asked::Calls;
 use repose_recorder::file::reading::Reading;
 use repose_recorder::replay::is_repeatable;
@@ -57,6 +59,16 @@ async fn ask(session: &Session, scene_id: &str, scene: &Scene, seeds: std::ops::
     futures::future::join_all(seeds.map(one)).await
 }
 
+/// Asks for an arrangement on the same scene.
+async fn ask_to_arrange(session: &Session, scene_id: &str, scene: &Scene) {
+    let planner = session.caller(Service::Planner).await.expect("a caller");
+    let goal = |object, relation| ObjectGoal { object, terms: vec![GoalTerm { relation, anchor: 2, holds: true }] };
+    let goals = vec![goal(1, Relation::LeftOf), goal(3, Relation::RightOf)];
+    let request = ArrangeRequest { variant: Variant::Geometric, max_searches: 6, ..ArrangeRequest::new(scene_id.to_owned(), goals) };
+    let encode = |scene: Option<&Scene>| Payload::with_scene(&request, scene);
+    planner.call_with_scene("arrange", Some(scene), encode, CallOptions::within(PATIENCE)).await.expect("an answer");
+}
+
 /// Waits until a recording that is being made has so many answers on the disk.
 async fn on_disk(file: &Path, count: usize) {
     let give_up = tokio::time::Instant::now() + PATIENCE;
@@ -71,7 +83,7 @@ async fn on_disk(file: &Path, count: usize) {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn twenty_answers_of_four_planners_are_the_same_from_one() {
+async fn twenty_places_and_an_arrangement_of_four_planners_are_the_same_from_one() {
     let folder = tempfile::tempdir().expect("a folder");
     let (run, killed) = (folder.path().join("run.mcap"), folder.path().join("killed.mcap"));
     let services = [(Service::Simulator, 1), (Service::Perception, 1), (Service::Inference, 2), (Service::Planner, 4)];
@@ -82,13 +94,14 @@ async fn twenty_answers_of_four_planners_are_the_same_from_one() {
 
     let recorder = recording(&deployment, &session, &run, 8).await;
     let answers = ask(&session, &scene_id, &scene, 0..20).await;
+    ask_to_arrange(&session, &scene_id, &scene).await;
     let workers: BTreeSet<&String> = answers.iter().map(|(_, worker)| worker).collect();
     assert!(workers.len() > 1, "several planners answered: {workers:?}");
-    on_disk(&run, 20).await;
+    on_disk(&run, 21).await;
     recorder.signal(libc::SIGINT);
     let summary = finished(recorder);
     assert_eq!(summary["lost"], 0, "{summary}");
-    assert!(summary["messages"]["calls"].as_u64() >= Some(40) && summary["messages"]["scenes"].as_u64() >= Some(1), "{summary}");
+    assert!(summary["messages"]["calls"].as_u64() >= Some(42) && summary["messages"]["scenes"].as_u64() >= Some(1), "{summary}");
 
     // A recorder that is killed leaves what it had written out. Of a scene that perception has forgotten it could have none: a fresh one.
     let recorder = recording(&deployment, &session, &killed, 8).await;
@@ -99,7 +112,7 @@ async fn twenty_answers_of_four_planners_are_the_same_from_one() {
     recorder.signal(libc::SIGKILL);
     drop(recorder);
 
-    for (file, count) in [(&run, 20), (&killed, 3)] {
+    for (file, count) in [(&run, 21), (&killed, 3)] {
         let mut command = repose();
         command.args(["--json", "replay"]).arg(file);
         let (output, replayed) = output(command).await;

@@ -151,9 +151,7 @@ def camera(system, scene):
     made.close()
 
 
-found_by = []
-
-
+@contextlib.contextmanager
 def delays(programs):
     """How long after its stamp each frame comes on the cell's key from now on, milliseconds."""
     config = zenoh.Config()
@@ -166,9 +164,9 @@ def delays(programs):
         header = json.loads(bulk[8 : 8 + int.from_bytes(bulk[:8], "little")])
         found.append((time.time_ns() - int(header["__metadata__"]["stamp_ns"])) / 1e6)
 
-    # Both live as long as the test's process.
-    found_by.append((session, session.declare_subscriber("repose/v1/*/camera/front/frame", came)))
-    return found
+    # An open session's threads would keep the test's process from ending.
+    with session, session.declare_subscriber("repose/v1/*/camera/front/frame", came):
+        yield found
 
 
 class Seen:
@@ -242,10 +240,10 @@ def test_pictures_of_a_wrong_type_are_told_and_right_ones_become_scenes_at_15_a_
     cloud = clouds.after(0)
     assert [f.name for f in cloud.fields] == ["x", "y", "z", "rgb", "label"] and cloud.width > 1000
     assert len(markers.after(0).markers) == 1 + 2 * len(found.detections)
-    delays_ms = delays(programs)
-    time.sleep(2)
-    before, sent = counts(diagnostics, "front").get("frames", 0), camera.sent
-    time.sleep(8)
+    with delays(programs) as delays_ms:
+        time.sleep(2)
+        before, sent = counts(diagnostics, "front").get("frames", 0), camera.sent
+        time.sleep(8)
     told = counts(diagnostics, "front")
     frames, sent = told["frames"] - before, camera.sent - sent
     ordered = sorted(delays_ms)

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use repose_proto::enclosed::disclose;
 use repose_proto::motion::MotionPlanRequest;
-use repose_proto::{CallError, Message, Payload, PlaceRequest, Scene, Service};
+use repose_proto::{ArrangeRequest, CallError, Message, Payload, PlaceRequest, Scene, Service};
 use repose_runtime::{CallOptions, Caller, Session};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -16,7 +16,7 @@ use crate::difference::difference;
 
 /// Whether a method is asked again: those whose answers follow from the request, the scene and the weights alone.
 pub fn is_repeatable(service: Service, method: &str) -> bool {
-    matches!((service, method), (Service::Planner, "place") | (Service::Motion, "plan") | (Service::Perception, "segment"))
+    matches!((service, method), (Service::Planner, "place" | "arrange") | (Service::Motion, "plan") | (Service::Perception, "segment"))
 }
 
 /// What came of one request.
@@ -75,9 +75,10 @@ impl Replay {
     async fn answer(&self, asked: &Asked, scenes: &BTreeMap<String, Payload>) -> Result<Payload, CallError> {
         let caller = self.callers.get(&asked.service).ok_or_else(|| CallError::internal("this service is not asked again"))?;
         let options = CallOptions::within(self.deadline);
-        match asked.service {
-            Service::Planner => on_scene::<PlaceRequest>(caller, asked, |r| &r.scene.scene_id, scenes, options).await,
-            Service::Motion => on_scene::<MotionPlanRequest>(caller, asked, |r| &r.scene.scene_id, scenes, options).await,
+        match (asked.service, asked.method.as_str()) {
+            (Service::Planner, "arrange") => on_scene::<ArrangeRequest>(caller, asked, |r| &r.scene.scene_id, scenes, options).await,
+            (Service::Planner, _) => on_scene::<PlaceRequest>(caller, asked, |r| &r.scene.scene_id, scenes, options).await,
+            (Service::Motion, _) => on_scene::<MotionPlanRequest>(caller, asked, |r| &r.scene.scene_id, scenes, options).await,
             _ => Ok(caller.call(&asked.method, asked.request.clone(), options).await?.payload),
         }
     }

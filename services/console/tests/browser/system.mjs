@@ -40,7 +40,9 @@ export async function startSystem({ seed = 1, environment = {} } = {}) {
     });
   });
   return {
-    url: document.console, said,
+    url: document.console, said, endpoint: `tcp/127.0.0.1:${router}`,
+    /** The services' processes, by name. */
+    processes: () => Object.fromEntries(children(child.pid).map((pid) => [commandOf(pid)[2] ?? "", pid])),
     /** The process that serves the page: the child of `up` that was started for it. */
     consoleProcess: () => children(child.pid).find((pid) => commandOf(pid).includes("console")),
     stop: () => new Promise((resolve) => { child.on("exit", resolve); child.kill("SIGINT"); }),

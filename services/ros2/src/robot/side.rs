@@ -22,8 +22,11 @@ use crate::config::RobotConfig;
 pub const HORIZON_MS: u64 = 600_000;
 /// Joints that were not told of for so long are not known any more, milliseconds.
 const JOINTS_OLD_MS: u64 = 500;
-/// Longest time that a step makes up for, seconds.
+/// Longest time that a step makes up for while no controller moves the arm, seconds.
 const CATCH_UP_S: f64 = 0.06;
+/// By how much joint states, and a controller's word that it has begun, may be late, milliseconds. An arm on its way follows when its joints are
+/// where the stream has them within that time.
+const LATE_MS: f64 = 250.0;
 /// By how much a result may follow the end of the trajectory before it is overdue, beside the controller's time, milliseconds.
 const SLACK_MS: f64 = 1000.0;
 
@@ -106,15 +109,24 @@ impl RosSide {
             self.hand.measured(width_m);
         }
         let Some(q_rad) = self.measured.q_rad().filter(|_| whole) else { return };
+        let is_on_its_way = self.is_on_its_way(&q_rad);
         let settings = ArmSettings { following_tolerance_rad: self.config.following_tolerance_rad, ..ArmSettings::default() };
         let arm = self.arm.get_or_insert_with(|| Arm::standing_at(q_rad, settings));
         // While the controller has not begun, the arm's stream has not either.
-        if self.goal.is_none_or(|goal| goal.state != GoalState::Sent) {
+        if !is_on_its_way && self.goal.is_none_or(|goal| goal.state != GoalState::Sent) {
             arm.measured(&q_rad);
         }
         if self.goal.is_none() && arm.stop().is_some() {
             arm.settle(&q_rad);
         }
+    }
+
+    /// Whether the controller's stream has, had or will have the joints here within [`LATE_MS`].
+    fn is_on_its_way(&self, q_rad: &[f64; 7]) -> bool {
+        let Some(now_ms) = self.goal.and(self.arm.as_ref()).and_then(Arm::stream_ms) else { return false };
+        let tolerance_rad = self.config.following_tolerance_rad;
+        let near = |point: &SetPoint| point.q_rad.iter().zip(q_rad).all(|(set, measured)| (set - measured).abs() <= tolerance_rad);
+        self.stream.iter().any(|point| (point.t_ms - now_ms).abs() <= LATE_MS && near(point))
     }
 
     /// Takes an emergency stop.
@@ -217,9 +229,13 @@ impl RosSide {
         if arm.mode() == RobotMode::Moving && self.measured.age_ms(now_ms).is_none_or(|age_ms| age_ms > JOINTS_OLD_MS) {
             arm.fault("joint_states_silent", format!("no joint states for more than {JOINTS_OLD_MS} ms"));
         }
-        // A stream begins when its controller accepts it.
-        let waits = self.goal.is_some_and(|goal| goal.state == GoalState::Sent) && arm.stop().is_none();
-        self.owed_s = if waits { 0.0 } else { self.owed_s + since_s.min(CATCH_UP_S) };
+        // A stream begins when its controller accepts it, which then goes on whether or not this process gets to it.
+        let goal = self.goal.filter(|_| arm.stop().is_none()).map(|goal| goal.state);
+        self.owed_s = match goal {
+            Some(GoalState::Sent) => 0.0,
+            Some(GoalState::Accepted) => self.owed_s + since_s,
+            Some(GoalState::Canceling) | None => self.owed_s + since_s.min(CATCH_UP_S),
+        };
         while self.owed_s >= TICK_S {
             self.owed_s -= TICK_S;
             self.ticks += 1;

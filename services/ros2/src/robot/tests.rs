@@ -167,6 +167,25 @@ fn a_controller_that_refuses_aborts_or_falls_silent_latches_a_stop() {
 }
 
 #[test]
+fn joints_that_are_told_of_late_and_a_bridge_that_pauses_are_no_fault() {
+    let mut trial = Trial::new(false);
+    trial.start(swing(READY[0], 1.0));
+    // It was accepted a while before its word came, and is told of later still.
+    trial.side.told(Told::Accepted(1), trial.now_ms);
+    let began_ms = trial.now_ms;
+    while trial.now_ms < began_ms + 1400 {
+        // For a fifth of a second in the middle, nothing comes and nothing is done.
+        trial.now_ms += if trial.now_ms == began_ms + 400 { 200 } else { 0 };
+        let late_s = ((trial.now_ms - began_ms) as f64 / 1000.0 - 0.15).clamp(0.0, 1.0);
+        trial.joints_rad = swung(READY[0], 1.0, late_s, 0.0, 1.0).q_rad;
+        trial.run(4);
+        assert_eq!(trial.stop_kind(), None, "after {} ms", trial.now_ms - began_ms);
+    }
+    trial.side.told(ended(1, status::SUCCEEDED), trial.now_ms);
+    assert_eq!(trial.mode(), RobotMode::Idle);
+}
+
+#[test]
 fn a_stop_cancels_the_goal_and_the_arm_stands_where_its_joints_are() {
     let mut trial = Trial::new(false);
     trial.start(swing(READY[0], 0.3));

@@ -1,0 +1,21 @@
+# What the test scripts share; sourced by them, from the repository's root.
+
+# Sets and exports REPOSE, the program to test: the one that it names, else this build's.
+find_program() {
+    if [ -z "${REPOSE:-}" ]; then
+        # Of the whole workspace, as `cargo test --workspace` resolves it: so nothing is compiled twice.
+        cargo build --workspace --release --locked --bin repose
+        REPOSE="${CARGO_TARGET_DIR:-target}/release/repose"
+    fi
+    REPOSE="$(realpath "$REPOSE")"
+    export REPOSE
+}
+
+# A fresh virtual environment, `$environment`, with what pip is told to install; gone when the script ends.
+# `PYTHON=python3.12 scripts/…` makes it of another interpreter.
+make_environment() {
+    environment="$(mktemp -d)"
+    trap 'rm -rf "$environment"' EXIT
+    "${PYTHON:-python3}" -m venv "$environment"
+    "$environment/bin/pip" install --quiet --disable-pip-version-check "$@"
+}
