@@ -1,10 +1,9 @@
 //! The running cell: scene, arm and hand in one world, stepped in robot time.
 //!
-//! The arm's controller ticks at 1 kHz; physics steps every other tick. Pictures leave the robot out, as a driver with a self filter does,
-//! unless asked for.
+//! The arm's controller ticks at 1 kHz; physics steps every other tick. Pictures show the robot, as cameras
+//! do, unless asked not to.
 
 use nalgebra::Isometry3;
-use repose_geometry::{TriMesh, Vector3};
 use repose_panda::base_from_hand;
 use repose_proto::RigidTransform;
 use repose_proto::robot::RobotState;
@@ -12,10 +11,9 @@ use repose_robot_side::{GripperState, Shown, state_of};
 use repose_sensor::SensorModel;
 
 use crate::cell::{CellSettings, cell_of_seed};
-use crate::objects::body::cuboid_mesh;
 use crate::physics::{Touchable, World};
-use crate::render::{Drawable, Picture, picture};
-use crate::robot::{Arm, ArmSettings, Hand, HandSettings, TICK_S};
+use crate::render::{Picture, picture};
+use crate::robot::{Arm, ArmSettings, Hand, HandSettings, TICK_S, body};
 use crate::scene::{NoScene, Scene};
 
 /// A cell at work.
@@ -123,25 +121,23 @@ impl CellWorld {
         (self.hand.width_m(&mut self.world), self.hand.is_settled(), self.hand.is_holding(&mut self.world))
     }
 
-    /// What the camera sees, true depth; with the hand in the picture when asked for.
-    pub fn true_picture(&mut self, show_hand: bool) -> Picture {
+    /// What the camera sees, true depth; with the robot in the picture or without it.
+    pub fn true_picture(&mut self, show_robot: bool) -> Picture {
         let poses = self.world.poses();
-        let hand: Vec<(Isometry3<f64>, TriMesh)> =
-            self.hand.boxes(&mut self.world).into_iter().map(|(pose, half): (_, Vector3<f64>)| (pose, cuboid_mesh(half.cast()))).collect();
         let mut drawables = self.scene.drawables();
         let fixtures = self.scene.fixtures.len();
         for (drawable, pose) in drawables[fixtures..].iter_mut().zip(poses) {
             drawable.world_from_mesh = pose;
         }
-        if show_hand {
-            drawables.extend(hand.iter().map(|(pose, mesh)| Drawable { mesh, world_from_mesh: *pose, label: 0, color: [235, 235, 235] }));
+        if show_robot {
+            drawables.extend(body::drawables(self.arm.q_rad(), self.hand.finger_positions_m(&mut self.world)));
         }
         picture(&self.settings.camera, &self.settings.world_from_camera(), &drawables)
     }
 
-    /// What the camera reports: noisy depth; with the hand in the picture when asked for.
-    pub fn sensed_picture(&mut self, sensor: &SensorModel, show_hand: bool) -> Picture {
-        let mut picture = self.true_picture(show_hand);
+    /// What the camera reports: noisy depth; with the robot in the picture or without it.
+    pub fn sensed_picture(&mut self, sensor: &SensorModel, show_robot: bool) -> Picture {
+        let mut picture = self.true_picture(show_robot);
         self.pictures += 1;
         sensor.disturb(picture.depth_m.pixels_mut(), &self.settings.camera, self.scene.seed.wrapping_add(self.pictures << 32));
         picture

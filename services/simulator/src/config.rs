@@ -24,8 +24,8 @@ pub struct SimulatorConfig {
     pub time_scale: f64,
     /// Whether frames carry the true instance labels. Default true; without them perception segments by itself.
     pub labels: bool,
-    /// Whether the hand is in the picture. Default false: frames are as after a driver's self filter.
-    pub show_hand: bool,
+    /// Whether the robot is in the picture, as real cameras have it. Default true; without it frames are as after a driver's self filter.
+    pub show_robot: bool,
     /// What kind of depth camera it is: `structured_light` (a Kinect), `active_stereo` (a RealSense D415) or `ideal` (no faults). Default
     /// `structured_light`.
     pub sensor: String,
@@ -43,7 +43,7 @@ impl Default for SimulatorConfig {
             state_period_ms: 10,
             time_scale: 1.0,
             labels: true,
-            show_hand: false,
+            show_robot: true,
             sensor: "structured_light".to_owned(),
             queue: 64,
         }

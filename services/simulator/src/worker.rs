@@ -265,7 +265,9 @@ impl Running {
     }
 
     fn show_frame(&mut self) {
-        let picture = self.cell.sensed_picture(&self.config.sensor_model(), self.config.show_hand);
+        // Drawing takes longer than a state's period: a later stamp would be that of a later posture.
+        let stamp_ns = wall_ns();
+        let picture = self.cell.sensed_picture(&self.config.sensor_model(), self.config.show_robot);
         let settings = self.cell.settings();
         let pinhole = settings.camera;
         let counts = |z: &f32| (f64::from(*z) / DEPTH_UNIT_M).round().clamp(0.0, f64::from(u16::MAX)) as u16;
@@ -283,7 +285,7 @@ impl Running {
         let frame = Frame {
             color: Some(picture.color.into_pixels()),
             labels: self.config.labels.then(|| picture.labels.into_pixels()),
-            ..Frame::new(self.config.camera.clone(), wall_ns(), camera, depth)
+            ..Frame::new(self.config.camera.clone(), stamp_ns, camera, depth)
         };
         show(&self.frames, Payload::bulk(Frame::SCHEMA, &frame.to_bulk()));
     }

@@ -11,7 +11,7 @@ use repose_dataset::Split;
 use repose_geometry::{Pinhole, ViewerFrame};
 use repose_proto::{CameraModel, Frame, GoalTerm, Relation, RigidTransform, Scene as ObservedScene};
 use repose_sensor::SensorModel;
-use repose_simulator::render::picture;
+use repose_simulator::render::{Drawable, picture};
 use repose_simulator::scene::{Scene, SceneSettings, scene_of_seed};
 use repose_simulator::viewpoint::{ViewpointSettings, random_viewpoint};
 
@@ -114,9 +114,20 @@ pub fn frame_with(
     sensor: &SensorModel,
     seed: u64,
 ) -> Frame {
-    const DEPTH_UNIT_M: f32 = 0.001;
     let drawables: Vec<_> = scene.drawables().into_iter().filter(|d| d.label == 0 || present(d.label)).collect();
-    let mut seen = picture(camera, world_from_camera, &drawables);
+    frame_drawn(&drawables, camera, world_from_camera, sensor, seed)
+}
+
+/// What the sensor reports of things that are drawn, with true masks and the true pose.
+pub fn frame_drawn(
+    drawables: &[Drawable<'_>],
+    camera: &Pinhole,
+    world_from_camera: &Isometry3<f64>,
+    sensor: &SensorModel,
+    seed: u64,
+) -> Frame {
+    const DEPTH_UNIT_M: f32 = 0.001;
+    let mut seen = picture(camera, world_from_camera, drawables);
     sensor.disturb(seen.depth_m.pixels_mut(), camera, seed);
     let camera = CameraModel {
         width: camera.width,

@@ -1,6 +1,6 @@
 //! The scenes of the robot's table: one named object among others within the Panda's reach, seen by the cell's camera, and a goal for it.
 //!
-//! Ground truth: masks, the camera's pose, meshes and poses. Observed: depth with the sensor model. Objects stand upright, a hand's width
+//! Ground truth: masks, the camera's pose, meshes and poses. Observed: depth with the sensor model, the robot in the picture. Objects stand upright, a hand's width
 //! apart, on the table or (in the second condition) on the table and a large box on it; the paper's Table 3 has the same two.
 
 use std::sync::Arc;
@@ -10,7 +10,8 @@ use rand::RngExt;
 use rand::seq::SliceRandom;
 use rand_pcg::Pcg64;
 use repose_geometry::ViewerFrame;
-use repose_proto::{GoalTerm, Relation};
+use repose_panda::{FINGER_OPENING_MAX_M, READY};
+use repose_proto::{Frame, GoalTerm, Relation, RigidTransform, RobotInView};
 use repose_sensor::SensorModel;
 use repose_simulator::cell::CellSettings;
 use repose_simulator::contact::PlacedParts;
@@ -18,10 +19,11 @@ use repose_simulator::furniture::{Furniture, SupportSurface};
 use repose_simulator::objects::Shape;
 use repose_simulator::objects::color::random_color;
 use repose_simulator::release::penetration_of;
+use repose_simulator::robot::body;
 use repose_simulator::scene::{Scene, SceneKind, SceneObject, displacement_m};
 use serde::Serialize;
 
-use crate::scenes::problem::{GOAL_RELATIONS, Problem, frame_of};
+use crate::scenes::problem::{GOAL_RELATIONS, Problem, frame_drawn};
 
 /// What stands on the table beside the objects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -176,7 +178,18 @@ fn keeps_away(scene: &Scene, shape: &Shape, world_from_object: &Isometry3<f64>, 
 /// What the cell's camera makes of the scene, with a goal that is still open; `None` when too little is seen.
 fn seen(truth: Scene, seed: u64, settings: &RobotSceneSettings, rng: &mut Pcg64) -> Option<Problem> {
     let (camera, world_from_camera) = (settings.cell.camera, settings.cell.world_from_camera());
-    let frame = frame_of(&truth, &camera, &world_from_camera, &settings.sensor, seed);
+    let mut drawables = truth.drawables();
+    drawables.extend(body::drawables(&READY, [FINGER_OPENING_MAX_M as f32 / 2.0; 2]));
+    let robot = RobotInView {
+        name: "panda".to_owned(),
+        model: "panda".to_owned(),
+        joints_rad: READY,
+        gripper_width_m: FINGER_OPENING_MAX_M,
+        holding: Some(false),
+        world_from_base: RigidTransform::IDENTITY,
+    };
+    let frame = frame_drawn(&drawables, &camera, &world_from_camera, &settings.sensor, seed);
+    let frame = Frame { robots: vec![robot], ..frame };
     let observed = repose_perception::segment(&frame, &repose_perception::Settings::default()).ok()?;
     let query = truth.objects.first()?.id;
     let is_seen = |id: u16| observed.object(id).is_some_and(|o| o.points >= settings.min_points);

@@ -2,11 +2,15 @@
 //!
 //! The readings near the robot are laid onto the balls of its body by a shift: least squares of their distances to the balls, with
 //! weights that let far ones go (Cauchy), as in iterative closest point. The balls are a little larger than the body, so that a common
-//! distance is fitted too, held near zero: from one side a larger body and one nearer to the camera look alike.
+//! distance is fitted too, held near zero: from one side a larger body and one nearer to the camera look alike. Along a link a shift shows at
+//! its ends only, where readings are first taken for another ball's; so a shift that is found is applied and the rest of it looked for.
 
 use nalgebra::{Matrix4, Vector3, Vector4};
+use repose_geometry::Pinhole;
 
+use super::body::Ball;
 use super::nearness::Nearness;
+use crate::readings::depth::DepthMap;
 use crate::settings::SelfFilterSettings;
 
 /// Fewer readings near the robot say nothing of where it is.
@@ -18,8 +22,29 @@ const HALF_WEIGHT_M: f32 = 0.015;
 /// How firmly the common distance is held near zero, as so many readings' worth of 1.
 const HOLD: f32 = 0.3;
 
-/// The shift of the seen robot from where it should be, camera frame, metres; `None` where too little of it is seen.
-pub fn offset(near: &Nearness, settings: &SelfFilterSettings) -> Option<Vector3<f32>> {
+/// Times that the rest of a shift is looked for, and the rest that is none, metres: a good calibration costs no further look.
+const LOOKS: usize = 4;
+const NO_REST_M: f32 = 0.003;
+
+/// The shift of the seen robot from where it should be, camera frame, metres; `None` where too little of it is seen. `near` are the readings
+/// near `balls`.
+pub fn offset(near: &Nearness, depth: &DepthMap, camera: &Pinhole, balls: &[Ball], settings: &SelfFilterSettings) -> Option<Vector3<f32>> {
+    let mut rest = fitted(near, settings)?;
+    let mut offset = rest;
+    for _ in 0..LOOKS {
+        if rest.norm() <= NO_REST_M {
+            break;
+        }
+        let moved: Vec<Ball> = balls.iter().map(|ball| Ball { center: ball.center + offset, ..*ball }).collect();
+        let Some(found) = fitted(&Nearness::new(depth, camera, &moved, settings.look_m), settings) else { break };
+        rest = found;
+        offset += rest;
+    }
+    Some(offset)
+}
+
+/// The shift by which readings fit the balls that they are nearest to.
+fn fitted(near: &Nearness, settings: &SelfFilterSettings) -> Option<Vector3<f32>> {
     let pixels = || near.pixels.iter().filter(|pixel| pixel.distance_m.abs() <= settings.look_m);
     let count = pixels().count();
     // A camera that leaves the robot out sees what is behind it; the little that is near its place is something else.

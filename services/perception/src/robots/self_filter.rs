@@ -18,8 +18,8 @@ use crate::settings::SelfFilterSettings;
 pub struct FilteredRobots {
     /// The robots whose shape is known.
     pub bodies: Vec<(Body, Option<bool>)>,
-    /// Readings taken out.
-    pub readings: usize,
+    /// Pixels whose readings were taken out.
+    pub pixels: Vec<usize>,
     /// What should be looked into.
     pub warnings: Vec<SceneWarning>,
 }
@@ -50,7 +50,7 @@ pub fn remove(
             }
         };
         let near = Nearness::new(depth, camera, &body.balls, settings.look_m);
-        let offset_m = calibration::offset(&near, settings);
+        let offset_m = calibration::offset(&near, depth, camera, &body.balls, settings);
         if let Some(offset) = offset_m.filter(|offset| offset.norm() > settings.warn_m) {
             let [x, y, z] = (world_from_camera.rotation.cast::<f32>() * offset).into();
             let message = format!(
@@ -66,9 +66,11 @@ pub fn remove(
         // Where the robot is seen beside its place, its readings are there too.
         let margin_m = settings.margin_m + offset_m.map_or(0.0, |offset| offset.norm()).min(settings.look_m - settings.margin_m);
         for pixel in near.pixels.iter().filter(|pixel| pixel.distance_m <= margin_m) {
-            let z = &mut depth.depth_m_mut().pixels_mut()[pixel.index];
-            filtered.readings += usize::from(!z.is_nan());
-            *z = f32::NAN;
+            // Two robots may be near.
+            if !depth.depth_m().pixels()[pixel.index].is_nan() {
+                depth.depth_m_mut().pixels_mut()[pixel.index] = f32::NAN;
+                filtered.pixels.push(pixel.index);
+            }
         }
         filtered.bodies.push((body, robot.holding));
     }
@@ -128,7 +130,7 @@ mod tests {
         let (mut depth, on_robot) = seen(&robot([0.0; 3]));
         let pose = world_from_camera();
         let filtered = remove(&mut depth, &CAMERA, &[robot([0.0; 3])], Some(&pose), &SelfFilterSettings::default());
-        assert!(on_robot > 1500 && filtered.readings == on_robot, "{} of {on_robot}", filtered.readings);
+        assert!(on_robot > 1500 && filtered.pixels.len() == on_robot, "{} of {on_robot}", filtered.pixels.len());
         assert!(filtered.warnings.is_empty(), "{:?}", filtered.warnings);
         assert_eq!(depth.readings(), CAMERA.width * CAMERA.height - on_robot);
     }
@@ -140,7 +142,7 @@ mod tests {
         let filtered = remove(&mut depth, &CAMERA, &[robot([0.0; 3])], Some(&pose), &SelfFilterSettings::default());
         assert_eq!(filtered.warnings.len(), 1);
         assert_eq!(filtered.warnings[0].field, "world_from_camera");
-        assert!(filtered.readings * 100 >= on_robot * 97, "{} of {on_robot}", filtered.readings);
+        assert!(filtered.pixels.len() * 100 >= on_robot * 97, "{} of {on_robot}", filtered.pixels.len());
     }
 
     #[test]
@@ -151,7 +153,7 @@ mod tests {
         for (robot, pose, field) in [(robot([0.0; 3]), None, "world_from_camera"), (unknown, Some(&pose), "robots[0]")] {
             let mut left = depth.clone();
             let filtered = remove(&mut left, &CAMERA, &[robot], pose, &SelfFilterSettings::default());
-            assert_eq!((filtered.readings, filtered.warnings[0].field.as_str()), (0, field));
+            assert_eq!((filtered.pixels.len(), filtered.warnings[0].field.as_str()), (0, field));
         }
     }
 }

@@ -35,8 +35,8 @@ pub use levers::levers;
 pub use limits::{FINGER_OPENING_MAX_M, JointLimits, LIMITS};
 pub use self_collision::{SELF_COLLISION_PAIRS, self_collides};
 pub use spheres::{
-    GRIPPER_SPHERES, LINKS, Link, PlacedSphere, SPHERE_COUNT, SPHERE_LINKS, gripper_spheres, shoulder_in_base, spheres_in_base,
-    spheres_in_link,
+    GRIPPER_SPHERES, LINKS, Link, PlacedSphere, SPHERE_COUNT, SPHERE_LINKS, gripper_spheres, shoulder_in_base, shoulder_in_link,
+    spheres_in_base, spheres_in_link,
 };
 pub use stop::{MotionState, Stop, StopSettings};
 

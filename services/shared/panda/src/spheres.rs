@@ -172,6 +172,11 @@ pub fn spheres_in_base(frames: &LinkFrames, finger_opening_m: f64) -> [PlacedSph
     placed
 }
 
+/// Balls that cover, with a link's [spheres](spheres_in_link), what shows of the shoulder; in the link's frame.
+pub fn shoulder_in_link(link: Link) -> impl Iterator<Item = PlacedSphere> {
+    SHOULDER.iter().filter(move |(of, _)| *of == link).map(|(_, row)| placed_row(&Frame::BASE, row))
+}
+
 /// Balls that cover, with the [spheres](spheres_in_base), what shows of the shoulder; in the base frame.
 pub fn shoulder_in_base(frames: &LinkFrames) -> [PlacedSphere; SHOULDER.len()] {
     SHOULDER.map(|(link, row)| placed_row(&frames.links[link as usize - 1], &row))

@@ -3,7 +3,7 @@
 //! The palm is kinematic, the fingers are rigid bodies on prismatic joints with force-based motors, so what they hold is held by friction
 //! and nothing else. The hand's frame is Franka's: z along the fingers, y the direction they open in.
 
-use nalgebra::{Isometry3, Translation3, Vector3};
+use nalgebra::Isometry3;
 use rapier3d::dynamics::{ImpulseJointHandle, MotorModel, PrismaticJointBuilder, RigidBodyBuilder, RigidBodyHandle};
 use rapier3d::geometry::{ColliderBuilder, Group, InteractionGroups, InteractionTestMode};
 use rapier3d::math::Vector;
@@ -39,7 +39,7 @@ impl Default for HandSettings {
 }
 
 /// Half the pad's and finger's edge lengths in the finger's axes (x across, y thickness, z along), metres.
-const FINGER_HALF_M: [f32; 3] = [0.0105, 0.0065, 0.0268];
+pub(super) const FINGER_HALF_M: [f32; 3] = [0.0105, 0.0065, 0.0268];
 /// Half the palm's edge lengths and how far its centre is ahead of the hand's frame, metres.
 const PALM_HALF_M: [f32; 3] = [0.0316, 0.102, 0.0329];
 /// Fingers count as standing below this speed, m/s, kept for this long, seconds.
@@ -170,18 +170,5 @@ impl Hand {
     /// The same while the fingers may still tremble: they press, and something keeps them apart.
     pub fn grips(&self, world: &mut World) -> bool {
         self.target_m == self.goal_m && self.width_m(world) as f32 > 2.0 * self.goal_m + HOLDING_M
-    }
-
-    /// Where the hand's parts are, for pictures: pose and half edge lengths of each box.
-    pub fn boxes(&self, world: &mut World) -> [(Isometry3<f64>, Vector3<f64>); 3] {
-        let engine = world.engine();
-        let half = |h: [f32; 3]| Vector3::from(h).cast::<f64>();
-        let body = |handle: RigidBodyHandle| convert::isometry(engine.bodies[handle].position());
-        let ahead = |y: f32, z: f32| Translation3::new(0.0, f64::from(y), f64::from(z));
-        [
-            (body(self.palm) * ahead(0.0, PALM_HALF_M[2]), half(PALM_HALF_M)),
-            (body(self.fingers[0]) * ahead(FINGER_HALF_M[1], FINGER_HALF_M[2]), half(FINGER_HALF_M)),
-            (body(self.fingers[1]) * ahead(-FINGER_HALF_M[1], FINGER_HALF_M[2]), half(FINGER_HALF_M)),
-        ]
     }
 }

@@ -1,5 +1,6 @@
-//! The simulated Panda: a hand that grasps by friction. Its arm is [`repose_robot_side::Arm`], as everybody's.
+//! The simulated Panda: a hand that grasps by friction, and a body to look at. Its arm is [`repose_robot_side::Arm`], as everybody's.
 
+pub mod body;
 pub mod hand;
 
 pub use hand::{Hand, HandSettings};
