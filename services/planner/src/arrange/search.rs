@@ -197,6 +197,9 @@ impl<'a> Search<'a> {
                     break;
                 }
             }
+            if next.is_none() && !state.unsettled.is_empty() {
+                next = self.unstacked(&state)?.map(|(step, after)| (Some(step), after));
+            }
             let Some((step, after)) = next else { return Ok(state.unsettled) };
             self.path.extend(step);
             state = after;
@@ -317,6 +320,36 @@ impl<'a> Search<'a> {
         order
     }
 
+    /// Sets aside what stands on something that must move: no order spares that. None where nothing stands there, or no place is found for it.
+    fn unstacked(&mut self, state: &State) -> Result<Option<(ArrangeMove, State)>, CallError> {
+        let aside = self.path.iter().filter(|step| step.purpose == Purpose::Aside).count();
+        if aside >= self.places.request().max_parkings as usize {
+            return Ok(None);
+        }
+        let awaited = state.unsettled.iter().flat_map(|object| self.goals.of(*object, &state.others(*object)));
+        let anchors: BTreeSet<u16> = awaited.filter(|t| t.holds).map(|t| t.anchor).collect();
+        for object in standing_on_unsettled(state) {
+            let unsettled = self.unsettled_without(state, object);
+            for goal in places_aside(&state.scene, object, &unsettled, &anchors) {
+                for placement in self.places(&state.scene, object, &goal, 1)? {
+                    let step = ArrangeMove { object, purpose: Purpose::Aside, goal: goal.clone(), placement };
+                    if let Some(after) = self.after(state, &step, &unsettled)? {
+                        return Ok(Some((step, after)));
+                    }
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// What does not stand where it will once an object is taken from its place.
+    fn unsettled_without(&self, state: &State, object: u16) -> BTreeSet<u16> {
+        // Goals about it may not hold any more; those that do are seen to when their turn comes.
+        let about = self.goals.about(object).filter(|other| *other != object);
+        let own = self.goals.has(object).then_some(object);
+        state.unsettled.iter().copied().chain(about).chain(own).collect()
+    }
+
     /// Sets one object down aside, and goes on.
     fn solved_aside(&mut self, state: &State, without_room: &[WithoutRoom], parkings: u32) -> Result<bool, CallError> {
         let anchors = without_room.iter().flat_map(|(_, terms)| terms.iter().filter(|t| t.holds).map(|t| t.anchor)).collect();
@@ -338,12 +371,7 @@ impl<'a> Search<'a> {
 
     /// Sets this object down aside, here or there, and goes on.
     fn solved_with_aside(&mut self, state: &State, object: u16, anchors: &BTreeSet<u16>, parkings: u32) -> Result<bool, CallError> {
-        let mut unsettled = state.unsettled.clone();
-        if self.goals.has(object) {
-            unsettled.insert(object);
-        }
-        // Goals about it may not hold any more; those that do are seen to when their turn comes.
-        unsettled.extend(self.goals.about(object).filter(|other| *other != object));
+        let unsettled = self.unsettled_without(state, object);
         let mut others = unsettled.clone();
         others.remove(&object);
         let mut kept = 0;
@@ -368,10 +396,8 @@ impl<'a> Search<'a> {
     /// move, or where there are none, everything that can be moved.
     fn in_the_way<'g>(&self, state: &State, without_room: &'g [WithoutRoom]) -> Vec<(u16, Option<&'g WithoutRoom>)> {
         let free = |id: &u16| state.scene.belief.carried(*id).is_empty();
-        let carried: BTreeSet<u16> =
-            state.unsettled.iter().flat_map(|object| state.scene.belief.carried(*object).iter().copied()).collect();
-        if !carried.is_empty() {
-            return carried.into_iter().filter(free).map(|object| (object, None)).collect();
+        if state.unsettled.iter().any(|object| !state.scene.belief.carried(*object).is_empty()) {
+            return standing_on_unsettled(state).into_iter().map(|object| (object, None)).collect();
         }
         let mut likely: Vec<((bool, bool), u16, Option<&'g WithoutRoom>)> = Vec::new();
         for whom in without_room.iter().filter(|(_, terms)| terms.iter().any(|t| t.holds)) {
@@ -403,4 +429,10 @@ impl<'a> Search<'a> {
         }
         Ok(solved)
     }
+}
+
+/// What stands on objects that must move, and carries nothing itself.
+fn standing_on_unsettled(state: &State) -> Vec<u16> {
+    let carried: BTreeSet<u16> = state.unsettled.iter().flat_map(|object| state.scene.belief.carried(*object).iter().copied()).collect();
+    carried.into_iter().filter(|id| state.scene.belief.carried(*id).is_empty()).collect()
 }
