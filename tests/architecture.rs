@@ -254,7 +254,7 @@ fn the_band_that_perception_takes_off_a_cloud_is_the_one_that_others_put_back_on
     let taken_px = repose_perception::Settings::default().borders.radius_px as f32;
     let networks = repose_networks::Models::embedded().expect("the weights that come with the program");
     assert_eq!(networks.config().cloud.border_px, taken_px, "the relation predictor's gaps");
-    let bottoms_px = repose_planner::belief::settings::BeliefSettings::default().border_px;
+    let bottoms_px = repose_belief::BeliefSettings::default().border_px;
     assert!((taken_px..=taken_px + 1.0).contains(&bottoms_px), "the planner's bottoms: {bottoms_px}, a pixel more than {taken_px} at most");
 }
 
