@@ -36,7 +36,7 @@ pub struct RecordArgs {
     /// Least time between two whole scenes of a camera, milliseconds. Scenes that somebody asks about are taken whatever it is.
     #[arg(long, default_value_t = 1000)]
     pub scene_period_ms: u64,
-    /// Write the messages of the wire only, which is what playing and replaying need; without those that Foxglove, Lichtblick and Rerun draw.
+    /// Write the messages of the wire only, which is what playing and replaying need; without those that Foxglove and Lichtblick draw.
     #[arg(long)]
     pub no_looks: bool,
 }

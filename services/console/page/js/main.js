@@ -22,6 +22,16 @@ let role = "viewer", cell, camera, robot, page;
 let scene, newest, isHeld = false, hasWatched = false, asked, myPlan, hadPlan;
 const robots = new Map();
 
+// The console. First, so that it answers while the browser gets ready to draw, which takes it a good part of a second.
+
+const connection = new Connection(heard, (state) => {
+  byId("link").className = `link ${state}`;
+  byId("link").lastElementChild.textContent = { live: "Live", lost: "Connection lost", token: "Signed out" }[state];
+  document.body.classList.toggle("stale", state !== "live");
+  if (state === "lost") notice({ message: "The connection to the console is lost. Trying again; what is shown may be out of date." }, "bad");
+  if (state === "token") askForToken();
+});
+
 // The parts.
 
 const tip = byId("tip");
@@ -56,15 +66,7 @@ function lit(rank) {
   world.lit(rank);
 }
 
-// The console.
-
-const connection = new Connection(heard, (state) => {
-  byId("link").className = `link ${state}`;
-  byId("link").lastElementChild.textContent = { live: "Live", lost: "Connection lost", token: "Signed out" }[state];
-  document.body.classList.toggle("stale", state !== "live");
-  if (state === "lost") notice({ message: "The connection to the console is lost. Trying again; what is shown may be out of date." }, "bad");
-  if (state === "token") askForToken();
-});
+// What the console says.
 
 function notice(text, kind = "") {
   const box = byId("notice");

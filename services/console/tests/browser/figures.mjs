@@ -111,7 +111,7 @@ async function recorder(system, folder) {
 
 /** What eight viewers with a stuck one, and a recorder, take of the throughput: by turns, so that a machine that changes changes all alike. */
 async function slowing(system, folder) {
-  const rates = { alone: [], viewed: [], recorded: [] };
+  const rates = { alone: [], viewed: [], recorded: [] }, recorders = [];
   let lost = 0;
   for (let k = 0; k < ROUNDS; k++) {
     rates.alone.push(await throughput(system));
@@ -121,13 +121,16 @@ async function slowing(system, folder) {
     rates.viewed.push(await throughput(system));
     for (const { close } of watching) close();
     const recording = await recorder(system, folder);
+    // What the recorder itself takes does not depend on what else the machine does; the throughput does.
+    const before = cpuMs(recording.pid), started = performance.now();
     rates.recorded.push(await throughput(system));
+    recorders.push(100 * (cpuMs(recording.pid) - before) / (performance.now() - started));
     lost += (await recording.end()).lost;
   }
   const share = (name) => 100 * (1 - median(rates[name].map((rate, k) => rate / rates.alone[k])));
   return {
     placements_per_s: Object.fromEntries(Object.entries(rates).map(([name, of]) => [name, rounded(of)])),
-    viewers_cost_percent: share("viewed"), recording_costs_percent: share("recorded"), lost_of_recordings: lost,
+    viewers_cost_percent: share("viewed"), recording_costs_percent: share("recorded"), recorder_percent_of_core: rounded(recorders), lost_of_recordings: lost,
   };
 }
 

@@ -174,7 +174,10 @@ test("stop stops, says why to everybody, and reset lets the robot go on", async 
   await textOf(page, "#mode", /stopped/);
   const took = performance.now() - started;
   // The pointer is still over the button, and what it says can be read.
-  await page.waitForFunction(() => getComputedStyle(document.querySelector("#stop.latched:hover")).backgroundColor === "rgba(0, 0, 0, 0)");
+  await page.waitForFunction(() => {
+    const button = document.querySelector("#stop.latched:hover");
+    return button && getComputedStyle(button).backgroundColor === "rgba(0, 0, 0, 0)";
+  });
   await textOf(page, ".stopped", /Stopped from the console/i);
   await textOf(other, ".stopped", /Stopped from the console/i);
   await textOf(page, "#phase", /Stopped|Ended/i);

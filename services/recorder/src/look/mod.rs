@@ -1,4 +1,4 @@
-//! What Foxglove's viewers, Lichtblick and Rerun draw of a recording: their messages as JSON, made of those of the wire.
+//! What Foxglove's viewers and Lichtblick draw of a recording: their messages as JSON, made of those of the wire.
 //!
 //! Source: Foxglove's public schemas (docs.foxglove.dev, "Foxglove schemas"), JSON form: bytes in base64, times as seconds and nanoseconds.
 
