@@ -267,8 +267,10 @@ test("a page that lost its console says so and comes back by itself", async () =
 
 test("a stop that nobody takes is not passed over in silence", async () => {
   await page.route("**/stop", (route) => route.abort());
+  const before = await page.locator("#picture").boundingBox();
   await page.click("#stop");
   await textOf(page, "#notice", /Stop:/);
+  assert.deepEqual(await page.locator("#picture").boundingBox(), before, "a notice moves nothing under the pointer");
   await page.unroute("**/stop");
 });
 
