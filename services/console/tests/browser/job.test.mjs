@@ -15,8 +15,7 @@ const isBlue = (r, g, b) => b > 150 && b > 1.5 * r && b > 1.15 * g;
 let system, browser, page;
 
 before(async () => {
-  // Robot time runs faster than the clock: a motion of half a minute is over in ten seconds.
-  system = await startSystem({ environment: { REPOSE_SIMULATOR__TIME_SCALE: "3" } });
+  system = await startSystem();
   browser = await startBrowser();
   page = await open(browser, system.url);
 });
@@ -168,7 +167,7 @@ test("stop stops, says why to everybody, and reset lets the robot go on", async 
   // longer over one than the motion lasts.
   const { x, y, width, height } = await page.locator("#stop").boundingBox();
   await textOf(page, "#phase", /Moving object/);
-  await pause(500);
+  await pause(1000);
   const started = performance.now();
   await page.mouse.click(x + width / 2, y + height / 2);
   await textOf(page, "#mode", /stopped/);
@@ -268,8 +267,10 @@ test("a page that lost its console says so and comes back by itself", async () =
 
 test("a stop that nobody takes is not passed over in silence", async () => {
   await page.route("**/stop", (route) => route.abort());
+  const before = await page.locator("#picture").boundingBox();
   await page.click("#stop");
   await textOf(page, "#notice", /Stop:/);
+  assert.deepEqual(await page.locator("#picture").boundingBox(), before, "a notice moves nothing under the pointer");
   await page.unroute("**/stop");
 });
 
