@@ -159,7 +159,7 @@ impl MotionFailure {
     }
 }
 
-/// What a stretch of a motion is for. A pick and place has the first eight in this order.
+/// What a stretch of a motion is for. A pick and place has them in this order, the last one only where there is a free way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Phase {
@@ -179,7 +179,7 @@ pub enum Phase {
     Release,
     /// Back along the fingers.
     Retreat,
-    /// To the ready pose. No part of a pick and place.
+    /// Back to where a pick and place started, out of the camera's sight; of an arm that is brought back, to the ready pose.
     Home,
 }
 

@@ -9,7 +9,7 @@
 //! let (scene, aside) = (synthetic::scene(), Isometry3::translation(0.0, 0.45, 0.0));
 //! let request = PickPlaceRequest { scene: &scene, query: 1, placements: &[aside], start: &repose_panda::READY, grasps: None, seed: 3 };
 //! let plan = pick_place(&request, &PickPlaceSettings::default()).unwrap();
-//! assert_eq!((plan.placement, plan.phases.len()), (0, 8));
+//! assert_eq!((plan.placement, plan.phases.len()), (0, 9));
 //! ```
 //!
 //! The domain is pure: [`grasp`] finds grasps on the observed cloud, [`obstacles`] and [`collision`] judge configurations, [`path`] finds the

@@ -45,12 +45,13 @@ fn a_box_is_picked_and_placed_with_all_phases_joined() {
     let plan = plan(1, &[moved(0.45, 0.25)], None).unwrap();
     assert_eq!(plan.placement, 0);
     let names: Vec<&str> = plan.phases.iter().map(|p| p.phase.as_str()).collect();
-    assert_eq!(names, ["standoff", "approach", "grasp", "lift", "transfer", "lower", "release", "retreat"]);
+    assert_eq!(names, ["standoff", "approach", "grasp", "lift", "transfer", "lower", "release", "retreat", "home"]);
     let mut last = READY;
     for (phase, points) in set_points(&plan, 0.01) {
         assert!((0..JOINT_COUNT).all(|i| (points[0][i] - last[i]).abs() < 1e-6), "{phase:?} starts where the last phase ended");
         last = points[points.len() - 1];
     }
+    assert!((0..JOINT_COUNT).all(|i| (last[i] - READY[i]).abs() < 1e-6), "the arm ends where it started");
 }
 
 #[test]
@@ -70,10 +71,12 @@ fn every_millisecond_keeps_frankas_rules_and_touches_nothing() {
     let plan = plan(1, &[moved(0.45, 0.25)], None).unwrap();
     let scene = synthetic::scene();
     let others = Obstacles::new(&scene.points_without(1), &scene.surfaces_without(1, |_| None), &ObstacleSettings::default());
-    let obstacles = [&others];
+    let placed: Vec<_> = scene.points_of(1).iter().map(|p| (moved(0.45, 0.25) * p.cast::<f64>()).cast()).collect();
+    let placed = Obstacles::new(&placed, &[], &ObstacleSettings::default());
     let arm = ArmSettings { padding_m: 0.0, finger_opening_m: plan.grasp.opening_m, ..ArmSettings::default() };
-    let checker = CollisionChecker::new(arm, &obstacles, None);
     for (phase, points) in milliseconds(&plan) {
+        let obstacles = if phase == Phase::Home { vec![&others, &placed] } else { vec![&others] };
+        let checker = CollisionChecker::new(arm, &obstacles, None);
         assert_eq!(CommandRules::check(&points[0], &points, CommandRuleSettings::default()), Ok(()), "{phase:?}");
         assert!(points.iter().all(|q| LIMITS.contains(q, 0.0)));
         assert_eq!(points.iter().step_by(5).find_map(|q| checker.contact(q)), None, "{phase:?}");

@@ -2,7 +2,8 @@
 //!
 //! Placements are taken in rank order. For each, grasps are tried best first until one is reachable and free at both ends and free ways join
 //! them (start to standoff, lift to above the placement); so an unreachable best placement falls back to the next, and the result says why.
-//! What is known of a grasp at the object is kept for all placements. Standoff and release heights: paper, section 3.
+//! What is known of a grasp at the object is kept for all placements. Standoff and release heights: paper, section 3. Afterwards the arm goes
+//! back to where it started, where there is a free way: from there the camera saw what it is to see again.
 
 pub mod plan;
 pub mod reach;
@@ -183,10 +184,13 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn checker(&self, obstacles: &'a [&'a Obstacles], finger_opening_m: f64, held: Option<&HeldObject>) -> CollisionChecker<'a> {
+    fn arm(&self, finger_opening_m: f64) -> ArmSettings {
         let world_from_base = Frame::of(&self.settings.world_from_base);
-        let arm = ArmSettings { world_from_base, padding_m: self.settings.padding_m, finger_opening_m, ..ArmSettings::default() };
-        CollisionChecker::new(arm, obstacles, held)
+        ArmSettings { world_from_base, padding_m: self.settings.padding_m, finger_opening_m, ..ArmSettings::default() }
+    }
+
+    fn checker(&self, obstacles: &'a [&'a Obstacles], finger_opening_m: f64, held: Option<&HeldObject>) -> CollisionChecker<'a> {
+        CollisionChecker::new(self.arm(finger_opening_m), obstacles, held)
     }
 
     fn tried(&'a self, grasp: Grasp) -> TriedGrasp<'a> {
@@ -229,8 +233,10 @@ impl<'a> Search<'a> {
             }
             usable.sort_by(|a, b| a.0.total_cmp(&b.0));
             for (_, index, ends) in usable.drain(..).take(self.settings.path_failures - tally.no_path) {
-                if let Some(phases) = self.joined(&mut tried[index], &ends, rng) {
-                    return Ok((tried[index].grasp, phases));
+                if let Some(mut phases) = self.joined(&mut tried[index], &ends, rng) {
+                    let grasp = tried[index].grasp;
+                    phases.extend(self.home(&grasp, &ends.place, placed_from_observed, rng));
+                    return Ok((grasp, phases));
                 }
                 tally.no_path += 1;
             }
@@ -296,6 +302,16 @@ impl<'a> Search<'a> {
             }
         }
         self.path(ends.lifted(), &ends.place.lower[0], &reach.holding, rng)
+    }
+
+    /// Back to the start, past the object where it was put; none where there is no way, and the arm stays above it.
+    fn home(&self, grasp: &Grasp, place: &PlaceEnd, placed_from_observed: &Isometry3<f64>, rng: &mut Pcg64) -> Option<PlannedPhase> {
+        let placed: Vec<Point3<f32>> = self.object.iter().map(|p| (placed_from_observed * p.cast::<f64>()).cast()).collect();
+        let placed = Obstacles::new(&placed, &[], &self.settings.obstacles);
+        let obstacles: Vec<&Obstacles> = self.others.iter().copied().chain([&placed]).collect();
+        let checker = CollisionChecker::new(self.arm(grasp.opening_m), &obstacles, None);
+        let trajectory = self.path(place.retreat.last()?, self.request.start, &checker, rng)?;
+        Some(PlannedPhase { phase: Phase::Home, gripper: None, trajectory: Some(trajectory) })
     }
 
     /// The corners of a free path between two configurations, shortened.
