@@ -43,7 +43,7 @@ pub fn drawables(joints: &Joints, fingers_m: [f32; 2]) -> Vec<Drawable<'static>>
     let half_turn = Isometry3::rotation(Vector3::z() * std::f64::consts::PI);
     let fingers = [Isometry3::identity(), half_turn].into_iter().zip(fingers_m).map(|(turn, from_middle_m)| {
         let hand_from_finger = turn * Isometry3::translation(0.0, f64::from(from_middle_m), FINGER_M);
-        Drawable { mesh: &*FINGER, world_from_mesh: hand * hand_from_finger, label: 0, color: FINGER_COLOR }
+        Drawable { mesh: &FINGER, world_from_mesh: hand * hand_from_finger, label: 0, color: FINGER_COLOR }
     });
     links.chain(fingers).collect()
 }
