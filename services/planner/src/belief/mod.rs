@@ -6,5 +6,7 @@ pub mod outlines;
 pub mod plane;
 pub mod settings;
 pub mod shape;
+pub mod sides;
+pub mod solid;
 pub mod standing;
 pub mod view;
