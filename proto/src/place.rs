@@ -71,6 +71,8 @@ pub enum Rotation {
     Fixed,
     /// Translation and a turn about world z.
     Yaw,
+    /// The same, and the object may be set on another side of its believed shape that carries it.
+    Stable,
 }
 
 /// A box in the world that the placed centroid must stay inside or out of.
@@ -291,6 +293,8 @@ pub enum Outcome {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Rejection {
+    /// It leans on something, and would tip wherever it is set down as it lies; another side may carry it (`rotation`: `stable`).
+    Tips,
     /// Outside an asked region, or inside a forbidden one.
     Region,
     /// Not enough of it would be seen: outside the picture, or behind something.

@@ -36,6 +36,8 @@ fn json_messages_keep_their_bytes() {
     check("PlaceResult.v1.second.json", &json(&place_result_2()));
     check("PlaceRequest.v1.third.json", &json(&place_request_3()));
     check("PlaceResult.v1.third.json", &json(&place_result_3()));
+    check("PlaceRequest.v1.fourth.json", &json(&place_request_4()));
+    check("PlaceResult.v1.fourth.json", &json(&place_result_4()));
     check("MotionPlanRequest.v1.json", &json(&motion_plan_request()));
     check("MotionPlan.v1.json", &json(&motion_plan()));
     check("ExecuteReply.v1.json", &json(&execute_reply()));

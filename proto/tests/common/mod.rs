@@ -203,6 +203,20 @@ pub fn place_result_3() -> PlaceResult {
     }
 }
 
+/// A request that lets the object be set on another side.
+pub fn place_request_4() -> PlaceRequest {
+    PlaceRequest { rotation: Rotation::Stable, ..place_request() }
+}
+
+/// What answers it where the object leans.
+pub fn place_result_4() -> PlaceResult {
+    PlaceResult {
+        rotation: Rotation::Stable,
+        rejections: BTreeMap::from([(Rejection::Tips, 4), (Rejection::Collision, 1)]),
+        ..place_result()
+    }
+}
+
 pub fn set_point(t_ms: f64) -> SetPoint {
     SetPoint { t_ms, q_rad: [0.125; 7], dq_rad_s: [0.0; 7] }
 }

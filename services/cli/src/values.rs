@@ -17,7 +17,8 @@ pub fn parse_rotation(name: &str) -> Result<Rotation, String> {
     match name {
         "fixed" => Ok(Rotation::Fixed),
         "yaw" => Ok(Rotation::Yaw),
-        _ => Err("expected fixed or yaw".to_owned()),
+        "stable" => Ok(Rotation::Stable),
+        _ => Err("expected fixed, yaw or stable".to_owned()),
     }
 }
 

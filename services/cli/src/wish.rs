@@ -30,7 +30,7 @@ pub struct WishArgs {
     /// How many distinct placements to find.
     #[arg(long, default_value_t = 1)]
     pub count: u32,
-    /// Whether the object may be turned: fixed or yaw.
+    /// Whether the object may be turned: fixed, yaw, or stable (turned, or set on another side).
     #[arg(long, default_value = "fixed", value_parser = parse_rotation)]
     pub rotation: Rotation,
     /// Direction in which the viewer of `left_of` and the like looks, radians about z. Default: the camera's.

@@ -42,7 +42,7 @@ pub fn draw(
         let position = anchor_in_world + world_from_viewer * offset_in_viewer;
         let yaw_rad = match rotation {
             Rotation::Fixed => 0.0,
-            Rotation::Yaw => von_mises(component.yaw_mean_rad, component.yaw_concentration, turn),
+            Rotation::Yaw | Rotation::Stable => von_mises(component.yaw_mean_rad, component.yaw_concentration, turn),
         };
         candidates.push([position.x as f32, position.y as f32, position.z as f32, yaw_rad as f32]);
         components.push(index as u8);

@@ -119,6 +119,30 @@ fn no_placement_in_reach_is_an_error_with_the_reasons() {
 }
 
 #[test]
+fn a_box_is_set_on_another_side_where_the_hand_gets_there_or_the_end_that_fails_is_named() {
+    // Tipped over to each side about its middle, and set down at the height that it then has.
+    let middle = Vector3::new(0.45, -0.2, 0.05);
+    let tipped = |k: usize| {
+        let towards = std::f64::consts::FRAC_PI_2 * k as f64;
+        let axis = nalgebra::Unit::new_normalize(Vector3::new(towards.cos(), towards.sin(), 0.0));
+        let turn = nalgebra::UnitQuaternion::from_axis_angle(&axis, std::f64::consts::FRAC_PI_2);
+        let there = nalgebra::Translation3::new(0.45, 0.25, 0.04);
+        there * turn * nalgebra::Translation3::from(-middle)
+    };
+    let placements: Vec<Isometry3<f64>> = (0..4).map(tipped).collect();
+    let plan = plan(1, &placements, None).unwrap();
+    let planned = placements[plan.placement] * plan.grasp.world_from_tcp;
+    let lower = plan.phases.iter().find(|p| p.phase == Phase::Lower).unwrap().trajectory.as_ref().unwrap();
+    let released = base_from_tcp(&lower.at(lower.duration_s()).position_rad);
+    assert!(released.rotation.angle_to(&planned.rotation) < 1e-3, "the hand is turned with the object");
+    // Head down, the hand would have to come up through the table.
+    let turn = nalgebra::UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+    let head_down = nalgebra::Translation3::new(0.45, 0.25, 0.05) * turn * nalgebra::Translation3::from(-middle);
+    let Err(PickPlaceError::NoPlacement(reasons)) = self::plan(1, &[head_down], None) else { panic!("expected no placement") };
+    assert!(matches!(reasons[0].failure, Failure::PlaceBlocked | Failure::PlaceUnreachable), "{:?}", reasons[0]);
+}
+
+#[test]
 fn a_bowl_is_taken_at_its_rim() {
     let plan = plan(3, &[Isometry3::translation(-0.1, 0.5, 0.0)], None).unwrap();
     assert!(plan.grasp.width_m.unwrap() < 0.02);

@@ -58,6 +58,7 @@
 
 pub mod answers;
 pub mod arrange;
+pub mod attitude;
 pub mod cached_scene;
 pub mod checks;
 pub mod config;

@@ -2,53 +2,25 @@
 //!
 //! Pure but for the clock that a time budget in the request needs: the same request, weights and kernel give the same result, bit for
 //! bit, on any number of threads. "No placement" is an outcome with its reasons, not an error.
+//!
+//! Where the object may be set on another side, every side is planned for by itself, as the object lies first, each with the object turned over
+//! where it was seen; the answers of all are ranked by their cost.
 
-use std::collections::BTreeMap;
 use std::ops::ControlFlow;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-use rand::SeedableRng;
-use rand_pcg::Pcg64;
-use repose_geometry::ViewerFrame;
-use repose_proto::place::{Outcome, PlaceProgress, PlaceRequest, PlaceResult};
-use repose_proto::{CallError, ErrorCode, Message};
+use nalgebra::Isometry3;
+use repose_geometry::transform::{from_row_major, to_row_major};
+use repose_proto::place::{Outcome, PlaceProgress, PlaceRequest, PlaceResult, Placement, Rotation};
+use repose_proto::{CallError, ErrorCode, RigidTransform, SceneRef};
 
-use crate::answers::Answers;
-use crate::answers::placement::Evidence;
-use crate::answers::relaxation::relaxation;
-use crate::checks::rules::Rules;
-use crate::judge::Judge;
-use crate::judge::judged::JudgedCandidate;
-use crate::judge::problem::PlacementProblem;
+use crate::attitude::planned;
 use crate::learned::models::PlacementModels;
 use crate::scene::prepared::PreparedScene;
-use crate::scene::query::QueryObject;
-use crate::search::findings::Findings;
-use crate::search::search;
-use crate::search::source::CandidateSource;
-use crate::search::stop::{StopReason, in_time};
-use crate::settings::{PlanSettings, Realism};
+use crate::scene::turned::{turned_over, turns};
+use crate::search::stop::StopReason;
 
-/// What a search tells its caller, who may stop it.
-#[derive(Debug, Clone, PartialEq)]
-pub enum SearchStep {
-    /// Another batch is about to be drawn.
-    Batch,
-    /// An iteration is done.
-    Iteration(Box<PlaceProgress>),
-}
-
-/// A result, and the candidates behind it.
-#[derive(Debug, Clone)]
-pub struct PlanReport {
-    /// The answer.
-    pub result: PlaceResult,
-    /// The answers' candidates, in order.
-    pub answers: Vec<JudgedCandidate>,
-    /// The candidate that the paper's Table 1 counts: the lowest-cost feasible candidate (Algorithm 1 is subject to its constraints, of which being in
-    /// view is one); where none is feasible, the one of lowest cost among those in view that violate the constraints least.
-    pub best_in_view: Option<JudgedCandidate>,
-}
+pub use crate::attitude::{PlanReport, SearchStep};
 
 /// Plans a placement. `control` is asked between batches and told of each iteration; breaking it stops the search. Time that ends while
 /// the models are asked stops it as well.
@@ -62,149 +34,104 @@ pub fn plan(
     models: &dyn PlacementModels,
     control: &mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
 ) -> Result<PlaceResult, CallError> {
+    if request.rotation == Rotation::Stable {
+        return on_every_side(prepared, request, models, control);
+    }
     planned(prepared, request, models, control, false).map(|report| report.result)
 }
 
-/// As [`plan`], with the candidates behind the answer.
+/// As [`plan`], with the candidates behind the answer; of an object that is not turned over.
 ///
 /// # Errors
-/// As [`plan`].
+/// As [`plan`]; `invalid_argument` on `rotation` where that may set the object on another side.
 pub fn plan_with_report(
     prepared: &PreparedScene,
     request: &PlaceRequest,
     models: &dyn PlacementModels,
     control: &mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
 ) -> Result<PlanReport, CallError> {
+    if request.rotation == Rotation::Stable {
+        return Err(CallError::invalid("rotation", "a report is of one side: expected fixed or yaw"));
+    }
     planned(prepared, request, models, control, true)
 }
 
-/// Plans; `reports` says whether [`PlanReport::best_in_view`] is wanted, for which the networks may have to be asked.
-fn planned(
+/// The answers with the object as it lies and on each of its other sides.
+fn on_every_side(
     prepared: &PreparedScene,
     request: &PlaceRequest,
     models: &dyn PlacementModels,
     control: &mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
-    reports: bool,
-) -> Result<PlanReport, CallError> {
-    request.validate()?;
-    prepared.check()?;
-    if request.scene.scene_id != prepared.scene_id {
-        let message = format!("expected {}, got {}", prepared.scene_id, request.scene.scene_id);
-        return Err(CallError::invalid("scene.scene_id", message));
-    }
-    let settings = PlanSettings::of(request);
-    check_demands(request, &settings)?;
-    let viewer = ViewerFrame::from_yaw(request.view_yaw_rad.unwrap_or(prepared.scene.meta.view_yaw_rad));
-    let query = QueryObject::new(prepared, request.query, settings.min_clearance_m, &settings.fixed)?;
-    let rules = Rules::new(prepared, query.id, &request.goal, &viewer, &settings.fixed.rules)?;
-    let problem = PlacementProblem { prepared, query: &query, rules: &rules, request, settings: &settings };
-    let evidence = Evidence::new(problem);
-    let mut judge = Judge::new(problem, models);
-    let mut rng = Pcg64::seed_from_u64(request.seed);
-
+) -> Result<PlaceResult, CallError> {
     let started = Instant::now();
-    let mut go_on = |step: SearchStep| {
-        control(step)?;
-        let time_is_up = settings.time_ms.is_some_and(|ms| started.elapsed() >= Duration::from_millis(ms));
-        if time_is_up { ControlFlow::Break(StopReason::Deadline) } else { ControlFlow::Continue(()) }
-    };
-    let source = CandidateSource::new(&mut judge, &mut rng)?;
-    let (mut findings, mut stopped) = search(&mut judge, source, &mut rng, &mut |done| {
-        go_on(match done {
-            None => SearchStep::Batch,
-            Some(findings) => SearchStep::Iteration(Box::new(PlaceProgress {
-                iterations: findings.iterations,
-                evaluated: findings.evaluated,
-                best: findings.appraised.as_ref().or_else(|| findings.best()).map(|best| evidence.placement(best)),
-            })),
-        })
-    })?;
-    if stopped == Some(StopReason::Deadline) && findings.iterations == 0 {
-        return Err(CallError::new(ErrorCode::DeadlineExceeded, "time ended before the first iteration was done"));
+    let as_it_lies = PlaceRequest { rotation: Rotation::Yaw, ..request.clone() };
+    let mut found = planned(prepared, &as_it_lies, models, control, false)?.result;
+    for turn in turns(prepared, request.query)? {
+        let left_ms = request.budget.time_ms.map(|ms| ms.saturating_sub(started.elapsed().as_millis() as u64));
+        if found.outcome == Outcome::Partial || left_ms == Some(0) {
+            found.outcome = Outcome::Partial;
+            break;
+        }
+        let turned = turned_over(prepared, request.query, turn)?;
+        let mut of_side = PlaceRequest { scene: SceneRef { scene_id: turned.prepared.scene_id.clone() }, ..as_it_lies.clone() };
+        of_side.budget.time_ms = left_ms;
+        let before = (found.iterations, found.evaluated);
+        let mut told = |step: SearchStep| control(told_of(step, before, &turned.turned_from_observed));
+        match planned(&turned.prepared, &of_side, models, &mut told, false) {
+            Ok(report) => add(&mut found, report.result, &turned.turned_from_observed)?,
+            Err(error) if error.code == ErrorCode::DeadlineExceeded => found.outcome = Outcome::Partial,
+            Err(error) => return Err(error),
+        }
     }
-    let mut answers = Answers::choose(&mut judge, &mut findings, &mut stopped, &mut || go_on(SearchStep::Batch).break_value())?;
-    if stopped == Some(StopReason::Cancelled) {
-        return Err(CallError::new(ErrorCode::Cancelled, "cancelled while searching"));
-    }
-    // After the deadline the networks are not asked again, and what is asked for evidence alone does not make a late answer an error.
-    if stopped.is_none() {
-        in_time(judge.complete(&mut answers.chosen))?;
-    }
-    let best_in_view = if reports { best_in_view(&mut judge, &findings, stopped.is_some())? } else { None };
-    let relaxation =
-        if answers.chosen.is_empty() { in_time(relaxation(&mut judge, &findings, stopped.is_some()))?.flatten() } else { None };
-    let outcome = match (stopped, answers.chosen.is_empty()) {
-        (Some(_), _) => Outcome::Partial,
-        (None, true) => Outcome::None,
-        (None, false) => Outcome::Found,
-    };
-    let placements = answers.chosen.iter().map(|j| evidence.placement(j)).collect();
-    let shortfall = answers.shortfall(request.count, stopped);
-    // Whoever has an answer need not look at what is none.
-    let rejected_at_m = if answers.chosen.is_empty() { findings.rejected_at_m() } else { BTreeMap::new() };
-    let result = PlaceResult { placements, relaxation, shortfall, rejected_at_m, ..without_answers(&judge, findings, outcome) };
-    Ok(PlanReport { result, answers: answers.chosen, best_in_view })
+    found.placements.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    found.placements.truncate(request.count as usize);
+    found.shortfall = found.shortfall.filter(|_| !found.placements.is_empty() && found.placements.len() < request.count as usize);
+    found.rotation = request.rotation;
+    Ok(found)
 }
 
-/// Refuses demands that cannot be met whatever is found.
-fn check_demands(request: &PlaceRequest, settings: &PlanSettings) -> Result<(), CallError> {
-    if request.robot.is_some() && settings.world_from_base.is_none() {
-        let message = "where the base of that robot stands is not known; give robot.world_from_base";
-        return Err(CallError::precondition(message).at("robot"));
+/// Adds what was found on another side.
+fn add(found: &mut PlaceResult, of_side: PlaceResult, turned_from_observed: &Isometry3<f64>) -> Result<(), CallError> {
+    if found.weights_hash.is_empty() {
+        (found.weights_hash, found.models_hash, found.kernel) = (of_side.weights_hash.clone(), of_side.models_hash, of_side.kernel);
+    } else if !of_side.weights_hash.is_empty() && of_side.weights_hash != found.weights_hash {
+        return Err(CallError::new(ErrorCode::Unavailable, "the weights changed between two sides of the object"));
     }
-    if request.min_success.is_some() && settings.recipe.realism != Realism::OutcomeRanks {
-        let message = format!("the variant {} does not say how likely its placements succeed", request.variant);
-        return Err(CallError::precondition(message).at("min_success"));
+    for placement in of_side.placements {
+        found.placements.push(from_observed(placement, turned_from_observed)?);
+    }
+    for (reason, count) in of_side.rejections {
+        *found.rejections.entry(reason).or_default() += count;
+    }
+    found.iterations += of_side.iterations;
+    found.evaluated += of_side.evaluated;
+    found.shortfall = found.shortfall.take().or(of_side.shortfall);
+    if of_side.outcome == Outcome::Partial || found.outcome == Outcome::None {
+        found.outcome = of_side.outcome;
+    }
+    if !found.placements.is_empty() {
+        // There is an answer: nobody asks why there is none.
+        found.relaxation = None;
+        found.rejected_at_m.clear();
     }
     Ok(())
 }
 
-/// A result that says how the search went and what was used for it.
-fn without_answers(judge: &Judge<'_>, findings: Findings, outcome: Outcome) -> PlaceResult {
-    let PlacementProblem { prepared, rules, request, settings, .. } = judge.problem();
-    let provenance = judge.scorer().provenance();
-    PlaceResult {
-        outcome,
-        placements: Vec::new(),
-        rejections: findings.rejections,
-        rejected_at_m: BTreeMap::new(),
-        relaxation: None,
-        shortfall: None,
-        iterations: findings.iterations,
-        evaluated: findings.evaluated,
-        weights_hash: provenance.map_or_else(String::new, |p| p.weights_hash.clone()),
-        models_hash: provenance.map_or_else(String::new, |p| p.weights_hash.clone()),
-        kernel: provenance.map_or_else(String::new, |p| p.kernel.clone()),
-        seed: request.seed,
-        scene_id: prepared.scene_id.clone(),
-        world_from_camera: prepared.scene.meta.camera.world_from_camera,
-        query: request.query,
-        goal: request.goal.clone(),
-        variant: request.variant,
-        rotation: request.rotation,
-        view_yaw_rad: rules.viewer().yaw_rad(),
-        count: request.count,
-        min_separation_m: settings.min_separation_m,
-        min_clearance_m: settings.min_clearance_m,
-        min_success: request.min_success,
-        robot: request.robot.clone(),
-        budget: settings.budget(),
-        cost_weights: settings.cost_weights(),
-        thresholds: settings.thresholds(),
-    }
+/// A placement of the turned object as one of the object as observed.
+fn from_observed(placement: Placement, turned_from_observed: &Isometry3<f64>) -> Result<Placement, CallError> {
+    let placed_from_turned = from_row_major(&placement.placed_from_observed.0)
+        .map_err(|e| CallError::internal(format!("a placement is no rigid motion: {e}")))?;
+    Ok(Placement { placed_from_observed: RigidTransform(to_row_major(&(placed_from_turned * turned_from_observed))), ..placement })
 }
 
-/// The candidate that the paper's columns are of; see [`PlanReport::best_in_view`].
-fn best_in_view(judge: &mut Judge<'_>, findings: &Findings, stopped: bool) -> Result<Option<JudgedCandidate>, CallError> {
-    if let Some(best) = findings.best() {
-        return Ok(Some(best.clone()));
+/// A step on one side as one of the whole search, of which so many iterations and candidates were before.
+fn told_of(step: SearchStep, (iterations, evaluated): (u32, u64), turned_from_observed: &Isometry3<f64>) -> SearchStep {
+    match step {
+        SearchStep::Batch => SearchStep::Batch,
+        SearchStep::Iteration(progress) => SearchStep::Iteration(Box::new(PlaceProgress {
+            iterations: iterations + progress.iterations,
+            evaluated: evaluated + progress.evaluated,
+            best: progress.best.and_then(|best| from_observed(best, turned_from_observed).ok()),
+        })),
     }
-    let mut nearest = findings.nearest.clone();
-    if !stopped {
-        in_time(judge.complete(&mut nearest))?;
-    }
-    for j in &mut nearest {
-        j.cost = judge.cost(j);
-    }
-    Ok(nearest.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost)))
 }

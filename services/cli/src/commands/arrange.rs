@@ -35,7 +35,7 @@ pub struct ArrangeArgs {
     /// Seed of every random number.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// Whether objects may be turned: fixed or yaw.
+    /// Whether objects may be turned: fixed, yaw, or stable (set on another side, too).
     #[arg(long, default_value = "fixed", value_parser = parse_rotation)]
     pub rotation: Rotation,
     /// Direction in which the viewer of `left_of` and the like looks, radians about z. Default: the camera's.

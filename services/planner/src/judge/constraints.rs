@@ -28,6 +28,8 @@ pub struct Constraints<'a> {
     clearance: Clearance<'a>,
     /// Of the robot that the request names.
     reach: Option<Reach<'a>>,
+    /// Whether the object tips wherever it is set down in the attitude in which it was seen.
+    tips: bool,
     /// Heights at which things stand and of their tops; empty where the request says itself where to look.
     levels_m: Vec<f32>,
 }
@@ -42,7 +44,8 @@ impl<'a> Constraints<'a> {
         let asked = !problem.anchors_of(&[Relation::Above, Relation::Below]).is_empty() || problem.request.region.iter().any(|r| r.inside);
         let shapes = problem.prepared.belief.objects.values().filter_map(|object| object.shape.as_ref()).filter(|_| !asked);
         let levels_m = shapes.flat_map(|shape| [shape.bottom_m, shape.top_m]).collect();
-        Self { problem, touched, clearance, reach, levels_m }
+        let tips = problem.settings.recipe.grounded && problem.query.traits.leans();
+        Self { problem, touched, clearance, reach, tips, levels_m }
     }
 
     /// A candidate after every constraint that needs no network.
@@ -50,6 +53,9 @@ impl<'a> Constraints<'a> {
         let PlacementProblem { prepared, query, request, settings, .. } = self.problem;
         let (fixed, recipe) = (&settings.fixed, settings.recipe);
         let mut judged = JudgedCandidate::new(candidate, mode);
+        if self.tips {
+            judged.reject(Rejection::Tips, 1.0);
+        }
         if let Some(miss) = region_miss(&candidate, &request.region) {
             judged.reject(Rejection::Region, miss);
         }

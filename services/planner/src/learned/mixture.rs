@@ -30,7 +30,7 @@ impl PriorMixture {
         let mut heaviest: Vec<&MixtureComponent> = self.components.iter().collect();
         heaviest.sort_by(|a, b| b.weight.total_cmp(&a.weight));
         let world_from_viewer = self.viewer.world_from_viewer();
-        let yaw = |c: &MixtureComponent| if self.rotation == Rotation::Yaw { c.yaw_mean_rad } else { 0.0 };
+        let yaw = |c: &MixtureComponent| if self.rotation == Rotation::Fixed { 0.0 } else { c.yaw_mean_rad };
         heaviest.into_iter().map(|c| CandidatePose::new(&(self.anchor + world_from_viewer * Vector3::from(c.mean_m)), yaw(c))).collect()
     }
 
@@ -65,7 +65,7 @@ impl PriorMixture {
             .sum();
         let yaw = match self.rotation {
             Rotation::Fixed => 0.0,
-            Rotation::Yaw => {
+            Rotation::Yaw | Rotation::Stable => {
                 c.yaw_concentration * (yaw_rad - c.yaw_mean_rad).cos() - std::f64::consts::TAU.ln() - log_bessel_0(c.yaw_concentration)
             }
         };

@@ -5,3 +5,5 @@ pub mod moved;
 pub mod prepared;
 pub mod query;
 pub mod traits;
+pub mod turned;
+pub mod whole;

@@ -6,21 +6,25 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Point2, Point3, Translation3};
+use nalgebra::{Isometry3, Point2, Point3, Translation3, Vector3};
+use repose_belief::BelievedObject;
 use repose_belief::shape::Shape;
 use repose_geometry::Aabb;
 use repose_proto::place::Variant;
 use repose_proto::{Scene, Surface};
 
 use crate::scene::prepared::PreparedScene;
+use crate::scene::whole::{completed, solid_of};
 use crate::settings::{Recipe, SupportSettings};
 
 /// Spacing of the points that stand for the surface where an object stood, metres: a few to a cell of the planner's map.
 const SURFACE_M: f32 = 0.005;
 /// A surface at most this far from an object's lowest point is what it stood on, metres: borders are cleaned off a cloud.
 const FOOT_M: f64 = 0.03;
+/// A turn leaves an object upright where the cosine of its tilt is at least this.
+const UPRIGHT_COSINE: f64 = 0.999_9;
 /// The color of points that nobody saw.
-const GREY: [u8; 3] = [128; 3];
+pub const GREY: [u8; 3] = [128; 3];
 
 /// How far an object comes down where a variant's placements let go of it, metres.
 pub fn fall_m(variant: Variant) -> f64 {
@@ -32,12 +36,21 @@ pub fn fall_m(variant: Variant) -> f64 {
 pub fn table_after(table: &PreparedScene, object: u16, placed_from_observed: &Isometry3<f64>, fall_m: f64) -> PreparedScene {
     let came_to_rest = Translation3::new(0.0, 0.0, -fall_m) * placed_from_observed;
     let mut shapes = shapes(table);
-    if let Some(shape) = shapes.get_mut(&object)
-        && let Some(carried) = shape.carried(&came_to_rest)
-    {
-        *shape = carried;
+    if let Some(carried) = table.belief.objects.get(&object).and_then(|seen| carried(table, (object, seen), &came_to_rest)) {
+        shapes.insert(object, carried);
     }
     PreparedScene::with_shapes(Arc::new(moved(&table.scene, object, &came_to_rest)), shapes)
+}
+
+/// An object's shape after a motion, which may have set it on another side.
+fn carried(table: &PreparedScene, (id, object): (u16, &BelievedObject), motion: &Isometry3<f64>) -> Option<Shape> {
+    let shape = object.shape.as_ref()?;
+    let is_upright = (motion.rotation * Vector3::z()).z > UPRIGHT_COSINE;
+    if is_upright {
+        return shape.carried(motion);
+    }
+    let turned = completed(&solid_of(table, id, object, shape).moved(motion))?;
+    Some(Shape { centroid: motion * shape.centroid, ..turned })
 }
 
 /// The table without an object.
@@ -47,7 +60,8 @@ pub fn table_without(table: &PreparedScene, object: u16) -> PreparedScene {
     PreparedScene::with_shapes(Arc::new(without(&table.scene, object)), shapes)
 }
 
-fn shapes(table: &PreparedScene) -> BTreeMap<u16, Shape> {
+/// The objects' shapes.
+pub fn shapes(table: &PreparedScene) -> BTreeMap<u16, Shape> {
     table.belief.objects.iter().filter_map(|(id, object)| Some((*id, object.shape.clone()?))).collect()
 }
 
@@ -75,7 +89,7 @@ pub fn moved(scene: &Scene, object: u16, placed_from_observed: &Isometry3<f64>) 
 }
 
 /// The scene without an object.
-fn without(scene: &Scene, object: u16) -> Scene {
+pub fn without(scene: &Scene, object: u16) -> Scene {
     let mut after = scene.clone();
     leave(&mut after, scene, object);
     let kept = |i: &usize| *i >= scene.labels.len() || scene.labels[*i] != object;

@@ -64,7 +64,17 @@ pub struct StandingTraits {
     pub spans_m: [f64; 2],
 }
 
+/// An object leans where at least this share of its points is on one oblique face, …
+const LEANING_SHARE: f64 = 0.25;
+/// … at most this share is on level ones, and something is near enough to lean on.
+const LEVEL_SHARE: f64 = 0.05;
+
 impl StandingTraits {
+    /// Whether it leans on something: set down elsewhere in the same attitude it would tip. What stands alone with an oblique face stands by itself.
+    pub fn leans(&self) -> bool {
+        self.oblique.share >= LEANING_SHARE && self.oblique.level_share <= LEVEL_SHARE && self.gap_m <= LEANER_M
+    }
+
     /// Of an object where it was seen; `cloud` are its points, thinned out.
     pub fn of(prepared: &PreparedScene, id: u16, shape: &Shape, cloud: &[Point3<f32>]) -> Self {
         let others =
@@ -156,6 +166,22 @@ mod tests {
             let found = off(degrees as f32);
             assert!(found.share > 0.95 && (found.off_rad.to_degrees() - expected).abs() < 2.0, "{degrees}: {found:?}");
         }
+    }
+
+    #[test]
+    fn what_shows_an_oblique_face_and_no_level_one_leans_where_there_is_something_to_lean_on() {
+        let traits = |oblique: Oblique, gap_m: f64| StandingTraits {
+            oblique,
+            gap_m,
+            leaner: Leaner::default(),
+            on_object: false,
+            hidden_foot_m: 0.0,
+            spans_m: [0.1, 0.1],
+        };
+        let (wall, table) = (oblique(&leaning(0.5)), oblique(&leaning(0.0)));
+        assert!(traits(wall, 0.0).leans());
+        assert!(!traits(wall, 0.08).leans(), "it stands alone");
+        assert!(!traits(table, 0.0).leans(), "it lies level");
     }
 
     #[test]

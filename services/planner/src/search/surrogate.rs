@@ -40,7 +40,7 @@ impl Surrogate {
     pub fn draw(&self, rng: &mut Pcg64) -> CandidatePose {
         let normal = Vector4::from_fn(|_, _| StandardNormal.sample(rng));
         let drawn = self.mean + self.factor * normal;
-        let yaw_rad = if self.rotation == Rotation::Yaw { drawn.w } else { 0.0 };
+        let yaw_rad = if self.rotation == Rotation::Fixed { 0.0 } else { drawn.w };
         CandidatePose::new(&Point3::from(drawn.xyz()), yaw_rad)
     }
 }

@@ -118,6 +118,31 @@ fn a_turn_aligns_the_query_with_its_anchor() {
 }
 
 #[test]
+fn an_object_that_may_be_set_on_another_side_stands_on_the_table_by_one_of_its_faces() {
+    let (middle, size) = ([-0.25, -0.2, 0.03], [0.12, 0.08, 0.06]);
+    let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], size).prepared();
+    let request = PlaceRequest { rotation: Rotation::Stable, count: 12, ..request(&prepared, 2, &["right_of:1"]) };
+    let result = run(&prepared, &request);
+    assert_eq!((result.outcome, result.rotation), (Outcome::Found, Rotation::Stable), "{:?}", result.rejections);
+    assert!(result.placements.windows(2).all(|pair| pair[0].cost <= pair[1].cost));
+    assert_eq!(serde_json::to_vec(&result).unwrap(), serde_json::to_vec(&run(&prepared, &request)).unwrap());
+    let mut upright = [0; 3];
+    for placement in &result.placements {
+        let placed_from_observed = transform::from_row_major(&placement.placed_from_observed.0).unwrap();
+        let axes = placed_from_observed.rotation.to_rotation_matrix();
+        // Which edge of the box is upright now, and is it level?
+        let up: [f64; 3] = std::array::from_fn(|k| axes[(2, k)].abs());
+        let k = (0..3).max_by(|a, b| up[*a].total_cmp(&up[*b])).unwrap();
+        assert!(up[k] > 0.995, "{up:?}");
+        upright[k] += 1;
+        let at = placed_from_observed * nalgebra::Point3::from(middle);
+        assert!((at.z - size[k] / 2.0).abs() < 0.01 && at.x > 0.05, "{at}, edge {k} upright");
+        assert!(placement.geometric[0].holds);
+    }
+    assert!(upright.iter().filter(|count| **count > 0).count() >= 2, "{upright:?}");
+}
+
+#[test]
 fn several_answers_keep_their_distance_and_use_both_table_and_box() {
     // A large box that is furniture to the goal, on the asked side.
     let prepared = table().object(3, [0.28, 0.02], [0.2, 0.25, 0.06]).prepared();

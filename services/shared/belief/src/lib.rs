@@ -39,6 +39,8 @@ pub mod outlines;
 pub mod plane;
 pub mod settings;
 pub mod shape;
+pub mod sides;
+pub mod solid;
 pub mod standing;
 pub mod view;
 

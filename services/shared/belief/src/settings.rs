@@ -33,6 +33,8 @@ pub struct BeliefSettings {
     pub shape: ShapeSettings,
     /// Tops that carry nothing.
     pub crown: CrownSettings,
+    /// Sides that an object could stand on.
+    pub sides: SideSettings,
 }
 
 impl Default for BeliefSettings {
@@ -53,6 +55,7 @@ impl Default for BeliefSettings {
             stack: StackSettings::default(),
             shape: ShapeSettings::default(),
             crown: CrownSettings::default(),
+            sides: SideSettings::default(),
         }
     }
 }
@@ -154,6 +157,39 @@ pub struct CrownSettings {
 impl Default for CrownSettings {
     fn default() -> Self {
         Self { cell_m: 0.005, band_m: 0.015, stray_m: 0.01, sample: 400, min_points: 16, bulge_per_m: 8.0, rise_m: 0.0015 }
+    }
+}
+
+/// Sides that an object could stand on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SideSettings {
+    /// Directions in which the farthest points are looked for: what the hull is made of.
+    pub directions: usize,
+    /// Twice the area of the smallest triangle that a face is read from, square metres.
+    pub min_area_m2: f64,
+    /// How far beyond a face a point may be, metres: the noise of depth.
+    pub slack_m: f64,
+    /// Faces whose normals differ by less are one, radians.
+    pub same_rad: f64,
+    /// Points this near to the lowest one touch the ground, metres.
+    pub contact_m: f32,
+    /// Least distance of the centre of mass from the edge of the side, seen from above, metres …
+    pub min_margin_m: f64,
+    /// … and least tilt that tips the object over that edge, radians: several times the error of a pose.
+    pub min_tip_rad: f64,
+}
+
+impl Default for SideSettings {
+    fn default() -> Self {
+        Self {
+            directions: 64,
+            min_area_m2: 1e-4,
+            slack_m: 0.002,
+            same_rad: 15.0_f64.to_radians(),
+            contact_m: 0.003,
+            min_margin_m: 0.008,
+            min_tip_rad: 10.0_f64.to_radians(),
+        }
     }
 }
 

@@ -53,7 +53,9 @@ fn limit(shortfall: &Shortfall, result: &PlaceResult) -> String {
 pub fn motion(placement: &Placement) -> String {
     let m = &placement.placed_from_observed.0;
     let turned = from_row_major(m).map_or(0.0, |t| yaw_of(&t).to_degrees());
-    format!("move by ({:+.3}, {:+.3}, {:+.3}) m, turn by {turned:.0}°", m[3], m[7], m[11])
+    let tilted = m[10].clamp(-1.0, 1.0).acos().to_degrees();
+    let side = if tilted >= 1.0 { format!(", on another side: tilt by {tilted:.0}°") } else { String::new() };
+    format!("move by ({:+.3}, {:+.3}, {:+.3}) m, turn by {turned:.0}°{side}", m[3], m[7], m[11])
 }
 
 /// What speaks for a placement: only what somebody evaluated.

@@ -1,0 +1,55 @@
+//! The whole surface of an object as points, guessed from the half of it that a camera saw: what tells on which sides it could stand.
+//!
+//! An object that stands by itself looks from behind as it does from the front: its hidden half is the visible one, turned by half a turn about
+//! its upright axis (as in [`crate::shape`]), and it stands on its base. One that leans has no upright axis: its hidden half is the
+//! visible one reflected through its middle, which is right for boxes and tubes in any attitude.
+
+use nalgebra::{Isometry3, Point3, UnitQuaternion};
+use repose_geometry::cloud;
+
+use crate::shape::Shape;
+
+/// Distance between its points, metres.
+const VOXEL_M: f32 = 0.004;
+
+/// A completed surface, world frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Solid {
+    /// Points all over it.
+    pub points: Vec<Point3<f32>>,
+    /// Where its centre of mass is believed to be.
+    pub center_of_mass: Point3<f32>,
+}
+
+impl Solid {
+    /// Of an object that stands by itself.
+    pub fn standing(seen: &[Point3<f32>], shape: &Shape) -> Self {
+        let seen = cloud::voxel_downsampled(seen, VOXEL_M);
+        let half_turn = |p: &Point3<f32>| Point3::new(2.0 * shape.axis.x - p.x, 2.0 * shape.axis.y - p.y, p.z);
+        let base = shape.base.corners().iter().map(|c| Point3::new(c.x, c.y, shape.bottom_m));
+        let points = seen.iter().copied().chain(seen.iter().map(half_turn)).chain(base).collect();
+        let volumes = shape.slabs.iter().map(|s| (s.outline.area() * (s.high_m - s.low_m), (s.low_m + s.high_m) / 2.0));
+        let (volume, moment) = volumes.fold((0.0, 0.0), |(sum, moment), (v, z)| (sum + v, moment + v * z));
+        let height_m = if volume > 0.0 { moment / volume } else { (shape.bottom_m + shape.top_m) / 2.0 };
+        Self { points, center_of_mass: Point3::new(shape.axis.x, shape.axis.y, height_m) }
+    }
+
+    /// Of an object that leans on something.
+    pub fn leaning(seen: &[Point3<f32>], shape: &Shape) -> Self {
+        let seen = cloud::voxel_downsampled(seen, VOXEL_M);
+        let middle = Point3::new(shape.axis.x, shape.axis.y, (shape.bottom_m + shape.top_m) / 2.0);
+        let points = seen.iter().copied().chain(seen.iter().map(|p| middle + (middle - p))).collect();
+        Self { points, center_of_mass: middle }
+    }
+
+    /// The same after a motion.
+    pub fn moved(&self, motion: &Isometry3<f64>) -> Self {
+        let carry = |p: &Point3<f32>| (motion * p.cast::<f64>()).cast::<f32>();
+        Self { points: self.points.iter().map(carry).collect(), center_of_mass: carry(&self.center_of_mass) }
+    }
+
+    /// The same turned about the origin.
+    pub fn turned(&self, by: &UnitQuaternion<f64>) -> Self {
+        self.moved(&Isometry3::from_parts(nalgebra::Translation3::identity(), *by))
+    }
+}
