@@ -262,7 +262,8 @@ impl Run<'_> {
         let is_done = step.tried.execution == Some(ExecutionOutcome::Done);
         let motion = step.tried.moved(&placements)?;
         let why = step.tried.reason.clone();
-        if !is_done && !(step.tried.execution == Some(ExecutionOutcome::GraspLost) && self.system.is_free().await) {
+        let goes_on = is_done || (step.tried.execution == Some(ExecutionOutcome::GraspLost) && self.system.is_free().await);
+        if !goes_on {
             let why = why.unwrap_or_else(|| "the robot was stopped".to_owned());
             return Err(Failure::Other(CallError::precondition(why)));
         }
