@@ -92,7 +92,8 @@ mod tests {
         }
         states.put("unplaced", state(1_000_000_000, 0.0, None));
         let at = |stamp_ns| states.at(stamp_ns).into_iter().map(|robot| (robot.name, robot.joints_rad[0])).collect::<Vec<_>>();
-        for (stamp_ns, first_rad) in [(1_000_000_000, 0.1), (1_060_000_000, 0.22), (1_190_000_000, 0.318), (990_000_000, 0.098)] {
+        for (stamp_ns, first_rad) in [(1_000_000_000, 0.1), (1_060_000_000, 0.22), (1_190_000_000, 0.3 + 0.09 * 0.2), (990_000_000, 0.098)]
+        {
             let seen = at(stamp_ns);
             assert!(seen.len() == 1 && seen[0].0 == "left" && (seen[0].1 - first_rad).abs() < 1e-9, "{stamp_ns}: {seen:?}");
         }
