@@ -213,7 +213,7 @@ def test_pick_and_place_with_a_camera_and_an_arm_of_ones_own(client, running, vi
     ended = call.result()
     assert ended.outcome == "done", ended.reason
     assert phases[0] == "standoff"
-    assert phases[-1] == "retreat"
+    assert phases[-1] in ("retreat", "home")
     np.testing.assert_allclose(arm.joints_rad, motion.phases[-1].joints_rad[-1], atol=2e-3)
     assert limits_kept(arm.sent)
 

@@ -18,7 +18,7 @@ use repose_proto::motion::{ExecuteProgress, ExecuteReply, ExecutionOutcome, Moti
 use repose_proto::robot::{HeldObject, Owner, RobotCommand, RobotMode, RobotState, SetPoint, Task};
 use repose_proto::{CallError, limits};
 
-pub use checks::{check_free, next_owner};
+pub use checks::{check_free, check_unmoved, next_owner};
 pub use settings::ExecutionSettings;
 
 use checks::{apart, check_age, check_phases, check_start};
