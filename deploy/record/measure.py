@@ -5,7 +5,7 @@
 
 Every run starts a system of its own (router, simulated cell, services), asks it, and ends it. One JSON document a run is appended to
 `runs.jsonl` beside this file (or to --out), with the command, what it printed, and the memory and descriptors of the system's processes
-over time; `report.py`-like tables are printed at the end. Needs nothing but Python's standard library.
+over time, and a line a run is printed. Needs nothing but Python's standard library.
 """
 
 import argparse
