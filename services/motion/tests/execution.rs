@@ -5,7 +5,7 @@ mod common;
 use std::collections::VecDeque;
 
 use common::{NOW_NS, PHASES, Robot, joints, plan, task};
-use repose_motion::execution::{Execution, ExecutionSettings, ExecutionTask, Step};
+use repose_motion::execution::{Execution, ExecutionSettings, ExecutionTask, Step, check_unmoved};
 use repose_proto::motion::{ExecutionOutcome, MotionPlan, Phase};
 use repose_proto::robot::{HeldObject, Owner, RobotMode, RobotState, StopState, TaskState};
 use repose_proto::{ErrorCode, limits};
@@ -330,4 +330,14 @@ fn a_plan_that_does_not_fit_the_world_is_refused() {
     let mut torn = plan();
     torn.phases[1].set_points.iter_mut().for_each(|p| p.q_rad[0] += 0.5);
     assert_eq!(begin(torn, &idle).code, ErrorCode::InvalidArgument);
+}
+
+#[test]
+fn what_was_seen_before_the_robot_took_or_put_something_is_not_carried_out() {
+    let plan = plan();
+    assert_eq!(check_unmoved(&plan, None), Ok(()));
+    // A moment before: clocks of camera and robot may differ by as much.
+    assert_eq!(check_unmoved(&plan, Some(plan.scene_stamp_ns + 1_000_000_000)), Ok(()));
+    let error = check_unmoved(&plan, Some(plan.scene_stamp_ns + 10_000_000_000)).unwrap_err();
+    assert_eq!((error.code, error.field.as_deref()), (ErrorCode::FailedPrecondition, Some("scene_stamp_ns")));
 }
