@@ -50,8 +50,7 @@ pub fn surroundings(scene: &Scene) -> Result<PlanningScene, CallError> {
         Some(transform) => isometry(transform, "scene.camera.world_from_camera")?,
         None => return Err(CallError::precondition("the scene's camera has no pose").at("scene.camera.world_from_camera")),
     };
-    let Scene { points, labels, meta, .. } = scene;
-    let seen = SeenScene { points, labels, surfaces: &meta.surfaces, camera: &meta.camera, world_from_camera: &world_from_camera };
+    let seen = SeenScene::of(scene, &world_from_camera);
     PlanningScene::of(&seen).map_err(|too_wide| CallError::invalid("scene.points", too_wide.to_string()))
 }
 

@@ -55,8 +55,7 @@ impl PreparedScene {
             Ok(_) => scene.points.is_empty().then(|| CallError::invalid("points", "the cloud is empty")),
         };
         let world_from_camera = pose.unwrap_or_else(|_| Isometry3::identity());
-        let Scene { points, labels, meta, .. } = &*scene;
-        let seen = SeenScene { points, labels, surfaces: &meta.surfaces, camera: &meta.camera, world_from_camera: &world_from_camera };
+        let seen = SeenScene::of(&scene, &world_from_camera);
         let belief = match known {
             Some(shapes) => Belief::with_shapes(&seen, shapes, settings),
             None => Belief::of(&seen, settings),

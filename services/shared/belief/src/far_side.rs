@@ -72,20 +72,13 @@ pub fn far_side(points: &[Point3<f32>], axis: &Point2<f32>) -> Vec<Point3<f32>> 
 
 #[cfg(test)]
 mod tests {
-    use repose_made_scenes::{SceneBuilder, world_from_camera};
+    use repose_made_scenes::SceneBuilder;
     use repose_proto::Scene;
 
     use super::*;
-    use crate::{BeliefSettings, SeenScene};
+    use crate::tests::believed;
 
     const SPACING_M: f32 = 0.008;
-
-    fn believed(scene: &Scene) -> Belief {
-        let world_from_camera = world_from_camera();
-        let Scene { points, labels, meta, .. } = scene;
-        let seen = SeenScene { points, labels, surfaces: &meta.surfaces, camera: &meta.camera, world_from_camera: &world_from_camera };
-        Belief::of(&seen, &BeliefSettings::default()).expect("a small scene")
-    }
 
     fn has(cloud: &[Point3<f32>], at: [f32; 3]) -> bool {
         cloud.iter().any(|p| (p - Point3::from(at)).norm() < 0.012)

@@ -49,7 +49,7 @@ use std::fmt;
 
 use nalgebra::{Isometry3, Point2, Point3};
 use repose_geometry::{Aabb, cloud};
-use repose_proto::{CameraModel, Surface};
+use repose_proto::{CameraModel, Scene, Surface};
 
 use columns::{ColumnMap, ColumnRun, bounds_around, cells_of, cells_of_map};
 use crown::is_crowned;
@@ -73,6 +73,14 @@ pub struct SeenScene<'a> {
     pub camera: &'a CameraModel,
     /// Its pose.
     pub world_from_camera: &'a Isometry3<f64>,
+}
+
+impl<'a> SeenScene<'a> {
+    /// A scene of the wire, with the pose of its camera.
+    pub fn of(scene: &'a Scene, world_from_camera: &'a Isometry3<f64>) -> Self {
+        let Scene { points, labels, meta, .. } = scene;
+        Self { points, labels, surfaces: &meta.surfaces, camera: &meta.camera, world_from_camera }
+    }
 }
 
 /// An object.
@@ -228,4 +236,16 @@ fn unseen_runs(id: u16, shape: &Shape, seen: &ColumnMap) -> Vec<(Point2<f32>, Co
         }
     }
     runs
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_made_scenes::world_from_camera;
+
+    use super::*;
+
+    /// What is believed of a made scene.
+    pub(crate) fn believed(scene: &Scene) -> Belief {
+        Belief::of(&SeenScene::of(scene, &world_from_camera()), &BeliefSettings::default()).expect("a small scene")
+    }
 }

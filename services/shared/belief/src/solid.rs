@@ -7,6 +7,7 @@
 use nalgebra::{Isometry3, Point3, UnitQuaternion};
 use repose_geometry::cloud;
 
+use crate::far_side::far_side;
 use crate::shape::Shape;
 
 /// Distance between its points, metres.
@@ -25,9 +26,9 @@ impl Solid {
     /// Of an object that stands by itself.
     pub fn standing(seen: &[Point3<f32>], shape: &Shape) -> Self {
         let seen = cloud::voxel_downsampled(seen, VOXEL_M);
-        let half_turn = |p: &Point3<f32>| Point3::new(2.0 * shape.axis.x - p.x, 2.0 * shape.axis.y - p.y, p.z);
+        let far = far_side(&seen, &shape.axis);
         let base = shape.base.corners().iter().map(|c| Point3::new(c.x, c.y, shape.bottom_m));
-        let points = seen.iter().copied().chain(seen.iter().map(half_turn)).chain(base).collect();
+        let points = seen.into_iter().chain(far).chain(base).collect();
         let volumes = shape.slabs.iter().map(|s| (s.outline.area() * (s.high_m - s.low_m), (s.low_m + s.high_m) / 2.0));
         let (volume, moment) = volumes.fold((0.0, 0.0), |(sum, moment), (v, z)| (sum + v, moment + v * z));
         let height_m = if volume > 0.0 { moment / volume } else { (shape.bottom_m + shape.top_m) / 2.0 };

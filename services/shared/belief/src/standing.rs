@@ -234,18 +234,10 @@ fn is_on(above: &Shape, below: &Shape, columns: &ColumnMap, settings: &StackSett
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Isometry3;
-    use repose_made_scenes::{SceneBuilder, world_from_camera};
-    use repose_proto::Scene;
+    use repose_made_scenes::SceneBuilder;
 
-    use crate::{Belief, BeliefSettings, SeenScene};
-
-    fn believed(scene: &Scene) -> Belief {
-        let world_from_camera: Isometry3<f64> = world_from_camera();
-        let Scene { points, labels, meta, .. } = scene;
-        let seen = SeenScene { points, labels, surfaces: &meta.surfaces, camera: &meta.camera, world_from_camera: &world_from_camera };
-        Belief::of(&seen, &BeliefSettings::default()).expect("a small scene")
-    }
+    use crate::Belief;
+    use crate::tests::believed;
 
     fn bottom_m(belief: &Belief, id: u16) -> f32 {
         belief.objects[&id].shape.as_ref().unwrap().bottom_m
