@@ -6,4 +6,3 @@ pub mod prepared;
 pub mod query;
 pub mod traits;
 pub mod turned;
-pub mod whole;

@@ -3,18 +3,18 @@
 //! What carried the object goes on where it stood, and what it filled is no longer unseen. What it hid stays unseen: nobody has looked. What was
 //! believed of the objects' shapes is believed of them still.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point2, Point3, Translation3, Vector3};
-use repose_belief::BelievedObject;
+use repose_belief::{BelievedObject, BeliefSettings};
 use repose_belief::shape::Shape;
 use repose_geometry::Aabb;
 use repose_proto::place::Variant;
 use repose_proto::{Scene, Surface};
 
 use crate::scene::prepared::PreparedScene;
-use crate::scene::whole::{completed, solid_of};
+use crate::scene::traits::solid_of;
 use crate::settings::{Recipe, SupportSettings};
 
 /// Spacing of the points that stand for the surface where an object stood, metres: a few to a cell of the planner's map.
@@ -35,7 +35,7 @@ pub fn fall_m(variant: Variant) -> f64 {
 /// there.
 pub fn table_after(table: &PreparedScene, object: u16, placed_from_observed: &Isometry3<f64>, fall_m: f64) -> PreparedScene {
     let came_to_rest = Translation3::new(0.0, 0.0, -fall_m) * placed_from_observed;
-    let mut shapes = shapes(table);
+    let mut shapes = table.belief.shapes();
     if let Some(carried) = table.belief.objects.get(&object).and_then(|seen| carried(table, (object, seen), &came_to_rest)) {
         shapes.insert(object, carried);
     }
@@ -49,20 +49,15 @@ fn carried(table: &PreparedScene, (id, object): (u16, &BelievedObject), motion: 
     if is_upright {
         return shape.carried(motion);
     }
-    let turned = completed(&solid_of(table, id, object, shape).moved(motion))?;
+    let turned = solid_of(table, id, object, shape).moved(motion).shape(&BeliefSettings::default().shape)?;
     Some(Shape { centroid: motion * shape.centroid, ..turned })
 }
 
 /// The table without an object.
 pub fn table_without(table: &PreparedScene, object: u16) -> PreparedScene {
-    let mut shapes = shapes(table);
+    let mut shapes = table.belief.shapes();
     shapes.remove(&object);
     PreparedScene::with_shapes(Arc::new(without(&table.scene, object)), shapes)
-}
-
-/// The objects' shapes.
-pub fn shapes(table: &PreparedScene) -> BTreeMap<u16, Shape> {
-    table.belief.objects.iter().filter_map(|(id, object)| Some((*id, object.shape.clone()?))).collect()
 }
 
 /// The scene with an object elsewhere.

@@ -7,8 +7,10 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use repose_geometry::{Footprint, cloud};
 
 use crate::scene::prepared::PreparedScene;
+use repose_belief::BelievedObject;
 use repose_belief::outlines::separating_gap_m;
 use repose_belief::shape::Shape;
+use repose_belief::solid::Solid;
 
 /// Points whose normals are looked at, at most.
 const SAMPLE: usize = 240;
@@ -68,6 +70,12 @@ pub struct StandingTraits {
 const LEANING_SHARE: f64 = 0.25;
 /// … at most this share is on level ones, and something is near enough to lean on.
 const LEVEL_SHARE: f64 = 0.05;
+
+/// What an object's whole surface is believed to be: it tells how the object may be set up otherwise than it was seen.
+pub fn solid_of(prepared: &PreparedScene, id: u16, object: &BelievedObject, shape: &Shape) -> Solid {
+    let traits = StandingTraits::of(prepared, id, shape, &cloud::voxel_downsampled(&object.points, VOXEL_M));
+    if traits.leans() { Solid::leaning(&object.points, shape) } else { Solid::standing(&object.points, shape) }
+}
 
 impl StandingTraits {
     /// Whether it leans on something: set down elsewhere in the same attitude it would tip. What stands alone with an oblique face stands by itself.

@@ -6,9 +6,9 @@ use nalgebra::{Isometry3, Point3, Translation3};
 use repose_geometry::{Aabb, cloud};
 use repose_proto::{CallError, Scene};
 
-use crate::scene::moved::{GREY, shapes, without};
+use crate::scene::moved::{GREY, without};
 use crate::scene::prepared::PreparedScene;
-use crate::scene::whole::{completed, solid_of};
+use crate::scene::traits::solid_of;
 use repose_belief::settings::BeliefSettings;
 use repose_belief::sides::sides;
 
@@ -44,8 +44,8 @@ pub fn turns(prepared: &PreparedScene, id: u16) -> Result<Vec<Isometry3<f64>>, C
 pub fn turned_over(prepared: &PreparedScene, id: u16, turned_from_observed: Isometry3<f64>) -> Result<TurnedOver, CallError> {
     let (object, shape) = prepared.movable(id)?;
     let solid = solid_of(prepared, id, object, shape).moved(&turned_from_observed);
-    let turned = completed(&solid).ok_or_else(|| CallError::precondition("the turned object has no extent").at("query"))?;
-    let mut known = shapes(prepared);
+    let turned = solid.shape(&BeliefSettings::default().shape).ok_or_else(|| CallError::precondition("the turned object has no extent").at("query"))?;
+    let mut known = prepared.belief.shapes();
     known.insert(id, turned);
     let scene = with_cloud(&prepared.scene, id, &solid.points);
     Ok(TurnedOver { prepared: PreparedScene::with_shapes(Arc::new(scene), known), turned_from_observed })

@@ -182,6 +182,11 @@ impl Belief {
         }
     }
 
+    /// The objects' shapes, of those that have one.
+    pub fn shapes(&self) -> BTreeMap<u16, Shape> {
+        self.objects.iter().filter_map(|(id, object)| Some((*id, object.shape.clone()?))).collect()
+    }
+
     /// The objects that stand on an object or in it.
     pub fn carried(&self, id: u16) -> &[u16] {
         self.carried.get(&id).map_or(&[], Vec::as_slice)

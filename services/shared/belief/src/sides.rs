@@ -4,7 +4,7 @@
 //! and where it is flat: a ball and the round of a tube have hull faces too, but the surface over them is crowned.
 
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
-use repose_geometry::Footprint;
+use repose_geometry::{Footprint, sampling};
 
 use crate::crown::is_crowned;
 use crate::settings::{CrownSettings, SideSettings};
@@ -52,18 +52,11 @@ fn side(solid: &Solid, down: &Vector3<f64>, settings: &SideSettings, crown: &Cro
 
 /// The points that reach farthest in directions spread evenly over the sphere.
 fn extreme_points(solid: &Solid, directions: usize) -> Vec<Point3<f64>> {
-    let golden_rad = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
-    let direction = |k: usize| {
-        let z = 1.0 - (2 * k + 1) as f64 / directions as f64;
-        let (radius, turn) = ((1.0 - z * z).sqrt(), k as f64 * golden_rad);
-        Vector3::new(radius * turn.cos(), radius * turn.sin(), z).cast::<f32>()
-    };
-    let farthest = |k: usize| {
-        let along = direction(k);
-        let reach = |i: usize| solid.points[i].coords.dot(&along);
+    let farthest = |along: Vector3<f64>| {
+        let reach = |i: usize| solid.points[i].coords.dot(&along.cast::<f32>());
         (0..solid.points.len()).max_by(|a, b| reach(*a).total_cmp(&reach(*b)))
     };
-    let mut indices: Vec<usize> = (0..directions).filter_map(farthest).collect();
+    let mut indices: Vec<usize> = sampling::directions(directions).filter_map(farthest).collect();
     indices.sort_unstable();
     indices.dedup();
     indices.into_iter().map(|i| solid.points[i].cast::<f64>()).collect()

@@ -4,10 +4,11 @@
 //! its upright axis (as in [`crate::shape`]), and it stands on its base. One that leans has no upright axis: its hidden half is the
 //! visible one reflected through its middle, which is right for boxes and tubes in any attitude.
 
-use nalgebra::{Isometry3, Point3, UnitQuaternion};
+use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion};
 use repose_geometry::cloud;
 
 use crate::far_side::far_side;
+use crate::settings::ShapeSettings;
 use crate::shape::Shape;
 
 /// Distance between its points, metres.
@@ -41,6 +42,14 @@ impl Solid {
         let middle = Point3::new(shape.axis.x, shape.axis.y, (shape.bottom_m + shape.top_m) / 2.0);
         let points = seen.iter().copied().chain(seen.iter().map(|p| middle + (middle - p))).collect();
         Self { points, center_of_mass: middle }
+    }
+
+    /// The prisms around it; `None` when it has no extent seen from above.
+    pub fn shape(&self, settings: &ShapeSettings) -> Option<Shape> {
+        let bottom_m = self.points.iter().map(|p| p.z).fold(f32::INFINITY, f32::min);
+        // Whoever sees all of it looks from above.
+        let eye: Point2<f32> = self.center_of_mass.xy();
+        Shape::complete(&self.points, bottom_m, &eye, settings)
     }
 
     /// The same after a motion.

@@ -1,7 +1,7 @@
-//! Farthest point sampling with one fixed order, so that training and serving see the same points.
+//! Few points for many: of a cloud, and of a sphere.
 //!
-//! The order starts at the point farthest from the mean and breaks ties by the lowest index. It is computed once per cloud;
-//! a crop takes the first n of that order.
+//! Farthest point sampling has one fixed order, so that training and serving see the same points. The order starts at the point farthest from
+//! the mean and breaks ties by the lowest index. It is computed once per cloud; a crop takes the first n of that order.
 
 use nalgebra::{Point3, Vector3};
 
@@ -30,6 +30,16 @@ pub fn farthest_point_order(points: &[Point3<f32>], count: usize) -> Vec<u32> {
         next = first_largest(&distance);
     }
     order
+}
+
+/// `count` directions spread evenly over the sphere: a spiral that turns by the golden angle.
+pub fn directions(count: usize) -> impl ExactSizeIterator<Item = Vector3<f64>> {
+    let golden_rad = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    (0..count).map(move |k| {
+        let z = 1.0 - (2 * k + 1) as f64 / count as f64;
+        let (radius, (sin, cos)) = ((1.0 - z * z).sqrt(), (k as f64 * golden_rad).sin_cos());
+        Vector3::new(radius * cos, radius * sin, z)
+    })
 }
 
 fn first_largest(values: &[f32]) -> usize {
@@ -72,5 +82,15 @@ mod tests {
     fn duplicates_each_come_once() {
         let points = [Point3::new(1.0, 2.0, 3.0); 4];
         assert_eq!(farthest_point_order(&points, 4), [0, 1, 2, 3]);
+    }
+
+    #[test]
+    fn directions_are_unit_vectors_that_leave_no_large_gap() {
+        let all: Vec<Vector3<f64>> = directions(120).collect();
+        assert!(all.iter().all(|d| (d.norm() - 1.0).abs() < 1e-12));
+        // As many circles of this radius would have to overlap to cover the sphere.
+        let nearest = |a: &Vector3<f64>| all.iter().filter(|b| *b != a).map(|b| a.angle(b)).fold(f64::INFINITY, f64::min);
+        let gaps: Vec<f64> = all.iter().map(nearest).collect();
+        assert!(gaps.iter().all(|gap| (0.2..0.4).contains(gap)), "{gaps:?}");
     }
 }

@@ -10,6 +10,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use parry3d::transformation::try_convex_hull;
 use rapier3d::math::Vector;
 use repose_geometry::TriMesh;
+use repose_geometry::sampling::directions;
 use repose_panda::spheres::FINGER_M;
 use repose_panda::{Joints, LINKS, Link, LinkFrames, PlacedSphere, shoulder_in_link, spheres_in_link};
 
@@ -65,14 +66,10 @@ fn link_mesh(link: Link) -> TriMesh {
     mesh
 }
 
-/// Points spread evenly over a sphere: a spiral with the golden angle.
+/// Points spread evenly over a sphere.
 fn on_sphere(sphere: &PlacedSphere) -> impl Iterator<Item = Vector> {
-    let golden_rad = std::f64::consts::PI * (3.0 - 5f64.sqrt());
-    (0..SPHERE_POINTS).map(move |k| {
-        let z = 1.0 - (2.0 * k as f64 + 1.0) / SPHERE_POINTS as f64;
-        let (sin, cos) = (golden_rad * k as f64).sin_cos();
-        let around = (1.0 - z * z).sqrt();
-        let at = sphere.center + sphere.radius_m * Vector3::new(around * cos, around * sin, z);
+    directions(SPHERE_POINTS).map(move |direction| {
+        let at = sphere.center + sphere.radius_m * direction;
         Vector::new(at.x as f32, at.y as f32, at.z as f32)
     })
 }
