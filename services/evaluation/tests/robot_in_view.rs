@@ -104,7 +104,7 @@ fn an_arm_over_the_table_is_no_object_and_does_not_block_itself() {
         });
         assert_eq!(on_arm.count(), 0, "seed {}: readings in the arm", scene.seed);
         let around = surroundings(&seen).expect("a calibrated camera");
-        let obstacles = Obstacles::new(&around.points, &around.surfaces_without(0, |_| None), &ObstacleSettings::default());
+        let obstacles = Obstacles::new(&around.points, &around.surfaces, &ObstacleSettings::default());
         let obstacles = [&obstacles];
         let arm = ArmSettings { finger_opening_m: shown.opening_m, ..ArmSettings::default() };
         assert_eq!(CollisionChecker::new(arm, &obstacles, None).contact(&shown.joints), None, "seed {}", scene.seed);

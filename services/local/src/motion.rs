@@ -1,6 +1,7 @@
 //! The motion of ranked placements.
 
 use repose_motion::MotionConfig;
+use repose_motion::wire::planning_scene;
 use repose_proto::motion::{MotionPlan, MotionPlanRequest};
 use repose_proto::{CallError, Message, Scene};
 use repose_runtime::load_config;
@@ -16,5 +17,5 @@ pub fn plan_motion(scene: &Scene, request: &MotionPlanRequest) -> Result<MotionP
     let of_config = |e: repose_runtime::RuntimeError| CallError::invalid("config", e.to_string());
     let settings = config.planning().map_err(|e| of_config(e.into()))?;
     let terms = config.terms().map_err(|e| of_config(e.into()))?;
-    repose_motion::request::plan(scene, request, &settings, &terms, &|| false)
+    repose_motion::request::plan(scene, &planning_scene(scene)?, request, &settings, &terms, &|| false)
 }

@@ -25,6 +25,7 @@ pub mod config;
 pub mod endpoints;
 pub mod execution;
 pub mod grasp;
+pub mod held_scene;
 pub mod obstacles;
 pub mod path;
 pub mod pick_place;

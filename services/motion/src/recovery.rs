@@ -19,7 +19,7 @@ use crate::path::simplify::{SimplifySettings, simplified};
 use crate::path::timed::timed;
 use crate::path::timing::{TimingSettings, Trajectory};
 use crate::pick_place::settings::PickPlaceSettings;
-use crate::scene::PlanningScene;
+use crate::scene::Surroundings;
 
 /// How an arm is brought back.
 #[derive(Debug, Clone, PartialEq)]
@@ -108,13 +108,13 @@ pub struct Recovery<'a> {
 
 impl<'a> Recovery<'a> {
     /// From where the arm stands, its fingers so far apart, in a scene where one is known.
-    pub fn new(start: &Joints, finger_opening_m: f64, scene: Option<&PlanningScene>, settings: &'a RecoverySettings) -> Self {
+    pub fn new(start: &Joints, finger_opening_m: f64, scene: Option<&Surroundings>, settings: &'a RecoverySettings) -> Self {
         let mut recovery = Self { settings, start: *start, finger_opening_m, obstacles: Obstacles::solids(Vec::new()) };
         if let Some(scene) = scene {
             let arm = recovery.spheres(start);
             let is_arm = |p: &Point3<f32>| arm.iter().any(|s| (s.center - p.cast::<f64>()).norm() < s.radius_m + settings.self_m);
             let points: Vec<Point3<f32>> = scene.points.iter().filter(|p| !is_arm(p)).copied().collect();
-            recovery.obstacles = Obstacles::new(&points, &scene.surfaces_without(0, |_| None), &settings.obstacles);
+            recovery.obstacles = Obstacles::new(&points, &scene.surfaces, &settings.obstacles);
         }
         recovery.obstacles = recovery.obstacles.with_keep_out(&settings.keep_out);
         recovery
@@ -230,6 +230,11 @@ mod tests {
         RecoverySettings::of(&PickPlaceSettings::default(), 0.2)
     }
 
+    /// What is around the arm.
+    fn around() -> Surroundings {
+        Surroundings::of(&synthetic::wire_scene(0))
+    }
+
     /// The arm at a grasp on box 1, and how far its fingers are apart.
     fn at_a_grasp() -> (Joints, f64) {
         let (scene, aside) = (synthetic::scene(), Isometry3::translation(0.0, 0.45, 0.0));
@@ -242,12 +247,12 @@ mod tests {
     #[test]
     fn an_arm_at_a_grasp_backs_off_along_its_fingers_and_goes_home() {
         let (start, opening_m) = at_a_grasp();
-        let (scene, settings) = (synthetic::scene(), settings());
+        let (scene, settings) = (around(), settings());
         let (trajectory, retreated_m) = Recovery::new(&start, opening_m, Some(&scene), &settings).retreat().unwrap();
         assert!((retreated_m - 0.1).abs() < 1e-9, "{retreated_m}");
         let (from, to) = (base_from_tcp(&start), base_from_tcp(trajectory.end()));
         assert!((from.inverse() * to).translation.vector.xy().norm() < 0.002, "straight back");
-        let (stands, scene) = (*trajectory.end(), synthetic::scene());
+        let stands = *trajectory.end();
         let home = Recovery::new(&stands, opening_m, Some(&scene), &settings).home(&|| false).unwrap().expect("a way");
         assert_eq!(*home.end(), READY);
         assert!(home.duration_s() > 2.0, "slowly: {} s", home.duration_s());
@@ -256,10 +261,9 @@ mod tests {
     #[test]
     fn what_is_behind_the_hand_keeps_it_where_it_is() {
         let (start, opening_m) = at_a_grasp();
-        let mut scene = synthetic::scene();
+        let mut scene = around();
         let lid = synthetic::seen_box([0.45, -0.2], [0.4, 0.4, 0.01], 0.0);
         let above = base_from_tcp(&start).translation.z + 0.165;
-        scene.labels.extend(std::iter::repeat_n(9, lid.len()));
         scene.points.extend(lid.iter().map(|p| Point3::new(p.x, p.y, above as f32)));
         let settings = settings();
         let error = Recovery::new(&start, opening_m, Some(&scene), &settings).retreat().map(|(_, m)| m).unwrap_err();

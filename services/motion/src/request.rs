@@ -4,26 +4,30 @@ use repose_proto::motion::{MotionPlan, MotionPlanRequest};
 use repose_proto::{CallError, Scene};
 
 use crate::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place_until};
+use crate::scene::PlanningScene;
 use crate::wire::{self, PlanTerms};
 
-/// Plans the first of the request's placements that can be served. `stop` is asked between steps.
+/// Plans the first of the request's placements that can be served, in a scene and what is believed of it ([`wire::planning_scene`]). `stop` is
+/// asked between steps.
 ///
 /// # Errors
-/// `failed_precondition` when the scene's camera has no calibrated pose, nothing can be grasped or no placement served; `cancelled` when
-/// stopped; `invalid_argument` and `not_found` that name the field.
+/// `failed_precondition` when nothing can be grasped or no placement served; `cancelled` when stopped; `invalid_argument` and `not_found` that name the field.
 pub fn plan(
     scene: &Scene,
+    believed: &PlanningScene,
     request: &MotionPlanRequest,
     settings: &PickPlaceSettings,
     terms: &PlanTerms,
     stop: &dyn Fn() -> bool,
 ) -> Result<MotionPlan, CallError> {
-    let planning_scene = wire::planning_scene(scene, request.query)?;
+    if scene.object(request.query).is_none() {
+        return Err(CallError::not_found("query", format!("the scene has no object {}", request.query)));
+    }
     let placements = request.placements.iter().enumerate().map(|(i, p)| wire::isometry(p, &format!("placements[{i}]")));
     let placements = placements.collect::<Result<Vec<_>, _>>()?;
     let grasps = request.grasps.as_deref().map(wire::grasps).transpose()?;
     let to_plan = PickPlaceRequest {
-        scene: &planning_scene,
+        scene: believed,
         query: request.query,
         placements: &placements,
         start: &request.start_joints_rad,

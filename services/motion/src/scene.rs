@@ -4,6 +4,7 @@ use nalgebra::{Point2, Point3};
 use repose_belief::plane::SupportPlane;
 use repose_belief::{Belief, BeliefSettings, SeenScene, TooWide};
 use repose_geometry::Footprint;
+use repose_proto::Scene;
 
 /// A horizontal surface that things stand on.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,6 +24,36 @@ impl SupportSurface {
     pub fn new(height_m: f64, outline: &[Point2<f32>], object: Option<u16>) -> Option<Self> {
         let corners: Vec<Point3<f32>> = outline.iter().map(|p| Point3::new(p.x, p.y, 0.0)).collect();
         Some(Self { height_m, footprint: Footprint::of(&corners)?, object, depth_m: None })
+    }
+
+    /// A surface as solid as is said, metres.
+    fn of(plane: &SupportPlane, depth_m: Option<f32>) -> Self {
+        Self {
+            height_m: f64::from(plane.height_m),
+            footprint: plane.outline.clone(),
+            object: (plane.object != 0).then_some(plane.object),
+            depth_m: depth_m.map(f64::from),
+        }
+    }
+}
+
+/// What was seen around an arm: what it keeps clear of where nothing is to be grasped.
+#[derive(Debug, Clone)]
+pub struct Surroundings {
+    /// The observed points, metres.
+    pub points: Vec<Point3<f32>>,
+    /// The support surfaces.
+    pub surfaces: Vec<SupportSurface>,
+}
+
+impl Surroundings {
+    /// As they were seen.
+    pub fn of(scene: &Scene) -> Self {
+        let planes = scene.meta.surfaces.iter().filter_map(SupportPlane::of);
+        Self {
+            points: scene.points.iter().map(|p| Point3::from(*p)).collect(),
+            surfaces: planes.map(|plane| SupportSurface::of(&plane, None)).collect(),
+        }
     }
 }
 
@@ -60,12 +91,6 @@ impl PlanningScene {
     /// The support surfaces but an object's own top (0: all of them), as solid as `depth_m` says.
     pub fn surfaces_without(&self, object: u16, depth_m: impl Fn(&SupportPlane) -> Option<f32>) -> Vec<SupportSurface> {
         let others = self.belief.planes.iter().filter(|plane| object == 0 || plane.object != object);
-        let solid = |plane: &SupportPlane| SupportSurface {
-            height_m: f64::from(plane.height_m),
-            footprint: plane.outline.clone(),
-            object: (plane.object != 0).then_some(plane.object),
-            depth_m: depth_m(plane).map(f64::from),
-        };
-        others.map(solid).collect()
+        others.map(|plane| SupportSurface::of(plane, depth_m(plane))).collect()
     }
 }

@@ -1,9 +1,11 @@
 //! Clouds of simple things as one camera sees them: the known scenes of this crate's tests and benches.
 
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
-use repose_belief::SeenScene;
-use repose_geometry::transform::look_at;
-use repose_proto::{CameraModel, Surface};
+use repose_belief::{BelievedObject, SeenScene};
+use repose_geometry::Aabb;
+use repose_geometry::transform::{look_at, to_row_major};
+use repose_proto::scene::WorldFrame;
+use repose_proto::{CameraModel, ObjectSummary, RigidTransform, Scene, SceneMeta, Surface, Unseen};
 
 use crate::scene::{PlanningScene, SupportSurface};
 
@@ -84,11 +86,53 @@ pub fn scene_of(objects: &[(u16, Vec<Point3<f32>>)]) -> PlanningScene {
     let labelled = || objects.iter().flat_map(|(label, points)| points.iter().map(move |p| (p, *label)));
     let points: Vec<[f32; 3]> = labelled().map(|(p, _)| p.coords.into()).collect();
     let labels: Vec<u16> = labelled().map(|(_, label)| label).collect();
-    let outline_m = TABLE.map(|corner| corner.map(f64::from)).to_vec();
-    let surfaces = [Surface { height_m: 0.0, outline_m, area_m2: 0.54, object: None }];
-    let camera =
-        CameraModel { width: 640, height: 480, fx: 525.0, fy: 525.0, cx: 319.5, cy: 239.5, depth_unit_m: 0.001, world_from_camera: None };
-    let world_from_camera = look_at(&CAMERA, &Point3::new(0.5, 0.0, 0.0), &Vector3::z());
-    let seen = SeenScene { points: &points, labels: &labels, surfaces: &surfaces, camera: &camera, world_from_camera: &world_from_camera };
+    let world_from_camera = world_from_camera();
+    let seen =
+        SeenScene { points: &points, labels: &labels, surfaces: &[surface()], camera: &camera(), world_from_camera: &world_from_camera };
     PlanningScene::of(&seen).expect("a table's objects are near each other")
+}
+
+/// [`scene`] as perception would send it, seen at `stamp_ns`.
+pub fn wire_scene(stamp_ns: u64) -> Scene {
+    let seen = scene();
+    let summary = |(id, object): (&u16, &BelievedObject)| ObjectSummary {
+        id: *id,
+        points: object.points.len(),
+        centroid_m: object.centroid.coords.into(),
+        extent_m: Aabb::of(&object.points).map_or([0.0; 3], |bounds| (bounds.max - bounds.min).cast::<f64>().into()),
+        completeness: 1.0,
+        score: None,
+    };
+    Scene {
+        camera_name: "front".to_owned(),
+        stamp_ns,
+        points: seen.points.iter().map(|p| p.coords.into()).collect(),
+        labels: seen.labels,
+        colors: None,
+        meta: SceneMeta {
+            objects: seen.belief.objects.iter().map(summary).collect(),
+            surfaces: vec![surface()],
+            camera: camera(),
+            world_frame: WorldFrame::Extrinsics,
+            view_yaw_rad: 0.0,
+            unseen: Unseen::default(),
+            left_out: Vec::new(),
+            warnings: Vec::new(),
+        },
+    }
+}
+
+/// The table's top.
+fn surface() -> Surface {
+    Surface { height_m: 0.0, outline_m: TABLE.map(|corner| corner.map(f64::from)).to_vec(), area_m2: 0.54, object: None }
+}
+
+/// The camera, calibrated.
+fn camera() -> CameraModel {
+    let world_from_camera = Some(RigidTransform(to_row_major(&world_from_camera())));
+    CameraModel { width: 640, height: 480, fx: 525.0, fy: 525.0, cx: 319.5, cy: 239.5, depth_unit_m: 0.001, world_from_camera }
+}
+
+fn world_from_camera() -> Isometry3<f64> {
+    look_at(&CAMERA, &Point3::new(0.5, 0.0, 0.0), &Vector3::z())
 }

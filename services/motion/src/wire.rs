@@ -11,7 +11,7 @@ use repose_proto::{CallError, ErrorCode, RigidTransform, Scene};
 use crate::grasp::Grasp;
 use crate::path::timing::Trajectory;
 use crate::pick_place::plan::{Failure, NotChosen, PickPlaceError, PickPlacePlan};
-use crate::scene::PlanningScene;
+use crate::scene::{PlanningScene, Surroundings};
 
 /// What a plan says beside the motion itself.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,31 +27,34 @@ pub struct PlanTerms {
 /// The scene as the planner of a pick and place sees it.
 ///
 /// # Errors
-/// As [`surroundings`]; `not_found` on `query` when the scene has no such object.
-pub fn planning_scene(scene: &Scene, query: u16) -> Result<PlanningScene, CallError> {
-    let surroundings = surroundings(scene)?;
-    match scene.object(query) {
-        Some(_) => Ok(surroundings),
-        None => Err(CallError::not_found("query", format!("the scene has no object {query}"))),
-    }
+/// `failed_precondition` without a calibrated camera: the robot would not know where things are; `invalid_argument` where objects are too far
+/// apart.
+pub fn planning_scene(scene: &Scene) -> Result<PlanningScene, CallError> {
+    let seen_from = world_from_camera(scene)?;
+    let seen = SeenScene::of(scene, &seen_from);
+    PlanningScene::of(&seen).map_err(|too_wide| CallError::invalid("scene.points", too_wide.to_string()))
 }
 
-/// The scene as a moving arm sees it.
+/// The scene as an arm sees it that is brought back.
 ///
 /// # Errors
-/// `failed_precondition` without a calibrated camera: the robot would not know where things are.
-pub fn surroundings(scene: &Scene) -> Result<PlanningScene, CallError> {
+/// `failed_precondition` without a calibrated camera.
+pub fn surroundings(scene: &Scene) -> Result<Surroundings, CallError> {
+    world_from_camera(scene)?;
+    Ok(Surroundings::of(scene))
+}
+
+/// The calibrated pose of the scene's camera.
+fn world_from_camera(scene: &Scene) -> Result<Isometry3<f64>, CallError> {
     if scene.meta.world_frame != WorldFrame::Extrinsics {
         return Err(
             CallError::precondition("the scene's camera has no calibrated pose (world_from_camera): a robot cannot act on it").at("scene")
         );
     }
-    let world_from_camera = match &scene.meta.camera.world_from_camera {
-        Some(transform) => isometry(transform, "scene.camera.world_from_camera")?,
-        None => return Err(CallError::precondition("the scene's camera has no pose").at("scene.camera.world_from_camera")),
-    };
-    let seen = SeenScene::of(scene, &world_from_camera);
-    PlanningScene::of(&seen).map_err(|too_wide| CallError::invalid("scene.points", too_wide.to_string()))
+    match &scene.meta.camera.world_from_camera {
+        Some(transform) => isometry(transform, "scene.camera.world_from_camera"),
+        None => Err(CallError::precondition("the scene's camera has no pose").at("scene.camera.world_from_camera")),
+    }
 }
 
 /// A rigid transform of a message.

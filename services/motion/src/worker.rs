@@ -10,6 +10,7 @@ use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, Runtime
 
 use crate::config::MotionConfig;
 use crate::execution::keep_out;
+use crate::held_scene::HeldScene;
 use crate::path::timing::Trajectory;
 use crate::pick_place::PickPlaceSettings;
 use crate::recovery::{Recovery, RecoveryError, RecoverySettings};
@@ -22,7 +23,7 @@ pub struct Worker {
     settings: Arc<PickPlaceSettings>,
     terms: PlanTerms,
     recovery: Arc<RecoverySettings>,
-    scenes: Arc<SceneStore<Scene>>,
+    scenes: Arc<SceneStore<HeldScene>>,
     keep_out: Vec<KeepOutZone>,
 }
 
@@ -55,23 +56,26 @@ impl Worker {
         let job = move |context: &JobContext| {
             let scene = match (held, scene) {
                 (Some(held), None) => held,
-                (Some(held), Some(sent)) if sent.stamp_ns <= held.stamp_ns => held,
-                (_, Some(sent)) => {
+                (Some(held), Some(sent)) if sent.stamp_ns <= held.scene().stamp_ns => held,
+                (held, Some(sent)) => {
                     check_scene_id(&sent, &request.scene.scene_id)?;
-                    Arc::new(sent)
+                    Arc::new(match held {
+                        Some(held) => held.seen_again(sent),
+                        None => HeldScene::new(sent),
+                    })
                 }
                 (None, None) => return Err(CallError::internal("no scene to plan on")),
             };
             // Kept before the planning, which may fail or be given up: the caller need not send it again. The youngest sighting stays, for the
             // id does not tell when the content was seen.
-            scenes.keep_over(&request.scene.scene_id, scene.clone(), |held| held.stamp_ns < scene.stamp_ns);
+            scenes.keep_over(&request.scene.scene_id, scene.clone(), |held| held.scene().stamp_ns < scene.scene().stamp_ns);
             planned(context, &request, &scene, &settings, &terms)
         };
         self.queue.run(context, job).await
     }
 
     /// The scene where this worker holds it; none where it came along.
-    fn held(&self, scene_id: &str, sent: Option<&Scene>) -> Result<Option<Arc<Scene>>, CallError> {
+    fn held(&self, scene_id: &str, sent: Option<&Scene>) -> Result<Option<Arc<HeldScene>>, CallError> {
         match self.scenes.get(scene_id) {
             Err(missing) if sent.is_none() => Err(missing),
             held => Ok(held.ok()),
@@ -102,7 +106,7 @@ impl Worker {
             (self.recovery.clone(), self.terms.set_point_period_ms, state.q_rad, state.gripper_width_m);
         let job = move |context: &JobContext| {
             let scene = match (held, scene, &request.scene) {
-                (Some(held), _, _) => Some(wire::surroundings(&held)?),
+                (Some(held), _, _) => Some(wire::surroundings(held.scene())?),
                 (None, Some(sent), Some(named)) => {
                     check_scene_id(&sent, &named.scene_id)?;
                     Some(wire::surroundings(&sent)?)
@@ -135,8 +139,8 @@ impl Worker {
     /// `not_found` when the plan's scene is held and has no such object; `failed_precondition` when the plan enters a keep-out zone.
     pub fn executable(&self, mut plan: MotionPlan) -> Result<(MotionPlan, Option<HeldObject>), CallError> {
         let held = self.scenes.get(&plan.scene_id).ok();
-        let grasps = held.as_ref().and_then(|scene| wire::held_object(scene, &plan));
-        if let Some(scene) = held {
+        let grasps = held.as_ref().and_then(|held| wire::held_object(held.scene(), &plan));
+        if let Some(scene) = held.as_ref().map(|held| held.scene()) {
             if scene.object(plan.query).is_none() {
                 return Err(CallError::not_found("query", format!("the plan's scene has no object {}", plan.query)));
             }
@@ -167,14 +171,16 @@ impl Worker {
 fn planned(
     context: &JobContext,
     request: &MotionPlanRequest,
-    scene: &Scene,
+    scene: &HeldScene,
     settings: &PickPlaceSettings,
     terms: &PlanTerms,
 ) -> Result<MotionPlan, CallError> {
     context.check()?;
-    request::plan(scene, request, settings, terms, &|| context.check().is_err()).map_err(|error| match error.code {
-        // The context knows why.
-        ErrorCode::Cancelled => context.check().err().unwrap_or(error),
-        _ => error,
+    request::plan(scene.scene(), scene.planning()?, request, settings, terms, &|| context.check().is_err()).map_err(|error| {
+        match error.code {
+            // The context knows why.
+            ErrorCode::Cancelled => context.check().err().unwrap_or(error),
+            _ => error,
+        }
     })
 }

@@ -6,8 +6,6 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use common::{PHASES, Robot, plan};
-use nalgebra::{Point3, Vector3};
-use repose_geometry::transform::{look_at, to_row_major};
 use repose_motion::{MotionConfig, run, synthetic};
 use repose_panda::READY;
 use repose_proto::enclosed::enclose;
@@ -17,50 +15,12 @@ use repose_proto::motion::{
 };
 use repose_proto::robot::{RobotCommand, RobotMode, StopState};
 use repose_proto::scene::WorldFrame;
-use repose_proto::{
-    CallError, CameraModel, ErrorCode, Message, ObjectSummary, Payload, RigidTransform, Scene, SceneMeta, SceneRef, Service, Surface,
-    Unseen,
-};
+use repose_proto::{CallError, ErrorCode, Message, Payload, RigidTransform, Scene, SceneRef, Service};
 use repose_runtime::{Answer, CallOptions, Caller, Session, Shutdown, Traffic};
 
 /// The synthetic table as perception would send it.
 fn scene() -> Scene {
-    let seen = synthetic::scene();
-    let world_from_camera = look_at(&synthetic::CAMERA, &Point3::new(0.5, 0.0, 0.0), &Vector3::z());
-    let camera = CameraModel {
-        width: 640,
-        height: 480,
-        fx: 525.0,
-        fy: 525.0,
-        cx: 319.5,
-        cy: 239.5,
-        depth_unit_m: 0.001,
-        world_from_camera: Some(RigidTransform(to_row_major(&world_from_camera))),
-    };
-    let object = |id| ObjectSummary { id, points: 1, centroid_m: [0.0; 3], extent_m: [0.0; 3], completeness: 1.0, score: None };
-    let surfaces = seen.belief.planes.iter().map(|s| Surface {
-        height_m: f64::from(s.height_m),
-        outline_m: s.outline.corners().iter().map(|c| [f64::from(c.x), f64::from(c.y)]).collect(),
-        area_m2: f64::from(s.outline.area()),
-        object: None,
-    });
-    Scene {
-        camera_name: "front".to_owned(),
-        stamp_ns: now_ns(),
-        points: seen.points.iter().map(|p| [p.x, p.y, p.z]).collect(),
-        labels: seen.labels,
-        colors: None,
-        meta: SceneMeta {
-            objects: [1, 2, 3].map(object).into(),
-            surfaces: surfaces.collect(),
-            camera,
-            world_frame: WorldFrame::Extrinsics,
-            view_yaw_rad: 0.0,
-            unseen: Unseen::default(),
-            left_out: Vec::new(),
-            warnings: Vec::new(),
-        },
-    }
+    synthetic::wire_scene(now_ns())
 }
 
 fn now_ns() -> u64 {

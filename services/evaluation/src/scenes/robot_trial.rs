@@ -270,7 +270,7 @@ fn planned(
         .iter()
         .map(|p| from_row_major(&p.0).map_err(|e| CallError::internal(e.to_string())))
         .collect::<Result<Vec<Isometry3<f64>>, CallError>>()?;
-    let planning_scene = wire::planning_scene(&scene, problem.query)?;
+    let planning_scene = wire::planning_scene(&scene)?;
     let motion: PickPlaceSettings = settings.motion.planning()?;
     let asked = PickPlaceRequest {
         scene: &planning_scene,
