@@ -8,6 +8,7 @@ use repose_motion::execution::{Execution, ExecutionSettings, ExecutionTask, Step
 use repose_motion::path::timing::Trajectory;
 use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place};
 use repose_motion::recovery::{Recovery, RecoverySettings};
+use repose_motion::scene::Surroundings;
 use repose_motion::{MotionConfig, synthetic, wire};
 use repose_panda::READY;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPhase, MotionPlan, MotionPlanRequest, Phase};
@@ -173,13 +174,13 @@ fn brought_back(robot: &mut Robot) {
     let open = GripperCommand { width_m: 0.08, force_n: 30.0 };
     follow(robot, vec![MotionPhase { name: Phase::Release, gripper: Some(open), set_points: Vec::new() }]);
     assert!(!robot.grips(), "the hand is empty");
-    let (scene, settings) = (synthetic::scene(), RecoverySettings::of(&PickPlaceSettings::default(), 1.0));
+    let (around, settings) = (Surroundings::of(&synthetic::wire_scene(0)), RecoverySettings::of(&PickPlaceSettings::default(), 1.0));
     // Where the hand has no room behind it, it is in free space already.
-    let retreat = Recovery::new(robot.arm.q_rad(), 0.08, Some(&scene), &settings).retreat();
+    let retreat = Recovery::new(robot.arm.q_rad(), 0.08, Some(&around), &settings).retreat();
     if let Ok((trajectory, _)) = retreat {
         follow(robot, phases(Phase::Retreat, &trajectory));
     }
-    let home = Recovery::new(robot.arm.q_rad(), 0.08, Some(&scene), &settings).home(&|| false);
+    let home = Recovery::new(robot.arm.q_rad(), 0.08, Some(&around), &settings).home(&|| false);
     if let Some(trajectory) = home.unwrap_or_else(|error| panic!("{error}")) {
         follow(robot, phases(Phase::Home, &trajectory));
     }
