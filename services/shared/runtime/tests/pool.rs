@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use common::{Network, read, word};
 use repose_proto::load::WorkerLoad;
 use repose_proto::{CallError, ErrorCode, Payload, Service};
-use repose_runtime::{Call, CallOptions, Caller, ComputeQueue, Handler, QueueSettings, RuntimeConfig, Server, Session, load_of};
+use repose_runtime::{Answer, Call, CallOptions, Caller, ComputeQueue, Handler, QueueSettings, RuntimeConfig, Server, Session, load_of};
 
 /// What a call of `work` takes.
 const WORK: Duration = Duration::from_millis(20);
@@ -135,6 +135,11 @@ async fn a_cell_that_floods_makes_another_wait_no_longer_than_its_share() {
     assert!(meanwhile <= 2 * handler.computed_for("line-2"), "{meanwhile} against {}", handler.computed_for("line-2"));
 }
 
+/// Six calls at once.
+async fn six_calls(caller: &Caller) -> Vec<Result<Answer, CallError>> {
+    futures::future::join_all((0..6).map(|_| caller.call("work", word(""), options()))).await
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn a_cell_over_its_limit_is_refused_by_name_and_another_is_not() {
     let network = network(|config| {
@@ -144,9 +149,7 @@ async fn a_cell_over_its_limit_is_refused_by_name_and_another_is_not() {
     .await;
     let (_handler, _server) = worker(&network, Service::Planner).await;
     let (limited, other) = (caller(&network, "line-1").await, caller(&network, "line-2").await);
-    let calls = |caller: &Caller| futures::future::join_all((0..6).map(|_| caller.call("work", word(""), options())).collect::<Vec<_>>());
-    let (limited, other) = (calls(&limited), calls(&other));
-    let (limited, other) = tokio::join!(limited, other);
+    let (limited, other) = tokio::join!(six_calls(&limited), six_calls(&other));
     let refused: Vec<CallError> = limited.into_iter().filter_map(Result::err).collect();
     assert!((1..6).contains(&refused.len()), "{refused:?}");
     for error in refused {
