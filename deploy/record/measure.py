@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""What a deployment on this machine bears: capacity, overload, faults and a soak, each a run of `repose load --up`.
+"""What a deployment on this machine bears: capacity, cells on one pool, overload, faults and a soak, each a run of `repose load --up`.
 
-    deploy/record/measure.py --program target/release/repose --commit "$(git rev-parse --short HEAD)" [capacity overload faults soak]
+    deploy/record/measure.py --program target/release/repose --commit "$(git rev-parse --short HEAD)" [capacity cells overload faults soak]
 
 Every run starts a system of its own (router, simulated cell, services), asks it, and ends it. One JSON document a run is appended to
 `runs.jsonl` beside this file (or to --out), with the command, what it printed, and the memory and descriptors of the system's processes
@@ -140,6 +140,15 @@ def capacity(settings):
         run(settings, "capacity", f"2 planners, {delay} ms each way", [*closed, "--planners", 2, "--fault", f"delay:{delay}ms"])
 
 
+def cells(settings):
+    """One to sixteen light cells on one planner and one inference process, with as many clients."""
+    # Two scenes a cell.
+    os.environ.update({"REPOSE_PLANNER__SCENES": "32", "REPOSE_INFERENCE__SCENES": "32"})
+    for count in (1, 2, 4, 8, 16):
+        words = ["--cells", count, "--clients", count, "--requests", settings.requests, "--warm-up", 8 * count]
+        run(settings, "cells", f"{count} cells", words)
+
+
 def overload(settings):
     """Half as much again, and three times what can be done, a third of it interactive."""
     count = settings.requests
@@ -168,7 +177,7 @@ def soak(settings):
     run(settings, "soak", f"{settings.minutes} minutes, QUIC", [*asked, "--secured", *kills])
 
 
-GROUPS = {"capacity": capacity, "overload": overload, "faults": faults, "soak": soak}
+GROUPS = {"capacity": capacity, "cells": cells, "overload": overload, "faults": faults, "soak": soak}
 
 
 def main():

@@ -54,6 +54,11 @@ impl Service {
         !(self == Self::Perception && ["scene", "latest"].contains(&method))
     }
 
+    /// Whether its workers may serve several cells as a pool: what they hold of one is found again by its content, and they move nothing.
+    pub fn is_poolable(self) -> bool {
+        matches!(self, Self::Inference | Self::Planner)
+    }
+
     /// Whether the service has such methods.
     pub fn has_operations(self) -> bool {
         matches!(self, Self::Motion | Self::Simulator)
@@ -151,6 +156,17 @@ impl Cell {
         format!("{}/service/{service}/{worker}/call", self.0)
     }
 
+    /// Query: a call to one worker of this pool for another cell. A key of its own for each, because access control sees keys: a cell's users call
+    /// for their own cell only.
+    pub fn call_for(&self, service: Service, worker: &str, cell: &str) -> String {
+        format!("{}/service/{service}/{worker}/call/{cell}", self.0)
+    }
+
+    /// Every call to one worker of this pool for another cell.
+    pub fn calls_for_others(&self, service: Service, worker: &str) -> String {
+        self.call_for(service, worker, "*")
+    }
+
     /// Query: a call to one worker of a method that moves a robot or changes the world ([`Service::operates`]). A key of its own, because
     /// access control sees keys and not methods.
     pub fn operate(&self, service: Service, worker: &str) -> String {
@@ -226,6 +242,11 @@ impl Cell {
 /// The liveliness tokens of every worker in every cell.
 pub const LIVES_EVERYWHERE: &str = "repose/v1/*/live/*/*";
 
+/// The liveliness tokens of every worker of a service in every cell.
+pub fn lives_everywhere(service: Service) -> String {
+    Cell::every().lives(service)
+}
+
 /// Cell, service and worker of a liveliness token.
 pub fn of_live(key: &str) -> Option<(&str, Service, &str)> {
     let mut chunks = key.strip_prefix("repose/v1/")?.split('/');
@@ -249,7 +270,7 @@ fn of_worker<'a>(key: &'a str, last: &str) -> Option<(Service, &'a str)> {
     Some((Service::parse(service).filter(|_| found == last)?, worker))
 }
 
-/// The last chunk of a key: the worker of a `live` key, the request of a `@cancel` key.
+/// The last chunk of a key: the worker of a `live` key, the request of a `@cancel` key, the cell that a call to a pool is for.
 pub fn last_chunk(key: &str) -> &str {
     key.rsplit('/').next().unwrap_or(key)
 }
@@ -270,6 +291,7 @@ mod tests {
         assert_eq!(of_live(&cell.live(Service::Planner, "p-1")), Some(("lab", Service::Planner, "p-1")));
         assert_eq!(of_load(&cell.load(Service::Motion, "m-1")), Some((Service::Motion, "m-1")));
         assert_eq!(of_journal(&cell.journal(Service::Planner, "p-1")), Some((Service::Planner, "p-1")));
+        assert_eq!(last_chunk(&cell.call_for(Service::Planner, "p-1", "line-1")), "line-1");
         assert_eq!(worker_of(&cell.robot_state("panda")), Some("panda"));
         assert_eq!(last_chunk(&cell.scene("front")), "front");
         assert_eq!((of_live(&cell.scene("front")), of_load(&cell.robot_state("panda"))), (None, None));

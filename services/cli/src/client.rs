@@ -32,6 +32,9 @@ pub struct SystemArgs {
     /// The robot cell. Default: the configuration's, or "cell".
     #[arg(long, env = "REPOSE_CELL")]
     pub cell: Option<String>,
+    /// The pool whose planners and inference workers serve the cell. Default: the configuration's, or none.
+    #[arg(long)]
+    pub pool: Option<String>,
     /// Configuration (TOML): its sections [session], [caller] and [worker].
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
@@ -99,6 +102,9 @@ fn cell_config(args: &SystemArgs) -> Result<RuntimeConfig, Failure> {
     let mut config = RuntimeConfig::read(args.config.as_deref())?;
     if let Some(cell) = &args.cell {
         config.session.cell.clone_from(cell);
+    }
+    if args.pool.is_some() {
+        config.caller.pool.clone_from(&args.pool);
     }
     Ok(config)
 }
@@ -203,7 +209,7 @@ mod tests {
     fn args(config: Option<&str>) -> (SystemArgs, tempfile::NamedTempFile) {
         let file = tempfile::NamedTempFile::new().expect("a file");
         std::fs::write(&file, config.unwrap_or_default()).expect("written");
-        (SystemArgs { connect: None, cell: None, config: config.map(|_| file.path().to_owned()) }, file)
+        (SystemArgs { connect: None, cell: None, pool: None, config: config.map(|_| file.path().to_owned()) }, file)
     }
 
     fn session(config: Result<RuntimeConfig, Failure>) -> repose_runtime::SessionConfig {

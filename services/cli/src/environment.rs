@@ -23,7 +23,7 @@ pub fn check() -> Result<(), Failure> {
     settings.iter().try_for_each(|name| has_section(name).map_err(|why| Failure::bad_input(name, why)))?;
     if !settings.is_empty() {
         // Every section refuses fields that it does not have.
-        client_config(&SystemArgs { connect: None, cell: None, config: None })?;
+        client_config(&SystemArgs { connect: None, cell: None, pool: None, config: None })?;
         ServiceConfigs::load(None)?;
     }
     Ok(())

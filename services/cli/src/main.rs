@@ -70,6 +70,8 @@ enum Command {
     Scene(commands::scene::SceneArgs),
     /// Show what runs, how it does, and what is wrong.
     Status(commands::status::StatusArgs),
+    /// Name every cell of a running system, with its cameras, robots and workers.
+    Cells(commands::cells::CellsArgs),
     /// Ask a running system for many placements, and measure how long they take.
     Load(commands::load::LoadArgs),
     /// Stop a robot of a running system, let it go on, or ask for its state.
@@ -125,6 +127,7 @@ fn run(cli: &Cli) -> Outcome {
         Command::Arrange(args) => in_runtime(commands::arrange::run(args, output)),
         Command::Scene(args) => in_runtime(commands::scene::run(args, output)),
         Command::Status(args) => in_runtime(commands::status::run(args, output)),
+        Command::Cells(args) => in_runtime(commands::cells::run(args, output)),
         Command::Load(args) => in_runtime(commands::load::run(args, output)),
         Command::Robot(args) => in_runtime(commands::robot::run(args, output)),
         Command::Plan(args) => commands::plan::run(args, output),

@@ -104,8 +104,8 @@ mod tests {
     fn same_settings(section: &str, below: &str, said: &toml::Table, fields: fn(&str) -> BTreeSet<String>) {
         assert_eq!(said.keys().cloned().collect::<BTreeSet<_>>(), fields(below), "[{section}] {below}");
         for (name, value) in said {
-            // Poses by robots' names: a name is no setting.
-            if name == "robots" {
+            // Poses by robots' names, shares by cells': a name is no setting.
+            if name == "robots" || name == "shares" {
                 continue;
             }
             let below = if below.is_empty() { name.clone() } else { format!("{below}.{name}") };

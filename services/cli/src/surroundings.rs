@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use repose_proto::load::WorkerLoad;
 use repose_proto::robot::RobotState;
-use repose_proto::{SceneSummary, Service, keys};
-use repose_runtime::{AliveWatch, Session, Subscription};
+use repose_proto::{Cell, SceneSummary, Service, keys};
+use repose_runtime::{AliveWatch, Sample, Session, Subscription};
 use tokio::time::Instant;
 
 use crate::failure::Failure;
@@ -35,7 +35,8 @@ pub struct Heard<T> {
 pub struct Observer {
     session: Session,
     lives: AliveWatch,
-    loads: Subscription,
+    /// The cell's own workers', and those of its pool's that serve it.
+    loads: Vec<Subscription>,
     scenes: Subscription,
     robots: Subscription,
 }
@@ -45,7 +46,7 @@ pub struct Observer {
 pub struct Surroundings {
     /// Cells that have a worker.
     pub cells: BTreeSet<String>,
-    /// Workers alive in the session's cell, with their newest load where one was heard.
+    /// Workers alive in the session's cell, and those of its pool that serve it, with their newest load where one was heard.
     pub workers: BTreeMap<(Service, String), Option<Heard<WorkerLoad>>>,
     /// Cameras whose scenes were heard.
     pub cameras: BTreeMap<String, Heard<SceneSummary>>,
@@ -57,9 +58,15 @@ impl Observer {
     /// Begins to listen.
     pub async fn new(session: &Session) -> Result<Self, Failure> {
         let cell = session.cell();
+        let pool = session.pool().map(Cell::new).transpose()?;
+        let of_pool = pool.iter().flat_map(|pool| Service::ALL.into_iter().filter(|s| s.is_poolable()).map(|service| pool.loads(service)));
+        let mut loads = Vec::new();
+        for key in of_pool.chain([cell.all_loads()]) {
+            loads.push(session.subscribe_queue(&key, WAITING).await?);
+        }
         Ok(Self {
             lives: session.watch_alive(keys::LIVES_EVERYWHERE).await?,
-            loads: session.subscribe_queue(&cell.all_loads(), WAITING).await?,
+            loads,
             scenes: session.subscribe_queue(&cell.scenes(), WAITING).await?,
             robots: session.subscribe_queue(&cell.robot_states(), WAITING).await?,
             session: session.clone(),
@@ -78,7 +85,7 @@ impl Observer {
             let closed = || Failure::other("the session has closed");
             tokio::select! {
                 () = &mut until => break,
-                sample = self.loads.recv() => {
+                sample = next_of(&mut self.loads) => {
                     let sample = sample.ok_or_else(closed)?;
                     if let (Some((service, worker)), Ok(load)) = (keys::of_load(&sample.key), sample.payload.decode_json()) {
                         hear(&mut loads, (service, worker.to_owned()), load);
@@ -101,8 +108,10 @@ impl Observer {
         let lives = self.lives.current();
         let alive: Vec<(&str, Service, &str)> = lives.iter().filter_map(|key| keys::of_live(key)).collect();
         heard.cells = alive.iter().map(|(cell, _, _)| (*cell).to_owned()).collect();
-        let of_this_cell = alive.into_iter().filter(|(_, service, worker)| lives.contains(&self.session.cell().live(*service, worker)));
-        let workers = of_this_cell.map(|(_, service, worker)| (service, worker.to_owned()));
+        let (own, pool) = (self.session.cell().name(), self.session.pool());
+        let serves = |cell: &str, service: Service| cell == own || (pool == Some(cell) && service.is_poolable());
+        let serving = alive.into_iter().filter(|(cell, service, _)| serves(cell, *service));
+        let workers = serving.map(|(_, service, worker)| (service, worker.to_owned()));
         heard.workers = workers
             .map(|name| {
                 let load = loads.remove(&name).or_else(|| before.workers.get(&name).cloned().flatten());
@@ -111,6 +120,11 @@ impl Observer {
             .collect();
         Ok(heard)
     }
+}
+
+/// The next message of any of several subscriptions, one at least.
+async fn next_of(subscriptions: &mut [Subscription]) -> Option<Sample> {
+    futures::future::select_all(subscriptions.iter_mut().map(|subscription| Box::pin(subscription.recv()))).await.0
 }
 
 fn hear<K: Ord, T: Clone>(known: &mut BTreeMap<K, Heard<T>>, name: K, newest: T) {

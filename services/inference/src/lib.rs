@@ -102,7 +102,7 @@ pub async fn run(session: Session, config: InferenceConfig, shutdown: Shutdown) 
     let engine = tokio::task::spawn_blocking(move || engine_of(&first)).await;
     let engine =
         engine.map_err(|e| RuntimeError::System { operation: "loading the weights".to_owned(), source: std::io::Error::other(e) })??;
-    let worker = Arc::new(worker::Worker::start(engine, &config)?);
+    let worker = Arc::new(worker::Worker::start(engine, &config, session.cell_shares())?);
     let _watch = weights_file::watch(&worker, &config, version);
     session.serve(Service::Inference, Arc::new(endpoints::Endpoints::new(worker)), shutdown).await?;
     Ok(())

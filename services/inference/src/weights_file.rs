@@ -88,7 +88,7 @@ mod tests {
         let hashes = weights.each_ref().map(|bytes| Weights::from_bytes(bytes).unwrap().hash);
         put(&path, &weights[0]);
         let config = InferenceConfig { weights: Some(path.clone()), threads: 1, weights_check_ms: 10, ..InferenceConfig::default() };
-        let worker = Arc::new(Worker::start(engine_of(&config).unwrap(), &config).unwrap());
+        let worker = Arc::new(Worker::start(engine_of(&config).unwrap(), &config, Arc::default()).unwrap());
         let _watch = watch(&worker, &config, Version::of(&config)).unwrap();
         assert_eq!(worker.engine().weights_hash(), hashes[0]);
         put(&path, b"no weights");
@@ -106,7 +106,7 @@ mod tests {
         put(&path, &weights[0]);
         let config = InferenceConfig { weights: Some(path.clone()), threads: 1, weights_check_ms: 10, ..InferenceConfig::default() };
         let version = Version::of(&config);
-        let worker = Arc::new(Worker::start(engine_of(&config).unwrap(), &config).unwrap());
+        let worker = Arc::new(Worker::start(engine_of(&config).unwrap(), &config, Arc::default()).unwrap());
         put(&path, &weights[1]);
         let _watch = watch(&worker, &config, version).unwrap();
         assert!(comes_to_be(&worker, &Weights::from_bytes(&weights[1]).unwrap().hash).await);

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, ErrorCode, Scene};
-use repose_runtime::{BatchQueue, Job, JobContext, JobReply, LoadGauge, QueueSettings, RuntimeError, SceneStore};
+use repose_runtime::{BatchQueue, Job, JobContext, JobReply, LoadGauge, QueueSettings, RuntimeError, SceneStore, Shares};
 
 use crate::config::InferenceConfig;
 use crate::engine::Engine;
@@ -47,11 +47,11 @@ pub struct Worker {
 }
 
 impl Worker {
-    /// Starts the thread that owns the order of work.
+    /// Starts the thread that owns the order of work. `shares`: what each cell may have of it, where it serves several.
     ///
     /// # Errors
     /// When the operating system gives none.
-    pub fn start(engine: Engine, config: &InferenceConfig) -> Result<Self, RuntimeError> {
+    pub fn start(engine: Engine, config: &InferenceConfig, shares: Arc<Shares>) -> Result<Self, RuntimeError> {
         let engine = Arc::new(RwLock::new(Arc::new(engine)));
         let settings = QueueSettings {
             name: "inference".to_owned(),
@@ -60,6 +60,7 @@ impl Worker {
             max_batch: config.max_batch,
             max_weight: config.max_batch_candidates,
             max_wait: Duration::from_millis(config.max_wait_ms),
+            shares,
         };
         let queue = BatchQueue::start_weighed(settings, Question::weight, |_| {
             let engine = engine.clone();

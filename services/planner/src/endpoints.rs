@@ -6,9 +6,9 @@ use std::time::{Duration, Instant};
 use async_trait::async_trait;
 use repose_proto::enclosed::disclose;
 use repose_proto::load::WorkerLoad;
-use repose_proto::place::PlaceRequest;
+use repose_proto::place::{PlaceRequest, ReachingRobot};
 use repose_proto::{ArrangeRequest, CallError, ErrorCode, Message, Payload, Scene};
-use repose_runtime::{Call, CallOptions, Caller, Handler, fetch_scene, load_of};
+use repose_runtime::{Call, CallOptions, Caller, CellCallers, Handler, fetch_scene, load_of};
 
 use crate::cached_scene::CachedScene;
 use crate::config::{PlannerConfig, Robots};
@@ -18,7 +18,7 @@ use crate::worker::Worker;
 /// Answers `place` and `arrange`.
 pub struct Endpoints {
     worker: Arc<Worker>,
-    perception: Caller,
+    perception: CellCallers,
     inference: Caller,
     scene_timeout: Duration,
     reply_reserve: Duration,
@@ -28,7 +28,7 @@ pub struct Endpoints {
 
 impl Endpoints {
     /// Answers from what a worker computes, with scenes from perception and scores from inference.
-    pub fn new(worker: Arc<Worker>, perception: Caller, inference: Caller, robots: Robots, config: &PlannerConfig) -> Self {
+    pub fn new(worker: Arc<Worker>, perception: CellCallers, inference: Caller, robots: Robots, config: &PlannerConfig) -> Self {
         let (scene_timeout, reply_reserve) =
             (Duration::from_millis(config.scene_timeout_ms), Duration::from_millis(config.reply_reserve_ms));
         Self { worker, perception, inference, scene_timeout, reply_reserve, forecasts: Arc::default(), robots }
@@ -39,7 +39,7 @@ impl Endpoints {
             true => disclose::<PlaceRequest>(&call.payload.decode_bulk(PlaceRequest::SCHEMA)?)?,
             false => (call.payload.decode_json::<PlaceRequest>()?, None),
         };
-        self.robots.complete(&mut request.robot);
+        self.complete(&mut request.robot, call);
         let scene = self.scene_of(&request.scene.scene_id, enclosed, call).await?;
         let models = self.models(call);
         let reporting = call.clone();
@@ -58,12 +58,19 @@ impl Endpoints {
             true => disclose::<ArrangeRequest>(&call.payload.decode_bulk(ArrangeRequest::SCHEMA)?)?,
             false => (call.payload.decode_json::<ArrangeRequest>()?, None),
         };
-        self.robots.complete(&mut request.robot);
+        self.complete(&mut request.robot, call);
         let scene = self.scene_of(&request.scene.scene_id, enclosed, call).await?;
         let started = Instant::now();
         let result = self.worker.arrange(call.context(), scene, request, self.models(call)).await?;
         call.stage("search", started.elapsed().as_secs_f64() * 1e3);
         Payload::json(&result)
+    }
+
+    /// Puts in what a request of this worker's own cell leaves to it; where a pool's other cells have their robots it does not know.
+    fn complete(&self, robot: &mut Option<ReachingRobot>, call: &Call) {
+        if call.cell.is_none() {
+            self.robots.complete(robot);
+        }
     }
 
     /// The networks, asked for a call.
@@ -80,7 +87,7 @@ impl Endpoints {
         }
     }
 
-    /// A scene by its id: kept here, or from whichever perception worker has it.
+    /// A scene by its id: kept here, or from whichever perception worker of the call's cell has it.
     async fn scene(&self, scene_id: &str, call: &Call) -> Result<Arc<CachedScene>, CallError> {
         if let Ok(kept) = self.worker.scenes().get(scene_id) {
             return Ok(kept);
@@ -88,7 +95,8 @@ impl Endpoints {
         let options = CallOptions::for_call(call);
         let options = CallOptions { deadline: options.deadline.min(self.scene_timeout), ..options };
         let started = Instant::now();
-        let scene = fetch_scene(&self.perception, scene_id, &options).await.map_err(|error| match error.code {
+        let perception = self.perception.of(call).await?;
+        let scene = fetch_scene(&perception, scene_id, &options).await.map_err(|error| match error.code {
             ErrorCode::Cancelled | ErrorCode::NotFound => error,
             // The caller can help: it may send the scene whole.
             _ => CallError::not_found("scene_id", format!("scene {scene_id} is not here, and perception could not be asked: {error}")),

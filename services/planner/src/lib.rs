@@ -78,7 +78,7 @@ mod tests;
 use std::sync::Arc;
 
 use repose_proto::Service;
-use repose_runtime::{RuntimeError, Session, Shutdown};
+use repose_runtime::{CellCallers, RuntimeError, Session, Shutdown};
 
 use config::Robots;
 
@@ -95,8 +95,8 @@ pub use search::stop::StopReason;
 /// When the configuration is wrong, and when the network or the operating system refuses.
 pub async fn run(session: Session, config: PlannerConfig, shutdown: Shutdown) -> Result<(), RuntimeError> {
     let robots = Robots::of(&config)?;
-    let worker = Arc::new(worker::Worker::start(&config)?);
-    let perception = session.caller(Service::Perception).await?;
+    let worker = Arc::new(worker::Worker::start(&config, session.cell_shares())?);
+    let perception = CellCallers::new(session.clone(), Service::Perception);
     let inference = session.caller(Service::Inference).await?;
     let endpoints = Arc::new(endpoints::Endpoints::new(worker, perception, inference, robots, &config));
     session.serve(Service::Planner, endpoints, shutdown).await

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use repose_proto::place::PlaceProgress;
 use repose_proto::{ArrangeRequest, ArrangeResult, CallError, PlaceRequest, PlaceResult, Scene};
-use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore};
+use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore, Shares};
 
 use crate::arrange::arrange;
 use crate::cached_scene::CachedScene;
@@ -23,15 +23,16 @@ pub struct Worker {
 }
 
 impl Worker {
-    /// Starts the threads.
+    /// Starts the threads. `shares`: what each cell may have of them, where they serve several.
     ///
     /// # Errors
     /// When the operating system gives none.
-    pub fn start(config: &PlannerConfig) -> Result<Self, RuntimeError> {
+    pub fn start(config: &PlannerConfig, shares: Arc<Shares>) -> Result<Self, RuntimeError> {
         let settings = QueueSettings {
             name: "planner".to_owned(),
             capacity: config.queue_capacity,
             threads: config.threads,
+            shares,
             ..QueueSettings::default()
         };
         Ok(Self {
@@ -144,7 +145,7 @@ mod tests {
 
     /// A worker, a scene, and a request on it that would take minutes.
     fn long_search() -> (Worker, Arc<CachedScene>, PlaceRequest) {
-        let worker = Worker::start(&PlannerConfig { threads: 1, ..PlannerConfig::default() }).unwrap();
+        let worker = Worker::start(&PlannerConfig { threads: 1, ..PlannerConfig::default() }, Arc::default()).unwrap();
         let scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.06, 0.05, 0.08]).scene();
         let id = scene.id();
         let cached = worker.keep(&id, scene).unwrap();

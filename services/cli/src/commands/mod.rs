@@ -2,6 +2,7 @@
 
 pub mod arrange;
 pub mod bench;
+pub mod cells;
 pub mod demo;
 pub mod deploy;
 pub mod evaluate;

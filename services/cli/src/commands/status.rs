@@ -59,7 +59,7 @@ async fn watch(args: &StatusArgs, session: &Session, shutdown: &Shutdown, output
             heard = observer.listen(within, &heard) => heard?,
             () = shutdown.requested() => return Ok(()),
         };
-        let status = Status { heard: &heard, cell: session.cell().name(), seconds: args.seconds };
+        let status = Status { heard: &heard, cell: session.cell().name(), pool: session.pool(), seconds: args.seconds };
         output.print(&status.document(), || {
             let top = if args.watch && std::io::stdout().is_terminal() { "\x1b[2J\x1b[H" } else { "" };
             format!("{top}{}", status.text())
@@ -91,6 +91,8 @@ impl Rates {
 struct Status<'a> {
     heard: &'a Surroundings,
     cell: &'a str,
+    /// The pool that serves it.
+    pool: Option<&'a str>,
     /// How long was listened.
     seconds: f64,
 }
@@ -114,7 +116,7 @@ impl Status<'_> {
         };
         let robot = |(name, state): (&String, &Heard<RobotState>)| json!({"robot": name, "states_per_s": state.count as f64 / self.seconds, "age_ms": state.at.elapsed().as_millis() as u64, "state": state.newest});
         json!({
-            "cell": self.cell, "cells": heard.cells,
+            "cell": self.cell, "pool": self.pool, "cells": heard.cells,
             "workers": heard.workers.iter().map(worker).collect::<Vec<_>>(),
             "cameras": heard.cameras.iter().map(camera).collect::<Vec<_>>(),
             "robots": heard.robots.iter().map(robot).collect::<Vec<_>>(),
@@ -124,7 +126,8 @@ impl Status<'_> {
 
     fn text(&self) -> String {
         let others: BTreeSet<String> = self.heard.cells.iter().filter(|cell| *cell != self.cell).cloned().collect();
-        let mut text = format!("cell {}; other cells with workers: {}", self.cell, listed(&others));
+        let pool = self.pool.map_or_else(String::new, |pool| format!(", served by the pool {pool}"));
+        let mut text = format!("cell {}{pool}; other cells with workers: {}", self.cell, listed(&others));
         if !self.heard.workers.is_empty() {
             text += &format!("\n{}", self.workers());
         }

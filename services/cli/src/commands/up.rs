@@ -1,6 +1,7 @@
 //! `repose up`: a router and every service as processes of their own on this machine, until interrupted.
 //!
-//! Each is this program as `repose serve …`. One that ends is started again after a pause; all end with this process, however it ends.
+//! Each is this program as `repose serve …`. One that ends is started again after a pause; all end with this process, however it ends. With `--cells`
+//! there are several simulated cells, and one pool of planners and inference workers that serves them all.
 
 use std::net::TcpListener;
 use std::path::PathBuf;
@@ -10,7 +11,7 @@ use std::time::Duration;
 
 use clap::Args;
 use repose_console::ConsoleConfig;
-use repose_proto::Service;
+use repose_proto::{Service, keys};
 use repose_runtime::{RuntimeConfig, Session, Shutdown};
 use tokio::process::{Child, Command};
 use tokio::task::JoinSet;
@@ -31,6 +32,13 @@ pub struct UpArgs {
     /// The robot cell. Default: the configuration's, or "cell".
     #[arg(long, env = "REPOSE_CELL")]
     pub cell: Option<String>,
+    /// So many simulated cells, CELL-1, CELL-2, …, each with a camera, a robot, perception and motion of its own; one pool of planners and inference
+    /// workers serves them all. The page is the first cell's.
+    #[arg(long, value_parser = parse_count)]
+    pub cells: Option<usize>,
+    /// The pool of those cells.
+    #[arg(long, default_value = "rack", requires = "cells", value_name = "NAME")]
+    pub pool: String,
     /// Inference processes.
     #[arg(long, default_value_t = 1, value_parser = parse_count)]
     pub inference: usize,
@@ -48,6 +56,8 @@ pub struct UpArgs {
     pub config: Option<PathBuf>,
 }
 
+/// What the router's process is.
+const ROUTER: &str = "router";
 /// What the page's process serves.
 const CONSOLE: &str = "console";
 /// How long to wait before an ended process is started again.
@@ -60,30 +70,35 @@ const STOP_WITHIN: Duration = Duration::from_secs(15);
 /// Runs until interrupted.
 pub async fn run(args: &UpArgs, output: Output) -> Outcome {
     let shutdown = Shutdown::on_signals()?;
-    let processes = processes(args);
     // What no process could start with is said at once, and by its field.
-    let system = SystemArgs { connect: Some(args.listen.clone()), cell: args.cell.clone(), config: args.config.clone() };
-    let config = client_config(&system)?;
-    let cell = config.session.cell.clone();
+    let system = SystemArgs { connect: Some(args.listen.clone()), cell: args.cell.clone(), pool: None, config: args.config.clone() };
+    let mut config = client_config(&system)?;
+    let layout = Layout::of(args, &config)?;
+    config.caller.pool.clone_from(&layout.pool);
     let configs = ServiceConfigs::load(args.config.as_deref())?;
-    let (camera, console) = (configs.simulator.camera, console_of(configs.console)?);
+    let (camera, seed) = (configs.simulator.camera, args.seed.unwrap_or(configs.simulator.seed));
+    let console = console_of(configs.console)?;
     let page = console.url();
     is_free(&args.listen)?;
+    let parts = layout.parts(args, seed);
     let is_up = Arc::new(AtomicBool::new(false));
     let mut watchers = JoinSet::new();
-    for (what, name) in &processes {
-        watchers.spawn(keep_running(command(args, &cell, &console, what)?, name.clone(), is_up.clone(), shutdown.clone()));
+    for part in &parts {
+        let command = part.command(args, &layout, &console)?;
+        watchers.spawn(keep_running(command, part.name.clone(), is_up.clone(), shutdown.clone()));
     }
-    let names: Vec<&str> = processes.iter().map(|(_, name)| name.as_str()).collect();
+    let names: Vec<&str> = parts.iter().map(|part| part.name.as_str()).collect();
     let up = tokio::select! {
-        up = ready(args, config, &camera, &shutdown) => up,
+        up = ready(args, config, &layout, &camera, &shutdown) => up,
         Some(ended) = watchers.join_next() => ended.map_err(Failure::other)?,
     };
     is_up.store(true, Ordering::Release);
     if up.is_ok() && !shutdown.is_requested() {
-        let document = serde_json::json!({"listen": args.listen, "cell": cell, "processes": names, "console": page});
-        output
-            .print(&document, || format!("up: {} at {}, cell {cell}; the page is {page}; Ctrl-C ends it", names.join(", "), args.listen))?;
+        let Layout { cells, pool } = &layout;
+        let document = serde_json::json!({
+            "listen": args.listen, "cell": cells[0], "cells": cells, "pool": pool, "processes": names, "console": page,
+        });
+        output.print(&document, || format!("up: {} at {}, {layout}; the page is {page}; Ctrl-C ends it", names.join(", "), args.listen))?;
         shutdown.requested().await;
     }
     shutdown.trigger();
@@ -93,15 +108,57 @@ pub async fn run(args: &UpArgs, output: Output) -> Outcome {
     up
 }
 
-/// Every process: what it serves, and its name in the log.
-fn processes(args: &UpArgs) -> Vec<(String, String)> {
-    let mut processes = vec![("router".to_owned(), "router".to_owned())];
-    for service in Service::ALL {
-        let (what, count) = (service.as_str(), count_of(args, service));
-        processes.extend((1..=count).map(|k| (what.to_owned(), if count == 1 { what.to_owned() } else { format!("{what}-{k}") })));
+/// Which cells there are, and the pool that serves them.
+struct Layout {
+    cells: Vec<String>,
+    pool: Option<String>,
+}
+
+impl Layout {
+    fn of(args: &UpArgs, config: &RuntimeConfig) -> Result<Self, Failure> {
+        let cell = &config.session.cell;
+        let Some(count) = args.cells else { return Ok(Self { cells: vec![cell.clone()], pool: config.caller.pool.clone() }) };
+        let cells: Vec<String> = (1..=count).map(|k| format!("{cell}-{k}")).collect();
+        keys::validate_chunk("pool", &args.pool)?;
+        keys::validate_chunk("cell", &cells[count - 1])?;
+        if cells.contains(&args.pool) {
+            return Err(Failure::bad_input("pool", format!("{} is the name of a cell", args.pool)));
+        }
+        Ok(Self { cells, pool: Some(args.pool.clone()) })
     }
-    processes.push((CONSOLE.to_owned(), CONSOLE.to_owned()));
-    processes
+
+    /// Where workers of a service run: in every cell, or in the pool. A pool that somebody else runs is left to them.
+    fn homes(&self, args: &UpArgs, service: Service) -> Vec<&str> {
+        match &self.pool {
+            Some(_) if service.is_poolable() && args.cells.is_none() => Vec::new(),
+            Some(pool) if service.is_poolable() => vec![pool],
+            _ => self.cells.iter().map(String::as_str).collect(),
+        }
+    }
+
+    /// Every process. The simulated cells' scenes differ.
+    fn parts(&self, args: &UpArgs, seed: u64) -> Vec<Part> {
+        let part = |what: &str, name: String, cell: &str| Part { what: what.to_owned(), name, cell: cell.to_owned(), seed };
+        let mut parts = vec![part(ROUTER, ROUTER.to_owned(), &self.cells[0])];
+        for service in Service::ALL {
+            let (what, count) = (service.as_str(), count_of(args, service));
+            for (home, seed) in self.homes(args, service).into_iter().zip(seed..) {
+                let base = if self.cells.len() == 1 { what.to_owned() } else { format!("{home}/{what}") };
+                let names = (1..=count).map(|k| if count == 1 { base.clone() } else { format!("{base}-{k}") });
+                parts.extend(names.map(|name| Part { seed, ..part(what, name, home) }));
+            }
+        }
+        parts.push(part(CONSOLE, CONSOLE.to_owned(), &self.cells[0]));
+        parts
+    }
+}
+
+impl std::fmt::Display for Layout {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let cells = if self.cells.len() == 1 { "cell" } else { "cells" };
+        write!(f, "{cells} {}", self.cells.join(", "))?;
+        self.pool.iter().try_for_each(|pool| write!(f, ", pool {pool}"))
+    }
 }
 
 fn count_of(args: &UpArgs, service: Service) -> usize {
@@ -113,6 +170,33 @@ fn count_of(args: &UpArgs, service: Service) -> usize {
     }
 }
 
+/// A process to be.
+struct Part {
+    /// What it serves.
+    what: String,
+    /// What it is called in the log.
+    name: String,
+    cell: String,
+    /// Of a simulated scene.
+    seed: u64,
+}
+
+impl Part {
+    fn command(&self, args: &UpArgs, layout: &Layout, console: &ConsoleConfig) -> Result<Command, Failure> {
+        let mut command = service_process(&args.listen, &self.cell, args.config.as_deref(), &self.what)?;
+        if let Some(pool) = layout.pool.as_ref().filter(|pool| **pool != self.cell) {
+            command.env("REPOSE_CALLER__POOL", pool);
+        }
+        if self.what == Service::Simulator.as_str() {
+            command.env("REPOSE_SIMULATOR__SEED", self.seed.to_string());
+        }
+        if self.what == CONSOLE {
+            command.env("REPOSE_CONSOLE__LISTEN", console.listen.to_string());
+        }
+        Ok(command)
+    }
+}
+
 /// Refuses an address that something else listens at: a second system would join the first, with two of every camera and robot.
 fn is_free(endpoint: &str) -> Outcome {
     let Some(address) = endpoint.strip_prefix("tcp/") else { return Ok(()) };
@@ -120,18 +204,21 @@ fn is_free(endpoint: &str) -> Outcome {
     TcpListener::bind(address).map(drop).map_err(taken)
 }
 
-/// Waits until every service has its workers, and the simulated camera its first scene: from then on anything can be asked. For a camera that
+/// Waits until every service has its workers, and each simulated camera its first scene: from then on anything can be asked. For a camera that
 /// somebody else starts nobody waits.
-async fn ready(args: &UpArgs, config: RuntimeConfig, camera: &str, shutdown: &Shutdown) -> Outcome {
+async fn ready(args: &UpArgs, config: RuntimeConfig, layout: &Layout, camera: &str, shutdown: &Shutdown) -> Outcome {
     let session = Session::open(config).await?;
     let is_up = async {
-        for service in Service::ALL {
-            session.caller(service).await?.wait_for_workers(count_of(args, service), READY_WITHIN).await?;
+        for cell in &layout.cells {
+            let session = session.in_cell(cell)?;
+            for service in Service::ALL {
+                session.caller(service).await?.wait_for_workers(count_of(args, service), READY_WITHIN).await?;
+            }
+            if !args.no_simulator {
+                client::newest_scene(&session, camera, READY_WITHIN, READY_WITHIN).await?;
+            }
         }
-        match args.no_simulator {
-            true => Ok(()),
-            false => client::newest_scene(&session, camera, READY_WITHIN, READY_WITHIN).await.map(drop),
-        }
+        Ok::<_, Failure>(())
     };
     let up = tokio::select! {
         up = is_up => up,
@@ -151,17 +238,6 @@ fn console_of(mut config: ConsoleConfig) -> Result<ConsoleConfig, Failure> {
     }
     .map_err(is_taken)?;
     Ok(config)
-}
-
-fn command(args: &UpArgs, cell: &str, console: &ConsoleConfig, what: &str) -> Result<Command, Failure> {
-    let mut command = service_process(&args.listen, cell, args.config.as_deref(), what)?;
-    if let Some(seed) = args.seed.filter(|_| what == Service::Simulator.as_str()) {
-        command.env("REPOSE_SIMULATOR__SEED", seed.to_string());
-    }
-    if what == CONSOLE {
-        command.env("REPOSE_CONSOLE__LISTEN", console.listen.to_string());
-    }
-    Ok(command)
 }
 
 /// Starts a process again whenever it ends, until `shutdown`; then tells it to drain. One that ends before the system is up always would.

@@ -1,5 +1,6 @@
 //! A call as its handler sees it, and the handler.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use async_trait::async_trait;
@@ -28,6 +29,8 @@ pub struct Call {
     pub traceparent: Option<String>,
     /// The name that the caller's process goes by, if it told one; anybody may say anything.
     pub caller: Option<String>,
+    /// The cell that the call is for, where this worker serves it as its pool's; none for the worker's own. The key says so and not the caller.
+    pub cell: Option<Arc<str>>,
     /// When the answer must be there. The runtime answers `deadline_exceeded` then, whatever the handler does.
     pub deadline: tokio::time::Instant,
     /// Triggered by the caller's cancel, by the deadline, and when draining takes too long.
@@ -62,7 +65,10 @@ impl Call {
 
     /// What a compute job of this call needs to know.
     pub fn context(&self) -> JobContext {
-        JobContext::new(self.deadline.into_std(), self.cancelled.clone()).with_priority(self.priority).with_stages(self.stages.clone())
+        JobContext::new(self.deadline.into_std(), self.cancelled.clone())
+            .with_priority(self.priority)
+            .for_cell(self.cell.clone())
+            .with_stages(self.stages.clone())
     }
 
     /// The error for a method that the service does not have.

@@ -1,5 +1,6 @@
 //! How one call is to be made: its deadline, its priority, and whether it may be computed twice.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use repose_proto::{Payload, Priority};
@@ -30,6 +31,8 @@ pub struct CallOptions {
     pub id: Option<String>,
     /// W3C trace context to pass on.
     pub traceparent: Option<String>,
+    /// The cell that it is for, where that is not the session's: a pool's worker calls another on behalf of a cell.
+    pub cell: Option<Arc<str>>,
 }
 
 impl Default for CallOptions {
@@ -44,6 +47,7 @@ impl Default for CallOptions {
             progress: None,
             id: None,
             traceparent: None,
+            cell: None,
         }
     }
 }
@@ -59,13 +63,14 @@ impl CallOptions {
         Self { deadline, idempotent: false, ..Self::default() }
     }
 
-    /// A call on behalf of another: the same deadline, priority, cancel and trace.
+    /// A call on behalf of another: the same deadline, priority, cancel, trace and cell.
     pub fn for_call(call: &crate::Call) -> Self {
         Self {
             deadline: call.remaining(),
             priority: call.priority,
             cancel: call.cancelled.clone(),
             traceparent: call.traceparent.clone(),
+            cell: call.cell.clone(),
             ..Self::default()
         }
     }

@@ -15,7 +15,7 @@ use std::time::Duration;
 use bytes::Bytes;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use repose_proto::{CallAttachment, CallError, Cell, ErrorCode, Payload, Priority, Service, limits, message};
+use repose_proto::{CallAttachment, CallError, ErrorCode, Payload, Priority, limits, message};
 use tokio::time::Instant;
 use tracing::Instrument;
 
@@ -25,6 +25,7 @@ use crate::call_options::CallOptions;
 use crate::config::CallerConfig;
 use crate::directory::{Assigned, Directory, Wanted, WorkerView};
 use crate::outage::{LOOK, Patience};
+use crate::target::Target;
 use crate::transport::{OutgoingQuery, Traffic, Transport};
 
 /// By how much the network's own time limit of a query outlives the deadline: the caller's clock alone ends a call, and a stream that ends
@@ -54,8 +55,7 @@ pub struct Caller {
 
 struct Inner {
     transport: Arc<dyn Transport>,
-    cell: Cell,
-    service: Service,
+    target: Target,
     /// The name that this process goes by.
     name: Option<String>,
     config: CallerConfig,
@@ -72,17 +72,16 @@ impl Caller {
     /// When the network refuses.
     pub async fn new(
         transport: Arc<dyn Transport>,
-        cell: Cell,
-        service: Service,
+        target: Target,
         name: Option<String>,
         config: CallerConfig,
     ) -> Result<Self, RuntimeError> {
         let random = Pcg64::seed_from_u64(config.seed.unwrap_or_else(|| uuid::Uuid::new_v4().as_u64_pair().0));
         let suspect_after = Duration::from_millis(config.suspect_after_ms);
-        let directory = Directory::follow(transport.as_ref(), &cell, service, suspect_after, random).await?;
-        let patience = Patience::new(transport.clone(), service, &config);
+        let directory = Directory::follow(transport.as_ref(), &target.workers_in, target.service, suspect_after, random).await?;
+        let patience = Patience::new(transport.clone(), target.clone(), &config);
         let duplicates = Arc::default();
-        Ok(Self { inner: Arc::new(Inner { transport, cell, service, name, config, directory, patience, duplicates }) })
+        Ok(Self { inner: Arc::new(Inner { transport, target, name, config, directory, patience, duplicates }) })
     }
 
     /// How many terminal replies came after the one that ended their call: none, unless a worker breaks the contract.
@@ -111,7 +110,10 @@ impl Caller {
                 changed.await;
             }
         };
-        tokio::time::timeout(bound, enough).await.map_err(|_| self.inner.patience.nobody())
+        match tokio::time::timeout(bound, enough).await {
+            Ok(()) => Ok(()),
+            Err(_) => Err(self.inner.patience.nobody().await),
+        }
     }
 
     /// Waits for a first worker as a call does: `worker_wait_ms`, and through an outage of the router.
@@ -119,10 +121,10 @@ impl Caller {
         let (began, patience) = (Instant::now(), &self.inner.patience);
         while self.wait_for_workers(1, LOOK).await.is_err() {
             if began.elapsed() >= deadline {
-                return Err(patience.at_deadline(patience.nobody()));
+                return Err(patience.at_deadline(patience.nobody().await));
             }
             if patience.is_over(began) {
-                return Err(patience.nobody());
+                return Err(patience.nobody().await);
             }
         }
         Ok(())
@@ -157,7 +159,7 @@ impl Caller {
             attempts: 0,
         };
         // Debug, so that logs have no second span beside the worker's; a collector of traces gets it all the same.
-        let span = tracing::debug_span!("request", id = ongoing.id, method, service = self.inner.service.as_str());
+        let span = tracing::debug_span!("request", id = ongoing.id, method, service = self.inner.target.service.as_str());
         crate::trace::continue_from(&span, options.traceparent.as_deref());
         ongoing.run().instrument(span).await
     }
@@ -176,7 +178,7 @@ impl Caller {
                 self.call(method, payload.clone(), options)
             })
             .collect();
-        let mut worst = self.inner.patience.nobody();
+        let mut worst = CallError::new(ErrorCode::Unavailable, format!("no worker of {} answered", self.inner.target));
         while let Some(ended) = futures::StreamExt::next(&mut calls).await {
             match ended {
                 Ok(answer) => return Ok(answer),
@@ -194,7 +196,7 @@ fn too_late() -> CallError {
 
 impl Inner {
     fn cancel_at(&self, worker: &str, id: &str) -> impl Future<Output = ()> + Send + 'static {
-        let (transport, key) = (self.transport.clone(), self.cell.cancel(self.service, worker, id));
+        let (transport, key) = (self.transport.clone(), self.target.workers_in.cancel(self.target.service, worker, id));
         async move {
             let payload = Payload { encoding: String::new(), bytes: Bytes::new() };
             if let Err(error) = transport.put(&key, payload, Traffic::Call(Priority::Interactive)).await {
@@ -285,7 +287,7 @@ impl Ongoing<'_> {
 
     fn wanted(&self) -> Wanted<'_> {
         let (worker, accept) = (self.options.worker.as_deref(), self.options.accept.as_ref());
-        let needs_load = self.inner.service.operates(self.method);
+        let needs_load = self.inner.target.service.operates(self.method);
         Wanted { worker, accept, tried: &self.tried, never: &self.cancelled_at, needs_load }
     }
 
@@ -306,7 +308,7 @@ impl Ongoing<'_> {
                         return Err(patience.at_deadline(too_late()));
                     }
                     if patience.is_over(began) {
-                        return Err(patience.nobody());
+                        return Err(patience.nobody().await);
                     }
                 }
             }
@@ -355,11 +357,8 @@ impl Ongoing<'_> {
             priority: self.options.priority,
             timeout: remaining + NETWORK_MARGIN,
         };
-        let operates = inner.service.operates(self.method) && inner.directory.operates(assigned.name());
-        let key = match operates {
-            true => inner.cell.operate(inner.service, assigned.name()),
-            false => inner.cell.call(inner.service, assigned.name()),
-        };
+        let operates = inner.target.service.operates(self.method) && inner.directory.operates(assigned.name());
+        let key = inner.target.call(assigned.name(), operates, self.options.cell.as_deref());
         let connection = inner.transport.connection();
         let mut guard = CancelUnlessDone { inner, worker: assigned.name().to_owned(), id: self.id.clone(), armed: true };
         // A transport that does not take the query in time is like a worker that does not answer.
@@ -380,7 +379,7 @@ impl Ongoing<'_> {
             }
         }
         if matches!(ended, Ended::Empty) && self.options.idempotent {
-            let message = format!("{} worker {} is gone", inner.service, assigned.name());
+            let message = format!("{} worker {} is gone", inner.target.service, assigned.name());
             let gone = CallError::new(ErrorCode::Unavailable, message);
             let was_away = inner.transport.connection() != connection;
             let was_ever_there = inner.directory.has_told_load(assigned.name());
@@ -444,13 +443,16 @@ impl Ongoing<'_> {
             Ended::Error(error) if error.retryable => Next::Again(error),
             Ended::Error(error) => Next::Done(Err(error)),
             Ended::Empty => {
-                let message =
-                    format!("{} worker {worker} is gone; whether request {} was carried out is unknown", self.inner.service, self.id);
+                let message = format!(
+                    "{} worker {worker} is gone; whether request {} was carried out is unknown",
+                    self.inner.target.service, self.id
+                );
                 Next::Done(Err(CallError { retryable: false, ..CallError::new(ErrorCode::Unavailable, message) }))
             }
-            Ended::Left => {
-                Next::AtOnce(CallError::new(ErrorCode::Unavailable, format!("{} worker {worker} does not answer", self.inner.service)))
-            }
+            Ended::Left => Next::AtOnce(CallError::new(
+                ErrorCode::Unavailable,
+                format!("{} worker {worker} does not answer", self.inner.target.service),
+            )),
             Ended::Garbled(error) => Next::Done(Err(CallError::internal(format!("worker {worker} answered garbage: {error}")))),
             Ended::Cancelled => Next::Done(Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled"))),
             Ended::Overdue => Next::Done(Err(too_late())),

@@ -3,6 +3,7 @@
 //! `REPOSE_PLANNER__QUEUE_CAPACITY=8` overrides `queue_capacity` of `[planner]`; in both places a field that does not exist is an error.
 //! A section that the file lacks has its defaults. `deploy/repose.toml` shows every field.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use repose_proto::{keys, limits};
@@ -10,6 +11,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::RuntimeError;
+use crate::shares::{CellShare, Shares};
 
 /// The sections that a configuration file may have. Any other is an error, so that a misspelled one is not silently ignored.
 pub const SECTIONS: [&str; 11] =
@@ -85,6 +87,8 @@ impl Default for SessionConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CallerConfig {
+    /// The pool that serves this cell, too: the cell whose planners and inference workers are called in place of its own. None where absent.
+    pub pool: Option<String>,
     /// How often an idempotent call is tried again after its first attempt. Higher: survives more failures, loads a struggling system more.
     pub retries: u32,
     /// How long a worker's load may be silent before calls leave it, milliseconds. Higher: stopped workers hold calls longer; lower:
@@ -108,6 +112,7 @@ pub struct CallerConfig {
 impl Default for CallerConfig {
     fn default() -> Self {
         Self {
+            pool: None,
             retries: 2,
             suspect_after_ms: 1000,
             attempt_share: 0.5,
@@ -143,6 +148,10 @@ pub struct WorkerConfig {
     pub drain_ms: u64,
     /// How many outcomes of at-most-once calls are remembered.
     pub outcomes_kept: usize,
+    /// What each cell that this worker serves as a pool's may have of it.
+    pub share: CellShare,
+    /// What single cells may have in place of that, by name.
+    pub shares: BTreeMap<String, CellShare>,
 }
 
 impl Default for WorkerConfig {
@@ -157,7 +166,16 @@ impl Default for WorkerConfig {
             drain_notice_ms: 100,
             drain_ms: 10_000,
             outcomes_kept: 256,
+            share: CellShare::default(),
+            shares: BTreeMap::new(),
         }
+    }
+}
+
+impl WorkerConfig {
+    /// What the cells that this worker serves may have of it.
+    pub fn cell_shares(&self) -> Shares {
+        Shares::new(self.share.clone(), self.shares.clone())
     }
 }
 
@@ -234,7 +252,14 @@ impl RuntimeConfig {
         check(caller.retries <= 10, "caller", "retries: at most 10")?;
         check(worker.name.as_ref().is_none_or(|n| chunk("name", n)), "worker", "name: must be of the form [a-z0-9][a-z0-9_-]{0,63}")?;
         check(worker.max_open_calls > 0, "worker", "max_open_calls: at least 1")?;
-        check((20..=500).contains(&worker.load_period_ms), "worker", "load_period_ms: expected 20 to 500")
+        check((20..=500).contains(&worker.load_period_ms), "worker", "load_period_ms: expected 20 to 500")?;
+        check(caller.pool.as_ref().is_none_or(|n| chunk("pool", n)), "caller", "pool: must be of the form [a-z0-9][a-z0-9_-]{0,63}")?;
+        let shares = worker.shares.iter().map(|(cell, share)| (format!("shares.{cell}"), share));
+        for (field, share) in shares.chain([("share".to_owned(), &worker.share)]) {
+            let fault = share.fault();
+            check(fault.is_none(), "worker", &format!("{field}.{}", fault.unwrap_or_default()))?;
+        }
+        Ok(())
     }
 }
 

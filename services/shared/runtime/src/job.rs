@@ -1,11 +1,13 @@
 //! A request on its way to a compute thread: how long it may take, and the way back.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use repose_proto::{CallError, ErrorCode, Priority};
 use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
+use crate::shares::ForCell;
 use crate::stages::Stages;
 
 /// How long a job may still be worth computing. Long computations ask between their steps.
@@ -14,6 +16,7 @@ pub struct JobContext {
     deadline: Instant,
     cancelled: CancellationToken,
     pub(crate) priority: Priority,
+    pub(crate) cell: ForCell,
     pub(crate) stages: Stages,
     pub(crate) span: tracing::Span,
 }
@@ -21,7 +24,7 @@ pub struct JobContext {
 impl JobContext {
     /// A job that must be done by `deadline` and ends when `cancelled` is triggered.
     pub fn new(deadline: Instant, cancelled: CancellationToken) -> Self {
-        Self { deadline, cancelled, priority: Priority::Interactive, stages: Stages::default(), span: tracing::Span::current() }
+        Self { deadline, cancelled, priority: Priority::Interactive, cell: None, stages: Stages::default(), span: tracing::Span::current() }
     }
 
     /// The same, whose time in the queue is added to a call's stages.
@@ -34,6 +37,12 @@ impl JobContext {
     #[must_use]
     pub fn with_priority(self, priority: Priority) -> Self {
         Self { priority, ..self }
+    }
+
+    /// The same for another cell than the worker's own.
+    #[must_use]
+    pub fn for_cell(self, cell: Option<Arc<str>>) -> Self {
+        Self { cell, ..self }
     }
 
     /// A job that nobody cancels.

@@ -3,8 +3,8 @@
 //! Async code submits and awaits; compute threads never await. A full queue refuses at once. A job whose caller has gone, whose deadline
 //! has passed or whose request was cancelled is never started. Jobs that wait together are handed over together, up to `max_batch` and
 //! `max_weight`, so that an inference thread can batch across requests, and a thread may wait a configured time for a fuller batch.
-//! Interactive jobs go before batch ones and are not handed over with them, but these get a turn after some were let by. A panic ends its
-//! jobs with `internal` and not the thread.
+//! Interactive jobs go before batch ones and are not handed over with them, but these get a turn after some were let by. Where jobs are for
+//! several cells, these take turns. A panic ends its jobs with `internal` and not the thread.
 //!
 //! Overload is shed at the door: a job whose wait would not leave it time to be computed before its deadline is refused at once, batch jobs
 //! get no more than half of the places, and an interactive job takes the youngest batch job's place where there is none left.
@@ -20,6 +20,7 @@ use crate::RuntimeError;
 use crate::gauge::LoadGauge;
 use crate::job::{Job, JobContext, JobReply};
 use crate::scheduling::yield_to_messages;
+use crate::shares::{ForCell, Shares};
 use crate::waiting::{Taken, WaitingJobs};
 
 /// Size of a queue and of its crew.
@@ -38,11 +39,21 @@ pub struct QueueSettings {
     pub max_weight: usize,
     /// How long the first job of a batch waits for others. Higher: fuller batches when many ask, and every lone job is later by as much.
     pub max_wait: Duration,
+    /// What each cell may have of it, where it serves several.
+    pub shares: Arc<Shares>,
 }
 
 impl Default for QueueSettings {
     fn default() -> Self {
-        Self { name: "compute".to_owned(), capacity: 32, threads: 1, max_batch: 1, max_weight: usize::MAX, max_wait: Duration::ZERO }
+        Self {
+            name: "compute".to_owned(),
+            capacity: 32,
+            threads: 1,
+            max_batch: 1,
+            max_weight: usize::MAX,
+            max_wait: Duration::ZERO,
+            shares: Arc::default(),
+        }
     }
 }
 
@@ -60,13 +71,24 @@ struct Shared<R, T> {
 }
 
 impl<R, T> Shared<R, T> {
-    fn exhausted(&self, message: impl Into<String>) -> CallError {
+    fn exhausted(&self, message: &str) -> CallError {
+        self.refused(CallError::new(ErrorCode::ResourceExhausted, message))
+    }
+
+    /// Counts a refusal, and says when to come back.
+    fn refused(&self, error: CallError) -> CallError {
         metrics::counter!("repose_refused_total", "queue" => self.settings.name.clone()).increment(1);
-        CallError::new(ErrorCode::ResourceExhausted, message).retry_after(self.gauge.retry_after_ms(self.settings.threads))
+        error.retry_after(self.gauge.retry_after_ms(self.settings.threads))
     }
 
     fn state(&self) -> MutexGuard<'_, State<R, T>> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Counts jobs for these cells as done, which others of theirs may have waited for.
+    fn finish(&self, cells: &[ForCell]) {
+        let mut state = self.state();
+        cells.iter().for_each(|cell| state.jobs.finish(cell));
     }
 
     /// Waits for jobs; none when the queue is closed and empty.
@@ -76,8 +98,9 @@ impl<R, T> Shared<R, T> {
         let mut taken = Taken::none(max_weight);
         let mut full_by = None;
         loop {
-            while let Some(job) = state.jobs.pop(&mut taken, self.weigh) {
+            while let Some(job) = state.jobs.pop(&mut taken) {
                 if let Some(job) = job.alive() {
+                    state.jobs.start(&job);
                     let waited = job.queued.elapsed();
                     job.context.stages.add("queue", waited.as_secs_f64() * 1e3);
                     metrics::histogram!("repose_queue_seconds", "queue" => self.settings.name.clone()).record(waited.as_secs_f64());
@@ -133,7 +156,7 @@ impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
     where
         W: FnMut(Vec<Job<R, T>>) + Send + 'static,
     {
-        let state = Mutex::new(State { jobs: WaitingJobs::default(), closed: false });
+        let state = Mutex::new(State { jobs: WaitingJobs::new(weigh, settings.shares.clone()), closed: false });
         let shared = Arc::new(Shared { state, arrived: Condvar::new(), gauge: Arc::default(), settings, weigh });
         // Made first, so that the threads end when one of them could not be started.
         let queue = Self { shared: shared.clone() };
@@ -144,6 +167,7 @@ impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
                 yield_to_messages();
                 while let Some(batch) = shared.take() {
                     let (jobs, started) = (batch.len(), Instant::now());
+                    let cells: Vec<ForCell> = batch.iter().map(|job| job.context.cell.clone()).collect();
                     shared.gauge.started(jobs);
                     // Unwinding drops the jobs, which answers them; the crew's state is its own affair.
                     if catch_unwind(AssertUnwindSafe(|| work(batch))).is_err() {
@@ -151,6 +175,7 @@ impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
                     }
                     let elapsed = started.elapsed();
                     shared.gauge.finished(jobs, elapsed);
+                    shared.finish(&cells);
                     let name = || shared.settings.name.clone();
                     metrics::histogram!("repose_compute_seconds", "queue" => name()).record(elapsed.as_secs_f64());
                     metrics::histogram!("repose_batch_jobs", "queue" => name()).record(jobs as f64);
@@ -175,7 +200,7 @@ impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
         let displaced = state.jobs.displaced_by(context.priority, capacity);
         if let Some(why) = state.jobs.refusal(&context, capacity, threads, &self.shared.gauge) {
             state.jobs.restore(displaced);
-            return Err(self.shared.exhausted(why));
+            return Err(self.shared.refused(CallError::from(&why)));
         }
         state.jobs.push(Job { queued: Instant::now(), request, context: context.clone(), reply: JobReply(reply) });
         let overtaken = state.jobs.overtaken(threads, &self.shared.gauge);

@@ -1,11 +1,14 @@
 //! What callers may rely on: order, refusal, batches, and that nothing that nobody waits for is computed.
 
+use std::collections::BTreeMap;
 use std::sync::mpsc;
 
+use futures::FutureExt;
 use repose_proto::Priority;
 use tokio_util::sync::CancellationToken;
 
 use super::*;
+use crate::shares::CellShare;
 use crate::waiting::LET_BY;
 
 fn queue(capacity: usize) -> ComputeQueue {
@@ -293,5 +296,119 @@ async fn batch_leaves_half_of_the_places_and_yields_its_own_to_interactive_jobs(
     running.await.unwrap();
     for job in interactive {
         assert_eq!(job.await, Ok(Priority::Interactive));
+    }
+}
+
+fn of_cell(cell: &str) -> JobContext {
+    minute().for_cell(Some(cell.into()))
+}
+
+/// The shares of cells that each have one of their own.
+fn shares<const N: usize>(cells: [(&str, CellShare); N]) -> Arc<Shares> {
+    Arc::new(Shares::new(CellShare::default(), BTreeMap::from(cells.map(|(cell, share)| (cell.to_owned(), share)))))
+}
+
+/// The places in the order of computing of jobs for these cells that wait together, after the first, which holds the thread.
+async fn places(settings: QueueSettings, cells: &[&str]) -> Vec<usize> {
+    let (queue, release) = ordered(settings);
+    let first = queue.submit(minute(), 0).unwrap();
+    while queue.gauge().running() == 0 {
+        tokio::task::yield_now().await;
+    }
+    let jobs: Vec<_> = cells.iter().map(|cell| queue.submit(of_cell(cell), 1).unwrap()).collect();
+    drop(release);
+    first.answer().await.unwrap();
+    let mut places = Vec::new();
+    for job in jobs {
+        places.push(job.answer().await.unwrap().0);
+    }
+    places
+}
+
+#[tokio::test]
+async fn cells_take_turns_and_one_that_floods_delays_the_others_by_one_job_each() {
+    let settings = QueueSettings { capacity: 64, ..QueueSettings::default() };
+    let flooded = places(settings, &["a", "a", "a", "a", "a", "a", "b", "b", "c"]).await;
+    assert_eq!(flooded, [1, 4, 6, 7, 8, 9, 2, 5, 3]);
+}
+
+#[tokio::test]
+async fn a_cell_of_twice_the_weight_has_two_jobs_computed_for_each_of_another() {
+    let weight = CellShare { weight: Some(2.0), ..CellShare::default() };
+    let settings = QueueSettings { capacity: 64, shares: shares([("a", weight)]), ..QueueSettings::default() };
+    let places = places(settings, &["b", "b", "b", "a", "a", "a", "a", "a", "a"]).await;
+    let before = |place: usize| places[3..].iter().filter(|other| **other < place).count();
+    assert_eq!(places[..3].iter().map(|place| before(*place)).collect::<Vec<_>>(), [0, 2, 4], "{places:?}");
+}
+
+#[tokio::test]
+async fn a_cell_has_no_more_jobs_waiting_and_running_than_it_may_have() {
+    let limit = CellShare { max_waiting: Some(2), max_running: Some(1), ..CellShare::default() };
+    let settings = QueueSettings { capacity: 64, threads: 2, shares: shares([("a", limit)]), ..QueueSettings::default() };
+    let queue = ComputeQueue::start(settings).unwrap();
+    let (release, released) = mpsc::channel::<()>();
+    let mut running = Box::pin(queue.run(of_cell("a"), move |_| {
+        let _released = released.recv();
+        Ok(())
+    }));
+    assert!(futures::poll!(running.as_mut()).is_pending());
+    while queue.gauge().running() == 0 {
+        tokio::task::yield_now().await;
+    }
+    let mut waiting: Vec<_> = (0..2).map(|_| Box::pin(queue.run(of_cell("a"), |_| Ok(())))).collect();
+    for job in &mut waiting {
+        assert!(futures::poll!(job.as_mut()).is_pending());
+    }
+    let refused = queue.run(of_cell("a"), |_| Ok(())).await.unwrap_err();
+    assert_eq!((refused.code, refused.field.as_deref()), (ErrorCode::ResourceExhausted, Some("cell")));
+    assert!(refused.message.contains("cell a") && refused.retry_after_ms.is_some(), "{refused}");
+    // The other thread is for other cells, and those that wait leave it to them.
+    queue.run(of_cell("b"), |_| Ok(())).await.unwrap();
+    assert_eq!(queue.gauge().waiting(), 2);
+    drop(release);
+    running.await.unwrap();
+    for job in waiting {
+        job.await.unwrap();
+    }
+}
+
+#[tokio::test]
+async fn a_cell_that_floods_finds_half_of_the_places_and_the_next_cell_finds_some() {
+    let queue = queue(8);
+    let (release, running) = block(&queue);
+    let mut running = std::pin::pin!(running);
+    assert!(futures::poll!(running.as_mut()).is_pending());
+    while queue.gauge().running() == 0 {
+        tokio::task::yield_now().await;
+    }
+    let mut waiting: Vec<_> = (0..4).map(|_| Box::pin(queue.run(of_cell("a"), |_| Ok(())))).collect();
+    waiting.iter_mut().for_each(|job| assert!(job.as_mut().now_or_never().is_none()));
+    let refused = queue.run(of_cell("a"), |_| Ok(())).await.unwrap_err();
+    assert_eq!((refused.code, refused.field.as_deref()), (ErrorCode::ResourceExhausted, Some("cell")), "{refused}");
+    let mut of_the_next = Box::pin(queue.run(of_cell("b"), |_| Ok(())));
+    assert!(futures::poll!(of_the_next.as_mut()).is_pending());
+    drop(release);
+    running.await.unwrap();
+    of_the_next.await.unwrap();
+    for job in waiting {
+        job.await.unwrap();
+    }
+}
+
+#[tokio::test]
+async fn a_cell_pays_for_what_was_computed_and_not_for_what_it_gave_up() {
+    let (queue, release) = ordered(QueueSettings { capacity: 64, ..QueueSettings::default() });
+    let first = queue.submit(minute(), 0).unwrap();
+    while queue.gauge().running() == 0 {
+        tokio::task::yield_now().await;
+    }
+    drop((0..5).map(|_| queue.submit(of_cell("a"), 1).unwrap()).collect::<Vec<_>>());
+    let of_b: Vec<_> = (0..3).map(|_| queue.submit(of_cell("b"), 1).unwrap()).collect();
+    let of_a = queue.submit(of_cell("a"), 1).unwrap();
+    drop(release);
+    first.answer().await.unwrap();
+    assert!(of_a.answer().await.unwrap().0 <= 2);
+    for job in of_b {
+        job.answer().await.unwrap();
     }
 }

@@ -5,10 +5,12 @@ use std::collections::{HashMap, VecDeque};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::time::Duration;
 
-use repose_proto::{CallError, Payload, Priority, limits};
+use repose_proto::{CallAttachment, CallError, Payload, Priority, limits};
 use tokio::sync::watch;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
+
+use crate::shares::{ForCell, leaves_room};
 
 /// Cancels remembered at once; the oldest go first.
 const MAX_CANCELS: usize = 4096;
@@ -34,9 +36,15 @@ pub enum Admission {
     Conflict,
     /// Too many calls are open.
     Full,
+    /// Too many of its cell are.
+    CellFull {
+        /// How many.
+        open: usize,
+    },
 }
 
 struct Entry {
+    cell: ForCell,
     fingerprint: u64,
     cancelled: CancellationToken,
     /// The caller asked for the cancel, rather than a drain or the deadline.
@@ -73,9 +81,9 @@ impl Registry {
         }
     }
 
-    /// Takes a call in.
-    pub fn admit(&mut self, id: &str, method: &str, priority: Priority, payload: &Payload) -> Admission {
-        let fingerprint = fingerprint(method, payload);
+    /// Takes a call in, for a cell.
+    pub fn admit(&mut self, call: &CallAttachment, cell: &ForCell, payload: &Payload) -> Admission {
+        let (id, fingerprint) = (call.id.as_str(), fingerprint(&call.method, payload));
         if let Some(entry) = self.open.get(id).or_else(|| self.kept.get(id)) {
             return match entry.fingerprint == fingerprint {
                 true => Admission::Join { outcome: entry.outcome.subscribe() },
@@ -86,11 +94,17 @@ impl Registry {
         if self.cancels.iter().any(|(_, cancelled)| cancelled == id) {
             return Admission::Cancelled;
         }
-        if self.open.len() >= self.places(priority) {
+        let (taken, places) = (self.open.len(), self.places(call.priority));
+        if taken >= places {
             return Admission::Full;
         }
+        let open = self.open.values().filter(|entry| entry.cell == *cell).count();
+        if cell.is_some() && !leaves_room(open, taken, places) {
+            return Admission::CellFull { open };
+        }
         let cancelled = CancellationToken::new();
-        let entry = Entry { fingerprint, cancelled: cancelled.clone(), by_caller: false, outcome: watch::Sender::new(None) };
+        let entry =
+            Entry { cell: cell.clone(), fingerprint, cancelled: cancelled.clone(), by_caller: false, outcome: watch::Sender::new(None) };
         self.open.insert(id.to_owned(), entry);
         Admission::Compute { cancelled }
     }
@@ -158,44 +172,75 @@ mod tests {
         Payload { encoding: "application/json".to_owned(), bytes: text.into() }
     }
 
+    /// What a registry says to a call of method `m` with a payload.
+    fn admit(registry: &mut Registry, id: &str, text: &'static str) -> Admission {
+        admit_for(registry, &None, id, text)
+    }
+
+    fn admit_for(registry: &mut Registry, cell: &ForCell, id: &str, text: &'static str) -> Admission {
+        let call = CallAttachment {
+            v: limits::VERSION,
+            id: id.to_owned(),
+            method: "m".to_owned(),
+            remaining_ms: 1000,
+            priority: Priority::Interactive,
+            attempt: 0,
+            traceparent: None,
+            caller: None,
+        };
+        registry.admit(&call, cell, &payload(text))
+    }
+
     #[tokio::test(start_paused = true)]
     async fn a_cancel_before_its_call_is_remembered_for_ten_seconds() {
         let mut registry = Registry::new(4, 4);
         registry.cancel("a");
-        assert!(matches!(registry.admit("a", "m", Priority::Interactive, &payload("1")), Admission::Cancelled));
+        assert!(matches!(admit(&mut registry, "a", "1"), Admission::Cancelled));
         tokio::time::advance(Duration::from_millis(limits::CANCEL_MEMORY_MS + 1)).await;
-        assert!(matches!(registry.admit("a", "m", Priority::Interactive, &payload("1")), Admission::Compute { .. }));
+        assert!(matches!(admit(&mut registry, "a", "1"), Admission::Compute { .. }));
     }
 
     #[tokio::test]
     async fn the_same_id_joins_and_a_different_request_under_it_conflicts() {
         let mut registry = Registry::new(4, 4);
-        assert!(matches!(registry.admit("a", "m", Priority::Interactive, &payload("1")), Admission::Compute { .. }));
-        let Admission::Join { mut outcome } = registry.admit("a", "m", Priority::Interactive, &payload("1")) else {
-            panic!("expected to join")
-        };
-        assert!(matches!(registry.admit("a", "m", Priority::Interactive, &payload("2")), Admission::Conflict));
+        assert!(matches!(admit(&mut registry, "a", "1"), Admission::Compute { .. }));
+        let Admission::Join { mut outcome } = admit(&mut registry, "a", "1") else { panic!("expected to join") };
+        assert!(matches!(admit(&mut registry, "a", "2"), Admission::Conflict));
         registry.finish("a", Ok(payload("done")), false);
         assert_eq!(outcome.wait_for(Option::is_some).await.unwrap().clone(), Some(Ok(payload("done"))));
-        assert!(matches!(registry.admit("a", "m", Priority::Interactive, &payload("2")), Admission::Compute { .. }));
+        assert!(matches!(admit(&mut registry, "a", "2"), Admission::Compute { .. }));
     }
 
     #[tokio::test]
     async fn outcomes_of_at_most_once_calls_are_kept_up_to_a_bound() {
         let mut registry = Registry::new(4, 2);
         for id in ["a", "b", "c"] {
-            assert!(matches!(registry.admit(id, "execute", Priority::Interactive, &payload("1")), Admission::Compute { .. }));
+            assert!(matches!(admit(&mut registry, id, "1"), Admission::Compute { .. }));
             registry.finish(id, Ok(payload("done")), true);
         }
-        assert!(matches!(registry.admit("a", "execute", Priority::Interactive, &payload("1")), Admission::Compute { .. }));
-        assert!(matches!(registry.admit("c", "execute", Priority::Interactive, &payload("1")), Admission::Join { .. }));
-        assert!(matches!(registry.admit("c", "execute", Priority::Interactive, &payload("2")), Admission::Conflict));
+        assert!(matches!(admit(&mut registry, "a", "1"), Admission::Compute { .. }));
+        assert!(matches!(admit(&mut registry, "c", "1"), Admission::Join { .. }));
+        assert!(matches!(admit(&mut registry, "c", "2"), Admission::Conflict));
     }
 
     #[tokio::test]
     async fn no_more_than_the_bound_are_open() {
         let mut registry = Registry::new(1, 0);
-        assert!(matches!(registry.admit("a", "m", Priority::Interactive, &payload("1")), Admission::Compute { .. }));
-        assert!(matches!(registry.admit("b", "m", Priority::Interactive, &payload("1")), Admission::Full));
+        assert!(matches!(admit(&mut registry, "a", "1"), Admission::Compute { .. }));
+        assert!(matches!(admit(&mut registry, "b", "1"), Admission::Full));
+    }
+
+    #[tokio::test]
+    async fn a_cell_that_floods_leaves_places_to_the_next() {
+        let mut registry = Registry::new(8, 0);
+        let (flooding, quiet): (ForCell, ForCell) = (Some("a".into()), Some("b".into()));
+        for id in ["a1", "a2", "a3", "a4"] {
+            assert!(matches!(admit_for(&mut registry, &flooding, id, "1"), Admission::Compute { .. }));
+        }
+        assert!(matches!(admit_for(&mut registry, &flooding, "a5", "1"), Admission::CellFull { open: 4 }));
+        assert!(matches!(admit_for(&mut registry, &quiet, "b1", "1"), Admission::Compute { .. }));
+        registry.finish("a1", Ok(payload("done")), false);
+        assert!(matches!(admit_for(&mut registry, &flooding, "a6", "1"), Admission::Compute { .. }), "four places are free again");
+        assert!(matches!(admit(&mut registry, "own", "1"), Admission::Compute { .. }), "the worker's own cell has all of them");
     }
 }

@@ -22,11 +22,13 @@ use tracing::Instrument;
 use crate::RuntimeError;
 use crate::call::{Call, Handler};
 use crate::config::WorkerConfig;
+use crate::door::Door;
 use crate::gauge::LoadGauge;
 use crate::journal::Journal;
 use crate::mailbox::{MailboxReceiver, mailbox};
 use crate::namesakes;
 use crate::registry::{Admission, Outcome, Registry};
+use crate::shares::ForCell;
 use crate::stages::Stages;
 use crate::tally::Tally;
 use crate::transport::{Guard, IncomingQueries, IncomingQuery, Replier, Subscription, Traffic, Transport};
@@ -89,6 +91,10 @@ impl Server {
             true => Some(transport.serve(&cell.operate(service, &worker), INCOMING_CAPACITY).await?),
             false => None,
         };
+        let for_others = match service.is_poolable() {
+            true => Some(transport.serve(&cell.calls_for_others(service, &worker), INCOMING_CAPACITY).await?),
+            false => None,
+        };
         let cancels = transport.subscribe(&cell.cancels(service, &worker), CANCEL_CAPACITY).await?;
         let (stop, load_changed) = (CancellationToken::new(), Arc::new(Notify::new()));
         let journal = Journal::follow(transport.clone(), &cell, (service, &worker), load_changed.clone(), stop.clone()).await?;
@@ -115,9 +121,9 @@ impl Server {
             let found = namesakes::find(loads, shared.loads_told.clone(), name_taken.clone());
             tokio::spawn(stop.clone().run_until_cancelled_owned(found));
         }
-        tokio::spawn(stop.clone().run_until_cancelled_owned(take_calls(shared.clone(), queries, Door::Call)));
-        if let Some(operations) = operations {
-            tokio::spawn(stop.clone().run_until_cancelled_owned(take_calls(shared.clone(), operations, Door::Operate)));
+        let doors = [(Some(queries), Door::Call), (operations, Door::Operate), (for_others, Door::ForOthers)];
+        for (queries, door) in doors.into_iter().filter_map(|(queries, door)| Some((queries?, door))) {
+            tokio::spawn(stop.clone().run_until_cancelled_owned(take_calls(shared.clone(), queries, door)));
         }
         tokio::spawn(stop.clone().run_until_cancelled_owned(take_cancels(shared.clone(), cancels)));
         tokio::spawn(stop.clone().run_until_cancelled_owned(report_load(shared.clone())));
@@ -169,13 +175,6 @@ impl Shared {
 /// A name that no other process has.
 fn made_up_name() -> String {
     format!("w-{}", &uuid::Uuid::new_v4().simple().to_string()[..12])
-}
-
-/// The key that a call came by.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Door {
-    Call,
-    Operate,
 }
 
 async fn take_calls(shared: Arc<Shared>, mut queries: IncomingQueries, door: Door) {
@@ -304,7 +303,7 @@ fn id_of(attachment: &[u8]) -> String {
 }
 
 async fn answer(shared: Arc<Shared>, query: IncomingQuery, door: Door) {
-    let IncomingQuery { payload, attachment, replier } = query;
+    let IncomingQuery { key, payload, attachment, replier } = query;
     let received = Instant::now();
     let mut reply = ReplyAttachment {
         v: limits::VERSION,
@@ -334,12 +333,17 @@ async fn answer(shared: Arc<Shared>, query: IncomingQuery, door: Door) {
     }
     let answerer = Answerer { replier, attachment: reply, journal };
     let deadline = received + Duration::from_millis(call.remaining_ms);
-    if let Err(error) = shared.may_enter(door, &call.method) {
-        return answerer.finish(Err(error), BTreeMap::new()).await;
-    }
-    let admission = shared.registry().admit(&call.id, &call.method, call.priority, &payload);
+    let entered = shared.may_enter(door, &call.method).and_then(|()| door.cell(&key, &shared.cell));
+    let cell = match entered {
+        Ok(cell) => cell,
+        Err(error) => return answerer.finish(Err(error), BTreeMap::new()).await,
+    };
+    let admission = shared.registry().admit(&call, &cell, &payload);
     let error = match admission {
-        Admission::Compute { cancelled } => return compute(shared, call, payload, deadline, cancelled, answerer).await,
+        Admission::Compute { cancelled } => {
+            let admitted = Admitted { attachment: call, cell, payload, deadline, cancelled };
+            return compute(shared, admitted, answerer).await;
+        }
         Admission::Join { outcome } => return join(outcome, deadline, answerer).await,
         Admission::Cancelled => CallError::new(ErrorCode::Cancelled, "the caller cancelled before the call came"),
         Admission::Conflict => CallError::precondition("this id belongs to a different request").at("id"),
@@ -347,8 +351,13 @@ async fn answer(shared: Arc<Shared>, query: IncomingQuery, door: Door) {
             let message = format!("{} calls are open already", shared.config.max_open_calls);
             CallError::new(ErrorCode::ResourceExhausted, message).retry_after(shared.retry_after_ms())
         }
+        Admission::CellFull { open } => {
+            let name = cell.as_deref().unwrap_or_default();
+            let message = format!("{open} calls of cell {name} are open already, as many as places are left for others");
+            CallError::new(ErrorCode::ResourceExhausted, message).at("cell").retry_after(shared.retry_after_ms())
+        }
     };
-    let span = span_of(&shared, &call);
+    let span = span_of(&shared, &call, &cell);
     let refused = Err(error);
     span.in_scope(|| shared.tally.count(shared.service, &call.method, &refused, received.elapsed()));
     answerer.finish(refused, BTreeMap::new()).await;
@@ -360,16 +369,7 @@ impl Shared {
         if self.refusing.load(Ordering::Acquire) {
             return Err(CallError::new(ErrorCode::Unavailable, "this worker is stopping"));
         }
-        match (door, self.service.operates(method)) {
-            (Door::Operate, false) => {
-                Err(CallError::invalid("method", format!("{method:?} moves nothing: it is called by this worker's key `call`")))
-            }
-            (Door::Call, true) if self.config.operate_only => {
-                let message = format!("{method:?} is for operators: it is called by this worker's key `operate`");
-                Err(CallError::precondition(message).at("method"))
-            }
-            _ => Ok(()),
-        }
+        door.takes(method, self.service, self.config.operate_only)
     }
 
     fn retry_after_ms(&self) -> u64 {
@@ -379,16 +379,19 @@ impl Shared {
     }
 }
 
-async fn compute(
-    shared: Arc<Shared>,
+/// A call that was let in.
+struct Admitted {
     attachment: CallAttachment,
+    cell: ForCell,
     payload: Payload,
     deadline: Instant,
     cancelled: CancellationToken,
-    mut answerer: Answerer,
-) {
+}
+
+async fn compute(shared: Arc<Shared>, admitted: Admitted, mut answerer: Answerer) {
+    let Admitted { attachment, cell, payload, deadline, cancelled } = admitted;
     let (progress, mut progressed) = mailbox(PROGRESS_CAPACITY);
-    let span = span_of(&shared, &attachment);
+    let span = span_of(&shared, &attachment, &cell);
     let call = Call {
         id: attachment.id,
         method: attachment.method,
@@ -398,6 +401,7 @@ async fn compute(
         // A call made on behalf of this one belongs under this one's span.
         traceparent: crate::trace::traceparent(&span).or(attachment.traceparent),
         caller: attachment.caller,
+        cell,
         deadline,
         cancelled: cancelled.clone(),
         progress,
@@ -432,10 +436,11 @@ async fn compute(
 }
 
 /// The span of a call, under the caller's where it sent one.
-fn span_of(shared: &Shared, call: &CallAttachment) -> tracing::Span {
+fn span_of(shared: &Shared, call: &CallAttachment, cell: &ForCell) -> tracing::Span {
     let (service, worker) = (shared.service.as_str(), shared.worker.as_str());
     let (id, method, attempt) = (call.id.as_str(), call.method.as_str(), call.attempt);
-    let span = tracing::info_span!("call", id, method, caller = call.caller, attempt, service, worker, cell = shared.cell.name());
+    let cell = cell.as_deref().unwrap_or(shared.cell.name());
+    let span = tracing::info_span!("call", id, method, caller = call.caller, attempt, service, worker, cell);
     crate::trace::continue_from(&span, call.traceparent.as_deref());
     span
 }

@@ -8,6 +8,8 @@ use repose_proto::{CallError, Cell, Payload, Service};
 
 use crate::caller::Caller;
 use crate::config::RuntimeConfig;
+use crate::shares::Shares;
+use crate::target::Target;
 use crate::transport::{AliveWatch, Subscription, Traffic, Transport};
 use crate::zenoh_transport::ZenohTransport;
 use crate::{Handler, HealthServer, RuntimeError, Server, Shutdown};
@@ -57,17 +59,34 @@ impl Session {
         Ok(Self { cell: Cell::new(name)?, ..self.clone() })
     }
 
+    /// The pool that serves this cell, too, if it has one.
+    pub fn pool(&self) -> Option<&str> {
+        self.config.caller.pool.as_deref().filter(|pool| *pool != self.cell.name())
+    }
+
+    /// What each cell may have of a worker here that serves several.
+    pub fn cell_shares(&self) -> Arc<Shares> {
+        Arc::new(self.config.worker.cell_shares())
+    }
+
     /// The cell's keys.
     pub fn cell(&self) -> &Cell {
         &self.cell
     }
 
-    /// Follows a service's workers, to call them.
+    /// Follows a service's workers, to call them: those of the cell's pool, where it has one and a pool may serve that.
     ///
     /// # Errors
     /// When the network refuses.
     pub async fn caller(&self, service: Service) -> Result<Caller, RuntimeError> {
-        Caller::new(self.transport.clone(), self.cell.clone(), service, self.config.session.name.clone(), self.config.caller.clone()).await
+        let target = match self.pool().filter(|_| service.is_poolable()) {
+            Some(pool) => {
+                let pool = Cell::new(pool).map_err(|e| RuntimeError::transport("naming the pool", e))?;
+                Target { workers_in: pool, service, on_behalf_of: Some(self.cell.name().into()) }
+            }
+            None => Target { workers_in: self.cell.clone(), service, on_behalf_of: None },
+        };
+        Caller::new(self.transport.clone(), target, self.config.session.name.clone(), self.config.caller.clone()).await
     }
 
     /// Starts a worker of a service; drain it to stop it.

@@ -1,6 +1,6 @@
 //! The small interface that callers, workers and publishers sit on, so that a fake network can stand in for Zenoh in tests.
 //!
-//! Semantics that both implementations keep: a query reaches the one worker that serves exactly that key; its replies arrive in order;
+//! Semantics that both implementations keep: a query reaches the one worker that serves its key; its replies arrive in order;
 //! the stream ends when the worker has let go of the query, or at once when there is no such worker or it dies; nothing here blocks a
 //! receiving thread, and every buffer is bounded.
 
@@ -92,6 +92,8 @@ pub trait Replier: Send + Sync {
 
 /// A call that arrived.
 pub struct IncomingQuery {
+    /// The key that it was sent to, one of those served.
+    pub key: String,
     /// The request; an empty encoding and no bytes where the caller sent none.
     pub payload: Payload,
     /// Its attachment; empty without one.
@@ -183,7 +185,7 @@ pub trait Transport: Send + Sync + 'static {
     /// When the network refuses. A worker that is not there is no error: the stream ends at once.
     async fn query(&self, key: &str, query: OutgoingQuery) -> Result<ReplyStream, RuntimeError>;
 
-    /// Serves `key`: at most `capacity` calls wait to be taken; the next are let go, which their callers see as a stream that ends.
+    /// Serves `key`, which may have `*` for chunks: at most `capacity` calls wait to be taken; the next are let go, which their callers see as a stream that ends.
     ///
     /// # Errors
     /// When the network refuses.

@@ -2,14 +2,17 @@
 //!
 //! Interactive jobs go before batch ones, which get a turn after some were let by. Batch leaves half of the places to interactive jobs, of which
 //! one takes the youngest batch job's place where there is none left. A job that could not be done by its deadline is refused at once, and a batch
-//! job that is overtaken by too many interactive ones as soon as that is clear.
+//! job that is overtaken by too many interactive ones as soon as that is clear. Among jobs of one priority cells take turns ([`Line`]), and one that
+//! floods leaves places to the others.
 
-use std::collections::VecDeque;
+use std::sync::Arc;
 
-use repose_proto::Priority;
+use repose_proto::{CallError, ErrorCode, Priority};
 
 use crate::gauge::LoadGauge;
 use crate::job::{Job, JobContext};
+use crate::line::{Line, Running};
+use crate::shares::{ForCell, Shares, leaves_room};
 
 /// Interactive jobs that may be taken before a batch job that waits: no more, or a busy service would never come to it.
 pub(crate) const LET_BY: usize = 16;
@@ -30,32 +33,62 @@ fn places(capacity: usize, priority: Priority) -> usize {
     }
 }
 
+/// Why a job cannot be taken.
+#[derive(Debug, PartialEq)]
+pub(crate) enum Refusal {
+    /// There is no place.
+    Full { waiting: usize },
+    /// There is none for its cell.
+    CellFull { cell: Arc<str>, waiting: usize },
+    /// It could not be done by its deadline.
+    TooLate { expected_ms: f64, left_ms: f64 },
+}
+
+impl From<&Refusal> for CallError {
+    fn from(refusal: &Refusal) -> Self {
+        let exhausted = |message| Self::new(ErrorCode::ResourceExhausted, message);
+        match refusal {
+            Refusal::Full { waiting } => exhausted(format!("{waiting} calls wait already")),
+            Refusal::CellFull { cell, waiting } => {
+                exhausted(format!("{waiting} calls of cell {cell} wait already, as many as it may have here")).at("cell")
+            }
+            Refusal::TooLate { expected_ms, left_ms } => {
+                exhausted(format!("it would take about {expected_ms:.0} ms and {left_ms:.0} ms are left"))
+            }
+        }
+    }
+}
+
 /// The jobs that wait.
 pub(crate) struct WaitingJobs<R, T> {
-    interactive: VecDeque<Job<R, T>>,
-    batch: VecDeque<Job<R, T>>,
+    interactive: Line<R, T>,
+    batch: Line<R, T>,
+    running: Running,
+    weigh: fn(&R) -> usize,
+    shares: Arc<Shares>,
     /// Interactive jobs taken while a batch job waited, since the last batch job.
     let_by: usize,
     /// The smoothed share of interactive jobs among those taken.
     interactive_share: f64,
 }
 
-impl<R, T> Default for WaitingJobs<R, T> {
-    fn default() -> Self {
-        Self { interactive: VecDeque::new(), batch: VecDeque::new(), let_by: 0, interactive_share: 0.0 }
-    }
-}
-
 impl<R, T> WaitingJobs<R, T> {
+    /// None yet. `weigh` says what a job costs its cell, and how much of a batch it takes.
+    pub(crate) fn new(weigh: fn(&R) -> usize, shares: Arc<Shares>) -> Self {
+        let line = || Line::new(weigh, shares.clone());
+        let (interactive, batch, running) = (line(), line(), Running::none(shares.clone()));
+        Self { interactive, batch, running, weigh, shares, let_by: 0, interactive_share: 0.0 }
+    }
+
     pub(crate) fn waiting(&self) -> usize {
         self.interactive.len() + self.batch.len()
     }
 
-    /// Jobs that go before a new one of a priority.
-    fn ahead(&self, priority: Priority) -> usize {
-        match priority {
-            Priority::Interactive => self.interactive.len(),
-            Priority::Batch => self.waiting(),
+    /// Jobs that go before a new one.
+    fn ahead(&self, context: &JobContext) -> usize {
+        match context.priority {
+            Priority::Interactive => self.interactive.ahead_of(&context.cell),
+            Priority::Batch => self.interactive.len() + self.batch.ahead_of(&context.cell),
         }
     }
 
@@ -66,22 +99,29 @@ impl<R, T> WaitingJobs<R, T> {
             self.drop_abandoned();
         }
         match (self.waiting() >= places(capacity, priority), priority) {
-            (true, Priority::Interactive) => self.batch.pop_back(),
+            (true, Priority::Interactive) => self.batch.pop_last(),
             _ => None,
         }
     }
 
     /// Puts a displaced job back.
     pub(crate) fn restore(&mut self, displaced: Option<Job<R, T>>) {
-        self.batch.extend(displaced);
+        displaced.into_iter().for_each(|job| self.batch.push(job));
     }
 
-    /// Why a job cannot be taken: no place, or no hope to be done by its deadline.
-    pub(crate) fn refusal(&self, context: &JobContext, capacity: usize, threads: usize, gauge: &LoadGauge) -> Option<String> {
-        if self.waiting() >= places(capacity, context.priority) {
-            return Some(format!("{} calls wait already", self.waiting()));
+    /// Why a job cannot be taken, if it cannot.
+    pub(crate) fn refusal(&self, context: &JobContext, capacity: usize, threads: usize, gauge: &LoadGauge) -> Option<Refusal> {
+        let (waiting, places) = (self.waiting(), places(capacity, context.priority));
+        if waiting >= places {
+            return Some(Refusal::Full { waiting });
         }
-        let ahead = self.ahead(context.priority);
+        if let Some(cell) = &context.cell {
+            let held = self.interactive.held_by(&context.cell) + self.batch.held_by(&context.cell);
+            if held >= self.shares.max_waiting(cell) || !leaves_room(held, waiting, places) {
+                return Some(Refusal::CellFull { cell: cell.clone(), waiting: held });
+            }
+        }
+        let ahead = self.ahead(context);
         if ahead == 0 && gauge.running() < threads.max(1) {
             // An idle queue takes anything: a deadline that looks too short may do, and a smoothed time has to be able to fall again.
             return None;
@@ -89,7 +129,7 @@ impl<R, T> WaitingJobs<R, T> {
         let wait_ms = self.wait_ms(ahead, context.priority, threads, gauge) * WAIT_MARGIN;
         let expected_ms = wait_ms + gauge.service_ms() + SPREADS * gauge.spread_ms();
         let left_ms = context.remaining().as_secs_f64() * 1e3;
-        (expected_ms > left_ms).then(|| format!("it would take about {expected_ms:.0} ms and {left_ms:.0} ms are left"))
+        (expected_ms > left_ms).then_some(Refusal::TooLate { expected_ms, left_ms })
     }
 
     /// How long a job of a priority waits for those that run and `ahead` others, in the mean, milliseconds.
@@ -111,47 +151,67 @@ impl<R, T> WaitingJobs<R, T> {
         if self.interactive.is_empty() {
             return Vec::new();
         }
-        let (mut kept, mut overtaken) = (VecDeque::with_capacity(self.batch.len()), Vec::new());
-        for job in std::mem::take(&mut self.batch) {
-            let wait_ms = self.wait_ms(self.interactive.len() + kept.len(), Priority::Batch, threads, gauge);
+        let mut ahead = self.interactive.len();
+        // Apart while they are asked about.
+        let mut batch = std::mem::replace(&mut self.batch, Line::new(self.weigh, self.shares.clone()));
+        let overtaken = batch.remove_where(|job| {
+            let wait_ms = self.wait_ms(ahead, Priority::Batch, threads, gauge);
             let is_possible = wait_ms + gauge.service_ms() <= job.context.remaining().as_secs_f64() * 1e3;
-            if is_possible { kept.push_back(job) } else { overtaken.push(job) }
-        }
-        self.batch = kept;
+            ahead += usize::from(is_possible);
+            !is_possible
+        });
+        self.batch = batch;
         overtaken
     }
 
     pub(crate) fn push(&mut self, job: Job<R, T>) {
-        match job.context.priority {
-            Priority::Interactive => self.interactive.push_back(job),
-            Priority::Batch => self.batch.push_back(job),
+        self.line(job.context.priority).push(job);
+    }
+
+    fn line(&mut self, priority: Priority) -> &mut Line<R, T> {
+        match priority {
+            Priority::Interactive => &mut self.interactive,
+            Priority::Batch => &mut self.batch,
         }
     }
 
-    /// Whether a batch job has let enough by.
+    /// Whether a batch job that may run has let enough by.
     fn is_batch_due(&self) -> bool {
-        !self.batch.is_empty() && self.let_by >= LET_BY
+        self.let_by >= LET_BY && self.batch.front(&self.running).is_some()
     }
 
-    /// The next job to go with those taken already, if there is room for it: the oldest interactive one, unless a batch job is due. A batch job
+    /// The next job to go with those taken already, if there is room for it: the next interactive one, unless a batch job is due. A batch job
     /// that is not due would only delay the interactive ones beside it.
-    pub(crate) fn pop(&mut self, taken: &mut Taken<R, T>, weigh: fn(&R) -> usize) -> Option<Job<R, T>> {
-        let is_interactive = !self.interactive.is_empty() && !self.is_batch_due();
-        if !is_interactive && !self.is_batch_due() && taken.is_interactive() {
+    pub(crate) fn pop(&mut self, taken: &mut Taken<R, T>) -> Option<Job<R, T>> {
+        let is_due = self.is_batch_due();
+        let is_interactive = !is_due && self.interactive.front(&self.running).is_some();
+        if !is_interactive && !is_due && taken.is_interactive() {
             return None;
         }
         let line = if is_interactive { &mut self.interactive } else { &mut self.batch };
-        taken.is_full |= line.front().is_some_and(|job| !taken.has_room_for(weigh(&job.request)));
-        let job = if taken.is_full { None } else { line.pop_front() }?;
+        taken.is_full |= line.front(&self.running).is_some_and(|job| !taken.has_room_for((self.weigh)(&job.request)));
+        let job = if taken.is_full { None } else { line.pop(&self.running) }?;
         self.let_by = if is_interactive && !self.batch.is_empty() { self.let_by + 1 } else { 0 };
         self.interactive_share += SMOOTHING * (f64::from(u8::from(is_interactive)) - self.interactive_share);
         Some(job)
     }
 
+    /// Counts a job that was taken as one that runs, for its cell.
+    pub(crate) fn start(&mut self, job: &Job<R, T>) {
+        self.line(job.context.priority).charge(job);
+        self.running.start(&job.context.cell);
+    }
+
+    /// Counts a job for a cell as done.
+    pub(crate) fn finish(&mut self, cell: &ForCell) {
+        self.running.finish(cell);
+    }
+
     /// Forgets those nobody waits for.
     fn drop_abandoned(&mut self) {
-        self.interactive.retain(|job| job.reply.is_awaited());
-        self.batch.retain(|job| job.reply.is_awaited());
+        for line in [&mut self.interactive, &mut self.batch] {
+            drop(line.remove_where(|job| !job.reply.is_awaited()));
+        }
     }
 }
 
@@ -200,7 +260,11 @@ mod tests {
     use super::*;
     use crate::job::JobReply;
 
-    fn push(waiting: &mut WaitingJobs<(), ()>, priority: Priority) -> oneshot::Receiver<Result<(), repose_proto::CallError>> {
+    fn waiting() -> WaitingJobs<(), ()> {
+        WaitingJobs::new(|()| 1, Arc::default())
+    }
+
+    fn push(waiting: &mut WaitingJobs<(), ()>, priority: Priority) -> oneshot::Receiver<Result<(), CallError>> {
         let (reply, answer) = oneshot::channel();
         let context = JobContext::within(Duration::from_secs(60)).with_priority(priority);
         waiting.push(Job { queued: std::time::Instant::now(), request: (), context, reply: JobReply(reply) });
@@ -209,7 +273,7 @@ mod tests {
 
     #[test]
     fn a_batch_job_reckons_with_the_interactive_ones_that_will_go_before_it() {
-        let (mut waiting, gauge) = (WaitingJobs::default(), LoadGauge::default());
+        let (mut waiting, gauge) = (waiting(), LoadGauge::default());
         gauge.started(1);
         gauge.finished(1, Duration::from_millis(1000));
         gauge.started(1);
@@ -219,15 +283,16 @@ mod tests {
         assert_eq!(refusal(&waiting, Priority::Batch), None, "half a job and two before it, and itself: 4.75 s");
         for _ in 0..8 {
             let _answer = push(&mut waiting, Priority::Interactive);
-            assert!(waiting.pop(&mut Taken::none(usize::MAX), |()| 1).is_some());
+            assert!(waiting.pop(&mut Taken::none(usize::MAX)).is_some());
         }
-        assert!(refusal(&waiting, Priority::Batch).is_some_and(|why| why.contains("5000 ms are left") || why.contains("4999 ms")));
+        let too_late = refusal(&waiting, Priority::Batch);
+        assert!(matches!(too_late, Some(Refusal::TooLate { left_ms, .. }) if (4900.0..=5000.0).contains(&left_ms)), "{too_late:?}");
         assert_eq!(refusal(&waiting, Priority::Interactive), None, "those go before what waits");
     }
 
     #[test]
     fn batch_jobs_that_interactive_ones_have_overtaken_are_told_before_their_deadlines() {
-        let (mut waiting, gauge) = (WaitingJobs::default(), LoadGauge::default());
+        let (mut waiting, gauge) = (waiting(), LoadGauge::default());
         gauge.started(1);
         gauge.finished(1, Duration::from_secs(10));
         gauge.started(1);

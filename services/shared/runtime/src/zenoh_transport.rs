@@ -284,6 +284,7 @@ impl Transport for ZenohTransport {
             .complete(true)
             .callback(move |query| {
                 let incoming = IncomingQuery {
+                    key: query.key_expr().to_string(),
                     payload: payload_of(query.payload(), query.encoding()),
                     attachment: query.attachment().map(bytes_of).unwrap_or_default(),
                     replier: Box::new(QueryReplier(Arc::new(query))),

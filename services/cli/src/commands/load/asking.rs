@@ -11,10 +11,11 @@ use repose_proto::place::{Budget, Outcome as Found};
 use repose_proto::{
     ArrangeRequest, ArrangeResult, CallError, Frame, GoalTerm, Payload, PlaceRequest, PlaceResult, Relation, Scene, Service,
 };
-use repose_runtime::{Answer, CallOptions, Caller, Session};
+use repose_runtime::{Answer, CallOptions, Caller, Server, Session};
 use tokio::task::JoinSet;
 
 use super::LoadArgs;
+use super::light::{self, LightCell};
 use super::mix::{Kind, Method, kind_of};
 use super::report::{self, Asked, Ended, Report};
 use crate::client;
@@ -38,6 +39,8 @@ struct Target {
     scene_id: String,
     /// A frame of its camera; none where nobody wants one.
     frame: Option<Payload>,
+    /// What serves its scene, where the cell is one of the run's own.
+    _light: Option<Server>,
 }
 
 /// Which of a run's requests one process asks.
@@ -74,7 +77,11 @@ pub struct Asking {
 impl Asking {
     /// Makes everything ready that requests need, so that none of it is in their latency.
     pub async fn prepare(session: &Session, args: &LoadArgs, slice: Slice) -> Result<Self, Failure> {
-        let kinds: Arc<[Kind]> = if args.mix.is_empty() { [Kind::default()].into() } else { args.mix.clone().into() };
+        let kinds = if args.mix.is_empty() { vec![Kind::default()] } else { args.mix.clone() };
+        if let Some(cells) = args.cells {
+            return Self::light(session, args, &kinds, cells).await;
+        }
+        let kinds: Arc<[Kind]> = kinds.into();
         let (cell, mut targets) = (session.cell().name().to_owned(), BTreeMap::new());
         for kind in kinds.iter() {
             let name = kind.cell.clone().unwrap_or_else(|| cell.clone());
@@ -85,6 +92,28 @@ impl Asking {
             }
         }
         Ok(Self { args: Arc::new(args.clone()), kinds, targets: Arc::new(targets), cell, slice })
+    }
+
+    /// The same for light cells, each of which asks every kind.
+    async fn light(session: &Session, args: &LoadArgs, kinds: &[Kind], cells: usize) -> Result<Self, Failure> {
+        if session.in_cell(&light::name(1))?.pool().is_none() {
+            return Err(Failure::bad_input("pool", "light cells have no planner: which pool do they ask?"));
+        }
+        if kinds.iter().any(|kind| kind.method == Method::Segment) {
+            return Err(Failure::bad_input("mix", "light cells have no camera, and so nothing to segment"));
+        }
+        let camera = Target::of(session, args, false).await?;
+        let mut targets = BTreeMap::new();
+        for k in 1..=cells {
+            let name = light::name(k);
+            let session = session.in_cell(&name)?;
+            let LightCell { scene, scene_id, perception: serving } = LightCell::start(&session, k, &camera.scene).await?;
+            let (planner, perception) = (session.caller(Service::Planner).await?, session.caller(Service::Perception).await?);
+            targets.insert(name, Target { planner, perception, scene, scene_id, frame: None, _light: Some(serving) });
+        }
+        let kinds = kinds.iter().flat_map(|kind| (1..=cells).map(|k| kind.in_cell(light::name(k)))).collect();
+        let (args, targets, cell) = (Arc::new(args.clone()), Arc::new(targets), session.cell().name().to_owned());
+        Ok(Self { args, kinds, targets, cell, slice: Slice::WHOLE })
     }
 
     /// The kinds of requests, by what the report calls them.
@@ -253,7 +282,7 @@ impl Target {
         let scene = client::whole_scene(session, &summary.scene_id, within).await?;
         let (planner, perception) = (session.caller(Service::Planner).await?, session.caller(Service::Perception).await?);
         let frame = if wants_frame { Some(newest_frame(session, &args.connect.camera).await?) } else { None };
-        Ok(Self { planner, perception, scene, scene_id: summary.scene_id, frame })
+        Ok(Self { planner, perception, scene, scene_id: summary.scene_id, frame, _light: None })
     }
 }
 

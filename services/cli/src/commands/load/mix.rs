@@ -101,6 +101,11 @@ impl FromStr for Kind {
 }
 
 impl Kind {
+    /// The same, asked in a cell.
+    pub fn in_cell(&self, cell: String) -> Self {
+        Self { name: format!("{},cell={cell}", self.name), cell: Some(cell), ..self.clone() }
+    }
+
     fn set(&mut self, name: &str, value: &str) -> Result<(), String> {
         fn number<T: FromStr>(name: &str, value: &str) -> Result<Option<T>, String> {
             value.parse().map(Some).map_err(|_| format!("{name}: expected a number, got {value:?}"))

@@ -10,6 +10,7 @@ mod asking;
 mod capacity;
 mod delay;
 mod fault;
+mod light;
 mod mix;
 mod own;
 mod report;
@@ -20,6 +21,7 @@ use std::path::PathBuf;
 use clap::Args;
 use repose_evaluation::report::written::can_write;
 use repose_proto::place::Variant;
+use repose_runtime::RuntimeConfig;
 
 use crate::client::{self, ConnectArgs, SystemArgs};
 use crate::failure::{Failure, Outcome};
@@ -60,6 +62,10 @@ pub struct LoadArgs {
     /// arrange, segment), variant, count, iterations, batch, priority, deadline_ms, cell, and whole=true, which encloses the scene.
     #[arg(long, value_name = "SHARE:SETTING=VALUE,…")]
     pub mix: Vec<Kind>,
+    /// Ask a pool as so many light cells, each with a scene of its own that differs hardly from the camera's; what each met is in the report. With --up the
+    /// run's own system is the pool.
+    #[arg(long, value_parser = parse_count, conflicts_with_all = ["secured", "agents"])]
+    pub cells: Option<usize>,
     /// Requests before those that count.
     #[arg(long, default_value_t = 0)]
     pub warm_up: usize,
@@ -143,6 +149,9 @@ pub async fn run(args: &LoadArgs, output: Output) -> Outcome {
     };
     if let Some(link) = &link {
         system.connect = Some(link.endpoint().to_owned());
+    }
+    if own.is_some() && args.cells.is_some() {
+        system.pool = Some(RuntimeConfig::default().session.cell);
     }
     let session = client::connect(&system).await?;
     let asking = Asking::prepare(&session, args, Slice::WHOLE).await?;

@@ -103,7 +103,7 @@ impl OwnSystem {
 
     /// What a client of it is given: where it is, and who it is there.
     pub fn args(&self) -> SystemArgs {
-        SystemArgs { connect: Some(self.endpoint.clone()), cell: None, config: self.file(CLIENT) }
+        SystemArgs { connect: Some(self.endpoint.clone()), cell: None, pool: None, config: self.file(CLIENT) }
     }
 
     fn config(&self) -> Result<RuntimeConfig, Failure> {

@@ -53,7 +53,13 @@ pub struct Grant {
 
 /// Everything that a user may do. A user whose cells are no chunks may do nothing.
 pub fn grants(user: &User) -> Vec<Grant> {
-    user.cells.iter().filter_map(|cell| Cell::new(cell).ok()).flat_map(|cell| Grants { cell, grants: Vec::new() }.of(user)).collect()
+    let cells = user.cells.iter().filter_map(|cell| Cell::new(cell).ok());
+    cells.flat_map(|cell| Grants { grants: Vec::new(), pool: pool_of(user, &cell), cell }.of(user)).collect()
+}
+
+/// The pool of one of a user's cells.
+fn pool_of(user: &User, cell: &Cell) -> Option<Cell> {
+    user.pools.of_cell.get(cell.name()).and_then(|pool| Cell::new(pool).ok())
 }
 
 /// Whether a user may do something at a key.
@@ -77,6 +83,8 @@ fn includes(keys: &str, key: &str) -> bool {
 /// The grants of one cell while they are put together.
 struct Grants {
     cell: Cell,
+    /// The pool that serves the cell.
+    pool: Option<Cell>,
     grants: Vec<Grant>,
 }
 
@@ -94,6 +102,7 @@ impl Grants {
             Role::Viewer => self.look(),
             Role::Planner | Role::Operator => {
                 self.look();
+                self.call_pool(&Service::ALL);
                 for service in Service::ALL {
                     self.call(service);
                     if user.role == Role::Operator && service.has_operations() {
@@ -119,6 +128,12 @@ impl Grants {
     }
 
     fn look(&mut self) {
+        if let Some(pool) = self.pool.clone() {
+            for service in Service::ALL.into_iter().filter(|service| service.is_poolable()) {
+                self.add(Verb::Subscribe, pool.loads(service));
+                self.add(Verb::Watch, pool.lives(service));
+            }
+        }
         self.add(Verb::Subscribe, self.cell.scene("*"));
         self.add(Verb::Subscribe, self.cell.robot_state("*"));
         self.add(Verb::Subscribe, self.cell.all_loads());
@@ -126,10 +141,42 @@ impl Grants {
     }
 
     fn call(&mut self, service: Service) {
-        self.add(Verb::Query, self.cell.call(service, "*"));
-        self.add(Verb::Put, self.cell.cancels(service, "*"));
-        self.add(Verb::Subscribe, self.cell.loads(service));
-        self.add(Verb::Watch, self.cell.lives(service));
+        self.call_in(&self.cell.clone(), service);
+    }
+
+    /// Calls to the workers of a cell as one of its own.
+    fn call_in(&mut self, cell: &Cell, service: Service) {
+        self.add(Verb::Query, cell.call(service, "*"));
+        self.call_workers(cell, service);
+    }
+
+    /// Calls for this cell, and for no other, to those of its pool that are among these services.
+    fn call_pool(&mut self, services: &[Service]) {
+        let Some(pool) = self.pool.clone() else { return };
+        for service in services.iter().copied().filter(|service| service.is_poolable()) {
+            self.add(Verb::Query, pool.call_for(service, "*", self.cell.name()));
+            self.call_workers(&pool, service);
+        }
+    }
+
+    /// What callers need besides the call: to find workers, and to cancel.
+    fn call_workers(&mut self, cell: &Cell, service: Service) {
+        self.add(Verb::Put, cell.cancels(service, "*"));
+        self.add(Verb::Subscribe, cell.loads(service));
+        self.add(Verb::Watch, cell.lives(service));
+    }
+
+    /// What a worker does for the cells that it serves as their pool's.
+    fn serve_pool(&mut self, user: &User, service: Service, worker: &str) {
+        let Some(cells) = user.pools.cells.get(self.cell.name()).filter(|_| service.is_poolable()) else { return };
+        self.add(Verb::Serve, self.cell.calls_for_others(service, worker));
+        if service == Service::Planner {
+            self.add(Verb::Query, self.cell.calls_for_others(Service::Inference, "*"));
+            for cell in cells.iter().filter_map(|cell| Cell::new(cell).ok()) {
+                // Scenes come from the cell that they are of.
+                self.call_in(&cell, Service::Perception);
+            }
+        }
     }
 
     /// What a robot's and a camera's own program does; the simulator without names stands in for any.
@@ -159,6 +206,7 @@ impl Grants {
         // A worker looks whether its name is free, and stays so.
         self.add(Verb::Watch, self.cell.live(service, worker));
         self.add(Verb::Subscribe, self.cell.load(service, worker));
+        self.serve_pool(user, service, worker);
         match service {
             Service::Perception => {
                 self.add(Verb::Subscribe, self.cell.camera_frames());
@@ -167,6 +215,7 @@ impl Grants {
             }
             Service::Inference => {}
             Service::Planner => {
+                self.call_pool(&[Service::Inference]);
                 self.add(Verb::Subscribe, self.cell.robot_state("*"));
                 self.call(Service::Perception);
                 self.call(Service::Inference);
@@ -223,5 +272,36 @@ mod tests {
         assert_eq!(who(Verb::Token, "repose/v1/lab/live/motion/x"), "m");
         assert_eq!(who(Verb::Token, "repose/v1/lab/live/client/x"), "o");
         assert_eq!(who(Verb::Watch, "repose/v1/lab/live/client/x"), "mopv");
+    }
+
+    #[test]
+    fn a_cells_users_call_its_pool_for_their_own_cell_and_do_nothing_else_there() {
+        let roles = Roles::parse(
+            "router = \"r:1\"\ncells = [\"line-1\"]\n[pools]\nrack = [\"line-1\", \"line-2\"]\n[users.v]\nrole = \"viewer\"\n\
+             [users.o]\nrole = \"operator\"\n[users.m]\nrole = \"service\"\nservice = \"motion\"\n[users.x]\nrole = \"operator\"\ncells = [\"line-3\"]\n\
+             [users.p]\nrole = \"service\"\nservice = \"planner\"\ncells = [\"rack\"]\n[users.i]\nrole = \"service\"\nservice = \"inference\"\ncells = [\"rack\"]\n",
+        )
+        .expect("roles");
+        let who = |verb, key: &str| {
+            let may = |name: &&String| may(&roles.users[name.as_str()], verb, key);
+            roles.users.keys().filter(may).map(String::as_str).collect::<String>()
+        };
+        assert_eq!(who(Verb::Query, "repose/v1/rack/service/planner/w/call/line-1"), "o");
+        assert_eq!(who(Verb::Query, "repose/v1/rack/service/planner/w/call/line-2"), "", "a cell calls for itself only");
+        assert_eq!(who(Verb::Query, "repose/v1/rack/service/planner/w/call/*"), "");
+        assert_eq!(who(Verb::Query, "repose/v1/rack/service/planner/w/call"), "");
+        assert_eq!(
+            who(Verb::Query, "repose/v1/rack/service/inference/w/call/line-1"),
+            "op",
+            "the pool's planner calls for any of its cells"
+        );
+        assert_eq!(who(Verb::Serve, "repose/v1/rack/service/planner/w/call/line-1"), "p");
+        assert_eq!(who(Verb::Serve, "repose/v1/rack/service/inference/w/call/line-2"), "i");
+        assert_eq!(who(Verb::Put, "repose/v1/rack/service/planner/w/@cancel/x"), "o");
+        assert_eq!(who(Verb::Watch, "repose/v1/rack/live/planner/w"), "opv");
+        assert_eq!(who(Verb::Query, "repose/v1/line-2/service/perception/w/call"), "p", "it fetches their scenes");
+        assert_eq!(who(Verb::Query, "repose/v1/line-1/service/motion/w/call"), "o");
+        assert_eq!(who(Verb::Subscribe, "repose/v1/line-1/robot/panda/state"), "mov");
+        assert_eq!(who(Verb::Put, "repose/v1/rack/robot/panda/@estop"), "ip");
     }
 }

@@ -185,6 +185,7 @@ fn user_json5(roles: &Roles, name: &str, password: Option<&String>, installed: &
 fn user_toml(roles: &Roles, name: &str, user: &User, installed: &Path) -> String {
     let (cell, endpoint, file) = (&user.cells[0], roles.endpoint(), installed.join("zenoh.json5"));
     let session = format!("[session]\nmode = \"client\"\ncell = \"{cell}\"\nconnect = [\"{endpoint}\"]\nzenoh_file = {file:?}\n");
+    let pool = user.pools.of_cell.get(cell).map_or_else(String::new, |pool| format!("\n[caller]\npool = \"{pool}\"\n"));
     let (use_it, worker) = match (user.role, user.service) {
         (Role::Service, Some(service)) => {
             let worker = user.worker.as_ref().map_or_else(String::new, |worker| format!("name = \"{worker}\"\n"));
@@ -192,7 +193,7 @@ fn user_toml(roles: &Roles, name: &str, user: &User, installed: &Path) -> String
         }
         _ => ("the commands of repose take --config repose.toml".to_owned(), String::new()),
     };
-    format!("# {name}: {use_it}\n{session}{worker}")
+    format!("# {name}: {use_it}\n{session}{pool}{worker}")
 }
 
 fn unit(description: &str, run: &str) -> String {

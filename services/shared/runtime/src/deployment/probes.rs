@@ -43,6 +43,14 @@ pub(super) fn probes(roles: &Roles) -> Vec<Probe> {
         for (service, worker) in Service::ALL.into_iter().flat_map(|s| workers.iter().map(move |w| (s, w))) {
             keys.extend([cell.call(service, worker), cell.load(service, worker), cell.cancel(service, worker, "check")]);
             keys.extend([cell.live(service, worker), cell.operate(service, worker)]);
+            // Calls for each cell that has a pool, and for one that does not.
+            if service.is_poolable() && roles.pools.contains_key(cell.name()) {
+                keys.extend(
+                    named(roles.pools.values().flatten().map(String::as_str).collect(), "check-cell")
+                        .iter()
+                        .map(|other| cell.call_for(service, worker, other)),
+                );
+            }
         }
     }
     let narrow = |is_frame| move |key: String| Probe { heard_at: key.clone(), key, is_frame };

@@ -71,6 +71,18 @@ pub struct User {
     /// Whether the user may also see the cameras' pictures, and record the cell.
     #[serde(default)]
     pub frames: bool,
+    /// The pools of those of the user's cells that have one, by cell; and the cells of those that are pools, by pool. The file's `pools` say.
+    #[serde(skip)]
+    pub pools: Pools,
+}
+
+/// Who is served by a pool, and whom a pool serves, as far as a user's cells go.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Pools {
+    /// The pool of a cell.
+    pub of_cell: BTreeMap<String, String>,
+    /// The cells of a pool.
+    pub cells: BTreeMap<String, Vec<String>>,
 }
 
 /// The roles file.
@@ -85,6 +97,9 @@ pub struct Roles {
     /// The cells of users that name none.
     #[serde(default)]
     pub cells: Vec<String>,
+    /// Cells whose planners and inference workers serve other cells, too, and which.
+    #[serde(default)]
+    pub pools: BTreeMap<String, Vec<String>>,
     /// How users prove who they are.
     #[serde(default)]
     pub login: Login,
@@ -106,11 +121,16 @@ impl Roles {
         if roles.users.is_empty() {
             return Err(CallError::invalid("users", "at least one user is needed"));
         }
+        let pool_of = pool_of(&roles.pools)?;
         for (name, user) in &mut roles.users {
             if user.cells.is_empty() {
                 user.cells.clone_from(&roles.cells);
             }
             user.check(name)?;
+            let (cells, pools) = (&user.cells, &roles.pools);
+            let of_cell = cells.iter().filter_map(|cell| Some((cell.clone(), pool_of.get(cell)?.clone())));
+            let served = cells.iter().filter_map(|cell| Some((cell.clone(), pools.get(cell)?.clone())));
+            user.pools = Pools { of_cell: of_cell.collect(), cells: served.collect() };
         }
         Ok(roles)
     }
@@ -130,6 +150,26 @@ impl Roles {
         let port = self.router.rsplit_once(':').map_or("7447", |(_, port)| port);
         format!("quic/{}", self.listen.clone().unwrap_or_else(|| format!("0.0.0.0:{port}")))
     }
+}
+
+/// The pool of every cell that has one. A cell has one pool, and a pool none.
+fn pool_of(pools: &BTreeMap<String, Vec<String>>) -> Result<BTreeMap<String, String>, CallError> {
+    let mut of_cell = BTreeMap::new();
+    for (pool, cells) in pools {
+        let field = format!("pools.{pool}");
+        for chunk in cells.iter().chain([pool]) {
+            validate_chunk(&field, chunk)?;
+        }
+        for cell in cells {
+            if pools.contains_key(cell) {
+                return Err(CallError::invalid(field, format!("{cell} is a pool itself")));
+            }
+            if let Some(other) = of_cell.insert(cell.clone(), pool.clone()) {
+                return Err(CallError::invalid(field, format!("{cell} has the pool {other} already")));
+            }
+        }
+    }
+    Ok(of_cell)
 }
 
 impl User {
@@ -184,6 +224,17 @@ mod tests {
         let misspelt = Roles::parse("router = \"r:1\"\ncels = [\"lab\"]\n[users.a]\nrole = \"viewer\"").expect_err("misspelt");
         assert!(misspelt.message.contains("cels"), "{misspelt}");
         assert_eq!(Roles::parse("router = \"here\"\n[users]").expect_err("no port").field.as_deref(), Some("router"));
+    }
+
+    #[test]
+    fn a_cell_has_one_pool_and_a_pool_none() {
+        let users = "[users.a]\nrole = \"viewer\"\ncells = [\"line-1\", \"rack\"]\n";
+        assert_eq!(fault(&format!("[pools]\nrack = [\"line 1\"]\n{users}")), "pools.rack");
+        assert_eq!(fault(&format!("[pools]\nrack = [\"line-1\"]\nshelf = [\"line-1\"]\n{users}")), "pools.shelf");
+        assert_eq!(fault(&format!("[pools]\nrack = [\"shelf\"]\nshelf = [\"line-1\"]\n{users}")), "pools.rack");
+        let roles = Roles::parse(&format!("router = \"r:1\"\n[pools]\nrack = [\"line-1\", \"line-2\"]\n{users}")).expect("roles");
+        let pools = &roles.users["a"].pools;
+        assert_eq!((pools.of_cell["line-1"].as_str(), pools.cells["rack"].len(), pools.of_cell.len()), ("rack", 2, 1));
     }
 
     #[test]

@@ -95,7 +95,8 @@ impl Transport for FakeTransport {
         let shared = Arc::downgrade(&self.shared);
         let id = self.shared.with(|state| {
             let id = state.new_id();
-            let Some((server, asked)) = state.servers.iter().find(|(_, s)| s.key == key).map(|(id, s)| (*id, s.node.clone())) else {
+            let Some((server, asked)) = state.servers.iter().find(|(_, s)| matches(&s.key, key)).map(|(id, s)| (*id, s.node.clone()))
+            else {
                 // Nobody serves this key: the stream ends at once.
                 return id;
             };
@@ -113,9 +114,9 @@ impl Transport for FakeTransport {
             let replier = Arc::new(EndOnDrop(FakeReplier { shared, query: id }));
             for _ in 0..copies {
                 let replier = replier.clone();
-                let (payload, attachment) = (query.payload.clone(), query.attachment.clone());
+                let (key, payload, attachment) = (key.to_owned(), query.payload.clone(), query.attachment.clone());
                 let arrive = move |state: &mut State| {
-                    let incoming = IncomingQuery { payload, attachment, replier: Box::new(replier) };
+                    let incoming = IncomingQuery { key, payload, attachment, replier: Box::new(replier) };
                     let refused = match state.servers.get(&server) {
                         Some(server) => server.to.try_push(incoming).err(),
                         None => Some(incoming),

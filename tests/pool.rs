@@ -1,0 +1,100 @@
+//! `repose up --cells`: simulated cells that share one pool of planners and inference workers, as processes of the program.
+
+mod common;
+
+use std::net::TcpListener;
+use std::path::Path;
+use std::process::{Output, Stdio};
+use std::time::{Duration, Instant};
+
+use common::{PATIENCE, Process, newest_scene, repose};
+use repose_proto::place::{Budget, Variant};
+use repose_proto::{ErrorCode, GoalTerm, PlaceRequest, Relation, SceneSummary, Service};
+use repose_runtime::{CallOptions, RuntimeConfig, Session, SessionMode};
+use serde_json::{Value, json};
+
+/// What it may take to say that a pool is not there: a second, and the start of the program on a busy machine.
+const SAID_WITHIN: Duration = Duration::from_secs(4);
+
+/// Waits until `up` says that it is.
+fn is_up(said: &Path) -> Value {
+    let give_up = Instant::now() + PATIENCE;
+    loop {
+        let text = std::fs::read_to_string(said).expect("what it says");
+        match serde_json::from_str(&text) {
+            Ok(document) => return document,
+            Err(_) if Instant::now() < give_up => std::thread::sleep(Duration::from_millis(100)),
+            Err(_) => panic!("it is not up: {text}"),
+        }
+    }
+}
+
+async fn session(endpoint: &str, cell: &str) -> Session {
+    let mut config = RuntimeConfig::default();
+    config.session.mode = SessionMode::Client;
+    config.session.connect = vec![endpoint.to_owned()];
+    config.session.cell = cell.to_owned();
+    config.caller.pool = Some("rack".to_owned());
+    Session::open(config).await.expect("a session")
+}
+
+/// The cell's newest scene, and the planner that answered a request on it.
+async fn placed(session: &Session) -> (SceneSummary, String) {
+    let planner = session.caller(Service::Planner).await.expect("a caller");
+    planner.wait_for_workers(1, PATIENCE).await.expect("the pool's planner");
+    let scene = newest_scene(session).await;
+    let term = GoalTerm { relation: Relation::Near, anchor: scene.objects[1].id, holds: true };
+    let request = PlaceRequest {
+        variant: Variant::Full,
+        budget: Budget { iterations: Some(1), batch: Some(4), ..Budget::default() },
+        ..PlaceRequest::new(scene.scene_id.clone(), scene.objects[0].id, vec![term])
+    };
+    // By its id alone: the pool fetches it from the cell.
+    let (result, answer) = planner.place(&request, None, CallOptions::within(PATIENCE)).await.expect("an answer");
+    assert!(result.evaluated > 0 && !result.weights_hash.is_empty(), "{result:?}");
+    (scene, answer.worker)
+}
+
+fn run(endpoint: &str, arguments: &[&str]) -> (Output, Value, Duration) {
+    let begin = Instant::now();
+    let output = repose().arg("--json").args(arguments).args(["--connect", endpoint]).output().expect("the program runs");
+    let document = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+    (output, document, begin.elapsed())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn two_simulated_cells_share_one_pool_and_each_is_answered_for_its_own_scene() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let said = folder.path().join("up.json");
+    let port = TcpListener::bind("127.0.0.1:0").expect("a free port").local_addr().expect("its address").port();
+    let endpoint = format!("tcp/127.0.0.1:{port}");
+    let mut command = repose();
+    command.args(["--json", "up", "--cells", "2", "--listen", &endpoint]).env("REPOSE_INFERENCE__THREADS", "1");
+    command.env("REPOSE_CONSOLE__LISTEN", "127.0.0.1:0").stdout(Stdio::from(std::fs::File::create(&said).expect("a file")));
+    let _up = Process(command.spawn().expect("it starts"));
+    let document = is_up(&said);
+    assert_eq!((&document["cells"], &document["pool"]), (&json!(["cell-1", "cell-2"]), &json!("rack")), "{document:#}");
+
+    let (first, second) = (session(&endpoint, "cell-1").await, session(&endpoint, "cell-2").await);
+    let ((first_scene, planner), (second_scene, same_planner)) = tokio::join!(placed(&first), placed(&second));
+    assert_ne!(first_scene.scene_id, second_scene.scene_id);
+    assert_eq!(planner, same_planner);
+    // Nobody fetches a scene from where it is not of.
+    let elsewhere = PlaceRequest::new("0".repeat(64), 1, vec![GoalTerm { relation: Relation::Near, anchor: 2, holds: true }]);
+    let caller = first.caller(Service::Planner).await.expect("a caller");
+    let unknown = caller.place(&elsewhere, None, CallOptions::within(PATIENCE)).await.expect_err("no such scene");
+    assert_eq!((unknown.code, unknown.field.as_deref()), (ErrorCode::NotFound, Some("scene_id")), "{unknown}");
+
+    let (_, named, _) = run(&endpoint, &["cells"]);
+    let cell = |name: &str| json!({"cell": name, "cameras": ["front"], "robots": ["panda"], "workers": {"perception": 1, "motion": 1, "simulator": 1}});
+    let rack = json!({"cell": "rack", "cameras": [], "robots": [], "workers": {"inference": 1, "planner": 1}});
+    assert_eq!(named, json!({"cells": [cell("cell-1"), cell("cell-2"), rack]}));
+    let (_, status, _) = run(&endpoint, &["status", "--cell", "cell-2", "--pool", "rack"]);
+    let wrong = status["wrong"].as_array().expect("sentences");
+    assert!(!wrong.iter().any(|sentence| sentence.as_str().is_some_and(|s| s.starts_with("no "))), "{status:#}");
+
+    let (output, document, took) = run(&endpoint, &["place", "--cell", "cell-1", "--pool", "rakc", "--move", "1", "--goal", "near:2"]);
+    assert_eq!((output.status.code(), &document["error"]["field"]), (Some(1), &json!("pool")), "{document}");
+    assert!(document["error"]["message"].as_str().is_some_and(|message| message.contains("rack")), "{document}");
+    assert!(took < SAID_WITHIN, "{took:?}");
+}
