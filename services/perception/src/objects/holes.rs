@@ -4,23 +4,28 @@
 //! background, that reaches it at the least cost over such pixels: a step costs one, and more across a difference in color (the geodesic distance
 //! of Criminisi et al., "GeoS: Geodesic Image Segmentation", ECCV 2008). An object that is read well keeps to its readings: what lies
 //! without one beside it is mostly the shadow of the camera's projector or second eye, and color and depth are a few pixels apart.
+//! Pictures that were registered from points have no color either where nothing was read: nothing is completed there.
 
 use repose_geometry::Image;
 
 use super::color::{Rgb, difference};
 use crate::settings::HoleSettings;
 
+/// What pixels hold that have no color.
+const NO_COLOR: Rgb = [0; 3];
+
 /// Gives the masks of `labels` pixels that are `unread`, where color leads there from what was read of them.
 pub fn complete(labels: &mut Image<u16>, unread: &Image<bool>, colors: &Image<Rgb>, settings: &HoleSettings) {
     let readings = counts(labels, unread, false);
     let gaining = |won: &Image<u16>| -> Vec<bool> {
         let enough = |(won, readings): (&usize, &usize)| *won as f32 >= settings.least_gain * (*readings).max(1) as f32;
-        let gaining = counts(won, unread, true).iter().zip(&readings).enumerate().map(|(id, counts)| id != 0 && enough(counts)).collect();
-        gaining
+        counts(won, unread, true).iter().zip(&readings).enumerate().map(|(id, counts)| id != 0 && enough(counts)).collect()
     };
     let holes = Holes { labels, unread, colors, reach: settings.reach };
+    let mut open = unread.clone();
+    open.pixels_mut().iter_mut().zip(colors.pixels()).for_each(|(open, color)| *open &= *color != NO_COLOR);
     // Against the background no mask gains more: mostly none gains enough without it, and all is done.
-    let unopposed = holes.won(unread, |id| id != 0);
+    let unopposed = holes.won(&open, |id| id != 0);
     if !gaining(&unopposed).contains(&true) {
         return;
     }
@@ -122,6 +127,7 @@ mod tests {
         let color = |c: char| match c {
             'r' => RED,
             'd' => DARK_RED,
+            '-' => NO_COLOR,
             _ => GREY,
         };
         let colors = Image::from_pixels(colors.len(), 3, colors.chars().map(color).collect::<Vec<_>>().repeat(3)).unwrap();
@@ -135,6 +141,12 @@ mod tests {
         assert_eq!(completed("0011??????00", "ggrrrrddddgg"), "001111111100", "over a face in another light");
         assert_eq!(completed("0011??????00", "ggrrrrrggggg"), "001111100000", "the rest is of the background");
         assert_eq!(completed("0011??????22", "ggrrrrrggggg"), "001111122222");
+    }
+
+    #[test]
+    fn where_the_picture_has_no_color_nothing_is_completed() {
+        assert_eq!(completed("0011??????00", "ggrr------gg"), "001100000000");
+        assert_eq!(completed("0011??????00", "ggrrrr----gg"), "001111000000");
     }
 
     #[test]

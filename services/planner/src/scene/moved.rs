@@ -7,8 +7,8 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point2, Point3, Translation3, Vector3};
-use repose_belief::{BelievedObject, BeliefSettings};
 use repose_belief::shape::Shape;
+use repose_belief::{BeliefSettings, BelievedObject};
 use repose_geometry::Aabb;
 use repose_proto::place::Variant;
 use repose_proto::{Scene, Surface};

@@ -44,7 +44,9 @@ pub fn turns(prepared: &PreparedScene, id: u16) -> Result<Vec<Isometry3<f64>>, C
 pub fn turned_over(prepared: &PreparedScene, id: u16, turned_from_observed: Isometry3<f64>) -> Result<TurnedOver, CallError> {
     let (object, shape) = prepared.movable(id)?;
     let solid = solid_of(prepared, id, object, shape).moved(&turned_from_observed);
-    let turned = solid.shape(&BeliefSettings::default().shape).ok_or_else(|| CallError::precondition("the turned object has no extent").at("query"))?;
+    let turned = solid
+        .shape(&BeliefSettings::default().shape)
+        .ok_or_else(|| CallError::precondition("the turned object has no extent").at("query"))?;
     let mut known = prepared.belief.shapes();
     known.insert(id, turned);
     let scene = with_cloud(&prepared.scene, id, &solid.points);
