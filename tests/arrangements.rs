@@ -46,6 +46,7 @@ async fn goals_are_brought_about_move_by_move_and_the_end_is_said() {
     assert!(document["robot"].as_str().is_some_and(|robot| robot.starts_with("panda")), "how the robot stands is said: {}", said());
     for step in steps.iter().filter(|step| step["execution"] == "done") {
         let [object, goal] = [&step["object"], &step["planned"]["goal"]];
+        assert!(step["fates"].is_object(), "what became of the others is said: {}", said());
         assert!(object.is_u64() && goal.as_array().is_some_and(|terms| !terms.is_empty()), "{}", said());
     }
 }

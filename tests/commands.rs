@@ -225,6 +225,35 @@ fn without_a_router_a_client_says_what_to_start() {
 }
 
 #[test]
+fn commands_on_a_frame_read_the_environment_as_the_services_do() {
+    let folder = folder_with(&frame());
+    let transforms = folder.path().join("transforms.json");
+    std::fs::write(&transforms, serde_json::json!([RigidTransform::IDENTITY]).to_string()).expect("written");
+    let (frame, transforms) = (path(&folder), transforms.to_str().expect("a plain path"));
+    let plan = ["plan", frame, "--move", "1", "--goal", "right_of:2", "--variant", "geometric"];
+    let commands: [&[&str]; 6] = [
+        &["segment", frame],
+        &plan,
+        &["arrange", frame, "--goal", "1=right_of:2", "--variant", "geometric"],
+        &["relations", frame],
+        &["score", frame, "--move", "1", "--anchor", "2", "--transforms", transforms],
+        &["bench", "perception", frame, "--runs", "1"],
+    ];
+    let says = |variable: (&str, &str), arguments: &[&str]| {
+        let output = repose_in(&[variable], arguments);
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    for arguments in commands {
+        let (code, message) = says(("REPOSE_PERCEPTION__SEGMENTATION__MAX_DEPTH_M", "0.5"), arguments);
+        assert!(code == Some(2) && message.contains("between 0 and 0.5 m"), "{arguments:?}: {message}");
+    }
+    let (code, message) = says(("REPOSE_PLANNER__ROBOT", "nobody"), &plan);
+    assert!(code == Some(2) && message.contains("nobody is not among robots"), "{message}");
+    let (code, message) = says(("REPOSE_PERCEPTION__SEGMENTATION__LEARNED__ENABELD", "false"), commands[0]);
+    assert!(code == Some(2) && message.contains("enabeld"), "{message}");
+}
+
+#[test]
 fn a_misspelt_section_of_the_environment_is_an_error_and_so_is_a_misspelt_field() {
     let folder = folder_with(&frame());
     let says = |name: &str| {

@@ -43,6 +43,10 @@ async fn each_wish_is_planned_on_what_the_one_before_has_left() {
     assert_eq!(output.status.success(), document["achieved"] == 2, "{}", said());
     // Physics decides whether both can be done; the first is an easy one.
     assert_eq!(steps[0]["execution"], "done", "{}", said());
+    for step in steps.iter().filter(|step| step["execution"] == "done") {
+        let fates = step["fates"].as_object().unwrap_or_else(|| panic!("what became of the others is not said: {}", said()));
+        assert!(fates.values().all(|fate| fate["fate"] != "stands"), "{}", said());
+    }
     if steps[0]["holds"] == serde_json::json!([true]) {
         assert_eq!(steps.len(), 2, "{}", said());
         assert_ne!(steps[0]["result"]["scene_id"], steps[1]["result"]["scene_id"], "the second is planned on a fresh view");

@@ -12,7 +12,7 @@ use repose_proto::motion::ExecutionOutcome;
 use repose_proto::place::{Outcome as Found, Placement};
 use repose_proto::{CallError, Message, Payload, PlaceRequest, Scene, SceneRef};
 use repose_runtime::{CallOptions, Session, now_ns};
-use repose_sentences::robot;
+use repose_sentences::{fate, robot};
 use repose_tracking::{Fate, Followed, holds};
 use serde::Serialize;
 
@@ -48,8 +48,6 @@ struct Step {
     /// How far it came. Placement 0 is the plan's, others are alternatives for the same goal that the robot could serve.
     #[serde(flatten)]
     tried: Tried,
-    /// Objects that do not stand where they were to be on the view after it.
-    fates: BTreeMap<u16, Fate>,
 }
 
 /// How it ended.
@@ -204,29 +202,28 @@ impl Run<'_> {
             };
             looks += 1;
             if let Ok(view) = fresh {
-                let fates = self.followed.look_again(None, &view.1);
                 self.view = view;
-                self.remember(fates);
+                self.look();
             }
         }
     }
 
     /// That something is not seen, with what is known of why.
     fn explained(&self, unseen: CallError) -> CallError {
-        let fates = self.steps.last().map(|step| &step.fates);
-        let say = |(id, fate): (&u16, &Fate)| match fate {
-            Fate::Hidden => Some(format!("something covers the place of object {id}, which may stand there")),
-            Fate::Gone => Some(format!("object {id} is gone from its place, and is not seen elsewhere")),
-            Fate::Stands | Fate::Moved { .. } | Fate::Fell { .. } => None,
-        };
-        let why: Vec<String> = fates.into_iter().flatten().filter_map(say).collect();
+        let disturbed = self.followed.disturbed();
+        let why: Vec<String> = disturbed
+            .iter()
+            .filter(|(_, fate)| matches!(fate, Fate::Hidden | Fate::Gone))
+            .map(|(id, fate)| fate::sentence(*id, fate))
+            .collect();
         if why.is_empty() { unseen } else { CallError { message: why.join("; "), ..unseen } }
     }
 
-    /// Notes what became of objects on the last step.
-    fn remember(&mut self, fates: BTreeMap<u16, Fate>) {
+    /// Finds the objects again in the newest view, and notes on the last step what became of them.
+    fn look(&mut self) {
+        self.followed.look_again(&self.view.1);
         if let Some(step) = self.steps.last_mut() {
-            step.fates = fates.into_iter().filter(|(_, fate)| *fate != Fate::Stands).collect();
+            step.tried.fates = Some(self.followed.disturbed());
         }
     }
 
@@ -248,7 +245,7 @@ impl Run<'_> {
 
     /// Has a move carried out, and looks: whether the object stands where it was to go. An error ends it all.
     async fn carry_out(&mut self, object: Option<u16>, planned: &ArrangeMove, to_come: usize) -> Result<bool, Failure> {
-        self.steps.push(Step { object, planned: planned.clone(), to_come, tried: Tried::default(), fates: BTreeMap::new() });
+        self.steps.push(Step { object, planned: planned.clone(), to_come, tried: Tried::default() });
         let (request, placements) = self.choices(planned).await?;
         let carried_out = self.system.carry_out(&request, &placements, &self.view).await;
         let Some(step) = self.steps.last_mut() else { return Ok(false) };
@@ -268,9 +265,9 @@ impl Run<'_> {
             return Err(Failure::Other(CallError::precondition(why)));
         }
         self.view = if is_done { self.system.view_after(now_ns()).await? } else { self.system.back_and_looking().await? };
-        let fates = self.followed.look_again(object.map(|object| (object, motion)), &self.view.1);
-        let stands = object.is_none_or(|object| matches!(fates.get(&object), Some(Fate::Stands | Fate::Hidden)));
-        self.remember(fates);
+        self.followed.carried(object, &motion);
+        self.look();
+        let stands = object.is_none_or(|object| matches!(self.followed.disturbed().get(&object), None | Some(Fate::Hidden)));
         Ok(is_done && stands)
     }
 
@@ -334,13 +331,6 @@ fn line(k: usize, step: &Step) -> String {
         (Some(other), None) => format!("{other:?}"),
         (None, None) => "not executed".to_owned(),
     };
-    let fates = step.fates.iter().map(|(id, fate)| match fate {
-        Fate::Stands => format!("object {id} stands"),
-        Fate::Moved { by_m } => format!("object {id} is {:.0} mm off", by_m * 1e3),
-        Fate::Fell { by_m } => format!("object {id} fell by {:.0} mm", by_m * 1e3),
-        Fate::Hidden => format!("object {id} is hidden"),
-        Fate::Gone => format!("object {id} is gone"),
-    });
-    let said: Vec<String> = std::iter::once(end).chain(fates).collect();
+    let said: Vec<String> = std::iter::once(end).chain(step.tried.disturbances(step.object)).collect();
     format!("  {}. {name} {purpose}: {}", k + 1, said.join("; "))
 }

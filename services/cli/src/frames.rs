@@ -1,12 +1,11 @@
-//! From a frame folder or a recording to a scene, with errors that name the file.
+//! Frames of a folder or a recording, with errors that name the file.
 
 use std::path::Path;
 
 use clap::Args;
 use repose_perception::frame_folder::{self, FrameFolderError};
 use repose_perception::sources::{self, SourceError, Topics};
-use repose_perception::{Settings, segment};
-use repose_proto::{CallError, Frame, Scene};
+use repose_proto::Frame;
 
 use crate::failure::Failure;
 
@@ -80,11 +79,6 @@ pub fn read_nth(source: &Path, nth: usize, topics: &Topics) -> Result<Frame, Fai
         count += 1;
     }
     Err(no_frame(count))
-}
-
-/// Segments a frame with perception's defaults.
-pub fn scene_of(frame: &Frame) -> Result<Scene, Failure> {
-    segment(frame, &Settings::default()).map_err(|error| Failure::from(CallError::from(error)))
 }
 
 #[cfg(test)]

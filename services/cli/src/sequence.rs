@@ -5,13 +5,13 @@
 //! where it was put, every other where it was.
 //!
 //! What slips, falls or is not grasped is looked for on a fresh view and tried again, with another draw of grasps and placements, a bounded
-//! number of times. After a stop, whoever latched it, and after a cancel nothing is tried again: a person decides.
+//! number of times. Every look also says whether anything else was moved, fell or is gone. After a stop, whoever latched it, and after a cancel nothing is tried again: a person decides.
 
 use repose_proto::motion::ExecutionOutcome;
 use repose_proto::{GoalTerm, Message, PlaceRequest, PlaceResult, SceneRef};
 use repose_runtime::{Session, now_ns};
 use repose_sentences::placement::describe;
-use repose_tracking::{Known, holds};
+use repose_tracking::{Followed, holds};
 use serde::Serialize;
 
 use crate::client::{self, ConnectArgs};
@@ -114,11 +114,13 @@ fn line(step: &Step) -> String {
         None => "not executed".to_owned(),
     };
     let holds = step.goal.iter().zip(&step.last.holds).map(|(t, h)| format!("{t} {}", if *h { "holds" } else { "does not hold" }));
+    let disturbances = |attempt: &Attempt| attempt.tried.disturbances(Some(step.query));
     let before = step.attempts.iter().enumerate().map(|(k, a)| {
-        let why = a.tried.reason.as_deref().unwrap_or("the goal did not hold afterwards");
-        format!("attempt {}: {why}", k + 1)
+        let why = a.tried.reason.as_deref().unwrap_or("the goal did not hold afterwards").to_owned();
+        format!("attempt {}: {}", k + 1, std::iter::once(why).chain(disturbances(a)).collect::<Vec<_>>().join(", "))
     });
-    let said: Vec<String> = before.chain(std::iter::once(end)).chain(step.last.tried.reason.clone()).chain(holds).collect();
+    let last = std::iter::once(end).chain(step.last.tried.reason.clone()).chain(holds).chain(disturbances(&step.last));
+    let said: Vec<String> = before.chain(last).collect();
     let understood = step.said.as_ref().map(|s| format!("{s}\n")).unwrap_or_default();
     format!("{understood}{}\n  {}", describe(&step.result), said.join("; "))
 }
@@ -129,8 +131,8 @@ async fn achieve(args: &Sequence<'_>, session: &Session, steps: &mut Vec<Step>) 
     let view = system.view_after(0).await?;
     let (first, mut said) = args.wish.on(&view.1)?;
     let reaching = system.reaching().await;
-    let known = Known::of(&view.1.meta.objects);
-    let mut run = Run { system, attempts: args.attempts as usize, view, known };
+    let followed = Followed::of(&view.1);
+    let mut run = Run { system, attempts: args.attempts as usize, view, followed };
     let wishes = || std::iter::once(&first).chain(args.then).enumerate();
     let request = |scene_id: &str, (query, goal): (u16, Vec<GoalTerm>)| {
         let asked = args.wish.request(scene_id.to_owned(), &NextWish { query, goal });
@@ -163,13 +165,13 @@ struct Run<'a> {
     system: System<'a>,
     attempts: usize,
     view: View,
-    known: Known,
+    followed: Followed,
 }
 
 impl Run<'_> {
     /// A wish in the ids of the newest view.
     fn translated(&self, k: usize, wish: &NextWish) -> Result<(u16, Vec<GoalTerm>), Failure> {
-        Ok(self.known.translated(&format!("step[{k}]"), wish.query, &wish.goal)?)
+        Ok(self.followed.translated(&format!("step[{k}]"), wish.query, &wish.goal)?)
     }
 
     /// Has a placement of `asked` carried out, and tries again while that makes sense; `step` says what the last attempt came to.
@@ -203,11 +205,13 @@ impl Run<'_> {
         &mut self,
         asked: &PlaceRequest,
         (k, wish): (usize, &NextWish),
-        step: &Step,
+        step: &mut Step,
     ) -> Result<(PlaceRequest, PlaceResult), Failure> {
         if step.last.tried.execution.is_some() {
             self.view = self.system.back_and_looking().await?;
-            self.known.look_for_lost(wish.query, &self.view.1.meta.objects);
+            self.followed.look_for_lost(wish.query, &self.view.1);
+            // The arm is in nobody's way any more.
+            step.last.tried.fates = Some(self.followed.disturbed());
         }
         let (query, goal) = self.translated(k, wish)?;
         let scene = SceneRef { scene_id: self.view.0.clone() };
@@ -228,10 +232,12 @@ impl Run<'_> {
         };
         // What was not placed is looked for where it was.
         let moved = step.last.tried.moved(placements)?;
+        self.followed.carried(Some(wish.query), &moved);
         self.view = self.system.view_after(now_ns()).await?;
-        self.known.look_again(Some((wish.query, moved)), &self.view.1.meta.objects);
+        self.followed.look_again(&self.view.1);
+        step.last.tried.fates = Some(self.followed.disturbed());
         if step.last.tried.execution == Some(ExecutionOutcome::Done) {
-            match self.known.translated(&format!("step[{k}]"), wish.query, &wish.goal) {
+            match self.followed.translated(&format!("step[{k}]"), wish.query, &wish.goal) {
                 Ok((query, goal)) => step.last.holds = holds(&self.view.1, step.result.view_yaw_rad, query, &goal),
                 Err(unseen) => step.last.tried.reason = Some(format!("whether it holds cannot be seen: {}", unseen.message)),
             }

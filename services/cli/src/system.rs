@@ -1,5 +1,6 @@
 //! A running system as the commands see it that have a robot carry things out: its views, its planner, its robot, and the robot's way home.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use nalgebra::Isometry3;
@@ -9,6 +10,7 @@ use repose_proto::place::{Placement, ReachingRobot};
 use repose_proto::robot::{RobotMode, RobotState};
 use repose_proto::{CallError, ErrorCode, Payload, PlaceRequest, PlaceResult, Scene, Service};
 use repose_runtime::{CallOptions, Caller, Session, now_ns, reaching_robot};
+use repose_tracking::Fate;
 use serde::Serialize;
 
 use crate::bring_back::bring_back;
@@ -34,17 +36,25 @@ pub struct Tried {
     /// Why it ended there, or why nothing was executed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
+    /// Objects that do not stand where they were to be on the views after it, ids of the first view; none where nobody looked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fates: Option<BTreeMap<u16, Fate>>,
 }
 
 impl Tried {
     /// A plan that was executed, whatever came of it.
     fn executed(plan: &MotionPlan, reply: ExecuteReply) -> Self {
-        Self { placement: Some(plan.placement), execution: Some(reply.outcome), reason: reply.reason }
+        Self { placement: Some(plan.placement), execution: Some(reply.outcome), reason: reply.reason, fates: None }
     }
 
     /// A failure before the end of an execution.
     pub fn failed(failure: &Failure) -> Self {
         Self { reason: failure.error().map(ToString::to_string), ..Self::default() }
+    }
+
+    /// What was seen after it of the objects, `carried` among them, for people.
+    pub fn disturbances(&self, carried: Option<u16>) -> Vec<String> {
+        self.fates.as_ref().map_or_else(Vec::new, |fates| repose_sentences::fate::describe(carried, fates))
     }
 
     /// Where the executed placement put the object; the identity where nothing was placed.

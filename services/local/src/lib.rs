@@ -2,8 +2,9 @@
 //!
 //! A frame becomes a scene ([`scene_of`]); on a scene one can plan a placement ([`plan()`]), judge relations ([`relations()`]) and
 //! placements ([`score()`]), plan the motion ([`plan_motion`]) and draw ([`picture`]). The same messages go in and out as over the
-//! network, so the answers are the services' own, byte for byte. [`Models`] holds the networks; loading them takes a while, so keep it.
+//! network, and the services' settings are read from the environment as they read them, so the answers are the services' own, byte for byte. [`Models`] holds the networks; loading them takes a while, so keep it.
 
+pub mod configured;
 pub mod models;
 pub mod motion;
 pub mod picture;
@@ -12,20 +13,20 @@ pub mod relations;
 pub mod score;
 pub mod wireframe;
 
-use repose_perception::{Settings, segment};
+use repose_perception::segment;
 use repose_proto::{CallError, Frame, Scene};
 
+pub use configured::segmentation;
 pub use models::{ModelFiles, Models};
 pub use motion::plan_motion;
 pub use plan::{arrange, plan};
 pub use relations::{Pair, relations};
 pub use score::{Scores, score};
 
-/// Segments a frame with perception's defaults.
+/// Segments a frame as the perception service does, with its configuration from the environment (`REPOSE_PERCEPTION__SEGMENTATION__…`).
 ///
 /// # Errors
 /// `invalid_argument` that names the field; what perception says of the picture.
 pub fn scene_of(frame: &Frame) -> Result<Scene, CallError> {
-    frame.validate()?;
-    Ok(segment(frame, &Settings::default())?)
+    Ok(segment(frame, &segmentation()?)?)
 }

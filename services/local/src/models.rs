@@ -7,7 +7,9 @@ use repose_inference::{Engine, HeldScene, InferenceConfig, engine_of};
 use repose_planner::{Forecasts, PlacementModels};
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, Scene};
-use repose_runtime::{SceneStore, check_scene_id, load_config};
+use repose_runtime::{SceneStore, check_scene_id};
+
+use crate::configured::section;
 
 /// Scenes held at once; who works through many goes from one to the next.
 const SCENES: usize = 2;
@@ -35,7 +37,7 @@ impl Models {
     /// # Errors
     /// `invalid_argument` on `weights` or `config` when a file cannot be read or does not fit.
     pub fn load(files: &ModelFiles) -> Result<Self, CallError> {
-        let mut inference: InferenceConfig = load_config("inference", None).map_err(|e| CallError::invalid("config", e.to_string()))?;
+        let mut inference: InferenceConfig = section("inference")?;
         inference.weights = files.weights.clone().or(inference.weights);
         let engine = engine_of(&inference).map_err(|e| CallError::invalid("weights", e.to_string()))?;
         Ok(Self::of(engine))

@@ -4,7 +4,8 @@ use repose_motion::MotionConfig;
 use repose_motion::wire::planning_scene;
 use repose_proto::motion::{MotionPlan, MotionPlanRequest};
 use repose_proto::{CallError, Message, Scene};
-use repose_runtime::load_config;
+
+use crate::configured::{refused, section};
 
 /// Plans a pick and a placement as the motion service does, with its configuration from the environment (`REPOSE_MOTION__…`).
 ///
@@ -13,9 +14,7 @@ use repose_runtime::load_config;
 /// that name the field.
 pub fn plan_motion(scene: &Scene, request: &MotionPlanRequest) -> Result<MotionPlan, CallError> {
     request.validate()?;
-    let config: MotionConfig = load_config("motion", None).map_err(|e| CallError::invalid("config", e.to_string()))?;
-    let of_config = |e: repose_runtime::RuntimeError| CallError::invalid("config", e.to_string());
-    let settings = config.planning().map_err(|e| of_config(e.into()))?;
-    let terms = config.terms().map_err(|e| of_config(e.into()))?;
+    let config: MotionConfig = section("motion")?;
+    let (settings, terms) = (config.planning().map_err(refused)?, config.terms().map_err(refused)?);
     repose_motion::request::plan(scene, &planning_scene(scene)?, request, &settings, &terms, &|| false)
 }

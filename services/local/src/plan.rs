@@ -7,9 +7,11 @@ use repose_planner::{NoModels, PreparedScene};
 use repose_proto::place::Variant;
 use repose_proto::{ArrangeRequest, ArrangeResult, CallError, Message, PlaceRequest, PlaceResult, Scene};
 
+use crate::configured::robots;
 use crate::models::Models;
 
-/// Plans. `models` is asked only for variants that use networks.
+/// Plans as the planner does, which knows from its configuration where robots stand (`REPOSE_PLANNER__…`). `models` is asked only for variants
+/// that use networks.
 ///
 /// # Errors
 /// `invalid_argument` and `not_found` that name the field; those of `models`.
@@ -19,28 +21,32 @@ pub fn plan(
     models: impl FnOnce() -> Result<Arc<Models>, CallError>,
 ) -> Result<PlaceResult, CallError> {
     request.validate()?;
+    let mut request = request.clone();
+    robots()?.complete(&mut request.robot);
     let prepared = PreparedScene::new(scene.clone());
     let go_on = &mut |_| ControlFlow::Continue(());
     match request.variant {
-        Variant::Geometric => repose_planner::plan(&prepared, request, &NoModels, go_on),
-        _ => repose_planner::plan(&prepared, request, models()?.as_ref(), go_on),
+        Variant::Geometric => repose_planner::plan(&prepared, &request, &NoModels, go_on),
+        _ => repose_planner::plan(&prepared, &request, models()?.as_ref(), go_on),
     }
 }
 
-/// Plans an arrangement. `models` is asked only for variants that use networks.
+/// Plans an arrangement; otherwise as [`plan`].
 ///
 /// # Errors
-/// `invalid_argument` and `not_found` that name the field; those of `models`.
+/// As [`plan`].
 pub fn arrange(
     scene: &Arc<Scene>,
     request: &ArrangeRequest,
     models: impl FnOnce() -> Result<Arc<Models>, CallError>,
 ) -> Result<ArrangeResult, CallError> {
     request.validate()?;
+    let mut request = request.clone();
+    robots()?.complete(&mut request.robot);
     let prepared = Arc::new(PreparedScene::new(scene.clone()));
     let go_on = &mut |_| ControlFlow::Continue(());
     match request.variant {
-        Variant::Geometric => repose_planner::arrange::arrange(&prepared, request, &NoModels, go_on),
-        _ => repose_planner::arrange::arrange(&prepared, request, models()?.as_ref(), go_on),
+        Variant::Geometric => repose_planner::arrange::arrange(&prepared, &request, &NoModels, go_on),
+        _ => repose_planner::arrange::arrange(&prepared, &request, models()?.as_ref(), go_on),
     }
 }

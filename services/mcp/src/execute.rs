@@ -3,16 +3,19 @@
 //! The placement is the one that the agent was shown. The arm's way is planned anew, from where it stands and on a fresh view: the scene may
 //! differ from the plan's by what a camera's noise makes of it ([`crate::Settings::still_m`]) and by nothing else.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
+use nalgebra::Isometry3;
 use repose_pictures::jpeg_of;
 use repose_pictures::scene::with_numbered_outlines;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
 use repose_proto::robot::{RobotMode, RobotState};
 use repose_proto::{CallError, Payload};
 use repose_runtime::{CallOptions, CancellationToken, call_moving};
-use repose_tracking::{Known, changes, holds};
+use repose_sentences::fate;
+use repose_tracking::{Fate, Followed, changes, holds};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -42,6 +45,9 @@ pub struct Executed {
     pub reason: Option<String>,
     /// What was asked to hold, and whether each holds in the view afterwards; empty where that cannot be seen.
     pub holds: Vec<TermHeld>,
+    /// The objects that do not stand where they were to be in the view afterwards, by their numbers in the plan's scene: moved, fallen, gone
+    /// or hidden. Empty where everything does.
+    pub fates: BTreeMap<u16, Fate>,
     /// The scene afterwards, for `plan`.
     pub scene: String,
 }
@@ -70,26 +76,31 @@ impl Desk {
         let _alone = self.begin_moving()?;
         let state = repose_runtime::robot_state(&self.session, &self.settings().robot, PATIENCE).await?;
         check_free(&self.settings().robot, &state)?;
-        let seen = self.unchanged(&plan).await?;
-        let mut known = Known::of(&plan.seen.scene.meta.objects);
-        known.look_again(None, &seen.scene.meta.objects);
-        let motion = self.motion_plan(&plan, &known, &seen, &state).await?;
+        let (seen, followed) = self.unchanged(&plan).await?;
+        let motion = self.motion_plan(&plan, &followed, &seen, &state).await?;
         // From here on it may have moved something, whatever the answer is.
         self.plans().remove(&plan.id);
         let options = CallOptions { cancel, ..CallOptions::at_most_once(LONGEST) };
         let reply = call_moving(&self.session, &self.motion, "execute", Payload::json(&motion)?, options).await?;
         let reply: ExecuteReply = reply.payload.decode_json()?;
-        self.afterwards(&plan, &reply, known).await
+        let seen = self.fresh().await?;
+        computed(move || afterwards(&plan, reply, followed, &seen)).await
     }
 
-    /// A fresh view in which everything is where it was planned with.
-    async fn unchanged(&self, plan: &Plan) -> Result<Arc<Seen>, CallError> {
+    /// A fresh view in which everything is where it was planned with, and which object is which in it.
+    async fn unchanged(&self, plan: &Arc<Plan>) -> Result<(Arc<Seen>, Followed), CallError> {
         let mut differences = Vec::new();
         for _ in 0..VIEWS {
             let seen = self.fresh().await?;
             differences = changes(&plan.seen.scene.meta.objects, &seen.scene.meta.objects, self.settings().still_m);
             if differences.is_empty() {
-                return Ok(seen);
+                let plan = plan.clone();
+                let found_again = move || {
+                    let mut followed = Followed::of(&plan.seen.scene);
+                    followed.look_again(&seen.scene);
+                    Ok((seen, followed))
+                };
+                return computed(found_again).await;
             }
         }
         let told: Vec<String> = differences.iter().map(ToString::to_string).collect();
@@ -97,38 +108,42 @@ impl Desk {
             .at("plan"))
     }
 
-    async fn motion_plan(&self, plan: &Plan, known: &Known, seen: &Seen, state: &RobotState) -> Result<MotionPlan, CallError> {
-        let (query, _) = known.translated("plan", plan.query, &plan.goal)?;
+    async fn motion_plan(&self, plan: &Plan, followed: &Followed, seen: &Seen, state: &RobotState) -> Result<MotionPlan, CallError> {
+        let (query, _) = followed.translated("plan", plan.query, &plan.goal)?;
         let placements = vec![plan.placement.placed_from_observed];
         let robot = self.settings().robot.clone();
         let request =
             MotionPlanRequest { seed: plan.seed, ..MotionPlanRequest::new(seen.scene_id.clone(), robot, query, placements, state.q_rad) };
         self.motion.plan_motion(&request, Some(&seen.scene), CallOptions::within(self.settings().deadline)).await
     }
+}
 
-    /// Looks at what has become of the wish.
-    async fn afterwards(&self, plan: &Plan, reply: &ExecuteReply, mut known: Known) -> Result<Answer, CallError> {
-        let seen = self.fresh().await?;
-        let objects = &seen.scene.meta.objects;
-        match reply.outcome {
-            ExecutionOutcome::Done => known.look_again(Some((plan.query, moved_by(&plan.placement)?)), objects),
-            ExecutionOutcome::Stopped | ExecutionOutcome::GraspLost => known.look_for_lost(plan.query, objects),
+/// What has become of the wish, and of everything else.
+fn afterwards(plan: &Plan, reply: ExecuteReply, mut followed: Followed, seen: &Seen) -> Result<Answer, CallError> {
+    match reply.outcome {
+        ExecutionOutcome::Done => {
+            followed.carried(Some(plan.query), &moved_by(&plan.placement)?);
+            followed.look_again(&seen.scene);
         }
-        let held = match known.translated("plan", plan.query, &plan.goal) {
-            Ok((query, goal)) => holds(&seen.scene, plan.view_yaw_rad, query, &goal),
-            Err(_) => Vec::new(),
-        };
-        let executed = Executed {
-            plan: plan.id.clone(),
-            outcome: reply.outcome,
-            reason: reply.reason.clone(),
-            holds: plan.goal.iter().zip(&held).map(|(term, holds)| TermHeld { term: term.to_string(), holds: *holds }).collect(),
-            scene: seen.handle().to_owned(),
-        };
-        let text = sentences(&executed);
-        let picture = computed(move || jpeg_of(&with_numbered_outlines(&seen.scene)?, QUALITY)).await?;
-        Answer::new(text, &executed, Some(picture))
+        ExecutionOutcome::Stopped | ExecutionOutcome::GraspLost => {
+            followed.carried(None, &Isometry3::identity());
+            followed.look_for_lost(plan.query, &seen.scene);
+        }
     }
+    let held = match followed.translated("plan", plan.query, &plan.goal) {
+        Ok((query, goal)) => holds(&seen.scene, plan.view_yaw_rad, query, &goal),
+        Err(_) => Vec::new(),
+    };
+    let executed = Executed {
+        plan: plan.id.clone(),
+        outcome: reply.outcome,
+        reason: reply.reason,
+        holds: plan.goal.iter().zip(&held).map(|(term, holds)| TermHeld { term: term.to_string(), holds: *holds }).collect(),
+        fates: followed.disturbed(),
+        scene: seen.handle().to_owned(),
+    };
+    let picture = jpeg_of(&with_numbered_outlines(&seen.scene)?, QUALITY)?;
+    Answer::new(sentences(&executed, plan.query), &executed, Some(picture))
 }
 
 /// Refuses a robot that a person, or somebody else's task, has.
@@ -141,7 +156,7 @@ fn check_free(robot: &str, state: &RobotState) -> Result<(), CallError> {
     }
 }
 
-fn sentences(executed: &Executed) -> String {
+fn sentences(executed: &Executed, carried: u16) -> String {
     let mut lines = vec![match (executed.outcome, &executed.reason) {
         (ExecutionOutcome::Done, _) => "done".to_owned(),
         (ExecutionOutcome::Stopped, why) => format!("stopped: {}", why.as_deref().unwrap_or("nobody says why")),
@@ -153,6 +168,7 @@ fn sentences(executed: &Executed) -> String {
             lines.extend(executed.holds.iter().map(|term| format!("{} {}", term.term, if term.holds { "holds" } else { "does not hold" })));
         }
     }
+    lines.extend(fate::describe(Some(carried), &executed.fates));
     lines.push(format!("the scene afterwards is {}; numbers may be others in it", executed.scene));
     lines.join("\n")
 }

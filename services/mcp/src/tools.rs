@@ -75,8 +75,8 @@ impl Tool {
             }
             Self::Execute => {
                 "Has the robot carry out a plan that `plan` made in this session. Refused when anything in the scene has moved since, and while \
-                 another motion is under way. Answers when the motion has ended: how, and whether the asked relations hold in a fresh view. A plan \
-                 is carried out once."
+                 another motion is under way. Answers when the motion has ended: how, and from a fresh view whether the asked relations hold and \
+                 whether anything else has moved, fallen or is gone. A plan is carried out once."
             }
             Self::State => "What the robot does and holds, whether it is stopped and why, and whether plans may be carried out.",
             Self::Stop => {

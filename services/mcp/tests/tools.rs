@@ -103,14 +103,32 @@ async fn a_plan_of_this_session_is_carried_out_once_and_no_other_is() {
     cell.world.may_move.notify_one();
     let done = ask(&cell, "execute", json!({"plan": plan})).await.expect("an answer");
     assert_eq!(
-        (&done.data["outcome"], &done.data["holds"]),
-        (&json!("done"), &json!([{"term": "left_of:2", "holds": true}])),
+        (&done.data["outcome"], &done.data["holds"], &done.data["fates"]),
+        (&json!("done"), &json!([{"term": "left_of:2", "holds": true}]), &json!({})),
         "{}",
         done.text
     );
-    assert!(done.picture.is_some());
+    assert!(done.picture.is_some() && done.text.contains("nothing else has moved or fallen"), "{}", done.text);
     assert!(not_found(ask(&cell, "execute", json!({"plan": plan})).await), "it was carried out already");
     assert_eq!(cell.world.executions(), 1);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_else_the_robot_has_moved_is_said() {
+    let cell = start(true).await;
+    let plan = planned(&cell).await;
+    let executing = async { ask(&cell, "execute", json!({"plan": plan})).await.expect("an answer") };
+    let meanwhile = async {
+        cell.world.has_begun.notified().await;
+        cell.world.push(3, [0.0, 0.07]);
+        cell.world.may_move.notify_one();
+    };
+    let (done, ()) = tokio::join!(executing, meanwhile);
+    assert_eq!(done.data["outcome"], "done");
+    let fates = done.data["fates"].as_object().expect("fates");
+    assert_eq!((fates.len(), &fates["3"]["fate"]), (1, &json!("moved")), "{}", done.text);
+    assert!((fates["3"]["by_m"].as_f64().expect("how far") - 0.07).abs() < 0.01, "{}", done.text);
+    assert!(done.text.contains("object 3 is 70 mm from where it was to be") && !done.text.contains("nothing else"), "{}", done.text);
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -15,8 +15,9 @@ use repose_proto::{CallError, CameraModel, ErrorCode, Frame, RigidTransform, Sce
 use crate::masks::clean::CleanMasks;
 use crate::masks::{hints, stray};
 use crate::objects::coarse::CoarsePicture;
+use crate::objects::color::Rgb;
 use crate::objects::find::Found;
-use crate::objects::{seen, spread};
+use crate::objects::{holes, seen, spread};
 use crate::readings::depth::DepthMap;
 use crate::readings::flying;
 use crate::readings::point_map::{PointMap, strided};
@@ -141,6 +142,7 @@ impl Parts {
         }
 
         let given_pose = model.world_from_camera.map(|pose| from_row_major(&pose.0)).transpose()?;
+        let unread = depth.depth_m().map(|z| z.is_nan());
         let robots = self_filter::remove(&mut depth, &camera, &frame.robots, given_pose.as_ref(), &settings.self_filter);
 
         let stride = camera.width.div_ceil(settings.coarse_columns.max(1)).max(1);
@@ -154,15 +156,13 @@ impl Parts {
 
         let Found { ids: mut labels, mut no_objects, furniture } = match &frame.labels {
             Some(labels) => {
-                let labels = as_image(labels.clone(), &camera)?;
+                let labels = as_image(labels.clone(), &camera, "labels")?;
                 pixels_flying += stray::remove(&labels, depth.depth_m_mut(), camera.fx as f32, &settings.flying);
                 Found::objects(labels)
             }
             None => {
-                let found = seen::objects(&coarse, settings);
-                let mut labels = spread::spread(&found.ids, &coarse.in_camera, &depth, stride);
-                spread::fill_gaps(&mut labels, depth.depth_m(), settings.components.max_gap_px);
-                Found { ids: labels, ..found }
+                let colors = frame.color.clone().map(|colors| as_image(colors, &camera, "color")).transpose()?;
+                found(&coarse, &depth, &unread, colors.as_ref(), settings)
             }
         };
         hints::follow(&mut labels, &mut no_objects, &depth, &frame.hints).map_err(SegmentError::Frame)?;
@@ -234,6 +234,18 @@ impl Parts {
     }
 }
 
+/// The objects of a frame that came without labels, on its full picture. `unread` pixels had no reading before the robots' were taken out.
+fn found(coarse: &CoarsePicture, depth: &DepthMap, unread: &Image<bool>, colors: Option<&Image<Rgb>>, settings: &Settings) -> Found {
+    let coarse_colors = colors.map(|colors| strided(colors, coarse.stride));
+    let found = seen::objects(coarse, coarse_colors.as_ref(), settings);
+    let mut ids = spread::spread(&found.ids, &coarse.in_camera, depth, coarse.stride);
+    spread::fill_gaps(&mut ids, depth.depth_m(), settings.components.max_gap_px);
+    if let Some(colors) = colors {
+        holes::complete(&mut ids, unread, colors, &settings.components.holes);
+    }
+    Found { ids, ..found }
+}
+
 /// The camera's pose above the main support plane.
 fn estimated_pose(in_camera: &PointMap, settings: &Settings) -> Result<Isometry3<f64>, SegmentError> {
     let mut rng = Pcg64::seed_from_u64(settings.seed);
@@ -274,8 +286,9 @@ fn doubts(
     vec![SceneWarning { field: "world_from_camera".to_owned(), message }]
 }
 
-fn as_image(labels: Vec<u16>, camera: &Pinhole) -> Result<Image<u16>, SegmentError> {
-    Image::from_pixels(camera.width, camera.height, labels).map_err(|e| SegmentError::Frame(CallError::invalid("labels", e.to_string())))
+/// The frame's field as a picture.
+fn as_image<T>(pixels: Vec<T>, camera: &Pinhole, field: &str) -> Result<Image<T>, SegmentError> {
+    Image::from_pixels(camera.width, camera.height, pixels).map_err(|e| SegmentError::Frame(CallError::invalid(field, e.to_string())))
 }
 
 /// Surfaces in the wire's form, largest outline first.

@@ -123,6 +123,12 @@ pub struct LearnedSettings {
     pub object_from: f32,
     /// Logit from which a pair of pixels shows one object. Raising it cuts more.
     pub same_from: f32,
+    /// Colors that differ by fewer levels, of 255, speak for one object, others for two.
+    pub color_levels: f32,
+    /// What the same color adds to the logit of a pair. Raising it joins more, and with it neighbours of one color.
+    pub alike: f32,
+    /// What colors that differ by twice `color_levels` or more take from the logit. Raising it cuts more, and with it what is printed on an object.
+    pub unlike: f32,
     /// Groups with fewer readings on the coarse picture are too small for an object.
     pub min_pixels: usize,
     /// What geometry finds stays as geometry says where the network's objects cover less than this share of it; at 0 only the network says what is an
@@ -132,7 +138,16 @@ pub struct LearnedSettings {
 
 impl Default for LearnedSettings {
     fn default() -> Self {
-        Self { enabled: true, object_from: 0.0, same_from: -1.0, min_pixels: 25, uncovered: 0.0 }
+        Self {
+            enabled: true,
+            object_from: 0.0,
+            same_from: -1.0,
+            color_levels: 40.0,
+            alike: 2.0,
+            unlike: 2.0,
+            min_pixels: 25,
+            uncovered: 0.0,
+        }
     }
 }
 
@@ -382,6 +397,8 @@ pub struct ComponentSettings {
     pub max_gap_px: usize,
     /// Most objects; the largest are kept.
     pub max_count: usize,
+    /// Completing masks where the camera reads nothing, by color.
+    pub holes: HoleSettings,
     /// Joining the inside of hollow objects with their outside.
     pub hollows: HollowSettings,
     /// Joining what shows of an object on both sides of another.
@@ -404,9 +421,27 @@ impl Default for ComponentSettings {
             min_inside: 0.2,
             max_gap_px: 24,
             max_count: 64,
+            holes: HoleSettings::default(),
             hollows: HollowSettings::default(),
             halves: HalvesSettings::default(),
         }
+    }
+}
+
+/// How far masks reach over pixels without a reading.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct HoleSettings {
+    /// How far a mask reaches, pixels of the frame; where color changes a step counts as many more as levels differ. Raising it completes larger
+    /// holes, and takes more of what is not read beside an object for a part of it. At 0 nothing is completed.
+    pub reach: u16,
+    /// A mask that would gain a smaller share of its readings stays as it is read.
+    pub least_gain: f32,
+}
+
+impl Default for HoleSettings {
+    fn default() -> Self {
+        Self { reach: 80, least_gain: 0.5 }
     }
 }
 

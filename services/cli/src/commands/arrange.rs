@@ -77,7 +77,7 @@ pub async fn run(args: &ArrangeArgs, output: Output) -> Outcome {
     }
     let result = match &args.frame {
         Some(path) => {
-            let scene: Arc<Scene> = Arc::new(frames::scene_of(&frames::read(path)?)?);
+            let scene: Arc<Scene> = Arc::new(repose_local::scene_of(&frames::read(path)?)?);
             let files = ModelFiles { weights: args.networks.weights.clone() };
             let request = args.request(scene.id());
             // Everything computes here; nothing else waits in this process.

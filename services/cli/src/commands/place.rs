@@ -27,7 +27,7 @@ pub struct PlaceArgs {
     /// Plan on this scene instead of the camera's newest.
     #[arg(long, value_name = "ID", conflicts_with_all = ["execute", "then"])]
     pub scene: Option<String>,
-    /// Have the robot carry the placement out, then check the goal on a fresh view.
+    /// Have the robot carry the placement out, then check the goal on a fresh view, and whether anything else has moved or fallen.
     #[arg(long)]
     pub execute: bool,
     /// A further placement, ID=TERM[,TERM…], planned on a fresh view once the one before was carried out and its goal holds. Ids are those

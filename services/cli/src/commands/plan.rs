@@ -50,7 +50,7 @@ pub fn run(args: &PlanArgs, output: Output) -> Outcome {
     if args.ignore_labels {
         frame.labels = None;
     }
-    let scene = Arc::new(frames::scene_of(&frame)?);
+    let scene = Arc::new(repose_local::scene_of(&frame)?);
     let (wish, said) = args.wish.on(&scene)?;
     let mut request = args.wish.request(scene.id(), &wish);
     if let Some(robot) = &mut request.robot {

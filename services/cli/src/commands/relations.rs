@@ -24,7 +24,7 @@ pub struct RelationsArgs {
 
 /// Runs the command.
 pub fn run(args: &RelationsArgs, output: Output) -> Outcome {
-    let scene = frames::scene_of(&frames::read(&args.frame)?)?;
+    let scene = repose_local::scene_of(&frames::read(&args.frame)?)?;
     let pairs = repose_local::relations(&Arc::new(scene), args.networks.models()?.as_ref())?;
     output.print(&serde_json::json!({"pairs": pairs}), || {
         let names = Relation::ALL.iter().map(|relation| relation.as_str().replace('_', "\n"));

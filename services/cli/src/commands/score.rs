@@ -45,7 +45,7 @@ fn parse_realism_by(name: &str) -> Result<RealismBy, String> {
 
 /// Runs the command.
 pub fn run(args: &ScoreArgs, output: Output) -> Outcome {
-    let scene = frames::scene_of(&frames::read(&args.frame)?)?;
+    let scene = repose_local::scene_of(&frames::read(&args.frame)?)?;
     let name = args.transforms.display().to_string();
     let text = std::fs::read(&args.transforms).map_err(|e| Failure::bad_input(&name, e))?;
     let transforms: Vec<[f64; 16]> = serde_json::from_slice(&text).map_err(|e| Failure::bad_input(&name, e))?;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use image::{DynamicImage, ImageBuffer, Luma};
 use repose_evaluation::report::written::write_picture;
-use repose_perception::{Settings, segment_with_labels};
+use repose_perception::segment_with_labels;
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, SegmentHints};
 
@@ -82,7 +82,7 @@ pub fn run(args: &SegmentArgs, output: Output) -> Outcome {
         frame.labels = None;
     }
     frame.hints = args.hints();
-    let segmented = segment_with_labels(&frame, &Settings::default()).map_err(|e| Failure::from(CallError::from(e)))?;
+    let segmented = segment_with_labels(&frame, &repose_local::segmentation()?).map_err(|e| Failure::from(CallError::from(e)))?;
     let scene = &segmented.scene;
     if let Some(path) = &args.labels_out {
         let (width, height) = (segmented.labels.width() as u32, segmented.labels.height() as u32);

@@ -5,7 +5,6 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use nalgebra::Isometry3;
 use repose_geometry::transform::from_row_major;
 use repose_proto::motion::{ExecutionOutcome, MotionPlanRequest};
 use repose_proto::{CallError, ErrorCode, Message as _, PlaceRequest, Scene, SceneRef, Service};
@@ -118,7 +117,7 @@ impl Running {
     /// Carries one goal out; whether it holds in the view after it.
     async fn step(&mut self, k: usize, goal: &PlaceRequest) -> Result<bool, CallError> {
         self.show(k, |step| step.stage = Stage::Looking);
-        let (scene_id, scene) = self.view(None).await?;
+        let (scene_id, scene) = self.view().await?;
         let field = format!("goals[{k}]");
         let (query, terms) = self.known.translated(&field, goal.query, &goal.goal)?;
         self.show(k, |step| step.stage = Stage::Placing);
@@ -149,7 +148,8 @@ impl Running {
             return Err(CallError::precondition(reply.reason.unwrap_or_else(|| "the motion did not end as planned".to_owned())));
         }
         self.seen_ns = now_ns();
-        let (_, scene) = self.view(Some((goal.query, moved))).await?;
+        self.known.carried(goal.query, &moved);
+        let (_, scene) = self.view().await?;
         let (query, terms) = self.known.translated(&field, goal.query, &goal.goal)?;
         let held = holds(&scene, placed.view_yaw_rad, query, &terms);
         let all = held.iter().all(|h| *h);
@@ -158,7 +158,7 @@ impl Running {
     }
 
     /// The first view newer than the last, in which the objects are found again.
-    async fn view(&mut self, moved: Option<(u16, Isometry3<f64>)>) -> Result<(String, Scene), CallError> {
+    async fn view(&mut self) -> Result<(String, Scene), CallError> {
         let give_up = Instant::now() + self.deadline;
         let camera = self.camera.name();
         loop {
@@ -166,7 +166,7 @@ impl Running {
             if summary.stamp_ns > self.seen_ns {
                 let scene = self.cell.scene(&summary.scene_id).await?;
                 self.seen_ns = summary.stamp_ns;
-                self.known.look_again(moved, &scene.meta.objects);
+                self.known.look_again(&scene.meta.objects);
                 return Ok((summary.scene_id, scene));
             }
             if Instant::now() >= give_up {

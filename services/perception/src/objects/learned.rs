@@ -1,7 +1,8 @@
 //! What the network for masks says of the coarse picture: which pixels show objects, grouped into one id each.
 //!
 //! The network says of each pixel whether it shows an object, and of pairs of pixels whether they show the same one
-//! ([`repose_networks::masks`]); a mutex watershed groups them ([`super::watershed`]).
+//! ([`repose_networks::masks`]); a mutex watershed groups them ([`super::watershed`]). It reads depth alone: where there is color, alike and
+//! unlike pixels weigh beside what it says, which decides where two things touch without a step between them.
 
 use std::sync::OnceLock;
 
@@ -9,6 +10,7 @@ use repose_geometry::{Image, Pinhole, Vector3};
 use repose_networks::WeightsError;
 use repose_networks::masks::{Inputs, MaskLogits, MaskNetwork, OFFSETS};
 
+use super::color::{Rgb, difference};
 use super::watershed::{Pair, grouped};
 use crate::settings::LearnedSettings;
 
@@ -26,8 +28,8 @@ pub fn logits(depth_m: &Image<f32>, camera: &Pinhole, up: &Vector3<f64>) -> Opti
 }
 
 /// An id for each object that the network sees: 1, 2, … from the largest down (ties by first pixel), 0 elsewhere. `depth_m` holds NaN where there is
-/// no reading, and no object.
-pub fn ids(logits: &MaskLogits, depth_m: &Image<f32>, settings: &LearnedSettings) -> Image<u16> {
+/// no reading, and no object. Where the picture has `colors` they have a say in which pixels show one object.
+pub fn ids(logits: &MaskLogits, depth_m: &Image<f32>, colors: Option<&Image<Rgb>>, settings: &LearnedSettings) -> Image<u16> {
     let (width, height) = (depth_m.width(), depth_m.height());
     let shows_object = |i: usize| logits.pixels[i][0] > settings.object_from && !depth_m.pixels()[i].is_nan();
     let object: Vec<bool> = (0..width * height).map(shows_object).collect();
@@ -39,12 +41,19 @@ pub fn ids(logits: &MaskLogits, depth_m: &Image<f32>, settings: &LearnedSettings
             let Some(row) = v.checked_add_signed(dv).filter(|v| *v < height) else { continue };
             let j = row * width + column;
             if object[j] {
-                let same = logits.pixels[i][1 + k] - settings.same_from;
+                let of_colors = colors.map_or(0.0, |colors| of_colors(colors.pixels()[i], colors.pixels()[j], settings));
+                let same = logits.pixels[i][1 + k] - settings.same_from + of_colors;
                 pairs.push(Pair { one: i as u32, other: j as u32, same });
             }
         }
     }
     numbered(&grouped(width * height, &pairs), &object, width, height)
+}
+
+/// What the colors of two pixels add to the logit of their showing one object.
+fn of_colors(one: Rgb, other: Rgb, settings: &LearnedSettings) -> f32 {
+    let difference = difference(one, other) / settings.color_levels;
+    if difference < 1.0 { settings.alike * (1.0 - difference) } else { -settings.unlike * (difference - 1.0).min(1.0) }
 }
 
 /// Fewest pixels of a group that is told of at all.
@@ -96,6 +105,23 @@ mod tests {
         };
         let logits = MaskLogits { width: 8, height: 4, pixels: (0..32).map(|i| pixel(i % 8)).collect() };
         let depth_m = Image::from_pixels(8, 4, (0..32).map(|i| if i % 8 == 7 { f32::NAN } else { 0.8 }).collect()).unwrap();
-        assert_eq!(ids(&logits, &depth_m, &LearnedSettings::default()), picture(&["11122200"; 4]));
+        assert_eq!(ids(&logits, &depth_m, None, &LearnedSettings::default()), picture(&["11122200"; 4]));
+    }
+
+    #[test]
+    fn colors_decide_where_the_network_is_not_sure() {
+        let settings = LearnedSettings { same_from: 0.0, ..LearnedSettings::default() };
+        let depth_m = Image::filled(8, 4, 0.8);
+        let of = |same: f32, left: Rgb, right: Rgb| {
+            let mut pixel = [same; 1 + OFFSETS.len()];
+            pixel[0] = 4.0;
+            let logits = MaskLogits { width: 8, height: 4, pixels: vec![pixel; 32] };
+            let colors = Image::from_pixels(8, 4, (0..32).map(|i| if i % 8 < 4 { left } else { right }).collect()).unwrap();
+            ids(&logits, &depth_m, Some(&colors), &settings)
+        };
+        let (red, blue) = ([180, 40, 40], [40, 40, 180]);
+        let (one, two) = (picture(&["11111111"; 4]), picture(&["11112222"; 4]));
+        assert_eq!([of(1.0, red, red), of(-1.0, red, red)], [one.clone(), one.clone()]);
+        assert_eq!([of(1.0, red, blue), of(5.0, red, blue)], [two, one], "what the network is sure of is one in two colors");
     }
 }

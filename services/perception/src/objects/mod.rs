@@ -2,11 +2,13 @@
 
 pub mod agreed;
 pub mod coarse;
+pub mod color;
 pub mod components;
 pub mod ends;
 pub mod find;
 pub mod foreground;
 pub mod halves;
+pub mod holes;
 pub mod hollows;
 pub mod islands;
 pub mod learned;

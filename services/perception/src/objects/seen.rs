@@ -1,8 +1,9 @@
 //! The objects of a coarse picture that came without labels: what geometry finds, put right by the network for masks where that is asked.
 
-use repose_geometry::Vector3;
+use repose_geometry::{Image, Vector3};
 
 use super::coarse::CoarsePicture;
+use super::color::Rgb;
 use super::find::{self, Found};
 use super::{agreed, learned};
 use crate::settings::{Settings, SurfaceSettings};
@@ -14,8 +15,8 @@ const MOST_PIECES: usize = 24;
 /// Of so many readings that face up one tells of levels: cells of furniture hold many.
 const THINNED: usize = 3;
 
-/// What shows in the picture.
-pub fn objects(picture: &CoarsePicture, settings: &Settings) -> Found {
+/// What shows in the picture, with its colors where it has any.
+pub fn objects(picture: &CoarsePicture, colors: Option<&Image<Rgb>>, settings: &Settings) -> Found {
     let geometry = by_geometry(picture, settings);
     if !settings.learned.enabled {
         return geometry;
@@ -23,7 +24,7 @@ pub fn objects(picture: &CoarsePicture, settings: &Settings) -> Found {
     let up = picture.world_from_camera.rotation.inverse() * Vector3::z();
     // Without weights that can be read geometry has the word.
     let Some(logits) = learned::logits(&picture.depth_m, &picture.camera, &up) else { return geometry };
-    let ids = learned::ids(&logits, &picture.depth_m, &settings.learned);
+    let ids = learned::ids(&logits, &picture.depth_m, colors, &settings.learned);
     agreed::put_right(&geometry, &ids, &picture.in_camera, &picture.in_world, settings)
 }
 

@@ -40,7 +40,7 @@ impl std::fmt::Display for Change {
 /// What is different in a second view of a scene that nobody should have touched; centroids up to `still_m` apart are the same place.
 pub fn changes(before: &[ObjectSummary], after: &[ObjectSummary], still_m: f64) -> Vec<Change> {
     let mut known = Known::of(before);
-    known.look_again(None, after);
+    known.look_again(after);
     let mut changes = Vec::new();
     for object in before {
         let found = known.now.get(&object.id).and_then(|(now, centroid)| now.map(|_| centroid));

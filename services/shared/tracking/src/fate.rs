@@ -8,6 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Isometry3, Point3};
 use repose_proto::{CallError, GoalTerm, ObjectSummary, Scene};
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::known::Known;
@@ -27,7 +28,7 @@ const FELL_M: f64 = 0.03;
 const SAME_SIZE_M: f64 = 0.03;
 
 /// What became of an object.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case", tag = "fate")]
 pub enum Fate {
     /// It stands where it was to be.
@@ -49,17 +50,35 @@ pub enum Fate {
 }
 
 /// The objects of a first view, followed from view to view.
+///
+/// What became of them counts from when something was last [carried out](Self::carried), over all looks since: one that was moved stays told
+/// when it stands, or is hidden, in the next look.
 pub struct Followed {
     known: Known,
-    /// By the id of the first view: where its points are to be, and its edge lengths in ascending order.
-    expected: BTreeMap<u16, (Vec<Point3<f64>>, [f64; 3])>,
+    /// By the id of the first view.
+    objects: BTreeMap<u16, Object>,
+}
+
+/// An object that is followed.
+struct Object {
+    /// Where its points were to be when something was last carried out.
+    expected: Vec<Point3<f64>>,
+    /// Where they were seen last.
+    seen: Vec<Point3<f64>>,
+    /// Its edge lengths in ascending order.
+    edges_m: [f64; 3],
+    /// What became of it since something was last carried out.
+    fate: Fate,
 }
 
 impl Followed {
     /// The objects of a first view.
     pub fn of(scene: &Scene) -> Self {
-        let expected = scene.meta.objects.iter().map(|o| (o.id, (points_of(scene, o.id), edges_of(o)))).collect();
-        Self { known: Known::of(&scene.meta.objects), expected }
+        let object = |o: &ObjectSummary| {
+            let points = points_of(scene, o.id);
+            Object { expected: points.clone(), seen: points, edges_m: edges_of(o), fate: Fate::Stands }
+        };
+        Self { known: Known::of(&scene.meta.objects), objects: scene.meta.objects.iter().map(|o| (o.id, object(o))).collect() }
     }
 
     /// Who is who; see [`Known`].
@@ -75,57 +94,80 @@ impl Followed {
         self.known.translated(field, query, terms)
     }
 
-    /// Looks at a new view, after `moved` (first view's id and its motion), if any: what became of each object, by the id of the first view.
-    pub fn look_again(&mut self, moved: Option<(u16, Isometry3<f64>)>, scene: &Scene) -> BTreeMap<u16, Fate> {
-        if let Some((id, placed_from_observed)) = moved
-            && let Some((points, _)) = self.expected.get_mut(&id)
-        {
-            points.iter_mut().for_each(|p| *p = placed_from_observed * *p);
+    /// The objects that do not stand where they were to be, by the id of the first view, as all looks since something was last carried out say.
+    pub fn disturbed(&self) -> BTreeMap<u16, Fate> {
+        self.objects.iter().map(|(id, object)| (*id, object.fate)).filter(|(_, fate)| *fate != Fate::Stands).collect()
+    }
+
+    /// Something was carried out: an object (first view's id; none where that did not have it) is to be where a motion put it, and every other
+    /// where it was seen last.
+    pub fn carried(&mut self, id: Option<u16>, placed_from_observed: &Isometry3<f64>) {
+        for object in self.objects.values_mut().filter(|object| object.fate != Fate::Stands) {
+            object.expected.clone_from(&object.seen);
+            object.fate = Fate::Stands;
         }
-        self.known.look_again(moved, &scene.meta.objects);
+        let Some(id) = id else { return };
+        self.known.carried(id, placed_from_observed);
+        if let Some(object) = self.objects.get_mut(&id) {
+            object.expected.iter_mut().chain(&mut object.seen).for_each(|p| *p = placed_from_observed * *p);
+        }
+    }
+
+    /// Looks at a new view.
+    pub fn look_again(&mut self, scene: &Scene) {
+        self.known.look_again(&scene.meta.objects);
+        self.judge(scene);
+    }
+
+    /// Looks at a new view after an object (first view's id) was lost or fell: it may be some way off.
+    pub fn look_for_lost(&mut self, lost: u16, scene: &Scene) {
+        self.known.look_for_lost(lost, &scene.meta.objects);
+        self.judge(scene);
+    }
+
+    /// Says what became of each object, once it is known who is who.
+    fn judge(&mut self, scene: &Scene) {
         let picture = DepthPicture::of(scene);
-        let mut fates: BTreeMap<u16, Fate> = BTreeMap::new();
-        for (id, (points, _)) in &self.expected {
-            let fate = match self.known.now(*id) {
-                Some(now) => displaced(points, &points_of(scene, now)),
-                None if picture.as_ref().is_some_and(|picture| is_empty(points, picture)) => Fate::Gone,
-                None => Fate::Hidden,
+        for (id, object) in &mut self.objects {
+            object.fate = match (self.known.now(*id), object.fate) {
+                (Some(now), _) => displaced(&object.expected, &points_of(scene, now)),
+                (None, _) if picture.as_ref().is_some_and(|picture| is_empty(&object.seen, picture)) => Fate::Gone,
+                // It may still be where it was last seen.
+                (None, fate @ (Fate::Moved { .. } | Fate::Fell { .. })) => fate,
+                (None, _) => Fate::Hidden,
             };
-            fates.insert(*id, fate);
         }
-        for (id, fate) in self.found_elsewhere(&fates, scene) {
-            fates.insert(id, fate);
-        }
-        for (id, (points, edges)) in &mut self.expected {
-            let seen = self.known.now(*id).and_then(|now| scene.object(now).map(|o| (points_of(scene, now), edges_of(o))));
+        self.look_elsewhere(scene);
+        for (id, object) in &mut self.objects {
+            let Some((now, summary)) = self.known.now(*id).and_then(|now| Some((points_of(scene, now), scene.object(now)?))) else {
+                continue;
+            };
             // One that is seen worse than before keeps what was known of it.
-            if let Some((now, now_edges)) = seen.filter(|(now, _)| fates.get(id) != Some(&Fate::Stands) || now.len() >= points.len()) {
-                (*points, *edges) = (now, now_edges);
+            if object.fate != Fate::Stands || now.len() >= object.seen.len() {
+                (object.seen, object.edges_m) = (now, edges_of(summary));
             }
         }
-        fates
     }
 
     /// Looks for those that are gone among the objects that nobody is, nearest pairs first; they are those from now on.
-    fn found_elsewhere(&mut self, fates: &BTreeMap<u16, Fate>, scene: &Scene) -> BTreeMap<u16, Fate> {
-        let taken: BTreeSet<u16> = self.expected.keys().filter_map(|id| self.known.now(*id)).collect();
+    fn look_elsewhere(&mut self, scene: &Scene) {
+        let taken: BTreeSet<u16> = self.objects.keys().filter_map(|id| self.known.now(*id)).collect();
         let strangers: Vec<&ObjectSummary> = scene.meta.objects.iter().filter(|o| !taken.contains(&o.id)).collect();
-        let mut pairs: Vec<(f64, u16, Point3<f64>, &ObjectSummary)> = Vec::new();
-        for (id, (points, edges)) in self.expected.iter().filter(|(id, _)| fates.get(id) == Some(&Fate::Gone)) {
-            let fits = |o: &&&ObjectSummary| edges_of(o).iter().zip(edges).all(|(a, b)| (a - b).abs() <= SAME_SIZE_M);
-            let Some(was) = middle(points) else { continue };
-            pairs.extend(strangers.iter().filter(fits).map(|o| ((Point3::from(o.centroid_m) - was).norm(), *id, was, *o)));
+        let mut pairs: Vec<(f64, u16, &ObjectSummary)> = Vec::new();
+        for (id, object) in self.objects.iter().filter(|(_, object)| object.fate == Fate::Gone) {
+            let fits = |o: &&&ObjectSummary| edges_of(o).iter().zip(object.edges_m).all(|(a, b)| (a - b).abs() <= SAME_SIZE_M);
+            let Some(was) = middle(&object.seen) else { continue };
+            pairs.extend(strangers.iter().filter(fits).map(|o| ((Point3::from(o.centroid_m) - was).norm(), *id, *o)));
         }
-        pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.3.id).cmp(&(b.1, b.3.id))));
-        let mut found: BTreeMap<u16, Fate> = BTreeMap::new();
+        pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2.id).cmp(&(b.1, b.2.id))));
         let mut recognized: BTreeSet<u16> = BTreeSet::new();
-        for (_, id, was, stranger) in pairs {
-            if !found.contains_key(&id) && recognized.insert(stranger.id) {
-                found.insert(id, apart(&was, &Point3::from(stranger.centroid_m)));
+        for (_, id, stranger) in pairs {
+            let Some(object) = self.objects.get_mut(&id).filter(|object| object.fate == Fate::Gone) else { continue };
+            if let Some(was) = middle(&object.expected).filter(|_| recognized.insert(stranger.id)) {
+                object.fate = apart(&was, &Point3::from(stranger.centroid_m));
                 self.known.is_now(id, stranger);
             }
         }
-        found
     }
 }
 
@@ -186,16 +228,21 @@ mod tests {
         scene_of(&blocks.iter().map(|(id, at)| block(*id, *at)).collect::<Vec<_>>())
     }
 
+    fn fates<const N: usize>(followed: &Followed, ids: [u16; N]) -> [Fate; N] {
+        let disturbed = followed.disturbed();
+        ids.map(|id| disturbed.get(&id).copied().unwrap_or(Fate::Stands))
+    }
+
     #[test]
     fn what_stands_is_told_from_what_was_moved_fell_or_is_gone() {
         let first = view(&[(1, [-0.2, 0.0, 0.0]), (2, [0.0, 0.0, 0.0]), (3, [0.2, 0.0, 0.1]), (4, [0.2, 0.2, 0.0])]);
         let mut followed = Followed::of(&first);
         // 2 was pushed, 3 came down, 4 was taken away; the camera numbers them anew.
-        let fates = followed.look_again(None, &view(&[(7, [-0.2, 0.0, 0.0]), (8, [0.0, 0.12, 0.0]), (9, [0.22, 0.02, 0.0])]));
-        assert_eq!(fates[&1], Fate::Stands);
-        assert!(matches!(fates[&2], Fate::Moved { by_m } if (by_m - 0.12).abs() < 0.03), "{fates:?}");
-        assert!(matches!(fates[&3], Fate::Fell { by_m } if (by_m - 0.1).abs() < 0.03), "{fates:?}");
-        assert_eq!(fates[&4], Fate::Gone);
+        followed.look_again(&view(&[(7, [-0.2, 0.0, 0.0]), (8, [0.0, 0.12, 0.0]), (9, [0.22, 0.02, 0.0])]));
+        let [stands, pushed, fell, gone] = fates(&followed, [1, 2, 3, 4]);
+        assert_eq!((stands, gone), (Fate::Stands, Fate::Gone));
+        assert!(matches!(pushed, Fate::Moved { by_m } if (by_m - 0.12).abs() < 0.03), "{pushed:?}");
+        assert!(matches!(fell, Fate::Fell { by_m } if (by_m - 0.1).abs() < 0.03), "{fell:?}");
         let term = [GoalTerm { relation: repose_proto::Relation::Near, anchor: 1, holds: true }];
         assert_eq!(followed.translated("goals[0]", 3, &term).expect("it is known where it lies").0, 9);
     }
@@ -205,17 +252,35 @@ mod tests {
         // The camera looks along +y: a wall before object 2.
         let mut followed = Followed::of(&view(&[(1, [-0.3, 0.0, 0.0]), (2, [0.0, 0.1, 0.0])]));
         let wall = Block { label: 0, min: [-0.1, -0.15, 0.0], max: [0.1, -0.1, 0.3] };
-        let covered = scene_of(&[block(1, [-0.3, 0.0, 0.0]), wall]);
-        assert_eq!(followed.look_again(None, &covered)[&2], Fate::Hidden);
-        let again = followed.look_again(None, &view(&[(5, [-0.3, 0.0, 0.0]), (6, [0.0, 0.1, 0.0])]));
-        assert_eq!((again[&1], again[&2]), (Fate::Stands, Fate::Stands));
+        followed.look_again(&scene_of(&[block(1, [-0.3, 0.0, 0.0]), wall]));
+        assert_eq!(fates(&followed, [1, 2]), [Fate::Stands, Fate::Hidden]);
+        followed.look_again(&view(&[(5, [-0.3, 0.0, 0.0]), (6, [0.0, 0.1, 0.0])]));
+        assert_eq!(followed.disturbed(), BTreeMap::new());
     }
 
     #[test]
     fn what_was_carried_is_looked_for_where_it_was_put() {
         let mut followed = Followed::of(&view(&[(1, [-0.2, 0.0, 0.0]), (2, [0.1, 0.0, 0.0])]));
-        let put = Isometry3::translation(0.1, 0.2, 0.0);
-        let fates = followed.look_again(Some((1, put)), &view(&[(1, [-0.1, 0.2, 0.0]), (2, [0.1, 0.0, 0.0])]));
-        assert_eq!((fates[&1], fates[&2]), (Fate::Stands, Fate::Stands));
+        followed.carried(Some(1), &Isometry3::translation(0.1, 0.2, 0.0));
+        followed.look_again(&view(&[(1, [-0.1, 0.2, 0.0]), (2, [0.1, 0.0, 0.0])]));
+        assert_eq!(followed.disturbed(), BTreeMap::new());
+    }
+
+    #[test]
+    fn what_was_moved_stays_told_until_something_else_is_carried_out() {
+        let mut followed = Followed::of(&view(&[(1, [-0.3, 0.0, 0.0]), (2, [0.0, 0.1, 0.0])]));
+        let pushed = view(&[(1, [-0.3, 0.0, 0.0]), (2, [0.06, 0.1, 0.0])]);
+        let is_told =
+            |followed: &Followed| matches!(fates(followed, [1, 2]), [Fate::Stands, Fate::Moved { by_m }] if (by_m - 0.06).abs() < 0.02);
+        followed.look_again(&pushed);
+        assert!(is_told(&followed), "{:?}", followed.disturbed());
+        let wall = Block { label: 0, min: [-0.05, -0.15, 0.0], max: [0.15, -0.1, 0.3] };
+        followed.look_again(&scene_of(&[block(1, [-0.3, 0.0, 0.0]), wall]));
+        assert!(is_told(&followed), "it may be where it was pushed to: {:?}", followed.disturbed());
+        followed.look_again(&pushed);
+        assert!(is_told(&followed), "{:?}", followed.disturbed());
+        followed.carried(Some(1), &Isometry3::identity());
+        followed.look_again(&pushed);
+        assert_eq!(followed.disturbed(), BTreeMap::new(), "where it stands now is where it is to be");
     }
 }

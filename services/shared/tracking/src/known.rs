@@ -48,17 +48,19 @@ impl Known {
     }
 
     /// An object of the first view was recognized in the newest one elsewhere.
-    pub fn is_now(&mut self, id: u16, object: &ObjectSummary) {
+    pub(crate) fn is_now(&mut self, id: u16, object: &ObjectSummary) {
         self.now.insert(id, (Some(object.id), Point3::from(object.centroid_m)));
     }
 
-    /// Who is who in a new view, after `moved` (first view's id and its motion), if any. Nearest pairs first.
-    pub fn look_again(&mut self, moved: Option<(u16, Isometry3<f64>)>, objects: &[ObjectSummary]) {
-        if let Some((id, placed_from_observed)) = moved
-            && let Some((_, centroid)) = self.now.get_mut(&id)
-        {
+    /// An object (first view's id) was carried: it is to be where a motion put it.
+    pub fn carried(&mut self, id: u16, placed_from_observed: &Isometry3<f64>) {
+        if let Some((_, centroid)) = self.now.get_mut(&id) {
             *centroid = placed_from_observed * *centroid;
         }
+    }
+
+    /// Who is who in a new view. Nearest pairs first.
+    pub fn look_again(&mut self, objects: &[ObjectSummary]) {
         self.matched(objects, |_| SAME_M);
     }
 
@@ -107,7 +109,8 @@ mod tests {
         let mut known = Known::of(&[seen(1, [0.0, 0.0, 0.0]), seen(2, [0.3, 0.0, 0.0]), seen(3, [0.0, 0.4, 0.0])]);
         // 1 went to x = 0.5; 3 is hidden; all others have new numbers.
         let view = [seen(1, [0.31, 0.0, 0.0]), seen(2, [0.49, 0.01, 0.0]), seen(3, [0.9, 0.9, 0.0])];
-        known.look_again(Some((1, Isometry3::translation(0.5, 0.0, 0.0))), &view);
+        known.carried(1, &Isometry3::translation(0.5, 0.0, 0.0));
+        known.look_again(&view);
         let near = |anchor: u16| [GoalTerm { relation: Relation::Near, anchor, holds: true }];
         let (query, terms) = known.translated("goals[0]", 1, &near(2)).expect("both are there");
         assert_eq!((query, terms[0].anchor), (2, 1));

@@ -2,7 +2,7 @@
 //!
 //! A camera that finds its objects anew numbers them anew. Goals that are carried out one after another name objects as in the first view;
 //! [`Known`] tells them by where they are: the moved one where it was put, every other where it was. [`Followed`] says beside it what became
-//! of those that are not there: moved, fallen, gone, or only hidden. [`changes`] says what is different in a
+//! of each: whether it stands, was moved, fell, is gone, or only hidden. [`changes`] says what is different in a
 //! second view, [`holds`] judges goal terms by rule.
 
 mod change;

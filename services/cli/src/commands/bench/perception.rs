@@ -9,7 +9,8 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use repose_evaluation::statistics::quantile::Sorted;
-use repose_perception::{PerceptionConfig, Settings, segment};
+use repose_local::configured::section;
+use repose_perception::{PerceptionConfig, segment};
 use repose_proto::{CallError, Frame, Payload, Scene, SceneSummary, Service};
 use repose_runtime::{Session, Shutdown, Traffic};
 
@@ -67,7 +68,7 @@ pub fn run(args: &BenchPerceptionArgs, output: Output) -> Outcome {
 
 /// Frame to scene and scene to bytes, again and again on this thread.
 fn time(frame: &Frame, runs: usize, output: Output) -> Outcome {
-    let settings = Settings::default();
+    let settings = repose_local::segmentation()?;
     let (mut scene_ms, mut encode_ms, mut both_ms) = (Vec::new(), Vec::new(), Vec::new());
     let mut objects = 0;
     for run in 0..WARM_UP_RUNS + runs {
@@ -108,10 +109,11 @@ fn time(frame: &Frame, runs: usize, output: Output) -> Outcome {
 
 /// The service under a camera of a fixed rate.
 async fn soak(frame: Frame, seconds: f64, rate: f64, output: Output) -> Outcome {
+    let config: PerceptionConfig = section("perception")?;
     let session = Session::embedded().await?;
     let shutdown = Shutdown::new();
     let mut scenes = session.subscribe_queue(&session.cell().scene("soak"), 64).await?;
-    let service = tokio::spawn(repose_perception::run(session.clone(), PerceptionConfig::default(), shutdown.clone()));
+    let service = tokio::spawn(repose_perception::run(session.clone(), config, shutdown.clone()));
     let perception = session.caller(Service::Perception).await?;
     perception.wait_for_workers(1, Duration::from_secs(10)).await?;
 

@@ -100,8 +100,8 @@ pub fn run(args: &EvaluatePlannerArgs, output: Output) -> Outcome {
 }
 
 fn settings_of(args: &EvaluatePlannerArgs) -> Result<PlannerTableSettings, Failure> {
-    let own = ProblemSettings::default();
-    let mut of_meshes = ProblemSettings::default();
+    let own = ProblemSettings { perception: repose_local::segmentation()?, ..ProblemSettings::default() };
+    let mut of_meshes = own.clone();
     if let Some(folder) = &args.objects {
         only_meshes(&mut of_meshes.scene, folder)?;
     }

@@ -17,7 +17,8 @@ use crate::output::Output;
 pub struct EvaluateSegmentationArgs {
     /// A folder with labelled frame folders somewhere below it; the folder right above a frame is its set.
     pub dir: PathBuf,
-    /// Segmentation settings to try, a TOML file with what `[perception.segmentation]` of a configuration may hold.
+    /// Segmentation settings to try, a TOML file with what `[perception.segmentation]` of a configuration may hold. Default: the
+    /// environment's, REPOSE_PERCEPTION__SEGMENTATION__FIELD.
     #[arg(long, value_name = "FILE")]
     pub settings: Option<PathBuf>,
 }
@@ -29,7 +30,10 @@ pub fn run(args: &EvaluateSegmentationArgs, output: Output) -> Outcome {
     if folders.is_empty() {
         return Err(Failure::bad_input(&args.dir.display().to_string(), "no frame folder with depth.png and labels.png here or below"));
     }
-    let settings = args.settings.as_deref().map_or(Ok(Settings::default()), read_settings)?;
+    let settings = match &args.settings {
+        Some(path) => read_settings(path)?,
+        None => repose_local::segmentation()?,
+    };
     let mut trials = Vec::new();
     let mut tolerances = Vec::new();
     for folder in &folders {
