@@ -1,6 +1,6 @@
 //! From a frame to a scene: take out flying readings, level, label, clean borders, find surfaces, name objects, tell what is unseen.
 //!
-//! Labels that come with the frame are taken as they are; without them objects are found from depth. Without a camera pose the world
+//! Labels that come with the frame are taken as they are; without them objects are found from depth and color. Without a camera pose the world
 //! is that of the main support plane. The same frame and settings give the same scene, bit for bit.
 
 use std::collections::BTreeSet;
@@ -10,7 +10,9 @@ use rand_pcg::Pcg64;
 use repose_geometry::transform::{NotRigid, from_row_major, to_row_major};
 use repose_geometry::{Image, Isometry3, Pinhole, ViewerFrame};
 use repose_proto::scene::WorldFrame;
-use repose_proto::{CallError, CameraModel, ErrorCode, Frame, RigidTransform, Scene, SceneMeta, SceneWarning, Surface, Unseen};
+use repose_proto::{
+    CallError, CameraModel, ErrorCode, Frame, ObjectSummary, RigidTransform, Scene, SceneMeta, SceneWarning, Surface, Unseen,
+};
 
 use crate::masks::clean::CleanMasks;
 use crate::masks::{hints, stray};
@@ -130,16 +132,8 @@ impl Parts {
     fn of(frame: &Frame, settings: &Settings) -> Result<Self, SegmentError> {
         frame.validate().map_err(SegmentError::Frame)?;
         let model = &frame.camera;
-        let camera = Pinhole { width: model.width, height: model.height, fx: model.fx, fy: model.fy, cx: model.cx, cy: model.cy };
-        let mut depth = DepthMap::new(&frame.depth, model.depth_unit_m, &camera, settings.max_depth_m);
+        let Readings { camera, mut depth, readings, flying: mut pixels_flying } = Readings::of(frame, settings)?;
         let pixels = depth.depth_m().pixels().len();
-        let readings = depth.readings();
-        let mut pixels_flying = flying::remove(depth.depth_m_mut(), camera.fx as f32, &settings.flying);
-        if readings == pixels_flying {
-            let nearest = frame.depth.iter().copied().filter(|count| *count > 0).min();
-            let nearest_m = nearest.map(|count| f64::from(count) * model.depth_unit_m).filter(|m| *m > f64::from(settings.max_depth_m));
-            return Err(SegmentError::NoReadings { pixels, max_depth_m: settings.max_depth_m, nearest_m });
-        }
 
         let given_pose = model.world_from_camera.map(|pose| from_row_major(&pose.0)).transpose()?;
         let unread = depth.depth_m().map(|z| z.is_nan());
@@ -189,22 +183,11 @@ impl Parts {
         let space = unseen::space(&rays, &surfaces, &settings.unseen);
         let warnings_later = doubts(&surfaces, &depth, &coarse, world_frame, settings);
         let completeness = Completeness::measure(depth.depth_m(), &masks.labels);
-        let mut objects = summarise(&cloud.points, &cloud.labels, &completeness);
         let left_out = masks.left_out.described(&depth, &world_from_camera, frame.labels.is_some());
-        if frame.labels.is_none() {
-            for object in &mut objects {
-                object.score = Some(micro(completeness.score_of(object.id)));
-            }
-        }
         let mut warnings = robots.warnings;
         warnings.extend(warnings_later);
-        for object in &mut objects {
-            object.centroid_m = object.centroid_m.map(micro);
-            object.extent_m = object.extent_m.map(micro);
-            object.completeness = micro(object.completeness);
-        }
         let meta = SceneMeta {
-            objects,
+            objects: told(summarise(&cloud.points, &cloud.labels, &completeness), &completeness, frame.labels.is_none()),
             surfaces: on_the_wire(surfaces),
             camera: CameraModel {
                 world_from_camera: Some(RigidTransform(to_row_major(&world_from_camera).map(|entry| rounded(entry, 1e9)))),
@@ -232,6 +215,43 @@ impl Parts {
         };
         Ok(Self { scene, masks })
     }
+}
+
+/// A frame's depth without what lies between two surfaces.
+struct Readings {
+    camera: Pinhole,
+    depth: DepthMap,
+    /// Pixels that had a reading, …
+    readings: usize,
+    /// … and how many of them were taken out.
+    flying: usize,
+}
+
+impl Readings {
+    fn of(frame: &Frame, settings: &Settings) -> Result<Self, SegmentError> {
+        let model = &frame.camera;
+        let camera = Pinhole { width: model.width, height: model.height, fx: model.fx, fy: model.fy, cx: model.cx, cy: model.cy };
+        let mut depth = DepthMap::new(&frame.depth, model.depth_unit_m, &camera, settings.max_depth_m);
+        let readings = depth.readings();
+        let flying = flying::remove(depth.depth_m_mut(), camera.fx as f32, &settings.flying);
+        if readings > flying {
+            return Ok(Self { camera, depth, readings, flying });
+        }
+        let nearest = frame.depth.iter().copied().filter(|count| *count > 0).min();
+        let nearest_m = nearest.map(|count| f64::from(count) * model.depth_unit_m).filter(|m| *m > f64::from(settings.max_depth_m));
+        Err(SegmentError::NoReadings { pixels: depth.depth_m().pixels().len(), max_depth_m: settings.max_depth_m, nearest_m })
+    }
+}
+
+/// The objects as the scene tells of them, to a micrometre; those that were `found` with how sure that is.
+fn told(mut objects: Vec<ObjectSummary>, completeness: &Completeness, found: bool) -> Vec<ObjectSummary> {
+    for object in &mut objects {
+        object.score = found.then(|| micro(completeness.score_of(object.id)));
+        object.centroid_m = object.centroid_m.map(micro);
+        object.extent_m = object.extent_m.map(micro);
+        object.completeness = micro(object.completeness);
+    }
+    objects
 }
 
 /// The objects of a frame that came without labels, on its full picture. `unread` pixels had no reading before the robots' were taken out.

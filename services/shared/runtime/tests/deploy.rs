@@ -18,11 +18,21 @@ fn the_example_has_every_field_with_its_default() {
     expected.session.connect = vec!["tcp/127.0.0.1:7447".to_owned()];
     assert_eq!(loaded, expected);
     let text = std::fs::read_to_string(&file).unwrap();
-    let fields = |value: serde_json::Value| value.as_object().unwrap().keys().cloned().collect::<Vec<_>>();
-    let sections = [serde_json::to_value(&loaded.session), serde_json::to_value(&loaded.caller), serde_json::to_value(&loaded.worker)];
-    for field in sections.into_iter().flat_map(|s| fields(s.unwrap())) {
-        assert!(text.lines().any(|l| l.trim_start_matches("# ").starts_with(&format!("{field} ="))), "{field} is missing");
-    }
+    let sections = serde_json::json!({"session": loaded.session, "caller": loaded.caller, "worker": loaded.worker});
+    let missing = fields("", &sections).into_iter().find(|line| !text.lines().any(|l| l.trim_start_matches("# ").starts_with(line)));
+    assert_eq!(missing, None);
+}
+
+/// How the lines begin that a file of tables has for every field of a document.
+fn fields(table: &str, document: &serde_json::Value) -> Vec<String> {
+    let of_field = |(name, value): (&String, &serde_json::Value)| match value {
+        serde_json::Value::Object(_) => {
+            let table = format!("{table}{name}");
+            [vec![format!("[{table}]")], fields(&format!("{table}."), value)].concat()
+        }
+        _ => vec![format!("{name} =")],
+    };
+    document.as_object().into_iter().flatten().flat_map(of_field).collect()
 }
 
 #[test]
