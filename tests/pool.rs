@@ -71,7 +71,7 @@ async fn two_simulated_cells_share_one_pool_and_each_is_answered_for_its_own_sce
     let mut command = repose();
     command.args(["--json", "up", "--cells", "2", "--listen", &endpoint]).env("REPOSE_INFERENCE__THREADS", "1");
     command.env("REPOSE_CONSOLE__LISTEN", "127.0.0.1:0").stdout(Stdio::from(std::fs::File::create(&said).expect("a file")));
-    let _up = Process(command.spawn().expect("it starts"));
+    let up = Process(command.spawn().expect("it starts"));
     let document = is_up(&said);
     assert_eq!((&document["cells"], &document["pool"]), (&json!(["cell-1", "cell-2"]), &json!("rack")), "{document:#}");
 
@@ -97,4 +97,14 @@ async fn two_simulated_cells_share_one_pool_and_each_is_answered_for_its_own_sce
     assert_eq!((output.status.code(), &document["error"]["field"]), (Some(1), &json!("pool")), "{document}");
     assert!(document["error"]["message"].as_str().is_some_and(|message| message.contains("rack")), "{document}");
     assert!(took < SAID_WITHIN, "{took:?}");
+
+    // Killed before it can tell anybody: what it started ends all the same.
+    first.close().await.expect("it closes");
+    second.close().await.expect("it closes");
+    drop(up);
+    let begin = Instant::now();
+    while let Err(error) = TcpListener::bind(("127.0.0.1", port)) {
+        assert!(begin.elapsed() < PATIENCE, "the router is still there: {error}");
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
 }

@@ -7,45 +7,31 @@ use std::time::Duration;
 
 use repose_runtime::FORMAT_VARIABLE;
 use tokio::io::{AsyncBufReadExt, BufReader};
-use tokio::process::{Child, ChildStderr, Command};
+use tokio::process::{Child, ChildStderr, ChildStdin, Command};
 use tokio::task::JoinHandle;
 
 use crate::failure::Failure;
 
-/// A service, or the router, as a process of this program that ends with this one.
+/// A service, or the router, as a process of this program that ends with this one, however this one ends: it drains when its standard input ends,
+/// which this process holds open. (Linux's parent-death signal comes when the *thread* that started a process ends, and threads of a runtime do.)
 pub fn service_process(endpoint: &str, cell: &str, config: Option<&Path>, what: &str) -> Result<Command, Failure> {
     let mut command = Command::new(std::env::current_exe().map_err(Failure::other)?);
-    command.args(["serve", what, "--connect", endpoint, "--cell", cell]);
+    command.args(["serve", what, "--until-stdin-ends", "--connect", endpoint, "--cell", cell]);
     if let Some(config) = config {
         command.arg("--config").arg(config);
     }
-    command.stdin(Stdio::null()).stdout(Stdio::null()).kill_on_drop(true);
+    command.stdin(Stdio::piped()).stdout(Stdio::null()).kill_on_drop(true);
     // A terminal's Ctrl-C would reach the whole group; the processes are told one by one instead, so that they drain.
     command.process_group(0);
-    end_with_this_process(&mut command);
     Ok(command)
 }
-
-/// Has the system end a process when this one has died without a chance to.
-#[cfg(target_os = "linux")]
-fn end_with_this_process(command: &mut Command) {
-    // SAFETY: prctl is async-signal-safe and touches nothing but the new process's own setting.
-    unsafe {
-        command.pre_exec(|| match libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGTERM) {
-            0 => Ok(()),
-            _ => Err(std::io::Error::last_os_error()),
-        });
-    }
-}
-
-/// Other systems offer no such thing: there, a process outlives one that was killed.
-#[cfg(not(target_os = "linux"))]
-fn end_with_this_process(_: &mut Command) {}
 
 /// A process whose log comes out on standard error with its name before every line. Logs as JSON stay as they are, one document a line.
 pub struct Labelled {
     /// The process.
     pub child: Child,
+    /// Open for as long as the process is to run: waiting for a child would close it.
+    _stdin: Option<ChildStdin>,
     log: Option<JoinHandle<()>>,
 }
 
@@ -54,7 +40,7 @@ impl Labelled {
     pub fn spawn(command: &mut Command, name: &str) -> std::io::Result<Self> {
         let mut child = command.stderr(Stdio::piped()).spawn()?;
         let log = child.stderr.take().map(|log| tokio::spawn(relabel(log, name.to_owned())));
-        Ok(Self { child, log })
+        Ok(Self { _stdin: child.stdin.take(), child, log })
     }
 
     /// Waits until the last line of a process that has ended is out.

@@ -5,7 +5,8 @@
 //! where it was put, every other where it was.
 //!
 //! What slips, falls or is not grasped is looked for on a fresh view and tried again, with another draw of grasps and placements, a bounded
-//! number of times. Every look also says whether anything else was moved, fell or is gone. After a stop, whoever latched it, and after a cancel nothing is tried again: a person decides.
+//! number of times. Every look also says whether anything else was moved, fell or is gone. After a stop, whoever latched it, and after a cancel
+//! nothing is tried again: a person decides.
 
 use repose_proto::motion::ExecutionOutcome;
 use repose_proto::{GoalTerm, Message, PlaceRequest, PlaceResult, SceneRef};

@@ -2,7 +2,8 @@
 //!
 //! A frame becomes a scene ([`scene_of`]); on a scene one can plan a placement ([`plan()`]), judge relations ([`relations()`]) and
 //! placements ([`score()`]), plan the motion ([`plan_motion`]) and draw ([`picture`]). The same messages go in and out as over the
-//! network, and the services' settings are read from the environment as they read them, so the answers are the services' own, byte for byte. [`Models`] holds the networks; loading them takes a while, so keep it.
+//! network, and the services' settings are read from the environment as they read them, so the answers are the services' own, byte for byte.
+//! [`Models`] holds the networks; loading them takes a while, so keep it.
 
 pub mod configured;
 pub mod models;

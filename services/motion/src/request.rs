@@ -11,7 +11,8 @@ use crate::wire::{self, PlanTerms};
 /// asked between steps.
 ///
 /// # Errors
-/// `failed_precondition` when nothing can be grasped or no placement served; `cancelled` when stopped; `invalid_argument` and `not_found` that name the field.
+/// `failed_precondition` when nothing can be grasped or no placement served; `cancelled` when stopped; `invalid_argument` and `not_found` that
+/// name the field.
 pub fn plan(
     scene: &Scene,
     believed: &PlanningScene,

@@ -22,6 +22,9 @@ pub struct ServeArgs {
     /// This worker's name, unique in its cell. Default: the configuration's, or a new one.
     #[arg(long)]
     pub worker: Option<String>,
+    /// End when standard input ends as well: for a program that starts services and may die, and for `ssh HOST repose serve …`.
+    #[arg(long)]
+    pub until_stdin_ends: bool,
 }
 
 /// What a `serve` process is.
@@ -50,6 +53,9 @@ fn parse_served(name: &str) -> Result<Served, String> {
 /// Runs until SIGTERM or SIGINT, then drains.
 pub async fn run(args: &ServeArgs) -> Outcome {
     let shutdown = Shutdown::on_signals()?;
+    if args.until_stdin_ends {
+        end_with_input(std::io::stdin(), shutdown.clone())?;
+    }
     start_metrics()?;
     match args.service {
         Served::Router => Ok(run_router(router_config(&args.system)?, shutdown).await?),
@@ -96,4 +102,16 @@ pub async fn run(args: &ServeArgs) -> Outcome {
             served
         }
     }
+}
+
+/// Has a thread ask for the end once `input` ends. What comes over it is read and left.
+fn end_with_input(mut input: impl std::io::Read + Send + 'static, shutdown: Shutdown) -> Outcome {
+    let read = move || {
+        match std::io::copy(&mut input, &mut std::io::sink()) {
+            Ok(_) => tracing::info!("standard input has ended: stopping"),
+            Err(error) => tracing::warn!(%error, "standard input cannot be read: stopping"),
+        }
+        shutdown.trigger();
+    };
+    std::thread::Builder::new().name("stdin".to_owned()).spawn(read).map(drop).map_err(Failure::other)
 }

@@ -37,6 +37,13 @@ async fn a_job_returns_its_value_and_its_error() {
     assert_eq!(error.code, ErrorCode::FailedPrecondition);
 }
 
+/// Waits until a thread has taken a job.
+async fn until_running(gauge: &LoadGauge) {
+    while gauge.running() == 0 {
+        tokio::task::yield_now().await;
+    }
+}
+
 #[tokio::test]
 async fn a_panic_is_an_internal_error_and_the_thread_lives_on() {
     let queue = queue(4);
@@ -52,9 +59,7 @@ async fn a_full_queue_refuses_at_once_and_says_when_to_come_back() {
     let mut running = std::pin::pin!(running);
     // One poll submits the blocker; wait until the thread has taken it.
     assert!(futures::poll!(running.as_mut()).is_pending());
-    while queue.gauge().running() == 0 {
-        tokio::task::yield_now().await;
-    }
+    until_running(&queue.gauge()).await;
     let mut waiting = std::pin::pin!(queue.run(minute(), |_| Ok(())));
     assert!(futures::poll!(waiting.as_mut()).is_pending());
     let refused = queue.run(minute(), |_| Ok(())).await.unwrap_err();
@@ -111,9 +116,7 @@ async fn jobs_that_wait_together_are_handed_over_together() {
     })
     .unwrap();
     let first = queue.submit(minute(), 0).unwrap();
-    while queue.gauge().running() == 0 {
-        tokio::task::yield_now().await;
-    }
+    until_running(&queue.gauge()).await;
     let others: Vec<_> = (1..=5).map(|i| queue.submit(minute(), i).unwrap()).collect();
     drop(release);
     assert_eq!(first.answer().await, Ok(1));
@@ -151,9 +154,7 @@ fn ordered(settings: QueueSettings) -> (BatchQueue<u32, (usize, usize)>, mpsc::S
 async fn interactive_jobs_go_first_and_batch_jobs_get_their_turn() {
     let (queue, release) = ordered(QueueSettings { capacity: 64, ..QueueSettings::default() });
     let first = queue.submit(minute(), 0).unwrap();
-    while queue.gauge().running() == 0 {
-        tokio::task::yield_now().await;
-    }
+    until_running(&queue.gauge()).await;
     let batch: Vec<_> = (0..2).map(|_| queue.submit(minute().with_priority(Priority::Batch), 1).unwrap()).collect();
     let interactive: Vec<_> = (0..2 * LET_BY + 8).map(|_| queue.submit(minute(), 2).unwrap()).collect();
     drop(release);
@@ -185,9 +186,7 @@ async fn a_batch_waits_for_others_as_long_as_it_may() {
 async fn handed_over(settings: QueueSettings, jobs: &[(u32, Priority)]) -> Vec<(usize, usize)> {
     let (queue, release) = ordered(settings);
     let first = queue.submit(minute(), 0).unwrap();
-    while queue.gauge().running() == 0 {
-        tokio::task::yield_now().await;
-    }
+    until_running(&queue.gauge()).await;
     let jobs: Vec<_> = jobs.iter().map(|(request, p)| queue.submit(minute().with_priority(*p), *request).unwrap()).collect();
     drop(release);
     first.answer().await.unwrap();
@@ -244,9 +243,7 @@ async fn a_job_that_could_not_be_done_by_its_deadline_is_refused_at_once() {
     let (release, running) = block(&queue);
     let mut running = std::pin::pin!(running);
     assert!(futures::poll!(running.as_mut()).is_pending());
-    while queue.gauge().running() == 0 {
-        tokio::task::yield_now().await;
-    }
+    until_running(&queue.gauge()).await;
     let mut waiting: Vec<_> = (0..4).map(|_| Box::pin(queue.run(minute(), |_| Ok(())))).collect();
     for job in &mut waiting {
         assert!(futures::poll!(job.as_mut()).is_pending());
@@ -275,9 +272,7 @@ async fn batch_leaves_half_of_the_places_and_yields_its_own_to_interactive_jobs(
     let (release, running) = block(&queue);
     let mut running = std::pin::pin!(running);
     assert!(futures::poll!(running.as_mut()).is_pending());
-    while queue.gauge().running() == 0 {
-        tokio::task::yield_now().await;
-    }
+    until_running(&queue.gauge()).await;
     let job = |priority| Box::pin(queue.run(within(priority, 60_000), move |_| Ok(priority)));
     let mut batch = [job(Priority::Batch), job(Priority::Batch)];
     for job in &mut batch {
@@ -312,9 +307,7 @@ fn shares<const N: usize>(cells: [(&str, CellShare); N]) -> Arc<Shares> {
 async fn places(settings: QueueSettings, cells: &[&str]) -> Vec<usize> {
     let (queue, release) = ordered(settings);
     let first = queue.submit(minute(), 0).unwrap();
-    while queue.gauge().running() == 0 {
-        tokio::task::yield_now().await;
-    }
+    until_running(&queue.gauge()).await;
     let jobs: Vec<_> = cells.iter().map(|cell| queue.submit(of_cell(cell), 1).unwrap()).collect();
     drop(release);
     first.answer().await.unwrap();
@@ -352,9 +345,7 @@ async fn a_cell_has_no_more_jobs_waiting_and_running_than_it_may_have() {
         Ok(())
     }));
     assert!(futures::poll!(running.as_mut()).is_pending());
-    while queue.gauge().running() == 0 {
-        tokio::task::yield_now().await;
-    }
+    until_running(&queue.gauge()).await;
     let mut waiting: Vec<_> = (0..2).map(|_| Box::pin(queue.run(of_cell("a"), |_| Ok(())))).collect();
     for job in &mut waiting {
         assert!(futures::poll!(job.as_mut()).is_pending());
@@ -378,9 +369,7 @@ async fn a_cell_that_floods_finds_half_of_the_places_and_the_next_cell_finds_som
     let (release, running) = block(&queue);
     let mut running = std::pin::pin!(running);
     assert!(futures::poll!(running.as_mut()).is_pending());
-    while queue.gauge().running() == 0 {
-        tokio::task::yield_now().await;
-    }
+    until_running(&queue.gauge()).await;
     let mut waiting: Vec<_> = (0..4).map(|_| Box::pin(queue.run(of_cell("a"), |_| Ok(())))).collect();
     waiting.iter_mut().for_each(|job| assert!(job.as_mut().now_or_never().is_none()));
     let refused = queue.run(of_cell("a"), |_| Ok(())).await.unwrap_err();
@@ -399,9 +388,7 @@ async fn a_cell_that_floods_finds_half_of_the_places_and_the_next_cell_finds_som
 async fn a_cell_pays_for_what_was_computed_and_not_for_what_it_gave_up() {
     let (queue, release) = ordered(QueueSettings { capacity: 64, ..QueueSettings::default() });
     let first = queue.submit(minute(), 0).unwrap();
-    while queue.gauge().running() == 0 {
-        tokio::task::yield_now().await;
-    }
+    until_running(&queue.gauge()).await;
     drop((0..5).map(|_| queue.submit(of_cell("a"), 1).unwrap()).collect::<Vec<_>>());
     let of_b: Vec<_> = (0..3).map(|_| queue.submit(of_cell("b"), 1).unwrap()).collect();
     let of_a = queue.submit(of_cell("a"), 1).unwrap();

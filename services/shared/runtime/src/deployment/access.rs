@@ -244,6 +244,12 @@ mod tests {
         assert!(includes("a/@b/*", "a/@b/c"));
     }
 
+    /// The users that may, their names of one letter put together.
+    fn who(roles: &Roles, verb: Verb, key: &str) -> String {
+        let may = |name: &&String| may(&roles.users[name.as_str()], verb, key);
+        roles.users.keys().filter(may).map(String::as_str).collect()
+    }
+
     #[test]
     fn roles_hold_what_they_are_for_in_their_cells_only() {
         let roles = Roles::parse(
@@ -251,10 +257,7 @@ mod tests {
              [users.d]\nrole = \"driver\"\nrobot = \"panda\"\ncameras = [\"wrist\"]\n[users.m]\nrole = \"service\"\nservice = \"motion\"\n",
         )
         .expect("roles");
-        let who = |verb, key: &str| {
-            let may = |name: &&String| may(&roles.users[name.as_str()], verb, key);
-            roles.users.keys().filter(may).map(String::as_str).collect::<String>()
-        };
+        let who = |verb, key: &str| who(&roles, verb, key);
         assert_eq!(who(Verb::Query, "repose/v1/lab/service/motion/m/operate"), "o");
         assert_eq!(who(Verb::Query, "repose/v1/lab/service/motion/m/call"), "op");
         assert_eq!(who(Verb::Serve, "repose/v1/lab/service/motion/m/operate"), "m");
@@ -282,10 +285,7 @@ mod tests {
              [users.p]\nrole = \"service\"\nservice = \"planner\"\ncells = [\"rack\"]\n[users.i]\nrole = \"service\"\nservice = \"inference\"\ncells = [\"rack\"]\n",
         )
         .expect("roles");
-        let who = |verb, key: &str| {
-            let may = |name: &&String| may(&roles.users[name.as_str()], verb, key);
-            roles.users.keys().filter(may).map(String::as_str).collect::<String>()
-        };
+        let who = |verb, key: &str| who(&roles, verb, key);
         assert_eq!(who(Verb::Query, "repose/v1/rack/service/planner/w/call/line-1"), "o");
         assert_eq!(who(Verb::Query, "repose/v1/rack/service/planner/w/call/line-2"), "", "a cell calls for itself only");
         assert_eq!(who(Verb::Query, "repose/v1/rack/service/planner/w/call/*"), "");
