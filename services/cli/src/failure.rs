@@ -39,6 +39,14 @@ impl Failure {
         }
     }
 
+    /// The error, for whoever takes no other failures.
+    pub fn into_error(self) -> CallError {
+        match self {
+            Self::BadInput(error) | Self::Other(error) => error,
+            Self::NoPlacement | Self::NotAchieved => CallError::internal("nothing was achieved"),
+        }
+    }
+
     /// The error to print, where there is one.
     pub fn error(&self) -> Option<&CallError> {
         match self {

@@ -3,7 +3,6 @@
 mod answer;
 mod arrangement;
 mod asynchronous;
-mod bring_back;
 mod client;
 mod commands;
 mod embedded;
@@ -20,7 +19,7 @@ mod segment_view;
 mod sequence;
 mod services;
 mod surroundings;
-mod system;
+mod terminal;
 mod values;
 mod wish;
 

@@ -75,12 +75,12 @@ pub async fn call(
     payload: Payload,
     interrupts: &mut Interrupts,
     progress: Option<mpsc::Sender<Payload>>,
-) -> Result<Answer, Failure> {
+) -> Result<Answer, CallError> {
     let cancel = CancellationToken::new();
     let options = CallOptions { cancel: cancel.clone(), progress, ..CallOptions::at_most_once(LONGEST) };
     interrupts.moving.store(true, Ordering::Release);
     let answered = tokio::select! {
-        answered = call_moving(session, motion, method, payload, options) => answered.map_err(of_motion),
+        answered = call_moving(session, motion, method, payload, options) => answered,
         () = interrupts.next() => {
             tracing::warn!(robot, "interrupted: the robot comes to rest on its path; Ctrl-C again puts the emergency stop and leaves");
             cancel.cancel();
@@ -92,29 +92,29 @@ pub async fn call(
 }
 
 /// Waits until the robot stands, or puts the emergency stop when interrupted again; how it ended.
-async fn stopped(session: &Session, robot: &str, interrupts: &mut Interrupts) -> Failure {
+async fn stopped(session: &Session, robot: &str, interrupts: &mut Interrupts) -> CallError {
     let message = tokio::select! {
         rest = tokio::time::timeout(REST, rest(session, robot)) => match rest {
             Ok(Ok(state)) => format!("interrupted: {}", describe(robot, &state)),
-            Ok(Err(failure)) => return failure,
+            Ok(Err(error)) => return error,
             Err(_) => format!("interrupted, and {robot} has not shown that it stands within {} s", REST.as_secs()),
         },
         () = interrupts.next() => {
             match tokio::time::timeout(LAST_STOP, emergency_stop(session, robot, "repose", "interrupted twice")).await {
                 Ok(Ok(state)) => format!("interrupted twice: {}", describe(robot, &state)),
-                Ok(Err(error)) => return error.into(),
+                Ok(Err(error)) => return error,
                 Err(_) => format!("interrupted twice: the emergency stop was put, and {robot} has not shown it"),
             }
         }
     };
-    Failure::Other(CallError::new(ErrorCode::Cancelled, message))
+    CallError::new(ErrorCode::Cancelled, message)
 }
 
 /// The robot's state once it stands and its task is over.
-async fn rest(session: &Session, robot: &str) -> Result<RobotState, Failure> {
+async fn rest(session: &Session, robot: &str) -> Result<RobotState, CallError> {
     let mut states = session.subscribe_latest(&session.cell().robot_state(robot)).await?;
     loop {
-        let sample = states.recv().await.ok_or_else(|| Failure::other("the session has closed"))?;
+        let sample = states.recv().await.ok_or_else(|| CallError::internal("the session has closed"))?;
         let Ok(state) = sample.payload.decode_json::<RobotState>() else { continue };
         let stands = state.dq_rad_s.iter().all(|v| v.abs() < STANDS_RAD_S);
         let over = state.mode == RobotMode::Stopped || state.mode == RobotMode::Idle && state.open_task().is_none();

@@ -20,7 +20,7 @@ use tokio::time::{MissedTickBehavior, interval};
 
 use crate::ConsoleConfig;
 use crate::arm::{PlanShown, link_poses};
-use crate::messages::{Activity, RobotShown, SystemShown, Told, WorkerShown};
+use crate::messages::{Activity, RobotShown, Stage, StepShown, SystemShown, Told, WorkerShown};
 use crate::system::Cameras;
 use crate::view::{Kind, Picture, View, picture_bytes};
 use crate::viewers::{Audience, Message, Topic};
@@ -168,6 +168,16 @@ impl Cell {
             known.activity.clone()
         };
         self.shared.audience.tell(&Topic::Activity, &Told::Activity(activity).encode());
+    }
+
+    /// Changes the step that the sequence under way is at, where there is one, and tells everybody.
+    pub fn update_step(&self, change: impl FnOnce(&mut StepShown)) {
+        let is_open = |step: &&mut StepShown| !matches!(step.stage, Stage::Held | Stage::Failed);
+        self.update(|activity| {
+            if let Some(step) = activity.sequence.as_mut().and_then(|sequence| sequence.steps.iter_mut().find(is_open)) {
+                change(step);
+            }
+        });
     }
 
     /// Shows everyone a motion that was planned.

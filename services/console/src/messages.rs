@@ -313,6 +313,9 @@ pub struct ExecutionShown {
     /// How it ended.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ended: Option<ExecutionEnded>,
+    /// What a look after it said of every object, in sentences; empty where nobody has looked.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub said: Vec<String>,
 }
 
 /// How a motion ended.
@@ -350,6 +353,9 @@ pub struct StepShown {
     pub stage: Stage,
     /// Each term by rule on the view after it; empty before.
     pub holds: Vec<bool>,
+    /// What came of it and of everything else, in sentences; empty before.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub said: Vec<String>,
     /// Why it ended without its goal.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<CallError>,

@@ -73,7 +73,7 @@ pub async fn run(args: &ArrangeArgs, output: Output) -> Outcome {
     if args.execute {
         // The request names each view in turn.
         let (request, connect, attempts) = (args.request(String::new()), &args.connect, args.attempts as usize);
-        return arrangement::run(&Arranging { request, connect, robot: &args.robot, attempts }, output).await;
+        return arrangement::run(Arranging { request, connect, robot: &args.robot, attempts }, output).await;
     }
     let result = match &args.frame {
         Some(path) => {

@@ -23,7 +23,7 @@ use tokio::sync::mpsc;
 use crate::client;
 use crate::failure::{Failure, Outcome};
 use crate::film::Film;
-use crate::moving::{self, Interrupts};
+use crate::moving::{self, Interrupts, of_motion};
 use crate::output::Output;
 use crate::services::ServiceConfigs;
 use crate::values::{parse_png, parse_variant};
@@ -225,7 +225,7 @@ impl Cell {
         let mut phase = plan.phases.first().map(|p| p.name);
         loop {
             tokio::select! {
-                answer = &mut executing => return Ok(answer?.payload.decode_json()?),
+                answer = &mut executing => return Ok(answer.map_err(of_motion)?.payload.decode_json()?),
                 Some(payload) = progress.recv() => {
                     if let Ok(at) = payload.decode_json::<ExecuteProgress>() {
                         phase = plan.phases.get(at.done).map(|p| p.name).or(phase);

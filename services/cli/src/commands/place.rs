@@ -12,7 +12,7 @@ use crate::answer::print_result;
 use crate::client::{self, ConnectArgs};
 use crate::failure::Outcome;
 use crate::output::Output;
-use crate::sequence::{self, Sequence};
+use crate::sequence::{self, Wishes};
 use crate::wish::{NextWish, WishArgs};
 
 /// Arguments of `place`.
@@ -50,8 +50,8 @@ const PROGRESS_WAITING: usize = 64;
 pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
     if args.execute || !args.then.is_empty() {
         let PlaceArgs { wish, then, connect, robot, attempts, .. } = args;
-        let sequence = Sequence { wish, then, connect, robot, attempts: *attempts };
-        return sequence::run(&sequence, output).await;
+        let wishes = Wishes { wish, then, connect, robot, attempts: *attempts };
+        return sequence::run(&wishes, output).await;
     }
     let session = client::connect(&args.connect.system).await?;
     let deadline = Duration::from_millis(args.connect.deadline_ms);

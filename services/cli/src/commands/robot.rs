@@ -3,16 +3,15 @@
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use repose_proto::motion::{ExecutionOutcome, RecoverReply, RecoveryMove, RobotResetReply, RobotResetRequest};
+use repose_proto::motion::{ExecutionOutcome, RecoverReply, RecoverRequest, RecoveryMove, RobotResetReply, RobotResetRequest};
 use repose_proto::scene::WorldFrame;
-use repose_proto::{CallError, ErrorCode, Payload, Scene, Service, keys};
+use repose_proto::{CallError, ErrorCode, Payload, Scene, SceneRef, Service, keys};
 use repose_runtime::{CallOptions, Session, emergency_stop};
 use repose_sentences::robot::describe;
 
-use crate::bring_back::bring_back;
 use crate::client::{self, SystemArgs};
 use crate::failure::{Failure, Outcome};
-use crate::moving::Interrupts;
+use crate::moving::{self, Interrupts, of_motion};
 use crate::output::Output;
 
 /// How long to look for a scene to check a way against.
@@ -105,7 +104,11 @@ async fn recover(args: &RobotArgs, session: &Session, motion: RecoveryMove, outp
         RecoveryMove::Retreat | RecoveryMove::Home => newest_scene(args, session).await,
     };
     let caller = session.caller(Service::Motion).await?;
-    let reply = bring_back(session, &caller, (&args.robot, motion), scene.as_ref(), &mut interrupts).await?;
+    let named = scene.as_ref().map(|(scene_id, _)| SceneRef { scene_id: scene_id.clone() });
+    let request = RecoverRequest { robot: args.robot.clone(), motion, scene: named };
+    let payload = Payload::with_scene(&request, scene.as_ref().map(|(_, scene)| scene))?;
+    let answer = moving::call(session, &caller, (&args.robot, "recover"), payload, &mut interrupts, None).await.map_err(of_motion)?;
+    let reply: RecoverReply = answer.payload.decode_json()?;
     output.print(&reply, || recovered(&args.robot, motion, &reply))?;
     if reply.outcome == ExecutionOutcome::Done { Ok(()) } else { Err(Failure::NotAchieved) }
 }

@@ -86,7 +86,7 @@ export class Motion {
       el("div", {}, el("button", { type: "button", id: "reset", textContent: "Clear the stop", disabled: !this.#may, title: "The robot may move again (R)", onclick: () => this.actions.reset(robot) })));
   }
 
-  #phases({ phases, phase, ended, query }) {
+  #phases({ phases, phase, ended, query, said }) {
     const isDone = ended?.outcome?.outcome === "done";
     const at = (k) => (isDone || k < phase ? "done" : k > phase ? "" : ended ? "failed" : "now");
     const text = !ended ? `Moving object ${query}: ${plain(phases[phase] ?? "")}` : ended.outcome
@@ -95,6 +95,7 @@ export class Motion {
       el("ol", { className: "phases", "aria-hidden": "true" }, phases.map((name, k) => el("li", { className: at(k), title: plain(name) }))),
       el("p", { className: "small", role: "status", id: "phase", textContent: text }),
       ended?.outcome?.reason && el("p", { className: "small fails", textContent: ended.outcome.reason }),
+      said?.map((line) => el("p", { className: "small muted said", textContent: sentence(line) })),
       ended?.error && faultBox(ended.error));
   }
 
@@ -163,6 +164,7 @@ export class Sequence {
         el("span", {}, `${step.query} `, step.goal.map((term, k) => [k ? ", " : "",
           el("span", { className: step.holds.length ? (step.holds[k] ? "holds" : "fails") : "", textContent: termWords(term) })])),
         el("span", { className: `badge ${step.stage === "held" ? "live" : step.stage === "failed" ? "bad" : ""}`, textContent: STAGES[step.stage] ?? step.stage }),
+        step.said?.map((line) => el("span", { className: "said muted", textContent: sentence(line) })),
         step.error && el("span", { className: "why", textContent: `${step.error.message}${step.error.field ? ` (${step.error.field})` : ""}` })))),
       this.#goals.length > 0 && [
         el("ol", { className: "steps", id: "collected", style: running ? "margin-top: 8px" : "" }, this.#goals.map((goal, k) => el("li", {},

@@ -35,13 +35,13 @@ pub async fn plan(
 }
 
 /// Has a plan carried out, and tells the cell's viewers how far it is. Goes on when whoever asked has left: a robot is stopped by its stop.
-pub async fn execute(cell: &Cell, plan: &MotionPlan) -> Result<ExecuteReply, CallError> {
+pub async fn execute(cell: &Cell, plan: &MotionPlan) -> Result<Answer, CallError> {
     let phases: Vec<String> = plan.phases.iter().map(|p| p.name.to_string()).collect();
-    let shown = ExecutionShown { robot: plan.robot.clone(), query: plan.query, phases, phase: 0, ended: None };
+    let shown = ExecutionShown { robot: plan.robot.clone(), query: plan.query, phases, phase: 0, ended: None, said: Vec::new() };
     cell.hide_plan(None);
     cell.update(|activity| activity.execution = Some(shown));
     let (sender, mut progress) = mpsc::channel::<Payload>(PROGRESS);
-    let calling = async { moving(cell, "execute", Payload::json(plan)?, Some(sender)).await?.payload.decode_json() };
+    let calling = async { moving(cell, "execute", Payload::json(plan)?, Some(sender)).await };
     let telling = async {
         // The sender goes with the call, which ends the race below.
         while let Some(payload) = progress.recv().await {
@@ -51,16 +51,16 @@ pub async fn execute(cell: &Cell, plan: &MotionPlan) -> Result<ExecuteReply, Cal
         }
         std::future::pending::<Infallible>().await
     };
-    let reply: Result<ExecuteReply, CallError> = tokio::select! {
-        reply = calling => reply,
+    let answer = tokio::select! {
+        answer = calling => answer,
         never = telling => match never {},
     };
-    let ended = match &reply {
-        Ok(reply) => ExecutionEnded::Outcome { outcome: reply.outcome, reason: reply.reason.clone() },
-        Err(error) => ExecutionEnded::Error(error.clone()),
+    let ended = match answer.as_ref().map_err(Clone::clone).and_then(|answer| answer.payload.decode_json::<ExecuteReply>()) {
+        Ok(reply) => ExecutionEnded::Outcome { outcome: reply.outcome, reason: reply.reason },
+        Err(error) => ExecutionEnded::Error(error),
     };
     cell.update(|activity| activity.execution.iter_mut().for_each(|e| e.ended = Some(ended.clone())));
-    reply
+    answer
 }
 
 /// Brings an arm back, checked against the newest scene of a camera that knows where it stands, where there is one.
@@ -79,7 +79,7 @@ pub async fn recover(cell: &Cell, camera: &str, robot: String, motion: RecoveryM
 }
 
 /// Calls something that moves a robot.
-async fn moving(cell: &Cell, method: &str, payload: Payload, progress: Option<mpsc::Sender<Payload>>) -> Result<Answer, CallError> {
+pub async fn moving(cell: &Cell, method: &str, payload: Payload, progress: Option<mpsc::Sender<Payload>>) -> Result<Answer, CallError> {
     let options = CallOptions { progress, ..CallOptions::at_most_once(EXECUTION) };
     call_moving(cell.session(), cell.caller(Service::Motion), method, payload, options).await
 }

@@ -3,9 +3,11 @@
 //! Every request passes [`guarded`] first: nothing is answered to a page of another site, or under a name that is not ours.
 
 mod calls;
+mod planned;
 mod refusal;
 mod requests;
 mod sequence;
+mod site;
 mod socket;
 mod state;
 mod stop;

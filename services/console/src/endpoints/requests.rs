@@ -4,13 +4,16 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use repose_proto::motion::{MotionPlan, MotionPlanRequest, RobotResetReply, RobotResetRequest};
+use repose_geometry::transform::from_row_major;
+use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlanRequest, RobotResetReply, RobotResetRequest};
 use repose_proto::simulator::WorldResetRequest;
 use repose_proto::{CallError, ErrorCode, Message as _, Payload, PlaceRequest, Scene, SceneRef, Service};
 use repose_runtime::{CallOptions, CancellationToken};
 use tokio::sync::mpsc;
 
 use super::calls::{execute, plan, recover};
+use super::planned::Planned;
+use super::site::PageSite;
 use super::state::State;
 use crate::access::Role;
 use crate::cell::{Camera, Cell};
@@ -44,7 +47,7 @@ struct Eyes {
     held: Option<Arc<View>>,
     /// The scenes that were sent last, newest last: one of them is on the screen.
     sent: VecDeque<Arc<View>>,
-    plan: Option<(String, Arc<MotionPlan>)>,
+    plan: Option<Planned>,
     open: BTreeMap<u64, CancellationToken>,
     has_left: bool,
 }
@@ -80,7 +83,7 @@ impl Viewer {
         if let Ok(everywhere) = self.state.everywhere().await {
             everywhere.leave(self.id);
         }
-        if let (Some(cell), Some((plan, _))) = (&eyes.cell, &eyes.plan) {
+        if let (Some(cell), Some(Planned { id: plan, .. })) = (&eyes.cell, &eyes.plan) {
             cell.hide_plan(Some(plan));
         }
         leave(self.id, &eyes);
@@ -135,7 +138,7 @@ impl Viewer {
             }
             Ask::Execute { plan } => self.execute(&plan).await,
             Ask::Discard { plan } => {
-                self.eyes().plan.take_if(|(known, _)| *known == plan);
+                self.eyes().plan.take_if(|known| known.id == plan);
                 self.cell()?.hide_plan(Some(&plan));
                 Ok(Answered::Done {})
             }
@@ -278,17 +281,28 @@ impl Viewer {
         let cell = self.cell()?;
         let scene = self.scene(&cell, &request.scene.scene_id).await?;
         let options = CallOptions { cancel, ..CallOptions::within(self.deadline()) };
+        let placements = request.placements.clone();
         let (plan, shown) = plan(&cell, request, &scene, options).await?;
+        let placed = placements.get(plan.placement).ok_or_else(|| CallError::internal("motion chose no placement of ours"))?;
+        let moved = from_row_major(&placed.0).map_err(|e| CallError::internal(e.to_string()))?;
         let id = shown.plan.clone();
-        self.eyes().plan = Some((id.clone(), plan));
+        self.eyes().plan = Some(Planned { id: id.clone(), plan, scene, moved });
         cell.show_plan(shown);
         Ok(Answered::Planned { plan: id })
     }
 
     async fn execute(&self, id: &str) -> Result<Answered, CallError> {
-        let planned = self.eyes().plan.take_if(|(known, _)| known == id);
-        let (_, plan) = planned.ok_or_else(|| CallError::not_found("plan", "this plan is not at hand; plan again"))?;
-        let reply = execute(self.cell()?.as_ref(), &plan).await?;
+        let planned = self.eyes().plan.take_if(|known| known.id == id);
+        let planned = planned.ok_or_else(|| CallError::not_found("plan", "this plan is not at hand; plan again"))?;
+        let (cell, camera) = (self.cell()?, self.camera()?);
+        let reply: ExecuteReply = execute(&cell, &planned.plan).await?.payload.decode_json()?;
+        let site = PageSite::of(cell, camera, planned.plan.robot.clone(), self.deadline());
+        let is_done = reply.outcome == ExecutionOutcome::Done;
+        tokio::spawn(async move {
+            if let Err(error) = planned.look_after(&site, is_done).await {
+                tracing::debug!(%error, "what else has moved cannot be seen");
+            }
+        });
         Ok(Answered::Executed { outcome: reply.outcome, reason: reply.reason })
     }
 

@@ -209,6 +209,9 @@ test("the motion is carried out to its end", async () => {
   await screenshot(page, "7-moving");
   await textOf(page, "#phase", /^Done|lost|Ended|Stopped/);
   assert.match(await page.locator("#phase").textContent(), /^Done/);
+  // A look at the cell says what has become of everything.
+  await page.waitForSelector("#execution .said", { timeout: PATIENCE_MS });
+  assert.match(await page.locator("#execution .said").last().textContent(), /moved|fell|mm from|gone|not seen/);
   await screenshot(page, "8-done");
 });
 
@@ -221,6 +224,7 @@ test("goals that were collected are carried out one after another, with what hel
   await page.waitForFunction(() => /holds|failed/.test(document.querySelector("#steps .badge")?.textContent ?? ""), undefined, { timeout: PATIENCE_MS });
   await screenshot(page, "9-sequence");
   assert.match(await page.locator("#steps .badge").first().textContent(), /holds/, await page.locator("#steps").textContent());
+  assert.match(await page.locator("#steps").textContent(), /executed/i);
 });
 
 test("a viewer that does not read slows nobody", async () => {

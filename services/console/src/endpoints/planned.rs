@@ -1,0 +1,47 @@
+//! A motion plan at a viewer's hand, and the look after it was carried out.
+
+use std::sync::Arc;
+
+use nalgebra::Isometry3;
+use repose_executive::Site;
+use repose_proto::motion::MotionPlan;
+use repose_proto::{CallError, Scene};
+use repose_runtime::now_ns;
+use repose_sentences::fate::describe;
+use repose_tracking::Followed;
+
+use super::site::PageSite;
+
+/// A plan that is shown.
+pub struct Planned {
+    /// Its id.
+    pub id: String,
+    /// The plan.
+    pub plan: Arc<MotionPlan>,
+    /// What it was made on.
+    pub scene: Arc<Scene>,
+    /// Where it takes the object: placed from observed.
+    pub moved: Isometry3<f64>,
+}
+
+impl Planned {
+    /// Says of every object on a fresh view what has become of it, beside how the execution ended.
+    ///
+    /// # Errors
+    /// Where nothing is seen.
+    pub async fn look_after(&self, site: &PageSite, is_done: bool) -> Result<(), CallError> {
+        let (_, seen) = site.view_after(now_ns()).await?;
+        let mut followed = Followed::of(&self.scene);
+        if is_done {
+            followed.carried(Some(self.plan.query), &self.moved);
+            followed.look_again(&seen);
+        } else {
+            followed.carried(None, &Isometry3::identity());
+            followed.look_for_lost(self.plan.query, &seen);
+        }
+        let said = describe(Some(self.plan.query), &followed.disturbed());
+        // Another may be under way by now.
+        site.cell().update(|activity| activity.execution.iter_mut().filter(|e| e.ended.is_some()).for_each(|e| e.said.clone_from(&said)));
+        Ok(())
+    }
+}

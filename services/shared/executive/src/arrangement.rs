@@ -1,0 +1,297 @@
+//! Goals about several objects, brought about move by move, with a look after each.
+//!
+//! Only the first move of a plan is carried out: what it has truly left is seen, and the rest is planned anew from there. So what slipped,
+//! fell or was pushed by somebody is simply where it is now; what cannot be seen is told from what is gone ([`Fate`]). Objects are named as
+//! in the first view. Every object is tried a bounded number of times, and the moves together are bounded too; after a stop, whoever
+//! latched it, and after a cancel nothing is tried again: a person decides.
+
+use std::collections::BTreeMap;
+
+use repose_proto::arrange::{ArrangeMove, ArrangeRequest, ArrangeResult, Conflict, ObjectGoal};
+use repose_proto::motion::ExecutionOutcome;
+use repose_proto::place::{Outcome as Found, Placement};
+use repose_proto::{CallError, Message, Payload, PlaceRequest, Scene, SceneRef};
+use repose_runtime::{CallOptions, now_ns};
+use repose_sentences::{fate, robot};
+use repose_tracking::{Fate, Followed, holds};
+use serde::Serialize;
+
+use crate::site::{COUNT, Site, Stage, View, is_unserved};
+use crate::tried::Tried;
+
+/// Fresh views in which something that is not seen is looked for before it counts as lost.
+const LOOKS: usize = 3;
+
+/// A move that was tried.
+#[derive(Debug, Clone, Serialize)]
+pub struct Step {
+    /// The object, as in the first view; none where that did not have it.
+    pub object: Option<u16>,
+    /// The move as it was planned; ids are those of its own view.
+    pub planned: ArrangeMove,
+    /// Moves that were still to come after it.
+    pub to_come: usize,
+    /// How far it came. Placement 0 is the plan's, others are alternatives for the same goal that the robot could serve.
+    #[serde(flatten)]
+    pub tried: Tried,
+}
+
+/// How it ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ended {
+    /// All goals hold.
+    Achieved,
+    /// From where things stand no moves were found.
+    NoArrangement,
+    /// As often as may be tried, it was.
+    GaveUp,
+    /// An object that a goal is about is not seen any more.
+    Lost,
+    /// The robot was stopped, or a call failed.
+    Stopped,
+}
+
+/// What came of it all.
+#[derive(Debug, Serialize)]
+pub struct Told {
+    /// Goals that were asked for.
+    pub wanted: usize,
+    /// Goals that hold on the last view.
+    pub achieved: usize,
+    /// How it ended.
+    pub ended: Ended,
+    /// Why it ended there, where it was not achieved.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub why: Option<String>,
+    /// By object, whether its goal holds on the last view, by rule; null where that cannot be seen.
+    pub holds: BTreeMap<u16, Option<bool>>,
+    /// Every move that was tried.
+    pub steps: Vec<Step>,
+    /// Where the smallest set of goals without an arrangement is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub conflict: Option<Conflict>,
+    /// How the robot stands.
+    pub robot: String,
+    /// The error that ended it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub error: Option<CallError>,
+}
+
+/// Has goals brought about. The request's ids are those of `seen`, or of the newest view where nothing was seen before; its scene is each view in
+/// turn. An object is tried `attempts` times, at least once; `told` hears of every move when it begins and when it has ended.
+///
+/// # Errors
+/// Whatever ended it before a move was tried.
+pub async fn bring_about<S: Site>(
+    site: S,
+    seen: Option<&Scene>,
+    mut request: ArrangeRequest,
+    attempts: usize,
+    told: impl FnMut(&[Step]) + Send,
+) -> Result<Told, CallError> {
+    let view = site.view_after(seen.map_or(0, |scene| scene.stamp_ns)).await?;
+    let mut followed = Followed::of(seen.unwrap_or(&view.1));
+    if seen.is_some() {
+        followed.look_again(&view.1);
+    }
+    if request.robot.is_none() {
+        request.robot = site.reaching().await;
+    }
+    let mut run = Run { site, request, attempts, view, followed, steps: Vec::new(), failed: BTreeMap::new(), conflict: None, told };
+    let (ended, why, error) = match run.until_the_end().await {
+        // Nothing was tried.
+        Err(error) if run.steps.is_empty() => return Err(error),
+        Err(error) => (Ended::Stopped, Some(error.to_string()), Some(error)),
+        Ok((ended, why)) => (ended, why, None),
+    };
+    let robot = match run.site.state().await {
+        Ok(state) => robot::describe(run.site.robot(), &state),
+        Err(_) => format!("{} does not tell its state", run.site.robot()),
+    };
+    let holds = run.holds();
+    Ok(Told {
+        wanted: holds.len(),
+        achieved: holds.values().filter(|holds| **holds == Some(true)).count(),
+        ended,
+        why,
+        holds,
+        steps: run.steps,
+        conflict: run.conflict,
+        robot,
+        error,
+    })
+}
+
+/// An arrangement that is being brought about.
+struct Run<S, T> {
+    site: S,
+    /// What is asked for, in the ids of the first view.
+    request: ArrangeRequest,
+    attempts: usize,
+    view: View,
+    followed: Followed,
+    steps: Vec<Step>,
+    /// How often an object, by its id in the first view, was tried in vain.
+    failed: BTreeMap<u16, usize>,
+    conflict: Option<Conflict>,
+    told: T,
+}
+
+impl<S: Site, T: FnMut(&[Step]) + Send> Run<S, T> {
+    /// Plans, moves and looks until all goals hold, or until it has to end; how it ended, and why.
+    async fn until_the_end(&mut self) -> Result<(Ended, Option<String>), CallError> {
+        let most_moves = 2 * self.request.goals.len() + self.request.max_parkings as usize + self.attempts;
+        loop {
+            let goals = match self.goals_in_view().await {
+                Ok(goals) => goals,
+                Err(unseen) if self.steps.is_empty() => return Err(unseen),
+                Err(unseen) => return Ok((Ended::Lost, Some(unseen.message))),
+            };
+            let result = self.planned(goals).await?;
+            let Some(step) = result.moves.first() else {
+                if result.outcome == Found::Found {
+                    return Ok((Ended::Achieved, None));
+                }
+                let why = if result.outcome == Found::Partial { "the search was cut short before a move" } else { "no moves were found" };
+                self.conflict = result.conflict;
+                return Ok((Ended::NoArrangement, Some(why.to_owned())));
+            };
+            if !self.site.goes_on() {
+                return Ok((Ended::Stopped, Some("no more was wanted".to_owned())));
+            }
+            if self.steps.len() >= most_moves {
+                return Ok((Ended::GaveUp, Some(format!("{most_moves} moves were tried"))));
+            }
+            let object = self.followed.known().named(step.object);
+            let achieved = self.carry_out(object, step, result.moves.len() - 1).await?;
+            let tried = object.map(|object| self.failed.entry(object).or_default());
+            if let Some(tried) = tried.filter(|_| !achieved) {
+                *tried += 1;
+                if *tried >= self.attempts {
+                    let why = format!("object {} was tried {} times", object.unwrap_or_default(), *tried);
+                    return Ok((Ended::GaveUp, Some(why)));
+                }
+            }
+        }
+    }
+
+    /// The goals in the ids of the newest view. What is not seen is looked for in a few more views: something may have been before it.
+    async fn goals_in_view(&mut self) -> Result<Vec<ObjectGoal>, CallError> {
+        let mut looks = 0;
+        loop {
+            let translated = |(i, goal): (usize, &ObjectGoal)| {
+                let (object, terms) = self.followed.translated(&format!("goals[{i}]"), goal.object, &goal.terms).map_err(in_request)?;
+                Ok(ObjectGoal { object, terms })
+            };
+            let goals: Result<Vec<ObjectGoal>, CallError> = self.request.goals.iter().enumerate().map(translated).collect();
+            let fresh = match goals {
+                Err(_) if !self.steps.is_empty() && looks < LOOKS => self.site.view_after(now_ns()).await,
+                goals => return goals.map_err(|unseen| self.explained(unseen)),
+            };
+            looks += 1;
+            if let Ok(view) = fresh {
+                self.view = view;
+                self.look();
+            }
+        }
+    }
+
+    /// That something is not seen, with what is known of why.
+    fn explained(&self, unseen: CallError) -> CallError {
+        let disturbed = self.followed.disturbed();
+        let why: Vec<String> = disturbed
+            .iter()
+            .filter(|(_, fate)| matches!(fate, Fate::Hidden | Fate::Gone))
+            .map(|(id, fate)| fate::sentence(*id, fate))
+            .collect();
+        if why.is_empty() { unseen } else { CallError { message: why.join("; "), ..unseen } }
+    }
+
+    /// Finds the objects again in the newest view, and notes on the last step what became of them.
+    fn look(&mut self) {
+        self.followed.look_again(&self.view.1);
+        if let Some(step) = self.steps.last_mut() {
+            step.tried.fates = Some(self.followed.disturbed());
+            (self.told)(&self.steps);
+        }
+    }
+
+    /// The arrangement planned on the newest view; every failed attempt gives other draws.
+    async fn planned(&self, goals: Vec<ObjectGoal>) -> Result<ArrangeResult, CallError> {
+        let failed: usize = self.failed.values().sum();
+        let request = ArrangeRequest {
+            scene: SceneRef { scene_id: self.view.0.clone() },
+            goals,
+            seed: self.request.seed.wrapping_add(failed as u64),
+            ..self.request.clone()
+        };
+        request.validate()?;
+        let encode = |scene: Option<&Scene>| Payload::with_scene(&request, scene);
+        let options = CallOptions::within(self.site.deadline());
+        self.site.begins(Stage::Placing);
+        let answered = self.site.planner().call_with_scene("arrange", Some(&self.view.1), encode, options).await?;
+        Ok(answered.payload.decode_json()?)
+    }
+
+    /// Has a move carried out, and looks: whether the object stands where it was to go. An error ends it all.
+    async fn carry_out(&mut self, object: Option<u16>, planned: &ArrangeMove, to_come: usize) -> Result<bool, CallError> {
+        self.steps.push(Step { object, planned: planned.clone(), to_come, tried: Tried::default() });
+        (self.told)(&self.steps);
+        let (request, placements) = self.choices(planned).await?;
+        let carried_out = self.site.carry_out(&request, &placements, &self.view).await;
+        let Some(step) = self.steps.last_mut() else { return Ok(false) };
+        step.tried = match carried_out {
+            Ok(tried) => tried,
+            Err(error) => {
+                step.tried = Tried::failed(&error);
+                return if is_unserved(&error) { Ok(false) } else { Err(error) };
+            }
+        };
+        let is_done = step.tried.execution == Some(ExecutionOutcome::Done);
+        let motion = step.tried.moved(&placements)?;
+        let why = step.tried.reason.clone();
+        let goes_on = is_done || (step.tried.execution == Some(ExecutionOutcome::GraspLost) && self.site.is_free().await);
+        if !goes_on {
+            let why = why.unwrap_or_else(|| "the robot was stopped".to_owned());
+            return Err(CallError::precondition(why));
+        }
+        self.view = if is_done { self.site.view_after(now_ns()).await? } else { self.site.back_and_looking().await? };
+        self.followed.carried(object, &motion);
+        self.look();
+        let stands = object.is_none_or(|object| matches!(self.followed.disturbed().get(&object), None | Some(Fate::Hidden)));
+        Ok(is_done && stands)
+    }
+
+    /// The placements that the robot may choose from: the plan's own, and others for the same terms.
+    async fn choices(&self, planned: &ArrangeMove) -> Result<(PlaceRequest, Vec<Placement>), CallError> {
+        let request = PlaceRequest {
+            count: COUNT,
+            view_yaw_rad: self.request.view_yaw_rad,
+            rotation: self.request.rotation,
+            variant: self.request.variant,
+            robot: self.request.robot.clone(),
+            seed: self.request.seed.wrapping_add(self.steps.len() as u64),
+            ..PlaceRequest::new(self.view.0.clone(), planned.object, planned.goal.clone())
+        };
+        let others = self.site.placed(&request, &self.view).await?.placements;
+        Ok((request, std::iter::once(planned.placement.clone()).chain(others).collect()))
+    }
+
+    /// By object, whether its goal holds on the newest view; none where that cannot be seen.
+    fn holds(&self) -> BTreeMap<u16, Option<bool>> {
+        let view = &self.view.1;
+        let yaw_rad = self.request.view_yaw_rad.unwrap_or(view.meta.view_yaw_rad);
+        let of = |goal: &ObjectGoal| {
+            let translated = self.followed.translated("goals", goal.object, &goal.terms).ok();
+            translated.map(|(object, terms)| holds(view, yaw_rad, object, &terms).into_iter().all(|holds| holds))
+        };
+        self.request.goals.iter().map(|goal| (goal.object, of(goal))).collect()
+    }
+}
+
+/// The field at fault as the request names it.
+fn in_request(error: CallError) -> CallError {
+    let field = error.field.as_ref().map(|field| field.replace(".query", ".object").replace(".goal[", ".terms["));
+    CallError { field, ..error }
+}
