@@ -2,7 +2,8 @@
 //!
 //! All in the grasp centre's frame: fingers close along y, the hand comes along z. The part of the cloud between the finger pads is searched
 //! for the run of points nearest the middle; a gap wide enough for a finger ends it. So a solid object is taken across, a hollow one at its wall.
-//! Where a finger would come down unseen, behind the object, the run may end later than it seems: that finger gets all the room there is.
+//! A side that faces away from the camera ends later than it was seen to, by the border that was cleaned away: the fingers are centred on
+//! where it is believed to end. One that would come down unseen, behind the object, gets all the room there is.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use repose_belief::ObservedView;
@@ -22,18 +23,18 @@ pub struct GripperSettings {
     pub finger_half_width_m: f64,
     /// How thick a finger is along the closing direction, metres. Default 0.022.
     pub finger_thickness_m: f64,
-    /// Room between the object and each open finger, metres. Default 0.016.
+    /// Room between the object as it is believed to be and each open finger, metres. Default 0.011.
     pub clearance_m: f64,
-    /// The same where something stands beside the object, metres: what borders leave out, and as much again. Default 0.010.
+    /// The same where something stands beside the object, metres. Default 0.005.
     pub clearance_beside_m: f64,
     /// The least room where the opening allows no more, metres. Default 0.003.
     pub clearance_min_m: f64,
-    /// How much of the object is missing at each border of what was seen of it, as borders are cleaned away, metres. Default 0.005.
+    /// How much of the object is missing at a border of what was seen of it, as borders are cleaned away, metres across the line of sight.
+    /// Default 0.005.
     pub border_m: f64,
     /// Points between the pads that make a grasp. Default 6.
     pub points_min: usize,
-    /// Room between what was seen of the object and the finger that was seen to have some, where the other has not, metres: the border that
-    /// was cleaned away, and as much again. Default 0.011.
+    /// Room for the finger that was seen to have some, where the other has not, metres. Default 0.006.
     pub clearance_seen_m: f64,
     /// Share of a finger that must be seen to be in free space to count as seen. Default 0.6.
     pub seen_min: f64,
@@ -48,12 +49,12 @@ impl Default for GripperSettings {
         Self {
             finger_half_width_m: 0.0105,
             finger_thickness_m: 0.022,
-            clearance_m: 0.016,
-            clearance_beside_m: 0.010,
+            clearance_m: 0.011,
+            clearance_beside_m: 0.005,
             clearance_min_m: 0.003,
             border_m: 0.005,
             points_min: 6,
-            clearance_seen_m: 0.011,
+            clearance_seen_m: 0.006,
             seen_min: 0.6,
             palm_slack_m: 0.004,
             strays: 2,
@@ -64,7 +65,7 @@ impl Default for GripperSettings {
 /// What the fingers close on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GripperFit {
-    /// How wide the object is between the fingers, metres.
+    /// How wide the object is believed to be between the fingers, metres.
     pub width_m: f64,
     /// Where its middle is along y, metres.
     pub offset_m: f64,
@@ -111,10 +112,12 @@ pub fn fit(
 ) -> Result<GripperFit, Misfit> {
     let slab = slab(world_from_tcp, object, settings)?;
     let run = run_at_the_middle(&slab, settings)?;
-    let (low, high) = (slab[run.start].0.y, slab[run.end - 1].0.y);
+    let (seen_low, seen_high) = (slab[run.start].0.y, slab[run.end - 1].0.y);
+    let missing_at = |side: f64| missing_m(&(world_from_tcp.rotation * Vector3::y() * side), world_from_tcp, view, settings.border_m);
+    let (low, high) = (seen_low - missing_at(-1.0), seen_high + missing_at(1.0));
     let width_m = high - low;
     let mut opening_m = (width_m + 2.0 * settings.clearance_m).min(FINGER_OPENING_MAX_M);
-    if opening_m - width_m < 2.0 * (settings.clearance_min_m + settings.border_m) {
+    if opening_m - width_m < 2.0 * settings.clearance_min_m {
         return Err(Misfit::TooWide);
     }
     let mut offset_m = 0.5 * (low + high);
@@ -137,10 +140,21 @@ pub fn fit(
     if slab.iter().map(|(p, _)| *p).chain(behind).filter(in_finger).count() > settings.strays {
         return Err(Misfit::FingerBlocked);
     }
-    let depth_m = contact_depth_m(&slab[run.clone()], low).max(contact_depth_m(&slab[run.clone()], high));
+    let depth_m = contact_depth_m(&slab[run.clone()], seen_low).max(contact_depth_m(&slab[run.clone()], seen_high));
     let closing = (world_from_tcp.rotation * Vector3::y()).cast::<f32>();
-    let squareness = squareness(&slab[run], low, high, &closing, object);
+    let squareness = squareness(&slab[run], seen_low, seen_high, &closing, object);
     Ok(GripperFit { width_m, offset_m, opening_m, depth_m, squareness, seen: seen[0].min(seen[1]) })
+}
+
+/// The cosine to the line of sight from which a side counts as seen: less of a surface gives readings at some places only.
+const FACING: f64 = 0.2;
+
+/// How much further than seen an object reaches in a direction, metres: nothing where that side faces the camera, and behind a border what was
+/// cleaned away of it, which is more the flatter it is looked at.
+pub fn missing_m(outwards: &Vector3<f64>, world_from_tcp: &Isometry3<f64>, view: &ObservedView, border_m: f64) -> f64 {
+    let to_eye = view.eye().coords.cast::<f64>() - world_from_tcp.translation.vector;
+    let facing = outwards.dot(&to_eye.normalize());
+    if facing > FACING { 0.0 } else { border_m / (1.0 - facing * facing).sqrt().max(0.5) }
 }
 
 /// The points between the planes of the finger pads, sorted along the closing direction.

@@ -206,7 +206,7 @@ fn judged(
         };
         let world_from_tcp = world_from_tcp * Isometry3::translation(0.0, fit.offset_m, 0.0);
         if !gripper_touches(&world_from_tcp, fit.opening_m, scene.others, settings.padding_m) {
-            let score = score(&world_from_tcp, &fit, object, settings.gripper.border_m, &settings.weights);
+            let score = score(&world_from_tcp, &fit, object, &settings.weights);
             return Some(Grasp { world_from_tcp, opening_m: fit.opening_m, width_m: Some(fit.width_m), score });
         }
     }
@@ -233,11 +233,10 @@ const SLANTED: f64 = 0.65;
 /// Less surface than this along the approach is an edge, metres.
 const EDGE_M: f64 = 0.010;
 
-/// `border_m` is how much of the object is missing at each border of what was seen of it.
-fn score(world_from_tcp: &Isometry3<f64>, fit: &GripperFit, object: &ObjectCloud, border_m: f64, weights: &GraspWeights) -> f64 {
+fn score(world_from_tcp: &Isometry3<f64>, fit: &GripperFit, object: &ObjectCloud, weights: &GraspWeights) -> f64 {
     let approach = world_from_tcp.rotation * Vector3::z();
     let aside = (world_from_tcp.translation.vector.xy() - object.axis).norm();
-    let room_m = FINGER_OPENING_MAX_M - fit.width_m - 2.0 * border_m;
+    let room_m = FINGER_OPENING_MAX_M - fit.width_m;
     let half_diagonal = 0.5 * f64::from(object.bounds.extent().xy().norm()).max(0.02);
     let terms = [
         (weights.vertical, 1.0 - (-approach.z).clamp(-1.0, 1.0).acos() / TILTED_RAD),
