@@ -240,3 +240,37 @@ fn squareness(run: &[SlabPoint], low: f64, high: f64, closing: &Vector3<f32>, ob
     };
     0.5 * (side(low) + side(high))
 }
+
+#[cfg(test)]
+mod tests {
+    use repose_proto::CameraModel;
+
+    use super::*;
+
+    /// Seen from the front, half from above: the camera is as far away as it is high.
+    fn from_the_front() -> ObservedView {
+        let camera = CameraModel {
+            width: 640,
+            height: 480,
+            fx: 600.0,
+            fy: 600.0,
+            cx: 320.0,
+            cy: 240.0,
+            depth_unit_m: 0.001,
+            world_from_camera: None,
+        };
+        let looks = nalgebra::Rotation3::look_at_lh(&Vector3::new(1.0, 0.0, -1.0), &Vector3::z()).inverse();
+        let at = Isometry3::from_parts(Vector3::new(-1.0, 0.0, 1.0).into(), nalgebra::UnitQuaternion::from_rotation_matrix(&looks));
+        ObservedView::new(&[], &[], &camera, &at, 64)
+    }
+
+    #[test]
+    fn what_borders_left_out_is_missing_where_a_side_faces_away_and_more_where_it_is_looked_at_flatly() {
+        let (view, tcp, border_m) = (from_the_front(), Isometry3::identity(), 0.005);
+        let missing = |outwards: Vector3<f64>| missing_m(&outwards, &tcp, &view, border_m);
+        assert_eq!(missing(-Vector3::x()), 0.0, "the side before the camera was seen to its end");
+        assert!((missing(Vector3::y()) - border_m).abs() < 1e-9, "a side seen edge on ends a border further");
+        let behind = missing(Vector3::x());
+        assert!(behind > 1.3 * border_m && behind <= 2.0 * border_m, "{behind}");
+    }
+}

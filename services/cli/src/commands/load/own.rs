@@ -1,5 +1,6 @@
 //! A system of the run's own: a router, a simulated cell and services, each a process on this machine, which faults may be done to.
 
+use std::collections::BTreeMap;
 use std::net::{TcpListener, UdpSocket};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -67,8 +68,8 @@ pub struct OwnSystem {
     deployment: Option<(tempfile::TempDir, Roles)>,
     seed: u64,
     processes: Vec<Own>,
-    /// The process of a service that a fault takes next.
-    turn: usize,
+    /// How often a fault has taken a process of a service: they take turns.
+    turns: BTreeMap<Service, usize>,
 }
 
 impl OwnSystem {
@@ -81,7 +82,7 @@ impl OwnSystem {
         let port = port.map_err(Failure::other)?.port();
         let endpoint = format!("{}/127.0.0.1:{port}", if is_secured { "quic" } else { "tcp" });
         let deployment = is_secured.then(|| secured(port)).transpose()?;
-        let mut system = Self { endpoint, deployment, seed, processes: Vec::new(), turn: 0 };
+        let mut system = Self { endpoint, deployment, seed, processes: Vec::new(), turns: BTreeMap::new() };
         system.add(ROUTER, ROUTER.to_owned())?;
         for service in Service::ALL {
             for k in 1..=sizes.of(service) {
@@ -174,8 +175,9 @@ impl OwnSystem {
     fn next_of(&mut self, service: Service) -> Option<usize> {
         let places: Vec<usize> =
             (0..self.processes.len()).filter(|i| self.processes[*i].what == service.as_str() && !self.processes[*i].is_halted).collect();
-        self.turn += 1;
-        places.get(self.turn % places.len().max(1)).copied()
+        let turn = self.turns.entry(service).or_default();
+        *turn += 1;
+        places.get(*turn % places.len().max(1)).copied()
     }
 
     /// Those that have ended without being asked to.
