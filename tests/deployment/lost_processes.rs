@@ -84,10 +84,12 @@ impl Trial {
     /// The first state of the robot of which something holds.
     async fn state_where(&self, what: &str, holds: impl Fn(&RobotState) -> bool) -> RobotState {
         let mut states = self.session.subscribe_latest(&self.session.cell().robot_state("panda")).await.expect("states");
-        let mut last = None;
+        let (mut last, mut heard, mut heard_at, mut silence) = (None, 0, Instant::now(), Duration::ZERO);
         let found = tokio::time::timeout(PATIENCE, async {
             while let Some(sample) = states.recv().await {
                 let state: RobotState = sample.payload.decode_json().expect("a state");
+                (heard, silence) = (heard + 1, silence.max(heard_at.elapsed()));
+                heard_at = Instant::now();
                 if holds(&state) {
                     return Some(state);
                 }
@@ -97,7 +99,7 @@ impl Trial {
         });
         match found.await {
             Ok(Some(state)) => state,
-            _ => panic!("never {what}: {last:?}"),
+            _ => panic!("never {what} in {heard} states, at most {silence:?} apart: {last:?}"),
         }
     }
 

@@ -231,7 +231,7 @@ impl<S: Site, T: FnMut(&[Step]) + Send> Run<S, T> {
         let options = CallOptions::within(self.site.deadline());
         self.site.begins(Stage::Placing);
         let answered = self.site.planner().call_with_scene("arrange", Some(&self.view.1), encode, options).await?;
-        Ok(answered.payload.decode_json()?)
+        answered.payload.decode_json()
     }
 
     /// Has a move carried out, and looks: whether the object stands where it was to go. An error ends it all.
