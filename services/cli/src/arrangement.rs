@@ -38,7 +38,7 @@ pub async fn run(args: Arranging<'_>, output: Output) -> Outcome {
 
 async fn brought_about(args: Arranging<'_>, session: &Session) -> Result<Told, Failure> {
     let site = Terminal::of(session, args.connect, args.robot).await?;
-    Ok(bring_about(site, None, args.request, args.attempts, |_| {}).await?)
+    Ok(bring_about(site, args.request, args.attempts).await?)
 }
 
 /// What came of it, for people.

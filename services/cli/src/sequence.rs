@@ -72,12 +72,12 @@ struct Achieved {
 /// What came of the wishes; an error where nothing was tried.
 async fn achieve(args: &Wishes<'_>, session: &Session) -> Result<Achieved, Failure> {
     let site = Terminal::of(session, args.connect, args.robot).await?;
-    let mut sequence = Sequence::on_newest(site, args.attempts as usize).await?;
+    let mut sequence = Sequence::begin(site, None, args.attempts as usize).await?;
     let (scene_id, scene) = sequence.view();
     let (first, said) = args.wish.on(scene)?;
     let wishes = std::iter::once(&first).chain(args.then);
     let goals: Vec<PlaceRequest> = wishes.map(|wish| args.wish.request(scene_id.clone(), wish)).collect();
-    let ended = sequence.achieve(&goals, |_, _| {}).await;
+    let ended = sequence.achieve(&goals, |_| {}).await;
     match ended {
         // Nothing has moved.
         Err(error) if sequence.steps.is_empty() => Err(error.into()),

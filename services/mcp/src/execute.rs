@@ -7,7 +7,6 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use nalgebra::Isometry3;
 use repose_pictures::jpeg_of;
 use repose_pictures::scene::with_numbered_outlines;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
@@ -120,16 +119,11 @@ impl Desk {
 
 /// What has become of the wish, and of everything else.
 fn afterwards(plan: &Plan, reply: ExecuteReply, mut followed: Followed, seen: &Seen) -> Result<Answer, CallError> {
-    match reply.outcome {
-        ExecutionOutcome::Done => {
-            followed.carried(Some(plan.query), &moved_by(&plan.placement)?);
-            followed.look_again(&seen.scene);
-        }
-        ExecutionOutcome::Stopped | ExecutionOutcome::GraspLost => {
-            followed.carried(None, &Isometry3::identity());
-            followed.look_for_lost(plan.query, &seen.scene);
-        }
-    }
+    let moved = match reply.outcome {
+        ExecutionOutcome::Done => Some(moved_by(&plan.placement)?),
+        ExecutionOutcome::Stopped | ExecutionOutcome::GraspLost => None,
+    };
+    followed.look_after_moving(plan.query, moved.as_ref(), &seen.scene);
     let held = match followed.translated("plan", plan.query, &plan.goal) {
         Ok((query, goal)) => holds(&seen.scene, plan.view_yaw_rad, query, &goal),
         Err(_) => Vec::new(),

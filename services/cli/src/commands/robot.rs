@@ -3,9 +3,10 @@
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use repose_proto::motion::{ExecutionOutcome, RecoverReply, RecoverRequest, RecoveryMove, RobotResetReply, RobotResetRequest};
+use repose_executive::{View, recovery};
+use repose_proto::motion::{ExecutionOutcome, RecoverReply, RecoveryMove, RobotResetReply, RobotResetRequest};
 use repose_proto::scene::WorldFrame;
-use repose_proto::{CallError, ErrorCode, Payload, Scene, SceneRef, Service, keys};
+use repose_proto::{CallError, ErrorCode, Payload, Service, keys};
 use repose_runtime::{CallOptions, Session, emergency_stop};
 use repose_sentences::robot::describe;
 
@@ -104,9 +105,7 @@ async fn recover(args: &RobotArgs, session: &Session, motion: RecoveryMove, outp
         RecoveryMove::Retreat | RecoveryMove::Home => newest_scene(args, session).await,
     };
     let caller = session.caller(Service::Motion).await?;
-    let named = scene.as_ref().map(|(scene_id, _)| SceneRef { scene_id: scene_id.clone() });
-    let request = RecoverRequest { robot: args.robot.clone(), motion, scene: named };
-    let payload = Payload::with_scene(&request, scene.as_ref().map(|(_, scene)| scene))?;
+    let payload = recovery(&args.robot, motion, scene.as_ref())?;
     let answer = moving::call(session, &caller, (&args.robot, "recover"), payload, &mut interrupts, None).await.map_err(of_motion)?;
     let reply: RecoverReply = answer.payload.decode_json()?;
     output.print(&reply, || recovered(&args.robot, motion, &reply))?;
@@ -127,7 +126,7 @@ fn recovered(robot: &str, motion: RecoveryMove, reply: &RecoverReply) -> String 
 }
 
 /// The newest scene whose camera knows where it stands.
-async fn newest_scene(args: &RobotArgs, session: &Session) -> Option<(String, Scene)> {
+async fn newest_scene(args: &RobotArgs, session: &Session) -> Option<View> {
     let newest = async {
         let summary = client::newest_scene(session, &args.camera, SCENE, client::PATIENCE).await?;
         let scene = client::whole_scene(session, &summary.scene_id, SCENE).await?;

@@ -4,9 +4,11 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
-use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPlan, MotionPlanRequest, RecoverReply, RecoverRequest, RecoveryMove};
+use repose_executive::recovery;
+use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPlan, MotionPlanRequest, RecoverReply, RecoveryMove};
+use repose_proto::robot::RobotState;
 use repose_proto::scene::WorldFrame;
-use repose_proto::{CallError, Message as _, Payload, Scene, SceneRef, Service};
+use repose_proto::{CallError, Message as _, Payload, Scene, Service};
 use repose_runtime::{Answer, CallOptions, call_moving};
 use tokio::sync::mpsc;
 
@@ -30,8 +32,13 @@ pub async fn plan(
     let request = MotionPlanRequest { start_joints_rad: robot.q_rad, ..request };
     request.validate()?;
     let plan = cell.caller(Service::Motion).plan_motion(&request, Some(scene), options).await?;
-    let shown = PlanShown::new(uuid::Uuid::new_v4().to_string(), &plan, &world_from_base(&robot));
-    Ok((Arc::new(plan), Arc::new(shown)))
+    let shown = shown(&plan, &robot);
+    Ok((Arc::new(plan), shown))
+}
+
+/// A plan as it is shown, under an id of its own; `robot` says where its base stands.
+pub fn shown(plan: &MotionPlan, robot: &RobotState) -> Arc<PlanShown> {
+    Arc::new(PlanShown::new(uuid::Uuid::new_v4().to_string(), plan, &world_from_base(robot)))
 }
 
 /// Has a plan carried out, and tells the cell's viewers how far it is. Goes on when whoever asked has left: a robot is stopped by its stop.
@@ -64,7 +71,7 @@ pub async fn execute(cell: &Cell, plan: &MotionPlan) -> Result<Answer, CallError
 }
 
 /// Brings an arm back, checked against the newest scene of a camera that knows where it stands, where there is one.
-pub async fn recover(cell: &Cell, camera: &str, robot: String, motion: RecoveryMove) -> Result<RecoverReply, CallError> {
+pub async fn recover(cell: &Cell, camera: &str, robot: &str, motion: RecoveryMove) -> Result<RecoverReply, CallError> {
     let mut scene = None;
     if motion != RecoveryMove::Open
         && let Ok(summary) = cell.newest(camera).await
@@ -72,10 +79,7 @@ pub async fn recover(cell: &Cell, camera: &str, robot: String, motion: RecoveryM
     {
         scene = Some((summary.scene_id, newest)).filter(|(_, newest)| newest.meta.world_frame == WorldFrame::Extrinsics);
     }
-    let (scene_id, scene) = scene.unzip();
-    let request = RecoverRequest { robot, motion, scene: scene_id.map(|scene_id| SceneRef { scene_id }) };
-    request.validate()?;
-    moving(cell, "recover", Payload::with_scene(&request, scene.as_ref())?, None).await?.payload.decode_json()
+    moving(cell, "recover", recovery(robot, motion, scene.as_ref())?, None).await?.payload.decode_json()
 }
 
 /// Calls something that moves a robot.

@@ -32,13 +32,7 @@ impl Planned {
     pub async fn look_after(&self, site: &PageSite, is_done: bool) -> Result<(), CallError> {
         let (_, seen) = site.view_after(now_ns()).await?;
         let mut followed = Followed::of(&self.scene);
-        if is_done {
-            followed.carried(Some(self.plan.query), &self.moved);
-            followed.look_again(&seen);
-        } else {
-            followed.carried(None, &Isometry3::identity());
-            followed.look_for_lost(self.plan.query, &seen);
-        }
+        followed.look_after_moving(self.plan.query, is_done.then_some(&self.moved), &seen);
         let said = describe(Some(self.plan.query), &followed.disturbed());
         // Another may be under way by now.
         site.cell().update(|activity| activity.execution.iter_mut().filter(|e| e.ended.is_some()).for_each(|e| e.said.clone_from(&said)));

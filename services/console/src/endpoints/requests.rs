@@ -153,7 +153,7 @@ impl Viewer {
             }
             Ask::Reset { robot } => self.reset(&robot).await,
             Ask::Recover { robot, motion } => {
-                let reply = recover(self.cell()?.as_ref(), self.camera()?.name(), robot, motion).await?;
+                let reply = recover(self.cell()?.as_ref(), self.camera()?.name(), &robot, motion).await?;
                 Ok(Answered::Executed { outcome: reply.outcome, reason: reply.reason })
             }
             Ask::NewScene { seed } => {
@@ -294,15 +294,17 @@ impl Viewer {
     async fn execute(&self, id: &str) -> Result<Answered, CallError> {
         let planned = self.eyes().plan.take_if(|known| known.id == id);
         let planned = planned.ok_or_else(|| CallError::not_found("plan", "this plan is not at hand; plan again"))?;
-        let (cell, camera) = (self.cell()?, self.camera()?);
+        let cell = self.cell()?;
         let reply: ExecuteReply = execute(&cell, &planned.plan).await?.payload.decode_json()?;
-        let site = PageSite::of(cell, camera, planned.plan.robot.clone(), self.deadline());
         let is_done = reply.outcome == ExecutionOutcome::Done;
-        tokio::spawn(async move {
-            if let Err(error) = planned.look_after(&site, is_done).await {
-                tracing::debug!(%error, "what else has moved cannot be seen");
-            }
-        });
+        if let Ok(camera) = self.camera() {
+            let site = PageSite::of(cell, camera, planned.plan.robot.clone(), self.deadline());
+            tokio::spawn(async move {
+                if let Err(error) = planned.look_after(&site, is_done).await {
+                    tracing::debug!(%error, "what else has moved cannot be seen");
+                }
+            });
+        }
         Ok(Answered::Executed { outcome: reply.outcome, reason: reply.reason })
     }
 

@@ -61,32 +61,32 @@ pub fn begin(
     tokio::spawn(async move {
         let site = PageSite::of(cell.clone(), camera, robot, deadline).for_sequence();
         if let Err(error) = achieve(site, &scene, &goals).await {
-            cell.update_step(|step| (step.stage, step.error) = (Stage::Failed, Some(error)));
+            cell.update_step(|step| (step.stage, step.error) = (Stage::Failed, error));
         }
         end(&cell);
     });
     Ok(Answered::Done {})
 }
 
-async fn achieve(site: PageSite, scene: &Scene, goals: &[PlaceRequest]) -> Result<(), CallError> {
+/// Achieves the goals; where one was not achieved it is an error, with one to show where there is one.
+async fn achieve(site: PageSite, scene: &Scene, goals: &[PlaceRequest]) -> Result<(), Option<CallError>> {
     let cell = site.cell().clone();
-    let told = |_: usize, step: Option<&Step>| {
-        // One that an error ended is told with it.
-        let Some(step) = step else { return };
+    let told = |step: &Step| {
         cell.update_step(|shown| {
             shown.holds.clone_from(&step.last.holds);
             shown.said = step.describe();
-            match (step.achieved(), step.last.tried.execution) {
-                (true, _) => shown.stage = Stage::Held,
-                (false, Some(_)) => shown.stage = Stage::Failed,
-                (false, None) if step.result.placements.is_empty() => {
-                    (shown.stage, shown.error) = (Stage::Failed, Some(CallError::precondition("there is no such placement")));
-                }
-                (false, None) => {}
+            if step.achieved() {
+                shown.stage = Stage::Held;
             }
         });
     };
-    Sequence::after(site, scene, ATTEMPTS).await?.achieve(goals, told).await
+    let mut sequence = Sequence::begin(site, Some(scene), ATTEMPTS).await?;
+    sequence.achieve(goals, told).await?;
+    match sequence.steps.last() {
+        Some(last) if last.result.placements.is_empty() => Err(Some(CallError::precondition("there is no such placement"))),
+        Some(last) if !last.achieved() => Err(None),
+        _ => Ok(()),
+    }
 }
 
 /// Ends the sequence that is under way, after the goal that it is at.

@@ -9,9 +9,8 @@ use repose_proto::robot::RobotState;
 use repose_proto::{CallError, Payload, Scene, SceneSummary, Service};
 use repose_runtime::{Answer, Caller, robot_state};
 
-use super::calls::{execute, moving};
-use crate::arm::PlanShown;
-use crate::cell::{Camera, Cell, world_from_base};
+use super::calls::{execute, moving, shown};
+use crate::cell::{Camera, Cell};
 use crate::messages::Stage;
 
 /// The cell, camera and robot.
@@ -96,8 +95,7 @@ impl Site for PageSite {
 
     fn planned(&self, plan: &MotionPlan) {
         if let Ok(state) = self.cell.robot(&self.robot) {
-            let id = uuid::Uuid::new_v4().to_string();
-            self.cell.show_plan(Arc::new(PlanShown::new(id, plan, &world_from_base(&state))));
+            self.cell.show_plan(shown(plan, &state));
         }
     }
 

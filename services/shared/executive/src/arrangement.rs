@@ -78,27 +78,18 @@ pub struct Told {
     pub error: Option<CallError>,
 }
 
-/// Has goals brought about. The request's ids are those of `seen`, or of the newest view where nothing was seen before; its scene is each view in
-/// turn. An object is tried `attempts` times, at least once; `told` hears of every move when it begins and when it has ended.
+/// Has goals brought about. The request's ids are those of the newest view; its scene is each view in turn. An object is tried `attempts` times, at
+/// least once.
 ///
 /// # Errors
 /// Whatever ended it before a move was tried.
-pub async fn bring_about<S: Site>(
-    site: S,
-    seen: Option<&Scene>,
-    mut request: ArrangeRequest,
-    attempts: usize,
-    told: impl FnMut(&[Step]) + Send,
-) -> Result<Told, CallError> {
-    let view = site.view_after(seen.map_or(0, |scene| scene.stamp_ns)).await?;
-    let mut followed = Followed::of(seen.unwrap_or(&view.1));
-    if seen.is_some() {
-        followed.look_again(&view.1);
-    }
+pub async fn bring_about<S: Site>(site: S, mut request: ArrangeRequest, attempts: usize) -> Result<Told, CallError> {
+    let view = site.view_after(0).await?;
+    let followed = Followed::of(&view.1);
     if request.robot.is_none() {
         request.robot = site.reaching().await;
     }
-    let mut run = Run { site, request, attempts, view, followed, steps: Vec::new(), failed: BTreeMap::new(), conflict: None, told };
+    let mut run = Run { site, request, attempts, view, followed, steps: Vec::new(), failed: BTreeMap::new(), conflict: None };
     let (ended, why, error) = match run.until_the_end().await {
         // Nothing was tried.
         Err(error) if run.steps.is_empty() => return Err(error),
@@ -124,7 +115,7 @@ pub async fn bring_about<S: Site>(
 }
 
 /// An arrangement that is being brought about.
-struct Run<S, T> {
+struct Run<S> {
     site: S,
     /// What is asked for, in the ids of the first view.
     request: ArrangeRequest,
@@ -135,10 +126,9 @@ struct Run<S, T> {
     /// How often an object, by its id in the first view, was tried in vain.
     failed: BTreeMap<u16, usize>,
     conflict: Option<Conflict>,
-    told: T,
 }
 
-impl<S: Site, T: FnMut(&[Step]) + Send> Run<S, T> {
+impl<S: Site> Run<S> {
     /// Plans, moves and looks until all goals hold, or until it has to end; how it ended, and why.
     async fn until_the_end(&mut self) -> Result<(Ended, Option<String>), CallError> {
         let most_moves = 2 * self.request.goals.len() + self.request.max_parkings as usize + self.attempts;
@@ -213,7 +203,6 @@ impl<S: Site, T: FnMut(&[Step]) + Send> Run<S, T> {
         self.followed.look_again(&self.view.1);
         if let Some(step) = self.steps.last_mut() {
             step.tried.fates = Some(self.followed.disturbed());
-            (self.told)(&self.steps);
         }
     }
 
@@ -237,7 +226,6 @@ impl<S: Site, T: FnMut(&[Step]) + Send> Run<S, T> {
     /// Has a move carried out, and looks: whether the object stands where it was to go. An error ends it all.
     async fn carry_out(&mut self, object: Option<u16>, planned: &ArrangeMove, to_come: usize) -> Result<bool, CallError> {
         self.steps.push(Step { object, planned: planned.clone(), to_come, tried: Tried::default() });
-        (self.told)(&self.steps);
         let (request, placements) = self.choices(planned).await?;
         let carried_out = self.site.carry_out(&request, &placements, &self.view).await;
         let Some(step) = self.steps.last_mut() else { return Ok(false) };

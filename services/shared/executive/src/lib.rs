@@ -9,5 +9,5 @@ pub mod sequence;
 mod site;
 mod tried;
 
-pub use site::{COUNT, Site, Stage, View};
+pub use site::{COUNT, Site, Stage, View, recovery};
 pub use tried::Tried;

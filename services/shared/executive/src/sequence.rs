@@ -88,24 +88,16 @@ pub struct Sequence<S> {
 }
 
 impl<S: Site> Sequence<S> {
-    /// On the newest view, whose ids the goals will use.
+    /// On the view after `seen`, whose ids the goals use; without it on the newest view, whose ids they will use.
     ///
     /// # Errors
     /// Those of [`Site::view_after`].
-    pub async fn on_newest(site: S, attempts: usize) -> Result<Self, CallError> {
-        let view = site.view_after(0).await?;
-        let followed = Followed::of(&view.1);
-        Ok(Self { site, attempts, view, followed, steps: Vec::new() })
-    }
-
-    /// On the view after a scene whose ids the goals use.
-    ///
-    /// # Errors
-    /// Those of [`Site::view_after`].
-    pub async fn after(site: S, scene: &Scene, attempts: usize) -> Result<Self, CallError> {
-        let view = site.view_after(scene.stamp_ns).await?;
-        let mut followed = Followed::of(scene);
-        followed.look_again(&view.1);
+    pub async fn begin(site: S, seen: Option<&Scene>, attempts: usize) -> Result<Self, CallError> {
+        let view = site.view_after(seen.map_or(0, |scene| scene.stamp_ns)).await?;
+        let mut followed = Followed::of(seen.unwrap_or(&view.1));
+        if seen.is_some() {
+            followed.look_again(&view.1);
+        }
         Ok(Self { site, attempts, view, followed, steps: Vec::new() })
     }
 
@@ -114,12 +106,11 @@ impl<S: Site> Sequence<S> {
         &self.view
     }
 
-    /// Achieves goals, whose ids are those of the first view, until one is not achieved; `told` hears of each when it begins (none) and when it has
-    /// ended.
+    /// Achieves goals, whose ids are those of the first view, until one is not achieved; `told` hears of each that was tried.
     ///
     /// # Errors
     /// Whatever ended it; the step that it ended is the last of `steps`.
-    pub async fn achieve(&mut self, goals: &[PlaceRequest], mut told: impl FnMut(usize, Option<&Step>) + Send) -> Result<(), CallError> {
+    pub async fn achieve(&mut self, goals: &[PlaceRequest], mut told: impl FnMut(&Step) + Send) -> Result<(), CallError> {
         let reaching = self.site.reaching().await;
         let requests: Vec<PlaceRequest> = goals
             .iter()
@@ -137,13 +128,12 @@ impl<S: Site> Sequence<S> {
             if !self.site.goes_on() {
                 break;
             }
-            told(k, None);
             let asked = self.translated(k, goal)?;
             let result = self.site.placed(&asked, &self.view).await?;
             let (query, terms) = (goal.query, goal.goal.clone());
             let mut step = Step { query, goal: terms, result, last: Attempt::default(), attempts: Vec::new() };
             let carried_out = self.carry_out_or_try_again(asked, (k, goal), &mut step).await;
-            told(k, Some(&step));
+            told(&step);
             let achieved = step.achieved();
             self.steps.push(step);
             carried_out?;

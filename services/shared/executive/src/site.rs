@@ -5,7 +5,7 @@ use std::time::Duration;
 use repose_proto::motion::{ExecutionOutcome, MotionPlan, MotionPlanRequest, RecoverReply, RecoverRequest, RecoveryMove};
 use repose_proto::place::{Placement, ReachingRobot};
 use repose_proto::robot::{RobotMode, RobotState};
-use repose_proto::{CallError, ErrorCode, Payload, PlaceRequest, PlaceResult, Scene, SceneRef, SceneSummary};
+use repose_proto::{CallError, ErrorCode, Message as _, Payload, PlaceRequest, PlaceResult, Scene, SceneRef, SceneSummary};
 use repose_runtime::{Answer, CallOptions, Caller, now_ns, reaching_robot};
 
 use crate::tried::Tried;
@@ -122,9 +122,7 @@ pub trait Site: Send + Sync {
     /// `failed_precondition` where the arm cannot be brought back so; those of the call.
     fn bring_back(&mut self, motion: RecoveryMove, view: Option<&View>) -> impl Future<Output = Result<RecoverReply, CallError>> + Send {
         async move {
-            let scene = view.map(|(scene_id, _)| SceneRef { scene_id: scene_id.clone() });
-            let request = RecoverRequest { robot: self.robot().to_owned(), motion, scene };
-            let payload = Payload::with_scene(&request, view.map(|(_, scene)| scene))?;
+            let payload = recovery(self.robot(), motion, view)?;
             self.moving("recover", payload, None).await?.payload.decode_json()
         }
     }
@@ -182,6 +180,17 @@ pub trait Site: Send + Sync {
             Ok(Tried::executed(&plan, answer.payload.decode_json()?))
         }
     }
+}
+
+/// What motion is asked for one recovery move, its way checked against a view where there is one.
+///
+/// # Errors
+/// `invalid_argument` on the robot's name; where the scene cannot be encoded.
+pub fn recovery(robot: &str, motion: RecoveryMove, view: Option<&View>) -> Result<Payload, CallError> {
+    let scene = view.map(|(scene_id, _)| SceneRef { scene_id: scene_id.clone() });
+    let request = RecoverRequest { robot: robot.to_owned(), motion, scene };
+    request.validate()?;
+    Payload::with_scene(&request, view.map(|(_, scene)| scene))
 }
 
 /// Whether motion could serve none of the placements: nothing has moved, and others may do.

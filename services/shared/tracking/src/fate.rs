@@ -113,6 +113,20 @@ impl Followed {
         }
     }
 
+    /// Looks at a new view after an execution that was to move one object (first view's id): where it put it, or none where it was not placed.
+    pub fn look_after_moving(&mut self, id: u16, placed_from_observed: Option<&Isometry3<f64>>, scene: &Scene) {
+        match placed_from_observed {
+            Some(motion) => {
+                self.carried(Some(id), motion);
+                self.look_again(scene);
+            }
+            None => {
+                self.carried(None, &Isometry3::identity());
+                self.look_for_lost(id, scene);
+            }
+        }
+    }
+
     /// Looks at a new view.
     pub fn look_again(&mut self, scene: &Scene) {
         self.known.look_again(&scene.meta.objects);
