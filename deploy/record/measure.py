@@ -129,12 +129,13 @@ def line(document):
 
 
 def capacity(settings):
-    """One to eight workers, with and without encryption, and with a slow link."""
+    """One to eight workers, one and two routers, with and without encryption, and with a slow link."""
     count = settings.requests
     closed = ["--clients", 8, "--requests", count, "--warm-up", 16]
     for workers in (1, 2, 4, 8):
         run(settings, "capacity", f"{workers} planners", [*closed, "--planners", workers])
     run(settings, "capacity", "2 planners, 2 inference", [*closed, "--planners", 2, "--inference", 2])
+    run(settings, "capacity", "2 planners, 2 routers", [*closed, "--planners", 2, "--routers", 2])
     run(settings, "capacity", "2 planners, QUIC", [*closed, "--planners", 2, "--secured"])
     for delay in (20, 80):
         run(settings, "capacity", f"2 planners, {delay} ms each way", [*closed, "--planners", 2, "--fault", f"delay:{delay}ms"])
@@ -167,6 +168,7 @@ def faults(settings):
     asked = ["--planners", 2, "--inference", 2, "--rate", rate, "--requests", int(rate * 60 * settings.minutes), "--deadline-ms", 10000]
     for fault in ("kill:planner:5s", "kill:inference:5s", "stop:inference:10s:2s", "router:20s:1s", "delay:80ms"):
         run(settings, "faults", fault, [*asked, "--fault", fault])
+    run(settings, "faults", "one of 2 routers:20s:1s", [*asked, "--routers", 2, "--fault", "router:20s:1s"])
 
 
 def soak(settings):

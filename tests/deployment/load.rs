@@ -5,12 +5,17 @@ use serde_json::Value;
 use crate::common::repose;
 
 fn load(args: &[&str]) -> Value {
+    load_with_log(args).0
+}
+
+fn load_with_log(args: &[&str]) -> (Value, String) {
     let mut command = repose();
     command.env("REPOSE_INFERENCE__THREADS", "1").args(["--json", "load", "--up", "--deadline-ms", "120000"]).args(args);
     let ended = command.output().expect("it runs");
     let said = || format!("{}{}", String::from_utf8_lossy(&ended.stdout), String::from_utf8_lossy(&ended.stderr));
     assert!(ended.status.success(), "{}", said());
-    serde_json::from_slice(&ended.stdout).unwrap_or_else(|_| panic!("no report: {}", said()))
+    let report = serde_json::from_slice(&ended.stdout).unwrap_or_else(|_| panic!("no report: {}", said()));
+    (report, String::from_utf8_lossy(&ended.stderr).into_owned())
 }
 
 fn count(of: &Value, name: &str) -> u64 {
@@ -37,7 +42,20 @@ fn a_mix_of_requests_is_answered_while_inference_is_killed_and_each_ends_once() 
 
 #[test]
 fn several_processes_ask_what_one_would_have_asked() {
-    let report = load(&["--requests", "15", "--clients", "3", "--variant", "geometric", "--agents", "2", "--secured"]);
+    let (report, log) = load_with_log(&["--requests", "15", "--clients", "3", "--variant", "geometric", "--agents", "2", "--secured"]);
+    let refused: Vec<&str> = log.lines().filter(|line| line.contains("refused: ")).collect();
+    assert!(refused.is_empty(), "whoever does what his role is for is refused nothing: {refused:#?}");
     assert_eq!((report["requests"].as_u64(), count(&report, "lost"), count(&report, "duplicate")), (Some(15), 0, 0), "{report:#}");
     assert_eq!(report["per_worker"].as_object().map(|workers| workers.len()), Some(1), "{report:#}");
+}
+
+#[test]
+fn of_two_routers_one_may_be_killed_while_placements_are_asked() {
+    let more = ["--requests", "24", "--rate", "3", "--variant", "geometric", "--routers", "2", "--fault", "router:3s:1s"];
+    let report = load(&more);
+    assert_eq!((report["requests"].as_u64(), count(&report, "lost"), count(&report, "duplicate")), (Some(24), 0, 0), "{report:#}");
+    assert_eq!(count(&report, "result") + count(&report, "none"), 24, "{report:#}");
+    let faults: Vec<&str> =
+        report["faults"].as_array().expect("faults happened").iter().filter_map(|fault| fault["what"].as_str()).collect();
+    assert!(faults.contains(&"kill router-1") && faults.contains(&"kill router-2"), "each in its turn: {faults:?}");
 }

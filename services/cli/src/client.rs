@@ -26,7 +26,8 @@ const ONE_CALL: Duration = Duration::from_secs(5);
 /// How to reach a running system.
 #[derive(Debug, Clone, Args)]
 pub struct SystemArgs {
-    /// The router to connect to. Default: the configuration's, or tcp/127.0.0.1:7447.
+    /// The router to connect to, or several, separated by commas, of which the first that answers is used. Default: the configuration's, or
+    /// tcp/127.0.0.1:7447.
     #[arg(long, env = "REPOSE_CONNECT")]
     pub connect: Option<String>,
     /// The robot cell. Default: the configuration's, or "cell".
@@ -109,10 +110,10 @@ fn cell_config(args: &SystemArgs) -> Result<RuntimeConfig, Failure> {
     Ok(config)
 }
 
-/// The command line's endpoint, else the configuration's, else those of its Zenoh file, else [`ENDPOINT`].
+/// The command line's endpoints, else the configuration's, else those of its Zenoh file, else [`ENDPOINT`].
 fn set_endpoint(endpoints: &mut Vec<String>, args: &SystemArgs, has_zenoh_file: bool) {
     match &args.connect {
-        Some(given) => *endpoints = vec![given.clone()],
+        Some(given) => *endpoints = given.split(',').map(|endpoint| endpoint.trim().to_owned()).collect(),
         None if endpoints.is_empty() && !has_zenoh_file => *endpoints = vec![ENDPOINT.to_owned()],
         None => {}
     }

@@ -162,11 +162,12 @@ async fn ask_one(host: Option<&str>, system: &SystemArgs, part: Part) -> Result<
 }
 
 /// Options of a run that are the coordinator's own, and whether a value follows.
-const OWN: [(&str, bool); 13] = [
+const OWN: [(&str, bool); 14] = [
     ("--agents", true),
     ("--agent", true),
     ("--up", false),
     ("--secured", false),
+    ("--routers", true),
     ("--planners", true),
     ("--inference", true),
     ("--fault", true),
@@ -220,7 +221,7 @@ mod tests {
         let closed = Part { rate: None, ..part.clone() };
         assert_eq!(closed.to_string().parse(), Ok(closed));
         assert!(["", "3/3@7,requests=1", "1/3", "x"].iter().all(|text| text.parse::<Part>().is_err()));
-        let ours = "--json load --agents 3 --clients 8 --html=a.html --up --fault kill:planner:2s --mix 1:count=2";
+        let ours = "--json load --agents 3 --clients 8 --html=a.html --up --routers 2 --fault kill:planner:2s --mix 1:count=2";
         let system = SystemArgs { connect: Some("tcp/127.0.0.1:1".to_owned()), cell: None, pool: None, config: None };
         let args = arguments(ours.split(' ').map(str::to_owned), &system, &part).join(" ");
         assert_eq!(args, format!("--json load --clients 8 --mix 1:count=2 --connect tcp/127.0.0.1:1 --agent {part}"));

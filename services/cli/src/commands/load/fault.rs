@@ -13,7 +13,7 @@ pub enum Fault {
     Kill(Service, Duration),
     /// A process of a service is stopped, as a machine that hangs is, and goes on after the second time.
     Stop(Service, Duration, Duration),
-    /// The router is killed, and started again after the second time.
+    /// A router is killed, another one each time where there are several, and started again after the second time.
     Router(Duration, Duration),
     /// Every message between the run's own clients and the router takes so much longer, each way.
     Delay(Duration),

@@ -78,8 +78,11 @@ pub struct LoadArgs {
     /// Inference processes of that system.
     #[arg(long, default_value_t = 1, value_parser = parse_count, requires = "up")]
     pub inference: usize,
+    /// Routers of that system. A router that is killed takes nothing along that another one could not carry.
+    #[arg(long, default_value_t = 1, value_parser = parse_count, requires = "up")]
+    pub routers: usize,
     /// With users, certificates and access control in that system, over QUIC.
-    #[arg(long, requires = "up")]
+    #[arg(long, requires = "up", conflicts_with = "routers")]
     pub secured: bool,
     /// Trouble that system while it is asked: kill:SERVICE:PERIOD, stop:SERVICE:PERIOD[:FOR], router:PERIOD[:FOR] or delay:TIME, such as kill:inference:2s.
     #[arg(long, requires = "up", value_name = "FAULT")]
@@ -136,7 +139,7 @@ pub async fn run(args: &LoadArgs, output: Output) -> Outcome {
     args.csv.iter().chain(&args.html).try_for_each(|path| can_write(path))?;
     let own = match args.up {
         true => {
-            let sizes = Sizes { planners: args.planners, inference: args.inference };
+            let sizes = Sizes { routers: args.routers, planners: args.planners, inference: args.inference };
             Some(OwnSystem::start(sizes, args.seed, args.secured).await?)
         }
         false => None,

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::net::{TcpListener, UdpSocket};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use repose_proto::Service;
@@ -24,9 +24,11 @@ const ROUTER: &str = "router";
 /// The user that asks, where there are users.
 const CLIENT: &str = "asker";
 
-/// How many processes of the services that a run asks.
+/// How many processes of each kind there are.
 #[derive(Debug, Clone, Copy)]
 pub struct Sizes {
+    /// Routers that know each other; every process reaches all of them, and uses the first that answers: half of them start at another one.
+    pub routers: usize,
     /// Planner processes.
     pub planners: usize,
     /// Inference processes.
@@ -63,27 +65,30 @@ struct Own {
 
 /// The processes. They end with this.
 pub struct OwnSystem {
-    endpoint: String,
-    /// What each process reads, by what it is; nothing where there are no users.
-    deployment: Option<(tempfile::TempDir, Roles)>,
+    /// Where each router listens.
+    routers: Vec<String>,
+    /// What the processes read.
+    folder: tempfile::TempDir,
+    has_users: bool,
     seed: u64,
     processes: Vec<Own>,
-    /// How often a fault has taken a process of a service: they take turns.
-    turns: BTreeMap<Service, usize>,
+    /// How often a fault has taken a process of a kind: they take turns.
+    turns: BTreeMap<String, usize>,
 }
 
 impl OwnSystem {
     /// Starts one and waits until it can be asked. `is_secured`: with users, certificates and access control over QUIC, as over a network.
     pub async fn start(sizes: Sizes, seed: u64, is_secured: bool) -> Result<Self, Failure> {
-        let port = match is_secured {
-            true => UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()),
-            false => TcpListener::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()),
-        };
-        let port = port.map_err(Failure::other)?.port();
-        let endpoint = format!("{}/127.0.0.1:{port}", if is_secured { "quic" } else { "tcp" });
-        let deployment = is_secured.then(|| secured(port)).transpose()?;
-        let mut system = Self { endpoint, deployment, seed, processes: Vec::new(), turns: BTreeMap::new() };
-        system.add(ROUTER, ROUTER.to_owned())?;
+        let folder = tempfile::tempdir().map_err(Failure::other)?;
+        let routers = (0..sizes.routers).map(|_| free_endpoint(is_secured)).collect::<Result<Vec<_>, _>>()?;
+        match is_secured {
+            true => write_secured(&routers[0], folder.path())?,
+            false => write_routers(&routers, folder.path())?,
+        }
+        let mut system = Self { routers, folder, has_users: is_secured, seed, processes: Vec::new(), turns: BTreeMap::new() };
+        for k in 1..=sizes.routers {
+            system.add(ROUTER, router_name(k))?;
+        }
         for service in Service::ALL {
             for k in 1..=sizes.of(service) {
                 system.add(service.as_str(), format!("{service}-{k}"))?;
@@ -97,30 +102,45 @@ impl OwnSystem {
         Ok(system)
     }
 
-    /// Where its router is.
+    /// Where its first router is.
     pub fn endpoint(&self) -> &str {
-        &self.endpoint
+        &self.routers[0]
     }
 
     /// What a client of it is given: where it is, and who it is there.
     pub fn args(&self) -> SystemArgs {
-        SystemArgs { connect: Some(self.endpoint.clone()), cell: None, pool: None, config: self.file(CLIENT) }
+        SystemArgs { connect: Some(self.routers.join(",")), cell: None, pool: None, config: self.file(CLIENT) }
     }
 
     fn config(&self) -> Result<RuntimeConfig, Failure> {
         client_config(&self.args())
     }
 
+    /// What a process reads, where it reads something.
     fn file(&self, of: &str) -> Option<PathBuf> {
-        let (folder, _) = self.deployment.as_ref()?;
-        Some(match of {
-            ROUTER => folder.path().join("router/router.toml"),
-            user => folder.path().join("users").join(user).join("repose.toml"),
-        })
+        let folder = self.folder.path();
+        match (self.has_users, of.strip_prefix(ROUTER)) {
+            (true, Some(_)) => Some(folder.join("router/router.toml")),
+            (true, None) => Some(folder.join("users").join(of).join("repose.toml")),
+            (false, Some(_)) => Some(folder.join(format!("{of}.toml"))),
+            (false, None) => None,
+        }
     }
 
+    /// Starts a process. A service begins at the router whose turn it is, and knows the others.
     fn add(&mut self, what: &str, name: String) -> Outcome {
-        let mut command = service_process(&self.endpoint, &RuntimeConfig::default().session.cell, self.file(what).as_deref(), what)?;
+        let (endpoint, file) = match what {
+            ROUTER => {
+                let place = (1..=self.routers.len()).position(|k| router_name(k) == name);
+                (place.map_or_else(String::new, |place| self.routers[place].clone()), self.file(&name))
+            }
+            _ => {
+                let mut routers = self.routers.clone();
+                routers.rotate_left(self.processes.len() % self.routers.len());
+                (routers.join(","), self.file(what))
+            }
+        };
+        let mut command = service_process(&endpoint, &RuntimeConfig::default().session.cell, file.as_deref(), what)?;
         if what == Service::Simulator.as_str() {
             command.env("REPOSE_SIMULATOR__SEED", self.seed.to_string());
         }
@@ -140,13 +160,13 @@ impl OwnSystem {
     async fn perform(&mut self, deed: Deed) -> Result<Option<String>, Failure> {
         match deed {
             Deed::Restart(service) => {
-                let Some(mut own) = self.next_of(service).map(|place| self.processes.remove(place)) else { return Ok(None) };
+                let Some(mut own) = self.next_of(service.as_str()).map(|place| self.processes.remove(place)) else { return Ok(None) };
                 own.process.child.kill().await.map_err(Failure::other)?;
                 self.add(service.as_str(), own.name.clone())?;
                 Ok(Some(format!("kill {}", own.name)))
             }
             Deed::Halt(service) => {
-                let Some(place) = self.next_of(service) else { return Ok(None) };
+                let Some(place) = self.next_of(service.as_str()) else { return Ok(None) };
                 let own = &mut self.processes[place];
                 own.is_halted = true;
                 Self::signal(own, libc::SIGSTOP);
@@ -159,23 +179,24 @@ impl OwnSystem {
                 Ok(Some(format!("resume {}", own.name)))
             }
             Deed::KillRouter => {
-                let Some(place) = self.processes.iter().position(|own| own.what == ROUTER) else { return Ok(None) };
-                self.processes.remove(place).process.child.kill().await.map_err(Failure::other)?;
-                Ok(Some("kill router".to_owned()))
+                let Some(mut own) = self.next_of(ROUTER).map(|place| self.processes.remove(place)) else { return Ok(None) };
+                own.process.child.kill().await.map_err(Failure::other)?;
+                Ok(Some(format!("kill {}", own.name)))
             }
-            Deed::StartRouter if self.processes.iter().any(|own| own.what == ROUTER) => Ok(None),
             Deed::StartRouter => {
-                self.add(ROUTER, ROUTER.to_owned())?;
-                Ok(Some("start router".to_owned()))
+                let runs = |name: &String| self.processes.iter().any(|own| own.name == *name);
+                let Some(name) = (1..=self.routers.len()).map(router_name).find(|name| !runs(name)) else { return Ok(None) };
+                self.add(ROUTER, name.clone())?;
+                Ok(Some(format!("start {name}")))
             }
         }
     }
 
-    /// The process of a service whose turn it is. Those that hang are left alone.
-    fn next_of(&mut self, service: Service) -> Option<usize> {
+    /// The process of a kind whose turn it is. Those that hang are left alone.
+    fn next_of(&mut self, what: &str) -> Option<usize> {
         let places: Vec<usize> =
-            (0..self.processes.len()).filter(|i| self.processes[*i].what == service.as_str() && !self.processes[*i].is_halted).collect();
-        let turn = self.turns.entry(service).or_default();
+            (0..self.processes.len()).filter(|i| self.processes[*i].what == what && !self.processes[*i].is_halted).collect();
+        let turn = self.turns.entry(what.to_owned()).or_default();
         *turn += 1;
         places.get(*turn % places.len().max(1)).copied()
     }
@@ -190,19 +211,42 @@ impl OwnSystem {
     }
 }
 
-/// The configuration of a router and of a user for each service, in a folder of its own.
-fn secured(port: u16) -> Result<(tempfile::TempDir, Roles), Failure> {
+/// What the `k`-th router is called.
+fn router_name(k: usize) -> String {
+    format!("{ROUTER}-{k}")
+}
+
+/// An address on this machine at which nothing listens yet.
+fn free_endpoint(is_secured: bool) -> Result<String, Failure> {
+    let address = match is_secured {
+        true => UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()),
+        false => TcpListener::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()),
+    };
+    Ok(format!("{}/{}", if is_secured { "quic" } else { "tcp" }, address.map_err(Failure::other)?))
+}
+
+/// A file for each router, which names the others.
+fn write_routers(routers: &[String], folder: &Path) -> Outcome {
+    for (k, own) in (1..).zip(routers) {
+        let others: Vec<&String> = routers.iter().filter(|other| *other != own).collect();
+        let text = format!("[session]\nmode = \"router\"\nconnect = {others:?}\n");
+        std::fs::write(folder.join(format!("{}.toml", router_name(k))), text).map_err(Failure::other)?;
+    }
+    Ok(())
+}
+
+/// The configuration of a router and of a user for each service, in a folder.
+fn write_secured(router: &str, folder: &Path) -> Outcome {
     let mut text = format!(
-        "router = \"127.0.0.1:{port}\"\ncells = [\"{}\"]\n[users.{CLIENT}]\nrole = \"planner\"\nframes = true\n",
+        "router = \"{}\"\ncells = [\"{}\"]\n[users.{CLIENT}]\nrole = \"planner\"\nframes = true\n",
+        router.trim_start_matches("quic/"),
         RuntimeConfig::default().session.cell
     );
     for service in Service::ALL {
         text += &format!("[users.{service}]\nrole = \"service\"\nservice = \"{service}\"\n");
     }
-    let roles = Roles::parse(&text)?;
-    let folder = tempfile::tempdir().map_err(Failure::other)?;
-    deployment::write(&roles, folder.path(), folder.path()).map_err(|e| Failure::bad_input(&e.path.display().to_string(), e.message))?;
-    Ok((folder, roles))
+    let written = deployment::write(&Roles::parse(&text)?, folder, folder);
+    written.map(drop).map_err(|e| Failure::bad_input(&e.path.display().to_string(), e.message))
 }
 
 /// Faults being done to a system.
