@@ -153,6 +153,11 @@ impl<R, T> Line<R, T> {
         gone.into_iter().filter_map(|(cell, index)| self.cells.get_mut(&cell)?.jobs.remove(index)).collect()
     }
 
+    /// Whether something holds of one of them, and of how many go before it.
+    pub(crate) fn any(&self, mut holds: impl FnMut(usize, &Job<R, T>) -> bool) -> bool {
+        self.in_order().iter().enumerate().any(|(before, turn)| holds(before, turn.job))
+    }
+
     fn turn(&self, running: &Running) -> Option<&ForCell> {
         let first = |line: &CellLine<R, T>| line.jobs.front().map(|job| (line.next, job.queued));
         let waiting = self.cells.iter().filter_map(|(cell, line)| Some((first(line)?, cell)));

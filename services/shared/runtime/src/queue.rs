@@ -98,7 +98,7 @@ impl<R, T> Shared<R, T> {
         let mut taken = Taken::none(max_weight);
         let mut full_by = None;
         loop {
-            while let Some(job) = state.jobs.pop(&mut taken) {
+            while let Some(job) = state.jobs.pop(&mut taken, self.settings.threads, &self.gauge) {
                 if let Some(job) = job.alive() {
                     state.jobs.start(&job);
                     let waited = job.queued.elapsed();
@@ -203,16 +203,10 @@ impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
             return Err(self.shared.refused(CallError::from(&why)));
         }
         state.jobs.push(Job { queued: Instant::now(), request, context: context.clone(), reply: JobReply(reply) });
-        let overtaken = state.jobs.overtaken(threads, &self.shared.gauge);
         self.shared.gauge.set_waiting(state.jobs.waiting());
         drop(state);
         if let Some(displaced) = displaced {
             displaced.finish(Err(self.shared.exhausted("an interactive call took this batch call's place")));
-        }
-        for job in overtaken {
-            job.finish(Err(self
-                .shared
-                .exhausted("interactive calls went before this batch call until its deadline could no longer be kept")));
         }
         self.shared.arrived.notify_one();
         Ok(Pending { answer, context })

@@ -1,9 +1,9 @@
 //! The jobs that wait: who is let in, and who goes next.
 //!
-//! Interactive jobs go before batch ones, which get a turn after some were let by. Batch leaves half of the places to interactive jobs, of which
-//! one takes the youngest batch job's place where there is none left. A job that could not be done by its deadline is refused at once, and a batch
-//! job that is overtaken by too many interactive ones as soon as that is clear. Among jobs of one priority cells take turns ([`Line`]), and one that
-//! floods leaves places to the others.
+//! Interactive jobs go before batch ones, which get a turn after some were let by, and when they would be late otherwise: what was let in is done.
+//! Batch leaves half of the places to interactive jobs, of which one takes the youngest batch job's place where there is none left. A job that could
+//! not be done by its deadline is refused at once. Among jobs of one priority cells take turns ([`Line`]), and one that floods leaves places to the
+//! others.
 
 use std::sync::Arc;
 
@@ -126,8 +126,12 @@ impl<R, T> WaitingJobs<R, T> {
             // An idle queue takes anything: a deadline that looks too short may do, and a smoothed time has to be able to fall again.
             return None;
         }
-        let wait_ms = self.wait_ms(ahead, context.priority, threads, gauge) * WAIT_MARGIN;
-        let expected_ms = wait_ms + gauge.service_ms() + SPREADS * gauge.spread_ms();
+        let wait_ms = self.wait_ms(ahead, context.priority, threads, gauge);
+        let expected_ms = match context.priority {
+            // Somebody waits for it: it is refused where it would be late, not where it might be.
+            Priority::Interactive => wait_ms + gauge.service_ms(),
+            Priority::Batch => wait_ms * WAIT_MARGIN + gauge.service_ms() + SPREADS * gauge.spread_ms(),
+        };
         let left_ms = context.remaining().as_secs_f64() * 1e3;
         (expected_ms > left_ms).then_some(Refusal::TooLate { expected_ms, left_ms })
     }
@@ -145,25 +149,6 @@ impl<R, T> WaitingJobs<R, T> {
         rounds / left_for_it * gauge.service_ms()
     }
 
-    /// Takes out the batch jobs that were let in and have been overtaken since by so many interactive ones that they can no longer be done by their
-    /// deadlines: their callers are told now, not when it is too late.
-    pub(crate) fn overtaken(&mut self, threads: usize, gauge: &LoadGauge) -> Vec<Job<R, T>> {
-        if self.interactive.is_empty() {
-            return Vec::new();
-        }
-        let mut ahead = self.interactive.len();
-        // Apart while they are asked about.
-        let mut batch = std::mem::replace(&mut self.batch, Line::new(self.weigh, self.shares.clone()));
-        let overtaken = batch.remove_where(|job| {
-            let wait_ms = self.wait_ms(ahead, Priority::Batch, threads, gauge);
-            let is_possible = wait_ms + gauge.service_ms() <= job.context.remaining().as_secs_f64() * 1e3;
-            ahead += usize::from(is_possible);
-            !is_possible
-        });
-        self.batch = batch;
-        overtaken
-    }
-
     pub(crate) fn push(&mut self, job: Job<R, T>) {
         self.line(job.context.priority).push(job);
     }
@@ -175,15 +160,20 @@ impl<R, T> WaitingJobs<R, T> {
         }
     }
 
-    /// Whether a batch job that may run has let enough by.
-    fn is_batch_due(&self) -> bool {
-        self.let_by >= LET_BY && self.batch.front(&self.running).is_some()
+    /// Whether a batch job that may run has let enough by, or one would be late if it, and those before it, let more by.
+    fn is_batch_due(&self, threads: usize, gauge: &LoadGauge) -> bool {
+        let is_late = |before: usize, job: &Job<R, T>| {
+            let rounds = 1.0 + (before as f64 + 0.5) / threads.max(1) as f64;
+            let needed_ms = rounds * WAIT_MARGIN * gauge.service_ms() + SPREADS * gauge.spread_ms();
+            job.context.remaining().as_secs_f64() * 1e3 <= needed_ms
+        };
+        self.batch.front(&self.running).is_some() && (self.let_by >= LET_BY || self.batch.any(is_late))
     }
 
     /// The next job to go with those taken already, if there is room for it: the next interactive one, unless a batch job is due. A batch job
     /// that is not due would only delay the interactive ones beside it.
-    pub(crate) fn pop(&mut self, taken: &mut Taken<R, T>) -> Option<Job<R, T>> {
-        let is_due = self.is_batch_due();
+    pub(crate) fn pop(&mut self, taken: &mut Taken<R, T>, threads: usize, gauge: &LoadGauge) -> Option<Job<R, T>> {
+        let is_due = self.is_batch_due(threads, gauge);
         let is_interactive = !is_due && self.interactive.front(&self.running).is_some();
         if !is_interactive && !is_due && taken.is_interactive() {
             return None;
@@ -265,8 +255,12 @@ mod tests {
     }
 
     fn push(waiting: &mut WaitingJobs<(), ()>, priority: Priority) -> oneshot::Receiver<Result<(), CallError>> {
+        push_within(waiting, Duration::from_secs(60), priority)
+    }
+
+    fn push_within(waiting: &mut WaitingJobs<(), ()>, within: Duration, priority: Priority) -> oneshot::Receiver<Result<(), CallError>> {
         let (reply, answer) = oneshot::channel();
-        let context = JobContext::within(Duration::from_secs(60)).with_priority(priority);
+        let context = JobContext::within(within).with_priority(priority);
         waiting.push(Job { queued: std::time::Instant::now(), request: (), context, reply: JobReply(reply) });
         answer
     }
@@ -283,7 +277,7 @@ mod tests {
         assert_eq!(refusal(&waiting, Priority::Batch), None, "half a job and two before it, and itself: 4.75 s");
         for _ in 0..8 {
             let _answer = push(&mut waiting, Priority::Interactive);
-            assert!(waiting.pop(&mut Taken::none(usize::MAX)).is_some());
+            assert!(waiting.pop(&mut Taken::none(usize::MAX), 1, &gauge).is_some());
         }
         let too_late = refusal(&waiting, Priority::Batch);
         assert!(matches!(too_late, Some(Refusal::TooLate { left_ms, .. }) if (4900.0..=5000.0).contains(&left_ms)), "{too_late:?}");
@@ -291,17 +285,18 @@ mod tests {
     }
 
     #[test]
-    fn batch_jobs_that_interactive_ones_have_overtaken_are_told_before_their_deadlines() {
-        let (mut waiting, gauge) = (waiting(), LoadGauge::default());
+    fn a_batch_job_that_was_let_in_is_done_by_its_deadline_whoever_comes() {
+        let gauge = LoadGauge::default();
         gauge.started(1);
         gauge.finished(1, Duration::from_secs(10));
-        gauge.started(1);
-        // Done after half a job and itself, and after one more: 15 and 25 s of 60.
-        let _awaited = [push(&mut waiting, Priority::Batch), push(&mut waiting, Priority::Batch)];
-        assert!(waiting.overtaken(1, &gauge).is_empty());
-        let _also_awaited: Vec<_> = (0..4).map(|_| push(&mut waiting, Priority::Interactive)).collect();
-        // Four more before them: 55 and 65 s.
-        assert_eq!(waiting.overtaken(1, &gauge).len(), 1);
-        assert_eq!(waiting.waiting(), 5, "the other one, and the interactive ones");
+        // Of one that runs, one before it and itself the later job has to be done: 2.5 times 10 s, with a margin 37.5 s.
+        for (left_s, first) in [(45, Priority::Interactive), (35, Priority::Batch)] {
+            let mut waiting = waiting();
+            let within = |waiting: &mut _, left_s, priority| push_within(waiting, Duration::from_secs(left_s), priority);
+            let _awaited = [(60, Priority::Batch), (left_s, Priority::Batch), (60, Priority::Interactive)]
+                .map(|(left_s, priority)| within(&mut waiting, left_s, priority));
+            let popped = waiting.pop(&mut Taken::none(usize::MAX), 1, &gauge).map(|job| job.context.priority);
+            assert_eq!(popped, Some(first), "{left_s} s left");
+        }
     }
 }
