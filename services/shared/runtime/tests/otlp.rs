@@ -2,6 +2,7 @@
 //! `cargo test -p repose-runtime --release --features otlp --test otlp`.
 #![cfg(feature = "otlp")]
 
+#[path = "runtime/common/mod.rs"]
 mod common;
 
 use std::sync::Arc;

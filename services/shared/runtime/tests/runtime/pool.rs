@@ -1,12 +1,10 @@
 //! A pool that serves other cells: each is served as itself, none is starved by another, and a pool that is not there is said.
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use common::{Network, read, word};
+use crate::common::{Network, read, word};
 use repose_proto::load::WorkerLoad;
 use repose_proto::{CallError, ErrorCode, Payload, Service};
 use repose_runtime::{Answer, Call, CallOptions, Caller, ComputeQueue, Handler, QueueSettings, RuntimeConfig, Server, Session, load_of};
@@ -178,7 +176,7 @@ async fn a_name_that_is_no_cell_is_refused() {
     let (_handler, server) = worker(&network, Service::Planner).await;
     caller(&network, "line-1").await;
     let rack = network.caller.in_cell("rack").unwrap();
-    let refused = common::raw_call(&network.caller, &rack.cell().call_for(Service::Planner, server.worker(), "Line"), "cell").await;
+    let refused = crate::common::raw_call(&network.caller, &rack.cell().call_for(Service::Planner, server.worker(), "Line"), "cell").await;
     let refused = refused.unwrap_err();
     assert_eq!((refused.code, refused.field.as_deref()), (ErrorCode::InvalidArgument, Some("cell")));
 }

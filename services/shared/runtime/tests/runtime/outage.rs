@@ -1,11 +1,9 @@
 //! The router goes away and comes back, at the same address: calls wait for it within their deadline.
 
-mod common;
-
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use common::{Oddities, SERVICE, read, word};
+use crate::common::{Oddities, SERVICE, read, word};
 use repose_proto::ErrorCode;
 use repose_runtime::{CallOptions, RuntimeConfig, Session, SessionMode};
 

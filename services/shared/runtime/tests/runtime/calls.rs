@@ -1,12 +1,10 @@
 //! Calls over real Zenoh sessions, embedded and through a router on a TCP port: every way in which one can end.
 
-mod common;
-
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use crate::common::{Network, Oddities, SERVICE, read, word};
 use bytes::Bytes;
-use common::{Network, Oddities, SERVICE, read, word};
 use repose_proto::{ErrorCode, Payload, Priority, ReplyAttachment, ReplyKind, limits};
 use repose_runtime::transport::{OutgoingQuery, ReplyEvent};
 use repose_runtime::{CallOptions, CancellationToken, RuntimeConfig, Session, Traffic};

@@ -1,12 +1,10 @@
 //! Deployments with users, through real routers with certificates: who may do what, and what is said to whoever is not let in.
 
-mod common;
-
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use common::{Oddities, SERVICE, read, word};
+use crate::common::{Oddities, SERVICE, read, word};
 use rcgen::{BasicConstraints, CertificateParams, DnType, IsCa, Issuer, KeyPair};
 use repose_proto::load::WorkerLoad;
 use repose_proto::{ErrorCode, Payload, Service};
@@ -15,7 +13,7 @@ use repose_runtime::{CallOptions, RuntimeConfig, RuntimeError, Session, SessionM
 
 /// The example that the README points to, for a router of this machine, and somebody of another cell.
 fn roles_text(login: &str) -> String {
-    let example = include_str!("../../../../deploy/roles.toml");
+    let example = include_str!("../../../../../deploy/roles.toml");
     let text = example.replace("router.example:7447", "127.0.0.1:7447").replace("login = \"password\"", &format!("login = \"{login}\""));
     assert!(text.contains("127.0.0.1:7447") && text.contains(&format!("login = \"{login}\"")));
     text + "[users.elsewhere]\nrole = \"operator\"\ncells = [\"hall\"]\n"
@@ -166,7 +164,7 @@ async fn operations_come_by_their_own_key_and_by_no_other_where_that_is_asked_fo
     assert_eq!(read(&caller.call("echo", word("looked"), options()).await.unwrap().payload), "looked");
     // What a client of release 1 sends, and what somebody without the right to operate would.
     let cell = session.cell();
-    let by = async |key: String, method: &str| common::raw_call(&session, &key, method).await;
+    let by = async |key: String, method: &str| crate::common::raw_call(&session, &key, method).await;
     let refused = by(cell.call(Service::Motion, server.worker()), "execute").await.unwrap_err();
     assert_eq!((refused.code, refused.field.as_deref()), (ErrorCode::FailedPrecondition, Some("method")));
     let refused = by(cell.operate(Service::Motion, server.worker()), "echo").await.unwrap_err();

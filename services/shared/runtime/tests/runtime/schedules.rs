@@ -1,13 +1,11 @@
 //! Thousands of seeded schedules over the fake network: whatever is lost, delayed, repeated, killed or stopped, every call ends in
 //! exactly one terminal outcome within its deadline, and nothing that must happen at most once happens twice.
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use common::{Oddities, SERVICE, word};
+use crate::common::{Oddities, SERVICE, word};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use repose_proto::{CallError, ErrorCode, Payload};

@@ -1,8 +1,6 @@
 //! Publishing and subscribing over a router: the newest wins, losses are counted, keys and encodings arrive.
 
-mod common;
-
-use common::{Network, read, word};
+use crate::common::{Network, read, word};
 use repose_runtime::{RuntimeConfig, Traffic};
 
 #[tokio::test(flavor = "multi_thread")]

@@ -1,6 +1,6 @@
 //! A service whose methods misbehave on request, and networks to put it on.
 
-#![allow(dead_code, reason = "each test file uses a part")]
+#![allow(dead_code, reason = "the test of traces uses a part")]
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};

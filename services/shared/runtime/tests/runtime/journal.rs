@@ -1,11 +1,9 @@
 //! Copies of calls for whoever records: all of them while somebody does, and none otherwise.
 
-mod common;
-
 use std::sync::Arc;
 use std::time::Duration;
 
-use common::{Network, Oddities, SERVICE, word};
+use crate::common::{Network, Oddities, SERVICE, word};
 use repose_proto::load::WorkerLoad;
 use repose_proto::{CallAttachment, JournalEntry, JournalKind, ReplyAttachment, ReplyKind};
 use repose_runtime::{CallOptions, RuntimeConfig, Subscription};

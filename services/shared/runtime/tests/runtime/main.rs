@@ -1,0 +1,11 @@
+//! The runtime among several sessions and processes of its own. One program: what the network's futures are compiled to is the same for all.
+
+mod calls;
+mod common;
+mod deploy;
+mod deployment;
+mod journal;
+mod outage;
+mod pool;
+mod pubsub;
+mod schedules;
