@@ -168,8 +168,11 @@ impl Grants {
 
     /// What a worker does for the cells that it serves as their pool's.
     fn serve_pool(&mut self, user: &User, service: Service, worker: &str) {
-        let Some(cells) = user.pools.cells.get(self.cell.name()).filter(|_| service.is_poolable()) else { return };
-        self.add(Verb::Serve, self.cell.calls_for_others(service, worker));
+        if service.is_poolable() {
+            // Every such worker offers it; who may ask is for others' grants to say.
+            self.add(Verb::Serve, self.cell.calls_for_others(service, worker));
+        }
+        let Some(cells) = user.pools.cells.get(self.cell.name()) else { return };
         if service == Service::Planner {
             self.add(Verb::Query, self.cell.calls_for_others(Service::Inference, "*"));
             for cell in cells.iter().filter_map(|cell| Cell::new(cell).ok()) {
