@@ -4,17 +4,15 @@
 //! or configured (else a page elsewhere could give its own name this address), and must come from a page of that same host.
 
 use std::net::IpAddr;
-use std::path::Path;
 
 use repose_proto::{CallError, ErrorCode};
+use repose_runtime::AccessToken;
 use serde::Serialize;
 
 use crate::{ConsoleConfig, ConsoleError};
 
 /// The cookie that carries the token.
 pub const COOKIE: &str = "repose_console";
-/// The shortest token, characters.
-const MIN_TOKEN: usize = 16;
 
 /// What somebody may do. Each may what the ones before may; everybody may stop a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -48,7 +46,7 @@ impl Role {
 
 /// The tokens, and what each is good for.
 pub struct Access {
-    tokens: Vec<(blake3::Hash, Role)>,
+    tokens: Vec<(AccessToken, Role)>,
     hosts: Vec<String>,
 }
 
@@ -64,7 +62,9 @@ impl Access {
             ("viewer_token", &config.viewer_token, Role::Viewer),
         ];
         let given = files.into_iter().filter_map(|(field, file, role)| Some((field, file.as_deref()?, role)));
-        let tokens = given.map(|(field, file, role)| Ok((token_of(field, file)?, role))).collect::<Result<_, ConsoleError>>()?;
+        let unread = |field, e: CallError| ConsoleError::Config { field, message: e.message };
+        let read = |(field, file, role)| AccessToken::read(field, file).map(|token| (token, role)).map_err(|e| unread(field, e));
+        let tokens = given.map(read).collect::<Result<_, ConsoleError>>()?;
         Ok(Self { tokens, hosts: config.hosts.clone() })
     }
 
@@ -73,9 +73,8 @@ impl Access {
         if self.tokens.is_empty() {
             return Some(Role::Operator);
         }
-        // Hashes compare in constant time.
-        let shown = blake3::hash(token?.as_bytes());
-        self.tokens.iter().find(|(hash, _)| *hash == shown).map(|(_, role)| *role)
+        let shown = token?;
+        self.tokens.iter().find(|(token, _)| token.is(shown)).map(|(_, role)| *role)
     }
 
     /// Whether a request may be looked at, by its `Host`, its `Origin` and what the browser says of where it comes from.
@@ -101,17 +100,6 @@ impl Access {
             _ => Ok(()),
         }
     }
-}
-
-fn token_of(field: &'static str, file: &Path) -> Result<blake3::Hash, ConsoleError> {
-    let fail = |message: String| ConsoleError::Config { field, message: format!("{}: {message}", file.display()) };
-    let text = std::fs::read_to_string(file).map_err(|e| fail(e.to_string()))?;
-    let token = text.trim();
-    let is_good = token.len() >= MIN_TOKEN && token.bytes().all(|b| b.is_ascii_graphic() && b != b';' && b != b',' && b != b'"');
-    if !is_good {
-        return Err(fail(format!("expected a token of at least {MIN_TOKEN} letters, digits or signs other than , ; and \"")));
-    }
-    Ok(blake3::hash(token.as_bytes()))
 }
 
 /// The host of `host:port`, without the brackets of an IPv6 address.

@@ -1,7 +1,7 @@
 //! Who may connect over HTTP: this machine, or whoever shows the token; never a page of another site.
 
 use std::net::SocketAddr;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use axum::Router;
@@ -10,15 +10,12 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use repose_proto::CallError;
-use repose_runtime::Shutdown;
+use repose_runtime::{AccessToken, Shutdown};
 use tokio::net::TcpListener;
 
 use crate::McpError;
 use crate::desk::Desk;
 use crate::protocol;
-
-/// The shortest token, characters.
-const MIN_TOKEN: usize = 16;
 
 /// Where agents connect.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,7 +32,7 @@ pub struct HttpSettings {
 pub struct Door {
     listener: TcpListener,
     address: SocketAddr,
-    token: Option<blake3::Hash>,
+    token: Option<AccessToken>,
     hosts: Vec<String>,
 }
 
@@ -50,7 +47,7 @@ impl Door {
             let message = format!("{listen} can be reached from other machines: that needs a token");
             return Err(McpError::Setting(CallError::invalid("token", message)));
         }
-        let token = token.as_deref().map(token_of).transpose().map_err(McpError::Setting)?;
+        let token = token.as_deref().map(|file| AccessToken::read("token", file)).transpose().map_err(McpError::Setting)?;
         let listener = TcpListener::bind(listen).await.map_err(|source| McpError::Listen { address: listen, source })?;
         let address = listener.local_addr().map_err(|source| McpError::Listen { address: listen, source })?;
         Ok(Self { listener, address, token, hosts })
@@ -84,28 +81,17 @@ impl Door {
 }
 
 /// Refuses whoever does not show the token, where there is one.
-async fn guarded(State(token): State<Option<blake3::Hash>>, request: Request, next: Next) -> Response {
+async fn guarded(State(token): State<Option<AccessToken>>, request: Request, next: Next) -> Response {
     match admits(token, request.headers()) {
         true => next.run(request).await,
         false => (StatusCode::UNAUTHORIZED, [(header::WWW_AUTHENTICATE, "Bearer")], "this server needs its token\n").into_response(),
     }
 }
 
-fn admits(token: Option<blake3::Hash>, headers: &HeaderMap) -> bool {
+fn admits(token: Option<AccessToken>, headers: &HeaderMap) -> bool {
     let Some(token) = token else { return true };
     let shown = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok()).and_then(|value| value.strip_prefix("Bearer "));
-    // Hashes compare in constant time.
-    shown.is_some_and(|shown| blake3::hash(shown.trim().as_bytes()) == token)
-}
-
-fn token_of(file: &Path) -> Result<blake3::Hash, CallError> {
-    let fail = |message: String| CallError::invalid("token", format!("{}: {message}", file.display()));
-    let text = std::fs::read_to_string(file).map_err(|e| fail(e.to_string()))?;
-    let token = text.trim();
-    match token.len() >= MIN_TOKEN && token.bytes().all(|b| b.is_ascii_graphic()) {
-        true => Ok(blake3::hash(token.as_bytes())),
-        false => Err(fail(format!("expected a token of at least {MIN_TOKEN} letters, digits or signs"))),
-    }
+    shown.is_some_and(|shown| token.is(shown.trim()))
 }
 
 #[cfg(test)]
@@ -116,7 +102,7 @@ mod tests {
 
     #[test]
     fn only_the_token_opens_a_door_that_has_one() {
-        let token = Some(blake3::hash(b"a-long-agents-token"));
+        let token = AccessToken::of("a-long-agents-token").ok();
         let with = |value: &'static str| HeaderMap::from_iter([(header::AUTHORIZATION, HeaderValue::from_static(value))]);
         assert!(admits(None, &HeaderMap::new()) && admits(token, &with("Bearer a-long-agents-token")));
         for headers in [HeaderMap::new(), with("Bearer a-guess"), with("a-long-agents-token"), with("Basic a-long-agents-token")] {
