@@ -20,7 +20,8 @@
 //!
 //! | room | what is in it |
 //! |---|---|
-//! | [`segment`](mod@segment) | the way from a frame to a scene; pure, as are the next six |
+//! | [`segment`](mod@segment) | the way from a frame to a scene; pure, as are the next seven |
+//! | [`view`] | what the frame shows: depth without stray readings and robots, the camera's pose, whose each pixel is |
 //! | [`readings`] | the depth picture: metres, points, normals, stray readings |
 //! | [`supports`] | which way is up, and the surfaces that things stand on |
 //! | [`objects`] | finding objects in frames without labels |
@@ -33,6 +34,7 @@
 pub mod cameras;
 pub mod config;
 pub mod endpoints;
+pub mod error;
 pub mod masks;
 pub mod newest_scenes;
 pub mod objects;
@@ -46,6 +48,7 @@ pub mod sources;
 pub mod supports;
 #[cfg(test)]
 mod synthetic;
+pub mod view;
 pub mod worker;
 
 use std::sync::Arc;
@@ -55,7 +58,8 @@ use repose_proto::Service;
 use repose_runtime::{RuntimeError, Session, Shutdown};
 
 pub use config::PerceptionConfig;
-pub use segment::{SegmentError, Segmented, segment, segment_with_labels};
+pub use error::SegmentError;
+pub use segment::{Segmented, segment, segment_with_labels};
 pub use settings::Settings;
 pub use sources::frame_folder;
 

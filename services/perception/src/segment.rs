@@ -3,87 +3,24 @@
 //! Labels that come with the frame are taken as they are; without them objects are found from depth and color. Without a camera pose the world
 //! is that of the main support plane. The same frame and settings give the same scene, bit for bit.
 
-use std::collections::BTreeSet;
-
-use rand::SeedableRng;
-use rand_pcg::Pcg64;
-use repose_geometry::transform::{NotRigid, from_row_major, to_row_major};
-use repose_geometry::{Image, Isometry3, Pinhole, ViewerFrame};
+use repose_geometry::transform::to_row_major;
+use repose_geometry::{Image, ViewerFrame};
 use repose_proto::scene::WorldFrame;
-use repose_proto::{
-    CallError, CameraModel, ErrorCode, Frame, ObjectSummary, RigidTransform, Scene, SceneMeta, SceneWarning, Surface, Unseen,
-};
+use repose_proto::{CameraModel, Frame, ObjectSummary, RigidTransform, Scene, SceneMeta, SceneWarning, Surface, Unseen};
 
+use crate::error::SegmentError;
 use crate::masks::clean::CleanMasks;
-use crate::masks::{hints, stray};
+use crate::masks::hints;
 use crate::objects::coarse::CoarsePicture;
-use crate::objects::color::Rgb;
 use crate::objects::find::Found;
-use crate::objects::{holes, seen, spread};
 use crate::readings::depth::DepthMap;
-use crate::readings::flying;
-use crate::readings::point_map::{PointMap, strided};
-use crate::robots::{held, self_filter};
+use crate::readings::point_map::strided;
 use crate::scene::cloud::Cloud;
 use crate::scene::summary::{Completeness, summarise};
 use crate::scene::unseen::{self, RayView};
 use crate::settings::Settings;
-use crate::supports::gravity;
 use crate::supports::surfaces::{self, SupportSurface};
-
-/// Why a frame gave no scene.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum SegmentError {
-    /// The frame contradicts itself.
-    #[error(transparent)]
-    Frame(CallError),
-    /// The camera's pose is not a rigid transform.
-    #[error("world_from_camera: {0}")]
-    Pose(#[from] NotRigid),
-    /// No pixel has a depth within range.
-    #[error("none of {pixels} pixels has a reading between 0 and {max_depth_m} m{}", nearest_in_words(*nearest_m))]
-    NoReadings {
-        /// Pixels of the frame.
-        pixels: usize,
-        /// The range that was allowed, metres.
-        max_depth_m: f32,
-        /// The nearest reading beyond it, metres.
-        nearest_m: Option<f64>,
-    },
-    /// Every reading lies in the band around some mask, or belongs to an object too small to be one.
-    #[error("none of {readings} readings is left after cleaning {border_px} pixels around the borders of the labels")]
-    NothingLeft {
-        /// Readings before cleaning.
-        readings: usize,
-        /// Radius that was cleaned, pixels.
-        border_px: usize,
-    },
-    /// The frame has no camera pose, and no plane could stand in for it.
-    #[error(
-        "the frame has no world_from_camera, and none of its planes can be the support (an upright camera above at least {share:.0} % of the readings)"
-    )]
-    NoSupport {
-        /// Share of the readings that a support must hold, percent.
-        share: f64,
-    },
-}
-
-fn nearest_in_words(nearest_m: Option<f64>) -> String {
-    nearest_m.map_or(String::new(), |m| format!("; the nearest is at {m:.1} m: is the camera's depth_unit_m metres per count?"))
-}
-
-impl From<SegmentError> for CallError {
-    fn from(error: SegmentError) -> Self {
-        let message = error.to_string();
-        match error {
-            SegmentError::Frame(error) => error,
-            SegmentError::Pose(_) => Self::invalid("world_from_camera", message),
-            SegmentError::NoReadings { .. } => Self::invalid("depth", message),
-            SegmentError::NothingLeft { .. } => Self::invalid("labels", message),
-            SegmentError::NoSupport { .. } => Self::new(ErrorCode::FailedPrecondition, message).at("world_from_camera"),
-        }
-    }
-}
+use crate::view::View;
 
 /// A scene with the masks that it was made from.
 #[derive(Debug, Clone, PartialEq)]
@@ -131,116 +68,57 @@ struct Parts {
 impl Parts {
     fn of(frame: &Frame, settings: &Settings) -> Result<Self, SegmentError> {
         frame.validate().map_err(SegmentError::Frame)?;
-        let model = &frame.camera;
-        let Readings { camera, mut depth, readings, flying: mut pixels_flying } = Readings::of(frame, settings)?;
-        let pixels = depth.depth_m().pixels().len();
+        let mut view = View::of(frame, settings)?;
+        let Found { mut ids, mut no_objects, furniture } = view.labelled(frame, settings)?;
+        hints::follow(&mut ids, &mut no_objects, &view.depth, &frame.hints).map_err(SegmentError::Frame)?;
+        view.leave_out_held(&mut ids, settings);
+        let coarse_labels = strided(&ids, view.stride);
+        let masks = CleanMasks::new(ids, no_objects, view.depth.depth_m(), settings);
+        let masks = masks.ok_or(SegmentError::NothingLeft { readings: view.readings, border_px: settings.borders.radius_px })?;
 
-        let given_pose = model.world_from_camera.map(|pose| from_row_major(&pose.0)).transpose()?;
-        let unread = depth.depth_m().map(|z| z.is_nan());
-        let robots = self_filter::remove(&mut depth, &camera, &frame.robots, given_pose.as_ref(), &settings.self_filter);
-
-        let stride = camera.width.div_ceil(settings.coarse_columns.max(1)).max(1);
-        // Given masks say which pixel is whose; found ones follow the readings.
-        let in_camera = if frame.labels.is_some() { depth.points(stride) } else { depth.points_of_blocks(stride) };
-        let (world_from_camera, world_frame) = match given_pose {
-            Some(pose) => (pose, WorldFrame::Extrinsics),
-            None => (estimated_pose(&in_camera, settings)?, WorldFrame::SupportPlane),
-        };
-        let mut coarse = CoarsePicture::new(in_camera, &world_from_camera, &camera, stride, settings);
-
-        let Found { ids: mut labels, mut no_objects, furniture } = match &frame.labels {
-            Some(labels) => {
-                let labels = as_image(labels.clone(), &camera, "labels")?;
-                pixels_flying += stray::remove(&labels, depth.depth_m_mut(), camera.fx as f32, &settings.flying);
-                Found::objects(labels)
-            }
-            None => {
-                let colors = frame.color.clone().map(|colors| as_image(colors, &camera, "color")).transpose()?;
-                found(&coarse, &depth, &unread, colors.as_ref(), settings)
-            }
-        };
-        hints::follow(&mut labels, &mut no_objects, &depth, &frame.hints).map_err(SegmentError::Frame)?;
-        let held = robots.bodies.iter().flat_map(|(body, holding)| held::labels(body, *holding, &labels, &depth, &settings.self_filter));
-        let held: BTreeSet<u16> = held.collect();
-        if !held.is_empty() {
-            held::remove(&held, &mut labels, &mut depth);
-            coarse = CoarsePicture::new(depth.points(stride), &world_from_camera, &camera, stride, settings);
-        }
-        let coarse_labels = strided(&labels, stride);
-        let masks = CleanMasks::new(labels, no_objects, depth.depth_m(), settings);
-        let masks = masks.ok_or(SegmentError::NothingLeft { readings, border_px: settings.borders.radius_px })?;
-        let cloud = Cloud::new(&depth, &world_from_camera, &masks, frame.color.as_deref(), settings.max_points);
-
-        let coarse_band = strided(&masks.band, stride);
+        let coarse_band = strided(&masks.band, view.stride);
         // What was left out is in the way, but no piece of furniture, unless it may well be one.
         let standing = |id: u16| match masks.left_out.reasons.contains_key(&id) {
             true => furniture.contains(&id).then_some(0),
             false => Some(id),
         };
         let clean_label = |i: usize| (!coarse_band.pixels()[i]).then(|| coarse_labels.pixels()[i]).and_then(standing);
-        let surfaces = surfaces::find(coarse.upward(clean_label), &settings.surfaces);
-        let rays = RayView { depth_m: &coarse.depth_m, camera: coarse.camera, world_from_camera: &world_from_camera };
-        let space = unseen::space(&rays, &surfaces, &settings.unseen);
-        let warnings_later = doubts(&surfaces, &depth, &coarse, world_frame, settings);
-        let completeness = Completeness::measure(depth.depth_m(), &masks.labels);
-        let left_out = masks.left_out.described(&depth, &world_from_camera, frame.labels.is_some());
-        let mut warnings = robots.warnings;
-        warnings.extend(warnings_later);
-        let meta = SceneMeta {
-            objects: told(summarise(&cloud.points, &cloud.labels, &completeness), &completeness, frame.labels.is_none()),
-            surfaces: on_the_wire(surfaces),
-            camera: CameraModel {
-                world_from_camera: Some(RigidTransform(to_row_major(&world_from_camera).map(|entry| rounded(entry, 1e9)))),
-                ..model.clone()
-            },
-            world_frame,
-            view_yaw_rad: rounded(ViewerFrame::from_camera(&world_from_camera).yaw_rad(), 1e9),
-            unseen: Unseen {
-                pixels_without_reading: pixels - readings,
-                pixels_on_borders: masks.on_borders,
-                pixels_flying,
-                share: micro(1.0 - masks.available as f64 / pixels as f64),
-                space,
-            },
-            left_out,
-            warnings,
-        };
-        let scene = Scene {
-            camera_name: frame.camera_name.clone(),
-            stamp_ns: frame.stamp_ns,
-            points: cloud.points,
-            labels: cloud.labels,
-            colors: cloud.colors,
-            meta,
-        };
-        Ok(Self { scene, masks })
+        let surfaces = surfaces::find(view.coarse.upward(clean_label), &settings.surfaces);
+        Ok(Self { scene: scene(view, frame, &masks, surfaces, settings), masks })
     }
 }
 
-/// A frame's depth without what lies between two surfaces.
-struct Readings {
-    camera: Pinhole,
-    depth: DepthMap,
-    /// Pixels that had a reading, …
-    readings: usize,
-    /// … and how many of them were taken out.
-    flying: usize,
-}
-
-impl Readings {
-    fn of(frame: &Frame, settings: &Settings) -> Result<Self, SegmentError> {
-        let model = &frame.camera;
-        let camera = Pinhole { width: model.width, height: model.height, fx: model.fx, fy: model.fy, cx: model.cx, cy: model.cy };
-        let mut depth = DepthMap::new(&frame.depth, model.depth_unit_m, &camera, settings.max_depth_m);
-        let readings = depth.readings();
-        let flying = flying::remove(depth.depth_m_mut(), camera.fx as f32, &settings.flying);
-        if readings > flying {
-            return Ok(Self { camera, depth, readings, flying });
-        }
-        let nearest = frame.depth.iter().copied().filter(|count| *count > 0).min();
-        let nearest_m = nearest.map(|count| f64::from(count) * model.depth_unit_m).filter(|m| *m > f64::from(settings.max_depth_m));
-        Err(SegmentError::NoReadings { pixels: depth.depth_m().pixels().len(), max_depth_m: settings.max_depth_m, nearest_m })
-    }
+/// The scene of a view, with its masks and the surfaces that things stand on.
+fn scene(view: View, frame: &Frame, masks: &CleanMasks, surfaces: Vec<SupportSurface>, settings: &Settings) -> Scene {
+    let View { world_from_camera, world_frame, depth, coarse, readings, flying, robots, .. } = view;
+    let cloud = Cloud::new(&depth, &world_from_camera, masks, frame.color.as_deref(), settings.max_points);
+    let rays = RayView { depth_m: &coarse.depth_m, camera: coarse.camera, world_from_camera: &world_from_camera };
+    let space = unseen::space(&rays, &surfaces, &settings.unseen);
+    let mut warnings = robots.warnings;
+    warnings.extend(doubts(&surfaces, &depth, &coarse, world_frame, settings));
+    let completeness = Completeness::measure(depth.depth_m(), &masks.labels);
+    let pixels = depth.depth_m().pixels().len();
+    let meta = SceneMeta {
+        objects: told(summarise(&cloud.points, &cloud.labels, &completeness), &completeness, frame.labels.is_none()),
+        surfaces: on_the_wire(surfaces),
+        camera: CameraModel {
+            world_from_camera: Some(RigidTransform(to_row_major(&world_from_camera).map(|entry| rounded(entry, 1e9)))),
+            ..frame.camera.clone()
+        },
+        world_frame,
+        view_yaw_rad: rounded(ViewerFrame::from_camera(&world_from_camera).yaw_rad(), 1e9),
+        unseen: Unseen {
+            pixels_without_reading: pixels - readings,
+            pixels_on_borders: masks.on_borders,
+            pixels_flying: flying,
+            share: micro(1.0 - masks.available as f64 / pixels as f64),
+            space,
+        },
+        left_out: masks.left_out.described(&depth, &world_from_camera, frame.labels.is_some()),
+        warnings,
+    };
+    let (camera_name, stamp_ns) = (frame.camera_name.clone(), frame.stamp_ns);
+    Scene { camera_name, stamp_ns, points: cloud.points, labels: cloud.labels, colors: cloud.colors, meta }
 }
 
 /// The objects as the scene tells of them, to a micrometre; those that were `found` with how sure that is.
@@ -252,26 +130,6 @@ fn told(mut objects: Vec<ObjectSummary>, completeness: &Completeness, found: boo
         object.completeness = micro(object.completeness);
     }
     objects
-}
-
-/// The objects of a frame that came without labels, on its full picture. `unread` pixels had no reading before the robots' were taken out.
-fn found(coarse: &CoarsePicture, depth: &DepthMap, unread: &Image<bool>, colors: Option<&Image<Rgb>>, settings: &Settings) -> Found {
-    let coarse_colors = colors.map(|colors| strided(colors, coarse.stride));
-    let found = seen::objects(coarse, coarse_colors.as_ref(), settings);
-    let mut ids = spread::spread(&found.ids, &coarse.in_camera, depth, coarse.stride);
-    spread::fill_gaps(&mut ids, depth.depth_m(), settings.components.max_gap_px);
-    if let Some(colors) = colors {
-        holes::complete(&mut ids, unread, colors, &settings.components.holes);
-    }
-    Found { ids, ..found }
-}
-
-/// The camera's pose above the main support plane.
-fn estimated_pose(in_camera: &PointMap, settings: &Settings) -> Result<Isometry3<f64>, SegmentError> {
-    let mut rng = Pcg64::seed_from_u64(settings.seed);
-    let plane = gravity::support_plane(in_camera, &settings.gravity, &mut rng)
-        .ok_or(SegmentError::NoSupport { share: 100.0 * settings.gravity.min_share })?;
-    Ok(gravity::level(&plane))
 }
 
 /// What cannot be right about the camera, judged by the surfaces that the scene has with it.
@@ -306,11 +164,6 @@ fn doubts(
     vec![SceneWarning { field: "world_from_camera".to_owned(), message }]
 }
 
-/// The frame's field as a picture.
-fn as_image<T>(pixels: Vec<T>, camera: &Pinhole, field: &str) -> Result<Image<T>, SegmentError> {
-    Image::from_pixels(camera.width, camera.height, pixels).map_err(|e| SegmentError::Frame(CallError::invalid(field, e.to_string())))
-}
-
 /// Surfaces in the wire's form, largest outline first.
 fn on_the_wire(surfaces: Vec<SupportSurface>) -> Vec<Surface> {
     let mut surfaces: Vec<Surface> = surfaces
@@ -342,7 +195,8 @@ mod tests {
     use crate::synthetic::{Solid, cast};
     use proptest::prelude::*;
     use repose_geometry::transform::look_at;
-    use repose_geometry::{Point3, Vector3};
+    use repose_geometry::{Isometry3, Pinhole, Point3, Vector3};
+    use repose_proto::CallError;
 
     /// A frame of a box of 12 x 10 x 8 cm on a table, with the box labelled 9, and the true camera pose.
     fn frame() -> (Frame, Isometry3<f64>) {

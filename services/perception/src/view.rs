@@ -1,0 +1,147 @@
+//! What a frame shows, before surfaces and objects are told: depth without stray readings and robots, the camera's pose, whose each pixel is.
+
+use std::collections::BTreeSet;
+
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use repose_geometry::transform::from_row_major;
+use repose_geometry::{Image, Isometry3, Pinhole};
+use repose_proto::scene::WorldFrame;
+use repose_proto::{CallError, Frame};
+
+use crate::error::SegmentError;
+use crate::masks::stray;
+use crate::objects::coarse::CoarsePicture;
+use crate::objects::color::Rgb;
+use crate::objects::find::Found;
+use crate::objects::{holes, seen, spread};
+use crate::readings::depth::DepthMap;
+use crate::readings::flying;
+use crate::readings::point_map::{PointMap, strided};
+use crate::robots::body::Body;
+use crate::robots::{held, self_filter};
+use crate::settings::Settings;
+use crate::supports::gravity;
+
+/// What a frame's depth shows from where its camera stands, without the robots that it shows.
+pub struct View {
+    /// The camera, in full.
+    pub camera: Pinhole,
+    /// Its pose, given or estimated, metres.
+    pub world_from_camera: Isometry3<f64>,
+    /// Which of the two.
+    pub world_frame: WorldFrame,
+    /// The depth that is left.
+    pub depth: DepthMap,
+    /// Pixels that had no reading before the robots' were taken out.
+    unread: Image<bool>,
+    /// Pixels that had a reading, …
+    pub readings: usize,
+    /// … and how many of them lie between two surfaces.
+    pub flying: usize,
+    /// The robots that were taken out.
+    pub robots: self_filter::FilteredRobots,
+    /// Every so many pixels one of the coarse picture.
+    pub stride: usize,
+    /// The coarse picture.
+    pub coarse: CoarsePicture,
+}
+
+impl View {
+    /// The view that a frame shows.
+    ///
+    /// # Errors
+    /// When the frame's depth or camera cannot be used, or nothing says which way is up.
+    pub fn of(frame: &Frame, settings: &Settings) -> Result<Self, SegmentError> {
+        let Readings { camera, mut depth, readings, flying } = Readings::of(frame, settings)?;
+        let given_pose = frame.camera.world_from_camera.map(|pose| from_row_major(&pose.0)).transpose()?;
+        let unread = depth.depth_m().map(|z| z.is_nan());
+        let robots = self_filter::remove(&mut depth, &camera, &frame.robots, given_pose.as_ref(), &settings.self_filter);
+
+        let stride = camera.width.div_ceil(settings.coarse_columns.max(1)).max(1);
+        // Given masks say which pixel is whose; found ones follow the readings.
+        let in_camera = if frame.labels.is_some() { depth.points(stride) } else { depth.points_of_blocks(stride) };
+        let (world_from_camera, world_frame) = match given_pose {
+            Some(pose) => (pose, WorldFrame::Extrinsics),
+            None => (estimated_pose(&in_camera, settings)?, WorldFrame::SupportPlane),
+        };
+        let coarse = CoarsePicture::new(in_camera, &world_from_camera, &camera, stride, settings);
+        Ok(Self { camera, world_from_camera, world_frame, depth, unread, readings, flying, robots, stride, coarse })
+    }
+
+    /// Whose each pixel is: as the frame says, else as it is found.
+    ///
+    /// # Errors
+    /// When the frame's labels or colors are no picture.
+    pub fn labelled(&mut self, frame: &Frame, settings: &Settings) -> Result<Found, SegmentError> {
+        if let Some(labels) = &frame.labels {
+            let labels = as_image(labels.clone(), &self.camera, "labels")?;
+            self.flying += stray::remove(&labels, self.depth.depth_m_mut(), self.camera.fx as f32, &settings.flying);
+            return Ok(Found::objects(labels));
+        }
+        let colors = frame.color.clone().map(|colors| as_image(colors, &self.camera, "color")).transpose()?;
+        Ok(found(&self.coarse, &self.depth, &self.unread, colors.as_ref(), settings))
+    }
+
+    /// Takes out what a robot holds.
+    pub fn leave_out_held(&mut self, labels: &mut Image<u16>, settings: &Settings) {
+        let of_body = |(body, holding): &(Body, Option<bool>)| held::labels(body, *holding, labels, &self.depth, &settings.self_filter);
+        let held: BTreeSet<u16> = self.robots.bodies.iter().flat_map(of_body).collect();
+        if !held.is_empty() {
+            held::remove(&held, labels, &mut self.depth);
+            let in_camera = self.depth.points(self.stride);
+            self.coarse = CoarsePicture::new(in_camera, &self.world_from_camera, &self.camera, self.stride, settings);
+        }
+    }
+}
+
+/// A frame's depth without what lies between two surfaces.
+struct Readings {
+    camera: Pinhole,
+    depth: DepthMap,
+    /// Pixels that had a reading, …
+    readings: usize,
+    /// … and how many of them were taken out.
+    flying: usize,
+}
+
+impl Readings {
+    fn of(frame: &Frame, settings: &Settings) -> Result<Self, SegmentError> {
+        let model = &frame.camera;
+        let camera = Pinhole { width: model.width, height: model.height, fx: model.fx, fy: model.fy, cx: model.cx, cy: model.cy };
+        let mut depth = DepthMap::new(&frame.depth, model.depth_unit_m, &camera, settings.max_depth_m);
+        let readings = depth.readings();
+        let flying = flying::remove(depth.depth_m_mut(), camera.fx as f32, &settings.flying);
+        if readings > flying {
+            return Ok(Self { camera, depth, readings, flying });
+        }
+        let nearest = frame.depth.iter().copied().filter(|count| *count > 0).min();
+        let nearest_m = nearest.map(|count| f64::from(count) * model.depth_unit_m).filter(|m| *m > f64::from(settings.max_depth_m));
+        Err(SegmentError::NoReadings { pixels: depth.depth_m().pixels().len(), max_depth_m: settings.max_depth_m, nearest_m })
+    }
+}
+
+/// The objects of a frame that came without labels, on its full picture. `unread` pixels had no reading before the robots' were taken out.
+fn found(coarse: &CoarsePicture, depth: &DepthMap, unread: &Image<bool>, colors: Option<&Image<Rgb>>, settings: &Settings) -> Found {
+    let coarse_colors = colors.map(|colors| strided(colors, coarse.stride));
+    let found = seen::objects(coarse, coarse_colors.as_ref(), settings);
+    let mut ids = spread::spread(&found.ids, &coarse.in_camera, depth, coarse.stride);
+    spread::fill_gaps(&mut ids, depth.depth_m(), settings.components.max_gap_px);
+    if let Some(colors) = colors {
+        holes::complete(&mut ids, unread, colors, &settings.components.holes);
+    }
+    Found { ids, ..found }
+}
+
+/// The camera's pose above the main support plane.
+fn estimated_pose(in_camera: &PointMap, settings: &Settings) -> Result<Isometry3<f64>, SegmentError> {
+    let mut rng = Pcg64::seed_from_u64(settings.seed);
+    let plane = gravity::support_plane(in_camera, &settings.gravity, &mut rng)
+        .ok_or(SegmentError::NoSupport { share: 100.0 * settings.gravity.min_share })?;
+    Ok(gravity::level(&plane))
+}
+
+/// The frame's field as a picture.
+fn as_image<T>(pixels: Vec<T>, camera: &Pinhole, field: &str) -> Result<Image<T>, SegmentError> {
+    Image::from_pixels(camera.width, camera.height, pixels).map_err(|e| SegmentError::Frame(CallError::invalid(field, e.to_string())))
+}
