@@ -8,6 +8,7 @@ use repose_geometry::{Footprint, cloud};
 
 use crate::scene::prepared::PreparedScene;
 use repose_belief::BelievedObject;
+use repose_belief::columns::{ColumnRun, cells_of};
 use repose_belief::outlines::separating_gap_m;
 use repose_belief::shape::Shape;
 use repose_belief::solid::Solid;
@@ -56,6 +57,8 @@ pub struct StandingTraits {
     pub oblique: Oblique,
     /// Distance to the nearest other object's shape, metres; capped.
     pub gap_m: f64,
+    /// Whether furniture rises beside it that it may lean on: a wall, the front of a drawer, a large box.
+    pub beside_furniture: bool,
     /// What may lean on it.
     pub leaner: Leaner,
     /// Whether it stands on an object or in it.
@@ -70,6 +73,13 @@ pub struct StandingTraits {
 const LEANING_SHARE: f64 = 0.25;
 /// … at most this share is on level ones, and something is near enough to lean on.
 const LEVEL_SHARE: f64 = 0.05;
+/// Beside furniture it leans only where that face is at least this far off, radians: much that stands by itself in a drawer or on a shelf shows
+/// faces that are a little oblique.
+const FAR_OFF_RAD: f64 = 15.0 * std::f64::consts::PI / 180.0;
+/// Furniture that reaches at least this far above an object's foot can be leaned on, metres, …
+const RISES_M: f32 = 0.02;
+/// … where so many cells of the floor plan in and around its outline show it.
+const RISING_CELLS: usize = 6;
 
 /// What an object's whole surface is believed to be: it tells how the object may be set up otherwise than it was seen.
 pub fn solid_of(prepared: &PreparedScene, id: u16, object: &BelievedObject, shape: &Shape) -> Solid {
@@ -80,7 +90,8 @@ pub fn solid_of(prepared: &PreparedScene, id: u16, object: &BelievedObject, shap
 impl StandingTraits {
     /// Whether it leans on something: set down elsewhere in the same attitude it would tip. What stands alone with an oblique face stands by itself.
     pub fn leans(&self) -> bool {
-        self.oblique.share >= LEANING_SHARE && self.oblique.level_share <= LEVEL_SHARE && self.gap_m <= LEANER_M
+        let shows = self.oblique.share >= LEANING_SHARE && self.oblique.level_share <= LEVEL_SHARE;
+        shows && (self.gap_m <= LEANER_M || (self.beside_furniture && self.oblique.off_rad >= FAR_OFF_RAD))
     }
 
     /// Of an object where it was seen; `cloud` are its points, thinned out.
@@ -98,12 +109,23 @@ impl StandingTraits {
         Self {
             oblique: oblique(cloud),
             gap_m: others().map(|(_, other)| shape.gap_m(other)).fold(GAP_M, f64::min),
+            beside_furniture: beside_furniture(prepared, shape),
             leaner: leaners.max_by(|a, b| a.oblique.share.total_cmp(&b.oblique.share)).unwrap_or_default(),
             on_object: prepared.belief.objects.keys().any(|other| prepared.belief.carried(*other).contains(&id)),
             hidden_foot_m: f64::from((lowest_m - shape.bottom_m).max(0.0)),
             spans_m: spans_m(shape),
         }
     }
+}
+
+/// Whether furniture rises in or around the outline of a shape, high enough to lean on.
+fn beside_furniture(prepared: &PreparedScene, shape: &Shape) -> bool {
+    let columns = &prepared.belief.columns;
+    let rises = |run: &ColumnRun| run.object == 0 && run.high_m > shape.bottom_m + RISES_M && run.low_m < shape.top_m;
+    shape.slabs.iter().any(|slab| {
+        let around = cells_of(&slab.outline, LEANER_M as f32, columns);
+        around.filter(|center| columns.at(center).iter().any(rises)).take(RISING_CELLS).count() == RISING_CELLS
+    })
 }
 
 /// How far the outlines of two clouds reach over each other, seen from above, metres; 0 where they do not.
@@ -157,6 +179,7 @@ fn normal(at: &Point3<f32>, cloud: &[Point3<f32>]) -> Option<Vector3<f32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tests::synthetic::{Prepared, SceneBuilder};
 
     /// A square of 8 cm whose normal leans from upright by an angle.
     fn leaning(angle_rad: f32) -> Vec<Point3<f32>> {
@@ -181,6 +204,7 @@ mod tests {
         let traits = |oblique: Oblique, gap_m: f64| StandingTraits {
             oblique,
             gap_m,
+            beside_furniture: false,
             leaner: Leaner::default(),
             on_object: false,
             hidden_foot_m: 0.0,
@@ -190,6 +214,20 @@ mod tests {
         assert!(traits(wall, 0.0).leans());
         assert!(!traits(wall, 0.08).leans(), "it stands alone");
         assert!(!traits(table, 0.0).leans(), "it lies level");
+        let beside = |oblique: Oblique| StandingTraits { beside_furniture: true, ..traits(oblique, 0.08) };
+        assert!(beside(wall).leans() && !beside(oblique(&leaning(0.2))).leans() && !beside(table).leans());
+    }
+
+    #[test]
+    fn furniture_that_rises_beside_an_object_can_be_leaned_on_and_what_is_low_or_far_cannot() {
+        let beside = |wall: [f64; 3], y: f64| {
+            let scene = SceneBuilder::table().object(0, [0.0, y], wall).object(1, [0.0, 0.0], [0.06, 0.06, 0.08]).prepared();
+            let shape = scene.belief.objects[&1].shape.clone().unwrap();
+            beside_furniture(&scene, &shape)
+        };
+        assert!(beside([0.3, 0.03, 0.15], 0.055));
+        assert!(!beside([0.3, 0.03, 0.012], 0.055), "no higher than its foot");
+        assert!(!beside([0.3, 0.03, 0.15], 0.12), "far behind it");
     }
 
     #[test]

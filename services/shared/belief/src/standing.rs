@@ -32,7 +32,15 @@ pub struct Seen<'a> {
 
 impl Seen<'_> {
     /// The height of an object's bottom, world z, metres; `None` for an object without extent.
+    ///
+    /// Whatever tells it, it is not above what was seen of the object: set down as if it were, the object would be pressed in.
     pub fn bottom_m(&self, id: u16) -> Option<f32> {
+        let lowest_m = lowest_m(self.clouds.get(&id)?, self.settings.stack.stray_points)?;
+        Some(self.told_bottom_m(id)?.min(lowest_m))
+    }
+
+    /// The height that the surroundings of an object tell.
+    fn told_bottom_m(&self, id: u16) -> Option<f32> {
         let (points, settings) = (self.clouds.get(&id)?, self.settings);
         let robust = robust_box(points)?;
         let lowest_m = robust.min.z;
@@ -207,6 +215,14 @@ fn robust_box(points: &[Point3<f32>]) -> Option<Aabb> {
     cloud::percentile_box(points, 0.02, 0.98)
 }
 
+/// The height of the lowest points but some stray ones. Thin legs and the rim of what lies on its side are far fewer than the points that
+/// [`robust_box`] leaves out.
+fn lowest_m(points: &[Point3<f32>], strays: usize) -> Option<f32> {
+    let mut heights: Vec<f32> = points.iter().map(|p| p.z).collect();
+    let at = strays.min(heights.len().checked_sub(1)?);
+    Some(*heights.select_nth_unstable_by(at, f32::total_cmp).1)
+}
+
 /// Which objects each object carries, by its id: those that stand on it or in it. Objects that carry nothing are left out.
 pub fn carried_by(shapes: &BTreeMap<u16, Shape>, cells: &ColumnMap, settings: &StackSettings) -> BTreeMap<u16, Vec<u16>> {
     let mut carried: BTreeMap<u16, Vec<u16>> = BTreeMap::new();
@@ -309,6 +325,25 @@ mod tests {
         }
         let bottom_m = bottom_m(&believed(&scene), 1);
         assert!(bottom_m.abs() < 0.004, "{bottom_m}");
+    }
+
+    #[test]
+    fn nothing_is_believed_to_stand_above_what_was_seen_of_it() {
+        // A box over a plate of 12 mm; then a few points show that two thin legs of it reach down beside the plate.
+        let mut scene =
+            SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.2, 0.012]).object_at(2, [0.0, 0.0], 0.02, [0.2, 0.08, 0.12]).scene();
+        let on_the_plate_m = bottom_m(&believed(&scene), 2);
+        assert!((0.01..0.02).contains(&on_the_plate_m), "{on_the_plate_m}");
+        for k in 0..10_u8 {
+            let x = if k % 2 == 0 { -0.097 } else { 0.097 };
+            scene.points.push([x, -0.037, 0.004]);
+            scene.labels.push(2);
+            if let Some(colors) = &mut scene.colors {
+                colors.push([128; 3]);
+            }
+        }
+        let bottom_m = bottom_m(&believed(&scene), 2);
+        assert!(bottom_m <= 0.004, "{bottom_m}");
     }
 
     #[test]
