@@ -44,8 +44,12 @@ def arguments():
     parser.add_argument("--frames", metavar="DIR", help="where to put a frame folder of each trial's scene, to look into what was planned")
     parser.add_argument("--logs", metavar="DIR", help="where the services' logs go; default: nowhere")
     parser.add_argument("--offline", action="store_true", help="without a network and a clock: one plan, followed as it is")
+    parser.add_argument("--grasps", action="store_true", help="with --offline: grasps from elsewhere, by way of scripts/graspnet.py")
     parser.add_argument("--least", type=int, default=0, help="successes below which this exits 1")
-    return parser.parse_args()
+    args = parser.parse_args()
+    if args.grasps and not args.offline:
+        parser.error("--grasps needs --offline")
+    return args
 
 
 def sound(world, shapes):
@@ -102,7 +106,11 @@ def trials(args, world, run, shapes, say):
 
 def offline_trials(args, world, _, shapes, say):
     """Trials without a network."""
-    return trials(args, world, lambda problem, seed, rng: offline.run(world, rng, problem, args.program, seed, args.pictures), shapes, say)
+
+    def run(problem, seed, rng):
+        return offline.run(world, rng, problem, args.program, seed, args.pictures, args.grasps)
+
+    return trials(args, world, run, shapes, say)
 
 
 def live_trials(args, world, logs, shapes, say):

@@ -7,12 +7,16 @@ link, looking again, trying again. The arm's controller keeps the same rules.
 import json
 import os
 import subprocess
+import sys
 import tempfile
 
-from . import frames
+import numpy as np
+
+from . import frames, grasps
 from .trial import REST_S, Watched, reported, wish
 from .world import STEP_S
 
+CONVERTER = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "scripts", "graspnet.py")
 OWNER = {"id": "offline", "epoch": 1}
 # Placements that the arm may choose from, as `repose place --execute` asks for.
 COUNT = 5
@@ -23,13 +27,16 @@ class Ended(Exception):
     """The execution is over before its end; says as what, and why."""
 
 
-def run(world, rng, problem, program, seed, pictures=None):
-    """Plans, follows, judges."""
+def run(world, rng, problem, program, seed, pictures=None, grasps_from_elsewhere=False):
+    """Plans, follows, judges; where grasps come from elsewhere, Repose is given them in place of finding its own."""
     watched = Watched(world, problem.query, pictures)
     with tempfile.TemporaryDirectory() as folder:
         frames.save(world, rng, folder)
         motion = os.path.join(folder, "motion.json")
         asked = [program, "plan", folder, *wish(problem, seed), "--count", str(COUNT), "--motion", motion, "--json"]
+        offered = _grasps(world, problem.query, seed, folder) if grasps_from_elsewhere else None
+        if offered:
+            asked += ["--grasps", offered]
         planned = subprocess.run(asked, capture_output=True, text=True, check=False)
         plan = None
         if os.path.exists(motion):
@@ -37,7 +44,9 @@ def run(world, rng, problem, program, seed, pictures=None):
                 plan = json.load(read)
     said = json.loads(planned.stdout) if planned.stdout.strip() else {}
     step = {"result": said if planned.returncode in (0, 3) else {}}
-    if plan:
+    if grasps_from_elsewhere and not offered:
+        step["reason"] = "no grasp was offered"
+    elif plan:
         step["placement"] = plan["placement"]
         try:
             _follow(world, plan, watched)
@@ -53,6 +62,19 @@ def run(world, rng, problem, program, seed, pictures=None):
         if k * STEP_S > 0.5 and world.at_rest():
             break
     return reported(watched, problem, seed, ({"steps": [step]}, planned.stderr, planned.returncode), pictures)
+
+
+def _grasps(world, query, seed, folder):
+    """The file that the documented command makes of somebody else's grasps; none where there are none."""
+    document = grasps.offered(world, query, np.random.default_rng(seed))
+    if not document["grasps"]:
+        return None
+    theirs, ours = (os.path.join(folder, f"{name}.json") for name in ("network", "grasps"))
+    with open(theirs, "w", encoding="utf-8") as out:
+        json.dump(document, out)
+    with open(ours, "w", encoding="utf-8") as out:
+        subprocess.run([sys.executable, CONVERTER, theirs, "--frame", folder], stdout=out, check=True)
+    return ours
 
 
 def _follow(world, plan, watched):

@@ -1,13 +1,18 @@
 """The foreign world itself: its robot keeps the contract's rules, its grasps hold by friction, its pictures are true."""
 
 import math
+import os
+import sys
 
 import numpy as np
 import pytest
 
-from foreign_world import camera, objects, scenes
+from foreign_world import camera, grasps, objects, scenes
 from foreign_world.control import READY_RAD, ArmControl
 from foreign_world.world import STEP_S, World
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "scripts"))
+import graspnet  # noqa: E402
 
 
 def swing(delta_rad, span_ms, period_ms=10):
@@ -211,3 +216,43 @@ def test_what_cannot_stand_falls_in_the_drop_and_what_can_does_not(world):
     spike = objects.Shape("spike", 0.2, [np.vstack([leaning[0], foot - [0, 0, 0.03]])], *leaning)
     assert scenes.stands_after_a_drop(world.client, world.meshes, boxes((0.05, 0.05, 0.1))[0], STEP_S)
     assert not scenes.stands_after_a_drop(world.client, world.meshes, spike, STEP_S)
+
+
+def test_grasps_from_elsewhere_are_those_of_the_hand_and_of_the_fingers_whatever_they_are_called(world, tmp_path):
+    """Poses of a hand in the camera's frame become poses between the fingertips on the object; other conventions say the same place."""
+    assert world.furnish("table", boxes((0.05, 0.07, 0.10)), np.random.default_rng(2))
+    document = grasps.offered(world, 0, np.random.default_rng(1))
+    camera_pose = world.furniture.camera.world_from_camera
+    offered = graspnet.converted(document, camera_pose)
+    assert offered
+    pose = world.pose(0)
+    for grasp in offered:
+        tcp = np.reshape(grasp["world_from_tcp"], (4, 4))
+        at = (tcp[:3, 3] - pose[:3, 3]) @ pose[:3, :3]
+        assert np.all(np.abs(at) < np.array([0.025, 0.035, 0.05]) + 0.002), "between the fingers is the box"
+        assert tcp[2, 2] < -0.49, "from above"
+    first = np.reshape(offered[0]["world_from_tcp"], (4, 4))
+    # The same place as GraspNet-1Billion says it: x the approach, the fingers' ends 2 cm ahead.
+    turned = np.eye(4)
+    turned[:3, :3] = np.column_stack([first[:3, 2], first[:3, 1], -first[:3, 0]])
+    turned[:3, 3] = first[:3, 3] - (0.02 - graspnet.TCP_TO_TIP_M) * first[:3, 2]
+    told = {"frame": "world", "convention": "graspnet", "grasps": [{"pose": turned.tolist(), "score": 1, "depth_m": 0.02}]}
+    assert np.allclose(np.reshape(graspnet.converted(told)[0]["world_from_tcp"], (4, 4)), first, atol=1e-9)
+
+
+def test_bad_grasps_are_refused_by_the_name_of_their_field():
+    grasp = {"pose": np.eye(4).tolist(), "score": 1.0}
+    good = {"frame": "world", "convention": "hand", "grasps": [grasp]}
+    assert len(graspnet.converted(good)) == 1
+    for change, field in [
+        ({"frame": "base"}, "frame"),
+        ({"frame": "camera"}, "frame"),
+        ({"convention": "gripper"}, "convention"),
+        ({"grasps": []}, "grasps"),
+        ({"grasps": [{**grasp, "pose": (2 * np.eye(4)).tolist()}]}, r"grasps\[0\].pose"),
+        ({"grasps": [{**grasp, "score": "high"}]}, r"grasps\[0\].score"),
+        ({"grasps": [{**grasp, "width_m": -0.1}]}, r"grasps\[0\].width_m"),
+        ({"convention": "graspnet"}, r"grasps\[0\].depth_m"),
+    ]:
+        with pytest.raises(graspnet.BadGrasps, match=field):
+            graspnet.converted({**good, **change})

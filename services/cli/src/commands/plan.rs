@@ -1,13 +1,13 @@
 //! `repose plan`: one placement on a frame folder, without a running system.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
 use repose_evaluation::report::written::{FileError, can_write, write_picture};
 use repose_local::picture::before_and_after;
 use repose_local::{ModelFiles, Models};
-use repose_proto::motion::{MotionPlan, MotionPlanRequest};
+use repose_proto::motion::{Grasp, MotionPlan, MotionPlanRequest};
 use repose_proto::{Frame, PlaceRequest, PlaceResult, Scene};
 
 use crate::answer::print_result;
@@ -40,12 +40,17 @@ pub struct PlanArgs {
     /// `MotionPlan`. With --count the arm chooses among several placements.
     #[arg(long, value_name = "JSON")]
     pub motion: Option<PathBuf>,
+    /// Grasps from elsewhere for --motion, tried in their order in place of our own: a list of `{"world_from_tcp": [16 numbers], "width_m": 0.06,
+    /// "score": 0.9}`. scripts/graspnet.py makes it of a grasp network's poses.
+    #[arg(long, value_name = "JSON", requires = "motion")]
+    pub grasps: Option<PathBuf>,
 }
 
 /// Runs the command.
 pub fn run(args: &PlanArgs, output: Output) -> Outcome {
     args.out.as_deref().map_or(Ok(()), can_write)?;
     args.motion.as_deref().map_or(Ok(()), can_write)?;
+    let grasps = args.grasps.as_deref().map(grasps_of).transpose()?;
     let mut frame = frames::read(&args.frame)?;
     if args.ignore_labels {
         frame.labels = None;
@@ -62,18 +67,30 @@ pub fn run(args: &PlanArgs, output: Output) -> Outcome {
         write_picture(path, &before_and_after(&scene, &result)?.into())?;
     }
     if let Some(path) = args.motion.as_ref().filter(|_| !result.placements.is_empty()) {
-        let motion = serde_json::to_string(&motion_of(&frame, &scene, &request, &result)?).map_err(Failure::other)?;
+        let motion = serde_json::to_string(&motion_of(&frame, &scene, &request, &result, grasps)?).map_err(Failure::other)?;
         std::fs::write(path, motion).map_err(|e| FileError::new(path, e))?;
     }
     print_result(&result, said.as_ref(), output)
 }
 
 /// The pick and place of the best placement that the robot in the frame can serve.
-fn motion_of(frame: &Frame, scene: &Scene, request: &PlaceRequest, result: &PlaceResult) -> Result<MotionPlan, Failure> {
+fn motion_of(
+    frame: &Frame,
+    scene: &Scene,
+    request: &PlaceRequest,
+    result: &PlaceResult,
+    grasps: Option<Vec<Grasp>>,
+) -> Result<MotionPlan, Failure> {
     let Some(robot) = frame.robots.first() else {
         return Err(Failure::bad_input("motion", "the frame has no robot.json that says where the arm stands"));
     };
     let placements = result.placements.iter().map(|p| p.placed_from_observed).collect();
     let wanted = MotionPlanRequest::new(scene.id(), robot.name.clone(), request.query, placements, robot.joints_rad);
-    repose_local::plan_motion(scene, &MotionPlanRequest { seed: request.seed, ..wanted }).map_err(of_motion)
+    repose_local::plan_motion(scene, &MotionPlanRequest { grasps, seed: request.seed, ..wanted }).map_err(of_motion)
+}
+
+/// The grasps of a file.
+fn grasps_of(path: &Path) -> Result<Vec<Grasp>, Failure> {
+    let text = std::fs::read(path).map_err(|e| FileError::new(path, e))?;
+    serde_json::from_slice(&text).map_err(|e| Failure::bad_input("grasps", format!("{}: {e}", path.display())))
 }
