@@ -2,7 +2,6 @@
 
 use repose_executive::arrangement::{Ended, Step, Told, bring_about};
 use repose_proto::arrange::{ArrangeRequest, Purpose};
-use repose_proto::motion::ExecutionOutcome;
 use repose_runtime::Session;
 
 use crate::client::{self, ConnectArgs};
@@ -38,7 +37,7 @@ pub async fn run(args: Arranging<'_>, output: Output) -> Outcome {
 
 async fn brought_about(args: Arranging<'_>, session: &Session) -> Result<Told, Failure> {
     let site = Terminal::of(session, args.connect, args.robot).await?;
-    Ok(bring_about(site, args.request, args.attempts).await?)
+    Ok(bring_about(site, None, args.request, args.attempts, |_| {}).await?)
 }
 
 /// What came of it, for people.
@@ -62,12 +61,5 @@ fn line(k: usize, step: &Step) -> String {
         Purpose::Goal => "to its goal",
         Purpose::Aside => "aside, to make room",
     };
-    let end = match (step.tried.execution, &step.tried.reason) {
-        (Some(ExecutionOutcome::Done), _) => "executed".to_owned(),
-        (_, Some(reason)) => reason.clone(),
-        (Some(other), None) => format!("{other:?}"),
-        (None, None) => "not executed".to_owned(),
-    };
-    let said: Vec<String> = std::iter::once(end).chain(step.tried.disturbances(step.object)).collect();
-    format!("  {}. {name} {purpose}: {}", k + 1, said.join("; "))
+    format!("  {}. {name} {purpose}: {}", k + 1, step.describe().join("; "))
 }

@@ -170,6 +170,22 @@ impl Cell {
         self.shared.audience.tell(&Topic::Activity, &Told::Activity(activity).encode());
     }
 
+    /// Begins to carry out something of several moves, unless something is under way.
+    ///
+    /// # Errors
+    /// `failed_precondition` where it is.
+    pub fn begin(&self, change: impl FnOnce(&mut Activity)) -> Result<(), CallError> {
+        let mut under_way = None;
+        self.update(|activity| {
+            under_way = activity.under_way();
+            if under_way.is_none() {
+                change(activity);
+            }
+        });
+        let refusal = |what| CallError::precondition(format!("{what} is under way in this cell; end it first"));
+        under_way.map_or(Ok(()), |what| Err(refusal(what)))
+    }
+
     /// Changes the step that the sequence under way is at, where there is one, and tells everybody.
     pub fn update_step(&self, change: impl FnOnce(&mut StepShown)) {
         let is_open = |step: &&mut StepShown| !matches!(step.stage, Stage::Held | Stage::Failed);

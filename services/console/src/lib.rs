@@ -6,6 +6,7 @@
 
 pub mod access;
 pub mod arm;
+pub mod arrangement;
 pub mod cell;
 pub mod config;
 pub mod endpoints;

@@ -6,11 +6,12 @@ use std::sync::Arc;
 use repose_proto::load::WorkerLoad;
 use repose_proto::motion::{ExecutionOutcome, RecoveryMove};
 use repose_proto::robot::RobotState;
-use repose_proto::{CallError, GoalTerm, PlaceRequest, PlaceResult, RigidTransform, Service};
+use repose_proto::{ArrangeRequest, ArrangeResult, CallError, GoalTerm, PlaceRequest, PlaceResult, RigidTransform, Service};
 use serde::{Deserialize, Serialize};
 
 use crate::access::Role;
 use crate::arm::{LinkPoses, PlanShown};
+use crate::arrangement::ArrangementShown;
 use crate::viewers::Message;
 
 /// A request of a viewer's; `id` comes back with its answer.
@@ -89,7 +90,19 @@ pub enum Ask {
         /// The goals, as the planner takes them.
         goals: Vec<PlaceRequest>,
     },
-    /// End the sequence that runs, after what moves now.
+    /// Which moves make several goals hold together.
+    Arrange {
+        /// The request, as the planner takes it.
+        request: Box<ArrangeRequest>,
+    },
+    /// Bring several goals about together.
+    BringAbout {
+        /// The robot.
+        robot: String,
+        /// What is asked for; its ids are those of its scene.
+        request: Box<ArrangeRequest>,
+    },
+    /// End the sequence or the arrangement that is under way, after what moves now.
     EndSequence,
     /// Clear a robot's stop.
     Reset {
@@ -131,9 +144,10 @@ impl Ask {
     pub fn needs(&self) -> Role {
         match self {
             Self::Watch { .. } | Self::Seen { .. } | Self::Hold { .. } | Self::Cancel { .. } | Self::Discard { .. } => Role::Viewer,
-            Self::Segment { .. } | Self::Place { .. } | Self::Plan { .. } => Role::Planner,
+            Self::Segment { .. } | Self::Place { .. } | Self::Plan { .. } | Self::Arrange { .. } => Role::Planner,
             Self::Execute { .. }
             | Self::Sequence { .. }
+            | Self::BringAbout { .. }
             | Self::EndSequence
             | Self::Reset { .. }
             | Self::Recover { .. }
@@ -220,6 +234,15 @@ pub enum Answered {
         /// Milliseconds from the request's arrival here to its answer.
         took_ms: f64,
     },
+    /// The moves after which several goals hold.
+    Arranged {
+        /// The planner's result.
+        arranged: Box<ArrangeResult>,
+        /// Its worker.
+        worker: String,
+        /// Milliseconds from the request's arrival here to its answer.
+        took_ms: f64,
+    },
     /// A motion plan.
     Planned {
         /// The plan's id.
@@ -297,6 +320,17 @@ pub struct Activity {
     /// The sequence that it belongs to.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sequence: Option<SequenceShown>,
+    /// Goals that are brought about together, or were last.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub arrangement: Option<ArrangementShown>,
+}
+
+impl Activity {
+    /// What of several moves is under way.
+    pub fn under_way(&self) -> Option<&'static str> {
+        let sequence = self.sequence.as_ref().filter(|s| !s.ended).map(|_| "a sequence");
+        sequence.or_else(|| self.arrangement.as_ref().filter(|a| !a.ended).map(|_| "an arrangement"))
+    }
 }
 
 /// A motion under way, or the last one.

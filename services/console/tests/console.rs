@@ -7,9 +7,11 @@ use std::time::Duration;
 
 use futures::{SinkExt, StreamExt};
 use repose_console::{Console, ConsoleConfig};
-use repose_proto::Payload;
+use repose_proto::arrange::{Conflict, ObjectGoal, Proof};
+use repose_proto::place::Outcome;
 use repose_proto::robot::{EmergencyStop, RobotMode, RobotState, StopState};
-use repose_runtime::{Session, Shutdown, Traffic};
+use repose_proto::{ArrangeRequest, ArrangeResult, CallError, Payload, Service};
+use repose_runtime::{Call, Handler, Session, Shutdown, Traffic};
 use serde_json::{Value, json};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::TcpStream;
@@ -200,6 +202,61 @@ async fn faulty_requests_are_answered_with_their_field_and_end_nothing() {
     assert_eq!(heard(&mut viewer, |m| m["id"] == 9).await["error"]["field"], "count");
 }
 
+/// A planner that finds no arrangement for goals of more than one object, and says which they are.
+struct Contradicted;
+
+#[async_trait::async_trait]
+impl Handler for Contradicted {
+    async fn call(&self, call: Call) -> Result<Payload, CallError> {
+        let request: ArrangeRequest = call.payload.decode_json()?;
+        let is_none = request.goals.len() > 1;
+        let conflict = Conflict { goals: request.goals.clone(), proof: Proof::Contradiction, smallest: true };
+        Payload::json(&ArrangeResult {
+            outcome: if is_none { Outcome::None } else { Outcome::Found },
+            moves: Vec::new(),
+            satisfied: Vec::new(),
+            open: Vec::new(),
+            probability: None,
+            conflict: is_none.then_some(conflict),
+            searches: 0,
+            weights_hash: String::new(),
+            scene_id: request.scene.scene_id,
+            view_yaw_rad: 0.0,
+            goals: request.goals,
+            seed: request.seed,
+        })
+    }
+}
+
+fn goals(texts: &[(u16, &str)]) -> Value {
+    let goal = |(object, term): &(u16, &str)| ObjectGoal { object: *object, terms: vec![term.parse().expect("a term")] };
+    json!(texts.iter().map(goal).collect::<Vec<_>>())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn goals_that_shall_hold_together_are_asked_for_and_what_cannot_be_is_said() {
+    let console = start(ConsoleConfig::default()).await;
+    let planner = console.session.start(Service::Planner, Arc::new(Contradicted)).await.expect("a planner");
+    let mut viewer = socket(console.address, &[]).await.expect("a socket");
+    ask(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
+    heard(&mut viewer, |m| m["kind"] == "answer" && m["id"] == 1).await;
+    let request = |wanted: &[(u16, &str)]| json!({"scene": {"scene_id": "0".repeat(64)}, "goals": goals(wanted)});
+
+    ask(&mut viewer, json!({"id": 2, "ask": "arrange", "request": request(&[(1, "left_of:2"), (1, "near:3")])})).await;
+    let refused = heard(&mut viewer, |m| m["id"] == 2).await;
+    assert_eq!((&refused["kind"], &refused["error"]["field"]), (&json!("refused"), &json!("goals[1].object")), "{refused}");
+
+    ask(&mut viewer, json!({"id": 3, "ask": "arrange", "request": request(&[(1, "left_of:2"), (2, "left_of:1")])})).await;
+    let none = heard(&mut viewer, |m| m["id"] == 3).await["result"]["arranged"].clone();
+    assert_eq!((&none["outcome"], &none["conflict"]["proof"]), (&json!("none"), &json!("contradiction")), "{none}");
+    assert_eq!((none["conflict"]["goals"].as_array().map(Vec::len), &none["conflict"]["smallest"]), (Some(2), &json!(true)), "{none}");
+
+    // Nobody has the scene that this is about: nothing begins.
+    ask(&mut viewer, json!({"id": 4, "ask": "bring_about", "robot": "panda", "request": request(&[(1, "left_of:2")])})).await;
+    assert_eq!(heard(&mut viewer, |m| m["id"] == 4).await["kind"], "refused");
+    planner.drain().await;
+}
+
 fn token_file(folder: &tempfile::TempDir, name: &str) -> Option<PathBuf> {
     let path = folder.path().join(name);
     std::fs::write(&path, format!("a-token-for-the-{name}")).expect("written");
@@ -227,6 +284,10 @@ async fn with_tokens_only_those_who_show_one_look_and_each_does_what_its_role_ma
     assert_eq!(heard(&mut viewer, |m| m["kind"] == "welcome").await["role"], "viewer");
     ask(&mut viewer, json!({"id": 1, "ask": "reset", "robot": "panda"})).await;
     let refused = heard(&mut viewer, |m| m["id"] == 1).await;
+    assert!(refused["error"]["message"].as_str().is_some_and(|m| m.contains("operator")), "{refused}");
+    let request = json!({"scene": {"scene_id": "0".repeat(64)}, "goals": goals(&[(1, "left_of:2")])});
+    ask(&mut viewer, json!({"id": 2, "ask": "bring_about", "robot": "panda", "request": request})).await;
+    let refused = heard(&mut viewer, |m| m["id"] == 2).await;
     assert!(refused["error"]["message"].as_str().is_some_and(|m| m.contains("operator")), "{refused}");
     assert_eq!(http(console.address, "POST", "/stop", &[("Cookie", &cookie)], stop).await.0, 200, "everybody may stop");
 }

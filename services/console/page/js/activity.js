@@ -133,7 +133,7 @@ export class Motion {
 export class Sequence {
   #goals = []; #running; #fault; #may = false;
 
-  /** `run(goals)` and `end()` are its buttons. */
+  /** `run(goals)`, `arrange(goals)` and `end()` are its buttons. */
   constructor(box, actions) {
     this.box = box;
     this.actions = actions;
@@ -159,7 +159,7 @@ export class Sequence {
     fill(this.box,
       el("div", { className: "title" }, el("h2", { id: "sequence-title", textContent: "Sequence" }), el("span", { className: "grow" }),
         isUnderWay && el("button", { type: "button", className: "small", textContent: "End after this goal", disabled: !this.#may, onclick: () => this.actions.end() })),
-      !running && !this.#goals.length && el("p", { className: "hint", textContent: "Goals added here are carried out one after another, each planned on a fresh view." }),
+      !running && !this.#goals.length && el("p", { className: "hint", textContent: "Goals added here are carried out one after another, or brought about together." }),
       running && el("ol", { className: "steps", id: "steps" }, running.steps.map((step) => el("li", {},
         el("span", {}, `${step.query} `, step.goal.map((term, k) => [k ? ", " : "",
           el("span", { className: step.holds.length ? (step.holds[k] ? "holds" : "fails") : "", textContent: termWords(term) })])),
@@ -171,7 +171,8 @@ export class Sequence {
           el("span", { textContent: `${goal.query} ${goal.goal.map(termWords).join(", ")}` }),
           el("button", { type: "button", className: "quiet small", textContent: "✕", "aria-label": `Remove goal ${k + 1}`, onclick: () => { this.#goals.splice(k, 1); this.render(); } })))),
         el("div", { className: "row", style: "margin-top: 8px" },
-          el("button", { type: "button", className: "primary", id: "run", textContent: "Carry out", disabled: !this.#may || isUnderWay, onclick: () => this.actions.run(this.#goals) }),
+          el("button", { type: "button", className: "primary", id: "run", textContent: "One after another", disabled: !this.#may || isUnderWay, onclick: () => this.actions.run(this.#goals) }),
+          el("button", { type: "button", id: "arrange", textContent: "All together", title: "Find moves after which all of them hold", onclick: () => this.actions.arrange(this.#goals) }),
           el("button", { type: "button", className: "quiet small", textContent: "Clear", onclick: () => this.clear() }))],
       this.#fault && faultBox(this.#fault));
   }

@@ -1,6 +1,7 @@
 // The page put together: what the console says goes to the parts, what the parts ask goes to the console.
 
 import { Motion, Sequence } from "./activity.js";
+import { Arrangement } from "./arrangement.js";
 import { Connection } from "./connection.js";
 import { byId, choices, el, fill } from "./element.js";
 import { Goal } from "./goal.js";
@@ -58,7 +59,11 @@ const world = new World(byId("world"), {
 const goal = new Goal(byId("goal"), { changed: goalChanged, ask: find, collect: () => sequence.add(goal.request(scene.id, world.yaw)), cancel: () => asked && connection.ask("cancel", { request: asked }).catch(() => {}) });
 const placements = new Placements(byId("answers"), { lit, reason: (reason) => world.litRejected(reason), plan: planMotion });
 const motion = new Motion(byId("motion"), { execute, reset, recover, preview: (t) => world.previewAt(t) });
-const sequence = new Sequence(byId("sequence"), { run: runSequence, end: () => connection.ask("end_sequence").catch((refusal) => sequence.fault(refusal)) });
+const arrangement = new Arrangement(byId("arrangement"), {
+  ask: (request) => connection.ask("arrange", { request }), cancel: (request) => connection.ask("cancel", { request }).catch(() => {}),
+  run: (request) => connection.ask("bring_about", { robot, request }).then(() => { sequence.clear(); goal.clear(); release(); }), end: () => connection.ask("end_sequence").catch((refusal) => notice(refusal, "bad")),
+});
+const sequence = new Sequence(byId("sequence"), { run: runSequence, arrange: (goals) => arrangement.find(goals), end: () => connection.ask("end_sequence").catch((refusal) => sequence.fault(refusal)) });
 const system = new System(byId("system"), { newScene: (seed) => connection.ask("new_scene", { seed }).then(() => release(), (refusal) => notice(refusal, "bad")) });
 
 function lit(rank) {
@@ -87,7 +92,7 @@ async function heard(kind, message) {
     case "scene": return sceneShown(message);
     case "segmented": return segmented(message);
     case "robot": return robotShown(message);
-    case "activity": motion.execution(message.execution); sequence.running(message.sequence); return activityShown(message);
+    case "activity": motion.execution(message.execution); sequence.running(message.sequence); arrangement.running(message.arrangement); return activityShown(message);
     case "plan": return planShown(message.shown);
   }
 }
@@ -104,6 +109,7 @@ function welcomed(welcome) {
   placements.may(may("planner"));
   motion.may(may("operator"));
   sequence.may(may("operator"));
+  arrangement.may(may("planner"), may("operator"));
   cell ??= stored.get("cell") ?? welcome.cell;
   choices(byId("cell"), [cell], cell);
   camera ??= stored.get("camera");

@@ -2,6 +2,7 @@
 //!
 //! Every request passes [`guarded`] first: nothing is answered to a page of another site, or under a name that is not ours.
 
+mod arrangement;
 mod calls;
 mod planned;
 mod refusal;

@@ -147,8 +147,21 @@ impl Viewer {
                 let scene = self.scene(&cell, &scene_id).await?;
                 super::sequence::begin(cell, camera, scene, robot, goals, Duration::from_millis(self.state.config.request_deadline_ms))
             }
+            Ask::Arrange { request } => {
+                let cell = self.cell()?;
+                let scene = self.scene(&cell, &request.scene.scene_id).await.ok();
+                let options = CallOptions { cancel, ..CallOptions::within(self.deadline()) };
+                super::arrangement::asked(&cell, &request, scene.as_deref(), options).await
+            }
+            Ask::BringAbout { robot, request } => {
+                let (cell, camera) = (self.cell()?, self.camera()?);
+                let scene = self.scene(&cell, &request.scene.scene_id).await?;
+                super::arrangement::begin(cell, camera, scene, robot, *request, self.deadline())
+            }
             Ask::EndSequence => {
-                super::sequence::end(self.cell()?.as_ref());
+                let cell = self.cell()?;
+                super::sequence::end(&cell);
+                super::arrangement::end(&cell);
                 Ok(Answered::Done {})
             }
             Ask::Reset { robot } => self.reset(&robot).await,

@@ -50,14 +50,7 @@ pub fn begin(
         error: None,
     };
     let shown = SequenceShown { steps: goals.iter().map(step).collect(), ended: false };
-    let mut is_free = true;
-    cell.update(|activity| match &activity.sequence {
-        Some(other) if !other.ended => is_free = false,
-        _ => activity.sequence = Some(shown),
-    });
-    if !is_free {
-        return Err(CallError::precondition("a sequence is under way in this cell; end it first"));
-    }
+    cell.begin(|activity| activity.sequence = Some(shown))?;
     tokio::spawn(async move {
         let site = PageSite::of(cell.clone(), camera, robot, deadline).for_sequence();
         if let Err(error) = achieve(site, &scene, &goals).await {

@@ -9,6 +9,7 @@ use repose_proto::robot::RobotState;
 use repose_proto::{CallError, Payload, Scene, SceneSummary, Service};
 use repose_runtime::{Answer, Caller, robot_state};
 
+use super::arrangement;
 use super::calls::{execute, moving, shown};
 use crate::cell::{Camera, Cell};
 use crate::messages::Stage;
@@ -19,19 +20,34 @@ pub struct PageSite {
     camera: Arc<Camera>,
     robot: String,
     deadline: Duration,
-    /// Whether it is a sequence that is carried out.
-    in_sequence: bool,
+    shown_in: ShownIn,
+}
+
+/// What shows how far a move is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum ShownIn {
+    /// Nothing but the motion itself.
+    Nothing,
+    /// The sequence that is carried out.
+    Sequence,
+    /// The arrangement that is brought about.
+    Arrangement,
 }
 
 impl PageSite {
     /// These; `deadline` is of a call that does not move the robot.
     pub fn of(cell: Arc<Cell>, camera: Arc<Camera>, robot: String, deadline: Duration) -> Self {
-        Self { cell, camera, robot, deadline, in_sequence: false }
+        Self { cell, camera, robot, deadline, shown_in: ShownIn::Nothing }
     }
 
     /// The same for a sequence, whose steps show how far it is.
     pub fn for_sequence(self) -> Self {
-        Self { in_sequence: true, ..self }
+        Self { shown_in: ShownIn::Sequence, ..self }
+    }
+
+    /// The same for goals that are brought about together.
+    pub fn for_arrangement(self) -> Self {
+        Self { shown_in: ShownIn::Arrangement, ..self }
     }
 
     /// The cell.
@@ -88,8 +104,10 @@ impl Site for PageSite {
             Begun::Planning => Stage::Planning,
             Begun::Moving => Stage::Moving,
         };
-        if self.in_sequence {
-            self.cell.update_step(|step| step.stage = stage);
+        match self.shown_in {
+            ShownIn::Nothing => {}
+            ShownIn::Sequence => self.cell.update_step(|step| step.stage = stage),
+            ShownIn::Arrangement => arrangement::show(&self.cell, |shown| shown.stage = stage),
         }
     }
 
@@ -100,8 +118,14 @@ impl Site for PageSite {
     }
 
     fn goes_on(&self) -> bool {
-        let mut ended = true;
-        self.cell.update(|activity| ended = activity.sequence.as_ref().is_none_or(|s| s.ended));
-        !ended
+        let mut goes_on = false;
+        self.cell.update(|activity| {
+            goes_on = match self.shown_in {
+                ShownIn::Nothing => false,
+                ShownIn::Sequence => activity.sequence.as_ref().is_some_and(|s| !s.ended),
+                ShownIn::Arrangement => activity.arrangement.as_ref().is_some_and(|a| !a.ending),
+            };
+        });
+        goes_on
     }
 }

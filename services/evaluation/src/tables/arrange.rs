@@ -10,7 +10,7 @@ use repose_proto::place::Variant;
 use serde::Serialize;
 
 use crate::scenes::arrangement::task::{ArrangementTask, Shapes, TaskKind};
-use crate::scenes::arrangement::trial::{PlanFault, TaskRecord, try_task};
+use crate::scenes::arrangement::trial::{PlanFault, TaskRecord, TrialSettings, try_task};
 use crate::scenes::one_scene::forecasts_of;
 use crate::statistics::quantile::Sorted;
 use crate::statistics::rate::Rate;
@@ -32,6 +32,8 @@ pub struct ArrangeTableSettings {
     pub shapes: Vec<Shapes>,
     /// Which method finds each placement.
     pub variant: Variant,
+    /// Whether the bars are tried, too.
+    pub bars: bool,
     /// Threads; the table does not depend on it, but for times.
     pub threads: usize,
 }
@@ -57,7 +59,10 @@ pub fn evaluate_arrange<E: From<CallError>>(
             |(), k| {
                 let (size, slot) = batch[k];
                 let Some(task) = ArrangementTask::of_slot(settings.split, size, slot) else { return Ok(Vec::new()) };
-                let of_shapes = |shapes: &Shapes| try_task(&task, (slot, *shapes, settings.variant), engine, &forecasts);
+                let of_shapes = |shapes: &Shapes| {
+                    let settings = TrialSettings { shapes: *shapes, variant: settings.variant, bars: settings.bars };
+                    try_task(&task, slot, &settings, engine, &forecasts)
+                };
                 settings.shapes.iter().map(of_shapes).collect::<Result<Vec<_>, CallError>>()
             },
         );
@@ -111,6 +116,7 @@ fn row(kind: Option<TaskKind>, goals: usize, shapes: Shapes, records: &[&TaskRec
     let fewest: usize = solved.iter().map(|r| r.known_moves.min(r.moves)).sum();
     let moves: usize = solved.iter().map(|r| r.moves).sum();
     let median = |of: &dyn Fn(&TaskRecord) -> f64| Sorted::new(records.iter().map(|r| of(r)).collect()).at(0.5).unwrap_or(0.0);
+    let bars = || records.iter().filter_map(|r| r.bars.as_ref());
     let mut faults = BTreeMap::new();
     for fault in records.iter().filter_map(|r| r.fault) {
         *faults.entry(fault).or_default() += 1;
@@ -124,8 +130,8 @@ fn row(kind: Option<TaskKind>, goals: usize, shapes: Shapes, records: &[&TaskRec
         p50_ms: median(&|r| r.plan_ms),
         p50_processor_ms: Sorted::new(records.iter().filter_map(|r| r.processor_ms).collect()).at(0.5),
         searches: median(&|r| f64::from(r.searches)),
-        in_order: records.iter().map(|r| r.in_order.is_none()).collect(),
-        random_order: records.iter().map(|r| r.random_order.is_none()).collect(),
+        in_order: bars().map(|b| b.in_order.is_none()).collect(),
+        random_order: bars().map(|b| b.random_order.is_none()).collect(),
         faults,
     }
 }
@@ -133,6 +139,7 @@ fn row(kind: Option<TaskKind>, goals: usize, shapes: Shapes, records: &[&TaskRec
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scenes::arrangement::trial::Bars;
 
     fn record(kind: TaskKind, fault: Option<PlanFault>, moves: usize) -> TaskRecord {
         TaskRecord {
@@ -146,13 +153,13 @@ mod tests {
             moves,
             fault,
             at_move: None,
+            failure: None,
             successes: Vec::new(),
             probability: None,
             searches: 4,
             plan_ms: 100.0,
             processor_ms: None,
-            in_order: Some(PlanFault::Goal),
-            random_order: None,
+            bars: Some(Bars { in_order: Some(PlanFault::Goal), random_order: None }),
         }
     }
 

@@ -23,8 +23,9 @@ use crate::scene::moved::fall_m;
 use crate::scene::prepared::PreparedScene;
 use crate::search::stop::StopReason;
 
-/// A move is sure where its success is said to be likelier than its failure.
-const SURE: f64 = 0.5;
+/// A move is sure where its success is said to be likelier than this. Chosen on validation tasks: two objects beside each other on one top, which a place
+/// aside would spare, are said to succeed in .5 to .6 of cases.
+const SURE: f64 = 0.6;
 /// The share of the searches in which a way of sure moves alone is looked for.
 const SURE_SHARE: f64 = 0.5;
 /// Alternative places aside that are gone on with.

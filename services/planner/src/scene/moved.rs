@@ -1,15 +1,17 @@
 //! A scene as it would be after a move: what was seen of the object stands elsewhere, and its old place is free.
 //!
 //! What carried the object goes on where it stood, and what it filled is no longer unseen. What it hid stays unseen: nobody has looked. What was
-//! believed of the objects' shapes is believed of them still.
+//! believed of the objects' shapes is believed of them still, but that what carried the object reaches under it: most of its top may never have
+//! been seen.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Point2, Point3, Translation3, Vector3};
-use repose_belief::shape::Shape;
+use nalgebra::{Isometry3, Point2, Point3, Translation3, Vector2, Vector3};
+use repose_belief::columns::cells_of;
+use repose_belief::shape::{Shape, Slab};
 use repose_belief::{BeliefSettings, BelievedObject};
-use repose_geometry::Aabb;
+use repose_geometry::{Aabb, Footprint};
 use repose_proto::place::Variant;
 use repose_proto::{Scene, Surface};
 
@@ -21,6 +23,8 @@ use crate::settings::{Recipe, SupportSettings};
 const SURFACE_M: f32 = 0.005;
 /// A surface at most this far from an object's lowest point is what it stood on, metres: borders are cleaned off a cloud.
 const FOOT_M: f64 = 0.03;
+/// Heights this close are of one top, metres.
+const SAME_TOP_M: f32 = 0.02;
 /// A turn leaves an object upright where the cosine of its tilt is at least this.
 const UPRIGHT_COSINE: f64 = 0.999_9;
 /// The color of points that nobody saw.
@@ -35,11 +39,78 @@ pub fn fall_m(variant: Variant) -> f64 {
 /// there.
 pub fn table_after(table: &PreparedScene, object: u16, placed_from_observed: &Isometry3<f64>, fall_m: f64) -> PreparedScene {
     let came_to_rest = Translation3::new(0.0, 0.0, -fall_m) * placed_from_observed;
-    let mut shapes = table.belief.shapes();
+    let mut shapes = bared(table, object);
     if let Some(carried) = table.belief.objects.get(&object).and_then(|seen| carried(table, (object, seen), &came_to_rest)) {
         shapes.insert(object, carried);
     }
-    PreparedScene::with_shapes(Arc::new(moved(&table.scene, object, &came_to_rest)), shapes)
+    let after = moved_from(&table.scene, object, &came_to_rest, floor_of(table, object, &shapes));
+    PreparedScene::with_shapes(Arc::new(after), shapes)
+}
+
+/// The objects' shapes once an object is taken from what carries it.
+fn bared(table: &PreparedScene, object: u16) -> BTreeMap<u16, Shape> {
+    let mut shapes = table.belief.shapes();
+    let Some(carried) = shapes.get(&object).cloned() else { return shapes };
+    for carrier in carriers(table, object) {
+        let Some(shape) = shapes.get(&carrier) else { continue };
+        let hidden = hidden_under(table, &carried, shape.top_m);
+        if let Some(whole) = reaching(shape, &hidden) {
+            shapes.insert(carrier, whole);
+        }
+    }
+    shapes
+}
+
+/// The shape of something that is known to reach to more places, seen from above. None where its outline vanishes.
+fn reaching(shape: &Shape, places: &[Point2<f32>]) -> Option<Shape> {
+    let with = |outline: &Footprint| {
+        Footprint::of(&outline.corners().iter().chain(places).map(|c| Point3::new(c.x, c.y, 0.0)).collect::<Vec<_>>())
+    };
+    let slabs: Vec<Slab> = shape.slabs.iter().map(|s| Some(Slab { outline: with(&s.outline)?, ..s.clone() })).collect::<Option<_>>()?;
+    let (before, top) = (&shape.slabs.last()?.outline, &slabs.last()?.outline);
+    let reach_m = |outline: &Footprint, back: &Vector2<f32>| outline.corners().iter().map(|c| c.coords.dot(back)).fold(f32::MIN, f32::max);
+    // What is known of its back is no longer in doubt.
+    let known_m = |back: &Vector2<f32>| reach_m(top, back) - reach_m(before, back);
+    let doubt = shape.doubt.try_normalize(1e-6).map_or(shape.doubt, |back| back * (shape.doubt.norm() - known_m(&back)).max(0.0));
+    // As far to one side of its middle as to the other.
+    let axis = shape.axis + (middle(top) - middle(before));
+    Some(Shape { axis, doubt, base: with(&shape.base)?, slabs, ..shape.clone() })
+}
+
+/// The middle of a convex outline's area.
+fn middle(outline: &Footprint) -> Point2<f32> {
+    let corners = outline.corners();
+    let triangles = corners[1..].windows(2).map(|pair| {
+        let twice_area = (pair[0] - corners[0]).perp(&(pair[1] - corners[0]));
+        ((corners[0].coords + pair[0].coords + pair[1].coords) * (twice_area / 3.0), twice_area)
+    });
+    let (weighted, total) = triangles.fold((Vector2::zeros(), 0.0), |(sum, total), (w, area)| (sum + w, total + area));
+    if total > 1e-12 { Point2::from(weighted / total) } else { corners[0] }
+}
+
+/// The places under an object, seen from above, where the camera did not look past its base: what carries it may reach there.
+fn hidden_under(table: &PreparedScene, carried: &Shape, top_m: f32) -> Vec<Point2<f32>> {
+    // A little lower than what the object stands on: above that there is only the object.
+    const BELOW_M: f32 = 0.01;
+    let is_hidden = |p: &Point2<f32>| !table.belief.view.is_free(&Point3::new(p.x, p.y, top_m - BELOW_M));
+    cells_of(&carried.base, 0.0, &table.belief.columns).filter(is_hidden).collect()
+}
+
+/// The objects that an object stands on.
+fn carriers(table: &PreparedScene, object: u16) -> Vec<u16> {
+    table.belief.objects.keys().copied().filter(|id| table.belief.carried(*id).contains(&object)).collect()
+}
+
+/// What goes on where an object stood, where an object carried it: that one's top, or where it stood in a bowl the place of its foot.
+fn floor_of(table: &PreparedScene, object: u16, shapes: &BTreeMap<u16, Shape>) -> Option<Floor> {
+    let foot_m = table.belief.objects.get(&object)?.shape.as_ref()?.bottom_m;
+    let of_carrier = |carrier: u16| {
+        let shape = shapes.get(&carrier)?;
+        let is_in_it = foot_m < shape.top_m - SAME_TOP_M;
+        let top = shape.slabs.last().filter(|_| !is_in_it).map(|slab| slab.outline.clone());
+        Some(Floor { height_m: if is_in_it { foot_m } else { shape.top_m }, label: carrier, top })
+    };
+    carriers(table, object).into_iter().filter_map(of_carrier).max_by(|a, b| a.height_m.total_cmp(&b.height_m))
 }
 
 /// An object's shape after a motion, which may have set it on another side.
@@ -55,19 +126,25 @@ fn carried(table: &PreparedScene, (id, object): (u16, &BelievedObject), motion: 
 
 /// The table without an object.
 pub fn table_without(table: &PreparedScene, object: u16) -> PreparedScene {
-    let mut shapes = table.belief.shapes();
+    let mut shapes = bared(table, object);
+    let after = without_on(&table.scene, object, floor_of(table, object, &shapes));
     shapes.remove(&object);
-    PreparedScene::with_shapes(Arc::new(without(&table.scene, object)), shapes)
+    PreparedScene::with_shapes(Arc::new(after), shapes)
 }
 
 /// The scene with an object elsewhere.
 pub fn moved(scene: &Scene, object: u16, placed_from_observed: &Isometry3<f64>) -> Scene {
+    moved_from(scene, object, placed_from_observed, None)
+}
+
+/// The same, of an object that is known to have stood on a floor.
+fn moved_from(scene: &Scene, object: u16, placed_from_observed: &Isometry3<f64>, floor: Option<Floor>) -> Scene {
     let mut after = scene.clone();
     let carry = |p: [f32; 3]| -> [f32; 3] { (placed_from_observed * Point3::from(p).cast::<f64>()).cast::<f32>().coords.into() };
     for (point, _) in after.points.iter_mut().zip(&scene.labels).filter(|(_, label)| **label == object) {
         *point = carry(*point);
     }
-    leave(&mut after, scene, object);
+    leave(&mut after, scene, object, floor);
     let cloud: Vec<Point3<f32>> = after.points_of(object).map(Point3::from).collect();
     if let (Some(summary), Some(bounds)) = (after.meta.objects.iter_mut().find(|o| o.id == object), Aabb::of(&cloud)) {
         summary.centroid_m = (placed_from_observed * Point3::from(summary.centroid_m)).coords.into();
@@ -85,8 +162,12 @@ pub fn moved(scene: &Scene, object: u16, placed_from_observed: &Isometry3<f64>) 
 
 /// The scene without an object.
 pub fn without(scene: &Scene, object: u16) -> Scene {
+    without_on(scene, object, None)
+}
+
+fn without_on(scene: &Scene, object: u16, floor: Option<Floor>) -> Scene {
     let mut after = scene.clone();
-    leave(&mut after, scene, object);
+    leave(&mut after, scene, object, floor);
     let kept = |i: &usize| *i >= scene.labels.len() || scene.labels[*i] != object;
     let keep: Vec<usize> = (0..after.points.len()).filter(kept).collect();
     after.points = keep.iter().map(|i| after.points[*i]).collect();
@@ -97,8 +178,32 @@ pub fn without(scene: &Scene, object: u16) -> Scene {
     after
 }
 
-/// Frees the place where an object stood: its space was seen through, as it were, and what carried it goes on beneath it.
-fn leave(after: &mut Scene, before: &Scene, object: u16) {
+/// What goes on beneath the place where an object stood.
+#[derive(Debug, Clone)]
+struct Floor {
+    height_m: f32,
+    /// Whose it is, 0 for furniture.
+    label: u16,
+    /// The whole top, where it is an object's.
+    top: Option<Footprint>,
+}
+
+impl Floor {
+    /// Makes the top one surface of its own. What perception found of it is the strip that the object left free, which tells less of its height than
+    /// its highest points do.
+    fn show_top(&self, scene: &mut Scene) {
+        let Some(top) = &self.top else { return };
+        let is_strip = |s: &Surface| s.object == Some(self.label) && (s.height_m as f32 - self.height_m).abs() <= SAME_TOP_M;
+        scene.meta.surfaces.retain(|s| !is_strip(s));
+        let outline_m = top.corners().iter().map(|c| [f64::from(c.x), f64::from(c.y)]).collect();
+        let (height_m, area_m2) = (f64::from(self.height_m), f64::from(top.area()));
+        scene.meta.surfaces.push(Surface { height_m, outline_m, area_m2, object: Some(self.label) });
+    }
+}
+
+/// Frees the place where an object stood: its space was seen through, as it were, and what carried it goes on beneath it: `floor`, or where that is
+/// not known the surface nearest to its lowest point.
+fn leave(after: &mut Scene, before: &Scene, object: u16, floor: Option<Floor>) {
     let cloud: Vec<Point3<f32>> = before.points_of(object).map(Point3::from).collect();
     let Some(bounds) = Aabb::of(&cloud) else { return };
     if let Some(space) = &mut after.meta.unseen.space {
@@ -115,13 +220,16 @@ fn leave(after: &mut Scene, before: &Scene, object: u16) {
             }
         }
     }
-    let Some(carrier) = carrier(before, object, f64::from(bounds.min.z)) else { return };
+    let surface = || carrier(before, object, f64::from(bounds.min.z));
+    let of_surface = |s: &Surface| Floor { height_m: s.height_m as f32, label: s.object.unwrap_or(0), top: None };
+    let Some(floor) = floor.or_else(|| surface().map(of_surface)) else { return };
+    floor.show_top(after);
     let footprint: BTreeSet<[i32; 2]> =
         cloud.iter().map(|p| [(p.x / SURFACE_M).floor() as i32, (p.y / SURFACE_M).floor() as i32]).collect();
     for [column, row] in footprint {
         let place = Point2::new((column as f32 + 0.5) * SURFACE_M, (row as f32 + 0.5) * SURFACE_M);
-        after.points.push([place.x, place.y, carrier.height_m as f32]);
-        after.labels.push(carrier.object.unwrap_or(0));
+        after.points.push([place.x, place.y, floor.height_m]);
+        after.labels.push(floor.label);
         if let Some(colors) = &mut after.colors {
             colors.push(GREY);
         }
@@ -163,5 +271,32 @@ mod tests {
         assert!(shape.bottom_m.abs() < 0.002 && (shape.axis.x - 0.25).abs() < 0.01, "it came to rest: {shape:?}");
         let gone = without(&scene, 1);
         assert!(gone.object(1).is_none() && gone.points_of(1).count() == 0 && gone.points.len() == gone.labels.len());
+    }
+
+    #[test]
+    fn what_carried_an_object_is_as_wide_as_that_stood_on_it_and_has_a_top_though_none_was_seen() {
+        // Its top is covered but for a strip, and perception has found no surface there.
+        let mut scene = SceneBuilder::table()
+            .object(1, [0.0, 0.0], [0.1, 0.1, 0.05])
+            .object_at(2, [0.0, 0.0], 0.05, [0.08, 0.08, 0.1])
+            .object(3, [0.3, -0.2], [0.05; 3])
+            .scene();
+        scene.meta.surfaces.retain(|s| s.object != Some(1));
+        let table = PreparedScene::new(Arc::new(scene));
+        assert_eq!(table.belief.carried(1), [2]);
+        let bare = table_after(&table, 2, &Isometry3::translation(-0.3, -0.2, -0.05), 0.0);
+        let whole = bare.belief.objects[&1].shape.as_ref().unwrap();
+        assert!((whole.axis - Point2::new(0.0, 0.0)).norm() < 0.008, "{}", whole.axis);
+        assert!(whole.slabs.last().unwrap().outline.margin(&Point2::new(0.0, 0.035)) > 0.0, "its back was hidden, and carried the other's");
+        let tops = || bare.scene.meta.surfaces.iter().filter(|s| s.object == Some(1));
+        assert!(
+            tops().count() == 1 && tops().all(|s| (s.height_m - 0.05).abs() < 0.004 && s.area_m2 > 0.009),
+            "{:?}",
+            bare.scene.meta.surfaces
+        );
+        let on_top = bare.scene.points_of(1).filter(|p| p[1] > 0.0 && (p[2] - 0.05).abs() < 0.004).count();
+        assert!(on_top > 50, "{on_top} points of its top");
+        let gone = table_without(&table, 2);
+        assert_eq!(gone.belief.objects[&1].shape, bare.belief.objects[&1].shape);
     }
 }

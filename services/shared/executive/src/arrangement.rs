@@ -7,10 +7,10 @@
 
 use std::collections::BTreeMap;
 
-use repose_proto::arrange::{ArrangeMove, ArrangeRequest, ArrangeResult, Conflict, ObjectGoal};
+use repose_proto::arrange::{ArrangeMove, ArrangeRequest, ArrangeResult, Conflict, ObjectGoal, Purpose};
 use repose_proto::motion::ExecutionOutcome;
 use repose_proto::place::{Outcome as Found, Placement};
-use repose_proto::{CallError, Message, Payload, PlaceRequest, Scene, SceneRef};
+use repose_proto::{CallError, GoalTerm, Message, Payload, PlaceRequest, Scene, SceneRef};
 use repose_runtime::{CallOptions, now_ns};
 use repose_sentences::{fate, robot};
 use repose_tracking::{Fate, Followed, holds};
@@ -34,6 +34,20 @@ pub struct Step {
     /// How far it came. Placement 0 is the plan's, others are alternatives for the same goal that the robot could serve.
     #[serde(flatten)]
     pub tried: Tried,
+}
+
+impl Step {
+    /// What came of it, for people: how it ended, and what else was seen.
+    pub fn describe(&self) -> Vec<String> {
+        let end = match (self.tried.execution, &self.tried.reason) {
+            (Some(ExecutionOutcome::Done), _) => "executed".to_owned(),
+            (_, Some(reason)) => reason.clone(),
+            (Some(ExecutionOutcome::Stopped), None) => "stopped".to_owned(),
+            (Some(ExecutionOutcome::GraspLost), None) => "the grasp was lost".to_owned(),
+            (None, None) => "not executed".to_owned(),
+        };
+        std::iter::once(end).chain(self.tried.disturbances(self.object)).collect()
+    }
 }
 
 /// How it ended.
@@ -78,18 +92,58 @@ pub struct Told {
     pub error: Option<CallError>,
 }
 
-/// Has goals brought about. The request's ids are those of the newest view; its scene is each view in turn. An object is tried `attempts` times, at
-/// least once.
+/// What is told while goals are brought about, with the names of the first view.
+#[derive(Debug)]
+pub enum News<'a> {
+    /// Moves are planned from where things stand.
+    Planned(Planned),
+    /// A move was tried.
+    Tried(&'a Step),
+}
+
+/// The moves that are planned from where things stand.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Planned {
+    /// In order.
+    pub moves: Vec<NamedMove>,
+    /// The probability that all of them succeed.
+    pub probability: Option<f64>,
+    /// The smallest set of goals that is known to have no arrangement, in the first view's ids.
+    pub conflict: Option<Conflict>,
+}
+
+/// A move that is planned. What the first view did not have is left out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NamedMove {
+    /// The object.
+    pub object: Option<u16>,
+    /// What it moves for.
+    pub purpose: Purpose,
+    /// The terms that its place was chosen by.
+    pub goal: Vec<GoalTerm>,
+}
+
+/// Has goals brought about; its scene is each view in turn. The request's ids are those of `seen`, or without it those of the newest view, which becomes
+/// the first. An object is tried `attempts` times, at least once; `told` hears how it goes.
 ///
 /// # Errors
 /// Whatever ended it before a move was tried.
-pub async fn bring_about<S: Site>(site: S, mut request: ArrangeRequest, attempts: usize) -> Result<Told, CallError> {
-    let view = site.view_after(0).await?;
-    let followed = Followed::of(&view.1);
+pub async fn bring_about<S: Site>(
+    site: S,
+    seen: Option<&Scene>,
+    mut request: ArrangeRequest,
+    attempts: usize,
+    told: impl FnMut(News<'_>) + Send,
+) -> Result<Told, CallError> {
+    let view = site.view_after(seen.map_or(0, |scene| scene.stamp_ns)).await?;
+    let mut followed = Followed::of(seen.unwrap_or(&view.1));
+    if seen.is_some() {
+        followed.look_again(&view.1);
+    }
     if request.robot.is_none() {
         request.robot = site.reaching().await;
     }
-    let mut run = Run { site, request, attempts, view, followed, steps: Vec::new(), failed: BTreeMap::new(), conflict: None };
+    let mut run = Run { site, told, request, attempts, view, followed, steps: Vec::new(), failed: BTreeMap::new(), conflict: None };
     let (ended, why, error) = match run.until_the_end().await {
         // Nothing was tried.
         Err(error) if run.steps.is_empty() => return Err(error),
@@ -115,8 +169,9 @@ pub async fn bring_about<S: Site>(site: S, mut request: ArrangeRequest, attempts
 }
 
 /// An arrangement that is being brought about.
-struct Run<S> {
+struct Run<S, T> {
     site: S,
+    told: T,
     /// What is asked for, in the ids of the first view.
     request: ArrangeRequest,
     attempts: usize,
@@ -128,7 +183,7 @@ struct Run<S> {
     conflict: Option<Conflict>,
 }
 
-impl<S: Site> Run<S> {
+impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
     /// Plans, moves and looks until all goals hold, or until it has to end; how it ended, and why.
     async fn until_the_end(&mut self) -> Result<(Ended, Option<String>), CallError> {
         let most_moves = 2 * self.request.goals.len() + self.request.max_parkings as usize + self.attempts;
@@ -139,12 +194,14 @@ impl<S: Site> Run<S> {
                 Err(unseen) => return Ok((Ended::Lost, Some(unseen.message))),
             };
             let result = self.planned(goals).await?;
+            let named = self.named(&result);
+            self.conflict.clone_from(&named.conflict);
+            (self.told)(News::Planned(named));
             let Some(step) = result.moves.first() else {
                 if result.outcome == Found::Found {
                     return Ok((Ended::Achieved, None));
                 }
                 let why = if result.outcome == Found::Partial { "the search was cut short before a move" } else { "no moves were found" };
-                self.conflict = result.conflict;
                 return Ok((Ended::NoArrangement, Some(why.to_owned())));
             };
             if !self.site.goes_on() {
@@ -154,7 +211,11 @@ impl<S: Site> Run<S> {
                 return Ok((Ended::GaveUp, Some(format!("{most_moves} moves were tried"))));
             }
             let object = self.followed.known().named(step.object);
-            let achieved = self.carry_out(object, step, result.moves.len() - 1).await?;
+            let carried_out = self.carry_out(object, step, result.moves.len() - 1).await;
+            if let Some(tried) = self.steps.last() {
+                (self.told)(News::Tried(tried));
+            }
+            let achieved = carried_out?;
             let tried = object.map(|object| self.failed.entry(object).or_default());
             if let Some(tried) = tried.filter(|_| !achieved) {
                 *tried += 1;
@@ -221,6 +282,21 @@ impl<S: Site> Run<S> {
         self.site.begins(Stage::Placing);
         let answered = self.site.planner().call_with_scene("arrange", Some(&self.view.1), encode, options).await?;
         answered.payload.decode_json()
+    }
+
+    /// A plan with the names of the first view.
+    fn named(&self, result: &ArrangeResult) -> Planned {
+        let known = self.followed.known();
+        let term = |t: &GoalTerm| Some(GoalTerm { anchor: known.named(t.anchor)?, ..*t });
+        let terms = |terms: &[GoalTerm]| terms.iter().filter_map(term).collect::<Vec<_>>();
+        let named = |m: &ArrangeMove| NamedMove { object: known.named(m.object), purpose: m.purpose, goal: terms(&m.goal) };
+        let goal = |g: &ObjectGoal| Some(ObjectGoal { object: known.named(g.object)?, terms: terms(&g.terms) });
+        let conflict = |c: &Conflict| Conflict { goals: c.goals.iter().filter_map(goal).collect(), ..c.clone() };
+        Planned {
+            moves: result.moves.iter().map(named).collect(),
+            probability: result.probability,
+            conflict: result.conflict.as_ref().map(conflict),
+        }
     }
 
     /// Has a move carried out, and looks: whether the object stands where it was to go. An error ends it all.

@@ -38,6 +38,9 @@ pub struct EvaluateArrangeArgs {
     /// Which method finds each placement.
     #[arg(long, default_value = "best", value_parser = parse_variant)]
     pub variant: Variant,
+    /// Leave out the two bars, the goals one after another: most of the time goes into them.
+    #[arg(long)]
+    pub without_bars: bool,
     /// Split, weights and threads.
     #[command(flatten)]
     pub common: TableArgs,
@@ -66,6 +69,7 @@ pub fn run(args: &EvaluateArrangeArgs, output: Output) -> Outcome {
         goals,
         shapes,
         variant: args.variant,
+        bars: !args.without_bars,
         threads: args.common.threads(),
     };
     let lines = args.out.as_ref().map(|folder| folder.join("tasks.jsonl"));

@@ -5,6 +5,7 @@
 //! planned to go, without another look ([`trial`]).
 
 mod draft;
+pub mod failure;
 mod layout;
 pub mod task;
 pub mod trial;

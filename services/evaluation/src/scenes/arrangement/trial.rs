@@ -18,13 +18,15 @@ use repose_inference::{Engine, HeldScene};
 use repose_planner::arrange::goals::all_hold;
 use repose_planner::scene::moved::{fall_m, table_after};
 use repose_planner::{Forecasts, PlacementModels, PreparedScene, plan};
-use repose_proto::arrange::{ArrangeRequest, ObjectGoal};
+use repose_proto::arrange::{ArrangeMove, ArrangeRequest, ArrangeResult, ObjectGoal};
 use repose_proto::place::{Outcome, Variant};
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, ErrorCode, PlaceRequest, Scene as ObservedScene};
-use repose_simulator::release::{ReleaseSettings, released};
+use repose_simulator::release::{Outcome as Released, ReleaseSettings, released};
+use repose_simulator::scene::Scene as Table;
 use serde::{Deserialize, Serialize};
 
+use crate::scenes::arrangement::failure::Failure;
 use crate::scenes::arrangement::task::{ArrangementTask, Shapes, TaskKind};
 use crate::scenes::outcome::{OTHERS_MOVED_M, PENETRATION_M, STABLE_M, TILT_RAD};
 use crate::statistics::processor_time::of_this_thread_ms;
@@ -90,6 +92,9 @@ pub struct TaskRecord {
     pub fault: Option<PlanFault>,
     /// The move that it went wrong with, counted from 0, where it was one.
     pub at_move: Option<usize>,
+    /// What is known of the fault's cause.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failure: Option<Failure>,
     /// The probability of success that each move was given.
     #[serde(default)]
     pub successes: Vec<f64>,
@@ -101,10 +106,29 @@ pub struct TaskRecord {
     pub plan_ms: f64,
     /// Processor time of planning, milliseconds; none where the operating system does not tell.
     pub processor_ms: Option<f64>,
-    /// What was wrong with the goals one after another in the given order.
+    /// What was wrong with the bars; none where they were not tried.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bars: Option<Bars>,
+}
+
+/// What was wrong with the goals one after another; null where nothing was.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Bars {
+    /// In the given order.
     pub in_order: Option<PlanFault>,
-    /// What was wrong with the best of the random orders.
+    /// In the best of the random orders.
     pub random_order: Option<PlanFault>,
+}
+
+/// How tasks are tried.
+#[derive(Debug, Clone, Copy)]
+pub struct TrialSettings {
+    /// What is given of the objects' shapes.
+    pub shapes: Shapes,
+    /// Which method finds each placement.
+    pub variant: Variant,
+    /// Whether the bars are tried, too.
+    pub bars: bool,
 }
 
 impl TaskRecord {
@@ -120,16 +144,15 @@ impl TaskRecord {
 /// The planner's or the engine's, on a task that they should have been able to take.
 pub fn try_task(
     task: &ArrangementTask,
-    (slot, shapes, variant): (u64, Shapes, Variant),
+    slot: u64,
+    settings: &TrialSettings,
     engine: &Engine,
     forecasts: &Arc<Forecasts>,
 ) -> Result<TaskRecord, CallError> {
-    let seen = task.seen(shapes);
     let models = HeldScenes { engine, forecasts, held: Mutex::default() };
-    let planning = Planning { task, variant, models: &models };
-    let prepared = Arc::new(PreparedScene::new(seen));
+    let prepared = Arc::new(PreparedScene::new(task.seen(settings.shapes)));
     let request = ArrangeRequest {
-        variant,
+        variant: settings.variant,
         seed: task.seed,
         view_yaw_rad: Some(task.viewer.yaw_rad()),
         ..ArrangeRequest::new(prepared.scene_id.clone(), task.goals.clone())
@@ -138,44 +161,60 @@ pub fn try_task(
     let result = repose_planner::arrange::arrange(&prepared, &request, &models, &mut |_| ControlFlow::Continue(()))?;
     let plan_ms = started.elapsed().as_secs_f64() * 1e3;
     let processor_ms = of_this_thread_ms().zip(before_ms).map(|(now_ms, before_ms)| now_ms - before_ms);
-    let moves: Vec<Move> = result
-        .moves
-        .iter()
-        .map(|m| Ok((m.object, from_row_major(&m.placement.placed_from_observed.0).map_err(|e| CallError::internal(e.to_string()))?)))
-        .collect::<Result<_, CallError>>()?;
-    let (fault, at_move) = match result.outcome {
+    let moves = moves_of(&result)?;
+    let end = match result.outcome {
         Outcome::Found => carried_out(task, &moves),
-        Outcome::Partial => (Some(PlanFault::CutShort), None),
-        Outcome::None => (Some(PlanFault::NoPlan), None),
+        Outcome::Partial => CarriedOut::failed(PlanFault::CutShort, task),
+        Outcome::None => CarriedOut::failed(PlanFault::NoPlan, task),
     };
-    let in_order = planning.one_after_another(&prepared, &task.goals)?.fault(task);
-    let random_order = planning.random_order(&prepared)?.fault(task);
+    let planning = Planning { task, variant: settings.variant, models: &models };
     Ok(TaskRecord {
         kind: task.kind,
         goals: task.goals.len(),
-        shapes,
+        shapes: settings.shapes,
         slot,
         seed: task.seed,
         asked: task.goals.iter().map(ToString::to_string).collect(),
         known_moves: task.moves,
         moves: moves.len(),
-        fault,
-        at_move,
+        fault: end.fault,
+        at_move: end.came.as_ref().map(|(k, _)| *k),
+        failure: end.fault.map(|_| Failure::of(task, &prepared, &result, &end)),
         successes: result.moves.iter().filter_map(|m| m.placement.success).collect(),
         probability: result.probability,
         searches: result.searches,
         plan_ms,
         processor_ms,
-        in_order,
-        random_order,
+        bars: settings.bars.then(|| planning.bars(&prepared)).transpose()?,
     })
+}
+
+fn moves_of(result: &ArrangeResult) -> Result<Vec<Move>, CallError> {
+    let motion = |m: &ArrangeMove| from_row_major(&m.placement.placed_from_observed.0).map_err(|e| CallError::internal(e.to_string()));
+    result.moves.iter().map(|m| Ok((m.object, motion(m)?))).collect()
 }
 
 /// An object and the motion of the world that carries it.
 type Move = (u16, Isometry3<f64>);
 
-/// Carries moves out in the true world: the first fault, and the move that it came with.
-fn carried_out(task: &ArrangementTask, moves: &[Move]) -> (Option<PlanFault>, Option<usize>) {
+/// What moves came to in the true world.
+pub(super) struct CarriedOut {
+    /// The first fault.
+    pub fault: Option<PlanFault>,
+    /// The move that it came with, and what came of that.
+    pub came: Option<(usize, Released)>,
+    /// The table before that move, or after all of them.
+    pub table: Table,
+}
+
+impl CarriedOut {
+    fn failed(fault: PlanFault, task: &ArrangementTask) -> Self {
+        Self { fault: Some(fault), came: None, table: task.truth.clone() }
+    }
+}
+
+/// Carries moves out in the true world, up to the first fault.
+fn carried_out(task: &ArrangementTask, moves: &[Move]) -> CarriedOut {
     let settings = ReleaseSettings { ends_at_rest: true, ..ReleaseSettings::default() };
     let mut table = task.truth.clone();
     for (k, (object, placed_from_observed)) in moves.iter().enumerate() {
@@ -183,7 +222,7 @@ fn carried_out(task: &ArrangementTask, moves: &[Move]) -> (Option<PlanFault>, Op
             let placed = placed_from_observed * table.objects[index].world_from_object;
             released(&table, index, &placed, &settings)
         };
-        let Some(came) = task.index_of(*object).and_then(put) else { return (Some(PlanFault::NoPlan), Some(k)) };
+        let Some(came) = task.index_of(*object).and_then(put) else { return CarriedOut::failed(PlanFault::NoPlan, task) };
         let faults = [
             (PlanFault::Pressed, came.penetration_m > PENETRATION_M),
             (PlanFault::Tipped, came.tilt_rad > TILT_RAD),
@@ -191,11 +230,11 @@ fn carried_out(task: &ArrangementTask, moves: &[Move]) -> (Option<PlanFault>, Op
             (PlanFault::Slid, came.moved_m > STABLE_M),
         ];
         if let Some((fault, _)) = faults.into_iter().find(|(_, is)| *is) {
-            return (Some(fault), Some(k));
+            return CarriedOut { fault: Some(fault), came: Some((k, came)), table };
         }
         table = table.with_poses(&came.world_from_objects);
     }
-    ((!task.hold(&table)).then_some(PlanFault::Goal), None)
+    CarriedOut { fault: (!task.hold(&table)).then_some(PlanFault::Goal), came: None, table }
 }
 
 /// Planning goal by goal.
@@ -215,11 +254,16 @@ struct GoalByGoal {
 impl GoalByGoal {
     fn fault(&self, task: &ArrangementTask) -> Option<PlanFault> {
         let all_planned = self.believed || !self.moves.is_empty();
-        if all_planned { carried_out(task, &self.moves).0 } else { Some(PlanFault::NoPlan) }
+        if all_planned { carried_out(task, &self.moves).fault } else { Some(PlanFault::NoPlan) }
     }
 }
 
 impl Planning<'_> {
+    fn bars(&self, prepared: &PreparedScene) -> Result<Bars, CallError> {
+        let in_order = self.one_after_another(prepared, &self.task.goals)?.fault(self.task);
+        Ok(Bars { in_order, random_order: self.random_order(prepared)?.fault(self.task) })
+    }
+
     /// The goals in an order. One that holds when its turn comes needs no move; one for which there is no place is left out.
     fn one_after_another(&self, first: &PreparedScene, order: &[ObjectGoal]) -> Result<GoalByGoal, CallError> {
         let mut moves = Vec::new();
@@ -311,12 +355,16 @@ mod tests {
     #[test]
     fn moves_are_tried_in_the_true_world_and_the_first_fault_is_named() {
         let task = ArrangementTask::of_slot(Split::Train, (TaskKind::Free, 2), 1).expect("a task");
-        assert_eq!(carried_out(&task, &[]), (Some(PlanFault::Goal), None), "nothing was done");
+        let fault = |moves: &[Move]| {
+            let end = carried_out(&task, moves);
+            (end.fault, end.came.map(|(k, _)| k))
+        };
+        assert_eq!(fault(&[]), (Some(PlanFault::Goal), None), "nothing was done");
         let object = task.goals[0].object;
         let dropped = (object, Isometry3::translation(0.0, 0.0, 0.3));
-        let (fault, at_move) = carried_out(&task, &[dropped]);
-        assert!(matches!(fault, Some(PlanFault::Slid | PlanFault::Tipped)) && at_move == Some(0), "{fault:?}");
+        let end = fault(&[dropped]);
+        assert!(matches!(end, (Some(PlanFault::Slid | PlanFault::Tipped), Some(0))), "{end:?}");
         let sunk = (object, Isometry3::translation(0.0, 0.0, -0.02));
-        assert_eq!(carried_out(&task, &[sunk]), (Some(PlanFault::Pressed), Some(0)));
+        assert_eq!(fault(&[sunk]), (Some(PlanFault::Pressed), Some(0)));
     }
 }
