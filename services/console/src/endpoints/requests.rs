@@ -145,7 +145,7 @@ impl Viewer {
             Ask::Sequence { scene_id, robot, goals } => {
                 let (cell, camera) = (self.cell()?, self.camera()?);
                 let scene = self.scene(&cell, &scene_id).await?;
-                super::sequence::begin(cell, camera, scene, robot, goals, Duration::from_millis(self.state.config.request_deadline_ms))
+                super::sequence::begin(cell, camera, scene, robot, goals, &self.state.config)
             }
             Ask::EndSequence => {
                 super::sequence::end(self.cell()?.as_ref());
