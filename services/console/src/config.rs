@@ -9,6 +9,8 @@ use crate::ConsoleError;
 
 /// The port of the page where nothing says otherwise.
 pub const PORT: u16 = 7448;
+/// The most attempts at a goal, as of `place --attempts`.
+const MOST_ATTEMPTS: usize = 10;
 
 /// Configuration of a console process. Unknown fields are refused.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -46,6 +48,8 @@ pub struct ConsoleConfig {
     pub jpeg_quality: u8,
     /// The deadline of a placement or a motion plan, milliseconds.
     pub request_deadline_ms: u64,
+    /// How often an object of a sequence that slips, falls or is not grasped is looked for again and tried anew, the first time counted: 1 to 10.
+    pub attempts: usize,
 }
 
 impl Default for ConsoleConfig {
@@ -66,6 +70,7 @@ impl Default for ConsoleConfig {
             cloud_points: 60_000,
             jpeg_quality: 85,
             request_deadline_ms: 60_000,
+            attempts: 3,
         }
     }
 }
@@ -102,7 +107,9 @@ impl ConsoleConfig {
         check((1..=100).contains(&quality), "jpeg_quality", &format!("expected 1 to 100, got {quality}"))?;
         let deadline_ms = self.request_deadline_ms;
         let most = repose_proto::limits::MAX_REMAINING_MS;
-        check((1..=most).contains(&deadline_ms), "request_deadline_ms", &format!("expected 1 to {most}, got {deadline_ms}"))
+        check((1..=most).contains(&deadline_ms), "request_deadline_ms", &format!("expected 1 to {most}, got {deadline_ms}"))?;
+        let attempts = self.attempts;
+        check((1..=MOST_ATTEMPTS).contains(&attempts), "attempts", &format!("expected 1 to {MOST_ATTEMPTS}, got {attempts}"))
     }
 
     /// The files of TLS, where it is configured.
@@ -154,6 +161,8 @@ mod tests {
         assert_eq!(refused(|c| c.robot_period_ms = 0), "robot_period_ms");
         assert_eq!(refused(|c| c.cloud_points = 10), "cloud_points");
         assert_eq!(refused(|c| c.jpeg_quality = 0), "jpeg_quality");
+        assert_eq!(refused(|c| c.attempts = 0), "attempts");
+        assert_eq!(refused(|c| c.attempts = 11), "attempts");
         assert!(serde_json::from_str::<ConsoleConfig>(r#"{"port": 1}"#).unwrap_err().to_string().contains("unknown field"));
     }
 }

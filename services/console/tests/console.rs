@@ -15,6 +15,7 @@ use repose_runtime::{Call, Handler, Session, Shutdown, Traffic};
 use serde_json::{Value, json};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::TcpStream;
+use tokio::sync::mpsc;
 use tokio_rustls::TlsConnector;
 use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
@@ -149,6 +150,38 @@ async fn the_page_and_its_files_are_served_and_nothing_else() {
     assert_eq!(http(console.address, "GET", "/js/main.js", &[("If-None-Match", &tag)], "").await.0, 304);
     assert_eq!(http(console.address, "GET", "/../Cargo.toml", &[], "").await.0, 404);
     assert_eq!(http(console.address, "GET", "/js/other.js", &[], "").await.0, 404);
+}
+
+/// A perception that tells what it is asked, and finds nothing.
+struct Asked(mpsc::UnboundedSender<String>);
+
+#[async_trait::async_trait]
+impl Handler for Asked {
+    async fn call(&self, call: Call) -> Result<Payload, CallError> {
+        drop(self.0.send(call.method));
+        Err(CallError::not_found("camera", "nothing is seen"))
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_page_that_was_asked_for_finds_its_cell_followed() {
+    let console = start(ConsoleConfig::default()).await;
+    let (asked, mut methods) = mpsc::unbounded_channel();
+    let _perception = console.session.start(Service::Perception, Arc::new(Asked(asked))).await.expect("a worker");
+    let scenes = console.session.publisher(console.session.cell().scene("front"), Traffic::Scene);
+    let telling = tokio::spawn(async move {
+        let mut tick = tokio::time::interval(Duration::from_millis(10));
+        loop {
+            tick.tick().await;
+            // Who is there is known by its key: nobody reads more of it here.
+            scenes.put(Payload { encoding: String::new(), bytes: Vec::new().into() }).await.expect("put");
+        }
+    });
+    assert_eq!(http(console.address, "GET", "/", &[], "").await.0, 200);
+    // No socket has been opened: it is the page that was asked for whose camera's newest scene is.
+    let method = tokio::time::timeout(WITHIN, methods.recv()).await.expect("asked in time");
+    telling.abort();
+    assert_eq!(method.as_deref(), Some("latest"));
 }
 
 #[tokio::test(flavor = "multi_thread")]

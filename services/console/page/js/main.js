@@ -23,7 +23,7 @@ let role = "viewer", cell, camera, robot, page;
 let scene, newest, isHeld = false, hasWatched = false, asked, myPlan, hadPlan;
 const robots = new Map();
 
-// The console. First, so that it answers while the browser gets ready to draw, which takes it a good part of a second.
+// The console. First, so that it answers while the parts are made.
 
 const connection = new Connection(heard, (state) => {
   byId("link").className = `link ${state}`;
@@ -170,7 +170,10 @@ function adopt(next) {
   goal.keep(scene.objects);
   drawObjects();
   drawSeen();
+  if (document.body.dataset.ready) return;
   document.body.dataset.ready = "true";
+  // After the frame that shows all this.
+  requestAnimationFrame(() => setTimeout(() => world.begin().catch(({ message }) => notice({ message: `The scene cannot be drawn here: ${message}` }, "bad"))));
 }
 
 function drawObjects() {

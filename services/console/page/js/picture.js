@@ -108,7 +108,7 @@ export class Picture {
     const { clientWidth, clientHeight } = this.box, ratio = Math.min(devicePixelRatio || 1, 2);
     const [width, height] = [Math.round(clientWidth * ratio), Math.round(clientHeight * ratio)];
     if (this.over.width !== width || this.over.height !== height) Object.assign(this.over, { width, height });
-    const context = this.over.getContext("2d");
+    const context = this.over.getContext("2d", { willReadFrequently: true });
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.clearRect(0, 0, width, height);
     const scene = this.#scene;

@@ -21,11 +21,12 @@ const BEST = 0x16a34a, FURTHER = 0x6f8fb8, QUERY = 0x2f7df0, ANCHOR = 0xd9822b, 
 
 const matrixOf = (rows) => new THREE.Matrix4().set(...rows);
 
+/** Empties a group. Its materials are left to be collected: they hold nothing but a share in a program, and the last share that is given back takes the
+ *  program along, to be compiled anew for the next cloud or answer. That takes longer than drawing it. */
 function dispose(group) {
   group.traverse((part) => {
     part.geometry?.dispose();
-    if (part.material?.map) part.material.map.dispose();
-    part.material?.dispose?.();
+    part.material?.map?.dispose();
   });
   group.clear();
 }
@@ -55,6 +56,26 @@ function numberSprite(text, color) {
   return sprite;
 }
 
+/** Whether WebGL is computed by the processor. */
+function isSoftware() {
+  const gl = document.createElement("canvas").getContext("webgl2"), named = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = named ? gl.getParameter(named.UNMASKED_RENDERER_WEBGL) : "";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(name);
+}
+
+/** One of each kind of what answers are drawn with, never shown: so that its programs are there before the first answer. */
+function samples() {
+  const group = new THREE.Group(), geometry = new THREE.BufferGeometry();
+  group.visible = false;
+  geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(9), 3));
+  group.add(new THREE.Points(geometry, new THREE.PointsMaterial({ transparent: true })),
+    new THREE.Points(geometry, new THREE.PointsMaterial({ map: dot(), transparent: true, alphaTest: 0.3 })),
+    new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ transparent: true, depthWrite: false })),
+    new THREE.Box3Helper(new THREE.Box3(), BEST), numberSprite("1", "#16a34a"));
+  return group;
+}
+
 export class World {
   #dirty = true; #zones = "[]"; #scene; #cloud; #ghosts = []; #lit = -1; #isTurned = false; #fitted = 0; #marks = { query: 0, anchors: [] }; #preview;
   #ray = new THREE.Raycaster();
@@ -62,12 +83,7 @@ export class World {
   /** `hovered(rank, event)` gets the ghost under the pointer, or -1; `moved()` is told when the viewer turns the scene. */
   constructor(box, { hovered, moved }) {
     this.box = box;
-    this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true, powerPreference: "low-power" });
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio || 1, 2));
-    this.canvas = this.renderer.domElement;
-    Object.assign(this.canvas, { tabIndex: 0 });
-    this.canvas.setAttribute("role", "img");
-    this.canvas.setAttribute("aria-label", "The scene in three dimensions. Drag to turn, scroll to come nearer, arrow keys to move.");
+    this.canvas = el("canvas", { tabIndex: 0, role: "img", "aria-label": "The scene in three dimensions. Drag to turn, scroll to come nearer, arrow keys to move." });
     box.append(this.canvas);
     this.scene = new THREE.Scene();
     this.camera = new THREE.PerspectiveCamera(46, 1, 0.02, 60);
@@ -95,10 +111,26 @@ export class World {
     this.canvas.addEventListener("pointerleave", (event) => hovered(-1, event));
     new ResizeObserver(() => this.#resize()).observe(box);
     this.#resize();
+  }
+
+  /** Begins to draw. Getting WebGL, and its first frame, hold the page up for a good part of a second where it is drawn in software: for when what
+   *  comes first is shown. */
+  async begin() {
+    // In software smooth edges make a frame three times as long.
+    const renderer = new THREE.WebGLRenderer({ canvas: this.canvas, antialias: !isSoftware(), alpha: true, powerPreference: "low-power" });
+    renderer.setPixelRatio(Math.min(devicePixelRatio || 1, 2));
+    // Asking for a program's errors waits until it is compiled.
+    renderer.debug.checkShaderErrors = false;
+    this.scene.add(samples());
+    // Beside the page, which goes on meanwhile.
+    await renderer.compileAsync(this.scene, this.camera);
+    this.renderer = renderer;
+    this.#resize();
     const frame = () => {
       if (this.#dirty && !document.hidden) {
         this.#dirty = false;
-        this.renderer.render(this.scene, this.camera);
+        renderer.render(this.scene, this.camera);
+        document.body.dataset.drawn ??= Math.round(performance.now());
       }
       requestAnimationFrame(frame);
     };
@@ -118,11 +150,11 @@ export class World {
   #resize() {
     const { clientWidth, clientHeight } = this.box;
     if (!clientWidth || !clientHeight) return;
-    this.renderer.setSize(clientWidth, clientHeight, true);
     this.camera.aspect = clientWidth / clientHeight;
     this.camera.updateProjectionMatrix();
+    this.renderer?.setSize(clientWidth, clientHeight, true);
     // At once: a resized canvas is empty until it is drawn.
-    this.renderer.render(this.scene, this.camera);
+    this.renderer?.render(this.scene, this.camera);
   }
 
   /** Shows or hides a layer. */

@@ -11,12 +11,10 @@ use repose_runtime::CallOptions;
 use repose_tracking::Known;
 
 use super::site::PageSite;
+use crate::ConsoleConfig;
 use crate::arrangement::ArrangementShown;
 use crate::cell::{Camera, Cell};
 use crate::messages::Answered;
-
-/// How often an object is tried.
-const ATTEMPTS: usize = 3;
 
 /// Asks the planner for moves after which all goals hold.
 ///
@@ -41,7 +39,7 @@ pub fn begin(
     scene: Arc<Scene>,
     robot: String,
     request: ArrangeRequest,
-    deadline: Duration,
+    config: &ConsoleConfig,
 ) -> Result<Answered, CallError> {
     request.validate()?;
     let known = Known::of(&scene.meta.objects);
@@ -50,6 +48,7 @@ pub fn begin(
     }
     let shown = ArrangementShown::of(&request.goals);
     cell.begin(|activity| activity.arrangement = Some(shown))?;
+    let (deadline, attempts) = (Duration::from_millis(config.request_deadline_ms), config.attempts);
     tokio::spawn(async move {
         let site = PageSite::of(cell.clone(), camera, robot, deadline).for_arrangement();
         let told = |news: News<'_>| {
@@ -58,7 +57,7 @@ pub fn begin(
                 News::Tried(step) => shown.tried(step),
             });
         };
-        match bring_about(site, Some(&scene), request, ATTEMPTS, told).await {
+        match bring_about(site, Some(&scene), request, attempts, told).await {
             Ok(told) => show(&cell, |shown| shown.ended(told)),
             Err(error) => show(&cell, |shown| shown.failed(error)),
         }

@@ -76,7 +76,10 @@ fn admitted(state: &State, request: &Request) -> Result<(), String> {
     state.access.admits(text(header::HOST), text(header::ORIGIN), site)
 }
 
-async fn index() -> Response {
+async fn index(Shared(state): Shared<Arc<State>>, headers: HeaderMap) -> Response {
+    if state.role(&headers).is_some() {
+        state.expect_viewer();
+    }
     let nonce = uuid::Uuid::new_v4().simple().to_string();
     let policy = format!(
         "default-src 'none'; script-src 'self' 'nonce-{nonce}'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; \

@@ -145,7 +145,7 @@ impl Viewer {
             Ask::Sequence { scene_id, robot, goals } => {
                 let (cell, camera) = (self.cell()?, self.camera()?);
                 let scene = self.scene(&cell, &scene_id).await?;
-                super::sequence::begin(cell, camera, scene, robot, goals, Duration::from_millis(self.state.config.request_deadline_ms))
+                super::sequence::begin(cell, camera, scene, robot, goals, &self.state.config)
             }
             Ask::Arrange { request } => {
                 let cell = self.cell()?;
@@ -156,7 +156,7 @@ impl Viewer {
             Ask::BringAbout { robot, request } => {
                 let (cell, camera) = (self.cell()?, self.camera()?);
                 let scene = self.scene(&cell, &request.scene.scene_id).await?;
-                super::arrangement::begin(cell, camera, scene, robot, *request, self.deadline())
+                super::arrangement::begin(cell, camera, scene, robot, *request, &self.state.config)
             }
             Ask::EndSequence => {
                 let cell = self.cell()?;

@@ -10,6 +10,7 @@ use repose_executive::sequence::{Sequence, Step};
 use repose_proto::{CallError, Message as _, PlaceRequest, Scene};
 use repose_tracking::Known;
 
+use crate::ConsoleConfig;
 use crate::cell::{Camera, Cell};
 use crate::messages::{Answered, SequenceShown, Stage, StepShown};
 
@@ -17,8 +18,6 @@ use super::site::PageSite;
 
 /// Goals of one sequence at most.
 const MAX_GOALS: usize = 32;
-/// Attempts at each goal.
-const ATTEMPTS: usize = 3;
 
 /// Begins a sequence.
 ///
@@ -30,7 +29,7 @@ pub fn begin(
     scene: Arc<Scene>,
     robot: String,
     goals: Vec<PlaceRequest>,
-    deadline: Duration,
+    config: &ConsoleConfig,
 ) -> Result<Answered, CallError> {
     if goals.is_empty() || goals.len() > MAX_GOALS {
         return Err(CallError::invalid("goals", format!("expected 1 to {MAX_GOALS} goals, got {}", goals.len())));
@@ -51,9 +50,10 @@ pub fn begin(
     };
     let shown = SequenceShown { steps: goals.iter().map(step).collect(), ended: false };
     cell.begin(|activity| activity.sequence = Some(shown))?;
+    let (deadline, attempts) = (Duration::from_millis(config.request_deadline_ms), config.attempts);
     tokio::spawn(async move {
         let site = PageSite::of(cell.clone(), camera, robot, deadline).for_sequence();
-        if let Err(error) = achieve(site, &scene, &goals).await {
+        if let Err(error) = achieve(site, &scene, &goals, attempts).await {
             cell.update_step(|step| (step.stage, step.error) = (Stage::Failed, error));
         }
         end(&cell);
@@ -62,7 +62,7 @@ pub fn begin(
 }
 
 /// Achieves the goals; where one was not achieved it is an error, with one to show where there is one.
-async fn achieve(site: PageSite, scene: &Scene, goals: &[PlaceRequest]) -> Result<(), Option<CallError>> {
+async fn achieve(site: PageSite, scene: &Scene, goals: &[PlaceRequest], attempts: usize) -> Result<(), Option<CallError>> {
     let cell = site.cell().clone();
     let told = |step: &Step| {
         cell.update_step(|shown| {
@@ -73,7 +73,7 @@ async fn achieve(site: PageSite, scene: &Scene, goals: &[PlaceRequest]) -> Resul
             }
         });
     };
-    let mut sequence = Sequence::begin(site, Some(scene), ATTEMPTS).await?;
+    let mut sequence = Sequence::begin(site, Some(scene), attempts).await?;
     sequence.achieve(goals, told).await?;
     match sequence.steps.last() {
         Some(last) if last.result.placements.is_empty() => Err(Some(CallError::precondition("there is no such placement"))),

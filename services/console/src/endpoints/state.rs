@@ -1,8 +1,9 @@
 //! What all requests share: the session, who may, and the cells that somebody looks at.
 
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicU64, AtomicUsize};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Weak};
+use std::time::Duration;
 
 use axum::http::{HeaderMap, HeaderValue, header};
 use repose_proto::CallError;
@@ -14,6 +15,9 @@ use crate::access::{Access, Role, token_in};
 use crate::cell::{Cell, follow_cells};
 use crate::viewers::Audience;
 
+/// How long a page that was asked for may take until it looks at its cell: longer, and the cell is let go until it does.
+const PAGE_WITHIN: Duration = Duration::from_secs(5);
+
 /// What all requests share.
 pub struct State {
     pub(super) session: Session,
@@ -22,6 +26,8 @@ pub struct State {
     pub(super) over_tls: bool,
     cells: Mutex<BTreeMap<String, Weak<Cell>>>,
     everywhere: OnceCell<Arc<Audience>>,
+    /// Whether the cell is followed for a page that was asked for.
+    expects: AtomicBool,
     pub(super) open_viewers: Arc<AtomicUsize>,
     pub(super) next_viewer: AtomicU64,
 }
@@ -36,6 +42,7 @@ impl State {
             over_tls,
             cells: Mutex::default(),
             everywhere: OnceCell::new(),
+            expects: AtomicBool::new(false),
             open_viewers: Arc::default(),
             next_viewer: AtomicU64::new(1),
         }
@@ -51,6 +58,22 @@ impl State {
         cells.retain(|_, known| known.strong_count() > 0);
         cells.insert(name.to_owned(), Arc::downgrade(&cell));
         Ok(cell)
+    }
+
+    /// Begins to follow this console's cell for a page that was asked for: while the browser reads the page, its first picture and scene come.
+    pub(super) fn expect_viewer(self: &Arc<Self>) {
+        if self.expects.swap(true, Ordering::AcqRel) {
+            return;
+        }
+        let state = self.clone();
+        tokio::spawn(async move {
+            // What cannot be followed is told to the viewer when it asks.
+            if let Ok(cell) = state.cell(state.session.cell().name()).await {
+                let _camera = cell.camera(None).await;
+                tokio::time::sleep(PAGE_WITHIN).await;
+            }
+            state.expects.store(false, Ordering::Release);
+        });
     }
 
     /// Those who are told which cells there are.

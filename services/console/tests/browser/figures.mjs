@@ -1,5 +1,6 @@
 // What looking at a cell and recording it cost, on a system that runs for nothing else: `scripts/browser-tests --figures`. Prints one JSON
-// document. SECONDS is how long each cost is measured, MINUTES how long memory is watched.
+// document. SECONDS is how long each cost is measured, MINUTES how long memory is watched, ROUNDS of REQUESTS the throughput; FIGURES names
+// those that are wanted of `viewers,page,slowing,memory`, all without it.
 
 import { execFile, spawn } from "node:child_process";
 import { once } from "node:events";
@@ -14,7 +15,10 @@ import { cpuMs, residentMb, startBrowser, startSystem } from "./system.mjs";
 import { viewer } from "./viewer.mjs";
 
 const VIEWERS = 8, SECONDS = Number(process.env.SECONDS ?? 20), MINUTES = Number(process.env.MINUTES ?? 5);
-const OPENINGS = 5, CLICKS = 5, ROUNDS = 4, REQUESTS = 60;
+const OPENINGS = 5, CLICKS = 5, ROUNDS = Number(process.env.ROUNDS ?? 4), REQUESTS = Number(process.env.REQUESTS ?? 60);
+/** Between two openings: the console has let go by then of what it followed for the last one. */
+const APART_MS = 6000;
+const wanted = process.env.FIGURES?.split(",") ?? ["viewers", "page", "slowing", "memory"];
 
 // What users get: not the thin cloud of the tests.
 const DEFAULTS = { REPOSE_CONSOLE__CLOUD_POINTS: "60000", REPOSE_CONSOLE__SCENE_PERIOD_MS: "500" };
@@ -48,14 +52,16 @@ async function viewers(system) {
   return figures;
 }
 
-/** How long until the page is usable, and how much longer than the placement takes until its answer is drawn. */
+/** How long until the page is usable and a click on it shows, until its scene is drawn, and how much longer than the placement takes until its answer is. */
 async function page(system) {
-  const browser = await startBrowser(), opened = [], beyond = [];
+  const browser = await startBrowser(), opened = [], drawn = [], clicked = [], beyond = [];
   try {
     for (let k = 0; k < OPENINGS; k++) {
-      const page = await open(browser, system.url);
+      const page = await open(browser, system.url, { atOnce: async (page) => clicked.push(await untilPicked(page)) });
       opened.push(page.openedMs);
+      drawn.push(page.drawnMs);
       await page.context().close();
+      await pause(APART_MS);
     }
     const page = await open(browser, system.url);
     const [query, anchor] = await objects(page);
@@ -67,8 +73,18 @@ async function page(system) {
   }
   return {
     opened_ms: rounded(opened), opened_median_ms: Math.round(median(opened)),
+    first_click_shown_after_ms: rounded(clicked), scene_drawn_ms: rounded(drawn), scene_drawn_median_ms: Math.round(median(drawn)),
     click_to_drawn_beyond_placement_ms: rounded(beyond), click_to_drawn_median_ms: Math.round(median(beyond)),
   };
+}
+
+/** Clicks the first object, and waits until it is marked and shown so; milliseconds. */
+async function untilPicked(page) {
+  const [first] = await objects(page), clicked = performance.now();
+  await clickObject(page, first);
+  await page.waitForSelector("#objects button.query");
+  await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
+  return performance.now() - clicked;
 }
 
 /** Asks, and waits until the answer is drawn; milliseconds beyond the placement's own. */
@@ -134,23 +150,34 @@ async function slowing(system, folder) {
   };
 }
 
-/** Resident memory of every process once a quarter of MINUTES, with eight viewers and a recorder, MiB. */
+/** Resident memory of every process once a minute, and how fast it grows over the second half, with eight viewers and a recorder; MiB. */
 async function memory(system, folder) {
   const watching = Array.from({ length: VIEWERS }, () => viewer(system.url)), recording = await recorder(system, folder);
   const processes = { ...system.processes(), recorder: recording.pid }, resident = Object.fromEntries(Object.keys(processes).map((name) => [name, []]));
-  for (let k = 0; k <= 4; k++) {
-    if (k) await pause(MINUTES * 15_000);
+  for (let k = 0; k <= MINUTES; k++) {
+    if (k) await pause(60_000);
     for (const [name, pid] of Object.entries(processes)) resident[name].push(Math.round(residentMb(pid)));
+    console.error(`memory after ${k} minutes: ${JSON.stringify(Object.fromEntries(Object.entries(resident).map(([name, of]) => [name, of.at(-1)])))}`);
   }
   for (const { close } of watching) close();
-  await recording.end();
-  return { minutes: MINUTES, resident_mb: resident };
+  const pictures = watching.map((one) => one.pictures), { lost } = await recording.end();
+  // What is filled once (buffers, remembered scenes) is filled in the first half.
+  const late = (values) => slope(values.slice(Math.floor(values.length / 2)));
+  const grows = Object.fromEntries(Object.entries(resident).map(([name, values]) => [name, Math.round(100 * late(values)) / 100]));
+  return { minutes: MINUTES, resident_mb: resident, grows_mb_a_minute: grows, pictures_of_viewers: pictures, lost_in_memory_run: lost };
+}
+
+/** By how much the values of a line through them rise from one to the next. */
+function slope(values) {
+  const mean = (of) => of.reduce((sum, value) => sum + value, 0) / of.length;
+  const [at, level] = [(values.length - 1) / 2, mean(values)];
+  return mean(values.map((value, k) => (k - at) * (value - level))) / mean(values.map((_, k) => (k - at) ** 2));
 }
 
 const system = await startSystem({ environment: DEFAULTS }), folder = mkdtempSync(join(tmpdir(), "repose-figures-"));
 const figures = {};
 try {
-  Object.assign(figures, await viewers(system), await page(system), await slowing(system, folder), await memory(system, folder));
+  for (const figure of [viewers, page, slowing, memory].filter(({ name }) => wanted.includes(name))) Object.assign(figures, await figure(system, folder));
 } finally {
   await system.stop();
   rmSync(folder, { recursive: true });

@@ -9,8 +9,9 @@ export const PATIENCE_MS = 120_000;
 
 export const SCREENS = `${process.env.REPOSE_BROWSER_MODULES}/screens`;
 
-/** Opens the page and waits until a scene is drawn; how long that took, milliseconds, is in `openedMs`. */
-export async function open(browser, url, options = {}) {
+/** Opens the page and waits until it can be used and its scene is drawn; milliseconds until then are in `openedMs` and `drawnMs`. With `atOnce(page)` that is
+ *  done as soon as the page can be used. */
+export async function open(browser, url, { atOnce, ...options } = {}) {
   const context = await browser.newContext({ viewport: { width: 1440, height: 900 }, colorScheme: "light", ...options });
   context.setDefaultTimeout(PATIENCE_MS);
   const page = await context.newPage();
@@ -21,6 +22,9 @@ export async function open(browser, url, options = {}) {
   await page.goto(url);
   await page.waitForSelector("body[data-ready=true]", { timeout: PATIENCE_MS });
   page.openedMs = performance.now() - started;
+  await atOnce?.(page);
+  await page.waitForSelector("body[data-drawn]", { timeout: PATIENCE_MS });
+  page.drawnMs = performance.now() - started;
   return page;
 }
 

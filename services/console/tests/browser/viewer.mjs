@@ -4,14 +4,25 @@ import { connect } from "node:net";
 
 const UPGRADE = ["Connection: Upgrade", "Upgrade: websocket", "Sec-WebSocket-Version: 13", "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA=="].join("\r\n");
 
-/** Looks at the camera `front` of the cell `cell`. */
+/** How long until a viewer that was let go looks again, as a page does. */
+const AGAIN_MS = 1000;
+
+/** Looks at the camera `front` of the cell `cell`, until it is closed. */
 export function viewer(url) {
+  const counted = { bytes: 0, pictures: 0, pause: () => look.socket.pause(), close: () => { look.isOver = true; look.socket.destroy(); } };
+  const look = { isOver: false, again: () => look.isOver || begin(url, counted, look) };
+  begin(url, counted, look);
+  return counted;
+}
+
+function begin(url, counted, look) {
   const { hostname, port } = new URL(url), socket = connect(Number(port), hostname);
-  const counted = { bytes: 0, pictures: 0, pause: () => socket.pause(), close: () => socket.destroy() };
+  look.socket = socket;
   let buffered = Buffer.alloc(0), isOpen = false;
   const send = (message) => socket.write(frame(JSON.stringify(message)));
   socket.write(`GET /socket HTTP/1.1\r\nHost: ${hostname}:${port}\r\n${UPGRADE}\r\n\r\n`);
   socket.on("error", () => {});
+  socket.on("close", () => setTimeout(look.again, AGAIN_MS));
   socket.on("data", (data) => {
     counted.bytes += data.length;
     buffered = Buffer.concat([buffered, data]);
@@ -28,7 +39,6 @@ export function viewer(url) {
       send({ id: 0, ask: "seen", what });
     }
   });
-  return counted;
 }
 
 /** A text of at most 125 bytes as a frame; its mask is zero. */
