@@ -5,7 +5,7 @@ use repose_proto::arrange::{Conflict, ObjectGoal, Purpose};
 use repose_proto::{CallError, GoalTerm};
 use serde::Serialize;
 
-use crate::messages::Stage;
+use crate::stage::Stage;
 
 /// Goals that are brought about together, or were last. Ids are those of the view that was asked about.
 #[derive(Debug, Clone, PartialEq, Serialize)]

@@ -20,7 +20,9 @@ use tokio::time::{MissedTickBehavior, interval};
 
 use crate::ConsoleConfig;
 use crate::arm::{PlanShown, link_poses};
-use crate::messages::{Activity, RobotShown, Stage, StepShown, SystemShown, Told, WorkerShown};
+use crate::arrangement::ArrangementShown;
+use crate::messages::{Activity, RobotShown, StepShown, SystemShown, Told, WorkerShown};
+use crate::stage::Stage;
 use crate::system::Cameras;
 use crate::view::{Kind, Picture, View, picture_bytes};
 use crate::viewers::{Audience, Message, Topic};
@@ -167,7 +169,7 @@ impl Cell {
             change(&mut known.activity);
             known.activity.clone()
         };
-        self.shared.audience.tell(&Topic::Activity, &Told::Activity(activity).encode());
+        self.shared.audience.tell(&Topic::Activity, &Told::Activity(Box::new(activity)).encode());
     }
 
     /// Begins to carry out something of several moves, unless something is under way.
@@ -192,6 +194,15 @@ impl Cell {
         self.update(|activity| {
             if let Some(step) = activity.sequence.as_mut().and_then(|sequence| sequence.steps.iter_mut().find(is_open)) {
                 change(step);
+            }
+        });
+    }
+
+    /// Changes what is shown of the arrangement that is brought about, where there is one, and tells everybody.
+    pub fn update_arrangement(&self, change: impl FnOnce(&mut ArrangementShown)) {
+        self.update(|activity| {
+            if let Some(shown) = &mut activity.arrangement {
+                change(shown);
             }
         });
     }

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::access::Role;
 use crate::arm::{LinkPoses, PlanShown};
 use crate::arrangement::ArrangementShown;
+use crate::stage::Stage;
 use crate::viewers::Message;
 
 /// A request of a viewer's; `id` comes back with its answer.
@@ -181,7 +182,7 @@ pub enum Told {
     /// A robot.
     Robot(Box<RobotShown>),
     /// What is being carried out in the cell, or was last.
-    Activity(Activity),
+    Activity(Box<Activity>),
     /// A motion that somebody planned in the cell; none once it has begun or is out of date.
     Plan {
         /// The plan.
@@ -393,26 +394,6 @@ pub struct StepShown {
     /// Why it ended without its goal.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<CallError>,
-}
-
-/// How far a goal of a sequence is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Stage {
-    /// Not begun.
-    Waiting,
-    /// A fresh view is waited for.
-    Looking,
-    /// The planner searches.
-    Placing,
-    /// Motion plans.
-    Planning,
-    /// The robot moves.
-    Moving,
-    /// Carried out, and its goal holds.
-    Held,
-    /// Ended without its goal.
-    Failed,
 }
 
 #[cfg(test)]

@@ -52,29 +52,20 @@ pub fn begin(
     tokio::spawn(async move {
         let site = PageSite::of(cell.clone(), camera, robot, deadline).for_arrangement();
         let told = |news: News<'_>| {
-            show(&cell, |shown| match news {
+            cell.update_arrangement(|shown| match news {
                 News::Planned(planned) => shown.planned(planned),
                 News::Tried(step) => shown.tried(step),
             });
         };
         match bring_about(site, Some(&scene), request, attempts, told).await {
-            Ok(told) => show(&cell, |shown| shown.ended(told)),
-            Err(error) => show(&cell, |shown| shown.failed(error)),
+            Ok(told) => cell.update_arrangement(|shown| shown.ended(told)),
+            Err(error) => cell.update_arrangement(|shown| shown.failed(error)),
         }
     });
     Ok(Answered::Done {})
 }
 
-/// Changes what is shown of the arrangement that is brought about, and tells everybody.
-pub fn show(cell: &Cell, change: impl FnOnce(&mut ArrangementShown)) {
-    cell.update(|activity| {
-        if let Some(shown) = &mut activity.arrangement {
-            change(shown);
-        }
-    });
-}
-
 /// Ends the one that is under way, after the move that it is at.
 pub fn end(cell: &Cell) {
-    show(cell, |shown| shown.ending = true);
+    cell.update_arrangement(|shown| shown.ending = true);
 }

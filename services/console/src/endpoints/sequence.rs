@@ -12,7 +12,8 @@ use repose_tracking::Known;
 
 use crate::ConsoleConfig;
 use crate::cell::{Camera, Cell};
-use crate::messages::{Answered, SequenceShown, Stage, StepShown};
+use crate::messages::{Answered, SequenceShown, StepShown};
+use crate::stage::Stage;
 
 use super::site::PageSite;
 

@@ -9,10 +9,9 @@ use repose_proto::robot::RobotState;
 use repose_proto::{CallError, Payload, Scene, SceneSummary, Service};
 use repose_runtime::{Answer, Caller, robot_state};
 
-use super::arrangement;
 use super::calls::{execute, moving, shown};
 use crate::cell::{Camera, Cell};
-use crate::messages::Stage;
+use crate::stage::Stage;
 
 /// The cell, camera and robot.
 pub struct PageSite {
@@ -107,7 +106,7 @@ impl Site for PageSite {
         match self.shown_in {
             ShownIn::Nothing => {}
             ShownIn::Sequence => self.cell.update_step(|step| step.stage = stage),
-            ShownIn::Arrangement => arrangement::show(&self.cell, |shown| shown.stage = stage),
+            ShownIn::Arrangement => self.cell.update_arrangement(|shown| shown.stage = stage),
         }
     }
 

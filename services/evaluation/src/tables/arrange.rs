@@ -9,8 +9,9 @@ use repose_proto::CallError;
 use repose_proto::place::Variant;
 use serde::Serialize;
 
+use crate::scenes::arrangement::carried_out::PlanFault;
 use crate::scenes::arrangement::task::{ArrangementTask, Shapes, TaskKind};
-use crate::scenes::arrangement::trial::{PlanFault, TaskRecord, TrialSettings, try_task};
+use crate::scenes::arrangement::trial::{TaskRecord, TrialSettings, try_task};
 use crate::scenes::one_scene::forecasts_of;
 use crate::statistics::quantile::Sorted;
 use crate::statistics::rate::Rate;

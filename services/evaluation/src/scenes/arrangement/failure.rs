@@ -7,8 +7,8 @@ use repose_simulator::release::{Outcome as Released, Surroundings, Thing};
 use repose_simulator::scene::{Scene as Table, SceneObject};
 use serde::{Deserialize, Serialize};
 
+use crate::scenes::arrangement::carried_out::CarriedOut;
 use crate::scenes::arrangement::task::ArrangementTask;
-use crate::scenes::arrangement::trial::CarriedOut;
 
 /// What a place is lowered by to find what would carry an object there, metres.
 const REACH_M: f64 = 0.03;

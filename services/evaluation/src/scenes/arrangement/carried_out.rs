@@ -1,0 +1,111 @@
+//! What moves come to in the true world: each is let go where it was planned, from where its object truly stands.
+
+use nalgebra::Isometry3;
+use repose_simulator::release::{Outcome as Released, ReleaseSettings, released};
+use repose_simulator::scene::Scene as Table;
+use serde::{Deserialize, Serialize};
+
+use crate::scenes::arrangement::task::ArrangementTask;
+use crate::scenes::outcome::{OTHERS_MOVED_M, PENETRATION_M, STABLE_M, TILT_RAD};
+
+/// What went wrong with a plan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PlanFault {
+    /// There was none.
+    NoPlan,
+    /// Its search was cut short.
+    CutShort,
+    /// An object was put more than 5 mm into something.
+    Pressed,
+    /// An object tipped.
+    Tipped,
+    /// Something else moved more than 2 cm.
+    MovedOthers,
+    /// An object moved 5 cm where it was let go.
+    Slid,
+    /// All stayed, but a goal does not hold.
+    Goal,
+}
+
+impl PlanFault {
+    /// Its name, as in records.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::NoPlan => "no_plan",
+            Self::CutShort => "cut_short",
+            Self::Pressed => "pressed",
+            Self::Tipped => "tipped",
+            Self::MovedOthers => "moved_others",
+            Self::Slid => "slid",
+            Self::Goal => "goal",
+        }
+    }
+}
+
+/// An object and the motion of the world that carries it.
+pub(super) type Move = (u16, Isometry3<f64>);
+
+/// What moves came to in the true world.
+pub(super) struct CarriedOut {
+    /// The first fault.
+    pub fault: Option<PlanFault>,
+    /// The move that it came with, and what came of that.
+    pub came: Option<(usize, Released)>,
+    /// The table before that move, or after all of them.
+    pub table: Table,
+}
+
+impl CarriedOut {
+    pub(super) fn failed(fault: PlanFault, task: &ArrangementTask) -> Self {
+        Self { fault: Some(fault), came: None, table: task.truth.clone() }
+    }
+}
+
+/// Carries moves out in the true world, up to the first fault.
+pub(super) fn carried_out(task: &ArrangementTask, moves: &[Move]) -> CarriedOut {
+    let settings = ReleaseSettings { ends_at_rest: true, ..ReleaseSettings::default() };
+    let mut table = task.truth.clone();
+    for (k, (object, placed_from_observed)) in moves.iter().enumerate() {
+        let put = |index: usize| {
+            let placed = placed_from_observed * table.objects[index].world_from_object;
+            released(&table, index, &placed, &settings)
+        };
+        let Some(came) = task.index_of(*object).and_then(put) else { return CarriedOut::failed(PlanFault::NoPlan, task) };
+        let faults = [
+            (PlanFault::Pressed, came.penetration_m > PENETRATION_M),
+            (PlanFault::Tipped, came.tilt_rad > TILT_RAD),
+            (PlanFault::MovedOthers, came.others_moved_m > OTHERS_MOVED_M),
+            (PlanFault::Slid, came.moved_m > STABLE_M),
+        ];
+        if let Some((fault, _)) = faults.into_iter().find(|(_, is)| *is) {
+            return CarriedOut { fault: Some(fault), came: Some((k, came)), table };
+        }
+        table = table.with_poses(&came.world_from_objects);
+    }
+    CarriedOut { fault: (!task.hold(&table)).then_some(PlanFault::Goal), came: None, table }
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_dataset::Split;
+
+    use super::*;
+    use crate::scenes::arrangement::task::TaskKind;
+
+    #[test]
+    fn moves_are_tried_in_the_true_world_and_the_first_fault_is_named() {
+        let task = ArrangementTask::of_slot(Split::Train, (TaskKind::Free, 2), 1).expect("a task");
+        let fault = |moves: &[Move]| {
+            let end = carried_out(&task, moves);
+            (end.fault, end.came.map(|(k, _)| k))
+        };
+        assert_eq!(fault(&[]), (Some(PlanFault::Goal), None), "nothing was done");
+        let object = task.goals[0].object;
+        let dropped = (object, Isometry3::translation(0.0, 0.0, 0.3));
+        let end = fault(&[dropped]);
+        assert!(matches!(end, (Some(PlanFault::Slid | PlanFault::Tipped), Some(0))), "{end:?}");
+        let sunk = (object, Isometry3::translation(0.0, 0.0, -0.02));
+        assert_eq!(fault(&[sunk]), (Some(PlanFault::Pressed), Some(0)));
+    }
+}
