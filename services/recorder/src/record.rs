@@ -9,9 +9,8 @@ use std::time::Duration;
 use repose_proto::load::WorkerLoad;
 use repose_proto::perception::SceneRequest;
 use repose_proto::{JournalEntry, JournalKind, Payload, SceneSummary, Service, keys};
-use repose_runtime::{CallOptions, Caller, Sample, Session, Shutdown, Subscription, now_ns, yield_to_messages};
-use tokio::runtime::Handle;
-use tokio::sync::{mpsc, oneshot};
+use repose_runtime::{CallOptions, Caller, Sample, Session, Shutdown, Subscription, now_ns};
+use tokio::sync::mpsc;
 use tokio::time::Instant;
 
 use crate::RecordingError;
@@ -53,7 +52,7 @@ pub async fn record(
     let topic = format!("repose/v1/{}/{}", cell.name(), crate::file::SCENE_TOPIC);
     let lost = Lost::default();
     let writer = Writer::new(parts, topic, looks, lost.clone());
-    let mut writing = begin_writing(writer, captured, chunk_period);
+    let mut writing = tokio::task::spawn_blocking(move || writer.run(captured, chunk_period));
 
     let subscribe = async |key: String, room: usize| session.subscribe_queue(&key, room).await;
     let mut heard = Heard {
@@ -93,25 +92,6 @@ pub async fn record(
         None => writing.await,
     };
     written.map_err(|e| repose_proto::CallError::internal(format!("the writer was lost: {e}")))?
-}
-
-/// Has a thread write: one that lets all others go first, for what it computes can wait and what a cell computes cannot.
-fn begin_writing(
-    writer: Writer,
-    captured: mpsc::Receiver<Captured>,
-    chunk_period: Duration,
-) -> oneshot::Receiver<Result<Summary, RecordingError>> {
-    let (ended, writing) = oneshot::channel();
-    let runtime = Handle::current();
-    std::thread::spawn(move || {
-        // Those that carry messages, and those that compute, which have yielded once.
-        yield_to_messages();
-        yield_to_messages();
-        let _entered = runtime.enter();
-        // Nobody waits for it where recording was given up.
-        drop(ended.send(writer.run(captured, chunk_period)));
-    });
-    writing
 }
 
 /// The workers alive that do not copy their calls, after some time.
