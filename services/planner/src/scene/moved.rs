@@ -7,9 +7,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Point2, Point3, Translation3, Vector2, Vector3};
-use repose_belief::columns::cells_of;
-use repose_belief::shape::{Shape, Slab};
+use nalgebra::{Isometry3, Point2, Point3, Translation3, Vector3};
+use repose_belief::covering::hidden_under;
+use repose_belief::shape::Shape;
 use repose_belief::{BeliefSettings, BelievedObject};
 use repose_geometry::{Aabb, Footprint};
 use repose_proto::place::Variant;
@@ -53,47 +53,12 @@ fn bared(table: &PreparedScene, object: u16) -> BTreeMap<u16, Shape> {
     let Some(carried) = shapes.get(&object).cloned() else { return shapes };
     for carrier in carriers(table, object) {
         let Some(shape) = shapes.get(&carrier) else { continue };
-        let hidden = hidden_under(table, &carried, shape.top_m);
-        if let Some(whole) = reaching(shape, &hidden) {
+        let hidden = hidden_under(&carried, shape.top_m, &table.belief.view, &table.belief.columns);
+        if let Some(whole) = shape.reaching(&hidden) {
             shapes.insert(carrier, whole);
         }
     }
     shapes
-}
-
-/// The shape of something that is known to reach to more places, seen from above. None where its outline vanishes.
-fn reaching(shape: &Shape, places: &[Point2<f32>]) -> Option<Shape> {
-    let with = |outline: &Footprint| {
-        Footprint::of(&outline.corners().iter().chain(places).map(|c| Point3::new(c.x, c.y, 0.0)).collect::<Vec<_>>())
-    };
-    let slabs: Vec<Slab> = shape.slabs.iter().map(|s| Some(Slab { outline: with(&s.outline)?, ..s.clone() })).collect::<Option<_>>()?;
-    let (before, top) = (&shape.slabs.last()?.outline, &slabs.last()?.outline);
-    let reach_m = |outline: &Footprint, back: &Vector2<f32>| outline.corners().iter().map(|c| c.coords.dot(back)).fold(f32::MIN, f32::max);
-    // What is known of its back is no longer in doubt.
-    let known_m = |back: &Vector2<f32>| reach_m(top, back) - reach_m(before, back);
-    let doubt = shape.doubt.try_normalize(1e-6).map_or(shape.doubt, |back| back * (shape.doubt.norm() - known_m(&back)).max(0.0));
-    // As far to one side of its middle as to the other.
-    let axis = shape.axis + (middle(top) - middle(before));
-    Some(Shape { axis, doubt, base: with(&shape.base)?, slabs, ..shape.clone() })
-}
-
-/// The middle of a convex outline's area.
-fn middle(outline: &Footprint) -> Point2<f32> {
-    let corners = outline.corners();
-    let triangles = corners[1..].windows(2).map(|pair| {
-        let twice_area = (pair[0] - corners[0]).perp(&(pair[1] - corners[0]));
-        ((corners[0].coords + pair[0].coords + pair[1].coords) * (twice_area / 3.0), twice_area)
-    });
-    let (weighted, total) = triangles.fold((Vector2::zeros(), 0.0), |(sum, total), (w, area)| (sum + w, total + area));
-    if total > 1e-12 { Point2::from(weighted / total) } else { corners[0] }
-}
-
-/// The places under an object, seen from above, where the camera did not look past its base: what carries it may reach there.
-fn hidden_under(table: &PreparedScene, carried: &Shape, top_m: f32) -> Vec<Point2<f32>> {
-    // A little lower than what the object stands on: above that there is only the object.
-    const BELOW_M: f32 = 0.01;
-    let is_hidden = |p: &Point2<f32>| !table.belief.view.is_free(&Point3::new(p.x, p.y, top_m - BELOW_M));
-    cells_of(&carried.base, 0.0, &table.belief.columns).filter(is_hidden).collect()
 }
 
 /// The objects that an object stands on.

@@ -33,6 +33,7 @@
 //! Pure: from points to beliefs, with fixed rules ([`settings`]); no I/O, no random numbers.
 
 pub mod columns;
+pub mod covering;
 pub mod crown;
 pub mod far_side;
 pub mod outlines;
@@ -52,6 +53,7 @@ use repose_geometry::{Aabb, cloud};
 use repose_proto::{CameraModel, Scene, Surface};
 
 use columns::{ColumnMap, ColumnRun, bounds_around, cells_of, cells_of_map};
+use covering::go_on_under;
 use crown::is_crowned;
 use plane::SupportPlane;
 use standing::{Seen, carried_by};
@@ -206,6 +208,8 @@ fn completed(seen: &Seen<'_>) -> BTreeMap<u16, Shape> {
     // Some supports are known only from a carrier's completed shape.
     let covering: Vec<(u16, Shape)> = shapes.keys().filter_map(|id| complete(*id, seen.covered_top_m(*id, &shapes)?)).collect();
     shapes.extend(covering);
+    let covered = shapes.keys().filter_map(|id| Some((*id, seen.covered_by(*id)?))).collect();
+    go_on_under(&mut shapes, &covered, seen.view, seen.columns);
     shapes
 }
 

@@ -29,6 +29,8 @@ pub struct BeliefSettings {
     pub border_px: f32,
     /// What stands on what.
     pub stack: StackSettings,
+    /// Objects that cover what carries them.
+    pub cover: CoverSettings,
     /// Completing objects.
     pub shape: ShapeSettings,
     /// Tops that carry nothing.
@@ -53,6 +55,7 @@ impl Default for BeliefSettings {
             trim_m: 0.004,
             border_px: 2.5,
             stack: StackSettings::default(),
+            cover: CoverSettings::default(),
             shape: ShapeSettings::default(),
             crown: CrownSettings::default(),
             sides: SideSettings::default(),
@@ -131,6 +134,48 @@ impl Default for StackSettings {
             raised_m: 0.045,
             contact_m: 0.015,
             carried_share: 0.35,
+        }
+    }
+}
+
+/// Objects that cover what carries them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CoverSettings {
+    /// The lowest part of the one and the highest of the other are this high, metres.
+    pub band_m: f32,
+    /// The lowest points are at most this far above the highest ones, metres: border cleaning takes a band off both, …
+    pub gap_m: f32,
+    /// … and at most this far below them.
+    pub over_m: f32,
+    /// The carrier shows at least this much of its front, metres: what is lower may lie before the object as well as under it.
+    pub min_height_m: f32,
+    /// No top is seen where the highest part is at most this deep in the direction of sight, metres: the noise of depth, and a rim.
+    pub narrow_m: f32,
+    /// Its depth is measured in strips of this width, metres, …
+    pub column_m: f32,
+    /// … without this share of their points at either end.
+    pub strays: f32,
+    /// The two are one above the other where their points are at most this far from each other, seen from above, metres.
+    pub aside_m: f32,
+    /// Share of the strips, and of the points, of which that must hold.
+    pub share: f32,
+    /// Points tried, at most.
+    pub sample: usize,
+}
+
+impl Default for CoverSettings {
+    fn default() -> Self {
+        Self {
+            band_m: 0.012,
+            gap_m: 0.02,
+            over_m: 0.004,
+            min_height_m: 0.025,
+            narrow_m: 0.012,
+            column_m: 0.01,
+            strays: 0.1,
+            aside_m: 0.012,
+            share: 0.7,
+            sample: 120,
         }
     }
 }

@@ -94,6 +94,31 @@ impl Shape {
         })
     }
 
+    /// The shape of something that is known to reach to more places, seen from above. None where its outline vanishes.
+    pub fn reaching(&self, places: &[Point2<f32>]) -> Option<Self> {
+        let with = |outline: &Footprint| {
+            Footprint::of(&outline.corners().iter().chain(places).map(|c| Point3::new(c.x, c.y, 0.0)).collect::<Vec<_>>())
+        };
+        let slabs: Vec<Slab> = self.slabs.iter().map(|s| Some(Slab { outline: with(&s.outline)?, ..s.clone() })).collect::<Option<_>>()?;
+        let (before, top) = (&self.slabs.last()?.outline, &slabs.last()?.outline);
+        let reach_m =
+            |outline: &Footprint, back: &Vector2<f32>| outline.corners().iter().map(|c| c.coords.dot(back)).fold(f32::MIN, f32::max);
+        // What is known of its back is no longer in doubt.
+        let known_m = |back: &Vector2<f32>| reach_m(top, back) - reach_m(before, back);
+        let doubt = self.doubt.try_normalize(1e-6).map_or(self.doubt, |back| back * (self.doubt.norm() - known_m(&back)).max(0.0));
+        // As far to one side of its middle as to the other.
+        let axis = self.axis + (area_centroid(top) - area_centroid(before));
+        Some(Self { axis, doubt, base: with(&self.base)?, slabs, ..self.clone() })
+    }
+
+    /// The same with its top at another height, above its bottom.
+    pub fn up_to(mut self, top_m: f32) -> Self {
+        if let Some(slab) = self.slabs.last_mut().filter(|slab| top_m > slab.low_m) {
+            (slab.high_m, self.top_m) = (top_m, top_m);
+        }
+        self
+    }
+
     /// How far the observed centroid is above the bottom, metres.
     pub fn centroid_height_m(&self) -> f32 {
         self.centroid.z as f32 - self.bottom_m

@@ -43,6 +43,9 @@ impl Seen<'_> {
     fn told_bottom_m(&self, id: u16) -> Option<f32> {
         let (points, settings) = (self.clouds.get(&id)?, self.settings);
         let robust = robust_box(points)?;
+        if let Some(covered) = self.covered_by(id) {
+            return Some(covered.contact_m);
+        }
         let lowest_m = robust.min.z;
         let limit_m = lowest_m + settings.bottom_slack_m;
         let own_m = lowest_m - self.trimmed_m(&robust.center());
