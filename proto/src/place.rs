@@ -295,6 +295,8 @@ pub enum Outcome {
 pub enum Rejection {
     /// It leans on something, and would tip wherever it is set down as it lies; another side may carry it (`rotation`: `stable`).
     Tips,
+    /// Something rests against it, and would come down when it is taken away.
+    Unsettles,
     /// Outside an asked region, or inside a forbidden one.
     Region,
     /// Not enough of it would be seen: outside the picture, or behind something.
@@ -313,6 +315,23 @@ pub enum Rejection {
     Unrealistic,
     /// Of the shortlist of `best` only: its success is less likely than the request demands.
     Unsure,
+}
+
+impl Rejection {
+    /// All reasons, in their order.
+    pub const ALL: [Self; 11] = [
+        Self::Tips,
+        Self::Unsettles,
+        Self::Region,
+        Self::OutOfView,
+        Self::Collision,
+        Self::Clearance,
+        Self::Unsupported,
+        Self::OutOfReach,
+        Self::Goal,
+        Self::Unrealistic,
+        Self::Unsure,
+    ];
 }
 
 /// A goal term by rule on shapes completed from the observed clouds, independent of any network.

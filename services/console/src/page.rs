@@ -85,6 +85,21 @@ mod tests {
 
     use super::*;
 
+    #[test]
+    fn every_reason_for_which_candidates_are_rejected_has_words_and_a_color() {
+        let words = include_str!("../page/js/words.js");
+        let table = |name: &str| {
+            let from = words.find(&format!("export const {name} = {{")).expect("a table of that name");
+            words[from..].split_once("};").expect("its end").0
+        };
+        for reason in repose_proto::place::Rejection::ALL {
+            let reason = serde_json::to_value(reason).expect("a name").as_str().expect("a name").to_owned();
+            for name in ["REJECTIONS", "REJECTION_COLORS"] {
+                assert!(table(name).contains(&format!(" {reason}: ")), "{name} lacks {reason}");
+            }
+        }
+    }
+
     fn on_disk(folder: &Path, found: &mut Vec<String>) {
         for entry in std::fs::read_dir(folder).expect("a folder") {
             let path = entry.expect("an entry").path();

@@ -81,6 +81,7 @@ pub fn planned(
         if time_is_up { ControlFlow::Break(StopReason::Deadline) } else { ControlFlow::Continue(()) }
     };
     let source = CandidateSource::new(&mut judge, &mut rng)?;
+    judge.learn_standing()?;
     let (mut findings, mut stopped) = search(&mut judge, source, &mut rng, &mut |done| {
         go_on(match done {
             None => SearchStep::Batch,

@@ -14,14 +14,15 @@ export const VARIANTS = {
 
 /** What rejected candidates. */
 export const REJECTIONS = {
-  region: "outside the region", out_of_view: "out of view", collision: "would collide", clearance: "too close to something",
-  unsupported: "not supported", goal: "goal would not hold", unrealistic: "not likely to stay", unreachable: "out of the robot's reach",
+  tips: "it leans and would tip", unsettles: "something rests against it and would come down", region: "outside the region",
+  out_of_view: "out of view", collision: "would collide", clearance: "too close to something", unsupported: "not supported", goal: "goal would not hold",
+  unrealistic: "not likely to stay", out_of_reach: "out of the robot's reach", unsure: "not as likely to succeed as asked",
 };
 
 /** A color for each of these. */
 export const REJECTION_COLORS = {
   region: "#7c8798", out_of_view: "#a58fd0", collision: "#d9483b", clearance: "#e58b2f", unsupported: "#c9a400", goal: "#3f7de0",
-  unrealistic: "#c2569b", unreachable: "#4b9a8e",
+  unrealistic: "#c2569b", out_of_reach: "#4b9a8e", unsure: "#b98ac0", tips: "#8a6d4b", unsettles: "#6f8f3a",
 };
 
 /** Why motion passed over a placement. */

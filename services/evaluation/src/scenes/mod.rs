@@ -13,5 +13,6 @@ pub mod robot_scene;
 pub mod robot_trial;
 pub mod script;
 pub mod stability_samples;
+pub mod standing_samples;
 pub mod success_samples;
 pub mod true_answers;

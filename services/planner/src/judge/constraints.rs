@@ -17,7 +17,7 @@ use crate::checks::visibility::view_miss;
 use crate::judge::judged::JudgedCandidate;
 use crate::judge::problem::PlacementProblem;
 use crate::scene::candidate::CandidatePose;
-use crate::settings::GoalBy;
+use crate::settings::{GoalBy, StandingBy};
 
 /// The constraints of one problem.
 #[derive(Debug)]
@@ -28,8 +28,9 @@ pub struct Constraints<'a> {
     clearance: Clearance<'a>,
     /// Of the robot that the request names.
     reach: Option<Reach<'a>>,
-    /// Whether the object tips wherever it is set down in the attitude in which it was seen.
-    tips: bool,
+    /// Why the object cannot be moved anywhere, with by how much: it tips wherever it is set down in the attitude in which it was seen, or
+    /// something comes down when it is taken away.
+    refused: Vec<(Rejection, f64)>,
     /// Heights at which things stand and of their tops; empty where the request says itself where to look.
     levels_m: Vec<f32>,
 }
@@ -44,8 +45,14 @@ impl<'a> Constraints<'a> {
         let asked = !problem.anchors_of(&[Relation::Above, Relation::Below]).is_empty() || problem.request.region.iter().any(|r| r.inside);
         let shapes = problem.prepared.belief.objects.values().filter_map(|object| object.shape.as_ref()).filter(|_| !asked);
         let levels_m = shapes.flat_map(|shape| [shape.bottom_m, shape.top_m]).collect();
-        let tips = problem.settings.recipe.grounded && problem.query.traits.leans();
-        Self { problem, touched, clearance, reach, tips, levels_m }
+        let tips = problem.settings.recipe.standing_by == StandingBy::Rule && problem.query.traits.leans();
+        let refused = if tips { vec![(Rejection::Tips, 1.0)] } else { Vec::new() };
+        Self { problem, touched, clearance, reach, refused, levels_m }
+    }
+
+    /// Rejects every candidate from now on for these reasons, each with by how much.
+    pub fn refuse(&mut self, reasons: impl IntoIterator<Item = (Rejection, f64)>) {
+        self.refused.extend(reasons);
     }
 
     /// A candidate after every constraint that needs no network.
@@ -53,8 +60,8 @@ impl<'a> Constraints<'a> {
         let PlacementProblem { prepared, query, request, settings, .. } = self.problem;
         let (fixed, recipe) = (&settings.fixed, settings.recipe);
         let mut judged = JudgedCandidate::new(candidate, mode);
-        if self.tips {
-            judged.reject(Rejection::Tips, 1.0);
+        for (reason, miss) in &self.refused {
+            judged.reject(*reason, *miss);
         }
         if let Some(miss) = region_miss(&candidate, &request.region) {
             judged.reject(Rejection::Region, miss);

@@ -21,8 +21,9 @@ use crate::judge::scorer::{Question, Scorer};
 use crate::judge::success::measures;
 use crate::learned::mixture::PriorMixture;
 use crate::learned::models::PlacementModels;
+use crate::learned::standing::Standing;
 use crate::scene::candidate::CandidatePose;
-use crate::settings::{GoalBy, Realism};
+use crate::settings::{GoalBy, Realism, StandingBy};
 
 /// Judges the candidates of one problem.
 pub struct Judge<'a> {
@@ -30,12 +31,20 @@ pub struct Judge<'a> {
     constraints: Constraints<'a>,
     scorer: Scorer<'a>,
     costs: Costs<'a>,
+    /// How the query stands where it was seen; none before a forecast was needed.
+    standing: Option<Standing>,
 }
 
 impl<'a> Judge<'a> {
     /// A judge that asks `models`.
     pub fn new(problem: PlacementProblem<'a>, models: &'a dyn PlacementModels) -> Self {
-        Self { problem, constraints: Constraints::new(problem), scorer: Scorer::new(problem, models), costs: Costs::new(problem) }
+        Self {
+            problem,
+            constraints: Constraints::new(problem),
+            scorer: Scorer::new(problem, models),
+            costs: Costs::new(problem),
+            standing: None,
+        }
     }
 
     /// What is judged.
@@ -105,13 +114,40 @@ impl<'a> Judge<'a> {
         }
     }
 
+    /// Learns how the query stands where it was seen, where the recipe goes by the forecasts of that: every candidate is rejected from then on
+    /// if it does not stand by itself, or cannot be taken away without bringing a neighbour down. To be called once the networks have answered.
+    ///
+    /// # Errors
+    /// As [`Judge::judge`].
+    pub fn learn_standing(&mut self) -> Result<(), CallError> {
+        if self.problem.settings.recipe.standing_by == StandingBy::Forecast {
+            let (wanted, standing) = (&self.problem.settings.fixed.standing, self.standing()?);
+            let misses = [
+                (Rejection::Tips, wanted.min_stands - standing.stands),
+                (Rejection::Unsettles, wanted.min_neighbour_stays - standing.neighbours_stay()),
+            ];
+            self.constraints.refuse(misses.into_iter().filter(|(_, miss)| *miss > 0.0));
+        }
+        Ok(())
+    }
+
+    /// How the query stands where it was seen.
+    fn standing(&mut self) -> Result<Standing, CallError> {
+        if let Some(standing) = &self.standing {
+            return Ok(*standing);
+        }
+        let PlacementProblem { prepared, query, .. } = self.problem;
+        Ok(*self.standing.insert(Standing::of(prepared, query.id, &*self.scorer.forecasts()?)))
+    }
+
     /// Says how likely a candidate succeeds that the networks were asked about.
     ///
     /// # Errors
     /// As [`Judge::judge`]; `failed_precondition` on `min_success` where that is demanded and the weights have no such forecast.
     pub fn forecast_success(&mut self, judged: &mut JudgedCandidate) -> Result<(), CallError> {
         let forecasts = self.scorer.forecasts()?;
-        judged.success_measures = measures(&self.problem, judged);
+        let standing = self.standing()?;
+        judged.success_measures = measures(&self.problem, &standing, judged);
         judged.success = forecasts.success.as_ref().zip(judged.success_measures.as_ref()).map(|(success, measures)| success.of(measures));
         if judged.success.is_none() && self.problem.settings.min_success.is_some() {
             return Err(CallError::precondition("the weights in service do not say how likely placements succeed").at("min_success"));

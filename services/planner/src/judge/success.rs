@@ -2,12 +2,13 @@
 
 use crate::judge::judged::JudgedCandidate;
 use crate::judge::problem::PlacementProblem;
+use crate::learned::standing::Standing;
 
 /// Gaps are cut here, metres: more is as good.
 const FAR_M: f64 = 0.06;
 
 /// The measures of a candidate that the networks were asked about; none before that.
-pub fn measures(problem: &PlacementProblem<'_>, judged: &JudgedCandidate) -> Option<Vec<f32>> {
+pub fn measures(problem: &PlacementProblem<'_>, standing: &Standing, judged: &JudgedCandidate) -> Option<Vec<f32>> {
     let of_place = judged.measures.as_ref()?;
     let goal = judged.relations.as_ref()?.iter().copied().fold(1.0, f32::min);
     let margin_m = judged.checks.as_ref()?.iter().map(|check| check.margin_m).fold(FAR_M, f64::min);
@@ -17,6 +18,8 @@ pub fn measures(problem: &PlacementProblem<'_>, judged: &JudgedCandidate) -> Opt
         f64::from(judged.realism?),
         f64::from(goal),
         margin_m.max(-FAR_M),
+        standing.stands,
+        standing.neighbours_stay(),
         judged.fragile_share?,
         problem.shape_gap_m(&judged.candidate).min(FAR_M),
         query.traits.gap_m.min(FAR_M),

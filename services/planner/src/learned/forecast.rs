@@ -5,17 +5,22 @@
 
 use std::collections::BTreeMap;
 
-use repose_proto::{CallError, ErrorCode};
+use repose_proto::CallError;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::learned::boosted_trees::BoostedTrees;
-use crate::learned::{stability, success};
+use crate::learned::{stability, standing, success};
 
 /// What the weights call the forecast that an object stays ([`stability`]).
 pub const STABILITY: &str = "stability";
 /// What the weights call the forecast that a placement succeeds ([`success`]).
 pub const SUCCESS: &str = "success";
+
+/// What the weights call the forecast that an object stands by itself ([`standing`]).
+pub const STANDS: &str = "stands";
+/// What the weights call the forecast that a neighbour stays when an object is taken away ([`standing`]).
+pub const NEIGHBOUR_STAYS: &str = "neighbour_stays";
 
 /// The data of a fit.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -87,6 +92,10 @@ impl Forecast {
 pub struct Forecasts {
     /// Whether an object stays where it is let go.
     pub stability: Forecast,
+    /// Whether an object stands by itself.
+    pub stands: Forecast,
+    /// Whether a neighbour stays when an object is taken away.
+    pub neighbour_stays: Forecast,
     /// Whether a placement succeeds; weights made before there was such a forecast have none.
     pub success: Option<Forecast>,
 }
@@ -95,20 +104,24 @@ impl Forecasts {
     /// The forecasts of weights, by name.
     ///
     /// # Errors
-    /// `failed_precondition` when the weights lack the stability, or a forecast is not one of this program.
+    /// `failed_precondition` when the weights lack one but that of success, or a forecast is not one of this program.
     pub fn read(by_name: &BTreeMap<String, Value>) -> Result<Self, CallError> {
         let read = |name: &str, names: &[&str]| {
             let read =
                 |value| Forecast::read(value, names).map_err(|e| CallError::precondition(format!("the weights' forecast {name}: {e}")));
             by_name.get(name).map(read).transpose()
         };
-        let none = || {
-            CallError::new(
-                ErrorCode::FailedPrecondition,
-                "the weights have no forecast of stability; `repose train --network stability` fits it",
-            )
+        let needed = |name: &str, names: &[&str], network: &str| {
+            read(name, names)?.ok_or_else(|| {
+                CallError::precondition(format!("the weights have no forecast {name}; `repose train --network {network}` fits it"))
+            })
         };
-        Ok(Self { stability: read(STABILITY, &stability::names())?.ok_or_else(none)?, success: read(SUCCESS, &success::names())? })
+        Ok(Self {
+            stability: needed(STABILITY, &stability::names(), "stability")?,
+            stands: needed(STANDS, &standing::names(), "standing")?,
+            neighbour_stays: needed(NEIGHBOUR_STAYS, &standing::names_of_neighbour(), "standing")?,
+            success: read(SUCCESS, &success::names())?,
+        })
     }
 }
 
@@ -130,10 +143,13 @@ mod tests {
         assert!(Forecast::new(&["a"], leaf(f32::NAN), FittedOn::default()).unwrap_err().to_string().contains("logit"));
         let of =
             |entries: &[(&str, &Value)]| Forecasts::read(&entries.iter().map(|(name, v)| ((*name).to_owned(), (*v).clone())).collect());
-        assert!(of(&[]).unwrap_err().message.contains("no forecast of stability"));
+        assert!(of(&[]).unwrap_err().message.contains("no forecast stability"));
         assert!(of(&[(STABILITY, &value)]).unwrap_err().message.contains("stability: measures"));
-        let stable = serde_json::to_value(Forecast::new(&stability::names(), leaf(1.0), FittedOn::default()).unwrap()).unwrap();
-        assert_eq!(of(&[(STABILITY, &stable)]).unwrap().success, None);
-        assert!(of(&[(STABILITY, &stable), (SUCCESS, &value)]).unwrap_err().message.contains("success: measures"));
+        let made = |names: &[&str]| serde_json::to_value(Forecast::new(names, leaf(1.0), FittedOn::default()).unwrap()).unwrap();
+        let (stability, stands, stays) = (made(&stability::names()), made(&standing::names()), made(&standing::names_of_neighbour()));
+        assert!(of(&[(STABILITY, &stability)]).unwrap_err().message.contains("--network standing"));
+        let needed = [(STABILITY, &stability), (STANDS, &stands), (NEIGHBOUR_STAYS, &stays)];
+        assert_eq!(of(&needed).unwrap().success, None);
+        assert!(of(&[needed.as_slice(), &[(SUCCESS, &value)]].concat()).unwrap_err().message.contains("success: measures"));
     }
 }

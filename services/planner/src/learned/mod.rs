@@ -5,4 +5,5 @@ pub mod forecast;
 pub mod mixture;
 pub mod models;
 pub mod stability;
+pub mod standing;
 pub mod success;

@@ -7,12 +7,15 @@
 use crate::learned::stability::{self, COUNT as OF_PLACE};
 
 /// The measures beside those of [`stability`], in their order.
-const BESIDE: [&str; 17] = [
+const BESIDE: [&str; 19] = [
     // The probability that it stays.
     "stays",
     // The least probability of a goal term, and the least margin by rule, metres.
     "goal",
     "goal_margin",
+    // The probabilities that it stands by itself, and that all neighbours stay when it is taken away.
+    "stands",
+    "neighbour_stays",
     // Share of small errors of its pose that break a constraint.
     "fragile",
     // How far the shapes of its neighbours are from it, metres; capped.

@@ -40,6 +40,17 @@ pub enum Realism {
     PriorDensity,
 }
 
+/// What tells whether the object stands by itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StandingBy {
+    /// Nothing: it is taken to.
+    Unasked,
+    /// A rule on the faces that it shows and on what it may lean on.
+    Rule,
+    /// The forecasts of how it stands, which also tell whether a neighbour rests against it; at the end of the search, of the shortlist.
+    Forecast,
+}
+
 /// What a variant is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Recipe {
@@ -51,23 +62,39 @@ pub struct Recipe {
     pub realism: Realism,
     /// Whether candidates are set down on observed supports and must pass the geometric checks of support and collision.
     pub grounded: bool,
+    /// What tells whether the object stands by itself, so that it can be set down as it was seen.
+    pub standing_by: StandingBy,
 }
 
 impl Recipe {
     /// The recipe of a variant.
     pub fn of(variant: Variant) -> Self {
-        let paper = Self { proposals: Proposals::Prior, goal_by: GoalBy::Learned, realism: Realism::Discriminator, grounded: false };
+        let paper = Self {
+            proposals: Proposals::Prior,
+            goal_by: GoalBy::Learned,
+            realism: Realism::Discriminator,
+            grounded: false,
+            standing_by: StandingBy::Unasked,
+        };
         match variant {
             Variant::Full | Variant::FullLambda1 => paper,
             Variant::NoDiscriminator => Self { realism: Realism::Unasked, ..paper },
             Variant::MeanOnly => Self { proposals: Proposals::PriorMeans, ..paper },
             Variant::MdnPrior => Self { realism: Realism::PriorDensity, ..paper },
-            Variant::Geometric => {
-                Self { proposals: Proposals::Geometric, goal_by: GoalBy::Rule, realism: Realism::Unasked, grounded: true }
-            }
-            Variant::Best => {
-                Self { proposals: Proposals::Both, goal_by: GoalBy::RuleRankedByLearned, realism: Realism::OutcomeRanks, grounded: true }
-            }
+            Variant::Geometric => Self {
+                proposals: Proposals::Geometric,
+                goal_by: GoalBy::Rule,
+                realism: Realism::Unasked,
+                grounded: true,
+                standing_by: StandingBy::Rule,
+            },
+            Variant::Best => Self {
+                proposals: Proposals::Both,
+                goal_by: GoalBy::RuleRankedByLearned,
+                realism: Realism::OutcomeRanks,
+                grounded: true,
+                standing_by: StandingBy::Forecast,
+            },
         }
     }
 

@@ -16,7 +16,7 @@ use repose_proto::{CallError, ErrorCode, RELATION_COUNT, Relation, Scene};
 use crate::learned::boosted_trees::{BoostedTrees, Branch, DecisionTree, TreeSplit};
 use crate::learned::forecast::{FittedOn, Forecast, Forecasts};
 use crate::learned::models::PlacementModels;
-use crate::learned::success;
+use crate::learned::{standing, success};
 use crate::plan::{SearchStep, plan, plan_with_report};
 use crate::scene::prepared::PreparedScene;
 use crate::search::stop::StopReason;
@@ -35,6 +35,9 @@ pub(crate) struct Fake {
     late_after: usize,
     /// What it says of success.
     success: Option<Forecast>,
+    /// What it says of how objects stand: the forecasts of the program's weights where it says nothing of its own.
+    stands: Option<Forecast>,
+    neighbour_stays: Option<Forecast>,
 }
 
 impl Fake {
@@ -46,6 +49,8 @@ impl Fake {
             changes_after: usize::MAX,
             late_after: usize::MAX,
             success: None,
+            stands: None,
+            neighbour_stays: None,
         }
     }
 }
@@ -105,7 +110,13 @@ impl PlacementModels for Fake {
     }
 
     fn forecasts(&self) -> Result<Arc<Forecasts>, CallError> {
-        Ok(Arc::new(Forecasts { success: self.success.clone(), ..(**forecasts()).clone() }))
+        let known = (**forecasts()).clone();
+        Ok(Arc::new(Forecasts {
+            success: self.success.clone(),
+            stands: self.stands.clone().unwrap_or(known.stands),
+            neighbour_stays: self.neighbour_stays.clone().unwrap_or(known.neighbour_stays),
+            ..known
+        }))
     }
 }
 
@@ -202,6 +213,41 @@ fn best_says_how_sure_it_is_and_answers_none_where_that_is_too_little() {
     assert_eq!(run(&prepared, &wanted("right_of:1", None), &silent).placements[0].success, None);
     let error = plan(&prepared, &wanted("right_of:1", Some(0.5)), &silent, &mut |_| ControlFlow::Continue(())).unwrap_err();
     assert_eq!((error.code, error.field.as_deref()), (ErrorCode::FailedPrecondition, Some("min_success")));
+}
+
+/// A forecast that says the same of everything.
+fn always(p: f32, names: &[&str]) -> Forecast {
+    let leaf = DecisionTree { splits: Vec::new(), leaves: vec![(p / (1.0 - p)).ln()] };
+    Forecast::new(names, BoostedTrees { bias: 0.0, trees: vec![leaf] }, FittedOn::default()).unwrap()
+}
+
+#[test]
+fn best_does_not_move_what_would_tip_or_bring_a_neighbour_down_and_says_which() {
+    // A neighbour within 3 cm of the query, and the anchor far from both.
+    let prepared = SceneBuilder::table()
+        .object(1, [0.0, 0.0], [0.1, 0.1, 0.1])
+        .object(2, [-0.25, -0.2], [0.06, 0.05, 0.08])
+        .object(3, [-0.25, -0.13], [0.05, 0.05, 0.06])
+        .prepared();
+    let asked = request(&prepared, Variant::Best, &["right_of:1"]);
+    let (stands, stays) = (standing::names(), standing::names_of_neighbour());
+    let fake = |of_stands: f32, of_neighbour: f32| Fake {
+        stands: Some(always(of_stands, &stands)),
+        neighbour_stays: Some(always(of_neighbour, &stays)),
+        ..Fake::new(&[BESIDE])
+    };
+    assert_eq!(run(&prepared, &asked, &fake(0.9, 0.9)).outcome, Outcome::Found);
+    for (fake, reason) in [(fake(0.05, 0.9), Rejection::Tips), (fake(0.9, 0.05), Rejection::Unsettles)] {
+        let refused = run(&prepared, &asked, &fake);
+        assert_eq!(refused.outcome, Outcome::None);
+        assert_eq!(refused.rejections.keys().collect::<Vec<_>>(), [&reason], "{:?}", refused.rejections);
+        // `geometric` asks no network, and goes by its rule.
+        let by_rule = run(&prepared, &PlaceRequest { variant: Variant::Geometric, ..asked.clone() }, &fake);
+        assert_eq!(by_rule.outcome, Outcome::Found);
+    }
+    // Without a neighbour nothing can come down.
+    let alone = scene();
+    assert_eq!(run(&alone, &request(&alone, Variant::Best, &["right_of:1"]), &fake(0.9, 0.05)).outcome, Outcome::Found);
 }
 
 #[test]

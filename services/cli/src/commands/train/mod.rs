@@ -1,7 +1,9 @@
 //! `repose train`: weights from simulated scenes.
 
 mod stability;
+mod standing;
 mod success;
+mod tried;
 
 use std::path::{Path, PathBuf};
 
@@ -16,6 +18,10 @@ use crate::values::threads;
 
 /// Scenes that `success` tries unless told.
 const SUCCESS_SCENES: u64 = 700;
+/// What `--network` calls the forecasts of how objects stand.
+const STANDING: &str = "standing";
+/// Scenes that `standing` tries unless told.
+const STANDING_SCENES: u64 = 2000;
 
 /// Arguments of `train`.
 #[derive(Debug, Args)]
@@ -27,7 +33,9 @@ pub struct TrainArgs {
     /// discriminator, or outcome (on the outcomes of `generate --releases`); what is not trained keeps the weights of `--start`. Or a
     /// forecast, boosted trees on the outcome network of `--start` and on geometry, which the variant `best` goes by. stability learns from
     /// `generate --proposals` with its other settings left at their defaults, and `--steps` limits the scenes. success comes after it: it
-    /// learns from what becomes of the planner's own answers in as many scenes as `--steps` says (700), which it keeps in `--data`.
+    /// learns from what becomes of the planner's own answers in as many scenes as `--steps` says (700), which it keeps in `--data`. standing
+    /// comes before it: whether objects stand by themselves, and whether their neighbours stay when they are taken away, from what becomes of
+    /// them in as many scenes (2000).
     #[arg(long)]
     pub network: String,
     /// Which relation predictor `joint` and `relations` fit: measured (reads what can be measured of the pair beside the codes) or paper.
@@ -55,7 +63,7 @@ pub struct TrainArgs {
     /// End after this many steps.
     #[arg(long)]
     pub steps: Option<u64>,
-    /// The first scene that `success` tries, to make its data in parts.
+    /// The first scene that `success` or `standing` tries, to make its data in parts.
     #[arg(long, default_value_t = 0)]
     pub first: u64,
     /// Threads; at most `--slots` of them have work. Default: one a core. The weights do not depend on it.
@@ -80,6 +88,18 @@ pub fn run(args: &TrainArgs, output: Output) -> Outcome {
         };
         return success::run(&settings, output);
     }
+    if args.network == STANDING {
+        let settings = standing::StandingSettings {
+            data: &args.data,
+            start: args.start.as_deref(),
+            out: &args.out,
+            first: args.first,
+            scenes: args.steps.unwrap_or(STANDING_SCENES),
+            threads: threads(args.threads),
+            seed: args.seed,
+        };
+        return standing::run(&settings, output);
+    }
     if args.network == STABILITY {
         let settings = stability::StabilitySettings {
             data: &args.data,
@@ -94,7 +114,7 @@ pub fn run(args: &TrainArgs, output: Output) -> Outcome {
     let part = Part::parse(&args.network).ok_or_else(|| {
         Failure::bad_input(
             "network",
-            format!("expected joint, relations, discriminator, outcome, stability or success, got {:?}", args.network),
+            format!("expected joint, relations, discriminator, outcome, stability, standing or success, got {:?}", args.network),
         )
     })?;
     let relations = RelationsVariant::parse(&args.relations)
@@ -135,8 +155,9 @@ pub fn run(args: &TrainArgs, output: Output) -> Outcome {
     })
 }
 
-/// Writes the weights of `start`, or the program's own, with a forecast in place of that of its name.
-fn with_forecast(start: Option<&Path>, out: &Path, name: &str, forecast: &Forecast) -> Outcome {
+/// Writes the weights of `start`, or the program's own, with forecasts in place of those of their names. The forecast of success, which reads
+/// what the others say, goes when one of those is fitted anew.
+fn with_forecasts(start: Option<&Path>, out: &Path, forecasts: &[(&str, &Forecast)]) -> Outcome {
     let mut weights = match start {
         Some(path) => {
             let bad = |e: &dyn std::fmt::Display| Failure::bad_input("start", format!("{}: {e}", path.display()));
@@ -144,7 +165,10 @@ fn with_forecast(start: Option<&Path>, out: &Path, name: &str, forecast: &Foreca
         }
         None => Weights::embedded().map_err(Failure::other)?,
     };
-    weights.info.forecasts.insert(name.to_owned(), serde_json::to_value(forecast).map_err(Failure::other)?);
+    weights.info.forecasts.remove(SUCCESS);
+    for (name, forecast) in forecasts {
+        weights.info.forecasts.insert((*name).to_owned(), serde_json::to_value(forecast).map_err(Failure::other)?);
+    }
     let bytes = Weights::to_bytes(&weights.values, &weights.info).map_err(Failure::other)?;
     repose_dataset::write_whole(out, &bytes).map_err(|e| Failure::bad_input("out", format!("{}: {e}", out.display())))
 }

@@ -15,7 +15,7 @@ use repose_planner::learned::stability::names;
 use repose_proto::CallError;
 use serde_json::json;
 
-use super::with_forecast;
+use super::with_forecasts;
 use crate::embedded::engine;
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
@@ -75,7 +75,7 @@ pub fn run(args: &StabilitySettings<'_>, output: Output) -> Outcome {
     let area = |said: &dyn Fn(&Sample) -> f64| area_under_curve(&held_out.iter().map(|s| (said(s), s.came_true)).collect::<Vec<_>>());
     let (with_geometry, network) = (area(&|s| tried.of(&s.measures)), area(&|s| f64::from(s.measures[0])));
     let whole = fit(&of(&|_| true))?;
-    with_forecast(args.start, args.out, STABILITY, &whole)?;
+    with_forecasts(args.start, args.out, &[(STABILITY, &whole)])?;
     let document = json!({
         "out": args.out, "scenes": scenes.len(), "releases": measured.iter().map(Vec::len).sum::<usize>(),
         "held_out": held_out.len(), "area_network": network, "area": with_geometry,

@@ -1,0 +1,140 @@
+//! `repose train --network standing`: whether objects stand by themselves, and whether their neighbours stay when they are taken away, from what
+//! becomes of them in training scenes.
+//!
+//! How good the fits are is told on scenes that they have not seen, part by part.
+
+use std::path::Path;
+
+use repose_evaluation::scenes::standing_samples::{FIRST_SEED, SceneStances};
+use repose_evaluation::statistics::calibration::Calibration;
+use repose_evaluation::statistics::correlation::area_under_curve;
+use repose_evaluation::statistics::forecast_fit::{FitSettings, Sample, fit_forecast};
+use repose_planner::learned::forecast::{FittedOn, Forecast, NEIGHBOUR_STAYS, STANDS};
+use repose_planner::learned::standing;
+use serde::Serialize;
+use serde_json::json;
+
+use super::tried::{Scenes, TriedScene, other_length};
+use super::with_forecasts;
+use crate::embedded::engine;
+use crate::failure::{Failure, Outcome};
+use crate::output::Output;
+
+/// In so many parts the scenes are held out in turn, to tell how good a fit is.
+const FOLDS: usize = 8;
+/// Probabilities below which things are refused, to show what that would catch.
+const THRESHOLDS: [f64; 4] = [0.1, 0.2, 0.3, 0.5];
+
+/// What is fitted on what.
+#[derive(Debug, Clone, Copy)]
+pub struct StandingSettings<'a> {
+    /// The folder of `stances.jsonl`.
+    pub data: &'a Path,
+    /// Weights in place of those that come with the program.
+    pub start: Option<&'a Path>,
+    /// The weights file that is written: those of `start` with the forecasts in it.
+    pub out: &'a Path,
+    /// The first scene that is tried, counted from the first of those that are learned from.
+    pub first: u64,
+    /// Scenes tried, if they are not in the folder yet; whatever else is there is learned from too.
+    pub scenes: u64,
+    /// Threads.
+    pub threads: usize,
+    /// Seed of what each tree sees.
+    pub seed: u64,
+}
+
+/// Tries, fits, writes and reports.
+pub fn run(args: &StandingSettings<'_>, output: Output) -> Outcome {
+    let engine = engine(args.start.map(Path::to_owned))?;
+    let tried = Scenes {
+        data: args.data,
+        file: "stances.jsonl",
+        first_seed: FIRST_SEED,
+        first: args.first,
+        count: args.scenes,
+        threads: args.threads,
+    };
+    let stances = tried.tried(|index| Ok(SceneStances::of(index)))?;
+    let fit = |names: &[&'static str], of: &dyn Fn(&SceneStances) -> Vec<Sample>| {
+        let scenes: Vec<Vec<Sample>> = stances.values().map(of).filter(|samples| !samples.is_empty()).collect();
+        fitted(names, &scenes, engine.outcome_hash(), args.seed)
+    };
+    let (stands, of_stands) = fit(&standing::names(), &SceneStances::samples)?;
+    let (stays, of_stays) = fit(&standing::names_of_neighbour(), &SceneStances::neighbour_samples)?;
+    with_forecasts(args.start, args.out, &[(STANDS, &stands), (NEIGHBOUR_STAYS, &stays)])?;
+    let document = json!({ "out": args.out, "scenes": stances.len(), STANDS: of_stands, NEIGHBOUR_STAYS: of_stays });
+    output.print(&document, || {
+        let head = format!("{}: fitted on {} scenes, figures of scenes held out", args.out.display(), stances.len());
+        [head, of_stands.text("objects that stand by themselves"), of_stays.text("neighbours that stay")].join("\n")
+    })
+}
+
+/// How good a fit is, on scenes that it has not seen.
+#[derive(Debug, Clone, Serialize)]
+struct HeldOut {
+    /// Samples.
+    samples: usize,
+    /// Those that did not come true.
+    failures: usize,
+    /// The area under the curve.
+    area: Option<f64>,
+    /// The reliability diagram.
+    calibration: Calibration,
+    /// For each of [`THRESHOLDS`]: how many of the failures are below it, and how many others.
+    below: [(f64, usize, usize); THRESHOLDS.len()],
+}
+
+impl HeldOut {
+    fn of(said: &[(f64, bool)]) -> Self {
+        let below = |threshold: f64, came_true: bool| said.iter().filter(|(p, true_)| *p < threshold && *true_ == came_true).count();
+        Self {
+            samples: said.len(),
+            failures: said.iter().filter(|(_, came_true)| !came_true).count(),
+            area: area_under_curve(said),
+            calibration: Calibration::of(said, 1),
+            below: THRESHOLDS.map(|threshold| (threshold, below(threshold, false), below(threshold, true))),
+        }
+    }
+
+    fn text(&self, what: &str) -> String {
+        let number = |value: Option<f64>| value.map_or_else(|| "undefined".to_owned(), |v| format!("{v:.3}"));
+        let below = self.below.map(|(threshold, failures, others)| format!("{failures} and {others} others below {threshold}"));
+        format!(
+            "{what}: all but {} of {}; area under the curve {}, calibration error {} (floor {}); of those that do not {}",
+            self.failures,
+            self.samples,
+            number(self.area),
+            number(self.calibration.error),
+            number(self.calibration.floor),
+            below.join(", ")
+        )
+    }
+}
+
+/// The fit on all scenes, and how good fits on parts of them are on the rest.
+fn fitted(names: &[&str], scenes: &[Vec<Sample>], outcome_hash: &str, seed: u64) -> Result<(Forecast, HeldOut), Failure> {
+    let fit = |keep: &dyn Fn(usize) -> bool| {
+        let kept: Vec<Sample> = scenes.iter().enumerate().filter(|(i, _)| keep(*i)).flat_map(|(_, samples)| samples.clone()).collect();
+        let fitted_on = FittedOn { scenes: scenes.len() as u64, releases: kept.len(), outcome_hash: outcome_hash.to_owned() };
+        fit_forecast(names, &kept, fitted_on, &FitSettings::of_objects(seed)).map_err(|e| Failure::bad_input("data", e))
+    };
+    let mut said = Vec::new();
+    for fold in 0..FOLDS {
+        let forecast = fit(&|i| i % FOLDS != fold)?;
+        let held_out = scenes.iter().skip(fold).step_by(FOLDS).flatten();
+        said.extend(held_out.map(|sample| (forecast.of(&sample.measures), sample.came_true)));
+    }
+    Ok((fit(&|_| true)?, HeldOut::of(&said)))
+}
+
+impl TriedScene for SceneStances {
+    fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    fn other_length(&self) -> Option<String> {
+        let of_objects = other_length(standing::names().len(), self.stands.iter().map(|(measures, _)| measures));
+        of_objects.or_else(|| other_length(standing::names_of_neighbour().len(), self.stays.iter().map(|(measures, _)| measures)))
+    }
+}

@@ -1,0 +1,81 @@
+//! Scenes that are tried for a fit. Each goes to a file in the data folder as soon as it was tried, so that a run that was stopped goes on, and
+//! parts made on several machines can be put together.
+
+use std::collections::BTreeMap;
+use std::fmt::Display;
+use std::fs::File;
+use std::io::Write;
+use std::path::Path;
+
+use repose_networks::serving::spread;
+use repose_proto::CallError;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::failure::Failure;
+use crate::progress::Progress;
+
+/// What was measured of a scene, and what became of it.
+pub trait TriedScene: Serialize + DeserializeOwned + Send {
+    /// The scene.
+    fn seed(&self) -> u64;
+    /// How many measures each of its samples has that is not of this program's length; none where all are.
+    fn other_length(&self) -> Option<String>;
+}
+
+/// Which scenes are tried.
+#[derive(Debug, Clone, Copy)]
+pub struct Scenes<'a> {
+    /// The data folder.
+    pub data: &'a Path,
+    /// The file in it, of JSON lines.
+    pub file: &'a str,
+    /// The seed of the first of the scenes that are learned from.
+    pub first_seed: u64,
+    /// The first scene that is tried, counted from that one.
+    pub first: u64,
+    /// Scenes tried, if they are not in the file yet; whatever else is there is learned from too.
+    pub count: u64,
+    /// Threads.
+    pub threads: usize,
+}
+
+impl Scenes<'_> {
+    /// All scenes by seed: those in the file, and those that are tried now, by their index.
+    pub fn tried<S: TriedScene>(&self, of: impl Fn(u64) -> Result<S, CallError> + Sync) -> Result<BTreeMap<u64, S>, Failure> {
+        let path = self.data.join(self.file);
+        let bad = |e: &dyn Display| Failure::bad_input("data", format!("{}: {e}", path.display()));
+        std::fs::create_dir_all(self.data).map_err(|e| bad(&e))?;
+        let text = if path.exists() { std::fs::read_to_string(&path).map_err(|e| bad(&e))? } else { String::new() };
+        let mut all: BTreeMap<u64, S> = BTreeMap::new();
+        // A last line that was being written when the program was stopped is tried again.
+        let whole = text.rfind('\n').map_or(0, |end| end + 1);
+        for line in text[..whole].lines() {
+            let scene: S = serde_json::from_str(line).map_err(|e| bad(&e))?;
+            if let Some(other) = scene.other_length() {
+                return Err(bad(&format!("{other}: made by another program")));
+            }
+            all.insert(scene.seed(), scene);
+        }
+        let mut file = File::options().create(true).append(true).open(&path).map_err(|e| bad(&e))?;
+        file.set_len(whole as u64).map_err(|e| bad(&e))?;
+        let open: Vec<u64> = (self.first..self.first + self.count).filter(|i| !all.contains_key(&(self.first_seed + i))).collect();
+        let bar = Progress::new(open.len() as u64, "scenes");
+        for batch in open.chunks(self.threads.max(1) * 2) {
+            for scene in spread(batch.len(), self.threads, || (), |(), k| of(batch[k])) {
+                let scene = scene?;
+                writeln!(file, "{}", serde_json::to_string(&scene).map_err(Failure::other)?).map_err(|e| bad(&e))?;
+                all.insert(scene.seed(), scene);
+                bar.add(1);
+            }
+        }
+        bar.finish();
+        Ok(all)
+    }
+}
+
+/// Says of samples of another length than `expected`.
+pub fn other_length<'a>(expected: usize, mut samples: impl Iterator<Item = &'a Vec<f32>>) -> Option<String> {
+    let measures = samples.find(|measures| measures.len() != expected)?;
+    Some(format!("expected {expected} measures, got {}", measures.len()))
+}

@@ -1,0 +1,123 @@
+//! What becomes of every object of a training scene when it is set down alone as it was seen, and of its neighbours when it is taken away, with
+//! what the planner measures of them: what the forecasts of [`repose_planner::learned::standing`] are fitted on.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Isometry3;
+use rand_pcg::Pcg64;
+use repose_planner::PreparedScene;
+use repose_planner::learned::standing::Stance;
+use repose_simulator::furniture::{Fixture, Role};
+use repose_simulator::physics::RestSettings;
+use repose_simulator::release::{ReleaseSettings, released};
+use repose_simulator::scene::{KindWeights, Outlook, Scene, SceneKind, SceneObject, scene_of_seed};
+use repose_simulator::viewpoint::random_viewpoint;
+use serde::{Deserialize, Serialize};
+
+use crate::scenes::outcome::{OTHERS_MOVED_M, STABLE_M, TILT_RAD};
+use crate::scenes::problem::{ProblemSettings, frame_of};
+use crate::statistics::forecast_fit::Sample;
+
+/// The first of the training scenes that are learned from.
+pub const FIRST_SEED: u64 = 700_000_000;
+/// Views of each scene.
+const VIEWS: usize = 2;
+/// The fewest observed points of an object that is learned from.
+const MIN_POINTS: usize = 100;
+/// An object set down alone is let go this far above the floor, metres: as the planner does.
+const RELEASE_M: f64 = 0.004;
+/// Half the edge of the floor that it is set down on, metres.
+const FLOOR_M: f64 = 2.0;
+
+/// One scene.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SceneStances {
+    /// The scene.
+    pub seed: u64,
+    /// What was measured of each object in each view, and whether it stood when it was set down alone.
+    pub stands: Vec<(Vec<f32>, bool)>,
+    /// What was measured of each neighbour of each object in each view, and whether it stayed when that was taken away.
+    pub stays: Vec<(Vec<f32>, bool)>,
+}
+
+impl SceneStances {
+    /// The `index`-th scene that is learned from; kinds of scenes take turns. Empty where the seed gives no scene.
+    pub fn of(index: u64) -> Self {
+        let mut stances = Self { seed: FIRST_SEED + index, stands: Vec::new(), stays: Vec::new() };
+        let mut settings = ProblemSettings::default();
+        settings.scene.kinds = KindWeights::only(SceneKind::ALL[index as usize % SceneKind::ALL.len()]);
+        let Ok((truth, _)) = scene_of_seed(stances.seed, &settings.scene) else { return stances };
+        let ids: Vec<u16> = truth.objects.iter().map(|o| o.id).collect();
+        let stands: BTreeMap<u16, bool> = ids.iter().copied().zip(truth.objects.iter().map(stands_alone)).collect();
+        let stays: BTreeMap<u16, BTreeMap<u16, bool>> = ids.iter().map(|id| (*id, stay_without(&truth, *id))).collect();
+        let mut rng = Pcg64::new(u128::from(stances.seed), 0x57a9_ce55);
+        for _ in 0..VIEWS {
+            let (camera, world_from_camera) = random_viewpoint(&truth.focus(), &settings.viewpoint, &mut rng);
+            let frame = frame_of(&truth, &camera, &world_from_camera, &settings.sensor, stances.seed);
+            let Ok(observed) = repose_perception::segment(&frame, &settings.perception) else { continue };
+            let prepared = PreparedScene::new(std::sync::Arc::new(observed));
+            let seen = prepared.belief.objects.iter().filter(|(_, object)| object.points.len() >= MIN_POINTS).map(|(id, _)| *id);
+            let seen: BTreeMap<u16, Stance<'_>> = seen.filter_map(|id| Some((id, Stance::of(&prepared, id)?))).collect();
+            for (id, stance) in &seen {
+                stances.stands.extend(stands.get(id).map(|stood| (stance.measures(), *stood)));
+                for (other, neighbour) in seen.iter().filter(|(other, _)| *other != id) {
+                    let stayed = stays.get(id).and_then(|others| others.get(other));
+                    stances.stays.extend(stayed.zip(neighbour.beside(stance)).map(|(stayed, measures)| (measures, *stayed)));
+                }
+            }
+        }
+        stances
+    }
+
+    /// Objects, to learn from.
+    pub fn samples(&self) -> Vec<Sample> {
+        samples(&self.stands)
+    }
+
+    /// Neighbours, to learn from.
+    pub fn neighbour_samples(&self) -> Vec<Sample> {
+        samples(&self.stays)
+    }
+}
+
+fn samples(measured: &[(Vec<f32>, bool)]) -> Vec<Sample> {
+    measured.iter().map(|(measures, came_true)| Sample { measures: measures.clone(), came_true: *came_true }).collect()
+}
+
+/// Whether an object neither tips nor moves away when it is let go over an empty floor in the attitude that it has.
+fn stands_alone(object: &SceneObject) -> bool {
+    let half = nalgebra::Vector3::new(FLOOR_M, FLOOR_M, 0.025);
+    let floor = Fixture::new(Role::Floor, half, Isometry3::translation(0.0, 0.0, -half.z), [128; 3]);
+    let alone = Scene {
+        seed: 0,
+        kind: SceneKind::OpenTable,
+        fixtures: vec![floor],
+        surfaces: Vec::new(),
+        outlook: Outlook::AROUND,
+        objects: vec![object.clone()],
+        gaps_m: vec![0.0],
+    };
+    let mut over_floor = object.world_from_object;
+    over_floor.translation.vector = nalgebra::Vector3::z() * (object.shape.depth_below_origin_m(&object.world_from_object) + RELEASE_M);
+    let settings = ReleaseSettings { ends_at_rest: true, ..ReleaseSettings::default() };
+    released(&alone, 0, &over_floor, &settings).is_some_and(|came| came.tilt_rad <= TILT_RAD && came.moved_m < STABLE_M)
+}
+
+/// Whether each other object of a scene stays where it is when one is taken away.
+fn stay_without(scene: &Scene, id: u16) -> BTreeMap<u16, bool> {
+    let mut without = scene.clone();
+    without.objects.retain(|o| o.id != id);
+    let (settings, rest) = (ReleaseSettings::default(), RestSettings::default());
+    let mut world = without.world(settings.physics);
+    let mut still = 0;
+    for _ in 0..settings.steps {
+        world.step();
+        still = if world.first_moving(&rest).is_none() { still + 1 } else { 0 };
+        if still >= rest.steps {
+            break;
+        }
+    }
+    let moved_m =
+        |before: &SceneObject, after: &Isometry3<f64>| (before.world_from_object.translation.vector - after.translation.vector).norm();
+    without.objects.iter().zip(world.poses()).map(|(before, after)| (before.id, moved_m(before, &after) <= OTHERS_MOVED_M)).collect()
+}

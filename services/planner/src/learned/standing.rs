@@ -1,0 +1,373 @@
+//! How an object stands where it was seen, learned: whether it stands by itself, and whether another that rests against it comes down when
+//! it is taken away.
+//!
+//! An object that leans tips as soon as it is set down elsewhere in the same attitude, and one that something leans on cannot be taken away
+//! without moving that. Both are properties of the scene, not of a place: no search finds a way around them. They are fitted on objects of
+//! training scenes that were set down alone, and taken away, in simulation (`repose train --network standing`).
+
+use nalgebra::{Matrix3, Point2, Point3, Vector2, Vector3};
+use repose_belief::columns::cells_of;
+use repose_belief::outlines::separating_gap_m;
+use repose_belief::shape::Shape;
+use repose_belief::solid::Solid;
+use repose_geometry::{Footprint, cloud};
+
+use crate::learned::forecast::Forecasts;
+use crate::scene::prepared::PreparedScene;
+use crate::scene::traits::{StandingTraits, VOXEL_M};
+
+/// A measure of an object: its name, and how it is computed.
+type OfObject = (&'static str, fn(&Stance<'_>) -> f64);
+/// A measure of an object and its neighbour.
+type OfPair = (&'static str, fn(&Pair<'_>) -> f64);
+
+/// The measures of an object, in the order that the trees read: lengths in metres, angles in radians, shares from 0 to 1, flags 0 or 1.
+const MEASURES: [OfObject; 31] = [
+    // Its believed shape: height, spans seen from above, how far inside its base its axis is, how far its back is unknown; its points.
+    ("height", |s| s.height_m),
+    ("length", |s| s.traits.spans_m[0]),
+    ("width", |s| s.traits.spans_m[1]),
+    ("base_margin", |s| f64::from(s.shape.base.margin(&s.shape.axis))),
+    ("back_unknown", |s| f64::from(s.shape.doubt.norm())),
+    ("points", |s| s.points),
+    // The tilt that tips it over the nearest edge of what it would stand on: with the far half as it stands, and with the far half as its near
+    // one seen from the opposite side in all three directions, which is right for boxes and tubes in any attitude.
+    ("tip_standing", |s| tip_rad(&Solid::standing(&s.cloud, s.shape))),
+    ("tip_reflected", |s| tip_rad(&Solid::leaning(&s.cloud, s.shape))),
+    // Its largest oblique face, and how much is level.
+    ("oblique_share", |s| s.traits.oblique.share),
+    ("oblique_off", |s| s.traits.oblique.off_rad),
+    ("level_share", |s| s.traits.oblique.level_share),
+    // Its points' longest and thinnest axes: how far from upright or level, and how long the others are beside the longest.
+    ("long_axis_off", |s| s.axes.long_off_rad),
+    ("thin_axis_off", |s| s.axes.thin_off_rad),
+    ("second_span", |s| s.axes.second),
+    ("third_span", |s| s.axes.third),
+    // Its highest part from its lowest, seen from above: how far, in its heights, and whether that is towards its nearest neighbour.
+    ("lean", |s| f64::from(s.lean.norm())),
+    ("lean_slope", |s| f64::from(s.lean.norm()) / s.height_m.max(LEAST_HEIGHT_M)),
+    ("lean_to_nearest", |s| s.nearest().map_or(0.0, |(_, towards)| f64::from(cosine(towards, &s.lean)))),
+    // The nearest neighbour on that side, and on any; how many are near.
+    ("gap_ahead", |s| s.gap_ahead_m()),
+    ("gap", |s| s.nearest().map_or(FAR_M, |(gap_m, _)| gap_m.min(FAR_M))),
+    ("near", |s| s.gaps.iter().filter(|(gap_m, _)| *gap_m <= NEAR_M).count() as f64),
+    // What its lowest points span of what it all does; how far its axis is inside of their outline.
+    ("foot_share", |s| s.foot_share()),
+    ("foot_margin", |s| s.foot.as_ref().map_or(-FAR_M, |foot| f64::from(foot.margin(&s.shape.axis)).max(-FAR_M))),
+    ("hidden_foot", |s| s.traits.hidden_foot_m),
+    // What it stands on or beside.
+    ("on_object", |s| flag(s.traits.on_object)),
+    ("beside_furniture", |s| flag(s.traits.beside_furniture)),
+    ("above_lowest", |s| s.above_lowest_m()),
+    // Whether its top is round; where its middle is beside its axis, and upwards in its heights; whether something stands on it.
+    ("crowned", |s| flag(!s.prepared.belief.carries(s.id))),
+    ("off_axis", |s| f64::from(s.shape.axis_offset().norm())),
+    ("middle_height", |s| s.middle_height()),
+    ("carries", |s| flag(!s.prepared.belief.carried(s.id).is_empty())),
+];
+
+/// What is measured of a neighbour beside its own measures.
+const BESIDE: [OfPair; 11] = [
+    // The gap between the two shapes, and to the nearest other thing that the neighbour may rest on instead.
+    ("pair_gap", |p| p.gap_m),
+    ("pair_other_gap", |p| p.other_gap_m()),
+    // How far their outlines, of what was seen from above, reach over each other.
+    ("pair_over", |p| p.over_m()),
+    // Whether the neighbour's highest part is towards the object.
+    ("pair_lean_to", |p| f64::from(cosine(&(p.object.shape.axis - p.neighbour.shape.axis), &p.neighbour.lean))),
+    // How much of the neighbour's base is over the object's top.
+    ("pair_on_top", |p| p.share_on_top()),
+    // The neighbour's bottom and top above the object's, and its bottom above the object's top.
+    ("pair_bottoms", |p| f64::from(p.neighbour.shape.bottom_m - p.object.shape.bottom_m)),
+    ("pair_tops", |p| f64::from(p.neighbour.shape.top_m - p.object.shape.top_m)),
+    ("pair_bottom_over_top", |p| f64::from(p.neighbour.shape.bottom_m - p.object.shape.top_m)),
+    // The object's own height and spans.
+    ("pair_height", |p| p.object.height_m),
+    ("pair_length", |p| p.object.traits.spans_m[0]),
+    ("pair_width", |p| p.object.traits.spans_m[1]),
+];
+
+/// Neighbours are near within this distance, metres.
+pub const NEAR_M: f64 = 0.03;
+/// Distances are cut here, metres.
+const FAR_M: f64 = 0.1;
+/// The lowest part of an object is this high, metres, or …
+const FOOT_M: f32 = 0.012;
+/// … this share of its height, whichever is more.
+const FOOT_SHARE: f32 = 0.15;
+/// Points this near to the lowest one touch the ground, metres.
+const CONTACT_M: f32 = 0.005;
+/// The lowest and the highest part, for the direction of its lean, are these shares of its height.
+const END_SHARE: f32 = 0.2;
+/// Heights that lengths are told in are at least this, metres.
+const LEAST_HEIGHT_M: f64 = 0.01;
+/// A neighbour is ahead within this angle of the direction of the lean, as a cosine.
+const AHEAD_COSINE: f32 = 0.5;
+
+/// How an object stands where it was seen, by the forecasts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Standing {
+    /// The probability that it stands by itself.
+    pub stands: f64,
+    /// The neighbour that most likely comes down when it is taken away, and the probability that it stays; none without a neighbour.
+    pub least_sure: Option<(u16, f64)>,
+}
+
+impl Standing {
+    /// Of an object of a scene; one without an extent, which cannot be planned with, is taken to stand.
+    pub fn of(prepared: &PreparedScene, id: u16, forecasts: &Forecasts) -> Self {
+        let Some(stance) = Stance::of(prepared, id) else { return Self { stands: 1.0, least_sure: None } };
+        let is_near = |shape: &Shape| shape.gap_m(stance.shape) <= NEAR_M;
+        let near = prepared.belief.objects.iter().filter(|(other, o)| **other != id && o.shape.as_ref().is_some_and(is_near));
+        let neighbours = near.filter_map(|(other, _)| {
+            let measures = Stance::of(prepared, *other)?.beside(&stance)?;
+            Some((*other, forecasts.neighbour_stays.of(&measures)))
+        });
+        Self { stands: forecasts.stands.of(&stance.measures()), least_sure: neighbours.min_by(|a, b| a.1.total_cmp(&b.1)) }
+    }
+
+    /// The probability that the neighbour stays that most likely does not; 1 without one.
+    pub fn neighbours_stay(&self) -> f64 {
+        self.least_sure.map_or(1.0, |(_, stays)| stays)
+    }
+}
+
+/// The names of the measures of an object, in the order that the trees read.
+pub fn names() -> Vec<&'static str> {
+    MEASURES.iter().map(|(name, _)| *name).collect()
+}
+
+/// The names of the measures of a neighbour.
+pub fn names_of_neighbour() -> Vec<&'static str> {
+    names().into_iter().chain(BESIDE.iter().map(|(name, _)| *name)).collect()
+}
+
+/// An object where it was seen, with everything that the measures read.
+#[derive(Debug, Clone)]
+pub struct Stance<'a> {
+    prepared: &'a PreparedScene,
+    id: u16,
+    shape: &'a Shape,
+    height_m: f64,
+    points: f64,
+    cloud: Vec<Point3<f32>>,
+    traits: StandingTraits,
+    axes: Axes,
+    lean: Vector2<f32>,
+    /// How far every other object is, metres, and where it is seen from above.
+    gaps: Vec<(f64, Vector2<f32>)>,
+    /// The outline of its lowest points.
+    foot: Option<Footprint>,
+}
+
+impl<'a> Stance<'a> {
+    /// Of an object of a scene; none without an extent.
+    pub fn of(prepared: &'a PreparedScene, id: u16) -> Option<Self> {
+        let object = prepared.belief.objects.get(&id)?;
+        let shape = object.shape.as_ref()?;
+        let cloud = cloud::voxel_downsampled(&object.points, VOXEL_M);
+        let others = prepared.belief.objects.iter().filter(|(other, _)| **other != id).filter_map(|(_, o)| o.shape.as_ref());
+        Some(Self {
+            prepared,
+            id,
+            shape,
+            height_m: f64::from(shape.top_m - shape.bottom_m),
+            points: object.points.len() as f64,
+            traits: StandingTraits::of(prepared, id, shape, &cloud),
+            axes: Axes::of(&cloud),
+            lean: lean(&cloud),
+            gaps: others.map(|other| (shape.gap_m(other), other.axis - shape.axis)).collect(),
+            foot: foot(&cloud, shape),
+            cloud,
+        })
+    }
+
+    /// Its measures, in the order of [`names`]; all finite.
+    pub fn measures(&self) -> Vec<f32> {
+        MEASURES.iter().map(|(_, of)| of(self) as f32).collect()
+    }
+
+    /// Its measures as a neighbour of another object, in the order of [`names_of_neighbour`]; none where it is not near.
+    pub fn beside(&self, object: &Self) -> Option<Vec<f32>> {
+        let pair = Pair { neighbour: self, object, gap_m: self.shape.gap_m(object.shape) };
+        (pair.gap_m <= NEAR_M).then(|| {
+            let beside = BESIDE.iter().map(|(_, of)| of(&pair) as f32);
+            self.measures().into_iter().chain(beside).collect()
+        })
+    }
+
+    fn nearest(&self) -> Option<&(f64, Vector2<f32>)> {
+        self.gaps.iter().min_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    fn gap_ahead_m(&self) -> f64 {
+        let ahead = self.gaps.iter().filter(|(_, towards)| cosine(towards, &self.lean) >= AHEAD_COSINE);
+        ahead.map(|(gap_m, _)| *gap_m).fold(FAR_M, f64::min)
+    }
+
+    fn foot_share(&self) -> f64 {
+        let whole_area = Footprint::of(&self.cloud).map_or(1.0, |f| f.area()).max(1e-6);
+        f64::from(self.foot.as_ref().map_or(0.0, Footprint::area) / whole_area)
+    }
+
+    fn above_lowest_m(&self) -> f64 {
+        let bottoms = self.prepared.belief.objects.values().filter_map(|o| o.shape.as_ref()).map(|s| s.bottom_m);
+        f64::from(self.shape.bottom_m - bottoms.fold(self.shape.bottom_m, f32::min))
+    }
+
+    fn middle_height(&self) -> f64 {
+        let mean_z = self.cloud.iter().map(|p| p.z).sum::<f32>() / self.cloud.len().max(1) as f32;
+        f64::from(mean_z - self.shape.bottom_m) / self.height_m.max(LEAST_HEIGHT_M)
+    }
+}
+
+/// An object and a neighbour of it.
+struct Pair<'a> {
+    neighbour: &'a Stance<'a>,
+    object: &'a Stance<'a>,
+    gap_m: f64,
+}
+
+impl Pair<'_> {
+    fn other_gap_m(&self) -> f64 {
+        let others = self.neighbour.prepared.belief.objects.iter().filter(|(id, _)| ![self.neighbour.id, self.object.id].contains(id));
+        others.filter_map(|(_, o)| o.shape.as_ref()).map(|shape| self.neighbour.shape.gap_m(shape)).fold(FAR_M, f64::min)
+    }
+
+    fn over_m(&self) -> f64 {
+        let outlines = Footprint::of(&self.neighbour.cloud).zip(Footprint::of(&self.object.cloud));
+        outlines.map_or(0.0, |(a, b)| f64::from((-separating_gap_m(a.corners(), b.corners())).max(0.0)))
+    }
+
+    fn share_on_top(&self) -> f64 {
+        let Some(top) = self.object.shape.slabs.last() else { return 0.0 };
+        let cells: Vec<Point2<f32>> = cells_of(&self.neighbour.shape.base, 0.0, &self.neighbour.prepared.belief.columns).collect();
+        cells.iter().filter(|c| top.outline.margin(c) >= 0.0).count() as f64 / cells.len().max(1) as f64
+    }
+}
+
+fn flag(is: bool) -> f64 {
+    f64::from(u8::from(is))
+}
+
+/// The outline of the lowest points of a cloud.
+fn foot(cloud: &[Point3<f32>], shape: &Shape) -> Option<Footprint> {
+    let lowest_m = cloud.iter().map(|p| p.z).fold(f32::INFINITY, f32::min);
+    let height_m = FOOT_M.max(FOOT_SHARE * (shape.top_m - lowest_m));
+    Footprint::of(cloud.iter().filter(|p| p.z <= lowest_m + height_m))
+}
+
+/// The cosine of the angle between two directions; 0 where one has no length.
+fn cosine(a: &Vector2<f32>, b: &Vector2<f32>) -> f32 {
+    let (a, b) = (a.try_normalize(1e-4), b.try_normalize(1e-4));
+    a.zip(b).map_or(0.0, |(a, b)| a.dot(&b))
+}
+
+/// From the middle of a cloud's lowest part to that of its highest, seen from above, metres.
+fn lean(cloud: &[Point3<f32>]) -> Vector2<f32> {
+    let (low, high) = cloud.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), p| (low.min(p.z), high.max(p.z)));
+    let part_m = END_SHARE * (high - low);
+    let middle = |keep: &dyn Fn(f32) -> bool| {
+        let kept: Vec<Vector2<f32>> = cloud.iter().filter(|p| keep(p.z)).map(|p| p.xy().coords).collect();
+        kept.iter().sum::<Vector2<f32>>() / kept.len().max(1) as f32
+    };
+    middle(&|z| z >= high - part_m) - middle(&|z| z <= low + part_m)
+}
+
+/// The tilt after which a solid's centre of mass is over the edge of what touches the ground, radians; negative where it is beyond it already.
+fn tip_rad(solid: &Solid) -> f64 {
+    let low_m = solid.points.iter().map(|p| p.z).fold(f32::INFINITY, f32::min);
+    let Some(support) = Footprint::of(solid.points.iter().filter(|p| p.z <= low_m + CONTACT_M)) else { return -1.0 };
+    f64::from(support.margin(&solid.center_of_mass.xy()).atan2((solid.center_of_mass.z - low_m).max(1e-3)))
+}
+
+/// The directions in which a cloud extends.
+#[derive(Debug, Clone, Copy)]
+struct Axes {
+    long_off_rad: f64,
+    thin_off_rad: f64,
+    second: f64,
+    third: f64,
+}
+
+impl Axes {
+    fn of(cloud: &[Point3<f32>]) -> Self {
+        let mean = cloud.iter().map(|p| p.coords).sum::<Vector3<f32>>() / cloud.len().max(1) as f32;
+        let scatter: Matrix3<f32> = cloud.iter().map(|p| (p.coords - mean) * (p.coords - mean).transpose()).sum();
+        let eigen = scatter.symmetric_eigen();
+        let mut order = [0, 1, 2];
+        order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+        let [long, second, thin] = order;
+        let span = |k: usize| f64::from(eigen.eigenvalues[k].max(0.0).sqrt());
+        let longest = span(long).max(1e-6);
+        let off_rad = |k: usize| {
+            let from_upright = f64::from(eigen.eigenvectors[(2, k)].abs().clamp(0.0, 1.0).acos());
+            from_upright.min(std::f64::consts::FRAC_PI_2 - from_upright)
+        };
+        Self { long_off_rad: off_rad(long), thin_off_rad: off_rad(thin), second: span(second) / longest, third: span(thin) / longest }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::synthetic::{Prepared, SceneBuilder};
+
+    fn of<'a>(stance: &'a Stance<'_>) -> impl Fn(&str) -> f32 + 'a {
+        |name| stance.measures()[names().iter().position(|n| *n == name).unwrap()]
+    }
+
+    #[test]
+    fn what_is_measured_is_what_it_is_called() {
+        let prepared = SceneBuilder::table()
+            .object(1, [0.0, 0.0], [0.06, 0.05, 0.1])
+            .object(2, [0.08, 0.0], [0.06, 0.05, 0.03])
+            .object_at(3, [0.08, 0.0], 0.03, [0.05, 0.04, 0.05])
+            .prepared();
+        let is = |value: f32, expected: f32, within: f32| assert!((value - expected).abs() < within, "{value}, not {expected}");
+        let stance = |id| Stance::of(&prepared, id).unwrap();
+        let (first, low) = (stance(1), stance(2));
+        let value = of(&first);
+        is(value("height"), 0.1, 0.006);
+        is(value("length"), 0.066, 0.02);
+        // Over the edge of 5 cm from a middle 5 cm high.
+        is(value("tip_standing"), 0.5, 0.15);
+        is(value("tip_reflected"), 0.5, 0.15);
+        assert!(value("oblique_share") < 0.1 && value("level_share") > 0.1);
+        // Two centimetres, less what outlines are grown by.
+        is(value("gap"), 0.012, 0.006);
+        assert_eq!((value("near"), value("on_object"), value("carries"), value("crowned")), (2.0, 0.0, 0.0, 0.0));
+        let value = of(&low);
+        assert_eq!((value("carries"), value("near")), (1.0, 2.0));
+        let above = stance(3);
+        assert_eq!(of(&above)("on_object"), 1.0);
+        is(of(&above)("above_lowest"), 0.03, 0.008);
+        let beside = |name: &str| above.beside(&low).unwrap()[names_of_neighbour().iter().position(|n| *n == name).unwrap()];
+        is(beside("pair_bottom_over_top"), 0.0, 0.008);
+        assert!(beside("pair_on_top") > 0.8 && beside("pair_over") > 0.03);
+        is(beside("pair_bottoms"), 0.03, 0.008);
+    }
+
+    #[test]
+    fn a_board_that_leans_tips_over_what_touches_the_ground_and_a_block_does_not() {
+        let board = |lean_rad: f32| -> Solid {
+            let turn = nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), lean_rad);
+            let points: Vec<Point3<f32>> = (0..1200)
+                .map(|k| Point3::new((k % 20) as f32 * 0.004, (k / 20 % 3) as f32 * 0.004, (k / 60) as f32 * 0.008))
+                .map(|p| turn * p)
+                .collect();
+            let middle = points.iter().map(|p| p.coords).sum::<Vector3<f32>>() / points.len() as f32;
+            Solid { points, center_of_mass: middle.into() }
+        };
+        assert!(tip_rad(&board(0.0)) > 0.03);
+        assert!(tip_rad(&board(0.5)) < 0.0);
+    }
+
+    #[test]
+    fn an_object_far_from_another_is_no_neighbour_of_it() {
+        let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.06, 0.06, 0.1]).object(2, [0.2, 0.0], [0.06, 0.06, 0.06]).prepared();
+        let stance = |id| Stance::of(&prepared, id).unwrap();
+        assert_eq!(stance(1).beside(&stance(2)), None);
+        assert!(stance(1).measures().iter().all(|m| m.is_finite()));
+    }
+}
