@@ -9,8 +9,9 @@ use std::time::Duration;
 use repose_proto::load::WorkerLoad;
 use repose_proto::perception::SceneRequest;
 use repose_proto::{JournalEntry, JournalKind, Payload, SceneSummary, Service, keys};
-use repose_runtime::{CallOptions, Caller, Sample, Session, Shutdown, Subscription, now_ns};
-use tokio::sync::mpsc;
+use repose_runtime::{COPIES_WAIT, CallOptions, Caller, Sample, Session, Shutdown, Subscription, now_ns, yield_to_messages};
+use tokio::runtime::Handle;
+use tokio::sync::{mpsc, oneshot};
 use tokio::time::Instant;
 
 use crate::RecordingError;
@@ -52,7 +53,7 @@ pub async fn record(
     let topic = format!("repose/v1/{}/{}", cell.name(), crate::file::SCENE_TOPIC);
     let lost = Lost::default();
     let writer = Writer::new(parts, topic, looks, lost.clone());
-    let mut writing = tokio::task::spawn_blocking(move || writer.run(captured, chunk_period));
+    let mut writing = begin_writing(writer, captured, chunk_period);
 
     let subscribe = async |key: String, room: usize| session.subscribe_queue(&key, room).await;
     let mut heard = Heard {
@@ -71,9 +72,12 @@ pub async fn record(
         scene_due: BTreeMap::new(),
         asked_for: BTreeSet::new(),
     };
-    let _recorder = session.transport().declare_alive(&cell.live_recorder(&uuid::Uuid::new_v4().to_string())).await?;
+    let mut recorder = Some(session.transport().declare_alive(&cell.live_recorder(&uuid::Uuid::new_v4().to_string())).await?);
     begun(&silent(session).await?);
+    // After the shutdown: until when the copies made before it are waited for.
+    let mut last = None;
     let early = loop {
+        let over = last.unwrap_or_else(Instant::now);
         tokio::select! {
             sample = heard.next() => match sample {
                 Some(sample) => capture.take(sample),
@@ -81,9 +85,14 @@ pub async fn record(
             },
             // The file failed: nothing can be recorded any more.
             written = &mut writing => break Some(written),
-            () = shutdown.requested() => break None,
+            () = shutdown.requested(), if last.is_none() => {
+                recorder = None;
+                last = Some(Instant::now() + 2 * COPIES_WAIT);
+            }
+            () = tokio::time::sleep_until(over), if last.is_some() => break None,
         }
     };
+    drop(recorder);
     heard.count_dropped(&lost);
     // The last sender: the writer ends its file when it has taken what waits.
     drop(capture);
@@ -92,6 +101,25 @@ pub async fn record(
         None => writing.await,
     };
     written.map_err(|e| repose_proto::CallError::internal(format!("the writer was lost: {e}")))?
+}
+
+/// Has a thread write: one that lets all others go first, for what it computes can wait and what a cell computes cannot.
+fn begin_writing(
+    writer: Writer,
+    captured: mpsc::Receiver<Captured>,
+    chunk_period: Duration,
+) -> oneshot::Receiver<Result<Summary, RecordingError>> {
+    let (ended, writing) = oneshot::channel();
+    let runtime = Handle::current();
+    std::thread::spawn(move || {
+        // To those that carry messages, and to those that compute, which have yielded once.
+        yield_to_messages();
+        yield_to_messages();
+        let _entered = runtime.enter();
+        // Nobody waits for it where recording was given up.
+        drop(ended.send(writer.run(captured, chunk_period)));
+    });
+    writing
 }
 
 /// The workers alive that do not copy their calls, after some time.
