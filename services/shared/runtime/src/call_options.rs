@@ -63,11 +63,12 @@ impl CallOptions {
         Self { deadline, idempotent: false, ..Self::default() }
     }
 
-    /// A call on behalf of another: the same deadline, cancel, trace and cell. It is interactive: who was let in at one door, and is being worked for,
-    /// is not made to wait, or refused, at the next.
+    /// A call on behalf of another: the same deadline, cancel, trace and cell, and its priority, until it is due: who was let in at one door, and is being
+    /// worked for, is then not made to wait, or refused, at the next.
     pub fn for_call(call: &crate::Call) -> Self {
         Self {
             deadline: call.remaining(),
+            priority: call.due.raise(call.priority),
             cancel: call.cancelled.clone(),
             traceparent: call.traceparent.clone(),
             cell: call.cell.clone(),
