@@ -69,6 +69,7 @@ pub async fn record(
         settings,
         lost: lost.clone(),
         frame_due: BTreeMap::new(),
+        picture_due: BTreeMap::new(),
         scene_due: BTreeMap::new(),
         asked_for: BTreeSet::new(),
     };
@@ -192,6 +193,7 @@ struct Capture {
     settings: RecordSettings,
     lost: Lost,
     frame_due: BTreeMap<String, Instant>,
+    picture_due: BTreeMap<String, Instant>,
     scene_due: BTreeMap<String, Instant>,
     /// Scenes that were fetched already, or are being fetched.
     asked_for: BTreeSet<String>,
@@ -205,7 +207,8 @@ impl Capture {
         match message {
             Message::Frame(sample) => {
                 if is_due(&mut self.frame_due, &sample.key, self.settings.frame_period) {
-                    self.keep("frames", sample);
+                    let is_drawn = is_due(&mut self.picture_due, &sample.key, self.settings.picture_period);
+                    self.keep("frames", sample, is_drawn);
                 }
             }
             Message::Scene(sample) => {
@@ -214,9 +217,9 @@ impl Capture {
                 {
                     self.fetch(summary.scene_id);
                 }
-                self.keep("summaries", sample);
+                self.keep("summaries", sample, false);
             }
-            Message::Other(kind, sample) => self.keep(kind, sample),
+            Message::Other(kind, sample) => self.keep(kind, sample, true),
             Message::Journal(sample) => {
                 let entry = sample.payload.decode_bulk(JournalEntry::SCHEMA).and_then(|bulk| JournalEntry::from_bulk(&bulk));
                 if let Ok(JournalEntry { kind: JournalKind::Call, payload, .. }) = &entry
@@ -224,13 +227,13 @@ impl Capture {
                 {
                     self.fetch(scene_id);
                 }
-                self.keep("calls", sample);
+                self.keep("calls", sample, true);
             }
         }
     }
 
-    fn keep(&self, kind: &'static str, sample: Sample) {
-        let captured = Captured::Sample { kind, sample, at_ns: now_ns() };
+    fn keep(&self, kind: &'static str, sample: Sample, is_drawn: bool) {
+        let captured = Captured::Sample { kind, sample, at_ns: now_ns(), is_drawn };
         if self.to_file.try_send(captured).is_err() {
             self.lost.add(kind, 1);
         }

@@ -76,3 +76,36 @@ impl CallOptions {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use bytes::Bytes;
+
+    use super::*;
+    use crate::job::Due;
+    use crate::mailbox::mailbox;
+    use crate::stages::Stages;
+
+    #[test]
+    fn a_call_on_behalf_of_a_batch_one_lets_others_by_until_that_one_is_due() {
+        let remaining = Duration::from_secs(60);
+        let call = crate::Call {
+            id: String::new(),
+            method: String::new(),
+            payload: Payload { encoding: String::new(), bytes: Bytes::new() },
+            priority: Priority::Batch,
+            attempt: 0,
+            traceparent: None,
+            caller: None,
+            cell: None,
+            deadline: tokio::time::Instant::now() + remaining,
+            cancelled: CancellationToken::new(),
+            progress: mailbox(1).0,
+            stages: Stages::default(),
+            due: Due::default(),
+        };
+        assert_eq!(CallOptions::for_call(&call).priority, Priority::Batch, "no queue has let it go");
+        call.context().must_be_done_in(remaining * 2);
+        assert_eq!(CallOptions::for_call(&call).priority, Priority::Interactive);
+    }
+}
