@@ -9,8 +9,9 @@ use std::time::Duration;
 use repose_proto::load::WorkerLoad;
 use repose_proto::perception::SceneRequest;
 use repose_proto::{JournalEntry, JournalKind, Payload, SceneSummary, Service, keys};
-use repose_runtime::{CallOptions, Caller, Sample, Session, Shutdown, Subscription, now_ns};
-use tokio::sync::mpsc;
+use repose_runtime::{COPIES_WAIT, CallOptions, Caller, Sample, Session, Shutdown, Subscription, now_ns, yield_to_messages};
+use tokio::runtime::Handle;
+use tokio::sync::{mpsc, oneshot};
 use tokio::time::Instant;
 
 use crate::RecordingError;
@@ -52,7 +53,7 @@ pub async fn record(
     let topic = format!("repose/v1/{}/{}", cell.name(), crate::file::SCENE_TOPIC);
     let lost = Lost::default();
     let writer = Writer::new(parts, topic, looks, lost.clone());
-    let mut writing = tokio::task::spawn_blocking(move || writer.run(captured, chunk_period));
+    let mut writing = begin_writing(writer, captured, chunk_period);
 
     let subscribe = async |key: String, room: usize| session.subscribe_queue(&key, room).await;
     let mut heard = Heard {
@@ -68,12 +69,16 @@ pub async fn record(
         settings,
         lost: lost.clone(),
         frame_due: BTreeMap::new(),
+        picture_due: BTreeMap::new(),
         scene_due: BTreeMap::new(),
         asked_for: BTreeSet::new(),
     };
-    let _recorder = session.transport().declare_alive(&cell.live_recorder(&uuid::Uuid::new_v4().to_string())).await?;
+    let mut recorder = Some(session.transport().declare_alive(&cell.live_recorder(&uuid::Uuid::new_v4().to_string())).await?);
     begun(&silent(session).await?);
+    // After the shutdown: until when the copies made before it are waited for.
+    let mut last = None;
     let early = loop {
+        let over = last.unwrap_or_else(Instant::now);
         tokio::select! {
             sample = heard.next() => match sample {
                 Some(sample) => capture.take(sample),
@@ -81,9 +86,14 @@ pub async fn record(
             },
             // The file failed: nothing can be recorded any more.
             written = &mut writing => break Some(written),
-            () = shutdown.requested() => break None,
+            () = shutdown.requested(), if last.is_none() => {
+                recorder = None;
+                last = Some(Instant::now() + 2 * COPIES_WAIT);
+            }
+            () = tokio::time::sleep_until(over), if last.is_some() => break None,
         }
     };
+    drop(recorder);
     heard.count_dropped(&lost);
     // The last sender: the writer ends its file when it has taken what waits.
     drop(capture);
@@ -92,6 +102,25 @@ pub async fn record(
         None => writing.await,
     };
     written.map_err(|e| repose_proto::CallError::internal(format!("the writer was lost: {e}")))?
+}
+
+/// Has a thread write: one that lets all others go first, for what it computes can wait and what a cell computes cannot.
+fn begin_writing(
+    writer: Writer,
+    captured: mpsc::Receiver<Captured>,
+    chunk_period: Duration,
+) -> oneshot::Receiver<Result<Summary, RecordingError>> {
+    let (ended, writing) = oneshot::channel();
+    let runtime = Handle::current();
+    std::thread::spawn(move || {
+        // To those that carry messages, and to those that compute, which have yielded once.
+        yield_to_messages();
+        yield_to_messages();
+        let _entered = runtime.enter();
+        // Nobody waits for it where recording was given up.
+        drop(ended.send(writer.run(captured, chunk_period)));
+    });
+    writing
 }
 
 /// The workers alive that do not copy their calls, after some time.
@@ -164,6 +193,7 @@ struct Capture {
     settings: RecordSettings,
     lost: Lost,
     frame_due: BTreeMap<String, Instant>,
+    picture_due: BTreeMap<String, Instant>,
     scene_due: BTreeMap<String, Instant>,
     /// Scenes that were fetched already, or are being fetched.
     asked_for: BTreeSet<String>,
@@ -177,7 +207,8 @@ impl Capture {
         match message {
             Message::Frame(sample) => {
                 if is_due(&mut self.frame_due, &sample.key, self.settings.frame_period) {
-                    self.keep("frames", sample);
+                    let is_drawn = is_due(&mut self.picture_due, &sample.key, self.settings.picture_period);
+                    self.keep("frames", sample, is_drawn);
                 }
             }
             Message::Scene(sample) => {
@@ -186,9 +217,9 @@ impl Capture {
                 {
                     self.fetch(summary.scene_id);
                 }
-                self.keep("summaries", sample);
+                self.keep("summaries", sample, false);
             }
-            Message::Other(kind, sample) => self.keep(kind, sample),
+            Message::Other(kind, sample) => self.keep(kind, sample, true),
             Message::Journal(sample) => {
                 let entry = sample.payload.decode_bulk(JournalEntry::SCHEMA).and_then(|bulk| JournalEntry::from_bulk(&bulk));
                 if let Ok(JournalEntry { kind: JournalKind::Call, payload, .. }) = &entry
@@ -196,13 +227,13 @@ impl Capture {
                 {
                     self.fetch(scene_id);
                 }
-                self.keep("calls", sample);
+                self.keep("calls", sample, true);
             }
         }
     }
 
-    fn keep(&self, kind: &'static str, sample: Sample) {
-        let captured = Captured::Sample { kind, sample, at_ns: now_ns() };
+    fn keep(&self, kind: &'static str, sample: Sample, is_drawn: bool) {
+        let captured = Captured::Sample { kind, sample, at_ns: now_ns(), is_drawn };
         if self.to_file.try_send(captured).is_err() {
             self.lost.add(kind, 1);
         }

@@ -22,6 +22,9 @@ pub struct RecordSettings {
     pub scene_period: Duration,
     /// Whether Foxglove's messages are written beside those of the wire.
     pub looks: bool,
+    /// Least time between two of Foxglove's pictures of a camera (500 ms): each is taken out of a frame and encoded once more. The frames are there all the
+    /// same.
+    pub picture_period: Duration,
 }
 
 impl RecordSettings {
@@ -35,6 +38,7 @@ impl RecordSettings {
             frame_period: Duration::from_millis(200),
             scene_period: Duration::from_secs(1),
             looks: true,
+            picture_period: Duration::from_millis(500),
         }
     }
 

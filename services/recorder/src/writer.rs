@@ -41,6 +41,8 @@ pub enum Captured {
         sample: Sample,
         /// When it was heard.
         at_ns: u64,
+        /// Whether it is to be looked at, too.
+        is_drawn: bool,
     },
     /// A whole scene.
     Scene {
@@ -112,10 +114,10 @@ impl Writer {
 
     fn take(&mut self, captured: Captured) -> Result<(), RecordingError> {
         match captured {
-            Captured::Sample { kind, sample, at_ns } => {
+            Captured::Sample { kind, sample, at_ns, is_drawn } => {
                 self.count(kind);
                 self.parts.open().wire(&sample.key, &sample.payload, at_ns)?;
-                self.look_at(kind, &sample, at_ns)
+                if is_drawn { self.look_at(kind, &sample, at_ns) } else { Ok(()) }
             }
             Captured::Scene { scene_id, payload, at_ns } => {
                 self.scenes.put(scene_id.clone(), (payload, at_ns));

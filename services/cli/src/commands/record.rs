@@ -36,6 +36,9 @@ pub struct RecordArgs {
     /// Least time between two whole scenes of a camera, milliseconds. Scenes that somebody asks about are taken whatever it is.
     #[arg(long, default_value_t = 1000)]
     pub scene_period_ms: u64,
+    /// Least time between two pictures of a camera for Foxglove and Lichtblick, milliseconds; 0 draws every frame that is taken.
+    #[arg(long, default_value_t = 500)]
+    pub picture_period_ms: u64,
     /// Write the messages of the wire only, which is what playing and replaying need; without those that Foxglove and Lichtblick draw.
     #[arg(long)]
     pub no_looks: bool,
@@ -52,6 +55,7 @@ impl RecordArgs {
             frame_period: Duration::from_millis(self.frame_period_ms),
             scene_period: Duration::from_millis(self.scene_period_ms),
             looks: !self.no_looks,
+            picture_period: Duration::from_millis(self.picture_period_ms),
             ..RecordSettings::new(self.out.clone())
         };
         settings.validate()?;

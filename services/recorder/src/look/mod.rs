@@ -37,8 +37,7 @@ impl Looker {
 
     /// A scene's cloud and its objects.
     pub fn scene(&mut self, scene_id: &str, scene: &Scene) -> Vec<Look> {
-        self.boxes.keep(scene_id, scene);
-        scene::looks(scene)
+        self.boxes.looks(scene_id, scene)
     }
 
     /// A robot's joints, links and body, as often as they are worth drawing; and its stop when it begins or ends.

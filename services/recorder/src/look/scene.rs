@@ -30,11 +30,15 @@ struct Bounds {
 }
 
 impl Bounds {
-    fn of(points: impl Iterator<Item = [f32; 3]>) -> Option<Self> {
-        points.map(|p| Vector3::from(p.map(f64::from))).fold(None, |bounds: Option<Self>, p| {
-            let Self { low, high } = bounds.unwrap_or(Self { low: p, high: p });
-            Some(Self { low: low.inf(&p), high: high.sup(&p) })
-        })
+    /// The box around each label of a scene, in one go over its points.
+    fn of_objects(scene: &Scene) -> BTreeMap<u16, Self> {
+        let mut bounds: BTreeMap<u16, Self> = BTreeMap::new();
+        for (point, label) in scene.points.iter().zip(&scene.labels).filter(|(_, label)| **label > 0) {
+            let point = Vector3::from(point.map(f64::from));
+            let of = bounds.entry(*label).or_insert(Self { low: point, high: point });
+            *of = Self { low: of.low.inf(&point), high: of.high.sup(&point) };
+        }
+        bounds
     }
 
     fn solid(&self, moved: &Isometry3<f64>, color: Color) -> Solid {
@@ -43,23 +47,22 @@ impl Bounds {
     }
 }
 
-/// The boxes of the objects of the newest scenes.
+/// The boxes of the objects of the newest scenes, newest first.
 #[derive(Debug, Default)]
 pub struct Boxes {
     scenes: VecDeque<(String, BTreeMap<u16, Bounds>)>,
 }
 
 impl Boxes {
-    /// Keeps a scene's boxes.
-    pub fn keep(&mut self, scene_id: &str, scene: &Scene) {
-        if self.scenes.iter().any(|(known, _)| known == scene_id) {
-            return;
+    /// A scene's cloud and its objects; keeps its boxes.
+    pub fn looks(&mut self, scene_id: &str, scene: &Scene) -> Vec<Look> {
+        let bounds = Bounds::of_objects(scene);
+        let looks = looks(scene, &bounds);
+        if self.scenes.iter().all(|(known, _)| known != scene_id) {
+            self.scenes.truncate(SCENES - 1);
+            self.scenes.push_front((scene_id.to_owned(), bounds));
         }
-        if self.scenes.len() == SCENES {
-            self.scenes.pop_front();
-        }
-        let bounds = |id: u16| Some((id, Bounds::of(scene.points_of(id))?));
-        self.scenes.push_back((scene_id.to_owned(), scene.meta.objects.iter().filter_map(|o| bounds(o.id)).collect()));
+        looks
     }
 
     /// The placements of an answer, best first; takes the ones before away. None where the scene is not known.
@@ -111,11 +114,10 @@ struct Field {
 const UINT8: u8 = 1;
 const FLOAT32: u8 = 7;
 
-/// The cloud and the objects.
-pub fn looks(scene: &Scene) -> Vec<Look> {
+fn looks(scene: &Scene, bounds: &BTreeMap<u16, Bounds>) -> Vec<Look> {
     let (camera, at_ns) = (&scene.camera_name, scene.stamp_ns);
     let cloud = Look::new(format!("/scene/{camera}/cloud"), Kind::PointCloud, at_ns, &cloud(scene));
-    vec![cloud, Look::new(format!("/scene/{camera}/objects"), Kind::SceneUpdate, at_ns, &objects(scene))]
+    vec![cloud, Look::new(format!("/scene/{camera}/objects"), Kind::SceneUpdate, at_ns, &objects(scene, bounds))]
 }
 
 fn cloud(scene: &Scene) -> PointCloud {
@@ -145,11 +147,11 @@ fn cloud(scene: &Scene) -> PointCloud {
     }
 }
 
-fn objects(scene: &Scene) -> SceneUpdate {
+fn objects(scene: &Scene, bounds: &BTreeMap<u16, Bounds>) -> SceneUpdate {
     let at = Time::of_ns(scene.stamp_ns);
     let outlined = Color { r: 0.9, g: 0.6, b: 0.15, a: 0.35 };
     let object = |object: &repose_proto::ObjectSummary| {
-        let solid = Bounds::of(scene.points_of(object.id))?.solid(&Isometry3::identity(), outlined);
+        let solid = bounds.get(&object.id)?.solid(&Isometry3::identity(), outlined);
         let mut entity = Entity::new(at, format!("object {}", object.id));
         entity.texts.push(label(solid.pose, solid.size.z, object.id.to_string()));
         entity.cubes.push(solid);

@@ -105,6 +105,7 @@ pub use error::RuntimeError;
 pub use gauge::{LoadGauge, load_of};
 pub use health::{HealthServer, METRICS, start_metrics};
 pub use job::{Job, JobContext, JobReply};
+pub use journal::COPIES_WAIT;
 pub use queue::{BatchQueue, ComputeQueue, Pending, QueueSettings};
 pub use robots::{call_moving, emergency_stop, now_ns, reaching_robot, robot_state};
 pub use scenes::{SceneStore, check_scene_id, fetch_newest, fetch_scene};

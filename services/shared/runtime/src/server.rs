@@ -24,7 +24,8 @@ use crate::call::{Call, Handler};
 use crate::config::WorkerConfig;
 use crate::door::Door;
 use crate::gauge::LoadGauge;
-use crate::journal::Journal;
+use crate::job::Due;
+use crate::journal::{COPIES_WAIT, Journal};
 use crate::mailbox::{MailboxReceiver, mailbox};
 use crate::namesakes;
 use crate::registry::{Admission, Outcome, Registry};
@@ -161,6 +162,8 @@ impl Server {
             let grace = Duration::from_millis(config.cancel_grace_ms + 100);
             drop(tokio::time::timeout(grace, shared.calls.wait()).await);
         }
+        // The copies of the last answers, too.
+        drop(tokio::time::timeout(COPIES_WAIT, shared.journal.flush()).await);
         self.stop.cancel();
         tracing::info!(service = %shared.service, worker = shared.worker, "drained");
     }
@@ -406,6 +409,7 @@ async fn compute(shared: Arc<Shared>, admitted: Admitted, mut answerer: Answerer
         cancelled: cancelled.clone(),
         progress,
         stages: Stages::default(),
+        due: Due::default(),
     };
     let (id, stages) = (call.id.clone(), call.stages.clone());
     let at_most_once = shared.handler.at_most_once(&call.method);

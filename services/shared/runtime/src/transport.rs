@@ -197,6 +197,17 @@ pub trait Transport: Send + Sync + 'static {
     /// When the message is larger than a message may be, or the network refuses.
     async fn put(&self, key: &str, payload: Payload, traffic: Traffic) -> Result<(), RuntimeError>;
 
+    /// Puts messages one after the other, as quickly as they can go; gives up at the first that is refused.
+    ///
+    /// # Errors
+    /// As [`Transport::put`].
+    async fn put_all(&self, key: &str, payloads: Vec<Payload>, traffic: Traffic) -> Result<(), RuntimeError> {
+        for payload in payloads {
+            self.put(key, payload, traffic).await?;
+        }
+        Ok(())
+    }
+
     /// Subscribes with room for `capacity` messages; 1 keeps the newest only.
     ///
     /// # Errors

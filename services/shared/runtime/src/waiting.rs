@@ -6,6 +6,7 @@
 //! others.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use repose_proto::{CallError, ErrorCode, Priority};
 
@@ -24,6 +25,11 @@ const SPREADS: f64 = 3.0;
 const SMOOTHING: f64 = 1.0 / 16.0;
 /// The most that interactive jobs can take, since batch ones get a turn after some were let by.
 const MOST_INTERACTIVE: f64 = LET_BY as f64 / (LET_BY + 1) as f64;
+
+/// How long a job may take that waits for so many rounds of others, with a margin, milliseconds.
+fn needed_ms(rounds: f64, gauge: &LoadGauge) -> f64 {
+    (rounds * WAIT_MARGIN + 1.0) * gauge.service_ms() + SPREADS * gauge.spread_ms()
+}
 
 /// How many jobs may wait before one of a priority is refused: batch leaves half of the places to interactive jobs.
 fn places(capacity: usize, priority: Priority) -> usize {
@@ -126,27 +132,16 @@ impl<R, T> WaitingJobs<R, T> {
             // An idle queue takes anything: a deadline that looks too short may do, and a smoothed time has to be able to fall again.
             return None;
         }
-        let wait_ms = self.wait_ms(ahead, context.priority, threads, gauge);
+        // Those that run are half done, in the mean.
+        let rounds = (ahead as f64 + gauge.running().min(threads.max(1)) as f64 / 2.0) / threads.max(1) as f64;
         let expected_ms = match context.priority {
             // Somebody waits for it: it is refused where it would be late, not where it might be.
-            Priority::Interactive => wait_ms + gauge.service_ms(),
-            Priority::Batch => wait_ms * WAIT_MARGIN + gauge.service_ms() + SPREADS * gauge.spread_ms(),
+            Priority::Interactive => (rounds + 1.0) * gauge.service_ms(),
+            // It also waits for the interactive ones that are still to come.
+            Priority::Batch => needed_ms(rounds / (1.0 - self.interactive_share.min(MOST_INTERACTIVE)), gauge),
         };
         let left_ms = context.remaining().as_secs_f64() * 1e3;
         (expected_ms > left_ms).then_some(Refusal::TooLate { expected_ms, left_ms })
-    }
-
-    /// How long a job of a priority waits for those that run and `ahead` others, in the mean, milliseconds.
-    fn wait_ms(&self, ahead: usize, priority: Priority, threads: usize, gauge: &LoadGauge) -> f64 {
-        let threads = threads.max(1);
-        // Those that run are half done, in the mean.
-        let rounds = (ahead as f64 + gauge.running().min(threads) as f64 / 2.0) / threads as f64;
-        // A batch job also waits for the interactive ones that are still to come.
-        let left_for_it = match priority {
-            Priority::Interactive => 1.0,
-            Priority::Batch => 1.0 - self.interactive_share.min(MOST_INTERACTIVE),
-        };
-        rounds / left_for_it * gauge.service_ms()
     }
 
     pub(crate) fn push(&mut self, job: Job<R, T>) {
@@ -163,9 +158,8 @@ impl<R, T> WaitingJobs<R, T> {
     /// Whether a batch job that may run has let enough by, or one would be late if it, and those before it, let more by.
     fn is_batch_due(&self, threads: usize, gauge: &LoadGauge) -> bool {
         let is_late = |before: usize, job: &Job<R, T>| {
-            let rounds = 1.0 + (before as f64 + 0.5) / threads.max(1) as f64;
-            let needed_ms = rounds * WAIT_MARGIN * gauge.service_ms() + SPREADS * gauge.spread_ms();
-            job.context.remaining().as_secs_f64() * 1e3 <= needed_ms
+            let rounds = (before as f64 + 0.5) / threads.max(1) as f64;
+            job.context.remaining().as_secs_f64() * 1e3 <= needed_ms(rounds, gauge)
         };
         self.batch.front(&self.running).is_some() && (self.let_by >= LET_BY || self.batch.any(is_late))
     }
@@ -173,14 +167,17 @@ impl<R, T> WaitingJobs<R, T> {
     /// The next job to go with those taken already, if there is room for it: the next interactive one, unless a batch job is due. A batch job
     /// that is not due would only delay the interactive ones beside it.
     pub(crate) fn pop(&mut self, taken: &mut Taken<R, T>, threads: usize, gauge: &LoadGauge) -> Option<Job<R, T>> {
-        let is_due = self.is_batch_due(threads, gauge);
-        let is_interactive = !is_due && self.interactive.front(&self.running).is_some();
+        let has_interactive = self.interactive.front(&self.running).is_some();
+        // Only where an interactive job would have to let it by.
+        let is_due = (has_interactive || taken.is_interactive()) && self.is_batch_due(threads, gauge);
+        let is_interactive = !is_due && has_interactive;
         if !is_interactive && !is_due && taken.is_interactive() {
             return None;
         }
         let line = if is_interactive { &mut self.interactive } else { &mut self.batch };
         taken.is_full |= line.front(&self.running).is_some_and(|job| !taken.has_room_for((self.weigh)(&job.request)));
         let job = if taken.is_full { None } else { line.pop(&self.running) }?;
+        job.context.must_be_done_in(Duration::from_secs_f64(needed_ms(0.0, gauge) / 1e3));
         self.let_by = if is_interactive && !self.batch.is_empty() { self.let_by + 1 } else { 0 };
         self.interactive_share += SMOOTHING * (f64::from(u8::from(is_interactive)) - self.interactive_share);
         Some(job)
@@ -243,8 +240,6 @@ impl<R, T> Taken<R, T> {
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
-
     use tokio::sync::oneshot;
 
     use super::*;
@@ -289,14 +284,27 @@ mod tests {
         let gauge = LoadGauge::default();
         gauge.started(1);
         gauge.finished(1, Duration::from_secs(10));
-        // Of one that runs, one before it and itself the later job has to be done: 2.5 times 10 s, with a margin 37.5 s.
-        for (left_s, first) in [(45, Priority::Interactive), (35, Priority::Batch)] {
+        // Half of one that runs, one before it, with a margin, and itself: 32.5 s.
+        for (left_s, first) in [(35, Priority::Interactive), (30, Priority::Batch)] {
             let mut waiting = waiting();
             let within = |waiting: &mut _, left_s, priority| push_within(waiting, Duration::from_secs(left_s), priority);
             let _awaited = [(60, Priority::Batch), (left_s, Priority::Batch), (60, Priority::Interactive)]
                 .map(|(left_s, priority)| within(&mut waiting, left_s, priority));
             let popped = waiting.pop(&mut Taken::none(usize::MAX), 1, &gauge).map(|job| job.context.priority);
             assert_eq!(popped, Some(first), "{left_s} s left");
+        }
+    }
+
+    #[test]
+    fn a_batch_job_that_is_taken_says_from_when_on_it_lets_nobody_by() {
+        let gauge = LoadGauge::default();
+        gauge.started(1);
+        gauge.finished(1, Duration::from_secs(10));
+        for (left_s, now) in [(60, Priority::Batch), (5, Priority::Interactive)] {
+            let mut waiting = waiting();
+            let _awaited = push_within(&mut waiting, Duration::from_secs(left_s), Priority::Batch);
+            let job = waiting.pop(&mut Taken::none(usize::MAX), 1, &gauge).expect("a job");
+            assert_eq!(job.context.due.raise(job.context.priority), now, "{left_s} s left of a job of 10 s");
         }
     }
 }

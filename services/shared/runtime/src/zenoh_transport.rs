@@ -298,19 +298,30 @@ impl Transport for ZenohTransport {
     }
 
     async fn put(&self, key: &str, payload: Payload, traffic: Traffic) -> Result<(), RuntimeError> {
-        message::check_size(payload.bytes.len()).map_err(|e| RuntimeError::transport(format!("putting to {key}"), e))?;
+        self.put_all(key, vec![payload], traffic).await
+    }
+
+    async fn put_all(&self, key: &str, payloads: Vec<Payload>, traffic: Traffic) -> Result<(), RuntimeError> {
+        if payloads.is_empty() {
+            return Ok(());
+        }
+        let sizes = payloads.iter().map(|payload| message::check_size(payload.bytes.len()));
+        sizes.collect::<Result<(), _>>().map_err(|e| RuntimeError::transport(format!("putting to {key}"), e))?;
         let (priority, congestion, express) = delivery_of(traffic);
         let (session, key) = (self.session.clone(), key.to_owned());
         // Stops and commands have a priority of their own, with nothing large in it, and must not wait for a thread.
         let waits = matches!(traffic, Traffic::Frame | Traffic::Scene | Traffic::Journal | Traffic::Call(_));
+        // One thread takes all of them: what goes at once goes in one packet.
         send("putting", waits, move || {
-            session
-                .put(key, payload.bytes)
-                .encoding(payload.encoding)
-                .priority(priority)
-                .congestion_control(congestion)
-                .express(express)
-                .wait()
+            payloads.into_iter().try_for_each(|payload| {
+                session
+                    .put(&key, payload.bytes)
+                    .encoding(payload.encoding)
+                    .priority(priority)
+                    .congestion_control(congestion)
+                    .express(express)
+                    .wait()
+            })
         })
         .await
     }

@@ -12,6 +12,7 @@ use repose_proto::{
     ArrangeRequest, ArrangeResult, CallError, Frame, GoalTerm, Payload, PlaceRequest, PlaceResult, Relation, Scene, Service,
 };
 use repose_runtime::{Answer, CallOptions, Caller, Server, Session};
+use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 
 use super::LoadArgs;
@@ -168,10 +169,8 @@ impl Asking {
     /// What ended, and how many could not even begin.
     async fn open_loop(&self, requests: usize, rate: f64, started: Instant) -> Result<(Vec<Ended>, usize), Failure> {
         let (mut under_way, mut ended, mut dropped) = (JoinSet::new(), Vec::new(), 0);
-        let due_s = self.args.arrivals.due_s(rate, self.args.seed).take(requests).enumerate();
-        for (i, due_s) in due_s.skip(self.slice.of).step_by(self.slice.all) {
-            let due = started + Duration::from_secs_f64(due_s);
-            tokio::time::sleep_until(due.into()).await;
+        let mut due = self.due(requests, rate, started);
+        while let Some((i, due)) = due.recv().await {
             while let Some(one) = under_way.try_join_next() {
                 ended.push(one.map_err(Failure::other)?);
             }
@@ -186,6 +185,25 @@ impl Asking {
             ended.push(one.map_err(Failure::other)?);
         }
         Ok((ended, dropped))
+    }
+
+    /// This process's share of so many requests, each when it is due. A thread of its own keeps the time: the runtime's timers are late by a millisecond or
+    /// two, which would be in every latency.
+    fn due(&self, requests: usize, rate: f64, started: Instant) -> mpsc::Receiver<(usize, Instant)> {
+        let (tell, due) = mpsc::channel(MOST_UNDER_WAY);
+        let (args, slice) = (self.args.clone(), self.slice);
+        std::thread::spawn(move || {
+            let due_s = args.arrivals.due_s(rate, args.seed).take(requests).enumerate();
+            for (i, due_s) in due_s.skip(slice.of).step_by(slice.all) {
+                let due = started + Duration::from_secs_f64(due_s);
+                std::thread::sleep(due.saturating_duration_since(Instant::now()));
+                if tell.blocking_send((i, due)).is_err() {
+                    // The run was given up.
+                    return;
+                }
+            }
+        });
+        due
     }
 
     /// Asks once. Latency counts from when the request was due, so that a slow system cannot hide by slowing its clients down.

@@ -58,9 +58,16 @@ pub struct Happened {
 
 struct Own {
     what: String,
-    name: String,
+    /// Its number among those of its kind, from 0.
+    place: usize,
     process: Labelled,
     is_halted: bool,
+}
+
+impl Own {
+    fn name(&self) -> String {
+        name(&self.what, self.place)
+    }
 }
 
 /// The processes. They end with this.
@@ -86,12 +93,12 @@ impl OwnSystem {
             false => write_routers(&routers, folder.path())?,
         }
         let mut system = Self { routers, folder, has_users: is_secured, seed, processes: Vec::new(), turns: BTreeMap::new() };
-        for k in 1..=sizes.routers {
-            system.add(ROUTER, router_name(k))?;
+        for place in 0..sizes.routers {
+            system.add(ROUTER, place)?;
         }
         for service in Service::ALL {
-            for k in 1..=sizes.of(service) {
-                system.add(service.as_str(), format!("{service}-{k}"))?;
+            for place in 0..sizes.of(service) {
+                system.add(service.as_str(), place)?;
             }
         }
         let session = Session::open(system.config()?).await?;
@@ -128,12 +135,10 @@ impl OwnSystem {
     }
 
     /// Starts a process. A service begins at the router whose turn it is, and knows the others.
-    fn add(&mut self, what: &str, name: String) -> Outcome {
+    fn add(&mut self, what: &str, place: usize) -> Outcome {
+        let name = name(what, place);
         let (endpoint, file) = match what {
-            ROUTER => {
-                let place = (1..=self.routers.len()).position(|k| router_name(k) == name);
-                (place.map_or_else(String::new, |place| self.routers[place].clone()), self.file(&name))
-            }
+            ROUTER => (self.routers[place].clone(), self.file(&name)),
             _ => {
                 let mut routers = self.routers.clone();
                 routers.rotate_left(self.processes.len() % self.routers.len());
@@ -145,7 +150,7 @@ impl OwnSystem {
             command.env("REPOSE_SIMULATOR__SEED", self.seed.to_string());
         }
         let process = Labelled::spawn(&mut command, &name).map_err(|e| Failure::other(format!("{name} could not be started: {e}")))?;
-        self.processes.push(Own { what: what.to_owned(), name, process, is_halted: false });
+        self.processes.push(Own { what: what.to_owned(), place, process, is_halted: false });
         Ok(())
     }
 
@@ -162,32 +167,32 @@ impl OwnSystem {
             Deed::Restart(service) => {
                 let Some(mut own) = self.next_of(service.as_str()).map(|place| self.processes.remove(place)) else { return Ok(None) };
                 own.process.child.kill().await.map_err(Failure::other)?;
-                self.add(service.as_str(), own.name.clone())?;
-                Ok(Some(format!("kill {}", own.name)))
+                self.add(service.as_str(), own.place)?;
+                Ok(Some(format!("kill {}", own.name())))
             }
             Deed::Halt(service) => {
                 let Some(place) = self.next_of(service.as_str()) else { return Ok(None) };
                 let own = &mut self.processes[place];
                 own.is_halted = true;
                 Self::signal(own, libc::SIGSTOP);
-                Ok(Some(format!("stop {}", own.name)))
+                Ok(Some(format!("stop {}", own.name())))
             }
             Deed::Resume => {
                 let Some(own) = self.processes.iter_mut().find(|own| own.is_halted) else { return Ok(None) };
                 own.is_halted = false;
                 Self::signal(own, libc::SIGCONT);
-                Ok(Some(format!("resume {}", own.name)))
+                Ok(Some(format!("resume {}", own.name())))
             }
             Deed::KillRouter => {
                 let Some(mut own) = self.next_of(ROUTER).map(|place| self.processes.remove(place)) else { return Ok(None) };
                 own.process.child.kill().await.map_err(Failure::other)?;
-                Ok(Some(format!("kill {}", own.name)))
+                Ok(Some(format!("kill {}", own.name())))
             }
             Deed::StartRouter => {
-                let runs = |name: &String| self.processes.iter().any(|own| own.name == *name);
-                let Some(name) = (1..=self.routers.len()).map(router_name).find(|name| !runs(name)) else { return Ok(None) };
-                self.add(ROUTER, name.clone())?;
-                Ok(Some(format!("start {name}")))
+                let runs = |place: &usize| self.processes.iter().any(|own| own.what == ROUTER && own.place == *place);
+                let Some(place) = (0..self.routers.len()).find(|place| !runs(place)) else { return Ok(None) };
+                self.add(ROUTER, place)?;
+                Ok(Some(format!("start {}", name(ROUTER, place))))
             }
         }
     }
@@ -205,15 +210,15 @@ impl OwnSystem {
     fn ended(&mut self) -> Vec<String> {
         let ended = self.processes.iter_mut().filter_map(|own| {
             let status = own.process.child.try_wait().ok()??;
-            Some(format!("{} ended by itself: {status}", own.name))
+            Some(format!("{} ended by itself: {status}", own.name()))
         });
         ended.collect()
     }
 }
 
-/// What the `k`-th router is called.
-fn router_name(k: usize) -> String {
-    format!("{ROUTER}-{k}")
+/// What a process is called.
+fn name(what: &str, place: usize) -> String {
+    format!("{what}-{}", place + 1)
 }
 
 /// An address on this machine at which nothing listens yet.
@@ -227,10 +232,10 @@ fn free_endpoint(is_secured: bool) -> Result<String, Failure> {
 
 /// A file for each router, which names the others.
 fn write_routers(routers: &[String], folder: &Path) -> Outcome {
-    for (k, own) in (1..).zip(routers) {
+    for (place, own) in routers.iter().enumerate() {
         let others: Vec<&String> = routers.iter().filter(|other| *other != own).collect();
         let text = format!("[session]\nmode = \"router\"\nconnect = {others:?}\n");
-        std::fs::write(folder.join(format!("{}.toml", router_name(k))), text).map_err(Failure::other)?;
+        std::fs::write(folder.join(format!("{}.toml", name(ROUTER, place))), text).map_err(Failure::other)?;
     }
     Ok(())
 }
