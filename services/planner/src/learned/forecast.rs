@@ -30,7 +30,7 @@ pub struct FittedOn {
     pub scenes: u64,
     /// Releases.
     pub releases: usize,
-    /// BLAKE3 of the parameters of the outcome network, whose word is among the measures.
+    /// BLAKE3 of the parameters of the outcome network of the same weights, whose word is among the measures of places.
     pub outcome_hash: String,
 }
 
