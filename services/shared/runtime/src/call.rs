@@ -8,7 +8,7 @@ use repose_proto::load::WorkerLoad;
 use repose_proto::{CallError, Payload, Priority};
 use tokio_util::sync::CancellationToken;
 
-use crate::job::{Due, JobContext};
+use crate::job::JobContext;
 use crate::mailbox::MailboxSender;
 use crate::stages::Stages;
 
@@ -37,7 +37,6 @@ pub struct Call {
     pub cancelled: CancellationToken,
     pub(crate) progress: MailboxSender<Payload>,
     pub(crate) stages: Stages,
-    pub(crate) due: Due,
 }
 
 impl Call {
@@ -68,7 +67,6 @@ impl Call {
     pub fn context(&self) -> JobContext {
         JobContext::new(self.deadline.into_std(), self.cancelled.clone())
             .with_priority(self.priority)
-            .with_due(self.due.clone())
             .for_cell(self.cell.clone())
             .with_stages(self.stages.clone())
     }

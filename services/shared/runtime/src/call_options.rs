@@ -63,49 +63,15 @@ impl CallOptions {
         Self { deadline, idempotent: false, ..Self::default() }
     }
 
-    /// A call on behalf of another: the same deadline, cancel, trace and cell, and its priority, until it is due: who was let in at one door, and is being
-    /// worked for, is then not made to wait, or refused, at the next.
+    /// A call on behalf of another: the same deadline, cancel, trace and cell. It is interactive: who was let in at one door, and is being worked for,
+    /// is not made to wait, or refused, at the next.
     pub fn for_call(call: &crate::Call) -> Self {
         Self {
             deadline: call.remaining(),
-            priority: call.due.raise(call.priority),
             cancel: call.cancelled.clone(),
             traceparent: call.traceparent.clone(),
             cell: call.cell.clone(),
             ..Self::default()
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use bytes::Bytes;
-
-    use super::*;
-    use crate::job::Due;
-    use crate::mailbox::mailbox;
-    use crate::stages::Stages;
-
-    #[test]
-    fn a_call_on_behalf_of_a_batch_one_lets_others_by_until_that_one_is_due() {
-        let remaining = Duration::from_secs(60);
-        let call = crate::Call {
-            id: String::new(),
-            method: String::new(),
-            payload: Payload { encoding: String::new(), bytes: Bytes::new() },
-            priority: Priority::Batch,
-            attempt: 0,
-            traceparent: None,
-            caller: None,
-            cell: None,
-            deadline: tokio::time::Instant::now() + remaining,
-            cancelled: CancellationToken::new(),
-            progress: mailbox(1).0,
-            stages: Stages::default(),
-            due: Due::default(),
-        };
-        assert_eq!(CallOptions::for_call(&call).priority, Priority::Batch, "no queue has let it go");
-        call.context().must_be_done_in(remaining * 2);
-        assert_eq!(CallOptions::for_call(&call).priority, Priority::Interactive);
     }
 }

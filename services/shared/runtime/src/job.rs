@@ -1,6 +1,6 @@
 //! A request on its way to a compute thread: how long it may take, and the way back.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use repose_proto::{CallError, ErrorCode, Priority};
@@ -10,27 +10,12 @@ use tokio_util::sync::CancellationToken;
 use crate::shares::ForCell;
 use crate::stages::Stages;
 
-/// From when on a job lets nobody by any more. Shared by a call and its jobs; known once a queue has let one of them go.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Due(Arc<OnceLock<Instant>>);
-
-impl Due {
-    /// The priority that something of a priority has now: what is due goes with the interactive ones.
-    pub(crate) fn raise(&self, priority: Priority) -> Priority {
-        match self.0.get() {
-            Some(due) if *due <= Instant::now() => Priority::Interactive,
-            _ => priority,
-        }
-    }
-}
-
 /// How long a job may still be worth computing. Long computations ask between their steps.
 #[derive(Debug, Clone)]
 pub struct JobContext {
     deadline: Instant,
     cancelled: CancellationToken,
     pub(crate) priority: Priority,
-    pub(crate) due: Due,
     pub(crate) cell: ForCell,
     pub(crate) stages: Stages,
     pub(crate) span: tracing::Span,
@@ -39,20 +24,7 @@ pub struct JobContext {
 impl JobContext {
     /// A job that must be done by `deadline` and ends when `cancelled` is triggered.
     pub fn new(deadline: Instant, cancelled: CancellationToken) -> Self {
-        let (priority, due, stages) = (Priority::Interactive, Due::default(), Stages::default());
-        Self { deadline, cancelled, priority, due, cell: None, stages, span: tracing::Span::current() }
-    }
-
-    /// The same, which tells a call when it is due.
-    #[must_use]
-    pub(crate) fn with_due(self, due: Due) -> Self {
-        Self { due, ..self }
-    }
-
-    /// Says how long it takes: it is due as long before its deadline.
-    pub(crate) fn must_be_done_in(&self, time: Duration) {
-        // A call may have several jobs: the first tells.
-        self.due.0.get_or_init(|| self.deadline.checked_sub(time).unwrap_or_else(Instant::now));
+        Self { deadline, cancelled, priority: Priority::Interactive, cell: None, stages: Stages::default(), span: tracing::Span::current() }
     }
 
     /// The same, whose time in the queue is added to a call's stages.

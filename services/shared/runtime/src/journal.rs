@@ -1,8 +1,8 @@
 //! A worker's copies of its calls and replies, for whoever records the cell: made while somebody shows that they record, and none otherwise.
 //!
 //! Copying costs the call no more than a push into a bounded queue, whose messages share their bytes with the call's; a task of its own encodes and
-//! sends them, some time later and several together: a message that goes alone wakes a dozen threads between here and the recorder's file, just when
-//! the answer that it is a copy of is on its way. What finds no room is dropped and counted, which a recorder sees as a gap in the numbers.
+//! sends them, some time later and several together: a message that goes alone wakes several threads here, in the router and in the recorder, just
+//! when the answer that it is a copy of is on its way. What finds no room is dropped and counted, which a recorder sees as a gap in the numbers.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};

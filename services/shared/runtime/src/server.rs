@@ -24,7 +24,6 @@ use crate::call::{Call, Handler};
 use crate::config::WorkerConfig;
 use crate::door::Door;
 use crate::gauge::LoadGauge;
-use crate::job::Due;
 use crate::journal::{COPIES_WAIT, Journal};
 use crate::mailbox::{MailboxReceiver, mailbox};
 use crate::namesakes;
@@ -409,7 +408,6 @@ async fn compute(shared: Arc<Shared>, admitted: Admitted, mut answerer: Answerer
         cancelled: cancelled.clone(),
         progress,
         stages: Stages::default(),
-        due: Due::default(),
     };
     let (id, stages) = (call.id.clone(), call.stages.clone());
     let at_most_once = shared.handler.at_most_once(&call.method);

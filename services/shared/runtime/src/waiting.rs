@@ -6,7 +6,6 @@
 //! others.
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use repose_proto::{CallError, ErrorCode, Priority};
 
@@ -177,7 +176,6 @@ impl<R, T> WaitingJobs<R, T> {
         let line = if is_interactive { &mut self.interactive } else { &mut self.batch };
         taken.is_full |= line.front(&self.running).is_some_and(|job| !taken.has_room_for((self.weigh)(&job.request)));
         let job = if taken.is_full { None } else { line.pop(&self.running) }?;
-        job.context.must_be_done_in(Duration::from_secs_f64(needed_ms(0.0, gauge) / 1e3));
         self.let_by = if is_interactive && !self.batch.is_empty() { self.let_by + 1 } else { 0 };
         self.interactive_share += SMOOTHING * (f64::from(u8::from(is_interactive)) - self.interactive_share);
         Some(job)
@@ -240,6 +238,8 @@ impl<R, T> Taken<R, T> {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use tokio::sync::oneshot;
 
     use super::*;
@@ -292,19 +292,6 @@ mod tests {
                 .map(|(left_s, priority)| within(&mut waiting, left_s, priority));
             let popped = waiting.pop(&mut Taken::none(usize::MAX), 1, &gauge).map(|job| job.context.priority);
             assert_eq!(popped, Some(first), "{left_s} s left");
-        }
-    }
-
-    #[test]
-    fn a_batch_job_that_is_taken_says_from_when_on_it_lets_nobody_by() {
-        let gauge = LoadGauge::default();
-        gauge.started(1);
-        gauge.finished(1, Duration::from_secs(10));
-        for (left_s, now) in [(60, Priority::Batch), (5, Priority::Interactive)] {
-            let mut waiting = waiting();
-            let _awaited = push_within(&mut waiting, Duration::from_secs(left_s), Priority::Batch);
-            let job = waiting.pop(&mut Taken::none(usize::MAX), 1, &gauge).expect("a job");
-            assert_eq!(job.context.due.raise(job.context.priority), now, "{left_s} s left of a job of 10 s");
         }
     }
 }
