@@ -36,7 +36,7 @@ impl RecordSettings {
             max_total_bytes: 8 << 30,
             chunk_period: Duration::from_secs(1),
             frame_period: Duration::from_millis(200),
-            scene_period: Duration::from_secs(1),
+            scene_period: Duration::from_secs(2),
             looks: true,
             picture_period: Duration::from_millis(500),
         }

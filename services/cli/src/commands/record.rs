@@ -34,7 +34,7 @@ pub struct RecordArgs {
     #[arg(long, default_value_t = 200)]
     pub frame_period_ms: u64,
     /// Least time between two whole scenes of a camera, milliseconds. Scenes that somebody asks about are taken whatever it is.
-    #[arg(long, default_value_t = 1000)]
+    #[arg(long, default_value_t = 2000)]
     pub scene_period_ms: u64,
     /// Least time between two pictures of a camera for Foxglove and Lichtblick, milliseconds; 0 draws every frame that is taken.
     #[arg(long, default_value_t = 500)]
