@@ -8,6 +8,7 @@ pub mod cost;
 pub mod judged;
 pub mod problem;
 pub mod scorer;
+pub mod standing;
 pub mod success;
 
 use repose_proto::CallError;
@@ -18,10 +19,10 @@ use crate::judge::cost::Costs;
 use crate::judge::judged::JudgedCandidate;
 use crate::judge::problem::PlacementProblem;
 use crate::judge::scorer::{Question, Scorer};
+use crate::judge::standing::Standing;
 use crate::judge::success::measures;
 use crate::learned::mixture::PriorMixture;
 use crate::learned::models::PlacementModels;
-use crate::learned::standing::Standing;
 use crate::scene::candidate::CandidatePose;
 use crate::settings::{GoalBy, Realism, StandingBy};
 

@@ -2,7 +2,7 @@
 
 use crate::judge::judged::JudgedCandidate;
 use crate::judge::problem::PlacementProblem;
-use crate::learned::standing::Standing;
+use crate::judge::standing::Standing;
 
 /// Gaps are cut here, metres: more is as good.
 const FAR_M: f64 = 0.06;

@@ -12,7 +12,6 @@ use repose_belief::shape::Shape;
 use repose_belief::solid::Solid;
 use repose_geometry::{Footprint, cloud};
 
-use crate::learned::forecast::Forecasts;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::traits::{StandingTraits, VOXEL_M};
 
@@ -104,34 +103,6 @@ const LEAST_HEIGHT_M: f64 = 0.01;
 /// A neighbour is ahead within this angle of the direction of the lean, as a cosine.
 const AHEAD_COSINE: f32 = 0.5;
 
-/// How an object stands where it was seen, by the forecasts.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Standing {
-    /// The probability that it stands by itself.
-    pub stands: f64,
-    /// The neighbour that most likely comes down when it is taken away, and the probability that it stays; none without a neighbour.
-    pub least_sure: Option<(u16, f64)>,
-}
-
-impl Standing {
-    /// Of an object of a scene; one without an extent, which cannot be planned with, is taken to stand.
-    pub fn of(prepared: &PreparedScene, id: u16, forecasts: &Forecasts) -> Self {
-        let Some(stance) = Stance::of(prepared, id) else { return Self { stands: 1.0, least_sure: None } };
-        let is_near = |shape: &Shape| shape.gap_m(stance.shape) <= NEAR_M;
-        let near = prepared.belief.objects.iter().filter(|(other, o)| **other != id && o.shape.as_ref().is_some_and(is_near));
-        let neighbours = near.filter_map(|(other, _)| {
-            let measures = Stance::of(prepared, *other)?.beside(&stance)?;
-            Some((*other, forecasts.neighbour_stays.of(&measures)))
-        });
-        Self { stands: forecasts.stands.of(&stance.measures()), least_sure: neighbours.min_by(|a, b| a.1.total_cmp(&b.1)) }
-    }
-
-    /// The probability that the neighbour stays that most likely does not; 1 without one.
-    pub fn neighbours_stay(&self) -> f64 {
-        self.least_sure.map_or(1.0, |(_, stays)| stays)
-    }
-}
-
 /// The names of the measures of an object, in the order that the trees read.
 pub fn names() -> Vec<&'static str> {
     MEASURES.iter().map(|(name, _)| *name).collect()
@@ -194,6 +165,11 @@ impl<'a> Stance<'a> {
             let beside = BESIDE.iter().map(|(_, of)| of(&pair) as f32);
             self.measures().into_iter().chain(beside).collect()
         })
+    }
+
+    /// Whether a shape is near enough to be that of a neighbour.
+    pub fn is_near(&self, other: &Shape) -> bool {
+        self.shape.gap_m(other) <= NEAR_M
     }
 
     fn nearest(&self) -> Option<&(f64, Vector2<f32>)> {
