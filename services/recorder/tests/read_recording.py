@@ -1,12 +1,12 @@
-"""Reads a recording with PyPI's `mcap` and checks it: `read_recording.py RUN.mcap`. Prints what it holds as JSON."""
+"""Reads a recording with PyPI's `mcap` and `mcap-protobuf-support` and checks it: `read_recording.py RUN.mcap`. Prints what it holds as JSON."""
 
-import base64
 import json
 import struct
 import sys
 from collections import Counter
 
 from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 
 LOOKS = {
     "/camera/front/image": "foxglove.CompressedImage",
@@ -22,27 +22,27 @@ WIRE = ["Frame.v1", "Scene.v1", "SceneSummary.v1", "RobotState.v1", "JournalEntr
 
 
 def check_image(message):
-    data = base64.b64decode(message["data"], validate=True)
-    assert message["format"] == "jpeg" and data[:3] == b"\xff\xd8\xff", message["format"]
+    assert message.format == "jpeg" and message.data[:3] == b"\xff\xd8\xff", message.format
 
 
 def check_calibration(message):
-    assert message["width"] > 0 and len(message["K"]) == 9 and len(message["P"]) == 12, message
+    assert message.width > 0 and len(message.K) == 9 and len(message.P) == 12, message
 
 
 def check_cloud(message):
-    data, stride = base64.b64decode(message["data"], validate=True), message["point_stride"]
+    data, stride = message.data, message.point_stride
     assert data and len(data) % stride == 0, (len(data), stride)
-    fields = {field["name"]: field["offset"] for field in message["fields"]}
+    fields = {field.name: field.offset for field in message.fields}
     assert set(fields) == {"x", "y", "z", "red", "green", "blue", "alpha"}, fields
     points = [struct.unpack_from("<fff", data, at) for at in range(0, len(data), stride)]
     assert all(abs(v) < 100 for point in points for v in point), "points are metres in the world"
 
 
 def check_joints(message):
-    assert len(message["joints"]) == 9 and all(isinstance(j["position"], float) for j in message["joints"]), message
+    assert len(message.joints) == 9 and all(j.HasField("position") for j in message.joints), message
 
 
+DECODERS = DecoderFactory()
 CHECKS = {
     "foxglove.CompressedImage": check_image,
     "foxglove.CameraCalibration": check_calibration,
@@ -62,11 +62,11 @@ def check_wire(channel, message):
 
 
 def check_look(schema, message):
-    described = json.loads(schema.data)
-    assert described["type"] == "object" and schema.encoding == "jsonschema", schema.name
-    document = json.loads(message.data)
-    assert set(document) == set(described["properties"]), (schema.name, set(document))
-    CHECKS.get(schema.name, lambda _: None)(document)
+    decode = DECODERS.decoder_for("protobuf", schema)
+    assert schema.encoding == "protobuf" and decode, schema.name
+    decoded = decode(message.data)
+    assert decoded.ListFields() and decoded.DESCRIPTOR.full_name == schema.name, schema.name
+    CHECKS.get(schema.name, lambda _: None)(decoded)
 
 
 def main(path):

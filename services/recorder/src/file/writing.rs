@@ -99,8 +99,8 @@ impl PartWriter {
     /// # Errors
     /// When the file cannot be written.
     pub fn look(&mut self, look: &Look) -> Result<(), RecordingError> {
-        let schema = self.writer.add_schema(look.kind.schema_name(), "jsonschema", look.kind.schema().as_bytes());
-        let channel = schema.and_then(|schema| self.writer.add_channel(schema, &look.topic, "json", &BTreeMap::new()));
+        let schema = self.writer.add_schema(&look.schema.name, &look.schema.encoding, &look.schema.data);
+        let channel = schema.and_then(|schema| self.writer.add_channel(schema, &look.topic, "protobuf", &BTreeMap::new()));
         self.add(channel, &look.message, look.at_ns)
     }
 

@@ -1,25 +1,26 @@
 //! One message to look at, encoded.
 
-use serde::Serialize;
-
-use super::schema::Kind;
+use foxglove::{Encode, Schema};
 
 /// Something to look at.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Look {
     /// Where viewers find it, `/camera/front/image`.
     pub topic: String,
     /// Of which schema.
-    pub kind: Kind,
+    pub schema: Schema,
     /// When, nanoseconds since the Unix epoch.
     pub at_ns: u64,
-    /// The message, JSON.
+    /// The message, in Protocol Buffers.
     pub message: Vec<u8>,
 }
 
 impl Look {
-    pub(super) fn new<T: Serialize>(topic: String, kind: Kind, at_ns: u64, message: &T) -> Self {
-        // Plain structs of numbers and text: they can always be written.
-        Self { topic, kind, at_ns, message: serde_json::to_vec(message).unwrap_or_default() }
+    /// A message of one of Foxglove's schemas; none of a message without one.
+    pub(super) fn new<T: Encode>(topic: String, at_ns: u64, message: &T) -> Option<Self> {
+        let mut bytes = Vec::with_capacity(message.encoded_len().unwrap_or_default());
+        // A vector grows: there is always room.
+        message.encode(&mut bytes).ok()?;
+        Some(Self { topic, schema: T::get_schema()?, at_ns, message: bytes })
     }
 }

@@ -1,12 +1,10 @@
-//! What Foxglove's viewers and Lichtblick draw of a recording: their messages as JSON, made of those of the wire.
-//!
-//! Source: Foxglove's public schemas (docs.foxglove.dev, "Foxglove schemas"), JSON form: bytes in base64, times as seconds and nanoseconds.
+//! What Foxglove's viewers, Lichtblick and Rerun draw of a recording: Foxglove's messages in Protocol Buffers, which all of them know, made of
+//! those of the wire.
 
 mod camera;
 mod message;
 mod robot;
 mod scene;
-mod schema;
 mod types;
 
 use std::collections::BTreeMap;
@@ -15,7 +13,6 @@ use repose_proto::robot::RobotState;
 use repose_proto::{CallError, Frame, PlaceResult, Scene};
 
 pub use message::Look;
-pub use schema::Kind;
 
 /// Makes what is looked at of what is heard. Remembers what a message alone does not tell.
 #[derive(Debug, Default)]

@@ -2,16 +2,14 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use base64::Engine;
-use base64::engine::general_purpose::STANDARD;
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use foxglove::messages::packed_element_field::NumericType;
+use foxglove::messages::{CubePrimitive, KeyValuePair, PackedElementField, PointCloud, SceneEntity, SceneUpdate, TextPrimitive};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use repose_geometry::transform::from_row_major;
 use repose_proto::{PlaceResult, Scene};
-use serde::Serialize;
 
 use super::message::Look;
-use super::schema::Kind;
-use super::types::{Color, Deletion, Entity, KeyValue, Line, Pose, SceneUpdate, Solid, Text, Time, WORLD};
+use super::types::{WORLD, all_deleted, closed_line, color, entity, instant, pose, vector};
 
 /// Points that are drawn of a cloud.
 const MOST_POINTS: usize = 30_000;
@@ -41,9 +39,21 @@ impl Bounds {
         bounds
     }
 
-    fn solid(&self, moved: &Isometry3<f64>, color: Color) -> Solid {
-        let pose = moved * Isometry3::from_parts(((self.low + self.high) / 2.0).into(), UnitQuaternion::identity());
-        Solid { pose: (&pose).into(), size: (self.high - self.low).into(), color }
+    /// The box after a motion, in that color, with its text above it.
+    fn drawn(&self, moved: &Isometry3<f64>, of: [f64; 4], text: String) -> (CubePrimitive, TextPrimitive) {
+        let size = self.high - self.low;
+        let at = moved * Isometry3::from_parts(((self.low + self.high) / 2.0).into(), UnitQuaternion::identity());
+        let above = Translation3::new(0.0, 0.0, size.z / 2.0 + FONT_M) * at;
+        let cube = CubePrimitive { pose: Some(pose(&at)), size: Some(vector(&size)), color: Some(color(of)) };
+        let text = TextPrimitive {
+            pose: Some(pose(&above)),
+            billboard: true,
+            font_size: FONT_M,
+            scale_invariant: false,
+            color: Some(color([1.0; 4])),
+            text,
+        };
+        (cube, text)
     }
 }
 
@@ -68,56 +78,26 @@ impl Boxes {
     /// The placements of an answer, best first; takes the ones before away. None where the scene is not known.
     pub fn ghosts(&self, result: &PlaceResult, at_ns: u64) -> Option<Look> {
         let (_, bounds) = self.scenes.iter().find(|(id, _)| *id == result.scene_id)?;
-        let (bounds, at) = (bounds.get(&result.query)?, Time::of_ns(at_ns));
+        let (bounds, at) = (bounds.get(&result.query)?, instant(at_ns));
         let ghost = |(rank, placement): (usize, &repose_proto::place::Placement)| {
             let moved = from_row_major(&placement.placed_from_observed.0).ok()?;
-            let color = if rank == 0 { Color { r: 0.1, g: 0.64, b: 0.3, a: 0.45 } } else { Color { r: 0.4, g: 0.55, b: 0.75, a: 0.3 } };
-            let solid = bounds.solid(&moved, color);
+            let of = if rank == 0 { [0.1, 0.64, 0.3, 0.45] } else { [0.4, 0.55, 0.75, 0.3] };
             let likely = placement.realism.map_or_else(String::new, |p| format!(" ({:.0} %)", 100.0 * p));
-            let mut entity = Entity::new(at, format!("placement {}", rank + 1));
-            entity.texts.push(label(solid.pose, solid.size.z, format!("{}{likely}", rank + 1)));
-            entity.cubes.push(solid);
-            entity.metadata.push(KeyValue { key: "cost", value: format!("{:.4}", placement.cost) });
-            Some(entity)
+            let (cube, text) = bounds.drawn(&moved, of, format!("{}{likely}", rank + 1));
+            let cost = KeyValuePair { key: "cost".to_owned(), value: format!("{:.4}", placement.cost) };
+            let ghost = entity(at, format!("placement {}", rank + 1));
+            Some(SceneEntity { metadata: vec![cost], cubes: vec![cube], texts: vec![text], ..ghost })
         };
         let entities = result.placements.iter().enumerate().filter_map(ghost).collect();
-        Some(Look::new("/placements".to_owned(), Kind::SceneUpdate, at_ns, &SceneUpdate { deletions: vec![Deletion::all(at)], entities }))
+        Look::new("/placements".to_owned(), at_ns, &SceneUpdate { deletions: vec![all_deleted(at)], entities })
     }
 }
 
-/// A number above a box of height `tall`.
-fn label(mut pose: Pose, tall: f64, text: String) -> Text {
-    pose.position.z += tall / 2.0 + FONT_M;
-    let color = Color { r: 1.0, g: 1.0, b: 1.0, a: 1.0 };
-    Text { pose, billboard: true, font_size: FONT_M, scale_invariant: false, color, text }
-}
-
-#[derive(Serialize)]
-struct PointCloud {
-    timestamp: Time,
-    frame_id: &'static str,
-    pose: Pose,
-    point_stride: usize,
-    fields: Vec<Field>,
-    data: String,
-}
-
-#[derive(Serialize)]
-struct Field {
-    name: &'static str,
-    offset: usize,
-    #[serde(rename = "type")]
-    kind: u8,
-}
-
-/// Foxglove's numbers for element types.
-const UINT8: u8 = 1;
-const FLOAT32: u8 = 7;
-
 fn looks(scene: &Scene, bounds: &BTreeMap<u16, Bounds>) -> Vec<Look> {
     let (camera, at_ns) = (&scene.camera_name, scene.stamp_ns);
-    let cloud = Look::new(format!("/scene/{camera}/cloud"), Kind::PointCloud, at_ns, &cloud(scene));
-    vec![cloud, Look::new(format!("/scene/{camera}/objects"), Kind::SceneUpdate, at_ns, &objects(scene, bounds))]
+    let cloud = Look::new(format!("/scene/{camera}/cloud"), at_ns, &cloud(scene));
+    let objects = Look::new(format!("/scene/{camera}/objects"), at_ns, &objects(scene, bounds));
+    cloud.into_iter().chain(objects).collect()
 }
 
 fn cloud(scene: &Scene) -> PointCloud {
@@ -128,52 +108,35 @@ fn cloud(scene: &Scene) -> PointCloud {
         let [r, g, b] = scene.colors.as_ref().map_or([190; 3], |colors| colors[i]);
         data.extend_from_slice(&[r, g, b, 255]);
     }
-    let field = |name, offset, kind| Field { name, offset, kind };
+    let field = |name: &str, offset: u32, of: NumericType| PackedElementField { name: name.to_owned(), offset, r#type: of.into() };
     PointCloud {
-        timestamp: Time::of_ns(scene.stamp_ns),
-        frame_id: WORLD,
-        pose: (&Isometry3::identity()).into(),
-        point_stride: STRIDE,
+        timestamp: instant(scene.stamp_ns),
+        frame_id: WORLD.to_owned(),
+        pose: Some(pose(&Isometry3::identity())),
+        point_stride: STRIDE as u32,
         fields: vec![
-            field("x", 0, FLOAT32),
-            field("y", 4, FLOAT32),
-            field("z", 8, FLOAT32),
-            field("red", 12, UINT8),
-            field("green", 13, UINT8),
-            field("blue", 14, UINT8),
-            field("alpha", 15, UINT8),
+            field("x", 0, NumericType::Float32),
+            field("y", 4, NumericType::Float32),
+            field("z", 8, NumericType::Float32),
+            field("red", 12, NumericType::Uint8),
+            field("green", 13, NumericType::Uint8),
+            field("blue", 14, NumericType::Uint8),
+            field("alpha", 15, NumericType::Uint8),
         ],
-        data: STANDARD.encode(data),
+        data: data.into(),
     }
 }
 
 fn objects(scene: &Scene, bounds: &BTreeMap<u16, Bounds>) -> SceneUpdate {
-    let at = Time::of_ns(scene.stamp_ns);
-    let outlined = Color { r: 0.9, g: 0.6, b: 0.15, a: 0.35 };
+    let at = instant(scene.stamp_ns);
     let object = |object: &repose_proto::ObjectSummary| {
-        let solid = bounds.get(&object.id)?.solid(&Isometry3::identity(), outlined);
-        let mut entity = Entity::new(at, format!("object {}", object.id));
-        entity.texts.push(label(solid.pose, solid.size.z, object.id.to_string()));
-        entity.cubes.push(solid);
-        Some(entity)
+        let (cube, text) = bounds.get(&object.id)?.drawn(&Isometry3::identity(), [0.9, 0.6, 0.15, 0.35], object.id.to_string());
+        Some(SceneEntity { cubes: vec![cube], texts: vec![text], ..entity(at, format!("object {}", object.id)) })
     };
-    let mut surfaces = Entity::new(at, "surfaces".to_owned());
-    surfaces.lines = scene
-        .meta
-        .surfaces
-        .iter()
-        .map(|surface| Line {
-            // A closed line.
-            kind: 1,
-            pose: (&Isometry3::identity()).into(),
-            thickness: 2.0,
-            scale_invariant: true,
-            points: surface.outline_m.iter().map(|[x, y]| Vector3::new(*x, *y, surface.height_m).into()).collect(),
-            color: Color { r: 0.42, g: 0.56, b: 0.5, a: 1.0 },
-            colors: [],
-            indices: [],
-        })
-        .collect();
-    let entities = scene.meta.objects.iter().filter_map(object).chain([surfaces]).collect();
-    SceneUpdate { deletions: vec![Deletion::all(at)], entities }
+    let outline = |surface: &repose_proto::Surface| {
+        closed_line(surface.outline_m.iter().map(|[x, y]| Point3::new(*x, *y, surface.height_m)), 2.0, [0.42, 0.56, 0.5, 1.0])
+    };
+    let lines = scene.meta.surfaces.iter().map(outline).collect();
+    let surfaces = SceneEntity { lines, ..entity(at, "surfaces".to_owned()) };
+    SceneUpdate { deletions: vec![all_deleted(at)], entities: scene.meta.objects.iter().filter_map(object).chain([surfaces]).collect() }
 }
