@@ -47,7 +47,7 @@ pub enum StandingBy {
     Unasked,
     /// A rule on the faces that it shows and on what it may lean on.
     Rule,
-    /// The forecasts of how it stands, which also tell whether a neighbour rests against it; at the end of the search, of the shortlist.
+    /// The forecasts of how it stands, which also tell whether a neighbour rests against it; asked for once, before the search.
     Forecast,
 }
 
