@@ -172,10 +172,10 @@ def faults(settings):
 
 
 def soak(settings):
-    """Encrypted, with workers killed all the while: memory and descriptors stay, and nothing aborts."""
+    """Encrypted, with workers and the router killed all the while: memory and descriptors stay, and nothing aborts."""
     rate = 2
     asked = ["--planners", 2, "--inference", 2, "--rate", rate, "--requests", int(rate * 60 * settings.minutes), "--deadline-ms", 10000]
-    kills = ["--fault", "kill:planner:40s", "--fault", "kill:inference:40s"]
+    kills = ["--fault", "kill:planner:40s", "--fault", "kill:inference:40s", "--fault", "router:120s:1s"]
     run(settings, "soak", f"{settings.minutes} minutes, QUIC", [*asked, "--secured", *kills])
 
 

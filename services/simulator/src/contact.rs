@@ -1,6 +1,6 @@
 //! How far apart two objects are, or how deep they are in each other, by their convex parts.
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3};
 use parry3d::query;
 use parry3d::shape::SharedShape;
 use rapier3d::math::Pose;
@@ -30,7 +30,7 @@ impl PlacedParts {
             .map(|(object_from_part, shape)| {
                 let world_from_part = world_from_object * *object_from_part;
                 let aabb = shape.compute_aabb(&world_from_part);
-                let corner = |v: rapier3d::math::Vector| nalgebra::Point3::new(v.x, v.y, v.z);
+                let corner = |v: rapier3d::math::Vector| Point3::new(v.x, v.y, v.z);
                 (world_from_part, shape.clone(), Aabb { min: corner(aabb.mins), max: corner(aabb.maxs) })
             })
             .collect();
@@ -41,6 +41,12 @@ impl PlacedParts {
     /// The box around everything, in the world.
     pub fn bounds(&self) -> &Aabb {
         &self.bounds
+    }
+
+    /// Whether a place in the world is inside.
+    pub fn contains(&self, place: &Point3<f32>) -> bool {
+        let at = convert::vector(place);
+        self.parts.iter().any(|(pose, shape, bounds)| bounds.contains(place) && shape.contains_point(pose, at))
     }
 
     /// The smallest distance to another object, metres: 0 when they overlap, at most [`FAR_M`].

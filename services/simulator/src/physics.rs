@@ -244,6 +244,18 @@ impl World {
         self.objects.iter().map(|h| &self.inner.bodies[*h]).map(|body| (body.linvel().length(), body.angvel().length()))
     }
 
+    /// Takes so many steps, or fewer where everything has come to rest before and `rest` is given.
+    pub fn run(&mut self, steps: usize, rest: Option<&RestSettings>) {
+        let mut still = 0;
+        for _ in 0..steps {
+            self.step();
+            still = if rest.is_some_and(|rest| self.first_moving(rest).is_none()) { still + 1 } else { 0 };
+            if rest.is_some_and(|rest| still >= rest.steps) {
+                break;
+            }
+        }
+    }
+
     /// Steps until everything rests, or until `rest.max_steps`; the number of steps taken, `None` when something still moves.
     pub fn settle(&mut self, rest: &RestSettings) -> Option<usize> {
         self.settle_above(rest, f64::NEG_INFINITY).ok()

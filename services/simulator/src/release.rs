@@ -51,14 +51,7 @@ pub fn released(scene: &Scene, index: usize, world_from_object: &Isometry3<f64>,
     let penetration_m = penetration_of(scene, index, world_from_object);
     let mut world = scene.world(settings.physics);
     world.place_object(index, world_from_object);
-    let (rest, mut still) = (RestSettings::default(), 0);
-    for _ in 0..settings.steps {
-        world.step();
-        still = if settings.ends_at_rest && world.first_moving(&rest).is_none() { still + 1 } else { 0 };
-        if still >= rest.steps {
-            break;
-        }
-    }
+    world.run(settings.steps, settings.ends_at_rest.then(RestSettings::default).as_ref());
     let end = world.poses();
     let moved = |i: usize| (end[i].translation.vector - start[i].translation.vector).norm();
     let up = |pose: &Isometry3<f64>| pose.rotation * Vector3::z();

@@ -1,6 +1,7 @@
 //! What the tables are printed and drawn as: JSON, text, plots, pictures of scenes, contact sheets.
 
 pub mod arrange;
+pub mod belief;
 pub mod discriminator;
 pub mod final_runs;
 pub mod histogram;

@@ -2,6 +2,7 @@
 
 pub mod agreement;
 pub mod arrangement;
+pub mod believed;
 pub mod carry_watch;
 pub mod one_scene;
 pub mod outcome;

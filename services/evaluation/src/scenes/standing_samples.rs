@@ -7,6 +7,8 @@ use nalgebra::Isometry3;
 use rand_pcg::Pcg64;
 use repose_planner::PreparedScene;
 use repose_planner::learned::standing::Stance;
+use repose_planner::scene::moved::fall_m;
+use repose_proto::place::Variant;
 use repose_simulator::furniture::{Fixture, Role};
 use repose_simulator::physics::RestSettings;
 use repose_simulator::release::{ReleaseSettings, released};
@@ -24,8 +26,6 @@ pub const FIRST_SEED: u64 = 700_000_000;
 const VIEWS: usize = 2;
 /// The fewest observed points of an object that is learned from.
 const MIN_POINTS: usize = 100;
-/// An object set down alone is let go this far above the floor, metres: as the planner does.
-const RELEASE_M: f64 = 0.004;
 /// Half the edge of the floor that it is set down on, metres.
 const FLOOR_M: f64 = 2.0;
 
@@ -98,7 +98,8 @@ fn stands_alone(object: &SceneObject) -> bool {
         gaps_m: vec![0.0],
     };
     let mut over_floor = object.world_from_object;
-    over_floor.translation.vector = nalgebra::Vector3::z() * (object.shape.depth_below_origin_m(&object.world_from_object) + RELEASE_M);
+    over_floor.translation.vector =
+        nalgebra::Vector3::z() * (object.shape.depth_below_origin_m(&object.world_from_object) + fall_m(Variant::Best));
     let settings = ReleaseSettings { ends_at_rest: true, ..ReleaseSettings::default() };
     released(&alone, 0, &over_floor, &settings).is_some_and(|came| came.tilt_rad <= TILT_RAD && came.moved_m < STABLE_M)
 }
@@ -107,16 +108,9 @@ fn stands_alone(object: &SceneObject) -> bool {
 fn stay_without(scene: &Scene, id: u16) -> BTreeMap<u16, bool> {
     let mut without = scene.clone();
     without.objects.retain(|o| o.id != id);
-    let (settings, rest) = (ReleaseSettings::default(), RestSettings::default());
+    let settings = ReleaseSettings::default();
     let mut world = without.world(settings.physics);
-    let mut still = 0;
-    for _ in 0..settings.steps {
-        world.step();
-        still = if world.first_moving(&rest).is_none() { still + 1 } else { 0 };
-        if still >= rest.steps {
-            break;
-        }
-    }
+    world.run(settings.steps, Some(&RestSettings::default()));
     let moved_m =
         |before: &SceneObject, after: &Isometry3<f64>| (before.world_from_object.translation.vector - after.translation.vector).norm();
     without.objects.iter().zip(world.poses()).map(|(before, after)| (before.id, moved_m(before, &after) <= OTHERS_MOVED_M)).collect()

@@ -1,6 +1,7 @@
 //! Tables over many scenes: the paper's, and those that say how well each part works.
 
 pub mod arrange;
+pub mod belief;
 pub mod discriminator;
 pub mod paper;
 pub mod planner;

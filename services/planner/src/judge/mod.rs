@@ -125,7 +125,7 @@ impl<'a> Judge<'a> {
             let (wanted, standing) = (&self.problem.settings.fixed.standing, self.standing()?);
             let misses = [
                 (Rejection::Tips, wanted.min_stands - standing.stands),
-                (Rejection::Unsettles, wanted.min_neighbour_stays - standing.neighbours_stay()),
+                (Rejection::Unsettles, wanted.min_neighbour_stays - standing.neighbours_stay),
             ];
             self.constraints.refuse(misses.into_iter().filter(|(_, miss)| *miss > 0.0));
         }

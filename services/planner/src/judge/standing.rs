@@ -11,25 +11,20 @@ use crate::scene::prepared::PreparedScene;
 pub struct Standing {
     /// The probability that it stands by itself.
     pub stands: f64,
-    /// The neighbour that most likely comes down when it is taken away, and the probability that it stays; none without a neighbour.
-    pub least_sure: Option<(u16, f64)>,
+    /// The probability that the neighbour stays that most likely comes down when it is taken away; 1 without a neighbour.
+    pub neighbours_stay: f64,
 }
 
 impl Standing {
     /// Of an object of a scene; one without an extent, which cannot be planned with, is taken to stand.
     pub fn of(prepared: &PreparedScene, id: u16, forecasts: &Forecasts) -> Self {
-        let Some(stance) = Stance::of(prepared, id) else { return Self { stands: 1.0, least_sure: None } };
+        let Some(stance) = Stance::of(prepared, id) else { return Self { stands: 1.0, neighbours_stay: 1.0 } };
         let is_near = |shape: &Shape| stance.is_near(shape);
         let near = prepared.belief.objects.iter().filter(|(other, o)| **other != id && o.shape.as_ref().is_some_and(is_near));
         let neighbours = near.filter_map(|(other, _)| {
             let measures = Stance::of(prepared, *other)?.beside(&stance)?;
-            Some((*other, forecasts.neighbour_stays.of(&measures)))
+            Some(forecasts.neighbour_stays.of(&measures))
         });
-        Self { stands: forecasts.stands.of(&stance.measures()), least_sure: neighbours.min_by(|a, b| a.1.total_cmp(&b.1)) }
-    }
-
-    /// The probability that the neighbour stays that most likely does not; 1 without one.
-    pub fn neighbours_stay(&self) -> f64 {
-        self.least_sure.map_or(1.0, |(_, stays)| stays)
+        Self { stands: forecasts.stands.of(&stance.measures()), neighbours_stay: neighbours.fold(1.0, f64::min) }
     }
 }

@@ -19,7 +19,7 @@ pub fn measures(problem: &PlacementProblem<'_>, standing: &Standing, judged: &Ju
         f64::from(goal),
         margin_m.max(-FAR_M),
         standing.stands,
-        standing.neighbours_stay(),
+        standing.neighbours_stay,
         judged.fragile_share?,
         problem.shape_gap_m(&judged.candidate).min(FAR_M),
         query.traits.gap_m.min(FAR_M),

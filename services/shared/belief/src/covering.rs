@@ -11,7 +11,7 @@ use nalgebra::{Point2, Point3, Vector2};
 use crate::columns::{ColumnMap, cells_of};
 use crate::settings::{BeliefSettings, CoverSettings};
 use crate::shape::Shape;
-use crate::standing::Seen;
+use crate::standing::{Seen, nth};
 use crate::view::ObservedView;
 
 /// What carries an object that covers it.
@@ -97,12 +97,6 @@ fn span_m(points: &[Point2<f32>], along: &Vector2<f32>, strays: f32) -> f32 {
     values.sort_by(f32::total_cmp);
     let left_out = (strays * values.len() as f32) as usize;
     values[values.len() - 1 - left_out] - values[left_out]
-}
-
-/// The n-th smallest of some values, the largest where there are fewer.
-fn nth(mut values: Vec<f32>, n: usize) -> Option<f32> {
-    let at = n.min(values.len().checked_sub(1)?);
-    Some(*values.select_nth_unstable_by(at, f32::total_cmp).1)
 }
 
 /// Carriers go on under what covers them: each shape reaches to the hidden places under the base of what stands on it.

@@ -1,6 +1,19 @@
 //! Distances of convex outlines seen from above, their corners counter-clockwise.
 
 use nalgebra::{Point2, Vector2};
+use repose_geometry::Footprint;
+
+/// The centroid of a convex polygon's area.
+pub fn area_centroid(outline: &Footprint) -> Point2<f32> {
+    let corners = outline.corners();
+    let (mut weighted, mut total) = (Vector2::zeros(), 0.0);
+    for pair in corners[1..].windows(2) {
+        let twice_area = (pair[0] - corners[0]).perp(&(pair[1] - corners[0]));
+        weighted += (corners[0].coords + pair[0].coords + pair[1].coords) * (twice_area / 3.0);
+        total += twice_area;
+    }
+    if total > 1e-12 { Point2::from(weighted / total) } else { corners[0] }
+}
 
 /// Distance between two convex polygons, 0 when they overlap, metres.
 pub fn outline_gap_m(a: &[Point2<f32>], b: &[Point2<f32>]) -> f32 {

@@ -9,7 +9,7 @@
 use nalgebra::{Isometry3, Point2, Point3, Vector2};
 use repose_geometry::{Footprint, cloud};
 
-use crate::outlines::outline_gap_m;
+use crate::outlines::{area_centroid, outline_gap_m};
 use crate::settings::ShapeSettings;
 
 /// An upright prism.
@@ -198,18 +198,6 @@ fn axis(points: &[Point3<f32>], top_m: f32, height_m: f32, camera: &Point2<f32>,
     let depth = (far - near).max(width.min(height_m));
     let at = Point2::from(away * (near + depth / 2.0) + across * ((left + right) / 2.0));
     Some(Axis { at, doubt: away * (settings.doubt_share * (right - left)).min(settings.max_doubt_m) })
-}
-
-/// The centroid of a convex polygon's area.
-fn area_centroid(outline: &Footprint) -> Point2<f32> {
-    let corners = outline.corners();
-    let (mut weighted, mut total) = (Vector2::zeros(), 0.0);
-    for pair in corners[1..].windows(2) {
-        let twice_area = (pair[0] - corners[0]).perp(&(pair[1] - corners[0]));
-        weighted += (corners[0].coords + pair[0].coords + pair[1].coords) * (twice_area / 3.0);
-        total += twice_area;
-    }
-    if total > 1e-12 { Point2::from(weighted / total) } else { corners[0] }
 }
 
 /// Joins neighbouring slabs of nearly the same area, so that a box is one prism.

@@ -35,7 +35,7 @@ impl Seen<'_> {
     ///
     /// Whatever tells it, it is not above what was seen of the object: set down as if it were, the object would be pressed in.
     pub fn bottom_m(&self, id: u16) -> Option<f32> {
-        let lowest_m = lowest_m(self.clouds.get(&id)?, self.settings.stack.stray_points)?;
+        let lowest_m = nth(self.clouds.get(&id)?.iter().map(|p| p.z).collect(), self.settings.stack.stray_points)?;
         Some(self.told_bottom_m(id)?.min(lowest_m))
     }
 
@@ -218,12 +218,11 @@ fn robust_box(points: &[Point3<f32>]) -> Option<Aabb> {
     cloud::percentile_box(points, 0.02, 0.98)
 }
 
-/// The height of the lowest points but some stray ones. Thin legs and the rim of what lies on its side are far fewer than the points that
-/// [`robust_box`] leaves out.
-fn lowest_m(points: &[Point3<f32>], strays: usize) -> Option<f32> {
-    let mut heights: Vec<f32> = points.iter().map(|p| p.z).collect();
-    let at = strays.min(heights.len().checked_sub(1)?);
-    Some(*heights.select_nth_unstable_by(at, f32::total_cmp).1)
+/// The n-th smallest of some values, the largest where there are fewer: the lowest height but for some stray points. Thin legs and the rim of
+/// what lies on its side are far fewer than the points that [`robust_box`] leaves out.
+pub(crate) fn nth(mut values: Vec<f32>, n: usize) -> Option<f32> {
+    let at = n.min(values.len().checked_sub(1)?);
+    Some(*values.select_nth_unstable_by(at, f32::total_cmp).1)
 }
 
 /// Which objects each object carries, by its id: those that stand on it or in it. Objects that carry nothing are left out.

@@ -4,6 +4,7 @@
 //! synchronously and may wait for room, or for a large one of the same priority that is being sent: such sends have threads that may block.
 
 use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -248,6 +249,8 @@ impl Transport for ZenohTransport {
         let (sender, replies) = mailbox(REPLY_CAPACITY);
         let token = zenoh::cancellation::CancellationToken::default();
         let (session, key, cancel) = (self.session.clone(), key.to_owned(), token.clone());
+        // A router gives a query up as well as the session: whichever is later has nothing to add.
+        let given_up = AtomicBool::new(false);
         send("querying", true, move || {
             session
                 .get(key)
@@ -261,14 +264,15 @@ impl Transport for ZenohTransport {
                 .attachment(query.attachment)
                 .cancellation_token(cancel)
                 .callback(move |reply| {
-                    sender.push(match reply.result() {
-                        Ok(sample) => ReplyEvent::Reply {
+                    match reply.result() {
+                        Ok(sample) => sender.push(ReplyEvent::Reply {
                             payload: payload_of(Some(sample.payload()), Some(sample.encoding())),
                             attachment: sample.attachment().map(bytes_of).unwrap_or_default(),
-                        },
+                        }),
                         // Workers never send error replies: this is Zenoh's own timeout.
-                        Err(_) => ReplyEvent::TimedOut,
-                    });
+                        Err(_) if !given_up.swap(true, Ordering::Relaxed) => sender.push(ReplyEvent::TimedOut),
+                        Err(_) => {}
+                    }
                 })
                 .wait()
         })

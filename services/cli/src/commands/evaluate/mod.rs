@@ -1,6 +1,7 @@
 //! `repose evaluate`: the paper's tables.
 
 mod arrange;
+mod belief;
 mod discriminator;
 mod planner;
 mod relations;
@@ -29,6 +30,8 @@ pub enum Table {
     Planner(planner::EvaluatePlannerArgs),
     /// Relations, learned and by rule, on simulated scenes that nothing was trained on (the paper's Table 2).
     Relations(relations::EvaluateRelationsArgs),
+    /// What is believed of objects that one camera saw, against what they are.
+    Belief(belief::EvaluateBeliefArgs),
     /// Several goals at once, on generated tasks with a known solution.
     Arrange(arrange::EvaluateArrangeArgs),
     /// Realism against what physics does, on kitchens that nothing was trained on.
@@ -45,6 +48,7 @@ pub enum Table {
 pub fn run(args: &EvaluateArgs, output: Output) -> Outcome {
     match &args.table {
         Table::Planner(args) => planner::run(args, output),
+        Table::Belief(args) => belief::run(args, output),
         Table::Arrange(args) => arrange::run(args, output),
         Table::World(args) => world::run(args, output),
         Table::Relations(args) => relations::run(args, output),

@@ -12,6 +12,7 @@ use repose_networks::Weights;
 use repose_planner::learned::forecast::{Forecast, STABILITY, SUCCESS};
 use repose_training::{Compute, ONE_THREAD_VARIABLES, Part, RelationsVariant, TrainError, TrainSettings, train};
 
+use self::tried::FitArgs;
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 use crate::values::threads;
@@ -76,29 +77,19 @@ pub struct TrainArgs {
 
 /// Runs the command.
 pub fn run(args: &TrainArgs, output: Output) -> Outcome {
-    if args.network == SUCCESS {
-        let settings = success::SuccessSettings {
-            data: &args.data,
-            start: args.start.as_deref(),
-            out: &args.out,
-            first: args.first,
-            scenes: args.steps.unwrap_or(SUCCESS_SCENES),
-            threads: threads(args.threads),
-            seed: args.seed,
-        };
-        return success::run(&settings, output);
-    }
-    if args.network == STANDING {
-        let settings = standing::StandingSettings {
-            data: &args.data,
-            start: args.start.as_deref(),
-            out: &args.out,
-            first: args.first,
-            scenes: args.steps.unwrap_or(STANDING_SCENES),
-            threads: threads(args.threads),
-            seed: args.seed,
-        };
-        return standing::run(&settings, output);
+    let fit_on = |scenes: u64| FitArgs {
+        data: &args.data,
+        start: args.start.as_deref(),
+        out: &args.out,
+        first: args.first,
+        scenes: args.steps.unwrap_or(scenes),
+        threads: threads(args.threads),
+        seed: args.seed,
+    };
+    match args.network.as_str() {
+        SUCCESS => return success::run(&fit_on(SUCCESS_SCENES), output),
+        STANDING => return standing::run(&fit_on(STANDING_SCENES), output),
+        _ => {}
     }
     if args.network == STABILITY {
         let settings = stability::StabilitySettings {

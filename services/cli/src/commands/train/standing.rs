@@ -14,7 +14,7 @@ use repose_planner::learned::standing;
 use serde::Serialize;
 use serde_json::json;
 
-use super::tried::{Scenes, TriedScene, other_length};
+use super::tried::{FitArgs, Scenes, TriedScene, other_length};
 use super::with_forecasts;
 use crate::embedded::engine;
 use crate::failure::{Failure, Outcome};
@@ -25,27 +25,8 @@ const FOLDS: usize = 8;
 /// Probabilities below which things are refused, to show what that would catch.
 const THRESHOLDS: [f64; 4] = [0.1, 0.2, 0.3, 0.5];
 
-/// What is fitted on what.
-#[derive(Debug, Clone, Copy)]
-pub struct StandingSettings<'a> {
-    /// The folder of `stances.jsonl`.
-    pub data: &'a Path,
-    /// Weights in place of those that come with the program.
-    pub start: Option<&'a Path>,
-    /// The weights file that is written: those of `start` with the forecasts in it.
-    pub out: &'a Path,
-    /// The first scene that is tried, counted from the first of those that are learned from.
-    pub first: u64,
-    /// Scenes tried, if they are not in the folder yet; whatever else is there is learned from too.
-    pub scenes: u64,
-    /// Threads.
-    pub threads: usize,
-    /// Seed of what each tree sees.
-    pub seed: u64,
-}
-
 /// Tries, fits, writes and reports.
-pub fn run(args: &StandingSettings<'_>, output: Output) -> Outcome {
+pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
     let engine = engine(args.start.map(Path::to_owned))?;
     let tried = Scenes {
         data: args.data,

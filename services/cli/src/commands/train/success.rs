@@ -13,7 +13,7 @@ use repose_planner::learned::forecast::{FittedOn, SUCCESS};
 use repose_planner::learned::success::names;
 use serde_json::json;
 
-use super::tried::{Scenes, TriedScene, other_length};
+use super::tried::{FitArgs, Scenes, TriedScene, other_length};
 use super::with_forecasts;
 use crate::embedded::engine;
 use crate::failure::{Failure, Outcome};
@@ -22,27 +22,8 @@ use crate::output::Output;
 /// In so many parts the scenes are held out in turn, to tell how good the fit is.
 const FOLDS: usize = 8;
 
-/// What is fitted on what.
-#[derive(Debug, Clone, Copy)]
-pub struct SuccessSettings<'a> {
-    /// The folder of `answers.jsonl`.
-    pub data: &'a Path,
-    /// Weights in place of those that come with the program.
-    pub start: Option<&'a Path>,
-    /// The weights file that is written: those of `start` with the forecast in it.
-    pub out: &'a Path,
-    /// The first scene that is tried, counted from the first of those that are learned from.
-    pub first: u64,
-    /// Scenes tried, if they are not in the folder yet; whatever else is there is learned from too.
-    pub scenes: u64,
-    /// Threads.
-    pub threads: usize,
-    /// Seed of what each tree sees.
-    pub seed: u64,
-}
-
 /// Tries, fits, writes and reports.
-pub fn run(args: &SuccessSettings<'_>, output: Output) -> Outcome {
+pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
     let engine = engine(args.start.map(Path::to_owned))?;
     let forecasts = forecasts_of(&engine)?;
     let tried = Scenes {

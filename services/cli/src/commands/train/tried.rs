@@ -23,6 +23,25 @@ pub trait TriedScene: Serialize + DeserializeOwned + Send {
     fn other_length(&self) -> Option<String>;
 }
 
+/// What a forecast is fitted on, and where it goes.
+#[derive(Debug, Clone, Copy)]
+pub struct FitArgs<'a> {
+    /// The folder of `answers.jsonl`.
+    pub data: &'a Path,
+    /// Weights in place of those that come with the program.
+    pub start: Option<&'a Path>,
+    /// The weights file that is written: those of `start` with the forecasts in it.
+    pub out: &'a Path,
+    /// The first scene that is tried, counted from the first of those that are learned from.
+    pub first: u64,
+    /// Scenes tried, if they are not in the folder yet; whatever else is there is learned from too.
+    pub scenes: u64,
+    /// Threads.
+    pub threads: usize,
+    /// Seed of what each tree sees.
+    pub seed: u64,
+}
+
 /// Which scenes are tried.
 #[derive(Debug, Clone, Copy)]
 pub struct Scenes<'a> {

@@ -1,0 +1,59 @@
+//! `repose evaluate belief`: what is believed of objects that one camera saw, against what they are.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use repose_dataset::Split;
+use repose_evaluation::report;
+use repose_evaluation::scenes::problem::ProblemSettings;
+use repose_evaluation::tables::belief::{BeliefTableSettings, belief_table};
+use repose_simulator::scene::SceneKind;
+
+use super::shared::only_meshes;
+use crate::failure::Outcome;
+use crate::output::Output;
+use crate::progress::Progress;
+use crate::values::{parse_count, parse_kind, parse_split, threads};
+
+/// Arguments of `evaluate belief`.
+#[derive(Debug, Args)]
+pub struct EvaluateBeliefArgs {
+    /// Scenes of each kind.
+    #[arg(long, default_value_t = 40, value_parser = parse_count)]
+    pub scenes: usize,
+    /// The first scene of each kind, counted from the split's first seed.
+    #[arg(long, default_value_t = 0)]
+    pub first: u64,
+    /// Only this kind of scene (open_table, large_box, clutter, stacking, shelf, drawer, kitchen); repeat for more. Default: all.
+    #[arg(long = "kind", value_parser = parse_kind)]
+    pub kinds: Vec<SceneKind>,
+    /// A folder of meshes never trained on, to make the scenes of.
+    #[arg(long, value_name = "DIR")]
+    pub objects: Option<PathBuf>,
+    /// Which split's seeds: train, validation or test.
+    #[arg(long, default_value = "validation", value_parser = parse_split)]
+    pub split: Split,
+    /// Threads. Default: one a core. Only times depend on it.
+    #[arg(long)]
+    pub threads: Option<usize>,
+}
+
+/// Runs the command.
+pub fn run(args: &EvaluateBeliefArgs, output: Output) -> Outcome {
+    let mut problem = ProblemSettings::default();
+    if let Some(folder) = &args.objects {
+        only_meshes(&mut problem.scene, folder)?;
+    }
+    let kinds = if args.kinds.is_empty() { SceneKind::ALL.to_vec() } else { args.kinds.clone() };
+    let settings = BeliefTableSettings {
+        problem,
+        kinds,
+        first_seed: args.split.seeds().start + args.first,
+        scenes: args.scenes,
+        threads: threads(args.threads),
+    };
+    let bar = Progress::new((settings.kinds.len() * settings.scenes) as u64, "scenes");
+    let table = belief_table(&settings, |done| bar.set(done as u64));
+    bar.finish();
+    output.print(&table, || report::belief::text_of(&table))
+}

@@ -1,0 +1,35 @@
+//! The report of `evaluate belief`.
+
+use crate::report::text;
+use crate::tables::belief::{BeliefTable, ErrorSpread};
+
+/// The table for people.
+pub fn text_of(table: &BeliefTable) -> String {
+    let mut rows =
+        text::table(["kind", "objects", "bottom", "far side", "near side", "axis away", "across", "in doubt", "outline", "volume"]);
+    for (name, row) in &table.rows {
+        let error = |e: &ErrorSpread| format!("{:+.1} {:.1} {:.1}", e.middle, e.p50, e.p90);
+        rows.add_row([
+            name.clone(),
+            row.objects.to_string(),
+            error(&row.bottom_mm),
+            error(&row.far_mm),
+            error(&row.near_mm),
+            error(&row.axis_away_mm),
+            error(&row.axis_across_mm),
+            format!("{:.1} %", row.within_doubt * 100.0),
+            format!("{:.3}", row.outline_overlap),
+            format!("{:.3}", row.volume_overlap),
+        ]);
+    }
+    [rows.to_string(), format!("{:.1} ms a scene (median)", table.ms), text::legend(&LEGEND)].join("\n")
+}
+
+/// The columns, in their order.
+const LEGEND: [(&str, &str); 5] = [
+    ("bottom, far side, near side", "errors in mm, believed less true: median with its sign, median and 90th percentile of their sizes"),
+    ("axis away, across", "the same of the upright axis, away from the camera and across"),
+    ("in doubt", "objects that end within what is said to be possible on the far side"),
+    ("outline", "what the believed and the true outline, seen from above, have in common, as a share of both together"),
+    ("volume", "the same of volumes"),
+];

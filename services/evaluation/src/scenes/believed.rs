@@ -1,0 +1,116 @@
+//! How far what is believed of the objects of a scene is from their true shapes.
+
+use nalgebra::{Isometry3, Point2, Point3, Vector2};
+use rand_pcg::Pcg64;
+use repose_belief::Shape;
+use repose_belief::outlines::area_centroid;
+use repose_geometry::{Aabb, Footprint};
+use repose_planner::PreparedScene;
+use repose_simulator::contact::PlacedParts;
+use repose_simulator::scene::{SceneKind, SceneObject, scene_of_seed};
+use repose_simulator::viewpoint::random_viewpoint;
+use serde::Serialize;
+
+use crate::scenes::problem::{ProblemSettings, frame_of};
+
+/// Objects with fewer observed points are left out.
+const MIN_POINTS: usize = 100;
+/// Edge of the cells in which outlines and volumes are compared, metres.
+const CELL_M: f32 = 0.004;
+
+/// One object: what is believed, less what is true, metres.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct BelievedObject {
+    /// The scene.
+    pub seed: u64,
+    /// The object.
+    pub id: u16,
+    /// Its kind of scene.
+    pub kind: SceneKind,
+    /// The height of its bottom.
+    pub bottom_m: f32,
+    /// How far it reaches on the side away from the camera, seen from above.
+    pub far_m: f32,
+    /// How far it reaches towards the camera.
+    pub near_m: f32,
+    /// Its axis, away from the camera, …
+    pub axis_away_m: f32,
+    /// … and across.
+    pub axis_across_m: f32,
+    /// How much farther it may reach, as is said.
+    pub doubt_m: f32,
+    /// The share of what the believed and the true outline cover, seen from above, that both do.
+    pub outline_overlap: f32,
+    /// The share of what the believed and the true volume fill that both do.
+    pub volume_overlap: f32,
+}
+
+/// The objects of a scene, from one view, with the time that believing took; none where the seed gives no scene.
+pub fn believed_objects(seed: u64, settings: &ProblemSettings) -> Option<(Vec<BelievedObject>, std::time::Duration)> {
+    let (truth, _) = scene_of_seed(seed, &settings.scene).ok()?;
+    let mut rng = Pcg64::new(u128::from(seed), 0xbe11_efed);
+    let (camera, world_from_camera) = random_viewpoint(&truth.focus(), &settings.viewpoint, &mut rng);
+    let frame = frame_of(&truth, &camera, &world_from_camera, &settings.sensor, seed);
+    let observed = std::sync::Arc::new(repose_perception::segment(&frame, &settings.perception).ok()?);
+    let began = std::time::Instant::now();
+    let prepared = PreparedScene::new(observed);
+    let took = began.elapsed();
+    let eye = prepared.belief.view.eye().xy();
+    let seen = prepared.belief.objects.iter().filter(|(_, object)| object.points.len() >= MIN_POINTS);
+    let objects = seen.filter_map(|(id, object)| {
+        let (shape, object) = (object.shape.as_ref()?, truth.objects.iter().find(|o| o.id == *id)?);
+        Some(BelievedObject { seed, id: *id, kind: truth.kind, ..compared(shape, object, &eye)? })
+    });
+    Some((objects.collect(), took))
+}
+
+/// A believed shape and a true one, from a camera at `eye`, seen from above.
+fn compared(shape: &Shape, object: &SceneObject, eye: &Point2<f32>) -> Option<BelievedObject> {
+    let pose: Isometry3<f32> = object.world_from_object.cast();
+    let corners: Vec<Point3<f32>> = object.shape.mesh.vertices.iter().map(|v| pose * v).collect();
+    let (outline, bounds) = (Footprint::of(&corners)?, Aabb::of(&corners)?);
+    let believed: Vec<Point3<f32>> = shape.corners().collect();
+    let (believed_outline, believed_bounds) = (Footprint::of(&believed)?, Aabb::of(&believed)?);
+    let middle = area_centroid(&outline);
+    let away = (middle - eye).try_normalize(1e-3)?;
+    let across = Vector2::new(-away.y, away.x);
+    let reach_m = |outline: &Footprint, to: &Vector2<f32>| outline.corners().iter().map(|c| c.coords.dot(to)).fold(f32::MIN, f32::max);
+    let solid = PlacedParts::new(&object.shape.parts, &object.world_from_object)?;
+    let both = Aabb { min: bounds.min.inf(&believed_bounds.min), max: bounds.max.sup(&believed_bounds.max) };
+    Some(BelievedObject {
+        seed: 0,
+        id: 0,
+        kind: SceneKind::OpenTable,
+        bottom_m: shape.bottom_m - bounds.min.z,
+        far_m: reach_m(&believed_outline, &away) - reach_m(&outline, &away),
+        near_m: reach_m(&believed_outline, &-away) - reach_m(&outline, &-away),
+        axis_away_m: (shape.axis - middle).dot(&away),
+        axis_across_m: (shape.axis - middle).dot(&across),
+        doubt_m: shape.doubt.norm(),
+        outline_overlap: overlap(cells(&both).filter(|p| p.z <= both.min.z + CELL_M), |p| {
+            [outline.margin(&p.xy()) >= 0.0, believed_outline.margin(&p.xy()) >= 0.0]
+        }),
+        volume_overlap: overlap(cells(&both), |p| {
+            let is_believed = shape.slabs.iter().any(|s| (s.low_m..=s.high_m).contains(&p.z) && s.outline.margin(&p.xy()) >= 0.0);
+            [solid.contains(&p), is_believed]
+        }),
+    })
+}
+
+/// The middles of the cells of a box.
+fn cells(bounds: &Aabb) -> impl Iterator<Item = Point3<f32>> {
+    let low = bounds.min;
+    let [nx, ny, nz] = [0, 1, 2].map(|k| ((bounds.extent()[k] / CELL_M).ceil() as usize).max(1));
+    let at = move |k: usize, i: usize| low[k] + (i as f32 + 0.5) * CELL_M;
+    (0..nz).flat_map(move |z| (0..ny).flat_map(move |y| (0..nx).map(move |x| Point3::new(at(0, x), at(1, y), at(2, z)))))
+}
+
+/// The share of the places in either that are in both.
+fn overlap(places: impl Iterator<Item = Point3<f32>>, is_in: impl Fn(Point3<f32>) -> [bool; 2]) -> f32 {
+    let (mut either, mut both) = (0, 0);
+    for [a, b] in places.map(is_in) {
+        either += u32::from(a || b);
+        both += u32::from(a && b);
+    }
+    both as f32 / either.max(1) as f32
+}
