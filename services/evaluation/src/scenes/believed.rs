@@ -14,7 +14,7 @@ use serde::Serialize;
 use crate::scenes::problem::{ProblemSettings, frame_of};
 
 /// Objects with fewer observed points are left out.
-const MIN_POINTS: usize = 100;
+pub const MIN_POINTS: usize = 100;
 /// Edge of the cells in which outlines and volumes are compared, metres.
 const CELL_M: f32 = 0.004;
 

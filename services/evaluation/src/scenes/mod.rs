@@ -2,6 +2,7 @@
 
 pub mod agreement;
 pub mod arrangement;
+pub mod back_samples;
 pub mod believed;
 pub mod carry_watch;
 pub mod one_scene;

@@ -341,9 +341,9 @@ fn correlation(scenes: &[Vec<Trial>]) -> Correlation {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use repose_belief::boosted_trees::BoostedTrees;
     use repose_networks::Models as Networks;
     use repose_networks::Weights;
-    use repose_planner::learned::boosted_trees::BoostedTrees;
     use repose_planner::learned::forecast::{FittedOn, Forecast, STABILITY};
     use repose_planner::learned::stability::names;
 

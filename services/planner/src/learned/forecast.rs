@@ -9,8 +9,8 @@ use repose_proto::CallError;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::learned::boosted_trees::BoostedTrees;
 use crate::learned::{stability, standing, success};
+use repose_belief::boosted_trees::BoostedTrees;
 
 /// What the weights call the forecast that an object stays ([`stability`]).
 pub const STABILITY: &str = "stability";
@@ -128,7 +128,7 @@ impl Forecasts {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learned::boosted_trees::DecisionTree;
+    use repose_belief::boosted_trees::DecisionTree;
 
     fn leaf(value: f32) -> BoostedTrees {
         BoostedTrees { bias: 0.0, trees: vec![DecisionTree { splits: Vec::new(), leaves: vec![value] }] }

@@ -1,6 +1,5 @@
 //! What is learned: the port to the networks, the prior's mixture, and the forecasts by boosted trees.
 
-pub mod boosted_trees;
 pub mod forecast;
 pub mod mixture;
 pub mod models;

@@ -13,7 +13,6 @@ use repose_proto::place::{Outcome, PlaceRequest, PlaceResult, Rejection, Variant
 use repose_proto::scoring::{MixtureComponent, PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, ErrorCode, RELATION_COUNT, Relation, Scene};
 
-use crate::learned::boosted_trees::{BoostedTrees, Branch, DecisionTree, TreeSplit};
 use crate::learned::forecast::{FittedOn, Forecast, Forecasts};
 use crate::learned::models::PlacementModels;
 use crate::learned::{standing, success};
@@ -22,6 +21,7 @@ use crate::scene::prepared::PreparedScene;
 use crate::search::stop::StopReason;
 use crate::tests::forecasts;
 use crate::tests::synthetic::{Prepared, SceneBuilder};
+use repose_belief::boosted_trees::{BoostedTrees, Branch, DecisionTree, TreeSplit};
 
 /// A fake whose prior has components at given offsets, whose realism falls with the distance from the nearest of some heights, and
 /// whose only relation is `right_of`: likely where x exceeds the anchor's.

@@ -103,7 +103,8 @@ mod tests {
             .object_at(2, [0.1, -0.1], 0.1, [0.06, 0.06, 0.1])
             .scene();
         let belief = believed(&scene);
-        assert!(has(&belief.whole(1, SPACING_M, 0.0), [-0.05, 0.055, 0.03]), "its hidden foot is there");
+        let is_far_foot = |p: &Point3<f32>| p.z < 0.035 && (p.x + 0.05).abs() < 0.02 && p.y > 0.045;
+        assert!(belief.whole(1, SPACING_M, 0.0).iter().any(is_far_foot), "its hidden foot is there");
         assert!(belief.whole(2, SPACING_M, 0.0).iter().all(|p| p.z > 0.09));
     }
 

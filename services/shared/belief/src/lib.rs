@@ -32,10 +32,13 @@
 //!
 //! Pure: from points to beliefs, with fixed rules ([`settings`]); no I/O, no random numbers.
 
+pub mod back;
+pub mod boosted_trees;
 pub mod columns;
 pub mod covering;
 pub mod crown;
 pub mod far_side;
+pub mod front;
 pub mod outlines;
 pub mod plane;
 pub mod settings;
@@ -52,9 +55,11 @@ use nalgebra::{Isometry3, Point2, Point3};
 use repose_geometry::{Aabb, cloud};
 use repose_proto::{CameraModel, Scene, Surface};
 
+use back::Back;
 use columns::{ColumnMap, ColumnRun, bounds_around, cells_of, cells_of_map};
 use covering::go_on_under;
 use crown::is_crowned;
+use front::Front;
 use plane::SupportPlane;
 use standing::{Seen, carried_by};
 
@@ -203,7 +208,11 @@ impl Belief {
 /// The whole shapes of the objects that were seen.
 fn completed(seen: &Seen<'_>) -> BTreeMap<u16, Shape> {
     let eye = seen.view.eye().xy();
-    let complete = |id: u16, bottom_m: f32| Some((id, Shape::complete(&seen.clouds[&id], bottom_m, &eye, &seen.settings.shape)?));
+    let complete = |id: u16, bottom_m: f32| {
+        let front = Front::of(&seen.clouds[&id], bottom_m, &eye, &seen.settings.shape)?;
+        let hidden = Back::own().hidden(&front, seen.view, seen.settings);
+        Some((id, Shape::complete(&front, &hidden, &seen.settings.shape)?))
+    };
     let mut shapes: BTreeMap<u16, Shape> = seen.clouds.keys().filter_map(|id| complete(*id, seen.bottom_m(*id)?)).collect();
     // Some supports are known only from a carrier's completed shape.
     let covering: Vec<(u16, Shape)> = shapes.keys().filter_map(|id| complete(*id, seen.covered_top_m(*id, &shapes)?)).collect();

@@ -8,8 +8,9 @@ use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion};
 use repose_geometry::cloud;
 
 use crate::far_side::far_side;
+use crate::front::Front;
 use crate::settings::ShapeSettings;
-use crate::shape::Shape;
+use crate::shape::{Hidden, Shape};
 
 /// Distance between its points, metres.
 const VOXEL_M: f32 = 0.004;
@@ -49,7 +50,8 @@ impl Solid {
         let bottom_m = self.points.iter().map(|p| p.z).fold(f32::INFINITY, f32::min);
         // Whoever sees all of it looks from above.
         let eye: Point2<f32> = self.center_of_mass.xy();
-        Shape::complete(&self.points, bottom_m, &eye, settings)
+        let trimmed = Hidden { side_m: settings.trim_m, ends_m: settings.trim_m, ..Hidden::default() };
+        Shape::complete(&Front::of(&self.points, bottom_m, &eye, settings)?, &trimmed, settings)
     }
 
     /// The same after a motion.

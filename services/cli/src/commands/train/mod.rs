@@ -1,5 +1,6 @@
 //! `repose train`: weights from simulated scenes.
 
+mod back;
 mod stability;
 mod standing;
 mod success;
@@ -21,6 +22,10 @@ use crate::values::threads;
 const SUCCESS_SCENES: u64 = 700;
 /// What `--network` calls the forecasts of how objects stand.
 const STANDING: &str = "standing";
+/// What `--network` calls how far objects go on behind what was seen of them.
+const BACK: &str = "back";
+/// Scenes that `back` tries unless told.
+const BACK_SCENES: u64 = 1500;
 /// Scenes that `standing` tries unless told.
 const STANDING_SCENES: u64 = 2000;
 
@@ -36,7 +41,8 @@ pub struct TrainArgs {
     /// `generate --proposals` with its other settings left at their defaults, and `--steps` limits the scenes. success comes after it: it
     /// learns from what becomes of the planner's own answers in as many scenes as `--steps` says (700), which it keeps in `--data`. standing
     /// comes before it: whether objects stand by themselves, and whether their neighbours stay when they are taken away, from what becomes of
-    /// them in as many scenes (2000).
+    /// them in as many scenes (2000). back is no part of the weights but of what the program believes of a scene: how far objects go on behind
+    /// what was seen of them, from as many scenes (1500); `--out` is services/shared/belief/weights/back.json, and the program is built anew.
     #[arg(long)]
     pub network: String,
     /// Which relation predictor `joint` and `relations` fit: measured (reads what can be measured of the pair beside the codes) or paper.
@@ -88,6 +94,7 @@ pub fn run(args: &TrainArgs, output: Output) -> Outcome {
     };
     match args.network.as_str() {
         SUCCESS => return success::run(&fit_on(SUCCESS_SCENES), output),
+        BACK => return back::run(&fit_on(BACK_SCENES), output),
         STANDING => return standing::run(&fit_on(STANDING_SCENES), output),
         _ => {}
     }
@@ -105,7 +112,7 @@ pub fn run(args: &TrainArgs, output: Output) -> Outcome {
     let part = Part::parse(&args.network).ok_or_else(|| {
         Failure::bad_input(
             "network",
-            format!("expected joint, relations, discriminator, outcome, stability, standing or success, got {:?}", args.network),
+            format!("expected joint, relations, discriminator, outcome, stability, standing, success or back, got {:?}", args.network),
         )
     })?;
     let relations = RelationsVariant::parse(&args.relations)

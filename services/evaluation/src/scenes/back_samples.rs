@@ -1,0 +1,60 @@
+//! How far the objects of training scenes go on behind what was seen of them, with what was measured of that: what
+//! [`repose_belief::back`] is fitted on.
+
+use rand_pcg::Pcg64;
+use repose_belief::back::measures;
+use repose_belief::front::{Front, span};
+use repose_belief::{Belief, BeliefSettings};
+use repose_geometry::Footprint;
+use repose_planner::PreparedScene;
+use repose_simulator::scene::{KindWeights, SceneKind, SceneObject, scene_of_seed};
+use repose_simulator::viewpoint::random_viewpoint;
+use serde::{Deserialize, Serialize};
+
+use crate::scenes::believed::MIN_POINTS;
+use crate::scenes::problem::{ProblemSettings, frame_of};
+
+/// The first of the training scenes that are learned from.
+pub const FIRST_SEED: u64 = 800_000_000;
+/// Views of each scene.
+const VIEWS: usize = 2;
+
+/// The objects of one scene.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SceneBacks {
+    /// The scene.
+    pub seed: u64,
+    /// What was measured of each object in each view, and how far it goes on, metres.
+    pub objects: Vec<(Vec<f32>, f32)>,
+}
+
+impl SceneBacks {
+    /// The `index`-th scene that is learned from; kinds of scenes take turns. Empty where the seed gives no scene.
+    pub fn of(index: u64) -> Self {
+        let mut backs = Self { seed: FIRST_SEED + index, objects: Vec::new() };
+        let mut settings = ProblemSettings::default();
+        settings.scene.kinds = KindWeights::only(SceneKind::ALL[index as usize % SceneKind::ALL.len()]);
+        let Ok((truth, _)) = scene_of_seed(backs.seed, &settings.scene) else { return backs };
+        let mut rng = Pcg64::new(u128::from(backs.seed), 0xbac_cbac);
+        for _ in 0..VIEWS {
+            let (camera, world_from_camera) = random_viewpoint(&truth.focus(), &settings.viewpoint, &mut rng);
+            let frame = frame_of(&truth, &camera, &world_from_camera, &settings.sensor, backs.seed);
+            let Ok(observed) = repose_perception::segment(&frame, &settings.perception) else { continue };
+            let belief = &PreparedScene::new(std::sync::Arc::new(observed)).belief;
+            backs.objects.extend(truth.objects.iter().filter_map(|object| measured(belief, object)));
+        }
+        backs
+    }
+}
+
+/// An object with what was measured of it; none where too little was seen of it.
+fn measured(belief: &Belief, object: &SceneObject) -> Option<(Vec<f32>, f32)> {
+    let settings = BeliefSettings::default();
+    let seen = belief.objects.get(&object.id).filter(|seen| seen.points.len() >= MIN_POINTS)?;
+    let front = Front::of(&seen.points, seen.shape.as_ref()?.bottom_m, &belief.view.eye().xy(), &settings.shape)?;
+    let pose = object.world_from_object.cast::<f32>();
+    let corners: Vec<_> = object.shape.mesh.vertices.iter().map(|v| pose * v).collect();
+    let [_, true_m] = span(Footprint::of(&corners)?.corners(), &front.away);
+    let [_, seen_m] = front.span(&front.away);
+    Some((measures(&front, &belief.view, &settings), true_m - seen_m))
+}
