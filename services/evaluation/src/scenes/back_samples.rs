@@ -1,6 +1,7 @@
 //! How far the objects of training scenes go on behind what was seen of them, with what was measured of that: what
 //! [`repose_belief::back`] is fitted on.
 
+use rand::RngExt;
 use rand_pcg::Pcg64;
 use repose_belief::back::measures;
 use repose_belief::front::{Front, span};
@@ -17,7 +18,12 @@ use crate::scenes::problem::{ProblemSettings, frame_of};
 /// The first of the training scenes that are learned from.
 pub const FIRST_SEED: u64 = 800_000_000;
 /// Views of each scene.
-const VIEWS: usize = 2;
+const VIEWS: usize = 3;
+/// Sizes of pictures, and bands that are cleaned away around masks, pixels, of which each view has one: whose camera it will be, and how well
+/// its depth and masks keep to borders, is not known.
+const SIZES: [[usize; 2]; 2] = [[640, 480], [320, 240]];
+/// See [`SIZES`].
+const BORDERS_PX: [usize; 3] = [0, 2, 2];
 
 /// The objects of one scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -37,6 +43,8 @@ impl SceneBacks {
         let Ok((truth, _)) = scene_of_seed(backs.seed, &settings.scene) else { return backs };
         let mut rng = Pcg64::new(u128::from(backs.seed), 0xbac_cbac);
         for _ in 0..VIEWS {
+            [settings.viewpoint.width, settings.viewpoint.height] = SIZES[rng.random_range(0..SIZES.len())];
+            settings.perception.borders.radius_px = BORDERS_PX[rng.random_range(0..BORDERS_PX.len())];
             let (camera, world_from_camera) = random_viewpoint(&truth.focus(), &settings.viewpoint, &mut rng);
             let frame = frame_of(&truth, &camera, &world_from_camera, &settings.sensor, backs.seed);
             let Ok(observed) = repose_perception::segment(&frame, &settings.perception) else { continue };
