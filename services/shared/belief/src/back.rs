@@ -9,7 +9,7 @@
 
 use std::sync::LazyLock;
 
-use nalgebra::{Point2, Point3};
+use nalgebra::{Point2, Point3, Vector2};
 use repose_geometry::Footprint;
 use serde::{Deserialize, Serialize};
 
@@ -67,6 +67,10 @@ const FREE_STEPS: usize = 40;
 const BEHIND_AT_M: f32 = 0.012;
 /// … and told up to this, metres.
 const BEHIND_M: f32 = 0.3;
+/// Whether the camera looked past an object's sides is asked at this share of its height, …
+const SIDE_AT: f32 = 0.5;
+/// … in steps of this, metres.
+const SIDE_STEP_M: f32 = 0.001;
 /// The trees say the logarithm of what is missing and this, metres.
 const OFFSET_M: f64 = 0.004;
 
@@ -148,13 +152,31 @@ impl Back {
     pub fn hidden(&self, front: &Front, view: &ObservedView, settings: &BeliefSettings) -> Hidden {
         let back_m = self.missing_m(&measures(front, view, settings));
         let doubt_m = (settings.shape.doubt_share * back_m).min(settings.shape.max_doubt_m);
-        Hidden { back_m, side_m: border_m(front, view, settings), ends_m: 0.0, doubt_m }
+        Hidden { back_m, side_m: side_m(front, view, settings), ends_m: 0.0, doubt_m }
     }
 }
 
 /// What border cleaning takes off the side of an object, metres: as many pixels at its distance.
 fn border_m(front: &Front, view: &ObservedView, settings: &BeliefSettings) -> f32 {
     settings.border_px * distance_m(front, view) / view.focal_px()
+}
+
+/// How far an object goes on to either side: what a border takes off, as far as the camera did not look past right beside it.
+fn side_m(front: &Front, view: &ObservedView, settings: &BeliefSettings) -> f32 {
+    let border_m = border_m(front, view, settings);
+    let middle_m = front.bottom_m + SIDE_AT * front.height_m();
+    let beside = |outwards: Vector2<f32>| {
+        let reach = |c: &&Point2<f32>| c.coords.dot(&outwards);
+        let outermost = front.outline.corners().iter().max_by(|a, b| reach(a).total_cmp(&reach(b)))?;
+        let is_free = |k: &usize| {
+            let place = outermost + outwards * (*k as f32 * SIDE_STEP_M);
+            view.is_free(&Point3::new(place.x, place.y, middle_m))
+        };
+        let steps = (border_m / SIDE_STEP_M) as usize;
+        (0..=steps).find(is_free).map(|k| k as f32 * SIDE_STEP_M)
+    };
+    let [left_m, right_m] = [front.across, -front.across].map(|outwards| beside(outwards).unwrap_or(border_m));
+    (left_m + right_m) / 2.0
 }
 
 fn distance_m(front: &Front, view: &ObservedView) -> f32 {
@@ -165,8 +187,7 @@ fn distance_m(front: &Front, view: &ObservedView) -> f32 {
 pub fn measures(front: &Front, view: &ObservedView, settings: &BeliefSettings) -> Vec<f32> {
     let [near_m, far_m] = front.span(&front.away);
     let [right_m, left_m] = front.span(&front.across);
-    let middle =
-        (front.points.iter().map(|p| p.xy().coords).sum::<nalgebra::Vector2<f32>>() / front.points.len().max(1) as f32).dot(&front.away);
+    let middle = (front.points.iter().map(|p| p.xy().coords).sum::<Vector2<f32>>() / front.points.len().max(1) as f32).dot(&front.away);
     let bands = BANDS.map(|[low, high]| {
         let points = front.band(low, high);
         if points.len() < MIN_BAND {
