@@ -110,7 +110,12 @@ impl<'a> Worlds<'a> {
         let others = scene.belief.objects.keys().filter(|id| **id != query);
         let guessed = others.flat_map(|id| scene.belief.whole(*id, GUESS_SPACING_M, border_m));
         let solid_m = |plane: &SupportPlane| if plane.object == 0 { scene.belief.solid_m(plane) } else { None };
-        self.others(scene.points_without(query).into_iter().chain(guessed), &scene.surfaces_without(query, solid_m))
+        let mut surfaces = scene.surfaces_without(query, solid_m);
+        // The edges of furniture lose their borders as those of objects do.
+        for surface in surfaces.iter_mut().filter(|surface| surface.depth_m.is_some()) {
+            surface.grow(border_m);
+        }
+        self.others(scene.points_without(query).into_iter().chain(guessed), &surfaces)
     }
 
     fn seen_others(&self) -> Obstacles {

@@ -26,6 +26,16 @@ impl SupportSurface {
         Some(Self { height_m, footprint: Footprint::of(&corners)?, object, depth_m: None })
     }
 
+    /// Moves its outline out by as much on every side, metres.
+    pub fn grow(&mut self, by_m: f32) {
+        let moved =
+            |c: &Point2<f32>| [[-by_m, -by_m], [by_m, -by_m], [by_m, by_m], [-by_m, by_m]].map(|[x, y]| Point3::new(c.x + x, c.y + y, 0.0));
+        let corners: Vec<Point3<f32>> = self.footprint.corners().iter().flat_map(moved).collect();
+        if let Some(grown) = Footprint::of(&corners) {
+            self.footprint = grown;
+        }
+    }
+
     /// A surface as solid as is said, metres.
     fn of(plane: &SupportPlane, depth_m: Option<f32>) -> Self {
         Self {
@@ -92,5 +102,19 @@ impl PlanningScene {
     pub fn surfaces_without(&self, object: u16, depth_m: impl Fn(&SupportPlane) -> Option<f32>) -> Vec<SupportSurface> {
         let others = self.belief.planes.iter().filter(|plane| object == 0 || plane.object != object);
         others.map(|plane| SupportSurface::of(plane, depth_m(plane))).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_surface_grows_by_as_much_on_every_side() {
+        let corners = [[0.0, 0.0], [0.3, 0.0], [0.3, 0.2], [0.0, 0.2]].map(Point2::from);
+        let mut surface = SupportSurface::new(0.1, &corners, None).expect("it has an area");
+        surface.grow(0.005);
+        assert!((surface.footprint.area() - 0.31 * 0.21).abs() < 1e-6);
+        assert!(surface.footprint.margin(&Point2::new(-0.004, 0.1)) > 0.0 && surface.footprint.margin(&Point2::new(-0.006, 0.1)) < 0.0);
     }
 }

@@ -10,6 +10,7 @@ use repose_belief::ObservedView;
 use repose_panda::FINGER_OPENING_MAX_M;
 
 use super::ObjectCloud;
+use super::wedge::{self, Meeting};
 
 /// How far the fingers reach beyond the grasp centre, metres.
 pub const TIP_BEYOND_TCP_M: f64 = 0.013;
@@ -75,6 +76,8 @@ pub struct GripperFit {
     pub depth_m: f64,
     /// Mean alignment of the surface with the closing direction where the fingers touch, 0 to 1.
     pub squareness: f64,
+    /// How the pads meet its outline.
+    pub meeting: Meeting,
     /// Share of the worse finger that is seen to come down in free space, 0 to 1.
     pub seen: f64,
 }
@@ -86,6 +89,8 @@ pub enum Misfit {
     Empty,
     /// The object is wider than the fingers open.
     TooWide,
+    /// The fingers would slide off it.
+    Slanted,
     /// A finger would run into the object.
     FingerBlocked,
     /// The palm would run into the object.
@@ -136,14 +141,41 @@ pub fn fit(
         (0.0..settings.finger_thickness_m).contains(&beyond_m)
     };
     let tcp_from_world = world_from_tcp.inverse().cast::<f32>();
-    let behind = object.behind.iter().map(|p| (tcp_from_world * p).coords.cast::<f64>()).filter(|p| is_between_pads(p, settings));
-    if slab.iter().map(|(p, _)| *p).chain(behind).filter(in_finger).count() > settings.strays {
+    let behind: Vec<Vector3<f64>> = object.behind.iter().map(|p| (tcp_from_world * p).coords.cast::<f64>()).collect();
+    let behind_pads = behind.iter().copied().filter(|p| is_between_pads(p, settings));
+    if slab.iter().map(|(p, _)| *p).chain(behind_pads).filter(in_finger).count() > settings.strays {
         return Err(Misfit::FingerBlocked);
     }
     let depth_m = contact_depth_m(&slab[run.clone()], seen_low).max(contact_depth_m(&slab[run.clone()], seen_high));
     let closing = (world_from_tcp.rotation * Vector3::y()).cast::<f32>();
     let squareness = squareness(&slab[run], seen_low, seen_high, &closing, object);
-    Ok(GripperFit { width_m, offset_m, opening_m, depth_m, squareness, seen: seen[0].min(seen[1]) })
+    let meeting = meeting(object, &tcp_from_world, &behind, (seen_low, seen_high), settings);
+    Ok(GripperFit { width_m, offset_m, opening_m, depth_m, squareness, meeting, seen: seen[0].min(seen[1]) })
+}
+
+/// How far behind the grasp centre the pads reach, metres.
+const PAD_M: f64 = 0.013;
+/// Further from the rest than the noise of depth is apart, metres.
+const APART_M: f64 = 0.006;
+
+/// How the pads meet the outline of what is between them; nothing amiss with a wall of something hollow, of which the outline says nothing.
+fn meeting(
+    object: &ObjectCloud,
+    tcp_from_world: &Isometry3<f32>,
+    behind: &[Vector3<f64>],
+    (low, high): (f64, f64),
+    settings: &GripperSettings,
+) -> Meeting {
+    let is_level = |p: &Point3<f32>| (-PAD_M as f32..=TIP_BEYOND_TCP_M as f32).contains(&p.z);
+    let mut level: Vec<Point3<f32>> = object.points.iter().map(|p| tcp_from_world * p).filter(is_level).collect();
+    let half_m = settings.finger_half_width_m as f32;
+    // What was seen between the pads, but apart from what they close on, is the other side of something hollow.
+    let apart = |p: &Point3<f32>| p.x.abs() <= half_m && (f64::from(p.y) < low - APART_M || f64::from(p.y) > high + APART_M);
+    if level.iter().any(apart) {
+        return Meeting::default();
+    }
+    level.extend(behind.iter().map(|p| Point3::from(p.cast::<f32>())).filter(is_level));
+    wedge::meeting(&level, half_m).unwrap_or_default()
 }
 
 /// The cosine to the line of sight from which a side counts as seen: less of a surface gives readings at some places only.

@@ -7,17 +7,21 @@
 pub mod antipodal;
 pub mod gripper;
 pub mod normals;
+pub mod score;
 pub mod top_down;
+pub mod wedge;
 
 use nalgebra::{Isometry3, Point2, Point3, Vector2, Vector3};
 use rand_pcg::Pcg64;
 use repose_belief::ObservedView;
 use repose_belief::far_side::far_side;
 use repose_geometry::{Aabb, cloud};
-use repose_panda::{FINGER_OPENING_MAX_M, Frame, gripper_spheres, kinematics::TCP_M};
+use repose_panda::{Frame, gripper_spheres, kinematics::TCP_M};
 
 use crate::obstacles::Obstacles;
-use gripper::{GripperFit, GripperSettings};
+use gripper::{GripperFit, GripperSettings, Misfit};
+pub use score::GraspWeights;
+use score::score;
 
 /// A pose of the grasp centre on the object, and how wide the fingers are.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -87,29 +91,6 @@ impl Default for GraspSettings {
     }
 }
 
-/// Weights of the terms of a grasp's score; each term is between 0 and 1.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GraspWeights {
-    /// An approach from above: the hand leaves a placement the way it came, and a tilted one pulls at what is tall. Default 2.
-    pub vertical: f64,
-    /// Fingers near the object's middle, which keeps it from turning in the hand. Default 3.
-    pub centered: f64,
-    /// Neither so wide that the opening is used up, nor so thin that a surface may have been taken for a wall. Default 1.5.
-    pub fitting: f64,
-    /// Surfaces square to the closing direction where the fingers touch. Default 2.
-    pub square: f64,
-    /// Much surface against the fingers along the approach: little is the shoulder of a bottle or the edge of a lid. Default 1.5.
-    pub deep: f64,
-    /// Both fingers come down where the camera saw free space, not behind the object. Default 3.
-    pub seen: f64,
-}
-
-impl Default for GraspWeights {
-    fn default() -> Self {
-        Self { vertical: 2.0, centered: 3.0, fitting: 1.5, square: 2.0, deep: 1.5, seen: 3.0 }
-    }
-}
-
 /// What became of the proposals.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct GraspTally {
@@ -119,6 +100,8 @@ pub struct GraspTally {
     pub empty: usize,
     /// Refused because the object is too wide there.
     pub too_wide: usize,
+    /// Refused because the surfaces under the fingers are at a slant that friction does not bridge.
+    pub slanted: usize,
     /// Refused because a finger or the palm would run into the object.
     pub object_in_the_way: usize,
     /// Refused because the hand would touch something else.
@@ -193,20 +176,21 @@ fn judged(
 ) -> Option<Grasp> {
     for clearance_m in [settings.gripper.clearance_m, settings.gripper.clearance_beside_m] {
         let gripper = GripperSettings { clearance_m, ..settings.gripper };
-        let fit = match gripper::fit(world_from_tcp, object, scene.view, &gripper) {
+        let fit = match gripper::fit(world_from_tcp, object, scene.view, &gripper).and_then(|fit| held(fit, settings)) {
             Ok(fit) => fit,
             Err(misfit) => {
                 match misfit {
-                    gripper::Misfit::Empty => tally.empty += 1,
-                    gripper::Misfit::TooWide => tally.too_wide += 1,
-                    gripper::Misfit::FingerBlocked | gripper::Misfit::PalmBlocked => tally.object_in_the_way += 1,
+                    Misfit::Empty => tally.empty += 1,
+                    Misfit::TooWide => tally.too_wide += 1,
+                    Misfit::Slanted => tally.slanted += 1,
+                    Misfit::FingerBlocked | Misfit::PalmBlocked => tally.object_in_the_way += 1,
                 }
                 return None;
             }
         };
         let world_from_tcp = world_from_tcp * Isometry3::translation(0.0, fit.offset_m, 0.0);
         if !gripper_touches(&world_from_tcp, fit.opening_m, scene.others, settings.padding_m) {
-            let score = score(&world_from_tcp, &fit, object, &settings.weights);
+            let score = score(&world_from_tcp, &fit, object, settings);
             return Some(Grasp { world_from_tcp, opening_m: fit.opening_m, width_m: Some(fit.width_m), score });
         }
     }
@@ -214,44 +198,15 @@ fn judged(
     None
 }
 
+/// What the fingers close on, unless they meet it as a wedge that is blunter than friction bridges.
+fn held(fit: GripperFit, settings: &GraspSettings) -> Result<GripperFit, Misfit> {
+    if 0.5 * fit.meeting.wedge_rad > settings.friction.atan() { Err(Misfit::Slanted) } else { Ok(fit) }
+}
+
 /// Whether hand or fingers, fingers `opening_m` apart, touch `obstacles`.
 pub fn gripper_touches(world_from_tcp: &Isometry3<f64>, opening_m: f64, obstacles: &Obstacles, padding_m: f64) -> bool {
     let world_from_hand = world_from_tcp * Isometry3::translation(0.0, 0.0, -TCP_M);
     gripper_spheres(&Frame::of(&world_from_hand), opening_m).iter().any(|s| obstacles.touches(&s.center, s.radius_m + padding_m))
-}
-
-/// A width from which a grasp is not thin, metres.
-const THIN_M: f64 = 0.010;
-/// A tilt of the approach at which nothing is left of being from above, radians.
-const TILTED_RAD: f64 = 1.2;
-/// Room in the opening that is plenty, and less of which is too little for what is known of the object's place, both fingers', metres.
-const ROOM_M: f64 = 0.020;
-const NARROW_M: f64 = 0.014;
-/// Alignment from which surfaces are told from better ones, and at which none holds: a little beyond the edge of a box taken across its corners.
-const SQUARE_MIN: f64 = 0.8;
-const SLANTED: f64 = 0.65;
-/// Less surface than this along the approach is an edge, metres.
-const EDGE_M: f64 = 0.010;
-
-fn score(world_from_tcp: &Isometry3<f64>, fit: &GripperFit, object: &ObjectCloud, weights: &GraspWeights) -> f64 {
-    let approach = world_from_tcp.rotation * Vector3::z();
-    let aside = (world_from_tcp.translation.vector.xy() - object.axis).norm();
-    let room_m = FINGER_OPENING_MAX_M - fit.width_m;
-    let half_diagonal = 0.5 * f64::from(object.bounds.extent().xy().norm()).max(0.02);
-    let terms = [
-        (weights.vertical, 1.0 - (-approach.z).clamp(-1.0, 1.0).acos() / TILTED_RAD),
-        (weights.centered, 1.0 - aside / half_diagonal),
-        (weights.fitting, (fit.width_m / THIN_M).min(room_m / ROOM_M)),
-        (weights.square, (fit.squareness - SQUARE_MIN) / (1.0 - SQUARE_MIN)),
-        (weights.deep, fit.depth_m / gripper::DEPTH_MAX_M),
-        (weights.seen, fit.seen),
-    ];
-    let total: f64 = terms.iter().map(|(weight, _)| weight).sum();
-    let score = terms.iter().map(|(weight, value)| weight * value.clamp(0.0, 1.0)).sum::<f64>() / total;
-    // Whatever else is good about it, fingers slide off surfaces that lie across, and off edges.
-    let holds = ((fit.squareness - SLANTED) / (SQUARE_MIN - SLANTED)).clamp(0.0, 1.0) * (fit.depth_m / EDGE_M).clamp(0.1, 1.0);
-    // And what hardly goes between the fingers is knocked over by them.
-    score * holds * (room_m / NARROW_M).clamp(0.1, 1.0)
 }
 
 /// Keeps a grasp unless a better one is nearly the same.

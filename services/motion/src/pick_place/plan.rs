@@ -121,8 +121,8 @@ pub enum PickPlaceError {
     #[error("the arm cannot start where it stands: {0}")]
     StartBlocked(Contact),
     /// The object offers no grasp.
-    #[error("no grasp on the object: of {} proposed, {} close on nothing, {} are too wide, {} run into the object, {} touch the scene",
-        .0.proposed, .0.empty, .0.too_wide, .0.object_in_the_way, .0.scene_in_the_way)]
+    #[error("no grasp on the object: of {} proposed, {} close on nothing, {} are too wide, {} would slide off, {} run into the object, {} touch the scene",
+        .0.proposed, .0.empty, .0.too_wide, .0.slanted, .0.object_in_the_way, .0.scene_in_the_way)]
     NoGrasp(GraspTally),
     /// None of the placements can be had.
     #[error("none of the {} placements can be reached; the best: {}", .0.len(), .0.first().map(|n| n.tally.to_string()).unwrap_or_default())]
