@@ -251,7 +251,7 @@ mod tests {
         assert_eq!(table.belief.carried(1), [2]);
         let bare = table_after(&table, 2, &Isometry3::translation(-0.3, -0.2, -0.05), 0.0);
         let whole = bare.belief.objects[&1].shape.as_ref().unwrap();
-        assert!((whole.axis - Point2::new(0.0, 0.0)).norm() < 0.008, "{}", whole.axis);
+        assert!((whole.axis - Point2::new(0.0, 0.0)).norm() < 0.011, "{}", whole.axis);
         assert!(whole.slabs.last().unwrap().outline.margin(&Point2::new(0.0, 0.035)) > 0.0, "its back was hidden, and carried the other's");
         let tops = || bare.scene.meta.surfaces.iter().filter(|s| s.object == Some(1));
         assert!(

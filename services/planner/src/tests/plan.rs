@@ -136,7 +136,7 @@ fn an_object_that_may_be_set_on_another_side_stands_on_the_table_by_one_of_its_f
         assert!(up[k] > 0.995, "{up:?}");
         upright[k] += 1;
         let at = placed_from_observed * nalgebra::Point3::from(middle);
-        assert!((at.z - size[k] / 2.0).abs() < 0.01 && at.x > 0.05, "{at}, edge {k} upright");
+        assert!((at.z - size[k] / 2.0).abs() < 0.013 && at.x > 0.05, "{at}, edge {k} upright");
         assert!(placement.geometric[0].holds);
     }
     assert!(upright.iter().filter(|count| **count > 0).count() >= 2, "{upright:?}");
