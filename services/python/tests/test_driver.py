@@ -118,6 +118,10 @@ def test_a_stop_latches_brakes_and_is_heard_of(client, running):
     homing.join()
     assert state.stop is not None
     assert state.stop["kind"] == "estop"
+    # The stop is told as soon as it latches; the arm's own code hears of it in its next cycle.
+    heard_by = time.monotonic() + 5.0
+    while not arm.stops and time.monotonic() < heard_by:
+        time.sleep(0.01)
     assert [s.kind for s in arm.stops] == ["estop"]
     assert "a test" in arm.stops[0].reason
     assert np.abs(arm.joints_rad - READY_RAD).max() > 0.01
