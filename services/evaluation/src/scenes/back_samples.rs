@@ -9,11 +9,10 @@ use repose_belief::{Belief, BeliefSettings};
 use repose_geometry::Footprint;
 use repose_planner::PreparedScene;
 use repose_simulator::scene::{KindWeights, SceneKind, SceneObject, scene_of_seed};
-use repose_simulator::viewpoint::random_viewpoint;
 use serde::{Deserialize, Serialize};
 
-use crate::scenes::believed::MIN_POINTS;
-use crate::scenes::problem::{ProblemSettings, frame_of};
+use crate::scenes::believed::{MIN_POINTS, true_corners};
+use crate::scenes::problem::{ProblemSettings, View};
 
 /// The first of the training scenes that are learned from.
 pub const FIRST_SEED: u64 = 800_000_000;
@@ -45,10 +44,8 @@ impl SceneBacks {
         for _ in 0..VIEWS {
             [settings.viewpoint.width, settings.viewpoint.height] = SIZES[rng.random_range(0..SIZES.len())];
             settings.perception.borders.radius_px = BORDERS_PX[rng.random_range(0..BORDERS_PX.len())];
-            let (camera, world_from_camera) = random_viewpoint(&truth.focus(), &settings.viewpoint, &mut rng);
-            let frame = frame_of(&truth, &camera, &world_from_camera, &settings.sensor, backs.seed);
-            let Ok(observed) = repose_perception::segment(&frame, &settings.perception) else { continue };
-            let belief = &PreparedScene::new(std::sync::Arc::new(observed)).belief;
+            let Some(view) = View::at_random(&truth, &settings, &mut rng, backs.seed) else { continue };
+            let belief = &PreparedScene::new(std::sync::Arc::new(view.observed)).belief;
             backs.objects.extend(truth.objects.iter().filter_map(|object| measured(belief, object)));
         }
         backs
@@ -60,9 +57,7 @@ fn measured(belief: &Belief, object: &SceneObject) -> Option<(Vec<f32>, f32)> {
     let settings = BeliefSettings::default();
     let seen = belief.objects.get(&object.id).filter(|seen| seen.points.len() >= MIN_POINTS)?;
     let front = Front::of(&seen.points, seen.shape.as_ref()?.bottom_m, &belief.view.eye().xy(), &settings.shape)?;
-    let pose = object.world_from_object.cast::<f32>();
-    let corners: Vec<_> = object.shape.mesh.vertices.iter().map(|v| pose * v).collect();
-    let [_, true_m] = span(Footprint::of(&corners)?.corners(), &front.away);
+    let [_, true_m] = span(Footprint::of(&true_corners(object))?.corners(), &front.away);
     let [_, seen_m] = front.span(&front.away);
     Some((measures(&front, &belief.view, &settings), true_m - seen_m))
 }

@@ -3,20 +3,22 @@
 use nalgebra::{Isometry3, Point2, Point3, Vector2};
 use rand_pcg::Pcg64;
 use repose_belief::Shape;
+use repose_belief::front::span;
 use repose_belief::outlines::area_centroid;
 use repose_geometry::{Aabb, Footprint};
 use repose_planner::PreparedScene;
 use repose_simulator::contact::PlacedParts;
-use repose_simulator::scene::{SceneKind, SceneObject, scene_of_seed};
-use repose_simulator::viewpoint::random_viewpoint;
+use repose_simulator::scene::{Scene, SceneKind, SceneObject, scene_of_seed};
 use serde::Serialize;
 
-use crate::scenes::problem::{ProblemSettings, frame_of};
+use crate::scenes::problem::{ProblemSettings, View};
 
 /// Objects with fewer observed points are left out.
 pub const MIN_POINTS: usize = 100;
 /// Edge of the cells in which outlines and volumes are compared, metres.
 const CELL_M: f32 = 0.004;
+/// What a doubt may be off by, metres.
+pub const DOUBT_SLACK_M: f32 = 0.005;
 
 /// One object: what is believed, less what is true, metres.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -49,9 +51,7 @@ pub struct BelievedObject {
 pub fn believed_objects(seed: u64, settings: &ProblemSettings) -> Option<(Vec<BelievedObject>, std::time::Duration)> {
     let (truth, _) = scene_of_seed(seed, &settings.scene).ok()?;
     let mut rng = Pcg64::new(u128::from(seed), 0xbe11_efed);
-    let (camera, world_from_camera) = random_viewpoint(&truth.focus(), &settings.viewpoint, &mut rng);
-    let frame = frame_of(&truth, &camera, &world_from_camera, &settings.sensor, seed);
-    let observed = std::sync::Arc::new(repose_perception::segment(&frame, &settings.perception).ok()?);
+    let observed = std::sync::Arc::new(View::at_random(&truth, settings, &mut rng, seed)?.observed);
     let began = std::time::Instant::now();
     let prepared = PreparedScene::new(observed);
     let took = began.elapsed();
@@ -59,31 +59,37 @@ pub fn believed_objects(seed: u64, settings: &ProblemSettings) -> Option<(Vec<Be
     let seen = prepared.belief.objects.iter().filter(|(_, object)| object.points.len() >= MIN_POINTS);
     let objects = seen.filter_map(|(id, object)| {
         let (shape, object) = (object.shape.as_ref()?, truth.objects.iter().find(|o| o.id == *id)?);
-        Some(BelievedObject { seed, id: *id, kind: truth.kind, ..compared(shape, object, &eye)? })
+        compared(shape, object, &truth, &eye)
     });
     Some((objects.collect(), took))
 }
 
-/// A believed shape and a true one, from a camera at `eye`, seen from above.
-fn compared(shape: &Shape, object: &SceneObject, eye: &Point2<f32>) -> Option<BelievedObject> {
+/// The corners of an object's true surface, world frame, metres.
+pub fn true_corners(object: &SceneObject) -> Vec<Point3<f32>> {
     let pose: Isometry3<f32> = object.world_from_object.cast();
-    let corners: Vec<Point3<f32>> = object.shape.mesh.vertices.iter().map(|v| pose * v).collect();
+    object.shape.mesh.vertices.iter().map(|v| pose * v).collect()
+}
+
+/// A believed shape and that of a scene's object, from a camera at `eye`, seen from above.
+fn compared(shape: &Shape, object: &SceneObject, scene: &Scene, eye: &Point2<f32>) -> Option<BelievedObject> {
+    let corners = true_corners(object);
     let (outline, bounds) = (Footprint::of(&corners)?, Aabb::of(&corners)?);
     let believed: Vec<Point3<f32>> = shape.corners().collect();
     let (believed_outline, believed_bounds) = (Footprint::of(&believed)?, Aabb::of(&believed)?);
     let middle = area_centroid(&outline);
     let away = (middle - eye).try_normalize(1e-3)?;
     let across = Vector2::new(-away.y, away.x);
-    let reach_m = |outline: &Footprint, to: &Vector2<f32>| outline.corners().iter().map(|c| c.coords.dot(to)).fold(f32::MIN, f32::max);
+    let [near_m, far_m] = span(outline.corners(), &away);
+    let [believed_near_m, believed_far_m] = span(believed_outline.corners(), &away);
     let solid = PlacedParts::new(&object.shape.parts, &object.world_from_object)?;
     let both = Aabb { min: bounds.min.inf(&believed_bounds.min), max: bounds.max.sup(&believed_bounds.max) };
     Some(BelievedObject {
-        seed: 0,
-        id: 0,
-        kind: SceneKind::OpenTable,
+        seed: scene.seed,
+        id: object.id,
+        kind: scene.kind,
         bottom_m: shape.bottom_m - bounds.min.z,
-        far_m: reach_m(&believed_outline, &away) - reach_m(&outline, &away),
-        near_m: reach_m(&believed_outline, &-away) - reach_m(&outline, &-away),
+        far_m: believed_far_m - far_m,
+        near_m: near_m - believed_near_m,
         axis_away_m: (shape.axis - middle).dot(&away),
         axis_across_m: (shape.axis - middle).dot(&across),
         doubt_m: shape.doubt.norm(),

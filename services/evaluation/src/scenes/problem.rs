@@ -48,6 +48,29 @@ impl Default for ProblemSettings {
     }
 }
 
+/// What a camera somewhere around a scene saw of it.
+#[derive(Debug, Clone)]
+pub struct View {
+    /// The camera.
+    pub camera: Pinhole,
+    /// Its true pose.
+    pub world_from_camera: Isometry3<f64>,
+    /// What it saw, with true masks.
+    pub frame: Frame,
+    /// What perception made of that.
+    pub observed: ObservedScene,
+}
+
+impl View {
+    /// From a camera that is drawn at random; `seed` is the sensor's. `None` where perception can make nothing of the picture.
+    pub fn at_random(truth: &Scene, settings: &ProblemSettings, rng: &mut Pcg64, seed: u64) -> Option<Self> {
+        let (camera, world_from_camera) = random_viewpoint(&truth.focus(), &settings.viewpoint, rng);
+        let frame = frame_of(truth, &camera, &world_from_camera, &settings.sensor, seed);
+        let observed = repose_perception::segment(&frame, &settings.perception).ok()?;
+        Some(Self { camera, world_from_camera, frame, observed })
+    }
+}
+
 /// A problem with its truth.
 #[derive(Debug, Clone)]
 pub struct Problem {
@@ -83,9 +106,8 @@ impl Problem {
         // A stream of its own, so that a change in how scenes are drawn does not change which goals are.
         let mut rng = Pcg64::new(u128::from(seed), 0x9e0b_1e55);
         for _ in 0..settings.viewpoints {
-            let (camera, world_from_camera) = random_viewpoint(&truth.focus(), &settings.viewpoint, &mut rng);
-            let frame = frame_of(&truth, &camera, &world_from_camera, &settings.sensor, seed);
-            let Ok(observed) = repose_perception::segment(&frame, &settings.perception) else { continue };
+            let Some(view) = View::at_random(&truth, settings, &mut rng, seed) else { continue };
+            let View { camera, world_from_camera, frame, observed } = view;
             let viewer = ViewerFrame::from_camera(&world_from_camera);
             let seen: Vec<u16> = observed.meta.objects.iter().filter(|o| o.points >= settings.min_points).map(|o| o.id).collect();
             let Some((query, goal)) = open_goal(&truth, &viewer, &seen, &mut rng) else { continue };

@@ -13,11 +13,10 @@ use repose_simulator::furniture::{Fixture, Role};
 use repose_simulator::physics::RestSettings;
 use repose_simulator::release::{ReleaseSettings, released};
 use repose_simulator::scene::{KindWeights, Outlook, Scene, SceneKind, SceneObject, scene_of_seed};
-use repose_simulator::viewpoint::random_viewpoint;
 use serde::{Deserialize, Serialize};
 
 use crate::scenes::outcome::{OTHERS_MOVED_M, STABLE_M, TILT_RAD};
-use crate::scenes::problem::{ProblemSettings, frame_of};
+use crate::scenes::problem::{ProblemSettings, View};
 use crate::statistics::forecast_fit::Sample;
 
 /// The first of the training scenes that are learned from.
@@ -52,10 +51,8 @@ impl SceneStances {
         let stays: BTreeMap<u16, BTreeMap<u16, bool>> = ids.iter().map(|id| (*id, stay_without(&truth, *id))).collect();
         let mut rng = Pcg64::new(u128::from(stances.seed), 0x57a9_ce55);
         for _ in 0..VIEWS {
-            let (camera, world_from_camera) = random_viewpoint(&truth.focus(), &settings.viewpoint, &mut rng);
-            let frame = frame_of(&truth, &camera, &world_from_camera, &settings.sensor, stances.seed);
-            let Ok(observed) = repose_perception::segment(&frame, &settings.perception) else { continue };
-            let prepared = PreparedScene::new(std::sync::Arc::new(observed));
+            let Some(view) = View::at_random(&truth, &settings, &mut rng, stances.seed) else { continue };
+            let prepared = PreparedScene::new(std::sync::Arc::new(view.observed));
             let seen = prepared.belief.objects.iter().filter(|(_, object)| object.points.len() >= MIN_POINTS).map(|(id, _)| *id);
             let seen: BTreeMap<u16, Stance<'_>> = seen.filter_map(|id| Some((id, Stance::of(&prepared, id)?))).collect();
             for (id, stance) in &seen {

@@ -7,7 +7,7 @@ use repose_networks::serving::spread;
 use repose_simulator::scene::{KindWeights, SceneKind};
 use serde::Serialize;
 
-use crate::scenes::believed::{BelievedObject, believed_objects};
+use crate::scenes::believed::{BelievedObject, DOUBT_SLACK_M, believed_objects};
 use crate::scenes::problem::ProblemSettings;
 use crate::statistics::quantile::Sorted;
 
@@ -71,9 +71,6 @@ pub struct BeliefTable {
     #[serde(skip)]
     pub objects: Vec<BelievedObject>,
 }
-
-/// What a doubt may be off by, metres.
-const DOUBT_SLACK_M: f32 = 0.005;
 
 /// Believes the scenes; `progress` is told how many are done. Times aside, the table does not depend on the number of threads.
 pub fn belief_table(settings: &BeliefTableSettings, progress: impl Fn(usize) + Sync) -> BeliefTable {

@@ -151,8 +151,7 @@ impl Back {
     /// What is not seen of an object.
     pub fn hidden(&self, front: &Front, view: &ObservedView, settings: &BeliefSettings) -> Hidden {
         let back_m = self.missing_m(&measures(front, view, settings));
-        let doubt_m = (settings.shape.doubt_share * back_m).min(settings.shape.max_doubt_m);
-        Hidden { back_m, side_m: side_m(front, view, settings), ends_m: 0.0, doubt_m }
+        Hidden { back_m, side_m: side_m(front, view, settings), ends_m: 0.0, doubt_m: settings.shape.doubt_m(back_m) }
     }
 }
 

@@ -269,6 +269,13 @@ pub struct ShapeSettings {
     pub max_doubt_m: f32,
 }
 
+impl ShapeSettings {
+    /// How much farther the back of an object may be than the middle of what is believed to be missing, metres.
+    pub fn doubt_m(&self, missing_m: f32) -> f32 {
+        (self.doubt_share * missing_m).min(self.max_doubt_m)
+    }
+}
+
 impl Default for ShapeSettings {
     fn default() -> Self {
         Self {

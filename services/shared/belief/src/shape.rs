@@ -8,7 +8,7 @@
 use nalgebra::{Isometry3, Point2, Point3, Vector2};
 use repose_geometry::Footprint;
 
-use crate::front::Front;
+use crate::front::{Front, span};
 use crate::outlines::{area_centroid, outline_gap_m};
 use crate::settings::ShapeSettings;
 
@@ -112,8 +112,7 @@ impl Shape {
         };
         let slabs: Vec<Slab> = self.slabs.iter().map(|s| Some(Slab { outline: with(&s.outline)?, ..s.clone() })).collect::<Option<_>>()?;
         let (before, top) = (&self.slabs.last()?.outline, &slabs.last()?.outline);
-        let reach_m =
-            |outline: &Footprint, back: &Vector2<f32>| outline.corners().iter().map(|c| c.coords.dot(back)).fold(f32::MIN, f32::max);
+        let reach_m = |outline: &Footprint, back: &Vector2<f32>| span(outline.corners(), back)[1];
         // What is known of its back is no longer in doubt.
         let known_m = |back: &Vector2<f32>| reach_m(top, back) - reach_m(before, back);
         let doubt = self.doubt.try_normalize(1e-6).map_or(self.doubt, |back| back * (self.doubt.norm() - known_m(&back)).max(0.0));

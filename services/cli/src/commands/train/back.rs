@@ -2,18 +2,17 @@
 //!
 //! How good the fit is is told on scenes that it has not seen, part by part.
 
+use repose_belief::BeliefSettings;
 use repose_belief::back::{Back, FittedOn};
 use repose_evaluation::scenes::back_samples::{FIRST_SEED, SceneBacks};
+use repose_evaluation::scenes::believed::DOUBT_SLACK_M;
 use repose_evaluation::statistics::forecast_fit::{FitSettings, fit_lengths};
 use repose_evaluation::statistics::quantile::Sorted;
 use serde_json::json;
 
-use super::tried::{FitArgs, Scenes, TriedScene, other_length};
+use super::tried::{FitArgs, Scenes, TriedScene, held_out, other_length};
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
-
-/// In so many parts the scenes are held out in turn, to tell how good the fit is.
-const FOLDS: usize = 8;
 
 /// Tries, fits, writes and reports.
 pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
@@ -29,23 +28,19 @@ pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
         threads: args.threads,
     };
     let scenes: Vec<SceneBacks> = tried.tried(|index| Ok(SceneBacks::of(index)))?.into_values().collect();
-    let fit = |keep: &dyn Fn(usize) -> bool| {
-        let kept = scenes.iter().enumerate().filter(|(i, _)| keep(*i)).flat_map(|(_, scene)| scene.objects.clone());
-        let objects: Vec<(Vec<f32>, f64)> = kept.map(|(measures, missing_m)| (measures, Back::target(missing_m))).collect();
+    let fit = |learned: &[&SceneBacks]| {
+        let seen = learned.iter().flat_map(|scene| &scene.objects);
+        let objects: Vec<(Vec<f32>, f64)> = seen.map(|(measures, missing_m)| (measures.clone(), Back::target(*missing_m))).collect();
         let trees = fit_lengths(&objects, &FitSettings::of_lengths(args.seed)).map_err(|e| Failure::bad_input("data", e))?;
         Back::new(trees, FittedOn { scenes: scenes.len(), objects: objects.len() }).map_err(Failure::other)
     };
-    let mut errors = Vec::new();
-    let mut beyond = 0;
-    for fold in 0..FOLDS {
-        let back = fit(&|i| i % FOLDS != fold)?;
-        for (measures, missing_m) in scenes.iter().skip(fold).step_by(FOLDS).flat_map(|scene| &scene.objects) {
-            let said_m = back.missing_m(measures);
-            errors.push(f64::from((said_m - missing_m) * 1e3));
-            beyond += usize::from(*missing_m > said_m * 1.9 + 0.005);
-        }
-    }
-    let whole = fit(&|_| true)?;
+    let said = |back: &Back, scene: &SceneBacks| scene.objects.iter().map(|(m, missing_m)| (back.missing_m(m), *missing_m)).collect();
+    let said: Vec<(f32, f32)> = held_out(&scenes, fit, said)?.concat();
+    let shape = BeliefSettings::default().shape;
+    let is_beyond = |(said_m, missing_m): &&(f32, f32)| *missing_m > said_m + shape.doubt_m(*said_m) + DOUBT_SLACK_M;
+    let beyond = said.iter().filter(is_beyond).count();
+    let errors: Vec<f64> = said.iter().map(|(said_m, missing_m)| f64::from((said_m - missing_m) * 1e3)).collect();
+    let whole = fit(&scenes.iter().collect::<Vec<_>>())?;
     let text = serde_json::to_string(&whole).map_err(Failure::other)?;
     repose_dataset::write_whole(args.out, text.as_bytes())
         .map_err(|e| Failure::bad_input("out", format!("{}: {e}", args.out.display())))?;

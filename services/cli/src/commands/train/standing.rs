@@ -14,14 +14,12 @@ use repose_planner::learned::standing;
 use serde::Serialize;
 use serde_json::json;
 
-use super::tried::{FitArgs, Scenes, TriedScene, other_length};
+use super::tried::{FitArgs, Scenes, TriedScene, held_out, other_length, said_of};
 use super::with_forecasts;
 use crate::embedded::engine;
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 
-/// In so many parts the scenes are held out in turn, to tell how good a fit is.
-const FOLDS: usize = 8;
 /// Probabilities below which things are refused, to show what that would catch.
 const THRESHOLDS: [f64; 4] = [0.1, 0.2, 0.3, 0.5];
 
@@ -95,18 +93,13 @@ impl HeldOut {
 
 /// The fit on all scenes, and how good fits on parts of them are on the rest.
 fn fitted(names: &[&str], scenes: &[Vec<Sample>], outcome_hash: &str, seed: u64) -> Result<(Forecast, HeldOut), Failure> {
-    let fit = |keep: &dyn Fn(usize) -> bool| {
-        let kept: Vec<Sample> = scenes.iter().enumerate().filter(|(i, _)| keep(*i)).flat_map(|(_, samples)| samples.clone()).collect();
+    let fit = |learned: &[&Vec<Sample>]| {
+        let kept: Vec<Sample> = learned.iter().copied().flatten().cloned().collect();
         let fitted_on = FittedOn { scenes: scenes.len() as u64, releases: kept.len(), outcome_hash: outcome_hash.to_owned() };
         fit_forecast(names, &kept, fitted_on, &FitSettings::of_objects(seed)).map_err(|e| Failure::bad_input("data", e))
     };
-    let mut said = Vec::new();
-    for fold in 0..FOLDS {
-        let forecast = fit(&|i| i % FOLDS != fold)?;
-        let held_out = scenes.iter().skip(fold).step_by(FOLDS).flatten();
-        said.extend(held_out.map(|sample| (forecast.of(&sample.measures), sample.came_true)));
-    }
-    Ok((fit(&|_| true)?, HeldOut::of(&said)))
+    let said = held_out(scenes, fit, said_of)?.concat();
+    Ok((fit(&scenes.iter().collect::<Vec<_>>())?, HeldOut::of(&said)))
 }
 
 impl TriedScene for SceneStances {

@@ -13,14 +13,11 @@ use repose_planner::learned::forecast::{FittedOn, SUCCESS};
 use repose_planner::learned::success::names;
 use serde_json::json;
 
-use super::tried::{FitArgs, Scenes, TriedScene, other_length};
+use super::tried::{FitArgs, Scenes, TriedScene, held_out, other_length, said_of};
 use super::with_forecasts;
 use crate::embedded::engine;
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
-
-/// In so many parts the scenes are held out in turn, to tell how good the fit is.
-const FOLDS: usize = 8;
 
 /// Tries, fits, writes and reports.
 pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
@@ -38,21 +35,15 @@ pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
     let scenes: Vec<Vec<Sample>> =
         answers.values().filter(|scene| !scene.measures.is_empty()).map(|scene| scene.samples().collect()).collect();
     let fitting = FitSettings::of_few(args.seed);
-    let fit = |keep: &dyn Fn(usize) -> bool| {
-        let kept: Vec<Sample> = scenes.iter().enumerate().filter(|(i, _)| keep(*i)).flat_map(|(_, samples)| samples.clone()).collect();
+    let fit = |learned: &[&Vec<Sample>]| {
+        let kept: Vec<Sample> = learned.iter().copied().flatten().cloned().collect();
         let fitted_on = FittedOn { scenes: scenes.len() as u64, releases: kept.len(), outcome_hash: engine.outcome_hash().to_owned() };
         fit_forecast(&names(), &kept, fitted_on, &fitting).map_err(|e| Failure::bad_input("data", e))
     };
-    let (mut said, mut said_of_first) = (Vec::new(), Vec::new());
-    for fold in 0..FOLDS {
-        let forecast = fit(&|i| i % FOLDS != fold)?;
-        for samples in scenes.iter().skip(fold).step_by(FOLDS) {
-            let of = |sample: &Sample| (forecast.of(&sample.measures), sample.came_true);
-            said.extend(samples.iter().map(of));
-            said_of_first.extend(samples.first().map(of));
-        }
-    }
-    with_forecasts(args.start, args.out, &[(SUCCESS, &fit(&|_| true)?)])?;
+    let said_by_scene = held_out(&scenes, fit, said_of)?;
+    let said_of_first: Vec<(f64, bool)> = said_by_scene.iter().filter_map(|said| said.first().copied()).collect();
+    let said = said_by_scene.concat();
+    with_forecasts(args.start, args.out, &[(SUCCESS, &fit(&scenes.iter().collect::<Vec<_>>())?)])?;
     let (all, first) = (Calibration::of(&said, 1), Calibration::of(&said_of_first, 1));
     let right = said.iter().filter(|(_, right)| *right).count();
     let document = json!({

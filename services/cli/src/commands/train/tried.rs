@@ -7,7 +7,9 @@ use std::fs::File;
 use std::io::Write;
 use std::path::Path;
 
+use repose_evaluation::statistics::forecast_fit::Sample;
 use repose_networks::serving::spread;
+use repose_planner::learned::forecast::Forecast;
 use repose_proto::CallError;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -91,6 +93,29 @@ impl Scenes<'_> {
         bar.finish();
         Ok(all)
     }
+}
+
+/// In so many parts the scenes are held out in turn, to tell how good a fit is.
+const FOLDS: usize = 8;
+
+/// What fits say of scenes that they have not seen: each part of the scenes is judged by a fit on all the others.
+pub fn held_out<S, F, T>(
+    scenes: &[S],
+    fit: impl Fn(&[&S]) -> Result<F, Failure>,
+    said: impl Fn(&F, &S) -> Vec<T>,
+) -> Result<Vec<Vec<T>>, Failure> {
+    let mut all = Vec::with_capacity(scenes.len());
+    for fold in 0..FOLDS {
+        let learned: Vec<&S> = scenes.iter().enumerate().filter(|(i, _)| i % FOLDS != fold).map(|(_, scene)| scene).collect();
+        let fitted = fit(&learned)?;
+        all.extend(scenes.iter().skip(fold).step_by(FOLDS).map(|scene| said(&fitted, scene)));
+    }
+    Ok(all)
+}
+
+/// What a forecast says of a scene's samples, with what came true.
+pub fn said_of(forecast: &Forecast, samples: &Vec<Sample>) -> Vec<(f64, bool)> {
+    samples.iter().map(|sample| (forecast.of(&sample.measures), sample.came_true)).collect()
 }
 
 /// Says of samples of another length than `expected`.
