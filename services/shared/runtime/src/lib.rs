@@ -64,6 +64,7 @@ mod directory;
 mod door;
 mod error;
 pub mod fake;
+mod frame_link;
 mod gauge;
 mod health;
 mod job;

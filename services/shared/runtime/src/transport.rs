@@ -25,7 +25,7 @@ pub enum Traffic {
     RobotCommand,
     /// High; dropped under congestion, the next one comes soon.
     RobotState,
-    /// Low; the first that does not fit waits, the ones behind it are dropped.
+    /// Low; waits for a moment, and is dropped where that is not enough: the next frame is newer.
     Frame,
     /// High; waits for room.
     Scene,

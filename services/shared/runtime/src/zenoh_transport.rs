@@ -22,6 +22,7 @@ use zenoh::sample::SampleKind;
 use crate::RuntimeError;
 use crate::config::{SessionConfig, SessionMode};
 use crate::diagnosis::Credentials;
+use crate::frame_link::FrameLink;
 use crate::mailbox::mailbox;
 use crate::opening::{Opening, open_apart};
 use crate::transport::{
@@ -39,6 +40,7 @@ const HISTORY_TIMEOUT: Duration = Duration::from_secs(2);
 /// A Zenoh session as a [`Transport`].
 pub struct ZenohTransport {
     pub(crate) session: zenoh::Session,
+    frames: Option<FrameLink>,
     connection: Arc<Mutex<Links>>,
 }
 
@@ -76,27 +78,7 @@ impl ZenohTransport {
     /// When the configuration is unusable, nothing can be reached within `connect_timeout_ms`, or the router lets nobody in: at once then,
     /// with what is wrong of the address, the certificates or the user.
     pub async fn open(config: &SessionConfig) -> Result<Self, RuntimeError> {
-        let zenoh_config = zenoh_config(config)?;
-        let endpoints = match config.mode {
-            SessionMode::Client => connect_endpoints(&zenoh_config),
-            _ => Vec::new(),
-        };
-        if let Some(tls) = endpoints.iter().find(|endpoint| endpoint.starts_with("tls/")) {
-            return Err(RuntimeError::transport(
-                "opening the session",
-                format!("{tls}: tls/ is not built in; quic/ takes the same certificates"),
-            ));
-        }
-        let opened = match endpoints.is_empty() {
-            true => open_apart(zenoh_config).await.map_err(|why| ("opening the session".to_owned(), why)),
-            false => {
-                let operation = format!("opening the session (connecting to {})", endpoints.join(", "));
-                let (credentials, bound) = (Credentials::of(&zenoh_config), Duration::from_millis(config.connect_timeout_ms));
-                let opening = Opening { config: zenoh_config, endpoints, credentials, attempt: attempt_time(config), bound };
-                opening.run().await.map_err(|why| (operation, why))
-            }
-        };
-        let session = opened.map_err(|(operation, why)| RuntimeError::transport(operation, why))?;
+        let session = open_session(config, zenoh_config(config)?).await?;
         let connection = Connection { is_up: true, since: Instant::now(), number: 1 };
         let links = Links { needs_router: config.mode == SessionMode::Client, open: BTreeSet::new(), connection };
         let links = Arc::new(Mutex::new(links));
@@ -112,12 +94,36 @@ impl ZenohTransport {
             .background()
             .await
             .map_err(|e| RuntimeError::transport("following the session's links", e))?;
-        Ok(Self { session, connection: links })
+        Ok(Self { session, frames: FrameLink::of(config), connection: links })
     }
 }
 
+/// Opens a session, as [`ZenohTransport::open`] says.
+pub(crate) async fn open_session(config: &SessionConfig, zenoh_config: zenoh::Config) -> Result<zenoh::Session, RuntimeError> {
+    let endpoints = match config.mode {
+        SessionMode::Client => connect_endpoints(&zenoh_config),
+        _ => Vec::new(),
+    };
+    if let Some(tls) = endpoints.iter().find(|endpoint| endpoint.starts_with("tls/")) {
+        return Err(RuntimeError::transport(
+            "opening the session",
+            format!("{tls}: tls/ is not built in; quic/ takes the same certificates"),
+        ));
+    }
+    let opened = match endpoints.is_empty() {
+        true => open_apart(zenoh_config).await.map_err(|why| ("opening the session".to_owned(), why)),
+        false => {
+            let operation = format!("opening the session (connecting to {})", endpoints.join(", "));
+            let (credentials, bound) = (Credentials::of(&zenoh_config), Duration::from_millis(config.connect_timeout_ms));
+            let opening = Opening { config: zenoh_config, endpoints, credentials, attempt: attempt_time(config), bound };
+            opening.run().await.map_err(|why| (operation, why))
+        }
+    };
+    opened.map_err(|(operation, why)| RuntimeError::transport(operation, why))
+}
+
 /// Our settings over Zenoh's defaults, or over the file that the configuration names.
-fn zenoh_config(config: &SessionConfig) -> Result<zenoh::Config, RuntimeError> {
+pub(crate) fn zenoh_config(config: &SessionConfig) -> Result<zenoh::Config, RuntimeError> {
     let unusable = |key: &str, e: &dyn std::fmt::Display| RuntimeError::Config {
         section: "session".to_owned(),
         file: config.zenoh_file.clone(),
@@ -312,7 +318,11 @@ impl Transport for ZenohTransport {
         let sizes = payloads.iter().map(|payload| message::check_size(payload.bytes.len()));
         sizes.collect::<Result<(), _>>().map_err(|e| RuntimeError::transport(format!("putting to {key}"), e))?;
         let (priority, congestion, express) = delivery_of(traffic);
-        let (session, key) = (self.session.clone(), key.to_owned());
+        let (session, congestion) = match &self.frames {
+            Some(frames) if traffic == Traffic::Frame => (frames.session().await?.clone(), CongestionControl::Drop),
+            _ => (self.session.clone(), congestion),
+        };
+        let key = key.to_owned();
         // Stops and commands have a priority of their own, with nothing large in it, and must not wait for a thread.
         let waits = matches!(traffic, Traffic::Frame | Traffic::Scene | Traffic::Journal | Traffic::Call(_));
         // One thread takes all of them: what goes at once goes in one packet.
@@ -388,7 +398,13 @@ impl Transport for ZenohTransport {
 
     async fn close(&self, bound: Duration) -> Result<(), RuntimeError> {
         let closing = "closing the session";
-        match tokio::time::timeout(bound, self.session.close()).await {
+        let all = async {
+            if let Some(frames) = self.frames.as_ref().and_then(FrameLink::opened) {
+                frames.close().await?;
+            }
+            self.session.close().await
+        };
+        match tokio::time::timeout(bound, all).await {
             Ok(closed) => closed.map_err(|e| RuntimeError::transport(closing, e)),
             Err(_) => Err(RuntimeError::transport(closing, format!("took longer than {} ms", bound.as_millis()))),
         }

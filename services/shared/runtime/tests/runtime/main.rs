@@ -9,3 +9,4 @@ mod outage;
 mod pool;
 mod pubsub;
 mod schedules;
+mod silent_link;
