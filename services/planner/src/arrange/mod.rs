@@ -11,6 +11,7 @@ pub mod goals;
 pub mod parking;
 mod places;
 mod search;
+mod surroundings;
 mod tables;
 
 use std::ops::ControlFlow;

@@ -10,6 +10,7 @@ use repose_proto::arrange::ArrangeRequest;
 use repose_proto::place::Placement;
 use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest};
 
+use crate::arrange::surroundings::surroundings;
 use crate::learned::models::PlacementModels;
 use crate::plan::{SearchStep, plan};
 use crate::scene::prepared::PreparedScene;
@@ -24,7 +25,7 @@ pub enum Ended {
     Time,
 }
 
-/// Searched placements by scene, object and terms.
+/// Searched placements by scene or surroundings, object and terms.
 type Known = BTreeMap<(String, u16, String), Arc<Vec<Placement>>>;
 
 /// Searches for places, and what it has found out.
@@ -108,7 +109,8 @@ impl<'a> Places<'a> {
         count: u32,
     ) -> Result<Arc<Vec<Placement>>, CallError> {
         let named: Vec<String> = terms.iter().map(ToString::to_string).collect();
-        let key = (scene.scene_id.clone(), object, format!("{count} {}", named.join(",")));
+        let table = surroundings(scene, object, terms).unwrap_or_else(|| scene.scene_id.clone());
+        let key = (table, object, format!("{count} {}", named.join(",")));
         if let Some(known) = self.known.get(&key) {
             return Ok(known.clone());
         }
