@@ -1,13 +1,13 @@
 //! Places for objects on tables as they would be: each searched for once, within the budget of the request.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use repose_geometry::ViewerFrame;
 use repose_proto::arrange::ArrangeRequest;
-use repose_proto::place::Placement;
+use repose_proto::place::{Placement, Rejection};
 use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest};
 
 use crate::arrange::surroundings::surroundings;
@@ -36,6 +36,8 @@ pub struct Places<'a> {
     control: &'a mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
     started: Instant,
     known: Known,
+    /// Objects that stand nowhere by themselves.
+    tipping: BTreeSet<u16>,
     searches: u32,
     /// How many may be searched for until [`Places::allow`] says otherwise.
     most_searches: u32,
@@ -58,6 +60,7 @@ impl<'a> Places<'a> {
             control,
             started: Instant::now(),
             known: Known::new(),
+            tipping: BTreeSet::new(),
             searches: 0,
             most_searches: request.max_searches,
             ended: None,
@@ -114,6 +117,9 @@ impl<'a> Places<'a> {
         if let Some(known) = self.known.get(&key) {
             return Ok(known.clone());
         }
+        if self.tipping.contains(&object) {
+            return Ok(Arc::default());
+        }
         let time_is_up = self.request.time_ms.is_some_and(|ms| self.started.elapsed() >= Duration::from_millis(ms));
         if time_is_up || self.searches >= self.most_searches {
             self.ended = Some(if time_is_up { Ended::Time } else { Ended::Budget });
@@ -131,6 +137,11 @@ impl<'a> Places<'a> {
         };
         let places = match plan(scene, &request, self.models, self.control) {
             Ok(result) => {
+                let success = result.placements.first().and_then(|place| place.success);
+                tracing::debug!(object, terms = %named.join(","), places = result.placements.len(), success, rejections = ?result.rejections, "searched");
+                if result.rejections.keys().eq([&Rejection::Tips]) {
+                    self.tipping.insert(object);
+                }
                 self.weights_hash = result.weights_hash;
                 result.placements
             }
