@@ -30,8 +30,7 @@ use serde::Serialize;
 use crate::scenes::carry_watch::{CarryWatch, Incident, Shift};
 use crate::scenes::outcome::{OTHERS_MOVED_M, STABLE_M, TILT_RAD};
 use crate::scenes::problem::Problem;
-use crate::scenes::robot_scene::Condition;
-use crate::scenes::true_answers::is_possible_in;
+use crate::scenes::robot_scene::{Condition, Excluded};
 
 /// Why a trial failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -98,8 +97,8 @@ pub struct RobotTrial {
     pub cause: Option<Cause>,
     /// The same for a person.
     pub detail: String,
-    /// Where no placement was found: whether a search with the truth in hand finds one in the region that was asked for.
-    pub possible: Option<bool>,
+    /// What was drawn before it and not asked for.
+    pub excluded: Excluded,
     /// What the motion heeded of what was not seen.
     pub heeded: Option<Heeded>,
     /// How far the fingers' middle was from the object's true centre, seen from above, metres.
@@ -133,7 +132,7 @@ impl RobotTrial {
             placed: false,
             cause: None,
             detail: String::new(),
-            possible: None,
+            excluded: Excluded::default(),
             heeded: None,
             aside_m: None,
             in_hand: None,
@@ -218,7 +217,6 @@ pub fn robot_trial(
     let (placements, plan) = match planned(problem, models, settings, &mut trial)? {
         Ok(planned) => planned,
         Err((cause, detail)) => {
-            trial.possible = (cause == Cause::NoPlacement).then(|| is_possible_in(problem, &settings.region));
             (trial.cause, trial.detail) = (Some(cause), detail);
             return Ok((trial, strip));
         }
