@@ -41,6 +41,9 @@ pub struct PickPlaceSettings {
     pub held_radius_m: f64,
     /// Room that is kept around what is held on the way where there is some, metres. Default 0.02.
     pub held_room_m: f64,
+    /// Room that is kept around the arm on its ways through free space where there is some, metres: the hand's edges stand out of its padded
+    /// spheres by up to 9 mm. Default 0.015.
+    pub arm_room_m: f64,
     /// Grip force, newtons. Default 30.
     pub grip_force_n: f64,
     /// Grasps found here that are tried per placement, both turns of the hand counted. Default 64.
@@ -73,6 +76,7 @@ impl Default for PickPlaceSettings {
             held_spacing_m: 0.012,
             held_radius_m: 0.004,
             held_room_m: 0.02,
+            arm_room_m: 0.015,
             grip_force_n: 30.0,
             grasps_per_placement: 64,
             carry_rad: 2.2,
