@@ -19,7 +19,7 @@ pub use self::request::PickPlaceRequest;
 pub use self::settings::PickPlaceSettings;
 
 use crate::believed::{Heeded, Worlds};
-use crate::collision::{ArmSettings, CollisionChecker, HeldObject};
+use crate::collision::{ArmSettings, CollisionChecker, HeldObject, PALM_OUT_M};
 use crate::grasp::{Grasp, GraspScene, GraspTally, grasps};
 use crate::obstacles::Obstacles;
 use crate::path::joint_path::distance;
@@ -187,7 +187,8 @@ struct Search<'a> {
 impl<'a> Search<'a> {
     fn arm(&self, finger_opening_m: f64) -> ArmSettings {
         let world_from_base = Frame::of(&self.settings.world_from_base);
-        ArmSettings { world_from_base, padding_m: self.settings.padding_m, finger_opening_m, ..ArmSettings::default() }
+        let (padding_m, palm_out_m) = (self.settings.padding_m, PALM_OUT_M);
+        ArmSettings { world_from_base, padding_m, palm_out_m, finger_opening_m, ..ArmSettings::default() }
     }
 
     fn checker(&self, obstacles: &'a [&'a Obstacles], finger_opening_m: f64, held: Option<&HeldObject>) -> CollisionChecker<'a> {
@@ -316,8 +317,8 @@ impl<'a> Search<'a> {
     }
 
     /// A timed way between two configurations. There is room around the arm and what it holds where there can be some: what is held may shift
-    /// in the hand and is larger than what was seen of it, and the hand's edges stand out of its spheres. Where an end has none, beside
-    /// something tall, the way goes straight up from it first.
+    /// in the hand and is larger than what was seen of it, and so are the things beside the way. Where an end has none, beside something tall, the
+    /// way goes straight up from it first.
     fn way(
         &self,
         from: &Joints,

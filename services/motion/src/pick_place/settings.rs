@@ -33,7 +33,7 @@ pub struct PickPlaceSettings {
     /// Share of the free speed and acceleration at which the object is carried: what is held by friction turns and slips when it is
     /// hurried. Default 0.5.
     pub holding_scale: f64,
-    /// What is added to the robot's spheres, metres: they leave out the edges of the hand. Default 0.005.
+    /// What is added to the robot's spheres, metres: they leave out edges of the arm. Default 0.005.
     pub padding_m: f64,
     /// Spacing of the held object's points, metres. Default 0.012.
     pub held_spacing_m: f32,
@@ -41,8 +41,7 @@ pub struct PickPlaceSettings {
     pub held_radius_m: f64,
     /// Room that is kept around what is held on the way where there is some, metres. Default 0.02.
     pub held_room_m: f64,
-    /// Room that is kept around the arm on its ways through free space where there is some, metres: the hand's edges stand out of its padded
-    /// spheres by up to 9 mm. Default 0.015.
+    /// Room that is kept around the arm on its ways through free space where there is some, metres. Default 0.015.
     pub arm_room_m: f64,
     /// Grip force, newtons. Default 30.
     pub grip_force_n: f64,
