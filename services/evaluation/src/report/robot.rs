@@ -44,7 +44,16 @@ pub fn text_of(table: &RobotTable) -> String {
     for row in &table.overall {
         text.add_row(cells(row, |rate| rate.short()));
         let [plan, grasp, place] = of_paper(row.condition).map(|p| format!("{p:.0} %"));
-        text.add_row(["the paper's".to_owned(), row.condition.name().to_owned(), plan, grasp, place, String::new(), String::new(), String::new()]);
+        text.add_row([
+            "the paper's".to_owned(),
+            row.condition.name().to_owned(),
+            plan,
+            grasp,
+            place,
+            String::new(),
+            String::new(),
+            String::new(),
+        ]);
     }
     format!("{text}\n{}", text::legend(&LEGEND))
 }

@@ -291,7 +291,13 @@ impl<'a> Search<'a> {
     }
 
     /// Back to the start, past the object where it was put; none where there is no way, and the arm stays above it.
-    fn home(&self, grasp: &mut TriedGrasp<'_>, place: &PlaceEnd, placed_from_observed: &Isometry3<f64>, rng: &mut Pcg64) -> Option<PlannedPhase> {
+    fn home(
+        &self,
+        grasp: &mut TriedGrasp<'_>,
+        place: &PlaceEnd,
+        placed_from_observed: &Isometry3<f64>,
+        rng: &mut Pcg64,
+    ) -> Option<PlannedPhase> {
         let placed: Vec<Point3<f32>> = self.object.iter().map(|p| (placed_from_observed * p.cast::<f64>()).cast()).collect();
         let placed = Obstacles::new(&placed, &[], &self.settings.obstacles);
         let obstacles: Vec<&Obstacles> = self.others.iter().copied().chain([&placed]).collect();
