@@ -117,6 +117,11 @@ impl Surroundings {
         self.others.iter().map(|(_, parts)| object.distance_m(parts)).fold(FAR_M, f32::min)
     }
 
+    /// Whether something else overlaps any of them.
+    pub fn overlaps(&self, parts: &PlacedParts) -> bool {
+        self.others.iter().any(|(_, other)| other.penetration_m(parts) > 0.0)
+    }
+
     /// The lowest point of the object at `world_from_object`, and the highest of everything whose box is over or under its box, highest first,
     /// metres.
     pub fn column_m(&self, world_from_object: &Isometry3<f64>) -> (f64, Vec<f64>) {

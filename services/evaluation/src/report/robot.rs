@@ -1,7 +1,7 @@
 //! The report of `evaluate robot`: JSON with the contract's keys, and a table beside the paper's figures.
 
 use crate::report::text;
-use crate::scenes::robot_scene::Condition;
+use crate::scenes::robot_scene::{Condition, Excluded};
 use crate::statistics::rate::Rate;
 use crate::tables::robot::{RobotRow, RobotTable};
 
@@ -19,6 +19,7 @@ pub fn document(table: &RobotTable) -> serde_json::Value {
         let mut value = serde_json::json!({
             "condition": row.condition, "plan": row.plan.percent(), "grasp": row.grasp.percent(), "place": row.place.percent(),
             "end_to_end": row.end_to_end.percent(), "end_to_end_interval": row.end_to_end.interval_percent(), "causes": row.causes,
+            "excluded": row.excluded,
             "counts": {"plan": row.plan, "grasp": row.grasp, "place": row.place, "end_to_end": row.end_to_end},
         });
         match &row.object {
@@ -36,20 +37,29 @@ pub fn document(table: &RobotTable) -> serde_json::Value {
 
 /// The table for people.
 pub fn text_of(table: &RobotTable) -> String {
-    let mut text = text::table(["object", "condition", "plan", "grasp", "place", "end to end", "failures"]);
+    let mut text = text::table(["object", "condition", "plan", "grasp", "place", "end to end", "failures", "not asked"]);
     for row in &table.rows {
         text.add_row(cells(row, |rate| format!("{}/{}", rate.of, rate.n)));
     }
     for row in &table.overall {
         text.add_row(cells(row, |rate| rate.short()));
         let [plan, grasp, place] = of_paper(row.condition).map(|p| format!("{p:.0} %"));
-        text.add_row(["the paper's".to_owned(), row.condition.name().to_owned(), plan, grasp, place, String::new(), String::new()]);
+        text.add_row([
+            "the paper's".to_owned(),
+            row.condition.name().to_owned(),
+            plan,
+            grasp,
+            place,
+            String::new(),
+            String::new(),
+            String::new(),
+        ]);
     }
     format!("{text}\n{}", text::legend(&LEGEND))
 }
 
 /// The columns, in their order.
-const LEGEND: [(&str, &str); 5] = [
+const LEGEND: [(&str, &str); 6] = [
     ("plan", "a placement and a motion to it were found; successes of trials, with 95 % intervals over all objects"),
     ("grasp", "of those: the object was in the hand when the lift had ended"),
     (
@@ -57,10 +67,15 @@ const LEGEND: [(&str, &str); 5] = [
         "of those: it stands within 5 cm of where it was to stand, not tipped by 15 degrees, nothing else moved by 2 cm, and the goal holds",
     ),
     ("end to end", "all three, of all trials"),
+    (
+        "not asked",
+        "drawn and counted in no rate, by the truth alone: goals that no place within the arm's reach makes true, and scenes in which the hand does not get to the object",
+    ),
     ("ground truth", "masks, the camera's pose and the outcomes; depth is disturbed by the sensor model"),
 ];
 
 fn cells(row: &RobotRow, show: impl Fn(&Rate) -> String) -> Vec<String> {
+    let Excluded { out_of_reach, no_place } = row.excluded;
     let causes: Vec<String> = row.causes.iter().map(|(cause, count)| format!("{} {count}", cause.name())).collect();
     vec![
         row.object.clone().unwrap_or_else(|| "all".to_owned()),
@@ -70,5 +85,6 @@ fn cells(row: &RobotRow, show: impl Fn(&Rate) -> String) -> Vec<String> {
         show(&row.place),
         show(&row.end_to_end),
         causes.join(", "),
+        format!("{no_place} goals, {out_of_reach} scenes"),
     ]
 }

@@ -50,6 +50,8 @@ pub struct CarryWatch {
 
 /// How high the object must be for its touching something to count, metres: until then it stands where it stood.
 const LIFTED_M: f64 = 0.03;
+/// From here on it leans between the fingers, radians.
+const LEANS_RAD: f64 = 0.05;
 /// From here on it has slipped: metres and radians.
 const SLIPPED: (f64, f64) = (0.008, 0.1);
 
@@ -65,6 +67,13 @@ impl CarryWatch {
         if phase == Phase::Lift {
             let pose = cell.world_from_objects()[self.query];
             self.grasped = Some((base_from_hand(cell.arm.q_rad()).inverse() * pose, pose.translation.z));
+        }
+        if matches!(phase, Phase::Lift | Phase::Release) {
+            // In these scenes everything stands upright in its own frame.
+            let leans_rad = (cell.world_from_objects()[self.query].rotation * Vector3::z()).angle(&Vector3::z());
+            if leans_rad > LEANS_RAD {
+                self.note(cell, format!("the object leans by {leans_rad:.2} rad"));
+            }
         }
     }
 

@@ -18,3 +18,4 @@ pub mod stability_samples;
 pub mod standing_samples;
 pub mod success_samples;
 pub mod true_answers;
+pub mod true_reach;

@@ -2,6 +2,10 @@
 //!
 //! Ground truth: masks, the camera's pose, meshes and poses. Observed: depth with the sensor model, the robot in the picture. Objects stand upright, a hand's width
 //! apart, on the table or (in the second condition) on the table and a large box on it; the paper's Table 3 has the same two.
+//!
+//! What cannot be done is not asked for, as the second world (`tests/foreign_world/problems.py`) does not: an object that the hand does not
+//! get to where it stands, and a goal that no place within reach makes true. Both are judged by the truth alone ([`TrueReach`],
+//! [`Truth`]), before anything is planned, and counted ([`Excluded`]).
 
 use std::sync::Arc;
 
@@ -9,8 +13,9 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand::seq::SliceRandom;
 use rand_pcg::Pcg64;
-use repose_geometry::ViewerFrame;
+use repose_geometry::{ViewerFrame, cloud};
 use repose_panda::{FINGER_OPENING_MAX_M, READY};
+use repose_proto::place::RegionBox;
 use repose_proto::{Frame, GoalTerm, Relation, RigidTransform, RobotInView};
 use repose_sensor::SensorModel;
 use repose_simulator::cell::CellSettings;
@@ -18,12 +23,14 @@ use repose_simulator::contact::PlacedParts;
 use repose_simulator::furniture::{Furniture, SupportSurface};
 use repose_simulator::objects::Shape;
 use repose_simulator::objects::color::random_color;
-use repose_simulator::release::penetration_of;
+use repose_simulator::release::{ReleaseSettings, penetration_of};
 use repose_simulator::robot::body;
 use repose_simulator::scene::{Scene, SceneKind, SceneObject, displacement_m};
 use serde::Serialize;
 
 use crate::scenes::problem::{GOAL_RELATIONS, Problem, frame_drawn};
+use crate::scenes::true_answers::{Truth, TruthSettings};
+use crate::scenes::true_reach::TrueReach;
 
 /// What stands on the table beside the objects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -91,19 +98,39 @@ impl Default for RobotSceneSettings {
     }
 }
 
-/// The problem of a trial: `object` among two to four of `others`. `None` when no draw will do.
+/// What was drawn and is not asked for, by the truth alone.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct Excluded {
+    /// Scenes in which the hand does not get to the object.
+    pub out_of_reach: usize,
+    /// Goals for which no place within reach was found.
+    pub no_place: usize,
+}
+
+impl Excluded {
+    /// Both counts of two together.
+    pub fn and(self, other: Self) -> Self {
+        Self { out_of_reach: self.out_of_reach + other.out_of_reach, no_place: self.no_place + other.no_place }
+    }
+}
+
+/// The problem of a trial: `object` among two to four of `others`, to be placed in `region`; and what was drawn before it. `None` when no
+/// draw will do.
 pub fn robot_problem(
     object: &Arc<Shape>,
     others: &[Arc<Shape>],
     condition: Condition,
     seed: u64,
+    region: &RegionBox,
     settings: &RobotSceneSettings,
-) -> Option<Problem> {
+) -> Option<(Problem, Excluded)> {
     let mut rng = Pcg64::new(u128::from(seed), 0x7ab1_e003);
-    (0..settings.attempts).find_map(|_| {
+    let mut excluded = Excluded::default();
+    let problem = (0..settings.attempts).find_map(|_| {
         let truth = drawn(object, others, condition, seed, settings, &mut rng)?;
-        seen(truth, seed, settings, &mut rng)
-    })
+        seen(truth, seed, region, settings, &mut excluded, &mut rng)
+    })?;
+    Some((problem, excluded))
 }
 
 /// A settled scene; its first object is the query.
@@ -175,8 +202,15 @@ fn keeps_away(scene: &Scene, shape: &Shape, world_from_object: &Isometry3<f64>, 
     scene.objects.iter().filter_map(other).all(|o| !placed.is_within(&o, margin_m))
 }
 
-/// What the cell's camera makes of the scene, with a goal that is still open; `None` when too little is seen.
-fn seen(truth: Scene, seed: u64, settings: &RobotSceneSettings, rng: &mut Pcg64) -> Option<Problem> {
+/// What the cell's camera makes of the scene, with a goal that is still open and can be had; `None` when too little is seen or there is none.
+fn seen(
+    truth: Scene,
+    seed: u64,
+    region: &RegionBox,
+    settings: &RobotSceneSettings,
+    excluded: &mut Excluded,
+    rng: &mut Pcg64,
+) -> Option<Problem> {
     let (camera, world_from_camera) = (settings.cell.camera, settings.cell.world_from_camera());
     let mut drawables = truth.drawables();
     drawables.extend(body::drawables(&READY, [FINGER_OPENING_MAX_M as f32 / 2.0; 2]));
@@ -205,7 +239,64 @@ fn seen(truth: Scene, seed: u64, settings: &RobotSceneSettings, rng: &mut Pcg64)
     if open.is_empty() {
         return None;
     }
-    let (anchor, relation) = open[rng.random_range(0..open.len())];
+    let Some(reach) = TrueReach::new(&truth, 0) else {
+        excluded.out_of_reach += 1;
+        return None;
+    };
+    let (anchor, relation) = open.swap_remove(rng.random_range(0..open.len()));
     let goal = GoalTerm { relation, anchor, holds: true };
-    Some(Problem { seed, truth, camera, world_from_camera, viewer, frame, observed, query, goal })
+    let mut problem = Problem { seed, truth, camera, world_from_camera, viewer, frame, observed, query, goal };
+    while !is_possible(&problem, &reach, region) {
+        excluded.no_place += 1;
+        if open.is_empty() {
+            return None;
+        }
+        let (anchor, relation) = open.swap_remove(rng.random_range(0..open.len()));
+        problem.goal = GoalTerm { relation, anchor, holds: true };
+    }
+    Some(problem)
+}
+
+/// Whether a search with the truth in hand finds a place in the region that meets the goal, that the arm gets to and where the object stays.
+fn is_possible(problem: &Problem, reach: &TrueReach, region: &RegionBox) -> bool {
+    // A region is asked of the middle of what was seen of an object.
+    let seen: Vec<Point3<f32>> = problem.observed.points_of(problem.query).map(Point3::from).collect();
+    let Some((middle, truth)) = cloud::centroid(&seen).zip(Truth::new(problem)) else { return false };
+    let is_allowed = |placed_from_observed: &Isometry3<f64>| {
+        let at = placed_from_observed * middle;
+        (0..3).all(|k| (region.min_m[k]..=region.max_m[k]).contains(&at[k])) && reach.gets_to(placed_from_observed)
+    };
+    !truth.answers_among(&TruthSettings::default(), &ReleaseSettings::default(), 1, &is_allowed).is_empty()
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_simulator::objects::body::{Body, Finish};
+
+    use super::*;
+
+    fn brick(name: &str, [x, y, z]: [f32; 3]) -> Arc<Shape> {
+        let mut body = Body::default();
+        body.brick([0.0; 3], [x, y, z]);
+        Arc::new(body.finish(&Finish { name, mass_kg: 0.2, friction: 0.6, top: None, opening: None }))
+    }
+
+    #[test]
+    fn a_goal_that_no_place_makes_true_is_not_asked_for_and_counted() {
+        let (object, others) = (brick("a", [0.05, 0.06, 0.1]), [brick("b", [0.06, 0.06, 0.08]), brick("c", [0.1, 0.06, 0.12])]);
+        let settings = RobotSceneSettings { attempts: 8, ..RobotSceneSettings::default() };
+        let draw = |seed, region: &RegionBox| robot_problem(&object, &others, Condition::Table, seed, region, &settings);
+        let region = |x: [f64; 2]| RegionBox { min_m: [x[0], -0.42, -0.05], max_m: [x[1], 0.42, 0.7], inside: true };
+        let whole = region([0.28, 0.78]);
+        let (problem, _) = draw(3, &whole).expect("a problem");
+        assert!(is_possible(&problem, &TrueReach::new(&problem.truth, 0).expect("it is reached"), &whole));
+        assert!(draw(3, &region([5.0, 6.0])).is_none(), "no place is there");
+        // Where there is less room, more goals are passed over: those that are asked are possible there, too.
+        let narrow = region([0.28, 0.45]);
+        let drawn: Vec<(Problem, Excluded)> = (0..4).filter_map(|seed| draw(seed, &narrow)).collect();
+        assert!(drawn.iter().map(|(_, excluded)| excluded.no_place).sum::<usize>() > 0 && !drawn.is_empty());
+        for (problem, _) in &drawn {
+            assert!(is_possible(problem, &TrueReach::new(&problem.truth, 0).expect("it is reached"), &narrow));
+        }
+    }
 }

@@ -30,7 +30,7 @@ use serde::Serialize;
 use crate::scenes::carry_watch::{CarryWatch, Incident, Shift};
 use crate::scenes::outcome::{OTHERS_MOVED_M, STABLE_M, TILT_RAD};
 use crate::scenes::problem::Problem;
-use crate::scenes::robot_scene::Condition;
+use crate::scenes::robot_scene::{Condition, Excluded};
 
 /// Why a trial failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -97,6 +97,8 @@ pub struct RobotTrial {
     pub cause: Option<Cause>,
     /// The same for a person.
     pub detail: String,
+    /// What was drawn before it and not asked for.
+    pub excluded: Excluded,
     /// What the motion heeded of what was not seen.
     pub heeded: Option<Heeded>,
     /// How far the fingers' middle was from the object's true centre, seen from above, metres.
@@ -130,6 +132,7 @@ impl RobotTrial {
             placed: false,
             cause: None,
             detail: String::new(),
+            excluded: Excluded::default(),
             heeded: None,
             aside_m: None,
             in_hand: None,

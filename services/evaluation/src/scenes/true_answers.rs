@@ -114,12 +114,26 @@ impl<'a> Truth<'a> {
 
     /// One placement that succeeds for every support on which the search finds one, in the order of the scene's surfaces and objects.
     pub fn answers(&self, settings: &TruthSettings, release: &ReleaseSettings) -> Vec<TrueAnswer> {
+        self.answers_among(settings, release, usize::MAX, &|_| true)
+    }
+
+    /// The same among the placements that are allowed, at most so many.
+    pub fn answers_among(
+        &self,
+        settings: &TruthSettings,
+        release: &ReleaseSettings,
+        at_most: usize,
+        is_allowed: &dyn Fn(&Isometry3<f64>) -> bool,
+    ) -> Vec<TrueAnswer> {
         let mut rng = Pcg64::new(u128::from(self.problem.seed), 0xfea5);
         let mut found: Vec<TrueAnswer> = Vec::new();
         for level in self.levels() {
+            if found.len() == at_most {
+                break;
+            }
             let candidates = self.candidates(&level, settings, &mut rng);
             let mut tried: Vec<Isometry3<f64>> = Vec::new();
-            for candidate in candidates {
+            for candidate in candidates.into_iter().filter(is_allowed) {
                 let near = |t: &Isometry3<f64>| (t.translation.vector - candidate.translation.vector).norm() < settings.apart_m;
                 if tried.iter().any(near) {
                     continue;

@@ -11,7 +11,7 @@ use repose_simulator::objects::MeshLibrary;
 use serde::Serialize;
 
 use crate::scenes::problem::Problem;
-use crate::scenes::robot_scene::{Condition, RobotSceneSettings, robot_problem};
+use crate::scenes::robot_scene::{Condition, Excluded, RobotSceneSettings, robot_problem};
 use crate::scenes::robot_trial::{Cause, RobotTrial, RobotTrialSettings, Strip, TrialError, robot_trial};
 use crate::statistics::rate::Rate;
 
@@ -95,13 +95,16 @@ pub struct RobotRow {
     pub end_to_end: Rate,
     /// How often trials failed for what.
     pub causes: BTreeMap<Cause, usize>,
+    /// What was drawn beside these trials and not asked for.
+    pub excluded: Excluded,
 }
 
 impl RobotRow {
     fn of<'a>(object: Option<&str>, condition: Condition, trials: impl Iterator<Item = &'a RobotTrial>) -> Self {
         let rate = Rate::default();
         let (plan, grasp, place, end_to_end) = (rate, rate, rate, rate);
-        let mut row = Self { object: object.map(str::to_owned), condition, plan, grasp, place, end_to_end, causes: BTreeMap::new() };
+        let (object_name, causes, excluded) = (object.map(str::to_owned), BTreeMap::new(), Excluded::default());
+        let mut row = Self { object: object_name, condition, plan, grasp, place, end_to_end, causes, excluded };
         for trial in trials.filter(|t| t.condition == condition && object.is_none_or(|o| t.object == o)) {
             row.plan.count(trial.planned);
             if trial.planned {
@@ -111,6 +114,7 @@ impl RobotRow {
                 row.place.count(trial.placed);
             }
             row.end_to_end.count(trial.placed);
+            row.excluded = row.excluded.and(trial.excluded);
             if let Some(cause) = trial.cause {
                 *row.causes.entry(cause).or_default() += 1;
             }
@@ -148,12 +152,11 @@ pub fn evaluate_robot(
             let others: Vec<_> = shapes.iter().filter(|s| s.name != object.name).cloned().collect();
             for k in 0..settings.trials {
                 let seed = seed_of(settings.seed, name, condition, k);
-                let problem = robot_problem(object, &others, condition, seed, &settings.scene).ok_or_else(|| RobotTableError::NoScene {
-                    object: name.clone(),
-                    condition,
-                    seed,
-                })?;
-                let (trial, strip) = robot_trial(&problem, condition, models, &settings.trial)?;
+                let drawn = robot_problem(object, &others, condition, seed, &settings.trial.region, &settings.scene);
+                let no_scene = || RobotTableError::NoScene { object: name.clone(), condition, seed };
+                let (problem, excluded) = drawn.ok_or_else(no_scene)?;
+                let (mut trial, strip) = robot_trial(&problem, condition, models, &settings.trial)?;
+                trial.excluded = excluded;
                 seen(&problem, &trial, &strip);
                 trials.push(trial);
             }
@@ -187,16 +190,19 @@ mod tests {
 
     #[test]
     fn each_rate_is_of_the_trials_that_came_so_far() {
-        let trials = [
+        let mut trials = [
             trial("a", [true; 3], None),
             trial("a", [true, true, false], Some(Cause::Moved)),
             trial("a", [true, false, false], Some(Cause::GraspLost)),
             trial("b", [false; 3], Some(Cause::NoMotion)),
         ];
+        trials[0].excluded = Excluded { out_of_reach: 1, no_place: 2 };
+        trials[3].excluded = Excluded { out_of_reach: 0, no_place: 3 };
         let all = RobotRow::of(None, Condition::Table, trials.iter());
         let counts = [all.plan, all.grasp, all.place, all.end_to_end].map(|r| (r.of, r.n));
         assert_eq!(counts, [(3, 4), (2, 3), (1, 2), (1, 4)]);
         assert_eq!(all.causes, BTreeMap::from([(Cause::NoMotion, 1), (Cause::GraspLost, 1), (Cause::Moved, 1)]));
+        assert_eq!(all.excluded, Excluded { out_of_reach: 1, no_place: 5 });
         assert_eq!(RobotRow::of(Some("b"), Condition::Table, trials.iter()).plan, Rate { of: 0, n: 1 });
         assert_eq!(RobotRow::of(None, Condition::LargeBox, trials.iter()).plan.n, 0);
     }

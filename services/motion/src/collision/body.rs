@@ -8,6 +8,7 @@ use repose_panda::lane_frames::LANE_ROUNDING_M;
 use repose_panda::spheres::{FINGER_M, Link};
 use repose_panda::{JOINT_COUNT, SELF_COLLISION_PAIRS, flange_from_hand, hand_from_tcp, kinematics, levers, spheres_in_link};
 
+use super::ArmSettings;
 use super::held::HeldObject;
 
 /// Points of a held object that share one ball.
@@ -53,21 +54,22 @@ pub(super) struct Body {
 }
 
 impl Body {
-    pub fn new(finger_opening_m: f64, padding_m: f64, held: Option<&HeldObject>) -> Self {
-        let mut groups = vec![gripper(finger_opening_m, padding_m)];
+    pub fn new(arm: &ArmSettings, held: Option<&HeldObject>) -> Self {
+        let padding_m = arm.padding_m;
+        let mut groups = vec![gripper(arm)];
         let link7_from_tcp = link7_from_hand() * hand_from_tcp();
         if let Some(held) = held {
             let mut points: Vec<Vector3<f64>> =
                 held.points_in_tcp.iter().map(|p| (link7_from_tcp * nalgebra::Point3::from(*p)).coords).collect();
             clusters(&mut points, &mut |cluster| {
-                groups.push(Group::new(7, cluster.iter().map(|p| (*p, held.radius_m)), 0.0));
+                groups.push(Group::new(7, cluster.iter().map(|p| (*p, held.radius_m, 0.0))));
             });
         }
         let held_groups = 1..groups.len();
         let links = [Link::Link7, Link::Link6, Link::Link5, Link::Link4, Link::Link3, Link::Link2, Link::Link1, Link::Link0];
         let first_link = groups.len();
         for link in links {
-            groups.push(Group::new(link as usize, spheres_in_link(link).map(|s| (s.center.coords, s.radius_m)), padding_m));
+            groups.push(Group::new(link as usize, spheres_in_link(link).map(|s| (s.center.coords, s.radius_m, padding_m))));
         }
         let group_of = |link: Link| if link as usize > 7 { 0 } else { first_link + 7 - link as usize };
         let mut pairs: Vec<Pair> = Vec::new();
@@ -86,27 +88,28 @@ impl Body {
 }
 
 impl Group {
-    /// Spheres of a link (0 to 7) given by centre in the link's frame and radius.
-    fn new(link: usize, spheres: impl Iterator<Item = (Vector3<f64>, f64)>, padding_m: f64) -> Self {
-        let spheres: Vec<(Vector3<f64>, f64)> = spheres.collect();
+    /// Spheres of a link (0 to 7) given by centre in the link's frame, radius, and what is added to that against the world.
+    fn new(link: usize, spheres: impl Iterator<Item = (Vector3<f64>, f64, f64)>) -> Self {
+        let spheres: Vec<(Vector3<f64>, f64, f64)> = spheres.collect();
         let mut longest = [0.0f64; JOINT_COUNT];
-        for (center, _) in &spheres {
+        for (center, ..) in &spheres {
             let levers = levers(link, center);
             (0..JOINT_COUNT).for_each(|i| longest[i] = longest[i].max(levers[i]));
         }
-        let low = spheres.iter().fold(Vector3::repeat(f64::INFINITY), |low, (c, _)| low.inf(c));
-        let high = spheres.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |high, (c, _)| high.sup(c));
+        let low = spheres.iter().fold(Vector3::repeat(f64::INFINITY), |low, (c, ..)| low.inf(c));
+        let high = spheres.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |high, (c, ..)| high.sup(c));
         let middle = (low + high) / 2.0;
-        let around = spheres.iter().map(|(c, r)| (c - middle).norm() + r).fold(0.0, f64::max);
-        let sphere = |center: &Vector3<f64>, radius_m: f64| Sphere {
+        let around = spheres.iter().map(|(c, r, _)| (c - middle).norm() + r).fold(0.0, f64::max);
+        let most_m = spheres.iter().map(|(_, _, padding_m)| *padding_m).fold(0.0, f64::max);
+        let sphere = |center: &Vector3<f64>, radius_m: f64, padding_m: f64| Sphere {
             center: center.map(|v| v as f32).into(),
             world_m: (radius_m + padding_m) as f32 + LANE_ROUNDING_M,
             self_m: radius_m as f32 + LANE_ROUNDING_M,
         };
         Self {
             frame: link.checked_sub(1),
-            ball: sphere(&middle, around),
-            spheres: spheres.iter().map(|(c, r)| sphere(c, *r)).collect(),
+            ball: sphere(&middle, around, most_m),
+            spheres: spheres.iter().map(|(c, r, padding_m)| sphere(c, *r, *padding_m)).collect(),
             levers: longest.map(|v| v as f32 * (1.0 + 1e-5)),
         }
     }
@@ -116,12 +119,18 @@ fn link7_from_hand() -> Isometry3<f64> {
     Isometry3::translation(0.0, 0.0, kinematics::FLANGE_M) * flange_from_hand()
 }
 
-fn gripper(finger_opening_m: f64, padding_m: f64) -> Group {
+fn gripper(arm: &ArmSettings) -> Group {
     let link7_from_hand = link7_from_hand();
-    let finger = |side: f64| link7_from_hand * Isometry3::translation(0.0, side * finger_opening_m / 2.0, FINGER_M);
-    let parts = [(Link::Hand, link7_from_hand), (Link::LeftFinger, finger(1.0)), (Link::RightFinger, finger(-1.0))];
-    let spheres = parts.into_iter().flat_map(|(link, pose)| spheres_in_link(link).map(move |s| ((pose * s.center).coords, s.radius_m)));
-    Group::new(7, spheres, padding_m)
+    let finger = |side: f64| link7_from_hand * Isometry3::translation(0.0, side * arm.finger_opening_m / 2.0, FINGER_M);
+    let parts = [
+        (Link::Hand, link7_from_hand, arm.padding_m + arm.palm_out_m),
+        (Link::LeftFinger, finger(1.0), arm.padding_m),
+        (Link::RightFinger, finger(-1.0), arm.padding_m),
+    ];
+    let spheres = parts
+        .into_iter()
+        .flat_map(|(link, pose, padding_m)| spheres_in_link(link).map(move |s| ((pose * s.center).coords, s.radius_m, padding_m)));
+    Group::new(7, spheres)
 }
 
 /// Halves the points across their longest extent until few are left together.
@@ -146,9 +155,24 @@ mod tests {
     use super::*;
     use repose_panda::{LinkFrames, READY, SPHERE_COUNT, spheres_in_base};
 
+    fn arm(padding_m: f64) -> ArmSettings {
+        ArmSettings { padding_m, finger_opening_m: 0.06, ..ArmSettings::default() }
+    }
+
+    #[test]
+    fn the_palm_stands_out_of_its_spheres_against_the_world_and_not_against_the_arm() {
+        let [plain, out] = [0.0, 0.008].map(|palm_out_m| Body::new(&ArmSettings { palm_out_m, ..arm(0.003) }, None));
+        let palm = spheres_in_link(Link::Hand).count();
+        for (i, (a, b)) in plain.groups[0].spheres.iter().zip(&out.groups[0].spheres).enumerate() {
+            let more_m = if i < palm { 0.008 } else { 0.0 };
+            assert!((b.world_m - a.world_m - more_m).abs() < 1e-6 && a.self_m == b.self_m, "sphere {i}");
+        }
+        assert!(out.groups[0].ball.world_m > plain.groups[0].ball.world_m + 0.0079);
+    }
+
     #[test]
     fn the_groups_hold_the_spheres_of_the_arm() {
-        let body = Body::new(0.06, 0.0, None);
+        let body = Body::new(&arm(0.0), None);
         let frames = LinkFrames::at(&READY);
         let mut placed: Vec<[f64; 3]> = Vec::new();
         for group in &body.groups {
@@ -168,8 +192,8 @@ mod tests {
     fn every_point_that_is_held_is_in_one_small_group() {
         let points: Vec<Vector3<f64>> = (0..100).map(|k| Vector3::new(f64::from(k % 10) * 0.01, f64::from(k / 10) * 0.01, 0.0)).collect();
         let held = HeldObject { points_in_tcp: points, radius_m: 0.004 };
-        let with = Body::new(0.06, 0.003, Some(&held));
-        let without = Body::new(0.06, 0.003, None);
+        let with = Body::new(&arm(0.003), Some(&held));
+        let without = Body::new(&arm(0.003), None);
         let count = |body: &Body| body.groups.iter().map(|g| g.spheres.len()).sum::<usize>();
         assert_eq!(count(&with) - count(&without), 100);
         assert!(with.groups[1..with.groups.len() - 8].iter().all(|g| g.spheres.len() <= HELD_GROUP && g.ball.world_m < 0.05));

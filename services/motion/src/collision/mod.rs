@@ -44,6 +44,10 @@ pub enum Contact {
     HeldArm(Link),
 }
 
+/// How far the palm stands out of its spheres, metres: it is a box of 63 by 204 by 66 mm, whose edges are up to 8 mm outside of them, and its four
+/// corners 14, of which the usual padding covers the rest.
+pub const PALM_OUT_M: f64 = 0.008;
+
 /// The arm as it is checked.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmSettings {
@@ -51,6 +55,8 @@ pub struct ArmSettings {
     pub world_from_base: Frame,
     /// What is added to every sphere of the robot against the scene, metres. Default 0.003.
     pub padding_m: f64,
+    /// What is added to the palm's spheres beside that, metres. Default 0; [`PALM_OUT_M`] for who works closely beside things.
+    pub palm_out_m: f64,
     /// How far the fingers are apart, metres. Default 0.08.
     pub finger_opening_m: f64,
     /// The position limits. Default: the official ones.
@@ -59,7 +65,8 @@ pub struct ArmSettings {
 
 impl Default for ArmSettings {
     fn default() -> Self {
-        Self { world_from_base: Frame::BASE, padding_m: 0.003, finger_opening_m: repose_panda::FINGER_OPENING_MAX_M, limits: LIMITS }
+        let finger_opening_m = repose_panda::FINGER_OPENING_MAX_M;
+        Self { world_from_base: Frame::BASE, padding_m: 0.003, palm_out_m: 0.0, finger_opening_m, limits: LIMITS }
     }
 }
 
@@ -84,7 +91,7 @@ impl<'a> CollisionChecker<'a> {
             held: held.cloned(),
             edge: EdgeSettings::default(),
             shapes: obstacles.iter().flat_map(|o| o.shapes()).collect(),
-            body: Body::new(arm.finger_opening_m, arm.padding_m, held),
+            body: Body::new(&arm, held),
             instruction_set: InstructionSet::detect(),
         }
     }
@@ -135,7 +142,8 @@ impl<'a> CollisionChecker<'a> {
         // The hand is what gets near things: asking from there inwards finds contacts sooner.
         for (sphere, link) in spheres.iter().zip(SPHERE_LINKS).skip(Link::Link0.sphere_range().end).rev() {
             let center = self.arm.world_from_base.carry(&sphere.center.coords);
-            let radius_m = sphere.radius_m + self.arm.padding_m;
+            let out_m = if link == Link::Hand { self.arm.palm_out_m } else { 0.0 };
+            let radius_m = sphere.radius_m + self.arm.padding_m + out_m;
             if let Some(obstacles) = self.obstacles.iter().find(|o| o.touches(&center, radius_m)) {
                 let zone = obstacles.zone_touched(&center, radius_m);
                 return Some(zone.map_or(Contact::Scene(link), |zone| Contact::Zone(link, zone)));

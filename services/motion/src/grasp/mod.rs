@@ -16,8 +16,9 @@ use rand_pcg::Pcg64;
 use repose_belief::ObservedView;
 use repose_belief::far_side::far_side;
 use repose_geometry::{Aabb, cloud};
-use repose_panda::{Frame, gripper_spheres, kinematics::TCP_M};
+use repose_panda::{Frame, GRIPPER_SPHERES, Link, SPHERE_LINKS, gripper_spheres, kinematics::TCP_M};
 
+use crate::collision::PALM_OUT_M;
 use crate::obstacles::Obstacles;
 use gripper::{GripperFit, GripperSettings, Misfit};
 pub use score::GraspWeights;
@@ -206,7 +207,11 @@ fn held(fit: GripperFit, settings: &GraspSettings) -> Result<GripperFit, Misfit>
 /// Whether hand or fingers, fingers `opening_m` apart, touch `obstacles`.
 pub fn gripper_touches(world_from_tcp: &Isometry3<f64>, opening_m: f64, obstacles: &Obstacles, padding_m: f64) -> bool {
     let world_from_hand = world_from_tcp * Isometry3::translation(0.0, 0.0, -TCP_M);
-    gripper_spheres(&Frame::of(&world_from_hand), opening_m).iter().any(|s| obstacles.touches(&s.center, s.radius_m + padding_m))
+    let spheres = gripper_spheres(&Frame::of(&world_from_hand), opening_m);
+    spheres.iter().zip(&SPHERE_LINKS[GRIPPER_SPHERES]).any(|(sphere, link)| {
+        let out_m = if *link == Link::Hand { PALM_OUT_M } else { 0.0 };
+        obstacles.touches(&sphere.center, sphere.radius_m + padding_m + out_m)
+    })
 }
 
 /// Keeps a grasp unless a better one is nearly the same.

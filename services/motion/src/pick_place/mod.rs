@@ -19,7 +19,7 @@ pub use self::request::PickPlaceRequest;
 pub use self::settings::PickPlaceSettings;
 
 use crate::believed::{Heeded, Worlds};
-use crate::collision::{ArmSettings, CollisionChecker, HeldObject};
+use crate::collision::{ArmSettings, CollisionChecker, HeldObject, PALM_OUT_M};
 use crate::grasp::{Grasp, GraspScene, GraspTally, grasps};
 use crate::obstacles::Obstacles;
 use crate::path::joint_path::distance;
@@ -152,9 +152,10 @@ impl<'a> TriedGrasp<'a> {
     /// The way from the start to the standoff, worked out once.
     fn standoff(&mut self, pick: &PickEnd, rng: &mut Pcg64) -> Option<Trajectory> {
         if self.to_standoff.is_none() {
+            let search = self.search;
             // The object itself is in the way here.
-            let checker = self.search.checker(self.search.everything, self.grasp.opening_m, None);
-            self.to_standoff = Some(self.search.path(self.search.request.start, &pick.approach[0], &checker, rng));
+            let checkers = search.checkers(search.everything, self.grasp.opening_m, None);
+            self.to_standoff = Some(search.way(search.request.start, &pick.approach[0], self.reach(), &checkers, rng));
         }
         self.to_standoff.clone().flatten()
     }
@@ -186,7 +187,8 @@ struct Search<'a> {
 impl<'a> Search<'a> {
     fn arm(&self, finger_opening_m: f64) -> ArmSettings {
         let world_from_base = Frame::of(&self.settings.world_from_base);
-        ArmSettings { world_from_base, padding_m: self.settings.padding_m, finger_opening_m, ..ArmSettings::default() }
+        let (padding_m, palm_out_m) = (self.settings.padding_m, PALM_OUT_M);
+        ArmSettings { world_from_base, padding_m, palm_out_m, finger_opening_m, ..ArmSettings::default() }
     }
 
     fn checker(&self, obstacles: &'a [&'a Obstacles], finger_opening_m: f64, held: Option<&HeldObject>) -> CollisionChecker<'a> {
@@ -235,7 +237,7 @@ impl<'a> Search<'a> {
             for (_, index, ends) in usable.drain(..).take(self.settings.path_failures - tally.no_path) {
                 if let Some(mut phases) = self.joined(&mut tried[index], &ends, rng) {
                     let grasp = tried[index].grasp;
-                    phases.extend(self.home(&grasp, &ends.place, placed_from_observed, rng));
+                    phases.extend(self.home(&mut tried[index], &ends.place, placed_from_observed, rng));
                     return Ok((grasp, phases));
                 }
                 tally.no_path += 1;
@@ -281,50 +283,75 @@ impl<'a> Search<'a> {
         self.phases(grasp, ends, to_standoff, transfer)
     }
 
-    /// The way from the lift to above the placement. Around what is held there is room where there can be some, for it may shift in the hand and
-    /// is larger than what was seen of it: where an end has none, beside something tall, the way goes straight up from it first.
+    /// The way from the lift to above the placement.
     fn transfer(&self, grasp: &mut TriedGrasp<'_>, ends: &Ends, rng: &mut Pcg64) -> Option<Trajectory> {
-        let held = |room_m: f64| HeldObject::new(self.object, &grasp.grasp.world_from_tcp, self.settings.held_radius_m + room_m);
         let closed_m = grasp.grasp.width_m.unwrap_or(grasp.grasp.opening_m);
-        let checkers = ROOM_SHARES.map(|share| self.checker(self.others, closed_m, Some(&held(share * self.settings.held_room_m))));
-        let reach = grasp.reach();
-        let timing = self.settings.timing.slowed(self.settings.holding_scale);
-        for roomy in &checkers {
-            let (Some(up), Some(down)) = (reach.clear_of(ends.lifted(), roomy), reach.clear_of(&ends.place.lower[0], roomy)) else {
-                continue;
-            };
+        let checkers = self.checkers(self.others, closed_m, Some(&grasp.grasp.world_from_tcp));
+        self.way(ends.lifted(), &ends.place.lower[0], grasp.reach(), &checkers, rng)
+    }
+
+    /// Back to the start, past the object where it was put; none where there is no way, and the arm stays above it.
+    fn home(
+        &self,
+        grasp: &mut TriedGrasp<'_>,
+        place: &PlaceEnd,
+        placed_from_observed: &Isometry3<f64>,
+        rng: &mut Pcg64,
+    ) -> Option<PlannedPhase> {
+        let placed: Vec<Point3<f32>> = self.object.iter().map(|p| (placed_from_observed * p.cast::<f64>()).cast()).collect();
+        let placed = Obstacles::new(&placed, &[], &self.settings.obstacles);
+        let obstacles: Vec<&Obstacles> = self.others.iter().copied().chain([&placed]).collect();
+        let checkers = self.checkers(&obstacles, grasp.grasp.opening_m, None);
+        let trajectory = self.way(place.retreat.last()?, self.request.start, grasp.reach(), &checkers, rng)?;
+        Some(PlannedPhase { phase: Phase::Home, gripper: None, trajectory: Some(trajectory) })
+    }
+
+    /// Checkers with less and less room around the arm and what it holds, the last with none; the object is held at a pose of the grasp centre.
+    fn checkers<'b>(
+        &self,
+        obstacles: &'b [&'b Obstacles],
+        finger_opening_m: f64,
+        world_from_tcp: Option<&Isometry3<f64>>,
+    ) -> [CollisionChecker<'b>; ROOM_SHARES.len()] {
+        ROOM_SHARES.map(|share| {
+            let radius_m = self.settings.held_radius_m + share * self.settings.held_room_m;
+            let held = world_from_tcp.map(|tcp| HeldObject::new(self.object, tcp, radius_m));
+            let arm = self.arm(finger_opening_m);
+            let padding_m = arm.padding_m + share * self.settings.arm_room_m;
+            CollisionChecker::new(ArmSettings { padding_m, ..arm }, obstacles, held.as_ref())
+        })
+    }
+
+    /// A timed way between two configurations. There is room around the arm and what it holds where there can be some: what is held may shift
+    /// in the hand and is larger than what was seen of it, and so are the things beside the way. Where an end has none, beside something tall, the
+    /// way goes straight up from it first.
+    fn way(
+        &self,
+        from: &Joints,
+        to: &Joints,
+        reach: &Reach<'_>,
+        checkers: &[CollisionChecker<'_>; ROOM_SHARES.len()],
+        rng: &mut Pcg64,
+    ) -> Option<Trajectory> {
+        let [roomy @ .., plain] = checkers;
+        let timing = if plain.holds() { self.settings.timing.slowed(self.settings.holding_scale) } else { self.settings.timing };
+        for roomy in roomy {
+            let (Some(up), Some(down)) = (reach.clear_of(from, plain, roomy), reach.clear_of(to, plain, roomy)) else { continue };
             let Some(between) = self.corners(&up[up.len() - 1], &down[down.len() - 1], roomy, rng) else { continue };
             let mut corners = up;
             corners.extend(between.into_iter().skip(1));
             corners.extend(down.into_iter().rev().skip(1));
-            if let Some(trajectory) = timed(&corners, &timing, &reach.holding) {
+            if let Some(trajectory) = timed(&corners, &timing, plain) {
                 return Some(trajectory);
             }
         }
-        self.path(ends.lifted(), &ends.place.lower[0], &reach.holding, rng)
-    }
-
-    /// Back to the start, past the object where it was put; none where there is no way, and the arm stays above it.
-    fn home(&self, grasp: &Grasp, place: &PlaceEnd, placed_from_observed: &Isometry3<f64>, rng: &mut Pcg64) -> Option<PlannedPhase> {
-        let placed: Vec<Point3<f32>> = self.object.iter().map(|p| (placed_from_observed * p.cast::<f64>()).cast()).collect();
-        let placed = Obstacles::new(&placed, &[], &self.settings.obstacles);
-        let obstacles: Vec<&Obstacles> = self.others.iter().copied().chain([&placed]).collect();
-        let checker = CollisionChecker::new(self.arm(grasp.opening_m), &obstacles, None);
-        let trajectory = self.path(place.retreat.last()?, self.request.start, &checker, rng)?;
-        Some(PlannedPhase { phase: Phase::Home, gripper: None, trajectory: Some(trajectory) })
+        timed(&self.corners(from, to, plain, rng)?, &timing, plain)
     }
 
     /// The corners of a free path between two configurations, shortened.
     fn corners(&self, from: &Joints, to: &Joints, checker: &CollisionChecker<'_>, rng: &mut Pcg64) -> Option<Vec<Joints>> {
         let corners = rrt_connect(from, &[*to], checker, &self.settings.rrt, rng, self.should_stop).ok()?;
         Some(simplified(&corners, &self.settings.simplify, checker))
-    }
-
-    /// A timed free path between two configurations.
-    fn path(&self, from: &Joints, to: &Joints, checker: &CollisionChecker<'_>, rng: &mut Pcg64) -> Option<Trajectory> {
-        let corners = self.corners(from, to, checker, rng)?;
-        let timing = if checker.holds() { self.settings.timing.slowed(self.settings.holding_scale) } else { self.settings.timing };
-        timed(&corners, &timing, checker)
     }
 
     fn phases(
@@ -354,5 +381,5 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Shares of the room around what is held that are tried before there is none.
-const ROOM_SHARES: [f64; 2] = [1.0, 0.5];
+/// Shares of the room around the arm and what it holds that are tried in turn.
+const ROOM_SHARES: [f64; 3] = [1.0, 0.5, 0.0];

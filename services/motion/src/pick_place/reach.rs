@@ -135,9 +135,9 @@ impl Reach<'_> {
         })
     }
 
-    /// The way straight up from a posture to the first one that `roomy` finds free, at most [`ReachSettings::clear_m`] higher; the object in the
-    /// hand is free all along. `None` when there is none.
-    pub fn clear_of(&self, joints: &Joints, roomy: &CollisionChecker<'_>) -> Option<Vec<Joints>> {
+    /// The way straight up from a posture to the first one that `roomy` finds free, at most [`ReachSettings::clear_m`] higher, and that `plain`
+    /// finds free all along. `None` when there is none.
+    pub fn clear_of(&self, joints: &Joints, plain: &CollisionChecker<'_>, roomy: &CollisionChecker<'_>) -> Option<Vec<Joints>> {
         let mut way = vec![*joints];
         if roomy.is_free(joints) {
             return Some(way);
@@ -148,7 +148,7 @@ impl Reach<'_> {
             let higher = self.raised(&base_from_tcp, k as f64 * self.settings.step_m);
             let next = inverse_near(&higher, &way[way.len() - 1], &self.settings.inverse).ok()?;
             let jumps = (0..JOINT_COUNT).any(|i| (next[i] - way[way.len() - 1][i]).abs() > self.settings.jump_rad);
-            if jumps || !self.holding.edge_is_free(&way[way.len() - 1], &next) {
+            if jumps || !plain.edge_is_free(&way[way.len() - 1], &next) {
                 return None;
             }
             way.push(next);

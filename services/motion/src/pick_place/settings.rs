@@ -33,7 +33,7 @@ pub struct PickPlaceSettings {
     /// Share of the free speed and acceleration at which the object is carried: what is held by friction turns and slips when it is
     /// hurried. Default 0.5.
     pub holding_scale: f64,
-    /// What is added to the robot's spheres, metres: they leave out the edges of the hand. Default 0.005.
+    /// What is added to the robot's spheres, metres: they leave out edges of the arm. Default 0.005.
     pub padding_m: f64,
     /// Spacing of the held object's points, metres. Default 0.012.
     pub held_spacing_m: f32,
@@ -41,6 +41,8 @@ pub struct PickPlaceSettings {
     pub held_radius_m: f64,
     /// Room that is kept around what is held on the way where there is some, metres. Default 0.02.
     pub held_room_m: f64,
+    /// Room that is kept around the arm on its ways through free space where there is some, metres. Default 0.015.
+    pub arm_room_m: f64,
     /// Grip force, newtons. Default 30.
     pub grip_force_n: f64,
     /// Grasps found here that are tried per placement, both turns of the hand counted. Default 64.
@@ -73,6 +75,7 @@ impl Default for PickPlaceSettings {
             held_spacing_m: 0.012,
             held_radius_m: 0.004,
             held_room_m: 0.02,
+            arm_room_m: 0.015,
             grip_force_n: 30.0,
             grasps_per_placement: 64,
             carry_rad: 2.2,

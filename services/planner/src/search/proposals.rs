@@ -45,8 +45,27 @@ pub struct Proposer<'a> {
 }
 
 impl Proposer<'_> {
-    /// The `index`-th proposal.
+    /// The `index`-th proposal. Where regions are asked for, what lies over none of them is drawn again: it would be tried in vain.
     pub fn draw(&self, index: u64, rng: &mut Pcg64) -> Proposal {
+        const REDRAWS: usize = 20;
+        let mut proposal = self.drawn(index, rng);
+        for _ in 0..REDRAWS {
+            if self.is_over_a_region(&proposal) {
+                break;
+            }
+            proposal = self.drawn(index, rng);
+        }
+        proposal
+    }
+
+    /// Whether a proposal, seen from above, lies in a region that is asked for, if any is.
+    fn is_over_a_region(&self, proposal: &Proposal) -> bool {
+        let at = proposal.drawn.centroid_m;
+        let mut asked = self.region.iter().filter(|r| r.inside).peekable();
+        asked.peek().is_none() || asked.any(|r| (0..2).all(|k| (r.min_m[k]..=r.max_m[k]).contains(&f64::from(at[k]))))
+    }
+
+    fn drawn(&self, index: u64, rng: &mut Pcg64) -> Proposal {
         let positive: Vec<&GoalTerm> = self.rules.terms().iter().filter(|t| t.holds).collect();
         let anywhere = rng.random_range(0.0..1.0) < self.settings.anywhere_share;
         let term = positive.get(index as usize % positive.len().max(1));

@@ -247,6 +247,17 @@ fn a_small_asked_region_is_found() {
 }
 
 #[test]
+fn what_is_drawn_first_is_drawn_over_the_region_that_is_asked_for() {
+    let prepared = table().prepared();
+    let mut asked = request(&prepared, 2, &["right_of:1"]);
+    asked.budget.iterations = Some(1);
+    asked.region = vec![RegionBox { min_m: [0.2, -0.3, -1.0], max_m: [0.5, 0.3, 1.0], inside: true }];
+    let result = run(&prepared, &asked);
+    let outside = result.rejections.get(&Rejection::Region).copied().unwrap_or_default();
+    assert!(outside * 20 <= result.evaluated, "{outside} of {}", result.evaluated);
+}
+
+#[test]
 fn off_the_table_nothing_supports_it() {
     // The anchor stands at the table's left edge, and nothing is beyond.
     let prepared = SceneBuilder::table_within([-0.2, -0.4, 0.5, 0.4])

@@ -5,8 +5,8 @@
 
 use nalgebra::Isometry3;
 use rapier3d::dynamics::{ImpulseJointHandle, MotorModel, PrismaticJointBuilder, RigidBodyBuilder, RigidBodyHandle};
-use rapier3d::geometry::{ColliderBuilder, Group, InteractionGroups, InteractionTestMode};
-use rapier3d::math::Vector;
+use rapier3d::geometry::{ColliderBuilder, Group, InteractionGroups, InteractionTestMode, SharedShape};
+use rapier3d::math::{Pose, Vector};
 
 use crate::convert;
 use crate::physics::World;
@@ -47,6 +47,17 @@ const STANDING_M_S: f32 = 0.002;
 const STANDING_FOR_S: f32 = 0.05;
 /// Objects thinner than this are not told from a closed gripper, metres.
 const HOLDING_M: f32 = 0.002;
+
+/// What the hand takes up with its fingers `opening_m` apart: convex parts in the hand's frame.
+pub fn parts(opening_m: f64) -> Vec<(Pose, SharedShape)> {
+    let [px, py, pz] = PALM_HALF_M;
+    let [fx, fy, fz] = FINGER_HALF_M;
+    let boxed = |half: [f32; 3], x: f64, y: f64, z: f64| {
+        (convert::pose(&Isometry3::translation(x, y, z)), SharedShape::cuboid(half[0], half[1], half[2]))
+    };
+    let finger = |side: f64| boxed([fx, fy, fz], 0.0, side * (opening_m / 2.0 + f64::from(fy)), FINGER_M + f64::from(fz));
+    vec![boxed([px, py, pz], 0.0, 0.0, f64::from(pz)), finger(1.0), finger(-1.0)]
+}
 
 /// The palm, the fingers, and what they are to do.
 #[derive(Debug, Clone)]
