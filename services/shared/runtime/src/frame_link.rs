@@ -11,7 +11,7 @@ use tokio::sync::OnceCell;
 
 use crate::RuntimeError;
 use crate::config::{SessionConfig, SessionMode};
-use crate::zenoh_transport::{open_session, zenoh_config};
+use crate::zenoh_session::{open_session, zenoh_config};
 
 /// How long each part of a frame, 64 KiB, waits for room: links of 5 Mbit/s carry frames.
 const PART_WAIT: Duration = Duration::from_millis(100);

@@ -92,6 +92,7 @@ mod token;
 mod trace;
 pub mod transport;
 mod waiting;
+mod zenoh_session;
 mod zenoh_transport;
 
 pub use call::{Call, Handler};

@@ -21,19 +21,16 @@ use zenoh::sample::SampleKind;
 
 use crate::RuntimeError;
 use crate::config::{SessionConfig, SessionMode};
-use crate::diagnosis::Credentials;
 use crate::frame_link::FrameLink;
 use crate::mailbox::mailbox;
-use crate::opening::{Opening, open_apart};
 use crate::transport::{
     AliveWatch, Connection, Guard, IncomingQueries, IncomingQuery, OutgoingQuery, Replier, ReplyEvent, ReplyStream, Sample, Subscription,
     Traffic, Transport,
 };
+use crate::zenoh_session::{open_session, zenoh_config};
 
 /// Replies of one query that may wait to be read. Progress goes first when it is exceeded.
 const REPLY_CAPACITY: usize = 256;
-/// The least time of an attempt at a link, milliseconds: a few round trips between busy machines.
-const LEAST_ATTEMPT_MS: u64 = 1000;
 /// How long the tokens declared before may take to arrive when a watch begins.
 const HISTORY_TIMEOUT: Duration = Duration::from_secs(2);
 
@@ -96,92 +93,6 @@ impl ZenohTransport {
             .map_err(|e| RuntimeError::transport("following the session's links", e))?;
         Ok(Self { session, frames: FrameLink::of(config), connection: links })
     }
-}
-
-/// Opens a session, as [`ZenohTransport::open`] says.
-pub(crate) async fn open_session(config: &SessionConfig, zenoh_config: zenoh::Config) -> Result<zenoh::Session, RuntimeError> {
-    let endpoints = match config.mode {
-        SessionMode::Client => connect_endpoints(&zenoh_config),
-        _ => Vec::new(),
-    };
-    if let Some(tls) = endpoints.iter().find(|endpoint| endpoint.starts_with("tls/")) {
-        return Err(RuntimeError::transport(
-            "opening the session",
-            format!("{tls}: tls/ is not built in; quic/ takes the same certificates"),
-        ));
-    }
-    let opened = match endpoints.is_empty() {
-        true => open_apart(zenoh_config).await.map_err(|why| ("opening the session".to_owned(), why)),
-        false => {
-            let operation = format!("opening the session (connecting to {})", endpoints.join(", "));
-            let (credentials, bound) = (Credentials::of(&zenoh_config), Duration::from_millis(config.connect_timeout_ms));
-            let opening = Opening { config: zenoh_config, endpoints, credentials, attempt: attempt_time(config), bound };
-            opening.run().await.map_err(|why| (operation, why))
-        }
-    };
-    opened.map_err(|(operation, why)| RuntimeError::transport(operation, why))
-}
-
-/// Our settings over Zenoh's defaults, or over the file that the configuration names.
-pub(crate) fn zenoh_config(config: &SessionConfig) -> Result<zenoh::Config, RuntimeError> {
-    let unusable = |key: &str, e: &dyn std::fmt::Display| RuntimeError::Config {
-        section: "session".to_owned(),
-        file: config.zenoh_file.clone(),
-        message: format!("{key}: {e}"),
-    };
-    let mut zenoh_config = match &config.zenoh_file {
-        Some(file) => zenoh::Config::from_file(file).map_err(|e| unusable("zenoh_file", &e))?,
-        None => zenoh::Config::default(),
-    };
-    let mode = match config.mode {
-        SessionMode::Embedded | SessionMode::Peer => "peer",
-        SessionMode::Client => "client",
-        SessionMode::Router => "router",
-    };
-    // A router comes up whether or not its companions are there, and goes on trying; a client's attempts are ours to repeat.
-    let connect_timeout_ms = match config.mode {
-        SessionMode::Router => -1,
-        SessionMode::Client => 0,
-        SessionMode::Embedded | SessionMode::Peer => i64::try_from(config.connect_timeout_ms).unwrap_or(i64::MAX),
-    };
-    let is_router = config.mode == SessionMode::Router;
-    let mut values = vec![
-        ("mode", serde_json::json!(mode)),
-        ("scouting/multicast/enabled", serde_json::json!(false)),
-        ("scouting/gossip/enabled", serde_json::json!(false)),
-        ("transport/link/tx/lease", serde_json::json!(config.lease_ms)),
-        ("transport/link/rx/max_message_size", serde_json::json!(config.max_receive_bytes)),
-        ("connect/timeout_ms", serde_json::json!(connect_timeout_ms)),
-        ("connect/exit_on_failure", serde_json::json!(!is_router)),
-        // A router that comes back is found within half a second, and not hammered.
-        ("connect/retry", serde_json::json!({"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5})),
-        ("transport/unicast/open_timeout", serde_json::json!(attempt_time(config).as_millis() as u64)),
-        ("queries_default_timeout", serde_json::json!(config.query_timeout_ms)),
-    ];
-    // A file may name the endpoints; ours stand over them where there are any.
-    if !config.connect.is_empty() || config.zenoh_file.is_none() {
-        values.push(("connect/endpoints", serde_json::json!(config.connect)));
-    }
-    if !config.listen.is_empty() || config.zenoh_file.is_none() {
-        values.push(("listen/endpoints", serde_json::json!(config.listen)));
-    }
-    for (key, value) in values {
-        zenoh_config.insert_json5(key, &value.to_string()).map_err(|e| unusable(key, &e))?;
-    }
-    Ok(zenoh_config)
-}
-
-/// How long one attempt at a link may take: what a dying router has left unanswered is tried again within the time for all.
-fn attempt_time(config: &SessionConfig) -> Duration {
-    Duration::from_millis((config.connect_timeout_ms / 2).max(LEAST_ATTEMPT_MS))
-}
-
-/// Where a client connects to, as its configuration and its file say together.
-fn connect_endpoints(config: &zenoh::Config) -> Vec<String> {
-    let endpoints = config.get_json("connect/endpoints").ok().and_then(|json| serde_json::from_str::<serde_json::Value>(&json).ok());
-    let list = endpoints.map(|value| value.get("client").cloned().unwrap_or(value));
-    let texts = list.as_ref().and_then(serde_json::Value::as_array).into_iter().flatten().filter_map(serde_json::Value::as_str);
-    texts.map(str::to_owned).collect()
 }
 
 fn urgency_of(priority: Priority) -> Urgency {
