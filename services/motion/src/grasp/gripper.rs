@@ -5,6 +5,8 @@
 //! A side that faces away from the camera ends later than it was seen to, by the border that was cleaned away: the fingers are centred on
 //! where it is believed to end. One that would come down unseen, behind the object, gets all the room there is.
 
+use std::cell::OnceCell;
+
 use nalgebra::{Isometry3, Point3, Vector3};
 use repose_belief::ObservedView;
 use repose_panda::FINGER_OPENING_MAX_M;
@@ -105,76 +107,96 @@ const FINGER_LENGTH_M: f64 = 0.045;
 /// A point of the cloud in the grasp centre's frame, and its index.
 type SlabPoint = (Vector3<f64>, usize);
 
-/// What the fingers close on with the grasp centre at `world_from_tcp`.
-///
-/// # Errors
-/// The [`Misfit`] when that is no grasp.
-pub fn fit(
-    world_from_tcp: &Isometry3<f64>,
-    object: &ObjectCloud,
-    view: &ObservedView,
-    settings: &GripperSettings,
-) -> Result<GripperFit, Misfit> {
-    let slab = slab(world_from_tcp, object, settings)?;
-    let run = run_at_the_middle(&slab, settings)?;
-    let (seen_low, seen_high) = (slab[run.start].0.y, slab[run.end - 1].0.y);
-    let missing_at = |side: f64| missing_m(&(world_from_tcp.rotation * Vector3::y() * side), world_from_tcp, view, settings.border_m);
-    let (low, high) = (seen_low - missing_at(-1.0), seen_high + missing_at(1.0));
-    let width_m = high - low;
-    let mut opening_m = (width_m + 2.0 * settings.clearance_m).min(FINGER_OPENING_MAX_M);
-    if opening_m - width_m < 2.0 * settings.clearance_min_m {
-        return Err(Misfit::TooWide);
-    }
-    let mut offset_m = 0.5 * (low + high);
-    let seen_at = |y: f64, side: f64| seen_share(world_from_tcp, y, side, view, settings);
-    let mut seen = [seen_at(offset_m - 0.5 * opening_m, -1.0), seen_at(offset_m + 0.5 * opening_m, 1.0)];
-    if (seen[0] < settings.seen_min) != (seen[1] < settings.seen_min) {
-        opening_m = FINGER_OPENING_MAX_M;
-        offset_m = match seen[0] < settings.seen_min {
-            true => high + settings.clearance_seen_m - 0.5 * opening_m,
-            false => low - settings.clearance_seen_m + 0.5 * opening_m,
-        };
-        seen = [seen_at(offset_m - 0.5 * opening_m, -1.0), seen_at(offset_m + 0.5 * opening_m, 1.0)];
-    }
-    let in_finger = |p: &Vector3<f64>| {
-        let beyond_m = (p.y - offset_m).abs() - 0.5 * opening_m;
-        (0.0..settings.finger_thickness_m).contains(&beyond_m)
-    };
-    let tcp_from_world = world_from_tcp.inverse().cast::<f32>();
-    let behind: Vec<Vector3<f64>> = object.behind.iter().map(|p| (tcp_from_world * p).coords.cast::<f64>()).collect();
-    let behind_pads = behind.iter().copied().filter(|p| is_between_pads(p, settings));
-    if slab.iter().map(|(p, _)| *p).chain(behind_pads).filter(in_finger).count() > settings.strays {
-        return Err(Misfit::FingerBlocked);
-    }
-    let depth_m = contact_depth_m(&slab[run.clone()], seen_low).max(contact_depth_m(&slab[run.clone()], seen_high));
-    let closing = (world_from_tcp.rotation * Vector3::y()).cast::<f32>();
-    let squareness = squareness(&slab[run], seen_low, seen_high, &closing, object);
-    let meeting = meeting(object, &tcp_from_world, &behind, (seen_low, seen_high), settings);
-    Ok(GripperFit { width_m, offset_m, opening_m, depth_m, squareness, meeting, seen: seen[0].min(seen[1]) })
+/// What is between the fingers at a pose, however far they open.
+pub struct Between<'a> {
+    world_from_tcp: &'a Isometry3<f64>,
+    object: &'a ObjectCloud,
+    view: &'a ObservedView,
+    settings: &'a GripperSettings,
+    /// The object's points, and what is believed behind them, in the grasp centre's frame.
+    points: Vec<Point3<f32>>,
+    behind: Vec<Point3<f32>>,
+    /// The points between the planes of the pads, sorted along the closing direction, and those of them that the fingers close on.
+    slab: Vec<SlabPoint>,
+    run: std::ops::Range<usize>,
+    meeting: OnceCell<Meeting>,
 }
 
-/// How far behind the grasp centre the pads reach, metres.
-const PAD_M: f64 = 0.013;
+impl<'a> Between<'a> {
+    /// With the grasp centre at `world_from_tcp`.
+    ///
+    /// # Errors
+    /// [`Misfit::PalmBlocked`], or [`Misfit::Empty`].
+    pub fn fingers(
+        world_from_tcp: &'a Isometry3<f64>,
+        object: &'a ObjectCloud,
+        view: &'a ObservedView,
+        settings: &'a GripperSettings,
+    ) -> Result<Self, Misfit> {
+        let tcp_from_world = world_from_tcp.inverse().cast::<f32>();
+        let points: Vec<Point3<f32>> = object.points.iter().map(|p| tcp_from_world * p).collect();
+        let slab = slab(&points, settings)?;
+        let run = run_at_the_middle(&slab, settings)?;
+        let behind = object.behind.iter().map(|p| tcp_from_world * p).collect();
+        Ok(Self { world_from_tcp, object, view, settings, points, behind, slab, run, meeting: OnceCell::new() })
+    }
+
+    /// What the fingers close on, with this much room beside the object on approach, metres.
+    ///
+    /// # Errors
+    /// [`Misfit::TooWide`], or [`Misfit::FingerBlocked`].
+    pub fn fit(&self, clearance_m: f64) -> Result<GripperFit, Misfit> {
+        let Self { world_from_tcp, object, view, settings, slab, run, .. } = self;
+        let (seen_low, seen_high) = (slab[run.start].0.y, slab[run.end - 1].0.y);
+        let missing_at = |side: f64| missing_m(&(world_from_tcp.rotation * Vector3::y() * side), world_from_tcp, view, settings.border_m);
+        let (low, high) = (seen_low - missing_at(-1.0), seen_high + missing_at(1.0));
+        let width_m = high - low;
+        let mut opening_m = (width_m + 2.0 * clearance_m).min(FINGER_OPENING_MAX_M);
+        if opening_m - width_m < 2.0 * settings.clearance_min_m {
+            return Err(Misfit::TooWide);
+        }
+        let mut offset_m = 0.5 * (low + high);
+        let seen_at = |y: f64, side: f64| seen_share(world_from_tcp, y, side, view, settings);
+        let mut seen = [seen_at(offset_m - 0.5 * opening_m, -1.0), seen_at(offset_m + 0.5 * opening_m, 1.0)];
+        if (seen[0] < settings.seen_min) != (seen[1] < settings.seen_min) {
+            opening_m = FINGER_OPENING_MAX_M;
+            offset_m = match seen[0] < settings.seen_min {
+                true => high + settings.clearance_seen_m - 0.5 * opening_m,
+                false => low - settings.clearance_seen_m + 0.5 * opening_m,
+            };
+            seen = [seen_at(offset_m - 0.5 * opening_m, -1.0), seen_at(offset_m + 0.5 * opening_m, 1.0)];
+        }
+        let in_finger = |p: &Vector3<f64>| {
+            let beyond_m = (p.y - offset_m).abs() - 0.5 * opening_m;
+            (0.0..settings.finger_thickness_m).contains(&beyond_m)
+        };
+        let behind_pads = self.behind.iter().map(|p| p.coords.cast::<f64>()).filter(|p| is_between_pads(p, settings));
+        if slab.iter().map(|(p, _)| *p).chain(behind_pads).filter(in_finger).count() > settings.strays {
+            return Err(Misfit::FingerBlocked);
+        }
+        let depth_m = contact_depth_m(&slab[run.clone()], seen_low).max(contact_depth_m(&slab[run.clone()], seen_high));
+        let closing = (world_from_tcp.rotation * Vector3::y()).cast::<f32>();
+        let squareness = squareness(&slab[run.clone()], seen_low, seen_high, &closing, object);
+        let meeting = *self.meeting.get_or_init(|| meeting(&self.points, &self.behind, (seen_low, seen_high), settings));
+        Ok(GripperFit { width_m, offset_m, opening_m, depth_m, squareness, meeting, seen: seen[0].min(seen[1]) })
+    }
+}
+
 /// Further from the rest than the noise of depth is apart, metres.
 const APART_M: f64 = 0.006;
 
 /// How the pads meet the outline of what is between them; nothing amiss with a wall of something hollow, of which the outline says nothing.
-fn meeting(
-    object: &ObjectCloud,
-    tcp_from_world: &Isometry3<f32>,
-    behind: &[Vector3<f64>],
-    (low, high): (f64, f64),
-    settings: &GripperSettings,
-) -> Meeting {
-    let is_level = |p: &Point3<f32>| (-PAD_M as f32..=TIP_BEYOND_TCP_M as f32).contains(&p.z);
-    let mut level: Vec<Point3<f32>> = object.points.iter().map(|p| tcp_from_world * p).filter(is_level).collect();
+fn meeting(points: &[Point3<f32>], behind: &[Point3<f32>], (low, high): (f64, f64), settings: &GripperSettings) -> Meeting {
+    // The pads reach as far behind the grasp centre as beyond it.
+    let is_level = |p: &&Point3<f32>| p.z.abs() <= TIP_BEYOND_TCP_M as f32;
+    let mut level: Vec<Point3<f32>> = points.iter().filter(is_level).copied().collect();
     let half_m = settings.finger_half_width_m as f32;
     // What was seen between the pads, but apart from what they close on, is the other side of something hollow.
     let apart = |p: &Point3<f32>| p.x.abs() <= half_m && (f64::from(p.y) < low - APART_M || f64::from(p.y) > high + APART_M);
     if level.iter().any(apart) {
         return Meeting::default();
     }
-    level.extend(behind.iter().map(|p| Point3::from(p.cast::<f32>())).filter(is_level));
+    level.extend(behind.iter().filter(is_level));
     wedge::meeting(&level, half_m).unwrap_or_default()
 }
 
@@ -190,14 +212,13 @@ pub fn missing_m(outwards: &Vector3<f64>, world_from_tcp: &Isometry3<f64>, view:
 }
 
 /// The points between the planes of the finger pads, sorted along the closing direction.
-fn slab(world_from_tcp: &Isometry3<f64>, object: &ObjectCloud, settings: &GripperSettings) -> Result<Vec<SlabPoint>, Misfit> {
-    let tcp_from_world = world_from_tcp.inverse().cast::<f32>();
+fn slab(points: &[Point3<f32>], settings: &GripperSettings) -> Result<Vec<SlabPoint>, Misfit> {
     let reach = FINGER_OPENING_MAX_M + settings.finger_thickness_m;
     let palm_m = -(DEPTH_MAX_M + settings.palm_slack_m);
     let mut slab: Vec<SlabPoint> = Vec::new();
     let mut palm_points = 0;
-    for (i, point) in object.points.iter().enumerate() {
-        let p = (tcp_from_world * point).coords.cast::<f64>();
+    for (i, point) in points.iter().enumerate() {
+        let p = point.coords.cast::<f64>();
         if is_between_pads(&p, settings) && p.y.abs() <= reach {
             slab.push((p, i));
         }

@@ -20,7 +20,7 @@ use repose_panda::{Frame, GRIPPER_SPHERES, Link, SPHERE_LINKS, gripper_spheres, 
 
 use crate::collision::PALM_OUT_M;
 use crate::obstacles::Obstacles;
-use gripper::{GripperFit, GripperSettings, Misfit};
+use gripper::{Between, GripperFit, GripperSettings, Misfit};
 pub use score::GraspWeights;
 use score::score;
 
@@ -175,20 +175,15 @@ fn judged(
     settings: &GraspSettings,
     tally: &mut GraspTally,
 ) -> Option<Grasp> {
+    let mut refused = |misfit| match misfit {
+        Misfit::Empty => tally.empty += 1,
+        Misfit::TooWide => tally.too_wide += 1,
+        Misfit::Slanted => tally.slanted += 1,
+        Misfit::FingerBlocked | Misfit::PalmBlocked => tally.object_in_the_way += 1,
+    };
+    let between = Between::fingers(world_from_tcp, object, scene.view, &settings.gripper).map_err(&mut refused).ok()?;
     for clearance_m in [settings.gripper.clearance_m, settings.gripper.clearance_beside_m] {
-        let gripper = GripperSettings { clearance_m, ..settings.gripper };
-        let fit = match gripper::fit(world_from_tcp, object, scene.view, &gripper).and_then(|fit| held(fit, settings)) {
-            Ok(fit) => fit,
-            Err(misfit) => {
-                match misfit {
-                    Misfit::Empty => tally.empty += 1,
-                    Misfit::TooWide => tally.too_wide += 1,
-                    Misfit::Slanted => tally.slanted += 1,
-                    Misfit::FingerBlocked | Misfit::PalmBlocked => tally.object_in_the_way += 1,
-                }
-                return None;
-            }
-        };
+        let fit = between.fit(clearance_m).and_then(|fit| held(fit, settings)).map_err(&mut refused).ok()?;
         let world_from_tcp = world_from_tcp * Isometry3::translation(0.0, fit.offset_m, 0.0);
         if !gripper_touches(&world_from_tcp, fit.opening_m, scene.others, settings.padding_m) {
             let score = score(&world_from_tcp, &fit, object, settings);
