@@ -98,7 +98,7 @@ fn fitted(names: &[&str], scenes: &[Vec<Sample>], outcome_hash: &str, seed: u64)
         let fitted_on = FittedOn { scenes: scenes.len() as u64, releases: kept.len(), outcome_hash: outcome_hash.to_owned() };
         fit_forecast(names, &kept, fitted_on, &FitSettings::of_objects(seed)).map_err(|e| Failure::bad_input("data", e))
     };
-    let said = held_out(scenes, fit, said_of)?.concat();
+    let said = held_out(scenes, fit, |forecast, samples| said_of(forecast, samples))?.concat();
     Ok((fit(&scenes.iter().collect::<Vec<_>>())?, HeldOut::of(&said)))
 }
 

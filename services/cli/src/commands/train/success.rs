@@ -40,7 +40,7 @@ pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
         let fitted_on = FittedOn { scenes: scenes.len() as u64, releases: kept.len(), outcome_hash: engine.outcome_hash().to_owned() };
         fit_forecast(&names(), &kept, fitted_on, &fitting).map_err(|e| Failure::bad_input("data", e))
     };
-    let said_by_scene = held_out(&scenes, fit, said_of)?;
+    let said_by_scene = held_out(&scenes, fit, |forecast, samples| said_of(forecast, samples))?;
     let said_of_first: Vec<(f64, bool)> = said_by_scene.iter().filter_map(|said| said.first().copied()).collect();
     let said = said_by_scene.concat();
     with_forecasts(args.start, args.out, &[(SUCCESS, &fit(&scenes.iter().collect::<Vec<_>>())?)])?;

@@ -114,7 +114,7 @@ pub fn held_out<S, F, T>(
 }
 
 /// What a forecast says of a scene's samples, with what came true.
-pub fn said_of(forecast: &Forecast, samples: &Vec<Sample>) -> Vec<(f64, bool)> {
+pub fn said_of(forecast: &Forecast, samples: &[Sample]) -> Vec<(f64, bool)> {
     samples.iter().map(|sample| (forecast.of(&sample.measures), sample.came_true)).collect()
 }
 
