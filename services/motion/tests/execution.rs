@@ -188,6 +188,27 @@ fn an_object_lost_on_the_way_is_noticed_at_the_end_of_the_phase() {
 }
 
 #[test]
+fn an_object_that_slips_and_is_held_again_is_carried_on() {
+    let (mut robot, mut stood) = (Robot::new(), 0);
+    let (phases, done) = run(&mut robot, |robot, _, _| {
+        stood += usize::from(robot.state.mode == RobotMode::Idle && !robot.state.gripper_settled);
+        if robot.state.gripper_width_m == 0.03 && robot.state.robot_ms > 3000.0 {
+            // It turns between the fingers as the arm comes to rest, …
+            robot.state.gripper_width_m = 0.012;
+            (robot.state.gripper_holding, robot.state.gripper_settled) = (false, false);
+        }
+        if robot.state.gripper_width_m == 0.012 && robot.state.mode == RobotMode::Idle && robot.state.robot_ms > 4500.0 {
+            // … and they stand against it again.
+            (robot.state.gripper_holding, robot.state.gripper_settled) = (true, true);
+        }
+        Vec::new()
+    });
+    assert!(stood > 10, "the arm waited for the fingers: {stood}");
+    assert_eq!(phases, PHASES);
+    assert_eq!(outcome(&done), (ExecutionOutcome::Done, Phase::Retreat, String::new()));
+}
+
+#[test]
 fn a_latched_stop_ends_it_with_the_reason() {
     let mut robot = Robot::new();
     let (_, done) = run(&mut robot, |robot, _, _| {

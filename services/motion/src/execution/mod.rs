@@ -68,8 +68,9 @@ pub struct Execution {
     seq: u64,
     phase: usize,
     stage: Stage,
-    /// How wide the object held the fingers apart, metres.
+    /// How wide the object held the fingers apart, and where they were to go, metres.
     grasp_width_m: f64,
+    grasp_wanted_m: f64,
     last_state: RobotState,
     last_state_ms: u64,
     /// Set when it was cancelled on its way.
@@ -95,6 +96,8 @@ enum Stage {
     Gripper { taken: Taken, settled_since_ms: Option<f64> },
     /// The arm, on the phase's stream.
     Stream { taken: Taken, since_ms: f64 },
+    /// Fingers that have closed further on the way: on what has slipped between them, or on nothing.
+    Slip { taken: Taken, since_ms: f64 },
     /// The end of the task; then the reply holds.
     Closing { taken: Taken, reply: ExecuteReply },
 }
@@ -164,6 +167,7 @@ impl Execution {
             phase: 0,
             stage: Stage::Gripper { taken, settled_since_ms: None },
             grasp_width_m: 0.0,
+            grasp_wanted_m: 0.0,
             last_state: state.clone(),
             last_state_ms: now_ms,
             halt: None,
@@ -199,6 +203,7 @@ impl Execution {
             &Stage::Gripper { taken, settled_since_ms } if self.is_taken(taken.first_seq) => {
                 self.watch_gripper(taken, settled_since_ms, now_ms)
             }
+            &Stage::Slip { since_ms, .. } => self.watch_slip(since_ms, now_ms),
             Stage::Closing { taken, reply } if self.is_taken(taken.first_seq) => {
                 let reply = reply.clone();
                 self.done(reply)
@@ -222,7 +227,8 @@ impl Execution {
         if let (true, Stage::Stream { .. }) = (self.halt.is_some(), &self.stage) {
             return self.go_on_halting(now_ms);
         }
-        let (Stage::Gripper { taken, .. } | Stage::Stream { taken, .. } | Stage::Closing { taken, .. }) = self.stage;
+        let (Stage::Gripper { taken, .. } | Stage::Stream { taken, .. } | Stage::Slip { taken, .. } | Stage::Closing { taken, .. }) =
+            self.stage;
         if !self.is_taken(taken.first_seq) {
             return self.send_again(taken, now_ms);
         }
@@ -230,7 +236,7 @@ impl Execution {
             // Once a robot that asks for it has its whole stream, nothing of it is to be said again.
             Stage::Stream { .. } if self.has_whole_stream() => self.kept_alive(),
             Stage::Stream { .. } => vec![Step::Send(self.window(false))],
-            Stage::Gripper { .. } | Stage::Closing { .. } => self.kept_alive(),
+            Stage::Gripper { .. } | Stage::Slip { .. } | Stage::Closing { .. } => self.kept_alive(),
         }
     }
 
@@ -242,7 +248,7 @@ impl Execution {
         }
         match self.stage {
             Stage::Closing { .. } => Vec::new(),
-            Stage::Gripper { .. } => {
+            Stage::Gripper { .. } | Stage::Slip { .. } => {
                 self.cancelled.get_or_insert_with(|| reason.to_owned());
                 Vec::new()
             }
@@ -339,6 +345,8 @@ impl Execution {
         match self.stage {
             Stage::Gripper { .. } => self.start_gripper(taken.sent_at_ms),
             Stage::Stream { .. } => self.start_stream(taken.sent_at_ms),
+            // Its stream was taken long ago.
+            Stage::Slip { .. } => self.kept_alive(),
             Stage::Closing { .. } => vec![Step::Send(self.closing())],
         }
     }
@@ -361,7 +369,7 @@ impl Execution {
             if !self.last_state.gripper_holding && width_m <= wanted_m + REACHED_M {
                 return self.end(ExecutionOutcome::GraspLost, Some("the gripper closed on nothing".to_owned()), now_ms);
             }
-            self.grasp_width_m = width_m;
+            (self.grasp_width_m, self.grasp_wanted_m) = (width_m, wanted_m);
         } else if !is_settled && (width_m - wanted_m).abs() > REACHED_M {
             let reason = format!("the gripper stands at {width_m:.3} m and was sent to {wanted_m:.3} m");
             return self.end(ExecutionOutcome::Stopped, Some(reason), now_ms);
@@ -397,9 +405,39 @@ impl Execution {
     fn end_phase(&mut self, now_ms: u64) -> Vec<Step> {
         let carrying = self.current().name.is_carrying();
         let closed_m = self.grasp_width_m - self.last_state.gripper_width_m;
-        if carrying && !self.last_state.gripper_holding && closed_m > CLOSED_SHARE * self.grasp_width_m {
+        if carrying
+            && !self.last_state.gripper_holding
+            && closed_m > CLOSED_SHARE * self.grasp_width_m
+            && let Stage::Stream { taken, .. } = self.stage
+        {
+            self.stage = Stage::Slip { taken, since_ms: self.last_state.robot_ms };
+            return Vec::new();
+        }
+        self.next_phase(now_ms)
+    }
+
+    /// Waits for fingers that have closed further on the way. What slipped, and is held again where it is thinner, is carried on: a task that is closed
+    /// with it in the hand needs a person, and where it ends up is looked at when it is down.
+    fn watch_slip(&mut self, since_ms: f64, now_ms: u64) -> Vec<Step> {
+        let state = &self.last_state;
+        let waited_ms = state.robot_ms - since_ms;
+        let is_settled = state.gripper_settled && waited_ms >= SETTLED_MS;
+        if !is_settled && waited_ms <= self.settings.gripper_timeout_ms {
+            return Vec::new();
+        }
+        let is_held = state.gripper_holding || state.gripper_width_m > self.grasp_wanted_m + REACHED_M;
+        let width_m = state.gripper_width_m;
+        if let Some(reason) = self.cancelled.take() {
+            return self.end(ExecutionOutcome::Stopped, Some(reason), now_ms);
+        }
+        if !is_held {
             return self.end(ExecutionOutcome::GraspLost, Some("the object was lost on the way".to_owned()), now_ms);
         }
+        self.grasp_width_m = width_m;
+        self.next_phase(now_ms)
+    }
+
+    fn next_phase(&mut self, now_ms: u64) -> Vec<Step> {
         if self.phase + 1 == self.phases.len() {
             return self.end(ExecutionOutcome::Done, None, now_ms);
         }
