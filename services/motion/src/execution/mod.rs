@@ -9,6 +9,7 @@
 //! execution slows down on its path, comes to rest, waits for fingers that move, and closes its task.
 
 mod checks;
+mod fingers;
 mod halt;
 pub mod keep_out;
 mod settings;
@@ -49,10 +50,6 @@ pub enum Step {
 /// How near to the plan's end the arm must be to have reached it, radians per joint. Where a phase follows, the robot's tolerance of its first
 /// set-point decides.
 const ARRIVED_RAD: f64 = 0.02;
-/// How long a gripper is given before its settling is believed, milliseconds of robot time.
-const SETTLED_MS: f64 = 100.0;
-/// How far from its commanded width a gripper that does not settle may stand to have reached it, metres.
-const REACHED_M: f64 = 0.004;
 /// Share of the width at the grasp by which the fingers close further when the object has gone.
 const CLOSED_SHARE: f64 = 0.3;
 
@@ -68,9 +65,8 @@ pub struct Execution {
     seq: u64,
     phase: usize,
     stage: Stage,
-    /// How wide the object held the fingers apart, and where they were to go, metres.
+    /// How wide the object held the fingers apart, metres.
     grasp_width_m: f64,
-    grasp_wanted_m: f64,
     last_state: RobotState,
     last_state_ms: u64,
     /// Set when it was cancelled on its way.
@@ -167,7 +163,6 @@ impl Execution {
             phase: 0,
             stage: Stage::Gripper { taken, settled_since_ms: None },
             grasp_width_m: 0.0,
-            grasp_wanted_m: 0.0,
             last_state: state.clone(),
             last_state_ms: now_ms,
             halt: None,
@@ -351,32 +346,6 @@ impl Execution {
         }
     }
 
-    fn watch_gripper(&mut self, taken: Taken, settled_since_ms: Option<f64>, now_ms: u64) -> Vec<Step> {
-        let robot_ms = self.last_state.robot_ms;
-        let since_ms = settled_since_ms.unwrap_or(robot_ms);
-        self.stage = Stage::Gripper { taken, settled_since_ms: Some(since_ms) };
-        let waited_ms = robot_ms - since_ms;
-        let is_settled = self.last_state.gripper_settled && waited_ms >= SETTLED_MS;
-        if !is_settled && waited_ms <= self.settings.gripper_timeout_ms {
-            return Vec::new();
-        }
-        if let Some(reason) = self.cancelled.take() {
-            return self.end(ExecutionOutcome::Stopped, Some(reason), now_ms);
-        }
-        let (width_m, wanted_m) = (self.last_state.gripper_width_m, self.current().gripper.map_or(0.0, |g| g.width_m));
-        if self.current().name == Phase::Grasp {
-            // Fingers that press may tremble for long: standing well apart is holding too.
-            if !self.last_state.gripper_holding && width_m <= wanted_m + REACHED_M {
-                return self.end(ExecutionOutcome::GraspLost, Some("the gripper closed on nothing".to_owned()), now_ms);
-            }
-            (self.grasp_width_m, self.grasp_wanted_m) = (width_m, wanted_m);
-        } else if !is_settled && (width_m - wanted_m).abs() > REACHED_M {
-            let reason = format!("the gripper stands at {width_m:.3} m and was sent to {wanted_m:.3} m");
-            return self.end(ExecutionOutcome::Stopped, Some(reason), now_ms);
-        }
-        self.enter_stream(now_ms)
-    }
-
     fn has_arrived(&self) -> bool {
         let (&Stage::Stream { taken, .. }, Some(end)) = (&self.stage, self.current().set_points.last()) else { return false };
         let state = &self.last_state;
@@ -413,27 +382,6 @@ impl Execution {
             self.stage = Stage::Slip { taken, since_ms: self.last_state.robot_ms };
             return Vec::new();
         }
-        self.next_phase(now_ms)
-    }
-
-    /// Waits for fingers that have closed further on the way. What slipped, and is held again where it is thinner, is carried on: a task that is closed
-    /// with it in the hand needs a person, and where it ends up is looked at when it is down.
-    fn watch_slip(&mut self, since_ms: f64, now_ms: u64) -> Vec<Step> {
-        let state = &self.last_state;
-        let waited_ms = state.robot_ms - since_ms;
-        let is_settled = state.gripper_settled && waited_ms >= SETTLED_MS;
-        if !is_settled && waited_ms <= self.settings.gripper_timeout_ms {
-            return Vec::new();
-        }
-        let is_held = state.gripper_holding || state.gripper_width_m > self.grasp_wanted_m + REACHED_M;
-        let width_m = state.gripper_width_m;
-        if let Some(reason) = self.cancelled.take() {
-            return self.end(ExecutionOutcome::Stopped, Some(reason), now_ms);
-        }
-        if !is_held {
-            return self.end(ExecutionOutcome::GraspLost, Some("the object was lost on the way".to_owned()), now_ms);
-        }
-        self.grasp_width_m = width_m;
         self.next_phase(now_ms)
     }
 
