@@ -3,7 +3,8 @@
 
 `scripts/arrange_trials.py --goals 3 --tasks 10 --first 1000` starts `repose up` with the seeds from 1000 on, draws goals about sides of one object
 that stays, until the planner has moves for them on the first view and none of them holds yet, and has them carried out. Scenes with too few objects, or for
-whose goals the planner has no moves in ten draws, are left out and counted. What is said of the goals is what the last view shows, by rule.
+whose goals the planner has no moves in ten draws, are left out and counted. So are draws that are refused before anything moves, as an object of them
+offers the hand no grasp: others are drawn. What is said of the goals is what the last view shows, by rule; of what is hidden at the end, what was seen last.
 
 Prints a JSON line for each task, and one of totals at the end. Exits 0 when at least `--least` tasks are achieved, else 1.
 """
@@ -106,6 +107,11 @@ def reason(told):
     return f"{told['ended']}: {told.get('why', '')}" + (f" ({', '.join(failed)})" if failed else "")
 
 
+def is_refused(told):
+    """Whether nothing was tried, as the hand cannot make one of the moves."""
+    return told is not None and told.get("ended") == "no_arrangement" and not told["steps"]
+
+
 def task(args, seed):
     """One task; None where the scene gives none."""
     rng = random.Random(seed)
@@ -113,12 +119,19 @@ def task(args, seed):
         ids = [seen["id"] for seen in system.scene()["objects"]]
         if len(ids) <= args.goals:
             return None
-        found = drawn(system, ids, args.goals, rng)
-        if found is None:
+        refused = []
+        while len(refused) < DRAWS:
+            found = drawn(system, ids, args.goals, rng)
+            if found is None:
+                return None
+            wanted, plan = found
+            started = time.monotonic()
+            told = system.ask("arrange", *wanted, "--execute", f"--attempts={args.attempts}", within_s=args.patience)
+            if not is_refused(told):
+                break
+            refused.append(told["why"])
+        else:
             return None
-        wanted, plan = found
-        started = time.monotonic()
-        told = system.ask("arrange", *wanted, "--execute", f"--attempts={args.attempts}", within_s=args.patience)
         return {
             "seed": seed,
             "goals": [goal.removeprefix("--goal=") for goal in wanted],
@@ -126,6 +139,8 @@ def task(args, seed):
             "probability": plan["probability"],
             "achieved": told is not None and told.get("ended") == "achieved",
             "goals_that_hold": (told or {}).get("achieved"),
+            "remembered": (told or {}).get("remembered", []),
+            "refused": refused,
             "moves": [
                 {key: step.get(key) for key in ("object", "execution", "reason", "fates")} | {"purpose": step["planned"]["purpose"]}
                 for step in (told or {}).get("steps", [])
@@ -149,7 +164,9 @@ def main():
         print(json.dumps(result), flush=True)
     achieved = sum(result["achieved"] for result in done)
     reasons = Counter(result["reason"] for result in done if result["reason"])
-    print(json.dumps({"goals": args.goals, "tasks": len(done), "achieved": achieved, "left_out": left_out, "reasons": dict(reasons.most_common())}))
+    refused = sum(len(result["refused"]) for result in done)
+    totals = {"goals": args.goals, "tasks": len(done), "achieved": achieved, "left_out": left_out, "refused": refused}
+    print(json.dumps(totals | {"reasons": dict(reasons.most_common())}))
     return 0 if achieved >= args.least else 1
 
 

@@ -46,6 +46,9 @@ fn describe(told: &Told) -> String {
     let hold = |(object, holds): (&u16, &Option<bool>)| match holds {
         Some(true) => None,
         Some(false) => Some(format!("the goal of object {object} does not hold")),
+        None if told.remembered.contains(object) => {
+            Some(format!("the goal of object {object} held when it was last seen; it is hidden now"))
+        }
         None => Some(format!("whether the goal of object {object} holds cannot be seen")),
     };
     lines.extend(told.holds.iter().filter_map(hold));

@@ -106,7 +106,9 @@ impl ArrangementShown {
         }
         self.stage = if told.ended == Ended::Achieved { Stage::Held } else { Stage::Failed };
         self.end = Some(told.ended);
-        self.said = told.why.into_iter().chain([told.robot]).collect();
+        let remembered =
+            told.remembered.iter().map(|object| format!("the goal of object {object} held when it was last seen; it is hidden now"));
+        self.said = told.why.into_iter().chain(remembered).chain([told.robot]).collect();
         self.error = told.error;
         self.conflict = told.conflict;
         self.to_come.clear();
@@ -122,7 +124,7 @@ impl ArrangementShown {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
+    use std::collections::{BTreeMap, BTreeSet};
 
     use super::*;
 
@@ -155,6 +157,7 @@ mod tests {
             ended: Ended::Lost,
             why: Some("object 4 is gone".to_owned()),
             holds: BTreeMap::from([(2, Some(true)), (4, None)]),
+            remembered: BTreeSet::new(),
             steps: Vec::new(),
             conflict: None,
             robot: "panda stands idle".to_owned(),

@@ -123,7 +123,10 @@ pub fn call_error(error: &PickPlaceError) -> CallError {
     match error {
         PickPlaceError::NoObject(_) => CallError::not_found("query", message),
         PickPlaceError::StartBlocked(_) => CallError::precondition(message).at("start_joints_rad"),
-        PickPlaceError::NoGrasp(_) => CallError::precondition(message).at("query"),
+        // The object itself, or what stands around it, is to blame: with that elsewhere it may be grasped.
+        PickPlaceError::NoGrasp(tally) => {
+            CallError::precondition(message).at(if tally.scene_in_the_way == 0 { "query" } else { "scene.objects" })
+        }
         PickPlaceError::NoPlacement(_) => CallError::precondition(message).at("placements"),
         PickPlaceError::Stopped => CallError::new(ErrorCode::Cancelled, message),
     }

@@ -60,13 +60,8 @@ pub async fn run(
     tree: Tree,
     reports: Reports,
 ) -> Result<(), BridgeError> {
+    refuse_a_second_driver(&session, &robot.name).await?;
     let cell = session.cell().clone();
-    let mut others = session.subscribe_latest(&cell.robot_state(&robot.name)).await?;
-    if tokio::time::timeout(LISTEN, others.recv()).await.is_ok() {
-        let message = format!("another driver tells the state of robot {} in this cell: end it, or take another name", robot.name);
-        return Err(CallError::precondition(message).at("name").into());
-    }
-    drop(others);
     let mut stops = session.subscribe_queue(&cell.robot_estop(&robot.name), WAITING).await?;
     let mut commands = session.subscribe_queue(&cell.robot_command(&robot.name), WAITING).await?;
     let states = session.publisher(cell.robot_state(&robot.name), Traffic::RobotState);
@@ -124,6 +119,15 @@ pub async fn run(
         // What the network refuses now it may take with the next state.
         let _ = states.put(Payload::json(&state)?).await;
     }
+}
+
+async fn refuse_a_second_driver(session: &Session, robot: &str) -> Result<(), BridgeError> {
+    let mut others = session.subscribe_latest(&session.cell().robot_state(robot)).await?;
+    if tokio::time::timeout(LISTEN, others.recv()).await.is_err() {
+        return Ok(());
+    }
+    let message = format!("another driver tells the state of robot {robot} in this cell: end it, or take another name");
+    Err(CallError::precondition(message).at("name").into())
 }
 
 /// The state, where it is time for one or the mode is another.

@@ -1,11 +1,12 @@
 //! Goals about several objects, brought about move by move, with a look after each.
 //!
 //! Only the first move of a plan is carried out: what it has truly left is seen, and the rest is planned anew from there. So what slipped,
-//! fell or was pushed by somebody is simply where it is now; what cannot be seen is told from what is gone ([`Fate`]). Objects are named as
-//! in the first view. Every object is tried a bounded number of times, and the moves together are bounded too; after a stop, whoever
-//! latched it, and after a cancel nothing is tried again: a person decides.
+//! fell or was pushed by somebody is simply where it is now; what cannot be seen is told from what is gone ([`Fate`]). A goal that was seen to
+//! hold counts as held while what it is about is hidden by what came before it, untouched. Objects are named as in the first view. Nothing moves
+//! where an object that must move offers the hand no grasp. Every object is tried a bounded number of times, and the moves together are bounded
+//! too; after a stop, whoever latched it, and after a cancel nothing is tried again: a person decides.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use repose_proto::arrange::{ArrangeMove, ArrangeRequest, ArrangeResult, Conflict, ObjectGoal, Purpose};
 use repose_proto::motion::ExecutionOutcome;
@@ -16,7 +17,8 @@ use repose_sentences::{fate, robot};
 use repose_tracking::{Fate, Followed, holds};
 use serde::Serialize;
 
-use crate::site::{COUNT, Site, Stage, View, is_unserved};
+use crate::memory::GoalMemory;
+use crate::site::{COUNT, Site, Stage, View, is_unserved, is_without_grasp};
 use crate::tried::Tried;
 
 /// Fresh views in which something that is not seen is looked for before it counts as lost.
@@ -54,9 +56,9 @@ impl Step {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Ended {
-    /// All goals hold.
+    /// All goals hold, those of [`Told::remembered`] as far as was seen.
     Achieved,
-    /// From where things stand no moves were found.
+    /// From where things stand no moves were found, or none that the hand can make.
     NoArrangement,
     /// As often as may be tried, it was.
     GaveUp,
@@ -71,7 +73,7 @@ pub enum Ended {
 pub struct Told {
     /// Goals that were asked for.
     pub wanted: usize,
-    /// Goals that hold on the last view.
+    /// Goals that hold on the last view, and those that are remembered.
     pub achieved: usize,
     /// How it ended.
     pub ended: Ended,
@@ -80,6 +82,9 @@ pub struct Told {
     pub why: Option<String>,
     /// By object, whether its goal holds on the last view, by rule; null where that cannot be seen.
     pub holds: BTreeMap<u16, Option<bool>>,
+    /// Objects whose goals were seen to hold and cannot be seen any more: what they are about is hidden, and was not touched since.
+    #[serde(skip_serializing_if = "BTreeSet::is_empty")]
+    pub remembered: BTreeSet<u16>,
     /// Every move that was tried.
     pub steps: Vec<Step>,
     /// Where the smallest set of goals without an arrangement is known.
@@ -143,7 +148,8 @@ pub async fn bring_about<S: Site>(
     if request.robot.is_none() {
         request.robot = site.reaching().await;
     }
-    let mut run = Run { site, told, request, attempts, view, followed, steps: Vec::new(), failed: BTreeMap::new(), conflict: None };
+    let memory = GoalMemory::of(&request.goals);
+    let mut run = Run { site, told, request, attempts, view, followed, memory, steps: Vec::new(), failed: BTreeMap::new(), conflict: None };
     let (ended, why, error) = match run.until_the_end().await {
         // Nothing was tried.
         Err(error) if run.steps.is_empty() => return Err(error),
@@ -154,13 +160,14 @@ pub async fn bring_about<S: Site>(
         Ok(state) => robot::describe(run.site.robot(), &state),
         Err(_) => format!("{} does not tell its state", run.site.robot()),
     };
-    let holds = run.holds();
+    let (holds, remembered) = (run.holds(), run.memory.remembered(&run.followed));
     Ok(Told {
         wanted: holds.len(),
-        achieved: holds.values().filter(|holds| **holds == Some(true)).count(),
+        achieved: holds.values().filter(|holds| **holds == Some(true)).count() + remembered.len(),
         ended,
         why,
         holds,
+        remembered,
         steps: run.steps,
         conflict: run.conflict,
         robot,
@@ -177,6 +184,7 @@ struct Run<S, T> {
     attempts: usize,
     view: View,
     followed: Followed,
+    memory: GoalMemory,
     steps: Vec<Step>,
     /// How often an object, by its id in the first view, was tried in vain.
     failed: BTreeMap<u16, usize>,
@@ -193,6 +201,9 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
                 Err(unseen) if self.steps.is_empty() => return Err(unseen),
                 Err(unseen) => return Ok((Ended::Lost, Some(unseen.message))),
             };
+            if goals.is_empty() {
+                return Ok((Ended::Achieved, None));
+            }
             let result = self.planned(goals).await?;
             let named = self.named(&result);
             self.conflict.clone_from(&named.conflict);
@@ -206,6 +217,11 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
             };
             if !self.site.goes_on() {
                 return Ok((Ended::Stopped, Some("no more was wanted".to_owned())));
+            }
+            if self.steps.is_empty()
+                && let Some(why) = self.without_grasp(&result.moves).await
+            {
+                return Ok((Ended::NoArrangement, Some(why)));
             }
             if self.steps.len() >= most_moves {
                 return Ok((Ended::GaveUp, Some(format!("{most_moves} moves were tried"))));
@@ -227,25 +243,24 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
         }
     }
 
-    /// The goals in the ids of the newest view. What is not seen is looked for in a few more views: something may have been before it.
+    /// The goals in the ids of the newest view, without those that are remembered. What is not seen is looked for in a few more views: something may
+    /// have been before it.
     async fn goals_in_view(&mut self) -> Result<Vec<ObjectGoal>, CallError> {
         let mut looks = 0;
-        loop {
-            let translated = |(i, goal): (usize, &ObjectGoal)| {
-                let (object, terms) = self.followed.translated(&format!("goals[{i}]"), goal.object, &goal.terms).map_err(in_request)?;
-                Ok(ObjectGoal { object, terms })
-            };
-            let goals: Result<Vec<ObjectGoal>, CallError> = self.request.goals.iter().enumerate().map(translated).collect();
-            let fresh = match goals {
-                Err(_) if !self.steps.is_empty() && looks < LOOKS => self.site.view_after(now_ns()).await,
-                goals => return goals.map_err(|unseen| self.explained(unseen)),
-            };
+        while !self.steps.is_empty() && looks < LOOKS && self.memory.misses(&self.followed) {
             looks += 1;
-            if let Ok(view) = fresh {
+            if let Ok(view) = self.site.view_after(now_ns()).await {
                 self.view = view;
                 self.look();
             }
         }
+        let remembered = self.memory.remembered(&self.followed);
+        let translated = |(i, goal): (usize, &ObjectGoal)| {
+            let (object, terms) = self.followed.translated(&format!("goals[{i}]"), goal.object, &goal.terms).map_err(in_request)?;
+            Ok(ObjectGoal { object, terms })
+        };
+        let goals = self.request.goals.iter().enumerate().filter(|(_, goal)| !remembered.contains(&goal.object));
+        goals.map(translated).collect::<Result<_, CallError>>().map_err(|unseen| self.explained(unseen))
     }
 
     /// That something is not seen, with what is known of why.
@@ -262,6 +277,8 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
     /// Finds the objects again in the newest view, and notes on the last step what became of them.
     fn look(&mut self) {
         self.followed.look_again(&self.view.1);
+        let holds = self.holds();
+        self.memory.look(&holds);
         if let Some(step) = self.steps.last_mut() {
             step.tried.fates = Some(self.followed.disturbed());
         }
@@ -322,9 +339,37 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
         }
         self.view = if is_done { self.site.view_after(now_ns()).await? } else { self.site.back_and_looking().await? };
         self.followed.carried(object, &motion);
+        object.into_iter().for_each(|object| self.memory.carried(object));
         self.look();
         let stands = object.is_none_or(|object| matches!(self.followed.disturbed().get(&object), None | Some(Fate::Hidden)));
         Ok(is_done && stands)
+    }
+
+    /// Why one of the moves cannot be made: its object offers the hand no grasp, in as many draws as an object is tried. None where all offer one.
+    /// Whatever else keeps the robot from a move may be different when its turn comes, and is said then.
+    async fn without_grasp(&self, moves: &[ArrangeMove]) -> Option<String> {
+        let mut asked = BTreeSet::new();
+        for step in moves.iter().filter(|step| asked.insert(step.object)) {
+            let mut why = None;
+            for draw in 0..self.attempts.max(1) as u64 {
+                let request = PlaceRequest {
+                    seed: self.request.seed.wrapping_add(draw),
+                    ..PlaceRequest::new(self.view.0.clone(), step.object, step.goal.clone())
+                };
+                why = match self.site.motion_for(&request, std::slice::from_ref(&step.placement), &self.view).await {
+                    Err(error) if is_without_grasp(&error) => Some(error.message),
+                    _ => None,
+                };
+                if why.is_none() {
+                    break;
+                }
+            }
+            if let Some(why) = why {
+                let object = self.followed.known().named(step.object).unwrap_or(step.object);
+                return Some(format!("object {object} must move: {why}"));
+            }
+        }
+        None
     }
 
     /// The placements that the robot may choose from: the plan's own, and others for the same terms.

@@ -5,6 +5,7 @@
 //! a command, which Ctrl-C stops, or a page, which shows how far it is.
 
 pub mod arrangement;
+mod memory;
 pub mod sequence;
 mod site;
 mod tried;

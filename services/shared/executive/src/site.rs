@@ -154,17 +154,17 @@ pub trait Site: Send + Sync {
         }
     }
 
-    /// Has motion plan for the placements of a request's query, the best first, and carry the plan out.
+    /// What motion plans for the placements of a request's query, the best first, from where the robot stands.
     ///
     /// # Errors
-    /// `failed_precondition` on `placements` where it can serve none of them ([`is_unserved`]); those of the calls.
-    fn carry_out(
-        &mut self,
+    /// `failed_precondition` where it can serve none of them ([`is_unserved`]); those of the calls.
+    fn motion_for(
+        &self,
         request: &PlaceRequest,
         placements: &[Placement],
         view: &View,
-    ) -> impl Future<Output = Result<Tried, CallError>> + Send {
-        async move {
+    ) -> impl Future<Output = Result<MotionPlan, CallError>> + Send {
+        async {
             self.begins(Stage::Planning);
             let state = self.state().await?;
             let placed = placements.iter().map(|p| p.placed_from_observed).collect();
@@ -172,7 +172,22 @@ pub trait Site: Send + Sync {
                 seed: request.seed,
                 ..MotionPlanRequest::new(view.0.clone(), self.robot().to_owned(), request.query, placed, state.q_rad)
             };
-            let plan = self.motion().plan_motion(&wanted, Some(&view.1), CallOptions::within(self.deadline())).await?;
+            self.motion().plan_motion(&wanted, Some(&view.1), CallOptions::within(self.deadline())).await
+        }
+    }
+
+    /// Has motion plan for the placements of a request's query, the best first, and carry the plan out.
+    ///
+    /// # Errors
+    /// As [`Site::motion_for`]; those of the execution.
+    fn carry_out(
+        &mut self,
+        request: &PlaceRequest,
+        placements: &[Placement],
+        view: &View,
+    ) -> impl Future<Output = Result<Tried, CallError>> + Send {
+        async move {
+            let plan = self.motion_for(request, placements, view).await?;
             tracing::info!(query = request.query, placement = plan.placement, seconds = plan.duration_ms / 1e3, "executing");
             self.planned(&plan);
             self.begins(Stage::Moving);
@@ -193,7 +208,12 @@ pub fn recovery(robot: &str, motion: RecoveryMove, view: Option<&View>) -> Resul
     Payload::with_scene(&request, view.map(|(_, scene)| scene))
 }
 
-/// Whether motion could serve none of the placements: nothing has moved, and others may do.
+/// Whether motion could serve none of the placements or found no grasp: nothing has moved, and other draws may do.
 pub fn is_unserved(error: &CallError) -> bool {
-    error.code == ErrorCode::FailedPrecondition && error.field.as_deref() == Some("placements")
+    error.code == ErrorCode::FailedPrecondition && matches!(error.field.as_deref(), Some("placements" | "query" | "scene.objects"))
+}
+
+/// Whether motion found no grasp on the object, whatever stands around it.
+pub fn is_without_grasp(error: &CallError) -> bool {
+    error.code == ErrorCode::FailedPrecondition && error.field.as_deref() == Some("query")
 }
