@@ -5,7 +5,7 @@ mod common;
 use std::process::Output;
 
 use common::{Deployment, newest_scene, repose};
-use repose_proto::Service;
+use repose_proto::{ObjectSummary, Service};
 use serde_json::Value;
 
 async fn arrange(deployment: &Deployment, goals: &[&str]) -> (Output, Value) {
@@ -49,4 +49,26 @@ async fn goals_are_brought_about_move_by_move_and_the_end_is_said() {
         assert!(step["fates"].is_object(), "what became of the others is said: {}", said());
         assert!(object.is_u64() && goal.as_array().is_some_and(|terms| !terms.is_empty()), "{}", said());
     }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nothing_moves_where_the_hand_is_too_small_for_an_object_of_the_plan() {
+    // Something flat and wide lies in this scene, and smaller things stand beside it.
+    const SEED: u64 = 2200;
+    const WIDER_THAN_THE_HAND_M: f64 = 0.09;
+    let services = [Service::Simulator, Service::Perception, Service::Inference, Service::Planner, Service::Motion].map(|s| (s, 1));
+    let deployment = Deployment::start_on(Some(SEED), &services).await;
+    let session = deployment.session().await;
+    let before = newest_scene(&session).await;
+    let is_wide = |o: &&ObjectSummary| o.extent_m[..2].iter().all(|edge| *edge > WIDER_THAN_THE_HAND_M);
+    let wide = before.objects.iter().find(is_wide).unwrap_or_else(|| panic!("no object is too wide: {:?}", before.objects)).id;
+    let mut others = before.objects.iter().map(|o| o.id).filter(|id| *id != wide);
+    let (other, anchor) = (others.next().expect("one that moves"), others.next().expect("an anchor"));
+    let goals = [format!("{other}=in_front_of:{anchor}"), format!("{wide}=left_of:{anchor}")];
+
+    let (output, document) = arrange(&deployment, &goals.each_ref().map(String::as_str)).await;
+    let said = || format!("{document:#}\n{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!((output.status.code(), document["ended"].as_str()), (Some(3), Some("no_arrangement")), "{}", said());
+    assert!(document["why"].as_str().is_some_and(|why| why.starts_with(&format!("object {wide} must move: no_grasp"))), "{}", said());
+    assert_eq!(document["steps"].as_array().map(Vec::len), Some(0), "{}", said());
 }

@@ -46,15 +46,22 @@ pub struct Deployment {
     endpoint: String,
     processes: Vec<(Service, Process)>,
     router: Option<Process>,
+    /// The simulated cell's scene, where it is not the usual one.
+    seed: Option<u64>,
 }
 
 impl Deployment {
     /// Starts a router and the given services, and waits until all of them are alive.
     pub async fn start(services: &[(Service, usize)]) -> Self {
+        Self::start_on(None, services).await
+    }
+
+    /// The same with another scene in the simulated cell.
+    pub async fn start_on(seed: Option<u64>, services: &[(Service, usize)]) -> Self {
         // The port is free when it is asked for; the router takes it right after.
         let port = TcpListener::bind("127.0.0.1:0").expect("a free port").local_addr().expect("its address").port();
         let endpoint = format!("tcp/127.0.0.1:{port}");
-        let mut deployment = Self { endpoint, processes: Vec::new(), router: None };
+        let mut deployment = Self { endpoint, processes: Vec::new(), router: None, seed };
         deployment.start_router();
         for (service, count) in services {
             for _ in 0..*count {
@@ -89,6 +96,7 @@ impl Deployment {
         command.env("REPOSE_INFERENCE__THREADS", threads.to_string());
         // A motion process that waits half a second for a core is not lost.
         command.env("REPOSE_MOTION__COMMAND_TTL_MS", "2000");
+        command.envs(self.seed.map(|seed| ("REPOSE_SIMULATOR__SEED", seed.to_string())));
         self.processes.push((service, Process(command.spawn().expect("a service"))));
     }
 

@@ -70,7 +70,7 @@ pub struct TrainArgs {
     /// End after this many steps.
     #[arg(long)]
     pub steps: Option<u64>,
-    /// The first scene that `success` or `standing` tries, to make its data in parts.
+    /// The first scene that a forecast, or `back`, learns from, to make its data in parts.
     #[arg(long, default_value_t = 0)]
     pub first: u64,
     /// Threads; at most `--slots` of them have work. Default: one a core. The weights do not depend on it.
@@ -96,18 +96,9 @@ pub fn run(args: &TrainArgs, output: Output) -> Outcome {
         SUCCESS => return success::run(&fit_on(SUCCESS_SCENES), output),
         BACK => return back::run(&fit_on(BACK_SCENES), output),
         STANDING => return standing::run(&fit_on(STANDING_SCENES), output),
+        // All that there are.
+        STABILITY => return stability::run(&fit_on(u64::MAX), output),
         _ => {}
-    }
-    if args.network == STABILITY {
-        let settings = stability::StabilitySettings {
-            data: &args.data,
-            start: args.start.as_deref(),
-            out: &args.out,
-            scenes: args.steps,
-            threads: threads(args.threads),
-            seed: args.seed,
-        };
-        return stability::run(&settings, output);
     }
     let part = Part::parse(&args.network).ok_or_else(|| {
         Failure::bad_input(

@@ -7,46 +7,27 @@ use repose_dataset::{ReleaseRecord, Split, read_proposals};
 use repose_evaluation::scenes::problem::{Problem, ProblemSettings};
 use repose_evaluation::scenes::stability_samples::stability_samples;
 use repose_evaluation::statistics::correlation::area_under_curve;
-use repose_evaluation::statistics::forecast_fit::{FitSettings, Sample, fit_forecast};
+use repose_evaluation::statistics::forecast_fit::{FitSettings, Sample};
 use repose_inference::Engine;
 use repose_networks::serving::spread;
-use repose_planner::learned::forecast::{FittedOn, STABILITY};
+use repose_planner::learned::forecast::STABILITY;
 use repose_planner::learned::stability::names;
 use repose_proto::CallError;
 use serde_json::json;
 
+use super::tried::{FitArgs, fitted};
 use super::with_forecasts;
 use crate::embedded::engine;
 use crate::failure::{Failure, Outcome};
 use crate::output::Output;
 use crate::progress::Progress;
 
-/// Of this many scenes one is held out, to tell how good the fit is.
-const HELD_OUT: usize = 8;
-
-/// What is fitted on what.
-#[derive(Debug, Clone, Copy)]
-pub struct StabilitySettings<'a> {
-    /// The folder of shards, with proposals beside those of training scenes.
-    pub data: &'a Path,
-    /// Weights in place of those that come with the program.
-    pub start: Option<&'a Path>,
-    /// The weights file that is written: those of `start` with the forecast in it.
-    pub out: &'a Path,
-    /// The most scenes.
-    pub scenes: Option<u64>,
-    /// Threads that measure.
-    pub threads: usize,
-    /// Seed of what each tree sees.
-    pub seed: u64,
-}
-
 /// Fits, writes and reports.
-pub fn run(args: &StabilitySettings<'_>, output: Output) -> Outcome {
+pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
     let engine = engine(args.start.map(Path::to_owned))?;
     let proposals = proposals_by_scene(&args.data.join(Split::Train.name()))?;
-    // As many scenes as steps say, the first ones.
-    let scenes: Vec<(u64, Vec<ReleaseRecord>)> = proposals.into_iter().take(args.scenes.map_or(usize::MAX, |s| s as usize)).collect();
+    let wanted = (args.first as usize, usize::try_from(args.scenes).unwrap_or(usize::MAX));
+    let scenes: Vec<(u64, Vec<ReleaseRecord>)> = proposals.into_iter().skip(wanted.0).take(wanted.1).collect();
     let bar = Progress::new(scenes.len() as u64, "scenes measured");
     let settings = ProblemSettings::default();
     let measured = spread(
@@ -60,34 +41,21 @@ pub fn run(args: &StabilitySettings<'_>, output: Output) -> Outcome {
     );
     bar.finish();
     let measured: Vec<Vec<Sample>> = measured.into_iter().collect::<Result<_, CallError>>()?;
-    let of = |keep: &dyn Fn(usize) -> bool| -> Vec<Sample> {
-        measured.iter().enumerate().filter(|(i, _)| keep(*i)).flat_map(|(_, samples)| samples.clone()).collect()
-    };
-    let fitted_on = |releases: &[Sample]| FittedOn {
-        scenes: scenes.len() as u64,
-        releases: releases.len(),
-        outcome_hash: engine.outcome_hash().to_owned(),
-    };
     let fitting = FitSettings { seed: args.seed, ..FitSettings::default() };
-    let fit = |samples: &[Sample]| fit_forecast(&names(), samples, fitted_on(samples), &fitting).map_err(|e| Failure::bad_input("data", e));
-    let (kept, held_out) = (of(&|i| i % HELD_OUT != 0), of(&|i| i % HELD_OUT == 0));
-    let tried = fit(&kept)?;
-    let area = |said: &dyn Fn(&Sample) -> f64| area_under_curve(&held_out.iter().map(|s| (said(s), s.came_true)).collect::<Vec<_>>());
-    let (with_geometry, network) = (area(&|s| tried.of(&s.measures)), area(&|s| f64::from(s.measures[0])));
-    let whole = fit(&of(&|_| true))?;
-    with_forecasts(args.start, args.out, &[(STABILITY, &whole)])?;
+    let fitted = fitted(&names(), &measured, engine.outcome_hash(), &fitting)?;
+    let network: Vec<(f64, bool)> = measured.iter().flatten().map(|s| (f64::from(s.measures[0]), s.came_true)).collect();
+    let (with_geometry, network) = (area_under_curve(&fitted.held_out.concat()), area_under_curve(&network));
+    with_forecasts(args.start, args.out, &[(STABILITY, &fitted.forecast)])?;
+    let releases = measured.iter().map(Vec::len).sum::<usize>();
     let document = json!({
-        "out": args.out, "scenes": scenes.len(), "releases": measured.iter().map(Vec::len).sum::<usize>(),
-        "held_out": held_out.len(), "area_network": network, "area": with_geometry,
+        "out": args.out, "scenes": scenes.len(), "releases": releases, "area_network": network, "area_held_out": with_geometry,
     });
     output.print(&document, || {
         let area = |area: Option<f64>| area.map_or_else(|| "undefined".to_owned(), |a| format!("{a:.3}"));
         format!(
-            "{}: fitted on {} releases of {} scenes\narea under the curve on {} held-out releases: {} (the outcome network alone: {})",
+            "{}: fitted on {releases} releases of {} scenes\narea under the curve on scenes held out: {} (the outcome network alone: {})",
             args.out.display(),
-            document["releases"],
             scenes.len(),
-            held_out.len(),
             area(with_geometry),
             area(network)
         )

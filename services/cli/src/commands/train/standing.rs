@@ -8,13 +8,13 @@ use std::path::Path;
 use repose_evaluation::scenes::standing_samples::{FIRST_SEED, SceneStances};
 use repose_evaluation::statistics::calibration::Calibration;
 use repose_evaluation::statistics::correlation::area_under_curve;
-use repose_evaluation::statistics::forecast_fit::{FitSettings, Sample, fit_forecast};
-use repose_planner::learned::forecast::{FittedOn, Forecast, NEIGHBOUR_STAYS, STANDS};
+use repose_evaluation::statistics::forecast_fit::{FitSettings, Sample};
+use repose_planner::learned::forecast::{NEIGHBOUR_STAYS, STANDS};
 use repose_planner::learned::standing;
 use serde::Serialize;
 use serde_json::json;
 
-use super::tried::{FitArgs, Scenes, TriedScene, held_out, other_length, said_of};
+use super::tried::{FitArgs, Scenes, TriedScene, fitted, other_length};
 use super::with_forecasts;
 use crate::embedded::engine;
 use crate::failure::{Failure, Outcome};
@@ -37,7 +37,8 @@ pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
     let stances = tried.tried(|index| Ok(SceneStances::of(index)))?;
     let fit = |names: &[&'static str], of: &dyn Fn(&SceneStances) -> Vec<Sample>| {
         let scenes: Vec<Vec<Sample>> = stances.values().map(of).filter(|samples| !samples.is_empty()).collect();
-        fitted(names, &scenes, engine.outcome_hash(), args.seed)
+        let fitted = fitted(names, &scenes, engine.outcome_hash(), &FitSettings::of_objects(args.seed))?;
+        Ok::<_, Failure>((fitted.forecast, HeldOut::of(&fitted.held_out.concat())))
     };
     let (stands, of_stands) = fit(&standing::names(), &SceneStances::samples)?;
     let (stays, of_stays) = fit(&standing::names_of_neighbour(), &SceneStances::neighbour_samples)?;
@@ -89,17 +90,6 @@ impl HeldOut {
             below.join(", ")
         )
     }
-}
-
-/// The fit on all scenes, and how good fits on parts of them are on the rest.
-fn fitted(names: &[&str], scenes: &[Vec<Sample>], outcome_hash: &str, seed: u64) -> Result<(Forecast, HeldOut), Failure> {
-    let fit = |learned: &[&Vec<Sample>]| {
-        let kept: Vec<Sample> = learned.iter().copied().flatten().cloned().collect();
-        let fitted_on = FittedOn { scenes: scenes.len() as u64, releases: kept.len(), outcome_hash: outcome_hash.to_owned() };
-        fit_forecast(names, &kept, fitted_on, &FitSettings::of_objects(seed)).map_err(|e| Failure::bad_input("data", e))
-    };
-    let said = held_out(scenes, fit, |forecast, samples| said_of(forecast, samples))?.concat();
-    Ok((fit(&scenes.iter().collect::<Vec<_>>())?, HeldOut::of(&said)))
 }
 
 impl TriedScene for SceneStances {

@@ -8,15 +8,15 @@ use repose_evaluation::scenes::one_scene::forecasts_of;
 use repose_evaluation::scenes::success_samples::{FIRST_SEED, SceneAnswers};
 use repose_evaluation::statistics::calibration::Calibration;
 use repose_evaluation::statistics::correlation::area_under_curve;
-use repose_evaluation::statistics::forecast_fit::{FitSettings, Sample, fit_forecast};
-use repose_planner::learned::forecast::{FittedOn, SUCCESS};
+use repose_evaluation::statistics::forecast_fit::{FitSettings, Sample};
+use repose_planner::learned::forecast::SUCCESS;
 use repose_planner::learned::success::names;
 use serde_json::json;
 
-use super::tried::{FitArgs, Scenes, TriedScene, held_out, other_length, said_of};
+use super::tried::{FitArgs, Scenes, TriedScene, fitted, other_length};
 use super::with_forecasts;
 use crate::embedded::engine;
-use crate::failure::{Failure, Outcome};
+use crate::failure::Outcome;
 use crate::output::Output;
 
 /// Tries, fits, writes and reports.
@@ -34,16 +34,10 @@ pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
     let answers = tried.tried(|index| SceneAnswers::of(index, &engine, &forecasts))?;
     let scenes: Vec<Vec<Sample>> =
         answers.values().filter(|scene| !scene.measures.is_empty()).map(|scene| scene.samples().collect()).collect();
-    let fitting = FitSettings::of_few(args.seed);
-    let fit = |learned: &[&Vec<Sample>]| {
-        let kept: Vec<Sample> = learned.iter().copied().flatten().cloned().collect();
-        let fitted_on = FittedOn { scenes: scenes.len() as u64, releases: kept.len(), outcome_hash: engine.outcome_hash().to_owned() };
-        fit_forecast(&names(), &kept, fitted_on, &fitting).map_err(|e| Failure::bad_input("data", e))
-    };
-    let said_by_scene = held_out(&scenes, fit, |forecast, samples| said_of(forecast, samples))?;
-    let said_of_first: Vec<(f64, bool)> = said_by_scene.iter().filter_map(|said| said.first().copied()).collect();
-    let said = said_by_scene.concat();
-    with_forecasts(args.start, args.out, &[(SUCCESS, &fit(&scenes.iter().collect::<Vec<_>>())?)])?;
+    let fitted = fitted(&names(), &scenes, engine.outcome_hash(), &FitSettings::of_few(args.seed))?;
+    let said_of_first: Vec<(f64, bool)> = fitted.held_out.iter().filter_map(|said| said.first().copied()).collect();
+    let said = fitted.held_out.concat();
+    with_forecasts(args.start, args.out, &[(SUCCESS, &fitted.forecast)])?;
     let (all, first) = (Calibration::of(&said, 1), Calibration::of(&said_of_first, 1));
     let right = said.iter().filter(|(_, right)| *right).count();
     let document = json!({

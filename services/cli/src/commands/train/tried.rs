@@ -7,9 +7,9 @@ use std::fs::File;
 use std::io::Write;
 use std::path::Path;
 
-use repose_evaluation::statistics::forecast_fit::Sample;
+use repose_evaluation::statistics::forecast_fit::{FitSettings, Sample, fit_forecast};
 use repose_networks::serving::spread;
-use repose_planner::learned::forecast::Forecast;
+use repose_planner::learned::forecast::{FittedOn, Forecast};
 use repose_proto::CallError;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -28,7 +28,7 @@ pub trait TriedScene: Serialize + DeserializeOwned + Send {
 /// What a forecast is fitted on, and where it goes.
 #[derive(Debug, Clone, Copy)]
 pub struct FitArgs<'a> {
-    /// The folder of `answers.jsonl`.
+    /// The folder of what is learned from.
     pub data: &'a Path,
     /// Weights in place of those that come with the program.
     pub start: Option<&'a Path>,
@@ -98,24 +98,41 @@ impl Scenes<'_> {
 /// In so many parts the scenes are held out in turn, to tell how good a fit is.
 const FOLDS: usize = 8;
 
-/// What fits say of scenes that they have not seen: each part of the scenes is judged by a fit on all the others.
+/// What fits say of scenes that they have not seen, in the order of the scenes: each part of them is judged by a fit on all the others.
 pub fn held_out<S, F, T>(
     scenes: &[S],
     fit: impl Fn(&[&S]) -> Result<F, Failure>,
     said: impl Fn(&F, &S) -> Vec<T>,
 ) -> Result<Vec<Vec<T>>, Failure> {
-    let mut all = Vec::with_capacity(scenes.len());
+    let mut all: Vec<(usize, Vec<T>)> = Vec::with_capacity(scenes.len());
     for fold in 0..FOLDS {
         let learned: Vec<&S> = scenes.iter().enumerate().filter(|(i, _)| i % FOLDS != fold).map(|(_, scene)| scene).collect();
         let fitted = fit(&learned)?;
-        all.extend(scenes.iter().skip(fold).step_by(FOLDS).map(|scene| said(&fitted, scene)));
+        all.extend(scenes.iter().enumerate().skip(fold).step_by(FOLDS).map(|(i, scene)| (i, said(&fitted, scene))));
     }
-    Ok(all)
+    all.sort_by_key(|(i, _)| *i);
+    Ok(all.into_iter().map(|(_, said)| said).collect())
 }
 
-/// What a forecast says of a scene's samples, with what came true.
-pub fn said_of(forecast: &Forecast, samples: &[Sample]) -> Vec<(f64, bool)> {
-    samples.iter().map(|sample| (forecast.of(&sample.measures), sample.came_true)).collect()
+/// A forecast, and how good it is.
+pub struct Fitted {
+    /// Fitted on all scenes.
+    pub forecast: Forecast,
+    /// By scene, what fits on others say of each of its samples, with whether that came true.
+    pub held_out: Vec<Vec<(f64, bool)>>,
+}
+
+/// The forecast that samples, by scene, tell.
+pub fn fitted(names: &[&str], scenes: &[Vec<Sample>], outcome_hash: &str, settings: &FitSettings) -> Result<Fitted, Failure> {
+    let fit = |learned: &[&Vec<Sample>]| {
+        let kept: Vec<Sample> = learned.iter().copied().flatten().cloned().collect();
+        let fitted_on = FittedOn { scenes: scenes.len() as u64, releases: kept.len(), outcome_hash: outcome_hash.to_owned() };
+        fit_forecast(names, &kept, fitted_on, settings).map_err(|e| Failure::bad_input("data", e))
+    };
+    let said = |forecast: &Forecast, samples: &Vec<Sample>| -> Vec<(f64, bool)> {
+        samples.iter().map(|sample| (forecast.of(&sample.measures), sample.came_true)).collect()
+    };
+    Ok(Fitted { held_out: held_out(scenes, fit, said)?, forecast: fit(&scenes.iter().collect::<Vec<_>>())? })
 }
 
 /// Says of samples of another length than `expected`.
