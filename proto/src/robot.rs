@@ -180,6 +180,10 @@ pub struct RobotState {
     /// What is in the hand, as far as it was told; none where `gripper_holding` is false.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub held: Option<HeldObject>,
+    /// How long ago the hand last closed on an object or let go of one, milliseconds by the robot's own clock; none where it has not since the
+    /// robot's side started. A scene that was seen before that is out of date.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub since_handling_ms: Option<u64>,
     /// The robot's model, `panda`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,

@@ -87,6 +87,7 @@ impl Robot {
             held: self.arm.held().cloned(),
             model: None,
             world_from_base: None,
+            since_handling_ms: None,
             horizon_ms: None,
         }
     }

@@ -356,6 +356,7 @@ pub fn robot_state() -> RobotState {
         held: None,
         model: None,
         world_from_base: None,
+        since_handling_ms: None,
         horizon_ms: None,
     }
 }

@@ -2,18 +2,18 @@
 //!
 //! Only this file puts robot commands. It decides nothing about motion: it carries states in, commands out, and the clock.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPhase, MotionPlan, Phase, RobotResetReply};
+use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPhase, MotionPlan, RobotResetReply};
 use repose_proto::robot::{RobotCommand, RobotMode, RobotState};
 use repose_proto::{CallError, ErrorCode, Payload, keys};
 use repose_runtime::{CancellationToken, Publisher, RuntimeError, Session, Subscription, Traffic};
 use tokio::time::MissedTickBehavior;
 
 use crate::config::MotionConfig;
-use crate::execution::{Execution, ExecutionSettings, ExecutionTask, Step, check_unmoved, next_owner};
+use crate::execution::{Execution, ExecutionSettings, ExecutionTask, Step, next_owner};
 
 /// Commands robots of one cell. Cheap to clone.
 #[derive(Clone)]
@@ -24,8 +24,6 @@ pub struct RobotLink {
     period: Duration,
     timeout: Duration,
     busy: Arc<Mutex<BTreeSet<String>>>,
-    /// When each robot last closed its fingers on something or opened them, nanoseconds since the Unix epoch: what was seen before is not so any more.
-    moved_ns: Arc<Mutex<BTreeMap<String, u64>>>,
 }
 
 /// A robot that this process commands; free again when dropped.
@@ -59,7 +57,6 @@ impl RobotLink {
             period: Duration::from_millis(config.command_period_ms),
             timeout: Duration::from_millis(config.robot_timeout_ms),
             busy: Arc::default(),
-            moved_ns: Arc::default(),
         })
     }
 
@@ -81,16 +78,8 @@ impl RobotLink {
         progress: impl Fn(ExecuteProgress),
     ) -> Result<ExecuteReply, CallError> {
         let robot = plan.robot.clone();
-        let moved_ns = || self.moved_ns.lock().unwrap_or_else(PoisonError::into_inner);
-        check_unmoved(&plan, moved_ns().get(&robot).copied())?;
-        let noted = |step: ExecuteProgress| {
-            if matches!(step.phase, Phase::Grasp | Phase::Release) {
-                moved_ns().insert(robot.clone(), now_ns());
-            }
-            progress(step);
-        };
         let begin = |state: &RobotState, now_ms| Execution::begin(plan, task, state, now_ns(), now_ms, self.settings);
-        self.drive(&robot, begin, cancelled, noted).await
+        self.drive(&robot, begin, cancelled, progress).await
     }
 
     /// Carries phases out from where the robot stands.
@@ -122,7 +111,10 @@ impl RobotLink {
         let started = Instant::now();
         let now_ms = || started.elapsed().as_millis() as u64;
         if first.task.is_none() {
-            tracing::warn!(robot, "this robot's side knows no tasks: it latches no stop when its commander is lost at rest");
+            tracing::warn!(
+                robot,
+                "this robot's side knows no tasks: it latches no stop when its commander is lost at rest, and does not say when it handled objects"
+            );
         }
         let (mut execution, mut steps) = begin(&first, now_ms())?;
         let mut ticks = tokio::time::interval(self.period);

@@ -5,7 +5,7 @@ mod common;
 use std::collections::VecDeque;
 
 use common::{NOW_NS, PHASES, Robot, joints, plan, task};
-use repose_motion::execution::{Execution, ExecutionSettings, ExecutionTask, Step, check_unmoved};
+use repose_motion::execution::{Execution, ExecutionSettings, ExecutionTask, Step};
 use repose_proto::motion::{ExecutionOutcome, MotionPlan, Phase};
 use repose_proto::robot::{HeldObject, Owner, RobotMode, RobotState, StopState, TaskState};
 use repose_proto::{ErrorCode, limits};
@@ -355,10 +355,16 @@ fn a_plan_that_does_not_fit_the_world_is_refused() {
 
 #[test]
 fn what_was_seen_before_the_robot_took_or_put_something_is_not_carried_out() {
-    let plan = plan();
-    assert_eq!(check_unmoved(&plan, None), Ok(()));
-    // A moment before: clocks of camera and robot may differ by as much.
-    assert_eq!(check_unmoved(&plan, Some(plan.scene_stamp_ns + 1_000_000_000)), Ok(()));
-    let error = check_unmoved(&plan, Some(plan.scene_stamp_ns + 10_000_000_000)).unwrap_err();
+    // Seen ten seconds ago, which is young enough.
+    let plan = MotionPlan { scene_stamp_ns: NOW_NS - 10_000_000_000, max_scene_age_ms: 60_000, ..plan() };
+    let begin = |since_handling_ms| {
+        let state = RobotState { since_handling_ms, ..Robot::new().state };
+        Execution::begin(plan.clone(), task(), &state, NOW_NS, 0, ExecutionSettings::default()).map(|_| ())
+    };
+    assert_eq!(begin(None), Ok(()), "the hand has not moved anything yet");
+    assert_eq!(begin(Some(20_000)), Ok(()), "the scene shows what it did");
+    // A moment before: clocks of camera and motion may differ by as much.
+    assert_eq!(begin(Some(9_000)), Ok(()));
+    let error = begin(Some(3_000)).unwrap_err();
     assert_eq!((error.code, error.field.as_deref()), (ErrorCode::FailedPrecondition, Some("scene_stamp_ns")));
 }

@@ -52,11 +52,14 @@ pub fn check_age(plan: &MotionPlan, now_ns: u64) -> Result<(), CallError> {
 }
 
 /// Refuses a scene that was seen before the robot last took or put something: a plan is carried out once, though the arm stands where it started.
+/// The robot's side says how long ago that was, so that all its commanders know, and its clock does not matter.
 ///
 /// # Errors
 /// `failed_precondition` on `scene_stamp_ns`.
-pub fn check_unmoved(plan: &MotionPlan, moved_ns: Option<u64>) -> Result<(), CallError> {
-    let before_ms = moved_ns.map_or(0, |moved_ns| moved_ns.saturating_sub(plan.scene_stamp_ns) / 1_000_000);
+pub fn check_unmoved(plan: &MotionPlan, state: &RobotState, now_ns: u64) -> Result<(), CallError> {
+    let Some(since_ms) = state.since_handling_ms else { return Ok(()) };
+    let age_ms = now_ns.saturating_sub(plan.scene_stamp_ns) / 1_000_000;
+    let before_ms = age_ms.saturating_sub(since_ms);
     if before_ms > CLOCKS_DIFFER_MS {
         let message = format!("the robot has taken or put something {before_ms} ms after the scene was seen: plan on a new one");
         return Err(CallError::precondition(message).at("scene_stamp_ns"));

@@ -19,10 +19,10 @@ use repose_proto::motion::{ExecuteProgress, ExecuteReply, ExecutionOutcome, Moti
 use repose_proto::robot::{HeldObject, Owner, RobotCommand, RobotMode, RobotState, SetPoint, Task};
 use repose_proto::{CallError, limits};
 
-pub use checks::{check_free, check_unmoved, next_owner};
+pub use checks::{check_free, next_owner};
 pub use settings::ExecutionSettings;
 
-use checks::{apart, check_age, check_phases, check_start};
+use checks::{apart, check_age, check_phases, check_start, check_unmoved};
 use halt::halted;
 
 /// Who executes, and as which task.
@@ -111,7 +111,7 @@ impl Execution {
     ///
     /// # Errors
     /// `failed_precondition` when a stop is latched, the robot moves, has a task or something in its hand, the arm is not where the plan starts,
-    /// the scene is too old, or no epoch is left; `invalid_argument` when the plan has no phases, or its phases do not join.
+    /// the scene is too old or was seen before the hand last took or put something, or no epoch is left; `invalid_argument` when the plan has no phases, or its phases do not join.
     pub fn begin(
         plan: MotionPlan,
         task: ExecutionTask,
@@ -124,6 +124,7 @@ impl Execution {
         check_free(state)?;
         check_start(&plan, state)?;
         check_age(&plan, now_ns)?;
+        check_unmoved(&plan, state, now_ns)?;
         Self::start(plan.phases, task, state, now_ms, settings)
     }
 

@@ -96,6 +96,7 @@ impl Robot {
             held: None,
             model: None,
             world_from_base: None,
+            since_handling_ms: None,
             horizon_ms: None,
         };
         Self {

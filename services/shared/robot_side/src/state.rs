@@ -50,6 +50,7 @@ pub fn state_of(arm: &Arm, shown: &Shown) -> RobotState {
         stream_ms: arm.stream_ms(),
         task: Some(TaskState { id: arm.task().map(str::to_owned) }),
         held: arm.held().cloned(),
+        since_handling_ms: arm.since_handling_ms(),
         model: Some("panda".to_owned()),
         world_from_base: shown.world_from_base,
         horizon_ms: None,

@@ -24,6 +24,7 @@ use crate::attempt::{Attempt, Ended};
 use crate::call_options::CallOptions;
 use crate::config::CallerConfig;
 use crate::directory::{Assigned, Directory, Wanted, WorkerView};
+use crate::heeded::{self, BatchCall, Refused};
 use crate::outage::{LOOK, Patience};
 use crate::target::Target;
 use crate::transport::{OutgoingQuery, Traffic, Transport};
@@ -252,6 +253,10 @@ enum Next {
 impl Ongoing<'_> {
     async fn run(mut self) -> Result<Answer, CallError> {
         loop {
+            if let Some(stands) = self.inner.directory.refused_by_all(&self.wanted()) {
+                metrics::counter!("repose_refusals_heeded_total", "service" => self.inner.target.service.as_str()).increment(1);
+                return Err(heeded::refusal(&self.inner.target.to_string(), stands));
+            }
             let assigned = self.worker().await?;
             let (error, waited) = match self.attempt(&assigned).await {
                 Next::Done(outcome) => return outcome,
@@ -288,7 +293,21 @@ impl Ongoing<'_> {
     fn wanted(&self) -> Wanted<'_> {
         let (worker, accept) = (self.options.worker.as_deref(), self.options.accept.as_ref());
         let needs_load = self.inner.target.service.operates(self.method);
-        Wanted { worker, accept, tried: &self.tried, never: &self.cancelled_at, needs_load }
+        Wanted { worker, accept, tried: &self.tried, never: &self.cancelled_at, needs_load, heeds: self.as_batch() }
+    }
+
+    /// The call as refusals see it; none where it asks whatever was refused before.
+    fn as_batch(&self) -> Option<BatchCall> {
+        let heeds = self.options.priority == Priority::Batch && self.inner.config.heed_refusals_ms > 0;
+        heeds.then(|| BatchCall { left: self.remaining(), cell: self.options.cell.clone() })
+    }
+
+    /// Notes a refusal, for others like this call.
+    fn note_refusal(&self, error: &CallError, worker: &str, call: Option<BatchCall>) {
+        let most = Duration::from_millis(self.inner.config.heed_refusals_ms);
+        if let Some(refused) = call.and_then(|call| Refused::by(error, call, most)) {
+            self.inner.directory.mark_refused(worker, refused);
+        }
     }
 
     /// A worker, waiting a while for one to appear, and for the router as long as the deadline allows.
@@ -337,7 +356,7 @@ impl Ongoing<'_> {
     }
 
     async fn attempt(&mut self, assigned: &Assigned) -> Next {
-        let (inner, remaining) = (self.inner, self.remaining());
+        let (inner, remaining, as_batch) = (self.inner, self.remaining(), self.as_batch());
         if remaining.as_millis() == 0 {
             return Next::Done(Err(too_late()));
         }
@@ -385,6 +404,9 @@ impl Ongoing<'_> {
             let was_ever_there = inner.directory.has_told_load(assigned.name());
             inner.directory.mark_deserted(assigned.name());
             return if was_away || !was_ever_there { Next::Unheard(gone) } else { Next::Again(gone) };
+        }
+        if let Ended::Error(error) = &ended {
+            self.note_refusal(error, assigned.name(), as_batch);
         }
         self.judge(ended, assigned.name())
     }

@@ -103,6 +103,9 @@ pub struct CallerConfig {
     pub return_wait_ms: u64,
     /// The first wait before the same workers are asked again, milliseconds; it doubles, and is drawn at random between half and all of it.
     pub backoff_ms: u64,
+    /// How long a worker's refusal of a batch call stands for others like it, milliseconds: as long as the worker asked to be left alone, and
+    /// at most this; 0 asks every time. Higher: a crowd costs an overloaded worker less, and is slower to see that there is room again.
+    pub heed_refusals_ms: u64,
     /// How long a cancelled call that must not be repeated waits for its worker's last word, milliseconds.
     pub cancel_grace_ms: u64,
     /// Seed of the random choices; without one every process chooses differently.
@@ -119,6 +122,7 @@ impl Default for CallerConfig {
             worker_wait_ms: 1000,
             return_wait_ms: 5000,
             backoff_ms: 20,
+            heed_refusals_ms: 500,
             cancel_grace_ms: 1000,
             seed: None,
         }

@@ -13,6 +13,7 @@ use tokio::time::Instant;
 use tokio_util::sync::{CancellationToken, DropGuard};
 
 use crate::RuntimeError;
+use crate::heeded::{BatchCall, Refused};
 use crate::transport::{AliveWatch, Subscription, Transport};
 
 /// Loads that may wait to be looked at.
@@ -58,11 +59,13 @@ struct Entry {
     outstanding: usize,
     /// A call found nobody behind its token; until its next load, no further call tries.
     deserted: bool,
+    /// The last batch call that it refused.
+    refused: Option<Refused>,
 }
 
 impl Entry {
     fn new(alive: bool, load: Option<WorkerLoad>) -> Self {
-        Self { alive, load, heard: Instant::now(), outstanding: 0, deserted: false }
+        Self { alive, load, heard: Instant::now(), outstanding: 0, deserted: false, refused: None }
     }
 
     fn view(&self, name: &str) -> WorkerView {
@@ -106,6 +109,8 @@ pub struct Wanted<'a> {
     pub never: &'a [String],
     /// Only workers whose load is known, which says how they are to be called.
     pub needs_load: bool,
+    /// Heeds what workers have refused calls like this one; none asks them all the same.
+    pub(crate) heeds: Option<BatchCall>,
 }
 
 impl Wanted<'_> {
@@ -114,6 +119,11 @@ impl Wanted<'_> {
             && self.accept.is_none_or(|accept| worker.load.as_ref().is_some_and(|load| accept(load)))
             && (!self.needs_load || worker.load.is_some())
             && !self.never.contains(&worker.name)
+    }
+
+    /// For how long a worker's last refusal stands for this call; none where it may be asked.
+    fn refused_by(&self, entry: &Entry) -> Option<Duration> {
+        entry.refused.as_ref()?.stands_for(self.heeds.as_ref()?)
     }
 }
 
@@ -145,16 +155,18 @@ impl Directory {
         self.shared.state().workers.iter().filter(|(_, e)| e.alive).map(|(name, e)| e.view(name)).collect()
     }
 
-    /// The less loaded of two suitable workers drawn at random, counted as having one more call. Those that were tried, are draining, have
-    /// never told their load or have been silent come last, in that order. None when no suitable worker is alive.
+    /// The less loaded of two suitable workers drawn at random, counted as having one more call. Those that were tried, have refused a call like
+    /// this, are draining, have never told their load or have been silent come last, in that order. None when no suitable worker is alive.
     pub fn choose(&self, wanted: &Wanted<'_>) -> Option<Assigned> {
         let mut state = self.shared.state();
         let mut suitable: Vec<WorkerView> =
             state.workers.iter().filter(|(_, e)| e.alive && !e.deserted).map(|(name, e)| e.view(name)).collect();
         suitable.retain(|w| wanted.allows(w));
+        let refused = suitable.iter().filter(|w| state.workers.get(&w.name).is_some_and(|e| wanted.refused_by(e).is_some()));
+        let refused: Vec<String> = refused.map(|w| w.name.clone()).collect();
         let rank = |w: &WorkerView| {
-            let tried = wanted.tried.contains(&w.name);
-            (w.silent >= self.shared.suspect_after, w.load.is_none(), !w.takes_calls(), tried)
+            let (tried, refused) = (wanted.tried.contains(&w.name), refused.contains(&w.name));
+            (w.silent >= self.shared.suspect_after, w.load.is_none(), !w.takes_calls(), refused, tried)
         };
         let best = suitable.iter().map(rank).min()?;
         suitable.retain(|w| rank(w) == best);
@@ -183,6 +195,22 @@ impl Directory {
         if let Some(entry) = self.shared.state().workers.get_mut(worker) {
             entry.deserted = true;
         }
+    }
+
+    /// Notes what a worker has refused.
+    pub(crate) fn mark_refused(&self, worker: &str, refused: Refused) {
+        if let Some(entry) = self.shared.state().workers.get_mut(worker) {
+            entry.refused = Some(refused);
+        }
+    }
+
+    /// For how long every worker that a call could go to has refused calls like it; none where one may be asked, or nobody is there.
+    pub(crate) fn refused_by_all(&self, wanted: &Wanted<'_>) -> Option<Duration> {
+        wanted.heeds.as_ref()?;
+        let state = self.shared.state();
+        let suitable = state.workers.iter().filter(|(name, e)| e.alive && !e.deserted && wanted.allows(&e.view(name)));
+        // `None`, a worker that may be asked, is less than any time.
+        suitable.map(|(_, entry)| wanted.refused_by(entry)).min().flatten()
     }
 
     /// Whether a worker has been silent for so long that calls should leave it.

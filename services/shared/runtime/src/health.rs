@@ -13,13 +13,14 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 use crate::{RuntimeError, Session};
 
 /// Every metric that a process tells: its name, and what it counts. Boards and alerts name these and no others.
-pub const METRICS: [(&str, &str); 19] = [
+pub const METRICS: [(&str, &str); 20] = [
     ("repose_requests_total", "Calls that ended, by service, method and code (`result` or an error's)"),
     ("repose_request_seconds", "From a call's arrival to its end, seconds"),
     ("repose_queue_seconds", "From a job's submission to the moment that a thread took it, seconds"),
     ("repose_compute_seconds", "Computing what a thread took at once, seconds"),
     ("repose_batch_jobs", "Jobs that a thread took at once"),
     ("repose_refused_total", "Jobs refused or displaced for lack of room or time"),
+    ("repose_refusals_heeded_total", "Batch calls that were not sent, by the service whose workers had just refused others like them"),
     ("repose_queue_waiting", "Jobs that wait"),
     ("repose_calls_running", "Calls being computed"),
     ("repose_draining", "1 while a worker takes no new calls"),

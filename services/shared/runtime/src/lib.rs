@@ -67,6 +67,7 @@ pub mod fake;
 mod frame_link;
 mod gauge;
 mod health;
+mod heeded;
 mod job;
 mod journal;
 mod line;

@@ -67,6 +67,10 @@ pub struct Arm {
     grasps: Option<HeldObject>,
     /// Whether the fingers stand against something.
     grips: bool,
+    /// The newest instant that was handed in, seconds of the receiver's monotonic clock.
+    now_s: f64,
+    /// When the hand was last told to close on an object, or to open while it held one, on the same clock.
+    handled_s: Option<f64>,
 }
 
 impl Default for Arm {
@@ -96,6 +100,8 @@ impl Arm {
             gripper: None,
             grasps: None,
             grips: false,
+            now_s: 0.0,
+            handled_s: None,
         }
     }
 
@@ -148,6 +154,11 @@ impl Arm {
     /// What the hand holds, as far as it was told.
     pub fn held(&self) -> Option<&HeldObject> {
         self.grasps.as_ref().filter(|_| self.grips)
+    }
+
+    /// How long ago the hand last took hold of an object or let go of one, milliseconds; none where it has not yet.
+    pub fn since_handling_ms(&self) -> Option<u64> {
+        self.handled_s.map(|handled_s| ((self.now_s - handled_s).max(0.0) * 1e3) as u64)
     }
 
     /// Says where the joints were measured, radians.
@@ -275,6 +286,9 @@ impl Arm {
         if command.gripper.is_some() {
             self.gripper = command.gripper;
             self.grasps = command.task.as_ref().and_then(|task| task.grasps.clone());
+            if self.grips || self.grasps.is_some() {
+                self.handled_s = Some(now_s);
+            }
         }
         if command.starts_stream {
             self.start_stream(command);
@@ -300,6 +314,7 @@ impl Arm {
 
     /// One millisecond of robot time; `now_s` is the receiver's monotonic clock.
     pub fn tick(&mut self, now_s: f64) {
+        self.now_s = now_s;
         if let Some(task) = self.watch.lost_task(now_s).filter(|_| self.stop.is_none()) {
             self.reflex("commander_silent", format!("task {task} is open and its commander has fallen silent"));
         }

@@ -277,6 +277,27 @@ fn what_was_to_be_grasped_is_said_to_be_held_while_the_fingers_find_something() 
 }
 
 #[test]
+fn how_long_ago_the_hand_took_or_let_go_of_something_is_told_whoever_commanded_it() {
+    let mut arm = Arm::default();
+    let gripper = |seq, width_m, grasps| RobotCommand {
+        gripper: Some(GripperCommand { width_m, force_n: 30.0 }),
+        task: Some(Task { id: "t1".to_owned(), open: true, grasps }),
+        ..task_command(seq, 1, true)
+    };
+    arm.command(&gripper(1, 0.08, None), 1.0).expect("taken");
+    arm.tick(2.0);
+    assert_eq!(arm.since_handling_ms(), None, "an empty hand that opens moves nothing");
+    let held = HeldObject { scene_id: "s".to_owned(), object: 3, low_m: [-0.01; 3], high_m: [0.02; 3] };
+    arm.command(&gripper(2, 0.0, Some(held)), 3.0).expect("taken");
+    arm.tick(3.5);
+    assert_eq!(arm.since_handling_ms(), Some(500));
+    arm.set_grips(true);
+    arm.command(&gripper(3, 0.08, None), 8.0).expect("taken");
+    arm.tick(8.25);
+    assert_eq!(arm.since_handling_ms(), Some(250), "it has let go");
+}
+
+#[test]
 fn an_arm_that_does_not_follow_its_set_points_latches_and_one_that_was_moved_by_hand_stands_there() {
     let mut arm = Arm::new(ArmSettings { following_tolerance_rad: 0.05, ..ArmSettings::default() });
     let mut behind = READY;

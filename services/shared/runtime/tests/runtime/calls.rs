@@ -174,6 +174,37 @@ async fn more_calls_than_may_be_open_are_refused_at_once() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_refused_batch_call_stands_for_others_like_it_and_for_no_others() {
+    let mut config = RuntimeConfig::default();
+    config.worker.max_open_calls = 1;
+    // The worker asks to be left alone for longer than this test takes.
+    config.caller.heed_refusals_ms = 60_000;
+    let network = Network::embedded(config).await;
+    let handler = Arc::new(Oddities { service_ms: 1e5, ..Oddities::default() });
+    let _worker = network.worker(&handler).await;
+    let caller = network.caller(1).await;
+    let batch = || CallOptions { priority: Priority::Batch, ..options() };
+    let held = tokio::spawn({
+        let caller = caller.clone();
+        async move { caller.call("held", word(""), options()).await }
+    });
+    handler.wait_for(&handler.started, 1).await;
+    let refused = caller.call("echo", word(""), batch()).await.unwrap_err();
+    assert!(refused.message.contains("open already"), "by the worker: {refused}");
+    handler.release.notify_one();
+    held.await.unwrap().unwrap();
+    let refused = caller.call("echo", word(""), batch()).await.unwrap_err();
+    assert_eq!(refused.code, ErrorCode::ResourceExhausted);
+    assert!(refused.message.contains("asked again") && refused.retry_after_ms.is_some(), "by the caller: {refused}");
+    let patient = CallOptions { deadline: options().deadline * 2, ..batch() };
+    caller.call("echo", word(""), patient).await.expect("it may wait longer than the one that was refused");
+    caller.call("echo", word(""), options()).await.expect("an interactive call always asks");
+    let (_session, _second) = network.worker(&handler).await;
+    caller.wait_for_workers(2, Duration::from_secs(10)).await.unwrap();
+    caller.call("echo", word(""), batch()).await.expect("the second worker has refused nothing");
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn the_same_id_is_computed_once_and_a_different_request_under_it_refused() {
     let network = Network::embedded(RuntimeConfig::default()).await;
     let handler = Arc::new(Oddities::default());

@@ -50,6 +50,8 @@ pub struct Oddities {
     pub work_ms: u64,
     /// The load's weights.
     pub weights: String,
+    /// The load's time for a job, milliseconds.
+    pub service_ms: f64,
 }
 
 impl Oddities {
@@ -113,7 +115,7 @@ impl Handler for Oddities {
     }
 
     fn load(&self) -> WorkerLoad {
-        WorkerLoad { weights_hash: self.weights.clone(), ..WorkerLoad::default() }
+        WorkerLoad { weights_hash: self.weights.clone(), service_ms: self.service_ms, ..WorkerLoad::default() }
     }
 }
 
