@@ -26,7 +26,7 @@ const ONE_CALL: Duration = Duration::from_secs(5);
 /// How to reach a running system.
 #[derive(Debug, Clone, Args)]
 pub struct SystemArgs {
-    /// The router to connect to, or several, separated by commas, of which the first that answers is used. Default: the configuration's, or
+    /// The router to connect to; of several, separated by commas, the first that answers is used. Default: the configuration's, or
     /// tcp/127.0.0.1:7447.
     #[arg(long, env = "REPOSE_CONNECT")]
     pub connect: Option<String>,

@@ -12,19 +12,19 @@ use crate::failure::Failure;
 /// Which topics of a recording make the frames.
 #[derive(Debug, Clone, Args)]
 pub struct TopicArgs {
-    /// Depth images of a recording; by default those with "depth" in their topic's name.
+    /// Topic of a recording's depth images. Default: the one with "depth" in its name.
     #[arg(long, value_name = "TOPIC")]
     pub depth_topic: Option<String>,
-    /// Color images of a recording; by default those of the depth images' size and frame, or namespace.
+    /// Topic of a recording's color images. Default: the one with the depth images' size, and their frame or namespace.
     #[arg(long, value_name = "TOPIC")]
     pub color_topic: Option<String>,
-    /// Intrinsics in a recording; by default those of the depth images' size and namespace, or frame.
+    /// Topic of a recording's intrinsics. Default: the one with the depth images' size, and their namespace or frame.
     #[arg(long, value_name = "TOPIC")]
     pub info_topic: Option<String>,
-    /// Organised clouds of a recording, instead of depth images.
+    /// Topic of a recording's organised point clouds, used instead of depth images.
     #[arg(long, value_name = "TOPIC")]
     pub points_topic: Option<String>,
-    /// Make frames of the recording's first topic of organised clouds instead of depth images.
+    /// Use the recording's first topic of organised point clouds instead of depth images.
     #[arg(long)]
     pub clouds: bool,
 }

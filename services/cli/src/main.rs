@@ -34,7 +34,7 @@ use output::Output;
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-/// Repose finds where an object can be set down so that the asked relations hold and it stays, then puts it there.
+/// Repose finds where an object can be placed so that the requested relations hold and it stays there, then has a robot place it.
 #[derive(Debug, Parser)]
 #[command(name = "repose", version, propagate_version = true)]
 struct Cli {
@@ -49,31 +49,31 @@ struct Cli {
 /// The subcommands.
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Show everything in one process: plan one placement in a simulated cell, have the robot carry it out, check it.
+    /// Run everything in one process: plan a placement in a simulated cell, have the robot carry it out, and check the result.
     Demo(commands::demo::DemoArgs),
-    /// Start every service on this machine, each a process of its own, until interrupted.
+    /// Start every service on this machine, each in its own process, and run until interrupted.
     Up(commands::up::UpArgs),
-    /// Run one service, or the router, as this process.
+    /// Run one service, or the router, in this process.
     Serve(commands::serve::ServeArgs),
-    /// Find a placement on a frame folder, without a running system.
+    /// Find a placement in a frame, without a running system.
     Plan(commands::plan::PlanArgs),
-    /// Find the moves after which several goals hold together, on a frame folder or a running system's newest scene.
+    /// Find the moves that make several goals hold together, in a frame or in a running system's newest scene.
     Arrange(commands::arrange::ArrangeArgs),
     /// List every pair of objects in a frame with its relations, learned and by rule.
     Relations(commands::relations::RelationsArgs),
-    /// Score placements of your own with the networks.
+    /// Score given placements with the networks.
     Score(commands::score::ScoreArgs),
     /// Ask a running system for a placement, and with --execute have its robot carry it out.
     Place(commands::place::PlaceArgs),
     /// Show the newest scene of a running system's camera: its objects and their ids.
     Scene(commands::scene::SceneArgs),
-    /// Show what runs, how it does, and what is wrong.
+    /// Show what is running, how well it does, and what is wrong.
     Status(commands::status::StatusArgs),
-    /// Name every cell of a running system, with its cameras, robots and workers.
+    /// List the cells of a running system, with their cameras, robots and workers.
     Cells(commands::cells::CellsArgs),
     /// Ask a running system for many placements, and measure how long they take.
     Load(commands::load::LoadArgs),
-    /// Stop a robot of a running system, let it go on, or ask for its state.
+    /// Stop or reset a robot of a running system, bring it home, or show its state.
     Robot(commands::robot::RobotArgs),
     /// Find the objects and surfaces of a frame or a recording.
     Segment(commands::segment::SegmentArgs),
@@ -81,21 +81,21 @@ enum Command {
     Generate(commands::generate::GenerateArgs),
     /// Train networks on generated scenes.
     Train(commands::train::TrainArgs),
-    /// Put networks that were trained apart into one weights file.
+    /// Combine separately trained networks into one weights file.
     Weights(commands::weights::WeightsArgs),
-    /// Measure how well it works: the paper's tables, and others.
+    /// Measure accuracy: the paper's tables, and others.
     Evaluate(commands::evaluate::EvaluateArgs),
-    /// Measure how fast a part is on this machine.
+    /// Measure the speed of one part on this machine.
     Bench(commands::bench::BenchArgs),
-    /// Record a running cell, to look at, to play, and to ask again.
+    /// Record a running cell, to inspect, play back or replay.
     Record(commands::record::RecordArgs),
-    /// Ask the requests of a recording again, and say whether the answers are the same.
+    /// Send the requests of a recording again, and compare the answers.
     Replay(commands::replay::ReplayArgs),
-    /// Publish frames from disk or a recording as a camera's, or a whole recorded cell.
+    /// Play frames or a recording as a camera, or play a whole recorded cell.
     Play(commands::play::PlayArgs),
-    /// Give an agent tools to look at a running cell and to plan, over the Model Context Protocol.
+    /// Serve tools for agents over the Model Context Protocol: look at a running cell, plan, and execute.
     Mcp(commands::mcp::McpArgs),
-    /// The configuration of a deployment with users, from one short file; `deploy check` tries who may do what.
+    /// Generate the configuration of a deployment with users from one roles file; `deploy check` tests the permissions.
     Deploy(commands::deploy::DeployArgs),
 }
 

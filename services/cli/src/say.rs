@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::failure::Failure;
 
-/// What a sentence was taken to mean; printed beside the result.
+/// The meaning of a sentence; printed beside the result.
 #[derive(Debug, Clone, Serialize)]
 pub struct Said {
     /// The sentence.

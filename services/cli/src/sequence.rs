@@ -61,7 +61,7 @@ fn line(step: &Step) -> String {
     format!("{}\n  {}", describe(&step.result), step.describe().join("; "))
 }
 
-/// What came of the wishes.
+/// The results of the wishes.
 struct Achieved {
     steps: Vec<Step>,
     /// How words were taken, where the first was said in words.
@@ -69,7 +69,7 @@ struct Achieved {
     error: Option<CallError>,
 }
 
-/// What came of the wishes; an error where nothing was tried.
+/// The results of the wishes; an error where nothing was tried.
 async fn achieve(args: &Wishes<'_>, session: &Session) -> Result<Achieved, Failure> {
     let site = Terminal::of(session, args.connect, args.robot).await?;
     let mut sequence = Sequence::begin(site, None, args.attempts as usize).await?;

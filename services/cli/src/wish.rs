@@ -14,17 +14,17 @@ pub struct WishArgs {
     /// The object to move, by id.
     #[arg(long = "move", value_name = "ID", required_unless_present = "say")]
     pub query: Option<u16>,
-    /// What must hold: RELATION:ANCHOR, such as left_of:3, or not:RELATION:ANCHOR. Repeat for more terms.
+    /// A relation that must hold: RELATION:ANCHOR, such as left_of:3, or not:RELATION:ANCHOR. Repeat for more terms.
     #[arg(long, required_unless_present = "say", value_name = "TERM")]
     pub goal: Vec<GoalTerm>,
-    /// Both in words, by what objects look like: "put the red mug to the left of the box, not near the bowl". What may mean several
-    /// objects is refused, and they are named.
+    /// The object and the goal in words, objects by their appearance: "put the red mug to the left of the box, not near the bowl". An ambiguous
+    /// sentence is refused, with the objects that it may mean.
     #[arg(long, value_name = "SENTENCE", conflicts_with_all = ["query", "goal"])]
     pub say: Option<String>,
-    /// Which method plans: best, full, full_lambda_1, no_discriminator, mean_only, mdn_prior or geometric.
+    /// The planning method: best, full, full_lambda_1, no_discriminator, mean_only, mdn_prior or geometric.
     #[arg(long, default_value = "best", value_parser = parse_variant)]
     pub variant: Variant,
-    /// Seed of every random number.
+    /// Seed of the random number generator.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
     /// How many distinct placements to find.
@@ -33,23 +33,23 @@ pub struct WishArgs {
     /// Whether the object may be turned: fixed, yaw, or stable (turned, or set on another side).
     #[arg(long, default_value = "fixed", value_parser = parse_rotation)]
     pub rotation: Rotation,
-    /// Direction in which the viewer of `left_of` and the like looks, radians about z. Default: the camera's.
+    /// The viewer's direction of view, which `left_of` and the other directions refer to, radians about z. Default: the camera's.
     #[arg(long, allow_negative_numbers = true)]
     pub view_yaw: Option<f64>,
     /// Iterations of the search. Default: the variant's.
     #[arg(long)]
     pub iterations: Option<u32>,
-    /// Candidates to accept in each iteration. Default: the variant's.
+    /// Candidates accepted in each iteration. Default: the variant's.
     #[arg(long)]
     pub batch: Option<u32>,
-    /// Least distance from everything but what carries it, metres.
+    /// Minimum distance from everything except the support, metres.
     #[arg(long)]
     pub min_clearance: Option<f64>,
-    /// Least probability that the placement succeeds, 0 to 1; where nothing is as sure, there is none.
+    /// Minimum success probability, 0 to 1; less certain placements are rejected.
     #[arg(long, value_name = "P")]
     pub min_success: Option<f64>,
-    /// Only places within the reach of this robot. `plan` takes where it stands from the frame's robot.json, `place` from what the robot
-    /// says of itself, or else from the planner's configuration.
+    /// Only placements within reach of this robot. `plan` takes its base pose from the frame's robot.json; `place` from the robot's state, or
+    /// else from the planner's configuration.
     #[arg(long, value_name = "ROBOT")]
     pub reach_of: Option<String>,
 }

@@ -24,40 +24,40 @@ use crate::wish::NextWish;
 /// Arguments of `arrange`.
 #[derive(Debug, Args)]
 pub struct ArrangeArgs {
-    /// A frame folder, or anything that `play` plays: its first frame. Default: a running system's newest scene.
+    /// A frame folder, or any source that `play` accepts, whose first frame is used. Default: a running system's newest scene.
     pub frame: Option<PathBuf>,
-    /// What shall hold of an object at the end: ID=TERM[,TERM…], such as 2=left_of:3 or 4=near:2,not:touching:2. Repeat for more objects.
+    /// A goal for one object: ID=TERM[,TERM…], such as 2=left_of:3 or 4=near:2,not:touching:2. Repeat for more objects.
     #[arg(long = "goal", required = true, value_name = "ID=TERMS")]
     pub goals: Vec<NextWish>,
-    /// Which method finds each placement: best, full, full_lambda_1, no_discriminator, mean_only, mdn_prior or geometric.
+    /// The method that finds each placement: best, full, full_lambda_1, no_discriminator, mean_only, mdn_prior or geometric.
     #[arg(long, default_value = "best", value_parser = parse_variant)]
     pub variant: Variant,
-    /// Seed of every random number.
+    /// Seed of the random number generator.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// Whether objects may be turned: fixed, yaw, or stable (set on another side, too).
+    /// Whether objects may be turned: fixed, yaw, or stable (turned, or set on another side).
     #[arg(long, default_value = "fixed", value_parser = parse_rotation)]
     pub rotation: Rotation,
-    /// Direction in which the viewer of `left_of` and the like looks, radians about z. Default: the camera's.
+    /// The viewer's direction of view, which `left_of` and the other directions refer to, radians about z. Default: the camera's.
     #[arg(long, allow_negative_numbers = true)]
     pub view_yaw: Option<f64>,
-    /// How often an object may be set down aside to make room. Default: 2.
+    /// Maximum number of times an object is set aside to make room. Default: 2.
     #[arg(long)]
     pub max_parkings: Option<u32>,
-    /// Placements searched for at most. Default: 60.
+    /// Maximum number of placement searches. Default: 60.
     #[arg(long)]
     pub max_searches: Option<u32>,
-    /// Milliseconds after which the best so far is printed; answers then depend on the machine. Default: no limit.
+    /// Time limit, milliseconds, after which the best arrangement so far is printed; answers then depend on the machine. Default: no limit.
     #[arg(long)]
     pub time_ms: Option<u64>,
-    /// Have the robot carry the moves out, with a fresh view after each and the rest planned anew from there.
+    /// Have the robot carry out the moves; after each one, the remaining moves are planned again on a fresh view.
     #[arg(long, conflicts_with = "frame")]
     pub execute: bool,
-    /// How often an object that slips, falls or is not grasped is tried, the first time counted: 1 to 10. Nothing is tried again after a
-    /// stop, or where a person intervened.
+    /// Maximum attempts for an object that slips, falls or is not grasped, including the first: 1 to 10. No further attempt is made after a stop
+    /// or a person's intervention.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=10))]
     pub attempts: u32,
-    /// The robot that carries moves out.
+    /// The robot that carries out the moves.
     #[arg(long, default_value = "panda")]
     pub robot: String,
     /// Which networks, for a frame.

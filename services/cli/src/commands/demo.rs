@@ -34,13 +34,13 @@ pub struct DemoArgs {
     /// The scene's seed.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// Which method plans.
+    /// The planning method.
     #[arg(long, default_value = "best", value_parser = parse_variant)]
     pub variant: Variant,
-    /// The picture that is written: before, as planned, and after.
+    /// The picture to write: the scene before, the plan, and the scene after.
     #[arg(long, default_value = "out/demo.png", value_name = "PNG", value_parser = parse_png)]
     pub out: PathBuf,
-    /// A folder for a film of the run: its pictures, and film.png, which is animated.
+    /// A folder for a film of the run: single pictures, and the animation film.png.
     #[arg(long, value_name = "FOLDER")]
     pub film: Option<PathBuf>,
 }
@@ -59,7 +59,7 @@ const CALL: Duration = Duration::from_secs(120);
 /// How long things may take to come to rest after it.
 const SETTLING: Duration = Duration::from_secs(15);
 
-/// What came of it.
+/// The result of the demonstration.
 #[derive(Debug, Serialize)]
 struct Report {
     seed: u64,

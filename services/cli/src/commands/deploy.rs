@@ -18,13 +18,13 @@ use crate::processes::service_process;
 #[derive(Debug, Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct DeployArgs {
-    /// Who takes part: the roles file (TOML). deploy/roles.toml is an example.
+    /// The roles file (TOML): users and their permissions. deploy/roles.toml is an example.
     #[arg(required = true, value_name = "ROLES")]
     roles: Option<PathBuf>,
-    /// Where the files go. Passwords and certificates that are there stay.
+    /// The output folder. Existing passwords and certificates are kept.
     #[arg(long, required = true, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Where the files will lie on the machines that use them; DIR itself where absent.
+    /// The folder's path on the machines that use it. Default: DIR.
     #[arg(long, value_name = "DIR")]
     installed_at: Option<PathBuf>,
     /// What else to do.
@@ -35,21 +35,21 @@ pub struct DeployArgs {
 /// What else `deploy` does.
 #[derive(Debug, Subcommand)]
 enum DeployCommand {
-    /// Tries every user, verb and key through the running router, and says what came out otherwise than the roles say. For a cell that is not
-    /// in operation: robots would act on what is tried.
+    /// Tests every user, verb and key against the running router, and reports what differs from the roles. Only for a cell that is not in
+    /// operation: robots would act on the messages sent.
     Check(CheckArgs),
 }
 
 /// Arguments of `deploy check`.
 #[derive(Debug, Args)]
 struct CheckArgs {
-    /// What `deploy` wrote.
+    /// The folder that `deploy` wrote.
     #[arg(value_name = "DIR")]
     deployment: PathBuf,
-    /// The router; the roles file's where absent.
+    /// The router's address. Default: the roles file's.
     #[arg(long, value_name = "ENDPOINT", conflicts_with = "apart")]
     connect: Option<String>,
-    /// Start a router with this configuration here, on a port of its own, and try that one: harms nothing that runs.
+    /// Start a separate router with this configuration, on a port of its own, and test that one: does not touch running systems.
     #[arg(long)]
     apart: bool,
 }

@@ -20,16 +20,16 @@ pub struct McpArgs {
     /// The robot.
     #[arg(long, default_value = "panda")]
     pub robot: String,
-    /// Lets agents have the robot carry out plans that they were shown. Without it nothing moves; `stop` always works.
+    /// Allow agents to have the robot carry out plans that they were shown. Without it nothing moves; `stop` always works.
     #[arg(long)]
     pub allow_execute: bool,
     /// Serve over streamable HTTP at this address, path /mcp, instead of standard input and output. Beyond loopback it needs --token.
     #[arg(long, value_name = "ADDRESS:PORT")]
     pub http: Option<SocketAddr>,
-    /// A file with the token that agents show over HTTP, as `Authorization: Bearer …`.
+    /// A file with the token that agents send over HTTP as `Authorization: Bearer …`.
     #[arg(long, value_name = "FILE", requires = "http")]
     pub token: Option<PathBuf>,
-    /// A name, without a port, by which agents may ask for it over HTTP; addresses of this machine and localhost always may. Repeat for more.
+    /// A host name, without port, that agents may use over HTTP; this machine's addresses and localhost are always allowed. Repeat for more.
     #[arg(long, value_name = "NAME", requires = "http")]
     pub host: Vec<String>,
 }

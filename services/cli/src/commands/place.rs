@@ -27,18 +27,18 @@ pub struct PlaceArgs {
     /// Plan on this scene instead of the camera's newest.
     #[arg(long, value_name = "ID", conflicts_with_all = ["execute", "then"])]
     pub scene: Option<String>,
-    /// Have the robot carry the placement out, then check the goal on a fresh view, and whether anything else has moved or fallen.
+    /// Have the robot carry out the placement, then check on a fresh view whether the goal holds and whether anything else has moved or fallen.
     #[arg(long)]
     pub execute: bool,
-    /// A further placement, ID=TERM[,TERM…], planned on a fresh view once the one before was carried out and its goal holds. Ids are those
-    /// of the first view. Repeat for more.
+    /// A further placement, ID=TERM[,TERM…], planned on a fresh view after the previous one was carried out and its goal holds. Ids are those of
+    /// the first view. Repeat for more.
     #[arg(long, value_name = "WISH")]
     pub then: Vec<NextWish>,
-    /// How often an object that slips, falls or is not grasped is looked for again and tried anew, the first time counted: 1 to 10. Nothing is
-    /// tried again after a stop, or where a person intervened.
+    /// Maximum attempts for an object that slips, falls or is not grasped, including the first: 1 to 10. No further attempt is made after a stop
+    /// or a person's intervention.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=10))]
     pub attempts: u32,
-    /// The robot that carries placements out.
+    /// The robot that carries out the placements.
     #[arg(long, default_value = "panda")]
     pub robot: String,
 }

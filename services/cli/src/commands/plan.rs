@@ -22,7 +22,7 @@ use crate::wish::WishArgs;
 /// Arguments of `plan`.
 #[derive(Debug, Args)]
 pub struct PlanArgs {
-    /// A frame folder, or anything that `play` plays: its first frame.
+    /// A frame folder, or any source that `play` accepts, whose first frame is used.
     pub frame: PathBuf,
     /// What is wished for.
     #[command(flatten)]
@@ -30,18 +30,18 @@ pub struct PlanArgs {
     /// Which networks.
     #[command(flatten)]
     pub networks: NetworkArgs,
-    /// Find the objects although the frame has labels.
+    /// Segment the frame even if it has labels.
     #[arg(long)]
     pub ignore_labels: bool,
-    /// A picture of the frame with object ids, and with the object where it is to stand.
+    /// Write a picture of the frame with object ids and the planned placement.
     #[arg(long, value_name = "PNG", value_parser = parse_png)]
     pub out: Option<PathBuf>,
-    /// Plan the pick and place of the answer too, from where the frame's `robot.json` says that the arm stands, and write it down: a
-    /// `MotionPlan`. With --count the arm chooses among several placements.
+    /// Also plan the pick-and-place motion, from the robot pose in the frame's `robot.json`, and write it here as a `MotionPlan`. With --count,
+    /// motion planning chooses among several placements.
     #[arg(long, value_name = "JSON")]
     pub motion: Option<PathBuf>,
-    /// Grasps from elsewhere for --motion, tried in their order in place of our own: a list of `{"world_from_tcp": [16 numbers], "width_m": 0.06,
-    /// "score": 0.9}`. scripts/graspnet.py makes it of a grasp network's poses.
+    /// Grasps for --motion, tried in order instead of the built-in ones: a list of `{"world_from_tcp": [16 numbers], "width_m": 0.06,
+    /// "score": 0.9}`. scripts/graspnet.py converts a grasp network's poses.
     #[arg(long, value_name = "JSON", requires = "motion")]
     pub grasps: Option<PathBuf>,
 }

@@ -28,26 +28,26 @@ const LONGEST_PAUSE_S: f64 = 5.0;
 /// Arguments of `play`.
 #[derive(Debug, Args)]
 pub struct PlayArgs {
-    /// A frame folder, a folder of them, a folder with depth/ and camera.json, an MCAP recording, or a folder of recordings. A recording by
-    /// `repose record` (its files, in order) is played as the whole cell that it was, into a cell in which nobody is alive (`--cell`).
+    /// A frame folder, a folder of them, a folder with depth/ and camera.json, an MCAP recording, or a folder of recordings. A recording made by
+    /// `repose record` (its files, in order) is played as a whole cell, into a cell without live workers (`--cell`).
     #[arg(required = true)]
     pub source: Vec<PathBuf>,
     /// Where to publish.
     #[command(flatten)]
     pub system: SystemArgs,
-    /// The camera whose frames they are published as. Nothing else should publish as it: `front` is the camera of `repose up`.
+    /// The camera name to publish under. Nothing else should publish under it: `front` is the camera of `repose up`.
     #[arg(long, default_value = "recording")]
     pub camera: String,
-    /// Frames per second; by default the recording's own pace, and 10 for pictures.
+    /// Frames per second. Default: the recording's own rate, or 10 for pictures.
     #[arg(long)]
     pub rate: Option<f64>,
-    /// How many times as fast a recorded cell is played.
+    /// Playback speed of a recorded cell.
     #[arg(long, default_value_t = 1.0)]
     pub speed: f64,
     /// Start again at the end, until interrupted.
     #[arg(long = "loop")]
     pub again: bool,
-    /// Keep the source's stamps instead of the time of publishing.
+    /// Keep the source's time stamps instead of the time of publishing.
     #[arg(long)]
     pub keep_stamps: bool,
     /// Which topics of a recording.

@@ -21,25 +21,25 @@ pub struct RecordArgs {
     /// The running system.
     #[command(flatten)]
     pub system: SystemArgs,
-    /// End after so many seconds; otherwise when interrupted.
+    /// Stop after this many seconds. Default: when interrupted.
     #[arg(long)]
     pub seconds: Option<f64>,
-    /// Begin the next file when one is larger, MiB.
+    /// Start a new file when the current one exceeds this size, MiB.
     #[arg(long, default_value_t = 512)]
     pub file_mib: u64,
-    /// Remove the oldest files when all together are larger, MiB.
+    /// Remove the oldest files when their total exceeds this size, MiB.
     #[arg(long, default_value_t = 8192)]
     pub total_mib: u64,
-    /// Least time between two pictures of a camera, milliseconds; 0 takes all of them.
+    /// Minimum time between two frames of a camera, milliseconds; 0 records all of them.
     #[arg(long, default_value_t = 200)]
     pub frame_period_ms: u64,
-    /// Least time between two whole scenes of a camera, milliseconds. Scenes that somebody asks about are taken whatever it is.
+    /// Minimum time between two whole scenes of a camera, milliseconds. Scenes that a request refers to are always recorded.
     #[arg(long, default_value_t = 2000)]
     pub scene_period_ms: u64,
-    /// Least time between two pictures of a camera for Foxglove and Lichtblick, milliseconds; 0 draws every frame that is taken.
+    /// Minimum time between two pictures of a camera for Foxglove and Lichtblick, milliseconds; 0 draws every recorded frame.
     #[arg(long, default_value_t = 500)]
     pub picture_period_ms: u64,
-    /// Write the messages of the wire only, which is what playing and replaying need; without those that Foxglove and Lichtblick draw.
+    /// Record only the messages of the wire, which play and replay need, without those that Foxglove and Lichtblick draw.
     #[arg(long)]
     pub no_looks: bool,
 }

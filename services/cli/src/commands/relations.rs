@@ -15,7 +15,7 @@ use crate::output::Output;
 /// Arguments of `relations`.
 #[derive(Debug, Args)]
 pub struct RelationsArgs {
-    /// A frame folder, or anything that `play` plays: its first frame.
+    /// A frame folder, or any source that `play` accepts, whose first frame is used.
     pub frame: PathBuf,
     /// Which networks.
     #[command(flatten)]

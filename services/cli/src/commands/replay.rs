@@ -20,10 +20,10 @@ pub struct ReplayArgs {
     /// The recording: its files, in order.
     #[arg(required = true, value_name = "FILE.mcap")]
     pub files: Vec<PathBuf>,
-    /// Only the request of this id.
+    /// Only the request with this id.
     #[arg(long)]
     pub request: Option<String>,
-    /// Ask the running system instead of services in this process.
+    /// Send the requests to the running system instead of services in this process.
     #[arg(long)]
     pub running: bool,
     /// The running system; of the configuration also what services in this process are made with.

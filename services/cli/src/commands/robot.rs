@@ -30,13 +30,13 @@ pub struct RobotArgs {
     /// The robot.
     #[arg(long, default_value = "panda")]
     pub robot: String,
-    /// Why it is stopped; the robot's state and whoever is refused will say it.
+    /// The reason for the stop, shown in the robot's state and in refusals.
     #[arg(long, default_value = "stopped from the command line")]
     pub reason: String,
-    /// The camera whose newest scene the way of `retreat` and `home` is checked against.
+    /// The camera whose newest scene the paths of `retreat` and `home` are checked against.
     #[arg(long, default_value = "front")]
     pub camera: String,
-    /// How long `stop`, `reset` and `state` may take, milliseconds.
+    /// Deadline of `stop`, `reset` and `state`, milliseconds.
     #[arg(long, default_value_t = 10_000)]
     pub deadline_ms: u64,
 }
@@ -44,17 +44,17 @@ pub struct RobotArgs {
 /// What an operator does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Action {
-    /// An emergency stop, repeated until the robot shows it; it stays until `reset`.
+    /// Emergency stop, repeated until the robot's state confirms it; the robot stays stopped until `reset`.
     Stop,
-    /// Lets a stopped robot go on, by way of the motion service.
+    /// Releases a stopped robot, through the motion service.
     Reset,
-    /// What the robot does and holds, and who commands it.
+    /// Shows what the robot is doing and holding, and who commands it.
     State,
-    /// Opens the fingers: what they hold falls, or stays where it stands. After `reset`.
+    /// Opens the fingers: an object in the hand drops, or stays where it stands. After `reset`.
     Open,
-    /// Backs off along the fingers, slowly, as far as the way is free. After `open`.
+    /// Backs the hand off slowly along its approach direction, as far as the path is free. After `open`.
     Retreat,
-    /// Goes to the ready pose, slowly, on a free way. After `retreat`.
+    /// Moves slowly to the ready pose on a collision-free path. After `retreat`.
     Home,
 }
 

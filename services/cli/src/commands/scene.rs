@@ -24,7 +24,7 @@ pub struct SceneArgs {
     /// Where to ask.
     #[command(flatten)]
     pub connect: ConnectArgs,
-    /// A picture of the scene with its objects' ids and the cell's keep-out zones.
+    /// Write a picture of the scene with object ids and the cell's keep-out zones.
     #[arg(long, value_name = "PNG", value_parser = parse_png)]
     pub out: Option<PathBuf>,
 }

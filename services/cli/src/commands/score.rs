@@ -16,7 +16,7 @@ use crate::output::Output;
 /// Arguments of `score`.
 #[derive(Debug, Args)]
 pub struct ScoreArgs {
-    /// A frame folder, or anything that `play` plays: its first frame.
+    /// A frame folder, or any source that `play` accepts, whose first frame is used.
     pub frame: PathBuf,
     /// The object to move, by id.
     #[arg(long = "move", value_name = "ID")]
@@ -27,7 +27,7 @@ pub struct ScoreArgs {
     /// JSON: a list of rigid transforms `placed_from_observed`, 16 numbers each, row by row.
     #[arg(long, value_name = "FILE")]
     pub transforms: PathBuf,
-    /// Which network says how realistic a placement is: discriminator (the paper's) or outcome (trained on simulated releases).
+    /// The network that scores realism: discriminator (the paper's) or outcome (trained on simulated releases).
     #[arg(long, default_value = "discriminator", value_parser = parse_realism_by)]
     pub realism_by: RealismBy,
     /// Which networks.

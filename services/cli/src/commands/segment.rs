@@ -18,33 +18,33 @@ use crate::values::parse_png;
 /// Arguments of `segment`.
 #[derive(Debug, Args)]
 pub struct SegmentArgs {
-    /// A frame folder, or anything that `play` plays.
+    /// A frame folder, or any source that `play` accepts.
     pub frame: PathBuf,
-    /// Which of the source's frames, counted from 0.
+    /// Index of the frame in the source, from 0.
     #[arg(long, default_value_t = 0)]
     pub nth: usize,
     /// Which topics of a recording.
     #[command(flatten)]
     pub topics: TopicArgs,
-    /// Find the objects even where labels are given.
+    /// Segment the frame even if it has labels.
     #[arg(long)]
     pub ignore_labels: bool,
-    /// A pixel on an object, column and row: what was left out there becomes one. Repeat for more.
+    /// A pixel (column, row) on an object that was missed, which is added there. Repeat for more.
     #[arg(long, value_name = "U,V", value_parser = parse_numbers::<2>)]
     pub click: Vec<[usize; 2]>,
-    /// A box of pixels around one object: left, top, right, bottom. Repeat for more.
+    /// A bounding box of one object in pixels: left, top, right, bottom. Repeat for more.
     #[arg(long = "box", value_name = "L,T,R,B", value_parser = parse_numbers::<4>)]
     pub around: Vec<[usize; 4]>,
-    /// Ids, as printed without hints, that are one object. Repeat for more.
+    /// Ids to merge into one object, as printed without hints. Repeat for more.
     #[arg(long, value_name = "IDS", value_parser = parse_ids)]
     pub merge: Vec<Ids>,
-    /// An id, as printed without hints, that is two objects. Repeat for more.
+    /// An id to split into two objects, as printed without hints. Repeat for more.
     #[arg(long, value_name = "ID")]
     pub split: Vec<u16>,
-    /// The found labels as a 16-bit picture.
+    /// Write the labels as a 16-bit picture.
     #[arg(long, value_name = "PNG", value_parser = parse_png)]
     pub labels_out: Option<PathBuf>,
-    /// A picture of color, depth, objects with ids and boxes, and the surfaces from above.
+    /// Write a picture: color, depth, objects with ids and boxes, and the surfaces from above.
     #[arg(long, value_name = "PNG", value_parser = parse_png)]
     pub out: Option<PathBuf>,
 }

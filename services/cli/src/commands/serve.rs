@@ -22,7 +22,7 @@ pub struct ServeArgs {
     /// This worker's name, unique in its cell. Default: the configuration's, or a new one.
     #[arg(long)]
     pub worker: Option<String>,
-    /// End when standard input ends as well: for a program that starts services and may die, and for `ssh HOST repose serve …`.
+    /// Also exit when standard input closes: for a parent process that may die, and for `ssh HOST repose serve …`.
     #[arg(long)]
     pub until_stdin_ends: bool,
 }

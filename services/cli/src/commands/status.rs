@@ -28,10 +28,10 @@ pub struct StatusArgs {
     /// The system.
     #[command(flatten)]
     pub system: SystemArgs,
-    /// Go on until interrupted.
+    /// Repeat until interrupted.
     #[arg(long)]
     pub watch: bool,
-    /// How long is listened before something is said, seconds: rates are over this time.
+    /// How long to listen before reporting, seconds; rates are averaged over this time.
     #[arg(long, default_value_t = 1.5, value_parser = parse_seconds)]
     pub seconds: f64,
 }

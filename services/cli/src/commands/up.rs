@@ -26,14 +26,14 @@ use crate::values::parse_count;
 /// Arguments of `up`.
 #[derive(Debug, Args)]
 pub struct UpArgs {
-    /// Where the router listens. For clients on other machines: tcp/0.0.0.0:7447.
+    /// The address that the router listens on. For clients on other machines: tcp/0.0.0.0:7447.
     #[arg(long, default_value = ENDPOINT, env = "REPOSE_LISTEN")]
     pub listen: String,
     /// The robot cell. Default: the configuration's, or "cell".
     #[arg(long, env = "REPOSE_CELL")]
     pub cell: Option<String>,
-    /// So many simulated cells, CELL-1, CELL-2, …, each with a camera, a robot, perception and motion of its own; one pool of planners and inference
-    /// workers serves them all. The page is the first cell's.
+    /// Start this many simulated cells, CELL-1, CELL-2, …, each with its own camera, robot, perception and motion; one pool of planners and
+    /// inference workers serves them all. The live page shows the first cell.
     #[arg(long, value_parser = parse_count)]
     pub cells: Option<usize>,
     /// The pool of those cells.
@@ -45,7 +45,7 @@ pub struct UpArgs {
     /// Planner processes.
     #[arg(long, default_value_t = 1, value_parser = parse_count)]
     pub planners: usize,
-    /// Without the simulated cell: a camera and a robot of your own join (services/python has drivers).
+    /// Do not start the simulated cell: your own camera and robot connect instead (services/python has drivers).
     #[arg(long, conflicts_with = "seed")]
     pub no_simulator: bool,
     /// Seed of the simulated scene. Default: the configuration's, or 0.

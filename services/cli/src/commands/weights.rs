@@ -13,19 +13,19 @@ use crate::output::Output;
 /// Arguments of `weights`.
 #[derive(Debug, Args)]
 pub struct WeightsArgs {
-    /// Weights whose encoders, relation predictor and prior are taken.
+    /// Weights to take the encoders, relation predictor and prior from.
     #[arg(long, value_name = "FILE")]
     pub joint: PathBuf,
-    /// Weights whose relation predictor is taken in place of that of `--joint`; it must have been trained on the same encoders.
+    /// Weights to take the relation predictor from instead of `--joint`; it must have been trained on the same encoders.
     #[arg(long, value_name = "FILE")]
     pub relations: Option<PathBuf>,
-    /// Weights whose discriminator is taken.
+    /// Weights to take the discriminator from.
     #[arg(long, value_name = "FILE")]
     pub discriminator: PathBuf,
-    /// Weights whose outcome network is taken; the result has none without.
+    /// Weights to take the outcome network from. Default: the result has none.
     #[arg(long, value_name = "FILE")]
     pub outcome: Option<PathBuf>,
-    /// The file that is written.
+    /// The weights file to write.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
 }

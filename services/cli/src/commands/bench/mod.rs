@@ -18,14 +18,14 @@ pub struct BenchArgs {
     pub part: Part,
 }
 
-/// The parts.
+/// The benchmarks.
 #[derive(Debug, Subcommand)]
 pub enum Part {
     /// The arm's path planning on a file of problems in known worlds.
     Motion(motion::BenchMotionArgs),
-    /// A frame in memory to its scene, segmentation included.
+    /// Perception: from a frame in memory to its scene, segmentation included.
     Perception(perception::BenchPerceptionArgs),
-    /// A placement, in this process and through the services.
+    /// Placement planning, in this process and through the services.
     Planner(planner::BenchPlannerArgs),
     /// The networks: candidates, relations and priors a second, and training samples.
     Scoring(scoring::BenchScoringArgs),

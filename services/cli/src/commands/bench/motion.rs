@@ -22,10 +22,10 @@ pub struct BenchMotionArgs {
     /// The problems, in the format of MotionBenchMaker's JSON.
     #[arg(long, value_name = "FILE")]
     pub problems: PathBuf,
-    /// Where every path that was found goes (JSON: joint vectors per problem).
+    /// A file for the paths found (JSON: joint vectors per problem).
     #[arg(long, value_name = "FILE")]
     pub paths: Option<PathBuf>,
-    /// Seed of every search.
+    /// Seed of the searches.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
 }

@@ -42,7 +42,7 @@ pub struct BenchPerceptionArgs {
     /// Timed runs.
     #[arg(long, default_value_t = 300, value_parser = parse_count)]
     pub runs: usize,
-    /// Run the service for this long instead, seconds, and see whether it keeps up.
+    /// Run the service for this long instead, seconds, and check whether it keeps up.
     #[arg(long, value_name = "SECONDS")]
     pub soak_s: Option<f64>,
     /// Frames per second of the soak.

@@ -35,16 +35,16 @@ const PATIENCE: Duration = Duration::from_secs(300);
 /// Arguments of `bench planner`.
 #[derive(Debug, Args)]
 pub struct BenchPlannerArgs {
-    /// Scenes that requests take turns on.
+    /// Number of scenes, used in turn.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=100))]
     pub scenes: u64,
     /// Placements with `best`.
     #[arg(long, default_value_t = 60, value_parser = parse_count)]
     pub runs: usize,
-    /// Placements with `full`; 0 leaves it out.
+    /// Placements with `full`; 0 skips it.
     #[arg(long, default_value_t = 10)]
     pub full_runs: usize,
-    /// Requests through the services, one after the other and then all at once; 0 leaves the services out.
+    /// Requests through the services, first one after another, then all at once; 0 skips the services.
     #[arg(long, default_value_t = 16)]
     pub requests: usize,
 }

@@ -20,13 +20,13 @@ const TRAINING_SCENES: u64 = 16;
 /// Arguments of `bench scoring`.
 #[derive(Debug, Args)]
 pub struct BenchScoringArgs {
-    /// Threads; all cores by default.
+    /// Threads. Default: one per core.
     #[arg(long)]
     pub threads: Option<usize>,
-    /// Seconds for each figure of scoring.
+    /// Seconds per scoring figure.
     #[arg(long, default_value_t = 3.0)]
     pub seconds: f64,
-    /// Seconds of training the discriminator; 0 leaves that out.
+    /// Seconds of training the discriminator; 0 skips it.
     #[arg(long, default_value_t = 45.0)]
     pub training_seconds: f64,
 }

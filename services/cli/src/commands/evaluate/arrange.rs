@@ -29,22 +29,22 @@ pub struct EvaluateArrangeArgs {
     /// How many goals the tasks have, 2 to 8; repeat for more. Default: 2, 3, 4, 6 and 8.
     #[arg(long, value_parser = clap::value_parser!(u8).range(2..=8))]
     pub goals: Vec<u8>,
-    /// What makes the tasks hard: free, ordered, swap or unstack; repeat for more. Default: all four.
+    /// Kind of task: free, ordered, swap or unstack; repeat for more. Default: all four.
     #[arg(long = "kind", value_parser = parse_task_kind)]
     pub kinds: Vec<TaskKind>,
-    /// What is given of the objects' shapes: true or observed; repeat for both. Default: both.
+    /// Object shapes that the planner gets: true or observed; repeat for both. Default: both.
     #[arg(long, value_parser = parse_shapes)]
     pub shapes: Vec<Shapes>,
-    /// Which method finds each placement.
+    /// The method that finds each placement.
     #[arg(long, default_value = "best", value_parser = parse_variant)]
     pub variant: Variant,
-    /// Leave out the two bars, the goals one after another: most of the time goes into them.
+    /// Skip the two baselines, which place the goals one after another and take most of the time.
     #[arg(long)]
     pub without_bars: bool,
     /// Split, weights and threads.
     #[command(flatten)]
     pub common: TableArgs,
-    /// A folder for the table as JSON, and for every task's record as it ends.
+    /// A folder for the table as JSON, and for each task's record as soon as it is done.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }

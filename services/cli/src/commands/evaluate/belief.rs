@@ -27,13 +27,13 @@ pub struct EvaluateBeliefArgs {
     /// Only this kind of scene (open_table, large_box, clutter, stacking, shelf, drawer, kitchen); repeat for more. Default: all.
     #[arg(long = "kind", value_parser = parse_kind)]
     pub kinds: Vec<SceneKind>,
-    /// A folder of meshes never trained on, to make the scenes of.
+    /// A folder of held-out meshes to make the scenes from.
     #[arg(long, value_name = "DIR")]
     pub objects: Option<PathBuf>,
     /// Which split's seeds: train, validation or test.
     #[arg(long, default_value = "validation", value_parser = parse_split)]
     pub split: Split,
-    /// Threads. Default: one a core. Only times depend on it.
+    /// Threads. Default: one per core. Only times depend on it.
     #[arg(long)]
     pub threads: Option<usize>,
 }

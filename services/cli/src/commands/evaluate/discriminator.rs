@@ -21,13 +21,13 @@ pub struct EvaluateDiscriminatorArgs {
     /// How many scenes; the paper has 100.
     #[arg(long, default_value_t = 100, value_parser = parse_count)]
     pub scenes: usize,
-    /// Random prior samples of each scene; the paper has one.
+    /// Random prior samples per scene; the paper has one.
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub samples: u32,
-    /// Whose placements are looked at; repeat for more. The first gives the main figures.
+    /// A variant whose placements are scored; repeat for more. The first gives the main figures.
     #[arg(long = "variant", default_values = ["best", "full"], value_parser = parse_variant)]
     pub variants: Vec<Variant>,
-    /// A folder of meshes to make the scenes of, in place of the objects that training uses.
+    /// A folder of meshes to make the scenes from, instead of the objects that training uses.
     #[arg(long, value_name = "DIR")]
     pub objects: Option<PathBuf>,
     /// Split, weights and threads.

@@ -28,19 +28,19 @@ pub struct EvaluateArgs {
 pub enum Table {
     /// The planner's variants on simulated scenes that nothing was trained on (the paper's Table 1).
     Planner(planner::EvaluatePlannerArgs),
-    /// Relations, learned and by rule, on simulated scenes that nothing was trained on (the paper's Table 2).
+    /// Accuracy of the relations, learned and by rule, on held-out simulated scenes (the paper's Table 2).
     Relations(relations::EvaluateRelationsArgs),
-    /// What is believed of objects that one camera saw, against what they are.
+    /// Accuracy of shapes completed from one camera's view.
     Belief(belief::EvaluateBeliefArgs),
-    /// Several goals at once, on generated tasks with a known solution.
+    /// Success of arrangements, on generated tasks with a known solution.
     Arrange(arrange::EvaluateArrangeArgs),
-    /// Realism against what physics does, on kitchens that nothing was trained on.
+    /// Realism scores against simulated outcomes, on held-out kitchen scenes.
     Discriminator(discriminator::EvaluateDiscriminatorArgs),
-    /// The simulated world: rejected draws, rest, overlaps, and whether releases depend on the physics step.
+    /// Quality of the simulated scenes: rejected draws, rest, overlaps, and whether releases depend on the physics step.
     World(world::EvaluateWorldArgs),
-    /// Perception's masks of labelled frames, labels ignored, against the labels.
+    /// Accuracy of perception's masks on labelled frames.
     Segmentation(segmentation::EvaluateSegmentationArgs),
-    /// The simulated Panda picking and placing named objects (the paper's Table 3).
+    /// Success of pick and place with the simulated Panda and named objects (the paper's Table 3).
     Robot(robot::EvaluateRobotArgs),
 }
 

@@ -30,7 +30,7 @@ const KINDS: [SceneKind; 6] =
 /// Arguments of `evaluate planner`.
 #[derive(Debug, Args)]
 pub struct EvaluatePlannerArgs {
-    /// Scenes of each set; the paper has 100.
+    /// Scenes per set; the paper has 100.
     #[arg(long, default_value_t = 100, value_parser = parse_count)]
     pub scenes: usize,
     /// The first scene of each set, to make a table in parts.
@@ -39,14 +39,14 @@ pub struct EvaluatePlannerArgs {
     /// A variant to try; repeat for more. Default: all seven.
     #[arg(long = "variant", value_parser = parse_variant)]
     pub variants: Vec<Variant>,
-    /// A set of scenes of this kind (open_table, large_box, clutter, stacking, shelf, drawer, kitchen) in place of the default sets;
-    /// repeat for more. By default: scenes of the meshes of `--objects`, where given, whose kinds take turns; and kitchens.
+    /// Evaluate scenes of this kind (open_table, large_box, clutter, stacking, shelf, drawer, kitchen) instead of the default sets; repeat for
+    /// more. Default: kitchens, and, with `--objects`, scenes of all kinds with those meshes.
     #[arg(long = "kind", value_parser = parse_kind)]
     pub kinds: Vec<SceneKind>,
-    /// A folder of meshes never trained on, to make scenes of; kitchens have the program's own objects unless `--kind` is given.
+    /// A folder of held-out meshes to make the scenes from; kitchens have the program's own objects unless `--kind` is given.
     #[arg(long, value_name = "DIR")]
     pub objects: Option<PathBuf>,
-    /// A fault put on what the camera sees; the scenes, goals and true answers stay: found_masks (perception finds the objects), pose_1_10 and
+    /// A fault of the camera's data; scenes, goals and true answers stay the same: found_masks (objects segmented by perception), pose_1_10 and
     /// pose_2_20 (the camera's pose off by 1° and 10 mm, 2° and 20 mm), labels_3_px (masks shifted by 3 pixels), depth_scale_1 (1 % too far),
     /// holes (shiny objects), 320x240.
     #[arg(long, value_name = "FAULT", value_parser = parse_perturbation)]
@@ -54,10 +54,10 @@ pub struct EvaluatePlannerArgs {
     /// Split, weights and threads.
     #[command(flatten)]
     pub common: TableArgs,
-    /// A folder for every scene's record, the table as JSON and SVG, and contact sheets.
+    /// A folder for a record of every scene, the table as JSON and SVG, and contact sheets.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Whose answers the contact sheets show.
+    /// The variant whose answers the contact sheets show.
     #[arg(long, default_value = "best", value_parser = parse_variant)]
     pub look_at: Variant,
 }

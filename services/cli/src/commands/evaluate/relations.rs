@@ -17,10 +17,10 @@ use crate::values::parse_count;
 /// Arguments of `evaluate relations`.
 #[derive(Debug, Args)]
 pub struct EvaluateRelationsArgs {
-    /// How many examples at least; the paper has 2,696.
+    /// Minimum number of examples; the paper has 2,696.
     #[arg(long, default_value_t = 4000, value_parser = parse_count)]
     pub examples: usize,
-    /// A folder of meshes to make the scenes of, in place of the objects that training uses.
+    /// A folder of meshes to make the scenes from, instead of the objects that training uses.
     #[arg(long, value_name = "DIR")]
     pub objects: Option<PathBuf>,
     /// Split, weights and threads.

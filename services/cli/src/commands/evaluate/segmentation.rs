@@ -15,7 +15,7 @@ use crate::output::Output;
 /// Arguments of `evaluate segmentation`.
 #[derive(Debug, Args)]
 pub struct EvaluateSegmentationArgs {
-    /// A folder with labelled frame folders somewhere below it; the folder right above a frame is its set.
+    /// A folder with labelled frame folders anywhere below it; a frame's parent folder is its set.
     pub dir: PathBuf,
     /// Segmentation settings to try, a TOML file with what `[perception.segmentation]` of a configuration may hold. Default: the
     /// environment's, REPOSE_PERCEPTION__SEGMENTATION__FIELD.

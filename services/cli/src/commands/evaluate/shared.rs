@@ -17,17 +17,17 @@ use crate::values::{parse_table_split, threads};
 /// What every table of the networks and the planner is told.
 #[derive(Debug, Args)]
 pub struct TableArgs {
-    /// Whose scenes: validation; test (a second set of validation scenes by now); or final, for figures that are published: each block of it
-    /// is run once, from a clean checkout, and written down in services/evaluation/record/final.jsonl.
+    /// The split: validation; test (a second validation set by now); or final, for published figures: each block of it is run once, from a clean
+    /// checkout, and recorded in services/evaluation/record/final.jsonl.
     #[arg(long, default_value = "validation", value_parser = parse_table_split)]
     pub split: Split,
-    /// Which block of `final`. Default: the next, or the one that an interrupted run of the same code and settings had begun.
+    /// The block of `final`. Default: the next one, or the one that an interrupted run of the same code and settings had started.
     #[arg(long, value_name = "N")]
     pub block: Option<u64>,
-    /// A weights file in place of the program's own.
+    /// A weights file. Default: the program's own weights.
     #[arg(long, value_name = "FILE")]
     pub weights: Option<PathBuf>,
-    /// Threads. Default: one a core. The table does not depend on it.
+    /// Threads. Default: one per core. The table does not depend on it.
     #[arg(long)]
     pub threads: Option<usize>,
 }
@@ -55,7 +55,7 @@ impl TableArgs {
     }
 }
 
-/// Which scenes a table is of.
+/// The range of scenes that a table is made from.
 #[derive(Debug, Clone)]
 pub struct Scenes {
     /// Their split.

@@ -17,16 +17,16 @@ pub struct EvaluateWorldArgs {
     /// How many scenes.
     #[arg(long, default_value_t = 1000, value_parser = parse_count)]
     pub scenes: usize,
-    /// How many releases are simulated at the usual step and at a quarter of it.
+    /// Number of releases simulated at the usual physics step and at a quarter of it.
     #[arg(long, default_value_t = 200)]
     pub placements: usize,
-    /// Only this kind of scene (open_table, large_box, clutter, stacking, shelf, drawer, kitchen); the training mix by default.
+    /// Only this kind of scene (open_table, large_box, clutter, stacking, shelf, drawer, kitchen). Default: the training mix.
     #[arg(long, value_parser = parse_kind)]
     pub kind: Option<SceneKind>,
     /// Which split's seeds: train, validation or test.
     #[arg(long, default_value = "validation", value_parser = parse_split)]
     pub split: Split,
-    /// Threads; all cores by default. Only times depend on it.
+    /// Threads. Default: one per core. Only times depend on it.
     #[arg(long)]
     pub threads: Option<usize>,
 }

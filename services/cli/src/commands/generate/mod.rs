@@ -42,7 +42,7 @@ pub struct GenerateArgs {
     /// Views per scene.
     #[arg(long, default_value_t = 5)]
     pub views: u32,
-    /// A folder for the shards. Shards that are there are kept, those that are missing are made.
+    /// A folder for the shards. Existing shards are kept, missing ones are generated.
     #[arg(long, value_name = "DIR", group = "product")]
     pub out: Option<PathBuf>,
     /// A folder for contact sheets of the scenes (the first 120 at most): color, depth, labels and relations of each one's first view.
@@ -52,7 +52,7 @@ pub struct GenerateArgs {
     #[arg(long, value_name = "DIR", group = "product")]
     pub frames: Option<PathBuf>,
     /// A JSON file for statistics of the scenes: prevalence of relations, histograms of gaps and centre offsets, objects, kinds of scenes,
-    /// rejections. The histograms are drawn beside it (.svg). With `--out` the scenes that this run writes are counted.
+    /// rejections. The histograms are drawn beside it (.svg). With `--out`, only scenes written by this run are counted.
     #[arg(long, value_name = "FILE", group = "product")]
     pub statistics: Option<PathBuf>,
     /// Which split's seeds: train, validation or test.
@@ -65,27 +65,27 @@ pub struct GenerateArgs {
     /// A folder of meshes (OBJ, STL, PLY) to draw objects from, beside the procedural families or instead of them.
     #[arg(long, value_name = "DIR")]
     pub objects: Option<PathBuf>,
-    /// How likely an object is one of `--objects`, 0 to 1.
+    /// Probability that an object is one of `--objects`, 0 to 1.
     #[arg(long, default_value_t = 1.0, requires = "objects")]
     pub objects_share: f64,
     /// Metres per unit of the files in `--objects`: 0.001 for millimetres.
     #[arg(long, default_value_t = 1.0, requires = "objects")]
     pub objects_scale: f32,
-    /// Release objects of each scene this many times, and write the outcomes beside the shards: `train --network outcome` learns from them.
-    /// Shards that are there get the outcomes that they lack.
+    /// Simulate this many releases per scene, and write the outcomes beside the shards for `train --network outcome`. Existing shards get the
+    /// outcomes that they lack.
     #[arg(long, value_name = "PER_SCENE", default_value_t = 0, requires = "out")]
     pub releases: usize,
-    /// Release one object of each scene this many times where the prior (half), the prior turned (a quarter) and the planner by geometry (a
-    /// quarter) propose.
+    /// Simulate this many releases of one object per scene, at placements proposed by the prior (half), the prior with a turn (a quarter) and the
+    /// geometric planner (a quarter).
     #[arg(long, value_name = "PER_SCENE", default_value_t = 0, requires = "out")]
     pub proposals: u32,
-    /// A weights file for `--proposals` in place of the weights that come with the program.
+    /// A weights file for `--proposals`. Default: the program's own weights.
     #[arg(long, value_name = "FILE", requires = "proposals")]
     pub weights: Option<PathBuf>,
-    /// Keep color in the shards; training does not need it.
+    /// Store color in the shards; training does not need it.
     #[arg(long)]
     pub color: bool,
-    /// Threads; all cores by default. The bytes do not depend on it.
+    /// Threads. Default: one per core. The output does not depend on it.
     #[arg(long)]
     pub threads: Option<usize>,
 }

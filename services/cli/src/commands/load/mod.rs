@@ -43,13 +43,13 @@ pub struct LoadArgs {
     /// Where to ask.
     #[command(flatten)]
     pub connect: ConnectArgs,
-    /// Clients that ask at the same time, each as soon as it was answered (closed loop).
+    /// Number of concurrent clients, each of which sends its next request as soon as the last was answered (closed loop).
     #[arg(long, default_value_t = 4, value_parser = parse_count)]
     pub clients: usize,
     /// Requests in total.
     #[arg(long, default_value_t = 100, value_parser = parse_count)]
     pub requests: usize,
-    /// Requests a second, whether or not earlier ones were answered (open loop).
+    /// Requests per second, whether or not earlier ones were answered (open loop).
     #[arg(long)]
     pub rate: Option<f64>,
     /// When the requests of an open loop are due.
@@ -58,18 +58,18 @@ pub struct LoadArgs {
     /// Share of the requests that are interactive; the others are batch, and yield to them.
     #[arg(long, default_value_t = 1.0)]
     pub interactive: f64,
-    /// Several kinds of requests, each with a share: 3:variant=best --mix 1:method=arrange,priority=batch,deadline_ms=20000. Settings are method (place,
-    /// arrange, segment), variant, count, iterations, batch, priority, deadline_ms, cell, and whole=true, which encloses the scene.
+    /// Several kinds of requests, each with a share: 3:variant=best --mix 1:method=arrange,priority=batch,deadline_ms=20000. Settings are method
+    /// (place, arrange, segment), variant, count, iterations, batch, priority, deadline_ms, cell, and whole=true, which encloses the scene.
     #[arg(long, value_name = "SHARE:SETTING=VALUE,…")]
     pub mix: Vec<Kind>,
-    /// Ask a pool as so many light cells, each with a scene of its own that differs hardly from the camera's; what each met is in the report. With --up the
-    /// run's own system is the pool.
+    /// Load a pool as this many light cells, each with its own scene, a slight variation of the camera's; the report lists each cell's results.
+    /// With --up the run's own system is the pool.
     #[arg(long, value_parser = parse_count, conflicts_with_all = ["secured", "agents"])]
     pub cells: Option<usize>,
-    /// Requests before those that count.
+    /// Warm-up requests, which are not counted.
     #[arg(long, default_value_t = 0)]
     pub warm_up: usize,
-    /// Start a system of the run's own on this machine (router, simulated cell, services), and ask that one.
+    /// Start a separate system on this machine (router, simulated cell, services), and load that one.
     #[arg(long, conflicts_with_all = ["connect", "config"])]
     pub up: bool,
     /// Planner processes of that system.
@@ -78,22 +78,24 @@ pub struct LoadArgs {
     /// Inference processes of that system.
     #[arg(long, default_value_t = 1, value_parser = parse_count, requires = "up")]
     pub inference: usize,
-    /// Routers of that system. A router that is killed takes nothing along that another one could not carry.
+    /// Routers of that system. When one is killed, the others carry its traffic.
     #[arg(long, default_value_t = 1, value_parser = parse_count, requires = "up")]
     pub routers: usize,
     /// With users, certificates and access control in that system, over QUIC.
     #[arg(long, requires = "up", conflicts_with = "routers")]
     pub secured: bool,
-    /// Trouble that system while it is asked: kill:SERVICE:PERIOD, stop:SERVICE:PERIOD[:FOR], router:PERIOD[:FOR] or delay:TIME, such as kill:inference:2s.
+    /// Inject a fault into that system during the run: kill:SERVICE:PERIOD, stop:SERVICE:PERIOD[:FOR], router:PERIOD[:FOR] or delay:TIME, such as
+    /// kill:inference:2s.
     #[arg(long, requires = "up", value_name = "FAULT")]
     pub fault: Vec<Fault>,
-    /// Ask from so many processes on this machine, or from one on each of these machines (a,b,…), which are reached by ssh and have `repose`.
+    /// Send the requests from this many processes on this machine, or from one process on each of these hosts (a,b,…), which are reached by ssh
+    /// and have `repose`.
     #[arg(long, value_name = "COUNT|HOST,…")]
     pub agents: Option<Agents>,
     /// One agent's part, as its coordinator says.
     #[arg(long, hide = true)]
     agent: Option<Part>,
-    /// Look for the highest rate that keeps the objective, each with this many requests, and report that one.
+    /// Search for the highest rate that meets the objective, with this many requests per rate, and report it.
     #[arg(long)]
     pub find_capacity: bool,
     /// The objective: a percentile of the latency and its bound; at least 99 % must be answered, too.
@@ -105,7 +107,7 @@ pub struct LoadArgs {
     /// Write a page with the report, and with latency and rates over time.
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
-    /// Which method plans.
+    /// The planning method.
     #[arg(long, default_value = "best", value_parser = parse_variant)]
     pub variant: Variant,
     /// Iterations of each search.
@@ -114,7 +116,7 @@ pub struct LoadArgs {
     /// Candidates to accept in each iteration.
     #[arg(long, default_value_t = 16)]
     pub batch: u32,
-    /// Seed of the first request, whose successors have the next ones, and of arrivals and priorities.
+    /// Seed of the first request, which later requests count up from, and of arrivals and priorities.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
 }

@@ -32,51 +32,51 @@ const STANDING_SCENES: u64 = 2000;
 /// Arguments of `train`.
 #[derive(Debug, Args)]
 pub struct TrainArgs {
-    /// The folder of shards that `generate` wrote, with training scenes and validation scenes somewhere below it.
+    /// The folder of shards written by `generate`, with training and validation scenes anywhere below it.
     #[arg(long, value_name = "DIR")]
     pub data: PathBuf,
-    /// What to train: joint (encoders, relation predictor and prior), relations (the predictor alone, on the encoders of `--start`),
-    /// discriminator, or outcome (on the outcomes of `generate --releases`); what is not trained keeps the weights of `--start`. Or a
-    /// forecast, boosted trees on the outcome network of `--start` and on geometry, which the variant `best` goes by. stability learns from
-    /// `generate --proposals` with its other settings left at their defaults, and `--steps` limits the scenes. success comes after it: it
-    /// learns from what becomes of the planner's own answers in as many scenes as `--steps` says (700), which it keeps in `--data`. standing
-    /// comes before it: whether objects stand by themselves, and whether their neighbours stay when they are taken away, from what becomes of
-    /// them in as many scenes (2000). back is no part of the weights but of what the program believes of a scene: how far objects go on behind
-    /// what was seen of them, from as many scenes (1500); `--out` is services/shared/belief/weights/back.json, and the program is built anew.
+    /// What to train. Networks: joint (encoders, relation predictor and prior), relations (the predictor alone, on the encoders of `--start`),
+    /// discriminator, or outcome (on the outcomes of `generate --releases`); networks that are not trained keep the weights of `--start`.
+    /// Forecasts, boosted trees on geometry and on the outcome network of `--start`, which the variant `best` uses: standing (whether objects
+    /// stand by themselves, and whether their neighbours stay when they are taken away; fitted on `--steps` scenes, 2000 by default), then
+    /// stability (fitted on `generate --proposals` with its other settings at their defaults; `--steps` limits the scenes), then success (fitted
+    /// on outcomes of the planner's own answers in `--steps` scenes, 700 by default, which are kept in `--data`). Shape completion: back (how far
+    /// objects extend behind their observed points; fitted on `--steps` scenes, 1500 by default), which is not part of the weights: set `--out`
+    /// to services/shared/belief/weights/back.json and build the program again.
     #[arg(long)]
     pub network: String,
-    /// Which relation predictor `joint` and `relations` fit: measured (reads what can be measured of the pair beside the codes) or paper.
+    /// The relation predictor that `joint` and `relations` train: measured (uses geometric measures of the pair beside the codes) or paper.
     #[arg(long, value_name = "VARIANT", default_value = "measured")]
     pub relations: String,
     /// Where to compute: cpu, or cuda where the program was built with `--features cuda` (runs are not reproducible there).
     #[arg(long, value_name = "DEVICE", default_value = "cpu")]
     pub device: String,
-    /// The weights file to write. A run that was stopped goes on from the checkpoint beside it, unless it began with other weights.
+    /// The weights file to write. An interrupted run resumes from the checkpoint beside it, unless it started from other weights.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// Weights to start from. Default: new ones, drawn from the seed.
     #[arg(long, value_name = "FILE")]
     pub start: Option<PathBuf>,
-    /// Start from the mean of `--start` and these, runs of the same network from one ancestor; repeat for more. With `--steps 0` that mean is
-    /// what is written, its batch statistics taken anew.
+    /// Start from the mean of `--start` and these weights, which must come from runs of the same network with one ancestor; repeat for more. With
+    /// `--steps 0` the mean itself is written, with new batch statistics.
     #[arg(long, value_name = "FILE", requires = "start")]
     pub mean_with: Vec<PathBuf>,
     /// Seed of initial weights, order and augmentation.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// End after this many minutes, with weights.
+    /// Stop after this many minutes, and write the weights.
     #[arg(long)]
     pub minutes: Option<f64>,
-    /// End after this many steps.
+    /// Stop after this many steps.
     #[arg(long)]
     pub steps: Option<u64>,
-    /// The first scene that a forecast, or `back`, learns from, to make its data in parts.
+    /// The first scene that a forecast, or `back`, is fitted on, to make its data in parts.
     #[arg(long, default_value_t = 0)]
     pub first: u64,
-    /// Threads; at most `--slots` of them have work. Default: one a core. The weights do not depend on it.
+    /// Threads; at most `--slots` of them are used. Default: one per core. The weights do not depend on it.
     #[arg(long)]
     pub threads: Option<usize>,
-    /// Micro-batches of a step, whose gradients are averaged. Default: 2. More keep more threads busy, and give other weights.
+    /// Micro-batches per step, whose gradients are averaged. Default: 2. More of them use more threads, and give other weights.
     #[arg(long)]
     pub slots: Option<usize>,
 }

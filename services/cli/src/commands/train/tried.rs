@@ -44,7 +44,7 @@ pub struct FitArgs<'a> {
     pub seed: u64,
 }
 
-/// Which scenes are tried.
+/// The scenes that are tried for a fit.
 #[derive(Debug, Clone, Copy)]
 pub struct Scenes<'a> {
     /// The data folder.
