@@ -65,7 +65,7 @@ impl WishArgs {
         if let Some(sentence) = &self.say {
             return wish_of(sentence, scene, self.view_yaw).map(|(query, goal, said)| (NextWish { query, goal }, Some(said)));
         }
-        let wish = self.numbered().ok_or_else(|| Failure::bad_input("move", "neither --move nor --say is given"))?;
+        let wish = self.numbered().ok_or_else(|| Failure::bad_input("move", "expected --move or --say"))?;
         Ok((wish, None))
     }
 

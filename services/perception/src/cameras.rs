@@ -236,7 +236,7 @@ impl Cameras {
         let outcome = self.worker.segment(context, frame.payload).await.and_then(|(scene, times)| {
             let named = &scene.summary.camera;
             if named != camera {
-                return Err(CallError::invalid("camera", format!("a frame of camera {named:?} was put to the key of {camera:?}")));
+                return Err(CallError::invalid("camera", format!("a frame of camera {named:?} was published on the key of {camera:?}")));
             }
             Ok((scene, times))
         });

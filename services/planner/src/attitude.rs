@@ -93,7 +93,7 @@ pub fn planned(
         })
     })?;
     if stopped == Some(StopReason::Deadline) && findings.iterations == 0 {
-        return Err(CallError::new(ErrorCode::DeadlineExceeded, "time ended before the first iteration was done"));
+        return Err(CallError::new(ErrorCode::DeadlineExceeded, "the time limit passed before the first iteration was complete"));
     }
     let mut answers = Answers::choose(&mut judge, &mut findings, &mut stopped, &mut || go_on(SearchStep::Batch).break_value())?;
     if stopped == Some(StopReason::Cancelled) {

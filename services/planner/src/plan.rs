@@ -51,7 +51,7 @@ pub fn plan_with_report(
     control: &mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
 ) -> Result<PlanReport, CallError> {
     if request.rotation == Rotation::Stable {
-        return Err(CallError::invalid("rotation", "a report is of one side: expected fixed or yaw"));
+        return Err(CallError::invalid("rotation", "a report covers one side of the object: expected fixed or yaw"));
     }
     planned(prepared, request, models, control, true)
 }
@@ -95,7 +95,7 @@ fn add(found: &mut PlaceResult, of_side: PlaceResult, turned_from_observed: &Iso
     if found.weights_hash.is_empty() {
         (found.weights_hash, found.models_hash, found.kernel) = (of_side.weights_hash.clone(), of_side.models_hash, of_side.kernel);
     } else if !of_side.weights_hash.is_empty() && of_side.weights_hash != found.weights_hash {
-        return Err(CallError::new(ErrorCode::Unavailable, "the weights changed between two sides of the object"));
+        return Err(CallError::new(ErrorCode::Unavailable, "the weights changed during the request"));
     }
     for placement in of_side.placements {
         found.placements.push(from_observed(placement, turned_from_observed)?);

@@ -18,7 +18,7 @@ const DEEPEST: usize = 64;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TransformError {
     /// Nobody has told of a frame.
-    #[error("nobody tells where frame {frame:?} is; frames known: {known}")]
+    #[error("the pose of frame {frame:?} is unknown; known frames: {known}")]
     Unknown {
         /// The frame.
         frame: String,

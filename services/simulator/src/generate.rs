@@ -173,7 +173,7 @@ pub enum GenerateError {
         source: std::io::Error,
     },
     /// The split does not have that many seeds.
-    #[error("scenes {first} to {end} of split {split}: it has {available}")]
+    #[error("split {split} has {available} scenes, not scenes {first} to {end}")]
     Seeds {
         /// First scene asked for.
         first: u64,

@@ -82,7 +82,7 @@ fn motion_of(
     grasps: Option<Vec<Grasp>>,
 ) -> Result<MotionPlan, Failure> {
     let Some(robot) = frame.robots.first() else {
-        return Err(Failure::bad_input("motion", "the frame has no robot.json that says where the arm stands"));
+        return Err(Failure::bad_input("motion", "the frame has no robot.json with the robot's pose"));
     };
     let placements = result.placements.iter().map(|p| p.placed_from_observed).collect();
     let wanted = MotionPlanRequest::new(scene.id(), robot.name.clone(), request.query, placements, robot.joints_rad);

@@ -60,9 +60,10 @@ pub async fn run(args: &PlayArgs, output: Output) -> Outcome {
     match &args.source[..] {
         files if files.iter().all(|file| is_recording(file)) => cell(files, args, output).await,
         [source] => frames(source, args, output).await,
-        _ => {
-            Err(Failure::bad_input("source", "several sources are the files of one recording by `repose record`, and one of these is none"))
-        }
+        _ => Err(Failure::bad_input(
+            "source",
+            "several sources must be the files of one recording made by `repose record`; one of these is not",
+        )),
     }
 }
 

@@ -47,7 +47,7 @@ pub struct RecordArgs {
 impl RecordArgs {
     fn settings(&self) -> Result<RecordSettings, Failure> {
         let bytes = |field: &str, mib: u64| {
-            mib.checked_mul(1 << 20).ok_or_else(|| Failure::bad_input(field, format!("{mib} MiB are more than a file system has")))
+            mib.checked_mul(1 << 20).ok_or_else(|| Failure::bad_input(field, format!("{mib} MiB exceed what a file system can hold")))
         };
         let settings = RecordSettings {
             max_file_bytes: bytes("file_mib", self.file_mib)?,

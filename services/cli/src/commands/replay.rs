@@ -48,7 +48,7 @@ pub async fn run(args: &ReplayArgs, output: Output) -> Outcome {
     if chosen.is_empty() {
         return Err(match &args.request {
             Some(id) => Failure::bad_input("request", format!("the recording has no answered request {id}")),
-            None => Failure::bad_input("files", "the recording has no answered request that can be asked again"),
+            None => Failure::bad_input("files", "the recording has no answered request that can be sent again"),
         });
     }
     let repeated = match args.running {

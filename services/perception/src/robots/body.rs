@@ -15,7 +15,7 @@ const PANDA_FOOT: [[f64; 4]; 2] = [[-0.09, 0.0, 0.06, 0.09], [-0.06, 0.0, 0.06, 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum NoBody {
     /// Its shape is not known.
-    #[error("the shape of a robot of model {0:?} is not known, only that of \"panda\"")]
+    #[error("unknown robot model {0:?}, expected \"panda\"")]
     Model(String),
     /// Its pose is no rigid transform.
     #[error("world_from_base: {0}")]

@@ -40,7 +40,7 @@ pub enum ManifestError {
         reason: String,
     },
     /// The folder's shards, or a file of outcomes, were made in another way.
-    #[error("{path}: what is there was made with other settings; take another folder, or the same settings. {}", summary(differences))]
+    #[error("{path}: the existing data was made with other settings; use another folder, or the same settings. {}", summary(differences))]
     Differs {
         /// The folder's manifest, or the file of outcomes.
         path: PathBuf,

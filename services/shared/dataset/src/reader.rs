@@ -38,7 +38,7 @@ pub enum ReadError {
         source: std::io::Error,
     },
     /// The file is a shard of another version of the format.
-    #[error("{path}: expected a shard of format {FORMAT}, got {got}; generate the data anew")]
+    #[error("{path}: expected a shard of format {FORMAT}, got {got}; generate the data again")]
     Version {
         /// The shard.
         path: PathBuf,

@@ -6,19 +6,19 @@ use crate::look::Look;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Reason {
     /// Longer than anything that is meant.
-    #[error("at most {} characters are read", crate::MAX_CHARACTERS)]
+    #[error("the sentence exceeds {} characters", crate::MAX_CHARACTERS)]
     TooLong,
     /// A word outside the vocabulary.
-    #[error("the word {word:?} is not known")]
+    #[error("unknown word {word:?}")]
     UnknownWord {
         /// The first such word.
         word: String,
     },
     /// Known words that ask for no placement.
-    #[error("this is not read as a request to put an object somewhere; try \"put the red mug to the left of the box, not near the bowl\"")]
+    #[error("not understood as a request to place an object; try \"put the red mug to the left of the box, not near the bowl\"")]
     NoRequest,
     /// Known words that describe no object.
-    #[error("{phrase:?} is not read as an object; try \"the red mug\" or \"the box left of the bowl\"")]
+    #[error("{phrase:?} is not understood as an object; try \"the red mug\" or \"the box left of the bowl\"")]
     NoDescription {
         /// The phrase.
         phrase: String,
@@ -30,7 +30,7 @@ pub enum Reason {
         phrase: String,
     },
     /// No object fits a phrase.
-    #[error("nothing in view is {phrase:?}{}", if *colorless { "; the camera sees no color" } else { "" })]
+    #[error("no object in view matches {phrase:?}{}", if *colorless { "; the camera sees no color" } else { "" })]
     NoObject {
         /// The phrase.
         phrase: String,
@@ -44,10 +44,10 @@ pub enum Reason {
         phrase: String,
     },
     /// Nothing must hold.
-    #[error("this says only where the object must not be")]
+    #[error("the sentence says only where the object must not be")]
     OnlyNegative,
     /// More than one goal fits the sentence.
-    #[error("this can be read as {}", goals.join(" or as "))]
+    #[error("the sentence is ambiguous: {}", goals.join(" or "))]
     SeveralGoals {
         /// Each goal: the object to move and its terms.
         goals: Vec<String>,

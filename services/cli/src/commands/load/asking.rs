@@ -98,10 +98,10 @@ impl Asking {
     /// The same for light cells, each of which asks every kind.
     async fn light(session: &Session, args: &LoadArgs, kinds: &[Kind], cells: usize) -> Result<Self, Failure> {
         if session.in_cell(&light::name(1))?.pool().is_none() {
-            return Err(Failure::bad_input("pool", "light cells have no planner: which pool do they ask?"));
+            return Err(Failure::bad_input("pool", "light cells have no planner: give the pool that serves them"));
         }
         if kinds.iter().any(|kind| kind.method == Method::Segment) {
-            return Err(Failure::bad_input("mix", "light cells have no camera, and so nothing to segment"));
+            return Err(Failure::bad_input("mix", "light cells have no camera: segment is not available"));
         }
         let camera = Target::of(session, args, false).await?;
         let mut targets = BTreeMap::new();
@@ -307,7 +307,8 @@ impl Target {
 async fn newest_frame(session: &Session, camera: &str) -> Result<Payload, Failure> {
     let mut frames = session.subscribe_latest(&session.cell().camera_frame(camera)).await?;
     let frame = tokio::time::timeout(FRAME_WITHIN, frames.recv()).await.ok().flatten();
-    let frame = frame.ok_or_else(|| Failure::bad_input("camera", format!("camera {camera} shows no frame; may this user see frames?")))?;
+    let frame = frame
+        .ok_or_else(|| Failure::bad_input("camera", format!("camera {camera} sent no frame; check that this user may read frames")))?;
     // As a call's payload it is the same message.
     frame.payload.decode_bulk(Frame::SCHEMA)?;
     Ok(frame.payload)

@@ -17,7 +17,7 @@ use crate::output::Output;
 /// Tries, fits, writes and reports.
 pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
     if args.start.is_some() {
-        return Err(Failure::bad_input("start", "only weights of networks start from others"));
+        return Err(Failure::bad_input("start", "only networks start from other weights"));
     }
     let tried = Scenes {
         data: args.data,
