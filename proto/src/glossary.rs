@@ -3,7 +3,7 @@
 //! | noun | meaning |
 //! |---|---|
 //! | frame | one RGB-D picture of a camera ([`Frame`](crate::Frame)) |
-//! | scene | what perception makes of a frame: labelled points, objects, surfaces, unseen space ([`Scene`](crate::Scene)) |
+//! | scene | what perception makes of a frame: labelled points, objects, surfaces, unseen space ([`Scene`](crate::Scene)). What the simulator makes, with true shapes, is a *simulated scene* |
 //! | mask, label | the pixels of one object; the id that its pixels and points carry. Given masks come with the frame, found ones from perception |
 //! | object, surface, obstacle | what can be moved and named; what things stand on; whatever else was seen and is in the way |
 //! | support | the surface, or the object, that something rests on |
@@ -12,6 +12,16 @@
 //! | wish | a goal as the command line takes it: an object's id and its terms. On the wire there are only goals |
 //! | placement | a pose for the query, as `placed_from_observed`. A *candidate* is one that the search has not judged yet |
 //! | plan | the robot's motion that carries a placement out |
+//! | arrangement | moves of several objects after which several goals hold together |
+//! | sequence | goals that are carried out one after another, each planned on a fresh view; one *step* a goal |
+//! | attempt | one try at a goal or at a call; an object that slips is given another |
+//! | grasp candidate | a pose and opening of the hand that may hold the query, before motion has chosen one |
+//! | support area | a support as motion sees it: an outline and a height, solid below |
+//! | appearance | what words can say of an object: colors, extents, position |
+//! | fault | what is wrong with an answer, or what a test breaks on purpose. A *failure* is why something was not done |
+//! | condition | what is set up for a trial: an empty table, or one with large boxes |
+//! | release | an object let go at a placement, in the simulator or by the robot. Its result is the *outcome* |
+//! | trial | one run of a method on one problem of an evaluation |
 //!
 //! **How good a placement is.** Three nouns for three questions, and the number that the user gets:
 //!
