@@ -43,7 +43,7 @@ struct Case {
     error: Option<Value>,
 }
 
-/// What came of a call: the result's bytes, or the error's code and field.
+/// The result of a call: the result's bytes, or the error's code and field.
 type Ended = Result<Vec<u8>, Value>;
 
 /// What the table's names mean.

@@ -12,8 +12,8 @@ use repose_proto::arrange::ObjectGoal;
 use repose_proto::load::WorkerLoad;
 use repose_proto::place::Variant;
 use repose_proto::{ArrangeRequest, GoalTerm, Payload, PlaceRequest, PlaceResult, Relation, Scene, Service, keys};
-use repose_recorder::asked::Calls;
-use repose_recorder::file::reading::Reading;
+use repose_recorder::calls::Calls;
+use repose_recorder::file::reading::RecordingReader;
 use repose_recorder::replay::is_repeatable;
 use repose_runtime::{CallOptions, Session};
 use serde_json::Value;
@@ -170,7 +170,7 @@ async fn plays(deployment: &Deployment, session: &Session, run: &Path) {
     assert!(finished.status.success(), "{document}");
 
     let mut recorded = Vec::new();
-    let mut reading = Reading::open(run).expect("a recording");
+    let mut reading = RecordingReader::open(run).expect("a recording");
     while let Some(message) = reading.next_message().expect("readable") {
         if keys::last_chunk(&message.topic) == "state" {
             recorded.push(message.payload);

@@ -4,11 +4,11 @@
 //! that finds the object where the plan closes it. `lost_processes.rs` does the same with processes.
 
 use nalgebra::Isometry3;
-use repose_motion::execution::{Execution, ExecutionSettings, ExecutionTask, Step};
+use repose_motion::execution::{Execution, ExecutionAction, ExecutionSettings, ExecutionTask};
 use repose_motion::path::timing::Trajectory;
 use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place};
 use repose_motion::recovery::{Recovery, RecoverySettings};
-use repose_motion::scene::Surroundings;
+use repose_motion::scene::ArmSurroundings;
 use repose_motion::{MotionConfig, synthetic, wire};
 use repose_panda::READY;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPhase, MotionPlan, MotionPlanRequest, Phase};
@@ -120,7 +120,11 @@ fn task(id: &str) -> ExecutionTask {
 }
 
 /// Drives an execution to its reply, or until something is lost; then on for a while. What the commander says, where it is left to say it.
-fn drive(robot: &mut Robot, (mut execution, mut steps): (Execution, Vec<Step>), lost: Option<(Lost, u64)>) -> Option<ExecuteReply> {
+fn drive(
+    robot: &mut Robot,
+    (mut execution, mut steps): (Execution, Vec<ExecutionAction>),
+    lost: Option<(Lost, u64)>,
+) -> Option<ExecuteReply> {
     let (mut reply, mut phase) = (None, None);
     for elapsed_ms in 0.. {
         let (gone, cut) = match lost {
@@ -129,10 +133,10 @@ fn drive(robot: &mut Robot, (mut execution, mut steps): (Execution, Vec<Step>), 
         };
         for step in steps.drain(..) {
             match step {
-                Step::Send(command) if !cut => robot.take(&command),
-                Step::Send(_) => {}
-                Step::Progress(progress) => phase = Some(progress.phase),
-                Step::Done(done) => reply = Some(done),
+                ExecutionAction::Send(command) if !cut => robot.take(&command),
+                ExecutionAction::Send(_) => {}
+                ExecutionAction::Progress(progress) => phase = Some(progress.phase),
+                ExecutionAction::Done(done) => reply = Some(done),
             }
         }
         if lost.is_none() && reply.is_some() || lost.is_some_and(|(_, at_ms)| elapsed_ms > at_ms + LATCHED_WITHIN_MS) {
@@ -175,7 +179,7 @@ fn brought_back(robot: &mut Robot) {
     let open = GripperCommand { width_m: 0.08, force_n: 30.0 };
     follow(robot, vec![MotionPhase { name: Phase::Release, gripper: Some(open), set_points: Vec::new() }]);
     assert!(!robot.grips(), "the hand is empty");
-    let (around, settings) = (Surroundings::of(&synthetic::wire_scene(0)), RecoverySettings::of(&PickPlaceSettings::default(), 1.0));
+    let (around, settings) = (ArmSurroundings::of(&synthetic::wire_scene(0)), RecoverySettings::of(&PickPlaceSettings::default(), 1.0));
     // Where the hand has no room behind it, it is in free space already.
     let retreat = Recovery::new(robot.arm.q_rad(), 0.08, Some(&around), &settings).retreat();
     if let Ok((trajectory, _)) = retreat {

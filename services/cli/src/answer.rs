@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::failure::{self, Failure};
 use crate::output::Output;
-use crate::say::Said;
+use crate::say::SentenceMeaning;
 
 /// A result with how the words that asked for it were taken.
 #[derive(Serialize)]
@@ -14,11 +14,11 @@ struct Answered<'a> {
     #[serde(flatten)]
     result: &'a PlaceResult,
     #[serde(skip_serializing_if = "Option::is_none")]
-    said: Option<&'a Said>,
+    said: Option<&'a SentenceMeaning>,
 }
 
 /// Prints a result, and how the words that asked for it were taken; ends in [`Failure::NoPlacement`] when it has no placement.
-pub fn print_result(result: &PlaceResult, said: Option<&Said>, output: Output) -> failure::Outcome {
+pub fn print_result(result: &PlaceResult, said: Option<&SentenceMeaning>, output: Output) -> failure::CommandResult {
     output.print(&Answered { result, said }, || {
         let understood = said.map(|s| format!("{s}\n")).unwrap_or_default();
         format!("{understood}{}", describe(result))

@@ -1,11 +1,11 @@
 //! `repose arrange … --execute`: goals about several objects, brought about move by move, with a look after each.
 
-use repose_executive::arrangement::{Ended, Step, Told, bring_about};
+use repose_executive::arrangement::{ArrangementEnd, ArrangementReport, TriedMove, bring_about};
 use repose_proto::arrange::{ArrangeRequest, Purpose};
 use repose_runtime::Session;
 
 use crate::client::{self, ConnectArgs};
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::terminal::Terminal;
 
@@ -22,26 +22,26 @@ pub struct Arranging<'a> {
 }
 
 /// Runs the command.
-pub async fn run(args: Arranging<'_>, output: Output) -> Outcome {
+pub async fn run(args: Arranging<'_>, output: Output) -> CommandResult {
     let session = client::connect(&args.connect.system).await?;
     let told = brought_about(args, &session).await;
     client::close(session).await;
     let told = told?;
     output.print(&told, || describe(&told))?;
     match told.ended {
-        Ended::Achieved => Ok(()),
-        Ended::NoArrangement if told.steps.is_empty() => Err(Failure::NoPlacement),
+        ArrangementEnd::Achieved => Ok(()),
+        ArrangementEnd::NoArrangement if told.steps.is_empty() => Err(Failure::NoPlacement),
         _ => Err(Failure::NotAchieved),
     }
 }
 
-async fn brought_about(args: Arranging<'_>, session: &Session) -> Result<Told, Failure> {
+async fn brought_about(args: Arranging<'_>, session: &Session) -> Result<ArrangementReport, Failure> {
     let site = Terminal::of(session, args.connect, args.robot).await?;
     Ok(bring_about(site, None, args.request, args.attempts, |_| {}).await?)
 }
 
-/// What came of it, for people.
-fn describe(told: &Told) -> String {
+/// The result, for people.
+fn describe(told: &ArrangementReport) -> String {
     let mut lines: Vec<String> = told.steps.iter().enumerate().map(|(k, step)| line(k, step)).collect();
     let hold = |(object, holds): (&u16, &Option<bool>)| match holds {
         Some(true) => None,
@@ -58,7 +58,7 @@ fn describe(told: &Told) -> String {
     lines.join("\n")
 }
 
-fn line(k: usize, step: &Step) -> String {
+fn line(k: usize, step: &TriedMove) -> String {
     let name = step.object.map_or_else(|| "an object that came in".to_owned(), |object| format!("object {object}"));
     let purpose = match step.planned.purpose {
         Purpose::Goal => "to its goal",

@@ -10,8 +10,8 @@ use repose_proto::{CallError, ErrorCode, Scene, SceneSummary, Service, keys};
 use repose_runtime::{CallOptions, RuntimeConfig, RuntimeError, Session, SessionMode, fetch_newest, fetch_scene};
 use tokio::time::Instant;
 
+use crate::cell_survey::{listed, names};
 use crate::failure::Failure;
-use crate::surroundings::{listed, names};
 
 /// Where a router is looked for when nothing says otherwise, and where `up` has its own.
 pub const ENDPOINT: &str = "tcp/127.0.0.1:7447";

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use clap::Args;
 use repose_inference::{Engine, InferenceConfig, engine_of};
-use repose_local::{ModelFiles, Models};
+use repose_local::{LocalModels, ModelFiles};
 
 use crate::failure::Failure;
 
@@ -19,8 +19,8 @@ pub struct NetworkArgs {
 
 impl NetworkArgs {
     /// The models of the files named here, or else in the environment, or else those of the program.
-    pub fn models(&self) -> Result<Arc<Models>, Failure> {
-        Ok(Arc::new(Models::load(&ModelFiles { weights: self.weights.clone() })?))
+    pub fn models(&self) -> Result<Arc<LocalModels>, Failure> {
+        Ok(Arc::new(LocalModels::load(&ModelFiles { weights: self.weights.clone() })?))
     }
 }
 

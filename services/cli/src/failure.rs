@@ -16,8 +16,8 @@ pub enum Failure {
     Other(CallError),
 }
 
-/// What a command returns.
-pub type Outcome = Result<(), Failure>;
+/// The result of a command.
+pub type CommandResult = Result<(), Failure>;
 
 impl Failure {
     /// Something about the arguments or the files that they name.

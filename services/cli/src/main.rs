@@ -3,6 +3,7 @@
 mod answer;
 mod arrangement;
 mod asynchronous;
+mod cell_survey;
 mod client;
 mod commands;
 mod embedded;
@@ -18,7 +19,6 @@ mod say;
 mod segment_view;
 mod sequence;
 mod services;
-mod surroundings;
 mod terminal;
 mod values;
 mod wish;
@@ -27,7 +27,7 @@ use std::process::ExitCode;
 
 use asynchronous::in_runtime;
 use clap::{Parser, Subcommand};
-use failure::Outcome;
+use failure::CommandResult;
 use output::Output;
 
 // Tensors over 32 MB otherwise pay page faults on every operation.
@@ -116,7 +116,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(cli: &Cli) -> Outcome {
+fn run(cli: &Cli) -> CommandResult {
     let output = Output { json: cli.json };
     match &cli.command {
         Command::Demo(args) => in_runtime(commands::demo::run(args, output)),

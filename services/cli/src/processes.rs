@@ -27,7 +27,7 @@ pub fn service_process(endpoint: &str, cell: &str, config: Option<&Path>, what: 
 }
 
 /// A process whose log comes out on standard error with its name before every line. Logs as JSON stay as they are, one document a line.
-pub struct Labelled {
+pub struct LabelledProcess {
     /// The process.
     pub child: Child,
     /// Open for as long as the process is to run: waiting for a child would close it.
@@ -35,7 +35,7 @@ pub struct Labelled {
     log: Option<JoinHandle<()>>,
 }
 
-impl Labelled {
+impl LabelledProcess {
     /// Starts one.
     pub fn spawn(command: &mut Command, name: &str) -> std::io::Result<Self> {
         let mut child = command.stderr(Stdio::piped()).spawn()?;

@@ -8,7 +8,7 @@ use crate::failure::Failure;
 
 /// The meaning of a sentence; printed beside the result.
 #[derive(Debug, Clone, Serialize)]
-pub struct Said {
+pub struct SentenceMeaning {
     /// The sentence.
     pub say: String,
     /// Each phrase for an object and the object that it was taken to be.
@@ -24,7 +24,7 @@ pub struct TakenAs {
     pub object: u16,
 }
 
-impl std::fmt::Display for Said {
+impl std::fmt::Display for SentenceMeaning {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let taken: Vec<String> = self.taken.iter().map(|t| format!("{:?} is object {}", t.phrase, t.object)).collect();
         write!(f, "understood: {}", taken.join(", "))
@@ -32,10 +32,10 @@ impl std::fmt::Display for Said {
 }
 
 /// Reads a sentence about a scene, for a viewer (the camera's where none is given): the object to move, and what must hold.
-pub fn wish_of(sentence: &str, scene: &Scene, view_yaw_rad: Option<f64>) -> Result<(u16, Vec<GoalTerm>, Said), Failure> {
+pub fn wish_of(sentence: &str, scene: &Scene, view_yaw_rad: Option<f64>) -> Result<(u16, Vec<GoalTerm>, SentenceMeaning), Failure> {
     let looks = looks_of(scene, view_yaw_rad.unwrap_or(scene.meta.view_yaw_rad));
     let Understood { query, goal, taken } =
         understand(sentence, &looks).map_err(|refused| Failure::BadInput(CallError::invalid("say", refused.to_string())))?;
     let taken = taken.into_iter().map(|t| TakenAs { phrase: t.phrase, object: t.object }).collect();
-    Ok((query, goal, Said { say: sentence.to_owned(), taken }))
+    Ok((query, goal, SentenceMeaning { say: sentence.to_owned(), taken }))
 }

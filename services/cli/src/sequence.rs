@@ -1,14 +1,14 @@
 //! `repose place … --then …`: wishes achieved one after another, each planned on a fresh view of what the one before has left.
 
-use repose_executive::sequence::{Sequence, Step};
+use repose_executive::sequence::{GoalStep, Sequence};
 use repose_proto::{CallError, PlaceRequest};
 use repose_runtime::Session;
 use repose_sentences::placement::describe;
 
 use crate::client::{self, ConnectArgs};
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
-use crate::say::Said;
+use crate::say::SentenceMeaning;
 use crate::terminal::Terminal;
 use crate::wish::{NextWish, WishArgs};
 
@@ -28,7 +28,7 @@ pub struct Wishes<'a> {
 }
 
 /// Runs the command: stops at the first wish that is not achieved.
-pub async fn run(args: &Wishes<'_>, output: Output) -> Outcome {
+pub async fn run(args: &Wishes<'_>, output: Output) -> CommandResult {
     let session = client::connect(&args.connect.system).await?;
     let tried = achieve(args, &session).await;
     client::close(session).await;
@@ -57,15 +57,15 @@ pub async fn run(args: &Wishes<'_>, output: Output) -> Outcome {
     }
 }
 
-fn line(step: &Step) -> String {
+fn line(step: &GoalStep) -> String {
     format!("{}\n  {}", describe(&step.result), step.describe().join("; "))
 }
 
 /// The results of the wishes.
 struct Achieved {
-    steps: Vec<Step>,
+    steps: Vec<GoalStep>,
     /// How words were taken, where the first was said in words.
-    said: Option<Said>,
+    said: Option<SentenceMeaning>,
     error: Option<CallError>,
 }
 

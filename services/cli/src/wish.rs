@@ -5,7 +5,7 @@ use repose_proto::place::{Budget, ReachingRobot, Rotation, Variant};
 use repose_proto::{CallError, GoalTerm, PlaceRequest, Scene};
 
 use crate::failure::Failure;
-use crate::say::{Said, wish_of};
+use crate::say::{SentenceMeaning, wish_of};
 use crate::values::{parse_rotation, parse_variant};
 
 /// A placement wished for: what both `plan` and `place` take.
@@ -61,7 +61,7 @@ impl WishArgs {
     }
 
     /// What is wished for on a scene, and how the words were taken where it is said in words.
-    pub fn on(&self, scene: &Scene) -> Result<(NextWish, Option<Said>), Failure> {
+    pub fn on(&self, scene: &Scene) -> Result<(NextWish, Option<SentenceMeaning>), Failure> {
         if let Some(sentence) = &self.say {
             return wish_of(sentence, scene, self.view_yaw).map(|(query, goal, said)| (NextWish { query, goal }, Some(said)));
         }

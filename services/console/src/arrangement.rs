@@ -1,11 +1,11 @@
 //! What a cell's viewers see of goals that are brought about together: what is asked for, the moves that were tried, and those to come.
 
-use repose_executive::arrangement::{Ended, NamedMove, Planned, Step, Told};
+use repose_executive::arrangement::{ArrangementEnd, ArrangementReport, NamedMove, PlannedMoves, TriedMove};
 use repose_proto::arrange::{Conflict, ObjectGoal, Purpose};
 use repose_proto::{CallError, GoalTerm};
 use serde::Serialize;
 
-use crate::stage::Stage;
+use crate::stage::GoalStage;
 
 /// Goals that are brought about together, or were last. Ids are those of the view that was asked about.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -17,7 +17,7 @@ pub struct ArrangementShown {
     /// The moves that are planned from where things stand; the first of them is under way.
     pub to_come: Vec<MoveShown>,
     /// How far the first of them is.
-    pub stage: Stage,
+    pub stage: GoalStage,
     /// The probability that all of them succeed.
     pub probability: Option<f64>,
     /// The smallest set of goals that is known to have no arrangement.
@@ -29,7 +29,7 @@ pub struct ArrangementShown {
     pub ended: bool,
     /// How it ended; none where it goes on, or an error ended it.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub end: Option<Ended>,
+    pub end: Option<ArrangementEnd>,
     /// Why it ended there, and how the robot stands, in sentences.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub said: Vec<String>,
@@ -58,7 +58,7 @@ pub struct MoveShown {
     pub purpose: Purpose,
     /// The terms that its place is chosen by.
     pub goal: Vec<GoalTerm>,
-    /// What came of it and of everything else, in sentences; empty before.
+    /// The result, and changes to anything else, in sentences; empty before.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub said: Vec<String>,
 }
@@ -71,7 +71,7 @@ impl ArrangementShown {
             goals: goals.iter().map(goal).collect(),
             steps: Vec::new(),
             to_come: Vec::new(),
-            stage: Stage::Waiting,
+            stage: GoalStage::Waiting,
             probability: None,
             conflict: None,
             ending: false,
@@ -83,14 +83,14 @@ impl ArrangementShown {
     }
 
     /// Moves are planned anew.
-    pub fn planned(&mut self, planned: Planned) {
+    pub fn planned(&mut self, planned: PlannedMoves) {
         let shown = |m: NamedMove| MoveShown { object: m.object, purpose: m.purpose, goal: m.goal, said: Vec::new() };
         self.to_come = planned.moves.into_iter().map(shown).collect();
         (self.probability, self.conflict) = (planned.probability, planned.conflict);
     }
 
     /// The first of the moves to come was tried.
-    pub fn tried(&mut self, step: &Step) {
+    pub fn tried(&mut self, step: &TriedMove) {
         if !self.to_come.is_empty() {
             let planned = self.to_come.remove(0);
             self.steps.push(MoveShown { said: step.describe(), ..planned });
@@ -100,11 +100,11 @@ impl ArrangementShown {
     }
 
     /// It came to an end by itself.
-    pub fn ended(&mut self, told: Told) {
+    pub fn ended(&mut self, told: ArrangementReport) {
         for goal in &mut self.goals {
             goal.holds = told.holds.get(&goal.object).copied().flatten();
         }
-        self.stage = if told.ended == Ended::Achieved { Stage::Held } else { Stage::Failed };
+        self.stage = if told.ended == ArrangementEnd::Achieved { GoalStage::Held } else { GoalStage::Failed };
         self.end = Some(told.ended);
         let remembered =
             told.remembered.iter().map(|object| format!("the goal of object {object} held when it was last seen; it is hidden now"));
@@ -117,7 +117,7 @@ impl ArrangementShown {
 
     /// An error ended it before anything was tried.
     pub fn failed(&mut self, error: CallError) {
-        (self.stage, self.error, self.ended) = (Stage::Failed, Some(error), true);
+        (self.stage, self.error, self.ended) = (GoalStage::Failed, Some(error), true);
         self.to_come.clear();
     }
 }
@@ -133,9 +133,9 @@ mod tests {
         vec![goal(2, "left_of:3"), goal(4, "near:3")]
     }
 
-    fn planned(objects: &[u16]) -> Planned {
+    fn planned(objects: &[u16]) -> PlannedMoves {
         let to_goal = |object: &u16| NamedMove { object: Some(*object), purpose: Purpose::Goal, goal: Vec::new() };
-        Planned { moves: objects.iter().map(to_goal).collect(), probability: Some(0.7), conflict: None }
+        PlannedMoves { moves: objects.iter().map(to_goal).collect(), probability: Some(0.7), conflict: None }
     }
 
     #[test]
@@ -151,10 +151,10 @@ mod tests {
     fn the_end_says_what_holds_and_what_cannot_be_seen() {
         let mut shown = ArrangementShown::of(&goals());
         shown.planned(planned(&[2, 4]));
-        shown.ended(Told {
+        shown.ended(ArrangementReport {
             wanted: 2,
             achieved: 1,
-            ended: Ended::Lost,
+            ended: ArrangementEnd::Lost,
             why: Some("object 4 is gone".to_owned()),
             holds: BTreeMap::from([(2, Some(true)), (4, None)]),
             remembered: BTreeSet::new(),
@@ -164,7 +164,7 @@ mod tests {
             error: None,
         });
         assert_eq!(shown.goals.iter().map(|goal| goal.holds).collect::<Vec<_>>(), [Some(true), None]);
-        assert_eq!((shown.stage, shown.ended, shown.to_come.len()), (Stage::Failed, true, 0));
+        assert_eq!((shown.stage, shown.ended, shown.to_come.len()), (GoalStage::Failed, true, 0));
         assert_eq!(shown.said, ["object 4 is gone", "panda stands idle"]);
     }
 }

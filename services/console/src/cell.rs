@@ -1,6 +1,6 @@
 //! A cell as its viewers see it: followed while somebody looks, and told to everyone who does.
 //!
-//! One [`Cell`] serves all its viewers: each frame is encoded once and each scene fetched once, whoever looks. Dropping the last handle to a
+//! One [`WatchedCell`] serves all its viewers: each frame is encoded once and each scene fetched once, whoever looks. Dropping the last handle to a
 //! cell or to one of its cameras ends the subscriptions.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -21,11 +21,11 @@ use tokio::time::{MissedTickBehavior, interval};
 use crate::ConsoleConfig;
 use crate::arm::{PlanShown, link_poses};
 use crate::arrangement::ArrangementShown;
-use crate::messages::{Activity, RobotShown, StepShown, SystemShown, Told, WorkerShown};
-use crate::stage::Stage;
-use crate::system::Cameras;
-use crate::view::{Kind, Picture, View, picture_bytes};
-use crate::viewers::{Audience, Message, Topic};
+use crate::messages::{Activity, RobotShown, ServerMessage, StepShown, SystemShown, WorkerShown};
+use crate::stage::GoalStage;
+use crate::system::SceneArrivals;
+use crate::view::{CameraPicture, SceneView, ViewReason, picture_bytes};
+use crate::viewers::{Audience, Topic, ViewerMessage};
 
 /// Robot states that may wait for their turn.
 const STATES: usize = 256;
@@ -42,8 +42,8 @@ const CAMERA_WITHIN: Duration = Duration::from_secs(2);
 /// How long perception may take to send a scene.
 const SCENE_WITHIN: Duration = Duration::from_secs(5);
 
-/// A cell that somebody looks at.
-pub struct Cell {
+/// A cell that at least one viewer watches.
+pub struct WatchedCell {
     shared: Arc<Shared>,
     cameras: Mutex<BTreeMap<String, Weak<Camera>>>,
     _following: JoinSet<()>,
@@ -62,7 +62,7 @@ struct Shared {
 /// What is known of a cell's parts.
 #[derive(Default)]
 struct Parts {
-    cameras: Cameras,
+    cameras: SceneArrivals,
     robots: BTreeMap<String, RobotState>,
     activity: Activity,
     /// The plan that is shown.
@@ -73,7 +73,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Cell {
+impl WatchedCell {
     /// Begins to follow a cell.
     ///
     /// # Errors
@@ -169,7 +169,7 @@ impl Cell {
             change(&mut known.activity);
             known.activity.clone()
         };
-        self.shared.audience.tell(&Topic::Activity, &Told::Activity(Box::new(activity)).encode());
+        self.shared.audience.tell(&Topic::Activity, &ServerMessage::Activity(Box::new(activity)).encode());
     }
 
     /// Begins to carry out something of several moves, unless something is under way.
@@ -190,7 +190,7 @@ impl Cell {
 
     /// Changes the step that the sequence under way is at, where there is one, and tells everybody.
     pub fn update_step(&self, change: impl FnOnce(&mut StepShown)) {
-        let is_open = |step: &&mut StepShown| !matches!(step.stage, Stage::Held | Stage::Failed);
+        let is_open = |step: &&mut StepShown| !matches!(step.stage, GoalStage::Held | GoalStage::Failed);
         self.update(|activity| {
             if let Some(step) = activity.sequence.as_mut().and_then(|sequence| sequence.steps.iter_mut().find(is_open)) {
                 change(step);
@@ -210,14 +210,14 @@ impl Cell {
     /// Shows everyone a motion that was planned.
     pub fn show_plan(&self, shown: Arc<PlanShown>) {
         locked(&self.shared.known).plan = Some(shown.plan.clone());
-        self.shared.audience.tell(&Topic::Plan, &Told::Plan { shown: Some(shown) }.encode());
+        self.shared.audience.tell(&Topic::Plan, &ServerMessage::Plan { shown: Some(shown) }.encode());
     }
 
     /// Shows no planned motion any more; with an id, only where it is that one that is shown.
     pub fn hide_plan(&self, id: Option<&str>) {
         let hidden = locked(&self.shared.known).plan.take_if(|shown| id.is_none_or(|id| shown == id));
         if hidden.is_some() {
-            self.shared.audience.tell(&Topic::Plan, &Told::Plan { shown: None }.encode());
+            self.shared.audience.tell(&Topic::Plan, &ServerMessage::Plan { shown: None }.encode());
         }
     }
 
@@ -233,7 +233,7 @@ impl Cell {
     ///
     /// # Errors
     /// `failed_precondition` when the view's frame is not at hand, `invalid_argument` on `pixel` outside it, or what perception says.
-    pub async fn segmented(&self, view: &View, pixel: [usize; 2]) -> Result<View, CallError> {
+    pub async fn segmented(&self, view: &SceneView, pixel: [usize; 2]) -> Result<SceneView, CallError> {
         let camera = &view.scene.meta.camera;
         if pixel[0] >= camera.width || pixel[1] >= camera.height {
             let message = format!("expected a pixel of {} x {}, got {pixel:?}", camera.width, camera.height);
@@ -252,7 +252,7 @@ impl Cell {
         computed(move || {
             let scene = Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA)?)?;
             let picture = frame.map(|frame| picture_of(frame, quality)).transpose()?;
-            View::new(Kind::Segmented, scene.id(), scene.into(), picture.as_ref(), cloud_points)
+            SceneView::new(ViewReason::Segmented, scene.id(), scene.into(), picture.as_ref(), cloud_points)
         })
         .await
     }
@@ -296,7 +296,7 @@ impl Shared {
         }
         let links = link_poses(&world_from_base(&state), &state.q_rad);
         let shown = RobotShown { robot: robot.to_owned(), state, links };
-        self.audience.tell(&Topic::Robot(robot.to_owned()), &Told::Robot(Box::new(shown)).encode());
+        self.audience.tell(&Topic::Robot(robot.to_owned()), &ServerMessage::Robot(Box::new(shown)).encode());
     }
 
     async fn follow_cameras(self: Arc<Self>, mut summaries: Subscription) {
@@ -333,7 +333,7 @@ impl Shared {
         };
         let workers = self.callers.iter().flat_map(of_service).collect();
         let shown = SystemShown { cell: self.name.clone(), workers, cameras, robots };
-        self.audience.tell(&Topic::System, &Told::System(shown).encode());
+        self.audience.tell(&Topic::System, &ServerMessage::System(shown).encode());
     }
 
     async fn scene(&self, scene_id: &str) -> Result<Scene, CallError> {
@@ -358,8 +358,8 @@ pub struct Camera {
 #[derive(Default)]
 struct Seen {
     audience: Audience,
-    pictures: Mutex<VecDeque<Picture>>,
-    views: Mutex<VecDeque<Arc<View>>>,
+    pictures: Mutex<VecDeque<CameraPicture>>,
+    views: Mutex<VecDeque<Arc<SceneView>>>,
 }
 
 impl Camera {
@@ -384,7 +384,7 @@ impl Camera {
     }
 
     /// A scene that was shown a short while ago.
-    pub fn view(&self, scene_id: &str) -> Option<Arc<View>> {
+    pub fn view(&self, scene_id: &str) -> Option<Arc<SceneView>> {
         locked(&self.seen.views).iter().find(|v| v.scene_id == scene_id).cloned()
     }
 }
@@ -397,7 +397,7 @@ async fn follow_frames(config: Arc<ConsoleConfig>, camera: String, mut frames: S
         let quality = config.jpeg_quality;
         match computed(move || picture_of(sample.payload, quality)).await {
             Ok(picture) => {
-                seen.audience.tell(&Topic::Picture, &Message::Binary(picture_bytes(&camera, &picture)));
+                seen.audience.tell(&Topic::Picture, &ViewerMessage::Binary(picture_bytes(&camera, &picture)));
                 let mut pictures = locked(&seen.pictures);
                 pictures.push_back(picture);
                 if pictures.len() > PICTURES {
@@ -409,10 +409,10 @@ async fn follow_frames(config: Arc<ConsoleConfig>, camera: String, mut frames: S
     }
 }
 
-fn picture_of(payload: Payload, quality: u8) -> Result<Picture, CallError> {
+fn picture_of(payload: Payload, quality: u8) -> Result<CameraPicture, CallError> {
     let frame = Frame::from_bulk(&payload.decode_bulk(Frame::SCHEMA)?)?;
     let jpeg = jpeg(&frame, quality)?.into();
-    Ok(Picture { stamp_ns: frame.stamp_ns, jpeg, frame: payload })
+    Ok(CameraPicture { stamp_ns: frame.stamp_ns, jpeg, frame: payload })
 }
 
 async fn follow_scenes(cell: Arc<Shared>, camera: String, mut summaries: Subscription, seen: Arc<Seen>) {
@@ -440,12 +440,12 @@ async fn show_scene(cell: &Shared, summary: &SceneSummary, seen: &Seen) {
     let cloud_points = cell.config.cloud_points;
     let made = async {
         let scene = cell.scene(&scene_id).await?;
-        computed(move || View::new(Kind::Live, scene_id, scene.into(), picture.as_ref(), cloud_points)).await
+        computed(move || SceneView::new(ViewReason::Live, scene_id, scene.into(), picture.as_ref(), cloud_points)).await
     };
     match made.await {
         Ok(view) => {
             let view = Arc::new(view);
-            seen.audience.tell(&Topic::Scene, &Message::View(view.clone()));
+            seen.audience.tell(&Topic::Scene, &ViewerMessage::View(view.clone()));
             let mut views = locked(&seen.views);
             views.push_back(view);
             if views.len() > VIEWS {
@@ -469,7 +469,7 @@ pub async fn follow_cells(session: &Session, audience: Arc<Audience>) -> Result<
             let cells: BTreeSet<String> =
                 alive.current().iter().filter_map(|key| keys::of_live(key)).map(|(cell, ..)| cell.to_owned()).collect();
             if told.as_ref() != Some(&cells) {
-                audience.tell(&Topic::Cells, &Told::Cells { cells: cells.iter().cloned().collect() }.encode());
+                audience.tell(&Topic::Cells, &ServerMessage::Cells { cells: cells.iter().cloned().collect() }.encode());
                 told = Some(cells);
             }
             if !alive.changed().await {

@@ -67,7 +67,7 @@ pub async fn run(session: Session, config: ConsoleConfig, shutdown: Shutdown) ->
 pub struct Console {
     listener: TcpListener,
     tls: Option<tls::Acceptor>,
-    state: Arc<endpoints::State>,
+    state: Arc<endpoints::AppState>,
     address: SocketAddr,
 }
 
@@ -83,7 +83,7 @@ impl Console {
         let address = config.listen;
         let listener = TcpListener::bind(address).await.map_err(|source| ConsoleError::Listen { address, source })?;
         let address = listener.local_addr()?;
-        let state = endpoints::State::new(session, config, access, tls.is_some());
+        let state = endpoints::AppState::new(session, config, access, tls.is_some());
         Ok(Self { listener, tls, state: Arc::new(state), address })
     }
 

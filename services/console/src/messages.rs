@@ -12,8 +12,8 @@ use serde::{Deserialize, Serialize};
 use crate::access::Role;
 use crate::arm::{LinkPoses, PlanShown};
 use crate::arrangement::ArrangementShown;
-use crate::stage::Stage;
-use crate::viewers::Message;
+use crate::stage::GoalStage;
+use crate::viewers::ViewerMessage;
 
 /// A request of a viewer's; `id` comes back with its answer.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -39,7 +39,7 @@ pub enum Ask {
     /// The last picture, or the last scene, has been drawn: the next may come. Has no answer.
     Seen {
         /// Which of the two.
-        what: Drawn,
+        what: DrawnMessage,
     },
     /// Keep a scene that was shown: goals are about it until another is held.
     Hold {
@@ -130,10 +130,10 @@ pub enum Ask {
     },
 }
 
-/// A large message that the viewer says it has drawn.
+/// Which large message the viewer acknowledges as drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Drawn {
+pub enum DrawnMessage {
     /// A camera's picture.
     Picture,
     /// A camera's scene.
@@ -157,10 +157,10 @@ impl Ask {
     }
 }
 
-/// What a viewer is told.
+/// A message to a viewer.
 #[derive(Debug, Clone, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
-pub enum Told {
+pub enum ServerMessage {
     /// First of all.
     Welcome {
         /// Of the console.
@@ -211,10 +211,10 @@ pub enum Told {
     },
 }
 
-impl Told {
+impl ServerMessage {
     /// The message, encoded.
-    pub fn encode(&self) -> Message {
-        Message::Text(serde_json::to_string(self).unwrap_or_else(|e| format!(r#"{{"kind":"fault","message":"{e}"}}"#)).into())
+    pub fn encode(&self) -> ViewerMessage {
+        ViewerMessage::Text(serde_json::to_string(self).unwrap_or_else(|e| format!(r#"{{"kind":"fault","message":"{e}"}}"#)).into())
     }
 }
 
@@ -385,10 +385,10 @@ pub struct StepShown {
     /// What is to hold, ids as in the first view.
     pub goal: Vec<GoalTerm>,
     /// How far it is.
-    pub stage: Stage,
+    pub stage: GoalStage,
     /// Each term by rule on the view after it; empty before.
     pub holds: Vec<bool>,
-    /// What came of it and of everything else, in sentences; empty before.
+    /// The result, and changes to anything else, in sentences; empty before.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub said: Vec<String>,
     /// Why it ended without its goal.
@@ -412,8 +412,8 @@ mod tests {
 
     #[test]
     fn an_error_is_told_with_its_field() {
-        let told = Told::Refused { id: 9, error: CallError::invalid("goal[0].anchor", "no object 7") };
-        let Message::Text(text) = told.encode() else { panic!("expected JSON") };
+        let told = ServerMessage::Refused { id: 9, error: CallError::invalid("goal[0].anchor", "no object 7") };
+        let ViewerMessage::Text(text) = told.encode() else { panic!("expected JSON") };
         let value: serde_json::Value = serde_json::from_str(&text).expect("JSON");
         assert_eq!((&value["kind"], &value["id"], &value["error"]["field"]), (&"refused".into(), &9.into(), &"goal[0].anchor".into()));
     }

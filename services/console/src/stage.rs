@@ -1,11 +1,11 @@
-//! How far what is carried out for viewers is.
+//! The stage of a goal or a move that the console carries out.
 
 use serde::Serialize;
 
-/// How far a goal of a sequence is, or a move of an arrangement.
+/// The stage of a goal in a sequence, or of a move in an arrangement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Stage {
+pub enum GoalStage {
     /// Not begun.
     Waiting,
     /// A fresh view is waited for.

@@ -15,11 +15,11 @@ struct Seen {
     interval_s: Option<f64>,
 }
 
-/// When each camera's newest scene came.
+/// When each camera's newest scene arrived.
 #[derive(Default)]
-pub struct Cameras(BTreeMap<String, Seen>);
+pub struct SceneArrivals(BTreeMap<String, Seen>);
 
-impl Cameras {
+impl SceneArrivals {
     /// Notes a scene of a camera; whether the camera is new.
     pub fn saw(&mut self, camera: &str, at: Instant) -> bool {
         match self.0.get_mut(camera) {
@@ -57,7 +57,7 @@ mod tests {
 
     #[test]
     fn a_camera_has_the_rate_of_its_scenes_and_loses_it_when_it_stops() {
-        let (mut cameras, start) = (Cameras::default(), Instant::now());
+        let (mut cameras, start) = (SceneArrivals::default(), Instant::now());
         let at = |ms: u64| start + Duration::from_millis(ms);
         assert!(cameras.saw("front", at(0)) && cameras.first() == Some("front"));
         for k in 1..50 {

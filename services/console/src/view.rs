@@ -7,8 +7,8 @@ use repose_pictures::labels::label_image;
 use repose_proto::{Bulk, CallError, Payload, Scene, Tensor};
 use serde::Serialize;
 
-/// A scene that viewers have seen.
-pub struct View {
+/// A scene as it is sent to viewers.
+pub struct SceneView {
     /// The scene's id.
     pub scene_id: String,
     /// The scene.
@@ -19,9 +19,9 @@ pub struct View {
     pub bytes: Bytes,
 }
 
-/// A picture in its encoding, with the instant at which it was taken.
+/// A camera picture as JPEG, with its time stamp.
 #[derive(Debug, Clone)]
-pub struct Picture {
+pub struct CameraPicture {
     /// Nanoseconds since the Unix epoch.
     pub stamp_ns: u64,
     /// JPEG.
@@ -32,7 +32,7 @@ pub struct Picture {
 
 /// Why a scene is sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum ViewReason {
     /// It is a camera's newest.
     Live,
     /// A viewer has asked for an object in it.
@@ -46,12 +46,18 @@ struct Grid {
     step_m: f32,
 }
 
-impl View {
+impl SceneView {
     /// Encodes a scene for viewers; of its points at most `cloud_points`.
     ///
     /// # Errors
     /// `invalid_argument` when the scene's camera has no pose.
-    pub fn new(kind: Kind, scene_id: String, scene: Arc<Scene>, picture: Option<&Picture>, cloud_points: usize) -> Result<Self, CallError> {
+    pub fn new(
+        kind: ViewReason,
+        scene_id: String,
+        scene: Arc<Scene>,
+        picture: Option<&CameraPicture>,
+        cloud_points: usize,
+    ) -> Result<Self, CallError> {
         let labels = runs(&label_image(&scene)?);
         let shown: Vec<usize> = thinned(scene.points.len(), cloud_points).collect();
         let (grid, points) = quantised(&scene.points, &shown);
@@ -60,7 +66,7 @@ impl View {
         // Tens of kilobytes that no viewer draws.
         meta.unseen.space = None;
         for (name, text) in [
-            ("kind", (if kind == Kind::Live { "scene" } else { "segmented" }).to_owned()),
+            ("kind", (if kind == ViewReason::Live { "scene" } else { "segmented" }).to_owned()),
             ("scene_id", scene_id.clone()),
             ("camera", scene.camera_name.clone()),
             ("stamp_ns", scene.stamp_ns.to_string()),
@@ -85,7 +91,7 @@ impl View {
 }
 
 /// A live picture as viewers get it.
-pub fn picture_bytes(camera: &str, picture: &Picture) -> Bytes {
+pub fn picture_bytes(camera: &str, picture: &CameraPicture) -> Bytes {
     let mut bulk = Bulk::default();
     for (name, text) in [("kind", "picture"), ("camera", camera), ("stamp_ns", &picture.stamp_ns.to_string())] {
         bulk.metadata.insert(name.to_owned(), text.to_owned());
@@ -152,8 +158,8 @@ mod tests {
         let points: Vec<([f32; 3], u16)> = (0..100).map(|i| ([i as f32 * 0.01, 0.5 - i as f32 * 0.003, 0.0], (i % 4) as u16)).collect();
         let scene = Arc::new(Scene { stamp_ns: 7, ..seen_from_above(&points) });
         let frame = Payload { encoding: String::new(), bytes: Bytes::new() };
-        let picture = Picture { stamp_ns: 7, jpeg: vec![1, 2, 3].into(), frame };
-        let view = View::new(Kind::Live, "ab".to_owned(), scene, Some(&picture), 1000).expect("a view");
+        let picture = CameraPicture { stamp_ns: 7, jpeg: vec![1, 2, 3].into(), frame };
+        let view = SceneView::new(ViewReason::Live, "ab".to_owned(), scene, Some(&picture), 1000).expect("a view");
         let bulk = Bulk::decode(&view.bytes).expect("bulk");
         assert_eq!((bulk.text("kind"), bulk.text("scene_id")), (Ok("scene"), Ok("ab")));
         let meta: SceneMeta = serde_json::from_str(bulk.text("scene").expect("metadata")).expect("readable");

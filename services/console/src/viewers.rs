@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use bytes::Bytes;
 use tokio::sync::Notify;
 
-use crate::view::View;
+use crate::view::SceneView;
 
 /// Topics that may wait for one viewer: all there are, robots and open requests included, with room to spare.
 const MAX_WAITING: usize = 96;
@@ -44,13 +44,13 @@ pub enum Topic {
 
 /// An encoded message, shared by all who get it.
 #[derive(Clone)]
-pub enum Message {
+pub enum ViewerMessage {
     /// JSON.
     Text(Arc<str>),
     /// The bulk form.
     Binary(Bytes),
     /// A scene.
-    View(Arc<View>),
+    View(Arc<SceneView>),
 }
 
 impl Topic {
@@ -65,14 +65,14 @@ impl Topic {
 struct Waiting {
     /// In the order in which the topics' oldest unread messages came.
     order: VecDeque<Topic>,
-    newest: BTreeMap<Topic, Message>,
+    newest: BTreeMap<Topic, ViewerMessage>,
     /// Sent, and not yet said to be seen.
     on_its_way: BTreeSet<Topic>,
     is_closed: bool,
 }
 
 impl Waiting {
-    fn take(&mut self) -> Option<Message> {
+    fn take(&mut self) -> Option<ViewerMessage> {
         let at = self.order.iter().position(|topic| !self.on_its_way.contains(topic))?;
         let topic = self.order.remove(at)?;
         let message = self.newest.remove(&topic);
@@ -97,7 +97,7 @@ impl Outbox {
     }
 
     /// Leaves a message; an unread one of the same topic is dropped for it, and keeps its turn.
-    pub fn put(&self, topic: Topic, message: Message) {
+    pub fn put(&self, topic: Topic, message: ViewerMessage) {
         let mut waiting = self.waiting();
         if waiting.is_closed {
             return;
@@ -114,7 +114,7 @@ impl Outbox {
     }
 
     /// The next message; none once closed. For one reader at a time. Cancel safe.
-    pub async fn next(&self) -> Option<Message> {
+    pub async fn next(&self) -> Option<ViewerMessage> {
         loop {
             {
                 let mut waiting = self.waiting();
@@ -150,22 +150,22 @@ impl Outbox {
 /// Viewers who are told the same, and what they were told last, for those who come later.
 #[derive(Default)]
 pub struct Audience {
-    inner: Mutex<Told>,
+    inner: Mutex<AudienceState>,
 }
 
 #[derive(Default)]
-struct Told {
+struct AudienceState {
     viewers: BTreeMap<u64, Arc<Outbox>>,
-    newest: BTreeMap<Topic, Message>,
+    newest: BTreeMap<Topic, ViewerMessage>,
 }
 
 impl Audience {
-    fn told(&self) -> MutexGuard<'_, Told> {
+    fn told(&self) -> MutexGuard<'_, AudienceState> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Tells everyone.
-    pub fn tell(&self, topic: &Topic, message: &Message) {
+    pub fn tell(&self, topic: &Topic, message: &ViewerMessage) {
         let mut told = self.told();
         told.viewers.values().for_each(|outbox| outbox.put(topic.clone(), message.clone()));
         told.newest.insert(topic.clone(), message.clone());
@@ -188,14 +188,14 @@ impl Audience {
 mod tests {
     use super::*;
 
-    fn text(text: &str) -> Message {
-        Message::Text(text.into())
+    fn text(text: &str) -> ViewerMessage {
+        ViewerMessage::Text(text.into())
     }
 
     async fn next(outbox: &Outbox) -> Option<String> {
         outbox.next().await.map(|message| match message {
-            Message::Text(text) => text.to_string(),
-            Message::Binary(_) | Message::View(_) => panic!("expected text"),
+            ViewerMessage::Text(text) => text.to_string(),
+            ViewerMessage::Binary(_) | ViewerMessage::View(_) => panic!("expected text"),
         })
     }
 

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use repose_evaluation::scenes::problem::frame_drawn;
 use repose_geometry::TriMesh;
 use repose_geometry::transform::to_row_major;
-use repose_motion::collision::{ArmSettings, CollisionChecker};
+use repose_motion::collision::{ArmCollisionSettings, CollisionChecker};
 use repose_motion::obstacles::{ObstacleSettings, Obstacles};
 use repose_motion::wire::surroundings;
 use repose_panda::{FINGER_OPENING_MAX_M, InverseSettings, Joints, LinkFrames, READY, base_from_tcp, inverse_near, spheres_in_base};
@@ -15,7 +15,7 @@ use repose_simulator::cell::{CellSettings, cell_of_seed};
 use repose_simulator::objects::body::cuboid_mesh;
 use repose_simulator::render::Drawable;
 use repose_simulator::robot::body;
-use repose_simulator::scene::Scene;
+use repose_simulator::scene::SimulatedScene;
 
 /// An arm and what its state says of it.
 #[derive(Clone, Copy)]
@@ -39,7 +39,7 @@ fn over_the_table() -> Shown {
 }
 
 /// What the cell's camera sees of a scene, with an arm in it or without one; `held` hangs between the fingers.
-fn frame(scene: &Scene, shown: Option<Shown>, held: Option<&TriMesh>, sensor: &SensorModel) -> Frame {
+fn frame(scene: &SimulatedScene, shown: Option<Shown>, held: Option<&TriMesh>, sensor: &SensorModel) -> Frame {
     let cell = CellSettings::default();
     let mut drawables = scene.drawables();
     let mut robots = Vec::new();
@@ -63,7 +63,7 @@ fn segmented(frame: &Frame, found: bool) -> Segmented {
     segment_with_labels(&Frame { labels, ..frame.clone() }, &Settings::default()).expect("a scene")
 }
 
-fn scenes() -> impl Iterator<Item = Scene> {
+fn scenes() -> impl Iterator<Item = SimulatedScene> {
     (0..4).map(|seed| cell_of_seed(seed, &CellSettings::default()).expect("a scene"))
 }
 
@@ -106,7 +106,7 @@ fn an_arm_over_the_table_is_no_object_and_does_not_block_itself() {
         let around = surroundings(&seen).expect("a calibrated camera");
         let obstacles = Obstacles::new(&around.points, &around.surfaces, &ObstacleSettings::default());
         let obstacles = [&obstacles];
-        let arm = ArmSettings { finger_opening_m: shown.opening_m, ..ArmSettings::default() };
+        let arm = ArmCollisionSettings { finger_opening_m: shown.opening_m, ..ArmCollisionSettings::default() };
         assert_eq!(CollisionChecker::new(arm, &obstacles, None).contact(&shown.joints), None, "seed {}", scene.seed);
     }
 }

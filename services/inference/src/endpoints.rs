@@ -11,7 +11,7 @@ use repose_proto::{CallError, Message, Payload, Scene, SceneRef};
 use repose_runtime::{Call, Handler, load_of};
 
 use crate::held_scene::HeldScene;
-use crate::worker::{Answer, Question, Worker};
+use crate::worker::{ModelReply, ModelRequest, Worker};
 
 /// Answers `prior`, `score`, `models` and `forecasts`.
 pub struct Endpoints {
@@ -30,23 +30,23 @@ impl Endpoints {
             false => (call.payload.decode_json::<PriorRequest>()?, None),
         };
         let held = self.held(&request.scene, enclosed).await?;
-        match self.ask(call, Question::Prior(request, held)).await? {
-            Answer::Prior(reply) => Payload::bulk(PriorReply::SCHEMA, &reply.to_bulk()),
-            Answer::Score(_) => Err(CallError::internal("a prior request was answered with scores")),
+        match self.ask(call, ModelRequest::Prior(request, held)).await? {
+            ModelReply::Prior(reply) => Payload::bulk(PriorReply::SCHEMA, &reply.to_bulk()),
+            ModelReply::Score(_) => Err(CallError::internal("a prior request was answered with scores")),
         }
     }
 
     async fn score(&self, call: &Call) -> Result<Payload, CallError> {
         let (request, enclosed) = ScoreRequest::from_bulk(&call.payload.decode_bulk(ScoreRequest::SCHEMA)?)?;
         let held = self.held(&request.scene, enclosed).await?;
-        match self.ask(call, Question::Score(request, held)).await? {
-            Answer::Score(reply) => Payload::bulk(ScoreReply::SCHEMA, &reply.to_bulk()),
-            Answer::Prior(_) => Err(CallError::internal("a score request was answered with a prior")),
+        match self.ask(call, ModelRequest::Score(request, held)).await? {
+            ModelReply::Score(reply) => Payload::bulk(ScoreReply::SCHEMA, &reply.to_bulk()),
+            ModelReply::Prior(_) => Err(CallError::internal("a score request was answered with a prior")),
         }
     }
 
     /// Asks the worker. The time that takes travels beside the answer, so that a caller can separate it from transport.
-    async fn ask(&self, call: &Call, question: Question) -> Result<Answer, CallError> {
+    async fn ask(&self, call: &Call, question: ModelRequest) -> Result<ModelReply, CallError> {
         let started = Instant::now();
         let answer = self.worker.ask(call.context(), question).await;
         call.stage("networks", started.elapsed().as_secs_f64() * 1e3);

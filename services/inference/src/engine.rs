@@ -21,7 +21,7 @@ use crate::wire_error::wire_error;
 
 /// Why networks are not served.
 #[derive(Debug, thiserror::Error)]
-pub enum TrialError {
+pub enum ServingError {
     /// They refused the trial scene.
     #[error(transparent)]
     Input(#[from] InputError),
@@ -50,8 +50,8 @@ impl Engine {
     /// overflow are noticed before they are served.
     ///
     /// # Errors
-    /// [`TrialError`].
-    pub fn warm_up(&self) -> Result<(), TrialError> {
+    /// [`ServingError`].
+    pub fn warm_up(&self) -> Result<(), ServingError> {
         let side = |i: u32| 0.05 * (i % 8) as f32 / 8.0;
         let block = |label: u16| (0..64u32).map(move |i| (Point3::new(0.2 * f32::from(label) + side(i), side(i / 8), 0.05), label));
         let table = (0..900u32).map(|i| (Point3::new((i % 30) as f32 * 0.03 - 0.3, (i / 30) as f32 * 0.03 - 0.3, 0.0), 0));
@@ -72,7 +72,7 @@ impl Engine {
             answers.push(("outcome", self.models.outcome(&context, 1, &candidates, self.threads)?));
         }
         match answers.iter().find(|(_, numbers)| !numbers.iter().all(|x| x.is_finite())) {
-            Some((network, _)) => Err(TrialError::NotFinite { network }),
+            Some((network, _)) => Err(ServingError::NotFinite { network }),
             None => Ok(()),
         }
     }
@@ -191,7 +191,7 @@ mod tests {
             // Sums overflow to infinity, and the last layer subtracts infinities.
             values.get_mut(parameter).unwrap().1.iter_mut().for_each(|x| *x = 3e38 * x.signum());
             let error = served(&values).warm_up().expect_err(network);
-            assert!(matches!(error, TrialError::NotFinite { network: named } if named == network), "{network}: {error}");
+            assert!(matches!(error, ServingError::NotFinite { network: named } if named == network), "{network}: {error}");
         }
     }
 }

@@ -64,7 +64,7 @@ pub enum InferenceError {
     Weights(#[from] repose_networks::WeightsError),
     /// The networks failed on a trial scene.
     #[error("trying the weights: {0}")]
-    Trial(#[from] engine::TrialError),
+    Trial(#[from] engine::ServingError),
     /// The network or the threads failed.
     #[error(transparent)]
     Runtime(#[from] RuntimeError),

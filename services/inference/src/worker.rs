@@ -13,15 +13,15 @@ use crate::engine::Engine;
 use crate::held_scene::HeldScene;
 use crate::scoring::ScoreJob;
 
-/// A question to the networks about a held scene.
-pub enum Question {
+/// A request to the networks about a held scene.
+pub enum ModelRequest {
     /// Draws from the prior.
     Prior(PriorRequest, Arc<HeldScene>),
     /// Scores of candidates.
     Score(ScoreRequest, Arc<HeldScene>),
 }
 
-impl Question {
+impl ModelRequest {
     /// The cost in candidates, about; a prior takes no longer than one.
     fn weight(&self) -> usize {
         match self {
@@ -31,8 +31,8 @@ impl Question {
     }
 }
 
-/// Its answer.
-pub enum Answer {
+/// The networks' reply.
+pub enum ModelReply {
     /// Draws from the prior.
     Prior(PriorReply),
     /// Scores of candidates.
@@ -41,7 +41,7 @@ pub enum Answer {
 
 /// Scores on its own threads and holds scenes.
 pub struct Worker {
-    queue: BatchQueue<Question, Answer>,
+    queue: BatchQueue<ModelRequest, ModelReply>,
     engine: Arc<RwLock<Arc<Engine>>>,
     store: SceneStore<HeldScene>,
 }
@@ -62,7 +62,7 @@ impl Worker {
             max_wait: Duration::from_millis(config.max_wait_ms),
             shares,
         };
-        let queue = BatchQueue::start_weighed(settings, Question::weight, |_| {
+        let queue = BatchQueue::start_weighed(settings, ModelRequest::weight, |_| {
             let engine = engine.clone();
             // One batch is answered by one set of weights.
             move |jobs| answer_together(&current(&engine), jobs)
@@ -74,7 +74,7 @@ impl Worker {
     ///
     /// # Errors
     /// The engine's, and those of the queue.
-    pub async fn ask(&self, context: JobContext, question: Question) -> Result<Answer, CallError> {
+    pub async fn ask(&self, context: JobContext, question: ModelRequest) -> Result<ModelReply, CallError> {
         self.queue.run(context, question).await
     }
 
@@ -122,7 +122,7 @@ struct PendingScore {
     held: Arc<HeldScene>,
     context: JobContext,
     /// Taken by the answer.
-    reply: Mutex<Option<JobReply<Answer>>>,
+    reply: Mutex<Option<JobReply<ModelReply>>>,
 }
 
 impl PendingScore {
@@ -137,21 +137,21 @@ impl PendingScore {
 
     fn finish(&self, answer: Result<ScoreReply, CallError>) {
         if let Some(reply) = self.reply.lock().unwrap_or_else(PoisonError::into_inner).take() {
-            reply.finish(answer.map(Answer::Score));
+            reply.finish(answer.map(ModelReply::Score));
         }
     }
 }
 
-fn answer_together(engine: &Engine, jobs: Vec<Job<Question, Answer>>) {
+fn answer_together(engine: &Engine, jobs: Vec<Job<ModelRequest, ModelReply>>) {
     let mut scores = Vec::new();
     for job in jobs {
         let Job { request, context, reply, .. } = job;
         match request {
-            Question::Prior(request, held) => {
+            ModelRequest::Prior(request, held) => {
                 let answer = context.check().and_then(|()| engine.prior(&request, &held));
-                reply.finish(answer.map(Answer::Prior));
+                reply.finish(answer.map(ModelReply::Prior));
             }
-            Question::Score(request, held) => scores.push(PendingScore { request, held, context, reply: Mutex::new(Some(reply)) }),
+            ModelRequest::Score(request, held) => scores.push(PendingScore { request, held, context, reply: Mutex::new(Some(reply)) }),
         }
     }
     let checks: Vec<_> = scores.iter().map(|pending| || pending.check()).collect();
@@ -173,9 +173,9 @@ mod tests {
     #[test]
     fn a_scoring_job_continues_as_long_as_someone_waits_for_it() {
         let (sender, jobs) = mpsc::channel();
-        let queue = BatchQueue::<(), Answer>::start(QueueSettings::default(), |_| {
+        let queue = BatchQueue::<(), ModelReply>::start(QueueSettings::default(), |_| {
             let sender = sender.clone();
-            move |jobs| jobs.into_iter().for_each(|job: Job<(), Answer>| sender.send(job).unwrap())
+            move |jobs| jobs.into_iter().for_each(|job: Job<(), ModelReply>| sender.send(job).unwrap())
         })
         .unwrap();
         let scoring = |context: JobContext| {

@@ -3,7 +3,7 @@
 //! A frame becomes a scene ([`scene_of`]); on a scene one can plan a placement ([`plan()`]), judge relations ([`relations()`]) and
 //! placements ([`score()`]), plan the motion ([`plan_motion`]) and draw ([`picture`]). The same messages go in and out as over the
 //! network, and the services' settings are read from the environment as they read them, so the answers are the services' own, byte for byte.
-//! [`Models`] holds the networks; loading them takes a while, so keep it.
+//! [`LocalModels`] holds the networks; loading them takes a while, so keep it.
 
 pub mod configured;
 pub mod models;
@@ -18,11 +18,11 @@ use repose_perception::segment;
 use repose_proto::{CallError, Frame, Scene};
 
 pub use configured::segmentation;
-pub use models::{ModelFiles, Models};
+pub use models::{LocalModels, ModelFiles};
 pub use motion::plan_motion;
 pub use plan::{arrange, plan};
-pub use relations::{Pair, relations};
-pub use score::{Scores, score};
+pub use relations::{PairRelations, relations};
+pub use score::{PlacementScores, score};
 
 /// Segments a frame as the perception service does, with its configuration from the environment (`REPOSE_PERCEPTION__SEGMENTATION__…`).
 ///

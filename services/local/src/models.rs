@@ -24,14 +24,14 @@ pub struct ModelFiles {
 }
 
 /// The learned models, computed in this process on every core.
-pub struct Models {
+pub struct LocalModels {
     engine: Engine,
     store: SceneStore<HeldScene>,
     /// Weights without forecasts do for everything but the variant `best`.
     forecasts: Result<Arc<Forecasts>, CallError>,
 }
 
-impl Models {
+impl LocalModels {
     /// Loads the models and tries them once.
     ///
     /// # Errors
@@ -71,7 +71,7 @@ impl Models {
     }
 }
 
-impl PlacementModels for Models {
+impl PlacementModels for LocalModels {
     fn prior(&self, request: &PriorRequest, scene: &Arc<Scene>) -> Result<PriorReply, CallError> {
         self.engine.prior(request, &*self.held(&request.scene.scene_id, scene)?)
     }

@@ -8,7 +8,7 @@ use repose_proto::place::Variant;
 use repose_proto::{ArrangeRequest, ArrangeResult, CallError, Message, PlaceRequest, PlaceResult, Scene};
 
 use crate::configured::robots;
-use crate::models::Models;
+use crate::models::LocalModels;
 
 /// Plans as the planner does, which knows from its configuration where robots stand (`REPOSE_PLANNER__…`). `models` is asked only for variants
 /// that use networks.
@@ -18,7 +18,7 @@ use crate::models::Models;
 pub fn plan(
     scene: &Arc<Scene>,
     request: &PlaceRequest,
-    models: impl FnOnce() -> Result<Arc<Models>, CallError>,
+    models: impl FnOnce() -> Result<Arc<LocalModels>, CallError>,
 ) -> Result<PlaceResult, CallError> {
     request.validate()?;
     let mut request = request.clone();
@@ -38,7 +38,7 @@ pub fn plan(
 pub fn arrange(
     scene: &Arc<Scene>,
     request: &ArrangeRequest,
-    models: impl FnOnce() -> Result<Arc<Models>, CallError>,
+    models: impl FnOnce() -> Result<Arc<LocalModels>, CallError>,
 ) -> Result<ArrangeResult, CallError> {
     request.validate()?;
     let mut request = request.clone();

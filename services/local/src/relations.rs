@@ -11,11 +11,11 @@ use repose_proto::{CallError, Scene, SceneRef};
 use repose_relations::{ObservedObject, observed};
 use serde::Serialize;
 
-use crate::models::Models;
+use crate::models::LocalModels;
 
-/// What is said of one pair; vectors are in the order of `Relation::ALL`.
+/// The relations of one pair of objects; vectors are in the order of `Relation::ALL`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Pair {
+pub struct PairRelations {
     /// The object that stands in the relation.
     pub query: u16,
     /// The object that it stands in the relation to.
@@ -30,7 +30,7 @@ pub struct Pair {
 ///
 /// # Errors
 /// Those of the networks.
-pub fn relations(scene: &Arc<Scene>, models: &Models) -> Result<Vec<Pair>, CallError> {
+pub fn relations(scene: &Arc<Scene>, models: &LocalModels) -> Result<Vec<PairRelations>, CallError> {
     let viewer = ViewerFrame::from_yaw(scene.meta.view_yaw_rad);
     let ids: Vec<u16> = scene.meta.objects.iter().map(|o| o.id).collect();
     let cloud = |id: u16| scene.points_of(id).map(Point3::from).collect::<Vec<_>>();
@@ -55,7 +55,7 @@ pub fn relations(scene: &Arc<Scene>, models: &Models) -> Result<Vec<Pair>, CallE
         let reply = models.engine().score(&request, &held)?;
         for (anchor, learned) in anchors.iter().zip(&reply.relations) {
             let rule = observed(&by_rule[query], &by_rule[anchor]).to_vec();
-            pairs.push(Pair { query: *query, anchor: *anchor, learned: learned.to_vec(), rule });
+            pairs.push(PairRelations { query: *query, anchor: *anchor, learned: learned.to_vec(), rule });
         }
     }
     Ok(pairs)

@@ -8,14 +8,14 @@ use repose_inference::HeldScene;
 use repose_proto::scoring::{RealismBy, ScoreRequest};
 use repose_proto::{CallError, RELATION_COUNT, Scene, SceneRef, limits};
 
-use crate::models::Models;
+use crate::models::LocalModels;
 
 /// How far from upright a transform's rotation may be: candidates turn about world z only.
 const UPRIGHT_RAD: f64 = 1e-3;
 
-/// Probabilities of n placements.
+/// Scores of n placements, each a probability.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Scores {
+pub struct PlacementScores {
     /// Of realism, [n].
     pub realism: Vec<f32>,
     /// Of each relation to each anchor, [n, anchors, relations], flattened but for the relations.
@@ -31,8 +31,8 @@ pub fn score(
     (query, anchors): (u16, &[u16]),
     transforms: &[[f64; 16]],
     realism_by: RealismBy,
-    models: &Models,
-) -> Result<Scores, CallError> {
+    models: &LocalModels,
+) -> Result<PlacementScores, CallError> {
     if transforms.len() > limits::MAX_CANDIDATES {
         let message = format!("at most {} transforms, got {}", limits::MAX_CANDIDATES, transforms.len());
         return Err(CallError::invalid("transforms", message));
@@ -61,5 +61,5 @@ pub fn score(
         candidates: candidates.collect::<Result<Vec<_>, CallError>>()?,
     };
     let reply = models.engine().score(&request, &held)?;
-    Ok(Scores { realism: reply.realism, relations: reply.relations })
+    Ok(PlacementScores { realism: reply.realism, relations: reply.relations })
 }

@@ -4,9 +4,9 @@ use repose_proto::CallError;
 use serde::Serialize;
 use serde_json::Value;
 
-/// What a tool answers.
+/// The result of a tool call.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Answer {
+pub struct ToolResult {
     /// In sentences.
     pub text: String,
     /// The same as data.
@@ -15,7 +15,7 @@ pub struct Answer {
     pub picture: Option<Vec<u8>>,
 }
 
-impl Answer {
+impl ToolResult {
     /// An answer as text and data.
     ///
     /// # Errors

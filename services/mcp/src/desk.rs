@@ -10,8 +10,8 @@ use tokio::time::Instant;
 
 use crate::McpError;
 use crate::plans::Plans;
-use crate::seen::Seen;
-use crate::settings::Settings;
+use crate::seen::ShownScene;
+use crate::settings::McpSettings;
 
 /// Scenes held for agents that name them, and their bytes.
 const SCENES: usize = 16;
@@ -25,8 +25,8 @@ pub struct Desk {
     pub(crate) planner: Caller,
     pub(crate) motion: Caller,
     perception: Caller,
-    settings: Settings,
-    scenes: SceneStore<Seen>,
+    settings: McpSettings,
+    scenes: SceneStore<ShownScene>,
     plans: Mutex<Plans>,
     moving: AtomicBool,
 }
@@ -45,16 +45,16 @@ impl Desk {
     ///
     /// # Errors
     /// When a setting is unusable or the network refuses.
-    pub async fn open(session: Session, settings: Settings) -> Result<Self, McpError> {
+    pub async fn open(session: Session, settings: McpSettings) -> Result<Self, McpError> {
         settings.validate().map_err(McpError::Setting)?;
         let (perception, planner, motion) =
             (session.caller(Service::Perception).await?, session.caller(Service::Planner).await?, session.caller(Service::Motion).await?);
-        let scenes = SceneStore::new(SCENES, SCENES_BYTES, Seen::bytes);
+        let scenes = SceneStore::new(SCENES, SCENES_BYTES, ShownScene::bytes);
         Ok(Self { session, planner, motion, perception, settings, scenes, plans: Mutex::default(), moving: AtomicBool::new(false) })
     }
 
     /// What it is about.
-    pub fn settings(&self) -> &Settings {
+    pub fn settings(&self) -> &McpSettings {
         &self.settings
     }
 
@@ -77,19 +77,19 @@ impl Desk {
     }
 
     /// The camera's newest view, kept under its handle.
-    pub(crate) async fn newest(&self) -> Result<Arc<Seen>, CallError> {
+    pub(crate) async fn newest(&self) -> Result<Arc<ShownScene>, CallError> {
         self.view_after(0).await
     }
 
     /// The first view that was seen after an instant, kept under its handle.
-    pub(crate) async fn view_after(&self, instant_ns: u64) -> Result<Arc<Seen>, CallError> {
+    pub(crate) async fn view_after(&self, instant_ns: u64) -> Result<Arc<ShownScene>, CallError> {
         let (camera, deadline) = (&self.settings.camera, self.settings.deadline);
         let give_up = Instant::now() + deadline;
         loop {
             let summary = fetch_newest(&self.perception, camera, &CallOptions::within(deadline)).await?;
             if summary.stamp_ns > instant_ns {
                 let scene = fetch_scene(&self.perception, &summary.scene_id, &CallOptions::within(deadline)).await?;
-                let seen = Arc::new(Seen { scene_id: summary.scene_id, scene });
+                let seen = Arc::new(ShownScene { scene_id: summary.scene_id, scene });
                 // A scene that looks the same to the last point has the same id and a later stamp.
                 return Ok(self.scenes.keep_over(seen.clone().handle(), seen, |_| true));
             }
@@ -102,7 +102,7 @@ impl Desk {
     }
 
     /// A view from now on.
-    pub(crate) async fn fresh(&self) -> Result<Arc<Seen>, CallError> {
+    pub(crate) async fn fresh(&self) -> Result<Arc<ShownScene>, CallError> {
         self.view_after(now_ns()).await
     }
 
@@ -110,7 +110,7 @@ impl Desk {
     ///
     /// # Errors
     /// `not_found` on `scene` when it is not held any more, or never was.
-    pub(crate) fn shown(&self, handle: &str) -> Result<Arc<Seen>, CallError> {
+    pub(crate) fn shown(&self, handle: &str) -> Result<Arc<ShownScene>, CallError> {
         self.scenes.get(handle).map_err(|_| CallError::not_found("scene", format!("scene {handle:?} is not at hand: look again")))
     }
 }

@@ -1,7 +1,7 @@
 //! `execute`: a plan of this server's, of the same session, on a scene that still looks as it did, carried out once.
 //!
 //! The placement is the one that the agent was shown. The arm's way is planned anew, from where it stands and on a fresh view: the scene may
-//! differ from the plan's by what a camera's noise makes of it ([`crate::Settings::still_m`]) and by nothing else.
+//! differ from the plan's by what a camera's noise makes of it ([`crate::McpSettings::still_m`]) and by nothing else.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -18,7 +18,7 @@ use repose_tracking::{Fate, Followed, changes, holds};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::answer::Answer;
+use crate::answer::ToolResult;
 use crate::arguments::ExecuteArguments;
 use crate::asker::Asker;
 use crate::desk::{Desk, computed};
@@ -26,7 +26,7 @@ use crate::look::QUALITY;
 use crate::plan::moved_by;
 use crate::plans::Plan;
 use crate::robot::PATIENCE;
-use crate::seen::Seen;
+use crate::seen::ShownScene;
 
 /// How long an execution may take.
 const LONGEST: Duration = Duration::from_secs(600);
@@ -66,7 +66,7 @@ impl Desk {
     /// # Errors
     /// `failed_precondition` when this server may not, another motion is under way, the robot is stopped, the scene has changed or the arm cannot
     /// serve the place any more; `not_found` on `plan`; what the cell says.
-    pub async fn execute(&self, asked: &ExecuteArguments, asker: &Asker, cancel: CancellationToken) -> Result<Answer, CallError> {
+    pub async fn execute(&self, asked: &ExecuteArguments, asker: &Asker, cancel: CancellationToken) -> Result<ToolResult, CallError> {
         if !self.settings().allow_execute {
             let message = "this server may not carry plans out: a person starts it with --allow-execute where it may";
             return Err(CallError::precondition(message));
@@ -87,7 +87,7 @@ impl Desk {
     }
 
     /// A fresh view in which everything is where it was planned with, and which object is which in it.
-    async fn unchanged(&self, plan: &Arc<Plan>) -> Result<(Arc<Seen>, Followed), CallError> {
+    async fn unchanged(&self, plan: &Arc<Plan>) -> Result<(Arc<ShownScene>, Followed), CallError> {
         let mut differences = Vec::new();
         for _ in 0..VIEWS {
             let seen = self.fresh().await?;
@@ -107,7 +107,7 @@ impl Desk {
             .at("plan"))
     }
 
-    async fn motion_plan(&self, plan: &Plan, followed: &Followed, seen: &Seen, state: &RobotState) -> Result<MotionPlan, CallError> {
+    async fn motion_plan(&self, plan: &Plan, followed: &Followed, seen: &ShownScene, state: &RobotState) -> Result<MotionPlan, CallError> {
         let (query, _) = followed.translated("plan", plan.query, &plan.goal)?;
         let placements = vec![plan.placement.placed_from_observed];
         let robot = self.settings().robot.clone();
@@ -118,7 +118,7 @@ impl Desk {
 }
 
 /// What has become of the wish, and of everything else.
-fn afterwards(plan: &Plan, reply: ExecuteReply, mut followed: Followed, seen: &Seen) -> Result<Answer, CallError> {
+fn afterwards(plan: &Plan, reply: ExecuteReply, mut followed: Followed, seen: &ShownScene) -> Result<ToolResult, CallError> {
     let moved = match reply.outcome {
         ExecutionOutcome::Done => Some(moved_by(&plan.placement)?),
         ExecutionOutcome::Stopped | ExecutionOutcome::GraspLost => None,
@@ -137,7 +137,7 @@ fn afterwards(plan: &Plan, reply: ExecuteReply, mut followed: Followed, seen: &S
         scene: seen.handle().to_owned(),
     };
     let picture = jpeg_of(&with_numbered_outlines(&seen.scene)?, QUALITY)?;
-    Answer::new(sentences(&executed, plan.query), &executed, Some(picture))
+    ToolResult::new(sentences(&executed, plan.query), &executed, Some(picture))
 }
 
 /// Refuses a robot that a person, or somebody else's task, has.

@@ -28,15 +28,15 @@ pub struct HttpSettings {
     pub hosts: Vec<String>,
 }
 
-/// A server that listens and serves nobody yet.
-pub struct Door {
+/// A server that is bound to its address and does not serve yet.
+pub struct BoundServer {
     listener: TcpListener,
     address: SocketAddr,
     token: Option<AccessToken>,
     hosts: Vec<String>,
 }
 
-impl Door {
+impl BoundServer {
     /// Checks the settings and takes the address.
     ///
     /// # Errors
@@ -113,12 +113,12 @@ mod tests {
     #[tokio::test]
     async fn other_machines_are_let_in_with_a_token_only() {
         let beyond = HttpSettings { listen: "0.0.0.0:0".parse().expect("an address"), token: None, hosts: Vec::new() };
-        let refused = Door::open(beyond.clone()).await.err().map(|e| e.to_string());
+        let refused = BoundServer::open(beyond.clone()).await.err().map(|e| e.to_string());
         assert!(refused.as_deref().is_some_and(|e| e.contains("token")), "{refused:?}");
         let here = HttpSettings { listen: "127.0.0.1:0".parse().expect("an address"), ..beyond };
-        let door = Door::open(here.clone()).await.expect("it listens");
+        let door = BoundServer::open(here.clone()).await.expect("it listens");
         assert!(door.url().starts_with("http://127.0.0.1:") && door.address().port() != 0);
         let short = HttpSettings { token: Some("/dev/null".into()), ..here };
-        assert!(Door::open(short).await.err().is_some_and(|e| e.to_string().contains("at least 16")));
+        assert!(BoundServer::open(short).await.err().is_some_and(|e| e.to_string().contains("at least 16")));
     }
 }

@@ -28,7 +28,7 @@ use repose_runtime::{RuntimeError, Session, Shutdown};
 
 pub use desk::Desk;
 pub use http::HttpSettings;
-pub use settings::Settings;
+pub use settings::McpSettings;
 
 /// Why the server could not run.
 #[derive(Debug, thiserror::Error)]
@@ -56,7 +56,7 @@ pub enum McpError {
 ///
 /// # Errors
 /// When a setting is unusable, the network refuses, or what comes is not the protocol.
-pub async fn serve_stdio(session: Session, settings: Settings, shutdown: Shutdown) -> Result<(), McpError> {
+pub async fn serve_stdio(session: Session, settings: McpSettings, shutdown: Shutdown) -> Result<(), McpError> {
     let desk = Arc::new(Desk::open(session, settings).await?);
     tracing::info!(execute = desk.settings().allow_execute, "serving an agent on standard input and output");
     protocol::serve_stdio(desk, shutdown).await
@@ -66,8 +66,8 @@ pub async fn serve_stdio(session: Session, settings: Settings, shutdown: Shutdow
 ///
 /// # Errors
 /// When a setting is unusable, the address is taken, or the network refuses.
-pub async fn serve_http(session: Session, settings: Settings, http: HttpSettings, shutdown: Shutdown) -> Result<(), McpError> {
-    let http = http::Door::open(http).await?;
+pub async fn serve_http(session: Session, settings: McpSettings, http: HttpSettings, shutdown: Shutdown) -> Result<(), McpError> {
+    let http = http::BoundServer::open(http).await?;
     let desk = Arc::new(Desk::open(session, settings).await?);
     tracing::info!(url = http.url(), execute = desk.settings().allow_execute, "serving agents");
     http.serve(desk, shutdown).await

@@ -8,14 +8,14 @@ use repose_pictures::scene::with_numbered_outlines;
 use repose_proto::{CallError, Relation};
 use repose_relations::observed_margins;
 use repose_runtime::now_ns;
-use repose_words::{ColorShares, Grade, Look, looks_of};
+use repose_words::{ColorShares, Grade, ObjectAppearance, looks_of};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::answer::Answer;
+use crate::answer::ToolResult;
 use crate::arguments::LookArguments;
 use crate::desk::{Desk, computed};
-use crate::seen::Seen;
+use crate::seen::ShownScene;
 
 /// Quality of the pictures, 1 to 100: numbers stay legible.
 pub const QUALITY: u8 = 85;
@@ -59,22 +59,22 @@ impl Desk {
     ///
     /// # Errors
     /// What the cell says; `not_found` on `camera` where it has no scene.
-    pub async fn look(&self, _: &LookArguments) -> Result<Answer, CallError> {
+    pub async fn look(&self, _: &LookArguments) -> Result<ToolResult, CallError> {
         let seen = self.newest().await?;
         computed(move || {
             let looked = looked(&seen);
             let picture = jpeg_of(&with_numbered_outlines(&seen.scene)?, QUALITY)?;
-            Answer::new(sentences(&looked), &looked, Some(picture))
+            ToolResult::new(sentences(&looked), &looked, Some(picture))
         })
         .await
     }
 }
 
 /// What is seen, as the camera sees it.
-pub fn looked(seen: &Arc<Seen>) -> Looked {
+pub fn looked(seen: &Arc<ShownScene>) -> Looked {
     let scene = &seen.scene;
     let looks = looks_of(scene, scene.meta.view_yaw_rad);
-    let told = |look: &Look| {
+    let told = |look: &ObjectAppearance| {
         let summary = scene.object(look.id);
         let round = |m: f64| (m * 1e3).round() / 1e3;
         ObjectTold {
@@ -101,7 +101,7 @@ pub fn looked(seen: &Arc<Seen>) -> Looked {
     }
 }
 
-fn shape_of(look: &Look) -> Vec<String> {
+fn shape_of(look: &ObjectAppearance) -> Vec<String> {
     let Some(shape) = &look.shape else { return Vec::new() };
     let words =
         [("round", shape.round()), ("boxy", shape.boxy()), ("tall", shape.tall()), ("flat", shape.flat()), ("hollow", shape.hollow())];
@@ -109,7 +109,7 @@ fn shape_of(look: &Look) -> Vec<String> {
 }
 
 /// The relations that hold by the rule that goals are judged by.
-fn relations_of(look: &Look, looks: &[Look]) -> BTreeMap<String, Vec<u16>> {
+fn relations_of(look: &ObjectAppearance, looks: &[ObjectAppearance]) -> BTreeMap<String, Vec<u16>> {
     let mut relations: BTreeMap<String, Vec<u16>> = BTreeMap::new();
     for other in looks.iter().filter(|other| other.id != look.id) {
         let holds = observed_margins(&look.observed, &other.observed).holds();

@@ -13,24 +13,25 @@ use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, GoalTerm, Message, PlaceRequest, PlaceResult};
 use repose_runtime::{CallOptions, CancellationToken, reaching_robot};
 use repose_sentences::placement::{describe, merits, motion, relaxation, tally};
-use repose_words::{Look, find, looks_of, understand};
+use repose_words::{ObjectAppearance, find, looks_of, understand};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::answer::Answer;
+use crate::answer::ToolResult;
 use crate::arguments::{Named, PlanArguments};
 use crate::asker::Asker;
 use crate::desk::{Desk, computed};
 use crate::look::QUALITY;
 use crate::plans::Plan;
-use crate::seen::Seen;
+use crate::seen::ShownScene;
 
 /// Placements that motion may choose from.
 const COUNT: u32 = 5;
 
 /// What `plan` answers beside the picture.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
-pub struct Planned {
+#[schemars(rename = "Planned")]
+pub struct PlanOutput {
     /// The plan, for `execute`; none where there is no place, or the arm cannot serve one.
     pub plan: Option<String>,
     /// The scene that it was made on.
@@ -76,7 +77,7 @@ impl Desk {
     ///
     /// # Errors
     /// `invalid_argument` and `not_found` that name the argument, with the objects in question where words are not clear; what the cell says.
-    pub async fn plan(&self, asked: &PlanArguments, asker: &Asker, cancel: CancellationToken) -> Result<Answer, CallError> {
+    pub async fn plan(&self, asked: &PlanArguments, asker: &Asker, cancel: CancellationToken) -> Result<ToolResult, CallError> {
         let seen = match &asked.scene {
             Some(handle) => self.shown(handle)?,
             None => self.newest().await?,
@@ -99,7 +100,7 @@ impl Desk {
         self.answer(planned, plan, &result, &seen).await
     }
 
-    fn request(&self, asked: &PlanArguments, seen: &Seen, wish: &Wish, state: Option<&RobotState>) -> PlaceRequest {
+    fn request(&self, asked: &PlanArguments, seen: &ShownScene, wish: &Wish, state: Option<&RobotState>) -> PlaceRequest {
         PlaceRequest {
             count: COUNT,
             rotation: if asked.may_turn { Rotation::Yaw } else { Rotation::Fixed },
@@ -115,7 +116,7 @@ impl Desk {
         &self,
         request: &PlaceRequest,
         result: &PlaceResult,
-        seen: &Seen,
+        seen: &ShownScene,
         state: &RobotState,
         options: CallOptions,
     ) -> Result<Arm, CallError> {
@@ -135,7 +136,13 @@ impl Desk {
     }
 
     /// Keeps a plan, and draws what was found of it.
-    async fn answer(&self, planned: Planned, plan: Option<Plan>, result: &PlaceResult, seen: &Arc<Seen>) -> Result<Answer, CallError> {
+    async fn answer(
+        &self,
+        planned: PlanOutput,
+        plan: Option<Plan>,
+        result: &PlaceResult,
+        seen: &Arc<ShownScene>,
+    ) -> Result<ToolResult, CallError> {
         let shown = plan.as_ref().map(|plan| plan.placement.clone()).or_else(|| result.placements.first().cloned());
         let (seen, query) = (seen.clone(), planned.query);
         let picture = match shown {
@@ -146,11 +153,11 @@ impl Desk {
         if let Some(plan) = plan {
             self.plans().keep(plan);
         }
-        Answer::new(text, &planned, picture)
+        ToolResult::new(text, &planned, picture)
     }
 }
 
-fn drawn(seen: &Seen, query: u16, placement: &Placement) -> Result<Vec<u8>, CallError> {
+fn drawn(seen: &ShownScene, query: u16, placement: &Placement) -> Result<Vec<u8>, CallError> {
     jpeg_of(&with_placement(&seen.scene, query, &moved_by(placement)?), QUALITY)
 }
 
@@ -163,7 +170,7 @@ pub fn moved_by(placement: &Placement) -> Result<Isometry3<f64>, CallError> {
 }
 
 /// The wish that arguments make on a scene.
-fn wish_of(asked: &PlanArguments, seen: &Seen) -> Result<Wish, CallError> {
+fn wish_of(asked: &PlanArguments, seen: &ShownScene) -> Result<Wish, CallError> {
     let looks = looks_of(&seen.scene, seen.scene.meta.view_yaw_rad);
     match (&asked.say, &asked.object) {
         (Some(_), Some(_)) => Err(CallError::invalid("say", "expected either a sentence, or `move` and `goal`")),
@@ -189,7 +196,7 @@ fn wish_of(asked: &PlanArguments, seen: &Seen) -> Result<Wish, CallError> {
 
 /// Objects' numbers from what an agent calls them.
 struct Naming<'a> {
-    looks: &'a [Look],
+    looks: &'a [ObjectAppearance],
     has_scene: bool,
     understood: BTreeMap<String, u16>,
 }
@@ -215,13 +222,13 @@ impl Naming<'_> {
 /// What is said of an answer, and the plan that comes of it.
 fn judged(
     wish: &Wish,
-    seen: &Arc<Seen>,
+    seen: &Arc<ShownScene>,
     result: &PlaceResult,
     arm: Option<Arm>,
     request: &PlaceRequest,
     asker: &Asker,
-) -> (Planned, Option<Plan>) {
-    let mut planned = Planned {
+) -> (PlanOutput, Option<Plan>) {
+    let mut planned = PlanOutput {
         plan: None,
         scene: seen.handle().to_owned(),
         query: wish.query,
@@ -263,7 +270,7 @@ fn judged(
     (planned, Some(plan))
 }
 
-fn sentences(planned: &Planned, result: &PlaceResult) -> String {
+fn sentences(planned: &PlanOutput, result: &PlaceResult) -> String {
     let mut lines: Vec<String> = planned.understood.iter().map(|(phrase, object)| format!("{phrase:?} is object {object}")).collect();
     match (&planned.plan, &planned.motion, &planned.evidence) {
         (Some(plan), Some(motion), Some(evidence)) => {

@@ -7,7 +7,7 @@ use repose_proto::place::Placement;
 use repose_proto::{CallError, GoalTerm};
 
 use crate::asker::Asker;
-use crate::seen::Seen;
+use crate::seen::ShownScene;
 
 /// Plans that are kept; the oldest goes first.
 const KEPT: usize = 32;
@@ -18,7 +18,7 @@ pub struct Plan {
     /// What agents call it.
     pub id: String,
     /// The scene that it was made on.
-    pub seen: Arc<Seen>,
+    pub seen: Arc<ShownScene>,
     /// The object to move.
     pub query: u16,
     /// What must hold afterwards.

@@ -20,7 +20,7 @@ use rmcp::{ErrorData, RoleServer, ServerHandler, serve_server};
 use serde_json::{Value, json};
 
 use crate::McpError;
-use crate::answer::Answer;
+use crate::answer::ToolResult;
 use crate::asker::Asker;
 use crate::desk::Desk;
 use crate::tools::{INSTRUCTIONS, Tool, call};
@@ -119,7 +119,7 @@ fn described(tool: Tool) -> rmcp::model::Tool {
         .with_annotations(hints)
 }
 
-fn result(answer: Answer) -> CallToolResult {
+fn result(answer: ToolResult) -> CallToolResult {
     let mut content = vec![ContentBlock::text(answer.text)];
     content.extend(answer.picture.map(|jpeg| ContentBlock::image(STANDARD.encode(jpeg), "image/jpeg")));
     let mut result = CallToolResult::success(content);

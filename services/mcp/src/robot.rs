@@ -8,7 +8,7 @@ use repose_sentences::robot::describe;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::answer::Answer;
+use crate::answer::ToolResult;
 use crate::arguments::{StateArguments, StopArguments};
 use crate::asker::Asker;
 use crate::desk::Desk;
@@ -42,7 +42,7 @@ impl Desk {
     ///
     /// # Errors
     /// `unavailable` on `robot` when it does not say.
-    pub async fn state(&self, _: &StateArguments) -> Result<Answer, CallError> {
+    pub async fn state(&self, _: &StateArguments) -> Result<ToolResult, CallError> {
         let state = repose_runtime::robot_state(&self.session, &self.settings().robot, PATIENCE).await?;
         self.told(&state)
     }
@@ -51,7 +51,7 @@ impl Desk {
     ///
     /// # Errors
     /// `deadline_exceeded` when the robot has not shown the stop in time.
-    pub async fn stop(&self, asked: &StopArguments, asker: &Asker) -> Result<Answer, CallError> {
+    pub async fn stop(&self, asked: &StopArguments, asker: &Asker) -> Result<ToolResult, CallError> {
         let robot = &self.settings().robot;
         let reason: String = asked.reason.as_deref().unwrap_or("stopped by an agent").chars().take(REASON).collect();
         let source = format!("agent {}", asker.client);
@@ -64,7 +64,7 @@ impl Desk {
         self.told(&state)
     }
 
-    fn told(&self, state: &RobotState) -> Result<Answer, CallError> {
+    fn told(&self, state: &RobotState) -> Result<ToolResult, CallError> {
         let robot = &self.settings().robot;
         let told = RobotTold {
             robot: robot.clone(),
@@ -74,6 +74,6 @@ impl Desk {
             carrying_out: self.is_moving(),
             may_execute: self.settings().allow_execute,
         };
-        Answer::new(describe(robot, state), &told, None)
+        ToolResult::new(describe(robot, state), &told, None)
     }
 }

@@ -5,16 +5,16 @@ use repose_proto::Scene;
 /// Digits of a scene's id that an agent is given: enough for those held here.
 const HANDLE: usize = 12;
 
-/// A scene with its whole id.
+/// A scene that an agent was shown, with its full id.
 #[derive(Debug)]
-pub struct Seen {
+pub struct ShownScene {
     /// The id.
     pub scene_id: String,
     /// The scene.
     pub scene: Scene,
 }
 
-impl Seen {
+impl ShownScene {
     /// What agents call it.
     pub fn handle(&self) -> &str {
         &self.scene_id[..HANDLE.min(self.scene_id.len())]

@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use repose_proto::{CallError, keys, limits};
 
-/// What the tools are about.
+/// Settings of the tools: the camera, the robot, and their limits.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Settings {
+pub struct McpSettings {
     /// The camera that looks.
     pub camera: String,
     /// The robot that is stopped, asked for its state, and carries plans out.
@@ -19,7 +19,7 @@ pub struct Settings {
     pub still_m: f64,
 }
 
-impl Default for Settings {
+impl Default for McpSettings {
     fn default() -> Self {
         Self {
             camera: "front".to_owned(),
@@ -31,7 +31,7 @@ impl Default for Settings {
     }
 }
 
-impl Settings {
+impl McpSettings {
     /// Checks what the types cannot.
     ///
     /// # Errors

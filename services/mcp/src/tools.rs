@@ -8,13 +8,13 @@ use schemars::{JsonSchema, schema_for};
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 
-use crate::answer::Answer;
+use crate::answer::ToolResult;
 use crate::arguments::{ExecuteArguments, LookArguments, PlanArguments, StateArguments, StopArguments};
 use crate::asker::Asker;
 use crate::desk::Desk;
 use crate::execute::Executed;
 use crate::look::Looked;
-use crate::plan::Planned;
+use crate::plan::PlanOutput;
 use crate::robot::RobotTold;
 
 /// What every agent is told first.
@@ -101,7 +101,7 @@ impl Tool {
     pub fn output(self) -> Map<String, Value> {
         match self {
             Self::Look => schema::<Looked>(),
-            Self::Plan => schema::<Planned>(),
+            Self::Plan => schema::<PlanOutput>(),
             Self::Execute => schema::<Executed>(),
             Self::State | Self::Stop => schema::<RobotTold>(),
         }
@@ -129,7 +129,7 @@ fn schema<T: JsonSchema>() -> Map<String, Value> {
 ///
 /// # Errors
 /// `not_found` on `tool`; `invalid_argument` that names the argument; what the tool says.
-pub async fn call(desk: &Desk, name: &str, arguments: Value, asker: &Asker, cancel: CancellationToken) -> Result<Answer, CallError> {
+pub async fn call(desk: &Desk, name: &str, arguments: Value, asker: &Asker, cancel: CancellationToken) -> Result<ToolResult, CallError> {
     let started = Instant::now();
     let (client, session) = (asker.client.as_str(), asker.session.as_str());
     let asked: String = arguments.to_string().chars().take(LOGGED).collect();
@@ -150,7 +150,7 @@ pub async fn call(desk: &Desk, name: &str, arguments: Value, asker: &Asker, canc
     ended
 }
 
-async fn carry_out(desk: &Desk, tool: Tool, given: Value, asker: &Asker, cancel: CancellationToken) -> Result<Answer, CallError> {
+async fn carry_out(desk: &Desk, tool: Tool, given: Value, asker: &Asker, cancel: CancellationToken) -> Result<ToolResult, CallError> {
     match tool {
         Tool::Look => desk.look(&read::<LookArguments>(given)?).await,
         Tool::Plan => desk.plan(&read(given)?, asker, cancel).await,

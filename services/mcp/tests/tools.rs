@@ -3,17 +3,17 @@
 mod cell;
 
 use cell::{Cell, asker, start};
-use repose_mcp::answer::Answer;
+use repose_mcp::answer::ToolResult;
 use repose_mcp::tools::call;
 use repose_proto::{CallError, ErrorCode};
 use repose_runtime::CancellationToken;
 use serde_json::{Value, json};
 
-async fn ask(cell: &Cell, tool: &str, arguments: Value) -> Result<Answer, CallError> {
+async fn ask(cell: &Cell, tool: &str, arguments: Value) -> Result<ToolResult, CallError> {
     ask_as(cell, tool, arguments, "one").await
 }
 
-async fn ask_as(cell: &Cell, tool: &str, arguments: Value, session: &str) -> Result<Answer, CallError> {
+async fn ask_as(cell: &Cell, tool: &str, arguments: Value, session: &str) -> Result<ToolResult, CallError> {
     call(&cell.desk, tool, arguments, &asker(session), CancellationToken::new()).await
 }
 
@@ -22,7 +22,7 @@ async fn planned(cell: &Cell) -> String {
     answer.data["plan"].as_str().unwrap_or_else(|| panic!("no plan: {}", answer.text)).to_owned()
 }
 
-fn refused(answer: Result<Answer, CallError>) -> (ErrorCode, Option<String>, String) {
+fn refused(answer: Result<ToolResult, CallError>) -> (ErrorCode, Option<String>, String) {
     let error = answer.expect_err("it must be refused");
     (error.code, error.field, error.message)
 }

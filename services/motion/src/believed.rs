@@ -14,7 +14,7 @@ use serde::Serialize;
 use crate::obstacles::Obstacles;
 use crate::pick_place::request::PickPlaceRequest;
 use crate::pick_place::settings::PickPlaceSettings;
-use crate::scene::SupportSurface;
+use crate::scene::SupportArea;
 
 /// What is heeded of what was not seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -33,9 +33,9 @@ impl Heeded {
     pub const IN_TURN: [Self; 3] = [Self::Everything, Self::Obstacles, Self::Held];
 }
 
-/// What is in the way of arm and object.
+/// The obstacles that a pick-and-place motion is planned around.
 #[derive(Debug)]
-pub struct World<'a> {
+pub struct PlanningObstacles<'a> {
     /// Everything but the object to move.
     pub others: &'a Obstacles,
     /// The object where it stands.
@@ -76,7 +76,7 @@ impl<'a> Worlds<'a> {
     }
 
     /// The world in which so much is heeded.
-    pub fn world(&self, heeded: Heeded) -> World<'_> {
+    pub fn world(&self, heeded: Heeded) -> PlanningObstacles<'_> {
         let (scene, query, settings) = (self.request.scene, self.request.query, self.settings);
         let object = scene.points_of(query);
         let others = match heeded {
@@ -95,7 +95,7 @@ impl<'a> Worlds<'a> {
         // Where a guess or the noise of depth puts the object inside of something else, it does not reach.
         let lifted = |p: &Point3<f32>| p.cast::<f64>() + Vector3::z() * LIFTED_M;
         let possible = held.iter().filter(|p| !others.touches(&lifted(p), settings.held_radius_m)).copied();
-        World {
+        PlanningObstacles {
             held: possible.collect(),
             query: Obstacles::new(&[object, &held].concat(), &[], &settings.obstacles),
             support_m: f64::from(shape.map_or(lowest_m, |shape| shape.bottom_m)),
@@ -124,7 +124,7 @@ impl<'a> Worlds<'a> {
     }
 
     /// Obstacles of the points within reach and of surfaces.
-    fn others(&self, points: impl Iterator<Item = Point3<f32>>, surfaces: &[SupportSurface]) -> Obstacles {
+    fn others(&self, points: impl Iterator<Item = Point3<f32>>, surfaces: &[SupportArea]) -> Obstacles {
         let in_reach: Vec<Point3<f32>> = points.filter(|p| (p - self.shoulder).norm_squared() < ARM_REACH_M * ARM_REACH_M).collect();
         Obstacles::new(&in_reach, surfaces, &self.settings.obstacles).with_keep_out(&self.settings.keep_out)
     }

@@ -12,8 +12,8 @@ use rand_pcg::Pcg64;
 use repose_panda::Joints;
 use serde::Deserialize;
 
-use crate::collision::{ArmSettings, CollisionChecker, Contact};
-use crate::obstacles::{Obstacles, Shape};
+use crate::collision::{ArmCollisionSettings, CollisionChecker, Contact};
+use crate::obstacles::{ObstacleShape, Obstacles};
 use crate::path::rrt_connect::{RrtError, RrtSettings, rrt_connect};
 use crate::path::simplify::{SimplifySettings, simplified};
 
@@ -23,12 +23,12 @@ pub struct ProblemFile {
     /// How far each finger is from the middle, metres.
     finger_joint_positions: [f64; 2],
     /// Problems by set.
-    pub problems: BTreeMap<String, Vec<Problem>>,
+    pub problems: BTreeMap<String, Vec<PathProblem>>,
 }
 
-/// A problem: from a start to one of the goals, in the robot's base frame.
+/// A path-planning problem: from a start to one of the goals, in the robot's base frame.
 #[derive(Debug, Clone, Deserialize)]
-pub struct Problem {
+pub struct PathProblem {
     /// Its number in the set.
     pub index: usize,
     /// Joint angles at the start, radians.
@@ -90,22 +90,26 @@ impl ProblemFile {
     }
 
     /// The arm that the problems are for, without padding.
-    pub fn arm(&self) -> ArmSettings {
-        ArmSettings { padding_m: 0.0, finger_opening_m: self.finger_joint_positions.iter().sum(), ..ArmSettings::default() }
+    pub fn arm(&self) -> ArmCollisionSettings {
+        ArmCollisionSettings {
+            padding_m: 0.0,
+            finger_opening_m: self.finger_joint_positions.iter().sum(),
+            ..ArmCollisionSettings::default()
+        }
     }
 }
 
-impl Problem {
+impl PathProblem {
     /// The solids in the way.
-    pub fn shapes(&self) -> Vec<Shape> {
+    pub fn shapes(&self) -> Vec<ObstacleShape> {
         let shape = |o: &Obstacle| {
             let [x, y, z, w] = o.quat_xyzw;
             let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
             let pose = Isometry3::from_parts(Translation3::from(o.position), rotation);
             match o.solid {
-                Solid::Box { size_xyz } => Shape::cuboid(pose, Vector3::from(size_xyz)),
-                Solid::Cylinder { height, radius } => Shape::cylinder(pose, radius, height),
-                Solid::Sphere { radius } => Shape::ball(Point3::from(o.position), radius),
+                Solid::Box { size_xyz } => ObstacleShape::cuboid(pose, Vector3::from(size_xyz)),
+                Solid::Cylinder { height, radius } => ObstacleShape::cylinder(pose, radius, height),
+                Solid::Sphere { radius } => ObstacleShape::ball(Point3::from(o.position), radius),
             }
         };
         self.obstacles.iter().map(shape).collect()
@@ -170,7 +174,13 @@ impl Unsolved {
 ///
 /// # Errors
 /// [`Unsolved`] with what was in the way.
-pub fn solve(problem: &Problem, arm: ArmSettings, rrt: &RrtSettings, simplify: &SimplifySettings, seed: u64) -> Result<Solution, Unsolved> {
+pub fn solve(
+    problem: &PathProblem,
+    arm: ArmCollisionSettings,
+    rrt: &RrtSettings,
+    simplify: &SimplifySettings,
+    seed: u64,
+) -> Result<Solution, Unsolved> {
     let begin = Instant::now();
     let world = Obstacles::solids(problem.shapes());
     let obstacles = [&world];

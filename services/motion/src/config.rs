@@ -11,7 +11,7 @@ use repose_runtime::RuntimeError;
 use serde::{Deserialize, Serialize};
 
 use crate::execution::ExecutionSettings;
-use crate::obstacles::Shape;
+use crate::obstacles::ObstacleShape;
 use crate::path::timing::TimingSettings;
 use crate::pick_place::PickPlaceSettings;
 use crate::recovery::RecoverySettings;
@@ -80,13 +80,13 @@ pub struct MotionConfig {
 }
 
 /// Keep-out zones as the solids that they are to a moving arm.
-fn keep_out(zones: &[KeepOutZone]) -> Result<Vec<Shape>, ConfigError> {
+fn keep_out(zones: &[KeepOutZone]) -> Result<Vec<ObstacleShape>, ConfigError> {
     within("keep_out", zones.len() as f64, 0.0, MAX_KEEP_OUT_ZONES as f64)?;
     let solid = |(i, zone): (usize, &KeepOutZone)| {
         let refused = |e: CallError| ConfigError { field: "keep_out", message: format!("{}: {}", e.field.unwrap_or_default(), e.message) };
         zone.validate(&format!("keep_out[{i}]")).map_err(refused)?;
         let (min, max) = (Vector3::from(zone.min_m), Vector3::from(zone.max_m));
-        Ok(Shape::cuboid(Isometry3::from((min + max) / 2.0), max - min))
+        Ok(ObstacleShape::cuboid(Isometry3::from((min + max) / 2.0), max - min))
     };
     zones.iter().enumerate().map(solid).collect()
 }

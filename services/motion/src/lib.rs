@@ -25,7 +25,7 @@ pub mod config;
 pub mod endpoints;
 pub mod execution;
 pub mod grasp;
-pub mod held_scene;
+pub mod motion_scene;
 pub mod obstacles;
 pub mod path;
 pub mod pick_place;

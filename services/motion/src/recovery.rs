@@ -8,18 +8,18 @@ use nalgebra::{Isometry3, Point3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_panda::{
-    Frame, InverseSettings, JOINT_COUNT, Joints, LIMITS, Link, LinkFrames, PlacedSphere, READY, SPHERE_COUNT, SPHERE_LINKS, base_from_tcp,
-    inverse_near, self_collides, spheres_in_base,
+    InverseSettings, JOINT_COUNT, Joints, LIMITS, Link, LinkFrame, LinkFrames, PlacedSphere, READY, SPHERE_COUNT, SPHERE_LINKS,
+    base_from_tcp, inverse_near, self_collides, spheres_in_base,
 };
 
-use crate::collision::{ArmSettings, CollisionChecker, Contact};
-use crate::obstacles::{ObstacleSettings, Obstacles, Shape};
+use crate::collision::{ArmCollisionSettings, CollisionChecker, Contact};
+use crate::obstacles::{ObstacleSettings, ObstacleShape, Obstacles};
 use crate::path::rrt_connect::{RrtSettings, rrt_connect};
 use crate::path::simplify::{SimplifySettings, simplified};
 use crate::path::timed::timed;
 use crate::path::timing::{TimingSettings, Trajectory};
 use crate::pick_place::settings::PickPlaceSettings;
-use crate::scene::Surroundings;
+use crate::scene::ArmSurroundings;
 
 /// How an arm is brought back.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,7 +27,7 @@ pub struct RecoverySettings {
     /// Where the robot stands.
     pub world_from_base: Isometry3<f64>,
     /// What no part of the arm may enter, whether or not a scene is known.
-    pub keep_out: Vec<Shape>,
+    pub keep_out: Vec<ObstacleShape>,
     /// The obstacles' resolution.
     pub obstacles: ObstacleSettings,
     /// What is added to the robot's spheres, metres.
@@ -108,7 +108,7 @@ pub struct Recovery<'a> {
 
 impl<'a> Recovery<'a> {
     /// From where the arm stands, its fingers so far apart, in a scene where one is known.
-    pub fn new(start: &Joints, finger_opening_m: f64, scene: Option<&Surroundings>, settings: &'a RecoverySettings) -> Self {
+    pub fn new(start: &Joints, finger_opening_m: f64, scene: Option<&ArmSurroundings>, settings: &'a RecoverySettings) -> Self {
         let mut recovery = Self { settings, start: *start, finger_opening_m, obstacles: Obstacles::solids(Vec::new()) };
         if let Some(scene) = scene {
             let arm = recovery.spheres(start);
@@ -172,12 +172,12 @@ impl<'a> Recovery<'a> {
         if self.start == READY {
             return Ok(None);
         }
-        let world_from_base = Frame::of(&self.settings.world_from_base);
-        let arm = ArmSettings {
+        let world_from_base = LinkFrame::of(&self.settings.world_from_base);
+        let arm = ArmCollisionSettings {
             world_from_base,
             padding_m: self.settings.padding_m,
             finger_opening_m: self.finger_opening_m,
-            ..ArmSettings::default()
+            ..ArmCollisionSettings::default()
         };
         let obstacles = [&self.obstacles];
         let checker = CollisionChecker::new(arm, &obstacles, None);
@@ -231,8 +231,8 @@ mod tests {
     }
 
     /// What is around the arm.
-    fn around() -> Surroundings {
-        Surroundings::of(&synthetic::wire_scene(0))
+    fn around() -> ArmSurroundings {
+        ArmSurroundings::of(&synthetic::wire_scene(0))
     }
 
     /// The arm at a grasp on box 1, and how far its fingers are apart.

@@ -13,7 +13,7 @@ use repose_runtime::{CancellationToken, Publisher, RuntimeError, Session, Subscr
 use tokio::time::MissedTickBehavior;
 
 use crate::config::MotionConfig;
-use crate::execution::{Execution, ExecutionSettings, ExecutionTask, Step, next_owner};
+use crate::execution::{Execution, ExecutionAction, ExecutionSettings, ExecutionTask, next_owner};
 
 /// Commands robots of one cell. Cheap to clone.
 #[derive(Clone)]
@@ -101,7 +101,7 @@ impl RobotLink {
     async fn drive(
         &self,
         robot: &str,
-        begin: impl FnOnce(&RobotState, u64) -> Result<(Execution, Vec<Step>), CallError>,
+        begin: impl FnOnce(&RobotState, u64) -> Result<(Execution, Vec<ExecutionAction>), CallError>,
         cancelled: CancellationToken,
         progress: impl Fn(ExecuteProgress),
     ) -> Result<ExecuteReply, CallError> {
@@ -123,9 +123,9 @@ impl RobotLink {
         loop {
             for step in steps.drain(..) {
                 match step {
-                    Step::Send(command) => commands.put(Payload::json(&command)?).await?,
-                    Step::Progress(phase) => progress(phase),
-                    Step::Done(reply) => {
+                    ExecutionAction::Send(command) => commands.put(Payload::json(&command)?).await?,
+                    ExecutionAction::Progress(phase) => progress(phase),
+                    ExecutionAction::Done(reply) => {
                         tracing::info!(robot, outcome = ?reply.outcome, phase = %reply.phase, reason = reply.reason, "execution ended");
                         return Ok(reply);
                     }

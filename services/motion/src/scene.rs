@@ -6,9 +6,9 @@ use repose_belief::{Belief, BeliefSettings, SeenScene, TooWide};
 use repose_geometry::Footprint;
 use repose_proto::Scene;
 
-/// A horizontal surface that things stand on.
+/// A horizontal area that objects stand on; solid below, as deep as is known.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SupportSurface {
+pub struct SupportArea {
     /// Height, world z, metres.
     pub height_m: f64,
     /// Its outline seen from above, world x and y.
@@ -19,7 +19,7 @@ pub struct SupportSurface {
     pub depth_m: Option<f64>,
 }
 
-impl SupportSurface {
+impl SupportArea {
     /// A surface from its outline; `None` when the outline has no area.
     pub fn new(height_m: f64, outline: &[Point2<f32>], object: Option<u16>) -> Option<Self> {
         let corners: Vec<Point3<f32>> = outline.iter().map(|p| Point3::new(p.x, p.y, 0.0)).collect();
@@ -47,22 +47,22 @@ impl SupportSurface {
     }
 }
 
-/// What was seen around an arm: what it keeps clear of where nothing is to be grasped.
+/// The points and support areas observed around an arm: the obstacles of a motion that grasps nothing.
 #[derive(Debug, Clone)]
-pub struct Surroundings {
+pub struct ArmSurroundings {
     /// The observed points, metres.
     pub points: Vec<Point3<f32>>,
     /// The support surfaces.
-    pub surfaces: Vec<SupportSurface>,
+    pub surfaces: Vec<SupportArea>,
 }
 
-impl Surroundings {
+impl ArmSurroundings {
     /// As they were seen.
     pub fn of(scene: &Scene) -> Self {
         let planes = scene.meta.surfaces.iter().filter_map(SupportPlane::of);
         Self {
             points: scene.points.iter().map(|p| Point3::from(*p)).collect(),
-            surfaces: planes.map(|plane| SupportSurface::of(&plane, None)).collect(),
+            surfaces: planes.map(|plane| SupportArea::of(&plane, None)).collect(),
         }
     }
 }
@@ -99,9 +99,9 @@ impl PlanningScene {
     }
 
     /// The support surfaces but an object's own top (0: all of them), as solid as `depth_m` says.
-    pub fn surfaces_without(&self, object: u16, depth_m: impl Fn(&SupportPlane) -> Option<f32>) -> Vec<SupportSurface> {
+    pub fn surfaces_without(&self, object: u16, depth_m: impl Fn(&SupportPlane) -> Option<f32>) -> Vec<SupportArea> {
         let others = self.belief.planes.iter().filter(|plane| object == 0 || plane.object != object);
-        others.map(|plane| SupportSurface::of(plane, depth_m(plane))).collect()
+        others.map(|plane| SupportArea::of(plane, depth_m(plane))).collect()
     }
 }
 
@@ -112,7 +112,7 @@ mod tests {
     #[test]
     fn a_surface_grows_by_as_much_on_every_side() {
         let corners = [[0.0, 0.0], [0.3, 0.0], [0.3, 0.2], [0.0, 0.2]].map(Point2::from);
-        let mut surface = SupportSurface::new(0.1, &corners, None).expect("it has an area");
+        let mut surface = SupportArea::new(0.1, &corners, None).expect("it has an area");
         surface.grow(0.005);
         assert!((surface.footprint.area() - 0.31 * 0.21).abs() < 1e-6);
         assert!(surface.footprint.margin(&Point2::new(-0.004, 0.1)) > 0.0 && surface.footprint.margin(&Point2::new(-0.006, 0.1)) < 0.0);

@@ -7,7 +7,7 @@ use repose_geometry::transform::{look_at, to_row_major};
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CameraModel, ObjectSummary, RigidTransform, Scene, SceneMeta, Surface, Unseen};
 
-use crate::scene::{PlanningScene, SupportSurface};
+use crate::scene::{PlanningScene, SupportArea};
 
 /// The camera looks at the table from the far side and above.
 pub const CAMERA: Point3<f64> = Point3::new(1.3, 0.0, 0.9);
@@ -16,8 +16,8 @@ pub const CAMERA: Point3<f64> = Point3::new(1.3, 0.0, 0.9);
 const TABLE: [[f32; 2]; 4] = [[0.25, -0.45], [0.85, -0.45], [0.85, 0.45], [0.25, 0.45]];
 
 /// The default cell's table top.
-pub fn table() -> SupportSurface {
-    SupportSurface::new(0.0, &TABLE.map(Point2::from), None).expect("the outline has an area")
+pub fn table() -> SupportArea {
+    SupportArea::new(0.0, &TABLE.map(Point2::from), None).expect("the outline has an area")
 }
 
 /// The points of the table top, 8 mm apart.

@@ -3,15 +3,15 @@
 use nalgebra::{Isometry3, Point3};
 use repose_belief::SeenScene;
 use repose_geometry::transform::{from_row_major, to_row_major};
-use repose_proto::motion::{Grasp as WireGrasp, MotionFailure, MotionPhase, MotionPlan, MotionPlanRequest, NotChosen as WireNotChosen};
+use repose_proto::motion::{Grasp, MotionFailure, MotionPhase, MotionPlan, MotionPlanRequest, NotChosen};
 use repose_proto::robot::{GripperCommand, HeldObject, SetPoint};
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, ErrorCode, RigidTransform, Scene};
 
-use crate::grasp::Grasp;
+use crate::grasp::GraspCandidate;
 use crate::path::timing::Trajectory;
-use crate::pick_place::plan::{Failure, NotChosen, PickPlaceError, PickPlacePlan};
-use crate::scene::{PlanningScene, Surroundings};
+use crate::pick_place::plan::{PickPlaceError, PickPlacePlan, PlacementFailure, SkippedPlacement};
+use crate::scene::{ArmSurroundings, PlanningScene};
 
 /// What a plan says beside the motion itself.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,9 +39,9 @@ pub fn planning_scene(scene: &Scene) -> Result<PlanningScene, CallError> {
 ///
 /// # Errors
 /// `failed_precondition` without a calibrated camera.
-pub fn surroundings(scene: &Scene) -> Result<Surroundings, CallError> {
+pub fn surroundings(scene: &Scene) -> Result<ArmSurroundings, CallError> {
     world_from_camera(scene)?;
-    Ok(Surroundings::of(scene))
+    Ok(ArmSurroundings::of(scene))
 }
 
 /// The calibrated pose of the scene's camera.
@@ -69,10 +69,10 @@ pub fn isometry(to_from: &RigidTransform, field: &str) -> Result<Isometry3<f64>,
 ///
 /// # Errors
 /// `invalid_argument` that names the grasp.
-pub fn grasps(grasps: &[WireGrasp]) -> Result<Vec<Grasp>, CallError> {
-    let read = |(i, grasp): (usize, &WireGrasp)| {
+pub fn grasps(grasps: &[Grasp]) -> Result<Vec<GraspCandidate>, CallError> {
+    let read = |(i, grasp): (usize, &Grasp)| {
         let world_from_tcp = isometry(&grasp.world_from_tcp, &format!("grasps[{i}].world_from_tcp"))?;
-        Ok(Grasp { world_from_tcp, opening_m: grasp.width_m, width_m: None, score: grasp.score })
+        Ok(GraspCandidate { world_from_tcp, opening_m: grasp.width_m, width_m: None, score: grasp.score })
     };
     grasps.iter().enumerate().map(read).collect()
 }
@@ -95,7 +95,7 @@ pub fn motion_plan(plan: &PickPlacePlan, request: &MotionPlanRequest, scene_stam
         query: request.query,
         placement: plan.placement,
         not_chosen: plan.not_chosen.iter().map(not_chosen).collect(),
-        grasp: WireGrasp {
+        grasp: Grasp {
             world_from_tcp: RigidTransform(to_row_major(&plan.grasp.world_from_tcp)),
             width_m: plan.grasp.opening_m,
             score: plan.grasp.score,
@@ -151,16 +151,16 @@ pub fn set_points(trajectory: &Trajectory, period_ms: f64) -> Vec<SetPoint> {
     trajectory.sampled(period_ms / 1e3).map(point).collect()
 }
 
-fn not_chosen(reason: &NotChosen) -> WireNotChosen {
-    WireNotChosen { placement: reason.placement, reason: motion_failure(reason.failure), detail: reason.tally.to_string() }
+fn not_chosen(reason: &SkippedPlacement) -> NotChosen {
+    NotChosen { placement: reason.placement, reason: motion_failure(reason.failure), detail: reason.tally.to_string() }
 }
 
-fn motion_failure(failure: Failure) -> MotionFailure {
+fn motion_failure(failure: PlacementFailure) -> MotionFailure {
     match failure {
-        Failure::PickUnreachable => MotionFailure::PickUnreachable,
-        Failure::PickBlocked => MotionFailure::PickBlocked,
-        Failure::PlaceUnreachable => MotionFailure::PlaceUnreachable,
-        Failure::PlaceBlocked => MotionFailure::PlaceBlocked,
-        Failure::NoPath => MotionFailure::NoPath,
+        PlacementFailure::PickUnreachable => MotionFailure::PickUnreachable,
+        PlacementFailure::PickBlocked => MotionFailure::PickBlocked,
+        PlacementFailure::PlaceUnreachable => MotionFailure::PlaceUnreachable,
+        PlacementFailure::PlaceBlocked => MotionFailure::PlaceBlocked,
+        PlacementFailure::NoPath => MotionFailure::NoPath,
     }
 }

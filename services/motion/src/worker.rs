@@ -10,7 +10,7 @@ use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, Runtime
 
 use crate::config::MotionConfig;
 use crate::execution::keep_out;
-use crate::held_scene::HeldScene;
+use crate::motion_scene::MotionScene;
 use crate::path::timing::Trajectory;
 use crate::pick_place::PickPlaceSettings;
 use crate::recovery::{Recovery, RecoveryError, RecoverySettings};
@@ -23,7 +23,7 @@ pub struct Worker {
     settings: Arc<PickPlaceSettings>,
     terms: PlanTerms,
     recovery: Arc<RecoverySettings>,
-    scenes: Arc<SceneStore<HeldScene>>,
+    scenes: Arc<SceneStore<MotionScene>>,
     keep_out: Vec<KeepOutZone>,
 }
 
@@ -61,7 +61,7 @@ impl Worker {
                     check_scene_id(&sent, &request.scene.scene_id)?;
                     Arc::new(match held {
                         Some(held) => held.seen_again(sent),
-                        None => HeldScene::new(sent),
+                        None => MotionScene::new(sent),
                     })
                 }
                 (None, None) => return Err(CallError::internal("no scene to plan on")),
@@ -75,7 +75,7 @@ impl Worker {
     }
 
     /// The scene where this worker holds it; none where it came along.
-    fn held(&self, scene_id: &str, sent: Option<&Scene>) -> Result<Option<Arc<HeldScene>>, CallError> {
+    fn held(&self, scene_id: &str, sent: Option<&Scene>) -> Result<Option<Arc<MotionScene>>, CallError> {
         match self.scenes.get(scene_id) {
             Err(missing) if sent.is_none() => Err(missing),
             held => Ok(held.ok()),
@@ -171,7 +171,7 @@ impl Worker {
 fn planned(
     context: &JobContext,
     request: &MotionPlanRequest,
-    scene: &HeldScene,
+    scene: &MotionScene,
     settings: &PickPlaceSettings,
     terms: &PlanTerms,
 ) -> Result<MotionPlan, CallError> {

@@ -5,13 +5,13 @@ mod common;
 use std::collections::VecDeque;
 
 use common::{NOW_NS, PHASES, Robot, joints, plan, task};
-use repose_motion::execution::{Execution, ExecutionSettings, ExecutionTask, Step};
+use repose_motion::execution::{Execution, ExecutionAction, ExecutionSettings, ExecutionTask};
 use repose_proto::motion::{ExecutionOutcome, MotionPlan, Phase};
 use repose_proto::robot::{HeldObject, Owner, RobotMode, RobotState, StopState, TaskState};
 use repose_proto::{ErrorCode, limits};
 
 /// Runs to the end; what was told on the way, and the last step.
-fn run(robot: &mut Robot, meddle: impl FnMut(&mut Robot, &mut Execution, u64) -> Vec<Step>) -> (Vec<Phase>, Step) {
+fn run(robot: &mut Robot, meddle: impl FnMut(&mut Robot, &mut Execution, u64) -> Vec<ExecutionAction>) -> (Vec<Phase>, ExecutionAction) {
     run_late(robot, plan(), 0, meddle)
 }
 
@@ -20,8 +20,8 @@ fn run_late(
     robot: &mut Robot,
     plan: MotionPlan,
     late_ms: usize,
-    mut meddle: impl FnMut(&mut Robot, &mut Execution, u64) -> Vec<Step>,
-) -> (Vec<Phase>, Step) {
+    mut meddle: impl FnMut(&mut Robot, &mut Execution, u64) -> Vec<ExecutionAction>,
+) -> (Vec<Phase>, ExecutionAction) {
     let (mut execution, mut steps) = Execution::begin(plan, task(), &robot.state, NOW_NS, 0, ExecutionSettings::default()).unwrap();
     let (mut phases, mut shown) = (Vec::new(), VecDeque::new());
     for now_ms in (0..60_000).step_by(10) {
@@ -40,17 +40,17 @@ fn run_late(
         }
         for step in steps.drain(..) {
             match step {
-                Step::Send(command) => robot.take(&command),
-                Step::Progress(progress) => phases.push(progress.phase),
-                done @ Step::Done(_) => return (phases, done),
+                ExecutionAction::Send(command) => robot.take(&command),
+                ExecutionAction::Progress(progress) => phases.push(progress.phase),
+                done @ ExecutionAction::Done(_) => return (phases, done),
             }
         }
     }
     panic!("the execution never ended; phases {phases:?}");
 }
 
-fn outcome(step: &Step) -> (ExecutionOutcome, Phase, String) {
-    let Step::Done(reply) = step else { panic!("{step:?}") };
+fn outcome(step: &ExecutionAction) -> (ExecutionOutcome, Phase, String) {
+    let ExecutionAction::Done(reply) = step else { panic!("{step:?}") };
     (reply.outcome, reply.phase, reply.reason.clone().unwrap_or_default())
 }
 
@@ -84,9 +84,9 @@ fn the_task_is_open_and_kept_alive_from_the_first_command_to_the_last() {
         }
         for step in steps.drain(..) {
             match step {
-                Step::Send(command) => robot.take(&command),
-                Step::Progress(_) => {}
-                Step::Done(reply) => {
+                ExecutionAction::Send(command) => robot.take(&command),
+                ExecutionAction::Progress(_) => {}
+                ExecutionAction::Done(reply) => {
                     assert_eq!(reply.outcome, ExecutionOutcome::Done, "{reply:?}");
                     break 'run;
                 }
@@ -283,14 +283,14 @@ fn a_robot_that_needs_whole_streams_gets_each_at_once_and_then_signs_of_life_onl
         }
         for step in steps.drain(..) {
             match step {
-                Step::Send(command) => {
+                ExecutionAction::Send(command) => {
                     assert!(!command.starts_stream || command.ends_stream, "a stream that does not come whole");
                     streams += usize::from(command.starts_stream);
                     again += usize::from(!command.starts_stream && !command.set_points.is_empty());
                     robot.take(&command);
                 }
-                Step::Progress(_) => {}
-                Step::Done(reply) => {
+                ExecutionAction::Progress(_) => {}
+                ExecutionAction::Done(reply) => {
                     assert_eq!((reply.outcome, again), (ExecutionOutcome::Done, 0));
                     assert!(streams >= 4, "{streams} streams");
                     return;

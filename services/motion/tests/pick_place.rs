@@ -5,18 +5,18 @@ use std::cell::Cell;
 use nalgebra::{Isometry3, Vector3};
 use repose_panda::{CommandRuleSettings, CommandRules, JOINT_COUNT, Joints, LIMITS, READY, base_from_tcp, hermite};
 
-use repose_motion::collision::{ArmSettings, CollisionChecker};
+use repose_motion::collision::{ArmCollisionSettings, CollisionChecker};
 use repose_motion::execution::keep_out;
-use repose_motion::grasp::Grasp;
+use repose_motion::grasp::GraspCandidate;
 use repose_motion::obstacles::{ObstacleSettings, Obstacles};
-use repose_motion::pick_place::plan::{Failure, Phase, PickPlaceError, PickPlacePlan};
+use repose_motion::pick_place::plan::{Phase, PickPlaceError, PickPlacePlan, PlacementFailure};
 use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place, pick_place_until};
 use repose_motion::wire::motion_plan;
 use repose_motion::{MotionConfig, synthetic};
 use repose_proto::RigidTransform;
 use repose_proto::motion::{KeepOutZone, MotionPlanRequest};
 
-fn plan(query: u16, placements: &[Isometry3<f64>], grasps: Option<&[Grasp]>) -> Result<PickPlacePlan, PickPlaceError> {
+fn plan(query: u16, placements: &[Isometry3<f64>], grasps: Option<&[GraspCandidate]>) -> Result<PickPlacePlan, PickPlaceError> {
     let scene = synthetic::scene();
     let request = PickPlaceRequest { scene: &scene, query, placements, start: &READY, grasps, seed: 3 };
     pick_place(&request, &PickPlaceSettings::default())
@@ -73,7 +73,7 @@ fn every_millisecond_keeps_frankas_rules_and_touches_nothing() {
     let others = Obstacles::new(&scene.points_without(1), &scene.surfaces_without(1, |_| None), &ObstacleSettings::default());
     let placed: Vec<_> = scene.points_of(1).iter().map(|p| (moved(0.45, 0.25) * p.cast::<f64>()).cast()).collect();
     let placed = Obstacles::new(&placed, &[], &ObstacleSettings::default());
-    let arm = ArmSettings { padding_m: 0.0, finger_opening_m: plan.grasp.opening_m, ..ArmSettings::default() };
+    let arm = ArmCollisionSettings { padding_m: 0.0, finger_opening_m: plan.grasp.opening_m, ..ArmCollisionSettings::default() };
     for (phase, points) in milliseconds(&plan) {
         let obstacles = if phase == Phase::Home { vec![&others, &placed] } else { vec![&others] };
         let checker = CollisionChecker::new(arm, &obstacles, None);
@@ -108,14 +108,18 @@ fn what_the_robot_makes_of_the_set_points_keeps_frankas_rules() {
 fn a_placement_out_of_reach_falls_back_to_the_next_and_says_why() {
     let plan = plan(1, &[moved(1.6, 0.0), moved(0.55, 0.1), moved(0.45, 0.25)], None).unwrap();
     assert_eq!(plan.placement, 2);
-    let failures: Vec<(usize, Failure)> = plan.not_chosen.iter().map(|n| (n.placement, n.failure)).collect();
-    assert_eq!(failures, [(0, Failure::PlaceUnreachable), (1, Failure::PlaceBlocked)], "the second is inside another box");
+    let failures: Vec<(usize, PlacementFailure)> = plan.not_chosen.iter().map(|n| (n.placement, n.failure)).collect();
+    assert_eq!(
+        failures,
+        [(0, PlacementFailure::PlaceUnreachable), (1, PlacementFailure::PlaceBlocked)],
+        "the second is inside another box"
+    );
 }
 
 #[test]
 fn no_placement_in_reach_is_an_error_with_the_reasons() {
     let Err(PickPlaceError::NoPlacement(reasons)) = plan(1, &[moved(1.6, 0.0)], None) else { panic!("expected no placement") };
-    assert_eq!(reasons[0].failure, Failure::PlaceUnreachable);
+    assert_eq!(reasons[0].failure, PlacementFailure::PlaceUnreachable);
 }
 
 #[test]
@@ -139,7 +143,7 @@ fn a_box_is_set_on_another_side_where_the_hand_gets_there_or_the_end_that_fails_
     let turn = nalgebra::UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
     let head_down = nalgebra::Translation3::new(0.45, 0.25, 0.05) * turn * nalgebra::Translation3::from(-middle);
     let Err(PickPlaceError::NoPlacement(reasons)) = self::plan(1, &[head_down], None) else { panic!("expected no placement") };
-    assert!(matches!(reasons[0].failure, Failure::PlaceBlocked | Failure::PlaceUnreachable), "{:?}", reasons[0]);
+    assert!(matches!(reasons[0].failure, PlacementFailure::PlaceBlocked | PlacementFailure::PlaceUnreachable), "{:?}", reasons[0]);
 }
 
 #[test]
@@ -191,7 +195,7 @@ fn the_arm_and_what_it_holds_go_around_a_keep_out_zone() {
 fn what_stands_in_a_keep_out_zone_is_not_served_and_the_zone_is_named() {
     let taken = zone([0.3, 0.15, 0.0], [0.6, 0.35, 0.6]);
     let Err(PickPlaceError::NoPlacement(reasons)) = plan_in(&taken, &[moved(0.45, 0.25)]) else { panic!("expected no placement") };
-    assert_eq!(reasons[0].failure, Failure::PlaceBlocked);
+    assert_eq!(reasons[0].failure, PlacementFailure::PlaceBlocked);
     assert!(reasons[0].tally.to_string().contains("keep_out[0]"), "{}", reasons[0].tally);
     let home = base_from_tcp(&READY).translation.vector;
     let around_the_hand = zone((home - Vector3::repeat(0.05)).into(), (home + Vector3::repeat(0.05)).into());
@@ -202,15 +206,15 @@ fn what_stands_in_a_keep_out_zone_is_not_served_and_the_zone_is_named() {
 #[test]
 fn grasps_from_elsewhere_are_used_in_their_order() {
     let found = plan(1, &[moved(0.45, 0.25)], None).unwrap().grasp;
-    let far = Grasp { world_from_tcp: Isometry3::translation(3.0, 0.0, 0.0), ..found };
-    let plan = plan(1, &[moved(0.45, 0.25)], Some(&[far, Grasp { width_m: None, ..found }])).unwrap();
+    let far = GraspCandidate { world_from_tcp: Isometry3::translation(3.0, 0.0, 0.0), ..found };
+    let plan = plan(1, &[moved(0.45, 0.25)], Some(&[far, GraspCandidate { width_m: None, ..found }])).unwrap();
     assert_eq!(plan.grasp.world_from_tcp, found.world_from_tcp);
 }
 
 #[test]
 fn grasps_from_elsewhere_are_all_tried_and_none_is_put_before_an_earlier_one() {
     let found = plan(1, &[moved(0.45, 0.25)], None).unwrap().grasp;
-    let far = Grasp { world_from_tcp: Isometry3::translation(3.0, 0.0, 0.0), ..found };
+    let far = GraspCandidate { world_from_tcp: Isometry3::translation(3.0, 0.0, 0.0), ..found };
     let mut many = vec![far; 40];
     many.push(found);
     let last = plan(1, &[moved(0.45, 0.25)], Some(&many)).unwrap();

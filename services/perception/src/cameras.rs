@@ -92,7 +92,7 @@ struct Waiting {
 
 /// A camera's turn: while it lasts, no other frame of it is taken.
 struct Turn<'a> {
-    cameras: &'a Cameras,
+    cameras: &'a CameraFollower,
     camera: &'a str,
 }
 
@@ -103,8 +103,8 @@ impl Drop for Turn<'_> {
     }
 }
 
-/// Follows cameras until its tasks are stopped.
-pub struct Cameras {
+/// Follows the cameras of a cell and segments their newest frames, until its tasks are stopped.
+pub struct CameraFollower {
     session: Session,
     worker: Arc<Worker>,
     frame_timeout: Duration,
@@ -115,8 +115,8 @@ pub struct Cameras {
     counts: FrameCounts,
 }
 
-impl Cameras {
-    /// Cameras that are followed once [`Cameras::follow`] runs.
+impl CameraFollower {
+    /// Cameras that are followed once [`CameraFollower::follow`] runs.
     pub fn new(session: Session, worker: Arc<Worker>, config: &PerceptionConfig) -> Arc<Self> {
         Arc::new(Self {
             session,

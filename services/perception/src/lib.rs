@@ -69,7 +69,7 @@ pub use sources::frame_folder;
 /// When the network or the operating system refuses, or the configuration names a camera that cannot be one.
 pub async fn run(session: Session, config: PerceptionConfig, shutdown: Shutdown) -> Result<(), RuntimeError> {
     let worker = Arc::new(worker::Worker::start(&config)?);
-    let cameras = cameras::Cameras::new(session.clone(), worker.clone(), &config);
+    let cameras = cameras::CameraFollower::new(session.clone(), worker.clone(), &config);
     let stop = repose_runtime::CancellationToken::new();
     let _stop_following = stop.clone().drop_guard();
     cameras.clone().follow(&config.cameras, stop).await?;

@@ -20,7 +20,7 @@ use crate::scene::summary::{Completeness, summarise};
 use crate::scene::unseen::{self, RayView};
 use crate::settings::Settings;
 use crate::supports::surfaces::{self, SupportSurface};
-use crate::view::View;
+use crate::view::DepthView;
 
 /// A scene with the masks that it was made from.
 #[derive(Debug, Clone, PartialEq)]
@@ -68,7 +68,7 @@ struct Parts {
 impl Parts {
     fn of(frame: &Frame, settings: &Settings) -> Result<Self, SegmentError> {
         frame.validate().map_err(SegmentError::Frame)?;
-        let mut view = View::of(frame, settings)?;
+        let mut view = DepthView::of(frame, settings)?;
         let Found { mut ids, mut no_objects, furniture } = view.labelled(frame, settings)?;
         hints::follow(&mut ids, &mut no_objects, &view.depth, &frame.hints).map_err(SegmentError::Frame)?;
         view.leave_out_held(&mut ids, settings);
@@ -89,8 +89,8 @@ impl Parts {
 }
 
 /// The scene of a view, with its masks and the surfaces that things stand on.
-fn scene(view: View, frame: &Frame, masks: &CleanMasks, surfaces: Vec<SupportSurface>, settings: &Settings) -> Scene {
-    let View { world_from_camera, world_frame, depth, coarse, readings, flying, robots, .. } = view;
+fn scene(view: DepthView, frame: &Frame, masks: &CleanMasks, surfaces: Vec<SupportSurface>, settings: &Settings) -> Scene {
+    let DepthView { world_from_camera, world_frame, depth, coarse, readings, flying, robots, .. } = view;
     let cloud = Cloud::new(&depth, &world_from_camera, masks, frame.color.as_deref(), settings.max_points);
     let rays = RayView { depth_m: &coarse.depth_m, camera: coarse.camera, world_from_camera: &world_from_camera };
     let space = unseen::space(&rays, &surfaces, &settings.unseen);

@@ -18,13 +18,13 @@ use crate::objects::{holes, seen, spread};
 use crate::readings::depth::DepthMap;
 use crate::readings::flying;
 use crate::readings::point_map::{PointMap, strided};
-use crate::robots::body::Body;
+use crate::robots::body::RobotBody;
 use crate::robots::{held, self_filter};
 use crate::settings::Settings;
 use crate::supports::gravity;
 
-/// What a frame's depth shows from where its camera stands, without the robots that it shows.
-pub struct View {
+/// A frame's depth readings with their camera's pose, robots removed.
+pub struct DepthView {
     /// The camera, in full.
     pub camera: Pinhole,
     /// Its pose, given or estimated, metres.
@@ -47,7 +47,7 @@ pub struct View {
     pub coarse: CoarsePicture,
 }
 
-impl View {
+impl DepthView {
     /// The view that a frame shows.
     ///
     /// # Errors
@@ -85,7 +85,8 @@ impl View {
 
     /// Takes out what a robot holds.
     pub fn leave_out_held(&mut self, labels: &mut Image<u16>, settings: &Settings) {
-        let of_body = |(body, holding): &(Body, Option<bool>)| held::labels(body, *holding, labels, &self.depth, &settings.self_filter);
+        let of_body =
+            |(body, holding): &(RobotBody, Option<bool>)| held::labels(body, *holding, labels, &self.depth, &settings.self_filter);
         let held: BTreeSet<u16> = self.robots.bodies.iter().flat_map(of_body).collect();
         if !held.is_empty() {
             held::remove(&held, labels, &mut self.depth);

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use common::{config, encoded, frame, frame_of};
 use repose_perception::PerceptionConfig;
-use repose_perception::cameras::{Cameras, FrameCounts};
+use repose_perception::cameras::{CameraFollower, FrameCounts};
 use repose_perception::worker::Worker;
 use repose_proto::{Payload, SceneSummary};
 use repose_runtime::{CancellationToken, Session, Subscription, Traffic};
@@ -17,7 +17,7 @@ use repose_runtime::{CancellationToken, Session, Subscription, Traffic};
 struct Following {
     session: Session,
     worker: Arc<Worker>,
-    cameras: Arc<Cameras>,
+    cameras: Arc<CameraFollower>,
     scenes: Subscription,
     stop: CancellationToken,
 }
@@ -31,7 +31,7 @@ impl Following {
     async fn start_as(config: PerceptionConfig, names: &[&str], used: &[&str]) -> Self {
         let session = Session::embedded().await.unwrap();
         let worker = Arc::new(Worker::start(&config).unwrap());
-        let cameras = Cameras::new(session.clone(), worker.clone(), &config);
+        let cameras = CameraFollower::new(session.clone(), worker.clone(), &config);
         let stop = CancellationToken::new();
         let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
         let scenes = session.subscribe_queue(&session.cell().scene("*"), 256).await.unwrap();

@@ -10,12 +10,12 @@ use repose_proto::CallError;
 use crate::error::raised;
 
 /// Models that nobody named: those of the environment, or of the program.
-static DEFAULT: Mutex<Option<Arc<repose_local::Models>>> = Mutex::new(None);
+static DEFAULT: Mutex<Option<Arc<repose_local::LocalModels>>> = Mutex::new(None);
 
 /// Networks and forecasts.
 #[pyclass(frozen, module = "repose._native")]
 pub struct Models {
-    models: Arc<repose_local::Models>,
+    models: Arc<repose_local::LocalModels>,
 }
 
 #[pymethods]
@@ -24,13 +24,13 @@ impl Models {
     #[pyo3(signature = (weights = None))]
     fn new(py: Python<'_>, weights: Option<PathBuf>) -> PyResult<Self> {
         let files = ModelFiles { weights };
-        let models = py.detach(|| repose_local::Models::load(&files)).map_err(raised)?;
+        let models = py.detach(|| repose_local::LocalModels::load(&files)).map_err(raised)?;
         Ok(Self { models: Arc::new(models) })
     }
 }
 
 /// The given models, or the default ones.
-pub fn chosen(given: Option<&Models>) -> Result<Arc<repose_local::Models>, CallError> {
+pub fn chosen(given: Option<&Models>) -> Result<Arc<repose_local::LocalModels>, CallError> {
     if let Some(given) = given {
         return Ok(given.models.clone());
     }
@@ -38,7 +38,7 @@ pub fn chosen(given: Option<&Models>) -> Result<Arc<repose_local::Models>, CallE
     if let Some(loaded) = default.as_ref() {
         return Ok(loaded.clone());
     }
-    let loaded = Arc::new(repose_local::Models::load(&ModelFiles::default())?);
+    let loaded = Arc::new(repose_local::LocalModels::load(&ModelFiles::default())?);
     *default = Some(loaded.clone());
     Ok(loaded)
 }

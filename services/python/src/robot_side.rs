@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use repose_panda::Joints;
 use repose_proto::robot::{EmergencyStop, RobotCommand, RobotMode};
 use repose_proto::{CallError, Payload, RigidTransform};
-use repose_robot_side::{Arm, ArmSettings, GripperState, Shown, TICK_S, state_of};
+use repose_robot_side::{Arm, ArmSettings, GripperState, StateDetails, TICK_S, state_of};
 use repose_runtime::{CancellationToken, Session, Traffic};
 use tokio::sync::{mpsc, watch};
 
@@ -177,7 +177,7 @@ impl Running {
 
     fn show(&mut self, gripper: GripperState) {
         self.states_made += 1;
-        let shown = Shown {
+        let shown = StateDetails {
             seq: self.states_made,
             stamp_ns: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64),
             robot_ms: self.ticks as f64 * TICK_S * 1e3,

@@ -7,7 +7,7 @@
 //! [`file`] is the container, [`look`] what is drawn, [`asked`] the calls in a recording, [`difference`] two answers side by side; none of them knows the
 //! network.
 
-pub mod asked;
+pub mod calls;
 pub mod difference;
 pub mod file;
 pub mod look;

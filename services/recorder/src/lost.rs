@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Messages that were heard, or announced, and are not in the recording. Cheap to clone: all clones count together.
+/// Counts of messages that were received, or announced, and are missing from the recording. Cheap to clone: all clones count together.
 #[derive(Debug, Clone, Default)]
-pub struct Lost(Arc<Mutex<BTreeMap<&'static str, u64>>>);
+pub struct LostMessages(Arc<Mutex<BTreeMap<&'static str, u64>>>);
 
-impl Lost {
+impl LostMessages {
     fn counts(&self) -> MutexGuard<'_, BTreeMap<&'static str, u64>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

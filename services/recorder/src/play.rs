@@ -1,7 +1,7 @@
 //! Playing a recording: the cell as it was, in time, for whatever looks at cells.
 //!
-//! Pictures, robot states and stops are put again as they were. Scenes come from a perception worker that answers from the recording, and each is announced
-//! when it is there, so that viewers may fetch what they are told of.
+//! Pictures, robot states and stops are put again as they were. Scenes come from a perception worker that answers from the recording, and each is
+//! announced when it is there, so that viewers may fetch what they are told of.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -16,7 +16,7 @@ use tokio::time::Instant;
 
 use crate::RecordingError;
 use crate::file::SCENE_TOPIC;
-use crate::file::reading::{Reading, Recorded};
+use crate::file::reading::{RecordedMessage, RecordingReader};
 
 /// Scenes that can be asked for, and their bytes at most.
 const SCENES: usize = 64;
@@ -88,7 +88,7 @@ struct Player<'a> {
 
 impl Player<'_> {
     async fn file(&mut self, file: &std::path::Path) -> Result<(), RecordingError> {
-        let mut reading = Reading::open(file)?;
+        let mut reading = RecordingReader::open(file)?;
         while let Some(recorded) = reading.next_message()? {
             let (begun, first_ns) = *self.begun.get_or_insert((Instant::now(), recorded.at_ns));
             let since = Duration::from_nanos(recorded.at_ns.saturating_sub(first_ns));
@@ -100,7 +100,7 @@ impl Player<'_> {
         Ok(())
     }
 
-    async fn message(&mut self, recorded: Recorded) -> Result<(), RecordingError> {
+    async fn message(&mut self, recorded: RecordedMessage) -> Result<(), RecordingError> {
         let last = keys::last_chunk(&recorded.topic);
         let name = keys::worker_of(&recorded.topic).unwrap_or_default();
         // The recorded cell's keys, in this one.

@@ -15,8 +15,8 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::time::Instant;
 
 use crate::RecordingError;
-use crate::file::parts::Parts;
-use crate::lost::Lost;
+use crate::file::parts::RecordingFiles;
+use crate::lost::LostMessages;
 use crate::settings::RecordSettings;
 use crate::writer::{Captured, Summary, Writer};
 
@@ -48,10 +48,10 @@ pub async fn record(
         ("started_ns".to_owned(), now_ns().to_string()),
     ]);
     let (to_file, captured) = mpsc::channel(FOR_FILE);
-    let parts = Parts::begin(settings.clone(), about)?;
+    let parts = RecordingFiles::begin(settings.clone(), about)?;
     let (chunk_period, looks) = (settings.chunk_period, settings.looks);
     let topic = format!("repose/v1/{}/{}", cell.name(), crate::file::SCENE_TOPIC);
-    let lost = Lost::default();
+    let lost = LostMessages::default();
     let writer = Writer::new(parts, topic, looks, lost.clone());
     let mut writing = begin_writing(writer, captured, chunk_period);
 
@@ -178,7 +178,7 @@ impl Heard {
     }
 
     /// Counts what came faster than it was taken.
-    fn count_dropped(&self, lost: &Lost) {
+    fn count_dropped(&self, lost: &LostMessages) {
         let Self { frames, scenes, states, stops, journals } = self;
         for (kind, heard) in [("frames", frames), ("summaries", scenes), ("states", states), ("stops", stops), ("calls", journals)] {
             lost.add(kind, heard.dropped());
@@ -191,7 +191,7 @@ struct Capture {
     perception: Caller,
     to_file: mpsc::Sender<Captured>,
     settings: RecordSettings,
-    lost: Lost,
+    lost: LostMessages,
     frame_due: BTreeMap<String, Instant>,
     picture_due: BTreeMap<String, Instant>,
     scene_due: BTreeMap<String, Instant>,

@@ -11,7 +11,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::RecordingError;
-use crate::asked::{Asked, Calls};
+use crate::calls::{Calls, RecordedCall};
 use crate::difference::difference;
 
 /// Whether a method is asked again: those whose answers follow from the request, the scene and the weights alone.
@@ -19,7 +19,7 @@ pub fn is_repeatable(service: Service, method: &str) -> bool {
     matches!((service, method), (Service::Planner, "place" | "arrange") | (Service::Motion, "plan") | (Service::Perception, "segment"))
 }
 
-/// What came of one request.
+/// The result of replaying one request.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Repeated {
     /// Its id.
@@ -54,7 +54,7 @@ impl Replay {
     ///
     /// # Errors
     /// `unavailable` when one is not.
-    pub async fn ready(&self, calls: &[&Asked]) -> Result<(), CallError> {
+    pub async fn ready(&self, calls: &[&RecordedCall]) -> Result<(), CallError> {
         for (service, caller) in &self.callers {
             if calls.iter().any(|asked| asked.service == *service) {
                 caller.wait_for_workers(1, self.deadline).await?;
@@ -64,7 +64,7 @@ impl Replay {
     }
 
     /// Asks one request again.
-    pub async fn repeat(&self, asked: &Asked, calls: &Calls) -> Repeated {
+    pub async fn repeat(&self, asked: &RecordedCall, calls: &Calls) -> Repeated {
         let why = match self.answer(asked, &calls.scenes).await {
             Ok(now) => difference(&asked.result, &now),
             Err(error) => Some(format!("there was an answer, now {error}")),
@@ -72,7 +72,7 @@ impl Replay {
         Repeated { id: asked.id.clone(), method: format!("{}.{}", asked.service, asked.method), why }
     }
 
-    async fn answer(&self, asked: &Asked, scenes: &BTreeMap<String, Payload>) -> Result<Payload, CallError> {
+    async fn answer(&self, asked: &RecordedCall, scenes: &BTreeMap<String, Payload>) -> Result<Payload, CallError> {
         let caller = self.callers.get(&asked.service).ok_or_else(|| CallError::internal("this service is not asked again"))?;
         let options = CallOptions::within(self.deadline);
         match (asked.service, asked.method.as_str()) {
@@ -87,7 +87,7 @@ impl Replay {
 /// Asks about a scene: by its id first, as it was on the wire, and with the recorded scene where nobody holds it.
 async fn on_scene<T: Message + Serialize + DeserializeOwned>(
     caller: &Caller,
-    asked: &Asked,
+    asked: &RecordedCall,
     scene_of: impl Fn(&T) -> &str,
     scenes: &BTreeMap<String, Payload>,
     options: CallOptions,

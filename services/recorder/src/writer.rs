@@ -13,9 +13,9 @@ use tokio::sync::mpsc;
 use tokio::time::{Instant, timeout_at};
 
 use crate::RecordingError;
-use crate::file::parts::{Parts, Written};
-use crate::look::{Look, Looker};
-use crate::lost::Lost;
+use crate::file::parts::{RecordingFiles, RecordingReport};
+use crate::look::{Looker, VisualMessage};
+use crate::lost::LostMessages;
 
 /// Scenes kept to be written into the next file, too, where somebody asks about them there.
 const SCENES: NonZeroUsize = NonZeroUsize::new(8).expect("above 0");
@@ -24,7 +24,7 @@ const SCENES: NonZeroUsize = NonZeroUsize::new(8).expect("above 0");
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Summary {
     /// Its files.
-    pub written: Written,
+    pub written: RecordingReport,
     /// Messages by kind: `frames`, `scenes`, `states`, `stops`, `calls`, ….
     pub messages: BTreeMap<&'static str, u64>,
     /// Messages that were heard, or announced, and are not in it, by the same kinds.
@@ -62,7 +62,7 @@ pub enum Captured {
 
 /// Writes what is captured.
 pub struct Writer {
-    parts: Parts,
+    parts: RecordingFiles,
     scene_topic: String,
     looker: Option<Looker>,
     /// Scenes by id, with the instants at which they came.
@@ -70,14 +70,14 @@ pub struct Writer {
     /// Scenes that the open file has.
     in_file: BTreeSet<String>,
     messages: BTreeMap<&'static str, u64>,
-    lost: Lost,
+    lost: LostMessages,
     /// The number that each journal's next copy must have.
     next_copy: BTreeMap<String, u64>,
 }
 
 impl Writer {
     /// A writer of `parts`; whole scenes go to `scene_topic`. What is not written is added to `lost`.
-    pub fn new(parts: Parts, scene_topic: String, looks: bool, lost: Lost) -> Self {
+    pub fn new(parts: RecordingFiles, scene_topic: String, looks: bool, lost: LostMessages) -> Self {
         let looker = looks.then(Looker::default);
         let (in_file, messages, next_copy) = (BTreeSet::new(), BTreeMap::new(), BTreeMap::new());
         Self { parts, scene_topic, looker, scenes: LruCache::new(SCENES), in_file, messages, lost, next_copy }
@@ -174,7 +174,7 @@ impl Writer {
         self.show(&looks)
     }
 
-    fn show(&mut self, looks: &[Look]) -> Result<(), RecordingError> {
+    fn show(&mut self, looks: &[VisualMessage]) -> Result<(), RecordingError> {
         looks.iter().try_for_each(|look| self.parts.open().look(look))
     }
 }

@@ -10,7 +10,7 @@ use crate::arrange::{ArrangeSettings, Ways};
 use crate::furniture::{KindWeights, SceneKind, Table};
 use crate::objects::{Family, ObjectSource};
 use crate::physics::PhysicsSettings;
-use crate::scene::{NoScene, Scene, SceneSettings, scene_of_seed};
+use crate::scene::{NoScene, SceneSettings, SimulatedScene, scene_of_seed};
 
 /// What the cell is made of.
 #[derive(Debug, Clone, PartialEq)]
@@ -74,7 +74,7 @@ impl CellSettings {
 ///
 /// # Errors
 /// [`NoScene`] when the seed gives none.
-pub fn cell_of_seed(seed: u64, settings: &CellSettings) -> Result<Scene, NoScene> {
+pub fn cell_of_seed(seed: u64, settings: &CellSettings) -> Result<SimulatedScene, NoScene> {
     scene_of_seed(seed, &settings.scene).map(|(scene, _)| scene)
 }
 

@@ -7,22 +7,22 @@ use nalgebra::Isometry3;
 use repose_panda::base_from_hand;
 use repose_proto::RigidTransform;
 use repose_proto::robot::RobotState;
-use repose_robot_side::{GripperState, Shown, state_of};
+use repose_robot_side::{GripperState, StateDetails, state_of};
 use repose_sensor::SensorModel;
 
 use crate::cell::{CellSettings, cell_of_seed};
 use crate::physics::{Touchable, World};
 use crate::render::{Picture, picture};
-use crate::robot::{Arm, ArmSettings, Hand, HandSettings, TICK_S, body};
-use crate::scene::{NoScene, Scene};
+use crate::robot::{Arm, ArmSettings, HandSettings, SimulatedHand, TICK_S, body};
+use crate::scene::{NoScene, SimulatedScene};
 
 /// A cell at work.
 pub struct CellWorld {
     settings: CellSettings,
     hand_settings: HandSettings,
-    scene: Scene,
+    scene: SimulatedScene,
     world: World,
-    hand: Hand,
+    hand: SimulatedHand,
     /// The arm, to be commanded and watched.
     pub arm: Arm,
     ticks: u64,
@@ -40,7 +40,7 @@ impl CellWorld {
     }
 
     /// The cell with a given scene, the arm ready, the hand open.
-    pub fn with_scene(scene: Scene, settings: CellSettings, arm: ArmSettings, hand: HandSettings) -> Self {
+    pub fn with_scene(scene: SimulatedScene, settings: CellSettings, arm: ArmSettings, hand: HandSettings) -> Self {
         let arm = Arm::new(arm);
         let (world, hand_in_world) = furnished(&scene, &settings, &arm, hand);
         Self { settings, hand_settings: hand, scene, world, hand: hand_in_world, arm, ticks: 0, pictures: 0 }
@@ -88,7 +88,7 @@ impl CellWorld {
     }
 
     /// The scene's furniture and objects where they are now, distances measured.
-    pub fn truth(&self) -> Scene {
+    pub fn truth(&self) -> SimulatedScene {
         self.scene.with_poses(&self.world.poses())
     }
 
@@ -108,7 +108,7 @@ impl CellWorld {
         let gripper = GripperState { width_m, settled, holding };
         // The cell's world is the base's.
         let world_from_base = Some(RigidTransform::IDENTITY);
-        state_of(&self.arm, &Shown { seq, stamp_ns, robot_ms: self.robot_ms(), gripper, world_from_base })
+        state_of(&self.arm, &StateDetails { seq, stamp_ns, robot_ms: self.robot_ms(), gripper, world_from_base })
     }
 
     /// Whether every object is at rest.
@@ -144,8 +144,8 @@ impl CellWorld {
     }
 }
 
-fn furnished(scene: &Scene, settings: &CellSettings, arm: &Arm, hand: HandSettings) -> (World, Hand) {
+fn furnished(scene: &SimulatedScene, settings: &CellSettings, arm: &Arm, hand: HandSettings) -> (World, SimulatedHand) {
     let mut world = scene.world(settings.scene.physics);
-    let hand = Hand::new(&mut world, &base_from_hand(arm.q_rad()), hand);
+    let hand = SimulatedHand::new(&mut world, &base_from_hand(arm.q_rad()), hand);
     (world, hand)
 }

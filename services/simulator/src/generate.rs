@@ -16,7 +16,7 @@ use repose_dataset::{
 use crate::render::DepthCanvas;
 use crate::scene::{NoScene, Rejected, SceneSettings, scene_of_seed};
 use crate::statistics::Statistics;
-use crate::trials::{TrialSettings, trials};
+use crate::trials::{ReleaseTrialSettings, trials};
 use crate::viewpoint::ViewpointSettings;
 use crate::views::view_of_scene;
 
@@ -44,7 +44,7 @@ pub struct GenerateSettings {
     /// Where the cameras are.
     pub viewpoint: ViewpointSettings,
     /// Whether objects are let go too, and how ([`trials`]). May be asked for later: what is missing is added to the shards that are there.
-    pub trials: Option<TrialSettings>,
+    pub trials: Option<ReleaseTrialSettings>,
 }
 
 impl GenerateSettings {

@@ -11,7 +11,7 @@ use rapier3d::math::Vector;
 use rapier3d::pipeline::PhysicsWorld;
 
 use crate::convert;
-use crate::objects::Shape;
+use crate::objects::ObjectShape;
 
 /// How the world is stepped.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -154,7 +154,7 @@ impl World {
     }
 
     /// Adds an object at rest; its index is the number of objects before it.
-    pub fn add_object(&mut self, shape: &Shape, world_from_object: &Isometry3<f64>) -> usize {
+    pub fn add_object(&mut self, shape: &ObjectShape, world_from_object: &Isometry3<f64>) -> usize {
         let body = RigidBodyBuilder::dynamic()
             .pose(convert::pose(world_from_object))
             // Sleep would freeze what creeps, and let go of what is held still in the air.

@@ -7,9 +7,9 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Vector3};
 
 use crate::contact::{FAR_M, PlacedParts};
-use crate::objects::Shape;
+use crate::objects::ObjectShape;
 use crate::physics::{PhysicsSettings, RestSettings};
-use crate::scene::Scene;
+use crate::scene::SimulatedScene;
 
 /// How long and how finely the release is simulated.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,9 +29,9 @@ impl Default for ReleaseSettings {
     }
 }
 
-/// What came of a release.
+/// The outcome of a simulated release.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Outcome {
+pub struct ReleaseOutcome {
     /// How far the object's centre moved, metres.
     pub moved_m: f64,
     /// How far its own up axis turned away from where it pointed, radians.
@@ -45,7 +45,12 @@ pub struct Outcome {
 }
 
 /// Puts object `index` of the scene at `world_from_object`, at rest, and lets go. `None` when the scene has no such object.
-pub fn released(scene: &Scene, index: usize, world_from_object: &Isometry3<f64>, settings: &ReleaseSettings) -> Option<Outcome> {
+pub fn released(
+    scene: &SimulatedScene,
+    index: usize,
+    world_from_object: &Isometry3<f64>,
+    settings: &ReleaseSettings,
+) -> Option<ReleaseOutcome> {
     let mut start: Vec<Isometry3<f64>> = scene.objects.iter().map(|o| o.world_from_object).collect();
     *start.get_mut(index)? = *world_from_object;
     let penetration_m = penetration_of(scene, index, world_from_object);
@@ -55,7 +60,7 @@ pub fn released(scene: &Scene, index: usize, world_from_object: &Isometry3<f64>,
     let end = world.poses();
     let moved = |i: usize| (end[i].translation.vector - start[i].translation.vector).norm();
     let up = |pose: &Isometry3<f64>| pose.rotation * Vector3::z();
-    Some(Outcome {
+    Some(ReleaseOutcome {
         moved_m: moved(index),
         tilt_rad: up(&start[index]).angle(&up(&end[index])),
         penetration_m,
@@ -65,7 +70,7 @@ pub fn released(scene: &Scene, index: usize, world_from_object: &Isometry3<f64>,
 }
 
 /// How deep object `index` would be in anything else at `world_from_object`, metres.
-pub fn penetration_of(scene: &Scene, index: usize, world_from_object: &Isometry3<f64>) -> f32 {
+pub fn penetration_of(scene: &SimulatedScene, index: usize, world_from_object: &Isometry3<f64>) -> f32 {
     Surroundings::of(scene, index).map_or(0.0, |around| around.deepest(world_from_object).map_or(0.0, |(_, depth_m)| depth_m))
 }
 
@@ -81,13 +86,13 @@ pub enum Thing {
 /// Everything in a scene but one object, to try many places of that object against.
 #[derive(Debug, Clone)]
 pub struct Surroundings {
-    shape: Arc<Shape>,
+    shape: Arc<ObjectShape>,
     others: Vec<(Thing, PlacedParts)>,
 }
 
 impl Surroundings {
     /// What surrounds object `index`; `None` when the scene has no such object.
-    pub fn of(scene: &Scene, index: usize) -> Option<Self> {
+    pub fn of(scene: &SimulatedScene, index: usize) -> Option<Self> {
         let shape = scene.objects.get(index)?.shape.clone();
         let objects = scene.objects.iter().enumerate().filter(|(i, _)| *i != index).filter_map(|(_, o)| {
             let parts = PlacedParts::new(&o.shape.parts, &o.world_from_object)?;

@@ -11,11 +11,11 @@ use rand_pcg::Pcg64;
 use repose_dataset::ReleaseRecord;
 
 use crate::release::{ReleaseSettings, Surroundings, released};
-use crate::scene::Scene;
+use crate::scene::SimulatedScene;
 
-/// How places are drawn.
+/// How the places of simulated releases are drawn.
 #[derive(Debug, Clone, PartialEq)]
-pub struct TrialSettings {
+pub struct ReleaseTrialSettings {
     /// Trials of a scene, spread over its objects.
     pub per_scene: usize,
     /// How likely each kind of place is, relative to the others.
@@ -51,7 +51,7 @@ pub struct TrialWeights {
     pub negative: f64,
 }
 
-impl Default for TrialSettings {
+impl Default for ReleaseTrialSettings {
     fn default() -> Self {
         Self {
             per_scene: 12,
@@ -76,7 +76,7 @@ const LOWERED_FROM_M: f64 = 0.01;
 const LOWERING_STEPS: usize = 16;
 
 /// Lets objects of the scene go; the same for the same scene and settings.
-pub fn trials(scene: &Scene, settings: &TrialSettings) -> Vec<ReleaseRecord> {
+pub fn trials(scene: &SimulatedScene, settings: &ReleaseTrialSettings) -> Vec<ReleaseRecord> {
     const TRIAL_STREAM: u128 = 0x7e1e_a5e0_0000_0001;
     let mut rng = Pcg64::new(u128::from(scene.seed), TRIAL_STREAM);
     let trial = |_| {
@@ -92,7 +92,7 @@ pub fn trials(scene: &Scene, settings: &TrialSettings) -> Vec<ReleaseRecord> {
 /// Lets object `index` go at `world_from_object`, turned by `yaw_rad` from how it stands in the scene, and writes down what comes of it. `None`
 /// when the scene has no such object.
 pub fn let_go(
-    scene: &Scene,
+    scene: &SimulatedScene,
     index: usize,
     world_from_object: &Isometry3<f64>,
     yaw_rad: f64,
@@ -112,7 +112,13 @@ pub fn let_go(
 }
 
 /// A place for object `index`: its pose, and its turn about z from how it stands in the scene.
-fn place(scene: &Scene, index: usize, around: &Surroundings, settings: &TrialSettings, rng: &mut Pcg64) -> (Isometry3<f64>, f64) {
+fn place(
+    scene: &SimulatedScene,
+    index: usize,
+    around: &Surroundings,
+    settings: &ReleaseTrialSettings,
+    rng: &mut Pcg64,
+) -> (Isometry3<f64>, f64) {
     let standing = scene.objects[index].world_from_object;
     let yaw_rad = if rng.random_bool(settings.turned) { rng.random_range(-std::f64::consts::PI..std::f64::consts::PI) } else { 0.0 };
     let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw_rad) * standing.rotation;
@@ -188,7 +194,7 @@ mod tests {
 
     #[test]
     fn trials_are_the_same_again_and_of_both_outcomes() {
-        let settings = TrialSettings { per_scene: 8, ..TrialSettings::default() };
+        let settings = ReleaseTrialSettings { per_scene: 8, ..ReleaseTrialSettings::default() };
         let all: Vec<ReleaseRecord> = [11, 12, 13]
             .iter()
             .filter_map(|seed| scene_of_seed(*seed, &SceneSettings::default()).ok())

@@ -7,7 +7,7 @@ use repose_geometry::transform::look_at;
 use serde::Serialize;
 
 use crate::furniture::{Fixture, Focus};
-use crate::scene::Scene;
+use crate::scene::SimulatedScene;
 
 /// A way to hold a camera.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -129,7 +129,7 @@ impl Viewpoint {
 
     /// Whether the camera is clear of everything, and furniture leaves it at least `settings.seen_least` objects' middles in sight and in the
     /// picture. Cheap: nothing is drawn.
-    pub fn is_plausible(&self, scene: &Scene, settings: &ViewpointSettings) -> bool {
+    pub fn is_plausible(&self, scene: &SimulatedScene, settings: &ViewpointSettings) -> bool {
         let eye = Point3::from(self.world_from_camera.translation.vector);
         let grown = |half: &Vector3<f64>| half.add_scalar(settings.clearance_m);
         let inside = |world_from_box: &Isometry3<f64>, half: &Vector3<f64>| {
@@ -184,7 +184,7 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::*;
-    use crate::furniture::{Outlook, Role};
+    use crate::furniture::{FurnitureRole, Outlook};
 
     #[test]
     fn every_mount_is_used_and_keeps_its_range() {
@@ -209,7 +209,7 @@ mod tests {
 
     #[test]
     fn furniture_between_two_points_is_noticed() {
-        let wall = Fixture::between(Role::Wall, Point3::new(-1.0, 0.4, 0.0), Point3::new(1.0, 0.5, 1.0), [0; 3]);
+        let wall = Fixture::between(FurnitureRole::Wall, Point3::new(-1.0, 0.4, 0.0), Point3::new(1.0, 0.5, 1.0), [0; 3]);
         let at = |y: f64, z: f64| Point3::new(0.0, y, z);
         assert!(is_between(&wall, &at(0.0, 0.5), &at(1.0, 0.5)));
         assert!(!is_between(&wall, &at(0.0, 0.5), &at(0.39, 0.5)), "before it");

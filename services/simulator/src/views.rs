@@ -6,7 +6,7 @@ use repose_dataset::{Composite, Elsewhere, FixtureRecord, Layer, ObjectRecord, V
 use repose_geometry::{OrientedBox, TriMesh, ViewerFrame};
 
 use crate::render::{DepthCanvas, Light};
-use crate::scene::{Scene, SceneObject};
+use crate::scene::{SceneObject, SimulatedScene};
 use crate::viewpoint::{Viewpoint, ViewpointSettings};
 
 /// How far from its place an object is shown for the second time, at most, metres and as a share of its distance from the camera.
@@ -16,7 +16,7 @@ const ELSEWHERE_UP_M: f64 = 0.06;
 
 /// A view of the scene from a random viewpoint that sees enough of it; `None` when none of `settings.tries` does.
 pub fn view_of_scene(
-    scene: &Scene,
+    scene: &SimulatedScene,
     view: u32,
     settings: &ViewpointSettings,
     with_color: bool,
@@ -52,7 +52,7 @@ fn sees_enough(view: &ViewRecord, settings: &ViewpointSettings) -> bool {
 }
 
 /// What a camera sees of a scene: layers and ground truth. No object has a second layer yet.
-fn view_record(scene: &Scene, view: u32, viewpoint: &Viewpoint, painter: &mut LayerPainter) -> ViewRecord {
+fn view_record(scene: &SimulatedScene, view: u32, viewpoint: &Viewpoint, painter: &mut LayerPainter) -> ViewRecord {
     let viewer = ViewerFrame::from_camera(&viewpoint.world_from_camera);
     let objects = scene.objects.iter().map(|object| {
         let alone = painter.alone(&object.shape.mesh, &object.world_from_object, object.color);
@@ -137,7 +137,7 @@ impl<'a> LayerPainter<'a> {
         self.layer()
     }
 
-    fn furniture(&mut self, scene: &Scene) -> Layer {
+    fn furniture(&mut self, scene: &SimulatedScene) -> Layer {
         self.canvas.clear();
         for fixture in &scene.fixtures {
             self.draw(&fixture.mesh, &fixture.world_from_fixture, fixture.color);

@@ -6,7 +6,7 @@ use repose_dataset::{Composite, Split, read_shard, shard_paths};
 use repose_simulator::generate::{GenerateError, GenerateSettings, generate, scene_views};
 use repose_simulator::render::picture;
 use repose_simulator::scene::{SceneSettings, scene_of_seed};
-use repose_simulator::trials::TrialSettings;
+use repose_simulator::trials::ReleaseTrialSettings;
 use repose_simulator::viewpoint::ViewpointSettings;
 
 fn settings(out: &Path, threads: usize) -> GenerateSettings {
@@ -130,7 +130,7 @@ fn releases_asked_for_later_are_added_and_others_than_those_that_are_there_are_r
     let folder = tempfile::tempdir().expect("a folder");
     let asked = |per_scene: Option<usize>| GenerateSettings {
         scenes: 1,
-        trials: per_scene.map(|per_scene| TrialSettings { per_scene, ..TrialSettings::default() }),
+        trials: per_scene.map(|per_scene| ReleaseTrialSettings { per_scene, ..ReleaseTrialSettings::default() }),
         ..settings(folder.path(), 1)
     };
     let made = |per_scene| generate(&asked(per_scene), |_| true);

@@ -6,9 +6,9 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_panda::kinematics::TCP_M;
 use repose_proto::robot::GripperCommand;
-use repose_simulator::objects::{Family, Shape};
+use repose_simulator::objects::{Family, ObjectShape};
 use repose_simulator::physics::{PhysicsSettings, World};
-use repose_simulator::robot::{Hand, HandSettings};
+use repose_simulator::robot::{HandSettings, SimulatedHand};
 
 /// How far below an object's top it is grasped, metres, and the lowest that the grasp centre goes.
 const DEPTH_M: f64 = 0.025;
@@ -25,7 +25,7 @@ fn world_from_hand(place: Vector3<f64>, turn_rad: f64) -> Isometry3<f64> {
 
 /// Grasps the object `aside_m` from its middle along its longer side, and moves it about for five seconds. How far it shifted (metres) and
 /// turned (radians) in the hand since the fingers had closed.
-fn shift_in_hand(shape: &Shape, aside_m: f64, force_n: f64) -> (f64, f64) {
+fn shift_in_hand(shape: &ObjectShape, aside_m: f64, force_n: f64) -> (f64, f64) {
     let mut world = World::new(PhysicsSettings::grasping());
     world.add_fixture(SharedShape::cuboid(1.0, 1.0, 0.05), &Isometry3::translation(0.0, 0.0, -0.05), 0.6);
     let half = shape.half_extents_m;
@@ -35,17 +35,20 @@ fn shift_in_hand(shape: &Shape, aside_m: f64, force_n: f64) -> (f64, f64) {
     let low = Vector3::new(aside_m, 0.0, (2.0 * half.z - DEPTH_M).max(LOWEST_M));
     let high = low + Vector3::z() * 0.1;
     let away = high + Vector3::x() * 0.3;
-    let mut hand = Hand::new(&mut world, &world_from_hand(low, 0.0), HandSettings::default());
-    let go =
-        |world: &mut World, hand: &mut Hand, (from, from_rad): (Vector3<f64>, f64), (to, to_rad): (Vector3<f64>, f64), seconds: f64| {
-            let steps = (seconds / f64::from(world.step_s())) as usize;
-            for k in 1..=steps {
-                let s = repose_panda::smooth_step(k as f64 / steps as f64);
-                hand.before_step(world, &world_from_hand(from.lerp(&to, s), from_rad + s * (to_rad - from_rad)));
-                world.step();
-            }
-            world_from_hand(to, to_rad).inverse() * world.world_from_object(0)
-        };
+    let mut hand = SimulatedHand::new(&mut world, &world_from_hand(low, 0.0), HandSettings::default());
+    let go = |world: &mut World,
+              hand: &mut SimulatedHand,
+              (from, from_rad): (Vector3<f64>, f64),
+              (to, to_rad): (Vector3<f64>, f64),
+              seconds: f64| {
+        let steps = (seconds / f64::from(world.step_s())) as usize;
+        for k in 1..=steps {
+            let s = repose_panda::smooth_step(k as f64 / steps as f64);
+            hand.before_step(world, &world_from_hand(from.lerp(&to, s), from_rad + s * (to_rad - from_rad)));
+            world.step();
+        }
+        world_from_hand(to, to_rad).inverse() * world.world_from_object(0)
+    };
     hand.command(&GripperCommand { width_m: 0.0, force_n });
     let grasped = go(&mut world, &mut hand, (low, 0.0), (low, 0.0), 1.5);
     assert!(hand.is_holding(&mut world), "{} is not held", shape.name);
@@ -106,7 +109,7 @@ fn what_is_let_go_drops_upright_where_it_was_held() {
         world.add_object(&shape, &Isometry3::from_parts(Translation3::new(0.0, 0.0, half.z), upright));
         // Held 8 mm beside its middle: as the grip let go slowly, it would swing down about the pads.
         let place = |z: f64| world_from_hand(Vector3::new(0.008, 0.0, (2.0 * half.z - DEPTH_M).max(LOWEST_M) + z), 0.0);
-        let mut hand = Hand::new(&mut world, &place(0.0), HandSettings::default());
+        let mut hand = SimulatedHand::new(&mut world, &place(0.0), HandSettings::default());
         let mut go = |command: GripperCommand, from: f64, to: f64| {
             hand.command(&command);
             for k in 1..=750 {

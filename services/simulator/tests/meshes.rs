@@ -14,7 +14,7 @@ use repose_geometry::TriMesh;
 use repose_simulator::objects::body::cuboid_mesh;
 use repose_simulator::objects::meshes::read::{Format, triangles};
 use repose_simulator::objects::meshes::{DecompositionSettings, MeshProblem};
-use repose_simulator::objects::{Family, MeshError, MeshLibrary, MeshSettings, ObjectSource, Shape};
+use repose_simulator::objects::{Family, MeshError, MeshLibrary, MeshSettings, ObjectShape, ObjectSource};
 use repose_simulator::physics::{PhysicsSettings, RestSettings, World};
 
 fn obj(mesh: &TriMesh) -> String {
@@ -176,7 +176,7 @@ fn meshes_come_instead_of_families_in_their_share() {
 }
 
 /// How far a point is outside of all parts, metres.
-fn gap_m(shape: &Shape, p: &Point3<f32>) -> f32 {
+fn gap_m(shape: &ObjectShape, p: &Point3<f32>) -> f32 {
     // In decimetres: the engine's tolerances are too coarse for centimetres in metres.
     let scaled = |corners: &[parry3d::math::Vector]| corners.iter().map(|c| *c * 10.0).collect::<Vec<_>>();
     let at = parry3d::math::Vector::new(p.x, p.y, p.z) * 10.0;

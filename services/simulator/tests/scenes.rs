@@ -7,14 +7,14 @@ use rand_pcg::Pcg64;
 use repose_geometry::ViewerFrame;
 use repose_proto::Relation;
 use repose_simulator::render::picture;
-use repose_simulator::scene::{KindWeights, Scene, SceneKind, SceneSettings, scene_of_seed};
+use repose_simulator::scene::{KindWeights, SceneKind, SceneSettings, SimulatedScene, scene_of_seed};
 use repose_simulator::viewpoint::{ViewpointSettings, random_viewpoint};
 
 const SEEDS: std::ops::Range<u64> = 40..45;
 
 /// Five scenes of every kind, made once for all tests.
-fn scenes() -> &'static [Scene] {
-    static SCENES: OnceLock<Vec<Scene>> = OnceLock::new();
+fn scenes() -> &'static [SimulatedScene] {
+    static SCENES: OnceLock<Vec<SimulatedScene>> = OnceLock::new();
     SCENES.get_or_init(|| {
         let of_kind = |kind| SEEDS.map(move |seed| scene_of_seed(seed, &SceneSettings::only(kind)).expect("a scene").0);
         SceneKind::ALL.into_iter().flat_map(of_kind).collect()
@@ -70,7 +70,7 @@ fn from_where_a_scene_says_to_look_most_objects_are_seen() {
 fn a_seed_gives_the_same_scene_on_every_thread() {
     let made = || -> Vec<(SceneKind, Vec<[f64; 3]>)> {
         let scene = |seed| scene_of_seed(seed, &SceneSettings::default()).expect("a scene").0;
-        let at = |s: &Scene| s.objects.iter().map(|o| o.world_from_object.translation.vector.into()).collect();
+        let at = |s: &SimulatedScene| s.objects.iter().map(|o| o.world_from_object.translation.vector.into()).collect();
         (0..6).map(scene).map(|s| (s.kind, at(&s))).collect()
     };
     let elsewhere = std::thread::spawn(made);

@@ -46,8 +46,8 @@ impl Origin {
     }
 }
 
-/// The state that a run resumes from.
-pub struct State {
+/// The state that a training run resumes from.
+pub struct TrainingState {
     /// Steps done.
     pub step: u64,
     /// Trained values and running statistics.
@@ -98,7 +98,7 @@ pub fn save(
 ///
 /// # Errors
 /// [`TrainError::OtherRun`] when that run began differently. Checkpoints that do not say how they began are resumed.
-pub fn load(settings: &TrainSettings, origin: &Origin) -> Result<Option<State>, TrainError> {
+pub fn load(settings: &TrainSettings, origin: &Origin) -> Result<Option<TrainingState>, TrainError> {
     let path = path(settings);
     let bytes = match std::fs::read(&path) {
         Ok(bytes) => bytes,
@@ -124,5 +124,5 @@ pub fn load(settings: &TrainSettings, origin: &Origin) -> Result<Option<State>, 
     let moments =
         of("first").into_iter().filter_map(|(name, (_, first))| Some((name.clone(), (first, second.get(&name)?.1.clone())))).collect();
     let adam = AdamW::restore(number("adam_step").unwrap_or(0) as i32, moments);
-    Ok(Some(State { step: number("step").unwrap_or(0), values: of("value"), average: of("average"), adam }))
+    Ok(Some(TrainingState { step: number("step").unwrap_or(0), values: of("value"), average: of("average"), adam }))
 }

@@ -13,8 +13,8 @@ use repose_networks::{
 
 use crate::{
     episode::Episode,
-    placement::{Candidates, Labelled},
-    settings::Part,
+    placement::{Candidates, LabelledPlacement},
+    settings::TrainedPart,
 };
 
 /// The paper's candidates.
@@ -31,18 +31,18 @@ impl Default for MovedPlaces {
 }
 
 impl Candidates for MovedPlaces {
-    const PART: Part = Part::Discriminator;
+    const PART: TrainedPart = TrainedPart::Discriminator;
 
-    fn places(&self, episode: &Episode, rng: &mut Pcg64) -> Vec<Labelled> {
+    fn places(&self, episode: &Episode, rng: &mut Pcg64) -> Vec<LabelledPlacement> {
         let offset = direction(rng) * rng.random_range(self.offset_m[0]..=self.offset_m[1]);
-        let moved = Labelled { position: episode.position + offset, yaw_rad: episode.yaw_rad, label: 0.0, is_good: false };
-        vec![Labelled::settled(episode, rng), moved]
+        let moved = LabelledPlacement { position: episode.position + offset, yaw_rad: episode.yaw_rad, label: 0.0, is_good: false };
+        vec![LabelledPlacement::settled(episode, rng), moved]
     }
 
     /// Every candidate has points of its own (paper).
-    fn input(&self, config: &NetworksConfig, episode: &Episode, places: &[Labelled], rng: &mut Pcg64) -> Grouped {
+    fn input(&self, config: &NetworksConfig, episode: &Episode, places: &[LabelledPlacement], rng: &mut Pcg64) -> Grouped {
         let kernel = Kernel::detect();
-        let crop = |place: &Labelled| {
+        let crop = |place: &LabelledPlacement| {
             let query = episode.query.turned(place.yaw_rad);
             let (points, is_query) = discriminator_points(config, &episode.scene, &query, place.position.into());
             let points = turned(&points, rng.random_range(0.0..std::f32::consts::TAU));

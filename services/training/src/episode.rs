@@ -14,7 +14,7 @@ use repose_sensor::SensorModel;
 
 use crate::{
     normal::gaussian,
-    views::{Drawn, PIXELS_LEAST},
+    views::{PIXELS_LEAST, QueryView},
 };
 
 /// How episodes are perturbed. The tilt is the ±2° that gravity may be off by (twice the deviation); the shares are ours, without a recorded
@@ -37,9 +37,9 @@ impl Default for EpisodeSettings {
     }
 }
 
-/// The anchor's part of an episode.
+/// One anchor of an episode.
 #[derive(Debug, Clone)]
-pub struct Anchor {
+pub struct EpisodeAnchor {
     /// Its cloud, the query absent.
     pub cloud: ObjectCloud,
     /// Ground truth of query × this anchor.
@@ -48,7 +48,7 @@ pub struct Anchor {
 
 /// A simulated release of the query, and its outcome.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Trial {
+pub struct SimulatedRelease {
     /// Where its observed centroid was released.
     pub position: Point3<f32>,
     /// Turn about z from how it was observed, radians.
@@ -80,15 +80,15 @@ pub struct Episode {
     /// The scene without the query, in sampling order; labels are 1 + object index.
     pub scene: SceneCloud,
     /// The other objects that are visible enough.
-    pub anchors: Vec<Anchor>,
+    pub anchors: Vec<EpisodeAnchor>,
     /// Its simulated releases.
-    pub trials: Vec<Trial>,
+    pub trials: Vec<SimulatedRelease>,
 }
 
 impl Episode {
     /// Prepares an episode; `None` when cleaning leaves too little of the query or no anchor.
-    pub fn new(drawn: &Drawn<'_>, cloud: &CloudConfig, settings: &EpisodeSettings, rng: &mut Pcg64) -> Option<Self> {
-        let Drawn { view, query, releases } = drawn;
+    pub fn new(drawn: &QueryView<'_>, cloud: &CloudConfig, settings: &EpisodeSettings, rng: &mut Pcg64) -> Option<Self> {
+        let QueryView { view, query, releases } = drawn;
         let query = *query;
         let label = query as u16 + 1;
         let band_px = rng.random_range(1..=settings.band_px.max(1));
@@ -133,19 +133,19 @@ impl Episode {
             let own: Vec<Point3<f32>> = points.iter().zip(&labels).filter(|(_, l)| usize::from(**l) == k + 1).map(|(p, _)| *p).collect();
             if let Some(object) = ObjectCloud::new(&own, &observer, cloud).filter(|_| own.len() >= PIXELS_LEAST / 2) {
                 centers.push(object.centroid_in_viewer);
-                anchors.push(Anchor { cloud: object, relations: *view.relations_of(query, k) });
+                anchors.push(EpisodeAnchor { cloud: object, relations: *view.relations_of(query, k) });
             }
         }
         let trial = |release: &ReleaseRecord| {
             let motion = release.placed_from_settled(&object.world_from_object);
-            Trial {
+            SimulatedRelease {
                 position: about(&(motion.cast::<f32>() * position)),
                 yaw_rad: yaw_rad + release.yaw_rad,
                 stayed: release.moved_m < STAYED_M,
                 as_put: stays_as_put(release),
             }
         };
-        let trials: Vec<Trial> = releases.iter().map(trial).collect();
+        let trials: Vec<SimulatedRelease> = releases.iter().map(trial).collect();
         // The crops around trials must be kept too.
         centers.extend(trials.iter().map(|t| t.position));
         let scene = SceneCloud::new(&points, &labels, &centers, cloud).without(label);

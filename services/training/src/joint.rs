@@ -18,10 +18,10 @@ use repose_networks::{
 use repose_relations::Confusion;
 
 use crate::{
-    episode::{Anchor, Episode, EpisodeSettings},
-    settings::Part,
-    task::Task,
-    views::Drawn,
+    episode::{Episode, EpisodeAnchor, EpisodeSettings},
+    settings::TrainedPart,
+    task::TrainingTask,
+    views::QueryView,
 };
 
 /// How pairs and goals are drawn. The values are ours; no comparison is recorded.
@@ -122,8 +122,8 @@ impl JointTask {
 }
 
 /// Up to `most` of the anchors, without repetition.
-fn chosen<'a>(anchors: &'a [Anchor], most: usize, rng: &mut Pcg64) -> Vec<&'a Anchor> {
-    let mut list: Vec<&Anchor> = anchors.iter().collect();
+fn chosen<'a>(anchors: &'a [EpisodeAnchor], most: usize, rng: &mut Pcg64) -> Vec<&'a EpisodeAnchor> {
+    let mut list: Vec<&EpisodeAnchor> = anchors.iter().collect();
     for i in 0..most.min(list.len()) {
         let other = rng.random_range(i..list.len());
         list.swap(i, other);
@@ -132,14 +132,14 @@ fn chosen<'a>(anchors: &'a [Anchor], most: usize, rng: &mut Pcg64) -> Vec<&'a An
     list
 }
 
-impl Task for JointTask {
+impl TrainingTask for JointTask {
     type Prepared = Episode;
 
-    fn part(&self) -> Part {
-        Part::Joint
+    fn part(&self) -> TrainedPart {
+        TrainedPart::Joint
     }
 
-    fn prepare(&self, _: &Networks, config: &NetworksConfig, drawn: &Drawn<'_>, rng: &mut Pcg64) -> Result<Option<Episode>> {
+    fn prepare(&self, _: &Networks, config: &NetworksConfig, drawn: &QueryView<'_>, rng: &mut Pcg64) -> Result<Option<Episode>> {
         Ok(Episode::new(drawn, &config.cloud, &EpisodeSettings::default(), rng))
     }
 

@@ -1,15 +1,15 @@
 //! Training: shards of simulated views in, weights out.
 //!
 //! ```no_run
-//! use repose_training::{Part, TrainSettings, train};
+//! use repose_training::{TrainedPart, TrainSettings, train};
 //!
-//! let settings = TrainSettings { data: "out/data".into(), out: "out/joint.safetensors".into(), ..TrainSettings::of_part(Part::Joint) };
+//! let settings = TrainSettings { data: "out/data".into(), out: "out/joint.safetensors".into(), ..TrainSettings::of_part(TrainedPart::Joint) };
 //! let report = train(&settings)?;
 //! println!("{} steps on {} views; validation: {}", report.steps, report.views, report.metrics);
 //! # Ok::<(), repose_training::TrainError>(())
 //! ```
 //!
-//! [`train`] fits one [`Part`]: the encoders, relation predictor and prior jointly, the relation predictor alone on frozen encoders, the scene
+//! [`train`] fits one [`TrainedPart`]: the encoders, relation predictor and prior jointly, the relation predictor alone on frozen encoders, the scene
 //! discriminator, or the outcome network. All of them prepare views of training scenes (most as [`episode`]s, with one object as the query) and
 //! measure on validation scenes; [`repose_dataset::Split`] says which is which. A run resumes from its own checkpoint, follows new shards as
 //! they appear, and ends after its steps or minutes with the weights and the learning [`curve`] written. A process that trains should start
@@ -34,5 +34,5 @@ pub mod train;
 pub mod views;
 
 pub use error::TrainError;
-pub use settings::{Compute, Part, RelationsVariant, TrainSettings};
+pub use settings::{Compute, RelationsVariant, TrainSettings, TrainedPart};
 pub use train::{ONE_THREAD_VARIABLES, TrainReport, train};

@@ -7,9 +7,9 @@ use repose_networks::{
     parameters::{DISCRIMINATOR, OUTCOME, RELATIONS, WeightMap},
 };
 
-use crate::{error::TrainError, settings::Part};
+use crate::{error::TrainError, settings::TrainedPart};
 
-impl Part {
+impl TrainedPart {
     /// Whether a parameter or a running statistic belongs to this part. The relation predictor belongs to the joint training too.
     pub fn fits(self, parameter: &str) -> bool {
         match self {
@@ -25,7 +25,7 @@ impl Part {
 ///
 /// # Errors
 /// When the parts together are no whole set of weights.
-pub fn merged(parts: &[(Part, Weights)]) -> Result<Vec<u8>, TrainError> {
+pub fn merged(parts: &[(TrainedPart, Weights)]) -> Result<Vec<u8>, TrainError> {
     let mut values = WeightMap::new();
     let mut info = WeightsInfo { recipe: serde_json::json!({}), metrics: serde_json::json!({}), ..WeightsInfo::default() };
     for (part, weights) in parts {
@@ -33,7 +33,7 @@ pub fn merged(parts: &[(Part, Weights)]) -> Result<Vec<u8>, TrainError> {
         values.extend(weights.values.iter().filter(|(name, _)| part.fits(name)).map(|(name, value)| (name.clone(), value.clone())));
         info.recipe[part.name()] = weights.info.recipe[part.name()].clone();
         info.metrics[part.name()] = weights.info.metrics[part.name()].clone();
-        if *part == Part::Outcome {
+        if *part == TrainedPart::Outcome {
             // They read its word.
             info.forecasts = weights.info.forecasts.clone();
         }
@@ -48,7 +48,7 @@ pub fn merged(parts: &[(Part, Weights)]) -> Result<Vec<u8>, TrainError> {
 ///
 /// # Errors
 /// [`TrainError::Mean`] when another run lacks a value of the part or has it in another shape.
-pub fn mean_with(values: &mut WeightMap, others: &[(PathBuf, WeightMap)], part: Part) -> Result<(), TrainError> {
+pub fn mean_with(values: &mut WeightMap, others: &[(PathBuf, WeightMap)], part: TrainedPart) -> Result<(), TrainError> {
     for (name, (shape, numbers)) in values.iter_mut().filter(|(name, _)| part.fits(name)) {
         for (path, other) in others {
             let same_shape = other.get(name).filter(|(other_shape, _)| other_shape == shape);
@@ -75,10 +75,10 @@ mod tests {
             weights
         });
         let parts = [
-            (Part::Joint, first.clone()),
-            (Part::Relations, second.clone()),
-            (Part::Discriminator, second.clone()),
-            (Part::Outcome, second.clone()),
+            (TrainedPart::Joint, first.clone()),
+            (TrainedPart::Relations, second.clone()),
+            (TrainedPart::Discriminator, second.clone()),
+            (TrainedPart::Outcome, second.clone()),
         ];
         let both = Weights::from_bytes(&merged(&parts).unwrap()).unwrap();
         assert_eq!(both.values["object/sa1/linear1/weight"], first.values["object/sa1/linear1/weight"]);
@@ -88,15 +88,15 @@ mod tests {
         assert_eq!(both.values.len(), first.values.len());
         assert_eq!((&both.info.recipe["joint"]["seed"], &both.info.recipe["discriminator"]["seed"]), (&1.into(), &2.into()));
         let mut mean = first.values.clone();
-        mean_with(&mut mean, &[(PathBuf::from("second"), second.values.clone())], Part::Outcome).unwrap();
+        mean_with(&mut mean, &[(PathBuf::from("second"), second.values.clone())], TrainedPart::Outcome).unwrap();
         let at = |values: &WeightMap, name: &str| values[name].1[0];
         let name = "outcome/sa1/linear1/weight";
         assert_eq!(at(&mean, name), (at(&first.values, name) + at(&second.values, name)) / 2.0);
         assert_eq!(mean["prior/out/weight"], first.values["prior/out/weight"]);
         let lacking: WeightMap = second.values.into_iter().filter(|(n, _)| n != name).collect();
-        let error = mean_with(&mut mean, &[(PathBuf::from("lacking"), lacking)], Part::Outcome).unwrap_err().to_string();
+        let error = mean_with(&mut mean, &[(PathBuf::from("lacking"), lacking)], TrainedPart::Outcome).unwrap_err().to_string();
         assert!(error.contains("lacking") && error.contains(name), "{error}");
-        let error = merged(&[(Part::Joint, first)]).unwrap_err().to_string();
+        let error = merged(&[(TrainedPart::Joint, first)]).unwrap_err().to_string();
         assert!(error.contains("discriminator/") && error.contains("missing"), "{error}");
     }
 }

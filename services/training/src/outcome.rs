@@ -13,9 +13,9 @@ use repose_networks::{
 };
 
 use crate::{
-    episode::{Episode, Trial},
-    placement::{Candidates, Labelled},
-    settings::Part,
+    episode::{Episode, SimulatedRelease},
+    placement::{Candidates, LabelledPlacement},
+    settings::TrainedPart,
     views::TRIALS_AT_ONCE,
 };
 
@@ -24,22 +24,22 @@ use crate::{
 pub struct ReleasedPlaces;
 
 impl Candidates for ReleasedPlaces {
-    const PART: Part = Part::Outcome;
+    const PART: TrainedPart = TrainedPart::Outcome;
 
-    fn places(&self, episode: &Episode, rng: &mut Pcg64) -> Vec<Labelled> {
-        let mut places: Vec<Labelled> = episode.trials.sample(rng, TRIALS_AT_ONCE).map(labelled).collect();
+    fn places(&self, episode: &Episode, rng: &mut Pcg64) -> Vec<LabelledPlacement> {
+        let mut places: Vec<LabelledPlacement> = episode.trials.sample(rng, TRIALS_AT_ONCE).map(labelled).collect();
         // Where it rested it stays; no release is needed to know that.
-        places.push(Labelled::settled(episode, rng));
+        places.push(LabelledPlacement::settled(episode, rng));
         places
     }
 
     /// All candidates of an episode share the scene's points.
-    fn input(&self, config: &NetworksConfig, episode: &Episode, places: &[Labelled], rng: &mut Pcg64) -> Grouped {
+    fn input(&self, config: &NetworksConfig, episode: &Episode, places: &[LabelledPlacement], rng: &mut Pcg64) -> Grouped {
         let kernel = Kernel::detect();
         let turn_rad = rng.random_range(0.0..std::f32::consts::TAU);
         let scene = SceneCloud { points: turned(&episode.scene.points, turn_rad), labels: episode.scene.labels.clone() };
         let shared = SharedScene::new(kernel, config, &scene);
-        let placed = |place: &Labelled| {
+        let placed = |place: &LabelledPlacement| {
             let position = turned(&[place.position.into()], turn_rad)[0];
             shared.placed(kernel, config, &episode.query.turned(place.yaw_rad + turn_rad), position)
         };
@@ -54,8 +54,8 @@ impl Candidates for ReleasedPlaces {
     }
 }
 
-fn labelled(trial: &Trial) -> Labelled {
-    Labelled {
+fn labelled(trial: &SimulatedRelease) -> LabelledPlacement {
+    LabelledPlacement {
         position: trial.position,
         yaw_rad: trial.yaw_rad,
         label: 0.5 * (f32::from(u8::from(trial.stayed)) + f32::from(u8::from(trial.as_put))),

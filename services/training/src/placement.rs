@@ -17,17 +17,17 @@ use repose_networks::{
 use crate::{
     episode::{Episode, EpisodeSettings},
     normal::gaussian,
-    settings::Part,
-    task::Task,
-    views::{Drawn, TRIALS_AT_ONCE},
+    settings::TrainedPart,
+    task::TrainingTask,
+    views::{QueryView, TRIALS_AT_ONCE},
 };
 
 /// Standard deviation of the noise on a query's resting place, metres: about the error of calibration and cleaning.
 const POSITION_NOISE_M: f32 = 0.001;
 
-/// A place for the query, and its label.
+/// A placement of the query, and its label.
 #[derive(Debug, Clone, Copy)]
-pub struct Labelled {
+pub struct LabelledPlacement {
     /// Where the query's observed centroid is put, viewer's axes, metres.
     pub position: Point3<f32>,
     /// From how the query was observed, radians.
@@ -38,7 +38,7 @@ pub struct Labelled {
     pub is_good: bool,
 }
 
-impl Labelled {
+impl LabelledPlacement {
     /// The query's resting place, with noise.
     pub fn settled(episode: &Episode, rng: &mut Pcg64) -> Self {
         let offset = Vector3::from_fn(|_, _| gaussian(rng) * POSITION_NOISE_M);
@@ -49,13 +49,13 @@ impl Labelled {
 /// How one network's candidates are made.
 pub trait Candidates: Sync {
     /// Which training.
-    const PART: Part;
+    const PART: TrainedPart;
 
     /// Places of an episode, good and bad: at least one, at most [`TRIALS_AT_ONCE`] + 1.
-    fn places(&self, episode: &Episode, rng: &mut Pcg64) -> Vec<Labelled>;
+    fn places(&self, episode: &Episode, rng: &mut Pcg64) -> Vec<LabelledPlacement>;
 
     /// Places of one episode as network input.
-    fn input(&self, config: &NetworksConfig, episode: &Episode, places: &[Labelled], rng: &mut Pcg64) -> Grouped;
+    fn input(&self, config: &NetworksConfig, episode: &Episode, places: &[LabelledPlacement], rng: &mut Pcg64) -> Grouped;
 
     /// The network that is fitted.
     ///
@@ -68,14 +68,14 @@ pub trait Candidates: Sync {
 #[derive(Debug, Clone, Copy)]
 pub struct PlacementTask<C>(pub C);
 
-impl<C: Candidates> Task for PlacementTask<C> {
+impl<C: Candidates> TrainingTask for PlacementTask<C> {
     type Prepared = Episode;
 
-    fn part(&self) -> Part {
+    fn part(&self) -> TrainedPart {
         C::PART
     }
 
-    fn prepare(&self, _: &Networks, config: &NetworksConfig, drawn: &Drawn<'_>, rng: &mut Pcg64) -> Result<Option<Episode>> {
+    fn prepare(&self, _: &Networks, config: &NetworksConfig, drawn: &QueryView<'_>, rng: &mut Pcg64) -> Result<Option<Episode>> {
         Ok(Episode::new(drawn, &config.cloud, &EpisodeSettings::default(), rng))
     }
 

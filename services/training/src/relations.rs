@@ -27,9 +27,9 @@ use repose_sensor::SensorModel;
 
 use crate::{
     episode::{is_visible, observed, tilt},
-    settings::Part,
-    task::Task,
-    views::Drawn,
+    settings::TrainedPart,
+    task::TrainingTask,
+    views::QueryView,
 };
 
 /// How pairs are made and weighted. The values are ours; apart from `tilt_rad` (below) no comparison is recorded.
@@ -233,15 +233,15 @@ fn logits_of(networks: &Networks, rows: &[&Rows]) -> Result<Option<(Tensor, Tens
     Ok(Some((logits, tensor(|r| &r.labels)?)))
 }
 
-impl Task for RelationsTask {
+impl TrainingTask for RelationsTask {
     type Prepared = ViewPairs;
 
-    fn part(&self) -> Part {
-        Part::Relations
+    fn part(&self) -> TrainedPart {
+        TrainedPart::Relations
     }
 
-    fn prepare(&self, networks: &Networks, config: &NetworksConfig, drawn: &Drawn<'_>, rng: &mut Pcg64) -> Result<Option<ViewPairs>> {
-        let Drawn { view, query, .. } = drawn;
+    fn prepare(&self, networks: &Networks, config: &NetworksConfig, drawn: &QueryView<'_>, rng: &mut Pcg64) -> Result<Option<ViewPairs>> {
+        let QueryView { view, query, .. } = drawn;
         let (sensor, band_px) = if rng.random_bool(self.clean) {
             (SensorModel::ideal(), 0)
         } else {

@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::TrainError;
 
-/// Which networks a run fits. The others keep the weights that the run started from.
+/// Which networks a run trains. The others keep the weights that the run started from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Part {
+pub enum TrainedPart {
     /// Encoders, relation predictor and prior, jointly.
     Joint,
     /// The relation predictor alone, on the encoders that the run started from.
@@ -21,7 +21,7 @@ pub enum Part {
     Outcome,
 }
 
-impl Part {
+impl TrainedPart {
     /// The lower-case name.
     pub const fn name(self) -> &'static str {
         match self {
@@ -108,7 +108,7 @@ pub struct TrainSettings {
     /// Weights of further runs: the run starts from their mean with `start` ([`crate::merge::mean_with`]). Without steps, the mean is the result.
     pub mean_with: Vec<PathBuf>,
     /// Which networks are fitted.
-    pub part: Part,
+    pub part: TrainedPart,
     /// Which relation predictor.
     pub relations: RelationsVariant,
     /// What the networks are computed on.
@@ -149,10 +149,10 @@ pub struct TrainSettings {
 impl TrainSettings {
     /// The defaults for a part. One view's pairs have much in common, so the relation predictor's micro-batches mix many views; each is drawn
     /// about four times before it is replaced (with sixteen times it overfitted: the loss on validation scenes rose after 3,000 steps).
-    pub fn of_part(part: Part) -> Self {
+    pub fn of_part(part: TrainedPart) -> Self {
         let defaults = Self { part, ..Self::default() };
         match part {
-            Part::Relations => Self {
+            TrainedPart::Relations => Self {
                 samples_per_slot: 4,
                 episodes_kept: 400,
                 weight_decay: 0.02,
@@ -160,7 +160,7 @@ impl TrainSettings {
                 checkpoint_steps: 1000,
                 ..defaults
             },
-            Part::Joint | Part::Discriminator | Part::Outcome => defaults,
+            TrainedPart::Joint | TrainedPart::Discriminator | TrainedPart::Outcome => defaults,
         }
     }
 }
@@ -172,7 +172,7 @@ impl Default for TrainSettings {
             out: PathBuf::from("out/weights.safetensors"),
             start: None,
             mean_with: Vec::new(),
-            part: Part::Joint,
+            part: TrainedPart::Joint,
             relations: RelationsVariant::Measured,
             device: Compute::Cpu,
             seed: 1,

@@ -14,7 +14,7 @@ use repose_networks::{
     parameters::Parameters,
 };
 
-use crate::{adam::Gradients, settings::TrainSettings, task::Task, views::Views};
+use crate::{adam::Gradients, settings::TrainSettings, task::TrainingTask, views::Views};
 
 /// How many views are tried for one that can be prepared before a slot goes without a new one.
 const TRIES: usize = 20;
@@ -42,8 +42,8 @@ pub struct StepResult {
     pub statistics: BTreeMap<String, Vec<f32>>,
 }
 
-/// What all slots of a run share.
-pub struct Shared<'a, T> {
+/// What all slots of a training run share.
+pub struct TrainingContext<'a, T> {
     /// Which training.
     pub task: &'a T,
     /// The networks, which see the parameters' newest values.
@@ -62,8 +62,8 @@ pub struct Shared<'a, T> {
 ///
 /// # Errors
 /// Tensor errors.
-pub fn gradient<T: Task>(
-    shared: &Shared<'_, T>,
+pub fn gradient<T: TrainingTask>(
+    shared: &TrainingContext<'_, T>,
     slots: &mut [Slot<T::Prepared>],
     pools: &[rayon::ThreadPool],
     step: u64,
@@ -103,7 +103,12 @@ pub fn generator(seed: u64, step: u64, slot: u64) -> Pcg64 {
     Pcg64::seed_from_u64(mixed)
 }
 
-fn slot_gradient<T: Task>(shared: &Shared<'_, T>, slot: &mut Slot<T::Prepared>, step: u64, number: u64) -> Result<StepResult> {
+fn slot_gradient<T: TrainingTask>(
+    shared: &TrainingContext<'_, T>,
+    slot: &mut Slot<T::Prepared>,
+    step: u64,
+    number: u64,
+) -> Result<StepResult> {
     let settings = shared.settings;
     let most = settings.episodes_kept.max(1);
     // The first step fills half of the store, later ones add one view each; a resumed run starts with what the store would hold by then.
@@ -150,7 +155,7 @@ fn slot_gradient<T: Task>(shared: &Shared<'_, T>, slot: &mut Slot<T::Prepared>, 
 ///
 /// # Errors
 /// Tensor errors.
-pub fn draw<T: Task>(shared: &Shared<'_, T>, rng: &mut Pcg64) -> Result<Option<T::Prepared>> {
+pub fn draw<T: TrainingTask>(shared: &TrainingContext<'_, T>, rng: &mut Pcg64) -> Result<Option<T::Prepared>> {
     for _ in 0..TRIES {
         let Some(drawn) = shared.views.query(rng.random_range(0..shared.views.queries())) else { continue };
         let prepared = shared.task.prepare(shared.networks, shared.config, &drawn, rng)?;

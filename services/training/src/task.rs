@@ -4,15 +4,15 @@ use candle_core::{Result, Tensor};
 use rand_pcg::Pcg64;
 use repose_networks::{Networks, NetworksConfig, layers::Mode};
 
-use crate::{settings::Part, views::Drawn};
+use crate::{settings::TrainedPart, views::QueryView};
 
-/// One of the trainings.
-pub trait Task: Sync {
+/// A training task: how its examples are prepared, and its loss.
+pub trait TrainingTask: Sync {
     /// A view prepared, with one of its objects as the query; kept for some steps.
     type Prepared: Send + Sync;
 
     /// Which part it fits.
-    fn part(&self) -> Part;
+    fn part(&self) -> TrainedPart;
 
     /// Whether a parameter is fitted by this task.
     fn fits(&self, parameter: &str) -> bool {
@@ -24,7 +24,13 @@ pub trait Task: Sync {
     ///
     /// # Errors
     /// Tensor errors.
-    fn prepare(&self, networks: &Networks, config: &NetworksConfig, drawn: &Drawn<'_>, rng: &mut Pcg64) -> Result<Option<Self::Prepared>>;
+    fn prepare(
+        &self,
+        networks: &Networks,
+        config: &NetworksConfig,
+        drawn: &QueryView<'_>,
+        rng: &mut Pcg64,
+    ) -> Result<Option<Self::Prepared>>;
 
     /// The loss of one micro-batch of `samples` drawn from prepared views (at least one).
     ///

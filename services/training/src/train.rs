@@ -26,9 +26,9 @@ use crate::{
     outcome::ReleasedPlaces,
     placement::PlacementTask,
     relations::RelationsTask,
-    settings::{Part, RelationsVariant, TrainSettings},
-    step::{Shared, Slot, draw, generator, gradient},
-    task::Task,
+    settings::{RelationsVariant, TrainSettings, TrainedPart},
+    step::{Slot, TrainingContext, draw, generator, gradient},
+    task::TrainingTask,
     views::Views,
 };
 
@@ -67,14 +67,14 @@ pub struct TrainReport {
 /// [`TrainError`] when the data is missing or broken, a file cannot be written, or the loss diverges.
 pub fn train(settings: &TrainSettings) -> Result<TrainReport, TrainError> {
     match settings.part {
-        Part::Joint => Run::new(settings, &JointTask::default())?.run(),
-        Part::Relations => Run::new(settings, &RelationsTask::default())?.run(),
-        Part::Discriminator => Run::new(settings, &PlacementTask(MovedPlaces::default()))?.run(),
-        Part::Outcome => Run::new(settings, &PlacementTask(ReleasedPlaces))?.run(),
+        TrainedPart::Joint => Run::new(settings, &JointTask::default())?.run(),
+        TrainedPart::Relations => Run::new(settings, &RelationsTask::default())?.run(),
+        TrainedPart::Discriminator => Run::new(settings, &PlacementTask(MovedPlaces::default()))?.run(),
+        TrainedPart::Outcome => Run::new(settings, &PlacementTask(ReleasedPlaces))?.run(),
     }
 }
 
-struct Run<'a, T: Task> {
+struct Run<'a, T: TrainingTask> {
     settings: &'a TrainSettings,
     task: &'a T,
     config: NetworksConfig,
@@ -93,7 +93,7 @@ struct Run<'a, T: Task> {
     loss: Option<f64>,
 }
 
-impl<'a, T: Task> Run<'a, T> {
+impl<'a, T: TrainingTask> Run<'a, T> {
     fn new(settings: &'a TrainSettings, task: &'a T) -> Result<Self, TrainError> {
         let config = match settings.relations {
             RelationsVariant::Paper => NetworksConfig { measures_code: None, ..NetworksConfig::default() },
@@ -116,7 +116,7 @@ impl<'a, T: Task> Run<'a, T> {
                 let (networks, parameters) = Networks::started(&config, &starting(weights.values), rng, &device)?;
                 (networks, parameters, weights.info)
             }
-            None if settings.part == Part::Relations => {
+            None if settings.part == TrainedPart::Relations => {
                 return Err(TrainError::NoStart("the relation predictor is trained on encoders that are trained already"));
             }
             None if !settings.mean_with.is_empty() => {
@@ -157,15 +157,15 @@ impl<'a, T: Task> Run<'a, T> {
                 "there are no validation scenes: nothing will say how good the weights are; `repose generate --split validation` makes some"
             );
         } else {
-            let shared = Shared { views: &validation_views, ..run.shared() };
+            let shared = TrainingContext { views: &validation_views, ..run.shared() };
             let prepared = (0..settings.validation_episodes as u64).map(|i| draw(&shared, &mut generator(0, i, u64::MAX)));
             run.validation = prepared.filter_map(Result::transpose).collect::<Result<_, _>>()?;
         }
         Ok(run)
     }
 
-    fn shared(&self) -> Shared<'_, T> {
-        Shared {
+    fn shared(&self) -> TrainingContext<'_, T> {
+        TrainingContext {
             task: self.task,
             networks: &self.networks,
             parameters: &self.parameters,
@@ -336,7 +336,7 @@ impl<'a, T: Task> Run<'a, T> {
 
 /// The views that a run draws its samples from.
 fn views_of(settings: &TrainSettings, split: Split) -> Result<Views, TrainError> {
-    let open = if settings.part == Part::Outcome { Views::released } else { Views::open };
+    let open = if settings.part == TrainedPart::Outcome { Views::released } else { Views::open };
     Ok(open(&settings.data, split)?)
 }
 

@@ -25,7 +25,7 @@ struct Query {
 
 /// A view with one of its objects taken as the query.
 #[derive(Debug)]
-pub struct Drawn<'a> {
+pub struct QueryView<'a> {
     /// The view.
     pub view: ViewRecord,
     /// The query, by its position among the view's objects.
@@ -150,12 +150,12 @@ impl Views {
     }
 
     /// The `i`-th (view, query) pair; `None`, with a warning, if the view's pixels are broken.
-    pub fn query(&self, i: usize) -> Option<Drawn<'_>> {
+    pub fn query(&self, i: usize) -> Option<QueryView<'_>> {
         let Query { shard, view, object } = self.queries[i];
         match self.shards[shard as usize].view(usize::from(view)) {
             Ok(view) => {
                 let query = usize::from(object);
-                Some(Drawn { releases: self.releases_of(view.scene_seed, view.objects[query].id), view, query })
+                Some(QueryView { releases: self.releases_of(view.scene_seed, view.objects[query].id), view, query })
             }
             Err(error) => {
                 tracing::warn!(%error, "a broken view is skipped");

@@ -11,7 +11,7 @@ use repose_dataset::{
 use repose_geometry::{OrientedBox, Pinhole, ViewerFrame, transform::look_at};
 use repose_networks::{Models, NetworksConfig, Weights};
 use repose_training::{
-    Compute, Part, RelationsVariant, TrainError, TrainSettings, train,
+    Compute, RelationsVariant, TrainError, TrainSettings, TrainedPart, train,
     views::{TRIALS_AT_ONCE, Views},
 };
 
@@ -110,7 +110,7 @@ fn data(folder: &Path) {
     writer.finish().unwrap();
 }
 
-fn settings(folder: &Path, part: Part, threads: usize, steps: u64) -> TrainSettings {
+fn settings(folder: &Path, part: TrainedPart, threads: usize, steps: u64) -> TrainSettings {
     TrainSettings {
         data: folder.join("data"),
         out: folder.join(format!("weights_{threads}.safetensors")),
@@ -128,7 +128,7 @@ fn settings(folder: &Path, part: Part, threads: usize, steps: u64) -> TrainSetti
 
 #[test]
 fn a_run_gives_the_same_weights_on_one_thread_and_on_two() {
-    for part in [Part::Joint, Part::Discriminator] {
+    for part in [TrainedPart::Joint, TrainedPart::Discriminator] {
         let folder = tempfile::tempdir().unwrap();
         data(&folder.path().join("data"));
         let one = settings(folder.path(), part, 1, 3);
@@ -152,8 +152,8 @@ fn a_run_gives_the_same_weights_on_one_thread_and_on_two() {
 fn the_loss_falls() {
     let folder = tempfile::tempdir().unwrap();
     data(&folder.path().join("data"));
-    let first = train(&settings(folder.path(), Part::Joint, 1, 1)).unwrap();
-    let later = train(&TrainSettings { checkpoint_steps: 100, ..settings(folder.path(), Part::Joint, 2, 30) }).unwrap();
+    let first = train(&settings(folder.path(), TrainedPart::Joint, 1, 1)).unwrap();
+    let later = train(&TrainSettings { checkpoint_steps: 100, ..settings(folder.path(), TrainedPart::Joint, 2, 30) }).unwrap();
     let loss = |r: &repose_training::TrainReport| r.metrics["loss"].as_f64().unwrap();
     assert!(loss(&later) < loss(&first), "{} then {}", loss(&first), loss(&later));
 }
@@ -164,7 +164,8 @@ fn the_relation_predictor_is_fitted_alone_on_encoders_that_stay_as_they_are() {
     data(&folder.path().join("data"));
     let start = folder.path().join("start.safetensors");
     std::fs::write(&start, Weights::initial(&NetworksConfig::default(), 3).unwrap()).unwrap();
-    let of = |threads, steps| TrainSettings { start: Some(start.clone()), ..settings(folder.path(), Part::Relations, threads, steps) };
+    let of =
+        |threads, steps| TrainSettings { start: Some(start.clone()), ..settings(folder.path(), TrainedPart::Relations, threads, steps) };
     let first = train(&of(3, 2)).unwrap();
     let (one, two) = (of(1, 40), of(2, 40));
     let later = train(&one).unwrap();
@@ -187,7 +188,7 @@ fn the_relation_predictor_is_fitted_alone_on_encoders_that_stay_as_they_are() {
 fn a_run_in_parts_gives_the_weights_of_one_in_one_go() {
     let folder = tempfile::tempdir().unwrap();
     data(&folder.path().join("data"));
-    let whole = TrainSettings { checkpoint_steps: 100, ..settings(folder.path(), Part::Discriminator, 1, 5) };
+    let whole = TrainSettings { checkpoint_steps: 100, ..settings(folder.path(), TrainedPart::Discriminator, 1, 5) };
     let parts = TrainSettings { threads: 2, out: folder.path().join("parts.safetensors"), ..whole.clone() };
     train(&whole).unwrap();
     for pause_at in [Some(3), None] {
@@ -215,7 +216,7 @@ fn weights_to_start_from_that_are_not_there_are_an_error_that_names_the_setting(
     ];
     for (start, mean_with, field, message) in cases {
         let (start, mean_with) = (start.cloned(), mean_with.cloned().into_iter().collect());
-        let error = train(&TrainSettings { start, mean_with, ..settings(folder.path(), Part::Discriminator, 1, 1) }).unwrap_err();
+        let error = train(&TrainSettings { start, mean_with, ..settings(folder.path(), TrainedPart::Discriminator, 1, 1) }).unwrap_err();
         assert_eq!(error.field(), Some(field), "{error}");
         assert!(error.to_string().contains(message), "{error}");
     }
@@ -235,7 +236,7 @@ fn a_checkpoint_of_a_run_that_began_otherwise_is_refused() {
         mean_with: vec![two.clone()],
         validation_episodes: 1,
         checkpoint_steps: 100,
-        ..settings(folder.path(), Part::Relations, 1, 1)
+        ..settings(folder.path(), TrainedPart::Relations, 1, 1)
     };
     train(&first).unwrap();
     let others = [
@@ -293,7 +294,7 @@ fn outcomes_that_are_added_while_a_run_goes_on_are_drawn_too() {
 fn a_folder_without_training_scenes_is_an_error_that_says_so() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir_all(folder.path().join("data")).unwrap();
-    let error = train(&settings(folder.path(), Part::Joint, 1, 1)).unwrap_err();
+    let error = train(&settings(folder.path(), TrainedPart::Joint, 1, 1)).unwrap_err();
     assert!(matches!(error, TrainError::Empty { split: "train", .. }), "{error}");
 }
 
@@ -303,6 +304,6 @@ fn a_device_that_is_not_there_is_an_error_before_anything_is_read() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    let error = train(&TrainSettings { device: Compute::Cuda, ..settings(folder.path(), Part::Joint, 1, 1) }).unwrap_err();
+    let error = train(&TrainSettings { device: Compute::Cuda, ..settings(folder.path(), TrainedPart::Joint, 1, 1) }).unwrap_err();
     assert!(matches!(error, TrainError::Cuda(_)) && error.field() == Some("device"), "{error}");
 }

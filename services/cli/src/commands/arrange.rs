@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use clap::Args;
-use repose_local::{ModelFiles, Models};
+use repose_local::{LocalModels, ModelFiles};
 use repose_proto::arrange::{ArrangeMove, ArrangeRequest, ArrangeResult, Conflict, ObjectGoal, Proof, Purpose};
 use repose_proto::place::{Outcome as Found, Rotation, Variant};
 use repose_proto::{Message, Payload, Scene, Service};
@@ -15,7 +15,7 @@ use repose_sentences::placement::motion;
 use crate::arrangement::{self, Arranging};
 use crate::client::{self, ConnectArgs};
 use crate::embedded::NetworkArgs;
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::frames;
 use crate::output::Output;
 use crate::values::{parse_rotation, parse_variant};
@@ -69,7 +69,7 @@ pub struct ArrangeArgs {
 }
 
 /// Runs the command.
-pub async fn run(args: &ArrangeArgs, output: Output) -> Outcome {
+pub async fn run(args: &ArrangeArgs, output: Output) -> CommandResult {
     if args.execute {
         // The request names each view in turn.
         let (request, connect, attempts) = (args.request(String::new()), &args.connect, args.attempts as usize);
@@ -81,7 +81,7 @@ pub async fn run(args: &ArrangeArgs, output: Output) -> Outcome {
             let files = ModelFiles { weights: args.networks.weights.clone() };
             let request = args.request(scene.id());
             // Everything computes here; nothing else waits in this process.
-            tokio::task::block_in_place(|| repose_local::arrange(&scene, &request, || Models::load(&files).map(Arc::new)))?
+            tokio::task::block_in_place(|| repose_local::arrange(&scene, &request, || LocalModels::load(&files).map(Arc::new)))?
         }
         None => asked(args).await?,
     };

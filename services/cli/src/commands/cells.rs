@@ -11,10 +11,10 @@ use repose_runtime::Session;
 use serde::Serialize;
 use serde_json::json;
 
+use crate::cell_survey::{CellListener, CellSurvey, listed};
 use crate::client::{self, SystemArgs};
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
-use crate::surroundings::{Observer, Surroundings, listed};
 
 /// Arguments of `cells`.
 #[derive(Debug, Args)]
@@ -38,7 +38,7 @@ struct CellNames {
 }
 
 /// Runs the command.
-pub async fn run(args: &CellsArgs, output: Output) -> Outcome {
+pub async fn run(args: &CellsArgs, output: Output) -> CommandResult {
     // Each cell's own workers are asked for, and not its pool's a second time.
     let mut config = client::client_config(&args.system)?;
     config.caller.pool = None;
@@ -56,8 +56,8 @@ pub async fn run(args: &CellsArgs, output: Output) -> Outcome {
 }
 
 async fn names(session: &Session, cell: &str) -> Result<CellNames, Failure> {
-    let mut observer = Observer::new(&session.in_cell(cell)?).await?;
-    let heard = observer.listen(WITHIN, &Surroundings::default()).await?;
+    let mut observer = CellListener::new(&session.in_cell(cell)?).await?;
+    let heard = observer.listen(WITHIN, &CellSurvey::default()).await?;
     let mut workers = BTreeMap::new();
     for (service, _) in heard.workers.into_keys() {
         *workers.entry(service).or_default() += 1;

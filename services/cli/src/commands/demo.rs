@@ -21,7 +21,7 @@ use serde::Serialize;
 use tokio::sync::mpsc;
 
 use crate::client;
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::film::Film;
 use crate::moving::{self, Interrupts, of_motion};
 use crate::output::Output;
@@ -82,7 +82,7 @@ struct Report {
 }
 
 /// Runs the command.
-pub async fn run(args: &DemoArgs, output: Output) -> Outcome {
+pub async fn run(args: &DemoArgs, output: Output) -> CommandResult {
     // A minute later would be too late to say so.
     can_write(&args.out)?;
     if let Some(folder) = &args.film {

@@ -10,7 +10,7 @@ use repose_runtime::deployment::{self, CheckReport, Roles, TrialFiles};
 use tokio::process::Child;
 
 use crate::asynchronous::in_runtime;
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::processes::service_process;
 
@@ -55,7 +55,7 @@ struct CheckArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &DeployArgs, output: Output) -> Outcome {
+pub fn run(args: &DeployArgs, output: Output) -> CommandResult {
     match (&args.command, &args.roles, &args.out) {
         (Some(DeployCommand::Check(args)), ..) => in_runtime(check(args, output)),
         (None, Some(roles), Some(out)) => write(roles, out, args.installed_at.as_deref(), output),
@@ -73,7 +73,7 @@ fn read(path: &Path) -> Result<(Roles, String), Failure> {
     Ok((roles, text))
 }
 
-fn write(path: &Path, out: &Path, installed_at: Option<&Path>, output: Output) -> Outcome {
+fn write(path: &Path, out: &Path, installed_at: Option<&Path>, output: Output) -> CommandResult {
     let (roles, text) = read(path)?;
     let at = std::path::absolute(out).map_err(|e| Failure::bad_input("out", e))?;
     let written = deployment::write(&roles, &at, installed_at.unwrap_or(&at));
@@ -91,7 +91,7 @@ fn write(path: &Path, out: &Path, installed_at: Option<&Path>, output: Output) -
     })
 }
 
-async fn check(args: &CheckArgs, output: Output) -> Outcome {
+async fn check(args: &CheckArgs, output: Output) -> CommandResult {
     let (roles, _) = read(&args.deployment.join(ROLES))?;
     let at = std::path::absolute(&args.deployment).map_err(|e| Failure::bad_input("deployment", e))?;
     let files = TrialFiles::write(&roles, &at)?;

@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use repose_mcp::{HttpSettings, McpError, Settings, serve_http, serve_stdio};
+use repose_mcp::{HttpSettings, McpError, McpSettings, serve_http, serve_stdio};
 use repose_runtime::Shutdown;
 
 use crate::client::{self, ConnectArgs};
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 
 /// Arguments of `mcp`.
 #[derive(Debug, Args)]
@@ -46,14 +46,14 @@ impl From<McpError> for Failure {
 }
 
 /// Runs until the agent leaves (standard input) or the command is interrupted.
-pub async fn run(args: &McpArgs) -> Outcome {
+pub async fn run(args: &McpArgs) -> CommandResult {
     let shutdown = Shutdown::on_signals()?;
-    let settings = Settings {
+    let settings = McpSettings {
         camera: args.connect.camera.clone(),
         robot: args.robot.clone(),
         allow_execute: args.allow_execute,
         deadline: Duration::from_millis(args.connect.deadline_ms),
-        ..Settings::default()
+        ..McpSettings::default()
     };
     settings.validate()?;
     let session = client::connect(&args.connect.system).await?;

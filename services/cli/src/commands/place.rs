@@ -10,7 +10,7 @@ use tokio::sync::mpsc;
 
 use crate::answer::print_result;
 use crate::client::{self, ConnectArgs};
-use crate::failure::Outcome;
+use crate::failure::CommandResult;
 use crate::output::Output;
 use crate::sequence::{self, Wishes};
 use crate::wish::{NextWish, WishArgs};
@@ -47,7 +47,7 @@ pub struct PlaceArgs {
 const PROGRESS_WAITING: usize = 64;
 
 /// Runs the command.
-pub async fn run(args: &PlaceArgs, output: Output) -> Outcome {
+pub async fn run(args: &PlaceArgs, output: Output) -> CommandResult {
     if args.execute || !args.then.is_empty() {
         let PlaceArgs { wish, then, connect, robot, attempts, .. } = args;
         let wishes = Wishes { wish, then, connect, robot, attempts: *attempts };

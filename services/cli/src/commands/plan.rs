@@ -6,13 +6,13 @@ use std::sync::Arc;
 use clap::Args;
 use repose_evaluation::report::written::{FileError, can_write, write_picture};
 use repose_local::picture::before_and_after;
-use repose_local::{ModelFiles, Models};
+use repose_local::{LocalModels, ModelFiles};
 use repose_proto::motion::{Grasp, MotionPlan, MotionPlanRequest};
 use repose_proto::{Frame, PlaceRequest, PlaceResult, Scene};
 
 use crate::answer::print_result;
 use crate::embedded::NetworkArgs;
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::frames;
 use crate::moving::of_motion;
 use crate::output::Output;
@@ -47,7 +47,7 @@ pub struct PlanArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &PlanArgs, output: Output) -> Outcome {
+pub fn run(args: &PlanArgs, output: Output) -> CommandResult {
     args.out.as_deref().map_or(Ok(()), can_write)?;
     args.motion.as_deref().map_or(Ok(()), can_write)?;
     let grasps = args.grasps.as_deref().map(grasps_of).transpose()?;
@@ -62,7 +62,7 @@ pub fn run(args: &PlanArgs, output: Output) -> Outcome {
         robot.world_from_base = frame.robots.iter().find(|r| r.name == robot.name).map(|r| r.world_from_base);
     }
     let files = ModelFiles { weights: args.networks.weights.clone() };
-    let result = repose_local::plan(&scene, &request, || Models::load(&files).map(Arc::new))?;
+    let result = repose_local::plan(&scene, &request, || LocalModels::load(&files).map(Arc::new))?;
     if let Some(path) = &args.out {
         write_picture(path, &before_and_after(&scene, &result)?.into())?;
     }

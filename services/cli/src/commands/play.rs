@@ -12,7 +12,7 @@ use repose_runtime::{Shutdown, Subscription, Traffic};
 use tokio::time::Instant;
 
 use crate::client::{self, SystemArgs};
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::frames::TopicArgs;
 use crate::output::Output;
 
@@ -56,7 +56,7 @@ pub struct PlayArgs {
 }
 
 /// Runs the command.
-pub async fn run(args: &PlayArgs, output: Output) -> Outcome {
+pub async fn run(args: &PlayArgs, output: Output) -> CommandResult {
     match &args.source[..] {
         files if files.iter().all(|file| is_recording(file)) => cell(files, args, output).await,
         [source] => frames(source, args, output).await,
@@ -68,7 +68,7 @@ pub async fn run(args: &PlayArgs, output: Output) -> Outcome {
 }
 
 /// Plays a recorded cell.
-async fn cell(files: &[PathBuf], args: &PlayArgs, output: Output) -> Outcome {
+async fn cell(files: &[PathBuf], args: &PlayArgs, output: Output) -> CommandResult {
     let session = client::connect(&args.system).await?;
     let shutdown = Shutdown::on_signals()?;
     let settings = PlaySettings { files: files.to_owned(), speed: args.speed };
@@ -90,7 +90,7 @@ async fn cell(files: &[PathBuf], args: &PlayArgs, output: Output) -> Outcome {
 }
 
 /// Plays frames as a camera's.
-async fn frames(source: &Path, args: &PlayArgs, output: Output) -> Outcome {
+async fn frames(source: &Path, args: &PlayArgs, output: Output) -> CommandResult {
     let camera = &args.camera;
     keys::validate_chunk("camera", camera)?;
     if args.rate.is_some_and(|rate| !(rate > 0.0 && rate <= 1000.0)) {

@@ -9,7 +9,7 @@ use repose_recorder::{RecordSettings, RecordingError, Summary};
 use repose_runtime::Shutdown;
 
 use crate::client::{self, SystemArgs};
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 
 /// Arguments of `record`.
@@ -76,7 +76,7 @@ impl From<RecordingError> for Failure {
 }
 
 /// Runs the command.
-pub async fn run(args: &RecordArgs, output: Output) -> Outcome {
+pub async fn run(args: &RecordArgs, output: Output) -> CommandResult {
     let settings = args.settings()?;
     if args.seconds.is_some_and(|seconds| !(seconds > 0.0 && seconds <= 1e9)) {
         return Err(Failure::bad_input("seconds", "expected above 0"));

@@ -8,7 +8,7 @@ use repose_evaluation::report::text::table;
 use repose_proto::Relation;
 
 use crate::embedded::NetworkArgs;
-use crate::failure::Outcome;
+use crate::failure::CommandResult;
 use crate::frames;
 use crate::output::Output;
 
@@ -23,7 +23,7 @@ pub struct RelationsArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &RelationsArgs, output: Output) -> Outcome {
+pub fn run(args: &RelationsArgs, output: Output) -> CommandResult {
     let scene = repose_local::scene_of(&frames::read(&args.frame)?)?;
     let pairs = repose_local::relations(&Arc::new(scene), args.networks.models()?.as_ref())?;
     output.print(&serde_json::json!({"pairs": pairs}), || {

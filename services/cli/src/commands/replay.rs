@@ -5,12 +5,12 @@ use std::time::Duration;
 
 use clap::Args;
 use repose_proto::Service;
-use repose_recorder::asked::{Asked, Calls};
+use repose_recorder::calls::{Calls, RecordedCall};
 use repose_recorder::replay::{Repeated, Replay, is_repeatable};
 use repose_runtime::{RuntimeConfig, Session, Shutdown};
 
 use crate::client::{self, SystemArgs};
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::services::ServiceConfigs;
 
@@ -38,13 +38,13 @@ pub struct ReplayArgs {
 const SERVICES: [Service; 4] = [Service::Perception, Service::Inference, Service::Planner, Service::Motion];
 
 /// Runs the command.
-pub async fn run(args: &ReplayArgs, output: Output) -> Outcome {
+pub async fn run(args: &ReplayArgs, output: Output) -> CommandResult {
     let files = args.files.clone();
     let calls = tokio::task::spawn_blocking(move || Calls::read(&files, is_repeatable)).await.map_err(Failure::other)??;
     for (file, reason) in &calls.cut {
         tracing::warn!(file = %file.display(), reason, "the recording ends early: what is there is asked");
     }
-    let chosen: Vec<&Asked> = calls.asked.iter().filter(|asked| args.request.as_ref().is_none_or(|id| asked.id == *id)).collect();
+    let chosen: Vec<&RecordedCall> = calls.asked.iter().filter(|asked| args.request.as_ref().is_none_or(|id| asked.id == *id)).collect();
     if chosen.is_empty() {
         return Err(match &args.request {
             Some(id) => Failure::bad_input("request", format!("the recording has no answered request {id}")),
@@ -64,7 +64,7 @@ pub async fn run(args: &ReplayArgs, output: Output) -> Outcome {
 }
 
 /// Starts what is needed here, and asks it.
-async fn in_this_process(chosen: &[&Asked], calls: &Calls, args: &ReplayArgs) -> Result<Vec<Repeated>, Failure> {
+async fn in_this_process(chosen: &[&RecordedCall], calls: &Calls, args: &ReplayArgs) -> Result<Vec<Repeated>, Failure> {
     let session = Session::open(RuntimeConfig::default()).await?;
     let (shutdown, configs) = (Shutdown::new(), ServiceConfigs::load(args.system.config.as_deref())?);
     let services = SERVICES.map(|service| tokio::spawn(configs.clone().run(service, session.clone(), shutdown.child())));
@@ -79,7 +79,7 @@ async fn in_this_process(chosen: &[&Asked], calls: &Calls, args: &ReplayArgs) ->
     served.and(repeated)
 }
 
-async fn repeat(session: &Session, chosen: &[&Asked], calls: &Calls, args: &ReplayArgs) -> Result<Vec<Repeated>, Failure> {
+async fn repeat(session: &Session, chosen: &[&RecordedCall], calls: &Calls, args: &ReplayArgs) -> Result<Vec<Repeated>, Failure> {
     let replay = Replay::new(session, Duration::from_millis(args.deadline_ms)).await?;
     replay.ready(chosen).await?;
     let mut repeated = Vec::new();
@@ -91,7 +91,7 @@ async fn repeat(session: &Session, chosen: &[&Asked], calls: &Calls, args: &Repl
     Ok(repeated)
 }
 
-fn report(repeated: &[Repeated], calls: &Calls, output: Output) -> Outcome {
+fn report(repeated: &[Repeated], calls: &Calls, output: Output) -> CommandResult {
     let differ: Vec<&Repeated> = repeated.iter().filter(|one| one.why.is_some()).collect();
     let same = repeated.len() - differ.len();
     let document = serde_json::json!({

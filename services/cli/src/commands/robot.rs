@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use repose_executive::{View, recovery};
+use repose_executive::{IdentifiedScene, recovery};
 use repose_proto::motion::{ExecutionOutcome, RecoverReply, RecoveryMove, RobotResetReply, RobotResetRequest};
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, ErrorCode, Payload, Service, keys};
@@ -11,7 +11,7 @@ use repose_runtime::{CallOptions, Session, emergency_stop};
 use repose_sentences::robot::describe;
 
 use crate::client::{self, SystemArgs};
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::moving::{self, Interrupts, of_motion};
 use crate::output::Output;
 
@@ -59,7 +59,7 @@ pub enum Action {
 }
 
 /// Runs the command.
-pub async fn run(args: &RobotArgs, output: Output) -> Outcome {
+pub async fn run(args: &RobotArgs, output: Output) -> CommandResult {
     keys::validate_chunk("robot", &args.robot)?;
     let session = client::connect(&args.system).await?;
     let ended = act(args, &session, output).await;
@@ -67,7 +67,7 @@ pub async fn run(args: &RobotArgs, output: Output) -> Outcome {
     ended
 }
 
-async fn act(args: &RobotArgs, session: &Session, output: Output) -> Outcome {
+async fn act(args: &RobotArgs, session: &Session, output: Output) -> CommandResult {
     let within = Duration::from_millis(args.deadline_ms);
     let robot = &args.robot;
     match args.action {
@@ -98,7 +98,7 @@ async fn act(args: &RobotArgs, session: &Session, output: Output) -> Outcome {
 }
 
 /// Brings the arm back, checked against the newest scene of the camera where there is one.
-async fn recover(args: &RobotArgs, session: &Session, motion: RecoveryMove, output: Output) -> Outcome {
+async fn recover(args: &RobotArgs, session: &Session, motion: RecoveryMove, output: Output) -> CommandResult {
     let mut interrupts = Interrupts::listen()?;
     let scene = match motion {
         RecoveryMove::Open => None,
@@ -126,7 +126,7 @@ fn recovered(robot: &str, motion: RecoveryMove, reply: &RecoverReply) -> String 
 }
 
 /// The newest scene whose camera knows where it stands.
-async fn newest_scene(args: &RobotArgs, session: &Session) -> Option<View> {
+async fn newest_scene(args: &RobotArgs, session: &Session) -> Option<IdentifiedScene> {
     let newest = async {
         let summary = client::newest_scene(session, &args.camera, SCENE, client::PATIENCE).await?;
         let scene = client::whole_scene(session, &summary.scene_id, SCENE).await?;

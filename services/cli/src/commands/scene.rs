@@ -12,7 +12,7 @@ use repose_local::wireframe::draw_box;
 use repose_proto::SceneSummary;
 
 use crate::client::{self, ConnectArgs};
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::values::parse_png;
 
@@ -30,7 +30,7 @@ pub struct SceneArgs {
 }
 
 /// Runs the command.
-pub async fn run(args: &SceneArgs, output: Output) -> Outcome {
+pub async fn run(args: &SceneArgs, output: Output) -> CommandResult {
     args.out.as_deref().map_or(Ok(()), can_write)?;
     let session = client::connect(&args.connect.system).await?;
     let within = Duration::from_millis(args.connect.deadline_ms);

@@ -9,7 +9,7 @@ use repose_proto::scoring::RealismBy;
 use repose_proto::{CallError, Relation};
 
 use crate::embedded::NetworkArgs;
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::frames;
 use crate::output::Output;
 
@@ -44,7 +44,7 @@ fn parse_realism_by(name: &str) -> Result<RealismBy, String> {
 }
 
 /// Runs the command.
-pub fn run(args: &ScoreArgs, output: Output) -> Outcome {
+pub fn run(args: &ScoreArgs, output: Output) -> CommandResult {
     let scene = repose_local::scene_of(&frames::read(&args.frame)?)?;
     let name = args.transforms.display().to_string();
     let text = std::fs::read(&args.transforms).map_err(|e| Failure::bad_input(&name, e))?;

@@ -9,7 +9,7 @@ use repose_perception::segment_with_labels;
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, SegmentHints};
 
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::frames::{self, TopicArgs};
 use crate::output::Output;
 use crate::segment_view::segment_view;
@@ -76,7 +76,7 @@ impl SegmentArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &SegmentArgs, output: Output) -> Outcome {
+pub fn run(args: &SegmentArgs, output: Output) -> CommandResult {
     let mut frame = frames::read_nth(&args.frame, args.nth, &args.topics.topics())?;
     if args.ignore_labels {
         frame.labels = None;

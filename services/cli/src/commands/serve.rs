@@ -7,7 +7,7 @@ use repose_ros2::BridgeError;
 use repose_runtime::{HealthServer, Session, Shutdown, load_config, run_router, start_metrics};
 
 use crate::client::{self, SystemArgs, client_config, router_config};
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::services::ServiceConfigs;
 
 /// Arguments of `serve`.
@@ -51,7 +51,7 @@ fn parse_served(name: &str) -> Result<Served, String> {
 }
 
 /// Runs until SIGTERM or SIGINT, then drains.
-pub async fn run(args: &ServeArgs) -> Outcome {
+pub async fn run(args: &ServeArgs) -> CommandResult {
     let shutdown = Shutdown::on_signals()?;
     if args.until_stdin_ends {
         end_with_input(std::io::stdin(), shutdown.clone())?;
@@ -105,7 +105,7 @@ pub async fn run(args: &ServeArgs) -> Outcome {
 }
 
 /// Has a thread ask for the end once `input` ends. What comes over it is read and left.
-fn end_with_input(mut input: impl std::io::Read + Send + 'static, shutdown: Shutdown) -> Outcome {
+fn end_with_input(mut input: impl std::io::Read + Send + 'static, shutdown: Shutdown) -> CommandResult {
     let read = move || {
         match std::io::copy(&mut input, &mut std::io::sink()) {
             Ok(_) => tracing::info!("standard input has ended: stopping"),

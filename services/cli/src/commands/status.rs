@@ -12,10 +12,10 @@ use repose_proto::{SceneSummary, Service};
 use repose_runtime::{Session, Shutdown};
 use serde_json::{Value, json};
 
+use crate::cell_survey::{CellListener, CellSurvey, Received, listed};
 use crate::client::{self, SystemArgs};
-use crate::failure::Outcome;
+use crate::failure::CommandResult;
 use crate::output::Output;
-use crate::surroundings::{Heard, Observer, Surroundings, listed};
 
 /// A worker that has not told its load for this long is suspect, as callers take it.
 const SILENT: Duration = Duration::from_secs(1);
@@ -42,7 +42,7 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
 }
 
 /// Runs the command.
-pub async fn run(args: &StatusArgs, output: Output) -> Outcome {
+pub async fn run(args: &StatusArgs, output: Output) -> CommandResult {
     let shutdown = Shutdown::on_signals()?;
     let session = client::connect(&args.system).await?;
     let watched = watch(args, &session, &shutdown, output).await;
@@ -50,10 +50,10 @@ pub async fn run(args: &StatusArgs, output: Output) -> Outcome {
     watched
 }
 
-async fn watch(args: &StatusArgs, session: &Session, shutdown: &Shutdown, output: Output) -> Outcome {
+async fn watch(args: &StatusArgs, session: &Session, shutdown: &Shutdown, output: Output) -> CommandResult {
     let within = Duration::from_secs_f64(args.seconds);
-    let mut observer = Observer::new(session).await?;
-    let mut heard = Surroundings::default();
+    let mut observer = CellListener::new(session).await?;
+    let mut heard = CellSurvey::default();
     loop {
         heard = tokio::select! {
             heard = observer.listen(within, &heard) => heard?,
@@ -79,7 +79,7 @@ struct Rates {
 
 impl Rates {
     /// From the first load that was heard to the newest; none where the worker does not count its calls, or told its load once only.
-    fn of(load: &Heard<WorkerLoad>) -> Option<Self> {
+    fn of(load: &Received<WorkerLoad>) -> Option<Self> {
         let seconds = load.at.duration_since(load.first_at).as_secs_f64();
         let since = |of: fn(&WorkerLoad) -> Option<u64>| of(&load.newest)?.checked_sub(of(&load.first)?);
         let (ended, failed) = (since(|load| load.ended)?, since(|load| load.failed)?);
@@ -89,7 +89,7 @@ impl Rates {
 
 /// What was heard of a cell, to be told.
 struct Status<'a> {
-    heard: &'a Surroundings,
+    heard: &'a CellSurvey,
     cell: &'a str,
     /// The pool that serves it.
     pool: Option<&'a str>,
@@ -100,7 +100,7 @@ struct Status<'a> {
 impl Status<'_> {
     fn document(&self) -> Value {
         let heard = self.heard;
-        let worker = |((service, worker), load): (&(Service, String), &Option<Heard<WorkerLoad>>)| {
+        let worker = |((service, worker), load): (&(Service, String), &Option<Received<WorkerLoad>>)| {
             let rates = load.as_ref().and_then(Rates::of);
             json!({
                 "service": service, "worker": worker, "silent_ms": load.as_ref().map(|l| l.at.elapsed().as_millis() as u64),
@@ -108,13 +108,13 @@ impl Status<'_> {
                 "load": load.as_ref().map(|l| &l.newest),
             })
         };
-        let camera = |(name, scene): (&String, &Heard<SceneSummary>)| {
+        let camera = |(name, scene): (&String, &Received<SceneSummary>)| {
             json!({
                 "camera": name, "scene_id": scene.newest.scene_id, "objects": scene.newest.objects.len(),
                 "scenes_per_s": scene.count as f64 / self.seconds, "age_ms": scene.at.elapsed().as_millis() as u64,
             })
         };
-        let robot = |(name, state): (&String, &Heard<RobotState>)| json!({"robot": name, "states_per_s": state.count as f64 / self.seconds, "age_ms": state.at.elapsed().as_millis() as u64, "state": state.newest});
+        let robot = |(name, state): (&String, &Received<RobotState>)| json!({"robot": name, "states_per_s": state.count as f64 / self.seconds, "age_ms": state.at.elapsed().as_millis() as u64, "state": state.newest});
         json!({
             "cell": self.cell, "pool": self.pool, "cells": heard.cells,
             "workers": heard.workers.iter().map(worker).collect::<Vec<_>>(),

@@ -17,9 +17,9 @@ use tokio::process::{Child, Command};
 use tokio::task::JoinSet;
 
 use crate::client::{self, ENDPOINT, SystemArgs, client_config};
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
-use crate::processes::{Labelled, service_process};
+use crate::processes::{LabelledProcess, service_process};
 use crate::services::ServiceConfigs;
 use crate::values::parse_count;
 
@@ -68,7 +68,7 @@ const READY_WITHIN: Duration = Duration::from_secs(60);
 const STOP_WITHIN: Duration = Duration::from_secs(15);
 
 /// Runs until interrupted.
-pub async fn run(args: &UpArgs, output: Output) -> Outcome {
+pub async fn run(args: &UpArgs, output: Output) -> CommandResult {
     let shutdown = Shutdown::on_signals()?;
     // What no process could start with is said at once, and by its field.
     let system = SystemArgs { connect: Some(args.listen.clone()), cell: args.cell.clone(), pool: None, config: args.config.clone() };
@@ -198,7 +198,7 @@ impl Part {
 }
 
 /// Refuses an address that something else listens at: a second system would join the first, with two of every camera and robot.
-fn is_free(endpoint: &str) -> Outcome {
+fn is_free(endpoint: &str) -> CommandResult {
     let Some(address) = endpoint.strip_prefix("tcp/") else { return Ok(()) };
     let taken = |e: std::io::Error| Failure::bad_input("listen", format!("{endpoint}: {e}"));
     TcpListener::bind(address).map(drop).map_err(taken)
@@ -206,7 +206,7 @@ fn is_free(endpoint: &str) -> Outcome {
 
 /// Waits until every service has its workers, and each simulated camera its first scene: from then on anything can be asked. For a camera that
 /// somebody else starts nobody waits.
-async fn ready(args: &UpArgs, config: RuntimeConfig, layout: &Layout, camera: &str, shutdown: &Shutdown) -> Outcome {
+async fn ready(args: &UpArgs, config: RuntimeConfig, layout: &Layout, camera: &str, shutdown: &Shutdown) -> CommandResult {
     let session = Session::open(config).await?;
     let is_up = async {
         for cell in &layout.cells {
@@ -241,9 +241,10 @@ fn console_of(mut config: ConsoleConfig) -> Result<ConsoleConfig, Failure> {
 }
 
 /// Starts a process again whenever it ends, until `shutdown`; then tells it to drain. One that ends before the system is up always would.
-async fn keep_running(mut command: Command, name: String, is_up: Arc<AtomicBool>, shutdown: Shutdown) -> Outcome {
+async fn keep_running(mut command: Command, name: String, is_up: Arc<AtomicBool>, shutdown: Shutdown) -> CommandResult {
     while !shutdown.is_requested() {
-        let mut process = Labelled::spawn(&mut command, &name).map_err(|e| Failure::other(format!("{name} could not be started: {e}")))?;
+        let mut process =
+            LabelledProcess::spawn(&mut command, &name).map_err(|e| Failure::other(format!("{name} could not be started: {e}")))?;
         tokio::select! {
             ended = process.child.wait() => {
                 process.rest_of_log().await;

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use repose_networks::Weights;
-use repose_training::{Part, merge::merged};
+use repose_training::{TrainedPart, merge::merged};
 use serde_json::json;
 
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 
 /// Arguments of `weights`.
@@ -31,13 +31,14 @@ pub struct WeightsArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &WeightsArgs, output: Output) -> Outcome {
+pub fn run(args: &WeightsArgs, output: Output) -> CommandResult {
     let read = |field: &str, path: &Path| {
         let failed = |e: &dyn std::fmt::Display| Failure::bad_input(field, format!("{}: {e}", path.display()));
         Weights::from_bytes(&std::fs::read(path).map_err(|e| failed(&e))?).map_err(|e| failed(&e))
     };
-    let mut parts = vec![(Part::Joint, read("joint", &args.joint)?), (Part::Discriminator, read("discriminator", &args.discriminator)?)];
-    for (part, path) in [(Part::Relations, &args.relations), (Part::Outcome, &args.outcome)] {
+    let mut parts =
+        vec![(TrainedPart::Joint, read("joint", &args.joint)?), (TrainedPart::Discriminator, read("discriminator", &args.discriminator)?)];
+    for (part, path) in [(TrainedPart::Relations, &args.relations), (TrainedPart::Outcome, &args.outcome)] {
         if let Some(path) = path {
             parts.push((part, read(part.name(), path)?));
         }

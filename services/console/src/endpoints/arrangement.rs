@@ -13,14 +13,19 @@ use repose_tracking::Known;
 use super::site::PageSite;
 use crate::ConsoleConfig;
 use crate::arrangement::ArrangementShown;
-use crate::cell::{Camera, Cell};
+use crate::cell::{Camera, WatchedCell};
 use crate::messages::Answered;
 
 /// Asks the planner for moves after which all goals hold.
 ///
 /// # Errors
 /// `invalid_argument` on the field at fault, `not_found` on an object that the scene lacks, `cancelled`, and what the planner says.
-pub async fn asked(cell: &Cell, request: &ArrangeRequest, scene: Option<&Scene>, options: CallOptions) -> Result<Answered, CallError> {
+pub async fn asked(
+    cell: &WatchedCell,
+    request: &ArrangeRequest,
+    scene: Option<&Scene>,
+    options: CallOptions,
+) -> Result<Answered, CallError> {
     request.validate()?;
     let started = Instant::now();
     let encode = |scene: Option<&Scene>| Payload::with_scene(request, scene);
@@ -34,7 +39,7 @@ pub async fn asked(cell: &Cell, request: &ArrangeRequest, scene: Option<&Scene>,
 /// # Errors
 /// `invalid_argument` on the field at fault, `not_found` on an object that the view lacks, `failed_precondition` when something else is carried out.
 pub fn begin(
-    cell: Arc<Cell>,
+    cell: Arc<WatchedCell>,
     camera: Arc<Camera>,
     scene: Arc<Scene>,
     robot: String,
@@ -66,6 +71,6 @@ pub fn begin(
 }
 
 /// Ends the one that is under way, after the move that it is at.
-pub fn end(cell: &Cell) {
+pub fn end(cell: &WatchedCell) {
     cell.update_arrangement(|shown| shown.ending = true);
 }

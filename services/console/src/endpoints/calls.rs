@@ -13,7 +13,7 @@ use repose_runtime::{Answer, CallOptions, call_moving};
 use tokio::sync::mpsc;
 
 use crate::arm::PlanShown;
-use crate::cell::{Cell, world_from_base};
+use crate::cell::{WatchedCell, world_from_base};
 use crate::messages::{ExecutionEnded, ExecutionShown};
 
 /// Progress that may wait; what does not fit is dropped.
@@ -23,7 +23,7 @@ const EXECUTION: Duration = Duration::from_secs(600);
 
 /// Has a motion planned from where the robot stands.
 pub async fn plan(
-    cell: &Cell,
+    cell: &WatchedCell,
     request: MotionPlanRequest,
     scene: &Scene,
     options: CallOptions,
@@ -42,7 +42,7 @@ pub fn shown(plan: &MotionPlan, robot: &RobotState) -> Arc<PlanShown> {
 }
 
 /// Has a plan carried out, and tells the cell's viewers how far it is. Goes on when whoever asked has left: a robot is stopped by its stop.
-pub async fn execute(cell: &Cell, plan: &MotionPlan) -> Result<Answer, CallError> {
+pub async fn execute(cell: &WatchedCell, plan: &MotionPlan) -> Result<Answer, CallError> {
     let phases: Vec<String> = plan.phases.iter().map(|p| p.name.to_string()).collect();
     let shown = ExecutionShown { robot: plan.robot.clone(), query: plan.query, phases, phase: 0, ended: None, said: Vec::new() };
     cell.hide_plan(None);
@@ -71,7 +71,7 @@ pub async fn execute(cell: &Cell, plan: &MotionPlan) -> Result<Answer, CallError
 }
 
 /// Brings an arm back, checked against the newest scene of a camera that knows where it stands, where there is one.
-pub async fn recover(cell: &Cell, camera: &str, robot: &str, motion: RecoveryMove) -> Result<RecoverReply, CallError> {
+pub async fn recover(cell: &WatchedCell, camera: &str, robot: &str, motion: RecoveryMove) -> Result<RecoverReply, CallError> {
     let mut scene = None;
     if motion != RecoveryMove::Open
         && let Ok(summary) = cell.newest(camera).await
@@ -83,7 +83,12 @@ pub async fn recover(cell: &Cell, camera: &str, robot: &str, motion: RecoveryMov
 }
 
 /// Calls something that moves a robot.
-pub async fn moving(cell: &Cell, method: &str, payload: Payload, progress: Option<mpsc::Sender<Payload>>) -> Result<Answer, CallError> {
+pub async fn moving(
+    cell: &WatchedCell,
+    method: &str,
+    payload: Payload,
+    progress: Option<mpsc::Sender<Payload>>,
+) -> Result<Answer, CallError> {
     let options = CallOptions { progress, ..CallOptions::at_most_once(EXECUTION) };
     call_moving(cell.session(), cell.caller(Service::Motion), method, payload, options).await
 }

@@ -27,7 +27,7 @@ use repose_proto::CallError;
 use repose_runtime::Shutdown;
 
 use self::refusal::refused;
-pub use self::state::State;
+pub use self::state::AppState;
 use crate::access::COOKIE;
 use crate::page::{INDEX, file};
 
@@ -35,8 +35,8 @@ use crate::page::{INDEX, file};
 const MAX_BODY: usize = 4096;
 
 /// All routes.
-pub fn router(state: Arc<State>, shutdown: Shutdown) -> Router {
-    let socket = move |state: Shared<Arc<State>>, headers: HeaderMap, upgrade| socket::upgraded(state, headers, upgrade, shutdown);
+pub fn router(state: Arc<AppState>, shutdown: Shutdown) -> Router {
+    let socket = move |state: Shared<Arc<AppState>>, headers: HeaderMap, upgrade| socket::upgraded(state, headers, upgrade, shutdown);
     Router::new()
         .route("/", get(index))
         .route("/socket", get(socket))
@@ -50,7 +50,7 @@ pub fn router(state: Arc<State>, shutdown: Shutdown) -> Router {
 }
 
 /// Refuses other sites and other names, and tells the browser to be as strict.
-async fn guarded(Shared(state): Shared<Arc<State>>, request: Request, next: Next) -> Response {
+async fn guarded(Shared(state): Shared<Arc<AppState>>, request: Request, next: Next) -> Response {
     if let Err(reason) = admitted(&state, &request) {
         tracing::debug!(path = request.uri().path(), reason, "refused");
         return (StatusCode::FORBIDDEN, format!("{reason}\n")).into_response();
@@ -68,7 +68,7 @@ async fn guarded(Shared(state): Shared<Arc<State>>, request: Request, next: Next
     response
 }
 
-fn admitted(state: &State, request: &Request) -> Result<(), String> {
+fn admitted(state: &AppState, request: &Request) -> Result<(), String> {
     let text = |name: header::HeaderName| request.headers().get(name).and_then(|v| v.to_str().ok());
     // A link on another site may lead here; nothing else of another site may reach more than the page.
     let acts = ["/socket", "/stop", "/sign-in"].contains(&request.uri().path());
@@ -76,7 +76,7 @@ fn admitted(state: &State, request: &Request) -> Result<(), String> {
     state.access.admits(text(header::HOST), text(header::ORIGIN), site)
 }
 
-async fn index(Shared(state): Shared<Arc<State>>, headers: HeaderMap) -> Response {
+async fn index(Shared(state): Shared<Arc<AppState>>, headers: HeaderMap) -> Response {
     if state.role(&headers).is_some() {
         state.expect_viewer();
     }
@@ -108,7 +108,7 @@ async fn page_file(request: Request) -> Response {
 }
 
 /// Takes a token and leaves it with the browser, where scripts cannot read it.
-async fn sign_in(Shared(state): Shared<Arc<State>>, token: String) -> Response {
+async fn sign_in(Shared(state): Shared<Arc<AppState>>, token: String) -> Response {
     let Some(role) = state.access.role_of(Some(token.trim())) else {
         return refused(StatusCode::UNAUTHORIZED, &CallError::invalid("token", "this token is not known here"));
     };

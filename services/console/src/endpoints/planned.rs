@@ -12,8 +12,8 @@ use repose_tracking::Followed;
 
 use super::site::PageSite;
 
-/// A plan that is shown.
-pub struct Planned {
+/// A plan that the page displays.
+pub struct DisplayedPlan {
     /// Its id.
     pub id: String,
     /// The plan.
@@ -24,7 +24,7 @@ pub struct Planned {
     pub moved: Isometry3<f64>,
 }
 
-impl Planned {
+impl DisplayedPlan {
     /// Says of every object on a fresh view what has become of it, beside how the execution ended.
     ///
     /// # Errors

@@ -12,14 +12,14 @@ use repose_runtime::{CallOptions, CancellationToken};
 use tokio::sync::mpsc;
 
 use super::calls::{execute, plan, recover};
-use super::planned::Planned;
+use super::planned::DisplayedPlan;
 use super::site::PageSite;
-use super::state::State;
+use super::state::AppState;
 use crate::access::Role;
-use crate::cell::{Camera, Cell};
-use crate::messages::{Answered, Ask, Drawn, Request, Told};
-use crate::view::View;
-use crate::viewers::{Message, Outbox, Topic};
+use crate::cell::{Camera, WatchedCell};
+use crate::messages::{Answered, Ask, DrawnMessage, Request, ServerMessage};
+use crate::view::SceneView;
+use crate::viewers::{Outbox, Topic, ViewerMessage};
 
 /// Requests of one viewer that may be open; the next is refused.
 const MAX_OPEN: usize = 16;
@@ -35,26 +35,26 @@ pub struct Viewer {
     id: u64,
     role: Role,
     outbox: Arc<Outbox>,
-    state: Arc<State>,
+    state: Arc<AppState>,
     eyes: Mutex<Eyes>,
 }
 
 /// What a viewer looks at, and what it has in hand.
 #[derive(Default)]
 struct Eyes {
-    cell: Option<Arc<Cell>>,
+    cell: Option<Arc<WatchedCell>>,
     camera: Option<Arc<Camera>>,
-    held: Option<Arc<View>>,
+    held: Option<Arc<SceneView>>,
     /// The scenes that were sent last, newest last: one of them is on the screen.
-    sent: VecDeque<Arc<View>>,
-    plan: Option<Planned>,
+    sent: VecDeque<Arc<SceneView>>,
+    plan: Option<DisplayedPlan>,
     open: BTreeMap<u64, CancellationToken>,
     has_left: bool,
 }
 
 impl Viewer {
     /// A viewer that looks at nothing yet.
-    pub fn new(id: u64, role: Role, outbox: Arc<Outbox>, state: Arc<State>) -> Arc<Self> {
+    pub fn new(id: u64, role: Role, outbox: Arc<Outbox>, state: Arc<AppState>) -> Arc<Self> {
         Arc::new(Self { id, role, outbox, state, eyes: Mutex::default() })
     }
 
@@ -83,7 +83,7 @@ impl Viewer {
         if let Ok(everywhere) = self.state.everywhere().await {
             everywhere.leave(self.id);
         }
-        if let (Some(cell), Some(Planned { id: plan, .. })) = (&eyes.cell, &eyes.plan) {
+        if let (Some(cell), Some(DisplayedPlan { id: plan, .. })) = (&eyes.cell, &eyes.plan) {
             cell.hide_plan(Some(plan));
         }
         leave(self.id, &eyes);
@@ -93,7 +93,7 @@ impl Viewer {
     pub fn take(self: &Arc<Self>, request: Request) {
         let Request { id, ask } = request;
         if let Ask::Seen { what } = ask {
-            return self.outbox.seen(&if what == Drawn::Picture { Topic::Picture } else { Topic::Scene });
+            return self.outbox.seen(&if what == DrawnMessage::Picture { Topic::Picture } else { Topic::Scene });
         }
         let cancel = CancellationToken::new();
         let refusal = {
@@ -109,15 +109,15 @@ impl Viewer {
             }
         };
         if let Some(error) = refusal {
-            return self.outbox.put(Topic::Answer(id), Told::Refused { id, error }.encode());
+            return self.outbox.put(Topic::Answer(id), ServerMessage::Refused { id, error }.encode());
         }
         let viewer = self.clone();
         tokio::spawn(async move {
             let answered = viewer.carry_out(id, ask, cancel).await;
             viewer.eyes().open.remove(&id);
             let told = match answered {
-                Ok(result) => Told::Answer { id, result: Box::new(result) },
-                Err(error) => Told::Refused { id, error },
+                Ok(result) => ServerMessage::Answer { id, result: Box::new(result) },
+                Err(error) => ServerMessage::Refused { id, error },
             };
             viewer.outbox.put(Topic::Answer(id), told.encode());
         });
@@ -183,7 +183,7 @@ impl Viewer {
         }
     }
 
-    fn cell(&self) -> Result<Arc<Cell>, CallError> {
+    fn cell(&self) -> Result<Arc<WatchedCell>, CallError> {
         self.eyes().cell.clone().ok_or_else(|| CallError::precondition("no cell is watched yet").at("cell"))
     }
 
@@ -228,7 +228,7 @@ impl Viewer {
     }
 
     /// Notes that a scene is sent to this viewer.
-    pub fn sends(&self, view: Arc<View>) {
+    pub fn sends(&self, view: Arc<SceneView>) {
         let sent = &mut self.eyes().sent;
         sent.push_back(view);
         if sent.len() > SENT {
@@ -237,7 +237,7 @@ impl Viewer {
     }
 
     /// A scene that this viewer holds or may have on its screen.
-    fn view(&self, scene_id: &str) -> Result<Arc<View>, CallError> {
+    fn view(&self, scene_id: &str) -> Result<Arc<SceneView>, CallError> {
         let at_hand = {
             let eyes = self.eyes();
             eyes.held.iter().chain(&eyes.sent).find(|view| view.scene_id == scene_id).cloned()
@@ -251,13 +251,13 @@ impl Viewer {
     async fn segment(&self, scene_id: &str, pixel: [usize; 2]) -> Result<Answered, CallError> {
         let view = self.cell()?.segmented(self.view(scene_id)?.as_ref(), pixel).await?;
         let view = Arc::new(view);
-        self.outbox.put(Topic::Segmented, Message::View(view.clone()));
+        self.outbox.put(Topic::Segmented, ViewerMessage::View(view.clone()));
         self.eyes().held = Some(view);
         Ok(Answered::Done {})
     }
 
     /// A scene that this viewer has seen, or that perception still has.
-    async fn scene(&self, cell: &Cell, scene_id: &str) -> Result<Arc<Scene>, CallError> {
+    async fn scene(&self, cell: &WatchedCell, scene_id: &str) -> Result<Arc<Scene>, CallError> {
         match self.view(scene_id) {
             Ok(view) => Ok(view.scene.clone()),
             Err(_) => Ok(Arc::new(cell.scene(scene_id).await?)),
@@ -278,7 +278,7 @@ impl Viewer {
             tokio::spawn(async move {
                 while let Some(payload) = progress.recv().await {
                     let Ok(progress) = serde_json::from_slice(&payload.bytes) else { continue };
-                    outbox.put(Topic::Progress(id), Told::Progress { id, progress }.encode());
+                    outbox.put(Topic::Progress(id), ServerMessage::Progress { id, progress }.encode());
                 }
             })
         };
@@ -299,7 +299,7 @@ impl Viewer {
         let placed = placements.get(plan.placement).ok_or_else(|| CallError::internal("motion chose no placement of ours"))?;
         let moved = from_row_major(&placed.0).map_err(|e| CallError::internal(e.to_string()))?;
         let id = shown.plan.clone();
-        self.eyes().plan = Some(Planned { id: id.clone(), plan, scene, moved });
+        self.eyes().plan = Some(DisplayedPlan { id: id.clone(), plan, scene, moved });
         cell.show_plan(shown);
         Ok(Answered::Planned { plan: id })
     }

@@ -6,14 +6,14 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use repose_executive::sequence::{Sequence, Step};
+use repose_executive::sequence::{GoalStep, Sequence};
 use repose_proto::{CallError, Message as _, PlaceRequest, Scene};
 use repose_tracking::Known;
 
 use crate::ConsoleConfig;
-use crate::cell::{Camera, Cell};
+use crate::cell::{Camera, WatchedCell};
 use crate::messages::{Answered, SequenceShown, StepShown};
-use crate::stage::Stage;
+use crate::stage::GoalStage;
 
 use super::site::PageSite;
 
@@ -25,7 +25,7 @@ const MAX_GOALS: usize = 32;
 /// # Errors
 /// `invalid_argument` on the goal at fault, `not_found` on an object that the view lacks, `failed_precondition` when one is under way.
 pub fn begin(
-    cell: Arc<Cell>,
+    cell: Arc<WatchedCell>,
     camera: Arc<Camera>,
     scene: Arc<Scene>,
     robot: String,
@@ -44,7 +44,7 @@ pub fn begin(
     let step = |goal: &PlaceRequest| StepShown {
         query: goal.query,
         goal: goal.goal.clone(),
-        stage: Stage::Waiting,
+        stage: GoalStage::Waiting,
         holds: Vec::new(),
         said: Vec::new(),
         error: None,
@@ -55,7 +55,7 @@ pub fn begin(
     tokio::spawn(async move {
         let site = PageSite::of(cell.clone(), camera, robot, deadline).for_sequence();
         if let Err(error) = achieve(site, &scene, &goals, attempts).await {
-            cell.update_step(|step| (step.stage, step.error) = (Stage::Failed, error));
+            cell.update_step(|step| (step.stage, step.error) = (GoalStage::Failed, error));
         }
         end(&cell);
     });
@@ -65,12 +65,12 @@ pub fn begin(
 /// Achieves the goals; where one was not achieved it is an error, with one to show where there is one.
 async fn achieve(site: PageSite, scene: &Scene, goals: &[PlaceRequest], attempts: usize) -> Result<(), Option<CallError>> {
     let cell = site.cell().clone();
-    let told = |step: &Step| {
+    let told = |step: &GoalStep| {
         cell.update_step(|shown| {
             shown.holds.clone_from(&step.last.holds);
             shown.said = step.describe();
             if step.achieved() {
-                shown.stage = Stage::Held;
+                shown.stage = GoalStage::Held;
             }
         });
     };
@@ -84,6 +84,6 @@ async fn achieve(site: PageSite, scene: &Scene, goals: &[PlaceRequest], attempts
 }
 
 /// Ends the sequence that is under way, after the goal that it is at.
-pub fn end(cell: &Cell) {
+pub fn end(cell: &WatchedCell) {
     cell.update(|activity| activity.sequence.iter_mut().for_each(|s| s.ended = true));
 }

@@ -3,19 +3,19 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use repose_executive::Site;
+use repose_executive::{MoveStage, Site};
 use repose_proto::motion::MotionPlan;
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, Payload, Scene, SceneSummary, Service};
 use repose_runtime::{Answer, Caller, robot_state};
 
 use super::calls::{execute, moving, shown};
-use crate::cell::{Camera, Cell};
-use crate::stage::Stage;
+use crate::cell::{Camera, WatchedCell};
+use crate::stage::GoalStage;
 
 /// The cell, camera and robot.
 pub struct PageSite {
-    cell: Arc<Cell>,
+    cell: Arc<WatchedCell>,
     camera: Arc<Camera>,
     robot: String,
     deadline: Duration,
@@ -35,7 +35,7 @@ enum ShownIn {
 
 impl PageSite {
     /// These; `deadline` is of a call that does not move the robot.
-    pub fn of(cell: Arc<Cell>, camera: Arc<Camera>, robot: String, deadline: Duration) -> Self {
+    pub fn of(cell: Arc<WatchedCell>, camera: Arc<Camera>, robot: String, deadline: Duration) -> Self {
         Self { cell, camera, robot, deadline, shown_in: ShownIn::Nothing }
     }
 
@@ -50,7 +50,7 @@ impl PageSite {
     }
 
     /// The cell.
-    pub fn cell(&self) -> &Arc<Cell> {
+    pub fn cell(&self) -> &Arc<WatchedCell> {
         &self.cell
     }
 }
@@ -95,13 +95,12 @@ impl Site for PageSite {
         }
     }
 
-    fn begins(&self, stage: repose_executive::Stage) {
-        use repose_executive::Stage as Begun;
+    fn begins(&self, stage: MoveStage) {
         let stage = match stage {
-            Begun::Looking => Stage::Looking,
-            Begun::Placing => Stage::Placing,
-            Begun::Planning => Stage::Planning,
-            Begun::Moving => Stage::Moving,
+            MoveStage::Looking => GoalStage::Looking,
+            MoveStage::Placing => GoalStage::Placing,
+            MoveStage::Planning => GoalStage::Planning,
+            MoveStage::Moving => GoalStage::Moving,
         };
         match self.shown_in {
             ShownIn::Nothing => {}

@@ -14,11 +14,11 @@ use futures::{SinkExt, StreamExt};
 use repose_runtime::Shutdown;
 
 use super::requests::Viewer;
-use super::state::State;
+use super::state::AppState;
 use crate::access::Role;
-use crate::messages::{Request, Told};
+use crate::messages::{Request, ServerMessage};
 use crate::page::page_hash;
-use crate::viewers::{Message, Outbox, Topic};
+use crate::viewers::{Outbox, Topic, ViewerMessage};
 
 /// The largest message of a viewer's, bytes.
 const MAX_MESSAGE: usize = 256 * 1024;
@@ -30,7 +30,7 @@ const GONE_AFTER: Duration = Duration::from_secs(20);
 const UNKNOWN: u16 = 4401;
 
 /// Makes a viewer of an HTTP request.
-pub async fn upgraded(Shared(state): Shared<Arc<State>>, headers: HeaderMap, upgrade: WebSocketUpgrade, shutdown: Shutdown) -> Response {
+pub async fn upgraded(Shared(state): Shared<Arc<AppState>>, headers: HeaderMap, upgrade: WebSocketUpgrade, shutdown: Shutdown) -> Response {
     let upgrade = upgrade.max_message_size(MAX_MESSAGE).max_frame_size(MAX_MESSAGE);
     // Browsers hide the status of a refused upgrade from the page: it is told by a close code.
     let Some(role) = state.role(&headers) else {
@@ -49,7 +49,7 @@ pub async fn upgraded(Shared(state): Shared<Arc<State>>, headers: HeaderMap, upg
 struct Place(Arc<AtomicUsize>);
 
 impl Place {
-    fn take(state: &State) -> Option<Self> {
+    fn take(state: &AppState) -> Option<Self> {
         let most = state.config.max_viewers;
         let taken = state.open_viewers.fetch_update(Ordering::AcqRel, Ordering::Acquire, |open| (open < most).then_some(open + 1));
         taken.is_ok().then(|| Self(state.open_viewers.clone()))
@@ -67,11 +67,14 @@ async fn closed(mut socket: WebSocket, code: u16, reason: &'static str) {
     drop(socket.send(Frame::Close(Some(CloseFrame { code, reason: Utf8Bytes::from_static(reason) }))).await);
 }
 
-async fn serve(socket: WebSocket, state: Arc<State>, role: Role, shutdown: Shutdown) {
+async fn serve(socket: WebSocket, state: Arc<AppState>, role: Role, shutdown: Shutdown) {
     let id = state.next_viewer.fetch_add(1, Ordering::Relaxed);
     let outbox = Arc::new(Outbox::default());
     let cell = state.session.cell().name().to_owned();
-    outbox.put(Topic::Welcome, Told::Welcome { version: env!("CARGO_PKG_VERSION"), page: page_hash().to_owned(), role, cell }.encode());
+    outbox.put(
+        Topic::Welcome,
+        ServerMessage::Welcome { version: env!("CARGO_PKG_VERSION"), page: page_hash().to_owned(), role, cell }.encode(),
+    );
     let viewer = Viewer::new(id, role, outbox.clone(), state);
     if let Err(error) = viewer.look_everywhere().await {
         tracing::warn!(%error, "the cells cannot be told");
@@ -101,7 +104,7 @@ fn read(viewer: &Arc<Viewer>, text: &Utf8Bytes) {
         Err(error) => {
             // The id may be readable where the request is not.
             let id = serde_json::from_str::<serde_json::Value>(text).ok().and_then(|v| v.get("id")?.as_u64()).unwrap_or(0);
-            viewer.outbox().put(Topic::Answer(id), Told::Refused { id, error }.encode());
+            viewer.outbox().put(Topic::Answer(id), ServerMessage::Refused { id, error }.encode());
         }
     }
 }
@@ -111,9 +114,9 @@ async fn write(mut sink: SplitSink<WebSocket, Frame>, viewer: Arc<Viewer>, shutd
     loop {
         let frame = tokio::select! {
             message = viewer.outbox().next() => match message {
-                Some(Message::Text(text)) => Frame::Text(Utf8Bytes::from(&*text)),
-                Some(Message::Binary(bytes)) => Frame::Binary(bytes),
-                Some(Message::View(view)) => {
+                Some(ViewerMessage::Text(text)) => Frame::Text(Utf8Bytes::from(&*text)),
+                Some(ViewerMessage::Binary(bytes)) => Frame::Binary(bytes),
+                Some(ViewerMessage::View(view)) => {
                     viewer.sends(view.clone());
                     Frame::Binary(view.bytes.clone())
                 }

@@ -12,19 +12,19 @@ use tokio::sync::{Mutex, OnceCell};
 
 use crate::ConsoleConfig;
 use crate::access::{Access, Role, token_in};
-use crate::cell::{Cell, follow_cells};
+use crate::cell::{WatchedCell, follow_cells};
 use crate::viewers::Audience;
 
 /// How long a page that was asked for may take until it looks at its cell: longer, and the cell is let go until it does.
 const PAGE_WITHIN: Duration = Duration::from_secs(5);
 
-/// What all requests share.
-pub struct State {
+/// The state that all HTTP requests share.
+pub struct AppState {
     pub(super) session: Session,
     pub(super) config: Arc<ConsoleConfig>,
     pub(super) access: Access,
     pub(super) over_tls: bool,
-    cells: Mutex<BTreeMap<String, Weak<Cell>>>,
+    cells: Mutex<BTreeMap<String, Weak<WatchedCell>>>,
     everywhere: OnceCell<Arc<Audience>>,
     /// Whether the cell is followed for a page that was asked for.
     expects: AtomicBool,
@@ -32,7 +32,7 @@ pub struct State {
     pub(super) next_viewer: AtomicU64,
 }
 
-impl State {
+impl AppState {
     /// For a session and a configuration that has been checked.
     pub fn new(session: Session, config: ConsoleConfig, access: Access, over_tls: bool) -> Self {
         Self {
@@ -49,12 +49,12 @@ impl State {
     }
 
     /// A cell, followed from now on if nobody looks at it yet.
-    pub(super) async fn cell(&self, name: &str) -> Result<Arc<Cell>, CallError> {
+    pub(super) async fn cell(&self, name: &str) -> Result<Arc<WatchedCell>, CallError> {
         let mut cells = self.cells.lock().await;
         if let Some(cell) = cells.get(name).and_then(Weak::upgrade) {
             return Ok(cell);
         }
-        let cell = Arc::new(Cell::follow(&self.session, name, self.config.clone()).await?);
+        let cell = Arc::new(WatchedCell::follow(&self.session, name, self.config.clone()).await?);
         cells.retain(|_, known| known.strong_count() > 0);
         cells.insert(name.to_owned(), Arc::downgrade(&cell));
         Ok(cell)

@@ -12,29 +12,29 @@ use repose_runtime::emergency_stop;
 use serde::Deserialize;
 
 use super::refusal::{refused, unknown};
-use super::state::State;
+use super::state::AppState;
 
 /// Who stops, as the robot's state says it.
 const SOURCE: &str = "repose console";
 /// How long a robot may take to show it before the viewer is told that it has not.
 const SHOWN_WITHIN: Duration = Duration::from_secs(5);
 
-/// Which robot.
+/// Which robot to stop.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Stop {
+pub struct StopRequest {
     cell: String,
     robot: String,
     reason: Option<String>,
 }
 
 /// Stops a robot; answers when it shows the stop.
-pub async fn stop(Shared(state): Shared<Arc<State>>, headers: HeaderMap, body: String) -> Response {
+pub async fn stop(Shared(state): Shared<Arc<AppState>>, headers: HeaderMap, body: String) -> Response {
     if state.role(&headers).is_none() {
         return refused(StatusCode::UNAUTHORIZED, &unknown());
     }
     let stopped = async {
-        let stop: Stop = repose_proto::message::from_json(body.as_bytes())?;
+        let stop: StopRequest = repose_proto::message::from_json(body.as_bytes())?;
         keys::validate_chunk("robot", &stop.robot)?;
         let session = state.session.in_cell(&stop.cell)?;
         let reason = stop.reason.as_deref().unwrap_or("stopped from the console");

@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use crate::report::plots::{DrawError, Points, reliability, scatter};
 use crate::report::text;
-use crate::tables::discriminator::{Correlation, DiscriminatorTable, Forecaster, OUTLIER_M, Trial};
+use crate::tables::discriminator::{Correlation, DiscriminatorTable, Forecaster, OUTLIER_M, ReleaseTrial};
 use crate::tables::paper;
 
 /// What the figures are of; part of the JSON.
@@ -79,8 +79,8 @@ pub fn pictures(table: &DiscriminatorTable) -> Result<Vec<(String, String)>, Dra
 fn scatter_plot(table: &DiscriminatorTable) -> Result<String, DrawError> {
     let by = main_forecaster(table);
     // A placement carries what its answer said.
-    let said = |t: &Trial| if t.variant.is_none() { by.said(t) } else { t.realism };
-    let of = |keep: &dyn Fn(&Trial) -> bool| -> Vec<(f64, f64)> {
+    let said = |t: &ReleaseTrial| if t.variant.is_none() { by.said(t) } else { t.realism };
+    let of = |keep: &dyn Fn(&ReleaseTrial) -> bool| -> Vec<(f64, f64)> {
         let kept = table.trials.iter().filter(|t| keep(t) && t.judged.moved_m < OUTLIER_M);
         kept.filter_map(|t| Some((t.judged.moved_m, said(t)?))).collect()
     };

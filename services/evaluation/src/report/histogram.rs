@@ -4,7 +4,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use repose_simulator::statistics::Histogram;
 
-use crate::report::plots::{DrawError, Drawn, drawn};
+use crate::report::plots::{DrawError, DrawResult, drawn};
 
 /// One of several histograms above each other.
 pub struct Panel<'a> {
@@ -30,7 +30,7 @@ pub fn histograms(panels: &[Panel]) -> Result<String, DrawError> {
     })
 }
 
-fn draw(panel: &Panel, area: &DrawingArea<SVGBackend<'_>, Shift>) -> Drawn {
+fn draw(panel: &Panel, area: &DrawingArea<SVGBackend<'_>, Shift>) -> DrawResult {
     let Histogram { edges_mm, counts, beyond } = panel.histogram;
     let bins = counts.len();
     let highest = counts.iter().max().copied().unwrap_or(0).max(1);

@@ -1,12 +1,12 @@
 //! The report of `evaluate planner`: JSON with the contract's keys, tables for people with the paper's figures beside, bars as SVG.
 
-use crate::report::plots::{Bars, DrawError, grouped_bars};
+use crate::report::plots::{BarSeries, DrawError, grouped_bars};
 use crate::report::text::{legend, paragraph, table};
 use crate::scenes::planner_scene::SceneRecord;
 use crate::statistics::paired::Paired;
 use crate::statistics::rate::Rate;
 use crate::tables::paper;
-use crate::tables::planner::{Columns, CurvePoint, Part, PlannerRow, SetTable};
+use crate::tables::planner::{Columns, PlannerRow, RiskCoveragePoint, SceneGroup, SetTable};
 use comfy_table::Table;
 use repose_proto::place::Variant;
 use serde_json::{Value, json};
@@ -34,7 +34,7 @@ pub fn document(tables: &[SetTable], records: &[SceneRecord], head: &Value) -> V
     })
 }
 
-fn part(part: &Part) -> Value {
+fn part(part: &SceneGroup) -> Value {
     json!({
         "name": part.name, "scenes": part.scenes, "feasible": part.answerable, "found_by_variants_only": part.found_by_variants_only,
         "script_joint": part.script_joint.percent(),
@@ -72,7 +72,7 @@ pub fn pictures(tables: &[SetTable]) -> Result<Vec<(String, String)>, DrawError>
         let groups: Vec<&str> = rows.iter().map(|r| r.variant.as_str()).collect();
         let rates = |pick: &dyn Fn(&PlannerRow) -> Rate, name: &'static str| {
             let of: Vec<Rate> = rows.iter().map(pick).collect();
-            Bars {
+            BarSeries {
                 name,
                 values: of.iter().map(|r| r.percent().map(|p| p / 100.0)).collect(),
                 intervals: of.iter().map(|r| Some(r.interval_percent().map(|p| p / 100.0))).collect(),
@@ -82,7 +82,7 @@ pub fn pictures(tables: &[SetTable]) -> Result<Vec<(String, String)>, DrawError>
         let stable = rates(&|r| r.of_answerable.stable, "stable");
         let joint = rates(&|r| r.joint, "joint");
         let papers = rows.iter().map(|r| paper::VARIANTS.iter().find(|p| p.variant == r.variant).map(|p| p.stable / 100.0)).collect();
-        let papers = Bars { name: "stable, paper", values: papers, intervals: vec![None; rows.len()] };
+        let papers = BarSeries { name: "stable, paper", values: papers, intervals: vec![None; rows.len()] };
         let title = format!("Planner variants, {}: {} of {} scenes with an answer", table.all.name, table.all.answerable, table.all.scenes);
         let svg = grouped_bars(&title, &groups, &[stable, successful, papers, joint])?;
         pictures.push((format!("planner_{}", table.all.name), svg));
@@ -98,13 +98,13 @@ fn by_kind(table: &SetTable) -> Result<String, DrawError> {
     let shown = [Variant::Best, Variant::Geometric, Variant::Full];
     let bars = |variant: Variant| {
         let of: Vec<Option<Rate>> = table.kinds.iter().map(|k| k.rows.iter().find(|r| r.variant == variant).map(|r| r.joint)).collect();
-        Bars {
+        BarSeries {
             name: variant.as_str(),
             values: of.iter().map(|r| r.and_then(|r| r.percent()).map(|p| p / 100.0)).collect(),
             intervals: of.iter().map(|r| r.map(|r| r.interval_percent().map(|p| p / 100.0))).collect(),
         }
     };
-    let series: Vec<Bars<'_>> = shown.map(bars).into();
+    let series: Vec<BarSeries<'_>> = shown.map(bars).into();
     grouped_bars(&format!("Joint rate by kind of scene, {}", table.all.name), &groups, &series)
 }
 
@@ -167,7 +167,7 @@ const LEGEND: [(&str, &str); 15] = [
     ("realistic of best", "by boosted trees on the outcome network's word and geometry"),
 ];
 
-fn papers_columns(part: &Part) -> Table {
+fn papers_columns(part: &SceneGroup) -> Table {
     let mut table = table(["variant", "of the scenes", "predicates", "realistic", "successful", "stable"]);
     for row in &part.rows {
         let cells = |of: &str, c: &Columns| {
@@ -186,7 +186,7 @@ fn papers_columns(part: &Part) -> Table {
     table
 }
 
-fn returned(part: &Part) -> Table {
+fn returned(part: &SceneGroup) -> Table {
     let mut table = table(["variant", "answered", "joint", "right of answers", "none right", "none found", "p50 / p95 ms"]);
     for row in &part.rows {
         table.add_row(vec![
@@ -203,7 +203,7 @@ fn returned(part: &Part) -> Table {
 }
 
 /// What is wrong with answers, and how many would be if only the surest were given.
-fn sureness(part: &Part) -> Table {
+fn sureness(part: &SceneGroup) -> Table {
     let shares = [100.0, 95.0, 90.0, 80.0];
     let header = ["variant", "calibration error (floor)"].map(str::to_owned).into_iter();
     let columns = shares.iter().map(|share| format!("wrong of the surest {share:.0} %")).chain(["faults".to_owned()]);
@@ -214,7 +214,7 @@ fn sureness(part: &Part) -> Table {
         let mut cells = vec![row.variant.to_string(), format!("{} ({})", number(of.error), number(of.floor))];
         let wrong = |share: &f64| row.curve.iter().find(|point| point.answered == *share);
         cells.extend(shares.iter().map(|share| {
-            let text = |p: &CurvePoint| format!("{} of {}, {:.1} % (from {:.2})", p.wrong_answers, p.answers, p.wrong, p.least);
+            let text = |p: &RiskCoveragePoint| format!("{} of {}, {:.1} % (from {:.2})", p.wrong_answers, p.answers, p.wrong, p.least);
             wrong(share).map_or_else(|| "-".to_owned(), text)
         }));
         cells.push(row.faults.iter().map(|(fault, count)| format!("{} {count}", fault.name())).collect::<Vec<_>>().join(", "));
@@ -223,7 +223,7 @@ fn sureness(part: &Part) -> Table {
     table
 }
 
-fn comparisons(part: &Part) -> Table {
+fn comparisons(part: &SceneGroup) -> Table {
     let mut table = table(["variant", "against geometric", "against the script", "two supports", "two good"]);
     for row in &part.rows {
         table.add_row(vec![

@@ -20,7 +20,7 @@ static COLORS: [RGBColor; 4] = [RGBColor(0, 114, 178), RGBColor(213, 94, 0), RGB
 const FONT: (&str, i32) = ("sans-serif", 14);
 
 /// One series of [`grouped_bars`]: a name, and a height (0 to 1) with an interval per group.
-pub struct Bars<'a> {
+pub struct BarSeries<'a> {
     /// For the legend.
     pub name: &'a str,
     /// One a group; `None` leaves a gap.
@@ -41,7 +41,7 @@ pub struct Points<'a> {
 ///
 /// # Errors
 /// [`DrawError`] when the plotting library fails.
-pub fn grouped_bars(title: &str, groups: &[&str], series: &[Bars<'_>]) -> Result<String, DrawError> {
+pub fn grouped_bars(title: &str, groups: &[&str], series: &[BarSeries<'_>]) -> Result<String, DrawError> {
     drawn("bars", (1000, 420), |root| {
         let count = groups.len();
         let mut chart = ChartBuilder::on(root)
@@ -129,13 +129,13 @@ pub fn reliability(title: &str, calibration: &Calibration) -> Result<String, Dra
 }
 
 /// What a drawing closure returns.
-pub(crate) type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
+pub(crate) type DrawResult = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 
 /// A white picture with what `draw` puts on it: the one place that starts and ends an SVG.
 pub(crate) fn drawn(
     what: &'static str,
     size: (u32, u32),
-    draw: impl FnOnce(&DrawingArea<SVGBackend<'_>, Shift>) -> Drawn,
+    draw: impl FnOnce(&DrawingArea<SVGBackend<'_>, Shift>) -> DrawResult,
 ) -> Result<String, DrawError> {
     let failed = |e: &dyn std::fmt::Display| DrawError { what, message: e.to_string() };
     let mut text = String::new();
@@ -148,7 +148,7 @@ pub(crate) fn drawn(
     Ok(text)
 }
 
-fn legend<'a, 'b, X: Ranged, Y: Ranged>(chart: &mut ChartContext<'a, SVGBackend<'b>, Cartesian2d<X, Y>>) -> Drawn
+fn legend<'a, 'b, X: Ranged, Y: Ranged>(chart: &mut ChartContext<'a, SVGBackend<'b>, Cartesian2d<X, Y>>) -> DrawResult
 where
     'b: 'a,
 {
@@ -168,8 +168,8 @@ mod tests {
     #[test]
     fn bars_have_their_groups_series_and_intervals() {
         let series = [
-            Bars { name: "ours", values: vec![Some(0.5), None], intervals: vec![Some([0.4, 0.6]), None] },
-            Bars { name: "theirs", values: vec![Some(0.7), Some(0.2)], intervals: vec![None, None] },
+            BarSeries { name: "ours", values: vec![Some(0.5), None], intervals: vec![Some([0.4, 0.6]), None] },
+            BarSeries { name: "theirs", values: vec![Some(0.7), Some(0.2)], intervals: vec![None, None] },
         ];
         let svg = grouped_bars("F1", &["left of", "near"], &series).expect("a picture");
         for text in ["F1", "left of", "near", "ours", "theirs"] {

@@ -3,7 +3,7 @@
 use comfy_table::Table;
 use serde_json::{Value, json};
 
-use crate::report::plots::{Bars, DrawError, grouped_bars};
+use crate::report::plots::{BarSeries, DrawError, grouped_bars};
 use crate::report::text::{legend, paragraph, table};
 use crate::tables::paper;
 use crate::tables::relations::{Figure, JudgedBy, MethodScores, RelationRow, RelationsTable};
@@ -59,12 +59,12 @@ fn row_document(row: &RelationRow) -> Value {
 /// When the picture cannot be drawn.
 pub fn pictures(table: &RelationsTable, [apart, together]: &[RelationsTable; 2]) -> Result<Vec<(String, String)>, DrawError> {
     let names: Vec<&str> = table.rows.iter().map(|row| row.relation.as_str()).collect();
-    let ours = |name: &'static str, table: &RelationsTable, of: fn(&RelationRow) -> &MethodScores| Bars {
+    let ours = |name: &'static str, table: &RelationsTable, of: fn(&RelationRow) -> &MethodScores| BarSeries {
         name,
         values: table.rows.iter().map(|row| of(row).f1.value).collect(),
         intervals: table.rows.iter().map(|row| of(row).f1.interval).collect(),
     };
-    let theirs = |name: &'static str, of: fn(&paper::PaperRelation) -> f64| Bars {
+    let theirs = |name: &'static str, of: fn(&paper::PaperRelation) -> f64| BarSeries {
         name,
         values: table.rows.iter().map(|row| row.paper.as_ref().map(of)).collect(),
         intervals: vec![None; table.rows.len()],

@@ -1,15 +1,15 @@
 //! The report of `evaluate robot`: JSON with the contract's keys, and a table beside the paper's figures.
 
 use crate::report::text;
-use crate::scenes::robot_scene::{Condition, Excluded};
+use crate::scenes::robot_scene::{Excluded, TableCondition};
 use crate::statistics::rate::Rate;
 use crate::tables::robot::{RobotRow, RobotTable};
 
 /// The paper's plan, grasp and placement rates, percent, each of those that came so far.
-fn of_paper(condition: Condition) -> [f64; 3] {
+fn of_paper(condition: TableCondition) -> [f64; 3] {
     match condition {
-        Condition::Table => [95.0, 75.0, 100.0],
-        Condition::LargeBox => [75.0, 56.0, 60.0],
+        TableCondition::Table => [95.0, 75.0, 100.0],
+        TableCondition::LargeBox => [75.0, 56.0, 60.0],
     }
 }
 

@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use crate::report::text;
-use crate::statistics::mask_scores::{MaskScores, Scores};
+use crate::statistics::mask_scores::{MaskScores, PrecisionRecall};
 use crate::tables::segmentation::{Half, SegmentationRow, SegmentationTrial, row_of};
 
 /// What the figures mean; part of the JSON.
@@ -100,7 +100,7 @@ const LEGEND: [(&str, &str); 5] = [
 ];
 
 fn cells(name: &str, kind: &str, row: &SegmentationRow) -> Vec<String> {
-    let three = |s: Scores| format!("{:.3} / {:.3} / {:.3}", s.precision, s.recall, s.f);
+    let three = |s: PrecisionRecall| format!("{:.3} / {:.3} / {:.3}", s.precision, s.recall, s.f);
     vec![
         name.to_owned(),
         row.frames.to_string(),

@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rand::{Rng, RngExt};
 use rand_pcg::Pcg64;
 use repose_simulator::release::{ReleaseSettings, penetration_of, released};
-use repose_simulator::scene::{Scene, SceneSettings, SupportSurface, scene_of_seed};
+use repose_simulator::scene::{FurnitureSurface, SceneSettings, SimulatedScene, scene_of_seed};
 
 use crate::scenes::outcome::{PENETRATION_M, STABLE_M};
 
@@ -76,7 +76,7 @@ pub(crate) fn compared(seed: u64, scene: &SceneSettings, steps: &StepSettings) -
 }
 
 /// A random object and where it is let go; `None` when no draw was free.
-fn placement(scene: &Scene, rng: &mut impl Rng) -> Option<(usize, Isometry3<f64>)> {
+fn placement(scene: &SimulatedScene, rng: &mut impl Rng) -> Option<(usize, Isometry3<f64>)> {
     const TRIES: usize = 60;
     for _ in 0..TRIES {
         let index = rng.random_range(0..scene.objects.len());
@@ -96,13 +96,13 @@ fn placement(scene: &Scene, rng: &mut impl Rng) -> Option<(usize, Isometry3<f64>
 }
 
 /// A horizontal position and the height of what is there: on a surface near the other objects, at the surface's edge, or on an object.
-fn spot(scene: &Scene, index: usize, rng: &mut impl Rng) -> Option<(Point3<f64>, f64)> {
+fn spot(scene: &SimulatedScene, index: usize, rng: &mut impl Rng) -> Option<(Point3<f64>, f64)> {
     let others: Vec<usize> = (0..scene.objects.len()).filter(|i| *i != index).collect();
     let other = &scene.objects[*others.get(rng.random_range(0..others.len().max(1)))?];
     let middle = Point3::from(other.world_from_object.translation.vector);
     let mut near = |reach: f64| middle + Vector3::new(rng.random_range(-reach..reach), rng.random_range(-reach..reach), 0.0);
     let (beside, above) = (near(0.25), near(0.04));
-    let surfaces: Vec<&SupportSurface> = scene.surfaces.iter().filter(|s| s.weight > 0.0).collect();
+    let surfaces: Vec<&FurnitureSurface> = scene.surfaces.iter().filter(|s| s.weight > 0.0).collect();
     let surface = surfaces.get(rng.random_range(0..surfaces.len().max(1)))?;
     match rng.random_range(0..3) {
         0 => {

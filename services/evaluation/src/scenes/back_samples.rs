@@ -12,7 +12,7 @@ use repose_simulator::scene::{KindWeights, SceneKind, SceneObject, scene_of_seed
 use serde::{Deserialize, Serialize};
 
 use crate::scenes::believed::{MIN_POINTS, true_corners};
-use crate::scenes::problem::{ProblemSettings, View};
+use crate::scenes::problem::{CameraView, ProblemSettings};
 
 /// The first of the training scenes that are learned from.
 pub const FIRST_SEED: u64 = 800_000_000;
@@ -44,7 +44,7 @@ impl SceneBacks {
         for _ in 0..VIEWS {
             [settings.viewpoint.width, settings.viewpoint.height] = SIZES[rng.random_range(0..SIZES.len())];
             settings.perception.borders.radius_px = BORDERS_PX[rng.random_range(0..BORDERS_PX.len())];
-            let Some(view) = View::at_random(&truth, &settings, &mut rng, backs.seed) else { continue };
+            let Some(view) = CameraView::at_random(&truth, &settings, &mut rng, backs.seed) else { continue };
             let belief = &PreparedScene::new(std::sync::Arc::new(view.observed)).belief;
             backs.objects.extend(truth.objects.iter().filter_map(|object| measured(belief, object)));
         }

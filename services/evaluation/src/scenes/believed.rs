@@ -8,10 +8,10 @@ use repose_belief::outlines::area_centroid;
 use repose_geometry::{Aabb, Footprint};
 use repose_planner::PreparedScene;
 use repose_simulator::contact::PlacedParts;
-use repose_simulator::scene::{Scene, SceneKind, SceneObject, scene_of_seed};
+use repose_simulator::scene::{SceneKind, SceneObject, SimulatedScene, scene_of_seed};
 use serde::Serialize;
 
-use crate::scenes::problem::{ProblemSettings, View};
+use crate::scenes::problem::{CameraView, ProblemSettings};
 
 /// Objects with fewer observed points are left out.
 pub const MIN_POINTS: usize = 100;
@@ -20,9 +20,9 @@ const CELL_M: f32 = 0.004;
 /// What a doubt may be off by, metres.
 pub const DOUBT_SLACK_M: f32 = 0.005;
 
-/// One object: what is believed, less what is true, metres.
+/// How far one object's believed shape deviates from the true one, metres (believed less true).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct BelievedObject {
+pub struct BeliefDeviation {
     /// The scene.
     pub seed: u64,
     /// The object.
@@ -48,10 +48,10 @@ pub struct BelievedObject {
 }
 
 /// The objects of a scene, from one view, with the time that believing took; none where the seed gives no scene.
-pub fn believed_objects(seed: u64, settings: &ProblemSettings) -> Option<(Vec<BelievedObject>, std::time::Duration)> {
+pub fn believed_objects(seed: u64, settings: &ProblemSettings) -> Option<(Vec<BeliefDeviation>, std::time::Duration)> {
     let (truth, _) = scene_of_seed(seed, &settings.scene).ok()?;
     let mut rng = Pcg64::new(u128::from(seed), 0xbe11_efed);
-    let observed = std::sync::Arc::new(View::at_random(&truth, settings, &mut rng, seed)?.observed);
+    let observed = std::sync::Arc::new(CameraView::at_random(&truth, settings, &mut rng, seed)?.observed);
     let began = std::time::Instant::now();
     let prepared = PreparedScene::new(observed);
     let took = began.elapsed();
@@ -71,7 +71,7 @@ pub fn true_corners(object: &SceneObject) -> Vec<Point3<f32>> {
 }
 
 /// A believed shape and that of a scene's object, from a camera at `eye`, seen from above.
-fn compared(shape: &Shape, object: &SceneObject, scene: &Scene, eye: &Point2<f32>) -> Option<BelievedObject> {
+fn compared(shape: &Shape, object: &SceneObject, scene: &SimulatedScene, eye: &Point2<f32>) -> Option<BeliefDeviation> {
     let corners = true_corners(object);
     let (outline, bounds) = (Footprint::of(&corners)?, Aabb::of(&corners)?);
     let believed: Vec<Point3<f32>> = shape.corners().collect();
@@ -83,7 +83,7 @@ fn compared(shape: &Shape, object: &SceneObject, scene: &Scene, eye: &Point2<f32
     let [believed_near_m, believed_far_m] = span(believed_outline.corners(), &away);
     let solid = PlacedParts::new(&object.shape.parts, &object.world_from_object)?;
     let both = Aabb { min: bounds.min.inf(&believed_bounds.min), max: bounds.max.sup(&believed_bounds.max) };
-    Some(BelievedObject {
+    Some(BeliefDeviation {
         seed: scene.seed,
         id: object.id,
         kind: scene.kind,

@@ -6,7 +6,7 @@ use repose_panda::base_from_hand;
 use repose_proto::motion::Phase;
 use repose_simulator::cell_world::CellWorld;
 use repose_simulator::physics::Touchable;
-use repose_simulator::scene::Scene;
+use repose_simulator::scene::SimulatedScene;
 use serde::Serialize;
 
 /// A change of pose.
@@ -78,7 +78,7 @@ impl CarryWatch {
     }
 
     /// Looks at the cell as it is now.
-    pub fn look(&mut self, cell: &CellWorld, scene: &Scene) {
+    pub fn look(&mut self, cell: &CellWorld, scene: &SimulatedScene) {
         let is_carried = self.phase.is_carrying();
         let pose = cell.world_from_objects()[self.query];
         let risen_m = self.grasped.map_or(0.0, |(_, height_m)| pose.translation.z - height_m);
@@ -114,7 +114,7 @@ impl CarryWatch {
         }
     }
 
-    fn name_of(&self, what: Touchable, scene: &Scene) -> String {
+    fn name_of(&self, what: Touchable, scene: &SimulatedScene) -> String {
         match what {
             Touchable::Fixture(i) => scene.fixtures.get(i).map_or_else(String::new, |f| f.role.name().to_owned()),
             Touchable::Object(i) if i == self.query => "the object".to_owned(),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use repose_inference::{Engine, HeldScene};
 use repose_planner::{Forecasts, PlacementModels};
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
-use repose_proto::{CallError, Scene as ObservedScene};
+use repose_proto::{CallError, Scene};
 
 /// An engine and the scene that it is asked about.
 pub struct OneScene<'a> {
@@ -24,7 +24,7 @@ pub fn forecasts_of(engine: &Engine) -> Result<Arc<Forecasts>, CallError> {
 
 impl<'a> OneScene<'a> {
     /// Holds a scene. Hashes it for its id.
-    pub fn new(engine: &'a Engine, scene: Arc<ObservedScene>) -> Self {
+    pub fn new(engine: &'a Engine, scene: Arc<Scene>) -> Self {
         Self { engine, held: HeldScene::new(scene.id(), scene), forecasts: None }
     }
 
@@ -39,17 +39,17 @@ impl<'a> OneScene<'a> {
     }
 
     /// The scene.
-    pub fn scene(&self) -> &Arc<ObservedScene> {
+    pub fn scene(&self) -> &Arc<Scene> {
         self.held.scene()
     }
 }
 
 impl PlacementModels for OneScene<'_> {
-    fn prior(&self, request: &PriorRequest, _: &Arc<ObservedScene>) -> Result<PriorReply, CallError> {
+    fn prior(&self, request: &PriorRequest, _: &Arc<Scene>) -> Result<PriorReply, CallError> {
         self.engine.prior(request, &self.held)
     }
 
-    fn score(&self, request: &ScoreRequest, _: &Arc<ObservedScene>) -> Result<ScoreReply, CallError> {
+    fn score(&self, request: &ScoreRequest, _: &Arc<Scene>) -> Result<ScoreReply, CallError> {
         self.engine.score(request, &self.held)
     }
 

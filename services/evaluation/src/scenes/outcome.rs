@@ -14,7 +14,7 @@ pub const TILT_RAD: f64 = 15.0 * std::f64::consts::PI / 180.0;
 /// How deep the object may be put into something in a joint success.
 pub const PENETRATION_M: f32 = 0.005;
 
-/// What came of a placement.
+/// The outcome of a placement.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Judged {
     /// How far the object's centre moved after its release, metres.
@@ -37,7 +37,7 @@ impl Judged {
 /// A release in detail.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Release {
-    /// What came of it.
+    /// Its outcome.
     pub judged: Judged,
     /// The farthest that anything else moved, metres.
     pub others_moved_m: f64,
@@ -51,24 +51,24 @@ pub struct Release {
 }
 
 impl Release {
-    /// What went wrong first, in the order of [`Fault::ALL`]; none where nothing did.
-    pub fn fault(&self) -> Option<Fault> {
-        let is = |fault: &Fault| match fault {
-            Fault::Fell => self.dropped_m > STABLE_M,
-            Fault::Pressed => self.penetration_m > PENETRATION_M,
-            Fault::Tipped => self.tilt_rad > TILT_RAD,
-            Fault::MovedOthers => self.others_moved_m > OTHERS_MOVED_M,
-            Fault::Slid => !self.judged.stable,
-            Fault::Goal => !self.judged.goal,
+    /// What went wrong first, in the order of [`PlacementFault::ALL`]; none where nothing did.
+    pub fn fault(&self) -> Option<PlacementFault> {
+        let is = |fault: &PlacementFault| match fault {
+            PlacementFault::Fell => self.dropped_m > STABLE_M,
+            PlacementFault::Pressed => self.penetration_m > PENETRATION_M,
+            PlacementFault::Tipped => self.tilt_rad > TILT_RAD,
+            PlacementFault::MovedOthers => self.others_moved_m > OTHERS_MOVED_M,
+            PlacementFault::Slid => !self.judged.stable,
+            PlacementFault::Goal => !self.judged.goal,
         };
-        Fault::ALL.into_iter().find(is)
+        PlacementFault::ALL.into_iter().find(is)
     }
 }
 
-/// What is wrong with a placement that was returned.
+/// The fault of a returned placement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Fault {
+pub enum PlacementFault {
     /// Its centre came down by 5 cm: over an edge, or off what carried it.
     Fell,
     /// It was put more than 5 mm into something.
@@ -83,7 +83,7 @@ pub enum Fault {
     Goal,
 }
 
-impl Fault {
+impl PlacementFault {
     /// The worst first: an answer with several faults counts for the first.
     pub const ALL: [Self; 6] = [Self::Fell, Self::Pressed, Self::Tipped, Self::MovedOthers, Self::Slid, Self::Goal];
 

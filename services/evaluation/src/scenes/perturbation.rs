@@ -11,7 +11,7 @@ use rand_pcg::Pcg64;
 use repose_geometry::Image;
 use repose_geometry::transform::to_row_major;
 use repose_perception::{SegmentError, Settings, segment, segment_with_labels};
-use repose_proto::{CameraModel, Frame, RigidTransform, Scene as ObservedScene};
+use repose_proto::{CameraModel, Frame, RigidTransform, Scene};
 use serde::{Deserialize, Serialize};
 
 use crate::scenes::problem::Problem;
@@ -72,7 +72,7 @@ impl Perturbation {
     ///
     /// # Errors
     /// When perception refuses the frame.
-    pub fn observed(self, problem: &Problem, perception: &Settings) -> Result<ObservedScene, SegmentError> {
+    pub fn observed(self, problem: &Problem, perception: &Settings) -> Result<Scene, SegmentError> {
         let rng = &mut Pcg64::new(u128::from(problem.seed), 0xfa_0175);
         let mut frame = problem.frame.clone();
         match self {
@@ -204,7 +204,7 @@ mod tests {
     #[test]
     fn every_fault_changes_what_is_seen_alike_each_time_and_keeps_the_ids() {
         let (problem, perception) = problem();
-        let ids = |scene: &ObservedScene| scene.meta.objects.iter().map(|o| o.id).collect::<Vec<_>>();
+        let ids = |scene: &Scene| scene.meta.objects.iter().map(|o| o.id).collect::<Vec<_>>();
         for fault in Perturbation::ALL {
             let observed = fault.observed(&problem, &perception).unwrap_or_else(|e| panic!("{}: {e}", fault.name()));
             assert_ne!(observed.id(), problem.observed.id(), "{}", fault.name());

@@ -25,7 +25,7 @@ use crate::scenes::outcome::{Release, STABLE_M, judge, release};
 use crate::scenes::perturbation::Perturbation;
 use crate::scenes::problem::{Problem, ProblemSettings};
 use crate::scenes::script::script_placement;
-use crate::scenes::true_answers::{Support, TrueAnswer, Truth, TruthSettings};
+use crate::scenes::true_answers::{PreparedTruth, Support, TrueAnswer, TruthSettings};
 
 /// What is tried on every scene.
 #[derive(Debug, Clone)]
@@ -90,9 +90,9 @@ pub struct InView {
     pub moved_m: f64,
 }
 
-/// What an answer says of itself.
+/// An answer's own estimate of its quality.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Said {
+pub struct SelfAssessment {
     /// The probability that it succeeds.
     pub success: Option<f64>,
     /// The probability that it stays.
@@ -110,7 +110,7 @@ pub struct Said {
     pub measures: Vec<f32>,
 }
 
-impl Said {
+impl SelfAssessment {
     fn by(placement: &Placement, judged: Option<&JudgedCandidate>) -> Self {
         Self {
             success: placement.success,
@@ -129,9 +129,9 @@ impl Said {
     }
 }
 
-/// What a variant made of a problem.
+/// One variant's result on a problem.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Trial {
+pub struct VariantTrial {
     /// Which variant.
     pub variant: Variant,
     /// How its search ended.
@@ -139,11 +139,11 @@ pub struct Trial {
     /// Why the request was refused, if it was: the object carries another, too little of it was seen, or it was not found. Counts as "none".
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refused: Option<String>,
-    /// What came of the first answer; none without one.
+    /// The outcome of the first answer; none without one.
     pub release: Option<Release>,
     /// What the first answer said of itself; none without one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub said: Option<Said>,
+    pub said: Option<SelfAssessment>,
     /// The paper's candidate; none when nothing drawn was in view.
     pub in_view: Option<InView>,
     /// On how many different things its answers stand.
@@ -156,7 +156,7 @@ pub struct Trial {
     pub plan_ms: f64,
 }
 
-impl Trial {
+impl VariantTrial {
     /// Whether a placement was returned that stayed, with the goal, and left everything else alone.
     pub fn joint(&self) -> bool {
         self.release.is_some_and(|r| r.judged.joint())
@@ -187,7 +187,7 @@ impl Trial {
 /// What the script of [`crate::scenes::script`] made of a problem.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ScriptTrial {
-    /// What came of its answer; none without one.
+    /// The outcome of its answer; none without one.
     pub release: Option<Release>,
 }
 
@@ -196,13 +196,13 @@ impl ScriptTrial {
         Self { release: script_placement(problem).and_then(|placed| release(problem, &placed, settings)) }
     }
 
-    /// As [`Trial::joint`].
+    /// As [`VariantTrial::joint`].
     pub fn joint(&self) -> bool {
         self.release.is_some_and(|r| r.judged.joint())
     }
 }
 
-/// What came of one scene.
+/// The results of one scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SceneRecord {
     /// The set's name.
@@ -222,17 +222,17 @@ pub struct SceneRecord {
     /// What the bar to clear makes of it.
     pub script: ScriptTrial,
     /// One a variant.
-    pub trials: Vec<Trial>,
+    pub trials: Vec<VariantTrial>,
 }
 
 impl SceneRecord {
     /// Whether the scene is known to have an answer: the search with the truth found one, or a variant or the script did.
     pub fn answerable(&self) -> bool {
-        self.true_supports > 0 || self.script.joint() || self.trials.iter().any(Trial::joint)
+        self.true_supports > 0 || self.script.joint() || self.trials.iter().any(VariantTrial::joint)
     }
 
     /// What a variant made of it.
-    pub fn trial(&self, variant: Variant) -> Option<&Trial> {
+    pub fn trial(&self, variant: Variant) -> Option<&VariantTrial> {
         self.trials.iter().find(|t| t.variant == variant)
     }
 }
@@ -262,7 +262,7 @@ pub fn try_scene(
     settings: &PlannerSceneSettings,
 ) -> Result<Option<TriedScene>, CallError> {
     let Some(problem) = set.problem(split, slot) else { return Ok(None) };
-    let Some(truth) = Truth::new(&problem) else { return Ok(None) };
+    let Some(truth) = PreparedTruth::new(&problem) else { return Ok(None) };
     let answers = truth.answers(&settings.truth, &settings.release);
     // The truth is that of the scene; only what is seen of it changes.
     let seen = match settings.perturbation {
@@ -295,11 +295,11 @@ pub fn try_scene(
 fn trial(
     variant: Variant,
     problem: &Problem,
-    truth: &Truth<'_>,
+    truth: &PreparedTruth<'_>,
     prepared: &PreparedScene,
     models: &OneScene<'_>,
     settings: &PlannerSceneSettings,
-) -> Result<(Trial, Option<PlaceResult>), CallError> {
+) -> Result<(VariantTrial, Option<PlaceResult>), CallError> {
     let request = PlaceRequest {
         variant,
         seed: problem.seed,
@@ -310,7 +310,7 @@ fn trial(
     let report = match plan_with_report(prepared, &request, models, &mut |_| ControlFlow::Continue(())) {
         // It is believed to carry another object, or perception has not found it.
         Err(error) if matches!(error.code, ErrorCode::FailedPrecondition | ErrorCode::NotFound) => {
-            return Ok((Trial::refused(variant, error.message), None));
+            return Ok((VariantTrial::refused(variant, error.message), None));
         }
         answered => answered?,
     };
@@ -342,12 +342,12 @@ fn trial(
         }
         None => None,
     };
-    let trial = Trial {
+    let trial = VariantTrial {
         variant,
         outcome: result.outcome,
         refused: None,
         release: first,
-        said: first.and(result.placements.first()).map(|placement| Said::by(placement, report.answers.first())),
+        said: first.and(result.placements.first()).map(|placement| SelfAssessment::by(placement, report.answers.first())),
         in_view,
         supports: supports.len(),
         good_supports: supports.values().filter(|good| **good).count(),

@@ -9,10 +9,10 @@ use rand::seq::{IndexedRandom, SliceRandom};
 use rand_pcg::Pcg64;
 use repose_dataset::Split;
 use repose_geometry::{Pinhole, ViewerFrame};
-use repose_proto::{CameraModel, Frame, GoalTerm, Relation, RigidTransform, Scene as ObservedScene};
+use repose_proto::{CameraModel, Frame, GoalTerm, Relation, RigidTransform, Scene};
 use repose_sensor::SensorModel;
 use repose_simulator::render::{Drawable, picture};
-use repose_simulator::scene::{Scene, SceneSettings, scene_of_seed};
+use repose_simulator::scene::{SceneSettings, SimulatedScene, scene_of_seed};
 use repose_simulator::viewpoint::{ViewpointSettings, random_viewpoint};
 
 /// The paper's goals in its evaluation scenes (section 3).
@@ -48,9 +48,9 @@ impl Default for ProblemSettings {
     }
 }
 
-/// What a camera somewhere around a scene saw of it.
+/// A camera's view of a scene: its pose, and what it observed.
 #[derive(Debug, Clone)]
-pub struct View {
+pub struct CameraView {
     /// The camera.
     pub camera: Pinhole,
     /// Its true pose.
@@ -58,12 +58,12 @@ pub struct View {
     /// What it saw, with true masks.
     pub frame: Frame,
     /// What perception made of that.
-    pub observed: ObservedScene,
+    pub observed: Scene,
 }
 
-impl View {
+impl CameraView {
     /// From a camera that is drawn at random; `seed` is the sensor's. `None` where perception can make nothing of the picture.
-    pub fn at_random(truth: &Scene, settings: &ProblemSettings, rng: &mut Pcg64, seed: u64) -> Option<Self> {
+    pub fn at_random(truth: &SimulatedScene, settings: &ProblemSettings, rng: &mut Pcg64, seed: u64) -> Option<Self> {
         let (camera, world_from_camera) = random_viewpoint(&truth.focus(), &settings.viewpoint, rng);
         let frame = frame_of(truth, &camera, &world_from_camera, &settings.sensor, seed);
         let observed = repose_perception::segment(&frame, &settings.perception).ok()?;
@@ -77,7 +77,7 @@ pub struct Problem {
     /// The scene's seed.
     pub seed: u64,
     /// The true scene.
-    pub truth: Scene,
+    pub truth: SimulatedScene,
     /// The camera.
     pub camera: Pinhole,
     /// Its true pose.
@@ -87,7 +87,7 @@ pub struct Problem {
     /// What the camera saw, with true masks.
     pub frame: Frame,
     /// What perception made of it.
-    pub observed: ObservedScene,
+    pub observed: Scene,
     /// The object to move.
     pub query: u16,
     /// The goal: one term.
@@ -106,8 +106,8 @@ impl Problem {
         // A stream of its own, so that a change in how scenes are drawn does not change which goals are.
         let mut rng = Pcg64::new(u128::from(seed), 0x9e0b_1e55);
         for _ in 0..settings.viewpoints {
-            let Some(view) = View::at_random(&truth, settings, &mut rng, seed) else { continue };
-            let View { camera, world_from_camera, frame, observed } = view;
+            let Some(view) = CameraView::at_random(&truth, settings, &mut rng, seed) else { continue };
+            let CameraView { camera, world_from_camera, frame, observed } = view;
             let viewer = ViewerFrame::from_camera(&world_from_camera);
             let seen: Vec<u16> = observed.meta.objects.iter().filter(|o| o.points >= settings.min_points).map(|o| o.id).collect();
             let Some((query, goal)) = open_goal(&truth, &viewer, &seen, &mut rng) else { continue };
@@ -123,13 +123,13 @@ impl Problem {
 }
 
 /// What the sensor reports of a true scene, with true masks and the true pose.
-pub fn frame_of(scene: &Scene, camera: &Pinhole, world_from_camera: &Isometry3<f64>, sensor: &SensorModel, seed: u64) -> Frame {
+pub fn frame_of(scene: &SimulatedScene, camera: &Pinhole, world_from_camera: &Isometry3<f64>, sensor: &SensorModel, seed: u64) -> Frame {
     frame_with(scene, |_| true, camera, world_from_camera, sensor, seed)
 }
 
 /// As [`frame_of`], as if only those objects were there of whose id `present` holds.
 pub fn frame_with(
-    scene: &Scene,
+    scene: &SimulatedScene,
     present: impl Fn(u16) -> bool,
     camera: &Pinhole,
     world_from_camera: &Isometry3<f64>,
@@ -170,7 +170,7 @@ pub fn frame_drawn(
 }
 
 /// A random query, anchor and relation among the objects seen, such that the relation does not hold. The query carries nothing.
-fn open_goal(scene: &Scene, viewer: &ViewerFrame, seen: &[u16], rng: &mut Pcg64) -> Option<(u16, GoalTerm)> {
+fn open_goal(scene: &SimulatedScene, viewer: &ViewerFrame, seen: &[u16], rng: &mut Pcg64) -> Option<(u16, GoalTerm)> {
     let n = scene.objects.len();
     let relations = scene.relations(viewer);
     let carries = |i: usize| (0..n).any(|j| j != i && relations[j * n + i][Relation::Above.index()] && scene.gaps_m[i * n + j] < 0.002);

@@ -1,11 +1,12 @@
 //! The scenes of the robot's table: one named object among others within the Panda's reach, seen by the cell's camera, and a goal for it.
 //!
-//! Ground truth: masks, the camera's pose, meshes and poses. Observed: depth with the sensor model, the robot in the picture. Objects stand upright, a hand's width
-//! apart, on the table or (in the second condition) on the table and a large box on it; the paper's Table 3 has the same two.
+//! Ground truth: masks, the camera's pose, meshes and poses. Observed: depth with the sensor model, the robot in the picture. Objects stand
+//! upright, a hand's width apart, on the table or (in the second condition) on the table and a large box on it; the paper's Table 3 has the same
+//! two.
 //!
 //! What cannot be done is not asked for, as the second world (`tests/foreign_world/problems.py`) does not: an object that the hand does not
 //! get to where it stands, and a goal that no place within reach makes true. Both are judged by the truth alone ([`TrueReach`],
-//! [`Truth`]), before anything is planned, and counted ([`Excluded`]).
+//! [`PreparedTruth`]), before anything is planned, and counted ([`Excluded`]).
 
 use std::sync::Arc;
 
@@ -20,29 +21,29 @@ use repose_proto::{Frame, GoalTerm, Relation, RigidTransform, RobotInView};
 use repose_sensor::SensorModel;
 use repose_simulator::cell::CellSettings;
 use repose_simulator::contact::PlacedParts;
-use repose_simulator::furniture::{Furniture, SupportSurface};
-use repose_simulator::objects::Shape;
+use repose_simulator::furniture::{Furniture, FurnitureSurface};
+use repose_simulator::objects::ObjectShape;
 use repose_simulator::objects::color::random_color;
 use repose_simulator::release::{ReleaseSettings, penetration_of};
 use repose_simulator::robot::body;
-use repose_simulator::scene::{Scene, SceneKind, SceneObject, displacement_m};
+use repose_simulator::scene::{SceneKind, SceneObject, SimulatedScene, displacement_m};
 use serde::Serialize;
 
 use crate::scenes::problem::{GOAL_RELATIONS, Problem, frame_drawn};
-use crate::scenes::true_answers::{Truth, TruthSettings};
+use crate::scenes::true_answers::{PreparedTruth, TruthSettings};
 use crate::scenes::true_reach::TrueReach;
 
-/// What stands on the table beside the objects.
+/// The condition of a robot trial: what stands on the table beside the objects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Condition {
+pub enum TableCondition {
     /// Nothing.
     Table,
     /// A large box, sometimes two.
     LargeBox,
 }
 
-impl Condition {
+impl TableCondition {
     /// Both, in the paper's order.
     pub const ALL: [Self; 2] = [Self::Table, Self::LargeBox];
 
@@ -117,9 +118,9 @@ impl Excluded {
 /// The problem of a trial: `object` among two to four of `others`, to be placed in `region`; and what was drawn before it. `None` when no
 /// draw will do.
 pub fn robot_problem(
-    object: &Arc<Shape>,
-    others: &[Arc<Shape>],
-    condition: Condition,
+    object: &Arc<ObjectShape>,
+    others: &[Arc<ObjectShape>],
+    condition: TableCondition,
     seed: u64,
     region: &RegionBox,
     settings: &RobotSceneSettings,
@@ -135,17 +136,17 @@ pub fn robot_problem(
 
 /// A settled scene; its first object is the query.
 fn drawn(
-    object: &Arc<Shape>,
-    others: &[Arc<Shape>],
-    condition: Condition,
+    object: &Arc<ObjectShape>,
+    others: &[Arc<ObjectShape>],
+    condition: TableCondition,
     seed: u64,
     settings: &RobotSceneSettings,
     rng: &mut Pcg64,
-) -> Option<Scene> {
+) -> Option<SimulatedScene> {
     let kind = condition.kind();
     let Furniture { fixtures, surfaces, outlook } = Furniture::sample(kind, &settings.cell.scene.table, rng);
-    let mut scene = Scene { seed, kind, fixtures, surfaces, outlook, objects: Vec::new(), gaps_m: Vec::new() };
-    let mut around: Vec<&Arc<Shape>> = others.iter().collect();
+    let mut scene = SimulatedScene { seed, kind, fixtures, surfaces, outlook, objects: Vec::new(), gaps_m: Vec::new() };
+    let mut around: Vec<&Arc<ObjectShape>> = others.iter().collect();
     around.shuffle(rng);
     let count = rng.random_range(settings.others[0]..=settings.others[1]);
     for shape in std::iter::once(object).chain(around.into_iter().take(count)) {
@@ -160,7 +161,7 @@ fn drawn(
 }
 
 /// Puts one more object somewhere on a surface within the workspace, upright, turned at random.
-fn put(scene: &mut Scene, shape: &Arc<Shape>, settings: &RobotSceneSettings, rng: &mut Pcg64) -> Option<()> {
+fn put(scene: &mut SimulatedScene, shape: &Arc<ObjectShape>, settings: &RobotSceneSettings, rng: &mut Pcg64) -> Option<()> {
     const TRIES: usize = 60;
     const AIR_M: f64 = 0.0005;
     let id = scene.objects.len() as u16 + 1;
@@ -189,14 +190,14 @@ fn put(scene: &mut Scene, shape: &Arc<Shape>, settings: &RobotSceneSettings, rng
     None
 }
 
-fn stands_on(surface: &SupportSurface, shape: &Shape, world_from_object: &Isometry3<f64>) -> bool {
+fn stands_on(surface: &FurnitureSurface, shape: &ObjectShape, world_from_object: &Isometry3<f64>) -> bool {
     shape.bounds(world_from_object).corners().iter().all(|corner| {
         let at = surface.world_from_surface.inverse_transform_point(corner);
         at.x.abs() <= surface.half_extents_m.x && at.y.abs() <= surface.half_extents_m.y
     })
 }
 
-fn keeps_away(scene: &Scene, shape: &Shape, world_from_object: &Isometry3<f64>, margin_m: f32) -> bool {
+fn keeps_away(scene: &SimulatedScene, shape: &ObjectShape, world_from_object: &Isometry3<f64>, margin_m: f32) -> bool {
     let Some(placed) = PlacedParts::new(&shape.parts, world_from_object) else { return false };
     let other = |o: &SceneObject| PlacedParts::new(&o.shape.parts, &o.world_from_object);
     scene.objects.iter().filter_map(other).all(|o| !placed.is_within(&o, margin_m))
@@ -204,7 +205,7 @@ fn keeps_away(scene: &Scene, shape: &Shape, world_from_object: &Isometry3<f64>, 
 
 /// What the cell's camera makes of the scene, with a goal that is still open and can be had; `None` when too little is seen or there is none.
 fn seen(
-    truth: Scene,
+    truth: SimulatedScene,
     seed: u64,
     region: &RegionBox,
     settings: &RobotSceneSettings,
@@ -261,7 +262,7 @@ fn seen(
 fn is_possible(problem: &Problem, reach: &TrueReach, region: &RegionBox) -> bool {
     // A region is asked of the middle of what was seen of an object.
     let seen: Vec<Point3<f32>> = problem.observed.points_of(problem.query).map(Point3::from).collect();
-    let Some((middle, truth)) = cloud::centroid(&seen).zip(Truth::new(problem)) else { return false };
+    let Some((middle, truth)) = cloud::centroid(&seen).zip(PreparedTruth::new(problem)) else { return false };
     let is_allowed = |placed_from_observed: &Isometry3<f64>| {
         let at = placed_from_observed * middle;
         (0..3).all(|k| (region.min_m[k]..=region.max_m[k]).contains(&at[k])) && reach.gets_to(placed_from_observed)
@@ -275,7 +276,7 @@ mod tests {
 
     use super::*;
 
-    fn brick(name: &str, [x, y, z]: [f32; 3]) -> Arc<Shape> {
+    fn brick(name: &str, [x, y, z]: [f32; 3]) -> Arc<ObjectShape> {
         let mut body = Body::default();
         body.brick([0.0; 3], [x, y, z]);
         Arc::new(body.finish(&Finish { name, mass_kg: 0.2, friction: 0.6, top: None, opening: None }))
@@ -285,7 +286,7 @@ mod tests {
     fn a_goal_that_no_place_makes_true_is_not_asked_for_and_counted() {
         let (object, others) = (brick("a", [0.05, 0.06, 0.1]), [brick("b", [0.06, 0.06, 0.08]), brick("c", [0.1, 0.06, 0.12])]);
         let settings = RobotSceneSettings { attempts: 8, ..RobotSceneSettings::default() };
-        let draw = |seed, region: &RegionBox| robot_problem(&object, &others, Condition::Table, seed, region, &settings);
+        let draw = |seed, region: &RegionBox| robot_problem(&object, &others, TableCondition::Table, seed, region, &settings);
         let region = |x: [f64; 2]| RegionBox { min_m: [x[0], -0.42, -0.05], max_m: [x[1], 0.42, 0.7], inside: true };
         let whole = region([0.28, 0.78]);
         let (problem, _) = draw(3, &whole).expect("a problem");

@@ -11,7 +11,7 @@ use nalgebra::{Isometry3, Vector3};
 use repose_geometry::Image;
 use repose_geometry::transform::from_row_major;
 use repose_motion::believed::Heeded;
-use repose_motion::execution::{Execution, ExecutionSettings, ExecutionTask, Step};
+use repose_motion::execution::{Execution, ExecutionAction, ExecutionSettings, ExecutionTask};
 use repose_motion::pick_place::plan::PickPlaceError;
 use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place};
 use repose_motion::wire;
@@ -24,13 +24,13 @@ use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest, RigidTransform}
 use repose_simulator::cell::CellSettings;
 use repose_simulator::cell_world::CellWorld;
 use repose_simulator::robot::{ArmSettings, HandSettings};
-use repose_simulator::scene::Scene;
+use repose_simulator::scene::SimulatedScene;
 use serde::Serialize;
 
 use crate::scenes::carry_watch::{CarryWatch, Incident, Shift};
 use crate::scenes::outcome::{OTHERS_MOVED_M, STABLE_M, TILT_RAD};
 use crate::scenes::problem::Problem;
-use crate::scenes::robot_scene::{Condition, Excluded};
+use crate::scenes::robot_scene::{Excluded, TableCondition};
 
 /// Why a trial failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -76,13 +76,13 @@ impl Cause {
     }
 }
 
-/// What came of a trial. Steps that were not come to are `false`.
+/// The result of a trial. Steps that were not reached are `false`.
 #[derive(Debug, Clone, Serialize)]
 pub struct RobotTrial {
     /// The object's name.
     pub object: String,
     /// What it stood among.
-    pub condition: Condition,
+    pub condition: TableCondition,
     /// The scene's seed.
     pub seed: u64,
     /// What was asked, in the scene's ids; the object is 1.
@@ -121,7 +121,7 @@ pub struct RobotTrial {
 
 impl RobotTrial {
     /// A trial of which nothing has come yet.
-    pub(crate) fn new(object: String, condition: Condition, seed: u64, goal: GoalTerm) -> Self {
+    pub(crate) fn new(object: String, condition: TableCondition, seed: u64, goal: GoalTerm) -> Self {
         Self {
             object,
             condition,
@@ -190,7 +190,7 @@ pub type Strip = Vec<Image<[u8; 3]>>;
 
 /// A trial that could not be run at all.
 #[derive(Debug, thiserror::Error)]
-pub enum TrialError {
+pub enum RobotTrialError {
     /// The planner refused the request.
     #[error(transparent)]
     Call(#[from] CallError),
@@ -202,13 +202,13 @@ pub enum TrialError {
 /// Runs a trial.
 ///
 /// # Errors
-/// [`TrialError`] when the planner refuses the request or the settings are out of range.
+/// [`RobotTrialError`] when the planner refuses the request or the settings are out of range.
 pub fn robot_trial(
     problem: &Problem,
-    condition: Condition,
+    condition: TableCondition,
     models: &dyn PlacementModels,
     settings: &RobotTrialSettings,
-) -> Result<(RobotTrial, Strip), TrialError> {
+) -> Result<(RobotTrial, Strip), RobotTrialError> {
     let query = problem.index_of(problem.query).unwrap_or(0);
     let name = problem.truth.objects.get(query).map_or_else(String::new, |o| o.shape.name.to_string());
     let mut trial = RobotTrial::new(name, condition, problem.seed, problem.goal);
@@ -247,7 +247,7 @@ fn planned(
     models: &dyn PlacementModels,
     settings: &RobotTrialSettings,
     trial: &mut RobotTrial,
-) -> Result<Result<Planned, (Cause, String)>, TrialError> {
+) -> Result<Result<Planned, (Cause, String)>, RobotTrialError> {
     let scene = Arc::new(problem.observed.clone());
     let scene_id = scene.id();
     let request = PlaceRequest {
@@ -317,10 +317,10 @@ fn carried_out(
     cell: &mut CellWorld,
     query: usize,
     plan: MotionPlan,
-    scene: &Scene,
+    scene: &SimulatedScene,
     settings: &RobotTrialSettings,
     strip: &mut Strip,
-) -> Result<Carried, TrialError> {
+) -> Result<Carried, RobotTrialError> {
     const STATE_MS: u64 = 10;
     let execution_settings: ExecutionSettings = settings.motion.execution()?;
     let mut now_ms: u64 = 0;
@@ -334,12 +334,12 @@ fn carried_out(
     loop {
         for step in steps.drain(..) {
             match step {
-                Step::Send(command) => {
+                ExecutionAction::Send(command) => {
                     if let Err(why) = cell.arm.command(&command, now_ms as f64 * 1e-3) {
                         tracing::debug!(seq = command.seq, %why, "command ignored");
                     }
                 }
-                Step::Progress(progress) => {
+                ExecutionAction::Progress(progress) => {
                     watch.begins(progress.phase, cell);
                     let in_hand = || base_from_hand(cell.arm.q_rad()).inverse() * cell.world_from_objects()[query];
                     match progress.phase {
@@ -355,7 +355,7 @@ fn carried_out(
                         _ => {}
                     }
                 }
-                Step::Done(reply) => return Ok(Carried { reply, grasped, lifted, lowered, incidents: watch.incidents }),
+                ExecutionAction::Done(reply) => return Ok(Carried { reply, grasped, lifted, lowered, incidents: watch.incidents }),
             }
         }
         for _ in 0..steps_per_state {

@@ -16,13 +16,13 @@ use repose_proto::{CallError, SceneRef};
 use crate::scenes::one_scene::OneScene;
 use crate::scenes::outcome::STABLE_M;
 use crate::scenes::problem::Problem;
-use crate::statistics::forecast_fit::Sample;
+use crate::statistics::forecast_fit::FitSample;
 
 /// One sample a release of the problem's query; none where the planner does not take the query.
 ///
 /// # Errors
 /// The engine's.
-pub fn stability_samples(problem: &Problem, engine: &Engine, releases: &[ReleaseRecord]) -> Result<Vec<Sample>, CallError> {
+pub fn stability_samples(problem: &Problem, engine: &Engine, releases: &[ReleaseRecord]) -> Result<Vec<FitSample>, CallError> {
     let scene = Arc::new(problem.observed.clone());
     let models = OneScene::new(engine, scene.clone());
     let prepared = PreparedScene::with_id(scene, models.scene_id().to_owned());
@@ -30,7 +30,7 @@ pub fn stability_samples(problem: &Problem, engine: &Engine, releases: &[Release
         releases.iter().filter_map(|release| Some((candidate_of(problem, release)?, f64::from(release.moved_m) < STABLE_M))).collect();
     let said = said_of(problem, &models, RealismBy::Outcome, tried.iter().map(|(candidate, _)| candidate.row()).collect())?;
     let Some(of) = measured(problem, &prepared) else { return Ok(Vec::new()) };
-    let sample = |((candidate, stable), outcome): (&(CandidatePose, bool), f32)| Sample {
+    let sample = |((candidate, stable), outcome): (&(CandidatePose, bool), f32)| FitSample {
         measures: of(candidate, outcome).to_vec(),
         came_true: *stable,
     };

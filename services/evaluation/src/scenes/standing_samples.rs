@@ -9,15 +9,15 @@ use repose_planner::PreparedScene;
 use repose_planner::learned::standing::Stance;
 use repose_planner::scene::moved::fall_m;
 use repose_proto::place::Variant;
-use repose_simulator::furniture::{Fixture, Role};
+use repose_simulator::furniture::{Fixture, FurnitureRole};
 use repose_simulator::physics::RestSettings;
 use repose_simulator::release::{ReleaseSettings, released};
-use repose_simulator::scene::{KindWeights, Outlook, Scene, SceneKind, SceneObject, scene_of_seed};
+use repose_simulator::scene::{KindWeights, Outlook, SceneKind, SceneObject, SimulatedScene, scene_of_seed};
 use serde::{Deserialize, Serialize};
 
 use crate::scenes::outcome::{OTHERS_MOVED_M, STABLE_M, TILT_RAD};
-use crate::scenes::problem::{ProblemSettings, View};
-use crate::statistics::forecast_fit::Sample;
+use crate::scenes::problem::{CameraView, ProblemSettings};
+use crate::statistics::forecast_fit::FitSample;
 
 /// The first of the training scenes that are learned from.
 pub const FIRST_SEED: u64 = 700_000_000;
@@ -51,7 +51,7 @@ impl SceneStances {
         let stays: BTreeMap<u16, BTreeMap<u16, bool>> = ids.iter().map(|id| (*id, stay_without(&truth, *id))).collect();
         let mut rng = Pcg64::new(u128::from(stances.seed), 0x57a9_ce55);
         for _ in 0..VIEWS {
-            let Some(view) = View::at_random(&truth, &settings, &mut rng, stances.seed) else { continue };
+            let Some(view) = CameraView::at_random(&truth, &settings, &mut rng, stances.seed) else { continue };
             let prepared = PreparedScene::new(std::sync::Arc::new(view.observed));
             let seen = prepared.belief.objects.iter().filter(|(_, object)| object.points.len() >= MIN_POINTS).map(|(id, _)| *id);
             let seen: BTreeMap<u16, Stance<'_>> = seen.filter_map(|id| Some((id, Stance::of(&prepared, id)?))).collect();
@@ -67,25 +67,25 @@ impl SceneStances {
     }
 
     /// Objects, to learn from.
-    pub fn samples(&self) -> Vec<Sample> {
+    pub fn samples(&self) -> Vec<FitSample> {
         samples(&self.stands)
     }
 
     /// Neighbours, to learn from.
-    pub fn neighbour_samples(&self) -> Vec<Sample> {
+    pub fn neighbour_samples(&self) -> Vec<FitSample> {
         samples(&self.stays)
     }
 }
 
-fn samples(measured: &[(Vec<f32>, bool)]) -> Vec<Sample> {
-    measured.iter().map(|(measures, came_true)| Sample { measures: measures.clone(), came_true: *came_true }).collect()
+fn samples(measured: &[(Vec<f32>, bool)]) -> Vec<FitSample> {
+    measured.iter().map(|(measures, came_true)| FitSample { measures: measures.clone(), came_true: *came_true }).collect()
 }
 
 /// Whether an object neither tips nor moves away when it is let go over an empty floor in the attitude that it has.
 fn stands_alone(object: &SceneObject) -> bool {
     let half = nalgebra::Vector3::new(FLOOR_M, FLOOR_M, 0.025);
-    let floor = Fixture::new(Role::Floor, half, Isometry3::translation(0.0, 0.0, -half.z), [128; 3]);
-    let alone = Scene {
+    let floor = Fixture::new(FurnitureRole::Floor, half, Isometry3::translation(0.0, 0.0, -half.z), [128; 3]);
+    let alone = SimulatedScene {
         seed: 0,
         kind: SceneKind::OpenTable,
         fixtures: vec![floor],
@@ -102,7 +102,7 @@ fn stands_alone(object: &SceneObject) -> bool {
 }
 
 /// Whether each other object of a scene stays where it is when one is taken away.
-fn stay_without(scene: &Scene, id: u16) -> BTreeMap<u16, bool> {
+fn stay_without(scene: &SimulatedScene, id: u16) -> BTreeMap<u16, bool> {
     let mut without = scene.clone();
     without.objects.retain(|o| o.id != id);
     let settings = ReleaseSettings::default();

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use crate::scenes::one_scene::OneScene;
 use crate::scenes::outcome::judge;
 use crate::scenes::problem::{Problem, ProblemSettings};
-use crate::statistics::forecast_fit::Sample;
+use crate::statistics::forecast_fit::FitSample;
 
 /// The first of the training scenes whose answers are learned from.
 pub const FIRST_SEED: u64 = 600_000_000;
@@ -71,7 +71,10 @@ impl SceneAnswers {
     }
 
     /// To learn from.
-    pub fn samples(&self) -> impl Iterator<Item = Sample> + '_ {
-        self.measures.iter().zip(&self.succeeded).map(|(measures, came_true)| Sample { measures: measures.clone(), came_true: *came_true })
+    pub fn samples(&self) -> impl Iterator<Item = FitSample> + '_ {
+        self.measures
+            .iter()
+            .zip(&self.succeeded)
+            .map(|(measures, came_true)| FitSample { measures: measures.clone(), came_true: *came_true })
     }
 }

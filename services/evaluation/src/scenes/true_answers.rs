@@ -77,8 +77,8 @@ pub struct TrueAnswer {
     pub support: Support,
 }
 
-/// The truth of a problem, prepared for many places.
-pub struct Truth<'a> {
+/// The ground truth of a problem, prepared for judging many placements.
+pub struct PreparedTruth<'a> {
     problem: &'a Problem,
     query: usize,
     around: Surroundings,
@@ -91,7 +91,7 @@ pub struct Truth<'a> {
     bottom_m: f64,
 }
 
-impl<'a> Truth<'a> {
+impl<'a> PreparedTruth<'a> {
     /// Prepares a problem; `None` when its scene lacks the object or its anchor.
     pub fn new(problem: &'a Problem) -> Option<Self> {
         const POINTS: usize = 200;
@@ -305,7 +305,7 @@ mod tests {
         let mut supports = 0;
         for index in 0..4 {
             let Some(problem) = Problem::of_split(Split::Validation, index, &settings) else { continue };
-            let truth = Truth::new(&problem).expect("query and anchor are in the scene");
+            let truth = PreparedTruth::new(&problem).expect("query and anchor are in the scene");
             let answers = truth.answers(&TruthSettings::default(), &release);
             for (i, answer) in answers.iter().enumerate() {
                 assert!(judge(&problem, &answer.placed_from_observed, &release).is_some_and(|j| j.joint()));
@@ -322,7 +322,7 @@ mod tests {
         let mut problem = (0..).find_map(|i| Problem::of_split(Split::Validation, i, &settings)).expect("a problem");
         // A camera that looks away sees no placement.
         problem.world_from_camera.append_rotation_wrt_center_mut(&nalgebra::UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 3.0));
-        let truth = Truth::new(&problem).expect("query and anchor are in the scene");
+        let truth = PreparedTruth::new(&problem).expect("query and anchor are in the scene");
         assert_eq!(truth.answers(&TruthSettings::default(), &ReleaseSettings::default()), Vec::new());
     }
 }

@@ -8,7 +8,7 @@ use repose_panda::{FINGER_OPENING_MAX_M, InverseSettings, inverse_sweep, kinemat
 use repose_simulator::contact::PlacedParts;
 use repose_simulator::release::Surroundings;
 use repose_simulator::robot::hand;
-use repose_simulator::scene::Scene;
+use repose_simulator::scene::SimulatedScene;
 
 /// The widest that the fingers span with room to get over it, metres; as the second world's `GRIP_MAX_M`.
 const SPAN_MAX_M: f64 = 0.075;
@@ -38,7 +38,7 @@ struct HandOver {
 
 impl TrueReach {
     /// For object `index` of a scene in the robot's base frame; `None` where the hand does not get to it.
-    pub fn new(scene: &Scene, index: usize) -> Option<Self> {
+    pub fn new(scene: &SimulatedScene, index: usize) -> Option<Self> {
         let (object, around) = (scene.objects.get(index)?, Surroundings::of(scene, index)?);
         let vertices: Vec<Vector3<f64>> =
             object.shape.mesh.vertices.iter().map(|v| (object.world_from_object * v.cast::<f64>()).coords).collect();
@@ -106,20 +106,20 @@ mod tests {
     use rand_pcg::Pcg64;
     use repose_simulator::cell::CellSettings;
     use repose_simulator::furniture::Furniture;
-    use repose_simulator::objects::Shape;
+    use repose_simulator::objects::ObjectShape;
     use repose_simulator::objects::body::{Body, Finish};
     use repose_simulator::scene::{SceneKind, SceneObject};
 
     use super::*;
 
-    fn brick([x, y, z]: [f32; 3]) -> Arc<Shape> {
+    fn brick([x, y, z]: [f32; 3]) -> Arc<ObjectShape> {
         let mut body = Body::default();
         body.brick([0.0; 3], [x, y, z]);
         Arc::new(body.finish(&Finish { name: "brick", mass_kg: 0.2, friction: 0.6, top: None, opening: None }))
     }
 
     /// Bricks of these sizes standing on the cell's table, their middles there.
-    fn scene(bricks: &[([f32; 3], [f64; 2])]) -> Scene {
+    fn scene(bricks: &[([f32; 3], [f64; 2])]) -> SimulatedScene {
         let kind = SceneKind::OpenTable;
         let table = CellSettings::default().scene.table;
         let Furniture { fixtures, surfaces, outlook } = Furniture::sample(kind, &table, &mut Pcg64::seed_from_u64(1));
@@ -130,7 +130,7 @@ mod tests {
             world_from_object: Isometry3::translation(*x, *y, table_m + f64::from(size[2]) / 2.0 + 0.0005),
             color: [0; 3],
         });
-        Scene { seed: 1, kind, fixtures, surfaces, outlook, objects: stood.collect(), gaps_m: Vec::new() }
+        SimulatedScene { seed: 1, kind, fixtures, surfaces, outlook, objects: stood.collect(), gaps_m: Vec::new() }
     }
 
     const SMALL: [f32; 3] = [0.05, 0.05, 0.10];

@@ -6,11 +6,11 @@ use forust_ml::sampler::SampleMethod;
 use forust_ml::tree::Tree as FittedTree;
 use forust_ml::{GradientBooster, Matrix};
 use repose_belief::boosted_trees::{BoostedTrees, Branch, DecisionTree, TreeSplit};
-use repose_planner::learned::forecast::{FittedOn, Forecast};
+use repose_planner::learned::forecast::{Forecast, ForecastFitData};
 
-/// Something to learn from.
+/// One training sample of a forecast.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sample {
+pub struct FitSample {
     /// What was measured before it was let go, in the order of the forecast's names.
     pub measures: Vec<f32>,
     /// Whether it came true.
@@ -79,7 +79,7 @@ pub struct NoFit(String);
 ///
 /// # Errors
 /// When there is nothing to learn from: fewer samples than leaves of a tree, or all came to the same.
-pub fn fit_forecast(names: &[&str], samples: &[Sample], fitted_on: FittedOn, settings: &FitSettings) -> Result<Forecast, NoFit> {
+pub fn fit_forecast(names: &[&str], samples: &[FitSample], fitted_on: ForecastFitData, settings: &FitSettings) -> Result<Forecast, NoFit> {
     let came_true = samples.iter().filter(|s| s.came_true).count();
     if samples.len() < settings.leaves || came_true == 0 || came_true == samples.len() {
         return Err(NoFit(format!(
@@ -113,7 +113,11 @@ fn columns(count: usize, rows: &[&[f32]]) -> Vec<f64> {
     (0..count).flat_map(|k| rows.iter().map(move |row| f64::from(row[k]))).collect()
 }
 
-fn boosted_likelihood(count: usize, samples: &[Sample], settings: &FitSettings) -> Result<GradientBooster, forust_ml::errors::ForustError> {
+fn boosted_likelihood(
+    count: usize,
+    samples: &[FitSample],
+    settings: &FitSettings,
+) -> Result<GradientBooster, forust_ml::errors::ForustError> {
     let rows: Vec<&[f32]> = samples.iter().map(|s| s.measures.as_slice()).collect();
     let came_true: Vec<f64> = samples.iter().map(|s| f64::from(u8::from(s.came_true))).collect();
     boosted(count, &rows, &came_true, ObjectiveType::LogLoss, settings)
@@ -190,24 +194,24 @@ mod tests {
         1.0 / (1.0 + (-logit).exp())
     }
 
-    fn samples(count: usize, seed: u64) -> Vec<Sample> {
+    fn samples(count: usize, seed: u64) -> Vec<FitSample> {
         let mut rng = Pcg64::seed_from_u64(seed);
         let mut draw = || {
             let measures: Vec<f32> = (0..COUNT).map(|_| rng.random_range(-1.0..1.0)).collect();
-            Sample { came_true: rng.random_bool(probability(&measures)), measures }
+            FitSample { came_true: rng.random_bool(probability(&measures)), measures }
         };
         (0..count).map(|_| draw()).collect()
     }
 
-    fn fitted(samples: &[Sample], settings: &FitSettings) -> Result<Forecast, NoFit> {
-        fit_forecast(&names(), samples, FittedOn::default(), settings)
+    fn fitted(samples: &[FitSample], settings: &FitSettings) -> Result<Forecast, NoFit> {
+        fit_forecast(&names(), samples, ForecastFitData::default(), settings)
     }
 
     #[test]
     fn a_fit_finds_the_probabilities_that_made_the_releases() {
         let fit = fitted(&samples(8000, 4), &FitSettings::default()).unwrap();
         let new = samples(2000, 5);
-        let off = |of: &dyn Fn(&Sample) -> f64| new.iter().map(|s| (of(s) - probability(&s.measures)).abs()).sum::<f64>() / 2000.0;
+        let off = |of: &dyn Fn(&FitSample) -> f64| new.iter().map(|s| (of(s) - probability(&s.measures)).abs()).sum::<f64>() / 2000.0;
         let (fitted, nothing) = (off(&|s| fit.of(&s.measures)), off(&|_| 0.5));
         assert!(fitted < 0.12 && fitted < 0.45 * nothing, "off by {fitted}, knowing nothing by {nothing}");
         let said = new.iter().map(|s| fit.of(&s.measures)).sum::<f64>();
@@ -251,9 +255,9 @@ mod tests {
 
     #[test]
     fn nothing_is_learned_from_too_little_or_from_what_is_all_the_same() {
-        let refused = |samples: &[Sample]| fitted(samples, &FitSettings::default()).unwrap_err().to_string();
+        let refused = |samples: &[FitSample]| fitted(samples, &FitSettings::default()).unwrap_err().to_string();
         assert!(refused(&samples(50, 1)).contains("got 50"));
-        let falls: Vec<Sample> = samples(200, 1).into_iter().map(|s| Sample { came_true: false, ..s }).collect();
+        let falls: Vec<FitSample> = samples(200, 1).into_iter().map(|s| FitSample { came_true: false, ..s }).collect();
         assert!(refused(&falls).contains("of which 0 did"));
     }
 }

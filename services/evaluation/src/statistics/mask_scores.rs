@@ -22,7 +22,7 @@ const FOUND_FROM: f64 = 0.75;
 
 /// Precision, recall and their harmonic mean, 0 to 1.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub struct Scores {
+pub struct PrecisionRecall {
     /// Share of what was found that is right.
     pub precision: f64,
     /// Share of what is there that was found.
@@ -31,7 +31,7 @@ pub struct Scores {
     pub f: f64,
 }
 
-impl Scores {
+impl PrecisionRecall {
     /// From matched pixels of the found masks and their total, and the same of the labelled ones. Nothing found is never wrong, and
     /// nothing labelled never missed.
     fn of(matched_found: usize, found: usize, matched_labelled: usize, labelled: usize) -> Self {
@@ -52,9 +52,9 @@ pub struct MaskScores {
     /// Labelled objects whose assigned mask has an overlap F above 0.75.
     pub above_75: usize,
     /// On whole masks.
-    pub overlap: Scores,
+    pub overlap: PrecisionRecall,
     /// On contours.
-    pub boundary: Scores,
+    pub boundary: PrecisionRecall,
     /// What went wrong with the rest.
     pub faults: MaskFaults,
 }
@@ -80,7 +80,7 @@ pub fn score_masks(labelled: &Image<u16>, found: &Image<u16>) -> MaskScores {
     let good: BTreeSet<u16> = matches.iter().filter(|(_, _, f)| *f > FOUND_FROM).map(|(g, _, _)| *g).collect();
     let pairs: Vec<(u16, u16)> = matches.into_iter().map(|(g, c, _)| (g, c)).collect();
     let in_common: usize = pairs.iter().filter_map(|pair| shared.get(pair)).sum();
-    let overlap = Scores::of(in_common, found_px.values().sum(), in_common, labelled_px.values().sum());
+    let overlap = PrecisionRecall::of(in_common, found_px.values().sum(), in_common, labelled_px.values().sum());
 
     let faults = MaskFaults::of(&labelled_px, &found_px, &shared, |g| good.contains(&g));
 
@@ -92,7 +92,7 @@ pub fn score_masks(labelled: &Image<u16>, found: &Image<u16>) -> MaskScores {
         matched_labelled += matching(&labelled_contours[g], &found_contours[c], labelled, &disk);
     }
     let total = |contours: &BTreeMap<u16, Vec<usize>>| contours.values().map(Vec::len).sum::<usize>();
-    let boundary = Scores::of(matched_found, total(&found_contours), matched_labelled, total(&labelled_contours));
+    let boundary = PrecisionRecall::of(matched_found, total(&found_contours), matched_labelled, total(&labelled_contours));
     MaskScores { labelled: labelled_px.len(), found: found_px.len(), above_75: good.len(), overlap, boundary, faults }
 }
 

@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use crate::scenes::arrangement::carried_out::PlanFault;
 use crate::scenes::arrangement::task::{ArrangementTask, Shapes, TaskKind};
-use crate::scenes::arrangement::trial::{TaskRecord, TrialSettings, try_task};
+use crate::scenes::arrangement::trial::{ArrangementTrialSettings, TaskRecord, try_task};
 use crate::scenes::one_scene::forecasts_of;
 use crate::statistics::quantile::Sorted;
 use crate::statistics::rate::Rate;
@@ -61,7 +61,7 @@ pub fn evaluate_arrange<E: From<CallError>>(
                 let (size, slot) = batch[k];
                 let Some(task) = ArrangementTask::of_slot(settings.split, size, slot) else { return Ok(Vec::new()) };
                 let of_shapes = |shapes: &Shapes| {
-                    let settings = TrialSettings { shapes: *shapes, variant: settings.variant, bars: settings.bars };
+                    let settings = ArrangementTrialSettings { shapes: *shapes, variant: settings.variant, bars: settings.bars };
                     try_task(&task, slot, &settings, engine, &forecasts)
                 };
                 settings.shapes.iter().map(of_shapes).collect::<Result<Vec<_>, CallError>>()

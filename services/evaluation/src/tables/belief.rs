@@ -7,7 +7,7 @@ use repose_networks::serving::spread;
 use repose_simulator::scene::{KindWeights, SceneKind};
 use serde::Serialize;
 
-use crate::scenes::believed::{BelievedObject, DOUBT_SLACK_M, believed_objects};
+use crate::scenes::believed::{BeliefDeviation, DOUBT_SLACK_M, believed_objects};
 use crate::scenes::problem::ProblemSettings;
 use crate::statistics::quantile::Sorted;
 
@@ -69,7 +69,7 @@ pub struct BeliefTable {
     pub ms: f64,
     /// Every object.
     #[serde(skip)]
-    pub objects: Vec<BelievedObject>,
+    pub objects: Vec<BeliefDeviation>,
 }
 
 /// Believes the scenes; `progress` is told how many are done. Times aside, the table does not depend on the number of threads.
@@ -83,10 +83,10 @@ pub fn belief_table(settings: &BeliefTableSettings, progress: impl Fn(usize) + S
         believed
     };
     let believed = spread(settings.kinds.len() * settings.scenes, settings.threads, || (), |(), index| of(index));
-    let (objects, times): (Vec<Vec<BelievedObject>>, Vec<Duration>) = believed.into_iter().flatten().unzip();
-    let objects: Vec<BelievedObject> = objects.into_iter().flatten().collect();
-    let row = |name: &str, keep: &dyn Fn(&BelievedObject) -> bool| {
-        let kept: Vec<&BelievedObject> = objects.iter().filter(|o| keep(o)).collect();
+    let (objects, times): (Vec<Vec<BeliefDeviation>>, Vec<Duration>) = believed.into_iter().flatten().unzip();
+    let objects: Vec<BeliefDeviation> = objects.into_iter().flatten().collect();
+    let row = |name: &str, keep: &dyn Fn(&BeliefDeviation) -> bool| {
+        let kept: Vec<&BeliefDeviation> = objects.iter().filter(|o| keep(o)).collect();
         (!kept.is_empty()).then(|| (name.to_owned(), BeliefRow::of(&kept)))
     };
     let kinds = settings.kinds.iter().filter_map(|kind| row(kind.name(), &|o| o.kind == *kind));
@@ -96,9 +96,9 @@ pub fn belief_table(settings: &BeliefTableSettings, progress: impl Fn(usize) + S
 }
 
 impl BeliefRow {
-    fn of(objects: &[&BelievedObject]) -> Self {
-        let errors = |of: fn(&BelievedObject) -> f32| ErrorSpread::of(objects.iter().map(|o| f64::from(of(o)) * 1e3).collect());
-        let mean = |of: fn(&BelievedObject) -> f32| objects.iter().map(|o| f64::from(of(o))).sum::<f64>() / objects.len() as f64;
+    fn of(objects: &[&BeliefDeviation]) -> Self {
+        let errors = |of: fn(&BeliefDeviation) -> f32| ErrorSpread::of(objects.iter().map(|o| f64::from(of(o)) * 1e3).collect());
+        let mean = |of: fn(&BeliefDeviation) -> f32| objects.iter().map(|o| f64::from(of(o))).sum::<f64>() / objects.len() as f64;
         Self {
             objects: objects.len(),
             bottom_mm: errors(|o| o.bottom_m),

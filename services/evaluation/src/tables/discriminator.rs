@@ -63,9 +63,9 @@ impl Default for DiscriminatorSettings {
     }
 }
 
-/// A place where an object was let go.
+/// A simulated release of an object, and its scores.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Trial {
+pub struct ReleaseTrial {
     /// The scene's seed.
     pub seed: u64,
     /// Which variant chose it; `None` for a random prior sample.
@@ -78,7 +78,7 @@ pub struct Trial {
     pub outcome: Option<f64>,
     /// What `best` makes of that with what geometry measures; none where the planner does not take the query.
     pub best: Option<f64>,
-    /// What came of it.
+    /// Its outcome.
     pub judged: Judged,
 }
 
@@ -136,7 +136,7 @@ impl Forecaster {
     }
 
     /// What it says of a random prior sample; none where it says nothing.
-    pub fn said(self, trial: &Trial) -> Option<f64> {
+    pub fn said(self, trial: &ReleaseTrial) -> Option<f64> {
         match self {
             Self::Discriminator => trial.realism,
             Self::Outcome => trial.outcome,
@@ -172,7 +172,7 @@ pub struct DiscriminatorTable {
     /// The planner's variants.
     pub rows: Vec<VariantRow>,
     /// Everything that was let go.
-    pub trials: Vec<Trial>,
+    pub trials: Vec<ReleaseTrial>,
 }
 
 /// Tries the first `scenes` problems of a split; `seen` is told how many are done.
@@ -189,7 +189,7 @@ pub fn evaluate_discriminator(
     mut seen: impl FnMut(usize),
 ) -> Result<DiscriminatorTable, CallError> {
     let forecasts = forecasts_of(engine)?;
-    let mut tried: Vec<Vec<Trial>> = Vec::with_capacity(scenes);
+    let mut tried: Vec<Vec<ReleaseTrial>> = Vec::with_capacity(scenes);
     let (mut next, mut empty) = (settings.first, 0);
     // As many at once as keep the threads busy; the table does not depend on it.
     let at_once = settings.threads.max(1) as u64;
@@ -221,7 +221,7 @@ fn trials_of(
     engine: &Engine,
     forecasts: &Arc<Forecasts>,
     settings: &DiscriminatorSettings,
-) -> Result<Vec<Trial>, CallError> {
+) -> Result<Vec<ReleaseTrial>, CallError> {
     let scene = Arc::new(problem.observed.clone());
     let models = OneScene::new(engine, scene.clone()).with_forecasts(forecasts);
     let prepared = PreparedScene::with_id(scene, models.scene_id().to_owned());
@@ -242,7 +242,7 @@ fn trials_of(
         for (rank, placement) in result.placements.iter().enumerate() {
             let Ok(placed_from_observed) = from_row_major(&placement.placed_from_observed.0) else { continue };
             let Some(judged) = judge(problem, &placed_from_observed, &settings.release) else { continue };
-            trials.push(Trial {
+            trials.push(ReleaseTrial {
                 seed: problem.seed,
                 variant: Some(variant),
                 rank,
@@ -261,7 +261,7 @@ fn random_trials(
     models: &OneScene<'_>,
     prepared: &PreparedScene,
     settings: &DiscriminatorSettings,
-) -> Result<Vec<Trial>, CallError> {
+) -> Result<Vec<ReleaseTrial>, CallError> {
     let Some(object) = models.scene().object(problem.query) else { return Ok(Vec::new()) };
     let draws = prior_draws(problem, models, Rotation::Fixed, settings.samples)?;
     let realism = said_of(problem, models, RealismBy::Discriminator, draws.clone())?;
@@ -272,13 +272,13 @@ fn random_trials(
         let judged = judge(problem, &motion_to(&centroid, draw), &settings.release)?;
         let best = measured.as_ref().map(|of| forecasts.stability.of(&of(&CandidatePose::from_row(*draw), outcomes[rank])));
         let (realism, outcome) = (Some(f64::from(realism[rank])), Some(f64::from(outcomes[rank])));
-        Some(Trial { seed: problem.seed, variant: None, rank, realism, outcome, best, judged })
+        Some(ReleaseTrial { seed: problem.seed, variant: None, rank, realism, outcome, best, judged })
     };
     Ok(draws.iter().enumerate().filter_map(trial).collect())
 }
 
-fn table_of(scenes: &[Vec<Trial>], variants: &[Variant]) -> DiscriminatorTable {
-    let of = |keep: &dyn Fn(&Trial) -> bool| -> Vec<Vec<Trial>> {
+fn table_of(scenes: &[Vec<ReleaseTrial>], variants: &[Variant]) -> DiscriminatorTable {
+    let of = |keep: &dyn Fn(&ReleaseTrial) -> bool| -> Vec<Vec<ReleaseTrial>> {
         scenes.iter().map(|trials| trials.iter().copied().filter(|t| keep(t)).collect()).collect()
     };
     let random = of(&|t| t.variant.is_none());
@@ -293,12 +293,12 @@ fn table_of(scenes: &[Vec<Trial>], variants: &[Variant]) -> DiscriminatorTable {
     }
 }
 
-fn random_row(by: Forecaster, samples: &[Vec<Trial>]) -> RandomRow {
+fn random_row(by: Forecaster, samples: &[Vec<ReleaseTrial>]) -> RandomRow {
     // What it said stands for realism from here on.
-    let said = |t: &Trial| Some(Trial { realism: Some(by.said(t)?), ..*t });
-    let samples: Vec<Vec<Trial>> = samples.iter().map(|scene| scene.iter().filter_map(said).collect()).collect();
-    let first: Vec<Vec<Trial>> = samples.iter().map(|scene| scene.iter().copied().filter(|t| t.rank == 0).collect()).collect();
-    let area = |groups: &[&Vec<Trial>]| {
+    let said = |t: &ReleaseTrial| Some(ReleaseTrial { realism: Some(by.said(t)?), ..*t });
+    let samples: Vec<Vec<ReleaseTrial>> = samples.iter().map(|scene| scene.iter().filter_map(said).collect()).collect();
+    let first: Vec<Vec<ReleaseTrial>> = samples.iter().map(|scene| scene.iter().copied().filter(|t| t.rank == 0).collect()).collect();
+    let area = |groups: &[&Vec<ReleaseTrial>]| {
         area_under_curve(&groups.iter().flat_map(|g| g.iter()).filter_map(|t| Some((t.realism?, t.judged.stable))).collect::<Vec<_>>())
     };
     RandomRow {
@@ -310,7 +310,7 @@ fn random_row(by: Forecaster, samples: &[Vec<Trial>]) -> RandomRow {
     }
 }
 
-fn row(variant: Variant, scenes: &[Vec<Trial>]) -> VariantRow {
+fn row(variant: Variant, scenes: &[Vec<ReleaseTrial>]) -> VariantRow {
     let (mut confident, mut stable, mut stable_with_goal) = (Rate::default(), Rate::default(), Rate::default());
     for trials in scenes {
         confident.count(!trials.is_empty());
@@ -319,15 +319,15 @@ fn row(variant: Variant, scenes: &[Vec<Trial>]) -> VariantRow {
             stable_with_goal.count(answer.judged.stable && answer.judged.goal);
         }
     }
-    let answers: Vec<Vec<Trial>> = scenes.iter().map(|s| s.iter().copied().filter(|t| t.rank == 0).collect()).collect();
+    let answers: Vec<Vec<ReleaseTrial>> = scenes.iter().map(|s| s.iter().copied().filter(|t| t.rank == 0).collect()).collect();
     let forecasts: Vec<(f64, bool)> = scenes.iter().flatten().filter_map(|t| Some((t.realism?, t.judged.stable))).collect();
     let calibration = Calibration::of(&forecasts, 1);
     VariantRow { variant, confident, stable, stable_with_goal, correlation: correlation(&answers), calibration }
 }
 
 /// Realism against distance moved, outliers left out.
-fn correlation(scenes: &[Vec<Trial>]) -> Correlation {
-    let pairs = |trials: &mut dyn Iterator<Item = &Trial>| -> Vec<(f64, f64)> {
+fn correlation(scenes: &[Vec<ReleaseTrial>]) -> Correlation {
+    let pairs = |trials: &mut dyn Iterator<Item = &ReleaseTrial>| -> Vec<(f64, f64)> {
         let within = trials.filter(|t| t.judged.moved_m < OUTLIER_M);
         within.filter_map(|t| Some((t.realism?, t.judged.moved_m))).collect()
     };
@@ -344,12 +344,20 @@ mod tests {
     use repose_belief::boosted_trees::BoostedTrees;
     use repose_networks::Models as Networks;
     use repose_networks::Weights;
-    use repose_planner::learned::forecast::{FittedOn, Forecast, STABILITY};
+    use repose_planner::learned::forecast::{Forecast, ForecastFitData, STABILITY};
     use repose_planner::learned::stability::names;
 
-    fn trial(variant: Option<Variant>, rank: usize, realism: f64, moved_m: f64) -> Trial {
+    fn trial(variant: Option<Variant>, rank: usize, realism: f64, moved_m: f64) -> ReleaseTrial {
         let judged = Judged { moved_m, stable: moved_m < 0.05, goal: true, clean: true };
-        Trial { seed: 1, variant, rank, realism: Some(realism), outcome: variant.is_none().then_some(1.0 - realism), best: None, judged }
+        ReleaseTrial {
+            seed: 1,
+            variant,
+            rank,
+            realism: Some(realism),
+            outcome: variant.is_none().then_some(1.0 - realism),
+            best: None,
+            judged,
+        }
     }
 
     #[test]
@@ -379,7 +387,7 @@ mod tests {
     #[test]
     fn two_scenes_give_a_table_within_its_bounds() {
         // Weights of one's own, whose stability says the same of everything.
-        let stability = Forecast::new(&names(), BoostedTrees { bias: 0.0, trees: Vec::new() }, FittedOn::default()).expect("sound");
+        let stability = Forecast::new(&names(), BoostedTrees { bias: 0.0, trees: Vec::new() }, ForecastFitData::default()).expect("sound");
         let mut weights = Weights::embedded().expect("embedded weights");
         weights.info.forecasts.insert(STABILITY.to_owned(), serde_json::to_value(stability).expect("JSON"));
         let bytes = Weights::to_bytes(&weights.values, &weights.info).expect("weights");
@@ -394,7 +402,7 @@ mod tests {
             "{table:?}"
         );
         assert_eq!(table.rows[0].confident.n, 2);
-        let of_best = |t: &&Trial| t.variant == Some(Variant::Best);
+        let of_best = |t: &&ReleaseTrial| t.variant == Some(Variant::Best);
         assert!(table.trials.iter().filter(of_best).all(|t| t.realism == Some(0.5)), "best goes by the stability given: {table:?}");
         assert!(table.trials.iter().filter(|t| t.variant.is_none()).all(|t| t.best.is_none_or(|said| said == 0.5)), "{table:?}");
         assert!(table.random.iter().all(|row| row.auc.is_none_or(|a| (0.0..=1.0).contains(&a))));

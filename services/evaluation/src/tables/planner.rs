@@ -17,8 +17,8 @@ use repose_simulator::scene::SceneKind;
 use serde::Serialize;
 
 use crate::scenes::one_scene::forecasts_of;
-use crate::scenes::outcome::Fault;
-use crate::scenes::planner_scene::{PlannerSceneSettings, Said, SceneRecord, SceneSet, Trial, TriedScene, try_scene};
+use crate::scenes::outcome::PlacementFault;
+use crate::scenes::planner_scene::{PlannerSceneSettings, SceneRecord, SceneSet, SelfAssessment, TriedScene, VariantTrial, try_scene};
 use crate::statistics::calibration::Calibration;
 use crate::statistics::paired::Paired;
 use crate::statistics::quantile::Sorted;
@@ -95,7 +95,7 @@ pub struct Columns {
 }
 
 impl Columns {
-    fn count(&mut self, trial: &Trial) {
+    fn count(&mut self, trial: &VariantTrial) {
         let is = |f: &dyn Fn(f64, f64) -> bool| trial.in_view.is_some_and(|c| f(c.relations, c.realism));
         self.predicates.count(is(&|p, _| p > THRESHOLD));
         self.realistic.count(is(&|_, f| f > THRESHOLD));
@@ -104,9 +104,9 @@ impl Columns {
     }
 }
 
-/// A point of the curve of wrong answers against answers given.
+/// A point of the risk–coverage curve: wrong answers against the share of answers given.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct CurvePoint {
+pub struct RiskCoveragePoint {
     /// Share of the answers that are given: the surest of them, percent.
     pub answered: f64,
     /// How many that is.
@@ -123,7 +123,7 @@ pub struct CurvePoint {
 const CURVE_AT: [usize; 8] = [100, 98, 95, 90, 85, 80, 70, 50];
 
 /// The curve of answers given by how sure they are of themselves and whether they are right.
-fn curve_of(answers: &[(f64, bool)]) -> Vec<CurvePoint> {
+fn curve_of(answers: &[(f64, bool)]) -> Vec<RiskCoveragePoint> {
     let mut surest = answers.to_vec();
     surest.sort_by(|a, b| b.0.total_cmp(&a.0));
     let point = |share: usize| {
@@ -132,7 +132,7 @@ fn curve_of(answers: &[(f64, bool)]) -> Vec<CurvePoint> {
         let (least, _) = given.last()?;
         let percent = |count: usize, of: usize| 100.0 * count as f64 / of as f64;
         let wrong_share = percent(wrong, given.len());
-        Some(CurvePoint { answered: share as f64, answers: given.len(), least: *least, wrong_answers: wrong, wrong: wrong_share })
+        Some(RiskCoveragePoint { answered: share as f64, answers: given.len(), least: *least, wrong_answers: wrong, wrong: wrong_share })
     };
     CURVE_AT.into_iter().filter_map(point).collect()
 }
@@ -153,11 +153,11 @@ pub struct PlannerRow {
     /// Of the placements returned, in scenes with an answer or without: those that succeed.
     pub right_when_returned: Rate,
     /// Placements returned that fail, by what is wrong with them.
-    pub faults: BTreeMap<Fault, usize>,
-    /// Whether what first answers say of themselves comes true ([`Said::sureness`] against success); none where they say nothing.
+    pub faults: BTreeMap<PlacementFault, usize>,
+    /// Whether what first answers say of themselves comes true ([`SelfAssessment::sureness`] against success); none where they say nothing.
     pub success_calibration: Calibration,
     /// How many of the answers would be wrong if only the surest were given.
-    pub curve: Vec<CurvePoint>,
+    pub curve: Vec<RiskCoveragePoint>,
     /// Of the scenes answered with "none", those without an answer.
     pub none_precision: Rate,
     /// Of the scenes without an answer, those answered with "none".
@@ -174,9 +174,9 @@ pub struct PlannerRow {
     pub times_ms: [f64; 2],
 }
 
-/// Figures of some scenes.
+/// Figures of a group of scenes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Part {
+pub struct SceneGroup {
     /// What the scenes have in common.
     pub name: String,
     /// How many.
@@ -195,9 +195,9 @@ pub struct Part {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SetTable {
     /// All scenes of the set.
-    pub all: Part,
+    pub all: SceneGroup,
     /// By kind of scene, where there are several.
-    pub kinds: Vec<Part>,
+    pub kinds: Vec<SceneGroup>,
 }
 
 /// The tables of every set that has records, in order of first appearance.
@@ -211,15 +211,15 @@ pub fn planner_tables(records: &[SceneRecord], variants: &[Variant]) -> Vec<SetT
     let table = |name: &str| {
         let own: Vec<&SceneRecord> = records.iter().filter(|r| r.set == name).collect();
         let of_kind = |kind: SceneKind| own.iter().copied().filter(|r| r.kind == kind).collect::<Vec<_>>();
-        let kinds: Vec<Part> =
+        let kinds: Vec<SceneGroup> =
             SceneKind::ALL.iter().map(|k| part(k.name(), &of_kind(*k), variants)).filter(|part| part.scenes > 0).collect();
         SetTable { all: part(name, &own, variants), kinds: if kinds.len() > 1 { kinds } else { Vec::new() } }
     };
     names.into_iter().map(table).collect()
 }
 
-fn part(name: &str, records: &[&SceneRecord], variants: &[Variant]) -> Part {
-    Part {
+fn part(name: &str, records: &[&SceneRecord], variants: &[Variant]) -> SceneGroup {
+    SceneGroup {
         name: name.to_owned(),
         scenes: records.len(),
         answerable: records.iter().filter(|r| r.answerable()).count(),
@@ -258,7 +258,7 @@ fn row(variant: Variant, records: &[&SceneRecord]) -> PlannerRow {
         if let Some(fault) = trial.release.and_then(|release| release.fault()) {
             *faults.entry(fault).or_default() += 1;
         }
-        forecasts.extend(trial.said.as_ref().and_then(Said::sureness).map(|sureness| (sureness, trial.joint())));
+        forecasts.extend(trial.said.as_ref().and_then(SelfAssessment::sureness).map(|sureness| (sureness, trial.joint())));
         if record.true_supports > 1 {
             two_supports.count(trial.supports > 1);
             two_good_supports.count(trial.good_supports > 1);
@@ -295,8 +295,8 @@ mod tests {
     use crate::scenes::outcome::{Judged, Release};
     use crate::scenes::planner_scene::{InView, ScriptTrial};
 
-    fn trial(variant: Variant, joint: Option<bool>, [relations, realism, moved_m]: [f64; 3]) -> Trial {
-        Trial {
+    fn trial(variant: Variant, joint: Option<bool>, [relations, realism, moved_m]: [f64; 3]) -> VariantTrial {
+        VariantTrial {
             variant,
             outcome: if joint.is_some() { Outcome::Found } else { Outcome::None },
             refused: None,
@@ -307,7 +307,7 @@ mod tests {
                 penetration_m: 0.0,
                 dropped_m: 0.0,
             }),
-            said: joint.map(|_| Said {
+            said: joint.map(|_| SelfAssessment {
                 success: Some(realism),
                 realism: Some(realism),
                 relations,
@@ -324,7 +324,7 @@ mod tests {
         }
     }
 
-    fn record(slot: u64, kind: SceneKind, true_supports: usize, trials: Vec<Trial>) -> SceneRecord {
+    fn record(slot: u64, kind: SceneKind, true_supports: usize, trials: Vec<VariantTrial>) -> SceneRecord {
         let goal = GoalTerm { relation: Relation::LeftOf, anchor: 2, holds: true };
         SceneRecord {
             set: "set".to_owned(),

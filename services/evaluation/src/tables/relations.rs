@@ -3,7 +3,7 @@
 //! An example is an ordered pair (query, anchor) of objects of one view: both are seen in it (as the data set counts it), and perception
 //! kept points of both. Ground truth: instance masks, the camera's pose (and so gravity), meshes and poses; the label is the relation by
 //! rule on those. Observed: depth with a random camera's faults, flying readings and borders cleaned by perception itself, so that the
-//! table says what users get; or, to compare with the paper, depth as it was rendered ([`Shown`]). Both methods see the same clouds with the
+//! table says what users get; or, to compare with the paper, depth as it was rendered ([`CloudSource`]). Both methods see the same clouds with the
 //! query where it is. Intervals draw whole scenes.
 
 use repose_dataset::{Split, ViewRecord};
@@ -12,7 +12,7 @@ use repose_inference::{Engine, HeldScene};
 use repose_networks::config::PREDICTED_RELATIONS;
 use repose_networks::serving::spread;
 use repose_proto::scoring::{RealismBy, ScoreRequest};
-use repose_proto::{CallError, RELATION_COUNT, Relation, Scene as ObservedScene, SceneRef};
+use repose_proto::{CallError, RELATION_COUNT, Relation, Scene, SceneRef};
 use repose_relations::{Confusion, ObservedObject, observed};
 use repose_sensor::SensorModel;
 use repose_simulator::generate::view_rng;
@@ -33,9 +33,9 @@ const SCENES_AT_ONCE: usize = 16;
 /// Scenes without an example in a row after which the search for more ends.
 const MOST_EMPTY: usize = 400;
 
-/// Which picture an example's clouds are from.
+/// The pictures that an example's clouds are taken from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Shown {
+pub enum CloudSource {
     /// As in the paper's data set: the query from a picture without any other object, the anchors from the picture without the query, depth
     /// and masks as they were rendered. (The paper drops the borders of masks on its real robot only, and has no noise.)
     Rendered,
@@ -50,7 +50,7 @@ pub enum Shown {
 #[derive(Debug, Clone)]
 pub struct RelationsSettings {
     /// Which picture the clouds are from.
-    pub shown: Shown,
+    pub shown: CloudSource,
     /// How scenes are made; the mixture of the training data by default.
     pub scene: SceneSettings,
     /// How cameras are chosen; the picture's size too.
@@ -68,7 +68,7 @@ pub struct RelationsSettings {
 impl Default for RelationsSettings {
     fn default() -> Self {
         Self {
-            shown: Shown::Rendered,
+            shown: CloudSource::Rendered,
             scene: SceneSettings::default(),
             viewpoint: ViewpointSettings { width: 640, height: 480, ..ViewpointSettings::default() },
             perception: repose_perception::Settings::default(),
@@ -204,11 +204,11 @@ fn count_scene(seed: u64, engine: &Engine, settings: &RelationsSettings, canvas:
         let noise_seed = seed.wrapping_mul(u64::from(settings.views)).wrapping_add(u64::from(view));
         let mut perception = settings.perception.clone();
         let sensor = match settings.shown {
-            Shown::Rendered => {
+            CloudSource::Rendered => {
                 perception.borders.radius_px = 0;
                 SensorModel::ideal()
             }
-            Shown::Apart | Shown::Together => sensor,
+            CloudSource::Apart | CloudSource::Together => sensor,
         };
         let picture = |present: &dyn Fn(u16) -> bool| {
             let frame = frame_with(&scene, present, &record.camera, &record.world_from_camera, &sensor, noise_seed);
@@ -220,22 +220,22 @@ fn count_scene(seed: u64, engine: &Engine, settings: &RelationsSettings, canvas:
 }
 
 /// What perception makes of a view of those objects of whose id something holds.
-type Picture<'a> = dyn Fn(&dyn Fn(u16) -> bool) -> Option<ObservedScene> + 'a;
+type Picture<'a> = dyn Fn(&dyn Fn(u16) -> bool) -> Option<Scene> + 'a;
 
 /// Counts a view's examples.
 fn count_view(
     record: &ViewRecord,
     picture: &Picture<'_>,
     border_px: usize,
-    shown: Shown,
+    shown: CloudSource,
     engine: &Engine,
     counts: &mut SceneCounts,
 ) -> Result<(), CallError> {
-    let held = |scene: ObservedScene| HeldScene::new(scene.id(), std::sync::Arc::new(scene)).cleaned_by(border_px as f32);
+    let held = |scene: Scene| HeldScene::new(scene.id(), std::sync::Arc::new(scene)).cleaned_by(border_px as f32);
     let Some(together) = picture(&|_| true) else { return Ok(()) };
     counts.views += 1;
     let objects: Vec<usize> = (0..record.objects.len()).filter(|k| record.is_seen(*k)).collect();
-    if shown == Shown::Together {
+    if shown == CloudSource::Together {
         return count_queries(record, &objects, &objects, &held(together), engine, counts);
     }
     for query in &objects {
@@ -250,7 +250,7 @@ fn count_view(
 }
 
 /// A scene without the query, and the query as it was seen alone; `None` where nothing was seen of it.
-fn with_query(mut scene: ObservedScene, alone: &ObservedScene, query: u16) -> Option<ObservedScene> {
+fn with_query(mut scene: Scene, alone: &Scene, query: u16) -> Option<Scene> {
     scene.meta.objects.push(alone.object(query)?.clone());
     scene.meta.objects.sort_by_key(|o| o.id);
     scene.points.extend(alone.points_of(query));

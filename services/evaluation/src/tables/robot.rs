@@ -11,8 +11,8 @@ use repose_simulator::objects::MeshLibrary;
 use serde::Serialize;
 
 use crate::scenes::problem::Problem;
-use crate::scenes::robot_scene::{Condition, Excluded, RobotSceneSettings, robot_problem};
-use crate::scenes::robot_trial::{Cause, RobotTrial, RobotTrialSettings, Strip, TrialError, robot_trial};
+use crate::scenes::robot_scene::{Excluded, RobotSceneSettings, TableCondition, robot_problem};
+use crate::scenes::robot_trial::{Cause, RobotTrial, RobotTrialError, RobotTrialSettings, Strip, robot_trial};
 use crate::statistics::rate::Rate;
 
 /// The eight objects, by the names of their folders.
@@ -41,7 +41,7 @@ pub struct RobotTableSettings {
     /// Which objects.
     pub objects: Vec<String>,
     /// Which conditions.
-    pub conditions: Vec<Condition>,
+    pub conditions: Vec<TableCondition>,
 }
 
 impl Default for RobotTableSettings {
@@ -52,7 +52,7 @@ impl Default for RobotTableSettings {
             trials: 3,
             seed: 0,
             objects: OBJECTS.map(str::to_owned).to_vec(),
-            conditions: Condition::ALL.to_vec(),
+            conditions: TableCondition::ALL.to_vec(),
         }
     }
 }
@@ -69,13 +69,13 @@ pub enum RobotTableError {
         /// The object.
         object: String,
         /// The condition.
-        condition: Condition,
+        condition: TableCondition,
         /// The seed.
         seed: u64,
     },
     /// A trial could not be run.
     #[error(transparent)]
-    Trial(#[from] TrialError),
+    Trial(#[from] RobotTrialError),
 }
 
 /// Rates of an object or of all objects, in one condition.
@@ -84,7 +84,7 @@ pub struct RobotRow {
     /// The object; none for all of them.
     pub object: Option<String>,
     /// The condition.
-    pub condition: Condition,
+    pub condition: TableCondition,
     /// Placement and motion were found.
     pub plan: Rate,
     /// Of those, the object was lifted.
@@ -100,7 +100,7 @@ pub struct RobotRow {
 }
 
 impl RobotRow {
-    fn of<'a>(object: Option<&str>, condition: Condition, trials: impl Iterator<Item = &'a RobotTrial>) -> Self {
+    fn of<'a>(object: Option<&str>, condition: TableCondition, trials: impl Iterator<Item = &'a RobotTrial>) -> Self {
         let rate = Rate::default();
         let (plan, grasp, place, end_to_end) = (rate, rate, rate, rate);
         let (object_name, causes, excluded) = (object.map(str::to_owned), BTreeMap::new(), Excluded::default());
@@ -170,7 +170,7 @@ pub fn evaluate_robot(
 }
 
 /// A trial's seed: the same whichever other objects and conditions are run.
-fn seed_of(seed: u64, object: &str, condition: Condition, trial: usize) -> u64 {
+fn seed_of(seed: u64, object: &str, condition: TableCondition, trial: usize) -> u64 {
     // FNV-1a: stable over versions and machines.
     let bytes = object.bytes().chain([condition as u8]).chain((trial as u64).to_le_bytes()).chain(seed.to_le_bytes());
     // Seeds travel as JSON numbers, which hold 53 bits.
@@ -185,7 +185,7 @@ mod tests {
 
     fn trial(object: &str, [planned, grasped, placed]: [bool; 3], cause: Option<Cause>) -> RobotTrial {
         let goal = GoalTerm { relation: Relation::LeftOf, anchor: 2, holds: true };
-        RobotTrial { planned, grasped, placed, cause, ..RobotTrial::new(object.to_owned(), Condition::Table, 0, goal) }
+        RobotTrial { planned, grasped, placed, cause, ..RobotTrial::new(object.to_owned(), TableCondition::Table, 0, goal) }
     }
 
     #[test]
@@ -198,20 +198,20 @@ mod tests {
         ];
         trials[0].excluded = Excluded { out_of_reach: 1, no_place: 2 };
         trials[3].excluded = Excluded { out_of_reach: 0, no_place: 3 };
-        let all = RobotRow::of(None, Condition::Table, trials.iter());
+        let all = RobotRow::of(None, TableCondition::Table, trials.iter());
         let counts = [all.plan, all.grasp, all.place, all.end_to_end].map(|r| (r.of, r.n));
         assert_eq!(counts, [(3, 4), (2, 3), (1, 2), (1, 4)]);
         assert_eq!(all.causes, BTreeMap::from([(Cause::NoMotion, 1), (Cause::GraspLost, 1), (Cause::Moved, 1)]));
         assert_eq!(all.excluded, Excluded { out_of_reach: 1, no_place: 5 });
-        assert_eq!(RobotRow::of(Some("b"), Condition::Table, trials.iter()).plan, Rate { of: 0, n: 1 });
-        assert_eq!(RobotRow::of(None, Condition::LargeBox, trials.iter()).plan.n, 0);
+        assert_eq!(RobotRow::of(Some("b"), TableCondition::Table, trials.iter()).plan, Rate { of: 0, n: 1 });
+        assert_eq!(RobotRow::of(None, TableCondition::LargeBox, trials.iter()).plan.n, 0);
     }
 
     #[test]
     fn no_two_trials_share_a_seed() {
         let mut seeds: Vec<u64> = Vec::new();
         for object in OBJECTS {
-            for condition in Condition::ALL {
+            for condition in TableCondition::ALL {
                 seeds.extend((0..3).map(|k| seed_of(0, object, condition, k)));
             }
         }

@@ -13,7 +13,7 @@ use repose_networks::crops::discriminator_input;
 use repose_networks::points::{ObjectCloud, Observer, SceneCloud};
 use repose_networks::serving::spread;
 use repose_networks::{Candidate, Kernel, Models, NetworksConfig, SceneContext};
-use repose_proto::{CallError, Scene as ObservedScene};
+use repose_proto::{CallError, Scene};
 use serde::Serialize;
 
 use crate::scenes::problem::{Problem, ProblemSettings};
@@ -69,7 +69,7 @@ pub struct ScoringScene {
     pub anchor: u16,
     /// [`TRANSLATIONS`] of them.
     pub candidates: Vec<Candidate>,
-    observed: ObservedScene,
+    observed: Scene,
     observer: Observer,
 }
 

@@ -13,7 +13,7 @@ use repose_proto::{CallError, Frame};
 use serde::Serialize;
 
 use crate::statistics::mask_faults::MaskFaults;
-use crate::statistics::mask_scores::{MaskScores, Scores, score_masks};
+use crate::statistics::mask_scores::{MaskScores, PrecisionRecall, score_masks};
 
 /// Which half of the frames a frame belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -67,9 +67,9 @@ pub struct SegmentationRow {
     /// Objects found in them.
     pub found: usize,
     /// On whole masks, mean over frames.
-    pub overlap: Scores,
+    pub overlap: PrecisionRecall,
     /// On contours, mean over frames.
-    pub boundary: Scores,
+    pub boundary: PrecisionRecall,
     /// Share of all labelled objects found with an overlap F above 0.75.
     pub share_75: f64,
     /// What went wrong with the rest.
@@ -118,7 +118,7 @@ pub fn row_of<'a>(
     let untold = trials.iter().map(|trial| trial.untold).sum();
     let scores: Vec<&MaskScores> = trials.into_iter().map(scores).collect();
     let n = scores.len().max(1) as f64;
-    let mean = |of: &dyn Fn(&MaskScores) -> Scores| Scores {
+    let mean = |of: &dyn Fn(&MaskScores) -> PrecisionRecall| PrecisionRecall {
         precision: scores.iter().map(|s| of(s).precision).sum::<f64>() / n,
         recall: scores.iter().map(|s| of(s).recall).sum::<f64>() / n,
         f: scores.iter().map(|s| of(s).f).sum::<f64>() / n,
@@ -170,8 +170,8 @@ mod tests {
             labelled,
             found: labelled,
             above_75,
-            overlap: Scores { precision: f, recall: f, f },
-            boundary: Scores::default(),
+            overlap: PrecisionRecall { precision: f, recall: f, f },
+            boundary: PrecisionRecall::default(),
             faults: MaskFaults::default(),
         };
         let trial = |masks: MaskScores| SegmentationTrial {

@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use repose_dataset::Split;
-use repose_simulator::scene::{Rejected, Scene, SceneKind, SceneSettings, displacement_m, scene_of_seed};
+use repose_simulator::scene::{Rejected, SceneKind, SceneSettings, SimulatedScene, displacement_m, scene_of_seed};
 
 use crate::scenes::agreement::{Releases, StepSettings, compared};
 use crate::statistics::quantile::Spread;
@@ -57,7 +57,7 @@ impl KindRow {
     }
 }
 
-/// What came of it.
+/// The result of evaluating the simulated world.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct WorldReport {
     /// Scenes that came out.
@@ -146,7 +146,7 @@ fn look(seed: u64, settings: &SceneSettings) -> Looked {
 }
 
 /// The farthest that any point of an object moves in a further second.
-fn residual_m(scene: &Scene, settings: &SceneSettings) -> f64 {
+fn residual_m(scene: &SimulatedScene, settings: &SceneSettings) -> f64 {
     let mut world = scene.world(settings.physics);
     for _ in 0..settings.watch_steps {
         world.step();

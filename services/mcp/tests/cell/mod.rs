@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use repose_mcp::asker::Asker;
-use repose_mcp::{Desk, Settings};
+use repose_mcp::{Desk, McpSettings};
 use repose_proto::load::WorkerLoad;
 use repose_proto::motion::{MotionPlan, MotionPlanRequest};
 use repose_proto::perception::SceneRequest;
@@ -189,7 +189,7 @@ pub async fn start(allow_execute: bool) -> Cell {
         servers.push(session.start(service, Arc::new(Worker(world.clone()))).await.expect("a worker"));
     }
     robot(&session, world.clone()).await;
-    let desk = Desk::open(session.clone(), Settings { allow_execute, ..Settings::default() }).await.expect("a desk");
+    let desk = Desk::open(session.clone(), McpSettings { allow_execute, ..McpSettings::default() }).await.expect("a desk");
     Cell { world, desk: Arc::new(desk), _servers: servers, _session: session }
 }
 

@@ -7,11 +7,11 @@
 
 use nalgebra::Point3;
 use repose_panda::lane_frames::{LaneFrame, lane_frames};
-use repose_panda::{Frame, JOINT_COUNT};
+use repose_panda::{JOINT_COUNT, LinkFrame};
 use repose_simd::{InstructionSet, Lanes, Work};
 
-use super::body::{Body, Group, Pair};
-use crate::obstacles::{Obstacles, Shape};
+use super::body::{ArmBody, Group, GroupPair};
+use crate::obstacles::{ObstacleShape, Obstacles};
 
 /// Configurations asked at once, whatever the instruction set.
 pub(super) const BLOCK: usize = 16;
@@ -19,19 +19,19 @@ pub(super) const BLOCK: usize = 16;
 /// Sixteen configurations: for each joint its angle in each of them, radians.
 pub(super) type Configurations = [[f32; BLOCK]; JOINT_COUNT];
 
-/// What is asked about, the same for all blocks.
+/// The arm and the obstacles of a collision query, the same for all blocks.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct World<'a> {
-    pub world_from_base: &'a Frame,
-    pub body: &'a Body,
+pub(super) struct CollisionScene<'a> {
+    pub world_from_base: &'a LinkFrame,
+    pub body: &'a ArmBody,
     pub obstacles: &'a [&'a Obstacles],
     /// The solids of all obstacles.
-    pub shapes: &'a [&'a Shape],
+    pub shapes: &'a [&'a ObstacleShape],
 }
 
-/// One question.
+/// One block of configurations to check for collision.
 #[derive(Debug)]
-pub(super) struct Question<'a> {
+pub(super) struct CollisionQuery<'a> {
     pub configurations: &'a Configurations,
     /// For each group, how far it can move on a lane's stretch by the joints from each one on, metres; empty when only the configurations
     /// themselves are asked.
@@ -53,7 +53,7 @@ pub(super) struct Near {
 
 impl Near {
     /// Everything may be near.
-    pub fn everything(world: &World<'_>) -> Self {
+    pub fn everything(world: &CollisionScene<'_>) -> Self {
         let words = world.shapes.len().div_ceil(64);
         Self { words, bits: vec![u64::MAX; words * world.body.groups.len()], narrows: false }
     }
@@ -67,14 +67,14 @@ pub(super) struct Verdict {
 }
 
 /// Answers with the instruction set.
-pub(super) fn ask(set: InstructionSet, world: &World<'_>, question: &mut Question<'_>) -> Verdict {
+pub(super) fn ask(set: InstructionSet, world: &CollisionScene<'_>, question: &mut CollisionQuery<'_>) -> Verdict {
     set.run(Asking { world, question })
 }
 
 /// A question on its way into the instruction set.
 struct Asking<'a, 'w, 'q> {
-    world: &'a World<'w>,
-    question: &'a mut Question<'q>,
+    world: &'a CollisionScene<'w>,
+    question: &'a mut CollisionQuery<'q>,
 }
 
 impl Work for Asking<'_, '_, '_> {
@@ -88,7 +88,7 @@ impl Work for Asking<'_, '_, '_> {
 }
 
 #[inline(always)]
-unsafe fn ask_with<S: Lanes>(world: &World<'_>, question: &mut Question<'_>) -> Verdict {
+unsafe fn ask_with<S: Lanes>(world: &CollisionScene<'_>, question: &mut CollisionQuery<'_>) -> Verdict {
     let mut verdict = Verdict::default();
     let near = &mut *question.near;
     let before = near.narrows.then(|| {
@@ -124,13 +124,13 @@ struct LaneBlock<S: Lanes> {
 
 impl<S: Lanes> LaneBlock<S> {
     #[inline(always)]
-    unsafe fn new(world: &World<'_>, joints: &[S::V; JOINT_COUNT]) -> Self {
+    unsafe fn new(world: &CollisionScene<'_>, joints: &[S::V; JOINT_COUNT]) -> Self {
         // SAFETY: by this function's contract.
         Self { frames: unsafe { lane_frames::<S>(world.world_from_base, joints) }, verdict: Verdict::default() }
     }
 
     #[inline(always)]
-    unsafe fn ask(&mut self, world: &World<'_>, question: &mut Question<'_>, before: Option<&[u64]>) {
+    unsafe fn ask(&mut self, world: &CollisionScene<'_>, question: &mut CollisionQuery<'_>, before: Option<&[u64]>) {
         // SAFETY: by this function's contract.
         unsafe {
             for index in 0..world.body.groups.len() {
@@ -170,8 +170,8 @@ impl<S: Lanes> LaneBlock<S> {
     #[allow(clippy::too_many_arguments, reason = "the innermost part of a kernel, inlined")]
     unsafe fn group(
         &mut self,
-        world: &World<'_>,
-        question: &mut Question<'_>,
+        world: &CollisionScene<'_>,
+        question: &mut CollisionQuery<'_>,
         before: Option<&[u64]>,
         index: usize,
         group: &Group,
@@ -236,7 +236,7 @@ impl<S: Lanes> LaneBlock<S> {
 
     /// One group's spheres against observed points.
     #[inline(always)]
-    unsafe fn cloud(&mut self, question: &Question<'_>, obstacles: &Obstacles, group: &Group, motion_m: f32) {
+    unsafe fn cloud(&mut self, question: &CollisionQuery<'_>, obstacles: &Obstacles, group: &Group, motion_m: f32) {
         // SAFETY: by this function's contract; each row of `places` holds a whole vector.
         unsafe {
             let frame = self.frames[group.frame.unwrap_or(0)];
@@ -271,7 +271,7 @@ impl<S: Lanes> LaneBlock<S> {
 
     /// Where a place of a group is.
     #[inline(always)]
-    unsafe fn place(&self, world: &World<'_>, group: &Group, place: &[f32; 3]) -> [S::V; 3] {
+    unsafe fn place(&self, world: &CollisionScene<'_>, group: &Group, place: &[f32; 3]) -> [S::V; 3] {
         // SAFETY: by this function's contract.
         unsafe {
             match group.frame {
@@ -286,7 +286,7 @@ impl<S: Lanes> LaneBlock<S> {
 
     /// Two groups of the arm against each other: ball against ball, spheres against ball, spheres against spheres.
     #[inline(always)]
-    unsafe fn pair(&mut self, world: &World<'_>, pair: &Pair, motion_m: f32) {
+    unsafe fn pair(&mut self, world: &CollisionScene<'_>, pair: &GroupPair, motion_m: f32) {
         // SAFETY: by this function's contract.
         unsafe {
             let (near, far) = (&world.body.groups[pair.near], &world.body.groups[pair.far]);

@@ -8,8 +8,8 @@ use repose_panda::lane_frames::LANE_ROUNDING_M;
 use repose_panda::spheres::{FINGER_M, Link};
 use repose_panda::{JOINT_COUNT, SELF_COLLISION_PAIRS, flange_from_hand, hand_from_tcp, kinematics, levers, spheres_in_link};
 
-use super::ArmSettings;
-use super::held::HeldObject;
+use super::ArmCollisionSettings;
+use super::held::HeldCloud;
 
 /// Points of a held object that share one ball.
 const HELD_GROUP: usize = 16;
@@ -38,23 +38,23 @@ pub(super) struct Group {
 
 /// Two groups that can touch, and the first joint between them.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Pair {
+pub(super) struct GroupPair {
     pub near: usize,
     pub far: usize,
     /// Joints from this one on move `far` against `near`.
     pub joint: usize,
 }
 
-/// The arm with what it holds.
+/// The arm and the object it holds, as groups of spheres.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Body {
+pub(super) struct ArmBody {
     /// What moves, in the order in which it is asked: the gripper and what it holds first, as they get nearest to things; the foot last.
     pub groups: Vec<Group>,
-    pub pairs: Vec<Pair>,
+    pub pairs: Vec<GroupPair>,
 }
 
-impl Body {
-    pub fn new(arm: &ArmSettings, held: Option<&HeldObject>) -> Self {
+impl ArmBody {
+    pub fn new(arm: &ArmCollisionSettings, held: Option<&HeldCloud>) -> Self {
         let padding_m = arm.padding_m;
         let mut groups = vec![gripper(arm)];
         let link7_from_tcp = link7_from_hand() * hand_from_tcp();
@@ -72,16 +72,16 @@ impl Body {
             groups.push(Group::new(link as usize, spheres_in_link(link).map(|s| (s.center.coords, s.radius_m, padding_m))));
         }
         let group_of = |link: Link| if link as usize > 7 { 0 } else { first_link + 7 - link as usize };
-        let mut pairs: Vec<Pair> = Vec::new();
+        let mut pairs: Vec<GroupPair> = Vec::new();
         for (near, far) in SELF_COLLISION_PAIRS {
-            let pair = Pair { near: group_of(*near), far: group_of(*far), joint: *near as usize };
+            let pair = GroupPair { near: group_of(*near), far: group_of(*far), joint: *near as usize };
             if !pairs.contains(&pair) {
                 pairs.push(pair);
             }
         }
         for far in held_groups {
             let near_links = [Link::Link0, Link::Link1, Link::Link2, Link::Link3, Link::Link4, Link::Link5];
-            pairs.extend(near_links.map(|near| Pair { near: group_of(near), far, joint: near as usize }));
+            pairs.extend(near_links.map(|near| GroupPair { near: group_of(near), far, joint: near as usize }));
         }
         Self { groups, pairs }
     }
@@ -119,7 +119,7 @@ fn link7_from_hand() -> Isometry3<f64> {
     Isometry3::translation(0.0, 0.0, kinematics::FLANGE_M) * flange_from_hand()
 }
 
-fn gripper(arm: &ArmSettings) -> Group {
+fn gripper(arm: &ArmCollisionSettings) -> Group {
     let link7_from_hand = link7_from_hand();
     let finger = |side: f64| link7_from_hand * Isometry3::translation(0.0, side * arm.finger_opening_m / 2.0, FINGER_M);
     let parts = [
@@ -155,13 +155,13 @@ mod tests {
     use super::*;
     use repose_panda::{LinkFrames, READY, SPHERE_COUNT, spheres_in_base};
 
-    fn arm(padding_m: f64) -> ArmSettings {
-        ArmSettings { padding_m, finger_opening_m: 0.06, ..ArmSettings::default() }
+    fn arm(padding_m: f64) -> ArmCollisionSettings {
+        ArmCollisionSettings { padding_m, finger_opening_m: 0.06, ..ArmCollisionSettings::default() }
     }
 
     #[test]
     fn the_palm_stands_out_of_its_spheres_against_the_world_and_not_against_the_arm() {
-        let [plain, out] = [0.0, 0.008].map(|palm_out_m| Body::new(&ArmSettings { palm_out_m, ..arm(0.003) }, None));
+        let [plain, out] = [0.0, 0.008].map(|palm_out_m| ArmBody::new(&ArmCollisionSettings { palm_out_m, ..arm(0.003) }, None));
         let palm = spheres_in_link(Link::Hand).count();
         for (i, (a, b)) in plain.groups[0].spheres.iter().zip(&out.groups[0].spheres).enumerate() {
             let more_m = if i < palm { 0.008 } else { 0.0 };
@@ -172,7 +172,7 @@ mod tests {
 
     #[test]
     fn the_groups_hold_the_spheres_of_the_arm() {
-        let body = Body::new(&arm(0.0), None);
+        let body = ArmBody::new(&arm(0.0), None);
         let frames = LinkFrames::at(&READY);
         let mut placed: Vec<[f64; 3]> = Vec::new();
         for group in &body.groups {
@@ -191,10 +191,10 @@ mod tests {
     #[test]
     fn every_point_that_is_held_is_in_one_small_group() {
         let points: Vec<Vector3<f64>> = (0..100).map(|k| Vector3::new(f64::from(k % 10) * 0.01, f64::from(k / 10) * 0.01, 0.0)).collect();
-        let held = HeldObject { points_in_tcp: points, radius_m: 0.004 };
-        let with = Body::new(&arm(0.003), Some(&held));
-        let without = Body::new(&arm(0.003), None);
-        let count = |body: &Body| body.groups.iter().map(|g| g.spheres.len()).sum::<usize>();
+        let held = HeldCloud { points_in_tcp: points, radius_m: 0.004 };
+        let with = ArmBody::new(&arm(0.003), Some(&held));
+        let without = ArmBody::new(&arm(0.003), None);
+        let count = |body: &ArmBody| body.groups.iter().map(|g| g.spheres.len()).sum::<usize>();
         assert_eq!(count(&with) - count(&without), 100);
         assert!(with.groups[1..with.groups.len() - 8].iter().all(|g| g.spheres.len() <= HELD_GROUP && g.ball.world_m < 0.05));
     }

@@ -7,7 +7,7 @@
 use repose_panda::{JOINT_COUNT, Joints};
 
 use super::CollisionChecker;
-use super::block::{BLOCK, Configurations, Near, Question, ask};
+use super::block::{BLOCK, CollisionQuery, Configurations, Near, ask};
 
 /// Where the cutting of stretches ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -63,7 +63,8 @@ impl CollisionChecker<'_> {
                         configurations[i][k] = start[i] + fractions[k] * change[i];
                     }
                 }
-                let mut question = Question { configurations: &configurations, motion_m: &motion_m, any_block_ends: true, near: &mut near };
+                let mut question =
+                    CollisionQuery { configurations: &configurations, motion_m: &motion_m, any_block_ends: true, near: &mut near };
                 let verdict = ask(self.instruction_set, &world, &mut question);
                 if verdict.blocked != 0 {
                     return false;

@@ -9,14 +9,14 @@ mod body;
 mod edge;
 mod held;
 
-use repose_panda::{Frame, JointLimits, Joints, LIMITS, Link, LinkFrames, SPHERE_LINKS, self_collides, spheres_in_base};
+use repose_panda::{JointLimits, Joints, LIMITS, Link, LinkFrame, LinkFrames, SPHERE_LINKS, self_collides, spheres_in_base};
 use repose_simd::InstructionSet;
 
-use crate::obstacles::{Obstacles, Shape};
-use block::{BLOCK, Configurations, Near, Question, World, ask};
-use body::Body;
+use crate::obstacles::{ObstacleShape, Obstacles};
+use block::{BLOCK, CollisionQuery, CollisionScene, Configurations, Near, ask};
+use body::ArmBody;
 pub use edge::EdgeSettings;
-pub use held::HeldObject;
+pub use held::HeldCloud;
 
 /// What is in the way.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -48,11 +48,11 @@ pub enum Contact {
 /// corners 14, of which the usual padding covers the rest.
 pub const PALM_OUT_M: f64 = 0.008;
 
-/// The arm as it is checked.
+/// The arm as the collision checker models it: base pose, padding, finger opening, joint limits.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ArmSettings {
+pub struct ArmCollisionSettings {
     /// Where the robot stands.
-    pub world_from_base: Frame,
+    pub world_from_base: LinkFrame,
     /// What is added to every sphere of the robot against the scene, metres. Default 0.003.
     pub padding_m: f64,
     /// What is added to the palm's spheres beside that, metres. Default 0; [`PALM_OUT_M`] for who works closely beside things.
@@ -63,35 +63,35 @@ pub struct ArmSettings {
     pub limits: JointLimits,
 }
 
-impl Default for ArmSettings {
+impl Default for ArmCollisionSettings {
     fn default() -> Self {
         let finger_opening_m = repose_panda::FINGER_OPENING_MAX_M;
-        Self { world_from_base: Frame::BASE, padding_m: 0.003, palm_out_m: 0.0, finger_opening_m, limits: LIMITS }
+        Self { world_from_base: LinkFrame::BASE, padding_m: 0.003, palm_out_m: 0.0, finger_opening_m, limits: LIMITS }
     }
 }
 
 /// Judges configurations and edges against a set of obstacles.
 #[derive(Debug, Clone)]
 pub struct CollisionChecker<'a> {
-    arm: ArmSettings,
+    arm: ArmCollisionSettings,
     obstacles: &'a [&'a Obstacles],
-    held: Option<HeldObject>,
+    held: Option<HeldCloud>,
     edge: EdgeSettings,
-    shapes: Vec<&'a Shape>,
-    body: Body,
+    shapes: Vec<&'a ObstacleShape>,
+    body: ArmBody,
     instruction_set: InstructionSet,
 }
 
 impl<'a> CollisionChecker<'a> {
     /// A checker of the arm, with `held` in its hand, against obstacles each of which must not be touched.
-    pub fn new(arm: ArmSettings, obstacles: &'a [&'a Obstacles], held: Option<&HeldObject>) -> Self {
+    pub fn new(arm: ArmCollisionSettings, obstacles: &'a [&'a Obstacles], held: Option<&HeldCloud>) -> Self {
         Self {
             arm,
             obstacles,
             held: held.cloned(),
             edge: EdgeSettings::default(),
             shapes: obstacles.iter().flat_map(|o| o.shapes()).collect(),
-            body: Body::new(&arm, held),
+            body: ArmBody::new(&arm, held),
             instruction_set: InstructionSet::detect(),
         }
     }
@@ -124,7 +124,7 @@ impl<'a> CollisionChecker<'a> {
         let mut free = Vec::with_capacity(configurations.len());
         for block in configurations.chunks(BLOCK) {
             let lanes: Configurations = std::array::from_fn(|i| std::array::from_fn(|k| block[k.min(block.len() - 1)][i] as f32));
-            let mut question = Question { configurations: &lanes, motion_m: &[], any_block_ends: block.len() == 1, near: &mut near };
+            let mut question = CollisionQuery { configurations: &lanes, motion_m: &[], any_block_ends: block.len() == 1, near: &mut near };
             let verdict = ask(self.instruction_set, &world, &mut question);
             let judged = block.iter().enumerate().map(|(k, q)| verdict.blocked >> k & 1 == 0 && self.arm.limits.contains(q, 0.0));
             free.extend(judged);
@@ -170,8 +170,8 @@ impl<'a> CollisionChecker<'a> {
         None
     }
 
-    fn world(&self) -> World<'_> {
-        World { world_from_base: &self.arm.world_from_base, body: &self.body, obstacles: self.obstacles, shapes: &self.shapes }
+    fn world(&self) -> CollisionScene<'_> {
+        CollisionScene { world_from_base: &self.arm.world_from_base, body: &self.body, obstacles: self.obstacles, shapes: &self.shapes }
     }
 }
 
@@ -183,8 +183,8 @@ mod tests {
     use proptest::prelude::*;
     use repose_panda::{READY, base_from_tcp};
 
-    fn checker<'a>(obstacles: &'a [&'a Obstacles], held: Option<&'a HeldObject>) -> CollisionChecker<'a> {
-        CollisionChecker::new(ArmSettings { padding_m: 0.005, ..ArmSettings::default() }, obstacles, held)
+    fn checker<'a>(obstacles: &'a [&'a Obstacles], held: Option<&'a HeldCloud>) -> CollisionChecker<'a> {
+        CollisionChecker::new(ArmCollisionSettings { padding_m: 0.005, ..ArmCollisionSettings::default() }, obstacles, held)
     }
 
     #[test]
@@ -201,7 +201,7 @@ mod tests {
     fn what_is_held_counts_as_part_of_the_robot() {
         let world_from_tcp = base_from_tcp(&READY);
         let below = world_from_tcp * Point3::new(0.0, 0.0, 0.15);
-        let bottle = HeldObject::new(&[below.cast::<f32>()], &world_from_tcp, 0.005);
+        let bottle = HeldCloud::new(&[below.cast::<f32>()], &world_from_tcp, 0.005);
         let point = Obstacles::new(&[below.cast::<f32>()], &[], &ObstacleSettings::default());
         assert!(checker(&[&point], None).is_free(&READY));
         assert_eq!(checker(&[&point], Some(&bottle)).contact(&READY), Some(Contact::HeldScene));
@@ -217,7 +217,7 @@ mod tests {
         let place = || prop::array::uniform3(-0.7..0.7f64);
         let solid = (place(), place(), prop::array::uniform3(0.02..0.3f64), any::<bool>()).prop_map(|(at, turn, size, round)| {
             let pose = Isometry3::new(Vector3::from(at) + Vector3::z() * 0.4, Vector3::from(turn));
-            if round { Shape::cylinder(pose, size[0] / 2.0, size[1]) } else { Shape::cuboid(pose, Vector3::from(size)) }
+            if round { ObstacleShape::cylinder(pose, size[0] / 2.0, size[1]) } else { ObstacleShape::cuboid(pose, Vector3::from(size)) }
         });
         let points = prop::collection::vec(prop::array::uniform3(-0.8..0.8f32), 0..40);
         (prop::collection::vec(solid, 0..70), points).prop_map(|(solids, points)| {
@@ -233,14 +233,14 @@ mod tests {
         fn every_instruction_set_agrees_with_double_precision(
             (solids, cloud) in worlds(), many in prop::collection::vec(joints(), 20), held in prop::bool::ANY,
         ) {
-            let bottle = HeldObject::new(&[Point3::new(0.0, 0.0, 0.1), Point3::new(0.0, 0.02, 0.05)], &Isometry3::identity(), 0.004);
+            let bottle = HeldCloud::new(&[Point3::new(0.0, 0.0, 0.1), Point3::new(0.0, 0.02, 0.05)], &Isometry3::identity(), 0.004);
             let obstacles = [&solids, &cloud];
-            let arm = ArmSettings { world_from_base: Frame::of(&Isometry3::new(Vector3::new(0.1, -0.05, 0.02), Vector3::z() * 0.4)), ..ArmSettings::default() };
+            let arm = ArmCollisionSettings { world_from_base: LinkFrame::of(&Isometry3::new(Vector3::new(0.1, -0.05, 0.02), Vector3::z() * 0.4)), ..ArmCollisionSettings::default() };
             let held = held.then_some(&bottle);
             let exact = CollisionChecker::new(arm, &obstacles, held);
             // Padding is the arm's; what is held has a radius of its own to widen.
-            let swollen = held.map(|h| HeldObject { radius_m: h.radius_m + 1e-4, ..h.clone() });
-            let wider = CollisionChecker::new(ArmSettings { padding_m: arm.padding_m + 1e-4, ..arm }, &obstacles, swollen.as_ref());
+            let swollen = held.map(|h| HeldCloud { radius_m: h.radius_m + 1e-4, ..h.clone() });
+            let wider = CollisionChecker::new(ArmCollisionSettings { padding_m: arm.padding_m + 1e-4, ..arm }, &obstacles, swollen.as_ref());
             for set in InstructionSet::available() {
                 let free = CollisionChecker::new(arm, &obstacles, held).with_instruction_set(set).are_free(&many);
                 for (q, free) in many.iter().zip(free) {
@@ -254,7 +254,7 @@ mod tests {
         #[test]
         fn a_free_edge_is_free_wherever_it_is_asked((solids, cloud) in worlds(), a in joints(), b in joints(), reach in 0.05..1.0f64) {
             let obstacles = [&solids, &cloud];
-            let exact = CollisionChecker::new(ArmSettings::default(), &obstacles, None);
+            let exact = CollisionChecker::new(ArmCollisionSettings::default(), &obstacles, None);
             let b = crate::path::joint_path::between(&a, &b, reach);
             for set in InstructionSet::available() {
                 if exact.clone().with_instruction_set(set).edge_is_free(&a, &b) {
@@ -268,13 +268,13 @@ mod tests {
     }
 
     /// Whether the arm nearly touches itself: a slight swell of the spheres would make it.
-    fn is_close_to_itself(q: &Joints, held: Option<&HeldObject>) -> bool {
-        let spheres = spheres_in_base(&LinkFrames::at(q), ArmSettings::default().finger_opening_m).map(|mut s| {
+    fn is_close_to_itself(q: &Joints, held: Option<&HeldCloud>) -> bool {
+        let spheres = spheres_in_base(&LinkFrames::at(q), ArmCollisionSettings::default().finger_opening_m).map(|mut s| {
             s.radius_m += 1e-4;
             s
         });
-        let swollen = held.map(|h| HeldObject { radius_m: h.radius_m + 1e-4, ..h.clone() });
-        let world = ArmSettings { padding_m: 0.0, ..ArmSettings::default() };
+        let swollen = held.map(|h| HeldCloud { radius_m: h.radius_m + 1e-4, ..h.clone() });
+        let world = ArmCollisionSettings { padding_m: 0.0, ..ArmCollisionSettings::default() };
         self_collides(&spheres) || swollen.is_some_and(|h| CollisionChecker::new(world, &[], Some(&h)).contact(q).is_some())
     }
 }

@@ -2,7 +2,7 @@
 
 use repose_proto::motion::{ExecutionOutcome, Phase};
 
-use super::{Execution, Stage, Step, Taken};
+use super::{Execution, ExecutionAction, Stage, Taken};
 
 /// How long a gripper is given before its settling is believed, milliseconds of robot time.
 const SETTLED_MS: f64 = 100.0;
@@ -10,7 +10,7 @@ const SETTLED_MS: f64 = 100.0;
 const REACHED_M: f64 = 0.004;
 
 impl Execution {
-    pub(super) fn watch_gripper(&mut self, taken: Taken, settled_since_ms: Option<f64>, now_ms: u64) -> Vec<Step> {
+    pub(super) fn watch_gripper(&mut self, taken: Taken, settled_since_ms: Option<f64>, now_ms: u64) -> Vec<ExecutionAction> {
         let robot_ms = self.last_state.robot_ms;
         let since_ms = settled_since_ms.unwrap_or(robot_ms);
         self.stage = Stage::Gripper { taken, settled_since_ms: Some(since_ms) };
@@ -36,9 +36,9 @@ impl Execution {
         self.enter_stream(now_ms)
     }
 
-    /// Waits for fingers that have closed further on the way. What slipped, and is held again where it is thinner, is carried on: a task that is closed
-    /// with it in the hand needs a person, and where it ends up is looked at when it is down.
-    pub(super) fn watch_slip(&mut self, since_ms: f64, now_ms: u64) -> Vec<Step> {
+    /// Waits for fingers that have closed further on the way. What slipped, and is held again where it is thinner, is carried on: a task that is
+    /// closed with it in the hand needs a person, and where it ends up is looked at when it is down.
+    pub(super) fn watch_slip(&mut self, since_ms: f64, now_ms: u64) -> Vec<ExecutionAction> {
         let state = &self.last_state;
         let waited_ms = state.robot_ms - since_ms;
         let is_settled = state.gripper_settled && waited_ms >= SETTLED_MS;

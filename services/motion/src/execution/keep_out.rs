@@ -5,13 +5,13 @@ use repose_panda::{FINGER_OPENING_MAX_M, Link, LinkFrames, SPHERE_LINKS, spheres
 use repose_proto::CallError;
 use repose_proto::motion::MotionPlan;
 
-use crate::obstacles::Shape;
+use crate::obstacles::ObstacleShape;
 
 /// Checks every set-point of a plan against the zones, with the arm's own spheres and no margin: planning keeps one.
 ///
 /// # Errors
 /// `failed_precondition` at the first set-point whose arm is in a zone.
-pub fn check(plan: &MotionPlan, world_from_base: &Isometry3<f64>, zones: &[Shape]) -> Result<(), CallError> {
+pub fn check(plan: &MotionPlan, world_from_base: &Isometry3<f64>, zones: &[ObstacleShape]) -> Result<(), CallError> {
     if zones.is_empty() {
         return Ok(());
     }

@@ -36,9 +36,9 @@ pub struct ExecutionTask {
     pub grasps: Option<HeldObject>,
 }
 
-/// What the driver of an execution is to do next.
+/// The next action of an execution's driver.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Step {
+pub enum ExecutionAction {
     /// Put this command.
     Send(RobotCommand),
     /// Tell the caller.
@@ -111,7 +111,8 @@ impl Execution {
     ///
     /// # Errors
     /// `failed_precondition` when a stop is latched, the robot moves, has a task or something in its hand, the arm is not where the plan starts,
-    /// the scene is too old or was seen before the hand last took or put something, or no epoch is left; `invalid_argument` when the plan has no phases, or its phases do not join.
+    /// the scene is too old or was seen before the hand last took or put something, or no epoch is left; `invalid_argument` when the plan has no
+    /// phases, or its phases do not join.
     pub fn begin(
         plan: MotionPlan,
         task: ExecutionTask,
@@ -119,7 +120,7 @@ impl Execution {
         now_ns: u64,
         now_ms: u64,
         settings: ExecutionSettings,
-    ) -> Result<(Self, Vec<Step>), CallError> {
+    ) -> Result<(Self, Vec<ExecutionAction>), CallError> {
         check_phases(&plan.start_joints_rad, &plan.phases)?;
         check_free(state)?;
         check_start(&plan, state)?;
@@ -139,7 +140,7 @@ impl Execution {
         state: &RobotState,
         now_ms: u64,
         settings: ExecutionSettings,
-    ) -> Result<(Self, Vec<Step>), CallError> {
+    ) -> Result<(Self, Vec<ExecutionAction>), CallError> {
         check_phases(&state.q_rad, &phases)?;
         check_free(state)?;
         Self::start(phases, task, state, now_ms, settings)
@@ -151,7 +152,7 @@ impl Execution {
         state: &RobotState,
         now_ms: u64,
         settings: ExecutionSettings,
-    ) -> Result<(Self, Vec<Step>), CallError> {
+    ) -> Result<(Self, Vec<ExecutionAction>), CallError> {
         let owner = next_owner(&task.commander, state)?;
         let taken = Taken { first_seq: 1, sent_at_ms: now_ms };
         let mut execution = Self {
@@ -175,7 +176,7 @@ impl Execution {
     }
 
     /// Takes a state of the robot.
-    pub fn on_state(&mut self, state: &RobotState, now_ms: u64) -> Vec<Step> {
+    pub fn on_state(&mut self, state: &RobotState, now_ms: u64) -> Vec<ExecutionAction> {
         if self.over {
             return Vec::new();
         }
@@ -212,7 +213,7 @@ impl Execution {
     }
 
     /// To be called every 20 to 100 ms: extends the stream, repeats what was not taken, keeps the task alive, and notices silence.
-    pub fn on_tick(&mut self, now_ms: u64) -> Vec<Step> {
+    pub fn on_tick(&mut self, now_ms: u64) -> Vec<ExecutionAction> {
         if self.over {
             return Vec::new();
         }
@@ -231,14 +232,14 @@ impl Execution {
         match self.stage {
             // Once a robot that asks for it has its whole stream, nothing of it is to be said again.
             Stage::Stream { .. } if self.has_whole_stream() => self.kept_alive(),
-            Stage::Stream { .. } => vec![Step::Send(self.window(false))],
+            Stage::Stream { .. } => vec![ExecutionAction::Send(self.window(false))],
             Stage::Gripper { .. } | Stage::Slip { .. } | Stage::Closing { .. } => self.kept_alive(),
         }
     }
 
     /// Cancels: a moving arm slows down on its path, moving fingers settle, and the execution ends when the robot stands. With an object in its
     /// hand it then latches a stop.
-    pub fn cancel(&mut self, reason: &str, now_ms: u64) -> Vec<Step> {
+    pub fn cancel(&mut self, reason: &str, now_ms: u64) -> Vec<ExecutionAction> {
         if self.over || self.halt.is_some() {
             return Vec::new();
         }
@@ -258,12 +259,12 @@ impl Execution {
     }
 
     /// Ends the execution where nothing can be sent any more: the robot comes to rest by its own rules, and latches.
-    pub fn abandon(&mut self, reason: &str) -> Vec<Step> {
+    pub fn abandon(&mut self, reason: &str) -> Vec<ExecutionAction> {
         if self.over { Vec::new() } else { self.stopped(reason.to_owned()) }
     }
 
     /// Sends the way to rest again while it may have been lost and can still be followed; gives up when the robot should long stand.
-    fn go_on_halting(&mut self, now_ms: u64) -> Vec<Step> {
+    fn go_on_halting(&mut self, now_ms: u64) -> Vec<ExecutionAction> {
         let Some(halt) = &self.halt else { return Vec::new() };
         let waited_ms = now_ms.saturating_sub(halt.since_ms) as f64;
         let longest_ms = halt.set_points.last().map_or(0.0, |p| p.t_ms) + self.settings.lag_ms;
@@ -274,17 +275,17 @@ impl Execution {
             return self.kept_alive();
         }
         let set_points = halt.set_points.clone();
-        vec![Step::Send(RobotCommand { set_points, ends_stream: true, ..self.command() })]
+        vec![ExecutionAction::Send(RobotCommand { set_points, ends_stream: true, ..self.command() })]
     }
 
-    fn end_halt(&mut self, now_ms: u64) -> Vec<Step> {
+    fn end_halt(&mut self, now_ms: u64) -> Vec<ExecutionAction> {
         let reason = self.halt.as_ref().map(|halt| halt.reason.clone());
         self.end(ExecutionOutcome::Stopped, reason, now_ms)
     }
 
     /// A command that asks for nothing, where the robot's side waits for one.
-    fn kept_alive(&mut self) -> Vec<Step> {
-        if self.knows_tasks { vec![Step::Send(self.command())] } else { Vec::new() }
+    fn kept_alive(&mut self) -> Vec<ExecutionAction> {
+        if self.knows_tasks { vec![ExecutionAction::Send(self.command())] } else { Vec::new() }
     }
 
     fn current(&self) -> &MotionPhase {
@@ -296,25 +297,25 @@ impl Execution {
         self.last_state.owner.as_ref() == Some(&self.owner) && self.last_state.last_command.is_some_and(|seq| seq >= first_seq)
     }
 
-    fn enter_phase(&mut self, now_ms: u64) -> Vec<Step> {
+    fn enter_phase(&mut self, now_ms: u64) -> Vec<ExecutionAction> {
         let progress = ExecuteProgress { phase: self.current().name, done: self.phase, of: self.phases.len() };
-        let mut steps = vec![Step::Progress(progress)];
+        let mut steps = vec![ExecutionAction::Progress(progress)];
         steps.extend(if self.current().gripper.is_some() { self.start_gripper(now_ms) } else { self.enter_stream(now_ms) });
         steps
     }
 
-    fn start_gripper(&mut self, sent_at_ms: u64) -> Vec<Step> {
+    fn start_gripper(&mut self, sent_at_ms: u64) -> Vec<ExecutionAction> {
         let mut command = RobotCommand { gripper: self.current().gripper, ..self.command() };
         if let (Phase::Grasp, Some(task)) = (self.current().name, &mut command.task) {
             task.grasps.clone_from(&self.task.grasps);
         }
         let taken = Taken { first_seq: command.seq, sent_at_ms };
         self.stage = Stage::Gripper { taken, settled_since_ms: None };
-        vec![Step::Send(command)]
+        vec![ExecutionAction::Send(command)]
     }
 
     /// Begins the phase's stream, unless the robot would refuse it, and latch a stop, because it stands elsewhere.
-    fn enter_stream(&mut self, now_ms: u64) -> Vec<Step> {
+    fn enter_stream(&mut self, now_ms: u64) -> Vec<ExecutionAction> {
         let Some(first) = self.current().set_points.first() else { return self.end_phase(now_ms) };
         if let Some(joint) = apart(&first.q_rad, &self.last_state.q_rad, START_TOLERANCE_RAD) {
             let (stands, starts) = (self.last_state.q_rad[joint], first.q_rad[joint]);
@@ -324,15 +325,15 @@ impl Execution {
         self.start_stream(now_ms)
     }
 
-    fn start_stream(&mut self, sent_at_ms: u64) -> Vec<Step> {
+    fn start_stream(&mut self, sent_at_ms: u64) -> Vec<ExecutionAction> {
         let command = self.window(true);
         let taken = Taken { first_seq: command.seq, sent_at_ms };
         self.stage = Stage::Stream { taken, since_ms: self.last_state.robot_ms };
-        vec![Step::Send(command)]
+        vec![ExecutionAction::Send(command)]
     }
 
     /// Sends the first command of a stage again, the same under its number: it is lost, or the state that shows it as taken is late.
-    fn send_again(&mut self, taken: Taken, now_ms: u64) -> Vec<Step> {
+    fn send_again(&mut self, taken: Taken, now_ms: u64) -> Vec<ExecutionAction> {
         if now_ms.saturating_sub(taken.sent_at_ms) > self.settings.take_timeout_ms {
             return self.stopped("the robot does not take commands".to_owned());
         }
@@ -343,7 +344,7 @@ impl Execution {
             Stage::Stream { .. } => self.start_stream(taken.sent_at_ms),
             // Its stream was taken long ago.
             Stage::Slip { .. } => self.kept_alive(),
-            Stage::Closing { .. } => vec![Step::Send(self.closing())],
+            Stage::Closing { .. } => vec![ExecutionAction::Send(self.closing())],
         }
     }
 
@@ -360,7 +361,7 @@ impl Execution {
         self.current().set_points.last().map_or(0.0, |p| p.t_ms) + self.settings.lag_ms
     }
 
-    fn end_stream(&mut self, now_ms: u64) -> Vec<Step> {
+    fn end_stream(&mut self, now_ms: u64) -> Vec<ExecutionAction> {
         if !self.has_arrived() {
             // An arm that is held up on the last straight way to the object has a finger on it, or on what stands beside it.
             let (outcome, reason) = match self.current().name {
@@ -372,7 +373,7 @@ impl Execution {
         self.end_phase(now_ms)
     }
 
-    fn end_phase(&mut self, now_ms: u64) -> Vec<Step> {
+    fn end_phase(&mut self, now_ms: u64) -> Vec<ExecutionAction> {
         let carrying = self.current().name.is_carrying();
         let closed_m = self.grasp_width_m - self.last_state.gripper_width_m;
         if carrying
@@ -386,7 +387,7 @@ impl Execution {
         self.next_phase(now_ms)
     }
 
-    fn next_phase(&mut self, now_ms: u64) -> Vec<Step> {
+    fn next_phase(&mut self, now_ms: u64) -> Vec<ExecutionAction> {
         if self.phase + 1 == self.phases.len() {
             return self.end(ExecutionOutcome::Done, None, now_ms);
         }
@@ -428,18 +429,18 @@ impl Execution {
     }
 
     /// Ends at a robot that stands and listens: closes the task, and is over when the robot shows that.
-    fn end(&mut self, outcome: ExecutionOutcome, reason: Option<String>, now_ms: u64) -> Vec<Step> {
+    fn end(&mut self, outcome: ExecutionOutcome, reason: Option<String>, now_ms: u64) -> Vec<ExecutionAction> {
         let reply = self.reply(outcome, reason);
         if !self.knows_tasks {
             return self.done(reply);
         }
         let command = self.closing();
         self.stage = Stage::Closing { taken: Taken { first_seq: command.seq, sent_at_ms: now_ms }, reply };
-        vec![Step::Send(command)]
+        vec![ExecutionAction::Send(command)]
     }
 
     /// Ends where nothing is to be sent any more: a stop is latched, another commands, or the robot's side will latch one.
-    fn stopped(&mut self, reason: String) -> Vec<Step> {
+    fn stopped(&mut self, reason: String) -> Vec<ExecutionAction> {
         let reply = match &self.stage {
             // What ended it before is what counts, and what became of it is said too.
             Stage::Closing { reply, .. } if reply.outcome != ExecutionOutcome::Done => {
@@ -455,8 +456,8 @@ impl Execution {
         ExecuteReply { outcome, phase: self.current().name, reason, joints_rad: self.last_state.q_rad }
     }
 
-    fn done(&mut self, reply: ExecuteReply) -> Vec<Step> {
+    fn done(&mut self, reply: ExecuteReply) -> Vec<ExecutionAction> {
         self.over = true;
-        vec![Step::Done(ExecuteReply { joints_rad: self.last_state.q_rad, ..reply })]
+        vec![ExecutionAction::Done(ExecuteReply { joints_rad: self.last_state.q_rad, ..reply })]
     }
 }

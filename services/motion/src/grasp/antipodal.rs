@@ -7,7 +7,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use repose_panda::FINGER_OPENING_MAX_M;
 
-use super::{GraspSettings, ObjectCloud, pose};
+use super::{GraspCloud, GraspSettings, pose};
 
 /// Turns of the approach about the closing line, radians from the one most from above.
 const APPROACH_TURNS_RAD: [f64; 5] = [0.0, 0.5, -0.5, 1.0, -1.0];
@@ -15,7 +15,7 @@ const APPROACH_TURNS_RAD: [f64; 5] = [0.0, 0.5, -0.5, 1.0, -1.0];
 const PARTNERS: usize = 40;
 
 /// Proposed poses of the grasp centre, not yet judged.
-pub fn proposals(object: &ObjectCloud, settings: &GraspSettings, rng: &mut Pcg64) -> Vec<Isometry3<f64>> {
+pub fn proposals(object: &GraspCloud, settings: &GraspSettings, rng: &mut Pcg64) -> Vec<Isometry3<f64>> {
     let mut poses = Vec::new();
     if object.points.len() < 2 {
         return poses;
@@ -31,7 +31,7 @@ pub fn proposals(object: &ObjectCloud, settings: &GraspSettings, rng: &mut Pcg64
     poses
 }
 
-fn opposed(object: &ObjectCloud, i: usize, k: usize, cone_cos: f32) -> bool {
+fn opposed(object: &GraspCloud, i: usize, k: usize, cone_cos: f32) -> bool {
     let line = object.points[k] - object.points[i];
     let length = line.norm();
     if !(0.004..=FINGER_OPENING_MAX_M as f32).contains(&length) {
@@ -42,7 +42,7 @@ fn opposed(object: &ObjectCloud, i: usize, k: usize, cone_cos: f32) -> bool {
 }
 
 /// The approaches around the line between two contacts that come from above enough.
-fn around(a: &Point3<f64>, b: &Point3<f64>, object: &ObjectCloud, settings: &GraspSettings, poses: &mut Vec<Isometry3<f64>>) {
+fn around(a: &Point3<f64>, b: &Point3<f64>, object: &GraspCloud, settings: &GraspSettings, poses: &mut Vec<Isometry3<f64>>) {
     let Some(closing) = Unit::try_new(b - a, 1e-6) else { return };
     let down = -Vector3::z();
     let Some(steepest) = (down - *closing * closing.dot(&down)).try_normalize(1e-3) else { return };

@@ -11,7 +11,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use repose_belief::ObservedView;
 use repose_panda::FINGER_OPENING_MAX_M;
 
-use super::ObjectCloud;
+use super::GraspCloud;
 use super::wedge::{self, Meeting};
 
 /// How far the fingers reach beyond the grasp centre, metres.
@@ -110,7 +110,7 @@ type SlabPoint = (Vector3<f64>, usize);
 /// What is between the fingers at a pose, however far they open.
 pub struct Between<'a> {
     world_from_tcp: &'a Isometry3<f64>,
-    object: &'a ObjectCloud,
+    object: &'a GraspCloud,
     view: &'a ObservedView,
     settings: &'a GripperSettings,
     /// The object's points, and what is believed behind them, in the grasp centre's frame.
@@ -129,7 +129,7 @@ impl<'a> Between<'a> {
     /// [`Misfit::PalmBlocked`], or [`Misfit::Empty`].
     pub fn fingers(
         world_from_tcp: &'a Isometry3<f64>,
-        object: &'a ObjectCloud,
+        object: &'a GraspCloud,
         view: &'a ObservedView,
         settings: &'a GripperSettings,
     ) -> Result<Self, Misfit> {
@@ -284,7 +284,7 @@ fn contact_depth_m(run: &[SlabPoint], extreme: f64) -> f64 {
 const UNSEEN: f64 = 0.7;
 
 /// Mean `|n · y|` over the points within 6 mm of each extreme; a side on which no such surface was seen counts as one that lies across.
-fn squareness(run: &[SlabPoint], low: f64, high: f64, closing: &Vector3<f32>, object: &ObjectCloud) -> f64 {
+fn squareness(run: &[SlabPoint], low: f64, high: f64, closing: &Vector3<f32>, object: &GraspCloud) -> f64 {
     let side = |extreme: f64| {
         let aligned = |i: &usize| f64::from(object.normals[*i].dot(closing).abs());
         let values: Vec<f64> =

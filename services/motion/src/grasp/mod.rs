@@ -16,7 +16,7 @@ use rand_pcg::Pcg64;
 use repose_belief::ObservedView;
 use repose_belief::far_side::far_side;
 use repose_geometry::{Aabb, cloud};
-use repose_panda::{Frame, GRIPPER_SPHERES, Link, SPHERE_LINKS, gripper_spheres, kinematics::TCP_M};
+use repose_panda::{GRIPPER_SPHERES, Link, LinkFrame, SPHERE_LINKS, gripper_spheres, kinematics::TCP_M};
 
 use crate::collision::PALM_OUT_M;
 use crate::obstacles::Obstacles;
@@ -24,9 +24,9 @@ use gripper::{Between, GripperFit, GripperSettings, Misfit};
 pub use score::GraspWeights;
 use score::score;
 
-/// A pose of the grasp centre on the object, and how wide the fingers are.
+/// A candidate grasp: the pose of the grasp centre, and the finger opening on approach.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Grasp {
+pub struct GraspCandidate {
     /// Pose of the grasp centre: z is the approach, y the direction in which the fingers close.
     pub world_from_tcp: Isometry3<f64>,
     /// Opening on approach, metres.
@@ -37,7 +37,7 @@ pub struct Grasp {
     pub score: f64,
 }
 
-impl Grasp {
+impl GraspCandidate {
     /// The same grasp with the fingers exchanged: the hand turned by 180° about its approach.
     pub fn flipped(&self) -> Self {
         Self { world_from_tcp: self.world_from_tcp * Isometry3::rotation(Vector3::z() * std::f64::consts::PI), ..*self }
@@ -92,7 +92,7 @@ impl Default for GraspSettings {
     }
 }
 
-/// What became of the proposals.
+/// How many grasps were proposed, and why others were refused.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct GraspTally {
     /// Poses proposed.
@@ -109,9 +109,9 @@ pub struct GraspTally {
     pub scene_in_the_way: usize,
 }
 
-/// The object's cloud as the sources see it.
+/// The object's point cloud as the grasp samplers use it.
 #[derive(Debug, Clone)]
-pub struct ObjectCloud {
+pub struct GraspCloud {
     /// Thinned observed points, world frame.
     pub points: Vec<Point3<f32>>,
     /// Unit surface normal at each, towards the side from which it was seen.
@@ -144,7 +144,7 @@ pub struct GraspScene<'a> {
 }
 
 /// Distinct grasps on the object, best first, with the tally of what was refused.
-pub fn grasps(scene: &GraspScene<'_>, settings: &GraspSettings, rng: &mut Pcg64) -> (Vec<Grasp>, GraspTally) {
+pub fn grasps(scene: &GraspScene<'_>, settings: &GraspSettings, rng: &mut Pcg64) -> (Vec<GraspCandidate>, GraspTally) {
     let mut tally = GraspTally::default();
     let thinned = cloud::voxel_downsampled(scene.points, settings.voxel_m);
     let Some(bounds) = Aabb::of(&thinned) else { return (Vec::new(), tally) };
@@ -155,12 +155,12 @@ pub fn grasps(scene: &GraspScene<'_>, settings: &GraspSettings, rng: &mut Pcg64)
         true => far_side(&thinned, &axis).into_iter().filter(|p| !scene.view.is_free(p)).collect(),
         false => Vec::new(),
     };
-    let object = ObjectCloud { points: thinned, normals, axis: axis.coords.cast(), behind, bounds, floor_m };
+    let object = GraspCloud { points: thinned, normals, axis: axis.coords.cast(), behind, bounds, floor_m };
 
     let mut proposals = top_down::proposals(&object, settings);
     proposals.extend(antipodal::proposals(&object, settings, rng));
     tally.proposed = proposals.len();
-    let mut found: Vec<Grasp> =
+    let mut found: Vec<GraspCandidate> =
         proposals.iter().filter_map(|world_from_tcp| judged(world_from_tcp, &object, scene, settings, &mut tally)).collect();
     found.sort_by(|a, b| b.score.total_cmp(&a.score));
     (distinct(found, settings), tally)
@@ -170,11 +170,11 @@ pub fn grasps(scene: &GraspScene<'_>, settings: &GraspSettings, rng: &mut Pcg64)
 /// The fingers open wide where there is room, and only as far as needed beside something.
 fn judged(
     world_from_tcp: &Isometry3<f64>,
-    object: &ObjectCloud,
+    object: &GraspCloud,
     scene: &GraspScene<'_>,
     settings: &GraspSettings,
     tally: &mut GraspTally,
-) -> Option<Grasp> {
+) -> Option<GraspCandidate> {
     let mut refused = |misfit| match misfit {
         Misfit::Empty => tally.empty += 1,
         Misfit::TooWide => tally.too_wide += 1,
@@ -187,7 +187,7 @@ fn judged(
         let world_from_tcp = world_from_tcp * Isometry3::translation(0.0, fit.offset_m, 0.0);
         if !gripper_touches(&world_from_tcp, fit.opening_m, scene.others, settings.padding_m) {
             let score = score(&world_from_tcp, &fit, object, settings);
-            return Some(Grasp { world_from_tcp, opening_m: fit.opening_m, width_m: Some(fit.width_m), score });
+            return Some(GraspCandidate { world_from_tcp, opening_m: fit.opening_m, width_m: Some(fit.width_m), score });
         }
     }
     tally.scene_in_the_way += 1;
@@ -202,7 +202,7 @@ fn held(fit: GripperFit, settings: &GraspSettings) -> Result<GripperFit, Misfit>
 /// Whether hand or fingers, fingers `opening_m` apart, touch `obstacles`.
 pub fn gripper_touches(world_from_tcp: &Isometry3<f64>, opening_m: f64, obstacles: &Obstacles, padding_m: f64) -> bool {
     let world_from_hand = world_from_tcp * Isometry3::translation(0.0, 0.0, -TCP_M);
-    let spheres = gripper_spheres(&Frame::of(&world_from_hand), opening_m);
+    let spheres = gripper_spheres(&LinkFrame::of(&world_from_hand), opening_m);
     spheres.iter().zip(&SPHERE_LINKS[GRIPPER_SPHERES]).any(|(sphere, link)| {
         let out_m = if *link == Link::Hand { PALM_OUT_M } else { 0.0 };
         obstacles.touches(&sphere.center, sphere.radius_m + padding_m + out_m)
@@ -210,13 +210,13 @@ pub fn gripper_touches(world_from_tcp: &Isometry3<f64>, opening_m: f64, obstacle
 }
 
 /// Keeps a grasp unless a better one is nearly the same.
-fn distinct(sorted: Vec<Grasp>, settings: &GraspSettings) -> Vec<Grasp> {
-    let mut kept: Vec<Grasp> = Vec::new();
+fn distinct(sorted: Vec<GraspCandidate>, settings: &GraspSettings) -> Vec<GraspCandidate> {
+    let mut kept: Vec<GraspCandidate> = Vec::new();
     for grasp in sorted {
         if kept.len() == settings.count {
             break;
         }
-        let near = |k: &Grasp| {
+        let near = |k: &GraspCandidate| {
             let apart = (k.world_from_tcp.translation.vector - grasp.world_from_tcp.translation.vector).norm();
             let turn = k.world_from_tcp.rotation.angle_to(&grasp.world_from_tcp.rotation);
             apart + 0.05 * turn.min(std::f64::consts::PI - turn) < settings.separation_m
@@ -244,7 +244,7 @@ mod tests {
     use crate::{obstacles::ObstacleSettings, synthetic};
     use rand::SeedableRng;
 
-    fn find(points: &[Point3<f32>], others: &[Point3<f32>]) -> (Vec<Grasp>, GraspTally) {
+    fn find(points: &[Point3<f32>], others: &[Point3<f32>]) -> (Vec<GraspCandidate>, GraspTally) {
         let seen = synthetic::scene_of(&[(0, synthetic::table_points()), (1, points.to_vec()), (0, others.to_vec())]);
         let others = Obstacles::new(others, &[synthetic::table()], &ObstacleSettings::default());
         let axis = seen.belief.objects[&1].shape.as_ref().map(|shape| shape.axis);

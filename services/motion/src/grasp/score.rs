@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Vector3};
 use repose_panda::FINGER_OPENING_MAX_M;
 
 use super::gripper::{self, GripperFit};
-use super::{GraspSettings, ObjectCloud};
+use super::{GraspCloud, GraspSettings};
 
 /// Weights of the terms of a grasp's score; each term is between 0 and 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,7 +43,7 @@ const SLANTED: f64 = 0.65;
 const EDGE_M: f64 = 0.010;
 
 /// How good a grasp is, 0 to 1.
-pub fn score(world_from_tcp: &Isometry3<f64>, fit: &GripperFit, object: &ObjectCloud, settings: &GraspSettings) -> f64 {
+pub fn score(world_from_tcp: &Isometry3<f64>, fit: &GripperFit, object: &GraspCloud, settings: &GraspSettings) -> f64 {
     let weights = &settings.weights;
     let approach = world_from_tcp.rotation * Vector3::z();
     let aside = (world_from_tcp.translation.vector.xy() - object.axis).norm();

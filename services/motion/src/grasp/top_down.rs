@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Point3, Rotation3, Unit, Vector2, Vector3};
 use repose_geometry::Footprint;
 use repose_geometry::sampling::farthest_point_order;
 
-use super::{GraspSettings, ObjectCloud, gripper::DEPTH_MAX_M, pose};
+use super::{GraspCloud, GraspSettings, gripper::DEPTH_MAX_M, pose};
 
 /// Places along the object's length at which it is taken, as shares of its half length.
 const ALONG: [f64; 3] = [0.0, 0.45, -0.45];
@@ -18,7 +18,7 @@ const RIM_PLACES: usize = 16;
 const RIM_M: f32 = 0.012;
 
 /// Proposed poses of the grasp centre, not yet judged.
-pub fn proposals(object: &ObjectCloud, settings: &GraspSettings) -> Vec<Isometry3<f64>> {
+pub fn proposals(object: &GraspCloud, settings: &GraspSettings) -> Vec<Isometry3<f64>> {
     let mut poses = Vec::new();
     // Square to its sides first: pads that meet a box's faces at a slant turn it as they close and kick it as they open.
     let sides = side_yaw_rad(&object.points).into_iter().flat_map(|yaw| [yaw, yaw + std::f64::consts::FRAC_PI_2]);
@@ -49,7 +49,7 @@ fn side_yaw_rad(points: &[Point3<f32>]) -> Option<f64> {
 }
 
 /// Grasps that close along one direction, at several places of the object's length, depths and tilts.
-fn across(object: &ObjectCloud, yaw: f64, settings: &GraspSettings, poses: &mut Vec<Isometry3<f64>>) {
+fn across(object: &GraspCloud, yaw: f64, settings: &GraspSettings, poses: &mut Vec<Isometry3<f64>>) {
     let closing = Vector3::new(yaw.cos(), yaw.sin(), 0.0);
     let along = Vector3::new(-yaw.sin(), yaw.cos(), 0.0);
     let (closing_low, closing_high) = extent(object, &closing);
@@ -83,7 +83,7 @@ fn across(object: &ObjectCloud, yaw: f64, settings: &GraspSettings, poses: &mut 
 }
 
 /// Grasps of the wall under the rim, one finger inside: places spread over the highest points, closing towards the middle.
-fn rim(object: &ObjectCloud, settings: &GraspSettings, poses: &mut Vec<Isometry3<f64>>) {
+fn rim(object: &GraspCloud, settings: &GraspSettings, poses: &mut Vec<Isometry3<f64>>) {
     let top = object.bounds.max.z;
     let high: Vec<Point3<f32>> = object.points.iter().filter(|p| p.z > top - RIM_M).copied().collect();
     let middle = object.bounds.center();
@@ -102,7 +102,7 @@ fn rim(object: &ObjectCloud, settings: &GraspSettings, poses: &mut Vec<Isometry3
 }
 
 /// The place along the object at which its two outermost points across lie, on average.
-fn widest_at(object: &ObjectCloud, closing: &Vector3<f64>, low: f64, high: f64, along: &Vector3<f64>) -> Option<f64> {
+fn widest_at(object: &GraspCloud, closing: &Vector3<f64>, low: f64, high: f64, along: &Vector3<f64>) -> Option<f64> {
     const NEAR_M: f64 = 0.004;
     let mean = |extreme: f64| {
         let near = object.points.iter().map(|p| p.coords.cast::<f64>()).filter(|p| (closing.dot(p) - extreme).abs() < NEAR_M);
@@ -112,7 +112,7 @@ fn widest_at(object: &ObjectCloud, closing: &Vector3<f64>, low: f64, high: f64, 
     Some(0.5 * (mean(low)? + mean(high)?))
 }
 
-fn extent(object: &ObjectCloud, direction: &Vector3<f64>) -> (f64, f64) {
+fn extent(object: &GraspCloud, direction: &Vector3<f64>) -> (f64, f64) {
     object
         .points
         .iter()

@@ -10,9 +10,9 @@ use nalgebra::Point3;
 use repose_geometry::cloud;
 use repose_simd::Lanes;
 
-use crate::scene::SupportSurface;
+use crate::scene::SupportArea;
 use cell_grid::CellGrid;
-pub use shape::Shape;
+pub use shape::ObstacleShape;
 
 /// How the obstacles are built.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,7 +36,7 @@ impl Default for ObstacleSettings {
 /// What is in the world, ready for questions.
 #[derive(Debug, Clone)]
 pub struct Obstacles {
-    shapes: Vec<Shape>,
+    shapes: Vec<ObstacleShape>,
     /// Where the keep-out zones begin among them.
     first_zone: usize,
     grid: Option<CellGrid>,
@@ -44,14 +44,15 @@ pub struct Obstacles {
 
 impl Obstacles {
     /// The obstacles of a cloud and its support surfaces, both in the world frame.
-    pub fn new(points: &[Point3<f32>], surfaces: &[SupportSurface], settings: &ObstacleSettings) -> Self {
+    pub fn new(points: &[Point3<f32>], surfaces: &[SupportArea], settings: &ObstacleSettings) -> Self {
         // An object's top is backed by its own points only: it may be the lid of something hollow.
-        let unknown_m = |s: &SupportSurface| if s.object.is_some() { 0.0 } else { settings.surface_depth_m };
-        let depth_m = |s: &SupportSurface| s.depth_m.unwrap_or(unknown_m(s)).max(unknown_m(s));
-        let shapes: Vec<Shape> = surfaces.iter().map(|s| Shape::slab(s.footprint.clone(), s.height_m, depth_m(s))).collect();
-        let furniture: Vec<&SupportSurface> = surfaces.iter().filter(|s| s.object.is_none()).collect();
+        let unknown_m = |s: &SupportArea| if s.object.is_some() { 0.0 } else { settings.surface_depth_m };
+        let depth_m = |s: &SupportArea| s.depth_m.unwrap_or(unknown_m(s)).max(unknown_m(s));
+        let shapes: Vec<ObstacleShape> =
+            surfaces.iter().map(|s| ObstacleShape::slab(s.footprint.clone(), s.height_m, depth_m(s))).collect();
+        let furniture: Vec<&SupportArea> = surfaces.iter().filter(|s| s.object.is_none()).collect();
         let is_noise = |p: &Point3<f32>| {
-            let near = |s: &&&SupportSurface| (f64::from(p.z) - s.height_m).abs() < settings.surface_noise_m;
+            let near = |s: &&&SupportArea| (f64::from(p.z) - s.height_m).abs() < settings.surface_noise_m;
             furniture.iter().filter(near).any(|s| s.footprint.margin(&p.xy()) >= 0.0)
         };
         let standing: Vec<Point3<f32>> = points.iter().filter(|p| !is_noise(p)).copied().collect();
@@ -63,13 +64,13 @@ impl Obstacles {
     }
 
     /// Known solids.
-    pub fn solids(shapes: Vec<Shape>) -> Self {
+    pub fn solids(shapes: Vec<ObstacleShape>) -> Self {
         Self { first_zone: shapes.len(), shapes, grid: None }
     }
 
     /// The same with zones that the arm must keep out of, as solid as the rest.
     #[must_use]
-    pub fn with_keep_out(mut self, zones: &[Shape]) -> Self {
+    pub fn with_keep_out(mut self, zones: &[ObstacleShape]) -> Self {
         self.shapes.truncate(self.first_zone);
         self.shapes.extend_from_slice(zones);
         self
@@ -81,7 +82,7 @@ impl Obstacles {
     }
 
     /// The solids, support surfaces among them.
-    pub fn shapes(&self) -> &[Shape] {
+    pub fn shapes(&self) -> &[ObstacleShape] {
         &self.shapes
     }
 
@@ -138,7 +139,7 @@ mod tests {
     #[test]
     fn a_surface_is_solid_where_the_cloud_has_a_hole() {
         let outline = [[0.2, -0.4], [0.8, -0.4], [0.8, 0.4], [0.2, 0.4]].map(Point2::from);
-        let table = SupportSurface::new(0.0, &outline, None).unwrap();
+        let table = SupportArea::new(0.0, &outline, None).unwrap();
         let obstacles = Obstacles::new(&[], &[table], &ObstacleSettings::default());
         assert!(obstacles.touches(&Point3::new(0.5, 0.0, 0.02), 0.03));
         assert!(obstacles.touches(&Point3::new(0.5, 0.0, -0.03), 0.01), "inside the table top");

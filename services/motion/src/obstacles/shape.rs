@@ -7,9 +7,9 @@ use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use repose_geometry::Footprint;
 use repose_simd::Lanes;
 
-/// A solid in the world.
+/// The shape and pose of an obstacle in the world.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Shape {
+pub struct ObstacleShape {
     kind: Kind,
     world_from_shape: Isometry3<f64>,
     single: Single,
@@ -41,7 +41,7 @@ struct Single {
     upper: [f32; 3],
 }
 
-impl Shape {
+impl ObstacleShape {
     /// A box of full edges `size_m`.
     pub fn cuboid(world_from_box: Isometry3<f64>, size_m: Vector3<f64>) -> Self {
         Self::new(Kind::Box(size_m / 2.0), world_from_box)
@@ -189,18 +189,18 @@ mod tests {
     use proptest::prelude::*;
     use repose_simd::Plain;
 
-    fn shapes() -> impl Strategy<Value = Shape> {
+    fn shapes() -> impl Strategy<Value = ObstacleShape> {
         let pose = (prop::array::uniform3(-0.5..0.5f64), prop::array::uniform3(-2.0..2.0f64), any::<bool>()).prop_map(|(t, r, upright)| {
             let turn = if upright { Vector3::z() * r[0] } else { Vector3::from(r) };
             Isometry3::new(Vector3::from(t), turn)
         });
         (pose, prop::array::uniform3(0.02..0.6f64), 0..4usize).prop_map(|(pose, size, kind)| match kind {
-            0 => Shape::cuboid(pose, Vector3::from(size)),
-            1 => Shape::cylinder(pose, size[0], size[1]),
-            2 => Shape::ball(Point3::from(pose.translation.vector), size[0]),
+            0 => ObstacleShape::cuboid(pose, Vector3::from(size)),
+            1 => ObstacleShape::cylinder(pose, size[0], size[1]),
+            2 => ObstacleShape::ball(Point3::from(pose.translation.vector), size[0]),
             _ => {
                 let outline = [[0.2, -0.4, 0.0], [0.8, -0.4, 0.0], [0.9, 0.4, 0.0], [0.2, 0.3, 0.0]].map(Point3::from);
-                Shape::slab(Footprint::of(&outline).unwrap(), pose.translation.z, size[0])
+                ObstacleShape::slab(Footprint::of(&outline).unwrap(), pose.translation.z, size[0])
             }
         })
     }

@@ -13,22 +13,22 @@ pub mod settings;
 use nalgebra::{Isometry3, Point3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use repose_panda::{Frame, Joints, LIMITS};
+use repose_panda::{Joints, LIMITS, LinkFrame};
 
 pub use self::request::PickPlaceRequest;
 pub use self::settings::PickPlaceSettings;
 
 use crate::believed::{Heeded, Worlds};
-use crate::collision::{ArmSettings, CollisionChecker, HeldObject, PALM_OUT_M};
-use crate::grasp::{Grasp, GraspScene, GraspTally, grasps};
+use crate::collision::{ArmCollisionSettings, CollisionChecker, HeldCloud, PALM_OUT_M};
+use crate::grasp::{GraspCandidate, GraspScene, GraspTally, grasps};
 use crate::obstacles::Obstacles;
 use crate::path::joint_path::distance;
 use crate::path::rrt_connect::rrt_connect;
 use crate::path::simplify::simplified;
 use crate::path::timed::timed;
 use crate::path::timing::{TimingSettings, Trajectory};
-use crate::pick_place::plan::{EndTally, GripperMove, NotChosen, Phase, PickPlaceError, PickPlacePlan, PlannedPhase};
-use crate::pick_place::reach::{EndFailure, PickEnd, PlaceEnd, Reach};
+use crate::pick_place::plan::{EndTally, GripperMove, Phase, PickPlaceError, PickPlacePlan, PlannedPhase, SkippedPlacement};
+use crate::pick_place::reach::{EndFailure, EndSearch, PickEnd, PlaceEnd};
 
 /// Height of the shoulder over the base, metres.
 const SHOULDER_M: f64 = 0.333;
@@ -57,7 +57,7 @@ pub fn pick_place_until(
     if !request.scene.labels.contains(&request.query) {
         return Err(PickPlaceError::NoObject(request.query));
     }
-    if request.grasps.is_some_and(<[Grasp]>::is_empty) {
+    if request.grasps.is_some_and(<[GraspCandidate]>::is_empty) {
         return Err(PickPlaceError::NoGrasp(GraspTally::default()));
     }
     let shoulder = (settings.world_from_base * Point3::new(0.0, 0.0, SHOULDER_M)).cast::<f32>();
@@ -108,7 +108,7 @@ fn planned(worlds: &Worlds<'_>, heeded: Heeded, should_stop: &dyn Fn() -> bool) 
         }
         match search.placement(placed_from_observed, &mut tried, &mut rng) {
             Ok((grasp, phases)) => return Ok(PickPlacePlan { placement, not_chosen, heeded, grasp, phases }),
-            Err(tally) => not_chosen.push(NotChosen { placement, failure: tally.failure(), tally }),
+            Err(tally) => not_chosen.push(SkippedPlacement { placement, failure: tally.failure(), tally }),
         }
     }
     Err(PickPlaceError::NoPlacement(not_chosen))
@@ -116,21 +116,21 @@ fn planned(worlds: &Worlds<'_>, heeded: Heeded, should_stop: &dyn Fn() -> bool) 
 
 /// A grasp and what is known of it at the object.
 struct TriedGrasp<'a> {
-    grasp: Grasp,
+    grasp: GraspCandidate,
     search: &'a Search<'a>,
     /// The arm with this grasp, made when first needed.
-    reach: Option<Reach<'a>>,
+    reach: Option<EndSearch<'a>>,
     pick: Option<Result<PickEnd, EndFailure>>,
     to_standoff: Option<Option<Trajectory>>,
 }
 
 impl<'a> TriedGrasp<'a> {
-    fn reach(&mut self) -> &Reach<'a> {
+    fn reach(&mut self) -> &EndSearch<'a> {
         let (search, grasp) = (self.search, &self.grasp);
         self.reach.get_or_insert_with(|| {
-            let held = HeldObject::new(search.object, &grasp.world_from_tcp, search.settings.held_radius_m);
+            let held = HeldCloud::new(search.object, &grasp.world_from_tcp, search.settings.held_radius_m);
             let closed_m = grasp.width_m.unwrap_or(grasp.opening_m);
-            Reach {
+            EndSearch {
                 base_from_world: search.settings.world_from_base.inverse(),
                 open: search.checker(search.others, grasp.opening_m, None),
                 holding: search.checker(search.others, closed_m, Some(&held)),
@@ -185,17 +185,17 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn arm(&self, finger_opening_m: f64) -> ArmSettings {
-        let world_from_base = Frame::of(&self.settings.world_from_base);
+    fn arm(&self, finger_opening_m: f64) -> ArmCollisionSettings {
+        let world_from_base = LinkFrame::of(&self.settings.world_from_base);
         let (padding_m, palm_out_m) = (self.settings.padding_m, PALM_OUT_M);
-        ArmSettings { world_from_base, padding_m, palm_out_m, finger_opening_m, ..ArmSettings::default() }
+        ArmCollisionSettings { world_from_base, padding_m, palm_out_m, finger_opening_m, ..ArmCollisionSettings::default() }
     }
 
-    fn checker(&self, obstacles: &'a [&'a Obstacles], finger_opening_m: f64, held: Option<&HeldObject>) -> CollisionChecker<'a> {
+    fn checker(&self, obstacles: &'a [&'a Obstacles], finger_opening_m: f64, held: Option<&HeldCloud>) -> CollisionChecker<'a> {
         CollisionChecker::new(self.arm(finger_opening_m), obstacles, held)
     }
 
-    fn tried(&'a self, grasp: Grasp) -> TriedGrasp<'a> {
+    fn tried(&'a self, grasp: GraspCandidate) -> TriedGrasp<'a> {
         TriedGrasp { grasp, search: self, reach: None, pick: None, to_standoff: None }
     }
 
@@ -217,7 +217,7 @@ impl<'a> Search<'a> {
         placed_from_observed: &Isometry3<f64>,
         tried: &mut [TriedGrasp<'_>],
         rng: &mut Pcg64,
-    ) -> Result<(Grasp, Vec<PlannedPhase>), EndTally> {
+    ) -> Result<(GraspCandidate, Vec<PlannedPhase>), EndTally> {
         let mut tally = EndTally::default();
         let mut usable: Vec<(f64, usize, Ends)> = Vec::new();
         let mut next = 0;
@@ -315,10 +315,10 @@ impl<'a> Search<'a> {
     ) -> [CollisionChecker<'b>; ROOM_SHARES.len()] {
         ROOM_SHARES.map(|share| {
             let radius_m = self.settings.held_radius_m + share * self.settings.held_room_m;
-            let held = world_from_tcp.map(|tcp| HeldObject::new(self.object, tcp, radius_m));
+            let held = world_from_tcp.map(|tcp| HeldCloud::new(self.object, tcp, radius_m));
             let arm = self.arm(finger_opening_m);
             let padding_m = arm.padding_m + share * self.settings.arm_room_m;
-            CollisionChecker::new(ArmSettings { padding_m, ..arm }, obstacles, held.as_ref())
+            CollisionChecker::new(ArmCollisionSettings { padding_m, ..arm }, obstacles, held.as_ref())
         })
     }
 
@@ -329,7 +329,7 @@ impl<'a> Search<'a> {
         &self,
         from: &Joints,
         to: &Joints,
-        reach: &Reach<'_>,
+        reach: &EndSearch<'_>,
         checkers: &[CollisionChecker<'_>; ROOM_SHARES.len()],
         rng: &mut Pcg64,
     ) -> Option<Trajectory> {

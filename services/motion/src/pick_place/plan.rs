@@ -4,7 +4,7 @@ pub use repose_proto::motion::Phase;
 
 use crate::believed::Heeded;
 use crate::collision::Contact;
-use crate::grasp::{Grasp, GraspTally};
+use crate::grasp::{GraspCandidate, GraspTally};
 use crate::path::timing::Trajectory;
 
 /// What the fingers are to do.
@@ -27,9 +27,9 @@ pub struct PlannedPhase {
     pub trajectory: Option<Trajectory>,
 }
 
-/// What keeps the arm from a placement: the furthest that any grasp came.
+/// Why the arm cannot carry out a placement: the furthest stage that any grasp reached.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Failure {
+pub enum PlacementFailure {
     /// No grasp can be reached at the object.
     PickUnreachable,
     /// Every reachable grasp is blocked at the object.
@@ -42,13 +42,13 @@ pub enum Failure {
     NoPath,
 }
 
-/// Why a placement was not chosen.
+/// A placement that was passed over for a lower-ranked one, and why.
 #[derive(Debug, Clone, PartialEq)]
-pub struct NotChosen {
+pub struct SkippedPlacement {
     /// Its rank, from 0.
     pub placement: usize,
     /// What kept the arm from it.
-    pub failure: Failure,
+    pub failure: PlacementFailure,
     /// How many grasps failed where.
     pub tally: EndTally,
 }
@@ -72,17 +72,17 @@ pub struct EndTally {
 
 impl EndTally {
     /// The furthest that any grasp came.
-    pub fn failure(&self) -> Failure {
+    pub fn failure(&self) -> PlacementFailure {
         if self.no_path > 0 {
-            Failure::NoPath
+            PlacementFailure::NoPath
         } else if self.place_blocked > 0 {
-            Failure::PlaceBlocked
+            PlacementFailure::PlaceBlocked
         } else if self.place_unreachable > 0 {
-            Failure::PlaceUnreachable
+            PlacementFailure::PlaceUnreachable
         } else if self.pick_blocked > 0 {
-            Failure::PickBlocked
+            PlacementFailure::PickBlocked
         } else {
-            Failure::PickUnreachable
+            PlacementFailure::PickUnreachable
         }
     }
 }
@@ -102,11 +102,11 @@ pub struct PickPlacePlan {
     /// The chosen placement's rank, from 0.
     pub placement: usize,
     /// Why not the better ones.
-    pub not_chosen: Vec<NotChosen>,
+    pub not_chosen: Vec<SkippedPlacement>,
     /// What was heeded of what was not seen.
     pub heeded: Heeded,
     /// The grasp.
-    pub grasp: Grasp,
+    pub grasp: GraspCandidate,
     /// All phases in order.
     pub phases: Vec<PlannedPhase>,
 }
@@ -126,7 +126,7 @@ pub enum PickPlaceError {
     NoGrasp(GraspTally),
     /// None of the placements can be had.
     #[error("none of the {} placements can be reached; the best: {}", .0.len(), .0.first().map(|n| n.tally.to_string()).unwrap_or_default())]
-    NoPlacement(Vec<NotChosen>),
+    NoPlacement(Vec<SkippedPlacement>),
     /// It was told to stop.
     #[error("stopped before a plan was found")]
     Stopped,

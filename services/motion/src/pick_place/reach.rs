@@ -8,12 +8,12 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use repose_panda::{InverseSettings, JOINT_COUNT, Joints, inverse_near, inverse_sweep};
 
 use crate::collision::{CollisionChecker, Contact};
-use crate::grasp::Grasp;
+use crate::grasp::GraspCandidate;
 use crate::path::joint_path::{between, distance};
 
-/// How ends are looked for.
+/// Settings of the search for the two ends of a move.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ReachSettings {
+pub struct EndSearchSettings {
     /// Inverse kinematics at the grasp and the release.
     pub inverse: InverseSettings,
     /// Postures tried at each end, nearest first. Default 24.
@@ -36,7 +36,7 @@ pub struct ReachSettings {
     pub release_m: f64,
 }
 
-impl Default for ReachSettings {
+impl Default for EndSearchSettings {
     fn default() -> Self {
         Self {
             inverse: InverseSettings::default(),
@@ -53,7 +53,7 @@ impl Default for ReachSettings {
     }
 }
 
-/// Why an end cannot be had with a grasp.
+/// Why a grasp has no such end.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum EndFailure {
     /// No joint angles, or none along the straight motion.
@@ -82,9 +82,9 @@ pub struct PlaceEnd {
     pub retreat: Vec<Joints>,
 }
 
-/// Finds ends for one grasp.
+/// Searches for the pick's and the placement's end of a move with one grasp.
 #[derive(Debug, Clone)]
-pub struct Reach<'a> {
+pub struct EndSearch<'a> {
     /// Pose of the world in the robot's base frame.
     pub base_from_world: Isometry3<f64>,
     /// Judges the empty, open hand; what is to be grasped is no obstacle.
@@ -94,15 +94,15 @@ pub struct Reach<'a> {
     /// Judges the closed hand alone: where what it holds may still touch what it stood on.
     pub closed: CollisionChecker<'a>,
     /// How.
-    pub settings: &'a ReachSettings,
+    pub settings: &'a EndSearchSettings,
 }
 
-impl Reach<'_> {
+impl EndSearch<'_> {
     /// The pick's end of the move. The posture nearest to `near` is preferred.
     ///
     /// # Errors
     /// The last posture's [`EndFailure`]; blocked ones go before unreachable ones.
-    pub fn pick(&self, grasp: &Grasp, near: &Joints) -> Result<PickEnd, EndFailure> {
+    pub fn pick(&self, grasp: &GraspCandidate, near: &Joints) -> Result<PickEnd, EndFailure> {
         let base_from_tcp = self.base_from_world * grasp.world_from_tcp;
         self.over_postures(&base_from_tcp, near, &self.open, |joints| {
             let standoff = base_from_tcp * Isometry3::translation(0.0, 0.0, -self.settings.standoff_m);
@@ -121,7 +121,7 @@ impl Reach<'_> {
     ///
     /// # Errors
     /// As [`Self::pick`].
-    pub fn place(&self, grasp: &Grasp, placed_from_observed: &Isometry3<f64>, near: &Joints) -> Result<PlaceEnd, EndFailure> {
+    pub fn place(&self, grasp: &GraspCandidate, placed_from_observed: &Isometry3<f64>, near: &Joints) -> Result<PlaceEnd, EndFailure> {
         let placed = self.base_from_world * placed_from_observed * grasp.world_from_tcp;
         let release = self.raised(&placed, self.settings.release_m);
         self.over_postures(&release, near, &self.holding, |joints| {
@@ -135,7 +135,7 @@ impl Reach<'_> {
         })
     }
 
-    /// The way straight up from a posture to the first one that `roomy` finds free, at most [`ReachSettings::clear_m`] higher, and that `plain`
+    /// The way straight up from a posture to the first one that `roomy` finds free, at most [`EndSearchSettings::clear_m`] higher, and that `plain`
     /// finds free all along. `None` when there is none.
     pub fn clear_of(&self, joints: &Joints, plain: &CollisionChecker<'_>, roomy: &CollisionChecker<'_>) -> Option<Vec<Joints>> {
         let mut way = vec![*joints];

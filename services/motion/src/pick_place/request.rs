@@ -3,7 +3,7 @@
 use nalgebra::Isometry3;
 use repose_panda::Joints;
 
-use crate::grasp::Grasp;
+use crate::grasp::GraspCandidate;
 use crate::scene::PlanningScene;
 
 /// What to plan.
@@ -18,7 +18,7 @@ pub struct PickPlaceRequest<'a> {
     /// Where the arm stands, radians.
     pub start: &'a Joints,
     /// Grasps from elsewhere, in the order in which they are tried; none to find them here.
-    pub grasps: Option<&'a [Grasp]>,
+    pub grasps: Option<&'a [GraspCandidate]>,
     /// The source of every random number.
     pub seed: u64,
 }

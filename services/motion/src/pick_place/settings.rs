@@ -3,11 +3,11 @@
 use nalgebra::Isometry3;
 
 use crate::grasp::GraspSettings;
-use crate::obstacles::{ObstacleSettings, Shape};
+use crate::obstacles::{ObstacleSettings, ObstacleShape};
 use crate::path::rrt_connect::RrtSettings;
 use crate::path::simplify::SimplifySettings;
 use crate::path::timing::TimingSettings;
-use crate::pick_place::reach::ReachSettings;
+use crate::pick_place::reach::EndSearchSettings;
 
 /// How a pick and place is planned.
 #[derive(Debug, Clone, PartialEq)]
@@ -15,13 +15,13 @@ pub struct PickPlaceSettings {
     /// Where the robot stands.
     pub world_from_base: Isometry3<f64>,
     /// What no part of the arm, nor what it holds, may enter. Default: nothing.
-    pub keep_out: Vec<Shape>,
+    pub keep_out: Vec<ObstacleShape>,
     /// The obstacles' resolution.
     pub obstacles: ObstacleSettings,
     /// How grasps are found.
     pub grasp: GraspSettings,
     /// How the ends are reached.
-    pub reach: ReachSettings,
+    pub reach: EndSearchSettings,
     /// The search for paths between them.
     pub rrt: RrtSettings,
     /// The shortening of those paths.
@@ -64,7 +64,7 @@ impl Default for PickPlaceSettings {
             keep_out: Vec::new(),
             obstacles: ObstacleSettings::default(),
             grasp: GraspSettings::default(),
-            reach: ReachSettings::default(),
+            reach: EndSearchSettings::default(),
             // A pick and place asks many searches, some of them in vain.
             rrt: RrtSettings { iterations: 1500, ..RrtSettings::default() },
             simplify: SimplifySettings::default(),

@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 
 use repose_geometry::{Image, Pinhole, Vector3};
 use repose_networks::WeightsError;
-use repose_networks::masks::{Inputs, MaskLogits, MaskNetwork, OFFSETS};
+use repose_networks::masks::{MaskInputs, MaskLogits, MaskNetwork, OFFSETS};
 
 use super::color::{Rgb, difference};
 use super::watershed::{Pair, grouped};
@@ -24,7 +24,7 @@ fn network() -> Result<&'static MaskNetwork, &'static WeightsError> {
 /// vector against gravity in the camera's frame.
 pub fn logits(depth_m: &Image<f32>, camera: &Pinhole, up: &Vector3<f64>) -> Option<MaskLogits> {
     let network = network().ok()?;
-    Some(network.logits(&Inputs::new(depth_m.pixels(), camera, up)))
+    Some(network.logits(&MaskInputs::new(depth_m.pixels(), camera, up)))
 }
 
 /// An id for each object that the network sees: 1, 2, … from the largest down (ties by first pixel), 0 elsewhere. `depth_m` holds NaN where there is

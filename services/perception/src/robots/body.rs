@@ -31,9 +31,9 @@ pub struct Ball {
     pub radius_m: f32,
 }
 
-/// A robot where it stood when the picture was taken.
+/// The geometry of a robot when the picture was taken.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Body {
+pub struct RobotBody {
     /// What it fills, a little more than that.
     pub balls: Vec<Ball>,
     /// The point between the fingertips: z along the approach, y along the opening.
@@ -42,7 +42,7 @@ pub struct Body {
     pub gripper_width_m: f64,
 }
 
-impl Body {
+impl RobotBody {
     /// The robot in the frame of a camera.
     ///
     /// # Errors

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::Point3;
 use repose_geometry::Image;
 
-use super::body::Body;
+use super::body::RobotBody;
 use crate::readings::depth::DepthMap;
 use crate::settings::SelfFilterSettings;
 
@@ -24,7 +24,13 @@ const SPANNED: f64 = 0.4;
 const RIM_PX: usize = 3;
 
 /// The ids of the objects that show between a robot's fingers; `holding` is what the robot says of it.
-pub fn labels(body: &Body, holding: Option<bool>, labels: &Image<u16>, depth: &DepthMap, settings: &SelfFilterSettings) -> BTreeSet<u16> {
+pub fn labels(
+    body: &RobotBody,
+    holding: Option<bool>,
+    labels: &Image<u16>,
+    depth: &DepthMap,
+    settings: &SelfFilterSettings,
+) -> BTreeSet<u16> {
     match holding {
         Some(true) => nearest(&between(body, WIDE_M, labels, depth), settings).into_iter().collect(),
         None if body.gripper_width_m <= HARDLY_OPEN_M => spanning(body, &between(body, TIPS_M[1], labels, depth), settings),
@@ -33,7 +39,7 @@ pub fn labels(body: &Body, holding: Option<bool>, labels: &Image<u16>, depth: &D
 }
 
 /// By id, where readings between the fingers lie: across the fingers (x) and along the opening (y), up to `wide_m` from the grasp point.
-fn between(body: &Body, wide_m: f64, labels: &Image<u16>, depth: &DepthMap) -> BTreeMap<u16, Vec<[f64; 2]>> {
+fn between(body: &RobotBody, wide_m: f64, labels: &Image<u16>, depth: &DepthMap) -> BTreeMap<u16, Vec<[f64; 2]>> {
     let tcp_from_camera = body.camera_from_tcp.inverse();
     let half_m = body.gripper_width_m / 2.0 + BESIDE_M;
     let mut between: BTreeMap<u16, Vec<[f64; 2]>> = BTreeMap::new();
@@ -58,7 +64,7 @@ fn nearest(between: &BTreeMap<u16, Vec<[f64; 2]>>, settings: &SelfFilterSettings
 }
 
 /// Those that fill much of the opening.
-fn spanning(body: &Body, between: &BTreeMap<u16, Vec<[f64; 2]>>, settings: &SelfFilterSettings) -> BTreeSet<u16> {
+fn spanning(body: &RobotBody, between: &BTreeMap<u16, Vec<[f64; 2]>>, settings: &SelfFilterSettings) -> BTreeSet<u16> {
     let spanned_m = |readings: &[[f64; 2]]| {
         let along = || readings.iter().map(|[_, y]| *y);
         along().fold(f64::NEG_INFINITY, f64::max) - along().fold(f64::INFINITY, f64::min)

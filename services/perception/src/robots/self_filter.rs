@@ -7,7 +7,7 @@ use nalgebra::Isometry3;
 use repose_geometry::Pinhole;
 use repose_proto::{RobotInView, SceneWarning};
 
-use super::body::Body;
+use super::body::RobotBody;
 use super::calibration;
 use super::nearness::Nearness;
 use crate::readings::depth::DepthMap;
@@ -17,7 +17,7 @@ use crate::settings::SelfFilterSettings;
 #[derive(Debug, Default, PartialEq)]
 pub struct FilteredRobots {
     /// The robots whose shape is known.
-    pub bodies: Vec<(Body, Option<bool>)>,
+    pub bodies: Vec<(RobotBody, Option<bool>)>,
     /// Pixels whose readings were taken out.
     pub pixels: Vec<usize>,
     /// What should be looked into.
@@ -42,7 +42,7 @@ pub fn remove(
     };
     let camera_from_world = world_from_camera.inverse();
     for (i, robot) in robots.iter().enumerate() {
-        let body = match Body::new(robot, &camera_from_world) {
+        let body = match RobotBody::new(robot, &camera_from_world) {
             Ok(body) => body,
             Err(error) => {
                 filtered.warnings.push(SceneWarning { field: format!("robots[{i}]"), message: error.to_string() });
@@ -107,7 +107,7 @@ mod tests {
 
     /// The robot's balls before a wall, and how many pixels they fill.
     fn seen(robot: &RobotInView) -> (DepthMap, usize) {
-        let body = Body::new(robot, &world_from_camera().inverse()).unwrap();
+        let body = RobotBody::new(robot, &world_from_camera().inverse()).unwrap();
         let mut on_robot = 0;
         let counts: Vec<u16> = (0..CAMERA.width * CAMERA.height)
             .map(|i| {

@@ -263,7 +263,7 @@ mod tests {
     fn another_cameras_intrinsics_are_not_used_and_a_cloud_must_be_in_the_cameras_frame() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("recording.mcap");
-        let first = |messages: &[synthetic::Recorded], topics: &Topics| {
+        let first = |messages: &[synthetic::SyntheticMessage], topics: &Topics| {
             synthetic::record(&file, messages);
             sources::open(&file, topics).unwrap().next().unwrap()
         };

@@ -184,9 +184,9 @@ fn parts(namespace: &str) -> impl Iterator<Item = &str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sources::synthetic::{self, Recorded};
+    use crate::sources::synthetic::{self, SyntheticMessage};
 
-    fn chosen(messages: &[Recorded], wanted: &Topics) -> Option<[String; 3]> {
+    fn chosen(messages: &[SyntheticMessage], wanted: &Topics) -> Option<[String; 3]> {
         let mut survey = Survey::default();
         for message in messages {
             survey.take(&message.channel(), &message.bytes);
@@ -208,7 +208,7 @@ mod tests {
             image("/front/depth/image", "front", "16UC1", 4),
             image("/front/color/image", "front_color", "rgb8", 4),
         ];
-        let messages: Vec<Recorded> = wrist.into_iter().chain(infrared).chain(front).collect();
+        let messages: Vec<SyntheticMessage> = wrist.into_iter().chain(infrared).chain(front).collect();
         let of = |wanted: Topics| chosen(&messages, &wanted);
         assert_eq!(of(Topics::default()), topics("/front/depth/image", "/front/depth/camera_info", "/front/color/image"));
         let named = Topics { info: Some("/wrist/camera_info".to_owned()), color: Some("/wrist/color".to_owned()), ..Topics::default() };

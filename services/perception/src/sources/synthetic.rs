@@ -9,38 +9,38 @@ use super::messages::Channel;
 
 /// A message of a topic.
 #[derive(Clone)]
-pub struct Recorded {
+pub struct SyntheticMessage {
     pub topic: String,
     pub schema: &'static str,
     pub bytes: Vec<u8>,
 }
 
-impl Recorded {
+impl SyntheticMessage {
     pub fn channel(&self) -> Channel {
         Channel { topic: self.topic.clone(), schema: self.schema.to_owned() }
     }
 }
 
 /// [`synthetic::image`] of a topic.
-pub fn image(topic: &str, frame_id: &str, encoding: &str, side: u32) -> Recorded {
+pub fn image(topic: &str, frame_id: &str, encoding: &str, side: u32) -> SyntheticMessage {
     let bytes = synthetic::image(frame_id, encoding, side);
-    Recorded { topic: topic.to_owned(), schema: "sensor_msgs/msg/Image", bytes }
+    SyntheticMessage { topic: topic.to_owned(), schema: "sensor_msgs/msg/Image", bytes }
 }
 
 /// [`synthetic::info`] of a topic.
-pub fn info(topic: &str, frame_id: &str, side: u32) -> Recorded {
+pub fn info(topic: &str, frame_id: &str, side: u32) -> SyntheticMessage {
     let bytes = synthetic::info(frame_id, side);
-    Recorded { topic: topic.to_owned(), schema: "sensor_msgs/msg/CameraInfo", bytes }
+    SyntheticMessage { topic: topic.to_owned(), schema: "sensor_msgs/msg/CameraInfo", bytes }
 }
 
 /// [`synthetic::cloud`] of a topic.
-pub fn cloud(topic: &str, frame_id: &str, side: u32, point: impl Fn(u32, u32) -> [f32; 3]) -> Recorded {
+pub fn cloud(topic: &str, frame_id: &str, side: u32, point: impl Fn(u32, u32) -> [f32; 3]) -> SyntheticMessage {
     let bytes = synthetic::cloud(frame_id, side, point);
-    Recorded { topic: topic.to_owned(), schema: "sensor_msgs/msg/PointCloud2", bytes }
+    SyntheticMessage { topic: topic.to_owned(), schema: "sensor_msgs/msg/PointCloud2", bytes }
 }
 
 /// Writes a recording with messages a tenth of a second apart.
-pub fn record(path: &Path, messages: &[Recorded]) {
+pub fn record(path: &Path, messages: &[SyntheticMessage]) {
     let mut writer = mcap::Writer::new(std::fs::File::create(path).unwrap()).unwrap();
     let mut channels = BTreeMap::new();
     for (i, message) in (0u64..).zip(messages) {

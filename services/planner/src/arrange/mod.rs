@@ -1,9 +1,9 @@
 //! Many goals at once: which objects must move, in which order, and where to, so that all goals hold together at the end.
 //!
 //! The paper leaves rearrangement to future work; its appendix's mug and bowl show why order and room matter. Here it is a search over moves,
-//! each of which is a placement planned as any other on the scene as it would be then ([`crate::scene::moved`]). An object's place is chosen by its own
-//! terms and, turned about, those of others about it, as far as the others stand already ([`goals`]); so whatever the order, all terms hold
-//! when the last object stands. Fewest moves first: no object is set down aside before every order and alternative without that has failed,
+//! each of which is a placement planned as any other on the scene as it would be then ([`crate::scene::moved`]). An object's place is chosen by
+//! its own terms and, turned about, those of others about it, as far as the others stand already ([`goals`]); so whatever the order, all terms
+//! hold when the last object stands. Fewest moves first: no object is set down aside before every order and alternative without that has failed,
 //! and goals that contradict each other are refused before anything is searched ([`contradiction`]).
 
 pub mod contradiction;
@@ -24,7 +24,7 @@ use repose_proto::{CallError, Message};
 
 use crate::arrange::contradiction::contradiction;
 use crate::arrange::goals::Goals;
-use crate::arrange::places::Ended;
+use crate::arrange::places::PlacesEnd;
 use crate::arrange::search::Search;
 use crate::learned::models::PlacementModels;
 use crate::plan::SearchStep;
@@ -118,7 +118,7 @@ fn conflict(scene: &Arc<PreparedScene>, request: &ArrangeRequest, search: &mut S
         let unmet = goals.unmet(scene, search.asked().viewer());
         let found = search.with_goals(&goals, |search| search.arranged(scene, unmet))?;
         match search.asked().ended() {
-            Some(Ended::Budget | Ended::Time) => {
+            Some(PlacesEnd::Budget | PlacesEnd::Time) => {
                 smallest = false;
                 break;
             }

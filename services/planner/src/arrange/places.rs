@@ -16,9 +16,9 @@ use crate::plan::{SearchStep, plan};
 use crate::scene::prepared::PreparedScene;
 use crate::search::stop::StopReason;
 
-/// What ended a search before it was through.
+/// Which limit ended a search before it was complete.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ended {
+pub enum PlacesEnd {
     /// As many placements as may be searched were.
     Budget,
     /// Its time.
@@ -41,7 +41,7 @@ pub struct Places<'a> {
     searches: u32,
     /// How many may be searched for until [`Places::allow`] says otherwise.
     most_searches: u32,
-    ended: Option<Ended>,
+    ended: Option<PlacesEnd>,
     weights_hash: String,
 }
 
@@ -87,11 +87,11 @@ impl<'a> Places<'a> {
     pub fn allow(&mut self, share: f64) {
         let left = self.request.max_searches.saturating_sub(self.searches);
         self.most_searches = self.searches + (f64::from(left) * share).ceil() as u32;
-        self.ended = self.ended.filter(|ended| *ended != Ended::Budget);
+        self.ended = self.ended.filter(|ended| *ended != PlacesEnd::Budget);
     }
 
     /// What ended it early, if anything.
-    pub fn ended(&self) -> Option<Ended> {
+    pub fn ended(&self) -> Option<PlacesEnd> {
         self.ended
     }
 
@@ -122,7 +122,7 @@ impl<'a> Places<'a> {
         }
         let time_is_up = self.request.time_ms.is_some_and(|ms| self.started.elapsed() >= Duration::from_millis(ms));
         if time_is_up || self.searches >= self.most_searches {
-            self.ended = Some(if time_is_up { Ended::Time } else { Ended::Budget });
+            self.ended = Some(if time_is_up { PlacesEnd::Time } else { PlacesEnd::Budget });
             return Ok(Arc::default());
         }
         self.searches += 1;
@@ -148,7 +148,7 @@ impl<'a> Places<'a> {
             // It carries something, or too little of it was seen: it stays where it is.
             Err(error) if error.code == ErrorCode::FailedPrecondition && error.field.as_deref() == Some("query") => Vec::new(),
             Err(error) if error.code == ErrorCode::DeadlineExceeded => {
-                self.ended = Some(Ended::Time);
+                self.ended = Some(PlacesEnd::Time);
                 Vec::new()
             }
             Err(error) => return Err(error),

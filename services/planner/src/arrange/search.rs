@@ -15,7 +15,7 @@ use repose_proto::{CallError, GoalTerm};
 
 use crate::arrange::goals::{Goals, all_hold};
 use crate::arrange::parking::places_aside;
-use crate::arrange::places::{Ended, Places};
+use crate::arrange::places::{Places, PlacesEnd};
 use crate::arrange::tables::Tables;
 use crate::learned::models::PlacementModels;
 use crate::plan::SearchStep;
@@ -23,8 +23,8 @@ use crate::scene::moved::fall_m;
 use crate::scene::prepared::PreparedScene;
 use crate::search::stop::StopReason;
 
-/// A move is sure where its success is said to be likelier than this. Chosen on validation tasks: two objects beside each other on one top, which a place
-/// aside would spare, are said to succeed in .5 to .6 of cases.
+/// A move is sure where its success is said to be likelier than this. Chosen on validation tasks: two objects beside each other on one top, which
+/// a place aside would spare, are said to succeed in .5 to .6 of cases.
 const SURE: f64 = 0.6;
 /// The share of the searches in which a way of sure moves alone is looked for.
 const SURE_SHARE: f64 = 0.5;
@@ -127,7 +127,7 @@ impl<'a> Search<'a> {
         self.places.allow(SURE_SHARE);
         let sure = self.found(&state)?;
         let is_through = self.places.ended().is_none() && !self.left_out;
-        if sure.is_some() || is_through || self.places.ended() == Some(Ended::Time) {
+        if sure.is_some() || is_through || self.places.ended() == Some(PlacesEnd::Time) {
             return Ok(sure);
         }
         self.sure_only = false;

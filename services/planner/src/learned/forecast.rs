@@ -22,10 +22,10 @@ pub const STANDS: &str = "stands";
 /// What the weights call the forecast that a neighbour stays when an object is taken away ([`standing`]).
 pub const NEIGHBOUR_STAYS: &str = "neighbour_stays";
 
-/// The data of a fit.
+/// The data that a forecast was fitted on.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct FittedOn {
+pub struct ForecastFitData {
     /// Scenes of the training split.
     pub scenes: u64,
     /// Releases.
@@ -44,7 +44,7 @@ pub struct NotAForecast(String);
 #[serde(deny_unknown_fields)]
 pub struct Forecast {
     measures: Vec<String>,
-    fitted_on: FittedOn,
+    fitted_on: ForecastFitData,
     logit: BoostedTrees,
 }
 
@@ -53,7 +53,7 @@ impl Forecast {
     ///
     /// # Errors
     /// When a branch leads nowhere or a value is not finite.
-    pub fn new(names: &[&str], logit: BoostedTrees, fitted_on: FittedOn) -> Result<Self, NotAForecast> {
+    pub fn new(names: &[&str], logit: BoostedTrees, fitted_on: ForecastFitData) -> Result<Self, NotAForecast> {
         Self { measures: names.iter().map(|&name| name.to_owned()).collect(), fitted_on, logit }.checked(names)
     }
 
@@ -77,7 +77,7 @@ impl Forecast {
     }
 
     /// The data that it was fitted on.
-    pub fn fitted_on(&self) -> &FittedOn {
+    pub fn fitted_on(&self) -> &ForecastFitData {
         &self.fitted_on
     }
 
@@ -136,16 +136,16 @@ mod tests {
 
     #[test]
     fn forecasts_of_other_measures_or_broken_trees_are_refused_by_name() {
-        let own = |logit| serde_json::to_value(Forecast::new(&["a", "b"], logit, FittedOn::default()).unwrap()).unwrap();
+        let own = |logit| serde_json::to_value(Forecast::new(&["a", "b"], logit, ForecastFitData::default()).unwrap()).unwrap();
         let value = own(leaf(0.0));
         assert_eq!(Forecast::read(&value, &["a", "b"]).unwrap().of(&[1.0, 2.0]), 0.5);
         assert!(Forecast::read(&value, &["a", "c"]).unwrap_err().to_string().contains("measures"));
-        assert!(Forecast::new(&["a"], leaf(f32::NAN), FittedOn::default()).unwrap_err().to_string().contains("logit"));
+        assert!(Forecast::new(&["a"], leaf(f32::NAN), ForecastFitData::default()).unwrap_err().to_string().contains("logit"));
         let of =
             |entries: &[(&str, &Value)]| Forecasts::read(&entries.iter().map(|(name, v)| ((*name).to_owned(), (*v).clone())).collect());
         assert!(of(&[]).unwrap_err().message.contains("no forecast stability"));
         assert!(of(&[(STABILITY, &value)]).unwrap_err().message.contains("stability: measures"));
-        let made = |names: &[&str]| serde_json::to_value(Forecast::new(names, leaf(1.0), FittedOn::default()).unwrap()).unwrap();
+        let made = |names: &[&str]| serde_json::to_value(Forecast::new(names, leaf(1.0), ForecastFitData::default()).unwrap()).unwrap();
         let (stability, stands, stays) = (made(&stability::names()), made(&standing::names()), made(&standing::names_of_neighbour()));
         assert!(of(&[(STABILITY, &stability)]).unwrap_err().message.contains("--network standing"));
         let needed = [(STABILITY, &stability), (STANDS, &stands), (NEIGHBOUR_STAYS, &stays)];

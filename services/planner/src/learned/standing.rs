@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Point2, Point3, Vector2, Vector3};
 use repose_belief::columns::cells_of;
 use repose_belief::outlines::separating_gap_m;
 use repose_belief::shape::Shape;
-use repose_belief::solid::Solid;
+use repose_belief::solid::CompletedSurface;
 use repose_geometry::{Footprint, cloud};
 
 use crate::scene::prepared::PreparedScene;
@@ -31,8 +31,8 @@ const MEASURES: [OfObject; 31] = [
     ("points", |s| s.points),
     // The tilt that tips it over the nearest edge of what it would stand on: with the far half as it stands, and with the far half as its near
     // one seen from the opposite side in all three directions, which is right for boxes and tubes in any attitude.
-    ("tip_standing", |s| tip_rad(&Solid::standing(&s.cloud, s.shape))),
-    ("tip_reflected", |s| tip_rad(&Solid::leaning(&s.cloud, s.shape))),
+    ("tip_standing", |s| tip_rad(&CompletedSurface::standing(&s.cloud, s.shape))),
+    ("tip_reflected", |s| tip_rad(&CompletedSurface::leaning(&s.cloud, s.shape))),
     // Its largest oblique face, and how much is level.
     ("oblique_share", |s| s.traits.oblique.share),
     ("oblique_off", |s| s.traits.oblique.off_rad),
@@ -251,7 +251,7 @@ fn lean(cloud: &[Point3<f32>]) -> Vector2<f32> {
 }
 
 /// The tilt after which a solid's centre of mass is over the edge of what touches the ground, radians; negative where it is beyond it already.
-fn tip_rad(solid: &Solid) -> f64 {
+fn tip_rad(solid: &CompletedSurface) -> f64 {
     let low_m = solid.points.iter().map(|p| p.z).fold(f32::INFINITY, f32::min);
     let Some(support) = Footprint::of(solid.points.iter().filter(|p| p.z <= low_m + CONTACT_M)) else { return -1.0 };
     f64::from(support.margin(&solid.center_of_mass.xy()).atan2((solid.center_of_mass.z - low_m).max(1e-3)))
@@ -326,14 +326,14 @@ mod tests {
 
     #[test]
     fn a_board_that_leans_tips_over_what_touches_the_ground_and_a_block_does_not() {
-        let board = |lean_rad: f32| -> Solid {
+        let board = |lean_rad: f32| -> CompletedSurface {
             let turn = nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), lean_rad);
             let points: Vec<Point3<f32>> = (0..1200)
                 .map(|k| Point3::new((k % 20) as f32 * 0.004, (k / 20 % 3) as f32 * 0.004, (k / 60) as f32 * 0.008))
                 .map(|p| turn * p)
                 .collect();
             let middle = points.iter().map(|p| p.coords).sum::<Vector3<f32>>() / points.len() as f32;
-            Solid { points, center_of_mass: middle.into() }
+            CompletedSurface { points, center_of_mass: middle.into() }
         };
         assert!(tip_rad(&board(0.0)) > 0.03);
         assert!(tip_rad(&board(0.5)) < 0.0);

@@ -11,7 +11,7 @@ use repose_belief::BelievedObject;
 use repose_belief::columns::{ColumnRun, cells_of};
 use repose_belief::outlines::separating_gap_m;
 use repose_belief::shape::Shape;
-use repose_belief::solid::Solid;
+use repose_belief::solid::CompletedSurface;
 
 /// Points whose normals are looked at, at most.
 const SAMPLE: usize = 240;
@@ -82,9 +82,9 @@ const RISES_M: f32 = 0.02;
 const RISING_CELLS: usize = 6;
 
 /// What an object's whole surface is believed to be: it tells how the object may be set up otherwise than it was seen.
-pub fn solid_of(prepared: &PreparedScene, id: u16, object: &BelievedObject, shape: &Shape) -> Solid {
+pub fn solid_of(prepared: &PreparedScene, id: u16, object: &BelievedObject, shape: &Shape) -> CompletedSurface {
     let traits = StandingTraits::of(prepared, id, shape, &cloud::voxel_downsampled(&object.points, VOXEL_M));
-    if traits.leans() { Solid::leaning(&object.points, shape) } else { Solid::standing(&object.points, shape) }
+    if traits.leans() { CompletedSurface::leaning(&object.points, shape) } else { CompletedSurface::standing(&object.points, shape) }
 }
 
 impl StandingTraits {

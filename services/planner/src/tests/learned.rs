@@ -13,7 +13,7 @@ use repose_proto::place::{Outcome, PlaceRequest, PlaceResult, Rejection, Variant
 use repose_proto::scoring::{MixtureComponent, PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, ErrorCode, RELATION_COUNT, Relation, Scene};
 
-use crate::learned::forecast::{FittedOn, Forecast, Forecasts};
+use crate::learned::forecast::{Forecast, ForecastFitData, Forecasts};
 use crate::learned::models::PlacementModels;
 use crate::learned::{standing, success};
 use crate::plan::{SearchStep, plan, plan_with_report};
@@ -188,7 +188,7 @@ fn by_goal() -> Forecast {
     let logit = |p: f32| (p / (1.0 - p)).ln();
     let tree =
         DecisionTree { splits: vec![TreeSplit(goal, 0.5, [Branch::Leaf(0), Branch::Leaf(1)])], leaves: vec![logit(0.2), logit(0.9)] };
-    Forecast::new(&success::names(), BoostedTrees { bias: 0.0, trees: vec![tree] }, FittedOn::default()).unwrap()
+    Forecast::new(&success::names(), BoostedTrees { bias: 0.0, trees: vec![tree] }, ForecastFitData::default()).unwrap()
 }
 
 #[test]
@@ -218,7 +218,7 @@ fn best_says_how_sure_it_is_and_answers_none_where_that_is_too_little() {
 /// A forecast that says the same of everything.
 fn always(p: f32, names: &[&str]) -> Forecast {
     let leaf = DecisionTree { splits: Vec::new(), leaves: vec![(p / (1.0 - p)).ln()] };
-    Forecast::new(names, BoostedTrees { bias: 0.0, trees: vec![leaf] }, FittedOn::default()).unwrap()
+    Forecast::new(names, BoostedTrees { bias: 0.0, trees: vec![leaf] }, ForecastFitData::default()).unwrap()
 }
 
 #[test]

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use super::writing::PartWriter;
 use crate::{RecordSettings, RecordingError};
 
-/// A recording that is being made.
-pub struct Parts {
+/// The files of a recording in progress.
+pub struct RecordingFiles {
     settings: RecordSettings,
     about: BTreeMap<String, String>,
     open: PartWriter,
@@ -18,9 +18,9 @@ pub struct Parts {
     removed: usize,
 }
 
-/// What has become of a recording.
+/// What a recording wrote: its files, their size, and how many were removed.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Written {
+pub struct RecordingReport {
     /// Its files that are there, oldest first.
     pub files: Vec<PathBuf>,
     /// Their bytes.
@@ -29,7 +29,7 @@ pub struct Written {
     pub removed: usize,
 }
 
-impl Parts {
+impl RecordingFiles {
     /// Begins a recording; `about` goes into every file.
     ///
     /// # Errors
@@ -73,12 +73,12 @@ impl Parts {
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn finish(self, about: BTreeMap<String, String>) -> Result<Written, RecordingError> {
+    pub fn finish(self, about: BTreeMap<String, String>) -> Result<RecordingReport, RecordingError> {
         let last = self.open.path().to_owned();
         let mut closed = self.closed;
         closed.push_back((last, self.open.finish(about)?));
         let bytes = closed.iter().map(|(_, bytes)| bytes).sum();
-        Ok(Written { files: closed.into_iter().map(|(path, _)| path).collect(), bytes, removed: self.removed })
+        Ok(RecordingReport { files: closed.into_iter().map(|(path, _)| path).collect(), bytes, removed: self.removed })
     }
 }
 
@@ -92,7 +92,7 @@ mod tests {
     use repose_proto::Payload;
 
     use super::*;
-    use crate::file::reading::Reading;
+    use crate::file::reading::RecordingReader;
 
     /// Bytes that do not shrink.
     fn noise(seed: u64, count: usize) -> Vec<u8> {
@@ -111,8 +111,8 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let settings =
             RecordSettings { max_file_bytes: 1 << 20, max_total_bytes: 3 << 20, ..RecordSettings::new(folder.path().join("run.mcap")) };
-        let mut parts = Parts::begin(settings.clone(), BTreeMap::new()).expect("a file");
-        assert!(Parts::begin(settings, BTreeMap::new()).is_err(), "nothing is written over");
+        let mut parts = RecordingFiles::begin(settings.clone(), BTreeMap::new()).expect("a file");
+        assert!(RecordingFiles::begin(settings, BTreeMap::new()).is_err(), "nothing is written over");
         for k in 0..12u64 {
             let payload = Payload { encoding: "application/octet-stream;repose.Frame.v1".to_owned(), bytes: noise(k, 500_000).into() };
             parts.open().wire("repose/v1/cell/camera/front/frame", &payload, k).expect("written");
@@ -128,7 +128,7 @@ mod tests {
         assert_eq!(there, named);
         let mut seen = Vec::new();
         for file in &written.files {
-            let mut reading = Reading::open(file).expect("a recording");
+            let mut reading = RecordingReader::open(file).expect("a recording");
             while let Some(recorded) = reading.next_message().expect("readable") {
                 assert_eq!(recorded.payload.bytes, noise(recorded.at_ns, 500_000));
                 seen.push(recorded.at_ns);

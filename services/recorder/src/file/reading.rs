@@ -15,9 +15,9 @@ use crate::RecordingError;
 /// Largest record that is read, bytes; what claims to be larger is refused before memory is taken.
 const MAX_RECORD_BYTES: usize = 256 << 20;
 
-/// A message of the wire, as it was recorded.
+/// A recorded message.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Recorded {
+pub struct RecordedMessage {
     /// Its key.
     pub topic: String,
     /// When it was heard, nanoseconds since the Unix epoch.
@@ -26,23 +26,23 @@ pub struct Recorded {
     pub payload: Payload,
 }
 
-/// A file that is being read.
-pub struct Reading {
+/// A reader of one recording file.
+pub struct RecordingReader {
     path: PathBuf,
     file: File,
     reader: LinearReader,
     channels: BTreeMap<u16, Channel>,
     about: BTreeMap<String, String>,
-    first: Option<Recorded>,
+    first: Option<RecordedMessage>,
     cut: Option<String>,
 }
 
 /// Whether a file is one of our recordings.
 pub fn is_recording(path: &Path) -> bool {
-    path.is_file() && Reading::open(path).is_ok()
+    path.is_file() && RecordingReader::open(path).is_ok()
 }
 
-impl Reading {
+impl RecordingReader {
     /// Opens a file and reads up to its first message.
     ///
     /// # Errors
@@ -81,14 +81,14 @@ impl Reading {
     ///
     /// # Errors
     /// When the file cannot be read.
-    pub fn next_message(&mut self) -> Result<Option<Recorded>, RecordingError> {
+    pub fn next_message(&mut self) -> Result<Option<RecordedMessage>, RecordingError> {
         match self.first.take() {
             Some(first) => Ok(Some(first)),
             None => self.advance(&mut None),
         }
     }
 
-    fn advance(&mut self, profile: &mut Option<String>) -> Result<Option<Recorded>, RecordingError> {
+    fn advance(&mut self, profile: &mut Option<String>) -> Result<Option<RecordedMessage>, RecordingError> {
         while self.cut.is_none()
             && let Some(event) = self.reader.next_event()
         {
@@ -111,7 +111,7 @@ impl Reading {
                     let wire = self.channels.get(&header.channel_id).and_then(|c| Some((c, c.metadata.get(ENCODING)?)));
                     let Some((channel, encoding)) = wire else { continue };
                     let payload = Payload { encoding: encoding.clone(), bytes: data.into_owned().into() };
-                    return Ok(Some(Recorded { topic: channel.topic.clone(), at_ns: header.log_time, payload }));
+                    return Ok(Some(RecordedMessage { topic: channel.topic.clone(), at_ns: header.log_time, payload }));
                 }
                 Ok(_) => {}
                 Err(error) => self.cut = Some(error.to_string()),
@@ -148,14 +148,14 @@ mod tests {
         for more in [0, 5, 40] {
             left.extend_from_slice(&all[left.len()..][..more]);
             std::fs::write(&cut, &left).expect("written");
-            let mut reading = Reading::open(&cut).expect("a recording");
+            let mut reading = RecordingReader::open(&cut).expect("a recording");
             assert_eq!(reading.about(), &about);
             let stamps: Vec<u64> =
                 std::iter::from_fn(|| reading.next_message().expect("readable")).map(|recorded| recorded.at_ns).collect();
             assert_eq!(stamps, [0, 1, 2]);
             assert!(reading.cut().is_some(), "it is said that the end is missing");
         }
-        let mut reading = Reading::open(&whole).expect("a recording");
+        let mut reading = RecordingReader::open(&whole).expect("a recording");
         let last = std::iter::from_fn(|| reading.next_message().expect("readable")).last().expect("messages");
         assert_eq!((last.at_ns, &last.payload, reading.cut()), (3, &state("{}"), None));
     }
@@ -165,11 +165,11 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let text = folder.path().join("text.mcap");
         std::fs::write(&text, "no recording at all").expect("written");
-        assert!(Reading::open(&text).err().expect("refused").to_string().contains("not an MCAP file"));
+        assert!(RecordingReader::open(&text).err().expect("refused").to_string().contains("not an MCAP file"));
         let foreign = folder.path().join("foreign.mcap");
         let mut writer = mcap::Writer::new(File::create(&foreign).expect("a file")).expect("a writer");
         writer.finish().expect("written");
-        assert!(Reading::open(&foreign).err().expect("refused").to_string().contains("expected a recording of the profile"));
+        assert!(RecordingReader::open(&foreign).err().expect("refused").to_string().contains("expected a recording of the profile"));
         assert!(!is_recording(&foreign) && !is_recording(folder.path()));
     }
 }

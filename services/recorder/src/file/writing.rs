@@ -16,7 +16,7 @@ use repose_proto::Payload;
 
 use super::{ENCODING, PROFILE};
 use crate::RecordingError;
-use crate::look::Look;
+use crate::look::VisualMessage;
 
 /// Uncompressed size at which a chunk is closed, bytes.
 const CHUNK_BYTES: u64 = 4 << 20;
@@ -98,7 +98,7 @@ impl PartWriter {
     ///
     /// # Errors
     /// When the file cannot be written.
-    pub fn look(&mut self, look: &Look) -> Result<(), RecordingError> {
+    pub fn look(&mut self, look: &VisualMessage) -> Result<(), RecordingError> {
         let schema = self.writer.add_schema(&look.schema.name, &look.schema.encoding, &look.schema.data);
         let channel = schema.and_then(|schema| self.writer.add_channel(schema, &look.topic, "protobuf", &BTreeMap::new()));
         self.add(channel, &look.message, look.at_ns)

@@ -2,9 +2,9 @@
 
 use foxglove::{Encode, Schema};
 
-/// Something to look at.
+/// A message for visualization tools.
 #[derive(Debug, Clone)]
-pub struct Look {
+pub struct VisualMessage {
     /// Where viewers find it, `/camera/front/image`.
     pub topic: String,
     /// Of which schema.
@@ -15,7 +15,7 @@ pub struct Look {
     pub message: Vec<u8>,
 }
 
-impl Look {
+impl VisualMessage {
     /// A message of one of Foxglove's schemas; none of a message without one.
     pub(super) fn new<T: Encode>(topic: String, at_ns: u64, message: &T) -> Option<Self> {
         let mut bytes = Vec::with_capacity(message.encoded_len().unwrap_or_default());

@@ -6,23 +6,23 @@ use repose_geometry::transform::from_row_major;
 use repose_panda::{LinkFrames, PlacedSphere, spheres_in_base};
 use repose_proto::robot::RobotState;
 
-use super::message::Look;
+use super::message::VisualMessage;
 use super::types::{WORLD, color, entity, instant, pose, transform, vector};
 
 /// Between two drawings of a robot, nanoseconds: its states come faster than anybody looks.
 const PERIOD_NS: u64 = 50_000_000;
 /// Between two drawings of its body.
 const BODY_PERIOD_NS: u64 = 200_000_000;
-/// What was drawn of a robot.
+/// The state of a robot that was last drawn.
 #[derive(Debug, Clone, Default)]
-pub struct Drawn {
+pub struct DrawnRobot {
     at_ns: u64,
     body_at_ns: u64,
     stop: Option<String>,
 }
 
 /// What is to be drawn of a state, given what was drawn before.
-pub fn looks(name: &str, state: &RobotState, drawn: &mut Drawn) -> Vec<Look> {
+pub fn looks(name: &str, state: &RobotState, drawn: &mut DrawnRobot) -> Vec<VisualMessage> {
     let (at_ns, at) = (state.stamp_ns, instant(state.stamp_ns));
     let mut looks = Vec::new();
     let stop = state.stop.as_ref().map(|stop| format!("{} ({})", stop.reason, stop.kind));
@@ -30,7 +30,7 @@ pub fn looks(name: &str, state: &RobotState, drawn: &mut Drawn) -> Vec<Look> {
         let cleared = (log::Level::Info, "the stop is cleared".to_owned());
         let (level, message) = stop.clone().map_or(cleared, |stop| (log::Level::Warning, format!("stopped: {stop}")));
         let line = Log { timestamp: at, level: level.into(), message, name: name.to_owned(), file: String::new(), line: 0 };
-        looks.extend(Look::new("/log".to_owned(), at_ns, &line));
+        looks.extend(VisualMessage::new("/log".to_owned(), at_ns, &line));
         drawn.stop = stop;
     }
     if at_ns.abs_diff(drawn.at_ns) < PERIOD_NS {
@@ -43,16 +43,16 @@ pub fn looks(name: &str, state: &RobotState, drawn: &mut Drawn) -> Vec<Look> {
     let joints = joints.map(|(k, (q, dq))| joint(format!("{name}_joint{}", k + 1), *q, *dq));
     let finger = |side: &str| joint(format!("{name}_{side}_finger"), state.gripper_width_m / 2.0, 0.0);
     let joints = joints.chain([finger("left"), finger("right")]).collect();
-    looks.extend(Look::new(format!("/robot/{name}/joints"), at_ns, &JointStates { timestamp: at, joints }));
+    looks.extend(VisualMessage::new(format!("/robot/{name}/joints"), at_ns, &JointStates { timestamp: at, joints }));
     let world_from_base = state.world_from_base.and_then(|pose| from_row_major(&pose.0).ok()).unwrap_or_else(Isometry3::identity);
     let frames = LinkFrames::at(&state.q_rad);
-    looks.extend(Look::new("/tf".to_owned(), at_ns, &transforms(name, at, &world_from_base, &frames)));
+    looks.extend(VisualMessage::new("/tf".to_owned(), at_ns, &transforms(name, at, &world_from_base, &frames)));
     if at_ns.abs_diff(drawn.body_at_ns) >= BODY_PERIOD_NS {
         drawn.body_at_ns = at_ns;
         let spheres = spheres_in_base(&frames, state.gripper_width_m);
         let entities = vec![body(name, at, &spheres, &world_from_base, state.stop.is_some())];
         let update = SceneUpdate { deletions: Vec::new(), entities };
-        looks.extend(Look::new(format!("/robot/{name}/body"), at_ns, &update));
+        looks.extend(VisualMessage::new(format!("/robot/{name}/body"), at_ns, &update));
     }
     looks
 }

@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use repose_geometry::transform::from_row_major;
 use repose_proto::{PlaceResult, Scene};
 
-use super::message::Look;
+use super::message::VisualMessage;
 use super::types::{WORLD, all_deleted, closed_line, color, entity, instant, pose, vector};
 
 /// Points that are drawn of a cloud.
@@ -65,7 +65,7 @@ pub struct Boxes {
 
 impl Boxes {
     /// A scene's cloud and its objects; keeps its boxes.
-    pub fn looks(&mut self, scene_id: &str, scene: &Scene) -> Vec<Look> {
+    pub fn looks(&mut self, scene_id: &str, scene: &Scene) -> Vec<VisualMessage> {
         let bounds = Bounds::of_objects(scene);
         let looks = looks(scene, &bounds);
         if self.scenes.iter().all(|(known, _)| known != scene_id) {
@@ -76,7 +76,7 @@ impl Boxes {
     }
 
     /// The placements of an answer, best first; takes the ones before away. None where the scene is not known.
-    pub fn ghosts(&self, result: &PlaceResult, at_ns: u64) -> Option<Look> {
+    pub fn ghosts(&self, result: &PlaceResult, at_ns: u64) -> Option<VisualMessage> {
         let (_, bounds) = self.scenes.iter().find(|(id, _)| *id == result.scene_id)?;
         let (bounds, at) = (bounds.get(&result.query)?, instant(at_ns));
         let ghost = |(rank, placement): (usize, &repose_proto::place::Placement)| {
@@ -89,14 +89,14 @@ impl Boxes {
             Some(SceneEntity { metadata: vec![cost], cubes: vec![cube], texts: vec![text], ..ghost })
         };
         let entities = result.placements.iter().enumerate().filter_map(ghost).collect();
-        Look::new("/placements".to_owned(), at_ns, &SceneUpdate { deletions: vec![all_deleted(at)], entities })
+        VisualMessage::new("/placements".to_owned(), at_ns, &SceneUpdate { deletions: vec![all_deleted(at)], entities })
     }
 }
 
-fn looks(scene: &Scene, bounds: &BTreeMap<u16, Bounds>) -> Vec<Look> {
+fn looks(scene: &Scene, bounds: &BTreeMap<u16, Bounds>) -> Vec<VisualMessage> {
     let (camera, at_ns) = (&scene.camera_name, scene.stamp_ns);
-    let cloud = Look::new(format!("/scene/{camera}/cloud"), at_ns, &cloud(scene));
-    let objects = Look::new(format!("/scene/{camera}/objects"), at_ns, &objects(scene, bounds));
+    let cloud = VisualMessage::new(format!("/scene/{camera}/cloud"), at_ns, &cloud(scene));
+    let objects = VisualMessage::new(format!("/scene/{camera}/objects"), at_ns, &objects(scene, bounds));
     cloud.into_iter().chain(objects).collect()
 }
 

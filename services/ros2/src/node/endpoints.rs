@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use repose_ros_messages::{decode, encode};
-use repose_runtime::raw::{Asked, RawMessage, RawSession, RawSubscription, Room};
+use repose_runtime::raw::{QueryRecipients, RawMessage, RawSession, RawSubscription, Room};
 use repose_runtime::{Guard, SessionConfig};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -142,7 +142,7 @@ impl Node {
     /// The last messages of a topic, from its publishers' caches (`AdvancedPublisher`), oldest first.
     async fn past(&self, key: &str, depth: u32) -> Result<Vec<RawMessage>, BridgeError> {
         let message = RawMessage { key: format!("{key}/@adv/**?_max={depth}"), ..RawMessage::default() };
-        let mut replies = self.session().query(Asked::Caches, message, HISTORY).await?;
+        let mut replies = self.session().query(QueryRecipients::Caches, message, HISTORY).await?;
         let mut past = Vec::new();
         while let Some(reply) = replies.next().await {
             past.push(reply);

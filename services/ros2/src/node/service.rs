@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
 use repose_ros_messages::{decode, encode};
-use repose_runtime::raw::{Asked, RawMessage, RawQueries, RawQuery, RawSession};
+use repose_runtime::raw::{QueryRecipients, RawMessage, RawQueries, RawQuery, RawSession};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -118,7 +118,7 @@ impl<Q: Serialize, A: DeserializeOwned> RosClient<Q, A> {
         let attachment = Attachment { sequence, stamp_ns: now_ns() as i64, gid: self.declared.gid }.encode();
         let message = RawMessage { key: self.declared.key.clone(), payload, attachment };
         let started = tokio::time::Instant::now();
-        let mut replies = self.session.query(Asked::Servers, message, patience).await?;
+        let mut replies = self.session.query(QueryRecipients::Servers, message, patience).await?;
         let none = || BridgeError::NoAnswer { service: self.service.clone(), waited_ms: started.elapsed().as_millis() };
         let reply = tokio::time::timeout(patience, replies.next()).await.map_err(|_| none())?.ok_or_else(none)?;
         Ok(decode(&reply.payload, self.type_name)?)

@@ -10,7 +10,7 @@
 
 use repose_proto::robot::{EmergencyStop, RobotCommand, RobotMode, RobotState, SetPoint};
 use repose_proto::{CallError, RigidTransform};
-use repose_robot_side::{Arm, ArmSettings, Shown, TICK_S, state_of};
+use repose_robot_side::{Arm, ArmSettings, StateDetails, TICK_S, state_of};
 use repose_ros_messages::{FollowJointTrajectoryResult, GripperCommandResult, JointState, JointTrajectory, status};
 
 use super::goal::{Goal, GoalState, trajectory};
@@ -283,7 +283,7 @@ impl RosSide {
         let arm = self.arm.as_ref()?;
         self.measured.age_ms(now_ms).filter(|age_ms| *age_ms <= JOINTS_OLD_MS)?;
         self.states += 1;
-        let shown = Shown {
+        let shown = StateDetails {
             seq: self.states,
             stamp_ns,
             robot_ms: self.ticks as f64 * TICK_S * 1e3,

@@ -19,14 +19,14 @@ use crate::wire::names::Qos;
 const FETCH: Duration = Duration::from_secs(3);
 
 /// The topics of one camera's scenes.
-pub struct Shown {
+pub struct SceneTopics {
     detections: RosPublisher<Detection3DArray>,
     poses: RosPublisher<PoseArray>,
     markers: RosPublisher<MarkerArray>,
     cloud: RosPublisher<PointCloud2>,
 }
 
-impl Shown {
+impl SceneTopics {
     /// Offers them.
     ///
     /// # Errors
@@ -58,7 +58,7 @@ impl Shown {
 /// # Errors
 /// When a network refuses.
 pub async fn run(session: Session, node: Node, config: Arc<Ros2Config>, camera: String, reports: Reports) -> Result<(), BridgeError> {
-    let shown = Shown::of(&node, &camera).await?;
+    let shown = SceneTopics::of(&node, &camera).await?;
     let perception = session.caller(Service::Perception).await?;
     let mut scenes = session.subscribe_latest(&session.cell().scene(&camera)).await?;
     let part = format!("{camera} scenes");

@@ -74,10 +74,10 @@ const SIDE_STEP_M: f32 = 0.001;
 /// The trees say the logarithm of what is missing and this, metres.
 const OFFSET_M: f64 = 0.004;
 
-/// What a fit was made of.
+/// The data that a far-side predictor was fitted on.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct FittedOn {
+pub struct BackFitData {
     /// Training scenes.
     pub scenes: usize,
     /// Objects in them, each view counted.
@@ -89,7 +89,7 @@ pub struct FittedOn {
 #[serde(deny_unknown_fields)]
 pub struct Back {
     measures: Vec<String>,
-    fitted_on: FittedOn,
+    fitted_on: BackFitData,
     log_m: BoostedTrees,
 }
 
@@ -116,7 +116,7 @@ impl Back {
     ///
     /// # Errors
     /// When a branch leads nowhere or a value is not finite.
-    pub fn new(log_m: BoostedTrees, fitted_on: FittedOn) -> Result<Self, NotABack> {
+    pub fn new(log_m: BoostedTrees, fitted_on: BackFitData) -> Result<Self, NotABack> {
         Self { measures: MEASURES.map(str::to_owned).to_vec(), fitted_on, log_m }.checked()
     }
 
@@ -233,10 +233,10 @@ mod tests {
     #[test]
     fn trees_say_the_logarithm_of_what_is_missing() {
         let leaf = |value: f64| BoostedTrees { bias: value, trees: vec![DecisionTree { splits: Vec::new(), leaves: vec![0.0] }] };
-        let back = Back::new(leaf(Back::target(0.02)), FittedOn::default()).unwrap();
+        let back = Back::new(leaf(Back::target(0.02)), BackFitData::default()).unwrap();
         assert!((back.missing_m(&[0.0; MEASURES.len()]) - 0.02).abs() < 1e-6);
-        let nothing = Back::new(leaf(Back::target(-0.01)), FittedOn::default()).unwrap();
+        let nothing = Back::new(leaf(Back::target(-0.01)), BackFitData::default()).unwrap();
         assert!(nothing.missing_m(&[0.0; MEASURES.len()]) < 1e-6);
-        assert!(Back::new(leaf(f64::NAN), FittedOn::default()).is_err());
+        assert!(Back::new(leaf(f64::NAN), BackFitData::default()).is_err());
     }
 }

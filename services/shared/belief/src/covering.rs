@@ -11,7 +11,7 @@ use nalgebra::{Point2, Point3, Vector2};
 use crate::columns::{ColumnMap, cells_of};
 use crate::settings::{BeliefSettings, CoverSettings};
 use crate::shape::Shape;
-use crate::standing::{Seen, nth};
+use crate::standing::{ObservedGeometry, nth};
 use crate::view::ObservedView;
 
 /// What carries an object that covers it.
@@ -23,7 +23,7 @@ pub struct Covered {
     pub contact_m: f32,
 }
 
-impl Seen<'_> {
+impl ObservedGeometry<'_> {
     /// What an object stands on and covers; none where nothing is known to be covered by it.
     pub fn covered_by(&self, id: u16) -> Option<Covered> {
         let low = Band::lowest(self.clouds.get(&id)?, self.settings)?;

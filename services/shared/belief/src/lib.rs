@@ -61,7 +61,7 @@ use covering::go_on_under;
 use crown::is_crowned;
 use front::Front;
 use plane::SupportPlane;
-use standing::{Seen, carried_by};
+use standing::{ObservedGeometry, carried_by};
 
 pub use settings::BeliefSettings;
 pub use shape::Shape;
@@ -162,7 +162,7 @@ impl Belief {
         let planes: Vec<SupportPlane> = seen.surfaces.iter().filter_map(SupportPlane::of).collect();
         let view = ObservedView::new(seen.points, seen.labels, seen.camera, seen.world_from_camera, settings.view_columns);
 
-        let before = Seen { clouds: &clouds, columns: &observed, planes: &planes, view: &view, settings };
+        let before = ObservedGeometry { clouds: &clouds, columns: &observed, planes: &planes, view: &view, settings };
         let mut shapes = known.unwrap_or_else(|| completed(&before));
         let hidden: Vec<(Point2<f32>, ColumnRun)> = shapes.iter().flat_map(|(id, shape)| unseen_runs(*id, shape, &observed)).collect();
         let columns = observed.with(hidden);
@@ -206,7 +206,7 @@ impl Belief {
 }
 
 /// The whole shapes of the objects that were seen.
-fn completed(seen: &Seen<'_>) -> BTreeMap<u16, Shape> {
+fn completed(seen: &ObservedGeometry<'_>) -> BTreeMap<u16, Shape> {
     let eye = seen.view.eye().xy();
     let complete = |id: u16, bottom_m: f32| {
         let front = Front::of(&seen.clouds[&id], bottom_m, &eye, &seen.settings.shape)?;

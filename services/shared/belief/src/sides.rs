@@ -8,7 +8,7 @@ use repose_geometry::{Footprint, sampling};
 
 use crate::crown::is_crowned;
 use crate::settings::{CrownSettings, SideSettings};
-use crate::solid::Solid;
+use crate::solid::CompletedSurface;
 
 /// A side on which an object could stand.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,7 +20,7 @@ pub struct Side {
 }
 
 /// All sides, that on which it stands as observed among them; the one with the widest margin first.
-pub fn sides(solid: &Solid, settings: &SideSettings, crown: &CrownSettings) -> Vec<Side> {
+pub fn sides(solid: &CompletedSurface, settings: &SideSettings, crown: &CrownSettings) -> Vec<Side> {
     let mut found: Vec<(Vector3<f64>, Side)> = Vec::new();
     for down in hull_normals(&extreme_points(solid, settings.directions), settings) {
         let Some(side) = side(solid, &down, settings, crown) else { continue };
@@ -37,7 +37,7 @@ pub fn sides(solid: &Solid, settings: &SideSettings, crown: &CrownSettings) -> V
 }
 
 /// The side that faces `down`, if the object could stand on it.
-fn side(solid: &Solid, down: &Vector3<f64>, settings: &SideSettings, crown: &CrownSettings) -> Option<Side> {
+fn side(solid: &CompletedSurface, down: &Vector3<f64>, settings: &SideSettings, crown: &CrownSettings) -> Option<Side> {
     // Half a turn, where there is no smallest one, is about x.
     let half_turn = || UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
     let standing_from_observed = UnitQuaternion::rotation_between(down, &-Vector3::z()).unwrap_or_else(half_turn);
@@ -51,7 +51,7 @@ fn side(solid: &Solid, down: &Vector3<f64>, settings: &SideSettings, crown: &Cro
 }
 
 /// The points that reach farthest in directions spread evenly over the sphere.
-fn extreme_points(solid: &Solid, directions: usize) -> Vec<Point3<f64>> {
+fn extreme_points(solid: &CompletedSurface, directions: usize) -> Vec<Point3<f64>> {
     let farthest = |along: Vector3<f64>| {
         let reach = |i: usize| solid.points[i].coords.dot(&along.cast::<f32>());
         (0..solid.points.len()).max_by(|a, b| reach(*a).total_cmp(&reach(*b)))
@@ -111,7 +111,7 @@ mod tests {
     }
 
     fn found(points: Vec<Point3<f32>>) -> Vec<Side> {
-        sides(&Solid { points, center_of_mass: Point3::origin() }, &SideSettings::default(), &CrownSettings::default())
+        sides(&CompletedSurface { points, center_of_mass: Point3::origin() }, &SideSettings::default(), &CrownSettings::default())
     }
 
     #[test]

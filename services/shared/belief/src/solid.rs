@@ -17,14 +17,14 @@ const VOXEL_M: f32 = 0.004;
 
 /// A completed surface, world frame.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Solid {
+pub struct CompletedSurface {
     /// Points all over it.
     pub points: Vec<Point3<f32>>,
     /// Where its centre of mass is believed to be.
     pub center_of_mass: Point3<f32>,
 }
 
-impl Solid {
+impl CompletedSurface {
     /// Of an object that stands by itself.
     pub fn standing(seen: &[Point3<f32>], shape: &Shape) -> Self {
         let seen = cloud::voxel_downsampled(seen, VOXEL_M);

@@ -15,9 +15,9 @@ use crate::settings::{BeliefSettings, StackSettings};
 use crate::shape::Shape;
 use crate::view::ObservedView;
 
-/// What is known of a scene before its objects are completed.
+/// The observed geometry of a scene, before its objects are completed.
 #[derive(Debug, Clone, Copy)]
-pub struct Seen<'a> {
+pub struct ObservedGeometry<'a> {
     /// The points by object, world frame.
     pub clouds: &'a BTreeMap<u16, Vec<Point3<f32>>>,
     /// Runs above the floor plan.
@@ -30,7 +30,7 @@ pub struct Seen<'a> {
     pub settings: &'a BeliefSettings,
 }
 
-impl Seen<'_> {
+impl ObservedGeometry<'_> {
     /// The height of an object's bottom, world z, metres; `None` for an object without extent.
     ///
     /// Whatever tells it, it is not above what was seen of the object: set down as if it were, the object would be pressed in.

@@ -35,9 +35,9 @@ pub enum Sight {
     Unknown,
 }
 
-/// What the camera read in the direction of a place.
+/// The depth reading in the direction of a place.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Reading {
+pub struct DepthReading {
     /// Whose surface it met, 0 for furniture.
     pub object: u16,
     /// How far behind the place that surface is, along the optical axis, metres; negative: it hides the place.
@@ -93,10 +93,10 @@ impl ObservedView {
     }
 
     /// What the camera read in the direction of a place (world frame); none outside the picture or without a reading.
-    pub fn reading(&self, place: &Point3<f32>) -> Option<Reading> {
+    pub fn reading(&self, place: &Point3<f32>) -> Option<DepthReading> {
         let in_camera = self.camera_from_world * place.cast::<f64>();
         let pixel = self.camera.pixel_of(&in_camera).map(|at| &self.pixels[at]).filter(|p| p.depth_m > 0.0)?;
-        Some(Reading { object: pixel.object, behind_m: pixel.depth_m - in_camera.z as f32 })
+        Some(DepthReading { object: pixel.object, behind_m: pixel.depth_m - in_camera.z as f32 })
     }
 
     /// Whether the camera saw past a place (world frame): something lies clearly behind it.

@@ -18,15 +18,15 @@ use repose_tracking::{Fate, Followed, holds};
 use serde::Serialize;
 
 use crate::memory::GoalMemory;
-use crate::site::{COUNT, Site, Stage, View, is_unserved, is_without_grasp};
+use crate::site::{COUNT, IdentifiedScene, MoveStage, Site, is_unserved, is_without_grasp};
 use crate::tried::Tried;
 
 /// Fresh views in which something that is not seen is looked for before it counts as lost.
 const LOOKS: usize = 3;
 
-/// A move that was tried.
+/// A move of an arrangement that was tried, and its result.
 #[derive(Debug, Clone, Serialize)]
-pub struct Step {
+pub struct TriedMove {
     /// The object, as in the first view; none where that did not have it.
     pub object: Option<u16>,
     /// The move as it was planned; ids are those of its own view.
@@ -38,8 +38,8 @@ pub struct Step {
     pub tried: Tried,
 }
 
-impl Step {
-    /// What came of it, for people: how it ended, and what else was seen.
+impl TriedMove {
+    /// The result for people: how the move ended, and what else was seen.
     pub fn describe(&self) -> Vec<String> {
         let end = match (self.tried.execution, &self.tried.reason) {
             (Some(ExecutionOutcome::Done), _) => "executed".to_owned(),
@@ -52,11 +52,11 @@ impl Step {
     }
 }
 
-/// How it ended.
+/// How the execution of an arrangement ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Ended {
-    /// All goals hold, those of [`Told::remembered`] as far as was seen.
+pub enum ArrangementEnd {
+    /// All goals hold, those of [`ArrangementReport::remembered`] as far as was seen.
     Achieved,
     /// From where things stand no moves were found, or none that the hand can make.
     NoArrangement,
@@ -68,15 +68,15 @@ pub enum Ended {
     Stopped,
 }
 
-/// What came of it all.
+/// The result of an arrangement.
 #[derive(Debug, Serialize)]
-pub struct Told {
+pub struct ArrangementReport {
     /// Goals that were asked for.
     pub wanted: usize,
     /// Goals that hold on the last view, and those that are remembered.
     pub achieved: usize,
     /// How it ended.
-    pub ended: Ended,
+    pub ended: ArrangementEnd,
     /// Why it ended there, where it was not achieved.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub why: Option<String>,
@@ -86,7 +86,7 @@ pub struct Told {
     #[serde(skip_serializing_if = "BTreeSet::is_empty")]
     pub remembered: BTreeSet<u16>,
     /// Every move that was tried.
-    pub steps: Vec<Step>,
+    pub steps: Vec<TriedMove>,
     /// Where the smallest set of goals without an arrangement is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub conflict: Option<Conflict>,
@@ -101,14 +101,14 @@ pub struct Told {
 #[derive(Debug)]
 pub enum News<'a> {
     /// Moves are planned from where things stand.
-    Planned(Planned),
+    Planned(PlannedMoves),
     /// A move was tried.
-    Tried(&'a Step),
+    Tried(&'a TriedMove),
 }
 
-/// The moves that are planned from where things stand.
+/// The moves planned from the current scene.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Planned {
+pub struct PlannedMoves {
     /// In order.
     pub moves: Vec<NamedMove>,
     /// The probability that all of them succeed.
@@ -128,8 +128,8 @@ pub struct NamedMove {
     pub goal: Vec<GoalTerm>,
 }
 
-/// Has goals brought about; its scene is each view in turn. The request's ids are those of `seen`, or without it those of the newest view, which becomes
-/// the first. An object is tried `attempts` times, at least once; `told` hears how it goes.
+/// Has goals brought about; its scene is each view in turn. The request's ids are those of `seen`, or without it those of the newest view, which
+/// becomes the first. An object is tried `attempts` times, at least once; `told` hears how it goes.
 ///
 /// # Errors
 /// Whatever ended it before a move was tried.
@@ -139,7 +139,7 @@ pub async fn bring_about<S: Site>(
     mut request: ArrangeRequest,
     attempts: usize,
     told: impl FnMut(News<'_>) + Send,
-) -> Result<Told, CallError> {
+) -> Result<ArrangementReport, CallError> {
     let view = site.view_after(seen.map_or(0, |scene| scene.stamp_ns)).await?;
     let mut followed = Followed::of(seen.unwrap_or(&view.1));
     if seen.is_some() {
@@ -153,7 +153,7 @@ pub async fn bring_about<S: Site>(
     let (ended, why, error) = match run.until_the_end().await {
         // Nothing was tried.
         Err(error) if run.steps.is_empty() => return Err(error),
-        Err(error) => (Ended::Stopped, Some(error.to_string()), Some(error)),
+        Err(error) => (ArrangementEnd::Stopped, Some(error.to_string()), Some(error)),
         Ok((ended, why)) => (ended, why, None),
     };
     let robot = match run.site.state().await {
@@ -161,7 +161,7 @@ pub async fn bring_about<S: Site>(
         Err(_) => format!("{} does not tell its state", run.site.robot()),
     };
     let (holds, remembered) = (run.holds(), run.memory.remembered(&run.followed));
-    Ok(Told {
+    Ok(ArrangementReport {
         wanted: holds.len(),
         achieved: holds.values().filter(|holds| **holds == Some(true)).count() + remembered.len(),
         ended,
@@ -182,10 +182,10 @@ struct Run<S, T> {
     /// What is asked for, in the ids of the first view.
     request: ArrangeRequest,
     attempts: usize,
-    view: View,
+    view: IdentifiedScene,
     followed: Followed,
     memory: GoalMemory,
-    steps: Vec<Step>,
+    steps: Vec<TriedMove>,
     /// How often an object, by its id in the first view, was tried in vain.
     failed: BTreeMap<u16, usize>,
     conflict: Option<Conflict>,
@@ -193,16 +193,16 @@ struct Run<S, T> {
 
 impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
     /// Plans, moves and looks until all goals hold, or until it has to end; how it ended, and why.
-    async fn until_the_end(&mut self) -> Result<(Ended, Option<String>), CallError> {
+    async fn until_the_end(&mut self) -> Result<(ArrangementEnd, Option<String>), CallError> {
         let most_moves = 2 * self.request.goals.len() + self.request.max_parkings as usize + self.attempts;
         loop {
             let goals = match self.goals_in_view().await {
                 Ok(goals) => goals,
                 Err(unseen) if self.steps.is_empty() => return Err(unseen),
-                Err(unseen) => return Ok((Ended::Lost, Some(unseen.message))),
+                Err(unseen) => return Ok((ArrangementEnd::Lost, Some(unseen.message))),
             };
             if goals.is_empty() {
-                return Ok((Ended::Achieved, None));
+                return Ok((ArrangementEnd::Achieved, None));
             }
             let result = self.planned(goals).await?;
             let named = self.named(&result);
@@ -210,21 +210,21 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
             (self.told)(News::Planned(named));
             let Some(step) = result.moves.first() else {
                 if result.outcome == Found::Found {
-                    return Ok((Ended::Achieved, None));
+                    return Ok((ArrangementEnd::Achieved, None));
                 }
                 let why = if result.outcome == Found::Partial { "the search was cut short before a move" } else { "no moves were found" };
-                return Ok((Ended::NoArrangement, Some(why.to_owned())));
+                return Ok((ArrangementEnd::NoArrangement, Some(why.to_owned())));
             };
             if !self.site.goes_on() {
-                return Ok((Ended::Stopped, Some("no more was wanted".to_owned())));
+                return Ok((ArrangementEnd::Stopped, Some("no more was wanted".to_owned())));
             }
             if self.steps.is_empty()
                 && let Some(why) = self.without_grasp(&result.moves).await
             {
-                return Ok((Ended::NoArrangement, Some(why)));
+                return Ok((ArrangementEnd::NoArrangement, Some(why)));
             }
             if self.steps.len() >= most_moves {
-                return Ok((Ended::GaveUp, Some(format!("{most_moves} moves were tried"))));
+                return Ok((ArrangementEnd::GaveUp, Some(format!("{most_moves} moves were tried"))));
             }
             let object = self.followed.known().named(step.object);
             let carried_out = self.carry_out(object, step, result.moves.len() - 1).await;
@@ -237,7 +237,7 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
                 *tried += 1;
                 if *tried >= self.attempts {
                     let why = format!("object {} was tried {} times", object.unwrap_or_default(), *tried);
-                    return Ok((Ended::GaveUp, Some(why)));
+                    return Ok((ArrangementEnd::GaveUp, Some(why)));
                 }
             }
         }
@@ -296,20 +296,20 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
         request.validate()?;
         let encode = |scene: Option<&Scene>| Payload::with_scene(&request, scene);
         let options = CallOptions::within(self.site.deadline());
-        self.site.begins(Stage::Placing);
+        self.site.begins(MoveStage::Placing);
         let answered = self.site.planner().call_with_scene("arrange", Some(&self.view.1), encode, options).await?;
         answered.payload.decode_json()
     }
 
     /// A plan with the names of the first view.
-    fn named(&self, result: &ArrangeResult) -> Planned {
+    fn named(&self, result: &ArrangeResult) -> PlannedMoves {
         let known = self.followed.known();
         let term = |t: &GoalTerm| Some(GoalTerm { anchor: known.named(t.anchor)?, ..*t });
         let terms = |terms: &[GoalTerm]| terms.iter().filter_map(term).collect::<Vec<_>>();
         let named = |m: &ArrangeMove| NamedMove { object: known.named(m.object), purpose: m.purpose, goal: terms(&m.goal) };
         let goal = |g: &ObjectGoal| Some(ObjectGoal { object: known.named(g.object)?, terms: terms(&g.terms) });
         let conflict = |c: &Conflict| Conflict { goals: c.goals.iter().filter_map(goal).collect(), ..c.clone() };
-        Planned {
+        PlannedMoves {
             moves: result.moves.iter().map(named).collect(),
             probability: result.probability,
             conflict: result.conflict.as_ref().map(conflict),
@@ -318,7 +318,7 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
 
     /// Has a move carried out, and looks: whether the object stands where it was to go. An error ends it all.
     async fn carry_out(&mut self, object: Option<u16>, planned: &ArrangeMove, to_come: usize) -> Result<bool, CallError> {
-        self.steps.push(Step { object, planned: planned.clone(), to_come, tried: Tried::default() });
+        self.steps.push(TriedMove { object, planned: planned.clone(), to_come, tried: Tried::default() });
         let (request, placements) = self.choices(planned).await?;
         let carried_out = self.site.carry_out(&request, &placements, &self.view).await;
         let Some(step) = self.steps.last_mut() else { return Ok(false) };

@@ -14,28 +14,28 @@ use repose_runtime::now_ns;
 use repose_tracking::{Followed, holds};
 use serde::Serialize;
 
-use crate::site::{COUNT, Site, View, is_unserved};
+use crate::site::{COUNT, IdentifiedScene, Site, is_unserved};
 use crate::tried::Tried;
 
-/// What came of one goal.
+/// The result of one goal of a sequence.
 #[derive(Debug, Clone, Serialize)]
-pub struct Step {
+pub struct GoalStep {
     /// The object, by its id in the first view.
     pub query: u16,
     /// What was to hold, ids as in the first view.
     pub goal: Vec<GoalTerm>,
     /// The answer; ids are those of its own view.
     pub result: PlaceResult,
-    /// What the last attempt came to.
+    /// The result of the last attempt.
     #[serde(flatten)]
-    pub last: Attempt,
-    /// What earlier attempts came to.
-    pub attempts: Vec<Attempt>,
+    pub last: GoalAttempt,
+    /// The results of earlier attempts.
+    pub attempts: Vec<GoalAttempt>,
 }
 
-/// What an attempt came to.
+/// The result of one attempt at a goal.
 #[derive(Debug, Clone, Default, Serialize)]
-pub struct Attempt {
+pub struct GoalAttempt {
     /// How far it came.
     #[serde(flatten)]
     pub tried: Tried,
@@ -43,7 +43,7 @@ pub struct Attempt {
     pub holds: Vec<bool>,
 }
 
-impl Step {
+impl GoalStep {
     /// Whether it was carried out, and its goal holds.
     pub fn achieved(&self) -> bool {
         self.last.tried.execution == Some(ExecutionOutcome::Done)
@@ -51,7 +51,7 @@ impl Step {
             && self.last.holds.iter().all(|holds| *holds)
     }
 
-    /// What came of it, for people: earlier attempts, how the last one ended, which terms hold, and what else was seen.
+    /// The result for people: earlier attempts, how the last one ended, which terms hold, and what else was seen.
     pub fn describe(&self) -> Vec<String> {
         let end = match self.last.tried.execution {
             Some(ExecutionOutcome::Done) => "executed",
@@ -59,7 +59,7 @@ impl Step {
             Some(ExecutionOutcome::GraspLost) => "the grasp was lost",
             None => "not executed",
         };
-        let disturbances = |attempt: &Attempt| attempt.tried.disturbances(Some(self.query));
+        let disturbances = |attempt: &GoalAttempt| attempt.tried.disturbances(Some(self.query));
         let before = self.attempts.iter().enumerate().map(|(k, attempt)| {
             let why = attempt.tried.reason.clone().unwrap_or_else(|| "the goal did not hold afterwards".to_owned());
             format!("attempt {}: {}", k + 1, std::iter::once(why).chain(disturbances(attempt)).collect::<Vec<_>>().join(", "))
@@ -81,10 +81,10 @@ pub struct Sequence<S> {
     site: S,
     /// Attempts at each goal, at least 1.
     attempts: usize,
-    view: View,
+    view: IdentifiedScene,
     followed: Followed,
-    /// What came of each goal that was tried, also of one that an error ended.
-    pub steps: Vec<Step>,
+    /// The result of each goal that was tried, also of one that an error ended.
+    pub steps: Vec<GoalStep>,
 }
 
 impl<S: Site> Sequence<S> {
@@ -102,7 +102,7 @@ impl<S: Site> Sequence<S> {
     }
 
     /// The newest view, with its id.
-    pub fn view(&self) -> &View {
+    pub fn view(&self) -> &IdentifiedScene {
         &self.view
     }
 
@@ -110,7 +110,7 @@ impl<S: Site> Sequence<S> {
     ///
     /// # Errors
     /// Whatever ended it; the step that it ended is the last of `steps`.
-    pub async fn achieve(&mut self, goals: &[PlaceRequest], mut told: impl FnMut(&Step) + Send) -> Result<(), CallError> {
+    pub async fn achieve(&mut self, goals: &[PlaceRequest], mut told: impl FnMut(&GoalStep) + Send) -> Result<(), CallError> {
         let reaching = self.site.reaching().await;
         let requests: Vec<PlaceRequest> = goals
             .iter()
@@ -131,7 +131,7 @@ impl<S: Site> Sequence<S> {
             let asked = self.translated(k, goal)?;
             let result = self.site.placed(&asked, &self.view).await?;
             let (query, terms) = (goal.query, goal.goal.clone());
-            let mut step = Step { query, goal: terms, result, last: Attempt::default(), attempts: Vec::new() };
+            let mut step = GoalStep { query, goal: terms, result, last: GoalAttempt::default(), attempts: Vec::new() };
             let carried_out = self.carry_out_or_try_again(asked, (k, goal), &mut step).await;
             told(&step);
             let achieved = step.achieved();
@@ -155,7 +155,7 @@ impl<S: Site> Sequence<S> {
         &mut self,
         mut asked: PlaceRequest,
         (k, goal): (usize, &PlaceRequest),
-        step: &mut Step,
+        step: &mut GoalStep,
     ) -> Result<(), CallError> {
         loop {
             let carried_out = match step.result.placements.is_empty() {
@@ -185,7 +185,7 @@ impl<S: Site> Sequence<S> {
         &mut self,
         asked: &PlaceRequest,
         (k, goal): (usize, &PlaceRequest),
-        step: &mut Step,
+        step: &mut GoalStep,
     ) -> Result<(PlaceRequest, PlaceResult), CallError> {
         if step.last.tried.execution.is_some() {
             self.view = self.site.back_and_looking().await?;
@@ -199,7 +199,7 @@ impl<S: Site> Sequence<S> {
     }
 
     /// Has a placement carried out, and looks at what has become of the goal; `step` says how far it came.
-    async fn carry_out(&mut self, request: &PlaceRequest, (k, goal): (usize, &PlaceRequest), step: &mut Step) -> Result<(), CallError> {
+    async fn carry_out(&mut self, request: &PlaceRequest, (k, goal): (usize, &PlaceRequest), step: &mut GoalStep) -> Result<(), CallError> {
         let placements = &step.result.placements;
         step.last.tried = match self.site.carry_out(request, placements, &self.view).await {
             Ok(tried) => tried,
@@ -225,7 +225,7 @@ impl<S: Site> Sequence<S> {
 
     /// Whether another attempt makes sense and is nobody else's decision: nothing could be served and nothing has moved, or the object was not
     /// grasped, was lost, or does not stand where it should, and the robot stands there free, without a stop.
-    async fn may_try_again(&self, step: &Step, carried_out: &Result<(), CallError>) -> bool {
+    async fn may_try_again(&self, step: &GoalStep, carried_out: &Result<(), CallError>) -> bool {
         if let Err(error) = carried_out {
             return step.last.tried.execution.is_none() && is_unserved(error);
         }

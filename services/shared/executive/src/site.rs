@@ -15,12 +15,12 @@ pub const COUNT: u32 = 5;
 /// Between two looks for a fresh view.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
-/// A scene with its id.
-pub type View = (String, Scene);
+/// A scene and its id.
+pub type IdentifiedScene = (String, Scene);
 
-/// How far the move is that is being made.
+/// The stage of the current move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stage {
+pub enum MoveStage {
     /// A fresh view is waited for.
     Looking,
     /// The planner searches.
@@ -57,7 +57,7 @@ pub trait Site: Send + Sync {
         plan: Option<&MotionPlan>,
     ) -> impl Future<Output = Result<Answer, CallError>> + Send;
     /// A stage of the move begins.
-    fn begins(&self, _stage: Stage) {}
+    fn begins(&self, _stage: MoveStage) {}
     /// Motion has planned.
     fn planned(&self, _plan: &MotionPlan) {}
     /// Whether more is to be done: asked before every move.
@@ -86,9 +86,9 @@ pub trait Site: Send + Sync {
     ///
     /// # Errors
     /// `deadline_exceeded` where the camera shows nothing new; those of the calls.
-    fn view_after(&self, instant_ns: u64) -> impl Future<Output = Result<View, CallError>> + Send {
+    fn view_after(&self, instant_ns: u64) -> impl Future<Output = Result<IdentifiedScene, CallError>> + Send {
         async move {
-            self.begins(Stage::Looking);
+            self.begins(MoveStage::Looking);
             let give_up = tokio::time::Instant::now() + self.deadline();
             loop {
                 let summary = self.newest().await?;
@@ -109,9 +109,9 @@ pub trait Site: Send + Sync {
     ///
     /// # Errors
     /// Those of the call.
-    fn placed(&self, request: &PlaceRequest, view: &View) -> impl Future<Output = Result<PlaceResult, CallError>> + Send {
+    fn placed(&self, request: &PlaceRequest, view: &IdentifiedScene) -> impl Future<Output = Result<PlaceResult, CallError>> + Send {
         async {
-            self.begins(Stage::Placing);
+            self.begins(MoveStage::Placing);
             Ok(self.planner().place(request, Some(&view.1), CallOptions::within(self.deadline())).await?.0)
         }
     }
@@ -120,7 +120,11 @@ pub trait Site: Send + Sync {
     ///
     /// # Errors
     /// `failed_precondition` where the arm cannot be brought back so; those of the call.
-    fn bring_back(&mut self, motion: RecoveryMove, view: Option<&View>) -> impl Future<Output = Result<RecoverReply, CallError>> + Send {
+    fn bring_back(
+        &mut self,
+        motion: RecoveryMove,
+        view: Option<&IdentifiedScene>,
+    ) -> impl Future<Output = Result<RecoverReply, CallError>> + Send {
         async move {
             let payload = recovery(self.robot(), motion, view)?;
             self.moving("recover", payload, None).await?.payload.decode_json()
@@ -131,14 +135,14 @@ pub trait Site: Send + Sync {
     ///
     /// # Errors
     /// `failed_precondition` where the arm was not brought home; those of the calls.
-    fn back_and_looking(&mut self) -> impl Future<Output = Result<View, CallError>> + Send {
+    fn back_and_looking(&mut self) -> impl Future<Output = Result<IdentifiedScene, CallError>> + Send {
         async {
             for wanted in [RecoveryMove::Open, RecoveryMove::Retreat, RecoveryMove::Home] {
                 let seen = match wanted {
                     RecoveryMove::Open => None,
                     RecoveryMove::Retreat | RecoveryMove::Home => Some(self.view_after(now_ns()).await?),
                 };
-                self.begins(Stage::Moving);
+                self.begins(MoveStage::Moving);
                 match self.bring_back(wanted, seen.as_ref()).await {
                     Ok(reply) if reply.outcome == ExecutionOutcome::Done => {}
                     // The way home may be free all the same.
@@ -162,10 +166,10 @@ pub trait Site: Send + Sync {
         &self,
         request: &PlaceRequest,
         placements: &[Placement],
-        view: &View,
+        view: &IdentifiedScene,
     ) -> impl Future<Output = Result<MotionPlan, CallError>> + Send {
         async {
-            self.begins(Stage::Planning);
+            self.begins(MoveStage::Planning);
             let state = self.state().await?;
             let placed = placements.iter().map(|p| p.placed_from_observed).collect();
             let wanted = MotionPlanRequest {
@@ -184,13 +188,13 @@ pub trait Site: Send + Sync {
         &mut self,
         request: &PlaceRequest,
         placements: &[Placement],
-        view: &View,
+        view: &IdentifiedScene,
     ) -> impl Future<Output = Result<Tried, CallError>> + Send {
         async move {
             let plan = self.motion_for(request, placements, view).await?;
             tracing::info!(query = request.query, placement = plan.placement, seconds = plan.duration_ms / 1e3, "executing");
             self.planned(&plan);
-            self.begins(Stage::Moving);
+            self.begins(MoveStage::Moving);
             let answer = self.moving("execute", Payload::json(&plan)?, Some(&plan)).await?;
             Ok(Tried::executed(&plan, answer.payload.decode_json()?))
         }
@@ -201,7 +205,7 @@ pub trait Site: Send + Sync {
 ///
 /// # Errors
 /// `invalid_argument` on the robot's name; where the scene cannot be encoded.
-pub fn recovery(robot: &str, motion: RecoveryMove, view: Option<&View>) -> Result<Payload, CallError> {
+pub fn recovery(robot: &str, motion: RecoveryMove, view: Option<&IdentifiedScene>) -> Result<Payload, CallError> {
     let scene = view.map(|(scene_id, _)| SceneRef { scene_id: scene_id.clone() });
     let request = RecoverRequest { robot: robot.to_owned(), motion, scene };
     request.validate()?;

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use nalgebra::Vector3;
 use repose_geometry::Pinhole;
-use repose_networks::masks::{Inputs, MaskNetwork};
+use repose_networks::masks::{MaskInputs, MaskNetwork};
 
 fn main() -> Result<(), repose_networks::WeightsError> {
     const REPEATS: usize = 30;
@@ -14,7 +14,7 @@ fn main() -> Result<(), repose_networks::WeightsError> {
     let (mut of_inputs, mut of_network) = (Vec::new(), Vec::new());
     for _ in 0..REPEATS {
         let start = Instant::now();
-        let inputs = Inputs::new(&depth, &camera, &Vector3::new(0.0, -0.8, -0.6));
+        let inputs = MaskInputs::new(&depth, &camera, &Vector3::new(0.0, -0.8, -0.6));
         of_inputs.push(start.elapsed());
         let start = Instant::now();
         std::hint::black_box(network.logits(&inputs));

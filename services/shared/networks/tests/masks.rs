@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use repose_geometry::Pinhole;
 use repose_networks::Kernel;
-use repose_networks::masks::{Inputs, MaskLogits, MaskNetwork};
+use repose_networks::masks::{MaskInputs, MaskLogits, MaskNetwork};
 use serde::Deserialize;
 
 const WEIGHTS: &[u8] = include_bytes!("../weights/masks.safetensors");
@@ -19,7 +19,7 @@ struct Golden {
 }
 
 /// `golden_scene` of the script: a table with a box on it and a corner without readings.
-fn inputs() -> Inputs {
+fn inputs() -> MaskInputs {
     let depth = |i: usize| {
         let (u, v) = (i % 64, i / 64);
         let table = 0.7 / (0.6 + 0.8 * (v as f32 - 23.5) / 60.0);
@@ -27,7 +27,7 @@ fn inputs() -> Inputs {
         if u >= 50 && v < 8 { 0.0 } else { table - if on_box { 0.05 } else { 0.0 } }
     };
     let depth: Vec<f32> = (0..64 * 48).map(depth).collect();
-    Inputs::new(&depth, &CAMERA, &Vector3::new(0.0, -0.8, -0.6))
+    MaskInputs::new(&depth, &CAMERA, &Vector3::new(0.0, -0.8, -0.6))
 }
 
 fn logits(kernel: Kernel) -> MaskLogits {
@@ -60,7 +60,7 @@ fn a_picture_of_any_size_gets_logits_of_its_size_and_the_same_ones_again() {
     let network = MaskNetwork::embedded().unwrap();
     for (width, height) in [(64, 48), (33, 17), (1, 1)] {
         let camera = Pinhole { width, height, ..CAMERA };
-        let inputs = Inputs::new(&vec![0.8; width * height], &camera, &Vector3::new(0.0, -0.8, -0.6));
+        let inputs = MaskInputs::new(&vec![0.8; width * height], &camera, &Vector3::new(0.0, -0.8, -0.6));
         let first = network.logits(&inputs);
         assert_eq!((first.width, first.height, first.pixels.len()), (width, height, width * height));
         assert!(first.pixels.as_flattened().iter().all(|x| x.is_finite()));

@@ -15,11 +15,11 @@ pub const ACCELERATION_EXCESS: f64 = 4.0 / 27.0;
 /// time; 0.77 of the way, rounded up.
 pub const VELOCITY_EXCESS: f64 = 0.0323;
 
-/// Position (radians) and velocity (radians per second) at a place in time.
-pub type Node<'a> = (&'a Joints, &'a Joints);
+/// A knot of the interpolation: position (radians) and velocity (radians per second).
+pub type Knot<'a> = (&'a Joints, &'a Joints);
 
 /// Position and velocity at the share `s` (0 to 1) of the way from `a` to `b`, `span_s` seconds apart.
-pub fn hermite((qa, va): Node<'_>, (qb, vb): Node<'_>, span_s: f64, s: f64) -> (Joints, Joints) {
+pub fn hermite((qa, va): Knot<'_>, (qb, vb): Knot<'_>, span_s: f64, s: f64) -> (Joints, Joints) {
     let (s2, s3) = (s * s, s * s * s);
     let position = std::array::from_fn(|i| {
         (2.0 * s3 - 3.0 * s2 + 1.0) * qa[i]

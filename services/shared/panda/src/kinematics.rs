@@ -51,14 +51,14 @@ const DH: [DhRow; JOINT_COUNT] = [
 
 /// A link's frame as a rotation matrix and an origin, in the base frame: cheaper than quaternions where many points are carried.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Frame {
+pub struct LinkFrame {
     /// Columns are the link's axes in the base frame.
     pub rotation: Matrix3<f64>,
     /// The link's origin in the base frame, metres.
     pub origin: Vector3<f64>,
 }
 
-impl Frame {
+impl LinkFrame {
     /// The base itself.
     pub const BASE: Self =
         Self { rotation: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), origin: Vector3::new(0.0, 0.0, 0.0) };
@@ -93,16 +93,16 @@ impl Frame {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinkFrames {
     /// Links 1 to 7 (link 0 is the base), in the base frame.
-    pub links: [Frame; JOINT_COUNT],
+    pub links: [LinkFrame; JOINT_COUNT],
     /// The hand.
-    pub hand: Frame,
+    pub hand: LinkFrame,
 }
 
 impl LinkFrames {
     /// The frames at `joints`.
     pub fn at(joints: &Joints) -> Self {
-        let mut links = [Frame::BASE; JOINT_COUNT];
-        let mut previous = Frame::BASE;
+        let mut links = [LinkFrame::BASE; JOINT_COUNT];
+        let mut previous = LinkFrame::BASE;
         for ((link, dh), angle) in links.iter_mut().zip(&DH).zip(joints) {
             *link = previous.next(dh, *angle);
             previous = *link;
@@ -112,8 +112,8 @@ impl LinkFrames {
     }
 
     /// The grasp centre in the base frame.
-    pub fn tcp(&self) -> Frame {
-        Frame { rotation: self.hand.rotation, origin: self.hand.origin + self.hand.rotation.column(2) * TCP_M }
+    pub fn tcp(&self) -> LinkFrame {
+        LinkFrame { rotation: self.hand.rotation, origin: self.hand.origin + self.hand.rotation.column(2) * TCP_M }
     }
 
     /// The Jacobian of a point that is fixed to the last link.

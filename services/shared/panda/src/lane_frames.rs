@@ -6,7 +6,7 @@
 use repose_simd::Lanes;
 
 use crate::kinematics::{ELBOW_OFFSET_M, FOREARM_M, SHOULDER_M, UPPER_ARM_M, WRIST_OFFSET_M};
-use crate::{Frame, JOINT_COUNT};
+use crate::{JOINT_COUNT, LinkFrame};
 
 /// More than single precision moves any place on the arm (or something held within half a metre of it), metres.
 pub const LANE_ROUNDING_M: f32 = 1e-5;
@@ -49,7 +49,7 @@ impl<V: Copy> LaneFrame<V> {
 /// # Safety
 /// The instruction set of `S` must be present.
 #[inline(always)]
-pub unsafe fn lane_frames<S: Lanes>(world_from_base: &Frame, joints: &[S::V; JOINT_COUNT]) -> [LaneFrame<S::V>; JOINT_COUNT] {
+pub unsafe fn lane_frames<S: Lanes>(world_from_base: &LinkFrame, joints: &[S::V; JOINT_COUNT]) -> [LaneFrame<S::V>; JOINT_COUNT] {
     // SAFETY: by this function's contract.
     unsafe {
         let (turn, origin) = (&world_from_base.rotation, &world_from_base.origin);
@@ -163,7 +163,8 @@ mod tests {
         for first in (0..16).step_by(S::COUNT) {
             let columns: [[f32; 16]; 7] = std::array::from_fn(|i| std::array::from_fn(|k| configurations[(first + k) % 16][i] as f32));
             // SAFETY: the caller has the instruction set; every column is 16 floats long.
-            let frames = unsafe { lane_frames::<S>(&Frame::of(world_from_base), &std::array::from_fn(|i| S::load(columns[i].as_ptr()))) };
+            let frames =
+                unsafe { lane_frames::<S>(&LinkFrame::of(world_from_base), &std::array::from_fn(|i| S::load(columns[i].as_ptr()))) };
             for (link, frame) in frames.iter().enumerate() {
                 // SAFETY: as above; each row of `lanes` is 16 floats long.
                 unsafe {

@@ -29,7 +29,7 @@ pub use commander_watch::CommanderWatch;
 pub use interpolation::{hermite, smooth_step};
 pub use inverse::{InverseError, InverseSettings, inverse_at, inverse_near, inverse_sweep};
 pub use kinematics::{
-    Frame, Jacobian, LinkFrames, base_from_flange, base_from_hand, base_from_tcp, flange_from_hand, hand_from_tcp, jacobian,
+    Jacobian, LinkFrame, LinkFrames, base_from_flange, base_from_hand, base_from_tcp, flange_from_hand, hand_from_tcp, jacobian,
 };
 pub use levers::levers;
 pub use limits::{FINGER_OPENING_MAX_M, JointLimits, LIMITS};

@@ -5,7 +5,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::{LinkFrames, kinematics::Frame};
+use crate::{LinkFrames, kinematics::LinkFrame};
 
 /// How many spheres cover the robot, hand and fingers included.
 pub const SPHERE_COUNT: usize = 59;
@@ -158,13 +158,13 @@ impl Link {
 
 /// The spheres of one link, in its own frame.
 pub fn spheres_in_link(link: Link) -> impl Iterator<Item = PlacedSphere> {
-    BY_LINK[link as usize].iter().map(|row| placed_row(&Frame::BASE, row))
+    BY_LINK[link as usize].iter().map(|row| placed_row(&LinkFrame::BASE, row))
 }
 
 /// All spheres where the links are, in the base frame; the fingers `finger_opening_m` apart.
 pub fn spheres_in_base(frames: &LinkFrames, finger_opening_m: f64) -> [PlacedSphere; SPHERE_COUNT] {
     let mut placed = [PlacedSphere { center: Point3::origin(), radius_m: 0.0 }; SPHERE_COUNT];
-    place(&mut placed, Link::Link0, &Frame::BASE);
+    place(&mut placed, Link::Link0, &LinkFrame::BASE);
     for (link, frame) in LINKS[1..].iter().zip(&frames.links) {
         place(&mut placed, *link, frame);
     }
@@ -174,7 +174,7 @@ pub fn spheres_in_base(frames: &LinkFrames, finger_opening_m: f64) -> [PlacedSph
 
 /// Balls that cover, with a link's [spheres](spheres_in_link), what shows of the shoulder; in the link's frame.
 pub fn shoulder_in_link(link: Link) -> impl Iterator<Item = PlacedSphere> {
-    SHOULDER.iter().filter(move |(of, _)| *of == link).map(|(_, row)| placed_row(&Frame::BASE, row))
+    SHOULDER.iter().filter(move |(of, _)| *of == link).map(|(_, row)| placed_row(&LinkFrame::BASE, row))
 }
 
 /// Balls that cover, with the [spheres](spheres_in_base), what shows of the shoulder; in the base frame.
@@ -185,8 +185,8 @@ pub fn shoulder_in_base(frames: &LinkFrames) -> [PlacedSphere; SHOULDER.len()] {
 /// The spheres of the hand and the fingers only, in the frame that `hand` is given in; the fingers `finger_opening_m` apart.
 ///
 /// For grasps, which are judged before any joint angles are known.
-pub fn gripper_spheres(hand: &Frame, finger_opening_m: f64) -> [PlacedSphere; GRIPPER_SPHERES.end - GRIPPER_SPHERES.start] {
-    let finger = |side: f64| Frame {
+pub fn gripper_spheres(hand: &LinkFrame, finger_opening_m: f64) -> [PlacedSphere; GRIPPER_SPHERES.end - GRIPPER_SPHERES.start] {
+    let finger = |side: f64| LinkFrame {
         rotation: hand.rotation,
         origin: hand.carry(&Vector3::new(0.0, side * finger_opening_m / 2.0, FINGER_M)).coords,
     };
@@ -200,13 +200,13 @@ pub fn gripper_spheres(hand: &Frame, finger_opening_m: f64) -> [PlacedSphere; GR
     placed
 }
 
-fn place(placed: &mut [PlacedSphere; SPHERE_COUNT], link: Link, frame: &Frame) {
+fn place(placed: &mut [PlacedSphere; SPHERE_COUNT], link: Link, frame: &LinkFrame) {
     for (sphere, row) in placed[link.sphere_range()].iter_mut().zip(BY_LINK[link as usize]) {
         *sphere = placed_row(frame, row);
     }
 }
 
-fn placed_row(frame: &Frame, [x, y, z, radius_m]: &Row) -> PlacedSphere {
+fn placed_row(frame: &LinkFrame, [x, y, z, radius_m]: &Row) -> PlacedSphere {
     PlacedSphere { center: frame.carry(&Vector3::new(*x, *y, *z)), radius_m: *radius_m }
 }
 

@@ -4,12 +4,12 @@
 //! ```
 //! use nalgebra::{Isometry3, Vector3};
 //! use repose_geometry::{OrientedBox, ViewerFrame};
-//! use repose_relations::{TrueObject, ground_truth, index};
+//! use repose_relations::{TrueBounds, ground_truth, index};
 //!
 //! // Two cubes of 10 cm on a table, 20 cm apart along the world's x axis.
 //! let cube = |x: f64| {
 //!     let world_from_box = Isometry3::translation(x, 0.0, 0.05);
-//!     TrueObject { bounds: OrientedBox { world_from_box, half_extents: Vector3::repeat(0.05) } }
+//!     TrueBounds { bounds: OrientedBox { world_from_box, half_extents: Vector3::repeat(0.05) } }
 //! };
 //! // A viewer at yaw 0 looks along +y, so that +x is to the right.
 //! let holds = ground_truth(&cube(-0.1), &cube(0.1), 0.1, &ViewerFrame::from_yaw(0.0));
@@ -32,4 +32,4 @@ pub use confusion::Confusion;
 pub use directional::ViewerExtents;
 pub use margins::{Margins, RELATIONS, index};
 pub use observed::{ObservedObject, observed, observed_margins};
-pub use truth::{TrueObject, ground_truth, ground_truth_margins};
+pub use truth::{TrueBounds, ground_truth, ground_truth_margins};

@@ -10,9 +10,9 @@ use repose_geometry::{OrientedBox, ViewerFrame};
 use crate::directional::{ViewerExtents, directional_margins};
 use crate::margins::{Margins, RELATIONS, TOUCHING_MESHES_M};
 
-/// What the rules need to know of a simulated object.
+/// The true bounds of a simulated object: all that the rules use.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TrueObject {
+pub struct TrueBounds {
     /// The object's own box in the world: centre and corners for the directions, and, since its axes are the object's, its
     /// orientation for `aligned`.
     pub bounds: OrientedBox,
@@ -20,12 +20,12 @@ pub struct TrueObject {
 
 /// Which relations hold from `query` to `anchor` for the viewer; `surface_distance_m` is the distance between the two meshes, 0 when
 /// they overlap.
-pub fn ground_truth(query: &TrueObject, anchor: &TrueObject, surface_distance_m: f64, viewer: &ViewerFrame) -> [bool; RELATIONS] {
+pub fn ground_truth(query: &TrueBounds, anchor: &TrueBounds, surface_distance_m: f64, viewer: &ViewerFrame) -> [bool; RELATIONS] {
     ground_truth_margins(query, anchor, surface_distance_m, viewer).holds()
 }
 
 /// By how much each relation holds; see [`ground_truth`].
-pub fn ground_truth_margins(query: &TrueObject, anchor: &TrueObject, surface_distance_m: f64, viewer: &ViewerFrame) -> Margins {
+pub fn ground_truth_margins(query: &TrueBounds, anchor: &TrueBounds, surface_distance_m: f64, viewer: &ViewerFrame) -> Margins {
     let query_extents = ViewerExtents::of_box(&query.bounds, viewer);
     let anchor_extents = ViewerExtents::of_box(&anchor.bounds, viewer);
     Margins::new(
@@ -44,9 +44,9 @@ mod tests {
     use super::*;
     use crate::margins::index::*;
 
-    fn cube(yaw_deg: f64) -> TrueObject {
+    fn cube(yaw_deg: f64) -> TrueBounds {
         let world_from_box = Isometry3::new(Vector3::new(0.3, 0.0, 0.0), Vector3::z() * yaw_deg.to_radians());
-        TrueObject { bounds: OrientedBox { world_from_box, half_extents: Vector3::repeat(0.05) } }
+        TrueBounds { bounds: OrientedBox { world_from_box, half_extents: Vector3::repeat(0.05) } }
     }
 
     #[test]

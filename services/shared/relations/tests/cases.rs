@@ -5,7 +5,7 @@
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use repose_geometry::{OrientedBox, ViewerFrame};
 use repose_relations::margins::{NEAR_M, index};
-use repose_relations::{ObservedObject, RELATIONS, TrueObject, ground_truth, observed};
+use repose_relations::{ObservedObject, RELATIONS, TrueBounds, ground_truth, observed};
 use serde::Deserialize;
 
 /// The contract's names, in the contract's order.
@@ -98,7 +98,7 @@ fn table() -> Table {
 fn ground_truth_says_what_the_table_says() {
     for case in table().case {
         let viewer = ViewerFrame::from_yaw(case.viewer_yaw_deg.to_radians());
-        let [query, anchor] = [&case.query, &case.anchor].map(|b| TrueObject { bounds: b.bounds() });
+        let [query, anchor] = [&case.query, &case.anchor].map(|b| TrueBounds { bounds: b.bounds() });
         assert_eq!(names(ground_truth(&query, &anchor, case.gap_m, &viewer)), case.holds, "{}", case.name);
     }
 }

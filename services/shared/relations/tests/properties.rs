@@ -11,25 +11,25 @@ use proptest::prelude::*;
 use repose_geometry::{OrientedBox, ViewerFrame};
 use repose_relations::margins::index::*;
 use repose_relations::{
-    Margins, ObservedObject, RELATIONS, TrueObject, ViewerExtents, ground_truth, ground_truth_margins, observed_margins,
+    Margins, ObservedObject, RELATIONS, TrueBounds, ViewerExtents, ground_truth, ground_truth_margins, observed_margins,
 };
 
 const OPPOSITES: [(usize, usize); 3] = [(LEFT_OF, RIGHT_OF), (IN_FRONT_OF, BEHIND), (ABOVE, BELOW)];
 const SYMMETRIC: [usize; 4] = [NEAR, TOUCHING, CENTERED, ALIGNED];
 const LEVEL: [usize; 4] = [LEFT_OF, RIGHT_OF, IN_FRONT_OF, BEHIND];
 
-fn any_object() -> impl Strategy<Value = TrueObject> {
+fn any_object() -> impl Strategy<Value = TrueBounds> {
     (prop::array::uniform3(-0.4..0.4f64), prop::array::uniform3(0.01..0.15f64), prop::array::uniform3(-3.1..3.1f64)).prop_map(
         |(center, half, euler)| {
             let rotation = UnitQuaternion::from_euler_angles(euler[0], euler[1], euler[2]);
             let world_from_box = Isometry3::from_parts(Translation3::from(Vector3::from(center)), rotation);
-            TrueObject { bounds: OrientedBox { world_from_box, half_extents: Vector3::from(half) } }
+            TrueBounds { bounds: OrientedBox { world_from_box, half_extents: Vector3::from(half) } }
         },
     )
 }
 
-fn moved(object: &TrueObject, to_from: &Isometry3<f64>) -> TrueObject {
-    TrueObject { bounds: object.bounds.transformed(to_from) }
+fn moved(object: &TrueBounds, to_from: &Isometry3<f64>) -> TrueBounds {
+    TrueBounds { bounds: object.bounds.transformed(to_from) }
 }
 
 /// Points of a blob: a few dozen, anywhere in a box of 10 cm about `center`.
@@ -156,11 +156,11 @@ proptest! {
     #[test]
     fn directions_scale_with_the_scene(a in any_object(), b in any_object(), yaw in -3.1..3.1f64, scale in 0.1..10.0f64) {
         let viewer = ViewerFrame::from_yaw(yaw);
-        let scaled = |o: &TrueObject| {
+        let scaled = |o: &TrueBounds| {
             let mut bounds = o.bounds;
             bounds.half_extents *= scale;
             bounds.world_from_box.translation.vector *= scale;
-            TrueObject { bounds }
+            TrueBounds { bounds }
         };
         let (small, large) = (ground_truth_margins(&a, &b, 1.0, &viewer), ground_truth_margins(&scaled(&a), &scaled(&b), 1.0, &viewer));
         for i in 0..NEAR {

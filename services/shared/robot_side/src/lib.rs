@@ -19,5 +19,5 @@ mod state;
 mod stream;
 
 pub use arm::{Arm, ArmSettings, FOLLOWING_ERROR, Ignored};
-pub use state::{GripperState, Shown, state_of};
+pub use state::{GripperState, StateDetails, state_of};
 pub use stream::TICK_S;

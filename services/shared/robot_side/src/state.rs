@@ -16,9 +16,9 @@ pub struct GripperState {
     pub holding: bool,
 }
 
-/// What a state says beside what the arm knows.
+/// The parts of a robot state that the arm does not know.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shown {
+pub struct StateDetails {
     /// The state's number.
     pub seq: u64,
     /// When it was made, nanoseconds since the Unix epoch.
@@ -32,7 +32,7 @@ pub struct Shown {
 }
 
 /// The state to put. Joint positions are the set-points that the arm is held at: those that the next stream has to start from.
-pub fn state_of(arm: &Arm, shown: &Shown) -> RobotState {
+pub fn state_of(arm: &Arm, shown: &StateDetails) -> RobotState {
     RobotState {
         v: limits::VERSION,
         seq: shown.seq,

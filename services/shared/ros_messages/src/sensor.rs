@@ -236,19 +236,19 @@ fn check_length(message: &'static str, rows: u32, step: u32, got: usize) -> Resu
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synthetic::Writer;
+    use crate::synthetic::CdrWriter;
     use proptest::prelude::*;
 
     /// An image of 2 x 2 16-bit pixels in rows of 6 bytes.
     fn image(data: &[u8]) -> Vec<u8> {
-        let mut writer = Writer::default();
+        let mut writer = CdrWriter::default();
         writer.u32(7).u32(5).text("cam").u32(2).u32(2).text("16UC1").put(&[0]).u32(6).bytes(data);
         writer.message()
     }
 
     /// A cloud of one row of two points of 20 bytes: x, y, z, 4 bytes of padding, rgb.
     fn cloud(datatype: u8, z_offset: u32, width: u32) -> Vec<u8> {
-        let mut writer = Writer::default();
+        let mut writer = CdrWriter::default();
         writer.u32(7).u32(5).text("cam").u32(1).u32(width).u32(4);
         for (name, offset) in [("x", 0), ("y", 4), ("z", z_offset), ("rgb", 16)] {
             writer.text(name).u32(offset).put(&[datatype]).u32(1);

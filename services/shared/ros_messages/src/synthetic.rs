@@ -4,9 +4,9 @@ use crate::sensor::datatype::FLOAT32;
 
 /// Little-endian CDR by hand: each number aligned to its size.
 #[derive(Default)]
-pub struct Writer(Vec<u8>);
+pub struct CdrWriter(Vec<u8>);
 
-impl Writer {
+impl CdrWriter {
     /// A number, aligned to its size.
     pub fn put(&mut self, bytes: &[u8]) -> &mut Self {
         while !self.0.len().is_multiple_of(bytes.len()) {
@@ -54,7 +54,7 @@ pub fn image(frame_id: &str, encoding: &str, side: u32) -> Vec<u8> {
         "32FC1" => &1f32.to_le_bytes(),
         _ => &1000u16.to_le_bytes(),
     };
-    let mut writer = Writer::default();
+    let mut writer = CdrWriter::default();
     writer.u32(7).u32(0).text(frame_id).u32(side).u32(side).text(encoding).put(&[0]).u32(side * pixel.len() as u32);
     writer.bytes(&pixel.repeat((side * side) as usize));
     writer.message()
@@ -62,7 +62,7 @@ pub fn image(frame_id: &str, encoding: &str, side: u32) -> Vec<u8> {
 
 /// Intrinsics of such pictures, with a focal length of 5 pixels.
 pub fn info(frame_id: &str, side: u32) -> Vec<u8> {
-    let mut writer = Writer::default();
+    let mut writer = CdrWriter::default();
     writer.u32(7).u32(0).text(frame_id).u32(side).u32(side).text("plumb_bob").u32(0);
     let center = f64::from(side - 1) / 2.0;
     writer.f64s(&[5.0, 0.0, center, 0.0, 5.0, center, 0.0, 0.0, 1.0]).f64s(&[0.0; 9]).f64s(&[0.0; 12]);
@@ -72,7 +72,7 @@ pub fn info(frame_id: &str, side: u32) -> Vec<u8> {
 
 /// An organised cloud of `side` by `side` points, by row and column.
 pub fn cloud(frame_id: &str, side: u32, point: impl Fn(u32, u32) -> [f32; 3]) -> Vec<u8> {
-    let mut writer = Writer::default();
+    let mut writer = CdrWriter::default();
     writer.u32(7).u32(0).text(frame_id).u32(side).u32(side).u32(3);
     for (name, offset) in [("x", 0), ("y", 4), ("z", 8)] {
         writer.text(name).u32(offset).put(&[FLOAT32]).u32(1);

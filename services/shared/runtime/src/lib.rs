@@ -54,6 +54,7 @@
 
 mod attempt;
 mod call;
+mod call_key;
 mod call_options;
 mod caller;
 mod cell_callers;
@@ -61,7 +62,6 @@ mod config;
 pub mod deployment;
 mod diagnosis;
 mod directory;
-mod door;
 mod error;
 pub mod fake;
 mod frame_link;
@@ -109,7 +109,7 @@ pub use gauge::{LoadGauge, load_of};
 pub use health::{HealthServer, METRICS, start_metrics};
 pub use job::{Job, JobContext, JobReply};
 pub use journal::COPIES_WAIT;
-pub use queue::{BatchQueue, ComputeQueue, Pending, QueueSettings};
+pub use queue::{BatchQueue, ComputeQueue, PendingAnswer, QueueSettings};
 pub use robots::{call_moving, emergency_stop, now_ns, reaching_robot, robot_state};
 pub use scenes::{SceneStore, check_scene_id, fetch_newest, fetch_scene};
 pub use scheduling::{prefer_messages, yield_to_messages};

@@ -21,8 +21,8 @@ const LONGEST_PAUSE: Duration = Duration::from_millis(500);
 /// The share of its time after which an attempt that failed may have failed for want of time.
 const IN_TIME: f64 = 0.8;
 
-/// How a client gets in.
-pub(crate) struct Opening {
+/// A client's way into the network: its configuration, and the routers it tries.
+pub(crate) struct RouterEntry {
     /// The configuration, in which every attempt is a single one.
     pub(crate) config: zenoh::Config,
     /// Where the router is looked for.
@@ -44,7 +44,7 @@ struct Seen {
     was_ever_refused: bool,
 }
 
-impl Opening {
+impl RouterEntry {
     /// Attempts until one succeeds, all endpoints refuse us for good, or the time is over.
     pub(crate) async fn run(self) -> Result<zenoh::Session, String> {
         let (began, mut seen, mut pause) = (Instant::now(), Seen::default(), FIRST_PAUSE);

@@ -21,7 +21,7 @@ use crate::gauge::LoadGauge;
 use crate::job::{Job, JobContext, JobReply};
 use crate::scheduling::yield_to_messages;
 use crate::shares::{ForCell, Shares};
-use crate::waiting::{Taken, WaitingJobs};
+use crate::waiting::{JobBatch, WaitingJobs};
 
 /// Size of a queue and of its crew.
 #[derive(Debug, Clone)]
@@ -95,7 +95,7 @@ impl<R, T> Shared<R, T> {
     fn take(&self) -> Option<Vec<Job<R, T>>> {
         let mut state = self.state();
         let QueueSettings { max_batch, max_weight, max_wait, .. } = self.settings;
-        let mut taken = Taken::none(max_weight);
+        let mut taken = JobBatch::none(max_weight);
         let mut full_by = None;
         loop {
             while let Some(job) = state.jobs.pop(&mut taken, self.settings.threads, &self.gauge) {
@@ -192,7 +192,7 @@ impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
     /// # Errors
     /// At once: `resource_exhausted` when there is no place for it or it could not be done before its deadline, `cancelled` or
     /// `deadline_exceeded` when it is too late already.
-    pub fn submit(&self, context: JobContext, request: R) -> Result<Pending<T>, CallError> {
+    pub fn submit(&self, context: JobContext, request: R) -> Result<PendingAnswer<T>, CallError> {
         context.check()?;
         let (reply, answer) = oneshot::channel();
         let mut state = self.shared.state();
@@ -209,13 +209,13 @@ impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
             displaced.finish(Err(self.shared.exhausted("an interactive call took this batch call's place")));
         }
         self.shared.arrived.notify_one();
-        Ok(Pending { answer, context })
+        Ok(PendingAnswer { answer, context })
     }
 
     /// Queues a request and waits for its answer.
     ///
     /// # Errors
-    /// Those of [`BatchQueue::submit`] and [`Pending::answer`].
+    /// Those of [`BatchQueue::submit`] and [`PendingAnswer::answer`].
     pub async fn run(&self, context: JobContext, request: R) -> Result<T, CallError> {
         self.submit(context, request)?.answer().await
     }
@@ -238,13 +238,13 @@ impl<R, T> Drop for BatchQueue<R, T> {
     }
 }
 
-/// An answer on its way. Dropping it lets a job that has not started be skipped.
-pub struct Pending<T> {
+/// An answer that is still being computed. Dropping it lets a job that has not started be skipped.
+pub struct PendingAnswer<T> {
     answer: oneshot::Receiver<Result<T, CallError>>,
     context: JobContext,
 }
 
-impl<T> Pending<T> {
+impl<T> PendingAnswer<T> {
     /// Waits for the answer, for the deadline, or for the cancel.
     ///
     /// # Errors

@@ -33,9 +33,9 @@ pub struct RawMessage {
     pub attachment: Bytes,
 }
 
-/// Whom a query is for.
+/// The recipients of a query.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Asked {
+pub enum QueryRecipients {
     /// Everybody who serves exactly the key.
     Servers,
     /// Everybody who serves something that the key meets, whatever key they answer under: caches of past messages.
@@ -117,13 +117,13 @@ impl RawSession {
     ///
     /// # Errors
     /// When the network refuses.
-    pub async fn query(&self, asked: Asked, message: RawMessage, timeout: Duration) -> Result<RawReplies, RuntimeError> {
+    pub async fn query(&self, asked: QueryRecipients, message: RawMessage, timeout: Duration) -> Result<RawReplies, RuntimeError> {
         let (sender, replies) = mailbox(REPLIES);
         let token = zenoh::cancellation::CancellationToken::default();
         let (session, cancel) = (self.transport.session.clone(), token.clone());
         let (target, keys) = match asked {
-            Asked::Servers => (QueryTarget::AllComplete, ReplyKeyExpr::MatchingQuery),
-            Asked::Caches => (QueryTarget::All, ReplyKeyExpr::Any),
+            QueryRecipients::Servers => (QueryTarget::AllComplete, ReplyKeyExpr::MatchingQuery),
+            QueryRecipients::Caches => (QueryTarget::All, ReplyKeyExpr::Any),
         };
         send("querying", true, move || {
             session

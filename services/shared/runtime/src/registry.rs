@@ -15,8 +15,8 @@ use crate::shares::{ForCell, leaves_room};
 /// Cancels remembered at once; the oldest go first.
 const MAX_CANCELS: usize = 4096;
 
-/// How a call ended.
-pub type Outcome = Result<Payload, CallError>;
+/// The result of a call: its payload, or its error.
+pub type CallResult = Result<Payload, CallError>;
 
 /// What the registry says to a call that arrives.
 pub enum Admission {
@@ -28,7 +28,7 @@ pub enum Admission {
     /// The same call is open or its outcome is remembered: wait for it.
     Join {
         /// Holds the outcome once there is one.
-        outcome: watch::Receiver<Option<Outcome>>,
+        outcome: watch::Receiver<Option<CallResult>>,
     },
     /// Cancelled before it came.
     Cancelled,
@@ -49,7 +49,7 @@ struct Entry {
     cancelled: CancellationToken,
     /// The caller asked for the cancel, rather than a drain or the deadline.
     by_caller: bool,
-    outcome: watch::Sender<Option<Outcome>>,
+    outcome: watch::Sender<Option<CallResult>>,
 }
 
 /// The calls of one worker.
@@ -134,7 +134,7 @@ impl Registry {
     }
 
     /// Ends a call, and remembers its outcome if it is to happen at most once.
-    pub fn finish(&mut self, id: &str, outcome: Outcome, at_most_once: bool) {
+    pub fn finish(&mut self, id: &str, outcome: CallResult, at_most_once: bool) {
         let Some(entry) = self.open.remove(id) else { return };
         entry.outcome.send_replace(Some(outcome));
         if !at_most_once || self.outcomes_kept == 0 {

@@ -21,13 +21,13 @@ use tracing::Instrument;
 
 use crate::RuntimeError;
 use crate::call::{Call, Handler};
+use crate::call_key::CallKey;
 use crate::config::WorkerConfig;
-use crate::door::Door;
 use crate::gauge::LoadGauge;
 use crate::journal::{COPIES_WAIT, Journal};
 use crate::mailbox::{MailboxReceiver, mailbox};
 use crate::namesakes;
-use crate::registry::{Admission, Outcome, Registry};
+use crate::registry::{Admission, CallResult, Registry};
 use crate::shares::ForCell;
 use crate::stages::Stages;
 use crate::tally::Tally;
@@ -121,9 +121,9 @@ impl Server {
             let found = namesakes::find(loads, shared.loads_told.clone(), name_taken.clone());
             tokio::spawn(stop.clone().run_until_cancelled_owned(found));
         }
-        let doors = [(Some(queries), Door::Call), (operations, Door::Operate), (for_others, Door::ForOthers)];
-        for (queries, door) in doors.into_iter().filter_map(|(queries, door)| Some((queries?, door))) {
-            tokio::spawn(stop.clone().run_until_cancelled_owned(take_calls(shared.clone(), queries, door)));
+        let call_keys = [(Some(queries), CallKey::Call), (operations, CallKey::Operate), (for_others, CallKey::ForOthers)];
+        for (queries, call_key) in call_keys.into_iter().filter_map(|(queries, call_key)| Some((queries?, call_key))) {
+            tokio::spawn(stop.clone().run_until_cancelled_owned(take_calls(shared.clone(), queries, call_key)));
         }
         tokio::spawn(stop.clone().run_until_cancelled_owned(take_cancels(shared.clone(), cancels)));
         tokio::spawn(stop.clone().run_until_cancelled_owned(report_load(shared.clone())));
@@ -179,9 +179,9 @@ fn made_up_name() -> String {
     format!("w-{}", &uuid::Uuid::new_v4().simple().to_string()[..12])
 }
 
-async fn take_calls(shared: Arc<Shared>, mut queries: IncomingQueries, door: Door) {
+async fn take_calls(shared: Arc<Shared>, mut queries: IncomingQueries, call_key: CallKey) {
     while let Some(query) = queries.next().await {
-        shared.calls.spawn(answer(shared.clone(), query, door));
+        shared.calls.spawn(answer(shared.clone(), query, call_key));
     }
 }
 
@@ -277,7 +277,7 @@ impl Answerer {
     }
 
     /// The one terminal reply. Consumes the way back, which ends the stream.
-    async fn finish(self, outcome: Outcome, timing_ms: BTreeMap<String, f64>) {
+    async fn finish(self, outcome: CallResult, timing_ms: BTreeMap<String, f64>) {
         let outcome = outcome.and_then(|payload| {
             let size = payload.bytes.len();
             payload.within_limit().map_err(|_| CallError::internal(format!("the result has {size} bytes, more than a message may have")))
@@ -304,7 +304,7 @@ fn id_of(attachment: &[u8]) -> String {
     value.and_then(|v| Some(v.get("id")?.as_str()?.to_owned())).unwrap_or_default()
 }
 
-async fn answer(shared: Arc<Shared>, query: IncomingQuery, door: Door) {
+async fn answer(shared: Arc<Shared>, query: IncomingQuery, call_key: CallKey) {
     let IncomingQuery { key, payload, attachment, replier } = query;
     let received = Instant::now();
     let mut reply = ReplyAttachment {
@@ -335,7 +335,7 @@ async fn answer(shared: Arc<Shared>, query: IncomingQuery, door: Door) {
     }
     let answerer = Answerer { replier, attachment: reply, journal };
     let deadline = received + Duration::from_millis(call.remaining_ms);
-    let entered = shared.may_enter(door, &call.method).and_then(|()| door.cell(&key, &shared.cell));
+    let entered = shared.may_enter(call_key, &call.method).and_then(|()| call_key.cell(&key, &shared.cell));
     let cell = match entered {
         Ok(cell) => cell,
         Err(error) => return answerer.finish(Err(error), BTreeMap::new()).await,
@@ -366,12 +366,12 @@ async fn answer(shared: Arc<Shared>, query: IncomingQuery, door: Door) {
 }
 
 impl Shared {
-    /// Whether a call of a method may come by a door now.
-    fn may_enter(&self, door: Door, method: &str) -> Result<(), CallError> {
+    /// Whether a call of a method may arrive on a key now.
+    fn may_enter(&self, call_key: CallKey, method: &str) -> Result<(), CallError> {
         if self.refusing.load(Ordering::Acquire) {
             return Err(CallError::new(ErrorCode::Unavailable, "this worker is stopping"));
         }
-        door.takes(method, self.service, self.config.operate_only)
+        call_key.takes(method, self.service, self.config.operate_only)
     }
 
     fn retry_after_ms(&self) -> u64 {
@@ -450,12 +450,12 @@ fn span_of(shared: &Shared, call: &CallAttachment, cell: &ForCell) -> tracing::S
 /// Waits for the handler, for its deadline and for a cancel, and forwards progress meanwhile.
 async fn supervise(
     shared: &Shared,
-    mut task: tokio::task::JoinHandle<Outcome>,
+    mut task: tokio::task::JoinHandle<CallResult>,
     deadline: Instant,
     cancelled: &CancellationToken,
     progressed: &mut MailboxReceiver<Payload>,
     answerer: &mut Answerer,
-) -> Outcome {
+) -> CallResult {
     let grace = Duration::from_millis(shared.config.cancel_grace_ms);
     let mut give_up: Option<Instant> = None;
     loop {
@@ -489,7 +489,7 @@ async fn supervise(
 }
 
 /// Answers a repeated call with the outcome of the first.
-async fn join(mut outcome: watch::Receiver<Option<Outcome>>, deadline: Instant, answerer: Answerer) {
+async fn join(mut outcome: watch::Receiver<Option<CallResult>>, deadline: Instant, answerer: Answerer) {
     // Taken out of the channel's guard at once, which must not be held across an await.
     let waited = tokio::time::timeout_at(deadline, async { outcome.wait_for(Option::is_some).await.ok().and_then(|o| o.clone()) }).await;
     let outcome = match waited {

@@ -165,9 +165,9 @@ impl AliveWatch {
     }
 }
 
-/// Whether the network can carry messages.
+/// Whether this session is connected to the network, and since when.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Connection {
+pub struct ConnectionStatus {
     /// Whether it can now. A client without its router cannot.
     pub is_up: bool,
     /// Since when that is so.
@@ -185,7 +185,8 @@ pub trait Transport: Send + Sync + 'static {
     /// When the network refuses. A worker that is not there is no error: the stream ends at once.
     async fn query(&self, key: &str, query: OutgoingQuery) -> Result<ReplyStream, RuntimeError>;
 
-    /// Serves `key`, which may have `*` for chunks: at most `capacity` calls wait to be taken; the next are let go, which their callers see as a stream that ends.
+    /// Serves `key`, which may have `*` for chunks: at most `capacity` calls wait to be taken; the next are let go, which their callers see as a
+    /// stream that ends.
     ///
     /// # Errors
     /// When the network refuses.
@@ -227,7 +228,7 @@ pub trait Transport: Send + Sync + 'static {
     async fn watch_alive(&self, key: &str) -> Result<AliveWatch, RuntimeError>;
 
     /// Whether messages get through now, as far as this end knows.
-    fn connection(&self) -> Connection;
+    fn connection(&self) -> ConnectionStatus;
 
     /// The locators that others can connect to.
     async fn locators(&self) -> Vec<String>;

@@ -165,7 +165,7 @@ impl<R, T> WaitingJobs<R, T> {
 
     /// The next job to go with those taken already, if there is room for it: the next interactive one, unless a batch job is due. A batch job
     /// that is not due would only delay the interactive ones beside it.
-    pub(crate) fn pop(&mut self, taken: &mut Taken<R, T>, threads: usize, gauge: &LoadGauge) -> Option<Job<R, T>> {
+    pub(crate) fn pop(&mut self, taken: &mut JobBatch<R, T>, threads: usize, gauge: &LoadGauge) -> Option<Job<R, T>> {
         let has_interactive = self.interactive.front(&self.running).is_some();
         // Only where an interactive job would have to let it by.
         let is_due = (has_interactive || taken.is_interactive()) && self.is_batch_due(threads, gauge);
@@ -200,8 +200,8 @@ impl<R, T> WaitingJobs<R, T> {
     }
 }
 
-/// Jobs that are handed over together.
-pub(crate) struct Taken<R, T> {
+/// Jobs handed to a worker thread together.
+pub(crate) struct JobBatch<R, T> {
     pub(crate) jobs: Vec<Job<R, T>>,
     weight: usize,
     max_weight: usize,
@@ -209,7 +209,7 @@ pub(crate) struct Taken<R, T> {
     pub(crate) is_full: bool,
 }
 
-impl<R, T> Taken<R, T> {
+impl<R, T> JobBatch<R, T> {
     /// None yet; `max_weight` of them at most.
     pub(crate) fn none(max_weight: usize) -> Self {
         Self { jobs: Vec::new(), weight: 0, max_weight, is_full: false }
@@ -272,7 +272,7 @@ mod tests {
         assert_eq!(refusal(&waiting, Priority::Batch), None, "half a job and two before it, and itself: 4.75 s");
         for _ in 0..8 {
             let _answer = push(&mut waiting, Priority::Interactive);
-            assert!(waiting.pop(&mut Taken::none(usize::MAX), 1, &gauge).is_some());
+            assert!(waiting.pop(&mut JobBatch::none(usize::MAX), 1, &gauge).is_some());
         }
         let too_late = refusal(&waiting, Priority::Batch);
         assert!(matches!(too_late, Some(Refusal::TooLate { left_ms, .. }) if (4900.0..=5000.0).contains(&left_ms)), "{too_late:?}");
@@ -290,7 +290,7 @@ mod tests {
             let within = |waiting: &mut _, left_s, priority| push_within(waiting, Duration::from_secs(left_s), priority);
             let _awaited = [(60, Priority::Batch), (left_s, Priority::Batch), (60, Priority::Interactive)]
                 .map(|(left_s, priority)| within(&mut waiting, left_s, priority));
-            let popped = waiting.pop(&mut Taken::none(usize::MAX), 1, &gauge).map(|job| job.context.priority);
+            let popped = waiting.pop(&mut JobBatch::none(usize::MAX), 1, &gauge).map(|job| job.context.priority);
             assert_eq!(popped, Some(first), "{left_s} s left");
         }
     }

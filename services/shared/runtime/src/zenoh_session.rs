@@ -5,7 +5,7 @@ use std::time::Duration;
 use crate::RuntimeError;
 use crate::config::{SessionConfig, SessionMode};
 use crate::diagnosis::Credentials;
-use crate::opening::{Opening, open_apart};
+use crate::opening::{RouterEntry, open_apart};
 
 /// The least time of an attempt at a link, milliseconds: a few round trips between busy machines.
 const LEAST_ATTEMPT_MS: u64 = 1000;
@@ -27,7 +27,7 @@ pub(crate) async fn open_session(config: &SessionConfig, zenoh_config: zenoh::Co
         false => {
             let operation = format!("opening the session (connecting to {})", endpoints.join(", "));
             let (credentials, bound) = (Credentials::of(&zenoh_config), Duration::from_millis(config.connect_timeout_ms));
-            let opening = Opening { config: zenoh_config, endpoints, credentials, attempt: attempt_time(config), bound };
+            let opening = RouterEntry { config: zenoh_config, endpoints, credentials, attempt: attempt_time(config), bound };
             opening.run().await.map_err(|why| (operation, why))
         }
     };

@@ -24,8 +24,8 @@ use crate::config::{SessionConfig, SessionMode};
 use crate::frame_link::FrameLink;
 use crate::mailbox::mailbox;
 use crate::transport::{
-    AliveWatch, Connection, Guard, IncomingQueries, IncomingQuery, OutgoingQuery, Replier, ReplyEvent, ReplyStream, Sample, Subscription,
-    Traffic, Transport,
+    AliveWatch, ConnectionStatus, Guard, IncomingQueries, IncomingQuery, OutgoingQuery, Replier, ReplyEvent, ReplyStream, Sample,
+    Subscription, Traffic, Transport,
 };
 use crate::zenoh_session::{open_session, zenoh_config};
 
@@ -46,7 +46,7 @@ struct Links {
     /// Whether a session without links can carry nothing: a client's.
     needs_router: bool,
     open: BTreeSet<String>,
-    connection: Connection,
+    connection: ConnectionStatus,
 }
 
 impl Links {
@@ -59,7 +59,7 @@ impl Links {
         let is_up = !self.needs_router || !self.open.is_empty();
         if is_up != self.connection.is_up {
             let number = self.connection.number + u64::from(is_up);
-            self.connection = Connection { is_up, since: Instant::now(), number };
+            self.connection = ConnectionStatus { is_up, since: Instant::now(), number };
             match is_up {
                 true => tracing::info!("the router is there"),
                 false => tracing::warn!("the router is gone; trying to reach it again"),
@@ -76,7 +76,7 @@ impl ZenohTransport {
     /// with what is wrong of the address, the certificates or the user.
     pub async fn open(config: &SessionConfig) -> Result<Self, RuntimeError> {
         let session = open_session(config, zenoh_config(config)?).await?;
-        let connection = Connection { is_up: true, since: Instant::now(), number: 1 };
+        let connection = ConnectionStatus { is_up: true, since: Instant::now(), number: 1 };
         let links = Links { needs_router: config.mode == SessionMode::Client, open: BTreeSet::new(), connection };
         let links = Arc::new(Mutex::new(links));
         let told = links.clone();
@@ -299,7 +299,7 @@ impl Transport for ZenohTransport {
         Ok(AliveWatch { keys, _declaration: Box::new(subscriber) })
     }
 
-    fn connection(&self) -> Connection {
+    fn connection(&self) -> ConnectionStatus {
         self.connection.lock().unwrap_or_else(PoisonError::into_inner).connection
     }
 

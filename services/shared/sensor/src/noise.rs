@@ -3,16 +3,16 @@
 //! White noise averaged over the patch has the correlation of overlapping patches (it falls linearly to zero at one patch's width). Every white
 //! value is a hash of the picture's seed and its own place: the noise of a pixel depends on nothing else, whoever computes it.
 
-/// Which of a pixel's random numbers is meant.
+/// The independent random streams of a pixel.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Stream {
+pub(crate) enum NoiseStream {
     White = 1,
     Patch = 2,
     Pixel = 3,
 }
 
 /// 64 random bits of a place in a stream (the finaliser of SplitMix64).
-pub(crate) fn bits(seed: u64, stream: Stream, place: usize) -> u64 {
+pub(crate) fn bits(seed: u64, stream: NoiseStream, place: usize) -> u64 {
     let mut x = seed ^ (stream as u64).wrapping_mul(0xd605_1d86_99d7_57c3) ^ (place as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -47,7 +47,7 @@ pub(crate) fn correlated(width: usize, height: usize, window: usize, seed: u64) 
     let mut sums = vec![0i32; width * (height + margin)];
     for (v, sums) in sums.chunks_exact_mut(width).enumerate() {
         for (u, value) in row.iter_mut().enumerate() {
-            *value = white(bits(seed, Stream::White, v * stride + u));
+            *value = white(bits(seed, NoiseStream::White, v * stride + u));
         }
         let mut sum: i32 = row[..margin].iter().sum();
         for (u, out) in sums.iter_mut().enumerate() {
@@ -96,8 +96,9 @@ mod tests {
     #[test]
     fn uniform_numbers_are_uniform() {
         let n = 20_000;
-        let mean: f32 = (0..n).flat_map(|i| shares(bits(3, Stream::Pixel, i))).sum::<f32>() / (4 * n) as f32;
-        let spread: f32 = (0..n).map(|i| shares(bits(3, Stream::Pixel, i))).map(|s| triangular(s[0], s[1]).powi(2)).sum::<f32>() / n as f32;
+        let mean: f32 = (0..n).flat_map(|i| shares(bits(3, NoiseStream::Pixel, i))).sum::<f32>() / (4 * n) as f32;
+        let spread: f32 =
+            (0..n).map(|i| shares(bits(3, NoiseStream::Pixel, i))).map(|s| triangular(s[0], s[1]).powi(2)).sum::<f32>() / n as f32;
         assert!((mean - 0.5).abs() < 0.01 && (spread - 1.0).abs() < 0.03, "{mean} {spread}");
     }
 }

@@ -3,9 +3,9 @@
 use repose_geometry::Pinhole;
 
 use crate::SensorModel;
-use crate::noise::{Stream, bits, correlated, shares, triangular};
+use crate::noise::{NoiseStream, bits, correlated, shares, triangular};
 use crate::shadow::mark_row;
-use crate::surface::Surface;
+use crate::surface::PixelNeighbourhood;
 
 /// Slant below which its noise is under a tenth of a millimetre and not worth an arc cosine: the squared cosine of 45°.
 const SLANTED: f32 = 0.5;
@@ -13,8 +13,8 @@ const SLANTED: f32 = 0.5;
 impl SensorModel {
     /// Replaces true depth by what the camera reports of it.
     ///
-    /// `depth_m` is `[camera.height, camera.width]`, row-major, metres along the optical axis, 0 = nothing, which stays nothing. The same `seed` gives
-    /// the same noise at the same pixel, whatever else the picture shows.
+    /// `depth_m` is `[camera.height, camera.width]`, row-major, metres along the optical axis, 0 = nothing, which stays nothing. The same `seed`
+    /// gives the same noise at the same pixel, whatever else the picture shows.
     pub fn disturb(&self, depth_m: &mut [f32], camera: &Pinhole, seed: u64) {
         if *self == Self::ideal() || camera.width == 0 {
             return;
@@ -29,7 +29,7 @@ impl SensorModel {
             }
             if v % picture.window == 0 {
                 for (k, lost) in lost_patches.iter_mut().enumerate() {
-                    *lost = shares(bits(seed, Stream::Patch, v * camera.width + k))[0] < self.dropout;
+                    *lost = shares(bits(seed, NoiseStream::Patch, v * camera.width + k))[0] < self.dropout;
                 }
             }
             for (u, depth) in row.iter_mut().enumerate().filter(|(_, depth)| **depth > 0.0) {
@@ -75,7 +75,7 @@ impl<'a> TruePicture<'a> {
         let along_y = [neighbour(v > 0, at.wrapping_sub(width)), neighbour(at + width < self.inverse_depth.len(), at + width)];
         let lens = [self.camera.fx as f32, self.camera.fy as f32];
         let ray = [(u as f32 - self.camera.cx as f32) / lens[0], (v as f32 - self.camera.cy as f32) / lens[1]];
-        let surface = Surface::new(here, along_x, along_y, lens, ray);
+        let surface = PixelNeighbourhood::new(here, along_x, along_y, lens, ray);
         let inverse = if surface.is_edge { self.at_edge(u, v, &surface) } else { here };
         if inverse <= 0.0 {
             return 0.0;
@@ -96,9 +96,9 @@ impl<'a> TruePicture<'a> {
 
     /// The inverse depth seen at a jump: of a pixel beside, of something between the two surfaces, or none (0).
     #[cold]
-    fn at_edge(&self, u: usize, v: usize, surface: &Surface) -> f32 {
+    fn at_edge(&self, u: usize, v: usize, surface: &PixelNeighbourhood) -> f32 {
         let at = v * self.camera.width + u;
-        let [lost, between, x, y] = shares(bits(self.seed, Stream::Pixel, at));
+        let [lost, between, x, y] = shares(bits(self.seed, NoiseStream::Pixel, at));
         if lost < self.model.edge_lost {
             return 0.0;
         }
@@ -107,7 +107,7 @@ impl<'a> TruePicture<'a> {
             return surface.least + between * (surface.greatest - surface.least);
         }
         // Two more numbers from the bits that chose nothing so far.
-        let [x2, y2, ..] = shares(bits(self.seed, Stream::Pixel, at + self.inverse_depth.len()));
+        let [x2, y2, ..] = shares(bits(self.seed, NoiseStream::Pixel, at + self.inverse_depth.len()));
         let wander = |a: f32, b: f32| (triangular(a, b) * self.model.wander_px * self.scale).round() as isize;
         let column = u.saturating_add_signed(wander(x, x2)).min(self.camera.width - 1);
         let row = v.saturating_add_signed(wander(y, y2)).min(self.inverse_depth.len() / self.camera.width - 1);
@@ -120,7 +120,7 @@ impl<'a> TruePicture<'a> {
         if angle_rad <= from {
             return false;
         }
-        let [.., share] = shares(bits(self.seed, Stream::Pixel, at + 2 * self.inverse_depth.len()));
+        let [.., share] = shares(bits(self.seed, NoiseStream::Pixel, at + 2 * self.inverse_depth.len()));
         angle_rad >= to || share < (angle_rad - from) / (to - from)
     }
 

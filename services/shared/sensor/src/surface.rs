@@ -6,9 +6,9 @@
 /// Jump of inverse depth, as a share, that counts as two surfaces.
 const JUMP_SHARE: f32 = 0.02;
 
-/// A pixel's surroundings.
+/// The inverse depths of a pixel and its neighbours.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Surface {
+pub(crate) struct PixelNeighbourhood {
     /// Least inverse depth of the pixel and its four neighbours, 1/m; 0 when one of them has nothing.
     pub least: f32,
     /// Greatest inverse depth among them, 1/m.
@@ -19,7 +19,7 @@ pub(crate) struct Surface {
     pub cosine_squared: f32,
 }
 
-impl Surface {
+impl PixelNeighbourhood {
     /// The surroundings of a pixel of inverse depth `here` (> 0), from its neighbours along x and along y (0 = nothing), in a picture with focal
     /// lengths `fx` and `fy`, whose line of sight is (`ray[0]`, `ray[1]`, 1).
     #[inline]
@@ -60,7 +60,7 @@ mod tests {
             let neighbours = [inverse(u - 1.0, v), inverse(u + 1.0, v), inverse(u, v - 1.0), inverse(u, v + 1.0)];
             prop_assume!(neighbours.iter().all(|w| *w > 0.05));
             let [l, r, t, b] = neighbours;
-            let surface = Surface::new(inverse(u, v), [l, r], [t, b], [f, f], [u / f, v / f]);
+            let surface = PixelNeighbourhood::new(inverse(u, v), [l, r], [t, b], [f, f], [u / f, v / f]);
             let cosine = normal.dot(&ray(u, v).normalize());
             prop_assert!(!surface.is_edge);
             prop_assert!((surface.cosine_squared - cosine * cosine).abs() < 0.02, "{} {}", surface.cosine_squared, cosine * cosine);
@@ -69,7 +69,7 @@ mod tests {
 
     #[test]
     fn a_jump_is_an_edge_and_does_not_look_like_a_slope() {
-        let surface = Surface::new(1.0, [1.0, 1.6], [1.0, 1.0], [280.0; 2], [0.0; 2]);
+        let surface = PixelNeighbourhood::new(1.0, [1.0, 1.6], [1.0, 1.0], [280.0; 2], [0.0; 2]);
         assert!(surface.is_edge && surface.cosine_squared == 1.0);
         assert_eq!((surface.least, surface.greatest), (1.0, 1.6));
     }

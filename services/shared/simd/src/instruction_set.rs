@@ -6,7 +6,7 @@ use crate::x86::{Avx2, Avx512};
 
 /// The instruction sets that algorithms are compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Family {
+pub enum SimdLevel {
     /// Sixteen floats at once, fused multiply-add: AVX-512 F, BW, DQ and VL (Intel since Skylake-X, AMD since Zen 4).
     Avx512,
     /// Eight floats at once, fused multiply-add: AVX2 and FMA.
@@ -18,10 +18,10 @@ pub enum Family {
 /// An instruction set that this machine has. Only detection makes a value, so holding one is the permission to run its instructions.
 ///
 /// ```compile_fail
-/// let set = repose_simd::InstructionSet(repose_simd::Family::Avx512); // the field is private
+/// let set = repose_simd::InstructionSet(repose_simd::SimdLevel::Avx512); // the field is private
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct InstructionSet(Family);
+pub struct InstructionSet(SimdLevel);
 
 /// An algorithm over vectors of any width.
 pub trait Work {
@@ -42,13 +42,13 @@ impl InstructionSet {
         Self::available()[0]
     }
 
-    /// All instruction sets of this machine, widest first; [`Family::Plain`] is always the last.
+    /// All instruction sets of this machine, widest first; [`SimdLevel::Plain`] is always the last.
     pub fn available() -> Vec<Self> {
-        [Family::Avx512, Family::Avx2, Family::Plain].into_iter().filter(|family| is_present(*family)).map(Self).collect()
+        [SimdLevel::Avx512, SimdLevel::Avx2, SimdLevel::Plain].into_iter().filter(|family| is_present(*family)).map(Self).collect()
     }
 
     /// Which it is.
-    pub fn family(self) -> Family {
+    pub fn family(self) -> SimdLevel {
         self.0
     }
 
@@ -59,28 +59,28 @@ impl InstructionSet {
         unsafe {
             match self.0 {
                 #[cfg(target_arch = "x86_64")]
-                Family::Avx512 => run_avx512(work),
+                SimdLevel::Avx512 => run_avx512(work),
                 #[cfg(target_arch = "x86_64")]
-                Family::Avx2 => run_avx2(work),
+                SimdLevel::Avx2 => run_avx2(work),
                 _ => work.run::<Plain>(),
             }
         }
     }
 }
 
-fn is_present(family: Family) -> bool {
+fn is_present(family: SimdLevel) -> bool {
     match family {
         #[cfg(target_arch = "x86_64")]
-        Family::Avx512 => {
+        SimdLevel::Avx512 => {
             is_x86_feature_detected!("avx512f")
                 && is_x86_feature_detected!("avx512bw")
                 && is_x86_feature_detected!("avx512dq")
                 && is_x86_feature_detected!("avx512vl")
-                && is_present(Family::Avx2)
+                && is_present(SimdLevel::Avx2)
         }
         #[cfg(target_arch = "x86_64")]
-        Family::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
-        Family::Plain => true,
+        SimdLevel::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
+        SimdLevel::Plain => true,
         #[cfg(not(target_arch = "x86_64"))]
         _ => false,
     }
@@ -182,7 +182,7 @@ mod tests {
     #[test]
     fn the_plain_set_is_always_there_and_the_widest_comes_first() {
         let all = InstructionSet::available();
-        assert_eq!(all.last().map(|set| set.family()), Some(Family::Plain));
+        assert_eq!(all.last().map(|set| set.family()), Some(SimdLevel::Plain));
         assert_eq!(InstructionSet::detect(), all[0]);
     }
 }

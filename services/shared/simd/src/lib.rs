@@ -43,7 +43,7 @@ mod lanes;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
-pub use instruction_set::{Family, InstructionSet, Work};
+pub use instruction_set::{InstructionSet, SimdLevel, Work};
 pub use lanes::{Lanes, Plain};
 #[cfg(target_arch = "x86_64")]
 pub use x86::{Avx2, Avx512};

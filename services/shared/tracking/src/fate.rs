@@ -12,7 +12,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::known::Known;
-use crate::picture::{DepthPicture, Reading};
+use crate::picture::{DepthComparison, DepthPicture};
 
 /// Points of an object that are looked at.
 const POINTS: usize = 300;
@@ -189,8 +189,8 @@ impl Followed {
 fn is_empty(points: &[Point3<f64>], picture: &DepthPicture) -> bool {
     let (mut read, mut through) = (0usize, 0usize);
     for reading in points.iter().map(|p| picture.reading(p)) {
-        read += usize::from(reading != Reading::None);
-        through += usize::from(reading == Reading::Behind);
+        read += usize::from(reading != DepthComparison::None);
+        through += usize::from(reading == DepthComparison::Behind);
     }
     read >= ENOUGH.min(points.len()) && through as f64 > MOST * points.len() as f64
 }

@@ -10,9 +10,9 @@ const COLUMNS: usize = 160;
 /// What is read this much nearer or farther than a place is not at that place, metres.
 const THERE_M: f64 = 0.02;
 
-/// What the camera read in the direction of a place.
+/// How the depth reading in the direction of a place compares with the place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Reading {
+pub enum DepthComparison {
     /// Nothing, or the place is not in the picture.
     None,
     /// Something nearer.
@@ -52,14 +52,14 @@ impl DepthPicture {
     }
 
     /// What was read in the direction of a place (world frame).
-    pub fn reading(&self, place: &Point3<f64>) -> Reading {
+    pub fn reading(&self, place: &Point3<f64>) -> DepthComparison {
         let in_camera = self.camera_from_world * place;
         let depth_m = self.camera.pixel_of(&in_camera).map_or(0.0, |at| f64::from(self.depth_m[at]));
         match depth_m - in_camera.z {
-            _ if depth_m == 0.0 => Reading::None,
-            farther_m if farther_m < -THERE_M => Reading::Before,
-            farther_m if farther_m > THERE_M => Reading::Behind,
-            _ => Reading::There,
+            _ if depth_m == 0.0 => DepthComparison::None,
+            farther_m if farther_m < -THERE_M => DepthComparison::Before,
+            farther_m if farther_m > THERE_M => DepthComparison::Behind,
+            _ => DepthComparison::There,
         }
     }
 }

@@ -9,7 +9,7 @@ use crate::grade::Grade;
 
 /// A basic color term.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Color {
+pub enum ColorTerm {
     /// No hue, light.
     White,
     /// No hue, between.
@@ -34,7 +34,7 @@ pub enum Color {
     Pink,
 }
 
-impl Color {
+impl ColorTerm {
     /// Every name.
     pub const ALL: [Self; 11] = [
         Self::White,
@@ -56,19 +56,19 @@ impl Color {
     }
 }
 
-/// The regions of names with a hue: hue in degrees (the second end may pass 360), lightness, least chroma; in the order of [`Color`].
+/// The regions of names with a hue: hue in degrees (the second end may pass 360), lightness, least chroma; in the order of [`ColorTerm`].
 /// Neighbours overlap: a color on the border between two may be called either.
-const REGIONS: [(Color, [f64; 2], [f64; 2], f64); 9] = [
-    (Color::Red, [8.0, 42.0], [0.20, 0.68], 0.09),
-    (Color::Orange, [44.0, 78.0], [0.62, 0.90], 0.10),
-    (Color::Brown, [38.0, 95.0], [0.15, 0.62], 0.03),
-    (Color::Yellow, [82.0, 118.0], [0.66, 1.00], 0.08),
-    (Color::Green, [120.0, 175.0], [0.15, 0.97], 0.04),
-    (Color::Blue, [215.0, 285.0], [0.15, 0.95], 0.05),
-    (Color::Purple, [292.0, 340.0], [0.15, 0.72], 0.06),
-    (Color::Pink, [335.0, 388.0], [0.68, 0.97], 0.06),
+const REGIONS: [(ColorTerm, [f64; 2], [f64; 2], f64); 9] = [
+    (ColorTerm::Red, [8.0, 42.0], [0.20, 0.68], 0.09),
+    (ColorTerm::Orange, [44.0, 78.0], [0.62, 0.90], 0.10),
+    (ColorTerm::Brown, [38.0, 95.0], [0.15, 0.62], 0.03),
+    (ColorTerm::Yellow, [82.0, 118.0], [0.66, 1.00], 0.08),
+    (ColorTerm::Green, [120.0, 175.0], [0.15, 0.97], 0.04),
+    (ColorTerm::Blue, [215.0, 285.0], [0.15, 0.95], 0.05),
+    (ColorTerm::Purple, [292.0, 340.0], [0.15, 0.72], 0.06),
+    (ColorTerm::Pink, [335.0, 388.0], [0.68, 0.97], 0.06),
     // Magenta: called pink when light or strong, purple when dark.
-    (Color::Pink, [338.0, 366.0], [0.55, 0.97], 0.14),
+    (ColorTerm::Pink, [338.0, 366.0], [0.55, 0.97], 0.14),
 ];
 /// How far outside a region a color still partly belongs to it: hue in degrees, lightness, chroma.
 const HUE_MARGIN_DEG: f64 = 14.0;
@@ -85,7 +85,7 @@ const POSSIBLE_SHARE: f64 = 0.18;
 /// How much of an object each color name covers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ColorShares {
-    shares: [f64; Color::ALL.len()],
+    shares: [f64; ColorTerm::ALL.len()],
 }
 
 impl ColorShares {
@@ -94,7 +94,7 @@ impl ColorShares {
         if colors.is_empty() {
             return None;
         }
-        let mut shares = [0.0; Color::ALL.len()];
+        let mut shares = [0.0; ColorTerm::ALL.len()];
         let mut colorless = 0.0;
         let mut lightness: Vec<f64> = Vec::new();
         for rgb in colors {
@@ -114,26 +114,26 @@ impl ColorShares {
             lightness.sort_by(f64::total_cmp);
             let lit = lightness[((lightness.len() - 1) as f64 * LIT_QUANTILE) as usize];
             let share = colorless / colors.len() as f64;
-            shares[Color::White as usize] = share * rises(lit, 0.80, 0.12);
-            shares[Color::Grey as usize] = share * trapezoid(lit, [0.46, 0.72], 0.09);
-            shares[Color::Black as usize] = share * falls(lit, 0.34, 0.12);
+            shares[ColorTerm::White as usize] = share * rises(lit, 0.80, 0.12);
+            shares[ColorTerm::Grey as usize] = share * trapezoid(lit, [0.46, 0.72], 0.09);
+            shares[ColorTerm::Black as usize] = share * falls(lit, 0.34, 0.12);
         }
         Some(Self { shares: shares.map(|s| s.min(1.0)) })
     }
 
     /// How much of the object a name covers, 0 to 1.
-    pub fn share(&self, color: Color) -> f64 {
+    pub fn share(&self, color: ColorTerm) -> f64 {
         self.shares[color as usize]
     }
 
     /// Whether people would call the object that.
-    pub fn is(&self, color: Color) -> Grade {
+    pub fn is(&self, color: ColorTerm) -> Grade {
         Grade::at_least(self.share(color), SURE_SHARE, POSSIBLE_SHARE)
     }
 
     /// The name that fits best, if any does.
-    pub fn name(&self) -> Option<Color> {
-        let best = Color::ALL.into_iter().max_by(|a, b| self.share(*a).total_cmp(&self.share(*b)))?;
+    pub fn name(&self) -> Option<ColorTerm> {
+        let best = ColorTerm::ALL.into_iter().max_by(|a, b| self.share(*a).total_cmp(&self.share(*b)))?;
         (self.share(best) >= POSSIBLE_SHARE).then_some(best)
     }
 }
@@ -178,21 +178,21 @@ mod tests {
     #[test]
     fn plain_colors_have_their_names() {
         let named = [
-            ([250, 250, 250], Color::White),
-            ([128, 128, 128], Color::Grey),
-            ([20, 20, 22], Color::Black),
-            ([220, 20, 30], Color::Red),
-            ([110, 20, 25], Color::Red),
-            ([255, 140, 0], Color::Orange),
-            ([139, 69, 19], Color::Brown),
-            ([240, 215, 40], Color::Yellow),
-            ([30, 130, 50], Color::Green),
-            ([140, 220, 140], Color::Green),
-            ([30, 60, 200], Color::Blue),
-            ([20, 30, 90], Color::Blue),
-            ([130, 180, 240], Color::Blue),
-            ([120, 40, 160], Color::Purple),
-            ([245, 150, 185], Color::Pink),
+            ([250, 250, 250], ColorTerm::White),
+            ([128, 128, 128], ColorTerm::Grey),
+            ([20, 20, 22], ColorTerm::Black),
+            ([220, 20, 30], ColorTerm::Red),
+            ([110, 20, 25], ColorTerm::Red),
+            ([255, 140, 0], ColorTerm::Orange),
+            ([139, 69, 19], ColorTerm::Brown),
+            ([240, 215, 40], ColorTerm::Yellow),
+            ([30, 130, 50], ColorTerm::Green),
+            ([140, 220, 140], ColorTerm::Green),
+            ([30, 60, 200], ColorTerm::Blue),
+            ([20, 30, 90], ColorTerm::Blue),
+            ([130, 180, 240], ColorTerm::Blue),
+            ([120, 40, 160], ColorTerm::Purple),
+            ([245, 150, 185], ColorTerm::Pink),
         ];
         for (rgb, color) in named {
             let shares = ColorShares::of(&[rgb]).expect("a point");
@@ -204,11 +204,14 @@ mod tests {
     #[test]
     fn a_shaded_side_leaves_white_white_and_two_colors_leave_either_possible() {
         let white: Vec<[u8; 3]> = (0..100).map(|i| [150 + i; 3]).collect();
-        assert_eq!(ColorShares::of(&white).expect("points").is(Color::White), Grade::Yes);
+        assert_eq!(ColorShares::of(&white).expect("points").is(ColorTerm::White), Grade::Yes);
         let mut striped = vec![[220, 20, 30]; 30];
         striped.extend([[30, 60, 200]; 70]);
         let shares = ColorShares::of(&striped).expect("points");
-        assert_eq!((shares.is(Color::Blue), shares.is(Color::Red), shares.is(Color::Green)), (Grade::Yes, Grade::Maybe, Grade::No));
+        assert_eq!(
+            (shares.is(ColorTerm::Blue), shares.is(ColorTerm::Red), shares.is(ColorTerm::Green)),
+            (Grade::Yes, Grade::Maybe, Grade::No)
+        );
     }
 
     #[test]

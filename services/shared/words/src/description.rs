@@ -2,8 +2,8 @@
 
 use repose_proto::Relation;
 
-use crate::color::Color;
-use crate::shape::Kind;
+use crate::color::ColorTerm;
+use crate::shape::ShapeKind;
 
 /// What a noun says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -13,7 +13,7 @@ pub enum Head {
     /// "one": the noun said before it, if that fits anything.
     One,
     /// A noun that claims a shape.
-    Kind(Kind),
+    Kind(ShapeKind),
 }
 
 /// An adjective of shape. Tall and flat are said of the one that is so by itself, or else of the one that is more so than the others.
@@ -69,7 +69,7 @@ pub struct Description {
     /// "the other".
     pub other: bool,
     /// Colors; all must fit.
-    pub colors: Vec<Color>,
+    pub colors: Vec<ColorTerm>,
     /// Adjectives of shape.
     pub shapes: Vec<ShapeWord>,
     /// An ordinal that has not been told yet what it counts by.
@@ -94,31 +94,31 @@ pub struct Clause {
     pub only_if_needed: bool,
 }
 
-/// An anchor of a term.
+/// The phrase for a relation's anchor.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Anchor {
+pub enum AnchorPhrase {
     /// A phrase.
     Described(Description),
     /// "it": an anchor that was named before.
     It,
 }
 
-/// Relations to anchors that must hold, or must not.
+/// A phrase of relations to anchors that must hold, or must not.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Term {
+pub struct RelationPhrase {
     /// The relations and whether each must hold; "near but not touching" has two.
     pub relations: Vec<(&'static [Relation], bool)>,
     /// Whether it is negated by a word of its own ("not") rather than by its relation ("away from").
     pub said_not: bool,
     /// The anchors; each relation is asked of each.
-    pub anchors: Vec<Anchor>,
+    pub anchors: Vec<AnchorPhrase>,
 }
 
-/// One way to read a sentence.
+/// One reading of a sentence: the object to move, and its relations.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Reading {
+pub struct SentenceReading {
     /// The object to move.
     pub query: Description,
     /// Where to.
-    pub terms: Vec<Term>,
+    pub terms: Vec<RelationPhrase>,
 }

@@ -10,8 +10,8 @@
 //! Each function takes a position and returns everything that can be read from there with the position after it: English is
 //! ambiguous, and which readings make sense only the scene can tell.
 
-use crate::description::{Anchor, Clause, Description, Head, Pick, Reading, Term};
-use crate::vocabulary::{self as v, Table};
+use crate::description::{AnchorPhrase, Clause, Description, Head, Pick, RelationPhrase, SentenceReading};
+use crate::vocabulary::{self as v, PhraseTable};
 use repose_proto::Relation;
 
 /// What can be read from a position, each with the position after it.
@@ -23,9 +23,9 @@ const MOST_READINGS: usize = 64;
 const DEEPEST: usize = 3;
 
 /// Every reading of a whole sentence.
-pub fn readings(words: &[String]) -> Vec<Reading> {
+pub fn readings(words: &[String]) -> Vec<SentenceReading> {
     let text = Text { words };
-    let mut found: Vec<Reading> = Vec::new();
+    let mut found: Vec<SentenceReading> = Vec::new();
     let whole = [text.commands(), text.take_and_put(), text.wishes(), text.statements()];
     for (reading, end) in whole.into_iter().flatten() {
         if end == words.len() && !reading.terms.is_empty() && !found.contains(&reading) {
@@ -49,7 +49,7 @@ pub fn descriptions(words: &[String]) -> Vec<Description> {
 
 /// Whether a word is in the vocabulary.
 pub fn knows(word: &str) -> bool {
-    fn has<T>(table: Table<T>, word: &str) -> bool {
+    fn has<T>(table: PhraseTable<T>, word: &str) -> bool {
         table.iter().any(|(phrase, _)| phrase.split(' ').any(|w| w == word))
     }
     let bare = [v::REQUESTS, v::VERBS, v::TAKES, v::WISHES, v::TO_BE, v::GOES, v::TO_THE, v::SIDE, v::ARTICLES, v::THAT_IS];
@@ -85,16 +85,16 @@ impl Text<'_> {
         phrase.split(' ').filter(|w| !w.is_empty()).try_fold(at, |at, word| self.is(at, word).then_some(at + 1))
     }
 
-    fn any<T: Copy>(&self, at: usize, table: Table<T>) -> Read<T> {
+    fn any<T: Copy>(&self, at: usize, table: PhraseTable<T>) -> Read<T> {
         table.iter().filter_map(|(phrase, meaning)| Some((*meaning, self.after(at, phrase)?))).collect()
     }
 
     /// Positions after one of a table's phrases, or none of them.
-    fn maybe(&self, at: usize, table: Table<()>) -> Vec<usize> {
+    fn maybe(&self, at: usize, table: PhraseTable<()>) -> Vec<usize> {
         std::iter::once(at).chain(self.any(at, table).into_iter().map(|(_, end)| end)).collect()
     }
 
-    fn one_of(&self, at: usize, table: Table<()>) -> Vec<usize> {
+    fn one_of(&self, at: usize, table: PhraseTable<()>) -> Vec<usize> {
         self.any(at, table).into_iter().map(|(_, end)| end).collect()
     }
 
@@ -105,37 +105,37 @@ impl Text<'_> {
 
     // Sentences.
 
-    fn commands(&self) -> Read<Reading> {
+    fn commands(&self) -> Read<SentenceReading> {
         let verbs = self.maybe(self.comma(0), v::REQUESTS).into_iter().flat_map(|at| self.one_of(at, v::VERBS));
         verbs.flat_map(|at| self.object_with_places(at, &[])).collect()
     }
 
-    fn wishes(&self) -> Read<Reading> {
+    fn wishes(&self) -> Read<SentenceReading> {
         self.one_of(0, v::WISHES).into_iter().flat_map(|at| self.object_with_places(at, v::TO_BE)).collect()
     }
 
-    fn statements(&self) -> Read<Reading> {
+    fn statements(&self) -> Read<SentenceReading> {
         let said = self.object(0, 0).into_iter().flat_map(|(query, at)| {
             let goes = self.one_of(at, v::GOES);
             goes.into_iter()
                 .flat_map(|at| self.terms(at))
-                .map(move |(terms, end)| (Reading { query: query.clone(), terms }, end))
+                .map(move |(terms, end)| (SentenceReading { query: query.clone(), terms }, end))
                 .collect::<Vec<_>>()
         });
         bounded(said.collect())
     }
 
-    fn object_with_places(&self, at: usize, between: Table<()>) -> Read<Reading> {
+    fn object_with_places(&self, at: usize, between: PhraseTable<()>) -> Read<SentenceReading> {
         let said = self.object(at, 0).into_iter().flat_map(|(query, at)| {
             let starts = self.maybe(self.comma(at), between);
             let terms = starts.into_iter().flat_map(|at| self.terms(at));
-            terms.map(|(terms, end)| (Reading { query: query.clone(), terms }, end)).collect::<Vec<_>>()
+            terms.map(|(terms, end)| (SentenceReading { query: query.clone(), terms }, end)).collect::<Vec<_>>()
         });
         bounded(said.collect())
     }
 
     /// "Take X and put it …", and "take X away from Y and put it …".
-    fn take_and_put(&self) -> Read<Reading> {
+    fn take_and_put(&self) -> Read<SentenceReading> {
         let mut found = Vec::new();
         let verbs = self.maybe(self.comma(0), v::REQUESTS).into_iter().flat_map(|at| self.one_of(at, v::TAKES));
         for (query, at) in verbs.flat_map(|at| self.object(at, 0)) {
@@ -149,7 +149,7 @@ impl Text<'_> {
                     }
                     for (more, end) in self.terms(self.comma(at + 1)) {
                         let terms = first.iter().cloned().chain(more).collect();
-                        found.push((Reading { query: query.clone(), terms }, end));
+                        found.push((SentenceReading { query: query.clone(), terms }, end));
                     }
                 }
             }
@@ -159,7 +159,7 @@ impl Text<'_> {
 
     // Places.
 
-    fn terms(&self, at: usize) -> Read<Vec<Term>> {
+    fn terms(&self, at: usize) -> Read<Vec<RelationPhrase>> {
         let mut found = Vec::new();
         for (term, end) in self.term(at, None) {
             let mut frontier = vec![(vec![term], end)];
@@ -177,7 +177,7 @@ impl Text<'_> {
     }
 
     /// A further term. After "not …" a bare "and" leaves open whether the "not" goes on.
-    fn next_terms(&self, before: &[Term], at: usize) -> Read<Vec<Term>> {
+    fn next_terms(&self, before: &[RelationPhrase], at: usize) -> Read<Vec<RelationPhrase>> {
         let comma = self.comma(at);
         let (word, start) = match ["and", "but"].into_iter().find(|w| self.is(comma, w)) {
             Some(word) => (Some(word), comma + 1),
@@ -185,11 +185,11 @@ impl Text<'_> {
         };
         let goes_on = comma == at && word == Some("and") && self.any(start, v::LEADS).is_empty();
         let open = goes_on && before.last().is_some_and(|t| t.said_not);
-        let mut found: Read<Vec<Term>> = Vec::new();
+        let mut found: Read<Vec<RelationPhrase>> = Vec::new();
         for (term, end) in self.term(start, None) {
             if open && term.relations.iter().all(|r| r.1) {
                 let relations = term.relations.iter().map(|(r, _)| (*r, false)).collect();
-                found.push((vec![Term { relations, ..term.clone() }], end));
+                found.push((vec![RelationPhrase { relations, ..term.clone() }], end));
             }
             found.push((vec![term], end));
         }
@@ -203,7 +203,7 @@ impl Text<'_> {
         found
     }
 
-    fn term(&self, at: usize, polarity: Option<bool>) -> Read<Term> {
+    fn term(&self, at: usize, polarity: Option<bool>) -> Read<RelationPhrase> {
         let mut found = Vec::new();
         let leads = std::iter::once((true, at)).chain(self.any(at, v::LEADS));
         for (lead, at) in leads {
@@ -211,7 +211,7 @@ impl Text<'_> {
             for (relations, at) in self.relations(at, polarity.unwrap_or(true) && lead && said) {
                 let negated = relations.iter().all(|r| !r.1);
                 for (anchors, end) in self.anchors(at, negated) {
-                    found.push((Term { relations: relations.clone(), said_not: !(said && lead), anchors }, end));
+                    found.push((RelationPhrase { relations: relations.clone(), said_not: !(said && lead), anchors }, end));
                 }
             }
         }
@@ -256,10 +256,10 @@ impl Text<'_> {
     }
 
     /// One or more anchors. "the green and the blue mug": the first takes the noun of the second.
-    fn anchors(&self, at: usize, negated: bool) -> Read<Vec<Anchor>> {
+    fn anchors(&self, at: usize, negated: bool) -> Read<Vec<AnchorPhrase>> {
         let mut found = Vec::new();
         for (first, at) in self.anchor(at) {
-            if !matches!(&first, Anchor::Described(d) if d.head.is_none() && d.number.is_none()) {
+            if !matches!(&first, AnchorPhrase::Described(d) if d.head.is_none() && d.number.is_none()) {
                 found.push((vec![first.clone()], at));
             }
             let between = match self.words.get(at).map(String::as_str) {
@@ -269,7 +269,7 @@ impl Text<'_> {
             };
             for (rest, end) in between.into_iter().flat_map(|at| self.anchors(at, negated)) {
                 let mut first = first.clone();
-                if let (Anchor::Described(d), Some(Anchor::Described(next))) = (&mut first, rest.first())
+                if let (AnchorPhrase::Described(d), Some(AnchorPhrase::Described(next))) = (&mut first, rest.first())
                     && d.head.is_none()
                     && d.number.is_none()
                 {
@@ -281,10 +281,10 @@ impl Text<'_> {
         bounded(found)
     }
 
-    fn anchor(&self, at: usize) -> Read<Anchor> {
-        let mut found: Read<Anchor> = self.any_object(at, 0).into_iter().map(|(d, end)| (Anchor::Described(d), end)).collect();
+    fn anchor(&self, at: usize) -> Read<AnchorPhrase> {
+        let mut found: Read<AnchorPhrase> = self.any_object(at, 0).into_iter().map(|(d, end)| (AnchorPhrase::Described(d), end)).collect();
         if self.is(at, "it") {
-            found.push((Anchor::It, at + 1));
+            found.push((AnchorPhrase::It, at + 1));
         }
         found
     }

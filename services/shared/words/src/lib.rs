@@ -19,15 +19,15 @@ mod words;
 
 use repose_proto::GoalTerm;
 
-pub use color::{Color, ColorShares, oklch};
+pub use color::{ColorShares, ColorTerm, oklch};
 pub use grade::Grade;
-pub use look::{Look, looks_of};
-pub use refused::{Reason, Refused};
-pub use shape::{Kind, Shape};
+pub use look::{ObjectAppearance, looks_of};
+pub use refused::{Reason, RefusedSentence};
+pub use shape::{ShapeKind, ShapeMeasures};
 
-/// A phrase of the sentence and the object that it was taken to mean.
+/// A phrase of the sentence, and the object it refers to.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Taken {
+pub struct ResolvedPhrase {
     /// The phrase, lower case.
     pub phrase: String,
     /// The object's id.
@@ -42,7 +42,7 @@ pub struct Understood {
     /// What must hold, in the order of the sentence.
     pub goal: Vec<GoalTerm>,
     /// Every phrase for an object, in the order of the sentence.
-    pub taken: Vec<Taken>,
+    pub taken: Vec<ResolvedPhrase>,
 }
 
 /// Longest sentence that is read, characters.
@@ -51,12 +51,12 @@ pub const MAX_CHARACTERS: usize = 400;
 /// Reads a sentence about a scene.
 ///
 /// # Errors
-/// [`Refused`] with the objects in question where the sentence has no meaning that can be planned, or more than one.
-pub fn understand(sentence: &str, looks: &[Look]) -> Result<Understood, Refused> {
+/// [`RefusedSentence`] with the objects in question where the sentence has no meaning that can be planned, or more than one.
+pub fn understand(sentence: &str, looks: &[ObjectAppearance]) -> Result<Understood, RefusedSentence> {
     let words = known_words(sentence, looks)?;
     let readings = grammar::readings(&words);
     if readings.is_empty() {
-        return Err(Refused::about(Reason::NoRequest, looks, &[]));
+        return Err(RefusedSentence::about(Reason::NoRequest, looks, &[]));
     }
     resolve::only_goal(&readings, &words, looks)
 }
@@ -64,24 +64,24 @@ pub fn understand(sentence: &str, looks: &[Look]) -> Result<Understood, Refused>
 /// The object that a phrase means: "the red mug", "the box left of the bowl", "number 3".
 ///
 /// # Errors
-/// [`Refused`] with the objects in question where the phrase means none of them, or may mean several.
-pub fn find(phrase: &str, looks: &[Look]) -> Result<u16, Refused> {
+/// [`RefusedSentence`] with the objects in question where the phrase means none of them, or may mean several.
+pub fn find(phrase: &str, looks: &[ObjectAppearance]) -> Result<u16, RefusedSentence> {
     let words = known_words(phrase, looks)?;
     let descriptions = grammar::descriptions(&words);
     if descriptions.is_empty() {
-        return Err(Refused::about(Reason::NoDescription { phrase: phrase.to_owned() }, looks, &[]));
+        return Err(RefusedSentence::about(Reason::NoDescription { phrase: phrase.to_owned() }, looks, &[]));
     }
     resolve::only_object(&descriptions, &words, looks)
 }
 
 /// The words of a text, all of which must be in the vocabulary.
-fn known_words(text: &str, looks: &[Look]) -> Result<Vec<String>, Refused> {
+fn known_words(text: &str, looks: &[ObjectAppearance]) -> Result<Vec<String>, RefusedSentence> {
     if text.chars().count() > MAX_CHARACTERS {
-        return Err(Refused::about(Reason::TooLong, looks, &[]));
+        return Err(RefusedSentence::about(Reason::TooLong, looks, &[]));
     }
     let words = words::words_of(text);
     match words.iter().find(|word| !grammar::knows(word)) {
-        Some(unknown) => Err(Refused::about(Reason::UnknownWord { word: unknown.clone() }, looks, &[])),
+        Some(unknown) => Err(RefusedSentence::about(Reason::UnknownWord { word: unknown.clone() }, looks, &[])),
         None => Ok(words),
     }
 }

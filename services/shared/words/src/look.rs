@@ -6,24 +6,24 @@ use repose_proto::Scene;
 use repose_relations::ObservedObject;
 
 use crate::color::ColorShares;
-use crate::shape::Shape;
+use crate::shape::ShapeMeasures;
 
-/// One object as words may describe it.
+/// The appearance of one object, as words can describe it.
 #[derive(Debug, Clone)]
-pub struct Look {
+pub struct ObjectAppearance {
     /// The object's id.
     pub id: u16,
     /// The middle of the box around its observed points, viewer's axes (x right, y away, z up), metres.
     pub center_in_viewer_m: [f64; 3],
     /// Its shape; none where its points span no area.
-    pub shape: Option<Shape>,
+    pub shape: Option<ShapeMeasures>,
     /// Its colors; none where the camera saw no color.
     pub colors: Option<ColorShares>,
     /// Its cloud for relations, with the same viewer.
     pub observed: ObservedObject,
 }
 
-impl Look {
+impl ObjectAppearance {
     /// What can be said of the object in a few words: `object 3 (red, round, tall, 8 x 8 x 20 cm)`.
     pub fn describe(&self) -> String {
         let mut words: Vec<String> = Vec::new();
@@ -41,12 +41,12 @@ impl Look {
 }
 
 /// The looks of a scene's objects for a viewer, in the scene's order. Objects without a finite point have none.
-pub fn looks_of(scene: &Scene, view_yaw_rad: f64) -> Vec<Look> {
+pub fn looks_of(scene: &Scene, view_yaw_rad: f64) -> Vec<ObjectAppearance> {
     let viewer = ViewerFrame::from_yaw(view_yaw_rad);
     scene.meta.objects.iter().filter_map(|object| look_of(scene, object.id, &viewer)).collect()
 }
 
-fn look_of(scene: &Scene, id: u16, viewer: &ViewerFrame) -> Option<Look> {
+fn look_of(scene: &Scene, id: u16, viewer: &ViewerFrame) -> Option<ObjectAppearance> {
     let mut points = Vec::new();
     let mut colors = Vec::new();
     for (i, _) in scene.labels.iter().enumerate().filter(|(_, label)| **label == id) {
@@ -55,6 +55,6 @@ fn look_of(scene: &Scene, id: u16, viewer: &ViewerFrame) -> Option<Look> {
     }
     let observed = ObservedObject::new(&points, viewer)?;
     let extents = observed.extents();
-    let shape = Shape::of(&points);
-    Some(Look { id, center_in_viewer_m: extents.center.into(), shape, colors: ColorShares::of(&colors), observed })
+    let shape = ShapeMeasures::of(&points);
+    Some(ObjectAppearance { id, center_in_viewer_m: extents.center.into(), shape, colors: ColorShares::of(&colors), observed })
 }

@@ -1,6 +1,6 @@
 //! Why a sentence is not acted upon, with the objects in question.
 
-use crate::look::Look;
+use crate::look::ObjectAppearance;
 
 /// Why a sentence was refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -54,10 +54,10 @@ pub enum Reason {
     },
 }
 
-/// A sentence that is not acted upon. Its text names the objects in question.
+/// A sentence that is refused. Its text names the objects in question.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{reason}: {}", descriptions.join("; "))]
-pub struct Refused {
+pub struct RefusedSentence {
     /// Why.
     pub reason: Reason,
     /// The objects that it may be about: those that fit the phrase, or all of the scene.
@@ -66,10 +66,10 @@ pub struct Refused {
     pub descriptions: Vec<String>,
 }
 
-impl Refused {
+impl RefusedSentence {
     /// A refusal that names some objects, or all where none is in question more than another.
-    pub(crate) fn about(reason: Reason, looks: &[Look], ids: &[u16]) -> Self {
-        let named: Vec<&Look> = looks.iter().filter(|l| ids.is_empty() || ids.contains(&l.id)).collect();
+    pub(crate) fn about(reason: Reason, looks: &[ObjectAppearance], ids: &[u16]) -> Self {
+        let named: Vec<&ObjectAppearance> = looks.iter().filter(|l| ids.is_empty() || ids.contains(&l.id)).collect();
         let mut descriptions: Vec<String> = named.iter().map(|l| l.describe()).collect();
         if descriptions.is_empty() {
             descriptions.push("no objects are in view".to_owned());

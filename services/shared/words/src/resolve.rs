@@ -3,12 +3,12 @@
 use repose_proto::{GoalTerm, Relation};
 use repose_relations::observed_margins;
 
-use crate::description::{Anchor, Clause, Description, Head, Reading};
+use crate::description::{AnchorPhrase, Clause, Description, Head, SentenceReading};
 use crate::grade::Grade;
-use crate::look::Look;
-use crate::refused::{Reason, Refused};
+use crate::look::ObjectAppearance;
+use crate::refused::{Reason, RefusedSentence};
 use crate::selection::{best, by_build, by_distance, fitting, picked};
-use crate::{Taken, Understood};
+use crate::{ResolvedPhrase, Understood};
 
 /// How far on the right side of an anchor's middle an object must be for "that is left of it" where the rule does not hold, metres.
 const SIDE_M: f64 = 0.02;
@@ -22,7 +22,7 @@ enum Problem {
 }
 
 /// The goal that all readings which mean anything agree on.
-pub fn only_goal(readings: &[Reading], words: &[String], looks: &[Look]) -> Result<Understood, Refused> {
+pub fn only_goal(readings: &[SentenceReading], words: &[String], looks: &[ObjectAppearance]) -> Result<Understood, RefusedSentence> {
     let mut goals: Vec<Understood> = Vec::new();
     let mut problems: Vec<(Reason, Vec<u16>)> = Vec::new();
     let resolver = Resolver { words, looks: looks.iter().collect(), places_follow: true };
@@ -38,22 +38,22 @@ pub fn only_goal(readings: &[Reading], words: &[String], looks: &[Look]) -> Resu
         let mut ids: Vec<u16> = goals.iter().flat_map(|g| g.goal.iter().map(|t| t.anchor).chain([g.query])).collect();
         ids.sort_unstable();
         ids.dedup();
-        return Err(Refused::about(Reason::SeveralGoals { goals: goals.iter().map(told).collect() }, looks, &ids));
+        return Err(RefusedSentence::about(Reason::SeveralGoals { goals: goals.iter().map(told).collect() }, looks, &ids));
     }
     match goals.pop() {
         Some(goal) if goal.goal.iter().any(|t| t.holds) => Ok(goal),
-        Some(_) => Err(Refused::about(Reason::OnlyNegative, looks, &[])),
+        Some(_) => Err(RefusedSentence::about(Reason::OnlyNegative, looks, &[])),
         None => {
             // The reading that came closest says most.
             let (reason, ids) =
                 problems.into_iter().min_by_key(|(reason, _)| distance_from_meaning(reason)).unwrap_or((Reason::NoRequest, Vec::new()));
-            Err(Refused::about(reason, looks, &ids))
+            Err(RefusedSentence::about(reason, looks, &ids))
         }
     }
 }
 
 /// The object that all readings of a phrase which mean anything agree on.
-pub fn only_object(descriptions: &[Description], words: &[String], looks: &[Look]) -> Result<u16, Refused> {
+pub fn only_object(descriptions: &[Description], words: &[String], looks: &[ObjectAppearance]) -> Result<u16, RefusedSentence> {
     let resolver = Resolver { words, looks: looks.iter().collect(), places_follow: false };
     let (mut found, mut problems): (Vec<u16>, Vec<(Reason, Vec<u16>)>) = (Vec::new(), Vec::new());
     for description in descriptions {
@@ -70,9 +70,9 @@ pub fn only_object(descriptions: &[Description], words: &[String], looks: &[Look
             let phrase = words.join(" ");
             let none = (Reason::NoObject { phrase, colorless: false }, Vec::new());
             let (reason, ids) = problems.into_iter().min_by_key(|(reason, _)| distance_from_meaning(reason)).unwrap_or(none);
-            Err(Refused::about(reason, looks, &ids))
+            Err(RefusedSentence::about(reason, looks, &ids))
         }
-        _ => Err(Refused::about(Reason::SeveralObjects { phrase: words.join(" ") }, looks, &found)),
+        _ => Err(RefusedSentence::about(Reason::SeveralObjects { phrase: words.join(" ") }, looks, &found)),
     }
 }
 
@@ -106,24 +106,24 @@ struct Said {
 
 struct Resolver<'a> {
     words: &'a [String],
-    looks: Vec<&'a Look>,
+    looks: Vec<&'a ObjectAppearance>,
     /// Whether words after a phrase may say where to put the object. Where they cannot, a clause that is not needed to tell the object must
     /// merely be true of it: "the bowl right of the plate" is the only bowl, if it stands there.
     places_follow: bool,
 }
 
 impl<'a> Resolver<'a> {
-    fn goal(&self, reading: &Reading) -> Result<Understood, Problem> {
+    fn goal(&self, reading: &SentenceReading) -> Result<Understood, Problem> {
         let mut said = Said::default();
         let query = self.moved(reading, &mut said)?;
         said.moved = Some(query);
-        let mut taken = vec![Taken { phrase: self.phrase(&reading.query), object: query }];
+        let mut taken = vec![ResolvedPhrase { phrase: self.phrase(&reading.query), object: query }];
         let mut goal: Vec<GoalTerm> = Vec::new();
         for term in &reading.terms {
             let mut anchors = Vec::new();
             for anchor in &term.anchors {
                 let (phrase, ids) = self.anchors(anchor, &mut said)?;
-                taken.extend(ids.iter().map(|id| Taken { phrase: phrase.clone(), object: *id }));
+                taken.extend(ids.iter().map(|id| ResolvedPhrase { phrase: phrase.clone(), object: *id }));
                 anchors.extend(ids);
             }
             for (relation, holds) in term.relations.iter().flat_map(|(all, holds)| all.iter().map(|r| (*r, *holds))) {
@@ -140,22 +140,22 @@ impl<'a> Resolver<'a> {
     }
 
     /// The object to move. It is none of its anchors: "put the object left of the box" is not about the box.
-    fn moved(&self, reading: &Reading, said: &mut Said) -> Result<u16, Problem> {
+    fn moved(&self, reading: &SentenceReading, said: &mut Said) -> Result<u16, Problem> {
         let (reason, mut ids) = match self.one(&reading.query, said) {
             Err(Problem::Refused(reason @ Reason::SeveralObjects { .. }, ids)) if !reading.query.plural => (reason, ids),
             found => return found.map(|look| look.id),
         };
         let anchors = reading.terms.iter().flat_map(|t| &t.anchors).filter_map(|anchor| match anchor {
-            Anchor::Described(description) => self.one(description, &mut said.clone()).ok(),
-            Anchor::It => None,
+            AnchorPhrase::Described(description) => self.one(description, &mut said.clone()).ok(),
+            AnchorPhrase::It => None,
         });
         let anchors: Vec<u16> = anchors.map(|look| look.id).collect();
         ids.retain(|id| !anchors.contains(id));
         if let [id] = ids[..] { Ok(id) } else { Err(Problem::Refused(reason, ids)) }
     }
 
-    fn anchors(&self, anchor: &Anchor, said: &mut Said) -> Result<(String, Vec<u16>), Problem> {
-        let Anchor::Described(description) = anchor else {
+    fn anchors(&self, anchor: &AnchorPhrase, said: &mut Said) -> Result<(String, Vec<u16>), Problem> {
+        let AnchorPhrase::Described(description) = anchor else {
             let mut ids = said.anchors.clone();
             ids.sort_unstable();
             ids.dedup();
@@ -171,7 +171,7 @@ impl<'a> Resolver<'a> {
     }
 
     /// The one object that a description fits.
-    fn one(&self, description: &Description, said: &mut Said) -> Result<&'a Look, Problem> {
+    fn one(&self, description: &Description, said: &mut Said) -> Result<&'a ObjectAppearance, Problem> {
         let mut found = self.all(description, said)?;
         if found.len() > 1 {
             found.retain(|look| Some(look.id) != said.moved);
@@ -189,12 +189,13 @@ impl<'a> Resolver<'a> {
     }
 
     /// Every object that a description fits, at least one.
-    fn all(&self, description: &Description, said: &mut Said) -> Result<Vec<&'a Look>, Problem> {
+    fn all(&self, description: &Description, said: &mut Said) -> Result<Vec<&'a ObjectAppearance>, Problem> {
         let head = match description.head {
             Some(Head::One) => said.noun.or(Some(Head::Any)),
             head => head,
         };
-        let among: Vec<&Look> = self.looks.iter().copied().filter(|l| !(description.other && Some(l.id) == said.moved)).collect();
+        let among: Vec<&ObjectAppearance> =
+            self.looks.iter().copied().filter(|l| !(description.other && Some(l.id) == said.moved)).collect();
         let mut found = self.selected(description, head, &among, said)?;
         if found.is_empty() && description.head == Some(Head::One) {
             found = self.selected(description, Some(Head::Any), &among, said)?;
@@ -215,9 +216,9 @@ impl<'a> Resolver<'a> {
         &self,
         description: &Description,
         head: Option<Head>,
-        among: &[&'a Look],
+        among: &[&'a ObjectAppearance],
         said: &mut Said,
-    ) -> Result<Vec<&'a Look>, Problem> {
+    ) -> Result<Vec<&'a ObjectAppearance>, Problem> {
         if self.places_follow && description.clauses.iter().any(|c| c.only_if_needed) {
             let without = Description { clauses: Vec::new(), ..description.clone() };
             if self.selected(&without, head, among, &mut said.clone())?.len() == 1 {
@@ -255,7 +256,7 @@ impl<'a> Resolver<'a> {
 }
 
 /// Whether a clause holds of an object: surely by the rule that goals are judged by, perhaps on the right side of the anchor's middle.
-fn holds(clause: &Clause, look: &Look, anchor: &Look) -> Grade {
+fn holds(clause: &Clause, look: &ObjectAppearance, anchor: &ObjectAppearance) -> Grade {
     let by_rule = observed_margins(&look.observed, &anchor.observed).holds();
     let [dx, dy, dz]: [f64; 3] = std::array::from_fn(|k| look.center_in_viewer_m[k] - anchor.center_in_viewer_m[k]);
     let beyond = |offset: f64| if offset > SIDE_M { Grade::Maybe } else { Grade::No };

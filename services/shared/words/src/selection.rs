@@ -2,7 +2,7 @@
 
 use crate::description::{Description, Head, Measure, Pick, ShapeWord};
 use crate::grade::Grade;
-use crate::look::Look;
+use crate::look::ObjectAppearance;
 
 /// How much farther left, nearer or farther away the meant object must be than the next, metres.
 const CLEARLY_M: f64 = 0.02;
@@ -13,17 +13,17 @@ const CLEARLY_HIGHER: f64 = 1.15;
 const CLEARLY_HIGHER_M: f64 = 0.015;
 
 /// The objects that fit the noun, colors and shape: those that surely do, or else those that may.
-pub fn fitting<'a>(description: &Description, head: Option<Head>, looks: &[&'a Look]) -> Vec<&'a Look> {
+pub fn fitting<'a>(description: &Description, head: Option<Head>, looks: &[&'a ObjectAppearance]) -> Vec<&'a ObjectAppearance> {
     best(looks.iter().map(|look| (grade(description, head, look), *look)).collect())
 }
 
 /// Those of the best grade that occurs, if that is not [`Grade::No`].
-pub fn best(graded: Vec<(Grade, &Look)>) -> Vec<&Look> {
+pub fn best(graded: Vec<(Grade, &ObjectAppearance)>) -> Vec<&ObjectAppearance> {
     let best = graded.iter().map(|(grade, _)| *grade).max().unwrap_or(Grade::No);
     graded.into_iter().filter(|(grade, _)| best > Grade::No && *grade == best).map(|(_, look)| look).collect()
 }
 
-fn grade(description: &Description, head: Option<Head>, look: &Look) -> Grade {
+fn grade(description: &Description, head: Option<Head>, look: &ObjectAppearance) -> Grade {
     if let Some(number) = description.number {
         // The number says which; a noun beside it is not held against it.
         return if look.id == number { Grade::Yes } else { Grade::No };
@@ -45,18 +45,18 @@ fn grade(description: &Description, head: Option<Head>, look: &Look) -> Grade {
 }
 
 /// The tall ones by shape, or else the one that is clearly higher than the others; flat likewise.
-pub fn by_build<'a>(word: ShapeWord, among: &[&'a Look]) -> Vec<&'a Look> {
-    let (by_shape, least): (fn(&crate::Shape) -> Grade, bool) = match word {
-        ShapeWord::Tall => (crate::Shape::tall, false),
-        ShapeWord::Flat => (crate::Shape::flat, true),
+pub fn by_build<'a>(word: ShapeWord, among: &[&'a ObjectAppearance]) -> Vec<&'a ObjectAppearance> {
+    let (by_shape, least): (fn(&crate::ShapeMeasures) -> Grade, bool) = match word {
+        ShapeWord::Tall => (crate::ShapeMeasures::tall, false),
+        ShapeWord::Flat => (crate::ShapeMeasures::flat, true),
         ShapeWord::Round | ShapeWord::Boxy => return among.to_vec(),
     };
-    let sure: Vec<&Look> = among.iter().copied().filter(|l| l.shape.as_ref().map(by_shape) == Some(Grade::Yes)).collect();
+    let sure: Vec<&ObjectAppearance> = among.iter().copied().filter(|l| l.shape.as_ref().map(by_shape) == Some(Grade::Yes)).collect();
     if sure.is_empty() { picked(Pick { measure: Measure::Height, least, rank: Some(1) }, among) } else { sure }
 }
 
 /// The object that a comparison picks; those that are too much alike to be told apart where it is not clear; none past the last.
-pub fn picked<'a>(pick: Pick, among: &[&'a Look]) -> Vec<&'a Look> {
+pub fn picked<'a>(pick: Pick, among: &[&'a ObjectAppearance]) -> Vec<&'a ObjectAppearance> {
     let rank = match pick.rank {
         Some(rank) => rank,
         // The one in the middle has as many on either side.
@@ -68,8 +68,8 @@ pub fn picked<'a>(pick: Pick, among: &[&'a Look]) -> Vec<&'a Look> {
 }
 
 /// The object that is nearest to another, or farthest from it.
-pub fn by_distance<'a>(nearest: bool, to: &Look, among: &[&'a Look]) -> Vec<&'a Look> {
-    let distance = |look: &Look| {
+pub fn by_distance<'a>(nearest: bool, to: &ObjectAppearance, among: &[&'a ObjectAppearance]) -> Vec<&'a ObjectAppearance> {
+    let distance = |look: &ObjectAppearance| {
         let [a, b] = [look, to].map(|l| nalgebra::Vector3::from(l.center_in_viewer_m));
         (a - b).xy().norm()
     };
@@ -77,7 +77,7 @@ pub fn by_distance<'a>(nearest: bool, to: &Look, among: &[&'a Look]) -> Vec<&'a 
     ranked(values, nearest, 1, |a, b| (a - b).abs() >= CLEARLY_M)
 }
 
-fn ranked(mut values: Vec<(f64, &Look)>, least: bool, rank: usize, apart: impl Fn(f64, f64) -> bool) -> Vec<&Look> {
+fn ranked(mut values: Vec<(f64, &ObjectAppearance)>, least: bool, rank: usize, apart: impl Fn(f64, f64) -> bool) -> Vec<&ObjectAppearance> {
     values.sort_by(|a, b| a.0.total_cmp(&b.0));
     if !least {
         values.reverse();
@@ -87,10 +87,10 @@ fn ranked(mut values: Vec<(f64, &Look)>, least: bool, rank: usize, apart: impl F
     values.iter().enumerate().filter(|(i, (value, _))| alike(*i, *value)).map(|(_, (_, look))| *look).collect()
 }
 
-fn measured(measure: Measure, look: &Look) -> f64 {
-    let of_shape = |value: fn(&crate::Shape) -> f64| look.shape.as_ref().map_or(0.0, value);
+fn measured(measure: Measure, look: &ObjectAppearance) -> f64 {
+    let of_shape = |value: fn(&crate::ShapeMeasures) -> f64| look.shape.as_ref().map_or(0.0, value);
     match measure {
-        Measure::Size => of_shape(crate::Shape::volume_m3),
+        Measure::Size => of_shape(crate::ShapeMeasures::volume_m3),
         Measure::Height => of_shape(|s| s.height_m),
         Measure::Length => of_shape(|s| s.plan_m[0]),
         Measure::Right => look.center_in_viewer_m[0],

@@ -18,9 +18,9 @@ const TOP_POINTS: usize = 25;
 /// The inner part of the outline, as a share of its half extents.
 const INNER_SHARE: f64 = 0.5;
 
-/// Measures of an observed shape.
+/// The measured extents of an observed shape.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Shape {
+pub struct ShapeMeasures {
     /// Longer and shorter edge of the smallest rectangle around it seen from above, metres.
     pub plan_m: [f64; 2],
     /// From its lowest observed point to its highest, metres.
@@ -33,7 +33,7 @@ pub struct Shape {
     pub top_width: Option<f64>,
 }
 
-impl Shape {
+impl ShapeMeasures {
     /// The shape of points whose z is up, metres; `None` for fewer than three that span an area.
     pub fn of(points: &[Point3<f32>]) -> Option<Self> {
         let rectangle = Rectangle::around(points)?;
@@ -93,9 +93,9 @@ impl Shape {
     }
 }
 
-/// What a noun claims of a shape. The sizes are those of things on tables.
+/// The kind of shape that a noun names. Sizes are those of tabletop objects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum ShapeKind {
     /// Box, carton, packet.
     Box,
     /// Cube.
@@ -116,9 +116,9 @@ pub enum Kind {
     Plate,
 }
 
-impl Kind {
+impl ShapeKind {
     /// Whether a shape may be called that.
-    pub fn fits(self, shape: &Shape) -> Grade {
+    pub fn fits(self, shape: &ShapeMeasures) -> Grade {
         let slender = shape.height_over_length();
         let solid = shape.hollow().opposite();
         match self {

@@ -2,15 +2,15 @@
 
 use repose_proto::Relation::{self, Above, Aligned, Behind, Below, Centered, InFrontOf, LeftOf, Near, RightOf, Touching};
 
-use crate::color::Color;
+use crate::color::ColorTerm;
 use crate::description::{Head, Measure, ShapeWord};
-use crate::shape::Kind;
+use crate::shape::ShapeKind;
 
-/// A phrase of one or more words, and its meaning.
-pub type Table<T> = &'static [(&'static str, T)];
+/// Phrases of one or more words, each with its meaning.
+pub type PhraseTable<T> = &'static [(&'static str, T)];
 
 /// Before a verb.
-pub const REQUESTS: Table<()> = &[
+pub const REQUESTS: PhraseTable<()> = &[
     ("could you", ()),
     ("can you", ()),
     ("would you", ()),
@@ -23,7 +23,7 @@ pub const REQUESTS: Table<()> = &[
 ];
 
 /// Verbs that put.
-pub const VERBS: Table<()> = &[
+pub const VERBS: PhraseTable<()> = &[
     ("put", ()),
     ("place", ()),
     ("set", ()),
@@ -39,17 +39,18 @@ pub const VERBS: Table<()> = &[
 ];
 
 /// Verbs that only pick up.
-pub const TAKES: Table<()> =
+pub const TAKES: PhraseTable<()> =
     &[("take", ()), ("pick up", ()), ("pick", ()), ("grab", ()), ("get", ()), ("fetch", ()), ("lift", ()), ("lift up", ())];
 
 /// Wishes: "I want X (to be) …".
-pub const WISHES: Table<()> = &[("i want", ()), ("we want", ()), ("i would like", ()), ("we would like", ()), ("i need", ()), ("let", ())];
+pub const WISHES: PhraseTable<()> =
+    &[("i want", ()), ("we want", ()), ("i would like", ()), ("we would like", ()), ("i need", ()), ("let", ())];
 
 /// Between a wish's object and its place.
-pub const TO_BE: Table<()> = &[("to be", ()), ("be", ()), ("to stand", ()), ("to go", ()), ("put", ()), ("placed", ())];
+pub const TO_BE: PhraseTable<()> = &[("to be", ()), ("be", ()), ("to stand", ()), ("to go", ()), ("put", ()), ("placed", ())];
 
 /// Statements: "X goes …".
-pub const GOES: Table<()> = &[
+pub const GOES: PhraseTable<()> = &[
     ("goes", ()),
     ("belongs", ()),
     ("should be", ()),
@@ -67,7 +68,7 @@ pub const GOES: Table<()> = &[
 ];
 
 /// What may stand before a term, and whether what follows must hold.
-pub const LEADS: Table<bool> = &[
+pub const LEADS: PhraseTable<bool> = &[
     ("so that it is", true),
     ("so that it stands", true),
     ("so that it", true),
@@ -102,7 +103,7 @@ pub const LEADS: Table<bool> = &[
 ];
 
 /// Directions that make a relation with "of": "to the left of", "on the right hand side of", "at the front left of".
-pub const SIDES: Table<&[Relation]> = &[
+pub const SIDES: PhraseTable<&[Relation]> = &[
     ("left", &[LeftOf]),
     ("right", &[RightOf]),
     ("front", &[InFrontOf]),
@@ -119,14 +120,14 @@ pub const SIDES: Table<&[Relation]> = &[
 ];
 
 /// Before a direction.
-pub const TO_THE: Table<()> =
+pub const TO_THE: PhraseTable<()> =
     &[("", ()), ("to the", ()), ("on the", ()), ("at the", ()), ("on", ()), ("to", ()), ("in", ()), ("over to the", ())];
 
 /// After a direction.
-pub const SIDE: Table<()> = &[("of", ()), ("side of", ()), ("hand side of", ())];
+pub const SIDE: PhraseTable<()> = &[("of", ()), ("side of", ()), ("hand side of", ())];
 
 /// Other relations, and whether they must hold.
-pub const RELATIONS: Table<(&[Relation], bool)> = &[
+pub const RELATIONS: PhraseTable<(&[Relation], bool)> = &[
     ("before", (&[InFrontOf], true)),
     ("behind", (&[Behind], true)),
     ("on", (&[Above], true)),
@@ -176,27 +177,27 @@ pub const RELATIONS: Table<(&[Relation], bool)> = &[
 ];
 
 /// Before a noun.
-pub const ARTICLES: Table<()> = &[("the", ()), ("a", ()), ("an", ()), ("that", ()), ("this", ()), ("my", ()), ("our", ())];
+pub const ARTICLES: PhraseTable<()> = &[("the", ()), ("a", ()), ("an", ()), ("that", ()), ("this", ()), ("my", ()), ("our", ())];
 
 /// Color adjectives.
-pub const COLORS: Table<Color> = &[
-    ("white", Color::White),
-    ("grey", Color::Grey),
-    ("silver", Color::Grey),
-    ("black", Color::Black),
-    ("red", Color::Red),
-    ("orange", Color::Orange),
-    ("brown", Color::Brown),
-    ("yellow", Color::Yellow),
-    ("green", Color::Green),
-    ("blue", Color::Blue),
-    ("purple", Color::Purple),
-    ("violet", Color::Purple),
-    ("pink", Color::Pink),
+pub const COLORS: PhraseTable<ColorTerm> = &[
+    ("white", ColorTerm::White),
+    ("grey", ColorTerm::Grey),
+    ("silver", ColorTerm::Grey),
+    ("black", ColorTerm::Black),
+    ("red", ColorTerm::Red),
+    ("orange", ColorTerm::Orange),
+    ("brown", ColorTerm::Brown),
+    ("yellow", ColorTerm::Yellow),
+    ("green", ColorTerm::Green),
+    ("blue", ColorTerm::Blue),
+    ("purple", ColorTerm::Purple),
+    ("violet", ColorTerm::Purple),
+    ("pink", ColorTerm::Pink),
 ];
 
 /// Adjectives of shape.
-pub const SHAPES: Table<ShapeWord> = &[
+pub const SHAPES: PhraseTable<ShapeWord> = &[
     ("round", ShapeWord::Round),
     ("boxy", ShapeWord::Boxy),
     ("rectangular", ShapeWord::Boxy),
@@ -206,7 +207,7 @@ pub const SHAPES: Table<ShapeWord> = &[
 ];
 
 /// Adjectives that compare: by what, and whether they name the one with the least of it.
-pub const PICKS: Table<(Measure, bool)> = &[
+pub const PICKS: PhraseTable<(Measure, bool)> = &[
     ("large", (Measure::Size, false)),
     ("larger", (Measure::Size, false)),
     ("largest", (Measure::Size, false)),
@@ -248,13 +249,13 @@ pub const PICKS: Table<(Measure, bool)> = &[
 ];
 
 /// Adjectives for the one between the others.
-pub const MIDDLES: Table<Measure> = &[("middle", Measure::Right), ("center", Measure::Right), ("medium", Measure::Size)];
+pub const MIDDLES: PhraseTable<Measure> = &[("middle", Measure::Right), ("center", Measure::Right), ("medium", Measure::Size)];
 
 /// Ordinals.
-pub const ORDINALS: Table<usize> = &[("first", 1), ("second", 2), ("third", 3), ("fourth", 4), ("fifth", 5), ("sixth", 6)];
+pub const ORDINALS: PhraseTable<usize> = &[("first", 1), ("second", 2), ("third", 3), ("fourth", 4), ("fifth", 5), ("sixth", 6)];
 
 /// Where an object is, after its noun.
-pub const PLACES: Table<(Measure, bool)> = &[
+pub const PLACES: PhraseTable<(Measure, bool)> = &[
     ("on the left", (Measure::Right, true)),
     ("on the far left", (Measure::Right, true)),
     ("at the far left", (Measure::Right, true)),
@@ -278,10 +279,10 @@ pub const PLACES: Table<(Measure, bool)> = &[
 ];
 
 /// Where an object in the middle is, after its noun.
-pub const MIDDLE_PLACES: Table<Measure> = &[("in the middle", Measure::Right), ("in the center", Measure::Right)];
+pub const MIDDLE_PLACES: PhraseTable<Measure> = &[("in the middle", Measure::Right), ("in the center", Measure::Right)];
 
 /// Ends that ordinals count from.
-pub const FROM: Table<(Measure, bool)> = &[
+pub const FROM: PhraseTable<(Measure, bool)> = &[
     ("from the left", (Measure::Right, true)),
     ("from left", (Measure::Right, true)),
     ("from the right", (Measure::Right, false)),
@@ -291,7 +292,7 @@ pub const FROM: Table<(Measure, bool)> = &[
 ];
 
 /// Distance to another object: whether the least is meant.
-pub const DISTANCES: Table<bool> = &[
+pub const DISTANCES: PhraseTable<bool> = &[
     ("nearest to", true),
     ("nearest", true),
     ("closest to", true),
@@ -303,39 +304,39 @@ pub const DISTANCES: Table<bool> = &[
 ];
 
 /// Before a clause that says which object is meant.
-pub const THAT_IS: Table<()> =
+pub const THAT_IS: PhraseTable<()> =
     &[("that is", ()), ("which is", ()), ("that stands", ()), ("which stands", ()), ("standing", ()), ("that lies", ()), ("lying", ())];
 
 /// Nouns with their plurals.
-pub const NOUNS: Table<(Head, &str)> = &[
+pub const NOUNS: PhraseTable<(Head, &str)> = &[
     ("object", (Head::Any, "objects")),
     ("thing", (Head::Any, "things")),
     ("item", (Head::Any, "items")),
     ("one", (Head::One, "ones")),
-    ("box", (Head::Kind(Kind::Box), "boxes")),
-    ("carton", (Head::Kind(Kind::Box), "cartons")),
-    ("packet", (Head::Kind(Kind::Box), "packets")),
-    ("package", (Head::Kind(Kind::Box), "packages")),
-    ("parcel", (Head::Kind(Kind::Box), "parcels")),
-    ("block", (Head::Kind(Kind::Box), "blocks")),
-    ("brick", (Head::Kind(Kind::Box), "bricks")),
-    ("cube", (Head::Kind(Kind::Cube), "cubes")),
-    ("book", (Head::Kind(Kind::Book), "books")),
-    ("notebook", (Head::Kind(Kind::Book), "notebooks")),
-    ("ball", (Head::Kind(Kind::Ball), "balls")),
-    ("sphere", (Head::Kind(Kind::Ball), "spheres")),
-    ("can", (Head::Kind(Kind::Can), "cans")),
-    ("tin", (Head::Kind(Kind::Can), "tins")),
-    ("jar", (Head::Kind(Kind::Can), "jars")),
-    ("cylinder", (Head::Kind(Kind::Can), "cylinders")),
-    ("bottle", (Head::Kind(Kind::Bottle), "bottles")),
-    ("mug", (Head::Kind(Kind::Mug), "mugs")),
-    ("cup", (Head::Kind(Kind::Mug), "cups")),
-    ("glass", (Head::Kind(Kind::Mug), "glasses")),
-    ("bowl", (Head::Kind(Kind::Bowl), "bowls")),
-    ("plate", (Head::Kind(Kind::Plate), "plates")),
-    ("dish", (Head::Kind(Kind::Plate), "dishes")),
-    ("saucer", (Head::Kind(Kind::Plate), "saucers")),
+    ("box", (Head::Kind(ShapeKind::Box), "boxes")),
+    ("carton", (Head::Kind(ShapeKind::Box), "cartons")),
+    ("packet", (Head::Kind(ShapeKind::Box), "packets")),
+    ("package", (Head::Kind(ShapeKind::Box), "packages")),
+    ("parcel", (Head::Kind(ShapeKind::Box), "parcels")),
+    ("block", (Head::Kind(ShapeKind::Box), "blocks")),
+    ("brick", (Head::Kind(ShapeKind::Box), "bricks")),
+    ("cube", (Head::Kind(ShapeKind::Cube), "cubes")),
+    ("book", (Head::Kind(ShapeKind::Book), "books")),
+    ("notebook", (Head::Kind(ShapeKind::Book), "notebooks")),
+    ("ball", (Head::Kind(ShapeKind::Ball), "balls")),
+    ("sphere", (Head::Kind(ShapeKind::Ball), "spheres")),
+    ("can", (Head::Kind(ShapeKind::Can), "cans")),
+    ("tin", (Head::Kind(ShapeKind::Can), "tins")),
+    ("jar", (Head::Kind(ShapeKind::Can), "jars")),
+    ("cylinder", (Head::Kind(ShapeKind::Can), "cylinders")),
+    ("bottle", (Head::Kind(ShapeKind::Bottle), "bottles")),
+    ("mug", (Head::Kind(ShapeKind::Mug), "mugs")),
+    ("cup", (Head::Kind(ShapeKind::Mug), "cups")),
+    ("glass", (Head::Kind(ShapeKind::Mug), "glasses")),
+    ("bowl", (Head::Kind(ShapeKind::Bowl), "bowls")),
+    ("plate", (Head::Kind(ShapeKind::Plate), "plates")),
+    ("dish", (Head::Kind(ShapeKind::Plate), "dishes")),
+    ("saucer", (Head::Kind(ShapeKind::Plate), "saucers")),
 ];
 
 /// Words that the grammar itself names.

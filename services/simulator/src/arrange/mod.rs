@@ -16,8 +16,8 @@ use rand::{Rng, RngExt};
 pub use settings::{ArrangeSettings, Ways};
 
 use crate::contact::PlacedParts;
-use crate::furniture::{Fixture, Furniture, SupportSurface};
-use crate::objects::{Shape, color::random_color};
+use crate::furniture::{Fixture, Furniture, FurnitureSurface};
+use crate::objects::{ObjectShape, color::random_color};
 use crate::scene::{object::SceneObject, rejected::Rejected};
 
 /// Clearance at which things are put down: enough not to overlap, too little to gain speed over.
@@ -51,7 +51,7 @@ pub fn arranged(furniture: &Furniture, settings: &ArrangeSettings, rng: &mut imp
 
 /// An object that found its place.
 struct Placed {
-    shape: Arc<Shape>,
+    shape: Arc<ObjectShape>,
     world_from_object: Isometry3<f64>,
     parts: PlacedParts,
     /// Which surface it is on, directly or by way of others.
@@ -77,7 +77,7 @@ struct Crowd {
 
 struct Arrangement<'a> {
     fixtures: Vec<PlacedParts>,
-    surfaces: &'a [SupportSurface],
+    surfaces: &'a [FurnitureSurface],
     /// One for each surface.
     crowds: Vec<Crowd>,
     placed: Vec<Placed>,
@@ -153,7 +153,7 @@ impl<'a> Arrangement<'a> {
     }
 
     /// A random surface by weight among those that `fits` accepts.
-    fn pick_surface(&self, rng: &mut impl Rng, fits: impl Fn(&SupportSurface) -> bool) -> Option<usize> {
+    fn pick_surface(&self, rng: &mut impl Rng, fits: impl Fn(&FurnitureSurface) -> bool) -> Option<usize> {
         let weights: Vec<f64> = self.surfaces.iter().map(|s| if fits(s) { s.weight } else { 0.0 }).collect();
         drawn(&weights, rng)
     }
@@ -168,7 +168,7 @@ impl<'a> Arrangement<'a> {
 
     /// The object as asked, its lowest point just over the height; `None` when it would stick out of its surface, into furniture, or keep
     /// less than the margin to another object.
-    fn put_down(&self, shape: &Arc<Shape>, how: &PutDown) -> Option<Placed> {
+    fn put_down(&self, shape: &Arc<ObjectShape>, how: &PutDown) -> Option<Placed> {
         let turned = Isometry3::from_parts(Translation3::identity(), how.rotation);
         let height = how.height_m + shape.depth_below_origin_m(&turned) + PUT_DOWN_M;
         let world_from_object = Isometry3::from_parts(Translation3::new(how.at.x, how.at.y, height), how.rotation);
@@ -207,7 +207,7 @@ impl<'a> Arrangement<'a> {
 }
 
 /// A random object.
-fn sampled(settings: &ArrangeSettings, rng: &mut impl Rng) -> Shape {
+fn sampled(settings: &ArrangeSettings, rng: &mut impl Rng) -> ObjectShape {
     let scale = rng.random_range(settings.scale[0]..=settings.scale[1]);
     Arc::unwrap_or_clone(settings.source.sample(scale, rng))
 }

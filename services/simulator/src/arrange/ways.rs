@@ -7,7 +7,7 @@ use rand::{Rng, RngExt};
 
 use super::settings::MOST_STACKED;
 use super::{ArrangeSettings, Arrangement, Placed, PutDown, rotation};
-use crate::objects::{Opening, Shape};
+use crate::objects::{ObjectShape, VesselInterior};
 
 /// Gap of what touches, metres: the rule of `touching` says 1 mm, and settling may open a gap a little.
 const TOUCHING_M: std::ops::Range<f64> = 0.0001..0.0004;
@@ -18,7 +18,7 @@ const BIG_TOP_M: f32 = 0.05;
 
 impl Arrangement<'_> {
     /// Upright or lying, somewhere on a surface.
-    pub(super) fn on_surface(&self, shape: &Arc<Shape>, settings: &ArrangeSettings, rng: &mut impl Rng) -> Option<Placed> {
+    pub(super) fn on_surface(&self, shape: &Arc<ObjectShape>, settings: &ArrangeSettings, rng: &mut impl Rng) -> Option<Placed> {
         let surface = self.pick_surface(rng, |_| true)?;
         let at = self.crowd_point(surface, 1.0, rng);
         let lying = rng.random_bool(settings.lying);
@@ -30,7 +30,7 @@ impl Arrangement<'_> {
     }
 
     /// Beside an object, at the same height, touching it or clearly apart.
-    pub(super) fn beside(&self, shape: &Arc<Shape>, settings: &ArrangeSettings, rng: &mut impl Rng) -> Option<Placed> {
+    pub(super) fn beside(&self, shape: &Arc<ObjectShape>, settings: &ArrangeSettings, rng: &mut impl Rng) -> Option<Placed> {
         let anchor = &self.placed[self.pick_index(rng, |p| p.stands_at_m.is_some() && p.upright && p.level == 0)?];
         let height_m = anchor.stands_at_m?;
         let along_axis = rng.random_bool(0.6);
@@ -57,7 +57,7 @@ impl Arrangement<'_> {
     }
 
     /// On the top of an object, centred or not, with its orientation or another.
-    pub(super) fn on_top(&mut self, shape: &Arc<Shape>, settings: &ArrangeSettings, rng: &mut impl Rng) -> Option<Placed> {
+    pub(super) fn on_top(&mut self, shape: &Arc<ObjectShape>, settings: &ArrangeSettings, rng: &mut impl Rng) -> Option<Placed> {
         let (centered, aligned) = (rng.random_bool(settings.centered), rng.random_bool(settings.aligned));
         let own_yaw = rotation::yawed(UnitQuaternion::identity(), rng);
         let big = |p: &Placed| p.shape.top.is_some_and(|t| t.half_extents_m[0].min(t.half_extents_m[1]) > BIG_TOP_M);
@@ -87,7 +87,7 @@ impl Arrangement<'_> {
     }
 
     /// Into a vessel: stood on its floor where it fits upright, dropped in otherwise, and sometimes all the same.
-    pub(super) fn inside_vessel(&mut self, shape: &Arc<Shape>, rng: &mut impl Rng) -> Option<Placed> {
+    pub(super) fn inside_vessel(&mut self, shape: &Arc<ObjectShape>, rng: &mut impl Rng) -> Option<Placed> {
         let dropped = rng.random_bool(0.4);
         let turned = (rotation::yawed(UnitQuaternion::identity(), rng), rotation::any(rng));
         let open = |p: &Placed| p.shape.opening.is_some() && p.upright && p.carries == 0 && p.stands_at_m.is_some();
@@ -114,7 +114,7 @@ impl Arrangement<'_> {
     }
 
     /// Falling from over everything else on an open surface, in any orientation.
-    pub(super) fn falling(&self, shape: &Arc<Shape>, rng: &mut impl Rng) -> Option<Placed> {
+    pub(super) fn falling(&self, shape: &Arc<ObjectShape>, rng: &mut impl Rng) -> Option<Placed> {
         let surface = self.pick_surface(rng, |s| s.clear_m.is_infinite())?;
         let at = self.crowd_point(surface, 0.7, rng);
         let ground_m = self.surfaces[surface].height_m();
@@ -127,7 +127,12 @@ impl Arrangement<'_> {
 }
 
 /// How an upright object fits on the floor of a vessel: turned in any way, only as the vessel is, or not at all.
-fn stood_in(shape: &Shape, opening: &Opening, turned: UnitQuaternion<f64>, as_vessel: UnitQuaternion<f64>) -> Option<UnitQuaternion<f64>> {
+fn stood_in(
+    shape: &ObjectShape,
+    opening: &VesselInterior,
+    turned: UnitQuaternion<f64>,
+    as_vessel: UnitQuaternion<f64>,
+) -> Option<UnitQuaternion<f64>> {
     const ROOM_M: f64 = 0.001;
     let half = shape.half_extents_m.xy();
     if half.norm() + ROOM_M < f64::from(opening.radius_m) {

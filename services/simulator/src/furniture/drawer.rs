@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector2};
 use rand::{Rng, RngExt};
 
-use super::{Fixture, Furniture, Outlook, Role, SupportSurface, Table, floor, furniture_color, half, shaded};
+use super::{Fixture, Furniture, FurnitureRole, FurnitureSurface, Outlook, Table, floor, furniture_color, half, shaded};
 
 /// A box without a lid: what a drawer is when it is open.
 #[derive(Debug, Clone, Copy)]
@@ -20,20 +20,20 @@ pub(super) struct OpenBox {
 
 impl OpenBox {
     /// Bottom and four walls, and the surface inside; `weight` is how often objects are put there.
-    pub fn built(&self, color: [u8; 3], weight: f64) -> (Vec<Fixture>, SupportSurface) {
+    pub fn built(&self, color: [u8; 3], weight: f64) -> (Vec<Fixture>, FurnitureSurface) {
         let (m, x, y, w) = (self.middle, self.half_inner_m.x, self.half_inner_m.y, self.wall_m);
         let (bottom, rim) = (m.z - w, m.z + self.depth_m);
         let part = |role, low: [f64; 2], high: [f64; 2], z: [f64; 2]| {
             Fixture::between(role, Point3::new(m.x + low[0], m.y + low[1], z[0]), Point3::new(m.x + high[0], m.y + high[1], z[1]), color)
         };
         let fixtures = vec![
-            part(Role::DrawerBottom, [-x, -y], [x, y], [bottom, m.z]),
-            part(Role::DrawerWall, [-x - w, -y - w], [-x, y + w], [bottom, rim]),
-            part(Role::DrawerWall, [x, -y - w], [x + w, y + w], [bottom, rim]),
-            part(Role::DrawerWall, [-x, -y - w], [x, -y], [bottom, rim]),
-            part(Role::DrawerWall, [-x, y], [x, y + w], [bottom, rim]),
+            part(FurnitureRole::DrawerBottom, [-x, -y], [x, y], [bottom, m.z]),
+            part(FurnitureRole::DrawerWall, [-x - w, -y - w], [-x, y + w], [bottom, rim]),
+            part(FurnitureRole::DrawerWall, [x, -y - w], [x + w, y + w], [bottom, rim]),
+            part(FurnitureRole::DrawerWall, [-x, -y - w], [x, -y], [bottom, rim]),
+            part(FurnitureRole::DrawerWall, [-x, y], [x, y + w], [bottom, rim]),
         ];
-        (fixtures, SupportSurface::open(Role::DrawerBottom, m, self.half_inner_m, weight))
+        (fixtures, FurnitureSurface::open(FurnitureRole::DrawerBottom, m, self.half_inner_m, weight))
     }
 }
 
@@ -56,7 +56,7 @@ pub(super) struct PulledDrawer {
 
 impl PulledDrawer {
     /// The drawer with its front panel and handle, and the surface inside.
-    pub fn built(&self, color: [u8; 3], weight: f64, rng: &mut impl Rng) -> (Vec<Fixture>, SupportSurface) {
+    pub fn built(&self, color: [u8; 3], weight: f64, rng: &mut impl Rng) -> (Vec<Fixture>, FurnitureSurface) {
         const PANEL_M: f64 = 0.018;
         let wall = rng.random_range(0.009..0.014);
         let depth = self.panel_m - rng.random_range(0.025..0.045);
@@ -68,7 +68,7 @@ impl PulledDrawer {
         let (mut fixtures, surface) = open.built(shaded(color, 1.08), weight);
         let panel_y = [self.front_y - self.pulled_m, self.front_y - self.pulled_m + PANEL_M];
         let (x, z) = (self.width_m / 2.0, [self.top_z - self.panel_m, self.top_z]);
-        let panel = |low: [f64; 3], high: [f64; 3], color| Fixture::between(Role::Front, low.into(), high.into(), color);
+        let panel = |low: [f64; 3], high: [f64; 3], color| Fixture::between(FurnitureRole::Front, low.into(), high.into(), color);
         fixtures.push(panel([self.middle_x - x, panel_y[0], z[0]], [self.middle_x + x, panel_y[1], z[1]], color));
         fixtures.push(handle(self.middle_x, panel_y[0], (z[0] + z[1]) / 2.0));
         (fixtures, surface)
@@ -77,7 +77,7 @@ impl PulledDrawer {
 
 /// A bar handle before a front at `y`.
 pub(super) fn handle(x: f64, y: f64, z: f64) -> Fixture {
-    Fixture::between(Role::Front, Point3::new(x - 0.06, y - 0.025, z - 0.006), Point3::new(x + 0.06, y, z + 0.006), [96, 98, 102])
+    Fixture::between(FurnitureRole::Front, Point3::new(x - 0.06, y - 0.025, z - 0.006), Point3::new(x + 0.06, y, z + 0.006), [96, 98, 102])
 }
 
 /// A cabinet with an open drawer, or a tray on a table.
@@ -91,8 +91,8 @@ fn cabinet(rng: &mut impl Rng) -> Furniture {
     let (width, depth) = (rng.random_range(0.42..0.8), rng.random_range(0.38..0.5));
     let (height, top) = (rng.random_range(0.4..0.95), rng.random_range(0.016..0.03));
     let (x, y) = (width / 2.0, depth / 2.0);
-    let body = Fixture::between(Role::Cabinet, Point3::new(-x, -y, -height), Point3::new(x, y, -top), shaded(color, 0.9));
-    let lid = Fixture::between(Role::CabinetTop, Point3::new(-x, -y, -top), Point3::new(x, y, 0.0), color);
+    let body = Fixture::between(FurnitureRole::Cabinet, Point3::new(-x, -y, -height), Point3::new(x, y, -top), shaded(color, 0.9));
+    let lid = Fixture::between(FurnitureRole::CabinetTop, Point3::new(-x, -y, -top), Point3::new(x, y, 0.0), color);
     let pulled = PulledDrawer {
         front_y: -y,
         middle_x: 0.0,
@@ -106,7 +106,7 @@ fn cabinet(rng: &mut impl Rng) -> Furniture {
     fixtures.extend(drawer);
     closed_fronts(&mut fixtures, [-x, x], -y, [-height, pulled.top_z - pulled.panel_m - 0.006], color);
     fixtures.push(floor(-height, rng));
-    let on_top = SupportSurface::open(Role::CabinetTop, Point3::origin(), half(width, depth), 0.7);
+    let on_top = FurnitureSurface::open(FurnitureRole::CabinetTop, Point3::origin(), half(width, depth), 0.7);
     Furniture { fixtures, surfaces: vec![on_top, inside], outlook: Outlook::front(1.0, [0.65, 1.2], [0.6, 1.15]) }
 }
 
@@ -117,7 +117,7 @@ pub(super) fn closed_fronts(fixtures: &mut Vec<Fixture>, x: [f64; 2], front_y: f
     for k in 0..count as usize {
         let low = z[0] + each * k as f64 + 0.003;
         let (from, to) = (Point3::new(x[0] + 0.003, front_y - 0.016, low), Point3::new(x[1] - 0.003, front_y, low + each - 0.006));
-        fixtures.push(Fixture::between(Role::Front, from, to, color));
+        fixtures.push(Fixture::between(FurnitureRole::Front, from, to, color));
         fixtures.push(handle((x[0] + x[1]) / 2.0, front_y - 0.016, low + each * 0.7));
     }
 }

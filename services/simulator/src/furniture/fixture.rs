@@ -8,9 +8,9 @@ use repose_geometry::TriMesh;
 use crate::contact::PlacedParts;
 use crate::objects::body::cuboid_mesh;
 
-/// What a fixture or a surface is to its piece of furniture.
+/// The role of a fixture or surface in its piece of furniture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Role {
+pub enum FurnitureRole {
     /// The floor that everything stands on.
     Floor,
     /// A wall behind the furniture.
@@ -41,7 +41,7 @@ pub enum Role {
     Worktop,
 }
 
-impl Role {
+impl FurnitureRole {
     /// The name in snake case.
     pub fn name(self) -> &'static str {
         match self {
@@ -67,7 +67,7 @@ impl Role {
 #[derive(Debug, Clone)]
 pub struct Fixture {
     /// What it is.
-    pub role: Role,
+    pub role: FurnitureRole,
     /// Half its edge lengths, metres.
     pub half_extents_m: Vector3<f64>,
     /// Where it is.
@@ -82,13 +82,13 @@ pub struct Fixture {
 
 impl Fixture {
     /// A box between two corners (world frame), edges along the axes.
-    pub fn between(role: Role, low: Point3<f64>, high: Point3<f64>, color: [u8; 3]) -> Self {
+    pub fn between(role: FurnitureRole, low: Point3<f64>, high: Point3<f64>, color: [u8; 3]) -> Self {
         let center = nalgebra::center(&low, &high);
         Self::new(role, (high - low) / 2.0, Isometry3::translation(center.x, center.y, center.z), color)
     }
 
     /// A box with a pose.
-    pub fn new(role: Role, half_extents_m: Vector3<f64>, world_from_fixture: Isometry3<f64>, color: [u8; 3]) -> Self {
+    pub fn new(role: FurnitureRole, half_extents_m: Vector3<f64>, world_from_fixture: Isometry3<f64>, color: [u8; 3]) -> Self {
         Self { role, half_extents_m, world_from_fixture, mesh: cuboid_mesh(half_extents_m.cast()), color, friction: 0.6 }
     }
 

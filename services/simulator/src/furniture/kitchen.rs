@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use rand::{Rng, RngExt};
 
 use super::drawer::{PulledDrawer, closed_fronts};
-use super::{Fixture, Furniture, Outlook, Role, SupportSurface, floor, furniture_color, half, shaded};
+use super::{Fixture, Furniture, FurnitureRole, FurnitureSurface, Outlook, floor, furniture_color, half, shaded};
 
 /// Worktop at z = 0 with a backsplash, units below it side by side, the top drawer of the middle one open.
 pub(super) fn kitchen(rng: &mut impl Rng) -> Furniture {
@@ -16,11 +16,21 @@ pub(super) fn kitchen(rng: &mut impl Rng) -> Furniture {
     // The fronts are flush with the worktop's edge, and the open drawer wholly before it: nothing hides under the worktop.
     let front_y = -y + 0.018;
     let mut fixtures = vec![
-        Fixture::between(Role::Worktop, Point3::new(-x, -y, -thickness), Point3::new(x, y, 0.0), worktop),
-        Fixture::between(Role::Cabinet, Point3::new(-x, front_y, TOE_M - height), Point3::new(x, y, -thickness), shaded(color, 0.85)),
-        Fixture::between(Role::Cabinet, Point3::new(-x, front_y + 0.08, -height), Point3::new(x, y, TOE_M - height), shaded(color, 0.5)),
+        Fixture::between(FurnitureRole::Worktop, Point3::new(-x, -y, -thickness), Point3::new(x, y, 0.0), worktop),
         Fixture::between(
-            Role::Wall,
+            FurnitureRole::Cabinet,
+            Point3::new(-x, front_y, TOE_M - height),
+            Point3::new(x, y, -thickness),
+            shaded(color, 0.85),
+        ),
+        Fixture::between(
+            FurnitureRole::Cabinet,
+            Point3::new(-x, front_y + 0.08, -height),
+            Point3::new(x, y, TOE_M - height),
+            shaded(color, 0.5),
+        ),
+        Fixture::between(
+            FurnitureRole::Wall,
             Point3::new(-x - 0.8, y, -height),
             Point3::new(x + 0.8, y + 0.1, rng.random_range(0.45..0.8)),
             shaded([232, 230, 224], rng.random_range(0.8..1.05)),
@@ -43,6 +53,6 @@ pub(super) fn kitchen(rng: &mut impl Rng) -> Furniture {
         closed_fronts(&mut fixtures, [middle - unit / 2.0, middle + unit / 2.0], front_y, [TOE_M - height, -thickness - 0.004], color);
     }
     fixtures.push(floor(-height, rng));
-    let counter = SupportSurface::open(Role::Worktop, Point3::origin(), half(2.0 * x, depth), 1.4);
+    let counter = FurnitureSurface::open(FurnitureRole::Worktop, Point3::origin(), half(2.0 * x, depth), 1.4);
     Furniture { fixtures, surfaces: vec![counter, inside], outlook: Outlook::front(0.8, [0.6, 1.1], [0.7, 1.25]) }
 }

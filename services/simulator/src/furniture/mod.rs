@@ -1,6 +1,6 @@
 //! What objects stand on and in: tables, boxes, shelves, drawers, a kitchen.
 //!
-//! Furniture is made of [`Fixture`]s, boxes that never move, and says where objects can stand ([`SupportSurface`]) and from where a
+//! Furniture is made of [`Fixture`]s, boxes that never move, and says where objects can stand ([`FurnitureSurface`]) and from where a
 //! camera sees them ([`Outlook`]). Each kind is built in a frame of its own (front towards −y, the main surface at z = 0) and then turned
 //! about z, so that no direction of the world is special.
 
@@ -16,10 +16,10 @@ pub mod table;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector2, Vector3};
 use rand::{Rng, RngExt};
 
-pub use fixture::{Fixture, Role};
+pub use fixture::{Fixture, FurnitureRole};
 pub use kind::{KindWeights, SceneKind};
 pub use outlook::{Focus, Outlook};
-pub use surface::SupportSurface;
+pub use surface::FurnitureSurface;
 pub use table::Table;
 
 /// Furniture of one scene.
@@ -28,7 +28,7 @@ pub struct Furniture {
     /// What it is made of.
     pub fixtures: Vec<Fixture>,
     /// Where objects can stand; the first is the main surface, at z = 0.
-    pub surfaces: Vec<SupportSurface>,
+    pub surfaces: Vec<FurnitureSurface>,
     /// From where a camera sees the objects.
     pub outlook: Outlook,
 }
@@ -66,7 +66,7 @@ impl Furniture {
 fn floor(height_m: f64, rng: &mut impl Rng) -> Fixture {
     let shade = rng.random_range(0.7..1.1f32);
     let color = [150.0f32, 146.0, 140.0].map(|c| (c * shade) as u8);
-    Fixture::new(Role::Floor, Vector3::new(4.0, 4.0, 0.025), Isometry3::translation(0.0, 0.0, height_m - 0.025), color)
+    Fixture::new(FurnitureRole::Floor, Vector3::new(4.0, 4.0, 0.025), Isometry3::translation(0.0, 0.0, height_m - 0.025), color)
 }
 
 /// The color of a piece of furniture: wood, white or painted.
@@ -149,8 +149,8 @@ mod tests {
                 let furniture = Furniture::sample(kind, &Table::default(), &mut Pcg64::seed_from_u64(seed));
                 roles[kind.index()].extend(furniture.surfaces.iter().filter(|s| s.weight > 0.0).map(|s| s.role.name()));
                 if kind == SceneKind::Drawer || kind == SceneKind::Kitchen {
-                    let inside = furniture.surfaces.iter().find(|s| s.role == Role::DrawerBottom).expect("a drawer or a tray");
-                    let wall = furniture.fixtures.iter().filter(|f| f.role == Role::DrawerWall).map(Fixture::top_m);
+                    let inside = furniture.surfaces.iter().find(|s| s.role == FurnitureRole::DrawerBottom).expect("a drawer or a tray");
+                    let wall = furniture.fixtures.iter().filter(|f| f.role == FurnitureRole::DrawerWall).map(Fixture::top_m);
                     assert!(wall.fold(f64::MIN, f64::max) > inside.height_m() + 0.02, "walls stand over the bottom");
                 }
             }

@@ -2,13 +2,13 @@
 
 use nalgebra::{Isometry3, Point3, Vector2};
 
-use super::Role;
+use super::FurnitureRole;
 
-/// Where objects can stand.
+/// A surface of a piece of furniture that objects can stand on.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SupportSurface {
+pub struct FurnitureSurface {
     /// What it belongs to.
-    pub role: Role,
+    pub role: FurnitureRole,
     /// The surface's frame: origin in its middle, x and y along its edges, z up.
     pub world_from_surface: Isometry3<f64>,
     /// Half its edge lengths, metres.
@@ -19,9 +19,9 @@ pub struct SupportSurface {
     pub weight: f64,
 }
 
-impl SupportSurface {
+impl FurnitureSurface {
     /// A surface under the open sky around a point of furniture that is not turned.
-    pub fn open(role: Role, middle: Point3<f64>, half_extents_m: Vector2<f64>, weight: f64) -> Self {
+    pub fn open(role: FurnitureRole, middle: Point3<f64>, half_extents_m: Vector2<f64>, weight: f64) -> Self {
         let world_from_surface = Isometry3::translation(middle.x, middle.y, middle.z);
         Self { role, world_from_surface, half_extents_m, clear_m: f64::INFINITY, weight }
     }

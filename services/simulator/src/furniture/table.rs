@@ -4,7 +4,7 @@
 use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 use rand::{Rng, RngExt};
 
-use super::{Fixture, Furniture, Outlook, Role, SupportSurface, floor, furniture_color, shaded};
+use super::{Fixture, Furniture, FurnitureRole, FurnitureSurface, Outlook, floor, furniture_color, shaded};
 
 /// The table of scenes that stand on one; its top is z = 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,8 +42,10 @@ impl Table {
         match *self {
             Self::Fixed { low, high } => {
                 let middle = nalgebra::center(&low, &high);
-                let top = Fixture::between(Role::Tabletop, Point3::new(low.x, low.y, -0.04), Point3::new(high.x, high.y, 0.0), color);
-                let surface = SupportSurface::open(Role::Tabletop, Point3::new(middle.x, middle.y, 0.0), (high - low) / 2.0, 1.0);
+                let top =
+                    Fixture::between(FurnitureRole::Tabletop, Point3::new(low.x, low.y, -0.04), Point3::new(high.x, high.y, 0.0), color);
+                let surface =
+                    FurnitureSurface::open(FurnitureRole::Tabletop, Point3::new(middle.x, middle.y, 0.0), (high - low) / 2.0, 1.0);
                 Furniture { fixtures: vec![top, floor(-0.75, rng)], surfaces: vec![surface], outlook: Outlook::AROUND }
             }
             Self::Random { half_m, height_m, round, wall } => {
@@ -61,7 +63,7 @@ impl Table {
                     let top = rng.random_range(0.25..1.4);
                     let back = Point3::new(-1.6, half.y + gap, -height);
                     let color = shaded([226, 222, 214], rng.random_range(0.75..1.05));
-                    built.fixtures.push(Fixture::between(Role::Wall, back, Point3::new(1.6, half.y + gap + 0.1, top), color));
+                    built.fixtures.push(Fixture::between(FurnitureRole::Wall, back, Point3::new(1.6, half.y + gap + 0.1, top), color));
                     built.outlook = Outlook { azimuth_rad: Outlook::front(1.1, [0.0; 2], [0.0; 2]).azimuth_rad, ..Outlook::AROUND };
                 }
                 built
@@ -72,7 +74,7 @@ impl Table {
 
 /// A rectangular top on four legs or on a solid base.
 fn square_table(half: Vector2<f64>, thickness: f64, height: f64, color: [u8; 3], rng: &mut impl Rng) -> Furniture {
-    let top = Fixture::between(Role::Tabletop, Point3::new(-half.x, -half.y, -thickness), Point3::new(half.x, half.y, 0.0), color);
+    let top = Fixture::between(FurnitureRole::Tabletop, Point3::new(-half.x, -half.y, -thickness), Point3::new(half.x, half.y, 0.0), color);
     let mut fixtures = vec![top];
     let dark = shaded(color, 0.8);
     if rng.random_bool(0.6) {
@@ -80,14 +82,14 @@ fn square_table(half: Vector2<f64>, thickness: f64, height: f64, color: [u8; 3],
         for (x, y) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
             let at = Vector3::new(x * (half.x - thick), y * (half.y - thick), -(height + thickness) / 2.0);
             let size = Vector3::new(thick, thick, (height - thickness) / 2.0);
-            fixtures.push(Fixture::new(Role::TableBase, size, Isometry3::translation(at.x, at.y, at.z), dark));
+            fixtures.push(Fixture::new(FurnitureRole::TableBase, size, Isometry3::translation(at.x, at.y, at.z), dark));
         }
     } else {
         let inset = rng.random_range(0.0..0.06);
         let low = Point3::new(-half.x + inset, -half.y + inset, -height);
-        fixtures.push(Fixture::between(Role::TableBase, low, Point3::new(half.x - inset, half.y - inset, -thickness), dark));
+        fixtures.push(Fixture::between(FurnitureRole::TableBase, low, Point3::new(half.x - inset, half.y - inset, -thickness), dark));
     }
-    let surface = SupportSurface::open(Role::Tabletop, Point3::origin(), half, 1.0);
+    let surface = FurnitureSurface::open(FurnitureRole::Tabletop, Point3::origin(), half, 1.0);
     Furniture { fixtures, surfaces: vec![surface], outlook: Outlook::AROUND }
 }
 
@@ -100,14 +102,14 @@ fn round_table(radius: f64, thickness: f64, height: f64, color: [u8; 3]) -> Furn
         .map(|k| {
             let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 2.0 * EIGHTH * f64::from(k));
             let pose = Isometry3::from_parts(Translation3::new(0.0, 0.0, -thickness / 2.0), turn);
-            Fixture::new(Role::Tabletop, size, pose, color)
+            Fixture::new(FurnitureRole::Tabletop, size, pose, color)
         })
         .collect();
     let foot = Point3::new(0.05, 0.05, -thickness);
-    fixtures.push(Fixture::between(Role::TableBase, Point3::new(-0.05, -0.05, -height), foot, shaded(color, 0.8)));
+    fixtures.push(Fixture::between(FurnitureRole::TableBase, Point3::new(-0.05, -0.05, -height), foot, shaded(color, 0.8)));
     // The largest square within the octagon.
     let inside = radius * EIGHTH.cos() / (1.0 + EIGHTH.tan());
-    let surface = SupportSurface::open(Role::Tabletop, Point3::origin(), Vector2::repeat(inside), 1.0);
+    let surface = FurnitureSurface::open(FurnitureRole::Tabletop, Point3::origin(), Vector2::repeat(inside), 1.0);
     Furniture { fixtures, surfaces: vec![surface], outlook: Outlook::AROUND }
 }
 
@@ -144,10 +146,10 @@ pub(super) fn with_large_box(table: &Table, rng: &mut impl Rng) -> Furniture {
         let pose = tabletop.world_from_surface * Isometry3::from_parts(Translation3::new(at.x, at.y, size.z), yaw);
         let cardboard = shaded([188, 150, 104], rng.random_range(0.75..1.2));
         let color = if rng.random_bool(0.6) { cardboard } else { crate::objects::color::random_color(rng) };
-        built.fixtures.push(Fixture::new(Role::LargeBox, size, pose, color));
+        built.fixtures.push(Fixture::new(FurnitureRole::LargeBox, size, pose, color));
         let lifted = pose * Translation3::new(0.0, 0.0, size.z);
-        let surface = SupportSurface {
-            role: Role::LargeBox,
+        let surface = FurnitureSurface {
+            role: FurnitureRole::LargeBox,
             world_from_surface: lifted,
             half_extents_m: size.xy(),
             clear_m: f64::INFINITY,

@@ -11,7 +11,7 @@ use repose_geometry::TriMesh;
 use super::bar::{BarSection, bar_mesh, bar_pieces};
 use super::loft::{hollowed, solid_sections, swept, swept_ring, wall_sections, wedge};
 use super::outline::{Outline, ProfilePoint, radius_at};
-use super::{Opening, Shape, Top};
+use super::{ObjectShape, Top, VesselInterior};
 use crate::convert;
 
 /// How far the faceted part of something round keeps back from the faces that it stands on, metres.
@@ -36,7 +36,7 @@ pub struct Finish<'a> {
     /// Where another can stand, in the frame of construction.
     pub top: Option<Top>,
     /// The inside of a vessel, in the frame of construction.
-    pub opening: Option<Opening>,
+    pub opening: Option<VesselInterior>,
 }
 
 impl Body {
@@ -75,7 +75,7 @@ impl Body {
 
     /// Adds an open vessel: `outer` runs from the foot upwards to the rim; the wall is `wall` thick and the floor `floor` above the bottom.
     /// Returns what is clear inside.
-    pub fn vessel(&mut self, outline: &Outline, outer: &[ProfilePoint], wall: f32, floor: f32) -> Opening {
+    pub fn vessel(&mut self, outline: &Outline, outer: &[ProfilePoint], wall: f32, floor: f32) -> VesselInterior {
         let bottom = outer[0][1];
         let floor = bottom + floor;
         let (wall_outer, inner) = hollowed(outer, wall, floor);
@@ -97,7 +97,7 @@ impl Body {
         let rim = inner[inner.len() - 1];
         let narrowest = inner.iter().map(|p| p[0]).fold(f32::MAX, f32::min);
         let inradius = outline.inradius();
-        Opening {
+        VesselInterior {
             center_m: [0.0, 0.0],
             floor_m: floor,
             rim_m: rim[1],
@@ -138,7 +138,7 @@ impl Body {
     }
 
     /// The finished shape, its origin moved to the centre of its box.
-    pub fn finish(mut self, finish: &Finish) -> Shape {
+    pub fn finish(mut self, finish: &Finish) -> ObjectShape {
         let far = Point3::new(f32::MAX, f32::MAX, f32::MAX);
         let (low, high) = self.mesh.vertices.iter().fold((far, -far), |(low, high), v| (low.inf(v), high.sup(v)));
         let center = nalgebra::center(&low, &high);
@@ -149,7 +149,7 @@ impl Body {
             pose.translation -= convert::vector(&center);
         }
         let moved = |[x, y]: [f32; 2]| [x - center.x, y - center.y];
-        Shape {
+        ObjectShape {
             name: finish.name.into(),
             mesh: self.mesh,
             parts: self.parts,
@@ -157,7 +157,7 @@ impl Body {
             mass_kg: finish.mass_kg,
             friction: finish.friction,
             top: finish.top.map(|t| Top { center_m: moved(t.center_m), height_m: t.height_m - center.z, ..t }),
-            opening: finish.opening.map(|o| Opening {
+            opening: finish.opening.map(|o| VesselInterior {
                 center_m: moved(o.center_m),
                 floor_m: o.floor_m - center.z,
                 rim_m: o.rim_m - center.z,

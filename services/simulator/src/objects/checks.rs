@@ -9,12 +9,12 @@ use rapier3d::math::{Pose, Vector};
 use repose_geometry::TriMesh;
 
 use super::material::Mass;
-use super::{Family, Shape};
+use super::{Family, ObjectShape};
 use crate::convert;
 use crate::physics::{PhysicsSettings, RestSettings, World};
 
 /// Many objects of a family at the scales that scenes use.
-fn samples(family: Family, count: usize, seed: u64) -> impl Iterator<Item = Shape> {
+fn samples(family: Family, count: usize, seed: u64) -> impl Iterator<Item = ObjectShape> {
     let mut rng = Pcg64::seed_from_u64(seed);
     (0..count).map(move |_| {
         let scale = rng.random_range(0.75..1.25);
@@ -57,7 +57,7 @@ fn planes(shape: &dyn EngineShape) -> Option<Vec<(Vector, f32)>> {
 }
 
 /// How far a point is outside of all parts, metres (0: inside one); a little less at a hull's corners.
-fn distance_to_parts_m(shape: &Shape, p: &Point3<f32>) -> f32 {
+fn distance_to_parts_m(shape: &ObjectShape, p: &Point3<f32>) -> f32 {
     let p = convert::vector(p);
     let distance = |(pose, part): &(Pose, SharedShape)| match planes(part.0.as_ref()) {
         Some(planes) => {
@@ -70,7 +70,7 @@ fn distance_to_parts_m(shape: &Shape, p: &Point3<f32>) -> f32 {
 }
 
 /// The highest point of all parts over (x, y), metres.
-fn height_at_m(shape: &Shape, x: f32, y: f32) -> f32 {
+fn height_at_m(shape: &ObjectShape, x: f32, y: f32) -> f32 {
     let reach = 1.0;
     let from = Vector::new(x, y, reach);
     let height = |(pose, part): &(Pose, SharedShape)| match planes(part.0.as_ref()) {

@@ -40,7 +40,7 @@ pub struct Top {
 
 /// The inside of an upright vessel that is open above.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Opening {
+pub struct VesselInterior {
     /// The axis (x, y) in the object's frame, metres: not the box's where a handle sticks out.
     pub center_m: [f32; 2],
     /// Height of the level inner floor above the object's origin, metres (negative: below).
@@ -57,7 +57,7 @@ pub struct Opening {
 
 /// A rigid object in its own frame: origin at the centre of its box, z up when it stands as intended.
 #[derive(Debug, Clone)]
-pub struct Shape {
+pub struct ObjectShape {
     /// What it is, as labels and logs say it: `mug`, `hammer`, or the name of the user's mesh.
     pub name: Arc<str>,
     /// Closed surface, outward oriented.
@@ -73,10 +73,10 @@ pub struct Shape {
     /// Where another object can stand, if anywhere.
     pub top: Option<Top>,
     /// What it can hold, if anything.
-    pub opening: Option<Opening>,
+    pub opening: Option<VesselInterior>,
 }
 
-impl Shape {
+impl ObjectShape {
     /// The object's box in the world; its axes are the object's.
     pub fn bounds(&self, world_from_object: &Isometry3<f64>) -> OrientedBox {
         OrientedBox { world_from_box: *world_from_object, half_extents: self.half_extents_m }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use rand::{Rng, RngExt};
 
 use super::meshes::MeshLibrary;
-use super::{Family, Shape};
+use super::{Family, ObjectShape};
 
 /// Where objects are drawn from. With the same generator state the same object comes.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,7 +48,7 @@ impl ObjectSource {
     }
 
     /// Draws an object. `scale` multiplies a family's usual size; meshes keep theirs.
-    pub fn sample(&self, scale: f32, rng: &mut impl Rng) -> Arc<Shape> {
+    pub fn sample(&self, scale: f32, rng: &mut impl Rng) -> Arc<ObjectShape> {
         if let Some((library, share)) = &self.meshes
             && rng.random_bool(*share)
         {

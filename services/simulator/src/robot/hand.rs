@@ -59,9 +59,9 @@ pub fn parts(opening_m: f64) -> Vec<(Pose, SharedShape)> {
     vec![boxed([px, py, pz], 0.0, 0.0, f64::from(pz)), finger(1.0), finger(-1.0)]
 }
 
-/// The palm, the fingers, and what they are to do.
+/// The simulated hand: palm, fingers, and their commands.
 #[derive(Debug, Clone)]
-pub struct Hand {
+pub struct SimulatedHand {
     settings: HandSettings,
     palm: RigidBodyHandle,
     fingers: [RigidBodyHandle; 2],
@@ -76,7 +76,7 @@ pub struct Hand {
     standing_s: f32,
 }
 
-impl Hand {
+impl SimulatedHand {
     /// Adds an open hand to a world.
     pub fn new(world: &mut World, world_from_hand: &Isometry3<f64>, settings: HandSettings) -> Self {
         const HAND: Group = Group::GROUP_2;

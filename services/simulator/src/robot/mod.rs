@@ -3,5 +3,5 @@
 pub mod body;
 pub mod hand;
 
-pub use hand::{Hand, HandSettings};
+pub use hand::{HandSettings, SimulatedHand};
 pub use repose_robot_side::{Arm, ArmSettings, TICK_S};

@@ -6,9 +6,9 @@ use rand_pcg::Pcg64;
 
 use super::measures::{displacement_m, measured};
 use super::settings::KnockSettings;
-use super::{NoScene, Rejected, Scene, SceneKind, SceneObject, SceneSettings};
+use super::{NoScene, Rejected, SceneKind, SceneObject, SceneSettings, SimulatedScene};
 use crate::arrange::arranged;
-use crate::furniture::{Furniture, SupportSurface};
+use crate::furniture::{Furniture, FurnitureSurface};
 use crate::physics::{PhysicsSettings, Unrest};
 
 /// How far below a surface the lowest point of what it carries may be, metres.
@@ -18,7 +18,7 @@ const SUNK_M: f64 = 0.004;
 ///
 /// # Errors
 /// [`NoScene`] when `settings.max_attempts` draws were rejected.
-pub fn scene_of_seed(seed: u64, settings: &SceneSettings) -> Result<(Scene, Vec<Rejected>), NoScene> {
+pub fn scene_of_seed(seed: u64, settings: &SceneSettings) -> Result<(SimulatedScene, Vec<Rejected>), NoScene> {
     // A stream of its own for the kind: kinds that are hard to settle must not become rare by being drawn again.
     let kind = settings.kinds.draw(&mut stream(seed, u64::MAX));
     let mut rejections = Vec::new();
@@ -37,12 +37,12 @@ fn stream(seed: u64, attempt: u64) -> Pcg64 {
 }
 
 /// One draw: arranged, settled, checked.
-fn attempted(seed: u64, kind: SceneKind, attempt: u32, settings: &SceneSettings) -> Result<Scene, Rejected> {
+fn attempted(seed: u64, kind: SceneKind, attempt: u32, settings: &SceneSettings) -> Result<SimulatedScene, Rejected> {
     let mut rng = stream(seed, u64::from(attempt));
     let furniture = Furniture::sample(kind, &settings.table, &mut rng);
     let objects = arranged(&furniture, &settings.arrange.for_kind(kind), &mut rng)?;
     let Furniture { fixtures, surfaces, outlook } = furniture;
-    let mut scene = Scene { seed, kind, fixtures, surfaces, outlook, objects, gaps_m: Vec::new() };
+    let mut scene = SimulatedScene { seed, kind, fixtures, surfaces, outlook, objects, gaps_m: Vec::new() };
     let poses = settled(&scene, settings)?;
     scene.put(&poses);
     let measures = measured(&scene);
@@ -57,13 +57,13 @@ fn attempted(seed: u64, kind: SceneKind, attempt: u32, settings: &SceneSettings)
 }
 
 /// Where everything comes to rest, watched for a further second.
-fn settled(start: &Scene, settings: &SceneSettings) -> Result<Vec<Isometry3<f64>>, Rejected> {
+fn settled(start: &SimulatedScene, settings: &SceneSettings) -> Result<Vec<Isometry3<f64>>, Rejected> {
     const PATIENCE: usize = 3;
     let moving = |index: usize, steps: usize| {
         let object = &start.objects[index];
         Rejected::Moving { id: object.id, name: object.shape.name.clone(), steps }
     };
-    let lowest_m = start.surfaces.iter().map(SupportSurface::height_m).fold(f64::INFINITY, f64::min);
+    let lowest_m = start.surfaces.iter().map(FurnitureSurface::height_m).fold(f64::INFINITY, f64::min);
     let lost_below_m = lowest_m - 0.05;
     let mut scene = start.clone();
     let mut steps = 0;
@@ -97,7 +97,7 @@ fn settled(start: &Scene, settings: &SceneSettings) -> Result<Vec<Isometry3<f64>
 }
 
 /// Knocks at the table, and rejects a scene in which something topples.
-fn knocked(scene: &Scene, physics: PhysicsSettings, knock: &KnockSettings, rng: &mut Pcg64) -> Result<(), Rejected> {
+fn knocked(scene: &SimulatedScene, physics: PhysicsSettings, knock: &KnockSettings, rng: &mut Pcg64) -> Result<(), Rejected> {
     let mut world = scene.world(physics);
     world.tilt_gravity(knock.tilt_rad, rng.random_range(-std::f32::consts::PI..std::f32::consts::PI));
     for _ in 0..knock.steps {
@@ -117,7 +117,7 @@ fn knocked(scene: &Scene, physics: PhysicsSettings, knock: &KnockSettings, rng: 
 }
 
 /// Whether the object's centre is over a surface, and no point of it below that surface.
-fn is_carried(scene: &Scene, object: &SceneObject) -> bool {
+fn is_carried(scene: &SimulatedScene, object: &SceneObject) -> bool {
     let at = object.world_from_object.translation.vector;
     let lowest = Point3::new(at.x, at.y, at.z - object.shape.depth_below_origin_m(&object.world_from_object));
     scene.surfaces.iter().any(|surface| surface.is_under(&lowest, SUNK_M))

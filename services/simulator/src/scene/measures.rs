@@ -2,13 +2,13 @@
 
 use nalgebra::Isometry3;
 
-use super::Scene;
+use super::SimulatedScene;
 use crate::contact::PlacedParts;
 use crate::furniture::Fixture;
-use crate::objects::Shape;
+use crate::objects::ObjectShape;
 
 /// A bound on how far any point of an object moved between two poses, metres.
-pub fn displacement_m(shape: &Shape, world_from_before: &Isometry3<f64>, world_from_after: &Isometry3<f64>) -> f64 {
+pub fn displacement_m(shape: &ObjectShape, world_from_before: &Isometry3<f64>, world_from_after: &Isometry3<f64>) -> f64 {
     let turned = world_from_before.rotation.angle_to(&world_from_after.rotation);
     (world_from_after.translation.vector - world_from_before.translation.vector).norm() + turned * shape.radius_m()
 }
@@ -20,7 +20,7 @@ pub(super) struct Measures {
     pub penetration_m: f32,
 }
 
-pub(super) fn measured(scene: &Scene) -> Measures {
+pub(super) fn measured(scene: &SimulatedScene) -> Measures {
     let n = scene.objects.len();
     let objects: Vec<Option<PlacedParts>> = scene.objects.iter().map(|o| PlacedParts::new(&o.shape.parts, &o.world_from_object)).collect();
     let fixtures: Vec<PlacedParts> = scene.fixtures.iter().filter_map(Fixture::placed).collect();

@@ -12,9 +12,9 @@ mod settings;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use repose_geometry::ViewerFrame;
-use repose_relations::{RELATIONS, TrueObject, ground_truth};
+use repose_relations::{RELATIONS, TrueBounds, ground_truth};
 
-pub use crate::furniture::{Fixture, Focus, KindWeights, Outlook, SceneKind, SupportSurface};
+pub use crate::furniture::{Fixture, Focus, FurnitureSurface, KindWeights, Outlook, SceneKind};
 pub use draw::scene_of_seed;
 pub use measures::displacement_m;
 pub use object::SceneObject;
@@ -24,9 +24,9 @@ pub use settings::{KnockSettings, SceneSettings};
 use crate::physics::{PhysicsSettings, World};
 use crate::render::Drawable;
 
-/// Furniture and objects at rest. World is z up; the main surface (a table's or a cabinet's top, a board) is z = 0.
+/// A simulated scene: furniture and objects at rest. World is z up; the main surface (a table's or a cabinet's top, a board) is z = 0.
 #[derive(Debug, Clone)]
-pub struct Scene {
+pub struct SimulatedScene {
     /// What it was made from.
     pub seed: u64,
     /// What it is about.
@@ -34,7 +34,7 @@ pub struct Scene {
     /// What never moves.
     pub fixtures: Vec<Fixture>,
     /// Where objects can stand; the first is the main surface.
-    pub surfaces: Vec<SupportSurface>,
+    pub surfaces: Vec<FurnitureSurface>,
     /// From where a camera sees the objects.
     pub outlook: Outlook,
     /// The movable objects; ids are 1, 2, … in order.
@@ -43,11 +43,11 @@ pub struct Scene {
     pub gaps_m: Vec<f32>,
 }
 
-impl Scene {
+impl SimulatedScene {
     /// Ground-truth relations for a viewer, `[n * n]` of `query * n + anchor`; the diagonal is all false.
     pub fn relations(&self, viewer: &ViewerFrame) -> Vec<[bool; RELATIONS]> {
         let n = self.objects.len();
-        let truths: Vec<TrueObject> = self.objects.iter().map(|o| TrueObject { bounds: o.shape.bounds(&o.world_from_object) }).collect();
+        let truths: Vec<TrueBounds> = self.objects.iter().map(|o| TrueBounds { bounds: o.shape.bounds(&o.world_from_object) }).collect();
         let of_pair = |i: usize, j: usize| {
             if i == j { [false; RELATIONS] } else { ground_truth(&truths[i], &truths[j], f64::from(self.gaps_m[i * n + j]), viewer) }
         };

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::Isometry3;
 
-use crate::objects::Shape;
+use crate::objects::ObjectShape;
 
 /// An object in a scene.
 #[derive(Debug, Clone)]
@@ -12,7 +12,7 @@ pub struct SceneObject {
     /// Instance id, from 1.
     pub id: u16,
     /// What it is.
-    pub shape: Arc<Shape>,
+    pub shape: Arc<ObjectShape>,
     /// Where it rests.
     pub world_from_object: Isometry3<f64>,
     /// Color in full light.

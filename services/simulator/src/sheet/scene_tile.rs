@@ -7,12 +7,12 @@ use repose_pictures::drawing;
 use super::words::relations_in_words;
 use super::{Rgb, SheetSettings, tile};
 use crate::render::Picture;
-use crate::scene::Scene;
+use crate::scene::SimulatedScene;
 
 /// Color, depth and labels of `seen`, and beside them, object by object, how much of it is seen and which relations hold.
 ///
 /// `seen` is what the camera shows of the scene; its depth may be the sensor's. `title` stands above the text.
-pub fn scene_tile(scene: &Scene, seen: &Picture, viewer: &ViewerFrame, title: &str, settings: &SheetSettings) -> Image<Rgb> {
+pub fn scene_tile(scene: &SimulatedScene, seen: &Picture, viewer: &ViewerFrame, title: &str, settings: &SheetSettings) -> Image<Rgb> {
     let ids: Vec<u16> = scene.objects.iter().map(|o| o.id).collect();
     let views: Vec<Option<(usize, (i64, i64))>> = ids.iter().map(|id| seen_of(&seen.labels, *id)).collect();
     let scaled = drawing::scaled_to_width(&label_colors(&seen.labels, &seen.color), settings.picture_width);

@@ -7,7 +7,7 @@ mod scoring;
 
 use clap::{Args, Subcommand};
 
-use crate::failure::Outcome;
+use crate::failure::CommandResult;
 use crate::output::Output;
 
 /// Arguments of `bench`.
@@ -15,13 +15,13 @@ use crate::output::Output;
 pub struct BenchArgs {
     /// Which part.
     #[command(subcommand)]
-    pub part: Part,
+    pub part: Benchmark,
 }
 
 /// The benchmarks.
 #[derive(Debug, Subcommand)]
-pub enum Part {
-    /// The arm's path planning on a file of problems in known worlds.
+pub enum Benchmark {
+    /// Path planning of the arm, on a file of problems with known obstacles.
     Motion(motion::BenchMotionArgs),
     /// Perception: from a frame in memory to its scene, segmentation included.
     Perception(perception::BenchPerceptionArgs),
@@ -32,11 +32,11 @@ pub enum Part {
 }
 
 /// Runs the command.
-pub fn run(args: &BenchArgs, output: Output) -> Outcome {
+pub fn run(args: &BenchArgs, output: Output) -> CommandResult {
     match &args.part {
-        Part::Motion(args) => motion::run(args, output),
-        Part::Perception(args) => perception::run(args, output),
-        Part::Planner(args) => planner::run(args, output),
-        Part::Scoring(args) => scoring::run(args, output),
+        Benchmark::Motion(args) => motion::run(args, output),
+        Benchmark::Perception(args) => perception::run(args, output),
+        Benchmark::Planner(args) => planner::run(args, output),
+        Benchmark::Scoring(args) => scoring::run(args, output),
     }
 }

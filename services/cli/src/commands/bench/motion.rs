@@ -13,7 +13,7 @@ use repose_motion::path::rrt_connect::RrtSettings;
 use repose_motion::path::simplify::SimplifySettings;
 use serde::Serialize;
 
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 
 /// Arguments of `bench motion`.
@@ -79,7 +79,7 @@ struct FoundPath<'a> {
 type Solved = BTreeMap<String, Vec<(usize, Result<Solution, Unsolved>)>>;
 
 /// Runs the command.
-pub fn run(args: &BenchMotionArgs, output: Output) -> Outcome {
+pub fn run(args: &BenchMotionArgs, output: Output) -> CommandResult {
     let text = std::fs::read_to_string(&args.problems).map_err(|e| unreadable(&args.problems, &e))?;
     let file = ProblemFile::parse(&text).map_err(|e| unreadable(&args.problems, &e))?;
     // The first pass brings code and allocator to where a running service has them.
@@ -104,7 +104,7 @@ fn unreadable(path: &std::path::Path, error: &dyn std::fmt::Display) -> Failure 
 
 fn solved(file: &ProblemFile, seed: u64) -> Solved {
     let (rrt, simplify) = (RrtSettings::default(), SimplifySettings::default());
-    let one = |p: &repose_motion::benchmark::Problem| (p.index, solve(p, file.arm(), &rrt, &simplify, seed));
+    let one = |p: &repose_motion::benchmark::PathProblem| (p.index, solve(p, file.arm(), &rrt, &simplify, seed));
     file.problems.iter().map(|(set, problems)| (set.clone(), problems.iter().map(one).collect())).collect()
 }
 
@@ -138,7 +138,7 @@ fn failed(solved: &Solved) -> Vec<Failed> {
     solved.iter().flat_map(|(set, problems)| problems.iter().filter_map(move |p| one(set, p))).collect()
 }
 
-fn write_paths(to: &std::path::Path, solved: &Solved) -> Outcome {
+fn write_paths(to: &std::path::Path, solved: &Solved) -> CommandResult {
     let found = |(index, result): &'_ (usize, Result<Solution, Unsolved>)| Some((*index, result.as_ref().ok()?.path.clone()));
     let sets: BTreeMap<&String, Vec<_>> = solved.iter().map(|(set, problems)| (set, problems.iter().filter_map(found).collect())).collect();
     let sets: BTreeMap<&String, Vec<FoundPath<'_>>> =

@@ -15,7 +15,7 @@ use repose_proto::{CallError, Frame, Payload, Scene, SceneSummary, Service};
 use repose_runtime::{Session, Shutdown, Traffic};
 
 use crate::asynchronous::in_runtime;
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::frames;
 use crate::output::Output;
 use crate::values::parse_count;
@@ -51,7 +51,7 @@ pub struct BenchPerceptionArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &BenchPerceptionArgs, output: Output) -> Outcome {
+pub fn run(args: &BenchPerceptionArgs, output: Output) -> CommandResult {
     let mut frame = frames::read(&args.frame)?;
     if !args.labels {
         frame.labels = None;
@@ -67,7 +67,7 @@ pub fn run(args: &BenchPerceptionArgs, output: Output) -> Outcome {
 }
 
 /// Frame to scene and scene to bytes, again and again on this thread.
-fn time(frame: &Frame, runs: usize, output: Output) -> Outcome {
+fn time(frame: &Frame, runs: usize, output: Output) -> CommandResult {
     let settings = repose_local::segmentation()?;
     let (mut scene_ms, mut encode_ms, mut both_ms) = (Vec::new(), Vec::new(), Vec::new());
     let mut objects = 0;
@@ -108,7 +108,7 @@ fn time(frame: &Frame, runs: usize, output: Output) -> Outcome {
 }
 
 /// The service under a camera of a fixed rate.
-async fn soak(frame: Frame, seconds: f64, rate: f64, output: Output) -> Outcome {
+async fn soak(frame: Frame, seconds: f64, rate: f64, output: Output) -> CommandResult {
     let config: PerceptionConfig = section("perception")?;
     let session = Session::embedded().await?;
     let shutdown = Shutdown::new();

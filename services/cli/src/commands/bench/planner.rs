@@ -23,11 +23,11 @@ use serde_json::json;
 use tokio::process::Child;
 
 use crate::asynchronous::in_runtime;
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::processes::service_process;
 use crate::values::parse_count;
-use repose_local::Models as LocalModels;
+use repose_local::LocalModels;
 
 /// How long anything may take.
 const PATIENCE: Duration = Duration::from_secs(300);
@@ -50,7 +50,7 @@ pub struct BenchPlannerArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &BenchPlannerArgs, output: Output) -> Outcome {
+pub fn run(args: &BenchPlannerArgs, output: Output) -> CommandResult {
     let wishes = wishes(args.scenes)?;
     let models = Counted { models: LocalModels::embedded()?, scored: AtomicU64::new(0), micros: AtomicU64::new(0) };
     let best = timed(&wishes, Variant::Best, args.runs, &models)?;

@@ -10,7 +10,7 @@ use repose_networks::Models;
 use repose_simulator::generate::{GenerateSettings, generate};
 use serde_json::{Value, json};
 
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::values::threads;
 
@@ -32,7 +32,7 @@ pub struct BenchScoringArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &BenchScoringArgs, output: Output) -> Outcome {
+pub fn run(args: &BenchScoringArgs, output: Output) -> CommandResult {
     let [each, training] = [("seconds", args.seconds), ("training-seconds", args.training_seconds)].map(|(field, value)| {
         Duration::try_from_secs_f64(value).map_err(|e| Failure::bad_input(field, format!("expected seconds, got {value}: {e}")))
     });

@@ -12,7 +12,7 @@ use repose_evaluation::tables::arrange::{ArrangeTableSettings, arrange_rows, eva
 use repose_proto::place::Variant;
 
 use super::shared::TableArgs;
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
 use crate::values::{parse_count, parse_variant};
@@ -50,7 +50,7 @@ pub struct EvaluateArrangeArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &EvaluateArrangeArgs, output: Output) -> Outcome {
+pub fn run(args: &EvaluateArrangeArgs, output: Output) -> CommandResult {
     let engine = args.common.engine()?;
     let or_all = |given: &[u8]| if given.is_empty() { vec![2, 3, 4, 6, 8] } else { given.iter().map(|n| usize::from(*n)).collect() };
     let goals: Vec<usize> = or_all(&args.goals);

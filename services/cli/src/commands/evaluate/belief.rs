@@ -10,7 +10,7 @@ use repose_evaluation::tables::belief::{BeliefTableSettings, belief_table};
 use repose_simulator::scene::SceneKind;
 
 use super::shared::only_meshes;
-use crate::failure::Outcome;
+use crate::failure::CommandResult;
 use crate::output::Output;
 use crate::progress::Progress;
 use crate::values::{parse_count, parse_kind, parse_split, threads};
@@ -39,7 +39,7 @@ pub struct EvaluateBeliefArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &EvaluateBeliefArgs, output: Output) -> Outcome {
+pub fn run(args: &EvaluateBeliefArgs, output: Output) -> CommandResult {
     let mut problem = ProblemSettings::default();
     if let Some(folder) = &args.objects {
         only_meshes(&mut problem.scene, folder)?;

@@ -10,7 +10,7 @@ use repose_proto::place::Variant;
 use serde_json::json;
 
 use super::shared::{TableArgs, folder_name, only_meshes};
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
 use crate::values::{parse_count, parse_variant};
@@ -39,7 +39,7 @@ pub struct EvaluateDiscriminatorArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &EvaluateDiscriminatorArgs, output: Output) -> Outcome {
+pub fn run(args: &EvaluateDiscriminatorArgs, output: Output) -> CommandResult {
     let mut settings = DiscriminatorSettings {
         samples: args.samples,
         variants: args.variants.clone(),

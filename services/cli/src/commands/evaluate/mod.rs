@@ -12,7 +12,7 @@ mod world;
 
 use clap::{Args, Subcommand};
 
-use crate::failure::Outcome;
+use crate::failure::CommandResult;
 use crate::output::Output;
 
 /// Arguments of `evaluate`.
@@ -20,13 +20,13 @@ use crate::output::Output;
 pub struct EvaluateArgs {
     /// Which table.
     #[command(subcommand)]
-    pub table: Table,
+    pub table: EvaluationTable,
 }
 
 /// The tables.
 #[derive(Debug, Subcommand)]
-pub enum Table {
-    /// The planner's variants on simulated scenes that nothing was trained on (the paper's Table 1).
+pub enum EvaluationTable {
+    /// Placement success of the planner's variants, on held-out simulated scenes (the paper's Table 1).
     Planner(planner::EvaluatePlannerArgs),
     /// Accuracy of the relations, learned and by rule, on held-out simulated scenes (the paper's Table 2).
     Relations(relations::EvaluateRelationsArgs),
@@ -45,15 +45,15 @@ pub enum Table {
 }
 
 /// Runs the command.
-pub fn run(args: &EvaluateArgs, output: Output) -> Outcome {
+pub fn run(args: &EvaluateArgs, output: Output) -> CommandResult {
     match &args.table {
-        Table::Planner(args) => planner::run(args, output),
-        Table::Belief(args) => belief::run(args, output),
-        Table::Arrange(args) => arrange::run(args, output),
-        Table::World(args) => world::run(args, output),
-        Table::Relations(args) => relations::run(args, output),
-        Table::Discriminator(args) => discriminator::run(args, output),
-        Table::Segmentation(args) => segmentation::run(args, output),
-        Table::Robot(args) => robot::run(args, output),
+        EvaluationTable::Planner(args) => planner::run(args, output),
+        EvaluationTable::Belief(args) => belief::run(args, output),
+        EvaluationTable::Arrange(args) => arrange::run(args, output),
+        EvaluationTable::World(args) => world::run(args, output),
+        EvaluationTable::Relations(args) => relations::run(args, output),
+        EvaluationTable::Discriminator(args) => discriminator::run(args, output),
+        EvaluationTable::Segmentation(args) => segmentation::run(args, output),
+        EvaluationTable::Robot(args) => robot::run(args, output),
     }
 }

@@ -18,7 +18,7 @@ use repose_proto::place::Variant;
 use repose_simulator::scene::SceneKind;
 
 use super::shared::{TableArgs, folder_name, only_meshes};
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
 use crate::values::{parse_count, parse_kind, parse_perturbation, parse_variant};
@@ -63,7 +63,7 @@ pub struct EvaluatePlannerArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &EvaluatePlannerArgs, output: Output) -> Outcome {
+pub fn run(args: &EvaluatePlannerArgs, output: Output) -> CommandResult {
     let mut settings = settings_of(args)?;
     let engine = args.common.engine()?;
     let made_with = serde_json::json!({

@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use clap::Args;
 use repose_evaluation::report::relations::{document, pictures, text_of};
 use repose_evaluation::report::written::write_report;
-use repose_evaluation::tables::relations::{RelationsSettings, Shown, evaluate_relations};
+use repose_evaluation::tables::relations::{CloudSource, RelationsSettings, evaluate_relations};
 use serde_json::json;
 
 use super::shared::{TableArgs, folder_name, only_meshes};
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
 use crate::values::parse_count;
@@ -32,7 +32,7 @@ pub struct EvaluateRelationsArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &EvaluateRelationsArgs, output: Output) -> Outcome {
+pub fn run(args: &EvaluateRelationsArgs, output: Output) -> CommandResult {
     let mut settings = RelationsSettings { threads: args.common.threads(), ..RelationsSettings::default() };
     if let Some(folder) = &args.objects {
         only_meshes(&mut settings.scene, folder)?;
@@ -41,14 +41,14 @@ pub fn run(args: &EvaluateRelationsArgs, output: Output) -> Outcome {
     let made_with = json!({"weights_hash": engine.weights_hash(), "objects": folder_name(args.objects.as_deref())});
     let scenes = args.common.first("relations", &made_with)?;
     settings.first = scenes.first;
-    let mut table_of = |shown: Shown| {
+    let mut table_of = |shown: CloudSource| {
         settings.shown = shown;
         let progress = Progress::new(args.examples as u64, &format!("examples, {shown:?}").to_lowercase());
         let table = evaluate_relations(scenes.split, args.examples, &engine, &settings, |examples| progress.set(examples as u64));
         progress.finish();
         table
     };
-    let (table, beside) = (table_of(Shown::Rendered)?, [table_of(Shown::Apart)?, table_of(Shown::Together)?]);
+    let (table, beside) = (table_of(CloudSource::Rendered)?, [table_of(CloudSource::Apart)?, table_of(CloudSource::Together)?]);
     let document = document(&table, &beside, &scenes.named(&made_with));
     if let Some(folder) = &args.out {
         write_report(folder, "relations", &document, &pictures(&table, &beside).map_err(Failure::other)?)?;

@@ -5,16 +5,16 @@ use std::path::PathBuf;
 use clap::Args;
 use repose_evaluation::report;
 use repose_evaluation::report::written::write_picture;
-use repose_evaluation::scenes::robot_scene::Condition;
+use repose_evaluation::scenes::robot_scene::TableCondition;
 use repose_evaluation::scenes::robot_trial::Cause;
 use repose_evaluation::tables::robot::{OBJECTS, RobotTableSettings, evaluate_robot};
 use repose_local::picture::{rgb_image, side_by_side};
 use repose_simulator::objects::{MeshLibrary, MeshSettings};
 
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::values::parse_count;
-use repose_local::Models as LocalModels;
+use repose_local::LocalModels;
 
 /// Arguments of `evaluate robot`.
 #[derive(Debug, Args)]
@@ -30,8 +30,8 @@ pub struct EvaluateRobotArgs {
     pub only: Vec<String>,
     /// Only this condition.
     #[arg(long, value_parser = parse_condition)]
-    pub condition: Option<Condition>,
-    /// The seed that all scenes follow from.
+    pub condition: Option<TableCondition>,
+    /// Seed of the scenes.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
     /// A folder for a strip of pictures per trial: before, lifted, lowered, placed.
@@ -39,13 +39,13 @@ pub struct EvaluateRobotArgs {
     pub pictures: Option<PathBuf>,
 }
 
-fn parse_condition(name: &str) -> Result<Condition, String> {
-    let names = Condition::ALL.map(Condition::name).join(", ");
-    Condition::ALL.into_iter().find(|c| c.name() == name).ok_or_else(|| format!("the conditions are {names}"))
+fn parse_condition(name: &str) -> Result<TableCondition, String> {
+    let names = TableCondition::ALL.map(TableCondition::name).join(", ");
+    TableCondition::ALL.into_iter().find(|c| c.name() == name).ok_or_else(|| format!("the conditions are {names}"))
 }
 
 /// Runs the command.
-pub fn run(args: &EvaluateRobotArgs, output: Output) -> Outcome {
+pub fn run(args: &EvaluateRobotArgs, output: Output) -> CommandResult {
     let models = LocalModels::embedded()?;
     let library = MeshLibrary::load(&args.objects, &MeshSettings::default()).map_err(|e| Failure::bad_input("objects", e))?;
     let mut settings = RobotTableSettings { trials: args.trials, seed: args.seed, ..RobotTableSettings::default() };

@@ -8,7 +8,7 @@ use repose_evaluation::statistics::mask_scores::tolerance_px;
 use repose_evaluation::tables::segmentation::judge_frame;
 use repose_perception::Settings;
 
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::frames;
 use crate::output::Output;
 
@@ -24,7 +24,7 @@ pub struct EvaluateSegmentationArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &EvaluateSegmentationArgs, output: Output) -> Outcome {
+pub fn run(args: &EvaluateSegmentationArgs, output: Output) -> CommandResult {
     let mut folders = Vec::new();
     find_frames(&args.dir, &mut folders)?;
     if folders.is_empty() {
@@ -58,7 +58,7 @@ fn read_settings(path: &Path) -> Result<Settings, Failure> {
 }
 
 /// Folders that hold a labelled frame, in name order; nothing below a frame is searched.
-fn find_frames(dir: &Path, found: &mut Vec<PathBuf>) -> Outcome {
+fn find_frames(dir: &Path, found: &mut Vec<PathBuf>) -> CommandResult {
     if dir.join("depth.png").is_file() {
         if dir.join("labels.png").is_file() {
             found.push(dir.to_owned());

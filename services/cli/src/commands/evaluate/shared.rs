@@ -11,7 +11,7 @@ use repose_simulator::scene::SceneSettings;
 use serde_json::Value;
 
 use crate::embedded::engine;
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::values::{parse_table_split, threads};
 
 /// What every table of the networks and the planner is told.
@@ -34,14 +34,14 @@ pub struct TableArgs {
 
 impl TableArgs {
     /// The first scene, counted from the split's first seed: the block's, which is written down here when it begins.
-    pub fn first(&self, table: &str, made_with: &Value) -> Result<Scenes, Failure> {
+    pub fn first(&self, table: &str, made_with: &Value) -> Result<SceneRange, Failure> {
         let commit = commit();
         if self.split != Split::Final {
             let given = self.block.map_or(Ok(()), |_| Err(Failure::bad_input("block", "only `--split final` has blocks")));
-            return given.map(|()| Scenes { split: self.split, first: 0, block: None, commit });
+            return given.map(|()| SceneRange { split: self.split, first: 0, block: None, commit });
         }
         let block = claim(&ledger(), table, self.block, &commit, made_with).map_err(|e| Failure::bad_input("block", e))?;
-        Ok(Scenes { split: self.split, first: block * Split::BLOCK, block: Some(block), commit })
+        Ok(SceneRange { split: self.split, first: block * Split::BLOCK, block: Some(block), commit })
     }
 
     /// The networks, one thread a request: the tables spread scenes over the cores.
@@ -57,7 +57,7 @@ impl TableArgs {
 
 /// The range of scenes that a table is made from.
 #[derive(Debug, Clone)]
-pub struct Scenes {
+pub struct SceneRange {
     /// Their split.
     pub split: Split,
     /// The first of them, counted from the split's first seed.
@@ -68,7 +68,7 @@ pub struct Scenes {
     pub commit: String,
 }
 
-impl Scenes {
+impl SceneRange {
     /// What a report says of them beside `made_with`.
     pub fn named(&self, made_with: &Value) -> Value {
         let mut named = made_with.clone();
@@ -83,7 +83,7 @@ pub fn folder_name(folder: Option<&Path>) -> Option<String> {
 }
 
 /// Makes scenes of a folder's meshes only.
-pub fn only_meshes(scene: &mut SceneSettings, folder: &Path) -> Outcome {
+pub fn only_meshes(scene: &mut SceneSettings, folder: &Path) -> CommandResult {
     let library = MeshLibrary::load(folder, &MeshSettings::default()).map_err(|e| Failure::bad_input("objects", e))?;
     scene.arrange.source = ObjectSource::meshes(library);
     Ok(())

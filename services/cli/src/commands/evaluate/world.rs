@@ -6,7 +6,7 @@ use repose_evaluation::report;
 use repose_evaluation::tables::world::{WorldReportSettings, world_report};
 use repose_simulator::scene::{KindWeights, SceneKind};
 
-use crate::failure::Outcome;
+use crate::failure::CommandResult;
 use crate::output::Output;
 use crate::progress::Progress;
 use crate::values::{parse_count, parse_kind, parse_split, threads};
@@ -32,7 +32,7 @@ pub struct EvaluateWorldArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &EvaluateWorldArgs, output: Output) -> Outcome {
+pub fn run(args: &EvaluateWorldArgs, output: Output) -> CommandResult {
     let mut settings =
         WorldReportSettings { split: args.split, scenes: args.scenes, placements: args.placements, ..WorldReportSettings::default() };
     if let Some(kind) = args.kind {

@@ -19,12 +19,12 @@ use repose_simulator::render::{DepthCanvas, picture};
 use repose_simulator::scene::{SceneKind, SceneSettings, scene_of_seed};
 use repose_simulator::sheet::{SheetSettings, scene_tile, stacked, tile};
 use repose_simulator::statistics::Statistics;
-use repose_simulator::trials::TrialSettings;
+use repose_simulator::trials::ReleaseTrialSettings;
 use repose_simulator::views::view_of_scene;
 
 use self::frames::write_frames;
 use self::proposals::write_proposals;
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
 use crate::values::{parse_kind, parse_split, threads};
@@ -99,7 +99,7 @@ const SHOWN: u64 = 120;
 const SCENES_PER_SHEET: usize = 6;
 
 /// Runs the command.
-pub fn run(args: &GenerateArgs, output: Output) -> Outcome {
+pub fn run(args: &GenerateArgs, output: Output) -> CommandResult {
     let mut settings = GenerateSettings::new(args.out.as_deref().unwrap_or(Path::new("")), args.split, args.scenes);
     settings.first_scene = args.first;
     settings.views = args.views;
@@ -117,7 +117,7 @@ pub fn run(args: &GenerateArgs, output: Output) -> Outcome {
         *source = source.clone().with_meshes(library, args.objects_share);
     }
     settings.threads = threads(args.threads);
-    settings.trials = (args.releases > 0).then(|| TrialSettings { per_scene: args.releases, ..TrialSettings::default() });
+    settings.trials = (args.releases > 0).then(|| ReleaseTrialSettings { per_scene: args.releases, ..ReleaseTrialSettings::default() });
     let mut report = Report::default();
     if let Some(folder) = &args.show {
         let sheets = show(folder, &settings)?;
@@ -239,7 +239,7 @@ fn survey(settings: &GenerateSettings) -> Statistics {
 }
 
 /// Writes the numbers, and the two histograms beside them.
-fn write_statistics(path: &Path, statistics: &Statistics) -> Outcome {
+fn write_statistics(path: &Path, statistics: &Statistics) -> CommandResult {
     let failed = |path: &Path, e: &dyn std::fmt::Display| Failure::bad_input("statistics", format!("{}: {e}", path.display()));
     let json = serde_json::to_string_pretty(statistics).map_err(Failure::other)?;
     std::fs::write(path, json).map_err(|e| failed(path, &e))?;

@@ -11,7 +11,7 @@ use super::LoadArgs;
 use super::asking::{Asking, Slice};
 use super::report::{Asked, Ended};
 use crate::client::{self, SystemArgs};
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 
 /// How long agents may take to start and to get ready: they all begin then, by the clocks of their machines.
@@ -102,7 +102,7 @@ fn now_ns() -> u64 {
 }
 
 /// Asks one part, and tells what became of it on standard output.
-pub async fn ask_part(args: &LoadArgs, part: &Part) -> Outcome {
+pub async fn ask_part(args: &LoadArgs, part: &Part) -> CommandResult {
     let session = client::connect(&args.connect.system).await?;
     let asking = Asking::prepare(&session, args, part.slice).await?;
     let left = Duration::from_nanos(part.begin_ns.saturating_sub(now_ns()));

@@ -24,7 +24,7 @@ use repose_proto::place::Variant;
 use repose_runtime::RuntimeConfig;
 
 use crate::client::{self, ConnectArgs, SystemArgs};
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::values::{parse_count, parse_variant};
 use agents::{Agents, Part};
@@ -132,7 +132,7 @@ struct Run {
 }
 
 /// Runs the command.
-pub async fn run(args: &LoadArgs, output: Output) -> Outcome {
+pub async fn run(args: &LoadArgs, output: Output) -> CommandResult {
     check(args)?;
     if let Some(part) = &args.agent {
         return agents::ask_part(args, part).await;
@@ -170,7 +170,7 @@ pub async fn run(args: &LoadArgs, output: Output) -> Outcome {
     if report.per_worker.is_empty() { Err(Failure::NotAchieved) } else { Ok(()) }
 }
 
-fn check(args: &LoadArgs) -> Outcome {
+fn check(args: &LoadArgs) -> CommandResult {
     if args.rate.is_some_and(|r| !(r > 0.0 && args.requests as f64 / r <= LONGEST_RUN_S)) {
         return Err(Failure::bad_input("rate", format!("expected more than 0 requests per second, and all within {LONGEST_RUN_S:.0} s")));
     }

@@ -14,8 +14,8 @@ use tokio::task::JoinHandle;
 
 use super::fault::{Deed, Fault, Schedule};
 use crate::client::{self, SystemArgs, client_config};
-use crate::failure::{Failure, Outcome};
-use crate::processes::{Labelled, service_process};
+use crate::failure::{CommandResult, Failure};
+use crate::processes::{LabelledProcess, service_process};
 
 /// How long the processes may take to come up.
 const READY_WITHIN: Duration = Duration::from_secs(60);
@@ -60,7 +60,7 @@ struct Own {
     what: String,
     /// Its number among those of its kind, from 0.
     place: usize,
-    process: Labelled,
+    process: LabelledProcess,
     is_halted: bool,
 }
 
@@ -135,7 +135,7 @@ impl OwnSystem {
     }
 
     /// Starts a process. A service begins at the router whose turn it is, and knows the others.
-    fn add(&mut self, what: &str, place: usize) -> Outcome {
+    fn add(&mut self, what: &str, place: usize) -> CommandResult {
         let name = name(what, place);
         let (endpoint, file) = match what {
             ROUTER => (self.routers[place].clone(), self.file(&name)),
@@ -149,7 +149,8 @@ impl OwnSystem {
         if what == Service::Simulator.as_str() {
             command.env("REPOSE_SIMULATOR__SEED", self.seed.to_string());
         }
-        let process = Labelled::spawn(&mut command, &name).map_err(|e| Failure::other(format!("{name} could not be started: {e}")))?;
+        let process =
+            LabelledProcess::spawn(&mut command, &name).map_err(|e| Failure::other(format!("{name} could not be started: {e}")))?;
         self.processes.push(Own { what: what.to_owned(), place, process, is_halted: false });
         Ok(())
     }
@@ -231,7 +232,7 @@ fn free_endpoint(is_secured: bool) -> Result<String, Failure> {
 }
 
 /// A file for each router, which names the others.
-fn write_routers(routers: &[String], folder: &Path) -> Outcome {
+fn write_routers(routers: &[String], folder: &Path) -> CommandResult {
     for (place, own) in routers.iter().enumerate() {
         let others: Vec<&String> = routers.iter().filter(|other| *other != own).collect();
         let text = format!("[session]\nmode = \"router\"\nconnect = {others:?}\n");
@@ -241,7 +242,7 @@ fn write_routers(routers: &[String], folder: &Path) -> Outcome {
 }
 
 /// The configuration of a router and of a user for each service, in a folder.
-fn write_secured(router: &str, folder: &Path) -> Outcome {
+fn write_secured(router: &str, folder: &Path) -> CommandResult {
     let mut text = format!(
         "router = \"{}\"\ncells = [\"{}\"]\n[users.{CLIENT}]\nrole = \"planner\"\nframes = true\n",
         router.trim_start_matches("quic/"),

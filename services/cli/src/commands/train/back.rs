@@ -3,23 +3,23 @@
 //! How good the fit is is told on scenes that it has not seen, part by part.
 
 use repose_belief::BeliefSettings;
-use repose_belief::back::{Back, FittedOn};
+use repose_belief::back::{Back, BackFitData};
 use repose_evaluation::scenes::back_samples::{FIRST_SEED, SceneBacks};
 use repose_evaluation::scenes::believed::DOUBT_SLACK_M;
 use repose_evaluation::statistics::forecast_fit::{FitSettings, fit_lengths};
 use repose_evaluation::statistics::quantile::Sorted;
 use serde_json::json;
 
-use super::tried::{FitArgs, Scenes, TriedScene, held_out, other_length};
-use crate::failure::{Failure, Outcome};
+use super::tried::{FitArgs, MeasuredScene, TriedScenes, held_out, other_length};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 
 /// Tries, fits, writes and reports.
-pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
+pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
     if args.start.is_some() {
         return Err(Failure::bad_input("start", "only networks start from other weights"));
     }
-    let tried = Scenes {
+    let tried = TriedScenes {
         data: args.data,
         file: "backs.jsonl",
         first_seed: FIRST_SEED,
@@ -32,7 +32,7 @@ pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
         let seen = learned.iter().flat_map(|scene| &scene.objects);
         let objects: Vec<(Vec<f32>, f64)> = seen.map(|(measures, missing_m)| (measures.clone(), Back::target(*missing_m))).collect();
         let trees = fit_lengths(&objects, &FitSettings::of_lengths(args.seed)).map_err(|e| Failure::bad_input("data", e))?;
-        Back::new(trees, FittedOn { scenes: scenes.len(), objects: objects.len() }).map_err(Failure::other)
+        Back::new(trees, BackFitData { scenes: scenes.len(), objects: objects.len() }).map_err(Failure::other)
     };
     let said = |back: &Back, scene: &SceneBacks| scene.objects.iter().map(|(m, missing_m)| (back.missing_m(m), *missing_m)).collect();
     let said: Vec<(f32, f32)> = held_out(&scenes, fit, said)?.concat();
@@ -64,7 +64,7 @@ pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
     })
 }
 
-impl TriedScene for SceneBacks {
+impl MeasuredScene for SceneBacks {
     fn seed(&self) -> u64 {
         self.seed
     }

@@ -11,10 +11,10 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use repose_networks::Weights;
 use repose_planner::learned::forecast::{Forecast, STABILITY, SUCCESS};
-use repose_training::{Compute, ONE_THREAD_VARIABLES, Part, RelationsVariant, TrainError, TrainSettings, train};
+use repose_training::{Compute, ONE_THREAD_VARIABLES, RelationsVariant, TrainError, TrainSettings, TrainedPart, train};
 
 use self::tried::FitArgs;
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::values::threads;
 
@@ -82,7 +82,7 @@ pub struct TrainArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &TrainArgs, output: Output) -> Outcome {
+pub fn run(args: &TrainArgs, output: Output) -> CommandResult {
     let fit_on = |scenes: u64| FitArgs {
         data: &args.data,
         start: args.start.as_deref(),
@@ -100,7 +100,7 @@ pub fn run(args: &TrainArgs, output: Output) -> Outcome {
         STABILITY => return stability::run(&fit_on(u64::MAX), output),
         _ => {}
     }
-    let part = Part::parse(&args.network).ok_or_else(|| {
+    let part = TrainedPart::parse(&args.network).ok_or_else(|| {
         Failure::bad_input(
             "network",
             format!("expected joint, relations, discriminator, outcome, stability, standing, success or back, got {:?}", args.network),
@@ -146,7 +146,7 @@ pub fn run(args: &TrainArgs, output: Output) -> Outcome {
 
 /// Writes the weights of `start`, or the program's own, with forecasts in place of those of their names. The forecast of success, which reads
 /// what the others say, goes when one of those is fitted anew.
-fn with_forecasts(start: Option<&Path>, out: &Path, forecasts: &[(&str, &Forecast)]) -> Outcome {
+fn with_forecasts(start: Option<&Path>, out: &Path, forecasts: &[(&str, &Forecast)]) -> CommandResult {
     let mut weights = match start {
         Some(path) => {
             let bad = |e: &dyn std::fmt::Display| Failure::bad_input("start", format!("{}: {e}", path.display()));

@@ -7,7 +7,7 @@ use repose_dataset::{ReleaseRecord, Split, read_proposals};
 use repose_evaluation::scenes::problem::{Problem, ProblemSettings};
 use repose_evaluation::scenes::stability_samples::stability_samples;
 use repose_evaluation::statistics::correlation::area_under_curve;
-use repose_evaluation::statistics::forecast_fit::{FitSettings, Sample};
+use repose_evaluation::statistics::forecast_fit::{FitSample, FitSettings};
 use repose_inference::Engine;
 use repose_networks::serving::spread;
 use repose_planner::learned::forecast::STABILITY;
@@ -18,12 +18,12 @@ use serde_json::json;
 use super::tried::{FitArgs, fitted};
 use super::with_forecasts;
 use crate::embedded::engine;
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
 
 /// Fits, writes and reports.
-pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
+pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
     let engine = engine(args.start.map(Path::to_owned))?;
     let proposals = proposals_by_scene(&args.data.join(Split::Train.name()))?;
     let wanted = (args.first as usize, usize::try_from(args.scenes).unwrap_or(usize::MAX));
@@ -40,7 +40,7 @@ pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
         },
     );
     bar.finish();
-    let measured: Vec<Vec<Sample>> = measured.into_iter().collect::<Result<_, CallError>>()?;
+    let measured: Vec<Vec<FitSample>> = measured.into_iter().collect::<Result<_, CallError>>()?;
     let fitting = FitSettings { seed: args.seed, ..FitSettings::default() };
     let fitted = fitted(&names(), &measured, engine.outcome_hash(), &fitting)?;
     let network: Vec<(f64, bool)> = measured.iter().flatten().map(|s| (f64::from(s.measures[0]), s.came_true)).collect();
@@ -73,7 +73,7 @@ fn proposals_by_scene(folder: &Path) -> Result<BTreeMap<u64, Vec<ReleaseRecord>>
 }
 
 /// The samples of one scene; none where its seed gives no problem.
-fn samples_of(releases: &[ReleaseRecord], seed: u64, settings: &ProblemSettings, engine: &Engine) -> Result<Vec<Sample>, CallError> {
+fn samples_of(releases: &[ReleaseRecord], seed: u64, settings: &ProblemSettings, engine: &Engine) -> Result<Vec<FitSample>, CallError> {
     match Problem::of_seed(seed, settings) {
         Some(problem) => stability_samples(&problem, engine, releases),
         None => Ok(Vec::new()),

@@ -8,25 +8,25 @@ use std::path::Path;
 use repose_evaluation::scenes::standing_samples::{FIRST_SEED, SceneStances};
 use repose_evaluation::statistics::calibration::Calibration;
 use repose_evaluation::statistics::correlation::area_under_curve;
-use repose_evaluation::statistics::forecast_fit::{FitSettings, Sample};
+use repose_evaluation::statistics::forecast_fit::{FitSample, FitSettings};
 use repose_planner::learned::forecast::{NEIGHBOUR_STAYS, STANDS};
 use repose_planner::learned::standing;
 use serde::Serialize;
 use serde_json::json;
 
-use super::tried::{FitArgs, Scenes, TriedScene, fitted, other_length};
+use super::tried::{FitArgs, MeasuredScene, TriedScenes, fitted, other_length};
 use super::with_forecasts;
 use crate::embedded::engine;
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 
 /// Probabilities below which things are refused, to show what that would catch.
 const THRESHOLDS: [f64; 4] = [0.1, 0.2, 0.3, 0.5];
 
 /// Tries, fits, writes and reports.
-pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
+pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
     let engine = engine(args.start.map(Path::to_owned))?;
-    let tried = Scenes {
+    let tried = TriedScenes {
         data: args.data,
         file: "stances.jsonl",
         first_seed: FIRST_SEED,
@@ -35,8 +35,8 @@ pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
         threads: args.threads,
     };
     let stances = tried.tried(|index| Ok(SceneStances::of(index)))?;
-    let fit = |names: &[&'static str], of: &dyn Fn(&SceneStances) -> Vec<Sample>| {
-        let scenes: Vec<Vec<Sample>> = stances.values().map(of).filter(|samples| !samples.is_empty()).collect();
+    let fit = |names: &[&'static str], of: &dyn Fn(&SceneStances) -> Vec<FitSample>| {
+        let scenes: Vec<Vec<FitSample>> = stances.values().map(of).filter(|samples| !samples.is_empty()).collect();
         let fitted = fitted(names, &scenes, engine.outcome_hash(), &FitSettings::of_objects(args.seed))?;
         Ok::<_, Failure>((fitted.forecast, HeldOut::of(&fitted.held_out.concat())))
     };
@@ -92,7 +92,7 @@ impl HeldOut {
     }
 }
 
-impl TriedScene for SceneStances {
+impl MeasuredScene for SceneStances {
     fn seed(&self) -> u64 {
         self.seed
     }

@@ -8,22 +8,22 @@ use repose_evaluation::scenes::one_scene::forecasts_of;
 use repose_evaluation::scenes::success_samples::{FIRST_SEED, SceneAnswers};
 use repose_evaluation::statistics::calibration::Calibration;
 use repose_evaluation::statistics::correlation::area_under_curve;
-use repose_evaluation::statistics::forecast_fit::{FitSettings, Sample};
+use repose_evaluation::statistics::forecast_fit::{FitSample, FitSettings};
 use repose_planner::learned::forecast::SUCCESS;
 use repose_planner::learned::success::names;
 use serde_json::json;
 
-use super::tried::{FitArgs, Scenes, TriedScene, fitted, other_length};
+use super::tried::{FitArgs, MeasuredScene, TriedScenes, fitted, other_length};
 use super::with_forecasts;
 use crate::embedded::engine;
-use crate::failure::Outcome;
+use crate::failure::CommandResult;
 use crate::output::Output;
 
 /// Tries, fits, writes and reports.
-pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
+pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
     let engine = engine(args.start.map(Path::to_owned))?;
     let forecasts = forecasts_of(&engine)?;
-    let tried = Scenes {
+    let tried = TriedScenes {
         data: args.data,
         file: "answers.jsonl",
         first_seed: FIRST_SEED,
@@ -32,7 +32,7 @@ pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
         threads: args.threads,
     };
     let answers = tried.tried(|index| SceneAnswers::of(index, &engine, &forecasts))?;
-    let scenes: Vec<Vec<Sample>> =
+    let scenes: Vec<Vec<FitSample>> =
         answers.values().filter(|scene| !scene.measures.is_empty()).map(|scene| scene.samples().collect()).collect();
     let fitted = fitted(&names(), &scenes, engine.outcome_hash(), &FitSettings::of_few(args.seed))?;
     let said_of_first: Vec<(f64, bool)> = fitted.held_out.iter().filter_map(|said| said.first().copied()).collect();
@@ -61,7 +61,7 @@ pub fn run(args: &FitArgs<'_>, output: Output) -> Outcome {
     })
 }
 
-impl TriedScene for SceneAnswers {
+impl MeasuredScene for SceneAnswers {
     fn seed(&self) -> u64 {
         self.seed
     }

@@ -7,9 +7,9 @@ use std::fs::File;
 use std::io::Write;
 use std::path::Path;
 
-use repose_evaluation::statistics::forecast_fit::{FitSettings, Sample, fit_forecast};
+use repose_evaluation::statistics::forecast_fit::{FitSample, FitSettings, fit_forecast};
 use repose_networks::serving::spread;
-use repose_planner::learned::forecast::{FittedOn, Forecast};
+use repose_planner::learned::forecast::{Forecast, ForecastFitData};
 use repose_proto::CallError;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -17,8 +17,8 @@ use serde::de::DeserializeOwned;
 use crate::failure::Failure;
 use crate::progress::Progress;
 
-/// What was measured of a scene, and what became of it.
-pub trait TriedScene: Serialize + DeserializeOwned + Send {
+/// The measures and results of one scene, from which a forecast is fitted.
+pub trait MeasuredScene: Serialize + DeserializeOwned + Send {
     /// The scene.
     fn seed(&self) -> u64;
     /// How many measures each of its samples has that is not of this program's length; none where all are.
@@ -46,7 +46,7 @@ pub struct FitArgs<'a> {
 
 /// The scenes that are tried for a fit.
 #[derive(Debug, Clone, Copy)]
-pub struct Scenes<'a> {
+pub struct TriedScenes<'a> {
     /// The data folder.
     pub data: &'a Path,
     /// The file in it, of JSON lines.
@@ -61,9 +61,9 @@ pub struct Scenes<'a> {
     pub threads: usize,
 }
 
-impl Scenes<'_> {
+impl TriedScenes<'_> {
     /// All scenes by seed: those in the file, and those that are tried now, by their index.
-    pub fn tried<S: TriedScene>(&self, of: impl Fn(u64) -> Result<S, CallError> + Sync) -> Result<BTreeMap<u64, S>, Failure> {
+    pub fn tried<S: MeasuredScene>(&self, of: impl Fn(u64) -> Result<S, CallError> + Sync) -> Result<BTreeMap<u64, S>, Failure> {
         let path = self.data.join(self.file);
         let bad = |e: &dyn Display| Failure::bad_input("data", format!("{}: {e}", path.display()));
         std::fs::create_dir_all(self.data).map_err(|e| bad(&e))?;
@@ -123,13 +123,13 @@ pub struct Fitted {
 }
 
 /// The forecast that samples, by scene, tell.
-pub fn fitted(names: &[&str], scenes: &[Vec<Sample>], outcome_hash: &str, settings: &FitSettings) -> Result<Fitted, Failure> {
-    let fit = |learned: &[&Vec<Sample>]| {
-        let kept: Vec<Sample> = learned.iter().copied().flatten().cloned().collect();
-        let fitted_on = FittedOn { scenes: scenes.len() as u64, releases: kept.len(), outcome_hash: outcome_hash.to_owned() };
+pub fn fitted(names: &[&str], scenes: &[Vec<FitSample>], outcome_hash: &str, settings: &FitSettings) -> Result<Fitted, Failure> {
+    let fit = |learned: &[&Vec<FitSample>]| {
+        let kept: Vec<FitSample> = learned.iter().copied().flatten().cloned().collect();
+        let fitted_on = ForecastFitData { scenes: scenes.len() as u64, releases: kept.len(), outcome_hash: outcome_hash.to_owned() };
         fit_forecast(names, &kept, fitted_on, settings).map_err(|e| Failure::bad_input("data", e))
     };
-    let said = |forecast: &Forecast, samples: &Vec<Sample>| -> Vec<(f64, bool)> {
+    let said = |forecast: &Forecast, samples: &Vec<FitSample>| -> Vec<(f64, bool)> {
         samples.iter().map(|sample| (forecast.of(&sample.measures), sample.came_true)).collect()
     };
     Ok(Fitted { held_out: held_out(scenes, fit, said)?, forecast: fit(&scenes.iter().collect::<Vec<_>>())? })

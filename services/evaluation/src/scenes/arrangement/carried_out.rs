@@ -1,8 +1,8 @@
 //! What moves come to in the true world: each is let go where it was planned, from where its object truly stands.
 
 use nalgebra::Isometry3;
-use repose_simulator::release::{Outcome as Released, ReleaseSettings, released};
-use repose_simulator::scene::Scene as Table;
+use repose_simulator::release::{ReleaseOutcome, ReleaseSettings, released};
+use repose_simulator::scene::SimulatedScene;
 use serde::{Deserialize, Serialize};
 
 use crate::scenes::arrangement::task::ArrangementTask;
@@ -51,9 +51,9 @@ pub(super) struct CarriedOut {
     /// The first fault.
     pub fault: Option<PlanFault>,
     /// The move that it came with, and what came of that.
-    pub came: Option<(usize, Released)>,
+    pub came: Option<(usize, ReleaseOutcome)>,
     /// The table before that move, or after all of them.
-    pub table: Table,
+    pub table: SimulatedScene,
 }
 
 impl CarriedOut {

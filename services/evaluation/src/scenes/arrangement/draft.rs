@@ -8,7 +8,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Vector2};
 use rand::RngExt;
 use rand_pcg::Pcg64;
-use repose_simulator::objects::{Family, ObjectSource, Shape};
+use repose_simulator::objects::{Family, ObjectShape, ObjectSource};
 use serde::{Deserialize, Serialize};
 
 use crate::scenes::arrangement::layout::{Layout, on_top};
@@ -57,7 +57,7 @@ pub enum About {
 #[derive(Debug, Clone)]
 pub struct Draft {
     /// The objects.
-    pub shapes: Vec<Arc<Shape>>,
+    pub shapes: Vec<Arc<ObjectShape>>,
     /// Where each stands at first.
     pub start: Vec<Isometry3<f64>>,
     /// The moves to the arranged table: object, and where it then stands.
@@ -239,7 +239,7 @@ impl Making {
     }
 
     /// A free place, more often than not beside something that stays.
-    fn place_by_fixed(&self, shape: &Shape, rng: &mut Pcg64) -> Option<Isometry3<f64>> {
+    fn place_by_fixed(&self, shape: &ObjectShape, rng: &mut Pcg64) -> Option<Isometry3<f64>> {
         const BESIDE: f64 = 0.6;
         let neighbour = self.fixed.get(rng.random_range(0..self.fixed.len().max(1)))?;
         let beside =
@@ -247,7 +247,7 @@ impl Making {
         beside.flatten().or_else(|| self.layout.anywhere(shape, rng))
     }
 
-    fn add(&mut self, shape: Arc<Shape>, start: Isometry3<f64>, end: Isometry3<f64>) -> usize {
+    fn add(&mut self, shape: Arc<ObjectShape>, start: Isometry3<f64>, end: Isometry3<f64>) -> usize {
         self.layout.keep(&shape, &start);
         if end != start {
             self.layout.keep(&shape, &end);
@@ -266,7 +266,7 @@ impl Making {
 }
 
 /// A thing of a size that one can set down by another.
-fn drawn(rng: &mut Pcg64) -> Option<Arc<Shape>> {
+fn drawn(rng: &mut Pcg64) -> Option<Arc<ObjectShape>> {
     use Family::{Bottle, Box, Can, Carton, Cup, Cylinder, Jar, Mug};
     let weights = [(Box, 4.0), (Cylinder, 2.0), (Can, 2.0), (Carton, 2.0), (Cup, 1.0), (Jar, 1.0), (Mug, 1.0), (Bottle, 1.0)];
     let source = ObjectSource::procedural(weights);

@@ -3,8 +3,8 @@
 use repose_geometry::transform::from_row_major;
 use repose_planner::PreparedScene;
 use repose_proto::arrange::{ArrangeMove, ArrangeResult, Purpose};
-use repose_simulator::release::{Outcome as Released, Surroundings, Thing};
-use repose_simulator::scene::{Scene as Table, SceneObject};
+use repose_simulator::release::{ReleaseOutcome, Surroundings, Thing};
+use repose_simulator::scene::{SceneObject, SimulatedScene};
 use serde::{Deserialize, Serialize};
 
 use crate::scenes::arrangement::carried_out::CarriedOut;
@@ -13,9 +13,9 @@ use crate::scenes::arrangement::task::ArrangementTask;
 /// What a place is lowered by to find what would carry an object there, metres.
 const REACH_M: f64 = 0.03;
 
-/// What is known of a fault's cause.
+/// The details of a fault: the move, the unmet terms, the conflict.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Failure {
+pub struct FaultDetails {
     /// The move that it came with.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step: Option<FailedMove>,
@@ -56,7 +56,7 @@ pub struct FailedMove {
     pub carrier_error_m: Option<f64>,
 }
 
-impl Failure {
+impl FaultDetails {
     /// Of a plan that failed.
     pub(super) fn of(task: &ArrangementTask, prepared: &PreparedScene, result: &ArrangeResult, end: &CarriedOut) -> Self {
         let step = end.came.as_ref().and_then(|(k, came)| FailedMove::of(task, prepared, result.moves.get(*k)?, (&end.table, came)));
@@ -67,7 +67,12 @@ impl Failure {
 }
 
 impl FailedMove {
-    fn of(task: &ArrangementTask, prepared: &PreparedScene, step: &ArrangeMove, (table, came): (&Table, &Released)) -> Option<Self> {
+    fn of(
+        task: &ArrangementTask,
+        prepared: &PreparedScene,
+        step: &ArrangeMove,
+        (table, came): (&SimulatedScene, &ReleaseOutcome),
+    ) -> Option<Self> {
         let index = task.index_of(step.object)?;
         let motion = from_row_major(&step.placement.placed_from_observed.0).ok()?;
         let placed = motion * table.objects[index].world_from_object;
@@ -103,7 +108,7 @@ fn span_m(object: &SceneObject) -> [f64; 2] {
     heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], z| [low.min(z), high.max(z)])
 }
 
-fn unmet(task: &ArrangementTask, table: &Table) -> Vec<String> {
+fn unmet(task: &ArrangementTask, table: &SimulatedScene) -> Vec<String> {
     let (n, relations) = (table.objects.len(), table.relations(&task.viewer));
     let of_goal = |goal: &repose_proto::arrange::ObjectGoal| {
         let i = task.index_of(goal.object)?;

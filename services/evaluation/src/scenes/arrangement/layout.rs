@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector2, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 use repose_simulator::contact::PlacedParts;
-use repose_simulator::objects::Shape;
+use repose_simulator::objects::ObjectShape;
 
 /// Air under what is put down, metres.
 const AIR_M: f64 = 0.0005;
@@ -32,12 +32,12 @@ impl Layout {
     }
 
     /// Nothing else may come near an object at this place.
-    pub fn keep(&mut self, shape: &Shape, world_from_object: &Isometry3<f64>) {
+    pub fn keep(&mut self, shape: &ObjectShape, world_from_object: &Isometry3<f64>) {
         self.taken.extend(PlacedParts::new(&shape.parts, world_from_object));
     }
 
     /// A free place anywhere on the table.
-    pub fn anywhere(&self, shape: &Shape, rng: &mut Pcg64) -> Option<Isometry3<f64>> {
+    pub fn anywhere(&self, shape: &ObjectShape, rng: &mut Pcg64) -> Option<Isometry3<f64>> {
         (0..TRIES).find_map(|_| {
             let at = self.half_m.map(|half| rng.random_range(-half..half));
             let placed = on_table(shape, at, any_yaw(rng));
@@ -46,7 +46,7 @@ impl Layout {
     }
 
     /// A free place on the table beside another object, as near as the layout lets it be and up to a centimetre farther.
-    pub fn beside(&self, shape: &Shape, other: (&Shape, &Isometry3<f64>), rng: &mut Pcg64) -> Option<Isometry3<f64>> {
+    pub fn beside(&self, shape: &ObjectShape, other: (&ObjectShape, &Isometry3<f64>), rng: &mut Pcg64) -> Option<Isometry3<f64>> {
         const STEP_M: f64 = 0.005;
         const STEPS: u32 = 60;
         let neighbour = PlacedParts::new(&other.0.parts, other.1)?;
@@ -62,11 +62,11 @@ impl Layout {
         })
     }
 
-    fn is_free(&self, shape: &Shape, placed: &Isometry3<f64>) -> bool {
+    fn is_free(&self, shape: &ObjectShape, placed: &Isometry3<f64>) -> bool {
         PlacedParts::new(&shape.parts, placed).is_some_and(|parts| self.taken.iter().all(|other| !parts.is_within(other, self.margin_m)))
     }
 
-    fn is_on_table(&self, shape: &Shape, placed: &Isometry3<f64>) -> bool {
+    fn is_on_table(&self, shape: &ObjectShape, placed: &Isometry3<f64>) -> bool {
         let within = |corner: &nalgebra::Point3<f64>| (0..2).all(|k| corner[k].abs() <= self.half_m[k] - EDGE_M);
         shape.bounds(placed).corners().iter().all(within)
     }
@@ -74,7 +74,7 @@ impl Layout {
 
 /// The place on top of another object, in the middle of its top; none where its top is too small for it, or has room for a second one
 /// where only one shall fit.
-pub fn on_top(shape: &Shape, other: (&Arc<Shape>, &Isometry3<f64>), only_one: bool) -> Option<Isometry3<f64>> {
+pub fn on_top(shape: &ObjectShape, other: (&Arc<ObjectShape>, &Isometry3<f64>), only_one: bool) -> Option<Isometry3<f64>> {
     const OF_TOP: f64 = 0.95;
     let top = other.0.top?;
     let half = |k: usize| f64::from(top.half_extents_m[k]);
@@ -88,7 +88,7 @@ pub fn on_top(shape: &Shape, other: (&Arc<Shape>, &Isometry3<f64>), only_one: bo
     Some(other.1 * Translation3::new(f64::from(top.center_m[0]), f64::from(top.center_m[1]), height_m))
 }
 
-fn on_table(shape: &Shape, at: Vector2<f64>, yaw: UnitQuaternion<f64>) -> Isometry3<f64> {
+fn on_table(shape: &ObjectShape, at: Vector2<f64>, yaw: UnitQuaternion<f64>) -> Isometry3<f64> {
     let height_m = shape.depth_below_origin_m(&Isometry3::identity()) + AIR_M;
     Isometry3::from_parts(Translation3::new(at.x, at.y, height_m), yaw)
 }

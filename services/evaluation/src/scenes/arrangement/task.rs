@@ -10,13 +10,13 @@ use repose_dataset::Split;
 use repose_geometry::transform::look_at;
 use repose_geometry::{Pinhole, ViewerFrame};
 use repose_proto::arrange::ObjectGoal;
-use repose_proto::{GoalTerm, Relation, Scene as ObservedScene};
-use repose_relations::{TrueObject, ground_truth_margins};
+use repose_proto::{GoalTerm, Relation, Scene};
+use repose_relations::{TrueBounds, ground_truth_margins};
 use repose_sensor::SensorModel;
 use repose_simulator::furniture::{Furniture, Table};
 use repose_simulator::objects::color::random_color;
 use repose_simulator::release::{ReleaseSettings, released};
-use repose_simulator::scene::{Scene, SceneKind, SceneObject, displacement_m};
+use repose_simulator::scene::{SceneKind, SceneObject, SimulatedScene, displacement_m};
 use serde::{Deserialize, Serialize};
 
 use crate::scenes::arrangement::draft::{About, Draft, TABLE_HALF_M, drafted};
@@ -57,11 +57,11 @@ pub struct ArrangementTask {
     /// What makes it hard.
     pub kind: TaskKind,
     /// The true table at first.
-    pub truth: Scene,
+    pub truth: SimulatedScene,
     /// The viewer of all relations.
     pub viewer: ViewerFrame,
     /// What a camera sees of it.
-    pub observed: ObservedScene,
+    pub observed: Scene,
     /// What shall hold at the end, in no order.
     pub goals: Vec<ObjectGoal>,
     /// Moves of the known solution.
@@ -103,7 +103,7 @@ impl ArrangementTask {
     }
 
     /// What a planner is given of it.
-    pub fn seen(&self, shapes: Shapes) -> Arc<ObservedScene> {
+    pub fn seen(&self, shapes: Shapes) -> Arc<Scene> {
         Arc::new(match shapes {
             Shapes::True => true_scene(&self.truth, &self.observed),
             Shapes::Observed => self.observed.clone(),
@@ -116,7 +116,7 @@ impl ArrangementTask {
     }
 
     /// Whether all goals hold on a true table.
-    pub fn hold(&self, table: &Scene) -> bool {
+    pub fn hold(&self, table: &SimulatedScene) -> bool {
         let (n, relations) = (table.objects.len(), table.relations(&self.viewer));
         let term = |i: usize, t: &GoalTerm| self.index_of(t.anchor).is_some_and(|j| relations[i * n + j][t.relation.index()] == t.holds);
         self.goals.iter().all(|goal| self.index_of(goal.object).is_some_and(|i| goal.terms.iter().all(|t| term(i, t))))
@@ -124,12 +124,12 @@ impl ArrangementTask {
 }
 
 /// The table at first, at rest.
-fn settled(draft: &Draft, seed: u64, rng: &mut Pcg64) -> Option<Scene> {
+fn settled(draft: &Draft, seed: u64, rng: &mut Pcg64) -> Option<SimulatedScene> {
     const SETTLED_M: f64 = 0.005;
     let [x, y] = TABLE_HALF_M;
     let table = Table::Fixed { low: Point2::new(-x, -y), high: Point2::new(x, y) };
     let Furniture { fixtures, surfaces, outlook } = Furniture::sample(SceneKind::OpenTable, &table, rng);
-    let object = |(i, (shape, pose)): (usize, (&Arc<repose_simulator::objects::Shape>, &Isometry3<f64>))| SceneObject {
+    let object = |(i, (shape, pose)): (usize, (&Arc<repose_simulator::objects::ObjectShape>, &Isometry3<f64>))| SceneObject {
         id: i as u16 + 1,
         shape: shape.clone(),
         world_from_object: *pose,
@@ -137,7 +137,7 @@ fn settled(draft: &Draft, seed: u64, rng: &mut Pcg64) -> Option<Scene> {
     };
     let mut objects: Vec<SceneObject> = draft.shapes.iter().zip(&draft.start).enumerate().map(object).collect();
     objects.iter_mut().for_each(|o| o.color = random_color(rng));
-    let scene = Scene { seed, kind: SceneKind::OpenTable, fixtures, surfaces, outlook, objects, gaps_m: Vec::new() };
+    let scene = SimulatedScene { seed, kind: SceneKind::OpenTable, fixtures, surfaces, outlook, objects, gaps_m: Vec::new() };
     let settings = repose_simulator::scene::SceneSettings::default();
     let mut world = scene.world(settings.physics);
     world.settle(&settings.rest)?;
@@ -157,7 +157,7 @@ fn viewpoint(rng: &mut Pcg64) -> (Pinhole, Isometry3<f64>) {
 }
 
 /// The table after a solution's moves; none where one of them does not stay where it was put.
-fn solved(truth: &Scene, moves: &[(usize, Isometry3<f64>)]) -> Option<Scene> {
+fn solved(truth: &SimulatedScene, moves: &[(usize, Isometry3<f64>)]) -> Option<SimulatedScene> {
     let settings = ReleaseSettings { ends_at_rest: true, ..ReleaseSettings::default() };
     moves.iter().try_fold(truth.clone(), |scene, (object, there)| {
         let came = released(&scene, *object, there, &settings)?;
@@ -170,13 +170,20 @@ fn solved(truth: &Scene, moves: &[(usize, Isometry3<f64>)]) -> Option<Scene> {
 }
 
 /// Terms that hold in the end with room to spare, the first of which does not hold yet; none where there are none.
-fn terms(truth: &Scene, end: &Scene, viewer: &ViewerFrame, object: usize, about: &About, rng: &mut Pcg64) -> Option<Vec<GoalTerm>> {
+fn terms(
+    truth: &SimulatedScene,
+    end: &SimulatedScene,
+    viewer: &ViewerFrame,
+    object: usize,
+    about: &About,
+    rng: &mut Pcg64,
+) -> Option<Vec<GoalTerm>> {
     use Relation::{Above, Behind, InFrontOf, LeftOf, Near, RightOf};
     const SIDES: [Relation; 4] = [LeftOf, RightOf, InFrontOf, Behind];
     // By how much a relation must hold in the end, and be missed at first, metres: nobody asks for what nobody can tell.
     const SURE_M: f64 = 0.008;
-    let margin = |scene: &Scene, anchor: usize, relation: Relation| {
-        let true_object = |i: usize| TrueObject { bounds: scene.objects[i].shape.bounds(&scene.objects[i].world_from_object) };
+    let margin = |scene: &SimulatedScene, anchor: usize, relation: Relation| {
+        let true_object = |i: usize| TrueBounds { bounds: scene.objects[i].shape.bounds(&scene.objects[i].world_from_object) };
         let gap_m = f64::from(scene.gaps_m[object * scene.objects.len() + anchor]);
         ground_truth_margins(&true_object(object), &true_object(anchor), gap_m, viewer).0[relation.index()]
     };

@@ -20,11 +20,11 @@ use repose_planner::{Forecasts, PlacementModels, PreparedScene, plan};
 use repose_proto::arrange::{ArrangeMove, ArrangeRequest, ArrangeResult, ObjectGoal};
 use repose_proto::place::{Outcome, Variant};
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
-use repose_proto::{CallError, ErrorCode, PlaceRequest, Scene as ObservedScene};
+use repose_proto::{CallError, ErrorCode, PlaceRequest, Scene};
 use serde::{Deserialize, Serialize};
 
 use crate::scenes::arrangement::carried_out::{CarriedOut, Move, PlanFault, carried_out};
-use crate::scenes::arrangement::failure::Failure;
+use crate::scenes::arrangement::failure::FaultDetails;
 use crate::scenes::arrangement::task::{ArrangementTask, Shapes, TaskKind};
 use crate::statistics::processor_time::of_this_thread_ms;
 
@@ -56,7 +56,7 @@ pub struct TaskRecord {
     pub at_move: Option<usize>,
     /// What is known of the fault's cause.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub failure: Option<Failure>,
+    pub failure: Option<FaultDetails>,
     /// The probability of success that each move was given.
     #[serde(default)]
     pub successes: Vec<f64>,
@@ -73,7 +73,7 @@ pub struct TaskRecord {
     pub bars: Option<Bars>,
 }
 
-/// What was wrong with the goals one after another; null where nothing was.
+/// Faults of the baselines, which place the goals one after another; null where there was none.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Bars {
     /// In the given order.
@@ -84,7 +84,7 @@ pub struct Bars {
 
 /// How tasks are tried.
 #[derive(Debug, Clone, Copy)]
-pub struct TrialSettings {
+pub struct ArrangementTrialSettings {
     /// What is given of the objects' shapes.
     pub shapes: Shapes,
     /// Which method finds each placement.
@@ -107,7 +107,7 @@ impl TaskRecord {
 pub fn try_task(
     task: &ArrangementTask,
     slot: u64,
-    settings: &TrialSettings,
+    settings: &ArrangementTrialSettings,
     engine: &Engine,
     forecasts: &Arc<Forecasts>,
 ) -> Result<TaskRecord, CallError> {
@@ -141,7 +141,7 @@ pub fn try_task(
         moves: moves.len(),
         fault: end.fault,
         at_move: end.came.as_ref().map(|(k, _)| *k),
-        failure: end.fault.map(|_| Failure::of(task, &prepared, &result, &end)),
+        failure: end.fault.map(|_| FaultDetails::of(task, &prepared, &result, &end)),
         successes: result.moves.iter().filter_map(|m| m.placement.success).collect(),
         probability: result.probability,
         searches: result.searches,
@@ -236,7 +236,7 @@ struct HeldScenes<'a> {
 }
 
 impl HeldScenes<'_> {
-    fn held(&self, scene_id: &str, scene: &Arc<ObservedScene>) -> Arc<HeldScene> {
+    fn held(&self, scene_id: &str, scene: &Arc<Scene>) -> Arc<HeldScene> {
         const SCENES: usize = 4;
         let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(known) = held.iter().find(|known| known.scene_id() == scene_id) {
@@ -252,11 +252,11 @@ impl HeldScenes<'_> {
 }
 
 impl PlacementModels for HeldScenes<'_> {
-    fn prior(&self, request: &PriorRequest, scene: &Arc<ObservedScene>) -> Result<PriorReply, CallError> {
+    fn prior(&self, request: &PriorRequest, scene: &Arc<Scene>) -> Result<PriorReply, CallError> {
         self.engine.prior(request, &self.held(&request.scene.scene_id, scene))
     }
 
-    fn score(&self, request: &ScoreRequest, scene: &Arc<ObservedScene>) -> Result<ScoreReply, CallError> {
+    fn score(&self, request: &ScoreRequest, scene: &Arc<Scene>) -> Result<ScoreReply, CallError> {
         self.engine.score(request, &self.held(&request.scene.scene_id, scene))
     }
 

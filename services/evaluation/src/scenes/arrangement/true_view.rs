@@ -4,15 +4,15 @@ use std::collections::BTreeMap;
 
 use nalgebra::Point3;
 use repose_geometry::{Aabb, TriMesh};
-use repose_proto::{ObjectSummary, Scene as ObservedScene, Surface, Unseen};
-use repose_simulator::scene::Scene;
+use repose_proto::{ObjectSummary, Scene, Surface, Unseen};
+use repose_simulator::scene::SimulatedScene;
 
 /// Spacing of points on an object and on furniture, metres.
 const OBJECT_M: f32 = 0.004;
 const FURNITURE_M: f64 = 0.005;
 
 /// The true table as a scene, in the observed one's place.
-pub fn true_scene(truth: &Scene, observed: &ObservedScene) -> ObservedScene {
+pub fn true_scene(truth: &SimulatedScene, observed: &Scene) -> Scene {
     let mut scene = observed.clone();
     (scene.points, scene.labels, scene.colors) = (Vec::new(), Vec::new(), None);
     (scene.meta.objects, scene.meta.surfaces, scene.meta.left_out) = (Vec::new(), Vec::new(), Vec::new());

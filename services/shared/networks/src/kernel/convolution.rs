@@ -7,7 +7,7 @@ use repose_simd::{Lanes, Work};
 
 use super::{
     packed::PackedLinear,
-    tile::{Inputs, extended, outputs},
+    tile::{TileInputs, extended, outputs},
 };
 
 /// Output pixels of the main tile: pictures are 20, 40, 80 and 160 wide most often.
@@ -51,7 +51,7 @@ struct Surroundings<'a> {
     stride: usize,
 }
 
-impl Inputs for Surroundings<'_> {
+impl TileInputs for Surroundings<'_> {
     #[inline(always)]
     unsafe fn product<S: Lanes, const R: usize, const C: usize>(&self, first: usize, panel: *const f32, width: usize) -> [[S::V; C]; R] {
         let (step, inputs) = (self.stride * self.channels, 3 * self.channels);

@@ -4,11 +4,11 @@ use repose_simd::{Lanes, Work};
 
 use super::{
     packed::PackedLinear,
-    tile::{Inputs, ROWS, outputs, product},
+    tile::{ROWS, TileInputs, outputs, product},
 };
 
 /// [`super::Kernel::linear`].
-pub(super) struct Linear<'a> {
+pub(super) struct LinearPass<'a> {
     pub layer: &'a PackedLinear,
     pub rows: &'a [f32],
     pub count: usize,
@@ -16,7 +16,7 @@ pub(super) struct Linear<'a> {
     pub out: &'a mut [f32],
 }
 
-impl Work for Linear<'_> {
+impl Work for LinearPass<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -43,7 +43,7 @@ struct Rows<'a> {
     inputs: usize,
 }
 
-impl Inputs for Rows<'_> {
+impl TileInputs for Rows<'_> {
     #[inline(always)]
     unsafe fn product<S: Lanes, const R: usize, const C: usize>(&self, first: usize, panel: *const f32, width: usize) -> [[S::V; C]; R] {
         // SAFETY: the same contract.

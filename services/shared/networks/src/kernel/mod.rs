@@ -11,7 +11,7 @@ mod pair_mlp;
 mod pair_mlp_backward;
 mod tile;
 
-use repose_simd::{Family, InstructionSet};
+use repose_simd::{InstructionSet, SimdLevel};
 
 pub use packed::PackedLinear;
 pub use pair_mlp::PairMlp;
@@ -37,15 +37,15 @@ impl Kernel {
     /// The name that travels with results. Its number rises when an algorithm's order of operations changes.
     pub fn id(self) -> &'static str {
         match self.0.family() {
-            Family::Avx512 => "avx512-1",
-            Family::Avx2 => "avx2-1",
-            Family::Plain => "plain-1",
+            SimdLevel::Avx512 => "avx512-1",
+            SimdLevel::Avx2 => "avx2-1",
+            SimdLevel::Plain => "plain-1",
         }
     }
 
     /// `count` rows `[count, inputs]` through a layer (and ReLU) into `out` `[count, padded outputs]`.
     pub(crate) fn linear(self, layer: &PackedLinear, rows: &[f32], count: usize, relu: bool, out: &mut [f32]) {
-        self.0.run(linear::Linear { layer, rows, count, relu, out });
+        self.0.run(linear::LinearPass { layer, rows, count, relu, out });
     }
 
     /// A row of `count` pixels `[count, padded outputs]` of a 3 × 3 convolution (and ReLU).

@@ -10,8 +10,8 @@ use super::packed::PackedLinear;
 /// Rows of the main tile. Its sums fill three quarters of the registers: 6 rows of [`vectors_at_once`] vectors.
 pub(super) const ROWS: usize = 6;
 
-/// What a layer reads: for each of its outputs, inputs that a tile multiplies with the layer's weights.
-pub(super) trait Inputs {
+/// The inputs of a layer, tile by tile: for each output, those that a tile multiplies with the layer's weights.
+pub(super) trait TileInputs {
     /// Sums of the inputs of `R` outputs from the `first` on, times `C` vectors of columns of `panel`, whose rows are `width` floats apart.
     ///
     /// # Safety
@@ -26,7 +26,7 @@ pub(super) trait Inputs {
 /// The instruction set must be present; `inputs` must be for `count` outputs of such a layer. The length of `out` is asserted.
 #[inline(always)]
 pub(super) unsafe fn outputs<S: Lanes, const R: usize>(
-    inputs: &impl Inputs,
+    inputs: &impl TileInputs,
     layer: &PackedLinear,
     count: usize,
     relu: bool,
@@ -64,7 +64,7 @@ struct Columns<'a, I> {
     relu: bool,
 }
 
-impl<I: Inputs> Columns<'_, I> {
+impl<I: TileInputs> Columns<'_, I> {
     #[inline(always)]
     unsafe fn all<S: Lanes, const R: usize, const C: usize>(&self, count: usize, out: &mut [f32]) {
         let mut first = 0;

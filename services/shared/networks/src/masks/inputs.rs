@@ -18,13 +18,13 @@ const BIN_M: f32 = 0.01;
 const BINS: usize = 600;
 const LOWEST_M: f32 = -4.0;
 
-/// Features of each pixel, row by row.
+/// The mask network's input: features of each pixel, row by row.
 ///
 /// Whether there is a reading; the height over the main support in halves of a metre and in twentieths, both cut off; depth less 0.9 m; the
 /// normal's parts to the right, away and up; the bends along x and y over a short and a long arm, as slopes; how much the line of sight
 /// points up.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Inputs {
+pub struct MaskInputs {
     /// Columns.
     pub width: usize,
     /// Rows.
@@ -33,9 +33,9 @@ pub struct Inputs {
     pub pixels: Vec<[f32; CHANNELS]>,
 }
 
-impl Inputs {
-    /// Of a picture `depth_m` `[camera.height · camera.width]`, metres along the optical axis, where anything but a positive number is no reading. `up`
-    /// is the unit vector against gravity in the camera's frame.
+impl MaskInputs {
+    /// Of a picture `depth_m` `[camera.height · camera.width]`, metres along the optical axis, where anything but a positive number is no
+    /// reading. `up` is the unit vector against gravity in the camera's frame.
     pub fn new(depth_m: &[f32], camera: &Pinhole, up: &Vector3<f64>) -> Self {
         let picture = Picture::new(depth_m, camera, &up.cast());
         let normals: Vec<Vector3<f32>> = (0..depth_m.len()).map(|i| picture.normal(i)).collect();
@@ -157,7 +157,7 @@ mod tests {
     #[test]
     fn a_table_is_at_no_height_faces_up_and_is_flat() {
         let (depth, up) = table();
-        let inputs = Inputs::new(&depth, &CAMERA, &up);
+        let inputs = MaskInputs::new(&depth, &CAMERA, &up);
         let [reading, coarse, fine, _, right, away, up, bends @ .., _] = inputs.pixels[40 * 64 + 10];
         assert_eq!(reading, 1.0);
         assert!(coarse.abs() < 0.01 && fine.abs() < 0.1 && right.abs() < 0.01 && away.abs() < 0.01 && up > 0.99);
@@ -170,10 +170,10 @@ mod tests {
     fn what_has_no_reading_has_no_features_and_nothing_is_no_number() {
         let (mut depth, up) = table();
         (depth[5], depth[6], depth[7]) = (f32::NAN, 0.0, -1.0);
-        let inputs = Inputs::new(&depth, &CAMERA, &up);
+        let inputs = MaskInputs::new(&depth, &CAMERA, &up);
         assert!(inputs.pixels[5..8].iter().all(|p| p[..11] == [0.0; 11]));
         assert!(inputs.pixels.as_flattened().iter().all(|x| x.is_finite()));
-        let nothing = Inputs::new(&[f32::NAN; 64 * 48], &CAMERA, &up);
+        let nothing = MaskInputs::new(&[f32::NAN; 64 * 48], &CAMERA, &up);
         assert!(nothing.pixels.as_flattened().iter().all(|x| x.is_finite()));
     }
 }

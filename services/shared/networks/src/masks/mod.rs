@@ -10,5 +10,5 @@ mod feature_map;
 mod inputs;
 mod network;
 
-pub use inputs::Inputs;
+pub use inputs::MaskInputs;
 pub use network::{MaskLogits, MaskNetwork, OFFSETS};

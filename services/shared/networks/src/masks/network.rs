@@ -16,7 +16,7 @@ use candle_core::{DType, Device, Tensor};
 use safetensors::SafeTensors;
 
 use super::feature_map::FeatureMap;
-use super::inputs::{CHANNELS, Inputs};
+use super::inputs::{CHANNELS, MaskInputs};
 use crate::kernel::{Kernel, PackedLinear};
 use crate::weights::WeightsError;
 
@@ -95,7 +95,7 @@ impl MaskNetwork {
     }
 
     /// What the network says of a picture. The same inputs give the same bits on any number of threads.
-    pub fn logits(&self, inputs: &Inputs) -> MaskLogits {
+    pub fn logits(&self, inputs: &MaskInputs) -> MaskLogits {
         let kernel = self.kernel;
         let plus_own = |x: FeatureMap, layer: &PackedLinear| {
             let more = x.convolved(kernel, layer, 1);
@@ -118,7 +118,7 @@ impl MaskNetwork {
 }
 
 /// The inputs with four pixels' features in each, those of one channel side by side, filled up to whole multiples.
-fn folded(inputs: &Inputs) -> FeatureMap {
+fn folded(inputs: &MaskInputs) -> FeatureMap {
     let (rows, columns) = (inputs.height.next_multiple_of(MULTIPLE) / 2, inputs.width.next_multiple_of(MULTIPLE) / 2);
     let mut map = FeatureMap::zeros(rows, columns, 4 * CHANNELS);
     for (v, row) in inputs.pixels.chunks_exact(inputs.width.max(1)).enumerate() {
@@ -133,7 +133,7 @@ fn folded(inputs: &Inputs) -> FeatureMap {
 }
 
 /// Each pixel's own outputs, from those of four pixels.
-fn unfolded(map: &FeatureMap, inputs: &Inputs) -> MaskLogits {
+fn unfolded(map: &FeatureMap, inputs: &MaskInputs) -> MaskLogits {
     let mut pixels = vec![[0.0; OUTPUTS]; inputs.width * inputs.height];
     for (v, row) in pixels.chunks_exact_mut(inputs.width.max(1)).enumerate() {
         let from = map.inside(v / 2);

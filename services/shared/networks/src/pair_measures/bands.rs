@@ -5,7 +5,7 @@
 
 use nalgebra::{Vector2, Vector3};
 
-use super::cloud::{MeasuredCloud, Outline};
+use super::cloud::{MeasuredCloud, OutlineSource};
 use super::gap::CLOSE_M;
 use super::middles::{Circle, Guess};
 use super::slices::{Band, Span, direction, directions};
@@ -18,8 +18,12 @@ const SLACK_M: f32 = 0.005;
 const RADIUS_LEAST_M: f32 = 0.005;
 
 /// What of an outline the gaps are given for.
-pub(super) const OUTLINES: [Outline; 4] =
-    [Outline::Restored, Outline::Completed(Guess::Top), Outline::Completed(Guess::Rectangle), Outline::Completed(Guess::Circle)];
+pub(super) const OUTLINES: [OutlineSource; 4] = [
+    OutlineSource::Restored,
+    OutlineSource::Completed(Guess::Top),
+    OutlineSource::Completed(Guess::Rectangle),
+    OutlineSource::Completed(Guess::Circle),
+];
 
 /// A gap with what it was found between; far apart where two clouds share no height.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,7 +39,7 @@ pub(super) fn outlines_apart(
     query: &MeasuredCloud,
     anchor: &MeasuredCloud,
     offset: &Vector3<f32>,
-    outline: Outline,
+    outline: OutlineSource,
 ) -> (f32, Vector2<f32>) {
     let mut least = (CLOSE_M, Vector2::zeros());
     for (ours, theirs) in at_one_height(query, anchor, offset.z) {
@@ -100,7 +104,7 @@ struct Between<'a> {
     anchor: &'a MeasuredCloud,
     theirs: &'a Band,
     offset: Vector2<f32>,
-    outline: Outline,
+    outline: OutlineSource,
 }
 
 impl Between<'_> {
@@ -109,10 +113,10 @@ impl Between<'_> {
         let reach = |cloud: &MeasuredCloud, u: &Vector2<f32>, span: Span| {
             let beyond_m = cloud.rim.beyond_m([u.x, u.y, 0.0]);
             match self.outline {
-                Outline::Observed => span.most,
-                Outline::Restored => span.most + beyond_m,
+                OutlineSource::Observed => span.most,
+                OutlineSource::Restored => span.most + beyond_m,
                 // The rim is as wide in the opposite direction.
-                Outline::Completed(guess) => span.most.max(cloud.turned_reach(u, -span.least, guess)) + beyond_m,
+                OutlineSource::Completed(guess) => span.most.max(cloud.turned_reach(u, -span.least, guess)) + beyond_m,
             }
         };
         u.dot(&self.offset) - reach(self.query, &-u, ours.opposite()) - reach(self.anchor, u, theirs)
@@ -168,9 +172,9 @@ mod tests {
             let offset = Vector3::new(0.0, -(radius + gap_m + 0.01) - to_axis, 0.0);
             let (from_points, off, r) = points_from_circle(&can, &wall, &-offset);
             prop_assert!((from_points - gap_m).abs() < 0.003 && off < 0.05 && (r - radius).abs() < 0.002, "{from_points} {off} {r}");
-            let (completed, normal) = outlines_apart(&can, &wall, &offset, Outline::Completed(Guess::Circle));
+            let (completed, normal) = outlines_apart(&can, &wall, &offset, OutlineSource::Completed(Guess::Circle));
             prop_assert!((completed - gap_m).abs() < 0.003 && normal.y < -0.95, "{completed} {normal}");
-            let (restored, _) = outlines_apart(&can, &wall, &offset, Outline::Restored);
+            let (restored, _) = outlines_apart(&can, &wall, &offset, OutlineSource::Restored);
             prop_assert!(restored > completed + 0.8 * radius || restored == CLOSE_M, "the back that does not show is missing: {restored}");
         }
     }
@@ -179,7 +183,7 @@ mod tests {
     fn what_shares_no_height_is_far_apart() {
         let (query, anchor) = (cuboid([0.03, 0.03, 0.03], 0.0, 0.0), cuboid([0.03, 0.03, 0.03], 0.0, 0.0));
         let above = Vector3::new(0.0, 0.0, 0.08);
-        assert_eq!(outlines_apart(&query, &anchor, &above, Outline::Restored).0, CLOSE_M);
+        assert_eq!(outlines_apart(&query, &anchor, &above, OutlineSource::Restored).0, CLOSE_M);
         assert_eq!(circles_apart(&query, &anchor, &above).gap_m, CLOSE_M);
     }
 

@@ -16,9 +16,9 @@ pub(super) const DIRECTIONS: usize = AZIMUTHS * ELEVATIONS.len() + 2;
 /// The share of points that a box leaves out at either end of each axis, as in the rules on observed clouds.
 const STRAY_SHARE: f32 = 0.01;
 
-/// What of an object's outline is measured.
+/// Which outline of an object is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Outline {
+pub(super) enum OutlineSource {
     /// The cloud's.
     Observed,
     /// With what cleaning took put back on ([`Rim`]).
@@ -64,11 +64,11 @@ impl MeasuredCloud {
             beyond: [0.0; DIRECTIONS],
             completed: [[0.0; DIRECTIONS]; Guess::ALL.len()],
         };
-        cloud.reaches = std::array::from_fn(|d| cloud.reach(&directions()[d].0, Outline::Observed));
+        cloud.reaches = std::array::from_fn(|d| cloud.reach(&directions()[d].0, OutlineSource::Observed));
         cloud.beyond = std::array::from_fn(|d| cloud.rim.beyond_m(directions()[d].0.into()));
         cloud.completed = Guess::ALL.map(|guess| {
             std::array::from_fn(|d| {
-                let restored = |d: usize| cloud.known_reach(d, Outline::Restored);
+                let restored = |d: usize| cloud.known_reach(d, OutlineSource::Restored);
                 restored(d).max(cloud.turned_reach(&directions()[d].0.xy(), restored(half_turned(d)), guess))
             })
         });
@@ -82,7 +82,7 @@ impl MeasuredCloud {
     }
 
     /// How far the outline reaches in a direction, from the centroid.
-    pub(super) fn reach(&self, direction: &Vector3<f32>, outline: Outline) -> f32 {
+    pub(super) fn reach(&self, direction: &Vector3<f32>, outline: OutlineSource) -> f32 {
         // Sixteen lanes keep the loop free of a single chain of comparisons.
         const LANES: usize = 16;
         let [x, y, z] = &self.axes;
@@ -96,12 +96,12 @@ impl MeasuredCloud {
         }
         let observed = (whole..x.len()).map(along).chain(best).fold(f32::NEG_INFINITY, f32::max);
         match outline {
-            Outline::Observed => observed,
-            Outline::Restored => observed + self.rim.beyond_m((*direction).into()),
-            Outline::Completed(guess) => {
+            OutlineSource::Observed => observed,
+            OutlineSource::Restored => observed + self.rim.beyond_m((*direction).into()),
+            OutlineSource::Completed(guess) => {
                 let turned = Vector3::new(-direction.x, -direction.y, direction.z);
                 let restored = observed + self.rim.beyond_m((*direction).into());
-                restored.max(self.turned_reach(&direction.xy(), self.reach(&turned, Outline::Restored), guess))
+                restored.max(self.turned_reach(&direction.xy(), self.reach(&turned, OutlineSource::Restored), guess))
             }
         }
     }
@@ -114,11 +114,11 @@ impl MeasuredCloud {
     }
 
     /// The same in the `d`-th of [`directions`].
-    pub(super) fn known_reach(&self, d: usize, outline: Outline) -> f32 {
+    pub(super) fn known_reach(&self, d: usize, outline: OutlineSource) -> f32 {
         match outline {
-            Outline::Observed => self.reaches[d],
-            Outline::Restored => self.reaches[d] + self.beyond[d],
-            Outline::Completed(guess) => self.completed[guess as usize][d],
+            OutlineSource::Observed => self.reaches[d],
+            OutlineSource::Restored => self.reaches[d] + self.beyond[d],
+            OutlineSource::Completed(guess) => self.completed[guess as usize][d],
         }
     }
 

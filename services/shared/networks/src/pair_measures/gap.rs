@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::cloud::{MeasuredCloud, Outline, directions};
+use super::cloud::{MeasuredCloud, OutlineSource, directions};
 
 /// Hulls farther apart than this are far apart: their plane is not refined, and their nearest points are not looked for.
 pub(super) const CLOSE_M: f32 = 0.06;
@@ -13,7 +13,12 @@ const FACING: usize = 96;
 
 /// The widest gap that a plane between the anchor's and the query's outlines can have, metres, negative when their hulls overlap (then minus
 /// about the least way that parts them); and the plane's normal, towards the query.
-pub(super) fn separation(query: &MeasuredCloud, anchor: &MeasuredCloud, offset: &Vector3<f32>, outline: Outline) -> (f32, Vector3<f32>) {
+pub(super) fn separation(
+    query: &MeasuredCloud,
+    anchor: &MeasuredCloud,
+    offset: &Vector3<f32>,
+    outline: OutlineSource,
+) -> (f32, Vector3<f32>) {
     let known = directions()
         .iter()
         .enumerate()
@@ -101,11 +106,11 @@ mod tests {
             let (sin, cos) = yaw_rad.sin_cos();
             let along = 0.08 + gap_m;
             let offset = Vector3::new(cos * along - sin * slide_m, sin * along + cos * slide_m, 0.0);
-            let (found_m, normal) = separation(&query, &anchor, &offset, Outline::Observed);
+            let (found_m, normal) = separation(&query, &anchor, &offset, OutlineSource::Observed);
             prop_assert!((found_m - gap_m).abs() < 0.002, "{} instead of {}", found_m, gap_m);
             prop_assert!(normal.dot(&Vector3::new(cos, sin, 0.0)) > 0.99 || gap_m < 0.002);
             // Restored outlines are nearer by both rims where the plane lies along the line of sight, and never farther.
-            let (restored_m, _) = separation(&query, &anchor, &offset, Outline::Restored);
+            let (restored_m, _) = separation(&query, &anchor, &offset, OutlineSource::Restored);
             let beyond_m = query.rim.beyond_m([cos, sin, 0.0]) + anchor.rim.beyond_m([cos, sin, 0.0]);
             prop_assert!(restored_m <= found_m + 1e-6 && restored_m >= gap_m - beyond_m - 0.002, "{} of {}", restored_m, gap_m);
         }
@@ -123,7 +128,7 @@ mod tests {
     #[test]
     fn one_on_the_other_is_parted_by_a_level_plane() {
         let (query, anchor) = (cuboid([0.03, 0.04, 0.05], 0.3, 0.0), cuboid([0.05, 0.04, 0.02], -0.8, 0.0));
-        let (gap_m, normal) = separation(&query, &anchor, &Vector3::new(0.01, 0.0, 0.072), Outline::Observed);
+        let (gap_m, normal) = separation(&query, &anchor, &Vector3::new(0.01, 0.0, 0.072), OutlineSource::Observed);
         assert!((gap_m - 0.002).abs() < 1e-4 && normal.z > 0.999, "{gap_m} {normal}");
     }
 
@@ -131,7 +136,7 @@ mod tests {
     fn points_see_into_a_hollow_that_no_plane_parts() {
         let wall = cuboid([0.05, 0.05, 0.05], 0.0, 0.0);
         let inside = cuboid([0.02, 0.02, 0.02], 0.0, 0.0);
-        assert!(separation(&inside, &wall, &Vector3::zeros(), Outline::Observed).0 < -0.05);
+        assert!(separation(&inside, &wall, &Vector3::zeros(), OutlineSource::Observed).0 < -0.05);
         let [least_m, _] = nearest(&inside, &wall, &Vector3::zeros());
         assert!((least_m - 0.03).abs() < 0.002, "{least_m}");
     }

@@ -24,7 +24,7 @@ use repose_relations::{ViewerExtents, directional::directional_margins};
 pub use cloud::MeasuredCloud;
 
 use bands::{OUTLINES, circles_apart, outlines_apart, points_from_circle};
-use cloud::Outline;
+use cloud::OutlineSource;
 use gap::{CLOSE_M, nearest, separation};
 use middles::Guess;
 
@@ -129,11 +129,11 @@ fn put_boxes(list: &mut impl List, Pair { q, a, .. }: &Pair<'_>) {
 /// normal of the second plane.
 fn put_gaps(list: &mut impl List, Pair { query, anchor, offset, .. }: &Pair<'_>) -> Vector3<f32> {
     let (mut least_m, mut between) = (f32::INFINITY, Vector3::z());
-    for (name, outline) in [("observed", Outline::Observed), ("restored", Outline::Restored)] {
+    for (name, outline) in [("observed", OutlineSource::Observed), ("restored", OutlineSource::Restored)] {
         let (gap_m, normal) = separation(query, anchor, offset, outline);
         list.put_length(format_args!("plane.{name}.gap"), gap_m, &[COARSE_M, FINE_M, FINEST_M]);
         AXES.iter().zip(&normal).for_each(|(axis, n)| list.put(format_args!("plane.{name}.normal.{axis}"), *n));
-        if outline == Outline::Restored {
+        if outline == OutlineSource::Restored {
             // A gap along the line of sight is one that the nearer object may hide its own back in.
             for (of, cloud) in [("query", query), ("anchor", anchor)] {
                 let along = normal.dot(&Vector3::from(cloud.rim.line_of_sight));
@@ -158,14 +158,14 @@ fn put_gaps(list: &mut impl List, Pair { query, anchor, offset, .. }: &Pair<'_>)
 /// the normal of the plane between them uncompleted, with either completed and with both.
 fn put_completed_gaps(list: &mut impl List, Pair { query, anchor, offset, .. }: &Pair<'_>, between: &Vector3<f32>) {
     for guess in Guess::ALL {
-        let (name, completed) = (name_of(guess), Outline::Completed(guess));
+        let (name, completed) = (name_of(guess), OutlineSource::Completed(guess));
         let (gap_m, normal) = separation(query, anchor, offset, completed);
         list.put_length(format_args!("plane.completed_by_{name}.gap"), gap_m, &[COARSE_M, FINE_M, FINEST_M]);
         list.put(format_args!("plane.completed_by_{name}.normal.z"), normal.z);
         let along = normal.dot(&Vector3::from(query.rim.line_of_sight));
         list.put(format_args!("plane.completed_by_{name}.normal_along_sight_of_query"), along);
         let completions =
-            [("query", completed, Outline::Restored), ("anchor", Outline::Restored, completed), ("both", completed, completed)];
+            [("query", completed, OutlineSource::Restored), ("anchor", OutlineSource::Restored, completed), ("both", completed, completed)];
         for (which, ours, theirs) in completions {
             let gap_m = between.dot(offset) - query.reach(&-between, ours) - anchor.reach(between, theirs);
             list.put_length(format_args!("plane.restored.gap_with_{which}_completed_by_{name}"), gap_m, &[FINE_M, FINEST_M]);
@@ -177,11 +177,11 @@ fn put_completed_gaps(list: &mut impl List, Pair { query, anchor, offset, .. }: 
 fn put_gaps_by_height(list: &mut impl List, Pair { query, anchor, offset, q, a, .. }: &Pair<'_>) {
     for outline in OUTLINES {
         let name = match outline {
-            Outline::Observed => "observed",
-            Outline::Restored => "restored",
-            Outline::Completed(Guess::Top) => "completed_by_top",
-            Outline::Completed(Guess::Rectangle) => "completed_by_rectangle",
-            Outline::Completed(Guess::Circle) => "completed_by_circle",
+            OutlineSource::Observed => "observed",
+            OutlineSource::Restored => "restored",
+            OutlineSource::Completed(Guess::Top) => "completed_by_top",
+            OutlineSource::Completed(Guess::Rectangle) => "completed_by_rectangle",
+            OutlineSource::Completed(Guess::Circle) => "completed_by_circle",
         };
         let (gap_m, normal) = outlines_apart(query, anchor, offset, outline);
         list.put_length(format_args!("bands.{name}.gap"), gap_m, &[FINE_M, FINEST_M]);

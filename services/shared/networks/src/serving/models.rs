@@ -14,7 +14,7 @@ use crate::{
 
 use super::{
     context::{Candidate, InputError, SceneContext},
-    point_net::{Affine, CodeHead, PointNet, Scratch, Stored, row},
+    point_net::{Affine, PackedCodeHead, PackedPointNet, Scratch, Stored, row},
     shared::SceneFeatures,
     spread::spread,
 };
@@ -61,19 +61,19 @@ type Oriented = (Vec<f32>, Option<MeasuredCloud>);
 pub struct Models {
     kernel: Kernel,
     config: NetworksConfig,
-    object: PointNet,
-    object_head: CodeHead,
-    scene: PointNet,
-    scene_head: CodeHead,
+    object: PackedPointNet,
+    object_head: PackedCodeHead,
+    scene: PackedPointNet,
+    scene_head: PackedCodeHead,
     relation_measures: Option<[PackedLinear; 2]>,
     relation_hidden: PackedLinear,
     relation_out: PackedLinear,
     prior_hidden: PackedLinear,
     prior_norm: Affine,
     prior_out: PackedLinear,
-    discriminator: PointNet,
+    discriminator: PackedPointNet,
     discriminator_out: PackedLinear,
-    outcome: Option<(PointNet, PackedLinear)>,
+    outcome: Option<(PackedPointNet, PackedLinear)>,
     info: WeightsInfo,
     hash: String,
     outcome_hash: String,
@@ -108,10 +108,10 @@ impl Models {
         let (code, hidden) = (config.code, config.hidden[1]);
         Ok(Self {
             kernel,
-            object: PointNet::new(&stored, "object", &config.object_levels)?,
-            object_head: CodeHead::new(&stored, "object", &config, width(&config.object_levels))?,
-            scene: PointNet::new(&stored, "scene", &config.scene_levels)?,
-            scene_head: CodeHead::new(&stored, "scene", &config, width(&config.scene_levels))?,
+            object: PackedPointNet::new(&stored, "object", &config.object_levels)?,
+            object_head: PackedCodeHead::new(&stored, "object", &config, width(&config.object_levels))?,
+            scene: PackedPointNet::new(&stored, "scene", &config.scene_levels)?,
+            scene_head: PackedCodeHead::new(&stored, "scene", &config, width(&config.scene_levels))?,
             relation_measures: match config.measures_code {
                 Some(width) => {
                     Some([stored.linear("relations/measures", PAIR_MEASURES, width)?, stored.linear("relations/measures2", width, width)?])
@@ -126,10 +126,10 @@ impl Models {
             prior_hidden: stored.linear("prior/hidden", 3 * code + GOAL_RELATIONS, hidden)?,
             prior_norm: stored.batch_norm("prior/norm", hidden)?,
             prior_out: stored.linear("prior/out", hidden, config.components * PER_COMPONENT)?,
-            discriminator: PointNet::new(&stored, "discriminator", &config.discriminator_levels)?,
+            discriminator: PackedPointNet::new(&stored, "discriminator", &config.discriminator_levels)?,
             discriminator_out: stored.linear("discriminator/out", width(&config.discriminator_levels), 1)?,
             outcome: if config.outcome {
-                let points = PointNet::new(&stored, "outcome", &config.discriminator_levels)?;
+                let points = PackedPointNet::new(&stored, "outcome", &config.discriminator_levels)?;
                 Some((points, stored.linear("outcome/out", width(&config.discriminator_levels), 1)?))
             } else {
                 None

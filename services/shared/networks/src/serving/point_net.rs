@@ -107,13 +107,13 @@ struct Level {
     norm: Affine,
 }
 
-/// A chain of set abstractions.
+/// A chain of set abstractions with packed weights, for serving.
 #[derive(Debug, Clone)]
-pub(crate) struct PointNet {
+pub(crate) struct PackedPointNet {
     levels: Vec<Level>,
 }
 
-impl PointNet {
+impl PackedPointNet {
     pub(crate) fn new(stored: &Stored<'_>, path: &str, configs: &[SetAbstractionConfig]) -> Result<Self> {
         let levels = configs.iter().enumerate().map(|(k, config)| Level::new(stored, &format!("{path}/sa{}", k + 1), config));
         Ok(Self { levels: levels.collect::<Result<_>>()? })
@@ -207,9 +207,9 @@ pub(crate) fn row(kernel: Kernel, layer: &PackedLinear, input: &[f32], relu: boo
     out
 }
 
-/// (features, centre) → code: the end of both encoders.
+/// (features, centre) → code, with packed weights: the end of both encoders.
 #[derive(Debug, Clone)]
-pub(crate) struct CodeHead {
+pub(crate) struct PackedCodeHead {
     center1: PackedLinear,
     center2: PackedLinear,
     hidden: PackedLinear,
@@ -217,7 +217,7 @@ pub(crate) struct CodeHead {
     code: PackedLinear,
 }
 
-impl CodeHead {
+impl PackedCodeHead {
     pub(crate) fn new(stored: &Stored<'_>, path: &str, config: &NetworksConfig, features: usize) -> Result<Self> {
         let (center, hidden) = (config.center_code, config.hidden[0]);
         Ok(Self {

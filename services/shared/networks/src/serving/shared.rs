@@ -8,7 +8,7 @@ use crate::{
     shared_scene::{PlacedQuery, SharedScene},
 };
 
-use super::point_net::{PointNet, Scratch};
+use super::point_net::{PackedPointNet, Scratch};
 
 /// A scene without one query, and the features of its centroids.
 #[derive(Debug, Clone)]
@@ -20,7 +20,7 @@ pub struct SceneFeatures {
 
 impl SceneFeatures {
     /// Computes the scene's own levels; takes a few milliseconds.
-    pub(super) fn new(kernel: Kernel, config: &NetworksConfig, points: &PointNet, scene_without_query: &SceneCloud) -> Self {
+    pub(super) fn new(kernel: Kernel, config: &NetworksConfig, points: &PackedPointNet, scene_without_query: &SceneCloud) -> Self {
         let scene = SharedScene::new(kernel, config, scene_without_query);
         let scratch = &mut Scratch::default();
         let [_, n1, n2] = scene.counts;
@@ -35,7 +35,7 @@ impl SceneFeatures {
         &self,
         kernel: Kernel,
         config: &NetworksConfig,
-        points: &PointNet,
+        points: &PackedPointNet,
         query: &ObjectCloud,
         position: [f32; 3],
         scratch: &mut Scratch,
@@ -52,7 +52,15 @@ impl SceneFeatures {
     }
 
     /// One level of the query's centroids, from its own features and those of the scene that their lists name.
-    fn level(&self, kernel: Kernel, points: &PointNet, placed: &PlacedQuery, level: usize, own: &[f32], scratch: &mut Scratch) -> Vec<f32> {
+    fn level(
+        &self,
+        kernel: Kernel,
+        points: &PackedPointNet,
+        placed: &PlacedQuery,
+        level: usize,
+        own: &[f32],
+        scratch: &mut Scratch,
+    ) -> Vec<f32> {
         let lists = &placed.lists[level];
         let of_query = if level == 0 { &placed.points[..] } else { &placed.centroids[..placed.lists[level - 1].centroids()] };
         let (width, count) = (own.len() / of_query.len(), self.scene.counts[level]);

@@ -5,7 +5,7 @@
 
 use repose_proto::{Cell, Service};
 
-use super::roles::{Role, User};
+use super::roles::{DeploymentRole, User};
 
 /// What one can do at a key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize)]
@@ -99,23 +99,23 @@ impl Grants {
             self.add(Verb::Token, self.cell.live_recorder("*"));
         }
         match user.role {
-            Role::Viewer => self.look(),
-            Role::Planner | Role::Operator => {
+            DeploymentRole::Viewer => self.look(),
+            DeploymentRole::Planner | DeploymentRole::Operator => {
                 self.look();
                 self.call_pool(&Service::ALL);
                 for service in Service::ALL {
                     self.call(service);
-                    if user.role == Role::Operator && service.has_operations() {
+                    if user.role == DeploymentRole::Operator && service.has_operations() {
                         self.add(Verb::Query, self.cell.operate(service, "*"));
                     }
                 }
-                if user.role == Role::Operator {
+                if user.role == DeploymentRole::Operator {
                     // Shows that whoever has a robot moved is still there.
                     self.add(Verb::Token, self.cell.live_client("*"));
                 }
             }
-            Role::Driver => self.drive(user),
-            Role::Service => self.serve(user),
+            DeploymentRole::Driver => self.drive(user),
+            DeploymentRole::Service => self.serve(user),
         }
         self.grants
     }
@@ -184,7 +184,7 @@ impl Grants {
 
     /// What a robot's and a camera's own program does; the simulator without names stands in for any.
     fn drive(&mut self, user: &User) {
-        let is_any = user.role == Role::Service && user.robot.is_none() && user.cameras.is_empty();
+        let is_any = user.role == DeploymentRole::Service && user.robot.is_none() && user.cameras.is_empty();
         if let Some(robot) = user.robot.as_deref().or(is_any.then_some("*")) {
             self.add(Verb::Put, self.cell.robot_state(robot));
             self.add(Verb::Subscribe, self.cell.robot_command(robot));

@@ -15,7 +15,7 @@ use tokio::time::{Instant, sleep};
 use super::access::{Verb, may};
 use super::files::FRAMES_PER_S;
 use super::probes::Probe;
-use super::report::{CheckReport, Trial, TrialOutcome};
+use super::report::{CheckReport, PermissionMismatch, TrialOutcome};
 use super::roles::Roles;
 use super::sessions::{PATIENCE, QueryEnd, TrialSessions, ask, note};
 use crate::RuntimeError;
@@ -88,7 +88,13 @@ impl<'a> Attempts<'a> {
                     (false, false) if is_deaf && !expected => TrialOutcome::None,
                     (false, false) => TrialOutcome::Refused,
                 };
-                report.add(Trial { user: (*user).to_owned(), verb: self.verb, key: case.probe.key.clone(), expected, outcome });
+                report.add(PermissionMismatch {
+                    user: (*user).to_owned(),
+                    verb: self.verb,
+                    key: case.probe.key.clone(),
+                    expected,
+                    outcome,
+                });
             }
         }
         Ok(())

@@ -11,8 +11,8 @@ use serde_json::{Value, json};
 
 use super::access::{Verb, grants};
 use super::certificates::Authority;
-use super::roles::{Role, Roles, User};
-use super::writer::{Failed, Files, Written};
+use super::roles::{DeploymentRole, Roles, User};
+use super::writer::{Failed, Files, WrittenFiles};
 
 /// Sessions that a router takes at once; every process has one, every client some.
 const MOST_SESSIONS: usize = 512;
@@ -25,7 +25,7 @@ const ATTACHMENT_BYTES: usize = 64 << 10;
 ///
 /// # Errors
 /// The file that could not be read or written.
-pub fn write(roles: &Roles, out: &Path, installed_at: &Path) -> Result<Written, Failed> {
+pub fn write(roles: &Roles, out: &Path, installed_at: &Path) -> Result<WrittenFiles, Failed> {
     let mut files = Files::default();
     let authority = Authority::of(&mut files, &out.join("authority"))?;
     let router = out.join("router");
@@ -187,7 +187,7 @@ fn user_toml(roles: &Roles, name: &str, user: &User, installed: &Path) -> String
     let session = format!("[session]\nmode = \"client\"\ncell = \"{cell}\"\nconnect = [\"{endpoint}\"]\nzenoh_file = {file:?}\n");
     let pool = user.pools.of_cell.get(cell).map_or_else(String::new, |pool| format!("\n[caller]\npool = \"{pool}\"\n"));
     let (use_it, worker) = match (user.role, user.service) {
-        (Role::Service, Some(service)) => {
+        (DeploymentRole::Service, Some(service)) => {
             let worker = user.worker.as_ref().map_or_else(String::new, |worker| format!("name = \"{worker}\"\n"));
             (format!("repose serve {service} --config repose.toml"), format!("\n[worker]\noperate_only = true\n{worker}"))
         }

@@ -2,7 +2,7 @@
 
 use super::access::Verb;
 
-/// What became of one thing that somebody tried.
+/// The outcome of one attempted operation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TrialOutcome {
@@ -14,9 +14,9 @@ pub enum TrialOutcome {
     None,
 }
 
-/// One thing that came out otherwise than the roles say, or not at all.
+/// A permission that differs from what the roles say, or that could not be tested.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
-pub struct Trial {
+pub struct PermissionMismatch {
     /// Who tried.
     pub user: String,
     /// What.
@@ -25,11 +25,11 @@ pub struct Trial {
     pub key: String,
     /// Whether the roles allow it.
     pub expected: bool,
-    /// What became of it.
+    /// Its outcome.
     pub outcome: TrialOutcome,
 }
 
-impl std::fmt::Display for Trial {
+impl std::fmt::Display for PermissionMismatch {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { user, verb, key, expected, outcome } = self;
         let verb = format!("{verb:?}").to_lowercase();
@@ -53,13 +53,13 @@ pub struct CheckReport {
     /// Combinations that nobody is at the other end of.
     pub untried: usize,
     /// What came out otherwise than the roles say.
-    pub wrong: Vec<Trial>,
+    pub wrong: Vec<PermissionMismatch>,
     /// What nobody can tell of.
-    pub unanswered: Vec<Trial>,
+    pub unanswered: Vec<PermissionMismatch>,
 }
 
 impl CheckReport {
-    pub(super) fn add(&mut self, trial: Trial) {
+    pub(super) fn add(&mut self, trial: PermissionMismatch) {
         self.tried += 1;
         self.allowed += usize::from(trial.expected);
         match (trial.outcome, trial.expected) {
@@ -81,7 +81,8 @@ mod tests {
 
     #[test]
     fn what_is_not_answered_is_neither_right_nor_wrong() {
-        let trial = |expected, outcome| Trial { user: "u".to_owned(), verb: Verb::Put, key: "k".to_owned(), expected, outcome };
+        let trial =
+            |expected, outcome| PermissionMismatch { user: "u".to_owned(), verb: Verb::Put, key: "k".to_owned(), expected, outcome };
         let mut report = CheckReport::default();
         report.add(trial(true, TrialOutcome::CameThrough));
         report.add(trial(false, TrialOutcome::Refused));

@@ -6,10 +6,10 @@ use repose_proto::keys::validate_chunk;
 use repose_proto::{CallError, Service};
 use serde::Deserialize;
 
-/// What a user is for.
+/// The role of a deployment's user: what it may read and call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Role {
+pub enum DeploymentRole {
     /// Looks: scenes, states, loads.
     Viewer,
     /// Also asks for scenes, placements and motions.
@@ -52,7 +52,7 @@ impl Login {
 #[serde(deny_unknown_fields)]
 pub struct User {
     /// What the user is for.
-    pub role: Role,
+    pub role: DeploymentRole,
     /// The cells that the user is bound to; those of the file where absent.
     #[serde(default)]
     pub cells: Vec<String>,
@@ -189,12 +189,24 @@ impl User {
         }
         let is_simulator = self.service == Some(Service::Simulator);
         let faults = [
-            (self.role == Role::Service && self.service.is_none(), "service", "which service?"),
-            (self.role != Role::Service && self.service.is_some(), "service", "only users with the role \"service\" have one"),
-            (self.role != Role::Service && self.worker.is_some(), "worker", "only users with the role \"service\" have one"),
-            (self.role == Role::Driver && self.robot.is_none() && self.cameras.is_empty(), "robot", "a driver has a robot or cameras"),
-            (self.role != Role::Driver && !is_simulator && self.robot.is_some(), "robot", "only drivers and the simulator have one"),
-            (self.role != Role::Driver && !is_simulator && !self.cameras.is_empty(), "cameras", "only drivers and the simulator have some"),
+            (self.role == DeploymentRole::Service && self.service.is_none(), "service", "which service?"),
+            (self.role != DeploymentRole::Service && self.service.is_some(), "service", "only users with the role \"service\" have one"),
+            (self.role != DeploymentRole::Service && self.worker.is_some(), "worker", "only users with the role \"service\" have one"),
+            (
+                self.role == DeploymentRole::Driver && self.robot.is_none() && self.cameras.is_empty(),
+                "robot",
+                "a driver has a robot or cameras",
+            ),
+            (
+                self.role != DeploymentRole::Driver && !is_simulator && self.robot.is_some(),
+                "robot",
+                "only drivers and the simulator have one",
+            ),
+            (
+                self.role != DeploymentRole::Driver && !is_simulator && !self.cameras.is_empty(),
+                "cameras",
+                "only drivers and the simulator have some",
+            ),
         ];
         match faults.into_iter().find(|(is_fault, ..)| *is_fault) {
             Some((_, what, why)) => Err(CallError::invalid(field(what), why)),

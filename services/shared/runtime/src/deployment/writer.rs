@@ -18,9 +18,9 @@ impl Failed {
     }
 }
 
-/// What was written.
+/// The files of a deployment: those just written, and those kept.
 #[derive(Debug, Default, serde::Serialize)]
-pub struct Written {
+pub struct WrittenFiles {
     /// The files written now.
     pub files: Vec<PathBuf>,
     /// Secrets and certificates that were there and stay.
@@ -30,7 +30,7 @@ pub struct Written {
 /// Writes, and remembers what.
 #[derive(Default)]
 pub(super) struct Files {
-    written: Written,
+    written: WrittenFiles,
 }
 
 impl Files {
@@ -61,7 +61,7 @@ impl Files {
     }
 
     /// What was written, and what was there and stays.
-    pub(super) fn written(mut self) -> Written {
+    pub(super) fn written(mut self) -> WrittenFiles {
         let files = &self.written.files;
         self.written.kept.retain(|kept| !files.contains(kept));
         self.written

@@ -19,7 +19,7 @@ use tokio::time::Instant;
 
 use crate::mailbox::MailboxSender;
 use crate::transport::{IncomingQuery, Transport};
-use network_state::{Condition, Declared, Shared, State};
+use network_state::{Declaration, NetworkState, NodeCondition, Shared};
 use node::FakeTransport;
 
 /// How bad the network is.
@@ -51,7 +51,7 @@ pub struct FakeNetwork {
 impl FakeNetwork {
     /// A network without nodes.
     pub fn new(settings: FakeSettings) -> Self {
-        let state = State {
+        let state = NetworkState {
             random: Pcg64::seed_from_u64(settings.seed),
             settings,
             next_id: 0,
@@ -74,17 +74,17 @@ impl FakeNetwork {
 
     /// A node of the network: what a process would be.
     pub fn node(&self, name: &str) -> Arc<dyn Transport> {
-        self.shared.with(|state| state.conditions.insert(name.to_owned(), Condition::Running));
+        self.shared.with(|state| state.conditions.insert(name.to_owned(), NodeCondition::Running));
         Arc::new(FakeTransport { shared: self.shared.clone(), node: name.to_owned(), since: Instant::now() })
     }
 
     /// Kills a node (SIGKILL): everyone sees its tokens vanish and its streams end.
     pub fn kill(&self, node: &str) {
         self.shared.with(|state| {
-            state.conditions.insert(node.to_owned(), Condition::Killed);
+            state.conditions.insert(node.to_owned(), NodeCondition::Killed);
             let (dead, living) = std::mem::take(&mut state.servers).into_iter().partition(|(_, d)| d.node == node);
             state.servers = living;
-            let dead: BTreeMap<u64, Declared<MailboxSender<IncomingQuery>>> = dead;
+            let dead: BTreeMap<u64, Declaration<MailboxSender<IncomingQuery>>> = dead;
             state.garbage.push(Box::new(dead));
             state.subscribers.retain(|_, d| d.node != node);
             state.watches.retain(|_, d| d.node != node);
@@ -103,13 +103,13 @@ impl FakeNetwork {
 
     /// Stops a node (SIGSTOP): it stays alive in everyone's sight and says nothing more.
     pub fn stop(&self, node: &str) {
-        self.shared.with(|state| state.conditions.insert(node.to_owned(), Condition::Stopped));
+        self.shared.with(|state| state.conditions.insert(node.to_owned(), NodeCondition::Stopped));
     }
 
     /// Resumes a stopped node: what waited goes on.
     pub fn resume(&self, node: &str) {
         self.shared.with(|state| {
-            state.conditions.insert(node.to_owned(), Condition::Running);
+            state.conditions.insert(node.to_owned(), NodeCondition::Running);
             for message in std::mem::take(&mut state.parked) {
                 state.deliver(message);
             }

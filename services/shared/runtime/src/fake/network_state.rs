@@ -14,13 +14,13 @@ use crate::mailbox::MailboxSender;
 use crate::transport::{IncomingQuery, ReplyEvent, Sample};
 
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Condition {
+pub(super) enum NodeCondition {
     Running,
     Stopped,
     Killed,
 }
 
-pub(super) type Action = Box<dyn FnOnce(&mut State) + Send>;
+pub(super) type ScheduledAction = Box<dyn FnOnce(&mut NetworkState) + Send>;
 
 pub(super) struct Scheduled {
     pub(super) at: Instant,
@@ -29,7 +29,7 @@ pub(super) struct Scheduled {
     pub(super) to: String,
     /// The network itself says it, whatever has become of the sender.
     pub(super) from_network: bool,
-    pub(super) action: Action,
+    pub(super) action: ScheduledAction,
 }
 
 impl PartialEq for Scheduled {
@@ -49,44 +49,44 @@ impl Ord for Scheduled {
     }
 }
 
-pub(super) struct Declared<T> {
+pub(super) struct Declaration<T> {
     pub(super) node: String,
     pub(super) key: String,
     pub(super) to: T,
 }
 
-pub(super) struct State {
+pub(super) struct NetworkState {
     pub(super) settings: FakeSettings,
     pub(super) random: Pcg64,
     pub(super) next_id: u64,
-    pub(super) conditions: BTreeMap<String, Condition>,
+    pub(super) conditions: BTreeMap<String, NodeCondition>,
     pub(super) schedule: BinaryHeap<Reverse<Scheduled>>,
     /// What waits for a stopped node, in order.
     pub(super) parked: Vec<Scheduled>,
     /// When the newest message of a link arrives: the next may not overtake it.
     pub(super) arrivals: BTreeMap<(String, String), Instant>,
-    pub(super) servers: BTreeMap<u64, Declared<MailboxSender<IncomingQuery>>>,
-    pub(super) subscribers: BTreeMap<u64, Declared<MailboxSender<Sample>>>,
-    pub(super) tokens: BTreeMap<u64, Declared<()>>,
-    pub(super) watches: BTreeMap<u64, Declared<watch::Sender<BTreeSet<String>>>>,
+    pub(super) servers: BTreeMap<u64, Declaration<MailboxSender<IncomingQuery>>>,
+    pub(super) subscribers: BTreeMap<u64, Declaration<MailboxSender<Sample>>>,
+    pub(super) tokens: BTreeMap<u64, Declaration<()>>,
+    pub(super) watches: BTreeMap<u64, Declaration<watch::Sender<BTreeSet<String>>>>,
     /// Open queries: the asker, and the node that was asked in `key`.
-    pub(super) queries: BTreeMap<u64, Declared<MailboxSender<ReplyEvent>>>,
+    pub(super) queries: BTreeMap<u64, Declaration<MailboxSender<ReplyEvent>>>,
     /// What may take the state's lock when it is dropped, and so is dropped outside of it.
     pub(super) garbage: Vec<Box<dyn Send>>,
 }
 
 pub(super) struct Shared {
-    pub(super) state: Mutex<State>,
+    pub(super) state: Mutex<NetworkState>,
     pub(super) scheduled: Arc<Notify>,
 }
 
 impl Shared {
-    pub(super) fn state(&self) -> MutexGuard<'_, State> {
+    pub(super) fn state(&self) -> MutexGuard<'_, NetworkState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Changes the state and wakes the driver.
-    pub(super) fn with<T>(&self, change: impl FnOnce(&mut State) -> T) -> T {
+    pub(super) fn with<T>(&self, change: impl FnOnce(&mut NetworkState) -> T) -> T {
         let mut state = self.state();
         let result = change(&mut state);
         let garbage = std::mem::take(&mut state.garbage);
@@ -97,9 +97,9 @@ impl Shared {
     }
 }
 
-impl State {
-    pub(super) fn condition(&self, node: &str) -> Condition {
-        self.conditions.get(node).copied().unwrap_or(Condition::Running)
+impl NetworkState {
+    pub(super) fn condition(&self, node: &str) -> NodeCondition {
+        self.conditions.get(node).copied().unwrap_or(NodeCondition::Running)
     }
 
     pub(super) fn new_id(&mut self) -> u64 {
@@ -112,7 +112,7 @@ impl State {
     }
 
     /// Lets something arrive at `to` after a random delay, behind everything sent before on the same link.
-    pub(super) fn send(&mut self, from: &str, to: &str, from_network: bool, action: Action) {
+    pub(super) fn send(&mut self, from: &str, to: &str, from_network: bool, action: ScheduledAction) {
         let (least, most) = (self.settings.min_delay, self.settings.max_delay);
         let delay = least + most.saturating_sub(least).mul_f64(self.random.random::<f64>());
         let link = (from.to_owned(), to.to_owned());
@@ -121,16 +121,16 @@ impl State {
         self.schedule_at(at, from, to, from_network, action);
     }
 
-    pub(super) fn schedule_at(&mut self, at: Instant, from: &str, to: &str, from_network: bool, action: Action) {
+    pub(super) fn schedule_at(&mut self, at: Instant, from: &str, to: &str, from_network: bool, action: ScheduledAction) {
         let seq = self.new_id();
         self.schedule.push(Reverse(Scheduled { at, seq, from: from.to_owned(), to: to.to_owned(), from_network, action }));
     }
 
     pub(super) fn deliver(&mut self, message: Scheduled) {
-        let sender = if message.from_network { Condition::Running } else { self.condition(&message.from) };
+        let sender = if message.from_network { NodeCondition::Running } else { self.condition(&message.from) };
         match (sender, self.condition(&message.to)) {
-            (Condition::Killed, _) | (_, Condition::Killed) => self.garbage.push(Box::new(message)),
-            (Condition::Stopped, _) | (_, Condition::Stopped) => self.parked.push(message),
+            (NodeCondition::Killed, _) | (_, NodeCondition::Killed) => self.garbage.push(Box::new(message)),
+            (NodeCondition::Stopped, _) | (_, NodeCondition::Stopped) => self.parked.push(message),
             _ => (message.action)(self),
         }
     }
@@ -141,7 +141,7 @@ impl State {
             self.watches.iter().filter(|(_, w)| matches(&w.key, key)).map(|(id, w)| (*id, w.node.clone())).collect();
         for (id, watcher) in watches {
             let key = key.to_owned();
-            let change = move |state: &mut State| {
+            let change = move |state: &mut NetworkState| {
                 if let Some(watch) = state.watches.get(&id) {
                     watch.to.send_modify(|keys| {
                         if alive {
@@ -159,7 +159,7 @@ impl State {
     /// Ends the stream of a query, behind the replies sent before.
     pub(super) fn end_query(&mut self, query: u64) {
         if let Some((asker, asked)) = self.queries.get(&query).map(|q| (q.node.clone(), q.key.clone())) {
-            let end = move |state: &mut State| drop(state.queries.remove(&query));
+            let end = move |state: &mut NetworkState| drop(state.queries.remove(&query));
             self.send(&asked, &asker, true, Box::new(end));
         }
     }

@@ -10,12 +10,12 @@ use tokio::sync::watch;
 use tokio::time::Instant;
 
 use super::FakeNetwork;
-use super::network_state::{Declared, Shared, State, matches};
+use super::network_state::{Declaration, NetworkState, Shared, matches};
 use crate::RuntimeError;
 use crate::mailbox::mailbox;
 use crate::transport::{
-    AliveWatch, Connection, Guard, IncomingQueries, IncomingQuery, OutgoingQuery, Replier, ReplyEvent, ReplyStream, Sample, Subscription,
-    Traffic, Transport,
+    AliveWatch, ConnectionStatus, Guard, IncomingQueries, IncomingQuery, OutgoingQuery, Replier, ReplyEvent, ReplyStream, Sample,
+    Subscription, Traffic, Transport,
 };
 
 /// One node's access to the network.
@@ -25,7 +25,7 @@ pub(super) struct FakeTransport {
     pub(super) since: Instant,
 }
 
-type Undo = Box<dyn FnOnce(&mut State) + Send + Sync>;
+type Undo = Box<dyn FnOnce(&mut NetworkState) + Send + Sync>;
 
 /// Takes a declaration back when dropped.
 struct Undeclare(Weak<Shared>, Option<Undo>);
@@ -39,7 +39,7 @@ impl Drop for Undeclare {
 }
 
 impl FakeTransport {
-    fn undeclare(&self, undo: impl FnOnce(&mut State) + Send + Sync + 'static) -> Guard {
+    fn undeclare(&self, undo: impl FnOnce(&mut NetworkState) + Send + Sync + 'static) -> Guard {
         Box::new(Undeclare(Arc::downgrade(&self.shared), Some(Box::new(undo))))
     }
 }
@@ -59,7 +59,7 @@ impl Replier for FakeReplier {
             if state.happens(state.settings.loss) {
                 return;
             }
-            let arrive = move |state: &mut State| {
+            let arrive = move |state: &mut NetworkState| {
                 if let Some(open) = state.queries.get(&query) {
                     open.to.push(ReplyEvent::Reply { payload, attachment });
                 }
@@ -100,8 +100,8 @@ impl Transport for FakeTransport {
                 // Nobody serves this key: the stream ends at once.
                 return id;
             };
-            state.queries.insert(id, Declared { node: self.node.clone(), key: asked.clone(), to: sender });
-            let give_up = move |state: &mut State| {
+            state.queries.insert(id, Declaration { node: self.node.clone(), key: asked.clone(), to: sender });
+            let give_up = move |state: &mut NetworkState| {
                 if let Some(open) = state.queries.remove(&id) {
                     open.to.push(ReplyEvent::TimedOut);
                 }
@@ -115,7 +115,7 @@ impl Transport for FakeTransport {
             for _ in 0..copies {
                 let replier = replier.clone();
                 let (key, payload, attachment) = (key.to_owned(), query.payload.clone(), query.attachment.clone());
-                let arrive = move |state: &mut State| {
+                let arrive = move |state: &mut NetworkState| {
                     let incoming = IncomingQuery { key, payload, attachment, replier: Box::new(replier) };
                     let refused = match state.servers.get(&server) {
                         Some(server) => server.to.try_push(incoming).err(),
@@ -137,10 +137,10 @@ impl Transport for FakeTransport {
         let (sender, queries) = mailbox(capacity);
         let id = self.shared.with(|state| {
             let id = state.new_id();
-            state.servers.insert(id, Declared { node: self.node.clone(), key: key.to_owned(), to: sender });
+            state.servers.insert(id, Declaration { node: self.node.clone(), key: key.to_owned(), to: sender });
             id
         });
-        let undo = move |state: &mut State| {
+        let undo = move |state: &mut NetworkState| {
             if let Some(server) = state.servers.remove(&id) {
                 state.garbage.push(Box::new(server));
             }
@@ -157,7 +157,7 @@ impl Transport for FakeTransport {
                     continue;
                 }
                 let sample = Sample { key: key.to_owned(), payload: payload.clone() };
-                let arrive = move |state: &mut State| {
+                let arrive = move |state: &mut NetworkState| {
                     if let Some(subscriber) = state.subscribers.get(&id) {
                         subscriber.to.push(sample);
                     }
@@ -172,7 +172,7 @@ impl Transport for FakeTransport {
         let (sender, samples) = mailbox(capacity);
         let id = self.shared.with(|state| {
             let id = state.new_id();
-            state.subscribers.insert(id, Declared { node: self.node.clone(), key: key.to_owned(), to: sender });
+            state.subscribers.insert(id, Declaration { node: self.node.clone(), key: key.to_owned(), to: sender });
             id
         });
         Ok(Subscription { samples, _declaration: self.undeclare(move |state| drop(state.subscribers.remove(&id))) })
@@ -181,11 +181,11 @@ impl Transport for FakeTransport {
     async fn declare_alive(&self, key: &str) -> Result<Guard, RuntimeError> {
         let id = self.shared.with(|state| {
             let id = state.new_id();
-            state.tokens.insert(id, Declared { node: self.node.clone(), key: key.to_owned(), to: () });
+            state.tokens.insert(id, Declaration { node: self.node.clone(), key: key.to_owned(), to: () });
             state.announce(&self.node, key, true);
             id
         });
-        let undo = move |state: &mut State| {
+        let undo = move |state: &mut NetworkState| {
             if let Some(token) = state.tokens.remove(&id) {
                 state.announce(&token.node, &token.key, false);
             }
@@ -198,14 +198,14 @@ impl Transport for FakeTransport {
             let id = state.new_id();
             let now = state.tokens.values().map(|t| t.key.clone()).filter(|k| matches(key, k)).collect();
             let (sender, keys) = watch::channel(now);
-            state.watches.insert(id, Declared { node: self.node.clone(), key: key.to_owned(), to: sender });
+            state.watches.insert(id, Declaration { node: self.node.clone(), key: key.to_owned(), to: sender });
             (id, keys)
         });
         Ok(AliveWatch { keys, _declaration: self.undeclare(move |state| drop(state.watches.remove(&id))) })
     }
 
-    fn connection(&self) -> Connection {
-        Connection { is_up: true, since: self.since, number: 1 }
+    fn connection(&self) -> ConnectionStatus {
+        ConnectionStatus { is_up: true, since: self.since, number: 1 }
     }
 
     async fn locators(&self) -> Vec<String> {

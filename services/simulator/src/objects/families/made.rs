@@ -3,7 +3,7 @@
 use super::super::body::{Body, Finish};
 use super::super::material::{Mass, Material};
 use super::super::outline::Outline;
-use super::super::{Opening, Shape, Top};
+use super::super::{ObjectShape, Top, VesselInterior};
 use super::draw::Draw;
 
 /// An object with its geometry done.
@@ -13,7 +13,7 @@ pub struct Made {
     material: Material,
     mass: Mass,
     top: Option<Top>,
-    opening: Option<Opening>,
+    opening: Option<VesselInterior>,
 }
 
 impl Made {
@@ -38,12 +38,12 @@ impl Made {
     }
 
     /// A vessel.
-    pub fn with_opening(self, opening: Opening) -> Self {
+    pub fn with_opening(self, opening: VesselInterior) -> Self {
         Self { opening: Some(opening), ..self }
     }
 
     /// The finished shape, of random density and friction within its material's.
-    pub fn shape(self, draw: &mut Draw) -> Shape {
+    pub fn shape(self, draw: &mut Draw) -> ObjectShape {
         let [light, heavy] = self.material.density_kg_m3();
         let [slippery, rough] = self.material.friction();
         let (volume_m3, area_m2) = self.body.volume_and_area();

@@ -20,7 +20,7 @@ mod toys;
 use rand::Rng;
 
 use self::draw::Draw;
-use super::Shape;
+use super::ObjectShape;
 
 /// A kind of object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -124,7 +124,7 @@ impl Family {
 
     /// A random object of this family, named more closely where the family is wide (a [`Family::Tool`] says `hammer`). `scale` multiplies
     /// its usual size (1 for a household's variety, less for small hands).
-    pub fn sample(self, scale: f32, rng: &mut impl Rng) -> Shape {
+    pub fn sample(self, scale: f32, rng: &mut impl Rng) -> ObjectShape {
         let mut draw = Draw::new(scale, rng);
         let draw = &mut draw;
         let made = match self {

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::super::Opening;
+use super::super::VesselInterior;
 use super::super::bar::BarSection;
 use super::super::body::Body;
 use super::super::material::Material;
@@ -64,7 +64,7 @@ struct Cookware {
     body: Body,
     outer: Vec<ProfilePoint>,
     wall: f32,
-    opening: Option<Opening>,
+    opening: Option<VesselInterior>,
 }
 
 impl Cookware {

@@ -10,7 +10,7 @@ use nalgebra::Point3;
 use repose_geometry::TriMesh;
 use serde::{Deserialize, Serialize};
 
-use super::decompose::Part;
+use super::decompose::ConvexPart;
 
 /// Goes up when the same bytes and settings would give another object.
 const VERSION: u32 = 1;
@@ -21,7 +21,7 @@ pub struct Geometry {
     /// What is drawn.
     pub mesh: TriMesh,
     /// Corners of the convex parts.
-    pub parts: Vec<Part>,
+    pub parts: Vec<ConvexPart>,
     /// Volume enclosed by the file's surface, m³.
     pub volume_m3: f32,
     /// Edges of the file's surface that do not have exactly two triangles.

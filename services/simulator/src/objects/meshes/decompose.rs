@@ -10,11 +10,11 @@ use super::clean::{cleaned, components, signed_volume};
 use super::settings::DecompositionSettings;
 use crate::convert;
 
-/// The corners of a convex part, metres.
-pub type Part = Vec<Point3<f32>>;
+/// A convex part of a mesh, as its corners, metres.
+pub type ConvexPart = Vec<Point3<f32>>;
 
 /// The parts of a surface in metres.
-pub fn decomposed(mesh: &TriMesh, settings: &DecompositionSettings) -> Vec<Part> {
+pub fn decomposed(mesh: &TriMesh, settings: &DecompositionSettings) -> Vec<ConvexPart> {
     if let Some(hull) = its_own_hull(mesh, settings.max_corners) {
         return vec![hull];
     }
@@ -32,7 +32,7 @@ pub fn decomposed(mesh: &TriMesh, settings: &DecompositionSettings) -> Vec<Part>
 }
 
 /// The parts that someone cut already: each connected piece of `mesh` (metres) is one.
-pub fn ready_parts(mesh: &TriMesh, weld: f32, max_corners: usize) -> Vec<Part> {
+pub fn ready_parts(mesh: &TriMesh, weld: f32, max_corners: usize) -> Vec<ConvexPart> {
     let mesh = cleaned(mesh, weld).mesh;
     let part = |members: Vec<usize>| {
         let corners = members.iter().flat_map(|&t| mesh.corners(t)).map(|p| convert::vector(&p) * UNIT).collect::<Vec<_>>();
@@ -45,7 +45,7 @@ pub fn ready_parts(mesh: &TriMesh, weld: f32, max_corners: usize) -> Vec<Part> {
 ///
 /// Scanned undersides are wavy by a few millimetres, and of a face with many corners the engine knows four in a row: without feet a
 /// carton leans by three degrees.
-pub fn feet(mesh: &TriMesh, parts: &[Part]) -> Vec<Part> {
+pub fn feet(mesh: &TriMesh, parts: &[ConvexPart]) -> Vec<ConvexPart> {
     const SLAB_M: f32 = 0.003;
     const HEIGHT_M: f32 = 0.004;
     let points = || mesh.vertices.iter().chain(parts.iter().flatten());
@@ -56,7 +56,7 @@ pub fn feet(mesh: &TriMesh, parts: &[Part]) -> Vec<Part> {
         let along = |p: &Point3<f32>| p.x * turn.cos() + p.y * turn.sin();
         near.iter().copied().max_by(|a, b| along(a).total_cmp(&along(b)))
     };
-    let quad = |first: usize| -> Option<Part> {
+    let quad = |first: usize| -> Option<ConvexPart> {
         let corners: Vec<&Point3<f32>> = (0..4).filter_map(|k| farthest(first + 4 * k)).collect();
         let twice_area: f32 =
             (0..corners.len()).map(|k| (corners[k], corners[(k + 1) % corners.len()])).map(|(a, b)| a.x * b.y - a.y * b.x).sum();
@@ -67,7 +67,7 @@ pub fn feet(mesh: &TriMesh, parts: &[Part]) -> Vec<Part> {
 }
 
 /// The hull of the whole surface, where that has nearly the surface's volume.
-fn its_own_hull(mesh: &TriMesh, max_corners: usize) -> Option<Part> {
+fn its_own_hull(mesh: &TriMesh, max_corners: usize) -> Option<ConvexPart> {
     const ALIKE: f32 = 0.015;
     let points: Vec<Vector> = mesh.vertices.iter().map(|v| convert::vector(v) * UNIT).collect();
     let (corners, triangles) = try_convex_hull(&points).ok()?;
@@ -80,7 +80,7 @@ fn its_own_hull(mesh: &TriMesh, max_corners: usize) -> Option<Part> {
 const UNIT: f32 = 10.0;
 
 /// The hull's corners, thinned to those that are farthest in evenly spread directions; `None` for points without volume.
-fn hull_corners(points: &[Vector], max_corners: usize) -> Option<Part> {
+fn hull_corners(points: &[Vector], max_corners: usize) -> Option<ConvexPart> {
     let (corners, _) = try_convex_hull(points).ok()?;
     let metres = |p: &Vector| Point3::new(p.x, p.y, p.z) / UNIT;
     if corners.len() <= max_corners {

@@ -33,7 +33,7 @@ use self::read::{Format, triangles};
 pub use self::settings::{DecompositionSettings, MeshSettings, UpAxis};
 use self::sidecar::{Sidecar, positive, sidecar_of};
 use self::simplify::simplified;
-use super::Shape;
+use super::ObjectShape;
 use super::material::Mass;
 use crate::convert;
 
@@ -45,7 +45,7 @@ const CACHE_FOLDER: &str = ".repose-cache";
 /// The objects of a folder, in the order of their paths.
 #[derive(Clone)]
 pub struct MeshLibrary {
-    shapes: Arc<[Arc<Shape>]>,
+    shapes: Arc<[Arc<ObjectShape>]>,
     /// Hash of all that the objects follow from.
     digest: blake3::Hash,
 }
@@ -93,7 +93,7 @@ impl MeshLibrary {
     }
 
     /// The objects.
-    pub fn shapes(&self) -> &[Arc<Shape>] {
+    pub fn shapes(&self) -> &[Arc<ObjectShape>] {
         &self.shapes
     }
 }
@@ -178,7 +178,7 @@ impl<'a> Source<'a> {
         Ok(Geometry { mesh, parts, volume_m3, open_edges: clean.open_edges })
     }
 
-    fn shape(&self, name: &str, geometry: Geometry, settings: &MeshSettings) -> Shape {
+    fn shape(&self, name: &str, geometry: Geometry, settings: &MeshSettings) -> ObjectShape {
         let parts = geometry.parts.iter().filter_map(|corners| {
             let corners: Vec<Vector> = corners.iter().map(convert::vector).collect();
             SharedShape::convex_hull(&corners).map(|hull| (Pose::IDENTITY, hull))
@@ -186,7 +186,7 @@ impl<'a> Source<'a> {
         let density_kg_m3 = self.sidecar.density_kg_m3.unwrap_or(settings.density_kg_m3);
         let half_extents = geometry.mesh.vertices.iter().fold(nalgebra::Vector3::zeros(), |h, v| v.coords.abs().sup(&h));
         let heights = Heights::of(&geometry.mesh);
-        Shape {
+        ObjectShape {
             name: self.sidecar.name.as_deref().unwrap_or(name).into(),
             parts: parts.collect(),
             half_extents_m: half_extents.cast(),

@@ -6,7 +6,7 @@
 use nalgebra::Point3;
 use repose_geometry::TriMesh;
 
-use crate::objects::{Opening, Top};
+use crate::objects::{Top, VesselInterior};
 
 /// Edge length of a cell, metres.
 const CELL_M: f32 = 0.002;
@@ -94,7 +94,7 @@ impl Heights {
     }
 
     /// The level floor that a wall encloses; `None` when there is no such thing.
-    pub fn opening(&self) -> Option<Opening> {
+    pub fn opening(&self) -> Option<VesselInterior> {
         let inside = self.enclosed()?;
         let floor = inside.iter().map(|&i| self.cells[i]).fold(f32::MAX, f32::min);
         let is_floor = {
@@ -115,7 +115,7 @@ impl Heights {
         };
         let rim_m = self.rim_m(column, row, mouth);
         let half = radius_m * std::f32::consts::FRAC_1_SQRT_2;
-        (radius_m >= LEAST_OPENING_M && rim_m - floor >= LEAST_OPENING_M).then(|| Opening {
+        (radius_m >= LEAST_OPENING_M && rim_m - floor >= LEAST_OPENING_M).then(|| VesselInterior {
             center_m: self.at(column, row),
             // The highest of what counts as level: nothing is to be put into the floor.
             floor_m: self.highest_within(column, row, radius_m),

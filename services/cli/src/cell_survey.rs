@@ -16,9 +16,9 @@ const WAITING: usize = 1024;
 /// How long names are listened for that an error is to list. A worker tells its load every 200 ms at least, a robot its state more often.
 const NAMES_WITHIN: Duration = Duration::from_millis(400);
 
-/// A message with the instant at which it came.
+/// A message and the instant at which it was received.
 #[derive(Debug, Clone)]
-pub struct Heard<T> {
+pub struct Received<T> {
     /// The first message while it was listened.
     pub first: T,
     /// When that came.
@@ -31,8 +31,8 @@ pub struct Heard<T> {
     pub count: u64,
 }
 
-/// Listens to a cell.
-pub struct Observer {
+/// Listens to the workers, cameras and robots of a cell.
+pub struct CellListener {
     session: Session,
     lives: AliveWatch,
     /// The cell's own workers', and those of its pool's that serve it.
@@ -41,20 +41,20 @@ pub struct Observer {
     robots: Subscription,
 }
 
-/// What was heard.
+/// What a listener received from a cell.
 #[derive(Debug, Clone, Default)]
-pub struct Surroundings {
+pub struct CellSurvey {
     /// Cells that have a worker.
     pub cells: BTreeSet<String>,
     /// Workers alive in the session's cell, and those of its pool that serve it, with their newest load where one was heard.
-    pub workers: BTreeMap<(Service, String), Option<Heard<WorkerLoad>>>,
+    pub workers: BTreeMap<(Service, String), Option<Received<WorkerLoad>>>,
     /// Cameras whose scenes were heard.
-    pub cameras: BTreeMap<String, Heard<SceneSummary>>,
+    pub cameras: BTreeMap<String, Received<SceneSummary>>,
     /// Robots whose states were heard.
-    pub robots: BTreeMap<String, Heard<RobotState>>,
+    pub robots: BTreeMap<String, Received<RobotState>>,
 }
 
-impl Observer {
+impl CellListener {
     /// Begins to listen.
     pub async fn new(session: &Session) -> Result<Self, Failure> {
         let cell = session.cell();
@@ -74,11 +74,11 @@ impl Observer {
     }
 
     /// Listens for a while. What `before` knew stays; counts begin anew.
-    pub async fn listen(&mut self, within: Duration, before: &Surroundings) -> Result<Surroundings, Failure> {
+    pub async fn listen(&mut self, within: Duration, before: &CellSurvey) -> Result<CellSurvey, Failure> {
         let mut heard = before.clone();
         heard.cameras.values_mut().for_each(|camera| camera.count = 0);
         heard.robots.values_mut().for_each(|robot| robot.count = 0);
-        let mut loads: BTreeMap<(Service, String), Heard<WorkerLoad>> = BTreeMap::new();
+        let mut loads: BTreeMap<(Service, String), Received<WorkerLoad>> = BTreeMap::new();
         let until = tokio::time::sleep(within);
         tokio::pin!(until);
         loop {
@@ -127,17 +127,17 @@ async fn next_of(subscriptions: &mut [Subscription]) -> Option<Sample> {
     futures::future::select_all(subscriptions.iter_mut().map(|subscription| Box::pin(subscription.recv()))).await.0
 }
 
-fn hear<K: Ord, T: Clone>(known: &mut BTreeMap<K, Heard<T>>, name: K, newest: T) {
+fn hear<K: Ord, T: Clone>(known: &mut BTreeMap<K, Received<T>>, name: K, newest: T) {
     let at = Instant::now();
     match known.get_mut(&name) {
         Some(heard) if heard.count > 0 => (heard.newest, heard.at, heard.count) = (newest, at, heard.count + 1),
-        _ => drop(known.insert(name, Heard { first: newest.clone(), first_at: at, newest, at, count: 1 })),
+        _ => drop(known.insert(name, Received { first: newest.clone(), first_at: at, newest, at, count: 1 })),
     }
 }
 
 /// What there is, heard just long enough to name it.
-pub async fn names(session: &Session) -> Result<Surroundings, Failure> {
-    Observer::new(session).await?.listen(NAMES_WITHIN, &Surroundings::default()).await
+pub async fn names(session: &Session) -> Result<CellSurvey, Failure> {
+    CellListener::new(session).await?.listen(NAMES_WITHIN, &CellSurvey::default()).await
 }
 
 /// A list of names for an error: `front, wrist`, or `none`.

@@ -7,11 +7,11 @@ use repose_proto::{CallAttachment, JournalEntry, JournalKind, Payload, ReplyAtta
 
 use crate::RecordingError;
 use crate::file::SCENE_TOPIC;
-use crate::file::reading::{Reading, Recorded};
+use crate::file::reading::{RecordedMessage, RecordingReader};
 
-/// A call and its answer, as they were on the wire.
+/// A recorded call: the request and its answer, as they were on the wire.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Asked {
+pub struct RecordedCall {
     /// The request's id.
     pub id: String,
     /// Whom it was asked of.
@@ -32,7 +32,7 @@ pub struct Asked {
 #[derive(Debug, Default)]
 pub struct Calls {
     /// Calls with a result, in the order in which they came.
-    pub asked: Vec<Asked>,
+    pub asked: Vec<RecordedCall>,
     /// Calls that ended in an error, by its code.
     pub errors: BTreeMap<String, u64>,
     /// Calls whose answer is not in the recording.
@@ -54,7 +54,7 @@ impl Calls {
         let mut calls = Self::default();
         let mut pending = Pending::default();
         for file in files {
-            let mut reading = Reading::open(file)?;
+            let mut reading = RecordingReader::open(file)?;
             while let Some(recorded) = reading.next_message()? {
                 calls.take(recorded, &mut pending, &wanted);
             }
@@ -65,7 +65,7 @@ impl Calls {
         Ok(calls)
     }
 
-    fn take(&mut self, recorded: Recorded, pending: &mut Pending, wanted: &impl Fn(Service, &str) -> bool) {
+    fn take(&mut self, recorded: RecordedMessage, pending: &mut Pending, wanted: &impl Fn(Service, &str) -> bool) {
         if keys::last_chunk(&recorded.topic) == SCENE_TOPIC {
             // Its id is the hash of its content: whatever else is said of it counts for nothing.
             if let Ok(scene) = recorded.payload.decode_bulk(Scene::SCHEMA).and_then(|bulk| Scene::from_bulk(&bulk)) {
@@ -98,7 +98,7 @@ impl Calls {
                     let code = entry.payload.decode_json::<repose_proto::CallError>().map_or("unreadable", |e| e.code.as_str());
                     *self.errors.entry(code.to_owned()).or_default() += 1;
                 } else if pending.done.insert(reply.id.clone()) {
-                    self.asked.push(Asked { id: reply.id, service, method, request, result: entry.payload, worker: key.0, at_ns });
+                    self.asked.push(RecordedCall { id: reply.id, service, method, request, result: entry.payload, worker: key.0, at_ns });
                 }
             }
         }
@@ -131,18 +131,18 @@ mod tests {
         Payload { encoding: "application/json;repose.X.v1".to_owned(), bytes: text.to_owned().into() }
     }
 
-    fn copy(worker: &str, seq: u64, kind: JournalKind, attachment: &str, payload: Payload) -> Recorded {
+    fn copy(worker: &str, seq: u64, kind: JournalKind, attachment: &str, payload: Payload) -> RecordedMessage {
         let entry = JournalEntry { seq, stamp_ns: 100 + seq, kind, attachment: attachment.to_owned(), payload };
         let topic = Cell::new("lab").expect("a cell").journal(Service::Planner, worker);
-        Recorded { topic, at_ns: seq, payload: Payload::bulk(JournalEntry::SCHEMA, &entry.to_bulk()).expect("small") }
+        RecordedMessage { topic, at_ns: seq, payload: Payload::bulk(JournalEntry::SCHEMA, &entry.to_bulk()).expect("small") }
     }
 
-    fn call(worker: &str, seq: u64, id: &str, request: &str) -> Recorded {
+    fn call(worker: &str, seq: u64, id: &str, request: &str) -> RecordedMessage {
         let attachment = format!(r#"{{"v":{},"id":"{id}","method":"{METHOD}","remaining_ms":1000}}"#, limits::VERSION);
         copy(worker, seq, JournalKind::Call, &attachment, json(request))
     }
 
-    fn reply(worker: &str, seq: u64, id: &str, kind: &str, payload: Payload) -> Recorded {
+    fn reply(worker: &str, seq: u64, id: &str, kind: &str, payload: Payload) -> RecordedMessage {
         copy(worker, seq, JournalKind::Reply, &format!(r#"{{"v":1,"id":"{id}","kind":"{kind}"}}"#), payload)
     }
 

@@ -7,14 +7,14 @@ use repose_proto::{CallError, Scene};
 use crate::scene::PlanningScene;
 use crate::wire;
 
-/// A scene, and what motions are planned on.
+/// A scene held by a motion worker, with its planning scene, which is made on first use.
 #[derive(Debug)]
-pub struct HeldScene {
+pub struct MotionScene {
     scene: Scene,
     planning: Arc<OnceLock<Result<PlanningScene, CallError>>>,
 }
 
-impl HeldScene {
+impl MotionScene {
     /// A scene that nobody has planned on yet.
     pub fn new(scene: Scene) -> Self {
         Self { scene, planning: Arc::default() }
@@ -46,7 +46,7 @@ mod tests {
 
     #[test]
     fn what_is_believed_of_a_scene_is_made_once_and_stays_when_the_scene_is_seen_again() {
-        let first = HeldScene::new(synthetic::wire_scene(7));
+        let first = MotionScene::new(synthetic::wire_scene(7));
         let again = first.seen_again(synthetic::wire_scene(9));
         assert_eq!((first.scene().stamp_ns, again.scene().stamp_ns), (7, 9));
         assert!(std::ptr::eq(first.planning().unwrap(), again.planning().unwrap()));
@@ -57,7 +57,7 @@ mod tests {
     fn a_scene_that_cannot_be_planned_on_says_so_each_time() {
         let mut scene = synthetic::wire_scene(7);
         scene.meta.camera.world_from_camera = None;
-        let held = HeldScene::new(scene);
+        let held = MotionScene::new(scene);
         for _ in 0..2 {
             assert_eq!(held.planning().unwrap_err().field.as_deref(), Some("scene.camera.world_from_camera"));
         }

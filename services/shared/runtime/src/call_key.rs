@@ -4,9 +4,9 @@ use repose_proto::{CallError, Cell, Service, keys};
 
 use crate::shares::ForCell;
 
-/// The key that a call came by.
+/// The key that a call arrived on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Door {
+pub(crate) enum CallKey {
     /// `call`.
     Call,
     /// `operate`.
@@ -15,8 +15,8 @@ pub(crate) enum Door {
     ForOthers,
 }
 
-impl Door {
-    /// Whether a method may be called by this door. `operate_only`: what moves a robot or changes the world comes by its own.
+impl CallKey {
+    /// Whether a method may be called on this key. `operate_only`: methods that move a robot or change the world have a key of their own.
     pub(crate) fn takes(self, method: &str, service: Service, operate_only: bool) -> Result<(), CallError> {
         match (self, service.operates(method)) {
             (Self::Operate, false) => {
@@ -30,7 +30,7 @@ impl Door {
         }
     }
 
-    /// The cell that a call by this door is for, where that is not the worker's.
+    /// The cell that a call on this key is for, where that is not the worker's.
     pub(crate) fn cell(self, key: &str, own: &Cell) -> Result<ForCell, CallError> {
         let cell = keys::last_chunk(key);
         if self != Self::ForOthers || cell == own.name() {
