@@ -4,6 +4,7 @@ mod answer;
 mod arrangement;
 mod asynchronous;
 mod client;
+mod clocks;
 mod commands;
 mod embedded;
 mod environment;

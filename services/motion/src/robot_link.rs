@@ -24,7 +24,7 @@ pub struct RobotLink {
     period: Duration,
     timeout: Duration,
     busy: Arc<Mutex<BTreeSet<String>>>,
-    /// When each robot last closed its fingers on something or opened them, nanoseconds since the Unix epoch: what was seen before is not so any more.
+    /// When each robot last closed its fingers on something or opened them, by its own clock: what was seen before is not so any more.
     moved_ns: Arc<Mutex<BTreeMap<String, u64>>>,
 }
 
@@ -83,13 +83,13 @@ impl RobotLink {
         let robot = plan.robot.clone();
         let moved_ns = || self.moved_ns.lock().unwrap_or_else(PoisonError::into_inner);
         check_unmoved(&plan, moved_ns().get(&robot).copied())?;
-        let noted = |step: ExecuteProgress| {
+        let noted = |step: ExecuteProgress, stamp_ns| {
             if matches!(step.phase, Phase::Grasp | Phase::Release) {
-                moved_ns().insert(robot.clone(), now_ns());
+                moved_ns().insert(robot.clone(), stamp_ns);
             }
             progress(step);
         };
-        let begin = |state: &RobotState, now_ms| Execution::begin(plan, task, state, now_ns(), now_ms, self.settings);
+        let begin = |state: &RobotState, now_ms| Execution::begin(plan, task, state, now_ms, self.settings);
         self.drive(&robot, begin, cancelled, noted).await
     }
 
@@ -105,16 +105,16 @@ impl RobotLink {
         cancelled: CancellationToken,
     ) -> Result<ExecuteReply, CallError> {
         let begin = |state: &RobotState, now_ms| Execution::from_here(phases, task, state, now_ms, self.settings);
-        self.drive(robot, begin, cancelled, |_| {}).await
+        self.drive(robot, begin, cancelled, |_, _| {}).await
     }
 
-    /// Drives one execution from its beginning to its reply.
+    /// Drives one execution from its beginning to its reply; `progress` is told the instant of the robot's newest state, too.
     async fn drive(
         &self,
         robot: &str,
         begin: impl FnOnce(&RobotState, u64) -> Result<(Execution, Vec<Step>), CallError>,
         cancelled: CancellationToken,
-        progress: impl Fn(ExecuteProgress),
+        progress: impl Fn(ExecuteProgress, u64),
     ) -> Result<ExecuteReply, CallError> {
         let claim = self.claim(robot)?;
         let (mut states, first) = self.states(&claim.robot).await?;
@@ -127,12 +127,12 @@ impl RobotLink {
         let (mut execution, mut steps) = begin(&first, now_ms())?;
         let mut ticks = tokio::time::interval(self.period);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let mut halting = false;
+        let (mut halting, mut stamp_ns) = (false, first.stamp_ns);
         loop {
             for step in steps.drain(..) {
                 match step {
                     Step::Send(command) => commands.put(Payload::json(&command)?).await?,
-                    Step::Progress(phase) => progress(phase),
+                    Step::Progress(phase) => progress(phase, stamp_ns),
                     Step::Done(reply) => {
                         tracing::info!(robot, outcome = ?reply.outcome, phase = %reply.phase, reason = reply.reason, "execution ended");
                         return Ok(reply);
@@ -141,7 +141,10 @@ impl RobotLink {
             }
             steps = tokio::select! {
                 sample = states.recv() => match sample.map(|s| s.payload.decode_json::<RobotState>()) {
-                    Some(Ok(state)) => execution.on_state(&state, now_ms()),
+                    Some(Ok(state)) => {
+                        stamp_ns = state.stamp_ns;
+                        execution.on_state(&state, now_ms())
+                    }
                     Some(Err(error)) => {
                         tracing::warn!(robot, %error, "a state that cannot be read");
                         Vec::new()

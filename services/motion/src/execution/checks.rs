@@ -7,7 +7,7 @@ use repose_proto::{CallError, limits};
 
 /// How far apart the end of one phase and the start of the next may be, radians per joint.
 const JOINED_RAD: f64 = 1e-3;
-/// How far in the future a scene may seem to have been seen: clocks differ, milliseconds.
+/// How far in the future a scene may seem to have been seen: a camera's clock and the robot's differ, milliseconds.
 const CLOCKS_DIFFER_MS: u64 = 2000;
 
 /// Refuses phases that do not join, from where they start.
@@ -33,7 +33,8 @@ pub fn check_phases(start_joints_rad: &[f64; 7], phases: &[MotionPhase]) -> Resu
     Ok(())
 }
 
-/// Refuses a scene that was seen too long ago.
+/// Refuses a scene that was seen too long ago. `now_ns` and all other instants here are of the robot's clock, as its states tell it: this process's own
+/// is on another host, perhaps, and tells nothing of when a camera saw what.
 ///
 /// # Errors
 /// `failed_precondition` on `scene_stamp_ns`.
