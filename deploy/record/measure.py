@@ -140,7 +140,7 @@ def run(settings, group, name, words):
 def line(document):
     """A run in a line."""
     report = document["report"]
-    if report is None:
+    if not report or "error" in report:
         return f"{document['group']:9} {document['name']:34} exit {document['exit']}"
     latency, priorities = report["latency_ms"], report["priorities"]
     refused = report["outcome_latency_ms"].get("resource_exhausted", {}).get("p99")

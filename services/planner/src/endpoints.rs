@@ -103,7 +103,8 @@ impl Endpoints {
             call.stage("scene", started.elapsed().as_secs_f64() * 1e3);
             return Ok(kept);
         }
-        let _turn = turn.map_err(|_| CallError::not_found("scene_id", format!("scene {scene_id} is not here, and did not come in time")))?;
+        let _turn =
+            turn.map_err(|_| CallError::not_found("scene_id", format!("scene {scene_id} is not here, and did not come in time")))?;
         let options = CallOptions { deadline: options.deadline.saturating_sub(started.elapsed()), ..options };
         let perception = self.perception.of(call).await?;
         let scene = fetch_scene(&perception, scene_id, &options).await.map_err(|error| match error.code {

@@ -10,7 +10,6 @@ use tokio::sync::Mutex;
 use zenoh::pubsub::Publisher;
 
 use crate::RuntimeError;
-use crate::transport::Traffic;
 use crate::zenoh_transport::Delivery;
 
 /// The publishers of a session, by key.
@@ -49,18 +48,5 @@ impl Streams {
     /// Takes the declarations back: before their session closes.
     pub(crate) async fn clear(&self) {
         self.declared.lock().await.clear();
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_stops_or_moves_a_robot_goes_out_whoever_is_known_to_listen() {
-        let always = [Traffic::EmergencyStop, Traffic::RobotCommand, Traffic::Journal];
-        assert!(always.iter().all(|traffic| !traffic.is_stream()));
-        let streams = [Traffic::RobotState, Traffic::Frame, Traffic::Scene, Traffic::Load];
-        assert!(streams.iter().all(|traffic| traffic.is_stream()));
     }
 }

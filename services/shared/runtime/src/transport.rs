@@ -254,3 +254,16 @@ pub trait Transport: Send + Sync + 'static {
     /// When that takes longer than `bound`.
     async fn close(&self, bound: Duration) -> Result<(), RuntimeError>;
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_stops_or_moves_a_robot_goes_out_whoever_is_known_to_listen() {
+        let always = [Traffic::EmergencyStop, Traffic::RobotCommand, Traffic::Journal];
+        assert!(always.iter().all(|traffic| !traffic.is_stream()));
+        let streams = [Traffic::RobotState, Traffic::Frame, Traffic::Scene, Traffic::Load];
+        assert!(streams.iter().all(|traffic| traffic.is_stream()));
+    }
+}

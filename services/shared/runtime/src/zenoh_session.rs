@@ -64,6 +64,8 @@ pub(crate) fn zenoh_config(config: &SessionConfig) -> Result<zenoh::Config, Runt
         ("transport/link/tx/lease", serde_json::json!(config.lease_ms)),
         ("transport/link/rx/max_message_size", serde_json::json!(config.max_receive_bytes)),
         ("transport/unicast/max_sessions", serde_json::json!(config.max_sessions)),
+        // When a hall is switched on all of them come at once.
+        ("transport/unicast/accept_pending", serde_json::json!(config.max_sessions)),
         ("connect/timeout_ms", serde_json::json!(connect_timeout_ms)),
         ("connect/exit_on_failure", serde_json::json!(!is_router)),
         // A router that comes back is found within half a second, and not hammered.
