@@ -205,7 +205,7 @@ def idle(settings):
 def light(settings, routers=1):
     """One to two hundred light cells with the traffic of robots and perception, and a request every other second from one of them."""
     for count in settings.light_cells:
-        words = ["--cells", count, "--routers", routers, "--rate", 0.5, "--requests", 20, "--warm-up", 2, "--variant", "geometric"]
+        words = ["--cells", count, "--routers", routers, "--rate", 0.5, "--requests", 13, "--warm-up", 2, "--variant", "geometric"]
         document = run(settings, "light", f"{count} light cells, {routers} routers", words)
         report, router = document["report"] or {}, document["processes"].get("router", {})
         print(f"          {report.get('light')}\n          router {router} cores {document['cores_used']}")
