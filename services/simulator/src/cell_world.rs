@@ -6,7 +6,7 @@
 use nalgebra::Isometry3;
 use repose_panda::base_from_hand;
 use repose_proto::RigidTransform;
-use repose_proto::robot::RobotState;
+use repose_proto::robot::{RobotMode, RobotState};
 use repose_robot_side::{GripperState, Shown, state_of};
 use repose_sensor::SensorModel;
 
@@ -104,6 +104,21 @@ impl CellWorld {
         }
         self.hand.before_step(&mut self.world, &base_from_hand(self.arm.q_rad()));
         self.world.step();
+    }
+
+    /// A step of robot time in which nothing but the arm's controller goes on: for a world that [`Self::is_still`].
+    pub fn pass(&mut self, now_s: f64) {
+        let ticks = (f64::from(self.world.step_s()) / TICK_S).round().max(1.0) as usize;
+        for _ in 0..ticks {
+            self.arm.tick(now_s);
+        }
+        self.ticks += ticks as u64;
+    }
+
+    /// Whether nothing moves, and nothing is held that could slip: arm, fingers and objects.
+    pub fn is_still(&mut self) -> bool {
+        let arm_stands = self.arm.mode() != RobotMode::Moving && self.arm.dq_rad_s().iter().all(|speed| *speed == 0.0);
+        arm_stands && self.hand.is_settled() && self.at_rest() && !self.hand.is_holding(&mut self.world)
     }
 
     /// Length of a step, seconds of robot time.
@@ -215,6 +230,27 @@ mod tests {
         }
         assert!(!Shows { robot: None, ..before.clone() }.looks_like(&before));
         assert!(!Shows { world_from_objects: Vec::new(), ..before.clone() }.looks_like(&before));
+    }
+
+    #[test]
+    fn a_world_in_which_nothing_moves_is_still_and_its_robots_time_goes_on() {
+        let mut cell = cell(1);
+        let mut now_s = 0.0;
+        while !cell.is_still() {
+            now_s += cell.step_s();
+            assert!(now_s < 10.0, "it never comes to rest");
+            cell.step(now_s);
+        }
+        let (before, poses) = (cell.robot_ms(), cell.world_from_objects());
+        for _ in 0..50 {
+            now_s += cell.step_s();
+            cell.pass(now_s);
+        }
+        assert!((cell.robot_ms() - before - 50.0 * cell.step_s() * 1e3).abs() < 1e-6);
+        assert_eq!(cell.world_from_objects(), poses);
+        cell.arm.emergency_stop(&repose_proto::robot::EmergencyStop::read(b"a hand"));
+        cell.pass(now_s);
+        assert!(cell.is_still() && cell.arm.mode() == RobotMode::Stopped, "a stop latches all the same");
     }
 
     #[test]

@@ -24,6 +24,8 @@ use crate::robot::{ArmSettings, HandSettings};
 
 /// Longest real time that is made up for when the thread was held up; more is lost to simulated time.
 const CATCH_UP: Duration = Duration::from_millis(60);
+/// How long nothing has to move until physics is left out; a command takes it up again.
+const STILL_FOR: Duration = Duration::from_secs(1);
 /// Longest nap between two looks at the clock.
 const NAP: Duration = Duration::from_millis(2);
 /// Metres per count of the frames' depth.
@@ -72,6 +74,7 @@ impl Worker {
             is_watched: is_watched.clone(),
             started: Instant::now(),
             states_made: 0,
+            moved: Instant::now(),
         };
         let thread = std::thread::Builder::new().name("world".to_owned()).spawn(move || world.run())?;
         Ok(Self { inputs: Mutex::new(Some(inputs)), stops, states, frames, is_watched, thread: Mutex::new(Some(thread)) })
@@ -170,6 +173,8 @@ struct Running {
     is_watched: Arc<AtomicBool>,
     started: Instant,
     states_made: u64,
+    /// When something last moved, or was commanded to.
+    moved: Instant,
 }
 
 impl Running {
@@ -195,8 +200,14 @@ impl Running {
             stepped_to = stepped_to.max(now.checked_sub(CATCH_UP).unwrap_or(stepped_to));
             while stepped_to + step <= now {
                 let now_s = self.now_s();
-                self.cell.step(now_s);
+                match self.moved.elapsed() < STILL_FOR {
+                    true => self.cell.step(now_s),
+                    false => self.cell.pass(now_s),
+                }
                 stepped_to += step;
+            }
+            if !self.cell.is_still() {
+                self.moved = now;
             }
             let changed = std::mem::replace(&mut mode, self.cell.arm.mode()) != mode;
             if changed || now >= next_state {
@@ -215,6 +226,7 @@ impl Running {
     fn take(&mut self, input: Input) {
         match input {
             Input::Command { command, received } => {
+                self.moved = Instant::now();
                 let received_s = received.saturating_duration_since(self.started).as_secs_f64();
                 let now_s = self.now_s();
                 if let Err(why) = self.cell.arm.late_command(&command, received_s, now_s) {
@@ -237,6 +249,7 @@ impl Running {
         if let (Some(task), RobotMode::Idle) = (self.cell.arm.task(), self.cell.arm.mode()) {
             return Err(CallError::precondition(format!("the robot carries out task {task}")));
         }
+        self.moved = Instant::now();
         self.cell.reset(seed).map_err(|error| CallError::precondition(error.to_string()).at("seed"))?;
         self.show_state();
         self.show_frame();
