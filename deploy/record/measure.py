@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """What a deployment on this machine bears: capacity, cells on one pool, overload, faults and a soak, each a run of `repose load --up`; and networks apart.
 
-    deploy/record/measure.py --program target/release/repose --commit "$(git rev-parse --short HEAD)" [capacity cells idle light light2 overload faults soak]
+    deploy/record/measure.py --program target/release/repose --commit "$(git rev-parse --short HEAD)" [capacity cells idle light light2 gateways overload faults soak]
     deploy/record/measure.py --program target/release/repose --commit … networks --trials delay narrow execute cut clocks      # as root
 
 Every run starts a system of its own (router, simulated cell, services), asks it, and ends it. One JSON document a run is appended to
@@ -22,6 +22,8 @@ import time
 
 # Seconds between two readings of memory, descriptors and processor time.
 READ_EVERY_S = 5.0
+# Where systems of `repose up` listen.
+UP = "tcp/127.0.0.1:17440"
 TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 TRIALS = pathlib.Path(__file__).parents[2] / "tests/networks/trials.py"
 
@@ -174,23 +176,29 @@ def cells(settings):
         run(settings, "cells", f"{count} cells", words)
 
 
+def started(settings, words):
+    """`repose up`, once everything is up; and its command."""
+    command = [settings.program, "--json", "up", "--listen", UP, *words]
+    environment = {**os.environ, "REPOSE_CONSOLE__LISTEN": "127.0.0.1:0"}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment)
+    # One document, over several lines, when everything is up.
+    said = process.stdout.readline()
+    while said and said.rstrip() != "}":
+        said = process.stdout.readline()
+    return process, " ".join(["repose", *command[1:]])
+
+
 def idle(settings):
     """What cells cost that nobody asks anything: one, and four that share a pool."""
     for count in (1, 4):
-        command = [settings.program, "--json", "up", "--cells", str(count), "--listen", "tcp/127.0.0.1:17440"]
         began = datetime.datetime.now(datetime.timezone.utc)
-        environment = {**os.environ, "REPOSE_CONSOLE__LISTEN": "127.0.0.1:0"}
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment)
-        # One document, over several lines, when everything is up.
-        said = process.stdout.readline()
-        while said and said.rstrip() != "}":
-            said = process.stdout.readline()
+        process, command = started(settings, ["--cells", str(count)])
         watch = Watch(process.pid)
         watch.start()
         time.sleep(8 * READ_EVERY_S)
         watch.over.set()
         document = {
-            "group": "idle", "name": f"{count} cells", "command": " ".join(["repose", *command[1:]]), "commit": settings.commit,
+            "group": "idle", "name": f"{count} cells", "command": command, "commit": settings.commit,
             "began": began.isoformat(timespec="seconds"), "load": os.getloadavg()[0], "cores": os.cpu_count(),
             "processes": watch.summary(), "cores_used": watch.cores(),
         }
@@ -200,6 +208,40 @@ def idle(settings):
             out.write(json.dumps(document) + "\n")
         mib = {what: values["mib"][1] for what, values in document["processes"].items()}
         print(f"idle      {count} cells: MiB {mib}, cores {document['cores_used']}", flush=True)
+
+
+def gateways(settings):
+    """Two hundred light cells at the router of their pool, and behind four gateways of it: what the router has to do. Needs eclipse-zenoh."""
+    for count in (0, 4):
+        began = datetime.datetime.now(datetime.timezone.utc)
+        system, up = started(settings, [])
+        endpoints = [f"tcp/127.0.0.1:{17451 + k}" for k in range(count)]
+        script = pathlib.Path(__file__).with_name("gateway.py")
+        between = [
+            subprocess.Popen([sys.executable, script, UP, at], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) for at in endpoints
+        ]
+        for gateway in between:
+            gateway.stdout.readline()
+        words = ["--pool", "cell", "--cells", 200, "--rate", 0.5, "--requests", 13, "--variant", "geometric"]
+        command = [settings.program, "--json", "load", "--connect", ",".join(endpoints or [UP]), *map(str, words)]
+        watch = Watch(system.pid)
+        watch.start()
+        ran = subprocess.run(command, capture_output=True, text=True)
+        watch.over.set()
+        below = {"gateway": [reading(gateway.pid)[1] for gateway in between]}
+        for process in (*between, system):
+            process.terminate()
+            process.wait()
+        document = {
+            "group": "gateways", "name": f"200 light cells, {count} gateways", "command": " ".join(["repose", *command[1:]]), "up": up,
+            "commit": settings.commit, "began": began.isoformat(timespec="seconds"), "load": os.getloadavg()[0], "cores": os.cpu_count(),
+            "report": json.loads(ran.stdout) if ran.stdout.strip() else None, "processes": watch.summary(), "cores_used": watch.cores(),
+            "gateways_mib": below["gateway"],
+        }
+        with open(settings.out, "a", encoding="utf-8") as out:
+            out.write(json.dumps(document) + "\n")
+        report, router = document["report"] or {}, document["processes"].get("router")
+        print(f"gateways  {count}: {report.get('light') or report}, router {router}, cores {document['cores_used']}, MiB {below}", flush=True)
 
 
 def light(settings, routers=1):
@@ -264,7 +306,7 @@ def soak(settings):
 
 
 GROUPS = {
-    "capacity": capacity, "cells": cells, "idle": idle, "light": light, "light2": light2, "networks": networks, "overload": overload, "faults": faults,
+    "capacity": capacity, "cells": cells, "gateways": gateways, "idle": idle, "light": light, "light2": light2, "networks": networks, "overload": overload, "faults": faults,
     "soak": soak,
 }
 
