@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
-"""What a deployment on this machine bears: capacity, cells on one pool, overload, faults and a soak, each a run of `repose load --up`.
+"""What a deployment on this machine bears: capacity, cells on one pool, overload, faults and a soak, each a run of `repose load --up`; and networks apart.
 
-    deploy/record/measure.py --program target/release/repose --commit "$(git rev-parse --short HEAD)" [capacity cells overload faults soak]
+    deploy/record/measure.py --program target/release/repose --commit "$(git rev-parse --short HEAD)" [capacity cells idle light light2 gateways overload faults soak]
+    deploy/record/measure.py --program target/release/repose --commit … networks --trials delay narrow execute cut clocks      # as root
 
 Every run starts a system of its own (router, simulated cell, services), asks it, and ends it. One JSON document a run is appended to
-`runs.jsonl` beside this file (or to --out), with the command, what it printed, and the memory and descriptors of the system's processes
-over time, and a line a run is printed. Needs nothing but Python's standard library.
+`runs.jsonl` beside this file (or to --out), with the command, what it printed, and the memory, descriptors and processor time of the
+system's processes over time, and a line a run is printed. `networks` appends what `tests/networks/trials.py` prints. Needs nothing but
+Python's standard library.
 """
 
 import argparse
@@ -14,10 +16,16 @@ import json
 import os
 import pathlib
 import subprocess
+import sys
 import threading
+import time
 
-# Seconds between two readings of memory and descriptors.
+# Seconds between two readings of memory, descriptors and processor time.
 READ_EVERY_S = 5.0
+# Where systems of `repose up` listen.
+UP = "tcp/127.0.0.1:17440"
+TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+TRIALS = pathlib.Path(__file__).parents[2] / "tests/networks/trials.py"
 
 
 def family(root):
@@ -39,33 +47,38 @@ def family(root):
 
 
 def reading(process):
-    """Resident memory (MiB) and open descriptors of a process; none once it has ended."""
+    """Resident memory (MiB), open descriptors and processor time (s) of a process; none once it has ended."""
     try:
         folder = pathlib.Path(f"/proc/{process}")
         words = (folder / "cmdline").read_bytes().split(b"\0")
         resident = next(line for line in (folder / "status").read_text().splitlines() if line.startswith("VmRSS"))
         what = words[words.index(b"serve") + 1].decode() if b"serve" in words else "load"
-        return what, int(resident.split()[1]) / 1024, len(os.listdir(folder / "fd"))
+        used = (folder / "stat").read_text().rpartition(")")[2].split()[11:13]
+        return what, int(resident.split()[1]) / 1024, len(os.listdir(folder / "fd")), sum(map(int, used)) / TICKS_PER_S
     except (OSError, StopIteration, ValueError, IndexError):
         return None
 
 
 class Watch(threading.Thread):
-    """Reads the memory and descriptors of a run's processes, by service: the largest process of each."""
+    """Reads the memory and descriptors of a run's processes, by service: the largest process of each; and the processor time of all of them."""
 
     def __init__(self, root):
         super().__init__(daemon=True)
-        self.root, self.readings, self.over = root, [], threading.Event()
+        self.root, self.readings, self.used, self.over = root, [], [], threading.Event()
 
     def run(self):
         while not self.over.wait(READ_EVERY_S):
-            now = {}
-            for read in filter(None, map(reading, family(self.root))):
-                what, memory, descriptors = read
+            now, used = {}, {}
+            # The program that asks is the root.
+            for process, read in ((process, reading(process)) for process in (self.root, *family(self.root))):
+                if read is None:
+                    continue
+                what, memory, descriptors, used[what, process] = read
                 before = now.get(what, (0.0, 0))
                 now[what] = (max(before[0], round(memory, 1)), max(before[1], descriptors))
             if now:
                 self.readings.append(now)
+                self.used.append((time.monotonic(), used))
 
     def summary(self):
         """By service: memory and descriptors after a tenth of the run, at its end, and the most."""
@@ -81,6 +94,18 @@ class Watch(threading.Thread):
             }
             for what in sorted(services)
         }
+
+
+    def cores(self):
+        """By service: cores in use by all its processes in the second half of the run, when everything has started."""
+        if len(self.used) < 4:
+            return {}
+        (begin, before), (end, after) = self.used[len(self.used) // 2], self.used[-1]
+        cores = {}
+        for process, seconds in after.items():
+            if process in before:
+                cores[process[0]] = cores.get(process[0], 0.0) + (seconds - before[process]) / (end - begin)
+        return {what: round(share, 3) for what, share in sorted(cores.items())}
 
 
 def run(settings, group, name, words):
@@ -104,6 +129,7 @@ def run(settings, group, name, words):
         "exit": process.returncode,
         "report": json.loads(printed) if printed.strip() else None,
         "processes": watch.summary(),
+        "cores_used": watch.cores(),
         # A process that aborts says so on its last line.
         "aborts": [line for line in log.splitlines() if "panicked" in line or "allocation of" in line or "SIGABRT" in line][:20],
     }
@@ -116,7 +142,7 @@ def run(settings, group, name, words):
 def line(document):
     """A run in a line."""
     report = document["report"]
-    if report is None:
+    if not report or "error" in report:
         return f"{document['group']:9} {document['name']:34} exit {document['exit']}"
     latency, priorities = report["latency_ms"], report["priorities"]
     refused = report["outcome_latency_ms"].get("resource_exhausted", {}).get("p99")
@@ -150,6 +176,106 @@ def cells(settings):
         run(settings, "cells", f"{count} cells", words)
 
 
+def started(settings, words):
+    """`repose up`, once everything is up; and its command."""
+    command = [settings.program, "--json", "up", "--listen", UP, *words]
+    environment = {**os.environ, "REPOSE_CONSOLE__LISTEN": "127.0.0.1:0"}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment)
+    # One document, over several lines, when everything is up.
+    said = process.stdout.readline()
+    while said and said.rstrip() != "}":
+        said = process.stdout.readline()
+    return process, " ".join(["repose", *command[1:]])
+
+
+def idle(settings):
+    """What cells cost that nobody asks anything: one, and four that share a pool."""
+    for count in (1, 4):
+        began = datetime.datetime.now(datetime.timezone.utc)
+        process, command = started(settings, ["--cells", str(count)])
+        watch = Watch(process.pid)
+        watch.start()
+        time.sleep(8 * READ_EVERY_S)
+        watch.over.set()
+        document = {
+            "group": "idle", "name": f"{count} cells", "command": command, "commit": settings.commit,
+            "began": began.isoformat(timespec="seconds"), "load": os.getloadavg()[0], "cores": os.cpu_count(),
+            "processes": watch.summary(), "cores_used": watch.cores(),
+        }
+        process.terminate()
+        process.wait()
+        with open(settings.out, "a", encoding="utf-8") as out:
+            out.write(json.dumps(document) + "\n")
+        mib = {what: values["mib"][1] for what, values in document["processes"].items()}
+        print(f"idle      {count} cells: MiB {mib}, cores {document['cores_used']}", flush=True)
+
+
+def gateways(settings):
+    """Two hundred light cells at the router of their pool, and behind four gateways of it: what the router has to do. Needs eclipse-zenoh."""
+    for count in (0, 4):
+        began = datetime.datetime.now(datetime.timezone.utc)
+        system, up = started(settings, [])
+        endpoints = [f"tcp/127.0.0.1:{17451 + k}" for k in range(count)]
+        script = pathlib.Path(__file__).with_name("gateway.py")
+        between = [
+            subprocess.Popen([sys.executable, script, UP, at], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) for at in endpoints
+        ]
+        for gateway in between:
+            gateway.stdout.readline()
+        words = ["--pool", "cell", "--cells", 200, "--rate", 0.5, "--requests", 13, "--variant", "geometric"]
+        command = [settings.program, "--json", "load", "--connect", ",".join(endpoints or [UP]), *map(str, words)]
+        watch = Watch(system.pid)
+        watch.start()
+        ran = subprocess.run(command, capture_output=True, text=True)
+        watch.over.set()
+        below = {"gateway": [reading(gateway.pid)[1] for gateway in between]}
+        for process in (*between, system):
+            process.terminate()
+            process.wait()
+        document = {
+            "group": "gateways", "name": f"200 light cells, {count} gateways", "command": " ".join(["repose", *command[1:]]), "up": up,
+            "commit": settings.commit, "began": began.isoformat(timespec="seconds"), "load": os.getloadavg()[0], "cores": os.cpu_count(),
+            "report": json.loads(ran.stdout) if ran.stdout.strip() else None, "processes": watch.summary(), "cores_used": watch.cores(),
+            "gateways_mib": below["gateway"],
+        }
+        with open(settings.out, "a", encoding="utf-8") as out:
+            out.write(json.dumps(document) + "\n")
+        report, router = document["report"] or {}, document["processes"].get("router")
+        print(f"gateways  {count}: {report.get('light') or report}, router {router}, cores {document['cores_used']}, MiB {below}", flush=True)
+
+
+def light(settings, routers=1):
+    """One to two hundred light cells with the traffic of robots and perception, and a request every other second from one of them."""
+    for count in settings.light_cells:
+        words = ["--cells", count, "--routers", routers, "--rate", 0.5, "--requests", 13, "--warm-up", 2, "--variant", "geometric"]
+        document = run(settings, "light", f"{count} light cells, {routers} routers", words)
+        report, router = document["report"] or {}, document["processes"].get("router", {})
+        print(f"          {report.get('light')}\n          router {router} cores {document['cores_used']}")
+
+
+def light2(settings):
+    """The same on two routers: every other cell is at the second."""
+    light(settings, 2)
+
+
+def networks(settings):
+    """A cell and an office in networks of their own."""
+    for trial in settings.trials:
+        command = [sys.executable, str(TRIALS), "--program", settings.program, trial]
+        began = datetime.datetime.now(datetime.timezone.utc)
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        for printed in process.stdout:
+            document = {
+                "group": "networks", "command": f"tests/networks/trials.py {trial}", "commit": settings.commit,
+                "began": began.isoformat(timespec="seconds"), "load": os.getloadavg()[0], "cores": os.cpu_count(), **json.loads(printed),
+            }
+            with open(settings.out, "a", encoding="utf-8") as out:
+                out.write(json.dumps(document) + "\n")
+            print(printed.strip(), flush=True)
+        if process.wait() != 0:
+            print(f"{trial}: exit {process.returncode}", flush=True)
+
+
 def overload(settings):
     """Half as much again, and three times what can be done, a third of it interactive."""
     count = settings.requests
@@ -179,7 +305,10 @@ def soak(settings):
     run(settings, "soak", f"{settings.minutes} minutes, QUIC", [*asked, "--secured", *kills])
 
 
-GROUPS = {"capacity": capacity, "cells": cells, "overload": overload, "faults": faults, "soak": soak}
+GROUPS = {
+    "capacity": capacity, "cells": cells, "gateways": gateways, "idle": idle, "light": light, "light2": light2, "networks": networks, "overload": overload, "faults": faults,
+    "soak": soak,
+}
 
 
 def main():
@@ -188,6 +317,8 @@ def main():
     parser.add_argument("--program", default="target/release/repose", help="the program")
     parser.add_argument("--commit", default="", help="what it was built from")
     parser.add_argument("--requests", type=int, default=400, help="requests of a run of capacity")
+    parser.add_argument("--light-cells", type=int, nargs="+", default=[1, 10, 50, 200], help="light cells of a run of light")
+    parser.add_argument("--trials", nargs="+", default=["delay", "narrow", "execute", "cut", "clocks"], help="trials of networks")
     parser.add_argument("--minutes", type=float, default=10.0, help="length of a run with faults, and of the soak")
     parser.add_argument("--out", default=pathlib.Path(__file__).parent / "runs.jsonl", help="where documents are appended")
     settings = parser.parse_args()

@@ -48,6 +48,7 @@ pub mod limits;
 pub mod load;
 pub mod message;
 pub mod motion;
+pub mod packed;
 pub mod perception;
 pub mod place;
 pub mod relation;

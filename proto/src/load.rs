@@ -36,6 +36,9 @@ pub struct WorkerLoad {
     /// Version of the worker's program; workers of release 1 tell none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub version: Option<String>,
+    /// When it was told, by the clock of the worker's host, nanoseconds since the Unix epoch: nothing goes by it, but a clock that is off can be said so.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stamp_ns: Option<u64>,
     /// Calls ended since the worker started; workers of release 1 do not tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended: Option<u64>,

@@ -4,7 +4,7 @@ use bytes::Bytes;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::{Bulk, CallError, ErrorCode, limits};
+use crate::{Bulk, CallError, ErrorCode, limits, packed};
 
 /// A type that crosses the wire under a schema name of its own.
 pub trait Message {
@@ -50,6 +50,19 @@ impl Payload {
         Self { encoding: format!("{BULK};repose.{schema}"), bytes: bulk.encode().into() }.within_limit()
     }
 
+    /// A payload in packed form, which [`Payload::decode_bulk`] reads as the plain one.
+    ///
+    /// # Errors
+    /// As [`Payload::bulk`].
+    pub fn packed(schema: &str, bulk: &Bulk) -> Result<Self, CallError> {
+        Self { encoding: format!("{BULK};repose.Packed{schema}"), bytes: packed::pack(bulk)?.into() }.within_limit()
+    }
+
+    /// Whether the payload is in packed form.
+    pub fn is_packed(&self) -> bool {
+        self.is_bulk() && self.schema().starts_with("Packed")
+    }
+
     /// The same payload, if a message may be that large.
     ///
     /// # Errors
@@ -87,6 +100,10 @@ impl Payload {
     /// `invalid_argument` on `encoding` or on `payload`.
     pub fn decode_bulk(&self, schema: &str) -> Result<Bulk, CallError> {
         check_size(self.bytes.len())?;
+        if self.is_packed() {
+            self.expect(BULK, &format!("Packed{schema}"))?;
+            return packed::unpack(&self.bytes);
+        }
         self.expect(BULK, schema)?;
         Bulk::decode(&self.bytes)
     }

@@ -28,6 +28,16 @@ impl Message for LatestRequest {
 pub struct SceneRequest {
     /// The scene's id.
     pub scene_id: String,
+    /// Whether it may come packed (`PackedScene.v1`): a fifth as large, at some 50 ms of computing. Workers of release 1 refuse the field.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub packed: bool,
+}
+
+impl SceneRequest {
+    /// Asks for a scene as it is.
+    pub fn new(scene_id: impl Into<String>) -> Self {
+        Self { scene_id: scene_id.into(), packed: false }
+    }
 }
 
 impl Message for SceneRequest {

@@ -47,7 +47,7 @@ fn json_messages_keep_their_bytes() {
     check("CallError.v1.json", &json(&CallError::invalid("goal[0].anchor", "no such object")));
     check("PlaceProgress.v1.json", &json(&PlaceProgress { iterations: 1, evaluated: 100, best: place_result().placements.pop() }));
     check("LatestRequest.v1.json", &json(&LatestRequest { camera: "table".into() }));
-    check("SceneRequest.v1.json", &json(&SceneRequest { scene_id: SCENE_ID.into() }));
+    check("SceneRequest.v1.json", &json(&SceneRequest::new(SCENE_ID)));
     check("PriorRequest.v1.json", &json(&prior_request()));
     check("ModelsRequest.v1.json", &json(&ModelsRequest {}));
     check("ModelsReply.v1.json", &json(&models_reply()));

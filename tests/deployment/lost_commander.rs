@@ -197,7 +197,7 @@ fn brought_back(robot: &mut Robot) {
 fn whenever_the_commander_or_the_link_is_lost_the_robot_latches_and_can_be_brought_back() {
     let plan = plan();
     let begin =
-        |robot: &Robot| Execution::begin(plan.clone(), task("t1"), &robot.state(), 0, 0, ExecutionSettings::default()).expect("it begins");
+        |robot: &Robot| Execution::begin(plan.clone(), task("t1"), &robot.state(), 0, ExecutionSettings::default()).expect("it begins");
     let mut robot = Robot::new();
     let begun = begin(&robot);
     assert_eq!(drive(&mut robot, begun, None).map(|reply| reply.outcome), Some(ExecutionOutcome::Done), "undisturbed it is carried out");

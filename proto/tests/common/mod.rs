@@ -413,6 +413,7 @@ pub fn worker_load() -> WorkerLoad {
         operates: false,
         journals: false,
         version: None,
+        stamp_ns: None,
         ended: None,
         failed: None,
         keep_out: Vec::new(),

@@ -6,7 +6,7 @@ use std::time::Duration;
 use repose_proto::load::WorkerLoad;
 use repose_proto::robot::RobotState;
 use repose_proto::{Cell, SceneSummary, Service, keys};
-use repose_runtime::{AliveWatch, Sample, Session, Subscription};
+use repose_runtime::{AliveWatch, Sample, Session, Subscription, now_ns};
 use tokio::time::Instant;
 
 use crate::failure::Failure;
@@ -29,6 +29,8 @@ pub struct Received<T> {
     pub at: Instant,
     /// How many came while it was listened.
     pub count: u64,
+    /// The least time from a message's stamp to when it came, by this host's clock, milliseconds; none where messages have no stamp.
+    pub lag_ms: Option<f64>,
 }
 
 /// Listens to the workers, cameras and robots of a cell.
@@ -88,19 +90,19 @@ impl CellListener {
                 sample = next_of(&mut self.loads) => {
                     let sample = sample.ok_or_else(closed)?;
                     if let (Some((service, worker)), Ok(load)) = (keys::of_load(&sample.key), sample.payload.decode_json()) {
-                        hear(&mut loads, (service, worker.to_owned()), load);
+                        hear(&mut loads, (service, worker.to_owned()), load, |load: &WorkerLoad| load.stamp_ns);
                     }
                 }
                 sample = self.scenes.recv() => {
                     let sample = sample.ok_or_else(closed)?;
                     if let Ok(scene) = sample.payload.decode_json() {
-                        hear(&mut heard.cameras, keys::last_chunk(&sample.key).to_owned(), scene);
+                        hear(&mut heard.cameras, keys::last_chunk(&sample.key).to_owned(), scene, |scene: &SceneSummary| Some(scene.stamp_ns));
                     }
                 }
                 sample = self.robots.recv() => {
                     let sample = sample.ok_or_else(closed)?;
                     if let (Some(robot), Ok(state)) = (keys::worker_of(&sample.key), sample.payload.decode_json()) {
-                        hear(&mut heard.robots, robot.to_owned(), state);
+                        hear(&mut heard.robots, robot.to_owned(), state, |state: &RobotState| Some(state.stamp_ns));
                     }
                 }
             }
@@ -127,11 +129,15 @@ async fn next_of(subscriptions: &mut [Subscription]) -> Option<Sample> {
     futures::future::select_all(subscriptions.iter_mut().map(|subscription| Box::pin(subscription.recv()))).await.0
 }
 
-fn hear<K: Ord, T: Clone>(known: &mut BTreeMap<K, Received<T>>, name: K, newest: T) {
+fn hear<K: Ord, T: Clone>(known: &mut BTreeMap<K, Received<T>>, name: K, newest: T, stamp_ns: impl FnOnce(&T) -> Option<u64>) {
     let at = Instant::now();
+    let lag_ms = stamp_ns(&newest).map(|stamp_ns| (now_ns() as f64 - stamp_ns as f64) / 1e6);
     match known.get_mut(&name) {
-        Some(heard) if heard.count > 0 => (heard.newest, heard.at, heard.count) = (newest, at, heard.count + 1),
-        _ => drop(known.insert(name, Received { first: newest.clone(), first_at: at, newest, at, count: 1 })),
+        Some(heard) if heard.count > 0 => {
+            (heard.newest, heard.at, heard.count) = (newest, at, heard.count + 1);
+            heard.lag_ms = heard.lag_ms.zip(lag_ms).map(|(least, this)| least.min(this));
+        }
+        _ => drop(known.insert(name, Received { first: newest.clone(), first_at: at, newest, at, count: 1, lag_ms })),
     }
 }
 

@@ -156,8 +156,9 @@ pub async fn robot_state(session: &Session, robot: &str, within: Duration) -> Re
 pub async fn newest_scene(session: &Session, camera: &str, within: Duration, patience: Duration) -> Result<SceneSummary, Failure> {
     keys::validate_chunk("camera", camera)?;
     let perception = session.caller(Service::Perception).await?;
-    // A worker that is alive and has not told its load yet is called all the same.
-    if perception.wait_for_workers(1, within.min(PATIENCE)).await.is_err() && perception.workers().is_empty() {
+    // A worker that is alive and has not told its load yet is called all the same, and at once.
+    let is_alone = perception.workers().is_empty() && perception.wait_for_workers(1, within.min(PATIENCE)).await.is_err();
+    if is_alone && perception.workers().is_empty() {
         let cells = names(session).await?.cells;
         let message = format!("the cell has no perception worker that is alive; cells with workers: {}", listed(&cells));
         return Err(Failure::Other(CallError { field: Some("cell".to_owned()), ..CallError::new(ErrorCode::Unavailable, message) }));

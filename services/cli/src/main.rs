@@ -5,6 +5,7 @@ mod arrangement;
 mod asynchronous;
 mod cell_survey;
 mod client;
+mod clocks;
 mod commands;
 mod embedded;
 mod environment;

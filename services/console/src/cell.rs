@@ -337,7 +337,7 @@ impl Shared {
     }
 
     async fn scene(&self, scene_id: &str) -> Result<Scene, CallError> {
-        let request = Payload::json(&SceneRequest { scene_id: scene_id.to_owned() })?;
+        let request = Payload::json(&SceneRequest::new(scene_id))?;
         let answer = self.callers[&Service::Perception].call_any("scene", &request, &CallOptions::within(SCENE_WITHIN)).await?;
         computed(move || Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA)?)).await
     }

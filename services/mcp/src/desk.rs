@@ -5,11 +5,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use repose_proto::{CallError, ErrorCode, Service};
-use repose_runtime::{CallOptions, Caller, SceneStore, Session, fetch_newest, fetch_scene, now_ns};
+use repose_runtime::{CallOptions, Caller, SceneStore, Session, fetch_newest, fetch_scene, robot_state};
 use tokio::time::Instant;
 
 use crate::McpError;
 use crate::plans::Plans;
+use crate::robot::PATIENCE;
 use crate::seen::ShownScene;
 use crate::settings::McpSettings;
 
@@ -101,9 +102,10 @@ impl Desk {
         }
     }
 
-    /// A view from now on.
+    /// A view from now on, by the robot's clock, which is its cameras': this host's may be behind theirs.
     pub(crate) async fn fresh(&self) -> Result<Arc<ShownScene>, CallError> {
-        self.view_after(now_ns()).await
+        let state = robot_state(&self.session, &self.settings.robot, PATIENCE).await?;
+        self.view_after(state.stamp_ns).await
     }
 
     /// A view that was shown.

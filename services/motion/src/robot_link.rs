@@ -78,7 +78,7 @@ impl RobotLink {
         progress: impl Fn(ExecuteProgress),
     ) -> Result<ExecuteReply, CallError> {
         let robot = plan.robot.clone();
-        let begin = |state: &RobotState, now_ms| Execution::begin(plan, task, state, now_ns(), now_ms, self.settings);
+        let begin = |state: &RobotState, now_ms| Execution::begin(plan, task, state, now_ms, self.settings);
         self.drive(&robot, begin, cancelled, progress).await
     }
 

@@ -22,7 +22,7 @@ fn run_late(
     late_ms: usize,
     mut meddle: impl FnMut(&mut Robot, &mut Execution, u64) -> Vec<ExecutionAction>,
 ) -> (Vec<Phase>, ExecutionAction) {
-    let (mut execution, mut steps) = Execution::begin(plan, task(), &robot.state, NOW_NS, 0, ExecutionSettings::default()).unwrap();
+    let (mut execution, mut steps) = Execution::begin(plan, task(), &robot.state, 0, ExecutionSettings::default()).unwrap();
     let (mut phases, mut shown) = (Vec::new(), VecDeque::new());
     for now_ms in (0..60_000).step_by(10) {
         robot.advance();
@@ -71,7 +71,7 @@ fn the_task_is_open_and_kept_alive_from_the_first_command_to_the_last() {
     let (mut open, mut grasped) = (Vec::new(), None);
     let grasps = HeldObject { scene_id: "0".repeat(64), object: 1, low_m: [-0.02; 3], high_m: [0.02; 3] };
     let named = ExecutionTask { grasps: Some(grasps.clone()), ..task() };
-    let (mut execution, mut steps) = Execution::begin(plan(), named, &robot.state, NOW_NS, 0, ExecutionSettings::default()).unwrap();
+    let (mut execution, mut steps) = Execution::begin(plan(), named, &robot.state, 0, ExecutionSettings::default()).unwrap();
     'run: for now_ms in (0..60_000).step_by(10) {
         robot.advance();
         open.push(robot.state.open_task().map(str::to_owned));
@@ -273,7 +273,7 @@ fn a_cancelled_motion_slows_down_on_its_path_and_leaves_the_robot_ready() {
 fn a_robot_that_needs_whole_streams_gets_each_at_once_and_then_signs_of_life_only() {
     let mut robot = Robot::new();
     robot.state.horizon_ms = Some(600_000);
-    let (mut execution, mut steps) = Execution::begin(plan(), task(), &robot.state, NOW_NS, 0, ExecutionSettings::default()).unwrap();
+    let (mut execution, mut steps) = Execution::begin(plan(), task(), &robot.state, 0, ExecutionSettings::default()).unwrap();
     let (mut streams, mut again) = (0, 0);
     for now_ms in (0..60_000).step_by(10) {
         robot.advance();
@@ -328,7 +328,7 @@ fn a_cancel_while_the_fingers_open_waits_for_them_and_a_lost_network_ends_it_at_
 #[test]
 fn a_plan_that_does_not_fit_the_world_is_refused() {
     let begin = |plan: MotionPlan, state: &RobotState| {
-        Execution::begin(plan, task(), state, NOW_NS, 0, ExecutionSettings::default()).map(|_| ()).unwrap_err()
+        Execution::begin(plan, task(), state, 0, ExecutionSettings::default()).map(|_| ()).unwrap_err()
     };
     let idle = Robot::new().state;
     let refused = |error: repose_proto::CallError, field: &str| {
@@ -359,7 +359,7 @@ fn what_was_seen_before_the_robot_took_or_put_something_is_not_carried_out() {
     let plan = MotionPlan { scene_stamp_ns: NOW_NS - 10_000_000_000, max_scene_age_ms: 60_000, ..plan() };
     let begin = |since_handling_ms| {
         let state = RobotState { since_handling_ms, ..Robot::new().state };
-        Execution::begin(plan.clone(), task(), &state, NOW_NS, 0, ExecutionSettings::default()).map(|_| ())
+        Execution::begin(plan.clone(), task(), &state, 0, ExecutionSettings::default()).map(|_| ())
     };
     assert_eq!(begin(None), Ok(()), "the hand has not moved anything yet");
     assert_eq!(begin(Some(20_000)), Ok(()), "the scene shows what it did");

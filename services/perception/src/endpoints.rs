@@ -5,7 +5,7 @@ use std::sync::Arc;
 use async_trait::async_trait;
 use repose_proto::load::WorkerLoad;
 use repose_proto::perception::{LatestRequest, SceneRequest};
-use repose_proto::{CallError, Payload};
+use repose_proto::{CallError, Payload, Scene};
 use repose_runtime::{Call, Handler, load_of};
 
 use crate::report::report;
@@ -42,10 +42,15 @@ impl Endpoints {
         Payload::json(&summary)
     }
 
-    /// A scene by its id.
-    fn scene(&self, call: &Call) -> Result<Payload, CallError> {
-        let SceneRequest { scene_id } = call.payload.decode_json()?;
-        Ok(self.worker.scenes().get(&scene_id)?.payload.clone())
+    /// A scene by its id, packed for whoever is at the end of a slow network.
+    async fn scene(&self, call: &Call) -> Result<Payload, CallError> {
+        let SceneRequest { scene_id, packed } = call.payload.decode_json()?;
+        let plain = self.worker.scenes().get(&scene_id)?.payload.clone();
+        if !packed {
+            return Ok(plain);
+        }
+        let packing = move || Payload::packed(Scene::SCHEMA, &plain.decode_bulk(Scene::SCHEMA)?);
+        tokio::task::spawn_blocking(packing).await.map_err(|e| CallError::internal(format!("packing was lost: {e}")))?
     }
 }
 
@@ -55,7 +60,7 @@ impl Handler for Endpoints {
         match call.method.as_str() {
             "segment" => self.segment(&call).await,
             "latest" => self.latest(&call),
-            "scene" => self.scene(&call),
+            "scene" => self.scene(&call).await,
             _ => Err(call.unknown_method()),
         }
     }

@@ -56,7 +56,7 @@ async fn a_segmented_frame_can_be_asked_for_by_its_id() {
     assert_eq!(scene.meta.objects.len(), 1);
     assert!((scene.meta.objects[0].centroid_m[2] - 0.1).abs() < 0.01);
     assert!(answer.timing_ms.contains_key("segment"));
-    let request = Payload::json(&SceneRequest { scene_id: scene.id() }).unwrap();
+    let request = Payload::json(&SceneRequest::new(scene.id())).unwrap();
     assert_eq!(running.call("scene", request).await.unwrap().payload, answer.payload);
     running.stop().await;
 }
@@ -76,7 +76,7 @@ async fn a_cameras_frame_becomes_its_newest_scene() {
     assert_eq!((published.camera.as_str(), published.stamp_ns, published.objects.len()), ("front", 42, 1));
     let latest = running.call("latest", Payload::json(&LatestRequest { camera: "front".to_owned() }).unwrap()).await.unwrap();
     assert_eq!(latest.payload.decode_json::<SceneSummary>().unwrap(), published);
-    let scene = running.call("scene", Payload::json(&SceneRequest { scene_id: published.scene_id.clone() }).unwrap()).await.unwrap();
+    let scene = running.call("scene", Payload::json(&SceneRequest::new(published.scene_id.clone())).unwrap()).await.unwrap();
     assert_eq!(scene_in(&scene.payload).id(), published.scene_id);
     running.stop().await;
 }
@@ -90,7 +90,7 @@ async fn what_cannot_be_answered_is_said_with_its_field() {
     disagreeing.tensors.insert("labels".to_owned(), repose_proto::Tensor::u16(&[3, 4], &[0; 12]));
     let disagreeing = Payload::bulk(Frame::SCHEMA, &disagreeing).unwrap();
     assert_eq!(running.error("segment", disagreeing).await, (ErrorCode::InvalidArgument, "labels".to_owned()));
-    let unknown = Payload::json(&SceneRequest { scene_id: "0".repeat(64) }).unwrap();
+    let unknown = Payload::json(&SceneRequest::new("0".repeat(64))).unwrap();
     assert_eq!(running.error("scene", unknown).await, (ErrorCode::NotFound, "scene_id".to_owned()));
     let nobody = Payload::json(&LatestRequest { camera: "nobody".to_owned() }).unwrap();
     assert_eq!(running.error("latest", nobody).await, (ErrorCode::NotFound, "camera".to_owned()));

@@ -12,6 +12,7 @@ use repose_runtime::{Call, CallOptions, Caller, CellCallers, Handler, fetch_scen
 
 use crate::cached_scene::CachedScene;
 use crate::config::{PlannerConfig, Robots};
+use crate::fetches::Fetches;
 use crate::remote_models::{KnownForecasts, RemoteModels};
 use crate::worker::Worker;
 
@@ -20,6 +21,7 @@ pub struct Endpoints {
     worker: Arc<Worker>,
     perception: CellCallers,
     inference: Caller,
+    fetches: Fetches,
     scene_timeout: Duration,
     reply_reserve: Duration,
     forecasts: Arc<KnownForecasts>,
@@ -31,7 +33,7 @@ impl Endpoints {
     pub fn new(worker: Arc<Worker>, perception: CellCallers, inference: Caller, robots: Robots, config: &PlannerConfig) -> Self {
         let (scene_timeout, reply_reserve) =
             (Duration::from_millis(config.scene_timeout_ms), Duration::from_millis(config.reply_reserve_ms));
-        Self { worker, perception, inference, scene_timeout, reply_reserve, forecasts: Arc::default(), robots }
+        Self { worker, perception, inference, fetches: Fetches::default(), scene_timeout, reply_reserve, forecasts: Arc::default(), robots }
     }
 
     async fn place(&self, call: &Call) -> Result<Payload, CallError> {
@@ -95,6 +97,15 @@ impl Endpoints {
         let options = CallOptions::for_call(call);
         let options = CallOptions { deadline: options.deadline.min(self.scene_timeout), ..options };
         let started = Instant::now();
+        // Whoever waits gives up when its own fetch would have: its caller may send the scene.
+        let turn = tokio::time::timeout(options.deadline, self.fetches.turn(scene_id)).await;
+        if let Ok(kept) = self.worker.scenes().get(scene_id) {
+            call.stage("scene", started.elapsed().as_secs_f64() * 1e3);
+            return Ok(kept);
+        }
+        let _turn =
+            turn.map_err(|_| CallError::not_found("scene_id", format!("scene {scene_id} is not here, and did not come in time")))?;
+        let options = CallOptions { deadline: options.deadline.saturating_sub(started.elapsed()), ..options };
         let perception = self.perception.of(call).await?;
         let scene = fetch_scene(&perception, scene_id, &options).await.map_err(|error| match error.code {
             ErrorCode::Cancelled | ErrorCode::NotFound => error,

@@ -63,6 +63,7 @@ pub mod cached_scene;
 pub mod checks;
 pub mod config;
 pub mod endpoints;
+pub mod fetches;
 pub mod judge;
 pub mod learned;
 pub mod plan;

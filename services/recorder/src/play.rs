@@ -192,7 +192,7 @@ impl Handler for Scenes {
                 Payload::json(&newest.ok_or_else(missing)?)
             }
             "scene" => {
-                let SceneRequest { scene_id } = call.payload.decode_json()?;
+                let SceneRequest { scene_id, .. } = call.payload.decode_json()?;
                 Ok(self.whole.get(&scene_id)?.as_ref().clone())
             }
             _ => Err(call.unknown_method()),

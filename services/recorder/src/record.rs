@@ -254,7 +254,7 @@ impl Capture {
         }
         let (perception, to_file, lost) = (self.perception.clone(), self.to_file.clone(), self.lost.clone());
         tokio::spawn(async move {
-            let Ok(request) = Payload::json(&SceneRequest { scene_id: scene_id.clone() }) else { return };
+            let Ok(request) = Payload::json(&SceneRequest::new(scene_id.clone())) else { return };
             match perception.call_any("scene", &request, &CallOptions::within(SCENE_WITHIN)).await {
                 Ok(answer) => {
                     if to_file.send(Captured::Scene { scene_id, payload: answer.payload, at_ns: now_ns() }).await.is_err() {

@@ -6,7 +6,7 @@
 use nalgebra::Isometry3;
 use repose_panda::base_from_hand;
 use repose_proto::RigidTransform;
-use repose_proto::robot::RobotState;
+use repose_proto::robot::{RobotMode, RobotState};
 use repose_robot_side::{GripperState, StateDetails, state_of};
 use repose_sensor::SensorModel;
 
@@ -27,6 +27,38 @@ pub struct CellWorld {
     pub arm: Arm,
     ticks: u64,
     pictures: u64,
+    /// The last true picture, with what it shows.
+    drawn: Option<(Shows, Picture)>,
+}
+
+/// Objects and fingers that moved by less than this look the same, metres: a tenth of what the camera can tell apart, and more than contacts tremble.
+const SAME_M: f64 = 5e-5;
+/// The same of orientations and joints, radians.
+const SAME_RAD: f64 = 1e-4;
+
+/// What a picture shows.
+#[derive(Debug, Clone, PartialEq)]
+struct Shows {
+    world_from_objects: Vec<Isometry3<f64>>,
+    /// Joints and fingers; none where the robot is not drawn.
+    robot: Option<([f64; 7], [f32; 2])>,
+}
+
+impl Shows {
+    fn looks_like(&self, other: &Self) -> bool {
+        let objects = self.world_from_objects.iter().zip(&other.world_from_objects);
+        let mut poses = objects
+            .map(|(a, b)| (a.translation.vector - b.translation.vector).norm() < SAME_M && a.rotation.angle_to(&b.rotation) < SAME_RAD);
+        let robot = match (&self.robot, &other.robot) {
+            (Some((joints, fingers)), Some((other_joints, other_fingers))) => {
+                joints.iter().zip(other_joints).all(|(a, b)| (a - b).abs() < SAME_RAD)
+                    && fingers.iter().zip(other_fingers).all(|(a, b)| f64::from((a - b).abs()) < SAME_M)
+            }
+            (None, None) => true,
+            _ => false,
+        };
+        robot && self.world_from_objects.len() == other.world_from_objects.len() && poses.all(|alike| alike)
+    }
 }
 
 impl CellWorld {
@@ -43,7 +75,7 @@ impl CellWorld {
     pub fn with_scene(scene: SimulatedScene, settings: CellSettings, arm: ArmSettings, hand: HandSettings) -> Self {
         let arm = Arm::new(arm);
         let (world, hand_in_world) = furnished(&scene, &settings, &arm, hand);
-        Self { settings, hand_settings: hand, scene, world, hand: hand_in_world, arm, ticks: 0, pictures: 0 }
+        Self { settings, hand_settings: hand, scene, world, hand: hand_in_world, arm, ticks: 0, pictures: 0, drawn: None }
     }
 
     /// Clears the table and sets up the scene of another seed; the arm goes back to its ready pose.
@@ -54,6 +86,8 @@ impl CellWorld {
         self.scene = cell_of_seed(seed, &self.settings)?;
         self.arm.rehome();
         (self.world, self.hand) = furnished(&self.scene, &self.settings, &self.arm, self.hand_settings);
+        // Other objects may stand at the same places.
+        self.drawn = None;
         Ok(())
     }
 
@@ -70,6 +104,21 @@ impl CellWorld {
         }
         self.hand.before_step(&mut self.world, &base_from_hand(self.arm.q_rad()));
         self.world.step();
+    }
+
+    /// A step of robot time in which nothing but the arm's controller goes on: for a world that [`Self::is_still`].
+    pub fn pass(&mut self, now_s: f64) {
+        let ticks = (f64::from(self.world.step_s()) / TICK_S).round().max(1.0) as usize;
+        for _ in 0..ticks {
+            self.arm.tick(now_s);
+        }
+        self.ticks += ticks as u64;
+    }
+
+    /// Whether nothing moves, and nothing is held that could slip: arm, fingers and objects.
+    pub fn is_still(&mut self) -> bool {
+        let arm_stands = self.arm.mode() != RobotMode::Moving && self.arm.dq_rad_s().iter().all(|speed| *speed == 0.0);
+        arm_stands && self.hand.is_settled() && self.at_rest() && !self.hand.is_holding(&mut self.world)
     }
 
     /// Length of a step, seconds of robot time.
@@ -135,9 +184,13 @@ impl CellWorld {
         picture(&self.settings.camera, &self.settings.world_from_camera(), &drawables)
     }
 
-    /// What the camera reports: noisy depth; with the robot in the picture or without it.
+    /// What the camera reports: noisy depth; with the robot in the picture or without it. What has not moved is not drawn again: its noise is new.
     pub fn sensed_picture(&mut self, sensor: &SensorModel, show_robot: bool) -> Picture {
-        let mut picture = self.true_picture(show_robot);
+        let robot = show_robot.then(|| (*self.arm.q_rad(), self.hand.finger_positions_m(&mut self.world)));
+        let shows = Shows { world_from_objects: self.world.poses(), robot };
+        let drawn = self.drawn.take().filter(|(drawn, _)| drawn.looks_like(&shows));
+        let (shows, mut picture) = drawn.unwrap_or_else(|| (shows, self.true_picture(show_robot)));
+        self.drawn = Some((shows, picture.clone()));
         self.pictures += 1;
         sensor.disturb(picture.depth_m.pixels_mut(), &self.settings.camera, self.scene.seed.wrapping_add(self.pictures << 32));
         picture
@@ -148,4 +201,67 @@ fn furnished(scene: &SimulatedScene, settings: &CellSettings, arm: &Arm, hand: H
     let mut world = scene.world(settings.scene.physics);
     let hand = SimulatedHand::new(&mut world, &base_from_hand(arm.q_rad()), hand);
     (world, hand)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Translation3, UnitQuaternion, Vector3};
+
+    use super::*;
+
+    fn cell(seed: u64) -> CellWorld {
+        CellWorld::new(seed, CellSettings::default(), ArmSettings::default(), HandSettings::default()).expect("a scene")
+    }
+
+    #[test]
+    fn what_moved_by_less_than_the_camera_can_tell_looks_the_same() {
+        let pose =
+            |x: f64, yaw_rad: f64| Isometry3::from_parts(Translation3::new(x, 0.0, 0.0), UnitQuaternion::new(Vector3::z() * yaw_rad));
+        let shows = |x, yaw_rad, joint_rad, finger_m| Shows {
+            world_from_objects: vec![pose(x, yaw_rad)],
+            robot: Some(([joint_rad; 7], [finger_m; 2])),
+        };
+        let before = shows(0.5, 0.1, 0.2, 0.04);
+        assert!(shows(0.500_01, 0.100_01, 0.200_01, 0.040_01).looks_like(&before));
+        for moved in
+            [shows(0.5002, 0.1, 0.2, 0.04), shows(0.5, 0.101, 0.2, 0.04), shows(0.5, 0.1, 0.201, 0.04), shows(0.5, 0.1, 0.2, 0.0402)]
+        {
+            assert!(!moved.looks_like(&before), "{moved:?}");
+        }
+        assert!(!Shows { robot: None, ..before.clone() }.looks_like(&before));
+        assert!(!Shows { world_from_objects: Vec::new(), ..before.clone() }.looks_like(&before));
+    }
+
+    #[test]
+    fn a_world_in_which_nothing_moves_is_still_and_its_robots_time_goes_on() {
+        let mut cell = cell(1);
+        let mut now_s = 0.0;
+        while !cell.is_still() {
+            now_s += cell.step_s();
+            assert!(now_s < 10.0, "it never comes to rest");
+            cell.step(now_s);
+        }
+        let (before, poses) = (cell.robot_ms(), cell.world_from_objects());
+        for _ in 0..50 {
+            now_s += cell.step_s();
+            cell.pass(now_s);
+        }
+        assert!((cell.robot_ms() - before - 100.0).abs() < 1e-3, "fifty steps of two ticks");
+        assert_eq!(cell.world_from_objects(), poses);
+        cell.arm.emergency_stop(&repose_proto::robot::EmergencyStop::read(b"a hand"));
+        cell.pass(now_s);
+        assert!(cell.is_still() && cell.arm.mode() == RobotMode::Stopped, "a stop latches all the same");
+    }
+
+    #[test]
+    fn pictures_show_the_world_as_it_is_with_noise_of_their_own() {
+        let mut cell = cell(1);
+        let sensor = SensorModel::structured_light();
+        let (first, second) = (cell.sensed_picture(&sensor, true), cell.sensed_picture(&sensor, true));
+        assert!(first.color == second.color && first.labels == second.labels && first.depth_m != second.depth_m);
+        assert!(cell.sensed_picture(&sensor, false).color != first.color, "the robot is left out when it is asked for");
+        cell.reset(2).expect("another scene");
+        assert_eq!(cell.sensed_picture(&SensorModel::ideal(), true), cell.true_picture(true));
+        assert!(cell.sensed_picture(&sensor, true).labels != first.labels);
+    }
 }

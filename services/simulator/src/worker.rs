@@ -3,8 +3,9 @@
 //! What goes out is the newest only (a reader that is late sees the next one); what comes in waits in a bounded queue and is refused when
 //! that is full. When the machine does not keep up, simulated time falls behind rather than running in bursts.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -23,6 +24,8 @@ use crate::robot::{ArmSettings, HandSettings};
 
 /// Longest real time that is made up for when the thread was held up; more is lost to simulated time.
 const CATCH_UP: Duration = Duration::from_millis(60);
+/// How long nothing has to move until physics is left out; a command takes it up again.
+const STILL_FOR: Duration = Duration::from_secs(1);
 /// Longest nap between two looks at the clock.
 const NAP: Duration = Duration::from_millis(2);
 /// Metres per count of the frames' depth.
@@ -44,6 +47,7 @@ pub struct Worker {
     stops: SyncSender<EmergencyStop>,
     states: watch::Receiver<Option<Payload>>,
     frames: watch::Receiver<Option<Payload>>,
+    is_watched: Arc<AtomicBool>,
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
@@ -59,7 +63,7 @@ impl Worker {
         let (stops, waiting_stops) = sync_channel(STOPS);
         let (states_out, states) = watch::channel(None);
         let (frames_out, frames) = watch::channel(None);
-        let config = config.clone();
+        let (config, is_watched) = (config.clone(), Arc::new(AtomicBool::new(true)));
         let world = Running {
             cell,
             config,
@@ -67,11 +71,13 @@ impl Worker {
             waiting_stops,
             states: states_out,
             frames: frames_out,
+            is_watched: is_watched.clone(),
             started: Instant::now(),
             states_made: 0,
+            moved: Instant::now(),
         };
         let thread = std::thread::Builder::new().name("world".to_owned()).spawn(move || world.run())?;
-        Ok(Self { inputs: Mutex::new(Some(inputs)), stops, states, frames, thread: Mutex::new(Some(thread)) })
+        Ok(Self { inputs: Mutex::new(Some(inputs)), stops, states, frames, is_watched, thread: Mutex::new(Some(thread)) })
     }
 
     /// Encoded robot states, the newest only.
@@ -82,6 +88,11 @@ impl Worker {
     /// Encoded frames, the newest only.
     pub fn frames(&self) -> watch::Receiver<Option<Payload>> {
         self.frames.clone()
+    }
+
+    /// Says whether anybody watches the camera: frames are drawn only while somebody does, and from the beginning until it is said.
+    pub fn watched(&self, is_watched: bool) {
+        self.is_watched.store(is_watched, Ordering::Relaxed);
     }
 
     /// Hands a command to the arm, which may still ignore it.
@@ -159,8 +170,11 @@ struct Running {
     waiting_stops: Receiver<EmergencyStop>,
     states: watch::Sender<Option<Payload>>,
     frames: watch::Sender<Option<Payload>>,
+    is_watched: Arc<AtomicBool>,
     started: Instant,
     states_made: u64,
+    /// When something last moved, or was commanded to.
+    moved: Instant,
 }
 
 impl Running {
@@ -186,8 +200,14 @@ impl Running {
             stepped_to = stepped_to.max(now.checked_sub(CATCH_UP).unwrap_or(stepped_to));
             while stepped_to + step <= now {
                 let now_s = self.now_s();
-                self.cell.step(now_s);
+                match self.moved.elapsed() < STILL_FOR {
+                    true => self.cell.step(now_s),
+                    false => self.cell.pass(now_s),
+                }
                 stepped_to += step;
+            }
+            if !self.cell.is_still() {
+                self.moved = now;
             }
             let changed = std::mem::replace(&mut mode, self.cell.arm.mode()) != mode;
             if changed || now >= next_state {
@@ -196,7 +216,9 @@ impl Running {
             }
             if now >= next_frame {
                 next_frame = now + period(self.config.frame_period_ms);
-                self.show_frame();
+                if self.is_watched.load(Ordering::Relaxed) {
+                    self.show_frame();
+                }
             }
         }
     }
@@ -204,6 +226,7 @@ impl Running {
     fn take(&mut self, input: Input) {
         match input {
             Input::Command { command, received } => {
+                self.moved = Instant::now();
                 let received_s = received.saturating_duration_since(self.started).as_secs_f64();
                 let now_s = self.now_s();
                 if let Err(why) = self.cell.arm.late_command(&command, received_s, now_s) {
@@ -226,6 +249,7 @@ impl Running {
         if let (Some(task), RobotMode::Idle) = (self.cell.arm.task(), self.cell.arm.mode()) {
             return Err(CallError::precondition(format!("the robot carries out task {task}")));
         }
+        self.moved = Instant::now();
         self.cell.reset(seed).map_err(|error| CallError::precondition(error.to_string()).at("seed"))?;
         self.show_state();
         self.show_frame();

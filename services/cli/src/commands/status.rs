@@ -14,6 +14,7 @@ use serde_json::{Value, json};
 
 use crate::cell_survey::{CellListener, CellSurvey, Received, listed};
 use crate::client::{self, SystemArgs};
+use crate::clocks::{Clock, Source, wrong_with};
 use crate::failure::CommandResult;
 use crate::output::Output;
 
@@ -105,16 +106,16 @@ impl Status<'_> {
             json!({
                 "service": service, "worker": worker, "silent_ms": load.as_ref().map(|l| l.at.elapsed().as_millis() as u64),
                 "calls_per_s": rates.map(|rates| rates.calls_per_s), "errors_per_s": rates.map(|rates| rates.errors_per_s),
-                "load": load.as_ref().map(|l| &l.newest),
+                "lag_ms": load.as_ref().and_then(|l| l.lag_ms), "load": load.as_ref().map(|l| &l.newest),
             })
         };
         let camera = |(name, scene): (&String, &Received<SceneSummary>)| {
             json!({
                 "camera": name, "scene_id": scene.newest.scene_id, "objects": scene.newest.objects.len(),
-                "scenes_per_s": scene.count as f64 / self.seconds, "age_ms": scene.at.elapsed().as_millis() as u64,
+                "scenes_per_s": scene.count as f64 / self.seconds, "age_ms": scene.at.elapsed().as_millis() as u64, "lag_ms": scene.lag_ms,
             })
         };
-        let robot = |(name, state): (&String, &Received<RobotState>)| json!({"robot": name, "states_per_s": state.count as f64 / self.seconds, "age_ms": state.at.elapsed().as_millis() as u64, "state": state.newest});
+        let robot = |(name, state): (&String, &Received<RobotState>)| json!({"robot": name, "states_per_s": state.count as f64 / self.seconds, "age_ms": state.at.elapsed().as_millis() as u64, "lag_ms": state.lag_ms, "state": state.newest});
         json!({
             "cell": self.cell, "pool": self.pool, "cells": heard.cells,
             "workers": heard.workers.iter().map(worker).collect::<Vec<_>>(),
@@ -225,7 +226,20 @@ impl Status<'_> {
                 wrong.push(format!("robot {name} told its state {}", ago(robot.at.elapsed())));
             }
         }
+        wrong.extend(wrong_with(&self.clocks()));
         wrong
+    }
+
+    /// The clocks of those that were heard.
+    fn clocks(&self) -> Vec<Clock> {
+        let heard = self.heard;
+        let clock = |of, lag_ms: Option<f64>| lag_ms.map(|lag_ms| Clock { of, lag_ms });
+        let robots = heard.robots.iter().map(|(name, robot)| clock(Source::Robot(name.clone()), robot.lag_ms));
+        let cameras = heard.cameras.iter().map(|(name, camera)| clock(Source::Camera(name.clone()), camera.lag_ms));
+        let workers = heard.workers.iter().map(|((service, worker), load)| {
+            clock(Source::Worker(format!("{service} {worker}")), load.as_ref().and_then(|load| load.lag_ms))
+        });
+        robots.chain(cameras).chain(workers).flatten().collect()
     }
 }
 

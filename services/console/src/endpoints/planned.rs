@@ -6,7 +6,6 @@ use nalgebra::Isometry3;
 use repose_executive::Site;
 use repose_proto::motion::MotionPlan;
 use repose_proto::{CallError, Scene};
-use repose_runtime::now_ns;
 use repose_sentences::fate::describe;
 use repose_tracking::Followed;
 
@@ -30,7 +29,7 @@ impl DisplayedPlan {
     /// # Errors
     /// Where nothing is seen.
     pub async fn look_after(&self, site: &PageSite, is_done: bool) -> Result<(), CallError> {
-        let (_, seen) = site.view_after(now_ns()).await?;
+        let (_, seen) = site.fresh_view().await?;
         let mut followed = Followed::of(&self.scene);
         followed.look_after_moving(self.plan.query, is_done.then_some(&self.moved), &seen);
         let said = describe(Some(self.plan.query), &followed.disturbed());

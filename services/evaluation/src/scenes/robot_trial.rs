@@ -329,7 +329,7 @@ fn carried_out(
     let (mut grasped, mut lifted, mut lowered) = (None, None, None);
     let mut watch = CarryWatch::new(query);
     let task = ExecutionTask { commander: "evaluation".to_owned(), id: "trial".to_owned(), grasps: None };
-    let (mut execution, mut steps) = Execution::begin(plan, task, &cell.robot_state(seq, stamp_ns), stamp_ns, now_ms, execution_settings)?;
+    let (mut execution, mut steps) = Execution::begin(plan, task, &cell.robot_state(seq, stamp_ns), now_ms, execution_settings)?;
     let steps_per_state = (STATE_MS as f64 * 1e-3 / cell.step_s()).round().max(1.0) as usize;
     loop {
         for step in steps.drain(..) {

@@ -148,7 +148,7 @@ impl Handler for Worker {
                 Payload::json(&scene.summary(scene.id()))
             }
             "scene" => {
-                let SceneRequest { scene_id } = call.payload.decode_json()?;
+                let SceneRequest { scene_id, .. } = call.payload.decode_json()?;
                 let scene = self.0.scene();
                 match scene.id() == scene_id {
                     true => Payload::bulk(Scene::SCHEMA, &scene.to_bulk()),

@@ -7,7 +7,7 @@ use repose_proto::{CallError, limits};
 
 /// How far apart the end of one phase and the start of the next may be, radians per joint.
 const JOINED_RAD: f64 = 1e-3;
-/// How far in the future a scene may seem to have been seen: clocks differ, milliseconds.
+/// How far in the future a scene may seem to have been seen: a camera's clock and the robot's differ, milliseconds.
 const CLOCKS_DIFFER_MS: u64 = 2000;
 
 /// Refuses phases that do not join, from where they start.
@@ -33,7 +33,8 @@ pub fn check_phases(start_joints_rad: &[f64; 7], phases: &[MotionPhase]) -> Resu
     Ok(())
 }
 
-/// Refuses a scene that was seen too long ago.
+/// Refuses a scene that was seen too long ago. `now_ns` and all other instants here are of the robot's clock, as its states tell it: this process's own
+/// is on another host, perhaps, and tells nothing of when a camera saw what.
 ///
 /// # Errors
 /// `failed_precondition` on `scene_stamp_ns`.
@@ -52,13 +53,13 @@ pub fn check_age(plan: &MotionPlan, now_ns: u64) -> Result<(), CallError> {
 }
 
 /// Refuses a scene that was seen before the robot last took or put something: a plan is carried out once, though the arm stands where it started.
-/// The robot's side says how long ago that was, so that all its commanders know, and its clock does not matter.
+/// The robot's side says how long ago that was, so that all its commanders know.
 ///
 /// # Errors
 /// `failed_precondition` on `scene_stamp_ns`.
-pub fn check_unmoved(plan: &MotionPlan, state: &RobotState, now_ns: u64) -> Result<(), CallError> {
+pub fn check_unmoved(plan: &MotionPlan, state: &RobotState) -> Result<(), CallError> {
     let Some(since_ms) = state.since_handling_ms else { return Ok(()) };
-    let age_ms = now_ns.saturating_sub(plan.scene_stamp_ns) / 1_000_000;
+    let age_ms = state.stamp_ns.saturating_sub(plan.scene_stamp_ns) / 1_000_000;
     let before_ms = age_ms.saturating_sub(since_ms);
     if before_ms > CLOCKS_DIFFER_MS {
         let message = format!("the robot has taken or put something {before_ms} ms after the scene was seen: plan on a new one");

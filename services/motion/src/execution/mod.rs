@@ -106,8 +106,8 @@ struct Taken {
 }
 
 impl Execution {
-    /// Begins a plan on a robot in `state`, and what to do first. `now_ns` is the wall clock (the scene's age), `now_ms` any steady clock that
-    /// later calls go on with.
+    /// Begins a plan on a robot in `state`, and what to do first. `now_ms` is any steady clock that later calls go on with; the scene's age is by
+    /// the robot's clock, that of the state.
     ///
     /// # Errors
     /// `failed_precondition` when a stop is latched, the robot moves, has a task or something in its hand, the arm is not where the plan starts,
@@ -117,15 +117,14 @@ impl Execution {
         plan: MotionPlan,
         task: ExecutionTask,
         state: &RobotState,
-        now_ns: u64,
         now_ms: u64,
         settings: ExecutionSettings,
     ) -> Result<(Self, Vec<ExecutionAction>), CallError> {
         check_phases(&plan.start_joints_rad, &plan.phases)?;
         check_free(state)?;
         check_start(&plan, state)?;
-        check_age(&plan, now_ns)?;
-        check_unmoved(&plan, state, now_ns)?;
+        check_age(&plan, state.stamp_ns)?;
+        check_unmoved(&plan, state)?;
         Self::start(plan.phases, task, state, now_ms, settings)
     }
 

@@ -85,7 +85,7 @@ pub async fn run(session: Session, node: Node, config: Arc<Ros2Config>, camera: 
 /// # Errors
 /// When no perception worker has it any more.
 pub async fn whole(perception: &Caller, scene_id: &str) -> Result<Scene, BridgeError> {
-    let request = Payload::json(&SceneRequest { scene_id: scene_id.to_owned() })?;
+    let request = Payload::json(&SceneRequest::new(scene_id))?;
     let answer = perception.call("scene", request, CallOptions::within(FETCH)).await?;
     Ok(Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA)?)?)
 }

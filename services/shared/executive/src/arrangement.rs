@@ -12,7 +12,7 @@ use repose_proto::arrange::{ArrangeMove, ArrangeRequest, ArrangeResult, Conflict
 use repose_proto::motion::ExecutionOutcome;
 use repose_proto::place::{Outcome as Found, Placement};
 use repose_proto::{CallError, GoalTerm, Message, Payload, PlaceRequest, Scene, SceneRef};
-use repose_runtime::{CallOptions, now_ns};
+use repose_runtime::CallOptions;
 use repose_sentences::{fate, robot};
 use repose_tracking::{Fate, Followed, holds};
 use serde::Serialize;
@@ -249,7 +249,7 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
         let mut looks = 0;
         while !self.steps.is_empty() && looks < LOOKS && self.memory.misses(&self.followed) {
             looks += 1;
-            if let Ok(view) = self.site.view_after(now_ns()).await {
+            if let Ok(view) = self.site.fresh_view().await {
                 self.view = view;
                 self.look();
             }
@@ -337,7 +337,7 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
             let why = why.unwrap_or_else(|| "the robot was stopped".to_owned());
             return Err(CallError::precondition(why));
         }
-        self.view = if is_done { self.site.view_after(now_ns()).await? } else { self.site.back_and_looking().await? };
+        self.view = if is_done { self.site.fresh_view().await? } else { self.site.back_and_looking().await? };
         self.followed.carried(object, &motion);
         object.into_iter().for_each(|object| self.memory.carried(object));
         self.look();

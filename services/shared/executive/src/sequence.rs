@@ -10,7 +10,6 @@
 
 use repose_proto::motion::ExecutionOutcome;
 use repose_proto::{CallError, GoalTerm, Message, PlaceRequest, PlaceResult, Scene, SceneRef};
-use repose_runtime::now_ns;
 use repose_tracking::{Followed, holds};
 use serde::Serialize;
 
@@ -211,7 +210,7 @@ impl<S: Site> Sequence<S> {
         // What was not placed is looked for where it was.
         let moved = step.last.tried.moved(placements)?;
         self.followed.carried(Some(goal.query), &moved);
-        self.view = self.site.view_after(now_ns()).await?;
+        self.view = self.site.fresh_view().await?;
         self.followed.look_again(&self.view.1);
         step.last.tried.fates = Some(self.followed.disturbed());
         if step.last.tried.execution == Some(ExecutionOutcome::Done) {

@@ -6,7 +6,7 @@ use repose_proto::motion::{ExecutionOutcome, MotionPlan, MotionPlanRequest, Reco
 use repose_proto::place::{Placement, ReachingRobot};
 use repose_proto::robot::{RobotMode, RobotState};
 use repose_proto::{CallError, ErrorCode, Message as _, Payload, PlaceRequest, PlaceResult, Scene, SceneRef, SceneSummary};
-use repose_runtime::{Answer, CallOptions, Caller, now_ns, reaching_robot};
+use repose_runtime::{Answer, CallOptions, Caller, reaching_robot};
 
 use crate::tried::Tried;
 
@@ -82,7 +82,7 @@ pub trait Site: Send + Sync {
         }
     }
 
-    /// The first scene, with its id, that was seen after an instant.
+    /// The first scene, with its id, that was seen after an instant of its camera's clock.
     ///
     /// # Errors
     /// `deadline_exceeded` where the camera shows nothing new; those of the calls.
@@ -103,6 +103,15 @@ pub trait Site: Send + Sync {
                 tokio::time::sleep(LOOK_EVERY).await;
             }
         }
+    }
+
+    /// The first scene that was seen from now on, with its id. What is now is told by the robot, whose clock is its cameras': this process's own, on
+    /// another host, may be behind theirs, and a scene from before the move would pass for one from after it.
+    ///
+    /// # Errors
+    /// As [`Site::view_after`]; `unavailable` where the robot tells no state.
+    fn fresh_view(&self) -> impl Future<Output = Result<View, CallError>> + Send {
+        async { self.view_after(self.state().await?.stamp_ns).await }
     }
 
     /// The planner's answer on a view.
@@ -140,7 +149,7 @@ pub trait Site: Send + Sync {
             for wanted in [RecoveryMove::Open, RecoveryMove::Retreat, RecoveryMove::Home] {
                 let seen = match wanted {
                     RecoveryMove::Open => None,
-                    RecoveryMove::Retreat | RecoveryMove::Home => Some(self.view_after(now_ns()).await?),
+                    RecoveryMove::Retreat | RecoveryMove::Home => Some(self.fresh_view().await?),
                 };
                 self.begins(MoveStage::Moving);
                 match self.bring_back(wanted, seen.as_ref()).await {
@@ -154,7 +163,7 @@ pub trait Site: Send + Sync {
                     Err(error) => return Err(error),
                 }
             }
-            self.view_after(now_ns()).await
+            self.fresh_view().await
         }
     }
 
@@ -220,4 +229,88 @@ pub fn is_unserved(error: &CallError) -> bool {
 /// Whether motion found no grasp on the object, whatever stands around it.
 pub fn is_without_grasp(error: &CallError) -> bool {
     error.code == ErrorCode::FailedPrecondition && error.field.as_deref() == Some("query")
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    use repose_made_scenes::SceneBuilder;
+    use repose_proto::Service;
+    use repose_runtime::{Session, now_ns};
+    use serde_json::json;
+
+    use super::*;
+
+    /// A cell whose clock, the robot's and the camera's, is so far ahead of this host's; every look shows the next frame.
+    struct Elsewhere {
+        planner: Caller,
+        motion: Caller,
+        robot_ns: u64,
+        looks: AtomicU64,
+    }
+
+    impl Elsewhere {
+        /// Seen in steps of 100 ms, the first of them long before now.
+        fn stamp_ns(&self, look: u64) -> u64 {
+            self.robot_ns - 250_000_000 + look * 100_000_000
+        }
+    }
+
+    impl Site for Elsewhere {
+        fn robot(&self) -> &str {
+            "panda"
+        }
+
+        fn camera(&self) -> &str {
+            "front"
+        }
+
+        fn planner(&self) -> &Caller {
+            &self.planner
+        }
+
+        fn motion(&self) -> &Caller {
+            &self.motion
+        }
+
+        fn deadline(&self) -> Duration {
+            Duration::from_secs(10)
+        }
+
+        async fn newest(&self) -> Result<SceneSummary, CallError> {
+            let look = self.looks.fetch_add(1, Ordering::Relaxed);
+            let scene = Scene { stamp_ns: self.stamp_ns(look), ..SceneBuilder::table().object(1, [0.5, 0.0], [0.05; 3]).scene() };
+            Ok(scene.summary(look.to_string()))
+        }
+
+        async fn scene(&self, scene_id: &str) -> Result<Scene, CallError> {
+            let look = scene_id.parse().map_err(|_| CallError::internal("a look's number"))?;
+            Ok(Scene { stamp_ns: self.stamp_ns(look), ..SceneBuilder::table().scene() })
+        }
+
+        async fn state(&self) -> Result<RobotState, CallError> {
+            let still = [0.0; 7];
+            let state = json!({"v": 1, "seq": 1, "stamp_ns": self.robot_ns, "robot_ms": 0.0, "q_rad": still, "dq_rad_s": still,
+                "gripper_width_m": 0.04, "gripper_settled": true, "gripper_holding": false, "mode": "idle"});
+            serde_json::from_value(state).map_err(|e| CallError::internal(e.to_string()))
+        }
+
+        async fn moving(&mut self, method: &str, _: Payload, _: Option<&MotionPlan>) -> Result<Answer, CallError> {
+            Err(CallError::precondition(format!("{method}: nothing moves here")))
+        }
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_fresh_view_is_one_from_after_now_by_the_cells_clock_whatever_this_hosts_says() {
+        let session = Session::embedded().await.expect("a session");
+        for ahead_s in [-3600_i64, -2, 0, 2, 3600] {
+            let robot_ns = now_ns().saturating_add_signed(ahead_s * 1_000_000_000);
+            let caller = async |service| session.caller(service).await.expect("a caller");
+            let (planner, motion) = (caller(Service::Planner).await, caller(Service::Motion).await);
+            let site = Elsewhere { planner, motion, robot_ns, looks: AtomicU64::new(0) };
+            let (_, scene) = site.fresh_view().await.expect("a view");
+            assert_eq!(scene.stamp_ns, robot_ns + 50_000_000, "{ahead_s} s");
+        }
+    }
 }

@@ -90,6 +90,11 @@ impl Caller {
         self.inner.duplicates.load(Ordering::Relaxed)
     }
 
+    /// Whether this process fetches scenes in packed form.
+    pub(crate) fn packs_scenes(&self) -> bool {
+        self.inner.config.packed_scenes
+    }
+
     /// The workers alive now, by name.
     pub fn workers(&self) -> Vec<WorkerView> {
         self.inner.directory.workers()
@@ -117,10 +122,11 @@ impl Caller {
         }
     }
 
-    /// Waits for a first worker as a call does: `worker_wait_ms`, and through an outage of the router.
+    /// Waits for a first worker as a call does: `worker_wait_ms`, and through an outage of the router. Whoever asks all of them needs to know none's load,
+    /// which over a slow link comes a round trip and a period later.
     async fn wait_for_any(&self, deadline: Duration) -> Result<(), CallError> {
         let (began, patience) = (Instant::now(), &self.inner.patience);
-        while self.wait_for_workers(1, LOOK).await.is_err() {
+        while self.workers().is_empty() && self.wait_for_workers(1, LOOK).await.is_err() {
             if began.elapsed() >= deadline {
                 return Err(patience.at_deadline(patience.nobody().await));
             }

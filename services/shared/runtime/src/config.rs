@@ -54,6 +54,8 @@ pub struct SessionConfig {
     /// The largest message that a link takes, bytes; larger ones are lost in silence. Higher: more memory that a sender can claim.
     /// Must stay above the 32 MiB that a message may have.
     pub max_receive_bytes: usize,
+    /// Sessions that a router takes at once; the next is refused. A process has one, one with a camera two. Higher: more cells at one router.
+    pub max_sessions: usize,
     /// How long opening tries to connect, milliseconds. Higher: services may start longer before their router.
     pub connect_timeout_ms: u64,
     /// When queries without a deadline are given up, milliseconds. Calls always carry their own.
@@ -75,6 +77,7 @@ impl Default for SessionConfig {
             listen: Vec::new(),
             lease_ms: 2500,
             max_receive_bytes: 80 * 1024 * 1024,
+            max_sessions: 1000,
             connect_timeout_ms: 10_000,
             query_timeout_ms: 10_000,
             close_timeout_ms: 2000,
@@ -89,6 +92,9 @@ impl Default for SessionConfig {
 pub struct CallerConfig {
     /// The pool that serves this cell, too: the cell whose planners and inference workers are called in place of its own. None where absent.
     pub pool: Option<String>,
+    /// Whether scenes are fetched in packed form: a fifth of the bytes, at some 50 ms of computing at either end. On where the link is slower than
+    /// 300 Mbit/s.
+    pub packed_scenes: bool,
     /// How often an idempotent call is tried again after its first attempt. Higher: survives more failures, loads a struggling system more.
     pub retries: u32,
     /// How long a worker's load may be silent before calls leave it, milliseconds. Higher: stopped workers hold calls longer; lower:
@@ -116,6 +122,7 @@ impl Default for CallerConfig {
     fn default() -> Self {
         Self {
             pool: None,
+            packed_scenes: false,
             retries: 2,
             suspect_after_ms: 1000,
             attempt_share: 0.5,
@@ -243,6 +250,7 @@ impl RuntimeConfig {
         check(session.lease_ms >= 500, "session", "lease_ms: at least 500, or a busy process is taken for dead")?;
         let receives = session.max_receive_bytes > limits::MAX_MESSAGE_BYTES;
         check(receives, "session", "max_receive_bytes: must exceed 33554432, what a message may have")?;
+        check(session.max_sessions > 0, "session", "max_sessions: at least 1")?;
         let sections = [("connect", &session.connect), ("listen", &session.listen)];
         let tls = sections.into_iter().find(|(_, endpoints)| endpoints.iter().any(|endpoint| endpoint.starts_with("tls/")));
         let why =

@@ -86,6 +86,7 @@ mod session;
 mod shares;
 mod shutdown;
 mod stages;
+mod streams;
 mod tally;
 mod target;
 mod telemetry;

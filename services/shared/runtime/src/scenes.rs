@@ -115,9 +115,20 @@ pub async fn fetch_newest(perception: &Caller, camera: &str, options: &CallOptio
 /// # Errors
 /// `not_found` when none of them has it; those of [`Caller::call_any`].
 pub async fn fetch_scene(perception: &Caller, scene_id: &str, options: &CallOptions) -> Result<Scene, CallError> {
-    let request = Payload::json(&SceneRequest { scene_id: scene_id.to_owned() })?;
-    let answer = perception.call_any("scene", &request, options).await?;
-    Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA)?)
+    let mut request = SceneRequest { packed: perception.packs_scenes(), ..SceneRequest::new(scene_id) };
+    let mut answered = perception.call_any("scene", &Payload::json(&request)?, options).await;
+    if request.packed && answered.as_ref().is_err_and(|error| error.code == ErrorCode::InvalidArgument) {
+        // Workers of release 1 know scenes in plain form only.
+        request.packed = false;
+        answered = perception.call_any("scene", &Payload::json(&request)?, options).await;
+    }
+    let payload = answered?.payload;
+    let read = move || Scene::from_bulk(&payload.decode_bulk(Scene::SCHEMA)?);
+    match request.packed {
+        // Unpacking takes tens of milliseconds.
+        true => tokio::task::spawn_blocking(read).await.map_err(|e| CallError::internal(format!("a scene was lost: {e}")))?,
+        false => read(),
+    }
 }
 
 impl Caller {

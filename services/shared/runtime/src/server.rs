@@ -28,6 +28,7 @@ use crate::journal::{COPIES_WAIT, Journal};
 use crate::mailbox::{MailboxReceiver, mailbox};
 use crate::namesakes;
 use crate::registry::{Admission, CallResult, Registry};
+use crate::robots::now_ns;
 use crate::shares::ForCell;
 use crate::stages::Stages;
 use crate::tally::Tally;
@@ -202,7 +203,7 @@ async fn report_load(shared: Arc<Shared>) {
         load.draining = shared.draining.load(Ordering::Acquire);
         load.operates = shared.service.has_operations();
         load.journals = shared.journal.is_on();
-        load.version = Some(env!("CARGO_PKG_VERSION").to_owned());
+        (load.version, load.stamp_ns) = (Some(env!("CARGO_PKG_VERSION").to_owned()), Some(now_ns()));
         (load.ended, load.failed) = shared.tally.so_far();
         if load.in_flight == 0 && load.queue_depth == 0 {
             load.in_flight = shared.registry().open_calls();

@@ -63,11 +63,16 @@ pub(crate) fn zenoh_config(config: &SessionConfig) -> Result<zenoh::Config, Runt
         ("scouting/gossip/enabled", serde_json::json!(false)),
         ("transport/link/tx/lease", serde_json::json!(config.lease_ms)),
         ("transport/link/rx/max_message_size", serde_json::json!(config.max_receive_bytes)),
+        ("transport/unicast/max_sessions", serde_json::json!(config.max_sessions)),
+        // When a hall is switched on all of them come at once.
+        ("transport/unicast/accept_pending", serde_json::json!(config.max_sessions)),
         ("connect/timeout_ms", serde_json::json!(connect_timeout_ms)),
         ("connect/exit_on_failure", serde_json::json!(!is_router)),
         // A router that comes back is found within half a second, and not hammered.
         ("connect/retry", serde_json::json!({"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5})),
         ("transport/unicast/open_timeout", serde_json::json!(attempt_time(config).as_millis() as u64)),
+        // Nothing here reads a message's time of sending; a router that puts one on complains of every message from a host whose clock is ahead of its own.
+        ("timestamping/enabled", serde_json::json!(false)),
         ("queries_default_timeout", serde_json::json!(config.query_timeout_ms)),
     ];
     // A file may name the endpoints; ours stand over them where there are any.

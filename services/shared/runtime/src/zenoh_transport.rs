@@ -23,6 +23,7 @@ use crate::RuntimeError;
 use crate::config::{SessionConfig, SessionMode};
 use crate::frame_link::FrameLink;
 use crate::mailbox::mailbox;
+use crate::streams::Streams;
 use crate::transport::{
     AliveWatch, ConnectionStatus, Guard, IncomingQueries, IncomingQuery, OutgoingQuery, Replier, ReplyEvent, ReplyStream, Sample,
     Subscription, Traffic, Transport,
@@ -38,6 +39,7 @@ const HISTORY_TIMEOUT: Duration = Duration::from_secs(2);
 pub struct ZenohTransport {
     pub(crate) session: zenoh::Session,
     frames: Option<FrameLink>,
+    streams: Streams,
     connection: Arc<Mutex<Links>>,
 }
 
@@ -69,6 +71,17 @@ impl Links {
 }
 
 impl ZenohTransport {
+    /// The session by which messages of a kind go, and how they go there.
+    async fn way_of(&self, traffic: Traffic) -> Result<(zenoh::Session, Delivery), RuntimeError> {
+        let delivery = delivery_of(traffic);
+        Ok(match &self.frames {
+            Some(frames) if traffic == Traffic::Frame => {
+                (frames.session().await?.clone(), Delivery { congestion: CongestionControl::Drop, ..delivery })
+            }
+            _ => (self.session.clone(), delivery),
+        })
+    }
+
     /// Opens a session.
     ///
     /// # Errors
@@ -91,7 +104,7 @@ impl ZenohTransport {
             .background()
             .await
             .map_err(|e| RuntimeError::transport("following the session's links", e))?;
-        Ok(Self { session, frames: FrameLink::of(config), connection: links })
+        Ok(Self { session, frames: FrameLink::of(config), streams: Streams::default(), connection: links })
     }
 }
 
@@ -102,9 +115,17 @@ fn urgency_of(priority: Priority) -> Urgency {
     }
 }
 
-/// Priority, congestion control and whether batching is skipped.
-fn delivery_of(traffic: Traffic) -> (Urgency, CongestionControl, bool) {
-    match traffic {
+/// How messages of one kind go.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Delivery {
+    pub(crate) priority: Urgency,
+    pub(crate) congestion: CongestionControl,
+    /// Whether they wait for no others to share a packet with.
+    pub(crate) is_express: bool,
+}
+
+fn delivery_of(traffic: Traffic) -> Delivery {
+    let (priority, congestion, is_express) = match traffic {
         Traffic::EmergencyStop => (Urgency::RealTime, CongestionControl::Block, true),
         Traffic::RobotCommand => (Urgency::RealTime, CongestionControl::Drop, true),
         Traffic::RobotState => (Urgency::InteractiveHigh, CongestionControl::Drop, false),
@@ -113,7 +134,8 @@ fn delivery_of(traffic: Traffic) -> (Urgency, CongestionControl, bool) {
         Traffic::Call(priority) => (urgency_of(priority), CongestionControl::Block, false),
         Traffic::Journal => (Urgency::Data, CongestionControl::Block, false),
         Traffic::Load => (Urgency::Background, CongestionControl::Drop, false),
-    }
+    };
+    Delivery { priority, congestion, is_express }
 }
 
 pub(crate) fn bytes_of(bytes: &ZBytes) -> Bytes {
@@ -228,27 +250,34 @@ impl Transport for ZenohTransport {
         }
         let sizes = payloads.iter().map(|payload| message::check_size(payload.bytes.len()));
         sizes.collect::<Result<(), _>>().map_err(|e| RuntimeError::transport(format!("putting to {key}"), e))?;
-        let (priority, congestion, express) = delivery_of(traffic);
-        let (session, congestion) = match &self.frames {
-            Some(frames) if traffic == Traffic::Frame => (frames.session().await?.clone(), CongestionControl::Drop),
-            _ => (self.session.clone(), congestion),
-        };
+        let (session, delivery) = self.way_of(traffic).await?;
+        let stream = if traffic.is_stream() { Some(self.streams.of(&session, key, delivery).await?) } else { None };
         let key = key.to_owned();
         // Stops and commands have a priority of their own, with nothing large in it, and must not wait for a thread.
         let waits = matches!(traffic, Traffic::Frame | Traffic::Scene | Traffic::Journal | Traffic::Call(_));
         // One thread takes all of them: what goes at once goes in one packet.
         send("putting", waits, move || {
-            payloads.into_iter().try_for_each(|payload| {
-                session
+            payloads.into_iter().try_for_each(|payload| match &stream {
+                Some(stream) => stream.put(payload.bytes).encoding(payload.encoding).wait(),
+                None => session
                     .put(&key, payload.bytes)
                     .encoding(payload.encoding)
-                    .priority(priority)
-                    .congestion_control(congestion)
-                    .express(express)
-                    .wait()
+                    .priority(delivery.priority)
+                    .congestion_control(delivery.congestion)
+                    .express(delivery.is_express)
+                    .wait(),
             })
         })
         .await
+    }
+
+    async fn is_heard(&self, key: &str, traffic: Traffic) -> Result<bool, RuntimeError> {
+        if !traffic.is_stream() {
+            return Ok(true);
+        }
+        let (session, delivery) = self.way_of(traffic).await?;
+        let matching = self.streams.of(&session, key, delivery).await?.matching_status().await;
+        Ok(matching.map_err(|e| RuntimeError::transport(format!("asking who subscribes to {key}"), e))?.matching())
     }
 
     async fn subscribe(&self, key: &str, capacity: usize) -> Result<Subscription, RuntimeError> {
@@ -310,6 +339,7 @@ impl Transport for ZenohTransport {
     async fn close(&self, bound: Duration) -> Result<(), RuntimeError> {
         let closing = "closing the session";
         let all = async {
+            self.streams.clear().await;
             if let Some(frames) = self.frames.as_ref().and_then(FrameLink::opened) {
                 frames.close().await?;
             }

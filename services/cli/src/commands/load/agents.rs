@@ -104,7 +104,7 @@ fn now_ns() -> u64 {
 /// Asks one part, and tells what became of it on standard output.
 pub async fn ask_part(args: &LoadArgs, part: &Part) -> CommandResult {
     let session = client::connect(&args.connect.system).await?;
-    let asking = Asking::prepare(&session, args, part.slice).await?;
+    let asking = Asking::prepare(&session, args, &args.connect.system, part.slice).await?;
     let left = Duration::from_nanos(part.begin_ns.saturating_sub(now_ns()));
     tokio::time::sleep(left).await;
     let asked = asking.ask(part.requests, part.rate).await?;

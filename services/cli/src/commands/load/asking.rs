@@ -11,15 +11,16 @@ use repose_proto::place::{Budget, Outcome as Found};
 use repose_proto::{
     ArrangeRequest, ArrangeResult, CallError, Frame, GoalTerm, Payload, PlaceRequest, PlaceResult, Relation, Scene, Service,
 };
-use repose_runtime::{Answer, CallOptions, Caller, Server, Session};
+use repose_runtime::{Answer, CallOptions, Caller, Session};
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 
 use super::LoadArgs;
-use super::light::{self, LightCell};
+use super::light::{self, Rates};
+use super::light_cells::LightCells;
 use super::mix::{Kind, Method, kind_of};
 use super::report::{self, Asked, Ended, Report};
-use crate::client;
+use crate::client::{self, SystemArgs};
 use crate::failure::Failure;
 
 /// The relations asked for, in turn.
@@ -35,13 +36,13 @@ const FRAME_WITHIN: Duration = Duration::from_secs(5);
 struct Target {
     planner: Caller,
     perception: Caller,
-    /// Cameras go on, and services keep a scene for a while only: whoever has lost it gets it whole.
-    scene: Scene,
+    /// Its camera's. That of a light cell is hardly another.
+    scene: Arc<Scene>,
     scene_id: String,
+    /// Its number, where it is a light cell.
+    light: Option<usize>,
     /// A frame of its camera; none where nobody wants one.
     frame: Option<Payload>,
-    /// What serves its scene, where the cell is one of the run's own.
-    _light: Option<Server>,
 }
 
 /// Which of a run's requests one process asks.
@@ -73,14 +74,15 @@ pub struct Asking {
     /// The cell of kinds that name none.
     cell: String,
     slice: Slice,
+    light: Option<Arc<LightCells>>,
 }
 
 impl Asking {
     /// Makes everything ready that requests need, so that none of it is in their latency.
-    pub async fn prepare(session: &Session, args: &LoadArgs, slice: Slice) -> Result<Self, Failure> {
+    pub async fn prepare(session: &Session, args: &LoadArgs, system: &SystemArgs, slice: Slice) -> Result<Self, Failure> {
         let kinds = if args.mix.is_empty() { vec![Kind::default()] } else { args.mix.clone() };
         if let Some(cells) = args.cells {
-            return Self::light(session, args, &kinds, cells).await;
+            return Self::light(session, args, system, &kinds, cells).await;
         }
         let kinds: Arc<[Kind]> = kinds.into();
         let (cell, mut targets) = (session.cell().name().to_owned(), BTreeMap::new());
@@ -92,11 +94,11 @@ impl Asking {
                 vacant.insert(target);
             }
         }
-        Ok(Self { args: Arc::new(args.clone()), kinds, targets: Arc::new(targets), cell, slice })
+        Ok(Self { args: Arc::new(args.clone()), kinds, targets: Arc::new(targets), cell, slice, light: None })
     }
 
     /// The same for light cells, each of which asks every kind.
-    async fn light(session: &Session, args: &LoadArgs, kinds: &[Kind], cells: usize) -> Result<Self, Failure> {
+    async fn light(session: &Session, args: &LoadArgs, system: &SystemArgs, kinds: &[Kind], cells: usize) -> Result<Self, Failure> {
         if session.in_cell(&light::name(1))?.pool().is_none() {
             return Err(Failure::bad_input("pool", "light cells have no planner: give the pool that serves them"));
         }
@@ -104,17 +106,28 @@ impl Asking {
             return Err(Failure::bad_input("mix", "light cells have no camera: segment is not available"));
         }
         let camera = Target::of(session, args, false).await?;
+        let rates = Rates { states_per_s: args.states, summaries_per_s: args.summaries };
+        let light = LightCells::start(cells, camera.scene.clone(), &client::client_config(system)?, rates).await?;
         let mut targets = BTreeMap::new();
         for k in 1..=cells {
-            let name = light::name(k);
-            let session = session.in_cell(&name)?;
-            let LightCell { scene, scene_id, perception: serving } = LightCell::start(&session, k, &camera.scene).await?;
-            let (planner, perception) = (session.caller(Service::Planner).await?, session.caller(Service::Perception).await?);
-            targets.insert(name, Target { planner, perception, scene, scene_id, frame: None, _light: Some(serving) });
+            let cell = &light.cells[&light::name(k)];
+            let (planner, perception) = (cell.session.caller(Service::Planner).await?, cell.session.caller(Service::Perception).await?);
+            let (scene, scene_id) = (camera.scene.clone(), cell.scene_id.clone());
+            targets.insert(light::name(k), Target { planner, perception, scene, scene_id, light: Some(k), frame: None });
         }
-        let kinds = kinds.iter().flat_map(|kind| (1..=cells).map(|k| kind.in_cell(light::name(k)))).collect();
+        let kinds = (1..=cells).flat_map(|k| kinds.iter().map(move |kind| kind.in_cell(light::name(k)))).collect();
         let (args, targets, cell) = (Arc::new(args.clone()), Arc::new(targets), session.cell().name().to_owned());
-        Ok(Self { args, kinds, targets, cell, slice: Slice::WHOLE })
+        Ok(Self { args, kinds, targets, cell, slice: Slice::WHOLE, light: Some(Arc::new(light)) })
+    }
+
+    /// Ends what it has started.
+    pub async fn close(self) {
+        let Self { targets, light, .. } = self;
+        // Callers go before their sessions.
+        drop(targets);
+        if let Some(light) = light.and_then(Arc::into_inner) {
+            light.close().await;
+        }
     }
 
     /// The kinds of requests, by what the report calls them.
@@ -140,13 +153,15 @@ impl Asking {
 
     /// The report of what was asked.
     pub fn report(&self, asked: &Asked, rate: Option<f64>) -> Result<Report, Failure> {
-        Report::new(asked, rate, &self.kind_names())
+        let report = Report::new(asked, rate, &self.kind_names())?;
+        let light = self.light.as_ref().map(|light| light.report(&report.kinds));
+        Ok(Report { light, ..report })
     }
 
     async fn closed_loop(&self, requests: usize, started: Instant) -> Result<Vec<Ended>, Failure> {
         let (next, ours) = (Arc::new(AtomicUsize::new(0)), self.slice.count(requests));
         let mut clients = JoinSet::new();
-        for _ in 0..self.slice.count(self.args.clients).min(ours) {
+        for client in 0..self.slice.count(self.args.clients).min(ours) {
             let (asking, next) = (self.clone(), next.clone());
             clients.spawn(async move {
                 let mut ended = Vec::new();
@@ -155,7 +170,8 @@ impl Asking {
                     if k >= ours {
                         return ended;
                     }
-                    ended.push(asking.one(asking.slice.of + k * asking.slice.all, started, Instant::now()).await);
+                    let i = asking.slice.of + k * asking.slice.all;
+                    ended.push(asking.one(i, asking.kind(i, client), started, Instant::now()).await);
                 }
             });
         }
@@ -164,6 +180,14 @@ impl Asking {
             ended.extend(of_client.map_err(Failure::other)?);
         }
         Ok(ended)
+    }
+
+    /// The kind of a request of a client in a closed loop. Among light cells each client asks in one, so that all have the same load.
+    fn kind(&self, i: usize, client: usize) -> usize {
+        let Some(light) = &self.light else { return kind_of(&self.kinds, self.args.seed, i) };
+        let of_cell = self.kinds.len() / light.cells.len();
+        let first = client % light.cells.len() * of_cell;
+        first + kind_of(&self.kinds[first..first + of_cell], self.args.seed, i)
     }
 
     /// What ended, and how many could not even begin.
@@ -179,7 +203,7 @@ impl Asking {
                 continue;
             }
             let asking = self.clone();
-            under_way.spawn(async move { asking.one(i, started, due).await });
+            under_way.spawn(async move { asking.one(i, kind_of(&asking.kinds, asking.args.seed, i), started, due).await });
         }
         while let Some(one) = under_way.join_next().await {
             ended.push(one.map_err(Failure::other)?);
@@ -207,8 +231,7 @@ impl Asking {
     }
 
     /// Asks once. Latency counts from when the request was due, so that a slow system cannot hide by slowing its clients down.
-    async fn one(&self, i: usize, started: Instant, due: Instant) -> Ended {
-        let number = kind_of(&self.kinds, self.args.seed, i);
+    async fn one(&self, i: usize, number: usize, started: Instant, due: Instant) -> Ended {
         let kind = &self.kinds[number];
         let deadline = Duration::from_millis(kind.deadline_ms.unwrap_or(self.args.connect.deadline_ms));
         let priority = kind.priority.unwrap_or_else(|| self.args.arrivals.priority(self.args.interactive, self.args.seed, i));
@@ -233,17 +256,18 @@ impl Asking {
 
     async fn call(&self, kind: &Kind, i: usize, options: CallOptions) -> Result<(Found, Answer), CallError> {
         let target = &self.targets[kind.cell.as_ref().unwrap_or(&self.cell)];
+        let enclosed = kind.is_whole.then(|| target.whole_scene());
         match kind.method {
             Method::Place => {
                 let request = self.place(kind, target, i);
-                let encode = |scene: Option<&Scene>| Payload::with_scene(&request, scene.or(kind.is_whole.then_some(&target.scene)));
-                let answer = target.planner.call_with_scene("place", Some(&target.scene), encode, options).await?;
+                let encode = |scene: Option<&Scene>| Payload::with_scene(&request, scene.or(enclosed.as_ref()));
+                let answer = target.planner.call_with_scene("place", target.at_hand(), encode, options).await?;
                 Ok((answer.payload.decode_json::<PlaceResult>()?.outcome, answer))
             }
             Method::Arrange => {
                 let request = self.arrange(kind, target, i);
-                let encode = |scene: Option<&Scene>| Payload::with_scene(&request, scene.or(kind.is_whole.then_some(&target.scene)));
-                let answer = target.planner.call_with_scene("arrange", Some(&target.scene), encode, options).await?;
+                let encode = |scene: Option<&Scene>| Payload::with_scene(&request, scene.or(enclosed.as_ref()));
+                let answer = target.planner.call_with_scene("arrange", target.at_hand(), encode, options).await?;
                 Ok((answer.payload.decode_json::<ArrangeResult>()?.outcome, answer))
             }
             Method::Segment => {
@@ -300,7 +324,19 @@ impl Target {
         let scene = client::whole_scene(session, &summary.scene_id, within).await?;
         let (planner, perception) = (session.caller(Service::Planner).await?, session.caller(Service::Perception).await?);
         let frame = if wants_frame { Some(newest_frame(session, &args.connect.camera).await?) } else { None };
-        Ok(Self { planner, perception, scene, scene_id: summary.scene_id, frame, _light: None })
+        Ok(Self { planner, perception, scene: Arc::new(scene), scene_id: summary.scene_id, light: None, frame })
+    }
+
+    /// The scene for a worker that lacks it. A light cell gives its scene itself, to the planner that asks for it.
+    fn at_hand(&self) -> Option<&Scene> {
+        self.light.is_none().then_some(&*self.scene)
+    }
+
+    fn whole_scene(&self) -> Scene {
+        match self.light {
+            Some(k) => light::scene_of(k, &self.scene),
+            None => Scene::clone(&self.scene),
+        }
     }
 }
 

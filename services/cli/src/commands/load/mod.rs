@@ -11,6 +11,7 @@ mod capacity;
 mod delay;
 mod fault;
 mod light;
+mod light_cells;
 mod mix;
 mod own;
 mod report;
@@ -62,10 +63,17 @@ pub struct LoadArgs {
     /// (place, arrange, segment), variant, count, iterations, batch, priority, deadline_ms, cell, and whole=true, which encloses the scene.
     #[arg(long, value_name = "SHARE:SETTING=VALUE,…")]
     pub mix: Vec<Kind>,
-    /// Load a pool as this many light cells, each with its own scene, a slight variation of the camera's; the report lists each cell's results.
-    /// With --up the run's own system is the pool.
+    /// Load a pool as this many light cells, each with its own scene, a slight variation of the camera's, and with the traffic of a robot and of
+    /// perception, but without physics; the report lists each cell's results. With --up the run's own system is the pool. In a closed loop each
+    /// client asks in one cell: take as many clients as cells, or a multiple, for an equal load.
     #[arg(long, value_parser = parse_count, conflicts_with_all = ["secured", "agents"])]
     pub cells: Option<usize>,
+    /// Robot states that each light cell puts, a second.
+    #[arg(long, default_value_t = 50.0, requires = "cells", value_name = "RATE", value_parser = parse_rate)]
+    pub states: f64,
+    /// Scene summaries that each light cell puts, a second.
+    #[arg(long, default_value_t = 5.0, requires = "cells", value_name = "RATE", value_parser = parse_rate)]
+    pub summaries: f64,
     /// Warm-up requests, which are not counted.
     #[arg(long, default_value_t = 0)]
     pub warm_up: usize,
@@ -121,6 +129,11 @@ pub struct LoadArgs {
     pub seed: u64,
 }
 
+fn parse_rate(text: &str) -> Result<f64, String> {
+    let rate: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if (0.0..=1000.0).contains(&rate) { Ok(rate) } else { Err("expected 0 to 1000".to_owned()) }
+}
+
 /// The longest run that a rate may ask for, seconds.
 const LONGEST_RUN_S: f64 = 86_400.0;
 
@@ -159,9 +172,10 @@ pub async fn run(args: &LoadArgs, output: Output) -> CommandResult {
         system.pool = Some(RuntimeConfig::default().session.cell);
     }
     let session = client::connect(&system).await?;
-    let asking = Asking::prepare(&session, args, Slice::WHOLE).await?;
+    let asking = Asking::prepare(&session, args, &system, Slice::WHOLE).await?;
     let run = Run { args: args.clone(), asking, system };
     let (report, ended, own) = run.all(own).await?;
+    run.asking.close().await;
     client::close(session).await;
     drop(own);
     let asked = std::env::args().collect::<Vec<_>>().join(" ");

@@ -7,6 +7,7 @@ use hdrhistogram::Histogram;
 use repose_proto::Priority;
 use serde::{Deserialize, Serialize};
 
+use super::light_cells::LightReport;
 use super::own::Happened;
 use crate::failure::Failure;
 
@@ -122,6 +123,9 @@ pub struct Report {
     /// By kind, where there are several.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub kinds: BTreeMap<String, OfSome>,
+    /// What light cells did, where the run has them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub light: Option<LightReport>,
     /// Answers by worker.
     pub per_worker: BTreeMap<String, usize>,
     /// Faults that the run caused, and processes that ended without it.
@@ -187,7 +191,7 @@ fn milliseconds(end: &Ended) -> f64 {
 }
 
 /// Percentiles of times in milliseconds; empty of none.
-fn percentiles(times_ms: impl Iterator<Item = f64>) -> Result<Percentiles, Failure> {
+pub fn percentiles(times_ms: impl Iterator<Item = f64>) -> Result<Percentiles, Failure> {
     let mut histogram = Histogram::<u64>::new_with_bounds(1, LONGEST_US, 3).map_err(Failure::other)?;
     times_ms.for_each(|ms| histogram.saturating_record((ms * 1e3) as u64));
     if histogram.is_empty() {
@@ -233,6 +237,7 @@ impl std::fmt::Display for Report {
         for (name, of_it) in some.filter(|(_, of_it)| of_it.requests > 0) {
             writeln!(f, "{name}, {}: {}; answered in ms: {}", of_it.requests, counts(&of_it.outcomes), in_words(&of_it.answered_ms))?;
         }
+        self.light.iter().try_for_each(|light| writeln!(f, "{light}"))?;
         if !self.faults.is_empty() {
             let mut faults: BTreeMap<String, usize> = BTreeMap::new();
             self.faults.iter().for_each(|fault| *faults.entry(fault.what.clone()).or_default() += 1);

@@ -14,8 +14,6 @@ use super::certificates::Authority;
 use super::roles::{DeploymentRole, Roles, User};
 use super::writer::{Failed, Files, WrittenFiles};
 
-/// Sessions that a router takes at once; every process has one, every client some.
-const MOST_SESSIONS: usize = 512;
 /// Frames of one camera that the router passes on in a second.
 pub(super) const FRAMES_PER_S: f64 = 30.0;
 /// What an attachment may add to a message.
@@ -143,7 +141,7 @@ fn router_json5(roles: &Roles, installed: &Path) -> String {
         "listen_private_key": at("router-key.pem"), "listen_certificate": at("router.pem"),
         "root_ca_certificate": at("authority.pem"), "enable_mtls": roles.login.has_certificates(),
     });
-    let mut transport = json!({"link": {"tls": tls}, "unicast": {"max_sessions": MOST_SESSIONS}});
+    let mut transport = json!({"link": {"tls": tls}});
     if roles.login.has_passwords() {
         transport["auth"] = json!({"usrpwd": {"dictionary_file": at("users.txt")}});
     }
