@@ -15,6 +15,9 @@ use serde::{Deserialize, Serialize};
 use crate::checks::{check_finite, check_range};
 use crate::{CallError, Message, RigidTransform, keys, limits};
 
+/// The models that have the Panda's links, joints and hand: whoever knows its shape and reach knows theirs.
+pub const PANDA_LIKE: [&str; 2] = ["panda", "fr3"];
+
 /// A timed joint set-point. Positions between two are interpolated at 1 kHz of robot time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -180,7 +183,7 @@ pub struct RobotState {
     /// What is in the hand, as far as it was told; none where `gripper_holding` is false.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub held: Option<HeldObject>,
-    /// The robot's model, `panda`.
+    /// The robot's model, `panda` or `fr3`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
     /// Where the robot's base stands in the world.

@@ -55,6 +55,8 @@ enum Command {
     Up(commands::up::UpArgs),
     /// Run one service, or the router, as this process.
     Serve(commands::serve::ServeArgs),
+    /// Drive a real robot from its host, as this process.
+    Driver(commands::driver::DriverArgs),
     /// Find a placement on a frame folder, without a running system.
     Plan(commands::plan::PlanArgs),
     /// Find the moves after which several goals hold together, on a frame folder or a running system's newest scene.
@@ -122,6 +124,7 @@ fn run(cli: &Cli) -> Outcome {
         Command::Demo(args) => in_runtime(commands::demo::run(args, output)),
         Command::Up(args) => in_runtime(commands::up::run(args, output)),
         Command::Serve(args) => in_runtime(commands::serve::run(args)),
+        Command::Driver(args) => in_runtime(commands::driver::run(args)),
         Command::Place(args) => in_runtime(commands::place::run(args, output)),
         Command::Arrange(args) => in_runtime(commands::arrange::run(args, output)),
         Command::Scene(args) => in_runtime(commands::scene::run(args, output)),
