@@ -13,7 +13,7 @@ pub mod settings;
 use nalgebra::{Isometry3, Point3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use repose_panda::{Frame, Joints, LIMITS};
+use repose_panda::{Frame, Joints};
 
 pub use self::request::PickPlaceRequest;
 pub use self::settings::PickPlaceSettings;
@@ -188,7 +188,7 @@ impl<'a> Search<'a> {
     fn arm(&self, finger_opening_m: f64) -> ArmSettings {
         let world_from_base = Frame::of(&self.settings.world_from_base);
         let (padding_m, palm_out_m) = (self.settings.padding_m, PALM_OUT_M);
-        ArmSettings { world_from_base, padding_m, palm_out_m, finger_opening_m, ..ArmSettings::default() }
+        ArmSettings { world_from_base, padding_m, palm_out_m, finger_opening_m, limits: self.settings.reach.inverse.limits }
     }
 
     fn checker(&self, obstacles: &'a [&'a Obstacles], finger_opening_m: f64, held: Option<&HeldObject>) -> CollisionChecker<'a> {
@@ -204,7 +204,8 @@ impl<'a> Search<'a> {
         let in_base = self.settings.world_from_base.inverse() * world_from_tcp.translation.vector;
         let mut near = repose_panda::READY;
         near[0] = in_base.y.atan2(in_base.x);
-        LIMITS.clamped(&near, self.settings.reach.inverse.limit_margin_rad)
+        let inverse = &self.settings.reach.inverse;
+        inverse.limits.clamped(&near, inverse.limit_margin_rad)
     }
 
     /// The grasp that serves a placement, with the whole plan; or how many failed where.

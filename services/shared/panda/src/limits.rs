@@ -80,6 +80,19 @@ impl JointLimits {
         falling.clamp(0.0, highest)
     }
 
+    /// Its angles less those near the position limits to which it may go at no more than `least_rad_s`: where a motion may lead. The same where
+    /// speeds do not fall.
+    #[must_use]
+    pub fn approachable(&self, least_rad_s: f64) -> Self {
+        let Some(approach) = &self.approach else { return *self };
+        let way_rad = |i: usize| (approach.offset_rad_s[i] + least_rad_s).powi(2) / (2.0 * approach.deceleration_rad_s2[i]);
+        Self {
+            position_lower_rad: std::array::from_fn(|i| self.position_lower_rad[i] + way_rad(i)),
+            position_upper_rad: std::array::from_fn(|i| self.position_upper_rad[i] - way_rad(i)),
+            ..*self
+        }
+    }
+
     /// The limits that both have: what keeps them is allowed by either.
     #[must_use]
     pub fn narrower(&self, other: &Self) -> Self {
@@ -151,6 +164,12 @@ mod tests {
         assert_eq!(FR3_LIMITS.speed_at(0, 2.7, -1.0), 2.62, "away from the limit it may go at once");
         assert_eq!(FR3_LIMITS.speed_at(0, 2.745, 1.0), 0.0);
         assert_eq!(LIMITS.speed_at(0, 2.89, 1.0), 2.175);
+        let inner = FR3_LIMITS.approachable(0.1);
+        for i in 0..JOINT_COUNT {
+            assert!((FR3_LIMITS.speed_at(i, inner.position_upper_rad[i], 1.0) - 0.1).abs() < 1e-9);
+            assert!((FR3_LIMITS.speed_at(i, inner.position_lower_rad[i], -1.0) - 0.1).abs() < 1e-9);
+        }
+        assert_eq!(LIMITS.approachable(0.1), LIMITS);
     }
 
     #[test]

@@ -195,6 +195,9 @@ impl Bench {
 
     /// Somebody presses the user stop, or lets it go.
     pub fn user_stop(&mut self, pressed: bool) {
+        if !pressed && self.robot.mode != FciMode::UserStopped {
+            return;
+        }
         let moved = self.robot.in_motion;
         self.robot.halt();
         let released = if self.robot.errors.any() { FciMode::Reflex } else { FciMode::Idle };
