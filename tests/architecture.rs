@@ -163,6 +163,17 @@ fn of_the_console_only_what_faces_the_network_knows_the_runtime() {
 }
 
 #[test]
+fn of_the_franka_driver_only_what_faces_the_cell_knows_the_runtime() {
+    const OUTER: [&str; 3] = ["endpoints.rs", "error.rs", "lib.rs"];
+    for (path, text) in sources(&members()["repose-franka"].dir.join("src")) {
+        let outer = path.file_name().and_then(|f| f.to_str()).is_some_and(|file| OUTER.contains(&file));
+        for forbidden in ["repose_runtime", "async fn", "tokio::"] {
+            assert!(outer || !code(&text).contains(forbidden), "{} uses {forbidden}: the control loop waits for nobody", path.display());
+        }
+    }
+}
+
+#[test]
 fn the_kit_of_the_agents_protocol_is_known_in_one_file() {
     for (path, text) in sources(&members()["repose-mcp"].dir.join("src")) {
         let is_protocol = path.file_name().is_some_and(|file| file == "protocol.rs");

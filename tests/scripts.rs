@@ -45,6 +45,12 @@ fn ros2_tests() {
 }
 
 #[test]
+#[ignore = "needs Python and PyPI: run scripts/franka-tests"]
+fn franka_tests() {
+    run("franka-tests");
+}
+
+#[test]
 #[ignore = "needs Python and PyPI: run scripts/foreign-world-tests"]
 fn foreign_world_tests() {
     run("foreign-world-tests");

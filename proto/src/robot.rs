@@ -15,6 +15,9 @@ use serde::{Deserialize, Serialize};
 use crate::checks::{check_finite, check_range};
 use crate::{CallError, Message, RigidTransform, keys, limits};
 
+/// The models that have the Panda's links, joints and hand: whoever knows its shape and reach knows theirs.
+pub const PANDA_LIKE: [&str; 2] = ["panda", "fr3"];
+
 /// A timed joint set-point. Positions between two are interpolated at 1 kHz of robot time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -184,7 +187,7 @@ pub struct RobotState {
     /// robot's side started. A scene that was seen before that is out of date.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub since_handling_ms: Option<u64>,
-    /// The robot's model, `panda`.
+    /// The robot's model, `panda` or `fr3`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
     /// Where the robot's base stands in the world.

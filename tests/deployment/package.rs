@@ -112,7 +112,9 @@ fn the_package_is_installed_upgraded_and_removed_and_its_units_are_good() {
     if Command::new("systemd-analyze").arg("--version").output().is_ok() {
         let instances = ["perception", "inference-2", "planner", "motion"].map(|service| format!("repose@{service}.service"));
         let root = format!("--root={}", root.display());
-        let verified = ran(Command::new("systemd-analyze").args(["verify", "--man=no", &root, "repose-router.service"]).args(instances));
+        let verified = ran(Command::new("systemd-analyze")
+            .args(["verify", "--man=no", &root, "repose-router.service", "repose-franka.service"])
+            .args(instances));
         assert!(verified.stderr.is_empty(), "{}", String::from_utf8_lossy(&verified.stderr));
     }
     let edited = installed.clone() + "\n# an operator's own\n";

@@ -56,6 +56,8 @@ enum Command {
     Up(commands::up::UpArgs),
     /// Run one service, or the router, in this process.
     Serve(commands::serve::ServeArgs),
+    /// Drive a real robot from its host, as this process.
+    Driver(commands::driver::DriverArgs),
     /// Find a placement in a frame, without a running system.
     Plan(commands::plan::PlanArgs),
     /// Find the moves that make several goals hold together, in a frame or in a running system's newest scene.
@@ -123,6 +125,7 @@ fn run(cli: &Cli) -> CommandResult {
         Command::Demo(args) => in_runtime(commands::demo::run(args, output)),
         Command::Up(args) => in_runtime(commands::up::run(args, output)),
         Command::Serve(args) => in_runtime(commands::serve::run(args)),
+        Command::Driver(args) => in_runtime(commands::driver::run(args)),
         Command::Place(args) => in_runtime(commands::place::run(args, output)),
         Command::Arrange(args) => in_runtime(commands::arrange::run(args, output)),
         Command::Scene(args) => in_runtime(commands::scene::run(args, output)),

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Vector3};
 use repose_geometry::transform::{from_row_major, to_row_major};
 use repose_panda::interpolation::{ACCELERATION_EXCESS, ACCELERATION_JUMP, VELOCITY_EXCESS};
-use repose_panda::{JOINT_COUNT, JointLimits, START_TOLERANCE_RAD};
+use repose_panda::{JOINT_COUNT, JointLimits, Model, START_TOLERANCE_RAD};
 use repose_proto::CallError;
 use repose_proto::limits::MAX_KEEP_OUT_ZONES;
 use repose_proto::motion::KeepOutZone;
@@ -17,12 +17,18 @@ use crate::pick_place::PickPlaceSettings;
 use crate::recovery::RecoverySettings;
 use crate::wire::PlanTerms;
 
+/// Nothing is planned to where the robot would allow less than this, radians per second: an FR3's speeds fall to 0 before its position limits.
+const SLOWEST_RAD_S: f64 = 0.1;
+
 /// Configuration of a motion process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MotionConfig {
     /// Where the robot's base stands in the world: 16 numbers, row-major. Default: the base is the world.
     pub world_from_base: [f64; 16],
+    /// The robot's model, `panda` or `fr3`: under whose limits motions are planned. Default `panda`. A robot that says another model of itself is
+    /// not moved.
+    pub robot_model: String,
     /// Share of the joints' velocity limits used in free space, above 0 to a little below 1: the robot's cubics exceed it by a hair. Default 0.5;
     /// higher is faster.
     pub velocity_scale: f64,
@@ -107,6 +113,7 @@ impl Default for MotionConfig {
         let execution = ExecutionSettings::default();
         Self {
             world_from_base: to_row_major(&planning.world_from_base),
+            robot_model: Model::Panda.name().to_owned(),
             velocity_scale: planning.timing.velocity_scale,
             acceleration_scale: planning.timing.acceleration_scale,
             jerk_scale: planning.timing.jerk_scale,
@@ -179,7 +186,10 @@ impl MotionConfig {
             grip_force_n: self.grip_force_n,
             ..PickPlaceSettings::default()
         };
+        let limits = self.model()?.limits();
+        settings.reach.inverse.limits = limits.approachable(SLOWEST_RAD_S);
         settings.timing = TimingSettings {
+            limits,
             velocity_scale: self.velocity_scale,
             acceleration_scale: self.acceleration_scale,
             jerk_scale: self.jerk_scale,
@@ -189,6 +199,15 @@ impl MotionConfig {
         settings.grasp.count = self.grasps;
         settings.rrt.iterations = self.rrt_iterations;
         Ok(settings)
+    }
+
+    /// The robot's model.
+    ///
+    /// # Errors
+    /// [`ConfigError`] when there is none of that name.
+    pub fn model(&self) -> Result<Model, ConfigError> {
+        let unknown = || ConfigError { field: "robot_model", message: format!("expected panda or fr3, got {:?}", self.robot_model) };
+        Model::parse(&self.robot_model).ok_or_else(unknown)
     }
 
     /// Checks ranges; how an arm is brought back.
@@ -257,7 +276,12 @@ impl MotionConfig {
         within("command_horizon_ms", self.command_horizon_ms, 200.0, 10_000.0)?;
         within("command_period_ms", self.command_period_ms as f64, 5.0, 200.0)?;
         within("command_ttl_ms", self.command_ttl_ms as f64, 2.0 * self.command_period_ms as f64, 10_000.0)?;
-        Ok(ExecutionSettings { horizon_ms: self.command_horizon_ms, ttl_ms: self.command_ttl_ms, ..ExecutionSettings::default() })
+        Ok(ExecutionSettings {
+            model: self.model()?,
+            horizon_ms: self.command_horizon_ms,
+            ttl_ms: self.command_ttl_ms,
+            ..ExecutionSettings::default()
+        })
     }
 }
 
@@ -271,7 +295,7 @@ fn within(field: &'static str, value: f64, low: f64, high: f64) -> Result<(), Co
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
-    use repose_panda::{CommandRuleSettings, CommandRules, Joints, LIMITS, hermite};
+    use repose_panda::{CommandRuleSettings, CommandRules, Joints, hermite};
 
     use super::*;
     use crate::path::timing::Trajectory;
@@ -283,6 +307,8 @@ mod tests {
         assert!(config.terms().is_ok() && config.execution().is_ok());
         let bad = MotionConfig { velocity_scale: 1.5, ..config };
         assert_eq!(bad.planning().unwrap_err().field, "velocity_scale");
+        let unknown = MotionConfig { robot_model: "ur5".to_owned(), ..MotionConfig::default() };
+        assert_eq!(unknown.planning().unwrap_err().field, "robot_model");
         let coarse = MotionConfig { set_point_period_ms: 50.0, ..MotionConfig::default() };
         assert_eq!(coarse.terms().unwrap_err().field, "set_point_period_ms");
         for (field, config) in [
@@ -295,10 +321,11 @@ mod tests {
     }
 
     /// The fastest that is accepted with set-points so far apart and a share of the jerk that may then be used.
-    fn fastest(set_point_period_ms: f64, jerk_share: f64) -> MotionConfig {
-        let whole = MotionConfig { set_point_period_ms, jerk_scale: 1.0, ..MotionConfig::default() };
+    fn fastest(model: Model, set_point_period_ms: f64, jerk_share: f64) -> MotionConfig {
+        let (robot_model, limits) = (model.name().to_owned(), model.limits());
+        let whole = MotionConfig { robot_model, set_point_period_ms, jerk_scale: 1.0, ..MotionConfig::default() };
         let jerky = MotionConfig { jerk_scale: jerk_share / whole.jerk_seen(), velocity_scale: 0.0, acceleration_scale: 0.0, ..whole };
-        let (velocity_scale, acceleration_scale) = (1.0 - jerky.velocity_seen(&LIMITS), 1.0 - jerky.acceleration_seen(&LIMITS));
+        let (velocity_scale, acceleration_scale) = (1.0 - jerky.velocity_seen(&limits), 1.0 - jerky.acceleration_seen(&limits));
         MotionConfig { velocity_scale: velocity_scale - 1e-12, acceleration_scale: acceleration_scale - 1e-12, ..jerky }
     }
 
@@ -310,10 +337,11 @@ mod tests {
             ways in prop::collection::vec(prop::array::uniform7(0.02..0.98f64), 2..4),
             period_ms in 1.0..30.0f64,
             jerk_share in 0.2..0.999_999f64,
+            model in prop_oneof![Just(Model::Panda), Just(Model::Fr3)],
         ) {
-            let config = fastest(period_ms, jerk_share);
+            let (config, limits) = (fastest(model, period_ms, jerk_share), model.limits());
             prop_assert!(config.terms().is_ok());
-            let corners: Vec<Joints> = ways.iter().map(|way| LIMITS.between(way)).collect();
+            let corners: Vec<Joints> = ways.iter().map(|way| limits.approachable(SLOWEST_RAD_S).between(way)).collect();
             let trajectory = Trajectory::new(&corners, &config.planning().unwrap().timing).unwrap();
             let points: Vec<_> = trajectory.sampled(period_ms * 1e-3).collect();
             let end_s = points[points.len() - 1].0;
@@ -325,7 +353,7 @@ mod tests {
                 hermite((&a.position_rad, &a.velocity_rad_s), (&b.position_rad, &b.velocity_rad_s), to_s - from_s, share).0
             };
             let followed: Vec<Joints> = (0..(end_s * 1e3) as usize + 5).map(at).collect();
-            prop_assert_eq!(CommandRules::check(&followed[0], &followed, CommandRuleSettings::default()), Ok(()));
+            prop_assert_eq!(CommandRules::check(&followed[0], &followed, CommandRuleSettings { limits, ..CommandRuleSettings::default() }), Ok(()));
         }
     }
 

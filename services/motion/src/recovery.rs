@@ -8,8 +8,8 @@ use nalgebra::{Isometry3, Point3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_panda::{
-    InverseSettings, JOINT_COUNT, Joints, LIMITS, Link, LinkFrame, LinkFrames, PlacedSphere, READY, SPHERE_COUNT, SPHERE_LINKS,
-    base_from_tcp, inverse_near, self_collides, spheres_in_base,
+    InverseSettings, JOINT_COUNT, Joints, Link, LinkFrame, LinkFrames, PlacedSphere, READY, SPHERE_COUNT, SPHERE_LINKS, base_from_tcp,
+    inverse_near, self_collides, spheres_in_base,
 };
 
 use crate::collision::{ArmCollisionSettings, CollisionChecker, Contact};
@@ -34,6 +34,8 @@ pub struct RecoverySettings {
     pub padding_m: f64,
     /// How fast the arm moves.
     pub timing: TimingSettings,
+    /// The joint angles of hand poses.
+    pub inverse: InverseSettings,
     /// How far the hand backs off at most, metres. Default 0.10, the standoff of a grasp.
     pub retreat_m: f64,
     /// Less than this is no retreat, metres. Default 0.02: the depth of a grasp.
@@ -55,6 +57,7 @@ impl RecoverySettings {
             obstacles: planning.obstacles,
             padding_m: planning.padding_m,
             timing: TimingSettings { deviation_rad: 0.002, ..planning.timing.slowed(share) },
+            inverse: planning.reach.inverse,
             retreat_m: planning.reach.standoff_m,
             least_m: 0.02,
             self_m: 0.02,
@@ -144,11 +147,11 @@ impl<'a> Recovery<'a> {
 
     /// The next posture of the retreat.
     fn step(&self, last: &Joints, base_from_tcp: &Isometry3<f64>, exempt: &mut [bool; SPHERE_COUNT]) -> Result<Joints, Stuck> {
-        let next = inverse_near(base_from_tcp, last, &InverseSettings::default()).map_err(|_| Stuck::Unreachable)?;
+        let next = inverse_near(base_from_tcp, last, &self.settings.inverse).map_err(|_| Stuck::Unreachable)?;
         if (0..JOINT_COUNT).any(|i| (next[i] - last[i]).abs() > JUMP_RAD) {
             return Err(Stuck::Unreachable);
         }
-        if let Some(joint) = LIMITS.outside(&next, 0.0) {
+        if let Some(joint) = self.settings.inverse.limits.outside(&next, 0.0) {
             return Err(Stuck::Contact(Contact::Limits(joint)));
         }
         let touching = self.touching(&next);
@@ -177,6 +180,7 @@ impl<'a> Recovery<'a> {
             world_from_base,
             padding_m: self.settings.padding_m,
             finger_opening_m: self.finger_opening_m,
+            limits: self.settings.inverse.limits,
             ..ArmCollisionSettings::default()
         };
         let obstacles = [&self.obstacles];

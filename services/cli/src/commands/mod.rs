@@ -5,6 +5,7 @@ pub mod bench;
 pub mod cells;
 pub mod demo;
 pub mod deploy;
+pub mod driver;
 pub mod evaluate;
 pub mod generate;
 pub mod load;

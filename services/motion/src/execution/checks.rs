@@ -1,6 +1,6 @@
 //! What must hold before an execution begins.
 
-use repose_panda::START_TOLERANCE_RAD;
+use repose_panda::{Model, START_TOLERANCE_RAD};
 use repose_proto::motion::{MotionPhase, MotionPlan};
 use repose_proto::robot::{Owner, RobotMode, RobotState};
 use repose_proto::{CallError, limits};
@@ -86,6 +86,20 @@ pub fn check_free(state: &RobotState) -> Result<(), CallError> {
         return Err(CallError::precondition(format!("the robot carries out task {task} of {owner}")).at("robot"));
     }
     Ok(())
+}
+
+/// Refuses a robot that says another model of itself than motions are planned for.
+///
+/// # Errors
+/// `failed_precondition` on `robot`.
+pub fn check_model(state: &RobotState, planned_for: Model) -> Result<(), CallError> {
+    match state.model.as_deref() {
+        Some(model) if model != planned_for.name() => {
+            let message = format!("the robot is a {model} and motion plans for a {}: set `robot_model` of [motion]", planned_for.name());
+            Err(CallError::precondition(message).at("robot"))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Refuses a robot that does not stand, with an empty hand, where a plan starts.

@@ -3,7 +3,7 @@
 //! Path time runs slower and slower (its rate falls from 1 to 0 along a quintic), so the arm leaves the checked path by nothing and its own
 //! accelerations only shrink; what slowing adds is kept to a share of the limits by taking the time it needs.
 
-use repose_panda::{JOINT_COUNT, LIMITS, hermite, smooth_step};
+use repose_panda::{JOINT_COUNT, JointLimits, hermite, smooth_step};
 use repose_proto::robot::SetPoint;
 
 /// Share of the acceleration limits that slowing down may add.
@@ -16,12 +16,12 @@ const PERIOD_MS: f64 = 10.0;
 const STEEPEST: f64 = 1.875;
 
 /// The set-points from `from_ms` of a stretch on that bring it to rest; the stretch itself where that ends sooner. Empty without set-points.
-pub fn halted(stretch: &[SetPoint], from_ms: f64) -> Vec<SetPoint> {
+pub fn halted(stretch: &[SetPoint], from_ms: f64, limits: &JointLimits) -> Vec<SetPoint> {
     let Some(end) = stretch.last() else { return Vec::new() };
     let rest = &stretch[stretch.partition_point(|p| p.t_ms < from_ms)..];
     let start = at(stretch, from_ms.min(end.t_ms));
     let needed_ms = |p: &SetPoint| {
-        let slowest = |i: usize| 1e3 * STEEPEST * p.dq_rad_s[i].abs() / (BRAKING_SHARE * LIMITS.acceleration_rad_s2[i]);
+        let slowest = |i: usize| 1e3 * STEEPEST * p.dq_rad_s[i].abs() / (BRAKING_SHARE * limits.acceleration_rad_s2[i]);
         (0..JOINT_COUNT).map(slowest).fold(SHORTEST_MS, f64::max)
     };
     let span_ms = rest.iter().chain([&start]).map(needed_ms).fold(SHORTEST_MS, f64::max);
@@ -52,7 +52,7 @@ fn at(stretch: &[SetPoint], t_ms: f64) -> SetPoint {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
-    use repose_panda::{CommandRuleSettings, CommandRules, READY};
+    use repose_panda::{CommandRuleSettings, CommandRules, FR3_LIMITS, LIMITS, READY};
 
     use super::*;
 
@@ -70,16 +70,18 @@ mod tests {
 
     proptest! {
         #[test]
-        fn wherever_it_is_cut_off_it_comes_to_rest_on_its_path_within_the_limits(from_ms in 0.0..2200.0f64) {
+        fn wherever_it_is_cut_off_it_comes_to_rest_on_its_path_within_the_limits(
+            from_ms in 0.0..2200.0f64, limits in prop_oneof![Just(LIMITS), Just(FR3_LIMITS)],
+        ) {
             let whole = stretch();
-            let halt = halted(&whole, from_ms);
+            let halt = halted(&whole, from_ms, &limits);
             let mut followed: Vec<SetPoint> = whole.iter().filter(|p| p.t_ms < halt[0].t_ms).copied().collect();
             followed.extend(&halt);
             let end = followed[followed.len() - 1];
             prop_assert!(end.dq_rad_s.iter().all(|v| v.abs() < 1e-9) && end.t_ms <= 3200.0);
             prop_assert!(end.q_rad[0] <= READY[0] + 1.2 + 1e-9);
             let sampled: Vec<_> = (0..=end.t_ms.ceil() as usize).map(|t| at(&followed, t as f64).q_rad).collect();
-            prop_assert_eq!(CommandRules::check(&READY, &sampled, CommandRuleSettings::default()), Ok(()));
+            prop_assert_eq!(CommandRules::check(&READY, &sampled, CommandRuleSettings { limits, ..CommandRuleSettings::default() }), Ok(()));
             // Interpolation between set-points of a path that comes to rest may overshoot by a hair.
             prop_assert!(sampled.windows(2).all(|w| w[1][0] >= w[0][0] - 1e-6), "never back");
         }

@@ -22,7 +22,7 @@ use repose_proto::{CallError, limits};
 pub use checks::{check_free, next_owner};
 pub use settings::ExecutionSettings;
 
-use checks::{apart, check_age, check_phases, check_start, check_unmoved};
+use checks::{apart, check_age, check_model, check_phases, check_start, check_unmoved};
 use halt::halted;
 
 /// Who executes, and as which task.
@@ -110,9 +110,9 @@ impl Execution {
     /// the robot's clock, that of the state.
     ///
     /// # Errors
-    /// `failed_precondition` when a stop is latched, the robot moves, has a task or something in its hand, the arm is not where the plan starts,
-    /// the scene is too old or was seen before the hand last took or put something, or no epoch is left; `invalid_argument` when the plan has no
-    /// phases, or its phases do not join.
+    /// `failed_precondition` when a stop is latched, the robot moves, has a task or something in its hand, is another model than motions are
+    /// planned for, or stands elsewhere than where the plan starts, the scene is too old or was seen before the hand last took or put something,
+    /// or no epoch is left; `invalid_argument` when the plan has no phases, or its phases do not join.
     pub fn begin(
         plan: MotionPlan,
         task: ExecutionTask,
@@ -122,6 +122,7 @@ impl Execution {
     ) -> Result<(Self, Vec<ExecutionAction>), CallError> {
         check_phases(&plan.start_joints_rad, &plan.phases)?;
         check_free(state)?;
+        check_model(state, settings.model)?;
         check_start(&plan, state)?;
         check_age(&plan, state.stamp_ns)?;
         check_unmoved(&plan, state)?;
@@ -131,7 +132,7 @@ impl Execution {
     /// Begins phases from where the robot stands, whatever it has in its hand.
     ///
     /// # Errors
-    /// `failed_precondition` when a stop is latched, the robot moves or has a task, or no epoch is left; `invalid_argument` when there are no
+    /// `failed_precondition` when a stop is latched, the robot moves, has a task or is another model, or no epoch is left; `invalid_argument` when there are no
     /// phases, or they do not join.
     pub fn from_here(
         phases: Vec<MotionPhase>,
@@ -142,6 +143,7 @@ impl Execution {
     ) -> Result<(Self, Vec<ExecutionAction>), CallError> {
         check_phases(&state.q_rad, &phases)?;
         check_free(state)?;
+        check_model(state, settings.model)?;
         Self::start(phases, task, state, now_ms, settings)
     }
 
@@ -250,7 +252,8 @@ impl Execution {
             }
             Stage::Stream { taken, .. } => {
                 let followed_ms = self.last_state.stream_ms.filter(|_| self.is_taken(taken.first_seq)).unwrap_or(0.0);
-                let set_points = halted(&self.current().set_points, followed_ms + self.settings.halt_lead_ms);
+                let set_points =
+                    halted(&self.current().set_points, followed_ms + self.settings.halt_lead_ms, &self.settings.model.limits());
                 self.halt = Some(Halt { reason: reason.to_owned(), set_points, first_seq: self.seq + 1, since_ms: now_ms });
                 self.go_on_halting(now_ms)
             }

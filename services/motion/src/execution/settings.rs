@@ -1,8 +1,12 @@
 //! How an execution talks to the robot.
 
+use repose_panda::Model;
+
 /// How an execution talks to the robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExecutionSettings {
+    /// What the robot should be: a stretch is slowed down under its limits, and one that says another model of itself is not moved.
+    pub model: Model,
     /// How far ahead of the robot the set-points reach, milliseconds of robot time, at least 200. Default 1000.
     pub horizon_ms: f64,
     /// How long a command may be acted on after receipt, milliseconds. Default 500.
@@ -23,6 +27,7 @@ pub struct ExecutionSettings {
 impl Default for ExecutionSettings {
     fn default() -> Self {
         Self {
+            model: Model::Panda,
             horizon_ms: 1000.0,
             ttl_ms: 500,
             take_timeout_ms: 2000,

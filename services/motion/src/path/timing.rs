@@ -1,9 +1,9 @@
 //! When the arm is where on its path: a fast timing that provably keeps the velocity, acceleration and jerk limits.
 //!
 //! The rounded path is cut into short intervals. On each the squared path speed is linear in the path parameter (constant path acceleration),
-//! bounded by what the joints allow there: `|q'|·ṡ ≤ v`, and `|q''|·ṡ² + |q'|·|s̈| ≤ a`. A pass forwards and one backwards make the speeds
+//! bounded by what the joints allow there: `|q'|·ṡ ≤ v`, and `|q''|·ṡ² + |q'|·|s̈| ≤ a`; an FR3's `v` falls towards its position limits. A pass forwards and one backwards make the speeds
 //! reachable from rest to rest. That motion is then averaged over a short time `T` that ends now. An average exceeds no velocity and no
-//! acceleration that it is made of, and its jerk is `(a(t) − a(t−T)) / T`, at most `2a / T`: so `T = 2a / j` keeps the jerk limit. The average
+//! acceleration that it is made of (nor a `v` that falls, for it falls concavely: its average is less than what it is at the average place), and its jerk is `(a(t) − a(t−T)) / T`, at most `2a / T`: so `T = 2a / j` keeps the jerk limit. The average
 //! leaves the path by at most `a·T²/24`, far less than a thousandth of a radian. All bounds hold at every instant, not only where it is sampled.
 
 use repose_panda::{JOINT_COUNT, JointLimits, Joints, LIMITS};
@@ -223,7 +223,7 @@ fn cut(pieces: &[Piece], settings: &TimingSettings) -> Vec<Cut> {
             // The derivative is linear on a piece: its largest value is at an end.
             let slope: Joints = std::array::from_fn(|i| first[i].abs().max(last[i].abs()).max(1e-12));
             for (i, slope) in slope.iter().enumerate() {
-                let velocity = settings.limits.velocity_rad_s[i] * settings.velocity_scale;
+                let velocity = highest_speed(&settings.limits, piece, i, [offset, offset + length]) * settings.velocity_scale;
                 let acceleration = settings.limits.acceleration_rad_s2[i] * settings.acceleration_scale;
                 square_max = square_max.min((velocity / slope).powi(2));
                 square_max = square_max.min(TURNING_SHARE * acceleration / piece.curvature[i].abs().max(1e-12));
@@ -236,6 +236,24 @@ fn cut(pieces: &[Piece], settings: &TimingSettings) -> Vec<Cut> {
         }
     }
     cuts
+}
+
+/// The highest speed of a joint on a stretch of a piece: where it falls towards a position limit, what it is at the place nearest to that.
+fn highest_speed(limits: &JointLimits, piece: &Piece, joint: usize, ends: [f64; 2]) -> f64 {
+    let highest = limits.velocity_rad_s[joint];
+    if limits.approach.is_none() {
+        return highest;
+    }
+    // So far the joint may be beyond both ends in between.
+    let bulge = piece.curvature[joint].abs() * (ends[1] - ends[0]).powi(2) / 8.0;
+    let (places, rates) = (ends.map(|s| piece.at(s)[joint]), ends.map(|s| piece.derivative(s)[joint]));
+    let upwards = limits.position_upper_rad[joint] - places[0].max(places[1]) - bulge;
+    let downwards = places[0].min(places[1]) - bulge - limits.position_lower_rad[joint];
+    [(upwards, 1.0), (downwards, -1.0)]
+        .into_iter()
+        .filter(|(_, sign)| rates.iter().any(|rate| rate * sign > 0.0))
+        .map(|(way, _)| limits.speed_before(joint, way))
+        .fold(highest, f64::min)
 }
 
 /// Squared path speeds at the nodes between the cuts, from rest to rest.
@@ -255,7 +273,7 @@ fn reachable_squares(cuts: &[Cut]) -> Vec<f64> {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use repose_panda::{CommandRuleSettings, CommandRules, READY};
+    use repose_panda::{CommandRuleSettings, CommandRules, FR3_LIMITS, READY};
 
     /// Anywhere within the limits, and often at one or so near it that a full brake just ends there.
     fn corners() -> impl Strategy<Value = Vec<Joints>> {
@@ -307,6 +325,20 @@ mod tests {
             let count = (trajectory.duration_s() / 1e-3) as usize + 3;
             let points: Vec<Joints> = (0..count).map(|k| trajectory.at((k as f64 + phase - 1.0) * 1e-3).position_rad).collect();
             prop_assert_eq!(CommandRules::check(&corners[0], &points, CommandRuleSettings::default()), Ok(()));
+        }
+
+        #[test]
+        fn frankas_rules_accept_every_millisecond_of_an_fr3(
+            ways in prop::collection::vec(prop::array::uniform7(0.0..1.0f64), 1..6), phase in 0.0..1.0f64, share in 0.3..0.999f64,
+        ) {
+            let limits = FR3_LIMITS;
+            let corners: Vec<Joints> = ways.iter().map(|way| limits.approachable(0.1).between(way)).collect();
+            let timing = TimingSettings { limits, velocity_scale: share, acceleration_scale: share, jerk_scale: share, ..TimingSettings::default() };
+            let trajectory = Trajectory::new(&corners, &timing).unwrap();
+            let count = (trajectory.duration_s() / 1e-3) as usize + 3;
+            let points: Vec<Joints> = (0..count).map(|k| trajectory.at((k as f64 + phase - 1.0) * 1e-3).position_rad).collect();
+            let rules = CommandRuleSettings { limits, ..CommandRuleSettings::default() };
+            prop_assert_eq!(CommandRules::check(&corners[0], &points, rules), Ok(()));
         }
 
         #[test]

@@ -13,7 +13,7 @@ pub mod settings;
 use nalgebra::{Isometry3, Point3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use repose_panda::{Joints, LIMITS, LinkFrame};
+use repose_panda::{Joints, LinkFrame};
 
 pub use self::request::PickPlaceRequest;
 pub use self::settings::PickPlaceSettings;
@@ -188,7 +188,7 @@ impl<'a> Search<'a> {
     fn arm(&self, finger_opening_m: f64) -> ArmCollisionSettings {
         let world_from_base = LinkFrame::of(&self.settings.world_from_base);
         let (padding_m, palm_out_m) = (self.settings.padding_m, PALM_OUT_M);
-        ArmCollisionSettings { world_from_base, padding_m, palm_out_m, finger_opening_m, ..ArmCollisionSettings::default() }
+        ArmCollisionSettings { world_from_base, padding_m, palm_out_m, finger_opening_m, limits: self.settings.reach.inverse.limits }
     }
 
     fn checker(&self, obstacles: &'a [&'a Obstacles], finger_opening_m: f64, held: Option<&HeldCloud>) -> CollisionChecker<'a> {
@@ -204,7 +204,8 @@ impl<'a> Search<'a> {
         let in_base = self.settings.world_from_base.inverse() * world_from_tcp.translation.vector;
         let mut near = repose_panda::READY;
         near[0] = in_base.y.atan2(in_base.x);
-        LIMITS.clamped(&near, self.settings.reach.inverse.limit_margin_rad)
+        let inverse = &self.settings.reach.inverse;
+        inverse.limits.clamped(&near, inverse.limit_margin_rad)
     }
 
     /// The grasp that serves a placement, with the whole plan; or how many failed where.

@@ -5,6 +5,7 @@ use repose_geometry::transform::from_row_major;
 use repose_panda::kinematics::LinkFrames;
 use repose_panda::{base_from_hand, hand_from_tcp, shoulder_in_base, spheres_in_base};
 use repose_proto::RobotInView;
+use repose_proto::robot::PANDA_LIKE;
 
 /// The Panda's foot reaches further back than its collision sphere: centre (base frame, metres) and radius of what is added. They are the
 /// ends of link 0's capsule in Franka's robot description (`franka_description`, `franka_arm.xacro`: centre (-0.075, 0, 0.06), radius 0.06,
@@ -15,7 +16,7 @@ const PANDA_FOOT: [[f64; 4]; 2] = [[-0.09, 0.0, 0.06, 0.09], [-0.06, 0.0, 0.06, 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum NoBody {
     /// Its shape is not known.
-    #[error("unknown robot model {0:?}, expected \"panda\"")]
+    #[error("unknown robot model {0:?}, expected \"panda\" or \"fr3\"")]
     Model(String),
     /// Its pose is no rigid transform.
     #[error("world_from_base: {0}")]
@@ -48,7 +49,7 @@ impl RobotBody {
     /// # Errors
     /// [`NoBody`] when its model is unknown or its pose is not rigid.
     pub fn new(robot: &RobotInView, camera_from_world: &Isometry3<f64>) -> Result<Self, NoBody> {
-        if robot.model != "panda" {
+        if !PANDA_LIKE.contains(&robot.model.as_str()) {
             return Err(NoBody::Model(robot.model.clone()));
         }
         let world_from_base = from_row_major(&robot.world_from_base.0).map_err(|e| NoBody::Pose(e.to_string()))?;

@@ -11,7 +11,7 @@ use repose_ros_messages::{
     FollowJointTrajectoryFeedback, FollowJointTrajectoryGoal, FollowJointTrajectoryResult, GripperCommandGoal, GripperCommandResult,
     JointState,
 };
-use repose_runtime::{Session, Traffic};
+use repose_runtime::{Session, Traffic, refuse_a_second_driver};
 use tokio::sync::mpsc;
 use tokio::time::MissedTickBehavior;
 
@@ -28,8 +28,6 @@ use crate::wire::names::Qos;
 const STEP: Duration = Duration::from_millis(4);
 /// Between two states.
 const STATES: Duration = Duration::from_millis(20);
-/// How long it is listened for another driver of the same robot.
-const LISTEN: Duration = Duration::from_millis(300);
 /// Commands and stops that may wait for the next step.
 const WAITING: usize = 64;
 /// How much longer than its trajectory a result is waited for.
@@ -119,15 +117,6 @@ pub async fn run(
         // What the network refuses now it may take with the next state.
         let _ = states.put(Payload::json(&state)?).await;
     }
-}
-
-async fn refuse_a_second_driver(session: &Session, robot: &str) -> Result<(), BridgeError> {
-    let mut others = session.subscribe_latest(&session.cell().robot_state(robot)).await?;
-    if tokio::time::timeout(LISTEN, others.recv()).await.is_err() {
-        return Ok(());
-    }
-    let message = format!("another driver tells the state of robot {robot} in this cell: end it, or take another name");
-    Err(CallError::precondition(message).at("name").into())
 }
 
 /// The state, where it is time for one or the mode is another.

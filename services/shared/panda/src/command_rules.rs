@@ -188,7 +188,8 @@ impl CommandRules {
     fn check_joint(&self, joint: usize, next: &MotionState) -> Result<(), Violation> {
         let limits = &self.settings.limits;
         let exceeds = |value: f64, limit: f64| value.abs() > limit * (1.0 + ROUNDING);
-        let (value, limit) = (next.velocity_rad_s[joint], limits.velocity_rad_s[joint]);
+        let value = next.velocity_rad_s[joint];
+        let limit = limits.speed_at(joint, next.position_rad[joint], value);
         if exceeds(value, limit) {
             return Err(Violation::VelocityLimits { joint, value, limit });
         }

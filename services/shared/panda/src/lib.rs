@@ -1,4 +1,4 @@
-//! The Franka Panda: kinematics, limits, Franka's rules for commands, and the spheres that stand for its body.
+//! The Franka Panda and the FR3: kinematics, limits, Franka's rules for commands, and the spheres that stand for the body.
 //!
 //! ```
 //! use repose_panda::{InverseSettings, READY, base_from_tcp, inverse_near};
@@ -20,6 +20,7 @@ pub mod kinematics;
 pub mod lane_frames;
 pub mod levers;
 pub mod limits;
+pub mod model;
 pub mod self_collision;
 pub mod spheres;
 pub mod stop;
@@ -32,7 +33,8 @@ pub use kinematics::{
     Jacobian, LinkFrame, LinkFrames, base_from_flange, base_from_hand, base_from_tcp, flange_from_hand, hand_from_tcp, jacobian,
 };
 pub use levers::levers;
-pub use limits::{FINGER_OPENING_MAX_M, JointLimits, LIMITS};
+pub use limits::{ApproachLimits, FINGER_OPENING_MAX_M, FR3_LIMITS, JointLimits, LIMITS};
+pub use model::Model;
 pub use self_collision::{SELF_COLLISION_PAIRS, self_collides};
 pub use spheres::{
     GRIPPER_SPHERES, LINKS, Link, PlacedSphere, SPHERE_COUNT, SPHERE_LINKS, gripper_spheres, shoulder_in_base, shoulder_in_link,

@@ -136,6 +136,8 @@ struct JointState {
 struct JointLimit {
     positions: [f64; 2],
     velocity: f64,
+    /// How the highest speed falls towards the positions: a deceleration, and what is taken off the speed.
+    approach: Option<[f64; 2]>,
     acceleration: f64,
     jerk: f64,
 }
@@ -149,6 +151,7 @@ impl JointLimit {
         Self {
             positions: [limits.position_lower_rad[i], limits.position_upper_rad[i]],
             velocity: limits.velocity_rad_s[i],
+            approach: limits.approach.map(|approach| [approach.deceleration_rad_s2[i], approach.offset_rad_s[i]]),
             acceleration: limits.acceleration_rad_s2[i],
             jerk: limits.jerk_rad_s3[i],
         }
@@ -166,7 +169,19 @@ impl JointLimit {
         let fastest = joint.velocity.abs() + acceleration * (0.5 * acceleration / self.jerk + 2.0 * period_s);
         let longest_s = (acceleration + self.acceleration) / self.jerk + fastest / self.acceleration + 6.0 * period_s;
         let reach = fastest * longest_s;
-        fastest <= self.velocity && (self.positions[0] + reach..=self.positions[1] - reach).contains(&joint.position)
+        let way = (joint.position - self.positions[0]).min(self.positions[1] - joint.position) - reach;
+        way >= 0.0 && fastest <= self.speed_before(way)
+    }
+
+    /// The highest speed towards a position limit so far off.
+    fn speed_before(&self, way: f64) -> f64 {
+        let Some([deceleration, offset]) = self.approach else { return self.velocity };
+        ((2.0 * deceleration * way.max(0.0)).sqrt() - offset).clamp(0.0, self.velocity)
+    }
+
+    /// The highest speed at an angle in the direction of a velocity.
+    fn speed_at(&self, joint: &JointState) -> f64 {
+        self.speed_before(if joint.velocity < 0.0 { joint.position - self.positions[0] } else { self.positions[1] - joint.position })
     }
 
     /// The stop in the fewest periods.
@@ -297,7 +312,7 @@ impl JointStop {
         let mut joint = from;
         for _ in 0..self.periods {
             joint = self.step(joint, period_s);
-            if joint.velocity.abs() > limit.velocity * (1.0 + ROUNDING) {
+            if joint.velocity.abs() > limit.speed_at(&joint) * (1.0 + ROUNDING) {
                 return Some(OverrunLimit::Velocity);
             }
             if joint.position < limit.positions[0] - POSITION_ROUNDING_RAD || joint.position > limit.positions[1] + POSITION_ROUNDING_RAD {

@@ -51,8 +51,19 @@ pub fn state_of(arm: &Arm, shown: &StateDetails) -> RobotState {
         task: Some(TaskState { id: arm.task().map(str::to_owned) }),
         held: arm.held().cloned(),
         since_handling_ms: arm.since_handling_ms(),
-        model: Some("panda".to_owned()),
+        model: Some(arm.model().name().to_owned()),
         world_from_base: shown.world_from_base,
         horizon_ms: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_panda::Model;
+    use repose_proto::robot::PANDA_LIKE;
+
+    #[test]
+    fn every_model_that_an_arm_may_be_is_known_on_the_wire() {
+        assert_eq!(Model::ALL.map(Model::name), PANDA_LIKE);
     }
 }

@@ -3,7 +3,7 @@
 //! The properties are judged from the positions alone, by differences over a millisecond, not by what the arm says of itself.
 
 use proptest::prelude::*;
-use repose_panda::{JOINT_COUNT, Joints, LIMITS, READY, smooth_step};
+use repose_panda::{CommandRuleSettings, JOINT_COUNT, JointLimits, Joints, LIMITS, Model, READY, smooth_step};
 use repose_proto::robot::{EmergencyStop, Owner, RobotCommand, RobotMode, SetPoint};
 use repose_robot_side::{Arm, ArmSettings};
 
@@ -27,7 +27,11 @@ enum Act {
 }
 
 fn places() -> impl Strategy<Value = Joints> {
-    prop::array::uniform7(0.0..1.0f64).prop_map(|u| LIMITS.between(&u))
+    (prop::array::uniform7(0.0..1.0f64), models()).prop_map(|(u, model)| model.limits().between(&u))
+}
+
+fn models() -> impl Strategy<Value = Model> {
+    prop_oneof![Just(Model::Panda), Just(Model::Fr3)]
 }
 
 fn acts() -> impl Strategy<Value = (Act, usize)> {
@@ -71,8 +75,9 @@ struct Bench {
 }
 
 impl Bench {
-    fn new() -> Self {
-        let arm = Arm::new(ArmSettings::default());
+    fn new(model: Model) -> Self {
+        let rules = CommandRuleSettings { limits: model.limits(), ..CommandRuleSettings::default() };
+        let arm = Arm::new(ArmSettings { model, rules, ..ArmSettings::default() });
         // Three times where it stands, so that the first differences are of rest.
         Self { trace: vec![*arm.q_rad(); 3], arm, now_s: 0.0, owner: Owner { id: "a".to_owned(), epoch: 1 }, seq: 0, last: None }
     }
@@ -172,7 +177,7 @@ impl Bench {
 
 /// The first limit that a trace of positions, one each millisecond, exceeds.
 #[allow(clippy::needless_range_loop, reason = "differences reach back over the trace")]
-fn exceeded(trace: &[Joints]) -> Option<String> {
+fn exceeded(trace: &[Joints], limits: &JointLimits) -> Option<String> {
     // Third differences of angles over a billionth of a cubic second blow rounding up to a few thousandths.
     let over = |value: f64, limit: f64| value.abs() > limit * (1.0 + 3e-6) + 0.01;
     let velocity = |k: usize, i: usize| (trace[k][i] - trace[k - 1][i]) * 1e3;
@@ -180,17 +185,17 @@ fn exceeded(trace: &[Joints]) -> Option<String> {
     for k in 3..trace.len() {
         for i in 0..JOINT_COUNT {
             let q = trace[k][i];
-            if !(LIMITS.position_lower_rad[i] - 1e-7..=LIMITS.position_upper_rad[i] + 1e-7).contains(&q) {
+            if !(limits.position_lower_rad[i] - 1e-7..=limits.position_upper_rad[i] + 1e-7).contains(&q) {
                 return Some(format!("{k} ms, joint {i}: {q} rad"));
             }
             let jerk = (acceleration(k, i) - acceleration(k - 1, i)) * 1e3;
-            if velocity(k, i).abs() > LIMITS.velocity_rad_s[i] * (1.0 + 3e-6) {
+            if velocity(k, i).abs() > limits.speed_at(i, q, velocity(k, i)) * (1.0 + 3e-6) + 1e-9 {
                 return Some(format!("{k} ms, joint {i}: {} rad/s", velocity(k, i)));
             }
-            if over(acceleration(k, i), LIMITS.acceleration_rad_s2[i]) {
+            if over(acceleration(k, i), limits.acceleration_rad_s2[i]) {
                 return Some(format!("{k} ms, joint {i}: {} rad/s²", acceleration(k, i)));
             }
-            if over(jerk, LIMITS.jerk_rad_s3[i]) {
+            if over(jerk, limits.jerk_rad_s3[i]) {
                 return Some(format!("{k} ms, joint {i}: {jerk} rad/s³"));
             }
         }
@@ -202,15 +207,15 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn no_sequence_of_commands_makes_the_arm_exceed_a_limit(script in prop::collection::vec(acts(), 1..14)) {
-        let mut bench = Bench::new();
+    fn no_sequence_of_commands_makes_the_arm_exceed_a_limit(script in prop::collection::vec(acts(), 1..14), model in models()) {
+        let mut bench = Bench::new(model);
         for (act, milliseconds) in &script {
             bench.act(act);
             bench.run(*milliseconds);
         }
         // Without a commander it comes to rest within three seconds, whatever it was doing.
         bench.run(8000);
-        prop_assert_eq!(exceeded(&bench.trace), None);
+        prop_assert_eq!(exceeded(&bench.trace, &model.limits()), None);
         let end = bench.trace.len() - 1;
         prop_assert_eq!(bench.trace[end], bench.trace[end - 1000]);
         prop_assert!(bench.arm.mode() != RobotMode::Moving);
@@ -218,7 +223,7 @@ proptest! {
 
     #[test]
     fn a_stop_at_any_moment_of_a_fast_motion_keeps_the_limits_and_latches(to in places(), at_ms in 0..1500usize, silent in any::<bool>()) {
-        let mut bench = Bench::new();
+        let mut bench = Bench::new(Model::Panda);
         // As fast as the limits of velocity and acceleration of the slowest joint allow.
         let span_ms = (0..JOINT_COUNT).map(|i| {
             let way = (to[i] - READY[i]).abs();
@@ -231,7 +236,7 @@ proptest! {
             bench.act(&Act::Stop);
         }
         bench.run(3000);
-        prop_assert_eq!(exceeded(&bench.trace), None);
+        prop_assert_eq!(exceeded(&bench.trace, &LIMITS), None);
         if silent || at_ms as f64 <= span_ms {
             let kind = bench.arm.stop().map(|s| s.kind.clone());
             prop_assert_eq!(kind.as_deref(), Some(if silent { "commander_silent" } else { "estop" }));

@@ -14,8 +14,8 @@ use crate::RuntimeError;
 use crate::shares::{CellShare, Shares};
 
 /// The sections that a configuration file may have. Any other is an error, so that a misspelled one is not silently ignored.
-pub const SECTIONS: [&str; 11] =
-    ["session", "caller", "worker", "telemetry", "perception", "inference", "planner", "motion", "simulator", "console", "ros2"];
+pub const SECTIONS: [&str; 12] =
+    ["session", "caller", "worker", "telemetry", "perception", "inference", "planner", "motion", "simulator", "console", "ros2", "franka"];
 
 /// How a process takes part in the network.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]

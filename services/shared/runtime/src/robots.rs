@@ -3,7 +3,7 @@
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use repose_proto::place::ReachingRobot;
-use repose_proto::robot::{EmergencyStop, RobotState};
+use repose_proto::robot::{EmergencyStop, PANDA_LIKE, RobotState};
 use repose_proto::{CallError, ErrorCode, Payload, limits};
 
 use crate::{Answer, CallOptions, Caller, Session, Traffic};
@@ -23,9 +23,25 @@ pub async fn robot_state(session: &Session, robot: &str, within: Duration) -> Re
     }
 }
 
+/// How long it is listened for another driver of the same robot: states come twenty times a second or more often.
+const LISTEN: Duration = Duration::from_millis(300);
+
+/// Listens whether another driver tells the state of a robot: two of them would move it against each other.
+///
+/// # Errors
+/// `failed_precondition` on `name` when there is one.
+pub async fn refuse_a_second_driver(session: &Session, robot: &str) -> Result<(), CallError> {
+    let mut others = session.subscribe_latest(&session.cell().robot_state(robot)).await?;
+    if tokio::time::timeout(LISTEN, others.recv()).await.is_err() {
+        return Ok(());
+    }
+    let message = format!("another driver tells the state of robot {robot} in this cell: end it, or take another name");
+    Err(CallError::precondition(message).at("name"))
+}
+
 /// A robot whose reach is to be a constraint: one that tells where its base stands, and whose reach is known.
 pub fn reaching_robot(robot: &str, state: &RobotState) -> Option<ReachingRobot> {
-    let is_known = state.model.as_deref().is_none_or(|model| model == "panda");
+    let is_known = state.model.as_deref().is_none_or(|model| PANDA_LIKE.contains(&model));
     let pose = state.world_from_base.filter(|_| is_known)?;
     Some(ReachingRobot { name: robot.to_owned(), world_from_base: Some(pose) })
 }

@@ -17,7 +17,7 @@ mod tests;
 
 pub use ignored::Ignored;
 
-use repose_panda::{CommandRuleSettings, CommandRules, CommanderWatch, Joints, MotionState, READY, Stop, StopSettings, Violation};
+use repose_panda::{CommandRuleSettings, CommandRules, CommanderWatch, Joints, Model, MotionState, READY, Stop, StopSettings, Violation};
 use repose_proto::robot::{EmergencyStop, GripperCommand, HeldObject, Owner, RobotCommand, RobotMode, StopState, Task};
 
 use crate::stream::Stream;
@@ -25,6 +25,8 @@ use crate::stream::Stream;
 /// How the arm is driven.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmSettings {
+    /// What its state says that it is. Default: the Panda.
+    pub model: Model,
     /// What set-points are held against.
     pub rules: CommandRuleSettings,
     /// The share of the acceleration and jerk limits that a stop uses where there is room for it.
@@ -42,6 +44,7 @@ pub const FOLLOWING_ERROR: &str = "following_error";
 impl Default for ArmSettings {
     fn default() -> Self {
         Self {
+            model: Model::Panda,
             rules: CommandRuleSettings::default(),
             gentle_share: StopSettings::default().gentle_share,
             max_set_points: 100_000,
@@ -116,6 +119,11 @@ impl Arm {
         self.grips = false;
     }
 
+    /// What it is.
+    pub fn model(&self) -> Model {
+        self.settings.model
+    }
+
     /// Joint positions, radians.
     pub fn q_rad(&self) -> &Joints {
         &self.motion.position_rad
@@ -182,6 +190,16 @@ impl Arm {
         if self.is_at_rest() && stands_rad.iter().all(|q| q.is_finite()) {
             self.motion = MotionState::at_rest(*stands_rad);
         }
+    }
+
+    /// Latches a stop of an arm that has stopped by itself and stands at `stands_rad`: nothing is left to brake. The first reason is kept.
+    pub fn halted(&mut self, kind: &str, reason: String, stands_rad: &Joints) {
+        if self.stop.is_none() {
+            self.reflex(kind, reason);
+        }
+        self.braking = None;
+        let stands = if stands_rad.iter().all(|q| q.is_finite()) { *stands_rad } else { self.motion.position_rad };
+        self.motion = MotionState::at_rest(stands);
     }
 
     /// Latches a stop for a fault that the arm cannot see by itself: of what moves it, or of what tells of it.
@@ -386,7 +404,8 @@ impl Arm {
         self.braking = (!self.motion.is_at_rest()).then(|| Stop::new(&self.motion, &settings));
     }
 
-    fn is_at_rest(&self) -> bool {
+    /// Whether it stands, and nothing is left to follow or to brake.
+    pub fn is_at_rest(&self) -> bool {
         self.stream.is_none() && self.motion.is_at_rest()
     }
 }

@@ -1,0 +1,40 @@
+//! `repose driver`: a real robot's own process, on the robot's host.
+
+use clap::{Args, Subcommand};
+use repose_franka::DriverError;
+use repose_runtime::{Session, Shutdown, load_config, start_metrics};
+
+use crate::client::{self, SystemArgs, client_config};
+use crate::failure::{Failure, Outcome};
+
+/// Arguments of `driver`.
+#[derive(Debug, Args)]
+pub struct DriverArgs {
+    /// The kind of robot.
+    #[command(subcommand)]
+    pub robot: Driven,
+}
+
+/// What is driven.
+#[derive(Debug, Subcommand)]
+pub enum Driven {
+    /// A Franka Panda or Research 3 (FR3), over Franka's control interface: section [franka] of the configuration.
+    Franka(SystemArgs),
+}
+
+/// Runs until SIGTERM or SIGINT; an arm that moves comes to rest first.
+pub async fn run(args: &DriverArgs) -> Outcome {
+    let Driven::Franka(system) = &args.robot;
+    let shutdown = Shutdown::on_signals()?;
+    start_metrics()?;
+    let config = load_config("franka", system.config.as_deref())?;
+    let session = Session::open(client_config(system)?).await?;
+    let driven = repose_franka::run(session.clone(), config, shutdown).await;
+    client::close(session).await;
+    driven.map_err(|e| match e {
+        DriverError::Config { field, .. } => Failure::bad_input(&format!("franka.{field}"), e),
+        DriverError::Runtime(e) => e.into(),
+        DriverError::Call(e) => Failure::Other(e),
+        other => Failure::other(other),
+    })
+}

@@ -1,0 +1,112 @@
+//! The hand: what it was told to do, and what came of it.
+//!
+//! Franka's hand has two commands: `move`, which goes to a width, and `grasp`, which closes until something resists and presses with a force. A
+//! gripper action of the contract that closes is a grasp; one that opens is a move.
+
+use repose_panda::FINGER_OPENING_MAX_M;
+use repose_proto::robot::GripperCommand;
+use repose_robot_side::GripperState;
+
+/// Things thinner than this are not told from fingers that reached their width, metres.
+const HOLDING_M: f64 = 0.002;
+
+/// A command for the hand.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum HandCommand {
+    /// Open to a width, metres.
+    Open(f64),
+    /// Close to a width, metres, and press with a force, newtons, against what is in between.
+    Grasp(f64, f64),
+}
+
+/// What the hand says of itself.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct HandReading {
+    /// How far the fingers are apart, metres.
+    pub width_m: f64,
+    /// Whether it grasps something, as far as it can tell.
+    pub grasps: bool,
+    /// The number of the last command that has ended.
+    pub ended: u64,
+    /// Whether it is there.
+    pub connected: bool,
+}
+
+/// The hand as the driver sees it.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Hand {
+    reading: HandReading,
+    /// How many commands it was sent.
+    sent: u64,
+    /// The width that it was to close to, where it was to close, metres.
+    closing_to_m: Option<f64>,
+}
+
+impl Hand {
+    /// Takes what it says of itself.
+    pub fn read(&mut self, reading: HandReading) {
+        self.reading = reading;
+    }
+
+    /// Whether it is there.
+    pub fn is_connected(&self) -> bool {
+        self.reading.connected
+    }
+
+    /// The command that carries out a gripper action, with no more force than `max_force_n`, and its number.
+    pub fn command(&mut self, action: &GripperCommand, max_force_n: f64) -> (u64, HandCommand) {
+        let width_m = action.width_m.clamp(0.0, FINGER_OPENING_MAX_M);
+        let closes = width_m < self.reading.width_m;
+        self.sent += 1;
+        self.closing_to_m = closes.then_some(width_m);
+        let command = if closes { HandCommand::Grasp(width_m, action.force_n.min(max_force_n)) } else { HandCommand::Open(width_m) };
+        (self.sent, command)
+    }
+
+    /// What a state says of it.
+    pub fn state(&self) -> GripperState {
+        let settled = self.reading.ended >= self.sent;
+        let apart = self.closing_to_m.is_some_and(|width_m| self.reading.width_m > width_m + HOLDING_M);
+        GripperState { width_m: self.reading.width_m, settled, holding: settled && apart && self.reading.grasps }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(width_m: f64, grasps: bool, ended: u64) -> HandReading {
+        HandReading { width_m, grasps, ended, connected: true }
+    }
+
+    #[test]
+    fn closing_grasps_with_no_more_force_than_allowed_and_opening_moves() {
+        let mut hand = Hand::default();
+        hand.read(at(0.08, false, 0));
+        assert_eq!(hand.command(&GripperCommand { width_m: 0.02, force_n: 60.0 }, 40.0), (1, HandCommand::Grasp(0.02, 40.0)));
+        hand.read(at(0.03, true, 1));
+        assert_eq!(hand.command(&GripperCommand { width_m: 0.08, force_n: 10.0 }, 40.0), (2, HandCommand::Open(0.08)));
+    }
+
+    #[test]
+    fn what_keeps_the_fingers_apart_is_held_until_it_is_gone() {
+        let mut hand = Hand::default();
+        hand.read(at(0.08, false, 0));
+        hand.command(&GripperCommand { width_m: 0.01, force_n: 30.0 }, 70.0);
+        hand.read(at(0.05, false, 0));
+        assert_eq!(hand.state(), GripperState { width_m: 0.05, settled: false, holding: false }, "still closing");
+        hand.read(at(0.04, true, 1));
+        assert!(hand.state().holding && hand.state().settled);
+        hand.read(at(0.01, false, 1));
+        assert!(!hand.state().holding);
+    }
+
+    #[test]
+    fn fingers_that_reached_their_width_hold_nothing_whatever_the_hand_says() {
+        let mut hand = Hand::default();
+        hand.read(at(0.08, false, 0));
+        hand.command(&GripperCommand { width_m: 0.0, force_n: 30.0 }, 70.0);
+        hand.read(at(0.0005, true, 1));
+        assert_eq!(hand.state(), GripperState { width_m: 0.0005, settled: true, holding: false });
+    }
+}

@@ -1,0 +1,10 @@
+//! The robot: the rules ([`side`]), what they need of a robot ([`fci`], [`hand`]), and the real one ([`connection`], [`gripper`]).
+
+pub mod connection;
+pub mod fci;
+pub mod gripper;
+pub mod hand;
+pub mod identity;
+pub mod side;
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,228 @@
+//! What the driver does, case by case.
+
+use franka::RobotMode as FciMode;
+use repose_panda::{Model, READY};
+use repose_proto::robot::{GripperCommand, RobotCommand, RobotMode, Task};
+
+use super::bench::Bench;
+use crate::robot::hand::HandCommand;
+use crate::robot::side::Refused;
+
+fn turned(by_rad: f64) -> [f64; 7] {
+    let mut q_rad = READY;
+    q_rad[0] += by_rad;
+    q_rad
+}
+
+#[test]
+fn a_stream_moves_the_robot_and_ends_in_its_own_time() {
+    let mut bench = Bench::new(Model::Fr3);
+    bench.stream(&turned(0.3), 1000.0).expect("taken");
+    bench.run(500);
+    assert_eq!((bench.state().mode, bench.robot.mode), (RobotMode::Moving, FciMode::Move));
+    bench.run(540);
+    assert!((bench.robot.held_rad[0] - 0.3).abs() < 1e-9);
+    assert_eq!(bench.state().mode, RobotMode::Moving, "until the robot's motion is over");
+    bench.run(100);
+    assert_eq!((bench.state().mode, bench.robot.mode), (RobotMode::Idle, FciMode::Idle));
+    assert_eq!((bench.state().model.as_deref(), bench.robot.violations.len()), (Some("fr3"), 0));
+}
+
+#[test]
+fn a_stream_that_follows_closely_goes_on_in_the_same_motion() {
+    let mut bench = Bench::new(Model::Fr3);
+    bench.stream(&turned(0.1), 600.0).expect("taken");
+    bench.run(640);
+    bench.stream(&turned(0.0), 600.0).expect("taken");
+    bench.run(50);
+    assert_eq!(bench.robot.mode, FciMode::Move);
+    bench.run(700);
+    assert_eq!((bench.state().mode, bench.stopped_by()), (RobotMode::Idle, None));
+    assert!((bench.robot.held_rad[0] - READY[0]).abs() < 1e-9);
+}
+
+#[test]
+fn a_commander_that_falls_silent_stops_the_arm_and_the_stop_stays() {
+    let mut bench = Bench::new(Model::Panda);
+    let mut set_points = bench.smooth(&turned(1.0), 2000.0);
+    set_points.truncate(100);
+    let command = RobotCommand { set_points, starts_stream: true, ..bench.next() };
+    bench.send(command).expect("taken");
+    bench.run(2000);
+    assert_eq!(bench.stopped_by().as_deref(), Some("commander_silent"));
+    assert_eq!((bench.robot.mode, bench.robot.violations.len()), (FciMode::Idle, 0), "it was brought to rest within the limits");
+    let stands = bench.robot.held_rad;
+    assert_eq!(bench.stream(&turned(0.0), 1000.0), Err(Refused::Ignored(repose_robot_side::Ignored::Stopped)));
+    bench.run(500);
+    assert_eq!(bench.robot.held_rad, stands);
+    assert!(bench.reset(100));
+    assert_eq!((bench.state().mode, bench.robot.recoveries), (RobotMode::Idle, 0), "the robot itself had nothing to acknowledge");
+}
+
+#[test]
+fn an_emergency_stop_brings_the_arm_to_rest_and_latches() {
+    let mut bench = Bench::new(Model::Fr3);
+    bench.stream(&turned(1.0), 1500.0).expect("taken");
+    bench.run(700);
+    bench.estop();
+    assert_eq!(bench.stopped_by().as_deref(), Some("estop"));
+    bench.run(1500);
+    assert_eq!((bench.robot.mode, bench.robot.violations.len()), (FciMode::Idle, 0));
+    assert!(bench.robot.held_rad[0] < 0.9, "it did not go on to the end");
+    assert_eq!(bench.stopped_by().as_deref(), Some("estop"));
+    assert!(bench.reset(100));
+}
+
+#[test]
+fn a_reflex_is_told_by_its_name_and_acknowledged_by_a_reset_alone() {
+    let mut bench = Bench::new(Model::Fr3);
+    bench.stream(&turned(0.5), 1000.0).expect("taken");
+    bench.run(400);
+    bench.reflex("cartesian_reflex");
+    bench.run(3000);
+    assert_eq!(bench.stopped_by().as_deref(), Some("cartesian_reflex"));
+    assert_eq!((bench.robot.mode, bench.robot.recoveries), (FciMode::Reflex, 0), "nobody has asked for a recovery");
+    assert_eq!(bench.state().q_rad, bench.robot.held_rad, "it stands where the robot has stopped");
+    assert!(bench.reset(1000));
+    assert_eq!((bench.robot.mode, bench.robot.recoveries), (FciMode::Idle, 1));
+    bench.stream(&turned(0.2), 1000.0).expect("taken");
+    bench.run(1300);
+    assert!((bench.robot.held_rad[0] - 0.2).abs() < 1e-9);
+}
+
+#[test]
+fn a_reflex_at_rest_latches_too() {
+    let mut bench = Bench::new(Model::Panda);
+    bench.reflex("joint_reflex");
+    bench.run(10);
+    assert_eq!(bench.stopped_by().as_deref(), Some("joint_reflex"));
+}
+
+#[test]
+fn a_robot_that_does_not_recover_stays_stopped_and_is_asked_once_a_second_at_most() {
+    let mut bench = Bench::new(Model::Fr3);
+    bench.reflex("joint_reflex");
+    bench.robot.is_stubborn = true;
+    bench.run(10);
+    assert!(!bench.reset(3000));
+    assert_eq!(bench.stopped_by().as_deref(), Some("joint_reflex"));
+    assert!((2..=4).contains(&bench.robot.recoveries), "{}", bench.robot.recoveries);
+    bench.robot.is_stubborn = false;
+    bench.run(1000);
+    assert!(bench.reset(1000));
+}
+
+#[test]
+fn nothing_is_cleared_while_the_user_stop_is_pressed() {
+    let mut bench = Bench::new(Model::Fr3);
+    bench.stream(&turned(0.5), 1000.0).expect("taken");
+    bench.run(300);
+    bench.user_stop(true);
+    bench.run(100);
+    assert_eq!(bench.stopped_by().as_deref(), Some("user_stop"));
+    assert!(!bench.reset(500));
+    bench.user_stop(false);
+    bench.run(1500);
+    assert_eq!(bench.stopped_by().as_deref(), Some("user_stop"), "letting it go clears nothing");
+    assert!(bench.reset(500));
+}
+
+#[test]
+fn a_lost_connection_latches_and_coming_back_clears_nothing() {
+    let mut bench = Bench::new(Model::Fr3);
+    bench.stream(&turned(0.5), 1000.0).expect("taken");
+    bench.run(300);
+    bench.disconnect();
+    assert_eq!(bench.stopped_by().as_deref(), Some("connection_lost"));
+    assert!(!bench.reset(300), "there is no robot to move");
+    bench.reconnect();
+    bench.run(500);
+    assert_eq!(bench.stopped_by().as_deref(), Some("connection_lost"));
+    assert!(bench.reset(1000));
+    assert_eq!(bench.robot.recoveries, 1, "it had missed its set-points");
+}
+
+#[test]
+fn joints_off_their_set_points_stop_the_arm() {
+    let mut bench = Bench::new(Model::Fr3);
+    bench.stream(&turned(0.5), 1000.0).expect("taken");
+    bench.run(300);
+    bench.robot.off_rad = 0.2;
+    bench.run(2000);
+    assert_eq!(bench.stopped_by().as_deref(), Some("following_error"));
+    assert_eq!(bench.robot.violations.len(), 0);
+}
+
+#[test]
+fn an_arm_that_somebody_has_moved_stands_where_it_is() {
+    let mut bench = Bench::new(Model::Fr3);
+    bench.robot.held_rad = turned(0.7);
+    bench.run(5);
+    assert_eq!(bench.state().q_rad, turned(0.7));
+    bench.stream(&turned(0.6), 1000.0).expect("taken");
+    bench.run(1200);
+    assert_eq!((bench.stopped_by(), bench.robot.violations.len()), (None, 0));
+}
+
+#[test]
+fn set_points_that_only_a_panda_may_take_stop_an_fr3_before_they_reach_it() {
+    // 12 rad/s² at joint 1: a Panda may 15, an FR3 10.
+    let span_ms = (5.774 * 0.4f64 / 12.0).sqrt() * 1e3;
+    for (model, stop) in [(Model::Panda, None), (Model::Fr3, Some("joint_acceleration_limit"))] {
+        let mut bench = Bench::new(model);
+        bench.stream(&turned(0.4), span_ms).expect("taken");
+        bench.run(1500);
+        assert_eq!((bench.stopped_by().as_deref(), bench.robot.violations.len()), (stop, 0), "{model:?}");
+    }
+}
+
+#[test]
+fn a_task_whose_commander_is_lost_at_rest_latches() {
+    let mut bench = Bench::new(Model::Fr3);
+    let task = Task { id: "task-1".to_owned(), open: true, grasps: None };
+    let command = RobotCommand { task: Some(task), ..bench.next() };
+    bench.send(command).expect("taken");
+    bench.run(350);
+    assert_eq!(bench.stopped_by(), None);
+    bench.run(100);
+    assert_eq!(bench.stopped_by().as_deref(), Some("commander_silent"));
+}
+
+#[test]
+fn the_hand_is_told_once_and_its_loss_latches() {
+    let mut bench = Bench::new(Model::Fr3);
+    let command = RobotCommand { gripper: Some(GripperCommand { width_m: 0.02, force_n: 60.0 }), ..bench.next() };
+    bench.send(command).expect("taken");
+    bench.run(5);
+    assert_eq!(bench.orders, [HandCommand::Grasp(0.02, 40.0)], "with no more force than the configuration allows");
+    assert!(!bench.state().gripper_settled);
+    bench.hand = crate::robot::hand::HandReading { width_m: 0.045, grasps: true, ended: 1, connected: true };
+    bench.run(5);
+    assert!(bench.state().gripper_settled && bench.state().gripper_holding);
+    bench.hand.connected = false;
+    bench.run(5);
+    assert_eq!(bench.stopped_by().as_deref(), Some("hand_lost"));
+}
+
+#[test]
+fn a_driver_that_is_told_to_end_brings_the_arm_to_rest_first() {
+    let mut bench = Bench::new(Model::Fr3);
+    bench.stream(&turned(0.8), 1500.0).expect("taken");
+    bench.run(600);
+    bench.side.end();
+    bench.run(800);
+    assert_eq!((bench.stopped_by().as_deref(), bench.robot.mode), (Some("driver_ended"), FciMode::Idle));
+    assert_eq!(bench.robot.violations.len(), 0);
+}
+
+#[test]
+fn a_robot_that_is_not_ready_at_the_start_is_stopped() {
+    for (mode, kind) in
+        [(FciMode::UserStopped, "user_stop"), (FciMode::Guiding, "guiding"), (FciMode::Other, "not_ready"), (FciMode::Move, "other_motion")]
+    {
+        let mut bench = Bench::new(Model::Fr3);
+        bench.robot.mode = mode;
+        bench.run(5);
+        assert_eq!(bench.stopped_by().as_deref(), Some(kind));
+    }
+}

@@ -1,0 +1,233 @@
+"""`repose driver franka` between Repose's motion service and an FR3 of `franka-sim`, which judges set-points by limits of its own."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import time
+
+import pytest
+from cell import READY_RAD, REPOSE, Client, Programs, free_port, safetensors, until
+from robot import Robot
+from scene import plan_request
+
+CONFIG = """
+[motion]
+robot_model = "fr3"
+[franka]
+address = "127.0.0.1:{port}"
+model = "{model}"
+collision_torque_nm = [20, 20, 18, 18, 16, 14, 12]
+collision_force_n = [20, 20, 20, 25, 25, 25]
+max_grip_force_n = 40
+following_tolerance_rad = 0.2
+world_from_base = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+{more}
+"""
+BULK = "application/octet-stream;repose.MotionPlanRequest.v1"
+PLAN = "application/json;repose.MotionPlan.v1"
+
+
+class System:
+    """The robot, its driver, motion, and a client."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.programs = Programs(folder)
+        self.robot = Robot(folder, free_port())
+
+    def config(self, name="repose.toml", model="fr3", more=""):
+        path = os.path.join(self.folder, name)
+        with open(path, "w", encoding="utf-8") as out:
+            out.write(CONFIG.format(port=self.robot.port, model=model, more=more))
+        return path
+
+    def start(self):
+        config = self.config()
+        self.robot.start()
+        self.programs.start("router", "serve", "router")
+        until("the router listens", lambda: os.path.exists(self.programs.path("router")) and self.joined())
+        self.programs.start("motion", "serve", "motion", "--config", config, "--worker", "motion-1")
+        self.programs.start("driver", "driver", "franka", "--config", config)
+        until(lambda: f"a state; {self.programs.log('driver')}", self.client.fresh, 60)
+
+    def joined(self):
+        try:
+            self.client = Client(self.programs.endpoint)
+        except Exception:  # noqa: BLE001: Zenoh has no type for "not there yet"
+            return False
+        return True
+
+    def reset(self):
+        """`repose robot reset`, as often as it takes the robot to recover."""
+
+        def cleared():
+            return self.programs.robot("reset").returncode == 0 and self.client.is_in("idle")
+
+        until(lambda: f"a reset; {self.client.state}", cleared, 40)
+
+    def go_to(self, to_rad, span_s=2.0):
+        """Moves the arm by set-points; it has to arrive."""
+        until(lambda: f"the arm stands; {self.client.state}", lambda: self.client.is_in("idle"))
+        self.client.stream(to_rad, span_s)
+
+        def there():
+            assert self.client.stopped_by() is None, (self.client.state["stop"], self.robot.log())
+            state = self.client.is_in("idle")
+            return state and max(abs(a - b) for a, b in zip(state["q_rad"], to_rad)) < 1e-4
+
+        until(lambda: f"the arm arrives; {self.client.state}", there, 60)
+
+    def close(self):
+        self.programs.close()
+        self.robot.kill(signal.SIGINT)
+
+
+@pytest.fixture(scope="module")
+def system(tmp_path_factory):
+    folder = os.environ.get("FRANKA_LOGS") or str(tmp_path_factory.mktemp("logs"))
+    os.makedirs(folder, exist_ok=True)
+    made = System(folder)
+    try:
+        made.start()
+        yield made
+    finally:
+        made.close()
+
+
+@pytest.fixture
+def at_ready(system):
+    """The arm stands in its ready pose, and no stop is latched."""
+    if system.client.stopped_by():
+        system.reset()
+    system.go_to(READY_RAD)
+    return system
+
+
+def turned(by_rad):
+    return [READY_RAD[0] + by_rad, *READY_RAD[1:]]
+
+
+def velocity(state):
+    return max(abs(v) for v in state["dq_rad_s"])
+
+
+def at_rest_and_stays(system, kind):
+    """Waits for a stop of this kind, and for the arm to stand; then looks whether both stay."""
+    client = system.client
+    until(lambda: f"{kind}; {client.state}", lambda: client.stopped_by() == kind)
+    until(lambda: f"the arm stands; {client.state}", lambda: client.fresh() and velocity(client.state) == 0.0)
+    stands = client.state["q_rad"]
+    client.own()
+    client.command(ttl_ms=500, starts_stream=True, ends_stream=True, set_points=[{"t_ms": 0.0, "q_rad": stands, "dq_rad_s": [0.0] * 7}])
+    end = time.monotonic() + 1.0
+    while time.monotonic() < end:
+        assert client.stopped_by() in (kind, None) and max(abs(a - b) for a, b in zip(client.state["q_rad"], stands)) < 2e-3
+        time.sleep(0.02)
+    assert client.stopped_by() == kind
+
+
+def test_it_connects_and_says_what_it_is(system):
+    state = system.client.fresh()
+    assert (state["model"], state["mode"]) == ("fr3", "idle")
+    assert state["world_from_base"][0] == 1.0
+    until(lambda: f"the hand; {system.client.state}", lambda: system.client.state["gripper_width_m"] > 0.07)
+    assert "real-time priority" in system.programs.log("driver"), "whether the loop has it is said"
+
+
+def test_it_comes_home_on_a_way_that_motion_plans(system):
+    system.go_to([0.5, -0.4, 0.2, -1.9, 0.1, 1.7, 0.4], 3.0)
+    home = system.programs.robot("home")
+    assert home.returncode == 0, home.stderr
+    state = until("it stands", lambda: system.client.is_in("idle"))
+    assert max(abs(a - b) for a, b in zip(state["q_rad"], READY_RAD)) < 1e-3
+
+
+def test_it_carries_out_a_pick_and_place_that_motion_plans(at_ready):
+    client = at_ready.client
+    with pytest.raises(AssertionError) as refused:
+        # The id is the hash of the content as motion writes it: it says which that is.
+        client.call("motion-1", "plan", safetensors(*plan_request(client.state["q_rad"], "0" * 64)), BULK)
+    scene_id = re.search(r"id is ([0-9a-f]{64})", str(refused.value)).group(1)
+    plan = client.call("motion-1", "plan", safetensors(*plan_request(client.state["q_rad"], scene_id)), BULK)
+    held = []
+    watch = client.session.declare_subscriber(f"{client.key}/state", lambda s: held.append(b'"gripper_holding":true' in s.payload.to_bytes()))
+    reply = client.call("motion-1", "execute", json.dumps(plan), PLAN, seconds=120.0)
+    watch.undeclare()
+    assert reply["outcome"] == "done", (reply, at_ready.robot.log())
+    assert any(held), "the hand held the block on the way"
+    assert not client.state["gripper_holding"] and client.state["mode"] == "idle"
+
+
+def test_a_commander_that_falls_silent_stops_the_arm(at_ready):
+    at_ready.client.stream(turned(0.8), 3.0, ends=False, share=0.4)
+    at_rest_and_stays(at_ready, "commander_silent")
+    at_ready.reset()
+
+
+def test_an_emergency_stop_brings_the_arm_to_rest_until_it_is_reset(at_ready):
+    at_ready.client.stream(turned(0.8), 3.0)
+    until("it moves", lambda: at_ready.client.fresh() and at_ready.client.state["q_rad"][0] > 0.3)
+    at_ready.client.emergency_stop()
+    at_rest_and_stays(at_ready, "estop")
+    assert at_ready.client.state["q_rad"][0] < 0.75, "it did not go on to the end"
+    at_ready.reset()
+    at_ready.go_to(READY_RAD)
+
+
+def test_set_points_beyond_the_limits_do_not_reach_the_robot(at_ready):
+    # 0.6 rad in half a second would take 14 rad/s² of 10.
+    at_ready.client.stream(turned(0.6), 0.5)
+    at_rest_and_stays(at_ready, "joint_acceleration_limit")
+    at_ready.reset()
+
+
+def test_a_robot_that_goes_away_latches_and_is_found_again(at_ready):
+    at_ready.client.stream(turned(0.5), 6.0)
+    until("it moves", lambda: at_ready.client.fresh() and at_ready.client.state["q_rad"][0] > 0.1)
+    at_ready.robot.kill()
+    until(lambda: f"a stop; {at_ready.client.state}", lambda: at_ready.client.stopped_by() == "connection_lost")
+    at_ready.robot.start()
+    until(lambda: at_ready.programs.log("driver"), lambda: len(re.findall(r": connected\b", at_ready.programs.log("driver"))) >= 2)
+    time.sleep(0.5)
+    assert at_ready.client.stopped_by() == "connection_lost", "coming back clears nothing"
+    at_ready.reset()
+    at_ready.go_to(turned(0.1))
+
+
+def test_a_reflex_is_told_by_the_robots_name_and_acknowledged_by_a_reset(at_ready):
+    at_ready.robot.kill()
+    at_ready.robot.start("--enforce-comm-constraints")
+    until(lambda: f"connected again; {at_ready.client.state}", lambda: at_ready.client.stopped_by() == "connection_lost", 60)
+    at_ready.reset()
+    # A driver that is held up for a fifth of a second misses far more set-points than the robot bears.
+    at_ready.client.stream(turned(0.5), 6.0)
+    until("it moves", lambda: at_ready.client.fresh() and at_ready.client.state["q_rad"][0] > 0.05)
+    at_ready.programs.signal("driver", signal.SIGSTOP)
+    time.sleep(0.2)
+    at_ready.programs.signal("driver", signal.SIGCONT)
+    at_rest_and_stays(at_ready, "communication_constraints_violation")
+    at_ready.reset()
+    # Again as the other tests have it: a machine that is busy must not fail them.
+    at_ready.robot.kill()
+    at_ready.robot.start()
+    until(lambda: f"connected again; {at_ready.client.state}", lambda: at_ready.client.stopped_by() == "connection_lost", 60)
+    at_ready.reset()
+
+
+def test_a_second_driver_and_another_model_are_refused(system):
+    wrong = system.config("wrong.toml", model="panda", more='name = "other"\nhand = false')
+    for config, message in [(system.config("second.toml", more="hand = false"), "another driver"), (wrong, "version")]:
+        command = [REPOSE, "driver", "franka", "--config", config, "--connect", system.programs.endpoint]
+        ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+        assert ended.returncode == 1 and message in ended.stderr, (ended.returncode, ended.stderr)
+
+
+def test_a_driver_that_is_told_to_end_brings_the_arm_to_rest(at_ready):
+    at_ready.client.stream(turned(0.6), 4.0)
+    until("it moves", lambda: at_ready.client.fresh() and at_ready.client.state["q_rad"][0] > 0.1)
+    assert at_ready.programs.end("driver") == 0
+    assert at_ready.client.state["stop"]["kind"] == "driver_ended" and velocity(at_ready.client.state) < 0.3
+    at_ready.programs.start("driver", "driver", "franka", "--config", at_ready.config())
+    until("it is back", lambda: at_ready.client.is_in("idle"), 30)
