@@ -24,7 +24,7 @@ pub struct TopicArgs {
     /// Organised clouds of a recording, instead of depth images.
     #[arg(long, value_name = "TOPIC")]
     pub points_topic: Option<String>,
-    /// Make frames of the recording's first topic of organised clouds instead of depth images.
+    /// Make frames of the recording's first topic of organized clouds instead of depth images.
     #[arg(long)]
     pub clouds: bool,
 }
