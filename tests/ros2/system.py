@@ -13,6 +13,16 @@ from zenoh.ext import CacheConfig, declare_advanced_publisher
 DOMAIN = 42
 
 
+def until(what, holds, seconds=60.0):
+    """Waits until something holds, and returns it."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if found := holds():
+            return found
+        time.sleep(0.05)
+    raise AssertionError(f"not within {seconds} s: {what}")
+
+
 class System:
     """One session and one node, whose endpoints others see."""
 
@@ -142,6 +152,24 @@ class System:
 
     def close(self):
         self.session.close()
+
+
+class Seen:
+    """Keeps what comes on a topic."""
+
+    def __init__(self, system, topic, type_name):
+        self.messages = []
+        system.subscribe(topic, type_name, self.messages.append)
+
+    def after(self, count, seconds=60.0):
+        return until("a message", lambda: self.messages[count:] or None, seconds)[0]
+
+
+def counts(diagnostics, part):
+    for status in diagnostics.messages[-1].status if diagnostics.messages else []:
+        if status.hardware_id == part:
+            return {value.key: int(value.value) for value in status.values}
+    return {}
 
 
 class ActionServer:

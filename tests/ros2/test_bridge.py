@@ -4,151 +4,14 @@ import contextlib
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
 
-import pytest
 import zenoh
-from definitions import store
-from mocks import CANCELED, READY_RAD, Arm, Camera, Scene
-from system import DOMAIN, System
-
-REPOSE = os.environ["REPOSE"]
-
-
-def free_port():
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return free.getsockname()[1]
-
-
-def until(what, holds, seconds=60.0):
-    """Waits until something holds, and returns it."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        if found := holds():
-            return found
-        time.sleep(0.05)
-    raise AssertionError(f"not within {seconds} s: {what}")
-
-
-class Programs:
-    """Processes of Repose, with their logs."""
-
-    def __init__(self, folder):
-        self.folder, self.running = folder, {}
-        self.cell, self.ros = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
-        self.config = os.path.join(folder, "repose.toml")
-
-    def start(self, name, *arguments):
-        with open(self.log_path(name), "ab") as log:
-            self.running[name] = subprocess.Popen([REPOSE, *arguments], stdout=log, stderr=log)
-
-    def router(self, name, endpoint):
-        self.start(name, "serve", "router", "--connect", endpoint)
-        host, port = endpoint.removeprefix("tcp/").split(":")
-
-        def listens():
-            with socket.socket() as trial:
-                return trial.connect_ex((host, int(port))) == 0
-
-        until(f"{name} listens", listens)
-
-    def service(self, name):
-        self.start(name, "serve", name, "--connect", self.cell, "--config", self.config)
-
-    def end(self, name, how=signal.SIGTERM):
-        process = self.running.pop(name)
-        process.send_signal(how)
-        process.wait(20)
-
-    def log_path(self, name):
-        return os.path.join(self.folder, f"{name}.log")
-
-    def log(self, name):
-        with open(self.log_path(name), encoding="utf-8") as log:
-            return log.read()
-
-    def close(self):
-        for name in reversed(list(self.running)):
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self.end(name)
-
-
-CONFIG = """
-[session]
-mode = "client"
-# Geometry alone, so that the figures are those of the bridge and not of a network for masks on a shared machine.
-[perception.segmentation.learned]
-enabled = false
-[ros2]
-domain = {domain}
-allow_execute = true
-[ros2.session]
-mode = "client"
-connect = ["{ros}"]
-[[ros2.cameras]]
-name = "front"
-depth = "/cam/depth/image_rect"
-color = "/cam/color/image_rect"
-info = "/cam/depth/camera_info"
-[[ros2.robots]]
-name = "panda"
-trajectory_action = "/arm/follow_joint_trajectory"
-gripper_action = "/hand/gripper_cmd"
-world_from_base = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
-"""
-
-
-@pytest.fixture(scope="module")
-def types():
-    return store()
-
-
-@pytest.fixture(scope="module")
-def scene():
-    return Scene()
-
-
-@pytest.fixture(scope="module")
-def programs(tmp_path_factory):
-    folder = os.environ.get("ROS2_LOGS") or str(tmp_path_factory.mktemp("logs"))
-    os.makedirs(folder, exist_ok=True)
-    made = Programs(folder)
-    with open(made.config, "w", encoding="utf-8") as out:
-        out.write(CONFIG.format(domain=DOMAIN, ros=made.ros))
-    try:
-        made.router("cell-router", made.cell)
-        made.router("ros-router", made.ros)
-        for name in ("perception", "inference", "planner", "motion", "ros2"):
-            made.service(name)
-        yield made
-    finally:
-        made.close()
-
-
-@pytest.fixture(scope="module")
-def system(types, programs):
-    made = System(types, programs.ros)
-    yield made
-    made.close()
-
-
-@pytest.fixture(scope="module")
-def arm(system):
-    made = Arm(system, held_m=0.015)
-    yield made
-    made.close()
-
-
-@pytest.fixture
-def camera(system, scene):
-    """Five pictures a second; where it stands was told when the first camera came."""
-    made = Camera(system, scene, rate=5, static=False)
-    yield made
-    made.close()
+from mocks import CANCELED, READY_RAD, Camera
+from programs import REPOSE
+from system import DOMAIN, Seen, counts, until
 
 
 @contextlib.contextmanager
@@ -167,29 +30,6 @@ def delays(programs):
     # An open session's threads would keep the test's process from ending.
     with session, session.declare_subscriber("repose/v1/*/camera/front/frame", came):
         yield found
-
-
-class Seen:
-    """Keeps what comes on a topic."""
-
-    def __init__(self, system, topic, type_name):
-        self.messages = []
-        system.subscribe(topic, type_name, self.messages.append)
-
-    def after(self, count, seconds=60.0):
-        return until("a message", lambda: self.messages[count:] or None, seconds)[0]
-
-
-@pytest.fixture(scope="module")
-def diagnostics(system):
-    return Seen(system, "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
-
-
-def counts(diagnostics, part):
-    for status in diagnostics.messages[-1].status if diagnostics.messages else []:
-        if status.hardware_id == part:
-            return {value.key: int(value.value) for value in status.values}
-    return {}
 
 
 def test_others_see_its_topics_and_services_and_call_them(programs, system):
@@ -222,6 +62,10 @@ print(json.dumps([str(topics), str(services), answer.success, answer.message]))
 def test_pictures_of_a_wrong_type_are_told_and_right_ones_become_scenes_at_15_a_second(programs, system, scene, diagnostics):
     system.show("MP", "/cam/depth/image_rect", "sensor_msgs/msg/PointCloud2")
     until("a warning", lambda: "expected sensor_msgs/msg/Image" in programs.log("ros2"))
+    # In every report for as long as it is so, and not only in the first.
+    reports = len(diagnostics.messages) + 1
+    told = diagnostics.after(reports + 2) and diagnostics.messages[reports:]
+    assert all(any(s.hardware_id == "front" and "expected sensor_msgs" in s.message for s in m.status) for m in told)
     detections = Seen(system, "/repose/front/detections", "vision_msgs/msg/Detection3DArray")
     clouds = Seen(system, "/repose/front/points", "sensor_msgs/msg/PointCloud2")
     markers = Seen(system, "/repose/front/markers", "visualization_msgs/msg/MarkerArray")

@@ -24,7 +24,7 @@ pub struct TopicArgs {
     /// Topic of a recording's organised point clouds, used instead of depth images.
     #[arg(long, value_name = "TOPIC")]
     pub points_topic: Option<String>,
-    /// Use the recording's first topic of organised point clouds instead of depth images.
+    /// Use the recording's first topic of organized point clouds instead of depth images.
     #[arg(long)]
     pub clouds: bool,
 }

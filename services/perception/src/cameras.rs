@@ -249,6 +249,7 @@ impl CameraFollower {
                 return;
             }
         };
+        let stamp_ns = scene.summary.stamp_ns;
         let summary = Payload::json(&scene.summary);
         if self.keep(camera, scene) == Arrival::Late {
             self.counts.count(Became::Late, camera, 1);
@@ -264,7 +265,7 @@ impl CameraFollower {
                 self.counts.count(Became::Published, camera, 1);
                 let age_ms = frame.arrived.elapsed().as_secs_f64() * 1e3;
                 metrics::histogram!("repose_perception_frame_to_scene_seconds", "camera" => self.counts.name(camera)).record(age_ms / 1e3);
-                tracing::debug!(camera, age_ms, segment_ms = times.segment_ms, "scene published");
+                tracing::debug!(camera, stamp_ns, age_ms, segment_ms = times.segment_ms, "scene published");
             }
             Err(error) => {
                 self.counts.count(Became::Failed, camera, 1);

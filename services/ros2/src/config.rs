@@ -1,11 +1,15 @@
 //! The bridge's configuration, section `[ros2]`: which topics are which cameras and robots. Unknown fields are refused.
 
+mod camera;
+
 use repose_proto::{RigidTransform, keys};
 use repose_runtime::{SessionConfig, SessionMode};
 use serde::Deserialize;
 
 use crate::error::BridgeError;
 use crate::wire::names;
+
+pub use camera::{CameraConfig, DepthSource, is_packed};
 
 /// Configuration of a bridge process.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -56,56 +60,6 @@ impl Default for Ros2Config {
             request_deadline_ms: 30_000,
         }
     }
-}
-
-/// One camera: the topics that its frames are made of.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct CameraConfig {
-    /// Its name in the cell, a chunk of a key.
-    pub name: String,
-    /// Depth: `sensor_msgs/msg/Image` of `16UC1` or `32FC1`, or what image_transport publishes under a name that ends in `/compressedDepth`.
-    pub depth: String,
-    /// Intrinsics of the depth: `sensor_msgs/msg/CameraInfo`.
-    pub info: String,
-    /// Color of the same size, registered to the depth: `sensor_msgs/msg/Image`, or PNG under a name that ends in `/compressed`. Frames have no
-    /// color without it; with it, depth without color is no frame.
-    #[serde(default)]
-    pub color: Option<String>,
-    /// Whether the pictures are rectified. Default: if `rect` is in the depth topic's name, as ROS names such topics. Others are rectified here.
-    #[serde(default)]
-    pub rectified: Option<bool>,
-    /// The camera's optical frame. Default: the one that its messages name.
-    #[serde(default)]
-    pub frame: Option<String>,
-    /// Where the camera stands. Default: from the transforms, at each picture's stamp.
-    #[serde(default)]
-    pub world_from_camera: Option<RigidTransform>,
-    /// How far apart the stamps of depth and color may be, milliseconds. Default 17: half a picture at 30/s.
-    #[serde(default = "tolerance_ms")]
-    pub tolerance_ms: f64,
-    /// How long depth waits for its color and for the transform at its stamp, milliseconds. Default 200; longer delays every frame that misses
-    /// something.
-    #[serde(default = "patience_ms")]
-    pub patience_ms: u64,
-    /// How old a picture may be when it comes, by its stamp and this machine's clock, milliseconds; older ones are late. Default 2000.
-    #[serde(default = "max_age_ms")]
-    pub max_age_ms: u64,
-    /// Whether frames are stamped with their arrival, where ROS's clock is not this machine's (`use_sim_time`). Default false.
-    #[serde(default)]
-    pub stamp_on_arrival: bool,
-}
-
-fn tolerance_ms() -> f64 {
-    17.0
-}
-
-fn patience_ms() -> u64 {
-    200
-}
-
-fn max_age_ms() -> u64 {
-    2000
 }
 
 /// One robot: its joints, and the controllers that move them.
@@ -202,24 +156,6 @@ impl Ros2Config {
     }
 }
 
-impl CameraConfig {
-    /// Whether its pictures are rectified already.
-    pub fn is_rectified(&self) -> bool {
-        self.rectified.unwrap_or_else(|| self.depth.contains("rect"))
-    }
-
-    fn validate(&self, field: &str) -> Result<(), BridgeError> {
-        check_chunk(&format!("{field}.name"), &self.name)?;
-        check_name(&format!("{field}.depth"), &self.depth)?;
-        check_name(&format!("{field}.info"), &self.info)?;
-        self.color.iter().try_for_each(|color| check_name(&format!("{field}.color"), color))?;
-        check_pose(&format!("{field}.world_from_camera"), self.world_from_camera.as_ref())?;
-        within(&format!("{field}.tolerance_ms"), self.tolerance_ms, 0.0, 1000.0)?;
-        within(&format!("{field}.patience_ms"), self.patience_ms as f64, 0.0, 10_000.0)?;
-        within(&format!("{field}.max_age_ms"), self.max_age_ms as f64, 1.0, 600_000.0)
-    }
-}
-
 impl RobotConfig {
     fn validate(&self, field: &str) -> Result<(), BridgeError> {
         check_chunk(&format!("{field}.name"), &self.name)?;
@@ -270,6 +206,18 @@ mod tests {
     }
 
     #[test]
+    fn topics_say_by_their_names_what_is_on_them() {
+        let with = |rest: &str| config(&format!("[[cameras]]\nname = \"front\"\n{rest}")).expect("a configuration").cameras[0].clone();
+        let cloud = with("cloud = \"/cam/points\"\n");
+        assert_eq!((cloud.depth_source(), cloud.is_rectified()), (DepthSource::Cloud("/cam/points"), true));
+        for (topic, is_packed) in [("/cam/depth", false), ("/cam/depth/compressedDepth", true), ("/cam/depth/compressed", true)] {
+            let camera = with(&format!("depth = \"{topic}\"\ninfo = \"/cam/info\"\n"));
+            let expected = if is_packed { DepthSource::Packed(topic) } else { DepthSource::Plain(topic) };
+            assert_eq!(camera.depth_source(), expected);
+        }
+    }
+
+    #[test]
     fn little_needs_to_be_said_and_what_is_wrong_is_named() {
         let robot = "[[robots]]\nname = \"panda\"\ntrajectory_action = \"/arm/follow_joint_trajectory\"\n";
         let good = config(&format!("{CAMERA}{robot}")).expect("a configuration");
@@ -279,6 +227,11 @@ mod tests {
             (format!("{CAMERA}color = \"cam/color\"\n"), "cameras[0].color"),
             (format!("{CAMERA}{CAMERA}"), "cameras"),
             (format!("{CAMERA}colour = \"/cam/color\"\n"), "colour"),
+            (format!("{CAMERA}cloud = \"/cam/points\"\n"), "cameras[0].depth"),
+            (format!("{CAMERA}color = \"/cam/color/theora\"\n"), "/theora"),
+            (format!("{CAMERA}color = \"/cam/depth/compressedDepth\"\n"), "cameras[0].color"),
+            ("[[cameras]]\nname = \"front\"\n".to_owned(), "`cloud`"),
+            ("[[cameras]]\nname = \"front\"\ndepth = \"/cam/depth\"\n".to_owned(), "cameras[0].info"),
             (format!("{robot}gripper_position_per_width = 0.0\n"), "robots[0].gripper_position_per_width"),
             ("node = \"my node\"\n".to_owned(), "node"),
         ] {

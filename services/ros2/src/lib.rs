@@ -27,6 +27,7 @@ use tokio::task::JoinSet;
 pub use config::{CameraConfig, RobotConfig, Ros2Config};
 pub use error::BridgeError;
 
+use config::is_packed;
 use node::{Graph, Node, mismatch, now_ns};
 use report::Reports;
 use tree::{Tree, TreeSource};
@@ -90,9 +91,8 @@ async fn follow_graph(node: Node, config: Arc<Ros2Config>, come: watch::Sender<u
     loop {
         let endpoints = graph.endpoints();
         for (part, kind, name, type_name) in &expected {
-            if let Some(words) = mismatch(&endpoints, *kind, name, &type_named(type_name)?) {
-                reports.warn(part, words);
-            }
+            // Beside what else there may be to say of the same topic.
+            reports.standing(part, &format!("type of {name}"), mismatch(&endpoints, *kind, name, &type_named(type_name)?));
         }
         let now: std::collections::BTreeSet<_> =
             endpoints.into_iter().filter(|e| e.kind == EntityKind::Publisher && e.topic == "/tf_static").collect();
@@ -108,14 +108,14 @@ async fn follow_graph(node: Node, config: Arc<Ros2Config>, come: watch::Sender<u
 
 /// Which ends the configuration expects of others, and for which part of the bridge.
 fn expected(config: &Ros2Config) -> Vec<(&str, EntityKind, String, &'static str)> {
-    let picture =
-        |topic: &str, packed: &str| if topic.ends_with(packed) { "sensor_msgs/msg/CompressedImage" } else { "sensor_msgs/msg/Image" };
+    let picture = |topic: &str| if is_packed(topic) { "sensor_msgs/msg/CompressedImage" } else { "sensor_msgs/msg/Image" };
     let mut all = Vec::new();
     for camera in &config.cameras {
         let part = camera.name.as_str();
-        all.push((part, EntityKind::Publisher, camera.depth.clone(), picture(&camera.depth, "/compressedDepth")));
-        all.push((part, EntityKind::Publisher, camera.info.clone(), "sensor_msgs/msg/CameraInfo"));
-        all.extend(camera.color.iter().map(|color| (part, EntityKind::Publisher, color.clone(), picture(color, "/compressed"))));
+        let depth = camera.depth_source();
+        all.push((part, EntityKind::Publisher, depth.topic().to_owned(), depth.type_name()));
+        all.extend(camera.info.iter().map(|info| (part, EntityKind::Publisher, info.clone(), "sensor_msgs/msg/CameraInfo")));
+        all.extend(camera.color.iter().map(|color| (part, EntityKind::Publisher, color.clone(), picture(color))));
     }
     for robot in &config.robots {
         let part = robot.name.as_str();

@@ -12,11 +12,30 @@ const FAULT: u8 = 2;
 
 #[derive(Debug, Clone, Default)]
 struct Part {
-    level: u8,
-    message: String,
-    /// What was warned of since the last report.
+    /// Why it is at fault, until it is no more.
+    fault: Option<String>,
+    /// What it does where all is well.
+    doing: Option<&'static str>,
+    /// What was warned of since the last report, and in that one.
     warned: Option<String>,
+    reported: Option<String>,
+    /// What is wrong for as long as it is said to be, by what it is about.
+    standing: BTreeMap<String, String>,
     counts: BTreeMap<&'static str, u64>,
+}
+
+impl Part {
+    /// Level and words of a report, which takes what was warned of.
+    fn report(&mut self) -> (u8, String) {
+        self.reported = self.warned.take();
+        // Of two about a topic, a type comes after silence in the alphabet and is why.
+        let warning = self.reported.as_ref().or_else(|| self.standing.values().next_back());
+        match (&self.fault, warning) {
+            (Some(fault), _) => (FAULT, fault.clone()),
+            (None, Some(warning)) => (WARNING, warning.clone()),
+            (None, None) => (GOOD, self.doing.unwrap_or("good").to_owned()),
+        }
+    }
 }
 
 /// The reports of every part. Cheap to clone.
@@ -34,10 +53,24 @@ impl Reports {
     pub fn warn(&self, part: &str, words: String) {
         let mut parts = self.parts();
         let held = parts.entry(part.to_owned()).or_default();
-        if held.warned.as_ref() != Some(&words) && !(held.level == WARNING && held.message == words) {
+        if held.warned.as_ref() != Some(&words) && held.reported.as_ref() != Some(&words) {
             tracing::warn!(part, "{words}");
         }
         held.warned = Some(words);
+    }
+
+    /// Warns of something about a part until it is told that it is well again.
+    pub fn standing(&self, part: &str, about: &str, words: Option<String>) {
+        let mut parts = self.parts();
+        let held = parts.entry(part.to_owned()).or_default();
+        let Some(words) = words else {
+            held.standing.remove(about);
+            return;
+        };
+        if held.standing.get(about) != Some(&words) {
+            tracing::warn!(part, "{words}");
+            held.standing.insert(about.to_owned(), words);
+        }
     }
 
     /// How much of something there is so far.
@@ -49,36 +82,21 @@ impl Reports {
     pub fn robot(&self, part: &str, mode: RobotMode, why: Option<String>) {
         let mut parts = self.parts();
         let held = parts.entry(part.to_owned()).or_default();
-        let words = match mode {
+        held.doing = Some(match mode {
             RobotMode::Idle => "standing",
             RobotMode::Moving => "moving",
             RobotMode::Stopped => "stopped",
-        };
-        held.level = if mode == RobotMode::Stopped { FAULT } else { GOOD };
-        held.message = why.unwrap_or_else(|| words.to_owned());
+        });
+        held.fault = (mode == RobotMode::Stopped).then(|| why.unwrap_or_else(|| "stopped".to_owned()));
     }
 
     /// Everything, as others read it; `node` is put before the names.
     pub fn array(&self, node: &str, now_ns: u64) -> DiagnosticArray {
         let mut parts = self.parts();
         let status = parts.iter_mut().map(|(name, part)| {
-            let warned = part.warned.take();
-            if part.level != FAULT {
-                part.level = if warned.is_some() { WARNING } else { GOOD };
-                if let Some(words) = warned {
-                    part.message = words;
-                } else if !matches!(part.message.as_str(), "standing" | "moving") {
-                    part.message = "good".to_owned();
-                }
-            }
+            let (level, message) = part.report();
             let values = part.counts.iter().map(|(key, count)| KeyValue { key: (*key).to_owned(), value: count.to_string() });
-            DiagnosticStatus {
-                level: part.level,
-                name: format!("{node}: {name}"),
-                message: part.message.clone(),
-                hardware_id: name.clone(),
-                values: values.collect(),
-            }
+            DiagnosticStatus { level, name: format!("{node}: {name}"), message, hardware_id: name.clone(), values: values.collect() }
         });
         let status = status.collect();
         DiagnosticArray { header: Header { stamp: Time::from_ns(now_ns), frame_id: String::new() }, status }
@@ -101,6 +119,10 @@ mod tests {
         reports.warn("front", "no pose".to_owned());
         assert_eq!(levels(), [(FAULT, "estop: me".to_owned())]);
         reports.robot("front", RobotMode::Idle, None);
-        assert_eq!(levels()[0].0, GOOD);
+        assert_eq!(levels(), [(GOOD, "standing".to_owned())]);
+        reports.standing("front", "/depth", Some("another type".to_owned()));
+        assert_eq!((levels(), levels()[0].0), (vec![(WARNING, "another type".to_owned())], WARNING));
+        reports.standing("front", "/depth", None);
+        assert_eq!(levels(), [(GOOD, "standing".to_owned())]);
     }
 }

@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use nalgebra::Isometry3;
 use repose_ros_messages::TfMessage;
+use tokio::sync::watch;
 
 use crate::error::BridgeError;
 use crate::node::{Node, RosSubscription};
@@ -18,6 +19,7 @@ const MOVING: Qos = Qos { depth: 100, ..Qos::DEFAULT };
 #[derive(Clone, Default)]
 pub struct Tree {
     transforms: Arc<Mutex<Transforms>>,
+    changed: watch::Sender<u64>,
 }
 
 /// What tells of the frames.
@@ -40,7 +42,7 @@ impl TreeSource {
     ///
     /// # Errors
     /// When the network refuses.
-    pub async fn run(mut self, tree: Tree, mut publishers: tokio::sync::watch::Receiver<u64>, reports: Reports) -> Result<(), BridgeError> {
+    pub async fn run(mut self, tree: Tree, mut publishers: watch::Receiver<u64>, reports: Reports) -> Result<(), BridgeError> {
         loop {
             let (message, is_static) = tokio::select! {
                 message = self.moving.recv() => (message, false),
@@ -61,6 +63,7 @@ impl TreeSource {
                     let mut held = tree.held();
                     let refused = message.transforms.iter().filter(|told| !held.take(told, is_static)).count();
                     drop(held);
+                    tree.changed.send_modify(|count| *count += 1);
                     if refused > 0 {
                         reports.warn("tf", format!("{refused} transforms are no rigid motions between two frames"));
                     }
@@ -74,6 +77,11 @@ impl Tree {
     /// The frames now.
     pub fn held(&self) -> MutexGuard<'_, Transforms> {
         self.transforms.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Tells whenever transforms have come.
+    pub fn changes(&self) -> watch::Receiver<u64> {
+        self.changed.subscribe()
     }
 
     /// Where a frame that does not move is in another; none while nobody has said.

@@ -5,7 +5,7 @@
 //! | a folder with `depth.png` and `camera.json` | that one |
 //! | a folder of such folders | each, by name |
 //! | a folder with `camera.json`, `depth/*.png`, and `color/`, `labels/` where there are any | one per depth picture |
-//! | a file `*.mcap`, or a folder with such files (a rosbag2 folder) | one per depth image or organised cloud |
+//! | a file `*.mcap`, or a folder with such files (a rosbag2 folder) | one per depth image or organized cloud |
 
 pub mod frame_folder;
 pub mod messages;

@@ -1,4 +1,4 @@
-//! Frames from a recording of ROS 2: depth images or organised point clouds, with the camera's intrinsics and color.
+//! Frames from a recording of ROS 2: depth images or organized point clouds, with the camera's intrinsics and color.
 //!
 //! A recording is an MCAP file, or several that go on where the one before ended. Its beginning is read twice: once to choose the topics,
 //! then for the frames. A frame is made of each depth image (or cloud) and the color image with its stamp, which may come before or after
@@ -96,7 +96,7 @@ impl Recording {
 
     /// What to say where nothing fits.
     fn lacks(&self, listing: &str) -> String {
-        let wanted = if self.topics.of_clouds() { "organised sensor_msgs/msg/PointCloud2" } else { "sensor_msgs/msg/Image of depth" };
+        let wanted = if self.topics.of_clouds() { "organized sensor_msgs/msg/PointCloud2" } else { "sensor_msgs/msg/Image of depth" };
         format!("{wanted} and sensor_msgs/msg/CameraInfo of its size, in its namespace or frame unless topics are named; it has {listing}")
     }
 

@@ -34,7 +34,7 @@ impl Topics {
 /// The topics that make the frames.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Chosen {
-    /// Depth images or organised clouds.
+    /// Depth images or organized clouds.
     pub depth: String,
     /// Intrinsics.
     pub info: String,

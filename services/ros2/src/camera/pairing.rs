@@ -1,12 +1,15 @@
 //! Depth with the color of the same instant, by stamps that are nearly the same; what never pairs is counted.
 //!
 //! A depth picture takes the color that is nearest to it within the tolerance. It may be sure of that when color has come that is later, or is
-//! of its very instant; otherwise it waits for as long as it has patience. Instants are stamps; patience is counted by the receiver's clock.
+//! of its very instant, or is so near that the next one, which comes no sooner than the camera takes pictures, cannot be nearer; otherwise it
+//! waits for as long as it has patience. Instants are stamps; patience is counted by the receiver's clock.
 
 use std::collections::VecDeque;
 
 /// Pictures of one kind that wait at most.
 const MOST: usize = 8;
+/// From how many pictures of color it is told how soon the next one may come.
+const GAPS: usize = 8;
 
 /// How pictures are paired.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,6 +46,9 @@ pub struct Pairing<D, C> {
     settings: PairingSettings,
     depths: VecDeque<Waiting<D>>,
     colors: VecDeque<Waiting<C>>,
+    /// The stamp of the newest color, and the times between the last ones, nanoseconds.
+    newest_color_ns: u64,
+    gaps_ns: VecDeque<u64>,
     last_ns: u64,
     /// What has become of the pictures.
     pub counts: PairingCounts,
@@ -51,7 +57,15 @@ pub struct Pairing<D, C> {
 impl<D, C> Pairing<D, C> {
     /// Nothing so far.
     pub fn new(settings: PairingSettings) -> Self {
-        Self { settings, depths: VecDeque::new(), colors: VecDeque::new(), last_ns: 0, counts: PairingCounts::default() }
+        Self {
+            settings,
+            depths: VecDeque::new(),
+            colors: VecDeque::new(),
+            newest_color_ns: 0,
+            gaps_ns: VecDeque::new(),
+            last_ns: 0,
+            counts: PairingCounts::default(),
+        }
     }
 
     /// Takes depth that came at `now_ms`.
@@ -75,6 +89,16 @@ impl<D, C> Pairing<D, C> {
 
     /// Takes color that came at `now_ms`.
     pub fn color(&mut self, stamp_ns: u64, picture: C, now_ms: u64) {
+        if stamp_ns > self.newest_color_ns {
+            let gap_ns = (self.newest_color_ns > 0).then_some(stamp_ns - self.newest_color_ns);
+            self.gaps_ns.extend(gap_ns);
+            if self.gaps_ns.len() > GAPS {
+                self.gaps_ns.pop_front();
+            }
+        } else {
+            self.gaps_ns.clear();
+        }
+        self.newest_color_ns = stamp_ns;
         let at = self.colors.partition_point(|waiting| waiting.stamp_ns <= stamp_ns);
         self.colors.insert(at, Waiting { stamp_ns, since_ms: now_ms, picture });
         if self.colors.len() > MOST {
@@ -95,7 +119,10 @@ impl<D, C> Pairing<D, C> {
             let off_ns = |color: &Waiting<C>| color.stamp_ns.abs_diff(depth.stamp_ns);
             let nearest = (0..self.colors.len()).min_by_key(|i| off_ns(&self.colors[*i]));
             let nearest = nearest.filter(|i| off_ns(&self.colors[*i]) <= self.settings.tolerance_ns);
-            let is_sure = self.colors.back().is_some_and(|newest| newest.stamp_ns >= depth.stamp_ns);
+            let is_sure = self.colors.back().is_some_and(|newest| {
+                let before_ns = depth.stamp_ns.saturating_sub(newest.stamp_ns);
+                before_ns == 0 || self.least_gap_ns().is_some_and(|gap_ns| gap_ns > 2 * before_ns)
+            });
             let waited_ms = now_ms.saturating_sub(depth.since_ms);
             if !is_sure && waited_ms < self.settings.patience_ms {
                 return None;
@@ -112,6 +139,12 @@ impl<D, C> Pairing<D, C> {
             (self.last_ns, self.counts.paired) = (depth.stamp_ns, self.counts.paired + 1);
             return Some((depth.stamp_ns, depth.picture, Some(color.picture)));
         }
+    }
+
+    /// How soon after a color the next one may be, with a tenth for what shakes; none until that has been seen.
+    fn least_gap_ns(&self) -> Option<u64> {
+        let least_ns = self.gaps_ns.iter().min().copied()?;
+        (self.gaps_ns.len() == GAPS).then_some(least_ns / 10 * 9)
     }
 
     /// When the first that waits will have waited long enough.
@@ -160,6 +193,26 @@ mod tests {
             pairs.color((2000 + i) * MS, "c", 10);
         }
         assert_eq!((pairs.counts.color_alone, pairs.colors.len()), (12, MOST));
+    }
+
+    #[test]
+    fn depth_that_is_nearer_to_its_color_than_the_next_can_be_does_not_wait() {
+        let settings = PairingSettings { tolerance_ns: 17 * MS, patience_ms: 100, has_color: true };
+        let mut pairs = Pairing::<u64, u64>::new(settings);
+        for i in 0..12 {
+            pairs.color((1000 + 66 * i) * MS, i, 66 * i);
+            pairs.depth((1010 + 66 * i) * MS, i, 66 * i + 5);
+            let paired = std::iter::from_fn(|| pairs.next(66 * i + 5)).any(|(_, depth, color)| depth == i && color == Some(i));
+            // The ninth picture is after the eighth gap.
+            assert_eq!(paired, i >= GAPS as u64, "picture {i}");
+        }
+        // Once one has come that soon, the next may come sooner than this depth is far.
+        pairs.color(1756 * MS, 12, 756);
+        pairs.depth(1770 * MS, 12, 757);
+        assert_eq!(pairs.next(758), None);
+        // Stamps that do not rise are another clock.
+        pairs.color(1000 * MS, 13, 800);
+        assert!(pairs.gaps_ns.is_empty());
     }
 
     #[test]

@@ -5,54 +5,80 @@ use repose_proto::CameraModel;
 use super::calibration::Lens;
 use super::pictures::{Color, Depth};
 
-/// Where each pixel of the rectified picture comes from.
+/// Weights are of so many parts.
+const PARTS: f32 = 256.0;
+/// The source of pixels that the lens shows nowhere.
+const NOWHERE: u32 = u32::MAX;
+
+/// Where a pixel's color comes from: the upper left of four pixels, and how much of it is of those to the right and below.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Source {
+    at: u32,
+    right: u16,
+    below: u16,
+}
+
+/// Where each pixel of the rectified picture comes from, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rectifier {
     width: usize,
-    height: usize,
-    /// Column and row, row by row; outside the picture where the lens shows nothing.
-    sources: Vec<[f32; 2]>,
+    /// The nearest pixel.
+    nearest: Vec<u32>,
+    /// What lies between.
+    between: Vec<Source>,
 }
 
 impl Rectifier {
     /// For pictures of a camera, which keep its intrinsics.
     pub fn new(camera: &CameraModel, lens: &Lens) -> Self {
-        let source = |i: usize| {
-            let (u, v) = ((i % camera.width) as f64, (i / camera.width) as f64);
-            let (x, y) = lens.bent(((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy));
-            [(camera.fx * x + camera.cx) as f32, (camera.fy * y + camera.cy) as f32]
+        let (width, height) = (camera.width, camera.height);
+        let index = |column: f32, row: f32| {
+            let inside = column >= 0.0 && row >= 0.0 && column < width as f32 && row < height as f32;
+            if inside { (row as usize * width + column as usize) as u32 } else { NOWHERE }
         };
-        let sources = (0..camera.width * camera.height).map(source).collect();
-        Self { width: camera.width, height: camera.height, sources }
+        let (mut nearest, mut between) = (Vec::new(), Vec::new());
+        for pixel in 0..width * height {
+            let (column, row) = ((pixel % width) as f64, (pixel / width) as f64);
+            let (x, y) = lens.bent(((column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy));
+            let (u, v) = ((camera.fx * x + camera.cx) as f32, (camera.fy * y + camera.cy) as f32);
+            let at = index(u.round(), v.round());
+            nearest.push(at);
+            let (left, top) = (u.floor(), v.floor());
+            let has_four = index(left, top) != NOWHERE && index(left + 1.0, top + 1.0) != NOWHERE;
+            // Along the border there are no four: the nearest alone.
+            between.push(match has_four {
+                true => Source { at: index(left, top), right: ((u - left) * PARTS) as u16, below: ((v - top) * PARTS) as u16 },
+                false => Source { at, right: 0, below: 0 },
+            });
+        }
+        Self { width, nearest, between }
     }
 
     /// Depth, by the nearest reading: what lies between two is no place.
     pub fn depth(&self, depth: &Depth) -> Depth {
-        let count = |at: &[f32; 2]| self.index(at[0].round(), at[1].round()).map_or(0, |i| depth.counts[i]);
-        Depth { counts: self.sources.iter().map(count).collect(), ..*depth }
+        let count = |at: &u32| depth.counts.get(*at as usize).copied().unwrap_or(0);
+        Depth { counts: self.nearest.iter().map(count).collect(), ..*depth }
     }
 
     /// Color, between the four nearest pixels.
     pub fn color(&self, color: &Color) -> Color {
-        let pixel = |at: &[f32; 2]| {
-            let (u, v) = (at[0].floor(), at[1].floor());
-            let corner = |du: f32, dv: f32| self.index(u + du, v + dv).map(|i| color.pixels[i]);
-            let (Some(a), Some(b), Some(c), Some(d)) = (corner(0.0, 0.0), corner(1.0, 0.0), corner(0.0, 1.0), corner(1.0, 1.0)) else {
-                return self.index(at[0].round(), at[1].round()).map_or([0; 3], |i| color.pixels[i]);
-            };
-            let (s, t) = (at[0] - u, at[1] - v);
-            let mixed = |k: usize| {
-                let [a, b, c, d] = [a, b, c, d].map(|p| f32::from(p[k]));
-                ((a * (1.0 - s) + b * s) * (1.0 - t) + (c * (1.0 - s) + d * s) * t).round() as u8
-            };
-            [mixed(0), mixed(1), mixed(2)]
+        let black = [0; 3];
+        let pixel = |source: &Source| {
+            let at = source.at as usize;
+            let of = |i: usize| color.pixels.get(i).unwrap_or(&black);
+            if source.right == 0 && source.below == 0 {
+                return *of(at);
+            }
+            let corners = [of(at), of(at + 1), of(at + self.width), of(at + self.width + 1)];
+            let parts = PARTS as u32;
+            let (right, below) = (u32::from(source.right), u32::from(source.below));
+            let (left, above) = (parts - right, parts - below);
+            std::array::from_fn(|k| {
+                let [a, b, c, d] = corners.map(|pixel| u32::from(pixel[k]));
+                (((a * left + b * right) * above + (c * left + d * right) * below + parts * parts / 2) / (parts * parts)) as u8
+            })
         };
-        Color { pixels: self.sources.iter().map(pixel).collect(), ..*color }
-    }
-
-    fn index(&self, column: f32, row: f32) -> Option<usize> {
-        let inside = column >= 0.0 && row >= 0.0 && column < self.width as f32 && row < self.height as f32;
-        inside.then(|| row as usize * self.width + column as usize)
+        Color { pixels: self.between.iter().map(pixel).collect(), ..*color }
     }
 }
 

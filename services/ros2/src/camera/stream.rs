@@ -4,30 +4,32 @@
 //! newest reason is kept for those who look.
 
 use std::collections::BTreeMap;
+use std::time::Instant;
 
 use nalgebra::Isometry3;
 use repose_geometry::transform::to_row_major;
-use repose_proto::{CameraModel, Frame, RigidTransform};
-use repose_ros_messages::frames::model_of;
+use repose_proto::{Frame, RigidTransform};
 use repose_ros_messages::{CameraInfo, Header, MessageError};
 
-use super::calibration::Lens;
+use super::cloud::Sight;
 use super::pairing::{Pairing, PairingCounts, PairingSettings};
-use super::pictures::{Color, Depth};
-use super::rectify::Rectifier;
+use super::pictures::Color;
+use super::source::Taken;
+use super::view::View;
 use crate::config::CameraConfig;
-use crate::transforms::{TransformError, Transforms};
+use crate::error::BridgeError;
+use crate::transforms::TransformError;
 
 /// Why pictures are no frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Lost {
-    /// They cannot be read.
+    /// They cannot be read: broken, of an encoding that is not read, or shorter than they say.
     Unreadable,
     /// They are older than they may be when they come.
     Late,
     /// No intrinsics of their size have come.
     NoIntrinsics,
-    /// The lens's model, or color of another size.
+    /// The lens's model, color of another size, or a cloud whose points are not on their pixels' rays.
     Unfit,
     /// Nobody says where the camera was.
     NoPose,
@@ -57,16 +59,47 @@ pub struct CameraCounts {
     pub why: Option<String>,
 }
 
+/// The present, by two clocks.
+#[derive(Debug, Clone, Copy)]
+pub struct Now {
+    /// The receiver's own clock, milliseconds: for waiting.
+    pub ms: u64,
+    /// Nanoseconds since the Unix epoch: for stamps.
+    pub ns: u64,
+}
+
+/// A frame, whole.
+#[derive(Debug)]
+pub struct Made {
+    /// The frame.
+    pub frame: Frame,
+    /// When the last of its pictures came.
+    pub complete: Instant,
+}
+
+/// A picture with its header and when it came.
+struct Came<T> {
+    header: Header,
+    picture: T,
+    arrived: Instant,
+}
+
+/// A whole picture that waits for its transform.
+struct Waiting {
+    made: Made,
+    frame_id: String,
+    since_ms: u64,
+}
+
 /// A camera's pictures on their way to frames.
 pub struct CameraStream {
     config: CameraConfig,
     world_frame: String,
-    pairing: Pairing<(Header, Depth), Color>,
+    pairing: Pairing<Came<Sight>, Came<Color>>,
     info: Option<CameraInfo>,
-    /// The lens of the newest intrinsics, with the map that takes it out.
-    rectifier: Option<(CameraModel, Option<Rectifier>)>,
-    /// A whole picture that waits for its transform, and since when.
-    waiting: Option<(Frame, String, u64)>,
+    /// The camera by the newest intrinsics, or as a cloud shows it.
+    view: Option<View>,
+    waiting: Option<Waiting>,
     counts: CameraCounts,
 }
 
@@ -79,7 +112,7 @@ impl CameraStream {
             has_color: config.color.is_some(),
         };
         let pairing = Pairing::new(settings);
-        Self { config, world_frame, pairing, info: None, rectifier: None, waiting: None, counts: CameraCounts::default() }
+        Self { config, world_frame, pairing, info: None, view: None, waiting: None, counts: CameraCounts::default() }
     }
 
     /// What has become of the pictures so far.
@@ -96,54 +129,72 @@ impl CameraStream {
     pub fn info(&mut self, info: CameraInfo) {
         let same = self.info.as_ref().is_some_and(|held| CameraInfo { header: info.header.clone(), ..held.clone() } == info);
         if !same {
-            self.rectifier = None;
+            self.view = None;
         }
         self.info = Some(info);
     }
 
-    /// Takes depth that came at `now_ms` of the receiver's clock, `now_ns` of the wall's.
-    pub fn depth(&mut self, header: Header, picture: Result<Depth, MessageError>, now_ms: u64, now_ns: u64) {
-        let stamp_ns = header.stamp.as_ns();
-        match picture {
-            Err(error) => self.lose(Lost::Unreadable, format!("depth: {error}")),
-            Ok(_) if self.is_late(stamp_ns, now_ns) => self.lose(Lost::Late, self.late_words("depth", stamp_ns, now_ns)),
-            Ok(picture) => self.pairing.depth(stamp_ns, (header, picture), now_ms),
+    /// Counts a message that cannot be read.
+    pub fn unreadable(&mut self, error: &BridgeError) {
+        self.lose(Lost::Unreadable, error.to_string());
+    }
+
+    /// Takes depth.
+    pub fn depth(&mut self, taken: Taken<Sight>, now: Now) {
+        if let Some(came) = self.in_time("depth", taken, now) {
+            self.pairing.depth(came.header.stamp.as_ns(), came, now.ms);
         }
     }
 
     /// Takes color.
-    pub fn color(&mut self, header: &Header, picture: Result<Color, MessageError>, now_ms: u64, now_ns: u64) {
-        let stamp_ns = header.stamp.as_ns();
-        match picture {
-            Err(error) => self.lose(Lost::Unreadable, format!("color: {error}")),
-            Ok(_) if self.is_late(stamp_ns, now_ns) => self.lose(Lost::Late, self.late_words("color", stamp_ns, now_ns)),
-            Ok(picture) => self.pairing.color(stamp_ns, picture, now_ms),
+    pub fn color(&mut self, taken: Taken<Color>, now: Now) {
+        if let Some(came) = self.in_time("color", taken, now) {
+            self.pairing.color(came.header.stamp.as_ns(), came, now.ms);
         }
     }
 
-    /// The next frame that is whole.
-    pub fn next(&mut self, transforms: &Transforms, now_ms: u64, now_ns: u64) -> Option<Frame> {
+    /// A picture that could be read and is young enough.
+    fn in_time<T>(&mut self, what: &str, taken: Taken<T>, now: Now) -> Option<Came<T>> {
+        let (header, picture) = match taken.read {
+            Ok(read) => read,
+            Err(error) => {
+                self.lose(Lost::Unreadable, format!("{what}: {error}"));
+                return None;
+            }
+        };
+        let age_ms = now.ns.saturating_sub(header.stamp.as_ns()) / 1_000_000;
+        let most = self.config.max_age_ms;
+        if !self.config.stamp_on_arrival && age_ms > most {
+            let hint = "`stamp_on_arrival` where ROS has a clock of its own";
+            self.lose(Lost::Late, format!("{what} was {age_ms} ms old when it came, at most {most} ms are allowed; {hint}"));
+            return None;
+        }
+        Some(Came { header, picture, arrived: taken.arrived })
+    }
+
+    /// The next frame that is whole; `place` tells where one frame of the transforms is in another at an instant.
+    pub fn next(&mut self, place: impl Fn(&str, &str, u64) -> Result<Isometry3<f64>, TransformError>, now: Now) -> Option<Made> {
         loop {
-            if self.waiting.is_none() {
-                let (stamp_ns, (header, depth), color) = self.pairing.next(now_ms)?;
-                let frame_id = self.config.frame.clone().unwrap_or(header.frame_id);
-                match self.frame(stamp_ns, depth, color) {
-                    Ok(frame) => self.waiting = Some((frame, frame_id, now_ms)),
+            let Some(waiting) = &self.waiting else {
+                let (stamp_ns, depth, color) = self.pairing.next(now.ms)?;
+                let complete = color.as_ref().map_or(depth.arrived, |color| color.arrived.max(depth.arrived));
+                let frame_id = self.config.frame.clone().unwrap_or(depth.header.frame_id);
+                match self.frame(stamp_ns, depth.picture, color.map(|color| color.picture)) {
+                    Ok(frame) => self.waiting = Some(Waiting { made: Made { frame, complete }, frame_id, since_ms: now.ms }),
                     Err((why, words)) => self.lose(why, words),
                 }
                 continue;
-            }
-            let (frame, frame_id, since_ms) = self.waiting.as_ref()?;
-            let waited_ms = now_ms.saturating_sub(*since_ms);
-            match self.pose(transforms, frame_id, frame.stamp_ns) {
+            };
+            let waited_ms = now.ms.saturating_sub(waiting.since_ms);
+            match self.pose(&place, &waiting.frame_id, waiting.made.frame.stamp_ns) {
                 Ok(pose) => {
-                    let (mut frame, ..) = self.waiting.take()?;
-                    frame.camera.world_from_camera = Some(pose);
+                    let Waiting { mut made, .. } = self.waiting.take()?;
+                    made.frame.camera.world_from_camera = Some(pose);
                     if self.config.stamp_on_arrival {
-                        frame.stamp_ns = now_ns;
+                        made.frame.stamp_ns = now.ns;
                     }
                     self.counts.frames += 1;
-                    return Some(frame);
+                    return Some(made);
                 }
                 Err(error) if error.may_come() && waited_ms < self.config.patience_ms => return None,
                 Err(error) => {
@@ -154,24 +205,34 @@ impl CameraStream {
         }
     }
 
+    /// Whether there is a picture that only lacks the transform at its stamp.
+    pub fn waits_for_pose(&self) -> bool {
+        self.waiting.is_some()
+    }
+
     /// When it should be looked again though nothing comes.
     pub fn due_ms(&self) -> Option<u64> {
-        let waiting = self.waiting.as_ref().map(|(_, _, since_ms)| since_ms + self.config.patience_ms);
+        let waiting = self.waiting.as_ref().map(|waiting| waiting.since_ms + self.config.patience_ms);
         [waiting, self.pairing.due_ms()].into_iter().flatten().min()
     }
 
-    fn pose(&self, transforms: &Transforms, frame_id: &str, stamp_ns: u64) -> Result<RigidTransform, TransformError> {
+    fn pose(
+        &self,
+        place: impl Fn(&str, &str, u64) -> Result<Isometry3<f64>, TransformError>,
+        frame_id: &str,
+        stamp_ns: u64,
+    ) -> Result<RigidTransform, TransformError> {
         if let Some(pose) = self.config.world_from_camera {
             return Ok(pose);
         }
-        let world_from_camera: Isometry3<f64> = transforms.lookup(&self.world_frame, frame_id, stamp_ns)?;
-        Ok(RigidTransform(to_row_major(&world_from_camera)))
+        Ok(RigidTransform(to_row_major(&place(&self.world_frame, frame_id, stamp_ns)?)))
     }
 
-    fn frame(&mut self, stamp_ns: u64, depth: Depth, color: Option<Color>) -> Result<Frame, (Lost, String)> {
-        let size = (depth.width, depth.height);
-        let Some(info) = &self.info else { return Err((Lost::NoIntrinsics, format!("nothing has come on {}", self.config.info))) };
-        let unfit = |error: MessageError| (Lost::Unfit, error.to_string());
+    fn frame(&mut self, stamp_ns: u64, mut sight: Sight, color: Option<Color>) -> Result<Frame, (Lost, String)> {
+        let size = (sight.depth.width, sight.depth.height);
+        let own = sight.color.take();
+        // Color with a topic of its own goes before a cloud's.
+        let color = color.or(own);
         if let Some(color) = &color
             && (color.width, color.height) != size
         {
@@ -181,39 +242,28 @@ impl CameraStream {
             );
             return Err((Lost::Unfit, words));
         }
-        if self.rectifier.as_ref().is_none_or(|(camera, _)| (camera.width, camera.height) != size) {
-            let lens = if self.config.is_rectified() { None } else { Lens::of(info).map_err(unfit)? };
-            // Pictures that the lens has bent have the intrinsics of K; those of P are of rectified ones.
-            let as_bent = CameraInfo { p: [0.0; 12], ..info.clone() };
-            let camera = model_of(if lens.is_some() { &as_bent } else { info }, size, depth.unit_m).ok_or_else(|| {
-                (
-                    Lost::NoIntrinsics,
-                    format!("{} is of {} x {}, depth of {} x {}", self.config.info, info.width, info.height, size.0, size.1),
-                )
-            })?;
-            let rectifier = lens.map(|lens| Rectifier::new(&camera, &lens));
-            self.rectifier = Some((camera, rectifier));
-        }
-        let Some((camera, rectifier)) = &self.rectifier else { return Err((Lost::NoIntrinsics, String::new())) };
-        let camera = CameraModel { depth_unit_m: depth.unit_m, ..camera.clone() };
-        let (depth, color) = match rectifier {
-            Some(rectifier) => (rectifier.depth(&depth), color.map(|color| rectifier.color(&color))),
-            None => (depth, color),
+        let unfit = |error: MessageError| (Lost::Unfit, error.to_string());
+        let held = self.view.take().filter(|view| view.has_size(size));
+        let view = match (held, &self.info) {
+            (Some(view), Some(_)) => view,
+            // Nobody tells the intrinsics: a cloud that shows another camera than the one before is looked at anew.
+            (Some(view), None) if view.check(&sight.sample).is_ok() => view,
+            (_, None) if self.config.info.is_none() => View::of_points(&sight).map_err(unfit)?,
+            (_, None) => return Err((Lost::NoIntrinsics, format!("nothing has come on {}", self.info_topic()))),
+            (None, Some(info)) => View::of(info, &sight.depth, self.config.is_rectified()).map_err(unfit)?.ok_or_else(|| {
+                let (topic, width, height) = (self.info_topic(), info.width, info.height);
+                (Lost::NoIntrinsics, format!("{topic} is of {width} x {height}, depth of {} x {}", size.0, size.1))
+            })?,
         };
+        let view = self.view.insert(view);
+        view.check(&sight.sample).map_err(unfit)?;
+        let (camera, depth, color) = view.straight(sight.depth, color);
         let frame = Frame::new(self.config.name.clone(), stamp_ns, camera, depth.counts);
         Ok(Frame { color: color.map(|color| color.pixels), ..frame })
     }
 
-    fn is_late(&self, stamp_ns: u64, now_ns: u64) -> bool {
-        !self.config.stamp_on_arrival && now_ns.saturating_sub(stamp_ns) > self.config.max_age_ms * 1_000_000
-    }
-
-    fn late_words(&self, what: &str, stamp_ns: u64, now_ns: u64) -> String {
-        let age_ms = now_ns.saturating_sub(stamp_ns) / 1_000_000;
-        let most = self.config.max_age_ms;
-        format!(
-            "{what} was {age_ms} ms old when it came, at most {most} ms are allowed; `stamp_on_arrival` where ROS has a clock of its own"
-        )
+    fn info_topic(&self) -> &str {
+        self.config.info.as_deref().unwrap_or_default()
     }
 
     fn lose(&mut self, why: Lost, words: String) {
@@ -221,3 +271,6 @@ impl CameraStream {
         self.counts.why = Some(words);
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -3,10 +3,10 @@
 use std::marker::PhantomData;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use repose_ros_messages::{decode, encode};
-use repose_runtime::raw::{QueryRecipients, RawMessage, RawSession, RawSubscription, Room};
+use repose_runtime::raw::{Arrived, QueryRecipients, RawMessage, RawSession, RawSubscription, Room};
 use repose_runtime::{Guard, SessionConfig};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -190,11 +190,24 @@ pub struct RosSubscription<T> {
 impl<T: DeserializeOwned> RosSubscription<T> {
     /// The next message, or why it cannot be read; none when the session has closed. Cancel safe.
     pub async fn recv(&mut self) -> Option<Result<T, BridgeError>> {
-        let message = match self.past.pop() {
-            Some(past) => past,
-            None => self.messages.recv().await?,
-        };
-        Some(decode(&message.payload, self.type_name).map_err(BridgeError::from))
+        let message = self.recv_bytes().await?;
+        Some(self.decode(&message))
+    }
+
+    /// The next message as it came, for [`Self::decode`]: large ones are not read where others wait. Cancel safe.
+    pub async fn recv_bytes(&mut self) -> Option<Arrived> {
+        match self.past.pop() {
+            Some(past) => Some(Arrived { message: past, arrived: Instant::now() }),
+            None => self.messages.recv().await,
+        }
+    }
+
+    /// A message of this topic from its bytes.
+    ///
+    /// # Errors
+    /// When they are none.
+    pub fn decode(&self, bytes: &Arrived) -> Result<T, BridgeError> {
+        decode(&bytes.message.payload, self.type_name).map_err(BridgeError::from)
     }
 
     /// Asks for past messages again: a publisher has come that may have published before it was seen.

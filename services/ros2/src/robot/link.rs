@@ -5,21 +5,21 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use repose_geometry::transform::to_row_major;
-use repose_proto::robot::{EmergencyStop, RobotCommand, RobotMode};
+use repose_proto::robot::{EmergencyStop, RobotCommand, RobotMode, RobotState};
 use repose_proto::{CallError, Payload, RigidTransform};
 use repose_ros_messages::{
     FollowJointTrajectoryFeedback, FollowJointTrajectoryGoal, FollowJointTrajectoryResult, GripperCommandGoal, GripperCommandResult,
     JointState,
 };
-use repose_runtime::{Session, Traffic, refuse_a_second_driver};
+use repose_runtime::{Sample, Session, Subscription, Traffic, refuse_a_second_driver};
 use tokio::sync::mpsc;
-use tokio::time::MissedTickBehavior;
+use tokio::time::{Interval, MissedTickBehavior};
 
 use super::goal::goal_of;
 use super::side::{Do, RosSide, Told};
 use crate::config::{RobotConfig, Ros2Config};
 use crate::error::BridgeError;
-use crate::node::{ActionClient, ActionTypes, GoalHandle, Heard, Node, now_ns};
+use crate::node::{ActionClient, ActionTypes, GoalHandle, Heard, Node, RosSubscription, now_ns};
 use crate::report::Reports;
 use crate::tree::Tree;
 use crate::wire::names::Qos;
@@ -46,6 +46,27 @@ struct Controllers {
     ids: BTreeMap<u64, GoalHandle>,
 }
 
+/// What a robot is told on both networks.
+struct Heeded {
+    stops: Subscription,
+    commands: Subscription,
+    joints: RosSubscription<JointState>,
+    told: mpsc::Receiver<Told>,
+    arm: Arc<ArmClient>,
+    hand: Option<Arc<HandClient>>,
+    steps: Interval,
+}
+
+/// What has come, or that it is time for a step.
+enum Event {
+    Stop(Sample),
+    Told(Told),
+    Joints(Result<JointState, BridgeError>),
+    Command(Sample),
+    Feedback,
+    Step,
+}
+
 /// Runs a robot until its session closes.
 ///
 /// # Errors
@@ -59,46 +80,31 @@ pub async fn run(
     reports: Reports,
 ) -> Result<(), BridgeError> {
     refuse_a_second_driver(&session, &robot.name).await?;
-    let cell = session.cell().clone();
-    let mut stops = session.subscribe_queue(&cell.robot_estop(&robot.name), WAITING).await?;
-    let mut commands = session.subscribe_queue(&cell.robot_command(&robot.name), WAITING).await?;
-    let states = session.publisher(cell.robot_state(&robot.name), Traffic::RobotState);
-    let mut joints = node.subscribe::<JointState>(&robot.joint_states, "sensor_msgs/msg/JointState", Qos::DEFAULT).await?;
-    let (mut controllers, mut told) = Controllers::of(&node, &robot).await?;
+    let (mut controllers, told) = Controllers::of(&node, &robot).await?;
+    let mut heeded = Heeded::of(&session, &node, &robot, &controllers, told).await?;
+    let states = session.publisher(session.cell().robot_state(&robot.name), Traffic::RobotState);
 
     let mut side = RosSide::new(robot.clone());
     let started = Instant::now();
     let now_ms = || started.elapsed().as_millis() as u64;
-    let mut steps = tokio::time::interval(STEP);
-    steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let (mut next_state, mut shown, mut feedback) = (Instant::now(), None, 0u64);
-    let (arm, hand) = (controllers.arm.clone(), controllers.hand.clone());
-    loop {
-        tokio::select! {
-            biased;
-            sample = stops.recv() => match sample {
-                // Whatever comes here stops the arm: its form is of no matter.
-                Some(sample) => side.emergency_stop(&EmergencyStop::read(&sample.payload.bytes)),
-                None => return Ok(()),
-            },
-            Some(told) = told.recv() => side.told(told, now_ms()),
-            message = joints.recv() => match message {
-                Some(Ok(state)) => side.joints(&state, now_ms()),
-                Some(Err(error)) => reports.warn(&robot.name, format!("{}: {error}", robot.joint_states)),
-                None => return Ok(()),
-            },
-            sample = commands.recv() => {
-                let Some(sample) = sample else { return Ok(()) };
-                let taken = sample.payload.decode_json::<RobotCommand>().and_then(|command| side.command(&command, now_ms(), now_ms()));
-                match taken {
+    while let Some(event) = heeded.next().await {
+        match event {
+            // Whatever comes here stops the arm: its form is of no matter.
+            Event::Stop(sample) => side.emergency_stop(&EmergencyStop::read(&sample.payload.bytes)),
+            Event::Told(told) => side.told(told, now_ms()),
+            Event::Joints(Ok(state)) => side.joints(&state, now_ms()),
+            Event::Joints(Err(error)) => reports.warn(&robot.name, format!("{}: {error}", robot.joint_states)),
+            Event::Command(sample) => {
+                let command = sample.payload.decode_json::<RobotCommand>();
+                match command.and_then(|command| side.command(&command, now_ms(), now_ms())) {
                     Ok(todo) => todo.into_iter().for_each(|todo| controllers.carry_out(todo)),
                     // Repeats are refused as a matter of course.
                     Err(error) => tracing::debug!(robot = robot.name, %error, "a command was not taken"),
                 }
             }
-            heard = arm.heard() => feedback += u64::from(matches!(heard, Heard::Feedback(_))),
-            () = drained(hand.as_deref()) => {}
-            _ = steps.tick() => {}
+            Event::Feedback => feedback += 1,
+            Event::Step => {}
         }
         if robot.world_from_base.is_none()
             && let Some(pose) = tree.newest(&config.world_frame, &robot.base_frame)
@@ -108,19 +114,67 @@ pub async fn run(
         side.step(now_ms()).into_iter().for_each(|todo| controllers.carry_out(todo));
         let Some(state) = due(&mut side, &mut next_state, shown, now_ms()) else { continue };
         if shown != Some(state.mode) {
-            let why = state.stop.as_ref().map(|stop| format!("{}: {}", stop.kind, stop.reason));
-            tracing::info!(robot = robot.name, mode = ?state.mode, why, "robot");
-            reports.robot(&robot.name, state.mode, why);
+            tell(&reports, &robot.name, &state);
         }
         shown = Some(state.mode);
         reports.count(&robot.name, "feedback", feedback);
         // What the network refuses now it may take with the next state.
         let _ = states.put(Payload::json(&state)?).await;
     }
+    Ok(())
+}
+
+/// Says what the robot does now.
+fn tell(reports: &Reports, robot: &str, state: &RobotState) {
+    let why = state.stop.as_ref().map(|stop| format!("{}: {}", stop.kind, stop.reason));
+    tracing::info!(robot, mode = ?state.mode, why, "robot");
+    reports.robot(robot, state.mode, why);
+}
+
+impl Heeded {
+    async fn of(
+        session: &Session,
+        node: &Node,
+        robot: &RobotConfig,
+        controllers: &Controllers,
+        told: mpsc::Receiver<Told>,
+    ) -> Result<Self, BridgeError> {
+        let cell = session.cell();
+        let mut steps = tokio::time::interval(STEP);
+        steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        Ok(Self {
+            stops: session.subscribe_queue(&cell.robot_estop(&robot.name), WAITING).await?,
+            commands: session.subscribe_queue(&cell.robot_command(&robot.name), WAITING).await?,
+            joints: node.subscribe(&robot.joint_states, "sensor_msgs/msg/JointState", Qos::DEFAULT).await?,
+            told,
+            arm: controllers.arm.clone(),
+            hand: controllers.hand.clone(),
+            steps,
+        })
+    }
+
+    /// What comes next, stops first; none when a session has closed.
+    async fn next(&mut self) -> Option<Event> {
+        loop {
+            return tokio::select! {
+                biased;
+                sample = self.stops.recv() => sample.map(Event::Stop),
+                Some(told) = self.told.recv() => Some(Event::Told(told)),
+                message = self.joints.recv() => message.map(Event::Joints),
+                sample = self.commands.recv() => sample.map(Event::Command),
+                heard = self.arm.heard() => match heard {
+                    Heard::Feedback(_) => Some(Event::Feedback),
+                    _ => continue,
+                },
+                () = drained(self.hand.as_deref()) => continue,
+                _ = self.steps.tick() => Some(Event::Step),
+            };
+        }
+    }
 }
 
 /// The state, where it is time for one or the mode is another.
-fn due(side: &mut RosSide, next: &mut Instant, shown: Option<RobotMode>, now_ms: u64) -> Option<repose_proto::robot::RobotState> {
+fn due(side: &mut RosSide, next: &mut Instant, shown: Option<RobotMode>, now_ms: u64) -> Option<RobotState> {
     let state = side.state(now_ms, now_ns())?;
     let now = Instant::now();
     if now < *next && shown == Some(state.mode) {

@@ -31,7 +31,7 @@ pub enum MessageError {
         /// Bytes that came.
         got: usize,
     },
-    /// An organised cloud whose points are not where their pixels look.
+    /// An organized cloud whose points are not where their pixels look.
     #[error("{off_percent} % of the points lie off their pixels' rays; expected the camera's optical frame (x right, y down, z forward)")]
     NotOptical {
         /// How many of them.

@@ -10,6 +10,8 @@ pub const DEPTH_UNIT_M: f64 = 1e-4;
 /// Metres per count of integer depth, as the ROS convention (REP 118) has it.
 const INTEGER_UNIT_M: f64 = 1e-3;
 
+/// What a cloud has to be; the parameter is that of RealSense's driver, whose clouds are lists of points otherwise.
+const ORGANIZED: &str = "organized clouds, one point per pixel (RealSense: ordered_pc:=true)";
 /// About how many points of a cloud are held against their rays.
 const SAMPLED_POINTS: usize = 4096;
 /// How far from its pixel a point may show: lenses whose pictures are not rectified bend rays by a few pixels.
@@ -24,37 +26,44 @@ pub fn depth_of_image(image: &RosImage) -> Result<(Vec<u16>, f64), MessageError>
     match image.encoding.as_str() {
         "16UC1" | "mono16" => {
             let count = |pixel: &[u8; 2]| if big { u16::from_be_bytes(*pixel) } else { u16::from_le_bytes(*pixel) };
-            let counts = image.rows(2)?.flat_map(|row| row.as_chunks::<2>().0).map(count).collect();
-            Ok((counts, INTEGER_UNIT_M))
+            Ok((pixels(image, count)?, INTEGER_UNIT_M))
         }
         "32FC1" => {
             let metres = |pixel: &[u8; 4]| if big { f32::from_be_bytes(*pixel) } else { f32::from_le_bytes(*pixel) };
-            let counts = image.rows(4)?.flat_map(|row| row.as_chunks::<4>().0).map(|pixel| count_of(metres(pixel))).collect();
-            Ok((counts, DEPTH_UNIT_M))
+            Ok((pixels(image, |pixel: &[u8; 4]| count_of(metres(pixel)))?, DEPTH_UNIT_M))
         }
         other => Err(MessageError::Unsupported { field: "encoding", got: other.to_owned(), expected: "16UC1, mono16 or 32FC1" }),
     }
 }
 
-/// The colors of an image.
+/// The colors of an image. OpenCV's names without an order of colors, as `8UC3`, have blue first, as its pictures have.
 ///
 /// # Errors
 /// [`MessageError`] for other encodings and short rows.
 pub fn color_of(image: &RosImage) -> Result<Vec<[u8; 3]>, MessageError> {
-    let (bytes, blue_first) = match image.encoding.as_str() {
-        "rgb8" => (3, false),
-        "bgr8" => (3, true),
-        "rgba8" => (4, false),
-        "bgra8" => (4, true),
+    match image.encoding.as_str() {
+        "rgb8" => pixels(image, |rgb: &[u8; 3]| *rgb),
+        "bgr8" | "8UC3" => pixels(image, |[b, g, r]| [*r, *g, *b]),
+        "rgba8" => pixels(image, |[r, g, b, _]| [*r, *g, *b]),
+        "bgra8" | "8UC4" => pixels(image, |[b, g, r, _]| [*r, *g, *b]),
+        "mono8" | "8UC1" => pixels(image, |[gray]| [*gray; 3]),
         other => {
-            return Err(MessageError::Unsupported { field: "encoding", got: other.to_owned(), expected: "rgb8, bgr8, rgba8 or bgra8" });
+            let expected = "rgb8, bgr8, rgba8, bgra8, mono8, 8UC1, 8UC3 or 8UC4";
+            Err(MessageError::Unsupported { field: "encoding", got: other.to_owned(), expected })
         }
-    };
-    let pixel = |p: &[u8]| if blue_first { [p[2], p[1], p[0]] } else { [p[0], p[1], p[2]] };
-    Ok(image.rows(bytes)?.flat_map(|row| row.chunks_exact(bytes)).map(pixel).collect())
+    }
 }
 
-/// An organised cloud as pictures.
+/// Each pixel of `N` bytes as something else, row by row.
+fn pixels<const N: usize, T>(image: &RosImage, read: impl Fn(&[u8; N]) -> T) -> Result<Vec<T>, MessageError> {
+    let rows = image.rows(N)?;
+    // By what came and not by what the sizes promise.
+    let mut read_pixels = Vec::with_capacity(image.data.len() / N);
+    rows.for_each(|row| read_pixels.extend(row.as_chunks().0.iter().map(&read)));
+    Ok(read_pixels)
+}
+
+/// An organized cloud as pictures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CloudPicture {
     /// Depth, counts of [`DEPTH_UNIT_M`].
@@ -74,14 +83,14 @@ pub struct SampledPoint {
     pub point_m: [f32; 3],
 }
 
-/// The pictures of an organised cloud, which has a point per pixel.
+/// The pictures of an organized cloud, which has a point per pixel.
 ///
 /// # Errors
 /// [`MessageError`] for a cloud that is no picture.
 pub fn depth_of_cloud(cloud: &PointCloud2) -> Result<CloudPicture, MessageError> {
     if cloud.height < 2 {
         let got = format!("{} x {}", cloud.width, cloud.height);
-        return Err(MessageError::Unsupported { field: "height", got, expected: "organised clouds, one point per pixel" });
+        return Err(MessageError::Unsupported { field: "height", got, expected: ORGANIZED });
     }
     let (mut counts, mut colors, mut sample) = (Vec::new(), Vec::new(), Vec::new());
     let every = (cloud.width as usize * cloud.height as usize).div_ceil(SAMPLED_POINTS);
@@ -133,6 +142,7 @@ fn count_of(depth_m: f32) -> u16 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::common::Header;
     use crate::synthetic;
 
     #[test]
@@ -143,6 +153,47 @@ mod tests {
         info.p = [4.0, 0.0, 1.25, -0.2, 0.0, 4.5, 1.75, 0.0, 0.0, 0.0, 1.0, 0.0];
         assert_eq!(intrinsics(&info), Some([4.0, 4.5, 1.25, 1.75]));
         assert_eq!(model_of(&info, (4, 5), 0.001), None);
+    }
+
+    #[test]
+    fn every_encoding_gives_the_same_colors_and_depth_has_its_byte_order() {
+        let image = |encoding: &str, pixel: &[u8], is_bigendian: u8| {
+            // Two rows of one pixel, each followed by a byte of padding.
+            let row = [pixel, &[99]].concat();
+            let (step, data) = (row.len() as u32, row.repeat(2));
+            RosImage {
+                height: 2,
+                width: 1,
+                encoding: encoding.to_owned(),
+                is_bigendian,
+                step,
+                data: data.into(),
+                header: Header::default(),
+            }
+        };
+        let colors: [(&str, &[u8], [u8; 3]); 8] = [
+            ("rgb8", &[1, 2, 3], [1, 2, 3]),
+            ("bgr8", &[3, 2, 1], [1, 2, 3]),
+            ("8UC3", &[3, 2, 1], [1, 2, 3]),
+            ("rgba8", &[1, 2, 3, 4], [1, 2, 3]),
+            ("bgra8", &[3, 2, 1, 4], [1, 2, 3]),
+            ("8UC4", &[3, 2, 1, 4], [1, 2, 3]),
+            ("mono8", &[7], [7; 3]),
+            ("8UC1", &[7], [7; 3]),
+        ];
+        for (encoding, pixel, expected) in colors {
+            assert_eq!(color_of(&image(encoding, pixel, 0)), Ok(vec![expected; 2]), "{encoding}");
+        }
+        assert!(color_of(&image("yuv422", &[1, 2], 0)).is_err_and(|e| e.to_string().contains("yuv422")));
+        for encoding in ["16UC1", "mono16"] {
+            assert_eq!(depth_of_image(&image(encoding, &[1, 2], 0)), Ok((vec![0x0201; 2], 1e-3)));
+            assert_eq!(depth_of_image(&image(encoding, &[1, 2], 1)), Ok((vec![0x0102; 2], 1e-3)));
+        }
+        for (metres, count) in [(1.5f32, 15_000), (f32::NAN, 0), (-1.0, 0), (f32::INFINITY, 0)] {
+            assert_eq!(depth_of_image(&image("32FC1", &metres.to_be_bytes(), 1)), Ok((vec![count; 2], 1e-4)));
+        }
+        let long = RosImage { width: u32::MAX, step: u32::MAX, height: u32::MAX, ..image("rgb8", &[1, 2, 3], 0) };
+        assert!(matches!(color_of(&long), Err(MessageError::Short { .. })));
     }
 
     #[test]

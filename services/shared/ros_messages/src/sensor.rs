@@ -156,12 +156,13 @@ impl RosImage {
     /// The rows' pixels, `bytes_per_pixel` each, padding left out.
     ///
     /// # Errors
-    /// [`MessageError::Short`] when a row is shorter than its pixels.
+    /// [`MessageError::Short`] when a row is shorter than its pixels, or there are fewer rows than it says.
     pub fn rows(&self, bytes_per_pixel: usize) -> Result<impl Iterator<Item = &[u8]>, MessageError> {
         let (row, step) = (self.width as usize * bytes_per_pixel, self.step as usize);
         if row > step || row == 0 {
             return Err(MessageError::Short { message: "sensor_msgs/msg/Image", expected: row.max(1), got: step });
         }
+        check_length("sensor_msgs/msg/Image", self.height, self.step, self.data.len())?;
         Ok(self.data.chunks_exact(step).take(self.height as usize).map(move |chunk| &chunk[..row]))
     }
 }
@@ -183,20 +184,28 @@ impl PointCloud2 {
     /// [`MessageError`] when the bytes are no cloud, or hold fewer rows than they say.
     pub fn read(bytes: &[u8]) -> Result<Self, MessageError> {
         let cloud: Self = decode(bytes, "sensor_msgs/msg/PointCloud2")?;
-        check_length("sensor_msgs/msg/PointCloud2", cloud.height, cloud.row_step, cloud.data.len())?;
-        let row = u64::from(cloud.width) * u64::from(cloud.point_step);
-        if row > u64::from(cloud.row_step) || row == 0 {
-            let expected = usize::try_from(row.max(1)).unwrap_or(usize::MAX);
-            return Err(MessageError::Short { message: "sensor_msgs/msg/PointCloud2", expected, got: cloud.row_step as usize });
-        }
+        cloud.check_sizes()?;
         Ok(cloud)
+    }
+
+    /// Checks that its rows hold their points, and its data the rows.
+    fn check_sizes(&self) -> Result<(), MessageError> {
+        check_length("sensor_msgs/msg/PointCloud2", self.height, self.row_step, self.data.len())?;
+        let row = u64::from(self.width) * u64::from(self.point_step);
+        if row > u64::from(self.row_step) || row == 0 {
+            let expected = usize::try_from(row.max(1)).unwrap_or(usize::MAX);
+            return Err(MessageError::Short { message: "sensor_msgs/msg/PointCloud2", expected, got: self.row_step as usize });
+        }
+        Ok(())
     }
 
     /// Every point, row by row.
     ///
     /// # Errors
-    /// [`MessageError::Unsupported`] when x, y or z are missing or no 32-bit floats, or lie outside a point.
+    /// [`MessageError::Unsupported`] when x, y or z are missing or no 32-bit floats, or lie outside a point; [`MessageError::Short`] when there
+    /// is less than the sizes say.
     pub fn points(&self) -> Result<impl Iterator<Item = ColoredPoint> + '_, MessageError> {
+        self.check_sizes()?;
         let step = self.point_step as usize;
         let [x, y, z] = [self.offset("x")?, self.offset("y")?, self.offset("z")?];
         let rgb = self.fields.iter().find(|f| f.name == "rgb" || f.name == "rgba").map(|f| f.offset as usize).filter(|at| at + 4 <= step);
@@ -299,7 +308,8 @@ mod tests {
             if let Some(byte) = spoiled.get_mut(at) {
                 *byte = with;
             }
-            if let Ok(cloud) = PointCloud2::read(&spoiled)
+            // Also where nobody has checked the sizes, as in what comes live.
+            if let Ok(cloud) = decode::<PointCloud2>(&spoiled, "sensor_msgs/msg/PointCloud2")
                 && let Ok(points) = cloud.points()
             {
                 prop_assert!(points.count() <= 1 << 20);

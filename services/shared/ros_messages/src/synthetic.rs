@@ -70,7 +70,7 @@ pub fn info(frame_id: &str, side: u32) -> Vec<u8> {
     writer.message()
 }
 
-/// An organised cloud of `side` by `side` points, by row and column.
+/// An organized cloud of `side` by `side` points, by row and column.
 pub fn cloud(frame_id: &str, side: u32, point: impl Fn(u32, u32) -> [f32; 3]) -> Vec<u8> {
     let mut writer = CdrWriter::default();
     writer.u32(7).u32(0).text(frame_id).u32(side).u32(side).u32(3);

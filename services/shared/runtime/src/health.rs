@@ -13,7 +13,7 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 use crate::{RuntimeError, Session};
 
 /// Every metric that a process tells: its name, and what it counts. Boards and alerts name these and no others.
-pub const METRICS: [(&str, &str); 20] = [
+pub const METRICS: [(&str, &str); 22] = [
     ("repose_requests_total", "Calls that ended, by service, method and code (`result` or an error's)"),
     ("repose_request_seconds", "From a call's arrival to its end, seconds"),
     ("repose_queue_seconds", "From a job's submission to the moment that a thread took it, seconds"),
@@ -31,6 +31,8 @@ pub const METRICS: [(&str, &str); 20] = [
     ("repose_router_refused_total", "Logins and messages that the router refused"),
     ("repose_perception_frames_total", "Frames by what they became"),
     ("repose_perception_frame_to_scene_seconds", "From a frame's arrival to its scene, seconds"),
+    ("repose_ros2_pictures_total", "Pictures of a ROS 2 camera by what they became"),
+    ("repose_ros2_picture_to_frame_seconds", "From the arrival of a frame's last picture to the frame on the wire, seconds"),
     ("repose_scenes_held", "Scenes that a worker holds by id"),
     ("process_resident_memory_bytes", "Memory of the process"),
     ("process_open_fds", "Open file descriptors of the process"),

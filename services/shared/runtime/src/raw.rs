@@ -4,7 +4,7 @@
 //! threads never block, buffers are bounded, and what must wait for room does so on threads that may.
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use zenoh::Wait;
@@ -31,6 +31,15 @@ pub struct RawMessage {
     pub payload: Bytes,
     /// Its attachment; empty without one.
     pub attachment: Bytes,
+}
+
+/// A message of a subscription.
+#[derive(Debug, Clone)]
+pub struct Arrived {
+    /// What came.
+    pub message: RawMessage,
+    /// When it came, on the receiving thread: however long it waits then, this is its age.
+    pub arrived: Instant,
 }
 
 /// The recipients of a query.
@@ -105,7 +114,8 @@ impl RawSession {
             .declare_subscriber(key.to_owned())
             .callback(move |sample| {
                 if sample.kind() == SampleKind::Put {
-                    sender.push(message_of(&sample));
+                    let arrived = Instant::now();
+                    sender.push(Arrived { message: message_of(&sample), arrived });
                 }
             })
             .await
@@ -198,13 +208,13 @@ impl RawSession {
 
 /// A subscription with a bounded buffer that drops the oldest.
 pub struct RawSubscription {
-    messages: MailboxReceiver<RawMessage>,
+    messages: MailboxReceiver<Arrived>,
     _declaration: Guard,
 }
 
 impl RawSubscription {
     /// The next message, or none when the session has closed. Cancel safe.
-    pub async fn recv(&mut self) -> Option<RawMessage> {
+    pub async fn recv(&mut self) -> Option<Arrived> {
         self.messages.recv().await
     }
 
