@@ -5,7 +5,7 @@ use repose_franka::DriverError;
 use repose_runtime::{Session, Shutdown, load_config, start_metrics};
 
 use crate::client::{self, SystemArgs, client_config};
-use crate::failure::{Failure, Outcome};
+use crate::failure::{CommandResult, Failure};
 
 /// Arguments of `driver`.
 #[derive(Debug, Args)]
@@ -23,7 +23,7 @@ pub enum Driven {
 }
 
 /// Runs until SIGTERM or SIGINT; an arm that moves comes to rest first.
-pub async fn run(args: &DriverArgs) -> Outcome {
+pub async fn run(args: &DriverArgs) -> CommandResult {
     let Driven::Franka(system) = &args.robot;
     let shutdown = Shutdown::on_signals()?;
     start_metrics()?;

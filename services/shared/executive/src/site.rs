@@ -110,7 +110,7 @@ pub trait Site: Send + Sync {
     ///
     /// # Errors
     /// As [`Site::view_after`]; `unavailable` where the robot tells no state.
-    fn fresh_view(&self) -> impl Future<Output = Result<View, CallError>> + Send {
+    fn fresh_view(&self) -> impl Future<Output = Result<IdentifiedScene, CallError>> + Send {
         async { self.view_after(self.state().await?.stamp_ns).await }
     }
 
