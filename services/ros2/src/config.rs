@@ -1,13 +1,15 @@
 //! The bridge's configuration, section `[ros2]`: which topics are which cameras and robots. Unknown fields are refused.
 
 mod camera;
+mod checks;
 
-use repose_proto::{RigidTransform, keys};
+use repose_proto::RigidTransform;
 use repose_runtime::{SessionConfig, SessionMode};
 use serde::Deserialize;
 
 use crate::error::BridgeError;
-use crate::wire::names;
+
+use checks::{check_chunk, check_name, check_pose, within};
 
 pub use camera::{CameraConfig, DepthSource, is_packed};
 
@@ -167,22 +169,6 @@ impl RobotConfig {
         within(&format!("{field}.following_tolerance_rad"), self.following_tolerance_rad, 0.001, 1.0)?;
         within(&format!("{field}.controller_timeout_ms"), self.controller_timeout_ms as f64, 50.0, 60_000.0)
     }
-}
-
-fn check_name(field: &str, name: &str) -> Result<(), BridgeError> {
-    names::check(name).map_err(|e| BridgeError::config(field, e.to_string()))
-}
-
-fn check_chunk(field: &str, name: &str) -> Result<(), BridgeError> {
-    keys::validate_chunk(field, name).map_err(|e| BridgeError::config(field, e.message))
-}
-
-fn check_pose(field: &str, pose: Option<&RigidTransform>) -> Result<(), BridgeError> {
-    pose.map_or(Ok(()), |pose| pose.validate(field)).map_err(|e| BridgeError::config(field, e.message))
-}
-
-fn within(field: &str, value: f64, low: f64, high: f64) -> Result<(), BridgeError> {
-    if (low..=high).contains(&value) { Ok(()) } else { Err(BridgeError::config(field, format!("expected {low} to {high}, got {value}"))) }
 }
 
 #[cfg(test)]

@@ -103,7 +103,7 @@ mod tests {
         for (got, expected) in [(camera.fx, 50.0), (camera.fy, 52.0), (camera.cx, 18.5), (camera.cy, 21.0)] {
             assert!((got - expected).abs() < 1e-3, "{got} is not {expected}");
         }
-        let holes = of(|row, column| if (row + column) % 3 == 0 { [f32::NAN; 3] } else { seen(row, column) });
+        let holes = of(|row, column| if (row + column).is_multiple_of(3) { [f32::NAN; 3] } else { seen(row, column) });
         assert!(holes.is_ok_and(|held| (held.fx - camera.fx).abs() < 1e-3));
         let cloud = PointCloud2::read(&synthetic::cloud("optical", SIDE, seen)).expect("a cloud");
         let sight = sight(&cloud).expect("a picture");

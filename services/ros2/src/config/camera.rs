@@ -3,7 +3,7 @@
 use repose_proto::RigidTransform;
 use serde::Deserialize;
 
-use super::{check_chunk, check_name, check_pose, within};
+use super::checks::{check_chunk, check_name, check_pose, within};
 use crate::error::BridgeError;
 
 /// One camera: the topics that its frames are made of.
