@@ -261,12 +261,12 @@ def light2(settings):
 def networks(settings):
     """A cell and an office in networks of their own."""
     for trial in settings.trials:
-        command = [sys.executable, str(TRIALS), "--program", settings.program, trial]
+        command = [sys.executable, str(TRIALS), "--program", settings.program, *(["--brief"] if settings.brief else []), trial]
         began = datetime.datetime.now(datetime.timezone.utc)
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         for printed in process.stdout:
             document = {
-                "group": "networks", "command": f"tests/networks/trials.py {trial}", "commit": settings.commit,
+                "group": "networks", "command": " ".join(["tests/networks/trials.py", *command[4:]]), "commit": settings.commit,
                 "began": began.isoformat(timespec="seconds"), "load": os.getloadavg()[0], "cores": os.cpu_count(), **json.loads(printed),
             }
             with open(settings.out, "a", encoding="utf-8") as out:
@@ -319,6 +319,7 @@ def main():
     parser.add_argument("--requests", type=int, default=400, help="requests of a run of capacity")
     parser.add_argument("--light-cells", type=int, nargs="+", default=[1, 10, 50, 200], help="light cells of a run of light")
     parser.add_argument("--trials", nargs="+", default=["delay", "narrow", "execute", "cut", "clocks"], help="trials of networks")
+    parser.add_argument("--brief", action="store_true", help="fewer cases of each trial")
     parser.add_argument("--minutes", type=float, default=10.0, help="length of a run with faults, and of the soak")
     parser.add_argument("--out", default=pathlib.Path(__file__).parent / "runs.jsonl", help="where documents are appended")
     settings = parser.parse_args()

@@ -42,28 +42,29 @@ pub struct Clock {
     pub lag_ms: f64,
 }
 
-impl Clock {
-    fn is_off(&self) -> bool {
-        self.lag_ms < -AHEAD_MS || self.lag_ms > BEHIND_MS
-    }
+/// Whether a lag says that a clock is off.
+fn is_off(lag_ms: f64) -> bool {
+    lag_ms < -AHEAD_MS || lag_ms > BEHIND_MS
 }
 
 /// What is wrong with the clocks, a sentence each.
 pub fn wrong_with(clocks: &[Clock]) -> Vec<String> {
     let mut wrong = apart_in_the_cell(clocks);
     let middle_ms = middle(clocks.iter().map(|clock| clock.lag_ms).collect());
-    let agree = clocks.iter().all(|clock| clock.is_off() && (clock.lag_ms - middle_ms).abs() < ALIKE_MS);
-    if agree && clocks.len() > 1 {
+    let alike = clocks.iter().filter(|clock| (clock.lag_ms - middle_ms).abs() < ALIKE_MS).count();
+    // Where most agree that it is off, it is this host's that is.
+    let is_ours = is_off(middle_ms) && alike > 1 && alike * 2 > clocks.len();
+    if is_ours {
         let (seconds, which) = off(-middle_ms);
         wrong.push(format!(
-            "this host's clock is {seconds:.1} s {which} all others: ages told here are off by as much, and nothing else is"
+            "this host's clock is {seconds:.1} s {which} the others': ages told here are off by as much, and nothing else is"
         ));
-        return wrong;
     }
-    for clock in clocks.iter().filter(|clock| clock.is_off()) {
-        let (seconds, which) = off(clock.lag_ms);
-        let or_late = if clock.lag_ms > 0.0 { ", or it is late" } else { "" };
-        wrong.push(format!("the clock of {} is {seconds:.1} s {which} this host's{or_late}", clock.of));
+    let (right_ms, whose) = if is_ours { (middle_ms, "the others'") } else { (0.0, "this host's") };
+    for clock in clocks.iter().filter(|clock| is_off(clock.lag_ms - right_ms)) {
+        let (seconds, which) = off(clock.lag_ms - right_ms);
+        let or_late = if clock.lag_ms > right_ms { ", or it is late" } else { "" };
+        wrong.push(format!("the clock of {} is {seconds:.1} s {which} {whose}{or_late}", clock.of));
     }
     wrong
 }
@@ -121,9 +122,11 @@ mod tests {
         let planner = wrong_with(&clocks(1.0, 100.0, -2000.0));
         assert_eq!(planner, ["the clock of planner planner-1 is 2.0 s ahead of this host's"]);
         let ours = wrong_with(&clocks(-2000.0, -1800.0, -2000.0));
-        assert_eq!(ours, ["this host's clock is 2.0 s behind all others: ages told here are off by as much, and nothing else is"]);
+        assert_eq!(ours, ["this host's clock is 2.0 s behind the others': ages told here are off by as much, and nothing else is"]);
         let ours = wrong_with(&clocks(2000.0, 2200.0, 2000.0));
-        assert!(ours.len() == 1 && ours[0].contains("2.0 s ahead of all others"), "{ours:?}");
+        assert!(ours.len() == 1 && ours[0].contains("2.0 s ahead of the others'"), "{ours:?}");
+        let both = wrong_with(&clocks(-2000.0, -1800.0, -4000.0));
+        assert!(both.len() == 2 && both[1] == "the clock of planner planner-1 is 2.0 s ahead of the others'", "{both:?}");
     }
 
     #[test]

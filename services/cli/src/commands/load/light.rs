@@ -8,7 +8,7 @@ use std::time::Duration;
 use async_trait::async_trait;
 use repose_proto::perception::SceneRequest;
 use repose_proto::robot::RobotState;
-use repose_proto::{CallError, Payload, Scene, Service};
+use repose_proto::{CallError, Payload, Scene, SceneSummary, Service};
 use repose_runtime::{Call, Handler, Publisher, RuntimeConfig, Server, Session, Traffic, now_ns};
 use serde_json::json;
 use tokio::task::JoinSet;
@@ -93,13 +93,14 @@ impl LightCell {
         let states = robot.publisher(robot.cell().robot_state(ROBOT), Traffic::RobotState);
         let (putting, mut seq) = (counts.clone(), 0);
         streams.spawn(put_again_and_again(states, rates.states_per_s, move || {
-            (putting.states_put.fetch_add(1, Ordering::Relaxed), seq += 1);
+            putting.states_put.fetch_add(1, Ordering::Relaxed);
+            seq += 1;
             standing(seq).and_then(|state| Payload::json(&state))
         }));
         let summaries = session.publisher(session.cell().scene(CAMERA), Traffic::Scene);
         streams.spawn(put_again_and_again(summaries, rates.summaries_per_s, move || {
             counts.summaries_put.fetch_add(1, Ordering::Relaxed);
-            Payload::json(&repose_proto::SceneSummary { stamp_ns: now_ns(), ..summary.clone() })
+            Payload::json(&SceneSummary { stamp_ns: now_ns(), ..summary.clone() })
         }));
         Ok(Self { scene_id, session, robot, perception, streams })
     }
