@@ -45,7 +45,7 @@ impl Endpoints {
     /// A scene by its id.
     fn scene(&self, call: &Call) -> Result<Payload, CallError> {
         let SceneRequest { scene_id } = call.payload.decode_json()?;
-        Ok(self.worker.scenes().get(&scene_id)?.payload.clone())
+        Ok(self.worker.scene(&scene_id)?.payload.clone())
     }
 }
 
