@@ -282,7 +282,7 @@ impl CameraFollower {
         let stamp_ns = scene.summary.stamp_ns;
         let arrival = known.take(&scene);
         if arrival != Arrival::Late {
-            self.worker.keep(scene);
+            self.worker.keep_streamed(scene);
         }
         match arrival {
             Arrival::Newest => {}

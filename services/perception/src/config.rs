@@ -30,6 +30,9 @@ pub struct PerceptionConfig {
     pub scenes_kept: usize,
     /// Most bytes of those scenes. The older go first.
     pub scenes_kept_bytes: usize,
+    /// How long a camera's scene that nobody asks for can be asked for once there is a newer one, milliseconds; where there is no room it goes
+    /// sooner. Raising it gives whoever has read an id more time, at about 5 MB for every scene of that time.
+    pub unasked_kept_ms: u64,
     /// How frames become scenes.
     pub segmentation: Settings,
 }
@@ -45,6 +48,7 @@ impl Default for PerceptionConfig {
             late_within_ms: 1000,
             scenes_kept: 32,
             scenes_kept_bytes: 256 << 20,
+            unasked_kept_ms: 3000,
             segmentation: Settings::default(),
         }
     }

@@ -45,7 +45,7 @@ impl Endpoints {
     /// A scene by its id, packed for whoever is at the end of a slow network.
     async fn scene(&self, call: &Call) -> Result<Payload, CallError> {
         let SceneRequest { scene_id, packed } = call.payload.decode_json()?;
-        let plain = self.worker.scenes().get(&scene_id)?.payload.clone();
+        let plain = self.worker.scene(&scene_id)?.payload.clone();
         if !packed {
             return Ok(plain);
         }

@@ -29,7 +29,7 @@
 //! | [`robots`] | telling robots and what they hold from the rest of the picture |
 //! | [`scene`] | the scene's points, summaries of its objects, unseen space |
 //! | [`sources`] | frames from disk: folders, sequences of pictures, recordings of ROS 2 |
-//! | [`cameras`], [`endpoints`], [`worker`], [`newest_scenes`] | the service that [`run`] starts: it follows cameras, publishes a summary of each new scene, keeps the newest scenes by id, and answers `segment`, `latest` and `scene` |
+//! | [`cameras`], [`endpoints`], [`worker`], [`newest_scenes`], [`unasked`] | the service that [`run`] starts: it follows cameras, publishes a summary of each new scene, keeps the newest scenes by id, and answers `segment`, `latest` and `scene` |
 
 pub mod cameras;
 pub mod config;
@@ -48,6 +48,7 @@ pub mod sources;
 pub mod supports;
 #[cfg(test)]
 mod synthetic;
+pub mod unasked;
 pub mod view;
 pub mod worker;
 

@@ -142,11 +142,18 @@ fn doubts(
 ) -> Vec<SceneWarning> {
     /// No depth camera measures below this, metres.
     const NEAREST_M: f32 = 0.05;
+    /// A place of a few decimetres that is taken for metres lies beyond this; halls and yards do not, metres.
+    const FARTHEST_M: f64 = 100.0;
     let readings = || coarse.depth_m.pixels().iter().filter(|z| !z.is_nan());
     let near = readings().filter(|z| **z < NEAREST_M).count();
     if 2 * near > readings().count() {
         let message = format!("most readings are nearer than {:.0} mm: is it metres per count?", NEAREST_M * 1e3);
         return vec![SceneWarning { field: "depth_unit_m".to_owned(), message }];
+    }
+    let from_origin_m = coarse.world_from_camera.translation.vector.norm();
+    if world_frame == WorldFrame::Extrinsics && from_origin_m > FARTHEST_M {
+        let message = format!("the camera stands {from_origin_m:.0} m from the world's origin: is its place in millimetres?");
+        return vec![SceneWarning { field: "world_from_camera".to_owned(), message }];
     }
     if surfaces.iter().any(|s| s.object.is_none()) {
         return Vec::new();
@@ -288,6 +295,20 @@ mod tests {
         assert_eq!(thin.points.len(), 5000);
         let share = |scene: &Scene| scene.points_of(9).count() as f64 / scene.points.len() as f64;
         assert!((share(&all) - share(&thin)).abs() < 0.01);
+    }
+
+    #[test]
+    fn a_place_in_millimetres_is_doubted_and_a_right_one_is_not() {
+        let (frame, world_from_camera) = frame();
+        let warned = |unit: f64| {
+            let mut pose = to_row_major(&world_from_camera);
+            [3, 7, 11].into_iter().for_each(|k| pose[k] *= unit);
+            let camera = CameraModel { world_from_camera: Some(RigidTransform(pose)), ..frame.camera.clone() };
+            segment(&Frame { camera, ..frame.clone() }, &Settings::default()).unwrap().meta.warnings
+        };
+        assert_eq!(warned(1.0), []);
+        let [warning] = &warned(1000.0)[..] else { panic!("one warning") };
+        assert!(warning.field == "world_from_camera" && warning.message.contains("860 m"), "{warning:?}");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The compute side of the service: the bounded queue, the threads that segment, and the scenes that were made.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, Frame, Payload, Scene};
@@ -12,12 +12,14 @@ use crate::newest_scenes::{KeptScene, NewestScenes};
 use crate::robots::states::RobotStates;
 use crate::segment::segment;
 use crate::settings::Settings;
+use crate::unasked::Unasked;
 
 /// Segments frames on its own threads and keeps the scenes.
 pub struct Worker {
     queue: ComputeQueue,
     settings: Arc<Settings>,
     scenes: SceneStore<KeptScene>,
+    unasked: Mutex<Unasked>,
     newest: Mutex<NewestScenes>,
     robots: Arc<Mutex<RobotStates>>,
 }
@@ -49,6 +51,7 @@ impl Worker {
             queue: ComputeQueue::start(settings)?,
             settings: Arc::new(config.segmentation.clone()),
             scenes: SceneStore::new(config.scenes_kept, config.scenes_kept_bytes, |scene| scene.payload.bytes.len()),
+            unasked: Mutex::new(Unasked::new(Duration::from_millis(config.unasked_kept_ms), config.scenes_kept)),
             newest: Mutex::new(NewestScenes::new(config.newest_limits())),
             robots: Arc::default(),
         })
@@ -68,15 +71,39 @@ impl Worker {
         self.robots.lock().unwrap_or_else(PoisonError::into_inner).put(robot, state);
     }
 
-    /// The scenes that can be asked for by id.
-    pub fn scenes(&self) -> &SceneStore<KeptScene> {
-        &self.scenes
+    /// The scene of that id, which stays longer from now on.
+    ///
+    /// # Errors
+    /// `not_found` on `scene_id`.
+    pub fn scene(&self, scene_id: &str) -> Result<Arc<KeptScene>, CallError> {
+        self.unasked().asked(scene_id);
+        self.scenes.get(scene_id)
     }
 
-    /// Keeps a scene under its id. The same content again is kept once, as it came last.
+    /// Keeps a scene that a caller had made under its id. The same content again is kept once, as it came last.
     pub fn keep(&self, scene: Arc<KeptScene>) {
         let scene_id = scene.summary.scene_id.clone();
+        self.unasked().asked(&scene_id);
         self.scenes.keep_over(&scene_id, scene, |_| true);
+    }
+
+    /// Keeps a scene of a camera likewise, and lets those go that nobody asked for in time.
+    pub fn keep_streamed(&self, scene: Arc<KeptScene>) {
+        let scene_id = scene.summary.scene_id.clone();
+        let mut was_held = false;
+        let was_held_of = |_: &KeptScene| {
+            was_held = true;
+            true
+        };
+        self.scenes.keep_over(&scene_id, scene, was_held_of);
+        for over in self.unasked().came(&scene_id, was_held, Instant::now()) {
+            self.scenes.let_go(&over);
+        }
+    }
+
+    fn unasked(&self) -> MutexGuard<'_, Unasked> {
+        // Every change leaves it whole, so a panic elsewhere under the lock does not spoil it.
+        self.unasked.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Which scene is each camera's newest.

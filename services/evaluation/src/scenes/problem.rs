@@ -33,6 +33,8 @@ pub struct ProblemSettings {
     pub min_points: usize,
     /// Cameras tried per scene until two objects are seen well enough.
     pub viewpoints: usize,
+    /// The relations that goals are drawn of.
+    pub relations: Vec<Relation>,
 }
 
 impl Default for ProblemSettings {
@@ -44,6 +46,7 @@ impl Default for ProblemSettings {
             perception: repose_perception::Settings::default(),
             min_points: 300,
             viewpoints: 20,
+            relations: GOAL_RELATIONS.to_vec(),
         }
     }
 }
@@ -110,7 +113,7 @@ impl Problem {
             let CameraView { camera, world_from_camera, frame, observed } = view;
             let viewer = ViewerFrame::from_camera(&world_from_camera);
             let seen: Vec<u16> = observed.meta.objects.iter().filter(|o| o.points >= settings.min_points).map(|o| o.id).collect();
-            let Some((query, goal)) = open_goal(&truth, &viewer, &seen, &mut rng) else { continue };
+            let Some((query, goal)) = open_goal(&truth, &viewer, &seen, &settings.relations, &mut rng) else { continue };
             return Some(Self { seed, truth, camera, world_from_camera, viewer, frame, observed, query, goal });
         }
         None
@@ -170,7 +173,7 @@ pub fn frame_drawn(
 }
 
 /// A random query, anchor and relation among the objects seen, such that the relation does not hold. The query carries nothing.
-fn open_goal(scene: &SimulatedScene, viewer: &ViewerFrame, seen: &[u16], rng: &mut Pcg64) -> Option<(u16, GoalTerm)> {
+fn open_goal(scene: &SimulatedScene, viewer: &ViewerFrame, seen: &[u16], of: &[Relation], rng: &mut Pcg64) -> Option<(u16, GoalTerm)> {
     let n = scene.objects.len();
     let relations = scene.relations(viewer);
     let carries = |i: usize| (0..n).any(|j| j != i && relations[j * n + i][Relation::Above.index()] && scene.gaps_m[i * n + j] < 0.002);
@@ -181,10 +184,8 @@ fn open_goal(scene: &SimulatedScene, viewer: &ViewerFrame, seen: &[u16], rng: &m
         let anchors: Vec<u16> = seen.iter().copied().filter(|a| *a != query).collect();
         let Some(&anchor) = anchors.choose(rng) else { continue };
         let (i, j) = (index(query)?, index(anchor)?);
-        let first = rng.random_range(0..GOAL_RELATIONS.len());
-        let open = (0..GOAL_RELATIONS.len())
-            .map(|k| GOAL_RELATIONS[(first + k) % GOAL_RELATIONS.len()])
-            .find(|relation| !relations[i * n + j][relation.index()]);
+        let first = rng.random_range(0..of.len());
+        let open = (0..of.len()).map(|k| of[(first + k) % of.len()]).find(|relation| !relations[i * n + j][relation.index()]);
         if let Some(relation) = open {
             return Some((query, GoalTerm { relation, anchor, holds: true }));
         }

@@ -69,10 +69,9 @@ fn cannot_split(i: usize, id: u16) -> CallError {
 /// Refuses ids that no pixel has.
 fn known(labels: &Image<u16>, ids: &[u16], field: &str) -> Result<(), CallError> {
     let present: BTreeSet<u16> = labels.pixels().iter().copied().filter(|id| *id != 0).collect();
-    match ids.iter().find(|id| !present.contains(id)) {
-        Some(id) => Err(CallError::invalid(field, format!("there is no {id}; without hints the frame has {present:?}"))),
-        None => Ok(()),
-    }
+    let Some(id) = ids.iter().find(|id| !present.contains(id)) else { return Ok(()) };
+    let present: Vec<String> = present.iter().map(u16::to_string).collect();
+    Err(CallError::invalid(field, format!("there is no {id}; without hints the frame has {}", present.join(", "))))
 }
 
 /// Gives all ids the first.

@@ -68,6 +68,15 @@ impl<T> SceneStore<T> {
         scene
     }
 
+    /// Lets a scene go, if it is held.
+    pub fn let_go(&self, scene_id: &str) {
+        let mut held = self.held();
+        if let Some(gone) = held.scenes.pop(scene_id) {
+            held.bytes -= (self.weigh)(&gone);
+        }
+        metrics::gauge!("repose_scenes_held").set(held.scenes.len() as f64);
+    }
+
     /// Keeps a scene that a request enclosed, in the form that `form` gives it. Hashes the scene: not for async code.
     ///
     /// # Errors

@@ -14,6 +14,7 @@ use repose_evaluation::scenes::perturbation::Perturbation;
 use repose_evaluation::scenes::planner_scene::{PlannerSceneSettings, SceneSet, TriedScene};
 use repose_evaluation::scenes::problem::ProblemSettings;
 use repose_evaluation::tables::planner::{PlannerTableSettings, evaluate_planner, planner_tables};
+use repose_proto::Relation;
 use repose_proto::place::Variant;
 use repose_simulator::scene::SceneKind;
 
@@ -51,6 +52,9 @@ pub struct EvaluatePlannerArgs {
     /// holes (shiny objects), 320x240.
     #[arg(long, value_name = "FAULT", value_parser = parse_perturbation)]
     pub perturb: Option<Perturbation>,
+    /// Draw goals of this relation (left_of, above, near, …); repeat for more. Default: left_of, right_of, in_front_of and behind.
+    #[arg(long = "relation", value_name = "RELATION")]
+    pub relations: Vec<Relation>,
     /// Split, weights and threads.
     #[command(flatten)]
     pub common: TableArgs,
@@ -66,10 +70,13 @@ pub struct EvaluatePlannerArgs {
 pub fn run(args: &EvaluatePlannerArgs, output: Output) -> CommandResult {
     let mut settings = settings_of(args)?;
     let engine = args.common.engine()?;
-    let made_with = serde_json::json!({
+    let mut made_with = serde_json::json!({
         "weights_hash": engine.weights_hash(), "variants": settings.scene.variants,
         "answers": settings.scene.answers, "objects": folder_name(args.objects.as_deref()), "perturb": args.perturb,
     });
+    if !args.relations.is_empty() {
+        made_with["relations"] = serde_json::json!(args.relations);
+    }
     let scenes = args.common.first("planner", &made_with)?;
     settings.first += scenes.first;
     let mut head = made_with.clone();
@@ -100,7 +107,10 @@ pub fn run(args: &EvaluatePlannerArgs, output: Output) -> CommandResult {
 }
 
 fn settings_of(args: &EvaluatePlannerArgs) -> Result<PlannerTableSettings, Failure> {
-    let own = ProblemSettings { perception: repose_local::segmentation()?, ..ProblemSettings::default() };
+    let mut own = ProblemSettings { perception: repose_local::segmentation()?, ..ProblemSettings::default() };
+    if !args.relations.is_empty() {
+        own.relations.clone_from(&args.relations);
+    }
     let mut of_meshes = own.clone();
     if let Some(folder) = &args.objects {
         only_meshes(&mut of_meshes.scene, folder)?;
