@@ -45,7 +45,7 @@ class Programs:
         with open(self.path(name), "ab") as log:
             self.running[name] = subprocess.Popen([REPOSE, *arguments, "--connect", self.endpoint], stdout=log, stderr=log)
 
-    def signal(self, name, what):
+    def send(self, name, what):
         self.running[name].send_signal(what)
 
     def end(self, name, how=signal.SIGTERM):

@@ -159,12 +159,14 @@ proptest! {
             _ => bench.side.end(),
         }
         bench.run(1500);
-        prop_assert_eq!(bench.stopped_by().as_deref(), Some(kind));
+        let stopped_by = bench.stopped_by();
+        prop_assert_eq!(stopped_by.as_deref(), Some(kind));
         let stands = bench.robot.held_rad;
         let again = bench.last.clone().expect("a command was sent");
         bench.seq += 1;
         let seq = bench.seq;
-        prop_assert!(bench.send(RobotCommand { seq, ..again }).is_err());
+        let taken = bench.send(RobotCommand { seq, ..again });
+        prop_assert!(taken.is_err(), "what it was told before is not done afterwards");
         bench.run(200);
         prop_assert_eq!(bench.robot.held_rad, stands);
         prop_assert_eq!(&bench.robot.violations, &Vec::<String>::new());
