@@ -100,6 +100,10 @@ class Client:
         state = self.is_in("stopped")
         return state["stop"]["kind"] if state else None
 
+    def is_taken(self):
+        """Whether the last command was taken."""
+        return self.state["owner"] == self.owner and self.state["last_command"] == self.seq
+
     def own(self):
         """Takes the robot over: under a higher epoch than any before."""
         owner = self.state["owner"]

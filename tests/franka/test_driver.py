@@ -29,6 +29,11 @@ BULK = "application/octet-stream;repose.MotionPlanRequest.v1"
 PLAN = "application/json;repose.MotionPlan.v1"
 
 
+def apart(a, b):
+    """The furthest that a joint is from where it is in another configuration, radians."""
+    return max(abs(x - y) for x, y in zip(a, b))
+
+
 class System:
     """The robot, its driver, motion, and a client."""
 
@@ -69,15 +74,18 @@ class System:
 
     def go_to(self, to_rad, span_s=2.0):
         """Moves the arm by set-points; it has to arrive."""
-        until(lambda: f"the arm stands; {self.client.state}", lambda: self.client.is_in("idle"))
-        self.client.stream(to_rad, span_s)
+        client = self.client
+        state = until(lambda: f"the arm stands; {client.state}", lambda: client.is_in("idle"))
+        if apart(state["q_rad"], to_rad) < 1e-6:
+            return
+        client.stream(to_rad, span_s)
 
         def there():
-            assert self.client.stopped_by() is None, (self.client.state["stop"], self.robot.log())
-            state = self.client.is_in("idle")
-            return state and max(abs(a - b) for a, b in zip(state["q_rad"], to_rad)) < 1e-4
+            assert client.stopped_by() is None, (client.state["stop"], self.robot.log())
+            state = client.is_in("idle")
+            return state and client.is_taken() and apart(state["q_rad"], to_rad) < 1e-6
 
-        until(lambda: f"the arm arrives; {self.client.state}", there, 60)
+        until(lambda: f"the arm arrives; {client.state}", there, 60)
 
     def close(self):
         self.programs.close()
@@ -123,7 +131,7 @@ def at_rest_and_stays(system, kind):
     client.command(ttl_ms=500, starts_stream=True, ends_stream=True, set_points=[{"t_ms": 0.0, "q_rad": stands, "dq_rad_s": [0.0] * 7}])
     end = time.monotonic() + 1.0
     while time.monotonic() < end:
-        assert client.stopped_by() in (kind, None) and max(abs(a - b) for a, b in zip(client.state["q_rad"], stands)) < 2e-3
+        assert client.stopped_by() in (kind, None) and apart(client.state["q_rad"], stands) < 2e-3
         time.sleep(0.02)
     assert client.stopped_by() == kind
 
@@ -141,7 +149,7 @@ def test_it_comes_home_on_a_way_that_motion_plans(system):
     home = system.programs.robot("home")
     assert home.returncode == 0, home.stderr
     state = until("it stands", lambda: system.client.is_in("idle"))
-    assert max(abs(a - b) for a, b in zip(state["q_rad"], READY_RAD)) < 1e-3
+    assert apart(state["q_rad"], READY_RAD) < 1e-3
 
 
 def test_it_carries_out_a_pick_and_place_that_motion_plans(at_ready):

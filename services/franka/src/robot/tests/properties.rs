@@ -123,8 +123,10 @@ proptest! {
     fn no_set_point_breaks_a_limit_and_no_stop_clears_itself(
         script in prop::collection::vec(acts(), 1..16),
         model in prop_oneof![Just(Model::Panda), Just(Model::Fr3)],
+        sag_rad in prop_oneof![Just(0.0), -0.004..0.004f64],
     ) {
         let mut bench = Bench::new(model);
+        bench.robot.sag_rad = sag_rad;
         for (next, milliseconds) in &script {
             let (stopped, recoveries) = (bench.side.stop().is_some(), bench.robot.recoveries);
             let is_reset = act(&mut bench, next);

@@ -158,6 +158,11 @@ impl Arm {
         self.grasps.as_ref().filter(|_| self.grips)
     }
 
+    /// Whether the last gripper action was to grasp something, as far as it was told.
+    pub fn is_to_grasp(&self) -> bool {
+        self.grasps.is_some()
+    }
+
     /// Says where the joints were measured, radians.
     pub fn measured(&mut self, measured_rad: &Joints) {
         let set_rad = self.motion.position_rad;
