@@ -4,7 +4,8 @@
 //! carries them to the robot. Between streams the robot holds itself where it is, and the arm stands there. A stream that is taken begins a motion
 //! of the robot; the stream's clock starts with the motion's first millisecond. At every millisecond the arm says the next set-point; once it
 //! has stood for [`SETTLE_MS`], the motion ends. Where the robot holds its joints a little off where the arm stands (it takes them as they are
-//! when a motion ends), set-points begin there, and what is between the two fades out within the limits. Whatever ends it otherwise latches a stop under the robot's own name for it.
+//! when a motion ends), set-points begin there, and what is between the two fades out within the limits. Whatever ends a motion otherwise
+//! latches a stop under the robot's own name for it.
 //!
 //! Clearing a stop is up to the contract's `reset` alone: only a command that would clear it has the robot acknowledge its errors, and it
 //! clears once the robot is ready. While the user stop is pressed, nothing is cleared.
