@@ -45,7 +45,7 @@ class Programs:
         with open(self.path(name), "ab") as log:
             self.running[name] = subprocess.Popen([REPOSE, *arguments, "--connect", self.endpoint], stdout=log, stderr=log)
 
-    def signal(self, name, what):
+    def send(self, name, what):
         self.running[name].send_signal(what)
 
     def end(self, name, how=signal.SIGTERM):
@@ -99,6 +99,10 @@ class Client:
     def stopped_by(self):
         state = self.is_in("stopped")
         return state["stop"]["kind"] if state else None
+
+    def is_taken(self):
+        """Whether the last command was taken."""
+        return self.state["owner"] == self.owner and self.state["last_command"] == self.seq
 
     def own(self):
         """Takes the robot over: under a higher epoch than any before."""

@@ -35,8 +35,9 @@ def plan_request(start_rad, scene_id, robot="panda"):
         "completeness": 1.0,
     }
     camera = {"width": 640, "height": 480, "fx": 525.0, "fy": 525.0, "cx": 319.5, "cy": 239.5, "depth_unit_m": 0.001}
-    # x to the camera's right is the world's y, and it looks down at the table from the far side.
-    camera["world_from_camera"] = [0, 0.743, -0.669, 1.3, 1, 0, 0, 0.0, 0, -0.669, -0.743, 0.9, 0, 0, 0, 1]
+    # It looks from the far side at the table's middle, 0.8 m ahead of it and 0.9 m below; its right is the world's y.
+    ahead, down = (np.array([0.8, 0.9]) / np.hypot(0.8, 0.9)).tolist()
+    camera["world_from_camera"] = [0, down, -ahead, 1.3, 1, 0, 0, 0, 0, -ahead, -down, 0.9, 0, 0, 0, 1]
     meta = {
         "objects": [summary],
         "surfaces": [{"height_m": 0.0, "outline_m": TABLE_M, "area_m2": 0.54}],

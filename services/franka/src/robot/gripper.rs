@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use franka::Gripper;
 
-use super::hand::{HandCommand, HandReading};
+use super::hand::{HOLDING_M, HandCommand, HandReading};
 
 /// Between two attempts to reach the hand.
 const AGAIN: Duration = Duration::from_secs(1);
@@ -149,9 +149,16 @@ fn carry_out(
             Err(RecvTimeoutError::Timeout) => continue,
             Err(RecvTimeoutError::Disconnected) => return std::ops::ControlFlow::Break(()),
         };
+        let grasp = |width_m, force_n| gripper.grasp(width_m, settings.speed_m_s, force_n, INNER_M, OUTER_M);
         let done = match command {
             HandCommand::Open(width_m) => gripper.move_gripper(width_m, settings.speed_m_s),
-            HandCommand::Grasp(width_m, force_n) => gripper.grasp(width_m, settings.speed_m_s, force_n, INNER_M, OUTER_M),
+            HandCommand::Grasp(width_m, force_n) => grasp(width_m, force_n),
+            HandCommand::Close(width_m, force_n) => {
+                let moved = gripper.move_gripper(width_m, settings.speed_m_s);
+                tell_anew(board);
+                // Fingers that something stops are there, whatever the command says of itself.
+                if board.reading().width_m > width_m + HOLDING_M { grasp(width_m, force_n) } else { moved }
+            }
         };
         match done {
             Ok(true) => {}

@@ -1,21 +1,24 @@
 //! The hand: what it was told to do, and what came of it.
 //!
-//! Franka's hand has two commands: `move`, which goes to a width, and `grasp`, which closes until something resists and presses with a force. A
-//! gripper action of the contract that closes is a grasp; one that opens is a move.
+//! Franka's hand has two commands: `move`, which goes to a width, and `grasp`, which closes until something resists, however narrow that is, and
+//! presses with a force. A gripper action of the contract that is told to grasp something is a grasp. One that only closes, before the arm
+//! goes around a thing or by a commander that does not say, is a move, and a grasp where the fingers do not get to their width.
 
 use repose_panda::FINGER_OPENING_MAX_M;
 use repose_proto::robot::GripperCommand;
 use repose_robot_side::GripperState;
 
 /// Things thinner than this are not told from fingers that reached their width, metres.
-const HOLDING_M: f64 = 0.002;
+pub const HOLDING_M: f64 = 0.002;
 
 /// A command for the hand.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum HandCommand {
     /// Open to a width, metres.
     Open(f64),
-    /// Close to a width, metres, and press with a force, newtons, against what is in between.
+    /// Close to a width, metres, and where something is in between press against it with a force, newtons.
+    Close(f64, f64),
+    /// Close on something that should be wider than a width, metres, and press with a force, newtons.
     Grasp(f64, f64),
 }
 
@@ -53,13 +56,17 @@ impl Hand {
         self.reading.connected
     }
 
-    /// The command that carries out a gripper action, with no more force than `max_force_n`, and its number.
-    pub fn command(&mut self, action: &GripperCommand, max_force_n: f64) -> (u64, HandCommand) {
-        let width_m = action.width_m.clamp(0.0, FINGER_OPENING_MAX_M);
+    /// The command that carries out a gripper action, with no more force than `max_force_n`, and its number. `is_to_grasp`: it was told what.
+    pub fn command(&mut self, action: &GripperCommand, is_to_grasp: bool, max_force_n: f64) -> (u64, HandCommand) {
+        let (width_m, force_n) = (action.width_m.clamp(0.0, FINGER_OPENING_MAX_M), action.force_n.min(max_force_n));
         let closes = width_m < self.reading.width_m;
         self.sent += 1;
         self.closing_to_m = closes.then_some(width_m);
-        let command = if closes { HandCommand::Grasp(width_m, action.force_n.min(max_force_n)) } else { HandCommand::Open(width_m) };
+        let command = match (closes, is_to_grasp) {
+            (true, true) => HandCommand::Grasp(width_m, force_n),
+            (true, false) => HandCommand::Close(width_m, force_n),
+            (false, _) => HandCommand::Open(width_m),
+        };
         (self.sent, command)
     }
 
@@ -83,16 +90,17 @@ mod tests {
     fn closing_grasps_with_no_more_force_than_allowed_and_opening_moves() {
         let mut hand = Hand::default();
         hand.read(at(0.08, false, 0));
-        assert_eq!(hand.command(&GripperCommand { width_m: 0.02, force_n: 60.0 }, 40.0), (1, HandCommand::Grasp(0.02, 40.0)));
-        hand.read(at(0.03, true, 1));
-        assert_eq!(hand.command(&GripperCommand { width_m: 0.08, force_n: 10.0 }, 40.0), (2, HandCommand::Open(0.08)));
+        assert_eq!(hand.command(&GripperCommand { width_m: 0.06, force_n: 60.0 }, false, 40.0), (1, HandCommand::Close(0.06, 40.0)));
+        assert_eq!(hand.command(&GripperCommand { width_m: 0.02, force_n: 60.0 }, true, 40.0), (2, HandCommand::Grasp(0.02, 40.0)));
+        hand.read(at(0.03, true, 2));
+        assert_eq!(hand.command(&GripperCommand { width_m: 0.08, force_n: 10.0 }, false, 40.0), (3, HandCommand::Open(0.08)));
     }
 
     #[test]
     fn what_keeps_the_fingers_apart_is_held_until_it_is_gone() {
         let mut hand = Hand::default();
         hand.read(at(0.08, false, 0));
-        hand.command(&GripperCommand { width_m: 0.01, force_n: 30.0 }, 70.0);
+        hand.command(&GripperCommand { width_m: 0.01, force_n: 30.0 }, true, 70.0);
         hand.read(at(0.05, false, 0));
         assert_eq!(hand.state(), GripperState { width_m: 0.05, settled: false, holding: false }, "still closing");
         hand.read(at(0.04, true, 1));
@@ -105,7 +113,7 @@ mod tests {
     fn fingers_that_reached_their_width_hold_nothing_whatever_the_hand_says() {
         let mut hand = Hand::default();
         hand.read(at(0.08, false, 0));
-        hand.command(&GripperCommand { width_m: 0.0, force_n: 30.0 }, 70.0);
+        hand.command(&GripperCommand { width_m: 0.0, force_n: 30.0 }, true, 70.0);
         hand.read(at(0.0005, true, 1));
         assert_eq!(hand.state(), GripperState { width_m: 0.0005, settled: true, holding: false });
     }

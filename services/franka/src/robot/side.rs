@@ -3,7 +3,9 @@
 //! The rules of the contract are those of [`Arm`]: owners and epochs, times to live, limits, stops that latch, commanders that fall silent. This
 //! carries them to the robot. Between streams the robot holds itself where it is, and the arm stands there. A stream that is taken begins a motion
 //! of the robot; the stream's clock starts with the motion's first millisecond. At every millisecond the arm says the next set-point; once it
-//! has stood for [`SETTLE_MS`], the motion ends. Whatever ends it otherwise latches a stop under the robot's own name for it.
+//! has stood for [`SETTLE_MS`], the motion ends. Where the robot holds its joints a little off where the arm stands (it takes them as they are
+//! when a motion ends), set-points begin there, and what is between the two fades out within the limits. Whatever ends a motion otherwise
+//! latches a stop under the robot's own name for it.
 //!
 //! Clearing a stop is up to the contract's `reset` alone: only a command that would clear it has the robot acknowledge its errors, and it
 //! clears once the robot is ready. While the user stop is pressed, nothing is cleared.
@@ -11,10 +13,10 @@
 //! Pure: readings, commands and time come in, what is to be done goes out.
 
 use franka::RobotMode as FciMode;
-use repose_panda::JointLimits;
+use repose_panda::{ApproachLimits, JOINT_COUNT, JointLimits, Joints, smooth_step};
 use repose_proto::RigidTransform;
 use repose_proto::robot::{EmergencyStop, RobotCommand, RobotMode, RobotState};
-use repose_robot_side::{Arm, ArmSettings, Ignored, StateDetails, state_of};
+use repose_robot_side::{Arm, ArmSettings, FOLLOWING_ERROR, Ignored, StateDetails, state_of};
 
 use super::fci::{Next, Reading, Trouble};
 use super::hand::{Hand, HandCommand, HandReading};
@@ -24,6 +26,10 @@ use super::hand::{Hand, HandCommand, HandReading};
 pub const SETTLE_MS: u64 = 100;
 /// The longest gap between readings that is made up for, milliseconds. The robot gives up after 20 lost set-points.
 const CATCH_UP_MS: u64 = 100;
+/// How far the robot may hold a joint from where the arm stands until the arm stands there, radians: further, somebody has moved it.
+const HELD_OFF_RAD: f64 = 0.005;
+/// How long that takes to fade out, milliseconds.
+const FADE_MS: f64 = 500.0;
 /// Between two recoveries, seconds.
 const RECOVERY_EVERY_S: f64 = 1.0;
 
@@ -92,6 +98,9 @@ pub struct Side {
     robot_ms: u64,
     in_motion: bool,
     still_ms: u64,
+    /// From where the arm stood to where the robot held it as the motion began, radians, and for how long that has faded out, milliseconds.
+    offset_rad: Joints,
+    fading_ms: u64,
     recovery: Recovery,
     states: u64,
 }
@@ -109,6 +118,8 @@ impl Side {
             robot_ms: 0,
             in_motion: false,
             still_ms: 0,
+            offset_rad: [0.0; JOINT_COUNT],
+            fading_ms: 0,
             recovery: Recovery::None,
             states: 0,
         }
@@ -116,6 +127,7 @@ impl Side {
 
     /// The robot is there; whether it may be commanded under these limits: those of the first time, for they are the robot's.
     pub fn connected(&mut self, limits: JointLimits) -> bool {
+        let limits = with_room_to_fade(&limits);
         if self.arm.is_none() {
             self.settings.arm.rules.limits = limits;
         }
@@ -215,12 +227,13 @@ impl Side {
             }
         }
         if arm.mode() == RobotMode::Moving {
-            (self.in_motion, self.clock_ms, self.still_ms) = (true, None, 0);
+            (self.in_motion, self.clock_ms, self.still_ms, self.fading_ms) = (true, None, 0, 0);
             return Do::Follow;
         }
         (0..since_ms).for_each(|_| arm.tick(now_s));
-        // Somebody may have moved it by hand.
-        arm.settle(&reading.held_rad);
+        if apart(&reading.held_rad, arm.q_rad()) > HELD_OFF_RAD {
+            arm.settle(&reading.held_rad);
+        }
         if self.recovery == Recovery::Wanted {
             self.recovery = Recovery::Running;
             return Do::Recover;
@@ -230,13 +243,29 @@ impl Side {
 
     /// A reading of a robot that follows set-points; the next one.
     pub fn following(&mut self, reading: &Reading, now_s: f64) -> Next {
+        let begins = self.clock_ms.is_none();
         let since_ms = self.advance(reading);
         let Some(arm) = &mut self.arm else { return Next::End(reading.held_rad) };
+        if begins {
+            self.offset_rad = std::array::from_fn(|i| reading.held_rad[i] - arm.q_rad()[i]);
+            if apart(&reading.held_rad, arm.q_rad()) > HELD_OFF_RAD {
+                arm.halted("start_pose_mismatch", "the robot was moved as its motion began".to_owned(), &reading.held_rad);
+                self.offset_rad = [0.0; JOINT_COUNT];
+            }
+        }
         arm.set_grips(self.hand.state().holding);
-        arm.measured(&reading.measured_rad);
+        // Not `Arm::measured`: it takes an arm at rest to stand where it was measured, and set-points that jump there would follow.
+        if arm.stop().is_none()
+            && let Some(reason) = off_set_points(&reading.measured_rad, arm.q_rad(), self.settings.arm.following_tolerance_rad)
+        {
+            arm.fault(FOLLOWING_ERROR, reason);
+        }
         (0..since_ms).for_each(|_| arm.tick(now_s));
         self.still_ms = if arm.is_at_rest() { self.still_ms + since_ms } else { 0 };
-        if self.still_ms >= SETTLE_MS { Next::End(*arm.q_rad()) } else { Next::Go(*arm.q_rad()) }
+        self.fading_ms += since_ms;
+        let left = 1.0 - smooth_step(self.fading_ms as f64 / FADE_MS);
+        let q_rad = std::array::from_fn(|i| arm.q_rad()[i] + left * self.offset_rad[i]);
+        if self.still_ms >= SETTLE_MS && left == 0.0 { Next::End(q_rad) } else { Next::Go(q_rad) }
     }
 
     /// The motion is over.
@@ -267,7 +296,8 @@ impl Side {
             arm.fault("hand_lost", "the hand is not connected".to_owned());
             return None;
         }
-        Some(self.hand.command(&action, self.settings.max_grip_force_n))
+        let is_to_grasp = arm.is_to_grasp();
+        Some(self.hand.command(&action, is_to_grasp, self.settings.max_grip_force_n))
     }
 
     /// What the arm does.
@@ -304,6 +334,33 @@ impl Side {
         self.reading = Some(*reading);
         self.robot_ms += since_ms;
         since_ms
+    }
+}
+
+/// What is to be said of the first joint that was measured too far from its set-point; what is no number is.
+fn off_set_points(measured_rad: &Joints, set_rad: &Joints, tolerance_rad: f64) -> Option<String> {
+    let joint = (0..JOINT_COUNT).find(|&i| !(0.0..=tolerance_rad).contains(&(measured_rad[i] - set_rad[i]).abs()))?;
+    Some(format!("joint {joint} was measured at {:.4} rad and set to {:.4} rad", measured_rad[joint], set_rad[joint]))
+}
+
+/// The furthest that a joint is from where it is in another configuration, radians.
+fn apart(a: &Joints, b: &Joints) -> f64 {
+    (0..JOINT_COUNT).map(|i| (a[i] - b[i]).abs()).fold(0.0, f64::max)
+}
+
+/// The limits less what an offset that fades out adds to set-points: the quintic's steepest places.
+fn with_room_to_fade(limits: &JointLimits) -> JointLimits {
+    let fade_s = FADE_MS * 1e-3;
+    let speed = 1.875 * HELD_OFF_RAD / fade_s;
+    JointLimits {
+        position_lower_rad: limits.position_lower_rad.map(|q| q + HELD_OFF_RAD),
+        position_upper_rad: limits.position_upper_rad.map(|q| q - HELD_OFF_RAD),
+        velocity_rad_s: limits.velocity_rad_s.map(|v| v - speed),
+        approach: limits
+            .approach
+            .map(|approach| ApproachLimits { offset_rad_s: approach.offset_rad_s.map(|offset| offset + speed), ..approach }),
+        acceleration_rad_s2: limits.acceleration_rad_s2.map(|a| a - 5.774 * HELD_OFF_RAD / fade_s.powi(2)),
+        jerk_rad_s3: limits.jerk_rad_s3.map(|j| j - 60.0 * HELD_OFF_RAD / fade_s.powi(3)),
     }
 }
 

@@ -27,6 +27,8 @@ pub struct Robot {
     acceleration: Joints,
     /// How far its joints are off where it holds them, radians.
     pub off_rad: f64,
+    /// How far off where they were sent it takes its joints to be when a motion ends, radians.
+    pub sag_rad: f64,
     pub in_motion: bool,
     recovering_ms: Option<u64>,
     /// Whether the robot refuses to recover.
@@ -49,6 +51,7 @@ impl Robot {
             velocity: [0.0; JOINT_COUNT],
             acceleration: [0.0; JOINT_COUNT],
             off_rad: 0.0,
+            sag_rad: 0.0,
             in_motion: false,
             recovering_ms: None,
             is_stubborn: false,
@@ -158,6 +161,7 @@ impl Bench {
                 Next::End(q_rad) => {
                     self.robot.go(&q_rad);
                     self.robot.halt();
+                    self.robot.held_rad = q_rad.map(|q| q + self.robot.sag_rad);
                     self.robot.mode = FciMode::Idle;
                     self.side.ended(Ok(()));
                 }

@@ -143,6 +143,20 @@ fn a_lost_connection_latches_and_coming_back_clears_nothing() {
 }
 
 #[test]
+fn a_robot_that_takes_its_joints_as_they_are_after_a_motion_begins_the_next_one_there() {
+    let mut bench = Bench::new(Model::Fr3);
+    bench.robot.sag_rad = 0.003;
+    for (by_rad, span_ms) in [(0.3, 1000.0), (0.1, 600.0)] {
+        bench.stream(&turned(by_rad), span_ms).expect("taken");
+        bench.run(1500);
+        assert_eq!((bench.stopped_by(), bench.state().mode), (None, RobotMode::Idle));
+        assert!((bench.state().q_rad[0] - by_rad).abs() < 1e-9, "the arm stands where it was sent");
+        assert!((bench.robot.held_rad[0] - by_rad - 0.003).abs() < 1e-9);
+    }
+    assert_eq!(bench.robot.violations, Vec::<String>::new());
+}
+
+#[test]
 fn joints_off_their_set_points_stop_the_arm() {
     let mut bench = Bench::new(Model::Fr3);
     bench.stream(&turned(0.5), 1000.0).expect("taken");
@@ -194,7 +208,7 @@ fn the_hand_is_told_once_and_its_loss_latches() {
     let command = RobotCommand { gripper: Some(GripperCommand { width_m: 0.02, force_n: 60.0 }), ..bench.next() };
     bench.send(command).expect("taken");
     bench.run(5);
-    assert_eq!(bench.orders, [HandCommand::Grasp(0.02, 40.0)], "with no more force than the configuration allows");
+    assert_eq!(bench.orders, [HandCommand::Close(0.02, 40.0)], "with no more force than the configuration allows");
     assert!(!bench.state().gripper_settled);
     bench.hand = crate::robot::hand::HandReading { width_m: 0.045, grasps: true, ended: 1, connected: true };
     bench.run(5);

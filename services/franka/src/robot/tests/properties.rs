@@ -123,8 +123,10 @@ proptest! {
     fn no_set_point_breaks_a_limit_and_no_stop_clears_itself(
         script in prop::collection::vec(acts(), 1..16),
         model in prop_oneof![Just(Model::Panda), Just(Model::Fr3)],
+        sag_rad in prop_oneof![Just(0.0), -0.004..0.004f64],
     ) {
         let mut bench = Bench::new(model);
+        bench.robot.sag_rad = sag_rad;
         for (next, milliseconds) in &script {
             let (stopped, recoveries) = (bench.side.stop().is_some(), bench.robot.recoveries);
             let is_reset = act(&mut bench, next);
@@ -159,12 +161,14 @@ proptest! {
             _ => bench.side.end(),
         }
         bench.run(1500);
-        prop_assert_eq!(bench.stopped_by().as_deref(), Some(kind));
+        let stopped_by = bench.stopped_by();
+        prop_assert_eq!(stopped_by.as_deref(), Some(kind));
         let stands = bench.robot.held_rad;
         let again = bench.last.clone().expect("a command was sent");
         bench.seq += 1;
         let seq = bench.seq;
-        prop_assert!(bench.send(RobotCommand { seq, ..again }).is_err());
+        let taken = bench.send(RobotCommand { seq, ..again });
+        prop_assert!(taken.is_err(), "what it was told before is not done afterwards");
         bench.run(200);
         prop_assert_eq!(bench.robot.held_rad, stands);
         prop_assert_eq!(&bench.robot.violations, &Vec::<String>::new());

@@ -169,6 +169,11 @@ impl Arm {
         self.handled_s.map(|handled_s| ((self.now_s - handled_s).max(0.0) * 1e3) as u64)
     }
 
+    /// Whether the last gripper action was to grasp something, as far as it was told.
+    pub fn is_to_grasp(&self) -> bool {
+        self.grasps.is_some()
+    }
+
     /// Says where the joints were measured, radians.
     pub fn measured(&mut self, measured_rad: &Joints) {
         let set_rad = self.motion.position_rad;
