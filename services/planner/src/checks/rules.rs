@@ -18,8 +18,7 @@ use crate::checks::prisms::PlacedPrisms;
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::settings::RuleSettings;
-use repose_belief::outlines::to_outline_m;
-use repose_belief::shape::{Shape, Slab};
+use repose_belief::shape::Shape;
 
 /// One of the two objects of a relation, as far as the rules need it.
 #[derive(Debug, Clone)]
@@ -124,26 +123,6 @@ impl Rules {
         self.terms.iter().map(check).collect()
     }
 
-    /// How far beside its anchor a candidate is whose goal is to be above it, metres; the most of several, 0 without one.
-    ///
-    /// The rule's trapezoid opens at 45°: something on a high box 20 cm to the side is still above. People say so of what is over the thing itself,
-    /// that is where the middle of one is within the outline of the other, seen from above.
-    pub fn aside_m(&self, candidate: &CandidatePose) -> f64 {
-        let above = self.terms.iter().filter(|t| t.holds && t.relation == Relation::Above);
-        let anchors = above.filter_map(|t| self.anchors.get(&t.anchor));
-        anchors.map(|anchor| f64::from(self.aside_of_m(candidate, &anchor.shape))).fold(0.0, f64::max)
-    }
-
-    fn aside_of_m(&self, candidate: &CandidatePose, anchor: &Shape) -> f32 {
-        let (query, observed) = (&self.query.shape, self.query.shape.centroid.xy().cast::<f32>());
-        let carried = candidate.carrying();
-        let middle = carried(&query.axis_offset());
-        let of_anchor = anchor.slabs.iter().map(|slab| to_outline_m(&middle, slab.outline.corners()));
-        let placed = |slab: &Slab| slab.outline.corners().iter().map(|c| carried(&(c - observed))).collect::<Vec<_>>();
-        let of_query = query.slabs.iter().map(|slab| to_outline_m(&anchor.axis, &placed(slab)));
-        of_anchor.chain(of_query).fold(f32::INFINITY, f32::min)
-    }
-
     /// Whether every term holds of the object where it was observed.
     pub fn hold_as_observed(&self) -> bool {
         self.checks(&CandidatePose::new(&self.query.shape.centroid, 0.0)).iter().all(|check| check.holds)
@@ -227,20 +206,6 @@ mod tests {
         let anchor = &rules.anchor(1).unwrap().extents;
         let [x, y] = [anchor.center.x as f32, anchor.center.y as f32];
         assert_eq!(holding(x, y, 0.102), [Above, Near, Touching, Centered]);
-    }
-
-    #[test]
-    fn what_is_above_by_the_rule_may_be_beside_its_anchor() {
-        let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.06]).prepared();
-        let fixed = Fixed::default();
-        let query = QueryObject::new(&prepared, 2, 0.0, &fixed).unwrap();
-        let rules = |goal: &str| Rules::new(&prepared, 2, &[goal.parse().unwrap()], &ViewerFrame::from_yaw(0.0), &fixed.rules).unwrap();
-        let above = rules("above:1");
-        let [over, aside] = [[0.03, 0.32], [0.15, 0.32]].map(|[x, bottom_m]| standing_at(&query, x, 0.0, bottom_m));
-        assert!([over, aside].iter().all(|at| above.checks(at)[0].holds), "both by the rule");
-        assert_eq!(above.aside_m(&over), 0.0);
-        assert!((above.aside_m(&aside) - 0.1).abs() < 0.02, "{}", above.aside_m(&aside));
-        assert_eq!(["not:above:1", "right_of:1"].map(|goal| rules(goal).aside_m(&aside)), [0.0; 2], "asked of what is to be above alone");
     }
 
     #[test]

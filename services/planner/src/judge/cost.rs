@@ -40,8 +40,7 @@ impl<'a> Costs<'a> {
         let unasked = if recipe.realism == Realism::OutcomeRanks { 0.0 } else { 1.0 };
         let unrealistic = judged.realism.map_or(unasked, |f| 1.0 - f64::from(f));
         let learned = judged.relations.as_ref().map_or(unasked, |p| relations_cost(p));
-        let ruled =
-            judged.checks.as_ref().map_or(0.0, |c| rules_cost(&self.problem.request.goal, c, &settings.fixed.rules) + self.aside(judged));
+        let ruled = judged.checks.as_ref().map_or(0.0, |c| rules_cost(&self.problem.request.goal, c, &settings.fixed.rules));
         let relations = match recipe.goal_by {
             GoalBy::Learned => learned,
             GoalBy::Rule => ruled,
@@ -55,12 +54,6 @@ impl<'a> Costs<'a> {
         };
         let unsure = judged.success.map_or(0.0, |success| settings.fixed.ranking.unsure * (1.0 - success));
         settings.realism_weight * (realism + unsure) + settings.relations_weight * relations
-    }
-
-    /// What being above its anchor by the rule alone costs.
-    fn aside(&self, judged: &JudgedCandidate) -> f64 {
-        let rules = &self.problem.settings.fixed.rules;
-        rules.aside * (self.problem.rules.aside_m(&judged.candidate) / rules.aside_m).min(1.0)
     }
 
     fn soundness(&self, judged: &JudgedCandidate) -> f64 {

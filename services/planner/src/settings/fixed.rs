@@ -173,16 +173,11 @@ pub struct RuleSettings {
     pub contact_m: f64,
     /// The orientation of the query is read from points this far apart, metres.
     pub orientation_voxel_m: f32,
-    /// What a place that is `above` its anchor by the rule but not over it costs, in units of λ_ρ: as much as being certain to fail, so that a
-    /// place over the anchor comes first unless hardly anything speaks for it.
-    pub aside: f64,
-    /// It costs so from this far beside the anchor on, metres, and less nearer by.
-    pub aside_m: f64,
 }
 
 impl Default for RuleSettings {
     fn default() -> Self {
-        Self { min_margin_m: 0.003, comfort_m: 0.06, contact_m: 0.009, orientation_voxel_m: 0.008, aside: 2.0, aside_m: 0.03 }
+        Self { min_margin_m: 0.003, comfort_m: 0.06, contact_m: 0.009, orientation_voxel_m: 0.008 }
     }
 }
 
