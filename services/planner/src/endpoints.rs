@@ -10,11 +10,13 @@ use repose_proto::place::{PlaceRequest, ReachingRobot};
 use repose_proto::{ArrangeRequest, CallError, ErrorCode, Message, Payload, Scene};
 use repose_runtime::{Call, CallOptions, Caller, CellCallers, Handler, fetch_scene, load_of};
 
+use self::fetches::Fetches;
 use crate::cached_scene::CachedScene;
 use crate::config::{PlannerConfig, Robots};
-use crate::fetches::Fetches;
 use crate::remote_models::{KnownForecasts, RemoteModels};
 use crate::worker::Worker;
+
+mod fetches;
 
 /// Answers `place` and `arrange`.
 pub struct Endpoints {

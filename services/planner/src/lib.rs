@@ -63,7 +63,6 @@ pub mod cached_scene;
 pub mod checks;
 pub mod config;
 pub mod endpoints;
-pub mod fetches;
 pub mod judge;
 pub mod learned;
 pub mod plan;

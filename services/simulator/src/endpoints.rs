@@ -1,7 +1,6 @@
 //! The cell on the network: `reset` and `truth` as calls; states and frames out, commands and stops in.
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use async_trait::async_trait;
 use repose_proto::robot::{EmergencyStop, RobotCommand};
@@ -10,7 +9,6 @@ use repose_proto::{CallError, Payload};
 use repose_runtime::{Call, Handler, Publisher, RuntimeError, Session, Traffic};
 use tokio::sync::watch;
 use tokio::task::JoinSet;
-use tokio::time::MissedTickBehavior;
 
 use crate::config::SimulatorConfig;
 use crate::worker::Worker;
@@ -72,7 +70,6 @@ pub async fn connect(
     let states = session.publisher(cell.robot_state(&config.robot), Traffic::RobotState);
     let frames = session.publisher(cell.camera_frame(&config.camera), Traffic::Frame);
     tasks.spawn(published(worker.states(), states));
-    tasks.spawn(watched(worker.clone(), frames.clone(), Duration::from_millis(config.frame_period_ms)));
     tasks.spawn(published(worker.frames(), frames));
     let world = worker.clone();
     tasks.spawn(async move {
@@ -93,22 +90,6 @@ pub async fn connect(
         }
     });
     Ok(())
-}
-
-/// Tells the world whether anybody would get its frames. Nobody is told late by more than a frame.
-async fn watched(world: Arc<Worker>, frames: Publisher, period: Duration) {
-    let mut ticks = tokio::time::interval(period);
-    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    loop {
-        ticks.tick().await;
-        match frames.is_heard().await {
-            Ok(is_watched) => world.watched(is_watched),
-            Err(error) => {
-                tracing::warn!(key = frames.key(), %error, "who subscribes could not be asked");
-                world.watched(true);
-            }
-        }
-    }
 }
 
 /// Puts the newest of what the world shows.

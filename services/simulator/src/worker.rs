@@ -3,9 +3,8 @@
 //! What goes out is the newest only (a reader that is late sees the next one); what comes in waits in a bounded queue and is refused when
 //! that is full. When the machine does not keep up, simulated time falls behind rather than running in bursts.
 
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -47,7 +46,6 @@ pub struct Worker {
     stops: SyncSender<EmergencyStop>,
     states: watch::Receiver<Option<Payload>>,
     frames: watch::Receiver<Option<Payload>>,
-    is_watched: Arc<AtomicBool>,
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
@@ -63,7 +61,7 @@ impl Worker {
         let (stops, waiting_stops) = sync_channel(STOPS);
         let (states_out, states) = watch::channel(None);
         let (frames_out, frames) = watch::channel(None);
-        let (config, is_watched) = (config.clone(), Arc::new(AtomicBool::new(true)));
+        let config = config.clone();
         let world = Running {
             cell,
             config,
@@ -71,13 +69,12 @@ impl Worker {
             waiting_stops,
             states: states_out,
             frames: frames_out,
-            is_watched: is_watched.clone(),
             started: Instant::now(),
             states_made: 0,
             moved: Instant::now(),
         };
         let thread = std::thread::Builder::new().name("world".to_owned()).spawn(move || world.run())?;
-        Ok(Self { inputs: Mutex::new(Some(inputs)), stops, states, frames, is_watched, thread: Mutex::new(Some(thread)) })
+        Ok(Self { inputs: Mutex::new(Some(inputs)), stops, states, frames, thread: Mutex::new(Some(thread)) })
     }
 
     /// Encoded robot states, the newest only.
@@ -88,11 +85,6 @@ impl Worker {
     /// Encoded frames, the newest only.
     pub fn frames(&self) -> watch::Receiver<Option<Payload>> {
         self.frames.clone()
-    }
-
-    /// Says whether anybody watches the camera: frames are drawn only while somebody does, and from the beginning until it is said.
-    pub fn watched(&self, is_watched: bool) {
-        self.is_watched.store(is_watched, Ordering::Relaxed);
     }
 
     /// Hands a command to the arm, which may still ignore it.
@@ -170,7 +162,6 @@ struct Running {
     waiting_stops: Receiver<EmergencyStop>,
     states: watch::Sender<Option<Payload>>,
     frames: watch::Sender<Option<Payload>>,
-    is_watched: Arc<AtomicBool>,
     started: Instant,
     states_made: u64,
     /// When something last moved, or was commanded to.
@@ -216,9 +207,7 @@ impl Running {
             }
             if now >= next_frame {
                 next_frame = now + period(self.config.frame_period_ms);
-                if self.is_watched.load(Ordering::Relaxed) {
-                    self.show_frame();
-                }
+                self.show_frame();
             }
         }
     }

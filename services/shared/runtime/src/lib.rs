@@ -86,7 +86,6 @@ mod session;
 mod shares;
 mod shutdown;
 mod stages;
-mod streams;
 mod tally;
 mod target;
 mod telemetry;

@@ -191,14 +191,6 @@ impl Publisher {
         self.transport.put(&self.key, payload, self.traffic).await
     }
 
-    /// Whether anybody would get a message now, as far as this end knows.
-    ///
-    /// # Errors
-    /// When the network refuses.
-    pub async fn is_heard(&self) -> Result<bool, RuntimeError> {
-        self.transport.is_heard(&self.key, self.traffic).await
-    }
-
     /// The key.
     pub fn key(&self) -> &str {
         &self.key

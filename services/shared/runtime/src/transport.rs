@@ -37,14 +37,6 @@ pub enum Traffic {
     Load,
 }
 
-impl Traffic {
-    /// Whether it is put again and again to one key, whoever listens. Such a stream stays in its process while nobody does. Stops and commands go
-    /// out in any case: what they are for does not wait for what is known of subscribers.
-    pub fn is_stream(self) -> bool {
-        matches!(self, Self::RobotState | Self::Frame | Self::Scene | Self::Load)
-    }
-}
-
 /// A call on its way out.
 #[derive(Debug, Clone)]
 pub struct OutgoingQuery {
@@ -217,14 +209,6 @@ pub trait Transport: Send + Sync + 'static {
         Ok(())
     }
 
-    /// Whether anybody would get what is put to a key, as far as this end knows; true where it cannot know.
-    ///
-    /// # Errors
-    /// When the network refuses.
-    async fn is_heard(&self, _key: &str, _traffic: Traffic) -> Result<bool, RuntimeError> {
-        Ok(true)
-    }
-
     /// Subscribes with room for `capacity` messages; 1 keeps the newest only.
     ///
     /// # Errors
@@ -254,17 +238,4 @@ pub trait Transport: Send + Sync + 'static {
     /// # Errors
     /// When that takes longer than `bound`.
     async fn close(&self, bound: Duration) -> Result<(), RuntimeError>;
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_stops_or_moves_a_robot_goes_out_whoever_is_known_to_listen() {
-        let always = [Traffic::EmergencyStop, Traffic::RobotCommand, Traffic::Journal];
-        assert!(always.iter().all(|traffic| !traffic.is_stream()));
-        let streams = [Traffic::RobotState, Traffic::Frame, Traffic::Scene, Traffic::Load];
-        assert!(streams.iter().all(|traffic| traffic.is_stream()));
-    }
 }

@@ -23,7 +23,6 @@ use crate::RuntimeError;
 use crate::config::{SessionConfig, SessionMode};
 use crate::frame_link::FrameLink;
 use crate::mailbox::mailbox;
-use crate::streams::Streams;
 use crate::transport::{
     AliveWatch, ConnectionStatus, Guard, IncomingQueries, IncomingQuery, OutgoingQuery, Replier, ReplyEvent, ReplyStream, Sample,
     Subscription, Traffic, Transport,
@@ -39,7 +38,6 @@ const HISTORY_TIMEOUT: Duration = Duration::from_secs(2);
 pub struct ZenohTransport {
     pub(crate) session: zenoh::Session,
     frames: Option<FrameLink>,
-    streams: Streams,
     connection: Arc<Mutex<Links>>,
 }
 
@@ -104,7 +102,7 @@ impl ZenohTransport {
             .background()
             .await
             .map_err(|e| RuntimeError::transport("following the session's links", e))?;
-        Ok(Self { session, frames: FrameLink::of(config), streams: Streams::default(), connection: links })
+        Ok(Self { session, frames: FrameLink::of(config), connection: links })
     }
 }
 
@@ -251,33 +249,22 @@ impl Transport for ZenohTransport {
         let sizes = payloads.iter().map(|payload| message::check_size(payload.bytes.len()));
         sizes.collect::<Result<(), _>>().map_err(|e| RuntimeError::transport(format!("putting to {key}"), e))?;
         let (session, delivery) = self.way_of(traffic).await?;
-        let stream = if traffic.is_stream() { Some(self.streams.of(&session, key, delivery).await?) } else { None };
         let key = key.to_owned();
         // Stops and commands have a priority of their own, with nothing large in it, and must not wait for a thread.
         let waits = matches!(traffic, Traffic::Frame | Traffic::Scene | Traffic::Journal | Traffic::Call(_));
         // One thread takes all of them: what goes at once goes in one packet.
         send("putting", waits, move || {
-            payloads.into_iter().try_for_each(|payload| match &stream {
-                Some(stream) => stream.put(payload.bytes).encoding(payload.encoding).wait(),
-                None => session
+            payloads.into_iter().try_for_each(|payload| {
+                session
                     .put(&key, payload.bytes)
                     .encoding(payload.encoding)
                     .priority(delivery.priority)
                     .congestion_control(delivery.congestion)
                     .express(delivery.is_express)
-                    .wait(),
+                    .wait()
             })
         })
         .await
-    }
-
-    async fn is_heard(&self, key: &str, traffic: Traffic) -> Result<bool, RuntimeError> {
-        if !traffic.is_stream() {
-            return Ok(true);
-        }
-        let (session, delivery) = self.way_of(traffic).await?;
-        let matching = self.streams.of(&session, key, delivery).await?.matching_status().await;
-        Ok(matching.map_err(|e| RuntimeError::transport(format!("asking who subscribes to {key}"), e))?.matching())
     }
 
     async fn subscribe(&self, key: &str, capacity: usize) -> Result<Subscription, RuntimeError> {
@@ -339,7 +326,6 @@ impl Transport for ZenohTransport {
     async fn close(&self, bound: Duration) -> Result<(), RuntimeError> {
         let closing = "closing the session";
         let all = async {
-            self.streams.clear().await;
             if let Some(frames) = self.frames.as_ref().and_then(FrameLink::opened) {
                 frames.close().await?;
             }

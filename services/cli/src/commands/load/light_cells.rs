@@ -7,11 +7,10 @@ use std::time::{Duration, Instant};
 
 use repose_proto::{Scene, Service};
 use repose_runtime::{RuntimeConfig, Session};
-use serde::Serialize;
 use tokio::task::JoinSet;
 
 use super::light::{Counts, LightCell, Rates, name};
-use super::report::{OfSome, Percentiles, percentiles};
+use super::report::{LightReport, OfSome, Percentiles, percentiles};
 use crate::client;
 use crate::failure::Failure;
 
@@ -19,28 +18,6 @@ use crate::failure::Failure;
 const SEARCHES: usize = 9;
 /// How long a search may take.
 const FOUND_WITHIN: Duration = Duration::from_secs(30);
-
-/// What a run's light cells did.
-#[derive(Debug, Default, Serialize)]
-pub struct LightReport {
-    /// How many there are.
-    pub cells: usize,
-    /// How long it took to start them, all at once, until the last was there.
-    pub up_ms: f64,
-    /// How long a client that came then took from its start until it had found all workers of the pool, and heard their loads.
-    pub discovery_ms: Percentiles,
-    /// Robot states that all cells put, and that their other sessions heard, a second.
-    pub states_put_per_s: f64,
-    /// Those heard.
-    pub states_heard_per_s: f64,
-    /// Summaries of scenes put, a second.
-    pub summaries_put_per_s: f64,
-    /// Times that a scene went to the pool, whole.
-    pub scenes_sent: u64,
-    /// The longest of the cells' median latencies over the shortest.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub slowest_over_fastest: Option<f64>,
-}
 
 /// The cells.
 pub struct LightCells {

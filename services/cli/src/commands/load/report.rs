@@ -7,7 +7,6 @@ use hdrhistogram::Histogram;
 use repose_proto::Priority;
 use serde::{Deserialize, Serialize};
 
-use super::light_cells::LightReport;
 use super::own::Happened;
 use crate::failure::Failure;
 
@@ -90,6 +89,28 @@ pub struct OfSome {
     pub outcomes: BTreeMap<String, usize>,
     /// Latency of those that were answered.
     pub answered_ms: Percentiles,
+}
+
+/// What a run's light cells did.
+#[derive(Debug, Default, Serialize)]
+pub struct LightReport {
+    /// How many there are.
+    pub cells: usize,
+    /// How long it took to start them, all at once, until the last was there.
+    pub up_ms: f64,
+    /// How long a client that came then took from its start until it had found all workers of the pool, and heard their loads.
+    pub discovery_ms: Percentiles,
+    /// Robot states that all cells put, and that their other sessions heard, a second.
+    pub states_put_per_s: f64,
+    /// Those heard.
+    pub states_heard_per_s: f64,
+    /// Summaries of scenes put, a second.
+    pub summaries_put_per_s: f64,
+    /// Times that a scene went to the pool, whole.
+    pub scenes_sent: u64,
+    /// The longest of the cells' median latencies over the shortest.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub slowest_over_fastest: Option<f64>,
 }
 
 /// What a run found.

@@ -41,25 +41,3 @@ async fn an_oversize_put_is_refused_by_the_sender() {
     let error = network.caller.put("repose/v1/cell/camera/front/frame", payload, Traffic::Frame).await.unwrap_err();
     assert!(error.to_string().contains("33554433"), "{error}");
 }
-
-#[tokio::test(flavor = "multi_thread")]
-async fn a_stream_is_heard_while_somebody_subscribes_to_it_and_a_command_goes_out_in_any_case() {
-    let network = Network::routed(RuntimeConfig::default()).await;
-    let other = network.session().await;
-    let states = network.caller.publisher(other.cell().robot_state("arm"), Traffic::RobotState);
-    let until = async |wanted: bool| {
-        while states.is_heard().await.unwrap() != wanted {
-            tokio::time::sleep(std::time::Duration::from_millis(5)).await;
-        }
-    };
-    let bound = std::time::Duration::from_secs(10);
-    tokio::time::timeout(bound, until(false)).await.expect("nobody listens");
-    let mut heard = other.subscribe_queue(&other.cell().robot_states(), 64).await.unwrap();
-    tokio::time::timeout(bound, until(true)).await.expect("one subscription that matches");
-    states.put(word("first")).await.unwrap();
-    assert_eq!(read(&heard.recv().await.unwrap().payload), "first");
-    drop(heard);
-    tokio::time::timeout(bound, until(false)).await.expect("nobody listens any more");
-    let commands = network.caller.publisher(other.cell().robot_command("arm"), Traffic::RobotCommand);
-    assert!(commands.is_heard().await.unwrap());
-}
