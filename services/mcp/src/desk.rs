@@ -4,19 +4,21 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, Service};
 use repose_runtime::{CallOptions, Caller, SceneStore, Session, fetch_newest, fetch_scene, robot_state};
 use tokio::time::Instant;
 
 use crate::McpError;
 use crate::plans::Plans;
-use crate::robot::PATIENCE;
 use crate::seen::ShownScene;
 use crate::settings::McpSettings;
 
 /// Scenes held for agents that name them, and their bytes.
 const SCENES: usize = 16;
 const SCENES_BYTES: usize = 512 << 20;
+/// How long a robot is waited for that should tell its state several times in that.
+const PATIENCE: Duration = Duration::from_millis(1000);
 /// Between two looks for a newer view.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
@@ -102,9 +104,17 @@ impl Desk {
         }
     }
 
+    /// What the robot says of itself.
+    ///
+    /// # Errors
+    /// `unavailable` on `robot` when it does not say.
+    pub(crate) async fn robot_state(&self) -> Result<RobotState, CallError> {
+        robot_state(&self.session, &self.settings.robot, PATIENCE).await
+    }
+
     /// A view from now on, by the robot's clock, which is its cameras': this host's may be behind theirs.
     pub(crate) async fn fresh(&self) -> Result<Arc<ShownScene>, CallError> {
-        let state = robot_state(&self.session, &self.settings.robot, PATIENCE).await?;
+        let state = self.robot_state().await?;
         self.view_after(state.stamp_ns).await
     }
 

@@ -25,7 +25,6 @@ use crate::desk::{Desk, computed};
 use crate::look::QUALITY;
 use crate::plan::moved_by;
 use crate::plans::Plan;
-use crate::robot::PATIENCE;
 use crate::seen::ShownScene;
 
 /// How long an execution may take.
@@ -73,7 +72,7 @@ impl Desk {
         }
         let plan = self.plans().get(&asked.plan, asker)?;
         let _alone = self.begin_moving()?;
-        let state = repose_runtime::robot_state(&self.session, &self.settings().robot, PATIENCE).await?;
+        let state = self.robot_state().await?;
         check_free(&self.settings().robot, &state)?;
         let (seen, followed) = self.unchanged(&plan).await?;
         let motion = self.motion_plan(&plan, &followed, &seen, &state).await?;

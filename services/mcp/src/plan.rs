@@ -86,7 +86,7 @@ impl Desk {
             let (seen, asked) = (seen.clone(), asked.clone());
             computed(move || wish_of(&asked, &seen)).await?
         };
-        let state = repose_runtime::robot_state(&self.session, &self.settings().robot, crate::robot::PATIENCE).await;
+        let state = self.robot_state().await;
         let request = self.request(asked, &seen, &wish, state.as_ref().ok());
         request.validate()?;
         let options = CallOptions { cancel, ..CallOptions::within(self.settings().deadline) };

@@ -13,8 +13,6 @@ use crate::arguments::{StateArguments, StopArguments};
 use crate::asker::Asker;
 use crate::desk::Desk;
 
-/// How long a robot is waited for that should tell its state several times in that.
-pub const PATIENCE: Duration = Duration::from_millis(1000);
 /// How long a robot may take to show a stop before it is said that it has not.
 const SHOWN_WITHIN: Duration = Duration::from_secs(5);
 /// The longest reason that is passed on, characters.
@@ -43,7 +41,7 @@ impl Desk {
     /// # Errors
     /// `unavailable` on `robot` when it does not say.
     pub async fn state(&self, _: &StateArguments) -> Result<ToolResult, CallError> {
-        let state = repose_runtime::robot_state(&self.session, &self.settings().robot, PATIENCE).await?;
+        let state = self.robot_state().await?;
         self.told(&state)
     }
 
