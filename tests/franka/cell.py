@@ -84,6 +84,11 @@ class Client:
         self.subscriber = self.session.declare_subscriber(f"{self.key}/state", self._take)
         self.owner = {"id": "tester", "epoch": 1}
 
+    def close(self):
+        """Before the interpreter ends, which would wait for the session's threads."""
+        self.subscriber.undeclare()
+        self.session.close()
+
     def _take(self, sample):
         with self.changed:
             self.state, self.came = json.loads(sample.payload.to_bytes()), time.monotonic()

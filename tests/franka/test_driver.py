@@ -41,6 +41,7 @@ class System:
         self.folder = folder
         self.programs = Programs(folder)
         self.robot = Robot(folder, free_port())
+        self.client = None
 
     def config(self, name="repose.toml", model="fr3", more=""):
         path = os.path.join(self.folder, name)
@@ -88,6 +89,8 @@ class System:
         until(lambda: f"the arm arrives; {client.state}", there, 60)
 
     def close(self):
+        if self.client:
+            self.client.close()
         self.programs.close()
         self.robot.kill(signal.SIGINT)
 

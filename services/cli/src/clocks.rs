@@ -44,7 +44,7 @@ pub struct Clock {
 
 /// Whether a lag says that a clock is off.
 fn is_off(lag_ms: f64) -> bool {
-    lag_ms < -AHEAD_MS || lag_ms > BEHIND_MS
+    !(-AHEAD_MS..=BEHIND_MS).contains(&lag_ms)
 }
 
 /// What is wrong with the clocks, a sentence each.

@@ -5,7 +5,7 @@ mod common;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use common::{PHASES, Robot, plan};
+use common::{NOW_NS, PHASES, Robot, plan};
 use repose_motion::{MotionConfig, run, synthetic};
 use repose_panda::READY;
 use repose_proto::enclosed::enclose;
@@ -182,7 +182,7 @@ async fn a_request_may_bring_its_grasps_and_the_answer_says_why_better_placement
 async fn an_execution_reports_its_phases_and_happens_once() {
     let running = Running::start().await;
     let robot = running.robot(Robot::new()).await;
-    let plan = MotionPlan { scene_stamp_ns: now_ns(), max_scene_age_ms: 60_000, ..plan() };
+    let plan = MotionPlan { scene_stamp_ns: NOW_NS, max_scene_age_ms: 60_000, ..plan() };
     let payload = Payload::json(&plan).unwrap();
     let (progress, mut progressed) = tokio::sync::mpsc::channel(16);
     let options = || CallOptions {
@@ -232,7 +232,7 @@ async fn a_plan_cannot_make_its_scene_younger_than_it_is() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_latched_stop_refuses_executions_until_it_is_reset() {
     let running = Running::start().await;
-    let execute = || Payload::json(&MotionPlan { scene_stamp_ns: now_ns(), max_scene_age_ms: 60_000, ..plan() }).unwrap();
+    let execute = || Payload::json(&MotionPlan { scene_stamp_ns: NOW_NS, max_scene_age_ms: 60_000, ..plan() }).unwrap();
     assert_eq!(refusal(running.call("execute", execute()).await).0, ErrorCode::Unavailable, "there is no robot yet");
     let mut stopped = Robot::new();
     stopped.state.mode = RobotMode::Stopped;

@@ -129,8 +129,11 @@ impl Fci for Connection {
     }
 }
 
+/// What asks the thread for recoveries, and what it answers.
+type Recoveries = (SyncSender<()>, Receiver<Result<(), String>>);
+
 /// A thread that has the robot acknowledge its errors, which takes it a second; it ends with the connection.
-fn recovering(robot: Arc<Robot>) -> std::io::Result<(SyncSender<()>, Receiver<Result<(), String>>)> {
+fn recovering(robot: Arc<Robot>) -> std::io::Result<Recoveries> {
     let (wanted, wishes) = sync_channel::<()>(1);
     let (outcomes, outcome) = sync_channel(1);
     let recover = move || {

@@ -37,7 +37,7 @@ pub async fn run(
     loop {
         tokio::select! {
             event = topics.next() => match event? {
-                Some(Event::Info(Ok(info))) => stream.info(info),
+                Some(Event::Info(Ok(info))) => stream.info(*info),
                 Some(Event::Info(Err(error))) => stream.unreadable(&error),
                 Some(Event::Depth(taken)) => stream.depth(taken, now()),
                 Some(Event::Color(taken)) => stream.color(taken, now()),

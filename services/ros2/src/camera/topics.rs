@@ -21,7 +21,7 @@ pub(super) const SILENCE: Duration = Duration::from_secs(3);
 /// What came.
 pub enum Event {
     /// Intrinsics, or why they cannot be read.
-    Info(Result<CameraInfo, BridgeError>),
+    Info(Result<Box<CameraInfo>, BridgeError>),
     /// Depth.
     Depth(Taken<Sight>),
     /// Color.
@@ -66,7 +66,7 @@ impl Topics {
     /// When a task that reads pictures has failed: without it half a camera would be left.
     pub async fn next(&mut self) -> Result<Option<Event>, BridgeError> {
         let event = tokio::select! {
-            info = next_info(&mut self.infos) => info.map(Event::Info),
+            info = next_info(&mut self.infos) => info.map(|info| Event::Info(info.map(Box::new))),
             depth = self.depths.recv() => depth.map(Event::Depth),
             color = next_color(&mut self.colors) => color.map(Event::Color),
         };
