@@ -16,8 +16,10 @@
 
 mod arm;
 mod state;
+mod straight_way;
 mod stream;
 
 pub use arm::{Arm, ArmSettings, FOLLOWING_ERROR, Ignored};
 pub use state::{GripperState, StateDetails, state_of};
+pub use straight_way::straight_way;
 pub use stream::TICK_S;

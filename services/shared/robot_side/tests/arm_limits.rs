@@ -3,9 +3,9 @@
 //! The properties are judged from the positions alone, by differences over a millisecond, not by what the arm says of itself.
 
 use proptest::prelude::*;
-use repose_panda::{CommandRuleSettings, JOINT_COUNT, JointLimits, Joints, LIMITS, Model, READY, smooth_step};
+use repose_panda::{CommandRuleSettings, JOINT_COUNT, JointLimits, Joints, LIMITS, Model, READY};
 use repose_proto::robot::{EmergencyStop, Owner, RobotCommand, RobotMode, SetPoint};
-use repose_robot_side::{Arm, ArmSettings};
+use repose_robot_side::{Arm, ArmSettings, straight_way};
 
 /// What is done to the arm between two stretches of time.
 #[derive(Debug, Clone)]
@@ -152,18 +152,7 @@ impl Bench {
 
     /// A smooth motion from where the arm is to a place, a set-point every 10 ms.
     fn smooth(&self, to: &Joints, span_ms: f64) -> Vec<SetPoint> {
-        let from = *self.arm.q_rad();
-        let steps = (span_ms / 10.0).ceil().max(1.0);
-        let point = |k: usize| {
-            let s = k as f64 / steps;
-            let rate = 30.0 * s * s * (1.0 - s) * (1.0 - s) / (span_ms * 1e-3);
-            SetPoint {
-                t_ms: s * span_ms,
-                q_rad: std::array::from_fn(|i| from[i] + smooth_step(s) * (to[i] - from[i])),
-                dq_rad_s: std::array::from_fn(|i| rate * (to[i] - from[i])),
-            }
-        };
-        (0..=steps as usize).map(point).collect()
+        straight_way(self.arm.q_rad(), to, span_ms)
     }
 
     fn run(&mut self, milliseconds: usize) {

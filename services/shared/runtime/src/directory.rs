@@ -39,19 +39,6 @@ pub struct WorkerView {
     pub outstanding: usize,
 }
 
-impl WorkerView {
-    /// What another call would have to wait for, roughly, milliseconds. Published depths lag behind, so our own calls count too.
-    fn cost_ms(&self) -> f64 {
-        let (reported, service_ms) = self.load.as_ref().map_or((0, 0.0), |l| (l.queue_depth + l.in_flight, l.service_ms));
-        let service_ms = if service_ms > 0.0 { service_ms } else { ASSUMED_SERVICE_MS };
-        (reported.max(self.outstanding) + 1) as f64 * service_ms
-    }
-
-    fn takes_calls(&self) -> bool {
-        self.load.as_ref().is_none_or(|l| !l.draining)
-    }
-}
-
 struct Entry {
     alive: bool,
     load: Option<WorkerLoad>,
@@ -71,11 +58,30 @@ impl Entry {
     fn view(&self, name: &str) -> WorkerView {
         WorkerView { name: name.to_owned(), load: self.load.clone(), silent: self.heard.elapsed(), outstanding: self.outstanding }
     }
+
+    /// What another call would have to wait for, roughly, milliseconds. Published depths lag behind, so our own calls count too.
+    fn cost_ms(&self) -> f64 {
+        let (reported, service_ms) = self.load.as_ref().map_or((0, 0.0), |l| (l.queue_depth + l.in_flight, l.service_ms));
+        let service_ms = if service_ms > 0.0 { service_ms } else { ASSUMED_SERVICE_MS };
+        (reported.max(self.outstanding) + 1) as f64 * service_ms
+    }
+
+    fn takes_calls(&self) -> bool {
+        self.load.as_ref().is_none_or(|l| !l.draining)
+    }
 }
 
 struct State {
     workers: BTreeMap<String, Entry>,
     random: Pcg64,
+}
+
+impl State {
+    /// The workers that are alive, that answered when they were last called, and that a call may go to.
+    fn suitable<'a>(&'a self, wanted: &'a Wanted<'_>) -> impl Iterator<Item = (&'a str, &'a Entry)> {
+        let present = self.workers.iter().filter(|(_, entry)| entry.alive && !entry.deserted);
+        present.map(|(name, entry)| (name.as_str(), entry)).filter(|(name, entry)| wanted.allows(name, entry))
+    }
 }
 
 struct Shared {
@@ -114,17 +120,21 @@ pub struct Wanted<'a> {
 }
 
 impl Wanted<'_> {
-    fn allows(&self, worker: &WorkerView) -> bool {
-        self.worker.is_none_or(|name| name == worker.name)
+    fn allows(&self, name: &str, worker: &Entry) -> bool {
+        self.worker.is_none_or(|wanted| wanted == name)
             && self.accept.is_none_or(|accept| worker.load.as_ref().is_some_and(|load| accept(load)))
             && (!self.needs_load || worker.load.is_some())
-            && !self.never.contains(&worker.name)
+            && !holds(self.never, name)
     }
 
     /// For how long a worker's last refusal stands for this call; none where it may be asked.
     fn refused_by(&self, entry: &Entry) -> Option<Duration> {
         entry.refused.as_ref()?.stands_for(self.heeds.as_ref()?)
     }
+}
+
+fn holds(names: &[String], name: &str) -> bool {
+    names.iter().any(|n| n == name)
 }
 
 impl Directory {
@@ -159,21 +169,23 @@ impl Directory {
     /// this, are draining, have never told their load or have been silent come last, in that order. None when no suitable worker is alive.
     pub fn choose(&self, wanted: &Wanted<'_>) -> Option<Assigned> {
         let mut state = self.shared.state();
-        let mut suitable: Vec<WorkerView> =
-            state.workers.iter().filter(|(_, e)| e.alive && !e.deserted).map(|(name, e)| e.view(name)).collect();
-        suitable.retain(|w| wanted.allows(w));
-        let refused = suitable.iter().filter(|w| state.workers.get(&w.name).is_some_and(|e| wanted.refused_by(e).is_some()));
-        let refused: Vec<String> = refused.map(|w| w.name.clone()).collect();
-        let rank = |w: &WorkerView| {
-            let (tried, refused) = (wanted.tried.contains(&w.name), refused.contains(&w.name));
-            (w.silent >= self.shared.suspect_after, w.load.is_none(), !w.takes_calls(), refused, tried)
+        let (first, second) = (state.random.random::<f64>(), state.random.random::<f64>());
+        let rank = |(name, worker): &(&str, &Entry)| {
+            let is_silent = worker.heard.elapsed() >= self.shared.suspect_after;
+            let (is_refused, is_tried) = (wanted.refused_by(worker).is_some(), holds(wanted.tried, name));
+            (is_silent, worker.load.is_none(), !worker.takes_calls(), is_refused, is_tried)
         };
-        let best = suitable.iter().map(rank).min()?;
-        suitable.retain(|w| rank(w) == best);
-        let first = state.random.random_range(0..suitable.len());
-        let second = (first + state.random.random_range(0..suitable.len().max(2) - 1) + 1) % suitable.len();
-        let chosen = if suitable[second].cost_ms() < suitable[first].cost_ms() { second } else { first };
-        let name = suitable.swap_remove(chosen).name;
+        let ranked: Vec<_> = state.suitable(wanted).map(|worker| (rank(&worker), worker)).collect();
+        let best = ranked.iter().map(|(rank, _)| *rank).min()?;
+        let mut equals: Vec<(&str, &Entry)> = ranked.into_iter().filter(|(rank, _)| *rank == best).map(|(_, worker)| worker).collect();
+        let mut drawn = equals.swap_remove(share_of(equals.len(), first));
+        if !equals.is_empty() {
+            let other = equals.swap_remove(share_of(equals.len(), second));
+            if other.1.cost_ms() < drawn.1.cost_ms() {
+                drawn = other;
+            }
+        }
+        let name = drawn.0.to_owned();
         if let Some(entry) = state.workers.get_mut(&name) {
             entry.outstanding += 1;
         }
@@ -207,10 +219,8 @@ impl Directory {
     /// For how long every worker that a call could go to has refused calls like it; none where one may be asked, or nobody is there.
     pub(crate) fn refused_by_all(&self, wanted: &Wanted<'_>) -> Option<Duration> {
         wanted.heeds.as_ref()?;
-        let state = self.shared.state();
-        let suitable = state.workers.iter().filter(|(name, e)| e.alive && !e.deserted && wanted.allows(&e.view(name)));
         // `None`, a worker that may be asked, is less than any time.
-        suitable.map(|(_, entry)| wanted.refused_by(entry)).min().flatten()
+        self.shared.state().suitable(wanted).map(|(_, worker)| wanted.refused_by(worker)).min().flatten()
     }
 
     /// Whether a worker has been silent for so long that calls should leave it.
@@ -227,12 +237,11 @@ impl Directory {
 
     /// Whether anyone besides `besides` could take a call: alive, heard from, not draining, not tried.
     pub fn has_alternative(&self, wanted: &Wanted<'_>, besides: Option<&str>) -> bool {
-        self.shared.state().workers.iter().filter(|(_, e)| e.alive && !e.deserted).map(|(name, e)| e.view(name)).any(|w| {
-            wanted.allows(&w)
-                && !wanted.tried.contains(&w.name)
-                && besides.is_none_or(|name| name != w.name)
-                && w.takes_calls()
-                && w.silent < self.shared.suspect_after
+        self.shared.state().suitable(wanted).any(|(name, worker)| {
+            !holds(wanted.tried, name)
+                && besides.is_none_or(|besides| besides != name)
+                && worker.takes_calls()
+                && worker.heard.elapsed() < self.shared.suspect_after
         })
     }
 
@@ -245,6 +254,11 @@ impl Directory {
     pub fn changed(&self) -> tokio::sync::futures::Notified<'_> {
         self.shared.changed.notified()
     }
+}
+
+/// The index of one of `count` things by a number between 0 and 1.
+fn share_of(count: usize, random: f64) -> usize {
+    ((count as f64 * random) as usize).min(count - 1)
 }
 
 /// A call's claim on its worker, counted until it is dropped.

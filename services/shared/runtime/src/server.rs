@@ -1,41 +1,30 @@
-//! One worker of a service on the network: takes calls, answers each exactly once, reports its load, and drains when asked to stop.
-//!
-//! A call runs in a task of its own; its terminal reply is the first of: what the handler returns, the deadline, the end of the grace
-//! after a cancel, the end of the drain. The way back is dropped right after it, which is what ends the caller's stream.
+//! One worker of a service on the network: takes calls, reports its load, and drains when asked to stop.
 
-use std::collections::BTreeMap;
+mod answerer;
+mod calls;
+
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use bytes::Bytes;
 use repose_proto::load::WorkerLoad;
-use repose_proto::{
-    CallAttachment, CallError, Cell, ErrorCode, JournalKind, Payload, ReplyAttachment, ReplyKind, Service, keys, limits, message,
-};
-use tokio::sync::{Notify, watch};
-use tokio::time::Instant;
+use repose_proto::{Cell, Payload, Service, keys, limits};
+use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
-use tracing::Instrument;
 
 use crate::RuntimeError;
-use crate::call::{Call, Handler};
+use crate::call::Handler;
 use crate::call_key::CallKey;
 use crate::config::WorkerConfig;
 use crate::gauge::LoadGauge;
 use crate::journal::{COPIES_WAIT, Journal};
-use crate::mailbox::{MailboxReceiver, mailbox};
 use crate::namesakes;
-use crate::registry::{Admission, CallResult, Registry};
+use crate::registry::Registry;
 use crate::robots::now_ns;
-use crate::shares::ForCell;
-use crate::stages::Stages;
 use crate::tally::Tally;
-use crate::transport::{Guard, IncomingQueries, IncomingQuery, Replier, Subscription, Traffic, Transport};
+use crate::transport::{Guard, IncomingQueries, Subscription, Traffic, Transport};
 
-/// Progress replies of one call that may wait to be sent.
-const PROGRESS_CAPACITY: usize = 64;
 /// Calls that may wait to be looked at; looking takes microseconds.
 const INCOMING_CAPACITY: usize = 1024;
 /// Loads under this worker's name that may wait to be looked at.
@@ -182,7 +171,7 @@ fn made_up_name() -> String {
 
 async fn take_calls(shared: Arc<Shared>, mut queries: IncomingQueries, call_key: CallKey) {
     while let Some(query) = queries.next().await {
-        shared.calls.spawn(answer(shared.clone(), query, call_key));
+        shared.calls.spawn(calls::answer(shared.clone(), query, call_key));
     }
 }
 
@@ -241,261 +230,4 @@ fn gauges(shared: &Shared, load: &WorkerLoad) {
         "repose_worker_info", "service" => service, "worker" => worker.to_owned(), "weights" => weights, "kernel" => kernel, "version" => version
     )
     .set(1.0);
-}
-
-/// The way back of one call, with what every reply carries.
-struct Answerer {
-    replier: Box<dyn Replier>,
-    attachment: ReplyAttachment,
-    /// Takes copies, where somebody records and the call was copied too.
-    journal: Option<Journal>,
-}
-
-impl Answerer {
-    async fn send(&self, payload: Payload, attachment: &ReplyAttachment) {
-        let encoded = Bytes::from(attachment.encode());
-        if let Some(journal) = &self.journal {
-            journal.copy(JournalKind::Reply, &encoded, &payload);
-        }
-        // The caller sees a stream that ends, and calls again or not.
-        if let Err(error) = self.replier.reply(payload, encoded).await {
-            tracing::warn!(%error, id = attachment.id, "a reply could not be sent");
-        }
-    }
-
-    async fn progress(&mut self, payload: Payload) {
-        let n = self.attachment.n.unwrap_or(0) + 1;
-        self.attachment.n = Some(n);
-        let progress = ReplyAttachment {
-            kind: ReplyKind::Progress,
-            n: Some(n),
-            worker: None,
-            attempt: None,
-            timing_ms: BTreeMap::new(),
-            ..self.attachment.clone()
-        };
-        self.send(payload, &progress).await;
-    }
-
-    /// The one terminal reply. Consumes the way back, which ends the stream.
-    async fn finish(self, outcome: CallResult, timing_ms: BTreeMap<String, f64>) {
-        let outcome = outcome.and_then(|payload| {
-            let size = payload.bytes.len();
-            payload.within_limit().map_err(|_| CallError::internal(format!("the result has {size} bytes, more than a message may have")))
-        });
-        let (kind, payload) = match outcome {
-            Ok(payload) => (ReplyKind::Result, payload),
-            Err(error) => (ReplyKind::Error, error_payload(&error)),
-        };
-        let attachment = ReplyAttachment { kind, n: None, timing_ms, ..self.attachment.clone() };
-        self.send(payload, &attachment).await;
-    }
-}
-
-fn error_payload(error: &CallError) -> Payload {
-    Payload::json(error).unwrap_or_else(|cause| {
-        tracing::error!(%cause, "an error reply could not be encoded");
-        Payload { encoding: String::new(), bytes: Bytes::new() }
-    })
-}
-
-/// The id of an attachment that could not be read whole, so that the reply can carry it.
-fn id_of(attachment: &[u8]) -> String {
-    let value: Option<serde_json::Value> = serde_json::from_slice(attachment).ok();
-    value.and_then(|v| Some(v.get("id")?.as_str()?.to_owned())).unwrap_or_default()
-}
-
-async fn answer(shared: Arc<Shared>, query: IncomingQuery, call_key: CallKey) {
-    let IncomingQuery { key, payload, attachment, replier } = query;
-    let received = Instant::now();
-    let mut reply = ReplyAttachment {
-        v: limits::VERSION,
-        id: String::new(),
-        kind: ReplyKind::Error,
-        n: None,
-        worker: Some(shared.worker.clone()),
-        attempt: None,
-        timing_ms: BTreeMap::new(),
-    };
-    let decoded = match attachment.is_empty() {
-        true => Err(CallError::invalid("attachment", "a call needs an attachment")),
-        false => CallAttachment::decode(&attachment).and_then(|a| message::check_size(payload.bytes.len()).map(|()| a)),
-    };
-    let call = match decoded {
-        Ok(call) => call,
-        Err(error) => {
-            reply.id = id_of(&attachment);
-            return Answerer { replier, attachment: reply, journal: None }.finish(Err(error), BTreeMap::new()).await;
-        }
-    };
-    reply.id.clone_from(&call.id);
-    reply.attempt = Some(call.attempt);
-    let journal = Some(&shared.journal).filter(|journal| journal.is_on() && shared.service.journals(&call.method)).cloned();
-    if let Some(journal) = &journal {
-        journal.copy(JournalKind::Call, &attachment, &payload);
-    }
-    let answerer = Answerer { replier, attachment: reply, journal };
-    let deadline = received + Duration::from_millis(call.remaining_ms);
-    let entered = shared.may_enter(call_key, &call.method).and_then(|()| call_key.cell(&key, &shared.cell));
-    let cell = match entered {
-        Ok(cell) => cell,
-        Err(error) => return answerer.finish(Err(error), BTreeMap::new()).await,
-    };
-    let admission = shared.registry().admit(&call, &cell, &payload);
-    let error = match admission {
-        Admission::Compute { cancelled } => {
-            let admitted = Admitted { attachment: call, cell, payload, deadline, cancelled };
-            return compute(shared, admitted, answerer).await;
-        }
-        Admission::Join { outcome } => return join(outcome, deadline, answerer).await,
-        Admission::Cancelled => CallError::new(ErrorCode::Cancelled, "the caller cancelled before the call came"),
-        Admission::Conflict => CallError::precondition("this id belongs to a different request").at("id"),
-        Admission::Full => {
-            let message = format!("{} calls are open already", shared.config.max_open_calls);
-            CallError::new(ErrorCode::ResourceExhausted, message).retry_after(shared.retry_after_ms())
-        }
-        Admission::CellFull { open } => {
-            let name = cell.as_deref().unwrap_or_default();
-            let message = format!("{open} calls of cell {name} are open already, as many as places are left for others");
-            CallError::new(ErrorCode::ResourceExhausted, message).at("cell").retry_after(shared.retry_after_ms())
-        }
-    };
-    let span = span_of(&shared, &call, &cell);
-    let refused = Err(error);
-    span.in_scope(|| shared.tally.count(shared.service, &call.method, &refused, received.elapsed()));
-    answerer.finish(refused, BTreeMap::new()).await;
-}
-
-impl Shared {
-    /// Whether a call of a method may arrive on a key now.
-    fn may_enter(&self, call_key: CallKey, method: &str) -> Result<(), CallError> {
-        if self.refusing.load(Ordering::Acquire) {
-            return Err(CallError::new(ErrorCode::Unavailable, "this worker is stopping"));
-        }
-        call_key.takes(method, self.service, self.config.operate_only)
-    }
-
-    fn retry_after_ms(&self) -> u64 {
-        let load = self.handler.load();
-        let service_ms = if load.service_ms > 0.0 { load.service_ms } else { self.gauge.service_ms() };
-        (service_ms * self.config.max_open_calls as f64 / 2.0).clamp(1.0, 10_000.0) as u64
-    }
-}
-
-/// A call that was let in.
-struct Admitted {
-    attachment: CallAttachment,
-    cell: ForCell,
-    payload: Payload,
-    deadline: Instant,
-    cancelled: CancellationToken,
-}
-
-async fn compute(shared: Arc<Shared>, admitted: Admitted, mut answerer: Answerer) {
-    let Admitted { attachment, cell, payload, deadline, cancelled } = admitted;
-    let (progress, mut progressed) = mailbox(PROGRESS_CAPACITY);
-    let span = span_of(&shared, &attachment, &cell);
-    let call = Call {
-        id: attachment.id,
-        method: attachment.method,
-        payload,
-        priority: attachment.priority,
-        attempt: attachment.attempt,
-        // A call made on behalf of this one belongs under this one's span.
-        traceparent: crate::trace::traceparent(&span).or(attachment.traceparent),
-        caller: attachment.caller,
-        cell,
-        deadline,
-        cancelled: cancelled.clone(),
-        progress,
-        stages: Stages::default(),
-    };
-    let (id, stages) = (call.id.clone(), call.stages.clone());
-    let at_most_once = shared.handler.at_most_once(&call.method);
-    let started = Instant::now();
-    shared.gauge.started(1);
-    let handler = shared.handler.clone();
-    let method = call.method.clone();
-    let task = tokio::spawn(async move { handler.call(call).await }.instrument(span.clone()));
-    let mut outcome = supervise(&shared, task, deadline, &cancelled, &mut progressed, &mut answerer).await;
-    shared.gauge.finished(1, started.elapsed());
-    while let Some(payload) = progressed.try_recv() {
-        answerer.progress(payload).await;
-    }
-    {
-        let mut registry = shared.registry();
-        let was_cancelled = outcome.as_ref().is_err_and(|error| error.code == ErrorCode::Cancelled);
-        if was_cancelled && !registry.is_cancelled_by_caller(&id) {
-            // The end of a drain: another worker may do it, unless it may have been done here.
-            let error = CallError::new(ErrorCode::Unavailable, "this worker stopped before the work was done");
-            outcome = Err(CallError { retryable: !at_most_once, ..error });
-        }
-        registry.finish(&id, outcome.clone(), at_most_once);
-    }
-    let mut timing_ms = stages.take();
-    timing_ms.insert("total".to_owned(), started.elapsed().as_secs_f64() * 1e3);
-    span.in_scope(|| shared.tally.count(shared.service, &method, &outcome, started.elapsed()));
-    answerer.finish(outcome, timing_ms).await;
-}
-
-/// The span of a call, under the caller's where it sent one.
-fn span_of(shared: &Shared, call: &CallAttachment, cell: &ForCell) -> tracing::Span {
-    let (service, worker) = (shared.service.as_str(), shared.worker.as_str());
-    let (id, method, attempt) = (call.id.as_str(), call.method.as_str(), call.attempt);
-    let cell = cell.as_deref().unwrap_or(shared.cell.name());
-    let span = tracing::info_span!("call", id, method, caller = call.caller, attempt, service, worker, cell);
-    crate::trace::continue_from(&span, call.traceparent.as_deref());
-    span
-}
-
-/// Waits for the handler, for its deadline and for a cancel, and forwards progress meanwhile.
-async fn supervise(
-    shared: &Shared,
-    mut task: tokio::task::JoinHandle<CallResult>,
-    deadline: Instant,
-    cancelled: &CancellationToken,
-    progressed: &mut MailboxReceiver<Payload>,
-    answerer: &mut Answerer,
-) -> CallResult {
-    let grace = Duration::from_millis(shared.config.cancel_grace_ms);
-    let mut give_up: Option<Instant> = None;
-    loop {
-        let end = give_up.unwrap_or(deadline).min(deadline);
-        tokio::select! {
-            biased;
-            done = &mut task => {
-                return done.unwrap_or_else(|failure| {
-                    tracing::error!(%failure, "a handler panicked");
-                    Err(CallError::internal("the handler panicked"))
-                });
-            }
-            Some(payload) = progressed.recv() => answerer.progress(payload).await,
-            () = cancelled.cancelled(), if give_up.is_none() => give_up = Some(Instant::now() + grace),
-            () = tokio::time::sleep_until(end) => {
-                cancelled.cancel();
-                let abort = task.abort_handle();
-                if end == deadline {
-                    // The caller is answered now; the handler may still clean up.
-                    tokio::spawn(async move {
-                        drop(tokio::time::timeout(grace, task).await);
-                        abort.abort();
-                    });
-                    return Err(CallError::new(ErrorCode::DeadlineExceeded, "the deadline passed before the work was done"));
-                }
-                abort.abort();
-                return Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled"));
-            }
-        }
-    }
-}
-
-/// Answers a repeated call with the outcome of the first.
-async fn join(mut outcome: watch::Receiver<Option<CallResult>>, deadline: Instant, answerer: Answerer) {
-    // Taken out of the channel's guard at once, which must not be held across an await.
-    let waited = tokio::time::timeout_at(deadline, async { outcome.wait_for(Option::is_some).await.ok().and_then(|o| o.clone()) }).await;
-    let outcome = match waited {
-        Ok(outcome) => outcome.unwrap_or_else(|| Err(CallError::internal("the call ended without an outcome"))),
-        Err(_) => Err(CallError::new(ErrorCode::DeadlineExceeded, "the deadline passed before the work was done")),
-    };
-    answerer.finish(outcome, BTreeMap::new()).await;
 }

@@ -3,9 +3,9 @@
 //! The robot judges set-points by itself, by backward differences and the official limits: it does not ask the driver's own rules.
 
 use franka::{Errors, RobotMode as FciMode};
-use repose_panda::{CommandRuleSettings, JOINT_COUNT, JointLimits, Joints, Model, READY, smooth_step};
+use repose_panda::{CommandRuleSettings, JOINT_COUNT, JointLimits, Joints, Model, READY};
 use repose_proto::robot::{EmergencyStop, Owner, RobotCommand, RobotMode, RobotState, SetPoint};
-use repose_robot_side::ArmSettings;
+use repose_robot_side::{ArmSettings, straight_way};
 
 use crate::robot::fci::{Next, Reading, Trouble};
 use crate::robot::hand::{HandCommand, HandReading};
@@ -263,18 +263,7 @@ impl Bench {
 
     /// A smooth motion from where the arm is, a set-point every 10 ms.
     pub fn smooth(&mut self, to: &Joints, span_ms: f64) -> Vec<SetPoint> {
-        let from = self.state().q_rad;
-        let steps = (span_ms / 10.0).ceil().max(1.0);
-        let point = |k: usize| {
-            let s = k as f64 / steps;
-            let rate = 30.0 * s * s * (1.0 - s) * (1.0 - s) / (span_ms * 1e-3);
-            SetPoint {
-                t_ms: s * span_ms,
-                q_rad: std::array::from_fn(|i| from[i] + smooth_step(s) * (to[i] - from[i])),
-                dq_rad_s: std::array::from_fn(|i| rate * (to[i] - from[i])),
-            }
-        };
-        (0..=steps as usize).map(point).collect()
+        straight_way(&self.state().q_rad, to, span_ms)
     }
 
     /// Begins a whole stream to a place.
