@@ -7,7 +7,7 @@ use std::path::Path;
 
 use common::*;
 use repose_proto::motion::{ExecuteProgress, Phase, RobotResetReply, RobotResetRequest};
-use repose_proto::perception::{LatestRequest, SceneRequest};
+use repose_proto::perception::{ByteRange, LatestRequest, ScenePart, SceneRequest};
 use repose_proto::place::PlaceProgress;
 use repose_proto::robot::{RobotCommand, RobotState, TaskState};
 use repose_proto::scoring::{ForecastsReply, ForecastsRequest, ModelsRequest, PriorReply, ScoreReply, ScoreRequest};
@@ -48,6 +48,8 @@ fn json_messages_keep_their_bytes() {
     check("PlaceProgress.v1.json", &json(&PlaceProgress { iterations: 1, evaluated: 100, best: place_result().placements.pop() }));
     check("LatestRequest.v1.json", &json(&LatestRequest { camera: "table".into() }));
     check("SceneRequest.v1.json", &json(&SceneRequest::new(SCENE_ID)));
+    let part = Some(ByteRange { offset: 262_144, length: 65_536 });
+    check("SceneRequest.v1.part.json", &json(&SceneRequest { packed: true, part, ..SceneRequest::new(SCENE_ID) }));
     check("PriorRequest.v1.json", &json(&prior_request()));
     check("ModelsRequest.v1.json", &json(&ModelsRequest {}));
     check("ModelsReply.v1.json", &json(&models_reply()));
@@ -87,6 +89,9 @@ fn every_message_with_a_schema_has_its_bytes_checked_in() {
 fn bulk_messages_keep_their_bytes_and_a_scene_its_id() {
     check("Frame.v1.safetensors", &frame().to_bulk().encode());
     check("Scene.v1.safetensors", &scene().to_bulk().encode());
+    let range = ByteRange { offset: 2, length: 3 };
+    let payload = Payload { encoding: "application/octet-stream;repose.Scene.v1".into(), bytes: vec![0, 1, 2, 3, 4, 5].into() };
+    check("ScenePart.v1.safetensors", &ScenePart::of(&payload, range).to_payload().unwrap().bytes);
     check("ScoreRequest.v1.safetensors", &score_request().to_bulk(Some(&scene())).encode());
     check("ScoreReply.v1.safetensors", &score_reply().to_bulk().encode());
     check("PriorReply.v1.safetensors", &prior_reply().to_bulk().encode());

@@ -10,10 +10,9 @@ use std::time::{Duration, Instant};
 use nalgebra::Isometry3;
 use repose_geometry::transform::from_row_major;
 use repose_pictures::jpeg;
-use repose_proto::perception::SceneRequest;
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, Frame, Payload, Scene, SceneSummary, Service, keys};
-use repose_runtime::{CallOptions, Caller, Sample, Session, Subscription, fetch_newest};
+use repose_runtime::{CallOptions, Caller, Sample, Session, Subscription, fetch_newest, fetch_scene};
 use tokio::sync::Notify;
 use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval};
@@ -41,6 +40,8 @@ const VIEWS: usize = 6;
 const CAMERA_WITHIN: Duration = Duration::from_secs(2);
 /// How long perception may take to send a scene.
 const SCENE_WITHIN: Duration = Duration::from_secs(5);
+/// How often a camera that is looked at is asked for its newest scene; sooner than perception takes nobody to ask.
+const ASK_PERIOD: Duration = Duration::from_secs(4);
 
 /// A cell that at least one viewer watches.
 pub struct WatchedCell {
@@ -337,9 +338,7 @@ impl Shared {
     }
 
     async fn scene(&self, scene_id: &str) -> Result<Scene, CallError> {
-        let request = Payload::json(&SceneRequest::new(scene_id))?;
-        let answer = self.callers[&Service::Perception].call_any("scene", &request, &CallOptions::within(SCENE_WITHIN)).await?;
-        computed(move || Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA)?)).await
+        fetch_scene(&self.callers[&Service::Perception], scene_id, &CallOptions::within(SCENE_WITHIN)).await
     }
 
     async fn newest(&self, camera: &str) -> Result<SceneSummary, CallError> {
@@ -420,10 +419,15 @@ async fn follow_scenes(cell: Arc<Shared>, camera: String, mut summaries: Subscri
     if let Ok(summary) = cell.newest(&camera).await {
         show_scene(&cell, &summary, &seen).await;
     }
-    let mut pause = ticking(cell.config.scene_period_ms);
+    let (mut pause, mut asked) = (ticking(cell.config.scene_period_ms), Instant::now());
     loop {
         pause.tick().await;
         let Some(sample) = summaries.recv().await else { return };
+        if asked.elapsed() >= ASK_PERIOD {
+            asked = Instant::now();
+            // Where nothing changes no scene is asked for, and perception makes fewer of them; who looks wants to see what changes at once.
+            drop(cell.newest(&camera).await);
+        }
         match sample.payload.decode_json::<SceneSummary>() {
             Ok(summary) => show_scene(&cell, &summary, &seen).await,
             Err(error) => tracing::debug!(camera, %error, "a scene's summary that cannot be read"),

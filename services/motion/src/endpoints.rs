@@ -7,8 +7,8 @@ use repose_proto::motion::{
     ExecuteReply, ExecutionOutcome, MotionPlanRequest, RecoverReply, RecoverRequest, RecoveryMove, RobotResetRequest,
 };
 use repose_proto::robot::HeldObject;
-use repose_proto::{CallError, Message, Payload};
-use repose_runtime::{Call, Handler, Session, load_of};
+use repose_proto::{CallError, Message, Payload, Scene};
+use repose_runtime::{Call, CallOptions, Caller, Handler, Session, fetch_scene, load_of};
 
 use crate::client_watch::ClientWatch;
 use crate::config::OnClientLoss;
@@ -21,20 +21,40 @@ pub struct Endpoints {
     worker: Worker,
     link: RobotLink,
     session: Session,
+    perception: Caller,
     on_client_loss: OnClientLoss,
 }
 
 impl Endpoints {
-    /// Plans with a worker and moves robots over a link.
-    pub fn new(worker: Worker, link: RobotLink, session: Session, on_client_loss: OnClientLoss) -> Self {
-        Self { worker, link, session, on_client_loss }
+    /// Plans with a worker, moves robots over a link, and asks perception for scenes.
+    pub fn new(worker: Worker, link: RobotLink, session: Session, perception: Caller, on_client_loss: OnClientLoss) -> Self {
+        Self { worker, link, session, perception, on_client_loss }
+    }
+
+    /// The scene of a request where it did not come along and is not held: perception of this cell is nearer than most callers. None where it cannot
+    /// be had so; a caller that has it at hand sends it then.
+    async fn missing_scene(&self, scene_id: &str, call: &Call) -> Option<Scene> {
+        // Where there is no perception nobody waits for one.
+        if self.worker.holds(scene_id) || self.perception.workers().is_empty() {
+            return None;
+        }
+        let started = std::time::Instant::now();
+        let options = CallOptions::for_call(call);
+        let options = CallOptions { deadline: options.deadline / 2, ..options };
+        let fetched = fetch_scene(&self.perception, scene_id, &options).await;
+        call.stage("scene", started.elapsed().as_secs_f64() * 1e3);
+        fetched.inspect_err(|error| tracing::debug!(scene_id, %error, "perception has no scene to plan on")).ok()
     }
 
     /// Ranked placements to a timed motion. The request comes as JSON, or in bulk form with its scene.
     async fn plan(&self, call: &Call) -> Result<Payload, CallError> {
         let (request, scene) = match call.payload.is_bulk() {
             true => call.timed("decode", || disclose::<MotionPlanRequest>(&call.payload.decode_bulk(MotionPlanRequest::SCHEMA)?))?,
-            false => (call.payload.decode_json()?, None),
+            false => {
+                let request: MotionPlanRequest = call.payload.decode_json()?;
+                let scene = self.missing_scene(&request.scene.scene_id, call).await;
+                (request, scene)
+            }
         };
         let started = std::time::Instant::now();
         let plan = self.worker.plan(call.context(), request, scene).await?;

@@ -51,7 +51,12 @@ pub use config::MotionConfig;
 pub async fn run(session: Session, config: MotionConfig, shutdown: Shutdown) -> Result<(), RuntimeError> {
     let worker = worker::Worker::start(&config)?;
     let link = robot_link::RobotLink::new(session.clone(), &config)?;
+    let perception = session.caller(Service::Perception).await?;
     session
-        .serve(Service::Motion, Arc::new(endpoints::Endpoints::new(worker, link, session.clone(), config.on_client_loss)), shutdown)
+        .serve(
+            Service::Motion,
+            Arc::new(endpoints::Endpoints::new(worker, link, session.clone(), perception, config.on_client_loss)),
+            shutdown,
+        )
         .await
 }

@@ -74,6 +74,11 @@ impl Worker {
         self.queue.run(context, job).await
     }
 
+    /// Whether a scene is here.
+    pub fn holds(&self, scene_id: &str) -> bool {
+        self.scenes.get(scene_id).is_ok()
+    }
+
     /// The scene where this worker holds it; none where it came along.
     fn held(&self, scene_id: &str, sent: Option<&Scene>) -> Result<Option<Arc<MotionScene>>, CallError> {
         match self.scenes.get(scene_id) {

@@ -6,7 +6,8 @@ use async_trait::async_trait;
 use repose_proto::load::WorkerLoad;
 use repose_proto::perception::{LatestRequest, SceneRequest};
 use repose_proto::{CallError, Payload, Scene};
-use repose_runtime::{Call, Handler, load_of};
+use repose_runtime::{Call, Handler, SceneStore, load_of};
+use tokio::sync::Mutex;
 
 use crate::report::report;
 use crate::worker::Worker;
@@ -14,12 +15,20 @@ use crate::worker::Worker;
 /// Answers `segment`, `latest` and `scene`.
 pub struct Endpoints {
     worker: Arc<Worker>,
+    /// The scenes that were asked for in packed form last.
+    packed: SceneStore<Payload>,
+    /// Held while one is packed.
+    packing: Mutex<()>,
 }
+
+/// Scenes that are kept in packed form, a megabyte each, and their bytes: as many as callers may fetch at a time.
+const PACKED_SCENES: usize = 4;
+const PACKED_BYTES: usize = 16 << 20;
 
 impl Endpoints {
     /// Answers from what a worker makes and keeps.
     pub fn new(worker: Arc<Worker>) -> Self {
-        Self { worker }
+        Self { worker, packed: SceneStore::new(PACKED_SCENES, PACKED_BYTES, |scene| scene.bytes.len()), packing: Mutex::default() }
     }
 
     /// A frame to its scene, kept under its id.
@@ -35,22 +44,26 @@ impl Endpoints {
     }
 
     /// The summary of a camera's newest scene.
-    fn latest(&self, call: &Call) -> Result<Payload, CallError> {
+    async fn latest(&self, call: &Call) -> Result<Payload, CallError> {
         let LatestRequest { camera } = call.payload.decode_json()?;
-        let summary = self.worker.newest().of(&camera).cloned();
-        let summary = summary.ok_or_else(|| CallError::not_found("camera", format!("no scene of camera {camera:?} was made here")))?;
-        Payload::json(&summary)
+        Payload::json(&self.worker.latest(&camera).await?)
     }
 
-    /// A scene by its id, packed for whoever is at the end of a slow network.
+    /// A scene by its id, packed and in parts for whoever is at the end of a slow network.
     async fn scene(&self, call: &Call) -> Result<Payload, CallError> {
-        let SceneRequest { scene_id, packed } = call.payload.decode_json()?;
-        let plain = self.worker.scene(&scene_id)?.payload.clone();
-        if !packed {
-            return Ok(plain);
+        let request: SceneRequest = call.payload.decode_json()?;
+        let plain = self.worker.scene(&request.scene_id)?.payload.clone();
+        if !request.packed {
+            return request.answer(&plain);
+        }
+        // Several parts are asked for at once: the first packs, and the others wait for that.
+        let _packing = self.packing.lock().await;
+        if let Ok(scene) = self.packed.get(&request.scene_id) {
+            return request.answer(&scene);
         }
         let packing = move || Payload::packed(Scene::SCHEMA, &plain.decode_bulk(Scene::SCHEMA)?);
-        tokio::task::spawn_blocking(packing).await.map_err(|e| CallError::internal(format!("packing was lost: {e}")))?
+        let scene = tokio::task::spawn_blocking(packing).await.map_err(|e| CallError::internal(format!("packing was lost: {e}")))??;
+        request.answer(&self.packed.keep(&request.scene_id, Arc::new(scene)))
     }
 }
 
@@ -59,7 +72,7 @@ impl Handler for Endpoints {
     async fn call(&self, call: Call) -> Result<Payload, CallError> {
         match call.method.as_str() {
             "segment" => self.segment(&call).await,
-            "latest" => self.latest(&call),
+            "latest" => self.latest(&call).await,
             "scene" => self.scene(&call).await,
             _ => Err(call.unknown_method()),
         }

@@ -22,7 +22,8 @@ pub struct PlannerConfig {
     pub queue_capacity: usize,
     /// The most prepared scenes kept; the least recently used go first. Raising it saves preparing a scene again, at some 20 MB each.
     pub scenes: usize,
-    /// How long perception may take to send a scene that is not here, milliseconds.
+    /// The longest that perception may take to send a scene that is not here, milliseconds; half of what is left to the request, where that is
+    /// less. Raising it bears slower links.
     pub scene_timeout_ms: u64,
     /// Time kept back from a request's deadline to send the answer, milliseconds. Raising it makes late searches end earlier, as
     /// `partial`; at 0 some end as `deadline_exceeded`.
@@ -37,7 +38,7 @@ impl Default for PlannerConfig {
             threads: 4,
             queue_capacity: 64,
             scenes: 8,
-            scene_timeout_ms: 2000,
+            scene_timeout_ms: 20_000,
             reply_reserve_ms: 60,
         }
     }

@@ -97,7 +97,8 @@ impl Endpoints {
             return Ok(kept);
         }
         let options = CallOptions::for_call(call);
-        let options = CallOptions { deadline: options.deadline.min(self.scene_timeout), ..options };
+        // What is left then is for the search, or for a caller that has the scene to send it.
+        let options = CallOptions { deadline: (options.deadline / 2).min(self.scene_timeout), ..options };
         let started = Instant::now();
         // Whoever waits gives up when its own fetch would have: its caller may send the scene.
         let turn = tokio::time::timeout(options.deadline, self.fetches.turn(scene_id)).await;

@@ -192,8 +192,8 @@ impl Handler for Scenes {
                 Payload::json(&newest.ok_or_else(missing)?)
             }
             "scene" => {
-                let SceneRequest { scene_id, .. } = call.payload.decode_json()?;
-                Ok(self.whole.get(&scene_id)?.as_ref().clone())
+                let request: SceneRequest = call.payload.decode_json()?;
+                request.answer(self.whole.get(&request.scene_id)?.as_ref())
             }
             _ => Err(call.unknown_method()),
         }

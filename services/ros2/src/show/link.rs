@@ -3,10 +3,9 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use repose_proto::perception::SceneRequest;
-use repose_proto::{Payload, Scene, SceneSummary, Service};
+use repose_proto::{Scene, SceneSummary, Service};
 use repose_ros_messages::{Detection3DArray, MarkerArray, PointCloud2, PoseArray};
-use repose_runtime::{CallOptions, Caller, Session};
+use repose_runtime::{CallOptions, Caller, Session, fetch_scene};
 
 use super::messages;
 use crate::config::Ros2Config;
@@ -85,7 +84,5 @@ pub async fn run(session: Session, node: Node, config: Arc<Ros2Config>, camera: 
 /// # Errors
 /// When no perception worker has it any more.
 pub async fn whole(perception: &Caller, scene_id: &str) -> Result<Scene, BridgeError> {
-    let request = Payload::json(&SceneRequest::new(scene_id))?;
-    let answer = perception.call("scene", request, CallOptions::within(FETCH)).await?;
-    Ok(Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA)?)?)
+    Ok(fetch_scene(perception, scene_id, &CallOptions::within(FETCH)).await?)
 }

@@ -5,9 +5,11 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use futures::StreamExt;
+use futures::stream::FuturesOrdered;
 use lru::LruCache;
 use repose_proto::motion::{MotionPlan, MotionPlanRequest};
-use repose_proto::perception::{LatestRequest, SceneRequest};
+use repose_proto::perception::{ByteRange, LatestRequest, ScenePart, SceneRequest};
 use repose_proto::{CallError, ErrorCode, Payload, PlaceRequest, PlaceResult, Scene, SceneSummary};
 
 use crate::{Answer, CallOptions, Caller};
@@ -119,25 +121,71 @@ pub async fn fetch_newest(perception: &Caller, camera: &str, options: &CallOptio
     perception.call_any("latest", &request, options).await?.payload.decode_json()
 }
 
-/// A scene, whole, from whichever perception worker has it.
+/// A scene, whole, from whichever perception worker has it. It comes in parts, several of them under way at once: a message that takes seconds
+/// keeps others from a slow link, and one that takes more than five ends the link, with everything that goes by it.
 ///
 /// # Errors
 /// `not_found` when none of them has it; those of [`Caller::call_any`].
 pub async fn fetch_scene(perception: &Caller, scene_id: &str, options: &CallOptions) -> Result<Scene, CallError> {
-    let mut request = SceneRequest { packed: perception.packs_scenes(), ..SceneRequest::new(scene_id) };
-    let mut answered = perception.call_any("scene", &Payload::json(&request)?, options).await;
-    if request.packed && answered.as_ref().is_err_and(|error| error.code == ErrorCode::InvalidArgument) {
-        // Workers of release 1 know scenes in plain form only.
-        request.packed = false;
-        answered = perception.call_any("scene", &Payload::json(&request)?, options).await;
+    let request = SceneRequest { packed: perception.packs_scenes(), ..SceneRequest::new(scene_id) };
+    let mut fetched = fetch_parts(perception, &request, options).await;
+    if fetched.as_ref().is_err_and(|error| error.code == ErrorCode::InvalidArgument) {
+        // Workers of release 1 know scenes in plain form and whole only.
+        let plain = Payload::json(&SceneRequest::new(scene_id))?;
+        fetched = perception.call_any("scene", &plain, options).await.map(|answer| answer.payload);
     }
-    let payload = answered?.payload;
+    let payload = fetched?;
+    let is_packed = payload.is_packed();
     let read = move || Scene::from_bulk(&payload.decode_bulk(Scene::SCHEMA)?);
-    match request.packed {
+    match is_packed {
         // Unpacking takes tens of milliseconds.
         true => tokio::task::spawn_blocking(read).await.map_err(|e| CallError::internal(format!("a scene was lost: {e}")))?,
         false => read(),
     }
+}
+
+/// Bytes of a part. A router closes a link on which one message waits for five seconds: links of half a Mbit/s bear this, as does what TCP makes of
+/// 300 ms to and fro with a packet in a hundred lost.
+const PART_BYTES: u32 = 256 << 10;
+/// Parts that are asked for before it is known how many there are, and most that are under way at once: all of a scene that is packed, and nearly all
+/// of one that is not, come within a single round trip.
+const PARTS_AT_ONCE: u32 = 16;
+
+/// A scene's payload, put together from its parts.
+async fn fetch_parts(perception: &Caller, request: &SceneRequest, options: &CallOptions) -> Result<Payload, CallError> {
+    let until = tokio::time::Instant::now() + options.deadline;
+    let ask = |k: u32| async move {
+        let part = ByteRange { offset: k * PART_BYTES, length: PART_BYTES };
+        let request = Payload::json(&SceneRequest { part: Some(part), ..request.clone() })?;
+        let left = until.saturating_duration_since(tokio::time::Instant::now());
+        perception.call_any("scene", &request, &CallOptions { deadline: left, ..options.clone() }).await
+    };
+    let mut under_way: FuturesOrdered<_> = (0..PARTS_AT_ONCE).map(ask).collect();
+    let mut next = PARTS_AT_ONCE;
+    let mut bytes = Vec::new();
+    while let Some(answer) = under_way.next().await {
+        let payload = answer?.payload;
+        if payload.schema() != ScenePart::SCHEMA {
+            return Ok(payload);
+        }
+        let part = ScenePart::from_payload(&payload)?;
+        if part.offset != bytes.len() || part.bytes.is_empty() {
+            return Err(CallError::internal(format!(
+                "a part of the scene begins at byte {}, where {} was asked for",
+                part.offset,
+                bytes.len()
+            )));
+        }
+        bytes.extend_from_slice(&part.bytes);
+        if bytes.len() == part.total_bytes {
+            return Ok(Payload { encoding: part.encoding, bytes: bytes.into() });
+        }
+        if (next as usize) * (PART_BYTES as usize) < part.total_bytes {
+            under_way.push_back(ask(next));
+            next += 1;
+        }
+    }
+    Err(CallError::internal("the scene has more parts than were asked for"))
 }
 
 impl Caller {

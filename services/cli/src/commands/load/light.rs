@@ -161,8 +161,9 @@ impl Handler for OneScene {
         if asked.scene_id != self.scene_id {
             return Err(CallError::not_found("scene_id", format!("scene {} is not of this cell", asked.scene_id)));
         }
-        self.counts.scenes_sent.fetch_add(1, Ordering::Relaxed);
+        let is_first = asked.part.is_none_or(|range| range.offset == 0);
+        self.counts.scenes_sent.fetch_add(u64::from(is_first), Ordering::Relaxed);
         // Made when it is asked for: megabytes for each of hundreds of cells would not fit.
-        Payload::bulk(Scene::SCHEMA, &scene_of(self.k, &self.camera).to_bulk())
+        asked.answer(&Payload::bulk(Scene::SCHEMA, &scene_of(self.k, &self.camera).to_bulk())?)
     }
 }

@@ -8,5 +8,6 @@ mod journal;
 mod outage;
 mod pool;
 mod pubsub;
+mod scenes;
 mod schedules;
 mod silent_link;

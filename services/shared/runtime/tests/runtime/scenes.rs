@@ -1,0 +1,89 @@
+//! Fetching scenes: in parts from whoever gives parts, whole from whoever does not.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use async_trait::async_trait;
+use repose_proto::bulk::Bulk;
+use repose_proto::load::WorkerLoad;
+use repose_proto::perception::SceneRequest;
+use repose_proto::{CallError, Payload, Scene, Service};
+use repose_runtime::{Call, CallOptions, Handler, RuntimeConfig, fetch_scene};
+
+use crate::common::Network;
+
+/// What a worker does with a request for a part.
+#[derive(Clone, Copy, PartialEq)]
+enum Parts {
+    Given,
+    /// It answers with the whole.
+    Ignored,
+    /// It does not know the field: release 1.
+    Refused,
+}
+
+struct OneScene {
+    scene: Payload,
+    parts: Parts,
+    largest: AtomicUsize,
+}
+
+#[async_trait]
+impl Handler for OneScene {
+    async fn call(&self, call: Call) -> Result<Payload, CallError> {
+        let request: SceneRequest = call.payload.decode_json()?;
+        let answer = match self.parts {
+            Parts::Refused if request.part.is_some() || request.packed => return Err(CallError::invalid("part", "unknown field")),
+            Parts::Ignored => self.scene.clone(),
+            _ => request.answer(&self.scene)?,
+        };
+        self.largest.fetch_max(answer.bytes.len(), Ordering::SeqCst);
+        Ok(answer)
+    }
+
+    fn load(&self) -> WorkerLoad {
+        WorkerLoad::default()
+    }
+}
+
+/// A scene of many points, five megabytes of them.
+fn large_scene() -> Scene {
+    let golden = include_bytes!("../../../../../proto/tests/golden/Scene.v1.safetensors");
+    let mut scene = Scene::from_bulk(&Bulk::decode(golden).unwrap()).unwrap();
+    let points = 330_000;
+    scene.points = (0..points).map(|i| [i as f32 * 1e-6, 0.25, 0.5]).collect();
+    // One point of each of its objects, and many of none.
+    scene.labels = (0..points).map(|i| if i < 3 { i as u16 } else { 0 }).collect();
+    scene.colors = Some(vec![[1, 2, 3]; points]);
+    scene
+}
+
+async fn fetched(parts: Parts) -> (Scene, Scene, usize) {
+    let network = Network::embedded(RuntimeConfig::default()).await;
+    let session = network.session().await;
+    let scene = large_scene();
+    let payload = Payload::bulk(Scene::SCHEMA, &scene.to_bulk()).unwrap();
+    let worker = Arc::new(OneScene { scene: payload, parts, largest: AtomicUsize::default() });
+    let server = session.start(Service::Perception, worker.clone()).await.unwrap();
+    let perception = session.caller(Service::Perception).await.unwrap();
+    let came = fetch_scene(&perception, &"0".repeat(64), &CallOptions::within(Duration::from_secs(20))).await.unwrap();
+    server.drain().await;
+    (came, scene, worker.largest.load(Ordering::SeqCst))
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scene_comes_in_parts_none_of_which_holds_a_link_for_long() {
+    let (came, sent, largest) = fetched(Parts::Given).await;
+    assert_eq!(came, sent);
+    assert!(largest < 300_000, "{largest} bytes in one message");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn workers_that_give_no_parts_give_the_whole() {
+    for parts in [Parts::Ignored, Parts::Refused] {
+        let (came, sent, largest) = fetched(parts).await;
+        assert_eq!(came, sent);
+        assert!(largest > 4 << 20);
+    }
+}
