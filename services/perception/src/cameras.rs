@@ -1,11 +1,13 @@
 //! The frames of the cameras that this worker owns: each newest frame becomes a scene, which is published.
 //!
 //! Receiving never waits for computing: a frame that comes while its camera's last one still waits replaces it. What is dropped, late
-//! or unusable is counted, so that a camera that is too fast, or broken, can be seen. A camera's frames are taken one after the other in
+//! or unusable is counted, so that a camera that is too fast, or broken, can be seen. While nobody asks for a camera's scenes only some of its
+//! frames become one (`pace`). A camera's frames are taken one after the other in
 //! the order that they came in, up to the publishing: what was published last is its newest scene.
 
 pub mod names;
 pub mod newest;
+pub mod pace;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -37,6 +39,8 @@ pub struct FrameCounts {
     pub received: AtomicU64,
     /// Frames that a newer one replaced before their turn, or for which there was no room.
     pub dropped: AtomicU64,
+    /// Frames that a newer one replaced while nobody asked for scenes.
+    pub unasked: AtomicU64,
     /// Frames that took too long, or came after a newer one.
     pub late: AtomicU64,
     /// Frames that could not be used.
@@ -50,6 +54,7 @@ pub struct FrameCounts {
 enum Became {
     Received,
     Dropped,
+    Unasked,
     Late,
     Failed,
     Published,
@@ -61,6 +66,7 @@ impl FrameCounts {
             names,
             received: AtomicU64::default(),
             dropped: AtomicU64::default(),
+            unasked: AtomicU64::default(),
             late: AtomicU64::default(),
             failed: AtomicU64::default(),
             published: AtomicU64::default(),
@@ -71,6 +77,7 @@ impl FrameCounts {
         let (counter, name) = match became {
             Became::Received => (&self.received, "received"),
             Became::Dropped => (&self.dropped, "dropped"),
+            Became::Unasked => (&self.unasked, "unasked"),
             Became::Late => (&self.late, "late"),
             Became::Failed => (&self.failed, "failed"),
             Became::Published => (&self.published, "published"),
@@ -87,18 +94,23 @@ impl FrameCounts {
 /// A frame on its way.
 struct Waiting {
     payload: Payload,
+    /// When it came, or its turn did where nobody asks.
     arrived: Instant,
+    /// Its number among its camera's.
+    number: u64,
 }
 
 /// A camera's turn: while it lasts, no other frame of it is taken.
 struct Turn<'a> {
     cameras: &'a CameraFollower,
     camera: &'a str,
+    number: u64,
 }
 
 impl Drop for Turn<'_> {
     fn drop(&mut self) {
         self.cameras.newest.lock().unwrap_or_else(PoisonError::into_inner).done(self.camera);
+        self.cameras.worker.done(self.camera, self.number);
         self.cameras.arrived.notify_one();
     }
 }
@@ -187,12 +199,18 @@ impl CameraFollower {
             self.counts.count(Became::Received, ANY_CAMERA, dropped - dropped_before);
             self.counts.count(Became::Dropped, ANY_CAMERA, dropped - dropped_before);
             dropped_before = dropped;
-            let frame = Waiting { payload: sample.payload, arrived: Instant::now() };
+            let arrived = Instant::now();
+            let (number, is_idle) = {
+                let mut pace = self.worker.pace();
+                (pace.came(camera, arrived), pace.is_idle(camera, arrived))
+            };
+            let frame = Waiting { payload: sample.payload, arrived, number };
             let placed = self.newest.lock().unwrap_or_else(PoisonError::into_inner).put(camera, frame);
             match placed {
                 Placed::Waiting => {}
-                Placed::Replaced => self.counts.count(Became::Dropped, camera, 1),
+                Placed::Replaced => self.counts.count(if is_idle { Became::Unasked } else { Became::Dropped }, camera, 1),
                 Placed::Refused => {
+                    self.worker.done(camera, number);
                     self.counts.count(Became::Dropped, camera, 1);
                     tracing::warn!(camera, "a frame was refused: too many cameras");
                 }
@@ -211,7 +229,7 @@ impl CameraFollower {
             tokio::spawn(async move {
                 {
                     // Ends the turn even where publishing panics.
-                    let _turn = Turn { cameras: &this, camera: &camera };
+                    let _turn = Turn { cameras: &this, camera: &camera, number: frame.number };
                     this.publish(&camera, frame).await;
                 }
                 drop(permit);
@@ -219,15 +237,44 @@ impl CameraFollower {
         }
     }
 
+    /// The next frame whose time has come.
     async fn next(&self) -> (String, Waiting) {
         loop {
-            let arrived = self.arrived.notified();
-            let next = self.newest.lock().unwrap_or_else(PoisonError::into_inner).take();
-            if let Some(next) = next {
-                return next;
+            let (arrived, mut paced) = (self.arrived.notified(), std::pin::pin!(self.worker.paced()));
+            paced.as_mut().enable();
+            let now = Instant::now();
+            let (next, due) = self.take(now);
+            if let Some((camera, frame)) = next {
+                self.worker.pace().taken(&camera, now);
+                return (camera, frame);
             }
-            arrived.await;
+            let time_comes = async {
+                match due {
+                    Some(due) => tokio::time::sleep_until(due.into()).await,
+                    None => std::future::pending().await,
+                }
+            };
+            tokio::select! {
+                () = arrived => {}
+                () = paced => {}
+                () = time_comes => {}
+            }
         }
+    }
+
+    /// A frame whose time has come, or when that of the first that waits comes.
+    fn take(&self, now: Instant) -> (Option<(String, Waiting)>, Option<Instant>) {
+        let pace = self.worker.pace();
+        let mut newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut next = newest.take(|camera| pace.due(camera, now) <= now);
+        if let Some((camera, frame)) = &mut next
+            && pace.is_idle(camera, now)
+        {
+            // What it waited for was its turn, and nobody waited for it.
+            frame.arrived = now;
+        }
+        let due = newest.waiting().map(|camera| pace.due(camera, now)).min();
+        (next, due)
     }
 
     /// One frame to its published scene.

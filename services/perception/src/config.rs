@@ -1,7 +1,10 @@
 //! The service's configuration, section `[perception]`.
 
+use std::time::Duration;
+
 use serde::Deserialize;
 
+use crate::cameras::pace::PaceSettings;
 use crate::newest_scenes::NewestLimits;
 use crate::settings::Settings;
 
@@ -33,6 +36,12 @@ pub struct PerceptionConfig {
     /// How long a camera's scene that nobody asks for can be asked for once there is a newer one, milliseconds; where there is no room it goes
     /// sooner. Raising it gives whoever has read an id more time, at about 5 MB for every scene of that time.
     pub unasked_kept_ms: u64,
+    /// How often a camera's newest frame becomes a scene while nobody asks for its scenes, milliseconds; 0 makes one of every frame. Who asks after
+    /// a pause gets that of the newest frame all the same. Raising it saves an idle cell processor time and memory, and shows those who read
+    /// summaries only, and never ask, fewer of them.
+    pub idle_period_ms: u64,
+    /// How long a camera's scenes count as asked for after a call of `latest` or `scene`, milliseconds.
+    pub asked_for_ms: u64,
     /// How frames become scenes.
     pub segmentation: Settings,
 }
@@ -49,6 +58,8 @@ impl Default for PerceptionConfig {
             scenes_kept: 32,
             scenes_kept_bytes: 256 << 20,
             unasked_kept_ms: 3000,
+            idle_period_ms: 1000,
+            asked_for_ms: 10_000,
             segmentation: Settings::default(),
         }
     }
@@ -58,6 +69,15 @@ impl PerceptionConfig {
     /// The limits of which scene is each camera's newest.
     pub fn newest_limits(&self) -> NewestLimits {
         NewestLimits { cameras: self.max_cameras, late_ns: self.late_within_ms.saturating_mul(1_000_000) }
+    }
+
+    /// How often frames become scenes.
+    pub fn pace(&self) -> PaceSettings {
+        PaceSettings {
+            idle_period: Duration::from_millis(self.idle_period_ms),
+            asked_for: Duration::from_millis(self.asked_for_ms),
+            cameras: self.max_cameras,
+        }
     }
 }
 

@@ -80,6 +80,7 @@ pub async fn run(session: Session, config: PerceptionConfig, shutdown: Shutdown)
     tracing::info!(
         received = counts.received.load(Ordering::Relaxed),
         dropped = counts.dropped.load(Ordering::Relaxed),
+        unasked = counts.unasked.load(Ordering::Relaxed),
         late = counts.late.load(Ordering::Relaxed),
         failed = counts.failed.load(Ordering::Relaxed),
         published = counts.published.load(Ordering::Relaxed),

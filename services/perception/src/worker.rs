@@ -4,9 +4,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use repose_proto::robot::RobotState;
-use repose_proto::{CallError, Frame, Payload, Scene};
+use repose_proto::{CallError, Frame, Payload, Scene, SceneSummary};
 use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore};
+use tokio::sync::Notify;
+use tokio::sync::futures::Notified;
 
+use crate::cameras::pace::Pace;
 use crate::config::PerceptionConfig;
 use crate::newest_scenes::{KeptScene, NewestScenes};
 use crate::robots::states::RobotStates;
@@ -22,6 +25,9 @@ pub struct Worker {
     unasked: Mutex<Unasked>,
     newest: Mutex<NewestScenes>,
     robots: Arc<Mutex<RobotStates>>,
+    pace: Mutex<Pace>,
+    /// Somebody asked for scenes, or a frame is done.
+    paced: Notify,
 }
 
 /// How long the stages of a frame took, milliseconds.
@@ -54,6 +60,8 @@ impl Worker {
             unasked: Mutex::new(Unasked::new(Duration::from_millis(config.unasked_kept_ms), config.scenes_kept)),
             newest: Mutex::new(NewestScenes::new(config.newest_limits())),
             robots: Arc::default(),
+            pace: Mutex::new(Pace::new(config.pace())),
+            paced: Notify::new(),
         })
     }
 
@@ -77,7 +85,51 @@ impl Worker {
     /// `not_found` on `scene_id`.
     pub fn scene(&self, scene_id: &str) -> Result<Arc<KeptScene>, CallError> {
         self.unasked().asked(scene_id);
-        self.scenes.get(scene_id)
+        let scene = self.scenes.get(scene_id)?;
+        self.asked(&scene.summary.camera);
+        Ok(scene)
+    }
+
+    /// The newest scene of a camera, in short: that of its newest frame where nobody had asked for a while.
+    ///
+    /// # Errors
+    /// `not_found` on `camera`.
+    pub async fn latest(&self, camera: &str) -> Result<SceneSummary, CallError> {
+        if let Some(number) = self.asked(camera) {
+            loop {
+                let mut paced = std::pin::pin!(self.paced.notified());
+                paced.as_mut().enable();
+                if self.pace().is_done(camera, number) {
+                    break;
+                }
+                paced.await;
+            }
+        }
+        let newest = self.newest().of(camera).cloned();
+        newest.ok_or_else(|| CallError::not_found("camera", format!("no scene of camera {camera:?} was made here")))
+    }
+
+    fn asked(&self, camera: &str) -> Option<u64> {
+        let waits_for = self.pace().asked(camera, Instant::now());
+        self.paced.notify_waiters();
+        waits_for
+    }
+
+    /// When which frames become scenes.
+    pub fn pace(&self) -> MutexGuard<'_, Pace> {
+        // Every change leaves it whole, so a panic elsewhere under the lock does not spoil it.
+        self.pace.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits until somebody asks for scenes, or a frame is done. Register before looking.
+    pub fn paced(&self) -> Notified<'_> {
+        self.paced.notified()
+    }
+
+    /// A frame is done, whatever became of it.
+    pub fn done(&self, camera: &str, number: u64) {
+        self.pace().done(camera, number);
+        self.paced.notify_waiters();
     }
 
     /// Keeps a scene that a caller had made under its id. The same content again is kept once, as it came last.

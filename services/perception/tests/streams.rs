@@ -10,7 +10,7 @@ use common::{config, encoded, frame, frame_of};
 use repose_perception::PerceptionConfig;
 use repose_perception::cameras::{CameraFollower, FrameCounts};
 use repose_perception::worker::Worker;
-use repose_proto::{Payload, SceneSummary};
+use repose_proto::{ErrorCode, Payload, SceneSummary};
 use repose_runtime::{CancellationToken, Session, Subscription, Traffic};
 
 /// Cameras that are followed, and who listens to their scenes.
@@ -61,7 +61,7 @@ impl Following {
     /// Until every frame received has become something.
     async fn settled(&self) {
         self.until(|counts| {
-            let ended = [&counts.dropped, &counts.late, &counts.failed, &counts.published];
+            let ended = [&counts.dropped, &counts.unasked, &counts.late, &counts.failed, &counts.published];
             counts.received.load(Ordering::SeqCst) == ended.iter().map(|c| c.load(Ordering::SeqCst)).sum::<u64>()
         })
         .await;
@@ -131,6 +131,36 @@ async fn a_camera_whose_clock_was_ahead_is_heard_again() {
         assert_eq!(following.newest("front"), Some(stamp_ns));
     }
     assert_eq!(following.counts().late.load(Ordering::SeqCst), 0);
+    following.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn while_nobody_asks_few_frames_become_scenes_and_who_asks_gets_that_of_the_newest() {
+    let idle = PerceptionConfig { idle_period_ms: 3_600_000, asked_for_ms: 200, ..config() };
+    let mut following = Following::start_as(idle, &["front"], &[]).await;
+    assert_eq!(following.worker.latest("nobody").await.unwrap_err().code, ErrorCode::NotFound);
+    // The subscription may still be on its way.
+    while following.counts().received.load(Ordering::SeqCst) == 0 {
+        following.put("front", encoded(&frame("front", 1))).await;
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    following.until(|counts| counts.published.load(Ordering::SeqCst) == 1).await;
+    let (received, published) = (following.counts().received.load(Ordering::SeqCst), following.counts().published.load(Ordering::SeqCst));
+    for stamp_ns in 2..=6 {
+        following.put("front", encoded(&frame("front", stamp_ns))).await;
+        following.until(|counts| counts.received.load(Ordering::SeqCst) == received + stamp_ns - 1).await;
+    }
+    tokio::time::sleep(Duration::from_millis(100)).await;
+    assert_eq!(following.counts().published.load(Ordering::SeqCst), published, "nobody asks");
+    assert_eq!(following.worker.latest("front").await.unwrap().stamp_ns, 6);
+    assert!(following.counts().unasked.load(Ordering::SeqCst) >= 4, "{:?}", following.counts());
+    following.put("front", encoded(&frame("front", 7))).await;
+    loop {
+        let sample = tokio::time::timeout(Duration::from_secs(20), following.scenes.recv()).await.unwrap().unwrap();
+        if sample.payload.decode_json::<SceneSummary>().unwrap().stamp_ns == 7 {
+            break;
+        }
+    }
     following.stop().await;
 }
 

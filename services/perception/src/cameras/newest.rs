@@ -47,16 +47,21 @@ impl<T> NewestFrames<T> {
         Placed::Waiting
     }
 
-    /// The next camera's frame; [`NewestFrames::done`] must be told when it is done.
-    pub fn take(&mut self) -> Option<(String, T)> {
+    /// The next frame of a camera whose turn may come; [`NewestFrames::done`] must be told when it is done.
+    pub fn take(&mut self, is_due: impl Fn(&str) -> bool) -> Option<(String, T)> {
         use std::ops::Bound::{Excluded, Unbounded};
-        let free = |(camera, _): &(&String, &T)| !self.busy.contains(*camera);
+        let free = |(camera, _): &(&String, &T)| !self.busy.contains(*camera) && is_due(camera);
         let after = self.last.as_ref().and_then(|last| self.waiting.range::<String, _>((Excluded(last), Unbounded)).find(free));
         let camera = after.or_else(|| self.waiting.iter().find(free)).map(|(camera, _)| camera.clone())?;
         let taken = self.waiting.remove_entry(&camera);
         self.busy.insert(camera.clone());
         self.last = Some(camera);
         taken
+    }
+
+    /// The cameras with a frame that waits for nothing but its time.
+    pub fn waiting(&self) -> impl Iterator<Item = &str> {
+        self.waiting.keys().map(String::as_str).filter(|camera| !self.busy.contains(*camera))
     }
 
     /// A camera's frame is done: its next one may be taken.
@@ -73,7 +78,7 @@ mod tests {
     fn a_newer_frame_replaces_the_waiting_one() {
         let mut frames = NewestFrames::new(4);
         assert_eq!((frames.put("a", 1), frames.put("a", 2)), (Placed::Waiting, Placed::Replaced));
-        assert_eq!((frames.take(), frames.take()), (Some(("a".to_owned(), 2)), None));
+        assert_eq!((frames.take(|_| true), frames.take(|_| true)), (Some(("a".to_owned(), 2)), None));
     }
 
     #[test]
@@ -86,7 +91,7 @@ mod tests {
                 frames.put("slow", i);
                 frames.put("other", i);
             }
-            let (camera, _) = frames.take().unwrap();
+            let (camera, _) = frames.take(|_| true).unwrap();
             frames.done(&camera);
             taken.push(camera);
         }
@@ -97,13 +102,13 @@ mod tests {
     fn a_cameras_next_frame_waits_for_its_last_one() {
         let mut frames = NewestFrames::new(4);
         frames.put("a", 1);
-        assert_eq!(frames.take(), Some(("a".to_owned(), 1)));
+        assert_eq!(frames.take(|_| true), Some(("a".to_owned(), 1)));
         frames.put("a", 2);
-        assert_eq!(frames.take(), None);
+        assert_eq!(frames.take(|_| true), None);
         frames.put("b", 3);
-        assert_eq!(frames.take(), Some(("b".to_owned(), 3)));
+        assert_eq!(frames.take(|_| true), Some(("b".to_owned(), 3)));
         frames.done("a");
-        assert_eq!(frames.take(), Some(("a".to_owned(), 2)));
+        assert_eq!(frames.take(|_| true), Some(("a".to_owned(), 2)));
     }
 
     #[test]
@@ -111,7 +116,16 @@ mod tests {
         let mut frames = NewestFrames::new(1);
         frames.put("a", 1);
         assert_eq!(frames.put("b", 2), Placed::Refused);
-        frames.take();
+        frames.take(|_| true);
         assert_eq!(frames.put("b", 2), Placed::Waiting);
+    }
+
+    #[test]
+    fn a_camera_whose_time_has_not_come_lets_others_go_first() {
+        let mut frames = NewestFrames::new(4);
+        frames.put("idle", 1);
+        frames.put("asked", 2);
+        assert_eq!(frames.take(|camera| camera != "idle"), Some(("asked".to_owned(), 2)));
+        assert_eq!((frames.take(|camera| camera != "idle"), frames.waiting().collect::<Vec<_>>()), (None, vec!["idle"]));
     }
 }

@@ -37,8 +37,8 @@ pub fn encoded(frame: &Frame) -> Payload {
 
 /// A configuration for pictures this small: few pixels are on the box.
 pub fn config() -> PerceptionConfig {
-    // A frame that waits a second for a core is not late here.
-    let mut config = PerceptionConfig { frame_timeout_ms: 20_000, ..PerceptionConfig::default() };
+    // A frame that waits a second for a core is not late here, and becomes a scene whoever asks.
+    let mut config = PerceptionConfig { frame_timeout_ms: 20_000, idle_period_ms: 0, ..PerceptionConfig::default() };
     config.segmentation.coarse_columns = 160;
     config.segmentation.components.min_pixels = 50;
     config

@@ -109,7 +109,8 @@ fn time(frame: &Frame, runs: usize, output: Output) -> CommandResult {
 
 /// The service under a camera of a fixed rate.
 async fn soak(frame: Frame, seconds: f64, rate: f64, output: Output) -> CommandResult {
-    let config: PerceptionConfig = section("perception")?;
+    // Every frame counts, although nobody asks for scenes.
+    let config = PerceptionConfig { idle_period_ms: 0, ..section("perception")? };
     let session = Session::embedded().await?;
     let shutdown = Shutdown::new();
     let mut scenes = session.subscribe_queue(&session.cell().scene("soak"), 64).await?;
