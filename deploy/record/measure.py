@@ -95,7 +95,6 @@ class Watch(threading.Thread):
             for what in sorted(services)
         }
 
-
     def cores(self):
         """By service: cores in use by all its processes in the second half of the run, when everything has started."""
         if len(self.used) < 4:
@@ -109,7 +108,9 @@ class Watch(threading.Thread):
 
 
 def run(settings, group, name, words):
-    """One run; its document."""
+    """One run; its document, or none where it was not asked for."""
+    if settings.only not in name:
+        return None
     command = [settings.program, "load", "--up", "--json", *map(str, words)]
     began = datetime.datetime.now(datetime.timezone.utc)
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -321,8 +322,11 @@ def main():
     parser.add_argument("--trials", nargs="+", default=["delay", "narrow", "execute", "cut", "clocks"], help="trials of networks")
     parser.add_argument("--brief", action="store_true", help="fewer cases of each trial")
     parser.add_argument("--minutes", type=float, default=10.0, help="length of a run with faults, and of the soak")
+    parser.add_argument("--only", default="", metavar="TEXT", help="of capacity, cells and faults, the runs whose name has this in it")
     parser.add_argument("--out", default=pathlib.Path(__file__).parent / "runs.jsonl", help="where documents are appended")
     settings = parser.parse_args()
+    if settings.only and "overload" in (settings.groups or GROUPS):
+        parser.error("--only: the runs of overload belong together")
     for group in settings.groups or GROUPS:
         GROUPS[group](settings)
 

@@ -80,6 +80,7 @@ impl CellGrid {
     }
 
     /// Whether a point lies within `radius_m` of `center`, by looking at all cells around.
+    #[inline(never)]
     pub(super) fn scan(&self, center: &Point3<f32>, radius_m: f32) -> bool {
         let reach = Vector3::repeat(radius_m);
         let (low, high) = (self.cell_of(&(center - reach)), self.cell_of(&(center + reach)));
@@ -87,7 +88,8 @@ impl CellGrid {
         for x in low[0]..=high[0] {
             for y in low[1]..=high[1] {
                 // Cells along z follow each other, so a column of them is one run of points.
-                let run = self.starts[self.index([x, y, low[2]])]..self.starts[self.index([x, y, high[2]]) + 1];
+                let column = self.index([x, y, 0]);
+                let run = self.starts[column + low[2]]..self.starts[column + high[2] + 1];
                 for p in &self.points[run.start as usize..run.end as usize] {
                     let (dx, dy, dz) = (p.x - center.x, p.y - center.y, p.z - center.z);
                     if dx * dx + dy * dy + dz * dz <= limit {
