@@ -1,5 +1,7 @@
 //! The `repose` command: every service, the tools around them, and the clients.
 
+#![allow(rustdoc::broken_intra_doc_links, reason = "comments of arguments are help pages, in which brackets are brackets")]
+
 mod answer;
 mod arrangement;
 mod asynchronous;

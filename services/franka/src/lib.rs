@@ -1,7 +1,7 @@
 //! The driver of a real Franka robot: a cell's robot keys on one side, Franka's control interface (FCI) at 1 kHz on the other.
 //!
 //! It runs on the robot's host. [`robot`] is the robot: the rules that set-points, stops and recoveries keep, and the connection to the arm and
-//! the hand. [`control`] is the loop that reads and moves the robot, in a thread of its own that never waits for the network; [`exchange`] is
+//! the hand. [`control`] is the loop that reads and moves the robot, in a thread of its own that never waits for the network; [`exchange`](mod@exchange) is
 //! what passes between the two; [`endpoints`] is the network's side.
 
 mod config;

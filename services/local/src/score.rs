@@ -16,9 +16,9 @@ const UPRIGHT_RAD: f64 = 1e-3;
 /// Scores of n placements, each a probability.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlacementScores {
-    /// Of realism, [n].
+    /// Of realism, shape `[n]`.
     pub realism: Vec<f32>,
-    /// Of each relation to each anchor, [n, anchors, relations], flattened but for the relations.
+    /// Of each relation to each anchor, shape `[n, anchors, relations]`, flattened but for the relations.
     pub relations: Vec<[f32; RELATION_COUNT]>,
 }
 

@@ -13,7 +13,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, Payload, keys};
 use repose_runtime::{CancellationToken, JobContext, RuntimeError, Session, Subscription, Traffic};
 use tokio::sync::{Notify, Semaphore};
@@ -25,8 +24,8 @@ use crate::worker::Worker;
 use names::CameraNames;
 use newest::{NewestFrames, Placed};
 
-/// States of robots that may wait to be read.
-const ROBOT_STATES_WAITING: usize = 64;
+/// States of robots that may wait for a frame: a second of sixteen robots at 50 a second, and some.
+const ROBOT_STATES_WAITING: usize = 1024;
 /// Stands for the camera of frames that were lost before anybody looked whose they were.
 const ANY_CAMERA: &str = "any";
 
@@ -154,8 +153,7 @@ impl CameraFollower {
         for subscription in self.subscribe(cameras).await? {
             tokio::spawn(stop.clone().run_until_cancelled_owned(self.clone().receive(subscription)));
         }
-        let robots = self.session.subscribe_queue(&self.session.cell().robot_states(), ROBOT_STATES_WAITING).await?;
-        tokio::spawn(stop.clone().run_until_cancelled_owned(self.clone().follow_robots(robots)));
+        self.worker.follow_robots(self.session.subscribe_queue(&self.session.cell().robot_states(), ROBOT_STATES_WAITING).await?);
         tokio::spawn(stop.run_until_cancelled_owned(self.process()));
         Ok(())
     }
@@ -175,17 +173,6 @@ impl CameraFollower {
             subscriptions.push(self.session.subscribe_latest(&self.session.cell().camera_frame(camera)).await?);
         }
         Ok(subscriptions)
-    }
-
-    /// Keeps the worker told of where the robots are.
-    async fn follow_robots(self: Arc<Self>, mut states: Subscription) {
-        while let Some(sample) = states.recv().await {
-            let Some(robot) = keys::worker_of(&sample.key) else { continue };
-            match sample.payload.decode_json::<RobotState>() {
-                Ok(state) => self.worker.put_robot_state(robot, state),
-                Err(error) => tracing::debug!(robot, %error, "a robot's state could not be read"),
-            }
-        }
     }
 
     /// Puts frames where they wait for their turn.

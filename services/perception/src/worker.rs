@@ -4,8 +4,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use repose_proto::robot::RobotState;
-use repose_proto::{CallError, Frame, Payload, Scene, SceneSummary};
-use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore};
+use repose_proto::{CallError, Frame, Payload, RobotInView, Scene, SceneSummary, keys};
+use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore, Subscription};
 use tokio::sync::Notify;
 use tokio::sync::futures::Notified;
 
@@ -24,10 +24,30 @@ pub struct Worker {
     scenes: SceneStore<KeptScene>,
     unasked: Mutex<Unasked>,
     newest: Mutex<NewestScenes>,
-    robots: Arc<Mutex<RobotStates>>,
+    robots: Arc<Mutex<CellRobots>>,
     pace: Mutex<Pace>,
     /// Somebody asked for scenes, or a frame is done.
     paced: Notify,
+}
+
+/// Where the cell's robots were. Their states are read when a frame asks: they come oftener than frames do, and nobody else needs them.
+#[derive(Default)]
+struct CellRobots {
+    states: RobotStates,
+    waiting: Option<Subscription>,
+}
+
+impl CellRobots {
+    fn at(&mut self, stamp_ns: u64) -> Vec<RobotInView> {
+        while let Some(sample) = self.waiting.as_mut().and_then(Subscription::try_recv) {
+            let Some(robot) = keys::worker_of(&sample.key) else { continue };
+            match sample.payload.decode_json::<RobotState>() {
+                Ok(state) => self.states.put(robot, state),
+                Err(error) => tracing::debug!(robot, %error, "a robot's state could not be read"),
+            }
+        }
+        self.states.at(stamp_ns)
+    }
 }
 
 /// How long the stages of a frame took, milliseconds.
@@ -74,9 +94,9 @@ impl Worker {
         self.queue.run(context, move |context| scene_of(&frame, &robots, &settings, context)).await
     }
 
-    /// A robot of the cell told its state: frames that say nothing of robots are taken to show it there.
-    pub fn put_robot_state(&self, robot: &str, state: RobotState) {
-        self.robots.lock().unwrap_or_else(PoisonError::into_inner).put(robot, state);
+    /// Frames that say nothing of robots are taken to show those of the cell where these states say that they are.
+    pub fn follow_robots(&self, states: Subscription) {
+        self.robots.lock().unwrap_or_else(PoisonError::into_inner).waiting = Some(states);
     }
 
     /// The scene of that id, which stays longer from now on.
@@ -178,7 +198,7 @@ impl Worker {
 /// Decodes, segments, encodes and names a scene.
 fn scene_of(
     frame: &Payload,
-    robots: &Mutex<RobotStates>,
+    robots: &Mutex<CellRobots>,
     settings: &Settings,
     context: &JobContext,
 ) -> Result<(Arc<KeptScene>, StageTimes), CallError> {

@@ -4,7 +4,7 @@
 //! beside them Foxglove's messages, to look at. [`record`] makes one of a running cell, [`play`] gives the cell back in time, [`replay`] asks the recorded
 //! requests again and compares the answers.
 //!
-//! [`file`] is the container, [`look`] what is drawn, [`asked`] the calls in a recording, [`difference`] two answers side by side; none of them knows the
+//! [`file`](mod@file) is the container, [`look`] what is drawn, [`calls`] the calls in a recording, [`difference`] two answers side by side; none of them knows the
 //! network.
 
 pub mod calls;

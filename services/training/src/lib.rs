@@ -9,7 +9,7 @@
 //! # Ok::<(), repose_training::TrainError>(())
 //! ```
 //!
-//! [`train`] fits one [`TrainedPart`]: the encoders, relation predictor and prior jointly, the relation predictor alone on frozen encoders, the scene
+//! [`train`](fn@train) fits one [`TrainedPart`]: the encoders, relation predictor and prior jointly, the relation predictor alone on frozen encoders, the scene
 //! discriminator, or the outcome network. All of them prepare views of training scenes (most as [`episode`]s, with one object as the query) and
 //! measure on validation scenes; [`repose_dataset::Split`] says which is which. A run resumes from its own checkpoint, follows new shards as
 //! they appear, and ends after its steps or minutes with the weights and the learning [`curve`] written. A process that trains should start

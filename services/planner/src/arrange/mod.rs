@@ -4,7 +4,7 @@
 //! each of which is a placement planned as any other on the scene as it would be then ([`crate::scene::moved`]). An object's place is chosen by
 //! its own terms and, turned about, those of others about it, as far as the others stand already ([`goals`]); so whatever the order, all terms
 //! hold when the last object stands. Fewest moves first: no object is set down aside before every order and alternative without that has failed,
-//! and goals that contradict each other are refused before anything is searched ([`contradiction`]).
+//! and goals that contradict each other are refused before anything is searched ([`contradiction`](mod@contradiction)).
 
 pub mod contradiction;
 pub mod goals;

@@ -3,7 +3,7 @@
 //! `aligned` compares ground-truth orientations, as the appendix has it: the angle of the rotation that carries one object's axes to the
 //! other's, all three of them. A can that was turned about its own axis is therefore turned, and a box turned by a quarter is not
 //! aligned with its twin, although nobody could tell from looking; the appendix calls the label hard to learn for that reason, and the
-//! paper's networks leave it out. Clouds are judged by what they show instead ([`crate::observed`]).
+//! paper's networks leave it out. Clouds are judged by what they show instead ([`crate::observed`](mod@crate::observed)).
 
 use repose_geometry::{OrientedBox, ViewerFrame};
 

@@ -1,7 +1,7 @@
 //! Contact sheets: pictures of scenes with what is said of them, for people to look at.
 //!
 //! A plate that stands on its rim or a mug inside a bowl's wall is a bug in the world that no metric shows. A [`tile`] is one row of
-//! pictures with text beside them, made from anything; [`scene_tile`] is the tile of a scene: color, depth as the sensor has it, labels
+//! pictures with text beside them, made from anything; [`scene_tile`](mod@scene_tile) is the tile of a scene: color, depth as the sensor has it, labels
 //! with ids, and the relations that hold. Tiles are [`stacked`] to sheets. Everything is in memory; who calls writes the files.
 
 pub mod scene_tile;

@@ -1,5 +1,5 @@
 //! A deployment with users: who they are ([`Roles`], from one short file), what each may do ([`access`]), the configuration of the router and of
-//! every user made from that ([`write`]), and the trial of the whole matrix against a running router ([`check`]).
+//! every user made from that ([`write`](fn@write)), and the trial of the whole matrix against a running router ([`check`]).
 //!
 //! ```
 //! use repose_runtime::deployment::{Roles, Verb, access};
