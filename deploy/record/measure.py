@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """What a deployment on this machine bears: capacity, cells on one pool, overload, faults and a soak, each a run of `repose load --up`; and networks apart.
 
-    deploy/record/measure.py --program target/release/repose --commit "$(git rev-parse --short HEAD)" [capacity cells idle light light2 gateways overload faults soak]
+    deploy/record/measure.py --program target/release/repose --commit "$(git rev-parse --short HEAD)" [capacity cells idle light light2 gateways overload recovery faults soak]
     deploy/record/measure.py --program target/release/repose --commit … networks --trials delay narrow execute cut clocks      # as root
 
 Every run starts a system of its own (router, simulated cell, services), asks it, and ends it. One JSON document a run is appended to
@@ -11,12 +11,14 @@ Python's standard library.
 """
 
 import argparse
+import csv
 import datetime
 import json
 import os
 import pathlib
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 
@@ -289,6 +291,50 @@ def overload(settings):
         print(f"          goodput {document['report']['goodput_per_s'] / rate:.3f} of the capacity")
 
 
+def recovery(settings):
+    """How a steady interactive load at half of the capacity fares before, during and after fifteen seconds of three times the capacity in batch requests."""
+    process, command = started(settings, [])
+    asked = [settings.program, "--json", "load", "--connect", UP, "--deadline-ms", "3000"]
+    try:
+        closed = subprocess.run([*asked, "--clients", "8", "--requests", "150", "--warm-up", "16"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        rate = json.loads(closed.stdout)["achieved_per_s"]
+        with tempfile.TemporaryDirectory() as folder:
+            lines = pathlib.Path(folder, "steady.csv")
+            words = ["--rate", f"{rate / 2:.2f}", "--requests", str(int(rate / 2 * 45)), "--csv", str(lines)]
+            log_level = {**os.environ, "REPOSE_LOG": "warn,repose::commands::load=debug"}
+            steady = subprocess.Popen([*asked, *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=log_level)
+            # It says when its first request has ended: from then on its time runs.
+            while "request ended" not in steady.stderr.readline():
+                pass
+            begin = time.monotonic()
+            threading.Thread(target=steady.stderr.read, daemon=True).start()
+            time.sleep(10)
+            flood = [*asked, "--rate", f"{3 * rate:.2f}", "--requests", str(int(3 * rate * 15)), "--interactive", "0"]
+            flooded_s = time.monotonic() - begin
+            subprocess.run(flood, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            over_s = time.monotonic() - begin
+            steady.wait()
+            with open(lines, encoding="utf-8") as table:
+                ended = [(float(row["due_s"]), float(row["took_ms"]), row["outcome"]) for row in csv.DictReader(table)]
+    finally:
+        process.terminate()
+        process.wait()
+
+    def between(first_s, last_s):
+        took = sorted(took for due, took, outcome in ended if first_s <= due < last_s and outcome in ("result", "none"))
+        asked_then = sum(first_s <= due < last_s for due, _, _ in ended)
+        return {"answered": len(took), "of": asked_then, "p50_ms": took[len(took) // 2] if took else None, "most_ms": took[-1] if took else None}
+
+    document = {
+        "group": "recovery", "command": command, "commit": settings.commit, "load_before": os.getloadavg()[0], "cores": os.cpu_count(),
+        "capacity_per_s": rate, "flood_s": [flooded_s, over_s], "before": between(0, flooded_s), "during": between(flooded_s, over_s),
+        "first_second_after": between(over_s, over_s + 1), "second_after": between(over_s + 1, over_s + 2), "rest": between(over_s + 2, 1e9),
+    }
+    with open(settings.out, "a", encoding="utf-8") as out:
+        out.write(json.dumps(document) + "\n")
+    print(json.dumps(document), flush=True)
+
+
 def faults(settings):
     """Trouble while it is asked, each for the given minutes."""
     rate = 4
@@ -307,7 +353,7 @@ def soak(settings):
 
 
 GROUPS = {
-    "capacity": capacity, "cells": cells, "gateways": gateways, "idle": idle, "light": light, "light2": light2, "networks": networks, "overload": overload, "faults": faults,
+    "capacity": capacity, "cells": cells, "gateways": gateways, "idle": idle, "light": light, "light2": light2, "networks": networks, "overload": overload, "recovery": recovery, "faults": faults,
     "soak": soak,
 }
 
