@@ -39,6 +39,7 @@ pub mod covering;
 pub mod crown;
 pub mod far_side;
 pub mod front;
+pub mod offsets;
 pub mod outlines;
 pub mod plane;
 pub mod settings;
