@@ -13,7 +13,8 @@ use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;
 use crate::settings::SupportSettings;
-use repose_belief::columns::FloorCell;
+use repose_belief::columns::ColumnRun;
+use repose_belief::offsets::Offsets;
 use repose_belief::view::Sight;
 
 /// How well a candidate stands.
@@ -58,7 +59,7 @@ impl Ground<'_> {
             tops.extend(under.map(|r| r.high_m).reduce(f32::max));
         });
         let axis = candidate.carry(&self.query.shape.axis_offset());
-        let planes = self.prepared.belief.planes.iter().filter(|p| p.object != self.query.id && p.outline.margin(&axis) >= 0.0);
+        let planes = self.prepared.belief.planes.iter().filter(|p| p.object != self.query.id && p.outline.contains(&axis));
         if tops.is_empty() {
             let under = planes.map(|p| p.height_m).filter(|h| *h <= ceiling_m).reduce(f32::max);
             return under.map(|h| h + self.settings.release_m);
@@ -78,9 +79,8 @@ impl Ground<'_> {
         let level_m = self.query.bottom_of(candidate.centroid_m[2]) - self.settings.release_m;
         let (mut seen, mut contact) = (0usize, Contact::default());
         let mut carriers: BTreeMap<u16, usize> = BTreeMap::new();
-        let (columns, base) = (&self.prepared.belief.columns, &self.query.base);
-        columns.visit(base, &candidate.carrying(), |i, place, cell| {
-            let Some(carried) = self.carried(cell, &place, level_m) else { return };
+        let base = &self.query.base;
+        self.carried(base, candidate, level_m, |i, place, carried| {
             contact.add(base.y_m(i), place);
             if let CellSupport::Seen(object) = carried {
                 seen += 1;
@@ -99,8 +99,8 @@ impl Ground<'_> {
     pub fn objects_under(&self, candidate: &CandidatePose) -> Vec<u16> {
         let level_m = self.query.bottom_of(candidate.centroid_m[2]) - self.settings.release_m;
         let mut cells: BTreeMap<u16, usize> = BTreeMap::new();
-        self.prepared.belief.columns.visit(&self.query.base, &candidate.carrying(), |_, place, cell| {
-            if let Some(CellSupport::Seen(object)) = self.carried(cell, &place, level_m) {
+        self.carried(&self.query.base, candidate, level_m, |_, _, carried| {
+            if let CellSupport::Seen(object) = carried {
                 *cells.entry(object).or_default() += 1;
             }
         });
@@ -112,29 +112,48 @@ impl Ground<'_> {
     pub fn rim_share(&self, candidate: &CandidatePose) -> f64 {
         let level_m = self.query.bottom_of(candidate.centroid_m[2]) - self.settings.release_m;
         let mut carried = 0usize;
-        self.prepared.belief.columns.visit(&self.query.rim, &candidate.carrying(), |_, place, cell| {
-            carried += usize::from(self.carried(cell, &place, level_m).is_some());
-        });
+        self.carried(&self.query.rim, candidate, level_m, |_, _, _| carried += 1);
         carried as f64 / self.query.rim.len().max(1) as f64
     }
 
-    fn carried(&self, cell: FloorCell, place: &Point2<f32>, level_m: f32) -> Option<CellSupport> {
-        let tolerance_m = self.settings.tolerance_m;
-        let mut runs = self.prepared.belief.columns.runs(cell).iter();
-        let top = runs.rfind(|r| r.seen && r.object != self.query.id && (r.high_m - level_m).abs() <= tolerance_m);
-        if let Some(run) = top {
-            return self.prepared.belief.carries(run.object).then_some(CellSupport::Seen(run.object));
-        }
-        let at = Point3::new(place.x, place.y, level_m);
-        match self.prepared.belief.view.sight(&at, tolerance_m, self.settings.through_m, self.query.id) {
-            Sight::Surface(object) => self.prepared.belief.carries(object).then_some(CellSupport::Seen(object)),
-            Sight::Empty => None,
-            Sight::Unknown => {
-                let around = self.prepared.belief.planes.iter().filter(|p| p.object != self.query.id);
-                let mut level = around.filter(|p| (p.height_m - level_m).abs() <= self.settings.same_support_m);
-                level.any(|p| p.outline.margin(place) >= 0.0).then_some(CellSupport::Believed)
+    /// Tells of each of the offsets that is carried at a level, in order: its number, where it lands, and what carries it.
+    fn carried(&self, offsets: &Offsets, candidate: &CandidatePose, level_m: f32, mut tell: impl FnMut(usize, Point2<f32>, CellSupport)) {
+        let columns = &self.prepared.belief.columns;
+        let mut landed: Vec<(Point2<f32>, CellTop)> = Vec::with_capacity(offsets.len());
+        let mut open: Vec<Point3<f64>> = Vec::new();
+        columns.visit(offsets, &candidate.carrying(), |_, place, cell| {
+            let mut runs = columns.runs(cell).iter();
+            let is_top = |r: &&ColumnRun| r.seen && r.object != self.query.id && (r.high_m - level_m).abs() <= self.settings.tolerance_m;
+            let top = runs.rfind(is_top).map_or(CellTop::NotSeen, |run| CellTop::Of(run.object));
+            if top == CellTop::NotSeen {
+                open.push(Point3::new(place.x, place.y, level_m).cast());
+            }
+            landed.push((place, top));
+        });
+        // The camera is asked about all others at once.
+        let (view, settings) = (&self.prepared.belief.view, self.settings);
+        let mut sights = view.sights(&open, settings.tolerance_m, settings.through_m, self.query.id).into_iter();
+        for (i, (place, top)) in landed.into_iter().enumerate() {
+            let seen = match top {
+                CellTop::Of(object) => Sight::Surface(object),
+                CellTop::NotSeen => sights.next().unwrap_or(Sight::Unknown),
+            };
+            let carried = match seen {
+                Sight::Surface(object) => self.prepared.belief.carries(object).then_some(CellSupport::Seen(object)),
+                Sight::Empty => None,
+                Sight::Unknown => self.goes_on(&place, level_m).then_some(CellSupport::Believed),
+            };
+            if let Some(carried) = carried {
+                tell(i, place, carried);
             }
         }
+    }
+
+    /// Whether a surface of a level, seen around a place, is believed to go on there.
+    fn goes_on(&self, place: &Point2<f32>, level_m: f32) -> bool {
+        let around = self.prepared.belief.planes.iter().filter(|p| p.object != self.query.id);
+        let mut level = around.filter(|p| (p.height_m - level_m).abs() <= self.settings.same_support_m);
+        level.any(|p| p.outline.contains(place))
     }
 }
 
@@ -148,6 +167,15 @@ pub fn support_miss(footing: &Footing, query: &QueryObject, settings: &SupportSe
         + (settings.min_seen_share - footing.seen_share).max(0.0)
         + (wanted_share - footing.carried_share).max(0.0);
     (miss > 0.0).then_some(miss)
+}
+
+/// The top that was seen at a level over a cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum CellTop {
+    /// Of this object.
+    Of(u16),
+    /// None in the map; the camera may know of one.
+    NotSeen,
 }
 
 /// What carries a cell.

@@ -38,7 +38,7 @@ pub fn unseen_share(space: Option<&UnseenSpace>, query: &QueryObject, candidate:
 
 /// Whether a place is inside the query where it was observed.
 fn stood_there(query: &QueryObject, place: &Point2<f32>, height_m: f32) -> bool {
-    query.shape.slabs.iter().any(|s| (s.low_m..=s.high_m).contains(&height_m) && s.outline.margin(place) >= 0.0)
+    query.shape.slabs.iter().any(|s| (s.low_m..=s.high_m).contains(&height_m) && s.outline.contains(place))
 }
 
 #[cfg(test)]

@@ -42,6 +42,7 @@ pub mod front;
 pub mod offsets;
 pub mod outlines;
 pub mod plane;
+mod projection;
 pub mod settings;
 pub mod shape;
 pub mod sides;

@@ -60,6 +60,11 @@ impl Footprint {
         self.edges().zip(&self.lengths_m).map(|((a, b), length_m)| cross(&a, &b, p) / length_m).fold(f32::INFINITY, f32::min)
     }
 
+    /// Whether a point lies inside or on the outline: whether its margin is not negative.
+    pub fn contains(&self, p: &Point2<f32>) -> bool {
+        self.edges().all(|(a, b)| cross(&a, &b, p) >= 0.0)
+    }
+
     fn edges(&self) -> impl Iterator<Item = (Point2<f32>, Point2<f32>)> + '_ {
         let (first, rest) = self.corners.split_at(1);
         self.corners.iter().copied().zip(rest.iter().chain(first).copied())
@@ -97,6 +102,9 @@ mod tests {
         assert!((square.area() - 1.0).abs() < 1e-6);
         assert!((square.margin(&Point2::new(0.5, 0.9)) - 0.1).abs() < 1e-6);
         assert!((square.margin(&Point2::new(1.2, 0.5)) + 0.2).abs() < 1e-6);
+        for (p, inside) in [([0.5, 0.9], true), ([1.0, 0.2], true), ([1.0, 1.0], true), ([1.001, 0.2], false), ([0.5, -0.01], false)] {
+            assert_eq!(square.contains(&Point2::from(p)), inside, "{p:?}");
+        }
     }
 
     #[test]
