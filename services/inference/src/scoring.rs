@@ -213,7 +213,7 @@ mod tests {
     #[test]
     fn each_request_is_answered_as_if_alone_and_as_soon_as_it_is_done() {
         let (engine, held) = (engine(1), held());
-        let requests = [request(6), ScoreRequest { query: 9, ..request(5) }, request(0), request(2 * PIECE)];
+        let requests = [request(PIECE + 1), ScoreRequest { query: 9, ..request(PIECE + 1) }, request(0), request(2 * PIECE)];
         let checks = [const { AtomicUsize::new(0) }; 4];
         let counts = [0, 1, 2, 3].map(|i: usize| {
             let checks = &checks;
@@ -233,7 +233,7 @@ mod tests {
             assert_eq!(answer, engine.score(&requests[i], &held), "request {i}");
         }
         let on_two = self::engine(2).score(&requests[0], &held).unwrap();
-        assert_eq!((on_two.realism.len(), on_two.relations.len()), (6, 6));
+        assert_eq!((on_two.realism.len(), on_two.relations.len()), (PIECE + 1, PIECE + 1));
         assert_eq!(on_two, engine.score(&requests[0], &held).unwrap());
     }
 

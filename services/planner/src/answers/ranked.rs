@@ -111,3 +111,56 @@ fn ask(judge: &mut Judge<'_>, list: &mut Vec<Listed>, mut turn: Vec<usize>, doub
     doubted.extend(list.extract_if(.., |l| !l.judged.feasible()));
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use std::ops::ControlFlow;
+
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64;
+    use repose_geometry::ViewerFrame;
+    use repose_proto::place::PlaceRequest;
+
+    use crate::answers::Answers;
+    use crate::checks::rules::Rules;
+    use crate::judge::Judge;
+    use crate::judge::judged::JudgedCandidate;
+    use crate::judge::problem::PlacementProblem;
+    use crate::search::search;
+    use crate::search::source::CandidateSource;
+    use crate::settings::PlanSettings;
+    use crate::tests::learned::{BESIDE, Fake};
+    use crate::tests::synthetic::{Prepared, SceneBuilder};
+
+    /// The answers, and how many candidates were believed of those asked about.
+    fn answers(count: u32, seed: u64, asked_at_once: usize) -> (Vec<JudgedCandidate>, usize) {
+        let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.06, 0.05, 0.08]).prepared();
+        let request = PlaceRequest { count, seed, ..PlaceRequest::new(prepared.scene_id.clone(), 2, vec!["right_of:1".parse().unwrap()]) };
+        let mut settings = PlanSettings::of(&request);
+        settings.fixed.ranking.asked_at_once = asked_at_once;
+        let query = prepared.query(2, 0.0, &settings.fixed).unwrap();
+        let rules = Rules::new(&prepared, 2, &request.goal, &ViewerFrame::from_yaw(0.0), &settings.fixed.rules).unwrap();
+        let problem = PlacementProblem { prepared: &prepared, query: &query, rules: &rules, request: &request, settings: &settings };
+        let fake = Fake::new(&[BESIDE]);
+        let mut judge = Judge::new(problem, &fake);
+        let mut rng = Pcg64::seed_from_u64(request.seed);
+        let source = CandidateSource::new(&mut judge, &mut rng).unwrap();
+        let (mut findings, mut stopped) = search(&mut judge, source, &mut rng, &mut |_| ControlFlow::Continue(())).unwrap();
+        let answers = Answers::choose(&mut judge, &mut findings, &mut stopped, &mut || None).unwrap();
+        (answers.chosen, findings.accepted.len())
+    }
+
+    #[test]
+    fn the_answers_are_those_of_asking_about_all_and_few_are_asked_about() {
+        let (mut of_few, mut of_all) = (0, 0);
+        for (count, seed) in [(1, 0), (1, 1), (1, 2), (1, 3), (3, 4), (3, 5)] {
+            let (few, asked) = answers(count, seed, 2);
+            let (all, whole) = answers(count, seed, usize::MAX);
+            assert_eq!(few, all, "{count} answers, seed {seed}");
+            assert_eq!(few.len(), count as usize);
+            of_few += asked;
+            of_all += whole;
+        }
+        assert!(2 * of_few < of_all, "{of_few} of {of_all}");
+    }
+}
