@@ -178,12 +178,25 @@ impl UnseenSpace {
 
     /// Whether a point of the world lies in a cube that was not seen; none outside the grid.
     pub fn hides(&self, point_m: [f64; 3]) -> Option<bool> {
-        let cell = |k: usize, most: usize| {
-            let at = ((point_m[k] - self.origin_m[k]) / self.cell_m).floor();
-            (at >= 0.0 && at < most as f64).then_some(at as usize)
-        };
-        let (column, row, level) = (cell(0, self.columns)?, cell(1, self.rows)?, cell(2, Self::LEVELS)?);
-        Some(self.hidden.get(row * self.columns + column)? >> level & 1 == 1)
+        let [x, y, z] = point_m;
+        let level = self.level_of(z)?;
+        Some(self.hidden_over(x, y)? >> level & 1 == 1)
+    }
+
+    /// The levels over a place that were not seen: bit l for level l; none outside the grid.
+    pub fn hidden_over(&self, x_m: f64, y_m: f64) -> Option<u32> {
+        let (column, row) = (self.cell(0, x_m, self.columns)?, self.cell(1, y_m, self.rows)?);
+        self.hidden.get(row * self.columns + column).copied()
+    }
+
+    /// The level of a height; none outside the grid.
+    pub fn level_of(&self, z_m: f64) -> Option<usize> {
+        self.cell(2, z_m, Self::LEVELS)
+    }
+
+    fn cell(&self, axis: usize, at_m: f64, most: usize) -> Option<usize> {
+        let at = (at_m - self.origin_m[axis]) / self.cell_m;
+        (at >= 0.0 && at < most as f64).then_some(at as usize)
     }
 }
 

@@ -1,11 +1,13 @@
 //! A scene as it is held for scoring: with its clouds in network form, for each viewing direction asked for.
 
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use nalgebra::Point3;
 use repose_networks::SceneContext;
 use repose_networks::points::{CloudConfig, Observer};
 use repose_proto::{CallError, RigidTransform, Scene};
+use repose_relations::rectangle::rectangle_yaw_rad;
 
 /// Viewers prepared per scene; requests on a scene nearly always share one.
 const VIEWERS: usize = 4;
@@ -17,12 +19,13 @@ pub struct HeldScene {
     scene: Arc<Scene>,
     border_px: Option<f32>,
     prepared: Mutex<Vec<(u64, Arc<SceneContext>)>>,
+    yaws_rad: Mutex<BTreeMap<u16, Option<f64>>>,
 }
 
 impl HeldScene {
     /// Holds a scene under its id.
     pub fn new(scene_id: String, scene: Arc<Scene>) -> Self {
-        Self { scene_id, scene, border_px: None, prepared: Mutex::default() }
+        Self { scene_id, scene, border_px: None, prepared: Mutex::default(), yaws_rad: Mutex::default() }
     }
 
     /// The same scene, cleaned with another band around the masks than perception's, pixels.
@@ -59,6 +62,12 @@ impl HeldScene {
         }
         prepared.push((view_yaw_rad.to_bits(), context.clone()));
         Ok(context)
+    }
+
+    /// The orientation of an object's observed cloud, seen from above; none without one. Found once per object.
+    pub fn yaw_rad(&self, id: u16) -> Option<f64> {
+        let found = || rectangle_yaw_rad(&self.scene.points_of(id).map(Point3::from).collect::<Vec<_>>());
+        *self.yaws_rad.lock().unwrap_or_else(PoisonError::into_inner).entry(id).or_insert_with(found)
     }
 
     /// Roughly how much memory the scene and its preparations take, bytes.

@@ -28,6 +28,10 @@ pub fn draw(
     let total: f64 = mixture.iter().map(|c| c.weight).sum();
     let mut candidates = Vec::with_capacity(count);
     let mut components = Vec::with_capacity(count);
+    let turns: Vec<Turns> = match rotation {
+        Rotation::Fixed => Vec::new(),
+        Rotation::Yaw | Rotation::Stable => mixture.iter().map(Turns::of).collect(),
+    };
     for _ in 0..count {
         let mut left = rng.random_range(0.0..1.0) * total;
         let index = mixture.iter().position(|c| {
@@ -40,34 +44,45 @@ pub fn draw(
         let Some(component) = mixture.get(index) else { break };
         let offset_in_viewer = Vector3::from_fn(|k, _| component.mean_m[k] + component.sigma_m[k] * normals[k]);
         let position = anchor_in_world + world_from_viewer * offset_in_viewer;
-        let yaw_rad = match rotation {
-            Rotation::Fixed => 0.0,
-            Rotation::Yaw | Rotation::Stable => von_mises(component.yaw_mean_rad, component.yaw_concentration, turn),
-        };
+        let yaw_rad = turns.get(index).map_or(0.0, |turns| turns.at(turn));
         candidates.push([position.x as f32, position.y as f32, position.z as f32, yaw_rad as f32]);
         components.push(index as u8);
     }
     (candidates, components)
 }
 
-/// A von Mises angle from two uniform numbers, by inverting its distribution function on a fixed grid; `turn[1]` places it in its cell.
+/// The von Mises angles of a component, by inverting their distribution function on a fixed grid.
 ///
 /// Rejection samplers take a varying number of draws, which would make one candidate's yaw depend on its neighbours'.
-fn von_mises(mean_rad: f64, concentration: f64, turn: [f64; 2]) -> f64 {
+struct Turns {
+    mean_rad: f64,
+    /// Of every cell of the grid, not normalised.
+    densities: [f64; Self::CELLS],
+    total: f64,
+}
+
+impl Turns {
     const CELLS: usize = 360;
-    let density = |cell: usize| {
-        let angle = -PI + (cell as f64 + 0.5) * TAU / CELLS as f64;
-        (concentration * (angle.cos() - 1.0)).exp()
-    };
-    let total: f64 = (0..CELLS).map(density).sum();
-    let mut left = turn[0] * total;
-    let cell = (0..CELLS)
-        .find(|&cell| {
-            left -= density(cell);
+
+    fn of(component: &MixtureComponent) -> Self {
+        let density = |cell: usize| {
+            let angle = -PI + (cell as f64 + 0.5) * TAU / Self::CELLS as f64;
+            (component.yaw_concentration * (angle.cos() - 1.0)).exp()
+        };
+        let densities = std::array::from_fn(density);
+        Self { mean_rad: component.yaw_mean_rad, total: densities.iter().sum(), densities }
+    }
+
+    /// The angle of two uniform numbers: the first chooses the cell, the second the place in it.
+    fn at(&self, uniform: [f64; 2]) -> f64 {
+        let mut left = uniform[0] * self.total;
+        let cell = self.densities.iter().position(|density| {
+            left -= density;
             left < 0.0
-        })
-        .unwrap_or(CELLS - 1);
-    wrap_angle(mean_rad - PI + (cell as f64 + turn[1]) * TAU / CELLS as f64)
+        });
+        let cell = cell.unwrap_or(Self::CELLS - 1);
+        wrap_angle(self.mean_rad - PI + (cell as f64 + uniform[1]) * TAU / Self::CELLS as f64)
+    }
 }
 
 #[cfg(test)]

@@ -4,19 +4,18 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
-use nalgebra::Point3;
 use repose_networks::serving::Pairs;
 use repose_networks::{Candidate, Models, PREDICTED_RELATIONS, SceneContext};
 use repose_proto::scoring::{RealismBy, ScoreReply, ScoreRequest};
-use repose_proto::{CallError, RELATION_COUNT, Relation, Scene};
+use repose_proto::{CallError, RELATION_COUNT, Relation};
 use repose_relations::margins::ALIGNED_RAD;
-use repose_relations::rectangle::{quarter_turn_difference_rad, rectangle_yaw_rad};
+use repose_relations::rectangle::quarter_turn_difference_rad;
 
 use crate::held_scene::HeldScene;
 use crate::wire_error::wire_error;
 
 /// Candidates that a thread takes at once.
-const PIECE: usize = 4;
+const PIECE: usize = 2;
 
 /// A request to score, together with others.
 pub struct ScoreJob<'a> {
@@ -46,7 +45,7 @@ pub(crate) struct Scoring<'a> {
 /// What a request's pieces share.
 struct Prepared {
     context: Arc<SceneContext>,
-    relations: Option<(Pairs, Alignment)>,
+    relations: Option<(Arc<Pairs>, Alignment)>,
 }
 
 /// Scores of a few candidates.
@@ -106,7 +105,7 @@ impl<'a> Scoring<'a> {
         let context = held.prepared(request.view_yaw_rad, &self.models.config().cloud)?;
         let relations = if request.relations {
             let pairs = self.models.pairs(&context, request.query, &request.anchors).map_err(|e| wire_error(&e, "anchors"))?;
-            Some((pairs, Alignment::new(held.scene(), request)))
+            Some((pairs, Alignment::new(held, request)))
         } else {
             None
         };
@@ -147,9 +146,9 @@ struct Alignment {
 }
 
 impl Alignment {
-    fn new(scene: &Scene, request: &ScoreRequest) -> Self {
-        let yaw = |id: u16| rectangle_yaw_rad(&scene.points_of(id).map(Point3::from).collect::<Vec<_>>());
-        Self { query_yaw_rad: yaw(request.query), anchor_yaws_rad: request.anchors.iter().map(|id| (*id, yaw(*id))).collect() }
+    fn new(held: &HeldScene, request: &ScoreRequest) -> Self {
+        let anchor_yaws_rad = request.anchors.iter().map(|id| (*id, held.yaw_rad(*id))).collect();
+        Self { query_yaw_rad: held.yaw_rad(request.query), anchor_yaws_rad }
     }
 
     /// Learned probabilities of a turned query, and `aligned` by rule beside them.
@@ -171,7 +170,7 @@ impl Alignment {
 #[cfg(test)]
 mod tests {
     use repose_networks::{NetworksConfig, Weights};
-    use repose_proto::{ErrorCode, SceneRef};
+    use repose_proto::{ErrorCode, Scene, SceneRef};
 
     use super::*;
     use crate::engine::Engine;
@@ -214,7 +213,7 @@ mod tests {
     #[test]
     fn each_request_is_answered_as_if_alone_and_as_soon_as_it_is_done() {
         let (engine, held) = (engine(1), held());
-        let requests = [request(6), ScoreRequest { query: 9, ..request(5) }, request(0), request(2 * PIECE)];
+        let requests = [request(PIECE + 1), ScoreRequest { query: 9, ..request(PIECE + 1) }, request(0), request(2 * PIECE)];
         let checks = [const { AtomicUsize::new(0) }; 4];
         let counts = [0, 1, 2, 3].map(|i: usize| {
             let checks = &checks;
@@ -234,7 +233,7 @@ mod tests {
             assert_eq!(answer, engine.score(&requests[i], &held), "request {i}");
         }
         let on_two = self::engine(2).score(&requests[0], &held).unwrap();
-        assert_eq!((on_two.realism.len(), on_two.relations.len()), (6, 6));
+        assert_eq!((on_two.realism.len(), on_two.relations.len()), (PIECE + 1, PIECE + 1));
         assert_eq!(on_two, engine.score(&requests[0], &held).unwrap());
     }
 

@@ -19,7 +19,6 @@ use crate::judge::judged::JudgedCandidate;
 use crate::judge::problem::PlacementProblem;
 use crate::learned::models::PlacementModels;
 use crate::scene::prepared::PreparedScene;
-use crate::scene::query::QueryObject;
 use crate::search::findings::Findings;
 use crate::search::search;
 use crate::search::source::CandidateSource;
@@ -67,7 +66,7 @@ pub fn planned(
     let settings = PlanSettings::of(request);
     check_demands(request, &settings)?;
     let viewer = ViewerFrame::from_yaw(request.view_yaw_rad.unwrap_or(prepared.scene.meta.view_yaw_rad));
-    let query = QueryObject::new(prepared, request.query, settings.min_clearance_m, &settings.fixed)?;
+    let query = prepared.query(request.query, settings.min_clearance_m, &settings.fixed)?;
     let rules = Rules::new(prepared, query.id, &request.goal, &viewer, &settings.fixed.rules)?;
     let problem = PlacementProblem { prepared, query: &query, rules: &rules, request, settings: &settings };
     let evidence = Evidence::new(problem);
@@ -88,7 +87,7 @@ pub fn planned(
             Some(findings) => SearchStep::Iteration(Box::new(PlaceProgress {
                 iterations: findings.iterations,
                 evaluated: findings.evaluated,
-                best: findings.appraised.as_ref().or_else(|| findings.best()).map(|best| evidence.placement(best)),
+                best: findings.appraised().or_else(|| findings.best()).map(|best| evidence.placement(best)),
             })),
         })
     })?;

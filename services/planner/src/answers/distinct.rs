@@ -8,22 +8,27 @@ use crate::search::levels::by_level;
 /// Where several are wanted, half of them may be the best of other levels of support than the first's, so that both the table and the
 /// box are among them; they are in the order of their cost all the same.
 pub fn distinct(accepted: &[JudgedCandidate], count: usize, min_separation_m: f64, level_gap_m: f32) -> Vec<JudgedCandidate> {
+    distinct_places(accepted, count, min_separation_m, level_gap_m).into_iter().map(|i| accepted[i].clone()).collect()
+}
+
+/// [`distinct`], by position.
+pub fn distinct_places(accepted: &[JudgedCandidate], count: usize, min_separation_m: f64, level_gap_m: f32) -> Vec<usize> {
     let levels = by_level(accepted, level_gap_m);
     let best_of_levels = levels.iter().map(|level| level[0]).take(1 + count / 2);
     let mut ranked: Vec<usize> = (0..accepted.len()).collect();
     ranked.sort_by(|a, b| accepted[*a].better(&accepted[*b]));
-    let mut chosen: Vec<&JudgedCandidate> = Vec::new();
-    for j in best_of_levels.chain(ranked).map(|i| &accepted[i]) {
+    let mut chosen: Vec<usize> = Vec::new();
+    for i in best_of_levels.chain(ranked) {
         if chosen.len() == count {
             break;
         }
-        let at = j.candidate.centroid();
-        if chosen.iter().all(|c| (c.candidate.centroid() - at).norm() >= min_separation_m) {
-            chosen.push(j);
+        let at = accepted[i].candidate.centroid();
+        if chosen.iter().all(|c| (accepted[*c].candidate.centroid() - at).norm() >= min_separation_m) {
+            chosen.push(i);
         }
     }
-    chosen.sort_by(|a, b| a.better(b));
-    chosen.into_iter().cloned().collect()
+    chosen.sort_by(|a, b| accepted[*a].better(&accepted[*b]));
+    chosen
 }
 
 #[cfg(test)]

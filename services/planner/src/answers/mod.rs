@@ -2,16 +2,18 @@
 
 pub mod distinct;
 pub mod placement;
+pub mod ranked;
 pub mod relaxation;
 
 use repose_proto::CallError;
 use repose_proto::place::{Rejection, Shortfall, ShortfallReason};
 
 use crate::answers::distinct::distinct;
+use crate::answers::ranked::rank;
 use crate::judge::Judge;
 use crate::judge::judged::JudgedCandidate;
 use crate::search::findings::Findings;
-use crate::search::ranking::{fill, keep_apart, rank};
+use crate::search::ranking::{fill, keep_apart};
 use crate::search::stop::{StopReason, in_time};
 use crate::settings::Realism;
 
@@ -60,7 +62,7 @@ impl Answers {
             // Time ended before the networks ranked: they were asked about one candidate at most, and may doubt it.
             let sure = |j: &JudgedCandidate| j.success.unwrap_or(1.0) >= settings.min_success.unwrap_or(0.0);
             let believed = |j: &&JudgedCandidate| j.realism.is_some_and(|f| f64::from(f) > settings.realism_threshold) && sure(j);
-            let chosen = findings.appraised.iter().filter(believed).cloned().collect();
+            let chosen = findings.appraised().into_iter().filter(believed).cloned().collect();
             return Ok(Self { chosen, passed: passed(findings, &[]), unasked: 0 });
         }
         let mut chosen = apart(&findings.accepted);

@@ -7,8 +7,6 @@
 
 use std::collections::BTreeSet;
 
-use nalgebra::Point3;
-
 use crate::checks::footing::Ground;
 use crate::checks::prisms::{PlacedPrisms, box_gap_m2};
 use crate::scene::candidate::CandidatePose;
@@ -33,21 +31,30 @@ impl<'a> Clearance<'a> {
 
     /// The least distance from the placed query to what does not carry it, metres; none when there is nothing else.
     pub fn of(&self, candidate: &CandidatePose) -> Option<f64> {
+        self.within(candidate, f64::INFINITY)
+    }
+
+    /// [`Clearance::of`] as far as it is less than `most_m`; that, or more, where it is not.
+    pub fn within(&self, candidate: &CandidatePose, most_m: f64) -> Option<f64> {
         let placed = PlacedPrisms::new(&self.query.shape, candidate);
         let bounds = placed.bounds()?;
         let carriers = self.carriers(candidate);
         let counts = |id: &u16| *id != self.query.id && !self.touched.contains(id) && !carriers.contains(id);
         let shapes = self.prepared.belief.objects.iter().filter(|(id, _)| counts(id)).filter_map(|(_, o)| o.shape.as_ref());
-        let to_shapes_m = shapes.map(|shape| placed.to_shape_m(shape, 0.0)).fold(f64::INFINITY, f64::min) as f32;
+        // Rounded upwards, so that what is at the limit is not taken to be nearer.
+        let most_m = f64::from((most_m as f32).next_up());
+        let to_shapes_m = shapes.map(|shape| placed.to_shape_m(shape, 0.0)).fold(most_m, f64::min) as f32;
 
         let floor_m = self.query.bottom_of(candidate.centroid_m[2]) + self.fixed.support.same_support_m;
-        let scene = &self.prepared.scene;
         let mut nearest = Nearest::new(self.fixed.clearance.stray_points, to_shapes_m);
-        for (p, label) in scene.points.iter().zip(&scene.labels) {
-            let beside = if *label == 0 || carriers.contains(label) { p[2] > floor_m } else { counts(label) };
-            let point = Point3::from(*p);
-            if beside && box_gap_m2(&bounds, &point) < nearest.limit_m() * nearest.limit_m() {
-                nearest.see(placed.to_point_m(&point));
+        for (point, label) in self.prepared.point_grid().around(&bounds, to_shapes_m) {
+            // Most points are too far to look at whose they are.
+            if box_gap_m2(&bounds, point) >= nearest.limit_m() * nearest.limit_m() {
+                continue;
+            }
+            let is_beside = if *label == 0 || carriers.contains(label) { point.z > floor_m } else { counts(label) };
+            if is_beside {
+                nearest.see(placed.to_point_m(point));
             }
         }
         let least_m = nearest.limit_m().min(to_shapes_m);

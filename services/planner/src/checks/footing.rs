@@ -6,13 +6,15 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Point2, Point3};
-use repose_geometry::Footprint;
 
 use crate::checks::MISS_PER_METRE;
+use crate::checks::contact::Contact;
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;
 use crate::settings::SupportSettings;
+use repose_belief::columns::ColumnRun;
+use repose_belief::offsets::Offsets;
 use repose_belief::view::Sight;
 
 /// How well a candidate stands.
@@ -50,23 +52,24 @@ impl Ground<'_> {
     /// The height of the query's bottom when it is lowered at the candidate's place (its height is not looked at) from `ceiling_m`;
     /// none when nothing is under it.
     pub fn rest_m(&self, candidate: &CandidatePose, ceiling_m: f32) -> Option<f32> {
-        let top_under = |place: &Point2<f32>| {
-            let runs = self.prepared.belief.columns.at(place).iter();
-            runs.filter(|r| r.object != self.query.id && r.high_m <= ceiling_m).map(|r| r.high_m).reduce(f32::max)
-        };
-        let carry = candidate.carrying();
-        let mut tops: Vec<f32> = self.query.base.iter().filter_map(|offset| top_under(&carry(offset))).collect();
+        let columns = &self.prepared.belief.columns;
+        let mut tops: Vec<f32> = Vec::with_capacity(self.query.base.len());
+        columns.visit(&self.query.base, &candidate.carrying(), |_, _, cell| {
+            let under = columns.runs(cell).iter().filter(|r| r.object != self.query.id && r.high_m <= ceiling_m);
+            tops.extend(under.map(|r| r.high_m).reduce(f32::max));
+        });
         let axis = candidate.carry(&self.query.shape.axis_offset());
-        let planes = self.prepared.belief.planes.iter().filter(|p| p.object != self.query.id && p.outline.margin(&axis) >= 0.0);
+        let planes = self.prepared.belief.planes.iter().filter(|p| p.object != self.query.id && p.outline.contains(&axis));
         if tops.is_empty() {
             let under = planes.map(|p| p.height_m).filter(|h| *h <= ceiling_m).reduce(f32::max);
             return under.map(|h| h + self.settings.release_m);
         }
-        tops.sort_unstable_by(|a, b| b.total_cmp(a));
-        let highest_m = tops[(self.settings.stray_share * tops.len() as f32) as usize];
-        let first = tops.partition_point(|t| *t > highest_m);
-        let last = tops.partition_point(|t| *t >= highest_m - self.settings.same_support_m);
-        let level_m = tops[(first + last) / 2];
+        let from_highest = |tops: &mut [f32], place: usize| *tops.select_nth_unstable_by(place, |a, b| b.total_cmp(a)).1;
+        let strays = (self.settings.stray_share * tops.len() as f32) as usize;
+        let highest_m = from_highest(&mut tops, strays);
+        let first = tops.iter().filter(|t| **t > highest_m).count();
+        let last = tops.iter().filter(|t| **t >= highest_m - self.settings.same_support_m).count();
+        let level_m = from_highest(&mut tops, (first + last) / 2);
         let plane_m = planes.map(|p| p.height_m).find(|h| (h - level_m).abs() <= self.settings.plane_m);
         Some(plane_m.unwrap_or(level_m) + self.settings.release_m)
     }
@@ -74,21 +77,19 @@ impl Ground<'_> {
     /// How well a candidate stands where it is.
     pub fn footing(&self, candidate: &CandidatePose) -> Footing {
         let level_m = self.query.bottom_of(candidate.centroid_m[2]) - self.settings.release_m;
-        let (mut seen, mut contact) = (0usize, Vec::new());
+        let (mut seen, mut contact) = (0usize, Contact::default());
         let mut carriers: BTreeMap<u16, usize> = BTreeMap::new();
-        let carry = candidate.carrying();
-        for offset in &self.query.base {
-            let place = carry(offset);
-            let Some(carried) = self.carried(&place, level_m) else { continue };
-            contact.push(Point3::new(place.x, place.y, 0.0));
+        let base = &self.query.base;
+        self.carried(base, candidate, level_m, |i, place, carried| {
+            contact.add(base.y_m(i), place);
             if let CellSupport::Seen(object) = carried {
                 seen += 1;
                 *carriers.entry(object).or_default() += 1;
             }
-        }
+        });
         let cells = self.query.base.len().max(1) as f64;
         let axis = candidate.carry(&self.query.shape.axis_offset());
-        let margin_m = Footprint::of(&contact).map(|outline| f64::from(outline.margin(&axis)));
+        let margin_m = contact.outline().map(|outline| f64::from(outline.margin(&axis)));
         // Of equals the lowest id, furniture first.
         let carrier = carriers.into_iter().rev().max_by_key(|(_, count)| *count).map(|(object, _)| object);
         Footing { seen_share: seen as f64 / cells, carried_share: contact.len() as f64 / cells, margin_m, carrier }
@@ -98,12 +99,11 @@ impl Ground<'_> {
     pub fn objects_under(&self, candidate: &CandidatePose) -> Vec<u16> {
         let level_m = self.query.bottom_of(candidate.centroid_m[2]) - self.settings.release_m;
         let mut cells: BTreeMap<u16, usize> = BTreeMap::new();
-        let carry = candidate.carrying();
-        for offset in &self.query.base {
-            if let Some(CellSupport::Seen(object)) = self.carried(&carry(offset), level_m) {
+        self.carried(&self.query.base, candidate, level_m, |_, _, carried| {
+            if let CellSupport::Seen(object) = carried {
                 *cells.entry(object).or_default() += 1;
             }
-        }
+        });
         let enough = self.settings.stray_share * self.query.base.len() as f32;
         cells.into_iter().filter(|(object, count)| *object != 0 && *count as f32 > enough).map(|(object, _)| object).collect()
     }
@@ -111,28 +111,49 @@ impl Ground<'_> {
     /// Share of the band around the base that is carried too: near an edge it is not.
     pub fn rim_share(&self, candidate: &CandidatePose) -> f64 {
         let level_m = self.query.bottom_of(candidate.centroid_m[2]) - self.settings.release_m;
-        let carry = candidate.carrying();
-        let carried = self.query.rim.iter().filter(|offset| self.carried(&carry(offset), level_m).is_some()).count();
+        let mut carried = 0usize;
+        self.carried(&self.query.rim, candidate, level_m, |_, _, _| carried += 1);
         carried as f64 / self.query.rim.len().max(1) as f64
     }
 
-    fn carried(&self, place: &Point2<f32>, level_m: f32) -> Option<CellSupport> {
-        let tolerance_m = self.settings.tolerance_m;
-        let mut runs = self.prepared.belief.columns.at(place).iter();
-        let top = runs.rfind(|r| r.seen && r.object != self.query.id && (r.high_m - level_m).abs() <= tolerance_m);
-        if let Some(run) = top {
-            return self.prepared.belief.carries(run.object).then_some(CellSupport::Seen(run.object));
-        }
-        let at = Point3::new(place.x, place.y, level_m);
-        match self.prepared.belief.view.sight(&at, tolerance_m, self.settings.through_m, self.query.id) {
-            Sight::Surface(object) => self.prepared.belief.carries(object).then_some(CellSupport::Seen(object)),
-            Sight::Empty => None,
-            Sight::Unknown => {
-                let around = self.prepared.belief.planes.iter().filter(|p| p.object != self.query.id);
-                let mut level = around.filter(|p| (p.height_m - level_m).abs() <= self.settings.same_support_m);
-                level.any(|p| p.outline.margin(place) >= 0.0).then_some(CellSupport::Believed)
+    /// Tells of each of the offsets that is carried at a level, in order: its number, where it lands, and what carries it.
+    fn carried(&self, offsets: &Offsets, candidate: &CandidatePose, level_m: f32, mut tell: impl FnMut(usize, Point2<f32>, CellSupport)) {
+        let columns = &self.prepared.belief.columns;
+        let mut landed: Vec<(Point2<f32>, CellTop)> = Vec::with_capacity(offsets.len());
+        let mut open: Vec<Point3<f64>> = Vec::new();
+        columns.visit(offsets, &candidate.carrying(), |_, place, cell| {
+            let mut runs = columns.runs(cell).iter();
+            let is_top = |r: &&ColumnRun| r.seen && r.object != self.query.id && (r.high_m - level_m).abs() <= self.settings.tolerance_m;
+            let top = runs.rfind(is_top).map_or(CellTop::NotSeen, |run| CellTop::Of(run.object));
+            if top == CellTop::NotSeen {
+                open.push(Point3::new(place.x, place.y, level_m).cast());
+            }
+            landed.push((place, top));
+        });
+        // The camera is asked about all others at once.
+        let (view, settings) = (&self.prepared.belief.view, self.settings);
+        let mut sights = view.sights(&open, settings.tolerance_m, settings.through_m, self.query.id).into_iter();
+        for (i, (place, top)) in landed.into_iter().enumerate() {
+            let seen = match top {
+                CellTop::Of(object) => Sight::Surface(object),
+                CellTop::NotSeen => sights.next().unwrap_or(Sight::Unknown),
+            };
+            let carried = match seen {
+                Sight::Surface(object) => self.prepared.belief.carries(object).then_some(CellSupport::Seen(object)),
+                Sight::Empty => None,
+                Sight::Unknown => self.goes_on(&place, level_m).then_some(CellSupport::Believed),
+            };
+            if let Some(carried) = carried {
+                tell(i, place, carried);
             }
         }
+    }
+
+    /// Whether a surface of a level, seen around a place, is believed to go on there.
+    fn goes_on(&self, place: &Point2<f32>, level_m: f32) -> bool {
+        let around = self.prepared.belief.planes.iter().filter(|p| p.object != self.query.id);
+        let mut level = around.filter(|p| (p.height_m - level_m).abs() <= self.settings.same_support_m);
+        level.any(|p| p.outline.contains(place))
     }
 }
 
@@ -146,6 +167,15 @@ pub fn support_miss(footing: &Footing, query: &QueryObject, settings: &SupportSe
         + (settings.min_seen_share - footing.seen_share).max(0.0)
         + (wanted_share - footing.carried_share).max(0.0);
     (miss > 0.0).then_some(miss)
+}
+
+/// The top that was seen at a level over a cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum CellTop {
+    /// Of this object.
+    Of(u16),
+    /// None in the map; the camera may know of one.
+    NotSeen,
 }
 
 /// What carries a cell.

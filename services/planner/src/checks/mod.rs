@@ -4,6 +4,7 @@
 //! feasible candidates knows which way to go.
 
 pub mod clearance;
+pub mod contact;
 pub mod footing;
 pub mod obstruction;
 pub mod prisms;

@@ -2,8 +2,6 @@
 //!
 //! Cheap enough for every candidate of a search. Completed backs of objects are in the way too.
 
-use nalgebra::Point2;
-
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;
@@ -41,20 +39,22 @@ pub fn obstruction(
     let mut doubtful = 0usize;
     let carry = candidate.carrying();
     // Broad phase: over most of an open table nothing reaches up beside the query at all.
-    let [x, y, _] = candidate.centroid_m;
-    let free = prepared.belief.columns.top_around(&Point2::new(x, y), query.reach_m) <= floor_m;
+    let free = prepared.belief.columns.top_around(&carry.at, query.reach_m) <= floor_m;
+    let columns = &prepared.belief.columns;
     for prism in query.prisms.iter().filter(|_| !free) {
         let (low_m, high_m) = (bottom_m + prism.low_m, bottom_m + prism.high_m);
-        for cell in &prism.cells {
-            let (top_m, runs) = prepared.belief.columns.top_and_runs(&carry(&cell.offset));
-            if top_m <= floor_m.max(low_m) {
-                continue;
+        let lowest_m = floor_m.max(low_m);
+        columns.visit(&prism.offsets, &carry, |i, _, above| {
+            // Nearly always nothing reaches up so far.
+            if columns.top_m(above) <= lowest_m {
+                return;
             }
-            let runs = runs.iter();
-            let mut in_way = runs.filter(|r| r.object != query.id && r.high_m > floor_m && r.high_m > low_m && r.low_m < high_m);
+            let cell = &prism.cells[i];
+            let mut in_way =
+                columns.runs(above).iter().filter(|r| r.object != query.id && r.high_m > floor_m && r.high_m > low_m && r.low_m < high_m);
             if touched.is_empty() {
                 if in_way.next().is_none() {
-                    continue;
+                    return;
                 }
                 doubtful += usize::from(cell.doubtful);
                 count(cell.inside_m, settings.graze_m, &mut colliding, &mut near);
@@ -70,7 +70,7 @@ pub fn obstruction(
                     }
                 }
             }
-        }
+        });
     }
     let cells = query.prisms.iter().map(|p| p.inside).sum::<usize>().max(1);
     let doubtful_share = doubtful as f64 / query.prisms.iter().map(|p| p.doubtful).sum::<usize>().max(1) as f64;

@@ -18,13 +18,18 @@ pub fn unseen_share(space: Option<&UnseenSpace>, query: &QueryObject, candidate:
     for prism in &query.prisms {
         let levels = ((prism.high_m - prism.low_m) / settings.step_m).ceil().max(1.0);
         let rise_m = (prism.high_m - prism.low_m) / levels;
+        // All places of a prism are tried at the same heights: with the bit of the level that each of these lies in.
+        let height_m = |level: usize| bottom_m + prism.low_m + (level as f32 + 0.5) * rise_m;
+        let heights = (0..levels as usize).map(height_m);
+        let tried_m: Vec<(f32, u32)> = heights.filter_map(|height_m| Some((height_m, 1 << space.level_of(f64::from(height_m))?))).collect();
+        let bits = tried_m.iter().fold(0, |bits, (_, bit)| bits | bit);
+        tried += prism.sparse.len() * levels as usize;
         for offset in &prism.sparse {
-            let place = carry(offset);
-            for level in 0..levels as usize {
-                let height_m = bottom_m + prism.low_m + (level as f32 + 0.5) * rise_m;
-                tried += 1;
-                let hidden = space.hides([place.x, place.y, height_m].map(f64::from)) == Some(true);
-                unseen += usize::from(hidden && !stood_there(query, &place, height_m));
+            let place = carry.place(offset);
+            let hidden = space.hidden_over(f64::from(place.x), f64::from(place.y)).unwrap_or(0);
+            if hidden & bits != 0 {
+                let is_unseen = |(height_m, bit): &&(f32, u32)| hidden & bit != 0 && !stood_there(query, &place, *height_m);
+                unseen += tried_m.iter().filter(is_unseen).count();
             }
         }
     }
@@ -33,7 +38,7 @@ pub fn unseen_share(space: Option<&UnseenSpace>, query: &QueryObject, candidate:
 
 /// Whether a place is inside the query where it was observed.
 fn stood_there(query: &QueryObject, place: &Point2<f32>, height_m: f32) -> bool {
-    query.shape.slabs.iter().any(|s| (s.low_m..=s.high_m).contains(&height_m) && s.outline.margin(place) >= 0.0)
+    query.shape.slabs.iter().any(|s| (s.low_m..=s.high_m).contains(&height_m) && s.outline.contains(place))
 }
 
 #[cfg(test)]

@@ -55,6 +55,11 @@ impl<'a> Constraints<'a> {
         self.refused.extend(reasons);
     }
 
+    /// Whether every candidate is rejected.
+    pub fn refuse_all(&self) -> bool {
+        !self.refused.is_empty()
+    }
+
     /// A candidate after every constraint that needs no network.
     pub fn tried(&self, candidate: CandidatePose, mode: usize) -> JudgedCandidate {
         let PlacementProblem { prepared, query, request, settings, .. } = self.problem;
@@ -122,7 +127,7 @@ impl<'a> Constraints<'a> {
             if found.clearance_m < by_cells_m {
                 judged.reject(Rejection::Clearance, wanted_m - found.clearance_m);
             } else if judged.feasible()
-                && let Some(clearance_m) = self.clearance.of(&judged.candidate).filter(|c| *c < wanted_m)
+                && let Some(clearance_m) = self.clearance.within(&judged.candidate, wanted_m).filter(|c| *c < wanted_m)
             {
                 // The cells do not see low things, nor farther than their ring.
                 judged.reject(Rejection::Clearance, wanted_m - clearance_m);

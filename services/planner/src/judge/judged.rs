@@ -26,7 +26,8 @@ pub struct JudgedCandidate {
     pub failing: Vec<usize>,
     /// The discriminator's probability, where it was asked.
     pub realism: Option<f32>,
-    /// What geometry and the outcome network measure of it ([`crate::learned::stability`]), where that was asked.
+    /// What geometry and the outcome network measure of it ([`crate::learned::stability`]), where that was needed; the network's is 0 before it was
+    /// asked.
     pub measures: Option<Box<[f32; COUNT]>>,
     /// What the forecast of success reads of it ([`crate::learned::success`]), where that was asked.
     pub success_measures: Option<Vec<f32>>,

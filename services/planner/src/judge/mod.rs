@@ -6,6 +6,7 @@
 pub mod constraints;
 pub mod cost;
 pub mod judged;
+pub mod least;
 pub mod problem;
 pub mod scorer;
 pub mod standing;
@@ -113,6 +114,11 @@ impl<'a> Judge<'a> {
         if realism <= threshold {
             judged.reject(Rejection::Unrealistic, threshold - realism);
         }
+    }
+
+    /// Whether every candidate is rejected, wherever it is: no search finds a way around that.
+    pub fn refuses_all(&self) -> bool {
+        self.constraints.refuse_all()
     }
 
     /// Learns how the query stands where it was seen, where the recipe goes by the forecasts of that: every candidate is rejected from then on

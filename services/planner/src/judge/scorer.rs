@@ -10,7 +10,7 @@ use crate::judge::judged::JudgedCandidate;
 use crate::judge::problem::PlacementProblem;
 use crate::learned::forecast::Forecasts;
 use crate::learned::models::{PlacementModels, Provenance};
-use crate::learned::stability::measures;
+use crate::learned::stability::{NETWORK, measures};
 use crate::settings::Realism;
 
 /// What the networks are asked about candidates.
@@ -97,15 +97,24 @@ impl<'a> Scorer<'a> {
 
     /// Realism from a network's answer: the discriminator's as it is, the outcome network's combined with geometry by the boosted trees.
     fn take_realism(&mut self, judged: &mut JudgedCandidate, said: f32) -> Result<(), CallError> {
-        let PlacementProblem { prepared, query, settings, .. } = self.problem;
-        if settings.recipe.realism != Realism::OutcomeRanks {
+        if self.problem.settings.recipe.realism != Realism::OutcomeRanks {
             judged.realism = Some(said);
             return Ok(());
         }
-        let measured = measures(prepared, query, &judged.candidate, said, &settings.fixed);
-        judged.realism = Some(self.forecasts()?.stability.of(&measured) as f32);
-        judged.measures = Some(Box::new(measured));
+        self.measure(judged);
+        if let Some(measured) = judged.measures.as_mut() {
+            measured[NETWORK] = said;
+            judged.realism = Some(self.forecasts()?.stability.of(&measured[..]) as f32);
+        }
         Ok(())
+    }
+
+    /// Measures a candidate by geometry, unless that was done.
+    pub fn measure(&self, judged: &mut JudgedCandidate) {
+        let PlacementProblem { prepared, query, settings, .. } = self.problem;
+        if judged.measures.is_none() {
+            judged.measures = Some(Box::new(measures(prepared, query, &judged.candidate, 0.0, &settings.fixed)));
+        }
     }
 
     /// The forecasts of the weights that answered.

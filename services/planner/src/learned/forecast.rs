@@ -83,8 +83,17 @@ impl Forecast {
 
     /// The probability, from finite measures in the order of their names.
     pub fn of(&self, measures: &[f32]) -> f64 {
-        1.0 / (1.0 + (-self.logit.of(measures)).exp())
+        probability(self.logit.of(measures))
     }
+
+    /// A probability that none is above which it gives for the same measures but those that are open.
+    pub fn most(&self, measures: &[f32], is_open: impl Fn(usize) -> bool) -> f64 {
+        probability(self.logit.most(measures, is_open))
+    }
+}
+
+fn probability(logit: f64) -> f64 {
+    1.0 / (1.0 + (-logit).exp())
 }
 
 /// The forecasts that the weights in service have.

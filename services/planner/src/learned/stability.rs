@@ -18,6 +18,9 @@ use repose_belief::view::Visibility;
 /// The number of measures.
 pub const COUNT: usize = 30;
 
+/// The measure that is the outcome network's answer; all others are geometry's.
+pub const NETWORK: usize = 0;
+
 /// A measure: its name, and how it is computed from a place.
 type Measure = (&'static str, fn(&Place<'_>) -> f64);
 

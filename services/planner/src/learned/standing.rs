@@ -113,6 +113,25 @@ pub fn names_of_neighbour() -> Vec<&'static str> {
     names().into_iter().chain(BESIDE.iter().map(|(name, _)| *name)).collect()
 }
 
+/// The measures that the forecasts of an object read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StanceMeasures {
+    /// Of the object.
+    pub own: Vec<f32>,
+    /// Of each of its neighbours beside it.
+    pub neighbours: Vec<Vec<f32>>,
+}
+
+impl StanceMeasures {
+    /// Of an object of a scene; none without an extent.
+    pub fn of(prepared: &PreparedScene, id: u16) -> Option<Self> {
+        let stance = Stance::of(prepared, id)?;
+        let near = prepared.belief.objects.iter().filter(|(other, o)| **other != id && o.shape.as_ref().is_some_and(|s| stance.is_near(s)));
+        let neighbours = near.filter_map(|(other, _)| Stance::of(prepared, *other)?.beside(&stance)).collect();
+        Some(Self { own: stance.measures(), neighbours })
+    }
+}
+
 /// An object where it was seen, with everything that the measures read.
 #[derive(Debug, Clone)]
 pub struct Stance<'a> {

@@ -44,6 +44,12 @@ const BESIDE: [&str; 19] = [
 /// The number of measures.
 pub const COUNT: usize = OF_PLACE + BESIDE.len();
 
+/// Whether a measure depends on what the networks say of a candidate: those of the place and of the goal; all others are geometry's.
+pub fn is_by_networks(measure: usize) -> bool {
+    // Of those beside it, the first two.
+    measure == stability::NETWORK || (OF_PLACE..OF_PLACE + 2).contains(&measure)
+}
+
 /// The names of the measures, in the order that the trees read.
 pub fn names() -> Vec<&'static str> {
     stability::names().into_iter().chain(BESIDE).collect()

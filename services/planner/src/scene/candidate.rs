@@ -2,7 +2,8 @@
 //!
 //! Kept in `f32`, the wire's type, so that what was scored is to the bit what is returned (paper, section 2: δ, an offset and a yaw).
 
-use nalgebra::{Isometry3, Point2, Point3, Rotation2, Vector2};
+use nalgebra::{Isometry3, Point2, Point3, Vector2};
+use repose_belief::offsets::Carry;
 use repose_geometry::transform;
 
 /// A candidate placement in the world.
@@ -43,14 +44,13 @@ impl CandidatePose {
 
     /// Where something at a horizontal `offset` from the observed centroid goes, seen from above, world frame.
     pub fn carry(&self, offset: &Vector2<f32>) -> Point2<f32> {
-        self.carrying()(offset)
+        self.carrying().place(offset)
     }
 
     /// [`CandidatePose::carry`] for many offsets: the turn is computed once.
-    pub fn carrying(&self) -> impl Fn(&Vector2<f32>) -> Point2<f32> + use<> {
+    pub fn carrying(&self) -> Carry {
         let [x, y, _] = self.centroid_m;
-        let turn = (self.yaw_rad != 0.0).then(|| Rotation2::new(self.yaw_rad));
-        move |offset| Point2::new(x, y) + turn.map_or(*offset, |turn| turn * offset)
+        Carry::new(Point2::new(x, y), self.yaw_rad)
     }
 }
 

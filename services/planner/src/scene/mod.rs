@@ -2,7 +2,9 @@
 
 pub mod candidate;
 pub mod moved;
+pub mod point_grid;
 pub mod prepared;
+pub mod queries;
 pub mod query;
 pub mod traits;
 pub mod turned;

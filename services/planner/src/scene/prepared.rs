@@ -9,6 +9,8 @@ use repose_belief::{Belief, BeliefSettings, BelievedObject, SeenScene, Shape};
 use repose_geometry::transform;
 use repose_proto::{CallError, Scene};
 
+use crate::scene::queries::KnownQueries;
+
 /// A prepared scene.
 #[derive(Debug, Clone)]
 pub struct PreparedScene {
@@ -20,6 +22,8 @@ pub struct PreparedScene {
     pub belief: Belief,
     fault: Option<CallError>,
     min_points: usize,
+    /// What earlier requests prepared.
+    pub(super) known: Arc<KnownQueries>,
 }
 
 impl PreparedScene {
@@ -64,7 +68,7 @@ impl PreparedScene {
             fault.get_or_insert_with(|| CallError::invalid("points", too_wide.to_string()));
             Belief::of_nothing(&seen, settings)
         });
-        Self { belief, fault, scene, scene_id, min_points: settings.min_points }
+        Self { belief, fault, scene, scene_id, min_points: settings.min_points, known: Arc::default() }
     }
 
     /// Whether the scene can be planned on.

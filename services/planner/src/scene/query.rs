@@ -9,6 +9,7 @@ use repose_proto::CallError;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::traits::{self, StandingTraits};
 use crate::settings::Fixed;
+use repose_belief::offsets::Offsets;
 use repose_belief::shape::Shape;
 
 /// A cell in or around a prism.
@@ -31,6 +32,8 @@ pub struct Prism {
     pub high_m: f32,
     /// The cells inside it, and those within the clearance ring around it.
     pub cells: Vec<OutlineCell>,
+    /// The offsets of those.
+    pub offsets: Offsets,
     /// How many of them are inside.
     pub inside: usize,
     /// How many of them are doubtful.
@@ -47,9 +50,9 @@ pub struct QueryObject {
     /// Its completed shape where it was observed.
     pub shape: Shape,
     /// The cells of its base, from the observed centroid.
-    pub base: Vec<Vector2<f32>>,
+    pub base: Offsets,
     /// The band of cells around those.
-    pub rim: Vec<Vector2<f32>>,
+    pub rim: Offsets,
     /// How far inside its own base the axis is, metres: the support margin on a flat floor.
     pub base_margin_m: f64,
     /// Its shape, from the bottom up.
@@ -82,7 +85,8 @@ impl QueryObject {
                 let doubtful = doubt(&mut cells, &slab.outline, &origin, &shape.doubt);
                 let inside = cells.iter().filter(|c| c.inside_m >= 0.0).count();
                 let sparse = cells_around(&slab.outline, &origin, 0.0, fixed.unseen.step_m).into_iter().map(|c| c.offset).collect();
-                Prism { low_m: slab.low_m - shape.bottom_m, high_m: slab.high_m - shape.bottom_m, cells, inside, doubtful, sparse }
+                let offsets = cells.iter().map(|cell| cell.offset).collect();
+                Prism { low_m: slab.low_m - shape.bottom_m, high_m: slab.high_m - shape.bottom_m, cells, offsets, inside, doubtful, sparse }
             })
             .collect();
         let (base, rim): (Vec<OutlineCell>, Vec<OutlineCell>) =

@@ -64,14 +64,19 @@ pub struct Findings {
     pub iterations: u32,
     /// Candidates drawn.
     pub evaluated: u64,
-    /// Where networks only rank: the best candidate that they were asked about after an iteration.
-    pub appraised: Option<JudgedCandidate>,
+    /// Where networks only rank: the candidates that they were asked about after iterations.
+    pub heard: Vec<JudgedCandidate>,
 }
 
 impl Findings {
     /// The lowest-cost feasible candidate, the first drawn of equals.
     pub fn best(&self) -> Option<&JudgedCandidate> {
         self.accepted.iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
+    }
+
+    /// Where networks only rank: the best candidate that they were asked about after an iteration, the first of equals.
+    pub fn appraised(&self) -> Option<&JudgedCandidate> {
+        self.heard.iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
     }
 
     /// Where rejected candidates' centroids were, world frame, metres: an even sample by reason.

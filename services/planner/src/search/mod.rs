@@ -8,6 +8,8 @@
 //! iteration's. In later iterations every mode has its share of `batch`, rounded down but at least one, and draws its whole share at a
 //! time until as many have passed or `draws_per_batch` times as many were drawn. What rounding leaves over, or a mode that has its fill,
 //! goes to no other mode; and as the last draws are whole shares too, more than `batch` may pass.
+//!
+//! An object that no place can be found for, as it tips or unsettles a neighbour, is tried in one batch, for the reason to be told.
 
 pub mod findings;
 pub mod levels;
@@ -83,6 +85,9 @@ pub fn search(
                 quotas[slot].accepted += usize::from(j.feasible());
             }
             judged.extend(tried);
+            if judge.refuses_all() {
+                break;
+            }
         }
         if iteration == 0 && settings.recipe.grounded {
             assign_levels(&mut judged, surrogate.level_gap_m);
@@ -90,7 +95,7 @@ pub fn search(
         modes = refit(modes, judged, settings.elites, settings.rotation, surrogate);
         findings.iterations = iteration + 1;
         // After the last iteration the whole shortlist is put to the networks.
-        let last = iteration + 1 == settings.iterations && findings.appraised.is_some();
+        let last = iteration + 1 == settings.iterations && !findings.heard.is_empty();
         if settings.recipe.realism == Realism::OutcomeRanks && !last && in_time(appraise_best(judge, &mut findings))?.is_none() {
             return Ok((findings, Some(StopReason::Deadline)));
         }
@@ -98,19 +103,20 @@ pub fn search(
             let early = (iteration + 1 < settings.iterations).then_some(stop);
             return Ok((findings, early.or((stop == StopReason::Cancelled).then_some(stop))));
         }
-        if modes.is_empty() {
+        if modes.is_empty() || judge.refuses_all() {
             break;
         }
     }
     Ok((findings, None))
 }
 
-/// Puts the best so far to the networks, and keeps it if they do not prefer the one that they saw before.
+/// Puts the best so far to the networks, if they have not seen it before.
 fn appraise_best(judge: &mut Judge<'_>, findings: &mut Findings) -> Result<(), CallError> {
-    let Some(best) = findings.best() else { return Ok(()) };
+    let is_new = |best: &&JudgedCandidate| findings.heard.iter().all(|heard| heard.candidate != best.candidate);
+    let Some(best) = findings.best().filter(is_new) else { return Ok(()) };
     let mut best = [best.clone()];
     appraise(judge, &mut best)?;
-    findings.appraised = findings.appraised.take().into_iter().chain(best).min_by(|a, b| a.cost.total_cmp(&b.cost));
+    findings.heard.extend(best);
     Ok(())
 }
 

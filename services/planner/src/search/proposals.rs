@@ -178,7 +178,7 @@ impl Proposer<'_> {
         if from_above < self.settings.from_above_share {
             return f32::INFINITY;
         }
-        let under: Vec<f32> = self.prepared.belief.planes.iter().filter(|p| p.outline.margin(axis) >= 0.0).map(|p| p.height_m).collect();
+        let under: Vec<f32> = self.prepared.belief.planes.iter().filter(|p| p.outline.contains(axis)).map(|p| p.height_m).collect();
         let choice = (pick * (under.len() + 1) as f64) as usize;
         under.get(choice).copied().unwrap_or(low_m) + self.settings.lowered_m
     }

@@ -26,22 +26,6 @@ const OFF: [[f32; 3]; 8] = [
     [-0.7, 0.7, -1.0],
 ];
 
-/// Asks the networks about the shortlist of the accepted candidates and costs it anew. Candidates below the realism threshold are rejected,
-/// and answers come from the shortlist alone. Returns the other accepted candidates.
-///
-/// # Errors
-/// What the networks answer; nothing has changed then.
-pub fn rank(judge: &mut Judge<'_>, findings: &mut Findings, count: usize) -> Result<Vec<JudgedCandidate>, CallError> {
-    let settings = judge.problem().settings;
-    let ranking = &settings.fixed.ranking;
-    let list = shortlist(&findings.accepted, ranking.candidates.max(count), ranking.apart_m, settings.fixed.surrogate.level_gap_m);
-    let asked: Vec<JudgedCandidate> = list.iter().map(|i| findings.accepted[*i].clone()).collect();
-    let (believed, doubted) = believed(judge, asked)?;
-    let rest = without(std::mem::replace(&mut findings.accepted, believed), &list);
-    findings.reject(doubted);
-    Ok(rest)
-}
-
 /// Finds more answers where the shortlist gave fewer than `count`: asks the networks about the best of the `rest` that are far enough from
 /// those chosen, and appends the believed ones, until there are enough, none is left, or some rounds are over. `control` is asked before
 /// each round. Returns why it stopped early if it did. Candidates that the networks were not asked about stay in `rest`.
@@ -67,7 +51,8 @@ pub fn fill(
             return Ok(Some(stop));
         }
         let asked = list.iter().map(|i| rest[*i].clone()).collect();
-        let Some((believed, doubted)) = in_time(believed(judge, asked))? else { return Ok(Some(StopReason::Deadline)) };
+        let Some(asked) = in_time(believed(judge, asked))? else { return Ok(Some(StopReason::Deadline)) };
+        let (believed, doubted) = asked.into_iter().partition(JudgedCandidate::feasible);
         findings.reject(doubted);
         chosen.extend(believed);
         chosen[first..].sort_by(JudgedCandidate::better);
@@ -85,18 +70,21 @@ pub fn keep_apart(rest: &mut Vec<JudgedCandidate>, chosen: &[JudgedCandidate], a
 }
 
 /// All but the listed, by position.
-fn without(all: Vec<JudgedCandidate>, list: &[usize]) -> Vec<JudgedCandidate> {
+pub fn without(all: Vec<JudgedCandidate>, list: &[usize]) -> Vec<JudgedCandidate> {
     all.into_iter().enumerate().filter(|(i, _)| !list.contains(i)).map(|(_, j)| j).collect()
 }
 
-/// The candidates above the realism threshold, costed anew, and those below.
-fn believed(judge: &mut Judge<'_>, mut asked: Vec<JudgedCandidate>) -> Result<(Vec<JudgedCandidate>, Vec<JudgedCandidate>), CallError> {
+/// Candidates costed anew after the networks were asked, those rejected that are below a threshold.
+///
+/// # Errors
+/// What the networks answer.
+pub fn believed(judge: &mut Judge<'_>, mut asked: Vec<JudgedCandidate>) -> Result<Vec<JudgedCandidate>, CallError> {
     appraise(judge, &mut asked)?;
     for j in &mut asked {
         judge.judge_realism(j);
         judge.judge_success(j);
     }
-    Ok(asked.into_iter().partition(JudgedCandidate::feasible))
+    Ok(asked)
 }
 
 /// Asks the networks about candidates, tries them a little off, and costs them anew.
@@ -107,7 +95,9 @@ pub fn appraise(judge: &mut Judge<'_>, candidates: &mut [JudgedCandidate]) -> Re
     let all: Vec<usize> = (0..candidates.len()).collect();
     judge.scorer_mut().ask(Question::Both, candidates, &all)?;
     for j in candidates {
-        j.fragile_share = Some(fragile_share(judge, &j.candidate));
+        if j.fragile_share.is_none() {
+            j.fragile_share = Some(fragile_share(judge, &j.candidate));
+        }
         judge.forecast_success(j)?;
         j.cost = judge.cost(j);
     }
@@ -115,7 +105,7 @@ pub fn appraise(judge: &mut Judge<'_>, candidates: &mut [JudgedCandidate]) -> Re
 }
 
 /// The best candidates, apart from each other, levels of support taking turns; by position.
-fn shortlist(accepted: &[JudgedCandidate], count: usize, apart_m: f64, level_gap_m: f32) -> Vec<usize> {
+pub fn shortlist(accepted: &[JudgedCandidate], count: usize, apart_m: f64, level_gap_m: f32) -> Vec<usize> {
     let mut levels: Vec<std::vec::IntoIter<usize>> = by_level(accepted, level_gap_m).into_iter().map(Vec::into_iter).collect();
     let mut list: Vec<usize> = Vec::new();
     while list.len() < count && !levels.is_empty() {
@@ -135,7 +125,7 @@ fn shortlist(accepted: &[JudgedCandidate], count: usize, apart_m: f64, level_gap
 }
 
 /// The share of small errors of a candidate's pose after which a constraint fails.
-fn fragile_share(judge: &Judge<'_>, candidate: &CandidatePose) -> f64 {
+pub fn fragile_share(judge: &Judge<'_>, candidate: &CandidatePose) -> f64 {
     let problem = judge.problem();
     let settings = &problem.settings.fixed.ranking;
     let failing = OFF.iter().filter(|[x, y, turn]| {

@@ -36,6 +36,8 @@ pub struct Fixed {
 pub struct RankingSettings {
     /// Its length, at most; levels of support take turns.
     pub candidates: usize,
+    /// The networks are asked about at least so many of it at once, where so many may be answers: they share the cores.
+    pub asked_at_once: usize,
     /// Its candidates are at least this far apart, metres.
     pub apart_m: f64,
     /// Each is tried again when it ends up this far off, metres …
@@ -50,7 +52,7 @@ pub struct RankingSettings {
 
 impl Default for RankingSettings {
     fn default() -> Self {
-        Self { candidates: 32, apart_m: 0.012, off_m: 0.005, off_rad: 3.0_f32.to_radians(), more_rounds: 4, unsure: 2.0 }
+        Self { candidates: 32, asked_at_once: 4, apart_m: 0.012, off_m: 0.005, off_rad: 3.0_f32.to_radians(), more_rounds: 4, unsure: 2.0 }
     }
 }
 

@@ -42,6 +42,26 @@ impl DecisionTree {
         }
     }
 
+    /// Its largest value for the rows that agree with a row in all numbers but those that are open.
+    fn most(&self, row: &[f32], is_open: &impl Fn(usize) -> bool) -> f32 {
+        let root = if self.splits.is_empty() { Branch::Leaf(0) } else { Branch::Split(0) };
+        self.most_from(root, row, is_open)
+    }
+
+    fn most_from(&self, at: Branch, row: &[f32], is_open: &impl Fn(usize) -> bool) -> f32 {
+        match at {
+            Branch::Leaf(leaf) => self.leaves[usize::from(leaf)],
+            Branch::Split(split) => {
+                let TreeSplit(number, below, branches) = &self.splits[usize::from(split)];
+                let number = usize::from(*number);
+                if is_open(number) {
+                    return branches.iter().map(|to| self.most_from(*to, row, is_open)).fold(f32::NEG_INFINITY, f32::max);
+                }
+                self.most_from(branches[usize::from(row[number] >= *below)], row, is_open)
+            }
+        }
+    }
+
     /// Whether every row of `numbers` numbers ends at a leaf with a finite value.
     fn is_sound(&self, numbers: usize) -> bool {
         let branch = |from: usize, to: &Branch| match to {
@@ -71,6 +91,11 @@ impl BoostedTrees {
         self.trees.iter().fold(self.bias, |sum, tree| sum + f64::from(tree.of(row)))
     }
 
+    /// No row that agrees with a row of finite numbers in all but those that are open has a larger sum.
+    pub fn most(&self, row: &[f32], is_open: impl Fn(usize) -> bool) -> f64 {
+        self.trees.iter().fold(self.bias, |sum, tree| sum + f64::from(tree.most(row, &is_open)))
+    }
+
     /// Whether the sum is finite for every row of `numbers` numbers.
     pub fn is_sound(&self, numbers: usize) -> bool {
         self.bias.is_finite() && self.trees.iter().all(|t| t.is_sound(numbers))
@@ -96,6 +121,15 @@ mod tests {
         assert_eq!(said, [9.5, 12.5, 14.5]);
         let text = serde_json::to_string(&all).unwrap();
         assert_eq!(serde_json::from_str::<BoostedTrees>(&text).unwrap(), all);
+    }
+
+    #[test]
+    fn the_most_is_over_all_that_open_numbers_may_be() {
+        let all = BoostedTrees { bias: 0.5, trees: vec![steps(), DecisionTree { splits: Vec::new(), leaves: vec![10.0] }] };
+        assert_eq!(all.most(&[0.4, 9.0], |_| false), all.of(&[0.4, 9.0]));
+        assert_eq!(all.most(&[0.4, 2.0], |number| number == 0), 12.5);
+        assert_eq!(all.most(&[0.4, 9.0], |number| number == 1), 9.5);
+        assert_eq!(all.most(&[0.4, 2.0], |_| true), 14.5);
     }
 
     #[test]

@@ -5,6 +5,9 @@
 
 use nalgebra::{Point2, Point3};
 use repose_geometry::{Aabb, Footprint};
+use repose_simd::InstructionSet;
+
+use crate::offsets::{Carry, Grid, Landing, Offsets};
 
 /// A filled stretch of height above one cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,9 +25,9 @@ pub struct ColumnRun {
 /// Runs by cell.
 #[derive(Debug, Clone)]
 pub struct ColumnMap {
-    origin: Point2<f32>,
-    cell_m: f32,
-    cells: [usize; 2],
+    grid: Grid,
+    instruction_set: InstructionSet,
+    /// Where the runs of each cell begin; behind the last cell is one without runs, which everything off the map is in.
     starts: Vec<u32>,
     runs: Vec<ColumnRun>,
     /// The highest top of each cell, −∞ without a run.
@@ -36,12 +39,14 @@ pub struct ColumnMap {
 /// Cells along a side of a block.
 const BLOCK: usize = 8;
 
+/// A cell of the map, or all that is off it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FloorCell(u32);
+
 impl ColumnMap {
     /// The runs of labelled points (world frame) within `bounds`; gaps in height up to `gap_m` are filled.
     pub fn of_points(points: &[[f32; 3]], labels: &[u16], bounds: &Aabb, cell_m: f32, gap_m: f32) -> Self {
-        let origin = bounds.min.xy();
-        let cells = cells_of_map(bounds, cell_m);
-        let mut grid = Self::empty(origin, cell_m, cells);
+        let grid = Grid { origin: bounds.min.xy(), cell_m, cells: cells_of_map(bounds, cell_m) };
         let mut at: Vec<(u32, u16, f32)> =
             points.iter().zip(labels).filter_map(|(p, label)| grid.cell_of(p[0], p[1]).map(|cell| (cell as u32, *label, p[2]))).collect();
         at.sort_unstable_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1)).then(a.2.total_cmp(&b.2)));
@@ -52,43 +57,61 @@ impl ColumnMap {
                 _ => runs.push((cell, ColumnRun { low_m: z, high_m: z, object, seen: true })),
             }
         }
-        grid.index(runs);
-        grid
+        Self::indexed(grid, runs)
     }
 
     /// The same map with runs added, each at a place in the world; those outside are dropped.
     #[must_use]
     pub fn with(&self, added: impl IntoIterator<Item = (Point2<f32>, ColumnRun)>) -> Self {
         let mut runs: Vec<(u32, ColumnRun)> = Vec::with_capacity(self.runs.len());
-        for cell in 0..self.cells[0] * self.cells[1] {
+        for cell in 0..self.grid.count() {
             runs.extend(self.in_cell(cell).iter().map(|r| (cell as u32, *r)));
         }
-        runs.extend(added.into_iter().filter_map(|(p, run)| self.cell_of(p.x, p.y).map(|cell| (cell as u32, run))));
+        runs.extend(added.into_iter().filter_map(|(p, run)| self.grid.cell_of(p.x, p.y).map(|cell| (cell as u32, run))));
         runs.sort_by_key(|(cell, _)| *cell);
-        let mut grid = Self::empty(self.origin, self.cell_m, self.cells);
-        grid.index(runs);
-        grid
+        Self::indexed(self.grid, runs)
     }
 
     /// The runs above a place, none outside the map.
     pub fn at(&self, place: &Point2<f32>) -> &[ColumnRun] {
-        self.cell_of(place.x, place.y).map_or(&[], |cell| self.in_cell(cell))
+        self.grid.cell_of(place.x, place.y).map_or(&[], |cell| self.in_cell(cell))
     }
 
-    /// The highest top above a place and the runs there; −∞ and none outside the map.
-    pub fn top_and_runs(&self, place: &Point2<f32>) -> (f32, &[ColumnRun]) {
-        self.cell_of(place.x, place.y).map_or((f32::NEG_INFINITY, Default::default()), |cell| (self.tops[cell], self.in_cell(cell)))
+    /// Visits the places that offsets are carried to, in order: the offset's number, the place, and its cell.
+    #[inline]
+    pub fn visit(&self, offsets: &Offsets, carry: &Carry, mut visit: impl FnMut(usize, Point2<f32>, FloorCell)) {
+        let mut number = 0;
+        for (block, count) in offsets.blocks() {
+            let landed = self.instruction_set.run(Landing { block, carry, grid: &self.grid });
+            for i in 0..count {
+                visit(number, Point2::new(landed.x[i], landed.y[i]), FloorCell(landed.cells[i]));
+                number += 1;
+            }
+        }
+    }
+
+    /// The highest top above a cell; −∞ without a run and off the map.
+    #[inline]
+    pub fn top_m(&self, cell: FloorCell) -> f32 {
+        self.tops[cell.0 as usize]
+    }
+
+    /// The runs above a cell, none off the map.
+    #[inline]
+    pub fn runs(&self, cell: FloorCell) -> &[ColumnRun] {
+        self.in_cell(cell.0 as usize)
     }
 
     /// No top within `reach_m` of a place is higher, seen from above; −∞ where nothing is. A broad phase: what is a block farther may count.
     pub fn top_around(&self, place: &Point2<f32>, reach_m: f32) -> f32 {
-        let blocks = self.cells.map(|count| count.div_ceil(BLOCK));
-        let block_m = self.cell_m * BLOCK as f32;
+        let Grid { origin, cell_m, cells } = self.grid;
+        let blocks = cells.map(|count| count.div_ceil(BLOCK));
+        let block_m = cell_m * BLOCK as f32;
         let index = |along_m: f32, most: usize| ((along_m / block_m).floor().max(0.0) as usize).min(most);
         let range = |k: usize| {
-            let along_m = place[k] - self.origin[k];
+            let along_m = place[k] - origin[k];
             // Outside the map there is nothing.
-            let is_off = along_m + reach_m < 0.0 || along_m - reach_m > self.cells[k] as f32 * self.cell_m;
+            let is_off = along_m + reach_m < 0.0 || along_m - reach_m > cells[k] as f32 * cell_m;
             (!is_off).then(|| index(along_m - reach_m, blocks[k] - 1)..=index(along_m + reach_m, blocks[k] - 1))
         };
         let (Some(columns), Some(rows)) = (range(0), range(1)) else { return f32::NEG_INFINITY };
@@ -98,49 +121,43 @@ impl ColumnMap {
 
     /// Edge length of a cell, metres.
     pub fn cell_m(&self) -> f32 {
-        self.cell_m
+        self.grid.cell_m
     }
 
     /// The centres of all cells whose centre lies in a rectangle of the floor plan, whether on the map or not; row by row.
     pub fn centers_within(&self, min: &Point2<f32>, max: &Point2<f32>) -> impl Iterator<Item = Point2<f32>> + use<> {
-        let (origin, cell_m) = (self.origin, self.cell_m);
+        let Grid { origin, cell_m, .. } = self.grid;
         let first = (min - origin).map(|v| (v / cell_m - 0.5).ceil() as i32);
         let last = (max - origin).map(|v| (v / cell_m - 0.5).floor() as i32);
         (first.y..=last.y)
             .flat_map(move |y| (first.x..=last.x).map(move |x| origin + nalgebra::Vector2::new(x as f32 + 0.5, y as f32 + 0.5) * cell_m))
     }
 
+    #[inline]
     fn in_cell(&self, cell: usize) -> &[ColumnRun] {
         &self.runs[self.starts[cell] as usize..self.starts[cell + 1] as usize]
     }
 
-    fn cell_of(&self, x: f32, y: f32) -> Option<usize> {
-        let (u, v) = ((x - self.origin.x) / self.cell_m, (y - self.origin.y) / self.cell_m);
-        (u >= 0.0 && v >= 0.0 && u < self.cells[0] as f32 && v < self.cells[1] as f32).then(|| v as usize * self.cells[0] + u as usize)
-    }
-
-    /// Takes runs sorted by cell.
-    fn index(&mut self, runs: Vec<(u32, ColumnRun)>) {
-        let cells = self.cells[0] * self.cells[1];
-        self.starts = vec![0; cells + 1];
+    /// A map of runs that are sorted by cell.
+    fn indexed(grid: Grid, runs: Vec<(u32, ColumnRun)>) -> Self {
+        let cells = grid.count();
+        let mut starts = vec![0; cells + 2];
         for (cell, _) in &runs {
-            self.starts[*cell as usize + 1] += 1;
+            starts[*cell as usize + 1] += 1;
         }
-        for cell in 0..cells {
-            self.starts[cell + 1] += self.starts[cell];
+        for cell in 0..=cells {
+            starts[cell + 1] += starts[cell];
         }
-        self.runs = runs.into_iter().map(|(_, run)| run).collect();
-        let [columns, rows] = self.cells;
-        self.tops = (0..cells).map(|cell| self.in_cell(cell).iter().map(|run| run.high_m).fold(f32::NEG_INFINITY, f32::max)).collect();
-        self.block_tops = vec![f32::NEG_INFINITY; columns.div_ceil(BLOCK) * rows.div_ceil(BLOCK)];
-        for (cell, top_m) in self.tops.iter().enumerate() {
-            let block = &mut self.block_tops[cell / columns / BLOCK * columns.div_ceil(BLOCK) + cell % columns / BLOCK];
+        let runs = runs.into_iter().map(|(_, run)| run).collect();
+        let mut map = Self { grid, instruction_set: InstructionSet::detect(), starts, runs, tops: Vec::new(), block_tops: Vec::new() };
+        let [columns, rows] = grid.cells;
+        map.tops = (0..=cells).map(|cell| map.in_cell(cell).iter().map(|run| run.high_m).fold(f32::NEG_INFINITY, f32::max)).collect();
+        map.block_tops = vec![f32::NEG_INFINITY; columns.div_ceil(BLOCK) * rows.div_ceil(BLOCK)];
+        for (cell, top_m) in map.tops[..cells].iter().enumerate() {
+            let block = &mut map.block_tops[cell / columns / BLOCK * columns.div_ceil(BLOCK) + cell % columns / BLOCK];
             *block = block.max(*top_m);
         }
-    }
-
-    fn empty(origin: Point2<f32>, cell_m: f32, cells: [usize; 2]) -> Self {
-        Self { origin, cell_m, cells, starts: Vec::new(), runs: Vec::new(), tops: Vec::new(), block_tops: Vec::new() }
+        map
     }
 }
 
@@ -170,6 +187,7 @@ pub fn bounds_around(objects: &[Point3<f32>], points: &[[f32; 3]], reach_m: f32)
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector2;
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64;
 
@@ -205,7 +223,11 @@ mod tests {
             let around = points.iter().filter(|p| (Point2::new(p[0], p[1]) - place).norm() <= reach_m).map(|p| p[2]);
             let highest_m = around.fold(f32::NEG_INFINITY, f32::max);
             assert!(columns.top_around(&place, reach_m) >= highest_m, "{place} {reach_m}");
-            assert!(columns.top_around(&place, 0.0) >= columns.top_and_runs(&place).0);
+            columns.visit(&[Vector2::zeros()].into_iter().collect(), &Carry::new(place, 0.3), |_, at, cell| {
+                assert_eq!(at, place);
+                assert_eq!(columns.runs(cell), columns.at(&place));
+                assert!(columns.top_around(&place, 0.0) >= columns.top_m(cell));
+            });
         }
         assert_eq!(columns.top_around(&Point2::new(2.0, 0.1), 0.1), f32::NEG_INFINITY);
         let low = Aabb { min: Point3::origin(), max: Point3::new(0.6, 0.3, 0.2) };

@@ -6,7 +6,9 @@
 use nalgebra::{Isometry3, Point3};
 use repose_geometry::{Image, Pinhole};
 use repose_proto::CameraModel;
+use repose_simd::InstructionSet;
 
+use crate::projection::{BLOCK, IntoCamera, NOWHERE, Projected, Projecting, fill};
 use crate::settings::ViewSettings;
 
 /// How much farther than a free place what was seen behind it must be, metres: depth is as uncertain.
@@ -61,6 +63,7 @@ pub struct ObservedView {
     /// Focal length of the camera's own picture, pixels.
     focal_px: f32,
     pixels: Image<Pixel>,
+    instruction_set: InstructionSet,
 }
 
 impl ObservedView {
@@ -79,7 +82,7 @@ impl ObservedView {
                 }
             }
         }
-        Self { camera, camera_from_world, focal_px: model.fy as f32, pixels }
+        Self { camera, camera_from_world, focal_px: model.fy as f32, pixels, instruction_set: InstructionSet::detect() }
     }
 
     /// Where the camera is, world frame, metres.
@@ -136,34 +139,45 @@ impl ObservedView {
         settings: &ViewSettings,
     ) -> Visibility {
         let (n, mut inside, mut unhidden) = (points.len(), 0usize, 0usize);
-        let camera_from_observed = self.camera_from_world * placed_from_observed;
-        let (turn, shift) = (camera_from_observed.rotation.to_rotation_matrix(), camera_from_observed.translation.vector);
-        for p in points {
-            let in_camera = turn * p + shift;
-            let Some(at) = self.camera.pixel_of(&in_camera) else { continue };
+        let motion = IntoCamera::new(&(self.camera_from_world * placed_from_observed));
+        self.project(points, &motion, |pixel, depth_m| {
+            let Some(pixel) = pixel else { return };
             inside += 1;
-            let pixel = &self.pixels[at];
             let known = pixel.depth_m > 0.0 && pixel.object != query;
-            unhidden += usize::from(!known || in_camera.z as f32 <= pixel.depth_m + settings.behind_m);
-        }
+            unhidden += usize::from(!known || depth_m as f32 <= pixel.depth_m + settings.behind_m);
+        });
         let share = |count: usize| count as f64 / n.max(1) as f64;
         Visibility { in_picture: share(inside), unhidden: share(unhidden) }
     }
 
-    /// What the picture says of a place (world frame): a surface within `tolerance_m` of its height, empty, or unknown.
+    /// What the picture says of places (world frame): a surface within `tolerance_m` of their height, empty, or unknown; in their order.
     ///
     /// Points of `without` are not surfaces to stand on, but what is seen through their place is still seen.
-    pub fn sight(&self, place: &Point3<f32>, tolerance_m: f32, through_m: f32, without: u16) -> Sight {
-        let in_camera = self.camera_from_world * place.cast::<f64>();
-        let Some(pixel) = self.camera.pixel_of(&in_camera).map(|at| &self.pixels[at]).filter(|p| p.depth_m > 0.0) else {
-            return Sight::Unknown;
-        };
-        if pixel.object != without && (pixel.height_m - place.z).abs() <= tolerance_m {
-            Sight::Surface(pixel.object)
-        } else if pixel.depth_m > in_camera.z as f32 + through_m {
-            Sight::Empty
-        } else {
-            Sight::Unknown
+    pub fn sights(&self, places: &[Point3<f64>], tolerance_m: f32, through_m: f32, without: u16) -> Vec<Sight> {
+        let mut sights = Vec::with_capacity(places.len());
+        self.project(places, &IntoCamera::new(&self.camera_from_world), |pixel, depth_m| {
+            let height_m = places[sights.len()].z as f32;
+            sights.push(match pixel.filter(|p| p.depth_m > 0.0) {
+                None => Sight::Unknown,
+                Some(p) if p.object != without && (p.height_m - height_m).abs() <= tolerance_m => Sight::Surface(p.object),
+                Some(p) if p.depth_m > depth_m as f32 + through_m => Sight::Empty,
+                Some(_) => Sight::Unknown,
+            });
+        });
+        sights
+    }
+
+    /// Tells the pixel of each point, none outside the picture, and how far away the point is along the optical axis.
+    #[inline]
+    fn project(&self, points: &[Point3<f64>], motion: &IntoCamera, mut tell: impl FnMut(Option<&Pixel>, f64)) {
+        let mut columns = [[0.0; BLOCK]; 3];
+        for points in points.chunks(BLOCK) {
+            fill(&mut columns, points);
+            let work = Projecting { points: &columns, motion, camera: &self.camera };
+            let Projected { pixels, depths_m } = self.instruction_set.run(work);
+            for (pixel, depth_m) in pixels.into_iter().zip(depths_m).take(points.len()) {
+                tell((pixel != NOWHERE).then(|| &self.pixels.pixels()[pixel as usize]), depth_m);
+            }
         }
     }
 }
@@ -178,7 +192,7 @@ mod tests {
     fn a_place_on_the_table_is_a_surface_behind_a_box_unknown_and_in_the_air_empty() {
         let scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.15]).scene();
         let view = ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &world_from_camera(), 640);
-        let sight = |x: f32, y: f32, z: f32| view.sight(&Point3::new(x, y, z), 0.008, 0.03, 9);
+        let sight = |x: f64, y: f64, z: f64| view.sights(&[Point3::new(x, y, z)], 0.008, 0.03, 9)[0];
         assert_eq!(sight(0.2, 0.0, 0.0), Sight::Surface(0));
         assert_eq!(sight(0.0, 0.0, 0.15), Sight::Surface(1));
         assert_eq!(sight(0.2, 0.0, 0.1), Sight::Empty);

@@ -41,6 +41,7 @@ impl Pinhole {
     }
 
     /// Pixel coordinates (column, row) of a point in front of the camera, or `None` behind it. May lie outside the image.
+    #[inline]
     pub fn project(&self, point_in_camera: &Point3<f64>) -> Option<Point2<f64>> {
         (point_in_camera.z > 1e-9).then(|| {
             Point2::new(
@@ -51,11 +52,25 @@ impl Pinhole {
     }
 
     /// The pixel (column, row) that a point falls on, or `None` outside the image or behind the camera.
+    #[inline]
     pub fn pixel_of(&self, point_in_camera: &Point3<f64>) -> Option<(usize, usize)> {
         let p = self.project(point_in_camera)?;
-        let (u, v) = (p.x.round(), p.y.round());
-        (u >= 0.0 && v >= 0.0 && u < self.width as f64 && v < self.height as f64).then_some((u as usize, v as usize))
+        Some((nearest_pixel(p.x, self.width)?, nearest_pixel(p.y, self.height)?))
     }
+}
+
+/// The pixel of `0..count` nearest to a coordinate, halves upwards; `None` outside.
+///
+/// [`f64::round`] without the call that it is on processors' oldest instruction set: scenes are projected point by point.
+#[inline]
+fn nearest_pixel(at: f64, count: usize) -> Option<usize> {
+    // Larger numbers do not fit the conversion, and NaN is not greater.
+    if !(at > -0.5 && at < f64::from(i32::MAX)) {
+        return None;
+    }
+    let whole = at as i32;
+    let pixel = (whole + i32::from(at - f64::from(whole) >= 0.5)) as usize;
+    (pixel < count).then_some(pixel)
 }
 
 #[cfg(test)]
@@ -71,6 +86,14 @@ mod tests {
             let back = CAMERA.project(&CAMERA.unproject(u, v, depth)).unwrap();
             prop_assert!((back - Point2::new(u, v)).norm() < 1e-9);
         }
+
+        #[test]
+        fn the_nearest_pixel_is_the_rounded_coordinate(at in -3.0..20.0f64, halves in -6i32..40) {
+            for at in [at, f64::from(halves) / 2.0, (f64::from(halves) / 2.0).next_down(), (f64::from(halves) / 2.0).next_up()] {
+                let rounded = at.round();
+                prop_assert_eq!(nearest_pixel(at, 16), (rounded >= 0.0 && rounded < 16.0).then_some(rounded as usize), "{}", at);
+            }
+        }
     }
 
     #[test]
@@ -81,6 +104,13 @@ mod tests {
             assert_eq!(small.pixel_of(&CAMERA.unproject(u as f64, v as f64, 0.9)), Some((u / 4, v / 4)));
         }
         assert_eq!(CAMERA.shrunk(1000), CAMERA);
+    }
+
+    #[test]
+    fn coordinates_that_are_no_numbers_or_far_away_have_no_pixel() {
+        for at in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e12, -1e12] {
+            assert_eq!(nearest_pixel(at, usize::MAX), None, "{at}");
+        }
     }
 
     #[test]

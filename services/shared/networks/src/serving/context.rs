@@ -1,13 +1,16 @@
 //! A scene prepared once for any number of questions: clouds in the viewer's axes, in sampling order.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::convert::Infallible;
+use std::sync::Arc;
 
 use nalgebra::{Point3, Rotation3};
 use repose_geometry::ViewerFrame;
 
 use crate::points::{CloudConfig, ObjectCloud, Observer, SceneCloud};
 
+use super::kept::Kept;
+use super::models::{Pairs, PriorCodes};
 use super::shared::SceneFeatures;
 
 /// A placement of the query: where the centroid of its observed cloud goes, in the world, and how far it is turned about world z
@@ -65,15 +68,16 @@ pub struct SceneContext {
     objects: BTreeMap<u16, ObjectCloud>,
     viewer_from_world: Rotation3<f32>,
     viewer: ViewerFrame,
-    /// The scene's features without a query, newest last.
-    features: Arc<Mutex<Vec<Features>>>,
+    /// The scene's features without a query, by weights hash and query.
+    features: Kept<(String, u16), SceneFeatures, KEPT>,
+    /// What the relation predictor reads, by weights hash, query and anchors.
+    pub(super) pairs: Kept<(String, u16, Vec<u16>), Pairs, KEPT>,
+    /// What the prior reads, by weights hash, query and anchor.
+    pub(super) prior_codes: Kept<(String, u16, u16), PriorCodes, KEPT>,
 }
 
-/// Weights hash, query, features.
-type Features = (String, u16, Arc<SceneFeatures>);
-
-/// Queries whose scene features are kept, about 2 MB each.
-const FEATURES_KEPT: usize = 4;
+/// Queries of which the networks' shared work is kept: requests on a scene come in bursts. Features are about 2 MB each.
+const KEPT: usize = 4;
 
 impl SceneContext {
     /// Prepares world points `[n]` with labels `[n]` (0 = not an object) that a camera (`observer`, world axes) observed, for a viewer at
@@ -112,7 +116,8 @@ impl SceneContext {
             by_label.iter().filter_map(|(label, points)| Some((*label, ObjectCloud::new(points, &observer, config)?))).collect();
         let centers: Vec<Point3<f32>> = objects.values().map(|o| o.centroid_in_viewer).collect();
         let scene = SceneCloud::new(&points, labels, &centers, config);
-        Ok(Self { scene, objects, viewer_from_world, viewer, features: Arc::default() })
+        let (features, pairs, prior_codes) = (Kept::default(), Kept::default(), Kept::default());
+        Ok(Self { scene, objects, viewer_from_world, viewer, features, pairs, prior_codes })
     }
 
     /// The labels of the objects that have points, ascending.
@@ -136,17 +141,10 @@ impl SceneContext {
 
     /// The scene's features without a query under some weights: computed at the first call, and kept for the last few queries.
     pub(super) fn features_without(&self, query: u16, weights: &str, make: impl FnOnce() -> SceneFeatures) -> Arc<SceneFeatures> {
-        // Held while they are computed: concurrent threads would all compute the same.
-        let mut kept = self.features.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((.., features)) = kept.iter().find(|(hash, label, _)| hash == weights && *label == query) {
-            return Arc::clone(features);
+        let made: Result<_, Infallible> = self.features.of((weights.to_owned(), query), || Ok(make()));
+        match made {
+            Ok(features) => features,
         }
-        let features = Arc::new(make());
-        if kept.len() == FEATURES_KEPT {
-            kept.remove(0);
-        }
-        kept.push((weights.to_owned(), query, Arc::clone(&features)));
-        features
     }
 
     /// Candidates' positions in the viewer's axes with their yaws.

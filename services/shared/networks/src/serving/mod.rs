@@ -3,6 +3,7 @@
 //! A candidate is one unit of work for one thread, in one order of operations; batches only spread such units over threads.
 
 mod context;
+mod kept;
 mod models;
 mod point_net;
 mod shared;

@@ -1,5 +1,7 @@
 //! The networks as a service uses them: prior, relations, realism.
 
+use std::sync::Arc;
+
 use nalgebra::Point3;
 
 use crate::{
@@ -45,6 +47,10 @@ pub struct Pairs {
     observed: Oriented,
     anchors: Vec<Anchor>,
 }
+
+/// The codes of the scene around an anchor, of a query and of the anchor, one after another.
+#[derive(Debug)]
+pub(super) struct PriorCodes(Vec<f32>);
 
 #[derive(Debug, Clone)]
 struct Anchor {
@@ -178,16 +184,22 @@ impl Models {
     /// # Errors
     /// [`InputError`] for unknown objects.
     pub fn prior(&self, scene: &SceneContext, query: u16, anchor: u16, goal: [i8; GOAL_RELATIONS]) -> Result<Mixture, InputError> {
+        let codes = scene.prior_codes.of((self.hash.clone(), query, anchor), || self.prior_codes(scene, query, anchor))?;
+        let goal = goal.map(|g| f32::from(g.signum()));
+        let mut hidden = row(self.kernel, &self.prior_hidden, &[&codes.0[..], &goal].concat(), false);
+        self.prior_norm.relu(&mut hidden);
+        Ok(mixture(&row(self.kernel, &self.prior_out, &hidden, false)))
+    }
+
+    /// What the prior reads whatever the goal.
+    fn prior_codes(&self, scene: &SceneContext, query: u16, anchor: u16) -> Result<PriorCodes, InputError> {
         let (query_cloud, anchor_cloud) = pair(scene, query, anchor)?;
         let scratch = &mut Scratch::default();
         let crop = crops::scene_input(self.kernel, &self.config, &scene.scene.without(query), anchor_cloud.centroid_in_viewer.into());
         let scene_code = self.scene_head.forward(self.kernel, &self.scene.forward(self.kernel, &crop, scratch), [0.0; 3]);
         let query_code = self.code(&self.shape(query_cloud, scratch), [0.0; 3]);
         let anchor_code = self.code(&self.shape(anchor_cloud, scratch), [0.0; 3]);
-        let goal = goal.map(|g| f32::from(g.signum()));
-        let mut hidden = row(self.kernel, &self.prior_hidden, &[&scene_code[..], &query_code, &anchor_code, &goal].concat(), false);
-        self.prior_norm.relu(&mut hidden);
-        Ok(mixture(&row(self.kernel, &self.prior_out, &hidden, false)))
+        Ok(PriorCodes([scene_code, query_code, anchor_code].concat()))
     }
 
     /// Probabilities of the nine predicted relations for every candidate and anchor, `[candidates][anchors][9]`, on up to `threads` threads.
@@ -202,14 +214,18 @@ impl Models {
         candidates: &[Candidate],
         threads: usize,
     ) -> Result<Vec<Vec<[f32; PREDICTED_RELATIONS]>>, InputError> {
-        self.relations_of(scene, &self.pairs(scene, query, anchors)?, candidates, threads)
+        self.relations_of(scene, &*self.pairs(scene, query, anchors)?, candidates, threads)
     }
 
-    /// Prepares what all candidates of a query share.
+    /// What all candidates of a query share, kept for the last few queries.
     ///
     /// # Errors
     /// [`InputError`] for unknown objects.
-    pub fn pairs(&self, scene: &SceneContext, query: u16, anchors: &[u16]) -> Result<Pairs, InputError> {
+    pub fn pairs(&self, scene: &SceneContext, query: u16, anchors: &[u16]) -> Result<Arc<Pairs>, InputError> {
+        scene.pairs.of((self.hash.clone(), query, anchors.to_vec()), || self.new_pairs(scene, query, anchors))
+    }
+
+    fn new_pairs(&self, scene: &SceneContext, query: u16, anchors: &[u16]) -> Result<Pairs, InputError> {
         let scratch = &mut Scratch::default();
         let query_cloud = scene.object("query", query)?;
         let of_anchor = |anchor: &u16| {

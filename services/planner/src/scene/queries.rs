@@ -1,0 +1,95 @@
+//! What was prepared of a scene and its objects for earlier requests: requests on a scene come in bursts, most of them about the same few objects.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+use repose_proto::CallError;
+
+use crate::learned::standing::StanceMeasures;
+use crate::scene::point_grid::PointGrid;
+use crate::scene::prepared::PreparedScene;
+use crate::scene::query::QueryObject;
+use crate::settings::Fixed;
+
+/// Queries kept: some hundred kilobytes each.
+const KEPT: usize = 8;
+
+/// What a query was made with.
+#[derive(Debug, Clone, PartialEq)]
+struct Key {
+    id: u16,
+    min_clearance_m: f64,
+    fixed: Fixed,
+}
+
+/// Prepared queries, newest last; the measures of how objects stand; and the scene's points by place.
+#[derive(Debug, Default)]
+pub struct KnownQueries {
+    queries: Mutex<Vec<(Key, Arc<QueryObject>)>>,
+    stances: Mutex<BTreeMap<u16, Option<Arc<StanceMeasures>>>>,
+    points: OnceLock<PointGrid>,
+}
+
+impl PreparedScene {
+    /// [`QueryObject::new`], made once while it is kept.
+    ///
+    /// # Errors
+    /// As that.
+    pub fn query(&self, id: u16, min_clearance_m: f64, fixed: &Fixed) -> Result<Arc<QueryObject>, CallError> {
+        let key = Key { id, min_clearance_m, fixed: fixed.clone() };
+        let kept = || self.known.queries.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, query)) = kept().iter().find(|(of, _)| *of == key) {
+            return Ok(query.clone());
+        }
+        // Nobody waits for another's: two that come at once make it twice.
+        let query = Arc::new(QueryObject::new(self, id, min_clearance_m, fixed)?);
+        let mut kept = kept();
+        if kept.len() >= KEPT {
+            kept.remove(0);
+        }
+        kept.push((key, query.clone()));
+        Ok(query)
+    }
+
+    /// The scene's points by place, sorted when they are first needed.
+    pub fn point_grid(&self) -> &PointGrid {
+        self.known.points.get_or_init(|| PointGrid::new(&self.scene))
+    }
+
+    /// [`StanceMeasures::of`], made once.
+    pub fn stance_measures(&self, id: u16) -> Option<Arc<StanceMeasures>> {
+        let kept = || self.known.stances.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(measures) = kept().get(&id) {
+            return measures.clone();
+        }
+        let measures = StanceMeasures::of(self, id).map(Arc::new);
+        if self.belief.objects.contains_key(&id) {
+            kept().insert(id, measures.clone());
+        }
+        measures
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::synthetic::{Prepared, SceneBuilder};
+
+    #[test]
+    fn a_query_is_made_once_for_the_same_clearance_and_settings() {
+        let scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.08]).prepared();
+        let fixed = Fixed::default();
+        let query = |id, clearance_m, fixed: &Fixed| scene.query(id, clearance_m, fixed).unwrap();
+        let first = query(2, 0.0, &fixed);
+        assert!(Arc::ptr_eq(&first, &query(2, 0.0, &fixed)));
+        assert!(query(2, 0.05, &fixed).ring_m > first.ring_m, "another clearance");
+        let mut other = fixed.clone();
+        other.unseen.step_m *= 0.5;
+        assert!(query(2, 0.0, &other).prisms[0].sparse.len() > first.prisms[0].sparse.len(), "other settings");
+        (0..KEPT).for_each(|i| drop(query(1, 0.001 * i as f64, &fixed)));
+        assert!(!Arc::ptr_eq(&first, &query(2, 0.0, &fixed)), "given up for newer ones");
+        assert!(scene.query(9, 0.0, &fixed).is_err() && scene.stance_measures(9).is_none());
+        let stance = scene.stance_measures(1).unwrap();
+        assert!(Arc::ptr_eq(&stance, &scene.stance_measures(1).unwrap()));
+    }
+}
