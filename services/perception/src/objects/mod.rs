@@ -10,6 +10,7 @@ pub mod foreground;
 pub mod halves;
 pub mod holes;
 pub mod hollows;
+pub mod insides;
 pub mod islands;
 pub mod learned;
 pub mod parts;
