@@ -87,7 +87,10 @@ impl Regions {
         let (width, height) = (picture.camera.width, picture.camera.height);
         let points = picture.in_world.pixels();
         let nobodys = |id: u16| id == 0 || found.no_objects.get(&id) == Some(&LeftOutReason::Unconfirmed);
-        let free: Vec<bool> = found.ids.pixels().iter().zip(points).map(|(id, p)| nobodys(*id) && !p.z.is_nan()).collect();
+        let mut free = beside_objects(found);
+        for ((free, id), p) in free.iter_mut().zip(found.ids.pixels()).zip(points) {
+            *free &= nobodys(*id) && !p.z.is_nan();
+        }
         let mut regions = Self { of: Image::filled(width, height, 0), sizes: Vec::new() };
         let mut open = Vec::new();
         for start in 0..free.len() {
@@ -228,6 +231,28 @@ impl Inside {
         };
         asked.iter().map(vote).sum::<f32>() / asked.len().max(1) as f32
     }
+}
+
+/// Which pixels lie in the bounding box of an object or up to `MAX_LOOK_PX` beside it: nothing elsewhere is surrounded by it.
+fn beside_objects(found: &Found) -> Vec<bool> {
+    let (width, height) = (found.ids.width(), found.ids.height());
+    let most = found.ids.pixels().iter().copied().max().unwrap_or(0);
+    // Of each id the first and the last column and row.
+    let mut boxes = vec![[usize::MAX, 0, usize::MAX, 0]; usize::from(most) + 1];
+    for (v, row) in found.ids.pixels().chunks_exact(width).enumerate() {
+        for (u, id) in row.iter().enumerate().filter(|(_, id)| **id != 0) {
+            let [left, right, top, bottom] = &mut boxes[usize::from(*id)];
+            (*left, *right, *top, *bottom) = ((*left).min(u), (*right).max(u), (*top).min(v), (*bottom).max(v));
+        }
+    }
+    let mut beside = vec![false; width * height];
+    let objects = boxes.iter().zip(0u16..).filter(|([left, ..], id)| *left < width && !found.no_objects.contains_key(id));
+    for ([left, right, top, bottom], _) in objects {
+        let (left, right) = (left.saturating_sub(MAX_LOOK_PX), (right + MAX_LOOK_PX).min(width - 1));
+        let (top, bottom) = (top.saturating_sub(MAX_LOOK_PX), (bottom + MAX_LOOK_PX).min(height - 1));
+        (top..=bottom).for_each(|v| beside[v * width + left..=v * width + right].fill(true));
+    }
+    beside
 }
 
 /// The middle one of some numbers, NaN of none.
