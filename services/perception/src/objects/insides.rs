@@ -13,13 +13,12 @@ use repose_proto::LeftOutReason;
 use super::coarse::CoarsePicture;
 use super::color::{Rgb, difference};
 use super::find::Found;
+use super::regions::{MAX_LOOK_PX, Regions, is_nobodys};
 use crate::readings::upward::arm_px;
 use crate::settings::InsideSettings;
 use crate::supports::extent::Extent;
 use crate::supports::levels::LevelPlane;
 
-/// Farthest beyond a border that is looked for a rim, pixels.
-const MAX_LOOK_PX: usize = 24;
 /// Colors that a side is known by.
 const KNOWN_COLORS: usize = 48;
 /// Steepest slope of the table around an object, which errors of the camera's pose give it.
@@ -30,7 +29,7 @@ pub fn find(found: &mut Found, picture: &CoarsePicture, colors: Option<&Image<Rg
     let regions = Regions::of(found, picture, settings);
     let mut taken = false;
     for number in 1..=regions.sizes.len() as u32 {
-        let Some(inside) = regions.inside(number, found, picture, settings) else { continue };
+        let Some(inside) = Inside::of(&regions, number, found, picture, settings) else { continue };
         match inside.owner(&regions, found, picture, colors, settings) {
             Owner::Object => {
                 inside.pixels.iter().for_each(|i| found.ids.pixels_mut()[*i] = inside.rim);
@@ -62,14 +61,6 @@ fn tell(found: &mut Found, inside: &Inside) {
     found.furniture.insert(new);
 }
 
-/// Readings of no object, connected without a step.
-struct Regions {
-    /// The region of each pixel: 1, 2, …; 0 for objects and where nothing was read.
-    of: Image<u32>,
-    /// How many pixels each has, and the first of them.
-    sizes: Vec<(usize, usize)>,
-}
-
 /// What an object's rim surrounds.
 struct Inside {
     /// Its region.
@@ -82,102 +73,23 @@ struct Inside {
     extent: Extent,
 }
 
-impl Regions {
-    fn of(found: &Found, picture: &CoarsePicture, settings: &InsideSettings) -> Self {
-        let (width, height) = (picture.camera.width, picture.camera.height);
-        let points = picture.in_world.pixels();
-        let nobodys = |id: u16| id == 0 || found.no_objects.get(&id) == Some(&LeftOutReason::Unconfirmed);
-        let mut free = beside_objects(found);
-        for ((free, id), p) in free.iter_mut().zip(found.ids.pixels()).zip(points) {
-            *free &= nobodys(*id) && !p.z.is_nan();
-        }
-        let mut regions = Self { of: Image::filled(width, height, 0), sizes: Vec::new() };
-        let mut open = Vec::new();
-        for start in 0..free.len() {
-            if !free[start] || regions.of.pixels()[start] != 0 {
-                continue;
-            }
-            let number = regions.sizes.len() as u32 + 1;
-            regions.of.pixels_mut()[start] = number;
-            open.push(start);
-            let mut size = 0;
-            while let Some(i) = open.pop() {
-                size += 1;
-                let depth_m = picture.depth_m.pixels()[i];
-                let step_m = settings.step_m + settings.noise_per_m2 * depth_m * depth_m;
-                for j in beside(i, width, height).into_iter().flatten() {
-                    if free[j] && regions.of.pixels()[j] == 0 && (points[j].z - points[i].z).abs() <= step_m {
-                        regions.of.pixels_mut()[j] = number;
-                        open.push(j);
-                    }
-                }
-            }
-            regions.sizes.push((size, start));
-        }
-        regions
-    }
-
+impl Inside {
     /// A region as what a rim surrounds; `None` where it is small or open.
-    fn inside(&self, region: u32, found: &Found, picture: &CoarsePicture, settings: &InsideSettings) -> Option<Inside> {
-        let (size, first) = *self.sizes.get(region as usize - 1)?;
+    fn of(regions: &Regions, region: u32, found: &Found, picture: &CoarsePicture, settings: &InsideSettings) -> Option<Self> {
+        let (size, first) = *regions.sizes.get(region as usize - 1)?;
         if size < settings.min_pixels {
             return None;
         }
-        let own = self.of.pixels()[first..].iter().enumerate().filter(|(_, of)| **of == region);
+        let own = regions.of.pixels()[first..].iter().enumerate().filter(|(_, of)| **of == region);
         let pixels: Vec<usize> = own.map(|(i, _)| first + i).collect();
-        let rim = self.rim(&pixels, region, found, picture, settings)?;
+        let rim = rim(regions, &pixels, region, found, picture, settings)?;
         let points = picture.in_world.pixels();
         let of_rim = found.ids.pixels().iter().zip(points).filter(|(id, _)| **id == rim).map(|(_, p)| p);
         let extent = Extent::new(&Footprint::of(of_rim)?, settings.around_m);
         let within = pixels.iter().filter(|i| extent.margin_m(&points[**i]) > 0.0).count();
-        (within as f32 >= settings.min_within * size as f32).then_some(Inside { region, pixels, rim, extent })
+        (within as f32 >= settings.min_within * size as f32).then_some(Self { region, pixels, rim, extent })
     }
 
-    /// The object that most of a region's border is beside and that is nowhere lower; `None` where there is none, or a way out.
-    fn rim(&self, pixels: &[usize], region: u32, found: &Found, picture: &CoarsePicture, settings: &InsideSettings) -> Option<u16> {
-        let (width, height) = (picture.camera.width as isize, picture.camera.height as isize);
-        let (of, points) = (self.of.pixels(), picture.in_world.pixels());
-        let is_object = |id: u16| id != 0 && !found.no_objects.contains_key(&id);
-        let mut beside: BTreeMap<u16, usize> = BTreeMap::new();
-        let (mut all, mut open) = (0usize, 0usize);
-        for &i in pixels {
-            let (u, v) = (i as isize % width, i as isize / width);
-            for (du, dv) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
-                let at = |steps: isize| {
-                    let (u, v) = (u + du * steps, v + dv * steps);
-                    ((0..width).contains(&u) && (0..height).contains(&v)).then_some((v * width + u) as usize)
-                };
-                // The picture's edge says nothing.
-                let Some(next) = at(1) else { continue };
-                if of[next] == region {
-                    continue;
-                }
-                let depth_m = picture.depth_m.pixels()[i];
-                let look = arm_px(depth_m, picture.camera.fx as f32, settings.look_m, MAX_LOOK_PX) as isize;
-                let met = (1..=look).map(at).find(|j| j.is_none_or(|j| of[j] == region || is_object(found.ids.pixels()[j])));
-                let step_m = settings.step_m + settings.noise_per_m2 * depth_m * depth_m;
-                match met {
-                    // Out of the picture, or only a hole in the readings.
-                    Some(None) => {}
-                    Some(Some(j)) if of[j] == region => {}
-                    Some(Some(j)) if points[j].z >= points[i].z - step_m => {
-                        all += 1;
-                        *beside.entry(found.ids.pixels()[j]).or_insert(0) += 1;
-                    }
-                    Some(Some(_)) | None => {
-                        all += 1;
-                        open += 1;
-                    }
-                }
-            }
-        }
-        let (rim, count) = beside.into_iter().max_by_key(|(id, count)| (*count, std::cmp::Reverse(*id)))?;
-        let is_closed = open as f32 <= settings.max_open * all as f32 && count as f32 >= settings.min_rim * all as f32;
-        is_closed.then_some(rim)
-    }
-}
-
-impl Inside {
     /// Whose it is, by its colors and height beside those of the object and of the table around.
     fn owner(
         &self,
@@ -191,7 +103,9 @@ impl Inside {
         let height_m = median(self.pixels.iter().map(|i| points[*i].z).collect());
         let is_around = |i: &usize| {
             let margin_m = self.extent.margin_m(&points[*i]);
-            ![0, self.region].contains(&regions.of.pixels()[*i]) && (-settings.around_m..0.0).contains(&margin_m)
+            is_nobodys(found, found.ids.pixels()[*i])
+                && regions.of.pixels()[*i] != self.region
+                && (-settings.around_m..0.0).contains(&margin_m)
         };
         let is_table = |i: &usize| picture.faces_up.pixels()[*i] && (points[*i].z - height_m).abs() <= settings.around_m;
         let table: Vec<usize> = (0..points.len()).filter(|i| is_around(i) && is_table(i)).collect();
@@ -233,38 +147,53 @@ impl Inside {
     }
 }
 
-/// Which pixels lie in the bounding box of an object or up to `MAX_LOOK_PX` beside it: nothing elsewhere is surrounded by it.
-fn beside_objects(found: &Found) -> Vec<bool> {
-    let (width, height) = (found.ids.width(), found.ids.height());
-    let most = found.ids.pixels().iter().copied().max().unwrap_or(0);
-    // Of each id the first and the last column and row.
-    let mut boxes = vec![[usize::MAX, 0, usize::MAX, 0]; usize::from(most) + 1];
-    for (v, row) in found.ids.pixels().chunks_exact(width).enumerate() {
-        for (u, id) in row.iter().enumerate().filter(|(_, id)| **id != 0) {
-            let [left, right, top, bottom] = &mut boxes[usize::from(*id)];
-            (*left, *right, *top, *bottom) = ((*left).min(u), (*right).max(u), (*top).min(v), (*bottom).max(v));
+/// The object that most of a region's border is beside and that is nowhere lower; `None` where there is none, or a way out.
+fn rim(regions: &Regions, pixels: &[usize], region: u32, found: &Found, picture: &CoarsePicture, settings: &InsideSettings) -> Option<u16> {
+    let (width, height) = (picture.camera.width as isize, picture.camera.height as isize);
+    let (of, points) = (regions.of.pixels(), picture.in_world.pixels());
+    let is_object = |id: u16| id != 0 && !found.no_objects.contains_key(&id);
+    let mut beside: BTreeMap<u16, usize> = BTreeMap::new();
+    let (mut all, mut open) = (0usize, 0usize);
+    for &i in pixels {
+        let (u, v) = (i as isize % width, i as isize / width);
+        for (du, dv) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
+            let at = |steps: isize| {
+                let (u, v) = (u + du * steps, v + dv * steps);
+                ((0..width).contains(&u) && (0..height).contains(&v)).then_some((v * width + u) as usize)
+            };
+            // The picture's edge says nothing.
+            let Some(next) = at(1) else { continue };
+            if of[next] == region {
+                continue;
+            }
+            let depth_m = picture.depth_m.pixels()[i];
+            let look = arm_px(depth_m, picture.camera.fx as f32, settings.look_m, MAX_LOOK_PX) as isize;
+            let met = (1..=look).map(at).find(|j| j.is_none_or(|j| of[j] == region || is_object(found.ids.pixels()[j])));
+            let step_m = settings.step_m + settings.noise_per_m2 * depth_m * depth_m;
+            match met {
+                // Out of the picture, or only a hole in the readings.
+                Some(None) => {}
+                Some(Some(j)) if of[j] == region => {}
+                Some(Some(j)) if points[j].z >= points[i].z - step_m => {
+                    all += 1;
+                    *beside.entry(found.ids.pixels()[j]).or_insert(0) += 1;
+                }
+                Some(Some(_)) | None => {
+                    all += 1;
+                    open += 1;
+                }
+            }
         }
     }
-    let mut beside = vec![false; width * height];
-    let objects = boxes.iter().zip(0u16..).filter(|([left, ..], id)| *left < width && !found.no_objects.contains_key(id));
-    for ([left, right, top, bottom], _) in objects {
-        let (left, right) = (left.saturating_sub(MAX_LOOK_PX), (right + MAX_LOOK_PX).min(width - 1));
-        let (top, bottom) = (top.saturating_sub(MAX_LOOK_PX), (bottom + MAX_LOOK_PX).min(height - 1));
-        (top..=bottom).for_each(|v| beside[v * width + left..=v * width + right].fill(true));
-    }
-    beside
+    let (rim, count) = beside.into_iter().max_by_key(|(id, count)| (*count, std::cmp::Reverse(*id)))?;
+    let is_closed = open as f32 <= settings.max_open * all as f32 && count as f32 >= settings.min_rim * all as f32;
+    is_closed.then_some(rim)
 }
 
 /// The middle one of some numbers, NaN of none.
 fn median(mut values: Vec<f32>) -> f32 {
     let middle = values.len() / 2;
     if values.is_empty() { f32::NAN } else { *values.select_nth_unstable_by(middle, f32::total_cmp).1 }
-}
-
-/// The pixels beside one.
-fn beside(i: usize, width: usize, height: usize) -> [Option<usize>; 4] {
-    let (u, v) = (i % width, i / width);
-    [(u > 0).then(|| i - 1), (u + 1 < width).then(|| i + 1), (v > 0).then(|| i - width), (v + 1 < height).then(|| i + width)]
 }
 
 #[cfg(test)]

@@ -14,6 +14,7 @@ pub mod insides;
 pub mod islands;
 pub mod learned;
 pub mod parts;
+pub mod regions;
 pub mod seen;
 pub mod spread;
 pub mod tops;
