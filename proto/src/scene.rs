@@ -75,6 +75,8 @@ pub enum LeftOutReason {
     TooMany,
     /// It rises above what things stand on, and the network for masks sees no object in it: furniture, or an object that was missed.
     Unconfirmed,
+    /// The rim of an object goes around it: that object's floor, or what that object stands on.
+    Enclosed,
     /// A reason of a later version.
     #[serde(other)]
     Other,
@@ -89,6 +91,7 @@ impl LeftOutReason {
             Self::BesideSupports => "beside what objects stand on",
             Self::TooMany => "one object too many",
             Self::Unconfirmed => "rises like an object, but the network for masks sees none",
+            Self::Enclosed => "within an object's rim: its floor, or what it stands on",
             Self::Other => "no object",
         }
     }

@@ -8,7 +8,7 @@ mod components;
 
 use serde::Deserialize;
 
-pub use components::{ComponentSettings, ForegroundSettings, HalvesSettings, HoleSettings, HollowSettings, TopSettings};
+pub use components::{ComponentSettings, ForegroundSettings, HalvesSettings, HoleSettings, HollowSettings, InsideSettings, TopSettings};
 
 /// Settings of [`segment`](crate::segment::segment).
 #[derive(Debug, Clone, PartialEq, Deserialize)]

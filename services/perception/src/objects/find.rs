@@ -31,6 +31,19 @@ impl Found {
     pub fn objects(ids: Image<u16>) -> Self {
         Self { ids, no_objects: BTreeMap::new(), furniture: BTreeSet::new() }
     }
+
+    /// Puts objects whose masks have changed in order again, from the largest down; what is no object keeps its id.
+    pub fn renumber(&mut self) {
+        let mut sizes: BTreeMap<u16, usize> = BTreeMap::new();
+        for id in self.ids.pixels().iter().filter(|id| **id != 0 && !self.no_objects.contains_key(id)) {
+            *sizes.entry(*id).or_insert(0) += 1;
+        }
+        let numbers: Vec<u16> = sizes.keys().copied().collect();
+        let mut by_size: Vec<u16> = numbers.clone();
+        by_size.sort_by_key(|id| (std::cmp::Reverse(sizes[id]), *id));
+        let renumbered: BTreeMap<u16, u16> = by_size.into_iter().zip(numbers).collect();
+        self.ids = self.ids.map(|id| renumbered.get(id).copied().unwrap_or(*id));
+    }
 }
 
 /// Objects in the coarse picture. `together` says which parts belong together: [`Parts::together`] is what geometry says.

@@ -62,9 +62,22 @@ impl Holes<'_> {
             costs: vec![u16::MAX; width * height],
             waiting: vec![Vec::new(); usize::from(self.reach) + 1],
         };
-        for i in (0..width * height).filter(|i| open.pixels()[*i]) {
-            for j in self.beside(i).filter(|j| !self.unread.pixels()[*j] && starts(self.labels.pixels()[*j])) {
-                front.offer(i, self.step(i, j), self.labels.pixels()[j]);
+        let from: Vec<bool> = self.labels.pixels().iter().zip(self.unread.pixels()).map(|(id, unread)| !unread && starts(*id)).collect();
+        // Few of the open pixels are beside one that is read: they are told before anything is worked out.
+        for v in 0..height {
+            for u in 0..width {
+                let i = v * width + u;
+                let is_beside = |there: bool, j: usize| there && from[j];
+                let reached = open.pixels()[i]
+                    && (is_beside(u > 0, i.wrapping_sub(1))
+                        || is_beside(u + 1 < width, i + 1)
+                        || is_beside(v > 0, i.wrapping_sub(width))
+                        || is_beside(v + 1 < height, i + width));
+                if reached {
+                    for j in self.beside(i).filter(|j| from[*j]) {
+                        front.offer(i, self.step(i, j), self.labels.pixels()[j]);
+                    }
+                }
             }
         }
         for cost in 0..=self.reach {

@@ -5,7 +5,7 @@ use repose_geometry::{Image, Vector3};
 use super::coarse::CoarsePicture;
 use super::color::Rgb;
 use super::find::{self, Found};
-use super::{agreed, learned};
+use super::{agreed, insides, learned};
 use crate::settings::{Settings, SurfaceSettings};
 use crate::supports::levels::{self, Viewpoint};
 use crate::supports::surfaces;
@@ -17,6 +17,13 @@ const THINNED: usize = 3;
 
 /// What shows in the picture, with its colors where it has any.
 pub fn objects(picture: &CoarsePicture, colors: Option<&Image<Rgb>>, settings: &Settings) -> Found {
+    let mut found = agreed(picture, colors, settings);
+    insides::find(&mut found, picture, colors, &settings.components.insides);
+    found
+}
+
+/// What rises above the furniture, as geometry and the network agree on it.
+fn agreed(picture: &CoarsePicture, colors: Option<&Image<Rgb>>, settings: &Settings) -> Found {
     let geometry = by_geometry(picture, settings);
     if !settings.learned.enabled {
         return geometry;

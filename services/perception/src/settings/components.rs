@@ -103,6 +103,8 @@ pub struct ComponentSettings {
     pub holes: HoleSettings,
     /// Joining the inside of hollow objects with their outside.
     pub hollows: HollowSettings,
+    /// Giving objects what their rims surround.
+    pub insides: InsideSettings,
     /// Joining what shows of an object on both sides of another.
     pub halves: HalvesSettings,
 }
@@ -125,6 +127,7 @@ impl Default for ComponentSettings {
             max_count: 64,
             holes: HoleSettings::default(),
             hollows: HollowSettings::default(),
+            insides: InsideSettings::default(),
             halves: HalvesSettings::default(),
         }
     }
@@ -166,6 +169,49 @@ pub struct HollowSettings {
 impl Default for HollowSettings {
     fn default() -> Self {
         Self { min_covered: 0.6, max_floor_px: 25, rim_tolerance_m: 0.025, min_sag: 0.06, min_row_px: 6 }
+    }
+}
+
+/// What makes readings near the table the inside of an object.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct InsideSettings {
+    /// Fewest readings on the coarse picture. Lowering it also tells of small holes, as of handles.
+    pub min_pixels: usize,
+    /// Neighbouring readings differ in height by at most this without a step, metres; `noise_per_m2` adds to it.
+    pub step_m: f32,
+    /// Depth noise added to heights, metres per square metre of depth.
+    pub noise_per_m2: f32,
+    /// How far from its border the rim may be, metres: what is high leaves a shadow beside it.
+    pub look_m: f32,
+    /// Least share of the border, the picture's edges left out, beside one object.
+    pub min_rim: f32,
+    /// Most of the border from which a way leads out, a share.
+    pub max_open: f32,
+    /// Least share of it that lies over the convex outline of that object.
+    pub min_within: f32,
+    /// The table is looked at up to this far around the object, metres.
+    pub around_m: f32,
+    /// It rises clearly where it does by this, metres; `noise_per_m2` adds to it.
+    pub least_m: f32,
+    /// Where this share of it looks more like the object than like the table it is the object's, where so much looks more like the table it is that.
+    pub same_color: f32,
+}
+
+impl Default for InsideSettings {
+    fn default() -> Self {
+        Self {
+            min_pixels: 150,
+            step_m: 0.003,
+            noise_per_m2: 0.003,
+            look_m: 0.022,
+            min_rim: 0.5,
+            max_open: 0.1,
+            min_within: 0.5,
+            around_m: 0.1,
+            least_m: 0.002,
+            same_color: 0.75,
+        }
     }
 }
 

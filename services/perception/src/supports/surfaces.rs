@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use repose_geometry::{Footprint, Point2, Point3, Vector2};
+use repose_geometry::{Footprint, Point2, Point3};
 
 use crate::settings::SurfaceSettings;
 
@@ -63,7 +63,7 @@ fn surfaces_of(mut points: Vec<Point3<f32>>, object: Option<u16>, settings: &Sur
             if seen_m2 < min_area_m2 {
                 continue;
             }
-            let Some(outline) = outline(&patch.points) else { continue };
+            let Some(outline) = Footprint::of(&patch.points) else { continue };
             let seen_m2 = seen_m2.min(outline.area());
             let surface = SupportSurface { height_m: median_height(patch.points), outline, seen_m2, object };
             // The noisy rim of a surface of a fuller slice is not another one.
@@ -169,26 +169,6 @@ impl FloorPlan {
     }
 }
 
-/// The convex outline of points. Most lie inside the octagon of the eight most extreme ones and are left out before the sort.
-fn outline(points: &[Point3<f32>]) -> Option<Footprint> {
-    let directions = [(1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (-1.0, 1.0), (-1.0, 0.0), (-1.0, -1.0), (0.0, -1.0), (1.0, -1.0)];
-    let mut extremes = [(f32::NEG_INFINITY, Point3::origin()); 8];
-    for p in points {
-        for (extreme, (x, y)) in extremes.iter_mut().zip(directions) {
-            let along = p.x * x + p.y * y;
-            if along > extreme.0 {
-                *extreme = (along, *p);
-            }
-        }
-    }
-    let octagon = extremes.map(|(_, p)| p.xy());
-    // A corner may be the most extreme point of several directions: an edge without length keeps nobody out.
-    let edges: Vec<(Point2<f32>, Vector2<f32>)> =
-        (0..8).map(|i| (octagon[i], octagon[(i + 1) % 8] - octagon[i])).filter(|(_, along)| *along != Vector2::zeros()).collect();
-    let inside = |p: &Point2<f32>| edges.len() > 2 && edges.iter().all(|(from, along)| along.perp(&(p - from)) > 0.0);
-    Footprint::of(points.iter().filter(|p| !inside(&p.xy())))
-}
-
 fn median_height(mut points: Vec<Point3<f32>>) -> f32 {
     let middle = points.len() / 2;
     points.select_nth_unstable_by(middle, |a, b| a.z.total_cmp(&b.z)).1.z
@@ -222,14 +202,6 @@ mod tests {
             prop_assert_eq!(heights, vec![(None, table), (None, table + shelf), (Some(7), table + top)]);
             prop_assert!((found[0].outline.area() - 0.9 * 0.9).abs() < 0.02);
             prop_assert!(found.iter().all(|s| s.seen_m2 <= s.outline.area()));
-        }
-    }
-
-    proptest! {
-        #[test]
-        fn the_outline_is_the_hull_of_all_points(raw in prop::collection::vec(prop::array::uniform3(-1.0..1.0f32), 3..200)) {
-            let points: Vec<Point3<f32>> = raw.into_iter().map(Point3::from).collect();
-            prop_assert_eq!(outline(&points), Footprint::of(&points));
         }
     }
 

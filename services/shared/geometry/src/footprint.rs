@@ -6,15 +6,22 @@ use nalgebra::{Point2, Point3};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Footprint {
     corners: Vec<Point2<f32>>,
-    /// From each corner to the next, metres.
+    /// The length of the edge from each corner to the next, metres: margins are asked of many points.
     lengths_m: Vec<f32>,
 }
 
 impl Footprint {
     /// The convex hull of the points' (x, y) (Andrew's monotone chain); `None` with fewer than three corners.
     pub fn of<'a>(points: impl IntoIterator<Item = &'a Point3<f32>>) -> Option<Self> {
+        let mut xy: Vec<Point2<f32>> = points.into_iter().map(Point3::xy).collect();
+        drop_inner(&mut xy);
+        Self::hull(&xy)
+    }
+
+    /// The convex hull of some points.
+    fn hull(points: &[Point2<f32>]) -> Option<Self> {
         // Keys of one number each sort several times faster than pairs of coordinates, in the same order.
-        let mut keys: Vec<u64> = points.into_iter().map(|p| u64::from(ordinal(p.x)) << 32 | u64::from(ordinal(p.y))).collect();
+        let mut keys: Vec<u64> = points.iter().map(|p| u64::from(ordinal(p.x)) << 32 | u64::from(ordinal(p.y))).collect();
         keys.sort_unstable();
         let mut xy: Vec<Point2<f32>> =
             keys.into_iter().map(|key| Point2::new(of_ordinal((key >> 32) as u32), of_ordinal(key as u32))).collect();
@@ -32,11 +39,7 @@ impl Footprint {
         };
         let mut corners = half(&mut xy.iter());
         corners.extend(half(&mut xy.iter().rev()));
-        if corners.len() < 3 {
-            return None;
-        }
-        let lengths_m = (0..corners.len()).map(|i| (corners[(i + 1) % corners.len()] - corners[i]).norm()).collect();
-        Some(Self { corners, lengths_m })
+        (corners.len() >= 3).then(|| Self { lengths_m: edges(&corners).map(|(a, b)| (b - a).norm()).collect(), corners })
     }
 
     /// The hull of a surface's outline as scenes carry it, world x and y, metres; `None` for a line.
@@ -52,23 +55,54 @@ impl Footprint {
 
     /// The area, square metres.
     pub fn area(&self) -> f32 {
-        self.edges().map(|(a, b)| a.x * b.y - a.y * b.x).sum::<f32>() / 2.0
+        edges(&self.corners).map(|(a, b)| a.x * b.y - a.y * b.x).sum::<f32>() / 2.0
     }
 
     /// How far inside the outline a point lies, metres: positive inside (distance to the nearest edge's line), negative outside.
     pub fn margin(&self, p: &Point2<f32>) -> f32 {
-        self.edges().zip(&self.lengths_m).map(|((a, b), length_m)| cross(&a, &b, p) / length_m).fold(f32::INFINITY, f32::min)
+        edges(&self.corners).zip(&self.lengths_m).map(|((a, b), length_m)| cross(a, b, p) / length_m).fold(f32::INFINITY, f32::min)
     }
 
     /// Whether a point lies inside or on the outline: whether its margin is not negative.
     pub fn contains(&self, p: &Point2<f32>) -> bool {
-        self.edges().all(|(a, b)| cross(&a, &b, p) >= 0.0)
+        edges(&self.corners).all(|(a, b)| cross(a, b, p) >= 0.0)
     }
+}
 
-    fn edges(&self) -> impl Iterator<Item = (Point2<f32>, Point2<f32>)> + '_ {
-        let (first, rest) = self.corners.split_at(1);
-        self.corners.iter().copied().zip(rest.iter().chain(first).copied())
+/// Each corner of a polygon with the next.
+fn edges(corners: &[Point2<f32>]) -> impl Iterator<Item = (&Point2<f32>, &Point2<f32>)> {
+    corners.iter().zip(corners.iter().skip(1).chain(corners.first()))
+}
+
+/// Drops points that are clearly inside of those farthest out in eight directions (Akl and Toussaint): no corner is among them, and fewer are sorted.
+fn drop_inner(xy: &mut Vec<Point2<f32>>) {
+    /// So few points are sorted as quickly.
+    const FEW: usize = 64;
+    /// As a share of the points' extent: far above what rounding moves.
+    const CLEARLY: f32 = 1e-3;
+    if xy.len() < FEW {
+        return;
     }
+    let towards = [[1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [-1.0, 1.0], [-1.0, 0.0], [-1.0, -1.0], [0.0, -1.0], [1.0, -1.0f32]];
+    let mut farthest = [(f32::NEG_INFINITY, xy[0]); 8];
+    for p in xy.iter() {
+        for ([x, y], farthest) in towards.iter().zip(&mut farthest) {
+            let along = x * p.x + y * p.y;
+            if along > farthest.0 {
+                *farthest = (along, *p);
+            }
+        }
+    }
+    let mut octagon: Vec<Point2<f32>> = farthest.iter().map(|(_, p)| *p).collect();
+    octagon.dedup();
+    let extent = (farthest[0].0 + farthest[4].0).max(farthest[2].0 + farthest[6].0);
+    let lines: Vec<[f32; 3]> = edges(&octagon)
+        .filter(|(a, b)| a != b)
+        .map(|(a, b)| (a, (b - a).normalize()))
+        .map(|(a, along)| [-along.y, along.x, along.y * a.x - along.x * a.y])
+        .collect();
+    // True where a coordinate is no number: such points are sorted as before.
+    xy.retain(|p| lines.len() < 3 || !lines.iter().all(|[nx, ny, d]| nx * p.x + ny * p.y + d > CLEARLY * extent));
 }
 
 /// A number whose order is that of [`f32::total_cmp`].
@@ -112,6 +146,21 @@ mod tests {
         let numbers = [f32::NEG_INFINITY, -2.5, -1e-40, -0.0, 0.0, 1e-40, 0.1, 3.0, f32::INFINITY];
         assert!(numbers.windows(2).all(|pair| ordinal(pair[0]) < ordinal(pair[1])));
         assert!(numbers.iter().all(|x| of_ordinal(ordinal(*x)).to_bits() == x.to_bits()));
+    }
+
+    #[test]
+    fn inner_points_change_no_corner() {
+        // A disc of a sunflower's seeds.
+        let seed = |k: usize| ((k as f32 + 0.5) / 2000.0).sqrt() * 0.3;
+        let at = |k: usize, r: f32| Point3::new(0.4 + r * (k as f32 * 2.399_963).cos(), r * (k as f32 * 2.399_963).sin(), 0.0);
+        let disc: Vec<Point3<f32>> = (0..2000).map(|k| at(k, seed(k))).collect();
+        let all: Vec<Point2<f32>> = disc.iter().map(Point3::xy).collect();
+        let mut outer = all.clone();
+        drop_inner(&mut outer);
+        assert!(outer.len() < 400, "{}", outer.len());
+        assert_eq!(Footprint::of(&disc), Footprint::hull(&all));
+        let line: Vec<Point3<f32>> = (0..200).map(|k| Point3::new(k as f32, 0.0, 0.0)).collect();
+        assert_eq!(Footprint::of(&line), None);
     }
 
     #[test]
