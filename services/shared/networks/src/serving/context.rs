@@ -10,7 +10,7 @@ use repose_geometry::ViewerFrame;
 use crate::points::{CloudConfig, ObjectCloud, Observer, SceneCloud};
 
 use super::kept::Kept;
-use super::models::{Pairs, PriorCodes};
+use super::pairs::{Pairs, PriorCodes};
 use super::shared::SceneFeatures;
 
 /// A placement of the query: where the centroid of its observed cloud goes, in the world, and how far it is turned about world z

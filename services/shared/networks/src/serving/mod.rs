@@ -5,11 +5,13 @@
 mod context;
 mod kept;
 mod models;
+mod pairs;
 mod point_net;
 mod shared;
 mod spread;
 
 pub use context::{Candidate, InputError, SceneContext};
 pub(crate) use models::EMBEDDED;
-pub use models::{Mixture, Models, Pairs};
+pub use models::{Mixture, Models};
+pub use pairs::Pairs;
 pub use spread::spread;

@@ -2,8 +2,6 @@
 
 use std::sync::Arc;
 
-use nalgebra::Point3;
-
 use crate::{
     config::{GOAL_RELATIONS, NetworksConfig, PREDICTED_RELATIONS},
     crops,
@@ -16,6 +14,7 @@ use crate::{
 
 use super::{
     context::{Candidate, InputError, SceneContext},
+    pairs::{Anchor, Oriented, Pairs, PriorCodes},
     point_net::{Affine, PackedCodeHead, PackedPointNet, Scratch, Stored, row},
     shared::SceneFeatures,
     spread::spread,
@@ -38,29 +37,6 @@ pub struct Mixture {
     /// `[K]`: von Mises concentration of the turn; 0 is uniform.
     pub kappa: Vec<f32>,
 }
-
-/// A query and its anchors, prepared for the relation predictor once for any number of candidates ([`Models::pairs`]).
-#[derive(Debug, Clone)]
-pub struct Pairs {
-    query: ObjectCloud,
-    /// The query without a turn, for candidates that only move it.
-    observed: Oriented,
-    anchors: Vec<Anchor>,
-}
-
-/// The codes of the scene around an anchor, of a query and of the anchor, one after another.
-#[derive(Debug)]
-pub(super) struct PriorCodes(Vec<f32>);
-
-#[derive(Debug, Clone)]
-struct Anchor {
-    code: Vec<f32>,
-    measured: Option<MeasuredCloud>,
-    centroid_in_viewer: Point3<f32>,
-}
-
-/// What the predictor reads of a query in one orientation: its shape's features, and its cloud prepared for measuring.
-type Oriented = (Vec<f32>, Option<MeasuredCloud>);
 
 /// All networks with their weights, ready to score. Shared between threads by reference; never changes.
 #[derive(Debug, Clone)]
