@@ -22,7 +22,7 @@ impl Contact {
     }
 
     /// How many cells.
-    pub fn len(&self) -> usize {
+    pub fn cell_count(&self) -> usize {
         self.cells.len()
     }
 
@@ -67,7 +67,7 @@ mod tests {
                     }
                 }
             }
-            assert_eq!(contact.len(), all.len());
+            assert_eq!(contact.cell_count(), all.len());
             assert_eq!(contact.outline(), Footprint::of(&all));
         }
     }

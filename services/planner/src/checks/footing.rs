@@ -92,7 +92,7 @@ impl Ground<'_> {
         let margin_m = contact.outline().map(|outline| f64::from(outline.margin(&axis)));
         // Of equals the lowest id, furniture first.
         let carrier = carriers.into_iter().rev().max_by_key(|(_, count)| *count).map(|(object, _)| object);
-        Footing { seen_share: seen as f64 / cells, carried_share: contact.len() as f64 / cells, margin_m, carrier }
+        Footing { seen_share: seen as f64 / cells, carried_share: contact.cell_count() as f64 / cells, margin_m, carrier }
     }
 
     /// The objects that carry a candidate where it is, by more than a few stray cells.

@@ -91,7 +91,7 @@ mod tests {
         fn the_nearest_pixel_is_the_rounded_coordinate(at in -3.0..20.0f64, halves in -6i32..40) {
             for at in [at, f64::from(halves) / 2.0, (f64::from(halves) / 2.0).next_down(), (f64::from(halves) / 2.0).next_up()] {
                 let rounded = at.round();
-                prop_assert_eq!(nearest_pixel(at, 16), (rounded >= 0.0 && rounded < 16.0).then_some(rounded as usize), "{}", at);
+                prop_assert_eq!(nearest_pixel(at, 16), (0.0..16.0).contains(&rounded).then_some(rounded as usize), "{}", at);
             }
         }
     }
