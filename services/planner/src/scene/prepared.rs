@@ -9,7 +9,7 @@ use repose_belief::{Belief, BeliefSettings, BelievedObject, SeenScene, Shape};
 use repose_geometry::transform;
 use repose_proto::{CallError, Scene};
 
-use crate::scene::queries::KnownQueries;
+use crate::scene::kept::Kept;
 
 /// A prepared scene.
 #[derive(Debug, Clone)]
@@ -23,7 +23,7 @@ pub struct PreparedScene {
     fault: Option<CallError>,
     min_points: usize,
     /// What earlier requests prepared.
-    pub(super) known: Arc<KnownQueries>,
+    pub(super) kept: Arc<Kept>,
 }
 
 impl PreparedScene {
@@ -68,7 +68,7 @@ impl PreparedScene {
             fault.get_or_insert_with(|| CallError::invalid("points", too_wide.to_string()));
             Belief::of_nothing(&seen, settings)
         });
-        Self { belief, fault, scene, scene_id, min_points: settings.min_points, known: Arc::default() }
+        Self { belief, fault, scene, scene_id, min_points: settings.min_points, kept: Arc::default() }
     }
 
     /// Whether the scene can be planned on.

@@ -1,7 +1,7 @@
 //! What was prepared of a scene and its objects for earlier requests: requests on a scene come in bursts, most of them about the same few objects.
 
-use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::convert::Infallible;
+use std::sync::Arc;
 
 use repose_proto::CallError;
 
@@ -15,20 +15,20 @@ use crate::settings::Fixed;
 const KEPT: usize = 8;
 
 /// What a query was made with.
-#[derive(Debug, Clone, PartialEq)]
-struct Key {
+#[derive(Debug, PartialEq)]
+struct QueryKey {
     id: u16,
     min_clearance_m: f64,
     fixed: Fixed,
 }
 
-/// Prepared queries, newest last; the measures of how objects stand; and the scene's points by place.
-#[derive(Debug, Default)]
-pub struct KnownQueries {
-    queries: Mutex<Vec<(Key, Arc<QueryObject>)>>,
-    stances: Mutex<BTreeMap<u16, Option<Arc<StanceMeasures>>>>,
-    points: OnceLock<PointGrid>,
-}
+/// The object whose stance was measured.
+#[derive(Debug, PartialEq)]
+struct StanceKey(u16);
+
+/// The scene's points by place.
+#[derive(Debug, PartialEq)]
+struct PointsKey;
 
 impl PreparedScene {
     /// [`QueryObject::new`], made once while it is kept.
@@ -36,37 +36,19 @@ impl PreparedScene {
     /// # Errors
     /// As that.
     pub fn query(&self, id: u16, min_clearance_m: f64, fixed: &Fixed) -> Result<Arc<QueryObject>, CallError> {
-        let key = Key { id, min_clearance_m, fixed: fixed.clone() };
-        let kept = || self.known.queries.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, query)) = kept().iter().find(|(of, _)| *of == key) {
-            return Ok(query.clone());
-        }
-        // Nobody waits for another's: two that come at once make it twice.
-        let query = Arc::new(QueryObject::new(self, id, min_clearance_m, fixed)?);
-        let mut kept = kept();
-        if kept.len() >= KEPT {
-            kept.remove(0);
-        }
-        kept.push((key, query.clone()));
-        Ok(query)
+        let key = QueryKey { id, min_clearance_m, fixed: fixed.clone() };
+        self.kept.of(KEPT, key, || QueryObject::new(self, id, min_clearance_m, fixed))
     }
 
     /// The scene's points by place, sorted when they are first needed.
-    pub fn point_grid(&self) -> &PointGrid {
-        self.known.points.get_or_init(|| PointGrid::new(&self.scene))
+    pub fn point_grid(&self) -> Arc<PointGrid> {
+        let Ok(grid) = self.kept.of(1, PointsKey, || Ok::<_, Infallible>(PointGrid::new(&self.scene)));
+        grid
     }
 
     /// [`StanceMeasures::of`], made once.
     pub fn stance_measures(&self, id: u16) -> Option<Arc<StanceMeasures>> {
-        let kept = || self.known.stances.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(measures) = kept().get(&id) {
-            return measures.clone();
-        }
-        let measures = StanceMeasures::of(self, id).map(Arc::new);
-        if self.belief.objects.contains_key(&id) {
-            kept().insert(id, measures.clone());
-        }
-        measures
+        self.kept.of(self.belief.objects.len(), StanceKey(id), || StanceMeasures::of(self, id).ok_or(())).ok()
     }
 }
 
