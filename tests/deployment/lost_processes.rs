@@ -103,13 +103,14 @@ impl Trial {
         }
     }
 
-    async fn executing(&self) -> RobotState {
-        self.state_where("executing", |state| state.open_task().is_some()).await
+    async fn executing(&self, placing: &mut Placing) -> RobotState {
+        placing.comes_to(self.state_where("executing", |state| state.open_task().is_some())).await
     }
 
     /// An arm that carries something.
-    async fn carrying(&self) -> RobotState {
-        self.state_where("carrying", |state| state.gripper_holding && state.mode == RobotMode::Moving && state.open_task().is_some()).await
+    async fn carrying(&self, placing: &mut Placing) -> RobotState {
+        let is_carrying = |state: &RobotState| state.gripper_holding && state.mode == RobotMode::Moving && state.open_task().is_some();
+        placing.comes_to(self.state_where("carrying", is_carrying)).await
     }
 
     async fn latched(&self) -> RobotState {
@@ -156,6 +157,20 @@ impl Trial {
 struct Placing(Option<Process>);
 
 impl Placing {
+    /// What it should bring about; fails with what it says where it ends before that.
+    async fn comes_to<T>(&mut self, awaited: impl Future<Output = T>) -> T {
+        tokio::pin!(awaited);
+        loop {
+            tokio::select! {
+                found = &mut awaited => return found,
+                () = tokio::time::sleep(Duration::from_millis(100)) => {}
+            }
+            if self.0.as_mut().is_some_and(|process| process.0.try_wait().expect("a process").is_some()) {
+                panic!("over too soon: {:?}", Placing(self.0.take()).ended());
+            }
+        }
+    }
+
     fn signal(&self, signal: i32) {
         if let Some(process) = &self.0 {
             process.signal(signal);
@@ -186,8 +201,8 @@ fn said(output: &Output) -> String {
 async fn a_robot_that_carries_something_latches_when_its_commander_is_lost_and_is_brought_back() {
     let mut trial = Trial::start().await;
     trial.reset_world(1).await;
-    let placing = trial.place();
-    let state = trial.carrying().await;
+    let mut placing = trial.place();
+    let state = trial.carrying(&mut placing).await;
     assert_eq!(state.held.as_ref().map(|held| held.object), Some(1), "it says what it holds");
     trial.deployment.kill(Service::Motion);
     let state = trial.latched().await;
@@ -198,8 +213,8 @@ async fn a_robot_that_carries_something_latches_when_its_commander_is_lost_and_i
     trial.brought_back().await;
 
     trial.reset_world(2).await;
-    let placing = trial.place();
-    trial.carrying().await;
+    let mut placing = trial.place();
+    trial.carrying(&mut placing).await;
     trial.deployment.kill_router();
     assert_ne!(placing.ended().0, Some(0), "nobody takes it for done");
     trial.deployment.start_router();
@@ -209,8 +224,8 @@ async fn a_robot_that_carries_something_latches_when_its_commander_is_lost_and_i
     trial.brought_back().await;
 
     trial.reset_world(3).await;
-    let placing = trial.place();
-    trial.carrying().await;
+    let mut placing = trial.place();
+    trial.carrying(&mut placing).await;
     trial.cut_off().await;
     // Set-points that were on their way all the while arrive now, and move nothing.
     let state = trial.latched().await;
@@ -223,8 +238,8 @@ async fn a_robot_that_carries_something_latches_when_its_commander_is_lost_and_i
 async fn an_interrupted_or_killed_client_stops_the_robot_and_other_deaths_do_not() {
     let mut trial = Trial::start().await;
     trial.reset_world(1).await;
-    let placing = trial.place();
-    trial.executing().await;
+    let mut placing = trial.place();
+    trial.executing(&mut placing).await;
     for service in [Service::Planner, Service::Inference, Service::Perception] {
         trial.deployment.kill(service);
     }
@@ -238,8 +253,8 @@ async fn an_interrupted_or_killed_client_stops_the_robot_and_other_deaths_do_not
 
     // Ctrl-C: on the path, and with an object in its hand it latches.
     trial.reset_world(2).await;
-    let placing = trial.place();
-    trial.carrying().await;
+    let mut placing = trial.place();
+    trial.carrying(&mut placing).await;
     placing.signal(libc::SIGINT);
     let (code, document, log) = placing.ended();
     assert_eq!(code, Some(1), "{document} {log}");
@@ -251,8 +266,8 @@ async fn an_interrupted_or_killed_client_stops_the_robot_and_other_deaths_do_not
 
     // Twice: the emergency stop.
     trial.reset_world(3).await;
-    let placing = trial.place();
-    trial.executing().await;
+    let mut placing = trial.place();
+    trial.executing(&mut placing).await;
     trial.state_where("moving", |state| state.mode == RobotMode::Moving).await;
     placing.signal(libc::SIGINT);
     // Two signals that arrive together are one.
@@ -268,8 +283,8 @@ async fn an_interrupted_or_killed_client_stops_the_robot_and_other_deaths_do_not
 
     // A client that dies is missed.
     trial.reset_world(1).await;
-    let placing = trial.place();
-    trial.carrying().await;
+    let mut placing = trial.place();
+    trial.carrying(&mut placing).await;
     placing.signal(libc::SIGKILL);
     let state = trial.latched().await;
     assert_eq!(state.stop.map(|stop| stop.kind), Some("task_unfinished".to_owned()));
@@ -282,8 +297,8 @@ async fn whenever_the_commander_is_lost_the_robot_latches_and_is_brought_back() 
     let mut trial = Trial::start().await;
     for moment in 0..MOMENTS {
         trial.reset_world(1 + u64::from(moment % 3)).await;
-        let placing = trial.place();
-        let begun = trial.executing().await;
+        let mut placing = trial.place();
+        let begun = trial.executing(&mut placing).await;
         let until_ms = begun.robot_ms + f64::from(moment) * MOMENT_MS;
         let state = trial.state_where("so far", |state| state.robot_ms >= until_ms).await;
         if state.open_task().is_none() {

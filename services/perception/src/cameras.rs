@@ -231,9 +231,8 @@ impl CameraFollower {
             paced.as_mut().enable();
             let now = Instant::now();
             let (next, due) = self.take(now);
-            if let Some((camera, frame)) = next {
-                self.worker.pace().taken(&camera, now);
-                return (camera, frame);
+            if let Some(next) = next {
+                return next;
             }
             let time_comes = async {
                 match due {
@@ -251,14 +250,15 @@ impl CameraFollower {
 
     /// A frame whose time has come, or when that of the first that waits comes.
     fn take(&self, now: Instant) -> (Option<(String, Waiting)>, Option<Instant>) {
-        let pace = self.worker.pace();
+        let mut pace = self.worker.pace();
         let mut newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
         let mut next = newest.take(|camera| pace.due(camera, now) <= now);
-        if let Some((camera, frame)) = &mut next
-            && pace.is_idle(camera, now)
-        {
-            // What it waited for was its turn, and nobody waited for it.
-            frame.arrived = now;
+        if let Some((camera, frame)) = &mut next {
+            if pace.is_idle(camera, now) {
+                // What it waited for was its turn, and nobody waited for it.
+                frame.arrived = now;
+            }
+            pace.taken(camera, now);
         }
         let due = newest.waiting().map(|camera| pace.due(camera, now)).min();
         (next, due)

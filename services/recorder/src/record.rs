@@ -9,7 +9,9 @@ use std::time::Duration;
 use repose_proto::load::WorkerLoad;
 use repose_proto::perception::SceneRequest;
 use repose_proto::{JournalEntry, JournalKind, Payload, SceneSummary, Service, keys};
-use repose_runtime::{COPIES_WAIT, CallOptions, Caller, Sample, Session, Shutdown, Subscription, now_ns, yield_to_messages};
+use repose_runtime::{
+    COPIES_WAIT, CallOptions, Caller, Sample, Session, Shutdown, Subscription, fetch_scene_payload, now_ns, yield_to_messages,
+};
 use tokio::runtime::Handle;
 use tokio::sync::{mpsc, oneshot};
 use tokio::time::Instant;
@@ -254,10 +256,11 @@ impl Capture {
         }
         let (perception, to_file, lost) = (self.perception.clone(), self.to_file.clone(), self.lost.clone());
         tokio::spawn(async move {
-            let Ok(request) = Payload::json(&SceneRequest::new(scene_id.clone())) else { return };
-            match perception.call_any("scene", &request, &CallOptions::within(SCENE_WITHIN)).await {
-                Ok(answer) => {
-                    if to_file.send(Captured::Scene { scene_id, payload: answer.payload, at_ns: now_ns() }).await.is_err() {
+            // As it is read again: not packed.
+            let request = SceneRequest::new(scene_id.clone());
+            match fetch_scene_payload(&perception, &request, &CallOptions::within(SCENE_WITHIN)).await {
+                Ok(payload) => {
+                    if to_file.send(Captured::Scene { scene_id, payload, at_ns: now_ns() }).await.is_err() {
                         lost.add("scenes", 1);
                     }
                 }

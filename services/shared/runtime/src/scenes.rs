@@ -121,20 +121,13 @@ pub async fn fetch_newest(perception: &Caller, camera: &str, options: &CallOptio
     perception.call_any("latest", &request, options).await?.payload.decode_json()
 }
 
-/// A scene, whole, from whichever perception worker has it. It comes in parts, several of them under way at once: a message that takes seconds
-/// keeps others from a slow link, and one that takes more than five ends the link, with everything that goes by it.
+/// A scene, whole, from whichever perception worker has it.
 ///
 /// # Errors
-/// `not_found` when none of them has it; those of [`Caller::call_any`].
+/// Those of [`fetch_scene_payload`].
 pub async fn fetch_scene(perception: &Caller, scene_id: &str, options: &CallOptions) -> Result<Scene, CallError> {
     let request = SceneRequest { packed: perception.packs_scenes(), ..SceneRequest::new(scene_id) };
-    let mut fetched = fetch_parts(perception, &request, options).await;
-    if fetched.as_ref().is_err_and(|error| error.code == ErrorCode::InvalidArgument) {
-        // Workers of release 1 know scenes in plain form and whole only.
-        let plain = Payload::json(&SceneRequest::new(scene_id))?;
-        fetched = perception.call_any("scene", &plain, options).await.map(|answer| answer.payload);
-    }
-    let payload = fetched?;
+    let payload = fetch_scene_payload(perception, &request, options).await?;
     let is_packed = payload.is_packed();
     let read = move || Scene::from_bulk(&payload.decode_bulk(Scene::SCHEMA)?);
     match is_packed {
@@ -142,6 +135,21 @@ pub async fn fetch_scene(perception: &Caller, scene_id: &str, options: &CallOpti
         true => tokio::task::spawn_blocking(read).await.map_err(|e| CallError::internal(format!("a scene was lost: {e}")))?,
         false => read(),
     }
+}
+
+/// A scene as it was sent. It comes in parts, several of them under way at once: a message that takes seconds keeps others from a slow link, and
+/// one that takes more than five ends the link, with everything that goes by it.
+///
+/// # Errors
+/// `not_found` when no worker has the scene; those of [`Caller::call_any`].
+pub async fn fetch_scene_payload(perception: &Caller, request: &SceneRequest, options: &CallOptions) -> Result<Payload, CallError> {
+    let fetched = fetch_parts(perception, request, options).await;
+    if !fetched.as_ref().is_err_and(|error| error.code == ErrorCode::InvalidArgument) {
+        return fetched;
+    }
+    // Workers of release 1 know scenes in plain form and whole only.
+    let plain = Payload::json(&SceneRequest::new(&request.scene_id))?;
+    Ok(perception.call_any("scene", &plain, options).await?.payload)
 }
 
 /// Bytes of a part. A router closes a link on which one message waits for five seconds: links of half a Mbit/s bear this, as does what TCP makes of
