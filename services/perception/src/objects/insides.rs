@@ -76,18 +76,18 @@ struct Inside {
 impl Inside {
     /// A region as what a rim surrounds; `None` where it is small or open.
     fn of(regions: &Regions, region: u32, found: &Found, picture: &CoarsePicture, settings: &InsideSettings) -> Option<Self> {
-        let (size, first) = *regions.sizes.get(region as usize - 1)?;
-        if size < settings.min_pixels {
+        let (size, among) = regions.sizes.get(region as usize - 1)?;
+        if *size < settings.min_pixels {
             return None;
         }
-        let own = regions.of.pixels()[first..].iter().enumerate().filter(|(_, of)| **of == region);
-        let pixels: Vec<usize> = own.map(|(i, _)| first + i).collect();
+        let of = regions.of.pixels();
+        let pixels: Vec<usize> = among.clone().filter(|i| of[*i] == region).collect();
         let rim = rim(regions, &pixels, region, found, picture, settings)?;
         let points = picture.in_world.pixels();
         let of_rim = found.ids.pixels().iter().zip(points).filter(|(id, _)| **id == rim).map(|(_, p)| p);
         let extent = Extent::new(&Footprint::of(of_rim)?, settings.around_m);
         let within = pixels.iter().filter(|i| extent.margin_m(&points[**i]) > 0.0).count();
-        (within as f32 >= settings.min_within * size as f32).then_some(Self { region, pixels, rim, extent })
+        (within as f32 >= settings.min_within * *size as f32).then_some(Self { region, pixels, rim, extent })
     }
 
     /// Whose it is, by its colors and height beside those of the object and of the table around.

@@ -1,5 +1,7 @@
 //! Readings of no object near objects, connected without a step.
 
+use std::ops::Range;
+
 use repose_geometry::Image;
 use repose_proto::LeftOutReason;
 
@@ -14,8 +16,8 @@ pub const MAX_LOOK_PX: usize = 24;
 pub struct Regions {
     /// The region of each pixel: 1, 2, …; 0 for objects and where nothing was read.
     pub of: Image<u32>,
-    /// How many pixels each has, and the first of them.
-    pub sizes: Vec<(usize, usize)>,
+    /// How many pixels each has, and which of all they lie among.
+    pub sizes: Vec<(usize, Range<usize>)>,
 }
 
 impl Regions {
@@ -36,9 +38,10 @@ impl Regions {
             let number = regions.sizes.len() as u32 + 1;
             regions.of.pixels_mut()[start] = number;
             open.push(start);
-            let mut size = 0;
+            // Whoever asks for the pixels of a region looks through these only; the first of them is where it starts.
+            let (mut size, mut last) = (0, start);
             while let Some(i) = open.pop() {
-                size += 1;
+                (size, last) = (size + 1, last.max(i));
                 let depth_m = picture.depth_m.pixels()[i];
                 let step_m = settings.step_m + settings.noise_per_m2 * depth_m * depth_m;
                 for j in beside(i, width, height).into_iter().flatten() {
@@ -48,7 +51,7 @@ impl Regions {
                     }
                 }
             }
-            regions.sizes.push((size, start));
+            regions.sizes.push((size, start..last + 1));
         }
         regions
     }

@@ -193,7 +193,7 @@ fn of_piece(piece: &SupportSurface, readings: &[Reading]) -> Vec<Reading> {
     const AROUND_M: f32 = 0.025;
     let near: Vec<Reading> = readings.iter().filter(|(p, _)| (p.z - piece.height_m).abs() <= AROUND_M).copied().collect();
     let stride = near.len().div_ceil(FITTED).max(1);
-    near.into_iter().step_by(stride).filter(|(p, _)| piece.outline.margin(&p.xy()) >= 0.0).collect()
+    near.into_iter().step_by(stride).filter(|(p, _)| piece.outline.contains(&p.xy())).collect()
 }
 
 /// The plane of a piece: what lies on it within a few standard deviations decides, in rounds.
@@ -242,7 +242,7 @@ fn continues(
         return false;
     }
     let Some(both) = joint(&level.outline, &piece.outline) else { return false };
-    let between = |at: &Point2<f32>| both.margin(at) > 0.0 && level.outline.margin(at) < 0.0 && piece.outline.margin(at) < 0.0;
+    let between = |at: &Point2<f32>| !level.outline.contains(at) && !piece.outline.contains(at) && both.margin(at) > 0.0;
     !is_seen_through(&level.plane, camera, looked_at, between, settings)
 }
 
@@ -253,7 +253,7 @@ fn extend(level: &mut Level, viewpoint: &Viewpoint, looked_at: &[Point3<f32>], s
         let corners: Vec<Point3<f32>> =
             level.extent.corners().iter().chain(std::iter::once(&corner)).map(|c| Point3::new(c.x, c.y, 0.0)).collect();
         let Some(wider) = Footprint::of(&corners) else { continue };
-        let added = |at: &Point2<f32>| wider.margin(at) > 0.0 && level.extent.margin(at) < 0.0;
+        let added = |at: &Point2<f32>| !level.extent.contains(at) && wider.margin(at) > 0.0;
         if !is_seen_through(&level.plane, &viewpoint.camera, looked_at, added, settings) {
             level.extent = wider;
         }
