@@ -10,6 +10,14 @@ pub fn pose(to_from: &Isometry3<f64>) -> Pose {
     Pose::from_parts(Vector::new(t.x as f32, t.y as f32, t.z as f32), rotation.normalize())
 }
 
+/// The same as the pose that a body at `from` goes to next. Of the two quaternions of a rotation it has the one on the near side: the engine takes
+/// the other for a full turn within a step, and throws what the body touches or carries.
+pub fn next_pose(to_from: &Isometry3<f64>, from: &Pose) -> Pose {
+    let next = pose(to_from);
+    let rotation = if next.rotation.dot(from.rotation) < 0.0 { -next.rotation } else { next.rotation };
+    Pose { rotation, ..next }
+}
+
 /// The engine's pose as a rigid transform.
 pub fn isometry(pose: &Pose) -> Isometry3<f64> {
     let (t, q) = (pose.translation, pose.rotation);

@@ -81,6 +81,25 @@ fn what_is_held_neither_creeps_nor_lags_behind_a_hand_that_turns() {
 }
 
 #[test]
+fn fingers_stand_still_while_the_hand_turns_and_its_rotation_is_told_by_either_quaternion() {
+    let mut world = World::new(PhysicsSettings::grasping());
+    let place = |k: u32| {
+        let pose = world_from_hand(Vector3::new(0.0, 0.0, 0.3), 0.004 * f64::from(k));
+        let rotation = pose.rotation.into_inner();
+        let told = if k % 70 < 35 { rotation } else { -rotation };
+        Isometry3::from_parts(pose.translation, UnitQuaternion::new_unchecked(told))
+    };
+    let mut hand = SimulatedHand::new(&mut world, &place(0), HandSettings::default());
+    hand.command(&GripperCommand { width_m: 0.04, force_n: 30.0 });
+    for k in 0..3000 {
+        hand.before_step(&mut world, &place(k));
+        world.step();
+        let width_m = hand.width_m(&mut world);
+        assert!(k < 1000 || (width_m - 0.04).abs() < 0.001, "{width_m} m after {k} steps");
+    }
+}
+
+#[test]
 fn what_is_too_heavy_for_the_grip_slips() {
     let mut rng = Pcg64::seed_from_u64(0);
     let mut shape = Family::Box.sample(0.8, &mut rng);

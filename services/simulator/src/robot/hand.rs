@@ -145,7 +145,8 @@ impl SimulatedHand {
         let squeeze_m = self.force_n / self.settings.stiffness_n_m;
         let aim_m = self.target_m.clamp(middle_m - squeeze_m, middle_m + squeeze_m);
         let engine = world.engine();
-        engine.bodies[self.palm].set_next_kinematic_position(convert::pose(world_from_hand));
+        let palm = &mut engine.bodies[self.palm];
+        palm.set_next_kinematic_position(convert::next_pose(world_from_hand, palm.position()));
         for joint in self.joints {
             if let Some(joint) = engine.impulse_joints.get_mut(joint, true) {
                 let axis = rapier3d::dynamics::JointAxis::LinX;
