@@ -6,6 +6,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_panda::kinematics::TCP_M;
 use repose_proto::robot::GripperCommand;
+use repose_simulator::objects::body::{Body, Finish};
 use repose_simulator::objects::{Family, ObjectShape};
 use repose_simulator::physics::{PhysicsSettings, World};
 use repose_simulator::robot::{HandSettings, SimulatedHand};
@@ -96,6 +97,18 @@ fn fingers_stand_still_while_the_hand_turns_and_its_rotation_is_told_by_either_q
         world.step();
         let width_m = hand.width_m(&mut world);
         assert!(k < 1000 || (width_m - 0.04).abs() < 0.001, "{width_m} m after {k} steps");
+    }
+}
+
+#[test]
+fn thin_things_are_held_however_the_fingers_tremble() {
+    for width_mm in [6u8, 10, 14, 16, 18, 24] {
+        let mut body = Body::default();
+        body.brick([0.0; 3], [0.1, f32::from(width_mm) * 1e-3, 0.06]);
+        let shape = body.finish(&Finish { name: "slab", mass_kg: 0.05, friction: 0.6, top: None, opening: None });
+        // Asserts that it is held.
+        let (by_m, turn_rad) = shift_in_hand(&shape, 0.0, 70.0);
+        assert!(by_m < 0.003 && turn_rad < 0.03, "{width_mm} mm: {by_m} m, {turn_rad} rad");
     }
 }
 

@@ -42,9 +42,10 @@ impl Default for HandSettings {
 pub(super) const FINGER_HALF_M: [f32; 3] = [0.0105, 0.0065, 0.0268];
 /// Half the palm's edge lengths and how far its centre is ahead of the hand's frame, metres.
 const PALM_HALF_M: [f32; 3] = [0.0316, 0.102, 0.0329];
-/// Fingers count as standing below this speed, m/s, kept for this long, seconds.
-const STANDING_M_S: f32 = 0.002;
-const STANDING_FOR_S: f32 = 0.05;
+/// Fingers count as standing that have moved by no more than this, metres, for this long, seconds. On thin things they tremble by a third of a
+/// millimetre for as long as they press; what is squeezed out from between them goes at some millimetres a second.
+const STANDING_M: f32 = 0.0005;
+const STANDING_FOR_S: f32 = 0.25;
 /// Objects thinner than this are not told from a closed gripper, metres.
 const HOLDING_M: f32 = 0.002;
 
@@ -71,8 +72,10 @@ pub struct SimulatedHand {
     /// Where each finger is to be now: moves towards the goal at the gripper's speed.
     target_m: f32,
     force_n: f32,
-    /// Where the fingers were on average before the last step, metres, and for how long they have stood since, seconds.
+    /// Where the fingers were on average before the last step, metres.
     middle_m: f32,
+    /// Between where they have stood, and for how long, seconds.
+    stood_m: [f32; 2],
     standing_s: f32,
 }
 
@@ -120,6 +123,7 @@ impl SimulatedHand {
             target_m: open_m,
             force_n,
             middle_m: open_m,
+            stood_m: [open_m; 2],
             standing_s: 0.0,
         }
     }
@@ -139,9 +143,12 @@ impl SimulatedHand {
         // The real fingers are geared together. Each is aimed at the same distance inside where the two are on average, so that both press
         // alike and neither gives way sideways.
         let middle_m = self.finger_positions_m(world).iter().sum::<f32>() / 2.0;
-        let is_standing = (middle_m - self.middle_m).abs() < STANDING_M_S * world.step_s();
-        self.standing_s = if is_standing { self.standing_s + world.step_s() } else { 0.0 };
         self.middle_m = middle_m;
+        self.stood_m = [self.stood_m[0].min(middle_m), self.stood_m[1].max(middle_m)];
+        self.standing_s += world.step_s();
+        if self.stood_m[1] - self.stood_m[0] > STANDING_M {
+            (self.stood_m, self.standing_s) = ([middle_m; 2], 0.0);
+        }
         let squeeze_m = self.force_n / self.settings.stiffness_n_m;
         let aim_m = self.target_m.clamp(middle_m - squeeze_m, middle_m + squeeze_m);
         let engine = world.engine();
