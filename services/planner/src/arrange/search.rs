@@ -150,14 +150,9 @@ impl<'a> Search<'a> {
         if sure.is_some() || is_through || self.places.ended() == Some(PlacesEnd::Time) {
             return Ok(sure);
         }
-        if self.places.request().fresh_views {
-            // What the view leaves open the next one may show.
-            let settles_some = !self.best.moves.is_empty();
-            let some = || settles_some.then(|| self.best.clone());
-            self.uncovering = self.uncovering.take().or_else(some);
-            if self.uncovering.is_some() {
-                return Ok(None);
-            }
+        // What the view leaves open the next one will show.
+        if self.places.request().fresh_views && self.uncovering.is_some() {
+            return Ok(None);
         }
         self.sure_only = false;
         self.places.allow(1.0);
