@@ -72,8 +72,8 @@ pub struct ArrangeRequest {
     /// Time after which the search ends, milliseconds. Results then depend on the machine.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_ms: Option<u64>,
-    /// Whether only the first move is made before the rest is planned anew on a fresh view. Then an answer of sure moves that settle some goals, or
-    /// uncover a top for others, is preferred to a complete one that takes its chances on what the view does not show.
+    /// Whether only the first move is made before the rest is planned anew on a fresh view. Then sure moves that uncover a top are preferred to a
+    /// complete answer that takes its chances on what the view does not show. Workers of earlier releases refuse the field.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub fresh_views: bool,
 }
