@@ -72,6 +72,10 @@ pub struct ArrangeRequest {
     /// Time after which the search ends, milliseconds. Results then depend on the machine.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_ms: Option<u64>,
+    /// Whether only the first move is made before the rest is planned anew on a fresh view. Then sure moves that uncover a top are preferred to a
+    /// complete answer that takes its chances on what the view does not show. Workers of earlier releases refuse the field.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub fresh_views: bool,
 }
 
 impl ArrangeRequest {
@@ -89,6 +93,7 @@ impl ArrangeRequest {
             alternatives: three(),
             max_searches: sixty(),
             time_ms: None,
+            fresh_views: false,
         }
     }
 }
@@ -168,7 +173,8 @@ pub struct Conflict {
 /// The answer to an [`ArrangeRequest`]: identical bytes for the same request, weights and kernel, unless time ended it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ArrangeResult {
-    /// How the search ended. `partial`: the budget ended it, and the moves, if any, satisfy some of the goals only.
+    /// How the search ended. `partial`: the budget ended it, or it needs a view of what the moves uncover, and the moves, if any, satisfy some of the
+    /// goals only.
     pub outcome: Outcome,
     /// The moves, in order. None are needed where all goals hold as things stand.
     pub moves: Vec<ArrangeMove>,
@@ -176,6 +182,10 @@ pub struct ArrangeResult {
     pub satisfied: Vec<u16>,
     /// Objects whose goals the moves do not reach.
     pub open: Vec<u16>,
+    /// Objects on top of which open goals are, and whose tops the view hides under what stands there: the moves uncover them, and the rest is to be
+    /// planned on a view after them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub needs_view: Vec<u16>,
     /// The probability that all moves succeed: the product of what each says of its success. Null where nobody evaluated one of them.
     pub probability: Option<f64>,
     /// Why there is no arrangement, where there is none.

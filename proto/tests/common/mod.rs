@@ -118,6 +118,7 @@ pub fn arrange_result() -> ArrangeResult {
         }],
         satisfied: vec![4],
         open: vec![1],
+        needs_view: Vec::new(),
         probability: Some(0.75),
         conflict: Some(Conflict { goals: goals.clone(), proof: Proof::NotFound, smallest: true }),
         searches: 3,

@@ -20,6 +20,9 @@ pub struct ArrangementShown {
     pub stage: GoalStage,
     /// The probability that all of them succeed.
     pub probability: Option<f64>,
+    /// Objects whose tops they uncover, where the rest can only be planned on a view after them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub needs_view: Vec<u16>,
     /// The smallest set of goals that is known to have no arrangement.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub conflict: Option<Conflict>,
@@ -73,6 +76,7 @@ impl ArrangementShown {
             to_come: Vec::new(),
             stage: GoalStage::Waiting,
             probability: None,
+            needs_view: Vec::new(),
             conflict: None,
             ending: false,
             ended: false,
@@ -86,7 +90,7 @@ impl ArrangementShown {
     pub fn planned(&mut self, planned: PlannedMoves) {
         let shown = |m: NamedMove| MoveShown { object: m.object, purpose: m.purpose, goal: m.goal, said: Vec::new() };
         self.to_come = planned.moves.into_iter().map(shown).collect();
-        (self.probability, self.conflict) = (planned.probability, planned.conflict);
+        (self.probability, self.needs_view, self.conflict) = (planned.probability, planned.needs_view, planned.conflict);
     }
 
     /// The first of the moves to come was tried.
@@ -112,6 +116,7 @@ impl ArrangementShown {
         self.error = told.error;
         self.conflict = told.conflict;
         self.to_come.clear();
+        self.needs_view.clear();
         self.ended = true;
     }
 
@@ -135,7 +140,7 @@ mod tests {
 
     fn planned(objects: &[u16]) -> PlannedMoves {
         let to_goal = |object: &u16| NamedMove { object: Some(*object), purpose: Purpose::Goal, goal: Vec::new() };
-        PlannedMoves { moves: objects.iter().map(to_goal).collect(), probability: Some(0.7), conflict: None }
+        PlannedMoves { moves: objects.iter().map(to_goal).collect(), probability: Some(0.7), needs_view: Vec::new(), conflict: None }
     }
 
     #[test]

@@ -249,6 +249,7 @@ impl Handler for Contradicted {
             moves: Vec::new(),
             satisfied: Vec::new(),
             open: Vec::new(),
+            needs_view: Vec::new(),
             probability: None,
             conflict: is_none.then_some(conflict),
             searches: 0,

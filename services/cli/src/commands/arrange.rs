@@ -123,11 +123,14 @@ impl ArrangeArgs {
 /// A result for people.
 fn describe(result: &ArrangeResult) -> String {
     let mut lines: Vec<String> = Vec::new();
+    let is_view_needed = !result.needs_view.is_empty();
     lines.push(match (result.outcome, result.moves.len()) {
         (Found::Found, 0) => "all goals hold as things stand".to_owned(),
         (Found::Found, 1) => format!("1 move, {} placements searched", result.searches),
         (Found::Found, n) => format!("{n} moves, {} placements searched", result.searches),
         (Found::None, _) => format!("no arrangement among {} placements searched", result.searches),
+        (Found::Partial, 1) if is_view_needed => format!("1 move before another view, {} placements searched", result.searches),
+        (Found::Partial, n) if is_view_needed => format!("{n} moves before another view, {} placements searched", result.searches),
         (Found::Partial, n) => format!("the search was cut short after {} placements; its best so far has {n} moves", result.searches),
     });
     lines.extend(result.moves.iter().enumerate().map(|(k, step)| line(k, step)));
@@ -137,6 +140,10 @@ fn describe(result: &ArrangeResult) -> String {
     }
     if !result.open.is_empty() && result.outcome == Found::Partial {
         lines.push(format!("still open: {}", ids(&result.open)));
+    }
+    if is_view_needed {
+        let why = "covered in this view; plan the rest on a view after these moves, as --execute does";
+        lines.push(format!("the top of {} is {why}", ids(&result.needs_view)));
     }
     lines.extend(result.conflict.as_ref().map(conflict));
     lines.join("\n")

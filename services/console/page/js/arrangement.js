@@ -96,9 +96,9 @@ export class Arrangement {
       this.#fault && faultBox(this.#fault));
   }
 
-  #found({ outcome, moves, satisfied, open, probability, conflict }) {
+  #found({ outcome, moves, satisfied, open, needs_view: needsView = [], probability, conflict }) {
     const count = `${moves.length} move${moves.length === 1 ? "" : "s"}`;
-    const heading = outcome === "none" ? "There is no such arrangement." : outcome === "partial" ? `The search was cut short; its best so far has ${count}.`
+    const heading = outcome === "none" ? "There is no such arrangement." : needsView.length ? `After ${count} another view is needed.` : outcome === "partial" ? `The search was cut short; its best so far has ${count}.`
       : moves.length ? `After ${count} all goals hold.` : "All goals hold as things stand.";
     return [
       el("p", { id: "arranged", textContent: heading }),
@@ -106,9 +106,10 @@ export class Arrangement {
       typeof probability === "number" && el("p", { className: "small", id: "arranged-probability", textContent: `Probability that all moves succeed: ${percent(probability)}` }),
       satisfied.length > 0 && outcome !== "none" && el("p", { className: "small muted", textContent: `Their goals hold already: ${satisfied.join(", ")}` }),
       open.length > 0 && outcome === "partial" && el("p", { className: "small fails", textContent: `Still open: ${open.join(", ")}` }),
+      needsView.length > 0 && el("p", { className: "small muted", id: "arranged-covered", textContent: `Covered in this view: the top of ${needsView.join(", ")}. Carried out together, the rest is planned when it is seen.` }),
       conflict && el("p", { className: "relax", id: "arranged-conflict", textContent: conflictWords(conflict) }),
       el("div", { className: "row", style: "margin-top: 8px" },
-        outcome === "found" && moves.length > 0 && el("button", { type: "button", className: "primary", id: "run-arrangement", textContent: "Carry out together", disabled: !this.#mayRun || this.isUnderWay,
+        (outcome === "found" || needsView.length > 0) && moves.length > 0 && el("button", { type: "button", className: "primary", id: "run-arrangement", textContent: "Carry out together", disabled: !this.#mayRun || this.isUnderWay,
           title: "Move by move, each planned anew on a fresh view", onclick: () => this.#run() }),
         el("button", { type: "button", className: "quiet small", textContent: "Clear", onclick: () => this.clear() })),
     ];

@@ -10,6 +10,7 @@ use repose_proto::place::Variant;
 use serde::Serialize;
 
 use crate::scenes::arrangement::carried_out::PlanFault;
+use crate::scenes::arrangement::looking::LookingRecord;
 use crate::scenes::arrangement::task::{ArrangementTask, Shapes, TaskKind};
 use crate::scenes::arrangement::trial::{ArrangementTrialSettings, TaskRecord, try_task};
 use crate::scenes::one_scene::forecasts_of;
@@ -33,6 +34,8 @@ pub struct ArrangeTableSettings {
     pub shapes: Vec<Shapes>,
     /// Which method finds each placement.
     pub variant: Variant,
+    /// Whether a look after every move is tried, too.
+    pub looks: bool,
     /// Whether the bars are tried, too.
     pub bars: bool,
     /// Threads; the table does not depend on it, but for times.
@@ -61,7 +64,8 @@ pub fn evaluate_arrange<E: From<CallError>>(
                 let (size, slot) = batch[k];
                 let Some(task) = ArrangementTask::of_slot(settings.split, size, slot) else { return Ok(Vec::new()) };
                 let of_shapes = |shapes: &Shapes| {
-                    let settings = ArrangementTrialSettings { shapes: *shapes, variant: settings.variant, bars: settings.bars };
+                    let ArrangeTableSettings { variant, looks, bars, .. } = *settings;
+                    let settings = ArrangementTrialSettings { shapes: *shapes, variant, looks, bars };
                     try_task(&task, slot, &settings, engine, &forecasts)
                 };
                 settings.shapes.iter().map(of_shapes).collect::<Result<Vec<_>, CallError>>()
@@ -93,11 +97,30 @@ pub struct ArrangeRow {
     pub p50_processor_ms: Option<f64>,
     /// Median number of placements searched for.
     pub searches: f64,
+    /// The same with a look after every move; none where that was not tried.
+    pub looking: Option<LookingFigures>,
     /// The first bar: the goals one after another in the given order.
     pub in_order: Rate,
     /// The second bar: the same in a few random orders.
     pub random_order: Rate,
     /// What was wrong with the plans that failed.
+    pub faults: BTreeMap<PlanFault, usize>,
+}
+
+/// The figures of tasks that were carried out with a look after every move.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LookingFigures {
+    /// All goals held at the end, and every object stayed where it was put.
+    pub solved: Rate,
+    /// Moves made in the tasks that were solved, of the fewest known.
+    pub moves_of_fewest: Option<f64>,
+    /// Median time of the first plan, milliseconds.
+    pub p50_ms: f64,
+    /// Median time of each task's slowest plan, milliseconds.
+    pub p50_longest_ms: f64,
+    /// Median number of plans.
+    pub plans: f64,
+    /// What went wrong in those that were not.
     pub faults: BTreeMap<PlanFault, usize>,
 }
 
@@ -113,28 +136,52 @@ pub fn arrange_rows(records: &[TaskRecord]) -> Vec<ArrangeRow> {
 }
 
 fn row(kind: Option<TaskKind>, goals: usize, shapes: Shapes, records: &[&TaskRecord]) -> ArrangeRow {
-    let solved: Vec<&&TaskRecord> = records.iter().filter(|r| r.solved()).collect();
-    let fewest: usize = solved.iter().map(|r| r.known_moves.min(r.moves)).sum();
-    let moves: usize = solved.iter().map(|r| r.moves).sum();
-    let median = |of: &dyn Fn(&TaskRecord) -> f64| Sorted::new(records.iter().map(|r| of(r)).collect()).at(0.5).unwrap_or(0.0);
+    let solved = records.iter().filter(|r| r.solved()).map(|r| (r.known_moves, r.moves));
+    let median = |of: &dyn Fn(&TaskRecord) -> f64| middle(records.iter().map(|r| of(r)));
     let bars = || records.iter().filter_map(|r| r.bars.as_ref());
-    let mut faults = BTreeMap::new();
-    for fault in records.iter().filter_map(|r| r.fault) {
-        *faults.entry(fault).or_default() += 1;
-    }
     ArrangeRow {
         kind,
         goals,
         shapes,
         solved: records.iter().map(|r| r.solved()).collect(),
-        moves_of_fewest: (fewest > 0).then(|| moves as f64 / fewest as f64),
+        moves_of_fewest: moves_of_fewest(solved),
         p50_ms: median(&|r| r.plan_ms),
         p50_processor_ms: Sorted::new(records.iter().filter_map(|r| r.processor_ms).collect()).at(0.5),
         searches: median(&|r| f64::from(r.searches)),
+        looking: looking(records),
         in_order: bars().map(|b| b.in_order.is_none()).collect(),
         random_order: bars().map(|b| b.random_order.is_none()).collect(),
-        faults,
+        faults: counted(records.iter().filter_map(|r| r.fault)),
     }
+}
+
+fn looking(records: &[&TaskRecord]) -> Option<LookingFigures> {
+    let tried: Vec<(usize, &LookingRecord)> = records.iter().filter_map(|r| Some((r.known_moves, r.looking.as_ref()?))).collect();
+    let solved = tried.iter().filter(|(_, l)| l.solved()).map(|(known, l)| (*known, l.moves));
+    (!tried.is_empty()).then(|| LookingFigures {
+        solved: tried.iter().map(|(_, l)| l.solved()).collect(),
+        moves_of_fewest: moves_of_fewest(solved),
+        p50_ms: middle(tried.iter().map(|(_, l)| l.first_plan_ms)),
+        p50_longest_ms: middle(tried.iter().map(|(_, l)| l.longest_plan_ms)),
+        plans: middle(tried.iter().map(|(_, l)| l.plans as f64)),
+        faults: counted(tried.iter().filter_map(|(_, l)| l.fault)),
+    })
+}
+
+/// Moves made of the fewest known, of tasks with their known moves and those that were made: a shorter way is the fewest known.
+fn moves_of_fewest(solved: impl Iterator<Item = (usize, usize)>) -> Option<f64> {
+    let (fewest, moves) = solved.fold((0, 0), |(fewest, moves), (known, made)| (fewest + known.min(made), moves + made));
+    (fewest > 0).then(|| moves as f64 / fewest as f64)
+}
+
+fn middle(of: impl Iterator<Item = f64>) -> f64 {
+    Sorted::new(of.collect()).at(0.5).unwrap_or(0.0)
+}
+
+fn counted(faults: impl Iterator<Item = PlanFault>) -> BTreeMap<PlanFault, usize> {
+    let mut counts = BTreeMap::new();
+    faults.for_each(|fault| *counts.entry(fault).or_default() += 1);
+    counts
 }
 
 #[cfg(test)]
@@ -160,6 +207,7 @@ mod tests {
             searches: 4,
             plan_ms: 100.0,
             processor_ms: None,
+            looking: None,
             bars: Some(Bars { in_order: Some(PlanFault::Goal), random_order: None }),
         }
     }

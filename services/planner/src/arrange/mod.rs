@@ -13,6 +13,7 @@ mod places;
 mod search;
 mod surroundings;
 mod tables;
+mod uncover;
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -58,6 +59,7 @@ pub fn arrange(
         moves: Vec::new(),
         satisfied,
         open: Vec::new(),
+        needs_view: Vec::new(),
         probability: None,
         conflict: None,
         searches: 0,
@@ -75,11 +77,12 @@ pub fn arrange(
     }
     let mut search = Search::new(&goals, request, viewer, models, control);
     let found = search.arranged(prepared, unmet.clone())?;
-    match (found, search.asked().ended()) {
+    let ended = search.asked().ended().map(|_| search.best_so_far());
+    match (found, search.before_a_view().or(ended).cloned()) {
         (Some(moves), _) => result.moves = moves,
-        (None, Some(_)) => {
+        (None, Some(part)) => {
             result.outcome = Outcome::Partial;
-            (result.moves, result.open) = search.best_so_far();
+            (result.moves, result.open, result.needs_view) = (part.moves, part.open, part.needs_view);
         }
         (None, None) => {
             result.outcome = Outcome::None;
@@ -122,7 +125,8 @@ fn conflict(scene: &Arc<PreparedScene>, request: &ArrangeRequest, search: &mut S
                 smallest = false;
                 break;
             }
-            None if found.is_none() => kept = without,
+            // Without a view nobody knows.
+            None if found.is_none() && search.before_a_view().is_none() => kept = without,
             None => next += 1,
         }
     }

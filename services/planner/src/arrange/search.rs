@@ -33,15 +33,15 @@ const ASIDE: usize = 2;
 
 /// The table between two moves.
 #[derive(Debug, Clone)]
-struct State {
-    scene: Arc<PreparedScene>,
+pub(super) struct State {
+    pub(super) scene: Arc<PreparedScene>,
     /// Objects that do not stand where they will.
-    unsettled: BTreeSet<u16>,
+    pub(super) unsettled: BTreeSet<u16>,
 }
 
 impl State {
     /// The objects but one that do not stand where they will.
-    fn others(&self, object: u16) -> BTreeSet<u16> {
+    pub(super) fn others(&self, object: u16) -> BTreeSet<u16> {
         self.unsettled.iter().copied().filter(|other| *other != object).collect()
     }
 }
@@ -61,18 +61,31 @@ enum Settling {
 
 /// A search and what it has found out.
 pub struct Search<'a> {
-    goals: Goals,
-    places: Places<'a>,
+    pub(super) goals: Goals,
+    pub(super) places: Places<'a>,
     tables: Tables,
     /// Whether only sure moves count now, and whether others were left out for that.
     sure_only: bool,
     left_out: bool,
     /// How often an object found no room on the way straight down.
     crowded: BTreeMap<u16, u32>,
-    path: Vec<ArrangeMove>,
+    pub(super) path: Vec<ArrangeMove>,
     /// Moves on a path, those that are still needed at least among them.
     most_moves: usize,
-    best: Option<(Vec<ArrangeMove>, Vec<u16>)>,
+    best: Part,
+    /// Moves after which a view is needed, if any were found.
+    pub(super) uncovering: Option<Part>,
+}
+
+/// Moves that settle some of the objects.
+#[derive(Debug, Clone, Default)]
+pub struct Part {
+    /// The moves.
+    pub moves: Vec<ArrangeMove>,
+    /// The objects that they leave unsettled.
+    pub open: Vec<u16>,
+    /// The objects whose tops they uncover for those.
+    pub needs_view: Vec<u16>,
 }
 
 impl<'a> Search<'a> {
@@ -93,7 +106,8 @@ impl<'a> Search<'a> {
             crowded: BTreeMap::new(),
             path: Vec::new(),
             most_moves: 0,
-            best: None,
+            best: Part::default(),
+            uncovering: None,
         }
     }
 
@@ -102,9 +116,14 @@ impl<'a> Search<'a> {
         &self.places
     }
 
-    /// The moves that left the fewest objects unsettled, and those objects.
-    pub fn best_so_far(&self) -> (Vec<ArrangeMove>, Vec<u16>) {
-        self.best.clone().unwrap_or_default()
+    /// The moves that left the fewest objects unsettled.
+    pub fn best_so_far(&self) -> &Part {
+        &self.best
+    }
+
+    /// The moves after which a view is needed, where [`Search::arranged`] found no others: there is no use in more searches before it.
+    pub fn before_a_view(&self) -> Option<&Part> {
+        self.uncovering.as_ref()
     }
 
     /// Does something with other goals in place of these. What is known of placements stays.
@@ -121,7 +140,8 @@ impl<'a> Search<'a> {
     /// # Errors
     /// What the models answer, and `cancelled`.
     pub fn arranged(&mut self, scene: &Arc<PreparedScene>, unsettled: BTreeSet<u16>) -> Result<Option<Vec<ArrangeMove>>, CallError> {
-        self.best = Some((Vec::new(), unsettled.iter().copied().collect()));
+        self.best = Part { open: unsettled.iter().copied().collect(), ..Part::default() };
+        self.uncovering = None;
         let state = State { scene: scene.clone(), unsettled };
         (self.sure_only, self.left_out) = (true, false);
         self.places.allow(SURE_SHARE);
@@ -129,6 +149,10 @@ impl<'a> Search<'a> {
         let is_through = self.places.ended().is_none() && !self.left_out;
         if sure.is_some() || is_through || self.places.ended() == Some(PlacesEnd::Time) {
             return Ok(sure);
+        }
+        // What the view leaves open the next one will show.
+        if self.places.request().fresh_views && self.uncovering.is_some() {
+            return Ok(None);
         }
         self.sure_only = false;
         self.places.allow(1.0);
@@ -138,8 +162,12 @@ impl<'a> Search<'a> {
     /// The moves after which all goals hold, with the fewest moves, but that a way straight down goes first.
     fn found(&mut self, state: &State) -> Result<Option<Vec<ArrangeMove>>, CallError> {
         self.crowded.clear();
-        if self.straight(state)? {
+        if self.straight(state)? || self.uncovered(state)? {
             return Ok(Some(std::mem::take(&mut self.path)));
+        }
+        // Orders and places aside show nothing of a top that nobody has seen.
+        if self.uncovering.is_some() {
+            return Ok(None);
         }
         let fewest = state.unsettled.len();
         // An object set down aside costs a move, and one that stood where it should and made room another.
@@ -161,7 +189,7 @@ impl<'a> Search<'a> {
         for _ in 0..=start.unsettled.len() {
             self.path.clear();
             let before = self.order(start);
-            let stuck = self.stuck_after_straight(start.clone())?;
+            let stuck = self.left_after_straight(start.clone(), false)?.unsettled;
             if stuck.is_empty() || self.places.ended().is_some() {
                 return Ok(stuck.is_empty());
             }
@@ -175,8 +203,8 @@ impl<'a> Search<'a> {
         Ok(false)
     }
 
-    /// Settles one object after the other, each as well as can be; those that are left over.
-    fn stuck_after_straight(&mut self, mut state: State) -> Result<BTreeSet<u16>, CallError> {
+    /// Settles one object after the other, each as well as can be, and sets aside what covers tops where that is wanted; what is left over.
+    pub(super) fn left_after_straight(&mut self, mut state: State, uncovers: bool) -> Result<State, CallError> {
         loop {
             self.keep_if_best(&state);
             let mut next = None;
@@ -199,9 +227,11 @@ impl<'a> Search<'a> {
                 }
             }
             if next.is_none() && !state.unsettled.is_empty() {
-                next = self.unstacked(&state)?.map(|(step, after)| (Some(step), after));
+                let mut in_the_way = standing_on_unsettled(&state);
+                in_the_way.extend(uncovers.then(|| self.covering(&state)).into_iter().flatten());
+                next = self.cleared(&state, &in_the_way)?.map(|(step, after)| (Some(step), after));
             }
-            let Some((step, after)) = next else { return Ok(state.unsettled) };
+            let Some((step, after)) = next else { return Ok(state) };
             self.path.extend(step);
             state = after;
         }
@@ -246,8 +276,8 @@ impl<'a> Search<'a> {
     }
 
     fn keep_if_best(&mut self, state: &State) {
-        if self.best.as_ref().is_none_or(|(_, unsettled)| state.unsettled.len() < unsettled.len()) {
-            self.best = Some((self.path.clone(), state.unsettled.iter().copied().collect()));
+        if state.unsettled.len() < self.best.open.len() {
+            self.best = Part { moves: self.path.clone(), open: state.unsettled.iter().copied().collect(), needs_view: Vec::new() };
         }
     }
 
@@ -314,22 +344,22 @@ impl<'a> Search<'a> {
     }
 
     /// Who is tried first: whoever others wait for comes before them, then those who found no room before, in the order of the goals.
-    fn order(&self, state: &State) -> Vec<u16> {
+    pub(super) fn order(&self, state: &State) -> Vec<u16> {
         let mut order: Vec<u16> = self.goals.objects().iter().copied().filter(|o| state.unsettled.contains(o)).collect();
         let crowded = |object: &u16| self.crowded.get(object).copied().unwrap_or(0);
         order.sort_by_cached_key(|object| (self.goals.waits_for(*object, &state.unsettled).len(), Reverse(crowded(object))));
         order
     }
 
-    /// Sets aside what stands on something that must move: no order spares that. None where nothing stands there, or no place is found for it.
-    fn unstacked(&mut self, state: &State) -> Result<Option<(ArrangeMove, State)>, CallError> {
+    /// Sets one of these objects aside: no order spares that where they stand on something that must move. None where no place is found for any.
+    fn cleared(&mut self, state: &State, in_the_way: &[u16]) -> Result<Option<(ArrangeMove, State)>, CallError> {
         let aside = self.path.iter().filter(|step| step.purpose == Purpose::Aside).count();
         if aside >= self.places.request().max_parkings as usize {
             return Ok(None);
         }
         let awaited = state.unsettled.iter().flat_map(|object| self.goals.of(*object, &state.others(*object)));
         let anchors: BTreeSet<u16> = awaited.filter(|t| t.holds).map(|t| t.anchor).collect();
-        for object in standing_on_unsettled(state) {
+        for object in in_the_way.iter().copied() {
             let unsettled = self.unsettled_without(state, object);
             for goal in places_aside(&state.scene, object, &unsettled, &anchors) {
                 for placement in self.places(&state.scene, object, &goal, 1)? {

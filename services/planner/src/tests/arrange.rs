@@ -92,6 +92,43 @@ fn objects_that_stand_where_the_other_must_go_change_places() {
 }
 
 #[test]
+fn objects_on_tops_that_the_other_must_go_to_change_places_after_one_is_set_aside() {
+    // Each is as wide as leaves no room for the other beside it.
+    let scene = SceneBuilder::table()
+        .object(1, [-0.2, 0.0], [0.14, 0.14, 0.05])
+        .object(2, [0.2, 0.0], [0.14, 0.14, 0.05])
+        .object_at(3, [-0.2, 0.0], 0.05, [0.1, 0.1, 0.06])
+        .object_at(4, [0.2, 0.0], 0.05, [0.11, 0.11, 0.05])
+        .scene();
+    let result = arranged(&scene, &[(3, &["above:2"]), (4, &["above:1"])]);
+    assert_eq!(result.outcome, Outcome::Found, "{result:?}");
+    assert!(result.moves.len() == 3 && result.moves[0].purpose == Purpose::Aside && result.needs_view.is_empty(), "{result:?}");
+    assert!(result.searches <= 12, "what covers a top is set aside before other orders are tried: {}", result.searches);
+    assert!(hold_at_the_end(&scene, &result));
+}
+
+#[test]
+fn what_hides_a_top_is_set_aside_and_the_rest_is_left_to_a_view() {
+    // Of the top of 2 nothing shows behind the thin board that stands on its front edge.
+    let uncovered = SceneBuilder::table().object(2, [0.2, 0.0], [0.12, 0.12, 0.05]).object(3, [-0.2, 0.0], [0.08, 0.08, 0.06]);
+    let mut covered = uncovered.clone().object_at(4, [0.2, -0.053], 0.05, [0.12, 0.014, 0.16]).scene();
+    covered.meta.surfaces.retain(|s| s.object != Some(2));
+    let wanted: &[(u16, &[&str])] = &[(3, &["above:2"])];
+    let result = arranged(&covered, wanted);
+    let moves: Vec<_> = result.moves.iter().map(|m| (m.object, m.purpose)).collect();
+    assert_eq!((result.outcome, moves.as_slice()), (Outcome::Partial, [(4, Purpose::Aside)].as_slice()), "{result:?}");
+    assert_eq!((result.open.as_slice(), result.needs_view.as_slice()), ([3].as_slice(), [2].as_slice()), "{result:?}");
+    assert!(result.searches <= 8 && result.conflict.is_none(), "{result:?}");
+    assert_eq!(arranged(&covered, wanted), result, "the same bytes");
+    // Where nothing may be set aside there is nothing to wait for.
+    assert_eq!(arranged_with(&covered, wanted, 0).outcome, Outcome::None);
+    let seen = uncovered.object(4, [0.0, -0.2], [0.12, 0.014, 0.16]).scene();
+    let then = arranged(&seen, wanted);
+    assert_eq!((then.outcome, then.moves.len()), (Outcome::Found, 1), "{then:?}");
+    assert!(hold_at_the_end(&seen, &then));
+}
+
+#[test]
 fn a_contradiction_is_proven_and_nothing_is_searched() {
     let scene = SceneBuilder::table().object(1, [0.0, 0.0], SMALL).object(2, [0.25, 0.0], SMALL).object(3, [-0.3, -0.2], SMALL).scene();
     let result = arranged(&scene, &[(1, &["left_of:2"]), (2, &["left_of:3"]), (3, &["left_of:1", "near:1"])]);

@@ -71,8 +71,11 @@ impl ObservedGeometry<'_> {
                 nearby_m.unwrap_or(own_m - stack.hidden_m)
             });
         }
-        // The surface's own height is less noisy than a few cells of it.
-        let same = self.planes.iter().map(|p| p.height_m).find(|h| *h <= limit_m && (h - shown_m).abs() <= settings.same_level_m);
+        // The surface's own height is less noisy than a few cells of it. A top of about that height that is elsewhere tells nothing.
+        let carriers = self.reaching_under(id, &robust.center().xy());
+        let under = self.planes.iter().filter(|p| carriers.contains(&p.object)).map(|p| p.height_m);
+        let level = under.filter(|h| *h <= limit_m && (h - shown_m).abs() <= settings.same_level_m);
+        let same = level.min_by(|a, b| (a - shown_m).abs().total_cmp(&(b - shown_m).abs()));
         // Where the level is above its own lowest points it reaches into a hollow: set down by the level, it would be pressed in.
         Some(same.unwrap_or(shown_m).min(lowest_m + settings.stack.below_m))
     }
@@ -115,17 +118,20 @@ impl ObservedGeometry<'_> {
 
     /// The highest level up to a limit that something else shows in and around an object's place seen from above; −∞ where nothing does.
     fn shown_level_m(&self, id: u16, middle: &Point2<f32>, limit_m: f32) -> f32 {
-        // Of other objects only those that reach under this one: what stands beside it carries nothing.
-        let reaches_under = |other: u16| match other {
-            0 => true,
-            _ => self.clouds.get(&other).and_then(Footprint::of).is_some_and(|outline| outline.margin(middle) >= -0.005),
-        };
-        let carriers: BTreeSet<u16> =
-            self.clouds.keys().copied().chain([0]).filter(|other| *other != id && reaches_under(*other)).collect();
+        let carriers = self.reaching_under(id, middle);
         let planes =
             self.planes.iter().filter(|p| carriers.contains(&p.object) && p.height_m <= limit_m && p.outline.margin(middle) >= 0.0);
         let outlined_m = planes.map(|p| p.height_m).fold(f32::NEG_INFINITY, f32::max);
         outlined_m.max(self.shared_top_m(id, &carriers, limit_m))
+    }
+
+    /// What may carry an object: furniture, and of other objects those that reach under its middle. What stands beside it carries nothing.
+    fn reaching_under(&self, id: u16, middle: &Point2<f32>) -> BTreeSet<u16> {
+        let reaches_under = |other: u16| match other {
+            0 => true,
+            _ => self.clouds.get(&other).and_then(Footprint::of).is_some_and(|outline| outline.margin(middle) >= -0.005),
+        };
+        self.clouds.keys().copied().chain([0]).filter(|other| *other != id && reaches_under(*other)).collect()
     }
 
     /// The highest level that enough cells of the carriers' tops share, in an object's outline and the strip around it.
@@ -346,6 +352,19 @@ mod tests {
         }
         let bottom_m = bottom_m(&believed(&scene), 2);
         assert!(bottom_m <= 0.004, "{bottom_m}");
+    }
+
+    #[test]
+    fn a_top_of_about_the_same_height_elsewhere_does_not_raise_a_foot() {
+        // A box on a box of 28 mm; the top of another box, far from both, is 8 mm higher, and perception found a surface there and not under the box.
+        let mut scene = SceneBuilder::table()
+            .object(1, [0.0, 0.0], [0.12, 0.12, 0.028])
+            .object_at(2, [0.0, 0.0], 0.028, [0.06, 0.06, 0.1])
+            .object(3, [0.3, -0.1], [0.1, 0.08, 0.036])
+            .scene();
+        scene.meta.surfaces.retain(|s| s.object != Some(1) && s.object != Some(2));
+        let bottom_m = bottom_m(&believed(&scene), 2);
+        assert!((bottom_m - 0.028).abs() < 0.004, "{bottom_m}");
     }
 
     #[test]

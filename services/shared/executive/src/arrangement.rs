@@ -2,9 +2,11 @@
 //!
 //! Only the first move of a plan is carried out: what it has truly left is seen, and the rest is planned anew from there. So what slipped,
 //! fell or was pushed by somebody is simply where it is now; what cannot be seen is told from what is gone ([`Fate`]). A goal that was seen to
-//! hold counts as held while what it is about is hidden by what came before it, untouched. Objects are named as in the first view. Nothing moves
-//! where an object that must move offers the hand no grasp. Every object is tried a bounded number of times, and the moves together are bounded
-//! too; after a stop, whoever latched it, and after a cancel nothing is tried again: a person decides.
+//! hold counts as held while what it is about is hidden by what came before it, untouched; and where the newest view gives no moves, the complete
+//! plan before it goes on, if what its next move is about stands where it stood. A plan may end where a view is needed: its first move is
+//! made as any other, and the view follows. Objects are named as in the first view. Nothing moves where an object that must move offers the hand no
+//! grasp. Every object is tried a bounded number of times and set aside a bounded number of times, and the moves together are bounded too; after a
+//! stop, whoever latched it, and after a cancel nothing is tried again: a person decides.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -23,6 +25,9 @@ use crate::tried::Tried;
 
 /// Fresh views in which something that is not seen is looked for before it counts as lost.
 const LOOKS: usize = 3;
+/// Times that an object is set aside: once to uncover a top or to make room, and once more where things went otherwise. More often, and the moves
+/// undo each other.
+const ASIDE: usize = 2;
 
 /// A move of an arrangement that was tried, and its result.
 #[derive(Debug, Clone, Serialize)]
@@ -113,6 +118,8 @@ pub struct PlannedMoves {
     pub moves: Vec<NamedMove>,
     /// The probability that all of them succeed.
     pub probability: Option<f64>,
+    /// Objects whose tops these moves uncover, where the rest can only be planned on a view after them, in the first view's ids.
+    pub needs_view: Vec<u16>,
     /// The smallest set of goals that is known to have no arrangement, in the first view's ids.
     pub conflict: Option<Conflict>,
 }
@@ -149,7 +156,9 @@ pub async fn bring_about<S: Site>(
         request.robot = site.reaching().await;
     }
     let memory = GoalMemory::of(&request.goals);
-    let mut run = Run { site, told, request, attempts, view, followed, memory, steps: Vec::new(), failed: BTreeMap::new(), conflict: None };
+    request.fresh_views = true;
+    let (steps, failed, aside, earlier) = (Vec::new(), BTreeMap::new(), BTreeMap::new(), Vec::new());
+    let mut run = Run { site, told, request, attempts, view, followed, memory, steps, failed, aside, earlier, conflict: None };
     let (ended, why, error) = match run.until_the_end().await {
         // Nothing was tried.
         Err(error) if run.steps.is_empty() => return Err(error),
@@ -188,6 +197,10 @@ struct Run<S, T> {
     steps: Vec<TriedMove>,
     /// How often an object, by its id in the first view, was tried in vain.
     failed: BTreeMap<u16, usize>,
+    /// How often an object was set aside.
+    aside: BTreeMap<u16, usize>,
+    /// What the last complete plan has left to do, in the ids of the first view.
+    earlier: Vec<ArrangeMove>,
     conflict: Option<Conflict>,
 }
 
@@ -205,14 +218,16 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
                 return Ok((ArrangementEnd::Achieved, None));
             }
             let result = self.planned(goals).await?;
-            let named = self.named(&result);
+            let next = self.next_move(&result);
+            let named = self.to_come(&result, next.as_ref());
             self.conflict.clone_from(&named.conflict);
             (self.told)(News::Planned(named));
-            let Some(step) = result.moves.first() else {
-                if result.outcome == Found::Found {
-                    return Ok((ArrangementEnd::Achieved, None));
-                }
-                let why = if result.outcome == Found::Partial { "the search was cut short before a move" } else { "no moves were found" };
+            let Some(step) = next else {
+                let why = match result.outcome {
+                    Found::Found => return Ok((ArrangementEnd::Achieved, None)),
+                    Found::Partial => "the search was cut short before a move",
+                    Found::None => "no moves were found",
+                };
                 return Ok((ArrangementEnd::NoArrangement, Some(why.to_owned())));
             };
             if !self.site.goes_on() {
@@ -227,11 +242,17 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
                 return Ok((ArrangementEnd::GaveUp, Some(format!("{most_moves} moves were tried"))));
             }
             let object = self.followed.known().named(step.object);
-            let carried_out = self.carry_out(object, step, result.moves.len() - 1).await;
+            if let Some(object) = object.filter(|object| step.purpose == Purpose::Aside && self.aside.get(object) == Some(&ASIDE)) {
+                return Ok((ArrangementEnd::GaveUp, Some(format!("object {object} was set aside {ASIDE} times"))));
+            }
+            let carried_out = self.carry_out(object, &step, self.earlier.len()).await;
             if let Some(tried) = self.steps.last() {
                 (self.told)(News::Tried(tried));
             }
             let achieved = carried_out?;
+            if let Some(object) = object.filter(|_| achieved && step.purpose == Purpose::Aside) {
+                *self.aside.entry(object).or_default() += 1;
+            }
             let tried = object.map(|object| self.failed.entry(object).or_default());
             if let Some(tried) = tried.filter(|_| !achieved) {
                 *tried += 1;
@@ -312,8 +333,42 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
         PlannedMoves {
             moves: result.moves.iter().map(named).collect(),
             probability: result.probability,
+            needs_view: result.needs_view.iter().filter_map(|top| known.named(*top)).collect(),
             conflict: result.conflict.as_ref().map(conflict),
         }
+    }
+
+    /// The move to make now: a plan's first, or where it has none and goals are open, the next one of the complete plan before it.
+    fn next_move(&mut self, result: &ArrangeResult) -> Option<ArrangeMove> {
+        let Some(first) = result.moves.first() else {
+            return if result.outcome == Found::Found { None } else { self.of_earlier_plan() };
+        };
+        let known = self.followed.known();
+        let named = |m: &ArrangeMove| renamed(m, |id| known.named(id));
+        let is_complete = result.outcome == Found::Found;
+        self.earlier = result.moves.iter().skip(1).filter(|_| is_complete).map_while(named).collect();
+        Some(first.clone())
+    }
+
+    /// What is told of the moves to come: the plan's, or where an earlier one goes on, that one's.
+    fn to_come(&self, result: &ArrangeResult, next: Option<&ArrangeMove>) -> PlannedMoves {
+        let named = self.named(result);
+        let Some(next) = next.filter(|_| result.moves.is_empty()) else { return named };
+        let now = renamed(next, |id| self.followed.known().named(id));
+        let moves = now.iter().chain(&self.earlier);
+        let shown = |m: &ArrangeMove| NamedMove { object: Some(m.object), purpose: m.purpose, goal: m.goal.clone() };
+        PlannedMoves { moves: moves.map(shown).collect(), probability: None, conflict: None, ..named }
+    }
+
+    /// The next move of an earlier plan, in the ids of the newest view: what was set down since may hide what that plan went by. None where
+    /// anything that the move is about is not seen, or does not stand where it should.
+    fn of_earlier_plan(&mut self) -> Option<ArrangeMove> {
+        let (step, rest) = self.earlier.split_first()?;
+        let disturbed = self.followed.disturbed();
+        let is_there = |id: u16| self.followed.known().now(id).filter(|_| !disturbed.contains_key(&id));
+        let now = renamed(step, is_there)?;
+        self.earlier = rest.to_vec();
+        Some(now)
     }
 
     /// Has a move carried out, and looks: whether the object stands where it was to go. An error ends it all.
@@ -397,6 +452,12 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
         };
         self.request.goals.iter().map(|goal| (goal.object, of(goal))).collect()
     }
+}
+
+/// A move with other ids; none where one has no other.
+fn renamed(step: &ArrangeMove, id: impl Fn(u16) -> Option<u16>) -> Option<ArrangeMove> {
+    let goal = step.goal.iter().map(|term| Some(GoalTerm { anchor: id(term.anchor)?, ..*term })).collect::<Option<_>>()?;
+    Some(ArrangeMove { object: id(step.object)?, goal, ..step.clone() })
 }
 
 /// The field at fault as the request names it.

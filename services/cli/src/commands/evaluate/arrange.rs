@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use repose_evaluation::report::arrange::{document, text_of};
 use repose_evaluation::report::written::{FileError, can_write, write_report};
+use repose_evaluation::scenes::arrangement::carried_out::PlanFault;
 use repose_evaluation::scenes::arrangement::task::{Shapes, TaskKind};
 use repose_evaluation::scenes::arrangement::trial::TaskRecord;
 use repose_evaluation::tables::arrange::{ArrangeTableSettings, arrange_rows, evaluate_arrange};
@@ -38,6 +39,9 @@ pub struct EvaluateArrangeArgs {
     /// The method that finds each placement.
     #[arg(long, default_value = "best", value_parser = parse_variant)]
     pub variant: Variant,
+    /// Judge only plans made once on the first view, not what comes of it with a look and a new plan after every move.
+    #[arg(long)]
+    pub without_looks: bool,
     /// Skip the two baselines, which place the goals one after another and take most of the time.
     #[arg(long)]
     pub without_bars: bool,
@@ -69,6 +73,7 @@ pub fn run(args: &EvaluateArrangeArgs, output: Output) -> CommandResult {
         goals,
         shapes,
         variant: args.variant,
+        looks: !args.without_looks,
         bars: !args.without_bars,
         threads: args.common.threads(),
     };
@@ -80,8 +85,10 @@ pub fn run(args: &EvaluateArrangeArgs, output: Output) -> CommandResult {
     let mut records: Vec<TaskRecord> = Vec::new();
     evaluate_arrange(&settings, &engine, |record: TaskRecord| {
         bar.add(1);
-        let fault = record.fault.map_or("solved", |fault| fault.name());
-        tracing::info!(kind = record.kind.name(), goals = record.goals, slot = record.slot, ms = record.plan_ms.round(), "{fault}");
+        let end = |fault: Option<PlanFault>| fault.map_or("solved", |fault| fault.name());
+        let looking = record.looking.as_ref().map(|looking| end(looking.fault));
+        let TaskRecord { kind, goals, slot, fault, .. } = &record;
+        tracing::info!(kind = kind.name(), goals, slot, ms = record.plan_ms.round(), looking, "{}", end(*fault));
         if let Some(path) = &lines {
             let line = serde_json::to_string(&record).map_err(Failure::other)?;
             let mut file = std::fs::File::options().append(true).create(true).open(path).map_err(|e| FileError::new(path, e))?;

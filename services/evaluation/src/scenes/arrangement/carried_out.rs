@@ -26,6 +26,10 @@ pub enum PlanFault {
     Slid,
     /// All stayed, but a goal does not hold.
     Goal,
+    /// As many moves as may be made were, and not all goals were seen to hold.
+    GaveUp,
+    /// Something that a goal is about was not seen any more.
+    Lost,
 }
 
 impl PlanFault {
@@ -39,6 +43,8 @@ impl PlanFault {
             Self::MovedOthers => "moved_others",
             Self::Slid => "slid",
             Self::Goal => "goal",
+            Self::GaveUp => "gave_up",
+            Self::Lost => "lost",
         }
     }
 }
@@ -64,26 +70,33 @@ impl CarriedOut {
 
 /// Carries moves out in the true world, up to the first fault.
 pub(super) fn carried_out(task: &ArrangementTask, moves: &[Move]) -> CarriedOut {
-    let settings = ReleaseSettings { ends_at_rest: true, ..ReleaseSettings::default() };
     let mut table = task.truth.clone();
-    for (k, (object, placed_from_observed)) in moves.iter().enumerate() {
-        let put = |index: usize| {
-            let placed = placed_from_observed * table.objects[index].world_from_object;
-            released(&table, index, &placed, &settings)
-        };
-        let Some(came) = task.index_of(*object).and_then(put) else { return CarriedOut::failed(PlanFault::NoPlan, task) };
-        let faults = [
-            (PlanFault::Pressed, came.penetration_m > PENETRATION_M),
-            (PlanFault::Tipped, came.tilt_rad > TILT_RAD),
-            (PlanFault::MovedOthers, came.others_moved_m > OTHERS_MOVED_M),
-            (PlanFault::Slid, came.moved_m > STABLE_M),
-        ];
-        if let Some((fault, _)) = faults.into_iter().find(|(_, is)| *is) {
+    for (k, step) in moves.iter().enumerate() {
+        let Some(came) = released_at(task, &table, step) else { return CarriedOut::failed(PlanFault::NoPlan, task) };
+        if let Some(fault) = fault_of(&came) {
             return CarriedOut { fault: Some(fault), came: Some((k, came)), table };
         }
         table = table.with_poses(&came.world_from_objects);
     }
     CarriedOut { fault: (!task.hold(&table)).then_some(PlanFault::Goal), came: None, table }
+}
+
+/// What a move comes to on a true table; none where it does not have the object.
+pub(super) fn released_at(task: &ArrangementTask, table: &SimulatedScene, (object, placed_from_observed): &Move) -> Option<ReleaseOutcome> {
+    let settings = ReleaseSettings { ends_at_rest: true, ..ReleaseSettings::default() };
+    let index = task.index_of(*object)?;
+    released(table, index, &(placed_from_observed * table.objects[index].world_from_object), &settings)
+}
+
+/// What is wrong with a release.
+pub(super) fn fault_of(came: &ReleaseOutcome) -> Option<PlanFault> {
+    let faults = [
+        (PlanFault::Pressed, came.penetration_m > PENETRATION_M),
+        (PlanFault::Tipped, came.tilt_rad > TILT_RAD),
+        (PlanFault::MovedOthers, came.others_moved_m > OTHERS_MOVED_M),
+        (PlanFault::Slid, came.moved_m > STABLE_M),
+    ];
+    faults.into_iter().find(|(_, is)| *is).map(|(fault, _)| fault)
 }
 
 #[cfg(test)]

@@ -48,28 +48,50 @@ pub struct FailedMove {
     pub moved_m: f64,
     /// How far something else moved, metres.
     pub others_moved_m: f64,
-    /// How much higher its foot was believed to be than it is, in the first view, metres.
+    /// How much higher its foot was believed to be than it is, in the view that was planned on, metres.
     pub foot_error_m: Option<f64>,
     /// What carries it where it was put: an object, or 0 for furniture.
     pub carrier: Option<u16>,
-    /// How much higher the top of that was believed to be than it is, in the first view, metres.
+    /// How much higher the top of that was believed to be than it is, in the view that was planned on, metres.
     pub carrier_error_m: Option<f64>,
 }
 
 impl FaultDetails {
-    /// Of a plan that failed.
-    pub(super) fn of(task: &ArrangementTask, prepared: &PreparedScene, result: &ArrangeResult, end: &CarriedOut) -> Self {
-        let step = end.came.as_ref().and_then(|(k, came)| FailedMove::of(task, prepared, result.moves.get(*k)?, (&end.table, came)));
-        let unmet = if end.came.is_none() && result.conflict.is_none() { unmet(task, &end.table) } else { Vec::new() };
+    /// Of a plan that failed, with the view that it was made on: what was prepared of it, and the true table then.
+    pub(super) fn of(task: &ArrangementTask, seen: (&PreparedScene, &SimulatedScene), result: &ArrangeResult, end: &CarriedOut) -> Self {
+        match end.came.as_ref().and_then(|(k, came)| Some((result.moves.get(*k)?, came))) {
+            Some((step, came)) => Self::of_move(task, seen, step, (&end.table, came)),
+            None => Self::without_move(task, result, &end.table),
+        }
+    }
+
+    /// Of a move, with the true table before it and what came of it there.
+    pub(super) fn of_move(
+        task: &ArrangementTask,
+        seen: (&PreparedScene, &SimulatedScene),
+        step: &ArrangeMove,
+        came: (&SimulatedScene, &ReleaseOutcome),
+    ) -> Self {
+        Self { step: FailedMove::of(task, seen, step, came), ..Self::default() }
+    }
+
+    /// Of an answer that had no move, or none that failed: what does not hold on the true table.
+    pub(super) fn without_move(task: &ArrangementTask, result: &ArrangeResult, table: &SimulatedScene) -> Self {
+        let unmet = if result.conflict.is_none() { unmet(task, table) } else { Vec::new() };
         let conflict = result.conflict.iter().flat_map(|c| c.goals.iter().map(ToString::to_string)).collect();
-        Self { step, unmet, conflict }
+        Self { step: None, unmet, conflict }
+    }
+
+    /// Of a table on which all goals should hold: those terms that do not.
+    pub(super) fn of_table(task: &ArrangementTask, table: &SimulatedScene) -> Self {
+        Self { unmet: unmet(task, table), ..Self::default() }
     }
 }
 
 impl FailedMove {
     fn of(
         task: &ArrangementTask,
-        prepared: &PreparedScene,
+        (prepared, seen): (&PreparedScene, &SimulatedScene),
         step: &ArrangeMove,
         (table, came): (&SimulatedScene, &ReleaseOutcome),
     ) -> Option<Self> {
@@ -83,7 +105,7 @@ impl FailedMove {
         };
         let carrier = around.carrier(&placed, REACH_M).map(id);
         let believed = |id: u16| prepared.belief.objects.get(&id).and_then(|o| o.shape.as_ref());
-        let truly = |id: u16| task.index_of(id).map(|i| span_m(&task.truth.objects[i]));
+        let truly = |id: u16| task.index_of(id).map(|i| span_m(&seen.objects[i]));
         Some(Self {
             object: step.object,
             purpose: step.purpose,

@@ -2,12 +2,13 @@
 //!
 //! A task is an arranged table that was disturbed ([`draft`]): its goals are read off the arranged one, its solution is the way back, which is
 //! tried in the true world before the task counts ([`task`]). Moves are carried out there one after another, each let go where it was
-//! planned to go, without another look ([`carried_out`]), and counted ([`trial`]).
+//! planned to go, without another look ([`carried_out`]) and with one after each ([`looking`]), and counted ([`trial`]).
 
 pub mod carried_out;
 mod draft;
 pub mod failure;
 mod layout;
+pub mod looking;
 pub mod task;
 pub mod trial;
 mod true_view;

@@ -60,7 +60,11 @@ pub struct ArrangementTask {
     pub truth: SimulatedScene,
     /// The viewer of all relations.
     pub viewer: ViewerFrame,
-    /// What a camera sees of it.
+    /// The camera.
+    pub camera: Pinhole,
+    /// Its true pose.
+    pub world_from_camera: Isometry3<f64>,
+    /// What it sees of the table at first.
     pub observed: Scene,
     /// What shall hold at the end, in no order.
     pub goals: Vec<ObjectGoal>,
@@ -94,12 +98,12 @@ impl ArrangementTask {
             })
             .collect::<Option<_>>()?;
         goals.shuffle(&mut rng);
-        let frame = frame_of(&truth, &camera, &world_from_camera, &SensorModel::default(), seed);
-        let observed = repose_perception::segment(&frame, &repose_perception::Settings::default()).ok()?;
+        let observed = looked_at(&truth, &camera, &world_from_camera, seed)?;
         const SEEN_POINTS: usize = 250;
         let is_seen = |o: &SceneObject| observed.object(o.id).is_some_and(|seen| seen.points >= SEEN_POINTS);
         let moves = draft.moves.len();
-        truth.objects.iter().all(is_seen).then_some(Self { seed, kind, truth, viewer, observed, goals, moves })
+        let is_all_seen = truth.objects.iter().all(is_seen);
+        is_all_seen.then_some(Self { seed, kind, truth, viewer, camera, world_from_camera, observed, goals, moves })
     }
 
     /// What a planner is given of it.
@@ -108,6 +112,17 @@ impl ArrangementTask {
             Shapes::True => true_scene(&self.truth, &self.observed),
             Shapes::Observed => self.observed.clone(),
         })
+    }
+
+    /// What a planner is given of a table that came of its moves, seen by the same camera; `look` counts the views, and each has noise of its own.
+    /// None where perception can make nothing of it.
+    pub fn seen_again(&self, table: &SimulatedScene, shapes: Shapes, look: u64) -> Option<Arc<Scene>> {
+        const NOISES: u64 = 1_000_003;
+        let observed = looked_at(table, &self.camera, &self.world_from_camera, self.seed.wrapping_add(look * NOISES))?;
+        Some(Arc::new(match shapes {
+            Shapes::True => true_scene(table, &observed),
+            Shapes::Observed => observed,
+        }))
     }
 
     /// The index of an object in the true scene.
@@ -121,6 +136,12 @@ impl ArrangementTask {
         let term = |i: usize, t: &GoalTerm| self.index_of(t.anchor).is_some_and(|j| relations[i * n + j][t.relation.index()] == t.holds);
         self.goals.iter().all(|goal| self.index_of(goal.object).is_some_and(|i| goal.terms.iter().all(|t| term(i, t))))
     }
+}
+
+/// What perception makes of a camera's picture, with true masks; `seed` is the sensor's.
+fn looked_at(table: &SimulatedScene, camera: &Pinhole, world_from_camera: &Isometry3<f64>, seed: u64) -> Option<Scene> {
+    let frame = frame_of(table, camera, world_from_camera, &SensorModel::default(), seed);
+    repose_perception::segment(&frame, &repose_perception::Settings::default()).ok()
 }
 
 /// The table at first, at rest.

@@ -1,9 +1,9 @@
 //! What a way of planning makes of a task: its moves, and what they come to in the true world.
 //!
-//! Everything is planned on the first view; each move is then let go where it was planned, from where the object truly stands, and nothing is
-//! looked at in between. Two bars stand beside `arrange`: the goals one after another, each planned by itself on what the one before is
-//! believed to have left, in the order given; and the same in a few random orders, of which the first counts after which all goals are
-//! believed to hold.
+//! Judged twice: a plan made once on the first view, each move of which is let go where it was planned, from where the object truly stands, and
+//! nothing is looked at in between; and what comes of it with a look after every move ([`looking`](super::looking)). Two bars stand beside
+//! `arrange`, both without looks: the goals one after another, each planned by itself on what the one before is believed to have left, in the
+//! order given; and the same in a few random orders, of which the first counts after which all goals are believed to hold.
 
 use std::collections::VecDeque;
 use std::ops::ControlFlow;
@@ -25,6 +25,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::scenes::arrangement::carried_out::{CarriedOut, Move, PlanFault, carried_out};
 use crate::scenes::arrangement::failure::FaultDetails;
+use crate::scenes::arrangement::looking::{LookingRecord, with_looks};
 use crate::scenes::arrangement::task::{ArrangementTask, Shapes, TaskKind};
 use crate::statistics::processor_time::of_this_thread_ms;
 
@@ -68,6 +69,9 @@ pub struct TaskRecord {
     pub plan_ms: f64,
     /// Processor time of planning, milliseconds; none where the operating system does not tell.
     pub processor_ms: Option<f64>,
+    /// What came of it with a look after every move; none where that was not tried.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub looking: Option<LookingRecord>,
     /// What was wrong with the bars; none where they were not tried.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bars: Option<Bars>,
@@ -89,6 +93,8 @@ pub struct ArrangementTrialSettings {
     pub shapes: Shapes,
     /// Which method finds each placement.
     pub variant: Variant,
+    /// Whether a look after every move is tried, too.
+    pub looks: bool,
     /// Whether the bars are tried, too.
     pub bars: bool,
 }
@@ -119,11 +125,8 @@ pub fn try_task(
         view_yaw_rad: Some(task.viewer.yaw_rad()),
         ..ArrangeRequest::new(prepared.scene_id.clone(), task.goals.clone())
     };
-    let (started, before_ms) = (Instant::now(), of_this_thread_ms());
-    let result = repose_planner::arrange::arrange(&prepared, &request, &models, &mut |_| ControlFlow::Continue(()))?;
-    let plan_ms = started.elapsed().as_secs_f64() * 1e3;
-    let processor_ms = of_this_thread_ms().zip(before_ms).map(|(now_ms, before_ms)| now_ms - before_ms);
-    let moves = moves_of(&result)?;
+    let Planned { result, plan_ms, processor_ms } = planned(&prepared, &request, &models)?;
+    let moves: Vec<Move> = result.moves.iter().map(move_of).collect::<Result<_, CallError>>()?;
     let end = match result.outcome {
         Outcome::Found => carried_out(task, &moves),
         Outcome::Partial => CarriedOut::failed(PlanFault::CutShort, task),
@@ -141,19 +144,37 @@ pub fn try_task(
         moves: moves.len(),
         fault: end.fault,
         at_move: end.came.as_ref().map(|(k, _)| *k),
-        failure: end.fault.map(|_| FaultDetails::of(task, &prepared, &result, &end)),
+        failure: end.fault.map(|_| FaultDetails::of(task, (&prepared, &task.truth), &result, &end)),
         successes: result.moves.iter().filter_map(|m| m.placement.success).collect(),
         probability: result.probability,
         searches: result.searches,
         plan_ms,
         processor_ms,
+        looking: settings.looks.then(|| with_looks(task, settings.shapes, &request, &models)).transpose()?,
         bars: settings.bars.then(|| planning.bars(&prepared)).transpose()?,
     })
 }
 
-fn moves_of(result: &ArrangeResult) -> Result<Vec<Move>, CallError> {
-    let motion = |m: &ArrangeMove| from_row_major(&m.placement.placed_from_observed.0).map_err(|e| CallError::internal(e.to_string()));
-    result.moves.iter().map(|m| Ok((m.object, motion(m)?))).collect()
+/// A plan, and what it took.
+pub(super) struct Planned {
+    pub result: ArrangeResult,
+    pub plan_ms: f64,
+    /// None where the operating system does not tell.
+    pub processor_ms: Option<f64>,
+}
+
+/// An arrangement, planned and timed.
+pub(super) fn planned(prepared: &Arc<PreparedScene>, request: &ArrangeRequest, models: &HeldScenes<'_>) -> Result<Planned, CallError> {
+    let (started, before_ms) = (Instant::now(), of_this_thread_ms());
+    let result = repose_planner::arrange::arrange(prepared, request, models, &mut |_| ControlFlow::Continue(()))?;
+    let plan_ms = started.elapsed().as_secs_f64() * 1e3;
+    let processor_ms = of_this_thread_ms().zip(before_ms).map(|(now_ms, before_ms)| now_ms - before_ms);
+    Ok(Planned { result, plan_ms, processor_ms })
+}
+
+pub(super) fn move_of(step: &ArrangeMove) -> Result<Move, CallError> {
+    let motion = from_row_major(&step.placement.placed_from_observed.0).map_err(|e| CallError::internal(e.to_string()))?;
+    Ok((step.object, motion))
 }
 
 /// Planning goal by goal.
@@ -229,7 +250,7 @@ impl Planning<'_> {
 }
 
 /// The models on the scenes that an arrangement goes through, of which a few are held.
-struct HeldScenes<'a> {
+pub(super) struct HeldScenes<'a> {
     engine: &'a Engine,
     forecasts: &'a Arc<Forecasts>,
     held: Mutex<VecDeque<Arc<HeldScene>>>,
