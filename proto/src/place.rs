@@ -178,8 +178,8 @@ pub struct PlaceRequest {
     /// Least [`Placement::clearance_m`], metres, 1 at most: farther than that around an object, a view seldom shows what is there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min_clearance_m: Option<f64>,
-    /// Least [`Placement::success`], 0 to 1: where nothing is as sure as that, the answer is "none". Refused for variants that do not say
-    /// how sure they are (`failed_precondition`).
+    /// Least [`Placement::success`], 0 to 1: where nothing is as sure as that, the answer is "none". Default of `best`: 0.5; 0 takes
+    /// whatever there is. More than 0 is refused for variants that do not say how sure they are (`failed_precondition`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min_success: Option<f64>,
     /// Who carries the placement out: places beyond this robot's reach are no answers.
@@ -457,7 +457,7 @@ pub struct PlaceResult {
     pub min_separation_m: f64,
     /// The clearance used, metres.
     pub min_clearance_m: f64,
-    /// The least success asked for.
+    /// The least success used; none for variants that do not say how sure they are.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min_success: Option<f64>,
     /// The robot whose reach was a constraint, with the pose of its base that was used.

@@ -45,7 +45,7 @@ pub struct WishArgs {
     /// Minimum distance from everything except the support, metres.
     #[arg(long)]
     pub min_clearance: Option<f64>,
-    /// Minimum success probability, 0 to 1; less certain placements are rejected.
+    /// Minimum success probability, 0 to 1; less certain placements are rejected. Default for the variant best: 0.5; 0 rejects none.
     #[arg(long, value_name = "P")]
     pub min_success: Option<f64>,
     /// Only placements within reach of this robot. `plan` takes its base pose from the frame's robot.json; `place` from the robot's state, or

@@ -28,7 +28,7 @@ pub struct PlanArguments {
     /// Whether the object may be turned about the vertical.
     #[serde(default)]
     pub may_turn: bool,
-    /// Least probability that the placement succeeds, 0 to 1.
+    /// Least probability that the placement succeeds, 0 to 1; 0.5 unless given.
     #[serde(default)]
     pub min_success: Option<f64>,
     /// Another seed draws other candidates.

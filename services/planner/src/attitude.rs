@@ -124,7 +124,7 @@ fn check_demands(request: &PlaceRequest, settings: &PlanSettings) -> Result<(), 
         let message = "where the base of that robot stands is not known; give robot.world_from_base";
         return Err(CallError::precondition(message).at("robot"));
     }
-    if request.min_success.is_some() && settings.recipe.realism != Realism::OutcomeRanks {
+    if request.min_success.is_some_and(|least| least > 0.0) && settings.recipe.realism != Realism::OutcomeRanks {
         let message = format!("the variant {} does not say how likely its placements succeed", request.variant);
         return Err(CallError::precondition(message).at("min_success"));
     }
@@ -158,7 +158,7 @@ fn without_answers(judge: &Judge<'_>, findings: Findings, outcome: Outcome) -> P
         count: request.count,
         min_separation_m: settings.min_separation_m,
         min_clearance_m: settings.min_clearance_m,
-        min_success: request.min_success,
+        min_success: settings.min_success,
         robot: request.robot.clone(),
         budget: settings.budget(),
         cost_weights: settings.cost_weights(),

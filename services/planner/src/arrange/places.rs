@@ -133,6 +133,8 @@ impl<'a> Places<'a> {
             robot: self.request.robot.clone(),
             seed: self.request.seed,
             variant: self.request.variant,
+            // How sure a move must be is for the whole arrangement to weigh.
+            min_success: Some(0.0),
             ..PlaceRequest::new(scene.scene_id.clone(), object, terms.to_vec())
         };
         let places = match plan(scene, &request, self.models, self.control) {

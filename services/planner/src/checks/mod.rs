@@ -3,6 +3,7 @@
 //! A check that can fail answers by how much it is missed: a plain non-negative number that grows with the miss, so that a search without
 //! feasible candidates knows which way to go.
 
+pub mod carriers;
 pub mod clearance;
 pub mod contact;
 pub mod footing;

@@ -156,7 +156,7 @@ impl<'a> Judge<'a> {
         let standing = self.standing()?;
         judged.success_measures = measures(&self.problem, &standing, judged);
         judged.success = forecasts.success.as_ref().zip(judged.success_measures.as_ref()).map(|(success, measures)| success.of(measures));
-        if judged.success.is_none() && self.problem.settings.min_success.is_some() {
+        if judged.success.is_none() && self.problem.request.min_success.is_some_and(|least| least > 0.0) {
             return Err(CallError::precondition("the weights in service do not say how likely placements succeed").at("min_success"));
         }
         Ok(())

@@ -1,11 +1,17 @@
 //! What the forecast of success reads of a judged candidate ([`crate::learned::success`] names it).
 
+use repose_belief::view::OutlineEnds;
+use repose_proto::Relation;
+
 use crate::judge::judged::JudgedCandidate;
 use crate::judge::problem::PlacementProblem;
 use crate::judge::standing::Standing;
+use crate::scene::traits::spans_m;
 
 /// Gaps are cut here, metres: more is as good.
 const FAR_M: f64 = 0.06;
+/// How far from an outline is cut here, metres: more is as good or as bad.
+const FAR_OFF_M: f64 = 0.1;
 
 /// The measures of a candidate that the networks were asked about; none before that.
 pub fn measures(problem: &PlacementProblem<'_>, standing: &Standing, judged: &JudgedCandidate) -> Option<Vec<f32>> {
@@ -35,5 +41,41 @@ pub fn measures(problem: &PlacementProblem<'_>, standing: &Standing, judged: &Ju
         length_m,
         width_m,
     ];
-    Some(of_place.iter().copied().chain(beside.map(|value| value as f32)).collect())
+    let all = beside.into_iter().chain(of_carriers(problem, judged)).chain(of_pictures(problem)).chain(of_anchor(problem, judged));
+    Some(of_place.iter().copied().chain(all.map(|value| value as f32)).collect())
+}
+
+/// What was seen to carry it.
+fn of_carriers(problem: &PlacementProblem<'_>, judged: &JudgedCandidate) -> [f64; 5] {
+    let carriers = problem.ground().carriers(&judged.candidate);
+    let asked = problem.anchors_of(&[Relation::Above]);
+    [
+        carriers.share_of(|object| asked.contains(&object)),
+        carriers.share_of(|object| object != 0 && !asked.contains(&object)),
+        carriers.count() as f64,
+        carriers.level_margin_m.unwrap_or(-FAR_OFF_M).max(-FAR_OFF_M),
+        carriers.spread_m,
+    ]
+}
+
+/// How much of it and of the main anchor was seen where they are.
+fn of_pictures(problem: &PlacementProblem<'_>) -> [f64; 6] {
+    let (prepared, query, anchor) = (problem.prepared, problem.query.id, problem.request.main_anchor());
+    let ends = anchor.map_or_else(OutlineEnds::default, |anchor| prepared.outline_ends(anchor));
+    let observed = |object: u16| prepared.scene.object(object).map_or(1.0, |summary| summary.completeness);
+    let own = prepared.outline_ends(query);
+    [own.cut_off, own.hidden, ends.cut_off, ends.hidden, observed(query), anchor.map_or(1.0, observed)]
+}
+
+/// Where it is on the main anchor, and how large that is.
+fn of_anchor(problem: &PlacementProblem<'_>, judged: &JudgedCandidate) -> [f64; 6] {
+    let anchor = problem.request.main_anchor().and_then(|anchor| problem.prepared.belief.objects.get(&anchor));
+    let Some((anchor, shape)) = anchor.and_then(|anchor| Some((anchor, anchor.shape.as_ref()?))) else {
+        return [FAR_OFF_M, 0.0, 0.0, 0.0, 0.0, 0.0];
+    };
+    let axis = judged.candidate.carry(&problem.query.shape.axis_offset());
+    let inside_m = shape.slabs.last().map_or(FAR_OFF_M, |top| f64::from(top.outline.margin(&axis)));
+    let [length_m, width_m] = spans_m(shape);
+    let height_m = f64::from(shape.top_m - shape.bottom_m);
+    [inside_m.clamp(-FAR_OFF_M, FAR_OFF_M), height_m, length_m, width_m, f64::from(shape.doubt.norm()), anchor.points.len() as f64]
 }

@@ -7,7 +7,7 @@
 use crate::learned::stability::{self, COUNT as OF_PLACE};
 
 /// The measures beside those of [`stability`], in their order.
-const BESIDE: [&str; 19] = [
+const BESIDE: [&str; 36] = [
     // The probability that it stays.
     "stays",
     // The least probability of a goal term, and the least margin by rule, metres.
@@ -39,6 +39,29 @@ const BESIDE: [&str; 19] = [
     "off_axis",
     "length",
     "width",
+    // What was seen to carry it: shares of its base over the anchors of goals of being above, and over other objects; on how many things it
+    // stands; how far its axis is inside the outline of the tops that are level with it, and how much the heights of all vary, metres.
+    "on_anchor",
+    "on_others",
+    "carriers",
+    "level_margin",
+    "top_spread",
+    // What its outline and that of the main anchor end at where they were seen: shares cut off by the picture's edge, and hidden by something
+    // nearer. The shares of their visible surface that were read.
+    "cut_off",
+    "hidden",
+    "anchor_cut_off",
+    "anchor_hidden",
+    "observed",
+    "anchor_observed",
+    // How far inside the outline of the main anchor's top its axis is; the anchor's height and spans, and how far its unseen back may reach,
+    // metres; the anchor's points.
+    "in_anchor",
+    "anchor_height",
+    "anchor_length",
+    "anchor_width",
+    "anchor_back_unknown",
+    "anchor_points",
 ];
 
 /// The number of measures.

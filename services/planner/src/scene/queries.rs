@@ -3,6 +3,7 @@
 use std::convert::Infallible;
 use std::sync::Arc;
 
+use repose_belief::view::OutlineEnds;
 use repose_proto::CallError;
 
 use crate::learned::standing::StanceMeasures;
@@ -30,6 +31,10 @@ struct StanceKey(u16);
 #[derive(Debug, PartialEq)]
 struct PointsKey;
 
+/// The object of whose outline is known what it ends at.
+#[derive(Debug, PartialEq)]
+struct EndsKey(u16);
+
 impl PreparedScene {
     /// [`QueryObject::new`], made once while it is kept.
     ///
@@ -44,6 +49,12 @@ impl PreparedScene {
     pub fn point_grid(&self) -> Arc<PointGrid> {
         let Ok(grid) = self.kept.of(1, PointsKey, || Ok::<_, Infallible>(PointGrid::new(&self.scene)));
         grid
+    }
+
+    /// [`repose_belief::ObservedView::outline_ends`], told once.
+    pub fn outline_ends(&self, id: u16) -> OutlineEnds {
+        let Ok(ends) = self.kept.of(self.belief.objects.len(), EndsKey(id), || Ok::<_, Infallible>(self.belief.view.outline_ends(id)));
+        *ends
     }
 
     /// [`StanceMeasures::of`], made once.

@@ -135,7 +135,7 @@ fn overlap_m(a: &[Point3<f32>], b: &[Point3<f32>]) -> f64 {
 }
 
 /// The spans of a shape seen from above along and across its longest direction.
-fn spans_m(shape: &Shape) -> [f64; 2] {
+pub fn spans_m(shape: &Shape) -> [f64; 2] {
     let corners: Vec<_> = shape.slabs.iter().flat_map(|slab| slab.outline.corners()).collect();
     let widths = (0..12).map(|k| {
         let direction = nalgebra::Rotation2::new(k as f32 * std::f32::consts::PI / 12.0) * nalgebra::Vector2::x();

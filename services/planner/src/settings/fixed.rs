@@ -48,11 +48,22 @@ pub struct RankingSettings {
     pub more_rounds: usize,
     /// What it costs to be certain to fail, in units of λ_f.
     pub unsure: f64,
+    /// Least probability of success where a request does not say: what will more likely fail is no answer.
+    pub min_success: f64,
 }
 
 impl Default for RankingSettings {
     fn default() -> Self {
-        Self { candidates: 32, asked_at_once: 4, apart_m: 0.012, off_m: 0.005, off_rad: 3.0_f32.to_radians(), more_rounds: 4, unsure: 2.0 }
+        Self {
+            candidates: 32,
+            asked_at_once: 4,
+            apart_m: 0.012,
+            off_m: 0.005,
+            off_rad: 3.0_f32.to_radians(),
+            more_rounds: 4,
+            unsure: 2.0,
+            min_success: 0.5,
+        }
     }
 }
 

@@ -44,7 +44,7 @@ pub struct PlanSettings {
     pub min_separation_m: f64,
     /// Least distance from everything but the support, metres.
     pub min_clearance_m: f64,
-    /// Least probability of success.
+    /// Least probability of success, where the weights in service say it.
     pub min_success: Option<f64>,
     /// Where the robot that carries a placement out has its base.
     pub world_from_base: Option<Isometry3<f64>>,
@@ -55,7 +55,7 @@ pub struct PlanSettings {
 impl PlanSettings {
     /// The settings of a request.
     pub fn of(request: &PlaceRequest) -> Self {
-        let recipe = Recipe::of(request.variant);
+        let (recipe, fixed) = (Recipe::of(request.variant), Fixed::default());
         let budget = &request.budget;
         // Without networks a candidate costs microseconds: search widely.
         let (batch, draws) = if recipe.grounded { (200, 5) } else { (100, 3) };
@@ -85,10 +85,10 @@ impl PlanSettings {
             relations_threshold: request.thresholds.relations.unwrap_or(0.5),
             min_separation_m: request.min_separation_m.unwrap_or(0.03),
             min_clearance_m: request.min_clearance_m.unwrap_or(0.0),
-            min_success: request.min_success,
+            min_success: request.min_success.or((request.variant == Variant::Best).then_some(fixed.ranking.min_success)),
             // A request without a pose is refused before, and one that is not rigid by its validation.
             world_from_base: request.robot.as_ref().and_then(|r| r.world_from_base).and_then(|pose| from_row_major(&pose.0).ok()),
-            fixed: Fixed::default(),
+            fixed,
         }
     }
 

@@ -198,17 +198,18 @@ fn best_says_how_sure_it_is_and_answers_none_where_that_is_too_little() {
     let wanted = |goal: &str, min_success: Option<f64>| PlaceRequest { min_success, ..request(&prepared, Variant::Best, &[goal]) };
     // The fake predictor believes in `right_of` only.
     for (goal, said) in [("right_of:1", 0.9), ("left_of:1", 0.2)] {
-        let result = run(&prepared, &wanted(goal, None), &fake);
+        let result = run(&prepared, &wanted(goal, Some(0.0)), &fake);
         let success = result.placements[0].success.unwrap();
         assert!((success - said).abs() < 1e-6, "{goal}: {success}");
-        assert_eq!(result.min_success, None);
+        let unasked = run(&prepared, &wanted(goal, None), &fake);
+        assert_eq!((unasked.outcome == Outcome::Found, unasked.min_success), (said > 0.5, Some(0.5)), "{goal}");
         let enough = run(&prepared, &wanted(goal, Some(said - 0.05)), &fake);
         assert_eq!((enough.outcome, enough.min_success), (Outcome::Found, Some(said - 0.05)));
         let too_much = run(&prepared, &wanted(goal, Some(said + 0.05)), &fake);
         assert_eq!((too_much.outcome, too_much.placements.len()), (Outcome::None, 0));
         assert!(too_much.rejections[&Rejection::Unsure] > 0, "{:?}", too_much.rejections);
     }
-    // Weights without the forecast say nothing, and refuse the demand.
+    // Weights without the forecast say nothing and limit nothing, and refuse the demand.
     let silent = Fake { success: None, ..Fake::new(&[BESIDE]) };
     assert_eq!(run(&prepared, &wanted("right_of:1", None), &silent).placements[0].success, None);
     let error = plan(&prepared, &wanted("right_of:1", Some(0.5)), &silent, &mut |_| ControlFlow::Continue(())).unwrap_err();

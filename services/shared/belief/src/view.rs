@@ -13,6 +13,8 @@ use crate::settings::ViewSettings;
 
 /// How much farther than a free place what was seen behind it must be, metres: depth is as uncertain.
 const BEHIND_M: f32 = 0.008;
+/// How much nearer than an object's outline what hides more of it is, metres: more than depth is uncertain by.
+const NEARER_M: f32 = 0.015;
 /// How many pixels around one without a reading are asked: cleaning takes two or three off each border.
 const RINGS: usize = 4;
 
@@ -24,6 +26,16 @@ struct Pixel {
     /// Height of the point, world z, metres.
     height_m: f32,
     object: u16,
+}
+
+/// What is beside a pixel in the picture.
+enum Beyond {
+    /// The nearest pixel with a reading.
+    Read(Pixel),
+    /// The picture's edge.
+    Edge,
+    /// No reading near enough to tell.
+    Nothing,
 }
 
 /// What the picture says of a place in the world.
@@ -53,6 +65,15 @@ pub struct Visibility {
     pub in_picture: f64,
     /// Share of the points that nothing observed hides (of all; a point outside the picture counts as hidden).
     pub unhidden: f64,
+}
+
+/// What an object's outline in the picture ends at.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct OutlineEnds {
+    /// Share of it that ends at the picture's edge.
+    pub cut_off: f64,
+    /// Share of it that ends at something nearer, which may hide more of the object.
+    pub hidden: f64,
 }
 
 /// The camera's picture of a scene.
@@ -128,6 +149,39 @@ impl ObservedView {
         let is_level = further.object == near.object && further.depth_m > 0.0 && (further.height_m - near.height_m).abs() <= level_m;
         let in_camera = self.camera.unproject(u as f64, v as f64, f64::from(near.depth_m));
         is_level.then(|| (near.object, (self.camera_from_world.inverse() * in_camera).cast()))
+    }
+
+    /// What an object's outline in the picture ends at, row by row and column by column.
+    ///
+    /// Cleaning takes a few pixels off each border, so that what is beyond it is looked for that far away.
+    pub fn outline_ends(&self, object: u16) -> OutlineEnds {
+        let width = self.camera.width;
+        let own = self.pixels.pixels().iter().enumerate().filter(|(_, pixel)| pixel.depth_m > 0.0 && pixel.object == object);
+        let (mut all, mut cut_off, mut hidden) = (0usize, 0usize, 0usize);
+        for ((i, pixel), towards) in own.flat_map(|own| [[1, 0], [-1, 0], [0, 1], [0, -1]].map(|towards| (own, towards))) {
+            match self.beyond([i % width, i / width], towards) {
+                Beyond::Read(other) if other.object == object => continue,
+                Beyond::Read(other) => hidden += usize::from(other.depth_m + NEARER_M < pixel.depth_m),
+                Beyond::Edge => cut_off += 1,
+                Beyond::Nothing => {}
+            }
+            all += 1;
+        }
+        let share = |count: usize| count as f64 / all.max(1) as f64;
+        OutlineEnds { cut_off: share(cut_off), hidden: share(hidden) }
+    }
+
+    /// The next reading beside a pixel in a direction.
+    fn beyond(&self, [u, v]: [usize; 2], [du, dv]: [isize; 2]) -> Beyond {
+        for step in 1..=2 * RINGS as isize {
+            let at = u.checked_add_signed(step * du).zip(v.checked_add_signed(step * dv));
+            match at.and_then(|(u, v)| self.pixels.get(u, v)) {
+                None => return Beyond::Edge,
+                Some(pixel) if pixel.depth_m > 0.0 => return Beyond::Read(*pixel),
+                Some(_) => {}
+            }
+        }
+        Beyond::Nothing
     }
 
     /// How well points (world frame) of the `query` would be seen, moved by `placed_from_observed`.
@@ -211,6 +265,20 @@ mod tests {
         assert_eq!(view.visibility(&points, &moved(0.0, 0.0), 1, &settings).unhidden, 1.0);
         assert_eq!(view.visibility(&points, &moved(-0.2, 0.0), 2, &settings).unhidden, 1.0);
         assert_eq!(view.visibility(&points, &moved(0.0, 3.0), 2, &settings).in_picture, 0.0);
+    }
+
+    #[test]
+    fn an_outline_is_hidden_by_what_is_nearer_and_cut_off_by_the_pictures_edge() {
+        let scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.15]).object(2, [0.04, 0.14], [0.1, 0.1, 0.1]).scene();
+        let view = ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &world_from_camera(), 640);
+        let (near, far) = (view.outline_ends(1), view.outline_ends(2));
+        assert!(near.hidden < 0.02 && near.cut_off == 0.0, "{near:?}");
+        assert!(far.hidden > 0.1 && far.cut_off == 0.0, "{far:?}");
+        let mut narrow = scene.meta.camera.clone();
+        narrow.cx -= narrow.width as f64 / 2.0;
+        let cut = ObservedView::new(&scene.points, &scene.labels, &narrow, &world_from_camera(), 640).outline_ends(1);
+        assert!(cut.cut_off > 0.1, "{cut:?}");
+        assert_eq!(view.outline_ends(9), OutlineEnds::default());
     }
 
     #[test]

@@ -19,9 +19,10 @@ pub enum SceneKind {
     Shelf,
     /// An open drawer pulled from a cabinet, or a tray on a table; objects in it and around it.
     Drawer,
-    /// The paper's evaluation kitchen: a counter with a worktop and a backsplash, its top drawer pulled open. Never trained on.
+    /// The paper's evaluation kitchen: a counter with a worktop and a backsplash, its top drawer pulled open. No network is trained on it; forecasts are.
     Kitchen,
-    /// A desk with eight to twenty-five objects, a third of them flat, spread wider than a picture. Never trained on.
+    /// A desk with eight to twenty-five objects, a third of them flat, spread wider than a picture. No network is trained on it; the forecasts of how
+    /// placements end are.
     Desk,
     /// Eight to twenty-five objects heaped on a table, books and parcels among them, many fallen or leaning. For masks: no other network is
     /// trained on it.
