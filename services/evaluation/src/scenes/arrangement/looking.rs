@@ -18,8 +18,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::scenes::arrangement::carried_out::{PlanFault, fault_of, released_at};
 use crate::scenes::arrangement::failure::FaultDetails;
+use crate::scenes::arrangement::planned::{HeldScenes, Planned, move_of, planned};
 use crate::scenes::arrangement::task::{ArrangementTask, Shapes};
-use crate::scenes::arrangement::trial::{HeldScenes, Planned, move_of, planned};
 
 /// What a task came to with a look after every move.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

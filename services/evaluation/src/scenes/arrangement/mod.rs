@@ -9,6 +9,7 @@ mod draft;
 pub mod failure;
 mod layout;
 pub mod looking;
+mod planned;
 pub mod task;
 pub mod trial;
 mod true_view;

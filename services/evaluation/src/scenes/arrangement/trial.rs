@@ -5,29 +5,26 @@
 //! `arrange`, both without looks: the goals one after another, each planned by itself on what the one before is believed to have left, in the
 //! order given; and the same in a few random orders, of which the first counts after which all goals are believed to hold.
 
-use std::collections::VecDeque;
 use std::ops::ControlFlow;
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Instant;
+use std::sync::Arc;
 
 use rand::seq::SliceRandom;
 use rand_pcg::Pcg64;
 use repose_geometry::transform::from_row_major;
-use repose_inference::{Engine, HeldScene};
+use repose_inference::Engine;
 use repose_planner::arrange::goals::all_hold;
 use repose_planner::scene::moved::{fall_m, table_after};
-use repose_planner::{Forecasts, PlacementModels, PreparedScene, plan};
-use repose_proto::arrange::{ArrangeMove, ArrangeRequest, ArrangeResult, ObjectGoal};
+use repose_planner::{Forecasts, PreparedScene, plan};
+use repose_proto::arrange::{ArrangeRequest, ObjectGoal};
 use repose_proto::place::{Outcome, Variant};
-use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
-use repose_proto::{CallError, ErrorCode, PlaceRequest, Scene};
+use repose_proto::{CallError, ErrorCode, PlaceRequest};
 use serde::{Deserialize, Serialize};
 
 use crate::scenes::arrangement::carried_out::{CarriedOut, Move, PlanFault, carried_out};
 use crate::scenes::arrangement::failure::FaultDetails;
 use crate::scenes::arrangement::looking::{LookingRecord, with_looks};
+use crate::scenes::arrangement::planned::{HeldScenes, Planned, move_of, planned};
 use crate::scenes::arrangement::task::{ArrangementTask, Shapes, TaskKind};
-use crate::statistics::processor_time::of_this_thread_ms;
 
 /// Random orders that the second bar tries.
 pub const RANDOM_ORDERS: usize = 3;
@@ -117,7 +114,7 @@ pub fn try_task(
     engine: &Engine,
     forecasts: &Arc<Forecasts>,
 ) -> Result<TaskRecord, CallError> {
-    let models = HeldScenes { engine, forecasts, held: Mutex::default() };
+    let models = HeldScenes::new(engine, forecasts);
     let prepared = Arc::new(PreparedScene::new(task.seen(settings.shapes)));
     let request = ArrangeRequest {
         variant: settings.variant,
@@ -153,28 +150,6 @@ pub fn try_task(
         looking: settings.looks.then(|| with_looks(task, settings.shapes, &request, &models)).transpose()?,
         bars: settings.bars.then(|| planning.bars(&prepared)).transpose()?,
     })
-}
-
-/// A plan, and what it took.
-pub(super) struct Planned {
-    pub result: ArrangeResult,
-    pub plan_ms: f64,
-    /// None where the operating system does not tell.
-    pub processor_ms: Option<f64>,
-}
-
-/// An arrangement, planned and timed.
-pub(super) fn planned(prepared: &Arc<PreparedScene>, request: &ArrangeRequest, models: &HeldScenes<'_>) -> Result<Planned, CallError> {
-    let (started, before_ms) = (Instant::now(), of_this_thread_ms());
-    let result = repose_planner::arrange::arrange(prepared, request, models, &mut |_| ControlFlow::Continue(()))?;
-    let plan_ms = started.elapsed().as_secs_f64() * 1e3;
-    let processor_ms = of_this_thread_ms().zip(before_ms).map(|(now_ms, before_ms)| now_ms - before_ms);
-    Ok(Planned { result, plan_ms, processor_ms })
-}
-
-pub(super) fn move_of(step: &ArrangeMove) -> Result<Move, CallError> {
-    let motion = from_row_major(&step.placement.placed_from_observed.0).map_err(|e| CallError::internal(e.to_string()))?;
-    Ok((step.object, motion))
 }
 
 /// Planning goal by goal.
@@ -216,6 +191,7 @@ impl Planning<'_> {
                 view_yaw_rad: Some(self.task.viewer.yaw_rad()),
                 seed: self.task.seed,
                 variant: self.variant,
+                min_success: Some(0.0),
                 ..PlaceRequest::new(scene.scene_id.clone(), goal.object, goal.terms.clone())
             };
             let answered = plan(&scene, &request, self.models, &mut |_| ControlFlow::Continue(()));
@@ -246,42 +222,5 @@ impl Planning<'_> {
             }
         }
         Ok(tried)
-    }
-}
-
-/// The models on the scenes that an arrangement goes through, of which a few are held.
-pub(super) struct HeldScenes<'a> {
-    engine: &'a Engine,
-    forecasts: &'a Arc<Forecasts>,
-    held: Mutex<VecDeque<Arc<HeldScene>>>,
-}
-
-impl HeldScenes<'_> {
-    fn held(&self, scene_id: &str, scene: &Arc<Scene>) -> Arc<HeldScene> {
-        const SCENES: usize = 4;
-        let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = held.iter().find(|known| known.scene_id() == scene_id) {
-            return known.clone();
-        }
-        let new = Arc::new(HeldScene::new(scene_id.to_owned(), scene.clone()));
-        held.push_back(new.clone());
-        if held.len() > SCENES {
-            held.pop_front();
-        }
-        new
-    }
-}
-
-impl PlacementModels for HeldScenes<'_> {
-    fn prior(&self, request: &PriorRequest, scene: &Arc<Scene>) -> Result<PriorReply, CallError> {
-        self.engine.prior(request, &self.held(&request.scene.scene_id, scene))
-    }
-
-    fn score(&self, request: &ScoreRequest, scene: &Arc<Scene>) -> Result<ScoreReply, CallError> {
-        self.engine.score(request, &self.held(&request.scene.scene_id, scene))
-    }
-
-    fn forecasts(&self) -> Result<Arc<Forecasts>, CallError> {
-        Ok(self.forecasts.clone())
     }
 }
