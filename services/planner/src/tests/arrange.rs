@@ -108,24 +108,26 @@ fn objects_on_tops_that_the_other_must_go_to_change_places_after_one_is_set_asid
 }
 
 #[test]
-fn what_hides_a_top_is_set_aside_and_the_rest_is_left_to_a_view() {
-    // Of the top of 2 nothing shows behind the thin board that stands on its front edge.
-    let uncovered = SceneBuilder::table().object(2, [0.2, 0.0], [0.12, 0.12, 0.05]).object(3, [-0.2, 0.0], [0.08, 0.08, 0.06]);
-    let mut covered = uncovered.clone().object_at(4, [0.2, -0.053], 0.05, [0.12, 0.014, 0.16]).scene();
-    covered.meta.surfaces.retain(|s| s.object != Some(2));
+fn where_even_the_bare_top_has_no_place_what_covers_it_is_set_aside_and_a_view_is_asked_for() {
+    // Between two posts there is no room for something as wide as 3, whatever stands on 2.
+    let table = SceneBuilder::table()
+        .object(2, [0.2, 0.0], [0.12, 0.12, 0.05])
+        .object(3, [-0.2, 0.0], [0.25, 0.08, 0.06])
+        .object(5, [0.095, 0.0], [0.03, 0.16, 0.3])
+        .object(6, [0.305, 0.0], [0.03, 0.16, 0.3]);
+    let covered = table.clone().object_at(4, [0.2, 0.0], 0.05, [0.07, 0.07, 0.1]).scene();
     let wanted: &[(u16, &[&str])] = &[(3, &["above:2"])];
     let result = arranged(&covered, wanted);
     let moves: Vec<_> = result.moves.iter().map(|m| (m.object, m.purpose)).collect();
     assert_eq!((result.outcome, moves.as_slice()), (Outcome::Partial, [(4, Purpose::Aside)].as_slice()), "{result:?}");
     assert_eq!((result.open.as_slice(), result.needs_view.as_slice()), ([3].as_slice(), [2].as_slice()), "{result:?}");
-    assert!(result.searches <= 8 && result.conflict.is_none(), "{result:?}");
+    assert!(result.searches <= 12 && result.conflict.is_none(), "{result:?}");
     assert_eq!(arranged(&covered, wanted), result, "the same bytes");
-    // Where nothing may be set aside there is nothing to wait for.
-    assert_eq!(arranged_with(&covered, wanted, 0).outcome, Outcome::None);
-    let seen = uncovered.object(4, [0.0, -0.2], [0.12, 0.014, 0.16]).scene();
-    let then = arranged(&seen, wanted);
-    assert_eq!((then.outcome, then.moves.len()), (Outcome::Found, 1), "{then:?}");
-    assert!(hold_at_the_end(&seen, &then));
+    // Where nothing may be set aside there is nothing to wait for; and the view that shows the top says that there is no place.
+    let uncovered = table.object(4, [0.0, -0.25], [0.07, 0.07, 0.1]).scene();
+    for end in [arranged_with(&covered, wanted, 0), arranged(&uncovered, wanted)] {
+        assert!(end.outcome == Outcome::None && end.needs_view.is_empty() && end.conflict.is_some(), "{end:?}");
+    }
 }
 
 #[test]
