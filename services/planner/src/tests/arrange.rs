@@ -116,7 +116,7 @@ fn where_even_the_bare_top_has_no_place_what_covers_it_is_set_aside_and_a_view_i
         .object(5, [0.095, 0.0], [0.03, 0.16, 0.3])
         .object(6, [0.305, 0.0], [0.03, 0.16, 0.3]);
     let covered = table.clone().object_at(4, [0.2, 0.0], 0.05, [0.07, 0.07, 0.1]).scene();
-    let wanted: &[(u16, &[&str])] = &[(3, &["above:2"])];
+    let wanted: &[(u16, &[&str])] = &[(3, &["above:2", "not:above:4", "not:above:5", "not:above:6"])];
     let result = arranged(&covered, wanted);
     let moves: Vec<_> = result.moves.iter().map(|m| (m.object, m.purpose)).collect();
     assert_eq!((result.outcome, moves.as_slice()), (Outcome::Partial, [(4, Purpose::Aside)].as_slice()), "{result:?}");
