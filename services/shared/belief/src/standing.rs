@@ -49,7 +49,9 @@ impl ObservedGeometry<'_> {
         let lowest_m = robust.min.z;
         let limit_m = lowest_m + settings.bottom_slack_m;
         let own_m = lowest_m - self.trimmed_m(&robust.center());
-        let shown_m = self.shown_level_m(id, &robust.center().xy(), limit_m);
+        let middle = robust.center().xy();
+        let carriers = self.reaching_under(id, &middle);
+        let shown_m = self.shown_level_m(id, &carriers, &middle, limit_m);
         let under_m = self.highest_under_m(id, lowest_m - settings.stack.below_m);
         if lowest_m - shown_m > settings.stack.overhang_m
             && let Some(top_m) = self.touched_top_m(id, points, lowest_m)
@@ -67,12 +69,11 @@ impl ObservedGeometry<'_> {
                 own_m
             } else {
                 // Its foot is hidden, or beyond the picture's edge.
-                let nearby_m = self.nearby_m(&robust.center().xy(), own_m).filter(|_| !shown_m.is_finite() && !under_m.is_finite());
+                let nearby_m = self.nearby_m(&middle, own_m).filter(|_| !shown_m.is_finite() && !under_m.is_finite());
                 nearby_m.unwrap_or(own_m - stack.hidden_m)
             });
         }
         // The surface's own height is less noisy than a few cells of it. A top of about that height that is elsewhere tells nothing.
-        let carriers = self.reaching_under(id, &robust.center().xy());
         let under = self.planes.iter().filter(|p| carriers.contains(&p.object)).map(|p| p.height_m);
         let level = under.filter(|h| *h <= limit_m && (h - shown_m).abs() <= settings.same_level_m);
         let same = level.min_by(|a, b| (a - shown_m).abs().total_cmp(&(b - shown_m).abs()));
@@ -116,13 +117,12 @@ impl ObservedGeometry<'_> {
         (self.settings.border_px * distance_m / self.view.focal_px() / steepness).max(self.settings.trim_m)
     }
 
-    /// The highest level up to a limit that something else shows in and around an object's place seen from above; −∞ where nothing does.
-    fn shown_level_m(&self, id: u16, middle: &Point2<f32>, limit_m: f32) -> f32 {
-        let carriers = self.reaching_under(id, middle);
+    /// The highest level up to a limit that its carriers show in and around an object's place seen from above; −∞ where none does.
+    fn shown_level_m(&self, id: u16, carriers: &BTreeSet<u16>, middle: &Point2<f32>, limit_m: f32) -> f32 {
         let planes =
             self.planes.iter().filter(|p| carriers.contains(&p.object) && p.height_m <= limit_m && p.outline.margin(middle) >= 0.0);
         let outlined_m = planes.map(|p| p.height_m).fold(f32::NEG_INFINITY, f32::max);
-        outlined_m.max(self.shared_top_m(id, &carriers, limit_m))
+        outlined_m.max(self.shared_top_m(id, carriers, limit_m))
     }
 
     /// What may carry an object: furniture, and of other objects those that reach under its middle. What stands beside it carries nothing.
