@@ -4,12 +4,14 @@
 //! synchronously and may wait for room, or for a large one of the same priority that is being sent: such sends have threads that may block.
 
 use std::collections::BTreeSet;
+use std::future::IntoFuture;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use async_trait::async_trait;
 use bytes::Bytes;
+use futures::FutureExt;
 use repose_proto::{Payload, Priority, message};
 use tokio::sync::watch;
 use tokio::time::Instant;
@@ -159,8 +161,9 @@ pub(crate) struct CancelOnDrop(pub zenoh::cancellation::CancellationToken);
 
 impl Drop for CancelOnDrop {
     fn drop(&mut self) {
-        // Waits at most for a callback under way, which only pushes into a mailbox.
-        if let Err(error) = self.0.cancel().wait() {
+        // Its first step forgets the query; the rest waits for a callback under way, which may push into a mailbox that nobody reads any more.
+        // Waiting here would block, and on a thread that itself waits for a task (`Runtime::block_on`) take the wake-up that was meant for it.
+        if let Some(Err(error)) = self.0.cancel().into_future().now_or_never() {
             tracing::debug!(%error, "a query could not be forgotten");
         }
     }

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use crate::common::{Network, Oddities, SERVICE, read, word};
 use bytes::Bytes;
+use futures::future::join_all;
 use repose_proto::{ErrorCode, Payload, Priority, ReplyAttachment, ReplyKind, limits};
 use repose_runtime::transport::{OutgoingQuery, ReplyEvent};
 use repose_runtime::{CallOptions, CancellationToken, RuntimeConfig, Session, Traffic};
@@ -78,6 +79,28 @@ async fn a_stream_of_replies_ends_once_its_query_was_given_up() {
         let after = tokio::time::timeout(Duration::from_secs(10), replies.next()).await.expect("it ends by itself");
         assert!(after.is_none(), "{after:?}");
         handler.release.notify_one();
+    }
+}
+
+/// The test's own future runs outside of the runtime's tasks (`block_on`), as a command's does: whatever blocks in it may take its wake-ups.
+#[tokio::test(flavor = "multi_thread")]
+async fn the_end_of_every_query_is_heard_of_where_many_end_at_once() {
+    let network = Network::routed(RuntimeConfig::default()).await;
+    let mut sessions = Vec::new();
+    for _ in 0..8 {
+        sessions.push(network.session().await);
+    }
+    let patience = Duration::from_secs(10);
+    for round in 0..200 {
+        let asked = join_all(sessions.iter().map(|session| async {
+            let query = OutgoingQuery { payload: word(""), attachment: Bytes::new(), priority: Priority::Batch, timeout: patience };
+            let end = session.transport().query("repose/v1/nowhere", query).await.unwrap().next().await;
+            assert!(end.is_none(), "{end:?}");
+        }));
+        // The timer wakes what has ended and was not told so: only the time shows it.
+        let began = Instant::now();
+        tokio::time::timeout(patience, asked).await.expect("all end");
+        assert!(began.elapsed() < patience, "round {round} ended when the timer woke it");
     }
 }
 
@@ -383,7 +406,7 @@ async fn calls_are_spread_over_workers_that_take_as_long() {
     let _second = network.worker(&handlers[1]).await;
     let caller = network.caller(2).await;
     let calls = (0..40).map(|_| caller.call("work", word("w"), options()));
-    for answer in futures::future::join_all(calls).await {
+    for answer in join_all(calls).await {
         answer.unwrap();
     }
     let counts = handlers.map(|h| h.started.load(std::sync::atomic::Ordering::SeqCst));
