@@ -33,12 +33,14 @@
 //! Pure: from points to beliefs, with fixed rules ([`settings`]); no I/O, no random numbers.
 
 pub mod back;
+pub mod bearing;
 pub mod boosted_trees;
 pub mod columns;
 pub mod covering;
 pub mod crown;
 pub mod far_side;
 pub mod front;
+pub mod meeting;
 pub mod offsets;
 pub mod outlines;
 pub mod plane;
@@ -168,7 +170,7 @@ impl Belief {
         let mut shapes = known.unwrap_or_else(|| completed(&before));
         let hidden: Vec<(Point2<f32>, ColumnRun)> = shapes.iter().flat_map(|(id, shape)| unseen_runs(*id, shape, &observed)).collect();
         let columns = observed.with(hidden);
-        let carried = carried_by(&shapes, &columns, &settings.stack);
+        let carried = carried_by(&before, &shapes);
         let crowned = clouds.iter().filter(|(_, points)| is_crowned(points, &settings.crown)).map(|(id, _)| *id).collect();
         let believed = clouds.into_iter().filter_map(|(id, points)| {
             let centroid = cloud::centroid(&points)?;

@@ -9,6 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{Point2, Point3, Vector2};
 use repose_geometry::{Aabb, Footprint, cloud};
 
+use crate::bearing::{Bearing, candidates};
 use crate::columns::{ColumnMap, cells_of};
 use crate::plane::SupportPlane;
 use crate::settings::{BeliefSettings, StackSettings};
@@ -231,21 +232,28 @@ pub(crate) fn nth(mut values: Vec<f32>, n: usize) -> Option<f32> {
     Some(*values.select_nth_unstable_by(at, f32::total_cmp).1)
 }
 
-/// Which objects each object carries, by its id: those that stand on it or in it. Objects that carry nothing are left out.
-pub fn carried_by(shapes: &BTreeMap<u16, Shape>, cells: &ColumnMap, settings: &StackSettings) -> BTreeMap<u16, Vec<u16>> {
+/// Which objects each object carries, by its id: those that stand on it or in it, also if they stand on others besides. Objects that carry nothing
+/// are left out.
+pub fn carried_by(seen: &ObservedGeometry<'_>, shapes: &BTreeMap<u16, Shape>) -> BTreeMap<u16, Vec<u16>> {
+    let settings = &seen.settings.stack;
     let mut carried: BTreeMap<u16, Vec<u16>> = BTreeMap::new();
     for (carrier, below) in shapes {
-        let above = shapes.iter().filter(|(id, above)| *id != carrier && is_on(above, below, cells, settings));
-        let ids: Vec<u16> = above.map(|(id, _)| *id).collect();
-        if !ids.is_empty() {
-            carried.insert(*carrier, ids);
+        let above = shapes.iter().filter(|(id, above)| *id != carrier && is_on(above, below, seen.columns, settings));
+        carried.entry(*carrier).or_default().extend(above.map(|(id, _)| *id));
+    }
+    for pair in candidates(seen, shapes) {
+        let loads = carried.entry(pair.carrier).or_default();
+        if !loads.contains(&pair.load) && Bearing::own().probability(&pair.measures) >= settings.carried_probability {
+            loads.push(pair.load);
         }
     }
+    carried.retain(|_, loads| !loads.is_empty());
+    carried.values_mut().for_each(|loads| loads.sort_unstable());
     carried
 }
 
 /// Whether one shape stands on another or in it: its bottom is within reach of the other's top, and enough of its base is over it.
-fn is_on(above: &Shape, below: &Shape, columns: &ColumnMap, settings: &StackSettings) -> bool {
+pub(crate) fn is_on(above: &Shape, below: &Shape, columns: &ColumnMap, settings: &StackSettings) -> bool {
     let height_fits = above.bottom_m > below.bottom_m + settings.step_m && above.bottom_m <= below.top_m + settings.contact_m;
     let Some(top) = below.slabs.last().filter(|_| height_fits) else { return false };
     let (mut cells, mut over) = (0usize, 0usize);

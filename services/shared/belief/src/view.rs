@@ -3,11 +3,14 @@
 //! The picture is rebuilt from the scene's points. Pixels without a point, and those that the query covered before, are unknown: they
 //! hide nothing. The same picture tells whether a place was seen to be empty, seen to be a surface, or hidden.
 
-use nalgebra::{Isometry3, Point3};
+use std::collections::BTreeMap;
+
+use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use repose_geometry::{Image, Pinhole};
 use repose_proto::CameraModel;
 use repose_simd::InstructionSet;
 
+use crate::meeting::{Meeting, Towards};
 use crate::projection::{BLOCK, IntoCamera, NOWHERE, Projected, Projecting, fill};
 use crate::settings::ViewSettings;
 
@@ -15,6 +18,8 @@ use crate::settings::ViewSettings;
 const BEHIND_M: f32 = 0.008;
 /// How much nearer than an object's outline what hides more of it is, metres: more than depth is uncertain by.
 const NEARER_M: f32 = 0.015;
+/// A fall that shows which way is down in the picture, metres.
+const FALL_M: f64 = 0.01;
 /// How many pixels around one without a reading are asked: cleaning takes two or three off each border.
 const RINGS: usize = 4;
 
@@ -151,6 +156,32 @@ impl ObservedView {
         is_level.then(|| (near.object, (self.camera_from_world.inverse() * in_camera).cast()))
     }
 
+    /// Where the picture of each object ends in a direction: its own place there, and the next reading beyond it, up to `rows` pixels away.
+    /// At the picture's edge, and where nothing was read beyond, nothing is told.
+    pub fn edges(&self, towards: Towards, rows: usize) -> BTreeMap<u16, Vec<Meeting>> {
+        let world_from_camera = self.camera_from_world.inverse();
+        let fall = self.camera_from_world.rotation * (-Vector3::z() * FALL_M);
+        let width = self.camera.width;
+        let mut edges: BTreeMap<u16, Vec<Meeting>> = BTreeMap::new();
+        for (i, pixel) in self.pixels.pixels().iter().enumerate().filter(|(_, pixel)| pixel.depth_m > 0.0 && pixel.object != 0) {
+            let (u, v) = ((i % width) as f64, (i / width) as f64);
+            let own = self.camera.unproject(u, v, f64::from(pixel.depth_m));
+            let falls = self.camera.project(&(own + fall)).and_then(|to| (to - Point2::new(u, v)).try_normalize(1e-9));
+            let Some(step) = falls.map(|falls| towards.of_down(&falls)) else { continue };
+            let beyond = (1..=rows).map(|k| step * k as f64).find_map(|by| {
+                let (u, v) = ((u + by.x).round(), (v + by.y).round());
+                let (u, v) = (u >= 0.0 && v >= 0.0).then_some((u as usize, v as usize))?;
+                self.pixels.get(u, v).filter(|beyond| beyond.depth_m > 0.0).map(|beyond| (u, v, beyond))
+            });
+            if let Some((u, v, pixel_beyond)) = beyond.filter(|(.., beyond)| beyond.object != pixel.object) {
+                let place = world_from_camera * self.camera.unproject(u as f64, v as f64, f64::from(pixel_beyond.depth_m));
+                let meeting = Meeting { object: pixel_beyond.object, own: (world_from_camera * own).cast(), beyond: place.cast() };
+                edges.entry(pixel.object).or_default().push(meeting);
+            }
+        }
+        edges
+    }
+
     /// What an object's outline in the picture ends at, row by row and column by column.
     ///
     /// Cleaning takes a few pixels off each border, so that what is beyond it is looked for that far away.
@@ -241,6 +272,7 @@ mod tests {
     use repose_made_scenes::{SceneBuilder, world_from_camera};
 
     use super::*;
+    use crate::settings::MeetingSettings;
 
     #[test]
     fn a_place_on_the_table_is_a_surface_behind_a_box_unknown_and_in_the_air_empty() {
@@ -265,6 +297,25 @@ mod tests {
         assert_eq!(view.visibility(&points, &moved(0.0, 0.0), 1, &settings).unhidden, 1.0);
         assert_eq!(view.visibility(&points, &moved(-0.2, 0.0), 2, &settings).unhidden, 1.0);
         assert_eq!(view.visibility(&points, &moved(0.0, 3.0), 2, &settings).in_picture, 0.0);
+    }
+
+    #[test]
+    fn the_lower_edge_of_a_load_touches_its_carrier_however_the_camera_is_held() {
+        let scene =
+            SceneBuilder::table().object(1, [0.0, 0.0], [0.12, 0.12, 0.1]).object_at(2, [0.0, 0.0], 0.1, [0.06, 0.06, 0.08]).scene();
+        let settings = MeetingSettings::default();
+        for roll_rad in [0.0, 1.2, 2.8] {
+            let held = world_from_camera() * nalgebra::UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll_rad);
+            let mut camera = scene.meta.camera.clone();
+            (camera.width, camera.height, camera.cx, camera.cy) = (400, 400, 199.5, 199.5);
+            let view = ObservedView::new(&scene.points, &scene.labels, &camera, &held, 640);
+            let (lower, upper) = (view.edges(Towards::Down, settings.rows), view.edges(Towards::Up, settings.rows));
+            let of_load: Vec<bool> = lower[&2].iter().map(|m| m.object == 1 && m.is_contact(&settings)).collect();
+            assert!(of_load.iter().filter(|touches| **touches).count() * 10 >= of_load.len() * 9, "{roll_rad}: {of_load:?}");
+            assert!(lower[&1].iter().all(|m| m.object == 0), "{roll_rad}");
+            let at_load = upper[&1].iter().filter(|m| m.object == 2 && m.reversed().is_contact(&settings)).count();
+            assert!(at_load > 5, "{roll_rad}: {at_load} of {}", upper[&1].len());
+        }
     }
 
     #[test]
