@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::boosted_trees::BoostedTrees;
 use crate::columns::cells_of;
-use crate::meeting::{Meeting, Towards};
+use crate::meeting::{Edges, Meeting};
 use crate::outlines::outline_gap_m;
 use crate::shape::Shape;
 use crate::standing::{ObservedGeometry, is_on, nth};
@@ -170,22 +170,12 @@ pub struct Candidate {
 
 /// All pairs of a scene of which one may bear the other.
 pub fn candidates(seen: &ObservedGeometry<'_>, shapes: &BTreeMap<u16, Shape>) -> Vec<Candidate> {
-    let settings = &seen.settings.meeting;
-    let lower = seen.view.edges(Towards::Down, settings.rows);
-    let upper = seen.view.edges(Towards::Up, settings.rows);
-    let sides = [Towards::Left, Towards::Right].map(|towards| seen.view.edges(towards, settings.rows));
+    let edges = seen.view.edges(seen.settings.meeting.rows);
+    let none = Edges::default();
     let of = |id: &u16, shape| {
         let points = seen.clouds.get(id).filter(|points| points.len() >= MIN_POINTS)?;
         let heights = |sign: f32| nth(points.iter().map(|p| sign * p.z).collect(), points.len() / 50);
-        Some(Seen {
-            id: *id,
-            shape,
-            lowest_m: heights(1.0)?,
-            highest_m: -heights(-1.0)?,
-            lower: lower.get(id).map_or(&[], Vec::as_slice),
-            upper: upper.get(id).map_or(&[], Vec::as_slice),
-            sides: sides.iter().filter_map(|side| side.get(id)).flatten().copied().collect(),
-        })
+        Some(Seen { id: *id, shape, lowest_m: heights(1.0)?, highest_m: -heights(-1.0)?, edges: edges.get(id).unwrap_or(&none) })
     };
     let objects: Vec<Seen<'_>> = shapes.iter().filter_map(|(id, shape)| of(id, shape)).collect();
     let pairs = objects.iter().flat_map(|carrier| objects.iter().map(move |load| Pair { carrier, load, seen }));
@@ -207,11 +197,7 @@ struct Seen<'a> {
     /// The heights that all but a fiftieth of its points are above, and below, metres.
     lowest_m: f32,
     highest_m: f32,
-    /// Its lower and its upper edge in the picture.
-    lower: &'a [Meeting],
-    upper: &'a [Meeting],
-    /// Its edges to the left and to the right.
-    sides: Vec<Meeting>,
+    edges: &'a Edges,
 }
 
 /// A carrier and a load.
@@ -245,19 +231,19 @@ impl Pair<'_> {
         let (carrier, load, top) = (self.carrier.shape, self.load.shape, self.top());
         let settings = &self.seen.settings.meeting;
         let (touching, elsewhere): (Vec<&Meeting>, Vec<&Meeting>) =
-            self.load.lower.iter().filter(|m| m.is_contact(settings)).partition(|m| m.object == self.carrier.id);
-        let share = |count: usize| count as f32 / self.load.lower.len().max(1) as f32;
+            self.load.edges.lower.iter().filter(|m| m.is_contact(settings)).partition(|m| m.object == self.carrier.id);
+        let share = |count: usize| count as f32 / self.load.edges.lower.len().max(1) as f32;
         let count = |keep: &dyn Fn(&&Meeting) -> bool| share(touching.iter().copied().filter(|m| keep(m)).count());
         let eye = self.seen.view.eye();
         let behind_m = |m: &Meeting| (m.beyond - eye).norm() - (m.own - eye).norm();
-        let ends = |keep: &dyn Fn(&Meeting, f32) -> bool| share(self.load.lower.iter().filter(|m| keep(m, behind_m(m))).count());
+        let ends = |keep: &dyn Fn(&Meeting, f32) -> bool| share(self.load.edges.lower.iter().filter(|m| keep(m, behind_m(m))).count());
         let floor_m = self.floor_m();
         let height = |places: &[&Meeting], at: f32| nth(places.iter().map(|m| m.own.z).collect(), (places.len() as f32 * at) as usize);
         let (touch_m, others_m) = (height(&touching, 0.5), height(&elsewhere, 0.1));
         let over = |height_m: Option<f32>, reference_m: f32| cut(height_m.map_or(FAR_M, |z| z - reference_m));
-        let beside: Vec<&Meeting> = self.load.sides.iter().filter(|m| m.object == self.carrier.id && m.is_beside(settings)).collect();
+        let beside: Vec<&Meeting> = self.load.edges.sides.iter().filter(|m| m.object == self.carrier.id && m.is_beside(settings)).collect();
         let drop_m = nth(beside.iter().map(|m| m.own.z - m.beyond.z).collect(), beside.len() / 2);
-        let roofed = self.carrier.upper.iter().filter(|m| m.object == self.load.id && m.reversed().is_contact(settings)).count();
+        let roofed = self.carrier.edges.upper.iter().filter(|m| m.object == self.load.id && m.reversed().is_contact(settings)).count();
         vec![
             base_over,
             base_over_another,
@@ -275,7 +261,7 @@ impl Pair<'_> {
             cut(carrier.top_m - carrier.bottom_m),
             load.base.area(),
             top.area(),
-            share(self.load.lower.iter().filter(|m| m.object == self.carrier.id).count()),
+            share(self.load.edges.lower.iter().filter(|m| m.object == self.carrier.id).count()),
             share(touching.len()),
             count(&|m| (m.own - m.beyond).norm() <= CLOSE_M),
             count(&|m| top.margin(&m.own.xy()) >= -INSIDE_M),
@@ -286,13 +272,13 @@ impl Pair<'_> {
             ends(&|_, behind_m| behind_m > CLEARLY_M),
             ends(&|m, behind_m| m.object == self.carrier.id && behind_m < -CLEARLY_M),
             ends(&|m, behind_m| m.object == self.carrier.id && behind_m > CLEARLY_M),
-            beside.len() as f32 / self.load.sides.len().max(1) as f32,
+            beside.len() as f32 / self.load.edges.sides.len().max(1) as f32,
             cut(drop_m.unwrap_or(FAR_M)),
             over(touch_m, self.carrier.highest_m),
             over(touch_m, self.load.lowest_m),
             over(others_m, self.carrier.highest_m),
             over(others_m, self.load.lowest_m),
-            roofed as f32 / self.carrier.upper.len().max(1) as f32,
+            roofed as f32 / self.carrier.edges.upper.len().max(1) as f32,
         ]
     }
 

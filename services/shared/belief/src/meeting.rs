@@ -3,33 +3,19 @@
 //!
 //! Down is where the picture shows something fall, so that a camera may be held at any angle.
 
-use nalgebra::{Point3, Vector2};
+use nalgebra::Point3;
 
 use crate::settings::MeetingSettings;
 
-/// A direction in the picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Towards {
-    /// Where something falls to.
-    Down,
-    /// Where it falls from.
-    Up,
-    /// To the left of that, and to the right.
-    Left,
-    /// See [`Self::Left`].
-    Right,
-}
-
-impl Towards {
-    /// The step in the picture in this direction, of a step downwards.
-    pub fn of_down(self, down: &Vector2<f64>) -> Vector2<f64> {
-        match self {
-            Self::Down => *down,
-            Self::Up => -down,
-            Self::Left => Vector2::new(-down.y, down.x),
-            Self::Right => Vector2::new(down.y, -down.x),
-        }
-    }
+/// The edges of an object's picture.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Edges {
+    /// Where it ends downwards: towards where something falls to.
+    pub lower: Vec<Meeting>,
+    /// Where it ends upwards.
+    pub upper: Vec<Meeting>,
+    /// Where it ends to the left and to the right.
+    pub sides: Vec<Meeting>,
 }
 
 /// One place on the edge of an object's picture, and what is seen right beyond it.

@@ -5,12 +5,12 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Isometry3, Point2, Point3, Vector3};
+use nalgebra::{Isometry3, Point2, Point3, Vector2, Vector3};
 use repose_geometry::{Image, Pinhole};
 use repose_proto::CameraModel;
 use repose_simd::InstructionSet;
 
-use crate::meeting::{Meeting, Towards};
+use crate::meeting::{Edges, Meeting};
 use crate::projection::{BLOCK, IntoCamera, NOWHERE, Projected, Projecting, fill};
 use crate::settings::ViewSettings;
 
@@ -156,30 +156,52 @@ impl ObservedView {
         is_level.then(|| (near.object, (self.camera_from_world.inverse() * in_camera).cast()))
     }
 
-    /// Where the picture of each object ends in a direction: its own place there, and the next reading beyond it, up to `rows` pixels away.
-    /// At the picture's edge, and where nothing was read beyond, nothing is told.
-    pub fn edges(&self, towards: Towards, rows: usize) -> BTreeMap<u16, Vec<Meeting>> {
-        let world_from_camera = self.camera_from_world.inverse();
+    /// Where the picture of each object ends: its own place there, and the next reading beyond it, up to `rows` pixels away. At the picture's edge,
+    /// and where nothing was read beyond, nothing is told.
+    pub fn edges(&self, rows: usize) -> BTreeMap<u16, Edges> {
         let fall = self.camera_from_world.rotation * (-Vector3::z() * FALL_M);
         let width = self.camera.width;
-        let mut edges: BTreeMap<u16, Vec<Meeting>> = BTreeMap::new();
+        let mut edges: BTreeMap<u16, Edges> = BTreeMap::new();
         for (i, pixel) in self.pixels.pixels().iter().enumerate().filter(|(_, pixel)| pixel.depth_m > 0.0 && pixel.object != 0) {
-            let (u, v) = ((i % width) as f64, (i / width) as f64);
+            let at = [i % width, i / width];
+            if self.is_inside(at, pixel.object) {
+                continue;
+            }
+            let (u, v) = (at[0] as f64, at[1] as f64);
             let own = self.camera.unproject(u, v, f64::from(pixel.depth_m));
             let falls = self.camera.project(&(own + fall)).and_then(|to| (to - Point2::new(u, v)).try_normalize(1e-9));
-            let Some(step) = falls.map(|falls| towards.of_down(&falls)) else { continue };
-            let beyond = (1..=rows).map(|k| step * k as f64).find_map(|by| {
-                let (u, v) = ((u + by.x).round(), (v + by.y).round());
-                let (u, v) = (u >= 0.0 && v >= 0.0).then_some((u as usize, v as usize))?;
-                self.pixels.get(u, v).filter(|beyond| beyond.depth_m > 0.0).map(|beyond| (u, v, beyond))
-            });
-            if let Some((u, v, pixel_beyond)) = beyond.filter(|(.., beyond)| beyond.object != pixel.object) {
-                let place = world_from_camera * self.camera.unproject(u as f64, v as f64, f64::from(pixel_beyond.depth_m));
-                let meeting = Meeting { object: pixel_beyond.object, own: (world_from_camera * own).cast(), beyond: place.cast() };
-                edges.entry(pixel.object).or_default().push(meeting);
-            }
+            let Some(down) = falls else { continue };
+            let aside = Vector2::new(-down.y, down.x);
+            let meeting = |step: Vector2<f64>| self.meeting(at, pixel, step, rows);
+            let of = edges.entry(pixel.object).or_default();
+            of.lower.extend(meeting(down));
+            of.upper.extend(meeting(-down));
+            of.sides.extend(meeting(aside).into_iter().chain(meeting(-aside)));
         }
         edges
+    }
+
+    /// Whether all pixels around one are the same object's.
+    fn is_inside(&self, [u, v]: [usize; 2], object: u16) -> bool {
+        let (width, height) = (self.camera.width, self.camera.height);
+        let is_own = |u: usize, v: usize| self.pixels.get(u, v).is_some_and(|p| p.depth_m > 0.0 && p.object == object);
+        let is_within = u > 0 && v > 0 && u + 1 < width && v + 1 < height;
+        is_within && (v - 1..=v + 1).all(|v| (u - 1..=u + 1).all(|u| is_own(u, v)))
+    }
+
+    /// The next reading from a pixel on in steps of one, if it is not the same object's.
+    fn meeting(&self, [u, v]: [usize; 2], pixel: &Pixel, step: Vector2<f64>, rows: usize) -> Option<Meeting> {
+        let place = |u: usize, v: usize, depth_m: f32| {
+            let in_camera = self.camera.unproject(u as f64, v as f64, f64::from(depth_m));
+            (self.camera_from_world.inverse() * in_camera).cast::<f32>()
+        };
+        let (to_u, to_v, beyond) = (1..=rows).find_map(|k| {
+            let (u, v) = ((u as f64 + step.x * k as f64).round(), (v as f64 + step.y * k as f64).round());
+            let (u, v) = (u >= 0.0 && v >= 0.0).then_some((u as usize, v as usize))?;
+            self.pixels.get(u, v).filter(|beyond| beyond.depth_m > 0.0).map(|beyond| (u, v, beyond))
+        })?;
+        let meets = beyond.object != pixel.object;
+        meets.then(|| Meeting { object: beyond.object, own: place(u, v, pixel.depth_m), beyond: place(to_u, to_v, beyond.depth_m) })
     }
 
     /// What an object's outline in the picture ends at, row by row and column by column.
@@ -309,12 +331,14 @@ mod tests {
             let mut camera = scene.meta.camera.clone();
             (camera.width, camera.height, camera.cx, camera.cy) = (400, 400, 199.5, 199.5);
             let view = ObservedView::new(&scene.points, &scene.labels, &camera, &held, 640);
-            let (lower, upper) = (view.edges(Towards::Down, settings.rows), view.edges(Towards::Up, settings.rows));
-            let of_load: Vec<bool> = lower[&2].iter().map(|m| m.object == 1 && m.is_contact(&settings)).collect();
-            assert!(of_load.iter().filter(|touches| **touches).count() * 10 >= of_load.len() * 9, "{roll_rad}: {of_load:?}");
-            assert!(lower[&1].iter().all(|m| m.object == 0), "{roll_rad}");
-            let at_load = upper[&1].iter().filter(|m| m.object == 2 && m.reversed().is_contact(&settings)).count();
-            assert!(at_load > 5, "{roll_rad}: {at_load} of {}", upper[&1].len());
+            let edges = view.edges(settings.rows);
+            // A few pixels of sides, which are jagged in a picture that is turned, have something else below.
+            let is_most = |edge: &[Meeting], keep: &dyn Fn(&&Meeting) -> bool| edge.iter().filter(keep).count() * 3 >= edge.len() * 2;
+            let (of_load, of_carrier) = (&edges[&2].lower, &edges[&1].lower);
+            assert!(is_most(of_load, &|m| m.object == 1 && m.is_contact(&settings)), "{roll_rad}: {of_load:?}");
+            assert!(is_most(of_carrier, &|m| m.object == 0), "{roll_rad}: {of_carrier:?}");
+            let at_load = edges[&1].upper.iter().filter(|m| m.object == 2 && m.reversed().is_contact(&settings)).count();
+            assert!(at_load > 5, "{roll_rad}: {at_load} of {}", edges[&1].upper.len());
         }
     }
 
