@@ -35,6 +35,7 @@
 pub mod back;
 pub mod bearing;
 pub mod boosted_trees;
+pub mod carrying;
 pub mod columns;
 pub mod covering;
 pub mod crown;
@@ -60,12 +61,13 @@ use repose_geometry::{Aabb, cloud};
 use repose_proto::{CameraModel, Scene, Surface};
 
 use back::Back;
+use carrying::carried_by;
 use columns::{ColumnMap, ColumnRun, bounds_around, cells_of, cells_of_map};
 use covering::go_on_under;
 use crown::is_crowned;
 use front::Front;
 use plane::SupportPlane;
-use standing::{ObservedGeometry, carried_by};
+use standing::ObservedGeometry;
 
 pub use settings::BeliefSettings;
 pub use shape::Shape;

@@ -1,4 +1,4 @@
-//! What every object of a scene stands on: how high its bottom is, and which object carries it.
+//! What every object of a scene stands on: how high its bottom is.
 //!
 //! An object hides most of what it stands on, and border cleaning trims its own lowest points. So the strip around it tells: the highest
 //! level that something else shows there, unless what was seen speaks against the object's reaching down to it: another object's points
@@ -9,7 +9,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{Point2, Point3, Vector2};
 use repose_geometry::{Aabb, Footprint, cloud};
 
-use crate::bearing::{Bearing, candidates};
 use crate::columns::{ColumnMap, cells_of};
 use crate::plane::SupportPlane;
 use crate::settings::{BeliefSettings, StackSettings};
@@ -230,26 +229,6 @@ fn robust_box(points: &[Point3<f32>]) -> Option<Aabb> {
 pub(crate) fn nth(mut values: Vec<f32>, n: usize) -> Option<f32> {
     let at = n.min(values.len().checked_sub(1)?);
     Some(*values.select_nth_unstable_by(at, f32::total_cmp).1)
-}
-
-/// Which objects each object carries, by its id: those that stand on it or in it, also if they stand on others besides. Objects that carry nothing
-/// are left out.
-pub fn carried_by(seen: &ObservedGeometry<'_>, shapes: &BTreeMap<u16, Shape>) -> BTreeMap<u16, Vec<u16>> {
-    let settings = &seen.settings.stack;
-    let mut carried: BTreeMap<u16, Vec<u16>> = BTreeMap::new();
-    for (carrier, below) in shapes {
-        let above = shapes.iter().filter(|(id, above)| *id != carrier && is_on(above, below, seen.columns, settings));
-        carried.entry(*carrier).or_default().extend(above.map(|(id, _)| *id));
-    }
-    for pair in candidates(seen, shapes) {
-        let loads = carried.entry(pair.carrier).or_default();
-        if !loads.contains(&pair.load) && Bearing::own().probability(&pair.measures) >= settings.carried_probability {
-            loads.push(pair.load);
-        }
-    }
-    carried.retain(|_, loads| !loads.is_empty());
-    carried.values_mut().for_each(|loads| loads.sort_unstable());
-    carried
 }
 
 /// Whether one shape stands on another or in it: its bottom is within reach of the other's top, and enough of its base is over it.
