@@ -22,14 +22,24 @@ pub fn text_of(table: &BeliefTable) -> String {
             format!("{:.3}", row.volume_overlap),
         ]);
     }
-    [rows.to_string(), format!("{:.1} ms a scene (median)", table.ms), text::legend(&LEGEND)].join("\n")
+    let mut loads = text::table(["kind", "objects", "bearers: recall", "precision", "pairs: recall", "precision"]);
+    for (name, row) in &table.loads {
+        let rates = [row.bearers_told, row.bearers_right, row.pairs_told, row.pairs_right].map(|rate| rate.to_string());
+        loads.add_row([name.clone(), row.objects.to_string()].into_iter().chain(rates));
+    }
+    [rows.to_string(), loads.to_string(), format!("{:.1} ms a scene (median)", table.ms), text::legend(&LEGEND)].join("\n")
 }
 
 /// The columns, in their order.
-const LEGEND: [(&str, &str); 5] = [
+const LEGEND: [(&str, &str); 7] = [
     ("bottom, far side, near side", "errors in mm, believed less true: median with its sign, median and 90th percentile of their sizes"),
     ("axis away, across", "the same of the upright axis, away from the camera and across"),
     ("in doubt", "objects that end within what is said to be possible on the far side"),
     ("outline", "what the believed and the true outline, seen from above, have in common, as a share of both together"),
     ("volume", "the same of volumes"),
+    (
+        "bearers",
+        "objects on which another lies that the camera saw: of these, those believed to bear something; of those believed to, these",
+    ),
+    ("pairs", "the same of every object and each that lies on it"),
 ];

@@ -1,4 +1,4 @@
-//! How far what is believed of the objects of a scene is from their true shapes.
+//! How far what is believed of the objects of a scene is from their true shapes, and from what truly lies on them.
 
 use nalgebra::{Isometry3, Point2, Point3, Vector2};
 use rand_pcg::Pcg64;
@@ -11,6 +11,8 @@ use repose_simulator::contact::PlacedParts;
 use repose_simulator::scene::{SceneKind, SceneObject, SimulatedScene, scene_of_seed};
 use serde::Serialize;
 
+use crate::scenes::loads::{LoadBelief, believed_loads};
+use crate::scenes::perturbation::with_found_masks;
 use crate::scenes::problem::{CameraView, ProblemSettings};
 
 /// Objects with fewer observed points are left out.
@@ -47,13 +49,26 @@ pub struct BeliefDeviation {
     pub volume_overlap: f32,
 }
 
-/// The objects of a scene, from one view, with the time that believing took; none where the seed gives no scene.
-pub fn believed_objects(seed: u64, settings: &ProblemSettings) -> Option<(Vec<BeliefDeviation>, std::time::Duration)> {
+/// What is believed of the objects of one scene.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BelievedScene {
+    /// Of their shapes.
+    pub shapes: Vec<BeliefDeviation>,
+    /// Of what lies on them.
+    pub loads: Vec<LoadBelief>,
+    /// The time that believing took.
+    pub took: std::time::Duration,
+}
+
+/// The objects of a scene, from one view; none where the seed gives no scene. Masks are given, or found and then named after the objects that
+/// they match.
+pub fn believed_objects(seed: u64, settings: &ProblemSettings, masks_found: bool) -> Option<BelievedScene> {
     let (truth, _) = scene_of_seed(seed, &settings.scene).ok()?;
     let mut rng = Pcg64::new(u128::from(seed), 0xbe11_efed);
-    let observed = std::sync::Arc::new(CameraView::at_random(&truth, settings, &mut rng, seed)?.observed);
+    let view = CameraView::at_random(&truth, settings, &mut rng, seed)?;
+    let observed = if masks_found { with_found_masks(view.frame, &settings.perception).ok()? } else { view.observed };
     let began = std::time::Instant::now();
-    let prepared = PreparedScene::new(observed);
+    let prepared = PreparedScene::new(std::sync::Arc::new(observed));
     let took = began.elapsed();
     let eye = prepared.belief.view.eye().xy();
     let seen = prepared.belief.objects.iter().filter(|(_, object)| object.points.len() >= MIN_POINTS);
@@ -61,7 +76,7 @@ pub fn believed_objects(seed: u64, settings: &ProblemSettings) -> Option<(Vec<Be
         let (shape, object) = (object.shape.as_ref()?, truth.objects.iter().find(|o| o.id == *id)?);
         compared(shape, object, &truth, &eye)
     });
-    Some((objects.collect(), took))
+    Some(BelievedScene { shapes: objects.collect(), loads: believed_loads(&truth, &prepared.belief, MIN_POINTS), took })
 }
 
 /// The corners of an object's true surface, world frame, metres.

@@ -3,8 +3,10 @@
 pub mod agreement;
 pub mod arrangement;
 pub mod back_samples;
+pub mod bearing_samples;
 pub mod believed;
 pub mod carry_watch;
+pub mod loads;
 pub mod one_scene;
 pub mod outcome;
 pub mod perturbation;

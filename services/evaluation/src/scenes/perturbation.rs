@@ -76,7 +76,7 @@ impl Perturbation {
         let rng = &mut Pcg64::new(u128::from(problem.seed), 0xfa_0175);
         let mut frame = problem.frame.clone();
         match self {
-            Self::FoundMasks => frame.labels = Some(found_labels(&problem.frame, perception)?),
+            Self::FoundMasks => return with_found_masks(frame, perception),
             Self::Pose1Deg10Mm => misplace(&mut frame.camera, &problem.world_from_camera, [1.0, 0.01], rng),
             Self::Pose2Deg20Mm => misplace(&mut frame.camera, &problem.world_from_camera, [2.0, 0.02], rng),
             Self::Labels3Px => shift_labels(&mut frame, 3.0, rng),
@@ -88,6 +88,14 @@ impl Perturbation {
         }
         segment(&frame, perception)
     }
+}
+
+/// What perception makes of a frame with masks that it finds itself, named by the labelled ones that they match.
+///
+/// # Errors
+/// When perception refuses the frame.
+pub fn with_found_masks(frame: Frame, perception: &Settings) -> Result<Scene, SegmentError> {
+    segment(&Frame { labels: Some(found_labels(&frame, perception)?), ..frame }, perception)
 }
 
 /// The masks that perception finds, named by the labelled ones that they match with an overlap F of a half or more; others have new ids.

@@ -81,17 +81,25 @@ pub struct NoFit(String);
 /// # Errors
 /// When there is nothing to learn from: fewer samples than leaves of a tree, or all came to the same.
 pub fn fit_forecast(names: &[&str], samples: &[FitSample], fitted_on: ForecastFitData, settings: &FitSettings) -> Result<Forecast, NoFit> {
+    Forecast::new(names, fit_log_odds(samples, settings)?, fitted_on).map_err(|e| NoFit(e.to_string()))
+}
+
+/// Fits the logarithm of the odds that a sample comes true, by the largest likelihood. The same samples in the same order give the same bits.
+///
+/// # Errors
+/// As [`fit_forecast`].
+pub fn fit_log_odds(samples: &[FitSample], settings: &FitSettings) -> Result<BoostedTrees, NoFit> {
     let came_true = samples.iter().filter(|s| s.came_true).count();
     if samples.len() < settings.leaves || came_true == 0 || came_true == samples.len() {
         return Err(NoFit(format!(
-            "expected at least {} releases, some that came true and some that did not; got {}, of which {came_true} did",
+            "expected at least {} samples, some that came true and some that did not; got {}, of which {came_true} did",
             settings.leaves,
             samples.len()
         )));
     }
-    let booster = boosted_likelihood(names.len(), samples, settings).map_err(|e| NoFit(e.to_string()))?;
+    let booster = boosted_likelihood(samples[0].measures.len(), samples, settings).map_err(|e| NoFit(e.to_string()))?;
     let trees = booster.trees.iter().map(served).collect::<Result<_, NoFit>>()?;
-    Forecast::new(names, BoostedTrees { bias: booster.base_score, trees }, fitted_on).map_err(|e| NoFit(e.to_string()))
+    Ok(BoostedTrees { bias: booster.base_score, trees })
 }
 
 /// Fits numbers by least squares, from measures of the same length. The same samples in the same order give the same bits.

@@ -1,15 +1,15 @@
 //! What is believed of objects against what they are, over many scenes.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Duration;
-
 use repose_networks::serving::spread;
 use repose_simulator::scene::{KindWeights, SceneKind};
 use serde::Serialize;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
-use crate::scenes::believed::{BeliefDeviation, DOUBT_SLACK_M, believed_objects};
+use crate::scenes::believed::{BeliefDeviation, BelievedScene, DOUBT_SLACK_M, believed_objects};
+use crate::scenes::loads::LoadBelief;
 use crate::scenes::problem::ProblemSettings;
 use crate::statistics::quantile::Sorted;
+use crate::statistics::rate::Rate;
 
 /// Which scenes.
 #[derive(Debug, Clone)]
@@ -22,6 +22,8 @@ pub struct BeliefTableSettings {
     pub first_seed: u64,
     /// Scenes of each kind.
     pub scenes: usize,
+    /// Whether masks are found by perception, not given.
+    pub masks_found: bool,
     /// Threads.
     pub threads: usize,
 }
@@ -60,16 +62,36 @@ pub struct ErrorSpread {
     pub p90: f64,
 }
 
+/// What is believed to lie on some objects, against what does.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct LoadRow {
+    /// Objects.
+    pub objects: usize,
+    /// Of the objects on which something lies, those that are believed to bear something: recall.
+    pub bearers_told: Rate,
+    /// Of the objects that are believed to bear something, those on which something lies: precision.
+    pub bearers_right: Rate,
+    /// Recall of pairs: of an object and what lies on it.
+    pub pairs_told: Rate,
+    /// Precision of pairs.
+    pub pairs_right: Rate,
+}
+
 /// The table.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BeliefTable {
     /// By kind of scene, and of all kinds last.
     pub rows: Vec<(String, BeliefRow)>,
+    /// What lies on what, likewise.
+    pub loads: Vec<(String, LoadRow)>,
     /// Time to believe a scene, median, milliseconds.
     pub ms: f64,
     /// Every object.
     #[serde(skip)]
     pub objects: Vec<BeliefDeviation>,
+    /// Every object, with what lies on it.
+    #[serde(skip)]
+    pub bearers: Vec<LoadBelief>,
 }
 
 /// Believes the scenes; `progress` is told how many are done. Times aside, the table does not depend on the number of threads.
@@ -78,21 +100,27 @@ pub fn belief_table(settings: &BeliefTableSettings, progress: impl Fn(usize) + S
     let of = |index: usize| {
         let mut problem = settings.problem.clone();
         problem.scene.kinds = KindWeights::only(settings.kinds[index / settings.scenes]);
-        let believed = believed_objects(settings.first_seed + (index % settings.scenes) as u64, &problem);
+        let believed = believed_objects(settings.first_seed + (index % settings.scenes) as u64, &problem, settings.masks_found);
         progress(done.fetch_add(1, Ordering::Relaxed) + 1);
         believed
     };
     let believed = spread(settings.kinds.len() * settings.scenes, settings.threads, || (), |(), index| of(index));
-    let (objects, times): (Vec<Vec<BeliefDeviation>>, Vec<Duration>) = believed.into_iter().flatten().unzip();
-    let objects: Vec<BeliefDeviation> = objects.into_iter().flatten().collect();
-    let row = |name: &str, keep: &dyn Fn(&BeliefDeviation) -> bool| {
-        let kept: Vec<&BeliefDeviation> = objects.iter().filter(|o| keep(o)).collect();
-        (!kept.is_empty()).then(|| (name.to_owned(), BeliefRow::of(&kept)))
+    let scenes: Vec<BelievedScene> = believed.into_iter().flatten().collect();
+    let objects: Vec<BeliefDeviation> = scenes.iter().flat_map(|scene| scene.shapes.iter().copied()).collect();
+    let bearers: Vec<LoadBelief> = scenes.iter().flat_map(|scene| scene.loads.iter().cloned()).collect();
+    let rows = by_kind(&settings.kinds, &objects, |o| o.kind, BeliefRow::of);
+    let loads = by_kind(&settings.kinds, &bearers, |b| b.kind, LoadRow::of);
+    let ms: Sorted = scenes.iter().map(|scene| scene.took.as_secs_f64() * 1e3).collect();
+    BeliefTable { rows, loads, ms: ms.at_or_nan(0.5), objects, bearers }
+}
+
+/// A row of the items of each kind that has any, and one of all.
+fn by_kind<T, R>(kinds: &[SceneKind], items: &[T], kind_of: fn(&T) -> SceneKind, row: fn(&[&T]) -> R) -> Vec<(String, R)> {
+    let of = |name: &str, keep: &dyn Fn(&T) -> bool| {
+        let kept: Vec<&T> = items.iter().filter(|item| keep(item)).collect();
+        (!kept.is_empty()).then(|| (name.to_owned(), row(&kept)))
     };
-    let kinds = settings.kinds.iter().filter_map(|kind| row(kind.name(), &|o| o.kind == *kind));
-    let rows = kinds.chain(row("all", &|_| true)).collect();
-    let ms: Sorted = times.iter().map(|t| t.as_secs_f64() * 1e3).collect();
-    BeliefTable { rows, ms: ms.at_or_nan(0.5), objects }
+    kinds.iter().filter_map(|kind| of(kind.name(), &|item| kind_of(item) == *kind)).chain(of("all", &|_| true)).collect()
 }
 
 impl BeliefRow {
@@ -110,6 +138,23 @@ impl BeliefRow {
             outline_overlap: mean(|o| o.outline_overlap),
             volume_overlap: mean(|o| o.volume_overlap),
         }
+    }
+}
+
+impl LoadRow {
+    fn of(bearers: &[&LoadBelief]) -> Self {
+        let mut row = Self { objects: bearers.len(), ..Self::default() };
+        for LoadBelief { borne, told, .. } in bearers {
+            if !borne.is_empty() {
+                row.bearers_told.count(!told.is_empty());
+            }
+            if !told.is_empty() {
+                row.bearers_right.count(!borne.is_empty());
+            }
+            borne.iter().for_each(|load| row.pairs_told.count(told.contains(load)));
+            told.iter().for_each(|load| row.pairs_right.count(borne.contains(load)));
+        }
+        row
     }
 }
 

@@ -33,12 +33,15 @@
 //! Pure: from points to beliefs, with fixed rules ([`settings`]); no I/O, no random numbers.
 
 pub mod back;
+pub mod bearing;
 pub mod boosted_trees;
+pub mod carrying;
 pub mod columns;
 pub mod covering;
 pub mod crown;
 pub mod far_side;
 pub mod front;
+pub mod meeting;
 pub mod offsets;
 pub mod outlines;
 pub mod plane;
@@ -58,12 +61,13 @@ use repose_geometry::{Aabb, cloud};
 use repose_proto::{CameraModel, Scene, Surface};
 
 use back::Back;
+use carrying::carried_by;
 use columns::{ColumnMap, ColumnRun, bounds_around, cells_of, cells_of_map};
 use covering::go_on_under;
 use crown::is_crowned;
 use front::Front;
 use plane::SupportPlane;
-use standing::{ObservedGeometry, carried_by};
+use standing::ObservedGeometry;
 
 pub use settings::BeliefSettings;
 pub use shape::Shape;
@@ -168,7 +172,7 @@ impl Belief {
         let mut shapes = known.unwrap_or_else(|| completed(&before));
         let hidden: Vec<(Point2<f32>, ColumnRun)> = shapes.iter().flat_map(|(id, shape)| unseen_runs(*id, shape, &observed)).collect();
         let columns = observed.with(hidden);
-        let carried = carried_by(&shapes, &columns, &settings.stack);
+        let carried = carried_by(&before, &shapes);
         let crowned = clouds.iter().filter(|(_, points)| is_crowned(points, &settings.crown)).map(|(id, _)| *id).collect();
         let believed = clouds.into_iter().filter_map(|(id, points)| {
             let centroid = cloud::centroid(&points)?;

@@ -31,6 +31,8 @@ pub struct BeliefSettings {
     pub stack: StackSettings,
     /// Objects that cover what carries them.
     pub cover: CoverSettings,
+    /// Where an object's picture meets others.
+    pub meeting: MeetingSettings,
     /// Completing objects.
     pub shape: ShapeSettings,
     /// Tops that carry nothing.
@@ -56,6 +58,7 @@ impl Default for BeliefSettings {
             border_px: 2.5,
             stack: StackSettings::default(),
             cover: CoverSettings::default(),
+            meeting: MeetingSettings::default(),
             shape: ShapeSettings::default(),
             crown: CrownSettings::default(),
             sides: SideSettings::default(),
@@ -108,6 +111,8 @@ pub struct StackSettings {
     pub contact_m: f32,
     /// Least share of the base that is over what carries it.
     pub carried_share: f32,
+    /// Where less is, what carries it bears it at least this likely.
+    pub carried_probability: f64,
 }
 
 impl Default for StackSettings {
@@ -134,6 +139,7 @@ impl Default for StackSettings {
             raised_m: 0.045,
             contact_m: 0.015,
             carried_share: 0.35,
+            carried_probability: 0.7,
         }
     }
 }
@@ -177,6 +183,25 @@ impl Default for CoverSettings {
             share: 0.7,
             sample: 120,
         }
+    }
+}
+
+/// Where the edge of an object's picture meets what is under it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeetingSettings {
+    /// Pixels between the two, at most: the bands that cleaning takes off both.
+    pub rows: usize,
+    /// The two touch where they are at most this far from each other, seen from above, metres, …
+    pub aside_m: f32,
+    /// … the object at most this far above what is under it, …
+    pub gap_m: f32,
+    /// … and at most this far below.
+    pub over_m: f32,
+}
+
+impl Default for MeetingSettings {
+    fn default() -> Self {
+        Self { rows: 12, aside_m: 0.025, gap_m: 0.02, over_m: 0.004 }
     }
 }
 

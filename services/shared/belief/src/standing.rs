@@ -1,4 +1,4 @@
-//! What every object of a scene stands on: how high its bottom is, and which object carries it.
+//! What every object of a scene stands on: how high its bottom is.
 //!
 //! An object hides most of what it stands on, and border cleaning trims its own lowest points. So the strip around it tells: the highest
 //! level that something else shows there, unless what was seen speaks against the object's reaching down to it: another object's points
@@ -231,21 +231,8 @@ pub(crate) fn nth(mut values: Vec<f32>, n: usize) -> Option<f32> {
     Some(*values.select_nth_unstable_by(at, f32::total_cmp).1)
 }
 
-/// Which objects each object carries, by its id: those that stand on it or in it. Objects that carry nothing are left out.
-pub fn carried_by(shapes: &BTreeMap<u16, Shape>, cells: &ColumnMap, settings: &StackSettings) -> BTreeMap<u16, Vec<u16>> {
-    let mut carried: BTreeMap<u16, Vec<u16>> = BTreeMap::new();
-    for (carrier, below) in shapes {
-        let above = shapes.iter().filter(|(id, above)| *id != carrier && is_on(above, below, cells, settings));
-        let ids: Vec<u16> = above.map(|(id, _)| *id).collect();
-        if !ids.is_empty() {
-            carried.insert(*carrier, ids);
-        }
-    }
-    carried
-}
-
 /// Whether one shape stands on another or in it: its bottom is within reach of the other's top, and enough of its base is over it.
-fn is_on(above: &Shape, below: &Shape, columns: &ColumnMap, settings: &StackSettings) -> bool {
+pub(crate) fn is_on(above: &Shape, below: &Shape, columns: &ColumnMap, settings: &StackSettings) -> bool {
     let height_fits = above.bottom_m > below.bottom_m + settings.step_m && above.bottom_m <= below.top_m + settings.contact_m;
     let Some(top) = below.slabs.last().filter(|_| height_fits) else { return false };
     let (mut cells, mut over) = (0usize, 0usize);

@@ -3,11 +3,14 @@
 //! The picture is rebuilt from the scene's points. Pixels without a point, and those that the query covered before, are unknown: they
 //! hide nothing. The same picture tells whether a place was seen to be empty, seen to be a surface, or hidden.
 
-use nalgebra::{Isometry3, Point3};
+use std::collections::BTreeMap;
+
+use nalgebra::{Isometry3, Point2, Point3, Vector2, Vector3};
 use repose_geometry::{Image, Pinhole};
 use repose_proto::CameraModel;
 use repose_simd::InstructionSet;
 
+use crate::meeting::{Edges, Meeting};
 use crate::projection::{BLOCK, IntoCamera, NOWHERE, Projected, Projecting, fill};
 use crate::settings::ViewSettings;
 
@@ -15,6 +18,8 @@ use crate::settings::ViewSettings;
 const BEHIND_M: f32 = 0.008;
 /// How much nearer than an object's outline what hides more of it is, metres: more than depth is uncertain by.
 const NEARER_M: f32 = 0.015;
+/// A fall that shows which way is down in the picture, metres.
+const FALL_M: f64 = 0.01;
 /// How many pixels around one without a reading are asked: cleaning takes two or three off each border.
 const RINGS: usize = 4;
 
@@ -151,6 +156,54 @@ impl ObservedView {
         is_level.then(|| (near.object, (self.camera_from_world.inverse() * in_camera).cast()))
     }
 
+    /// Where the picture of each object ends: its own place there, and the next reading beyond it, up to `rows` pixels away. At the picture's edge,
+    /// and where nothing was read beyond, nothing is told.
+    pub fn edges(&self, rows: usize) -> BTreeMap<u16, Edges> {
+        let fall = self.camera_from_world.rotation * (-Vector3::z() * FALL_M);
+        let width = self.camera.width;
+        let mut edges: BTreeMap<u16, Edges> = BTreeMap::new();
+        for (i, pixel) in self.pixels.pixels().iter().enumerate().filter(|(_, pixel)| pixel.depth_m > 0.0 && pixel.object != 0) {
+            let at = [i % width, i / width];
+            if self.is_inside(at, pixel.object) {
+                continue;
+            }
+            let (u, v) = (at[0] as f64, at[1] as f64);
+            let own = self.camera.unproject(u, v, f64::from(pixel.depth_m));
+            let falls = self.camera.project(&(own + fall)).and_then(|to| (to - Point2::new(u, v)).try_normalize(1e-9));
+            let Some(down) = falls else { continue };
+            let aside = Vector2::new(-down.y, down.x);
+            let meeting = |step: Vector2<f64>| self.meeting(at, pixel, step, rows);
+            let of = edges.entry(pixel.object).or_default();
+            of.lower.extend(meeting(down));
+            of.upper.extend(meeting(-down));
+            of.sides.extend(meeting(aside).into_iter().chain(meeting(-aside)));
+        }
+        edges
+    }
+
+    /// Whether all pixels around one are the same object's.
+    fn is_inside(&self, [u, v]: [usize; 2], object: u16) -> bool {
+        let (width, height) = (self.camera.width, self.camera.height);
+        let is_own = |u: usize, v: usize| self.pixels.get(u, v).is_some_and(|p| p.depth_m > 0.0 && p.object == object);
+        let is_within = u > 0 && v > 0 && u + 1 < width && v + 1 < height;
+        is_within && (v - 1..=v + 1).all(|v| (u - 1..=u + 1).all(|u| is_own(u, v)))
+    }
+
+    /// The next reading from a pixel on in steps of one, if it is not the same object's.
+    fn meeting(&self, [u, v]: [usize; 2], pixel: &Pixel, step: Vector2<f64>, rows: usize) -> Option<Meeting> {
+        let place = |u: usize, v: usize, depth_m: f32| {
+            let in_camera = self.camera.unproject(u as f64, v as f64, f64::from(depth_m));
+            (self.camera_from_world.inverse() * in_camera).cast::<f32>()
+        };
+        let (to_u, to_v, beyond) = (1..=rows).find_map(|k| {
+            let (u, v) = ((u as f64 + step.x * k as f64).round(), (v as f64 + step.y * k as f64).round());
+            let (u, v) = (u >= 0.0 && v >= 0.0).then_some((u as usize, v as usize))?;
+            self.pixels.get(u, v).filter(|beyond| beyond.depth_m > 0.0).map(|beyond| (u, v, beyond))
+        })?;
+        let meets = beyond.object != pixel.object;
+        meets.then(|| Meeting { object: beyond.object, own: place(u, v, pixel.depth_m), beyond: place(to_u, to_v, beyond.depth_m) })
+    }
+
     /// What an object's outline in the picture ends at, row by row and column by column.
     ///
     /// Cleaning takes a few pixels off each border, so that what is beyond it is looked for that far away.
@@ -241,6 +294,7 @@ mod tests {
     use repose_made_scenes::{SceneBuilder, world_from_camera};
 
     use super::*;
+    use crate::settings::MeetingSettings;
 
     #[test]
     fn a_place_on_the_table_is_a_surface_behind_a_box_unknown_and_in_the_air_empty() {
@@ -265,6 +319,27 @@ mod tests {
         assert_eq!(view.visibility(&points, &moved(0.0, 0.0), 1, &settings).unhidden, 1.0);
         assert_eq!(view.visibility(&points, &moved(-0.2, 0.0), 2, &settings).unhidden, 1.0);
         assert_eq!(view.visibility(&points, &moved(0.0, 3.0), 2, &settings).in_picture, 0.0);
+    }
+
+    #[test]
+    fn the_lower_edge_of_a_load_touches_its_carrier_however_the_camera_is_held() {
+        let scene =
+            SceneBuilder::table().object(1, [0.0, 0.0], [0.12, 0.12, 0.1]).object_at(2, [0.0, 0.0], 0.1, [0.06, 0.06, 0.08]).scene();
+        let settings = MeetingSettings::default();
+        for roll_rad in [0.0, 1.2, 2.8] {
+            let held = world_from_camera() * nalgebra::UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll_rad);
+            let mut camera = scene.meta.camera.clone();
+            (camera.width, camera.height, camera.cx, camera.cy) = (400, 400, 199.5, 199.5);
+            let view = ObservedView::new(&scene.points, &scene.labels, &camera, &held, 640);
+            let edges = view.edges(settings.rows);
+            // A few pixels of sides, which are jagged in a picture that is turned, have something else below.
+            let is_most = |edge: &[Meeting], keep: &dyn Fn(&&Meeting) -> bool| edge.iter().filter(keep).count() * 3 >= edge.len() * 2;
+            let (of_load, of_carrier) = (&edges[&2].lower, &edges[&1].lower);
+            assert!(is_most(of_load, &|m| m.object == 1 && m.is_contact(&settings)), "{roll_rad}: {of_load:?}");
+            assert!(is_most(of_carrier, &|m| m.object == 0), "{roll_rad}: {of_carrier:?}");
+            let at_load = edges[&1].upper.iter().filter(|m| m.object == 2 && m.reversed().is_contact(&settings)).count();
+            assert!(at_load > 5, "{roll_rad}: {at_load} of {}", edges[&1].upper.len());
+        }
     }
 
     #[test]

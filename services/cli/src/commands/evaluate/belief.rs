@@ -24,12 +24,15 @@ pub struct EvaluateBeliefArgs {
     /// The first scene of each kind, counted from the split's first seed.
     #[arg(long, default_value_t = 0)]
     pub first: u64,
-    /// Only this kind of scene (open_table, large_box, clutter, stacking, shelf, drawer, kitchen); repeat for more. Default: all.
+    /// Only this kind of scene (open_table, large_box, clutter, stacking, shelf, drawer, kitchen, desk, pile); repeat for more. Default: all.
     #[arg(long = "kind", value_parser = parse_kind)]
     pub kinds: Vec<SceneKind>,
     /// A folder of held-out meshes to make the scenes from.
     #[arg(long, value_name = "DIR")]
     pub objects: Option<PathBuf>,
+    /// Masks that perception finds, named after the objects that they match, instead of the true ones.
+    #[arg(long)]
+    pub found_masks: bool,
     /// Which split's seeds: train, validation or test.
     #[arg(long, default_value = "validation", value_parser = parse_split)]
     pub split: Split,
@@ -50,6 +53,7 @@ pub fn run(args: &EvaluateBeliefArgs, output: Output) -> CommandResult {
         kinds,
         first_seed: args.split.seeds().start + args.first,
         scenes: args.scenes,
+        masks_found: args.found_masks,
         threads: threads(args.threads),
     };
     let bar = Progress::new((settings.kinds.len() * settings.scenes) as u64, "scenes");

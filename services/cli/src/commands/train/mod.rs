@@ -1,6 +1,7 @@
 //! `repose train`: weights from simulated scenes.
 
 mod back;
+mod bearing;
 mod stability;
 mod standing;
 mod success;
@@ -26,6 +27,10 @@ const STANDING: &str = "standing";
 const BACK: &str = "back";
 /// Scenes that `back` tries unless told.
 const BACK_SCENES: u64 = 1500;
+/// What `--network` calls which objects bear which.
+const BEARING: &str = "bearing";
+/// Scenes that `bearing` tries unless told.
+const BEARING_SCENES: u64 = 1500;
 /// Scenes that `standing` tries unless told.
 const STANDING_SCENES: u64 = 2000;
 
@@ -41,8 +46,9 @@ pub struct TrainArgs {
     /// stand by themselves, and whether their neighbours stay when they are taken away; fitted on `--steps` scenes, 2000 by default), then
     /// stability (fitted on `generate --proposals` with its other settings at their defaults; `--steps` limits the scenes), then success (fitted
     /// on outcomes of the planner's own answers in `--steps` scenes, 700 by default, which are kept in `--data`). Shape completion: back (how far
-    /// objects extend behind their observed points; fitted on `--steps` scenes, 1500 by default), which is not part of the weights: set `--out`
-    /// to services/shared/belief/weights/back.json and build the program again.
+    /// objects extend behind their observed points; fitted on `--steps` scenes, 1500 by default), and loads: bearing (which objects
+    /// lie on which; likewise), which are not part of the weights: set `--out` to back.json or bearing.json in services/shared/belief/weights and
+    /// build the program again.
     #[arg(long)]
     pub network: String,
     /// The relation predictor that `joint` and `relations` train: measured (uses geometric measures of the pair beside the codes) or paper.
@@ -70,7 +76,7 @@ pub struct TrainArgs {
     /// Stop after this many steps.
     #[arg(long)]
     pub steps: Option<u64>,
-    /// The first scene that a forecast, or `back`, is fitted on, to make its data in parts.
+    /// The first scene that a forecast, `back` or `bearing` is fitted on, to make its data in parts.
     #[arg(long, default_value_t = 0)]
     pub first: u64,
     /// Threads; at most `--slots` of them are used. Default: one per core. The weights do not depend on it.
@@ -95,6 +101,7 @@ pub fn run(args: &TrainArgs, output: Output) -> CommandResult {
     match args.network.as_str() {
         SUCCESS => return success::run(&fit_on(SUCCESS_SCENES), output),
         BACK => return back::run(&fit_on(BACK_SCENES), output),
+        BEARING => return bearing::run(&fit_on(BEARING_SCENES), output),
         STANDING => return standing::run(&fit_on(STANDING_SCENES), output),
         // All that there are.
         STABILITY => return stability::run(&fit_on(u64::MAX), output),
@@ -103,7 +110,10 @@ pub fn run(args: &TrainArgs, output: Output) -> CommandResult {
     let part = TrainedPart::parse(&args.network).ok_or_else(|| {
         Failure::bad_input(
             "network",
-            format!("expected joint, relations, discriminator, outcome, stability, standing, success or back, got {:?}", args.network),
+            format!(
+                "expected joint, relations, discriminator, outcome, stability, standing, success, back or bearing, got {:?}",
+                args.network
+            ),
         )
     })?;
     let relations = RelationsVariant::parse(&args.relations)
