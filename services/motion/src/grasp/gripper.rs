@@ -78,6 +78,9 @@ pub struct GripperFit {
     pub depth_m: f64,
     /// Mean alignment of the surface with the closing direction where the fingers touch, 0 to 1.
     pub squareness: f64,
+    /// How much the surface where the fingers touch faces the hand, mean of both sides, radians: pressing on it pushes the object out of the
+    /// fingers. A side that was not seen is taken for one like the other, and of something hollow for the other's back.
+    pub slope_rad: f64,
     /// How the pads meet its outline.
     pub meeting: Meeting,
     /// Share of the worse finger that is seen to come down in free space, 0 to 1.
@@ -119,7 +122,7 @@ pub struct Between<'a> {
     /// The points between the planes of the pads, sorted along the closing direction, and those of them that the fingers close on.
     slab: Vec<SlabPoint>,
     run: std::ops::Range<usize>,
-    meeting: OnceCell<Meeting>,
+    meeting: OnceCell<(Meeting, bool)>,
 }
 
 impl<'a> Between<'a> {
@@ -175,18 +178,21 @@ impl<'a> Between<'a> {
             return Err(Misfit::FingerBlocked);
         }
         let depth_m = contact_depth_m(&slab[run.clone()], seen_low).max(contact_depth_m(&slab[run.clone()], seen_high));
-        let closing = (world_from_tcp.rotation * Vector3::y()).cast::<f32>();
-        let squareness = squareness(&slab[run.clone()], seen_low, seen_high, &closing, object);
-        let meeting = *self.meeting.get_or_init(|| meeting(&self.points, &self.behind, (seen_low, seen_high), settings));
-        Ok(GripperFit { width_m, offset_m, opening_m, depth_m, squareness, meeting, seen: seen[0].min(seen[1]) })
+        let sides =
+            [(seen_low, -1.0), (seen_high, 1.0)].map(|(y, side)| touched_normals(&slab[run.clone()], y, side, world_from_tcp, object));
+        let is_seen = [missing_at(-1.0) == 0.0, missing_at(1.0) == 0.0];
+        let (meeting, is_hollow) = *self.meeting.get_or_init(|| meeting(&self.points, &self.behind, (seen_low, seen_high), settings));
+        let (squareness, slope_rad) = (squareness(&sides), slope_rad(&sides, is_seen, is_hollow));
+        Ok(GripperFit { width_m, offset_m, opening_m, depth_m, squareness, slope_rad, meeting, seen: seen[0].min(seen[1]) })
     }
 }
 
 /// Further from the rest than the noise of depth is apart, metres.
 const APART_M: f64 = 0.006;
 
-/// How the pads meet the outline of what is between them; nothing amiss with a wall of something hollow, of which the outline says nothing.
-fn meeting(points: &[Point3<f32>], behind: &[Point3<f32>], (low, high): (f64, f64), settings: &GripperSettings) -> Meeting {
+/// How the pads meet the outline of what is between them, and whether that is a wall of something hollow: then nothing is amiss, as the outline says
+/// nothing of it.
+fn meeting(points: &[Point3<f32>], behind: &[Point3<f32>], (low, high): (f64, f64), settings: &GripperSettings) -> (Meeting, bool) {
     // The pads reach as far behind the grasp centre as beyond it.
     let is_level = |p: &&Point3<f32>| p.z.abs() <= TIP_BEYOND_TCP_M as f32;
     let mut level: Vec<Point3<f32>> = points.iter().filter(is_level).copied().collect();
@@ -194,10 +200,10 @@ fn meeting(points: &[Point3<f32>], behind: &[Point3<f32>], (low, high): (f64, f6
     // What was seen between the pads, but apart from what they close on, is the other side of something hollow.
     let apart = |p: &Point3<f32>| p.x.abs() <= half_m && (f64::from(p.y) < low - APART_M || f64::from(p.y) > high + APART_M);
     if level.iter().any(apart) {
-        return Meeting::default();
+        return (Meeting::default(), true);
     }
     level.extend(behind.iter().filter(is_level));
-    wedge::meeting(&level, half_m).unwrap_or_default()
+    (wedge::meeting(&level, half_m).unwrap_or_default(), false)
 }
 
 /// The cosine to the line of sight from which a side counts as seen: less of a surface gives readings at some places only.
@@ -283,15 +289,34 @@ fn contact_depth_m(run: &[SlabPoint], extreme: f64) -> f64 {
 /// What a side counts whose surface was not seen.
 const UNSEEN: f64 = 0.7;
 
-/// Mean `|n · y|` over the points within 6 mm of each extreme; a side on which no such surface was seen counts as one that lies across.
-fn squareness(run: &[SlabPoint], low: f64, high: f64, closing: &Vector3<f32>, object: &GraspCloud) -> f64 {
-    let side = |extreme: f64| {
-        let aligned = |i: &usize| f64::from(object.normals[*i].dot(closing).abs());
-        let values: Vec<f64> =
-            run.iter().filter(|(p, _)| (p.y - extreme).abs() < 0.006).map(|(_, i)| aligned(i)).filter(|v| *v > 0.5).collect();
-        if values.is_empty() { UNSEEN } else { values.iter().sum::<f64>() / values.len() as f64 }
+/// The outward normals in the grasp centre's frame, y along `side`, of what was seen within 6 mm of an extreme: those that lie more along the closing
+/// direction than across it.
+fn touched_normals(run: &[SlabPoint], extreme: f64, side: f64, world_from_tcp: &Isometry3<f64>, object: &GraspCloud) -> Vec<Vector3<f64>> {
+    let normal = |i: &usize| world_from_tcp.rotation.inverse() * object.normals[*i].cast::<f64>();
+    let touched = run.iter().filter(|(p, _)| (p.y - extreme).abs() < 0.006).map(|(_, i)| normal(i));
+    let outwards = touched.map(|n| if n.y * side < 0.0 { -n } else { n }).map(|n| Vector3::new(n.x, n.y * side, n.z));
+    outwards.filter(|n| n.y > 0.5).collect()
+}
+
+/// Mean `|n · y|` of both sides; one on which no such surface was seen counts as one that lies across.
+fn squareness(sides: &[Vec<Vector3<f64>>; 2]) -> f64 {
+    let mean = |normals: &Vec<Vector3<f64>>| match normals.len() {
+        0 => UNSEEN,
+        count => normals.iter().map(|n| n.y).sum::<f64>() / count as f64,
     };
-    0.5 * (side(low) + side(high))
+    0.5 * (mean(&sides[0]) + mean(&sides[1]))
+}
+
+/// How much both sides together face the hand. Of a side that faces away from the camera what was seen is not what the finger touches.
+fn slope_rad(sides: &[Vec<Vector3<f64>>; 2], is_seen: [bool; 2], is_hollow: bool) -> f64 {
+    let mean = |normals: &Vec<Vector3<f64>>| normals.iter().map(|n| (-n.z).atan2(n.y)).sum::<f64>() / normals.len() as f64;
+    let seen: Vec<f64> =
+        sides.iter().zip(is_seen).filter(|(side, is_seen)| *is_seen && !side.is_empty()).map(|(side, _)| mean(side)).collect();
+    match seen[..] {
+        [one] if !is_hollow => one,
+        [one, other] => 0.5 * (one + other),
+        _ => 0.0,
+    }
 }
 
 #[cfg(test)]

@@ -194,9 +194,10 @@ fn judged(
     None
 }
 
-/// What the fingers close on, unless they meet it as a wedge that is blunter than friction bridges.
+/// What the fingers close on, unless they meet it as a wedge that is blunter, or on a slope that is steeper, than friction bridges.
 fn held(fit: GripperFit, settings: &GraspSettings) -> Result<GripperFit, Misfit> {
-    if 0.5 * fit.meeting.wedge_rad > settings.friction.atan() { Err(Misfit::Slanted) } else { Ok(fit) }
+    let bridged_rad = settings.friction.atan();
+    if 0.5 * fit.meeting.wedge_rad > bridged_rad || fit.slope_rad > bridged_rad { Err(Misfit::Slanted) } else { Ok(fit) }
 }
 
 /// Whether hand or fingers, fingers `opening_m` apart, touch `obstacles`.
@@ -321,6 +322,25 @@ mod tests {
             let (wall_m, width_m) = ((from_axis - 0.07).abs(), grasp.width_m.unwrap_or(1.0));
             assert!(wall_m < grasp.opening_m / 2.0 && width_m < 0.03, "the wall between the fingers, not across: {wall_m} {width_m}");
         }
+    }
+
+    /// What the camera sees of a cylinder that lies on the table across its view.
+    fn seen_lying(at: [f64; 2], radius_m: f64, half_length_m: f64) -> Vec<Point3<f32>> {
+        let ring = |angle: f64| {
+            let (outwards, along) = (Vector3::new(angle.cos(), 0.0, angle.sin()), (half_length_m / 0.003) as i32);
+            let middle = Point3::new(at[0], at[1], radius_m) + outwards * radius_m;
+            let is_seen = outwards.dot(&(synthetic::CAMERA - middle)) > 0.0;
+            (-along..=along).filter(move |_| is_seen).map(move |k| (middle + Vector3::y() * (0.003 * f64::from(k))).cast::<f32>())
+        };
+        (0..180).flat_map(|k| ring(std::f64::consts::TAU * f64::from(k) / 180.0)).collect()
+    }
+
+    #[test]
+    fn a_cylinder_is_hardly_worth_pinching_above_its_middle_where_it_would_be_squeezed_out_downwards() {
+        let best = |radius_m: f64| find(&seen_lying([0.5, 0.0], radius_m, 0.08), &[]).0.first().map_or(0.0, |grasp| grasp.score);
+        let (between, pinched) = (best(0.025), best(0.038));
+        assert!(between > 0.3, "one that goes between the fingers: {between}");
+        assert!(pinched < 0.1 * between, "one that is only reached above its middle: {pinched}");
     }
 
     #[test]

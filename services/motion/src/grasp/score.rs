@@ -65,10 +65,12 @@ pub fn score(world_from_tcp: &Isometry3<f64>, fit: &GripperFit, object: &GraspCl
     score * holds * stays(fit, settings) * (room_m / NARROW_M).clamp(0.1, 1.0)
 }
 
-/// How surely the object stays between the pads as they close, 0.1 to 1. A wedge of half of what friction bridges is safe, and so are contacts
-/// within the inner half of the pads; with what is beyond, both get worse up to their ends.
+/// How surely the object stays between the pads as they close, 0.1 to 1. A wedge and a slope of half of what friction bridges are safe, and so are
+/// contacts within the inner half of the pads; with what is beyond, each gets worse up to its end.
 fn stays(fit: &GripperFit, settings: &GraspSettings) -> f64 {
     let within = |share: f64| (2.0 * (1.0 - share)).clamp(0.1, 1.0);
-    let bridged_rad = 2.0 * settings.friction.atan();
-    within(fit.meeting.wedge_rad / bridged_rad) * within(fit.meeting.aside_m / settings.gripper.finger_half_width_m)
+    let bridged_rad = settings.friction.atan();
+    within(0.5 * fit.meeting.wedge_rad / bridged_rad)
+        * within(fit.slope_rad / bridged_rad)
+        * within(fit.meeting.aside_m / settings.gripper.finger_half_width_m)
 }
