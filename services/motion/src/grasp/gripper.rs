@@ -122,7 +122,7 @@ pub struct Between<'a> {
     /// The points between the planes of the pads, sorted along the closing direction, and those of them that the fingers close on.
     slab: Vec<SlabPoint>,
     run: std::ops::Range<usize>,
-    meeting: OnceCell<(Meeting, bool)>,
+    contact: OnceCell<Contact>,
 }
 
 impl<'a> Between<'a> {
@@ -141,7 +141,7 @@ impl<'a> Between<'a> {
         let slab = slab(&points, settings)?;
         let run = run_at_the_middle(&slab, settings)?;
         let behind = object.behind.iter().map(|p| tcp_from_world * p).collect();
-        Ok(Self { world_from_tcp, object, view, settings, points, behind, slab, run, meeting: OnceCell::new() })
+        Ok(Self { world_from_tcp, object, view, settings, points, behind, slab, run, contact: OnceCell::new() })
     }
 
     /// What the fingers close on, with this much room beside the object on approach, metres.
@@ -149,10 +149,11 @@ impl<'a> Between<'a> {
     /// # Errors
     /// [`Misfit::TooWide`], or [`Misfit::FingerBlocked`].
     pub fn fit(&self, clearance_m: f64) -> Result<GripperFit, Misfit> {
-        let Self { world_from_tcp, object, view, settings, slab, run, .. } = self;
+        let Self { world_from_tcp, view, settings, slab, run, .. } = self;
         let (seen_low, seen_high) = (slab[run.start].0.y, slab[run.end - 1].0.y);
         let missing_at = |side: f64| missing_m(&(world_from_tcp.rotation * Vector3::y() * side), world_from_tcp, view, settings.border_m);
-        let (low, high) = (seen_low - missing_at(-1.0), seen_high + missing_at(1.0));
+        let missing_m = [-1.0, 1.0].map(missing_at);
+        let (low, high) = (seen_low - missing_m[0], seen_high + missing_m[1]);
         let width_m = high - low;
         let mut opening_m = (width_m + 2.0 * clearance_m).min(FINGER_OPENING_MAX_M);
         if opening_m - width_m < 2.0 * settings.clearance_min_m {
@@ -177,14 +178,32 @@ impl<'a> Between<'a> {
         if slab.iter().map(|(p, _)| *p).chain(behind_pads).filter(in_finger).count() > settings.strays {
             return Err(Misfit::FingerBlocked);
         }
-        let depth_m = contact_depth_m(&slab[run.clone()], seen_low).max(contact_depth_m(&slab[run.clone()], seen_high));
-        let sides =
-            [(seen_low, -1.0), (seen_high, 1.0)].map(|(y, side)| touched_normals(&slab[run.clone()], y, side, world_from_tcp, object));
-        let is_seen = [missing_at(-1.0) == 0.0, missing_at(1.0) == 0.0];
-        let (meeting, is_hollow) = *self.meeting.get_or_init(|| meeting(&self.points, &self.behind, (seen_low, seen_high), settings));
-        let (squareness, slope_rad) = (squareness(&sides), slope_rad(&sides, is_seen, is_hollow));
+        let Contact { depth_m, squareness, slope_rad, meeting } =
+            *self.contact.get_or_init(|| self.contact((seen_low, seen_high), missing_m.map(|missing_m| missing_m == 0.0)));
         Ok(GripperFit { width_m, offset_m, opening_m, depth_m, squareness, slope_rad, meeting, seen: seen[0].min(seen[1]) })
     }
+
+    /// How the fingers touch what they close on, between two extremes of which each side is seen or not: the same however far they open.
+    fn contact(&self, (low, high): (f64, f64), is_seen: [bool; 2]) -> Contact {
+        let run = &self.slab[self.run.clone()];
+        let sides = [(low, -1.0), (high, 1.0)].map(|(y, side)| touched_normals(run, y, side, self.world_from_tcp, self.object));
+        let (meeting, is_hollow) = meeting(&self.points, &self.behind, (low, high), self.settings);
+        Contact {
+            depth_m: contact_depth_m(run, low).max(contact_depth_m(run, high)),
+            squareness: squareness(&sides),
+            slope_rad: slope_rad(&sides, is_seen, is_hollow),
+            meeting,
+        }
+    }
+}
+
+/// How the fingers touch what they close on; the fields are those of [`GripperFit`].
+#[derive(Debug, Clone, Copy)]
+struct Contact {
+    depth_m: f64,
+    squareness: f64,
+    slope_rad: f64,
+    meeting: Meeting,
 }
 
 /// Further from the rest than the noise of depth is apart, metres.
@@ -292,7 +311,8 @@ const UNSEEN: f64 = 0.7;
 /// The outward normals in the grasp centre's frame, y along `side`, of what was seen within 6 mm of an extreme: those that lie more along the closing
 /// direction than across it.
 fn touched_normals(run: &[SlabPoint], extreme: f64, side: f64, world_from_tcp: &Isometry3<f64>, object: &GraspCloud) -> Vec<Vector3<f64>> {
-    let normal = |i: &usize| world_from_tcp.rotation.inverse() * object.normals[*i].cast::<f64>();
+    let tcp_from_world = world_from_tcp.rotation.inverse();
+    let normal = |i: &usize| tcp_from_world * object.normals[*i].cast::<f64>();
     let touched = run.iter().filter(|(p, _)| (p.y - extreme).abs() < 0.006).map(|(_, i)| normal(i));
     let outwards = touched.map(|n| if n.y * side < 0.0 { -n } else { n }).map(|n| Vector3::new(n.x, n.y * side, n.z));
     outwards.filter(|n| n.y > 0.5).collect()
