@@ -1,9 +1,10 @@
 //! What is believed of objects against what they are, over many scenes.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use repose_networks::serving::spread;
 use repose_simulator::scene::{KindWeights, SceneKind};
 use serde::Serialize;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use crate::scenes::believed::{BeliefDeviation, BelievedScene, DOUBT_SLACK_M, believed_objects};
 use crate::scenes::loads::LoadBelief;

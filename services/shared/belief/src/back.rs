@@ -13,7 +13,7 @@ use nalgebra::{Point2, Point3, Vector2};
 use repose_geometry::Footprint;
 use serde::{Deserialize, Serialize};
 
-use crate::boosted_trees::BoostedTrees;
+use crate::boosted_trees::{BoostedTrees, UnreadableTrees};
 use crate::front::{Front, span};
 use crate::settings::BeliefSettings;
 use crate::shape::Hidden;
@@ -93,18 +93,6 @@ pub struct Back {
     log_m: BoostedTrees,
 }
 
-/// Why something does not tell backs of this program.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct NotABack(String);
-
-impl std::fmt::Display for NotABack {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl std::error::Error for NotABack {}
-
 impl Back {
     /// The one that comes with the program.
     pub fn own() -> &'static Self {
@@ -116,7 +104,7 @@ impl Back {
     ///
     /// # Errors
     /// When a branch leads nowhere or a value is not finite.
-    pub fn new(log_m: BoostedTrees, fitted_on: BackFitData) -> Result<Self, NotABack> {
+    pub fn new(log_m: BoostedTrees, fitted_on: BackFitData) -> Result<Self, UnreadableTrees> {
         Self { measures: MEASURES.map(str::to_owned).to_vec(), fitted_on, log_m }.checked()
     }
 
@@ -124,17 +112,12 @@ impl Back {
     ///
     /// # Errors
     /// When it is none, or reads other measures.
-    pub fn read(text: &str) -> Result<Self, NotABack> {
-        serde_json::from_str::<Self>(text).map_err(|e| NotABack(e.to_string()))?.checked()
+    pub fn read(text: &str) -> Result<Self, UnreadableTrees> {
+        serde_json::from_str::<Self>(text)?.checked()
     }
 
-    fn checked(self) -> Result<Self, NotABack> {
-        if self.measures != MEASURES {
-            return Err(NotABack(format!("measures: expected {MEASURES:?}, got {:?}", self.measures)));
-        }
-        if !self.log_m.is_sound(MEASURES.len()) {
-            return Err(NotABack("log_m: expected finite trees over the measures, each branch to a later split or a leaf".to_owned()));
-        }
+    fn checked(self) -> Result<Self, UnreadableTrees> {
+        self.log_m.check_reads("log_m", &self.measures, &MEASURES)?;
         Ok(self)
     }
 

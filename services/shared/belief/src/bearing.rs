@@ -13,7 +13,7 @@ use nalgebra::{Point2, Vector2};
 use repose_geometry::Footprint;
 use serde::{Deserialize, Serialize};
 
-use crate::boosted_trees::BoostedTrees;
+use crate::boosted_trees::{BoostedTrees, UnreadableTrees};
 use crate::columns::cells_of;
 use crate::meeting::{Edges, Meeting};
 use crate::outlines::outline_gap_m;
@@ -104,18 +104,6 @@ pub struct Bearing {
     log_odds: BoostedTrees,
 }
 
-/// Why something does not tell this program what bears what.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct NotABearing(String);
-
-impl std::fmt::Display for NotABearing {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl std::error::Error for NotABearing {}
-
 impl Bearing {
     /// The one that comes with the program.
     pub fn own() -> &'static Self {
@@ -127,7 +115,7 @@ impl Bearing {
     ///
     /// # Errors
     /// When a branch leads nowhere or a value is not finite.
-    pub fn new(log_odds: BoostedTrees, fitted_on: BearingFitData) -> Result<Self, NotABearing> {
+    pub fn new(log_odds: BoostedTrees, fitted_on: BearingFitData) -> Result<Self, UnreadableTrees> {
         Self { measures: MEASURES.map(str::to_owned).to_vec(), fitted_on, log_odds }.checked()
     }
 
@@ -135,19 +123,12 @@ impl Bearing {
     ///
     /// # Errors
     /// When it is none, or reads other measures.
-    pub fn read(text: &str) -> Result<Self, NotABearing> {
-        serde_json::from_str::<Self>(text).map_err(|e| NotABearing(e.to_string()))?.checked()
+    pub fn read(text: &str) -> Result<Self, UnreadableTrees> {
+        serde_json::from_str::<Self>(text)?.checked()
     }
 
-    fn checked(self) -> Result<Self, NotABearing> {
-        if self.measures != MEASURES {
-            return Err(NotABearing(format!("measures: expected {MEASURES:?}, got {:?}", self.measures)));
-        }
-        if !self.log_odds.is_sound(MEASURES.len()) {
-            return Err(NotABearing(
-                "log_odds: expected finite trees over the measures, each branch to a later split or a leaf".to_owned(),
-            ));
-        }
+    fn checked(self) -> Result<Self, UnreadableTrees> {
+        self.log_odds.check_reads("log_odds", &self.measures, &MEASURES)?;
         Ok(self)
     }
 

@@ -100,6 +100,38 @@ impl BoostedTrees {
     pub fn is_sound(&self, numbers: usize) -> bool {
         self.bias.is_finite() && self.trees.iter().all(|t| t.is_sound(numbers))
     }
+
+    /// Checks that these, a file's `field`, read this program's measures, with which the file's own are compared by name.
+    pub(crate) fn check_reads(&self, field: &str, measures: &[String], expected: &[&str]) -> Result<(), UnreadableTrees> {
+        if measures != expected {
+            return Err(UnreadableTrees(format!("measures: expected {expected:?}, got {measures:?}")));
+        }
+        match self.is_sound(expected.len()) {
+            true => Ok(()),
+            false => {
+                let message = "expected finite trees over the measures, each branch to a later split or a leaf";
+                Err(UnreadableTrees(format!("{field}: {message}")))
+            }
+        }
+    }
+}
+
+/// Why a file's trees are not read: it is of another form, its trees read other measures, or they are broken.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UnreadableTrees(String);
+
+impl std::fmt::Display for UnreadableTrees {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for UnreadableTrees {}
+
+impl From<serde_json::Error> for UnreadableTrees {
+    fn from(error: serde_json::Error) -> Self {
+        Self(error.to_string())
+    }
 }
 
 #[cfg(test)]

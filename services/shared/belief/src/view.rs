@@ -152,8 +152,13 @@ impl ObservedView {
         let v = (top + 1..=top + rows).find(|v| self.pixels.get(u, *v).is_some_and(|p| p.depth_m > 0.0 && p.object != object))?;
         let (near, further) = (self.pixels.get(u, v)?, self.pixels.get(u, v + rows / 3)?);
         let is_level = further.object == near.object && further.depth_m > 0.0 && (further.height_m - near.height_m).abs() <= level_m;
-        let in_camera = self.camera.unproject(u as f64, v as f64, f64::from(near.depth_m));
-        is_level.then(|| (near.object, (self.camera_from_world.inverse() * in_camera).cast()))
+        is_level.then(|| (near.object, self.place_of(u, v, near.depth_m)))
+    }
+
+    /// The place of a pixel's reading, world frame.
+    fn place_of(&self, u: usize, v: usize, depth_m: f32) -> Point3<f32> {
+        let in_camera = self.camera.unproject(u as f64, v as f64, f64::from(depth_m));
+        (self.camera_from_world.inverse() * in_camera).cast()
     }
 
     /// Where the picture of each object ends: its own place there, and the next reading beyond it, up to `rows` pixels away. At the picture's edge,
@@ -191,17 +196,17 @@ impl ObservedView {
 
     /// The next reading from a pixel on in steps of one, if it is not the same object's.
     fn meeting(&self, [u, v]: [usize; 2], pixel: &Pixel, step: Vector2<f64>, rows: usize) -> Option<Meeting> {
-        let place = |u: usize, v: usize, depth_m: f32| {
-            let in_camera = self.camera.unproject(u as f64, v as f64, f64::from(depth_m));
-            (self.camera_from_world.inverse() * in_camera).cast::<f32>()
-        };
         let (to_u, to_v, beyond) = (1..=rows).find_map(|k| {
             let (u, v) = ((u as f64 + step.x * k as f64).round(), (v as f64 + step.y * k as f64).round());
             let (u, v) = (u >= 0.0 && v >= 0.0).then_some((u as usize, v as usize))?;
             self.pixels.get(u, v).filter(|beyond| beyond.depth_m > 0.0).map(|beyond| (u, v, beyond))
         })?;
         let meets = beyond.object != pixel.object;
-        meets.then(|| Meeting { object: beyond.object, own: place(u, v, pixel.depth_m), beyond: place(to_u, to_v, beyond.depth_m) })
+        meets.then(|| Meeting {
+            object: beyond.object,
+            own: self.place_of(u, v, pixel.depth_m),
+            beyond: self.place_of(to_u, to_v, beyond.depth_m),
+        })
     }
 
     /// What an object's outline in the picture ends at, row by row and column by column.
