@@ -10,23 +10,14 @@ use repose_evaluation::statistics::forecast_fit::{FitSettings, fit_lengths};
 use repose_evaluation::statistics::quantile::Sorted;
 use serde_json::json;
 
-use super::tried::{FitArgs, MeasuredScene, TriedScenes, held_out, other_length};
+use super::tried::{FitArgs, MeasuredScene, held_out, other_length};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 
 /// Tries, fits, writes and reports.
 pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
-    if args.start.is_some() {
-        return Err(Failure::bad_input("start", "only networks start from other weights"));
-    }
-    let tried = TriedScenes {
-        data: args.data,
-        file: "backs.jsonl",
-        first_seed: FIRST_SEED,
-        first: args.first,
-        count: args.scenes,
-        threads: args.threads,
-    };
+    args.refuse_start()?;
+    let tried = args.scenes_in("backs.jsonl", FIRST_SEED);
     let scenes: Vec<SceneBacks> = tried.tried(|index| Ok(SceneBacks::of(index)))?.into_values().collect();
     let fit = |learned: &[&SceneBacks]| {
         let seen = learned.iter().flat_map(|scene| &scene.objects);
@@ -41,9 +32,7 @@ pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
     let beyond = said.iter().filter(is_beyond).count();
     let errors: Vec<f64> = said.iter().map(|(said_m, missing_m)| f64::from((said_m - missing_m) * 1e3)).collect();
     let whole = fit(&scenes.iter().collect::<Vec<_>>())?;
-    let text = serde_json::to_string(&whole).map_err(Failure::other)?;
-    repose_dataset::write_whole(args.out, text.as_bytes())
-        .map_err(|e| Failure::bad_input("out", format!("{}: {e}", args.out.display())))?;
+    args.write(&whole)?;
     let sizes: Sorted = errors.iter().map(|e| e.abs()).collect();
     let objects = errors.len();
     let middle = Sorted::new(errors);

@@ -9,7 +9,7 @@ use repose_evaluation::statistics::forecast_fit::{FitSample, FitSettings, fit_lo
 use repose_evaluation::statistics::rate::Rate;
 use serde_json::json;
 
-use super::tried::{FitArgs, MeasuredScene, TriedScenes, held_out, other_length};
+use super::tried::{FitArgs, MeasuredScene, held_out, other_length};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 
@@ -18,17 +18,8 @@ const THRESHOLDS: [f64; 6] = [0.3, 0.5, 0.6, 0.7, 0.8, 0.9];
 
 /// Tries, fits, writes and reports.
 pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
-    if args.start.is_some() {
-        return Err(Failure::bad_input("start", "only networks start from other weights"));
-    }
-    let tried = TriedScenes {
-        data: args.data,
-        file: "bearings.jsonl",
-        first_seed: FIRST_SEED,
-        first: args.first,
-        count: args.scenes,
-        threads: args.threads,
-    };
+    args.refuse_start()?;
+    let tried = args.scenes_in("bearings.jsonl", FIRST_SEED);
     let scenes: Vec<SceneBearings> = tried.tried(|index| Ok(SceneBearings::of(index)))?.into_values().collect();
     let fit = |learned: &[&SceneBearings]| {
         let pairs: Vec<FitSample> = learned.iter().flat_map(|scene| scene.samples()).collect();
@@ -39,9 +30,7 @@ pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
     let said = |bearing: &Bearing, scene: &SceneBearings| scene.pairs.iter().map(|(m, bears)| (bearing.probability(m), *bears)).collect();
     let said: Vec<(f64, bool)> = held_out(&scenes, fit, said)?.concat();
     let whole = fit(&scenes.iter().collect::<Vec<_>>())?;
-    let text = serde_json::to_string(&whole).map_err(Failure::other)?;
-    repose_dataset::write_whole(args.out, text.as_bytes())
-        .map_err(|e| Failure::bad_input("out", format!("{}: {e}", args.out.display())))?;
+    args.write(&whole)?;
     let area = area_under_curve(&said);
     let at = THRESHOLDS.map(|threshold| {
         let recall: Rate = said.iter().filter(|(_, bears)| *bears).map(|(p, _)| *p >= threshold).collect();

@@ -14,7 +14,7 @@ use repose_planner::learned::standing;
 use serde::Serialize;
 use serde_json::json;
 
-use super::tried::{FitArgs, MeasuredScene, TriedScenes, fitted, other_length};
+use super::tried::{FitArgs, MeasuredScene, fitted, other_length};
 use super::with_forecasts;
 use crate::embedded::engine;
 use crate::failure::{CommandResult, Failure};
@@ -26,14 +26,7 @@ const THRESHOLDS: [f64; 4] = [0.1, 0.2, 0.3, 0.5];
 /// Tries, fits, writes and reports.
 pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
     let engine = engine(args.start.map(Path::to_owned))?;
-    let tried = TriedScenes {
-        data: args.data,
-        file: "stances.jsonl",
-        first_seed: FIRST_SEED,
-        first: args.first,
-        count: args.scenes,
-        threads: args.threads,
-    };
+    let tried = args.scenes_in("stances.jsonl", FIRST_SEED);
     let stances = tried.tried(|index| Ok(SceneStances::of(index)))?;
     let fit = |names: &[&'static str], of: &dyn Fn(&SceneStances) -> Vec<FitSample>| {
         let scenes: Vec<Vec<FitSample>> = stances.values().map(of).filter(|samples| !samples.is_empty()).collect();

@@ -13,7 +13,7 @@ use repose_planner::learned::forecast::SUCCESS;
 use repose_planner::learned::success::names;
 use serde_json::json;
 
-use super::tried::{FitArgs, MeasuredScene, TriedScenes, fitted, other_length};
+use super::tried::{FitArgs, MeasuredScene, fitted, other_length};
 use super::with_forecasts;
 use crate::embedded::engine;
 use crate::failure::CommandResult;
@@ -23,14 +23,7 @@ use crate::output::Output;
 pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
     let engine = engine(args.start.map(Path::to_owned))?;
     let forecasts = forecasts_of(&engine)?;
-    let tried = TriedScenes {
-        data: args.data,
-        file: "answers.jsonl",
-        first_seed: FIRST_SEED,
-        first: args.first,
-        count: args.scenes,
-        threads: args.threads,
-    };
+    let tried = args.scenes_in("answers.jsonl", FIRST_SEED);
     let answers = tried.tried(|index| SceneAnswers::of(index, &engine, &forecasts))?;
     let scenes: Vec<Vec<FitSample>> =
         answers.values().filter(|scene| !scene.measures.is_empty()).map(|scene| scene.samples().collect()).collect();

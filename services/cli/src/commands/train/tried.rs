@@ -44,6 +44,28 @@ pub struct FitArgs<'a> {
     pub seed: u64,
 }
 
+impl<'a> FitArgs<'a> {
+    /// The scenes to try, kept in a file of the data folder; `first_seed` is that of the first of those that are learned from.
+    pub fn scenes_in(&self, file: &'a str, first_seed: u64) -> TriedScenes<'a> {
+        TriedScenes { data: self.data, file, first_seed, first: self.first, count: self.scenes, threads: self.threads }
+    }
+
+    /// Refuses weights to start from, for what is no part of them.
+    pub fn refuse_start(&self) -> Result<(), Failure> {
+        match self.start {
+            Some(_) => Err(Failure::bad_input("start", "only networks start from other weights")),
+            None => Ok(()),
+        }
+    }
+
+    /// Writes what was fitted to `out`, in JSON.
+    pub fn write(&self, fitted: &impl Serialize) -> Result<(), Failure> {
+        let text = serde_json::to_string(fitted).map_err(Failure::other)?;
+        repose_dataset::write_whole(self.out, text.as_bytes())
+            .map_err(|e| Failure::bad_input("out", format!("{}: {e}", self.out.display())))
+    }
+}
+
 /// The scenes that are tried for a fit.
 #[derive(Debug, Clone, Copy)]
 pub struct TriedScenes<'a> {
