@@ -20,12 +20,12 @@ use tokio::sync::{Notify, Semaphore};
 use crate::config::PerceptionConfig;
 use crate::newest_scenes::{Arrival, KeptScene};
 use crate::report::report;
-use crate::worker::Worker;
+use crate::worker::{FrameOrigin, Worker};
 use names::CameraNames;
 use newest::{NewestFrames, Placed};
 
-/// States of robots that may wait for a frame: a second of sixteen robots at 50 a second, and some.
-const ROBOT_STATES_WAITING: usize = 1024;
+/// States of robots that may wait for a frame: a second of sixteen robots at 100 a second, or of two at 1 kHz.
+const ROBOT_STATES_WAITING: usize = 2048;
 /// Stands for the camera of frames that were lost before anybody looked whose they were.
 const ANY_CAMERA: &str = "any";
 
@@ -150,10 +150,10 @@ impl CameraFollower {
     /// # Errors
     /// When the network refuses, or a camera's name is no chunk of a key.
     pub async fn follow(self: Arc<Self>, cameras: &[String], stop: CancellationToken) -> Result<(), RuntimeError> {
+        self.worker.follow_robots(self.session.subscribe_queue(&self.session.cell().robot_states(), ROBOT_STATES_WAITING).await?);
         for subscription in self.subscribe(cameras).await? {
             tokio::spawn(stop.clone().run_until_cancelled_owned(self.clone().receive(subscription)));
         }
-        self.worker.follow_robots(self.session.subscribe_queue(&self.session.cell().robot_states(), ROBOT_STATES_WAITING).await?);
         tokio::spawn(stop.run_until_cancelled_owned(self.process()));
         Ok(())
     }
@@ -266,8 +266,9 @@ impl CameraFollower {
 
     /// One frame to its published scene.
     async fn publish(&self, camera: &str, frame: Waiting) {
+        self.worker.robots_heard().await;
         let context = JobContext::new(frame.arrived + self.frame_timeout, CancellationToken::new());
-        let outcome = self.worker.segment(context, frame.payload).await.and_then(|(scene, times)| {
+        let outcome = self.worker.segment(context, frame.payload, FrameOrigin::Camera).await.and_then(|(scene, times)| {
             let named = &scene.summary.camera;
             if named != camera {
                 return Err(CallError::invalid("camera", format!("a frame of camera {named:?} was published on the key of {camera:?}")));

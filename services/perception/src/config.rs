@@ -42,6 +42,9 @@ pub struct PerceptionConfig {
     pub idle_period_ms: u64,
     /// How long a camera's scenes count as asked for after a call of `latest` or `scene`, milliseconds.
     pub asked_for_ms: u64,
+    /// How long the cell's first frame waits for a first word of the robots, milliseconds: until then an arm in the picture is taken for objects.
+    /// Raising it helps where robots are slow to connect, and keeps a cell without robots waiting once.
+    pub robots_wait_ms: u64,
     /// How frames become scenes.
     pub segmentation: Settings,
 }
@@ -60,6 +63,7 @@ impl Default for PerceptionConfig {
             unasked_kept_ms: 3000,
             idle_period_ms: 1000,
             asked_for_ms: 10_000,
+            robots_wait_ms: 300,
             segmentation: Settings::default(),
         }
     }
@@ -69,6 +73,11 @@ impl PerceptionConfig {
     /// The limits of which scene is each camera's newest.
     pub fn newest_limits(&self) -> NewestLimits {
         NewestLimits { cameras: self.max_cameras, late_ns: self.late_within_ms.saturating_mul(1_000_000) }
+    }
+
+    /// How long a camera's frame may wait until it is made a scene, and the robots' states of its time are needed.
+    pub fn frame_may_wait(&self) -> Duration {
+        Duration::from_millis(self.idle_period_ms.saturating_add(self.frame_timeout_ms))
     }
 
     /// How often frames become scenes.

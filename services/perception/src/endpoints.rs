@@ -10,7 +10,7 @@ use repose_runtime::{Call, Handler, SceneStore, load_of};
 use tokio::sync::Mutex;
 
 use crate::report::report;
-use crate::worker::Worker;
+use crate::worker::{FrameOrigin, Worker};
 
 /// Answers `segment`, `latest` and `scene`.
 pub struct Endpoints {
@@ -33,7 +33,7 @@ impl Endpoints {
 
     /// A frame to its scene, kept under its id.
     async fn segment(&self, call: &Call) -> Result<Payload, CallError> {
-        let (scene, times) = self.worker.segment(call.context(), call.payload.clone()).await?;
+        let (scene, times) = self.worker.segment(call.context(), call.payload.clone(), FrameOrigin::Caller).await?;
         call.stage("decode", times.decode_ms);
         call.stage("segment", times.segment_ms);
         call.stage("encode", times.encode_ms);

@@ -1,10 +1,10 @@
 //! The compute side of the service: the bounded queue, the threads that segment, and the scenes that were made.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use repose_proto::robot::RobotState;
-use repose_proto::{CallError, Frame, Payload, RobotInView, Scene, SceneSummary, keys};
+use repose_proto::{CallError, Frame, Payload, RobotInView, Scene, SceneSummary, SceneWarning, keys};
 use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore, Subscription};
 use tokio::sync::Notify;
 use tokio::sync::futures::Notified;
@@ -25,20 +25,32 @@ pub struct Worker {
     unasked: Mutex<Unasked>,
     newest: Mutex<NewestScenes>,
     robots: Arc<Mutex<CellRobots>>,
+    /// When the first frame of a camera came.
+    first_frame: OnceLock<Instant>,
+    robots_wait: Duration,
     pace: Mutex<Pace>,
     /// Somebody asked for scenes, or a frame is done.
     paced: Notify,
 }
 
+/// Whose frame it is, and so what is known of the robots in it that it says nothing of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FrameOrigin {
+    /// A camera of the cell: its robots are in sight.
+    Camera,
+    /// A caller: it may show another place, or another time.
+    Caller,
+}
+
 /// Where the cell's robots were. Their states are read when a frame asks: they come oftener than frames do, and nobody else needs them.
-#[derive(Default)]
 struct CellRobots {
     states: RobotStates,
     waiting: Option<Subscription>,
 }
 
 impl CellRobots {
-    fn at(&mut self, stamp_ns: u64) -> Vec<RobotInView> {
+    /// Reads what came.
+    fn read(&mut self) {
         while let Some(sample) = self.waiting.as_mut().and_then(Subscription::try_recv) {
             let Some(robot) = keys::worker_of(&sample.key) else { continue };
             match sample.payload.decode_json::<RobotState>() {
@@ -46,7 +58,14 @@ impl CellRobots {
                 Err(error) => tracing::debug!(robot, %error, "a robot's state could not be read"),
             }
         }
-        self.states.at(stamp_ns)
+    }
+
+    fn at(&mut self, stamp_ns: u64, origin: FrameOrigin) -> (Vec<RobotInView>, Vec<SceneWarning>) {
+        self.read();
+        match origin {
+            FrameOrigin::Camera => self.states.at_or_nearest(stamp_ns),
+            FrameOrigin::Caller => (self.states.at(stamp_ns), Vec::new()),
+        }
     }
 }
 
@@ -79,7 +98,9 @@ impl Worker {
             scenes: SceneStore::new(config.scenes_kept, config.scenes_kept_bytes, |scene| scene.payload.bytes.len()),
             unasked: Mutex::new(Unasked::new(Duration::from_millis(config.unasked_kept_ms), config.scenes_kept)),
             newest: Mutex::new(NewestScenes::new(config.newest_limits())),
-            robots: Arc::default(),
+            robots: Arc::new(Mutex::new(CellRobots { states: RobotStates::new(config.frame_may_wait()), waiting: None })),
+            first_frame: OnceLock::new(),
+            robots_wait: Duration::from_millis(config.robots_wait_ms),
             pace: Mutex::new(Pace::new(config.pace())),
             paced: Notify::new(),
         })
@@ -89,14 +110,41 @@ impl Worker {
     ///
     /// # Errors
     /// `invalid_argument` and `failed_precondition` as [`segment`] has them, and those of the queue.
-    pub async fn segment(&self, context: JobContext, frame: Payload) -> Result<(Arc<KeptScene>, StageTimes), CallError> {
+    pub async fn segment(
+        &self,
+        context: JobContext,
+        frame: Payload,
+        origin: FrameOrigin,
+    ) -> Result<(Arc<KeptScene>, StageTimes), CallError> {
         let (settings, robots) = (self.settings.clone(), self.robots.clone());
-        self.queue.run(context, move |context| scene_of(&frame, &robots, &settings, context)).await
+        self.queue.run(context, move |context| scene_of(&frame, origin, &robots, &settings, context)).await
     }
 
     /// Frames that say nothing of robots are taken to show those of the cell where these states say that they are.
     pub fn follow_robots(&self, states: Subscription) {
-        self.robots.lock().unwrap_or_else(PoisonError::into_inner).waiting = Some(states);
+        self.robots().waiting = Some(states);
+    }
+
+    /// Waits for the first word of a robot, `[perception] robots_wait_ms` after the first frame at most. Frames and states come on ways of
+    /// their own: before the states do, the arm would be taken for objects.
+    pub async fn robots_heard(&self) {
+        const LOOK: Duration = Duration::from_millis(10);
+        let until = *self.first_frame.get_or_init(Instant::now) + self.robots_wait;
+        while Instant::now() < until {
+            {
+                let mut robots = self.robots();
+                robots.read();
+                if !robots.states.is_empty() {
+                    return;
+                }
+            }
+            tokio::time::sleep(LOOK).await;
+        }
+    }
+
+    fn robots(&self) -> MutexGuard<'_, CellRobots> {
+        // Every change leaves it whole, so a panic elsewhere under the lock does not spoil it.
+        self.robots.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The scene of that id, which stays longer from now on.
@@ -198,17 +246,20 @@ impl Worker {
 /// Decodes, segments, encodes and names a scene.
 fn scene_of(
     frame: &Payload,
+    origin: FrameOrigin,
     robots: &Mutex<CellRobots>,
     settings: &Settings,
     context: &JobContext,
 ) -> Result<(Arc<KeptScene>, StageTimes), CallError> {
     let mut times = StageTimes::default();
     let mut frame = timed(&mut times.decode_ms, || Frame::from_bulk(&frame.decode_bulk(Frame::SCHEMA)?))?;
+    let mut warnings = Vec::new();
     if frame.robots.is_empty() {
-        frame.robots = robots.lock().unwrap_or_else(PoisonError::into_inner).at(frame.stamp_ns);
+        (frame.robots, warnings) = robots.lock().unwrap_or_else(PoisonError::into_inner).at(frame.stamp_ns, origin);
     }
     context.check()?;
-    let scene = timed(&mut times.segment_ms, || segment(&frame, settings).map_err(CallError::from))?;
+    let mut scene = timed(&mut times.segment_ms, || segment(&frame, settings).map_err(CallError::from))?;
+    scene.meta.warnings.append(&mut warnings);
     context.check()?;
     let kept = timed(&mut times.encode_ms, || {
         let payload = Payload::bulk(Scene::SCHEMA, &scene.to_bulk())?;

@@ -10,7 +10,8 @@ use common::{config, encoded, frame, frame_of};
 use repose_perception::PerceptionConfig;
 use repose_perception::cameras::{CameraFollower, FrameCounts};
 use repose_perception::worker::Worker;
-use repose_proto::{ErrorCode, Payload, SceneSummary};
+use repose_proto::robot::RobotState;
+use repose_proto::{ErrorCode, Payload, RigidTransform, SceneSummary};
 use repose_runtime::{CancellationToken, Session, Subscription, Traffic};
 
 /// Cameras that are followed, and who listens to their scenes.
@@ -203,5 +204,44 @@ async fn a_frame_that_cannot_be_used_is_counted_and_the_next_one_is_not_held_up(
     };
     assert_eq!(summary.camera, "front");
     assert_eq!(following.newest("side"), Some(1));
+    following.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_first_frame_waits_for_the_robots_and_a_silent_robot_stays_where_it_stood() {
+    let patient = PerceptionConfig { robots_wait_ms: 10_000, ..config() };
+    let mut following = Following::start_as(patient, &["front"], &[]).await;
+    let state: RobotState = serde_json::from_value(serde_json::json!({
+        "v": 1, "seq": 1, "stamp_ns": 2_000_000_000_u64, "robot_ms": 0.0, "q_rad": [0.0, 0.0, 0.0, -2.0, 0.0, 2.0, 0.0], "dq_rad_s": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        "gripper_width_m": 0.04, "gripper_settled": true, "gripper_holding": false, "mode": "idle", "stop": null, "owner": null,
+        "last_command": null, "stream_ms": null, "world_from_base": RigidTransform::IDENTITY,
+    }))
+    .unwrap();
+    // The subscription may still be on its way.
+    while following.counts().received.load(Ordering::SeqCst) == 0 {
+        following.put("front", encoded(&frame("front", 2_050_000_000))).await;
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    assert_eq!(following.counts().published.load(Ordering::SeqCst), 0, "nothing is known of robots yet");
+    let key = following.session.cell().robot_state("left");
+    following.session.put(&key, Payload::json(&state).unwrap(), Traffic::RobotState).await.unwrap();
+    let mut next = async || -> SceneSummary {
+        let sample = tokio::time::timeout(Duration::from_secs(9), following.scenes.recv()).await.unwrap().unwrap();
+        sample.payload.decode_json().unwrap()
+    };
+    let of_robots = |summary: &SceneSummary| summary.warnings.iter().filter(|warning| warning.field == "robots").count();
+    assert_eq!(of_robots(&next().await), 0);
+    following
+        .session
+        .put(&following.session.cell().camera_frame("front"), encoded(&frame("front", 9_000_000_000)), Traffic::Frame)
+        .await
+        .unwrap();
+    let later = loop {
+        let summary = next().await;
+        if summary.stamp_ns == 9_000_000_000 {
+            break summary;
+        }
+    };
+    assert_eq!(of_robots(&later), 1, "{:?}", later.warnings);
     following.stop().await;
 }

@@ -1,39 +1,82 @@
 //! The newest states of a cell's robots, and where each robot was at the instant of a frame.
 
 use std::collections::{BTreeMap, VecDeque};
+use std::time::Duration;
 
-use repose_proto::RobotInView;
 use repose_proto::robot::RobotState;
+use repose_proto::{RobotInView, SceneWarning};
 
-/// States of each robot that are kept: more than a frame's way takes, at the rate at which robots tell them.
-const KEPT: usize = 128;
+/// States of a robot are kept this far apart, nanoseconds: some tell a thousand a second, and a straight way between two is near enough.
+const APART_NS: u64 = 5_000_000;
+/// Most states of a robot that are kept, whatever their stamps are.
+const MAX_STATES: usize = 4096;
 /// Robots of a cell that are followed.
 const MAX_ROBOTS: usize = 16;
 /// A state says where a robot was for this long before and after it, nanoseconds: an arm that is stopped meanwhile is 10 cm off at most.
 const HOLDS_NS: u64 = 100_000_000;
 
 /// States by robot, oldest first.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct RobotStates {
+    kept_ns: u64,
     by_robot: BTreeMap<String, VecDeque<RobotState>>,
 }
 
 impl RobotStates {
+    /// States are kept for as long as a frame may wait for its turn.
+    pub fn new(kept: Duration) -> Self {
+        let kept_ns = u64::try_from(kept.as_nanos()).unwrap_or(u64::MAX).saturating_add(HOLDS_NS);
+        Self { kept_ns, by_robot: BTreeMap::new() }
+    }
+
     /// A robot told its state.
     pub fn put(&mut self, robot: &str, state: RobotState) {
         if !self.by_robot.contains_key(robot) && self.by_robot.len() >= MAX_ROBOTS {
             return;
         }
         let states = self.by_robot.entry(robot.to_owned()).or_default();
+        let stamp_ns = state.stamp_ns;
+        if states.back().is_some_and(|newest| newest.stamp_ns.abs_diff(stamp_ns) < APART_NS) {
+            return;
+        }
         states.push_back(state);
-        if states.len() > KEPT {
+        // By the distance, not the order: a robot's clock may have been set back.
+        while states.len() > MAX_STATES || states.front().is_some_and(|oldest| oldest.stamp_ns.abs_diff(stamp_ns) > self.kept_ns) {
             states.pop_front();
         }
     }
 
-    /// The robots at an instant, of those that say where their base stands.
+    /// Whether no robot told anything yet.
+    pub fn is_empty(&self) -> bool {
+        self.by_robot.is_empty()
+    }
+
+    /// The robots at an instant, of those that say where their base stands and told a state near it.
     pub fn at(&self, stamp_ns: u64) -> Vec<RobotInView> {
         self.by_robot.iter().filter_map(|(name, states)| in_view(name, states, stamp_ns)).collect()
+    }
+
+    /// All robots at an instant: one that told nothing near it is taken to stand where it told last (or first) that it stood, which is said. An arm
+    /// whose driver has died is still there.
+    pub fn at_or_nearest(&self, stamp_ns: u64) -> (Vec<RobotInView>, Vec<SceneWarning>) {
+        let (mut robots, mut warnings) = (Vec::new(), Vec::new());
+        for (name, states) in &self.by_robot {
+            if let Some(robot) = in_view(name, states, stamp_ns) {
+                robots.push(robot);
+                continue;
+            }
+            let Some(nearest) = states.iter().min_by_key(|state| state.stamp_ns.abs_diff(stamp_ns)) else { continue };
+            let Some(robot) = standing(name, nearest, nearest.q_rad, nearest.gripper_width_m) else { continue };
+            let apart_s = nearest.stamp_ns.abs_diff(stamp_ns) as f64 * 1e-9;
+            let side = if nearest.stamp_ns < stamp_ns { "before" } else { "after" };
+            let message = format!(
+                "robot {name} told nothing within {} ms of this picture, the nearest {apart_s:.1} s {side} it: it is taken to stand where it stood then",
+                HOLDS_NS / 1_000_000
+            );
+            warnings.push(SceneWarning { field: "robots".to_owned(), message });
+            robots.push(robot);
+        }
+        (robots, warnings)
     }
 }
 
@@ -56,13 +99,18 @@ fn in_view(name: &str, states: &VecDeque<RobotState>, stamp_ns: u64) -> Option<R
         }
         (None, None) => return None,
     };
+    standing(name, nearest, joints_rad, width_m)
+}
+
+/// A robot as a state has it, at given joints; `None` when it does not say where its base stands.
+fn standing(name: &str, state: &RobotState, joints_rad: [f64; 7], width_m: f64) -> Option<RobotInView> {
     Some(RobotInView {
         name: name.to_owned(),
-        model: nearest.model.clone().unwrap_or_else(|| "panda".to_owned()),
+        model: state.model.clone().unwrap_or_else(|| "panda".to_owned()),
         joints_rad,
         gripper_width_m: width_m.clamp(0.0, 0.08),
-        holding: Some(nearest.gripper_holding),
-        world_from_base: nearest.world_from_base?,
+        holding: Some(state.gripper_holding),
+        world_from_base: state.world_from_base?,
     })
 }
 
@@ -85,7 +133,7 @@ mod tests {
 
     #[test]
     fn a_robot_is_between_its_states_or_on_its_way_from_the_last_and_nowhere_without_one_in_time() {
-        let mut states = RobotStates::default();
+        let mut states = RobotStates::new(Duration::from_secs(1));
         // Another robot's side may put them late.
         for (k, first_rad) in [(1, 0.2), (0, 0.1), (2, 0.3)] {
             states.put("left", state(1_000_000_000 + k as u64 * 50_000_000, first_rad, Some(RigidTransform::IDENTITY)));
@@ -98,5 +146,39 @@ mod tests {
             assert!(seen.len() == 1 && seen[0].0 == "left" && (seen[0].1 - first_rad).abs() < 1e-9, "{stamp_ns}: {seen:?}");
         }
         assert!(at(2_000_000_000).is_empty());
+    }
+    #[test]
+    fn a_robot_that_fell_silent_stands_where_it_stood_and_that_is_said() {
+        let mut states = RobotStates::new(Duration::from_secs(1));
+        states.put("left", state(10_000_000_000, 0.1, Some(RigidTransform::IDENTITY)));
+        states.put("left", state(10_500_000_000, 0.2, Some(RigidTransform::IDENTITY)));
+        for (stamp_ns, first_rad, said) in [
+            (10_510_000_000, 0.202, None),
+            (13_500_000_000, 0.2, Some("the nearest 3.0 s before it")),
+            (9_000_000_000, 0.1, Some("the nearest 1.0 s after it")),
+        ] {
+            let (robots, warnings) = states.at_or_nearest(stamp_ns);
+            assert!((robots[0].joints_rad[0] - first_rad).abs() < 1e-9, "{stamp_ns}: {robots:?}");
+            assert_eq!(warnings.len(), usize::from(said.is_some()));
+            assert!(warnings.iter().all(|warning| warning.field == "robots" && warning.message.contains(said.unwrap())), "{warnings:?}");
+        }
+    }
+
+    #[test]
+    fn states_are_kept_for_as_long_as_a_frame_may_wait_however_many_a_robot_tells() {
+        let mut states = RobotStates::new(Duration::from_secs(1));
+        for ms in 0..3000 {
+            states.put("left", state(1_000_000_000 + ms * 1_000_000, 1e-3 * ms as f64, Some(RigidTransform::IDENTITY)));
+        }
+        for ms in [1995, 2500, 2999] {
+            let robots = states.at(1_000_000_000 + ms * 1_000_000);
+            assert!((robots[0].joints_rad[0] - 1e-3 * ms as f64).abs() < 5e-3, "{ms}: {robots:?}");
+        }
+        assert!(states.at(2_000_000_000).is_empty());
+        let kept = states.by_robot["left"].len();
+        assert!(kept <= 221, "{kept}");
+        // A clock that was set back.
+        states.put("left", state(5, 0.5, Some(RigidTransform::IDENTITY)));
+        assert_eq!((states.at(0).len(), states.by_robot["left"].len()), (1, 1));
     }
 }
