@@ -7,6 +7,7 @@
 //! and goals that contradict each other are refused before anything is searched ([`contradiction`](mod@contradiction)).
 
 pub mod contradiction;
+mod dead_end;
 pub mod goals;
 pub mod parking;
 mod places;

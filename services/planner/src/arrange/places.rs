@@ -25,6 +25,9 @@ pub enum PlacesEnd {
     Time,
 }
 
+/// Tables that may be prepared for each search that may be made: a tenth as dear, and most are for searches.
+const TABLES_A_SEARCH: u32 = 20;
+
 /// Searched placements by scene or surroundings, object and terms.
 type Known = BTreeMap<(String, u16, String), Arc<Vec<Placement>>>;
 
@@ -88,6 +91,15 @@ impl<'a> Places<'a> {
         let left = self.request.max_searches.saturating_sub(self.searches);
         self.most_searches = self.searches + (f64::from(left) * share).ceil() as u32;
         self.ended = self.ended.filter(|ended| *ended != PlacesEnd::Budget);
+    }
+
+    /// Whether another table may be prepared after so many: as many as the searches that may be made now are worth, however many of those are known.
+    pub fn allows_tables(&mut self, prepared: u32) -> bool {
+        let allowed = prepared < self.most_searches.saturating_mul(TABLES_A_SEARCH);
+        if !allowed && self.ended.is_none() {
+            self.ended = Some(PlacesEnd::Budget);
+        }
+        allowed
     }
 
     /// What ended it early, if anything.

@@ -13,6 +13,7 @@ use repose_proto::arrange::{ArrangeMove, ArrangeRequest, Purpose};
 use repose_proto::place::Placement;
 use repose_proto::{CallError, GoalTerm};
 
+use crate::arrange::dead_end::DeadEnd;
 use crate::arrange::goals::{Goals, all_hold};
 use crate::arrange::parking::places_aside;
 use crate::arrange::places::{Places, PlacesEnd};
@@ -72,6 +73,7 @@ pub struct Search<'a> {
     pub(super) path: Vec<ArrangeMove>,
     /// Moves on a path, those that are still needed at least among them.
     most_moves: usize,
+    dead_ends: BTreeSet<DeadEnd>,
     best: Part,
     /// Moves after which a view is needed, if any were found.
     pub(super) uncovering: Option<Part>,
@@ -106,6 +108,7 @@ impl<'a> Search<'a> {
             crowded: BTreeMap::new(),
             path: Vec::new(),
             most_moves: 0,
+            dead_ends: BTreeSet::new(),
             best: Part::default(),
             uncovering: None,
         }
@@ -162,6 +165,7 @@ impl<'a> Search<'a> {
     /// The moves after which all goals hold, with the fewest moves, but that a way straight down goes first.
     fn found(&mut self, state: &State) -> Result<Option<Vec<ArrangeMove>>, CallError> {
         self.crowded.clear();
+        self.dead_ends.clear();
         if self.straight(state)? || self.uncovered(state)? {
             return Ok(Some(std::mem::take(&mut self.path)));
         }
@@ -247,6 +251,20 @@ impl<'a> Search<'a> {
         if self.path.len() + open > self.most_moves {
             return Ok(false);
         }
+        // Orders of moves that have nothing to do with each other lead to the same table.
+        let here = DeadEnd::new(&self.path, &state.unsettled, parkings, self.most_moves);
+        if self.dead_ends.contains(&here) {
+            return Ok(false);
+        }
+        let solved = self.solved_from(state, parkings)?;
+        // Where a limit ended it, nobody knows.
+        if !solved && self.places.ended().is_none() {
+            self.dead_ends.insert(here);
+        }
+        Ok(solved)
+    }
+
+    fn solved_from(&mut self, state: &State, parkings: u32) -> Result<bool, CallError> {
         let mut without_room: Vec<WithoutRoom> = Vec::new();
         for object in self.order(state) {
             let others = state.others(object);
@@ -315,6 +333,9 @@ impl<'a> Search<'a> {
 
     /// The table after a move; none where the object would stand on something that must move yet, and be in the way there.
     fn after(&mut self, state: &State, step: &ArrangeMove, unsettled: &BTreeSet<u16>) -> Result<Option<State>, CallError> {
+        if !self.places.allows_tables(self.tables.prepared()) {
+            return Ok(None);
+        }
         let scene = self.tables.after(&state.scene, step.object, &step.placement.placed_from_observed)?;
         let is_in_the_way = unsettled.iter().any(|other| *other != step.object && scene.belief.carried(*other).contains(&step.object));
         Ok((!is_in_the_way).then(|| State { scene, unsettled: unsettled.clone() }))

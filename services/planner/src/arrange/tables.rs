@@ -25,12 +25,18 @@ struct Change {
 pub struct Tables {
     kept: VecDeque<(Change, Arc<PreparedScene>)>,
     fall_m: f64,
+    prepared: u32,
 }
 
 impl Tables {
     /// None yet; objects come down by `fall_m` where they are let go.
     pub fn new(fall_m: f64) -> Self {
-        Self { kept: VecDeque::new(), fall_m }
+        Self { kept: VecDeque::new(), fall_m, prepared: 0 }
+    }
+
+    /// How many were prepared so far.
+    pub fn prepared(&self) -> u32 {
+        self.prepared
     }
 
     /// The table after an object was carried elsewhere.
@@ -59,7 +65,10 @@ impl Tables {
 
     fn kept(&mut self, change: Change, prepare: impl FnOnce() -> PreparedScene) -> Arc<PreparedScene> {
         let known = self.kept.iter().position(|(other, _)| *other == change).and_then(|at| self.kept.remove(at));
-        let (change, scene) = known.unwrap_or_else(|| (change, Arc::new(prepare())));
+        let (change, scene) = known.unwrap_or_else(|| {
+            self.prepared += 1;
+            (change, Arc::new(prepare()))
+        });
         self.kept.push_back((change, scene.clone()));
         if self.kept.len() > KEPT {
             self.kept.pop_front();

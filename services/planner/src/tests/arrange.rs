@@ -154,6 +154,19 @@ fn the_smallest_part_without_a_place_is_named() {
 }
 
 #[test]
+fn orders_of_moves_that_have_nothing_to_do_with_each_other_are_not_all_gone_through() {
+    // Seven that find their place wherever the others are, and one that finds none: thousands of orders, and as many tables to prepare.
+    let mut scene = SceneBuilder::table().object(1, [0.0, 0.1], [0.03, 0.03, 0.05]).object(2, [0.3, 0.0], [0.15, 0.15, 0.2]);
+    let mut wanted: Vec<(u16, &[&str])> = vec![(2, &["above:1", "centered:1"])];
+    for id in 3..10 {
+        scene = scene.object(id, [-0.4 + 0.08 * f64::from(id), -0.3], [0.03; 3]);
+        wanted.push((id, &["behind:1"]));
+    }
+    let result = arranged_with(&scene.scene(), &wanted, 1);
+    assert!(result.outcome != Outcome::Found && result.open.contains(&2), "{result:?}");
+}
+
+#[test]
 fn the_same_request_gives_the_same_answer_and_a_small_budget_a_part_of_it() {
     let scene = SceneBuilder::table().object(1, [0.3, 0.0], SMALL).object(2, [-0.1, -0.1], SMALL).object(3, [-0.3, 0.1], SMALL).scene();
     let wanted: &[(u16, &[&str])] = &[(2, &["left_of:3", "near:3"]), (3, &["left_of:1", "near:1"])];
