@@ -27,6 +27,12 @@ fn python_tests() {
 }
 
 #[test]
+#[ignore = "needs Debian's prometheus: run scripts/prometheus-tests"]
+fn prometheus_tests() {
+    run("prometheus-tests");
+}
+
+#[test]
 #[ignore = "needs Python and PyPI: run scripts/mcp-tests"]
 fn mcp_tests() {
     run("mcp-tests");

@@ -50,7 +50,12 @@ fn recorder() -> Result<PrometheusHandle, String> {
         let builder = PrometheusBuilder::new()
             .set_buckets_for_metric(Matcher::Suffix("_seconds".to_owned()), &SECONDS)
             .and_then(|builder| builder.set_buckets_for_metric(Matcher::Suffix("_jobs".to_owned()), &JOBS));
-        builder.and_then(PrometheusBuilder::install_recorder).map_err(|e| e.to_string())
+        let recorder = builder.and_then(PrometheusBuilder::install_recorder).map_err(|e| e.to_string())?;
+        for (name, help) in METRICS {
+            // The exporter files helps by the name alone, whatever kind they are given for.
+            metrics::describe_gauge!(name, help);
+        }
+        Ok(recorder)
     };
     RECORDER.get_or_init(install).clone()
 }
