@@ -33,6 +33,12 @@ impl FromStr for Objective {
 }
 
 impl Objective {
+    /// How many requests a rate must be offered for: at a rate that is too high by a share, the latency grows by that share of the time, so that a run
+    /// which is to notice [`NEARNESS`] lasts until that has grown to the bound.
+    fn requests(&self, rate: f64) -> usize {
+        (rate * self.bound_ms / 1e3 / NEARNESS).ceil() as usize
+    }
+
     /// Whether a run kept it, and answered at least 99 %.
     fn is_kept(&self, report: &Report) -> bool {
         report.latency_ms.get(self.percentile).is_some_and(|ms| *ms < self.bound_ms) && report.answered_share() >= 0.99
@@ -46,12 +52,12 @@ const REST: Duration = Duration::from_secs(1);
 
 /// Finds the capacity; the report is of the highest rate that kept the objective, or of the lowest tried.
 pub async fn find(run: &Run) -> Result<(Report, Vec<Ended>), Failure> {
-    let requests = run.args.requests;
     // A closed loop says about where it is.
-    let about = run.ask(requests, None).await?.0.goodput_per_s.max(0.1);
+    let about = run.ask(run.args.requests, None).await?.0.goodput_per_s.max(0.1);
     let (mut kept, mut failed, mut rate) = (None::<(f64, Report, Vec<Ended>)>, None::<f64>, about / 2.0);
     loop {
         tokio::time::sleep(REST).await;
+        let requests = run.args.slo.requests(rate).max(run.args.requests);
         let (report, ended) = run.ask(requests, Some(rate)).await?;
         let is_kept = run.args.slo.is_kept(&report);
         tracing::info!(rate, is_kept, goodput = report.goodput_per_s, "tried");
@@ -76,6 +82,13 @@ pub async fn find(run: &Run) -> Result<(Report, Vec<Ended>), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_rate_is_offered_for_long_enough_to_notice_that_it_is_too_high() {
+        let objective: Objective = "p99<1s".parse().unwrap();
+        assert_eq!((objective.requests(7.0), objective.requests(1000.0)), (140, 20_000));
+        assert_eq!("p50<100ms".parse::<Objective>().unwrap().requests(50.0), 100);
+    }
 
     #[test]
     fn objectives_are_read_with_their_unit() {

@@ -103,7 +103,8 @@ pub struct LoadArgs {
     /// One agent's part, as its coordinator says.
     #[arg(long, hide = true)]
     agent: Option<Part>,
-    /// Search for the highest rate that meets the objective, with this many requests per rate, and report it.
+    /// Search for the highest rate that meets the objective, and report it. Each rate is offered for twenty times the objective's bound, and for
+    /// `--requests` at least.
     #[arg(long)]
     pub find_capacity: bool,
     /// The objective: a percentile of the latency and its bound; at least 99 % must be answered, too.
