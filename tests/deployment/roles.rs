@@ -6,7 +6,7 @@ use std::process::Command;
 use std::time::Duration;
 
 use repose_proto::scoring::ModelsRequest;
-use repose_proto::{Payload, Service};
+use repose_proto::{ErrorCode, Payload, Service};
 use repose_runtime::{CallOptions, RuntimeConfig, Session};
 use serde_json::{Value, json};
 
@@ -60,7 +60,14 @@ async fn a_deployment_made_of_a_roles_file_works_and_keeps_everyone_to_their_rol
     let display = session(folder, "wall-display").await;
     let looking = display.caller(Service::Inference).await.expect("a caller");
     looking.wait_for_workers(1, PATIENCE).await.expect("a viewer sees workers");
-    assert!(looking.call("models", request, CallOptions::within(Duration::from_secs(3))).await.is_err(), "and calls none");
+    let refused = looking.call("models", request, CallOptions::within(Duration::from_secs(3))).await.expect_err("and calls none");
+    assert!(refused.message.contains("role") && refused.code == ErrorCode::FailedPrecondition, "{refused:?}");
+
+    // What the program itself asks on a user's behalf is within what the user may see.
+    let status =
+        repose().args(["status", "--json", "--config"]).arg(folder.join("out/users/wall-display/repose.toml")).output().expect("it runs");
+    let status: Value = serde_json::from_slice(&status.stdout).expect("one JSON document");
+    assert_eq!((&status["cells"], &status["workers"][0]["service"]), (&json!(["cell"]), &json!("inference")), "{status:#}");
 
     // A subscription wider than what is allowed is dropped by access control; the log says so.
     let _wide = display.subscribe_queue("repose/v1/**", 1).await.expect("nobody tells the subscriber");

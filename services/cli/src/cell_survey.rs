@@ -6,7 +6,7 @@ use std::time::Duration;
 use repose_proto::load::WorkerLoad;
 use repose_proto::robot::RobotState;
 use repose_proto::{Cell, SceneSummary, Service, keys};
-use repose_runtime::{AliveWatch, Sample, Session, Subscription, now_ns};
+use repose_runtime::{Lives, Sample, Session, Subscription, now_ns};
 use tokio::time::Instant;
 
 use crate::failure::Failure;
@@ -36,7 +36,7 @@ pub struct Received<T> {
 /// Listens to the workers, cameras and robots of a cell.
 pub struct CellListener {
     session: Session,
-    lives: AliveWatch,
+    lives: Lives,
     /// The cell's own workers', and those of its pool's that serve it.
     loads: Vec<Subscription>,
     scenes: Subscription,
@@ -67,7 +67,7 @@ impl CellListener {
             loads.push(session.subscribe_queue(&key, WAITING).await?);
         }
         Ok(Self {
-            lives: session.watch_alive(keys::LIVES_EVERYWHERE).await?,
+            lives: session.watch_lives().await?,
             loads,
             scenes: session.subscribe_queue(&cell.scenes(), WAITING).await?,
             robots: session.subscribe_queue(&cell.robot_states(), WAITING).await?,

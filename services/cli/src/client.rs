@@ -159,15 +159,18 @@ pub async fn newest_scene(session: &Session, camera: &str, within: Duration, pat
     // A worker that is alive and has not told its load yet is called all the same, and at once.
     let is_alone = perception.workers().is_empty() && perception.wait_for_workers(1, within.min(PATIENCE)).await.is_err();
     if is_alone && perception.workers().is_empty() {
-        let cells = names(session).await?.cells;
-        let message = format!("the cell has no perception worker that is alive; cells with workers: {}", listed(&cells));
+        let elsewhere = match session.is_user() {
+            true => "either none runs there, or this user is not of that cell".to_owned(),
+            false => format!("cells with workers: {}", listed(&names(session).await?.cells)),
+        };
+        let message = format!("the cell has no perception worker that is alive; {elsewhere}");
         return Err(Failure::Other(CallError { field: Some("cell".to_owned()), ..CallError::new(ErrorCode::Unavailable, message) }));
     }
     let begin = Instant::now();
     loop {
         match fetch_newest(&perception, camera, &CallOptions::within(ONE_CALL.min(within))).await {
             Ok(summary) => return Ok(summary),
-            Err(error) if error.code == ErrorCode::InvalidArgument => return Err(error.into()),
+            Err(error) if [ErrorCode::InvalidArgument, ErrorCode::FailedPrecondition].contains(&error.code) => return Err(error.into()),
             Err(error) if error.code == ErrorCode::NotFound && begin.elapsed() >= within.min(patience) => {
                 let cameras = names(session).await?.cameras;
                 let message = format!("camera {camera} has no scene; cameras that have one: {}", listed(cameras.keys()));

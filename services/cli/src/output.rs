@@ -14,17 +14,23 @@ pub struct Output {
 }
 
 impl Output {
-    /// Prints `document` as JSON, or `text` for people.
+    /// Prints `document` as JSON, or `text` for people. What is under way goes on where the reader has gone (`| head`).
     pub fn print<T: Serialize>(self, document: &T, text: impl FnOnce() -> String) -> CommandResult {
+        self.print_more(document, text).map(|_is_read| ())
+    }
+
+    /// The same, of several; returns whether anybody still reads.
+    pub fn print_more<T: Serialize>(self, document: &T, text: impl FnOnce() -> String) -> Result<bool, Failure> {
         if self.json { line(&serde_json::to_string_pretty(document).map_err(Failure::other)?) } else { line(&text()) }
     }
 }
 
-/// Prints a line. A reader that has gone (`| head`) has read what it wanted.
-fn line(text: &str) -> CommandResult {
+/// Prints a line; returns whether somebody reads.
+fn line(text: &str) -> Result<bool, Failure> {
     let mut out = std::io::stdout().lock();
     match writeln!(out, "{text}").and_then(|()| out.flush()) {
-        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::other(format!("standard output: {error}"))),
-        _ => Ok(()),
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
+        Err(error) => Err(Failure::other(format!("standard output: {error}"))),
     }
 }

@@ -466,7 +466,7 @@ async fn show_scene(cell: &Shared, summary: &SceneSummary, seen: &Seen) {
 /// # Errors
 /// When the network refuses.
 pub async fn follow_cells(session: &Session, audience: Arc<Audience>) -> Result<impl Future<Output = ()> + use<>, CallError> {
-    let mut alive = session.watch_alive(keys::LIVES_EVERYWHERE).await?;
+    let mut alive = session.watch_lives().await?;
     Ok(async move {
         let mut told = None;
         loop {

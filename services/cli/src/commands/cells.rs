@@ -43,7 +43,7 @@ pub async fn run(args: &CellsArgs, output: Output) -> CommandResult {
     let mut config = client::client_config(&args.system)?;
     config.caller.pool = None;
     let session = Session::open(config).await?;
-    let alive = session.watch_alive(keys::LIVES_EVERYWHERE).await?.current();
+    let alive = session.watch_lives().await?.current();
     let mut cells: Vec<&str> = alive.iter().filter_map(|key| Some(keys::of_live(key)?.0)).collect();
     // Where access control shows no other cell, the own one is still there.
     cells.push(session.cell().name());

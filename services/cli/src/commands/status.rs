@@ -60,12 +60,13 @@ async fn watch(args: &StatusArgs, session: &Session, shutdown: &Shutdown, output
             heard = observer.listen(within, &heard) => heard?,
             () = shutdown.requested() => return Ok(()),
         };
-        let status = Status { heard: &heard, cell: session.cell().name(), pool: session.pool(), seconds: args.seconds };
-        output.print(&status.document(), || {
+        let status =
+            Status { heard: &heard, cell: session.cell().name(), pool: session.pool(), is_user: session.is_user(), seconds: args.seconds };
+        let is_read = output.print_more(&status.document(), || {
             let top = if args.watch && std::io::stdout().is_terminal() { "\x1b[2J\x1b[H" } else { "" };
             format!("{top}{}", status.text())
         })?;
-        if !args.watch {
+        if !args.watch || !is_read {
             return Ok(());
         }
     }
@@ -94,6 +95,8 @@ struct Status<'a> {
     cell: &'a str,
     /// The pool that serves it.
     pool: Option<&'a str>,
+    /// Whether who looks is a user, to whom access control shows no other cells.
+    is_user: bool,
     /// How long was listened.
     seconds: f64,
 }
@@ -128,7 +131,8 @@ impl Status<'_> {
     fn text(&self) -> String {
         let others: BTreeSet<String> = self.heard.cells.iter().filter(|cell| *cell != self.cell).cloned().collect();
         let pool = self.pool.map_or_else(String::new, |pool| format!(", served by the pool {pool}"));
-        let mut text = format!("cell {}{pool}; other cells with workers: {}", self.cell, listed(&others));
+        let others = if self.is_user { String::new() } else { format!("; other cells with workers: {}", listed(&others)) };
+        let mut text = format!("cell {}{pool}{others}", self.cell);
         if !self.heard.workers.is_empty() {
             text += &format!("\n{}", self.workers());
         }
@@ -209,6 +213,9 @@ impl Status<'_> {
         if weights.len() > 1 {
             let counts: Vec<String> = weights.iter().map(|(hash, count)| format!("{} by {count}", &hash[..hash.len().min(12)])).collect();
             wrong.push(format!("inference workers serve different weights: {}", counts.join(", ")));
+        }
+        if self.is_user && heard.workers.is_empty() && heard.cameras.is_empty() && heard.robots.is_empty() {
+            return vec![format!("nothing of the cell {} is seen: either nothing runs there, or this user is not of that cell", self.cell)];
         }
         if heard.cameras.is_empty() {
             wrong.push("no camera had a new scene while this was listened to".to_owned());

@@ -25,6 +25,7 @@ use crate::call_options::CallOptions;
 use crate::config::CallerConfig;
 use crate::directory::{Assigned, Directory, Wanted, WorkerView};
 use crate::heeded::{self, BatchCall, Refused};
+use crate::kept_out::{self, is_kept_out};
 use crate::outage::{LOOK, Patience};
 use crate::target::Target;
 use crate::transport::{OutgoingQuery, Traffic, Transport};
@@ -403,13 +404,19 @@ impl Ongoing<'_> {
                 self.cancelled_at.push(assigned.name().to_owned());
             }
         }
+        let is_same_link = inner.transport.connection() == connection;
+        if matches!(ended, Ended::Empty) && is_same_link {
+            let within = Duration::from_millis(inner.config.suspect_after_ms).min(self.remaining());
+            if is_kept_out(inner.transport.as_ref(), &inner.directory, assigned.name(), within).await {
+                return Next::Done(Err(kept_out::refusal(&inner.target, assigned.name(), self.method)));
+            }
+        }
         if matches!(ended, Ended::Empty) && self.options.idempotent {
             let message = format!("{} worker {} is gone", inner.target.service, assigned.name());
             let gone = CallError::new(ErrorCode::Unavailable, message);
-            let was_away = inner.transport.connection() != connection;
             let was_ever_there = inner.directory.has_told_load(assigned.name());
             inner.directory.mark_deserted(assigned.name());
-            return if was_away || !was_ever_there { Next::Unheard(gone) } else { Next::Again(gone) };
+            return if !is_same_link || !was_ever_there { Next::Unheard(gone) } else { Next::Again(gone) };
         }
         if let Ended::Error(error) = &ended {
             self.note_refusal(error, assigned.name(), as_batch);

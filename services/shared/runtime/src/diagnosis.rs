@@ -50,6 +50,11 @@ impl Credentials {
         }
     }
 
+    /// Whether a user is named, by a password or a certificate.
+    pub(crate) fn name_user(&self) -> bool {
+        self.user.is_some() || self.certificate.is_some()
+    }
+
     /// What to say when the link is good and the router lets nobody in.
     pub(crate) fn not_let_in(&self) -> String {
         match (&self.user, &self.certificate) {
@@ -171,8 +176,9 @@ fn of_error(endpoint: &str, host: &str, error: &quinn::ConnectionError) -> Findi
             format!("the router's certificate is for another name than {host:?} ({reason})")
         }
         Some(45) => format!("{whose} has expired ({reason})"),
-        Some(48) if is_ours => format!("the router's certificate is of another authority than root_ca_certificate ({reason})"),
-        Some(48) => "this user's certificate is of another authority than the router's".to_owned(),
+        // An authority of the same name but another key is told by the signature: bad signature, 51.
+        Some(48 | 51) if is_ours => format!("the router's certificate is of another authority than root_ca_certificate ({reason})"),
+        Some(48 | 51) => "this user's certificate is of another authority than the router's".to_owned(),
         Some(116) => "the router asks for a certificate of the user's (enable_mtls, connect_certificate)".to_owned(),
         Some(120) => "something else than a router answers".to_owned(),
         Some(_) => format!("{whose} is not good ({reason})"),

@@ -228,6 +228,19 @@ impl Directory {
         self.shared.state().workers.get(worker).is_none_or(|e| e.heard.elapsed() >= self.shared.suspect_after)
     }
 
+    /// Whether a worker tells its load within a while from now: it lives.
+    pub async fn hears_anew(&self, worker: &str, within: Duration) -> bool {
+        const LOOK: Duration = Duration::from_millis(10);
+        let asked = Instant::now();
+        while asked.elapsed() < within {
+            tokio::time::sleep(LOOK).await;
+            if self.shared.state().workers.get(worker).is_some_and(|e| e.heard > asked) {
+                return true;
+            }
+        }
+        false
+    }
+
     /// How long a call should take on a worker by what it reports of itself; none before it has served one.
     pub fn expected(&self, worker: &str) -> Option<Duration> {
         let state = self.shared.state();

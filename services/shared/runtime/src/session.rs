@@ -8,6 +8,7 @@ use repose_proto::{CallError, Cell, Payload, Service};
 
 use crate::caller::Caller;
 use crate::config::RuntimeConfig;
+use crate::lives::Lives;
 use crate::shares::Shares;
 use crate::target::Target;
 use crate::transport::{AliveWatch, Subscription, Traffic, Transport};
@@ -140,6 +141,20 @@ impl Session {
     /// When the network refuses.
     pub async fn watch_alive(&self, key: &str) -> Result<AliveWatch, RuntimeError> {
         self.transport.watch_alive(key).await
+    }
+
+    /// Follows who is alive in every cell, or in those that this session may look into.
+    ///
+    /// # Errors
+    /// When the network refuses, or the configured pool is no chunk of a key.
+    pub async fn watch_lives(&self) -> Result<Lives, RuntimeError> {
+        let pool = self.pool().map(Cell::new).transpose().map_err(|e| RuntimeError::transport("naming the pool", e))?;
+        Lives::watch(self.transport.as_ref(), &self.cell, pool.as_ref()).await
+    }
+
+    /// Whether this session is let in as a user, who sees some cells only.
+    pub fn is_user(&self) -> bool {
+        self.transport.is_user()
     }
 
     /// Something to put messages of one kind to one key with.

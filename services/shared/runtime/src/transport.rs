@@ -227,6 +227,11 @@ pub trait Transport: Send + Sync + 'static {
     /// When the network refuses.
     async fn watch_alive(&self, key: &str) -> Result<AliveWatch, RuntimeError>;
 
+    /// Whether this end is let in as a user, who sees some cells only.
+    fn is_user(&self) -> bool {
+        false
+    }
+
     /// Whether messages get through now, as far as this end knows.
     fn connection(&self) -> ConnectionStatus;
 

@@ -23,6 +23,7 @@ use zenoh::sample::SampleKind;
 
 use crate::RuntimeError;
 use crate::config::{SessionConfig, SessionMode};
+use crate::diagnosis::Credentials;
 use crate::frame_link::FrameLink;
 use crate::mailbox::mailbox;
 use crate::transport::{
@@ -39,6 +40,7 @@ const HISTORY_TIMEOUT: Duration = Duration::from_secs(2);
 /// A Zenoh session as a [`Transport`].
 pub struct ZenohTransport {
     pub(crate) session: zenoh::Session,
+    is_user: bool,
     frames: Option<FrameLink>,
     connection: Arc<Mutex<Links>>,
 }
@@ -88,7 +90,9 @@ impl ZenohTransport {
     /// When the configuration is unusable, nothing can be reached within `connect_timeout_ms`, or the router lets nobody in: at once then,
     /// with what is wrong of the address, the certificates or the user.
     pub async fn open(config: &SessionConfig) -> Result<Self, RuntimeError> {
-        let session = open_session(config, zenoh_config(config)?).await?;
+        let zenoh_config = zenoh_config(config)?;
+        let is_user = Credentials::of(&zenoh_config).name_user();
+        let session = open_session(config, zenoh_config).await?;
         let connection = ConnectionStatus { is_up: true, since: Instant::now(), number: 1 };
         let links = Links { needs_router: config.mode == SessionMode::Client, open: BTreeSet::new(), connection };
         let links = Arc::new(Mutex::new(links));
@@ -104,7 +108,7 @@ impl ZenohTransport {
             .background()
             .await
             .map_err(|e| RuntimeError::transport("following the session's links", e))?;
-        Ok(Self { session, frames: FrameLink::of(config), connection: links })
+        Ok(Self { session, is_user, frames: FrameLink::of(config), connection: links })
     }
 }
 
@@ -316,6 +320,10 @@ impl Transport for ZenohTransport {
         history.await.map_err(refused)?;
         while end.recv().await.is_some() {}
         Ok(AliveWatch { keys, _declaration: Box::new(subscriber) })
+    }
+
+    fn is_user(&self) -> bool {
+        self.is_user
     }
 
     fn connection(&self) -> ConnectionStatus {

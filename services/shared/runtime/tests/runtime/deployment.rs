@@ -66,16 +66,16 @@ async fn writing_again_keeps_passwords_and_certificates_and_adds_users() {
     }
 }
 
-/// Replaces the router's certificate by one for `host`, valid until `days` from now, of an authority of its own where `foreign`.
-fn replace_certificate(folder: &Path, host: &str, days: i64, foreign: bool) {
+/// Replaces the router's certificate by one for `host`, valid until `days` from now, of another authority where one is named.
+fn replace_certificate(folder: &Path, host: &str, days: i64, foreign: Option<&str>) {
     let read = |file: &str| std::fs::read_to_string(folder.join(file)).unwrap();
     let authority_key = KeyPair::from_pem(&read("authority/authority-key.pem")).unwrap();
     let issuer = match foreign {
-        false => Issuer::from_ca_cert_pem(&read("authority/authority.pem"), authority_key).unwrap(),
-        true => {
+        None => Issuer::from_ca_cert_pem(&read("authority/authority.pem"), authority_key).unwrap(),
+        Some(name) => {
             let mut params = CertificateParams::new(Vec::new()).unwrap();
             params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
-            params.distinguished_name.push(DnType::CommonName, "another authority");
+            params.distinguished_name.push(DnType::CommonName, name);
             Issuer::new(params, KeyPair::generate().unwrap())
         }
     };
@@ -110,9 +110,10 @@ async fn whoever_is_not_let_in_is_told_why_and_soon() {
         text[..at].to_owned() + "x" + &text[at..]
     };
     let cases = [
-        (told(|folder| replace_certificate(folder, "127.0.0.1", -1, false), unchanged).await, "has expired"),
-        (told(|folder| replace_certificate(folder, "127.0.0.1", 1, true), unchanged).await, "another authority"),
-        (told(|folder| replace_certificate(folder, "router.example", 1, false), unchanged).await, "another name"),
+        (told(|folder| replace_certificate(folder, "127.0.0.1", -1, None), unchanged).await, "has expired"),
+        (told(|folder| replace_certificate(folder, "127.0.0.1", 1, Some("a foreign one")), unchanged).await, "another authority"),
+        (told(|folder| replace_certificate(folder, "127.0.0.1", 1, Some("Repose trial authority")), unchanged).await, "another authority"),
+        (told(|folder| replace_certificate(folder, "router.example", 1, None), unchanged).await, "another name"),
         (told(|_| (), wrong_password).await, "the password is wrong"),
         (told(|_| (), |text| text.replace("\"wall-display\"", "\"nobody\"")).await, "does not know that user"),
         (told(|_| (), |text| text.replace("authority.pem", "missing.pem")).await, "missing.pem"),
