@@ -88,7 +88,9 @@ pub async fn run(args: &RecordArgs, output: Output) -> CommandResult {
     let begun = |silent: &[String]| {
         tracing::info!(file = %args.out.display(), cell = session.cell().name(), "recording; Ctrl-C ends it");
         if !silent.is_empty() {
-            tracing::warn!("these workers do not copy their calls (an earlier version?): {}", silent.join(", "));
+            let why =
+                if session.is_user() { "this user may not record: frames = true in the roles file lets it" } else { "an earlier version?" };
+            tracing::warn!("these workers do not copy their calls ({why}): {}", silent.join(", "));
         }
         if let Some(seconds) = seconds {
             tokio::spawn(async move {
