@@ -72,7 +72,7 @@ pub fn isometry(to_from: &RigidTransform, field: &str) -> Result<Isometry3<f64>,
 pub fn grasps(grasps: &[Grasp]) -> Result<Vec<GraspCandidate>, CallError> {
     let read = |(i, grasp): (usize, &Grasp)| {
         let world_from_tcp = isometry(&grasp.world_from_tcp, &format!("grasps[{i}].world_from_tcp"))?;
-        Ok(GraspCandidate { world_from_tcp, opening_m: grasp.width_m, width_m: None, score: grasp.score })
+        Ok(GraspCandidate { world_from_tcp, aside_m: 0.0, opening_m: grasp.width_m, width_m: None, score: grasp.score })
     };
     grasps.iter().enumerate().map(read).collect()
 }

@@ -2,7 +2,7 @@
 
 use std::cell::Cell;
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use repose_panda::{CommandRuleSettings, CommandRules, JOINT_COUNT, Joints, LIMITS, READY, base_from_tcp, hermite};
 
 use repose_motion::collision::{ArmCollisionSettings, CollisionChecker};
@@ -201,6 +201,22 @@ fn what_stands_in_a_keep_out_zone_is_not_served_and_the_zone_is_named() {
     let around_the_hand = zone((home - Vector3::repeat(0.05)).into(), (home + Vector3::repeat(0.05)).into());
     let blocked = plan_in(&around_the_hand, &[moved(0.45, 0.25)]).unwrap_err();
     assert!(blocked.to_string().contains("keep_out[0]"), "{blocked}");
+}
+
+#[test]
+fn the_open_hand_comes_down_aside_and_closes_at_the_grasp() {
+    let found = plan(1, &[moved(0.45, 0.25)], None).unwrap().grasp;
+    let aside = GraspCandidate { aside_m: 0.01, ..found };
+    let plan = plan(1, &[moved(0.45, 0.25)], Some(&[aside])).unwrap();
+    let approach = plan.phases.iter().find(|p| p.phase == Phase::Approach).unwrap().trajectory.as_ref().unwrap();
+    let tcp_at =
+        |time_s: f64| aside.world_from_tcp.inverse() * Point3::from(base_from_tcp(&approach.at(time_s).position_rad).translation.vector);
+    assert!((tcp_at(0.0) - Point3::new(0.0, plan.grasp.aside_m, -0.1)).norm() < 1e-3, "{}", tcp_at(0.0));
+    assert!(tcp_at(approach.duration_s()).coords.norm() < 1e-3);
+    let times = (0..=100).map(|k| approach.duration_s() * f64::from(k) / 100.0);
+    let early = times.map(tcp_at).find(|p| p.z < -0.003 && (p.y - plan.grasp.aside_m).abs() > 2e-3);
+    assert_eq!(early, None, "it does not move to the side before it is down");
+    assert_eq!(aside.flipped().aside_m, -aside.aside_m);
 }
 
 #[test]

@@ -12,6 +12,7 @@ use repose_belief::ObservedView;
 use repose_panda::FINGER_OPENING_MAX_M;
 
 use super::GraspCloud;
+use super::contact::{SlabPoint, contact_depth_m, mean_slope_rad, outline_slope_rad, slope_rad, squareness, touched_normals};
 use super::wedge::{self, Meeting};
 
 /// How far the fingers reach beyond the grasp centre, metres.
@@ -70,8 +71,10 @@ impl Default for GripperSettings {
 pub struct GripperFit {
     /// How wide the object is believed to be between the fingers, metres.
     pub width_m: f64,
-    /// Where its middle is along y, metres.
+    /// Where the fingers close along y, metres: about its middle where they can, so that both come to it at the same time.
     pub offset_m: f64,
+    /// How far from there along y the open hand comes down, metres: a finger that comes down unseen gets the room that the other does not need.
+    pub aside_m: f64,
     /// Opening on approach, metres.
     pub opening_m: f64,
     /// How much of the surface that the fingers touch lies along the approach, on the side where that is more, metres.
@@ -107,9 +110,6 @@ const PALM_HALF_M: [f64; 2] = [0.03, 0.1];
 /// How far behind the grasp centre fingers have left the hand, metres.
 const FINGER_LENGTH_M: f64 = 0.045;
 
-/// A point of the cloud in the grasp centre's frame, and its index.
-type SlabPoint = (Vector3<f64>, usize);
-
 /// What is between the fingers at a pose, however far they open.
 pub struct Between<'a> {
     world_from_tcp: &'a Isometry3<f64>,
@@ -122,6 +122,7 @@ pub struct Between<'a> {
     /// The points between the planes of the pads, sorted along the closing direction, and those of them that the fingers close on.
     slab: Vec<SlabPoint>,
     run: std::ops::Range<usize>,
+    believed: OnceCell<(f64, f64)>,
     contact: OnceCell<Contact>,
 }
 
@@ -141,7 +142,7 @@ impl<'a> Between<'a> {
         let slab = slab(&points, settings)?;
         let run = run_at_the_middle(&slab, settings)?;
         let behind = object.behind.iter().map(|p| tcp_from_world * p).collect();
-        Ok(Self { world_from_tcp, object, view, settings, points, behind, slab, run, contact: OnceCell::new() })
+        Ok(Self { world_from_tcp, object, view, settings, points, behind, slab, run, believed: OnceCell::new(), contact: OnceCell::new() })
     }
 
     /// What the fingers close on, with this much room beside the object on approach, metres.
@@ -150,48 +151,86 @@ impl<'a> Between<'a> {
     /// [`Misfit::TooWide`], or [`Misfit::FingerBlocked`].
     pub fn fit(&self, clearance_m: f64) -> Result<GripperFit, Misfit> {
         let Self { world_from_tcp, view, settings, slab, run, .. } = self;
-        let (seen_low, seen_high) = (slab[run.start].0.y, slab[run.end - 1].0.y);
-        let missing_at = |side: f64| missing_m(&(world_from_tcp.rotation * Vector3::y() * side), world_from_tcp, view, settings.border_m);
-        let missing_m = [-1.0, 1.0].map(missing_at);
-        let (low, high) = (seen_low - missing_m[0], seen_high + missing_m[1]);
+        let seen_span = (slab[run.start].0.y, slab[run.end - 1].0.y);
+        let facing = [-1.0, 1.0].map(|side| facing(&(world_from_tcp.rotation * Vector3::y() * side), world_from_tcp, view));
+        let (low, high) = *self.believed.get_or_init(|| self.believed_span(seen_span, facing));
         let width_m = high - low;
         let mut opening_m = (width_m + 2.0 * clearance_m).min(FINGER_OPENING_MAX_M);
         if opening_m - width_m < 2.0 * settings.clearance_min_m {
             return Err(Misfit::TooWide);
         }
-        let mut offset_m = 0.5 * (low + high);
+        let offset_m = 0.5 * (low + high);
+        let mut aside_m = 0.0;
         let seen_at = |y: f64, side: f64| seen_share(world_from_tcp, y, side, view, settings);
-        let mut seen = [seen_at(offset_m - 0.5 * opening_m, -1.0), seen_at(offset_m + 0.5 * opening_m, 1.0)];
+        let seen_with = |middle: f64, opening_m: f64| [seen_at(middle - 0.5 * opening_m, -1.0), seen_at(middle + 0.5 * opening_m, 1.0)];
+        let mut seen = seen_with(offset_m, opening_m);
         if (seen[0] < settings.seen_min) != (seen[1] < settings.seen_min) {
             opening_m = FINGER_OPENING_MAX_M;
-            offset_m = match seen[0] < settings.seen_min {
-                true => high + settings.clearance_seen_m - 0.5 * opening_m,
-                false => low - settings.clearance_seen_m + 0.5 * opening_m,
-            };
-            seen = [seen_at(offset_m - 0.5 * opening_m, -1.0), seen_at(offset_m + 0.5 * opening_m, 1.0)];
+            let away_m = 0.5 * (opening_m - width_m) - settings.clearance_seen_m;
+            aside_m = if seen[0] < settings.seen_min { -away_m } else { away_m };
+            seen = seen_with(offset_m + aside_m, opening_m);
         }
-        let in_finger = |p: &Vector3<f64>| {
-            let beyond_m = (p.y - offset_m).abs() - 0.5 * opening_m;
-            (0.0..settings.finger_thickness_m).contains(&beyond_m)
-        };
-        let behind_pads = self.behind.iter().map(|p| p.coords.cast::<f64>()).filter(|p| is_between_pads(p, settings));
-        if slab.iter().map(|(p, _)| *p).chain(behind_pads).filter(in_finger).count() > settings.strays {
-            return Err(Misfit::FingerBlocked);
-        }
-        let Contact { depth_m, squareness, slope_rad, meeting } =
-            *self.contact.get_or_init(|| self.contact((seen_low, seen_high), missing_m.map(|missing_m| missing_m == 0.0)));
-        Ok(GripperFit { width_m, offset_m, opening_m, depth_m, squareness, slope_rad, meeting, seen: seen[0].min(seen[1]) })
+        // As far as the fingers come towards the middle with room for the one inside of something hollow.
+        let come = CENTERED.into_iter().find(|come| self.has_room_at(offset_m + (1.0 - come) * aside_m, opening_m));
+        let come = come.filter(|_| self.has_room_at(offset_m + aside_m, opening_m)).ok_or(Misfit::FingerBlocked)?;
+        let (offset_m, aside_m) = (offset_m + (1.0 - come) * aside_m, come * aside_m);
+        let Contact { depth_m, squareness, slope_rad, meeting } = *self.contact.get_or_init(|| self.contact(seen_span, facing));
+        Ok(GripperFit { width_m, offset_m, aside_m, opening_m, depth_m, squareness, slope_rad, meeting, seen: seen[0].min(seen[1]) })
     }
 
-    /// How the fingers touch what they close on, between two extremes of which each side is seen or not: the same however far they open.
-    fn contact(&self, (low, high): (f64, f64), is_seen: [bool; 2]) -> Contact {
+    /// Whether neither of the open fingers is in the object as it was seen and is believed to be, with their middle there along y.
+    fn has_room_at(&self, middle: f64, opening_m: f64) -> bool {
+        let in_finger = |p: &Vector3<f64>| {
+            let beyond_m = (p.y - middle).abs() - 0.5 * opening_m;
+            (0.0..self.settings.finger_thickness_m).contains(&beyond_m)
+        };
+        let points = self.slab.iter().map(|(p, _)| *p).chain(self.behind_between_pads());
+        points.filter(in_finger).count() <= self.settings.strays
+    }
+
+    /// What is believed behind the object, between the planes of the pads.
+    fn behind_between_pads(&self) -> impl Iterator<Item = Vector3<f64>> {
+        self.behind.iter().map(|p| p.coords.cast::<f64>()).filter(|p| is_between_pads(p, self.settings))
+    }
+
+    /// Where what the fingers close on is believed to begin and to end. Behind a side that was seen alone the object goes on to its far side,
+    /// unless it was seen to be hollow there; else what its border lost is missing.
+    fn believed_span(&self, (low, high): (f64, f64), facing: [f64; 2]) -> (f64, f64) {
+        let believed = |extreme: f64, side: f64, facing: f64| {
+            let cut_off = extreme + side * missing_m(facing, self.settings.border_m);
+            if facing > FACING {
+                return cut_off;
+            }
+            let beyond: Vec<f64> = self
+                .behind_between_pads()
+                .map(|p| side * (p.y - cut_off))
+                .filter(|m| (APART_M..FINGER_OPENING_MAX_M).contains(m))
+                .collect();
+            let far = beyond.iter().copied().fold(0.0, f64::max);
+            let is_solid = || {
+                let place = |share: f64| self.world_from_tcp * Point3::new(0.0, cut_off + side * share * far, 0.0);
+                [0.2, 0.4, 0.6, 0.8].into_iter().all(|share| !self.view.is_free(&place(share).cast()))
+            };
+            if beyond.len() > self.settings.strays && is_solid() { cut_off + side * far } else { cut_off }
+        };
+        (believed(low, -1.0, facing[0]), believed(high, 1.0, facing[1]))
+    }
+
+    /// How the fingers touch what they close on, between two extremes that face the camera so much: the same however far they open.
+    fn contact(&self, (low, high): (f64, f64), facing: [f64; 2]) -> Contact {
         let run = &self.slab[self.run.clone()];
         let sides = [(low, -1.0), (high, 1.0)].map(|(y, side)| touched_normals(run, y, side, self.world_from_tcp, self.object));
         let (meeting, is_hollow) = meeting(&self.points, &self.behind, (low, high), self.settings);
+        let slopes = [0, 1].map(|k| match facing[k] {
+            facing if facing > FACING => slope_rad(&sides[k]),
+            // What was seen of a side that faces away is not what the finger touches, and a wall's outline is that of both its faces.
+            facing if facing > EDGE_ON && !is_hollow => outline_slope_rad(run, [low, high][k], [-1.0, 1.0][k]),
+            _ => None,
+        });
         Contact {
             depth_m: contact_depth_m(run, low).max(contact_depth_m(run, high)),
             squareness: squareness(&sides),
-            slope_rad: slope_rad(&sides, is_seen, is_hollow),
+            slope_rad: mean_slope_rad(slopes, is_hollow),
             meeting,
         }
     }
@@ -206,6 +245,8 @@ struct Contact {
     meeting: Meeting,
 }
 
+/// Shares of the way from where the open hand comes down to the middle of the object that are tried, the whole first.
+const CENTERED: [f64; 5] = [1.0, 0.75, 0.5, 0.25, 0.0];
 /// Further from the rest than the noise of depth is apart, metres.
 const APART_M: f64 = 0.006;
 
@@ -227,12 +268,18 @@ fn meeting(points: &[Point3<f32>], behind: &[Point3<f32>], (low, high): (f64, f6
 
 /// The cosine to the line of sight from which a side counts as seen: less of a surface gives readings at some places only.
 const FACING: f64 = 0.2;
+/// The same from which the outline of what was seen is that of the side: one that faces away further goes on behind it.
+const EDGE_ON: f64 = -0.35;
 
-/// How much further than seen an object reaches in a direction, metres: nothing where that side faces the camera, and behind a border what was
-/// cleaned away of it, which is more the flatter it is looked at.
-pub fn missing_m(outwards: &Vector3<f64>, world_from_tcp: &Isometry3<f64>, view: &ObservedView, border_m: f64) -> f64 {
+/// How much a side whose outward normal this is faces the camera: the cosine to the line of sight.
+fn facing(outwards: &Vector3<f64>, world_from_tcp: &Isometry3<f64>, view: &ObservedView) -> f64 {
     let to_eye = view.eye().coords.cast::<f64>() - world_from_tcp.translation.vector;
-    let facing = outwards.dot(&to_eye.normalize());
+    outwards.dot(&to_eye.normalize())
+}
+
+/// How much further than seen an object reaches to a side that faces the camera so much, metres: nothing where it does, and behind a border what was
+/// cleaned away of it, which is more the flatter it is looked at.
+fn missing_m(facing: f64, border_m: f64) -> f64 {
     if facing > FACING { 0.0 } else { border_m / (1.0 - facing * facing).sqrt().max(0.5) }
 }
 
@@ -294,51 +341,6 @@ fn run_at_the_middle(slab: &[SlabPoint], settings: &GripperSettings) -> Result<s
     if end - start < settings.points_min { Err(Misfit::Empty) } else { Ok(start..end) }
 }
 
-/// How far from the outermost point of a side the finger's pad touches it, metres: the noise of depth, and what gives way.
-const TOUCHED_M: f64 = 0.004;
-
-/// How much of the surface on one side lies along the approach where a flat pad would touch it, metres: much on a wall, little on a shoulder
-/// or a rounded edge, down which the fingers slide.
-fn contact_depth_m(run: &[SlabPoint], extreme: f64) -> f64 {
-    let touched = run.iter().filter(|(p, _)| (p.y - extreme).abs() < TOUCHED_M).map(|(p, _)| p.z);
-    let (nearest, farthest) = touched.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), z| (a.min(z), b.max(z)));
-    (farthest - nearest).max(0.0)
-}
-
-/// What a side counts whose surface was not seen.
-const UNSEEN: f64 = 0.7;
-
-/// The outward normals in the grasp centre's frame, y along `side`, of what was seen within 6 mm of an extreme: those that lie more along the closing
-/// direction than across it.
-fn touched_normals(run: &[SlabPoint], extreme: f64, side: f64, world_from_tcp: &Isometry3<f64>, object: &GraspCloud) -> Vec<Vector3<f64>> {
-    let tcp_from_world = world_from_tcp.rotation.inverse();
-    let normal = |i: &usize| tcp_from_world * object.normals[*i].cast::<f64>();
-    let touched = run.iter().filter(|(p, _)| (p.y - extreme).abs() < 0.006).map(|(_, i)| normal(i));
-    let outwards = touched.map(|n| if n.y * side < 0.0 { -n } else { n }).map(|n| Vector3::new(n.x, n.y * side, n.z));
-    outwards.filter(|n| n.y > 0.5).collect()
-}
-
-/// Mean `|n · y|` of both sides; one on which no such surface was seen counts as one that lies across.
-fn squareness(sides: &[Vec<Vector3<f64>>; 2]) -> f64 {
-    let mean = |normals: &Vec<Vector3<f64>>| match normals.len() {
-        0 => UNSEEN,
-        count => normals.iter().map(|n| n.y).sum::<f64>() / count as f64,
-    };
-    0.5 * (mean(&sides[0]) + mean(&sides[1]))
-}
-
-/// How much both sides together face the hand. Of a side that faces away from the camera what was seen is not what the finger touches.
-fn slope_rad(sides: &[Vec<Vector3<f64>>; 2], is_seen: [bool; 2], is_hollow: bool) -> f64 {
-    let mean = |normals: &Vec<Vector3<f64>>| normals.iter().map(|n| (-n.z).atan2(n.y)).sum::<f64>() / normals.len() as f64;
-    let seen: Vec<f64> =
-        sides.iter().zip(is_seen).filter(|(side, is_seen)| *is_seen && !side.is_empty()).map(|(side, _)| mean(side)).collect();
-    match seen[..] {
-        [one] if !is_hollow => one,
-        [one, other] => 0.5 * (one + other),
-        _ => 0.0,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use repose_proto::CameraModel;
@@ -365,10 +367,40 @@ mod tests {
     #[test]
     fn what_borders_left_out_is_missing_where_a_side_faces_away_and_more_where_it_is_looked_at_flatly() {
         let (view, tcp, border_m) = (from_the_front(), Isometry3::identity(), 0.005);
-        let missing = |outwards: Vector3<f64>| missing_m(&outwards, &tcp, &view, border_m);
+        let missing = |outwards: Vector3<f64>| missing_m(facing(&outwards, &tcp, &view), border_m);
         assert_eq!(missing(-Vector3::x()), 0.0, "the side before the camera was seen to its end");
         assert!((missing(Vector3::y()) - border_m).abs() < 1e-9, "a side seen edge on ends a border further");
         let behind = missing(Vector3::x());
         assert!(behind > 1.3 * border_m && behind <= 2.0 * border_m, "{behind}");
+    }
+
+    /// The near half of an upright cylinder, as a camera in front of it sees it, with the far half believed behind; its top is as dark as a lid.
+    fn cylinder(radius_m: f64, height_m: f64) -> GraspCloud {
+        let at = |k: i32, z: f64| {
+            let angle = std::f64::consts::PI * (1.0 + 0.5 * f64::from(k) / 20.0);
+            Point3::new(radius_m * angle.cos(), radius_m * angle.sin(), z).cast::<f32>()
+        };
+        let levels = (0..(height_m / 0.004) as i32).map(|k| 0.004 * f64::from(k));
+        let points: Vec<Point3<f32>> = levels.flat_map(|z| (-18..=18).map(move |k| at(k, z))).collect();
+        let normals = points.iter().map(|p| Vector3::new(p.x, p.y, 0.0).normalize()).collect();
+        let behind = points.iter().map(|p| Point3::new(-p.x, -p.y, p.z)).collect();
+        let bounds = repose_geometry::Aabb::of(&points).expect("it has points");
+        let (axis, middle_m) = (nalgebra::Vector2::zeros(), 0.5 * height_m);
+        GraspCloud { points, normals, axis, behind, bounds, middle_m, floor_m: 0.017 }
+    }
+
+    /// A hand that comes straight down and closes along the line of sight.
+    fn along_the_view(x: f64, z: f64) -> Isometry3<f64> {
+        crate::grasp::pose(&Point3::new(x, 0.0, z), &-Vector3::z(), &Vector3::x()).expect("a pose")
+    }
+
+    #[test]
+    fn what_was_seen_from_one_side_only_is_as_wide_as_it_is_believed_to_be_and_not_a_thin_wall() {
+        let (view, settings, object) = (from_the_front(), GripperSettings::default(), cylinder(0.03, 0.10));
+        let tcp = along_the_view(-0.02, 0.08);
+        let fit = Between::fingers(&tcp, &object, &view, &settings).unwrap().fit(settings.clearance_m).unwrap();
+        assert!((fit.width_m - 0.06).abs() < 0.004, "{fit:?}");
+        let middle = tcp * Point3::new(0.0, fit.offset_m, 0.0);
+        assert!(middle.x.abs() < 0.003, "the fingers close about its axis: {middle}");
     }
 }

@@ -5,6 +5,7 @@
 //! hand would run into; what is left is scored, thinned to distinct grasps, and handed on best first.
 
 pub mod antipodal;
+pub mod contact;
 pub mod gripper;
 pub mod normals;
 pub mod score;
@@ -29,6 +30,9 @@ use score::score;
 pub struct GraspCandidate {
     /// Pose of the grasp centre: z is the approach, y the direction in which the fingers close.
     pub world_from_tcp: Isometry3<f64>,
+    /// How far from there along y the open hand comes down, metres; it is then moved to where the fingers close. That is about the middle of the
+    /// object: fingers that close beside it push it along, or lean it over, with the one that touches it first.
+    pub aside_m: f64,
     /// Opening on approach, metres.
     pub opening_m: f64,
     /// How wide the object is between the fingers, metres; none when that is not known (external grasps).
@@ -40,7 +44,8 @@ pub struct GraspCandidate {
 impl GraspCandidate {
     /// The same grasp with the fingers exchanged: the hand turned by 180° about its approach.
     pub fn flipped(&self) -> Self {
-        Self { world_from_tcp: self.world_from_tcp * Isometry3::rotation(Vector3::z() * std::f64::consts::PI), ..*self }
+        let turned = self.world_from_tcp * Isometry3::rotation(Vector3::z() * std::f64::consts::PI);
+        Self { world_from_tcp: turned, aside_m: -self.aside_m, ..*self }
     }
 }
 
@@ -122,6 +127,8 @@ pub struct GraspCloud {
     pub behind: Vec<Point3<f32>>,
     /// The smallest axis-aligned box around the points.
     pub bounds: Aabb,
+    /// The height of its middle, between what it stands on and its top, world z, metres.
+    pub middle_m: f64,
     /// The lowest the grasp centre may go, world z, metres.
     pub floor_m: f64,
 }
@@ -150,12 +157,13 @@ pub fn grasps(scene: &GraspScene<'_>, settings: &GraspSettings, rng: &mut Pcg64)
     let Some(bounds) = Aabb::of(&thinned) else { return (Vec::new(), tally) };
     let normals = normals::estimated(&thinned, 3.0 * settings.voxel_m, &scene.view.eye());
     let floor_m = scene.support_m + gripper::TIP_BEYOND_TCP_M + settings.support_clearance_m;
+    let middle_m = 0.5 * (scene.support_m + f64::from(bounds.max.z));
     let axis = scene.axis.unwrap_or_else(|| bounds.center().xy());
     let behind = match scene.believes {
         true => far_side(&thinned, &axis).into_iter().filter(|p| !scene.view.is_free(p)).collect(),
         false => Vec::new(),
     };
-    let object = GraspCloud { points: thinned, normals, axis: axis.coords.cast(), behind, bounds, floor_m };
+    let object = GraspCloud { points: thinned, normals, axis: axis.coords.cast(), behind, bounds, middle_m, floor_m };
 
     let mut proposals = top_down::proposals(&object, settings);
     proposals.extend(antipodal::proposals(&object, settings, rng));
@@ -184,11 +192,17 @@ fn judged(
     let between = Between::fingers(world_from_tcp, object, scene.view, &settings.gripper).map_err(&mut refused).ok()?;
     for clearance_m in [settings.gripper.clearance_m, settings.gripper.clearance_beside_m] {
         let fit = between.fit(clearance_m).and_then(|fit| held(fit, settings)).map_err(&mut refused).ok()?;
-        let world_from_tcp = world_from_tcp * Isometry3::translation(0.0, fit.offset_m, 0.0);
-        if !gripper_touches(&world_from_tcp, fit.opening_m, scene.others, settings.padding_m) {
-            let score = score(&world_from_tcp, &fit, object, settings);
-            return Some(GraspCandidate { world_from_tcp, opening_m: fit.opening_m, width_m: Some(fit.width_m), score });
+        let at = |y: f64| world_from_tcp * Isometry3::translation(0.0, y, 0.0);
+        let is_free = |y: f64| !gripper_touches(&at(y), fit.opening_m, scene.others, settings.padding_m);
+        if !is_free(fit.offset_m + fit.aside_m) {
+            continue;
         }
+        // Where something stands in the way of coming to the middle, the fingers close where they came down.
+        let is_centered = fit.aside_m == 0.0 || is_free(fit.offset_m);
+        let (y, aside_m) = if is_centered { (fit.offset_m, fit.aside_m) } else { (fit.offset_m + fit.aside_m, 0.0) };
+        let (world_from_tcp, opening_m, width_m) = (at(y), fit.opening_m, Some(fit.width_m));
+        let score = score(&world_from_tcp, &fit, object, settings);
+        return Some(GraspCandidate { world_from_tcp, aside_m, opening_m, width_m, score });
     }
     tally.scene_in_the_way += 1;
     None
@@ -300,8 +314,10 @@ mod tests {
             .collect();
         let (found, tally) = find(&seen, &[]);
         assert!(!found.is_empty(), "{tally:?}");
-        for grasp in found.iter().filter(|g| g.opening_m > 2.0 * radius_m) {
-            let tcp_from_world = grasp.world_from_tcp.inverse();
+        let open = found.iter().filter(|g| g.opening_m > 2.0 * radius_m);
+        // Where they come down, and where they close.
+        for (grasp, aside_m) in open.flat_map(|g| [(g, 0.0), (g, g.aside_m)]) {
+            let tcp_from_world = (grasp.world_from_tcp * Isometry3::translation(0.0, aside_m, 0.0)).inverse();
             let in_finger = |k: i32| {
                 let angle = std::f64::consts::TAU * f64::from(k) / 90.0;
                 let p = tcp_from_world * Point3::new(at[0] + radius_m * angle.cos(), at[1] + radius_m * angle.sin(), height_m - 0.02);
@@ -318,10 +334,11 @@ mod tests {
         assert!(!found.is_empty(), "{tally:?}");
         for grasp in &found {
             let from_axis = (grasp.world_from_tcp.translation.vector.xy() - Vector2::new(0.5, 0.0)).norm();
-            // A finger that comes down unseen gets all the room there is, so the wall need not be in the middle between the two.
             let (wall_m, width_m) = ((from_axis - 0.07).abs(), grasp.width_m.unwrap_or(1.0));
-            assert!(wall_m < grasp.opening_m / 2.0 && width_m < 0.03, "the wall between the fingers, not across: {wall_m} {width_m}");
+            assert!(wall_m < 0.5 * width_m + 0.005 && width_m < 0.03, "they close about the wall, not across: {wall_m} {width_m}");
         }
+        // A finger that comes down unseen gets all the room there is, before both are moved to the wall.
+        assert!(found.iter().any(|grasp| grasp.aside_m.abs() > 0.02), "the bowl's far wall hides what is behind it");
     }
 
     /// What the camera sees of a cylinder that lies on the table across its view.

@@ -12,6 +12,8 @@ use super::{GraspCloud, GraspSettings, gripper::DEPTH_MAX_M, pose};
 const ALONG: [f64; 3] = [0.0, 0.45, -0.45];
 /// How deep the grasp centre goes below the top, as shares of what the palm allows.
 const DEPTHS: [f64; 2] = [0.8, 0.45];
+/// Lean of the hand past what is higher than the place where an object is taken, radians.
+const STEEP_RAD: f64 = 0.8;
 /// Places on the rim.
 const RIM_PLACES: usize = 16;
 /// How far below the top a point counts as rim, metres.
@@ -58,6 +60,7 @@ fn across(object: &GraspCloud, yaw: f64, settings: &GraspSettings, poses: &mut V
     let across_middle = 0.5 * (closing_low + closing_high);
     let places = ALONG.map(|share| middle + share * 0.5 * (along_high - along_low));
     // Where a round object is widest, which is further from the camera than the middle of what was seen of it.
+    let object_top = f64::from(object.bounds.max.z);
     let widest = widest_at(object, &closing, closing_low, closing_high, &along).unwrap_or(middle);
     for s in places.into_iter().chain([widest]) {
         let level = closing * across_middle + along * s;
@@ -72,11 +75,20 @@ fn across(object: &GraspCloud, yaw: f64, settings: &GraspSettings, poses: &mut V
         if !top.is_finite() {
             continue;
         }
-        for depth in DEPTHS {
-            let height = (top - depth * DEPTH_MAX_M).max(object.floor_m);
+        let mut heights = DEPTHS.map(|depth| (top - depth * DEPTH_MAX_M).max(object.floor_m)).to_vec();
+        // Of something low the hand reaches the foot from above whichever it is.
+        heights.dedup();
+        let mut tilted = |tilt: f64, height: f64| {
+            let turn = Rotation3::from_axis_angle(&Unit::new_normalize(closing), tilt);
+            poses.extend(pose(&Point3::new(level.x, level.y, height), &(turn * -Vector3::z()), &closing));
+        };
+        for height in heights {
             for tilt in [0.0, settings.tilt_rad, -settings.tilt_rad] {
-                let turn = Rotation3::from_axis_angle(&Unit::new_normalize(closing), tilt);
-                poses.extend(pose(&Point3::new(level.x, level.y, height), &(turn * -Vector3::z()), &closing));
+                tilted(tilt, height);
+            }
+            // Past something higher, a neck or a handle, the palm comes lower the more the hand leans away from it.
+            if object_top - height > DEPTH_MAX_M {
+                tilted((middle - s).signum() * STEEP_RAD, height);
             }
         }
     }
@@ -131,6 +143,26 @@ mod tests {
             let yaw = side_yaw_rad(&synthetic::seen_box([0.5, 0.1], [0.12, 0.05, 0.10], turn)).expect("an area");
             let off = (yaw - turn).rem_euclid(std::f64::consts::FRAC_PI_2);
             assert!(off.min(std::f64::consts::FRAC_PI_2 - off) < 0.02, "{yaw} for {turn}");
+        }
+    }
+
+    #[test]
+    fn beside_a_neck_the_hand_leans_away_from_it() {
+        // Shoulders 10 cm high to both sides of a neck of 17 cm.
+        let body = synthetic::seen_box([0.5, 0.0], [0.12, 0.05, 0.10], 0.0);
+        let points: Vec<Point3<f32>> = body.into_iter().chain(synthetic::seen_box([0.5, 0.0], [0.03, 0.03, 0.17], 0.0)).collect();
+        let bounds = repose_geometry::Aabb::of(&points).expect("it has points");
+        let normals = vec![Vector3::z(); points.len()];
+        let (axis, middle_m, floor_m) = (Vector2::new(0.5, 0.0), 0.085, 0.017);
+        let object = GraspCloud { points, normals, axis, behind: Vec::new(), bounds, middle_m, floor_m };
+        let proposed = proposals(&object, &GraspSettings::default());
+        let steep: Vec<&Isometry3<f64>> =
+            proposed.iter().filter(|tcp| ((-(tcp.rotation * Vector3::z()).z).acos() - STEEP_RAD).abs() < 1e-6).collect();
+        assert!(!steep.is_empty());
+        for tcp in steep {
+            let (fingers_m, palm_m) = (tcp.translation.x - 0.5, (tcp * Point3::new(0.0, 0.0, -0.1)).x - 0.5);
+            let leans_away = palm_m.abs() > fingers_m.abs() || fingers_m.abs() < 0.01;
+            assert!(leans_away && tcp.translation.z < 0.10, "{tcp}");
         }
     }
 }

@@ -67,7 +67,7 @@ pub enum EndFailure {
 /// The way to a grasp and away from it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PickEnd {
-    /// From the standoff to the grasp.
+    /// From the standoff down to the object and to its middle.
     pub approach: Vec<Joints>,
     /// From the grasp upwards.
     pub lift: Vec<Joints>,
@@ -105,8 +105,11 @@ impl EndSearch<'_> {
     pub fn pick(&self, grasp: &GraspCandidate, near: &Joints) -> Result<PickEnd, EndFailure> {
         let base_from_tcp = self.base_from_world * grasp.world_from_tcp;
         self.over_postures(&base_from_tcp, near, &self.open, |joints| {
-            let standoff = base_from_tcp * Isometry3::translation(0.0, 0.0, -self.settings.standoff_m);
-            let mut approach = self.follow(joints, &base_from_tcp, &standoff)?;
+            let beside = base_from_tcp * Isometry3::translation(0.0, grasp.aside_m, 0.0);
+            let standoff = beside * Isometry3::translation(0.0, 0.0, -self.settings.standoff_m);
+            let mut approach = if grasp.aside_m == 0.0 { vec![*joints] } else { self.follow(joints, &base_from_tcp, &beside)? };
+            let down = self.follow(&approach[approach.len() - 1], &beside, &standoff)?;
+            approach.extend(down.into_iter().skip(1));
             check(&approach, &self.open)?;
             approach.reverse();
             let lift = self.follow(joints, &base_from_tcp, &self.raised(&base_from_tcp, self.settings.lift_m))?;
