@@ -118,7 +118,7 @@ pub struct Between<'a> {
     settings: &'a GripperSettings,
     /// The object's points, and what is believed behind them, in the grasp centre's frame.
     points: Vec<Point3<f32>>,
-    behind: Vec<Point3<f32>>,
+    behind: OnceCell<Vec<Point3<f32>>>,
     /// The points between the planes of the pads, sorted along the closing direction, and those of them that the fingers close on.
     slab: Vec<SlabPoint>,
     run: std::ops::Range<usize>,
@@ -141,8 +141,18 @@ impl<'a> Between<'a> {
         let points: Vec<Point3<f32>> = object.points.iter().map(|p| tcp_from_world * p).collect();
         let slab = slab(&points, settings)?;
         let run = run_at_the_middle(&slab, settings)?;
-        let behind = object.behind.iter().map(|p| tcp_from_world * p).collect();
-        Ok(Self { world_from_tcp, object, view, settings, points, behind, slab, run, believed: OnceCell::new(), contact: OnceCell::new() })
+        Ok(Self {
+            world_from_tcp,
+            object,
+            view,
+            settings,
+            points,
+            behind: OnceCell::new(),
+            slab,
+            run,
+            believed: OnceCell::new(),
+            contact: OnceCell::new(),
+        })
     }
 
     /// What the fingers close on, with this much room beside the object on approach, metres.
@@ -153,12 +163,16 @@ impl<'a> Between<'a> {
         let Self { world_from_tcp, view, settings, slab, run, .. } = self;
         let seen_span = (slab[run.start].0.y, slab[run.end - 1].0.y);
         let facing = [-1.0, 1.0].map(|side| facing(&(world_from_tcp.rotation * Vector3::y() * side), world_from_tcp, view));
-        let (low, high) = *self.believed.get_or_init(|| self.believed_span(seen_span, facing));
-        let width_m = high - low;
-        let mut opening_m = (width_m + 2.0 * clearance_m).min(FINGER_OPENING_MAX_M);
-        if opening_m - width_m < 2.0 * settings.clearance_min_m {
+        let widest_m = FINGER_OPENING_MAX_M - 2.0 * settings.clearance_min_m;
+        if seen_span.1 - seen_span.0 > widest_m {
             return Err(Misfit::TooWide);
         }
+        let (low, high) = *self.believed.get_or_init(|| self.believed_span(seen_span, facing));
+        let width_m = high - low;
+        if width_m > widest_m {
+            return Err(Misfit::TooWide);
+        }
+        let mut opening_m = (width_m + 2.0 * clearance_m).min(FINGER_OPENING_MAX_M);
         let offset_m = 0.5 * (low + high);
         let mut aside_m = 0.0;
         let seen_at = |y: f64, side: f64| seen_share(world_from_tcp, y, side, view, settings);
@@ -185,12 +199,20 @@ impl<'a> Between<'a> {
             (0.0..self.settings.finger_thickness_m).contains(&beyond_m)
         };
         let points = self.slab.iter().map(|(p, _)| *p).chain(self.behind_between_pads());
-        points.filter(in_finger).count() <= self.settings.strays
+        points.filter(in_finger).nth(self.settings.strays).is_none()
     }
 
     /// What is believed behind the object, between the planes of the pads.
     fn behind_between_pads(&self) -> impl Iterator<Item = Vector3<f64>> {
-        self.behind.iter().map(|p| p.coords.cast::<f64>()).filter(|p| is_between_pads(p, self.settings))
+        self.behind().iter().map(|p| p.coords.cast::<f64>()).filter(|p| is_between_pads(p, self.settings))
+    }
+
+    /// What is believed behind the object, in the grasp centre's frame.
+    fn behind(&self) -> &[Point3<f32>] {
+        self.behind.get_or_init(|| {
+            let tcp_from_world = self.world_from_tcp.inverse().cast::<f32>();
+            self.object.behind.iter().map(|p| tcp_from_world * p).collect()
+        })
     }
 
     /// Where what the fingers close on is believed to begin and to end. Behind a side that was seen alone the object goes on to its far side,
@@ -220,7 +242,7 @@ impl<'a> Between<'a> {
     fn contact(&self, (low, high): (f64, f64), facing: [f64; 2]) -> Contact {
         let run = &self.slab[self.run.clone()];
         let sides = [(low, -1.0), (high, 1.0)].map(|(y, side)| touched_normals(run, y, side, self.world_from_tcp, self.object));
-        let (meeting, is_hollow) = meeting(&self.points, &self.behind, (low, high), self.settings);
+        let (meeting, is_hollow) = meeting(&self.points, self.behind(), (low, high), self.settings);
         let slopes = [0, 1].map(|k| match facing[k] {
             facing if facing > FACING => slope_rad(&sides[k]),
             // What was seen of a side that faces away is not what the finger touches, and a wall's outline is that of both its faces.

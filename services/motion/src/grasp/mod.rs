@@ -5,6 +5,7 @@
 //! hand would run into; what is left is scored, thinned to distinct grasps, and handed on best first.
 
 pub mod antipodal;
+mod choice;
 pub mod contact;
 pub mod gripper;
 pub mod normals;
@@ -21,9 +22,9 @@ use repose_panda::{GRIPPER_SPHERES, Link, LinkFrame, SPHERE_LINKS, gripper_spher
 
 use crate::collision::PALM_OUT_M;
 use crate::obstacles::Obstacles;
-use gripper::{Between, GripperFit, GripperSettings, Misfit};
+use choice::Choice;
+use gripper::GripperSettings;
 pub use score::GraspWeights;
-use score::score;
 
 /// A candidate grasp: the pose of the grasp centre, and the finger opening on approach.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,7 +71,7 @@ pub struct GraspSettings {
     pub support_clearance_m: f64,
     /// What is added to the hand's spheres against the rest of the scene, metres. Default 0.005.
     pub padding_m: f64,
-    /// Grasps handed on at most. Default 48.
+    /// Grasps handed on at most. Default 32.
     pub count: usize,
     /// Grasps nearer than this to a better one are dropped, metres (a radian of turn counts as 0.05 m). Default 0.01.
     pub separation_m: f64,
@@ -90,7 +91,7 @@ impl Default for GraspSettings {
             approach_max_rad: 1.2,
             support_clearance_m: 0.004,
             padding_m: 0.005,
-            count: 48,
+            count: 32,
             separation_m: 0.01,
             weights: GraspWeights::default(),
         }
@@ -168,50 +169,8 @@ pub fn grasps(scene: &GraspScene<'_>, settings: &GraspSettings, rng: &mut Pcg64)
     let mut proposals = top_down::proposals(&object, settings);
     proposals.extend(antipodal::proposals(&object, settings, rng));
     tally.proposed = proposals.len();
-    let mut found: Vec<GraspCandidate> =
-        proposals.iter().filter_map(|world_from_tcp| judged(world_from_tcp, &object, scene, settings, &mut tally)).collect();
-    found.sort_by(|a, b| b.score.total_cmp(&a.score));
-    (distinct(found, settings), tally)
-}
-
-/// The grasp at a proposed pose, moved along the closing direction so that the fingers meet the object at the same time; or nothing.
-/// The fingers open wide where there is room, and only as far as needed beside something.
-fn judged(
-    world_from_tcp: &Isometry3<f64>,
-    object: &GraspCloud,
-    scene: &GraspScene<'_>,
-    settings: &GraspSettings,
-    tally: &mut GraspTally,
-) -> Option<GraspCandidate> {
-    let mut refused = |misfit| match misfit {
-        Misfit::Empty => tally.empty += 1,
-        Misfit::TooWide => tally.too_wide += 1,
-        Misfit::Slanted => tally.slanted += 1,
-        Misfit::FingerBlocked | Misfit::PalmBlocked => tally.object_in_the_way += 1,
-    };
-    let between = Between::fingers(world_from_tcp, object, scene.view, &settings.gripper).map_err(&mut refused).ok()?;
-    for clearance_m in [settings.gripper.clearance_m, settings.gripper.clearance_beside_m] {
-        let fit = between.fit(clearance_m).and_then(|fit| held(fit, settings)).map_err(&mut refused).ok()?;
-        let at = |y: f64| world_from_tcp * Isometry3::translation(0.0, y, 0.0);
-        let is_free = |y: f64| !gripper_touches(&at(y), fit.opening_m, scene.others, settings.padding_m);
-        if !is_free(fit.offset_m + fit.aside_m) {
-            continue;
-        }
-        // Where something stands in the way of coming to the middle, the fingers close where they came down.
-        let is_centered = fit.aside_m == 0.0 || is_free(fit.offset_m);
-        let (y, aside_m) = if is_centered { (fit.offset_m, fit.aside_m) } else { (fit.offset_m + fit.aside_m, 0.0) };
-        let (world_from_tcp, opening_m, width_m) = (at(y), fit.opening_m, Some(fit.width_m));
-        let score = score(&world_from_tcp, &fit, object, settings);
-        return Some(GraspCandidate { world_from_tcp, aside_m, opening_m, width_m, score });
-    }
-    tally.scene_in_the_way += 1;
-    None
-}
-
-/// What the fingers close on, unless they meet it as a wedge that is blunter, or on a slope that is steeper, than friction bridges.
-fn held(fit: GripperFit, settings: &GraspSettings) -> Result<GripperFit, Misfit> {
-    let bridged_rad = settings.friction.atan();
-    if 0.5 * fit.meeting.wedge_rad > bridged_rad || fit.slope_rad > bridged_rad { Err(Misfit::Slanted) } else { Ok(fit) }
+    let found = Choice { proposals: &proposals, object: &object, scene, settings }.best(&mut tally);
+    (found, tally)
 }
 
 /// Whether hand or fingers, fingers `opening_m` apart, touch `obstacles`.
@@ -222,25 +181,6 @@ pub fn gripper_touches(world_from_tcp: &Isometry3<f64>, opening_m: f64, obstacle
         let out_m = if *link == Link::Hand { PALM_OUT_M } else { 0.0 };
         obstacles.touches(&sphere.center, sphere.radius_m + padding_m + out_m)
     })
-}
-
-/// Keeps a grasp unless a better one is nearly the same.
-fn distinct(sorted: Vec<GraspCandidate>, settings: &GraspSettings) -> Vec<GraspCandidate> {
-    let mut kept: Vec<GraspCandidate> = Vec::new();
-    for grasp in sorted {
-        if kept.len() == settings.count {
-            break;
-        }
-        let near = |k: &GraspCandidate| {
-            let apart = (k.world_from_tcp.translation.vector - grasp.world_from_tcp.translation.vector).norm();
-            let turn = k.world_from_tcp.rotation.angle_to(&grasp.world_from_tcp.rotation);
-            apart + 0.05 * turn.min(std::f64::consts::PI - turn) < settings.separation_m
-        };
-        if !kept.iter().any(near) {
-            kept.push(grasp);
-        }
-    }
-    kept
 }
 
 /// A pose of the grasp centre from its place, its approach and the direction in which the fingers close (made square to the approach).
