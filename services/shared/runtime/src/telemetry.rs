@@ -11,6 +11,7 @@ use std::sync::{Mutex, PoisonError};
 
 use tracing::field::{Field, Visit};
 use tracing::{Event, Level, Metadata, Subscriber};
+use tracing_subscriber::filter::FilterExt;
 use tracing_subscriber::layer::{Context, Layer, SubscriberExt};
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{EnvFilter, filter};
@@ -23,6 +24,13 @@ pub const FORMAT_VARIABLE: &str = "REPOSE_LOG_FORMAT";
 /// Starts logging. The filter is `REPOSE_LOG` where it is set and valid, `default` otherwise. Later calls in the same process do nothing.
 pub fn start_logging(default: &str) {
     let chosen = EnvFilter::try_from_env(LOG_VARIABLE).unwrap_or_else(|_| EnvFilter::new(default));
+    // An error here means that a subscriber is set already, by an embedding program or a test.
+    let _already_set = subscriber(chosen).try_init();
+}
+
+/// What hears of events and spans. Each layer's one filter says all that it wants: where a layer lets everything through and another filter comes
+/// behind it, every trace line and span of Zenoh's is made for each message, and thrown away.
+fn subscriber(chosen: EnvFilter) -> impl Subscriber + Send + Sync {
     // Color codes are for eyes: a file or a journal gets none.
     let colors = std::io::stderr().is_terminal();
     let json = std::env::var(FORMAT_VARIABLE).is_ok_and(|v| v == "json");
@@ -32,15 +40,22 @@ pub fn start_logging(default: &str) {
         true => lines.json().boxed(),
         false => lines.boxed(),
     };
-    let lines = lines.with_filter(chosen).with_filter(filter::filter_fn(|metadata| !may_hold_secrets(metadata)));
+    let lines = lines.with_filter(chosen.and(filter::filter_fn(|metadata| !may_hold_secrets(metadata))));
     let refusals = Refusals::start().with_filter(filter::filter_fn(is_refusal));
-    // An error here means that a subscriber is set already, by an embedding program or a test.
-    let _already_set = tracing_subscriber::registry().with(lines).with(refusals).with(spans()).try_init();
+    tracing_subscriber::registry().with(lines).with(refusals).with(spans())
 }
 
 /// Where spans go to: the collector that `OTEL_EXPORTER_OTLP_ENDPOINT` names.
 #[cfg(feature = "otlp")]
-fn spans<S: Subscriber + for<'a> tracing_subscriber::registry::LookupSpan<'a> + Send + Sync>() -> Option<Box<dyn Layer<S> + Send + Sync>> {
+fn spans<S: Subscriber + for<'a> tracing_subscriber::registry::LookupSpan<'a> + Send + Sync>() -> impl Layer<S> + Send + Sync {
+    let collector = collector();
+    let is_wanted = collector.is_some();
+    collector.with_filter(filter::filter_fn(move |metadata| is_wanted && metadata.is_span() && metadata.target().starts_with("repose")))
+}
+
+/// The layer that sends spans there.
+#[cfg(feature = "otlp")]
+fn collector<S: Subscriber + for<'a> tracing_subscriber::registry::LookupSpan<'a> + Send + Sync>() -> Option<impl Layer<S> + Send + Sync> {
     use opentelemetry::trace::TracerProvider;
     std::env::var_os("OTEL_EXPORTER_OTLP_ENDPOINT")?;
     let exporter = match opentelemetry_otlp::SpanExporter::builder().with_http().build() {
@@ -54,14 +69,13 @@ fn spans<S: Subscriber + for<'a> tracing_subscriber::registry::LookupSpan<'a> + 
     let provider = opentelemetry_sdk::trace::SdkTracerProvider::builder().with_batch_exporter(exporter).with_resource(resource).build();
     let layer = tracing_opentelemetry::layer().with_tracer(provider.tracer("repose"));
     opentelemetry::global::set_tracer_provider(provider);
-    let ours = filter::filter_fn(|metadata| metadata.is_span() && metadata.target().starts_with("repose"));
-    Some(layer.with_filter(ours).boxed())
+    Some(layer)
 }
 
-/// Without the feature spans go nowhere.
+/// Without the feature spans go nowhere. A layer without a filter would have them all made nevertheless.
 #[cfg(not(feature = "otlp"))]
-fn spans() -> Option<tracing_subscriber::layer::Identity> {
-    None
+fn spans<S: Subscriber + for<'a> tracing_subscriber::registry::LookupSpan<'a>>() -> impl Layer<S> + Send + Sync {
+    tracing_subscriber::layer::Identity::new().with_filter(filter::LevelFilter::OFF)
 }
 
 /// Zenoh prints a session's whole configuration when it opens, password and all.
@@ -249,6 +263,23 @@ mod tests {
     use super::*;
 
     const ACCESS: &str = "zenoh::net::routing::interceptor::access_control";
+
+    #[test]
+    fn what_nobody_reads_is_not_made() {
+        tracing::subscriber::with_default(subscriber(EnvFilter::new("warn,zenoh=error,repose=info")), || {
+            let lines = [
+                tracing::enabled!(target: "zenoh_transport::unicast::universal::rx", Level::TRACE),
+                tracing::enabled!(target: "zenoh::api::session", Level::DEBUG),
+                tracing::enabled!(target: "tokio_tungstenite", Level::INFO),
+                tracing::enabled!(target: "zenoh_transport", Level::ERROR),
+                tracing::enabled!(target: "repose_perception", Level::INFO),
+                tracing::enabled!(target: ACCESS, Level::TRACE),
+            ];
+            assert_eq!(lines, [false, false, false, true, true, true]);
+            assert!(tracing::trace_span!(target: "zenoh_transport", "a message").is_disabled());
+            assert!(tracing::info_span!(target: "zenoh_transport", "a link").is_disabled());
+        });
+    }
 
     #[test]
     fn what_a_user_sends_and_may_not_is_said_with_user_verb_and_key() {
