@@ -179,10 +179,10 @@ def cells(settings):
         run(settings, "cells", f"{count} cells", words)
 
 
-def started(settings, words):
+def started(settings, words, environment=None):
     """`repose up`, once everything is up; and its command."""
     command = [settings.program, "--json", "up", "--listen", UP, *words]
-    environment = {**os.environ, "REPOSE_CONSOLE__LISTEN": "127.0.0.1:0"}
+    environment = {**os.environ, "REPOSE_CONSOLE__LISTEN": "127.0.0.1:0", **(environment or {})}
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment)
     # One document, over several lines, when everything is up.
     said = process.stdout.readline()
@@ -191,26 +191,71 @@ def started(settings, words):
     return process, " ".join(["repose", *command[1:]])
 
 
+def threads(process):
+    """Processor time (s) of a process's threads, and how often they were switched to, by name without its number; nothing once it has ended."""
+    now = {}
+    try:
+        for thread in pathlib.Path(f"/proc/{process}/task").iterdir():
+            name, fields = (thread / "stat").read_text().partition("(")[2].rpartition(")")[::2]
+            switches = sum(int(line.split()[1]) for line in (thread / "status").read_text().splitlines() if "ctxt_switches" in line)
+            before = now.get(name.rstrip("0123456789-"), (0.0, 0))
+            now[name.rstrip("0123456789-")] = (before[0] + sum(map(int, fields.split()[11:13])) / TICKS_PER_S, before[1] + switches)
+    except OSError:
+        pass
+    return now
+
+
+def memory(process):
+    """What of a process is in memory, MiB: all, its share where pages are shared with others, and what is no file's."""
+    try:
+        lines = pathlib.Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()[1:]
+    except OSError:
+        return {}
+    values = {line.split(":")[0]: int(line.split()[1]) / 1024 for line in lines}
+    return {name: round(values.get(key, 0.0), 1) for name, key in (("resident", "Rss"), ("share", "Pss"), ("own", "Pss_Anon"))}
+
+
+def parts(root, seconds):
+    """By service: the memory of its largest process, and over so many seconds its threads' share of a core and switches a second."""
+    before = {process: threads(process) for process in family(root)}
+    time.sleep(seconds)
+    found = {}
+    for process, then in before.items():
+        read, now = reading(process), threads(process)
+        if read is None or (read[0] in found and found[read[0]]["mib"].get("resident", 0.0) >= read[1]):
+            continue
+        share = {
+            name: [round((used - then.get(name, (0.0, 0))[0]) / seconds, 4), round((switches - then.get(name, (0.0, 0))[1]) / seconds)]
+            for name, (used, switches) in now.items()
+        }
+        found[read[0]] = {"mib": memory(process), "threads": {name: of for name, of in sorted(share.items()) if of[0] > 0}}
+    return found
+
+
 def idle(settings):
-    """What cells cost that nobody asks anything: one, and four that share a pool."""
-    for count in (1, 4):
+    """What cells cost that nobody asks anything: one, one with a camera as real ones are, and four that share a pool."""
+    real = {"REPOSE_SIMULATOR__LABELS": "false", "REPOSE_SIMULATOR__FRAME_PERIOD_MS": "66"}
+    for name, count, environment in (("1 cells", 1, {}), ("1 cells, 15 frames a second without labels", 1, real), ("4 cells", 4, {})):
         began = datetime.datetime.now(datetime.timezone.utc)
-        process, command = started(settings, ["--cells", str(count)])
+        process, command = started(settings, ["--cells", str(count)], environment)
+        # Its own start asked for scenes, which is remembered for ten seconds.
+        time.sleep(20)
         watch = Watch(process.pid)
         watch.start()
-        time.sleep(8 * READ_EVERY_S)
+        found = parts(process.pid, 8 * READ_EVERY_S)
         watch.over.set()
         document = {
-            "group": "idle", "name": f"{count} cells", "command": command, "commit": settings.commit,
-            "began": began.isoformat(timespec="seconds"), "load": os.getloadavg()[0], "cores": os.cpu_count(),
-            "processes": watch.summary(), "cores_used": watch.cores(),
+            "group": "idle", "name": name, "command": " ".join([*(f"{key}={value}" for key, value in environment.items()), command]),
+            "commit": settings.commit, "began": began.isoformat(timespec="seconds"), "load": os.getloadavg()[0], "cores": os.cpu_count(),
+            "processes": watch.summary(), "cores_used": watch.cores(), "parts": found,
         }
         process.terminate()
         process.wait()
         with open(settings.out, "a", encoding="utf-8") as out:
             out.write(json.dumps(document) + "\n")
-        mib = {what: values["mib"][1] for what, values in document["processes"].items()}
-        print(f"idle      {count} cells: MiB {mib}, cores {document['cores_used']}", flush=True)
+        print(f"idle      {name}: cores {document['cores_used']}", flush=True)
+        for what, part in found.items():
+            print(f"          {what}: MiB {part['mib']}, threads (share of a core, switches a second) {part['threads']}", flush=True)
 
 
 def gateways(settings):
