@@ -51,7 +51,7 @@ pub struct MotionConfig {
     /// Height above the placement at which the object is released, metres. Default 0.02 (paper, section 3). What falls further may topple;
     /// what is lowered further may be pressed onto its support, whose height is known to a few millimetres.
     pub release_m: f64,
-    /// Grasps looked at per object. Default 48; more finds rarer grasps and takes longer where none serves.
+    /// Grasps tried per object, the best ones. Default 32; more finds rarer grasps and takes longer where none serves.
     pub grasps: usize,
     /// Random places drawn by one path search before it gives up. Default 1500.
     pub rrt_iterations: usize,
