@@ -46,8 +46,11 @@ pub struct MotionConfig {
     pub keep_out: Vec<KeepOutZone>,
     /// What is added to the robot's spheres against the scene, metres. Default 0.005; more keeps further off and finds fewer ways.
     pub padding_m: f64,
-    /// Grip force, newtons. Default 30.
+    /// Grip force on what is held about its middle, newtons. Default 30.
     pub grip_force_n: f64,
+    /// The most grip force, newtons; no less than `grip_force_n`. Default 60. What is held beside its middle, as a bowl at its rim, would turn between
+    /// the fingers by its weight: the force on it grows with its lever up to this, at 5 cm.
+    pub grip_force_max_n: f64,
     /// Height above the placement at which the object is released, metres. Default 0.02 (paper, section 3). What falls further may topple;
     /// what is lowered further may be pressed onto its support, whose height is known to a few millimetres.
     pub release_m: f64,
@@ -122,6 +125,7 @@ impl Default for MotionConfig {
             keep_out: Vec::new(),
             padding_m: planning.padding_m,
             grip_force_n: planning.grip_force_n,
+            grip_force_max_n: planning.grip_force_max_n,
             release_m: planning.reach.release_m,
             grasps: planning.grasp.count,
             rrt_iterations: planning.rrt.iterations,
@@ -172,6 +176,7 @@ impl MotionConfig {
         share("holding_scale", self.holding_scale)?;
         within("padding_m", self.padding_m, 0.0, 0.05)?;
         within("grip_force_n", self.grip_force_n, 1.0, 70.0)?;
+        within("grip_force_max_n", self.grip_force_max_n, self.grip_force_n, 70.0)?;
         within("release_m", self.release_m, 0.0, 0.05)?;
         within("grasps", self.grasps as f64, 1.0, 10_000.0)?;
         within("rrt_iterations", self.rrt_iterations as f64, 1.0, 1e6)?;
@@ -184,6 +189,7 @@ impl MotionConfig {
             holding_scale: self.holding_scale,
             padding_m: self.padding_m,
             grip_force_n: self.grip_force_n,
+            grip_force_max_n: self.grip_force_max_n,
             ..PickPlaceSettings::default()
         };
         let limits = self.model()?.limits();

@@ -15,6 +15,8 @@ use repose_simulator::render::{Drawable, picture};
 use repose_simulator::scene::{SceneSettings, SimulatedScene, scene_of_seed};
 use repose_simulator::viewpoint::{ViewpointSettings, random_viewpoint};
 
+use crate::scenes::loads::true_loads;
+
 /// The paper's goals in its evaluation scenes (section 3).
 pub const GOAL_RELATIONS: [Relation; 4] = [Relation::InFrontOf, Relation::Behind, Relation::LeftOf, Relation::RightOf];
 
@@ -176,9 +178,9 @@ pub fn frame_drawn(
 fn open_goal(scene: &SimulatedScene, viewer: &ViewerFrame, seen: &[u16], of: &[Relation], rng: &mut Pcg64) -> Option<(u16, GoalTerm)> {
     let n = scene.objects.len();
     let relations = scene.relations(viewer);
-    let carries = |i: usize| (0..n).any(|j| j != i && relations[j * n + i][Relation::Above.index()] && scene.gaps_m[i * n + j] < 0.002);
+    let loads = true_loads(scene);
     let index = |id: u16| scene.objects.iter().position(|o| o.id == id);
-    let mut queries: Vec<u16> = seen.iter().copied().filter(|id| index(*id).is_some_and(|i| !carries(i))).collect();
+    let mut queries: Vec<u16> = seen.iter().copied().filter(|id| !loads.contains_key(id)).collect();
     queries.shuffle(rng);
     for query in queries {
         let anchors: Vec<u16> = seen.iter().copied().filter(|a| *a != query).collect();

@@ -256,12 +256,12 @@ impl<S: Lanes> LaneBlock<S> {
                     let place = Point3::new(places[0][lane as usize], places[1][lane as usize], places[2][lane as usize]);
                     let bit = 1 << lane;
                     let is_undecided = self.verdict.undecided & bit != 0;
-                    if !is_undecided && !obstacles.has_point_within(&place, sphere.world_m + motion_m) {
+                    if !is_undecided && !obstacles.has_point_within::<S>(&place, sphere.world_m + motion_m) {
                         continue;
                     }
                     self.verdict.undecided |= bit;
                     // What is near something where nothing moves touches it.
-                    if (!is_undecided && motion_m <= 0.0) || obstacles.has_point_within(&place, sphere.world_m) {
+                    if (!is_undecided && motion_m <= 0.0) || obstacles.has_point_within::<S>(&place, sphere.world_m) {
                         self.verdict.blocked |= bit;
                         if question.any_block_ends {
                             return;

@@ -106,10 +106,12 @@ impl Choice<'_> {
         Some(Holding { grasp, proposal, coming })
     }
 
-    /// What the fingers close on, unless they meet it as a wedge that is blunter, or on a slope that is steeper, than friction bridges.
+    /// What the fingers close on, unless they meet it as a wedge that is blunter, or on a slope that is steeper, than friction bridges, or turn it further:
+    /// a plate that is taken at its rim from above hangs from the fingers until it is out.
     fn held(&self, fit: GripperFit) -> Result<GripperFit, Misfit> {
         let bridged_rad = self.settings.friction.atan();
-        if 0.5 * fit.meeting.wedge_rad > bridged_rad || fit.slope_rad > bridged_rad { Err(Misfit::Slanted) } else { Ok(fit) }
+        let steepest_rad = fit.slope_rad.max(fit.turn_rad).max(0.5 * fit.meeting.wedge_rad);
+        if steepest_rad > bridged_rad { Err(Misfit::Slanted) } else { Ok(fit) }
     }
 
     /// Nothing where the hand has room to come to a grasp, else how it may come instead, if at all.

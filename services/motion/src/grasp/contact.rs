@@ -86,6 +86,16 @@ pub fn mean_slope_rad(slopes: [Option<f64>; 2], is_hollow: bool) -> f64 {
     }
 }
 
+/// How far the pads turn a wall between them to lie flat against it, radians: how much it slopes along the approach, by the mean of its normals on
+/// whichever side they were seen. What lies across more than along the closing direction is no wall, but the ground beside it or the rim's top.
+pub fn wall_turn_rad(run: &[SlabPoint], world_from_tcp: &Isometry3<f64>, object: &GraspCloud) -> f64 {
+    const ACROSS: f64 = 0.25;
+    let tcp_from_world = world_from_tcp.rotation.inverse();
+    let normals = run.iter().map(|(_, i)| tcp_from_world * object.normals[*i].cast::<f64>()).filter(|n| n.y.abs() > ACROSS);
+    let (sum, count) = normals.fold((0.0, 0.0), |(sum, count), n| (sum + n.y.signum() * (-n.z).atan2(n.y.abs()), count + 1.0));
+    if count > 0.0 { (sum / count).abs() } else { 0.0 }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -115,6 +125,26 @@ mod tests {
         let shoulder = slope(&|z| 0.015 + (z - 0.005).max(0.0) * 1.5);
         assert!(shoulder.iter().all(|s| *s > 0.5), "{shoulder:?}");
         assert_eq!(outline_slope_rad(&run_of(|z| if z > 0.01 { 0.03 } else { 0.01 })[112..], 0.03, 1.0), None, "an edge has no slope");
+    }
+
+    #[test]
+    fn a_wall_is_turned_by_its_slope_whichever_side_of_it_was_seen() {
+        let tcp = crate::grasp::pose(&nalgebra::Point3::new(0.08, 0.0, 0.02), &-Vector3::z(), &Vector3::x()).expect("a pose");
+        let turn = |normals: Vec<Vector3<f32>>| {
+            let run: Vec<SlabPoint> = (0..normals.len()).map(|i| (Vector3::zeros(), i)).collect();
+            let points = vec![nalgebra::Point3::origin(); normals.len()];
+            let bounds = repose_geometry::Aabb::of(&points).expect("it has points");
+            let (axis, behind) = (nalgebra::Vector2::zeros(), Vec::new());
+            wall_turn_rad(&run, &tcp, &GraspCloud { points, normals, axis, behind, bounds, middle_m: 0.0, floor_m: 0.0 })
+        };
+        for slope in [0.0_f32, 0.3, 0.9] {
+            let (inside, outside) = (Vector3::new(-slope.cos(), 0.0, slope.sin()), Vector3::new(slope.cos(), 0.0, -slope.sin()));
+            for seen in [vec![inside; 4], vec![outside; 4], vec![inside, outside], vec![inside, Vector3::z()]] {
+                assert!((turn(seen) - f64::from(slope)).abs() < 1e-6, "{slope}");
+            }
+        }
+        let cone = vec![Vector3::new(0.8, 0.0, 0.6), Vector3::new(-0.8, 0.0, 0.6)];
+        assert!(turn(cone) < 1e-6, "both sides of a cone face the hand, and it is not turned");
     }
 
     #[test]

@@ -12,7 +12,9 @@ use repose_belief::ObservedView;
 use repose_panda::FINGER_OPENING_MAX_M;
 
 use super::GraspCloud;
-use super::contact::{SlabPoint, contact_depth_m, mean_slope_rad, outline_slope_rad, slope_rad, squareness, touched_normals};
+use super::contact::{
+    SlabPoint, contact_depth_m, mean_slope_rad, outline_slope_rad, slope_rad, squareness, touched_normals, wall_turn_rad,
+};
 use super::wedge::{self, Meeting};
 
 /// How far the fingers reach beyond the grasp centre, metres.
@@ -84,6 +86,8 @@ pub struct GripperFit {
     /// How much the surface where the fingers touch faces the hand, mean of both sides, radians: pressing on it pushes the object out of the
     /// fingers. A side that was not seen is taken for one like the other, and of something hollow for the other's back.
     pub slope_rad: f64,
+    /// How far the pads turn a wall to lie flat against it, radians, and what is held with it. 0 where what is between them is no wall.
+    pub turn_rad: f64,
     /// How the pads meet its outline.
     pub meeting: Meeting,
     /// Share of the worse finger that is seen to come down in free space, 0 to 1.
@@ -137,8 +141,7 @@ impl<'a> Between<'a> {
         view: &'a ObservedView,
         settings: &'a GripperSettings,
     ) -> Result<Self, Misfit> {
-        let tcp_from_world = world_from_tcp.inverse().cast::<f32>();
-        let points: Vec<Point3<f32>> = object.points.iter().map(|p| tcp_from_world * p).collect();
+        let points = seen_from_tcp(&object.points, world_from_tcp);
         let slab = slab(&points, settings)?;
         let run = run_at_the_middle(&slab, settings)?;
         Ok(Self {
@@ -188,8 +191,9 @@ impl<'a> Between<'a> {
         let come = CENTERED.into_iter().find(|come| self.has_room_at(offset_m + (1.0 - come) * aside_m, opening_m));
         let come = come.filter(|_| self.has_room_at(offset_m + aside_m, opening_m)).ok_or(Misfit::FingerBlocked)?;
         let (offset_m, aside_m) = (offset_m + (1.0 - come) * aside_m, come * aside_m);
-        let Contact { depth_m, squareness, slope_rad, meeting } = *self.contact.get_or_init(|| self.contact(seen_span, facing));
-        Ok(GripperFit { width_m, offset_m, aside_m, opening_m, depth_m, squareness, slope_rad, meeting, seen: seen[0].min(seen[1]) })
+        let Contact { depth_m, squareness, slope_rad, turn_rad, meeting } = *self.contact.get_or_init(|| self.contact(seen_span, facing));
+        let seen = seen[0].min(seen[1]);
+        Ok(GripperFit { width_m, offset_m, aside_m, opening_m, depth_m, squareness, slope_rad, turn_rad, meeting, seen })
     }
 
     /// Whether neither of the open fingers is in the object as it was seen and is believed to be, with their middle there along y.
@@ -209,10 +213,7 @@ impl<'a> Between<'a> {
 
     /// What is believed behind the object, in the grasp centre's frame.
     fn behind(&self) -> &[Point3<f32>] {
-        self.behind.get_or_init(|| {
-            let tcp_from_world = self.world_from_tcp.inverse().cast::<f32>();
-            self.object.behind.iter().map(|p| tcp_from_world * p).collect()
-        })
+        self.behind.get_or_init(|| seen_from_tcp(&self.object.behind, self.world_from_tcp))
     }
 
     /// Where what the fingers close on is believed to begin and to end. Behind a side that was seen alone the object goes on to its far side,
@@ -253,6 +254,7 @@ impl<'a> Between<'a> {
             depth_m: contact_depth_m(run, low).max(contact_depth_m(run, high)),
             squareness: squareness(&sides),
             slope_rad: mean_slope_rad(slopes, is_hollow),
+            turn_rad: if is_hollow { wall_turn_rad(run, self.world_from_tcp, self.object) } else { 0.0 },
             meeting,
         }
     }
@@ -264,7 +266,15 @@ struct Contact {
     depth_m: f64,
     squareness: f64,
     slope_rad: f64,
+    turn_rad: f64,
     meeting: Meeting,
+}
+
+/// Points in the grasp centre's frame. By a matrix, which takes half of the multiplications of a quaternion.
+fn seen_from_tcp(points: &[Point3<f32>], world_from_tcp: &Isometry3<f64>) -> Vec<Point3<f32>> {
+    let tcp_from_world = world_from_tcp.inverse().cast::<f32>();
+    let turn = tcp_from_world.rotation.to_rotation_matrix();
+    points.iter().map(|p| turn * p + tcp_from_world.translation.vector).collect()
 }
 
 /// Shares of the way from where the open hand comes down to the middle of the object that are tried, the whole first.

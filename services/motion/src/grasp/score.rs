@@ -103,6 +103,7 @@ mod tests {
             depth_m: 0.02,
             squareness: 1.0,
             slope_rad: 0.0,
+            turn_rad: 0.0,
             meeting,
             seen: 1.0,
         };

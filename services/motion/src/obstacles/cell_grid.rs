@@ -6,12 +6,14 @@
 
 use nalgebra::{Point3, Vector3};
 use repose_geometry::Aabb;
-use repose_simd::Lanes;
+use repose_simd::{Lanes, Plain};
 
 /// How many cells away an occupied cell is looked for; beyond, a cell is free as far as that.
 const GAP_CELLS: usize = 7;
 /// The most cells of the grid; fewer than 2²⁴, so that an index is exact in single precision. A cloud that spans more gets larger cells.
 const CELLS_MAX: usize = 1 << 21;
+/// As many as the most lanes of a vector: a vector that begins at the last point ends within them.
+const PADDING: usize = 16;
 
 /// Points sorted into cells, with the gap from each cell to the nearest occupied one.
 #[derive(Debug, Clone)]
@@ -21,7 +23,8 @@ pub(super) struct CellGrid {
     size: [usize; 3],
     /// First point of each cell; one more entry than cells.
     starts: Vec<u32>,
-    points: Vec<Point3<f32>>,
+    /// The points' coordinates, an axis each, with [`PADDING`] places that nothing is near at the end.
+    along: [Vec<f32>; 3],
     /// No point lies nearer to any place in the cell than this, metres.
     gaps_m: Vec<f32>,
 }
@@ -40,11 +43,13 @@ impl CellGrid {
             }
             cell_m *= 1.5;
         };
-        let mut grid = Self { bounds, cell_m, size, starts: Vec::new(), points: Vec::new(), gaps_m: Vec::new() };
+        let mut grid = Self { bounds, cell_m, size, starts: Vec::new(), along: Default::default(), gaps_m: Vec::new() };
         let cells: Vec<usize> = points.iter().map(|p| grid.index(grid.cell_of(p))).collect();
         let mut order: Vec<u32> = (0..points.len() as u32).collect();
         order.sort_by_key(|i| cells[*i as usize]);
-        grid.points = order.iter().map(|i| points[*i as usize]).collect();
+        for (k, along) in grid.along.iter_mut().enumerate() {
+            *along = order.iter().map(|i| points[*i as usize][k]).chain([f32::INFINITY; PADDING]).collect();
+        }
         grid.starts = vec![0; size.iter().product::<usize>() + 1];
         cells.iter().for_each(|c| grid.starts[c + 1] += 1);
         (1..grid.starts.len()).for_each(|i| grid.starts[i] += grid.starts[i - 1]);
@@ -54,11 +59,13 @@ impl CellGrid {
 
     /// Whether a point lies within `radius_m` of `center`.
     pub(super) fn touches(&self, center: &Point3<f32>, radius_m: f32) -> bool {
+        // SAFETY: every machine has the plain lanes.
+        let scan = || unsafe { self.scan::<Plain>(center, radius_m) };
         if !self.bounds.contains(center) {
             // The border is wider than any sphere of the arm; a larger one would need the scan.
-            return radius_m > GAP_CELLS as f32 * self.cell_m && self.scan(center, radius_m);
+            return radius_m > GAP_CELLS as f32 * self.cell_m && scan();
         }
-        self.gaps_m[self.index(self.cell_of(center))] <= radius_m && self.scan(center, radius_m)
+        self.gaps_m[self.index(self.cell_of(center))] <= radius_m && scan()
     }
 
     /// A distance, for the place in each lane, within which there is no point.
@@ -80,20 +87,33 @@ impl CellGrid {
     }
 
     /// Whether a point lies within `radius_m` of `center`, by looking at all cells around.
-    #[inline(never)]
-    pub(super) fn scan(&self, center: &Point3<f32>, radius_m: f32) -> bool {
+    ///
+    /// # Safety
+    /// The instruction set of `S` must be present.
+    #[inline(always)]
+    pub(super) unsafe fn scan<S: Lanes>(&self, center: &Point3<f32>, radius_m: f32) -> bool {
         let reach = Vector3::repeat(radius_m);
         let (low, high) = (self.cell_of(&(center - reach)), self.cell_of(&(center + reach)));
-        let limit = radius_m * radius_m;
-        for x in low[0]..=high[0] {
-            for y in low[1]..=high[1] {
-                // Cells along z follow each other, so a column of them is one run of points.
-                let column = self.index([x, y, 0]);
-                let run = self.starts[column + low[2]]..self.starts[column + high[2] + 1];
-                for p in &self.points[run.start as usize..run.end as usize] {
-                    let (dx, dy, dz) = (p.x - center.x, p.y - center.y, p.z - center.z);
-                    if dx * dx + dy * dy + dz * dz <= limit {
-                        return true;
+        // SAFETY: by this function's contract; a run begins before the padding, so that a vector from any place of it ends within it.
+        unsafe {
+            let (limit, beyond) = (S::splat(radius_m * radius_m), u32::MAX >> (32 - S::COUNT));
+            let middle = [S::splat(center.x), S::splat(center.y), S::splat(center.z)];
+            for x in low[0]..=high[0] {
+                for y in low[1]..=high[1] {
+                    // Cells along z follow each other, so a column of them is one run of points.
+                    let column = self.index([x, y, 0]);
+                    let (mut first, end) = (self.starts[column + low[2]] as usize, self.starts[column + high[2] + 1] as usize);
+                    while first < end {
+                        let mut squared = S::splat(0.0);
+                        for (along, middle) in self.along.iter().zip(middle) {
+                            let apart = S::sub(S::load(along.as_ptr().add(first)), middle);
+                            squared = S::add(squared, S::mul(apart, apart));
+                        }
+                        // What follows the run are points of other cells: they count as well.
+                        if S::less(limit, squared) != beyond {
+                            return true;
+                        }
+                        first += S::COUNT;
                     }
                 }
             }
@@ -102,9 +122,15 @@ impl CellGrid {
     }
 
     /// The cell of a place; places outside the grid get the nearest cell.
+    #[inline(always)]
     fn cell_of(&self, p: &Point3<f32>) -> [usize; 3] {
-        let along = |k: usize| (((p[k] - self.bounds.min[k]) / self.cell_m).max(0.0) as usize).min(self.size[k] - 1);
-        [along(0), along(1), along(2)]
+        let mut cell = [0; 3];
+        for (k, cell) in cell.iter_mut().enumerate() {
+            let along = ((p[k] - self.bounds.min[k]) * (1.0 / self.cell_m)).max(0.0).min((self.size[k] - 1) as f32);
+            // SAFETY: from 0, which is what is no number has become, to the largest index.
+            *cell = unsafe { along.to_int_unchecked::<i32>() } as usize;
+        }
+        cell
     }
 
     fn index(&self, [x, y, z]: [usize; 3]) -> usize {

@@ -108,8 +108,14 @@ impl Obstacles {
     }
 
     /// Whether an observed point lies within `radius_m` of the place, where [`Self::near_points`] could not rule it out.
-    pub(crate) fn has_point_within(&self, place: &Point3<f32>, radius_m: f32) -> bool {
-        self.grid.as_ref().is_some_and(|grid| grid.scan(place, radius_m))
+    ///
+    /// # Safety
+    /// The instruction set of `S` must be present.
+    #[inline(always)]
+    pub(crate) unsafe fn has_point_within<S: Lanes>(&self, place: &Point3<f32>, radius_m: f32) -> bool {
+        let Some(grid) = &self.grid else { return false };
+        // SAFETY: by this function's contract.
+        unsafe { grid.scan::<S>(place, radius_m) }
     }
 }
 

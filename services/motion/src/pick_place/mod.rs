@@ -13,6 +13,7 @@ pub mod settings;
 use nalgebra::{Isometry3, Point3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
+use repose_geometry::cloud::centroid;
 use repose_panda::{Joints, LinkFrame};
 
 pub use self::request::PickPlaceRequest;
@@ -199,6 +200,13 @@ impl<'a> Search<'a> {
         TriedGrasp { grasp, search: self, reach: None, pick: None, to_standoff: None }
     }
 
+    /// What is held beside its middle turns about the closing direction by its weight, or swings as the arm moves, unless the pads press more.
+    fn grip_force_n(&self, grasp: &GraspCandidate) -> f64 {
+        let PickPlaceSettings { grip_force_n, grip_force_max_n, .. } = *self.settings;
+        let lever_m = centroid(self.object).map_or(0.0, |middle| (grasp.world_from_tcp.translation.vector - middle.coords).xy().norm());
+        grip_force_n + (grip_force_max_n - grip_force_n) * (lever_m / FULL_LEVER_M).min(1.0)
+    }
+
     /// The posture that is preferred: the ready pose, turned towards the target.
     fn near(&self, world_from_tcp: &Isometry3<f64>) -> Joints {
         let in_base = self.settings.world_from_base.inverse() * world_from_tcp.translation.vector;
@@ -365,7 +373,7 @@ impl<'a> Search<'a> {
         // The corners are a centimetre apart and nearly in line: little rounding is enough.
         let slow = TimingSettings { deviation_rad: 0.002, ..self.settings.timing.slowed(self.settings.contact_scale) };
         let open = GripperMove { width_m: grasp.grasp.opening_m, force_n: self.settings.grip_force_n };
-        let close = GripperMove { width_m: 0.0, force_n: self.settings.grip_force_n };
+        let close = GripperMove { width_m: 0.0, force_n: self.grip_force_n(&grasp.grasp) };
         let phase = |phase, gripper, trajectory| PlannedPhase { phase, gripper, trajectory };
         let reach = grasp.reach();
         Some(vec![
@@ -382,5 +390,7 @@ impl<'a> Search<'a> {
     }
 }
 
+/// How far beside its middle something is held with the most force, metres.
+const FULL_LEVER_M: f64 = 0.05;
 /// Shares of the room around the arm and what it holds that are tried in turn.
 const ROOM_SHARES: [f64; 3] = [1.0, 0.5, 0.0];

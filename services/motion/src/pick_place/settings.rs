@@ -43,8 +43,10 @@ pub struct PickPlaceSettings {
     pub held_room_m: f64,
     /// Room that is kept around the arm on its ways through free space where there is some, metres. Default 0.015.
     pub arm_room_m: f64,
-    /// Grip force, newtons. Default 30.
+    /// Grip force on what is held about its middle, newtons. Default 30.
     pub grip_force_n: f64,
+    /// The most grip force, newtons, on what is held far beside its middle and would turn between the pads by its weight. Default 60.
+    pub grip_force_max_n: f64,
     /// Grasps found here that are tried per placement, both turns of the hand counted. Default 64.
     pub grasps_per_placement: usize,
     /// A carry of at most this length (joint space) is short enough not to look for a shorter one, radians. Default 2.2.
@@ -77,6 +79,7 @@ impl Default for PickPlaceSettings {
             held_room_m: 0.02,
             arm_room_m: 0.015,
             grip_force_n: 30.0,
+            grip_force_max_n: 60.0,
             grasps_per_placement: 64,
             carry_rad: 2.2,
             carry_cost_per_rad: 0.08,

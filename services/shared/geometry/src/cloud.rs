@@ -1,8 +1,10 @@
 //! Measures of a point cloud. A cloud is a slice of points; what frame it is in, its name says.
 
+use foldhash::{HashMap, HashMapExt};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::Aabb;
+use crate::grid::cell_of;
 
 /// The mean of the points (an object's *observed* centroid, not its geometric centre); `None` without any.
 ///
@@ -46,11 +48,10 @@ pub fn transformed(points: &[Point3<f32>], to_from: &Isometry3<f64>) -> Vec<Poin
 
 /// One point (the mean) per occupied voxel of edge `voxel_m`, in order of first occupation.
 pub fn voxel_downsampled(points: &[Point3<f32>], voxel_m: f32) -> Vec<Point3<f32>> {
-    let mut index = std::collections::HashMap::with_capacity(points.len() / 4);
+    let mut index = HashMap::with_capacity(points.len() / 4);
     let mut sums: Vec<(Vector3<f32>, f32)> = Vec::new();
     for p in points {
-        let key = p.coords.map(|c| (c / voxel_m).floor() as i32);
-        let slot = *index.entry([key.x, key.y, key.z]).or_insert_with(|| {
+        let slot = *index.entry(cell_of(p, voxel_m)).or_insert_with(|| {
             sums.push((Vector3::zeros(), 0.0));
             sums.len() - 1
         });

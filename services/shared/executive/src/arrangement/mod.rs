@@ -4,21 +4,27 @@
 //! fell or was pushed by somebody is simply where it is now; what cannot be seen is told from what is gone ([`Fate`]). A goal that was seen to
 //! hold counts as held while what it is about is hidden by what came before it, untouched; and where the newest view gives no moves, the complete
 //! plan before it goes on, if what its next move is about stands where it stood. A plan may end where a view is needed: its first move is
-//! made as any other, and the view follows. Objects are named as in the first view. Nothing moves where an object that must move offers the hand no
+//! made as any other, and the view follows. A move that the robot cannot make from where things stand is put off, and the next one that does not need it
+//! is made: what it leaves may have room for the other. Where no moves are found after some were made, a fresh view and other draws are tried, as often
+//! as an object. Objects are named as in the first view. Nothing moves where an object that must move offers the hand no
 //! grasp. Every object is tried a bounded number of times and set aside a bounded number of times, and the moves together are bounded too; after a
 //! stop, whoever latched it, and after a cancel nothing is tried again: a person decides.
 
+mod order;
+mod report;
+
 use std::collections::{BTreeMap, BTreeSet};
 
-use repose_proto::arrange::{ArrangeMove, ArrangeRequest, ArrangeResult, Conflict, ObjectGoal, Purpose};
+use repose_proto::arrange::{ArrangeMove, ArrangeRequest, ArrangeResult, Conflict, ObjectGoal, Proof, Purpose};
 use repose_proto::motion::ExecutionOutcome;
 use repose_proto::place::{Outcome as Found, Placement};
 use repose_proto::{CallError, GoalTerm, Message, Payload, PlaceRequest, Scene, SceneRef};
 use repose_runtime::CallOptions;
 use repose_sentences::{fate, robot};
 use repose_tracking::{Fate, Followed, holds};
-use serde::Serialize;
 
+use self::order::{next_possible, renamed};
+pub use self::report::{ArrangementEnd, ArrangementReport, NamedMove, News, PlannedMoves, TriedMove};
 use crate::memory::GoalMemory;
 use crate::site::{COUNT, IdentifiedScene, MoveStage, Site, is_unserved, is_without_grasp};
 use crate::tried::Tried;
@@ -28,112 +34,6 @@ const LOOKS: usize = 3;
 /// Times that an object is set aside: once to uncover a top or to make room, and once more where things went otherwise. More often, and the moves
 /// undo each other.
 const ASIDE: usize = 2;
-
-/// A move of an arrangement that was tried, and its result.
-#[derive(Debug, Clone, Serialize)]
-pub struct TriedMove {
-    /// The object, as in the first view; none where that did not have it.
-    pub object: Option<u16>,
-    /// The move as it was planned; ids are those of its own view.
-    pub planned: ArrangeMove,
-    /// Moves that were still to come after it.
-    pub to_come: usize,
-    /// How far it came. Placement 0 is the plan's, others are alternatives for the same goal that the robot could serve.
-    #[serde(flatten)]
-    pub tried: Tried,
-}
-
-impl TriedMove {
-    /// The result for people: how the move ended, and what else was seen.
-    pub fn describe(&self) -> Vec<String> {
-        let end = match (self.tried.execution, &self.tried.reason) {
-            (Some(ExecutionOutcome::Done), _) => "executed".to_owned(),
-            (_, Some(reason)) => reason.clone(),
-            (Some(ExecutionOutcome::Stopped), None) => "stopped".to_owned(),
-            (Some(ExecutionOutcome::GraspLost), None) => "the grasp was lost".to_owned(),
-            (None, None) => "not executed".to_owned(),
-        };
-        std::iter::once(end).chain(self.tried.disturbances(self.object)).collect()
-    }
-}
-
-/// How the execution of an arrangement ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ArrangementEnd {
-    /// All goals hold, those of [`ArrangementReport::remembered`] as far as was seen.
-    Achieved,
-    /// From where things stand no moves were found, or none that the hand can make.
-    NoArrangement,
-    /// As often as may be tried, it was.
-    GaveUp,
-    /// An object that a goal is about is not seen any more.
-    Lost,
-    /// The robot was stopped, or a call failed.
-    Stopped,
-}
-
-/// The result of an arrangement.
-#[derive(Debug, Serialize)]
-pub struct ArrangementReport {
-    /// Goals that were asked for.
-    pub wanted: usize,
-    /// Goals that hold on the last view, and those that are remembered.
-    pub achieved: usize,
-    /// How it ended.
-    pub ended: ArrangementEnd,
-    /// Why it ended there, where it was not achieved.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub why: Option<String>,
-    /// By object, whether its goal holds on the last view, by rule; null where that cannot be seen.
-    pub holds: BTreeMap<u16, Option<bool>>,
-    /// Objects whose goals were seen to hold and cannot be seen any more: what they are about is hidden, and was not touched since.
-    #[serde(skip_serializing_if = "BTreeSet::is_empty")]
-    pub remembered: BTreeSet<u16>,
-    /// Every move that was tried.
-    pub steps: Vec<TriedMove>,
-    /// Where the smallest set of goals without an arrangement is known.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub conflict: Option<Conflict>,
-    /// How the robot stands.
-    pub robot: String,
-    /// The error that ended it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub error: Option<CallError>,
-}
-
-/// What is told while goals are brought about, with the names of the first view.
-#[derive(Debug)]
-pub enum News<'a> {
-    /// Moves are planned from where things stand.
-    Planned(PlannedMoves),
-    /// A move was tried.
-    Tried(&'a TriedMove),
-}
-
-/// The moves planned from the current scene.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PlannedMoves {
-    /// In order.
-    pub moves: Vec<NamedMove>,
-    /// The probability that all of them succeed.
-    pub probability: Option<f64>,
-    /// Objects whose tops these moves uncover, where the rest can only be planned on a view after them, in the first view's ids.
-    pub needs_view: Vec<u16>,
-    /// The smallest set of goals that is known to have no arrangement, in the first view's ids.
-    pub conflict: Option<Conflict>,
-}
-
-/// A move that is planned. What the first view did not have is left out.
-#[derive(Debug, Clone, PartialEq)]
-pub struct NamedMove {
-    /// The object.
-    pub object: Option<u16>,
-    /// What it moves for.
-    pub purpose: Purpose,
-    /// The terms that its place was chosen by.
-    pub goal: Vec<GoalTerm>,
-}
 
 /// Has goals brought about; its scene is each view in turn. The request's ids are those of `seen`, or without it those of the newest view, which
 /// becomes the first. An object is tried `attempts` times, at least once; `told` hears how it goes.
@@ -157,8 +57,22 @@ pub async fn bring_about<S: Site>(
     }
     let memory = GoalMemory::of(&request.goals);
     request.fresh_views = true;
-    let (steps, failed, aside, earlier) = (Vec::new(), BTreeMap::new(), BTreeMap::new(), Vec::new());
-    let mut run = Run { site, told, request, attempts, view, followed, memory, steps, failed, aside, earlier, conflict: None };
+    let mut run = Run {
+        site,
+        told,
+        request,
+        attempts,
+        view,
+        followed,
+        memory,
+        steps: Vec::new(),
+        failed: BTreeMap::new(),
+        put_off: BTreeSet::new(),
+        barren: 0,
+        aside: BTreeMap::new(),
+        earlier: Vec::new(),
+        conflict: None,
+    };
     let (ended, why, error) = match run.until_the_end().await {
         // Nothing was tried.
         Err(error) if run.steps.is_empty() => return Err(error),
@@ -197,6 +111,10 @@ struct Run<S, T> {
     steps: Vec<TriedMove>,
     /// How often an object, by its id in the first view, was tried in vain.
     failed: BTreeMap<u16, usize>,
+    /// Objects whose move the robot could not make since anything moved last.
+    put_off: BTreeSet<u16>,
+    /// Views on which no moves were found, after some were made.
+    barren: usize,
     /// How often an object was set aside.
     aside: BTreeMap<u16, usize>,
     /// What the last complete plan has left to do, in the ids of the first view.
@@ -219,10 +137,16 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
             }
             let result = self.planned(goals).await?;
             let next = self.next_move(&result);
-            let named = self.to_come(&result, next.as_ref());
+            let named = self.to_come(&result, next.as_ref().map(|(step, _)| step));
             self.conflict.clone_from(&named.conflict);
             (self.told)(News::Planned(named));
-            let Some(step) = next else {
+            let Some((step, is_first)) = next else {
+                if self.is_worth_another_look(&result) {
+                    self.barren += 1;
+                    self.view = self.site.fresh_view().await?;
+                    self.look();
+                    continue;
+                }
                 let why = match result.outcome {
                     Found::Found => return Ok((ArrangementEnd::Achieved, None)),
                     Found::Partial => "the search was cut short before a move",
@@ -245,9 +169,13 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
             if let Some(object) = object.filter(|object| step.purpose == Purpose::Aside && self.aside.get(object) == Some(&ASIDE)) {
                 return Ok((ArrangementEnd::GaveUp, Some(format!("object {object} was set aside {ASIDE} times"))));
             }
-            let carried_out = self.carry_out(object, &step, self.earlier.len()).await;
+            let carried_out = self.carry_out(object, &step, is_first).await;
             if let Some(tried) = self.steps.last() {
                 (self.told)(News::Tried(tried));
+                match tried.tried.execution {
+                    Some(_) => self.put_off.clear(),
+                    None => self.put_off.extend(object),
+                }
             }
             let achieved = carried_out?;
             if let Some(object) = object.filter(|_| achieved && step.purpose == Purpose::Aside) {
@@ -338,16 +266,24 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
         }
     }
 
-    /// The move to make now: a plan's first, or where it has none and goals are open, the next one of the complete plan before it.
-    fn next_move(&mut self, result: &ArrangeResult) -> Option<ArrangeMove> {
-        let Some(first) = result.moves.first() else {
-            return if result.outcome == Found::Found { None } else { self.of_earlier_plan() };
-        };
+    /// Whether moves may be found where none were: they were before, and one view's noise, or the draws, may be to blame.
+    fn is_worth_another_look(&self, result: &ArrangeResult) -> bool {
+        let contradicts = result.conflict.as_ref().is_some_and(|conflict| conflict.proof == Proof::Contradiction);
+        result.outcome == Found::None && !contradicts && !self.steps.is_empty() && self.barren + 1 < self.attempts
+    }
+
+    /// The move to make now, and whether it is the plan's first: that, or one that needs nothing of those put off before it; or where the plan has none
+    /// and goals are open, the next one of the complete plan before it.
+    fn next_move(&mut self, result: &ArrangeResult) -> Option<(ArrangeMove, bool)> {
+        if result.moves.is_empty() {
+            return if result.outcome == Found::Found { None } else { self.of_earlier_plan().map(|step| (step, true)) };
+        }
         let known = self.followed.known();
         let named = |m: &ArrangeMove| renamed(m, |id| known.named(id));
-        let is_complete = result.outcome == Found::Found;
-        self.earlier = result.moves.iter().skip(1).filter(|_| is_complete).map_while(named).collect();
-        Some(first.clone())
+        let at = next_possible(&result.moves, |object| known.named(object).is_some_and(|object| self.put_off.contains(&object)));
+        let goes_on = at == 0 && result.outcome == Found::Found;
+        self.earlier = result.moves.iter().skip(1).filter(|_| goes_on).map_while(named).collect();
+        Some((result.moves[at].clone(), at == 0))
     }
 
     /// What is told of the moves to come: the plan's, or where an earlier one goes on, that one's.
@@ -372,10 +308,15 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
     }
 
     /// Has a move carried out, and looks: whether the object stands where it was to go. An error ends it all.
-    async fn carry_out(&mut self, object: Option<u16>, planned: &ArrangeMove, to_come: usize) -> Result<bool, CallError> {
-        self.steps.push(TriedMove { object, planned: planned.clone(), to_come, tried: Tried::default() });
-        let (request, placements) = self.choices(planned).await?;
-        let carried_out = self.site.carry_out(&request, &placements, &self.view).await;
+    async fn carry_out(&mut self, object: Option<u16>, planned: &ArrangeMove, is_first: bool) -> Result<bool, CallError> {
+        self.steps.push(TriedMove { object, planned: planned.clone(), to_come: self.earlier.len(), tried: Tried::default() });
+        let (request, placements) = self.choices(planned, is_first).await?;
+        let carried_out = match placements.is_empty() {
+            true => {
+                Err(CallError::precondition("nothing of what is planned before it was done, and no other place was found").at("placements"))
+            }
+            false => self.site.carry_out(&request, &placements, &self.view).await,
+        };
         let Some(step) = self.steps.last_mut() else { return Ok(false) };
         step.tried = match carried_out {
             Ok(tried) => tried,
@@ -427,8 +368,9 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
         None
     }
 
-    /// The placements that the robot may choose from: the plan's own, and others for the same terms.
-    async fn choices(&self, planned: &ArrangeMove) -> Result<(PlaceRequest, Vec<Placement>), CallError> {
+    /// The placements that the robot may choose from: the plan's own, and others for the same terms. A place that is planned for after other moves may be
+    /// taken, or have nothing to stand on, before them.
+    async fn choices(&self, planned: &ArrangeMove, is_first: bool) -> Result<(PlaceRequest, Vec<Placement>), CallError> {
         let request = PlaceRequest {
             count: COUNT,
             view_yaw_rad: self.request.view_yaw_rad,
@@ -439,7 +381,8 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
             ..PlaceRequest::new(self.view.0.clone(), planned.object, planned.goal.clone())
         };
         let others = self.site.placed(&request, &self.view).await?.placements;
-        Ok((request, std::iter::once(planned.placement.clone()).chain(others).collect()))
+        let own = is_first.then(|| planned.placement.clone());
+        Ok((request, own.into_iter().chain(others).collect()))
     }
 
     /// By object, whether its goal holds on the newest view; none where that cannot be seen.
@@ -452,12 +395,6 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
         };
         self.request.goals.iter().map(|goal| (goal.object, of(goal))).collect()
     }
-}
-
-/// A move with other ids; none where one has no other.
-fn renamed(step: &ArrangeMove, id: impl Fn(u16) -> Option<u16>) -> Option<ArrangeMove> {
-    let goal = step.goal.iter().map(|term| Some(GoalTerm { anchor: id(term.anchor)?, ..*term })).collect::<Option<_>>()?;
-    Some(ArrangeMove { object: id(step.object)?, goal, ..step.clone() })
 }
 
 /// The field at fault as the request names it.
