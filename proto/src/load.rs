@@ -49,6 +49,36 @@ pub struct WorkerLoad {
     /// The keep-out zones that a motion worker heeds; nobody else has any.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub keep_out: Vec<KeepOutZone>,
+    /// The cameras whose frames a perception worker takes; nobody else has any. Their scenes may be seldom while nobody asks for them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub cameras: Vec<CameraLoad>,
+}
+
+/// What a perception worker received of a camera.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct CameraLoad {
+    /// The camera.
+    pub camera: String,
+    /// Frames that came since the worker started.
+    pub frames: u64,
+    /// How long ago the newest of them came, milliseconds.
+    pub frame_age_ms: u64,
+    /// Its newest scene, where one was made.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub newest: Option<NewestSceneLoad>,
+}
+
+/// A camera's newest scene, in a worker's load.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct NewestSceneLoad {
+    /// Its id.
+    pub scene_id: String,
+    /// How many objects it has.
+    pub objects: usize,
+    /// How long ago it was made, milliseconds.
+    pub age_ms: u64,
+    /// From its stamp to when its frame came, by the worker's clock, milliseconds.
+    pub lag_ms: f64,
 }
 
 impl Message for WorkerLoad {

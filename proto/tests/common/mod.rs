@@ -418,5 +418,6 @@ pub fn worker_load() -> WorkerLoad {
         ended: None,
         failed: None,
         keep_out: Vec::new(),
+        cameras: Vec::new(),
     }
 }

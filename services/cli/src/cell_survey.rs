@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-use repose_proto::load::WorkerLoad;
+use repose_proto::load::{CameraLoad, WorkerLoad};
 use repose_proto::robot::RobotState;
 use repose_proto::{Cell, SceneSummary, Service, keys};
 use repose_runtime::{Lives, Sample, Session, Subscription, now_ns};
@@ -33,6 +33,52 @@ pub struct Received<T> {
     pub lag_ms: Option<f64>,
 }
 
+/// What was heard of a camera. While nobody asks for its scenes they are seldom, and the worker that takes its frames tells of it.
+#[derive(Debug, Clone, Default)]
+pub struct CameraHeard {
+    /// Its scenes.
+    pub scenes: Option<Received<SceneSummary>>,
+    /// What the worker told.
+    pub told: Option<Received<CameraLoad>>,
+}
+
+impl CameraHeard {
+    /// Its newest scene: the id, the number of objects, and how long ago it was made.
+    pub fn newest(&self) -> Option<(&str, usize, Duration)> {
+        let heard = self.scenes.as_ref().map(|scene| (&*scene.newest.scene_id, scene.newest.objects.len(), scene.at.elapsed()));
+        let told = || {
+            let told = self.told.as_ref()?;
+            let newest = told.newest.newest.as_ref()?;
+            Some((&*newest.scene_id, newest.objects, Duration::from_millis(newest.age_ms) + told.at.elapsed()))
+        };
+        heard.or_else(told)
+    }
+
+    /// Scenes heard a second of a while.
+    pub fn scenes_per_s(&self, while_s: f64) -> f64 {
+        self.scenes.as_ref().map_or(0.0, |scenes| scenes.count as f64 / while_s)
+    }
+
+    /// Frames a second, as the worker tells them; none where it told once only, or is of a release that does not.
+    pub fn frames_per_s(&self) -> Option<f64> {
+        let told = self.told.as_ref().filter(|told| told.at > told.first_at)?;
+        let frames = told.newest.frames.checked_sub(told.first.frames)?;
+        Some(frames as f64 / told.at.duration_since(told.first_at).as_secs_f64())
+    }
+
+    /// How long ago it showed something, as far as is known.
+    pub fn silent(&self) -> Option<Duration> {
+        let told = self.told.as_ref().map(|told| Duration::from_millis(told.newest.frame_age_ms) + told.at.elapsed());
+        told.or_else(|| self.scenes.as_ref().map(|scene| scene.at.elapsed()))
+    }
+
+    /// The least time from a stamp to its arrival, milliseconds: by this host's clock where a scene was heard, else by the worker's.
+    pub fn lag_ms(&self) -> Option<f64> {
+        let told = || self.told.as_ref().and_then(|told| told.newest.newest.as_ref()).map(|newest| newest.lag_ms);
+        self.scenes.as_ref().and_then(|scenes| scenes.lag_ms).or_else(told)
+    }
+}
+
 /// Listens to the workers, cameras and robots of a cell.
 pub struct CellListener {
     session: Session,
@@ -50,8 +96,8 @@ pub struct CellSurvey {
     pub cells: BTreeSet<String>,
     /// Workers alive in the session's cell, and those of its pool that serve it, with their newest load where one was heard.
     pub workers: BTreeMap<(Service, String), Option<Received<WorkerLoad>>>,
-    /// Cameras whose scenes were heard.
-    pub cameras: BTreeMap<String, Received<SceneSummary>>,
+    /// Cameras whose scenes were heard, or whose frames a perception worker says that it receives.
+    pub cameras: BTreeMap<String, CameraHeard>,
     /// Robots whose states were heard.
     pub robots: BTreeMap<String, Received<RobotState>>,
 }
@@ -78,7 +124,8 @@ impl CellListener {
     /// Listens for a while. What `before` knew stays; counts begin anew.
     pub async fn listen(&mut self, within: Duration, before: &CellSurvey) -> Result<CellSurvey, Failure> {
         let mut heard = before.clone();
-        heard.cameras.values_mut().for_each(|camera| camera.count = 0);
+        heard.cameras.values_mut().filter_map(|camera| camera.scenes.as_mut()).for_each(|scenes| scenes.count = 0);
+        heard.cameras.values_mut().filter_map(|camera| camera.told.as_mut()).for_each(|told| told.count = 0);
         heard.robots.values_mut().for_each(|robot| robot.count = 0);
         let mut loads: BTreeMap<(Service, String), Received<WorkerLoad>> = BTreeMap::new();
         let until = tokio::time::sleep(within);
@@ -89,20 +136,26 @@ impl CellListener {
                 () = &mut until => break,
                 sample = next_of(&mut self.loads) => {
                     let sample = sample.ok_or_else(closed)?;
-                    if let (Some((service, worker)), Ok(load)) = (keys::of_load(&sample.key), sample.payload.decode_json()) {
-                        hear(&mut loads, (service, worker.to_owned()), load, |load: &WorkerLoad| load.stamp_ns);
+                    if let (Some((service, worker)), Ok(load)) = (keys::of_load(&sample.key), sample.payload.decode_json::<WorkerLoad>()) {
+                        for camera in &load.cameras {
+                            hear_of(&mut heard.cameras.entry(camera.camera.clone()).or_default().told, camera.clone(), None);
+                        }
+                        let stamp_ns = load.stamp_ns;
+                        hear(&mut loads, (service, worker.to_owned()), load, stamp_ns);
                     }
                 }
                 sample = self.scenes.recv() => {
                     let sample = sample.ok_or_else(closed)?;
-                    if let Ok(scene) = sample.payload.decode_json() {
-                        hear(&mut heard.cameras, keys::last_chunk(&sample.key).to_owned(), scene, |scene: &SceneSummary| Some(scene.stamp_ns));
+                    if let Ok(scene) = sample.payload.decode_json::<SceneSummary>() {
+                        let stamp_ns = Some(scene.stamp_ns);
+                        hear_of(&mut heard.cameras.entry(keys::last_chunk(&sample.key).to_owned()).or_default().scenes, scene, stamp_ns);
                     }
                 }
                 sample = self.robots.recv() => {
                     let sample = sample.ok_or_else(closed)?;
-                    if let (Some(robot), Ok(state)) = (keys::worker_of(&sample.key), sample.payload.decode_json()) {
-                        hear(&mut heard.robots, robot.to_owned(), state, |state: &RobotState| Some(state.stamp_ns));
+                    if let (Some(robot), Ok(state)) = (keys::worker_of(&sample.key), sample.payload.decode_json::<RobotState>()) {
+                        let stamp_ns = Some(state.stamp_ns);
+                        hear(&mut heard.robots, robot.to_owned(), state, stamp_ns);
                     }
                 }
             }
@@ -129,15 +182,21 @@ async fn next_of(subscriptions: &mut [Subscription]) -> Option<Sample> {
     futures::future::select_all(subscriptions.iter_mut().map(|subscription| Box::pin(subscription.recv()))).await.0
 }
 
-fn hear<K: Ord, T: Clone>(known: &mut BTreeMap<K, Received<T>>, name: K, newest: T, stamp_ns: impl FnOnce(&T) -> Option<u64>) {
+fn hear<K: Ord, T: Clone>(known: &mut BTreeMap<K, Received<T>>, name: K, newest: T, stamp_ns: Option<u64>) {
+    let mut heard = known.remove(&name);
+    hear_of(&mut heard, newest, stamp_ns);
+    known.extend(heard.map(|heard| (name, heard)));
+}
+
+fn hear_of<T: Clone>(known: &mut Option<Received<T>>, newest: T, stamp_ns: Option<u64>) {
     let at = Instant::now();
-    let lag_ms = stamp_ns(&newest).map(|stamp_ns| (now_ns() as f64 - stamp_ns as f64) / 1e6);
-    match known.get_mut(&name) {
+    let lag_ms = stamp_ns.map(|stamp_ns| (now_ns() as f64 - stamp_ns as f64) / 1e6);
+    match known {
         Some(heard) if heard.count > 0 => {
             (heard.newest, heard.at, heard.count) = (newest, at, heard.count + 1);
             heard.lag_ms = heard.lag_ms.zip(lag_ms).map(|(least, this)| least.min(this));
         }
-        _ => drop(known.insert(name, Received { first: newest.clone(), first_at: at, newest, at, count: 1, lag_ms })),
+        _ => *known = Some(Received { first: newest.clone(), first_at: at, newest, at, count: 1, lag_ms }),
     }
 }
 

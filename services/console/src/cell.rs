@@ -319,10 +319,6 @@ impl Shared {
     }
 
     fn tell_system(&self) {
-        let (cameras, robots) = {
-            let mut known = locked(&self.known);
-            (known.cameras.shown(Instant::now()), known.robots.keys().cloned().collect())
-        };
         let of_service = |(service, caller): (&Service, &Caller)| {
             let shown = |w: repose_runtime::WorkerView| WorkerShown {
                 service: *service,
@@ -332,7 +328,19 @@ impl Shared {
             };
             caller.workers().into_iter().map(shown).collect::<Vec<_>>()
         };
-        let workers = self.callers.iter().flat_map(of_service).collect();
+        let workers: Vec<WorkerShown> = self.callers.iter().flat_map(of_service).collect();
+        let now = Instant::now();
+        let told = workers.iter().flat_map(|worker| &worker.load).flat_map(|load| &load.cameras);
+        let made = |age_ms: u64| now.checked_sub(Duration::from_millis(age_ms)).unwrap_or(now);
+        let told: Vec<(&str, Instant)> = told.filter_map(|c| Some((&*c.camera, made(c.newest.as_ref()?.age_ms)))).collect();
+        let (cameras, robots, is_new) = {
+            let mut known = locked(&self.known);
+            let is_new = told.into_iter().filter(|(camera, at)| known.cameras.told(camera, *at)).count() > 0;
+            (known.cameras.shown(now), known.robots.keys().cloned().collect(), is_new)
+        };
+        if is_new {
+            self.camera_came.notify_waiters();
+        }
         let shown = SystemShown { cell: self.name.clone(), workers, cameras, robots };
         self.audience.tell(&Topic::System, &ServerMessage::System(shown).encode());
     }

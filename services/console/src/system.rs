@@ -33,6 +33,15 @@ impl SceneArrivals {
         }
     }
 
+    /// A worker tells of a camera whose newest scene it made at an instant; whether the camera is new. While nobody asks for scenes they are seldom.
+    pub fn told(&mut self, camera: &str, at: Instant) -> bool {
+        let is_new = !self.0.contains_key(camera);
+        if is_new {
+            self.saw(camera, at);
+        }
+        is_new
+    }
+
     /// The first of them by name.
     pub fn first(&self) -> Option<&str> {
         self.0.keys().next().map(String::as_str)
@@ -66,5 +75,7 @@ mod tests {
         assert!((cameras.shown(at(9900))[0].scenes_per_s - 5.0).abs() < 1e-6);
         assert!(cameras.shown(at(19_800))[0].scenes_per_s < 0.11);
         assert!(cameras.shown(at(10_000_000)).is_empty());
+        assert!(cameras.told("side", at(10_000_000)) && !cameras.told("side", at(10_000_500)));
+        assert!((cameras.shown(at(10_001_000))[0].age_ms - 1000.0).abs() < 1e-6, "its scene is as old as it was told first");
     }
 }

@@ -14,7 +14,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use repose_proto::{CallError, ErrorCode, Payload, keys};
-use repose_runtime::{CancellationToken, JobContext, RuntimeError, Session, Subscription, Traffic};
+use repose_runtime::{CancellationToken, JobContext, RuntimeError, Session, Subscription, Traffic, now_ns};
 use tokio::sync::{Notify, Semaphore};
 
 use crate::config::PerceptionConfig;
@@ -95,6 +95,8 @@ struct Waiting {
     payload: Payload,
     /// When it came, or its turn did where nobody asks.
     arrived: Instant,
+    /// When it came.
+    came: Instant,
     /// Its number among its camera's.
     number: u64,
 }
@@ -121,6 +123,8 @@ pub struct CameraFollower {
     frame_timeout: Duration,
     newest: Mutex<NewestFrames<Waiting>>,
     arrived: Notify,
+    /// A frame came while nobody listened to the robots.
+    unheard: Notify,
     /// One permit per compute thread: a frame is taken when it can be started, so that it is the newest one then.
     threads: Arc<Semaphore>,
     counts: FrameCounts,
@@ -135,6 +139,7 @@ impl CameraFollower {
             frame_timeout: Duration::from_millis(config.frame_timeout_ms),
             newest: Mutex::new(NewestFrames::new(config.max_cameras)),
             arrived: Notify::new(),
+            unheard: Notify::new(),
             threads: Arc::new(Semaphore::new(config.threads.max(1))),
             counts: FrameCounts::new(CameraNames::new(config.max_cameras)),
         })
@@ -150,12 +155,49 @@ impl CameraFollower {
     /// # Errors
     /// When the network refuses, or a camera's name is no chunk of a key.
     pub async fn follow(self: Arc<Self>, cameras: &[String], stop: CancellationToken) -> Result<(), RuntimeError> {
-        self.worker.follow_robots(self.session.subscribe_queue(&self.session.cell().robot_states(), ROBOT_STATES_WAITING).await?);
+        self.worker.follow_robots(self.robot_states().await?);
+        tokio::spawn(stop.clone().run_until_cancelled_owned(self.clone().hear_robots()));
         for subscription in self.subscribe(cameras).await? {
             tokio::spawn(stop.clone().run_until_cancelled_owned(self.clone().receive(subscription)));
         }
         tokio::spawn(stop.run_until_cancelled_owned(self.process()));
         Ok(())
+    }
+
+    async fn robot_states(&self) -> Result<Subscription, RuntimeError> {
+        self.session.subscribe_queue(&self.session.cell().robot_states(), ROBOT_STATES_WAITING).await
+    }
+
+    /// Listens to the robots while their states are needed: a hundred a second and more cost an idle cell half of what it costs.
+    async fn hear_robots(self: Arc<Self>) {
+        const AGAIN: Duration = Duration::from_secs(1);
+        loop {
+            let (unheard, mut paced) = (self.unheard.notified(), std::pin::pin!(self.worker.paced()));
+            paced.as_mut().enable();
+            let (wants, mut next) = self.worker.pace().wants_robots(Instant::now());
+            if wants && !self.worker.follows_robots() {
+                match self.robot_states().await {
+                    Ok(states) => self.worker.follow_robots(states),
+                    Err(error) => {
+                        tracing::warn!(%error, "the robots' states cannot be subscribed to");
+                        next = Some(Instant::now() + AGAIN);
+                    }
+                }
+            } else if !wants {
+                self.worker.leave_robots();
+            }
+            let time_comes = async {
+                match next {
+                    Some(next) => tokio::time::sleep_until(next.into()).await,
+                    None => std::future::pending().await,
+                }
+            };
+            tokio::select! {
+                () = unheard => {}
+                () = paced => {}
+                () = time_comes => {}
+            }
+        }
     }
 
     async fn subscribe(&self, cameras: &[String]) -> Result<Vec<Subscription>, RuntimeError> {
@@ -191,7 +233,10 @@ impl CameraFollower {
                 let mut pace = self.worker.pace();
                 (pace.came(camera, arrived), pace.is_idle(camera, arrived))
             };
-            let frame = Waiting { payload: sample.payload, arrived, number };
+            let frame = Waiting { payload: sample.payload, arrived, came: arrived, number };
+            if !self.worker.follows_robots() {
+                self.unheard.notify_one();
+            }
             let placed = self.newest.lock().unwrap_or_else(PoisonError::into_inner).put(camera, frame);
             match placed {
                 Placed::Waiting => {}
@@ -285,11 +330,13 @@ impl CameraFollower {
             }
         };
         let stamp_ns = scene.summary.stamp_ns;
+        let lag_ms = (now_ns() as f64 - stamp_ns as f64) * 1e-6 - frame.came.elapsed().as_secs_f64() * 1e3;
         let summary = Payload::json(&scene.summary);
         if self.keep(camera, scene) == Arrival::Late {
             self.counts.count(Became::Late, camera, 1);
             return;
         }
+        self.worker.pace().made(camera, Instant::now(), lag_ms);
         let key = self.session.cell().scene(camera);
         let put = match summary {
             Ok(payload) => self.session.put(&key, payload, Traffic::Scene).await.map_err(CallError::from),

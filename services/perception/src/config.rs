@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-use crate::cameras::pace::PaceSettings;
+use crate::cameras::pace::{PAUSE, PaceSettings};
 use crate::newest_scenes::NewestLimits;
 use crate::settings::Settings;
 
@@ -36,14 +36,15 @@ pub struct PerceptionConfig {
     /// How long a camera's scene that nobody asks for can be asked for once there is a newer one, milliseconds; where there is no room it goes
     /// sooner. Raising it gives whoever has read an id more time, at about 5 MB for every scene of that time.
     pub unasked_kept_ms: u64,
-    /// How often a camera's newest frame becomes a scene while nobody asks for its scenes, milliseconds; 0 makes one of every frame. Who asks after
-    /// a pause gets that of the newest frame all the same. Raising it saves an idle cell processor time and memory, and shows those who read
-    /// summaries only, and never ask, fewer of them.
+    /// How often a frame of a stream becomes a scene while nobody asks for its camera's scenes, milliseconds; 0 makes one of every frame. A frame after
+    /// a second's pause, and the last of a stream, become one whoever asks, and who asks after a pause gets that of the newest frame. Raising it saves
+    /// an idle cell processor time and memory, and shows those who read summaries only, and never ask, fewer of them.
     pub idle_period_ms: u64,
     /// How long a camera's scenes count as asked for after a call of `latest` or `scene`, milliseconds.
     pub asked_for_ms: u64,
-    /// How long the cell's first frame waits for a first word of the robots, milliseconds: until then an arm in the picture is taken for objects.
-    /// Raising it helps where robots are slow to connect, and keeps a cell without robots waiting once.
+    /// How long the cell's first frame, and the first that is asked for after a pause, waits for a word of the robots, milliseconds: until then an arm in
+    /// the picture is taken for objects, or for where it stood last. Raising it helps where robots are slow to connect, and keeps a cell without robots
+    /// waiting once.
     pub robots_wait_ms: u64,
     /// How frames become scenes.
     pub segmentation: Settings,
@@ -61,7 +62,7 @@ impl Default for PerceptionConfig {
             scenes_kept: 32,
             scenes_kept_bytes: 256 << 20,
             unasked_kept_ms: 3000,
-            idle_period_ms: 1000,
+            idle_period_ms: 10_000,
             asked_for_ms: 10_000,
             robots_wait_ms: 300,
             segmentation: Settings::default(),
@@ -75,9 +76,10 @@ impl PerceptionConfig {
         NewestLimits { cameras: self.max_cameras, late_ns: self.late_within_ms.saturating_mul(1_000_000) }
     }
 
-    /// How long a camera's frame may wait until it is made a scene, and the robots' states of its time are needed.
+    /// How long a camera's frame may wait until it is made a scene, and the robots' states of its time are needed: a newer one replaces it, or it is the
+    /// last before a pause.
     pub fn frame_may_wait(&self) -> Duration {
-        Duration::from_millis(self.idle_period_ms.saturating_add(self.frame_timeout_ms))
+        PAUSE + Duration::from_millis(self.frame_timeout_ms)
     }
 
     /// How often frames become scenes.

@@ -79,6 +79,6 @@ impl Handler for Endpoints {
     }
 
     fn load(&self) -> WorkerLoad {
-        load_of(&self.worker.gauge(), self.worker.capacity())
+        WorkerLoad { cameras: self.worker.cameras(), ..load_of(&self.worker.gauge(), self.worker.capacity()) }
     }
 }

@@ -3,13 +3,14 @@
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
+use repose_proto::load::{CameraLoad, NewestSceneLoad};
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, Frame, Payload, RobotInView, Scene, SceneSummary, SceneWarning, keys};
 use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore, Subscription};
 use tokio::sync::Notify;
 use tokio::sync::futures::Notified;
 
-use crate::cameras::pace::Pace;
+use crate::cameras::pace::{Pace, Shown};
 use crate::config::PerceptionConfig;
 use crate::newest_scenes::{KeptScene, NewestScenes};
 use crate::robots::states::RobotStates;
@@ -46,6 +47,9 @@ pub enum FrameOrigin {
 struct CellRobots {
     states: RobotStates,
     waiting: Option<Subscription>,
+    /// Since when they are listened to, and when one was read last.
+    since: Option<Instant>,
+    heard: Option<Instant>,
 }
 
 impl CellRobots {
@@ -54,7 +58,10 @@ impl CellRobots {
         while let Some(sample) = self.waiting.as_mut().and_then(Subscription::try_recv) {
             let Some(robot) = keys::worker_of(&sample.key) else { continue };
             match sample.payload.decode_json::<RobotState>() {
-                Ok(state) => self.states.put(robot, state),
+                Ok(state) => {
+                    self.states.put(robot, state);
+                    self.heard = Some(Instant::now());
+                }
                 Err(error) => tracing::debug!(robot, %error, "a robot's state could not be read"),
             }
         }
@@ -98,7 +105,12 @@ impl Worker {
             scenes: SceneStore::new(config.scenes_kept, config.scenes_kept_bytes, |scene| scene.payload.bytes.len()),
             unasked: Mutex::new(Unasked::new(Duration::from_millis(config.unasked_kept_ms), config.scenes_kept)),
             newest: Mutex::new(NewestScenes::new(config.newest_limits())),
-            robots: Arc::new(Mutex::new(CellRobots { states: RobotStates::new(config.frame_may_wait()), waiting: None })),
+            robots: Arc::new(Mutex::new(CellRobots {
+                states: RobotStates::new(config.frame_may_wait()),
+                waiting: None,
+                since: None,
+                heard: None,
+            })),
             first_frame: OnceLock::new(),
             robots_wait: Duration::from_millis(config.robots_wait_ms),
             pace: Mutex::new(Pace::new(config.pace())),
@@ -122,29 +134,65 @@ impl Worker {
 
     /// Frames that say nothing of robots are taken to show those of the cell where these states say that they are.
     pub fn follow_robots(&self, states: Subscription) {
-        self.robots().waiting = Some(states);
+        let mut robots = self.robots();
+        (robots.waiting, robots.since) = (Some(states), Some(Instant::now()));
     }
 
-    /// Waits for the first word of a robot, `[perception] robots_wait_ms` after the first frame at most. Frames and states come on ways of
-    /// their own: before the states do, the arm would be taken for objects.
+    /// States are not listened to any more; those that came stay known.
+    pub fn leave_robots(&self) {
+        let mut robots = self.robots();
+        robots.read();
+        (robots.waiting, robots.since) = (None, None);
+    }
+
+    /// Whether the robots' states are listened to.
+    pub fn follows_robots(&self) -> bool {
+        self.robots().waiting.is_some()
+    }
+
+    /// Waits for a word of a robot since its states are listened to, `[perception] robots_wait_ms` at most: frames and states come on ways of their own, and
+    /// before the states do, the arm would be taken for objects. Where no robot told anything yet, the cell may have none, and the cell's first frame
+    /// alone waits.
     pub async fn robots_heard(&self) {
         const LOOK: Duration = Duration::from_millis(10);
-        let until = *self.first_frame.get_or_init(Instant::now) + self.robots_wait;
-        while Instant::now() < until {
-            {
+        let begun = Instant::now();
+        let first_frame = *self.first_frame.get_or_init(|| begun);
+        loop {
+            let since = {
                 let mut robots = self.robots();
                 robots.read();
-                if !robots.states.is_empty() {
+                if robots.since.is_some() && robots.heard >= robots.since {
                     return;
                 }
+                if robots.states.is_empty() { first_frame } else { robots.since.unwrap_or(begun) }
+            };
+            if since.elapsed() >= self.robots_wait {
+                return;
             }
             tokio::time::sleep(LOOK).await;
         }
     }
 
+    /// What each camera has shown, for the load.
+    pub fn cameras(&self) -> Vec<CameraLoad> {
+        let (pace, newest) = (self.pace(), self.newest());
+        let age_ms = |at: Instant| at.elapsed().as_millis() as u64;
+        let told = |shown: Shown<'_>| CameraLoad {
+            camera: shown.camera.to_owned(),
+            frames: shown.frames,
+            frame_age_ms: age_ms(shown.came_at),
+            newest: shown.scene.zip(newest.of(shown.camera)).map(|((made, lag_ms), summary)| NewestSceneLoad {
+                scene_id: summary.scene_id.clone(),
+                objects: summary.objects.len(),
+                age_ms: age_ms(made),
+                lag_ms,
+            }),
+        };
+        pace.shown().map(told).collect()
+    }
+
     fn robots(&self) -> MutexGuard<'_, CellRobots> {
-        // Every change leaves it whole, so a panic elsewhere under the lock does not spoil it.
-        self.robots.lock().unwrap_or_else(PoisonError::into_inner)
+        locked(&self.robots)
     }
 
     /// The scene of that id, which stays longer from now on.
@@ -243,6 +291,11 @@ impl Worker {
     }
 }
 
+fn locked(robots: &Mutex<CellRobots>) -> MutexGuard<'_, CellRobots> {
+    // Every change leaves it whole, so a panic elsewhere under the lock does not spoil it.
+    robots.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// Decodes, segments, encodes and names a scene.
 fn scene_of(
     frame: &Payload,
@@ -255,7 +308,7 @@ fn scene_of(
     let mut frame = timed(&mut times.decode_ms, || Frame::from_bulk(&frame.decode_bulk(Frame::SCHEMA)?))?;
     let mut warnings = Vec::new();
     if frame.robots.is_empty() {
-        (frame.robots, warnings) = robots.lock().unwrap_or_else(PoisonError::into_inner).at(frame.stamp_ns, origin);
+        (frame.robots, warnings) = locked(robots).at(frame.stamp_ns, origin);
     }
     context.check()?;
     let mut scene = timed(&mut times.segment_ms, || segment(&frame, settings).map_err(CallError::from))?;

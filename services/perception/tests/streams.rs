@@ -166,6 +166,46 @@ async fn while_nobody_asks_few_frames_become_scenes_and_who_asks_gets_that_of_th
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn the_last_frame_of_a_stream_and_one_after_a_pause_become_scenes_though_nobody_asks() {
+    let idle = PerceptionConfig { idle_period_ms: 3_600_000, asked_for_ms: 1, ..config() };
+    let following = Following::start_as(idle, &["front"], &["front"]).await;
+    for stamp_ns in 2..=4 {
+        following.put("front", encoded(&frame("front", stamp_ns))).await;
+    }
+    // The last of a stream.
+    following.until(|_| following.newest("front") == Some(4)).await;
+    tokio::time::sleep(Duration::from_millis(1100)).await;
+    // After a pause, with another that follows it soon.
+    let unasked = following.counts().unasked.load(Ordering::SeqCst);
+    following.put("front", encoded(&frame("front", 5))).await;
+    following.until(|_| following.newest("front") == Some(5)).await;
+    assert_eq!(following.counts().unasked.load(Ordering::SeqCst), unasked);
+    let told = following.worker.cameras();
+    assert!(told.len() == 1 && told[0].camera == "front" && told[0].newest.is_some(), "{told:?}");
+    following.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn robots_are_listened_to_only_while_their_states_are_needed() {
+    let idle = PerceptionConfig { idle_period_ms: 3_600_000, asked_for_ms: 300, robots_wait_ms: 1, ..config() };
+    let following = Following::start_as(idle, &["front"], &["front"]).await;
+    let until = async |follows: bool| {
+        let mut stamp_ns = 100;
+        while following.worker.follows_robots() != follows {
+            stamp_ns += 1;
+            following.put("front", encoded(&frame("front", stamp_ns))).await;
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    };
+    let within = Duration::from_secs(20);
+    tokio::time::timeout(within, until(false)).await.expect("nobody asks");
+    following.worker.latest("front").await.expect("a scene");
+    tokio::time::timeout(within, until(true)).await.expect("somebody asks");
+    tokio::time::timeout(within, until(false)).await.expect("nobody asks any more");
+    following.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn with_several_threads_a_cameras_scenes_are_published_in_the_order_of_its_frames() {
     let threads = PerceptionConfig { threads: 3, ..config() };
     let mut following = Following::start_as(threads, &["front"], &["front"]).await;

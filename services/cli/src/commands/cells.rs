@@ -24,7 +24,7 @@ pub struct CellsArgs {
     pub system: SystemArgs,
 }
 
-/// How long cameras and robots are listened for: a camera may have a scene every second only.
+/// How long cameras and robots are listened for: workers tell of cameras several times a second, those of earlier releases by a scene a second.
 const WITHIN: Duration = Duration::from_millis(1500);
 
 /// What there is in a cell.

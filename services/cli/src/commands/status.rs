@@ -6,13 +6,13 @@ use std::time::Duration;
 
 use clap::Args;
 use repose_evaluation::report::text::table;
+use repose_proto::Service;
 use repose_proto::load::WorkerLoad;
 use repose_proto::robot::RobotState;
-use repose_proto::{SceneSummary, Service};
 use repose_runtime::{Session, Shutdown};
 use serde_json::{Value, json};
 
-use crate::cell_survey::{CellListener, CellSurvey, Received, listed};
+use crate::cell_survey::{CameraHeard, CellListener, CellSurvey, Received, listed};
 use crate::client::{self, SystemArgs};
 use crate::clocks::{Clock, Source, wrong_with};
 use crate::failure::CommandResult;
@@ -112,10 +112,13 @@ impl Status<'_> {
                 "lag_ms": load.as_ref().and_then(|l| l.lag_ms), "load": load.as_ref().map(|l| &l.newest),
             })
         };
-        let camera = |(name, scene): (&String, &Received<SceneSummary>)| {
+        let camera = |(name, camera): (&String, &CameraHeard)| {
+            let newest = camera.newest();
             json!({
-                "camera": name, "scene_id": scene.newest.scene_id, "objects": scene.newest.objects.len(),
-                "scenes_per_s": scene.count as f64 / self.seconds, "age_ms": scene.at.elapsed().as_millis() as u64, "lag_ms": scene.lag_ms,
+                "camera": name, "frames_per_s": camera.frames_per_s(), "silent_ms": camera.silent().map(|silent| silent.as_millis() as u64),
+                "scene_id": newest.map(|newest| newest.0), "objects": newest.map(|newest| newest.1),
+                "scenes_per_s": camera.scenes_per_s(self.seconds), "age_ms": newest.map(|newest| newest.2.as_millis() as u64),
+                "lag_ms": camera.lag_ms(),
             })
         };
         let robot = |(name, state): (&String, &Received<RobotState>)| json!({"robot": name, "states_per_s": state.count as f64 / self.seconds, "age_ms": state.at.elapsed().as_millis() as u64, "lag_ms": state.lag_ms, "state": state.newest});
@@ -137,8 +140,12 @@ impl Status<'_> {
             text += &format!("\n{}", self.workers());
         }
         for (name, camera) in &self.heard.cameras {
-            let (objects, rate) = (camera.newest.objects.len(), camera.count as f64 / self.seconds);
-            text += &format!("\ncamera {name}: {rate:.1} scenes/s, newest has {objects} objects, {}", ago(camera.at.elapsed()));
+            let frames = camera.frames_per_s().map_or_else(String::new, |rate| format!("{rate:.1} frames/s, "));
+            let newest = match camera.newest() {
+                Some((_, objects, age)) => format!("newest has {objects} objects, {}", ago(age)),
+                None => "none was made yet".to_owned(),
+            };
+            text += &format!("\ncamera {name}: {frames}{:.1} scenes/s, {newest}", camera.scenes_per_s(self.seconds));
         }
         for (name, robot) in &self.heard.robots {
             let rate = robot.count as f64 / self.seconds;
@@ -218,10 +225,10 @@ impl Status<'_> {
             return vec![format!("nothing of the cell {} is seen: either nothing runs there, or this user is not of that cell", self.cell)];
         }
         if heard.cameras.is_empty() {
-            wrong.push("no camera had a new scene while this was listened to".to_owned());
+            wrong.push("no camera showed anything while this was listened to".to_owned());
         }
-        let still = heard.cameras.iter().filter(|(_, camera)| camera.at.elapsed() > STALE);
-        wrong.extend(still.map(|(name, camera)| format!("camera {name} had its newest scene {}", ago(camera.at.elapsed()))));
+        let silent = heard.cameras.iter().filter_map(|(name, camera)| Some((name, camera.silent().filter(|silent| *silent > STALE)?)));
+        wrong.extend(silent.map(|(name, silent)| format!("camera {name} showed something {}", ago(silent))));
         for (name, robot) in &heard.robots {
             if let Some(stop) = &robot.newest.stop {
                 wrong.push(format!(
@@ -242,7 +249,7 @@ impl Status<'_> {
         let heard = self.heard;
         let clock = |of, lag_ms: Option<f64>| lag_ms.map(|lag_ms| Clock { of, lag_ms });
         let robots = heard.robots.iter().map(|(name, robot)| clock(Source::Robot(name.clone()), robot.lag_ms));
-        let cameras = heard.cameras.iter().map(|(name, camera)| clock(Source::Camera(name.clone()), camera.lag_ms));
+        let cameras = heard.cameras.iter().map(|(name, camera)| clock(Source::Camera(name.clone()), camera.lag_ms()));
         let workers = heard.workers.iter().map(|((service, worker), load)| {
             clock(Source::Worker(format!("{service} {worker}")), load.as_ref().and_then(|load| load.lag_ms))
         });

@@ -1,15 +1,21 @@
 //! How often each camera's newest frame becomes a scene: every time while somebody asks for its scenes, seldom while nobody does.
 //!
 //! A scene costs milliseconds of a core and megabytes, and a cell stands idle for most of its day. Who asks for a camera's newest scene after a
-//! pause waits until the newest frame has become one, so that what is asked for is never older than it would have been.
+//! pause waits until the newest frame has become one, so that what is asked for is never older than it would have been. Only streams are thinned:
+//! a frame that comes after a pause, or that none follows, becomes a scene whether or not anybody asks.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
+/// A camera that shows nothing for so long pauses: streams have several frames a second.
+pub const PAUSE: Duration = Duration::from_secs(1);
+/// How long before a frame's turn the robots' states are listened to: the frame that is taken then came meanwhile.
+const ROBOTS_LEAD: Duration = Duration::from_millis(500);
+
 /// When frames are due.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PaceSettings {
-    /// Least time from one scene of a camera to its next while nobody asks; zero takes every frame.
+    /// Least time from one scene of a stream to its next while nobody asks; zero takes every frame.
     pub idle_period: Duration,
     /// How long a camera's scenes count as asked for.
     pub asked_for: Duration,
@@ -23,9 +29,29 @@ struct Paced {
     touched: Instant,
     taken: Option<Instant>,
     asked: Option<Instant>,
+    came_at: Option<Instant>,
+    /// Whether its newest frame came after a pause.
+    resumed: bool,
     /// Number of the newest frame that came, and of the newest that is done, whatever became of it.
     came: u64,
     done: u64,
+    /// When its newest scene was made.
+    made: Option<Instant>,
+    /// From that scene's stamp to when its frame came, by this host's clock, milliseconds.
+    lag_ms: f64,
+}
+
+/// What a camera has shown.
+#[derive(Debug, Clone, Copy)]
+pub struct Shown<'a> {
+    /// The camera.
+    pub camera: &'a str,
+    /// Frames that came.
+    pub frames: u64,
+    /// When the newest did.
+    pub came_at: Instant,
+    /// When its newest scene was made, and from that scene's stamp to when its frame came, by this host's clock, milliseconds.
+    pub scene: Option<(Instant, f64)>,
 }
 
 /// The pace of each camera.
@@ -44,6 +70,8 @@ impl Pace {
     /// A frame came. Returns its number among its camera's.
     pub fn came(&mut self, camera: &str, now: Instant) -> u64 {
         let known = self.camera(camera, now);
+        known.resumed = known.came_at.is_none_or(|before| now.duration_since(before) >= PAUSE);
+        known.came_at = Some(now);
         known.came += 1;
         known.came
     }
@@ -76,17 +104,56 @@ impl Pace {
 
     /// Whether nobody asks for a camera's scenes.
     pub fn is_idle(&self, camera: &str, now: Instant) -> bool {
-        let asked = self.of_cameras.get(camera).and_then(|known| known.asked);
-        asked.is_none_or(|asked| now.duration_since(asked) >= self.settings.asked_for)
+        self.of_cameras.get(camera).is_none_or(|known| self.settings.is_idle(known, now))
     }
 
-    /// When a camera's next frame may be taken.
+    /// When a camera's newest frame may be taken.
     pub fn due(&self, camera: &str, now: Instant) -> Instant {
-        let taken = self.of_cameras.get(camera).and_then(|known| known.taken);
-        match taken {
-            Some(taken) if self.is_idle(camera, now) => taken + self.settings.idle_period,
+        let Some(known) = self.of_cameras.get(camera).filter(|known| self.settings.is_idle(known, now)) else { return now };
+        match (known.taken, known.came_at) {
+            (Some(taken), Some(came_at)) if !known.resumed => (taken + self.settings.idle_period).min(came_at + PAUSE),
             _ => now,
         }
+    }
+
+    /// Whether the robots' states are needed now, for the scenes that are asked for or that soon will be made; and when that changes, if only time
+    /// passes.
+    pub fn wants_robots(&self, now: Instant) -> (bool, Option<Instant>) {
+        let mut next: Option<Instant> = None;
+        let mut sooner = |at: Instant| next = Some(next.map_or(at, |next| next.min(at)));
+        // Before any frame has come the next one is a first.
+        let mut wants = self.of_cameras.is_empty();
+        for known in self.of_cameras.values() {
+            let from = match known.taken {
+                _ if known.came > known.done && known.resumed => now,
+                Some(taken) if self.settings.is_idle(known, now) => taken + self.settings.idle_period.saturating_sub(ROBOTS_LEAD),
+                _ => now,
+            };
+            // A camera that shows nothing has no turn.
+            let shows = known.came_at.is_some_and(|came_at| now.duration_since(came_at) < PAUSE + ROBOTS_LEAD);
+            if from <= now && (shows || !self.settings.is_idle(known, now)) {
+                wants = true;
+                sooner(now + ROBOTS_LEAD);
+            } else if from > now {
+                sooner(from);
+            }
+        }
+        (wants, next)
+    }
+
+    /// A scene was made of a camera's frame, which came so long after its stamp by this host's clock.
+    pub fn made(&mut self, camera: &str, now: Instant, lag_ms: f64) {
+        if let Some(known) = self.of_cameras.get_mut(camera) {
+            (known.made, known.lag_ms) = (Some(now), lag_ms);
+        }
+    }
+
+    /// What each camera has shown, by name.
+    pub fn shown(&self) -> impl Iterator<Item = Shown<'_>> {
+        self.of_cameras.iter().filter_map(|(camera, known)| {
+            let scene = known.made.map(|made| (made, known.lag_ms));
+            Some(Shown { camera, frames: known.came, came_at: known.came_at?, scene })
+        })
     }
 
     fn camera(&mut self, camera: &str, now: Instant) -> &mut Paced {
@@ -94,9 +161,17 @@ impl Pace {
             let silent = self.of_cameras.iter().min_by_key(|(_, known)| known.touched).map(|(name, _)| name.clone());
             silent.and_then(|name| self.of_cameras.remove(&name));
         }
-        let known = self.of_cameras.entry(camera.to_owned()).or_insert(Paced { touched: now, taken: None, asked: None, came: 0, done: 0 });
+        let unknown =
+            Paced { touched: now, taken: None, asked: None, came_at: None, resumed: false, came: 0, done: 0, made: None, lag_ms: 0.0 };
+        let known = self.of_cameras.entry(camera.to_owned()).or_insert(unknown);
         known.touched = now;
         known
+    }
+}
+
+impl PaceSettings {
+    fn is_idle(&self, known: &Paced, now: Instant) -> bool {
+        known.asked.is_none_or(|asked| now.duration_since(asked) >= self.asked_for)
     }
 }
 
@@ -106,21 +181,63 @@ mod tests {
 
     fn pace() -> (Pace, impl Fn(u64) -> Instant) {
         let start = Instant::now();
-        let settings = PaceSettings { idle_period: Duration::from_secs(1), asked_for: Duration::from_secs(10), cameras: 2 };
+        let settings = PaceSettings { idle_period: Duration::from_secs(5), asked_for: Duration::from_secs(10), cameras: 2 };
         (Pace::new(settings), move |ms| start + Duration::from_millis(ms))
     }
 
     #[test]
-    fn frames_that_nobody_asks_for_are_taken_seldom_and_the_first_at_once() {
+    fn frames_of_a_stream_that_nobody_asks_for_are_taken_seldom_and_the_first_at_once() {
         let (mut pace, at) = pace();
+        pace.came("front", at(0));
         assert_eq!(pace.due("front", at(0)), at(0));
+        pace.taken("front", at(0));
+        for ms in [200, 400, 4900] {
+            pace.came("front", at(ms - 100));
+            pace.came("front", at(ms));
+            assert!(pace.due("front", at(ms)) > at(ms), "{ms}");
+        }
+        assert_eq!(pace.due("front", at(4900)), at(5000));
+        pace.asked("front", at(4910));
+        assert_eq!(pace.due("front", at(4920)), at(4920));
+        pace.taken("front", at(14_900));
+        pace.came("front", at(14_950));
+        pace.came("front", at(15_000));
+        assert_eq!(pace.due("front", at(15_000)), at(16_000), "ten seconds after it was asked for, unless another follows");
+    }
+
+    #[test]
+    fn a_frame_after_a_pause_and_the_last_of_a_stream_are_scenes_whoever_asks() {
+        let (mut pace, at) = pace();
         pace.came("front", at(0));
         pace.taken("front", at(0));
-        assert_eq!(pace.due("front", at(200)), at(1000));
-        pace.asked("front", at(300));
-        assert_eq!(pace.due("front", at(400)), at(400));
-        pace.taken("front", at(10_299));
-        assert_eq!(pace.due("front", at(10_300)), at(11_299), "ten seconds after it was asked for");
+        pace.came("front", at(300));
+        assert_eq!(pace.due("front", at(300)), at(1300), "a second after the last");
+        pace.taken("front", at(1300));
+        pace.came("front", at(2500));
+        assert_eq!(pace.due("front", at(2500)), at(2500), "at once after a pause");
+    }
+
+    #[test]
+    fn robots_are_listened_to_while_somebody_asks_and_before_a_turn() {
+        let (mut pace, at) = pace();
+        assert_eq!(pace.wants_robots(at(0)), (true, None), "the first frame may come");
+        let stream = |pace: &mut Pace, from: u64, to: u64| {
+            for ms in (from..to).step_by(100) {
+                pace.came("front", at(ms));
+            }
+        };
+        stream(&mut pace, 0, 100);
+        assert!(pace.wants_robots(at(50)).0, "nothing was taken yet");
+        pace.taken("front", at(60));
+        pace.done("front", 1);
+        stream(&mut pace, 100, 3000);
+        assert_eq!(pace.wants_robots(at(3000)), (false, Some(at(4560))));
+        stream(&mut pace, 3000, 4600);
+        assert!(pace.wants_robots(at(4560)).0, "half a second before its turn");
+        pace.taken("front", at(5060));
+        assert!(!pace.wants_robots(at(5060)).0);
+        pace.asked("front", at(5070));
+        assert!(pace.wants_robots(at(5070)).0);
     }
 
     #[test]

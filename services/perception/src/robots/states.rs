@@ -12,6 +12,9 @@ const APART_NS: u64 = 5_000_000;
 const MAX_STATES: usize = 4096;
 /// Robots of a cell that are followed.
 const MAX_ROBOTS: usize = 16;
+/// Two states this near to each other say that a robot stood there between them, radians and metres.
+const STILL_RAD: f64 = 0.01;
+const STILL_M: f64 = 0.002;
 /// A state says where a robot was for this long before and after it, nanoseconds: an arm that is stopped meanwhile is 10 cm off at most.
 const HOLDS_NS: u64 = 100_000_000;
 
@@ -40,8 +43,8 @@ impl RobotStates {
             return;
         }
         states.push_back(state);
-        // By the distance, not the order: a robot's clock may have been set back.
-        while states.len() > MAX_STATES || states.front().is_some_and(|oldest| oldest.stamp_ns.abs_diff(stamp_ns) > self.kept_ns) {
+        // By the distance, not the order: a robot's clock may have been set back. One from before stays: it may have been the last word for a while.
+        while states.len() > MAX_STATES || states.get(1).is_some_and(|older| older.stamp_ns.abs_diff(stamp_ns) > self.kept_ns) {
             states.pop_front();
         }
     }
@@ -56,8 +59,8 @@ impl RobotStates {
         self.by_robot.iter().filter_map(|(name, states)| in_view(name, states, stamp_ns)).collect()
     }
 
-    /// All robots at an instant: one that told nothing near it is taken to stand where it told last (or first) that it stood, which is said. An arm
-    /// whose driver has died is still there.
+    /// All robots at an instant: one that told nothing near it is taken to stand where it told last (or first) that it stood, which is said unless it
+    /// told before and after that it stands there. An arm whose driver has died is still there.
     pub fn at_or_nearest(&self, stamp_ns: u64) -> (Vec<RobotInView>, Vec<SceneWarning>) {
         let (mut robots, mut warnings) = (Vec::new(), Vec::new());
         for (name, states) in &self.by_robot {
@@ -67,6 +70,10 @@ impl RobotStates {
             }
             let Some(nearest) = states.iter().min_by_key(|state| state.stamp_ns.abs_diff(stamp_ns)) else { continue };
             let Some(robot) = standing(name, nearest, nearest.q_rad, nearest.gripper_width_m) else { continue };
+            if stood(states, stamp_ns) {
+                robots.push(robot);
+                continue;
+            }
             let apart_s = nearest.stamp_ns.abs_diff(stamp_ns) as f64 * 1e-9;
             let side = if nearest.stamp_ns < stamp_ns { "before" } else { "after" };
             let message = format!(
@@ -78,6 +85,16 @@ impl RobotStates {
         }
         (robots, warnings)
     }
+}
+
+/// Whether a robot stood where the states before and after an instant have it.
+fn stood(states: &VecDeque<RobotState>, stamp_ns: u64) -> bool {
+    let before = states.iter().filter(|state| state.stamp_ns <= stamp_ns).max_by_key(|state| state.stamp_ns);
+    let after = states.iter().filter(|state| state.stamp_ns > stamp_ns).min_by_key(|state| state.stamp_ns);
+    before.zip(after).is_some_and(|(a, b)| {
+        let joints = a.q_rad.iter().zip(&b.q_rad).all(|(a, b)| (a - b).abs() < STILL_RAD);
+        joints && (a.gripper_width_m - b.gripper_width_m).abs() < STILL_M && a.gripper_holding == b.gripper_holding
+    })
 }
 
 /// A robot at an instant: between the states before and after it, or as the only near one says that it moved.
@@ -165,6 +182,17 @@ mod tests {
     }
 
     #[test]
+    fn a_robot_that_stands_where_it_stood_before_and_after_a_picture_stood_there_in_it() {
+        let mut states = RobotStates::new(Duration::from_secs(11));
+        for (stamp_ns, first_rad) in [(10_000_000_000, 0.1), (19_000_000_000, 0.1), (28_000_000_000, 0.5)] {
+            states.put("left", state(stamp_ns, first_rad, Some(RigidTransform::IDENTITY)));
+        }
+        let (robots, warnings) = states.at_or_nearest(18_500_000_000);
+        assert!(warnings.is_empty() && (robots[0].joints_rad[0] - 0.1).abs() < 1e-9, "{robots:?} {warnings:?}");
+        assert_eq!(states.at_or_nearest(25_000_000_000).1.len(), 1, "it moved meanwhile");
+    }
+
+    #[test]
     fn states_are_kept_for_as_long_as_a_frame_may_wait_however_many_a_robot_tells() {
         let mut states = RobotStates::new(Duration::from_secs(1));
         for ms in 0..3000 {
@@ -176,9 +204,9 @@ mod tests {
         }
         assert!(states.at(2_000_000_000).is_empty());
         let kept = states.by_robot["left"].len();
-        assert!(kept <= 221, "{kept}");
+        assert!(kept <= 222, "{kept}");
         // A clock that was set back.
         states.put("left", state(5, 0.5, Some(RigidTransform::IDENTITY)));
-        assert_eq!((states.at(0).len(), states.by_robot["left"].len()), (1, 1));
+        assert_eq!((states.at(0).len(), states.by_robot["left"].len()), (1, 2));
     }
 }

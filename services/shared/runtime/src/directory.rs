@@ -228,17 +228,23 @@ impl Directory {
         self.shared.state().workers.get(worker).is_none_or(|e| e.heard.elapsed() >= self.shared.suspect_after)
     }
 
-    /// Whether a worker tells its load within a while from now: it lives.
+    /// Whether a worker tells its load within a while from now: it lives. At once that it does not where its token is gone.
     pub async fn hears_anew(&self, worker: &str, within: Duration) -> bool {
-        const LOOK: Duration = Duration::from_millis(10);
         let asked = Instant::now();
-        while asked.elapsed() < within {
-            tokio::time::sleep(LOOK).await;
-            if self.shared.state().workers.get(worker).is_some_and(|e| e.heard > asked) {
-                return true;
+        let heard = async {
+            loop {
+                let mut changed = std::pin::pin!(self.changed());
+                changed.as_mut().enable();
+                match self.shared.state().workers.get(worker) {
+                    Some(known) if known.heard > asked => return true,
+                    Some(known) if known.alive => {}
+                    // Its token is gone, and it with that.
+                    _ => return false,
+                }
+                changed.await;
             }
-        }
-        false
+        };
+        tokio::time::timeout(within, heard).await.unwrap_or(false)
     }
 
     /// How long a call should take on a worker by what it reports of itself; none before it has served one.
