@@ -11,6 +11,7 @@ use repose_belief::plane::SupportPlane;
 use repose_geometry::cloud::voxel_downsampled;
 use serde::Serialize;
 
+use crate::collision::neighbouring;
 use crate::obstacles::Obstacles;
 use crate::pick_place::request::PickPlaceRequest;
 use crate::pick_place::settings::PickPlaceSettings;
@@ -50,8 +51,6 @@ pub struct PlanningObstacles<'a> {
 
 /// Further from the shoulder than arm, hand and a held object reach, metres.
 const ARM_REACH_M: f32 = 1.3;
-/// Spacing of the points that stand for hidden parts of other things, metres: the arm's spheres are larger.
-const GUESS_SPACING_M: f32 = 0.008;
 
 /// Makes worlds of a request.
 #[derive(Debug)]
@@ -96,7 +95,7 @@ impl<'a> Worlds<'a> {
         let lifted = |p: &Point3<f32>| p.cast::<f64>() + Vector3::z() * LIFTED_M;
         let possible = held.iter().filter(|p| !others.touches(&lifted(p), settings.held_radius_m)).copied();
         PlanningObstacles {
-            held: possible.collect(),
+            held: neighbouring(possible.collect()),
             query: Obstacles::new(&[object, &held].concat(), &[], &settings.obstacles),
             support_m: f64::from(shape.map_or(lowest_m, |shape| shape.bottom_m)),
             axis: shape.map(|shape| shape.axis),
@@ -107,8 +106,8 @@ impl<'a> Worlds<'a> {
     fn believed_others(&self) -> Obstacles {
         let (scene, query) = (self.request.scene, self.request.query);
         let border_m = self.settings.grasp.gripper.border_m as f32;
-        let others = scene.belief.objects.keys().filter(|id| **id != query);
-        let guessed = others.flat_map(|id| scene.belief.whole(*id, GUESS_SPACING_M, border_m));
+        let wholes = scene.wholes(border_m);
+        let guessed = wholes.iter().filter(|(id, _)| **id != query).flat_map(|(_, whole)| whole.iter().copied());
         let solid_m = |plane: &SupportPlane| if plane.object == 0 { scene.belief.solid_m(plane) } else { None };
         let mut surfaces = scene.surfaces_without(query, solid_m);
         // The edges of furniture lose their borders as those of objects do.

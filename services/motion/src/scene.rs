@@ -1,5 +1,9 @@
 //! What the planner of motions knows of the world: the labelled cloud and its support surfaces, in the world frame.
 
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::sync::OnceLock;
+
 use nalgebra::{Point2, Point3};
 use repose_belief::plane::SupportPlane;
 use repose_belief::{Belief, BeliefSettings, SeenScene, TooWide};
@@ -76,7 +80,12 @@ pub struct PlanningScene {
     pub labels: Vec<u16>,
     /// Whole shapes, what carries what, and which places were seen to be free: the same as the planner of placements believes.
     pub belief: Belief,
+    /// Each object as a whole, made when it is first asked for, with what its border was moved out by (bits of metres).
+    wholes: OnceLock<(u32, BTreeMap<u16, Vec<Point3<f32>>>)>,
 }
+
+/// Spacing of the points that stand for whole objects in the arm's way, metres: the arm's spheres are larger.
+const WHOLE_SPACING_M: f32 = 0.008;
 
 impl PlanningScene {
     /// A scene as it was seen.
@@ -85,7 +94,16 @@ impl PlanningScene {
     /// When its objects are too far apart.
     pub fn of(seen: &SeenScene<'_>) -> Result<Self, TooWide> {
         let belief = Belief::of(seen, &BeliefSettings::default())?;
-        Ok(Self { points: seen.points.iter().map(|p| Point3::from(*p)).collect(), labels: seen.labels.to_vec(), belief })
+        let points = seen.points.iter().map(|p| Point3::from(*p)).collect();
+        Ok(Self { points, labels: seen.labels.to_vec(), belief, wholes: OnceLock::new() })
+    }
+
+    /// Every object as it is believed to be as a whole, 8 mm between points, its border moved out by as much as is missing of it, metres. Kept for all
+    /// requests on the scene, which have the same border.
+    pub fn wholes(&self, border_m: f32) -> Cow<'_, BTreeMap<u16, Vec<Point3<f32>>>> {
+        let made = || self.belief.objects.keys().map(|id| (*id, self.belief.whole(*id, WHOLE_SPACING_M, border_m))).collect();
+        let (border_bits, kept) = self.wholes.get_or_init(|| (border_m.to_bits(), made()));
+        if *border_bits == border_m.to_bits() { Cow::Borrowed(kept) } else { Cow::Owned(made()) }
     }
 
     /// The points of one object, in cloud order; none of an unknown one.

@@ -173,8 +173,9 @@ impl Worker {
         }
     }
 
-    /// What each camera has shown, for the load.
+    /// What each camera has shown, for the load; those long silent are not told of.
     pub fn cameras(&self) -> Vec<CameraLoad> {
+        const TOLD: Duration = Duration::from_secs(600);
         let (pace, newest) = (self.pace(), self.newest());
         let age_ms = |at: Instant| at.elapsed().as_millis() as u64;
         let told = |shown: Shown<'_>| CameraLoad {
@@ -188,7 +189,7 @@ impl Worker {
                 lag_ms,
             }),
         };
-        pace.shown().map(told).collect()
+        pace.shown().filter(|shown| shown.came_at.elapsed() < TOLD).map(told).collect()
     }
 
     fn robots(&self) -> MutexGuard<'_, CellRobots> {

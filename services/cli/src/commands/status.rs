@@ -145,7 +145,11 @@ impl Status<'_> {
                 Some((_, objects, age)) => format!("newest has {objects} objects, {}", ago(age)),
                 None => "none was made yet".to_owned(),
             };
-            text += &format!("\ncamera {name}: {frames}{:.1} scenes/s, {newest}", camera.scenes_per_s(self.seconds));
+            let scenes = match camera.scenes_per_s(self.seconds) {
+                0.0 if camera.frames_per_s().is_some_and(|rate| rate > 0.0) => "nobody asks for its scenes".to_owned(),
+                rate => format!("{rate:.1} scenes/s"),
+            };
+            text += &format!("\ncamera {name}: {frames}{scenes}, {newest}");
         }
         for (name, robot) in &self.heard.robots {
             let rate = robot.count as f64 / self.seconds;
@@ -228,7 +232,7 @@ impl Status<'_> {
             wrong.push("no camera showed anything while this was listened to".to_owned());
         }
         let silent = heard.cameras.iter().filter_map(|(name, camera)| Some((name, camera.silent().filter(|silent| *silent > STALE)?)));
-        wrong.extend(silent.map(|(name, silent)| format!("camera {name} showed something {}", ago(silent))));
+        wrong.extend(silent.map(|(name, silent)| format!("camera {name} has shown nothing for {:.1} s", silent.as_secs_f64())));
         for (name, robot) in &heard.robots {
             if let Some(stop) = &robot.newest.stop {
                 wrong.push(format!(

@@ -9,10 +9,7 @@ use repose_panda::spheres::{FINGER_M, Link};
 use repose_panda::{JOINT_COUNT, SELF_COLLISION_PAIRS, flange_from_hand, hand_from_tcp, kinematics, levers, spheres_in_link};
 
 use super::ArmCollisionSettings;
-use super::held::HeldCloud;
-
-/// Points of a held object that share one ball.
-const HELD_GROUP: usize = 16;
+use super::held::{HELD_GROUP, HeldCloud};
 
 /// A sphere of a group, in the group's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,9 +56,9 @@ impl ArmBody {
         let mut groups = vec![gripper(arm)];
         let link7_from_tcp = link7_from_hand() * hand_from_tcp();
         if let Some(held) = held {
-            let mut points: Vec<Vector3<f64>> =
+            let points: Vec<Vector3<f64>> =
                 held.points_in_tcp.iter().map(|p| (link7_from_tcp * nalgebra::Point3::from(*p)).coords).collect();
-            clusters(&mut points, &mut |cluster| {
+            halved(&points, &mut |cluster| {
                 groups.push(Group::new(7, cluster.iter().map(|p| (*p, held.radius_m, 0.0))));
             });
         }
@@ -133,21 +130,15 @@ fn gripper(arm: &ArmCollisionSettings) -> Group {
     Group::new(7, spheres)
 }
 
-/// Halves the points across their longest extent until few are left together.
-fn clusters(points: &mut [Vector3<f64>], each: &mut impl FnMut(&[Vector3<f64>])) {
-    if points.is_empty() {
-        return;
+/// Halves the points until few are left together: near ones, where they are [`neighbouring`](super::held::neighbouring).
+fn halved<T>(points: &[T], each: &mut impl FnMut(&[T])) {
+    if points.len() > HELD_GROUP {
+        let (first, second) = points.split_at(points.len() / 2);
+        halved(first, each);
+        halved(second, each);
+    } else if !points.is_empty() {
+        each(points);
     }
-    if points.len() <= HELD_GROUP {
-        return each(points);
-    }
-    let low = points.iter().fold(Vector3::repeat(f64::INFINITY), |low, p| low.inf(p));
-    let high = points.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |high, p| high.sup(p));
-    let axis = (high - low).imax();
-    points.sort_by(|a, b| a[axis].total_cmp(&b[axis]));
-    let (first, second) = points.split_at_mut(points.len() / 2);
-    clusters(first, each);
-    clusters(second, each);
 }
 
 #[cfg(test)]
@@ -190,8 +181,8 @@ mod tests {
 
     #[test]
     fn every_point_that_is_held_is_in_one_small_group() {
-        let points: Vec<Vector3<f64>> = (0..100).map(|k| Vector3::new(f64::from(k % 10) * 0.01, f64::from(k / 10) * 0.01, 0.0)).collect();
-        let held = HeldCloud { points_in_tcp: points, radius_m: 0.004 };
+        let points = (0..100).map(|k| nalgebra::Point3::new((k % 10) as f32 * 0.01, (k / 10) as f32 * 0.01, 0.0)).collect();
+        let held = HeldCloud::new(&crate::collision::neighbouring(points), &Isometry3::identity(), 0.004);
         let with = ArmBody::new(&arm(0.003), Some(&held));
         let without = ArmBody::new(&arm(0.003), None);
         let count = |body: &ArmBody| body.groups.iter().map(|g| g.spheres.len()).sum::<usize>();

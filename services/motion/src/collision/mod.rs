@@ -16,7 +16,7 @@ use crate::obstacles::{ObstacleShape, Obstacles};
 use block::{BLOCK, CollisionQuery, CollisionScene, Configurations, Near, ask};
 use body::ArmBody;
 pub use edge::EdgeSettings;
-pub use held::HeldCloud;
+pub use held::{HeldCloud, neighbouring};
 
 /// What is in the way.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]

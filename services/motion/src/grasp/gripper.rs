@@ -317,22 +317,29 @@ fn missing_m(facing: f64, border_m: f64) -> f64 {
 
 /// The points between the planes of the finger pads, sorted along the closing direction.
 fn slab(points: &[Point3<f32>], settings: &GripperSettings) -> Result<Vec<SlabPoint>, Misfit> {
-    let reach = FINGER_OPENING_MAX_M + settings.finger_thickness_m;
-    let palm_m = -(DEPTH_MAX_M + settings.palm_slack_m);
-    let mut slab: Vec<SlabPoint> = Vec::new();
+    let reach = (FINGER_OPENING_MAX_M + settings.finger_thickness_m) as f32;
+    let palm_m = -(DEPTH_MAX_M + settings.palm_slack_m) as f32;
+    let half_m = settings.finger_half_width_m as f32;
+    let [palm_x, palm_y] = PALM_HALF_M.map(|half| half as f32);
+    // Keys of one number each, in the order of `f32::total_cmp` and then of the points, sort faster than what they stand for.
+    let mut keys: Vec<u64> = Vec::new();
     let mut palm_points = 0;
-    for (i, point) in points.iter().enumerate() {
-        let p = point.coords.cast::<f64>();
-        if is_between_pads(&p, settings) && p.y.abs() <= reach {
-            slab.push((p, i));
+    for (i, p) in points.iter().enumerate() {
+        let (x, y) = (p.x.abs(), p.y.abs());
+        // Without branches but the one that is seldom taken: all points of the object are asked at every pose.
+        if (x <= half_m) & (y <= reach) & (p.z >= -FINGER_LENGTH_M as f32) & (p.z <= TIP_BEYOND_TCP_M as f32) {
+            let bits = p.y.to_bits();
+            let ordinal = if bits >> 31 == 0 { bits | 1 << 31 } else { !bits };
+            keys.push(u64::from(ordinal) << 32 | i as u64);
         }
-        palm_points += usize::from(p.z < palm_m && p.z > -0.15 && p.x.abs() < PALM_HALF_M[0] && p.y.abs() < PALM_HALF_M[1]);
+        palm_points += usize::from((p.z < palm_m) & (p.z > -0.15) & (x < palm_x) & (y < palm_y));
     }
     if palm_points > settings.strays {
         return Err(Misfit::PalmBlocked);
     }
-    slab.sort_by(|a, b| a.0.y.total_cmp(&b.0.y).then(a.1.cmp(&b.1)));
-    Ok(slab)
+    keys.sort_unstable();
+    let point = |key: u64| key as u32 as usize;
+    Ok(keys.into_iter().map(|key| (points[point(key)].coords.cast(), point(key))).collect())
 }
 
 /// Whether a place is as far along and across as the fingers are.
@@ -342,13 +349,14 @@ fn is_between_pads(p: &Vector3<f64>, settings: &GripperSettings) -> bool {
 
 /// The share of a finger that is in space that was seen to be free; `y` is its inner face, `side` where its bulk lies.
 fn seen_share(world_from_tcp: &Isometry3<f64>, y: f64, side: f64, view: &ObservedView, settings: &GripperSettings) -> f64 {
+    let (turn, from) = (world_from_tcp.rotation.to_rotation_matrix(), world_from_tcp.translation.vector);
     let mut free = 0;
     let mut asked = 0;
     for z in [-0.022, -0.008, 0.006] {
         for x in [-0.6, 0.6] {
             for share in [0.15, 0.6] {
                 let place = Point3::new(x * settings.finger_half_width_m, y + side * share * settings.finger_thickness_m, z);
-                free += usize::from(view.is_free(&(world_from_tcp * place).cast()));
+                free += usize::from(view.is_free(&(turn * place + from).cast()));
                 asked += 1;
             }
         }

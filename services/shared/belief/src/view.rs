@@ -134,12 +134,18 @@ impl ObservedView {
     pub fn is_free(&self, place: &Point3<f32>) -> bool {
         let in_camera = self.camera_from_world * place.cast::<f64>();
         let Some((u, v)) = self.camera.pixel_of(&in_camera) else { return false };
-        for ring in 0..=RINGS {
+        let lies_behind = |read_m: f32| read_m > in_camera.z as f32 + BEHIND_M;
+        // Most pixels have a reading of their own.
+        let own_m = self.pixels[(u, v)].depth_m;
+        if own_m > 0.0 {
+            return lies_behind(own_m);
+        }
+        for ring in 1..=RINGS {
             let columns = || u.saturating_sub(ring)..=(u + ring).min(self.camera.width - 1);
             let rows = v.saturating_sub(ring)..=(v + ring).min(self.camera.height - 1);
             let read = rows.flat_map(|y| columns().map(move |x| (x, y))).map(|at| self.pixels[at].depth_m).filter(|depth_m| *depth_m > 0.0);
             if let Some(nearest_m) = read.reduce(f32::min) {
-                return nearest_m > in_camera.z as f32 + BEHIND_M;
+                return lies_behind(nearest_m);
             }
         }
         false
@@ -348,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn an_outline_is_hidden_by_what_is_nearer_and_cut_off_by_the_pictures_edge() {
+    fn an_outline_is_hidden_by_what_lies_behind_and_cut_off_by_the_pictures_edge() {
         let scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.15]).object(2, [0.04, 0.14], [0.1, 0.1, 0.1]).scene();
         let view = ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &world_from_camera(), 640);
         let (near, far) = (view.outline_ends(1), view.outline_ends(2));
