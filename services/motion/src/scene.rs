@@ -81,8 +81,11 @@ pub struct PlanningScene {
     /// Whole shapes, what carries what, and which places were seen to be free: the same as the planner of placements believes.
     pub belief: Belief,
     /// Each object as a whole, made when it is first asked for, with what its border was moved out by (bits of metres).
-    wholes: OnceLock<(u32, BTreeMap<u16, Vec<Point3<f32>>>)>,
+    wholes: OnceLock<(u32, Wholes)>,
 }
+
+/// The points that stand for each object as a whole, by its id.
+type Wholes = BTreeMap<u16, Vec<Point3<f32>>>;
 
 /// Spacing of the points that stand for whole objects in the arm's way, metres: the arm's spheres are larger.
 const WHOLE_SPACING_M: f32 = 0.008;
