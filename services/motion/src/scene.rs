@@ -103,7 +103,7 @@ impl PlanningScene {
 
     /// Every object as it is believed to be as a whole, 8 mm between points, its border moved out by as much as is missing of it, metres. Kept for all
     /// requests on the scene, which have the same border.
-    pub fn wholes(&self, border_m: f32) -> Cow<'_, BTreeMap<u16, Vec<Point3<f32>>>> {
+    pub fn wholes(&self, border_m: f32) -> Cow<'_, Wholes> {
         let made = || self.belief.objects.keys().map(|id| (*id, self.belief.whole(*id, WHOLE_SPACING_M, border_m))).collect();
         let (border_bits, kept) = self.wholes.get_or_init(|| (border_m.to_bits(), made()));
         if *border_bits == border_m.to_bits() { Cow::Borrowed(kept) } else { Cow::Owned(made()) }

@@ -186,16 +186,10 @@ impl CameraFollower {
             } else if !wants {
                 self.worker.leave_robots();
             }
-            let time_comes = async {
-                match next {
-                    Some(next) => tokio::time::sleep_until(next.into()).await,
-                    None => std::future::pending().await,
-                }
-            };
             tokio::select! {
                 () = unheard => {}
                 () = paced => {}
-                () = time_comes => {}
+                () = time_comes(next) => {}
             }
         }
     }
@@ -279,16 +273,10 @@ impl CameraFollower {
             if let Some(next) = next {
                 return next;
             }
-            let time_comes = async {
-                match due {
-                    Some(due) => tokio::time::sleep_until(due.into()).await,
-                    None => std::future::pending().await,
-                }
-            };
             tokio::select! {
                 () = arrived => {}
                 () = paced => {}
-                () = time_comes => {}
+                () = time_comes(due) => {}
             }
         }
     }
@@ -374,5 +362,13 @@ impl CameraFollower {
             Arrival::Late => tracing::warn!(camera, stamp_ns, newest_ns, "a frame came after one with a newer stamp and was dropped"),
         }
         arrival
+    }
+}
+
+/// Waits for an instant; without one for ever.
+async fn time_comes(at: Option<Instant>) {
+    match at {
+        Some(at) => tokio::time::sleep_until(at.into()).await,
+        None => std::future::pending().await,
     }
 }

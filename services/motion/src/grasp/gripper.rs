@@ -349,14 +349,13 @@ fn is_between_pads(p: &Vector3<f64>, settings: &GripperSettings) -> bool {
 
 /// The share of a finger that is in space that was seen to be free; `y` is its inner face, `side` where its bulk lies.
 fn seen_share(world_from_tcp: &Isometry3<f64>, y: f64, side: f64, view: &ObservedView, settings: &GripperSettings) -> f64 {
-    let (turn, from) = (world_from_tcp.rotation.to_rotation_matrix(), world_from_tcp.translation.vector);
     let mut free = 0;
     let mut asked = 0;
     for z in [-0.022, -0.008, 0.006] {
         for x in [-0.6, 0.6] {
             for share in [0.15, 0.6] {
                 let place = Point3::new(x * settings.finger_half_width_m, y + side * share * settings.finger_thickness_m, z);
-                free += usize::from(view.is_free(&(turn * place + from).cast()));
+                free += usize::from(view.is_free(&(world_from_tcp * place).cast()));
                 asked += 1;
             }
         }
