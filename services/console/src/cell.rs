@@ -3,7 +3,7 @@
 //! One [`WatchedCell`] serves all its viewers: each frame is encoded once and each scene fetched once, whoever looks. Dropping the last handle to a
 //! cell or to one of its cameras ends the subscriptions.
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
@@ -330,12 +330,10 @@ impl Shared {
         };
         let workers: Vec<WorkerShown> = self.callers.iter().flat_map(of_service).collect();
         let now = Instant::now();
-        let told = workers.iter().flat_map(|worker| &worker.load).flat_map(|load| &load.cameras);
-        let made = |age_ms: u64| now.checked_sub(Duration::from_millis(age_ms)).unwrap_or(now);
-        let told: Vec<(&str, Instant)> = told.filter_map(|c| Some((&*c.camera, made(c.newest.as_ref()?.age_ms)))).collect();
+        let told: Vec<_> = workers.iter().flat_map(|worker| &worker.load).flat_map(|load| &load.cameras).cloned().collect();
         let (cameras, robots, is_new) = {
             let mut known = locked(&self.known);
-            let is_new = told.into_iter().filter(|(camera, at)| known.cameras.told(camera, *at)).count() > 0;
+            let is_new = known.cameras.told(&told, now);
             (known.cameras.shown(now), known.robots.keys().cloned().collect(), is_new)
         };
         if is_new {
@@ -467,28 +465,6 @@ async fn show_scene(cell: &Shared, summary: &SceneSummary, seen: &Seen) {
         // The next one comes soon.
         Err(error) => tracing::debug!(camera = summary.camera, %error, "a scene that cannot be shown"),
     }
-}
-
-/// The cells there are: those with anybody alive. Told to `audience` whenever it changes, until the network closes.
-///
-/// # Errors
-/// When the network refuses.
-pub async fn follow_cells(session: &Session, audience: Arc<Audience>) -> Result<impl Future<Output = ()> + use<>, CallError> {
-    let mut alive = session.watch_lives().await?;
-    Ok(async move {
-        let mut told = None;
-        loop {
-            let cells: BTreeSet<String> =
-                alive.current().iter().filter_map(|key| keys::of_live(key)).map(|(cell, ..)| cell.to_owned()).collect();
-            if told.as_ref() != Some(&cells) {
-                audience.tell(&Topic::Cells, &ServerMessage::Cells { cells: cells.iter().cloned().collect() }.encode());
-                told = Some(cells);
-            }
-            if !alive.changed().await {
-                return;
-            }
-        }
-    })
 }
 
 /// Where a robot's base stands, as its state says; at the world's origin where it does not.

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
+use repose_proto::load::CameraLoad;
+
 use crate::messages::CameraShown;
 
 /// Weight of the newest interval between two scenes in the smoothed one.
@@ -33,11 +35,14 @@ impl SceneArrivals {
         }
     }
 
-    /// A worker tells of a camera whose newest scene it made at an instant; whether the camera is new. While nobody asks for scenes they are seldom.
-    pub fn told(&mut self, camera: &str, at: Instant) -> bool {
-        let is_new = !self.0.contains_key(camera);
-        if is_new {
-            self.saw(camera, at);
+    /// Workers tell of the cameras whose scenes they made; whether one of these is new. While nobody asks for scenes they are seldom, so that a
+    /// camera is known by this alone for a while.
+    pub fn told(&mut self, cameras: &[CameraLoad], now: Instant) -> bool {
+        let mut is_new = false;
+        for (camera, newest) in cameras.iter().filter_map(|load| Some((&load.camera, load.newest.as_ref()?))) {
+            if !self.0.contains_key(camera) {
+                is_new |= self.saw(camera, now.checked_sub(Duration::from_millis(newest.age_ms)).unwrap_or(now));
+            }
         }
         is_new
     }
@@ -62,6 +67,8 @@ impl SceneArrivals {
 
 #[cfg(test)]
 mod tests {
+    use repose_proto::load::NewestSceneLoad;
+
     use super::*;
 
     #[test]
@@ -75,7 +82,11 @@ mod tests {
         assert!((cameras.shown(at(9900))[0].scenes_per_s - 5.0).abs() < 1e-6);
         assert!(cameras.shown(at(19_800))[0].scenes_per_s < 0.11);
         assert!(cameras.shown(at(10_000_000)).is_empty());
-        assert!(cameras.told("side", at(10_000_000)) && !cameras.told("side", at(10_000_500)));
+        let load = |age_ms| {
+            let newest = Some(NewestSceneLoad { scene_id: "scene".to_owned(), objects: 0, age_ms, lag_ms: 0.0 });
+            [CameraLoad { camera: "side".to_owned(), frames: 1, frame_age_ms: 0, newest }]
+        };
+        assert!(cameras.told(&load(0), at(10_000_000)) && !cameras.told(&load(0), at(10_000_500)));
         assert!((cameras.shown(at(10_001_000))[0].age_ms - 1000.0).abs() < 1e-6, "its scene is as old as it was told first");
     }
 }

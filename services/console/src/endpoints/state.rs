@@ -12,7 +12,8 @@ use tokio::sync::{Mutex, OnceCell};
 
 use crate::ConsoleConfig;
 use crate::access::{Access, Role, token_in};
-use crate::cell::{WatchedCell, follow_cells};
+use crate::cell::WatchedCell;
+use crate::cells::follow_cells;
 use crate::viewers::Audience;
 
 /// How long a page that was asked for may take until it looks at its cell: longer, and the cell is let go until it does.

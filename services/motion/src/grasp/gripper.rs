@@ -9,6 +9,7 @@ use std::cell::OnceCell;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use repose_belief::ObservedView;
+use repose_geometry::footprint::ordinal;
 use repose_panda::FINGER_OPENING_MAX_M;
 
 use super::GraspCloud;
@@ -328,9 +329,7 @@ fn slab(points: &[Point3<f32>], settings: &GripperSettings) -> Result<Vec<SlabPo
         let (x, y) = (p.x.abs(), p.y.abs());
         // Without branches but the one that is seldom taken: all points of the object are asked at every pose.
         if (x <= half_m) & (y <= reach) & (p.z >= -FINGER_LENGTH_M as f32) & (p.z <= TIP_BEYOND_TCP_M as f32) {
-            let bits = p.y.to_bits();
-            let ordinal = if bits >> 31 == 0 { bits | 1 << 31 } else { !bits };
-            keys.push(u64::from(ordinal) << 32 | i as u64);
+            keys.push(u64::from(ordinal(p.y)) << 32 | i as u64);
         }
         palm_points += usize::from((p.z < palm_m) & (p.z > -0.15) & (x < palm_x) & (y < palm_y));
     }

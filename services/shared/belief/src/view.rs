@@ -135,12 +135,7 @@ impl ObservedView {
         let in_camera = self.camera_from_world * place.cast::<f64>();
         let Some((u, v)) = self.camera.pixel_of(&in_camera) else { return false };
         let lies_behind = |read_m: f32| read_m > in_camera.z as f32 + BEHIND_M;
-        // Most pixels have a reading of their own.
-        let own_m = self.pixels[(u, v)].depth_m;
-        if own_m > 0.0 {
-            return lies_behind(own_m);
-        }
-        for ring in 1..=RINGS {
+        for ring in 0..=RINGS {
             let columns = || u.saturating_sub(ring)..=(u + ring).min(self.camera.width - 1);
             let rows = v.saturating_sub(ring)..=(v + ring).min(self.camera.height - 1);
             let read = rows.flat_map(|y| columns().map(move |x| (x, y))).map(|at| self.pixels[at].depth_m).filter(|depth_m| *depth_m > 0.0);

@@ -107,7 +107,7 @@ fn drop_inner(xy: &mut Vec<Point2<f32>>) {
 
 /// A number whose order is that of [`f32::total_cmp`].
 #[inline]
-fn ordinal(x: f32) -> u32 {
+pub fn ordinal(x: f32) -> u32 {
     let bits = x.to_bits();
     if bits >> 31 == 0 { bits | 1 << 31 } else { !bits }
 }
