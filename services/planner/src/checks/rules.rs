@@ -18,7 +18,8 @@ use crate::checks::prisms::PlacedPrisms;
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::settings::RuleSettings;
-use repose_belief::shape::Shape;
+use repose_belief::outlines::to_outline_m;
+use repose_belief::shape::{Shape, Slab};
 
 /// One of the two objects of a relation, as far as the rules need it.
 #[derive(Debug, Clone)]
@@ -123,6 +124,20 @@ impl Rules {
         self.terms.iter().map(check).collect()
     }
 
+    /// How far a candidate is from being over an anchor, metres; 0 where the middle of one is within the outline of the other, seen from above.
+    ///
+    /// The rule of `above` opens by 45°: what stands on a high box 20 cm beside the anchor is above it by the rule, and nobody would say so.
+    pub fn aside_m(&self, candidate: &CandidatePose, anchor: u16) -> f64 {
+        let Some(RuleObject { shape: anchor, .. }) = self.anchors.get(&anchor) else { return f64::INFINITY };
+        let (query, observed) = (&self.query.shape, self.query.shape.centroid.xy().cast::<f32>());
+        let carried = candidate.carrying();
+        let middle = carried.place(&query.axis_offset());
+        let of_anchor = anchor.slabs.iter().map(|slab| to_outline_m(&middle, slab.outline.corners()));
+        let placed = |slab: &Slab| slab.outline.corners().iter().map(|c| carried.place(&(c - observed))).collect::<Vec<_>>();
+        let of_query = query.slabs.iter().map(|slab| to_outline_m(&anchor.axis, &placed(slab)));
+        f64::from(of_anchor.chain(of_query).fold(f32::INFINITY, f32::min))
+    }
+
     /// Whether every term holds of the object where it was observed.
     pub fn hold_as_observed(&self) -> bool {
         self.checks(&CandidatePose::new(&self.query.shape.centroid, 0.0)).iter().all(|check| check.holds)
@@ -206,6 +221,19 @@ mod tests {
         let anchor = &rules.anchor(1).unwrap().extents;
         let [x, y] = [anchor.center.x as f32, anchor.center.y as f32];
         assert_eq!(holding(x, y, 0.102), [Above, Near, Touching, Centered]);
+    }
+
+    #[test]
+    fn what_is_above_by_the_rule_may_be_beside_its_anchor() {
+        let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.06]).prepared();
+        let fixed = Fixed::default();
+        let query = QueryObject::new(&prepared, 2, 0.0, &fixed).unwrap();
+        let goal = ["above:1".parse().unwrap()];
+        let rules = Rules::new(&prepared, 2, &goal, &ViewerFrame::from_yaw(0.0), &fixed.rules).unwrap();
+        let [over, aside] = [[0.03, 0.32], [0.15, 0.32]].map(|[x, bottom_m]| standing_at(&query, x, 0.0, bottom_m));
+        assert!([over, aside].iter().all(|at| rules.checks(at)[0].holds), "both by the rule");
+        assert_eq!(rules.aside_m(&over, 1), 0.0);
+        assert!((rules.aside_m(&aside, 1) - 0.1).abs() < 0.02, "{}", rules.aside_m(&aside, 1));
     }
 
     #[test]

@@ -22,7 +22,7 @@ pub enum GoalBy {
     Learned,
     /// The rules on completed shapes, by a margin.
     Rule,
-    /// The rules decide; the predictor's probabilities rank.
+    /// The rules decide, and what is to be above its anchor must also be over it; the predictor's probabilities rank.
     RuleRankedByLearned,
 }
 
