@@ -43,6 +43,9 @@ pub struct CarryWatch {
     phase: Phase,
     /// The object's pose in the hand and its height (metres) when the fingers had closed.
     grasped: Option<(Isometry3<f64>, f64)>,
+    /// Its pose in the hand when the lift and when the lowering had ended.
+    lifted: Option<Isometry3<f64>>,
+    lowered: Option<Isometry3<f64>>,
     slipped: bool,
     /// What happened, each kind once per phase.
     pub incidents: Vec<Incident>,
@@ -58,15 +61,19 @@ const SLIPPED: (f64, f64) = (0.008, 0.1);
 impl CarryWatch {
     /// A watch over the scene's object number `query`.
     pub fn new(query: usize) -> Self {
-        Self { query, phase: Phase::Standoff, grasped: None, slipped: false, incidents: Vec::new() }
+        Self { query, phase: Phase::Standoff, grasped: None, lifted: None, lowered: None, slipped: false, incidents: Vec::new() }
     }
 
     /// The plan has come to a phase.
     pub fn begins(&mut self, phase: Phase, cell: &CellWorld) {
         self.phase = phase;
-        if phase == Phase::Lift {
-            let pose = cell.world_from_objects()[self.query];
-            self.grasped = Some((base_from_hand(cell.arm.q_rad()).inverse() * pose, pose.translation.z));
+        let pose = cell.world_from_objects()[self.query];
+        let in_hand = base_from_hand(cell.arm.q_rad()).inverse() * pose;
+        match phase {
+            Phase::Lift => self.grasped = Some((in_hand, pose.translation.z)),
+            Phase::Transfer => self.lifted = Some(in_hand),
+            Phase::Release => self.lowered = Some(in_hand),
+            _ => {}
         }
         if matches!(phase, Phase::Lift | Phase::Release) {
             // In these scenes everything stands upright in its own frame.
@@ -75,6 +82,16 @@ impl CarryWatch {
                 self.note(cell, format!("the object leans by {leans_rad:.2} rad"));
             }
         }
+    }
+
+    /// How the object has shifted in the hand between the closing of the fingers and the end of the lift; none where it did not come so far.
+    pub fn shift_of_lift(&self) -> Option<Shift> {
+        self.grasped.zip(self.lifted).map(|((grasped, _), lifted)| Shift::between(&grasped, &lifted))
+    }
+
+    /// The same until the end of the lowering.
+    pub fn shift_in_hand(&self) -> Option<Shift> {
+        self.grasped.zip(self.lowered).map(|((grasped, _), lowered)| Shift::between(&grasped, &lowered))
     }
 
     /// Looks at the cell as it is now.

@@ -11,7 +11,7 @@ use repose_dataset::Split;
 use repose_geometry::{Pinhole, ViewerFrame};
 use repose_proto::{CameraModel, Frame, GoalTerm, Relation, RigidTransform, Scene};
 use repose_sensor::SensorModel;
-use repose_simulator::render::{Drawable, picture};
+use repose_simulator::render::{Drawable, Picture, picture};
 use repose_simulator::scene::{SceneSettings, SimulatedScene, scene_of_seed};
 use repose_simulator::viewpoint::{ViewpointSettings, random_viewpoint};
 
@@ -153,9 +153,14 @@ pub fn frame_drawn(
     sensor: &SensorModel,
     seed: u64,
 ) -> Frame {
-    const DEPTH_UNIT_M: f32 = 0.001;
     let mut seen = picture(camera, world_from_camera, drawables);
     sensor.disturb(seen.depth_m.pixels_mut(), camera, seed);
+    frame_of_picture(seen, camera, world_from_camera)
+}
+
+/// The frame of a picture, with true masks and the true pose.
+pub fn frame_of_picture(seen: Picture, camera: &Pinhole, world_from_camera: &Isometry3<f64>) -> Frame {
+    const DEPTH_UNIT_M: f32 = 0.001;
     let camera = CameraModel {
         width: camera.width,
         height: camera.height,

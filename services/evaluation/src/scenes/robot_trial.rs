@@ -1,36 +1,34 @@
 //! One trial of the robot's table: a placement and a motion are planned from what was seen, the simulated Panda carries them out by friction
 //! alone, and ground truth says what came of it.
 //!
-//! The same state machine that commands robots over the network drives the arm here, in robot time and with nothing between the two.
+//! The same state machine that commands robots over the network drives the arm here, in robot time and with nothing between the two ([`CellRun`]).
+//! What was lost, or does not make the goal true in a view after it, is tried again as `place --execute` does: the arm goes home, looks, and
+//! plans anew, with other draws, a bounded number of times.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
 
 use nalgebra::{Isometry3, Vector3};
-use repose_geometry::Image;
 use repose_geometry::transform::from_row_major;
 use repose_motion::believed::Heeded;
-use repose_motion::execution::{Execution, ExecutionAction, ExecutionSettings, ExecutionTask};
 use repose_motion::pick_place::plan::PickPlaceError;
 use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place};
 use repose_motion::wire;
-use repose_motion::{MotionConfig, config::ConfigError};
-use repose_panda::{READY, base_from_hand};
+use repose_panda::Joints;
 use repose_planner::{PlacementModels, PreparedScene, plan};
-use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest, Phase};
-use repose_proto::place::{ReachingRobot, RegionBox, Variant};
+use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
+use repose_proto::place::ReachingRobot;
 use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest, RigidTransform};
-use repose_simulator::cell::CellSettings;
 use repose_simulator::cell_world::CellWorld;
-use repose_simulator::robot::{ArmSettings, HandSettings};
-use repose_simulator::scene::SimulatedScene;
 use serde::Serialize;
 
 use crate::scenes::carry_watch::{CarryWatch, Incident, Shift};
+use crate::scenes::cell_run::{CellRun, Strip};
 use crate::scenes::outcome::{OTHERS_MOVED_M, STABLE_M, TILT_RAD};
 use crate::scenes::problem::Problem;
 use crate::scenes::robot_scene::{Excluded, TableCondition};
+use crate::scenes::robot_settings::{RobotTrialError, RobotTrialSettings};
 
 /// Why a trial failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -59,6 +57,11 @@ pub enum Cause {
 }
 
 impl Cause {
+    /// Whether nothing has moved because motion could serve none of the placements: other draws may do.
+    fn is_unserved(self) -> bool {
+        matches!(self, Self::NoGrasp | Self::NoMotion)
+    }
+
     /// The name in words.
     pub fn name(self) -> &'static str {
         match self {
@@ -76,6 +79,15 @@ impl Cause {
     }
 }
 
+/// An attempt that was followed by another.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct FailedAttempt {
+    /// What had come of it, by the truth; none where it went well and was not seen to.
+    pub cause: Option<Cause>,
+    /// What the robot or the search said.
+    pub detail: String,
+}
+
 /// The result of a trial. Steps that were not reached are `false`.
 #[derive(Debug, Clone, Serialize)]
 pub struct RobotTrial {
@@ -87,9 +99,9 @@ pub struct RobotTrial {
     pub seed: u64,
     /// What was asked, in the scene's ids; the object is 1.
     pub goal: GoalTerm,
-    /// A placement and a motion to it were found.
+    /// A placement and a motion to it were found, at the last attempt.
     pub planned: bool,
-    /// The object was in the hand when the lift had ended.
+    /// The object was in the hand when the lift had ended, at the last attempt.
     pub grasped: bool,
     /// It stands upright within 5 cm of where it was to stand, nothing else was moved, and the goal holds.
     pub placed: bool,
@@ -97,6 +109,8 @@ pub struct RobotTrial {
     pub cause: Option<Cause>,
     /// The same for a person.
     pub detail: String,
+    /// Attempts before the last.
+    pub failed_attempts: Vec<FailedAttempt>,
     /// What was drawn before it and not asked for.
     pub excluded: Excluded,
     /// What the motion heeded of what was not seen.
@@ -113,9 +127,9 @@ pub struct RobotTrial {
     pub disturbed: bool,
     /// What was touched that should not have been, and the object's first slip.
     pub incidents: Vec<Incident>,
-    /// Wall-clock time of the placement search and of the motion search, milliseconds.
+    /// Wall-clock time of the last placement search and of the last motion search, milliseconds.
     pub plan_ms: [f64; 2],
-    /// Length of the motion, seconds of robot time.
+    /// Length of the last motion, seconds of robot time.
     pub robot_s: f64,
 }
 
@@ -132,6 +146,7 @@ impl RobotTrial {
             placed: false,
             cause: None,
             detail: String::new(),
+            failed_attempts: Vec::new(),
             excluded: Excluded::default(),
             heeded: None,
             aside_m: None,
@@ -144,59 +159,6 @@ impl RobotTrial {
             robot_s: 0.0,
         }
     }
-}
-
-/// How a trial is run.
-#[derive(Debug, Clone)]
-pub struct RobotTrialSettings {
-    /// The cell.
-    pub cell: CellSettings,
-    /// The arm's controller.
-    pub arm: ArmSettings,
-    /// The hand.
-    pub hand: HandSettings,
-    /// How motions are planned and what a plan says of them.
-    pub motion: MotionConfig,
-    /// Which method plans the placement.
-    pub variant: Variant,
-    /// Placements asked of the planner, for motion to choose from.
-    pub count: u32,
-    /// Where placements may be: what the arm reaches from above, world frame.
-    pub region: RegionBox,
-    /// How long an execution may take, seconds of robot time.
-    pub longest_s: f64,
-    /// How long the world may take to come to rest afterwards, seconds.
-    pub rest_s: f64,
-}
-
-impl Default for RobotTrialSettings {
-    fn default() -> Self {
-        Self {
-            cell: CellSettings::default(),
-            arm: ArmSettings::default(),
-            hand: HandSettings::default(),
-            motion: MotionConfig::default(),
-            variant: Variant::default(),
-            count: 5,
-            region: RegionBox { min_m: [0.28, -0.42, -0.05], max_m: [0.78, 0.42, 0.7], inside: true },
-            longest_s: 180.0,
-            rest_s: 4.0,
-        }
-    }
-}
-
-/// The pictures of a trial: before, lifted, lowered, placed. Those of steps not come to are missing.
-pub type Strip = Vec<Image<[u8; 3]>>;
-
-/// A trial that could not be run at all.
-#[derive(Debug, thiserror::Error)]
-pub enum RobotTrialError {
-    /// The planner refused the request.
-    #[error(transparent)]
-    Call(#[from] CallError),
-    /// Motion's settings are out of range.
-    #[error(transparent)]
-    Config(#[from] ConfigError),
 }
 
 /// Runs a trial.
@@ -214,28 +176,48 @@ pub fn robot_trial(
     let mut trial = RobotTrial::new(name, condition, problem.seed, problem.goal);
     let mut cell = CellWorld::with_scene(problem.truth.clone(), settings.cell.clone(), settings.arm, settings.hand);
     let mut strip = vec![cell.true_picture(true).color];
-    let (placements, plan) = match planned(problem, models, settings, &mut trial)? {
-        Ok(planned) => planned,
-        Err((cause, detail)) => {
-            (trial.cause, trial.detail) = (Some(cause), detail);
-            return Ok((trial, strip));
+    let mut run = CellRun::new(&mut cell, settings);
+    // What is seen now; the problem itself is how things stood at the start, by which others are judged.
+    let mut view = problem.clone();
+    for attempt in 0..settings.attempts.max(1) {
+        let (placements, plan) = match planned(&view, attempt, run.cell.arm.q_rad(), models, settings, &mut trial) {
+            Ok(Ok(planned)) => planned,
+            Ok(Err((cause, detail))) => {
+                if attempt == 0 || trial.cause.is_some_and(Cause::is_unserved) {
+                    (trial.cause, trial.detail) = (Some(cause), detail);
+                }
+                if cause.is_unserved() && attempt + 1 < settings.attempts {
+                    trial.failed_attempts.push(FailedAttempt { cause: Some(cause), detail: trial.detail.clone() });
+                    continue;
+                }
+                break;
+            }
+            Err(refused) if attempt == 0 => return Err(refused),
+            // What was lost is not seen any more, or cannot be taken.
+            Err(_) => break,
+        };
+        trial.planned = true;
+        trial.robot_s = plan.duration_ms * 1e-3;
+        let world_from_tcp = wire::isometry(&plan.grasp.world_from_tcp, "grasp.world_from_tcp")?;
+        let seen_at = view.truth.objects[query].world_from_object;
+        trial.aside_m = Some((world_from_tcp.translation.vector - seen_at.translation.vector).xy().norm());
+        let wanted = placements[plan.placement] * seen_at;
+        let mut watch = CarryWatch::new(query);
+        let reply = run.carry_out(plan, &view.truth, &mut watch, &mut strip)?;
+        run.come_to_rest();
+        strip.push(run.cell.true_picture(true).color);
+        trial.incidents.append(&mut watch.incidents);
+        judge(problem, run.cell, &wanted, &reply, &watch, &mut trial);
+        let may_go_on = attempt + 1 < settings.attempts && reply.outcome != ExecutionOutcome::Stopped;
+        match may_go_on.then(|| run.seen_again(&view, reply.outcome)).flatten() {
+            // The robot does not know the truth: it goes by what it felt and sees.
+            Some(seen) => {
+                trial.failed_attempts.push(FailedAttempt { cause: trial.cause, detail: trial.detail.clone() });
+                view = seen;
+            }
+            None => break,
         }
-    };
-    trial.planned = true;
-    trial.robot_s = plan.duration_ms * 1e-3;
-    let world_from_tcp = wire::isometry(&plan.grasp.world_from_tcp, "grasp.world_from_tcp")?;
-    let center = problem.truth.objects[query].world_from_object.translation.vector;
-    trial.aside_m = Some((world_from_tcp.translation.vector - center).xy().norm());
-    let wanted = placements[plan.placement] * problem.truth.objects[query].world_from_object;
-    let mut carried = carried_out(&mut cell, query, plan, &problem.truth, settings, &mut strip)?;
-    trial.incidents = std::mem::take(&mut carried.incidents);
-    let mut waited_s = 0.0;
-    while waited_s < settings.rest_s && (waited_s < 0.5 || !cell.at_rest()) {
-        cell.step(f64::INFINITY);
-        waited_s += cell.step_s();
     }
-    strip.push(cell.true_picture(true).color);
-    judge(problem, &cell, &wanted, &carried, &mut trial);
     Ok((trial, strip))
 }
 
@@ -244,6 +226,8 @@ type Planned = (Vec<Isometry3<f64>>, MotionPlan);
 /// Ranked placements and a motion to one of them, or what was in the way.
 fn planned(
     problem: &Problem,
+    attempt: usize,
+    start: &Joints,
     models: &dyn PlacementModels,
     settings: &RobotTrialSettings,
     trial: &mut RobotTrial,
@@ -253,7 +237,7 @@ fn planned(
     let request = PlaceRequest {
         count: settings.count,
         variant: settings.variant,
-        seed: problem.seed,
+        seed: problem.seed + attempt as u64,
         region: vec![settings.region.clone()],
         robot: Some(ReachingRobot { name: "panda".to_owned(), world_from_base: Some(RigidTransform(settings.motion.world_from_base)) }),
         ..PlaceRequest::new(scene_id.clone(), problem.query, vec![problem.goal])
@@ -275,20 +259,14 @@ fn planned(
         .collect::<Result<Vec<Isometry3<f64>>, CallError>>()?;
     let planning_scene = wire::planning_scene(&scene)?;
     let motion: PickPlaceSettings = settings.motion.planning()?;
-    let asked = PickPlaceRequest {
-        scene: &planning_scene,
-        query: problem.query,
-        placements: &placements,
-        start: &READY,
-        grasps: None,
-        seed: problem.seed,
-    };
+    let asked =
+        PickPlaceRequest { scene: &planning_scene, query: problem.query, placements: &placements, start, grasps: None, seed: request.seed };
     let started = Instant::now();
     let found = pick_place(&asked, &motion);
     trial.plan_ms[1] = started.elapsed().as_secs_f64() * 1e3;
     let request = MotionPlanRequest {
-        seed: problem.seed,
-        ..MotionPlanRequest::new(scene_id, "panda".to_owned(), problem.query, wire_placements, READY)
+        seed: request.seed,
+        ..MotionPlanRequest::new(scene_id, "panda".to_owned(), problem.query, wire_placements, *start)
     };
     match found {
         Ok(plan) => {
@@ -302,91 +280,21 @@ fn planned(
     }
 }
 
-/// What was seen of the object while the plan was carried out.
-struct Carried {
-    reply: ExecuteReply,
-    /// Its pose in the hand when the fingers had closed, when the lift and when the lowering had ended.
-    grasped: Option<Isometry3<f64>>,
-    lifted: Option<Isometry3<f64>>,
-    lowered: Option<Isometry3<f64>>,
-    incidents: Vec<Incident>,
-}
-
-/// Drives the arm with the plan, state by state.
-fn carried_out(
-    cell: &mut CellWorld,
-    query: usize,
-    plan: MotionPlan,
-    scene: &SimulatedScene,
-    settings: &RobotTrialSettings,
-    strip: &mut Strip,
-) -> Result<Carried, RobotTrialError> {
-    const STATE_MS: u64 = 10;
-    let execution_settings: ExecutionSettings = settings.motion.execution()?;
-    let mut now_ms: u64 = 0;
-    let mut seq = 1;
-    let stamp_ns = plan.scene_stamp_ns;
-    let (mut grasped, mut lifted, mut lowered) = (None, None, None);
-    let mut watch = CarryWatch::new(query);
-    let task = ExecutionTask { commander: "evaluation".to_owned(), id: "trial".to_owned(), grasps: None };
-    let (mut execution, mut steps) = Execution::begin(plan, task, &cell.robot_state(seq, stamp_ns), now_ms, execution_settings)?;
-    let steps_per_state = (STATE_MS as f64 * 1e-3 / cell.step_s()).round().max(1.0) as usize;
-    loop {
-        for step in steps.drain(..) {
-            match step {
-                ExecutionAction::Send(command) => {
-                    if let Err(why) = cell.arm.command(&command, now_ms as f64 * 1e-3) {
-                        tracing::debug!(seq = command.seq, %why, "command ignored");
-                    }
-                }
-                ExecutionAction::Progress(progress) => {
-                    watch.begins(progress.phase, cell);
-                    let in_hand = || base_from_hand(cell.arm.q_rad()).inverse() * cell.world_from_objects()[query];
-                    match progress.phase {
-                        Phase::Lift => grasped = Some(in_hand()),
-                        Phase::Transfer => {
-                            lifted = Some(in_hand());
-                            strip.push(cell.true_picture(true).color);
-                        }
-                        Phase::Release => {
-                            lowered = Some(in_hand());
-                            strip.push(cell.true_picture(true).color);
-                        }
-                        _ => {}
-                    }
-                }
-                ExecutionAction::Done(reply) => return Ok(Carried { reply, grasped, lifted, lowered, incidents: watch.incidents }),
-            }
-        }
-        for _ in 0..steps_per_state {
-            cell.step(now_ms as f64 * 1e-3);
-        }
-        watch.look(cell, scene);
-        now_ms += STATE_MS;
-        seq += 1;
-        steps = execution.on_state(&cell.robot_state(seq, stamp_ns + now_ms * 1_000_000), now_ms);
-        if now_ms % settings.motion.command_period_ms < STATE_MS {
-            steps.extend(execution.on_tick(now_ms));
-        }
-        if now_ms as f64 * 1e-3 > settings.longest_s {
-            steps.extend(execution.cancel("the trial's time is up", now_ms));
-        }
-    }
-}
-
 /// How far the object may move in the hand and still be in it, metres.
 const IN_HAND_M: f64 = 0.08;
 
-fn judge(problem: &Problem, cell: &CellWorld, wanted: &Isometry3<f64>, carried: &Carried, trial: &mut RobotTrial) {
+fn judge(problem: &Problem, cell: &CellWorld, wanted: &Isometry3<f64>, reply: &ExecuteReply, watch: &CarryWatch, trial: &mut RobotTrial) {
     let after = cell.truth();
     let query = problem.index_of(problem.query).unwrap_or(0);
     let stands = after.objects[query].world_from_object;
-    let shift = carried.grasped.as_ref().zip(carried.lifted.as_ref()).map(|(a, b)| Shift::between(a, b));
-    trial.in_hand = carried.grasped.as_ref().zip(carried.lowered.as_ref()).map(|(a, b)| Shift::between(a, b));
+    let shift = watch.shift_of_lift();
+    trial.in_hand = watch.shift_in_hand();
     trial.grasped = shift.is_some_and(|s| s.by_m < IN_HAND_M);
     let off_m = (stands.translation.vector - wanted.translation.vector).norm();
     trial.off_m = Some(off_m);
-    trial.tilt_rad = Some((stands.rotation * Vector3::z()).angle(&(wanted.rotation * Vector3::z())));
+    // Against the start, so that one that was tipped at an earlier attempt and moved as it lay does not pass.
+    let up = |pose: &Isometry3<f64>| pose.rotation.inverse() * Vector3::z();
+    trial.tilt_rad = Some(up(&stands).angle(&up(&problem.truth.objects[query].world_from_object)));
     trial.disturbed = after
         .objects
         .iter()
@@ -397,11 +305,11 @@ fn judge(problem: &Problem, cell: &CellWorld, wanted: &Isometry3<f64>, carried: 
     let anchor = problem.index_of(problem.goal.anchor).unwrap_or(0);
     let holds = after.relations(&problem.viewer)[query * n + anchor][problem.goal.relation.index()] == problem.goal.holds;
     let dropped = trial.in_hand.is_none_or(|s| s.by_m >= IN_HAND_M);
-    trial.cause = if carried.reply.outcome == ExecutionOutcome::Stopped {
+    trial.cause = if reply.outcome == ExecutionOutcome::Stopped {
         Some(Cause::Stopped)
     } else if !trial.grasped {
         Some(Cause::GraspLost)
-    } else if dropped || carried.reply.outcome == ExecutionOutcome::GraspLost {
+    } else if dropped || reply.outcome == ExecutionOutcome::GraspLost {
         Some(Cause::Dropped)
     } else if off_m > STABLE_M {
         Some(Cause::Moved)
@@ -415,5 +323,5 @@ fn judge(problem: &Problem, cell: &CellWorld, wanted: &Isometry3<f64>, carried: 
         None
     };
     trial.placed = trial.cause.is_none();
-    trial.detail = carried.reply.reason.clone().unwrap_or_default();
+    trial.detail = reply.reason.clone().unwrap_or_default();
 }

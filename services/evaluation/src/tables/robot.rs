@@ -10,9 +10,11 @@ use repose_planner::PlacementModels;
 use repose_simulator::objects::MeshLibrary;
 use serde::Serialize;
 
+use crate::scenes::cell_run::Strip;
 use crate::scenes::problem::Problem;
 use crate::scenes::robot_scene::{Excluded, RobotSceneSettings, TableCondition, robot_problem};
-use crate::scenes::robot_trial::{Cause, RobotTrial, RobotTrialError, RobotTrialSettings, Strip, robot_trial};
+use crate::scenes::robot_settings::{RobotTrialError, RobotTrialSettings};
+use crate::scenes::robot_trial::{Cause, RobotTrial, robot_trial};
 use crate::statistics::rate::Rate;
 
 /// The eight objects, by the names of their folders.
@@ -93,6 +95,8 @@ pub struct RobotRow {
     pub place: Rate,
     /// Of all trials, the last.
     pub end_to_end: Rate,
+    /// Of all trials, the last at the first attempt.
+    pub first_attempt: Rate,
     /// How often trials failed for what.
     pub causes: BTreeMap<Cause, usize>,
     /// What was drawn beside these trials and not asked for.
@@ -102,9 +106,9 @@ pub struct RobotRow {
 impl RobotRow {
     fn of<'a>(object: Option<&str>, condition: TableCondition, trials: impl Iterator<Item = &'a RobotTrial>) -> Self {
         let rate = Rate::default();
-        let (plan, grasp, place, end_to_end) = (rate, rate, rate, rate);
+        let (plan, grasp, place, end_to_end, first_attempt) = (rate, rate, rate, rate, rate);
         let (object_name, causes, excluded) = (object.map(str::to_owned), BTreeMap::new(), Excluded::default());
-        let mut row = Self { object: object_name, condition, plan, grasp, place, end_to_end, causes, excluded };
+        let mut row = Self { object: object_name, condition, plan, grasp, place, end_to_end, first_attempt, causes, excluded };
         for trial in trials.filter(|t| t.condition == condition && object.is_none_or(|o| t.object == o)) {
             row.plan.count(trial.planned);
             if trial.planned {
@@ -114,6 +118,7 @@ impl RobotRow {
                 row.place.count(trial.placed);
             }
             row.end_to_end.count(trial.placed);
+            row.first_attempt.count(trial.placed && trial.failed_attempts.is_empty());
             row.excluded = row.excluded.and(trial.excluded);
             if let Some(cause) = trial.cause {
                 *row.causes.entry(cause).or_default() += 1;
@@ -182,6 +187,7 @@ mod tests {
     use repose_proto::{GoalTerm, Relation};
 
     use super::*;
+    use crate::scenes::robot_trial::FailedAttempt;
 
     fn trial(object: &str, [planned, grasped, placed]: [bool; 3], cause: Option<Cause>) -> RobotTrial {
         let goal = GoalTerm { relation: Relation::LeftOf, anchor: 2, holds: true };
@@ -195,12 +201,16 @@ mod tests {
             trial("a", [true, true, false], Some(Cause::Moved)),
             trial("a", [true, false, false], Some(Cause::GraspLost)),
             trial("b", [false; 3], Some(Cause::NoMotion)),
+            RobotTrial {
+                failed_attempts: vec![FailedAttempt { cause: Some(Cause::GraspLost), detail: String::new() }],
+                ..trial("a", [true; 3], None)
+            },
         ];
         trials[0].excluded = Excluded { out_of_reach: 1, no_place: 2 };
         trials[3].excluded = Excluded { out_of_reach: 0, no_place: 3 };
         let all = RobotRow::of(None, TableCondition::Table, trials.iter());
-        let counts = [all.plan, all.grasp, all.place, all.end_to_end].map(|r| (r.of, r.n));
-        assert_eq!(counts, [(3, 4), (2, 3), (1, 2), (1, 4)]);
+        let counts = [all.plan, all.grasp, all.place, all.end_to_end, all.first_attempt].map(|r| (r.of, r.n));
+        assert_eq!(counts, [(4, 5), (3, 4), (2, 3), (2, 5), (1, 5)]);
         assert_eq!(all.causes, BTreeMap::from([(Cause::NoMotion, 1), (Cause::GraspLost, 1), (Cause::Moved, 1)]));
         assert_eq!(all.excluded, Excluded { out_of_reach: 1, no_place: 5 });
         assert_eq!(RobotRow::of(Some("b"), TableCondition::Table, trials.iter()).plan, Rate { of: 0, n: 1 });

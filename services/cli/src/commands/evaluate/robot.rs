@@ -6,6 +6,7 @@ use clap::Args;
 use repose_evaluation::report;
 use repose_evaluation::report::written::write_picture;
 use repose_evaluation::scenes::robot_scene::TableCondition;
+use repose_evaluation::scenes::robot_settings::DEFAULT_ATTEMPTS;
 use repose_evaluation::scenes::robot_trial::Cause;
 use repose_evaluation::tables::robot::{OBJECTS, RobotTableSettings, evaluate_robot};
 use repose_local::picture::{rgb_image, side_by_side};
@@ -25,6 +26,9 @@ pub struct EvaluateRobotArgs {
     /// Trials for each object and condition.
     #[arg(long, default_value_t = 3, value_parser = parse_count)]
     pub trials: usize,
+    /// Attempts at each placement, as `place --execute` makes them: what is lost, or does not meet its goal in a view afterwards, is tried again.
+    #[arg(long, default_value_t = DEFAULT_ATTEMPTS, value_parser = parse_count)]
+    pub attempts: usize,
     /// Only this object of the eight; repeat for more.
     #[arg(long = "only", value_name = "OBJECT", value_parser = OBJECTS)]
     pub only: Vec<String>,
@@ -34,7 +38,7 @@ pub struct EvaluateRobotArgs {
     /// Seed of the scenes.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// A folder for a strip of pictures per trial: before, lifted, lowered, placed.
+    /// A folder for a strip of pictures per trial: before, and of each attempt lifted, lowered, placed.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
 }
@@ -49,6 +53,7 @@ pub fn run(args: &EvaluateRobotArgs, output: Output) -> CommandResult {
     let models = LocalModels::embedded()?;
     let library = MeshLibrary::load(&args.objects, &MeshSettings::default()).map_err(|e| Failure::bad_input("objects", e))?;
     let mut settings = RobotTableSettings { trials: args.trials, seed: args.seed, ..RobotTableSettings::default() };
+    settings.trial.attempts = args.attempts;
     if !args.only.is_empty() {
         settings.objects.clone_from(&args.only);
     }
@@ -64,7 +69,7 @@ pub fn run(args: &EvaluateRobotArgs, output: Output) -> CommandResult {
         tracing::info!(
             object = trial.object, condition = trial.condition.name(), seed = trial.seed, goal = %trial.goal, off_mm = ?millimetres(trial.off_m),
             tilt_rad = ?trial.tilt_rad, ?in_hand, disturbed = trial.disturbed, plan_ms = ?trial.plan_ms.map(f64::round), robot_s = trial.robot_s.round(),
-            detail = trial.detail, incidents = incidents.join("; "), "{outcome}"
+            detail = trial.detail, failed_attempts = ?trial.failed_attempts, incidents = incidents.join("; "), "{outcome}"
         );
         if let Some(folder) = &args.pictures {
             let name = format!("{}_{}_{}_{}.png", trial.object, trial.condition.name(), trial.seed, outcome.replace(' ', "_"));
