@@ -330,10 +330,10 @@ impl Shared {
         };
         let workers: Vec<WorkerShown> = self.callers.iter().flat_map(of_service).collect();
         let now = Instant::now();
-        let told: Vec<_> = workers.iter().flat_map(|worker| &worker.load).flat_map(|load| &load.cameras).cloned().collect();
+        let told = workers.iter().flat_map(|worker| &worker.load).flat_map(|load| &load.cameras);
         let (cameras, robots, is_new) = {
             let mut known = locked(&self.known);
-            let is_new = known.cameras.told(&told, now);
+            let is_new = known.cameras.told(told, now);
             (known.cameras.shown(now), known.robots.keys().cloned().collect(), is_new)
         };
         if is_new {

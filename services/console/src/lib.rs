@@ -8,7 +8,6 @@ pub mod access;
 pub mod arm;
 pub mod arrangement;
 pub mod cell;
-pub mod cells;
 pub mod config;
 pub mod endpoints;
 pub mod messages;

@@ -37,9 +37,9 @@ impl SceneArrivals {
 
     /// Workers tell of the cameras whose scenes they made; whether one of these is new. While nobody asks for scenes they are seldom, so that a
     /// camera is known by this alone for a while.
-    pub fn told(&mut self, cameras: &[CameraLoad], now: Instant) -> bool {
+    pub fn told<'a>(&mut self, cameras: impl Iterator<Item = &'a CameraLoad>, now: Instant) -> bool {
         let mut is_new = false;
-        for (camera, newest) in cameras.iter().filter_map(|load| Some((&load.camera, load.newest.as_ref()?))) {
+        for (camera, newest) in cameras.filter_map(|load| Some((&load.camera, load.newest.as_ref()?))) {
             if !self.0.contains_key(camera) {
                 is_new |= self.saw(camera, now.checked_sub(Duration::from_millis(newest.age_ms)).unwrap_or(now));
             }
@@ -82,11 +82,12 @@ mod tests {
         assert!((cameras.shown(at(9900))[0].scenes_per_s - 5.0).abs() < 1e-6);
         assert!(cameras.shown(at(19_800))[0].scenes_per_s < 0.11);
         assert!(cameras.shown(at(10_000_000)).is_empty());
-        let load = |age_ms| {
+        let mut told = |age_ms, now| {
             let newest = Some(NewestSceneLoad { scene_id: "scene".to_owned(), objects: 0, age_ms, lag_ms: 0.0 });
-            [CameraLoad { camera: "side".to_owned(), frames: 1, frame_age_ms: 0, newest }]
+            let load = CameraLoad { camera: "side".to_owned(), frames: 1, frame_age_ms: 0, newest };
+            cameras.told(std::iter::once(&load), now)
         };
-        assert!(cameras.told(&load(0), at(10_000_000)) && !cameras.told(&load(0), at(10_000_500)));
+        assert!(told(0, at(10_000_000)) && !told(0, at(10_000_500)));
         assert!((cameras.shown(at(10_001_000))[0].age_ms - 1000.0).abs() < 1e-6, "its scene is as old as it was told first");
     }
 }

@@ -4,6 +4,7 @@
 
 mod arrangement;
 mod calls;
+mod cells;
 mod planned;
 mod refusal;
 mod requests;

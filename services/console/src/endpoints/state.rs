@@ -13,8 +13,9 @@ use tokio::sync::{Mutex, OnceCell};
 use crate::ConsoleConfig;
 use crate::access::{Access, Role, token_in};
 use crate::cell::WatchedCell;
-use crate::cells::follow_cells;
 use crate::viewers::Audience;
+
+use super::cells::follow_cells;
 
 /// How long a page that was asked for may take until it looks at its cell: longer, and the cell is let go until it does.
 const PAGE_WITHIN: Duration = Duration::from_secs(5);

@@ -7,13 +7,13 @@ use repose_motion::wire;
 use repose_panda::FINGER_OPENING_MAX_M;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPhase, MotionPlan, Phase};
 use repose_proto::robot::{GripperCommand, RobotState};
-use repose_proto::{RigidTransform, RobotInView};
 use repose_simulator::cell_world::CellWorld;
 use repose_simulator::scene::SimulatedScene;
 use repose_tracking::holds;
 
 use crate::scenes::carry_watch::CarryWatch;
 use crate::scenes::problem::{Problem, frame_of_picture};
+use crate::scenes::robot_scene::arm_in_view;
 use crate::scenes::robot_settings::{RobotTrialError, RobotTrialSettings};
 
 /// The pictures of a trial: before, and of each attempt lifted, lowered, placed. Those of steps not come to are missing.
@@ -117,14 +117,7 @@ impl<'a> CellRun<'a> {
         let truth = self.cell.truth();
         let picture = self.cell.sensed_picture(&self.settings.sensor, true);
         let (state, stamp_ns) = (self.state(), self.now_ns());
-        let robot = RobotInView {
-            name: "panda".to_owned(),
-            model: "panda".to_owned(),
-            joints_rad: state.q_rad,
-            gripper_width_m: state.gripper_width_m,
-            holding: Some(state.gripper_holding),
-            world_from_base: RigidTransform::IDENTITY,
-        };
+        let robot = arm_in_view(state.q_rad, state.gripper_width_m, state.gripper_holding);
         let mut frame = frame_of_picture(picture, &problem.camera, &problem.world_from_camera);
         (frame.robots, frame.stamp_ns) = (vec![robot], stamp_ns);
         let observed = repose_perception::segment(&frame, &repose_perception::Settings::default()).ok()?;

@@ -15,7 +15,7 @@ use rand::RngExt;
 use rand::seq::SliceRandom;
 use rand_pcg::Pcg64;
 use repose_geometry::{ViewerFrame, cloud};
-use repose_panda::{FINGER_OPENING_MAX_M, READY};
+use repose_panda::{FINGER_OPENING_MAX_M, Joints, READY};
 use repose_proto::place::RegionBox;
 use repose_proto::{Frame, GoalTerm, Relation, RigidTransform, RobotInView};
 use repose_sensor::SensorModel;
@@ -203,6 +203,18 @@ fn keeps_away(scene: &SimulatedScene, shape: &ObjectShape, world_from_object: &I
     scene.objects.iter().filter_map(other).all(|o| !placed.is_within(&o, margin_m))
 }
 
+/// The cell's arm as a frame tells of it.
+pub fn arm_in_view(joints_rad: Joints, gripper_width_m: f64, holds: bool) -> RobotInView {
+    RobotInView {
+        name: "panda".to_owned(),
+        model: "panda".to_owned(),
+        joints_rad,
+        gripper_width_m,
+        holding: Some(holds),
+        world_from_base: RigidTransform::IDENTITY,
+    }
+}
+
 /// What the cell's camera makes of the scene, with a goal that is still open and can be had; `None` when too little is seen or there is none.
 fn seen(
     truth: SimulatedScene,
@@ -215,14 +227,7 @@ fn seen(
     let (camera, world_from_camera) = (settings.cell.camera, settings.cell.world_from_camera());
     let mut drawables = truth.drawables();
     drawables.extend(body::drawables(&READY, [FINGER_OPENING_MAX_M as f32 / 2.0; 2]));
-    let robot = RobotInView {
-        name: "panda".to_owned(),
-        model: "panda".to_owned(),
-        joints_rad: READY,
-        gripper_width_m: FINGER_OPENING_MAX_M,
-        holding: Some(false),
-        world_from_base: RigidTransform::IDENTITY,
-    };
+    let robot = arm_in_view(READY, FINGER_OPENING_MAX_M, false);
     let frame = frame_drawn(&drawables, &camera, &world_from_camera, &settings.sensor, seed);
     let frame = Frame { robots: vec![robot], ..frame };
     let observed = repose_perception::segment(&frame, &repose_perception::Settings::default()).ok()?;
