@@ -156,19 +156,32 @@ def test_it_comes_home_on_a_way_that_motion_plans(system):
 
 
 def test_it_carries_out_a_pick_and_place_that_motion_plans(at_ready):
-    # A machine that loses some ten milliseconds at a stretch loses the motion: set-points after such a gap do not go on from where the robot
-    # has extrapolated to, and it stops by its own rules. That is not judged; any other stop is.
-    for _ in range(3):
-        reply, held = carried_out(at_ready)
-        if reply["outcome"] == "done" or "discontinuity" not in reply["reason"]:
-            break
-        at_ready.reset()
-        opened = at_ready.programs.robot("open")
-        assert opened.returncode == 0, opened.stderr
-        at_ready.go_to(READY_RAD)
+    reply, held = carried_out(at_ready)
     assert reply["outcome"] == "done", (reply, at_ready.robot.log())
     assert any(held), "the hand held the block on the way"
     assert not at_ready.client.state["gripper_holding"] and at_ready.client.state["mode"] == "idle"
+
+
+def test_set_points_that_come_again_after_a_gap_go_on_from_where_the_robot_is(at_ready):
+    client, stops = at_ready.client, 0
+    # Sudden enough for the arm to be elsewhere, after a gap, than where the robot has gone on to.
+    for by_rad in (0.8, 0.0, 0.8, 0.0):
+        at_ready.go_to(turned(0.8 - by_rad))
+        client.stream(turned(by_rad), 1.1)
+        until("it moves", lambda: client.fresh() and velocity(client.state) > 0.01)
+        for _ in range(6):
+            at_ready.programs.send("driver", signal.SIGSTOP)
+            time.sleep(0.012)
+            at_ready.programs.send("driver", signal.SIGCONT)
+            time.sleep(0.12)
+        until(lambda: f"it stands; {client.state}", lambda: client.is_in("idle") or client.stopped_by())
+        if client.stopped_by():
+            stops += 1
+            at_ready.reset()
+        else:
+            assert apart(client.state["q_rad"], turned(by_rad)) < 1e-6
+    # What goes out in the very microseconds in which a cycle ends is late; the robot drops it, franka-sim takes back what it had extrapolated.
+    assert stops <= 1, at_ready.robot.log()
 
 
 def carried_out(system):

@@ -1,19 +1,25 @@
 //! A real robot: the control interface by `franka-rs`.
 //!
-//! Set-points go out as they are, without its low-pass filter: the arm's are smooth. Its rate limiter is on for a Panda and off for an FR3, as
-//! libfranka has it for each: where a Panda loses set-points, the next ones begin from where the robot went on to.
+//! Set-points go out as they are, without its low-pass filter and rate limiter: the arm's are smooth and within the limits, after a gap too.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::time::{Duration, Instant};
 
 use franka::{
-    ControlException, ControllerMode, FrankaError, JointPositions, MAX_CUTOFF_FREQUENCY, MoveStatus, RealtimeConfig, Robot, RobotOptions,
-    RobotState, VersionPolicy, motion_finished,
+    ControlException, FrankaError, JointPositions, MoveControllerMode, MoveStatus, RealtimeConfig, Robot, RobotOptions, RobotState,
+    VersionPolicy, motion_finished,
 };
 use repose_panda::{JointLimits, Model};
 
 use super::fci::{Fci, Next, Reading, Trouble};
 use super::identity::{identify, version_of};
+
+/// By how much later than the robot's clock has gone on a reading may come, and how much later an answer may go out: for a cycle that is over, the
+/// robot takes no set-point.
+const LATE: Duration = Duration::from_millis(1);
+/// A reading that is there in less than this had been waiting.
+const QUEUED: Duration = Duration::from_micros(200);
 
 /// From what torques and forces the robot takes a touch for a collision, and stops by a reflex.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,7 +57,6 @@ pub enum ConnectError {
 /// A connected robot.
 pub struct Connection {
     robot: Arc<Robot>,
-    model: Model,
     collision: CollisionThresholds,
     /// Whether the robot has been told the thresholds: it takes them only while it is ready.
     is_prepared: bool,
@@ -88,8 +93,7 @@ impl Connection {
         };
         let robot = Arc::new(robot);
         let (wanted, outcome) = recovering(robot.clone()).map_err(|e| ConnectError::Unfit(format!("no thread for recoveries: {e}")))?;
-        let (model, collision) = (settings.model, settings.collision);
-        Ok((Self { robot, model, collision, is_prepared: false, wanted, outcome }, limits, notes))
+        Ok((Self { robot, collision: settings.collision, is_prepared: false, wanted, outcome }, limits, notes))
     }
 
     fn prepare(&mut self) -> Result<(), Trouble> {
@@ -109,12 +113,29 @@ impl Fci for Connection {
 
     fn follow(&mut self, step: &mut dyn FnMut(&Reading) -> Next) -> Result<(), Trouble> {
         self.prepare()?;
-        let limits_rate = self.model == Model::Panda;
-        let next = |state: &RobotState, _| match step(&reading(state)) {
-            Next::Go(q_rad) => JointPositions::new(q_rad),
-            Next::End(q_rad) => motion_finished(JointPositions::new(q_rad)),
-        };
-        self.robot.control_joint_positions(next, ControllerMode::JointImpedance, limits_rate, MAX_CUTOFF_FREQUENCY).map_err(trouble)
+        let mut motion = self.robot.start_joint_position_control(MoveControllerMode::JointImpedance).map_err(trouble)?;
+        let mut last: Option<(Instant, u64)> = None;
+        let mut is_behind = false;
+        loop {
+            let began = Instant::now();
+            let (state, _) = motion.read_once().map_err(trouble)?;
+            let (read, state) = (Instant::now(), reading(&state));
+            let passed = |time_ms: u64| Duration::from_millis(state.time_ms.saturating_sub(time_ms));
+            let is_late = last.is_some_and(|(then, time_ms)| read - then > passed(time_ms) + LATE);
+            last = Some((read, state.time_ms));
+            // Where the process was held up, the robot has gone on: the one that it waited for then is old, and so is what has queued up since.
+            is_behind = if is_behind { read - began < QUEUED } else { is_late };
+            if is_behind {
+                continue;
+            }
+            let next = step(&state);
+            is_behind = read.elapsed() > LATE;
+            match next {
+                Next::Go(_) if is_behind => {}
+                Next::Go(q_rad) => motion.write_once(&JointPositions::new(q_rad), None).map_err(trouble)?,
+                Next::End(q_rad) => return motion.write_once(&motion_finished(JointPositions::new(q_rad)), None).map_err(trouble),
+            }
+        }
     }
 
     fn recover(&mut self) {
@@ -154,6 +175,8 @@ fn reading(state: &RobotState) -> Reading {
         mode: state.robot_mode,
         measured_rad: state.q,
         held_rad: state.q_d,
+        held_rad_s: state.dq_d,
+        held_rad_s2: state.ddq_d,
         errors: state.current_errors,
         success_rate: state.control_command_success_rate,
     }

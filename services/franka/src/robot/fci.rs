@@ -14,6 +14,10 @@ pub struct Reading {
     pub measured_rad: Joints,
     /// Where it holds them, radians: where the next set-points have to begin.
     pub held_rad: Joints,
+    /// How fast it moves them by its own word, radians per second, over the last millisecond.
+    pub held_rad_s: Joints,
+    /// How that changes, radians per second squared.
+    pub held_rad_s2: Joints,
     /// The errors that are active.
     pub errors: Errors,
     /// The share of the last 100 set-points that came in time.

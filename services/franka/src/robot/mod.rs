@@ -1,6 +1,7 @@
-//! The robot: the rules ([`side`]), what they need of a robot ([`fci`], [`hand`]), and the real one ([`connection`], [`gripper`]).
+//! The robot: the rules ([`side`], [`fade`]), what they need of a robot ([`fci`], [`hand`]), and the real one ([`connection`], [`gripper`]).
 
 pub mod connection;
+pub mod fade;
 pub mod fci;
 pub mod gripper;
 pub mod hand;

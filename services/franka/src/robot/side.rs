@@ -4,8 +4,9 @@
 //! carries them to the robot. Between streams the robot holds itself where it is, and the arm stands there. A stream that is taken begins a motion
 //! of the robot; the stream's clock starts with the motion's first millisecond. At every millisecond the arm says the next set-point; once it
 //! has stood for [`SETTLE_MS`], the motion ends. Where the robot holds its joints a little off where the arm stands (it takes them as they are
-//! when a motion ends), set-points begin there, and what is between the two fades out within the limits. Whatever ends a motion otherwise
-//! latches a stop under the robot's own name for it.
+//! when a motion ends), set-points begin there, and what is between the two fades out within the limits. So it does after a gap: the robot that
+//! missed set-points has gone on by itself, and those that follow go on from there ([`Fade`]). Whatever ends a motion otherwise latches a stop
+//! under the robot's own name for it.
 //!
 //! Clearing a stop is up to the contract's `reset` alone: only a command that would clear it has the robot acknowledge its errors, and it
 //! clears once the robot is ready. While the user stop is pressed, nothing is cleared.
@@ -13,11 +14,12 @@
 //! Pure: readings, commands and time come in, what is to be done goes out.
 
 use franka::RobotMode as FciMode;
-use repose_panda::{ApproachLimits, JOINT_COUNT, JointLimits, Joints, smooth_step};
+use repose_panda::{ApproachLimits, JOINT_COUNT, JointLimits, Joints};
 use repose_proto::RigidTransform;
 use repose_proto::robot::{EmergencyStop, RobotCommand, RobotMode, RobotState};
 use repose_robot_side::{Arm, ArmSettings, FOLLOWING_ERROR, Ignored, StateDetails, state_of};
 
+use super::fade::Fade;
 use super::fci::{Next, Reading, Trouble};
 use super::hand::{Hand, HandCommand, HandReading};
 
@@ -98,9 +100,10 @@ pub struct Side {
     robot_ms: u64,
     in_motion: bool,
     still_ms: u64,
-    /// From where the arm stood to where the robot held it as the motion began, radians, and for how long that has faded out, milliseconds.
-    offset_rad: Joints,
-    fading_ms: u64,
+    /// From where the arm is to where the robot is sent.
+    fade: Fade,
+    /// Where the arm was at the last millisecond and the two before, radians.
+    way_rad: [Joints; 3],
     recovery: Recovery,
     states: u64,
 }
@@ -118,8 +121,8 @@ impl Side {
             robot_ms: 0,
             in_motion: false,
             still_ms: 0,
-            offset_rad: [0.0; JOINT_COUNT],
-            fading_ms: 0,
+            fade: Fade::default(),
+            way_rad: [[0.0; JOINT_COUNT]; 3],
             recovery: Recovery::None,
             states: 0,
         }
@@ -227,7 +230,7 @@ impl Side {
             }
         }
         if arm.mode() == RobotMode::Moving {
-            (self.in_motion, self.clock_ms, self.still_ms, self.fading_ms) = (true, None, 0, 0);
+            (self.in_motion, self.clock_ms, self.still_ms) = (true, None, 0);
             return Do::Follow;
         }
         (0..since_ms).for_each(|_| arm.tick(now_s));
@@ -247,11 +250,12 @@ impl Side {
         let since_ms = self.advance(reading);
         let Some(arm) = &mut self.arm else { return Next::End(reading.held_rad) };
         if begins {
-            self.offset_rad = std::array::from_fn(|i| reading.held_rad[i] - arm.q_rad()[i]);
+            let mut offset_rad = std::array::from_fn(|i| reading.held_rad[i] - arm.q_rad()[i]);
             if apart(&reading.held_rad, arm.q_rad()) > HELD_OFF_RAD {
                 arm.halted("start_pose_mismatch", "the robot was moved as its motion began".to_owned(), &reading.held_rad);
-                self.offset_rad = [0.0; JOINT_COUNT];
+                offset_rad = [0.0; JOINT_COUNT];
             }
+            (self.fade, self.way_rad) = (Fade::at_rest(&offset_rad, FADE_MS), [*arm.q_rad(); 3]);
         }
         arm.set_grips(self.hand.state().holding);
         // Not `Arm::measured`: it takes an arm at rest to stand where it was measured, and set-points that jump there would follow.
@@ -260,12 +264,18 @@ impl Side {
         {
             arm.fault(FOLLOWING_ERROR, reason);
         }
-        (0..since_ms).for_each(|_| arm.tick(now_s));
+        for left_ms in (0..since_ms).rev() {
+            // The robot is where the arm would be one millisecond before the set-point that is asked for.
+            if left_ms == 0 && since_ms > 1 {
+                self.fade = Fade::going_on(&offsets(reading, &self.way_rad), &self.settings.arm.rules.limits);
+            }
+            arm.tick(now_s);
+            self.way_rad = [*arm.q_rad(), self.way_rad[0], self.way_rad[1]];
+        }
         self.still_ms = if arm.is_at_rest() { self.still_ms + since_ms } else { 0 };
-        self.fading_ms += since_ms;
-        let left = 1.0 - smooth_step(self.fading_ms as f64 / FADE_MS);
-        let q_rad = std::array::from_fn(|i| arm.q_rad()[i] + left * self.offset_rad[i]);
-        if self.still_ms >= SETTLE_MS && left == 0.0 { Next::End(q_rad) } else { Next::Go(q_rad) }
+        let offset_rad = if since_ms > 0 { self.fade.step() } else { self.fade.now() };
+        let q_rad = std::array::from_fn(|i| arm.q_rad()[i] + offset_rad[i]);
+        if self.still_ms >= SETTLE_MS && self.fade.is_over() { Next::End(q_rad) } else { Next::Go(q_rad) }
     }
 
     /// The motion is over.
@@ -341,6 +351,17 @@ impl Side {
 fn off_set_points(measured_rad: &Joints, set_rad: &Joints, tolerance_rad: f64) -> Option<String> {
     let joint = (0..JOINT_COUNT).find(|&i| !(0.0..=tolerance_rad).contains(&(measured_rad[i] - set_rad[i]).abs()))?;
     Some(format!("joint {joint} was measured at {:.4} rad and set to {:.4} rad", measured_rad[joint], set_rad[joint]))
+}
+
+/// How far off the arm's way the robot is, and was a millisecond ago and two: by where it holds its joints, and how fast.
+fn offsets(reading: &Reading, way_rad: &[Joints; 3]) -> [Joints; 3] {
+    const DT_S: f64 = 1e-3;
+    let before = |joint: usize, milliseconds: usize| {
+        let (speed, acceleration) = (reading.held_rad_s[joint], reading.held_rad_s2[joint]);
+        // As differences: the speed is that of the last millisecond.
+        reading.held_rad[joint] - [0.0, speed, 2.0 * speed - acceleration * DT_S][milliseconds] * DT_S
+    };
+    std::array::from_fn(|milliseconds| std::array::from_fn(|joint| before(joint, milliseconds) - way_rad[milliseconds][joint]))
 }
 
 /// The furthest that a joint is from where it is in another configuration, radians.

@@ -64,7 +64,16 @@ impl Robot {
     pub fn reading(&self) -> Reading {
         let mut measured_rad = self.held_rad;
         measured_rad[0] += self.off_rad;
-        Reading { time_ms: self.clock_ms, mode: self.mode, measured_rad, held_rad: self.held_rad, errors: self.errors, success_rate: 1.0 }
+        Reading {
+            time_ms: self.clock_ms,
+            mode: self.mode,
+            measured_rad,
+            held_rad: self.held_rad,
+            held_rad_s: self.velocity,
+            held_rad_s2: self.acceleration,
+            errors: self.errors,
+            success_rate: 1.0,
+        }
     }
 
     /// Goes to a set-point, or stops by a reflex.
@@ -86,6 +95,15 @@ impl Robot {
             }
         }
         (self.held_rad, self.velocity, self.acceleration) = (*q_rad, velocity, acceleration);
+    }
+
+    /// Goes on without a set-point: with the acceleration that it has.
+    fn go_on(&mut self) {
+        const DT_S: f64 = 1e-3;
+        for i in 0..JOINT_COUNT {
+            self.velocity[i] += self.acceleration[i] * DT_S;
+            self.held_rad[i] += self.velocity[i] * DT_S;
+        }
     }
 
     /// Stops by itself.
@@ -136,6 +154,18 @@ impl Bench {
             self.side.hand(self.hand);
             if self.is_connected {
                 self.cycle();
+            }
+            self.robot.trace.push(self.robot.held_rad);
+        }
+    }
+
+    /// Lets time pass in which the driver does not run: the robot gets no set-points.
+    pub fn miss(&mut self, milliseconds: u64) {
+        for _ in 0..milliseconds {
+            self.now_ms += 1;
+            self.robot.clock_ms += 1;
+            if self.robot.in_motion {
+                self.robot.go_on();
             }
             self.robot.trace.push(self.robot.held_rad);
         }

@@ -173,4 +173,29 @@ proptest! {
         prop_assert_eq!(bench.robot.held_rad, stands);
         prop_assert_eq!(&bench.robot.violations, &Vec::<String>::new());
     }
+
+    #[test]
+    fn a_robot_that_misses_set_points_is_brought_back_to_its_way_within_the_limits(
+        to in places(), at_ms in 20..3980u64, missed_ms in prop::collection::vec((1..20u64, 1..400u64), 1..4),
+        model in prop_oneof![Just(Model::Panda), Just(Model::Fr3)],
+    ) {
+        let mut bench = Bench::new(model);
+        bench.stream(&to, 4000.0).expect("taken");
+        bench.run(5000);
+        // One that breaks a rule is stopped for that.
+        prop_assume!(bench.side.stop().is_none());
+        bench = Bench::new(model);
+        bench.stream(&to, 4000.0).expect("taken");
+        bench.run(at_ms);
+        for (missed_ms, then_ms) in missed_ms {
+            bench.miss(missed_ms);
+            bench.run(then_ms);
+        }
+        bench.run(6000);
+        prop_assert_eq!(&bench.robot.violations, &Vec::<String>::new());
+        prop_assert_eq!(bench.stopped_by(), None);
+        prop_assert!(!bench.robot.in_motion);
+        let off_rad = (0..7).map(|i| (bench.robot.held_rad[i] - to[i]).abs()).fold(0.0, f64::max);
+        prop_assert!(off_rad < 1e-9, "it ends {off_rad} rad beside where it was sent");
+    }
 }
