@@ -263,16 +263,30 @@ fn seen(
     Some(problem)
 }
 
-/// Whether a search with the truth in hand finds a place in the region that meets the goal, that the arm gets to and where the object stays.
+/// Whether a search with the truth in hand finds a place in the region that meets the goal, that the arm gets to, where the object stays and where
+/// no part of it reaches over an edge of what carries it: nobody is asked to set something down half over a table's edge.
 fn is_possible(problem: &Problem, reach: &TrueReach, region: &RegionBox) -> bool {
     // A region is asked of the middle of what was seen of an object.
     let seen: Vec<Point3<f32>> = problem.observed.points_of(problem.query).map(Point3::from).collect();
     let Some((middle, truth)) = cloud::centroid(&seen).zip(PreparedTruth::new(problem)) else { return false };
     let is_allowed = |placed_from_observed: &Isometry3<f64>| {
         let at = placed_from_observed * middle;
-        (0..3).all(|k| (region.min_m[k]..=region.max_m[k]).contains(&at[k])) && reach.gets_to(placed_from_observed)
+        (0..3).all(|k| (region.min_m[k]..=region.max_m[k]).contains(&at[k]))
+            && keeps_off_edges(problem, placed_from_observed)
+            && reach.gets_to(placed_from_observed)
     };
     !truth.answers_among(&TruthSettings::default(), &ReleaseSettings::default(), 1, &is_allowed).is_empty()
+}
+
+/// Whether what is moved, set down on furniture, stands there whole; on another object it may reach over.
+fn keeps_off_edges(problem: &Problem, placed_from_observed: &Isometry3<f64>) -> bool {
+    const AT_M: f64 = 0.012;
+    let Some(moved) = problem.index_of(problem.query).map(|index| &problem.truth.objects[index]) else { return false };
+    let there = placed_from_observed * moved.world_from_object;
+    let bottom_m = there.translation.z - moved.shape.depth_below_origin_m(&there);
+    let is_under = |surface: &&FurnitureSurface| (bottom_m - surface.world_from_surface.translation.z).abs() < AT_M;
+    let mut carriers = problem.truth.surfaces.iter().filter(is_under).peekable();
+    carriers.peek().is_none() || carriers.any(|surface| stands_on(surface, &moved.shape, &there))
 }
 
 #[cfg(test)]
@@ -302,6 +316,11 @@ mod tests {
         let drawn: Vec<(Problem, Excluded)> = (0..4).filter_map(|seed| draw(seed, &narrow)).collect();
         assert!(drawn.iter().map(|(_, excluded)| excluded.no_place).sum::<usize>() > 0 && !drawn.is_empty());
         for (problem, _) in &drawn {
+            let surface = &problem.truth.surfaces[0];
+            let beyond = surface.half_extents_m.x - problem.truth.objects[0].world_from_object.translation.x
+                + surface.world_from_surface.translation.x;
+            assert!(keeps_off_edges(problem, &Isometry3::identity()));
+            assert!(!keeps_off_edges(problem, &Isometry3::translation(beyond, 0.0, 0.0)), "half of it is beyond the edge");
             assert!(is_possible(problem, &TrueReach::new(&problem.truth, 0).expect("it is reached"), &narrow));
         }
     }
