@@ -34,6 +34,8 @@ pub fn measures(problem: &PlacementProblem<'_>, standing: &Standing, judged: &Ju
         query.traits.leaner.over_m,
         f64::from(u8::from(query.traits.on_object)),
         query.traits.hidden_foot_m,
+        f64::from(query.shape.foot_probability),
+        anchor_foot(problem),
         query.traits.oblique.share,
         query.traits.oblique.off_rad,
         query.traits.oblique.level_share,
@@ -43,6 +45,12 @@ pub fn measures(problem: &PlacementProblem<'_>, standing: &Standing, judged: &Ju
     ];
     let all = beside.into_iter().chain(of_carriers(problem, judged)).chain(of_pictures(problem)).chain(of_anchor(problem, judged));
     Some(of_place.iter().copied().chain(all.map(|value| value as f32)).collect())
+}
+
+/// How likely the main anchor's foot is as high as is believed; 1 without an anchor.
+fn anchor_foot(problem: &PlacementProblem<'_>) -> f64 {
+    let anchor = problem.request.main_anchor().and_then(|anchor| problem.prepared.belief.objects.get(&anchor));
+    anchor.and_then(|anchor| anchor.shape.as_ref()).map_or(1.0, |shape| f64::from(shape.foot_probability))
 }
 
 /// What was seen to carry it.

@@ -7,7 +7,7 @@
 use crate::learned::stability::{self, COUNT as OF_PLACE};
 
 /// The measures beside those of [`stability`], in their order.
-const BESIDE: [&str; 36] = [
+const BESIDE: [&str; 38] = [
     // The probability that it stays.
     "stays",
     // The least probability of a goal term, and the least margin by rule, metres.
@@ -28,8 +28,10 @@ const BESIDE: [&str; 36] = [
     "leaner_over",
     // Whether it stood on an object there.
     "seen_on_object",
-    // How far below its lowest points its foot is believed to be, metres.
+    // How far below its lowest points its foot is believed to be, metres; how likely its foot is that high, and the main anchor's.
     "hidden_foot",
+    "foot",
+    "anchor_foot",
     // The largest share of its points that one oblique face explains, and how far that is from upright or level, radians.
     "oblique_share",
     "oblique_rad",

@@ -86,7 +86,7 @@ fn carried(table: &PreparedScene, (id, object): (u16, &BelievedObject), motion: 
         return shape.carried(motion);
     }
     let turned = solid_of(table, id, object, shape).moved(motion).shape(&BeliefSettings::default().shape)?;
-    Some(Shape { centroid: motion * shape.centroid, ..turned })
+    Some(Shape { centroid: motion * shape.centroid, foot_probability: shape.foot_probability, ..turned })
 }
 
 /// The table without an object.

@@ -40,6 +40,7 @@ pub mod columns;
 pub mod covering;
 pub mod crown;
 pub mod far_side;
+pub mod foot;
 pub mod front;
 pub mod meeting;
 pub mod offsets;
@@ -61,10 +62,12 @@ use repose_geometry::{Aabb, cloud};
 use repose_proto::{CameraModel, Scene, Surface};
 
 use back::Back;
+use bearing::candidates;
 use carrying::carried_by;
 use columns::{ColumnMap, ColumnRun, bounds_around, cells_of, cells_of_map};
 use covering::go_on_under;
 use crown::is_crowned;
+use foot::{Chosen, Foot, Level};
 use front::Front;
 use plane::SupportPlane;
 use standing::ObservedGeometry;
@@ -158,27 +161,30 @@ impl Belief {
         Self::made(seen, Some(shapes), settings)
     }
 
-    fn made(seen: &SeenScene<'_>, known: Option<BTreeMap<u16, Shape>>, settings: &BeliefSettings) -> Result<Self, TooWide> {
-        let mut clouds: BTreeMap<u16, Vec<Point3<f32>>> = BTreeMap::new();
-        for (p, label) in seen.points.iter().zip(seen.labels).filter(|(_, label)| **label != 0) {
-            clouds.entry(*label).or_default().push(Point3::from(*p));
-        }
-        let bounds = bounds_of(&clouds, seen.points, settings)?;
-        let observed = ColumnMap::of_points(seen.points, seen.labels, &bounds, settings.cell_m, settings.gap_m);
-        let planes: Vec<SupportPlane> = seen.surfaces.iter().filter_map(SupportPlane::of).collect();
-        let view = ObservedView::new(seen.points, seen.labels, seen.camera, seen.world_from_camera, settings.view_columns);
+    /// The levels that the feet of a scene's objects are chosen among, by object: what [`foot`] is fitted on.
+    ///
+    /// # Errors
+    /// [`TooWide`].
+    pub fn foot_levels(seen: &SeenScene<'_>, settings: &BeliefSettings) -> Result<BTreeMap<u16, Vec<Level>>, TooWide> {
+        let observed = Observed::of(seen, settings)?;
+        let geometry = observed.geometry(settings);
+        Ok(foot_levels(&geometry, &standing_at(&BTreeMap::new(), &geometry)))
+    }
 
-        let before = ObservedGeometry { clouds: &clouds, columns: &observed, planes: &planes, view: &view, settings };
-        let mut shapes = known.unwrap_or_else(|| completed(&before));
-        let hidden: Vec<(Point2<f32>, ColumnRun)> = shapes.iter().flat_map(|(id, shape)| unseen_runs(*id, shape, &observed)).collect();
-        let columns = observed.with(hidden);
-        let carried = carried_by(&before, &shapes);
+    fn made(seen: &SeenScene<'_>, known: Option<BTreeMap<u16, Shape>>, settings: &BeliefSettings) -> Result<Self, TooWide> {
+        let observed = Observed::of(seen, settings)?;
+        let geometry = observed.geometry(settings);
+        let mut shapes = known.unwrap_or_else(|| completed(&geometry));
+        let hidden: Vec<(Point2<f32>, ColumnRun)> =
+            shapes.iter().flat_map(|(id, shape)| unseen_runs(*id, shape, &observed.columns)).collect();
+        let carried = carried_by(&geometry, &shapes);
+        let Observed { clouds, columns, planes, view } = observed;
         let crowned = clouds.iter().filter(|(_, points)| is_crowned(points, &settings.crown)).map(|(id, _)| *id).collect();
         let believed = clouds.into_iter().filter_map(|(id, points)| {
             let centroid = cloud::centroid(&points)?;
             Some((id, BelievedObject { points, centroid, shape: shapes.remove(&id) }))
         });
-        Ok(Self { objects: believed.collect(), planes, columns, view, carried, crowned })
+        Ok(Self { objects: believed.collect(), planes, columns: columns.with(hidden), view, carried, crowned })
     }
 
     /// What is believed of a scene nothing of which counts: it has no objects, and the camera saw nothing.
@@ -211,19 +217,67 @@ impl Belief {
     }
 }
 
+/// A scene as it was seen, before anything is believed of it.
+struct Observed {
+    clouds: BTreeMap<u16, Vec<Point3<f32>>>,
+    columns: ColumnMap,
+    planes: Vec<SupportPlane>,
+    view: ObservedView,
+}
+
+impl Observed {
+    fn of(seen: &SeenScene<'_>, settings: &BeliefSettings) -> Result<Self, TooWide> {
+        let mut clouds: BTreeMap<u16, Vec<Point3<f32>>> = BTreeMap::new();
+        for (p, label) in seen.points.iter().zip(seen.labels).filter(|(_, label)| **label != 0) {
+            clouds.entry(*label).or_default().push(Point3::from(*p));
+        }
+        let bounds = bounds_of(&clouds, seen.points, settings)?;
+        let columns = ColumnMap::of_points(seen.points, seen.labels, &bounds, settings.cell_m, settings.gap_m);
+        let planes: Vec<SupportPlane> = seen.surfaces.iter().filter_map(SupportPlane::of).collect();
+        let view = ObservedView::new(seen.points, seen.labels, seen.camera, seen.world_from_camera, settings.view_columns);
+        Ok(Self { clouds, columns, planes, view })
+    }
+
+    fn geometry<'a>(&'a self, settings: &'a BeliefSettings) -> ObservedGeometry<'a> {
+        ObservedGeometry { clouds: &self.clouds, columns: &self.columns, planes: &self.planes, view: &self.view, settings }
+    }
+}
+
 /// The whole shapes of the objects that were seen.
 fn completed(seen: &ObservedGeometry<'_>) -> BTreeMap<u16, Shape> {
+    let by_rule = standing_at(&BTreeMap::new(), seen);
+    let feet: BTreeMap<u16, Chosen> =
+        foot_levels(seen, &by_rule).iter().filter_map(|(id, levels)| Some((*id, Foot::own().choice(levels)?))).collect();
+    let is_other = |(id, foot): &(&u16, &Chosen)| by_rule.get(id).is_some_and(|shape| shape.bottom_m != foot.height_m);
+    let others: BTreeMap<u16, f32> = feet.iter().filter(is_other).map(|(id, foot)| (*id, foot.height_m)).collect();
+    let mut shapes = if others.is_empty() { by_rule } else { standing_at(&others, seen) };
+    for (id, foot) in feet {
+        shapes.entry(id).and_modify(|shape| shape.foot_probability = foot.probability as f32);
+    }
+    shapes
+}
+
+/// The levels that each object's foot may be at, with the shapes that the rule completes.
+fn foot_levels(seen: &ObservedGeometry<'_>, by_rule: &BTreeMap<u16, Shape>) -> BTreeMap<u16, Vec<Level>> {
+    foot::levels(seen, by_rule, &candidates(seen, by_rule))
+}
+
+/// The whole shapes of objects that stand at given heights (metres), and as high as the rule says without one.
+fn standing_at(feet_m: &BTreeMap<u16, f32>, seen: &ObservedGeometry<'_>) -> BTreeMap<u16, Shape> {
     let eye = seen.view.eye().xy();
     let complete = |id: u16, bottom_m: f32| {
         let front = Front::of(&seen.clouds[&id], bottom_m, &eye, &seen.settings.shape)?;
         let hidden = Back::own().hidden(&front, seen.view, seen.settings);
         Some((id, Shape::complete(&front, &hidden, &seen.settings.shape)?))
     };
-    let mut shapes: BTreeMap<u16, Shape> = seen.clouds.keys().filter_map(|id| complete(*id, seen.bottom_m(*id)?)).collect();
+    let foot_m = |id: &u16| feet_m.get(id).copied().or_else(|| seen.bottom_m(*id));
+    let mut shapes: BTreeMap<u16, Shape> = seen.clouds.keys().filter_map(|id| complete(*id, foot_m(id)?)).collect();
     // Some supports are known only from a carrier's completed shape.
-    let covering: Vec<(u16, Shape)> = shapes.keys().filter_map(|id| complete(*id, seen.covered_top_m(*id, &shapes)?)).collect();
+    let by_rule = |id: &&u16| !feet_m.contains_key(*id);
+    let covering: Vec<(u16, Shape)> =
+        shapes.keys().filter(by_rule).filter_map(|id| complete(*id, seen.covered_top_m(*id, &shapes)?)).collect();
     shapes.extend(covering);
-    let covered = shapes.keys().filter_map(|id| Some((*id, seen.covered_by(*id)?))).collect();
+    let covered = shapes.keys().filter(by_rule).filter_map(|id| Some((*id, seen.covered_by(*id)?))).collect();
     go_on_under(&mut shapes, &covered, seen.view, seen.columns);
     shapes
 }

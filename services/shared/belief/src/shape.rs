@@ -40,6 +40,8 @@ pub struct Shape {
     pub base: Footprint,
     /// How much farther its back may reach than the prisms do, world axes seen from above, metres.
     pub doubt: Vector2<f32>,
+    /// How likely its bottom is as high as is believed ([`crate::foot`]); 1 where that was not asked.
+    pub foot_probability: f32,
 }
 
 /// What was not seen of an object, by belief, metres.
@@ -85,7 +87,7 @@ impl Shape {
         let near_bottom: Vec<&Point3<f32>> = points.iter().filter(|p| p.z <= base_top_m).collect();
         let base = (near_bottom.len() >= settings.min_slab_points).then(|| mirrored_outline(near_bottom.into_iter(), &axis)).flatten();
         let base = base.unwrap_or_else(|| slabs[0].outline.clone());
-        Some(Self { centroid: *centroid, axis, bottom_m, top_m, slabs, base, doubt: away * hidden.doubt_m })
+        Some(Self { centroid: *centroid, axis, bottom_m, top_m, slabs, base, doubt: away * hidden.doubt_m, foot_probability: 1.0 })
     }
 
     /// The shape after a turn about world z and a translation. None where an outline vanishes, which a rigid motion does not do.
@@ -102,6 +104,7 @@ impl Shape {
             slabs: self.slabs.iter().map(slab).collect::<Option<_>>()?,
             base: outline(&self.base)?,
             doubt: (motion.rotation * self.doubt.push(0.0).cast::<f64>()).xy().cast::<f32>(),
+            foot_probability: self.foot_probability,
         })
     }
 

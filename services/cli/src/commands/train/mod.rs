@@ -2,6 +2,7 @@
 
 mod back;
 mod bearing;
+mod foot;
 mod stability;
 mod standing;
 mod success;
@@ -31,6 +32,10 @@ const BACK_SCENES: u64 = 1500;
 const BEARING: &str = "bearing";
 /// Scenes that `bearing` tries unless told.
 const BEARING_SCENES: u64 = 1500;
+/// What `--network` calls how high objects' bottoms are.
+const FOOT: &str = "foot";
+/// Scenes that `foot` tries unless told.
+const FOOT_SCENES: u64 = 3000;
 /// Scenes that `standing` tries unless told.
 const STANDING_SCENES: u64 = 2000;
 
@@ -46,9 +51,9 @@ pub struct TrainArgs {
     /// stand by themselves, and whether their neighbours stay when they are taken away; fitted on `--steps` scenes, 2000 by default), then
     /// stability (fitted on `generate --proposals` with its other settings at their defaults; `--steps` limits the scenes), then success (fitted
     /// on outcomes of the planner's own answers in `--steps` scenes, 700 by default, which are kept in `--data`). Shape completion: back (how far
-    /// objects extend behind their observed points; fitted on `--steps` scenes, 1500 by default), and loads: bearing (which objects
-    /// lie on which; likewise), which are not part of the weights: set `--out` to back.json or bearing.json in services/shared/belief/weights and
-    /// build the program again.
+    /// objects extend behind their observed points; fitted on `--steps` scenes, 1500 by default), foot (how high their bottoms are; 3000), and
+    /// loads: bearing (which objects lie on which; 1500), which are not part of the weights: set `--out` to back.json, foot.json or bearing.json in
+    /// services/shared/belief/weights and build the program again.
     #[arg(long)]
     pub network: String,
     /// The relation predictor that `joint` and `relations` train: measured (uses geometric measures of the pair beside the codes) or paper.
@@ -76,7 +81,7 @@ pub struct TrainArgs {
     /// Stop after this many steps.
     #[arg(long)]
     pub steps: Option<u64>,
-    /// The first scene that a forecast, `back` or `bearing` is fitted on, to make its data in parts.
+    /// The first scene that a forecast, `back`, `foot` or `bearing` is fitted on, to make its data in parts.
     #[arg(long, default_value_t = 0)]
     pub first: u64,
     /// Threads; at most `--slots` of them are used. Default: one per core. The weights do not depend on it.
@@ -102,6 +107,7 @@ pub fn run(args: &TrainArgs, output: Output) -> CommandResult {
         SUCCESS => return success::run(&fit_on(SUCCESS_SCENES), output),
         BACK => return back::run(&fit_on(BACK_SCENES), output),
         BEARING => return bearing::run(&fit_on(BEARING_SCENES), output),
+        FOOT => return foot::run(&fit_on(FOOT_SCENES), output),
         STANDING => return standing::run(&fit_on(STANDING_SCENES), output),
         // All that there are.
         STABILITY => return stability::run(&fit_on(u64::MAX), output),
@@ -111,7 +117,7 @@ pub fn run(args: &TrainArgs, output: Output) -> CommandResult {
         Failure::bad_input(
             "network",
             format!(
-                "expected joint, relations, discriminator, outcome, stability, standing, success, back or bearing, got {:?}",
+                "expected joint, relations, discriminator, outcome, stability, standing, success, back, foot or bearing, got {:?}",
                 args.network
             ),
         )

@@ -1,0 +1,91 @@
+//! The levels that objects of training scenes may end at, and which of them are right: what [`repose_belief::foot`] is fitted on.
+
+use rand::RngExt;
+use rand_pcg::Pcg64;
+use repose_belief::foot::RIGHT_M;
+use repose_belief::{Belief, BeliefSettings, SeenScene};
+use repose_simulator::scene::{KindWeights, SceneKind, SceneObject, scene_of_seed};
+use serde::{Deserialize, Serialize};
+
+use crate::scenes::perturbation::with_found_masks;
+use crate::scenes::problem::{CameraView, ProblemSettings};
+use crate::statistics::forecast_fit::FitSample;
+
+/// The first of the training scenes that are learned from.
+pub const FIRST_SEED: u64 = 950_000_000;
+/// Views of each scene.
+const VIEWS: usize = 2;
+/// Sizes of pictures, and bands that are cleaned away around masks, pixels, of which each view has one: whose camera it will be, and how well its
+/// depth and masks keep to borders, is not known.
+const SIZES: [[usize; 2]; 3] = [[640, 480], [640, 480], [320, 240]];
+/// See [`SIZES`].
+const BORDERS_PX: [usize; 3] = [0, 2, 2];
+
+/// A level, and whether the object ends there.
+pub type TrueLevel = (Vec<f32>, bool);
+
+/// The objects of one scene.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SceneFeet {
+    /// The scene.
+    pub seed: u64,
+    /// The levels of each object in each view, the rule's first.
+    pub objects: Vec<Vec<TrueLevel>>,
+}
+
+impl SceneFeet {
+    /// The `index`-th scene that is learned from; kinds of scenes take turns. A quarter of the views have masks that perception finds. Empty where the
+    /// seed gives no scene.
+    pub fn of(index: u64) -> Self {
+        let mut feet = Self { seed: FIRST_SEED + index, objects: Vec::new() };
+        let mut settings = ProblemSettings::default();
+        settings.scene.kinds = KindWeights::only(SceneKind::ALL[index as usize % SceneKind::ALL.len()]);
+        let Ok((truth, _)) = scene_of_seed(feet.seed, &settings.scene) else { return feet };
+        let mut rng = Pcg64::new(u128::from(feet.seed), 0xfee7);
+        for _ in 0..VIEWS {
+            [settings.viewpoint.width, settings.viewpoint.height] = SIZES[rng.random_range(0..SIZES.len())];
+            settings.perception.borders.radius_px = BORDERS_PX[rng.random_range(0..BORDERS_PX.len())];
+            let finds_masks = rng.random_bool(0.25);
+            let Some(view) = CameraView::at_random(&truth, &settings, &mut rng, feet.seed) else { continue };
+            let observed = if finds_masks { with_found_masks(view.frame, &settings.perception) } else { Ok(view.observed) };
+            let Ok(observed) = observed else { continue };
+            let seen = SeenScene::of(&observed, &view.world_from_camera);
+            let Ok(levels) = Belief::foot_levels(&seen, &BeliefSettings::default()) else { continue };
+            // Of masks that match no object nothing is known.
+            let known = truth.objects.iter().filter_map(|object| Some((bottom_m(object), levels.get(&object.id)?)));
+            feet.objects.extend(known.map(|(bottom_m, levels)| {
+                levels
+                    .iter()
+                    .map(|level| (level.measures.clone(), (f64::from(level.height_m) - bottom_m).abs() <= f64::from(RIGHT_M)))
+                    .collect()
+            }));
+        }
+        feet
+    }
+
+    /// Levels, to learn from.
+    pub fn samples(&self) -> Vec<FitSample> {
+        let levels = self.objects.iter().flatten();
+        levels.map(|(measures, right)| FitSample { measures: measures.clone(), came_true: *right }).collect()
+    }
+}
+
+/// The true height of an object's bottom, world z, metres.
+fn bottom_m(object: &SceneObject) -> f64 {
+    object.world_from_object.translation.z - object.shape.depth_below_origin_m(&object.world_from_object)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rule_has_the_first_word_and_most_objects_end_at_a_level_that_is_tried() {
+        let objects: Vec<Vec<TrueLevel>> = (0..9).flat_map(|index| SceneFeet::of(index).objects).collect();
+        let first_is_the_rules =
+            |levels: &Vec<TrueLevel>| levels.iter().enumerate().all(|(i, (measures, _))| (measures[0] == 1.0) == (i == 0));
+        assert!(objects.len() > 20 && objects.iter().all(first_is_the_rules));
+        let has_right = objects.iter().filter(|levels| levels.iter().any(|(_, right)| *right)).count();
+        assert!(has_right as f64 >= 0.9 * objects.len() as f64, "{has_right} of {}", objects.len());
+    }
+}
