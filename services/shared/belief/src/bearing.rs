@@ -134,7 +134,7 @@ impl Bearing {
 
     /// How likely the one bears the other, from the measures of both.
     pub fn probability(&self, measures: &[f32]) -> f64 {
-        1.0 / (1.0 + (-self.log_odds.of(measures)).exp())
+        self.log_odds.probability(measures)
     }
 }
 

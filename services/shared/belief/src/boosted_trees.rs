@@ -91,6 +91,11 @@ impl BoostedTrees {
         self.trees.iter().fold(self.bias, |sum, tree| sum + f64::from(tree.of(row)))
     }
 
+    /// The probability whose log-odds the sum for a row is.
+    pub fn probability(&self, row: &[f32]) -> f64 {
+        1.0 / (1.0 + (-self.of(row)).exp())
+    }
+
     /// No row that agrees with a row of finite numbers in all but those that are open has a larger sum.
     pub fn most(&self, row: &[f32], is_open: impl Fn(usize) -> bool) -> f64 {
         self.trees.iter().fold(self.bias, |sum, tree| sum + f64::from(tree.most(row, &is_open)))
