@@ -12,8 +12,25 @@ use repose_panda::{JOINT_COUNT, JointLimits, Joints};
 const DT_MS: f64 = 1.0;
 /// In how many milliseconds it may fade out.
 const SPANS_MS: [f64; 8] = [20.0, 40.0, 80.0, 150.0, 250.0, 400.0, 600.0, 1000.0];
+/// What is as good as nothing where a motion ends: so far off, radians, and so far from there a millisecond before.
+const NOTHING_RAD: f64 = 1e-6;
+const STILL_RAD: f64 = 1e-8;
 /// In how many places a span is looked at for what it asks of the joints.
 const LOOKS: usize = 24;
+
+/// How many times as long as the gap before it a fade is at least: in another such gap the robot goes on with the fade's acceleration.
+const GAPS: f64 = 8.0;
+
+/// What a fade after a gap may ask.
+#[derive(Debug, Clone, Copy)]
+pub struct FadeBounds<'a> {
+    /// Of the joints.
+    pub limits: &'a JointLimits,
+    /// The share of the limits that it may take.
+    pub share: f64,
+    /// How long the gap was, milliseconds.
+    pub gap_ms: f64,
+}
 
 /// An offset that fades out.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,12 +54,14 @@ impl Fade {
         Self::through(&[*offset_rad; 3], span_ms)
     }
 
-    /// From offsets (radians) of now, a millisecond ago and two to none, in the span that asks least of what the joints can do.
-    pub fn going_on(offsets_rad: &[Joints; 3], limits: &JointLimits) -> Self {
+    /// From offsets (radians) of now, a millisecond ago and two to none: in the shortest span that is within bounds, so that it is over soon, before
+    /// the next gap; where none is, in the one that asks least of the joints.
+    pub fn going_on(offsets_rad: &[Joints; 3], bounds: &FadeBounds<'_>) -> Self {
         let spans = SPANS_MS.map(|span_ms| Self::through(offsets_rad, span_ms));
-        let asks = spans.map(|fade| fade.share_of(limits));
-        let least = (1..spans.len()).fold(0, |least, i| if asks[i] < asks[least] { i } else { least });
-        spans[least]
+        let asks = spans.map(|fade| fade.share_of(bounds.limits));
+        let least = || (1..spans.len()).fold(0, |least, i| if asks[i] < asks[least] { i } else { least });
+        let is_within = |&i: &usize| asks[i] <= bounds.share && spans[i].span_ms >= GAPS * bounds.gap_ms;
+        spans[(0..spans.len()).find(is_within).unwrap_or_else(least)]
     }
 
     /// What is off after a millisecond more, radians.
@@ -56,9 +75,18 @@ impl Fade {
         std::array::from_fn(|joint| self.at(joint, self.at_ms))
     }
 
-    /// Whether nothing is off any more.
+    /// Whether it has come to its end.
     pub fn is_over(&self) -> bool {
         self.at_ms >= self.span_ms
+    }
+
+    /// Whether what is off is as good as nothing: where gaps follow each other faster than they fade out, no fade comes to its end.
+    pub fn is_nothing(&self) -> bool {
+        let is_nothing = |joint| {
+            let (now, before) = (self.at(joint, self.at_ms), self.at(joint, self.at_ms - DT_MS));
+            now.abs() <= NOTHING_RAD && (now - before).abs() <= STILL_RAD
+        };
+        (0..JOINT_COUNT).all(is_nothing)
     }
 
     fn through(offsets_rad: &[Joints; 3], span_ms: f64) -> Self {
@@ -110,7 +138,7 @@ mod tests {
             let before = offset_rad - speed_rad_s * 1e-3;
             let offsets = [offset_rad, before, before - (speed_rad_s - acceleration_rad_s2 * 1e-3) * 1e-3];
             let limits = Model::Fr3.limits();
-            let mut fade = Fade::going_on(&offsets.map(|offset| [offset; JOINT_COUNT]), &limits);
+            let mut fade = Fade::going_on(&offsets.map(|offset| [offset; JOINT_COUNT]), &FadeBounds { limits: &limits, share: 0.05, gap_ms: 2.0 });
             let mut trace: Vec<f64> = offsets.iter().rev().copied().collect();
             while !fade.is_over() {
                 trace.push(fade.step()[0]);

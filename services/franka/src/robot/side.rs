@@ -19,7 +19,7 @@ use repose_proto::RigidTransform;
 use repose_proto::robot::{EmergencyStop, RobotCommand, RobotMode, RobotState};
 use repose_robot_side::{Arm, ArmSettings, FOLLOWING_ERROR, Ignored, StateDetails, state_of};
 
-use super::fade::Fade;
+use super::fade::{Fade, FadeBounds};
 use super::fci::{Next, Reading, Trouble};
 use super::hand::{Hand, HandCommand, HandReading};
 
@@ -32,6 +32,10 @@ const CATCH_UP_MS: u64 = 100;
 const HELD_OFF_RAD: f64 = 0.005;
 /// How long that takes to fade out, milliseconds.
 const FADE_MS: f64 = 500.0;
+/// The share of the joints' limits that there is always room for in a fade beside the arm's own motion.
+const BESIDE_SHARE: f64 = 0.005;
+/// The share that a fade takes while the arm stands: fast enough to be over before the next gap on a machine that often misses set-points.
+const ALONE_SHARE: f64 = 0.05;
 /// Between two recoveries, seconds.
 const RECOVERY_EVERY_S: f64 = 1.0;
 
@@ -267,7 +271,9 @@ impl Side {
         for left_ms in (0..since_ms).rev() {
             // The robot is where the arm would be one millisecond before the set-point that is asked for.
             if left_ms == 0 && since_ms > 1 {
-                self.fade = Fade::going_on(&offsets(reading, &self.way_rad), &self.settings.arm.rules.limits);
+                let share = if arm.is_at_rest() { ALONE_SHARE } else { BESIDE_SHARE };
+                let bounds = FadeBounds { limits: &self.settings.arm.rules.limits, share, gap_ms: since_ms as f64 };
+                self.fade = Fade::going_on(&offsets(reading, &self.way_rad), &bounds);
             }
             arm.tick(now_s);
             self.way_rad = [*arm.q_rad(), self.way_rad[0], self.way_rad[1]];
@@ -275,7 +281,7 @@ impl Side {
         self.still_ms = if arm.is_at_rest() { self.still_ms + since_ms } else { 0 };
         let offset_rad = if since_ms > 0 { self.fade.step() } else { self.fade.now() };
         let q_rad = std::array::from_fn(|i| arm.q_rad()[i] + offset_rad[i]);
-        if self.still_ms >= SETTLE_MS && self.fade.is_over() { Next::End(q_rad) } else { Next::Go(q_rad) }
+        if self.still_ms >= SETTLE_MS && (self.fade.is_over() || self.fade.is_nothing()) { Next::End(q_rad) } else { Next::Go(q_rad) }
     }
 
     /// The motion is over.
@@ -381,7 +387,7 @@ fn with_room_to_fade(limits: &JointLimits) -> JointLimits {
             .approach
             .map(|approach| ApproachLimits { offset_rad_s: approach.offset_rad_s.map(|offset| offset + speed), ..approach }),
         acceleration_rad_s2: limits.acceleration_rad_s2.map(|a| a - 5.774 * HELD_OFF_RAD / fade_s.powi(2)),
-        jerk_rad_s3: limits.jerk_rad_s3.map(|j| j - 60.0 * HELD_OFF_RAD / fade_s.powi(3)),
+        jerk_rad_s3: limits.jerk_rad_s3.map(|j| j - (60.0 * HELD_OFF_RAD / fade_s.powi(3)).max(BESIDE_SHARE * j)),
     }
 }
 

@@ -367,12 +367,26 @@ impl Execution {
         if !self.has_arrived() {
             // An arm that is held up on the last straight way to the object has a finger on it, or on what stands beside it.
             let (outcome, reason) = match self.current().name {
-                Phase::Approach => (ExecutionOutcome::GraspLost, "the hand met something before it was at the object"),
-                _ => (ExecutionOutcome::Stopped, "the robot did not follow its set-points"),
+                Phase::Approach => (ExecutionOutcome::GraspLost, "the hand met something before it was at the object".to_owned()),
+                _ => (ExecutionOutcome::Stopped, self.behind()),
             };
-            return self.end(outcome, Some(reason.to_owned()), now_ms);
+            return self.end(outcome, Some(reason), now_ms);
         }
         self.end_phase(now_ms)
+    }
+
+    /// What is to be said of a robot that is not at its stream's end in time.
+    fn behind(&self) -> String {
+        let (state, end) = (&self.last_state, self.current().set_points.last());
+        let (end_ms, end_rad) = end.map_or((0.0, state.q_rad), |end| (end.t_ms, end.q_rad));
+        let off_rad = state.q_rad.iter().zip(end_rad).map(|(q, end)| (q - end).abs()).fold(0.0, f64::max);
+        let followed_ms = state.stream_ms.unwrap_or(end_ms);
+        let late_ms = self.settings.lag_ms;
+        format!(
+            "the robot did not follow its set-points: {late_ms:.0} ms after their end it is at {followed_ms:.0} of {end_ms:.0} ms, {off_rad:.4} rad \
+             from their last, and {:?}",
+            state.mode
+        )
     }
 
     fn end_phase(&mut self, now_ms: u64) -> Vec<ExecutionAction> {

@@ -242,3 +242,23 @@ fn a_robot_that_is_not_ready_at_the_start_is_stopped() {
         assert_eq!(bench.stopped_by().as_deref(), Some(kind));
     }
 }
+
+#[test]
+fn a_motion_ends_though_set_points_go_on_being_missed() {
+    for (in_time_ms, missed_ms) in [(10, 2), (1, 1), (7, 5), (19, 19)] {
+        let mut bench = Bench::new(Model::Fr3);
+        let to = READY.map(|q| q + 0.3);
+        bench.stream(&to, 2000.0).expect("taken");
+        bench.run(1000);
+        let mut more_ms = 0;
+        while bench.robot.in_motion {
+            bench.miss(missed_ms);
+            bench.run(in_time_ms);
+            more_ms += missed_ms + in_time_ms;
+            assert!(more_ms < 3000, "{missed_ms} of {} ms are missed, and the motion goes on", missed_ms + in_time_ms);
+        }
+        assert_eq!((bench.stopped_by(), &bench.robot.violations), (None, &Vec::new()));
+        let off_rad = (0..7).map(|i| (bench.robot.held_rad[i] - to[i]).abs()).fold(0.0, f64::max);
+        assert!(off_rad < 2e-6, "it ends {off_rad} rad beside where it was sent");
+    }
+}
