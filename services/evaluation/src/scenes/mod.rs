@@ -7,6 +7,7 @@ pub mod bearing_samples;
 pub mod believed;
 pub mod carry_watch;
 pub mod cell_run;
+pub mod cut_samples;
 pub mod foot_samples;
 pub mod loads;
 pub mod one_scene;

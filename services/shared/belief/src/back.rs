@@ -14,6 +14,7 @@ use repose_geometry::Footprint;
 use serde::{Deserialize, Serialize};
 
 use crate::boosted_trees::{BoostedTrees, UnreadableTrees};
+use crate::cut::{Cut, End};
 use crate::front::{Front, span};
 use crate::settings::BeliefSettings;
 use crate::shape::Hidden;
@@ -134,7 +135,18 @@ impl Back {
     /// What is not seen of an object.
     pub fn hidden(&self, front: &Front, view: &ObservedView, settings: &BeliefSettings) -> Hidden {
         let back_m = self.missing_m(&measures(front, view, settings));
-        Hidden { back_m, side_m: side_m(front, view, settings), ends_m: 0.0, doubt_m: settings.shape.doubt_m(back_m) }
+        let side_m = side_m(front, view, settings);
+        let [near_m, left_m, right_m] = End::ALL.map(|end| Cut::own().at(end, front, view, settings));
+        Hidden {
+            back_m,
+            near_m,
+            // What a border takes off is counted to both sides.
+            left_m: (left_m - side_m).max(0.0),
+            right_m: (right_m - side_m).max(0.0),
+            side_m,
+            ends_m: 0.0,
+            doubt_m: settings.shape.doubt_m(back_m),
+        }
     }
 }
 

@@ -39,6 +39,7 @@ pub mod carrying;
 pub mod columns;
 pub mod covering;
 pub mod crown;
+pub mod cut;
 pub mod far_side;
 pub mod foot;
 pub mod front;

@@ -1,8 +1,9 @@
 //! The whole shape of an object, guessed from the half of it that a camera saw.
 //!
 //! A stack of upright prisms: the object's height is cut into slabs, each with the convex outline of its points and of the same points
-//! turned by half a turn about the object's axis. The axis stands in the middle between its near side, which is seen, and its far one, which
-//! is believed ([`crate::back`]): [`Shape::doubt`] says where more of it may be.
+//! turned by half a turn about the object's axis. The axis stands in the middle between its ends: the far one is believed ([`crate::back`]), the
+//! others are where they were seen, or believed where something cuts the object off ([`crate::cut`]). [`Shape::doubt`] says where more of it
+//! may be.
 //! The bottom is the support under it: border cleaning trims the cloud's own.
 
 use nalgebra::{Isometry3, Point2, Point3, Vector2};
@@ -49,7 +50,13 @@ pub struct Shape {
 pub struct Hidden {
     /// How far it goes on behind what was seen of it.
     pub back_m: f32,
-    /// How far it goes on to either side.
+    /// How far it goes on at the near end, and to the left and right of it, where it is cut off there.
+    pub near_m: f32,
+    /// See `near_m`.
+    pub left_m: f32,
+    /// See `near_m`.
+    pub right_m: f32,
+    /// How far it goes on to either side beyond that.
     pub side_m: f32,
     /// How far it goes on at the near and at the far end alike.
     pub ends_m: f32,
@@ -63,7 +70,9 @@ impl Shape {
         let Front { points, centroid, bottom_m, top_m, away, across, .. } = front;
         let (bottom_m, top_m) = (*bottom_m, *top_m);
         let ([near_m, far_m], [right_m, left_m]) = (front.span(away), front.span(across));
-        let axis = Point2::from(away * ((near_m + far_m + hidden.back_m) / 2.0) + across * ((right_m + left_m) / 2.0));
+        let deep_m = near_m - hidden.near_m + far_m + hidden.back_m;
+        let wide_m = right_m - hidden.right_m + left_m + hidden.left_m;
+        let axis = Point2::from(away * (deep_m / 2.0) + across * (wide_m / 2.0));
         let whole = mirrored_outline(points.iter(), &axis)?;
         let grown = |outline: &Footprint| stretched(outline, &axis, &[(*away, hidden.ends_m), (*across, hidden.side_m)]);
 

@@ -2,6 +2,7 @@
 
 mod back;
 mod bearing;
+mod cut;
 mod foot;
 mod stability;
 mod standing;
@@ -28,6 +29,10 @@ const STANDING: &str = "standing";
 const BACK: &str = "back";
 /// Scenes that `back` tries unless told.
 const BACK_SCENES: u64 = 1500;
+/// What `--network` calls how far objects go on where they are cut off.
+const CUT: &str = "cut";
+/// Scenes that `cut` tries unless told.
+const CUT_SCENES: u64 = 4000;
 /// What `--network` calls which objects bear which.
 const BEARING: &str = "bearing";
 /// Scenes that `bearing` tries unless told.
@@ -51,9 +56,10 @@ pub struct TrainArgs {
     /// stand by themselves, and whether their neighbours stay when they are taken away; fitted on `--steps` scenes, 2000 by default), then
     /// stability (fitted on `generate --proposals` with its other settings at their defaults; `--steps` limits the scenes), then success (fitted
     /// on outcomes of the planner's own answers in `--steps` scenes, 700 by default, which are kept in `--data`). Shape completion: back (how far
-    /// objects extend behind their observed points; fitted on `--steps` scenes, 1500 by default), foot (how high their bottoms are; 3000), and
-    /// loads: bearing (which objects lie on which; 1500), which are not part of the weights: set `--out` to back.json, foot.json or bearing.json in
-    /// services/shared/belief/weights and build the program again.
+    /// objects extend behind their observed points; fitted on `--steps` scenes, 1500 by default), cut (how far where something nearer or the
+    /// picture's edge cuts them off; 4000), foot (how high their bottoms are; 3000), and loads: bearing (which objects lie on which; 1500), which
+    /// are not part of the weights: set `--out` to back.json, cut.json, foot.json or bearing.json in services/shared/belief/weights and build the
+    /// program again.
     #[arg(long)]
     pub network: String,
     /// The relation predictor that `joint` and `relations` train: measured (uses geometric measures of the pair beside the codes) or paper.
@@ -81,7 +87,7 @@ pub struct TrainArgs {
     /// Stop after this many steps.
     #[arg(long)]
     pub steps: Option<u64>,
-    /// The first scene that a forecast, `back`, `foot` or `bearing` is fitted on, to make its data in parts.
+    /// The first scene that a forecast, `back`, `cut`, `foot` or `bearing` is fitted on, to make its data in parts.
     #[arg(long, default_value_t = 0)]
     pub first: u64,
     /// Threads; at most `--slots` of them are used. Default: one per core. The weights do not depend on it.
@@ -106,6 +112,7 @@ pub fn run(args: &TrainArgs, output: Output) -> CommandResult {
     match args.network.as_str() {
         SUCCESS => return success::run(&fit_on(SUCCESS_SCENES), output),
         BACK => return back::run(&fit_on(BACK_SCENES), output),
+        CUT => return cut::run(&fit_on(CUT_SCENES), output),
         BEARING => return bearing::run(&fit_on(BEARING_SCENES), output),
         FOOT => return foot::run(&fit_on(FOOT_SCENES), output),
         STANDING => return standing::run(&fit_on(STANDING_SCENES), output),
@@ -117,7 +124,7 @@ pub fn run(args: &TrainArgs, output: Output) -> CommandResult {
         Failure::bad_input(
             "network",
             format!(
-                "expected joint, relations, discriminator, outcome, stability, standing, success, back, foot or bearing, got {:?}",
+                "expected joint, relations, discriminator, outcome, stability, standing, success, back, cut, foot or bearing, got {:?}",
                 args.network
             ),
         )

@@ -1,0 +1,68 @@
+//! How far the objects of training scenes go on at their near ends and sides beyond what was seen of them, with what was measured of that: what
+//! [`repose_belief::cut`] is fitted on.
+
+use rand::RngExt;
+use rand_pcg::Pcg64;
+use repose_belief::cut::{End, measures};
+use repose_belief::front::{Front, span};
+use repose_belief::{Belief, BeliefSettings};
+use repose_geometry::Footprint;
+use repose_planner::PreparedScene;
+use repose_simulator::scene::{KindWeights, SceneKind, SceneObject, scene_of_seed};
+use serde::{Deserialize, Serialize};
+
+use crate::scenes::believed::{MIN_POINTS, true_corners};
+use crate::scenes::problem::{CameraView, ProblemSettings};
+
+/// The first of the training scenes that are learned from.
+pub const FIRST_SEED: u64 = 850_000_000;
+/// Views of each scene.
+const VIEWS: usize = 3;
+/// Sizes of pictures, and bands that are cleaned away around masks, pixels, of which each view has one, as for the backs.
+const SIZES: [[usize; 2]; 2] = [[640, 480], [320, 240]];
+/// See [`SIZES`].
+const BORDERS_PX: [usize; 3] = [0, 2, 2];
+
+/// What was measured at an end of an object, and how far it goes on there, metres.
+pub type EndSample = (Vec<f32>, f32);
+
+/// The objects of one scene.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SceneCuts {
+    /// The scene.
+    pub seed: u64,
+    /// Each object's ends in each view: near, left and right.
+    pub objects: Vec<[EndSample; 3]>,
+}
+
+impl SceneCuts {
+    /// The `index`-th scene that is learned from; kinds of scenes take turns. Empty where the seed gives no scene.
+    pub fn of(index: u64) -> Self {
+        let mut cuts = Self { seed: FIRST_SEED + index, objects: Vec::new() };
+        let mut settings = ProblemSettings::default();
+        settings.scene.kinds = KindWeights::only(SceneKind::ALL[index as usize % SceneKind::ALL.len()]);
+        let Ok((truth, _)) = scene_of_seed(cuts.seed, &settings.scene) else { return cuts };
+        let mut rng = Pcg64::new(u128::from(cuts.seed), 0xc07_c07);
+        for _ in 0..VIEWS {
+            [settings.viewpoint.width, settings.viewpoint.height] = SIZES[rng.random_range(0..SIZES.len())];
+            settings.perception.borders.radius_px = BORDERS_PX[rng.random_range(0..BORDERS_PX.len())];
+            let Some(view) = CameraView::at_random(&truth, &settings, &mut rng, cuts.seed) else { continue };
+            let belief = &PreparedScene::new(std::sync::Arc::new(view.observed)).belief;
+            cuts.objects.extend(truth.objects.iter().filter_map(|object| measured(belief, object)));
+        }
+        cuts
+    }
+}
+
+/// An object's ends with what was measured of them; none where too little was seen of it.
+fn measured(belief: &Belief, object: &SceneObject) -> Option<[EndSample; 3]> {
+    let settings = BeliefSettings::default();
+    let seen = belief.objects.get(&object.id).filter(|seen| seen.points.len() >= MIN_POINTS)?;
+    let front = Front::of(&seen.points, seen.shape.as_ref()?.bottom_m, &belief.view.eye().xy(), &settings.shape)?;
+    let outline = Footprint::of(&true_corners(object))?;
+    Some(End::ALL.map(|end| {
+        let outwards = end.outwards(&front);
+        let missing_m = span(outline.corners(), &outwards)[1] - front.span(&outwards)[1];
+        (measures(end, &front, &belief.view, &settings), missing_m)
+    }))
+}
