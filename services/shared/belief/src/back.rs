@@ -72,6 +72,8 @@ const BEHIND_M: f32 = 0.3;
 const SIDE_AT: f32 = 0.5;
 /// … in steps of this, metres.
 const SIDE_STEP_M: f32 = 0.001;
+/// Noise lets a near end reach farther than it does by so much as is missing where nothing cuts it off, metres.
+const NOISE_M: f32 = 0.0015;
 /// The trees say the logarithm of what is missing and this, metres.
 const OFFSET_M: f64 = 0.004;
 
@@ -139,7 +141,7 @@ impl Back {
         let [near_m, left_m, right_m] = End::ALL.map(|end| Cut::own().at(end, front, view, settings));
         Hidden {
             back_m,
-            near_m,
+            near_m: (near_m - NOISE_M).max(0.0),
             // What a border takes off is counted to both sides.
             left_m: (left_m - side_m).max(0.0),
             right_m: (right_m - side_m).max(0.0),

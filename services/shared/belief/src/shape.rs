@@ -74,7 +74,11 @@ impl Shape {
         let wide_m = right_m - hidden.right_m + left_m + hidden.left_m;
         let axis = Point2::from(away * (deep_m / 2.0) + across * (wide_m / 2.0));
         let whole = mirrored_outline(points.iter(), &axis)?;
-        let grown = |outline: &Footprint| stretched(outline, &axis, &[(*away, hidden.ends_m), (*across, hidden.side_m)]);
+        // Half a turn makes up for what is missing at one of two ends, not for what is missing at both.
+        let both_m = [hidden.near_m.min(hidden.back_m), hidden.left_m.min(hidden.right_m)];
+        let grown = |outline: &Footprint, by_m: [f32; 2]| {
+            stretched(outline, &axis, &[(*away, both_m[0] + by_m[0]), (*across, both_m[1] + by_m[1])])
+        };
 
         let height_m = top_m - bottom_m;
         let count = ((height_m / settings.slab_m).floor() as usize).clamp(1, settings.max_slabs);
@@ -88,14 +92,14 @@ impl Shape {
             let own = (within.len() >= settings.min_slab_points).then(|| mirrored_outline(within.into_iter(), &axis)).flatten();
             let outline = own.or_else(|| above.clone()).unwrap_or_else(|| whole.clone());
             above = Some(outline.clone());
-            slabs.push(Slab { low_m, high_m, outline: grown(&outline)? });
+            slabs.push(Slab { low_m, high_m, outline: grown(&outline, [hidden.ends_m, hidden.side_m])? });
         }
         slabs.reverse();
         let slabs = merged(slabs, settings.same_area_ratio);
         let base_top_m = bottom_m + settings.base_m.max(settings.base_share * height_m);
         let near_bottom: Vec<&Point3<f32>> = points.iter().filter(|p| p.z <= base_top_m).collect();
         let base = (near_bottom.len() >= settings.min_slab_points).then(|| mirrored_outline(near_bottom.into_iter(), &axis)).flatten();
-        let base = base.unwrap_or_else(|| slabs[0].outline.clone());
+        let base = base.and_then(|base| grown(&base, [0.0; 2])).unwrap_or_else(|| slabs[0].outline.clone());
         Some(Self { centroid: *centroid, axis, bottom_m, top_m, slabs, base, doubt: away * hidden.doubt_m, foot_probability: 1.0 })
     }
 
@@ -240,6 +244,25 @@ mod tests {
         assert!((0.0047..0.0063).contains(&area), "{area}");
         assert!(shape.centroid.y < 0.5, "the observed centroid is nearer the camera than the axis");
         assert!(shape.base.margin(&Point2::new(0.1, 0.52)) > 0.0, "the hidden back is part of the base");
+    }
+
+    #[test]
+    fn what_is_cut_off_at_an_end_or_at_both_is_made_up_for() {
+        let (whole, eye) = (seen_box([0.0, 0.5], [0.12, 0.06, 0.1]), Point2::new(0.0, -0.5));
+        let reach_m = |shape: &Shape| {
+            let corners = shape.slabs[0].outline.corners().iter();
+            corners.fold([0.0f32; 2], |[left, right], c| [left.min(c.x), right.max(c.x)])
+        };
+        let cut = |left_m: f32, right_m: f32| {
+            let seen: Vec<Point3<f32>> = whole.iter().filter(|p| (-0.06 + left_m..=0.06 - right_m).contains(&p.x)).copied().collect();
+            complete(&seen, eye, &Hidden { left_m, right_m, ..Hidden::default() })
+        };
+        for (left_m, right_m) in [(0.0, 0.04), (0.05, 0.0), (0.02, 0.02), (0.01, 0.03)] {
+            let shape = cut(left_m, right_m);
+            let [left, right] = reach_m(&shape);
+            assert!((left + 0.06).abs() < 0.006 && (right - 0.06).abs() < 0.006, "{left_m} {right_m}: {left} to {right}");
+            assert!(shape.axis.x.abs() < 0.004 && shape.base.margin(&shape.axis) > 0.02, "{}", shape.axis);
+        }
     }
 
     #[test]
