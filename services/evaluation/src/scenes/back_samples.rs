@@ -1,28 +1,21 @@
 //! How far the objects of training scenes go on behind what was seen of them, with what was measured of that: what
 //! [`repose_belief::back`] is fitted on.
 
-use rand::RngExt;
-use rand_pcg::Pcg64;
 use repose_belief::back::measures;
 use repose_belief::front::{Front, span};
 use repose_belief::{Belief, BeliefSettings};
 use repose_geometry::Footprint;
 use repose_planner::PreparedScene;
-use repose_simulator::scene::{KindWeights, SceneKind, SceneObject, scene_of_seed};
+use repose_simulator::scene::SceneObject;
 use serde::{Deserialize, Serialize};
 
 use crate::scenes::believed::{MIN_POINTS, true_corners};
-use crate::scenes::problem::{CameraView, ProblemSettings};
+use crate::scenes::training_views::TrainingViews;
 
 /// The first of the training scenes that are learned from.
 pub const FIRST_SEED: u64 = 800_000_000;
-/// Views of each scene.
-const VIEWS: usize = 3;
-/// Sizes of pictures, and bands that are cleaned away around masks, pixels, of which each view has one: whose camera it will be, and how well
-/// its depth and masks keep to borders, is not known.
-const SIZES: [[usize; 2]; 2] = [[640, 480], [320, 240]];
-/// See [`SIZES`].
-const BORDERS_PX: [usize; 3] = [0, 2, 2];
+/// How they are seen.
+const VIEWS: TrainingViews = TrainingViews { stream: 0xbac_cbac, views: 3, sizes: &[[640, 480], [320, 240]], found_masks: None };
 
 /// The objects of one scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -37,17 +30,10 @@ impl SceneBacks {
     /// The `index`-th scene that is learned from; kinds of scenes take turns. Empty where the seed gives no scene.
     pub fn of(index: u64) -> Self {
         let mut backs = Self { seed: FIRST_SEED + index, objects: Vec::new() };
-        let mut settings = ProblemSettings::default();
-        settings.scene.kinds = KindWeights::only(SceneKind::ALL[index as usize % SceneKind::ALL.len()]);
-        let Ok((truth, _)) = scene_of_seed(backs.seed, &settings.scene) else { return backs };
-        let mut rng = Pcg64::new(u128::from(backs.seed), 0xbac_cbac);
-        for _ in 0..VIEWS {
-            [settings.viewpoint.width, settings.viewpoint.height] = SIZES[rng.random_range(0..SIZES.len())];
-            settings.perception.borders.radius_px = BORDERS_PX[rng.random_range(0..BORDERS_PX.len())];
-            let Some(view) = CameraView::at_random(&truth, &settings, &mut rng, backs.seed) else { continue };
+        VIEWS.show(backs.seed, index, |truth, view| {
             let belief = &PreparedScene::new(std::sync::Arc::new(view.observed)).belief;
             backs.objects.extend(truth.objects.iter().filter_map(|object| measured(belief, object)));
-        }
+        });
         backs
     }
 }

@@ -3,29 +3,22 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use rand::RngExt;
-use rand_pcg::Pcg64;
 use repose_belief::bearing::candidates;
 use repose_belief::standing::ObservedGeometry;
 use repose_belief::{Belief, BeliefSettings};
 use repose_planner::PreparedScene;
-use repose_simulator::scene::{KindWeights, SceneKind, SimulatedScene, scene_of_seed};
+use repose_simulator::scene::SimulatedScene;
 use serde::{Deserialize, Serialize};
 
 use crate::scenes::loads::true_loads;
-use crate::scenes::perturbation::with_found_masks;
-use crate::scenes::problem::{CameraView, ProblemSettings};
+use crate::scenes::training_views::TrainingViews;
 use crate::statistics::forecast_fit::FitSample;
 
 /// The first of the training scenes that are learned from.
 pub const FIRST_SEED: u64 = 900_000_000;
-/// Views of each scene.
-const VIEWS: usize = 3;
-/// Sizes of pictures, and bands that are cleaned away around masks, pixels, of which each view has one: whose camera it will be, and how well its
-/// depth and masks keep to borders, is not known.
-const SIZES: [[usize; 2]; 3] = [[640, 480], [640, 480], [320, 240]];
-/// See [`SIZES`].
-const BORDERS_PX: [usize; 3] = [0, 2, 2];
+/// How they are seen.
+const VIEWS: TrainingViews =
+    TrainingViews { stream: 0xbea_2146, views: 3, sizes: &[[640, 480], [640, 480], [320, 240]], found_masks: Some(0.5) };
 
 /// The pairs of one scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -41,19 +34,9 @@ impl SceneBearings {
     /// seed gives no scene.
     pub fn of(index: u64) -> Self {
         let mut bearings = Self { seed: FIRST_SEED + index, pairs: Vec::new() };
-        let mut settings = ProblemSettings::default();
-        settings.scene.kinds = KindWeights::only(SceneKind::ALL[index as usize % SceneKind::ALL.len()]);
-        let Ok((truth, _)) = scene_of_seed(bearings.seed, &settings.scene) else { return bearings };
-        let mut rng = Pcg64::new(u128::from(bearings.seed), 0xbea_2146);
-        for _ in 0..VIEWS {
-            [settings.viewpoint.width, settings.viewpoint.height] = SIZES[rng.random_range(0..SIZES.len())];
-            settings.perception.borders.radius_px = BORDERS_PX[rng.random_range(0..BORDERS_PX.len())];
-            let finds_masks = rng.random_bool(0.5);
-            let Some(view) = CameraView::at_random(&truth, &settings, &mut rng, bearings.seed) else { continue };
-            let observed = if finds_masks { with_found_masks(view.frame, &settings.perception) } else { Ok(view.observed) };
-            let Ok(observed) = observed else { continue };
-            bearings.pairs.extend(measured(&PreparedScene::new(Arc::new(observed)).belief, &truth));
-        }
+        VIEWS.show(bearings.seed, index, |truth, view| {
+            bearings.pairs.extend(measured(&PreparedScene::new(Arc::new(view.observed)).belief, truth));
+        });
         bearings
     }
 

@@ -1,27 +1,21 @@
 //! How far the objects of training scenes go on at their near ends and sides beyond what was seen of them, with what was measured of that: what
 //! [`repose_belief::cut`] is fitted on.
 
-use rand::RngExt;
-use rand_pcg::Pcg64;
 use repose_belief::cut::{End, measures};
 use repose_belief::front::{Front, span};
 use repose_belief::{Belief, BeliefSettings};
 use repose_geometry::Footprint;
 use repose_planner::PreparedScene;
-use repose_simulator::scene::{KindWeights, SceneKind, SceneObject, scene_of_seed};
+use repose_simulator::scene::SceneObject;
 use serde::{Deserialize, Serialize};
 
 use crate::scenes::believed::{MIN_POINTS, true_corners};
-use crate::scenes::problem::{CameraView, ProblemSettings};
+use crate::scenes::training_views::TrainingViews;
 
 /// The first of the training scenes that are learned from.
 pub const FIRST_SEED: u64 = 850_000_000;
-/// Views of each scene.
-const VIEWS: usize = 3;
-/// Sizes of pictures, and bands that are cleaned away around masks, pixels, of which each view has one, as for the backs.
-const SIZES: [[usize; 2]; 2] = [[640, 480], [320, 240]];
-/// See [`SIZES`].
-const BORDERS_PX: [usize; 3] = [0, 2, 2];
+/// How they are seen.
+const VIEWS: TrainingViews = TrainingViews { stream: 0xc07_c07, views: 3, sizes: &[[640, 480], [320, 240]], found_masks: None };
 
 /// What was measured at an end of an object, and how far it goes on there, metres.
 pub type EndSample = (Vec<f32>, f32);
@@ -39,17 +33,10 @@ impl SceneCuts {
     /// The `index`-th scene that is learned from; kinds of scenes take turns. Empty where the seed gives no scene.
     pub fn of(index: u64) -> Self {
         let mut cuts = Self { seed: FIRST_SEED + index, objects: Vec::new() };
-        let mut settings = ProblemSettings::default();
-        settings.scene.kinds = KindWeights::only(SceneKind::ALL[index as usize % SceneKind::ALL.len()]);
-        let Ok((truth, _)) = scene_of_seed(cuts.seed, &settings.scene) else { return cuts };
-        let mut rng = Pcg64::new(u128::from(cuts.seed), 0xc07_c07);
-        for _ in 0..VIEWS {
-            [settings.viewpoint.width, settings.viewpoint.height] = SIZES[rng.random_range(0..SIZES.len())];
-            settings.perception.borders.radius_px = BORDERS_PX[rng.random_range(0..BORDERS_PX.len())];
-            let Some(view) = CameraView::at_random(&truth, &settings, &mut rng, cuts.seed) else { continue };
+        VIEWS.show(cuts.seed, index, |truth, view| {
             let belief = &PreparedScene::new(std::sync::Arc::new(view.observed)).belief;
             cuts.objects.extend(truth.objects.iter().filter_map(|object| measured(belief, object)));
-        }
+        });
         cuts
     }
 }

@@ -1,25 +1,18 @@
 //! The levels that objects of training scenes may end at, and which of them are right: what [`repose_belief::foot`] is fitted on.
 
-use rand::RngExt;
-use rand_pcg::Pcg64;
 use repose_belief::foot::RIGHT_M;
 use repose_belief::{Belief, BeliefSettings, SeenScene};
-use repose_simulator::scene::{KindWeights, SceneKind, SceneObject, scene_of_seed};
+use repose_simulator::scene::SceneObject;
 use serde::{Deserialize, Serialize};
 
-use crate::scenes::perturbation::with_found_masks;
-use crate::scenes::problem::{CameraView, ProblemSettings};
+use crate::scenes::training_views::TrainingViews;
 use crate::statistics::forecast_fit::FitSample;
 
 /// The first of the training scenes that are learned from.
 pub const FIRST_SEED: u64 = 950_000_000;
-/// Views of each scene.
-const VIEWS: usize = 2;
-/// Sizes of pictures, and bands that are cleaned away around masks, pixels, of which each view has one: whose camera it will be, and how well its
-/// depth and masks keep to borders, is not known.
-const SIZES: [[usize; 2]; 3] = [[640, 480], [640, 480], [320, 240]];
-/// See [`SIZES`].
-const BORDERS_PX: [usize; 3] = [0, 2, 2];
+/// How they are seen.
+const VIEWS: TrainingViews =
+    TrainingViews { stream: 0xfee7, views: 2, sizes: &[[640, 480], [640, 480], [320, 240]], found_masks: Some(0.25) };
 
 /// A level, and whether the object ends there.
 pub type TrueLevel = (Vec<f32>, bool);
@@ -38,19 +31,9 @@ impl SceneFeet {
     /// seed gives no scene.
     pub fn of(index: u64) -> Self {
         let mut feet = Self { seed: FIRST_SEED + index, objects: Vec::new() };
-        let mut settings = ProblemSettings::default();
-        settings.scene.kinds = KindWeights::only(SceneKind::ALL[index as usize % SceneKind::ALL.len()]);
-        let Ok((truth, _)) = scene_of_seed(feet.seed, &settings.scene) else { return feet };
-        let mut rng = Pcg64::new(u128::from(feet.seed), 0xfee7);
-        for _ in 0..VIEWS {
-            [settings.viewpoint.width, settings.viewpoint.height] = SIZES[rng.random_range(0..SIZES.len())];
-            settings.perception.borders.radius_px = BORDERS_PX[rng.random_range(0..BORDERS_PX.len())];
-            let finds_masks = rng.random_bool(0.25);
-            let Some(view) = CameraView::at_random(&truth, &settings, &mut rng, feet.seed) else { continue };
-            let observed = if finds_masks { with_found_masks(view.frame, &settings.perception) } else { Ok(view.observed) };
-            let Ok(observed) = observed else { continue };
-            let seen = SeenScene::of(&observed, &view.world_from_camera);
-            let Ok(levels) = Belief::foot_levels(&seen, &BeliefSettings::default()) else { continue };
+        VIEWS.show(feet.seed, index, |truth, view| {
+            let seen = SeenScene::of(&view.observed, &view.world_from_camera);
+            let Ok(levels) = Belief::foot_levels(&seen, &BeliefSettings::default()) else { return };
             // Of masks that match no object nothing is known.
             let known = truth.objects.iter().filter_map(|object| Some((bottom_m(object), levels.get(&object.id)?)));
             feet.objects.extend(known.map(|(bottom_m, levels)| {
@@ -59,7 +42,7 @@ impl SceneFeet {
                     .map(|level| (level.measures.clone(), (f64::from(level.height_m) - bottom_m).abs() <= f64::from(RIGHT_M)))
                     .collect()
             }));
-        }
+        });
         feet
     }
 

@@ -23,5 +23,6 @@ pub mod script;
 pub mod stability_samples;
 pub mod standing_samples;
 pub mod success_samples;
+pub mod training_views;
 pub mod true_answers;
 pub mod true_reach;

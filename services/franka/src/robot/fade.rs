@@ -11,7 +11,9 @@ use repose_panda::{JOINT_COUNT, JointLimits, Joints};
 
 const DT_MS: f64 = 1.0;
 /// In how many milliseconds it may fade out.
-const SPANS_MS: [f64; 8] = [20.0, 40.0, 80.0, 150.0, 250.0, 400.0, 600.0, 1000.0];
+const SPANS_MS: [f64; 8] = [20.0, 40.0, 80.0, 150.0, 250.0, 400.0, 600.0, LONGEST_MS as f64];
+/// The longest of these.
+pub const LONGEST_MS: u64 = 1000;
 /// What is as good as nothing where a motion ends: so far off, radians, and so far from there a millisecond before.
 const NOTHING_RAD: f64 = 1e-6;
 const STILL_RAD: f64 = 1e-8;

@@ -19,7 +19,7 @@ use repose_proto::RigidTransform;
 use repose_proto::robot::{EmergencyStop, RobotCommand, RobotMode, RobotState};
 use repose_robot_side::{Arm, ArmSettings, FOLLOWING_ERROR, Ignored, StateDetails, state_of};
 
-use super::fade::{Fade, FadeBounds};
+use super::fade::{Fade, FadeBounds, LONGEST_MS};
 use super::fci::{Next, Reading, Trouble};
 use super::hand::{Hand, HandCommand, HandReading};
 
@@ -281,7 +281,9 @@ impl Side {
         self.still_ms = if arm.is_at_rest() { self.still_ms + since_ms } else { 0 };
         let offset_rad = if since_ms > 0 { self.fade.step() } else { self.fade.now() };
         let q_rad = std::array::from_fn(|i| arm.q_rad()[i] + offset_rad[i]);
-        if self.still_ms >= SETTLE_MS && (self.fade.is_over() || self.fade.is_nothing()) { Next::End(q_rad) } else { Next::Go(q_rad) }
+        // A fade that no gap cuts short comes to its end: only where it should long have is next to nothing enough.
+        let has_faded = self.fade.is_over() || (self.still_ms >= SETTLE_MS + LONGEST_MS && self.fade.is_nothing());
+        if self.still_ms >= SETTLE_MS && has_faded { Next::End(q_rad) } else { Next::Go(q_rad) }
     }
 
     /// The motion is over.

@@ -14,7 +14,6 @@ use repose_geometry::Footprint;
 use serde::{Deserialize, Serialize};
 
 use crate::boosted_trees::{BoostedTrees, UnreadableTrees};
-use crate::cut::{Cut, End};
 use crate::front::{Front, span};
 use crate::settings::BeliefSettings;
 use crate::shape::Hidden;
@@ -72,10 +71,6 @@ const BEHIND_M: f32 = 0.3;
 const SIDE_AT: f32 = 0.5;
 /// … in steps of this, metres.
 const SIDE_STEP_M: f32 = 0.001;
-/// Noise lets a near end reach farther than it does by so much as is missing where nothing cuts it off, metres.
-const NOISE_M: f32 = 0.0015;
-/// The trees say the logarithm of what is missing and this, metres.
-const OFFSET_M: f64 = 0.004;
 
 /// The data that a far-side predictor was fitted on.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -103,7 +98,7 @@ impl Back {
         &OWN
     }
 
-    /// From trees for [`Back::target`] on [`Back::measures`].
+    /// From trees for [`log_of_length`](crate::boosted_trees::log_of_length) on [`MEASURES`].
     ///
     /// # Errors
     /// When a branch leads nowhere or a value is not finite.
@@ -124,36 +119,21 @@ impl Back {
         Ok(self)
     }
 
-    /// What the trees are fitted on, of a length in metres; what is shorter than nothing is nothing.
-    pub fn target(missing_m: f32) -> f64 {
-        (f64::from(missing_m.max(0.0)) + OFFSET_M).ln()
-    }
-
     /// The middle of what may be missing, metres, from measures.
     pub fn missing_m(&self, measures: &[f32]) -> f32 {
-        (self.log_m.of(measures).exp() - OFFSET_M).max(0.0) as f32
+        self.log_m.length_m(measures)
     }
 
     /// What is not seen of an object.
     pub fn hidden(&self, front: &Front, view: &ObservedView, settings: &BeliefSettings) -> Hidden {
         let back_m = self.missing_m(&measures(front, view, settings));
         let side_m = side_m(front, view, settings);
-        let [near_m, left_m, right_m] = End::ALL.map(|end| Cut::own().at(end, front, view, settings));
-        Hidden {
-            back_m,
-            near_m: (near_m - NOISE_M).max(0.0),
-            // What a border takes off is counted to both sides.
-            left_m: (left_m - side_m).max(0.0),
-            right_m: (right_m - side_m).max(0.0),
-            side_m,
-            ends_m: 0.0,
-            doubt_m: settings.shape.doubt_m(back_m),
-        }
+        Hidden { back_m, side_m, doubt_m: settings.shape.doubt_m(back_m), ..Hidden::default() }
     }
 }
 
 /// What border cleaning takes off the side of an object, metres: as many pixels at its distance.
-fn border_m(front: &Front, view: &ObservedView, settings: &BeliefSettings) -> f32 {
+pub fn border_m(front: &Front, view: &ObservedView, settings: &BeliefSettings) -> f32 {
     settings.border_px * distance_m(front, view) / view.focal_px()
 }
 
@@ -175,7 +155,8 @@ fn side_m(front: &Front, view: &ObservedView, settings: &BeliefSettings) -> f32 
     (left_m + right_m) / 2.0
 }
 
-fn distance_m(front: &Front, view: &ObservedView) -> f32 {
+/// How far an object is from the camera, metres.
+pub fn distance_m(front: &Front, view: &ObservedView) -> f32 {
     (front.centroid.cast::<f32>() - view.eye()).norm().max(1e-3)
 }
 
@@ -216,7 +197,7 @@ fn rim_share(front: &Front, settings: &BeliefSettings) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::boosted_trees::DecisionTree;
+    use crate::boosted_trees::{DecisionTree, log_of_length};
 
     #[test]
     fn what_comes_with_the_program_reads_these_measures() {
@@ -230,9 +211,9 @@ mod tests {
     #[test]
     fn trees_say_the_logarithm_of_what_is_missing() {
         let leaf = |value: f64| BoostedTrees { bias: value, trees: vec![DecisionTree { splits: Vec::new(), leaves: vec![0.0] }] };
-        let back = Back::new(leaf(Back::target(0.02)), BackFitData::default()).unwrap();
+        let back = Back::new(leaf(log_of_length(0.02)), BackFitData::default()).unwrap();
         assert!((back.missing_m(&[0.0; MEASURES.len()]) - 0.02).abs() < 1e-6);
-        let nothing = Back::new(leaf(Back::target(-0.01)), BackFitData::default()).unwrap();
+        let nothing = Back::new(leaf(log_of_length(-0.01)), BackFitData::default()).unwrap();
         assert!(nothing.missing_m(&[0.0; MEASURES.len()]) < 1e-6);
         assert!(Back::new(leaf(f64::NAN), BackFitData::default()).is_err());
     }

@@ -75,6 +75,14 @@ impl DecisionTree {
     }
 }
 
+/// Trees for lengths say the logarithm of the length and this, metres.
+const OFFSET_M: f64 = 0.004;
+
+/// What trees for lengths are fitted on, of a length in metres; what is shorter than nothing is nothing.
+pub fn log_of_length(length_m: f32) -> f64 {
+    (f64::from(length_m.max(0.0)) + OFFSET_M).ln()
+}
+
 /// The trees, and the value that they add to.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -94,6 +102,11 @@ impl BoostedTrees {
     /// The probability whose log-odds the sum for a row is.
     pub fn probability(&self, row: &[f32]) -> f64 {
         1.0 / (1.0 + (-self.of(row)).exp())
+    }
+
+    /// The length (metres) whose [`log_of_length`] the sum for a row is.
+    pub fn length_m(&self, row: &[f32]) -> f32 {
+        (self.of(row).exp() - OFFSET_M).max(0.0) as f32
     }
 
     /// No row that agrees with a row of finite numbers in all but those that are open has a larger sum.

@@ -11,9 +11,11 @@ use std::sync::LazyLock;
 use nalgebra::{Point2, Point3, Vector2};
 use serde::{Deserialize, Serialize};
 
+use crate::back::{border_m, distance_m};
 use crate::boosted_trees::{BoostedTrees, UnreadableTrees};
 use crate::front::{Front, span};
 use crate::settings::BeliefSettings;
+use crate::shape::Hidden;
 use crate::view::ObservedView;
 
 /// The measures of one end, in the order that the trees read: lengths in metres, shares from 0 to 1.
@@ -68,8 +70,8 @@ const BEYOND_M: f32 = 0.006;
 const NEARER_M: f32 = 0.01;
 /// What hides a place is told up to this, metres.
 const NEARER_MOST_M: f32 = 0.4;
-/// The trees say the logarithm of what is missing and this, metres.
-const OFFSET_M: f64 = 0.004;
+/// Noise lets an end reach farther than it does by so much as is missing where nothing cuts it off, metres.
+const NOISE_M: f32 = 0.0015;
 
 /// The data that the forecasts were fitted on.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -123,7 +125,7 @@ impl Cut {
         &OWN
     }
 
-    /// From trees for [`Cut::target`] on [`Cut::measures`], of the near end and of a side.
+    /// From trees for [`log_of_length`](crate::boosted_trees::log_of_length) on [`MEASURES`], of the near end and of a side.
     ///
     /// # Errors
     /// When a branch leads nowhere or a value is not finite.
@@ -145,20 +147,18 @@ impl Cut {
         Ok(self)
     }
 
-    /// What the trees are fitted on, of a length in metres; what is shorter than nothing is nothing.
-    pub fn target(missing_m: f32) -> f64 {
-        (f64::from(missing_m.max(0.0)) + OFFSET_M).ln()
-    }
-
     /// The middle of what may be missing at an end, metres, from its measures.
     pub fn missing_m(&self, end: End, measures: &[f32]) -> f32 {
         let trees = if end == End::Near { &self.near } else { &self.side };
-        (trees.of(measures).exp() - OFFSET_M).max(0.0) as f32
+        trees.length_m(measures)
     }
 
-    /// How far an object goes on at an end, metres.
-    pub fn at(&self, end: End, front: &Front, view: &ObservedView, settings: &BeliefSettings) -> f32 {
-        self.missing_m(end, &measures(end, front, view, settings))
+    /// What is not seen of an object, `hidden`, with what is cut off of it.
+    pub fn added_to(&self, hidden: Hidden, front: &Front, view: &ObservedView, settings: &BeliefSettings) -> Hidden {
+        let missing_m = |end| (self.missing_m(end, &measures(end, front, view, settings)) - NOISE_M).max(0.0);
+        // What a border takes off is counted to both sides.
+        let beside_m = |end| (missing_m(end) - hidden.side_m).max(0.0);
+        Hidden { near_m: missing_m(End::Near), left_m: beside_m(End::Left), right_m: beside_m(End::Right), ..hidden }
     }
 }
 
@@ -223,8 +223,7 @@ pub fn measures(end: End, front: &Front, view: &ObservedView, settings: &BeliefS
     let outwards = end.outwards(front);
     let ([low_m, high_m], [from_m, to_m]) = (front.span(&outwards), front.span(&Vector2::new(-outwards.y, outwards.x)));
     let middle_m = (low_m + high_m) / 2.0;
-    let distance_m = (front.centroid.cast::<f32>() - view.eye()).norm().max(1e-3);
-    let border_m = settings.border_px * distance_m / view.focal_px();
+    let border_m = border_m(front, view, settings);
     let bands = BANDS.map(|[low, high]| {
         let points = front.band(low, high);
         if points.len() < MIN_BAND {
@@ -233,7 +232,7 @@ pub fn measures(end: End, front: &Front, view: &ObservedView, settings: &BeliefS
             [span(&points, &outwards)[1] - middle_m, points.len() as f32 / front.points.len() as f32]
         }
     });
-    let steepness = (view.eye().z - front.top_m) / distance_m;
+    let steepness = (view.eye().z - front.top_m) / distance_m(front, view);
     let (here, there) = (Looked::new(outwards, border_m, front, view), Looked::new(-outwards, border_m, front, view));
     let (beyond, opposite) = (here.beyond(), there.beyond());
     let head = [front.height_m(), steepness, border_m, high_m - low_m, to_m - from_m];
@@ -248,7 +247,7 @@ pub fn measures(end: End, front: &Front, view: &ObservedView, settings: &BeliefS
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::boosted_trees::DecisionTree;
+    use crate::boosted_trees::{DecisionTree, log_of_length};
 
     #[test]
     fn what_comes_with_the_program_reads_these_measures() {
@@ -262,7 +261,7 @@ mod tests {
     #[test]
     fn each_end_has_its_own_trees() {
         let leaf = |value: f64| BoostedTrees { bias: value, trees: vec![DecisionTree { splits: Vec::new(), leaves: vec![0.0] }] };
-        let cut = Cut::new(leaf(Cut::target(0.05)), leaf(Cut::target(-0.01)), CutFitData::default()).unwrap();
+        let cut = Cut::new(leaf(log_of_length(0.05)), leaf(log_of_length(-0.01)), CutFitData::default()).unwrap();
         let missing_m = End::ALL.map(|end| cut.missing_m(end, &[0.0; MEASURES.len()]));
         assert!((missing_m[0] - 0.05).abs() < 1e-6 && missing_m[1] < 1e-6 && missing_m[2] < 1e-6, "{missing_m:?}");
     }

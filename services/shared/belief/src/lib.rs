@@ -68,6 +68,7 @@ use carrying::carried_by;
 use columns::{ColumnMap, ColumnRun, bounds_around, cells_of, cells_of_map};
 use covering::go_on_under;
 use crown::is_crowned;
+use cut::Cut;
 use foot::{Chosen, Foot, Level};
 use front::Front;
 use plane::SupportPlane;
@@ -269,6 +270,7 @@ fn standing_at(feet_m: &BTreeMap<u16, f32>, seen: &ObservedGeometry<'_>) -> BTre
     let complete = |id: u16, bottom_m: f32| {
         let front = Front::of(&seen.clouds[&id], bottom_m, &eye, &seen.settings.shape)?;
         let hidden = Back::own().hidden(&front, seen.view, seen.settings);
+        let hidden = Cut::own().added_to(hidden, &front, seen.view, seen.settings);
         Some((id, Shape::complete(&front, &hidden, &seen.settings.shape)?))
     };
     let foot_m = |id: &u16| feet_m.get(id).copied().or_else(|| seen.bottom_m(*id));

@@ -4,6 +4,7 @@
 
 use repose_belief::BeliefSettings;
 use repose_belief::back::{Back, BackFitData};
+use repose_belief::boosted_trees::log_of_length;
 use repose_evaluation::scenes::back_samples::{FIRST_SEED, SceneBacks};
 use repose_evaluation::scenes::believed::DOUBT_SLACK_M;
 use repose_evaluation::statistics::forecast_fit::{FitSettings, fit_lengths};
@@ -21,7 +22,7 @@ pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
     let scenes: Vec<SceneBacks> = tried.tried(|index| Ok(SceneBacks::of(index)))?.into_values().collect();
     let fit = |learned: &[&SceneBacks]| {
         let seen = learned.iter().flat_map(|scene| &scene.objects);
-        let objects: Vec<(Vec<f32>, f64)> = seen.map(|(measures, missing_m)| (measures.clone(), Back::target(*missing_m))).collect();
+        let objects: Vec<(Vec<f32>, f64)> = seen.map(|(measures, missing_m)| (measures.clone(), log_of_length(*missing_m))).collect();
         let trees = fit_lengths(&objects, &FitSettings::of_lengths(args.seed)).map_err(|e| Failure::bad_input("data", e))?;
         Back::new(trees, BackFitData { scenes: scenes.len(), objects: objects.len() }).map_err(Failure::other)
     };

@@ -2,6 +2,7 @@
 //!
 //! How good the fit is is told on scenes that it has not seen, part by part: of all ends, and of those at which two centimetres and more are missing.
 
+use repose_belief::boosted_trees::log_of_length;
 use repose_belief::cut::{Cut, CutFitData, End, MEASURES};
 use repose_evaluation::scenes::cut_samples::{FIRST_SEED, SceneCuts};
 use repose_evaluation::statistics::forecast_fit::{FitSettings, fit_lengths};
@@ -24,7 +25,8 @@ pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
         let objects = || learned.iter().flat_map(|scene| &scene.objects);
         let trees = |ends: &[usize]| {
             let samples = objects().flat_map(|object| ends.iter().map(|end| &object[*end]));
-            let samples: Vec<(Vec<f32>, f64)> = samples.map(|(measures, missing_m)| (measures.clone(), Cut::target(*missing_m))).collect();
+            let samples: Vec<(Vec<f32>, f64)> =
+                samples.map(|(measures, missing_m)| (measures.clone(), log_of_length(*missing_m))).collect();
             fit_lengths(&samples, &FitSettings::of_lengths(args.seed)).map_err(|e| Failure::bad_input("data", e))
         };
         // In the order of `End::ALL`.

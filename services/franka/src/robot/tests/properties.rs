@@ -196,6 +196,6 @@ proptest! {
         prop_assert_eq!(bench.stopped_by(), None);
         prop_assert!(!bench.robot.in_motion);
         let off_rad = (0..7).map(|i| (bench.robot.held_rad[i] - to[i]).abs()).fold(0.0, f64::max);
-        prop_assert!(off_rad < 2e-6, "it ends {off_rad} rad beside where it was sent");
+        prop_assert!(off_rad < 1e-9, "it ends {off_rad} rad beside where it was sent");
     }
 }
