@@ -71,7 +71,7 @@ pub enum Rotation {
     Fixed,
     /// Translation and a turn about world z.
     Yaw,
-    /// The same, and the object may be set on another side of its believed shape that carries it.
+    /// The same, and where that gives too few answers the object may be set on another side of its believed shape that carries it.
     Stable,
 }
 

@@ -30,7 +30,7 @@ pub struct WishArgs {
     /// How many distinct placements to find.
     #[arg(long, default_value_t = 1)]
     pub count: u32,
-    /// Whether the object may be turned: fixed, yaw, or stable (turned, or set on another side).
+    /// Whether the object may be turned: fixed, yaw, or stable (turned, and where that does not do, set on another side).
     #[arg(long, default_value = "fixed", value_parser = parse_rotation)]
     pub rotation: Rotation,
     /// The viewer's direction of view, which `left_of` and the other directions refer to, radians about z. Default: the camera's.

@@ -3,8 +3,8 @@
 //! Pure but for the clock that a time budget in the request needs: the same request, weights and kernel give the same result, bit for
 //! bit, on any number of threads. "No placement" is an outcome with its reasons, not an error.
 //!
-//! Where the object may be set on another side, every side is planned for by itself, as the object lies first, each with the object turned over
-//! where it was seen; the answers of all are ranked by their cost.
+//! Where the object may be set on another side, it is planned for as it lies first. Where that gives too few answers, every other side is planned for
+//! by itself, each with the object turned over where it was seen; their answers come after the others, ranked by their cost.
 
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -15,10 +15,12 @@ use repose_proto::place::{Outcome, PlaceProgress, PlaceRequest, PlaceResult, Pla
 use repose_proto::{CallError, ErrorCode, RigidTransform, SceneRef};
 
 use crate::attitude::planned;
+use crate::judge::standing::Standing;
 use crate::learned::models::PlacementModels;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::turned::{turned_over, turns};
 use crate::search::stop::StopReason;
+use crate::settings::{PlanSettings, StandingBy};
 
 pub use crate::attitude::{PlanReport, SearchStep};
 
@@ -56,7 +58,8 @@ pub fn plan_with_report(
     planned(prepared, request, models, control, true)
 }
 
-/// The answers with the object as it lies and on each of its other sides.
+/// The answers with the object as it lies, and where that gives fewer than asked, those on each of its other sides after them: who may set it on another
+/// side would still have it left as it is, and what is said of its success was learned on objects that were.
 fn on_every_side(
     prepared: &PreparedScene,
     request: &PlaceRequest,
@@ -66,7 +69,9 @@ fn on_every_side(
     let started = Instant::now();
     let as_it_lies = PlaceRequest { rotation: Rotation::Yaw, ..request.clone() };
     let mut found = planned(prepared, &as_it_lies, models, control, false)?.result;
-    for turn in turns(prepared, request.query)? {
+    let as_it_lies_found = found.placements.len();
+    let others = if as_it_lies_found < request.count as usize { other_sides(prepared, request, models)? } else { Vec::new() };
+    for turn in others {
         let left_ms = request.budget.time_ms.map(|ms| ms.saturating_sub(started.elapsed().as_millis() as u64));
         if found.outcome == Outcome::Partial || left_ms == Some(0) {
             found.outcome = Outcome::Partial;
@@ -83,11 +88,23 @@ fn on_every_side(
             Err(error) => return Err(error),
         }
     }
-    found.placements.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    found.placements[as_it_lies_found..].sort_by(|a, b| a.cost.total_cmp(&b.cost));
     found.placements.truncate(request.count as usize);
     found.shortfall = found.shortfall.filter(|_| !found.placements.is_empty() && found.placements.len() < request.count as usize);
     found.rotation = request.rotation;
     Ok(found)
+}
+
+/// The turns that set an object up on its other sides: none where something else is believed to come down when it is taken away.
+fn other_sides(prepared: &PreparedScene, request: &PlaceRequest, models: &dyn PlacementModels) -> Result<Vec<Isometry3<f64>>, CallError> {
+    let settings = PlanSettings::of(request);
+    if settings.recipe.standing_by == StandingBy::Forecast {
+        let standing = Standing::of(prepared, request.query, &*models.forecasts()?);
+        if standing.neighbours_stay < settings.fixed.standing.min_neighbour_stays {
+            return Ok(Vec::new());
+        }
+    }
+    turns(prepared, request.query)
 }
 
 /// Adds what was found on another side.

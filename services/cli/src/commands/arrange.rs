@@ -35,7 +35,7 @@ pub struct ArrangeArgs {
     /// Seed of the random number generator.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// Whether objects may be turned: fixed, yaw, or stable (turned, or set on another side).
+    /// Whether objects may be turned: fixed, yaw, or stable (turned, and where that does not do, set on another side).
     #[arg(long, default_value = "fixed", value_parser = parse_rotation)]
     pub rotation: Rotation,
     /// The viewer's direction of view, which `left_of` and the other directions refer to, radians about z. Default: the camera's.

@@ -12,8 +12,8 @@ use repose_dataset::Split;
 use repose_geometry::transform::from_row_major;
 use repose_inference::Engine;
 use repose_planner::judge::judged::JudgedCandidate;
-use repose_planner::{Forecasts, PlacementModels, PreparedScene, plan_with_report};
-use repose_proto::place::{Outcome, Placement, Rejection, Variant};
+use repose_planner::{Forecasts, PlacementModels, PlanReport, PreparedScene, plan, plan_with_report};
+use repose_proto::place::{Outcome, Placement, Rejection, Rotation, Variant};
 use repose_proto::scoring::{RealismBy, ScoreRequest};
 use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest, PlaceResult, SceneRef};
 use repose_simulator::release::ReleaseSettings;
@@ -32,6 +32,8 @@ use crate::scenes::true_answers::{PreparedTruth, Support, TrueAnswer, TruthSetti
 pub struct PlannerSceneSettings {
     /// The variants, in the table's order.
     pub variants: Vec<Variant>,
+    /// Whether the object may be turned, and set on another side.
+    pub rotation: Rotation,
     /// Distinct answers asked for; the first is the one that counts, all are looked at for what they stand on.
     pub answers: u32,
     /// A fault that is put on what the camera saw.
@@ -46,6 +48,7 @@ impl Default for PlannerSceneSettings {
     fn default() -> Self {
         Self {
             variants: Variant::ALL.to_vec(),
+            rotation: Rotation::Fixed,
             answers: 8,
             perturbation: None,
             truth: TruthSettings::default(),
@@ -292,6 +295,15 @@ pub fn try_scene(
     Ok(Some(TriedScene { truth: answers, record, results, problem: seen }))
 }
 
+/// Plans, with the candidates behind the answer where there is a report of them: none covers several sides of an object.
+fn reported(prepared: &PreparedScene, request: &PlaceRequest, models: &OneScene<'_>) -> Result<PlanReport, CallError> {
+    let go_on = &mut |_| ControlFlow::Continue(());
+    if request.rotation == Rotation::Stable {
+        return Ok(PlanReport { result: plan(prepared, request, models, go_on)?, answers: Vec::new(), best_in_view: None });
+    }
+    plan_with_report(prepared, request, models, go_on)
+}
+
 fn trial(
     variant: Variant,
     problem: &Problem,
@@ -304,10 +316,11 @@ fn trial(
         variant,
         seed: problem.seed,
         count: settings.answers,
+        rotation: settings.rotation,
         ..PlaceRequest::new(prepared.scene_id.clone(), problem.query, vec![problem.goal])
     };
     let started = Instant::now();
-    let report = match plan_with_report(prepared, &request, models, &mut |_| ControlFlow::Continue(())) {
+    let report = match reported(prepared, &request, models) {
         // It is believed to carry another object, or perception has not found it.
         Err(error) if matches!(error.code, ErrorCode::FailedPrecondition | ErrorCode::NotFound) => {
             return Ok((VariantTrial::refused(variant, error.message), None));

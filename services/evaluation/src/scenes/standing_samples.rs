@@ -7,8 +7,7 @@ use nalgebra::Isometry3;
 use rand_pcg::Pcg64;
 use repose_planner::PreparedScene;
 use repose_planner::learned::standing::Stance;
-use repose_planner::scene::moved::fall_m;
-use repose_proto::place::Variant;
+use repose_planner::settings::SupportSettings;
 use repose_simulator::furniture::{Fixture, FurnitureRole};
 use repose_simulator::physics::RestSettings;
 use repose_simulator::release::{ReleaseSettings, released};
@@ -95,8 +94,8 @@ fn stands_alone(object: &SceneObject) -> bool {
         gaps_m: vec![0.0],
     };
     let mut over_floor = object.world_from_object;
-    over_floor.translation.vector =
-        nalgebra::Vector3::z() * (object.shape.depth_below_origin_m(&object.world_from_object) + fall_m(Variant::Best));
+    over_floor.translation.vector = nalgebra::Vector3::z()
+        * (object.shape.depth_below_origin_m(&object.world_from_object) + f64::from(SupportSettings::default().release_m));
     let settings = ReleaseSettings { ends_at_rest: true, ..ReleaseSettings::default() };
     released(&alone, 0, &over_floor, &settings).is_some_and(|came| came.tilt_rad <= TILT_RAD && came.moved_m < STABLE_M)
 }

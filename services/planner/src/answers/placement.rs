@@ -26,11 +26,12 @@ impl<'a> Evidence<'a> {
     pub fn placement(&self, judged: &JudgedCandidate) -> Placement {
         let PlacementProblem { query, rules, .. } = self.problem;
         let candidate = &judged.candidate;
+        let let_go = self.problem.let_go(candidate);
         let checks = judged.checks.clone().unwrap_or_else(|| rules.checks(candidate));
         let by_rule = || checks.iter().map(|c| if c.holds { 1.0 } else { 0.0 }).collect();
         let footing = judged.footing.unwrap_or_else(|| self.problem.ground().footing(candidate));
         Placement {
-            placed_from_observed: RigidTransform(transform::to_row_major(&candidate.placed_from_observed(&query.shape.centroid))),
+            placed_from_observed: RigidTransform(transform::to_row_major(&let_go.placed_from_observed(&query.shape.centroid))),
             cost: judged.cost,
             realism: judged.realism.map(f64::from),
             success: judged.success,

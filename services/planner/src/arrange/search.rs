@@ -20,7 +20,6 @@ use crate::arrange::places::{Places, PlacesEnd};
 use crate::arrange::tables::Tables;
 use crate::learned::models::PlacementModels;
 use crate::plan::SearchStep;
-use crate::scene::moved::fall_m;
 use crate::scene::prepared::PreparedScene;
 use crate::search::stop::StopReason;
 
@@ -102,7 +101,7 @@ impl<'a> Search<'a> {
         Self {
             goals: goals.clone(),
             places: Places::new(request, viewer, models, control),
-            tables: Tables::new(fall_m(request.variant)),
+            tables: Tables::new(request.variant),
             sure_only: false,
             left_out: false,
             crowded: BTreeMap::new(),

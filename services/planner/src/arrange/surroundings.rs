@@ -37,6 +37,8 @@ mod tests {
     use nalgebra::Isometry3;
 
     use super::*;
+    use repose_proto::place::Variant;
+
     use crate::scene::moved::table_after;
     use crate::tests::synthetic::SceneBuilder;
 
@@ -49,7 +51,7 @@ mod tests {
             .scene();
         let table = PreparedScene::new(Arc::new(scene));
         let named = |table: &PreparedScene, term: &str| surroundings(table, 2, &[term.parse().unwrap()]);
-        let after = |x: f64, y: f64| table_after(&table, 3, &Isometry3::translation(x, y, 0.0), 0.0);
+        let after = |x: f64, y: f64| table_after(&table, 3, &Isometry3::translation(x, y, 0.0), Variant::Full);
         let name = named(&table, "above:1").unwrap();
         assert_eq!(name, named(&after(0.0, -0.4), "above:1").unwrap(), "it stands elsewhere, far from both");
         assert_ne!(name, named(&after(-0.25, -0.2), "above:1").unwrap(), "it is in the way beside the carrier");

@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use repose_geometry::transform::from_row_major;
+use repose_proto::place::Variant;
 use repose_proto::{CallError, RigidTransform};
 
 use crate::scene::moved::{table_after, table_without};
@@ -24,14 +25,14 @@ struct Change {
 #[derive(Debug)]
 pub struct Tables {
     kept: VecDeque<(Change, Arc<PreparedScene>)>,
-    fall_m: f64,
+    variant: Variant,
     prepared: u32,
 }
 
 impl Tables {
-    /// None yet; objects come down by `fall_m` where they are let go.
-    pub fn new(fall_m: f64) -> Self {
-        Self { kept: VecDeque::new(), fall_m, prepared: 0 }
+    /// None yet; objects are let go where the placements of `variant` say.
+    pub fn new(variant: Variant) -> Self {
+        Self { kept: VecDeque::new(), variant, prepared: 0 }
     }
 
     /// How many were prepared so far.
@@ -53,8 +54,8 @@ impl Tables {
             from_row_major(&placed_from_observed.0).map_err(|e| CallError::internal(format!("a placement is no rigid motion: {e}")))?;
         let motion = Some(placed_from_observed.0.map(f64::to_bits));
         let change = Change { scene_id: scene.scene_id.clone(), object, motion };
-        let fall_m = self.fall_m;
-        Ok(self.kept(change, || table_after(scene, object, &carried, fall_m)))
+        let variant = self.variant;
+        Ok(self.kept(change, || table_after(scene, object, &carried, variant)))
     }
 
     /// The table without an object.
@@ -86,7 +87,7 @@ mod tests {
     fn the_same_move_gives_the_same_table_and_only_the_last_ones_are_kept() {
         let scene = Arc::new(SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [0.3, 0.0], [0.06; 3]).prepared());
         let by = |x: f64| RigidTransform([1.0, 0.0, 0.0, x, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
-        let mut tables = Tables::new(0.0);
+        let mut tables = Tables::new(Variant::Full);
         let first = tables.after(&scene, 1, &by(-0.2)).unwrap();
         assert!(Arc::ptr_eq(&first, &tables.after(&scene, 1, &by(-0.2)).unwrap()));
         assert!(!Arc::ptr_eq(&first, &tables.without(&scene, 1)));

@@ -65,6 +65,16 @@ impl<'a> PlacementProblem<'a> {
         settled
     }
 
+    /// Where an answer lets go of the object: higher than it was judged where its foot may be lower than is believed. A fall of that much is harmless,
+    /// being pressed into what carries it is not.
+    pub fn let_go(&self, candidate: &CandidatePose) -> CandidatePose {
+        let mut let_go = *candidate;
+        if self.settings.recipe.grounded {
+            let_go.centroid_m[2] += self.query.shape.foot_doubt_m;
+        }
+        let_go
+    }
+
     /// The height that a drawn candidate is lowered from, world z, metres.
     pub fn ceiling_over(&self, candidate: &CandidatePose) -> f32 {
         self.query.bottom_of(candidate.centroid_m[2]) + self.settings.fixed.proposals.lowered_m

@@ -30,14 +30,24 @@ const UPRIGHT_COSINE: f64 = 0.999_9;
 /// The color of points that nobody saw.
 pub const GREY: [u8; 3] = [128; 3];
 
-/// How far an object comes down where a variant's placements let go of it, metres.
-pub fn fall_m(variant: Variant) -> f64 {
-    if Recipe::of(variant).grounded { SupportSettings::default().release_m.into() } else { 0.0 }
+/// How far an object of a table comes down where a placement of a variant lets go of it, metres: by what is believed of its foot, where that is still below.
+fn fall_m(table: &PreparedScene, object: u16, placed_from_observed: &Isometry3<f64>, variant: Variant) -> f64 {
+    if !Recipe::of(variant).grounded {
+        return 0.0;
+    }
+    let shape = table.belief.objects.get(&object).and_then(|object| object.shape.as_ref());
+    let doubt_m = shape.filter(|_| is_upright(placed_from_observed)).map_or(0.0, |shape| shape.foot_doubt_m);
+    f64::from(SupportSettings::default().release_m + doubt_m)
 }
 
-/// The table after an object was let go where a placement puts it, and has come down by `fall_m`. A later move of the same object starts from
-/// there.
-pub fn table_after(table: &PreparedScene, object: u16, placed_from_observed: &Isometry3<f64>, fall_m: f64) -> PreparedScene {
+/// Whether a motion leaves an object on the side on which it was seen.
+fn is_upright(motion: &Isometry3<f64>) -> bool {
+    (motion.rotation * Vector3::z()).z > UPRIGHT_COSINE
+}
+
+/// The table after an object was let go where a placement of a variant puts it, and has come to rest. A later move of the same object starts from there.
+pub fn table_after(table: &PreparedScene, object: u16, placed_from_observed: &Isometry3<f64>, variant: Variant) -> PreparedScene {
+    let fall_m = fall_m(table, object, placed_from_observed, variant);
     let came_to_rest = Translation3::new(0.0, 0.0, -fall_m) * placed_from_observed;
     let mut shapes = bared(table, object);
     if let Some(carried) = table.belief.objects.get(&object).and_then(|seen| carried(table, (object, seen), &came_to_rest)) {
@@ -81,8 +91,7 @@ fn floor_of(table: &PreparedScene, object: u16, shapes: &BTreeMap<u16, Shape>) -
 /// An object's shape after a motion, which may have set it on another side.
 fn carried(table: &PreparedScene, (id, object): (u16, &BelievedObject), motion: &Isometry3<f64>) -> Option<Shape> {
     let shape = object.shape.as_ref()?;
-    let is_upright = (motion.rotation * Vector3::z()).z > UPRIGHT_COSINE;
-    if is_upright {
+    if is_upright(motion) {
         return shape.carried(motion);
     }
     let turned = solid_of(table, id, object, shape).moved(motion).shape(&BeliefSettings::default().shape)?;
@@ -231,7 +240,7 @@ mod tests {
         assert!(on_table > 100, "{on_table} points where it stood");
         let top = after.meta.surfaces.iter().find(|s| s.object == Some(1)).unwrap();
         assert!((top.height_m - 0.1).abs() < 1e-9 && top.outline_m.iter().all(|p| p[0] > 0.15));
-        let placed = table_after(&PreparedScene::new(Arc::new(scene.clone())), 1, &Isometry3::translation(0.25, 0.1, 0.004), 0.004);
+        let placed = table_after(&PreparedScene::new(Arc::new(scene.clone())), 1, &Isometry3::translation(0.25, 0.1, 0.004), Variant::Best);
         let shape = placed.belief.objects[&1].shape.as_ref().unwrap();
         assert!(shape.bottom_m.abs() < 0.002 && (shape.axis.x - 0.25).abs() < 0.01, "it came to rest: {shape:?}");
         let gone = without(&scene, 1);
@@ -249,7 +258,7 @@ mod tests {
         scene.meta.surfaces.retain(|s| s.object != Some(1));
         let table = PreparedScene::new(Arc::new(scene));
         assert_eq!(table.belief.carried(1), [2]);
-        let bare = table_after(&table, 2, &Isometry3::translation(-0.3, -0.2, -0.05), 0.0);
+        let bare = table_after(&table, 2, &Isometry3::translation(-0.3, -0.2, -0.05), Variant::Full);
         let whole = bare.belief.objects[&1].shape.as_ref().unwrap();
         assert!((whole.axis - Point2::new(0.0, 0.0)).norm() < 0.011, "{}", whole.axis);
         assert!(whole.slabs.last().unwrap().outline.margin(&Point2::new(0.0, 0.035)) > 0.0, "its back was hidden, and carried the other's");

@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 
 use repose_geometry::{ViewerFrame, transform};
 use repose_proto::place::{
-    Outcome, PlaceRequest, PlaceResult, ReachingRobot, RegionBox, Rejection, Rotation, Shortfall, ShortfallReason, Variant,
+    Outcome, PlaceRequest, PlaceResult, Placement, ReachingRobot, RegionBox, Rejection, Rotation, Shortfall, ShortfallReason, Variant,
 };
 use repose_proto::{ErrorCode, GoalTerm, RigidTransform};
 
@@ -13,6 +13,7 @@ use crate::judge::constraints::Constraints;
 use crate::judge::problem::PlacementProblem;
 use crate::learned::models::NoModels;
 use crate::plan::{SearchStep, plan};
+use crate::scene::moved::table_after;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;
 use crate::search::stop::StopReason;
@@ -64,6 +65,28 @@ fn every_direction_is_found_on_an_open_table_and_stands_on_it() {
         assert_eq!((best.realism, &best.relations[..]), (None, &[1.0][..]), "no network was asked");
         assert_eq!(result.world_from_camera, prepared.scene.meta.camera.world_from_camera);
     }
+}
+
+#[test]
+fn what_may_reach_lower_than_is_believed_is_let_go_higher_and_is_believed_to_come_down() {
+    let with_doubt = |foot_doubt_m: f32| {
+        let sure = table().prepared();
+        let mut shapes = sure.belief.shapes();
+        shapes.get_mut(&2).unwrap().foot_doubt_m = foot_doubt_m;
+        PreparedScene::with_shapes(sure.scene.clone(), shapes)
+    };
+    let (sure, doubted) = (with_doubt(0.0), with_doubt(0.015));
+    let let_go = |table: &PreparedScene| {
+        let result = run(table, &request(table, 2, &["right_of:1"]));
+        transform::from_row_major(&result.placements[0].placed_from_observed.0).unwrap()
+    };
+    let rise_m = let_go(&doubted).translation.z - let_go(&sure).translation.z;
+    assert!((rise_m - 0.015).abs() < 1e-6, "{rise_m}");
+    let rest_m = |table: &PreparedScene| {
+        let after = table_after(table, 2, &let_go(table), Variant::Geometric);
+        after.belief.objects[&2].shape.as_ref().unwrap().bottom_m
+    };
+    assert!((rest_m(&doubted) - rest_m(&sure)).abs() < 1e-6);
 }
 
 #[test]
@@ -121,10 +144,20 @@ fn a_turn_aligns_the_query_with_its_anchor() {
 fn an_object_that_may_be_set_on_another_side_stands_on_the_table_by_one_of_its_faces() {
     let (middle, size) = ([-0.25, -0.2, 0.03], [0.12, 0.08, 0.06]);
     let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], size).prepared();
-    let request = PlaceRequest { rotation: Rotation::Stable, count: 12, ..request(&prepared, 2, &["right_of:1"]) };
+    // So far apart that there is no room for all of them on one side of the object.
+    let request =
+        PlaceRequest { rotation: Rotation::Stable, count: 12, min_separation_m: Some(0.15), ..request(&prepared, 2, &["right_of:1"]) };
     let result = run(&prepared, &request);
     assert_eq!((result.outcome, result.rotation), (Outcome::Found, Rotation::Stable), "{:?}", result.rejections);
-    assert!(result.placements.windows(2).all(|pair| pair[0].cost <= pair[1].cost));
+    let is_turned_over = |placement: &Placement| placement.placed_from_observed.0[10] < 0.9;
+    let (as_it_lies, others) = result.placements.split_at(result.placements.iter().take_while(|p| !is_turned_over(p)).count());
+    assert!(!as_it_lies.is_empty() && others.iter().all(is_turned_over), "as it lies comes first");
+    assert!([as_it_lies, others].iter().all(|answers| answers.windows(2).all(|pair| pair[0].cost <= pair[1].cost)));
+    let one = run(&prepared, &PlaceRequest { count: 1, ..request.clone() });
+    assert!(
+        !is_turned_over(&one.placements[0]) && one.evaluated < result.evaluated,
+        "no other side is tried where it can be left as it lies"
+    );
     assert_eq!(serde_json::to_vec(&result).unwrap(), serde_json::to_vec(&run(&prepared, &request)).unwrap());
     let mut upright = [0; 3];
     for placement in &result.placements {

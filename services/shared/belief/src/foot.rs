@@ -89,6 +89,10 @@ const FLOORS: usize = 2;
 const LEAST_BORNE: f64 = 0.03;
 /// A level that is this much likelier than the rule's is taken in its place. Of what was tried, the fewest wrong objects on training scenes held out.
 const LIKELIER: f64 = 0.08;
+/// A level that is this likely may be the right one, though another is chosen. With half of that the same placements are right on validation scenes.
+const MAY_BE: f64 = 0.1;
+/// How far below the chosen level others may be the right one, metres. What is let go that much higher still stays where it lands.
+const LOWER_M: f32 = 0.025;
 
 /// The data that it was fitted on.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -149,12 +153,16 @@ impl Foot {
     /// The level of an object's bottom, and how likely it is the right one: the rule's, which is the first, unless another is clearly likelier. `None`
     /// without levels.
     pub fn choice(&self, levels: &[Level]) -> Option<Chosen> {
-        let said: Vec<Chosen> =
-            levels.iter().map(|level| Chosen { height_m: level.height_m, probability: self.probability(&level.measures) }).collect();
+        let chosen = |level: &Level| Chosen { height_m: level.height_m, probability: self.probability(&level.measures), lower_m: 0.0 };
+        let said: Vec<Chosen> = levels.iter().map(chosen).collect();
         let rule = *said.first()?;
         // Of equals the first.
         let best = said.iter().copied().reduce(|best, other| if other.probability > best.probability { other } else { best })?;
-        Some(if best.probability >= rule.probability + LIKELIER { best } else { rule })
+        let chosen = if best.probability >= rule.probability + LIKELIER { best } else { rule };
+        let lower_m = said.iter().filter(|other| other.probability >= MAY_BE).map(|other| chosen.height_m - other.height_m);
+        // Nearer ones are right where the chosen one is.
+        let lower_m = lower_m.filter(|lower_m| (RIGHT_M..=LOWER_M).contains(lower_m)).fold(0.0, f32::max);
+        Some(Chosen { lower_m, ..chosen })
     }
 }
 
@@ -165,6 +173,8 @@ pub struct Chosen {
     pub height_m: f32,
     /// How likely the object's bottom is within [`RIGHT_M`] of it.
     pub probability: f64,
+    /// How much lower the bottom may be: so far below is the lowest level nearby that may be the right one too, metres; 0 without one.
+    pub lower_m: f32,
 }
 
 /// A level at which an object may end.
@@ -381,22 +391,37 @@ mod tests {
         assert!(read.len() == 10 && MEASURES.ends_with(&read), "{read:?}");
     }
 
+    /// Levels are as likely as the first measure's sign says: by these logarithms of the odds.
+    fn says(low: f32, high: f32) -> Foot {
+        let tree = DecisionTree { splits: vec![TreeSplit(0, 0.5, [Branch::Leaf(0), Branch::Leaf(1)])], leaves: vec![low, high] };
+        Foot::new(BoostedTrees { bias: 0.0, trees: vec![tree] }, FootFitData::default()).unwrap()
+    }
+
+    fn level(height_m: f32, first: f32) -> Level {
+        let mut measures = vec![0.0; MEASURES.len()];
+        measures[0] = first;
+        Level { height_m, measures }
+    }
+
+    #[test]
+    fn how_much_lower_a_foot_may_be_is_how_far_down_the_next_likely_level_is() {
+        let lower_m = |foot: Foot, levels: &[Level]| foot.choice(levels).unwrap().lower_m;
+        let levels = [level(0.20, 1.0), level(0.19, 0.0), level(0.22, 0.0), level(0.10, 0.0)];
+        assert!(
+            (lower_m(says(-1.0, 2.0), &levels) - 0.01).abs() < 1e-6,
+            "not up, and not so far down that it would not land where it is let go"
+        );
+        assert_eq!(lower_m(says(-1.0, 2.0), &[level(0.20, 1.0), level(0.195, 0.0)]), 0.0, "as right as the one that is chosen");
+        assert_eq!(lower_m(says(-4.0, 2.0), &levels), 0.0, "hardly likely");
+        assert_eq!(lower_m(says(-1.0, 2.0), &levels[..1]), 0.0);
+    }
+
     #[test]
     fn the_rules_level_is_kept_unless_another_is_clearly_likelier() {
-        // As likely as the first measure's sign says.
-        let says = |high: f32| {
-            let tree = DecisionTree { splits: vec![TreeSplit(0, 0.5, [Branch::Leaf(0), Branch::Leaf(1)])], leaves: vec![0.0, high] };
-            Foot::new(BoostedTrees { bias: 0.0, trees: vec![tree] }, FootFitData::default()).unwrap()
-        };
-        let level = |height_m: f32, first: f32| {
-            let mut measures = vec![0.0; MEASURES.len()];
-            measures[0] = first;
-            Level { height_m, measures }
-        };
         let levels = [level(0.1, 0.0), level(0.2, 1.0), level(0.3, 1.0)];
-        assert_eq!(says(2.0).choice(&levels).map(|chosen| chosen.height_m), Some(0.2), "the first of equals");
-        assert_eq!(says(0.2).choice(&levels).map(|chosen| chosen.height_m), Some(0.1), "hardly likelier");
-        assert_eq!(says(2.0).choice(&[]), None);
+        assert_eq!(says(0.0, 2.0).choice(&levels).map(|chosen| chosen.height_m), Some(0.2), "the first of equals");
+        assert_eq!(says(0.0, 0.2).choice(&levels).map(|chosen| chosen.height_m), Some(0.1), "hardly likelier");
+        assert_eq!(says(0.0, 2.0).choice(&[]), None);
     }
 
     #[test]

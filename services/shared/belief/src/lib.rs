@@ -254,7 +254,10 @@ fn completed(seen: &ObservedGeometry<'_>) -> BTreeMap<u16, Shape> {
     let others: BTreeMap<u16, f32> = feet.iter().filter(is_other).map(|(id, foot)| (*id, foot.height_m)).collect();
     let mut shapes = if others.is_empty() { by_rule } else { standing_at(&others, seen) };
     for (id, foot) in feet {
-        shapes.entry(id).and_modify(|shape| shape.foot_probability = foot.probability as f32);
+        shapes.entry(id).and_modify(|shape| {
+            shape.foot_probability = foot.probability as f32;
+            shape.foot_doubt_m = foot.lower_m;
+        });
     }
     shapes
 }

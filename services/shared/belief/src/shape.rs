@@ -43,6 +43,8 @@ pub struct Shape {
     pub doubt: Vector2<f32>,
     /// How likely its bottom is as high as is believed ([`crate::foot`]); 1 where that was not asked.
     pub foot_probability: f32,
+    /// How much lower its bottom may be, metres; 0 where that was not asked.
+    pub foot_doubt_m: f32,
 }
 
 /// What was not seen of an object, by belief, metres.
@@ -100,7 +102,8 @@ impl Shape {
         let near_bottom: Vec<&Point3<f32>> = points.iter().filter(|p| p.z <= base_top_m).collect();
         let base = (near_bottom.len() >= settings.min_slab_points).then(|| mirrored_outline(near_bottom.into_iter(), &axis)).flatten();
         let base = base.and_then(|base| grown(&base, [0.0; 2])).unwrap_or_else(|| slabs[0].outline.clone());
-        Some(Self { centroid: *centroid, axis, bottom_m, top_m, slabs, base, doubt: away * hidden.doubt_m, foot_probability: 1.0 })
+        let doubt = away * hidden.doubt_m;
+        Some(Self { centroid: *centroid, axis, bottom_m, top_m, slabs, base, doubt, foot_probability: 1.0, foot_doubt_m: 0.0 })
     }
 
     /// The shape after a turn about world z and a translation. None where an outline vanishes, which a rigid motion does not do.
@@ -118,6 +121,7 @@ impl Shape {
             base: outline(&self.base)?,
             doubt: (motion.rotation * self.doubt.push(0.0).cast::<f64>()).xy().cast::<f32>(),
             foot_probability: self.foot_probability,
+            foot_doubt_m: self.foot_doubt_m,
         })
     }
 

@@ -15,14 +15,14 @@ use repose_evaluation::scenes::planner_scene::{PlannerSceneSettings, SceneSet, T
 use repose_evaluation::scenes::problem::ProblemSettings;
 use repose_evaluation::tables::planner::{PlannerTableSettings, evaluate_planner, planner_tables};
 use repose_proto::Relation;
-use repose_proto::place::Variant;
+use repose_proto::place::{Rotation, Variant};
 use repose_simulator::scene::SceneKind;
 
 use super::shared::{TableArgs, folder_name, only_meshes};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
-use crate::values::{parse_count, parse_kind, parse_perturbation, parse_variant};
+use crate::values::{parse_count, parse_kind, parse_perturbation, parse_rotation, parse_variant};
 
 /// The kinds that scenes of a user's meshes take turns in.
 const KINDS: [SceneKind; 6] =
@@ -55,6 +55,9 @@ pub struct EvaluatePlannerArgs {
     /// Draw goals of this relation (left_of, above, near, …); repeat for more. Default: left_of, right_of, in_front_of and behind.
     #[arg(long = "relation", value_name = "RELATION")]
     pub relations: Vec<Relation>,
+    /// How objects may be turned: fixed, yaw, or stable (set on another side as well; the paper's columns, which are of one attitude, are empty then).
+    #[arg(long, default_value = "fixed", value_parser = parse_rotation)]
+    pub rotation: Rotation,
     /// Split, weights and threads.
     #[command(flatten)]
     pub common: TableArgs,
@@ -76,6 +79,9 @@ pub fn run(args: &EvaluatePlannerArgs, output: Output) -> CommandResult {
     });
     if !args.relations.is_empty() {
         made_with["relations"] = serde_json::json!(args.relations);
+    }
+    if args.rotation != Rotation::Fixed {
+        made_with["rotation"] = serde_json::json!(args.rotation);
     }
     let scenes = args.common.first("planner", &made_with)?;
     settings.first += scenes.first;
@@ -132,7 +138,7 @@ fn settings_of(args: &EvaluatePlannerArgs) -> Result<PlannerTableSettings, Failu
         sets,
         first: args.first,
         scenes: args.scenes,
-        scene: PlannerSceneSettings { variants, perturbation: args.perturb, ..PlannerSceneSettings::default() },
+        scene: PlannerSceneSettings { variants, rotation: args.rotation, perturbation: args.perturb, ..PlannerSceneSettings::default() },
         threads: args.common.threads(),
     })
 }

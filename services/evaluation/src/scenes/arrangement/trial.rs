@@ -13,7 +13,7 @@ use rand_pcg::Pcg64;
 use repose_geometry::transform::from_row_major;
 use repose_inference::Engine;
 use repose_planner::arrange::goals::all_hold;
-use repose_planner::scene::moved::{fall_m, table_after};
+use repose_planner::scene::moved::table_after;
 use repose_planner::{Forecasts, PreparedScene, plan};
 use repose_proto::arrange::{ArrangeRequest, ObjectGoal};
 use repose_proto::place::{Outcome, Variant};
@@ -202,7 +202,7 @@ impl Planning<'_> {
             };
             let Some(best) = placements.first() else { continue };
             let motion = from_row_major(&best.placed_from_observed.0).map_err(|e| CallError::internal(e.to_string()))?;
-            scene = table_after(&scene, goal.object, &motion, fall_m(self.variant));
+            scene = table_after(&scene, goal.object, &motion, self.variant);
             moves.push((goal.object, motion));
         }
         let believed = order.iter().all(|goal| all_hold(&scene, &self.task.viewer, goal.object, &goal.terms));
