@@ -9,6 +9,7 @@ pub mod carry_watch;
 pub mod cell_run;
 pub mod cut_samples;
 pub mod foot_samples;
+pub mod held_scenes;
 pub mod loads;
 pub mod one_scene;
 pub mod outcome;

@@ -1,62 +1,53 @@
-//! The planner's models on one scene that is held: what the tables plan with.
+//! One observed scene, and the planner's models that are asked about it and about what a search makes of it.
 
 use std::sync::Arc;
 
-use repose_inference::{Engine, HeldScene};
+use repose_inference::Engine;
 use repose_planner::{Forecasts, PlacementModels};
 use repose_proto::scoring::{PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, Scene};
 
-/// An engine and the scene that it is asked about.
-pub struct OneScene<'a> {
-    engine: &'a Engine,
-    held: HeldScene,
-    forecasts: Option<Arc<Forecasts>>,
-}
+use crate::scenes::held_scenes::HeldScenes;
 
-/// The forecasts of an engine's weights, to be read once for many scenes.
-///
-/// # Errors
-/// `failed_precondition` when the weights have none that this program reads.
-pub fn forecasts_of(engine: &Engine) -> Result<Arc<Forecasts>, CallError> {
-    Forecasts::read(&engine.forecasts().forecasts).map(Arc::new)
+/// A scene and the models.
+pub struct OneScene<'a> {
+    scene: Arc<Scene>,
+    scene_id: String,
+    models: HeldScenes<'a>,
 }
 
 impl<'a> OneScene<'a> {
-    /// Holds a scene. Hashes it for its id.
+    /// Of a scene. Hashes it for its id.
     pub fn new(engine: &'a Engine, scene: Arc<Scene>) -> Self {
-        Self { engine, held: HeldScene::new(scene.id(), scene), forecasts: None }
+        Self { scene_id: scene.id(), scene, models: HeldScenes::new(engine) }
     }
 
     /// The same with the forecasts of the engine's weights, which the variant `best` asks for.
     pub fn with_forecasts(self, forecasts: &Arc<Forecasts>) -> Self {
-        Self { forecasts: Some(forecasts.clone()), ..self }
+        Self { models: self.models.with_forecasts(forecasts), ..self }
     }
 
     /// The scene's id.
     pub fn scene_id(&self) -> &str {
-        self.held.scene_id()
+        &self.scene_id
     }
 
     /// The scene.
     pub fn scene(&self) -> &Arc<Scene> {
-        self.held.scene()
+        &self.scene
     }
 }
 
 impl PlacementModels for OneScene<'_> {
-    fn prior(&self, request: &PriorRequest, _: &Arc<Scene>) -> Result<PriorReply, CallError> {
-        self.engine.prior(request, &self.held)
+    fn prior(&self, request: &PriorRequest, scene: &Arc<Scene>) -> Result<PriorReply, CallError> {
+        self.models.prior(request, scene)
     }
 
-    fn score(&self, request: &ScoreRequest, _: &Arc<Scene>) -> Result<ScoreReply, CallError> {
-        self.engine.score(request, &self.held)
+    fn score(&self, request: &ScoreRequest, scene: &Arc<Scene>) -> Result<ScoreReply, CallError> {
+        self.models.score(request, scene)
     }
 
     fn forecasts(&self) -> Result<Arc<Forecasts>, CallError> {
-        match &self.forecasts {
-            Some(forecasts) => Ok(forecasts.clone()),
-            None => forecasts_of(self.engine),
-        }
+        self.models.forecasts()
     }
 }

@@ -13,7 +13,7 @@ use crate::scenes::arrangement::carried_out::PlanFault;
 use crate::scenes::arrangement::looking::LookingRecord;
 use crate::scenes::arrangement::task::{ArrangementTask, Shapes, TaskKind};
 use crate::scenes::arrangement::trial::{ArrangementTrialSettings, TaskRecord, try_task};
-use crate::scenes::one_scene::forecasts_of;
+use crate::scenes::held_scenes::forecasts_of;
 use crate::statistics::quantile::Sorted;
 use crate::statistics::rate::Rate;
 

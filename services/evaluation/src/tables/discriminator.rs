@@ -21,7 +21,8 @@ use repose_simulator::release::ReleaseSettings;
 use repose_simulator::scene::{SceneKind, SceneSettings};
 use serde::Serialize;
 
-use crate::scenes::one_scene::{OneScene, forecasts_of};
+use crate::scenes::held_scenes::forecasts_of;
+use crate::scenes::one_scene::OneScene;
 use crate::scenes::outcome::{Judged, judge};
 use crate::scenes::problem::{Problem, ProblemSettings};
 use crate::scenes::proposals::{motion_to, prior_draws};

@@ -16,7 +16,7 @@ use repose_proto::place::Variant;
 use repose_simulator::scene::SceneKind;
 use serde::Serialize;
 
-use crate::scenes::one_scene::forecasts_of;
+use crate::scenes::held_scenes::forecasts_of;
 use crate::scenes::outcome::PlacementFault;
 use crate::scenes::planner_scene::{PlannerSceneSettings, SceneRecord, SceneSet, SelfAssessment, TriedScene, VariantTrial, try_scene};
 use crate::statistics::calibration::Calibration;

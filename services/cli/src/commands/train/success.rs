@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use repose_evaluation::scenes::one_scene::forecasts_of;
+use repose_evaluation::scenes::held_scenes::forecasts_of;
 use repose_evaluation::scenes::success_samples::{FIRST_SEED, SceneAnswers};
 use repose_evaluation::statistics::calibration::Calibration;
 use repose_evaluation::statistics::correlation::area_under_curve;

@@ -18,8 +18,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::scenes::arrangement::carried_out::{PlanFault, fault_of, released_at};
 use crate::scenes::arrangement::failure::FaultDetails;
-use crate::scenes::arrangement::planned::{HeldScenes, Planned, move_of, planned};
+use crate::scenes::arrangement::planned::{Planned, move_of, planned};
 use crate::scenes::arrangement::task::{ArrangementTask, Shapes};
+use crate::scenes::held_scenes::HeldScenes;
 
 /// What a task came to with a look after every move.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

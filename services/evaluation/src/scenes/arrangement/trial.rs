@@ -23,8 +23,9 @@ use serde::{Deserialize, Serialize};
 use crate::scenes::arrangement::carried_out::{CarriedOut, Move, PlanFault, carried_out};
 use crate::scenes::arrangement::failure::FaultDetails;
 use crate::scenes::arrangement::looking::{LookingRecord, with_looks};
-use crate::scenes::arrangement::planned::{HeldScenes, Planned, move_of, planned};
+use crate::scenes::arrangement::planned::{Planned, move_of, planned};
 use crate::scenes::arrangement::task::{ArrangementTask, Shapes, TaskKind};
+use crate::scenes::held_scenes::HeldScenes;
 
 /// Random orders that the second bar tries.
 pub const RANDOM_ORDERS: usize = 3;
@@ -114,7 +115,7 @@ pub fn try_task(
     engine: &Engine,
     forecasts: &Arc<Forecasts>,
 ) -> Result<TaskRecord, CallError> {
-    let models = HeldScenes::new(engine, forecasts);
+    let models = HeldScenes::new(engine).with_forecasts(forecasts);
     let prepared = Arc::new(PreparedScene::new(task.seen(settings.shapes)));
     let request = ArrangeRequest {
         variant: settings.variant,
