@@ -19,6 +19,7 @@ use crate::judge::judged::JudgedCandidate;
 use crate::judge::problem::PlacementProblem;
 use crate::learned::models::PlacementModels;
 use crate::scene::prepared::PreparedScene;
+use crate::scene::turned::Turned;
 use crate::search::findings::Findings;
 use crate::search::search;
 use crate::search::source::CandidateSource;
@@ -46,12 +47,12 @@ pub struct PlanReport {
     pub best_in_view: Option<JudgedCandidate>,
 }
 
-/// Plans; `reports` says whether [`PlanReport::best_in_view`] is wanted, for which the networks may have to be asked.
+/// Plans; `turned` says how the object was turned over in the scene, and `reports` whether [`PlanReport::best_in_view`] is wanted, for which the networks may have to be asked.
 ///
 /// # Errors
 /// As [`crate::plan::plan`].
 pub fn planned(
-    prepared: &PreparedScene,
+    (prepared, turned): (&PreparedScene, Option<&Turned>),
     request: &PlaceRequest,
     models: &dyn PlacementModels,
     control: &mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
@@ -68,7 +69,7 @@ pub fn planned(
     let viewer = ViewerFrame::from_yaw(request.view_yaw_rad.unwrap_or(prepared.scene.meta.view_yaw_rad));
     let query = prepared.query(request.query, settings.min_clearance_m, &settings.fixed)?;
     let rules = Rules::new(prepared, query.id, &request.goal, &viewer, &settings.fixed.rules)?;
-    let problem = PlacementProblem { prepared, query: &query, rules: &rules, request, settings: &settings };
+    let problem = PlacementProblem { prepared, turned, query: &query, rules: &rules, request, settings: &settings };
     let evidence = Evidence::new(problem);
     let mut judge = Judge::new(problem, models);
     let mut rng = Pcg64::seed_from_u64(request.seed);

@@ -85,8 +85,9 @@ use config::Robots;
 pub use config::PlannerConfig;
 pub use learned::forecast::Forecasts;
 pub use learned::models::{NoModels, PlacementModels};
-pub use plan::{PlanReport, SearchStep, plan, plan_with_report};
+pub use plan::{PlanReport, SearchStep, plan, plan_turned_with_report, plan_with_report};
 pub use scene::prepared::PreparedScene;
+pub use scene::turned::{TurnedOver, turned_over, turns};
 pub use search::stop::StopReason;
 
 /// Runs a planner worker until `shutdown`, then drains it.

@@ -15,12 +15,10 @@ use repose_proto::place::{Outcome, PlaceProgress, PlaceRequest, PlaceResult, Pla
 use repose_proto::{CallError, ErrorCode, RigidTransform, SceneRef};
 
 use crate::attitude::planned;
-use crate::judge::standing::Standing;
 use crate::learned::models::PlacementModels;
 use crate::scene::prepared::PreparedScene;
-use crate::scene::turned::{turned_over, turns};
+use crate::scene::turned::{TurnedOver, turned_over, turns};
 use crate::search::stop::StopReason;
-use crate::settings::{PlanSettings, StandingBy};
 
 pub use crate::attitude::{PlanReport, SearchStep};
 
@@ -39,7 +37,7 @@ pub fn plan(
     if request.rotation == Rotation::Stable {
         return on_every_side(prepared, request, models, control);
     }
-    planned(prepared, request, models, control, false).map(|report| report.result)
+    planned((prepared, None), request, models, control, false).map(|report| report.result)
 }
 
 /// As [`plan`], with the candidates behind the answer; of an object that is not turned over.
@@ -55,7 +53,20 @@ pub fn plan_with_report(
     if request.rotation == Rotation::Stable {
         return Err(CallError::invalid("rotation", "a report covers one side of the object: expected fixed or yaw"));
     }
-    planned(prepared, request, models, control, true)
+    planned((prepared, None), request, models, control, true)
+}
+
+/// As [`plan_with_report`], of an object that was turned over: placements carry the turned object.
+///
+/// # Errors
+/// As that.
+pub fn plan_turned_with_report(
+    table: &TurnedOver,
+    request: &PlaceRequest,
+    models: &dyn PlacementModels,
+    control: &mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
+) -> Result<PlanReport, CallError> {
+    planned((&table.prepared, Some(&table.turned)), &of_side(request, table), models, control, true)
 }
 
 /// The answers with the object as it lies, and where that gives fewer than asked, those on each of its other sides after them: who may set it on another
@@ -68,22 +79,22 @@ fn on_every_side(
 ) -> Result<PlaceResult, CallError> {
     let started = Instant::now();
     let as_it_lies = PlaceRequest { rotation: Rotation::Yaw, ..request.clone() };
-    let mut found = planned(prepared, &as_it_lies, models, control, false)?.result;
+    let mut found = planned((prepared, None), &as_it_lies, models, control, false)?.result;
     let as_it_lies_found = found.placements.len();
-    let others = if as_it_lies_found < request.count as usize { other_sides(prepared, request, models)? } else { Vec::new() };
+    let others = if as_it_lies_found < request.count as usize { turns(prepared, request.query)? } else { Vec::new() };
     for turn in others {
         let left_ms = request.budget.time_ms.map(|ms| ms.saturating_sub(started.elapsed().as_millis() as u64));
         if found.outcome == Outcome::Partial || left_ms == Some(0) {
             found.outcome = Outcome::Partial;
             break;
         }
-        let turned = turned_over(prepared, request.query, turn)?;
-        let mut of_side = PlaceRequest { scene: SceneRef { scene_id: turned.prepared.scene_id.clone() }, ..as_it_lies.clone() };
+        let table = turned_over(prepared, request.query, turn)?;
+        let mut of_side = of_side(&as_it_lies, &table);
         of_side.budget.time_ms = left_ms;
         let before = (found.iterations, found.evaluated);
-        let mut told = |step: SearchStep| control(told_of(step, before, &turned.turned_from_observed));
-        match planned(&turned.prepared, &of_side, models, &mut told, false) {
-            Ok(report) => add(&mut found, report.result, &turned.turned_from_observed)?,
+        let mut told = |step: SearchStep| control(told_of(step, before, &turn));
+        match planned((&table.prepared, Some(&table.turned)), &of_side, models, &mut told, false) {
+            Ok(report) => add(&mut found, report.result, &turn)?,
             Err(error) if error.code == ErrorCode::DeadlineExceeded => found.outcome = Outcome::Partial,
             Err(error) => return Err(error),
         }
@@ -95,16 +106,9 @@ fn on_every_side(
     Ok(found)
 }
 
-/// The turns that set an object up on its other sides: none where something else is believed to come down when it is taken away.
-fn other_sides(prepared: &PreparedScene, request: &PlaceRequest, models: &dyn PlacementModels) -> Result<Vec<Isometry3<f64>>, CallError> {
-    let settings = PlanSettings::of(request);
-    if settings.recipe.standing_by == StandingBy::Forecast {
-        let standing = Standing::of(prepared, request.query, &*models.forecasts()?);
-        if standing.neighbours_stay < settings.fixed.standing.min_neighbour_stays {
-            return Ok(Vec::new());
-        }
-    }
-    turns(prepared, request.query)
+/// The request on the scene in which the object was turned over.
+fn of_side(request: &PlaceRequest, table: &TurnedOver) -> PlaceRequest {
+    PlaceRequest { scene: SceneRef { scene_id: table.prepared.scene_id.clone() }, ..request.clone() }
 }
 
 /// Adds what was found on another side.

@@ -7,9 +7,10 @@
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
+use nalgebra::Isometry3;
 use repose_geometry::transform::from_row_major;
 use repose_inference::Engine;
-use repose_planner::{Forecasts, PreparedScene, plan_with_report};
+use repose_planner::{Forecasts, PlanReport, PreparedScene, plan_turned_with_report, plan_with_report, turned_over, turns};
 use repose_proto::place::Rotation;
 use repose_proto::{CallError, ErrorCode, PlaceRequest, Relation};
 use repose_simulator::release::ReleaseSettings;
@@ -26,6 +27,10 @@ use crate::statistics::forecast_fit::FitSample;
 pub const FIRST_SEED: u64 = 600_000_000;
 /// Distinct answers asked for in each scene.
 const ANSWERS: u32 = 10;
+/// Of them on each other side of the object. All sides are planned for where it finds no place as it lies, …
+const ANSWERS_ON_SIDE: u32 = 3;
+/// … and else one of them in every so many turns of the kinds.
+const ONE_SIDE_IN: u64 = 3;
 /// The kinds of scenes, in turn: crowded desks as often as four others, for they have the most that goes wrong.
 const KINDS: [SceneKind; 12] = {
     use SceneKind::*;
@@ -37,7 +42,7 @@ const KINDS: [SceneKind; 12] = {
 pub struct SceneAnswers {
     /// The scene.
     pub seed: u64,
-    /// What was measured of each answer, best first.
+    /// What was measured of each answer, best first; those with the object as it lies before those on other sides.
     pub measures: Vec<Vec<f32>>,
     /// Whether each succeeded.
     pub succeeded: Vec<bool>,
@@ -53,8 +58,8 @@ fn relations(turn: u64) -> &'static [Relation] {
 }
 
 impl SceneAnswers {
-    /// The answers of the `index`-th scene that is learned from; kinds of scenes take turns, and every other answer may be turned. None where
-    /// the seed gives no problem or the request is refused.
+    /// The answers of the `index`-th scene that is learned from; kinds of scenes take turns, and in every third turn the object may be turned
+    /// about the vertical. None where the seed gives no problem or the request is refused.
     ///
     /// # Errors
     /// The planner's and the engine's, on a problem that they should have been able to take.
@@ -80,16 +85,36 @@ impl SceneAnswers {
             min_success: Some(0.0),
             ..PlaceRequest::new(models.scene_id().to_owned(), problem.query, vec![problem.goal])
         };
-        let report = match plan_with_report(&prepared, &request, &models, &mut |_| ControlFlow::Continue(())) {
-            Err(error) if matches!(error.code, ErrorCode::FailedPrecondition | ErrorCode::NotFound) => return Ok(none),
+        let go_on = &mut |_| ControlFlow::Continue(());
+        let mut answers = none;
+        let report = match plan_with_report(&prepared, &request, &models, go_on) {
+            Err(error) if matches!(error.code, ErrorCode::FailedPrecondition | ErrorCode::NotFound) => return Ok(answers),
             answered => answered?,
         };
-        let came = report.answers.iter().zip(&report.result.placements).filter_map(|(judged, placement)| {
-            let placed = from_row_major(&placement.placed_from_observed.0).ok()?;
-            Some((judged.success_measures.clone()?, judge(&problem, &placed, &ReleaseSettings::default())?.joint()))
-        });
-        let (measures, succeeded) = came.unzip();
-        Ok(Self { seed, measures, succeeded })
+        answers.add(&problem, &report, &Isometry3::identity());
+        let mut sides = turns(&prepared, problem.query)?;
+        if !report.answers.is_empty() {
+            let one = sides.get(seed as usize % sides.len().max(1)).copied();
+            sides = one.into_iter().filter(|_| turn % ONE_SIDE_IN == 1).collect();
+        }
+        for side in sides {
+            let table = turned_over(&prepared, problem.query, side)?;
+            let on_side = PlaceRequest { count: ANSWERS_ON_SIDE, rotation: Rotation::Yaw, ..request.clone() };
+            answers.add(&problem, &plan_turned_with_report(&table, &on_side, &models, go_on)?, &side);
+        }
+        Ok(answers)
+    }
+
+    /// Lets the object go at the answers of a search, in which it had been turned over.
+    fn add(&mut self, problem: &Problem, report: &PlanReport, turned_from_observed: &Isometry3<f64>) {
+        for (judged, placement) in report.answers.iter().zip(&report.result.placements) {
+            let (Ok(placed), Some(measures)) = (from_row_major(&placement.placed_from_observed.0), &judged.success_measures) else {
+                continue;
+            };
+            let Some(came) = judge(problem, &(placed * turned_from_observed), &ReleaseSettings::default()) else { continue };
+            self.measures.push(measures.clone());
+            self.succeeded.push(came.joint());
+        }
     }
 
     /// To learn from.

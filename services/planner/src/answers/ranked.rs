@@ -140,7 +140,8 @@ mod tests {
         settings.fixed.ranking.asked_at_once = asked_at_once;
         let query = prepared.query(2, 0.0, &settings.fixed).unwrap();
         let rules = Rules::new(&prepared, 2, &request.goal, &ViewerFrame::from_yaw(0.0), &settings.fixed.rules).unwrap();
-        let problem = PlacementProblem { prepared: &prepared, query: &query, rules: &rules, request: &request, settings: &settings };
+        let problem =
+            PlacementProblem { prepared: &prepared, turned: None, query: &query, rules: &rules, request: &request, settings: &settings };
         let fake = Fake::new(&[BESIDE]);
         let mut judge = Judge::new(problem, &fake);
         let mut rng = Pcg64::seed_from_u64(request.seed);

@@ -35,10 +35,9 @@ mod tests {
     use std::sync::Arc;
 
     use nalgebra::Isometry3;
-
-    use super::*;
     use repose_proto::place::Variant;
 
+    use super::*;
     use crate::scene::moved::table_after;
     use crate::tests::synthetic::SceneBuilder;
 

@@ -143,8 +143,7 @@ impl<'a> Judge<'a> {
         if let Some(standing) = &self.standing {
             return Ok(*standing);
         }
-        let PlacementProblem { prepared, query, .. } = self.problem;
-        Ok(*self.standing.insert(Standing::of(prepared, query.id, &*self.scorer.forecasts()?)))
+        Ok(*self.standing.insert(Standing::of(&self.problem, &*self.scorer.forecasts()?)))
     }
 
     /// Says how likely a candidate succeeds that the networks were asked about.

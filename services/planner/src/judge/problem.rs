@@ -9,6 +9,7 @@ use crate::checks::rules::Rules;
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;
+use crate::scene::turned::Turned;
 use crate::settings::PlanSettings;
 
 /// A placement problem.
@@ -16,6 +17,8 @@ use crate::settings::PlanSettings;
 pub struct PlacementProblem<'a> {
     /// The scene.
     pub prepared: &'a PreparedScene,
+    /// How the object was turned over in it; none as it lies.
+    pub turned: Option<&'a Turned>,
     /// The object to move.
     pub query: &'a QueryObject,
     /// The goal by rule.

@@ -1,22 +1,29 @@
-//! How the object stands where it was seen, by the forecasts: what every candidate is judged by alike.
+//! How the object stands where it was seen, and in the attitude that it is planned in, by the forecasts: what every candidate is judged by alike.
 
+use crate::judge::problem::PlacementProblem;
 use crate::learned::forecast::Forecasts;
-use crate::scene::prepared::PreparedScene;
 
-/// How an object stands where it was seen, by the forecasts.
+/// How an object stands, by the forecasts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Standing {
-    /// The probability that it stands by itself.
+    /// The probability that it stands by itself in the attitude that it is planned in.
     pub stands: f64,
+    /// The same in the attitude in which it was seen.
+    pub stood: f64,
     /// The probability that the neighbour stays that most likely comes down when it is taken away; 1 without a neighbour.
     pub neighbours_stay: f64,
 }
 
 impl Standing {
-    /// Of an object of a scene; one without an extent, which cannot be planned with, is taken to stand.
-    pub fn of(prepared: &PreparedScene, id: u16, forecasts: &Forecasts) -> Self {
-        let Some(measures) = prepared.stance_measures(id) else { return Self { stands: 1.0, neighbours_stay: 1.0 } };
-        let neighbours = measures.neighbours.iter().map(|beside| forecasts.neighbour_stays.of(beside));
-        Self { stands: forecasts.stands.of(&measures.own), neighbours_stay: neighbours.fold(1.0, f64::min) }
+    /// Of the object of a problem; one without an extent, which cannot be planned with, is taken to stand.
+    pub fn of(problem: &PlacementProblem<'_>, forecasts: &Forecasts) -> Self {
+        let planned = problem.prepared.stance_measures(problem.query.id);
+        let seen = problem.turned.map_or_else(|| planned.clone(), |turned| turned.stance.clone());
+        let neighbours = seen.iter().flat_map(|stance| &stance.neighbours);
+        Self {
+            stands: planned.map_or(1.0, |stance| forecasts.stands.of(&stance.own)),
+            stood: seen.as_ref().map_or(1.0, |stance| forecasts.stands.of(&stance.own)),
+            neighbours_stay: neighbours.map(|beside| forecasts.neighbour_stays.of(beside)).fold(1.0, f64::min),
+        }
     }
 }

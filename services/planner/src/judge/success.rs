@@ -19,6 +19,8 @@ pub fn measures(problem: &PlacementProblem<'_>, standing: &Standing, judged: &Ju
     let goal = judged.relations.as_ref()?.iter().copied().fold(1.0, f32::min);
     let margin_m = judged.checks.as_ref()?.iter().map(|check| check.margin_m).fold(FAR_M, f64::min);
     let query = problem.query;
+    // What else lay against it is as it was where it was seen, however it is turned.
+    let seen = problem.turned.map_or(&query.traits, |turned| &turned.traits);
     let [length_m, width_m] = query.traits.spans_m;
     let beside = [
         f64::from(judged.realism?),
@@ -28,11 +30,11 @@ pub fn measures(problem: &PlacementProblem<'_>, standing: &Standing, judged: &Ju
         standing.neighbours_stay,
         judged.fragile_share?,
         problem.shape_gap_m(&judged.candidate).min(FAR_M),
-        query.traits.gap_m.min(FAR_M),
-        query.traits.leaner.oblique.share,
-        query.traits.leaner.oblique.off_rad,
-        query.traits.leaner.over_m,
-        f64::from(u8::from(query.traits.on_object)),
+        seen.gap_m.min(FAR_M),
+        seen.leaner.oblique.share,
+        seen.leaner.oblique.off_rad,
+        seen.leaner.over_m,
+        f64::from(u8::from(seen.on_object)),
         query.traits.hidden_foot_m,
         f64::from(query.shape.foot_probability),
         anchor_foot(problem),
@@ -43,7 +45,12 @@ pub fn measures(problem: &PlacementProblem<'_>, standing: &Standing, judged: &Ju
         length_m,
         width_m,
     ];
-    let all = beside.into_iter().chain(of_carriers(problem, judged)).chain(of_pictures(problem)).chain(of_anchor(problem, judged));
+    let all = beside
+        .into_iter()
+        .chain(of_carriers(problem, judged))
+        .chain(of_pictures(problem))
+        .chain(of_anchor(problem, judged))
+        .chain(of_turn(problem, standing));
     Some(of_place.iter().copied().chain(all.map(|value| value as f32)).collect())
 }
 
@@ -71,7 +78,7 @@ fn of_pictures(problem: &PlacementProblem<'_>) -> [f64; 6] {
     let (prepared, query, anchor) = (problem.prepared, problem.query.id, problem.request.main_anchor());
     let ends = anchor.map_or_else(OutlineEnds::default, |anchor| prepared.outline_ends(anchor));
     let observed = |object: u16| prepared.scene.object(object).map_or(1.0, |summary| summary.completeness);
-    let own = prepared.outline_ends(query);
+    let own = problem.turned.map_or_else(|| prepared.outline_ends(query), |turned| turned.ends);
     [own.cut_off, own.hidden, ends.cut_off, ends.hidden, observed(query), anchor.map_or(1.0, observed)]
 }
 
@@ -86,4 +93,10 @@ fn of_anchor(problem: &PlacementProblem<'_>, judged: &JudgedCandidate) -> [f64; 
     let [length_m, width_m] = spans_m(shape);
     let height_m = f64::from(shape.top_m - shape.bottom_m);
     [inside_m.clamp(-FAR_OFF_M, FAR_OFF_M), height_m, length_m, width_m, f64::from(shape.doubt.norm()), anchor.points.len() as f64]
+}
+
+/// How it was turned over, and how it stood before that.
+fn of_turn(problem: &PlacementProblem<'_>, standing: &Standing) -> [f64; 3] {
+    let (angle_rad, seen_base_share) = problem.turned.map_or((0.0, 0.0), |turned| (turned.angle_rad, turned.seen_base_share));
+    [standing.stood, angle_rad, seen_base_share]
 }

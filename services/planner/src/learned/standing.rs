@@ -352,7 +352,7 @@ mod tests {
                 .map(|p| turn * p)
                 .collect();
             let middle = points.iter().map(|p| p.coords).sum::<Vector3<f32>>() / points.len() as f32;
-            CompletedSurface { points, center_of_mass: middle.into() }
+            CompletedSurface { seen: points.len(), points, center_of_mass: middle.into() }
         };
         assert!(tip_rad(&board(0.0)) > 0.03);
         assert!(tip_rad(&board(0.5)) < 0.0);

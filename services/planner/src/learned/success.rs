@@ -7,7 +7,7 @@
 use crate::learned::stability::{self, COUNT as OF_PLACE};
 
 /// The measures beside those of [`stability`], in their order.
-const BESIDE: [&str; 38] = [
+const BESIDE: [&str; 41] = [
     // The probability that it stays.
     "stays",
     // The least probability of a goal term, and the least margin by rule, metres.
@@ -64,6 +64,11 @@ const BESIDE: [&str; 38] = [
     "anchor_width",
     "anchor_back_unknown",
     "anchor_points",
+    // The probability that it stood by itself where it was seen; by which angle it was turned over there, radians, and how much of what it stands
+    // on since was seen. As it lies both are 0.
+    "stood",
+    "turned",
+    "seen_base",
 ];
 
 /// The number of measures.

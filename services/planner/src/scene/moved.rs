@@ -30,13 +30,14 @@ const UPRIGHT_COSINE: f64 = 0.999_9;
 /// The color of points that nobody saw.
 pub const GREY: [u8; 3] = [128; 3];
 
-/// How far an object of a table comes down where a placement of a variant lets go of it, metres: by what is believed of its foot, where that is still below.
+/// How far an object of a table comes down where a placement of a variant lets go of it, metres: by as much as it might have reached lower, too.
 fn fall_m(table: &PreparedScene, object: u16, placed_from_observed: &Isometry3<f64>, variant: Variant) -> f64 {
     if !Recipe::of(variant).grounded {
         return 0.0;
     }
     let shape = table.belief.objects.get(&object).and_then(|object| object.shape.as_ref());
-    let doubt_m = shape.filter(|_| is_upright(placed_from_observed)).map_or(0.0, |shape| shape.foot_doubt_m);
+    let other_side_m = BeliefSettings::default().sides.lower_m;
+    let doubt_m = if is_upright(placed_from_observed) { shape.map_or(0.0, |shape| shape.foot_doubt_m) } else { other_side_m };
     f64::from(SupportSettings::default().release_m + doubt_m)
 }
 

@@ -6,11 +6,13 @@ use nalgebra::{Isometry3, Point3, Translation3};
 use repose_geometry::{Aabb, cloud};
 use repose_proto::{CallError, Scene};
 
+use crate::learned::standing::StanceMeasures;
 use crate::scene::moved::{GREY, without};
 use crate::scene::prepared::PreparedScene;
-use crate::scene::traits::solid_of;
+use crate::scene::traits::{StandingTraits, VOXEL_M, solid_of};
 use repose_belief::settings::BeliefSettings;
 use repose_belief::sides::sides;
+use repose_belief::view::OutlineEnds;
 
 /// A side that an object lies on, as observed, within this of upright, radians: it is no other side.
 const AS_OBSERVED_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
@@ -20,8 +22,23 @@ const AS_OBSERVED_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
 pub struct TurnedOver {
     /// The scene.
     pub prepared: PreparedScene,
-    /// The motion of world space that has turned the object: about the middle of what was seen of it.
-    pub turned_from_observed: Isometry3<f64>,
+    /// What of the object is as it was before.
+    pub turned: Turned,
+}
+
+/// An object that was turned over, and what was seen of it where it lay.
+#[derive(Debug, Clone)]
+pub struct Turned {
+    /// By which angle, radians.
+    pub angle_rad: f64,
+    /// Share of what it stands on now that was seen.
+    pub seen_base_share: f64,
+    /// How it lay, and what lay against it; none without an extent.
+    pub stance: Option<Arc<StanceMeasures>>,
+    /// What its place told of how it stood.
+    pub traits: StandingTraits,
+    /// What its outline ended at.
+    pub ends: OutlineEnds,
 }
 
 /// The turns that set an object up on its other sides, the widest first.
@@ -37,20 +54,31 @@ pub fn turns(prepared: &PreparedScene, id: u16) -> Result<Vec<Isometry3<f64>>, C
     Ok(others.map(|side| middle * side.standing_from_observed * middle.inverse()).collect())
 }
 
-/// The scene after a turn.
+/// The scene after a turn, a motion of world space.
 ///
 /// # Errors
 /// As [`PreparedScene::movable`]; `failed_precondition` on `query` where the turned object has no extent seen from above.
 pub fn turned_over(prepared: &PreparedScene, id: u16, turned_from_observed: Isometry3<f64>) -> Result<TurnedOver, CallError> {
     let (object, shape) = prepared.movable(id)?;
+    let settings = BeliefSettings::default();
     let solid = solid_of(prepared, id, object, shape).moved(&turned_from_observed);
-    let turned = solid
-        .shape(&BeliefSettings::default().shape)
-        .ok_or_else(|| CallError::precondition("the turned object has no extent").at("query"))?;
+    let mut turned_shape =
+        solid.shape(&settings.shape).ok_or_else(|| CallError::precondition("the turned object has no extent").at("query"))?;
+    turned_shape.foot_doubt_m = settings.sides.lower_m;
     let mut known = prepared.belief.shapes();
-    known.insert(id, turned);
+    known.insert(id, turned_shape);
     let scene = with_cloud(&prepared.scene, id, &solid.points);
-    Ok(TurnedOver { prepared: PreparedScene::with_shapes(Arc::new(scene), known), turned_from_observed })
+    let turned = Turned {
+        angle_rad: turned_from_observed.rotation.angle(),
+        seen_base_share: solid.seen_base_share(settings.sides.contact_m),
+        stance: prepared.stance_measures(id),
+        traits: StandingTraits::of(prepared, id, shape, &cloud::voxel_downsampled(&object.points, VOXEL_M)),
+        ends: prepared.outline_ends(id),
+    };
+    let mut after = PreparedScene::with_shapes(Arc::new(scene), known);
+    // Nothing lay on it, so nothing does, even if it has come to be under something.
+    after.belief.bare(id);
+    Ok(TurnedOver { prepared: after, turned })
 }
 
 /// The scene with other points of an object.
@@ -94,6 +122,18 @@ mod tests {
         heights_mm.sort_unstable();
         for (found, expected) in heights_mm.iter().zip([60, 90, 90, 160, 160]) {
             assert!((found - expected).abs() <= 8, "{heights_mm:?}");
+        }
+    }
+
+    #[test]
+    fn an_object_that_is_turned_over_beneath_something_does_not_carry_it() {
+        let scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.16, 0.05, 0.12]).object(4, [0.0, 0.065], [0.05, 0.06, 0.08]);
+        let prepared = scene.object_at(3, [0.0, 0.065], 0.085, [0.06, 0.06, 0.04]).prepared();
+        let turns = turns(&prepared, 1).unwrap();
+        assert!(!turns.is_empty());
+        for turn in turns {
+            let table = turned_over(&prepared, 1, turn).unwrap().prepared;
+            assert!(table.movable(1).is_ok(), "{:?}", table.belief.carried(1));
         }
     }
 }

@@ -153,8 +153,8 @@ impl Foot {
     /// The level of an object's bottom, and how likely it is the right one: the rule's, which is the first, unless another is clearly likelier. `None`
     /// without levels.
     pub fn choice(&self, levels: &[Level]) -> Option<Chosen> {
-        let chosen = |level: &Level| Chosen { height_m: level.height_m, probability: self.probability(&level.measures), lower_m: 0.0 };
-        let said: Vec<Chosen> = levels.iter().map(chosen).collect();
+        let of_level = |level: &Level| Chosen { height_m: level.height_m, probability: self.probability(&level.measures), lower_m: 0.0 };
+        let said: Vec<Chosen> = levels.iter().map(of_level).collect();
         let rule = *said.first()?;
         // Of equals the first.
         let best = said.iter().copied().reduce(|best, other| if other.probability > best.probability { other } else { best })?;

@@ -203,6 +203,11 @@ impl Belief {
         }
     }
 
+    /// Believes from now on that nothing lies on an object.
+    pub fn bare(&mut self, id: u16) {
+        self.carried.remove(&id);
+    }
+
     /// The objects' shapes, of those that have one.
     pub fn shapes(&self) -> BTreeMap<u16, Shape> {
         self.objects.iter().filter_map(|(id, object)| Some((*id, object.shape.clone()?))).collect()

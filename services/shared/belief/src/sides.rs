@@ -111,7 +111,11 @@ mod tests {
     }
 
     fn found(points: Vec<Point3<f32>>) -> Vec<Side> {
-        sides(&CompletedSurface { points, center_of_mass: Point3::origin() }, &SideSettings::default(), &CrownSettings::default())
+        sides(
+            &CompletedSurface { seen: points.len(), points, center_of_mass: Point3::origin() },
+            &SideSettings::default(),
+            &CrownSettings::default(),
+        )
     }
 
     #[test]
