@@ -127,13 +127,17 @@ mod tests {
 
     #[test]
     fn an_object_that_is_turned_over_beneath_something_does_not_carry_it() {
-        let scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.16, 0.05, 0.12]).object(4, [0.0, 0.065], [0.05, 0.06, 0.08]);
-        let prepared = scene.object_at(3, [0.0, 0.065], 0.085, [0.06, 0.06, 0.04]).prepared();
-        let turns = turns(&prepared, 1).unwrap();
-        assert!(!turns.is_empty());
-        for turn in turns {
-            let table = turned_over(&prepared, 1, turn).unwrap().prepared;
-            assert!(table.movable(1).is_ok(), "{:?}", table.belief.carried(1));
+        // A board on its edge beside a pillar, on which something lies: turned flat, it reaches under that.
+        for height_m in [0.06, 0.08, 0.1, 0.12] {
+            let board = SceneBuilder::table().object(1, [0.0, 0.0], [0.16, 0.04, 0.14]);
+            let pillar = board.object(4, [0.0, 0.085], [0.03, 0.03, height_m]);
+            let prepared = pillar.object_at(3, [0.0, 0.085], height_m, [0.16, 0.11, 0.04]).prepared();
+            let turns = turns(&prepared, 1).unwrap();
+            assert!(!turns.is_empty());
+            for turn in turns {
+                let table = turned_over(&prepared, 1, turn).unwrap().prepared;
+                assert!(table.movable(1).is_ok(), "{height_m}: {:?}", table.belief.carried(1));
+            }
         }
     }
 }
