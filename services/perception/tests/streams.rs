@@ -165,7 +165,8 @@ async fn while_nobody_asks_few_frames_become_scenes_and_who_asks_gets_that_of_th
     };
     assert!(is_unasked, "nobody asks");
     assert_eq!(following.worker.latest("front").await.unwrap().stamp_ns, newest_ns);
-    assert!(following.counts().unasked.load(Ordering::SeqCst) >= 4, "{:?}", following.counts());
+    // Of the five, all but the one that was asked for, and one that a pause may have let through.
+    assert!(following.counts().unasked.load(Ordering::SeqCst) >= 3, "{:?}", following.counts());
     following.put("front", encoded(&frame("front", newest_ns + 1))).await;
     loop {
         let sample = tokio::time::timeout(Duration::from_secs(20), following.scenes.recv()).await.unwrap().unwrap();

@@ -47,12 +47,13 @@ pub struct PlanReport {
     pub best_in_view: Option<JudgedCandidate>,
 }
 
-/// Plans; `turned` says how the object was turned over in the scene, and `reports` whether [`PlanReport::best_in_view`] is wanted, for which the networks may have to be asked.
+/// Plans; `turned` says how the object was turned over in the scene, and `reports` whether [`PlanReport::best_in_view`] is wanted, for which the
+/// networks may have to be asked.
 ///
 /// # Errors
 /// As [`crate::plan::plan`].
 pub fn planned(
-    (prepared, turned): (&PreparedScene, Option<&Turned>),
+    (prepared, turned): (&PreparedScene, Option<&Turned<'_>>),
     request: &PlaceRequest,
     models: &dyn PlacementModels,
     control: &mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,

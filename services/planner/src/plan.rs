@@ -11,13 +11,13 @@ use std::time::Instant;
 
 use nalgebra::Isometry3;
 use repose_geometry::transform::{from_row_major, to_row_major};
-use repose_proto::place::{Outcome, PlaceProgress, PlaceRequest, PlaceResult, Placement, Rotation};
+use repose_proto::place::{Outcome, PlaceProgress, PlaceRequest, PlaceResult, Placement, Rejection, Rotation};
 use repose_proto::{CallError, ErrorCode, RigidTransform, SceneRef};
 
 use crate::attitude::planned;
 use crate::learned::models::PlacementModels;
 use crate::scene::prepared::PreparedScene;
-use crate::scene::turned::{TurnedOver, turned_over, turns};
+use crate::scene::turned::{Turned, TurnedOver, turned_over, turns};
 use crate::search::stop::StopReason;
 
 pub use crate::attitude::{PlanReport, SearchStep};
@@ -50,10 +50,7 @@ pub fn plan_with_report(
     models: &dyn PlacementModels,
     control: &mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
 ) -> Result<PlanReport, CallError> {
-    if request.rotation == Rotation::Stable {
-        return Err(CallError::invalid("rotation", "a report covers one side of the object: expected fixed or yaw"));
-    }
-    planned((prepared, None), request, models, control, true)
+    reported((prepared, None), request, models, control)
 }
 
 /// As [`plan_with_report`], of an object that was turned over: placements carry the turned object.
@@ -61,16 +58,28 @@ pub fn plan_with_report(
 /// # Errors
 /// As that.
 pub fn plan_turned_with_report(
-    table: &TurnedOver,
+    table: &TurnedOver<'_>,
     request: &PlaceRequest,
     models: &dyn PlacementModels,
     control: &mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
 ) -> Result<PlanReport, CallError> {
-    planned((&table.prepared, Some(&table.turned)), &of_side(request, table), models, control, true)
+    reported((&table.prepared, Some(&table.turned)), &of_side(request, table), models, control)
+}
+
+fn reported(
+    attitude: (&PreparedScene, Option<&Turned<'_>>),
+    request: &PlaceRequest,
+    models: &dyn PlacementModels,
+    control: &mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
+) -> Result<PlanReport, CallError> {
+    if request.rotation == Rotation::Stable {
+        return Err(CallError::invalid("rotation", "a report covers one side of the object: expected fixed or yaw"));
+    }
+    planned(attitude, request, models, control, true)
 }
 
 /// The answers with the object as it lies, and where that gives fewer than asked, those on each of its other sides after them: who may set it on another
-/// side would still have it left as it is, and what is said of its success was learned on objects that were.
+/// side would still have it left as it is. What comes down when it is taken away does so whatever side it is set on.
 fn on_every_side(
     prepared: &PreparedScene,
     request: &PlaceRequest,
@@ -81,7 +90,8 @@ fn on_every_side(
     let as_it_lies = PlaceRequest { rotation: Rotation::Yaw, ..request.clone() };
     let mut found = planned((prepared, None), &as_it_lies, models, control, false)?.result;
     let as_it_lies_found = found.placements.len();
-    let others = if as_it_lies_found < request.count as usize { turns(prepared, request.query)? } else { Vec::new() };
+    let lacks = as_it_lies_found < request.count as usize && !found.rejections.contains_key(&Rejection::Unsettles);
+    let others = if lacks { turns(prepared, request.query)? } else { Vec::new() };
     for turn in others {
         let left_ms = request.budget.time_ms.map(|ms| ms.saturating_sub(started.elapsed().as_millis() as u64));
         if found.outcome == Outcome::Partial || left_ms == Some(0) {
@@ -107,7 +117,7 @@ fn on_every_side(
 }
 
 /// The request on the scene in which the object was turned over.
-fn of_side(request: &PlaceRequest, table: &TurnedOver) -> PlaceRequest {
+fn of_side(request: &PlaceRequest, table: &TurnedOver<'_>) -> PlaceRequest {
     PlaceRequest { scene: SceneRef { scene_id: table.prepared.scene_id.clone() }, ..request.clone() }
 }
 

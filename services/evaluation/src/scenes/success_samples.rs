@@ -65,12 +65,12 @@ impl SceneAnswers {
     /// The planner's and the engine's, on a problem that they should have been able to take.
     pub fn of(index: u64, engine: &Engine, forecasts: &Arc<Forecasts>) -> Result<Self, CallError> {
         let seed = FIRST_SEED + index;
-        let none = Self { seed, measures: Vec::new(), succeeded: Vec::new() };
+        let mut answers = Self { seed, measures: Vec::new(), succeeded: Vec::new() };
         let (kind, turn) = (KINDS[index as usize % KINDS.len()], index / KINDS.len() as u64);
         let mut settings = ProblemSettings::default();
         settings.scene.kinds = KindWeights::only(kind);
         settings.relations = relations(turn).to_vec();
-        let Some(problem) = Problem::of_seed(seed, &settings) else { return Ok(none) };
+        let Some(problem) = Problem::of_seed(seed, &settings) else { return Ok(answers) };
         // The masks are given, or found.
         let found = turn % 4 >= 2;
         let observed = if found { Perturbation::FoundMasks.observed(&problem, &settings.perception)? } else { problem.observed.clone() };
@@ -86,7 +86,6 @@ impl SceneAnswers {
             ..PlaceRequest::new(models.scene_id().to_owned(), problem.query, vec![problem.goal])
         };
         let go_on = &mut |_| ControlFlow::Continue(());
-        let mut answers = none;
         let report = match plan_with_report(&prepared, &request, &models, go_on) {
             Err(error) if matches!(error.code, ErrorCode::FailedPrecondition | ErrorCode::NotFound) => return Ok(answers),
             answered => answered?,

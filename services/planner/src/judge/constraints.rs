@@ -45,7 +45,8 @@ impl<'a> Constraints<'a> {
         let asked = !problem.anchors_of(&[Relation::Above, Relation::Below]).is_empty() || problem.request.region.iter().any(|r| r.inside);
         let shapes = problem.prepared.belief.objects.values().filter_map(|object| object.shape.as_ref()).filter(|_| !asked);
         let levels_m = shapes.flat_map(|shape| [shape.bottom_m, shape.top_m]).collect();
-        let tips = problem.settings.recipe.standing_by == StandingBy::Rule && problem.query.traits.leans();
+        let leans = || problem.prepared.standing_traits(problem.query.id).is_some_and(|traits| traits.leans());
+        let tips = problem.settings.recipe.standing_by == StandingBy::Rule && leans();
         let refused = if tips { vec![(Rejection::Tips, 1.0)] } else { Vec::new() };
         Self { problem, touched, clearance, reach, refused, levels_m }
     }

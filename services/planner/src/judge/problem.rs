@@ -18,7 +18,7 @@ pub struct PlacementProblem<'a> {
     /// The scene.
     pub prepared: &'a PreparedScene,
     /// How the object was turned over in it; none as it lies.
-    pub turned: Option<&'a Turned>,
+    pub turned: Option<&'a Turned<'a>>,
     /// The object to move.
     pub query: &'a QueryObject,
     /// The goal by rule.
@@ -30,6 +30,11 @@ pub struct PlacementProblem<'a> {
 }
 
 impl<'a> PlacementProblem<'a> {
+    /// The scene in which the object is as it was seen: that which it is taken from.
+    pub fn as_seen(&self) -> &'a PreparedScene {
+        self.turned.map_or(self.prepared, |turned| turned.as_seen)
+    }
+
     /// The ground under this problem's candidates.
     pub fn ground(&self) -> Ground<'a> {
         Ground { prepared: self.prepared, query: self.query, settings: &self.settings.fixed.support }

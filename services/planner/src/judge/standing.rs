@@ -1,7 +1,10 @@
 //! How the object stands where it was seen, and in the attitude that it is planned in, by the forecasts: what every candidate is judged by alike.
 
+use std::sync::Arc;
+
 use crate::judge::problem::PlacementProblem;
 use crate::learned::forecast::Forecasts;
+use crate::learned::standing::StanceMeasures;
 
 /// How an object stands, by the forecasts.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,12 +20,12 @@ pub struct Standing {
 impl Standing {
     /// Of the object of a problem; one without an extent, which cannot be planned with, is taken to stand.
     pub fn of(problem: &PlacementProblem<'_>, forecasts: &Forecasts) -> Self {
-        let planned = problem.prepared.stance_measures(problem.query.id);
-        let seen = problem.turned.map_or_else(|| planned.clone(), |turned| turned.stance.clone());
+        let [planned, seen] = [problem.prepared, problem.as_seen()].map(|scene| scene.stance_measures(problem.query.id));
+        let stands = |stance: &Option<Arc<StanceMeasures>>| stance.as_ref().map_or(1.0, |stance| forecasts.stands.of(&stance.own));
         let neighbours = seen.iter().flat_map(|stance| &stance.neighbours);
         Self {
-            stands: planned.map_or(1.0, |stance| forecasts.stands.of(&stance.own)),
-            stood: seen.as_ref().map_or(1.0, |stance| forecasts.stands.of(&stance.own)),
+            stands: stands(&planned),
+            stood: stands(&seen),
             neighbours_stay: neighbours.map(|beside| forecasts.neighbour_stays.of(beside)).fold(1.0, f64::min),
         }
     }

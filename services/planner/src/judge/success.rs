@@ -20,8 +20,9 @@ pub fn measures(problem: &PlacementProblem<'_>, standing: &Standing, judged: &Ju
     let margin_m = judged.checks.as_ref()?.iter().map(|check| check.margin_m).fold(FAR_M, f64::min);
     let query = problem.query;
     // What else lay against it is as it was where it was seen, however it is turned.
-    let seen = problem.turned.map_or(&query.traits, |turned| &turned.traits);
-    let [length_m, width_m] = query.traits.spans_m;
+    let seen = problem.as_seen().standing_traits(query.id)?;
+    let traits = problem.prepared.standing_traits(query.id)?;
+    let [length_m, width_m] = traits.spans_m;
     let beside = [
         f64::from(judged.realism?),
         f64::from(goal),
@@ -35,12 +36,12 @@ pub fn measures(problem: &PlacementProblem<'_>, standing: &Standing, judged: &Ju
         seen.leaner.oblique.off_rad,
         seen.leaner.over_m,
         f64::from(u8::from(seen.on_object)),
-        query.traits.hidden_foot_m,
+        traits.hidden_foot_m,
         f64::from(query.shape.foot_probability),
         anchor_foot(problem),
-        query.traits.oblique.share,
-        query.traits.oblique.off_rad,
-        query.traits.oblique.level_share,
+        traits.oblique.share,
+        traits.oblique.off_rad,
+        traits.oblique.level_share,
         f64::from(query.shape.axis_offset().norm()),
         length_m,
         width_m,
@@ -78,7 +79,7 @@ fn of_pictures(problem: &PlacementProblem<'_>) -> [f64; 6] {
     let (prepared, query, anchor) = (problem.prepared, problem.query.id, problem.request.main_anchor());
     let ends = anchor.map_or_else(OutlineEnds::default, |anchor| prepared.outline_ends(anchor));
     let observed = |object: u16| prepared.scene.object(object).map_or(1.0, |summary| summary.completeness);
-    let own = problem.turned.map_or_else(|| prepared.outline_ends(query), |turned| turned.ends);
+    let own = problem.as_seen().outline_ends(query);
     [own.cut_off, own.hidden, ends.cut_off, ends.hidden, observed(query), anchor.map_or(1.0, observed)]
 }
 

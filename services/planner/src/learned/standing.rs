@@ -163,7 +163,7 @@ impl<'a> Stance<'a> {
             shape,
             height_m: f64::from(shape.top_m - shape.bottom_m),
             points: object.points.len() as f64,
-            traits: StandingTraits::of(prepared, id, shape, &cloud),
+            traits: prepared.standing_traits(id)?,
             axes: Axes::of(&cloud),
             lean: lean(&cloud),
             gaps: others.map(|other| (shape.gap_m(other), other.axis - shape.axis)).collect(),

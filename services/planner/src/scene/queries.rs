@@ -10,6 +10,7 @@ use crate::learned::standing::StanceMeasures;
 use crate::scene::point_grid::PointGrid;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;
+use crate::scene::traits::StandingTraits;
 use crate::settings::Fixed;
 
 /// Queries kept: some hundred kilobytes each.
@@ -26,6 +27,10 @@ struct QueryKey {
 /// The object whose stance was measured.
 #[derive(Debug, PartialEq)]
 struct StanceKey(u16);
+
+/// The object whose place was read.
+#[derive(Debug, PartialEq)]
+struct TraitsKey(u16);
 
 /// The scene's points by place.
 #[derive(Debug, PartialEq)]
@@ -55,6 +60,12 @@ impl PreparedScene {
     pub fn outline_ends(&self, id: u16) -> OutlineEnds {
         let Ok(ends) = self.kept.of(self.belief.objects.len(), EndsKey(id), || Ok::<_, Infallible>(self.belief.view.outline_ends(id)));
         *ends
+    }
+
+    /// [`StandingTraits::of`], read once.
+    pub fn standing_traits(&self, id: u16) -> Option<StandingTraits> {
+        let traits = self.kept.of(self.belief.objects.len(), TraitsKey(id), || StandingTraits::of(self, id).ok_or(()));
+        traits.ok().map(|traits| *traits)
     }
 
     /// [`StanceMeasures::of`], made once.

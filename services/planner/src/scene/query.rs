@@ -3,11 +3,10 @@
 //! A cell is an offset from that centroid, about which candidates turn, so that trying a candidate takes one look-up per cell in the map.
 
 use nalgebra::{Point2, Point3, Vector2};
-use repose_geometry::{Footprint, cloud};
+use repose_geometry::Footprint;
 use repose_proto::CallError;
 
 use crate::scene::prepared::PreparedScene;
-use crate::scene::traits::{self, StandingTraits};
 use crate::settings::Fixed;
 use repose_belief::offsets::Offsets;
 use repose_belief::shape::Shape;
@@ -63,8 +62,6 @@ pub struct QueryObject {
     pub ring_m: f32,
     /// Some of its observed points, spread over the cloud, to judge visibility by, world frame.
     pub view_points: Vec<Point3<f64>>,
-    /// What the place where it was seen tells of how it stands.
-    pub traits: StandingTraits,
 }
 
 impl QueryObject {
@@ -91,7 +88,6 @@ impl QueryObject {
             .collect();
         let (base, rim): (Vec<OutlineCell>, Vec<OutlineCell>) =
             cells_around(&shape.base, &origin, fixed.soundness.rim_m, cell_m).into_iter().partition(|c| c.inside_m >= 0.0);
-        let dense = cloud::voxel_downsampled(&object.points, traits::VOXEL_M);
         let stride = object.points.len().div_ceil(fixed.view.sample_points).max(1);
         Ok(Self {
             id,
@@ -102,7 +98,6 @@ impl QueryObject {
             ring_m: prisms.iter().flat_map(|p| &p.cells).map(|cell| -cell.inside_m).fold(0.0, f32::max),
             prisms,
             view_points: object.points.iter().step_by(stride).map(|p| p.cast()).collect(),
-            traits: StandingTraits::of(prepared, id, shape, &dense),
             shape: shape.clone(),
         })
     }

@@ -83,8 +83,8 @@ const RISING_CELLS: usize = 6;
 
 /// What an object's whole surface is believed to be: it tells how the object may be set up otherwise than it was seen.
 pub fn solid_of(prepared: &PreparedScene, id: u16, object: &BelievedObject, shape: &Shape) -> CompletedSurface {
-    let traits = StandingTraits::of(prepared, id, shape, &cloud::voxel_downsampled(&object.points, VOXEL_M));
-    if traits.leans() { CompletedSurface::leaning(&object.points, shape) } else { CompletedSurface::standing(&object.points, shape) }
+    let leans = prepared.standing_traits(id).is_some_and(|traits| traits.leans());
+    if leans { CompletedSurface::leaning(&object.points, shape) } else { CompletedSurface::standing(&object.points, shape) }
 }
 
 impl StandingTraits {
@@ -94,8 +94,11 @@ impl StandingTraits {
         shows && (self.gap_m <= LEANER_M || (self.beside_furniture && self.oblique.off_rad >= FAR_OFF_RAD))
     }
 
-    /// Of an object where it was seen; `cloud` are its points, thinned out.
-    pub fn of(prepared: &PreparedScene, id: u16, shape: &Shape, cloud: &[Point3<f32>]) -> Self {
+    /// Of an object where it was seen; none without an extent.
+    pub fn of(prepared: &PreparedScene, id: u16) -> Option<Self> {
+        let object = prepared.belief.objects.get(&id)?;
+        let shape = object.shape.as_ref()?;
+        let cloud = &cloud::voxel_downsampled(&object.points, VOXEL_M);
         let others =
             || prepared.belief.objects.iter().filter(move |(other, _)| **other != id).filter_map(|(_, o)| Some((o, o.shape.as_ref()?)));
         let near = || others().filter(|(_, other)| shape.gap_m(other) <= LEANER_M);
@@ -106,7 +109,7 @@ impl StandingTraits {
         let mut lowest: Vec<f32> = cloud.iter().map(|p| p.z).collect();
         lowest.sort_by(f32::total_cmp);
         let lowest_m = lowest.get(lowest.len() / 50).copied().unwrap_or(shape.bottom_m);
-        Self {
+        Some(Self {
             oblique: oblique(cloud),
             gap_m: others().map(|(_, other)| shape.gap_m(other)).fold(GAP_M, f64::min),
             beside_furniture: beside_furniture(prepared, shape),
@@ -114,7 +117,7 @@ impl StandingTraits {
             on_object: prepared.belief.objects.keys().any(|other| prepared.belief.carried(*other).contains(&id)),
             hidden_foot_m: f64::from((lowest_m - shape.bottom_m).max(0.0)),
             spans_m: spans_m(shape),
-        }
+        })
     }
 }
 

@@ -6,39 +6,33 @@ use nalgebra::{Isometry3, Point3, Translation3};
 use repose_geometry::{Aabb, cloud};
 use repose_proto::{CallError, Scene};
 
-use crate::learned::standing::StanceMeasures;
 use crate::scene::moved::{GREY, without};
 use crate::scene::prepared::PreparedScene;
-use crate::scene::traits::{StandingTraits, VOXEL_M, solid_of};
+use crate::scene::traits::solid_of;
 use repose_belief::settings::BeliefSettings;
 use repose_belief::sides::sides;
-use repose_belief::view::OutlineEnds;
 
 /// A side that an object lies on, as observed, within this of upright, radians: it is no other side.
 const AS_OBSERVED_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
 
 /// The scene with the object on another side.
 #[derive(Debug)]
-pub struct TurnedOver {
+pub struct TurnedOver<'a> {
     /// The scene.
     pub prepared: PreparedScene,
-    /// What of the object is as it was before.
-    pub turned: Turned,
+    /// How the object was turned over.
+    pub turned: Turned<'a>,
 }
 
-/// An object that was turned over, and what was seen of it where it lay.
-#[derive(Debug, Clone)]
-pub struct Turned {
+/// How an object was turned over.
+#[derive(Debug, Clone, Copy)]
+pub struct Turned<'a> {
+    /// The scene before that: how the object lay, and what lay against it.
+    pub as_seen: &'a PreparedScene,
     /// By which angle, radians.
     pub angle_rad: f64,
     /// Share of what it stands on now that was seen.
     pub seen_base_share: f64,
-    /// How it lay, and what lay against it; none without an extent.
-    pub stance: Option<Arc<StanceMeasures>>,
-    /// What its place told of how it stood.
-    pub traits: StandingTraits,
-    /// What its outline ended at.
-    pub ends: OutlineEnds,
 }
 
 /// The turns that set an object up on its other sides, the widest first.
@@ -58,7 +52,7 @@ pub fn turns(prepared: &PreparedScene, id: u16) -> Result<Vec<Isometry3<f64>>, C
 ///
 /// # Errors
 /// As [`PreparedScene::movable`]; `failed_precondition` on `query` where the turned object has no extent seen from above.
-pub fn turned_over(prepared: &PreparedScene, id: u16, turned_from_observed: Isometry3<f64>) -> Result<TurnedOver, CallError> {
+pub fn turned_over(prepared: &PreparedScene, id: u16, turned_from_observed: Isometry3<f64>) -> Result<TurnedOver<'_>, CallError> {
     let (object, shape) = prepared.movable(id)?;
     let settings = BeliefSettings::default();
     let solid = solid_of(prepared, id, object, shape).moved(&turned_from_observed);
@@ -69,11 +63,9 @@ pub fn turned_over(prepared: &PreparedScene, id: u16, turned_from_observed: Isom
     known.insert(id, turned_shape);
     let scene = with_cloud(&prepared.scene, id, &solid.points);
     let turned = Turned {
+        as_seen: prepared,
         angle_rad: turned_from_observed.rotation.angle(),
         seen_base_share: solid.seen_base_share(settings.sides.contact_m),
-        stance: prepared.stance_measures(id),
-        traits: StandingTraits::of(prepared, id, shape, &cloud::voxel_downsampled(&object.points, VOXEL_M)),
-        ends: prepared.outline_ends(id),
     };
     let mut after = PreparedScene::with_shapes(Arc::new(scene), known);
     // Nothing lay on it, so nothing does, even if it has come to be under something.

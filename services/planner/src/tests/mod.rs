@@ -3,6 +3,7 @@
 mod arrange;
 pub(crate) mod learned;
 mod plan;
+mod sides;
 pub(crate) mod synthetic;
 
 use std::sync::{Arc, OnceLock};

@@ -2,10 +2,9 @@
 
 use std::ops::ControlFlow;
 
-use repose_belief::settings::SideSettings;
 use repose_geometry::{ViewerFrame, transform};
 use repose_proto::place::{
-    Outcome, PlaceRequest, PlaceResult, Placement, ReachingRobot, RegionBox, Rejection, Rotation, Shortfall, ShortfallReason, Variant,
+    Outcome, PlaceRequest, PlaceResult, ReachingRobot, RegionBox, Rejection, Rotation, Shortfall, ShortfallReason, Variant,
 };
 use repose_proto::{ErrorCode, GoalTerm, RigidTransform};
 
@@ -26,12 +25,12 @@ fn table() -> SceneBuilder {
     SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.06, 0.05, 0.08])
 }
 
-fn request(prepared: &PreparedScene, query: u16, goal: &[&str]) -> PlaceRequest {
+pub(crate) fn request(prepared: &PreparedScene, query: u16, goal: &[&str]) -> PlaceRequest {
     let goal: Vec<GoalTerm> = goal.iter().map(|t| t.parse().unwrap()).collect();
     PlaceRequest { variant: Variant::Geometric, ..PlaceRequest::new(prepared.scene_id.clone(), query, goal) }
 }
 
-fn run(prepared: &PreparedScene, request: &PlaceRequest) -> PlaceResult {
+pub(crate) fn run(prepared: &PreparedScene, request: &PlaceRequest) -> PlaceResult {
     plan(prepared, request, &NoModels, &mut |_| ControlFlow::Continue(())).unwrap()
 }
 
@@ -139,46 +138,6 @@ fn a_turn_aligns_the_query_with_its_anchor() {
     let result = run(&prepared, &aligned);
     assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
     assert!(result.placements[0].geometric[1].holds);
-}
-
-#[test]
-fn an_object_that_may_be_set_on_another_side_stands_on_the_table_by_one_of_its_faces() {
-    let (middle, size) = ([-0.25, -0.2, 0.03], [0.12, 0.08, 0.06]);
-    let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], size).prepared();
-    // So far apart that there is no room for all of them on one side of the object.
-    let request =
-        PlaceRequest { rotation: Rotation::Stable, count: 12, min_separation_m: Some(0.15), ..request(&prepared, 2, &["right_of:1"]) };
-    let result = run(&prepared, &request);
-    assert_eq!((result.outcome, result.rotation), (Outcome::Found, Rotation::Stable), "{:?}", result.rejections);
-    let is_turned_over = |placement: &Placement| placement.placed_from_observed.0[10] < 0.9;
-    let (as_it_lies, others) = result.placements.split_at(result.placements.iter().take_while(|p| !is_turned_over(p)).count());
-    assert!(!as_it_lies.is_empty() && others.iter().all(is_turned_over), "as it lies comes first");
-    assert!([as_it_lies, others].iter().all(|answers| answers.windows(2).all(|pair| pair[0].cost <= pair[1].cost)));
-    let one = run(&prepared, &PlaceRequest { count: 1, ..request.clone() });
-    assert!(
-        !is_turned_over(&one.placements[0]) && one.evaluated < result.evaluated,
-        "no other side is tried where it can be left as it lies"
-    );
-    assert_eq!(serde_json::to_vec(&result).unwrap(), serde_json::to_vec(&run(&prepared, &request)).unwrap());
-    let mut upright = [0; 3];
-    for placement in &result.placements {
-        let placed_from_observed = transform::from_row_major(&placement.placed_from_observed.0).unwrap();
-        let axes = placed_from_observed.rotation.to_rotation_matrix();
-        // Which edge of the box is upright now, and is it level?
-        let up: [f64; 3] = std::array::from_fn(|k| axes[(2, k)].abs());
-        let k = (0..3).max_by(|a, b| up[*a].total_cmp(&up[*b])).unwrap();
-        assert!(up[k] > 0.995, "{up:?}");
-        upright[k] += 1;
-        let at = placed_from_observed * nalgebra::Point3::from(middle);
-        // Most of another side was not seen: it is let go higher by what it may reach lower.
-        let rise_m = if is_turned_over(placement) { f64::from(SideSettings::default().lower_m) } else { 0.0 };
-        assert!((at.z - rise_m - size[k] / 2.0).abs() < 0.013 && at.x > 0.05, "{at}, edge {k} upright");
-        let after = table_after(&prepared, 2, &placed_from_observed, Variant::Geometric);
-        let bottom_m = after.belief.objects[&2].shape.as_ref().unwrap().bottom_m;
-        assert!(bottom_m.abs() < 0.01, "it comes to rest {bottom_m} m over the table");
-        assert!(placement.geometric[0].holds);
-    }
-    assert!(upright.iter().filter(|count| **count > 0).count() >= 2, "{upright:?}");
 }
 
 #[test]

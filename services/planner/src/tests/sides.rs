@@ -1,0 +1,88 @@
+//! Objects that are set on another side than the one on which they were seen.
+
+use std::ops::ControlFlow;
+
+use repose_belief::settings::SideSettings;
+use repose_geometry::transform;
+use repose_proto::place::{Outcome, PlaceRequest, Placement, Rotation, Variant};
+
+use crate::learned::success;
+use crate::plan::{PlanReport, plan_turned_with_report, plan_with_report};
+use crate::scene::moved::table_after;
+use crate::scene::turned::{turned_over, turns};
+use crate::tests::learned::{self, BESIDE, Fake, always, scene};
+use crate::tests::plan::{request, run};
+use crate::tests::synthetic::{Prepared, SceneBuilder};
+
+#[test]
+fn an_object_that_may_be_set_on_another_side_stands_on_the_table_by_one_of_its_faces() {
+    let (middle, size) = ([-0.25, -0.2, 0.03], [0.12, 0.08, 0.06]);
+    let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], size).prepared();
+    // So far apart that there is no room for all of them on one side of the object.
+    let request =
+        PlaceRequest { rotation: Rotation::Stable, count: 12, min_separation_m: Some(0.15), ..request(&prepared, 2, &["right_of:1"]) };
+    let result = run(&prepared, &request);
+    assert_eq!((result.outcome, result.rotation), (Outcome::Found, Rotation::Stable), "{:?}", result.rejections);
+    let is_turned_over = |placement: &Placement| placement.placed_from_observed.0[10] < 0.9;
+    let (as_it_lies, others) = result.placements.split_at(result.placements.iter().take_while(|p| !is_turned_over(p)).count());
+    assert!(!as_it_lies.is_empty() && others.iter().all(is_turned_over), "as it lies comes first");
+    assert!([as_it_lies, others].iter().all(|answers| answers.windows(2).all(|pair| pair[0].cost <= pair[1].cost)));
+    let one = run(&prepared, &PlaceRequest { count: 1, ..request.clone() });
+    assert!(
+        !is_turned_over(&one.placements[0]) && one.evaluated < result.evaluated,
+        "no other side is tried where it can be left as it lies"
+    );
+    assert_eq!(serde_json::to_vec(&result).unwrap(), serde_json::to_vec(&run(&prepared, &request)).unwrap());
+    let mut upright = [0; 3];
+    for placement in &result.placements {
+        let placed_from_observed = transform::from_row_major(&placement.placed_from_observed.0).unwrap();
+        let axes = placed_from_observed.rotation.to_rotation_matrix();
+        // Which edge of the box is upright now, and is it level?
+        let up: [f64; 3] = std::array::from_fn(|k| axes[(2, k)].abs());
+        let k = (0..3).max_by(|a, b| up[*a].total_cmp(&up[*b])).unwrap();
+        assert!(up[k] > 0.995, "{up:?}");
+        upright[k] += 1;
+        let at = placed_from_observed * nalgebra::Point3::from(middle);
+        // Most of another side was not seen: it is let go higher by what it may reach lower.
+        let rise_m = if is_turned_over(placement) { f64::from(SideSettings::default().lower_m) } else { 0.0 };
+        assert!((at.z - rise_m - size[k] / 2.0).abs() < 0.013 && at.x > 0.05, "{at}, edge {k} upright");
+        let after = table_after(&prepared, 2, &placed_from_observed, Variant::Geometric);
+        let bottom_m = after.belief.objects[&2].shape.as_ref().unwrap().bottom_m;
+        assert!(bottom_m.abs() < 0.01, "it comes to rest {bottom_m} m over the table");
+        assert!(placement.geometric[0].holds);
+    }
+    assert!(upright.iter().filter(|count| **count > 0).count() >= 2, "{upright:?}");
+}
+
+#[test]
+fn of_an_object_on_another_side_success_is_told_by_how_it_lay_too() {
+    let prepared = scene();
+    let mut wanted = learned::request(&prepared, Variant::Best, &["right_of:1"]);
+    wanted.thresholds.realism = Some(0.0);
+    let mut fake = Fake::new(&[BESIDE]);
+    fake.success = Some(always(0.9, &success::names()));
+    let go_on = &mut |_| ControlFlow::Continue(());
+    let measures = |report: PlanReport| {
+        let of = report.answers[0].success_measures.clone().unwrap();
+        move |name: &str| of[success::names().iter().position(|n| *n == name).unwrap()]
+    };
+    let as_it_lies = measures(plan_with_report(&prepared, &wanted, &fake, go_on).unwrap());
+    assert_eq!([as_it_lies("turned"), as_it_lies("seen_base")], [0.0, 0.0]);
+    assert_eq!(as_it_lies("stood"), as_it_lies("stands"));
+    let turns = turns(&prepared, 2).unwrap();
+    let seen_shares = turns.iter().map(|turn| turned_over(&prepared, 2, *turn).unwrap().turned.seen_base_share);
+    assert!(seen_shares.fold(1.0, f64::min) < 0.1, "its back was not seen");
+    // Upside down, on the top that was seen; what is completed repeats it.
+    let over = turns.into_iter().max_by(|a, b| a.rotation.angle().total_cmp(&b.rotation.angle())).unwrap();
+    let table = turned_over(&prepared, 2, over).unwrap();
+    let turned = measures(plan_turned_with_report(&table, &wanted, &fake, go_on).unwrap());
+    assert!(
+        (turned("turned") - std::f32::consts::PI).abs() < 0.05 && turned("seen_base") > 0.4,
+        "{} {}",
+        turned("turned"),
+        turned("seen_base")
+    );
+    for seen in ["stood", "neighbour_stays", "seen_gap", "cut_off", "hidden"] {
+        assert_eq!(turned(seen), as_it_lies(seen), "{seen}");
+    }
+}
