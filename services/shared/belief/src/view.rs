@@ -263,7 +263,8 @@ impl ObservedView {
         Visibility { in_picture: share(inside), unhidden: share(unhidden) }
     }
 
-    /// What the picture says of places (world frame): a surface within `tolerance_m` of their height, empty, or unknown; in their order.
+    /// What the picture says of places (world frame): a surface within `tolerance_m` of their height, empty where it was seen at least `through_m` past
+    /// them, or unknown; in their order.
     ///
     /// Points of `without` are not surfaces to stand on, but what is seen through their place is still seen.
     pub fn sights(&self, places: &[Point3<f64>], tolerance_m: f32, through_m: f32, without: u16) -> Vec<Sight> {
@@ -272,8 +273,10 @@ impl ObservedView {
             let height_m = places[sights.len()].z as f32;
             sights.push(match pixel.filter(|p| p.depth_m > 0.0) {
                 None => Sight::Unknown,
-                Some(p) if p.object != without && (p.height_m - height_m).abs() <= tolerance_m => Sight::Surface(p.object),
                 Some(p) if p.depth_m > depth_m as f32 + through_m => Sight::Empty,
+                // At flat lines of sight what was seen behind a place before an edge, the face below it, is hardly lower.
+                Some(p) if p.depth_m > depth_m as f32 + BEHIND_M => Sight::Unknown,
+                Some(p) if p.object != without && (p.height_m - height_m).abs() <= tolerance_m => Sight::Surface(p.object),
                 Some(_) => Sight::Unknown,
             });
         });
@@ -297,6 +300,7 @@ impl ObservedView {
 
 #[cfg(test)]
 mod tests {
+    use repose_geometry::transform::look_at;
     use repose_made_scenes::{SceneBuilder, world_from_camera};
 
     use super::*;
@@ -312,6 +316,36 @@ mod tests {
         assert_eq!(sight(0.2, 0.0, 0.1), Sight::Empty);
         assert_eq!(sight(0.0, 0.1, 0.0), Sight::Unknown);
         assert_eq!(sight(5.0, 0.0, 0.0), Sight::Unknown);
+    }
+
+    #[test]
+    fn a_board_that_is_looked_at_flatly_ends_at_its_edge_and_not_where_the_face_below_it_is_seen() {
+        // A board 3 cm thick and its front, every 4 mm, from 10 cm above it and half a metre away.
+        let across = || (-50..=50).map(|x| x as f32 * 0.004);
+        let top = across().flat_map(|x| (0..=60).map(move |y| [x, y as f32 * 0.004, 0.0]));
+        let front = across().flat_map(|x| (1..=7).map(move |z| [x, 0.0, z as f32 * -0.004]));
+        let points: Vec<[f32; 3]> = top.chain(front).collect();
+        let camera = CameraModel {
+            width: 320,
+            height: 240,
+            fx: 240.0,
+            fy: 240.0,
+            cx: 159.5,
+            cy: 119.5,
+            depth_unit_m: 0.001,
+            world_from_camera: None,
+        };
+        let held = look_at(&Point3::new(0.0, -0.5, 0.1), &Point3::origin(), &Vector3::z());
+        let view = ObservedView::new(&points, &vec![0; points.len()], &camera, &held, 80);
+        const PLACES: usize = 81;
+        let surfaces = |y: f64| {
+            let there: Vec<Point3<f64>> = (0..PLACES).map(|k| Point3::new(0.002 * (k as f64 - 40.0), y, 0.0)).collect();
+            view.sights(&there, 0.008, 0.025, 9).iter().filter(|sight| matches!(sight, Sight::Surface(_))).count()
+        };
+        assert!(surfaces(0.04) * 10 > PLACES * 9, "{} of {PLACES}", surfaces(0.04));
+        for before_m in [0.015, 0.02, 0.03, 0.04] {
+            assert_eq!(surfaces(-before_m), 0, "{before_m} m before the edge");
+        }
     }
 
     #[test]
