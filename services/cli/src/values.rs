@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use repose_dataset::Split;
 use repose_evaluation::scenes::perturbation::Perturbation;
+use repose_evaluation::scenes::true_shapes::KnownShapes;
 use repose_proto::place::{Rotation, Variant};
 use repose_simulator::scene::SceneKind;
 
@@ -40,6 +41,11 @@ fn one_of(splits: &[Split], name: &str) -> Result<Split, String> {
 /// The fault of that name.
 pub fn parse_perturbation(name: &str) -> Result<Perturbation, String> {
     Perturbation::parse(name).ok_or_else(|| format!("the faults are {}", Perturbation::ALL.map(Perturbation::name).join(", ")))
+}
+
+/// Whose shapes are known, by name.
+pub fn parse_known_shapes(name: &str) -> Result<KnownShapes, String> {
+    KnownShapes::parse(name).ok_or_else(|| format!("shapes are known of {}", KnownShapes::ALL.map(KnownShapes::name).join(", ")))
 }
 
 /// The kind of scenes of that name.
@@ -81,6 +87,7 @@ mod tests {
             "nothing is trained on what figures come from"
         );
         assert!(parse_perturbation("noise").is_err_and(|e| e.contains("found_masks")));
+        assert!(parse_known_shapes("mine").is_err_and(|e| e.contains("query")));
         assert!(parse_kind("table").is_err_and(|e| e.contains("open_table")));
         assert!(parse_variant("bets").is_err_and(|e| e.contains("best")));
     }

@@ -18,7 +18,7 @@ use crate::scenes::problem::{CameraView, ProblemSettings};
 /// Objects with fewer observed points are left out.
 pub const MIN_POINTS: usize = 100;
 /// Edge of the cells in which outlines and volumes are compared, metres.
-const CELL_M: f32 = 0.004;
+pub(crate) const CELL_M: f32 = 0.004;
 /// What a doubt may be off by, metres.
 pub const DOUBT_SLACK_M: f32 = 0.005;
 
@@ -119,7 +119,7 @@ fn compared(shape: &Shape, object: &SceneObject, scene: &SimulatedScene, eye: &P
 }
 
 /// The middles of the cells of a box.
-fn cells(bounds: &Aabb) -> impl Iterator<Item = Point3<f32>> {
+pub(crate) fn cells(bounds: &Aabb) -> impl Iterator<Item = Point3<f32>> {
     let low = bounds.min;
     let [nx, ny, nz] = [0, 1, 2].map(|k| ((bounds.extent()[k] / CELL_M).ceil() as usize).max(1));
     let at = move |k: usize, i: usize| low[k] + (i as f32 + 0.5) * CELL_M;

@@ -27,3 +27,4 @@ pub mod success_samples;
 pub mod training_views;
 pub mod true_answers;
 pub mod true_reach;
+pub mod true_shapes;

@@ -26,6 +26,7 @@ use crate::scenes::perturbation::Perturbation;
 use crate::scenes::problem::{Problem, ProblemSettings};
 use crate::scenes::script::script_placement;
 use crate::scenes::true_answers::{PreparedTruth, Support, TrueAnswer, TruthSettings};
+use crate::scenes::true_shapes::KnownShapes;
 
 /// What is tried on every scene.
 #[derive(Debug, Clone)]
@@ -38,6 +39,8 @@ pub struct PlannerSceneSettings {
     pub answers: u32,
     /// A fault that is put on what the camera saw.
     pub perturbation: Option<Perturbation>,
+    /// Whose true shapes are known.
+    pub known_shapes: Option<KnownShapes>,
     /// How hard true answers are searched.
     pub truth: TruthSettings,
     /// How a release is simulated.
@@ -51,6 +54,7 @@ impl Default for PlannerSceneSettings {
             rotation: Rotation::Fixed,
             answers: 8,
             perturbation: None,
+            known_shapes: None,
             truth: TruthSettings::default(),
             release: ReleaseSettings::default(),
         }
@@ -275,6 +279,7 @@ pub fn try_scene(
     let scene = Arc::new(seen.observed.clone());
     let models = OneScene::new(engine, scene.clone()).with_forecasts(forecasts);
     let prepared = PreparedScene::with_id(scene, models.scene_id().to_owned());
+    let prepared = settings.known_shapes.map(|known| known.in_scene(&prepared, &problem.truth, problem.query)).unwrap_or(prepared);
     let (mut trials, mut results) = (Vec::new(), Vec::new());
     for &variant in &settings.variants {
         let (trial, result) = trial(variant, &seen, &truth, &prepared, &models, settings)?;

@@ -13,6 +13,7 @@ use repose_evaluation::report::written::write_report;
 use repose_evaluation::scenes::perturbation::Perturbation;
 use repose_evaluation::scenes::planner_scene::{PlannerSceneSettings, SceneSet, TriedScene};
 use repose_evaluation::scenes::problem::ProblemSettings;
+use repose_evaluation::scenes::true_shapes::KnownShapes;
 use repose_evaluation::tables::planner::{PlannerTableSettings, evaluate_planner, planner_tables};
 use repose_proto::Relation;
 use repose_proto::place::{Rotation, Variant};
@@ -22,7 +23,7 @@ use super::shared::{TableArgs, folder_name, only_meshes};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
-use crate::values::{parse_count, parse_kind, parse_perturbation, parse_rotation, parse_variant};
+use crate::values::{parse_count, parse_kind, parse_known_shapes, parse_perturbation, parse_rotation, parse_variant};
 
 /// The kinds that scenes of a user's meshes take turns in.
 const KINDS: [SceneKind; 6] =
@@ -55,6 +56,10 @@ pub struct EvaluatePlannerArgs {
     /// Draw goals of this relation (left_of, above, near, …); repeat for more. Default: left_of, right_of, in_front_of and behind.
     #[arg(long = "relation", value_name = "RELATION")]
     pub relations: Vec<Relation>,
+    /// Plan with true shapes in place of believed ones: of all objects, of the one to move (query) or of all others. Tells what better beliefs would
+    /// bring; what an object is like on another side (`--rotation stable`) is believed all the same.
+    #[arg(long, value_name = "WHOSE", value_parser = parse_known_shapes)]
+    pub known_shapes: Option<KnownShapes>,
     /// How objects may be turned: fixed, yaw, or stable (set on another side as well; the paper's columns, which are of one attitude, are empty then).
     #[arg(long, default_value = "fixed", value_parser = parse_rotation)]
     pub rotation: Rotation,
@@ -79,6 +84,9 @@ pub fn run(args: &EvaluatePlannerArgs, output: Output) -> CommandResult {
     });
     if !args.relations.is_empty() {
         made_with["relations"] = serde_json::json!(args.relations);
+    }
+    if args.known_shapes.is_some() {
+        made_with["known_shapes"] = serde_json::json!(args.known_shapes);
     }
     if args.rotation != Rotation::Fixed {
         made_with["rotation"] = serde_json::json!(args.rotation);
@@ -138,7 +146,13 @@ fn settings_of(args: &EvaluatePlannerArgs) -> Result<PlannerTableSettings, Failu
         sets,
         first: args.first,
         scenes: args.scenes,
-        scene: PlannerSceneSettings { variants, rotation: args.rotation, perturbation: args.perturb, ..PlannerSceneSettings::default() },
+        scene: PlannerSceneSettings {
+            variants,
+            rotation: args.rotation,
+            perturbation: args.perturb,
+            known_shapes: args.known_shapes,
+            ..PlannerSceneSettings::default()
+        },
         threads: args.common.threads(),
     })
 }
