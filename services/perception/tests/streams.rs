@@ -141,7 +141,9 @@ async fn while_nobody_asks_few_frames_become_scenes_and_who_asks_gets_that_of_th
     let mut following = Following::start_as(idle, &["front"], &[]).await;
     assert_eq!(following.worker.latest("nobody").await.unwrap_err().code, ErrorCode::NotFound);
     // The subscription may still be on its way.
+    let mut last_put = std::time::Instant::now();
     while following.counts().received.load(Ordering::SeqCst) == 0 {
+        last_put = std::time::Instant::now();
         following.put("front", encoded(&frame("front", 1))).await;
         tokio::time::sleep(Duration::from_millis(20)).await;
     }
@@ -149,11 +151,12 @@ async fn while_nobody_asks_few_frames_become_scenes_and_who_asks_gets_that_of_th
     // A machine that is held up for a second makes a pause of it, after which a frame becomes a scene: then once more.
     let mut newest_ns = 1;
     let is_unasked = loop {
-        let began = std::time::Instant::now();
+        let began = last_put;
         let (received, published) =
             (following.counts().received.load(Ordering::SeqCst), following.counts().published.load(Ordering::SeqCst));
         for n in 1..=5 {
             newest_ns += 1;
+            last_put = std::time::Instant::now();
             following.put("front", encoded(&frame("front", newest_ns))).await;
             following.until(|counts| counts.received.load(Ordering::SeqCst) == received + n).await;
         }
