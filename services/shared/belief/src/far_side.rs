@@ -8,7 +8,9 @@ use nalgebra::{Point2, Point3};
 use repose_geometry::{Aabb, Footprint, cloud};
 
 use crate::Belief;
+use crate::columns::{ColumnMap, ColumnRun, cells_of};
 use crate::plane::SupportPlane;
+use crate::view::ObservedView;
 
 /// Step downwards, metres.
 const STEP_M: f32 = 0.01;
@@ -18,6 +20,8 @@ const INSIDE_M: f32 = 0.01;
 const SIDE: usize = 6;
 /// A surface that is lower than another by less is the same one, metres.
 const SAME_M: f32 = 0.015;
+/// Furniture is asked for its inside down to this far under a surface, metres: beside what stands higher nothing is set down.
+const MAX_SOLID_M: f32 = 0.4;
 
 impl Belief {
     /// An object as a whole: what was seen of it and what is believed to be there too, about `spacing_m` apart, world frame. Its rim is moved out
@@ -49,20 +53,36 @@ impl Belief {
     ///
     /// A box on a table shows its top and its near sides only; a shelf's board shows what is under it.
     pub fn solid_m(&self, surface: &SupportPlane) -> Option<f32> {
-        let corners: Vec<Point3<f32>> = surface.outline.corners().iter().map(|c| Point3::new(c.x, c.y, 0.0)).collect();
-        let bounds = Aabb::of(&corners)?;
-        let is_lower = |p: &&SupportPlane| p.height_m <= surface.height_m - SAME_M && p.outline.margin(&bounds.center().xy()) > 0.0;
-        let lower_m = self.planes.iter().filter(is_lower).map(|p| p.height_m).reduce(f32::max)?;
-        let at = |k: usize, low: f32, high: f32| low + (high - low) * (k as f32 + 0.5) / SIDE as f32;
-        let places: Vec<Point2<f32>> = (0..SIDE * SIDE)
-            .map(|k| Point2::new(at(k % SIDE, bounds.min.x, bounds.max.x), at(k / SIDE, bounds.min.y, bounds.max.y)))
-            .filter(|place| surface.outline.margin(place) > INSIDE_M)
-            .collect();
-        let seen_free = |height_m: f32| places.iter().filter(|p| self.view.is_free(&Point3::new(p.x, p.y, height_m))).count();
-        let steps = ((surface.height_m - lower_m) / STEP_M) as usize;
-        let looked = (2..steps).find(|k| seen_free(surface.height_m - *k as f32 * STEP_M) * 10 > places.len());
-        Some(looked.map_or(surface.height_m - lower_m, |k| (k - 1) as f32 * STEP_M))
+        solid_m(surface, &self.planes, &self.view)
     }
+}
+
+/// See [`Belief::solid_m`].
+fn solid_m(surface: &SupportPlane, planes: &[SupportPlane], view: &ObservedView) -> Option<f32> {
+    let corners: Vec<Point3<f32>> = surface.outline.corners().iter().map(|c| Point3::new(c.x, c.y, 0.0)).collect();
+    let bounds = Aabb::of(&corners)?;
+    let is_lower = |p: &&SupportPlane| p.height_m <= surface.height_m - SAME_M && p.outline.margin(&bounds.center().xy()) > 0.0;
+    let lower_m = planes.iter().filter(is_lower).map(|p| p.height_m).reduce(f32::max)?;
+    let at = |k: usize, low: f32, high: f32| low + (high - low) * (k as f32 + 0.5) / SIDE as f32;
+    let places: Vec<Point2<f32>> = (0..SIDE * SIDE)
+        .map(|k| Point2::new(at(k % SIDE, bounds.min.x, bounds.max.x), at(k / SIDE, bounds.min.y, bounds.max.y)))
+        .filter(|place| surface.outline.margin(place) > INSIDE_M)
+        .collect();
+    let seen_free = |height_m: f32| places.iter().filter(|p| view.is_free(&Point3::new(p.x, p.y, height_m))).count();
+    let steps = ((surface.height_m - lower_m) / STEP_M) as usize;
+    let looked = (2..steps).find(|k| seen_free(surface.height_m - *k as f32 * STEP_M) * 10 > places.len());
+    Some(looked.map_or(surface.height_m - lower_m, |k| (k - 1) as f32 * STEP_M))
+}
+
+/// The inside of furniture under the levels that were seen of it, for a map.
+pub fn solid_runs(planes: &[SupportPlane], view: &ObservedView, columns: &ColumnMap) -> Vec<(Point2<f32>, ColumnRun)> {
+    // Nothing is set down beside it where no level is that low.
+    let is_beside = |plane: &SupportPlane, other: &SupportPlane| (SAME_M..MAX_SOLID_M).contains(&(plane.height_m - other.height_m));
+    let furniture = planes.iter().filter(|plane| plane.object == 0 && planes.iter().any(|other| is_beside(plane, other)));
+    let solid = furniture.filter_map(|plane| Some((plane, solid_m(plane, planes, view)?.min(MAX_SOLID_M))));
+    let run =
+        |plane: &SupportPlane, deep_m: f32| ColumnRun { low_m: plane.height_m - deep_m, high_m: plane.height_m, object: 0, seen: false };
+    solid.flat_map(|(plane, deep_m)| cells_of(&plane.outline, 0.0, columns).map(move |center| (center, run(plane, deep_m)))).collect()
 }
 
 /// The points' likenesses under half a turn about an upright axis.

@@ -69,6 +69,7 @@ use columns::{ColumnMap, ColumnRun, bounds_around, cells_of, cells_of_map};
 use covering::go_on_under;
 use crown::is_crowned;
 use cut::Cut;
+use far_side::solid_runs;
 use foot::{Chosen, Foot, Level};
 use front::Front;
 use plane::SupportPlane;
@@ -177,8 +178,9 @@ impl Belief {
         let observed = Observed::of(seen, settings)?;
         let geometry = observed.geometry(settings);
         let mut shapes = known.unwrap_or_else(|| completed(&geometry));
-        let hidden: Vec<(Point2<f32>, ColumnRun)> =
-            shapes.iter().flat_map(|(id, shape)| unseen_runs(*id, shape, &observed.columns)).collect();
+        let of_objects = shapes.iter().flat_map(|(id, shape)| unseen_runs(*id, shape, &observed.columns));
+        let of_furniture = solid_runs(&observed.planes, &observed.view, &observed.columns);
+        let hidden: Vec<(Point2<f32>, ColumnRun)> = of_objects.chain(of_furniture).collect();
         let carried = carried_by(&geometry, &shapes);
         let Observed { clouds, columns, planes, view } = observed;
         let crowned = clouds.iter().filter(|(_, points)| is_crowned(points, &settings.crown)).map(|(id, _)| *id).collect();
@@ -329,9 +331,22 @@ fn unseen_runs(id: u16, shape: &Shape, seen: &ColumnMap) -> Vec<(Point2<f32>, Co
 
 #[cfg(test)]
 mod tests {
-    use repose_made_scenes::world_from_camera;
+    use repose_made_scenes::{SceneBuilder, world_from_camera};
 
     use super::*;
+
+    #[test]
+    fn the_inside_of_a_box_is_filled_down_to_the_table_and_the_space_under_a_board_is_not() {
+        let filled_from_m = |base_m: f64, height_m: f64| {
+            let scene = SceneBuilder::table().object_at(0, [0.0, 0.0], base_m, [0.3, 0.2, height_m]).scene();
+            let belief = believed(&scene);
+            // Behind the middle: the camera sees the top there and nothing below it.
+            let inside = belief.columns.at(&Point2::new(0.05, 0.06)).iter().filter(|run| run.object == 0 && run.high_m > 0.15);
+            inside.map(|run| run.low_m).reduce(f32::min).expect("there is a top")
+        };
+        assert!(filled_from_m(0.0, 0.2) < 0.03, "{}", filled_from_m(0.0, 0.2));
+        assert!(filled_from_m(0.18, 0.02) > 0.05, "{}", filled_from_m(0.18, 0.02));
+    }
 
     /// What is believed of a made scene.
     pub(crate) fn believed(scene: &Scene) -> Belief {
