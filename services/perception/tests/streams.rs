@@ -156,7 +156,6 @@ async fn while_nobody_asks_few_frames_become_scenes_and_who_asks_gets_that_of_th
             (following.counts().received.load(Ordering::SeqCst), following.counts().published.load(Ordering::SeqCst));
         for n in 1..=5 {
             newest_ns += 1;
-            last_put = std::time::Instant::now();
             following.put("front", encoded(&frame("front", newest_ns))).await;
             following.until(|counts| counts.received.load(Ordering::SeqCst) == received + n).await;
         }
