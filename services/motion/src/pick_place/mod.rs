@@ -209,9 +209,7 @@ impl<'a> Search<'a> {
 
     /// The posture that is preferred: the ready pose, turned towards the target.
     fn near(&self, world_from_tcp: &Isometry3<f64>) -> Joints {
-        let in_base = self.settings.world_from_base.inverse() * world_from_tcp.translation.vector;
-        let mut near = repose_panda::READY;
-        near[0] = in_base.y.atan2(in_base.x);
+        let near = ready_towards(&world_from_tcp.translation.vector.into(), &self.settings.world_from_base);
         let inverse = &self.settings.reach.inverse;
         inverse.limits.clamped(&near, inverse.limit_margin_rad)
     }
@@ -394,3 +392,28 @@ impl<'a> Search<'a> {
 const FULL_LEVER_M: f64 = 0.05;
 /// Shares of the room around the arm and what it holds that are tried in turn.
 const ROOM_SHARES: [f64; 3] = [1.0, 0.5, 0.0];
+
+/// The ready pose turned towards a place in the world.
+fn ready_towards(place: &Point3<f64>, world_from_base: &Isometry3<f64>) -> Joints {
+    let in_base = world_from_base.inverse_transform_point(place);
+    let mut ready = repose_panda::READY;
+    ready[0] = in_base.y.atan2(in_base.x);
+    ready
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_ready_pose_turns_towards_a_place_from_wherever_the_base_stands() {
+        let place = Point3::new(0.1, 0.0, 0.3);
+        let turned_rad = |x_m, y_m, yaw_rad: f64| {
+            ready_towards(&place, &Isometry3::new(nalgebra::Vector3::new(x_m, y_m, 0.2), nalgebra::Vector3::z() * yaw_rad))[0]
+        };
+        assert_eq!(turned_rad(0.0, 0.0, 0.0), 0.0);
+        assert!((turned_rad(-0.5, 0.3, 0.0) - (-0.3_f64).atan2(0.6)).abs() < 1e-12);
+        // From behind it, looking the other way.
+        assert!((turned_rad(0.6, 0.0, std::f64::consts::PI)).abs() < 1e-12);
+    }
+}
