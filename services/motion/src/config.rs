@@ -180,10 +180,8 @@ impl MotionConfig {
         within("release_m", self.release_m, 0.0, 0.05)?;
         within("grasps", self.grasps as f64, 1.0, 10_000.0)?;
         within("rrt_iterations", self.rrt_iterations as f64, 1.0, 1e6)?;
-        let world_from_base: Isometry3<f64> =
-            from_row_major(&self.world_from_base).map_err(|e| ConfigError { field: "world_from_base", message: e.to_string() })?;
         let mut settings = PickPlaceSettings {
-            world_from_base,
+            world_from_base: self.base()?,
             keep_out: keep_out(&self.keep_out)?,
             contact_scale: self.contact_scale,
             holding_scale: self.holding_scale,
@@ -205,6 +203,10 @@ impl MotionConfig {
         settings.grasp.count = self.grasps;
         settings.rrt.iterations = self.rrt_iterations;
         Ok(settings)
+    }
+
+    fn base(&self) -> Result<Isometry3<f64>, ConfigError> {
+        from_row_major(&self.world_from_base).map_err(|e| ConfigError { field: "world_from_base", message: e.to_string() })
     }
 
     /// The robot's model.
@@ -284,6 +286,7 @@ impl MotionConfig {
         within("command_ttl_ms", self.command_ttl_ms as f64, 2.0 * self.command_period_ms as f64, 10_000.0)?;
         Ok(ExecutionSettings {
             model: self.model()?,
+            world_from_base: self.base()?,
             horizon_ms: self.command_horizon_ms,
             ttl_ms: self.command_ttl_ms,
             ..ExecutionSettings::default()

@@ -1,5 +1,7 @@
 //! The service on the network: `plan`, `execute`, `reset` and `recover`.
 
+use std::future::Future;
+
 use async_trait::async_trait;
 use repose_proto::enclosed::disclose;
 use repose_proto::load::WorkerLoad;
@@ -8,7 +10,7 @@ use repose_proto::motion::{
 };
 use repose_proto::robot::HeldObject;
 use repose_proto::{CallError, Message, Payload, Scene};
-use repose_runtime::{Call, CallOptions, Caller, Handler, Session, fetch_scene, load_of};
+use repose_runtime::{Call, CallOptions, Caller, CancellationToken, Handler, Session, fetch_scene, load_of};
 
 use crate::client_watch::ClientWatch;
 use crate::config::OnClientLoss;
@@ -66,37 +68,47 @@ impl Endpoints {
     async fn execute(&self, call: &Call) -> Result<Payload, CallError> {
         let (plan, grasps) = self.worker.executable(call.payload.decode_json()?)?;
         let task = self.task(call, grasps);
-        let (link, reporting, cancelled) = (self.link.clone(), call.clone(), call.cancelled.child_token());
-        let client = match self.on_client_loss {
-            OnClientLoss::Stop => ClientWatch::of(&self.session, &call.id).await,
-            OnClientLoss::Finish => None,
-        };
-        let stop = cancelled.clone();
-        // A task of its own: the end of the call must not cut it off between two commands.
-        let execution = tokio::spawn(async move {
+        let (link, reporting) = (self.link.clone(), call.clone());
+        let execute = async move |cancelled| {
             let progress = |phase| match Payload::json(&phase) {
                 Ok(payload) => reporting.progress(payload),
                 Err(error) => tracing::warn!(%error, "progress that cannot be sent"),
             };
+            link.execute(plan, task, cancelled, progress).await
+        };
+        Payload::json(&self.driven(call, execute).await?)
+    }
+
+    /// The arm driven for a call until it is at rest again. What becomes of that when the client is gone is configured.
+    async fn driven<F>(&self, call: &Call, drive: impl FnOnce(CancellationToken) -> F) -> Result<ExecuteReply, CallError>
+    where
+        F: Future<Output = Result<ExecuteReply, CallError>> + Send + 'static,
+    {
+        let client = match self.on_client_loss {
+            OnClientLoss::Stop => ClientWatch::of(&self.session, &call.id).await,
+            OnClientLoss::Finish => None,
+        };
+        let (id, cancelled) = (call.id.clone(), call.cancelled.child_token());
+        let driving = drive(cancelled.clone());
+        // A task of its own: the end of the call must not cut it off between two commands.
+        let driven = tokio::spawn(async move {
             let gone = async {
                 match client {
                     Some(mut client) => client.gone().await,
                     None => std::future::pending().await,
                 }
             };
-            let executing = link.execute(plan, task, cancelled, progress);
-            tokio::pin!(executing);
+            tokio::pin!(driving);
             tokio::select! {
-                ended = &mut executing => return ended,
+                ended = &mut driving => return ended,
                 () = gone => {
-                    tracing::warn!(request = reporting.id, "the client is gone: its execution comes to rest");
-                    stop.cancel();
+                    tracing::warn!(request = id, "the client is gone: the arm comes to rest");
+                    cancelled.cancel();
                 }
             }
-            executing.await
+            driving.await
         });
-        let reply = execution.await.map_err(|e| CallError::internal(format!("the execution was lost: {e}")))??;
-        Payload::json(&reply)
+        driven.await.map_err(|e| CallError::internal(format!("the execution was lost: {e}")))?
     }
 
     /// An arm brought back.
@@ -115,10 +127,9 @@ impl Endpoints {
             let (outcome, joints_rad) = (ExecutionOutcome::Done, state.q_rad);
             return Payload::json(&RecoverReply { outcome, reason: None, retreated_m, checked_against, joints_rad });
         }
-        let (link, task, cancelled) = (self.link.clone(), self.task(call, None), call.cancelled.clone());
-        let following = tokio::spawn(async move { link.follow(&robot, phases, task, cancelled).await });
-        let ended = following.await.map_err(|e| CallError::internal(format!("the recovery was lost: {e}")))??;
-        let ExecuteReply { outcome, reason, joints_rad, .. } = ended;
+        let (link, task) = (self.link.clone(), self.task(call, None));
+        let follow = async move |cancelled| link.follow(&robot, phases, task, cancelled).await;
+        let ExecuteReply { outcome, reason, joints_rad, .. } = self.driven(call, follow).await?;
         Payload::json(&RecoverReply { outcome, reason, retreated_m, checked_against, joints_rad })
     }
 

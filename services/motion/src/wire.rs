@@ -134,11 +134,18 @@ pub fn call_error(error: &PickPlaceError) -> CallError {
 
 /// What a plan puts into the hand: a box around what was seen of it, as it lies between the fingers.
 pub fn held_object(scene: &Scene, plan: &MotionPlan) -> Option<HeldObject> {
-    let tcp_from_world = isometry(&plan.grasp.world_from_tcp, "grasp.world_from_tcp").ok()?.inverse();
-    let mut in_tcp = scene.points_of(plan.query).map(|p| tcp_from_world * Point3::from(p).cast::<f64>());
+    let mut in_tcp = points_in_tcp(scene, plan);
     let first = in_tcp.next()?;
     let (low, high) = in_tcp.fold((first, first), |(low, high), p| (low.inf(&p), high.sup(&p)));
     Some(HeldObject { scene_id: plan.scene_id.clone(), object: plan.query, low_m: low.coords.into(), high_m: high.coords.into() })
+}
+
+/// What was seen of a plan's object, in the frame of the tool centre point that grasps it; nothing where the plan has no such frame.
+pub fn points_in_tcp(scene: &Scene, plan: &MotionPlan) -> impl Iterator<Item = Point3<f64>> {
+    let tcp_from_world = isometry(&plan.grasp.world_from_tcp, "grasp.world_from_tcp").ok().map(|world_from_tcp| world_from_tcp.inverse());
+    tcp_from_world
+        .into_iter()
+        .flat_map(|tcp_from_world| scene.points_of(plan.query).map(move |p| tcp_from_world * Point3::from(p).cast::<f64>()))
 }
 
 /// A trajectory as set-points, at most `period_ms` apart.

@@ -9,7 +9,8 @@ use repose_proto::{CallError, ErrorCode, Scene};
 use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore, check_scene_id};
 
 use crate::config::MotionConfig;
-use crate::execution::keep_out;
+use crate::execution::keep_out::Zones;
+use crate::execution::{check_age, check_unmoved};
 use crate::motion_scene::MotionScene;
 use crate::path::timing::Trajectory;
 use crate::pick_place::PickPlaceSettings;
@@ -90,7 +91,8 @@ impl Worker {
     /// The phases that bring an arm back from where it stands, and how far the hand backs off, metres.
     ///
     /// # Errors
-    /// As [`Self::plan`]; `failed_precondition` when the arm cannot be brought back so, with what to do.
+    /// As [`Self::plan`]; `failed_precondition` on `scene` when it is not of what stands there now, on `robot` when the arm cannot be brought back
+    /// so, with what to do.
     pub async fn recover(
         &self,
         context: JobContext,
@@ -107,6 +109,11 @@ impl Worker {
             return Err(CallError::precondition(message).at("robot"));
         }
         let held = request.scene.as_ref().map(|named| self.held(&named.scene_id, scene.as_ref())).transpose()?.flatten();
+        let seen_ns = held.as_ref().map(|held| held.scene().stamp_ns).max(scene.as_ref().map(|sent| sent.stamp_ns));
+        if let Some(seen_ns) = seen_ns {
+            let is_current = check_age(seen_ns, self.terms.max_scene_age_ms, state.stamp_ns).and_then(|()| check_unmoved(seen_ns, state));
+            is_current.map_err(|e| CallError { message: format!("{}, or recover without a scene", e.message), ..e }.at("scene"))?;
+        }
         let (settings, period_ms, q_rad, opening_m) =
             (self.recovery.clone(), self.terms.set_point_period_ms, state.q_rad, state.gripper_width_m);
         let job = move |context: &JobContext| {
@@ -152,7 +159,8 @@ impl Worker {
             plan.scene_stamp_ns = plan.scene_stamp_ns.min(scene.stamp_ns);
         }
         plan.max_scene_age_ms = plan.max_scene_age_ms.min(self.terms.max_scene_age_ms);
-        keep_out::check(&plan, &self.settings.world_from_base, &self.settings.keep_out)?;
+        let zones = Zones { world_from_base: &self.settings.world_from_base, solids: &self.settings.keep_out };
+        zones.check(&plan, held.as_ref().map(|held| held.scene()))?;
         Ok((plan, grasps))
     }
 

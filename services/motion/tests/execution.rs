@@ -8,7 +8,7 @@ use common::{NOW_NS, PHASES, Robot, joints, plan, task};
 use repose_motion::execution::{Execution, ExecutionAction, ExecutionSettings, ExecutionTask};
 use repose_proto::motion::{ExecutionOutcome, MotionPlan, Phase};
 use repose_proto::robot::{HeldObject, Owner, RobotMode, RobotState, StopState, TaskState};
-use repose_proto::{ErrorCode, limits};
+use repose_proto::{ErrorCode, RigidTransform, limits};
 
 /// Runs to the end; what was told on the way, and the last step.
 fn run(robot: &mut Robot, meddle: impl FnMut(&mut Robot, &mut Execution, u64) -> Vec<ExecutionAction>) -> (Vec<Phase>, ExecutionAction) {
@@ -348,6 +348,14 @@ fn a_plan_that_does_not_fit_the_world_is_refused() {
     refused(begin(plan(), &RobotState { owner: Some(last), ..idle.clone() }), "robot");
     refused(begin(MotionPlan { max_scene_age_ms: 500, ..plan() }, &idle), "scene_stamp_ns");
     refused(begin(MotionPlan { scene_stamp_ns: NOW_NS + 5_000_000_000, ..plan() }, &idle), "scene_stamp_ns");
+    let base = |x_m: f64| RobotState {
+        world_from_base: Some(RigidTransform([1.0, 0.0, 0.0, x_m, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0])),
+        ..idle.clone()
+    };
+    refused(begin(plan(), &base(0.4)), "robot");
+    let from_there = ExecutionSettings { world_from_base: nalgebra::Isometry3::translation(0.4, 0.0, 0.0), ..ExecutionSettings::default() };
+    assert!(Execution::begin(plan(), task(), &base(0.4), 0, from_there).is_ok());
+    refused(Execution::from_here(plan().phases, task(), &base(0.0), 0, from_there).map(|_| ()).unwrap_err(), "robot");
     let mut torn = plan();
     torn.phases[1].set_points.iter_mut().for_each(|p| p.q_rad[0] += 0.5);
     assert_eq!(begin(torn, &idle).code, ErrorCode::InvalidArgument);

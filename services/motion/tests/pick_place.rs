@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use repose_panda::{CommandRuleSettings, CommandRules, JOINT_COUNT, Joints, LIMITS, READY, base_from_tcp, hermite};
 
 use repose_motion::collision::{ArmCollisionSettings, CollisionChecker};
-use repose_motion::execution::keep_out;
+use repose_motion::execution::keep_out::Zones;
 use repose_motion::grasp::GraspCandidate;
 use repose_motion::obstacles::{ObstacleSettings, Obstacles};
 use repose_motion::pick_place::plan::{Phase, PickPlaceError, PickPlacePlan, PlacementFailure};
@@ -14,7 +14,8 @@ use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place,
 use repose_motion::wire::motion_plan;
 use repose_motion::{MotionConfig, synthetic};
 use repose_proto::RigidTransform;
-use repose_proto::motion::{KeepOutZone, MotionPlanRequest};
+use repose_proto::motion::{KeepOutZone, MotionPlan, MotionPlanRequest};
+use repose_proto::{CallError, Scene};
 
 fn plan(query: u16, placements: &[Isometry3<f64>], grasps: Option<&[GraspCandidate]>) -> Result<PickPlacePlan, PickPlaceError> {
     let scene = synthetic::scene();
@@ -168,6 +169,18 @@ fn zone(min_m: [f64; 3], max_m: [f64; 3]) -> MotionConfig {
     MotionConfig { keep_out: vec![KeepOutZone { name: "zone".to_owned(), min_m, max_m }], ..MotionConfig::default() }
 }
 
+/// A plan as it is sent.
+fn sent(plan: &PickPlacePlan) -> MotionPlan {
+    let request = MotionPlanRequest::new("0".repeat(64), "panda".to_owned(), 1, vec![RigidTransform::IDENTITY], READY);
+    motion_plan(plan, &request, 0, &MotionConfig::default().terms().unwrap())
+}
+
+/// Whether a plan that was sent keeps out of the zones of a cell.
+fn keeps_out(plan: &MotionPlan, config: &MotionConfig, scene: Option<&Scene>) -> Result<(), CallError> {
+    let settings = config.planning().unwrap();
+    Zones { world_from_base: &settings.world_from_base, solids: &settings.keep_out }.check(plan, scene)
+}
+
 fn plan_in(config: &MotionConfig, placements: &[Isometry3<f64>]) -> Result<PickPlacePlan, PickPlaceError> {
     let scene = synthetic::scene();
     let request = PickPlaceRequest { scene: &scene, query: 1, placements, start: &READY, grasps: None, seed: 3 };
@@ -178,17 +191,38 @@ fn plan_in(config: &MotionConfig, placements: &[Isometry3<f64>]) -> Result<PickP
 fn the_arm_and_what_it_holds_go_around_a_keep_out_zone() {
     // A wall across the straight way, as high as the lift.
     let walled = zone([0.3, -0.02, 0.0], [0.6, 0.06, 0.35]);
-    let settings = walled.planning().unwrap();
-    let enters = |plan: &PickPlacePlan| {
-        let request = MotionPlanRequest::new("0".repeat(64), "panda".to_owned(), 1, vec![RigidTransform::IDENTITY], READY);
-        let sent = motion_plan(plan, &request, 0, &walled.terms().unwrap());
-        keep_out::check(&sent, &settings.world_from_base, &settings.keep_out)
-    };
-    let around = plan_in(&walled, &[moved(0.45, 0.25)]).unwrap();
-    assert_eq!(enters(&around), Ok(()));
-    let straight = plan(1, &[moved(0.45, 0.25)], None).unwrap();
-    let refused = enters(&straight).unwrap_err();
+    let around = sent(&plan_in(&walled, &[moved(0.45, 0.25)]).unwrap());
+    assert_eq!(keeps_out(&around, &walled, Some(&synthetic::wire_scene(0))), Ok(()));
+    let straight = sent(&plan(1, &[moved(0.45, 0.25)], None).unwrap());
+    let refused = keeps_out(&straight, &walled, None).unwrap_err();
     assert!(refused.message.contains("keep_out[0]") && refused.field.unwrap().starts_with("phases["), "{}", refused.message);
+}
+
+#[test]
+fn what_a_robot_makes_of_few_set_points_keeps_out_of_a_zone_too() {
+    let walled = zone([0.3, -0.02, 0.0], [0.6, 0.06, 0.35]);
+    let mut sparse = sent(&plan(1, &[moved(0.45, 0.25)], None).unwrap());
+    for phase in &mut sparse.phases {
+        let ends = [0, phase.set_points.len().saturating_sub(1)];
+        phase.set_points = ends.iter().filter_map(|end| phase.set_points.get(*end).copied()).collect();
+    }
+    let refused = keeps_out(&sparse, &walled, None).unwrap_err();
+    assert!(refused.message.contains("keep_out[0]") && refused.field.unwrap().ends_with("set_points[1]"), "{}", refused.message);
+    // So far apart that nobody can tell.
+    sparse.phases[0].set_points[1].q_rad[0] = 11.0;
+    let far = keeps_out(&sparse, &walled, None).unwrap_err();
+    assert_eq!(far.field.as_deref(), Some("phases[0].set_points[1]"), "{}", far.message);
+}
+
+#[test]
+fn what_is_held_keeps_out_of_a_zone_under_the_hand() {
+    let straight = sent(&plan(1, &[moved(0.45, 0.25)], None).unwrap());
+    let scene = synthetic::wire_scene(0);
+    // What is held passes ten centimetres above the table, the hand further up.
+    let low = zone([0.3, -0.02, 0.0], [0.6, 0.06, 0.105]);
+    assert_eq!(keeps_out(&straight, &low, None), Ok(()));
+    let refused = keeps_out(&straight, &low, Some(&scene)).unwrap_err();
+    assert!(refused.message.contains("held object"), "{}", refused.message);
 }
 
 #[test]

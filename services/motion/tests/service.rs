@@ -10,8 +10,8 @@ use repose_motion::{MotionConfig, run, synthetic};
 use repose_panda::READY;
 use repose_proto::enclosed::enclose;
 use repose_proto::motion::{
-    ExecuteProgress, ExecuteReply, ExecutionOutcome, Grasp, MotionFailure, MotionPlan, MotionPlanRequest, Phase, RobotResetReply,
-    RobotResetRequest,
+    ExecuteProgress, ExecuteReply, ExecutionOutcome, Grasp, MotionFailure, MotionPlan, MotionPlanRequest, Phase, RecoverRequest,
+    RecoveryMove, RobotResetReply, RobotResetRequest,
 };
 use repose_proto::robot::{RobotCommand, RobotMode, StopState};
 use repose_proto::scene::WorldFrame;
@@ -226,6 +226,25 @@ async fn a_plan_cannot_make_its_scene_younger_than_it_is() {
         assert_eq!(refusal(running.call("execute", Payload::json(&plan).unwrap()).await), (code, Some(field.to_owned())));
     }
     assert_eq!(robot.lock().unwrap().state.last_command, None, "nothing was sent");
+    running.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_way_back_is_not_checked_against_what_stood_there_before() {
+    let running = Running::start().await;
+    let robot = running.robot(Robot::new()).await;
+    let home = async |age_s: u64| {
+        let scene = Scene { stamp_ns: NOW_NS - age_s * 1_000_000_000, ..scene() };
+        let named = Some(SceneRef { scene_id: scene.id() });
+        let request = RecoverRequest { robot: "panda".to_owned(), motion: RecoveryMove::Home, scene: named };
+        running.call("recover", Payload::with_scene(&request, Some(&scene)).unwrap()).await
+    };
+    let stale = (ErrorCode::FailedPrecondition, Some("scene".to_owned()));
+    assert_eq!(refusal(home(300).await), stale, "a camera that has stopped");
+    robot.lock().unwrap().state.since_handling_ms = Some(1_000);
+    assert_eq!(refusal(home(10).await), stale, "the hand has moved something since");
+    assert_eq!(robot.lock().unwrap().state.last_command, None, "nothing was sent");
+    assert!(home(1).await.is_ok());
     running.stop().await;
 }
 

@@ -36,6 +36,9 @@ pub struct RobotArgs {
     /// The camera whose newest scene the paths of `retreat` and `home` are checked against.
     #[arg(long, default_value = "front")]
     pub camera: String,
+    /// Do not look for a scene: check the paths of `retreat` and `home` only against the robot itself and the keep-out zones.
+    #[arg(long)]
+    pub unchecked: bool,
     /// Deadline of `stop`, `reset` and `state`, milliseconds.
     #[arg(long, default_value_t = 10_000)]
     pub deadline_ms: u64,
@@ -101,8 +104,8 @@ async fn act(args: &RobotArgs, session: &Session, output: Output) -> CommandResu
 async fn recover(args: &RobotArgs, session: &Session, motion: RecoveryMove, output: Output) -> CommandResult {
     let mut interrupts = Interrupts::listen()?;
     let scene = match motion {
-        RecoveryMove::Open => None,
-        RecoveryMove::Retreat | RecoveryMove::Home => newest_scene(args, session).await,
+        RecoveryMove::Retreat | RecoveryMove::Home if !args.unchecked => newest_scene(args, session).await,
+        _ => None,
     };
     let caller = session.caller(Service::Motion).await?;
     let payload = recovery(&args.robot, motion, scene.as_ref())?;
@@ -117,7 +120,7 @@ fn recovered(robot: &str, motion: RecoveryMove, reply: &RecoverReply) -> String 
         return format!("{robot} did not get there: {reason}");
     }
     let checked =
-        if reply.checked_against.is_some() { "" } else { " (no scene of a calibrated camera: unchecked against its surroundings)" };
+        if reply.checked_against.is_some() { "" } else { " (without a scene of a calibrated camera: unchecked against its surroundings)" };
     match (motion, reply.retreated_m) {
         (RecoveryMove::Open, _) => format!("{robot}'s fingers are open"),
         (RecoveryMove::Retreat, backed_m) => format!("{robot} has backed off by {:.0} mm{checked}", backed_m.unwrap_or(0.0) * 1e3),

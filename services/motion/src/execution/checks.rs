@@ -1,5 +1,7 @@
 //! What must hold before an execution begins.
 
+use nalgebra::Isometry3;
+use repose_geometry::transform::from_row_major;
 use repose_panda::{Model, START_TOLERANCE_RAD};
 use repose_proto::motion::{MotionPhase, MotionPlan};
 use repose_proto::robot::{Owner, RobotMode, RobotState};
@@ -7,6 +9,9 @@ use repose_proto::{CallError, limits};
 
 /// How far apart the end of one phase and the start of the next may be, radians per joint.
 const JOINED_RAD: f64 = 1e-3;
+/// How far the base may stand from where motions are planned for, metres and radians: the robot's side may have been told it with fewer digits.
+const BASE_OFF_M: f64 = 1e-3;
+const BASE_OFF_RAD: f64 = 1e-3;
 /// How far in the future a scene may seem to have been seen: a camera's clock and the robot's differ, milliseconds.
 const CLOCKS_DIFFER_MS: u64 = 2000;
 
@@ -33,20 +38,20 @@ pub fn check_phases(start_joints_rad: &[f64; 7], phases: &[MotionPhase]) -> Resu
     Ok(())
 }
 
-/// Refuses a scene that was seen too long ago. `now_ns` and all other instants here are of the robot's clock, as its states tell it: this process's own
+/// Refuses a scene that was seen at `stamp_ns`, too long ago. `now_ns` and all other instants here are of the robot's clock, as its states tell it: this process's own
 /// is on another host, perhaps, and tells nothing of when a camera saw what.
 ///
 /// # Errors
 /// `failed_precondition` on `scene_stamp_ns`.
-pub fn check_age(plan: &MotionPlan, now_ns: u64) -> Result<(), CallError> {
-    let ahead_ms = plan.scene_stamp_ns.saturating_sub(now_ns) / 1_000_000;
+pub fn check_age(stamp_ns: u64, max_age_ms: u64, now_ns: u64) -> Result<(), CallError> {
+    let ahead_ms = stamp_ns.saturating_sub(now_ns) / 1_000_000;
     if ahead_ms > CLOCKS_DIFFER_MS {
         let message = format!("the scene was seen {ahead_ms} ms in the future, at most {CLOCKS_DIFFER_MS} ms are put down to clocks");
         return Err(CallError::precondition(message).at("scene_stamp_ns"));
     }
-    let age_ms = now_ns.saturating_sub(plan.scene_stamp_ns) / 1_000_000;
-    if age_ms > plan.max_scene_age_ms {
-        let message = format!("the scene is {age_ms} ms old, at most {} ms are allowed", plan.max_scene_age_ms);
+    let age_ms = now_ns.saturating_sub(stamp_ns) / 1_000_000;
+    if age_ms > max_age_ms {
+        let message = format!("the scene is {age_ms} ms old, at most {max_age_ms} ms are allowed: look again");
         return Err(CallError::precondition(message).at("scene_stamp_ns"));
     }
     Ok(())
@@ -57,12 +62,12 @@ pub fn check_age(plan: &MotionPlan, now_ns: u64) -> Result<(), CallError> {
 ///
 /// # Errors
 /// `failed_precondition` on `scene_stamp_ns`.
-pub fn check_unmoved(plan: &MotionPlan, state: &RobotState) -> Result<(), CallError> {
+pub fn check_unmoved(stamp_ns: u64, state: &RobotState) -> Result<(), CallError> {
     let Some(since_ms) = state.since_handling_ms else { return Ok(()) };
-    let age_ms = state.stamp_ns.saturating_sub(plan.scene_stamp_ns) / 1_000_000;
+    let age_ms = state.stamp_ns.saturating_sub(stamp_ns) / 1_000_000;
     let before_ms = age_ms.saturating_sub(since_ms);
     if before_ms > CLOCKS_DIFFER_MS {
-        let message = format!("the robot has taken or put something {before_ms} ms after the scene was seen: plan on a new one");
+        let message = format!("the robot has taken or put something {before_ms} ms after the scene was seen: look again");
         return Err(CallError::precondition(message).at("scene_stamp_ns"));
     }
     Ok(())
@@ -100,6 +105,27 @@ pub fn check_model(state: &RobotState, planned_for: Model) -> Result<(), CallErr
         }
         _ => Ok(()),
     }
+}
+
+/// Refuses a robot that says that its base stands elsewhere than motions are planned for: it would carry them out beside where they were checked.
+///
+/// # Errors
+/// `failed_precondition` on `robot`; of a base that is no rigid transform too.
+pub fn check_base(state: &RobotState, planned_from: &Isometry3<f64>) -> Result<(), CallError> {
+    let Some(told) = &state.world_from_base else { return Ok(()) };
+    let stands =
+        from_row_major(&told.0).map_err(|e| CallError::precondition(format!("the robot tells no place of its base: {e}")).at("robot"))?;
+    let off = planned_from.inverse() * stands;
+    let (off_m, off_rad) = (off.translation.vector.norm(), off.rotation.angle());
+    if off_m > BASE_OFF_M || off_rad > BASE_OFF_RAD {
+        let message = format!(
+            "the robot's base stands {:.1} mm and {:.2}° from where motion plans for it: set `world_from_base` alike in [motion] and at the robot's side",
+            1e3 * off_m,
+            off_rad.to_degrees()
+        );
+        return Err(CallError::precondition(message).at("robot"));
+    }
+    Ok(())
 }
 
 /// Refuses a robot that does not stand, with an empty hand, where a plan starts.

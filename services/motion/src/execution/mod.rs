@@ -19,10 +19,10 @@ use repose_proto::motion::{ExecuteProgress, ExecuteReply, ExecutionOutcome, Moti
 use repose_proto::robot::{HeldObject, Owner, RobotCommand, RobotMode, RobotState, SetPoint, Task};
 use repose_proto::{CallError, limits};
 
-pub use checks::{check_free, next_owner};
+pub use checks::{check_age, check_free, check_unmoved, next_owner};
 pub use settings::ExecutionSettings;
 
-use checks::{apart, check_age, check_model, check_phases, check_start, check_unmoved};
+use checks::{apart, check_base, check_model, check_phases, check_start};
 use halt::halted;
 
 /// Who executes, and as which task.
@@ -110,8 +110,8 @@ impl Execution {
     /// the robot's clock, that of the state.
     ///
     /// # Errors
-    /// `failed_precondition` when a stop is latched, the robot moves, has a task or something in its hand, is another model than motions are
-    /// planned for, or stands elsewhere than where the plan starts, the scene is too old or was seen before the hand last took or put something,
+    /// `failed_precondition` when a stop is latched, the robot moves, has a task or something in its hand, is another model or has its base
+    /// elsewhere than motions are planned for, or stands elsewhere than where the plan starts, the scene is too old or was seen before the hand last took or put something,
     /// or no epoch is left; `invalid_argument` when the plan has no phases, or its phases do not join.
     pub fn begin(
         plan: MotionPlan,
@@ -123,16 +123,17 @@ impl Execution {
         check_phases(&plan.start_joints_rad, &plan.phases)?;
         check_free(state)?;
         check_model(state, settings.model)?;
+        check_base(state, &settings.world_from_base)?;
         check_start(&plan, state)?;
-        check_age(&plan, state.stamp_ns)?;
-        check_unmoved(&plan, state)?;
+        check_age(plan.scene_stamp_ns, plan.max_scene_age_ms, state.stamp_ns)?;
+        check_unmoved(plan.scene_stamp_ns, state)?;
         Self::start(plan.phases, task, state, now_ms, settings)
     }
 
     /// Begins phases from where the robot stands, whatever it has in its hand.
     ///
     /// # Errors
-    /// `failed_precondition` when a stop is latched, the robot moves, has a task or is another model, or no epoch is left; `invalid_argument` when there are no
+    /// `failed_precondition` when a stop is latched, the robot moves, has a task, is another model or has its base elsewhere, or no epoch is left; `invalid_argument` when there are no
     /// phases, or they do not join.
     pub fn from_here(
         phases: Vec<MotionPhase>,
@@ -144,6 +145,7 @@ impl Execution {
         check_phases(&state.q_rad, &phases)?;
         check_free(state)?;
         check_model(state, settings.model)?;
+        check_base(state, &settings.world_from_base)?;
         Self::start(phases, task, state, now_ms, settings)
     }
 

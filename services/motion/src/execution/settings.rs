@@ -1,5 +1,6 @@
 //! How an execution talks to the robot.
 
+use nalgebra::Isometry3;
 use repose_panda::Model;
 
 /// How an execution talks to the robot.
@@ -7,6 +8,8 @@ use repose_panda::Model;
 pub struct ExecutionSettings {
     /// What the robot should be: a stretch is slowed down under its limits, and one that says another model of itself is not moved.
     pub model: Model,
+    /// Where its base should be: one that says that it stands elsewhere is not moved. Default: at the world's origin.
+    pub world_from_base: Isometry3<f64>,
     /// How far ahead of the robot the set-points reach, milliseconds of robot time, at least 200. Default 1000.
     pub horizon_ms: f64,
     /// How long a command may be acted on after receipt, milliseconds. Default 500.
@@ -28,6 +31,7 @@ impl Default for ExecutionSettings {
     fn default() -> Self {
         Self {
             model: Model::Panda,
+            world_from_base: Isometry3::identity(),
             horizon_ms: 1000.0,
             ttl_ms: 500,
             take_timeout_ms: 2000,
