@@ -49,11 +49,6 @@ impl Variant {
             Self::Geometric => "geometric",
         }
     }
-
-    /// The variant of that name.
-    pub fn parse(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|v| v.as_str() == name)
-    }
 }
 
 impl std::fmt::Display for Variant {

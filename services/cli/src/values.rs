@@ -10,7 +10,7 @@ use repose_simulator::scene::SceneKind;
 
 /// The variant of that name.
 pub fn parse_variant(name: &str) -> Result<Variant, String> {
-    Variant::parse(name).ok_or_else(|| format!("the variants are {}", Variant::ALL.map(Variant::as_str).join(", ")))
+    named("the variants are", &Variant::ALL, Variant::as_str, name)
 }
 
 /// The rotation of that name.
@@ -23,34 +23,35 @@ pub fn parse_rotation(name: &str) -> Result<Rotation, String> {
     }
 }
 
+/// The one of a name among all that there are.
+fn named<T: Copy>(what_there_is: &str, all: &[T], name_of: impl Fn(T) -> &'static str, name: &str) -> Result<T, String> {
+    let names = || all.iter().map(|one| name_of(*one)).collect::<Vec<_>>().join(", ");
+    all.iter().copied().find(|one| name_of(*one) == name).ok_or_else(|| format!("{what_there_is} {}", names()))
+}
+
 /// The split of that name, of those that anything may be made of.
 pub fn parse_split(name: &str) -> Result<Split, String> {
-    one_of(&[Split::Train, Split::Validation, Split::Test], name)
+    named("expected one of", &[Split::Train, Split::Validation, Split::Test], Split::name, name)
 }
 
 /// The split of that name, of those that tables are made of.
 pub fn parse_table_split(name: &str) -> Result<Split, String> {
-    one_of(&[Split::Validation, Split::Test, Split::Final], name)
-}
-
-fn one_of(splits: &[Split], name: &str) -> Result<Split, String> {
-    let known = || splits.iter().map(|split| split.name()).collect::<Vec<_>>().join(", ");
-    splits.iter().copied().find(|split| split.name() == name).ok_or_else(|| format!("expected one of {}", known()))
+    named("expected one of", &[Split::Validation, Split::Test, Split::Final], Split::name, name)
 }
 
 /// The fault of that name.
 pub fn parse_perturbation(name: &str) -> Result<Perturbation, String> {
-    Perturbation::parse(name).ok_or_else(|| format!("the faults are {}", Perturbation::ALL.map(Perturbation::name).join(", ")))
+    named("the faults are", &Perturbation::ALL, Perturbation::name, name)
 }
 
 /// Whose shapes are known, by name.
 pub fn parse_known_shapes(name: &str) -> Result<KnownShapes, String> {
-    KnownShapes::parse(name).ok_or_else(|| format!("shapes are known of {}", KnownShapes::ALL.map(KnownShapes::name).join(", ")))
+    named("shapes are known of", &KnownShapes::ALL, KnownShapes::name, name)
 }
 
 /// The kind of scenes of that name.
 pub fn parse_kind(name: &str) -> Result<SceneKind, String> {
-    SceneKind::parse(name).ok_or_else(|| format!("the kinds are {}", SceneKind::ALL.map(SceneKind::name).join(", ")))
+    named("the kinds are", &SceneKind::ALL, SceneKind::name, name)
 }
 
 /// A file for a picture: PNG is what is written, so the name must say so.

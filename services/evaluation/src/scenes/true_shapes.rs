@@ -42,11 +42,6 @@ impl KnownShapes {
         }
     }
 
-    /// The one of that name.
-    pub fn parse(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|whose| whose.name() == name)
-    }
-
     /// A scene with the shapes that are known. Which of its objects were seen, and what of the furniture, stays as it is.
     pub fn in_scene(self, seen: &PreparedScene, truth: &SimulatedScene, query: u16) -> PreparedScene {
         let is_known = |id: u16| match self {
