@@ -9,9 +9,10 @@ use repose_proto::{CallError, limits};
 
 /// How far apart the end of one phase and the start of the next may be, radians per joint.
 const JOINED_RAD: f64 = 1e-3;
-/// How far the base may stand from where motions are planned for, metres and radians: the robot's side may have been told it with fewer digits.
-const BASE_OFF_M: f64 = 1e-3;
-const BASE_OFF_RAD: f64 = 1e-3;
+/// How far the base may stand from where motions are planned for, metres and radians: the robot's side may have been told it with fewer digits. At
+/// the end of the arm that is 4 mm, less than planning keeps off everything (`padding_m`).
+const BASE_OFF_M: f64 = 2e-3;
+const BASE_OFF_RAD: f64 = 2e-3;
 /// How far in the future a scene may seem to have been seen: a camera's clock and the robot's differ, milliseconds.
 const CLOCKS_DIFFER_MS: u64 = 2000;
 

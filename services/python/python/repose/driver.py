@@ -97,7 +97,8 @@ class Robot(ABC):
     Attributes:
         name: Its name in the cell, ``[a-z0-9][a-z0-9_-]*``.
         world_from_base: Where its base stands in the world, ``[4, 4]``; the identity, unless you say otherwise. Motion plans with its own
-            setting, ``[motion] world_from_base``; perception takes this one to know the arm in pictures.
+            setting, ``[motion] world_from_base``, and moves no robot that says another place; perception takes this one to know the
+            arm in pictures.
         following_tolerance_rad: How far a joint may be from its set-point, radians, before the arm counts as not following and stops.
 
     """
