@@ -36,7 +36,13 @@ pub const MAX_EPOCH: u64 = (1 << 53) - 1;
 pub const MAX_TASK_ID: usize = 64;
 /// The most hints of one kind for a frame.
 pub const MAX_HINTS: usize = 64;
-/// The largest coordinate of a scene's points, metres.
+/// The largest coordinate of a scene's points and of its surfaces, metres.
 pub const MAX_COORDINATE_M: f32 = 1000.0;
+/// The most objects of a scene: the work that a scene makes grows with their pairs.
+pub const MAX_OBJECTS: usize = 1024;
+/// The most support surfaces of a scene.
+pub const MAX_SURFACES: usize = 1024;
+/// The most corners of a surface's outline.
+pub const MAX_CORNERS: usize = 512;
 /// The most pixels of a frame on either side.
 pub const MAX_IMAGE_SIDE: usize = 4096;

@@ -4,6 +4,7 @@ use safetensors::Dtype;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::checks::check_range;
 use crate::{Bulk, CallError, CameraModel, Message, Tensor, limits};
 
 /// How a request names its scene. The bulk form of a request encloses the scene itself beside this id.
@@ -120,6 +121,25 @@ pub struct Surface {
     pub object: Option<u16>,
 }
 
+impl Surface {
+    /// Checks coordinates and the number of corners.
+    ///
+    /// # Errors
+    /// `invalid_argument` that names the field below `field`.
+    pub fn validate(&self, field: &str) -> Result<(), CallError> {
+        let most_m = f64::from(limits::MAX_COORDINATE_M);
+        check_range(&format!("{field}.height_m"), self.height_m, -most_m..=most_m)?;
+        if self.outline_m.len() > limits::MAX_CORNERS {
+            let message = format!("expected at most {} corners, got {}", limits::MAX_CORNERS, self.outline_m.len());
+            return Err(CallError::invalid(format!("{field}.outline_m"), message));
+        }
+        let corners = self.outline_m.iter().enumerate();
+        corners
+            .flat_map(|(i, corner)| corner.iter().map(move |v| (i, *v)))
+            .try_for_each(|(i, v)| check_range(&format!("{field}.outline_m[{i}]"), v, -most_m..=most_m))
+    }
+}
+
 /// What the camera could not tell.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Unseen {
@@ -167,9 +187,9 @@ impl UnseenSpace {
     /// `invalid_argument` that names the field.
     pub fn validate(&self) -> Result<(), CallError> {
         crate::checks::check_finite("scene.unseen.space.origin_m", &self.origin_m)?;
-        crate::checks::check_range("scene.unseen.space.cell_m", self.cell_m, f64::MIN_POSITIVE..=1e3)?;
+        check_range("scene.unseen.space.cell_m", self.cell_m, f64::MIN_POSITIVE..=1e3)?;
         for (field, side) in [("columns", self.columns), ("rows", self.rows)] {
-            crate::checks::check_range(&format!("scene.unseen.space.{field}"), side as f64, 1.0..=Self::MAX_SIDE as f64)?;
+            check_range(&format!("scene.unseen.space.{field}"), side as f64, 1.0..=Self::MAX_SIDE as f64)?;
         }
         if self.hidden.len() != self.columns * self.rows {
             let message =
@@ -305,8 +325,8 @@ impl Scene {
         bulk
     }
 
-    /// Reads and checks the bulk form. Metadata of objects that have no points is refused, and so is a cloud without points or with some
-    /// that no camera sees, as coordinates in millimetres are.
+    /// Reads and checks the bulk form. Metadata of objects that have no points is refused, and so are a cloud without points, points and
+    /// surfaces that no camera sees, as coordinates in millimetres are, and more objects or surfaces than a scene may have.
     ///
     /// # Errors
     /// `invalid_argument` that names the field.
@@ -337,8 +357,18 @@ impl Scene {
         if let Some(space) = &meta.unseen.space {
             space.validate()?;
         }
+        if meta.surfaces.len() > limits::MAX_SURFACES {
+            let message = format!("expected at most {} surfaces, got {}", limits::MAX_SURFACES, meta.surfaces.len());
+            return Err(CallError::invalid("scene.surfaces", message));
+        }
+        meta.surfaces.iter().enumerate().try_for_each(|(i, surface)| surface.validate(&format!("scene.surfaces[{i}]")))?;
         let mut in_cloud = vec![false; 1 << u16::BITS];
         labels.iter().for_each(|label| in_cloud[usize::from(*label)] = true);
+        // What has points is an object, whether it is described or not.
+        let objects = in_cloud[1..].iter().filter(|is_there| **is_there).count();
+        if objects > limits::MAX_OBJECTS {
+            return Err(CallError::invalid("labels", format!("expected at most {} objects, got {objects}", limits::MAX_OBJECTS)));
+        }
         let mut named = vec![false; 1 << u16::BITS];
         for (i, object) in meta.objects.iter().enumerate() {
             if object.id == 0 || std::mem::replace(&mut named[usize::from(object.id)], true) {

@@ -139,6 +139,47 @@ fn what_a_scene_says_of_objects_and_unseen_space_agrees_with_itself() {
 }
 
 #[test]
+fn surfaces_and_objects_are_of_a_size_that_can_be_planned_on() {
+    type Edit = fn(&mut SceneMeta);
+    let good: [Edit; 3] = [
+        |m| m.surfaces[0].outline_m[1][0] = -1000.0,
+        |m| m.surfaces[0].outline_m = vec![[0.0, 1.0]; limits::MAX_CORNERS],
+        |m| m.surfaces = vec![m.surfaces[0].clone(); limits::MAX_SURFACES],
+    ];
+    let wrong: [(&str, Edit); 5] = [
+        ("scene.surfaces[0].height_m", |m| m.surfaces[0].height_m = 1200.0),
+        ("scene.surfaces[0].outline_m[1]", |m| m.surfaces[0].outline_m[1] = [1200.0, 0.0]),
+        ("scene.surfaces[1].outline_m[2]", |m| {
+            m.surfaces.push(m.surfaces[0].clone());
+            m.surfaces[1].outline_m[2] = [0.0, -1e300];
+        }),
+        ("scene.surfaces[0].outline_m", |m| m.surfaces[0].outline_m = vec![[0.0, 1.0]; limits::MAX_CORNERS + 1]),
+        ("scene.surfaces", |m| m.surfaces = vec![m.surfaces[0].clone(); limits::MAX_SURFACES + 1]),
+    ];
+    let read = |edit: Edit| {
+        let mut scene = scene();
+        edit(&mut scene.meta);
+        Scene::from_bulk(&scene.to_bulk())
+    };
+    assert!(good.into_iter().all(|edit| read(edit).is_ok()));
+    for (expected, edit) in wrong {
+        assert_eq!(field(&read(edit).unwrap_err()), expected);
+    }
+    let of_objects = |count: usize| {
+        let labels: Vec<u16> = (0..=count as u16).collect();
+        Scene {
+            points: vec![[0.0; 3]; labels.len()],
+            labels,
+            colors: None,
+            meta: SceneMeta { objects: Vec::new(), ..scene().meta },
+            ..scene()
+        }
+    };
+    assert!(Scene::from_bulk(&of_objects(limits::MAX_OBJECTS).to_bulk()).is_ok());
+    assert_eq!(field(&Scene::from_bulk(&of_objects(limits::MAX_OBJECTS + 1).to_bulk()).unwrap_err()), "labels");
+}
+
+#[test]
 fn metadata_that_is_missing_or_garbled_is_named() {
     for entry in ["camera", "stamp_ns", "scene"] {
         let mut bulk = scene().to_bulk();

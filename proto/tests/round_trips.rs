@@ -22,8 +22,9 @@ proptest! {
     fn a_scene_keeps_its_content_and_its_id(
         points in prop::collection::vec(prop::array::uniform3(-1e3..1e3f32), 2..40),
         centroid_m in vector(),
-        height_m in number(),
-        outline_m in prop::collection::vec(prop::array::uniform2(number()), 0..8),
+        // As points are, surfaces are within a kilometre.
+        height_m in -1e3..1e3f64,
+        outline_m in prop::collection::vec(prop::array::uniform2(-1e3..1e3f64), 0..8),
         fx in 1e-3..1e6f64,
         view_yaw_rad in number(),
         share in number(),

@@ -4,9 +4,9 @@
 //! is that of the main support plane. The same frame and settings give the same scene, bit for bit.
 
 use repose_geometry::transform::to_row_major;
-use repose_geometry::{Image, ViewerFrame};
+use repose_geometry::{Image, Point2, ViewerFrame};
 use repose_proto::scene::WorldFrame;
-use repose_proto::{CameraModel, Frame, ObjectSummary, RigidTransform, Scene, SceneMeta, SceneWarning, Surface, Unseen};
+use repose_proto::{CameraModel, Frame, ObjectSummary, RigidTransform, Scene, SceneMeta, SceneWarning, Surface, Unseen, limits};
 
 use crate::error::SegmentError;
 use crate::masks::clean::CleanMasks;
@@ -171,19 +171,25 @@ fn doubts(
     vec![SceneWarning { field: "world_from_camera".to_owned(), message }]
 }
 
-/// Surfaces in the wire's form, largest outline first.
+/// Surfaces in the wire's form, largest outline first; no more, and with no more corners, than a scene may have.
 fn on_the_wire(surfaces: Vec<SupportSurface>) -> Vec<Surface> {
     let mut surfaces: Vec<Surface> = surfaces
         .into_iter()
         .map(|s| Surface {
             height_m: micro(f64::from(s.height_m)),
-            outline_m: s.outline.corners().iter().map(|c| [micro(f64::from(c.x)), micro(f64::from(c.y))]).collect(),
+            outline_m: fewer_corners(s.outline.corners()).map(|c| [micro(f64::from(c.x)), micro(f64::from(c.y))]).collect(),
             area_m2: micro(f64::from(s.outline.area())),
             object: s.object,
         })
         .collect();
     surfaces.sort_by(|a, b| b.area_m2.total_cmp(&a.area_m2));
+    surfaces.truncate(limits::MAX_SURFACES);
     surfaces
+}
+
+/// An outline's corners, evenly fewer where there are too many for a scene: what is left lies within the outline.
+fn fewer_corners(corners: &[Point2<f32>]) -> impl Iterator<Item = &Point2<f32>> {
+    corners.iter().step_by(corners.len().div_ceil(limits::MAX_CORNERS).max(1))
 }
 
 /// A number to six decimals, a micrometre: short decimals come out of every JSON reader as they went in, and with them the scene's id.

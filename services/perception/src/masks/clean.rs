@@ -2,13 +2,13 @@
 //!
 //! The band takes most of an object that is thin, small or hidden but for a little. So its mask is eroded only as far as enough is left of it.
 //! Where any erosion leaves too little it is no object, but still in the way: all its readings stay in the scene, as nobody's (label 0). What is
-//! dilated, the band beside it, is dropped as ever.
+//! dilated, the band beside it, is dropped as ever. So do the smallest of more objects than a scene may have.
 
 use repose_geometry::Image;
 
 use std::collections::BTreeMap;
 
-use repose_proto::LeftOutReason;
+use repose_proto::{LeftOutReason, limits};
 
 use crate::masks::borders::border_band;
 use crate::masks::left_out::LeftOutMasks;
@@ -53,6 +53,11 @@ impl CleanMasks {
         if !small.is_empty() {
             let too_small = narrow(&mut band, &labels, depth_m, &small, settings);
             left_out.take(&mut labels, too_small.into_iter().map(|id| (id, LeftOutReason::TooSmall)).collect());
+            tally = Tally::of(depth_m, &labels, &band);
+        }
+        let surplus = tally.surplus();
+        if !surplus.is_empty() {
+            left_out.take(&mut labels, surplus.into_iter().map(|id| (id, LeftOutReason::TooMany)).collect());
             tally = Tally::of(depth_m, &labels, &band);
         }
         let available = tally.masks.iter().map(|mask| mask.readings).sum();
@@ -121,6 +126,14 @@ impl Tally {
         book(current, run);
         Self { masks, on_borders }
     }
+
+    /// The objects with the fewest readings beyond as many as a scene may have.
+    fn surplus(&self) -> Vec<u16> {
+        let of_objects = (0u16..).zip(&self.masks).skip(1).filter(|(_, mask)| mask.pixels > 0);
+        let mut largest_first: Vec<(u16, usize)> = of_objects.map(|(id, mask)| (id, mask.readings)).collect();
+        largest_first.sort_by_key(|(id, readings)| (std::cmp::Reverse(*readings), *id));
+        largest_first.into_iter().skip(limits::MAX_OBJECTS).map(|(id, _)| id).collect()
+    }
 }
 
 #[cfg(test)]
@@ -171,6 +184,21 @@ mod tests {
         let wide = Image::from_pixels(60, 40, labels().pixels().iter().map(|id| if *id == 1 { 7 } else { 0 }).collect()).unwrap();
         let masks = CleanMasks::new(wide.clone(), BTreeMap::new(), &Image::filled(60, 40, 1.0), &Settings::default()).unwrap();
         assert_eq!((&masks.labels, &masks.band, masks.left_out.reasons.len()), (&wide, &border_band(&wide, &BorderSettings::default()), 0));
+    }
+
+    #[test]
+    fn of_more_objects_than_a_scene_may_have_the_smallest_stay_as_nobodys() {
+        // Two pixels each, but for the first ten with one.
+        let label = |i: usize| (i / 2 + 1) as u16;
+        let crowd = Image::from_pixels(60, 40, (0..60 * 40).map(label).collect()).unwrap();
+        let mut depth_m = Image::filled(60, 40, 1.0);
+        (0..10).for_each(|k| depth_m.pixels_mut()[2 * k] = f32::NAN);
+        let settings = Settings { min_object_points: 1, borders: BorderSettings { radius_px: 0 }, ..Settings::default() };
+        let masks = CleanMasks::new(crowd, BTreeMap::new(), &depth_m, &settings).unwrap();
+        let objects = masks.labels.pixels().iter().filter(|id| **id != 0).collect::<std::collections::BTreeSet<_>>();
+        assert_eq!((objects.len(), masks.left_out.reasons.len()), (limits::MAX_OBJECTS, 1200 - limits::MAX_OBJECTS));
+        assert!((1..=10).all(|id| masks.left_out.reasons.get(&id) == Some(&LeftOutReason::TooMany)));
+        assert_eq!(masks.available, 60 * 40 - 10, "all that was read stays in the scene");
     }
 
     #[test]

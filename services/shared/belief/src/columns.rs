@@ -126,9 +126,27 @@ impl ColumnMap {
 
     /// The centres of all cells whose centre lies in a rectangle of the floor plan, whether on the map or not; row by row.
     pub fn centers_within(&self, min: &Point2<f32>, max: &Point2<f32>) -> impl Iterator<Item = Point2<f32>> + use<> {
+        let (first, last) = self.numbers_within(min, max);
+        self.centers(first, last)
+    }
+
+    /// Those of them that are on the map.
+    pub fn own_centers_within(&self, min: &Point2<f32>, max: &Point2<f32>) -> impl Iterator<Item = Point2<f32>> + use<> {
+        let (first, last) = self.numbers_within(min, max);
+        let most = Point2::from(self.grid.cells.map(|count| count as i32 - 1));
+        self.centers(first.sup(&Point2::origin()), last.inf(&most))
+    }
+
+    /// The numbers along x and y of the first and of the last cell whose centre lies in a rectangle; negative before the map.
+    fn numbers_within(&self, min: &Point2<f32>, max: &Point2<f32>) -> (Point2<i32>, Point2<i32>) {
         let Grid { origin, cell_m, .. } = self.grid;
-        let first = (min - origin).map(|v| (v / cell_m - 0.5).ceil() as i32);
-        let last = (max - origin).map(|v| (v / cell_m - 0.5).floor() as i32);
+        let number = |place: &Point2<f32>, round: fn(f32) -> f32| Point2::from((place - origin).map(|v| round(v / cell_m - 0.5) as i32));
+        (number(min, f32::ceil), number(max, f32::floor))
+    }
+
+    /// The centres of the cells from one to another, row by row.
+    fn centers(&self, first: Point2<i32>, last: Point2<i32>) -> impl Iterator<Item = Point2<f32>> + use<> {
+        let Grid { origin, cell_m, .. } = self.grid;
         (first.y..=last.y)
             .flat_map(move |y| (first.x..=last.x).map(move |x| origin + nalgebra::Vector2::new(x as f32 + 0.5, y as f32 + 0.5) * cell_m))
     }
@@ -168,10 +186,15 @@ pub fn cells_of_map(bounds: &Aabb, cell_m: f32) -> [usize; 2] {
 
 /// The centres of the map's cells within an outline and a strip around it.
 pub fn cells_of<'a>(outline: &'a Footprint, strip_m: f32, columns: &ColumnMap) -> impl Iterator<Item = Point2<f32>> + use<'a> {
-    let corners = outline.corners();
-    let (min, max) = corners.iter().fold((corners[0], corners[0]), |(min, max), c| (min.inf(c), max.sup(c)));
+    let (min, max) = extent(outline);
     let strip = nalgebra::Vector2::repeat(strip_m);
     columns.centers_within(&(min - strip), &(max + strip)).filter(move |c| outline.margin(c) >= -strip_m)
+}
+
+/// The least and the greatest coordinates of an outline.
+pub fn extent(outline: &Footprint) -> (Point2<f32>, Point2<f32>) {
+    let corners = outline.corners();
+    corners.iter().fold((corners[0], corners[0]), |(min, max), c| (min.inf(c), max.sup(c)))
 }
 
 /// The bounds of a map: around the objects, `reach_m` farther on each side, but not beyond the points.

@@ -8,7 +8,7 @@ use nalgebra::{Point2, Point3};
 use repose_geometry::{Aabb, Footprint, cloud};
 
 use crate::Belief;
-use crate::columns::{ColumnMap, ColumnRun, cells_of};
+use crate::columns::{ColumnMap, ColumnRun, extent};
 use crate::plane::SupportPlane;
 use crate::view::ObservedView;
 
@@ -22,6 +22,10 @@ const SIDE: usize = 6;
 const SAME_M: f32 = 0.015;
 /// Furniture is asked for its inside down to this far under a surface, metres: beside what stands higher nothing is set down.
 const MAX_SOLID_M: f32 = 0.4;
+/// No furniture is looked under any farther down, metres.
+const DEEPEST_M: f32 = 10.0;
+/// Most cells that are looked at for the inside of furniture: those of eight levels that each cover the largest map.
+const MAX_SOLID_CELLS: usize = 1 << 26;
 
 impl Belief {
     /// An object as a whole: what was seen of it and what is believed to be there too, about `spacing_m` apart, world frame. Its rim is moved out
@@ -53,12 +57,12 @@ impl Belief {
     ///
     /// A box on a table shows its top and its near sides only; a shelf's board shows what is under it.
     pub fn solid_m(&self, surface: &SupportPlane) -> Option<f32> {
-        solid_m(surface, &self.planes, &self.view)
+        solid_m(surface, &self.planes, &self.view, DEEPEST_M)
     }
 }
 
-/// See [`Belief::solid_m`].
-fn solid_m(surface: &SupportPlane, planes: &[SupportPlane], view: &ObservedView) -> Option<f32> {
+/// See [`Belief::solid_m`]; where the camera looked under it is told down to `asked_m`.
+fn solid_m(surface: &SupportPlane, planes: &[SupportPlane], view: &ObservedView, asked_m: f32) -> Option<f32> {
     let corners: Vec<Point3<f32>> = surface.outline.corners().iter().map(|c| Point3::new(c.x, c.y, 0.0)).collect();
     let bounds = Aabb::of(&corners)?;
     let is_lower = |p: &&SupportPlane| p.height_m <= surface.height_m - SAME_M && p.outline.margin(&bounds.center().xy()) > 0.0;
@@ -69,20 +73,27 @@ fn solid_m(surface: &SupportPlane, planes: &[SupportPlane], view: &ObservedView)
         .filter(|place| surface.outline.margin(place) > INSIDE_M)
         .collect();
     let seen_free = |height_m: f32| places.iter().filter(|p| view.is_free(&Point3::new(p.x, p.y, height_m))).count();
-    let steps = ((surface.height_m - lower_m) / STEP_M) as usize;
+    // The last of them says that it is solid as far as asked.
+    let asked = (asked_m / STEP_M) as usize + 2;
+    let steps = (((surface.height_m - lower_m) / STEP_M) as usize).min(asked);
     let looked = (2..steps).find(|k| seen_free(surface.height_m - *k as f32 * STEP_M) * 10 > places.len());
     Some(looked.map_or(surface.height_m - lower_m, |k| (k - 1) as f32 * STEP_M))
 }
 
-/// The inside of furniture under the levels that were seen of it, for a map.
+/// The inside of furniture under the levels that were seen of it, for a map: as far as that reaches, whatever the levels' outlines.
 pub fn solid_runs(planes: &[SupportPlane], view: &ObservedView, columns: &ColumnMap) -> Vec<(Point2<f32>, ColumnRun)> {
     // Nothing is set down beside it where no level is that low.
     let is_beside = |plane: &SupportPlane, other: &SupportPlane| (SAME_M..MAX_SOLID_M).contains(&(plane.height_m - other.height_m));
     let furniture = planes.iter().filter(|plane| plane.object == 0 && planes.iter().any(|other| is_beside(plane, other)));
-    let solid = furniture.filter_map(|plane| Some((plane, solid_m(plane, planes, view)?.min(MAX_SOLID_M))));
+    let solid = furniture.filter_map(|plane| Some((plane, solid_m(plane, planes, view, MAX_SOLID_M)?.min(MAX_SOLID_M))));
+    let around = solid.flat_map(|(plane, deep_m)| {
+        let (min, max) = extent(&plane.outline);
+        columns.own_centers_within(&min, &max).map(move |center| (plane, deep_m, center))
+    });
+    let inside = around.take(MAX_SOLID_CELLS).filter(|(plane, _, center)| plane.outline.margin(center) >= 0.0);
     let run =
         |plane: &SupportPlane, deep_m: f32| ColumnRun { low_m: plane.height_m - deep_m, high_m: plane.height_m, object: 0, seen: false };
-    solid.flat_map(|(plane, deep_m)| cells_of(&plane.outline, 0.0, columns).map(move |center| (center, run(plane, deep_m)))).collect()
+    inside.map(|(plane, deep_m, center)| (center, run(plane, deep_m))).collect()
 }
 
 /// The points' likenesses under half a turn about an upright axis.
@@ -93,7 +104,7 @@ pub fn far_side(points: &[Point3<f32>], axis: &Point2<f32>) -> Vec<Point3<f32>> 
 #[cfg(test)]
 mod tests {
     use repose_made_scenes::SceneBuilder;
-    use repose_proto::Scene;
+    use repose_proto::{Scene, Surface};
 
     use super::*;
     use crate::tests::believed;
@@ -149,5 +160,28 @@ mod tests {
         assert!(table.is_none() && (solid.expect("there is a table under it") - 0.2).abs() < 0.01, "{solid:?}");
         let (_, solid) = solid_m(&SceneBuilder::table().object_at(0, [0.0, 0.0], 0.18, [0.3, 0.2, 0.02]).scene());
         assert!(solid.expect("there is a table under it") < 0.12, "{solid:?}");
+    }
+
+    #[test]
+    fn furniture_far_beyond_the_map_is_filled_on_the_map_alone() {
+        // Two levels of hundreds of metres: 10^10 cells of 5 mm.
+        let mut scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).scene();
+        let wide = |height_m: f64, x_m: f64| Surface {
+            height_m,
+            outline_m: vec![[-x_m, -400.0], [x_m, -400.0], [x_m, 400.0], [-x_m, 400.0]],
+            area_m2: 1600.0 * x_m,
+            object: None,
+        };
+        scene.meta.surfaces = vec![wide(0.0, 600.0), wide(-0.2, 600.0)];
+        let belief = believed(&scene);
+        let runs = solid_runs(&belief.planes, &belief.view, &belief.columns);
+        let [columns, rows] =
+            [0, 1].map(|k| scene.points.iter().map(|p| p[k]).fold([f32::MAX, f32::MIN], |[a, b], v| [a.min(v), b.max(v)]));
+        let cells = (columns[1] - columns[0]) * (rows[1] - rows[0]) / belief.columns.cell_m().powi(2);
+        assert!((0.9 * cells..1.1 * cells).contains(&(runs.len() as f32)), "{} of {cells}", runs.len());
+        // On the map it makes no difference how far a level goes on.
+        scene.meta.surfaces = vec![wide(0.0, 2.0), wide(-0.2, 2.0)];
+        let near = believed(&scene);
+        assert_eq!(solid_runs(&near.planes, &near.view, &near.columns), runs);
     }
 }
