@@ -4,15 +4,16 @@ use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
+use nalgebra::{Isometry3, Point3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_geometry::ViewerFrame;
 use repose_proto::place::{Outcome, PlaceProgress, PlaceRequest, PlaceResult};
 use repose_proto::{CallError, ErrorCode, Message};
 
-use crate::answers::Answers;
 use crate::answers::placement::Evidence;
 use crate::answers::relaxation::relaxation;
+use crate::answers::{Answers, Passed};
 use crate::checks::rules::Rules;
 use crate::judge::Judge;
 use crate::judge::judged::JudgedCandidate;
@@ -47,18 +48,56 @@ pub struct PlanReport {
     pub best_in_view: Option<JudgedCandidate>,
 }
 
-/// Plans; `turned` says how the object was turned over in the scene, and `reports` whether [`PlanReport::best_in_view`] is wanted, for which the
-/// networks may have to be asked.
+/// An object in one attitude.
+#[derive(Debug, Clone, Copy)]
+pub struct Attitude<'a> {
+    /// The scene that it is in.
+    pub prepared: &'a PreparedScene,
+    /// How it was turned over there.
+    pub turned: Option<&'a Turned<'a>>,
+    /// What its answers are kept apart from.
+    pub taken: Option<Taken<'a>>,
+}
+
+/// The places of answers in other attitudes.
+#[derive(Debug, Clone, Copy)]
+pub struct Taken<'a> {
+    /// Where they put the centroid of what was observed of the object, world frame, metres.
+    pub places: &'a [Point3<f64>],
+    /// Where that centroid is in this attitude's scene.
+    pub centroid: Point3<f64>,
+}
+
+impl<'a> Attitude<'a> {
+    /// As the object was seen.
+    pub fn as_seen(prepared: &'a PreparedScene) -> Self {
+        Self { prepared, turned: None, taken: None }
+    }
+
+    /// Whether an answer that puts the scene's object somewhere is so far from all those that there are.
+    fn is_apart(&self, placed_from_scene: &Isometry3<f64>, apart_m: f64) -> bool {
+        self.taken.is_none_or(|taken| is_apart(&(placed_from_scene * taken.centroid), taken.places, apart_m))
+    }
+}
+
+/// Whether a place is at least so far from all others.
+pub fn is_apart(place: &Point3<f64>, others: &[Point3<f64>], apart_m: f64) -> bool {
+    others.iter().all(|other| (place - other).norm() >= apart_m)
+}
+
+/// Plans; `reports` says whether [`PlanReport::best_in_view`] is wanted, for which the networks may have to be asked. Beside the report, what its
+/// answers were chosen from.
 ///
 /// # Errors
 /// As [`crate::plan::plan`].
 pub fn planned(
-    (prepared, turned): (&PreparedScene, Option<&Turned<'_>>),
+    attitude: &Attitude<'_>,
     request: &PlaceRequest,
     models: &dyn PlacementModels,
     control: &mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
     reports: bool,
-) -> Result<PlanReport, CallError> {
+) -> Result<(PlanReport, Passed), CallError> {
+    let Attitude { prepared, turned, taken } = *attitude;
     request.validate()?;
     prepared.check()?;
     if request.scene.scene_id != prepared.scene_id {
@@ -96,7 +135,11 @@ pub fn planned(
     if stopped == Some(StopReason::Deadline) && findings.iterations == 0 {
         return Err(CallError::new(ErrorCode::DeadlineExceeded, "the time limit passed before the first iteration was complete"));
     }
-    let mut answers = Answers::choose(&mut judge, &mut findings, &mut stopped, &mut || go_on(SearchStep::Batch).break_value())?;
+    let apart = |judged: &JudgedCandidate| {
+        let let_go = problem.let_go(&judged.candidate);
+        attitude.is_apart(&let_go.placed_from_observed(&query.shape.centroid), settings.min_separation_m)
+    };
+    let mut answers = Answers::choose(&mut judge, &mut findings, &apart, &mut stopped, &mut || go_on(SearchStep::Batch).break_value())?;
     if stopped == Some(StopReason::Cancelled) {
         return Err(CallError::new(ErrorCode::Cancelled, "cancelled while searching"));
     }
@@ -105,19 +148,20 @@ pub fn planned(
         in_time(judge.complete(&mut answers.chosen))?;
     }
     let best_in_view = if reports { best_in_view(&mut judge, &findings, stopped.is_some())? } else { None };
-    let relaxation =
-        if answers.chosen.is_empty() { in_time(relaxation(&mut judge, &findings, stopped.is_some()))?.flatten() } else { None };
+    // Where there are answers in another attitude, nobody asks why there are none in this one.
+    let is_none = answers.chosen.is_empty() && taken.is_none_or(|taken| taken.places.is_empty());
+    let relaxation = if is_none { in_time(relaxation(&mut judge, &findings, stopped.is_some()))?.flatten() } else { None };
     let outcome = match (stopped, answers.chosen.is_empty()) {
         (Some(_), _) => Outcome::Partial,
         (None, true) => Outcome::None,
         (None, false) => Outcome::Found,
     };
     let placements = answers.chosen.iter().map(|j| evidence.placement(j)).collect();
-    let shortfall = answers.shortfall(request.count, stopped);
+    let shortfall = answers.passed.shortfall(answers.chosen.len(), request.count, stopped.is_some());
     // Whoever has an answer need not look at what is none.
     let rejected_at_m = if answers.chosen.is_empty() { findings.rejected_at_m() } else { BTreeMap::new() };
     let result = PlaceResult { placements, relaxation, shortfall, rejected_at_m, ..without_answers(&judge, findings, outcome) };
-    Ok(PlanReport { result, answers: answers.chosen, best_in_view })
+    Ok((PlanReport { result, answers: answers.chosen, best_in_view }, answers.passed))
 }
 
 /// Refuses demands that cannot be met whatever is found.

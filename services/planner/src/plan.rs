@@ -4,20 +4,21 @@
 //! bit, on any number of threads. "No placement" is an outcome with its reasons, not an error.
 //!
 //! Where the object may be set on another side, it is planned for as it lies first. Where that gives too few answers, every other side is planned for
-//! by itself, each with the object turned over where it was seen; their answers come after the others, ranked by their cost.
+//! by itself, each with the object turned over where it was seen; their answers come after the others, ranked by their cost, and apart from those
+//! before them.
 
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3};
 use repose_geometry::transform::{from_row_major, to_row_major};
 use repose_proto::place::{Outcome, PlaceProgress, PlaceRequest, PlaceResult, Placement, Rejection, Rotation};
 use repose_proto::{CallError, ErrorCode, RigidTransform, SceneRef};
 
-use crate::attitude::planned;
+use crate::attitude::{Attitude, Taken, is_apart, planned};
 use crate::learned::models::PlacementModels;
 use crate::scene::prepared::PreparedScene;
-use crate::scene::turned::{Turned, TurnedOver, turned_over, turns};
+use crate::scene::turned::{TurnedOver, turned_over, turns};
 use crate::search::stop::StopReason;
 
 pub use crate::attitude::{PlanReport, SearchStep};
@@ -37,7 +38,7 @@ pub fn plan(
     if request.rotation == Rotation::Stable {
         return on_every_side(prepared, request, models, control);
     }
-    planned((prepared, None), request, models, control, false).map(|report| report.result)
+    planned(&Attitude::as_seen(prepared), request, models, control, false).map(|(report, _)| report.result)
 }
 
 /// As [`plan`], with the candidates behind the answer; of an object that is not turned over.
@@ -50,7 +51,7 @@ pub fn plan_with_report(
     models: &dyn PlacementModels,
     control: &mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
 ) -> Result<PlanReport, CallError> {
-    reported((prepared, None), request, models, control)
+    reported(&Attitude::as_seen(prepared), request, models, control)
 }
 
 /// As [`plan_with_report`], of an object that was turned over: placements carry the turned object.
@@ -63,11 +64,12 @@ pub fn plan_turned_with_report(
     models: &dyn PlacementModels,
     control: &mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
 ) -> Result<PlanReport, CallError> {
-    reported((&table.prepared, Some(&table.turned)), &of_side(request, table), models, control)
+    let attitude = Attitude { prepared: &table.prepared, turned: Some(&table.turned), taken: None };
+    reported(&attitude, &of_side(request, table), models, control)
 }
 
 fn reported(
-    attitude: (&PreparedScene, Option<&Turned<'_>>),
+    attitude: &Attitude<'_>,
     request: &PlaceRequest,
     models: &dyn PlacementModels,
     control: &mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
@@ -75,7 +77,7 @@ fn reported(
     if request.rotation == Rotation::Stable {
         return Err(CallError::invalid("rotation", "a report covers one side of the object: expected fixed or yaw"));
     }
-    planned(attitude, request, models, control, true)
+    planned(attitude, request, models, control, true).map(|(report, _)| report)
 }
 
 /// The answers with the object as it lies, and where that gives fewer than asked, those on each of its other sides after them: who may set it on another
@@ -88,9 +90,11 @@ fn on_every_side(
 ) -> Result<PlaceResult, CallError> {
     let started = Instant::now();
     let as_it_lies = PlaceRequest { rotation: Rotation::Yaw, ..request.clone() };
-    let mut found = planned((prepared, None), &as_it_lies, models, control, false)?.result;
-    let as_it_lies_found = found.placements.len();
-    let lacks = as_it_lies_found < request.count as usize && !found.rejections.contains_key(&Rejection::Unsettles);
+    let (report, mut passed) = planned(&Attitude::as_seen(prepared), &as_it_lies, models, control, false)?;
+    let mut found = report.result;
+    let centroid = prepared.object(request.query, "query")?.0.centroid;
+    let mut taken: Vec<Point3<f64>> = found.placements.iter().map(|placement| carried(placement, &centroid)).collect::<Result<_, _>>()?;
+    let lacks = taken.len() < request.count as usize && !found.rejections.contains_key(&Rejection::Unsettles);
     let others = if lacks { turns(prepared, request.query)? } else { Vec::new() };
     for turn in others {
         let left_ms = request.budget.time_ms.map(|ms| ms.saturating_sub(started.elapsed().as_millis() as u64));
@@ -103,15 +107,27 @@ fn on_every_side(
         of_side.budget.time_ms = left_ms;
         let before = (found.iterations, found.evaluated);
         let mut told = |step: SearchStep| control(told_of(step, before, &turn));
-        match planned((&table.prepared, Some(&table.turned)), &of_side, models, &mut told, false) {
-            Ok(report) => add(&mut found, report.result, &turn)?,
+        let kept_from = Taken { places: &taken, centroid: turn * centroid };
+        let attitude = Attitude { prepared: &table.prepared, turned: Some(&table.turned), taken: Some(kept_from) };
+        match planned(&attitude, &of_side, models, &mut told, false) {
+            Ok((report, passed_there)) => {
+                add(&mut found, report.result, &turn)?;
+                passed = passed.and(passed_there);
+            }
             Err(error) if error.code == ErrorCode::DeadlineExceeded => found.outcome = Outcome::Partial,
             Err(error) => return Err(error),
         }
     }
-    found.placements[as_it_lies_found..].sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    found.placements.truncate(request.count as usize);
-    found.shortfall = found.shortfall.filter(|_| !found.placements.is_empty() && found.placements.len() < request.count as usize);
+    let mut on_other_sides = found.placements.split_off(taken.len());
+    on_other_sides.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    for placement in on_other_sides {
+        let place = carried(&placement, &centroid)?;
+        if taken.len() < request.count as usize && is_apart(&place, &taken, found.min_separation_m) {
+            taken.push(place);
+            found.placements.push(placement);
+        }
+    }
+    found.shortfall = passed.shortfall(taken.len(), request.count, found.outcome == Outcome::Partial);
     found.rotation = request.rotation;
     Ok(found)
 }
@@ -136,7 +152,6 @@ fn add(found: &mut PlaceResult, of_side: PlaceResult, turned_from_observed: &Iso
     }
     found.iterations += of_side.iterations;
     found.evaluated += of_side.evaluated;
-    found.shortfall = found.shortfall.take().or(of_side.shortfall);
     if of_side.outcome == Outcome::Partial || found.outcome == Outcome::None {
         found.outcome = of_side.outcome;
     }
@@ -150,9 +165,17 @@ fn add(found: &mut PlaceResult, of_side: PlaceResult, turned_from_observed: &Iso
 
 /// A placement of the turned object as one of the object as observed.
 fn from_observed(placement: Placement, turned_from_observed: &Isometry3<f64>) -> Result<Placement, CallError> {
-    let placed_from_turned = from_row_major(&placement.placed_from_observed.0)
-        .map_err(|e| CallError::internal(format!("a placement is no rigid motion: {e}")))?;
+    let placed_from_turned = motion(&placement)?;
     Ok(Placement { placed_from_observed: RigidTransform(to_row_major(&(placed_from_turned * turned_from_observed))), ..placement })
+}
+
+/// Where a placement carries a point.
+fn carried(placement: &Placement, point: &Point3<f64>) -> Result<Point3<f64>, CallError> {
+    Ok(motion(placement)? * point)
+}
+
+fn motion(placement: &Placement) -> Result<Isometry3<f64>, CallError> {
+    from_row_major(&placement.placed_from_observed.0).map_err(|e| CallError::internal(format!("a placement is no rigid motion: {e}")))
 }
 
 /// A step on one side as one of the whole search, of which so many iterations and candidates were before.

@@ -22,30 +22,41 @@ use crate::settings::Realism;
 pub struct Answers {
     /// Best first.
     pub chosen: Vec<JudgedCandidate>,
+    /// What they were chosen from.
+    pub passed: Passed,
+}
+
+/// How many candidates an answer was chosen from.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Passed {
     /// Candidates that passed every constraint that was tried.
-    passed: u64,
+    all: u64,
     /// Of those, far enough from all chosen, but the networks were not asked about them.
     unasked: u64,
 }
 
 impl Answers {
-    /// The answers, once the search is over. Where networks only rank, they do so now; `control` is asked before each of their batches, and
-    /// `stopped` is told.
+    /// The answers, once the search is over, of the candidates that are `apart` from answers that there are already. Where networks only rank, they do
+    /// so now; `control` is asked before each of their batches, and `stopped` is told.
     ///
     /// # Errors
     /// What the networks answer.
     pub fn choose(
         judge: &mut Judge<'_>,
         findings: &mut Findings,
+        apart: &dyn Fn(&JudgedCandidate) -> bool,
         stopped: &mut Option<StopReason>,
         control: &mut dyn FnMut() -> Option<StopReason>,
     ) -> Result<Self, CallError> {
         let (settings, count) = (judge.problem().settings, judge.problem().request.count as usize);
-        let apart =
+        let found = findings.accepted.len();
+        findings.accepted.retain(apart);
+        let close = found - findings.accepted.len();
+        let distinct =
             |accepted: &[JudgedCandidate]| distinct(accepted, count, settings.min_separation_m, settings.fixed.surrogate.level_gap_m);
-        let passed = |findings: &Findings, rest: &[JudgedCandidate]| (findings.accepted.len() + rest.len()) as u64;
+        let passed = |findings: &Findings, rest: &[JudgedCandidate]| (close + findings.accepted.len() + rest.len()) as u64;
         if settings.recipe.realism != Realism::OutcomeRanks {
-            return Ok(Self { chosen: apart(&findings.accepted), passed: passed(findings, &[]), unasked: 0 });
+            return Ok(Self { chosen: distinct(&findings.accepted), passed: Passed { all: passed(findings, &[]), unasked: 0 } });
         }
         let mut rest = Vec::new();
         if stopped.is_none() && !findings.accepted.is_empty() {
@@ -61,34 +72,43 @@ impl Answers {
         if stopped.is_some() {
             // Time ended before the networks ranked: they were asked about one candidate at most, and may doubt it.
             let sure = |j: &JudgedCandidate| j.success.unwrap_or(1.0) >= settings.min_success.unwrap_or(0.0);
-            let believed = |j: &&JudgedCandidate| j.realism.is_some_and(|f| f64::from(f) > settings.realism_threshold) && sure(j);
+            let believed = |j: &&JudgedCandidate| j.realism.is_some_and(|f| f64::from(f) > settings.realism_threshold) && sure(j) && apart(j);
             let chosen = findings.appraised().into_iter().filter(believed).cloned().collect();
-            return Ok(Self { chosen, passed: passed(findings, &[]), unasked: 0 });
+            return Ok(Self { chosen, passed: Passed { all: passed(findings, &[]), unasked: 0 } });
         }
-        let mut chosen = apart(&findings.accepted);
+        let mut chosen = distinct(&findings.accepted);
         let doubted = |findings: &Findings| findings.rejections.get(&Rejection::Unrealistic).copied().unwrap_or(0);
         let (passed, doubted_before) = (passed(findings, &rest), doubted(findings));
         if !chosen.is_empty() {
             *stopped = fill(judge, findings, &mut chosen, &mut rest, control)?;
         }
         keep_apart(&mut rest, &chosen, settings.min_separation_m);
-        Ok(Self { chosen, passed: passed - (doubted(findings) - doubted_before), unasked: rest.len() as u64 })
+        let all = passed - (doubted(findings) - doubted_before);
+        Ok(Self { chosen, passed: Passed { all, unasked: rest.len() as u64 } })
+    }
+}
+
+impl Passed {
+    /// Those of several searches together.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        Self { all: self.all + other.all, unasked: self.unasked + other.unasked }
     }
 
-    /// Why there are fewer than `count`; none where there are as many, or none at all.
-    pub fn shortfall(&self, count: u32, stopped: Option<StopReason>) -> Option<Shortfall> {
-        let chosen = self.chosen.len() as u64;
+    /// Why so many were `chosen` from these, if that is fewer than `count`; none where there are as many, or none at all.
+    pub fn shortfall(&self, chosen: usize, count: u32, stopped: bool) -> Option<Shortfall> {
+        let chosen = chosen as u64;
         if chosen == 0 || chosen >= u64::from(count) {
             return None;
         }
-        let too_close = self.passed.saturating_sub(chosen + self.unasked);
-        let reason = if stopped.is_some() || self.unasked > 0 {
+        let too_close = self.all.saturating_sub(chosen + self.unasked);
+        let reason = if stopped || self.unasked > 0 {
             ShortfallReason::Budget
         } else if too_close > 0 {
             ShortfallReason::Separation
         } else {
             ShortfallReason::Constraints
         };
-        Some(Shortfall { reason, passed: self.passed, too_close })
+        Some(Shortfall { reason, passed: self.all, too_close })
     }
 }

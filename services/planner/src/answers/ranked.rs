@@ -147,7 +147,7 @@ mod tests {
         let mut rng = Pcg64::seed_from_u64(request.seed);
         let source = CandidateSource::new(&mut judge, &mut rng).unwrap();
         let (mut findings, mut stopped) = search(&mut judge, source, &mut rng, &mut |_| ControlFlow::Continue(())).unwrap();
-        let answers = Answers::choose(&mut judge, &mut findings, &mut stopped, &mut || None).unwrap();
+        let answers = Answers::choose(&mut judge, &mut findings, &|_| true, &mut stopped, &mut || None).unwrap();
         (answers.chosen, findings.accepted.len())
     }
 

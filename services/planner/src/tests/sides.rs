@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 
 use repose_belief::settings::SideSettings;
 use repose_geometry::transform;
-use repose_proto::place::{Outcome, PlaceRequest, Placement, Rotation, Variant};
+use repose_proto::place::{Outcome, PlaceRequest, Placement, Rotation, ShortfallReason, Variant};
 
 use crate::learned::success;
 use crate::plan::{PlanReport, plan_turned_with_report, plan_with_report};
@@ -27,6 +27,12 @@ fn an_object_that_may_be_set_on_another_side_stands_on_the_table_by_one_of_its_f
     let (as_it_lies, others) = result.placements.split_at(result.placements.iter().take_while(|p| !is_turned_over(p)).count());
     assert!(!as_it_lies.is_empty() && others.iter().all(is_turned_over), "as it lies comes first");
     assert!([as_it_lies, others].iter().all(|answers| answers.windows(2).all(|pair| pair[0].cost <= pair[1].cost)));
+    let centroid = prepared.belief.objects[&2].centroid;
+    let place = |placement: &Placement| transform::from_row_major(&placement.placed_from_observed.0).unwrap() * centroid;
+    let places: Vec<_> = result.placements.iter().map(place).collect();
+    for (i, at) in places.iter().enumerate() {
+        assert!(places[..i].iter().all(|other| (at - other).norm() >= 0.15), "whatever sides it is set on: {places:?}");
+    }
     let one = run(&prepared, &PlaceRequest { count: 1, ..request.clone() });
     assert!(
         !is_turned_over(&one.placements[0]) && one.evaluated < result.evaluated,
@@ -52,6 +58,20 @@ fn an_object_that_may_be_set_on_another_side_stands_on_the_table_by_one_of_its_f
         assert!(placement.geometric[0].holds);
     }
     assert!(upright.iter().filter(|count| **count > 0).count() >= 2, "{upright:?}");
+}
+
+#[test]
+fn answers_on_other_sides_that_are_too_close_are_told() {
+    let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.12, 0.08, 0.06]).prepared();
+    // There is room for one answer, whatever side it is on.
+    let wanted =
+        PlaceRequest { rotation: Rotation::Stable, count: 3, min_separation_m: Some(5.0), ..request(&prepared, 2, &["right_of:1"]) };
+    let as_it_lies = run(&prepared, &PlaceRequest { rotation: Rotation::Yaw, ..wanted.clone() });
+    let result = run(&prepared, &wanted);
+    assert_eq!((&result.placements, result.outcome), (&as_it_lies.placements, Outcome::Found));
+    let (of_one, of_all) = (as_it_lies.shortfall.unwrap(), result.shortfall.unwrap());
+    assert_eq!((of_all.reason, of_all.too_close), (ShortfallReason::Separation, of_all.passed - 1));
+    assert!(of_all.passed > of_one.passed + 100, "{of_all:?} after {of_one:?}");
 }
 
 #[test]
