@@ -12,7 +12,7 @@ use crate::answers::distinct::distinct;
 use crate::answers::ranked::rank;
 use crate::judge::Judge;
 use crate::judge::judged::JudgedCandidate;
-use crate::search::findings::Findings;
+use crate::search::findings::{Findings, cheapest};
 use crate::search::ranking::{fill, keep_apart};
 use crate::search::stop::{StopReason, in_time};
 use crate::settings::Realism;
@@ -70,10 +70,11 @@ impl Answers {
             }
         }
         if stopped.is_some() {
-            // Time ended before the networks ranked: they were asked about one candidate at most, and may doubt it.
+            // Time ended before the networks ranked: they were asked about a few candidates at most, and may doubt the best of them.
             let sure = |j: &JudgedCandidate| j.success.unwrap_or(1.0) >= settings.min_success.unwrap_or(0.0);
-            let believed = |j: &&JudgedCandidate| j.realism.is_some_and(|f| f64::from(f) > settings.realism_threshold) && sure(j) && apart(j);
-            let chosen = findings.appraised().into_iter().filter(believed).cloned().collect();
+            let believed =
+                |j: &&JudgedCandidate| j.realism.is_some_and(|f| f64::from(f) > settings.realism_threshold) && sure(j) && apart(j);
+            let chosen = cheapest(findings.heard.iter().filter(believed)).cloned().into_iter().collect();
             return Ok(Self { chosen, passed: Passed { all: passed(findings, &[]), unasked: 0 } });
         }
         let mut chosen = distinct(&findings.accepted);
@@ -110,5 +111,45 @@ impl Passed {
             ShortfallReason::Constraints
         };
         Some(Shortfall { reason, passed: self.all, too_close })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_geometry::ViewerFrame;
+    use repose_proto::place::PlaceRequest;
+
+    use super::*;
+    use crate::checks::rules::Rules;
+    use crate::judge::problem::PlacementProblem;
+    use crate::scene::candidate::CandidatePose;
+    use crate::settings::PlanSettings;
+    use crate::tests::learned::{BESIDE, Fake};
+    use crate::tests::synthetic::{Prepared, SceneBuilder};
+
+    #[test]
+    fn where_time_ends_the_best_that_is_believed_is_the_answer() {
+        let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.06, 0.05, 0.08]).prepared();
+        let request = PlaceRequest::new(prepared.scene_id.clone(), 2, vec!["right_of:1".parse().unwrap()]);
+        let settings = PlanSettings::of(&request);
+        let query = prepared.query(2, 0.0, &settings.fixed).unwrap();
+        let rules = Rules::new(&prepared, 2, &request.goal, &ViewerFrame::from_yaw(0.0), &settings.fixed.rules).unwrap();
+        let problem =
+            PlacementProblem { prepared: &prepared, turned: None, query: &query, rules: &rules, request: &request, settings: &settings };
+        let fake = Fake::new(&[BESIDE]);
+        let mut judge = Judge::new(problem, &fake);
+        let heard = |cost: f64, realism: f32, success: f64| {
+            let judged = JudgedCandidate::new(CandidatePose { centroid_m: [0.2, 0.0, cost as f32], yaw_rad: 0.0 }, 0);
+            JudgedCandidate { cost, realism: Some(realism), success: Some(success), ..judged }
+        };
+        let (unreal, unsure, good, dearer) = (heard(1.0, 0.01, 0.9), heard(2.0, 0.99, 0.1), heard(3.0, 0.99, 0.9), heard(4.0, 0.99, 0.95));
+        let mut chosen = |heard: &[&JudgedCandidate]| {
+            let mut findings = Findings::default();
+            findings.heard.extend(heard.iter().copied().cloned());
+            let mut stopped = Some(StopReason::Deadline);
+            Answers::choose(&mut judge, &mut findings, &|_| true, &mut stopped, &mut || None).unwrap().chosen
+        };
+        assert_eq!(chosen(&[&unreal, &unsure, &dearer, &good]), std::slice::from_ref(&good));
+        assert!(chosen(&[&unreal, &unsure]).is_empty());
     }
 }

@@ -71,12 +71,12 @@ pub struct Findings {
 impl Findings {
     /// The lowest-cost feasible candidate, the first drawn of equals.
     pub fn best(&self) -> Option<&JudgedCandidate> {
-        self.accepted.iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
+        cheapest(&self.accepted)
     }
 
     /// Where networks only rank: the best candidate that they were asked about after an iteration, the first of equals.
     pub fn appraised(&self) -> Option<&JudgedCandidate> {
-        self.heard.iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
+        cheapest(&self.heard)
     }
 
     /// Where rejected candidates' centroids were, world frame, metres: an even sample by reason.
@@ -109,6 +109,11 @@ impl Findings {
         self.nearest.sort_by(JudgedCandidate::better);
         self.nearest.truncate(NEAREST);
     }
+}
+
+/// The candidate of lowest cost, the first of equals.
+pub fn cheapest<'a>(candidates: impl IntoIterator<Item = &'a JudgedCandidate>) -> Option<&'a JudgedCandidate> {
+    candidates.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
 }
 
 #[cfg(test)]
