@@ -134,9 +134,27 @@ fn conflict(scene: &Arc<PreparedScene>, request: &ArrangeRequest, search: &mut S
     Ok(Conflict { goals: kept, proof: Proof::NotFound, smallest })
 }
 
-/// Null without moves and where one of them was not evaluated.
+/// Null without moves and where nobody said of one of them how likely it succeeds: realism is another question.
 fn probability(moves: &[ArrangeMove]) -> Option<f64> {
-    // The forecast of success where there is one; else the networks' word that it stays.
-    let each: Option<Vec<f64>> = moves.iter().map(|m| m.placement.success.or(m.placement.realism)).collect();
+    let each: Option<Vec<f64>> = moves.iter().map(|m| m.placement.success).collect();
     each.filter(|each| !each.is_empty()).map(|each| each.iter().product())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_where_every_move_tells_its_success_do_all_of_them() {
+        let step = |success: Option<f64>| -> ArrangeMove {
+            let placement = serde_json::json!({
+                "placed_from_observed": repose_proto::RigidTransform::IDENTITY, "cost": 0.1, "relations": [], "geometric": [],
+                "clearance_m": 0.1, "support_m": 0.05, "realism": 0.9, "success": success,
+            });
+            serde_json::from_value(serde_json::json!({"object": 2, "purpose": "goal", "goal": [], "placement": placement})).unwrap()
+        };
+        assert_eq!(probability(&[step(Some(0.5)), step(Some(0.5))]), Some(0.25));
+        assert_eq!(probability(&[step(Some(0.5)), step(None)]), None, "realism is not success");
+        assert_eq!(probability(&[]), None);
+    }
 }
