@@ -91,7 +91,7 @@ impl Parts {
 /// The scene of a view, with its masks and the surfaces that things stand on.
 fn scene(view: DepthView, frame: &Frame, masks: &CleanMasks, surfaces: Vec<SupportSurface>, settings: &Settings) -> Scene {
     let DepthView { world_from_camera, world_frame, depth, coarse, readings, flying, robots, .. } = view;
-    let cloud = Cloud::new(&depth, &world_from_camera, masks, frame.color.as_deref(), settings.max_points);
+    let cloud = Cloud::new(&depth, &world_from_camera, masks, frame.color.as_deref(), settings);
     let rays = RayView { depth_m: &coarse.depth_m, camera: coarse.camera, world_from_camera: &world_from_camera };
     let space = unseen::space(&rays, &surfaces, &settings.unseen);
     let mut warnings = robots.warnings;

@@ -16,7 +16,8 @@ pub use components::{ComponentSettings, ForegroundSettings, HalvesSettings, Hole
 pub struct Settings {
     /// Readings beyond this are treated as missing, metres. Raising it lets walls and floors far behind the table into the scene.
     pub max_depth_m: f32,
-    /// Most points in a scene; more are thinned evenly. Raising it makes scenes larger on the wire (17 bytes a point).
+    /// Most points in a scene; more are thinned evenly, but of each object `min_object_points` stay. Raising it makes scenes larger on the wire (17 bytes
+    /// a point).
     pub max_points: usize,
     /// An object that keeps fewer points than this after cleaning is no object of the scene; its points stay, as nobody's.
     pub min_object_points: usize,

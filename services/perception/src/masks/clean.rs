@@ -25,6 +25,8 @@ pub struct CleanMasks {
     pub left_out: LeftOutMasks,
     /// Readings outside the band.
     pub available: usize,
+    /// The same of each object; of what is none at 0.
+    pub readings: Vec<usize>,
     /// Readings in it.
     pub on_borders: usize,
 }
@@ -60,8 +62,8 @@ impl CleanMasks {
             left_out.take(&mut labels, surplus.into_iter().map(|id| (id, LeftOutReason::TooMany)).collect());
             tally = Tally::of(depth_m, &labels, &band);
         }
-        let available = tally.masks.iter().map(|mask| mask.readings).sum();
-        Some(Self { labels, band, left_out, available, on_borders: tally.on_borders })
+        let readings: Vec<usize> = tally.masks.iter().map(|mask| mask.readings).collect();
+        Some(Self { labels, band, left_out, available: readings.iter().sum(), readings, on_borders: tally.on_borders })
     }
 }
 

@@ -1,9 +1,13 @@
-//! The scene's points: every reading outside the border bands, thinned evenly where there are too many.
+//! The scene's points: every reading outside the border bands, thinned where there are too many.
+//!
+//! Each object, and all that is none, keeps the same share of its readings, evenly spread; but no object keeps fewer than make one while it has them:
+//! what is small in a large picture would be left without a shape, or without a point.
 
 use repose_geometry::{Isometry3, Vector3};
 
 use crate::masks::clean::CleanMasks;
 use crate::readings::depth::DepthMap;
+use crate::settings::Settings;
 
 /// Points in the picture's order.
 #[derive(Debug)]
@@ -17,18 +21,33 @@ pub struct Cloud {
 }
 
 impl Cloud {
-    /// Every reading outside the bands of the masks; at most `max_points`.
+    /// Every reading outside the bands of the masks; at most `max_points` of the settings.
     pub fn new(
         depth: &DepthMap,
         world_from_camera: &Isometry3<f64>,
         masks: &CleanMasks,
         colors: Option<&[[u8; 3]]>,
-        max_points: usize,
+        settings: &Settings,
+    ) -> Self {
+        if masks.available <= settings.max_points {
+            return Self::of_taken(depth, world_from_camera, masks, colors, masks.available, |_, stays| stays);
+        }
+        let mut shares = shares(&masks.readings, settings.max_points, settings.min_object_points);
+        let wanted = shares.iter().map(|share| share.wanted).sum();
+        Self::of_taken(depth, world_from_camera, masks, colors, wanted, |id, stays| shares[usize::from(id)].takes(stays))
+    }
+
+    /// The `wanted` readings that `takes` says, which is asked about every pixel, with its object and whether it has a reading outside the bands.
+    fn of_taken(
+        depth: &DepthMap,
+        world_from_camera: &Isometry3<f64>,
+        masks: &CleanMasks,
+        colors: Option<&[[u8; 3]]>,
+        wanted: usize,
+        mut takes: impl FnMut(u16, bool) -> bool,
     ) -> Self {
         let depths = depth.depth_m().pixels();
         let (labels, band) = (masks.labels.pixels(), masks.band.pixels());
-        let available = masks.available;
-        let wanted = available.min(max_points);
 
         // Every pixel is written, and the end moves on behind those that stay: no branch to guess wrong at every outline. The last
         // pixel that does not stay needs a place, too.
@@ -36,7 +55,6 @@ impl Cloud {
         let mut ids = vec![0u16; wanted + 1];
         let mut pixels = vec![0u32; wanted + 1];
         let mut end = 0;
-        let mut owed = 0;
         let to_world = RaysToWorld::new(world_from_camera);
         let width = depth.width();
         for (v, y) in depth.slope_y().iter().enumerate() {
@@ -44,11 +62,7 @@ impl Cloud {
             let of_row = to_world.row(*y);
             let (depths, labels, band) = (&depths[row.clone()], &labels[row.clone()], &band[row.clone()]);
             for (u, (((z, &id), banded), x)) in depths.iter().zip(labels).zip(band).zip(depth.slope_x()).enumerate() {
-                let stays = !z.is_nan() & !banded;
-                // Of `available` points take `wanted`, as evenly as integers allow.
-                owed += if stays { wanted } else { 0 };
-                let taken = stays & (owed >= available);
-                owed -= if taken { available } else { 0 };
+                let taken = takes(id, !z.is_nan() & !banded);
                 points[end] = of_row.point(*x, *z);
                 ids[end] = id;
                 pixels[end] = (row.start + u) as u32;
@@ -60,6 +74,51 @@ impl Cloud {
         let colors = colors.map(|colors| pixels[..end].iter().map(|i| colors[*i as usize]).collect());
         Self { points, labels: ids, colors }
     }
+}
+
+/// How many of an object's readings are taken, and how many are owed so far.
+#[derive(Debug, Clone, Copy)]
+struct Share {
+    wanted: usize,
+    available: usize,
+    owed: usize,
+}
+
+impl Share {
+    /// Whether the next reading is taken, if it `stays`: of those available as many as wanted, as evenly as integers allow.
+    fn takes(&mut self, stays: bool) -> bool {
+        self.owed += if stays { self.wanted } else { 0 };
+        let taken = stays & (self.owed >= self.available);
+        self.owed -= if taken { self.available } else { 0 };
+        taken
+    }
+}
+
+/// The shares of the objects, by id, where there are more than `max_points` readings. No object keeps fewer than `min_object_points` while it has them
+/// and there is room for so many of each.
+fn shares(readings: &[usize], max_points: usize, min_object_points: usize) -> Vec<Share> {
+    let of_objects = || readings.iter().enumerate().skip(1);
+    let least = min_object_points.min(max_points / of_objects().filter(|(_, n)| **n > 0).count().max(1));
+    let mut wanted: Vec<Option<usize>> = vec![None; readings.len()];
+    // What is kept of those that have little is missing to the others, of which some may have little then.
+    let (left, waiting) = loop {
+        let left = max_points - wanted.iter().flatten().sum::<usize>();
+        let waiting: usize = readings.iter().zip(&wanted).filter(|(_, wanted)| wanted.is_none()).map(|(n, _)| n).sum();
+        let has_little = |(id, n): &(usize, &usize)| wanted[*id].is_none() && **n * left < least.min(**n) * waiting;
+        let few: Vec<usize> = of_objects().filter(has_little).map(|(id, _)| id).collect();
+        if few.is_empty() {
+            break (left, waiting);
+        }
+        few.into_iter().for_each(|id| wanted[id] = Some(least.min(readings[id])));
+    };
+    let share = |(n, wanted): (&usize, Option<usize>)| wanted.unwrap_or_else(|| (n * left).checked_div(waiting).unwrap_or(0));
+    let mut wanted: Vec<usize> = readings.iter().zip(wanted).map(share).collect();
+    // What rounding leaves over is nobody's.
+    let of_named: usize = wanted.iter().skip(1).sum();
+    if let (Some(first), Some(n)) = (wanted.first_mut(), readings.first()) {
+        *first = (max_points - of_named).min(*n);
+    }
+    readings.iter().zip(wanted).map(|(n, wanted)| Share { wanted, available: *n, owed: 0 }).collect()
 }
 
 /// A camera's pose, applied to rays: the rotated ray of a pixel is linear in its slopes.
@@ -97,10 +156,45 @@ impl RowToWorld {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
-    use crate::settings::Settings;
+    use crate::settings::BorderSettings;
     use proptest::prelude::*;
     use repose_geometry::{Image, Pinhole, Point3};
+
+    /// How many points the labels of a picture of 200 x 100 readings have in a cloud of at most so many.
+    fn counts(label: impl Fn(usize) -> u16, max_points: usize) -> BTreeMap<u16, usize> {
+        let camera = Pinhole { width: 200, height: 100, fx: 200.0, fy: 200.0, cx: 99.5, cy: 49.5 };
+        let depth = DepthMap::new(&[1000; 200 * 100], 0.001, &camera, 5.0);
+        let labels = Image::from_pixels(200, 100, (0..200 * 100).map(label).collect()).unwrap();
+        let settings = Settings { max_points, min_object_points: 30, borders: BorderSettings { radius_px: 0 }, ..Settings::default() };
+        let masks = CleanMasks::new(labels, BTreeMap::new(), depth.depth_m(), &settings).unwrap();
+        let cloud = Cloud::new(&depth, &Isometry3::identity(), &masks, None, &settings);
+        assert!(cloud.points.len() <= max_points && cloud.labels.len() == cloud.points.len());
+        cloud.labels.iter().fold(BTreeMap::new(), |mut counts, label| {
+            *counts.entry(*label).or_default() += 1;
+            counts
+        })
+    }
+
+    #[test]
+    fn what_is_small_in_a_large_picture_keeps_enough_points_for_an_object() {
+        // A block of 5000 readings, a pen of 40, a can of 300.
+        let label = |i: usize| match (i % 200, i / 200) {
+            (0..=99, 0..=49) => 1,
+            (150..=189, 60) => 2,
+            (100..=119, 70..=84) => 7,
+            _ => 0,
+        };
+        // Of every fifty readings one stays.
+        let thinned = counts(label, 400);
+        assert_eq!([thinned[&2], thinned[&7], thinned.values().sum()], [30, 30, 400]);
+        assert!((80..=100).contains(&thinned[&1]), "an even share of what is left: {thinned:?}");
+        assert_eq!(counts(label, 20_000).values().sum::<usize>(), 20_000);
+        // Where there is no room for so many of each, they share what there is.
+        assert_eq!(counts(|i| 1 + (i / 2000) as u16, 100), (1..=10).map(|id| (id, 10)).collect());
+    }
 
     proptest! {
         #[test]
@@ -110,9 +204,9 @@ mod tests {
             let camera = Pinhole { width: 5, height: 4, fx: 6.0, fy: 7.0, cx: 2.2, cy: 1.4 };
             let world_from_camera = Isometry3::new(Vector3::from(shift), Vector3::from(axis_angle));
             let depth = DepthMap::new(&counts, 0.001, &camera, 5.0);
-            let masks = CleanMasks::new(Image::filled(5, 4, 0), std::collections::BTreeMap::new(), depth.depth_m(), &Settings::default());
+            let masks = CleanMasks::new(Image::filled(5, 4, 0), BTreeMap::new(), depth.depth_m(), &Settings::default());
             prop_assume!(masks.is_some());
-            let cloud = Cloud::new(&depth, &world_from_camera, &masks.unwrap(), None, 1000);
+            let cloud = Cloud::new(&depth, &world_from_camera, &masks.unwrap(), None, &Settings::default());
             let seen = counts.iter().enumerate().filter(|(_, count)| **count > 0);
             let expected: Vec<Point3<f64>> =
                 seen.map(|(i, count)| world_from_camera * camera.unproject((i % 5) as f64, (i / 5) as f64, f64::from(*count) * 0.001)).collect();
