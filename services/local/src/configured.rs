@@ -20,7 +20,9 @@ pub fn section<T: DeserializeOwned>(name: &str) -> Result<T, CallError> {
 /// # Errors
 /// As [`section`].
 pub fn segmentation() -> Result<Settings, CallError> {
-    Ok(section::<PerceptionConfig>("perception")?.segmentation)
+    let config = section::<PerceptionConfig>("perception")?;
+    config.validate().map_err(refused)?;
+    Ok(config.segmentation)
 }
 
 /// Where the cell's robots stand.

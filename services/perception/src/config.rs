@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use repose_runtime::RuntimeError;
 use serde::Deserialize;
 
 use crate::cameras::pace::{PAUSE, PaceSettings};
@@ -71,6 +72,18 @@ impl Default for PerceptionConfig {
 }
 
 impl PerceptionConfig {
+    /// Checks what the types cannot.
+    ///
+    /// # Errors
+    /// [`RuntimeError::Config`] that names the field.
+    pub fn validate(&self) -> Result<(), RuntimeError> {
+        self.segmentation.validate().map_err(|error| RuntimeError::Config {
+            section: "perception".to_owned(),
+            file: None,
+            message: format!("{}: {}", error.field.as_deref().unwrap_or("segmentation"), error.message),
+        })
+    }
+
     /// The limits of which scene is each camera's newest.
     pub fn newest_limits(&self) -> NewestLimits {
         NewestLimits { cameras: self.max_cameras, late_ns: self.late_within_ms.saturating_mul(1_000_000) }
@@ -104,6 +117,15 @@ mod tests {
         for wrong in [r#"{"thread": 2}"#, r#"{"segmentation": {"border": {}}}"#] {
             assert!(serde_json::from_str::<PerceptionConfig>(wrong).unwrap_err().to_string().contains("unknown field"));
         }
+    }
+
+    #[test]
+    fn a_setting_out_of_its_range_is_named() {
+        let config: PerceptionConfig =
+            serde_json::from_str(r#"{"segmentation": {"surfaces": {"bin_m": 0.01, "tolerance_m": 0.002}}}"#).unwrap();
+        let told = config.validate().unwrap_err().to_string();
+        assert!(told.contains("[perception]: segmentation.surfaces.tolerance_m: expected"), "{told}");
+        assert!(PerceptionConfig::default().validate().is_ok());
     }
 
     #[test]

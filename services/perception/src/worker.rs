@@ -91,8 +91,9 @@ impl Worker {
     /// Starts the threads.
     ///
     /// # Errors
-    /// When the operating system gives none.
+    /// When the operating system gives none, and as [`PerceptionConfig::validate`].
     pub fn start(config: &PerceptionConfig) -> Result<Self, RuntimeError> {
+        config.validate()?;
         let settings = QueueSettings {
             name: "perception".to_owned(),
             capacity: config.queue_capacity,

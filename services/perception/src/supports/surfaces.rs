@@ -57,6 +57,10 @@ fn surfaces_of(mut points: Vec<Point3<f32>>, object: Option<u16>, settings: &Sur
         }
         let (slice, rest): (Vec<_>, Vec<_>) = points.into_iter().partition(|p| (p.z - peak_m).abs() <= settings.tolerance_m);
         points = rest;
+        // A slice that is thinner than the peak may hold nothing; the next would be the same.
+        if slice.is_empty() {
+            break;
+        }
         let earlier = found.len();
         for patch in patches(slice, cell_m) {
             let seen_m2 = patch.cells as f32 * cell_m * cell_m;
@@ -216,6 +220,15 @@ mod tests {
         let wavy = square(0.0, 0.0, 0.0, 0.8).map(|p| Point3::new(p.x, p.y, 0.02 * (p.x + 0.4)));
         let found = find(wavy.map(|p| (p, 0)), &SurfaceSettings::default());
         assert_eq!(found.len(), 1);
+    }
+
+    #[test]
+    fn a_slice_that_misses_its_peak_ends_the_search() {
+        // The peak is in the middle of the bin between two levels.
+        let settings = SurfaceSettings { bin_m: 0.01, tolerance_m: 0.002, ..SurfaceSettings::default() };
+        let points = || square(0.0, 0.0, 0.0, 0.4).chain(square(0.0, 0.0, 0.02, 0.4));
+        assert!(find(points().map(|p| (p, 0)), &settings).is_empty());
+        assert!(!find(points().map(|p| (p, 0)), &SurfaceSettings::default()).is_empty());
     }
 
     #[test]

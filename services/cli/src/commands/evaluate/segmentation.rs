@@ -54,7 +54,9 @@ pub fn run(args: &EvaluateSegmentationArgs, output: Output) -> CommandResult {
 fn read_settings(path: &Path) -> Result<Settings, Failure> {
     let failed = |e: &dyn std::fmt::Display| Failure::bad_input(&path.display().to_string(), e);
     let text = std::fs::read_to_string(path).map_err(|e| failed(&e))?;
-    toml::from_str(&text).map_err(|e| failed(&e))
+    let settings: Settings = toml::from_str(&text).map_err(|e| failed(&e))?;
+    settings.validate().map_err(|e| failed(&e))?;
+    Ok(settings)
 }
 
 /// Folders that hold a labelled frame, in name order; nothing below a frame is searched.
