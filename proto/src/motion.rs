@@ -159,6 +159,30 @@ impl MotionFailure {
     }
 }
 
+/// How much is heeded of the hidden parts of things, which nobody saw: a plan is looked for with all of them first, and with fewer where those leave
+/// no way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Heeded {
+    /// All that is believed to be there.
+    Everything,
+    /// Of what is in the way, all; of what is held, no more than was seen and its far side.
+    Obstacles,
+    /// Of what is in the way, only what was seen; of what is held, its far side too.
+    Held,
+}
+
+impl Heeded {
+    /// What is ignored, for a person; nothing where that is nothing.
+    pub fn ignored_in_words(self) -> Option<&'static str> {
+        match self {
+            Self::Everything => None,
+            Self::Obstacles => Some("no way is clear of what may be hidden of the held object: its unseen lower parts are ignored"),
+            Self::Held => Some("no way is clear of what may be hidden: unseen parts of things are ignored, and the arm may touch some"),
+        }
+    }
+}
+
 /// What a stretch of a motion is for. A pick and place has them in this order, the last one only where there is a free way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -252,6 +276,17 @@ pub struct MotionPlan {
     pub phases: Vec<MotionPhase>,
     /// Length of the whole motion, milliseconds of robot time.
     pub duration_ms: f64,
+    /// How much it heeds of the hidden parts of things. Sent only where that is not everything, so that whoever reads no such field may read all other
+    /// plans; plans of earlier workers lack it whatever they heed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub heeded: Option<Heeded>,
+}
+
+impl MotionPlan {
+    /// What is ignored of the hidden parts of things, for a person; none where all are heeded, or where that is not said.
+    pub fn ignored_in_words(&self) -> Option<&'static str> {
+        self.heeded.and_then(Heeded::ignored_in_words)
+    }
 }
 
 impl Message for MotionPlan {

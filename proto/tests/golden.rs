@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use common::*;
-use repose_proto::motion::{ExecuteProgress, Phase, RobotResetReply, RobotResetRequest};
+use repose_proto::motion::{ExecuteProgress, Heeded, MotionPlan, Phase, RobotResetReply, RobotResetRequest};
 use repose_proto::perception::{ByteRange, LatestRequest, ScenePart, SceneRequest};
 use repose_proto::place::PlaceProgress;
 use repose_proto::robot::{RobotCommand, RobotState, TaskState};
@@ -40,6 +40,7 @@ fn json_messages_keep_their_bytes() {
     check("PlaceResult.v1.fourth.json", &json(&place_result_4()));
     check("MotionPlanRequest.v1.json", &json(&motion_plan_request()));
     check("MotionPlan.v1.json", &json(&motion_plan()));
+    check("MotionPlan.v1.second.json", &json(&MotionPlan { heeded: Some(Heeded::Held), ..motion_plan() }));
     check("ExecuteReply.v1.json", &json(&execute_reply()));
     check("RobotCommand.v1.json", &json(&robot_command()));
     check("SceneSummary.v1.json", &json(&scene().summary(SCENE_ID.into())));

@@ -252,6 +252,7 @@ pub fn motion_plan() -> MotionPlan {
             set_points: vec![set_point(0.0), set_point(10.0)],
         }],
         duration_ms: 10.0,
+        heeded: None,
     }
 }
 

@@ -65,6 +65,9 @@ pub struct PlanShown {
     pub placement: usize,
     /// Why not the better ones.
     pub not_chosen: Vec<NotChosen>,
+    /// What it ignores of the hidden parts of things, in words.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ignored: Option<&'static str>,
     /// Length of the motion, milliseconds of robot time.
     pub duration_ms: f64,
     /// The phases.
@@ -105,6 +108,7 @@ impl PlanShown {
             query: plan.query,
             placement: plan.placement,
             not_chosen,
+            ignored: plan.ignored_in_words(),
             duration_ms: plan.duration_ms,
             phases,
             poses,
@@ -172,6 +176,7 @@ mod tests {
                 phase(Phase::Transfer, None, vec![set_point(0.0, 1.0), set_point(1000.0, 0.0)]),
             ],
             duration_ms: 2000.0,
+            heeded: None,
         };
         let shown = PlanShown::new("p".to_owned(), &plan, &Isometry3::identity());
         assert_eq!(

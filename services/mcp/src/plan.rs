@@ -51,7 +51,7 @@ pub struct PlanOutput {
     pub evidence: Option<String>,
     /// How long the arm takes, seconds; none where no arm was asked.
     pub seconds: Option<f64>,
-    /// Why there is no plan, or why no arm was asked.
+    /// Why there is no plan, why no arm was asked, or what the arm's way ignores.
     pub reasons: Vec<String>,
 }
 
@@ -256,6 +256,7 @@ fn judged(
         }
         Some(Arm::Can(motion)) => {
             planned.seconds = Some((motion.duration_ms / 100.0).round() / 10.0);
+            planned.reasons.extend(motion.ignored_in_words().map(str::to_owned));
             &result.placements[motion.placement]
         }
     };

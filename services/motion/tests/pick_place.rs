@@ -5,6 +5,7 @@ use std::cell::Cell;
 use nalgebra::{Isometry3, Point3, Vector3};
 use repose_panda::{CommandRuleSettings, CommandRules, JOINT_COUNT, Joints, LIMITS, READY, base_from_tcp, hermite};
 
+use repose_motion::believed::Heeded;
 use repose_motion::collision::{ArmCollisionSettings, CollisionChecker};
 use repose_motion::execution::keep_out::Zones;
 use repose_motion::grasp::GraspCandidate;
@@ -162,6 +163,20 @@ fn an_unknown_object_and_a_start_inside_the_table_are_refused() {
     let placements = [moved(0.45, 0.25)];
     let request = PickPlaceRequest { scene: &scene, query: 1, placements: &placements, start: &start, grasps: None, seed: 3 };
     assert!(matches!(pick_place(&request, &PickPlaceSettings::default()), Err(PickPlaceError::StartBlocked(_))));
+}
+
+#[test]
+fn a_plan_says_what_it_ignores_of_hidden_things() {
+    let found = plan(1, &[moved(0.45, 0.25)], None).unwrap();
+    let sent = |heeded: Heeded| {
+        let request = MotionPlanRequest::new("0".repeat(64), "panda".to_owned(), 1, vec![RigidTransform::IDENTITY], READY);
+        motion_plan(&PickPlacePlan { heeded, ..found.clone() }, &request, 0, &MotionConfig::default().terms().unwrap())
+    };
+    // A plan that ignores nothing is read by those who know no such field.
+    assert_eq!(sent(found.heeded), sent(Heeded::Everything));
+    assert!(sent(Heeded::Everything).heeded.is_none() && sent(Heeded::Everything).ignored_in_words().is_none());
+    assert_eq!(sent(Heeded::Obstacles).heeded, Some(repose_proto::motion::Heeded::Obstacles));
+    assert!(sent(Heeded::Held).ignored_in_words().is_some_and(|words| words.contains("unseen parts of things are ignored")));
 }
 
 /// A zone as it is configured.

@@ -67,7 +67,11 @@ pub fn run(args: &PlanArgs, output: Output) -> CommandResult {
         write_picture(path, &before_and_after(&scene, &result)?.into())?;
     }
     if let Some(path) = args.motion.as_ref().filter(|_| !result.placements.is_empty()) {
-        let motion = serde_json::to_string(&motion_of(&frame, &scene, &request, &result, grasps)?).map_err(Failure::other)?;
+        let motion = motion_of(&frame, &scene, &request, &result, grasps)?;
+        if let Some(ignored) = motion.ignored_in_words() {
+            tracing::warn!("{ignored}");
+        }
+        let motion = serde_json::to_string(&motion).map_err(Failure::other)?;
         std::fs::write(path, motion).map_err(|e| FileError::new(path, e))?;
     }
     print_result(&result, said.as_ref(), output)

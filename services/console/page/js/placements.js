@@ -77,6 +77,7 @@ export class Placements {
     };
     return [
       el("ol", { className: "placements" }, placed.placements.map(row)),
+      this.#plan?.ignored && el("p", { className: "hint small", style: "margin-top: 8px", textContent: `${sentence(this.#plan.ignored)}.` }),
       SHORTFALLS[placed.shortfall?.reason] && el("p", { className: "hint small", style: "margin-top: 8px", textContent: SHORTFALLS[placed.shortfall.reason] }),
       el("div", { className: "row", style: "margin-top: 10px" },
         el("button", { type: "button", id: "plan", className: this.#plan ? "" : "primary", disabled: !this.#may || this.#isPlanning, title: "How the arm would do it (P)",

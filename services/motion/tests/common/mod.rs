@@ -42,6 +42,7 @@ pub fn plan() -> MotionPlan {
         max_scene_age_ms: 2000,
         phases: phases.into(),
         duration_ms: 6000.0,
+        heeded: None,
     }
 }
 

@@ -211,6 +211,11 @@ class MotionPlan:
         return list(self.data["not_chosen"])
 
     @property
+    def heeded(self) -> str | None:
+        """How much it heeds of the hidden parts of things: ``"obstacles"`` or ``"held"``; none where that is everything, or not said."""
+        return self.data.get("heeded")
+
+    @property
     def duration_s(self) -> float:
         """Length of the whole motion, seconds."""
         return float(self.data["duration_ms"]) / 1e3

@@ -202,6 +202,9 @@ pub trait Site: Send + Sync {
         async move {
             let plan = self.motion_for(request, placements, view).await?;
             tracing::info!(query = request.query, placement = plan.placement, seconds = plan.duration_ms / 1e3, "executing");
+            if let Some(ignored) = plan.ignored_in_words() {
+                tracing::warn!(query = request.query, "{ignored}");
+            }
             self.planned(&plan);
             self.begins(MoveStage::Moving);
             let answer = self.moving("execute", Payload::json(&plan)?, Some(&plan)).await?;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Isometry3;
 use repose_geometry::transform::from_row_major;
 use repose_proto::CallError;
-use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan};
+use repose_proto::motion::{ExecuteReply, ExecutionOutcome, Heeded, MotionPlan};
 use repose_proto::place::Placement;
 use repose_tracking::Fate;
 use serde::Serialize;
@@ -16,6 +16,9 @@ pub struct Tried {
     /// The placement that motion chose, from 0; none where there was none to choose from.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub placement: Option<usize>,
+    /// How much its motion heeded of the hidden parts of things; none where that was everything, or where there was none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub heeded: Option<Heeded>,
     /// How the execution ended; none where nothing was executed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub execution: Option<ExecutionOutcome>,
@@ -30,7 +33,8 @@ pub struct Tried {
 impl Tried {
     /// A plan that was executed, whatever came of it.
     pub(crate) fn executed(plan: &MotionPlan, reply: ExecuteReply) -> Self {
-        Self { placement: Some(plan.placement), execution: Some(reply.outcome), reason: reply.reason, fates: None }
+        let (placement, execution) = (Some(plan.placement), Some(reply.outcome));
+        Self { placement, heeded: plan.heeded, execution, reason: reply.reason, fates: None }
     }
 
     /// A failure before the end of an execution.
