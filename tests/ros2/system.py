@@ -213,7 +213,9 @@ class ActionServer:
         return self.system.make(f"{self.type_name}_GetResult_Response", status=state, result=result)
 
     def _cancel(self, request):
-        event = self.canceled.get(bytes(request.goal_info.goal_id.uuid))
-        if event:
-            event.set()
-        return self.system.make("action_msgs/srv/CancelGoal_Response", return_code=0 if event else 1)
+        goal_id = bytes(request.goal_info.goal_id.uuid)
+        # As action servers have it: 2 is an unknown goal, 3 one that has ended.
+        code = 2 if goal_id not in self.canceled else 3 if self.ended[goal_id].is_set() else 0
+        if code == 0:
+            self.canceled[goal_id].set()
+        return self.system.make("action_msgs/srv/CancelGoal_Response", return_code=code)

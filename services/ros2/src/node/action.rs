@@ -60,6 +60,17 @@ pub enum Heard<F> {
     Status(GoalStatusArray),
 }
 
+/// What a server says to a cancel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Canceled {
+    /// It is ending the goal.
+    Ending,
+    /// It refuses.
+    Refused,
+    /// It carries out no such goal: it has not come yet, or is over.
+    NotThere,
+}
+
 /// A goal's id.
 pub type GoalHandle = Uuid;
 
@@ -113,12 +124,16 @@ impl<G: Serialize, R: DeserializeOwned, F: DeserializeOwned> ActionClient<G, R, 
         self.result.call(&GetResultRequest { goal_id }, patience).await
     }
 
-    /// Asks for a goal to be canceled; whether it is being.
+    /// Asks for a goal to be canceled; what the server says to that.
     ///
     /// # Errors
     /// When nobody answers in time.
-    pub async fn cancel(&self, goal_id: GoalHandle, patience: Duration) -> Result<bool, BridgeError> {
+    pub async fn cancel(&self, goal_id: GoalHandle, patience: Duration) -> Result<Canceled, BridgeError> {
         let request = CancelGoalRequest { goal_info: GoalInfo { goal_id, ..GoalInfo::default() } };
-        Ok(self.cancel.call(&request, patience).await?.return_code == 0)
+        Ok(match self.cancel.call(&request, patience).await?.return_code {
+            CancelGoalResponse::NONE => Canceled::Ending,
+            CancelGoalResponse::UNKNOWN_GOAL_ID | CancelGoalResponse::GOAL_TERMINATED => Canceled::NotThere,
+            _ => Canceled::Refused,
+        })
     }
 }

@@ -10,11 +10,9 @@ pub enum GoalState {
     Sent,
     /// Accepted.
     Accepted,
-    /// Asked to end early.
-    Canceling,
 }
 
-/// A trajectory that a controller has, or is to have.
+/// The goal that the arm follows: a trajectory that its controller has, or is to have.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Goal {
     /// Its number: later ones take the place of earlier ones.

@@ -1,6 +1,5 @@
 //! A robot on both networks: the cell's keys on one side, joint states and controllers on the other.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -19,7 +18,7 @@ use super::goal::goal_of;
 use super::side::{Do, RosSide, Told};
 use crate::config::{RobotConfig, Ros2Config};
 use crate::error::BridgeError;
-use crate::node::{ActionClient, ActionTypes, GoalHandle, Heard, Node, RosSubscription, now_ns};
+use crate::node::{ActionClient, ActionTypes, Canceled, GoalHandle, Heard, Node, RosSubscription, now_ns};
 use crate::report::Reports;
 use crate::tree::Tree;
 use crate::wire::names::Qos;
@@ -42,8 +41,8 @@ struct Controllers {
     hand: Option<Arc<HandClient>>,
     patience: Duration,
     told: mpsc::Sender<Told>,
-    /// The ids of goals under way, by number.
-    ids: BTreeMap<u64, GoalHandle>,
+    /// What the ids of this process's goals have in common.
+    run: [u8; 8],
 }
 
 /// What a robot is told on both networks.
@@ -80,14 +79,14 @@ pub async fn run(
     reports: Reports,
 ) -> Result<(), BridgeError> {
     refuse_a_second_driver(&session, &robot.name).await?;
-    let (mut controllers, told) = Controllers::of(&node, &robot).await?;
+    let (controllers, told) = Controllers::of(&node, &robot).await?;
     let mut heeded = Heeded::of(&session, &node, &robot, &controllers, told).await?;
     let states = session.publisher(session.cell().robot_state(&robot.name), Traffic::RobotState);
 
     let mut side = RosSide::new(robot.clone());
     let started = Instant::now();
     let now_ms = || started.elapsed().as_millis() as u64;
-    let (mut next_state, mut shown, mut feedback) = (Instant::now(), None, 0u64);
+    let (mut next_state, mut shown, mut feedback) = (Instant::now(), None::<(RobotMode, Option<String>)>, 0u64);
     while let Some(event) = heeded.next().await {
         match event {
             // Whatever comes here stops the arm: its form is of no matter.
@@ -112,11 +111,14 @@ pub async fn run(
             side.stands(RigidTransform(to_row_major(&pose)));
         }
         side.step(now_ms()).into_iter().for_each(|todo| controllers.carry_out(todo));
-        let Some(state) = due(&mut side, &mut next_state, shown, now_ms()) else { continue };
-        if shown != Some(state.mode) {
-            tell(&reports, &robot.name, &state);
+        let shown_mode = shown.as_ref().map(|(mode, _)| *mode);
+        let Some(state) = due(&mut side, &mut next_state, shown_mode, now_ms()) else { continue };
+        let now_shown = (state.mode, why(&state, side.overdue_cancels(now_ms())));
+        if shown.as_ref() != Some(&now_shown) {
+            tracing::info!(robot = robot.name, mode = ?now_shown.0, why = now_shown.1, "robot");
+            reports.robot(&robot.name, now_shown.0, now_shown.1.clone());
         }
-        shown = Some(state.mode);
+        shown = Some(now_shown);
         reports.count(&robot.name, "feedback", feedback);
         // What the network refuses now it may take with the next state.
         let _ = states.put(Payload::json(&state)?).await;
@@ -124,11 +126,11 @@ pub async fn run(
     Ok(())
 }
 
-/// Says what the robot does now.
-fn tell(reports: &Reports, robot: &str, state: &RobotState) {
-    let why = state.stop.as_ref().map(|stop| format!("{}: {}", stop.kind, stop.reason));
-    tracing::info!(robot, mode = ?state.mode, why, "robot");
-    reports.robot(robot, state.mode, why);
+/// Why the robot is stopped, with what is still wrong beside that.
+fn why(state: &RobotState, overdue: Option<String>) -> Option<String> {
+    let stop = state.stop.as_ref()?;
+    let beside = overdue.map_or_else(String::new, |overdue| format!("; {overdue}"));
+    Some(format!("{}: {}{beside}", stop.kind, stop.reason))
 }
 
 impl Heeded {
@@ -201,37 +203,46 @@ impl Controllers {
             None => None,
         };
         let patience = Duration::from_millis(robot.controller_timeout_ms);
-        Ok((Self { arm, hand, patience, told, ids: BTreeMap::new() }, receiver))
+        let run = (uuid::Uuid::new_v4().as_u128() as u64).to_be_bytes();
+        Ok((Self { arm, hand, patience, told, run }, receiver))
+    }
+
+    /// The id of the goal of that number.
+    fn id(&self, number: u64) -> GoalHandle {
+        let mut uuid = [0; 16];
+        uuid[..8].copy_from_slice(&self.run);
+        uuid[8..].copy_from_slice(&number.to_be_bytes());
+        GoalHandle { uuid }
     }
 
     /// Has something done; what comes of it is told.
-    fn carry_out(&mut self, todo: Do) {
+    fn carry_out(&self, todo: Do) {
         let (told, patience) = (self.told.clone(), self.patience);
         match todo {
             Do::Follow(number, trajectory) => {
-                let id = new_id();
-                self.ids.retain(|held, _| held + 8 > number);
-                self.ids.insert(number, id);
-                let arm = self.arm.clone();
+                let (id, arm) = (self.id(number), self.arm.clone());
                 let last = trajectory.points.last().map_or(0.0, |point| point.time_from_start.as_ms());
                 let longest = Duration::from_secs_f64(last * 1e-3) + RESULT_MARGIN;
                 tracing::info!(action = arm.name(), points = trajectory.points.len(), duration_ms = last, "trajectory");
                 tokio::spawn(async move { follow(&arm, (number, id), goal_of(trajectory), (patience, longest), &told).await });
             }
             Do::Cancel(number) => {
-                let Some(id) = self.ids.get(&number).copied() else { return };
-                let arm = self.arm.clone();
+                let (id, arm) = (self.id(number), self.arm.clone());
                 tokio::spawn(async move {
-                    if let Err(error) = arm.cancel(id, patience).await {
-                        tracing::error!(action = arm.name(), %error, "a goal could not be canceled");
+                    // It is canceled again until its end is told: only that there is nothing to cancel is of interest.
+                    match arm.cancel(id, patience).await {
+                        Ok(Canceled::NotThere) => drop(told.send(Told::NotThere(number)).await),
+                        Ok(answer) => tracing::debug!(action = arm.name(), number, ?answer, "a goal was canceled"),
+                        Err(error) => tracing::warn!(action = arm.name(), number, %error, "a cancel was not answered"),
                     }
                 });
             }
             Do::Grip(number, position, max_effort) => {
                 let Some(hand) = self.hand.clone() else { return };
+                let id = self.id(number);
                 tokio::spawn(async move {
                     let goal = GripperCommandGoal { position, max_effort };
-                    let result = grip(&hand, goal, patience).await;
+                    let result = grip(&hand, id, goal, patience).await;
                     if let Err(error) = &result {
                         tracing::warn!(action = hand.name(), %error, "the gripper's goal came to nothing");
                     }
@@ -253,7 +264,7 @@ async fn follow(
     let answer = match arm.send(id, goal, patience).await {
         Ok(true) => Told::Accepted(number),
         Ok(false) => Told::Refused(number, format!("{} refused the goal", arm.name())),
-        Err(error) => Told::Refused(number, error.to_string()),
+        Err(error) => Told::Unanswered(number, error.to_string()),
     };
     let accepted = matches!(answer, Told::Accepted(_));
     drop(told.send(answer).await);
@@ -266,14 +277,14 @@ async fn follow(
     }
 }
 
-async fn grip(hand: &HandClient, goal: GripperCommandGoal, patience: Duration) -> Result<GripperCommandResult, BridgeError> {
-    let id = new_id();
+async fn grip(
+    hand: &HandClient,
+    id: GoalHandle,
+    goal: GripperCommandGoal,
+    patience: Duration,
+) -> Result<GripperCommandResult, BridgeError> {
     if !hand.send(id, goal, patience).await? {
         return Err(CallError::precondition(format!("{} refused the goal", hand.name())).into());
     }
     Ok(hand.result(id, RESULT_MARGIN).await?.result)
-}
-
-fn new_id() -> GoalHandle {
-    GoalHandle { uuid: *uuid::Uuid::new_v4().as_bytes() }
 }

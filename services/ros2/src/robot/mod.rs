@@ -7,3 +7,4 @@ pub mod measured;
 pub mod side;
 #[cfg(test)]
 mod tests;
+pub mod unended;

@@ -3,8 +3,9 @@
 //! The rules of the contract are those of [`Arm`], which follows every stream in step with the controller: owners and epochs, repeats, times to
 //! live, limits, stops that latch, commanders that fall silent. A controller takes whole trajectories, so a stream has to come whole
 //! ([`HORIZON_MS`] asks for that); it is followed in thought before the controller gets it, and one that breaks a rule never does. The arm
-//! counts as started when the controller accepts, and as arrived when the controller says so. A stop, whoever latches it, cancels the goal; a
-//! controller that refuses, aborts or falls silent latches one. Then the arm stands where its joints are measured.
+//! counts as started when the controller accepts, and as arrived when the controller says so. A stop, whoever latches it, cancels every goal that is
+//! not known to have ended, again and again until each has, and is not cleared before that; a controller that refuses, aborts or falls silent
+//! latches one. Then the arm stands where its joints are measured.
 //!
 //! Pure: events and time come in, what is to be done goes out.
 
@@ -16,6 +17,7 @@ use repose_ros_messages::{FollowJointTrajectoryResult, GripperCommandResult, Joi
 use super::goal::{Goal, GoalState, trajectory};
 use super::hand::Hand;
 use super::measured::Measured;
+use super::unended::Unended;
 use crate::config::RobotConfig;
 
 /// How far ahead set-points are asked for, milliseconds: the whole of any stream.
@@ -46,12 +48,16 @@ pub enum Do {
 pub enum Told {
     /// The arm's controller accepts.
     Accepted(u64),
-    /// It refuses, or does not answer: why.
+    /// It refuses: why.
     Refused(u64, String),
+    /// It does not answer, and may have accepted: why.
+    Unanswered(u64, String),
     /// It has ended the goal: a state of goals, and the result.
     Ended(u64, i8, FollowJointTrajectoryResult),
-    /// It will not end it any more: why.
+    /// Its end was not heard of: why.
     Lost(u64, String),
+    /// It answers to a cancel that it carries out no such goal.
+    NotThere(u64),
     /// The hand's controller has ended its goal, or not taken it.
     Gripped(u64, Option<GripperCommandResult>),
 }
@@ -62,7 +68,10 @@ pub struct RosSide {
     arm: Option<Arm>,
     measured: Measured,
     hand: Hand,
+    /// The goal that the arm follows.
     goal: Option<Goal>,
+    /// That one, and those before it that may not have ended.
+    unended: Unended,
     goals: u64,
     /// The stream that the controller has.
     stream: Vec<SetPoint>,
@@ -83,6 +92,7 @@ impl RosSide {
             arm: None,
             hand: Hand::default(),
             goal: None,
+            unended: Unended::default(),
             goals: 0,
             stream: Vec::new(),
             stepped_ms: 0,
@@ -116,7 +126,7 @@ impl RosSide {
         if !is_on_its_way && self.goal.is_none_or(|goal| goal.state != GoalState::Sent) {
             arm.measured(&q_rad);
         }
-        if self.goal.is_none() && arm.stop().is_some() {
+        if arm.stop().is_some() {
             arm.settle(&q_rad);
         }
     }
@@ -142,6 +152,9 @@ impl RosSide {
     /// Why it was not taken.
     pub fn command(&mut self, command: &RobotCommand, received_ms: u64, now_ms: u64) -> Result<Option<Do>, CallError> {
         let Some(arm) = &mut self.arm else { return Err(CallError::precondition("the joints are not known yet")) };
+        if command.clear_stop && arm.stop().is_some() && !self.unended.is_empty() {
+            return Err(CallError::precondition("the stop cannot be cleared: a controller may still be carrying out a goal"));
+        }
         let was_moving = arm.mode() == RobotMode::Moving;
         arm.late_command(command, received_ms as f64 * 1e-3, now_ms as f64 * 1e-3)
             .map_err(|why| CallError::precondition(format!("command {} of {}: {why}", command.seq, command.owner.id)))?;
@@ -179,7 +192,12 @@ impl RosSide {
             arm.fault(&kind, reason);
             return None;
         }
+        if !self.unended.has_room() {
+            arm.fault("controller_silent", "too many goals of the controller have not ended".to_owned());
+            return None;
+        }
         self.goals += 1;
+        self.unended.sent(self.goals);
         self.goal = Some(Goal { number: self.goals, state, since_ms: now_ms, duration_ms: end_ms - from_ms });
         Some(Do::Follow(self.goals, trajectory(&self.config.joints, &self.stream, from_ms)))
     }
@@ -193,10 +211,19 @@ impl RosSide {
         }
         let (Told::Accepted(number)
         | Told::Refused(number, _)
+        | Told::Unanswered(number, _)
         | Told::Ended(number, ..)
         | Told::Lost(number, _)
+        | Told::NotThere(number)
         | Told::Gripped(number, _)) = &told;
-        // Of a goal whose place another has taken nothing is to be learnt.
+        match &told {
+            Told::Accepted(_) => self.unended.accepted(*number),
+            Told::Ended(_, status::SUCCEEDED, _) => self.unended.arrived(*number),
+            Told::Refused(..) | Told::Ended(..) => self.unended.ended(*number),
+            Told::NotThere(_) => self.unended.not_there(*number, now_ms, self.config.controller_timeout_ms),
+            Told::Unanswered(..) | Told::Lost(..) | Told::Gripped(..) => {}
+        }
+        // Of a goal whose place another has taken, or that is being canceled, nothing else is to be learnt.
         let Some(goal) = self.goal.filter(|goal| goal.number == *number) else { return };
         let Some(arm) = &mut self.arm else { return };
         let mut fault = |kind: &str, reason: String| {
@@ -210,9 +237,9 @@ impl RosSide {
                 self.goal = Some(Goal { state: GoalState::Accepted, since_ms: now_ms, ..goal });
                 self.owed_s = 0.0;
             }
-            Told::Accepted(_) | Told::Gripped(..) => {}
+            Told::Accepted(_) | Told::NotThere(_) | Told::Gripped(..) => {}
             Told::Refused(_, why) => fault("controller_refused", why),
-            Told::Lost(_, why) => fault("controller_silent", why),
+            Told::Unanswered(_, why) | Told::Lost(_, why) => fault("controller_silent", why),
             Told::Ended(_, status::SUCCEEDED, _) => self.goal = None,
             Told::Ended(_, state, result) => {
                 let FollowJointTrajectoryResult { error_code, error_string } = result;
@@ -234,7 +261,7 @@ impl RosSide {
         self.owed_s = match goal {
             Some(GoalState::Sent) => 0.0,
             Some(GoalState::Accepted) => self.owed_s + since_s,
-            Some(GoalState::Canceling) | None => self.owed_s + since_s.min(CATCH_UP_S),
+            None => self.owed_s + since_s.min(CATCH_UP_S),
         };
         while self.owed_s >= TICK_S {
             self.owed_s -= TICK_S;
@@ -251,31 +278,31 @@ impl RosSide {
                 arm.fault("no_gripper", "the configuration names no gripper_action".to_owned());
             }
         }
-        todo.extend(self.watch_goal(now_ms));
+        self.watch_goal(now_ms);
+        if self.arm.as_ref().is_some_and(|arm| arm.stop().is_some()) {
+            self.goal = None;
+            todo.extend(self.unended.to_cancel(now_ms).into_iter().map(Do::Cancel));
+        }
         todo
     }
 
-    /// Notices a controller that is overdue, and cancels the goal of an arm that is stopped.
-    fn watch_goal(&mut self, now_ms: u64) -> Option<Do> {
-        let (goal, arm) = (self.goal?, self.arm.as_mut()?);
+    /// Latches a stop where the controller is overdue.
+    fn watch_goal(&mut self, now_ms: u64) {
+        let (Some(goal), Some(arm)) = (self.goal, &mut self.arm) else { return };
         let waited_ms = now_ms.saturating_sub(goal.since_ms) as f64;
         let patience_ms = self.config.controller_timeout_ms as f64;
         let overdue = match goal.state {
-            GoalState::Sent | GoalState::Canceling => waited_ms > patience_ms,
+            GoalState::Sent => waited_ms > patience_ms,
             GoalState::Accepted => waited_ms > goal.duration_ms + patience_ms + SLACK_MS,
         };
-        if overdue && goal.state == GoalState::Canceling {
-            self.goal = None;
-            return None;
-        }
         if overdue && arm.stop().is_none() {
             arm.fault("controller_silent", format!("no word of its goal for {waited_ms:.0} ms"));
         }
-        arm.stop()?;
-        (goal.state != GoalState::Canceling).then(|| {
-            self.goal = Some(Goal { state: GoalState::Canceling, since_ms: now_ms, ..goal });
-            Do::Cancel(goal.number)
-        })
+    }
+
+    /// What is to be said of goals that have not ended though they were canceled.
+    pub fn overdue_cancels(&self, now_ms: u64) -> Option<String> {
+        self.unended.overdue(now_ms, self.config.controller_timeout_ms)
     }
 
     /// What it shows of itself; nothing while its joints are not known.

@@ -71,10 +71,19 @@ pub struct CancelGoalRequest {
 /// `action_msgs/srv/CancelGoal`, the response.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CancelGoalResponse {
-    /// 0: at least one goal is being canceled.
+    /// [`Self::NONE`], or why none is being canceled.
     pub return_code: i8,
     /// Those.
     pub goals_canceling: Vec<GoalInfo>,
+}
+
+impl CancelGoalResponse {
+    /// At least one goal is being canceled.
+    pub const NONE: i8 = 0;
+    /// There is no goal of that id.
+    pub const UNKNOWN_GOAL_ID: i8 = 2;
+    /// The goal cannot be canceled any more.
+    pub const GOAL_TERMINATED: i8 = 3;
 }
 
 /// The request that sends a goal.

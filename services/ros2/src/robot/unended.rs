@@ -1,0 +1,82 @@
+//! The goals that a controller may still be carrying out, and the cancels that they are sent.
+//!
+//! One cancel is not enough: it may get lost, or overtake the goal, or be refused. A goal is here from when it is sent until it is known to have
+//! ended, and while the arm is stopped it is canceled again and again.
+
+/// Between two cancels of a goal, milliseconds.
+const CANCEL_EVERY_MS: u64 = 250;
+/// Goals at most: a commander that changes its stream more often than the controller ends goals is stopped.
+const MOST: usize = 64;
+
+/// A goal, with when it was first and last canceled, milliseconds.
+#[derive(Debug, Clone, Copy)]
+struct Open {
+    number: u64,
+    canceled_ms: Option<(u64, u64)>,
+    /// Whether a cancel is due whenever the last one was.
+    at_once: bool,
+}
+
+/// The goals that are not known to have ended.
+#[derive(Debug, Clone, Default)]
+pub struct Unended {
+    goals: Vec<Open>,
+}
+
+impl Unended {
+    /// Whether every goal has ended.
+    pub fn is_empty(&self) -> bool {
+        self.goals.is_empty()
+    }
+
+    /// Whether there is room for another goal.
+    pub fn has_room(&self) -> bool {
+        self.goals.len() < MOST
+    }
+
+    /// A goal is sent.
+    pub fn sent(&mut self, number: u64) {
+        self.goals.push(Open { number, canceled_ms: None, at_once: false });
+    }
+
+    /// Its controller has accepted it: a cancel that came before that was of no effect.
+    pub fn accepted(&mut self, number: u64) {
+        self.goals.iter_mut().filter(|goal| goal.number == number).for_each(|goal| goal.at_once = true);
+    }
+
+    /// It has ended, or was never taken.
+    pub fn ended(&mut self, number: u64) {
+        self.goals.retain(|goal| goal.number != number);
+    }
+
+    /// The arm has arrived on a goal: those before it gave way to it.
+    pub fn arrived(&mut self, number: u64) {
+        self.goals.retain(|goal| goal.number > number);
+    }
+
+    /// The controller says to a cancel that it carries out no such goal. Within `patience_ms` of the first cancel the goal itself may still be on
+    /// its way to the controller, or the controller may still be ending it.
+    pub fn not_there(&mut self, number: u64, now_ms: u64, patience_ms: u64) {
+        let is_over = |goal: &Open| goal.canceled_ms.is_some_and(|(first_ms, _)| now_ms >= first_ms + patience_ms);
+        self.goals.retain(|goal| goal.number != number || !is_over(goal));
+    }
+
+    /// The goals of an arm that is stopped which are to be canceled now.
+    pub fn to_cancel(&mut self, now_ms: u64) -> Vec<u64> {
+        let is_due = |goal: &Open| goal.at_once || goal.canceled_ms.is_none_or(|(_, last_ms)| now_ms >= last_ms + CANCEL_EVERY_MS);
+        let due = self.goals.iter_mut().filter(|goal| is_due(goal));
+        due.map(|goal| {
+            let first_ms = goal.canceled_ms.map_or(now_ms, |(first_ms, _)| first_ms);
+            (goal.canceled_ms, goal.at_once) = (Some((first_ms, now_ms)), false);
+            goal.number
+        })
+        .collect()
+    }
+
+    /// What is to be said of goals that go on though they were canceled for more than `patience_ms`.
+    pub fn overdue(&self, now_ms: u64, patience_ms: u64) -> Option<String> {
+        let is_overdue = |goal: &&Open| goal.canceled_ms.is_some_and(|(first_ms, _)| now_ms > first_ms + patience_ms);
+        let count = self.goals.iter().filter(is_overdue).count();
+        (count > 0).then(|| format!("the controller has not ended {count} of the canceled goals: the arm may still move"))
+    }
+}
