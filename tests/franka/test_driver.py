@@ -57,6 +57,8 @@ class System:
         self.programs.start("motion", "serve", "motion", "--config", config, "--worker", "motion-1")
         self.programs.start("driver", "driver", "franka", "--config", config)
         until(lambda: f"a state; {self.programs.log('driver')}", self.client.fresh, 60)
+        assert self.client.stopped_by() == "driver_started", self.client.state
+        self.reset()
 
     def joined(self):
         try:
@@ -275,4 +277,5 @@ def test_a_driver_that_ends_brings_the_arm_to_rest_and_one_for_another_model_doe
     # Now that the robot is free: it is no Panda.
     assert "speaks version 5 of FCI" in refused(at_ready, at_ready.config("wrong.toml", model="panda"))
     at_ready.programs.start("driver", "driver", "franka", "--config", at_ready.config())
-    until("it is back", lambda: at_ready.client.is_in("idle"), 30)
+    until("it is back, and does not know what had stopped it", lambda: at_ready.client.stopped_by() == "driver_started", 30)
+    at_ready.reset()

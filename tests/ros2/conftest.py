@@ -1,12 +1,13 @@
 """What the live tests share: the processes, a ROS 2 system of their own, a camera and an arm in it."""
 
 import os
+import subprocess
 
 import pytest
 from definitions import store
 from mocks import Arm, Camera, Scene
-from programs import Programs
-from system import Seen, System
+from programs import REPOSE, Programs
+from system import Seen, System, until
 
 
 @pytest.fixture(scope="session")
@@ -39,8 +40,11 @@ def system(types, programs):
 
 
 @pytest.fixture(scope="session")
-def arm(system):
+def arm(system, programs):
     made = Arm(system, held_m=0.015)
+    # A bridge starts stopped, and shows no state before it has heard of the joints.
+    reset = [REPOSE, "robot", "reset", "--connect", programs.cell]
+    until("a reset", lambda: subprocess.run(reset, capture_output=True, timeout=30).returncode == 0)
     yield made
     made.close()
 

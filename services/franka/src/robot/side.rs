@@ -8,6 +8,8 @@
 //! missed set-points has gone on by itself, and those that follow go on from there ([`Fade`]). Whatever ends a motion otherwise latches a stop
 //! under the robot's own name for it.
 //!
+//! A driver that starts does not know what had stopped the robot before: it is stopped until somebody clears that.
+//!
 //! Clearing a stop is up to the contract's `reset` alone: only a command that would clear it has the robot acknowledge its errors, and it
 //! clears once the robot is ready. While the user stop is pressed, nothing is cleared.
 //!
@@ -220,15 +222,12 @@ impl Side {
     /// A reading of a robot that this process does not move; what to do then.
     pub fn standing(&mut self, reading: &Reading, now_s: f64) -> Do {
         let since_ms = self.advance(reading);
-        let arm = self.arm.get_or_insert_with(|| Arm::standing_at(reading.held_rad, self.settings.arm));
+        let settings = self.settings.arm;
+        let arm = self.arm.get_or_insert_with(|| Arm::found_at(reading.held_rad, settings, now_s, stopped_by(reading)));
         arm.set_grips(self.hand.state().holding);
         if arm.stop().is_none() {
-            if reading.mode == FciMode::Reflex || reading.errors.any() {
-                let (kind, reason) = named(reading);
+            if let Some((kind, reason)) = stopped_by(reading) {
                 arm.halted(&kind, reason, &reading.held_rad);
-            } else if reading.mode != FciMode::Idle {
-                let (kind, reason) = unready(reading.mode);
-                arm.halted(kind, reason.to_owned(), &reading.held_rad);
             } else if self.had_hand && !self.hand.is_connected() {
                 arm.fault("hand_lost", "the hand is not connected any more".to_owned());
             }
@@ -391,6 +390,15 @@ fn with_room_to_fade(limits: &JointLimits) -> JointLimits {
         acceleration_rad_s2: limits.acceleration_rad_s2.map(|a| a - 5.774 * HELD_OFF_RAD / fade_s.powi(2)),
         jerk_rad_s3: limits.jerk_rad_s3.map(|j| j - (60.0 * HELD_OFF_RAD / fade_s.powi(3)).max(BESIDE_SHARE * j)),
     }
+}
+
+/// Why a robot that this process does not move would not move if it were told to: kind and reason.
+fn stopped_by(reading: &Reading) -> Option<(String, String)> {
+    if reading.mode == FciMode::Reflex || reading.errors.any() {
+        return Some(named(reading));
+    }
+    let (kind, reason) = unready(reading.mode);
+    (reading.mode != FciMode::Idle).then(|| (kind.to_owned(), reason.to_owned()))
 }
 
 /// The stop of a robot that has stopped by itself: its own name for the first of its errors, and all of them.

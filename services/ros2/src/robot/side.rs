@@ -5,7 +5,7 @@
 //! ([`HORIZON_MS`] asks for that); it is followed in thought before the controller gets it, and one that breaks a rule never does. The arm
 //! counts as started when the controller accepts, and as arrived when the controller says so. A stop, whoever latches it, cancels every goal that is
 //! not known to have ended, again and again until each has, and is not cleared before that; a controller that refuses, aborts or falls silent
-//! latches one. Then the arm stands where its joints are measured.
+//! latches one, and so does the start of this process. Then the arm stands where its joints are measured.
 //!
 //! Pure: events and time come in, what is to be done goes out.
 
@@ -121,7 +121,7 @@ impl RosSide {
         let Some(q_rad) = self.measured.q_rad().filter(|_| whole) else { return };
         let is_on_its_way = self.is_on_its_way(&q_rad);
         let settings = ArmSettings { following_tolerance_rad: self.config.following_tolerance_rad, ..ArmSettings::default() };
-        let arm = self.arm.get_or_insert_with(|| Arm::standing_at(q_rad, settings));
+        let arm = self.arm.get_or_insert_with(|| Arm::found_at(q_rad, settings, now_ms as f64 * 1e-3, None));
         // While the controller has not begun, the arm's stream has not either.
         if !is_on_its_way && self.goal.is_none_or(|goal| goal.state != GoalState::Sent) {
             arm.measured(&q_rad);

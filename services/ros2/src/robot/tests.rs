@@ -47,11 +47,27 @@ struct Trial {
 }
 
 impl Trial {
+    /// A robot that stands ready.
     fn new(gripper: bool) -> Self {
+        let mut trial = Self::started(gripper);
+        assert!(trial.clears());
+        trial
+    }
+
+    /// A robot whose joints were just told to a bridge that has started.
+    fn started(gripper: bool) -> Self {
         let mut trial =
             Self { side: RosSide::new(config(gripper)), now_ms: 0, seq: 0, joints_rad: READY, fingers_m: 0.04, todo: Vec::new() };
         trial.run(20);
         trial
+    }
+
+    /// Asks for the latched stop to be cleared; whether it was.
+    fn clears(&mut self) -> bool {
+        self.seq += 1;
+        let owner = Owner { id: "motion-1".to_owned(), epoch: 1 };
+        let command = RobotCommand { clear_stop: true, ..RobotCommand::new(owner, self.seq, 500) };
+        self.side.command(&command, self.now_ms, self.now_ms).is_ok() && self.mode() == RobotMode::Idle
     }
 
     /// Lets so many milliseconds pass, in steps of four.
@@ -97,6 +113,14 @@ impl Trial {
 
 fn ended(number: u64, status: i8) -> Told {
     Told::Ended(number, status, FollowJointTrajectoryResult::default())
+}
+
+#[test]
+fn a_bridge_that_starts_is_stopped_until_somebody_clears_that() {
+    let mut trial = Trial::started(false);
+    assert_eq!(trial.stop_kind().as_deref(), Some("driver_started"));
+    assert!(trial.side.state(trial.now_ms, 0).is_some_and(|state| state.since_handling_ms.is_some()), "plans of before are old");
+    assert!(trial.clears());
 }
 
 #[test]
@@ -217,16 +241,6 @@ fn stopped_on_its_way(told: Option<Told>) -> Trial {
     trial.done();
     trial.side.emergency_stop(&EmergencyStop::read(b"e1"));
     trial
-}
-
-impl Trial {
-    /// Asks for the latched stop to be cleared; whether it was.
-    fn clears(&mut self) -> bool {
-        self.seq += 1;
-        let owner = Owner { id: "motion-1".to_owned(), epoch: 1 };
-        let command = RobotCommand { clear_stop: true, ..RobotCommand::new(owner, self.seq, 500) };
-        self.side.command(&command, self.now_ms, self.now_ms).is_ok() && self.mode() == RobotMode::Idle
-    }
 }
 
 #[test]

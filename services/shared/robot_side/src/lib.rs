@@ -19,7 +19,7 @@ mod state;
 mod straight_way;
 mod stream;
 
-pub use arm::{Arm, ArmSettings, FOLLOWING_ERROR, Ignored};
+pub use arm::{Arm, ArmSettings, DRIVER_STARTED, FOLLOWING_ERROR, Ignored};
 pub use state::{GripperState, StateDetails, state_of};
 pub use straight_way::straight_way;
 pub use stream::TICK_S;

@@ -128,7 +128,15 @@ pub struct Bench {
 }
 
 impl Bench {
+    /// A robot that stands ready.
     pub fn new(model: Model) -> Self {
+        let mut bench = Self::started(model, FciMode::Idle);
+        assert!(bench.reset(20));
+        bench
+    }
+
+    /// A robot that a driver has just found in that mode.
+    pub fn started(model: Model, mode: FciMode) -> Self {
         let limits = model.commanded_limits();
         let rules = CommandRuleSettings { limits, ..CommandRuleSettings::default() };
         let arm = ArmSettings { model, rules, following_tolerance_rad: 0.1, ..ArmSettings::default() };
@@ -136,7 +144,7 @@ impl Bench {
         assert!(side.connected(limits));
         let hand = HandReading { width_m: 0.08, grasps: false, ended: 0, connected: true };
         let owner = Owner { id: "motion-1".to_owned(), epoch: 1 };
-        let robot = Robot::new(model);
+        let robot = Robot { mode, ..Robot::new(model) };
         let mut bench = Self { side, robot, hand, orders: Vec::new(), now_ms: 0, owner, seq: 0, last: None, is_connected: true, limits };
         bench.run(3);
         bench

@@ -236,11 +236,22 @@ fn a_robot_that_is_not_ready_at_the_start_is_stopped() {
     for (mode, kind) in
         [(FciMode::UserStopped, "user_stop"), (FciMode::Guiding, "guiding"), (FciMode::Other, "not_ready"), (FciMode::Move, "other_motion")]
     {
+        assert_eq!(Bench::started(Model::Fr3, mode).stopped_by().as_deref(), Some(kind));
         let mut bench = Bench::new(Model::Fr3);
         bench.robot.mode = mode;
         bench.run(5);
-        assert_eq!(bench.stopped_by().as_deref(), Some(kind));
+        assert_eq!(bench.stopped_by().as_deref(), Some(kind), "and later");
     }
+}
+
+#[test]
+fn a_driver_that_starts_moves_nothing_until_its_stop_is_cleared() {
+    let mut bench = Bench::started(Model::Fr3, FciMode::Idle);
+    assert_eq!(bench.stopped_by().as_deref(), Some("driver_started"), "whatever was latched before");
+    assert!(bench.state().since_handling_ms.is_some(), "plans of before are old");
+    assert_eq!(bench.stream(&turned(0.1), 1000.0), Err(Refused::Ignored(repose_robot_side::Ignored::Stopped)));
+    assert!(bench.reset(20));
+    assert_eq!((bench.state().mode, bench.robot.recoveries), (RobotMode::Idle, 0));
 }
 
 #[test]

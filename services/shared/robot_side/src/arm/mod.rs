@@ -41,6 +41,9 @@ pub struct ArmSettings {
 /// The stop of an arm that does not follow its set-points.
 pub const FOLLOWING_ERROR: &str = "following_error";
 
+/// The stop of an arm whose driver has started.
+pub const DRIVER_STARTED: &str = "driver_started";
+
 impl Default for ArmSettings {
     fn default() -> Self {
         Self {
@@ -72,7 +75,8 @@ pub struct Arm {
     grips: bool,
     /// The newest instant that was handed in, seconds of the receiver's monotonic clock.
     now_s: f64,
-    /// When the hand was last told to close on an object, or to open while it held one, on the same clock.
+    /// When the hand was last told to close on an object, or to open while it held one, or may last have been before its driver started, on the
+    /// same clock.
     handled_s: Option<f64>,
 }
 
@@ -106,6 +110,17 @@ impl Arm {
             now_s: 0.0,
             handled_s: None,
         }
+    }
+
+    /// The same of an arm that a driver has found there at `now_s`. What stopped it before, and what its hand has moved, nobody knows any more:
+    /// it is stopped, for a reason of its own (kind and reason) or because its driver has started, and what was seen before is old.
+    pub fn found_at(stands_rad: Joints, settings: ArmSettings, now_s: f64, stopped_by: Option<(String, String)>) -> Self {
+        let started =
+            || (DRIVER_STARTED.to_owned(), "the driver has started, and does not know what had stopped the robot before".to_owned());
+        let (kind, reason) = stopped_by.unwrap_or_else(started);
+        let mut arm = Self { now_s, handled_s: Some(now_s), ..Self::standing_at(stands_rad, settings) };
+        arm.halted(&kind, reason, &stands_rad);
+        arm
     }
 
     /// Back to the ready pose at rest, as if carried there; owner and latched stop stay.
@@ -164,7 +179,7 @@ impl Arm {
         self.grasps.as_ref().filter(|_| self.grips)
     }
 
-    /// How long ago the hand last took hold of an object or let go of one, milliseconds; none where it has not yet.
+    /// How long ago the hand last took hold of an object or let go of one, or may have, milliseconds; none where it has not yet.
     pub fn since_handling_ms(&self) -> Option<u64> {
         self.handled_s.map(|handled_s| ((self.now_s - handled_s).max(0.0) * 1e3) as u64)
     }

@@ -105,6 +105,21 @@ fn an_emergency_stop_latches_until_it_is_cleared() {
 }
 
 #[test]
+fn an_arm_that_a_driver_finds_is_stopped_and_what_was_seen_before_is_old() {
+    let reflex = ("joint_reflex".to_owned(), "a touch".to_owned());
+    for (own, kind) in [(None, DRIVER_STARTED), (Some(reflex), "joint_reflex")] {
+        let mut arm = Arm::found_at(READY, ArmSettings::default(), 3.0, own);
+        assert_eq!(arm.stop().map(|stop| stop.kind.as_str()), Some(kind));
+        assert_eq!(arm.command(&command(1, 1, swing(0.5, 1000.0)), 3.0), Err(Ignored::Stopped));
+        arm.tick(3.25);
+        assert_eq!(arm.since_handling_ms(), Some(250), "whatever the hand did before");
+        let clear = RobotCommand { clear_stop: true, starts_stream: false, ..command(2, 1, Vec::new()) };
+        arm.command(&clear, 3.25).expect("taken");
+        assert_eq!(arm.mode(), RobotMode::Idle);
+    }
+}
+
+#[test]
 fn a_stop_that_latched_meanwhile_is_not_cleared_with_another() {
     let mut arm = Arm::default();
     arm.command(&command(1, 1, Vec::new()), 0.0).expect("taken");
