@@ -71,6 +71,8 @@ class ArmControl:
         self.last_command = None
         self.rehome(q_rad)
         self.stop = None
+        # The emergency stops of the latched stop, with what they say, the newest first.
+        self.estops = []
         self.task = None
         self.expires_s = 0.0
         self.gripper = None
@@ -106,8 +108,12 @@ class ArmControl:
             said = {}
         text = {key: said[key] if isinstance(said.get(key), str) and said[key] else "unknown" for key in ("id", "source", "reason")}
         stop = {"kind": "estop", "reason": f"{text['source']}: {text['reason']}"[:256], "estop_id": text["id"][:256]}
-        if self.stop is None or self.stop.get("estop_id") is None:
-            self._latch(stop)
+        if self.stop and self.stop.get("estop_id") == stop["estop_id"]:
+            return
+        # The newest is the one to be cleared; with the reasons of those before it, it is another stop than any of them was.
+        others = [said for said in self.estops if said[0] != stop["estop_id"]]
+        self.estops = [(stop["estop_id"], stop["reason"]), *others][:3]
+        self._latch({**stop, "reason": "; before that ".join(said for _, said in self.estops)})
 
     def command(self, command, received_s, now_s):
         """Takes a command; says why not where it is not taken."""
@@ -137,7 +143,7 @@ class ArmControl:
             return "still moving"
         self.owner, self.last_command, self.expires_s = owner, command["seq"], expires_s
         if clears and self.at_rest():
-            self.stop, self.task = None, None
+            self.stop, self.task, self.estops = None, None, []
         if not self.stop:
             self._act(command, said)
         return None

@@ -1,5 +1,6 @@
 """The foreign world itself: its robot keeps the contract's rules, its grasps hold by friction, its pictures are true."""
 
+import json
 import math
 import os
 import sys
@@ -102,6 +103,18 @@ def test_whatever_is_put_on_the_stop_key_stops():
         arm = ArmControl()
         arm.emergency_stop(payload)
         assert arm.stop["kind"] == "estop"
+
+
+def test_a_second_stop_is_not_cleared_with_the_first():
+    arm = ArmControl()
+    arm.emergency_stop(b'{"id": "a", "source": "a", "reason": "now"}')
+    first = arm.stop
+    for again in (b'{"id": "b", "source": "b", "reason": "now"}', b'{"id": "a", "source": "a", "reason": "now"}'):
+        arm.emergency_stop(again)
+        assert arm.stop["estop_id"] == json.loads(again)["id"]
+        assert arm.command(command(1, clear_stop=True, clears=first), 0, 0) == "another stop is latched"
+    assert arm.command(command(1, clear_stop=True, clears=arm.stop), 0, 0) is None
+    assert arm.mode == "idle"
 
 
 @pytest.fixture

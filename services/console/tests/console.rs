@@ -127,7 +127,7 @@ async fn robot(session: &Session) {
                 _ = tick.tick() => {}
                 Some(sample) = stops.recv() => {
                     let EmergencyStop { id, reason, .. } = EmergencyStop::read(&sample.payload.bytes);
-                    stop.get_or_insert(StopState { kind: "estop".to_owned(), reason, estop_id: Some(id) });
+                    stop = Some(StopState { kind: "estop".to_owned(), reason, estop_id: Some(id) });
                 }
             }
             if states.put(Payload::json(&state(seq, stop.as_ref())).expect("encoded")).await.is_err() {

@@ -19,7 +19,7 @@ use crate::error::raised;
 
 /// Commands that may wait for the next step; more are refused.
 const COMMANDS: usize = 64;
-/// Emergency stops that may wait in the network; they are repeated.
+/// Emergency stops that may wait in the network, and for the next step; they are repeated.
 const STOPS: usize = 16;
 /// Longest time that a step makes up for when the loop was held up; more is lost to robot time.
 const CATCH_UP: Duration = Duration::from_millis(60);
@@ -42,7 +42,7 @@ pub struct RobotSide {
 struct Running {
     arm: Arm,
     commands: mpsc::Receiver<Received>,
-    stop: Arc<Mutex<Option<EmergencyStop>>>,
+    stops: Arc<Mutex<Vec<EmergencyStop>>>,
     states: watch::Sender<Option<Payload>>,
     world_from_base: Option<RigidTransform>,
     state_period: Duration,
@@ -83,12 +83,12 @@ impl RobotSide {
                 .map_err(|_| CallError::invalid("state_period_s", format!("expected seconds, got {state_period_s}")))?;
             let session = connection.session().clone();
             let end = CancellationToken::new();
-            let (commands, stop, states) = connection.handle()?.block_on(joined(session, robot, end.clone()))?;
+            let (commands, stops, states) = connection.handle()?.block_on(joined(session, robot, end.clone()))?;
             let now = Instant::now();
             let running = Running {
                 arm: Arm::standing_at(joints_rad, settings),
                 commands,
-                stop,
+                stops,
                 states,
                 world_from_base,
                 state_period,
@@ -157,7 +157,7 @@ impl Running {
     /// Hands what has come to the arm; what it does not take, and why.
     fn take(&mut self, now: Instant, gripper: GripperState) -> Vec<String> {
         self.arm.set_grips(gripper.holding);
-        if let Some(stop) = self.stop.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        for stop in self.stops.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
             self.arm.emergency_stop(&stop);
         }
         let since_start = |at: Instant| at.saturating_duration_since(self.started).as_secs_f64();
@@ -199,8 +199,8 @@ fn name_of(mode: RobotMode) -> &'static str {
     }
 }
 
-/// What comes from a robot's keys and goes to them: commands, the newest emergency stop, states.
-type Ends = (mpsc::Receiver<Received>, Arc<Mutex<Option<EmergencyStop>>>, watch::Sender<Option<Payload>>);
+/// What comes from a robot's keys and goes to them: commands, emergency stops, states.
+type Ends = (mpsc::Receiver<Received>, Arc<Mutex<Vec<EmergencyStop>>>, watch::Sender<Option<Payload>>);
 
 /// Subscribes and publishes until `end`, where no other driver is there.
 async fn joined(session: Session, robot: &str, end: CancellationToken) -> Result<Ends, CallError> {
@@ -216,12 +216,17 @@ async fn joined(session: Session, robot: &str, end: CancellationToken) -> Result
     let publisher = session.publisher(cell.robot_state(robot), Traffic::RobotState);
     let (states, mut newest) = watch::channel::<Option<Payload>>(None);
     let (sender, commands) = mpsc::channel(COMMANDS);
-    let stop: Arc<Mutex<Option<EmergencyStop>>> = Arc::default();
-    let latest = stop.clone();
+    let waiting: Arc<Mutex<Vec<EmergencyStop>>> = Arc::default();
+    let latest = waiting.clone();
     let stopping = async move {
         while let Some(sample) = stops.recv().await {
-            // Whatever comes here stops the arm: its form and its encoding are of no matter. The first that waits is kept.
-            latest.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(|| EmergencyStop::read(&sample.payload.bytes));
+            // Whatever comes here stops the arm: its form and its encoding are of no matter.
+            let stop = EmergencyStop::read(&sample.payload.bytes);
+            let mut waiting = latest.lock().unwrap_or_else(PoisonError::into_inner);
+            // The arm is stopped by those that wait; where there are too many, this one is repeated.
+            if waiting.len() < STOPS && !waiting.contains(&stop) {
+                waiting.push(stop);
+            }
         }
     };
     let commanding = async move {
@@ -245,5 +250,5 @@ async fn joined(session: Session, robot: &str, end: CancellationToken) -> Result
             _ = async { tokio::join!(stopping, commanding, telling) } => {}
         }
     });
-    Ok((commands, stop, states))
+    Ok((commands, waiting, states))
 }

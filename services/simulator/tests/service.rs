@@ -6,7 +6,7 @@ use repose_panda::READY;
 use repose_proto::robot::{EmergencyStop, Owner, RobotCommand, RobotMode, RobotState, SetPoint};
 use repose_proto::simulator::{Truth, TruthRequest, WorldResetRequest};
 use repose_proto::{Frame, Payload, Service};
-use repose_runtime::{CallOptions, Caller, Session, Shutdown, Subscription, Traffic};
+use repose_runtime::{CallOptions, Caller, Session, Shutdown, Subscription, Traffic, emergency_stop};
 use repose_simulator::{SimulatorConfig, run};
 
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -62,7 +62,7 @@ async fn a_cell_serves_frames_states_commands_stops_and_truth() {
     let mut states = session.subscribe_latest(&session.cell().robot_state(&config.robot)).await.expect("subscribed");
     let mut frames = session.subscribe_latest(&session.cell().camera_frame(&config.camera)).await.expect("subscribed");
     let (command_key, stop_key) = (session.cell().robot_command(&config.robot), session.cell().robot_estop(&config.robot));
-    let served = tokio::spawn(run(session.clone(), config, shutdown.clone()));
+    let served = tokio::spawn(run(session.clone(), config.clone(), shutdown.clone()));
 
     let sample = tokio::time::timeout(PATIENCE, frames.recv()).await.expect("in time").expect("a frame");
     let frame = Frame::from_bulk(&sample.payload.decode_bulk(Frame::SCHEMA).expect("bulk")).expect("a frame");
@@ -86,6 +86,13 @@ async fn a_cell_serves_frames_states_commands_stops_and_truth() {
     session.put(&stop_key, Payload::json(&stop).expect("small"), Traffic::EmergencyStop).await.expect("put");
     let stopped = state_where(&mut states, "that is stopped", |s| s.mode == RobotMode::Stopped && s.dq_rad_s == [0.0; 7]).await;
     assert_eq!(stopped.stop.and_then(|s| s.estop_id).as_deref(), Some("stop-1"));
+
+    // Others who stop it too, at the same time: each sees a stop of its own, and what clears the first clears none of them.
+    let both =
+        async { tokio::join!(emergency_stop(&session, &config.robot, "a", "too"), emergency_stop(&session, &config.robot, "b", "too")) };
+    let (a, b) = tokio::time::timeout(PATIENCE, both).await.expect("neither waits for ever");
+    let [a, b] = [a, b].map(|shown| shown.expect("stopped").stop.and_then(|stop| stop.estop_id));
+    assert!(a != b && a.as_deref() != Some("stop-1") && b.as_deref() != Some("stop-1"), "{a:?} {b:?}");
 
     let request = Payload::json(&WorldResetRequest { seed: 4 }).expect("small");
     let answer = caller.call("reset", request, CallOptions::within(PATIENCE)).await.expect("answered");

@@ -205,7 +205,7 @@ async fn robot(session: &Session, world: Arc<World>) {
                 Some(sample) = stops.recv() => {
                     let EmergencyStop { id, reason, .. } = EmergencyStop::read(&sample.payload.bytes);
                     let stop = StopState { kind: "estop".to_owned(), reason, estop_id: Some(id) };
-                    world.stop.lock().expect("the stop").get_or_insert(stop);
+                    *world.stop.lock().expect("the stop") = Some(stop);
                 }
             }
             if states.put(Payload::json(&world.state(seq)).expect("encoded")).await.is_err() {

@@ -246,8 +246,8 @@ class Cell:
         while time.monotonic() < ends:
             heard = await threaded(lambda: states.recv(AGAIN_S))
             state = None if heard is None else RobotState._of(heard[2])
-            # Another's stop that came first holds as well as this one; a reflex that is only braking does not.
-            if state is not None and state.stop is not None and state.stop.get("estop_id"):
+            # Another's stop does not do: whoever clears that does not know of this one.
+            if state is not None and state.stop is not None and state.stop.get("estop_id") == stop["id"]:
                 states.close()
                 return state
             self.connection.put("robot_estop", name, "EmergencyStop.v1", body)

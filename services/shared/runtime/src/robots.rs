@@ -63,23 +63,23 @@ pub async fn call_moving(
     motion.call(method, payload, CallOptions { id: Some(id), idempotent: false, ..options }).await
 }
 
-/// Puts an emergency stop until a state shows it, or one that was latched before it. Does not end before that: bound it in time.
+/// Puts an emergency stop until a state shows it: one that was latched before does not do, for whoever clears that does not know of this one.
+/// The robot shows the newest that it was put, so of several senders each is shown in its turn. Does not end before that: bound it in time.
 ///
 /// # Errors
 /// When the network refuses.
 pub async fn emergency_stop(session: &Session, robot: &str, source: &str, reason: &str) -> Result<RobotState, CallError> {
     let mut states = session.subscribe_latest(&session.cell().robot_state(robot)).await?;
     let (id, source, reason) = (uuid::Uuid::new_v4().to_string(), source.to_owned(), reason.to_owned());
-    let wanted = Payload::json(&EmergencyStop { v: limits::VERSION, id, source, reason, stamp_ns: now_ns() })?;
+    let wanted = Payload::json(&EmergencyStop { v: limits::VERSION, id: id.clone(), source, reason, stamp_ns: now_ns() })?;
     let key = session.cell().robot_estop(robot);
     let mut again = tokio::time::interval(REPEAT);
     loop {
         tokio::select! {
             _ = again.tick() => session.put(&key, wanted.clone(), Traffic::EmergencyStop).await?,
             sample = states.recv() => {
-                // Another's stop that came first holds as well as this one; a reflex that is only braking does not.
                 match sample.ok_or_else(closed)?.payload.decode_json::<RobotState>() {
-                    Ok(state) if state.stop.as_ref().is_some_and(|stop| stop.estop_id.is_some()) => return Ok(state),
+                    Ok(state) if state.stop.as_ref().is_some_and(|stop| stop.estop_id.as_ref() == Some(&id)) => return Ok(state),
                     _ => {}
                 }
             }

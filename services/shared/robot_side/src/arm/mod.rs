@@ -17,6 +17,8 @@ mod tests;
 
 pub use ignored::Ignored;
 
+use std::collections::VecDeque;
+
 use repose_panda::{CommandRuleSettings, CommandRules, CommanderWatch, Joints, Model, MotionState, READY, Stop, StopSettings, Violation};
 use repose_proto::robot::{EmergencyStop, GripperCommand, HeldObject, Owner, RobotCommand, RobotMode, StopState, Task};
 
@@ -40,6 +42,9 @@ pub struct ArmSettings {
 
 /// The stop of an arm that does not follow its set-points.
 pub const FOLLOWING_ERROR: &str = "following_error";
+
+/// Emergency stops that the reason of a stop tells of, each of which may be of some hundred characters: every state repeats them.
+const ESTOPS: usize = 3;
 
 /// The stop of an arm whose driver has started.
 pub const DRIVER_STARTED: &str = "driver_started";
@@ -67,6 +72,8 @@ pub struct Arm {
     stream: Option<Stream>,
     stream_ms: Option<f64>,
     stop: Option<StopState>,
+    /// The emergency stops of the latched stop, with what they say, the newest first.
+    estops: VecDeque<(String, String)>,
     braking: Option<Stop>,
     gripper: Option<GripperCommand>,
     /// What the last gripper action was to grasp.
@@ -103,6 +110,7 @@ impl Arm {
             stream: None,
             stream_ms: None,
             stop: None,
+            estops: VecDeque::new(),
             braking: None,
             gripper: None,
             grasps: None,
@@ -246,14 +254,20 @@ impl Arm {
         }
     }
 
-    /// Takes an emergency stop: latches at once, and keeps the first reason.
+    /// Takes an emergency stop: latches at once. A stop that is latched already takes the newest one's id: its sender sees it taken, and whoever
+    /// clears the stop as it was before does not clear this one. The reason goes on to say those before it, so that the stop is another even
+    /// when a repeat of an earlier one comes last.
     pub fn emergency_stop(&mut self, estop: &EmergencyStop) {
-        let stop =
-            StopState { kind: "estop".to_owned(), reason: format!("{}: {}", estop.source, estop.reason), estop_id: Some(estop.id.clone()) };
+        if self.stop.as_ref().is_some_and(|latched| latched.estop_id.as_ref() == Some(&estop.id)) {
+            return;
+        }
+        self.estops.retain(|(id, _)| *id != estop.id);
+        self.estops.push_front((estop.id.clone(), format!("{}: {}", estop.source, estop.reason)));
+        self.estops.truncate(ESTOPS);
+        let said: Vec<&str> = self.estops.iter().map(|(_, said)| said.as_str()).collect();
+        let stop = StopState { kind: "estop".to_owned(), reason: said.join("; before that "), estop_id: Some(estop.id.clone()) };
         match &mut self.stop {
-            // A stop that latched for another reason becomes an emergency stop too, so that its sender sees it taken.
-            Some(latched) if latched.estop_id.is_none() => *latched = stop,
-            Some(_) => {}
+            Some(latched) => *latched = stop,
             None => self.latch(stop),
         }
     }
@@ -313,6 +327,7 @@ impl Arm {
         self.watch.take(expires_s);
         if command.clear_stop && self.motion.is_at_rest() {
             self.stop = None;
+            self.estops.clear();
             self.watch.close();
         }
         if self.stop.is_some() {

@@ -120,6 +120,26 @@ fn an_arm_that_a_driver_finds_is_stopped_and_what_was_seen_before_is_old() {
 }
 
 #[test]
+fn a_second_emergency_stop_is_not_cleared_with_the_first() {
+    let estop = |id: &str| EmergencyStop { v: 1, id: id.to_owned(), source: id.to_owned(), reason: "now".to_owned(), stamp_ns: 0 };
+    for last in [&["b"][..], &["b", "a"], &["b", "c", "d", "a"]] {
+        let mut arm = Arm::default();
+        arm.emergency_stop(&estop("a"));
+        let first = arm.stop().cloned();
+        arm.emergency_stop(&estop("a"));
+        assert_eq!(arm.stop(), first.as_ref(), "a repeat is the same stop");
+        last.iter().for_each(|id| arm.emergency_stop(&estop(id)));
+        assert_eq!(arm.stop().and_then(|stop| stop.estop_id.as_deref()), last.last().copied(), "its sender sees it");
+        let mut clear = RobotCommand { clear_stop: true, starts_stream: false, clears: first, ..command(1, 1, Vec::new()) };
+        assert_eq!(arm.command(&clear, 0.0), Err(Ignored::OtherStop), "{last:?}");
+        clear.clears = arm.stop().cloned();
+        arm.command(&clear, 0.0).expect("taken");
+        arm.emergency_stop(&estop("e"));
+        assert_eq!(arm.stop().map(|stop| stop.reason.as_str()), Some("e: now"), "those that were cleared are over");
+    }
+}
+
+#[test]
 fn a_stop_that_latched_meanwhile_is_not_cleared_with_another() {
     let mut arm = Arm::default();
     arm.command(&command(1, 1, Vec::new()), 0.0).expect("taken");
