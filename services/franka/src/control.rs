@@ -183,6 +183,8 @@ impl Control {
         if let Some(hand) = &self.hand {
             self.side.hand(hand.board.reading());
         }
+        // Before a command that may clear the stop.
+        self.halt_hand();
         while let Ok((received, command)) = self.end.commands.try_recv() {
             let received_s = received.saturating_duration_since(self.started).as_secs_f64();
             if let Err(refused) = self.side.command(&command, received_s, self.now_s()) {
@@ -190,6 +192,13 @@ impl Control {
                 let level = if matches!(refused, Refused::NotReady(_)) { Level::Warn } else { Level::Debug };
                 self.say(level, format!("command {} of {} is not taken: {refused}", command.seq, command.owner.id));
             }
+        }
+    }
+
+    /// Has the hand leave off what it does where a stop has latched.
+    fn halt_hand(&mut self) {
+        if let (Some(halt), Some(hand)) = (self.side.take_hand_halt(), &self.hand) {
+            hand.halt(halt);
         }
     }
 

@@ -1,14 +1,15 @@
-//! The real hand: its commands block until the fingers stand, so they have a thread of their own, and so has listening to it. What both know is
-//! on a board of atomics, which the control loop reads without waiting for anybody.
+//! The real hand: its commands block until the fingers stand, so they have a thread of their own, and so have listening to it and stopping it.
 
+use std::ops::ControlFlow;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::Duration;
 
 use franka::Gripper;
 
-use super::hand::{HOLDING_M, HandCommand, HandReading};
+use super::hand::{HandCommand, HandHalt};
+use super::orders::{Fingers, HandBoard, obey, stop_orders};
 
 /// Between two attempts to reach the hand.
 const AGAIN: Duration = Duration::from_secs(1);
@@ -28,38 +29,6 @@ pub struct HandSettings {
     pub speed_m_s: f64,
     /// Whether it is to find its widest opening at the start: the fingers close and open.
     pub homes: bool,
-}
-
-/// What is known of the hand.
-#[derive(Debug, Default)]
-pub struct HandBoard {
-    width_m: AtomicU64,
-    grasps: AtomicBool,
-    ended: AtomicU64,
-    connected: AtomicBool,
-    /// How many states it has told.
-    told: AtomicU64,
-}
-
-impl HandBoard {
-    /// What the hand says of itself.
-    pub fn reading(&self) -> HandReading {
-        // A command's end first: what is read after it is at least as new.
-        let ended = self.ended.load(Ordering::Acquire);
-        HandReading {
-            ended,
-            width_m: f64::from_bits(self.width_m.load(Ordering::Acquire)),
-            grasps: self.grasps.load(Ordering::Acquire),
-            connected: self.connected.load(Ordering::Acquire),
-        }
-    }
-
-    fn tell(&self, state: &franka::GripperState) {
-        self.width_m.store(state.width.to_bits(), Ordering::Release);
-        self.grasps.store(state.is_grasped, Ordering::Release);
-        self.connected.store(true, Ordering::Release);
-        self.told.fetch_add(1, Ordering::AcqRel);
-    }
 }
 
 /// The hand's end of the control loop: its commands go in here.
@@ -82,6 +51,31 @@ impl HandLink {
         std::thread::Builder::new().name("hand".to_owned()).spawn(move || run(&settings, &shown, &orders))?;
         Ok(Self { commands, board })
     }
+
+    /// Has the hand leave off what it was told.
+    pub fn halt(&self, halt: HandHalt) {
+        self.board.halt(halt);
+    }
+}
+
+/// A connected hand.
+struct FrankaHand {
+    gripper: Gripper,
+    speed_m_s: f64,
+}
+
+impl Fingers for FrankaHand {
+    fn move_to(&self, width_m: f64) -> Result<bool, String> {
+        self.gripper.move_gripper(width_m, self.speed_m_s).map_err(|e| e.to_string())
+    }
+
+    fn grasp(&self, width_m: f64, force_n: f64) -> Result<bool, String> {
+        self.gripper.grasp(width_m, self.speed_m_s, force_n, INNER_M, OUTER_M).map_err(|e| e.to_string())
+    }
+
+    fn stop(&self) -> Result<bool, String> {
+        self.gripper.stop().map_err(|e| e.to_string())
+    }
 }
 
 /// Connects again and again, and carries out commands while connected.
@@ -93,7 +87,8 @@ fn run(settings: &HandSettings, board: &Arc<HandBoard>, orders: &Receiver<(u64, 
             Ok(gripper) => {
                 tracing::info!(address = settings.address, "the hand is connected");
                 said.clear();
-                if carry_out(settings, &Arc::new(gripper), board, orders).is_break() {
+                let hand = Arc::new(FrankaHand { gripper, speed_m_s: settings.speed_m_s });
+                if carry_out(&hand, board, orders).is_break() {
                     return;
                 }
                 tracing::warn!(address = settings.address, "the hand is not connected any more");
@@ -106,7 +101,7 @@ fn run(settings: &HandSettings, board: &Arc<HandBoard>, orders: &Receiver<(u64, 
         }
         // What was asked of a hand that is not there has come to nothing.
         match orders.recv_timeout(AGAIN) {
-            Ok((number, _)) => board.ended.store(number, Ordering::Release),
+            Ok((number, _)) => board.end(number),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return,
         }
@@ -123,63 +118,36 @@ fn connected(settings: &HandSettings, homes: &mut bool) -> Result<Gripper, Strin
 }
 
 /// Carries out commands until the connection or the commands end; breaks at the latter.
-fn carry_out(
-    settings: &HandSettings,
-    gripper: &Arc<Gripper>,
-    board: &Arc<HandBoard>,
-    orders: &Receiver<(u64, HandCommand)>,
-) -> std::ops::ControlFlow<()> {
-    let (listened, shown) = (gripper.clone(), board.clone());
+fn carry_out(hand: &Arc<FrankaHand>, board: &Arc<HandBoard>, orders: &Receiver<(u64, HandCommand)>) -> ControlFlow<()> {
+    let over = Arc::new(AtomicBool::new(false));
+    let (listened, shown, is_over) = (hand.clone(), board.clone(), over.clone());
     let listen = move || {
-        while let Ok(state) = listened.read_once() {
-            shown.tell(&state);
+        while let Ok(state) = listened.gripper.read_once() {
+            shown.tell(state.width, state.is_grasped);
         }
-        shown.connected.store(false, Ordering::Release);
+        shown.gone();
+        is_over.store(true, Ordering::Release);
     };
-    let listener = match std::thread::Builder::new().name("hand-state".to_owned()).spawn(listen) {
-        Ok(listener) => listener,
-        Err(error) => {
-            tracing::error!(%error, "no thread to listen to the hand");
-            return std::ops::ControlFlow::Continue(());
-        }
-    };
-    while !listener.is_finished() {
-        let (number, command) = match orders.recv_timeout(Duration::from_millis(50)) {
-            Ok(order) => order,
-            Err(RecvTimeoutError::Timeout) => continue,
-            Err(RecvTimeoutError::Disconnected) => return std::ops::ControlFlow::Break(()),
-        };
-        let grasp = |width_m, force_n| gripper.grasp(width_m, settings.speed_m_s, force_n, INNER_M, OUTER_M);
-        let done = match command {
-            HandCommand::Open(width_m) => gripper.move_gripper(width_m, settings.speed_m_s),
-            HandCommand::Grasp(width_m, force_n) => grasp(width_m, force_n),
-            HandCommand::Close(width_m, force_n) => {
-                let moved = gripper.move_gripper(width_m, settings.speed_m_s);
-                tell_anew(board);
-                // Fingers that something stops are there, whatever the command says of itself.
-                if board.reading().width_m > width_m + HOLDING_M { grasp(width_m, force_n) } else { moved }
+    let (stopped, halted, is_over) = (hand.clone(), board.clone(), over.clone());
+    let stop = move || stop_orders(&*stopped, &halted, || is_over.load(Ordering::Acquire));
+    let threads = std::thread::Builder::new().name("hand-stop".to_owned()).spawn(stop).and_then(|_| {
+        let listener = std::thread::Builder::new().name("hand-state".to_owned());
+        listener.spawn(listen)
+    });
+    if let Err(error) = threads {
+        tracing::error!(%error, "no threads to listen to the hand and to stop it");
+        over.store(true, Ordering::Release);
+        return ControlFlow::Continue(());
+    }
+    while !over.load(Ordering::Acquire) {
+        match orders.recv_timeout(Duration::from_millis(50)) {
+            Ok(order) => obey(&**hand, board, order),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => {
+                over.store(true, Ordering::Release);
+                return ControlFlow::Break(());
             }
-        };
-        match done {
-            Ok(true) => {}
-            Ok(false) => tracing::info!(?command, "the hand did not reach what it was told"),
-            Err(error) => tracing::warn!(?command, %error, "the hand did not carry out a command"),
         }
-        // What is on the board may be of the way there.
-        tell_anew(board);
-        board.ended.store(number, Ordering::Release);
     }
-    std::ops::ControlFlow::Continue(())
-}
-
-/// Waits until the hand has told two states more, of which the second was made after now; not for long, where it has gone.
-fn tell_anew(board: &HandBoard) {
-    const LOOK: Duration = Duration::from_millis(5);
-    let told = board.told.load(Ordering::Acquire);
-    for _ in 0..100 {
-        if board.told.load(Ordering::Acquire) >= told + 2 {
-            return;
-        }
-        std::thread::sleep(LOOK);
-    }
+    ControlFlow::Continue(())
 }

@@ -22,6 +22,15 @@ pub enum HandCommand {
     Grasp(f64, f64),
 }
 
+/// What the hand is to leave off when the robot is stopped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct HandHalt {
+    /// Commands up to this one are not begun any more, nor gone on with.
+    pub up_to: u64,
+    /// Whether the one under way is stopped: not where something is held, which must not fall.
+    pub stops: bool,
+}
+
 /// What the hand says of itself.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct HandReading {
@@ -70,11 +79,20 @@ impl Hand {
         (self.sent, command)
     }
 
+    /// What it is to leave off now.
+    pub fn halt(&self) -> HandHalt {
+        HandHalt { up_to: self.sent, stops: !self.grips() }
+    }
+
+    /// Whether it has closed on something, be it that it still presses harder.
+    fn grips(&self) -> bool {
+        self.reading.grasps && self.closing_to_m.is_some_and(|width_m| self.reading.width_m > width_m + HOLDING_M)
+    }
+
     /// What a state says of it.
     pub fn state(&self) -> GripperState {
         let settled = self.reading.ended >= self.sent;
-        let apart = self.closing_to_m.is_some_and(|width_m| self.reading.width_m > width_m + HOLDING_M);
-        GripperState { width_m: self.reading.width_m, settled, holding: settled && apart && self.reading.grasps }
+        GripperState { width_m: self.reading.width_m, settled, holding: settled && self.grips() }
     }
 }
 
@@ -107,6 +125,19 @@ mod tests {
         assert!(hand.state().holding && hand.state().settled);
         hand.read(at(0.01, false, 1));
         assert!(!hand.state().holding);
+    }
+
+    #[test]
+    fn fingers_on_their_way_are_stopped_and_those_that_have_closed_on_something_are_not() {
+        let mut hand = Hand::default();
+        hand.read(at(0.08, false, 0));
+        hand.command(&GripperCommand { width_m: 0.01, force_n: 30.0 }, true, 70.0);
+        hand.read(at(0.05, false, 0));
+        assert_eq!(hand.halt(), HandHalt { up_to: 1, stops: true });
+        hand.read(at(0.04, true, 0));
+        assert_eq!(hand.halt(), HandHalt { up_to: 1, stops: false });
+        hand.command(&GripperCommand { width_m: 0.08, force_n: 30.0 }, false, 70.0);
+        assert_eq!(hand.halt(), HandHalt { up_to: 2, stops: true }, "it was to let go");
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! The robot: the rules ([`side`], [`fade`]), what they need of a robot ([`fci`], [`hand`]), and the real one ([`connection`], [`gripper`]).
+//! The robot: the rules ([`side`], [`fade`]), what they need of a robot ([`fci`], [`hand`], [`orders`]), and the real one
+//! ([`connection`], [`gripper`]).
 
 pub mod connection;
 pub mod fade;
@@ -6,6 +7,7 @@ pub mod fci;
 pub mod gripper;
 pub mod hand;
 pub mod identity;
+pub mod orders;
 pub mod side;
 #[cfg(test)]
 mod tests;

@@ -23,7 +23,7 @@ use repose_robot_side::{Arm, ArmSettings, FOLLOWING_ERROR, Ignored, StateDetails
 
 use super::fade::{Fade, FadeBounds, LONGEST_MS};
 use super::fci::{Next, Reading, Trouble};
-use super::hand::{Hand, HandCommand, HandReading};
+use super::hand::{Hand, HandCommand, HandHalt, HandReading};
 
 /// How long the arm has to stand before its motion is ended, milliseconds: the joints reach their set-points meanwhile, and a stream that follows
 /// closely goes on in the same motion.
@@ -98,6 +98,8 @@ pub struct Side {
     arm: Option<Arm>,
     hand: Hand,
     had_hand: bool,
+    /// Whether the hand was told of the latched stop.
+    hand_halted: bool,
     /// What the robot said last; none while it is not connected, and none of a motion that has ended.
     reading: Option<Reading>,
     /// The robot's clock at the last reading, milliseconds.
@@ -122,6 +124,7 @@ impl Side {
             arm: None,
             hand: Hand::default(),
             had_hand: false,
+            hand_halted: false,
             reading: None,
             clock_ms: None,
             robot_ms: 0,
@@ -299,6 +302,13 @@ impl Side {
                 }
             }
         }
+    }
+
+    /// What the hand is to leave off, once for every stop that latches.
+    pub fn take_hand_halt(&mut self) -> Option<HandHalt> {
+        let is_stopped = self.arm.as_ref().is_some_and(|arm| arm.stop().is_some());
+        let was_halted = std::mem::replace(&mut self.hand_halted, is_stopped);
+        (is_stopped && !was_halted).then(|| self.hand.halt())
     }
 
     /// The command that the hand is to be given now, with its number.

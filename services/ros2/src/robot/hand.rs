@@ -6,11 +6,18 @@ use repose_ros_messages::GripperCommandResult;
 /// By how much the fingers close further when what they held has gone, metres.
 const LOST_M: f64 = 0.004;
 
+/// Between two cancels of a goal, milliseconds: one may get lost, or overtake the goal.
+const CANCEL_EVERY_MS: u64 = 250;
+
 /// What is known of a hand.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Hand {
     /// The number of the goal that its controller has.
     goal: Option<u64>,
+    /// Whether something stalls the fingers on their way.
+    stalls: bool,
+    /// When the goal was last canceled, milliseconds.
+    canceled_ms: Option<u64>,
     /// How wide the fingers stand, as they were last told to be or said to be, metres.
     width_m: f64,
     /// How wide something held them apart, metres.
@@ -21,6 +28,19 @@ impl Hand {
     /// It was sent to a width.
     pub fn sent(&mut self, number: u64) {
         (self.goal, self.held_at_m) = (Some(number), None);
+        (self.stalls, self.canceled_ms) = (false, None);
+    }
+
+    /// The controller says on the way that something stalls the fingers.
+    pub fn stalled(&mut self, number: u64) {
+        self.stalls |= self.goal == Some(number);
+    }
+
+    /// The goal of a robot that is stopped which is to be canceled now: none where something is between the fingers, for it must not fall.
+    pub fn to_cancel(&mut self, now_ms: u64) -> Option<u64> {
+        let goal = self.goal.filter(|_| !self.stalls && self.canceled_ms.is_none_or(|last_ms| now_ms >= last_ms + CANCEL_EVERY_MS))?;
+        self.canceled_ms = Some(now_ms);
+        Some(goal)
     }
 
     /// The controller has ended a goal, with a result where there is one; `width_m` is what its position means.

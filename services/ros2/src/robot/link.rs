@@ -63,6 +63,8 @@ enum Event {
     Joints(Result<JointState, BridgeError>),
     Command(Sample),
     Feedback,
+    /// Something stalls the fingers on their way to this goal of the hand.
+    Stalled(GoalHandle),
     Step,
 }
 
@@ -103,6 +105,9 @@ pub async fn run(
                 }
             }
             Event::Feedback => feedback += 1,
+            Event::Stalled(goal) => {
+                controllers.number(goal).into_iter().for_each(|number| side.told(Told::Stalled(number), now_ms()));
+            }
             Event::Step => {}
         }
         if robot.world_from_base.is_none()
@@ -168,7 +173,7 @@ impl Heeded {
                     Heard::Feedback(_) => Some(Event::Feedback),
                     _ => continue,
                 },
-                () = drained(self.hand.as_deref()) => continue,
+                goal = stalled(self.hand.as_deref()) => Some(Event::Stalled(goal)),
                 _ = self.steps.tick() => Some(Event::Step),
             };
         }
@@ -186,11 +191,15 @@ fn due(side: &mut RosSide, next: &mut Instant, shown: Option<RobotMode>, now_ms:
     Some(state)
 }
 
-/// Takes what the hand's controller tells by itself, which nobody needs.
-async fn drained(hand: Option<&HandClient>) {
-    match hand {
-        Some(hand) => drop(hand.heard().await),
-        None => std::future::pending().await,
+/// The next goal of which the hand's controller tells by itself that something stalls the fingers.
+async fn stalled(hand: Option<&HandClient>) -> GoalHandle {
+    let Some(hand) = hand else { return std::future::pending().await };
+    loop {
+        if let Heard::Feedback(told) = hand.heard().await
+            && told.feedback.stalled
+        {
+            return told.goal_id;
+        }
     }
 }
 
@@ -215,6 +224,12 @@ impl Controllers {
         GoalHandle { uuid }
     }
 
+    /// The number of the goal of that id, where it is one of this process's.
+    fn number(&self, id: GoalHandle) -> Option<u64> {
+        let (run, number) = id.uuid.split_at(8);
+        (run == self.run).then(|| u64::from_be_bytes(number.try_into().unwrap_or_default()))
+    }
+
     /// Has something done; what comes of it is told.
     fn carry_out(&self, todo: Do) {
         let (told, patience) = (self.told.clone(), self.patience);
@@ -234,6 +249,17 @@ impl Controllers {
                         Ok(Canceled::NotThere) => drop(told.send(Told::NotThere(number)).await),
                         Ok(answer) => tracing::debug!(action = arm.name(), number, ?answer, "a goal was canceled"),
                         Err(error) => tracing::warn!(action = arm.name(), number, %error, "a cancel was not answered"),
+                    }
+                });
+            }
+            Do::CancelGrip(number) => {
+                let Some(hand) = self.hand.clone() else { return };
+                let id = self.id(number);
+                tokio::spawn(async move {
+                    // It is canceled again until its end is told.
+                    match hand.cancel(id, patience).await {
+                        Ok(answer) => tracing::debug!(action = hand.name(), number, ?answer, "a goal was canceled"),
+                        Err(error) => tracing::warn!(action = hand.name(), number, %error, "a cancel was not answered"),
                     }
                 });
             }

@@ -3,9 +3,10 @@
 //! The rules of the contract are those of [`Arm`], which follows every stream in step with the controller: owners and epochs, repeats, times to
 //! live, limits, stops that latch, commanders that fall silent. A controller takes whole trajectories, so a stream has to come whole
 //! ([`HORIZON_MS`] asks for that); it is followed in thought before the controller gets it, and one that breaks a rule never does. The arm
-//! counts as started when the controller accepts, and as arrived when the controller says so. A stop, whoever latches it, cancels every goal that is
-//! not known to have ended, again and again until each has, and is not cleared before that; a controller that refuses, aborts or falls silent
-//! latches one, and so does the start of this process. Then the arm stands where its joints are measured.
+//! counts as started when the controller accepts, and as arrived when the controller says so. A controller that refuses, aborts or falls silent
+//! latches a stop, and so does the start of this process. A stop, whoever latches it, cancels every goal that is not known to have ended, again and
+//! again until each has, and is not cleared before that; the hand's goal too, unless something is between the fingers. Then the arm stands where
+//! its joints are measured.
 //!
 //! Pure: events and time come in, what is to be done goes out.
 
@@ -41,6 +42,8 @@ pub enum Do {
     Cancel(u64),
     /// Send the hand's controller a goal: position of its joint (metres), effort (newtons).
     Grip(u64, f64, f64),
+    /// Cancel that one.
+    CancelGrip(u64),
 }
 
 /// The controllers' answers, by the number of the goal.
@@ -60,6 +63,8 @@ pub enum Told {
     NotThere(u64),
     /// The hand's controller has ended its goal, or not taken it.
     Gripped(u64, Option<GripperCommandResult>),
+    /// It says on the way that something stalls the fingers.
+    Stalled(u64),
 }
 
 /// One robot.
@@ -209,19 +214,24 @@ impl RosSide {
             self.hand.ended(*number, result.as_ref(), width_m);
             return;
         }
+        if let Told::Stalled(number) = &told {
+            self.hand.stalled(*number);
+            return;
+        }
         let (Told::Accepted(number)
         | Told::Refused(number, _)
         | Told::Unanswered(number, _)
         | Told::Ended(number, ..)
         | Told::Lost(number, _)
         | Told::NotThere(number)
-        | Told::Gripped(number, _)) = &told;
+        | Told::Gripped(number, _)
+        | Told::Stalled(number)) = &told;
         match &told {
             Told::Accepted(_) => self.unended.accepted(*number),
             Told::Ended(_, status::SUCCEEDED, _) => self.unended.arrived(*number),
             Told::Refused(..) | Told::Ended(..) => self.unended.ended(*number),
             Told::NotThere(_) => self.unended.not_there(*number, now_ms, self.config.controller_timeout_ms),
-            Told::Unanswered(..) | Told::Lost(..) | Told::Gripped(..) => {}
+            Told::Unanswered(..) | Told::Lost(..) | Told::Gripped(..) | Told::Stalled(_) => {}
         }
         // Of a goal whose place another has taken, or that is being canceled, nothing else is to be learnt.
         let Some(goal) = self.goal.filter(|goal| goal.number == *number) else { return };
@@ -237,7 +247,7 @@ impl RosSide {
                 self.goal = Some(Goal { state: GoalState::Accepted, since_ms: now_ms, ..goal });
                 self.owed_s = 0.0;
             }
-            Told::Accepted(_) | Told::NotThere(_) | Told::Gripped(..) => {}
+            Told::Accepted(_) | Told::NotThere(_) | Told::Gripped(..) | Told::Stalled(_) => {}
             Told::Refused(_, why) => fault("controller_refused", why),
             Told::Unanswered(_, why) | Told::Lost(_, why) => fault("controller_silent", why),
             Told::Ended(_, status::SUCCEEDED, _) => self.goal = None,
@@ -282,6 +292,7 @@ impl RosSide {
         if self.arm.as_ref().is_some_and(|arm| arm.stop().is_some()) {
             self.goal = None;
             todo.extend(self.unended.to_cancel(now_ms).into_iter().map(Do::Cancel));
+            todo.extend(self.hand.to_cancel(now_ms).map(Do::CancelGrip));
         }
         todo
     }

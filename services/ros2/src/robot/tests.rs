@@ -340,6 +340,26 @@ fn the_hand_closes_and_holds_what_stalls_it() {
 }
 
 #[test]
+fn a_stop_cancels_the_hand_until_its_goal_ends_unless_something_is_between_its_fingers() {
+    for stalls in [false, true] {
+        let mut trial = Trial::new(true);
+        trial.command(|command| command.gripper = Some(repose_proto::robot::GripperCommand { width_m: 0.02, force_n: 30.0 }));
+        trial.run(8);
+        assert_eq!(trial.done(), [Do::Grip(1, 0.01, 30.0)]);
+        if stalls {
+            trial.side.told(Told::Stalled(1), trial.now_ms);
+        }
+        trial.side.emergency_stop(&EmergencyStop::read(b"e1"));
+        trial.run(400);
+        assert_eq!(trial.done(), vec![Do::CancelGrip(1); if stalls { 0 } else { 2 }]);
+        trial.side.told(Told::Gripped(1, None), trial.now_ms);
+        trial.run(400);
+        assert_eq!(trial.done(), []);
+        assert!(trial.clears());
+    }
+}
+
+#[test]
 fn joints_that_nobody_tells_of_are_not_shown_and_stop_an_arm_that_moves() {
     let mut trial = Trial::new(false);
     trial.now_ms += 600;

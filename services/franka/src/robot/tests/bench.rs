@@ -8,7 +8,7 @@ use repose_proto::robot::{EmergencyStop, Owner, RobotCommand, RobotMode, RobotSt
 use repose_robot_side::{ArmSettings, straight_way};
 
 use crate::robot::fci::{Next, Reading, Trouble};
-use crate::robot::hand::{HandCommand, HandReading};
+use crate::robot::hand::{HandCommand, HandHalt, HandReading};
 use crate::robot::side::{Do, Refused, Side, SideSettings};
 
 /// How long a recovery takes, milliseconds.
@@ -119,6 +119,7 @@ pub struct Bench {
     pub robot: Robot,
     pub hand: HandReading,
     pub orders: Vec<HandCommand>,
+    pub halts: Vec<HandHalt>,
     pub now_ms: u64,
     pub owner: Owner,
     pub seq: u64,
@@ -145,7 +146,19 @@ impl Bench {
         let hand = HandReading { width_m: 0.08, grasps: false, ended: 0, connected: true };
         let owner = Owner { id: "motion-1".to_owned(), epoch: 1 };
         let robot = Robot { mode, ..Robot::new(model) };
-        let mut bench = Self { side, robot, hand, orders: Vec::new(), now_ms: 0, owner, seq: 0, last: None, is_connected: true, limits };
+        let mut bench = Self {
+            side,
+            robot,
+            hand,
+            orders: Vec::new(),
+            halts: Vec::new(),
+            now_ms: 0,
+            owner,
+            seq: 0,
+            last: None,
+            is_connected: true,
+            limits,
+        };
         bench.run(3);
         bench
     }
@@ -160,6 +173,7 @@ impl Bench {
             self.now_ms += 1;
             self.robot.clock_ms += 1;
             self.side.hand(self.hand);
+            self.halts.extend(self.side.take_hand_halt());
             if self.is_connected {
                 self.cycle();
             }

@@ -5,7 +5,7 @@ use repose_panda::{Model, READY};
 use repose_proto::robot::{GripperCommand, RobotCommand, RobotMode, Task};
 
 use super::bench::Bench;
-use crate::robot::hand::HandCommand;
+use crate::robot::hand::{HandCommand, HandHalt};
 use crate::robot::side::Refused;
 
 fn turned(by_rad: f64) -> [f64; 7] {
@@ -218,6 +218,24 @@ fn the_hand_is_told_once_and_its_loss_latches() {
     bench.hand.connected = false;
     bench.run(5);
     assert_eq!(bench.stopped_by().as_deref(), Some("hand_lost"));
+}
+
+#[test]
+fn a_stop_has_the_hand_leave_off_what_it_does_once() {
+    let mut bench = Bench::new(Model::Fr3);
+    bench.halts.clear();
+    let command = RobotCommand { gripper: Some(GripperCommand { width_m: 0.02, force_n: 30.0 }), ..bench.next() };
+    bench.send(command).expect("taken");
+    bench.run(5);
+    bench.estop();
+    bench.run(50);
+    assert_eq!(bench.halts, [HandHalt { up_to: 1, stops: true }]);
+    assert!(bench.reset(20));
+    bench.hand = crate::robot::hand::HandReading { width_m: 0.045, grasps: true, ended: 1, connected: true };
+    bench.run(5);
+    bench.estop();
+    bench.run(50);
+    assert_eq!(bench.halts[1..], [HandHalt { up_to: 1, stops: false }], "what it holds does not fall");
 }
 
 #[test]
