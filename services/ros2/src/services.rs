@@ -4,16 +4,14 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
-use repose_proto::perception::LatestRequest;
-use repose_proto::place::ReachingRobot;
-use repose_proto::robot::{EmergencyStop, RobotState};
-use repose_proto::{CallError, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Scene, SceneSummary, Service, limits};
+use repose_proto::robot::RobotState;
+use repose_proto::{CallError, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Scene, Service};
 use repose_ros_messages as ros;
-use repose_runtime::{CallOptions, Caller, Session, Traffic};
+use repose_runtime::{CallOptions, Caller, Session, call_moving, emergency_stop, fetch_newest, reaching_robot, robot_state};
 
 use crate::config::{RobotConfig, Ros2Config};
 use crate::error::BridgeError;
-use crate::node::{Node, RosPublisher, now_ns};
+use crate::node::{Node, RosPublisher};
 use crate::robot::goal::trajectory;
 use crate::show::link::whole;
 use crate::show::messages;
@@ -23,8 +21,6 @@ use crate::wire::names::Qos;
 const COUNT: u32 = 5;
 /// How long a stop is repeated for a robot to show it.
 const STOP: Duration = Duration::from_secs(3);
-/// Between two puts of a stop.
-const REPEAT: Duration = Duration::from_millis(50);
 /// How long a robot may take to show its state.
 const STATE: Duration = Duration::from_secs(2);
 /// How long an execution may take.
@@ -115,33 +111,12 @@ impl Desk {
         ros::TriggerResponse { success, message }
     }
 
-    /// Puts an emergency stop until a state shows one.
+    /// Stops a robot; in words, that it is stopped.
     async fn stop_robot(&self, robot: &str) -> Result<String, BridgeError> {
-        let mut states = self.session.subscribe_latest(&self.session.cell().robot_state(robot)).await?;
-        let stop = EmergencyStop {
-            v: limits::VERSION,
-            id: uuid::Uuid::new_v4().to_string(),
-            source: "ros2".to_owned(),
-            reason: "a client called the stop service".to_owned(),
-            stamp_ns: now_ns(),
-        };
-        let (key, payload) = (self.session.cell().robot_estop(robot), Payload::json(&stop)?);
-        let latched = async {
-            let mut again = tokio::time::interval(REPEAT);
-            loop {
-                tokio::select! {
-                    _ = again.tick() => self.session.put(&key, payload.clone(), Traffic::EmergencyStop).await?,
-                    sample = states.recv() => {
-                        let state = sample.and_then(|sample| sample.payload.decode_json::<RobotState>().ok());
-                        if state.and_then(|state| state.stop).is_some_and(|stop| stop.estop_id.is_some()) {
-                            return Ok(format!("{robot} is stopped"));
-                        }
-                    }
-                }
-            }
-        };
-        let silent = || CallError::precondition(format!("{robot} was told to stop and has not shown that it did")).at("robot");
-        tokio::time::timeout(STOP, latched).await.unwrap_or_else(|_| Err(silent().into()))
+        let latched = emergency_stop(&self.session, robot, "ros2", "a client called the stop service");
+        let silent = |_| CallError::precondition(format!("{robot} was told to stop and has not shown that it did")).at("robot");
+        tokio::time::timeout(STOP, latched).await.map_err(silent)??;
+        Ok(format!("{robot} is stopped"))
     }
 
     async fn place(&self, asked: &ros::PlaceRequest) -> ros::PlaceResponse {
@@ -212,11 +187,9 @@ impl Desk {
     }
 
     async fn execute(&self, plan: &MotionPlan) -> Result<ExecuteReply, BridgeError> {
-        let id = uuid::Uuid::new_v4().to_string();
-        // By this motion sees that its client is still there.
-        let _alive = self.session.transport().declare_alive(&self.session.cell().live_client(&id)).await?;
-        let options = CallOptions { id: Some(id), ..CallOptions::at_most_once(EXECUTION) };
-        Ok(self.motion.call("execute", Payload::json(plan)?, options).await?.payload.decode_json()?)
+        let options = CallOptions::at_most_once(EXECUTION);
+        let answer = call_moving(&self.session, &self.motion, "execute", Payload::json(plan)?, options).await?;
+        Ok(answer.payload.decode_json()?)
     }
 
     /// A placement on the newest scene of a camera.
@@ -228,29 +201,17 @@ impl Desk {
             (named, _) => named,
         };
         repose_proto::keys::validate_chunk("camera", camera)?;
-        let latest = Payload::json(&LatestRequest { camera: camera.to_owned() })?;
-        let answer = self.perception.call("latest", latest, CallOptions::within(self.deadline())).await?;
-        let summary: SceneSummary = answer.payload.decode_json()?;
+        let summary = fetch_newest(&self.perception, camera, &CallOptions::within(self.deadline())).await?;
         let scene = whole(&self.perception, &summary.scene_id).await?;
         let robot = match self.config.robots.first() {
-            Some(robot) => Some((robot.clone(), self.robot_state(&robot.name).await?)),
+            Some(robot) => Some((robot.clone(), robot_state(&self.session, &robot.name, STATE).await?)),
             None => None,
         };
-        let reach = robot.as_ref().and_then(|(robot, state)| {
-            let pose = state.world_from_base?;
-            Some(ReachingRobot { name: robot.name.clone(), world_from_base: Some(pose) })
-        });
+        let reach = robot.as_ref().and_then(|(robot, state)| reaching_robot(&robot.name, state));
         let request = PlaceRequest { count, seed, robot: reach, ..PlaceRequest::new(summary.scene_id, object, goal) };
         request.validate()?;
         let (result, _) = self.planner.place(&request, Some(&scene), CallOptions::within(self.deadline())).await?;
         Ok(Placed { scene, result, robot })
-    }
-
-    async fn robot_state(&self, robot: &str) -> Result<RobotState, BridgeError> {
-        let mut states = self.session.subscribe_latest(&self.session.cell().robot_state(robot)).await?;
-        let silent = || CallError::new(repose_proto::ErrorCode::Unavailable, format!("robot {robot} shows no state")).at("robot");
-        let sample = tokio::time::timeout(STATE, states.recv()).await.map_err(|_| silent())?.ok_or_else(silent)?;
-        Ok(sample.payload.decode_json()?)
     }
 
     fn deadline(&self) -> Duration {
