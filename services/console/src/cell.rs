@@ -249,11 +249,11 @@ impl WatchedCell {
         let (hinted, options) = (hinted.await?, CallOptions::within(SCENE_WITHIN));
         let answer = self.caller(Service::Perception).call("segment", hinted, options).await?;
         let (quality, cloud_points) = (self.shared.config.jpeg_quality, self.shared.config.cloud_points);
-        let frame = view.frame.clone();
+        let (cell, frame) = (self.name().to_owned(), view.frame.clone());
         computed(move || {
             let scene = Scene::from_bulk(&answer.payload.decode_bulk(Scene::SCHEMA)?)?;
             let picture = frame.map(|frame| picture_of(frame, quality)).transpose()?;
-            SceneView::new(ViewReason::Segmented, scene.id(), scene.into(), picture.as_ref(), cloud_points)
+            SceneView::new(ViewReason::Segmented, cell, scene.id(), scene.into(), picture.as_ref(), cloud_points)
         })
         .await
     }
@@ -447,10 +447,10 @@ async fn show_scene(cell: &Shared, summary: &SceneSummary, seen: &Seen) {
         return;
     }
     let picture = locked(&seen.pictures).iter().find(|p| p.stamp_ns == summary.stamp_ns).cloned();
-    let cloud_points = cell.config.cloud_points;
+    let (name, cloud_points) = (cell.name.clone(), cell.config.cloud_points);
     let made = async {
         let scene = cell.scene(&scene_id).await?;
-        computed(move || SceneView::new(ViewReason::Live, scene_id, scene.into(), picture.as_ref(), cloud_points)).await
+        computed(move || SceneView::new(ViewReason::Live, name, scene_id, scene.into(), picture.as_ref(), cloud_points)).await
     };
     match made.await {
         Ok(view) => {

@@ -172,6 +172,11 @@ pub enum ServerMessage {
         /// The cell of the console's configuration.
         cell: String,
     },
+    /// A viewer's cell is another: what it was told of one before is out of date, and what comes after this is of this one.
+    Watching {
+        /// The cell.
+        cell: String,
+    },
     /// The cells with anybody alive in them.
     Cells {
         /// Their names.

@@ -9,6 +9,8 @@ use serde::Serialize;
 
 /// A scene as it is sent to viewers.
 pub struct SceneView {
+    /// The cell that it is of.
+    pub cell: String,
     /// The scene's id.
     pub scene_id: String,
     /// The scene.
@@ -53,6 +55,7 @@ impl SceneView {
     /// `invalid_argument` when the scene's camera has no pose.
     pub fn new(
         kind: ViewReason,
+        cell: String,
         scene_id: String,
         scene: Arc<Scene>,
         picture: Option<&CameraPicture>,
@@ -86,7 +89,7 @@ impl SceneView {
             bulk.tensors.insert("jpeg".to_owned(), Tensor::u8(&[picture.jpeg.len()], &picture.jpeg));
         }
         let frame = picture.map(|picture| picture.frame.clone());
-        Ok(Self { scene_id, scene, frame, bytes: bulk.encode().into() })
+        Ok(Self { cell, scene_id, scene, frame, bytes: bulk.encode().into() })
     }
 }
 
@@ -159,7 +162,7 @@ mod tests {
         let scene = Arc::new(Scene { stamp_ns: 7, ..seen_from_above(&points) });
         let frame = Payload { encoding: String::new(), bytes: Bytes::new() };
         let picture = CameraPicture { stamp_ns: 7, jpeg: vec![1, 2, 3].into(), frame };
-        let view = SceneView::new(ViewReason::Live, "ab".to_owned(), scene, Some(&picture), 1000).expect("a view");
+        let view = SceneView::new(ViewReason::Live, "lab".to_owned(), "ab".to_owned(), scene, Some(&picture), 1000).expect("a view");
         let bulk = Bulk::decode(&view.bytes).expect("bulk");
         assert_eq!((bulk.text("kind"), bulk.text("scene_id")), (Ok("scene"), Ok("ab")));
         let meta: SceneMeta = serde_json::from_str(bulk.text("scene").expect("metadata")).expect("readable");

@@ -22,6 +22,8 @@ pub enum Topic {
     Welcome,
     /// The cells there are.
     Cells,
+    /// The cell that the viewer looks at.
+    Watching,
     /// A cell's workers, cameras and robots.
     System,
     /// A camera's picture.
@@ -54,6 +56,14 @@ pub enum ViewerMessage {
 }
 
 impl Topic {
+    /// Whether its messages are of the cell that the viewer looks at.
+    pub fn is_of_cell(&self) -> bool {
+        match self {
+            Self::System | Self::Picture | Self::Scene | Self::Segmented | Self::Robot(_) | Self::Activity | Self::Plan => true,
+            Self::Welcome | Self::Cells | Self::Watching | Self::Progress(_) | Self::Answer(_) => false,
+        }
+    }
+
     /// Whether its messages are large: the next is sent when the viewer has said that it has seen the last, so that none wait in buffers on the
     /// way, where they would grow old.
     fn waits_for_viewer(&self) -> bool {
@@ -127,6 +137,13 @@ impl Outbox {
             }
             self.changed.notified().await;
         }
+    }
+
+    /// Drops what waits of some topics.
+    pub fn forget(&self, is_out_of_date: impl Fn(&Topic) -> bool) {
+        let mut waiting = self.waiting();
+        waiting.order.retain(|topic| !is_out_of_date(topic));
+        waiting.newest.retain(|topic, _| !is_out_of_date(topic));
     }
 
     /// The viewer has seen the last message of a topic.
@@ -223,6 +240,20 @@ mod tests {
         assert_eq!(next(&outbox).await.as_deref(), Some("system"));
         outbox.seen(&Topic::Scene);
         assert_eq!(next(&outbox).await.as_deref(), Some("scene 3"));
+    }
+
+    #[tokio::test]
+    async fn what_waits_of_a_cell_is_forgotten_with_it_and_answers_are_not() {
+        let outbox = Outbox::default();
+        outbox.put(Topic::Robot("panda".into()), text("the old cell's robot"));
+        outbox.put(Topic::Answer(1), text("answer"));
+        outbox.put(Topic::Scene, text("the old cell's scene"));
+        outbox.forget(Topic::is_of_cell);
+        outbox.put(Topic::Watching, text("watching"));
+        outbox.put(Topic::Scene, text("the new cell's scene"));
+        for expected in ["answer", "watching", "the new cell's scene"] {
+            assert_eq!(next(&outbox).await.as_deref(), Some(expected));
+        }
     }
 
     #[tokio::test]

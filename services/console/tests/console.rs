@@ -1,5 +1,7 @@
 //! The console over real sockets, in a cell whose robot is a few lines here.
 
+mod serving;
+
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -9,10 +11,10 @@ use futures::{SinkExt, StreamExt};
 use repose_console::{Console, ConsoleConfig};
 use repose_proto::arrange::{Conflict, ObjectGoal, Proof};
 use repose_proto::place::Outcome;
-use repose_proto::robot::{EmergencyStop, RobotMode, RobotState, StopState};
 use repose_proto::{ArrangeRequest, ArrangeResult, CallError, Payload, Service};
-use repose_runtime::{Call, Handler, Session, Shutdown, Traffic};
+use repose_runtime::{Call, Handler, Traffic};
 use serde_json::{Value, json};
+use serving::{WITHIN, ask, heard, robot, socket, start};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::sync::mpsc;
@@ -21,33 +23,7 @@ use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName};
 use tokio_rustls::rustls::{ClientConfig, RootCertStore};
-use tokio_tungstenite::tungstenite::client::IntoClientRequest;
-use tokio_tungstenite::tungstenite::http::HeaderValue;
 use tokio_tungstenite::tungstenite::{Error, Message};
-use tokio_tungstenite::{MaybeTlsStream, WebSocketStream, connect_async};
-
-const WITHIN: Duration = Duration::from_secs(20);
-
-struct Running {
-    session: Session,
-    address: SocketAddr,
-    shutdown: Shutdown,
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        self.shutdown.trigger();
-    }
-}
-
-async fn start(config: ConsoleConfig) -> Running {
-    let session = Session::embedded().await.expect("a session");
-    let config = ConsoleConfig { listen: "127.0.0.1:0".parse().expect("an address"), ..config };
-    let console = Console::open(session.clone(), config).await.expect("a console");
-    let (address, shutdown) = (console.address(), Shutdown::new());
-    tokio::spawn(console.serve(shutdown.clone()));
-    Running { session, address, shutdown }
-}
 
 /// Sends a request over a socket of its own; status, headers and body.
 async fn http(address: SocketAddr, method: &str, path: &str, headers: &[(&str, &str)], body: &str) -> (u16, String, String) {
@@ -75,66 +51,6 @@ async fn http_over<S: AsyncRead + AsyncWrite + Unpin>(
     let (head, body) = answer.split_once("\r\n\r\n").expect("a head");
     let status = head.split(' ').nth(1).and_then(|s| s.parse().ok()).expect("a status");
     (status, head.to_ascii_lowercase(), body.to_owned())
-}
-
-type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
-
-async fn socket(address: SocketAddr, headers: &[(&'static str, &str)]) -> Result<Socket, Error> {
-    let mut request = format!("ws://{address}/socket").into_client_request()?;
-    for (name, value) in headers {
-        request.headers_mut().insert(*name, HeaderValue::from_str(value).expect("a header"));
-    }
-    Ok(connect_async(request).await?.0)
-}
-
-async fn ask(socket: &mut Socket, request: Value) {
-    socket.send(Message::text(request.to_string())).await.expect("sent");
-}
-
-/// The first message that passes.
-async fn heard(socket: &mut Socket, passes: impl Fn(&Value) -> bool) -> Value {
-    let hearing = async {
-        loop {
-            let message = socket.next().await.expect("the socket is open").expect("a message");
-            let Message::Text(text) = message else { continue };
-            let value: Value = serde_json::from_str(&text).expect("JSON");
-            if passes(&value) {
-                return value;
-            }
-        }
-    };
-    tokio::time::timeout(WITHIN, hearing).await.expect("heard in time")
-}
-
-fn state(seq: u64, stop: Option<&StopState>) -> RobotState {
-    let mode = if stop.is_some() { RobotMode::Stopped } else { RobotMode::Idle };
-    let still = [0.0; 7];
-    serde_json::from_value(json!({
-        "v": 1, "seq": seq, "stamp_ns": 0, "robot_ms": 0.0, "q_rad": repose_panda::READY, "dq_rad_s": still, "gripper_width_m": 0.04,
-        "gripper_settled": true, "gripper_holding": false, "mode": mode, "stop": stop, "owner": null, "last_command": null, "stream_ms": null
-    }))
-    .expect("a state")
-}
-
-/// A robot that tells its state and latches stops, until the session closes.
-async fn robot(session: &Session) {
-    let mut stops = session.subscribe_queue(&session.cell().robot_estop("panda"), 16).await.expect("a subscription");
-    let states = session.publisher(session.cell().robot_state("panda"), Traffic::RobotState);
-    tokio::spawn(async move {
-        let (mut stop, mut tick) = (None, tokio::time::interval(Duration::from_millis(10)));
-        for seq in 0.. {
-            tokio::select! {
-                _ = tick.tick() => {}
-                Some(sample) = stops.recv() => {
-                    let EmergencyStop { id, reason, .. } = EmergencyStop::read(&sample.payload.bytes);
-                    stop = Some(StopState { kind: "estop".to_owned(), reason, estop_id: Some(id) });
-                }
-            }
-            if states.put(Payload::json(&state(seq, stop.as_ref())).expect("encoded")).await.is_err() {
-                return;
-            }
-        }
-    });
 }
 
 #[tokio::test(flavor = "multi_thread")]

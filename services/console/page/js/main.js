@@ -21,6 +21,8 @@ const stored = { get: (key) => sessionStorage.getItem(`repose.${key}`) ?? undefi
 
 let role = "viewer", cell, camera, robot, page;
 let scene, newest, isHeld = false, hasWatched = false, asked, myPlan, hadPlan;
+/** The cell that the console's messages are of, and how often one was asked for. */
+let toldOf, watches = 0;
 const robots = new Map();
 
 // The console. First, so that it answers while the parts are made.
@@ -86,7 +88,12 @@ function notice(text, kind = "") {
 async function heard(kind, message) {
   switch (kind) {
     case "welcome": return welcomed(message);
+    case "watching": toldOf = message.cell; return;
     case "cells": return choices(byId("cell"), [...new Set([cell, ...message.cells])].filter(Boolean).sort(), cell);
+  }
+  // What was on its way when another cell was chosen is not of that one.
+  if (toldOf !== cell) return;
+  switch (kind) {
     case "system": return systemShown(message);
     case "picture": return pictureShown(message);
     case "scene": return sceneShown(message);
@@ -101,6 +108,7 @@ function welcomed(welcome) {
   // A newer console has newer pages.
   if (page !== undefined && page !== welcome.page) return location.reload();
   page = welcome.page;
+  toldOf = undefined;
   notice();
   role = welcome.role;
   system.welcome(welcome);
@@ -120,9 +128,12 @@ function welcomed(welcome) {
 
 async function watch() {
   hasWatched = true;
+  const turn = ++watches;
   try {
     await connection.ask("watch", { cell, camera: camera ?? null });
   } catch (refusal) {
+    // The choice that has overtaken this one has an answer of its own.
+    if (turn !== watches) return;
     hasWatched = false;
     if (refusal.field !== "camera") notice(refusal, "bad");
     camera = undefined;
@@ -130,7 +141,6 @@ async function watch() {
 }
 
 function systemShown(message) {
-  if (message.cell !== cell) return;
   system.show(message);
   world.showZones(message.workers.flatMap(({ load }) => load?.keep_out ?? []));
   byId("recording").hidden = !message.workers.some(({ load }) => load?.journals);
@@ -377,6 +387,8 @@ byId("follow").addEventListener("click", () => release());
 byId("open-system").addEventListener("click", () => system.open());
 byId("cell").addEventListener("change", ({ target }) => {
   cell = target.value;
+  toldOf = undefined;
+  motion.fault();
   [camera, robot, newest, scene, myPlan] = [];
   robots.clear();
   world.forget();

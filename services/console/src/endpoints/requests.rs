@@ -42,6 +42,8 @@ pub struct Viewer {
 /// What a viewer looks at, and what it has in hand.
 #[derive(Default)]
 struct Eyes {
+    /// The newest request to watch. One that it has overtaken changes nothing any more.
+    wanted: Option<u64>,
     cell: Option<Arc<WatchedCell>>,
     camera: Option<Arc<Camera>>,
     held: Option<Arc<SceneView>>,
@@ -49,7 +51,6 @@ struct Eyes {
     sent: VecDeque<Arc<SceneView>>,
     plan: Option<DisplayedPlan>,
     open: BTreeMap<u64, CancellationToken>,
-    has_left: bool,
 }
 
 impl Viewer {
@@ -78,7 +79,8 @@ impl Viewer {
 
     /// Takes the viewer out of every audience and gives up what it asked for, but for what moves a robot.
     pub async fn leave(&self) {
-        let eyes = std::mem::replace(&mut *self.eyes(), Eyes { has_left: true, ..Eyes::default() });
+        // A request to watch that is still open is no longer wanted, and joins nothing.
+        let eyes = std::mem::take(&mut *self.eyes());
         eyes.open.values().for_each(CancellationToken::cancel);
         if let Ok(everywhere) = self.state.everywhere().await {
             everywhere.leave(self.id);
@@ -103,6 +105,10 @@ impl Viewer {
                 Ok(()) if eyes.open.contains_key(&id) => Some(CallError::invalid("id", format!("request {id} is open already"))),
                 Ok(()) => {
                     eyes.open.insert(id, cancel.clone());
+                    // Noted here, in the order in which they come: the tasks below run in any.
+                    if matches!(ask, Ask::Watch { .. }) {
+                        eyes.wanted = Some(id);
+                    }
                     None
                 }
                 Err(error) => Some(error),
@@ -125,7 +131,7 @@ impl Viewer {
 
     async fn carry_out(self: &Arc<Self>, id: u64, ask: Ask, cancel: CancellationToken) -> Result<Answered, CallError> {
         match ask {
-            Ask::Watch { cell, camera } => self.watch(&cell, camera.as_deref()).await,
+            Ask::Watch { cell, camera } => self.watch(id, &cell, camera.as_deref()).await,
             // Taken above.
             Ask::Seen { .. } => Ok(Answered::Done {}),
             Ask::Hold { scene_id } => self.hold(&scene_id),
@@ -143,7 +149,7 @@ impl Viewer {
                 Ok(Answered::Done {})
             }
             Ask::Sequence { scene_id, robot, goals } => {
-                let (cell, camera) = (self.cell()?, self.camera()?);
+                let (cell, camera) = self.watched()?;
                 let scene = self.scene(&cell, &scene_id).await?;
                 super::sequence::begin(cell, camera, scene, robot, goals, &self.state.config)
             }
@@ -154,7 +160,7 @@ impl Viewer {
                 super::arrangement::asked(&cell, &request, scene.as_deref(), options).await
             }
             Ask::BringAbout { robot, request } => {
-                let (cell, camera) = (self.cell()?, self.camera()?);
+                let (cell, camera) = self.watched()?;
                 let scene = self.scene(&cell, &request.scene.scene_id).await?;
                 super::arrangement::begin(cell, camera, scene, robot, *request, &self.state.config)
             }
@@ -166,7 +172,8 @@ impl Viewer {
             }
             Ask::Reset { robot } => self.reset(&robot).await,
             Ask::Recover { robot, motion } => {
-                let reply = recover(self.cell()?.as_ref(), self.camera()?.name(), &robot, motion).await?;
+                let (cell, camera) = self.watched()?;
+                let reply = recover(&cell, camera.name(), &robot, motion).await?;
                 Ok(Answered::Executed { outcome: reply.outcome, reason: reply.reason })
             }
             Ask::NewScene { seed } => {
@@ -187,78 +194,99 @@ impl Viewer {
         self.eyes().cell.clone().ok_or_else(|| CallError::precondition("no cell is watched yet").at("cell"))
     }
 
-    fn camera(&self) -> Result<Arc<Camera>, CallError> {
-        self.eyes().camera.clone().ok_or_else(|| CallError::precondition("no camera is watched yet").at("camera"))
+    /// The cell, and the camera of it.
+    fn watched(&self) -> Result<(Arc<WatchedCell>, Arc<Camera>), CallError> {
+        let eyes = self.eyes();
+        let nothing = |what: &str| CallError::precondition(format!("no {what} is watched yet")).at(what);
+        let cell = eyes.cell.clone().ok_or_else(|| nothing("cell"))?;
+        Ok((cell, eyes.camera.clone().ok_or_else(|| nothing("camera"))?))
     }
 
-    async fn watch(&self, cell: &str, camera: Option<&str>) -> Result<Answered, CallError> {
+    /// Changes what is looked at, unless the viewer has gone on to another cell since it asked.
+    fn change_in(&self, cell: &Arc<WatchedCell>, change: impl FnOnce(&mut Eyes)) -> Result<(), CallError> {
+        let mut eyes = self.eyes();
+        if !eyes.cell.as_ref().is_some_and(|now| Arc::ptr_eq(now, cell)) {
+            return Err(CallError::precondition(format!("cell {} is no longer watched", cell.name())).at("cell"));
+        }
+        change(&mut eyes);
+        Ok(())
+    }
+
+    /// Begins to watch; `id` is the request's. Both times that something was waited for, only the newest such request goes on: else a camera
+    /// that comes late would be looked through in a cell that is not its own.
+    async fn watch(&self, id: u64, cell: &str, camera: Option<&str>) -> Result<Answered, CallError> {
+        let overtaken = || CallError::new(ErrorCode::Cancelled, "another cell or camera was asked for since");
         let cell = self.state.cell(cell).await?;
         // The cell is shown even where it has no camera yet.
-        let seen = {
+        {
             let mut eyes = self.eyes();
-            if eyes.has_left {
-                return Ok(Answered::Done {});
+            if eyes.wanted != Some(id) {
+                return Err(overtaken());
             }
             let is_same = eyes.cell.as_ref().is_some_and(|old| Arc::ptr_eq(old, &cell));
-            let (open, held, plan) = (std::mem::take(&mut eyes.open), eyes.held.take(), eyes.plan.take());
-            let before = std::mem::replace(&mut *eyes, Eyes { cell: Some(cell.clone()), open, ..Eyes::default() });
+            let (wanted, open, held, plan) = (eyes.wanted, std::mem::take(&mut eyes.open), eyes.held.take(), eyes.plan.take());
+            let before = std::mem::replace(&mut *eyes, Eyes { wanted, cell: Some(cell.clone()), open, ..Eyes::default() });
             if is_same {
                 (eyes.held, eyes.plan) = (held, plan);
             }
-            before
-        };
-        leave(self.id, &seen);
-        cell.audience().join(self.id, self.outbox.clone());
-        let camera = cell.camera(camera).await?;
-        camera.audience().join(self.id, self.outbox.clone());
-        let mut eyes = self.eyes();
-        if eyes.has_left {
-            camera.audience().leave(self.id);
-            cell.audience().leave(self.id);
-        } else {
-            eyes.camera = Some(camera);
+            leave(self.id, &before);
+            // What is told from here on is of this cell.
+            self.outbox.forget(Topic::is_of_cell);
+            self.outbox.put(Topic::Watching, ServerMessage::Watching { cell: cell.name().to_owned() }.encode());
+            cell.audience().join(self.id, self.outbox.clone());
         }
+        let camera = cell.camera(camera).await?;
+        let mut eyes = self.eyes();
+        if eyes.wanted != Some(id) {
+            return Err(overtaken());
+        }
+        camera.audience().join(self.id, self.outbox.clone());
+        eyes.camera = Some(camera);
         Ok(Answered::Done {})
     }
 
     fn hold(&self, scene_id: &str) -> Result<Answered, CallError> {
-        let view = self.view(scene_id)?;
-        self.eyes().held = Some(view);
+        let cell = self.cell()?;
+        let view = self.view(&cell, scene_id)?;
+        self.change_in(&cell, |eyes| eyes.held = Some(view))?;
         Ok(Answered::Done {})
     }
 
     /// Notes that a scene is sent to this viewer.
     pub fn sends(&self, view: Arc<SceneView>) {
-        let sent = &mut self.eyes().sent;
-        sent.push_back(view);
-        if sent.len() > SENT {
-            sent.pop_front();
+        let mut eyes = self.eyes();
+        // One that was on its way when the viewer went to another cell is not of what it looks at.
+        if eyes.cell.as_ref().is_some_and(|cell| cell.name() == view.cell) {
+            eyes.sent.push_back(view);
+        }
+        if eyes.sent.len() > SENT {
+            eyes.sent.pop_front();
         }
     }
 
-    /// A scene that this viewer holds or may have on its screen.
-    fn view(&self, scene_id: &str) -> Result<Arc<SceneView>, CallError> {
-        let at_hand = {
-            let eyes = self.eyes();
-            eyes.held.iter().chain(&eyes.sent).find(|view| view.scene_id == scene_id).cloned()
-        };
-        match at_hand {
-            Some(view) => Ok(view),
-            None => self.camera()?.view(scene_id).ok_or_else(|| CallError::not_found("scene_id", "this scene is no longer shown")),
-        }
+    /// A scene of a cell that this viewer holds or may have on its screen.
+    fn view(&self, cell: &WatchedCell, scene_id: &str) -> Result<Arc<SceneView>, CallError> {
+        let eyes = self.eyes();
+        let is_it = |view: &&Arc<SceneView>| view.scene_id == scene_id && view.cell == cell.name();
+        let at_hand = eyes.held.iter().chain(&eyes.sent).find(is_it).cloned();
+        let shown = || eyes.camera.as_ref()?.view(scene_id).filter(|view| is_it(&view));
+        at_hand.or_else(shown).ok_or_else(|| CallError::not_found("scene_id", "this scene is no longer shown"))
     }
 
     async fn segment(&self, scene_id: &str, pixel: [usize; 2]) -> Result<Answered, CallError> {
-        let view = self.cell()?.segmented(self.view(scene_id)?.as_ref(), pixel).await?;
-        let view = Arc::new(view);
-        self.outbox.put(Topic::Segmented, ViewerMessage::View(view.clone()));
-        self.eyes().held = Some(view);
+        let cell = self.cell()?;
+        let view = self.view(&cell, scene_id)?;
+        let view = Arc::new(cell.segmented(&view, pixel).await?);
+        self.change_in(&cell, |eyes| {
+            self.outbox.put(Topic::Segmented, ViewerMessage::View(view.clone()));
+            eyes.held = Some(view);
+        })?;
         Ok(Answered::Done {})
     }
 
-    /// A scene that this viewer has seen, or that perception still has.
+    /// A scene of a cell that this viewer has seen, or that the cell's perception still has.
     async fn scene(&self, cell: &WatchedCell, scene_id: &str) -> Result<Arc<Scene>, CallError> {
-        match self.view(scene_id) {
+        match self.view(cell, scene_id) {
             Ok(view) => Ok(view.scene.clone()),
             Err(_) => Ok(Arc::new(cell.scene(scene_id).await?)),
         }
@@ -299,18 +327,23 @@ impl Viewer {
         let placed = placements.get(plan.placement).ok_or_else(|| CallError::internal("motion chose no placement of ours"))?;
         let moved = from_row_major(&placed.0).map_err(|e| CallError::internal(e.to_string()))?;
         let id = shown.plan.clone();
-        self.eyes().plan = Some(DisplayedPlan { id: id.clone(), plan, scene, moved });
+        self.change_in(&cell, |eyes| eyes.plan = Some(DisplayedPlan { id: id.clone(), plan, scene, moved }))?;
         cell.show_plan(shown);
         Ok(Answered::Planned { plan: id })
     }
 
     async fn execute(&self, id: &str) -> Result<Answered, CallError> {
-        let planned = self.eyes().plan.take_if(|known| known.id == id);
-        let planned = planned.ok_or_else(|| CallError::not_found("plan", "this plan is not at hand; plan again"))?;
-        let cell = self.cell()?;
+        // A plan goes with the cell that it was made in: both are taken at one instant.
+        let (planned, cell, camera) = {
+            let mut eyes = self.eyes();
+            (eyes.plan.take_if(|known| known.id == id), eyes.cell.clone(), eyes.camera.clone())
+        };
+        let (Some(planned), Some(cell)) = (planned, cell) else {
+            return Err(CallError::not_found("plan", "this plan is not at hand; plan again"));
+        };
         let reply: ExecuteReply = execute(&cell, &planned.plan).await?.payload.decode_json()?;
         let is_done = reply.outcome == ExecutionOutcome::Done;
-        if let Ok(camera) = self.camera() {
+        if let Some(camera) = camera {
             let site = PageSite::of(cell, camera, planned.plan.robot.clone(), self.deadline());
             tokio::spawn(async move {
                 if let Err(error) = planned.look_after(&site, is_done).await {

@@ -1,0 +1,165 @@
+//! What a viewer asks while something else goes on: another cell chosen meanwhile, a sequence that is to end, an arm that nobody sees.
+
+mod serving;
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use repose_console::ConsoleConfig;
+use repose_made_scenes::SceneBuilder;
+use repose_proto::motion::{ExecutionOutcome, MotionPlan, MotionPlanRequest, RecoverReply};
+use repose_proto::scene::WorldFrame;
+use repose_proto::{CallError, Payload, PlaceRequest, PlaceResult, Scene, Service};
+use repose_runtime::{Call, Handler, Server, Session, Traffic, now_ns};
+use serde_json::{Value, json};
+use serving::{Socket, WITHIN, ask, heard, robot, socket, start};
+use tokio::sync::Notify;
+
+/// A cell of a few lines: what its camera sees, and what its services were asked.
+#[derive(Default)]
+struct World {
+    seen: Mutex<Option<Scene>>,
+    asked: Mutex<Vec<(String, Value)>>,
+    /// Tells that the planner or motion has been asked for a place or a plan, which waits for [`World::may_answer`].
+    has_begun: Notify,
+    may_answer: Notify,
+}
+
+impl World {
+    /// The cameras that scenes were asked of.
+    fn cameras(&self) -> Vec<Value> {
+        let asked = self.asked.lock().expect("what was asked");
+        asked.iter().filter(|(method, _)| method == "latest").map(|(_, request)| request["camera"].clone()).collect()
+    }
+
+    fn times(&self, method: &str) -> usize {
+        self.asked.lock().expect("what was asked").iter().filter(|(asked, _)| asked == method).count()
+    }
+
+    fn sees(&self, frame: WorldFrame) -> String {
+        let mut scene = SceneBuilder::table().object(1, [0.5, 0.0], [0.05; 3]).object(2, [0.5, 0.2], [0.05; 3]).scene();
+        scene.meta.world_frame = frame;
+        let id = scene.id();
+        *self.seen.lock().expect("the scene") = Some(scene);
+        id
+    }
+
+    /// The scene as it is now.
+    fn scene(&self) -> Result<Scene, CallError> {
+        let seen = self.seen.lock().expect("the scene").clone();
+        let scene = seen.ok_or_else(|| CallError::not_found("camera", "nothing is seen"))?;
+        Ok(Scene { stamp_ns: now_ns(), ..scene })
+    }
+
+    async fn waited(&self) {
+        self.has_begun.notify_one();
+        self.may_answer.notified().await;
+    }
+}
+
+struct Worker(Arc<World>);
+
+#[async_trait::async_trait]
+impl Handler for Worker {
+    async fn call(&self, call: Call) -> Result<Payload, CallError> {
+        let request = serde_json::from_slice(&call.payload.bytes).unwrap_or(Value::Null);
+        self.0.asked.lock().expect("what was asked").push((call.method.clone(), request));
+        match call.method.as_str() {
+            "latest" => {
+                let scene = self.0.scene()?;
+                Payload::json(&scene.summary(scene.id()))
+            }
+            "scene" => Payload::bulk(Scene::SCHEMA, &self.0.scene()?.to_bulk()),
+            "place" => {
+                let request: PlaceRequest = call.payload.decode_json()?;
+                self.0.waited().await;
+                let result: PlaceResult =
+                    serde_json::from_str(include_str!("../../../proto/tests/golden/PlaceResult.v1.third.json")).expect("a result");
+                Payload::json(&PlaceResult { placements: Vec::new(), query: request.query, goal: request.goal, ..result })
+            }
+            "plan" => {
+                let request: MotionPlanRequest = call.payload.decode_json()?;
+                self.0.waited().await;
+                let plan: MotionPlan =
+                    serde_json::from_str(include_str!("../../../proto/tests/golden/MotionPlan.v1.json")).expect("a plan");
+                let (scene_id, robot) = (request.scene.scene_id, request.robot);
+                Payload::json(&MotionPlan { scene_id, robot, query: request.query, placement: 0, not_chosen: Vec::new(), ..plan })
+            }
+            "recover" => {
+                let checked_against = call.payload.is_bulk().then(|| self.0.scene().map(|scene| scene.id())).transpose()?;
+                let (outcome, joints_rad) = (ExecutionOutcome::Done, repose_panda::READY);
+                Payload::json(&RecoverReply { outcome, reason: None, retreated_m: None, checked_against, joints_rad })
+            }
+            _ => Err(call.unknown_method()),
+        }
+    }
+}
+
+/// The services of a cell, until this is dropped.
+async fn serve(session: &Session) -> (Arc<World>, Vec<Server>) {
+    let (world, mut servers) = (Arc::new(World::default()), Vec::new());
+    for service in [Service::Perception, Service::Planner, Service::Motion] {
+        servers.push(session.start(service, Arc::new(Worker(world.clone()))).await.expect("a worker"));
+    }
+    (world, servers)
+}
+
+/// Asks, and waits for the answer or the refusal.
+async fn answered(viewer: &mut Socket, request: Value) -> Value {
+    let id = request["id"].clone();
+    ask(viewer, request).await;
+    heard(viewer, |m| m["id"] == id && (m["kind"] == "answer" || m["kind"] == "refused")).await
+}
+
+async fn begun(world: &World) {
+    tokio::time::timeout(WITHIN, world.has_begun.notified()).await.expect("begun in time");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_cell_that_was_chosen_and_left_again_leaves_its_camera_to_nobody() {
+    let console = start(ConsoleConfig::default()).await;
+    let (world, _servers) = serve(&console.session).await;
+    let far = console.session.in_cell("far").expect("a cell");
+    let mut viewer = socket(console.address, &[]).await.expect("a socket");
+    // The far cell has no camera yet: the request waits for one while another overtakes it.
+    ask(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "far", "camera": null})).await;
+    heard(&mut viewer, |m| m["kind"] == "system" && m["cell"] == "far").await;
+    assert_eq!(answered(&mut viewer, json!({"id": 2, "ask": "watch", "cell": "cell", "camera": "front"})).await["kind"], "answer");
+    let scenes = far.publisher(far.cell().scene("top"), Traffic::Scene);
+    let telling = tokio::spawn(async move {
+        let mut tick = tokio::time::interval(Duration::from_millis(10));
+        loop {
+            tick.tick().await;
+            scenes.put(Payload { encoding: String::new(), bytes: Vec::new().into() }).await.expect("put");
+        }
+    });
+    let first = heard(&mut viewer, |m| m["id"] == 1).await;
+    telling.abort();
+    assert_eq!((&first["kind"], &first["error"]["code"]), (&json!("refused"), &json!("cancelled")), "{first}");
+    // The camera that the arm's way is checked by is the watched cell's.
+    answered(&mut viewer, json!({"id": 3, "ask": "recover", "robot": "panda", "move": "home"})).await;
+    let cameras = world.cameras();
+    assert!(!cameras.is_empty() && cameras.iter().all(|camera| camera == "front"), "{cameras:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_plan_that_comes_when_another_cell_is_watched_is_not_to_be_carried_out() {
+    let console = start(ConsoleConfig::default()).await;
+    let (world, _servers) = serve(&console.session).await;
+    let scene_id = world.sees(WorldFrame::Extrinsics);
+    robot(&console.session).await;
+    let mut viewer = socket(console.address, &[]).await.expect("a socket");
+    ask(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
+    heard(&mut viewer, |m| m["kind"] == "robot").await;
+    let placements = [[1., 0., 0., 0.1, 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.]];
+    ask(&mut viewer, json!({"id": 2, "ask": "plan", "scene_id": scene_id, "robot": "panda", "query": 1, "placements": placements})).await;
+    begun(&world).await;
+    ask(&mut viewer, json!({"id": 3, "ask": "watch", "cell": "far", "camera": "top"})).await;
+    assert_eq!(heard(&mut viewer, |m| m["kind"] == "watching" && m["cell"] == "far").await["cell"], "far");
+    world.may_answer.notify_one();
+    let planned = heard(&mut viewer, |m| m["id"] == 2).await;
+    assert_eq!((&planned["kind"], &planned["error"]["field"]), (&json!("refused"), &json!("cell")), "{planned}");
+    // What was seen in the one cell is not to be planned on in the other.
+    let held = answered(&mut viewer, json!({"id": 4, "ask": "hold", "scene_id": scene_id})).await;
+    assert_eq!(held["error"]["code"], "not_found", "{held}");
+}
