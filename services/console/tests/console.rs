@@ -135,6 +135,23 @@ async fn a_viewer_sees_the_robot_and_anybody_stops_it() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_stop_goes_on_when_the_connection_that_asked_for_it_is_lost() {
+    let console = start(ConsoleConfig::default()).await;
+    let mut stops = console.session.subscribe_queue(&console.session.cell().robot_estop("panda"), 256).await.expect("a subscription");
+    let body = r#"{"cell": "cell", "robot": "panda"}"#;
+    let text = format!("POST /stop HTTP/1.1\r\nHost: {}\r\nContent-Length: {}\r\n\r\n{body}", console.address, body.len());
+    let mut stream = TcpStream::connect(console.address).await.expect("a connection");
+    stream.write_all(text.as_bytes()).await.expect("sent");
+    assert!(tokio::time::timeout(WITHIN, stops.recv()).await.expect("in time").is_some(), "a first put");
+    drop(stream);
+    // Some of them may have been put before the console knew.
+    for _ in 0..50 {
+        let next = tokio::time::timeout(Duration::from_secs(2), stops.recv()).await;
+        assert!(matches!(next, Ok(Some(_))), "the stop has ended with its connection");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn faulty_requests_are_answered_with_their_field_and_end_nothing() {
     let console = start(ConsoleConfig::default()).await;
     let mut viewer = socket(console.address, &[]).await.expect("a socket");

@@ -2,8 +2,9 @@
 
 use std::time::Duration;
 
+use repose_proto::CallError;
 use repose_proto::robot::{RobotMode, RobotState};
-use repose_proto::{CallError, ErrorCode};
+use repose_runtime::emergency_stop_within;
 use repose_sentences::robot::describe;
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -45,7 +46,7 @@ impl Desk {
         self.told(&state)
     }
 
-    /// Stops the robot.
+    /// Stops the robot. The stop goes on when the agent is gone meanwhile.
     ///
     /// # Errors
     /// `deadline_exceeded` when the robot has not shown the stop in time.
@@ -53,12 +54,7 @@ impl Desk {
         let robot = &self.settings().robot;
         let reason: String = asked.reason.as_deref().unwrap_or("stopped by an agent").chars().take(REASON).collect();
         let source = format!("agent {}", asker.client);
-        let unheard = |_| {
-            let message = format!("robot {robot} has not shown the stop in {} ms", SHOWN_WITHIN.as_millis());
-            CallError::new(ErrorCode::DeadlineExceeded, message)
-        };
-        let stop = repose_runtime::emergency_stop(&self.session, robot, &source, &reason);
-        let state = tokio::time::timeout(SHOWN_WITHIN, stop).await.map_err(unheard)??;
+        let state = emergency_stop_within(&self.session, robot, &source, &reason, SHOWN_WITHIN).await?;
         self.told(&state)
     }
 

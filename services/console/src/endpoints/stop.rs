@@ -7,8 +7,8 @@ use axum::Json;
 use axum::extract::State as Shared;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
-use repose_proto::{CallError, ErrorCode, keys};
-use repose_runtime::emergency_stop;
+use repose_proto::{ErrorCode, keys};
+use repose_runtime::emergency_stop_within;
 use serde::Deserialize;
 
 use super::refusal::{refused, unknown};
@@ -28,7 +28,7 @@ pub struct StopRequest {
     reason: Option<String>,
 }
 
-/// Stops a robot; answers when it shows the stop.
+/// Stops a robot; answers when it shows the stop. The stop goes on when the connection is lost meanwhile.
 pub async fn stop(Shared(state): Shared<Arc<AppState>>, headers: HeaderMap, body: String) -> Response {
     if state.role(&headers).is_none() {
         return refused(StatusCode::UNAUTHORIZED, &unknown());
@@ -38,11 +38,7 @@ pub async fn stop(Shared(state): Shared<Arc<AppState>>, headers: HeaderMap, body
         keys::validate_chunk("robot", &stop.robot)?;
         let session = state.session.in_cell(&stop.cell)?;
         let reason = stop.reason.as_deref().unwrap_or("stopped from the console");
-        let unheard = |_| {
-            let message = format!("robot {} has not shown the stop in {} ms", stop.robot, SHOWN_WITHIN.as_millis());
-            CallError::new(ErrorCode::DeadlineExceeded, message)
-        };
-        tokio::time::timeout(SHOWN_WITHIN, emergency_stop(&session, &stop.robot, SOURCE, reason)).await.map_err(unheard)?
+        emergency_stop_within(&session, &stop.robot, SOURCE, reason, SHOWN_WITHIN).await
     };
     match stopped.await {
         Ok(shown) => Json(serde_json::json!({"stop": shown.stop})).into_response(),

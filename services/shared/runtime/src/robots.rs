@@ -87,6 +87,29 @@ pub async fn emergency_stop(session: &Session, robot: &str, source: &str, reason
     }
 }
 
+/// Puts an emergency stop until a state shows it, and no longer than `within`. It goes on when whoever waits for it is gone: a server drops what
+/// it does for a client whose connection is lost, and a stop is not to end with that.
+///
+/// # Errors
+/// `deadline_exceeded` when the robot has not shown it in time; as [`emergency_stop`].
+pub async fn emergency_stop_within(
+    session: &Session,
+    robot: &str,
+    source: &str,
+    reason: &str,
+    within: Duration,
+) -> Result<RobotState, CallError> {
+    let (session, robot, source, reason) = (session.clone(), robot.to_owned(), source.to_owned(), reason.to_owned());
+    let stopping = tokio::spawn(async move {
+        let unheard = |_| {
+            let message = format!("robot {robot} has not shown the stop in {} ms", within.as_millis());
+            CallError::new(ErrorCode::DeadlineExceeded, message)
+        };
+        tokio::time::timeout(within, emergency_stop(&session, &robot, &source, &reason)).await.map_err(unheard)?
+    });
+    stopping.await.map_err(|e| CallError::internal(format!("the stop was lost: {e}")))?
+}
+
 /// The time of day as messages are stamped with, nanoseconds since the Unix epoch.
 pub fn now_ns() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64)
@@ -94,4 +117,30 @@ pub fn now_ns() -> u64 {
 
 fn closed() -> CallError {
     CallError::new(ErrorCode::Unavailable, "the session has closed")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_stop_goes_on_when_whoever_asked_for_it_is_gone_and_ends_in_its_time() {
+        let session = Session::embedded().await.expect("a session");
+        let mut stops = session.subscribe_queue(&session.cell().robot_estop("panda"), 256).await.expect("a subscription");
+        // It tells no state: the stop is put until its time is over.
+        let within = Duration::from_secs(2);
+        let mut asked = Box::pin(emergency_stop_within(&session, "panda", "a test", "now", within));
+        tokio::select! {
+            biased;
+            ended = &mut asked => panic!("nobody shows the stop: {ended:?}"),
+            first = stops.recv() => assert!(first.is_some(), "a first put"),
+        }
+        drop(asked);
+        for _ in 0..20 {
+            let next = tokio::time::timeout(within, stops.recv()).await;
+            assert!(matches!(next, Ok(Some(_))), "the stop has ended with whoever asked for it");
+        }
+        let unheard = emergency_stop_within(&session, "panda", "a test", "now", Duration::from_millis(50)).await;
+        assert_eq!(unheard.expect_err("nobody shows it").code, ErrorCode::DeadlineExceeded);
+    }
 }
