@@ -378,7 +378,9 @@ pub enum ExecutionEnded {
 pub struct SequenceShown {
     /// Its goals in order.
     pub steps: Vec<StepShown>,
-    /// Whether it has ended.
+    /// Whether it is to end after the goal that it is at.
+    pub ending: bool,
+    /// Whether it has ended: nothing of it moves any more.
     pub ended: bool,
 }
 
@@ -413,6 +415,15 @@ mod tests {
         assert_eq!(watch.ask.needs(), Role::Viewer);
         assert_eq!(read(r#"{"id": 4, "ask": "reset", "robot": "panda"}"#).expect("a request").ask.needs(), Role::Operator);
         assert!(read(r#"{"id": 5, "ask": "dance"}"#).is_err_and(|e| e.message.contains("dance")));
+    }
+
+    #[test]
+    fn a_sequence_that_is_to_end_is_under_way_until_it_has_ended() {
+        let doing = |ending, ended| {
+            let sequence = Some(SequenceShown { steps: Vec::new(), ending, ended });
+            Activity { sequence, ..Activity::default() }.under_way()
+        };
+        assert_eq!((doing(false, false), doing(true, false), doing(true, true)), (Some("a sequence"), Some("a sequence"), None));
     }
 
     #[test]

@@ -163,3 +163,28 @@ async fn a_plan_that_comes_when_another_cell_is_watched_is_not_to_be_carried_out
     let held = answered(&mut viewer, json!({"id": 4, "ask": "hold", "scene_id": scene_id})).await;
     assert_eq!(held["error"]["code"], "not_found", "{held}");
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_sequence_that_is_to_end_keeps_its_cell_until_it_has() {
+    let console = start(ConsoleConfig::default()).await;
+    let (world, _servers) = serve(&console.session).await;
+    let scene_id = world.sees(WorldFrame::Extrinsics);
+    robot(&console.session).await;
+    let mut viewer = socket(console.address, &[]).await.expect("a socket");
+    answered(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
+    let terms = json!([{"relation": "left_of", "anchor": 2, "holds": true}]);
+    let goal = json!({"scene": {"scene_id": scene_id}, "query": 1, "goal": terms});
+    let sequence = |id: u64| json!({"id": id, "ask": "sequence", "scene_id": scene_id, "robot": "panda", "goals": [goal, goal]});
+    let first = answered(&mut viewer, sequence(2)).await;
+    assert_eq!(first["kind"], "answer", "{first}");
+    begun(&world).await;
+    ask(&mut viewer, json!({"id": 3, "ask": "end_sequence"})).await;
+    let ending = heard(&mut viewer, |m| m["kind"] == "activity" && m["sequence"]["ending"] == true).await;
+    assert_eq!(ending["sequence"]["ended"], false, "its goal is still at hand: {ending}");
+    let second = answered(&mut viewer, sequence(4)).await;
+    assert_eq!((&second["kind"], &second["error"]["code"]), (&json!("refused"), &json!("failed_precondition")), "{second}");
+    world.may_answer.notify_one();
+    heard(&mut viewer, |m| m["kind"] == "activity" && m["sequence"]["ended"] == true).await;
+    assert_eq!(world.times("place"), 1, "the goal after the one that it was to end at was not asked for");
+    assert_eq!(answered(&mut viewer, sequence(5)).await["kind"], "answer");
+}

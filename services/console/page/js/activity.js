@@ -158,7 +158,7 @@ export class Sequence {
     const running = this.#running, isUnderWay = running && !running.ended;
     fill(this.box,
       el("div", { className: "title" }, el("h2", { id: "sequence-title", textContent: "Sequence" }), el("span", { className: "grow" }),
-        isUnderWay && el("button", { type: "button", className: "small", textContent: "End after this goal", disabled: !this.#may, onclick: () => this.actions.end() })),
+        isUnderWay && el("button", { type: "button", className: "small", id: "end-sequence", textContent: running.ending ? "Ends after this goal" : "End after this goal", disabled: !this.#may || running.ending, onclick: () => this.actions.end() })),
       !running && !this.#goals.length && el("p", { className: "hint", textContent: "Goals added here are carried out one after another, or brought about together." }),
       running && el("ol", { className: "steps", id: "steps" }, running.steps.map((step) => el("li", {},
         el("span", {}, `${step.query} `, step.goal.map((term, k) => [k ? ", " : "",

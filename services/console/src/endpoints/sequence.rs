@@ -49,15 +49,19 @@ pub fn begin(
         said: Vec::new(),
         error: None,
     };
-    let shown = SequenceShown { steps: goals.iter().map(step).collect(), ended: false };
+    let shown = SequenceShown { steps: goals.iter().map(step).collect(), ending: false, ended: false };
     cell.begin(|activity| activity.sequence = Some(shown))?;
     let (deadline, attempts) = (Duration::from_millis(config.request_deadline_ms), config.attempts);
     tokio::spawn(async move {
         let site = PageSite::of(cell.clone(), camera, robot, deadline).for_sequence();
-        if let Err(error) = achieve(site, &scene, &goals, attempts).await {
+        // A task of its own, so that the sequence ends whatever happens in it.
+        let achieving = tokio::spawn(async move { achieve(site, &scene, &goals, attempts).await });
+        let lost = |e| Err(Some(CallError::internal(format!("the sequence was lost: {e}"))));
+        if let Err(error) = achieving.await.unwrap_or_else(lost) {
             cell.update_step(|step| (step.stage, step.error) = (GoalStage::Failed, error));
         }
-        end(&cell);
+        // Only here: until then the robot may move for it, and nothing else of several moves may begin.
+        cell.update(|activity| activity.sequence.iter_mut().for_each(|s| s.ended = true));
     });
     Ok(Answered::Done {})
 }
@@ -85,5 +89,5 @@ async fn achieve(site: PageSite, scene: &Scene, goals: &[PlaceRequest], attempts
 
 /// Ends the sequence that is under way, after the goal that it is at.
 pub fn end(cell: &WatchedCell) {
-    cell.update(|activity| activity.sequence.iter_mut().for_each(|s| s.ended = true));
+    cell.update(|activity| activity.sequence.iter_mut().for_each(|s| s.ending = true));
 }

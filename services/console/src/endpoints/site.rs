@@ -120,7 +120,7 @@ impl Site for PageSite {
         self.cell.update(|activity| {
             goes_on = match self.shown_in {
                 ShownIn::Nothing => false,
-                ShownIn::Sequence => activity.sequence.as_ref().is_some_and(|s| !s.ended),
+                ShownIn::Sequence => activity.sequence.as_ref().is_some_and(|s| !s.ending),
                 ShownIn::Arrangement => activity.arrangement.as_ref().is_some_and(|a| !a.ending),
             };
         });
