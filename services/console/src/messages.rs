@@ -117,6 +117,9 @@ pub enum Ask {
         /// What it does.
         #[serde(rename = "move")]
         motion: RecoveryMove,
+        /// Whether the arm may move although its way is checked against no scene.
+        #[serde(default)]
+        unchecked: bool,
     },
     /// A new scene in a simulated cell.
     NewScene {
@@ -261,6 +264,18 @@ pub enum Answered {
         /// Why, when not done.
         #[serde(skip_serializing_if = "Option::is_none")]
         reason: Option<String>,
+    },
+    /// How bringing an arm back ended.
+    Recovered {
+        /// How.
+        outcome: ExecutionOutcome,
+        /// Why, when not done.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        reason: Option<String>,
+        /// The scene that the arm's way was checked against; none where it was checked against the robot itself and the zones only.
+        checked_against: Option<String>,
+        /// The camera that is watched: the scene is of it.
+        camera: String,
     },
     /// Whether a stop was cleared.
     Cleared {

@@ -188,3 +188,29 @@ async fn a_sequence_that_is_to_end_keeps_its_cell_until_it_has() {
     assert_eq!(world.times("place"), 1, "the goal after the one that it was to end at was not asked for");
     assert_eq!(answered(&mut viewer, sequence(5)).await["kind"], "answer");
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_arm_goes_back_unseen_only_where_that_is_asked_for_and_what_it_was_checked_against_is_said() {
+    let console = start(ConsoleConfig::default()).await;
+    let (world, _servers) = serve(&console.session).await;
+    let mut viewer = socket(console.address, &[]).await.expect("a socket");
+    answered(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
+    let recover = |id: u64, motion: &str| json!({"id": id, "ask": "recover", "robot": "panda", "move": motion});
+
+    let unseen = answered(&mut viewer, recover(2, "home")).await;
+    assert_eq!((&unseen["error"]["code"], &unseen["error"]["field"]), (&json!("failed_precondition"), &json!("unchecked")), "{unseen}");
+    assert!(unseen["error"]["message"].as_str().is_some_and(|why| why.contains("nothing is seen")), "{unseen}");
+    world.sees(WorldFrame::SupportPlane);
+    let uncalibrated = answered(&mut viewer, recover(3, "retreat")).await;
+    assert_eq!(uncalibrated["error"]["field"], "unchecked", "{uncalibrated}");
+    assert!(uncalibrated["error"]["message"].as_str().is_some_and(|why| why.contains("where it stands")), "{uncalibrated}");
+    assert_eq!(world.times("recover"), 0, "nothing has moved");
+
+    assert_eq!(answered(&mut viewer, recover(4, "open")).await["result"]["outcome"], "done", "opening the hand moves no arm");
+    let asked = json!({"id": 5, "ask": "recover", "robot": "panda", "move": "home", "unchecked": true});
+    let unchecked = answered(&mut viewer, asked).await;
+    assert_eq!((&unchecked["result"]["outcome"], &unchecked["result"]["checked_against"]), (&json!("done"), &Value::Null), "{unchecked}");
+    let scene_id = world.sees(WorldFrame::Extrinsics);
+    let checked = answered(&mut viewer, recover(6, "home")).await;
+    assert_eq!((&checked["result"]["checked_against"], &checked["result"]["camera"]), (&json!(scene_id), &json!("front")), "{checked}");
+}

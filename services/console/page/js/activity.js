@@ -5,12 +5,13 @@ import { faultBox } from "./goal.js";
 import { STAGES, plain, seconds, sentence, termWords } from "./words.js";
 
 const OUTCOMES = { done: "Done", stopped: "Stopped", grasp_lost: "The grasp was lost" };
+const RECOVERIES = { open: "Open the hand", retreat: "Back off", home: "Home" };
 const PREVIEW_STEP_MS = 50;
 
 export class Motion {
-  #robot; #plan; #execution; #fault; #may = false; #playing; #isMoving = false; #isRecovering = false; #drawn = ""; #at = 0;
+  #robot; #plan; #execution; #fault; #may = false; #playing; #isMoving = false; #isRecovering = false; #recovered; #drawn = ""; #at = 0;
 
-  /** `execute()`, `reset(robot)`, `recover(robot, move)`, which resolves to what went wrong, and `preview(t_ms)` are what its parts ask for. */
+  /** `execute()`, `reset(robot)`, `recover(robot, move, unchecked)`, which resolves to how it ended, and `preview(t_ms)` are what its parts ask for. */
   constructor(box, actions) {
     this.box = box;
     this.actions = actions;
@@ -43,6 +44,7 @@ export class Motion {
   execution(execution) {
     this.#execution = execution;
     this.#isMoving = !!execution && !execution.ended;
+    if (this.#isMoving) this.#recovered = undefined;
     this.render();
   }
 
@@ -66,19 +68,27 @@ export class Motion {
 
   /** After a stop an arm may stand anywhere, with something in its hand. */
   #recovery(robot) {
-    const button = (move, textContent, title) => el("button", { type: "button", className: "small", textContent, title, disabled: this.#isRecovering, data: { key: `recover-${move}` }, onclick: async () => {
+    const recover = async (move, unchecked) => {
       this.#isRecovering = true;
-      this.#fault = undefined;
+      this.#fault = this.#recovered = undefined;
       this.render();
-      this.#fault = await this.actions.recover(robot, move);
+      this.#recovered = { robot, move, ...await this.actions.recover(robot, move, unchecked) };
+      this.#fault = this.#recovered.refusal;
       this.#isRecovering = false;
       this.render();
-    } });
+    };
+    const button = (move, textContent, title) => el("button", { type: "button", className: "small", textContent, title, disabled: this.#isRecovering, data: { key: `recover-${move}` }, onclick: () => recover(move, false) });
+    const { move, said, refusal } = this.#recovered?.robot === robot ? this.#recovered : {};
     return el("details", { className: "more", id: "recovery", open: this.isOpen, ontoggle: ({ target }) => { this.isOpen = target.open; } },
       el("summary", { textContent: "Bring the arm back" }),
       el("div", { className: "row", style: "margin-top: 8px" },
         button("open", "Open the hand", "What it holds falls, or stays where it stands"), button("retreat", "Back off", "Along the fingers, as far as the way is free"),
-        button("home", "Home", "To the ready pose"), this.#isRecovering && el("span", { className: "hint small", textContent: "moving …" })));
+        button("home", "Home", "To the ready pose"), this.#isRecovering && el("span", { className: "hint small", textContent: "moving …" })),
+      said && el("p", { className: "small", role: "status", id: "recovered", textContent: said }),
+      // Where there is no scene to check the way against, or motion takes it for no good, a person says a second time that the arm may move.
+      refusal && refusal === this.#fault && /^(unchecked|scene)/.test(refusal.field ?? "") && el("div", { className: "row" },
+        el("button", { type: "button", className: "small", id: "recover-unchecked", textContent: `${RECOVERIES[move]} without a check`, disabled: this.#isRecovering,
+          title: "Look at the cell first: the arm keeps clear of itself and of the keep-out zones, and of nothing else", onclick: () => recover(move, true) })));
   }
 
   #stopped(robot, stop) {

@@ -365,13 +365,20 @@ function reset(name) {
   connection.ask("reset", { robot: name }).catch((refusal) => motion.fault(refusal));
 }
 
-/** Brings an arm back; what went wrong, if anything did. */
-async function recover(name, move) {
+/** Brings an arm back; what is said of it, or the refusal. Neither is of a cell that was chosen meanwhile. */
+async function recover(name, move, unchecked) {
+  const asked = cell, ended = await recovered(name, move, unchecked);
+  return asked === cell ? ended : {};
+}
+
+async function recovered(name, move, unchecked) {
   try {
-    const { outcome, reason } = await connection.ask("recover", { robot: name, move });
-    return outcome === "done" ? undefined : { code: outcome, message: reason ?? "it did not get there" };
+    const { outcome, reason, checked_against: scene, camera } = await connection.ask("recover", { robot: name, move, unchecked });
+    if (outcome !== "done") return { refusal: { code: outcome, message: reason ?? "it did not get there" } };
+    if (move === "open") return { said: "The hand is open." };
+    return { said: `${move === "home" ? "The arm is home" : "The hand has backed off"}; its way was checked against ${scene ? `the scene of camera ${camera}` : "itself and the keep-out zones only, not against its surroundings"}.` };
   } catch (refusal) {
-    return refusal;
+    return { refusal };
   }
 }
 

@@ -4,7 +4,7 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
-use repose_executive::recovery;
+use repose_executive::{IdentifiedScene, recovery};
 use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPlan, MotionPlanRequest, RecoverReply, RecoveryMove};
 use repose_proto::robot::RobotState;
 use repose_proto::scene::WorldFrame;
@@ -70,16 +70,39 @@ pub async fn execute(cell: &WatchedCell, plan: &MotionPlan) -> Result<Answer, Ca
     answer
 }
 
-/// Brings an arm back, checked against the newest scene of a camera that knows where it stands, where there is one.
-pub async fn recover(cell: &WatchedCell, camera: &str, robot: &str, motion: RecoveryMove) -> Result<RecoverReply, CallError> {
-    let mut scene = None;
-    if motion != RecoveryMove::Open
-        && let Ok(summary) = cell.newest(camera).await
-        && let Ok(newest) = cell.scene(&summary.scene_id).await
-    {
-        scene = Some((summary.scene_id, newest)).filter(|(_, newest)| newest.meta.world_frame == WorldFrame::Extrinsics);
-    }
+/// Brings an arm back, its way checked against the newest scene of a camera, or, where that is asked for, `unchecked`. Opening the hand moves no arm
+/// and is checked against nothing.
+///
+/// # Errors
+/// `failed_precondition` on `unchecked` where there is no scene to check the way against; as motion says.
+pub async fn recover(
+    cell: &WatchedCell,
+    camera: &str,
+    robot: &str,
+    motion: RecoveryMove,
+    unchecked: bool,
+) -> Result<RecoverReply, CallError> {
+    let scene = match motion {
+        RecoveryMove::Open => None,
+        RecoveryMove::Retreat | RecoveryMove::Home if unchecked => None,
+        RecoveryMove::Retreat | RecoveryMove::Home => Some(surroundings(cell, camera).await.map_err(|why| unseen(camera, &why))?),
+    };
     moving(cell, "recover", recovery(robot, motion, scene.as_ref())?, None).await?.payload.decode_json()
+}
+
+/// The newest scene of a camera that knows where it stands: what an arm's way can be checked against.
+async fn surroundings(cell: &WatchedCell, camera: &str) -> Result<IdentifiedScene, CallError> {
+    let summary = cell.newest(camera).await?;
+    let newest = cell.scene(&summary.scene_id).await?;
+    match newest.meta.world_frame {
+        WorldFrame::Extrinsics => Ok((summary.scene_id, newest)),
+        _ => Err(CallError::precondition("its scenes are of a camera that does not know where it stands")),
+    }
+}
+
+fn unseen(camera: &str, why: &CallError) -> CallError {
+    let message = format!("camera {camera} shows no scene to check the arm's way against: {}; nothing has moved", why.message);
+    CallError::precondition(message).at("unchecked")
 }
 
 /// Calls something that moves a robot.

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use repose_geometry::transform::from_row_major;
-use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlanRequest, RobotResetReply, RobotResetRequest};
+use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlanRequest, RecoverReply, RobotResetReply, RobotResetRequest};
 use repose_proto::simulator::WorldResetRequest;
 use repose_proto::{CallError, ErrorCode, Message as _, Payload, PlaceRequest, Scene, SceneRef, Service};
 use repose_runtime::{CallOptions, CancellationToken};
@@ -171,10 +171,11 @@ impl Viewer {
                 Ok(Answered::Done {})
             }
             Ask::Reset { robot } => self.reset(&robot).await,
-            Ask::Recover { robot, motion } => {
+            Ask::Recover { robot, motion, unchecked } => {
                 let (cell, camera) = self.watched()?;
-                let reply = recover(&cell, camera.name(), &robot, motion).await?;
-                Ok(Answered::Executed { outcome: reply.outcome, reason: reply.reason })
+                let RecoverReply { outcome, reason, checked_against, .. } =
+                    recover(&cell, camera.name(), &robot, motion, unchecked).await?;
+                Ok(Answered::Recovered { outcome, reason, checked_against, camera: camera.name().to_owned() })
             }
             Ask::NewScene { seed } => {
                 let request = Payload::json(&WorldResetRequest { seed })?;

@@ -198,6 +198,7 @@ test("stop stops, says why to everybody, and reset lets the robot go on", async 
   await textOf(page, "#mode", /idle/);
   await page.waitForSelector("#recovery button:enabled >> text=Home");
   assert.equal(await page.locator("#motion .fault").count(), 0, await page.locator("#motion").textContent());
+  assert.match(await page.locator("#recovered").textContent(), /checked against the scene of camera/);
 });
 
 test("the motion is carried out to its end", async () => {
