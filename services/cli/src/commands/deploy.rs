@@ -6,7 +6,7 @@ use std::process::Stdio;
 
 use clap::{Args, Subcommand};
 use repose_proto::CallError;
-use repose_runtime::deployment::{self, CheckReport, Roles, TrialFiles};
+use repose_runtime::deployment::{self, CheckReport, Group, Roles, TrialFiles};
 use tokio::process::Child;
 
 use crate::asynchronous::in_runtime;
@@ -27,6 +27,10 @@ pub struct DeployArgs {
     /// The folder's path on the machines that use it. Default: DIR.
     #[arg(long, value_name = "DIR")]
     installed_at: Option<PathBuf>,
+    /// A group, by name or number, that may read the router's and the users' secrets: that of the units' user, repose. Default: nobody but whoever
+    /// writes them. The authority's key is never shared.
+    #[arg(long, value_name = "GROUP")]
+    group: Option<String>,
     /// What else to do.
     #[command(subcommand)]
     command: Option<DeployCommand>,
@@ -58,7 +62,7 @@ struct CheckArgs {
 pub fn run(args: &DeployArgs, output: Output) -> CommandResult {
     match (&args.command, &args.roles, &args.out) {
         (Some(DeployCommand::Check(args)), ..) => in_runtime(check(args, output)),
-        (None, Some(roles), Some(out)) => write(roles, out, args.installed_at.as_deref(), output),
+        (None, Some(roles), Some(out)) => write(args, roles, out, output),
         _ => Err(Failure::bad_input("roles", "a roles file and --out are needed")),
     }
 }
@@ -73,23 +77,29 @@ fn read(path: &Path) -> Result<(Roles, String), Failure> {
     Ok((roles, text))
 }
 
-fn write(path: &Path, out: &Path, installed_at: Option<&Path>, output: Output) -> CommandResult {
+fn write(args: &DeployArgs, path: &Path, out: &Path, output: Output) -> CommandResult {
     let (roles, text) = read(path)?;
+    let group = args.group.as_deref().map(Group::named).transpose()?;
     let at = std::path::absolute(out).map_err(|e| Failure::bad_input("out", e))?;
-    let written = deployment::write(&roles, &at, installed_at.unwrap_or(&at));
-    let written = written.map_err(|e| Failure::bad_input(&e.path.display().to_string(), e.message))?;
+    let failed = |e: deployment::Failed| Failure::bad_input(&e.path.display().to_string(), e.message);
+    let written = deployment::write(&roles, &at, args.installed_at.as_deref().unwrap_or(&at)).map_err(failed)?;
+    group.map_or(Ok(()), |group| group.may_read(&written, &at)).map_err(failed)?;
     std::fs::write(at.join(ROLES), text).map_err(|e| Failure::bad_input("out", e))?;
     output.print(&written, || {
         format!(
-            "{}: {} files written, {} secrets and certificates kept\nrouter: repose serve router --config {}\ncheck: repose deploy check {}",
+            "{}: {} files written, {} secrets and certificates kept\nrouter: repose serve router --config {}\ncheck: repose deploy check {}{}",
             at.display(),
             written.files.len(),
             written.kept.len(),
             at.join("router/router.toml").display(),
             at.display(),
+            if group.is_some() { "" } else { UNREADABLE },
         )
     })
 }
+
+/// What is said where nobody but whoever wrote the secrets reads them.
+const UNREADABLE: &str = "\nunits: they run as user repose, who cannot read these secrets: with --group repose it can";
 
 async fn check(args: &CheckArgs, output: Output) -> CommandResult {
     let (roles, _) = read(&args.deployment.join(ROLES))?;

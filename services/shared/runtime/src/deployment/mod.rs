@@ -1,5 +1,6 @@
 //! A deployment with users: who they are ([`Roles`], from one short file), what each may do ([`access`]), the configuration of the router and of
-//! every user made from that ([`write`](fn@write)), and the trial of the whole matrix against a running router ([`check`]).
+//! every user made from that ([`write`](fn@write)), the [`Group`] that may read its secrets, and the trial of the whole matrix against a running
+//! router ([`check`]).
 //!
 //! ```
 //! use repose_runtime::deployment::{Roles, Verb, access};
@@ -26,6 +27,7 @@ mod attempts;
 mod certificates;
 mod check;
 mod files;
+mod groups;
 mod probes;
 mod report;
 mod roles;
@@ -35,6 +37,7 @@ mod writer;
 pub use access::Verb;
 pub use check::{TrialFiles, check};
 pub use files::write;
+pub use groups::Group;
 pub use report::{CheckReport, PermissionMismatch, TrialOutcome};
 pub use roles::{DeploymentRole, Login, Roles, User};
 pub use writer::{Failed, WrittenFiles};

@@ -1,4 +1,5 @@
-//! Files of a deployment on disk: what is a secret is its owner's to read, and what was there before may stay.
+//! Files of a deployment on disk: what is a secret is its owner's to read, and its group's where it was given to one; what was there before may
+//! stay.
 
 use std::path::{Path, PathBuf};
 
@@ -67,9 +68,9 @@ impl Files {
         self.written
     }
 
-    /// For its owner's eyes only.
+    /// For its owner's eyes only, and its group's where one that is there is: whoever runs with it goes on to.
     pub(super) fn write_secret(&mut self, path: &Path, text: &str) -> Result<(), Failed> {
-        self.put(path, text, 0o600)
+        self.put(path, text, 0o600 | shared_with_group(path))
     }
 
     fn put(&mut self, path: &Path, text: &str, mode: u32) -> Result<(), Failed> {
@@ -91,4 +92,15 @@ impl Files {
         self.written.files.push(path.to_owned());
         Ok(())
     }
+}
+
+#[cfg(unix)]
+fn shared_with_group(path: &Path) -> u32 {
+    use std::os::unix::fs::PermissionsExt as _;
+    std::fs::metadata(path).map_or(0, |found| found.permissions().mode() & 0o040)
+}
+
+#[cfg(not(unix))]
+fn shared_with_group(_: &Path) -> u32 {
+    0
 }

@@ -8,7 +8,7 @@ use crate::common::{Oddities, SERVICE, read, word};
 use rcgen::{BasicConstraints, CertificateParams, DnType, IsCa, Issuer, KeyPair};
 use repose_proto::load::WorkerLoad;
 use repose_proto::{ErrorCode, Payload, Service};
-use repose_runtime::deployment::{Roles, write};
+use repose_runtime::deployment::{Group, Roles, write};
 use repose_runtime::{CallOptions, RuntimeConfig, RuntimeError, Session, SessionMode, Traffic};
 
 /// The example that the README points to, for a router of this machine, and somebody of another cell.
@@ -64,6 +64,35 @@ async fn writing_again_keeps_passwords_and_certificates_and_adds_users() {
         let mode = std::fs::metadata(folder.path().join(secret)).unwrap().permissions().mode();
         assert_eq!(mode & 0o077, 0, "{secret} is for its owner only");
     }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_group_reads_the_secrets_that_it_is_given_and_never_the_authoritys() {
+    use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
+    let folder = tempfile::tempdir().unwrap();
+    let found = |file: &str| std::fs::metadata(folder.path().join(file)).unwrap();
+    let mode = |file: &str| found(file).permissions().mode() & 0o777;
+    // Root may give files to any group; anybody else to one of their own.
+    let id = if found("").uid() == 0 { 4711 } else { found("").gid() };
+    let group = Group::named(&id.to_string()).unwrap();
+    let written = write(&roles("both"), folder.path(), folder.path()).unwrap();
+    group.may_read(&written, folder.path()).unwrap();
+    let secrets = ["router/users.txt", "router/router-key.pem", "users/arm/zenoh.json5", "users/arm/key.pem"];
+    for secret in secrets {
+        assert_eq!((mode(secret), found(secret).gid()), (0o640, id), "{secret}");
+    }
+    assert_eq!(mode("authority/authority-key.pem"), 0o600, "whoever has the authority's key makes users");
+    // The folder was its maker's alone.
+    assert_eq!((mode(""), found("").gid(), mode("router/router.pem")), (0o750, id, 0o644));
+
+    let more = roles_text("both") + "[users.newcomer]\nrole = \"viewer\"\n";
+    let written = write(&Roles::parse(&more).unwrap(), folder.path(), folder.path()).unwrap();
+    assert_eq!(secrets.map(mode), [0o640; 4], "writing again takes nothing from whoever runs with them");
+    assert_eq!(mode("users/newcomer/key.pem"), 0o600);
+    // A secret that nobody may read but its owner has stayed so: it is given with the rest.
+    group.may_read(&written, folder.path()).unwrap();
+    assert_eq!((mode("users/newcomer/key.pem"), mode("authority/authority-key.pem")), (0o640, 0o600));
 }
 
 /// Replaces the router's certificate by one for `host`, valid until `days` from now, of another authority where one is named.
