@@ -7,7 +7,7 @@ use std::sync::Arc;
 use axum::Router;
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, StatusCode, header};
-use axum::middleware::{Next, from_fn_with_state};
+use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use repose_proto::CallError;
 use repose_runtime::{AccessToken, Shutdown};
@@ -16,6 +16,7 @@ use tokio::net::TcpListener;
 use crate::McpError;
 use crate::desk::Desk;
 use crate::protocol;
+use crate::response::watched;
 
 /// Where agents connect.
 #[derive(Debug, Clone, PartialEq)]
@@ -71,7 +72,7 @@ impl BoundServer {
         let mut hosts = vec!["localhost".to_owned(), "127.0.0.1".to_owned(), "::1".to_owned(), self.address.ip().to_string()];
         hosts.extend(self.hosts);
         let (agents, ending) = protocol::http(desk, hosts);
-        let routes = Router::new().merge(agents).layer(from_fn_with_state(self.token, guarded));
+        let routes = Router::new().merge(agents).layer(from_fn(watched)).layer(from_fn_with_state(self.token, guarded));
         let ended = async move {
             shutdown.requested().await;
             ending.cancel();

@@ -15,6 +15,7 @@ pub mod look;
 pub mod plan;
 pub mod plans;
 pub mod protocol;
+pub mod response;
 pub mod robot;
 pub mod seen;
 pub mod settings;

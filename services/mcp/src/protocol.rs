@@ -1,5 +1,6 @@
 //! The Model Context Protocol, by its official kit. The only file that knows the kit, whose interface changes often.
 
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -23,6 +24,7 @@ use crate::McpError;
 use crate::answer::ToolResult;
 use crate::asker::Asker;
 use crate::desk::Desk;
+use crate::response::Unread;
 use crate::tools::{INSTRUCTIONS, Tool, call};
 
 /// The header that names a session over HTTP.
@@ -99,12 +101,28 @@ impl ServerHandler for Server {
     async fn call_tool(&self, request: CallToolRequestParams, context: RequestContext<RoleServer>) -> Result<CallToolResponse, ErrorData> {
         let asker = self.asker(&context);
         let arguments = request.arguments.map_or(Value::Null, Value::Object);
-        let answered = call(&self.desk, &request.name, arguments, &asker, context.ct.clone()).await;
+        let cancel = context.ct.child_token();
+        let mut answered = pin!(call(&self.desk, &request.name, arguments, &asker, cancel.clone()));
+        let answered = tokio::select! {
+            answered = &mut answered => answered,
+            () = unread(&context) => {
+                cancel.cancel();
+                answered.await
+            }
+        };
         Ok(match answered {
             Ok(answer) => result(answer),
             Err(error) => refusal(&error),
         }
         .into())
+    }
+}
+
+/// Waits until a client over HTTP reads the answer no more. On standard input and output the kit cancels what is open when the client is gone.
+async fn unread(context: &RequestContext<RoleServer>) {
+    match context.extensions.get::<Parts>().and_then(|parts| parts.extensions.get::<Unread>()) {
+        Some(Unread(unread)) => unread.cancelled().await,
+        None => std::future::pending().await,
     }
 }
 

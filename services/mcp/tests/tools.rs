@@ -2,12 +2,19 @@
 
 mod cell;
 
+use std::net::SocketAddr;
+use std::time::Duration;
+
 use cell::{Cell, asker, start};
+use repose_mcp::HttpSettings;
 use repose_mcp::answer::ToolResult;
+use repose_mcp::http::BoundServer;
 use repose_mcp::tools::call;
 use repose_proto::{CallError, ErrorCode};
-use repose_runtime::CancellationToken;
+use repose_runtime::{CancellationToken, Shutdown};
 use serde_json::{Value, json};
+use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
+use tokio::net::TcpStream;
 
 async fn ask(cell: &Cell, tool: &str, arguments: Value) -> Result<ToolResult, CallError> {
     ask_as(cell, tool, arguments, "one").await
@@ -168,4 +175,61 @@ async fn while_a_plan_is_carried_out_no_other_is_and_everybody_may_stop() {
     assert_eq!((code, field.as_deref()), (ErrorCode::FailedPrecondition, Some("robot")));
     assert!(message.contains("stopped by an agent"), "{message}");
     assert_eq!(cell.world.executions(), 1);
+}
+
+/// Posts a message as an agent does over HTTP; the answer is read from what comes back.
+async fn posted(address: SocketAddr, session: Option<&str>, message: Value) -> BufReader<TcpStream> {
+    let (body, session) = (message.to_string(), session.map_or_else(String::new, |session| format!("Mcp-Session-Id: {session}\r\n")));
+    let head = format!(
+        "POST /mcp HTTP/1.1\r\nHost: {address}\r\nContent-Type: application/json\r\nAccept: application/json, text/event-stream\r\n\
+         MCP-Protocol-Version: 2025-06-18\r\n{session}Content-Length: {}\r\n\r\n",
+        body.len()
+    );
+    let mut stream = TcpStream::connect(address).await.expect("a connection");
+    stream.write_all(format!("{head}{body}").as_bytes()).await.expect("sent");
+    BufReader::new(stream)
+}
+
+/// The session that the answer's head names, and the answer.
+async fn answered(mut stream: BufReader<TcpStream>) -> (String, Value) {
+    let reading = async {
+        let mut session = String::new();
+        loop {
+            let mut line = String::new();
+            assert!(stream.read_line(&mut line).await.expect("read") > 0, "no answer has come");
+            if let Some(named) = line.to_ascii_lowercase().strip_prefix("mcp-session-id:") {
+                session = named.trim().to_owned();
+            }
+            let Some(Ok(message)) = line.strip_prefix("data:").map(|data| serde_json::from_str::<Value>(data.trim())) else { continue };
+            if message.get("result").is_some() {
+                return (session, message["result"].clone());
+            }
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(20), reading).await.expect("answered in time")
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_arm_comes_to_rest_when_the_connection_of_the_agent_that_moves_it_is_lost() {
+    let cell = start(true).await;
+    let settings = HttpSettings { listen: "127.0.0.1:0".parse().expect("an address"), token: None, hosts: Vec::new() };
+    let (server, shutdown) = (BoundServer::open(settings).await.expect("it listens"), Shutdown::new());
+    let address = server.address();
+    let serving = tokio::spawn(server.serve(cell.desk.clone(), shutdown.clone()));
+    let request = |id: u64, method: &str, params: Value| json!({"jsonrpc": "2.0", "id": id, "method": method, "params": params});
+    let hello = json!({"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "tests", "version": "1"}});
+    let (session, _) = answered(posted(address, None, request(1, "initialize", hello)).await).await;
+    assert!(!session.is_empty(), "it is a session");
+    let mut told = posted(address, Some(&session), json!({"jsonrpc": "2.0", "method": "notifications/initialized"})).await;
+    told.read_line(&mut String::new()).await.expect("a status");
+    let say = json!({"name": "plan", "arguments": {"say": "put the red box left of the blue box"}});
+    let (_, planned) = answered(posted(address, Some(&session), request(2, "tools/call", say)).await).await;
+    let execute = json!({"name": "execute", "arguments": {"plan": planned["structuredContent"]["plan"]}});
+    let waiting = posted(address, Some(&session), request(3, "tools/call", execute)).await;
+    let within = Duration::from_secs(10);
+    tokio::time::timeout(within, cell.world.has_begun.notified()).await.expect("it has begun");
+    drop(waiting);
+    tokio::time::timeout(within, cell.world.was_cancelled.notified()).await.expect("it goes on for nobody");
+    shutdown.trigger();
+    serving.await.expect("joined").expect("served");
 }

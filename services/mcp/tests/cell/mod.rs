@@ -10,7 +10,7 @@ use repose_proto::load::WorkerLoad;
 use repose_proto::motion::{MotionPlan, MotionPlanRequest};
 use repose_proto::perception::SceneRequest;
 use repose_proto::robot::{EmergencyStop, RobotMode, RobotState, StopState};
-use repose_proto::{CallError, CameraModel, Payload, PlaceRequest, PlaceResult, RigidTransform, Scene, Service};
+use repose_proto::{CallError, CameraModel, ErrorCode, Payload, PlaceRequest, PlaceResult, RigidTransform, Scene, Service};
 use repose_runtime::{Call, Handler, LoadGauge, Server, Session, Traffic, load_of, now_ns};
 use serde_json::json;
 use tokio::sync::Notify;
@@ -30,6 +30,8 @@ pub struct World {
     stop: Mutex<Option<StopState>>,
     /// Executions wait for this.
     pub may_move: Notify,
+    /// Tells that one was given up.
+    pub was_cancelled: Notify,
     /// Tells that one has begun.
     pub has_begun: Notify,
     executions: AtomicU64,
@@ -158,7 +160,14 @@ impl Handler for Worker {
             "place" => Payload::json(&self.0.place(&call.payload.decode_json()?)),
             "plan" => Payload::json(&World::plan(&call.payload.decode_json()?)),
             "execute" => {
-                let reply = self.0.execute(&call.payload.decode_json()?).await;
+                let plan = call.payload.decode_json()?;
+                let reply = tokio::select! {
+                    reply = self.0.execute(&plan) => reply,
+                    () = call.cancelled.cancelled() => {
+                        self.0.was_cancelled.notify_one();
+                        return Err(CallError::new(ErrorCode::Cancelled, "the arm has come to rest"));
+                    }
+                };
                 Payload::json(&serde_json::from_value::<repose_proto::motion::ExecuteReply>(reply).expect("a reply"))
             }
             _ => Err(call.unknown_method()),
