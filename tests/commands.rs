@@ -5,7 +5,8 @@ use std::process::{Command, Output};
 
 use repose_perception::frame_folder;
 use repose_proto::arrange::Proof;
-use repose_proto::{ArrangeResult, CameraModel, Frame, PlaceResult, RigidTransform};
+use repose_proto::motion::MotionPlan;
+use repose_proto::{ArrangeResult, CameraModel, Frame, PlaceResult, RigidTransform, RobotInView};
 
 const WIDTH: usize = 160;
 const HEIGHT: usize = 120;
@@ -67,6 +68,40 @@ fn plan_finds_a_placement_and_says_the_same_twice() {
     let anchor_x_m = 0.1;
     assert!(best.placed_from_observed.0[3] > anchor_x_m, "it goes to the right: {:?}", best.placed_from_observed);
     assert!(best.geometric[0].holds && best.support_m > Some(0.0));
+}
+
+/// The frame with object 1 narrow enough for a gripper, and a robot whose base is at `x_m`, turned as the world is.
+fn frame_with_robot(x_m: f64) -> Frame {
+    let mut frame = frame();
+    let narrow = |i: usize| (48..=57).contains(&(i % WIDTH)) && (54..=64).contains(&(i / WIDTH));
+    for (i, label) in frame.labels.iter_mut().flatten().enumerate().filter(|(i, label)| **label == 1 && !narrow(*i)) {
+        (*label, frame.depth[i]) = (0, 800);
+    }
+    let mut world_from_base = RigidTransform::IDENTITY;
+    world_from_base.0[3] = x_m;
+    let joints_rad = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785];
+    let (name, model) = ("panda".to_owned(), "panda".to_owned());
+    frame.robots = vec![RobotInView { name, model, joints_rad, gripper_width_m: 0.08, holding: None, world_from_base }];
+    frame
+}
+
+#[test]
+fn a_motion_is_planned_for_the_base_that_the_frame_tells() {
+    let planned = |x_m: f64| {
+        let folder = folder_with(&frame_with_robot(x_m));
+        let motion = folder.path().join("motion.json");
+        let wish = ["--move", "1", "--goal", "left_of:2", "--variant", "geometric", "--count", "4"];
+        let out = ["--motion", motion.to_str().expect("a plain path")];
+        let output = repose(&[&["plan", path(&folder)], &wish[..], &out[..]].concat());
+        let plan = std::fs::read(&motion).ok().map(|bytes| serde_json::from_slice::<MotionPlan>(&bytes).expect("a MotionPlan"));
+        (output.status.code(), plan, String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (code, near, message) = planned(-0.75);
+    assert!(code == Some(0) && near.is_some(), "{message}");
+    let (_, nearer, _) = planned(-0.7);
+    assert!(nearer.is_some_and(|plan| Some(plan) != near), "another base, another motion");
+    let (code, far, message) = planned(50.0);
+    assert!(code == Some(1) && far.is_none(), "nothing there is within reach: {message}");
 }
 
 #[test]

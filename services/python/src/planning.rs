@@ -67,7 +67,7 @@ pub fn score<'py>(
 pub fn plan_motion(py: Python<'_>, scene: &Scene, request: &str) -> PyResult<String> {
     let plan = py.detach(|| {
         let request: MotionPlanRequest = from_json(request.as_bytes())?;
-        repose_local::plan_motion(&scene.scene, &request)
+        repose_local::plan_motion(&scene.scene, &request, None)
     });
     pretty(&plan.map_err(raised)?)
 }

@@ -36,7 +36,7 @@ pub struct PlanArgs {
     /// Write a picture of the frame with object ids and the planned placement.
     #[arg(long, value_name = "PNG", value_parser = parse_png)]
     pub out: Option<PathBuf>,
-    /// Also plan the pick-and-place motion, from the robot pose in the frame's `robot.json`, and write it here as a `MotionPlan`. With --count,
+    /// Also plan the pick-and-place motion, from the joints and the base of the robot in the frame's `robot.json`, and write it here as a `MotionPlan`. With --count,
     /// motion planning chooses among several placements.
     #[arg(long, value_name = "JSON")]
     pub motion: Option<PathBuf>,
@@ -90,7 +90,8 @@ fn motion_of(
     };
     let placements = result.placements.iter().map(|p| p.placed_from_observed).collect();
     let wanted = MotionPlanRequest::new(scene.id(), robot.name.clone(), request.query, placements, robot.joints_rad);
-    repose_local::plan_motion(scene, &MotionPlanRequest { grasps, seed: request.seed, ..wanted }).map_err(of_motion)
+    let wanted = MotionPlanRequest { grasps, seed: request.seed, ..wanted };
+    repose_local::plan_motion(scene, &wanted, Some(&robot.world_from_base)).map_err(of_motion)
 }
 
 /// The grasps of a file.
