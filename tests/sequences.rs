@@ -1,4 +1,4 @@
-//! `repose place … --then …` on a live system: wishes carried out by the simulated robot one after another, each on a fresh view.
+//! `repose place … --execute --then …` on a live system: wishes carried out by the simulated robot one after another, each on a fresh view.
 
 mod common;
 
@@ -27,16 +27,19 @@ async fn each_wish_is_planned_on_what_the_one_before_has_left() {
     let session = deployment.session().await;
     let before = newest_scene(&session).await;
 
-    let (refused, error) = place(&deployment, &["--move", "1", "--goal", "right_of:2", "--then", "99=left_of:2"]).await;
+    let (refused, _) = place(&deployment, &["--move", "1", "--goal", "right_of:2", "--then", "1=left_of:2"]).await;
+    let message = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(2) && message.contains("--execute"), "only --execute moves the robot: {message}");
+    let (refused, error) = place(&deployment, &["--move", "1", "--goal", "right_of:2", "--execute", "--then", "99=left_of:2"]).await;
     assert_eq!(refused.status.code(), Some(2), "{}", String::from_utf8_lossy(&refused.stderr));
     assert_eq!(error["error"]["field"], "step[1].query");
-    let (refused, error) = place(&deployment, &["--move", "1", "--goal", "right_of:2", "--then", "1=near:1"]).await;
+    let (refused, error) = place(&deployment, &["--move", "1", "--goal", "right_of:2", "--execute", "--then", "1=near:1"]).await;
     assert_eq!((refused.status.code(), error["error"]["code"].as_str()), (Some(2), Some("invalid_argument")), "{error}");
     let after = newest_scene(&session).await;
     let moved_m = before.objects.iter().zip(&after.objects).map(|(a, b)| (a.centroid_m[0] - b.centroid_m[0]).abs()).fold(0.0, f64::max);
     assert!(moved_m < 0.005, "a wish that cannot be is refused before anything moves, and something moved {moved_m} m");
 
-    let (output, document) = place(&deployment, &["--move", "1", "--goal", "behind:2", "--then", "1=left_of:2"]).await;
+    let (output, document) = place(&deployment, &["--move", "1", "--goal", "behind:2", "--execute", "--then", "1=left_of:2"]).await;
     let said = || format!("{document:#}\n{}", String::from_utf8_lossy(&output.stderr));
     let steps = document["steps"].as_array().unwrap_or_else(|| panic!("no steps: {}", said()));
     assert_eq!(document["wanted"], 2);

@@ -1,4 +1,4 @@
-//! `repose place … --then …`: wishes achieved one after another, each planned on a fresh view of what the one before has left.
+//! `repose place … --execute --then …`: wishes achieved one after another, each planned on a fresh view of what the one before has left.
 
 use repose_executive::sequence::{GoalStep, Sequence};
 use repose_proto::{CallError, PlaceRequest};

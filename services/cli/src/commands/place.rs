@@ -30,9 +30,9 @@ pub struct PlaceArgs {
     /// Have the robot carry out the placement, then check on a fresh view whether the goal holds and whether anything else has moved or fallen.
     #[arg(long)]
     pub execute: bool,
-    /// A further placement, ID=TERM[,TERM…], planned on a fresh view after the previous one was carried out and its goal holds. Ids are those of
-    /// the first view. Repeat for more.
-    #[arg(long, value_name = "WISH")]
+    /// With --execute, a further placement, ID=TERM[,TERM…], planned on a fresh view after the previous one was carried out and its goal holds.
+    /// Ids are those of the first view. Repeat for more.
+    #[arg(long, value_name = "WISH", requires = "execute")]
     pub then: Vec<NextWish>,
     /// Maximum attempts for an object that slips, falls or is not grasped, including the first: 1 to 10. No further attempt is made after a stop
     /// or a person's intervention.
@@ -48,7 +48,7 @@ const PROGRESS_WAITING: usize = 64;
 
 /// Runs the command.
 pub async fn run(args: &PlaceArgs, output: Output) -> CommandResult {
-    if args.execute || !args.then.is_empty() {
+    if args.execute {
         let PlaceArgs { wish, then, connect, robot, attempts, .. } = args;
         let wishes = Wishes { wish, then, connect, robot, attempts: *attempts };
         return sequence::run(&wishes, output).await;

@@ -1,4 +1,4 @@
-//! Goals carried out one after another, as `place --then` does it: each planned on a fresh view, moved, looked at again, and tried again where it
+//! Goals carried out one after another, as `place --execute --then` does it: each planned on a fresh view, moved, looked at again, and tried again where it
 //! slipped. Ends at the first that is not achieved.
 //!
 //! A sequence belongs to its cell, not to whoever asked for it: it goes on when the page is closed, and everyone sees it. One at a time.
