@@ -17,11 +17,16 @@ struct Answered<'a> {
     said: Option<&'a SentenceMeaning>,
 }
 
-/// Prints a result, and how the words that asked for it were taken; ends in [`Failure::NoPlacement`] when it has no placement.
-pub fn print_result(result: &PlaceResult, said: Option<&SentenceMeaning>, output: Output) -> failure::CommandResult {
+/// Prints a result, where its object's centre is known how far that goes, and how the words that asked for it were taken; ends in [`Failure::NoPlacement`] when it has no placement.
+pub fn print_result(
+    result: &PlaceResult,
+    center_m: Option<[f64; 3]>,
+    said: Option<&SentenceMeaning>,
+    output: Output,
+) -> failure::CommandResult {
     output.print(&Answered { result, said }, || {
         let understood = said.map(|s| format!("{s}\n")).unwrap_or_default();
-        format!("{understood}{}", describe(result))
+        format!("{understood}{}", describe(result, center_m))
     })?;
     if result.placements.is_empty() { Err(Failure::NoPlacement) } else { Ok(()) }
 }

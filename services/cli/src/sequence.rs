@@ -58,7 +58,7 @@ pub async fn run(args: &Wishes<'_>, output: Output) -> CommandResult {
 }
 
 fn line(step: &GoalStep) -> String {
-    format!("{}\n  {}", describe(&step.result), step.describe().join("; "))
+    format!("{}\n  {}", describe(&step.result, step.center_m), step.describe().join("; "))
 }
 
 /// The results of the wishes.

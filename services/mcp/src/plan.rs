@@ -12,7 +12,7 @@ use repose_proto::place::{Placement, Rotation};
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, GoalTerm, Message, PlaceRequest, PlaceResult};
 use repose_runtime::{CallOptions, CancellationToken, reaching_robot};
-use repose_sentences::placement::{describe, merits, motion, relaxation, tally};
+use repose_sentences::placement::{center_of, describe, merits, motion, relaxation, tally};
 use repose_words::{ObjectAppearance, find, looks_of, understand};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -262,7 +262,7 @@ fn judged(
     };
     let id = uuid::Uuid::new_v4().to_string();
     planned.plan = Some(id.clone());
-    planned.motion = Some(motion(chosen));
+    planned.motion = Some(motion(chosen, center_of(&seen.scene.meta.objects, wish.query)));
     planned.success = chosen.success;
     planned.evidence = Some(merits(chosen, result));
     let (query, goal, view_yaw_rad) = (wish.query, wish.goal.clone(), result.view_yaw_rad);
@@ -284,7 +284,7 @@ fn sentences(planned: &PlanOutput, result: &PlaceResult) -> String {
             lines.push("no plan".to_owned());
             lines.extend(planned.reasons.iter().cloned());
             if result.placements.is_empty() {
-                lines.extend(describe(result).lines().next().map(str::to_owned));
+                lines.extend(describe(result, None).lines().next().map(str::to_owned));
             }
         }
     }

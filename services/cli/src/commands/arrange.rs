@@ -1,5 +1,6 @@
 //! `repose arrange`: goals about several objects that shall all hold at the end, on a frame folder or a running system's newest scene.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -8,9 +9,9 @@ use clap::Args;
 use repose_local::{LocalModels, ModelFiles};
 use repose_proto::arrange::{ArrangeMove, ArrangeRequest, ArrangeResult, Conflict, ObjectGoal, Proof, Purpose};
 use repose_proto::place::{Outcome as Found, Rotation, Variant};
-use repose_proto::{Message, Payload, Scene, Service};
+use repose_proto::{Message, ObjectSummary, Payload, Scene, Service};
 use repose_runtime::CallOptions;
-use repose_sentences::placement::motion;
+use repose_sentences::placement::{carried, center_of, motion};
 
 use crate::arrangement::{self, Arranging};
 use crate::client::{self, ConnectArgs};
@@ -75,22 +76,23 @@ pub async fn run(args: &ArrangeArgs, output: Output) -> CommandResult {
         let (request, connect, attempts) = (args.request(String::new()), &args.connect, args.attempts as usize);
         return arrangement::run(Arranging { request, connect, robot: &args.robot, attempts }, output).await;
     }
-    let result = match &args.frame {
+    let (result, objects) = match &args.frame {
         Some(path) => {
             let scene: Arc<Scene> = Arc::new(repose_local::scene_of(&frames::read(path)?)?);
             let files = ModelFiles { weights: args.networks.weights.clone() };
             let request = args.request(scene.id());
             // Everything computes here; nothing else waits in this process.
-            tokio::task::block_in_place(|| repose_local::arrange(&scene, &request, || LocalModels::load(&files).map(Arc::new)))?
+            let arranged = || repose_local::arrange(&scene, &request, || LocalModels::load(&files).map(Arc::new));
+            (tokio::task::block_in_place(arranged)?, scene.meta.objects.clone())
         }
         None => asked(args).await?,
     };
-    output.print(&result, || describe(&result))?;
+    output.print(&result, || describe(&result, &objects))?;
     if result.outcome == Found::Found { Ok(()) } else { Err(Failure::NoPlacement) }
 }
 
-/// The answer of a running system for its newest scene.
-async fn asked(args: &ArrangeArgs) -> Result<ArrangeResult, Failure> {
+/// The answer of a running system for its newest scene, and that scene's objects.
+async fn asked(args: &ArrangeArgs) -> Result<(ArrangeResult, Vec<ObjectSummary>), Failure> {
     let session = client::connect(&args.connect.system).await?;
     let deadline = Duration::from_millis(args.connect.deadline_ms);
     let summary = client::newest_scene(&session, &args.connect.camera, deadline, client::PATIENCE).await?;
@@ -100,7 +102,7 @@ async fn asked(args: &ArrangeArgs) -> Result<ArrangeResult, Failure> {
     let encode = |scene: Option<&Scene>| Payload::with_scene(&request, scene);
     let answered = planner.call_with_scene("arrange", None, encode, CallOptions::within(deadline)).await;
     client::close(session).await;
-    Ok(answered?.payload.decode_json()?)
+    Ok((answered?.payload.decode_json()?, summary.objects))
 }
 
 impl ArrangeArgs {
@@ -120,8 +122,8 @@ impl ArrangeArgs {
     }
 }
 
-/// A result for people.
-fn describe(result: &ArrangeResult) -> String {
+/// A result for people, on a scene of these objects.
+fn describe(result: &ArrangeResult, objects: &[ObjectSummary]) -> String {
     let mut lines: Vec<String> = Vec::new();
     let is_view_needed = !result.needs_view.is_empty();
     lines.push(match (result.outcome, result.moves.len()) {
@@ -133,7 +135,7 @@ fn describe(result: &ArrangeResult) -> String {
         (Found::Partial, n) if is_view_needed => format!("{n} moves before another view, {} placements searched", result.searches),
         (Found::Partial, n) => format!("the search was cut short after {} placements; its best so far has {n} moves", result.searches),
     });
-    lines.extend(result.moves.iter().enumerate().map(|(k, step)| line(k, step)));
+    lines.extend(moves(&result.moves, objects));
     lines.extend(result.probability.map(|p| format!("probability that all moves succeed: {p:.2}")));
     if !result.satisfied.is_empty() && result.outcome != Found::None {
         lines.push(format!("their goals hold already: {}", ids(&result.satisfied)));
@@ -149,13 +151,25 @@ fn describe(result: &ArrangeResult) -> String {
     lines.join("\n")
 }
 
-fn line(k: usize, step: &ArrangeMove) -> String {
+/// A line for each move. An object that moves again goes on from where it was put.
+fn moves(steps: &[ArrangeMove], objects: &[ObjectSummary]) -> Vec<String> {
+    let mut centers_m: BTreeMap<u16, [f64; 3]> = BTreeMap::new();
+    let mut lines = Vec::new();
+    for (k, step) in steps.iter().enumerate() {
+        let center_m = centers_m.get(&step.object).copied().or_else(|| center_of(objects, step.object));
+        lines.push(line(k, step, center_m));
+        centers_m.extend(center_m.map(|center| (step.object, carried(&step.placement.placed_from_observed, center))));
+    }
+    lines
+}
+
+fn line(k: usize, step: &ArrangeMove, center_m: Option<[f64; 3]>) -> String {
     let goal: Vec<String> = step.goal.iter().map(ToString::to_string).collect();
     let purpose = match step.purpose {
         Purpose::Goal => format!("so that {}", goal.join(" and ")),
         Purpose::Aside => "set down aside, to make room".to_owned(),
     };
-    format!("  {}. object {}: {}, {purpose}", k + 1, step.object, motion(&step.placement))
+    format!("  {}. object {}: {}, {purpose}", k + 1, step.object, motion(&step.placement, center_m))
 }
 
 fn conflict(conflict: &Conflict) -> String {

@@ -6,6 +6,7 @@ use clap::Args;
 use repose_proto::place::PlaceProgress;
 use repose_proto::{Message, Service};
 use repose_runtime::CallOptions;
+use repose_sentences::placement::center_of;
 use tokio::sync::mpsc;
 
 use crate::answer::print_result;
@@ -55,13 +56,20 @@ pub async fn run(args: &PlaceArgs, output: Output) -> CommandResult {
     }
     let session = client::connect(&args.connect.system).await?;
     let deadline = Duration::from_millis(args.connect.deadline_ms);
-    let scene_id = match &args.scene {
-        Some(id) => id.clone(),
-        None => client::newest_scene(&session, &args.connect.camera, deadline, client::PATIENCE).await?.scene_id,
+    let (scene_id, mut objects) = match &args.scene {
+        Some(id) => (id.clone(), Vec::new()),
+        None => {
+            let newest = client::newest_scene(&session, &args.connect.camera, deadline, client::PATIENCE).await?;
+            (newest.scene_id, newest.objects)
+        }
     };
     let (wish, said) = match args.wish.numbered() {
         Some(wish) => (wish, None),
-        None => args.wish.on(&client::whole_scene(&session, &scene_id, deadline).await?)?,
+        None => {
+            let scene = client::whole_scene(&session, &scene_id, deadline).await?;
+            objects.clone_from(&scene.meta.objects);
+            args.wish.on(&scene)?
+        }
     };
     let mut request = args.wish.request(scene_id, &wish);
     if let Some(robot) = &mut request.robot {
@@ -85,5 +93,5 @@ pub async fn run(args: &PlaceArgs, output: Output) -> CommandResult {
     client::close(session).await;
     let (result, answer) = answered?;
     tracing::info!(worker = answer.worker, attempts = answer.attempts, timing_ms = ?answer.timing_ms, "answered");
-    print_result(&result, said.as_ref(), output)
+    print_result(&result, center_of(&objects, result.query), said.as_ref(), output)
 }

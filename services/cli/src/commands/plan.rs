@@ -9,6 +9,7 @@ use repose_local::picture::before_and_after;
 use repose_local::{LocalModels, ModelFiles};
 use repose_proto::motion::{Grasp, MotionPlan, MotionPlanRequest};
 use repose_proto::{Frame, PlaceRequest, PlaceResult, Scene};
+use repose_sentences::placement::center_of;
 
 use crate::answer::print_result;
 use crate::embedded::NetworkArgs;
@@ -74,7 +75,7 @@ pub fn run(args: &PlanArgs, output: Output) -> CommandResult {
         let motion = serde_json::to_string(&motion).map_err(Failure::other)?;
         std::fs::write(path, motion).map_err(|e| FileError::new(path, e))?;
     }
-    print_result(&result, said.as_ref(), output)
+    print_result(&result, center_of(&scene.meta.objects, result.query), said.as_ref(), output)
 }
 
 /// The pick and place of the best placement that the robot in the frame can serve.

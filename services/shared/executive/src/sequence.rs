@@ -10,6 +10,7 @@
 
 use repose_proto::motion::ExecutionOutcome;
 use repose_proto::{CallError, GoalTerm, Message, PlaceRequest, PlaceResult, Scene, SceneRef};
+use repose_sentences::placement::center_of;
 use repose_tracking::{Followed, holds};
 use serde::Serialize;
 
@@ -25,6 +26,9 @@ pub struct GoalStep {
     pub goal: Vec<GoalTerm>,
     /// The answer; ids are those of its own view.
     pub result: PlaceResult,
+    /// Where the object's centre was in that view.
+    #[serde(skip)]
+    pub center_m: Option<[f64; 3]>,
     /// The result of the last attempt.
     #[serde(flatten)]
     pub last: GoalAttempt,
@@ -69,8 +73,9 @@ impl GoalStep {
     }
 
     /// Makes room for another attempt.
-    fn begin_again(&mut self, result: PlaceResult) {
+    fn begin_again(&mut self, result: PlaceResult, view: &IdentifiedScene) {
         self.attempts.push(std::mem::take(&mut self.last));
+        self.center_m = center_of(&view.1.meta.objects, result.query);
         self.result = result;
     }
 }
@@ -130,7 +135,8 @@ impl<S: Site> Sequence<S> {
             let asked = self.translated(k, goal)?;
             let result = self.site.placed(&asked, &self.view).await?;
             let (query, terms) = (goal.query, goal.goal.clone());
-            let mut step = GoalStep { query, goal: terms, result, last: GoalAttempt::default(), attempts: Vec::new() };
+            let center_m = center_of(&self.view.1.meta.objects, result.query);
+            let mut step = GoalStep { query, goal: terms, result, center_m, last: GoalAttempt::default(), attempts: Vec::new() };
             let carried_out = self.carry_out_or_try_again(asked, (k, goal), &mut step).await;
             told(&step);
             let achieved = step.achieved();
@@ -167,7 +173,7 @@ impl<S: Site> Sequence<S> {
             match self.asked_again(&asked, (k, goal), step).await {
                 Ok((request, result)) => {
                     asked = request;
-                    step.begin_again(result);
+                    step.begin_again(result, &self.view);
                 }
                 // What is in the way of another attempt is said beside what came of this one.
                 Err(why) => {
