@@ -251,10 +251,11 @@ fn make_shard(settings: &GenerateSettings, first: u64, end: u64, scene_done: &dy
     let mut made = Generated::default();
     // Numbered by its first scene, so that runs over different ranges share a folder.
     let (number, scenes) = ((first / settings.scenes_per_shard.max(1)) as usize, (end - first) as usize);
-    // A run's last shard may be short; its name says so, and a longer run replaces it.
+    // A run's last shard may be short; its name says so, and only a longer run replaces it.
     let suffix = if scenes as u64 == settings.scenes_per_shard.max(1) { String::new() } else { format!("_of_{scenes}_scenes") };
     made.releases = make_releases(settings, first, end)?;
-    if ["", &suffix].iter().any(|suffix| ShardWriter::shard_path(&settings.out, number, suffix).exists()) {
+    let is_whole_there = ShardWriter::shard_path(&settings.out, number, "").exists();
+    if is_whole_there || short_shards(&settings.out, number).any(|(there, _)| there >= scenes) {
         made.skipped = scenes;
         return Ok(made);
     }
@@ -282,7 +283,9 @@ fn make_shard(settings: &GenerateSettings, first: u64, end: u64, scene_done: &dy
             writer.push(&view).map_err(failed)?;
         }
     }
-    remove_shorter(&settings.out, number)?;
+    for (_, path) in short_shards(&settings.out, number) {
+        std::fs::remove_file(&path).map_err(|source| GenerateError::Remove { path, source })?;
+    }
     made.bytes = writer.finish().map_err(failed)?;
     Ok(made)
 }
@@ -308,12 +311,12 @@ pub fn view_rng(seed: u64, view: u32) -> Pcg64 {
     Pcg64::new(u128::from(seed), VIEW_STREAM + u128::from(view))
 }
 
-/// Removes what shorter runs left of shard `number`.
-fn remove_shorter(folder: &Path, number: usize) -> Result<(), GenerateError> {
+/// The short shards `number` that runs have left, with how many scenes each is of.
+fn short_shards(folder: &Path, number: usize) -> impl Iterator<Item = (usize, PathBuf)> {
     let prefix = format!("shard_{number:05}_of_");
-    let remove = |path: PathBuf| std::fs::remove_file(&path).map_err(|source| GenerateError::Remove { path, source });
+    let scenes_of = move |name: &str| name.strip_prefix(&prefix)?.strip_suffix("_scenes.safetensors")?.parse().ok();
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    entries.filter(|e| e.file_name().to_str().is_some_and(|name| name.starts_with(&prefix))).map(|e| e.path()).try_for_each(remove)
+    entries.filter_map(move |entry| Some((scenes_of(entry.file_name().to_str()?)?, entry.path())))
 }
 
 /// The views of a seed's scene, and the draws that were rejected before it. Views that no viewpoint gave are left out.

@@ -92,6 +92,21 @@ fn a_longer_run_replaces_the_short_shard_of_the_one_before() {
 }
 
 #[test]
+fn a_shorter_run_keeps_the_scenes_and_releases_that_are_there() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let trials = Some(ReleaseTrialSettings { per_scene: 1, ..ReleaseTrialSettings::default() });
+    let asked = |scenes| GenerateSettings { scenes, scenes_per_shard: 4, trials: trials.clone(), ..settings(folder.path(), 1) };
+    let files = || [folder.path().to_path_buf(), folder.path().join("releases")].map(|folder| bytes(&folder));
+    generate(&asked(2), |_| true).expect("made");
+    let before = files();
+    let made = generate(&asked(1), |_| true).expect("nothing to do");
+    assert_eq!((made.scenes, made.skipped, made.releases), (0, 1, 0));
+    assert!(files() == before, "nothing is added or removed");
+    generate(&asked(3), |_| true).expect("made");
+    assert_eq!(files().map(|files| files.len()), before.map(|files| files.len()), "a longer run replaces both files");
+}
+
+#[test]
 fn another_setting_in_the_same_folder_is_refused_by_name() {
     let folder = tempfile::tempdir().expect("a folder");
     let settings = GenerateSettings { scenes: 0, ..settings(folder.path(), 1) };

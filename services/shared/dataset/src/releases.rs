@@ -68,11 +68,34 @@ impl ReleaseRecord {
     }
 }
 
-/// Whether a file of outcomes is there already. One that does not say what it was made with is taken as it is.
+/// Whether a file of outcomes is there already, or one of more scenes from the same first one. One that does not say what it was made with is
+/// taken as it is.
 ///
 /// # Errors
-/// [`ManifestError::Differs`] when it was made with other settings, and when it cannot be read.
+/// [`ManifestError::Differs`] when one from that scene was made with other settings, and when it cannot be read.
 pub fn releases_are_there(path: &Path, made_with: &serde_json::Value) -> Result<bool, ManifestError> {
+    let mut are_there = false;
+    for (scenes, there) in from_same_scene(path) {
+        are_there |= was_made_with(&there, made_with)? && scenes >= scenes_of(path).unwrap_or(u64::MAX);
+    }
+    Ok(are_there)
+}
+
+/// How many scenes a file of outcomes is of, by its name.
+fn scenes_of(path: &Path) -> Option<u64> {
+    path.file_stem()?.to_str()?.rsplit_once('_')?.1.parse().ok()
+}
+
+/// The files of the same kind that begin at the same scene as `path`, itself included, with how many scenes each is of.
+fn from_same_scene(path: &Path) -> Vec<(u64, PathBuf)> {
+    let beginning = |path: &Path| Some(path.file_stem()?.to_str()?.rsplit_once('_')?.0.to_owned());
+    let entries = path.parent().and_then(|folder| std::fs::read_dir(folder).ok()).into_iter().flatten().flatten();
+    let is_other = |there: &PathBuf| there.extension() == path.extension() && beginning(there) == beginning(path);
+    entries.map(|entry| entry.path()).filter(is_other).filter_map(|there| Some((scenes_of(&there)?, there))).collect()
+}
+
+/// Whether a file is there. One that was made with other settings is an error.
+fn was_made_with(path: &Path, made_with: &serde_json::Value) -> Result<bool, ManifestError> {
     let malformed = |e: &dyn std::fmt::Display| ManifestError::Malformed { path: path.to_path_buf(), reason: e.to_string() };
     let bytes = match std::fs::read(path) {
         Ok(bytes) => bytes,
@@ -87,7 +110,7 @@ pub fn releases_are_there(path: &Path, made_with: &serde_json::Value) -> Result<
     if differences.is_empty() { Ok(true) } else { Err(ManifestError::Differs { path: path.to_path_buf(), differences }) }
 }
 
-/// Writes a file of outcomes whole, or not at all.
+/// Writes a file of outcomes whole, or not at all, in place of those of fewer scenes from the same first one.
 ///
 /// # Errors
 /// [`WriteError`] when the folder or the file cannot be written.
@@ -109,6 +132,10 @@ pub fn write_releases(path: &Path, made_with: &serde_json::Value, releases: &[Re
     ];
     let metadata = HashMap::from([(FORMAT_KEY.to_owned(), RELEASES_FORMAT.to_owned())]);
     let bytes = safetensors::serialize(tensors, Some(metadata)).map_err(|e| WriteError::Container(e.to_string()))?;
+    // Outcomes that are in two files would count twice.
+    for (_, shorter) in from_same_scene(path).into_iter().filter(|(scenes, _)| scenes_of(path).is_some_and(|written| *scenes < written)) {
+        std::fs::remove_file(&shorter).map_err(|source| WriteError::Io { path: shorter, source })?;
+    }
     write_whole(path, &bytes).map_err(|source| WriteError::Io { path: path.to_path_buf(), source })
 }
 
@@ -230,6 +257,19 @@ mod tests {
         assert!(releases_are_there(&path, &made_with).unwrap());
         let refused = releases_are_there(&path, &json!({"per_scene": 3})).unwrap_err().to_string();
         assert!(refused.contains("releases_000000_16") && refused.contains("made_with.per_scene: there 2, now 3"), "{refused}");
+    }
+
+    #[test]
+    fn a_file_of_more_scenes_is_kept_and_one_of_fewer_is_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let (made_with, of) = (json!({"per_scene": 2}), |scenes| releases_path(folder.path(), 0, scenes));
+        write_releases(&of(3), &made_with, &[record(1), record(2), record(3)]).unwrap();
+        write_releases(&releases_path(folder.path(), 16, 3), &made_with, &[record(17)]).unwrap();
+        assert!(releases_are_there(&of(1), &made_with).unwrap() && !releases_are_there(&of(16), &made_with).unwrap());
+        assert!(!releases_are_there(&proposals_path(folder.path(), 0, 1), &made_with).unwrap(), "proposals are others");
+        assert!(releases_are_there(&of(16), &json!({"per_scene": 3})).is_err());
+        write_releases(&of(16), &made_with, &[record(1)]).unwrap();
+        assert_eq!(read_releases(folder.path()).unwrap(), [record(1), record(17)]);
     }
 
     #[test]

@@ -42,7 +42,7 @@ pub struct GenerateArgs {
     /// Views per scene.
     #[arg(long, default_value_t = 5)]
     pub views: u32,
-    /// A folder for the shards. Existing shards are kept, missing ones are generated.
+    /// A folder for the shards. Existing shards are kept, missing ones are generated; a longer run replaces a short last shard.
     #[arg(long, value_name = "DIR", group = "product")]
     pub out: Option<PathBuf>,
     /// A folder for contact sheets of the scenes (the first 120 at most): color, depth, labels and relations of each one's first view.
