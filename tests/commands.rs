@@ -328,3 +328,22 @@ fn fewer_placements_than_asked_for_are_said_to_be_fewer() {
     assert!(output.status.success() && text.contains("64 were asked for"), "{text}");
     assert!(!text.contains("realism"), "nobody was asked for realism: {text}");
 }
+
+#[test]
+fn what_only_a_system_of_its_own_can_do_is_refused_for_another() {
+    let refused = |environment: &[(&str, &str)], arguments: &[&str]| {
+        let output = repose_in(environment, &[&["load"], arguments].concat());
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
+        message
+    };
+    let (endpoint, variable) = ("tcp/127.0.0.1:9", [("REPOSE_CONNECT", "tcp/127.0.0.1:9")]);
+    let options: [&[&str]; 5] =
+        [&["--fault", "kill:inference:2s"], &["--planners", "2"], &["--inference", "2"], &["--routers", "2"], &["--secured"]];
+    for option in options {
+        assert!(refused(&[], &[&["--connect", endpoint], option].concat()).contains("--up"));
+        assert!(refused(&variable, option).contains("--up"));
+    }
+    assert!(refused(&[], &["--up", "--connect", endpoint]).contains("--connect"));
+    assert!(refused(&variable, &["--up"]).contains("REPOSE_CONNECT"));
+}

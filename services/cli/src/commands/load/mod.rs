@@ -69,16 +69,18 @@ pub struct LoadArgs {
     #[arg(long, value_parser = parse_count, conflicts_with_all = ["secured", "agents"])]
     pub cells: Option<usize>,
     /// Robot states that each light cell puts, a second.
-    #[arg(long, default_value_t = 50.0, requires = "cells", value_name = "RATE", value_parser = parse_rate)]
+    #[arg(long, default_value_t = 50.0, requires = "cells", conflicts_with_all = ["secured", "agents"], value_name = "RATE", value_parser = parse_rate)]
     pub states: f64,
     /// Scene summaries that each light cell puts, a second.
-    #[arg(long, default_value_t = 5.0, requires = "cells", value_name = "RATE", value_parser = parse_rate)]
+    #[arg(long, default_value_t = 5.0, requires = "cells", conflicts_with_all = ["secured", "agents"], value_name = "RATE", value_parser = parse_rate)]
     pub summaries: f64,
     /// Warm-up requests, which are not counted.
     #[arg(long, default_value_t = 0)]
     pub warm_up: usize,
     /// Start a separate system on this machine (router, simulated cell, services), and load that one.
-    #[arg(long, conflicts_with_all = ["connect", "config"])]
+    // That it goes with neither --connect nor --config is checked by hand: clap does not ask for --up, which others require, where a conflict
+    // rules it out.
+    #[arg(long)]
     pub up: bool,
     /// Planner processes of that system.
     #[arg(long, default_value_t = 1, value_parser = parse_count, requires = "up")]
@@ -186,6 +188,13 @@ pub async fn run(args: &LoadArgs, output: Output) -> CommandResult {
 }
 
 fn check(args: &LoadArgs) -> CommandResult {
+    let system = &args.connect.system;
+    if args.up && system.connect.is_some() {
+        return Err(Failure::bad_input("up", "starts a system of its own, and --connect or REPOSE_CONNECT names another: take one away"));
+    }
+    if args.up && system.config.is_some() {
+        return Err(Failure::bad_input("up", "starts a system of its own, which takes no --config"));
+    }
     if args.rate.is_some_and(|r| !(r > 0.0 && args.requests as f64 / r <= LONGEST_RUN_S)) {
         return Err(Failure::bad_input("rate", format!("expected more than 0 requests per second, and all within {LONGEST_RUN_S:.0} s")));
     }
