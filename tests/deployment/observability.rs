@@ -35,8 +35,13 @@ fn becomes(address: &str, path: &str, status: u16) -> String {
 
 /// Starts a process that tells its health on a port of its own, and returns where.
 fn start(what: &str, endpoint: &str) -> (Logged, String) {
+    start_with(what, endpoint, &[])
+}
+
+/// The same with these settings.
+fn start_with(what: &str, endpoint: &str, settings: &[(&str, &str)]) -> (Logged, String) {
     let mut command = repose();
-    command.args(["serve", what, "--connect", endpoint]).env("REPOSE_TELEMETRY__LISTEN", "127.0.0.1:0");
+    command.args(["serve", what, "--connect", endpoint]).env("REPOSE_TELEMETRY__LISTEN", "127.0.0.1:0").envs(settings.iter().copied());
     let process = Logged::start(command);
     let line = process.line("health and metrics");
     let address = line.split("address=").nth(1).expect("where").split_whitespace().next().expect("an address").to_owned();
@@ -85,6 +90,22 @@ async fn a_process_is_ready_while_it_serves_behind_a_router_and_counts_what_it_d
     assert_eq!(page(&at, "/live").0, 200, "a process whose router is away is not restarted for it");
     let (_router, _) = start("router", &endpoint);
     becomes(&at, "/ready", 200);
+}
+
+#[test]
+fn the_page_and_the_bridge_tell_their_health_and_metrics_too() {
+    let port = std::net::TcpListener::bind("127.0.0.1:0").expect("a free port").local_addr().expect("its address").port();
+    let endpoint = format!("tcp/127.0.0.1:{port}");
+    let (_router, _) = start("router", &endpoint);
+    // The bridge's own router is ours, too: what matters is that the process runs.
+    let page_at = [("REPOSE_CONSOLE__LISTEN", "127.0.0.1:0")];
+    let ros_router = [("REPOSE_ROS2__SESSION__CONNECT", endpoint.as_str()), ("REPOSE_ROS2__SESSION__MODE", "client")];
+    for (what, settings) in [("console", &page_at[..]), ("ros2", &ros_router)] {
+        let (_process, at) = start_with(what, &endpoint, settings);
+        assert_eq!(page(&at, "/live").0, 200, "{what}");
+        becomes(&at, "/ready", 200);
+        assert!(page(&at, "/metrics").1.contains("process_open_fds"), "{what}");
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

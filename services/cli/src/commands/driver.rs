@@ -2,7 +2,7 @@
 
 use clap::{Args, Subcommand};
 use repose_franka::DriverError;
-use repose_runtime::{Session, Shutdown, load_config, start_metrics};
+use repose_runtime::{HealthServer, Session, Shutdown, load_config, start_metrics};
 
 use crate::client::{self, SystemArgs, client_config};
 use crate::failure::{CommandResult, Failure};
@@ -29,6 +29,7 @@ pub async fn run(args: &DriverArgs) -> CommandResult {
     start_metrics()?;
     let config = load_config("franka", system.config.as_deref())?;
     let session = Session::open(client_config(system)?).await?;
+    let _health = HealthServer::of(&session, false).await?;
     let driven = repose_franka::run(session.clone(), config, shutdown).await;
     client::close(session).await;
     driven.map_err(|e| match e {

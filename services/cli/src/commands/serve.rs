@@ -62,6 +62,7 @@ pub async fn run(args: &ServeArgs) -> CommandResult {
         Served::Console => {
             let config = ServiceConfigs::load(args.system.config.as_deref())?.console;
             let session = Session::open(client_config(&args.system)?).await?;
+            let _health = HealthServer::of(&session, false).await?;
             let served = repose_console::run(session.clone(), config, shutdown).await;
             client::close(session).await;
             served.map_err(|e| match e {
@@ -74,6 +75,7 @@ pub async fn run(args: &ServeArgs) -> CommandResult {
         Served::Ros2 => {
             let config = load_config("ros2", args.system.config.as_deref())?;
             let session = Session::open(client_config(&args.system)?).await?;
+            let _health = HealthServer::of(&session, false).await?;
             let served = repose_ros2::run(session.clone(), config, shutdown).await;
             client::close(session).await;
             served.map_err(|e| match e {
@@ -90,12 +92,8 @@ pub async fn run(args: &ServeArgs) -> CommandResult {
             }
             let services = ServiceConfigs::load(args.system.config.as_deref())?;
             let cell = config.session.cell.clone();
-            let listen = config.telemetry.listen.clone();
             let session = Session::open(config).await?;
-            let _health = match &listen {
-                Some(listen) => Some(HealthServer::start(listen, session.clone(), true).await?),
-                None => None,
-            };
+            let _health = HealthServer::of(&session, true).await?;
             tracing::info!(%service, cell, "serving");
             let served = services.run(service, session.clone(), shutdown).await;
             client::close(session).await;

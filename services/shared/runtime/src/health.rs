@@ -60,7 +60,7 @@ fn recorder() -> Result<PrometheusHandle, String> {
     RECORDER.get_or_init(install).clone()
 }
 
-/// Starts to count metrics in this process; what was counted before is lost, so this comes first. [`HealthServer::start`] serves them.
+/// Starts to count metrics in this process; what was counted before is lost, so this comes first. [`HealthServer::of`] serves them.
 ///
 /// # Errors
 /// When another recorder is installed.
@@ -107,6 +107,17 @@ impl HealthServer {
         });
         tracing::info!(%address, "health and metrics");
         Ok(Self { address, _stop: stop.drop_guard() })
+    }
+
+    /// The server that a session's configuration asks for, section `[telemetry]`; none where it asks for none.
+    ///
+    /// # Errors
+    /// As [`HealthServer::start`].
+    pub async fn of(session: &Session, serves: bool) -> Result<Option<Self>, RuntimeError> {
+        match session.telemetry().listen.as_deref() {
+            Some(listen) => Self::start(listen, session.clone(), serves).await.map(Some),
+            None => Ok(None),
+        }
     }
 
     /// Where it listens.

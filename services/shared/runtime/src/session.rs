@@ -7,7 +7,7 @@ use std::time::Duration;
 use repose_proto::{CallError, Cell, Payload, Service};
 
 use crate::caller::Caller;
-use crate::config::RuntimeConfig;
+use crate::config::{RuntimeConfig, TelemetryConfig};
 use crate::lives::Lives;
 use crate::shares::Shares;
 use crate::target::Target;
@@ -63,6 +63,11 @@ impl Session {
     /// The pool that serves this cell, too, if it has one.
     pub fn pool(&self) -> Option<&str> {
         self.config.caller.pool.as_deref().filter(|pool| *pool != self.cell.name())
+    }
+
+    /// What this process is to tell of itself.
+    pub(crate) fn telemetry(&self) -> &TelemetryConfig {
+        &self.config.telemetry
     }
 
     /// What each cell may have of a worker here that serves several.
@@ -217,12 +222,8 @@ impl Publisher {
 /// # Errors
 /// When the session cannot be opened.
 pub async fn run_router(config: RuntimeConfig, shutdown: Shutdown) -> Result<(), RuntimeError> {
-    let listen = config.telemetry.listen.clone();
     let session = Session::open(config).await?;
-    let _health = match &listen {
-        Some(listen) => Some(HealthServer::start(listen, session.clone(), false).await?),
-        None => None,
-    };
+    let _health = HealthServer::of(&session, false).await?;
     tracing::info!(locators = ?session.locators().await, "routing");
     shutdown.requested().await;
     session.close().await
