@@ -16,6 +16,14 @@ pub enum TrainError {
         /// The split that is empty.
         split: &'static str,
     },
+    /// A setting that no run can have.
+    #[error("{field}: {message}")]
+    Setting {
+        /// The setting.
+        field: &'static str,
+        /// What was expected and what came.
+        message: String,
+    },
     /// The run needs weights to start from.
     #[error("expected weights to start from: {0}")]
     NoStart(&'static str),
@@ -100,6 +108,7 @@ impl TrainError {
         match self {
             Self::Data(_) | Self::Empty { .. } => Some("data"),
             Self::NoStart(_) => Some("start"),
+            Self::Setting { field, .. } => Some(field),
             Self::StartFile { field, .. } | Self::StartWeights { field, .. } | Self::OtherRun { field, .. } => Some(field),
             Self::Mean { .. } => Some("mean_with"),
             Self::Cuda(_) => Some("device"),

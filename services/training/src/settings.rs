@@ -147,6 +147,20 @@ pub struct TrainSettings {
 }
 
 impl TrainSettings {
+    /// Checks what the types cannot.
+    ///
+    /// # Errors
+    /// [`TrainError::Setting`].
+    pub fn validate(&self) -> Result<(), TrainError> {
+        match self.minutes {
+            // Of no such number the clock would ever reach an end.
+            Some(minutes) if !(minutes.is_finite() && minutes > 0.0) => {
+                Err(TrainError::Setting { field: "minutes", message: format!("expected a number above 0, got {minutes}") })
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// The defaults for a part. One view's pairs have much in common, so the relation predictor's micro-batches mix many views; each is drawn
     /// about four times before it is replaced (with sixteen times it overfitted: the loss on validation scenes rose after 3,000 steps).
     pub fn of_part(part: TrainedPart) -> Self {

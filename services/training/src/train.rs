@@ -64,8 +64,9 @@ pub struct TrainReport {
 /// Resumes from a checkpoint beside `settings.out` (of the same part and seed); one of a run that began with other weights is refused.
 ///
 /// # Errors
-/// [`TrainError`] when the data is missing or broken, a file cannot be written, or the loss diverges.
+/// [`TrainError`] when a setting is out of its range, the data is missing or broken, a file cannot be written, or the loss diverges.
 pub fn train(settings: &TrainSettings) -> Result<TrainReport, TrainError> {
+    settings.validate()?;
     match settings.part {
         TrainedPart::Joint => Run::new(settings, &JointTask::default())?.run(),
         TrainedPart::Relations => Run::new(settings, &RelationsTask::default())?.run(),

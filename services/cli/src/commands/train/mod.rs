@@ -203,6 +203,10 @@ mod tests {
         let field = |failure: Failure| failure.error().and_then(|e| e.field.clone());
         let failure = failure_of(&train(&start).unwrap_err());
         assert_eq!((failure.exit_code(), field(failure).as_deref()), (2, Some("start")));
+        for minutes in [f64::NAN, f64::INFINITY, 0.0, -1.0] {
+            let timed = TrainSettings { minutes: Some(minutes), ..TrainSettings::default() };
+            assert_eq!(field(failure_of(&train(&timed).unwrap_err())).as_deref(), Some("minutes"), "{minutes}");
+        }
         let failure = failure_of(&TrainError::Diverged { step: 3, loss: f64::NAN });
         assert_eq!((failure.exit_code(), field(failure)), (1, None));
     }
