@@ -347,3 +347,22 @@ fn what_only_a_system_of_its_own_can_do_is_refused_for_another() {
     assert!(refused(&[], &["--up", "--connect", endpoint]).contains("--connect"));
     assert!(refused(&variable, &["--up"]).contains("REPOSE_CONNECT"));
 }
+
+#[test]
+fn what_cannot_be_read_or_written_is_said_before_long_work() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("file");
+    std::fs::write(&file, "").expect("written");
+    let (out, below_a_file) = (folder.path().join("out"), file.join("weights.safetensors"));
+    let [out_text, below_text] = [&out, &below_a_file].map(|path| path.to_str().expect("a plain path"));
+    let generate = repose(&["generate", "--scenes", "1", "--proposals", "4", "--weights", "no/such.st", "--out", out_text]);
+    let message = String::from_utf8_lossy(&generate.stderr);
+    assert!(generate.status.code() == Some(2) && message.contains("no/such.st"), "{message}");
+    assert!(!out.exists(), "no scene was made");
+    // Whether there is anything to learn from is looked at later.
+    for network in ["joint", "back"] {
+        let train = repose(&["train", "--data", path(&folder), "--network", network, "--steps", "1", "--out", below_text]);
+        let message = String::from_utf8_lossy(&train.stderr);
+        assert!(train.status.code() == Some(2) && message.contains("file"), "{network}: {message}");
+    }
+}

@@ -9,6 +9,7 @@ use clap::Args;
 use rayon::prelude::*;
 use repose_dataset::Split;
 use repose_evaluation::report::histogram::{Panel, histograms};
+use repose_evaluation::report::written::can_write;
 use repose_geometry::{Image, ViewerFrame};
 use repose_local::picture::rgb_image;
 use repose_proto::Relation;
@@ -24,6 +25,7 @@ use repose_simulator::views::view_of_scene;
 
 use self::frames::write_frames;
 use self::proposals::write_proposals;
+use crate::embedded::engine;
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
@@ -118,6 +120,9 @@ pub fn run(args: &GenerateArgs, output: Output) -> CommandResult {
     }
     settings.threads = threads(args.threads);
     settings.trials = (args.releases > 0).then(|| ReleaseTrialSettings { per_scene: args.releases, ..ReleaseTrialSettings::default() });
+    // What cannot be read or written is said before the scenes are made.
+    let proposing = (args.proposals > 0).then(|| engine(args.weights.clone())).transpose()?;
+    args.statistics.as_deref().map_or(Ok(()), can_write)?;
     let mut report = Report::default();
     if let Some(folder) = &args.show {
         let sheets = show(folder, &settings)?;
@@ -133,8 +138,8 @@ pub fn run(args: &GenerateArgs, output: Output) -> CommandResult {
         Some(folder) => Some(write_shards(folder, &settings, &mut report)?),
         None => args.statistics.as_ref().map(|_| survey(&settings)),
     };
-    if let Some(folder) = args.out.as_ref().filter(|_| args.proposals > 0) {
-        let proposals = write_proposals(folder, &settings, args.proposals, args.weights.as_ref())?;
+    if let (Some(folder), Some(engine)) = (&args.out, &proposing) {
+        let proposals = write_proposals(folder, &settings, args.proposals, engine)?;
         report.add("proposals", proposals);
         report.text.push(format!("{proposals} proposals let go"));
     }

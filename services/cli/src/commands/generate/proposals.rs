@@ -1,6 +1,6 @@
 //! `repose generate --proposals`: objects let go where the prior and the planner would have them put, beside the shards.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use repose_dataset::{ReleaseRecord, proposals_path, releases_are_there, write_releases};
 use repose_evaluation::scenes::problem::{Problem, ProblemSettings};
@@ -9,14 +9,12 @@ use repose_inference::Engine;
 use repose_networks::serving::spread;
 use repose_simulator::generate::{GenerateSettings, lines_of};
 
-use crate::embedded::engine;
 use crate::failure::Failure;
 use crate::progress::Progress;
 
 /// Lets each scene's problem go `per_scene` times, and writes what is missing in files of `settings.scenes_per_shard` scenes. Returns how many
 /// releases were written. Files that are there stay, so an interrupted run goes on.
-pub fn write_proposals(folder: &Path, settings: &GenerateSettings, per_scene: u32, weights: Option<&PathBuf>) -> Result<usize, Failure> {
-    let engine = engine(weights.cloned())?;
+pub fn write_proposals(folder: &Path, settings: &GenerateSettings, per_scene: u32, engine: &Engine) -> Result<usize, Failure> {
     let problem = ProblemSettings { scene: settings.scene.clone(), ..ProblemSettings::default() };
     let proposal = ProposalSettings::new(per_scene);
     let made_with = serde_json::json!({"proposals": lines_of(&proposal), "weights_hash": engine.weights_hash()});
@@ -36,7 +34,7 @@ pub fn write_proposals(folder: &Path, settings: &GenerateSettings, per_scene: u3
             }
             let mut records = Vec::new();
             for index in scenes {
-                records.extend(of_scene(settings, index, &problem, &engine, &proposal)?);
+                records.extend(of_scene(settings, index, &problem, engine, &proposal)?);
                 bar.add(1);
             }
             write_releases(&path, &made_with, &records).map_err(|e| Failure::bad_input(&folder.display().to_string(), e))?;
@@ -64,6 +62,7 @@ mod tests {
     use repose_dataset::Split;
 
     use super::*;
+    use crate::embedded::engine;
 
     #[test]
     fn a_folder_of_other_proposals_is_refused_by_name() {
@@ -71,7 +70,8 @@ mod tests {
         let settings = GenerateSettings { threads: 1, ..GenerateSettings::new(folder.path(), Split::Validation, 1) };
         let there = serde_json::json!({"proposals": lines_of(&ProposalSettings::new(4)), "weights_hash": "of others"});
         write_releases(&proposals_path(folder.path(), 0, 1), &there, &[]).expect("written");
-        let refused = format!("{:?}", write_proposals(folder.path(), &settings, 4, None).expect_err("other weights"));
+        let refused =
+            format!("{:?}", write_proposals(folder.path(), &settings, 4, &engine(None).expect("weights")).expect_err("other weights"));
         assert!(refused.contains("proposals_000000_1") && refused.contains("weights_hash"), "{refused}");
     }
 }

@@ -12,6 +12,7 @@ mod tried;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use repose_evaluation::report::written::can_write;
 use repose_networks::Weights;
 use repose_planner::learned::forecast::{Forecast, STABILITY, SUCCESS};
 use repose_training::{Compute, ONE_THREAD_VARIABLES, RelationsVariant, TrainError, TrainSettings, TrainedPart, train};
@@ -100,6 +101,8 @@ pub struct TrainArgs {
 
 /// Runs the command.
 pub fn run(args: &TrainArgs, output: Output) -> CommandResult {
+    // After the training would be too late to say so.
+    can_write(&args.out)?;
     let fit_on = |scenes: u64| FitArgs {
         data: &args.data,
         start: args.start.as_deref(),
