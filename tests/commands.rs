@@ -282,6 +282,12 @@ fn commands_on_a_frame_read_the_environment_as_the_services_do() {
         let (code, message) = says(("REPOSE_PERCEPTION__SEGMENTATION__MAX_DEPTH_M", "0.5"), arguments);
         assert!(code == Some(2) && message.contains("between 0 and 0.5 m"), "{arguments:?}: {message}");
     }
+    for (field, value) in [("MAX_DEPTH_M", "-4"), ("MAX_DEPTH_M", "nan"), ("MAX_POINTS", "0")] {
+        let variable = format!("REPOSE_PERCEPTION__SEGMENTATION__{field}");
+        let (code, message) = says((variable.as_str(), value), commands[0]);
+        let named = format!("perception.segmentation.{}", field.to_lowercase());
+        assert!(code == Some(2) && message.contains(&named), "{field}={value}: {message}");
+    }
     let (code, message) = says(("REPOSE_PLANNER__ROBOT", "nobody"), &plan);
     assert!(code == Some(2) && message.contains("nobody is not among robots"), "{message}");
     let (code, message) = says(("REPOSE_PERCEPTION__SEGMENTATION__LEARNED__ENABELD", "false"), commands[0]);

@@ -33,14 +33,16 @@ pub struct ServiceConfigs {
 impl ServiceConfigs {
     /// Reads the sections of a file, where one is given, and the environment over them.
     pub fn load(file: Option<&Path>) -> Result<Self, Failure> {
-        Ok(Self {
+        let configs = Self {
             perception: load_config("perception", file)?,
             inference: load_config("inference", file)?,
             planner: load_config("planner", file)?,
             motion: load_config("motion", file)?,
             simulator: load_config("simulator", file)?,
             console: load_config("console", file)?,
-        })
+        };
+        configs.perception.validate()?;
+        Ok(configs)
     }
 
     /// Runs a service until `shutdown`.
@@ -98,6 +100,31 @@ mod tests {
         for (name, fields) in sections {
             same_settings(name, "", said[name].as_table().unwrap(), fields);
         }
+    }
+
+    #[test]
+    fn no_number_of_segmentation_may_be_nan() {
+        let text = std::fs::read_to_string(example()).unwrap();
+        let said: toml::Table = toml::from_str(&text).unwrap();
+        let names = names_of_numbers(said["perception"]["segmentation"].as_table().unwrap());
+        assert!(names.len() > 60, "{names:?}");
+        for name in names {
+            let (table, field) =
+                name.rsplit_once('.').map_or((String::new(), name.as_str()), |(table, field)| (format!(".{table}"), field));
+            let config: PerceptionConfig = toml::from_str(&format!("[segmentation{table}]\n{field} = nan")).unwrap();
+            let refusal = config.validate().map_err(|e| e.field);
+            assert_eq!(refusal, Err(Some(format!("perception.segmentation.{name}"))));
+        }
+    }
+
+    /// The paths of the numbers with a fraction in a table and the tables below it.
+    fn names_of_numbers(table: &toml::Table) -> Vec<String> {
+        let below = |(name, value): (&String, &toml::Value)| match value {
+            toml::Value::Float(_) => vec![name.clone()],
+            toml::Value::Table(table) => names_of_numbers(table).iter().map(|below| format!("{name}.{below}")).collect(),
+            _ => Vec::new(),
+        };
+        table.iter().flat_map(below).collect()
     }
 
     /// Compares a table with the fields of its type, and the tables below it.

@@ -20,8 +20,8 @@ pub fn section<T: DeserializeOwned>(name: &str) -> Result<T, CallError> {
 /// # Errors
 /// As [`section`].
 pub fn segmentation() -> Result<Settings, CallError> {
-    let config = section::<PerceptionConfig>("perception")?;
-    config.validate().map_err(refused)?;
+    let config: PerceptionConfig = section("perception")?;
+    config.validate()?;
     Ok(config.segmentation)
 }
 

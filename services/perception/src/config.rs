@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use repose_runtime::RuntimeError;
+use repose_proto::CallError;
 use serde::Deserialize;
 
 use crate::cameras::pace::{PAUSE, PaceSettings};
@@ -75,13 +75,9 @@ impl PerceptionConfig {
     /// Checks what the types cannot.
     ///
     /// # Errors
-    /// [`RuntimeError::Config`] that names the field.
-    pub fn validate(&self) -> Result<(), RuntimeError> {
-        self.segmentation.validate().map_err(|error| RuntimeError::Config {
-            section: "perception".to_owned(),
-            file: None,
-            message: format!("{}: {}", error.field.as_deref().unwrap_or("segmentation"), error.message),
-        })
+    /// `invalid_argument` that names the field.
+    pub fn validate(&self) -> Result<(), CallError> {
+        self.segmentation.validate("perception.segmentation")
     }
 
     /// The limits of which scene is each camera's newest.
@@ -123,8 +119,8 @@ mod tests {
     fn a_setting_out_of_its_range_is_named() {
         let config: PerceptionConfig =
             serde_json::from_str(r#"{"segmentation": {"surfaces": {"bin_m": 0.01, "tolerance_m": 0.002}}}"#).unwrap();
-        let told = config.validate().unwrap_err().to_string();
-        assert!(told.contains("[perception]: segmentation.surfaces.tolerance_m: expected"), "{told}");
+        let named = config.validate().unwrap_err().field;
+        assert_eq!(named.as_deref(), Some("perception.segmentation.surfaces.tolerance_m"));
         assert!(PerceptionConfig::default().validate().is_ok());
     }
 

@@ -69,6 +69,11 @@ pub use sources::frame_folder;
 /// # Errors
 /// When the network or the operating system refuses, or the configuration names a camera that cannot be one.
 pub async fn run(session: Session, config: PerceptionConfig, shutdown: Shutdown) -> Result<(), RuntimeError> {
+    config.validate().map_err(|e| RuntimeError::Config {
+        section: "perception".to_owned(),
+        file: None,
+        message: format!("{}: {}", e.field.unwrap_or_default(), e.message),
+    })?;
     let worker = Arc::new(worker::Worker::start(&config)?);
     let cameras = cameras::CameraFollower::new(session.clone(), worker.clone(), &config);
     let stop = repose_runtime::CancellationToken::new();

@@ -5,8 +5,8 @@
 //! other half is for reporting.
 
 mod components;
+mod ranges;
 
-use repose_proto::CallError;
 use serde::Deserialize;
 
 pub use components::{ComponentSettings, ForegroundSettings, HalvesSettings, HoleSettings, HollowSettings, InsideSettings, TopSettings};
@@ -64,16 +64,6 @@ impl Default for Settings {
             unseen: UnseenSettings::default(),
             seed: 0,
         }
-    }
-}
-
-impl Settings {
-    /// Checks what the types cannot.
-    ///
-    /// # Errors
-    /// `invalid_argument` that names the field below `segmentation`.
-    pub fn validate(&self) -> Result<(), CallError> {
-        self.surfaces.validate("segmentation.surfaces")
     }
 }
 
@@ -261,25 +251,6 @@ impl Default for SurfaceSettings {
     }
 }
 
-impl SurfaceSettings {
-    /// Checks ranges.
-    ///
-    /// # Errors
-    /// `invalid_argument` that names the field below `field`.
-    pub fn validate(&self, field: &str) -> Result<(), CallError> {
-        let check = |name: &str, value: f32, least: f32| {
-            // Rounded, one and a half bins may be a little less.
-            let good = (0.999 * least..=1.0).contains(&value);
-            if good { Ok(()) } else { Err(CallError::invalid(format!("{field}.{name}"), format!("expected {least} to 1, got {value}"))) }
-        };
-        check("bin_m", self.bin_m, 1e-4)?;
-        // A peak of the histogram is three bins wide: a thinner slice around its middle may hold none of it.
-        check("tolerance_m", self.tolerance_m, self.bin_m * 1.5)?;
-        check("cell_m", self.cell_m, 1e-3)?;
-        check("object_cell_m", self.object_cell_m, 1e-3)
-    }
-}
-
 /// How furniture is told from the tops of things.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -332,23 +303,5 @@ impl Default for LevelSettings {
             hollow_readings: 40,
             floor_below_m: 0.36,
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn surfaces_that_could_not_be_found_are_refused_by_the_name_of_the_field() {
-        assert!(Settings::default().validate().is_ok());
-        let thin = SurfaceSettings { bin_m: 0.008, ..SurfaceSettings::default() };
-        assert!(Settings { surfaces: thin, ..Settings::default() }.validate().is_ok(), "just thick enough");
-        let fault = |surfaces: SurfaceSettings| Settings { surfaces, ..Settings::default() }.validate().unwrap_err().field.unwrap();
-        let default = SurfaceSettings::default;
-        assert_eq!(fault(SurfaceSettings { bin_m: 0.0, ..default() }), "segmentation.surfaces.bin_m");
-        assert_eq!(fault(SurfaceSettings { bin_m: 0.01, tolerance_m: 0.002, ..default() }), "segmentation.surfaces.tolerance_m");
-        assert_eq!(fault(SurfaceSettings { cell_m: f32::NAN, ..default() }), "segmentation.surfaces.cell_m");
-        assert_eq!(fault(SurfaceSettings { object_cell_m: -0.01, ..default() }), "segmentation.surfaces.object_cell_m");
     }
 }

@@ -91,9 +91,8 @@ impl Worker {
     /// Starts the threads.
     ///
     /// # Errors
-    /// When the operating system gives none, and as [`PerceptionConfig::validate`].
+    /// When the operating system gives none.
     pub fn start(config: &PerceptionConfig) -> Result<Self, RuntimeError> {
-        config.validate()?;
         let settings = QueueSettings {
             name: "perception".to_owned(),
             capacity: config.queue_capacity,

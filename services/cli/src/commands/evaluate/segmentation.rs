@@ -55,7 +55,7 @@ fn read_settings(path: &Path) -> Result<Settings, Failure> {
     let failed = |e: &dyn std::fmt::Display| Failure::bad_input(&path.display().to_string(), e);
     let text = std::fs::read_to_string(path).map_err(|e| failed(&e))?;
     let settings: Settings = toml::from_str(&text).map_err(|e| failed(&e))?;
-    settings.validate().map_err(|e| failed(&e))?;
+    settings.validate("perception.segmentation").map_err(|e| failed(&format!("{}: {}", e.field.unwrap_or_default(), e.message)))?;
     Ok(settings)
 }
 
