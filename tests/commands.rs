@@ -372,3 +372,19 @@ fn what_cannot_be_read_or_written_is_said_before_long_work() {
         assert!(train.status.code() == Some(2) && message.contains("file"), "{network}: {message}");
     }
 }
+
+#[test]
+fn an_endpoint_that_is_none_is_refused_in_our_words() {
+    let cases: [(&[(&str, &str)], &[&str], &str); 4] = [
+        (&[], &["scene", "--connect", "127.0.0.1:17447"], "connect: expected tcp/HOST:PORT"),
+        (&[("REPOSE_CONNECT", "foo")], &["scene"], "connect: expected tcp/HOST:PORT"),
+        (&[("REPOSE_SESSION__CONNECT", "foo")], &["scene"], "connect: expected tcp/HOST:PORT"),
+        (&[], &["up", "--listen", "foo"], "listen: expected tcp/HOST:PORT"),
+    ];
+    for (environment, arguments, named) in cases {
+        let output = repose_in(environment, arguments);
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
+        assert!(message.contains(named) && !message.contains(".rs"), "{message}");
+    }
+}

@@ -7,7 +7,7 @@ use clap::Args;
 use repose_proto::motion::KeepOutZone;
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, Scene, SceneSummary, Service, keys};
-use repose_runtime::{CallOptions, RuntimeConfig, RuntimeError, Session, SessionMode, fetch_newest, fetch_scene};
+use repose_runtime::{CallOptions, RuntimeConfig, RuntimeError, Session, SessionMode, endpoint_fault, fetch_newest, fetch_scene};
 use tokio::time::Instant;
 
 use crate::cell_survey::{listed, names};
@@ -76,7 +76,7 @@ pub fn client_config(args: &SystemArgs) -> Result<RuntimeConfig, Failure> {
     let session = &mut config.session;
     // A file may be shared with the router; a client listens nowhere.
     (session.mode, session.listen) = (SessionMode::Client, Vec::new());
-    set_endpoint(&mut session.connect, args, session.zenoh_file.is_some());
+    set_endpoint(&mut session.connect, args, session.zenoh_file.is_some())?;
     Ok(config)
 }
 
@@ -95,7 +95,7 @@ pub fn router_config(args: &SystemArgs) -> Result<RuntimeConfig, Failure> {
             format!("--connect or REPOSE_CONNECT says {plain}, without certificates, and the configuration says {secured}: take one away");
         return Err(Failure::bad_input("connect", message));
     }
-    set_endpoint(&mut session.listen, args, session.zenoh_file.is_some());
+    set_endpoint(&mut session.listen, args, session.zenoh_file.is_some())?;
     Ok(config)
 }
 
@@ -111,12 +111,21 @@ fn cell_config(args: &SystemArgs) -> Result<RuntimeConfig, Failure> {
 }
 
 /// The command line's endpoints, else the configuration's, else those of its Zenoh file, else [`ENDPOINT`].
-fn set_endpoint(endpoints: &mut Vec<String>, args: &SystemArgs, has_zenoh_file: bool) {
+fn set_endpoint(endpoints: &mut Vec<String>, args: &SystemArgs, has_zenoh_file: bool) -> Result<(), Failure> {
     match &args.connect {
-        Some(given) => *endpoints = given.split(',').map(|endpoint| endpoint.trim().to_owned()).collect(),
+        Some(given) => {
+            *endpoints = given.split(',').map(|endpoint| endpoint.trim().to_owned()).collect();
+            endpoints.iter().try_for_each(|endpoint| check_endpoint("connect", endpoint))?;
+        }
         None if endpoints.is_empty() && !has_zenoh_file => *endpoints = vec![ENDPOINT.to_owned()],
         None => {}
     }
+    Ok(())
+}
+
+/// Refuses an endpoint of the command line that is none.
+pub fn check_endpoint(field: &str, endpoint: &str) -> Result<(), Failure> {
+    endpoint_fault(endpoint).map_or(Ok(()), |fault| Err(Failure::bad_input(field, fault)))
 }
 
 /// Closes a session whose work is done: a router that is slow to say goodbye takes nothing of it back.

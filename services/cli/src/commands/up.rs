@@ -16,7 +16,7 @@ use repose_runtime::{RuntimeConfig, Session, Shutdown};
 use tokio::process::{Child, Command};
 use tokio::task::JoinSet;
 
-use crate::client::{self, ENDPOINT, SystemArgs, client_config};
+use crate::client::{self, ENDPOINT, SystemArgs, check_endpoint, client_config};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::processes::{LabelledProcess, service_process};
@@ -71,6 +71,7 @@ const STOP_WITHIN: Duration = Duration::from_secs(15);
 pub async fn run(args: &UpArgs, output: Output) -> CommandResult {
     let shutdown = Shutdown::on_signals()?;
     // What no process could start with is said at once, and by its field.
+    check_endpoint("listen", &args.listen)?;
     let system = SystemArgs { connect: Some(args.listen.clone()), cell: args.cell.clone(), pool: None, config: args.config.clone() };
     let mut config = client_config(&system)?;
     let layout = Layout::of(args, &config)?;

@@ -11,6 +11,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::RuntimeError;
+use crate::endpoint::endpoint_fault;
 use crate::shares::{CellShare, Shares};
 
 /// The sections that a configuration file may have. Any other is an error, so that a misspelled one is not silently ignored.
@@ -256,6 +257,9 @@ impl RuntimeConfig {
         let why =
             "tls/ is not built in: Zenoh 1.10's TLS link can end the process (eclipse-zenoh/zenoh#2557); quic/ takes the same certificates";
         check(tls.is_none(), "session", &format!("{}: {why}", tls.map_or("", |(field, _)| field)))?;
+        let faulty = |endpoints: &[String]| endpoints.iter().find_map(|endpoint| endpoint_fault(endpoint));
+        let fault = sections.into_iter().find_map(|(field, endpoints)| Some(format!("{field}: {}", faulty(endpoints)?)));
+        check(fault.is_none(), "session", &fault.unwrap_or_default())?;
         let unreachable = session.mode == SessionMode::Client && session.connect.is_empty() && session.zenoh_file.is_none();
         check(!unreachable, "session", "connect: a client needs at least one endpoint, such as tcp/127.0.0.1:7447")?;
         let embedded = session.mode == SessionMode::Embedded && !(session.connect.is_empty() && session.listen.is_empty());

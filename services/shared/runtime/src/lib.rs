@@ -62,6 +62,7 @@ mod config;
 pub mod deployment;
 mod diagnosis;
 mod directory;
+mod endpoint;
 mod error;
 pub mod fake;
 mod frame_link;
@@ -106,6 +107,7 @@ pub use config::{
     CallerConfig, RuntimeConfig, SECTIONS, SessionConfig, SessionMode, TelemetryConfig, WorkerConfig, list_or_commas, load_config,
 };
 pub use directory::{Accept, WorkerView};
+pub use endpoint::endpoint_fault;
 pub use error::RuntimeError;
 pub use gauge::{LoadGauge, load_of};
 pub use health::{HealthServer, METRICS, start_metrics};
