@@ -6,6 +6,8 @@ use repose_proto::keys::validate_chunk;
 use repose_proto::{CallError, Service};
 use serde::Deserialize;
 
+use crate::endpoint::is_host_and_port;
+
 /// The role of a deployment's user: what it may read and call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -114,8 +116,7 @@ impl Roles {
     /// `invalid_argument` that names the field.
     pub fn parse(text: &str) -> Result<Self, CallError> {
         let mut roles: Self = toml::from_str(text).map_err(|e| CallError::invalid("roles", e.to_string().trim().to_owned()))?;
-        let port = roles.router.rsplit_once(':').and_then(|(host, port)| (!host.is_empty()).then(|| port.parse::<u16>().ok())?);
-        if port.is_none() {
+        if !is_host_and_port(&roles.router) {
             return Err(CallError::invalid("router", format!("expected name:port, got {:?}", roles.router)));
         }
         if roles.users.is_empty() {
@@ -235,7 +236,10 @@ mod tests {
         assert_eq!(fault("cells = [\"lab\"]\n[users]"), "users");
         let misspelt = Roles::parse("router = \"r:1\"\ncels = [\"lab\"]\n[users.a]\nrole = \"viewer\"").expect_err("misspelt");
         assert!(misspelt.message.contains("cels"), "{misspelt}");
-        assert_eq!(Roles::parse("router = \"here\"\n[users]").expect_err("no port").field.as_deref(), Some("router"));
+        for router in ["here", "tcp/router.example:7447", "quic/router.example:7447"] {
+            let refused = Roles::parse(&format!("router = \"{router}\"\n[users]")).expect_err("no name and port");
+            assert!(refused.field.as_deref() == Some("router") && refused.message.contains("expected name:port"), "{refused}");
+        }
     }
 
     #[test]
