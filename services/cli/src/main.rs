@@ -29,7 +29,7 @@ mod wish;
 use std::process::ExitCode;
 
 use asynchronous::in_runtime;
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use failure::CommandResult;
 use output::Output;
 
@@ -104,8 +104,14 @@ enum Command {
     Deploy(commands::deploy::DeployArgs),
 }
 
+/// The command line. What processes of a system do with the options that all clients have is their own, and so is the help of these.
+fn command_line() -> clap::Command {
+    let driver = |driver: clap::Command| driver.mut_subcommand("franka", commands::driver::with_own_help);
+    Cli::command().mut_subcommand("serve", commands::serve::with_own_help).mut_subcommand("driver", driver)
+}
+
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = Cli::from_arg_matches(&command_line().get_matches()).unwrap_or_else(|error| error.exit());
     repose_runtime::start_logging("warn,zenoh=error,repose=info");
     match environment::check().and_then(|()| run(&cli)) {
         Ok(()) => ExitCode::SUCCESS,
@@ -149,5 +155,25 @@ fn run(cli: &Cli) -> CommandResult {
         Command::Play(args) => in_runtime(commands::play::run(args, output)),
         Command::Mcp(args) => in_runtime(commands::mcp::run(args)),
         Command::Deploy(args) => commands::deploy::run(args, output),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn processes_of_a_system_say_what_they_do_with_the_options_of_clients() {
+        command_line().debug_assert();
+        let help = |names: &[&str]| {
+            let mut command = command_line();
+            let found = names.iter().try_fold(&mut command, |command, name| command.find_subcommand_mut(name));
+            let help = found.map(|command| command.render_long_help().to_string()).unwrap_or_default();
+            help.split_whitespace().collect::<Vec<_>>().join(" ")
+        };
+        let serve = help(&["serve"]);
+        assert!(serve.contains("`serve router` listens there") && serve.contains("[planner]"), "{serve}");
+        assert!(help(&["driver", "franka"]).contains("[franka]"));
+        assert!(help(&["scene"]).contains("its sections [session], [caller] and [worker]"), "clients read these");
     }
 }

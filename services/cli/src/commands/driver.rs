@@ -22,6 +22,12 @@ pub enum Driven {
     Franka(SystemArgs),
 }
 
+/// What the option of a client means to a driver.
+pub fn with_own_help(franka: clap::Command) -> clap::Command {
+    let config = "Configuration (TOML): its sections [session], [telemetry] and [franka]; deploy/franka.toml is an example";
+    franka.mut_arg("config", |arg| arg.help(config))
+}
+
 /// Runs until SIGTERM or SIGINT; an arm that moves comes to rest first.
 pub async fn run(args: &DriverArgs) -> CommandResult {
     let Driven::Franka(system) = &args.robot;

@@ -16,7 +16,7 @@ pub struct ServeArgs {
     /// perception, inference, planner, motion, simulator, console, ros2, or router.
     #[arg(value_parser = parse_served)]
     pub service: Served,
-    /// The system. The router itself listens at `--connect`.
+    /// The system.
     #[command(flatten)]
     pub system: SystemArgs,
     /// This worker's name, unique in its cell. Default: the configuration's, or a new one.
@@ -25,6 +25,15 @@ pub struct ServeArgs {
     /// Also exit when standard input closes: for a parent process that may die, and for `ssh HOST repose serve …`.
     #[arg(long)]
     pub until_stdin_ends: bool,
+}
+
+/// What the options of a client mean to a process that serves.
+pub fn with_own_help(serve: clap::Command) -> clap::Command {
+    let connect = "The router to connect to; of several, separated by commas, the first that answers is used. `serve router` listens there \
+                   instead. Default: the configuration's, or tcp/127.0.0.1:7447";
+    let config = "Configuration (TOML): its sections [session], [caller], [worker] and [telemetry], and the service's own, such as [planner]; \
+                  deploy/repose.toml says every setting";
+    serve.mut_arg("connect", |arg| arg.help(connect)).mut_arg("config", |arg| arg.help(config))
 }
 
 /// What a `serve` process is.
