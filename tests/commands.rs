@@ -375,11 +375,12 @@ fn what_cannot_be_read_or_written_is_said_before_long_work() {
 
 #[test]
 fn an_endpoint_that_is_none_is_refused_in_our_words() {
-    let cases: [(&[(&str, &str)], &[&str], &str); 4] = [
+    let cases: [(&[(&str, &str)], &[&str], &str); 5] = [
         (&[], &["scene", "--connect", "127.0.0.1:17447"], "connect: expected tcp/HOST:PORT"),
         (&[("REPOSE_CONNECT", "foo")], &["scene"], "connect: expected tcp/HOST:PORT"),
         (&[("REPOSE_SESSION__CONNECT", "foo")], &["scene"], "connect: expected tcp/HOST:PORT"),
         (&[], &["up", "--listen", "foo"], "listen: expected tcp/HOST:PORT"),
+        (&[("REPOSE_TELEMETRY__LISTEN", "foo")], &["serve", "planner"], "telemetry.listen: expected HOST:PORT"),
     ];
     for (environment, arguments, named) in cases {
         let output = repose_in(environment, arguments);

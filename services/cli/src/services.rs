@@ -9,7 +9,7 @@ use repose_perception::PerceptionConfig;
 use repose_planner::PlannerConfig;
 use repose_proto::Service;
 use repose_runtime::{Session, Shutdown, load_config};
-use repose_simulator::SimulatorConfig;
+use repose_simulator::{SimulatorConfig, SimulatorError};
 
 use crate::failure::Failure;
 
@@ -41,18 +41,30 @@ impl ServiceConfigs {
             simulator: load_config("simulator", file)?,
             console: load_config("console", file)?,
         };
-        configs.perception.validate()?;
+        configs.validate()?;
         Ok(configs)
+    }
+
+    /// Checks what the types cannot and what needs no network to be checked.
+    fn validate(&self) -> Result<(), Failure> {
+        self.perception.validate()?;
+        let motion = &self.motion;
+        let checked = motion.planning().map(drop).and_then(|()| motion.terms().map(drop)).and_then(|()| motion.execution().map(drop));
+        checked.and_then(|()| motion.recovery().map(drop)).map_err(|e| Failure::bad_input(&format!("motion.{}", e.field), e.message))
     }
 
     /// Runs a service until `shutdown`.
     pub async fn run(self, service: Service, session: Session, shutdown: Shutdown) -> Result<(), Failure> {
         match service {
-            Service::Perception => repose_perception::run(session, self.perception, shutdown).await.map_err(Failure::other),
+            Service::Perception => Ok(repose_perception::run(session, self.perception, shutdown).await?),
             Service::Inference => repose_inference::run(session, self.inference, shutdown).await.map_err(Failure::other),
-            Service::Planner => repose_planner::run(session, self.planner, shutdown).await.map_err(Failure::other),
-            Service::Motion => repose_motion::run(session, self.motion, shutdown).await.map_err(Failure::other),
-            Service::Simulator => repose_simulator::run(session, self.simulator, shutdown).await.map_err(Failure::other),
+            Service::Planner => Ok(repose_planner::run(session, self.planner, shutdown).await?),
+            Service::Motion => Ok(repose_motion::run(session, self.motion, shutdown).await?),
+            Service::Simulator => repose_simulator::run(session, self.simulator, shutdown).await.map_err(|e| match e {
+                SimulatorError::Config { field, message } => Failure::bad_input(&format!("simulator.{field}"), message),
+                SimulatorError::Runtime(e) => e.into(),
+                other => Failure::other(other),
+            }),
         }
     }
 }
@@ -100,6 +112,15 @@ mod tests {
         for (name, fields) in sections {
             same_settings(name, "", said[name].as_table().unwrap(), fields);
         }
+    }
+
+    #[test]
+    fn a_zone_that_is_turned_inside_out_is_refused_by_its_field() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(&file, "[motion]\nkeep_out = [{name = \"shelf\", min_m = [1, 0, 0], max_m = [0, 1, 1]}]\n").unwrap();
+        let failure = ServiceConfigs::load(Some(file.path())).unwrap_err();
+        let field = failure.error().and_then(|e| e.field.clone());
+        assert_eq!((failure.exit_code(), field.as_deref()), (2, Some("motion.keep_out")));
     }
 
     #[test]

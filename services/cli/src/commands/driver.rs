@@ -1,7 +1,7 @@
 //! `repose driver`: a real robot's own process, on the robot's host.
 
 use clap::{Args, Subcommand};
-use repose_franka::DriverError;
+use repose_franka::{DriverError, FrankaConfig};
 use repose_runtime::{HealthServer, Session, Shutdown, load_config, start_metrics};
 
 use crate::client::{self, SystemArgs, client_config};
@@ -33,15 +33,20 @@ pub async fn run(args: &DriverArgs) -> CommandResult {
     let Driven::Franka(system) = &args.robot;
     let shutdown = Shutdown::on_signals()?;
     start_metrics()?;
-    let config = load_config("franka", system.config.as_deref())?;
+    let config: FrankaConfig = load_config("franka", system.config.as_deref())?;
+    config.validate().map_err(of_driver)?;
     let session = Session::open(client_config(system)?).await?;
     let _health = HealthServer::of(&session, false).await?;
     let driven = repose_franka::run(session.clone(), config, shutdown).await;
     client::close(session).await;
-    driven.map_err(|e| match e {
-        DriverError::Config { field, .. } => Failure::bad_input(&format!("franka.{field}"), e),
-        DriverError::Runtime(e) => e.into(),
-        DriverError::Call(e) => Failure::Other(e),
+    driven.map_err(of_driver)
+}
+
+fn of_driver(error: DriverError) -> Failure {
+    match error {
+        DriverError::Config { field, .. } => Failure::bad_input(&format!("franka.{field}"), error),
+        DriverError::Runtime(error) => error.into(),
+        DriverError::Call(error) => Failure::Other(error),
         other => Failure::other(other),
-    })
+    }
 }

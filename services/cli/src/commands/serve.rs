@@ -3,7 +3,7 @@
 use clap::Args;
 use repose_console::ConsoleError;
 use repose_proto::Service;
-use repose_ros2::BridgeError;
+use repose_ros2::{BridgeError, Ros2Config};
 use repose_runtime::{HealthServer, Session, Shutdown, load_config, run_router, start_metrics};
 
 use crate::client::{self, SystemArgs, client_config, router_config};
@@ -82,17 +82,13 @@ pub async fn run(args: &ServeArgs) -> CommandResult {
             })
         }
         Served::Ros2 => {
-            let config = load_config("ros2", args.system.config.as_deref())?;
+            let config: Ros2Config = load_config("ros2", args.system.config.as_deref())?;
+            config.validate().map_err(of_bridge)?;
             let session = Session::open(client_config(&args.system)?).await?;
             let _health = HealthServer::of(&session, false).await?;
             let served = repose_ros2::run(session.clone(), config, shutdown).await;
             client::close(session).await;
-            served.map_err(|e| match e {
-                BridgeError::Config { ref field, .. } => Failure::bad_input(&format!("ros2.{field}"), e),
-                BridgeError::Runtime(e) => e.into(),
-                BridgeError::Call(e) => Failure::Other(e),
-                other => Failure::other(other),
-            })
+            served.map_err(of_bridge)
         }
         Served::Service(service) => {
             let mut config = client_config(&args.system)?;
@@ -108,6 +104,15 @@ pub async fn run(args: &ServeArgs) -> CommandResult {
             client::close(session).await;
             served
         }
+    }
+}
+
+fn of_bridge(error: BridgeError) -> Failure {
+    match error {
+        BridgeError::Config { ref field, .. } => Failure::bad_input(&format!("ros2.{field}"), error),
+        BridgeError::Runtime(error) => error.into(),
+        BridgeError::Call(error) => Failure::Other(error),
+        other => Failure::other(other),
     }
 }
 

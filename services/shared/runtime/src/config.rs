@@ -11,7 +11,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::RuntimeError;
-use crate::endpoint::endpoint_fault;
+use crate::endpoint::{endpoint_fault, is_host_and_port};
 use crate::shares::{CellShare, Shares};
 
 /// The sections that a configuration file may have. Any other is an error, so that a misspelled one is not silently ignored.
@@ -264,6 +264,9 @@ impl RuntimeConfig {
         check(!unreachable, "session", "connect: a client needs at least one endpoint, such as tcp/127.0.0.1:7447")?;
         let embedded = session.mode == SessionMode::Embedded && !(session.connect.is_empty() && session.listen.is_empty());
         check(!embedded, "session", "mode: an embedded session neither connects nor listens; use client, router or peer")?;
+        let telemetry = self.telemetry.listen.as_deref().filter(|address| !is_host_and_port(address));
+        let message = format!("telemetry.listen: expected HOST:PORT, such as 127.0.0.1:9464, got {:?}", telemetry.unwrap_or_default());
+        check(telemetry.is_none(), "telemetry", &message)?;
         check((0.05..=1.0).contains(&caller.attempt_share), "caller", "attempt_share: expected 0.05 to 1")?;
         check(caller.retries <= 10, "caller", "retries: at most 10")?;
         check(worker.name.as_ref().is_none_or(|n| chunk("name", n)), "worker", "name: must be of the form [a-z0-9][a-z0-9_-]{0,63}")?;
