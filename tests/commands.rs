@@ -165,6 +165,10 @@ fn bad_input_exits_with_2_and_names_what_is_wrong() {
         (plan(path(&no_depth), "1", &["left_of:2"]), "depth.png"),
         (plan(path(&odd_camera), "1", &["left_of:2"]), "camera.json"),
         (plan(path(&other_size), "1", &["left_of:2"]), "depth.png"),
+        (
+            repose(&["plan", path(&good), "--move", "1", "--goal", "left_of:2", "--reach-of", "panda"]),
+            "reach-of: the frame has no robot.json",
+        ),
         (plan("no/such/folder", "1", &["left_of:2"]), "no/such/folder"),
         (repose(&["score", path(&good), "--move", "1", "--anchor", "2", "--transforms", "no/such.json"]), "no/such.json"),
     ];

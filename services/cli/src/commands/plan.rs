@@ -62,6 +62,10 @@ pub fn run(args: &PlanArgs, output: Output) -> CommandResult {
     if let Some(robot) = &mut request.robot {
         robot.world_from_base = frame.robots.iter().find(|r| r.name == robot.name).map(|r| r.world_from_base);
     }
+    repose_local::configured::robots()?.complete(&mut request.robot);
+    if let Some(robot) = request.robot.as_ref().filter(|robot| robot.world_from_base.is_none()) {
+        return Err(Failure::bad_input("reach-of", format!("the frame has no robot.json with robot {}", robot.name)));
+    }
     let files = ModelFiles { weights: args.networks.weights.clone() };
     let result = repose_local::plan(&scene, &request, || LocalModels::load(&files).map(Arc::new))?;
     if let Some(path) = &args.out {
