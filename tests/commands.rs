@@ -393,3 +393,28 @@ fn an_endpoint_that_is_none_is_refused_in_our_words() {
         assert!(message.contains(named) && !message.contains(".rs"), "{message}");
     }
 }
+
+#[test]
+fn what_would_go_unheeded_is_refused() {
+    let folder = folder_with(&frame());
+    let frame = path(&folder);
+    let goal = ["--goal", "1=right_of:2"];
+    let cases: [(&[&str], &str); 8] = [
+        (&["segment", frame, "--depth-topic", "/depth"], "depth-topic"),
+        (&["segment", "run.mcap", "--depth-topic", "/depth", "--clouds"], "--clouds"),
+        (&["place", "--move", "1", "--goal", "near:2", "--robot", "nope"], "--execute"),
+        (&["place", "--move", "1", "--goal", "near:2", "--attempts", "5"], "--execute"),
+        (&["place", "--move", "1", "--goal", "near:2", "--scene", "00", "--robot", "nope"], "--scene"),
+        (&["arrange", frame, goal[0], goal[1], "--connect", "tcp/127.0.0.1:9"], "connect: is of a running system"),
+        (&["arrange", frame, goal[0], goal[1], "--camera", "front"], "--camera"),
+        (&["arrange", goal[0], goal[1], "--weights", "w.safetensors"], "weights: is for a frame"),
+    ];
+    for (arguments, named) in cases {
+        let output = repose(arguments);
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && message.contains(named), "{arguments:?}: {message}");
+    }
+    let arrange = ["arrange", frame, goal[0], goal[1], "--variant", "geometric"];
+    let set_for_others = repose_in(&[("REPOSE_CONNECT", "tcp/127.0.0.1:9"), ("REPOSE_CELL", "lab")], &arrange);
+    assert_eq!(set_for_others.status.code(), Some(0), "{}", String::from_utf8_lossy(&set_for_others.stderr));
+}

@@ -22,14 +22,31 @@ pub struct TopicArgs {
     #[arg(long, value_name = "TOPIC")]
     pub info_topic: Option<String>,
     /// Topic of a recording's organised point clouds, used instead of depth images.
-    #[arg(long, value_name = "TOPIC")]
+    #[arg(long, value_name = "TOPIC", conflicts_with = "depth_topic")]
     pub points_topic: Option<String>,
     /// Use the recording's first topic of organized point clouds instead of depth images.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "depth_topic")]
     pub clouds: bool,
 }
 
 impl TopicArgs {
+    /// Refuses topics of a source that has none.
+    pub fn check(&self, source: &Path) -> Result<(), Failure> {
+        let given = [
+            ("depth-topic", self.depth_topic.is_some()),
+            ("color-topic", self.color_topic.is_some()),
+            ("info-topic", self.info_topic.is_some()),
+            ("points-topic", self.points_topic.is_some()),
+            ("clouds", self.clouds),
+        ];
+        match given.into_iter().find(|(_, is_given)| *is_given) {
+            Some((option, _)) if source.exists() && !sources::has_topics(source) => {
+                Err(Failure::bad_input(option, format!("{} is no recording, and has no topics", source.display())))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// As perception takes them.
     pub fn topics(&self) -> Topics {
         Topics {
@@ -102,6 +119,10 @@ mod tests {
         };
         assert_eq!(read(root.path(), 2).unwrap().depth, [2; 2]);
         assert!(error(root.path(), 3).contains("has 3 frames"));
+        let named =
+            TopicArgs { depth_topic: None, color_topic: None, info_topic: Some("/info".to_owned()), points_topic: None, clouds: false };
+        let refused = named.check(root.path()).unwrap_err();
+        assert_eq!(refused.error().and_then(|e| e.field.as_deref()), Some("info-topic"));
         assert_eq!(read(&root.path().join("frame1"), 0).unwrap().depth, [1; 2]);
         assert!(error(&root.path().join("frame1"), 1).contains("has 1 frames"));
         assert!(error(&root.path().join("absent"), 1).contains("absent: no such file or folder"));

@@ -104,10 +104,11 @@ enum Command {
     Deploy(commands::deploy::DeployArgs),
 }
 
-/// The command line. What processes of a system do with the options that all clients have is their own, and so is the help of these.
+/// The command line. Several commands share options, of which some commands have their own help and their own conflicts.
 fn command_line() -> clap::Command {
     let driver = |driver: clap::Command| driver.mut_subcommand("franka", commands::driver::with_own_help);
-    Cli::command().mut_subcommand("serve", commands::serve::with_own_help).mut_subcommand("driver", driver)
+    let command = Cli::command().mut_subcommand("serve", commands::serve::with_own_help).mut_subcommand("driver", driver);
+    command.mut_subcommand("arrange", commands::arrange::with_own_conflicts)
 }
 
 fn main() -> ExitCode {

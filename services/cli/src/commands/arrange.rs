@@ -54,12 +54,12 @@ pub struct ArrangeArgs {
     /// Have the robot carry out the moves; after each one, the remaining moves are planned again on a fresh view.
     #[arg(long, conflicts_with = "frame")]
     pub execute: bool,
-    /// Maximum attempts for an object that slips, falls or is not grasped, including the first: 1 to 10. No further attempt is made after a stop
-    /// or a person's intervention.
-    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=10))]
+    /// With --execute, maximum attempts for an object that slips, falls or is not grasped, including the first: 1 to 10. No further attempt is
+    /// made after a stop or a person's intervention.
+    #[arg(long, default_value_t = 3, requires = "execute", conflicts_with = "frame", value_parser = clap::value_parser!(u32).range(1..=10))]
     pub attempts: u32,
-    /// The robot that carries out the moves.
-    #[arg(long, default_value = "panda")]
+    /// With --execute, the robot that carries out the moves.
+    #[arg(long, default_value = "panda", requires = "execute", conflicts_with = "frame")]
     pub robot: String,
     /// Which networks, for a frame.
     #[command(flatten)]
@@ -71,6 +71,7 @@ pub struct ArrangeArgs {
 
 /// Runs the command.
 pub async fn run(args: &ArrangeArgs, output: Output) -> CommandResult {
+    args.check()?;
     if args.execute {
         // The request names each view in turn.
         let (request, connect, attempts) = (args.request(String::new()), &args.connect, args.attempts as usize);
@@ -105,7 +106,31 @@ async fn asked(args: &ArrangeArgs) -> Result<(ArrangeResult, Vec<ObjectSummary>)
     Ok((answered?.payload.decode_json()?, summary.objects))
 }
 
+/// The options about a running system conflict with a frame. Those that the environment may set are looked at by [`ArrangeArgs::check`]: a variable
+/// that is set for other commands is no mistake here.
+pub fn with_own_conflicts(arrange: clap::Command) -> clap::Command {
+    let options = ["camera", "deadline_ms", "pool", "config"];
+    options.into_iter().fold(arrange, |arrange, option| arrange.mut_arg(option, |arg| arg.conflicts_with("frame")))
+}
+
 impl ArrangeArgs {
+    /// Refuses what would go unheeded.
+    fn check(&self) -> CommandResult {
+        let system = &self.connect.system;
+        if self.frame.is_none() {
+            return match self.networks.weights {
+                Some(_) => Err(Failure::bad_input("weights", "is for a frame; a running system's inference has its own")),
+                None => Ok(()),
+            };
+        }
+        for (option, given, variable) in [("connect", &system.connect, "REPOSE_CONNECT"), ("cell", &system.cell, "REPOSE_CELL")] {
+            if given.is_some() && *given != std::env::var(variable).ok() {
+                return Err(Failure::bad_input(option, "is of a running system, and a frame is arranged in this process"));
+            }
+        }
+        Ok(())
+    }
+
     fn request(&self, scene_id: String) -> ArrangeRequest {
         let goals = self.goals.iter().map(|wish| ObjectGoal { object: wish.query, terms: wish.goal.clone() }).collect();
         let default = ArrangeRequest::new(scene_id, goals);

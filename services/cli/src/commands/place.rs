@@ -26,7 +26,7 @@ pub struct PlaceArgs {
     #[command(flatten)]
     pub connect: ConnectArgs,
     /// Plan on this scene instead of the camera's newest.
-    #[arg(long, value_name = "ID", conflicts_with_all = ["execute", "then"])]
+    #[arg(long, value_name = "ID", conflicts_with_all = ["execute", "then", "attempts", "robot"])]
     pub scene: Option<String>,
     /// Have the robot carry out the placement, then check on a fresh view whether the goal holds and whether anything else has moved or fallen.
     #[arg(long)]
@@ -35,12 +35,12 @@ pub struct PlaceArgs {
     /// Ids are those of the first view. Repeat for more.
     #[arg(long, value_name = "WISH", requires = "execute")]
     pub then: Vec<NextWish>,
-    /// Maximum attempts for an object that slips, falls or is not grasped, including the first: 1 to 10. No further attempt is made after a stop
-    /// or a person's intervention.
-    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=10))]
+    /// With --execute, maximum attempts for an object that slips, falls or is not grasped, including the first: 1 to 10. No further attempt is
+    /// made after a stop or a person's intervention.
+    #[arg(long, default_value_t = 3, requires = "execute", value_parser = clap::value_parser!(u32).range(1..=10))]
     pub attempts: u32,
-    /// The robot that carries out the placements.
-    #[arg(long, default_value = "panda")]
+    /// With --execute, the robot that carries out the placements.
+    #[arg(long, default_value = "panda", requires = "execute")]
     pub robot: String,
 }
 

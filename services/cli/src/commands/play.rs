@@ -91,6 +91,7 @@ async fn cell(files: &[PathBuf], args: &PlayArgs, output: Output) -> CommandResu
 
 /// Plays frames as a camera's.
 async fn frames(source: &Path, args: &PlayArgs, output: Output) -> CommandResult {
+    args.topics.check(source)?;
     let camera = &args.camera;
     keys::validate_chunk("camera", camera)?;
     if args.rate.is_some_and(|rate| !(rate > 0.0 && rate <= 1000.0)) {

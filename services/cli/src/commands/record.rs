@@ -100,8 +100,12 @@ pub async fn run(args: &RecordArgs, output: Output) -> CommandResult {
         }
     };
     let recorded = record(&session, settings, &shutdown, begun).await;
+    let cell = session.cell().name().to_owned();
     client::close(session).await;
     let Summary { written, messages, lost } = recorded?;
+    if messages.is_empty() {
+        return Err(Failure::other(format!("nothing was heard in cell {cell}: {} holds no message", args.out.display())));
+    }
     let files: Vec<String> = written.files.iter().map(|file| file.display().to_string()).collect();
     let lost_count = lost.values().sum::<u64>();
     let document = serde_json::json!({

@@ -77,6 +77,7 @@ impl SegmentArgs {
 
 /// Runs the command.
 pub fn run(args: &SegmentArgs, output: Output) -> CommandResult {
+    args.topics.check(&args.frame)?;
     let mut frame = frames::read_nth(&args.frame, args.nth, &args.topics.topics())?;
     if args.ignore_labels {
         frame.labels = None;

@@ -118,6 +118,11 @@ pub fn open(path: &Path, topics: &Topics) -> Result<Frames, SourceError> {
     Ok(Box::new((0..sequence.len()).map(move |index| Ok(sequence.read(index)?))))
 }
 
+/// Whether a path is a recording or holds some, whose topics can be chosen.
+pub fn has_topics(path: &Path) -> bool {
+    has_extension(path, "mcap") || !path.join("depth.png").is_file() && recordings_in(path).is_ok_and(|recordings| !recordings.is_empty())
+}
+
 fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|e| e == extension)
 }

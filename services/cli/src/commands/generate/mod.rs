@@ -36,13 +36,13 @@ use crate::values::{parse_kind, parse_split, threads};
 #[command(group(clap::ArgGroup::new("product").required(true).multiple(true)))]
 pub struct GenerateArgs {
     /// How many scenes.
-    #[arg(long, default_value_t = 1000)]
+    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..))]
     pub scenes: u64,
     /// The first scene, counted from the split's first seed.
     #[arg(long, default_value_t = 0)]
     pub first: u64,
     /// Views per scene.
-    #[arg(long, default_value_t = 5)]
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..))]
     pub views: u32,
     /// A folder for the shards. Existing shards are kept, missing ones are generated; a longer run replaces a short last shard.
     #[arg(long, value_name = "DIR", group = "product")]
@@ -314,6 +314,7 @@ mod tests {
     #[test]
     fn something_must_be_made() {
         assert!(parsed(&["--scenes", "3"]).is_err());
+        assert!(parsed(&["--show", "a", "--scenes", "0"]).is_err() && parsed(&["--show", "a", "--views", "0"]).is_err());
         assert!(parsed(&["--show", "a"]).is_ok() && parsed(&["--statistics", "b.json", "--out", "c"]).is_ok());
     }
 
