@@ -16,6 +16,16 @@ pub enum TrainError {
         /// The split that is empty.
         split: &'static str,
     },
+    /// There are views, but no outcomes of releases in them.
+    #[error(
+        "{folder}: no outcomes of releases in {split} scenes; `repose generate --releases` writes them, also beside shards that are there"
+    )]
+    NoOutcomes {
+        /// The data folder.
+        folder: PathBuf,
+        /// The split that has none.
+        split: &'static str,
+    },
     /// A setting that no run can have.
     #[error("{field}: {message}")]
     Setting {
@@ -25,7 +35,7 @@ pub enum TrainError {
         message: String,
     },
     /// The run needs weights to start from.
-    #[error("expected weights to start from: {0}")]
+    #[error("start: expected weights to start from: {0}")]
     NoStart(&'static str),
     /// A file to start from cannot be read.
     #[error("{path}: {source}")]
@@ -106,7 +116,7 @@ impl TrainError {
     /// The setting at fault; `None` where no setting is.
     pub fn field(&self) -> Option<&'static str> {
         match self {
-            Self::Data(_) | Self::Empty { .. } => Some("data"),
+            Self::Data(_) | Self::Empty { .. } | Self::NoOutcomes { .. } => Some("data"),
             Self::NoStart(_) => Some("start"),
             Self::Setting { field, .. } => Some(field),
             Self::StartFile { field, .. } | Self::StartWeights { field, .. } | Self::OtherRun { field, .. } => Some(field),

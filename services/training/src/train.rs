@@ -130,7 +130,14 @@ impl<'a, T: TrainingTask> Run<'a, T> {
         };
         let open = |split: Split| {
             let views = views_of(settings, split)?;
-            if views.is_empty() { Err(TrainError::Empty { folder: settings.data.clone(), split: split.name() }) } else { Ok(views) }
+            let (folder, name) = (settings.data.clone(), split.name());
+            match views.is_empty() {
+                false => Ok(views),
+                true if settings.part == TrainedPart::Outcome && !Views::open(&settings.data, split)?.is_empty() => {
+                    Err(TrainError::NoOutcomes { folder, split: name })
+                }
+                true => Err(TrainError::Empty { folder, split: name }),
+            }
         };
         let views = open(Split::Train)?;
         let average = parameters.to_map()?;

@@ -291,6 +291,16 @@ fn outcomes_that_are_added_while_a_run_goes_on_are_drawn_too() {
 }
 
 #[test]
+fn scenes_without_outcomes_are_told_from_no_scenes() {
+    let folder = tempfile::tempdir().unwrap();
+    let shards = folder.path().join("data");
+    std::fs::create_dir_all(&shards).unwrap();
+    data(&shards);
+    let error = train(&settings(folder.path(), TrainedPart::Outcome, 1, 1)).unwrap_err();
+    assert!(matches!(error, TrainError::NoOutcomes { split: "train", .. }), "{error}");
+}
+
+#[test]
 fn a_folder_without_training_scenes_is_an_error_that_says_so() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir_all(folder.path().join("data")).unwrap();
