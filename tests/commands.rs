@@ -152,6 +152,8 @@ fn bad_input_exits_with_2_and_names_what_is_wrong() {
     edit(odd_camera.path(), "\"fx\"", "\"focal\"");
     let other_size = folder_with(&frame());
     edit(other_size.path(), "\"width\": 160", "\"width\": 161");
+    let empty_camera = folder_with(&frame());
+    std::fs::write(empty_camera.path().join("camera.json"), "").expect("written");
     let plan = |folder: &str, query: &str, goal: &[&str]| {
         let goals: Vec<&str> = goal.iter().flat_map(|g| ["--goal", g]).collect();
         repose(&[&["plan", folder, "--move", query, "--variant", "geometric"], &goals[..]].concat())
@@ -164,6 +166,7 @@ fn bad_input_exits_with_2_and_names_what_is_wrong() {
         (plan(path(&good), "9", &["left_of:2"]), "query"),
         (plan(path(&no_depth), "1", &["left_of:2"]), "depth.png"),
         (plan(path(&odd_camera), "1", &["left_of:2"]), "camera.json"),
+        (plan(path(&empty_camera), "1", &["left_of:2"]), "camera.json: EOF"),
         (plan(path(&other_size), "1", &["left_of:2"]), "depth.png"),
         (
             repose(&["plan", path(&good), "--move", "1", "--goal", "left_of:2", "--reach-of", "panda"]),
@@ -261,6 +264,21 @@ fn without_a_router_a_client_says_what_to_start() {
     let document: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
     assert_eq!(document["error"]["code"], "unavailable");
     assert!(message.contains("`repose up`") && !message.contains(".rs:") && !message.contains('\u{1b}'), "{message}");
+}
+
+#[test]
+fn a_bridge_without_a_ros_router_names_its_own_session() {
+    let port = std::net::TcpListener::bind("127.0.0.1:0").expect("a free port").local_addr().expect("its address").port();
+    let endpoint = format!("tcp/127.0.0.1:{port}");
+    let mut router =
+        Command::new(env!("CARGO_BIN_EXE_repose")).args(["serve", "router", "--connect", &endpoint]).spawn().expect("it starts");
+    let session = "REPOSE_ROS2__SESSION__";
+    let [connect, mode, timeout] = ["CONNECT", "MODE", "CONNECT_TIMEOUT_MS"].map(|field| format!("{session}{field}"));
+    let settings = [(connect.as_str(), "tcp/127.0.0.1:9"), (mode.as_str(), "client"), (timeout.as_str(), "200")];
+    let output = repose_in(&settings, &["serve", "ros2", "--connect", &endpoint]);
+    router.kill().and_then(|()| router.wait()).expect("it ends");
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(1) && message.contains("[ros2.session]") && message.contains("rmw_zenohd"), "{message}");
 }
 
 #[test]
@@ -379,7 +397,9 @@ fn what_cannot_be_read_or_written_is_said_before_long_work() {
 
 #[test]
 fn an_endpoint_that_is_none_is_refused_in_our_words() {
-    let cases: [(&[(&str, &str)], &[&str], &str); 5] = [
+    /// Variables, arguments, and what is named.
+    type Case<'a> = (&'a [(&'a str, &'a str)], &'a [&'a str], &'a str);
+    let cases: [Case<'_>; 5] = [
         (&[], &["scene", "--connect", "127.0.0.1:17447"], "connect: expected tcp/HOST:PORT"),
         (&[("REPOSE_CONNECT", "foo")], &["scene"], "connect: expected tcp/HOST:PORT"),
         (&[("REPOSE_SESSION__CONNECT", "foo")], &["scene"], "connect: expected tcp/HOST:PORT"),

@@ -67,8 +67,8 @@ pub fn read(source: &Path) -> Result<Frame, Failure> {
 fn read_folder(folder: &Path) -> Result<Frame, Failure> {
     frame_folder::read(folder).map_err(|error| match &error {
         FrameFolderError::Json { path, error } => {
-            let field = format!("{}: {}", path.display(), error.field.as_deref().unwrap_or("payload"));
-            Failure::bad_input(&field, &error.message)
+            let field = error.field.as_ref().map_or_else(String::new, |field| format!(": {field}"));
+            Failure::bad_input(&format!("{}{field}", path.display()), &error.message)
         }
         other => Failure::bad_input(&other.path().display().to_string(), other),
     })

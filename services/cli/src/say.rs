@@ -36,6 +36,9 @@ pub fn wish_of(sentence: &str, scene: &Scene, view_yaw_rad: Option<f64>) -> Resu
     let looks = looks_of(scene, view_yaw_rad.unwrap_or(scene.meta.view_yaw_rad));
     let Understood { query, goal, taken } =
         understand(sentence, &looks).map_err(|refused| Failure::BadInput(CallError::invalid("say", refused.to_string())))?;
+    if goal.iter().all(|term| !term.holds) {
+        return Err(Failure::bad_input("say", "expected at least one relation that shall hold; the sentence only says what shall not"));
+    }
     let taken = taken.into_iter().map(|t| TakenAs { phrase: t.phrase, object: t.object }).collect();
     Ok((query, goal, SentenceMeaning { say: sentence.to_owned(), taken }))
 }

@@ -1,5 +1,7 @@
 //! A placement wished for on the command line, and the request that it becomes.
 
+use std::f64::consts::TAU;
+
 use clap::Args;
 use repose_proto::place::{Budget, ReachingRobot, Rotation, Variant};
 use repose_proto::{CallError, GoalTerm, PlaceRequest, Scene};
@@ -34,7 +36,7 @@ pub struct WishArgs {
     #[arg(long, default_value = "fixed", value_parser = parse_rotation)]
     pub rotation: Rotation,
     /// The viewer's direction of view, which `left_of` and the other directions refer to, radians about z. Default: the camera's.
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long, allow_negative_numbers = true, value_name = "RADIANS", value_parser = parse_view_yaw)]
     pub view_yaw: Option<f64>,
     /// Iterations of the search. Default: the variant's.
     #[arg(long)]
@@ -86,6 +88,12 @@ impl WishArgs {
     }
 }
 
+/// A direction of view. Nobody writes more than a whole turn in radians, and nearly everyone who thinks in degrees does.
+pub fn parse_view_yaw(text: &str) -> Result<f64, String> {
+    let yaw_rad: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if yaw_rad.abs() <= TAU { Ok(yaw_rad) } else { Err("expected radians, from -6.283 to 6.283".to_owned()) }
+}
+
 /// One wish of a sequence: `ID=TERM[,TERM…]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NextWish {
@@ -111,6 +119,12 @@ mod tests {
     use repose_proto::Relation;
 
     use super::*;
+
+    #[test]
+    fn a_direction_of_view_is_in_radians() {
+        assert_eq!(parse_view_yaw("-1.5"), Ok(-1.5));
+        assert!(["180", "-90", "nan", "inf"].iter().all(|text| parse_view_yaw(text).is_err_and(|e| e.contains("radians"))));
+    }
 
     #[test]
     fn a_wish_is_read_with_its_terms_and_faults_are_named() {

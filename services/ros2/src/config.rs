@@ -4,7 +4,7 @@ mod camera;
 mod checks;
 
 use repose_proto::RigidTransform;
-use repose_runtime::{SessionConfig, SessionMode};
+use repose_runtime::{SessionConfig, SessionMode, endpoint_fault};
 use serde::Deserialize;
 
 use crate::error::BridgeError;
@@ -139,6 +139,9 @@ impl Ros2Config {
             check_name("namespace", &self.namespace)?;
         }
         check_name("node", &format!("/{}", self.node))?;
+        if let Some(fault) = self.session.connect.iter().find_map(|endpoint| endpoint_fault(endpoint)) {
+            return Err(BridgeError::config("session.connect", fault));
+        }
         within("domain", f64::from(self.domain), 0.0, 232.0)?;
         within("request_deadline_ms", self.request_deadline_ms as f64, 1.0, repose_proto::limits::MAX_REMAINING_MS as f64)?;
         for (i, camera) in self.cameras.iter().enumerate() {

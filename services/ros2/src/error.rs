@@ -17,6 +17,9 @@ pub enum BridgeError {
         /// What was expected, and what came.
         message: String,
     },
+    /// The ROS 2 system cannot be reached: another session than the cell's, with a router that nothing of ours starts.
+    #[error("[ros2.session], the session with the ROS 2 system and its router (`ros2 run rmw_zenoh_cpp rmw_zenohd`): {0}")]
+    RosSession(RuntimeError),
     /// The network refused.
     #[error(transparent)]
     Runtime(#[from] RuntimeError),

@@ -20,7 +20,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use repose_ros_messages::DiagnosticArray;
-use repose_runtime::{Session, Shutdown};
+use repose_runtime::{RuntimeError, Session, Shutdown};
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 
@@ -46,7 +46,11 @@ const CLOSE: Duration = Duration::from_secs(2);
 /// When the configuration is unusable, the ROS system's router cannot be reached, or a part of the bridge cannot go on.
 pub async fn run(session: Session, config: Ros2Config, shutdown: Shutdown) -> Result<(), BridgeError> {
     config.validate()?;
-    let node = Node::join(&config.session, config.domain, &config.namespace, &config.node).await?;
+    let joined = Node::join(&config.session, config.domain, &config.namespace, &config.node).await;
+    let node = joined.map_err(|error| match error {
+        BridgeError::Runtime(refused @ RuntimeError::Transport { .. }) => BridgeError::RosSession(refused),
+        other => other,
+    })?;
     tracing::info!(domain = config.domain, node = config.node, "joined the ROS 2 system");
     let config = Arc::new(config);
     let (reports, tree) = (Reports::default(), Tree::default());

@@ -20,7 +20,7 @@ use crate::failure::{CommandResult, Failure};
 use crate::frames;
 use crate::output::Output;
 use crate::values::{parse_rotation, parse_variant};
-use crate::wish::NextWish;
+use crate::wish::{NextWish, parse_view_yaw};
 
 /// Arguments of `arrange`.
 #[derive(Debug, Args)]
@@ -40,7 +40,7 @@ pub struct ArrangeArgs {
     #[arg(long, default_value = "fixed", value_parser = parse_rotation)]
     pub rotation: Rotation,
     /// The viewer's direction of view, which `left_of` and the other directions refer to, radians about z. Default: the camera's.
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long, allow_negative_numbers = true, value_name = "RADIANS", value_parser = parse_view_yaw)]
     pub view_yaw: Option<f64>,
     /// Maximum number of times an object is set aside to make room. Default: 2.
     #[arg(long)]

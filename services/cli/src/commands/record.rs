@@ -25,7 +25,7 @@ pub struct RecordArgs {
     #[arg(long)]
     pub seconds: Option<f64>,
     /// Start a new file when the current one exceeds this size, MiB.
-    #[arg(long, default_value_t = 512)]
+    #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u64).range(1..))]
     pub file_mib: u64,
     /// Remove the oldest files when their total exceeds this size, MiB.
     #[arg(long, default_value_t = 8192)]
@@ -49,9 +49,15 @@ impl RecordArgs {
         let bytes = |field: &str, mib: u64| {
             mib.checked_mul(1 << 20).ok_or_else(|| Failure::bad_input(field, format!("{mib} MiB exceed what a file system can hold")))
         };
+        if self.total_mib / 2 < self.file_mib {
+            return Err(Failure::bad_input(
+                "total-mib",
+                format!("expected at least twice --file-mib, {}, got {}", self.file_mib, self.total_mib),
+            ));
+        }
         let settings = RecordSettings {
-            max_file_bytes: bytes("file_mib", self.file_mib)?,
-            max_total_bytes: bytes("total_mib", self.total_mib)?,
+            max_file_bytes: bytes("file-mib", self.file_mib)?,
+            max_total_bytes: bytes("total-mib", self.total_mib)?,
             frame_period: Duration::from_millis(self.frame_period_ms),
             scene_period: Duration::from_millis(self.scene_period_ms),
             looks: !self.no_looks,

@@ -2,7 +2,7 @@
 
 use clap::Args;
 use repose_console::ConsoleError;
-use repose_proto::Service;
+use repose_proto::{CallError, ErrorCode, Service};
 use repose_ros2::{BridgeError, Ros2Config};
 use repose_runtime::{HealthServer, Session, Shutdown, load_config, run_router, start_metrics};
 
@@ -111,6 +111,7 @@ fn of_bridge(error: BridgeError) -> Failure {
     match error {
         BridgeError::Config { ref field, .. } => Failure::bad_input(&format!("ros2.{field}"), error),
         BridgeError::Runtime(error) => error.into(),
+        BridgeError::RosSession(_) => Failure::Other(CallError::new(ErrorCode::Unavailable, error.to_string())),
         BridgeError::Call(error) => Failure::Other(error),
         other => Failure::other(other),
     }

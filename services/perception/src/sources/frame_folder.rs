@@ -147,10 +147,16 @@ pub fn write(folder: &Path, frame: &Frame) -> Result<(), FrameFolderError> {
 /// [`FrameFolderError::Json`] that names the field, [`FrameFolderError::File`] when there is none.
 pub fn read_camera(path: &Path) -> Result<CameraModel, FrameFolderError> {
     let bytes = std::fs::read(path).map_err(|source| FrameFolderError::File { path: path.to_owned(), source })?;
-    let wrong = |error| FrameFolderError::Json { path: path.to_owned(), error };
+    let wrong = |error| json(path, error);
     let camera: CameraModel = repose_proto::message::from_file_json(&bytes).map_err(wrong)?;
     camera.validate().map_err(wrong)?;
     Ok(camera)
+}
+
+/// What is wrong with a file of JSON. Where it is none, no field of it is at fault.
+fn json(path: &Path, error: CallError) -> FrameFolderError {
+    let field = error.field.filter(|field| field != "payload");
+    FrameFolderError::Json { path: path.to_owned(), error: CallError { field, ..error } }
 }
 
 /// Reads a `robot.json`; no robots where there is none.
@@ -160,7 +166,7 @@ fn read_robots(path: &Path) -> Result<Vec<RobotInView>, FrameFolderError> {
         Err(source) if source.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
         Err(source) => return Err(FrameFolderError::File { path: path.to_owned(), source }),
     };
-    let wrong = |error| FrameFolderError::Json { path: path.to_owned(), error };
+    let wrong = |error| json(path, error);
     let is_list = bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[');
     let read = |bytes| {
         if is_list { repose_proto::message::from_json(bytes) } else { repose_proto::message::from_json(bytes).map(|robot| vec![robot]) }

@@ -41,7 +41,7 @@ pub struct EvaluatePlannerArgs {
     /// A variant to try; repeat for more. Default: all seven.
     #[arg(long = "variant", value_parser = parse_variant)]
     pub variants: Vec<Variant>,
-    /// Evaluate scenes of this kind (open_table, large_box, clutter, stacking, shelf, drawer, kitchen) instead of the default sets; repeat for
+    /// Evaluate scenes of this kind (open_table, large_box, clutter, stacking, shelf, drawer, kitchen, desk, pile) instead of the default sets; repeat for
     /// more. Default: kitchens, and, with `--objects`, scenes of all kinds with those meshes.
     #[arg(long = "kind", value_parser = parse_kind)]
     pub kinds: Vec<SceneKind>,

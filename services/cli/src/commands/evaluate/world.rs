@@ -20,7 +20,7 @@ pub struct EvaluateWorldArgs {
     /// Number of releases simulated at the usual physics step and at a quarter of it.
     #[arg(long, default_value_t = 200)]
     pub placements: usize,
-    /// Only this kind of scene (open_table, large_box, clutter, stacking, shelf, drawer, kitchen). Default: the training mix.
+    /// Only this kind of scene (open_table, large_box, clutter, stacking, shelf, drawer, kitchen, desk, pile). Default: the training mix.
     #[arg(long, value_parser = parse_kind)]
     pub kind: Option<SceneKind>,
     /// Which split's seeds: train, validation or test.
