@@ -23,6 +23,8 @@ T = TypeVar("T")
 LONGEST_S = 600.0
 #: Between two questions for what nobody has yet, and between two puts of an emergency stop, seconds.
 AGAIN_S = 0.1
+#: After so long, seconds, another's emergency stop that a state shows will do: a robot's side may keep showing the first.
+ANOTHERS_S = 1.0
 
 
 class Cell:
@@ -240,14 +242,17 @@ class Cell:
         name = self.robot if robot is None else robot
         stop = {"v": 1, "id": str(uuid.uuid4()), "source": "python", "reason": reason, "stamp_ns": time.time_ns()}
         body = json.dumps(stop).encode()
-        ends = time.monotonic() + timeout_s
+        began = time.monotonic()
+        ends = began + timeout_s
         self.connection.put("robot_estop", name, "EmergencyStop.v1", body)
         states = self.connection.subscribe("robot_state", name, True)
         while time.monotonic() < ends:
             heard = await threaded(lambda: states.recv(AGAIN_S))
             state = None if heard is None else RobotState._of(heard[2])
-            # Another's stop does not do: whoever clears that does not know of this one.
-            if state is not None and state.stop is not None and state.stop.get("estop_id") == stop["id"]:
+            shown = None if state is None or state.stop is None else state.stop.get("estop_id")
+            # Another's stop does not do at first: whoever clears that does not know of this one.
+            holds = shown == stop["id"] or (shown is not None and time.monotonic() - began > ANOTHERS_S)
+            if state is not None and holds:
                 states.close()
                 return state
             self.connection.put("robot_estop", name, "EmergencyStop.v1", body)

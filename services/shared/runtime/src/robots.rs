@@ -10,6 +10,8 @@ use crate::{Answer, CallOptions, Caller, Session, Traffic};
 
 /// Between two puts of an emergency stop.
 const REPEAT: Duration = Duration::from_millis(20);
+/// After so long another's emergency stop that a state shows will do: a robot's side may keep showing the first.
+const ANOTHERS: Duration = Duration::from_secs(1);
 
 /// What a robot says of itself next.
 ///
@@ -63,8 +65,9 @@ pub async fn call_moving(
     motion.call(method, payload, CallOptions { id: Some(id), idempotent: false, ..options }).await
 }
 
-/// Puts an emergency stop until a state shows it: one that was latched before does not do, for whoever clears that does not know of this one.
-/// The robot shows the newest that it was put, so of several senders each is shown in its turn. Does not end before that: bound it in time.
+/// Puts an emergency stop until a state shows it. One that was latched before does not do at first, for whoever clears that does not know of this
+/// one: a robot's side of ours shows the newest that it was put, so of several senders each is shown in its turn. Another side may go on showing the
+/// first; it is stopped all the same. Does not end before that: bound it in time.
 ///
 /// # Errors
 /// When the network refuses.
@@ -73,14 +76,16 @@ pub async fn emergency_stop(session: &Session, robot: &str, source: &str, reason
     let (id, source, reason) = (uuid::Uuid::new_v4().to_string(), source.to_owned(), reason.to_owned());
     let wanted = Payload::json(&EmergencyStop { v: limits::VERSION, id: id.clone(), source, reason, stamp_ns: now_ns() })?;
     let key = session.cell().robot_estop(robot);
-    let mut again = tokio::time::interval(REPEAT);
+    let (mut again, began) = (tokio::time::interval(REPEAT), tokio::time::Instant::now());
     loop {
         tokio::select! {
             _ = again.tick() => session.put(&key, wanted.clone(), Traffic::EmergencyStop).await?,
             sample = states.recv() => {
-                match sample.ok_or_else(closed)?.payload.decode_json::<RobotState>() {
-                    Ok(state) if state.stop.as_ref().is_some_and(|stop| stop.estop_id.as_ref() == Some(&id)) => return Ok(state),
-                    _ => {}
+                // What cannot be read shows nothing.
+                let Ok(state) = sample.ok_or_else(closed)?.payload.decode_json::<RobotState>() else { continue };
+                let shown = state.stop.as_ref().and_then(|stop| stop.estop_id.as_ref());
+                if shown == Some(&id) || (shown.is_some() && began.elapsed() > ANOTHERS) {
+                    return Ok(state);
                 }
             }
         }
@@ -142,5 +147,33 @@ mod tests {
         }
         let unheard = emergency_stop_within(&session, "panda", "a test", "now", Duration::from_millis(50)).await;
         assert_eq!(unheard.expect_err("nobody shows it").code, ErrorCode::DeadlineExceeded);
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_side_that_goes_on_showing_the_first_stop_is_stopped_by_the_second_too() {
+        let session = Session::embedded().await.expect("a session");
+        let states = session.publisher(session.cell().robot_state("panda"), Traffic::RobotState);
+        let mut stops = session.subscribe_queue(&session.cell().robot_estop("panda"), 256).await.expect("a subscription");
+        let still = [0.0; 7];
+        let first = serde_json::json!({
+            "v": 1, "seq": 0, "stamp_ns": 0, "robot_ms": 0.0, "q_rad": still, "dq_rad_s": still, "gripper_width_m": 0.04, "gripper_settled": true,
+            "gripper_holding": false, "mode": "stopped", "stop": {"kind": "estop", "reason": "first", "estop_id": "first"}, "owner": null,
+            "last_command": null, "stream_ms": null
+        });
+        let first = Payload::json(&serde_json::from_value::<RobotState>(first).expect("a state")).expect("encoded");
+        let telling = tokio::spawn(async move {
+            loop {
+                states.put(first.clone()).await.expect("put");
+                tokio::time::sleep(REPEAT).await;
+            }
+        });
+        let state = emergency_stop_within(&session, "panda", "a test", "now", 10 * ANOTHERS).await.expect("it is stopped");
+        telling.abort();
+        assert_eq!(state.stop.and_then(|stop| stop.estop_id).as_deref(), Some("first"));
+        let mut puts = 0;
+        while let Ok(Some(_)) = tokio::time::timeout(REPEAT, stops.recv()).await {
+            puts += 1;
+        }
+        assert!(puts > 10, "it was put again and again before that: {puts}");
     }
 }
