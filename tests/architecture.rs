@@ -133,8 +133,8 @@ fn only_the_runtime_imports_zenoh() {
 #[test]
 fn clients_stop_robots_and_find_scenes_by_the_runtimes_functions() {
     // Whoever asks one perception worker for the newest scene misses those of the others; whoever moves a robot without its token is not missed
-    // when it dies. What records and plays messages, and what hands them to another language, knows them one by one.
-    const BY_THE_MESSAGE: [&str; 3] = ["repose-runtime", "repose-recorder", "repose-python"];
+    // when it dies. What names, records and plays messages, and what hands them to another language, knows them one by one.
+    const BY_THE_MESSAGE: [&str; 4] = ["repose-proto", "repose-runtime", "repose-recorder", "repose-python"];
     for (name, member) in members() {
         if BY_THE_MESSAGE.contains(&name.as_str()) {
             continue;

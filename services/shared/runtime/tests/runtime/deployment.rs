@@ -73,6 +73,7 @@ fn a_group_reads_the_secrets_that_it_is_given_and_never_the_authoritys() {
     let folder = tempfile::tempdir().unwrap();
     let found = |file: &str| std::fs::metadata(folder.path().join(file)).unwrap();
     let mode = |file: &str| found(file).permissions().mode() & 0o777;
+    std::fs::set_permissions(folder.path(), std::fs::Permissions::from_mode(0o700)).unwrap();
     // Root may give files to any group; anybody else to one of their own.
     let id = if found("").uid() == 0 { 4711 } else { found("").gid() };
     let group = Group::named(&id.to_string()).unwrap();
