@@ -213,7 +213,9 @@ mod tests {
 
     #[test]
     fn what_cannot_be_meant_is_refused_by_name() {
-        let faulty: [(&str, fn(&mut Settings)); 8] = [
+        /// What is named, and how it is made wrong.
+        type Fault = (&'static str, fn(&mut Settings));
+        let faulty: [Fault; 8] = [
             ("surfaces.bin_m", |s| s.surfaces.bin_m = 0.0),
             ("surfaces.tolerance_m", |s| (s.surfaces.bin_m, s.surfaces.tolerance_m) = (0.01, 0.002)),
             ("max_depth_m", |s| s.max_depth_m = -4.0),
