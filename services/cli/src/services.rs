@@ -48,9 +48,7 @@ impl ServiceConfigs {
     /// Checks what the types cannot and what needs no network to be checked.
     fn validate(&self) -> Result<(), Failure> {
         self.perception.validate()?;
-        let motion = &self.motion;
-        let checked = motion.planning().map(drop).and_then(|()| motion.terms().map(drop)).and_then(|()| motion.execution().map(drop));
-        checked.and_then(|()| motion.recovery().map(drop)).map_err(|e| Failure::bad_input(&format!("motion.{}", e.field), e.message))
+        self.motion.validate().map_err(|e| Failure::bad_input(&format!("motion.{}", e.field), e.message))
     }
 
     /// Runs a service until `shutdown`.

@@ -12,7 +12,7 @@ use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, Payload, PlaceRequest, PlaceResult, Scene, Service};
 use repose_runtime::{Call, Handler, Server, Session, Traffic, now_ns};
 use serde_json::{Value, json};
-use serving::{Socket, WITHIN, ask, heard, robot, socket, start};
+use serving::{Running, Socket, WITHIN, ask, heard, robot, socket, start};
 use tokio::sync::Notify;
 
 /// A cell of a few lines: what its camera sees, and what its services were asked.
@@ -104,6 +104,15 @@ async fn serve(session: &Session) -> (Arc<World>, Vec<Server>) {
     (world, servers)
 }
 
+/// A console on a cell whose services and robot are there, for as long as the first is kept; the cell; a viewer.
+async fn working_cell() -> ((Running, Vec<Server>), Arc<World>, Socket) {
+    let console = start(ConsoleConfig::default()).await;
+    let (world, servers) = serve(&console.session).await;
+    robot(&console.session).await;
+    let viewer = socket(console.address, &[]).await.expect("a socket");
+    ((console, servers), world, viewer)
+}
+
 /// Asks, and waits for the answer or the refusal.
 async fn answered(viewer: &mut Socket, request: Value) -> Value {
     let id = request["id"].clone();
@@ -144,11 +153,8 @@ async fn a_cell_that_was_chosen_and_left_again_leaves_its_camera_to_nobody() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_plan_that_comes_when_another_cell_is_watched_is_not_to_be_carried_out() {
-    let console = start(ConsoleConfig::default()).await;
-    let (world, _servers) = serve(&console.session).await;
+    let (_console, world, mut viewer) = working_cell().await;
     let scene_id = world.sees(WorldFrame::Extrinsics);
-    robot(&console.session).await;
-    let mut viewer = socket(console.address, &[]).await.expect("a socket");
     ask(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
     heard(&mut viewer, |m| m["kind"] == "robot").await;
     let placements = [[1., 0., 0., 0.1, 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.]];
@@ -166,11 +172,8 @@ async fn a_plan_that_comes_when_another_cell_is_watched_is_not_to_be_carried_out
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_sequence_that_is_to_end_keeps_its_cell_until_it_has() {
-    let console = start(ConsoleConfig::default()).await;
-    let (world, _servers) = serve(&console.session).await;
+    let (_console, world, mut viewer) = working_cell().await;
     let scene_id = world.sees(WorldFrame::Extrinsics);
-    robot(&console.session).await;
-    let mut viewer = socket(console.address, &[]).await.expect("a socket");
     answered(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
     let terms = json!([{"relation": "left_of", "anchor": 2, "holds": true}]);
     let goal = json!({"scene": {"scene_id": scene_id}, "query": 1, "goal": terms});

@@ -9,7 +9,8 @@ use nalgebra::{Point2, Point3, Vector3};
 use repose_belief::far_side::far_side;
 use repose_belief::plane::SupportPlane;
 use repose_geometry::cloud::voxel_downsampled;
-use serde::Serialize;
+
+pub use repose_proto::motion::Heeded;
 
 use crate::collision::neighbouring;
 use crate::obstacles::Obstacles;
@@ -17,22 +18,9 @@ use crate::pick_place::request::PickPlaceRequest;
 use crate::pick_place::settings::PickPlaceSettings;
 use crate::scene::SupportArea;
 
-/// What is heeded of what was not seen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Heeded {
-    /// Things go on where they are hidden: objects behind and down to what they stand on, furniture down to the next lower surface.
-    Everything,
-    /// The same of what is in the way; what is held ends where what was seen of it ends, but for its far side.
-    Obstacles,
-    /// Nothing but the far side of what is held.
-    Held,
-}
-
-impl Heeded {
-    /// From the most cautious on.
-    pub const IN_TURN: [Self; 3] = [Self::Everything, Self::Obstacles, Self::Held];
-}
+/// What is heeded of what was not seen, from the most cautious on. Where all is, things go on where they are hidden: objects behind and down to
+/// what they stand on, furniture down to the next lower surface.
+pub const HEEDED_IN_TURN: [Heeded; 3] = [Heeded::Everything, Heeded::Obstacles, Heeded::Held];
 
 /// The obstacles that a pick-and-place motion is planned around.
 #[derive(Debug)]
@@ -105,14 +93,14 @@ impl<'a> Worlds<'a> {
 
     fn believed_others(&self) -> Obstacles {
         let (scene, query) = (self.request.scene, self.request.query);
-        let border_m = self.settings.grasp.gripper.border_m as f32;
-        let wholes = scene.wholes(border_m);
+        let border_px = self.settings.grasp.gripper.border_px;
+        let wholes = scene.wholes(border_px);
         let guessed = wholes.iter().filter(|(id, _)| **id != query).flat_map(|(_, whole)| whole.iter().copied());
         let solid_m = |plane: &SupportPlane| if plane.object == 0 { scene.belief.solid_m(plane) } else { None };
         let mut surfaces = scene.surfaces_without(query, solid_m);
         // The edges of furniture lose their borders as those of objects do.
         for surface in surfaces.iter_mut().filter(|surface| surface.depth_m.is_some()) {
-            surface.grow(border_m);
+            surface.grow(|corner| scene.belief.view.border_m(corner, border_px));
         }
         self.others(scene.points_without(query).into_iter().chain(guessed), &surfaces)
     }

@@ -163,6 +163,17 @@ pub struct ConfigError {
 }
 
 impl MotionConfig {
+    /// Checks all ranges.
+    ///
+    /// # Errors
+    /// [`ConfigError`] that names the field.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        self.planning()?;
+        self.terms()?;
+        self.execution()?;
+        self.recovery().map(drop)
+    }
+
     /// Checks ranges; the planner's settings.
     ///
     /// # Errors

@@ -3,12 +3,11 @@
 use nalgebra::{Isometry3, Point3};
 use repose_belief::SeenScene;
 use repose_geometry::transform::{from_row_major, to_row_major};
-use repose_proto::motion::{self as proto, Grasp, MotionFailure, MotionPhase, MotionPlan, MotionPlanRequest, NotChosen};
+use repose_proto::motion::{Grasp, Heeded, MotionFailure, MotionPhase, MotionPlan, MotionPlanRequest, NotChosen};
 use repose_proto::robot::{GripperCommand, HeldObject, SetPoint};
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, ErrorCode, RigidTransform, Scene};
 
-use crate::believed::Heeded;
 use crate::grasp::GraspCandidate;
 use crate::path::timing::Trajectory;
 use crate::pick_place::plan::{PickPlaceError, PickPlacePlan, PlacementFailure, SkippedPlacement};
@@ -107,15 +106,7 @@ pub fn motion_plan(plan: &PickPlacePlan, request: &MotionPlanRequest, scene_stam
         max_scene_age_ms: terms.max_scene_age_ms,
         phases,
         duration_ms,
-        heeded: (plan.heeded != Heeded::Everything).then(|| heeded(plan.heeded)),
-    }
-}
-
-fn heeded(heeded: Heeded) -> proto::Heeded {
-    match heeded {
-        Heeded::Everything => proto::Heeded::Everything,
-        Heeded::Obstacles => proto::Heeded::Obstacles,
-        Heeded::Held => proto::Heeded::Held,
+        heeded: (plan.heeded != Heeded::Everything).then_some(plan.heeded),
     }
 }
 

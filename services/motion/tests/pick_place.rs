@@ -175,7 +175,7 @@ fn a_plan_says_what_it_ignores_of_hidden_things() {
     // A plan that ignores nothing is read by those who know no such field.
     assert_eq!(sent(found.heeded), sent(Heeded::Everything));
     assert!(sent(Heeded::Everything).heeded.is_none() && sent(Heeded::Everything).ignored_in_words().is_none());
-    assert_eq!(sent(Heeded::Obstacles).heeded, Some(repose_proto::motion::Heeded::Obstacles));
+    assert_eq!(sent(Heeded::Obstacles).heeded, Some(Heeded::Obstacles));
     assert!(sent(Heeded::Held).ignored_in_words().is_some_and(|words| words.contains("unseen parts of things are ignored")));
 }
 

@@ -165,17 +165,21 @@ fn add(found: &mut PlaceResult, of_side: PlaceResult, turned_from_observed: &Iso
 
 /// A placement of the turned object as one of the object as observed.
 fn from_observed(placement: Placement, turned_from_observed: &Isometry3<f64>) -> Result<Placement, CallError> {
-    let placed_from_turned = motion(&placement)?;
+    let placed_from_turned = rigid(&placement.placed_from_observed)?;
     Ok(Placement { placed_from_observed: RigidTransform(to_row_major(&(placed_from_turned * turned_from_observed))), ..placement })
 }
 
 /// Where a placement carries a point.
 fn carried(placement: &Placement, point: &Point3<f64>) -> Result<Point3<f64>, CallError> {
-    Ok(motion(placement)? * point)
+    Ok(rigid(&placement.placed_from_observed)? * point)
 }
 
-fn motion(placement: &Placement) -> Result<Isometry3<f64>, CallError> {
-    from_row_major(&placement.placed_from_observed.0).map_err(|e| CallError::internal(format!("a placement is no rigid motion: {e}")))
+/// The motion of a placement, which the search has made.
+///
+/// # Errors
+/// `internal` where it is not rigid.
+pub fn rigid(placed_from_observed: &RigidTransform) -> Result<Isometry3<f64>, CallError> {
+    from_row_major(&placed_from_observed.0).map_err(|e| CallError::internal(format!("a placement is no rigid motion: {e}")))
 }
 
 /// A step on one side as one of the whole search, of which so many iterations and candidates were before.

@@ -6,8 +6,8 @@ use clap::{Args, ValueEnum};
 use repose_executive::{IdentifiedScene, recovery};
 use repose_proto::motion::{ExecutionOutcome, RecoverReply, RecoveryMove, RobotResetReply, RobotResetRequest};
 use repose_proto::scene::WorldFrame;
-use repose_proto::{CallError, ErrorCode, Payload, Service, keys};
-use repose_runtime::{CallOptions, Session, emergency_stop};
+use repose_proto::{Payload, Service, keys};
+use repose_runtime::{CallOptions, Session, emergency_stop_within};
 use repose_sentences::robot::describe;
 
 use crate::client::{self, SystemArgs};
@@ -75,12 +75,7 @@ async fn act(args: &RobotArgs, session: &Session, output: Output) -> CommandResu
     let robot = &args.robot;
     match args.action {
         Action::Stop => {
-            let unheard = |_| {
-                let message = format!("robot {robot} has not shown the stop in {} ms", args.deadline_ms);
-                Failure::Other(CallError::new(ErrorCode::DeadlineExceeded, message))
-            };
-            let stop = emergency_stop(session, robot, "repose robot stop", &args.reason);
-            let stopped = tokio::time::timeout(within, stop).await.map_err(unheard)??;
+            let stopped = emergency_stop_within(session, robot, "repose robot stop", &args.reason, within).await?;
             output.print(&stopped, || describe(robot, &stopped))
         }
         Action::Reset => {

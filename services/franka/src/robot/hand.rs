@@ -104,6 +104,14 @@ mod tests {
         HandReading { width_m, grasps, ended, connected: true }
     }
 
+    /// An open hand that was told to close on something.
+    fn closing_to(width_m: f64) -> Hand {
+        let mut hand = Hand::default();
+        hand.read(at(0.08, false, 0));
+        hand.command(&GripperCommand { width_m, force_n: 30.0 }, true, 70.0);
+        hand
+    }
+
     #[test]
     fn closing_grasps_with_no_more_force_than_allowed_and_opening_moves() {
         let mut hand = Hand::default();
@@ -116,9 +124,7 @@ mod tests {
 
     #[test]
     fn what_keeps_the_fingers_apart_is_held_until_it_is_gone() {
-        let mut hand = Hand::default();
-        hand.read(at(0.08, false, 0));
-        hand.command(&GripperCommand { width_m: 0.01, force_n: 30.0 }, true, 70.0);
+        let mut hand = closing_to(0.01);
         hand.read(at(0.05, false, 0));
         assert_eq!(hand.state(), GripperState { width_m: 0.05, settled: false, holding: false }, "still closing");
         hand.read(at(0.04, true, 1));
@@ -129,9 +135,7 @@ mod tests {
 
     #[test]
     fn fingers_on_their_way_are_stopped_and_those_that_have_closed_on_something_are_not() {
-        let mut hand = Hand::default();
-        hand.read(at(0.08, false, 0));
-        hand.command(&GripperCommand { width_m: 0.01, force_n: 30.0 }, true, 70.0);
+        let mut hand = closing_to(0.01);
         hand.read(at(0.05, false, 0));
         assert_eq!(hand.halt(), HandHalt { up_to: 1, stops: true });
         hand.read(at(0.04, true, 0));
@@ -142,9 +146,7 @@ mod tests {
 
     #[test]
     fn fingers_that_reached_their_width_hold_nothing_whatever_the_hand_says() {
-        let mut hand = Hand::default();
-        hand.read(at(0.08, false, 0));
-        hand.command(&GripperCommand { width_m: 0.0, force_n: 30.0 }, true, 70.0);
+        let mut hand = closing_to(0.0);
         hand.read(at(0.0005, true, 1));
         assert_eq!(hand.state(), GripperState { width_m: 0.0005, settled: true, holding: false });
     }

@@ -19,7 +19,7 @@ use repose_panda::{Joints, LinkFrame};
 pub use self::request::PickPlaceRequest;
 pub use self::settings::PickPlaceSettings;
 
-use crate::believed::{Heeded, Worlds};
+use crate::believed::{HEEDED_IN_TURN, Heeded, Worlds};
 use crate::collision::{ArmCollisionSettings, CollisionChecker, HeldCloud, PALM_OUT_M};
 use crate::grasp::{GraspCandidate, GraspScene, GraspTally, grasps};
 use crate::obstacles::Obstacles;
@@ -64,7 +64,7 @@ pub fn pick_place_until(
     let shoulder = (settings.world_from_base * Point3::new(0.0, 0.0, SHOULDER_M)).cast::<f32>();
     let worlds = Worlds::new(request, settings, shoulder);
     let mut found = planned(&worlds, Heeded::Everything, should_stop);
-    for heeded in Heeded::IN_TURN.into_iter().skip(1) {
+    for heeded in HEEDED_IN_TURN.into_iter().skip(1) {
         if found.is_ok() || should_stop() {
             break;
         }

@@ -116,38 +116,28 @@ impl Passed {
 
 #[cfg(test)]
 mod tests {
-    use repose_geometry::ViewerFrame;
     use repose_proto::place::PlaceRequest;
 
     use super::*;
-    use crate::checks::rules::Rules;
-    use crate::judge::problem::PlacementProblem;
     use crate::scene::candidate::CandidatePose;
     use crate::settings::PlanSettings;
-    use crate::tests::learned::{BESIDE, Fake};
-    use crate::tests::synthetic::{Prepared, SceneBuilder};
+    use crate::tests::learned::{judging, scene};
 
     #[test]
     fn where_time_ends_the_best_that_is_believed_is_the_answer() {
-        let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.06, 0.05, 0.08]).prepared();
-        let request = PlaceRequest::new(prepared.scene_id.clone(), 2, vec!["right_of:1".parse().unwrap()]);
-        let settings = PlanSettings::of(&request);
-        let query = prepared.query(2, 0.0, &settings.fixed).unwrap();
-        let rules = Rules::new(&prepared, 2, &request.goal, &ViewerFrame::from_yaw(0.0), &settings.fixed.rules).unwrap();
-        let problem =
-            PlacementProblem { prepared: &prepared, turned: None, query: &query, rules: &rules, request: &request, settings: &settings };
-        let fake = Fake::new(&[BESIDE]);
-        let mut judge = Judge::new(problem, &fake);
+        let request = PlaceRequest::new(scene().scene_id.clone(), 2, vec!["right_of:1".parse().unwrap()]);
         let heard = |cost: f64, realism: f32, success: f64| {
             let judged = JudgedCandidate::new(CandidatePose { centroid_m: [0.2, 0.0, cost as f32], yaw_rad: 0.0 }, 0);
             JudgedCandidate { cost, realism: Some(realism), success: Some(success), ..judged }
         };
         let (unreal, unsure, good, dearer) = (heard(1.0, 0.01, 0.9), heard(2.0, 0.99, 0.1), heard(3.0, 0.99, 0.9), heard(4.0, 0.99, 0.95));
-        let mut chosen = |heard: &[&JudgedCandidate]| {
+        let chosen = |heard: &[&JudgedCandidate]| {
             let mut findings = Findings::default();
             findings.heard.extend(heard.iter().copied().cloned());
             let mut stopped = Some(StopReason::Deadline);
-            Answers::choose(&mut judge, &mut findings, &|_| true, &mut stopped, &mut || None).unwrap().chosen
+            judging(&request, &PlanSettings::of(&request), |judge| {
+                Answers::choose(judge, &mut findings, &|_| true, &mut stopped, &mut || None).unwrap().chosen
+            })
         };
         assert_eq!(chosen(&[&unreal, &unsure, &dearer, &good]), std::slice::from_ref(&good));
         assert!(chosen(&[&unreal, &unsure]).is_empty());

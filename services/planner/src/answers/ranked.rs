@@ -118,37 +118,27 @@ mod tests {
 
     use rand::SeedableRng;
     use rand_pcg::Pcg64;
-    use repose_geometry::ViewerFrame;
     use repose_proto::place::PlaceRequest;
 
     use crate::answers::Answers;
-    use crate::checks::rules::Rules;
-    use crate::judge::Judge;
     use crate::judge::judged::JudgedCandidate;
-    use crate::judge::problem::PlacementProblem;
     use crate::search::search;
     use crate::search::source::CandidateSource;
     use crate::settings::PlanSettings;
-    use crate::tests::learned::{BESIDE, Fake};
-    use crate::tests::synthetic::{Prepared, SceneBuilder};
+    use crate::tests::learned::{judging, scene};
 
     /// The answers, and how many candidates were believed of those asked about.
     fn answers(count: u32, seed: u64, asked_at_once: usize) -> (Vec<JudgedCandidate>, usize) {
-        let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.06, 0.05, 0.08]).prepared();
-        let request = PlaceRequest { count, seed, ..PlaceRequest::new(prepared.scene_id.clone(), 2, vec!["right_of:1".parse().unwrap()]) };
+        let request = PlaceRequest { count, seed, ..PlaceRequest::new(scene().scene_id.clone(), 2, vec!["right_of:1".parse().unwrap()]) };
         let mut settings = PlanSettings::of(&request);
         settings.fixed.ranking.asked_at_once = asked_at_once;
-        let query = prepared.query(2, 0.0, &settings.fixed).unwrap();
-        let rules = Rules::new(&prepared, 2, &request.goal, &ViewerFrame::from_yaw(0.0), &settings.fixed.rules).unwrap();
-        let problem =
-            PlacementProblem { prepared: &prepared, turned: None, query: &query, rules: &rules, request: &request, settings: &settings };
-        let fake = Fake::new(&[BESIDE]);
-        let mut judge = Judge::new(problem, &fake);
-        let mut rng = Pcg64::seed_from_u64(request.seed);
-        let source = CandidateSource::new(&mut judge, &mut rng).unwrap();
-        let (mut findings, mut stopped) = search(&mut judge, source, &mut rng, &mut |_| ControlFlow::Continue(())).unwrap();
-        let answers = Answers::choose(&mut judge, &mut findings, &|_| true, &mut stopped, &mut || None).unwrap();
-        (answers.chosen, findings.accepted.len())
+        judging(&request, &settings, |judge| {
+            let mut rng = Pcg64::seed_from_u64(request.seed);
+            let source = CandidateSource::new(judge, &mut rng).unwrap();
+            let (mut findings, mut stopped) = search(judge, source, &mut rng, &mut |_| ControlFlow::Continue(())).unwrap();
+            let answers = Answers::choose(judge, &mut findings, &|_| true, &mut stopped, &mut || None).unwrap();
+            (answers.chosen, findings.accepted.len())
+        })
     }
 
     #[test]

@@ -3,10 +3,10 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use repose_geometry::transform::from_row_major;
 use repose_proto::place::Variant;
 use repose_proto::{CallError, RigidTransform};
 
+use crate::plan::rigid;
 use crate::scene::moved::{table_after, table_without};
 use crate::scene::prepared::PreparedScene;
 
@@ -50,8 +50,7 @@ impl Tables {
         object: u16,
         placed_from_observed: &RigidTransform,
     ) -> Result<Arc<PreparedScene>, CallError> {
-        let carried =
-            from_row_major(&placed_from_observed.0).map_err(|e| CallError::internal(format!("a placement is no rigid motion: {e}")))?;
+        let carried = rigid(placed_from_observed)?;
         let motion = Some(placed_from_observed.0.map(f64::to_bits));
         let change = Change { scene_id: scene.scene_id.clone(), object, motion };
         let variant = self.variant;

@@ -123,8 +123,7 @@ pub fn doubt(cells: &mut [OutlineCell], outline: &Footprint, origin: &Point2<f32
 
 /// Cells every `cell_m` in an outline and up to `ring_m` around it.
 fn cells_around(outline: &Footprint, origin: &Point2<f32>, ring_m: f32, cell_m: f32) -> Vec<OutlineCell> {
-    let corners = outline.corners();
-    let (min, max) = corners.iter().fold((corners[0], corners[0]), |(min, max), c| (min.inf(c), max.sup(c)));
+    let (min, max) = outline.bounds();
     let middle = nalgebra::center(&min, &max);
     let half = ((max - min) / 2.0).map(|v| ((v + ring_m) / cell_m).ceil() as i32);
     let mut cells = Vec::new();

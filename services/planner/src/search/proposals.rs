@@ -149,8 +149,7 @@ impl Proposer<'_> {
         if planes.is_empty() {
             return self.query.shape.axis;
         }
-        let corners = planes[rng.random_range(0..planes.len())].outline.corners();
-        let (min, max) = corners.iter().fold((corners[0], corners[0]), |(min, max), c| (min.inf(c), max.sup(c)));
+        let (min, max) = planes[rng.random_range(0..planes.len())].outline.bounds();
         Point2::from([0, 1].map(|k| between(f64::from(min[k]), f64::from(max[k]), rng) as f32))
     }
 

@@ -3,11 +3,10 @@
 use repose_robot_side::GripperState;
 use repose_ros_messages::GripperCommandResult;
 
+use super::unended::CANCEL_EVERY_MS;
+
 /// By how much the fingers close further when what they held has gone, metres.
 const LOST_M: f64 = 0.004;
-
-/// Between two cancels of a goal, milliseconds: one may get lost, or overtake the goal.
-const CANCEL_EVERY_MS: u64 = 250;
 
 /// What is known of a hand.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

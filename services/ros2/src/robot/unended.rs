@@ -3,8 +3,8 @@
 //! One cancel is not enough: it may get lost, or overtake the goal, or be refused. A goal is here from when it is sent until it is known to have
 //! ended, and while the arm is stopped it is canceled again and again.
 
-/// Between two cancels of a goal, milliseconds.
-const CANCEL_EVERY_MS: u64 = 250;
+/// Between two cancels of a goal, milliseconds: one may get lost, or overtake the goal.
+pub const CANCEL_EVERY_MS: u64 = 250;
 /// Goals at most: a commander that changes its stream more often than the controller ends goals is stopped.
 const MOST: usize = 64;
 

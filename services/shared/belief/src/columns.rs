@@ -186,15 +186,9 @@ pub fn cells_of_map(bounds: &Aabb, cell_m: f32) -> [usize; 2] {
 
 /// The centres of the map's cells within an outline and a strip around it.
 pub fn cells_of<'a>(outline: &'a Footprint, strip_m: f32, columns: &ColumnMap) -> impl Iterator<Item = Point2<f32>> + use<'a> {
-    let (min, max) = extent(outline);
+    let (min, max) = outline.bounds();
     let strip = nalgebra::Vector2::repeat(strip_m);
     columns.centers_within(&(min - strip), &(max + strip)).filter(move |c| outline.margin(c) >= -strip_m)
-}
-
-/// The least and the greatest coordinates of an outline.
-pub fn extent(outline: &Footprint) -> (Point2<f32>, Point2<f32>) {
-    let corners = outline.corners();
-    corners.iter().fold((corners[0], corners[0]), |(min, max), c| (min.inf(c), max.sup(c)))
 }
 
 /// The bounds of a map: around the objects, `reach_m` farther on each side, but not beyond the points.

@@ -8,7 +8,7 @@ use nalgebra::{Point2, Point3};
 use repose_geometry::{Aabb, Footprint, cloud};
 
 use crate::Belief;
-use crate::columns::{ColumnMap, ColumnRun, extent};
+use crate::columns::{ColumnMap, ColumnRun};
 use crate::plane::SupportPlane;
 use crate::view::ObservedView;
 
@@ -87,7 +87,7 @@ pub fn solid_runs(planes: &[SupportPlane], view: &ObservedView, columns: &Column
     let furniture = planes.iter().filter(|plane| plane.object == 0 && planes.iter().any(|other| is_beside(plane, other)));
     let solid = furniture.filter_map(|plane| Some((plane, solid_m(plane, planes, view, MAX_SOLID_M)?.min(MAX_SOLID_M))));
     let around = solid.flat_map(|(plane, deep_m)| {
-        let (min, max) = extent(&plane.outline);
+        let (min, max) = plane.outline.bounds();
         columns.own_centers_within(&min, &max).map(move |center| (plane, deep_m, center))
     });
     let inside = around.take(MAX_SOLID_CELLS).filter(|(plane, _, center)| plane.outline.margin(center) >= 0.0);

@@ -53,6 +53,11 @@ impl Footprint {
         &self.corners
     }
 
+    /// The least and the greatest coordinates.
+    pub fn bounds(&self) -> (Point2<f32>, Point2<f32>) {
+        self.corners.iter().fold((self.corners[0], self.corners[0]), |(min, max), c| (min.inf(c), max.sup(c)))
+    }
+
     /// The area, square metres.
     pub fn area(&self) -> f32 {
         edges(&self.corners).map(|(a, b)| a.x * b.y - a.y * b.x).sum::<f32>() / 2.0
@@ -133,6 +138,7 @@ mod tests {
         let corners = [[0.0, 0.0, 1.0], [1.0, 0.0, 2.0], [1.0, 1.0, 3.0], [0.0, 1.0, 4.0], [0.5, 0.5, 5.0]].map(Point3::from);
         let square = Footprint::of(&corners).unwrap();
         assert_eq!(square.corners().len(), 4);
+        assert_eq!(square.bounds(), (Point2::new(0.0, 0.0), Point2::new(1.0, 1.0)));
         assert!((square.area() - 1.0).abs() < 1e-6);
         assert!((square.margin(&Point2::new(0.5, 0.9)) - 0.1).abs() < 1e-6);
         assert!((square.margin(&Point2::new(1.2, 0.5)) + 0.2).abs() < 1e-6);
