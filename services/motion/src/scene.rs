@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 
 use nalgebra::{Point2, Point3};
 use repose_belief::plane::SupportPlane;
-use repose_belief::{Belief, BeliefSettings, SeenScene, TooWide};
+use repose_belief::{Belief, BeliefSettings, BelievedObject, SeenScene, TooWide};
 use repose_geometry::Footprint;
 use repose_proto::Scene;
 
@@ -30,10 +30,12 @@ impl SupportArea {
         Some(Self { height_m, footprint: Footprint::of(&corners)?, object, depth_m: None })
     }
 
-    /// Moves its outline out by as much on every side, metres.
-    pub fn grow(&mut self, by_m: f32) {
-        let moved =
-            |c: &Point2<f32>| [[-by_m, -by_m], [by_m, -by_m], [by_m, by_m], [-by_m, by_m]].map(|[x, y]| Point3::new(c.x + x, c.y + y, 0.0));
+    /// Moves its outline out at every corner (world frame) by as much to every side, metres.
+    pub fn grow(&mut self, by_m: impl Fn(&Point3<f32>) -> f32) {
+        let moved = |c: &Point2<f32>| {
+            let by_m = by_m(&Point3::new(c.x, c.y, self.height_m as f32));
+            [[-by_m, -by_m], [by_m, -by_m], [by_m, by_m], [-by_m, by_m]].map(|[x, y]| Point3::new(c.x + x, c.y + y, 0.0))
+        };
         let corners: Vec<Point3<f32>> = self.footprint.corners().iter().flat_map(moved).collect();
         if let Some(grown) = Footprint::of(&corners) {
             self.footprint = grown;
@@ -80,7 +82,7 @@ pub struct PlanningScene {
     pub labels: Vec<u16>,
     /// Whole shapes, what carries what, and which places were seen to be free: the same as the planner of placements believes.
     pub belief: Belief,
-    /// Each object as a whole, made when it is first asked for, with what its border was moved out by (bits of metres).
+    /// Each object as a whole, made when it is first asked for, with what its border was moved out by (bits of pixels).
     wholes: OnceLock<(u32, Wholes)>,
 }
 
@@ -101,12 +103,16 @@ impl PlanningScene {
         Ok(Self { points, labels: seen.labels.to_vec(), belief, wholes: OnceLock::new() })
     }
 
-    /// Every object as it is believed to be as a whole, 8 mm between points, its border moved out by as much as is missing of it, metres. Kept for all
+    /// Every object as it is believed to be as a whole, 8 mm between points, its border moved out by as many pixels as are missing of it. Kept for all
     /// requests on the scene, which have the same border.
-    pub fn wholes(&self, border_m: f32) -> Cow<'_, Wholes> {
-        let made = || self.belief.objects.keys().map(|id| (*id, self.belief.whole(*id, WHOLE_SPACING_M, border_m))).collect();
-        let (border_bits, kept) = self.wholes.get_or_init(|| (border_m.to_bits(), made()));
-        if *border_bits == border_m.to_bits() { Cow::Borrowed(kept) } else { Cow::Owned(made()) }
+    pub fn wholes(&self, border_px: f32) -> Cow<'_, Wholes> {
+        let whole = |(id, object): (&u16, &BelievedObject)| {
+            let border_m = self.belief.view.border_m(&object.centroid.cast(), border_px);
+            (*id, self.belief.whole(*id, WHOLE_SPACING_M, border_m))
+        };
+        let made = || self.belief.objects.iter().map(whole).collect();
+        let (border_bits, kept) = self.wholes.get_or_init(|| (border_px.to_bits(), made()));
+        if *border_bits == border_px.to_bits() { Cow::Borrowed(kept) } else { Cow::Owned(made()) }
     }
 
     /// The points of one object, in cloud order; none of an unknown one.
@@ -134,7 +140,7 @@ mod tests {
     fn a_surface_grows_by_as_much_on_every_side() {
         let corners = [[0.0, 0.0], [0.3, 0.0], [0.3, 0.2], [0.0, 0.2]].map(Point2::from);
         let mut surface = SupportArea::new(0.1, &corners, None).expect("it has an area");
-        surface.grow(0.005);
+        surface.grow(|_| 0.005);
         assert!((surface.footprint.area() - 0.31 * 0.21).abs() < 1e-6);
         assert!(surface.footprint.margin(&Point2::new(-0.004, 0.1)) > 0.0 && surface.footprint.margin(&Point2::new(-0.006, 0.1)) < 0.0);
     }

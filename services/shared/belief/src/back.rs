@@ -134,7 +134,7 @@ impl Back {
 
 /// What border cleaning takes off the side of an object, metres: as many pixels at its distance.
 pub fn border_m(front: &Front, view: &ObservedView, settings: &BeliefSettings) -> f32 {
-    settings.border_px * distance_m(front, view) / view.focal_px()
+    view.border_m(&front.centroid.cast(), settings.border_px)
 }
 
 /// How far an object goes on to either side: what a border takes off, as far as the camera did not look past right beside it.

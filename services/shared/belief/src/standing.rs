@@ -114,7 +114,7 @@ impl ObservedGeometry<'_> {
         let sight = self.view.eye() - place;
         let distance_m = sight.norm();
         let steepness = (sight.xy().norm() / distance_m.max(1e-3)).max(0.4);
-        (self.settings.border_px * distance_m / self.view.focal_px() / steepness).max(self.settings.trim_m)
+        (self.view.border_m(place, self.settings.border_px) / steepness).max(self.settings.trim_m)
     }
 
     /// The highest level up to a limit that its carriers show in and around an object's place seen from above; −∞ where none does.

@@ -121,6 +121,11 @@ impl ObservedView {
         self.focal_px
     }
 
+    /// How wide a border of so many pixels is at a place (world frame), metres across the line of sight.
+    pub fn border_m(&self, place: &Point3<f32>, border_px: f32) -> f32 {
+        border_px * (place - self.eye()).norm() / self.focal_px
+    }
+
     /// What the camera read in the direction of a place (world frame); none outside the picture or without a reading.
     pub fn reading(&self, place: &Point3<f32>) -> Option<DepthReading> {
         let in_camera = self.camera_from_world * place.cast::<f64>();
@@ -316,6 +321,18 @@ mod tests {
         assert_eq!(sight(0.2, 0.0, 0.1), Sight::Empty);
         assert_eq!(sight(0.0, 0.1, 0.0), Sight::Unknown);
         assert_eq!(sight(5.0, 0.0, 0.0), Sight::Unknown);
+    }
+
+    #[test]
+    fn a_border_is_wider_farther_away_and_in_smaller_pictures() {
+        let camera = |fy| CameraModel { fy, ..SceneBuilder::table().scene().meta.camera };
+        let view = |fy| ObservedView::new(&[], &[], &camera(fy), &world_from_camera(), 640);
+        let is = |value: f32, expected: f32| assert!((value - expected).abs() < 1e-6, "{value}, not {expected}");
+        let eye = view(600.0).eye();
+        let away = |m: f32| eye - Vector3::z() * m;
+        is(view(600.0).border_m(&away(1.2), 2.5), 0.005);
+        is(view(600.0).border_m(&away(2.4), 2.5), 0.01);
+        is(view(300.0).border_m(&away(1.2), 2.5), 0.01);
     }
 
     #[test]
