@@ -60,7 +60,8 @@ struct Running {
 impl RobotSide {
     /// Joins a robot that stands at `joints_rad` to its keys.
     #[new]
-    #[pyo3(signature = (connection, robot, joints_rad, *, world_from_base, state_period_s, following_tolerance_rad))]
+    #[pyo3(signature = (connection, robot, joints_rad, *, world_from_base, state_period_s, following_tolerance_rad, starts_stopped))]
+    #[expect(clippy::too_many_arguments, reason = "named arguments of a function that only the package's own Python calls")]
     fn new(
         py: Python<'_>,
         connection: &Connection,
@@ -69,6 +70,7 @@ impl RobotSide {
         world_from_base: Option<[f64; 16]>,
         state_period_s: f64,
         following_tolerance_rad: f64,
+        starts_stopped: bool,
     ) -> PyResult<Self> {
         let settings = ArmSettings { following_tolerance_rad, ..ArmSettings::default() };
         let world_from_base = world_from_base.map(RigidTransform);
@@ -86,7 +88,7 @@ impl RobotSide {
             let (commands, stops, states) = connection.handle()?.block_on(joined(session, robot, end.clone()))?;
             let now = Instant::now();
             let running = Running {
-                arm: Arm::standing_at(joints_rad, settings),
+                arm: if starts_stopped { Arm::found_at(joints_rad, settings, 0.0, None) } else { Arm::standing_at(joints_rad, settings) },
                 commands,
                 stops,
                 states,

@@ -131,6 +131,19 @@ def test_a_stop_latches_brakes_and_is_heard_of(client, running):
     assert client.recover("home", robot="stopped").outcome == "done"
 
 
+def test_an_arm_that_starts_stopped_moves_once_somebody_has_reset_it(client, running):
+    arm = Arm("found", READY_RAD + np.array([0.3, 0, 0, 0, 0, 0, 0]))
+    arm.starts_stopped = True
+    running(arm)
+    state = client.robot_state("found")
+    assert state.stop is not None
+    assert state.stop["kind"] == "driver_started"
+    with pytest.raises(repose.FailedPrecondition):
+        client.recover("home", robot="found")
+    assert client.reset("found")
+    assert client.recover("home", robot="found").outcome == "done"
+
+
 def test_an_arm_that_does_not_follow_stops_by_itself(client, running):
     arm = Arm("stuck", READY_RAD + np.array([1.2, 0, 0, 0, 0, 0, 0]))
     arm.held_fast = True

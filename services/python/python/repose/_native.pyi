@@ -113,6 +113,7 @@ class RobotSide:
         world_from_base: list[float] | None,
         state_period_s: float,
         following_tolerance_rad: float,
+        starts_stopped: bool,
     ) -> RobotSide: ...
     def step(
         self, measured_rad: list[float], gripper: tuple[float, bool, bool], elapsed_s: float | None = None

@@ -100,12 +100,16 @@ class Robot(ABC):
             setting, ``[motion] world_from_base``, and moves no robot that says another place; perception takes this one to know the
             arm in pictures.
         following_tolerance_rad: How far a joint may be from its set-point, radians, before the arm counts as not following and stops.
+        starts_stopped: Whether a driver of it starts stopped (``driver_started``) until somebody has looked at the arm and resets it. A
+            driver keeps nothing when it ends: one that is started again knows of no stop, task or object in the hand of before. Set it for
+            an arm that could hurt somebody; a simulation goes without.
 
     """
 
     name: str = "panda"
     world_from_base: Any = np.eye(4)
     following_tolerance_rad: float = 0.1
+    starts_stopped: bool = False
 
     @abstractmethod
     def read_joints(self) -> Any:
@@ -162,6 +166,7 @@ class RobotDriver:
             world_from_base=pose,
             state_period_s=state_period_s,
             following_tolerance_rad=robot.following_tolerance_rad,
+            starts_stopped=robot.starts_stopped,
         )
         self._stop: Stop | None = None
 
