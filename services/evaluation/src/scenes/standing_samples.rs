@@ -1,13 +1,13 @@
-//! What becomes of every object of a training scene when it is set down alone as it was seen, and of its neighbours when it is taken away, with
-//! what the planner measures of them: what the forecasts of [`repose_planner::learned::standing`] are fitted on.
+//! What becomes of every object of a training scene when it is set down alone as it was seen or turned over, and of its neighbours when it is taken
+//! away, with what the planner measures of them: what the forecasts of [`repose_planner::learned::standing`] are fitted on.
 
 use std::collections::BTreeMap;
 
 use nalgebra::Isometry3;
 use rand_pcg::Pcg64;
-use repose_planner::PreparedScene;
 use repose_planner::learned::standing::Stance;
 use repose_planner::settings::SupportSettings;
+use repose_planner::{PreparedScene, turned_over, turns};
 use repose_simulator::furniture::{Fixture, FurnitureRole};
 use repose_simulator::physics::RestSettings;
 use repose_simulator::release::{ReleaseSettings, released};
@@ -22,6 +22,8 @@ use crate::statistics::forecast_fit::FitSample;
 pub const FIRST_SEED: u64 = 700_000_000;
 /// Views of each scene.
 const VIEWS: usize = 2;
+/// Other sides of each object in each view: the widest, which is where a planner sets it down.
+const SIDES: usize = 2;
 /// The fewest observed points of an object that is learned from.
 const MIN_POINTS: usize = 100;
 /// Half the edge of the floor that it is set down on, metres.
@@ -32,7 +34,7 @@ const FLOOR_M: f64 = 2.0;
 pub struct SceneStances {
     /// The scene.
     pub seed: u64,
-    /// What was measured of each object in each view, and whether it stood when it was set down alone.
+    /// What was measured of each object in each view, as it lay and on other sides, and whether it stood when it was set down alone like that.
     pub stands: Vec<(Vec<f32>, bool)>,
     /// What was measured of each neighbour of each object in each view, and whether it stayed when that was taken away.
     pub stays: Vec<(Vec<f32>, bool)>,
@@ -55,12 +57,14 @@ impl SceneStances {
             let seen = prepared.belief.objects.iter().filter(|(_, object)| object.points.len() >= MIN_POINTS).map(|(id, _)| *id);
             let seen: BTreeMap<u16, Stance<'_>> = seen.filter_map(|id| Some((id, Stance::of(&prepared, id)?))).collect();
             for (id, stance) in &seen {
-                stances.stands.extend(stands.get(id).map(|stood| (stance.measures(), *stood)));
+                stances.stands.extend(stands.get(id).map(|stood| (stance.measures(None), *stood)));
                 for (other, neighbour) in seen.iter().filter(|(other, _)| *other != id) {
                     let stayed = stays.get(id).and_then(|others| others.get(other));
                     stances.stays.extend(stayed.zip(neighbour.beside(stance)).map(|(stayed, measures)| (measures, *stayed)));
                 }
             }
+            let in_view = truth.objects.iter().filter(|object| seen.contains_key(&object.id));
+            stances.stands.extend(in_view.flat_map(|object| on_sides(&prepared, object)));
         }
         stances
     }
@@ -78,6 +82,19 @@ impl SceneStances {
 
 fn samples(measured: &[(Vec<f32>, bool)]) -> Vec<FitSample> {
     measured.iter().map(|(measures, came_true)| FitSample { measures: measures.clone(), came_true: *came_true }).collect()
+}
+
+/// An object on the other sides that it is believed to have: what is measured of it there, and whether it stands.
+fn on_sides(prepared: &PreparedScene, object: &SceneObject) -> Vec<(Vec<f32>, bool)> {
+    // What carries something is not turned over.
+    let Ok(sides) = turns(prepared, object.id) else { return Vec::new() };
+    let on_side = |turn: Isometry3<f64>| {
+        let table = turned_over(prepared, object.id, turn).ok()?;
+        let measures = Stance::of(&table.prepared, object.id)?.measures(Some(&table.turned));
+        let stands = stands_alone(&SceneObject { world_from_object: turn * object.world_from_object, ..object.clone() });
+        Some((measures, stands))
+    };
+    sides.into_iter().take(SIDES).filter_map(on_side).collect()
 }
 
 /// Whether an object neither tips nor moves away when it is let go over an empty floor in the attitude that it has.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use crate::judge::problem::PlacementProblem;
 use crate::learned::forecast::Forecasts;
 use crate::learned::standing::StanceMeasures;
+use crate::scene::turned::Turned;
 
 /// How an object stands, by the forecasts.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,11 +22,13 @@ impl Standing {
     /// Of the object of a problem; one without an extent, which cannot be planned with, is taken to stand.
     pub fn of(problem: &PlacementProblem<'_>, forecasts: &Forecasts) -> Self {
         let [planned, seen] = [problem.prepared, problem.as_seen()].map(|scene| scene.stance_measures(problem.query.id));
-        let stands = |stance: &Option<Arc<StanceMeasures>>| stance.as_ref().map_or(1.0, |stance| forecasts.stands.of(&stance.own));
+        let stands = |stance: &Option<Arc<StanceMeasures>>, turned: Option<&Turned<'_>>| {
+            stance.as_ref().map_or(1.0, |stance| forecasts.stands.of(&stance.own(turned)))
+        };
         let neighbours = seen.iter().flat_map(|stance| &stance.neighbours);
         Self {
-            stands: stands(&planned),
-            stood: stands(&seen),
+            stands: stands(&planned, problem.turned),
+            stood: stands(&seen, None),
             neighbours_stay: neighbours.map(|beside| forecasts.neighbour_stays.of(beside)).fold(1.0, f64::min),
         }
     }

@@ -7,6 +7,7 @@ use crate::judge::judged::JudgedCandidate;
 use crate::judge::problem::PlacementProblem;
 use crate::judge::standing::Standing;
 use crate::scene::traits::spans_m;
+use crate::scene::turned::Turned;
 
 /// Gaps are cut here, metres: more is as good.
 const FAR_M: f64 = 0.06;
@@ -98,6 +99,6 @@ fn of_anchor(problem: &PlacementProblem<'_>, judged: &JudgedCandidate) -> [f64; 
 
 /// How it was turned over, and how it stood before that.
 fn of_turn(problem: &PlacementProblem<'_>, standing: &Standing) -> [f64; 3] {
-    let (angle_rad, seen_base_share) = problem.turned.map_or((0.0, 0.0), |turned| (turned.angle_rad, turned.seen_base_share));
+    let [angle_rad, seen_base_share] = Turned::measures(problem.turned);
     [standing.stood, angle_rad, seen_base_share]
 }

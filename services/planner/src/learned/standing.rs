@@ -1,9 +1,9 @@
-//! How an object stands where it was seen, learned: whether it stands by itself, and whether another that rests against it comes down when
-//! it is taken away.
+//! How an object stands, learned: whether it stands by itself, as it was seen or turned over, and whether another that rests against it comes down
+//! when it is taken away.
 //!
 //! An object that leans tips as soon as it is set down elsewhere in the same attitude, and one that something leans on cannot be taken away
 //! without moving that. Both are properties of the scene, not of a place: no search finds a way around them. They are fitted on objects of
-//! training scenes that were set down alone, and taken away, in simulation (`repose train --network standing`).
+//! training scenes that were set down alone, as they lay and on other sides, and taken away, in simulation (`repose train --network standing`).
 
 use nalgebra::{Matrix3, Point2, Point3, Vector2, Vector3};
 use repose_belief::columns::cells_of;
@@ -14,6 +14,7 @@ use repose_geometry::{Footprint, cloud};
 
 use crate::scene::prepared::PreparedScene;
 use crate::scene::traits::{StandingTraits, VOXEL_M};
+use crate::scene::turned::Turned;
 
 /// A measure of an object: its name, and how it is computed.
 type OfObject = (&'static str, fn(&Stance<'_>) -> f64);
@@ -103,21 +104,25 @@ const LEAST_HEIGHT_M: f64 = 0.01;
 /// A neighbour is ahead within this angle of the direction of the lean, as a cosine.
 const AHEAD_COSINE: f32 = 0.5;
 
-/// The names of the measures of an object, in the order that the trees read.
+/// The names of the measures of an object and of how it was turned over, in the order that the trees read.
 pub fn names() -> Vec<&'static str> {
-    MEASURES.iter().map(|(name, _)| *name).collect()
+    names_of_object().chain(Turned::MEASURES).collect()
 }
 
 /// The names of the measures of a neighbour.
 pub fn names_of_neighbour() -> Vec<&'static str> {
-    names().into_iter().chain(BESIDE.iter().map(|(name, _)| *name)).collect()
+    names_of_object().chain(BESIDE.iter().map(|(name, _)| *name)).collect()
+}
+
+fn names_of_object() -> impl Iterator<Item = &'static str> {
+    MEASURES.iter().map(|(name, _)| *name)
 }
 
 /// The measures that the forecasts of an object read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StanceMeasures {
     /// Of the object.
-    pub own: Vec<f32>,
+    of_object: Vec<f32>,
     /// Of each of its neighbours beside it.
     pub neighbours: Vec<Vec<f32>>,
 }
@@ -128,7 +133,12 @@ impl StanceMeasures {
         let stance = Stance::of(prepared, id)?;
         let near = prepared.belief.objects.iter().filter(|(other, o)| **other != id && o.shape.as_ref().is_some_and(|s| stance.is_near(s)));
         let neighbours = near.filter_map(|(other, _)| Stance::of(prepared, *other)?.beside(&stance)).collect();
-        Some(Self { own: stance.measures(), neighbours })
+        Some(Self { of_object: stance.of_object(), neighbours })
+    }
+
+    /// Of the object, which was turned over in this way, in the order of [`names`].
+    pub fn own(&self, turned: Option<&Turned<'_>>) -> Vec<f32> {
+        with_turn(self.of_object.clone(), turned)
     }
 }
 
@@ -172,8 +182,12 @@ impl<'a> Stance<'a> {
         })
     }
 
-    /// Its measures, in the order of [`names`]; all finite.
-    pub fn measures(&self) -> Vec<f32> {
+    /// Its measures where it was turned over in this way, in the order of [`names`]; all finite.
+    pub fn measures(&self, turned: Option<&Turned<'_>>) -> Vec<f32> {
+        with_turn(self.of_object(), turned)
+    }
+
+    fn of_object(&self) -> Vec<f32> {
         MEASURES.iter().map(|(_, of)| of(self) as f32).collect()
     }
 
@@ -182,7 +196,7 @@ impl<'a> Stance<'a> {
         let pair = Pair { neighbour: self, object, gap_m: self.shape.gap_m(object.shape) };
         (pair.gap_m <= NEAR_M).then(|| {
             let beside = BESIDE.iter().map(|(_, of)| of(&pair) as f32);
-            self.measures().into_iter().chain(beside).collect()
+            self.of_object().into_iter().chain(beside).collect()
         })
     }
 
@@ -239,6 +253,10 @@ impl Pair<'_> {
         let cells: Vec<Point2<f32>> = cells_of(&self.neighbour.shape.base, 0.0, &self.neighbour.prepared.belief.columns).collect();
         cells.iter().filter(|c| top.outline.margin(c) >= 0.0).count() as f64 / cells.len().max(1) as f64
     }
+}
+
+fn with_turn(of_object: Vec<f32>, turned: Option<&Turned<'_>>) -> Vec<f32> {
+    of_object.into_iter().chain(Turned::measures(turned).map(|value| value as f32)).collect()
 }
 
 fn flag(is: bool) -> f64 {
@@ -309,7 +327,7 @@ mod tests {
     use crate::tests::synthetic::{Prepared, SceneBuilder};
 
     fn of<'a>(stance: &'a Stance<'_>) -> impl Fn(&str) -> f32 + 'a {
-        |name| stance.measures()[names().iter().position(|n| *n == name).unwrap()]
+        |name| stance.measures(None)[names().iter().position(|n| *n == name).unwrap()]
     }
 
     #[test]
@@ -363,6 +381,6 @@ mod tests {
         let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.06, 0.06, 0.1]).object(2, [0.2, 0.0], [0.06, 0.06, 0.06]).prepared();
         let stance = |id| Stance::of(&prepared, id).unwrap();
         assert_eq!(stance(1).beside(&stance(2)), None);
-        assert!(stance(1).measures().iter().all(|m| m.is_finite()));
+        assert!(stance(1).measures(None).iter().all(|m| m.is_finite()));
     }
 }

@@ -35,6 +35,16 @@ pub struct Turned<'a> {
     pub seen_base_share: f64,
 }
 
+impl Turned<'_> {
+    /// The names of what the forecasts read of it.
+    pub const MEASURES: [&'static str; 2] = ["turned", "seen_base"];
+
+    /// What they read, in the order of their names: radians, and a share from 0 to 1. Both are 0 as an object lies.
+    pub fn measures(turned: Option<&Self>) -> [f64; 2] {
+        turned.map_or([0.0; 2], |turned| [turned.angle_rad, turned.seen_base_share])
+    }
+}
+
 /// The turns that set an object up on its other sides, the widest first.
 ///
 /// # Errors

@@ -8,17 +8,21 @@ use nalgebra::Point3;
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
-use repose_geometry::{cloud, transform};
+use repose_geometry::{ViewerFrame, cloud, transform};
 use repose_proto::place::{Outcome, PlaceRequest, PlaceResult, Rejection, Variant};
 use repose_proto::scoring::{MixtureComponent, PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, ErrorCode, RELATION_COUNT, Relation, Scene};
 
+use crate::checks::rules::Rules;
+use crate::judge::Judge;
+use crate::judge::problem::PlacementProblem;
 use crate::learned::forecast::{Forecast, ForecastFitData, Forecasts};
 use crate::learned::models::PlacementModels;
 use crate::learned::{standing, success};
 use crate::plan::{SearchStep, plan, plan_with_report};
 use crate::scene::prepared::PreparedScene;
 use crate::search::stop::StopReason;
+use crate::settings::PlanSettings;
 use crate::tests::forecasts;
 use crate::tests::synthetic::{Prepared, SceneBuilder};
 use repose_belief::boosted_trees::{BoostedTrees, Branch, DecisionTree, TreeSplit};
@@ -124,6 +128,15 @@ pub(crate) fn scene() -> PreparedScene {
     SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.06, 0.05, 0.08]).prepared()
 }
 
+/// Has work done with the judge of a request on [`scene`], whose networks believe in places beside the anchor.
+pub(crate) fn judging<T>(request: &PlaceRequest, settings: &PlanSettings, work: impl FnOnce(&mut Judge<'_>) -> T) -> T {
+    let prepared = scene();
+    let query = prepared.query(request.query, 0.0, &settings.fixed).unwrap();
+    let rules = Rules::new(&prepared, request.query, &request.goal, &ViewerFrame::from_yaw(0.0), &settings.fixed.rules).unwrap();
+    let problem = PlacementProblem { prepared: &prepared, turned: None, query: &query, rules: &rules, request, settings };
+    work(&mut Judge::new(problem, &Fake::new(&[BESIDE])))
+}
+
 pub(crate) fn request(prepared: &PreparedScene, variant: Variant, goal: &[&str]) -> PlaceRequest {
     let goal = goal.iter().map(|t| t.parse().unwrap()).collect();
     PlaceRequest { variant, ..PlaceRequest::new(prepared.scene_id.clone(), 2, goal) }
@@ -220,6 +233,14 @@ fn best_says_how_sure_it_is_and_answers_none_where_that_is_too_little() {
 pub(crate) fn always(p: f32, names: &[&str]) -> Forecast {
     let leaf = DecisionTree { splits: Vec::new(), leaves: vec![(p / (1.0 - p)).ln()] };
     Forecast::new(names, BoostedTrees { bias: 0.0, trees: vec![leaf] }, ForecastFitData::default()).unwrap()
+}
+
+/// A forecast that says one thing where a measure is below a value, and another from there on.
+pub(crate) fn stepped(names: &[&str], measure: &str, at: f32, said: [f32; 2]) -> Forecast {
+    let number = names.iter().position(|name| *name == measure).unwrap() as u8;
+    let splits = vec![TreeSplit(number, at, [Branch::Leaf(0), Branch::Leaf(1)])];
+    let tree = DecisionTree { splits, leaves: said.map(|p| (p / (1.0 - p)).ln()).to_vec() };
+    Forecast::new(names, BoostedTrees { bias: 0.0, trees: vec![tree] }, ForecastFitData::default()).unwrap()
 }
 
 #[test]

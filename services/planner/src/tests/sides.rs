@@ -6,11 +6,11 @@ use repose_belief::settings::SideSettings;
 use repose_geometry::transform;
 use repose_proto::place::{Outcome, PlaceRequest, Placement, Rotation, ShortfallReason, Variant};
 
-use crate::learned::success;
+use crate::learned::{standing, success};
 use crate::plan::{PlanReport, plan_turned_with_report, plan_with_report};
 use crate::scene::moved::table_after;
 use crate::scene::turned::{turned_over, turns};
-use crate::tests::learned::{self, BESIDE, Fake, always, scene};
+use crate::tests::learned::{self, BESIDE, Fake, always, scene, stepped};
 use crate::tests::plan::{request, run};
 use crate::tests::synthetic::{Prepared, SceneBuilder};
 
@@ -81,6 +81,7 @@ fn of_an_object_on_another_side_success_is_told_by_how_it_lay_too() {
     wanted.thresholds.realism = Some(0.0);
     let mut fake = Fake::new(&[BESIDE]);
     fake.success = Some(always(0.9, &success::names()));
+    fake.stands = Some(stepped(&standing::names(), "turned", 0.5, [0.9, 0.6]));
     let go_on = &mut |_| ControlFlow::Continue(());
     let measures = |report: PlanReport| {
         let of = report.answers[0].success_measures.clone().unwrap();
@@ -88,6 +89,8 @@ fn of_an_object_on_another_side_success_is_told_by_how_it_lay_too() {
     };
     let as_it_lies = measures(plan_with_report(&prepared, &wanted, &fake, go_on).unwrap());
     assert_eq!([as_it_lies("turned"), as_it_lies("seen_base")], [0.0, 0.0]);
+    let is = |value: f32, expected: f32| assert!((value - expected).abs() < 1e-6, "{value}, not {expected}");
+    is(as_it_lies("stands"), 0.9);
     assert_eq!(as_it_lies("stood"), as_it_lies("stands"));
     let turns = turns(&prepared, 2).unwrap();
     let seen_shares = turns.iter().map(|turn| turned_over(&prepared, 2, *turn).unwrap().turned.seen_base_share);
@@ -102,6 +105,7 @@ fn of_an_object_on_another_side_success_is_told_by_how_it_lay_too() {
         turned("turned"),
         turned("seen_base")
     );
+    is(turned("stands"), 0.6);
     for seen in ["stood", "neighbour_stays", "seen_gap", "cut_off", "hidden"] {
         assert_eq!(turned(seen), as_it_lies(seen), "{seen}");
     }
