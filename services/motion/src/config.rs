@@ -72,6 +72,9 @@ pub struct MotionConfig {
     pub command_period_ms: u64,
     /// How long a command may be acted on after receipt, milliseconds. Default 500.
     pub command_ttl_ms: u64,
+    /// How long fingers may take to settle, milliseconds of robot time, 500 to 60,000. Default 3000; slow fingers need longer. Fingers that still move then
+    /// stop the execution.
+    pub gripper_timeout_ms: f64,
     /// Share of the speed and acceleration of free space at which an arm is brought back after a stop, above 0 to 1. Default 0.2.
     pub recovery_scale: f64,
     /// What happens to an execution whose client is gone: `stop` (it comes to rest on its path) or `finish`. Default `stop`.
@@ -137,6 +140,7 @@ impl Default for MotionConfig {
             on_client_loss: OnClientLoss::Stop,
             command_period_ms: 50,
             command_ttl_ms: execution.ttl_ms,
+            gripper_timeout_ms: execution.gripper_timeout_ms,
             robot_timeout_ms: 3000,
             threads: 1,
             queue: 16,
@@ -216,7 +220,11 @@ impl MotionConfig {
         Ok(settings)
     }
 
-    fn base(&self) -> Result<Isometry3<f64>, ConfigError> {
+    /// Where the robot's base stands.
+    ///
+    /// # Errors
+    /// [`ConfigError`] on `world_from_base`.
+    pub fn base(&self) -> Result<Isometry3<f64>, ConfigError> {
         from_row_major(&self.world_from_base).map_err(|e| ConfigError { field: "world_from_base", message: e.to_string() })
     }
 
@@ -295,11 +303,13 @@ impl MotionConfig {
         within("command_horizon_ms", self.command_horizon_ms, 200.0, 10_000.0)?;
         within("command_period_ms", self.command_period_ms as f64, 5.0, 200.0)?;
         within("command_ttl_ms", self.command_ttl_ms as f64, 2.0 * self.command_period_ms as f64, 10_000.0)?;
+        within("gripper_timeout_ms", self.gripper_timeout_ms, 500.0, 60_000.0)?;
         Ok(ExecutionSettings {
             model: self.model()?,
             world_from_base: self.base()?,
             horizon_ms: self.command_horizon_ms,
             ttl_ms: self.command_ttl_ms,
+            gripper_timeout_ms: self.gripper_timeout_ms,
             ..ExecutionSettings::default()
         })
     }

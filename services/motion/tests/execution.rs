@@ -175,6 +175,58 @@ fn fingers_that_close_on_nothing_end_it_at_the_grasp() {
 }
 
 #[test]
+fn fingers_that_say_that_they_have_settled_are_believed_where_they_were_sent_and_nowhere_else() {
+    // An action is refused, and they say that they have settled: narrow they would be driven onto the object, wide they would have nothing, and closed
+    // they would drag it along.
+    for (refuses, phase, stand) in [(1, Phase::Standoff, "0.020"), (2, Phase::Grasp, "0.050"), (3, Phase::Release, "0.030")] {
+        let mut robot = Robot::new();
+        (robot.state.gripper_width_m, robot.refuses) = (0.02, refuses);
+        let (phases, done) = run(&mut robot, |_, _, _| Vec::new());
+        assert_eq!((phases.last(), outcome(&done).0), (Some(&phase), ExecutionOutcome::Stopped), "{done:?}");
+        assert!(outcome(&done).2.contains(&format!("stands at {stand} m")), "{done:?}");
+    }
+}
+
+#[test]
+fn fingers_that_begin_late_are_waited_for() {
+    for refuses in 1..=3 {
+        let mut robot = Robot::new();
+        robot.refuses = refuses;
+        let mut since_ms = None;
+        let (phases, done) = run(&mut robot, |robot, _, now_ms| {
+            if let Some(gripper) = robot.refused
+                && now_ms >= *since_ms.get_or_insert(now_ms) + 400
+            {
+                robot.act(gripper);
+                robot.refused = None;
+            }
+            Vec::new()
+        });
+        assert_eq!((phases.as_slice(), outcome(&done).0), (&PHASES[..], ExecutionOutcome::Done), "{done:?}");
+    }
+}
+
+#[test]
+fn fingers_that_are_still_on_their_way_after_all_the_time_that_they_have_stop_the_execution() {
+    for cancelled in [false, true] {
+        let mut robot = Robot::new();
+        robot.refuses = 2;
+        let (phases, done) = run(&mut robot, |robot, execution, now_ms| {
+            if robot.refused.is_none() {
+                return Vec::new();
+            }
+            // Ten millimetres a second, from fifty on.
+            robot.state.gripper_settled = false;
+            robot.state.gripper_width_m -= 0.0001;
+            if cancelled { execution.cancel("cancelled", now_ms) } else { Vec::new() }
+        });
+        assert_eq!((phases.last(), outcome(&done).0), (Some(&Phase::Grasp), ExecutionOutcome::Stopped), "{done:?}");
+        assert!(outcome(&done).2.contains(if cancelled { "cancelled" } else { "gripper_timeout_ms" }), "{done:?}");
+        assert!(robot.state.open_task().is_some(), "the robot's side latches a stop then: they may close on something yet");
+    }
+}
+
+#[test]
 fn an_object_lost_on_the_way_is_noticed_at_the_end_of_the_phase() {
     let mut robot = Robot::new();
     let (phases, done) = run(&mut robot, |robot, _, _| {

@@ -23,6 +23,7 @@ pub use checks::{check_age, check_free, check_unmoved, next_owner};
 pub use settings::ExecutionSettings;
 
 use checks::{apart, check_base, check_model, check_phases, check_start};
+use fingers::Fingers;
 use halt::halted;
 
 /// Who executes, and as which task.
@@ -67,6 +68,8 @@ pub struct Execution {
     stage: Stage,
     /// How wide the object held the fingers apart, metres.
     grasp_width_m: f64,
+    /// Where the fingers were when the phase began, and where they stand since when.
+    fingers: Fingers,
     last_state: RobotState,
     last_state_ms: u64,
     /// Set when it was cancelled on its way.
@@ -168,6 +171,7 @@ impl Execution {
             phase: 0,
             stage: Stage::Gripper { taken, settled_since_ms: None },
             grasp_width_m: 0.0,
+            fingers: Fingers::of(state),
             last_state: state.clone(),
             last_state_ms: now_ms,
             halt: None,
@@ -185,6 +189,7 @@ impl Execution {
         }
         self.last_state = state.clone();
         self.last_state_ms = now_ms;
+        self.fingers.see(state);
         if let (RobotMode::Stopped, stop) = (state.mode, &state.stop) {
             let reason = stop.as_ref().map_or_else(|| "the robot stopped".to_owned(), |s| format!("{}: {}", s.kind, s.reason));
             return self.stopped(reason);
@@ -304,6 +309,7 @@ impl Execution {
     fn enter_phase(&mut self, now_ms: u64) -> Vec<ExecutionAction> {
         let progress = ExecuteProgress { phase: self.current().name, done: self.phase, of: self.phases.len() };
         let mut steps = vec![ExecutionAction::Progress(progress)];
+        self.fingers = Fingers::of(&self.last_state);
         steps.extend(if self.current().gripper.is_some() { self.start_gripper(now_ms) } else { self.enter_stream(now_ms) });
         steps
     }

@@ -18,7 +18,7 @@ pub struct ExecutionSettings {
     pub take_timeout_ms: u64,
     /// How long the robot's state may be silent, milliseconds. Default 1500.
     pub state_timeout_ms: u64,
-    /// How long the gripper may take to settle, milliseconds of robot time; then what it has reached decides. Default 3000.
+    /// How long the gripper may take to settle, milliseconds of robot time; then whether it stands, and where, decides. Default 3000.
     pub gripper_timeout_ms: f64,
     /// How far ahead of the robot a cancelled stream begins to slow down, milliseconds of robot time: longer than a state and a command take,
     /// shorter than the horizon. Default 150.

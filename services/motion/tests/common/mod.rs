@@ -71,6 +71,11 @@ pub struct Robot {
     expires_ms: f64,
     /// The stop that the last clearing command named.
     pub cleared: Option<StopState>,
+    /// Gripper actions taken.
+    pub actions: usize,
+    /// The number of the one, from 1, that it does not carry out, and that one.
+    pub refuses: usize,
+    pub refused: Option<GripperCommand>,
     /// What the last gripper action was to grasp.
     pub grasps: Option<repose_proto::robot::HeldObject>,
 }
@@ -109,6 +114,9 @@ impl Robot {
             heeds_ttl: false,
             expires_ms: 0.0,
             cleared: None,
+            actions: 0,
+            refuses: 0,
+            refused: None,
             grasps: None,
         }
     }
@@ -142,8 +150,12 @@ impl Robot {
         }
         assert!(self.state.task.is_none() == command.task.is_none() || command.clear_stop, "tasks are for robots that know them");
         if let Some(gripper) = command.gripper {
-            self.state.gripper_holding = self.holds && gripper.width_m == 0.0;
-            self.state.gripper_width_m = if self.state.gripper_holding { 0.03 } else { gripper.width_m };
+            self.actions += 1;
+            if self.actions == self.refuses {
+                self.refused = Some(gripper);
+            } else {
+                self.act(gripper);
+            }
             self.grasps = command.task.as_ref().and_then(|task| task.grasps.clone());
         }
         if command.starts_stream {
@@ -158,6 +170,12 @@ impl Robot {
             self.points.extend_from_slice(&command.set_points);
             self.ends = command.ends_stream;
         }
+    }
+
+    /// Carries a gripper action out, at once.
+    pub fn act(&mut self, gripper: GripperCommand) {
+        self.state.gripper_holding = self.holds && gripper.width_m == 0.0;
+        self.state.gripper_width_m = if self.state.gripper_holding { 0.03 } else { gripper.width_m };
     }
 
     /// Ten milliseconds of robot time.
