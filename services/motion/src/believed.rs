@@ -113,6 +113,8 @@ impl<'a> Worlds<'a> {
     /// Obstacles of the points within reach and of surfaces.
     fn others(&self, points: impl Iterator<Item = Point3<f32>>, surfaces: &[SupportArea]) -> Obstacles {
         let in_reach: Vec<Point3<f32>> = points.filter(|p| (p - self.shoulder).norm_squared() < ARM_REACH_M * ARM_REACH_M).collect();
-        Obstacles::new(&in_reach, surfaces, &self.settings.obstacles).with_keep_out(&self.settings.keep_out)
+        Obstacles::new(&in_reach, surfaces, &self.settings.obstacles)
+            .with_solids(&self.settings.beside)
+            .with_keep_out(&self.settings.keep_out)
     }
 }

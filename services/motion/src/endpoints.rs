@@ -5,16 +5,15 @@ use std::future::Future;
 use async_trait::async_trait;
 use repose_proto::enclosed::disclose;
 use repose_proto::load::WorkerLoad;
-use repose_proto::motion::{
-    ExecuteReply, ExecutionOutcome, MotionPlanRequest, RecoverReply, RecoverRequest, RecoveryMove, RobotResetRequest,
-};
+use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlanRequest, RecoverReply, RecoverRequest, RecoveryMove};
 use repose_proto::robot::HeldObject;
-use repose_proto::{CallError, Message, Payload, Scene};
-use repose_runtime::{Call, CallOptions, Caller, CancellationToken, Handler, Session, fetch_scene, load_of};
+use repose_proto::{CallError, Message, Payload, Scene, Service};
+use repose_runtime::{Call, CallOptions, Caller, CancellationToken, Handler, RuntimeError, Session, fetch_scene, load_of};
 
 use crate::client_watch::ClientWatch;
-use crate::config::OnClientLoss;
+use crate::config::{MotionConfig, OnClientLoss};
 use crate::execution::{ExecutionTask, check_free};
+use crate::neighbours::Neighbours;
 use crate::robot_link::RobotLink;
 use crate::worker::Worker;
 
@@ -24,13 +23,24 @@ pub struct Endpoints {
     link: RobotLink,
     session: Session,
     perception: Caller,
+    neighbours: Neighbours,
     on_client_loss: OnClientLoss,
 }
 
 impl Endpoints {
-    /// Plans with a worker, moves robots over a link, and asks perception for scenes.
-    pub fn new(worker: Worker, link: RobotLink, session: Session, perception: Caller, on_client_loss: OnClientLoss) -> Self {
-        Self { worker, link, session, perception, on_client_loss }
+    /// Plans with a worker, moves robots over a link, asks perception for scenes, and heeds other robots of the cell.
+    ///
+    /// # Errors
+    /// When the configuration is out of range, or the network or the operating system refuses.
+    pub async fn start(session: &Session, config: &MotionConfig) -> Result<Self, RuntimeError> {
+        Ok(Self {
+            worker: Worker::start(config)?,
+            link: RobotLink::new(session.clone(), config)?,
+            session: session.clone(),
+            perception: session.caller(Service::Perception).await?,
+            neighbours: Neighbours::follow(session, config.base()?).await?,
+            on_client_loss: config.on_client_loss,
+        })
     }
 
     /// The scene of a request where it did not come along and is not held: perception of this cell is nearer than most callers. None where it cannot
@@ -59,7 +69,8 @@ impl Endpoints {
             }
         };
         let started = std::time::Instant::now();
-        let plan = self.worker.plan(call.context(), request, scene).await?;
+        let beside = self.neighbours.solids(&request.robot);
+        let plan = self.worker.plan(call.context(), request, scene, beside).await?;
         call.stage("plan", started.elapsed().as_secs_f64() * 1e3);
         Payload::json(&plan)
     }
@@ -67,6 +78,8 @@ impl Endpoints {
     /// A plan carried out, with progress by phase. What becomes of it when its client is gone is configured.
     async fn execute(&self, call: &Call) -> Result<Payload, CallError> {
         let (plan, grasps) = self.worker.executable(call.payload.decode_json()?)?;
+        let held = self.worker.scene(&plan.scene_id);
+        self.neighbours.check(&plan, held.as_ref().map(|held| held.scene()))?;
         let task = self.task(call, grasps);
         let (link, reporting) = (self.link.clone(), call.clone());
         let execute = async move |cancelled| {
@@ -119,9 +132,11 @@ impl Endpoints {
         };
         let state = self.link.state(&request.robot).await?;
         check_free(&state)?;
+        self.neighbours.check_still(&request.robot)?;
+        let beside = self.neighbours.solids(&request.robot);
         let (robot, checked_against) = (request.robot.clone(), request.scene.as_ref().map(|scene| scene.scene_id.clone()));
         let moves = request.motion != RecoveryMove::Open;
-        let (phases, retreated_m) = self.worker.recover(call.context(), request, scene, &state).await?;
+        let (phases, retreated_m) = self.worker.recover(call.context(), request, scene, &state, beside).await?;
         let checked_against = checked_against.filter(|_| moves);
         if phases.is_empty() {
             let (outcome, joints_rad) = (ExecutionOutcome::Done, state.q_rad);
@@ -140,8 +155,7 @@ impl Endpoints {
 
     /// A latched stop cleared.
     async fn reset(&self, call: &Call) -> Result<Payload, CallError> {
-        let RobotResetRequest { robot } = call.payload.decode_json()?;
-        Payload::json(&self.link.reset(&robot).await?)
+        Payload::json(&self.link.reset(&call.payload.decode_json()?).await?)
     }
 }
 

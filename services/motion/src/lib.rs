@@ -26,6 +26,7 @@ pub mod endpoints;
 pub mod execution;
 pub mod grasp;
 pub mod motion_scene;
+pub mod neighbours;
 pub mod obstacles;
 pub mod path;
 pub mod pick_place;
@@ -49,14 +50,6 @@ pub use config::MotionConfig;
 /// # Errors
 /// When the network or the operating system refuses, or the configuration is out of range.
 pub async fn run(session: Session, config: MotionConfig, shutdown: Shutdown) -> Result<(), RuntimeError> {
-    let worker = worker::Worker::start(&config)?;
-    let link = robot_link::RobotLink::new(session.clone(), &config)?;
-    let perception = session.caller(Service::Perception).await?;
-    session
-        .serve(
-            Service::Motion,
-            Arc::new(endpoints::Endpoints::new(worker, link, session.clone(), perception, config.on_client_loss)),
-            shutdown,
-        )
-        .await
+    let endpoints = endpoints::Endpoints::start(&session, &config).await?;
+    session.serve(Service::Motion, Arc::new(endpoints), shutdown).await
 }

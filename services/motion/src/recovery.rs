@@ -28,6 +28,8 @@ pub struct RecoverySettings {
     pub world_from_base: Isometry3<f64>,
     /// What no part of the arm may enter, whether or not a scene is known.
     pub keep_out: Vec<ObstacleShape>,
+    /// What stands beside the robot and is in no scene: other robots.
+    pub beside: Vec<ObstacleShape>,
     /// The obstacles' resolution.
     pub obstacles: ObstacleSettings,
     /// What is added to the robot's spheres, metres.
@@ -54,6 +56,7 @@ impl RecoverySettings {
         Self {
             world_from_base: planning.world_from_base,
             keep_out: planning.keep_out.clone(),
+            beside: planning.beside.clone(),
             obstacles: planning.obstacles,
             padding_m: planning.padding_m,
             timing: TimingSettings { deviation_rad: 0.002, ..planning.timing.slowed(share) },
@@ -119,7 +122,7 @@ impl<'a> Recovery<'a> {
             let points: Vec<Point3<f32>> = scene.points.iter().filter(|p| !is_arm(p)).copied().collect();
             recovery.obstacles = Obstacles::new(&points, &scene.surfaces, &settings.obstacles);
         }
-        recovery.obstacles = recovery.obstacles.with_keep_out(&settings.keep_out);
+        recovery.obstacles = recovery.obstacles.with_solids(&settings.beside).with_keep_out(&settings.keep_out);
         recovery
     }
 

@@ -12,6 +12,7 @@ use crate::config::MotionConfig;
 use crate::execution::keep_out::Zones;
 use crate::execution::{check_age, check_unmoved};
 use crate::motion_scene::MotionScene;
+use crate::obstacles::ObstacleShape;
 use crate::path::timing::Trajectory;
 use crate::pick_place::PickPlaceSettings;
 use crate::recovery::{Recovery, RecoveryError, RecoverySettings};
@@ -46,14 +47,24 @@ impl Worker {
         })
     }
 
-    /// Plans a request on the scene that came with it, or on one that came before. The same content seen again is as young as it was last seen.
+    /// Plans a request on the scene that came with it, or on one that came before, around what stands `beside` the robot and is in no scene. The same content seen again is as young as it was last seen.
     ///
     /// # Errors
     /// `not_found` on `scene_id` when the scene is not held and did not come; `invalid_argument` when it is another one; the planner's errors
     /// as `failed_precondition`; `cancelled` and `deadline_exceeded` as soon as they are so; those of the queue.
-    pub async fn plan(&self, context: JobContext, request: MotionPlanRequest, scene: Option<Scene>) -> Result<MotionPlan, CallError> {
+    pub async fn plan(
+        &self,
+        context: JobContext,
+        request: MotionPlanRequest,
+        scene: Option<Scene>,
+        beside: Vec<ObstacleShape>,
+    ) -> Result<MotionPlan, CallError> {
         let held = self.held(&request.scene.scene_id, scene.as_ref())?;
-        let (settings, terms, scenes) = (self.settings.clone(), self.terms, self.scenes.clone());
+        let settings = match beside.is_empty() {
+            true => self.settings.clone(),
+            false => Arc::new(PickPlaceSettings { beside, ..(*self.settings).clone() }),
+        };
+        let (terms, scenes) = (self.terms, self.scenes.clone());
         let job = move |context: &JobContext| {
             let scene = match (held, scene) {
                 (Some(held), None) => held,
@@ -99,6 +110,7 @@ impl Worker {
         request: RecoverRequest,
         scene: Option<Scene>,
         state: &RobotState,
+        beside: Vec<ObstacleShape>,
     ) -> Result<(Vec<MotionPhase>, Option<f64>), CallError> {
         if request.motion == RecoveryMove::Open {
             let gripper = Some(GripperCommand { width_m: FINGER_OPENING_MAX_M, force_n: self.settings.grip_force_n });
@@ -114,8 +126,8 @@ impl Worker {
             let is_current = check_age(seen_ns, self.terms.max_scene_age_ms, state.stamp_ns).and_then(|()| check_unmoved(seen_ns, state));
             is_current.map_err(|e| CallError { message: format!("{}, or recover without a scene", e.message), ..e }.at("scene"))?;
         }
-        let (settings, period_ms, q_rad, opening_m) =
-            (self.recovery.clone(), self.terms.set_point_period_ms, state.q_rad, state.gripper_width_m);
+        let settings = RecoverySettings { beside, ..(*self.recovery).clone() };
+        let (period_ms, q_rad, opening_m) = (self.terms.set_point_period_ms, state.q_rad, state.gripper_width_m);
         let job = move |context: &JobContext| {
             let scene = match (held, scene, &request.scene) {
                 (Some(held), _, _) => Some(wire::surroundings(held.scene())?),
@@ -159,9 +171,14 @@ impl Worker {
             plan.scene_stamp_ns = plan.scene_stamp_ns.min(scene.stamp_ns);
         }
         plan.max_scene_age_ms = plan.max_scene_age_ms.min(self.terms.max_scene_age_ms);
-        let zones = Zones { world_from_base: &self.settings.world_from_base, solids: &self.settings.keep_out };
+        let zones = Zones { world_from_base: &self.settings.world_from_base, solids: &self.settings.keep_out, of_robot: None };
         zones.check(&plan, held.as_ref().map(|held| held.scene()))?;
         Ok((plan, grasps))
+    }
+
+    /// A scene that is held.
+    pub fn scene(&self, scene_id: &str) -> Option<Arc<MotionScene>> {
+        self.scenes.get(scene_id).ok()
     }
 
     /// The keep-out zones that are heeded here.

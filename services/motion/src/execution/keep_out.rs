@@ -26,6 +26,8 @@ pub struct Zones<'a> {
     pub world_from_base: &'a Isometry3<f64>,
     /// The zones.
     pub solids: &'a [ObstacleShape],
+    /// Whose parts the solids are, where they are another robot's and no zones.
+    pub of_robot: Option<&'a str>,
 }
 
 impl Zones<'_> {
@@ -66,13 +68,18 @@ impl Zones<'_> {
         for (sphere, link) in spheres.iter().zip(SPHERE_LINKS).skip(Link::Link0.sphere_range().end) {
             let center = self.world_from_base * sphere.center;
             if let Some(zone) = self.solids.iter().position(|zone| zone.distance_m(&center) < sphere.radius_m) {
-                return Some(format!("{link:?} would enter keep_out[{zone}]"));
+                return Some(format!("{link:?} would {}", self.meeting(zone)));
             }
         }
         let world_from_tcp = self.world_from_base * base_from_tcp(q_rad);
         let is_inside = |zone: &ObstacleShape| object.iter().any(|p| zone.distance_m(&(world_from_tcp * p)) <= 0.0);
         let zone = self.solids.iter().position(is_inside)?;
-        Some(format!("the held object would enter keep_out[{zone}]"))
+        Some(format!("the held object would {}", self.meeting(zone)))
+    }
+
+    /// What something does that is in a solid, in words.
+    fn meeting(&self, solid: usize) -> String {
+        self.of_robot.map_or_else(|| format!("enter keep_out[{solid}]"), |robot| format!("touch robot {robot}"))
     }
 }
 

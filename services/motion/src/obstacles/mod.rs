@@ -68,6 +68,14 @@ impl Obstacles {
         Self { first_zone: shapes.len(), shapes, grid: None }
     }
 
+    /// The same with known solids beside what was seen.
+    #[must_use]
+    pub fn with_solids(mut self, solids: &[ObstacleShape]) -> Self {
+        self.shapes.splice(self.first_zone..self.first_zone, solids.iter().cloned());
+        self.first_zone += solids.len();
+        self
+    }
+
     /// The same with zones that the arm must keep out of, as solid as the rest.
     #[must_use]
     pub fn with_keep_out(mut self, zones: &[ObstacleShape]) -> Self {

@@ -16,6 +16,8 @@ pub struct PickPlaceSettings {
     pub world_from_base: Isometry3<f64>,
     /// What no part of the arm, nor what it holds, may enter. Default: nothing.
     pub keep_out: Vec<ObstacleShape>,
+    /// What stands beside the robot and is in no scene: other robots.
+    pub beside: Vec<ObstacleShape>,
     /// The obstacles' resolution.
     pub obstacles: ObstacleSettings,
     /// How grasps are found.
@@ -64,6 +66,7 @@ impl Default for PickPlaceSettings {
         Self {
             world_from_base: Isometry3::identity(),
             keep_out: Vec::new(),
+            beside: Vec::new(),
             obstacles: ObstacleSettings::default(),
             grasp: GraspSettings::default(),
             reach: EndSearchSettings::default(),

@@ -1,0 +1,184 @@
+//! The other robots of the cell. Perception takes every robot out of the scene, so no picture shows them to motion: they are where they say.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use nalgebra::{Isometry3, Translation3, Vector3};
+use repose_geometry::transform::from_row_major;
+use repose_panda::{LinkFrames, base_from_tcp, shoulder_in_base, spheres_in_base};
+use repose_proto::motion::MotionPlan;
+use repose_proto::robot::{RobotMode, RobotState};
+use repose_proto::{CallError, Scene, keys};
+use repose_runtime::{RuntimeError, Session};
+use tokio::task::JoinSet;
+
+use crate::execution::keep_out::Zones;
+use crate::obstacles::ObstacleShape;
+
+/// States that wait to be read: hundreds of milliseconds of a few robots that tell theirs a thousand times a second.
+const WAITING: usize = 1024;
+/// Robots of a cell that are followed.
+const MAX_ROBOTS: usize = 16;
+/// Bases within this are one robot's, under two names, metres: no two arms stand there.
+const SAME_BASE_M: f64 = 0.1;
+/// Bases farther apart than this are of robots that cannot meet, metres: twice an arm's reach with what it holds.
+const FAR_M: f64 = 2.5;
+/// Parts of another robot that are farther than this from a robot's base cannot be met, metres.
+const BEYOND_M: f64 = 1.3;
+/// What planning keeps away from another robot beside all that it keeps away from the scene, metres: bases are known to a centimetre or two.
+const ROOM_M: f64 = 0.03;
+
+/// A robot beside another.
+struct Neighbour {
+    name: String,
+    state: RobotState,
+    world_from_base: Isometry3<f64>,
+}
+
+/// What the robots of a cell have told last.
+pub struct Neighbours {
+    world_from_base: Isometry3<f64>,
+    told: Arc<Mutex<BTreeMap<String, RobotState>>>,
+    _following: JoinSet<()>,
+}
+
+impl Neighbours {
+    /// Follows all robots of the cell; `world_from_base` is where the robot stands that motions are planned for.
+    ///
+    /// # Errors
+    /// When the network refuses.
+    pub async fn follow(session: &Session, world_from_base: Isometry3<f64>) -> Result<Self, RuntimeError> {
+        let mut states = session.subscribe_queue(&session.cell().robot_states(), WAITING).await?;
+        let told = Arc::new(Mutex::new(BTreeMap::new()));
+        let mut following = JoinSet::new();
+        let heard = told.clone();
+        following.spawn(async move {
+            while let Some(sample) = states.recv().await {
+                let (Some(robot), Ok(state)) = (keys::worker_of(&sample.key), sample.payload.decode_json::<RobotState>()) else { continue };
+                let mut heard = heard.lock().unwrap_or_else(PoisonError::into_inner);
+                if heard.len() < MAX_ROBOTS || heard.contains_key(robot) {
+                    heard.insert(robot.to_owned(), state);
+                }
+            }
+        });
+        Ok(Self { world_from_base, told, _following: following })
+    }
+
+    /// What the robots beside one fill, with room for errors of their bases.
+    pub fn solids(&self, robot: &str) -> Vec<ObstacleShape> {
+        self.beside(robot).iter().flat_map(|neighbour| neighbour.solids(&self.world_from_base, ROOM_M)).collect()
+    }
+
+    /// Checks that the robots beside one stand still, without a task.
+    ///
+    /// # Errors
+    /// `failed_precondition` on `robot` at the first that does not.
+    pub fn check_still(&self, robot: &str) -> Result<(), CallError> {
+        let is_busy = |neighbour: &&Neighbour| neighbour.state.mode == RobotMode::Moving || neighbour.state.open_task().is_some();
+        self.beside(robot).iter().find(is_busy).map_or(Ok(()), |busy| {
+            let message = format!("robot {} stands within reach and is doing something: one of them moves at a time", busy.name);
+            Err(CallError::precondition(message).at("robot"))
+        })
+    }
+
+    /// Checks a plan against the robots beside its own, where they stand now.
+    ///
+    /// # Errors
+    /// As [`Neighbours::check_still`], and where the plan would touch one; those of [`Zones::check`].
+    pub fn check(&self, plan: &MotionPlan, scene: Option<&Scene>) -> Result<(), CallError> {
+        self.check_still(&plan.robot)?;
+        self.beside(&plan.robot).iter().try_for_each(|neighbour| {
+            let solids = neighbour.solids(&self.world_from_base, 0.0);
+            let of_robot = Some(neighbour.name.as_str());
+            Zones { world_from_base: &self.world_from_base, solids: &solids, of_robot }.check(plan, scene)
+        })
+    }
+
+    /// The robots that could meet one, by their names.
+    fn beside(&self, robot: &str) -> Vec<Neighbour> {
+        let told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+        let near = |(name, state): (&String, &RobotState)| {
+            let world_from_base: Isometry3<f64> = from_row_major(&state.world_from_base.as_ref()?.0).ok()?;
+            let apart_m = (world_from_base.translation.vector - self.world_from_base.translation.vector).norm();
+            (SAME_BASE_M..FAR_M).contains(&apart_m).then(|| Neighbour { name: name.clone(), state: state.clone(), world_from_base })
+        };
+        told.iter().filter(|(name, _)| *name != robot).filter_map(near).collect()
+    }
+}
+
+impl Neighbour {
+    /// The arm, its hand and what it holds, as far as another can come to them, each larger by as much.
+    fn solids(&self, other_base: &Isometry3<f64>, room_m: f64) -> Vec<ObstacleShape> {
+        let frames = LinkFrames::at(&self.state.q_rad);
+        let spheres = spheres_in_base(&frames, self.state.gripper_width_m).into_iter().chain(shoulder_in_base(&frames));
+        let balls = spheres.map(|sphere| (self.world_from_base * sphere.center, sphere.radius_m));
+        let met = balls.filter(|(center, radius_m)| (center.coords - other_base.translation.vector).norm() < BEYOND_M + radius_m);
+        let arm = met.map(|(center, radius_m)| ObstacleShape::ball(center, radius_m + room_m));
+        let held = self.state.held.as_ref().map(|held| {
+            let (low, high) = (Vector3::from(held.low_m), Vector3::from(held.high_m));
+            let world_from_middle = self.world_from_base * base_from_tcp(&self.state.q_rad) * Translation3::from((low + high) / 2.0);
+            ObstacleShape::cuboid(world_from_middle, high - low + Vector3::repeat(2.0 * room_m))
+        });
+        arm.chain(held).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_panda::READY;
+    use repose_proto::robot::TaskState;
+    use repose_proto::{Payload, RigidTransform};
+    use repose_runtime::Traffic;
+    use serde_json::json;
+
+    use super::*;
+
+    /// A robot that stands there, at a height above the floor that it shares with another.
+    fn standing(at_m: [f64; 2], mode: &str) -> RobotState {
+        let still = [0.0; 7];
+        let base = RigidTransform([1.0, 0.0, 0.0, at_m[0], 0.0, 1.0, 0.0, at_m[1], 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+        serde_json::from_value(json!({"v": 1, "seq": 1, "stamp_ns": 1, "robot_ms": 0.0, "q_rad": READY, "dq_rad_s": still,
+            "gripper_width_m": 0.04, "gripper_settled": true, "gripper_holding": false, "mode": mode, "world_from_base": base}))
+        .expect("a state")
+    }
+
+    async fn beside(states: &[(&str, RobotState)]) -> Neighbours {
+        let session = Session::embedded().await.expect("a session");
+        let neighbours = Neighbours::follow(&session, Isometry3::identity()).await.expect("followed");
+        for (robot, state) in states {
+            let told = session.publisher(session.cell().robot_state(robot), Traffic::RobotState);
+            told.put(Payload::json(state).expect("a payload")).await.expect("put");
+        }
+        let all_told = || neighbours.told.lock().expect("what was told").len() == states.len();
+        tokio::time::timeout(std::time::Duration::from_secs(10), async {
+            while !all_told() {
+                tokio::time::sleep(std::time::Duration::from_millis(5)).await;
+            }
+        })
+        .await
+        .expect("they are heard");
+        neighbours
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn robots_within_reach_are_in_the_way_and_others_are_not() {
+        let far = standing([3.0, 0.0], "moving");
+        let same = standing([0.05, 0.0], "moving");
+        let neighbours = beside(&[("own", standing([0.0, 0.0], "idle")), ("far", far), ("same", same)]).await;
+        assert!(neighbours.solids("own").is_empty() && neighbours.check_still("own").is_ok());
+
+        let across = standing([0.9, 0.0], "idle");
+        let neighbours = beside(&[("own", standing([0.0, 0.0], "idle")), ("across", across.clone())]).await;
+        let solids = neighbours.solids("own");
+        // It faces away: its foot is the nearest, 90 cm off less its own size.
+        let nearest_m = solids.iter().map(|solid| solid.distance_m(&nalgebra::Point3::origin())).fold(f64::INFINITY, f64::min);
+        assert!((0.6..0.9).contains(&nearest_m), "{nearest_m}");
+        assert!(neighbours.check_still("own").is_ok());
+
+        let task = TaskState { id: Some("t".to_owned()) };
+        for busy in [standing([0.9, 0.0], "moving"), RobotState { task: Some(task), ..across }] {
+            let refused = beside(&[("across", busy)]).await.check_still("own").expect_err("it is doing something");
+            assert!(refused.field.as_deref() == Some("robot") && refused.message.contains("across"), "{refused}");
+        }
+    }
+}
