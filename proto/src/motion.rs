@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::checks::{check_finite, check_range};
 use crate::keys::validate_chunk;
-use crate::robot::{GripperCommand, SetPoint};
+use crate::robot::{GripperCommand, SetPoint, StopState};
 use crate::{CallError, Message, RigidTransform, SceneRef, limits};
 
 /// A grasp: where the point between the fingertips goes and how wide the gripper is before it closes.
@@ -423,6 +423,16 @@ impl Message for RecoverReply {
 pub struct RobotResetRequest {
     /// The robot.
     pub robot: String,
+    /// The stop that is to be cleared, as the robot's state shows it: another that has latched since stays. Without it whichever is latched is cleared.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stop: Option<StopState>,
+}
+
+impl RobotResetRequest {
+    /// Clears whichever stop is latched.
+    pub fn new(robot: String) -> Self {
+        Self { robot, stop: None }
+    }
 }
 
 impl Message for RobotResetRequest {

@@ -58,7 +58,7 @@ fn json_messages_keep_their_bytes() {
     let forecasts = BTreeMap::from([("success".to_owned(), serde_json::json!({"measures": ["a"]}))]);
     check("ForecastsReply.v1.json", &json(&ForecastsReply { weights_hash: "w".into(), forecasts }));
     check("ExecuteProgress.v1.json", &json(&ExecuteProgress { phase: Phase::Lift, done: 3, of: 8 }));
-    check("RobotResetRequest.v1.json", &json(&RobotResetRequest { robot: "panda".into() }));
+    check("RobotResetRequest.v1.json", &json(&RobotResetRequest::new("panda".into())));
     check("RobotResetReply.v1.json", &json(&RobotResetReply { was_stopped: true }));
     check("RecoverRequest.v1.json", &json(&recover_request()));
     check("RecoverReply.v1.json", &json(&recover_reply()));

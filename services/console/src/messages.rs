@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use repose_proto::load::WorkerLoad;
 use repose_proto::motion::{ExecutionOutcome, RecoveryMove};
-use repose_proto::robot::RobotState;
+use repose_proto::robot::{RobotState, StopState};
 use repose_proto::{ArrangeRequest, ArrangeResult, CallError, GoalTerm, PlaceRequest, PlaceResult, RigidTransform, Service};
 use serde::{Deserialize, Serialize};
 
@@ -109,6 +109,9 @@ pub enum Ask {
     Reset {
         /// The robot.
         robot: String,
+        /// The stop that the viewer was shown: another stays. Without it whichever is latched is cleared.
+        #[serde(default)]
+        stop: Option<StopState>,
     },
     /// Bring a robot's arm back after a stop.
     Recover {

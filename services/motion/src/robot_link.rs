@@ -6,8 +6,8 @@ use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPhase, MotionPlan, RobotResetReply};
-use repose_proto::robot::{RobotCommand, RobotMode, RobotState};
+use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPhase, MotionPlan, RobotResetReply, RobotResetRequest};
+use repose_proto::robot::{RobotCommand, RobotMode, RobotState, StopState};
 use repose_proto::{CallError, ErrorCode, Payload, keys};
 use repose_runtime::{CancellationToken, Publisher, RuntimeError, Session, Subscription, Traffic};
 use tokio::time::MissedTickBehavior;
@@ -157,18 +157,27 @@ impl RobotLink {
         Ok(self.states(robot).await?.1)
     }
 
-    /// Clears a latched stop, and waits until the robot shows it cleared. A stop that latches meanwhile stays.
+    /// Clears a latched stop, the one that is named where one is, and waits until the robot shows it cleared. A stop that latches meanwhile stays.
     ///
     /// # Errors
     /// `unavailable` when the robot shows no state; `failed_precondition` when the stop does not clear in time or another one has latched.
-    pub async fn reset(&self, robot: &str) -> Result<RobotResetReply, CallError> {
-        let claim = self.claim(robot)?;
+    pub async fn reset(&self, wanted: &RobotResetRequest) -> Result<RobotResetReply, CallError> {
+        let claim = self.claim(&wanted.robot)?;
         let (mut states, mut state) = self.states(&claim.robot).await?;
         if state.mode != RobotMode::Stopped {
             return Ok(RobotResetReply { was_stopped: false });
         }
         // A robot may be stopped without saying why.
         let stop = state.stop.clone();
+        let another = |latched: &StopState| {
+            let message = format!("another stop has latched meanwhile: {} ({})", latched.reason, latched.kind);
+            CallError::precondition(message).at("robot")
+        };
+        if let (Some(wanted), Some(latched)) = (&wanted.stop, &stop)
+            && wanted != latched
+        {
+            return Err(another(latched));
+        }
         let commands = self.commands(&claim.robot);
         let owner = next_owner(&self.commander, &state)?;
         let deadline = tokio::time::Instant::now() + self.timeout;
@@ -196,8 +205,8 @@ impl RobotLink {
             if state.mode != RobotMode::Stopped {
                 return Ok(RobotResetReply { was_stopped: true });
             }
-            if state.stop.is_some() && state.stop != stop {
-                return Err(CallError::precondition("another stop has latched meanwhile").at("robot"));
+            if let Some(latched) = state.stop.as_ref().filter(|latched| stop.as_ref() != Some(*latched)) {
+                return Err(another(latched));
             }
         }
     }

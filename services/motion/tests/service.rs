@@ -259,7 +259,13 @@ async fn a_latched_stop_refuses_executions_until_it_is_reset() {
     let robot = running.robot(stopped).await;
     assert_eq!(refusal(running.call("execute", execute()).await), (ErrorCode::FailedPrecondition, Some("robot".to_owned())));
 
-    let reset = || Payload::json(&RobotResetRequest { robot: "panda".to_owned() }).unwrap();
+    // Somebody saw another stop, and would clear that one.
+    let seen = StopState { kind: "estop".to_owned(), reason: "another".to_owned(), estop_id: Some("e0".to_owned()) };
+    let of_another = Payload::json(&RobotResetRequest { robot: "panda".to_owned(), stop: Some(seen) }).unwrap();
+    assert_eq!(refusal(running.call("reset", of_another).await), (ErrorCode::FailedPrecondition, Some("robot".to_owned())));
+    assert_eq!(robot.lock().unwrap().state.mode, RobotMode::Stopped, "it stays");
+
+    let reset = || Payload::json(&RobotResetRequest::new("panda".to_owned())).unwrap();
     let reply = running.call("reset", reset()).await.unwrap();
     assert_eq!(reply.payload.decode_json::<RobotResetReply>().unwrap(), RobotResetReply { was_stopped: true });
     {

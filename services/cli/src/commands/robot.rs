@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use repose_executive::{IdentifiedScene, recovery};
 use repose_proto::motion::{ExecutionOutcome, RecoverReply, RecoveryMove, RobotResetReply, RobotResetRequest};
 use repose_proto::scene::WorldFrame;
-use repose_proto::{Payload, Service, keys};
+use repose_proto::{CallError, Payload, Service, keys};
 use repose_runtime::{CallOptions, Session, emergency_stop_within};
 use repose_sentences::robot::describe;
 
@@ -36,7 +36,7 @@ pub struct RobotArgs {
     /// The camera whose newest scene the paths of `retreat` and `home` are checked against.
     #[arg(long, default_value = "front")]
     pub camera: String,
-    /// Do not look for a scene: check the paths of `retreat` and `home` only against the robot itself and the keep-out zones.
+    /// Do without a scene: check the paths of `retreat` and `home` only against the robot itself, other robots and the keep-out zones.
     #[arg(long)]
     pub unchecked: bool,
     /// Deadline of `stop`, `reset` and `state`, milliseconds.
@@ -57,7 +57,7 @@ pub enum Action {
     Open,
     /// Backs the hand off slowly along its approach direction, as far as the path is free. After `open`.
     Retreat,
-    /// Moves slowly to the ready pose on a collision-free path. After `retreat`.
+    /// Moves slowly to the ready pose on a collision-free path. After `retreat`. Both need a scene to check against, or `--unchecked`.
     Home,
 }
 
@@ -80,10 +80,13 @@ async fn act(args: &RobotArgs, session: &Session, output: Output) -> CommandResu
         }
         Action::Reset => {
             let motion = session.caller(Service::Motion).await?;
-            let request = Payload::json(&RobotResetRequest { robot: robot.clone() })?;
+            // What is cleared is the stop that is told here, and none that latches meanwhile.
+            let stop = client::robot_state(session, robot, within).await?.stop;
+            let request = Payload::json(&RobotResetRequest { robot: robot.clone(), stop: stop.clone() })?;
             let reply = motion.call("reset", request, CallOptions::at_most_once(within)).await?;
             let reply: RobotResetReply = reply.payload.decode_json()?;
-            output.print(&reply, || format!("{robot} {}", if reply.was_stopped { "may go on" } else { "was not stopped" }))
+            let was = stop.map_or_else(String::new, |stop| format!("; it was stopped: {} ({})", stop.reason, stop.kind));
+            output.print(&reply, || if reply.was_stopped { format!("{robot} may go on{was}") } else { format!("{robot} was not stopped") })
         }
         Action::State => {
             let state = client::robot_state(session, robot, within).await?;
@@ -95,11 +98,11 @@ async fn act(args: &RobotArgs, session: &Session, output: Output) -> CommandResu
     }
 }
 
-/// Brings the arm back, checked against the newest scene of the camera where there is one.
+/// Brings the arm back, checked against the newest scene of the camera unless that is not wanted.
 async fn recover(args: &RobotArgs, session: &Session, motion: RecoveryMove, output: Output) -> CommandResult {
     let mut interrupts = Interrupts::listen()?;
     let scene = match motion {
-        RecoveryMove::Retreat | RecoveryMove::Home if !args.unchecked => newest_scene(args, session).await,
+        RecoveryMove::Retreat | RecoveryMove::Home if !args.unchecked => Some(newest_scene(args, session).await?),
         _ => None,
     };
     let caller = session.caller(Service::Motion).await?;
@@ -123,17 +126,19 @@ fn recovered(robot: &str, motion: RecoveryMove, reply: &RecoverReply) -> String 
     }
 }
 
-/// The newest scene whose camera knows where it stands.
-async fn newest_scene(args: &RobotArgs, session: &Session) -> Option<IdentifiedScene> {
+/// The newest scene, of a camera that knows where it stands.
+async fn newest_scene(args: &RobotArgs, session: &Session) -> Result<IdentifiedScene, Failure> {
     let newest = async {
         let summary = client::newest_scene(session, &args.camera, SCENE, client::PATIENCE).await?;
         let scene = client::whole_scene(session, &summary.scene_id, SCENE).await?;
         Ok::<_, Failure>((summary.scene_id, scene))
     };
-    match newest.await {
-        Ok(newest) if newest.1.meta.world_frame == WorldFrame::Extrinsics => return Some(newest),
-        Ok(_) => tracing::warn!(camera = args.camera, "the camera does not know where it stands: its scene is of no use to the robot"),
-        Err(failure) => tracing::warn!(camera = args.camera, why = ?failure.error(), "no scene to check the way against"),
-    }
-    None
+    let camera = &args.camera;
+    let why = match newest.await {
+        Ok(newest) if newest.1.meta.world_frame == WorldFrame::Extrinsics => return Ok(newest),
+        Ok(_) => "it does not know where it stands".to_owned(),
+        Err(failure) => failure.into_error().message,
+    };
+    let message = format!("no scene of camera {camera} to check the path against ({why}); nothing has moved. --unchecked goes without");
+    Err(CallError::precondition(message).at("camera").into())
 }

@@ -151,7 +151,7 @@ impl Viewer {
             Ask::Sequence { scene_id, robot, goals } => {
                 let (cell, camera) = self.watched()?;
                 let scene = self.scene(&cell, &scene_id).await?;
-                super::sequence::begin(cell, camera, scene, robot, goals, &self.state.config)
+                super::sequence::begin(cell, camera, (scene_id, scene), robot, goals, &self.state.config)
             }
             Ask::Arrange { request } => {
                 let cell = self.cell()?;
@@ -170,7 +170,7 @@ impl Viewer {
                 super::arrangement::end(&cell);
                 Ok(Answered::Done {})
             }
-            Ask::Reset { robot } => self.reset(&robot).await,
+            Ask::Reset { robot, stop } => self.reset(RobotResetRequest { robot, stop }).await,
             Ask::Recover { robot, motion, unchecked } => {
                 let (cell, camera) = self.watched()?;
                 let RecoverReply { outcome, reason, checked_against, .. } =
@@ -355,8 +355,8 @@ impl Viewer {
         Ok(Answered::Executed { outcome: reply.outcome, reason: reply.reason })
     }
 
-    async fn reset(&self, robot: &str) -> Result<Answered, CallError> {
-        let request = Payload::json(&RobotResetRequest { robot: robot.to_owned() })?;
+    async fn reset(&self, wanted: RobotResetRequest) -> Result<Answered, CallError> {
+        let request = Payload::json(&wanted)?;
         let answer = self.cell()?.caller(Service::Motion).call("reset", request, CallOptions::at_most_once(RESET)).await?;
         let reply: RobotResetReply = answer.payload.decode_json()?;
         Ok(Answered::Cleared { was_stopped: reply.was_stopped })
