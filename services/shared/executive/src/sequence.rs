@@ -14,6 +14,7 @@ use repose_sentences::placement::center_of;
 use repose_tracking::{Followed, holds};
 use serde::Serialize;
 
+use crate::attended::Attended;
 use crate::site::{COUNT, IdentifiedScene, Site, is_unserved};
 use crate::tried::Tried;
 
@@ -82,7 +83,7 @@ impl GoalStep {
 
 /// Goals being achieved one after another.
 pub struct Sequence<S> {
-    site: S,
+    site: Attended<S>,
     /// Attempts at each goal, at least 1.
     attempts: usize,
     view: IdentifiedScene,
@@ -97,6 +98,7 @@ impl<S: Site> Sequence<S> {
     /// # Errors
     /// Those of [`Site::view_after`].
     pub async fn begin(site: S, seen: Option<&Scene>, attempts: usize) -> Result<Self, CallError> {
+        let site = Attended::from_now(site).await;
         let view = site.view_after(seen.map_or(0, |scene| scene.stamp_ns)).await?;
         let mut followed = Followed::of(seen.unwrap_or(&view.1));
         if seen.is_some() {

@@ -25,6 +25,7 @@ use repose_tracking::{Fate, Followed, holds};
 
 use self::order::{next_possible, renamed};
 pub use self::report::{ArrangementEnd, ArrangementReport, NamedMove, News, PlannedMoves, TriedMove};
+use crate::attended::Attended;
 use crate::memory::GoalMemory;
 use crate::site::{COUNT, IdentifiedScene, MoveStage, Site, is_unserved, is_without_grasp};
 use crate::tried::Tried;
@@ -47,6 +48,7 @@ pub async fn bring_about<S: Site>(
     attempts: usize,
     told: impl FnMut(News<'_>) + Send,
 ) -> Result<ArrangementReport, CallError> {
+    let site = Attended::from_now(site).await;
     let view = site.view_after(seen.map_or(0, |scene| scene.stamp_ns)).await?;
     let mut followed = Followed::of(seen.unwrap_or(&view.1));
     if seen.is_some() {
@@ -100,7 +102,7 @@ pub async fn bring_about<S: Site>(
 
 /// An arrangement that is being brought about.
 struct Run<S, T> {
-    site: S,
+    site: Attended<S>,
     told: T,
     /// What is asked for, in the ids of the first view.
     request: ArrangeRequest,
