@@ -7,11 +7,13 @@ import { STAGES, plain, seconds, sentence, termWords } from "./words.js";
 const OUTCOMES = { done: "Done", stopped: "Stopped", grasp_lost: "The grasp was lost" };
 const RECOVERIES = { open: "Open the hand", retreat: "Back off", home: "Home" };
 const PREVIEW_STEP_MS = 50;
+/** A robot that has told no state for this long is silent, milliseconds. */
+const SILENT_MS = 3000;
 
 export class Motion {
-  #robot; #plan; #execution; #fault; #may = false; #playing; #isMoving = false; #isRecovering = false; #recovered; #drawn = ""; #at = 0;
+  #robot; #toldAt = 0; #isSilent = false; #plan; #execution; #fault; #may = false; #playing; #isMoving = false; #isRecovering = false; #recovered; #drawn = ""; #at = 0;
 
-  /** `execute()`, `reset(robot)`, `recover(robot, move, unchecked)`, which resolves to how it ended, and `preview(t_ms)` are what its parts ask for. */
+  /** `execute()`, `reset(robot, stop)`, `recover(robot, move, unchecked)`, which resolves to how it ended, and `preview(t_ms)` are what its parts ask for. */
   constructor(box, actions) {
     this.box = box;
     this.actions = actions;
@@ -21,15 +23,25 @@ export class Motion {
   may(may) { this.#may = may; this.render(); }
   fault(refusal) { this.#fault = refusal; this.render(); }
 
-  /** Takes a robot's state; draws only what a person would see change. */
+  /** Takes a robot's state, or that there is none; draws only what a person would see change. */
   robot(shown) {
     this.#robot = shown;
-    const { state } = shown;
-    const drawn = JSON.stringify([shown.robot, state.mode, state.stop, Math.round(state.gripper_width_m * 1000), state.gripper_holding, state.owner?.id]);
+    this.#toldAt = performance.now();
+    this.aged();
+    const { state } = shown ?? {};
+    const drawn = state && JSON.stringify([shown.robot, state.mode, state.stop, Math.round(state.gripper_width_m * 1000), state.gripper_holding, state.owner?.id]);
     if (drawn !== this.#drawn) {
       this.#drawn = drawn;
       this.render();
     }
+  }
+
+  /** Looks whether the robot still tells its state. */
+  aged() {
+    const isSilent = !!this.#robot && performance.now() - this.#toldAt > SILENT_MS;
+    if (isSilent === this.#isSilent) return;
+    this.#isSilent = isSilent;
+    this.render();
   }
 
   plan(plan) {
@@ -55,7 +67,8 @@ export class Motion {
     const { robot, state } = this.#robot ?? {};
     fill(this.box,
       el("div", { className: "title" }, el("h2", { id: "motion-title", textContent: robot ? sentence(robot) : "Robot" }),
-        state && el("span", { className: `badge ${state.mode === "stopped" ? "bad" : state.mode === "moving" ? "live" : ""}`, id: "mode", textContent: state.mode }),
+        state && el("span", { className: `badge ${this.#isSilent || state.mode === "stopped" ? "bad" : state.mode === "moving" ? "live" : ""}`, id: "mode",
+          textContent: this.#isSilent ? `silent, was ${state.mode}` : state.mode }),
         el("span", { className: "grow" }),
         state && el("span", { className: "muted small numbers", id: "gripper", textContent: `gripper ${(1000 * state.gripper_width_m).toFixed(0)} mm${state.gripper_holding ? `, holding${state.held ? ` object ${state.held.object}` : ""}` : ""}` })),
       !state && el("p", { className: "hint", textContent: "No robot tells its state." }),
@@ -93,7 +106,7 @@ export class Motion {
 
   #stopped(robot, stop) {
     return el("div", { className: "stopped" }, el("b", { textContent: "Stopped" }), `${sentence(stop.reason)} (${plain(stop.kind)})`,
-      el("div", {}, el("button", { type: "button", id: "reset", textContent: "Clear the stop", disabled: !this.#may, title: "The robot may move again (R)", onclick: () => this.actions.reset(robot) })));
+      el("div", {}, el("button", { type: "button", id: "reset", textContent: "Clear the stop", disabled: !this.#may, title: "The robot may move again (R)", onclick: () => this.actions.reset(robot, stop) })));
   }
 
   #phases({ phases, phase, ended, query, said }) {
@@ -152,8 +165,15 @@ export class Sequence {
 
   may(may) { this.#may = may; this.render(); }
   fault(refusal) { this.#fault = refusal; this.render(); }
-  add(request) { this.#goals.push(request); this.#fault = undefined; this.render(); }
-  clear() { this.#goals = []; this.render(); }
+  /** Collects a goal. Objects have other numbers in another scene, so all that is collected is of one. */
+  add(request) {
+    const isOfAnother = this.#goals.some((goal) => goal.scene.scene_id !== request.scene.scene_id);
+    if (isOfAnother) return this.fault({ code: "failed_precondition", message: "The goals here are of an earlier picture, in which objects had other numbers: carry them out or clear them first." });
+    this.#goals.push(request);
+    this.#fault = undefined;
+    this.render();
+  }
+  clear() { this.#goals = []; this.#fault = undefined; this.render(); }
   get isEmpty() { return !this.#goals.length; }
 
   /** Takes the sequence that the cell carries out. */

@@ -8,6 +8,12 @@ const ENDS = {
   achieved: "All goals hold", no_arrangement: "No moves were found from here", gave_up: "Given up after several tries", lost: "An object is lost", stopped: "Stopped",
 };
 
+/** What is asked for once for all goals, and how it is called. */
+const ALIKE = { view_yaw_rad: "Left and right as", rotation: "Turning", variant: "Method" };
+
+/** The first option that not all of the collected goals have alike. */
+const unlike = ([first, ...others]) => Object.keys(ALIKE).find((option) => others.some((goal) => goal[option] !== first[option]));
+
 /** One entry an object: what was collected about one object shall all hold. */
 export function together(collected) {
   const [{ scene, view_yaw_rad, rotation, variant, seed }] = collected, goals = [];
@@ -46,6 +52,11 @@ export class Arrangement {
   /** Asks for moves after which all that was collected holds. */
   async find(collected) {
     if (!this.#may || !collected.length) return;
+    const option = unlike(collected);
+    if (option) {
+      this.#fault = { code: "invalid_argument", message: `Goals that shall hold together have one “${ALIKE[option]}”, and these have several.` };
+      return this.render();
+    }
     this.#request = together(collected);
     this.#answer = this.#fault = undefined;
     const answer = this.actions.ask(this.#request);

@@ -161,7 +161,7 @@ export class Goal {
       el("summary", { textContent: "Options" }),
       el("div", { className: "fields" },
         field("count", "Places wanted", number("count", "count", { min: 1, max: 64 })),
-        field("rotation", "Turning", select("rotation", { fixed: "keep its direction", yaw: "may be turned upright" })),
+        field("rotation", "Turning", select("rotation", { fixed: "keep its direction", yaw: "may be turned upright", stable: "may be set on another side" })),
         field("view", "Left and right as", select("view", { camera: "the camera sees it", scene: "I look at the scene", degrees: "from a direction" }),
           options.view === "degrees" && number("degrees", "view_yaw_rad", { min: -180, max: 180, step: 5 }), options.view === "degrees" && "°"),
         field("variant", "Method", select("variant", VARIANTS)),

@@ -14,6 +14,8 @@ import { centimetres, colorOf } from "./words.js";
 const LAYERS = { cloud: "Cloud", surfaces: "Surfaces", placements: "Places", arm: "Arm", way: "Way", zones: "Keep-out" };
 /** How long a passing notice stays. */
 const NOTICE_MS = 6000;
+/** A picture or a state that is older than this is not called live, milliseconds. */
+const STALE_MS = 3000;
 /** How far an object may seem to have moved between two segmentations of one picture, metres. */
 const SAME_M = 0.03;
 const ROLES = ["viewer", "planner", "operator"];
@@ -23,6 +25,8 @@ let role = "viewer", cell, camera, robot, page;
 let scene, newest, isHeld = false, hasWatched = false, asked, myPlan, hadPlan;
 /** The cell that the console's messages are of, and how often one was asked for. */
 let toldOf, watches = 0;
+/** How often an answer was cleared: one that comes after that is of a goal of before. */
+let cleared = 0;
 const robots = new Map();
 
 // The console. First, so that it answers while the parts are made.
@@ -99,7 +103,7 @@ async function heard(kind, message) {
     case "scene": return sceneShown(message);
     case "segmented": return segmented(message);
     case "robot": return robotShown(message);
-    case "activity": motion.execution(message.execution); sequence.running(message.sequence); arrangement.running(message.arrangement); return activityShown(message);
+    case "activity": return heardOfActivity(message);
     case "plan": return planShown(message.shown);
   }
 }
@@ -150,13 +154,24 @@ function systemShown(message) {
   choices(byId("robot"), message.robots, robot);
 }
 
-async function pictureShown({ metadata, tensors }) {
+async function pictureShown({ tensors }) {
+  pictureShown.at = performance.now();
   if (isHeld) return;
+  // In the order in which they came: a recording that is played has stamps of before, and two cells have clocks of their own.
+  const turn = ++pictureShown.came;
   const bitmap = await createImageBitmap(new Blob([tensors.jpeg], { type: "image/jpeg" }));
-  // Of several that were being decoded, an older one may come last.
-  if (isHeld || BigInt(metadata.stamp_ns) < (pictureShown.stamp ?? 0n)) return bitmap.close();
-  pictureShown.stamp = BigInt(metadata.stamp_ns);
+  // Of several that were being decoded, an older one may come last, or after another camera was chosen.
+  if (isHeld || turn < pictureShown.first) return bitmap.close();
+  pictureShown.first = turn;
   picture.show(bitmap);
+  drawSeen();
+}
+[pictureShown.came, pictureShown.first] = [0, 0];
+
+/** Pictures that are on their way are of a camera that is looked through no longer. */
+function forgetPictures() {
+  pictureShown.first = pictureShown.came + 1;
+  pictureShown.at = undefined;
 }
 
 function sceneOf({ metadata, tensors }) {
@@ -198,9 +213,9 @@ function drawObjects() {
 }
 
 function drawSeen() {
-  const badge = byId("seen");
-  badge.className = `badge ${isHeld ? "held" : scene ? "live" : ""}`;
-  badge.textContent = isHeld ? "held for the goal" : scene ? "live" : "";
+  const badge = byId("seen"), age_ms = performance.now() - (pictureShown.at ?? performance.now());
+  badge.className = `badge ${isHeld ? "held" : age_ms > STALE_MS ? "bad" : scene ? "live" : ""}`;
+  badge.textContent = isHeld ? "held for the goal" : age_ms > STALE_MS ? `${Math.floor(age_ms / 1000)} s old` : scene ? "live" : "";
   byId("follow").hidden = !isHeld;
 }
 
@@ -262,6 +277,8 @@ function release() {
 }
 
 function clearAnswer() {
+  cleared++;
+  if (asked) connection.ask("cancel", { request: asked }).catch(() => {});
   placements.clear();
   world.showPlacements(0, []);
   world.showRejected({});
@@ -274,7 +291,7 @@ function clearAnswer() {
 async function find() {
   if (asked || !goal.isComplete) return;
   clearAnswer();
-  const request = goal.request(scene.id, world.yaw);
+  const turn = cleared, request = goal.request(scene.id, world.yaw);
   const answer = connection.ask("place", { request }, (progress) => {
     byId("progress").textContent = `searching … round ${progress.iterations}, ${progress.evaluated} candidates`;
   });
@@ -282,11 +299,12 @@ async function find() {
   goal.asking(true);
   try {
     const found = await answer;
+    if (turn !== cleared) return;
     placements.show(found);
     world.showPlacements(found.placed.query, found.placed.placements);
     world.showRejected(found.placed.rejected_at_m ?? {});
   } catch (refusal) {
-    if (refusal.code !== "cancelled") goal.fault(refusal);
+    if (refusal.code !== "cancelled" && turn === cleared) goal.fault(refusal);
   } finally {
     asked = undefined;
     goal.asking(false);
@@ -296,15 +314,18 @@ async function find() {
 async function planMotion() {
   const placed = placements.answer?.placed;
   if (!placed?.placements.length) return;
+  const turn = cleared;
   placements.planning(true);
   try {
     const { plan } = await connection.ask("plan", {
       scene_id: placed.scene_id, robot, query: placed.query, placements: placed.placements.map((p) => p.placed_from_observed), seed: placed.seed });
+    // The goal was changed while the motion was planned: that one is nobody's.
+    if (turn !== cleared) return void connection.ask("discard", { plan }).catch(() => {});
     myPlan = plan;
     motion.mine(hadPlan?.plan === myPlan);
     placements.planned(hadPlan?.plan === myPlan ? hadPlan : undefined);
   } catch (refusal) {
-    placements.fault(refusal);
+    if (turn === cleared) placements.fault(refusal);
   }
 }
 
@@ -334,9 +355,11 @@ function follow() {
   drawSeen();
 }
 
-function activityShown({ execution }) {
-  const wasMoving = activityShown.isMoving;
-  activityShown.isMoving = motion.isMoving;
+function heardOfActivity({ execution, sequence: several, arrangement: arranged }) {
+  const wasMoving = motion.isMoving;
+  motion.execution(execution);
+  sequence.running(several);
+  arrangement.running(arranged);
   if (wasMoving && !motion.isMoving && execution?.ended?.outcome?.outcome === "done") {
     goal.clear();
     clearAnswer();
@@ -352,17 +375,29 @@ function robotShown(shown) {
   world.showRobot(shown);
   if (shown.robot !== robot) return;
   motion.robot(shown);
-  const button = byId("stop"), isStopped = !!shown.state.stop;
-  if (button.classList.toggle("latched", isStopped) === isStopped) button.textContent = isStopped ? "Stopped" : "Stop";
+  showStopped(!!shown.state.stop);
+}
+
+function robotForgotten() {
+  motion.robot(undefined);
+  motion.fault();
+  showStopped(false);
+}
+
+function showStopped(isStopped) {
+  const button = byId("stop");
+  button.classList.toggle("latched", isStopped);
+  button.textContent = isStopped ? "Stopped" : "Stop";
 }
 
 function stop() {
   connection.stop(cell, robot ?? "panda", "stopped from the console").then(() => notice(), (refusal) => notice({ message: `Stop: ${refusal.message}`, field: refusal.field }, "bad"));
 }
 
-function reset(name) {
+/** Clears the stop that is shown, and none that has latched since. */
+function reset(name, shown) {
   motion.fault();
-  connection.ask("reset", { robot: name }).catch((refusal) => motion.fault(refusal));
+  connection.ask("reset", { robot: name, stop: shown }).catch((refusal) => motion.fault(refusal));
 }
 
 /** Brings an arm back; what is said of it, or the refusal. Neither is of a cell that was chosen meanwhile. */
@@ -395,10 +430,16 @@ byId("open-system").addEventListener("click", () => system.open());
 byId("cell").addEventListener("change", ({ target }) => {
   cell = target.value;
   toldOf = undefined;
-  motion.fault();
   [camera, robot, newest, scene, myPlan] = [];
   robots.clear();
   world.forget();
+  // An idle cell says nothing of what is carried out in it.
+  planShown(undefined);
+  heardOfActivity({});
+  robotForgotten();
+  sequence.clear();
+  arrangement.clear();
+  forgetPictures();
   isHeld = false;
   goal.clear();
   stored.set("cell", cell);
@@ -411,7 +452,7 @@ byId("camera").addEventListener("change", ({ target }) => {
   stored.set("camera", camera);
   goal.clear();
   release();
-  pictureShown.stamp = 0n;
+  forgetPictures();
   watch();
 });
 byId("robot").addEventListener("change", ({ target }) => {
@@ -452,6 +493,8 @@ byId("theme").addEventListener("click", () => theme(document.documentElement.dat
 dark.addEventListener("change", () => theme());
 theme();
 drawSeen();
+// What comes no longer says nothing by itself.
+setInterval(() => { drawSeen(); motion.aged(); }, 1000);
 
 function askForToken() {
   const dialog = byId("sign-in"), fault = el("div");

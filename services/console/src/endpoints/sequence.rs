@@ -27,7 +27,7 @@ const MAX_GOALS: usize = 32;
 pub fn begin(
     cell: Arc<WatchedCell>,
     camera: Arc<Camera>,
-    scene: Arc<Scene>,
+    (scene_id, scene): (String, Arc<Scene>),
     robot: String,
     goals: Vec<PlaceRequest>,
     config: &ConsoleConfig,
@@ -38,6 +38,10 @@ pub fn begin(
     let known = Known::of(&scene.meta.objects);
     for (k, goal) in goals.iter().enumerate() {
         let field = format!("goals[{k}]");
+        if goal.scene.scene_id != scene_id {
+            let why = format!("expected {scene_id}, which the sequence begins at: objects have other ids in another scene");
+            return Err(CallError::invalid(format!("{field}.scene.scene_id"), why));
+        }
         goal.validate().map_err(|e| CallError { field: e.field.as_ref().map(|f| format!("{field}.{f}")), ..e })?;
         known.translated(&field, goal.query, &goal.goal)?;
     }
