@@ -46,8 +46,8 @@ pub struct Executed {
     /// The objects that do not stand where they were to be in the view afterwards, by their numbers in the plan's scene: moved, fallen, gone
     /// or hidden. Empty where everything does.
     pub fates: BTreeMap<u16, Fate>,
-    /// The scene afterwards, for `plan`.
-    pub scene: String,
+    /// The scene afterwards, for `plan`; none where nothing could be seen.
+    pub scene: Option<String>,
 }
 
 /// A term of the goal, afterwards.
@@ -81,8 +81,11 @@ impl Desk {
         let options = CallOptions { cancel, ..CallOptions::at_most_once(LONGEST) };
         let reply = call_moving(&self.session, &self.motion, "execute", Payload::json(&motion)?, options).await?;
         let reply: ExecuteReply = reply.payload.decode_json()?;
-        let seen = self.fresh().await?;
-        computed(move || afterwards(&plan, reply, followed, &seen)).await
+        // It has moved: an agent that was told of an error would think that it has not.
+        match self.fresh().await {
+            Ok(seen) => computed(move || afterwards(&plan, reply, followed, &seen)).await,
+            Err(why) => unseen(&plan, reply, &why),
+        }
     }
 
     /// A fresh view in which everything is where it was planned with, and which object is which in it.
@@ -116,6 +119,14 @@ impl Desk {
     }
 }
 
+/// What came of a plan, where nothing can be seen afterwards.
+fn unseen(plan: &Plan, reply: ExecuteReply, why: &CallError) -> Result<ToolResult, CallError> {
+    let ExecuteReply { outcome, reason, .. } = reply;
+    let executed = Executed { plan: plan.id.clone(), outcome, reason, holds: Vec::new(), fates: BTreeMap::new(), scene: None };
+    let said = format!("{}\nwhat it left could not be seen: {why}", sentences(&executed, plan.query));
+    ToolResult::new(said, &executed, None)
+}
+
 /// What has become of the wish, and of everything else.
 fn afterwards(plan: &Plan, reply: ExecuteReply, mut followed: Followed, seen: &ShownScene) -> Result<ToolResult, CallError> {
     let moved = match reply.outcome {
@@ -133,7 +144,7 @@ fn afterwards(plan: &Plan, reply: ExecuteReply, mut followed: Followed, seen: &S
         reason: reply.reason,
         holds: plan.goal.iter().zip(&held).map(|(term, holds)| TermHeld { term: term.to_string(), holds: *holds }).collect(),
         fates: followed.disturbed(),
-        scene: seen.handle().to_owned(),
+        scene: Some(seen.handle().to_owned()),
     };
     let picture = jpeg_of(&with_numbered_outlines(&seen.scene)?, QUALITY)?;
     ToolResult::new(sentences(&executed, plan.query), &executed, Some(picture))
@@ -162,6 +173,6 @@ fn sentences(executed: &Executed, carried: u16) -> String {
         }
     }
     lines.extend(fate::describe(Some(carried), &executed.fates));
-    lines.push(format!("the scene afterwards is {}; numbers may be others in it", executed.scene));
+    lines.extend(executed.scene.as_ref().map(|scene| format!("the scene afterwards is {scene}; numbers may be others in it")));
     lines.join("\n")
 }

@@ -1,6 +1,6 @@
 //! Who may connect over HTTP: this machine, or whoever shows the token; never a page of another site.
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -25,7 +25,7 @@ pub struct HttpSettings {
     pub listen: SocketAddr,
     /// A file with the token that agents show as `Authorization: Bearer …`. Without one, everybody on this machine may connect.
     pub token: Option<PathBuf>,
-    /// Names, without a port, by which agents may ask for it; addresses of loopback and `localhost` always may.
+    /// Names, without a port, by which agents may ask for it; addresses and `localhost` always may.
     pub hosts: Vec<String>,
 }
 
@@ -69,10 +69,9 @@ impl BoundServer {
     /// # Errors
     /// When the listener fails.
     pub async fn serve(self, desk: Arc<Desk>, shutdown: Shutdown) -> Result<(), McpError> {
-        let mut hosts = vec!["localhost".to_owned(), "127.0.0.1".to_owned(), "::1".to_owned(), self.address.ip().to_string()];
-        hosts.extend(self.hosts);
-        let (agents, ending) = protocol::http(desk, hosts);
-        let routes = Router::new().merge(agents).layer(from_fn(watched)).layer(from_fn_with_state(self.token, guarded));
+        let (agents, ending) = protocol::http(desk);
+        let door = Arc::new(Door { token: self.token, hosts: self.hosts });
+        let routes = Router::new().merge(agents).layer(from_fn(watched)).layer(from_fn_with_state(door, guarded));
         let ended = async move {
             shutdown.requested().await;
             ending.cancel();
@@ -81,12 +80,34 @@ impl BoundServer {
     }
 }
 
-/// Refuses whoever does not show the token, where there is one.
-async fn guarded(State(token): State<Option<AccessToken>>, request: Request, next: Next) -> Response {
-    match admits(token, request.headers()) {
+/// What it takes to be let in.
+struct Door {
+    token: Option<AccessToken>,
+    hosts: Vec<String>,
+}
+
+/// Refuses whoever comes under a name that is not this server's, or does not show the token where there is one.
+async fn guarded(State(door): State<Arc<Door>>, request: Request, next: Next) -> Response {
+    let named = request.headers().get(header::HOST).and_then(|host| host.to_str().ok());
+    let named = named.or_else(|| request.uri().authority().map(|authority| authority.as_str()));
+    if !named.is_some_and(|host| is_known(host, &door.hosts)) {
+        let message = "the request's Host is no name of this server: expected an address, localhost or one of --host\n";
+        return (StatusCode::FORBIDDEN, message).into_response();
+    }
+    match admits(door.token, request.headers()) {
         true => next.run(request).await,
         false => (StatusCode::UNAUTHORIZED, [(header::WWW_AUTHENTICATE, "Bearer")], "this server needs its token\n").into_response(),
     }
+}
+
+/// Whether a `Host` is one that this server goes by. Any address is: a page of somewhere else, whose name was given our address, comes under its name.
+fn is_known(host: &str, hosts: &[String]) -> bool {
+    let name = match host.strip_prefix('[') {
+        Some(rest) => rest.split(']').next().unwrap_or(rest),
+        None => host.rsplit_once(':').map_or(host, |(name, _)| name),
+    };
+    let is_own = name.eq_ignore_ascii_case("localhost") || hosts.iter().any(|known| known.eq_ignore_ascii_case(name));
+    is_own || name.parse::<IpAddr>().is_ok()
 }
 
 fn admits(token: Option<AccessToken>, headers: &HeaderMap) -> bool {
@@ -108,6 +129,19 @@ mod tests {
         assert!(admits(None, &HeaderMap::new()) && admits(token, &with("Bearer a-long-agents-token")));
         for headers in [HeaderMap::new(), with("Bearer a-guess"), with("a-long-agents-token"), with("Basic a-long-agents-token")] {
             assert!(!admits(token, &headers), "{headers:?}");
+        }
+    }
+
+    #[test]
+    fn an_address_and_a_name_that_was_told_are_the_servers_and_no_other_name_is() {
+        let hosts = ["robot-1.example".to_owned()];
+        for host in
+            ["localhost:7449", "127.0.0.1:7449", "192.168.1.20:7449", "[::1]:7449", "[fe80::1]", "robot-1.example", "Robot-1.example:7449"]
+        {
+            assert!(is_known(host, &hosts), "{host}");
+        }
+        for host in ["evil.example:7449", "localhost.evil.example", "127.0.0.1.evil.example", ""] {
+            assert!(!is_known(host, &hosts), "{host}");
         }
     }
 
