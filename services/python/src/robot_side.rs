@@ -121,6 +121,14 @@ impl RobotSide {
         Ok(running.step(&measured_rad, GripperState { width_m, settled, holding }, elapsed_s))
     }
 
+    /// Latches a stop on an arm that moves, because its driver ends: the steps that follow bring it to rest.
+    fn end(&self) {
+        let mut running = self.running.lock().unwrap_or_else(PoisonError::into_inner);
+        if running.arm.mode() == RobotMode::Moving {
+            running.arm.fault("driver_ended", "the robot's driver has ended in mid-motion".to_owned());
+        }
+    }
+
     /// Leaves the keys.
     fn close(&self) {
         self.end.cancel();

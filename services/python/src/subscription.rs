@@ -1,5 +1,6 @@
 //! Messages of a key, as they come.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -19,12 +20,13 @@ type Message<'py> = (String, String, Bound<'py, PyBytes>);
 pub struct Subscription {
     threads: Arc<Threads>,
     messages: Mutex<Option<repose_runtime::Subscription>>,
+    ended: AtomicBool,
 }
 
 impl Subscription {
     /// Follows what comes.
     pub fn new(threads: Arc<Threads>, messages: repose_runtime::Subscription) -> Self {
-        Self { threads, messages: Mutex::new(Some(messages)) }
+        Self { threads, messages: Mutex::new(Some(messages)), ended: AtomicBool::new(false) }
     }
 }
 
@@ -34,7 +36,10 @@ impl Subscription {
     #[pyo3(signature = (timeout_s = None))]
     fn recv<'py>(&self, py: Python<'py>, timeout_s: Option<f64>) -> PyResult<Option<Message<'py>>> {
         let give_up = timeout_s.and_then(|s| Duration::try_from_secs_f64(s).ok()).map(|within| Instant::now() + within);
-        let Some(handle) = self.threads.handle() else { return Ok(None) };
+        let Some(handle) = self.threads.handle() else {
+            self.ended.store(true, Ordering::Release);
+            return Ok(None);
+        };
         loop {
             let slice = give_up.map_or(SLICE, |at| at.saturating_duration_since(Instant::now()).min(SLICE));
             let next = py.detach(|| {
@@ -43,7 +48,10 @@ impl Subscription {
                 Some(handle.block_on(async { tokio::time::timeout(slice, messages.recv()).await }))
             });
             match next {
-                None | Some(Ok(None)) => return Ok(None),
+                None | Some(Ok(None)) => {
+                    self.ended.store(true, Ordering::Release);
+                    return Ok(None);
+                }
                 Some(Ok(Some(sample))) => {
                     let bytes = PyBytes::new(py, &sample.payload.bytes);
                     return Ok(Some((sample.key, sample.payload.schema().to_owned(), bytes)));
@@ -54,6 +62,12 @@ impl Subscription {
                 return Ok(None);
             }
         }
+    }
+
+    /// Whether nothing comes any more.
+    #[getter]
+    fn ended(&self) -> bool {
+        self.ended.load(Ordering::Acquire)
     }
 
     /// Ends it.

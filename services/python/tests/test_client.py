@@ -163,6 +163,14 @@ def test_asyncio_waits_for_several_calls_at_once(system, client, scene, wish):
                 assert state.joints_rad.shape == (7,)
                 break
 
+            async def watch():
+                return [state async for state in aclient.watch_robot()]
+
+            watching = asyncio.ensure_future(watch())
+            await asyncio.sleep(0.5)
+        # Its client is closed: a watch ends with that.
+        assert await asyncio.wait_for(watching, 10)
+
     asyncio.run(main())
 
 

@@ -4,6 +4,7 @@ import importlib.util
 import shutil
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -212,6 +213,47 @@ def test_a_device_that_fails_ends_the_run_with_its_error(system):
 
     with driver.connect(system.endpoint) as cell, pytest.raises(OSError, match="cable"):
         cell.run(Broken("broken"))
+
+
+def test_an_arm_that_moves_comes_to_rest_when_a_camera_beside_it_ends_the_run(system, client):
+    class Unplugged(driver.Camera):
+        name, period_s = "unplugged", 0.02
+        out = threading.Event()
+
+        def read(self):
+            if self.out.is_set():
+                raise RuntimeError("the cable is out")
+
+    arm, raised = Arm("beside", READY_RAD + np.array([1.2, 0, 0, 0, 0, 0, 0])), []
+
+    def run():
+        with driver.connect(system.endpoint) as cell:
+            try:
+                cell.run(arm, Unplugged())
+            except RuntimeError as error:
+                raised.append(error)
+
+    def home():
+        with suppress(repose.ReposeError):
+            client.recover("home", robot="beside")
+
+    running, homing = threading.Thread(target=run), threading.Thread(target=home)
+    running.start()
+    start = client.robot_state("beside").joints_rad
+    homing.start()
+    give_up = time.monotonic() + 30
+    while np.abs(arm.joints_rad - start).max() < 0.1:
+        assert time.monotonic() < give_up
+        time.sleep(0.01)
+    Unplugged.out.set()
+    running.join()
+    homing.join()
+    assert str(raised[0]) == "the cable is out"
+    assert [s.kind for s in arm.stops] == ["driver_ended"]
+    steps = np.abs(np.diff(np.array(arm.sent)[:, 0]))
+    assert steps[-1] < 1e-6, "it stands"
+    assert 0 < steps[-5:].max() < 0.3 * steps.max(), "it slowed down before"
+    assert limits_kept(arm.sent)
 
 
 def test_pick_and_place_with_a_camera_and_an_arm_of_ones_own(client, running, view, frame_folder, tmp_path):

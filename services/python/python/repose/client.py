@@ -178,6 +178,8 @@ class AsyncClient(_Connected):
                 message = await asyncio.to_thread(subscription.recv, SLICE_S)
                 if message is not None:
                     yield message[2]
+                elif subscription.ended:
+                    return
         finally:
             subscription.close()
 

@@ -45,6 +45,8 @@ _log = logging.getLogger("repose.driver")
 
 #: Between two steps of a robot that is run here, seconds.
 STEP_S = 0.004
+#: Longest time in which an arm comes to rest, seconds.
+REST_S = 3.0
 #: How long a camera that has no new picture is left alone, seconds.
 LOOK_S = 0.01
 
@@ -195,16 +197,34 @@ class RobotDriver:
         return point
 
     def run(self, until: threading.Event | None = None, *, period_s: float = STEP_S) -> None:
-        """Step in real time until the event is set, or for ever."""
+        """Step in real time until the event is set, or for ever.
+
+        An arm that moves when it ends comes to rest first, and is stopped (``driver_ended``).
+        """
         due = time.monotonic()
-        while until is None or not until.is_set():
-            self.step()
-            # From now where a step took longer than its period: what is lost is lost, and not made up for in a burst.
-            due = max(due + period_s, time.monotonic())
-            time.sleep(max(due - time.monotonic(), 0.0))
+        try:
+            while until is None or not until.is_set():
+                self.step()
+                # From now where a step took longer than its period: what is lost is lost, and not made up for in a burst.
+                due = max(due + period_s, time.monotonic())
+                time.sleep(max(due - time.monotonic(), 0.0))
+        except KeyboardInterrupt:
+            self.end(period_s=period_s)
+            raise
+        self.end(period_s=period_s)
+
+    def end(self, *, period_s: float = STEP_S) -> None:
+        """Bring an arm that moves to rest, within its limits, by steps in real time.
+
+        `run` does this when it ends; a loop of your own does it before `close`.
+        """
+        self._side.end()
+        give_up = time.monotonic() + REST_S
+        while time.monotonic() < give_up and self.step().velocities_rad_s.any():
+            time.sleep(period_s)
 
     def close(self) -> None:
-        """Leave the keys. A robot that moves is not stopped by this: its set-points end."""
+        """Leave the keys. The set-points of a robot that moves end with this, at whatever speed it has: `end` comes first."""
         self._side.close()
 
     def _read(self) -> list[float]:
