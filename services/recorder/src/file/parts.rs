@@ -33,9 +33,13 @@ impl RecordingFiles {
     /// Begins a recording; `about` goes into every file.
     ///
     /// # Errors
-    /// When the settings are out of range, the first file is there already, or it cannot be written.
+    /// When the settings are out of range, the first file is there already or later ones of an earlier recording are, or it cannot be written.
     pub fn begin(settings: RecordSettings, about: BTreeMap<String, String>) -> Result<Self, RecordingError> {
         settings.validate()?;
+        if let Some(path) = later_part(&settings.out) {
+            let source = std::io::Error::new(std::io::ErrorKind::AlreadyExists, "it is a part of an earlier recording of this name");
+            return Err(RecordingError::File { path, source });
+        }
         let open = PartWriter::create(&settings.out, about.clone())?;
         Ok(Self { settings, about, open, number: 1, closed: VecDeque::new(), removed: 0 })
     }
@@ -82,6 +86,19 @@ impl RecordingFiles {
     }
 }
 
+/// A later file of a recording of this name that is there already: this one would come upon it after hours.
+fn later_part(first: &Path) -> Option<PathBuf> {
+    let stem = first.file_stem()?.to_str()?;
+    let folder = first.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    // A folder that cannot be read is told when the file is written.
+    let entries = std::fs::read_dir(folder).ok()?.filter_map(|entry| Some(entry.ok()?.path()));
+    let is_part = |path: &PathBuf| {
+        let number = path.file_name()?.to_str()?.strip_prefix(stem)?.strip_prefix('.')?.strip_suffix(".mcap")?;
+        (!number.is_empty() && number.bytes().all(|digit| digit.is_ascii_digit())).then_some(())
+    };
+    entries.into_iter().filter(|path| is_part(path).is_some()).min()
+}
+
 /// The name of a recording's `number`-th file, from 1.
 fn part(first: &Path, number: usize) -> PathBuf {
     first.with_extension(format!("{number}.mcap"))
@@ -104,6 +121,21 @@ mod tests {
             state as u8
         };
         (0..count).map(|_| next()).collect()
+    }
+
+    #[test]
+    fn a_recording_does_not_begin_where_later_parts_of_another_are() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let settings = RecordSettings::new(folder.path().join("run.mcap"));
+        for other in ["run.old.mcap", "run.2.mcap.bak", "runs.5.mcap", "run..mcap"] {
+            std::fs::write(folder.path().join(other), "another's").expect("written");
+        }
+        drop(RecordingFiles::begin(settings.clone(), BTreeMap::new()).expect("none of these is a part of it"));
+        std::fs::remove_file(&settings.out).expect("removed");
+        std::fs::write(folder.path().join("run.5.mcap"), "a part").expect("written");
+        let refused = RecordingFiles::begin(settings.clone(), BTreeMap::new()).err().map(|e| e.to_string());
+        assert!(refused.as_deref().is_some_and(|e| e.contains("run.5.mcap")), "{refused:?}");
+        assert!(!settings.out.exists(), "nothing was begun");
     }
 
     #[test]
