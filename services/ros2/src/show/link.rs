@@ -44,9 +44,10 @@ impl SceneTopics {
 
     async fn publish(&self, config: &Ros2Config, summary: &SceneSummary, scene: &Scene) -> Result<(), BridgeError> {
         let header = messages::header(&messages::frame_of(&config.world_frame, scene), scene.stamp_ns);
-        self.detections.publish(&messages::detections(&header, summary)).await?;
+        let middles = tokio::task::block_in_place(|| messages::middles(scene));
+        self.detections.publish(&messages::detections(&header, summary, &middles)).await?;
         self.poses.publish(&messages::poses(&header, summary)).await?;
-        self.markers.publish(&messages::markers(&header, summary)).await?;
+        self.markers.publish(&messages::markers(&header, summary, &middles)).await?;
         let cloud = tokio::task::block_in_place(|| messages::cloud(&header, scene));
         self.cloud.publish(&cloud).await
     }
