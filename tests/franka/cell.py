@@ -60,9 +60,9 @@ class Programs:
         with open(self.path(name), encoding="utf-8") as log:
             return log.read()
 
-    def robot(self, action):
+    def robot(self, action, *options):
         """`repose robot ACTION`."""
-        command = [REPOSE, "robot", action, "--connect", self.endpoint, "--json"]
+        command = [REPOSE, "robot", action, *options, "--connect", self.endpoint, "--json"]
         return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
 
     def close(self):

@@ -7,6 +7,7 @@ import struct
 import threading
 import time
 
+import numpy as np
 import zenoh
 from zenoh.ext import CacheConfig, declare_advanced_publisher
 
@@ -124,8 +125,6 @@ class System:
         return self.store.types[type_name](**{**self._defaults(type_name), **fields})
 
     def _defaults(self, type_name):
-        import numpy as np
-
         _, fields = self.store.fielddefs[type_name]
         made = {}
         for name, (kind, of) in fields:
@@ -213,9 +212,16 @@ class ActionServer:
         return self.system.make(f"{self.type_name}_GetResult_Response", status=state, result=result)
 
     def _cancel(self, request):
-        goal_id = bytes(request.goal_info.goal_id.uuid)
-        # As action servers have it: 2 is an unknown goal, 3 one that has ended.
-        code = 2 if goal_id not in self.canceled else 3 if self.ended[goal_id].is_set() else 0
-        if code == 0:
-            self.canceled[goal_id].set()
-        return self.system.make("action_msgs/srv/CancelGoal_Response", return_code=code)
+        make, goal_id = self.system.make, bytes(request.goal_info.goal_id.uuid)
+        if not any(goal_id):
+            # All of them; no fault where there is none.
+            canceling, code = [goal for goal, event in list(self.ended.items()) if not event.is_set()], 0
+        else:
+            # As action servers have it: 2 is an unknown goal, 3 one that has ended.
+            code = 2 if goal_id not in self.canceled else 3 if self.ended[goal_id].is_set() else 0
+            canceling = [goal_id] if code == 0 else []
+        for goal in canceling:
+            self.canceled[goal].set()
+        ids = [make("unique_identifier_msgs/msg/UUID", uuid=np.frombuffer(goal, np.uint8)) for goal in canceling]
+        infos = [make("action_msgs/msg/GoalInfo", goal_id=goal) for goal in ids]
+        return make("action_msgs/srv/CancelGoal_Response", return_code=code, goals_canceling=infos)

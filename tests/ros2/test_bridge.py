@@ -183,3 +183,26 @@ def test_a_controller_that_aborts_or_refuses_latches_a_stop_with_its_words(progr
         setattr(arm, fault, False)
         assert subprocess.run(reset, capture_output=True, timeout=30).returncode == 0
     assert subprocess.run(home, capture_output=True, timeout=60).returncode == 0
+
+
+def test_a_bridge_that_ends_or_is_killed_leaves_no_arm_moving(programs, system, camera, arm, diagnostics):
+    """The controller has the way whole: the bridge cancels it before it ends, and one that comes after a dead one before it does anything."""
+    home, reset = ([REPOSE, "robot", what, "--connect", programs.cell] for what in ("home", "reset"))
+    for how in (signal.SIGTERM, signal.SIGKILL):
+        until("the arm is known", lambda: "standing" in str(diagnostics.messages[-1:]) or None)
+        # A long way: the next bridge takes a while to come.
+        arm.q_rad = [READY_RAD[0] + 1.2, *READY_RAD[1:]]
+        time.sleep(0.5)
+        goals = len(arm.arm.goals)
+        moving = subprocess.Popen(home, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        until("the arm moves", lambda: len(arm.arm.goals) > goals or None)
+        time.sleep(0.3)
+        programs.end("ros2", how)
+        if how == signal.SIGTERM:
+            assert all(event.is_set() for event in arm.arm.ended.values()), "it was canceled before the bridge had ended"
+        programs.service("ros2")
+        until("the goal ended", lambda: all(event.is_set() for event in arm.arm.ended.values()) or None)
+        assert [event.outcome[0] for event in arm.arm.ended.values()][-1] == CANCELED, how
+        assert moving.wait(60) != 0
+        until("a reset", lambda: subprocess.run(reset, capture_output=True, timeout=30).returncode == 0)
+        until("it stands again", lambda: "standing" in str(diagnostics.messages[-1:]) or None)

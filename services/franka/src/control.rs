@@ -206,7 +206,7 @@ impl Control {
         let Some(order) = self.side.take_hand_command() else { return };
         let is_sent = self.hand.as_ref().is_some_and(|hand| hand.commands.try_send(order).is_ok());
         if !is_sent {
-            self.say(Level::Warn, "the hand takes no more commands".to_owned());
+            self.side.hand_failed("the hand takes no more commands");
         }
     }
 

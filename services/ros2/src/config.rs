@@ -4,6 +4,7 @@ mod camera;
 mod checks;
 
 use repose_proto::RigidTransform;
+use repose_robot_side::ArmSettings;
 use repose_runtime::{SessionConfig, SessionMode, endpoint_fault};
 use serde::Deserialize;
 
@@ -70,6 +71,9 @@ impl Default for Ros2Config {
 pub struct RobotConfig {
     /// Its name in the cell, a chunk of a key.
     pub name: String,
+    /// Its model, `panda` or `fr3`: under whose limits it is commanded, and what its state says that it is. Default `panda`.
+    #[serde(default = "model")]
+    pub model: String,
     /// Its joints: `sensor_msgs/msg/JointState`. Default `/joint_states`.
     #[serde(default = "joint_states")]
     pub joint_states: String,
@@ -87,7 +91,7 @@ pub struct RobotConfig {
     /// What a controller's gripper position is of the opening. Default 0.5: the position of one of two fingers.
     #[serde(default = "half")]
     pub gripper_position_per_width: f64,
-    /// Where the robot's base stands. Default: from the transforms, `world_frame` from `base_frame`.
+    /// Where the robot's base stands. Default: from the transforms, `world_frame` from `base_frame`; the robot stays stopped until they tell it.
     #[serde(default)]
     pub world_from_base: Option<RigidTransform>,
     /// The frame of the robot's base. Default `panda_link0`.
@@ -99,6 +103,10 @@ pub struct RobotConfig {
     /// How long a controller may take to answer, and a result may be overdue, milliseconds. Default 2000.
     #[serde(default = "controller_timeout_ms")]
     pub controller_timeout_ms: u64,
+}
+
+fn model() -> String {
+    "panda".to_owned()
 }
 
 fn joint_states() -> String {
@@ -162,8 +170,19 @@ impl Ros2Config {
 }
 
 impl RobotConfig {
+    /// The arm and its rules; `field` is what an error calls this robot.
+    ///
+    /// # Errors
+    /// [`BridgeError::Config`] when there is no model of that name.
+    pub fn arm(&self, field: &str) -> Result<ArmSettings, BridgeError> {
+        let unknown = || BridgeError::config(format!("{field}.model"), format!("expected panda or fr3, got {:?}", self.model));
+        let settings = ArmSettings::of_model(&self.model).ok_or_else(unknown)?;
+        Ok(ArmSettings { following_tolerance_rad: self.following_tolerance_rad, ..settings })
+    }
+
     fn validate(&self, field: &str) -> Result<(), BridgeError> {
         check_chunk(&format!("{field}.name"), &self.name)?;
+        self.arm(field)?;
         check_name(&format!("{field}.joint_states"), &self.joint_states)?;
         check_name(&format!("{field}.trajectory_action"), &self.trajectory_action)?;
         self.gripper_action.iter().try_for_each(|action| check_name(&format!("{field}.gripper_action"), action))?;
@@ -211,7 +230,7 @@ mod tests {
         let robot = "[[robots]]\nname = \"panda\"\ntrajectory_action = \"/arm/follow_joint_trajectory\"\n";
         let good = config(&format!("{CAMERA}{robot}")).expect("a configuration");
         assert_eq!((good.cameras[0].tolerance_ms, good.cameras[0].is_rectified()), (17.0, false));
-        assert_eq!(good.robots[0].joints[6], "panda_joint7");
+        assert_eq!((good.robots[0].model.as_str(), good.robots[0].joints[6].as_str()), ("panda", "panda_joint7"));
         for (wrong, field) in [
             (format!("{CAMERA}color = \"cam/color\"\n"), "cameras[0].color"),
             (format!("{CAMERA}{CAMERA}"), "cameras"),
@@ -221,6 +240,7 @@ mod tests {
             (format!("{CAMERA}color = \"/cam/depth/compressedDepth\"\n"), "cameras[0].color"),
             ("[[cameras]]\nname = \"front\"\n".to_owned(), "`cloud`"),
             ("[[cameras]]\nname = \"front\"\ndepth = \"/cam/depth\"\n".to_owned(), "cameras[0].info"),
+            (format!("{robot}model = \"ur5\"\n"), "robots[0].model"),
             (format!("{robot}gripper_position_per_width = 0.0\n"), "robots[0].gripper_position_per_width"),
             ("node = \"my node\"\n".to_owned(), "node"),
         ] {

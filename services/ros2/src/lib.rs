@@ -22,7 +22,7 @@ use std::time::Duration;
 use repose_ros_messages::DiagnosticArray;
 use repose_runtime::{RuntimeError, Session, Shutdown};
 use tokio::sync::watch;
-use tokio::task::JoinSet;
+use tokio::task::{JoinError, JoinSet};
 
 pub use config::{CameraConfig, RobotConfig, Ros2Config};
 pub use error::BridgeError;
@@ -37,6 +37,8 @@ use wire::type_hash::type_named;
 
 /// Between two diagnostics.
 const DIAGNOSTICS: Duration = Duration::from_secs(1);
+/// How long robots may take to come to rest.
+const REST: Duration = Duration::from_secs(3);
 /// How long closing may take.
 const CLOSE: Duration = Duration::from_secs(2);
 
@@ -55,7 +57,7 @@ pub async fn run(session: Session, config: Ros2Config, shutdown: Shutdown) -> Re
     let config = Arc::new(config);
     let (reports, tree) = (Reports::default(), Tree::default());
     let (come, publishers) = watch::channel(0);
-    let mut parts = JoinSet::new();
+    let (mut parts, mut robots, ending) = (JoinSet::new(), JoinSet::new(), Shutdown::new());
     parts.spawn(TreeSource::of(&node).await?.run(tree.clone(), publishers, reports.clone()));
     parts.spawn(follow_graph(node.clone(), config.clone(), come, reports.clone()));
     parts.spawn(tell(node.clone(), reports.clone()));
@@ -66,7 +68,8 @@ pub async fn run(session: Session, config: Ros2Config, shutdown: Shutdown) -> Re
         }
     }
     for robot in &config.robots {
-        parts.spawn(robot::link::run(session.clone(), node.clone(), config.clone(), robot.clone(), tree.clone(), reports.clone()));
+        let (tree, reports, ending) = (tree.clone(), reports.clone(), ending.clone());
+        robots.spawn(robot::link::run(session.clone(), node.clone(), config.clone(), robot.clone(), tree, reports, ending));
     }
     if config.offer_services {
         parts.spawn(services::run(session.clone(), node.clone(), config.clone()));
@@ -74,17 +77,35 @@ pub async fn run(session: Session, config: Ros2Config, shutdown: Shutdown) -> Re
     let ended = tokio::select! {
         () = shutdown.requested() => Ok(()),
         // A part ends by itself only when it cannot go on, and half a bridge is none.
-        ended = parts.join_next() => match ended {
-            Some(Ok(ended)) => ended,
-            Some(Err(failure)) => Err(repose_proto::CallError::internal(failure.to_string()).into()),
-            None => Ok(()),
-        },
+        Some(ended) = parts.join_next() => outcome(ended),
+        Some(ended) = robots.join_next() => outcome(ended),
     };
+    ending.trigger();
+    bring_to_rest(robots).await;
     parts.shutdown().await;
     if let Err(error) = node.session().close(CLOSE).await {
         tracing::warn!(%error, "the ROS session did not close");
     }
     ended
+}
+
+fn outcome(ended: Result<Result<(), BridgeError>, JoinError>) -> Result<(), BridgeError> {
+    ended.unwrap_or_else(|failure| Err(repose_proto::CallError::internal(failure.to_string()).into()))
+}
+
+/// Waits for robots that are ending: a controller goes on with what it has, whether or not anybody is left to stop it.
+async fn bring_to_rest(mut robots: JoinSet<Result<(), BridgeError>>) {
+    let ends = async {
+        while let Some(ended) = robots.join_next().await {
+            if let Err(error) = outcome(ended) {
+                tracing::warn!(%error, "a robot's part of the bridge ended");
+            }
+        }
+    };
+    if tokio::time::timeout(REST, ends).await.is_err() {
+        tracing::warn!("a controller has not ended what it carries out: an arm may still move");
+    }
+    robots.shutdown().await;
 }
 
 /// Watches who comes and goes, and warns of ends of other types: nothing would come from them, and nobody would say why.

@@ -101,7 +101,10 @@ fn run(settings: &HandSettings, board: &Arc<HandBoard>, orders: &Receiver<(u64, 
         }
         // What was asked of a hand that is not there has come to nothing.
         match orders.recv_timeout(AGAIN) {
-            Ok((number, _)) => board.end(number),
+            Ok((number, _)) => {
+                board.fail(number);
+                board.end(number);
+            }
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return,
         }

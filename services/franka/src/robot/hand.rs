@@ -40,6 +40,9 @@ pub struct HandReading {
     pub grasps: bool,
     /// The number of the last command that has ended.
     pub ended: u64,
+    /// The number of the last that it could not carry out, 0 where there is none: not one whose fingers did not get to their width, which is how
+    /// closing on something ends, and on nothing.
+    pub failed: u64,
     /// Whether it is there.
     pub connected: bool,
 }
@@ -52,6 +55,8 @@ pub struct Hand {
     sent: u64,
     /// The width that it was to close to, where it was to close, metres.
     closing_to_m: Option<f64>,
+    /// The last command whose failure was told.
+    told_failed: u64,
 }
 
 impl Hand {
@@ -84,9 +89,16 @@ impl Hand {
         HandHalt { up_to: self.sent, stops: !self.grips() }
     }
 
+    /// Whether a command has failed since this was last asked.
+    pub fn take_failure(&mut self) -> bool {
+        std::mem::replace(&mut self.told_failed, self.reading.failed) < self.reading.failed
+    }
+
     /// Whether it has closed on something, be it that it still presses harder.
     fn grips(&self) -> bool {
-        self.reading.grasps && self.closing_to_m.is_some_and(|width_m| self.reading.width_m > width_m + HOLDING_M)
+        // What it had closed on before this driver was there it may have been sent to any width for.
+        let closing_to_m = self.closing_to_m.or((self.sent == 0).then_some(0.0));
+        self.reading.grasps && closing_to_m.is_some_and(|width_m| self.reading.width_m > width_m + HOLDING_M)
     }
 
     /// What a state says of it.
@@ -101,7 +113,7 @@ mod tests {
     use super::*;
 
     fn at(width_m: f64, grasps: bool, ended: u64) -> HandReading {
-        HandReading { width_m, grasps, ended, connected: true }
+        HandReading { width_m, grasps, ended, failed: 0, connected: true }
     }
 
     /// An open hand that was told to close on something.
@@ -131,6 +143,27 @@ mod tests {
         assert!(hand.state().holding && hand.state().settled);
         hand.read(at(0.01, false, 1));
         assert!(!hand.state().holding);
+    }
+
+    #[test]
+    fn what_was_in_the_hand_before_the_driver_started_is_held() {
+        let mut hand = Hand::default();
+        hand.read(at(0.04, true, 0));
+        assert!(hand.state().holding);
+        hand.command(&GripperCommand { width_m: 0.08, force_n: 30.0 }, false, 70.0);
+        hand.read(at(0.08, true, 1));
+        assert!(!hand.state().holding, "it was to let go");
+        let mut empty = Hand::default();
+        empty.read(at(0.0005, true, 0));
+        assert!(!empty.state().holding, "its fingers are closed");
+    }
+
+    #[test]
+    fn a_failure_is_told_once() {
+        let mut hand = closing_to(0.01);
+        assert!(!hand.take_failure());
+        hand.read(HandReading { failed: 1, ..at(0.08, false, 1) });
+        assert!(hand.take_failure() && !hand.take_failure());
     }
 
     #[test]

@@ -19,6 +19,7 @@ pub struct HandBoard {
     width_m: AtomicU64,
     grasps: AtomicBool,
     ended: AtomicU64,
+    failed: AtomicU64,
     connected: AtomicBool,
     /// How many states it has told.
     told: AtomicU64,
@@ -39,6 +40,7 @@ impl HandBoard {
             ended,
             width_m: f64::from_bits(self.width_m.load(Ordering::Acquire)),
             grasps: self.grasps.load(Ordering::Acquire),
+            failed: self.failed.load(Ordering::Acquire),
             connected: self.connected.load(Ordering::Acquire),
         }
     }
@@ -59,6 +61,13 @@ impl HandBoard {
     /// An order has ended, or come to nothing.
     pub fn end(&self, number: u64) {
         self.ended.store(number, Ordering::Release);
+    }
+
+    /// The hand could not carry out an order. One that it was to leave off may end so too, and is no failure.
+    pub fn fail(&self, number: u64) {
+        if !self.is_void(number) {
+            self.failed.store(number, Ordering::Release);
+        }
     }
 
     /// It is to leave off what it was told.
@@ -115,7 +124,10 @@ pub fn obey(fingers: &impl Fingers, board: &HandBoard, (number, command): (u64, 
     match done {
         Some(Ok(true)) => {}
         Some(Ok(false)) => tracing::info!(?command, "the hand did not reach what it was told"),
-        Some(Err(error)) => tracing::warn!(?command, error, "the hand did not carry out a command"),
+        Some(Err(error)) => {
+            tracing::warn!(?command, error, "the hand did not carry out a command");
+            board.fail(number);
+        }
         None => tracing::info!(?command, "the hand leaves a command off: the robot is stopped"),
     }
     // What is on the board may be of the way there.
@@ -194,6 +206,54 @@ mod tests {
             self.called("stop");
             self.stopped.store(true, Ordering::SeqCst);
             Ok(true)
+        }
+    }
+
+    /// Fingers that end every order at once, with one answer; where they are halted, the order was to be left off meanwhile.
+    struct Answering {
+        board: HandBoard,
+        answer: Result<bool, String>,
+        is_halted: bool,
+    }
+
+    impl Answering {
+        fn answered(&self) -> Result<bool, String> {
+            if self.is_halted {
+                self.board.halt(HandHalt { up_to: 1, stops: true });
+            }
+            self.answer.clone()
+        }
+    }
+
+    impl Fingers for Answering {
+        fn move_to(&self, _: f64) -> Result<bool, String> {
+            self.answered()
+        }
+
+        fn grasp(&self, _: f64, _: f64) -> Result<bool, String> {
+            self.answered()
+        }
+
+        fn stop(&self) -> Result<bool, String> {
+            Ok(true)
+        }
+    }
+
+    #[test]
+    fn an_error_is_a_failure_and_closing_on_nothing_is_none() {
+        let error: Result<bool, String> = Err("Command failed!".to_owned());
+        for (answer, is_halted, failed) in [(error.clone(), false, 1), (error, true, 0), (Ok(false), false, 0), (Ok(true), false, 0)] {
+            let hand = Answering { board: HandBoard::default(), answer, is_halted };
+            std::thread::scope(|scope| {
+                scope.spawn(|| {
+                    while hand.board.reading().ended < 1 {
+                        hand.board.tell(0.0, false);
+                        std::thread::yield_now();
+                    }
+                });
+                obey(&hand, &hand.board, (1, HandCommand::Grasp(0.02, 30.0)));
+            });
+            assert_eq!(hand.board.reading().failed, failed, "{:?}, halted: {is_halted}", hand.answer);
         }
     }
 

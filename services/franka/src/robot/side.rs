@@ -220,6 +220,16 @@ impl Side {
     pub fn hand(&mut self, reading: HandReading) {
         self.hand.read(reading);
         self.had_hand |= reading.connected;
+        if self.hand.take_failure() {
+            self.hand_failed("the hand could not carry out a command; the log has its words");
+        }
+    }
+
+    /// Latches a stop where the hand does not do what it was told.
+    pub fn hand_failed(&mut self, why: &str) {
+        if let Some(arm) = self.arm.as_mut().filter(|arm| arm.stop().is_none()) {
+            arm.fault("gripper_failed", why.to_owned());
+        }
     }
 
     /// A reading of a robot that this process does not move; what to do then.

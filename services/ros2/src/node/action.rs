@@ -74,6 +74,9 @@ pub enum Canceled {
 /// A goal's id.
 pub type GoalHandle = Uuid;
 
+/// The id under which every goal of a server is canceled, whoever sent it.
+pub const ALL_GOALS: GoalHandle = GoalHandle { uuid: [0; 16] };
+
 impl<G: Serialize, R: DeserializeOwned, F: DeserializeOwned> ActionClient<G, R, F> {
     /// Becomes a client of the action of that name.
     ///
@@ -124,16 +127,44 @@ impl<G: Serialize, R: DeserializeOwned, F: DeserializeOwned> ActionClient<G, R, 
         self.result.call(&GetResultRequest { goal_id }, patience).await
     }
 
-    /// Asks for a goal to be canceled; what the server says to that.
+    /// Asks for a goal to be canceled, or all of them ([`ALL_GOALS`]); what the server says to that.
     ///
     /// # Errors
     /// When nobody answers in time.
     pub async fn cancel(&self, goal_id: GoalHandle, patience: Duration) -> Result<Canceled, BridgeError> {
         let request = CancelGoalRequest { goal_info: GoalInfo { goal_id, ..GoalInfo::default() } };
-        Ok(match self.cancel.call(&request, patience).await?.return_code {
-            CancelGoalResponse::NONE => Canceled::Ending,
-            CancelGoalResponse::UNKNOWN_GOAL_ID | CancelGoalResponse::GOAL_TERMINATED => Canceled::NotThere,
-            _ => Canceled::Refused,
-        })
+        Ok(canceled(goal_id, &self.cancel.call(&request, patience).await?))
+    }
+}
+
+/// What a server's response to a cancel means.
+fn canceled(goal_id: GoalHandle, response: &CancelGoalResponse) -> Canceled {
+    match response.return_code {
+        // A server that was to cancel all and has none finds no fault either.
+        CancelGoalResponse::NONE if goal_id == ALL_GOALS && response.goals_canceling.is_empty() => Canceled::NotThere,
+        CancelGoalResponse::NONE => Canceled::Ending,
+        CancelGoalResponse::UNKNOWN_GOAL_ID | CancelGoalResponse::GOAL_TERMINATED => Canceled::NotThere,
+        _ => Canceled::Refused,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cancel_of_all_goals_finds_none_where_the_server_names_none() {
+        let one = GoalHandle { uuid: [7; 16] };
+        let response = |return_code, goals: usize| CancelGoalResponse { return_code, goals_canceling: vec![GoalInfo::default(); goals] };
+        for (goal, code, goals, expected) in [
+            (ALL_GOALS, CancelGoalResponse::NONE, 0, Canceled::NotThere),
+            (ALL_GOALS, CancelGoalResponse::NONE, 1, Canceled::Ending),
+            (ALL_GOALS, 1, 0, Canceled::Refused),
+            // Some servers do not list the goal that was named.
+            (one, CancelGoalResponse::NONE, 0, Canceled::Ending),
+            (one, CancelGoalResponse::GOAL_TERMINATED, 0, Canceled::NotThere),
+        ] {
+            assert_eq!(canceled(goal, &response(code, goals)), expected, "{goal:?}, code {code}, {goals} goals");
+        }
     }
 }

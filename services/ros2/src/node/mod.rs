@@ -5,7 +5,7 @@ mod endpoints;
 mod graph;
 mod service;
 
-pub use action::{ActionClient, ActionTypes, Canceled, GoalHandle, Heard};
+pub use action::{ALL_GOALS, ActionClient, ActionTypes, Canceled, GoalHandle, Heard};
 pub use endpoints::{Node, RosPublisher, RosSubscription, now_ns};
 pub use graph::{Graph, mismatch};
 pub use service::{RosClient, RosRequest, RosServer};

@@ -5,8 +5,13 @@ use repose_ros_messages::GripperCommandResult;
 
 use super::unended::CANCEL_EVERY_MS;
 
-/// By how much the fingers close further when what they held has gone, metres.
+/// By how much the fingers close further when what they held has gone or slipped, metres.
 const LOST_M: f64 = 0.004;
+/// Fingers that stand further apart than they were told, by more than this, stand against something, metres.
+const BETWEEN_M: f64 = 0.002;
+/// Fingers that have moved by less than this, metres, for so long, milliseconds, stand.
+const STILL_M: f64 = 0.001;
+const STANDS_MS: u64 = 300;
 
 /// What is known of a hand.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -19,14 +24,18 @@ pub struct Hand {
     canceled_ms: Option<u64>,
     /// How wide the fingers stand, as they were last told to be or said to be, metres.
     width_m: f64,
+    /// How wide they were last told to stand, metres.
+    told_m: f64,
     /// How wide something held them apart, metres.
     held_at_m: Option<f64>,
+    /// How wide they stood as they last closed further on what they hold no more, metres, and when, milliseconds.
+    slipped: Option<(f64, u64)>,
 }
 
 impl Hand {
-    /// It was sent to a width.
-    pub fn sent(&mut self, number: u64) {
-        (self.goal, self.held_at_m) = (Some(number), None);
+    /// It was sent to a width, metres.
+    pub fn sent(&mut self, number: u64, width_m: f64) {
+        (self.goal, self.told_m, self.held_at_m, self.slipped) = (Some(number), width_m, None, None);
         (self.stalls, self.canceled_ms) = (false, None);
     }
 
@@ -42,29 +51,40 @@ impl Hand {
         Some(goal)
     }
 
-    /// The controller has ended a goal, with a result where there is one; `width_m` is what its position means.
-    pub fn ended(&mut self, number: u64, result: Option<&GripperCommandResult>, width_m: f64) {
+    /// The controller has ended a goal, with a result where there is one; `width_m` is what its position means. Whether it was to carry that out:
+    /// no goal of before, and none that was canceled.
+    pub fn ended(&mut self, number: u64, result: Option<&GripperCommandResult>, width_m: f64) -> bool {
         if self.goal != Some(number) {
-            return;
+            return false;
         }
         self.goal = None;
         if let Some(result) = result {
             self.width_m = width_m;
             self.held_at_m = (result.stalled && !result.reached_goal).then_some(width_m);
         }
+        self.canceled_ms.is_none()
     }
 
-    /// The fingers were measured, metres.
-    pub fn measured(&mut self, width_m: f64) {
+    /// The fingers were measured, metres. Those that close further have lost what they held, until they stand against it where it is thinner.
+    pub fn measured(&mut self, width_m: f64, now_ms: u64) {
         self.width_m = width_m;
         if self.held_at_m.is_some_and(|held_m| width_m < held_m - LOST_M) {
-            self.held_at_m = None;
+            (self.held_at_m, self.slipped) = (None, Some((width_m, now_ms)));
+        }
+        let Some((at_m, since_ms)) = self.slipped else { return };
+        if width_m <= self.told_m + BETWEEN_M {
+            self.slipped = None;
+        } else if (width_m - at_m).abs() > STILL_M {
+            self.slipped = Some((width_m, now_ms));
+        } else if now_ms >= since_ms + STANDS_MS {
+            (self.held_at_m, self.slipped) = (Some(width_m), None);
         }
     }
 
     /// What a state says of it.
     pub fn state(&self) -> GripperState {
-        GripperState { width_m: self.width_m, settled: self.goal.is_none(), holding: self.held_at_m.is_some() }
+        let settled = self.goal.is_none() && self.slipped.is_none();
+        GripperState { width_m: self.width_m, settled, holding: self.held_at_m.is_some() }
     }
 }
 
@@ -75,27 +95,51 @@ mod tests {
     #[test]
     fn a_hand_that_stalls_holds_until_its_fingers_close_further() {
         let mut hand = Hand::default();
-        hand.sent(4);
+        hand.sent(4, 0.01);
         assert!(!hand.state().settled);
         let stalled = GripperCommandResult { stalled: true, ..GripperCommandResult::default() };
         hand.ended(3, Some(&stalled), 0.05);
         assert!(!hand.state().settled, "of another goal");
         hand.ended(4, Some(&stalled), 0.05);
         assert_eq!(hand.state(), GripperState { width_m: 0.05, settled: true, holding: true });
-        hand.measured(0.048);
+        hand.measured(0.048, 0);
         assert!(hand.state().holding);
-        hand.measured(0.01);
+        hand.measured(0.01, 100);
+        hand.measured(0.01, 1000);
+        assert_eq!(hand.state(), GripperState { width_m: 0.01, settled: true, holding: false });
+    }
+
+    #[test]
+    fn what_slips_and_is_held_again_where_it_is_thinner_is_held() {
+        let mut hand = Hand::default();
+        hand.sent(1, 0.01);
+        hand.ended(1, Some(&GripperCommandResult { stalled: true, ..GripperCommandResult::default() }), 0.05);
+        for k in 0..10u32 {
+            hand.measured(0.05 - 0.002 * f64::from(k), 100 * u64::from(k));
+        }
+        assert_eq!(hand.state(), GripperState { width_m: 0.032, settled: false, holding: false }, "they are still closing");
+        hand.measured(0.032, 1100);
         assert!(!hand.state().holding);
+        hand.measured(0.032, 1200);
+        assert_eq!(hand.state(), GripperState { width_m: 0.032, settled: true, holding: true });
+    }
+
+    #[test]
+    fn a_goal_that_was_canceled_was_not_to_be_carried_out_any_more() {
+        let mut hand = Hand::default();
+        hand.sent(1, 0.0);
+        assert_eq!(hand.to_cancel(0), Some(1));
+        assert!(!hand.ended(1, None, 0.0));
     }
 
     #[test]
     fn a_hand_that_reached_its_width_or_was_refused_holds_nothing() {
         let mut hand = Hand::default();
-        hand.sent(1);
+        hand.sent(1, 0.08);
         hand.ended(1, Some(&GripperCommandResult { reached_goal: true, stalled: true, ..GripperCommandResult::default() }), 0.08);
         assert!(!hand.state().holding);
-        hand.sent(2);
-        hand.ended(2, None, 0.0);
+        hand.sent(2, 0.0);
+        assert!(!hand.ended(1, None, 0.0) && hand.ended(2, None, 0.0));
         assert_eq!(hand.state(), GripperState { width_m: 0.08, settled: true, holding: false });
     }
 }

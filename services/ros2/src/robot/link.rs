@@ -7,18 +7,19 @@ use repose_geometry::transform::to_row_major;
 use repose_proto::robot::{EmergencyStop, RobotCommand, RobotMode, RobotState};
 use repose_proto::{CallError, Payload, RigidTransform};
 use repose_ros_messages::{
-    FollowJointTrajectoryFeedback, FollowJointTrajectoryGoal, FollowJointTrajectoryResult, GripperCommandGoal, GripperCommandResult,
-    JointState,
+    FollowJointTrajectoryFeedback, FollowJointTrajectoryGoal, FollowJointTrajectoryResult, GetResultResponse, GripperCommandGoal,
+    GripperCommandResult, JointState,
 };
-use repose_runtime::{Sample, Session, Subscription, Traffic, refuse_a_second_driver};
+use repose_runtime::{Sample, Session, Shutdown, Subscription, Traffic, refuse_a_second_driver};
 use tokio::sync::mpsc;
 use tokio::time::{Interval, MissedTickBehavior};
 
 use super::goal::goal_of;
 use super::side::{Do, RosSide, Told};
+use super::unended::BEFORE;
 use crate::config::{RobotConfig, Ros2Config};
 use crate::error::BridgeError;
-use crate::node::{ActionClient, ActionTypes, Canceled, GoalHandle, Heard, Node, RosSubscription, now_ns};
+use crate::node::{ALL_GOALS, ActionClient, ActionTypes, Canceled, GoalHandle, Heard, Node, RosSubscription, now_ns};
 use crate::report::Reports;
 use crate::tree::Tree;
 use crate::wire::names::Qos;
@@ -54,6 +55,9 @@ struct Heeded {
     arm: Arc<ArmClient>,
     hand: Option<Arc<HandClient>>,
     steps: Interval,
+    ending: Shutdown,
+    /// Whether it is ending.
+    ends: bool,
 }
 
 /// What has come, or that it is time for a step.
@@ -66,9 +70,11 @@ enum Event {
     /// Something stalls the fingers on their way to this goal of the hand.
     Stalled(GoalHandle),
     Step,
+    /// The bridge is to end.
+    End,
 }
 
-/// Runs a robot until its session closes.
+/// Runs a robot until its session closes, or until `ending` and then until nothing moves it any more.
 ///
 /// # Errors
 /// When another driver of that name is there, or a network refuses.
@@ -79,13 +85,17 @@ pub async fn run(
     robot: RobotConfig,
     tree: Tree,
     reports: Reports,
+    ending: Shutdown,
 ) -> Result<(), BridgeError> {
-    refuse_a_second_driver(&session, &robot.name).await?;
-    let (controllers, told) = Controllers::of(&node, &robot).await?;
-    let mut heeded = Heeded::of(&session, &node, &robot, &controllers, told).await?;
+    let joined = tokio::select! {
+        joined = join(&session, &node, &robot, &ending) => joined?,
+        // Nothing was sent that would have to be canceled.
+        () = ending.requested() => return Ok(()),
+    };
+    let (controllers, mut heeded) = joined;
     let states = session.publisher(session.cell().robot_state(&robot.name), Traffic::RobotState);
 
-    let mut side = RosSide::new(robot.clone());
+    let mut side = RosSide::new(robot.clone(), robot.arm("robots")?);
     let started = Instant::now();
     let now_ms = || started.elapsed().as_millis() as u64;
     let (mut next_state, mut shown, mut feedback) = (Instant::now(), None::<(RobotMode, Option<String>)>, 0u64);
@@ -96,6 +106,8 @@ pub async fn run(
             Event::Told(told) => side.told(told, now_ms()),
             Event::Joints(Ok(state)) => side.joints(&state, now_ms()),
             Event::Joints(Err(error)) => reports.warn(&robot.name, format!("{}: {error}", robot.joint_states)),
+            // What would clear the stop, or begin something new, comes too late.
+            Event::Command(_) if heeded.ends => {}
             Event::Command(sample) => {
                 let command = sample.payload.decode_json::<RobotCommand>();
                 match command.and_then(|command| side.command(&command, now_ms(), now_ms())) {
@@ -109,6 +121,7 @@ pub async fn run(
                 controllers.number(goal).into_iter().for_each(|number| side.told(Told::Stalled(number), now_ms()));
             }
             Event::Step => {}
+            Event::End => side.end(),
         }
         if robot.world_from_base.is_none()
             && let Some(pose) = tree.newest(&config.world_frame, &robot.base_frame)
@@ -116,9 +129,15 @@ pub async fn run(
             side.stands(RigidTransform(to_row_major(&pose)));
         }
         side.step(now_ms()).into_iter().for_each(|todo| controllers.carry_out(todo));
+        if heeded.ends && side.has_ended() {
+            break;
+        }
         let shown_mode = shown.as_ref().map(|(mode, _)| *mode);
         let Some(state) = due(&mut side, &mut next_state, shown_mode, now_ms()) else { continue };
-        let now_shown = (state.mode, why(&state, side.overdue_cancels(now_ms())));
+        // Frames take a while to come at the start.
+        let lost = side.unknown_base().filter(|_| now_ms() > robot.controller_timeout_ms);
+        reports.standing(&robot.name, "base", lost.clone());
+        let now_shown = (state.mode, why(&state, side.overdue_cancels(now_ms()).or(lost)));
         if shown.as_ref() != Some(&now_shown) {
             tracing::info!(robot = robot.name, mode = ?now_shown.0, why = now_shown.1, "robot");
             reports.robot(&robot.name, now_shown.0, now_shown.1.clone());
@@ -131,10 +150,18 @@ pub async fn run(
     Ok(())
 }
 
-/// Why the robot is stopped, with what is still wrong beside that.
-fn why(state: &RobotState, overdue: Option<String>) -> Option<String> {
+/// Joins both networks.
+async fn join(session: &Session, node: &Node, robot: &RobotConfig, ending: &Shutdown) -> Result<(Controllers, Heeded), BridgeError> {
+    refuse_a_second_driver(session, &robot.name).await?;
+    let (controllers, told) = Controllers::of(node, robot).await?;
+    let heeded = Heeded::of(session, node, robot, &controllers, told, ending).await?;
+    Ok((controllers, heeded))
+}
+
+/// Why the robot is stopped, with what keeps that from being cleared.
+fn why(state: &RobotState, keeps: Option<String>) -> Option<String> {
     let stop = state.stop.as_ref()?;
-    let beside = overdue.map_or_else(String::new, |overdue| format!("; {overdue}"));
+    let beside = keeps.map_or_else(String::new, |keeps| format!("; {keeps}"));
     Some(format!("{}: {}{beside}", stop.kind, stop.reason))
 }
 
@@ -145,6 +172,7 @@ impl Heeded {
         robot: &RobotConfig,
         controllers: &Controllers,
         told: mpsc::Receiver<Told>,
+        ending: &Shutdown,
     ) -> Result<Self, BridgeError> {
         let cell = session.cell();
         let mut steps = tokio::time::interval(STEP);
@@ -157,6 +185,8 @@ impl Heeded {
             arm: controllers.arm.clone(),
             hand: controllers.hand.clone(),
             steps,
+            ending: ending.clone(),
+            ends: false,
         })
     }
 
@@ -166,6 +196,10 @@ impl Heeded {
             return tokio::select! {
                 biased;
                 sample = self.stops.recv() => sample.map(Event::Stop),
+                () = self.ending.requested(), if !self.ends => {
+                    self.ends = true;
+                    Some(Event::End)
+                }
                 Some(told) = self.told.recv() => Some(Event::Told(told)),
                 message = self.joints.recv() => message.map(Event::Joints),
                 sample = self.commands.recv() => sample.map(Event::Command),
@@ -218,6 +252,9 @@ impl Controllers {
 
     /// The id of the goal of that number.
     fn id(&self, number: u64) -> GoalHandle {
+        if number == BEFORE {
+            return ALL_GOALS;
+        }
         let mut uuid = [0; 16];
         uuid[..8].copy_from_slice(&self.run);
         uuid[8..].copy_from_slice(&number.to_be_bytes());
@@ -244,10 +281,13 @@ impl Controllers {
             Do::Cancel(number) => {
                 let (id, arm) = (self.id(number), self.arm.clone());
                 tokio::spawn(async move {
-                    // It is canceled again until its end is told: only that there is nothing to cancel is of interest.
+                    // It is canceled again until its end is told, or the controller says that there is nothing to cancel.
                     match arm.cancel(id, patience).await {
                         Ok(Canceled::NotThere) => drop(told.send(Told::NotThere(number)).await),
+                        Ok(Canceled::Ending) => drop(told.send(Told::Ending(number)).await),
                         Ok(answer) => tracing::debug!(action = arm.name(), number, ?answer, "a goal was canceled"),
+                        // Of a controller that is not there yet the reports tell.
+                        Err(error) if number == BEFORE => tracing::debug!(action = arm.name(), %error, "a cancel was not answered"),
                         Err(error) => tracing::warn!(action = arm.name(), number, %error, "a cancel was not answered"),
                     }
                 });
@@ -268,11 +308,11 @@ impl Controllers {
                 let id = self.id(number);
                 tokio::spawn(async move {
                     let goal = GripperCommandGoal { position, max_effort };
-                    let result = grip(&hand, id, goal, patience).await;
-                    if let Err(error) = &result {
-                        tracing::warn!(action = hand.name(), %error, "the gripper's goal came to nothing");
-                    }
-                    drop(told.send(Told::Gripped(number, result.ok())).await);
+                    let ended = match grip(&hand, id, goal, patience).await {
+                        Ok(response) => Told::Gripped(number, response.status, response.result),
+                        Err(error) => Told::NotGripped(number, error.to_string()),
+                    };
+                    drop(told.send(ended).await);
                 });
             }
         }
@@ -308,9 +348,9 @@ async fn grip(
     id: GoalHandle,
     goal: GripperCommandGoal,
     patience: Duration,
-) -> Result<GripperCommandResult, BridgeError> {
+) -> Result<GetResultResponse<GripperCommandResult>, BridgeError> {
     if !hand.send(id, goal, patience).await? {
         return Err(CallError::precondition(format!("{} refused the goal", hand.name())).into());
     }
-    Ok(hand.result(id, RESULT_MARGIN).await?.result)
+    hand.result(id, RESULT_MARGIN).await
 }

@@ -4,9 +4,9 @@
 //! live, limits, stops that latch, commanders that fall silent. A controller takes whole trajectories, so a stream has to come whole
 //! ([`HORIZON_MS`] asks for that); it is followed in thought before the controller gets it, and one that breaks a rule never does. The arm
 //! counts as started when the controller accepts, and as arrived when the controller says so. A controller that refuses, aborts or falls silent
-//! latches a stop, and so does the start of this process. A stop, whoever latches it, cancels every goal that is not known to have ended, again and
-//! again until each has, and is not cleared before that; the hand's goal too, unless something is between the fingers. Then the arm stands where
-//! its joints are measured.
+//! latches a stop, the arm's and the hand's alike, and so does the start of this process. A stop, whoever latches it, cancels every goal that is not
+//! known to have ended, again and again until each has, and is not cleared before that; the hand's goal too, unless something is between the
+//! fingers. What processes before this one left is such a goal. Then the arm stands where its joints are measured.
 //!
 //! Pure: events and time come in, what is to be done goes out.
 
@@ -18,7 +18,7 @@ use repose_ros_messages::{FollowJointTrajectoryResult, GripperCommandResult, Joi
 use super::goal::{Goal, GoalState, trajectory};
 use super::hand::Hand;
 use super::measured::Measured;
-use super::unended::Unended;
+use super::unended::{BEFORE, Unended};
 use crate::config::RobotConfig;
 
 /// How far ahead set-points are asked for, milliseconds: the whole of any stream.
@@ -59,10 +59,14 @@ pub enum Told {
     Ended(u64, i8, FollowJointTrajectoryResult),
     /// Its end was not heard of: why.
     Lost(u64, String),
+    /// It answers to a cancel that it is ending the goal.
+    Ending(u64),
     /// It answers to a cancel that it carries out no such goal.
     NotThere(u64),
-    /// The hand's controller has ended its goal, or not taken it.
-    Gripped(u64, Option<GripperCommandResult>),
+    /// The hand's controller has ended its goal: a state of goals, and the result.
+    Gripped(u64, i8, GripperCommandResult),
+    /// It has not taken it, or its end was not heard of: why.
+    NotGripped(u64, String),
     /// It says on the way that something stalls the fingers.
     Stalled(u64),
 }
@@ -70,6 +74,7 @@ pub enum Told {
 /// One robot.
 pub struct RosSide {
     config: RobotConfig,
+    settings: ArmSettings,
     arm: Option<Arm>,
     measured: Measured,
     hand: Hand,
@@ -89,11 +94,12 @@ pub struct RosSide {
 
 impl RosSide {
     /// A robot of which nothing is known yet.
-    pub fn new(config: RobotConfig) -> Self {
+    pub fn new(config: RobotConfig, settings: ArmSettings) -> Self {
         Self {
             measured: Measured::new(&config),
             world_from_base: config.world_from_base,
             config,
+            settings,
             arm: None,
             hand: Hand::default(),
             goal: None,
@@ -117,15 +123,31 @@ impl RosSide {
         self.world_from_base = Some(world_from_base);
     }
 
+    /// What is to be said of a robot whose place is not known. Commanders would take it to be where they are configured to.
+    pub fn unknown_base(&self) -> Option<String> {
+        let frame = &self.config.base_frame;
+        let say = || {
+            format!(
+                "the base is not known: frame {frame} is not in the tree of fixed frames (/tf_static) under the world's; set base_frame or \
+                 world_from_base"
+            )
+        };
+        self.world_from_base.is_none().then(say)
+    }
+
     /// Takes joint states.
     pub fn joints(&mut self, state: &JointState, now_ms: u64) {
         let whole = self.measured.take(state, now_ms);
         if let Some(width_m) = self.measured.width_m() {
-            self.hand.measured(width_m);
+            self.hand.measured(width_m, now_ms);
         }
         let Some(q_rad) = self.measured.q_rad().filter(|_| whole) else { return };
         let is_on_its_way = self.is_on_its_way(&q_rad);
-        let settings = ArmSettings { following_tolerance_rad: self.config.following_tolerance_rad, ..ArmSettings::default() };
+        let settings = self.settings;
+        if self.arm.is_none() {
+            // What an earlier process had sent is whole in the controller, and may still move the arm.
+            self.unended.sent(BEFORE);
+        }
         let arm = self.arm.get_or_insert_with(|| Arm::found_at(q_rad, settings, now_ms as f64 * 1e-3, None));
         // While the controller has not begun, the arm's stream has not either.
         if !is_on_its_way && self.goal.is_none_or(|goal| goal.state != GoalState::Sent) {
@@ -151,15 +173,37 @@ impl RosSide {
         }
     }
 
+    /// The process is to end: what moves the arm is canceled.
+    pub fn end(&mut self) {
+        let is_under_way = !self.unended.is_empty();
+        if let Some(arm) = self.arm.as_mut().filter(|arm| is_under_way && arm.stop().is_none()) {
+            arm.fault("driver_ended", "the bridge is ending".to_owned());
+        }
+    }
+
+    /// Whether every goal of the arm has ended.
+    pub fn has_ended(&self) -> bool {
+        self.unended.is_empty()
+    }
+
+    /// Why a stop cannot be cleared now.
+    fn not_ready(&self) -> Option<String> {
+        if !self.unended.is_empty() {
+            return Some("a controller may still be carrying out a goal".to_owned());
+        }
+        self.unknown_base()
+    }
+
     /// Takes a command that came at `received_ms`.
     ///
     /// # Errors
     /// Why it was not taken.
     pub fn command(&mut self, command: &RobotCommand, received_ms: u64, now_ms: u64) -> Result<Option<Do>, CallError> {
-        let Some(arm) = &mut self.arm else { return Err(CallError::precondition("the joints are not known yet")) };
-        if command.clear_stop && arm.stop().is_some() && !self.unended.is_empty() {
-            return Err(CallError::precondition("the stop cannot be cleared: a controller may still be carrying out a goal"));
+        let is_stopped = self.arm.as_ref().is_some_and(|arm| arm.stop().is_some());
+        if let Some(why) = self.not_ready().filter(|_| command.clear_stop && is_stopped) {
+            return Err(CallError::precondition(format!("the stop cannot be cleared: {why}")));
         }
+        let Some(arm) = &mut self.arm else { return Err(CallError::precondition("the joints are not known yet")) };
         let was_moving = arm.mode() == RobotMode::Moving;
         arm.late_command(command, received_ms as f64 * 1e-3, now_ms as f64 * 1e-3)
             .map_err(|why| CallError::precondition(format!("command {} of {}: {why}", command.seq, command.owner.id)))?;
@@ -209,13 +253,7 @@ impl RosSide {
 
     /// Takes an answer of a controller.
     pub fn told(&mut self, told: Told, now_ms: u64) {
-        if let Told::Gripped(number, result) = &told {
-            let width_m = result.map_or(0.0, |r| r.position / self.config.gripper_position_per_width);
-            self.hand.ended(*number, result.as_ref(), width_m);
-            return;
-        }
-        if let Told::Stalled(number) = &told {
-            self.hand.stalled(*number);
+        if self.told_of_hand(&told) {
             return;
         }
         let (Told::Accepted(number)
@@ -223,15 +261,18 @@ impl RosSide {
         | Told::Unanswered(number, _)
         | Told::Ended(number, ..)
         | Told::Lost(number, _)
+        | Told::Ending(number)
         | Told::NotThere(number)
-        | Told::Gripped(number, _)
+        | Told::Gripped(number, ..)
+        | Told::NotGripped(number, _)
         | Told::Stalled(number)) = &told;
         match &told {
             Told::Accepted(_) => self.unended.accepted(*number),
             Told::Ended(_, status::SUCCEEDED, _) => self.unended.arrived(*number),
             Told::Refused(..) | Told::Ended(..) => self.unended.ended(*number),
+            Told::Ending(_) => self.unended.ending(*number, now_ms),
             Told::NotThere(_) => self.unended.not_there(*number, now_ms, self.config.controller_timeout_ms),
-            Told::Unanswered(..) | Told::Lost(..) | Told::Gripped(..) | Told::Stalled(_) => {}
+            Told::Unanswered(..) | Told::Lost(..) | Told::Gripped(..) | Told::NotGripped(..) | Told::Stalled(_) => {}
         }
         // Of a goal whose place another has taken, or that is being canceled, nothing else is to be learnt.
         let Some(goal) = self.goal.filter(|goal| goal.number == *number) else { return };
@@ -247,7 +288,8 @@ impl RosSide {
                 self.goal = Some(Goal { state: GoalState::Accepted, since_ms: now_ms, ..goal });
                 self.owed_s = 0.0;
             }
-            Told::Accepted(_) | Told::NotThere(_) | Told::Gripped(..) | Told::Stalled(_) => {}
+            Told::Accepted(_) | Told::Ending(_) | Told::NotThere(_) => {}
+            Told::Gripped(..) | Told::NotGripped(..) | Told::Stalled(_) => {}
             Told::Refused(_, why) => fault("controller_refused", why),
             Told::Unanswered(_, why) | Told::Lost(_, why) => fault("controller_silent", why),
             Told::Ended(_, status::SUCCEEDED, _) => self.goal = None,
@@ -256,6 +298,28 @@ impl RosSide {
                 fault("controller_aborted", format!("the goal ended {}: {error_string} (error {error_code})", status::name(state)));
             }
         }
+    }
+
+    /// Takes what the hand's controller says; whether it was that.
+    fn told_of_hand(&mut self, told: &Told) -> bool {
+        let failure = match told {
+            Told::Stalled(number) => {
+                self.hand.stalled(*number);
+                None
+            }
+            Told::Gripped(number, state, result) => {
+                let was_to = self.hand.ended(*number, Some(result), result.position / self.config.gripper_position_per_width);
+                // Some controllers abort a goal that something stalls: it is held then.
+                let is_done = *state == status::SUCCEEDED || result.stalled || result.reached_goal;
+                (was_to && !is_done).then(|| format!("the hand's goal ended {} at {:.4} m", status::name(*state), result.position))
+            }
+            Told::NotGripped(number, why) => self.hand.ended(*number, None, 0.0).then(|| why.clone()),
+            _ => return false,
+        };
+        if let (Some(why), Some(arm)) = (failure, self.arm.as_mut().filter(|arm| arm.stop().is_none())) {
+            arm.fault("gripper_failed", why);
+        }
+        true
     }
 
     /// Goes on to `now_ms`, and what is to be done.
@@ -282,7 +346,7 @@ impl RosSide {
         if let Some(action) = arm.take_gripper() {
             if self.config.gripper_action.is_some() {
                 self.goals += 1;
-                self.hand.sent(self.goals);
+                self.hand.sent(self.goals, action.width_m);
                 todo.push(Do::Grip(self.goals, action.width_m * self.config.gripper_position_per_width, action.force_n));
             } else {
                 arm.fault("no_gripper", "the configuration names no gripper_action".to_owned());

@@ -1,15 +1,23 @@
 //! A robot of ROS with controllers that do as they are told, and with others.
 
 use repose_panda::READY;
+use repose_proto::RigidTransform;
 use repose_proto::robot::{EmergencyStop, Owner, RobotCommand, RobotMode, SetPoint, Task};
 use repose_ros_messages::{FollowJointTrajectoryResult, GripperCommandResult, JointState, status};
 
 use super::side::{Do, RosSide, Told};
+use super::unended::BEFORE;
 use crate::config::RobotConfig;
 
 fn config(gripper: bool) -> RobotConfig {
     let hand = if gripper { "gripper_action = \"/hand/gripper_cmd\"\n" } else { "" };
-    toml::from_str(&format!("name = \"panda\"\ntrajectory_action = \"/arm/follow_joint_trajectory\"\n{hand}")).expect("a robot")
+    let robot = format!("name = \"panda\"\ntrajectory_action = \"/arm/follow_joint_trajectory\"\n{hand}");
+    RobotConfig { world_from_base: Some(RigidTransform::IDENTITY), ..toml::from_str(&robot).expect("a robot") }
+}
+
+fn side(config: RobotConfig) -> RosSide {
+    let arm = config.arm("robot").expect("a model");
+    RosSide::new(config, arm)
 }
 
 /// Joint 0 at `s` of a swing of a second over `delta_rad`, and its speed.
@@ -49,17 +57,28 @@ struct Trial {
 impl Trial {
     /// A robot that stands ready.
     fn new(gripper: bool) -> Self {
-        let mut trial = Self::started(gripper);
+        Self::ready(config(gripper))
+    }
+
+    fn ready(config: RobotConfig) -> Self {
+        let mut trial = Self::started(config);
+        trial.hears_of_nothing_before();
         assert!(trial.clears());
         trial
     }
 
     /// A robot whose joints were just told to a bridge that has started.
-    fn started(gripper: bool) -> Self {
-        let mut trial =
-            Self { side: RosSide::new(config(gripper)), now_ms: 0, seq: 0, joints_rad: READY, fingers_m: 0.04, todo: Vec::new() };
+    fn started(config: RobotConfig) -> Self {
+        let mut trial = Self { side: side(config), now_ms: 0, seq: 0, joints_rad: READY, fingers_m: 0.04, todo: Vec::new() };
         trial.run(20);
         trial
+    }
+
+    /// The controller goes on to say that it carries out nothing of before.
+    fn hears_of_nothing_before(&mut self) {
+        self.run(2100);
+        self.side.told(Told::NotThere(BEFORE), self.now_ms);
+        self.todo.clear();
     }
 
     /// Asks for the latched stop to be cleared; whether it was.
@@ -117,10 +136,82 @@ fn ended(number: u64, status: i8) -> Told {
 
 #[test]
 fn a_bridge_that_starts_is_stopped_until_somebody_clears_that() {
-    let mut trial = Trial::started(false);
+    let mut trial = Trial::started(config(false));
     assert_eq!(trial.stop_kind().as_deref(), Some("driver_started"));
     assert!(trial.side.state(trial.now_ms, 0).is_some_and(|state| state.since_handling_ms.is_some()), "plans of before are old");
+    trial.hears_of_nothing_before();
+    assert_eq!(trial.stop_kind().as_deref(), Some("driver_started"));
     assert!(trial.clears());
+}
+
+#[test]
+fn what_an_earlier_process_left_is_canceled_until_the_controller_has_said_that_nothing_is_left() {
+    let mut trial = Trial::started(config(false));
+    trial.side.emergency_stop(&EmergencyStop::read(b"e1"));
+    trial.run(1000);
+    assert_eq!(trial.done(), vec![Do::Cancel(BEFORE); 5]);
+    assert!(!trial.clears(), "the arm may be on its way");
+    trial.side.told(Told::Ending(BEFORE), trial.now_ms);
+    trial.run(1600);
+    assert!(trial.side.overdue_cancels(trial.now_ms).is_some());
+    trial.side.told(Told::NotThere(BEFORE), trial.now_ms);
+    assert!(!trial.clears(), "the controller may still be ending it");
+    trial.run(500);
+    trial.side.told(Told::NotThere(BEFORE), trial.now_ms);
+    trial.done();
+    trial.run(1000);
+    assert_eq!((trial.done(), trial.side.overdue_cancels(trial.now_ms)), (Vec::new(), None));
+    assert!(trial.clears());
+}
+
+#[test]
+fn an_arm_whose_controller_is_not_there_at_the_start_stays_stopped_and_that_is_told() {
+    let mut trial = Trial::started(config(false));
+    trial.run(2000);
+    assert_eq!(trial.side.overdue_cancels(trial.now_ms), None, "it has time to answer");
+    trial.run(8000);
+    assert!(trial.side.overdue_cancels(trial.now_ms).is_some_and(|told| told.contains("before this start")));
+    assert!(!trial.clears());
+}
+
+#[test]
+fn a_bridge_that_is_told_to_end_cancels_the_goal_first() {
+    let mut trial = Trial::new(false);
+    trial.side.end();
+    assert!(trial.side.has_ended());
+    assert_eq!(trial.stop_kind(), None, "nothing is under way");
+    trial.start(swing(READY[0], 0.3));
+    trial.side.told(Told::Accepted(1), trial.now_ms);
+    trial.run(40);
+    trial.done();
+    trial.side.end();
+    trial.run(4);
+    assert_eq!((trial.done(), trial.stop_kind().as_deref()), (vec![Do::Cancel(1)], Some("driver_ended")));
+    assert!(!trial.side.has_ended());
+    trial.side.told(ended(1, status::CANCELED), trial.now_ms);
+    assert!(trial.side.has_ended());
+}
+
+#[test]
+fn a_robot_whose_base_is_not_known_stays_stopped() {
+    let mut trial = Trial::started(RobotConfig { world_from_base: None, ..config(false) });
+    trial.hears_of_nothing_before();
+    assert!(!trial.clears());
+    assert!(trial.side.unknown_base().is_some_and(|told| told.contains("panda_link0")));
+    trial.side.stands(RigidTransform::IDENTITY);
+    assert_eq!(trial.side.unknown_base(), None);
+    assert!(trial.clears());
+}
+
+#[test]
+fn an_arm_is_held_against_the_limits_of_its_own_model() {
+    // 2.4 rad/s at joint 1: an FR3 may 2.62, a Panda 2.175.
+    for (model, stop) in [("panda", Some("joint_velocity_limit")), ("fr3", None)] {
+        let mut trial = Trial::ready(RobotConfig { model: model.to_owned(), ..config(false) });
+        trial.start(swing(READY[0], 1.3));
+        assert_eq!(trial.stop_kind().as_deref(), stop, "{model}");
+        assert_eq!(trial.side.state(trial.now_ms, 0).expect("a state").model.as_deref(), Some(model));
+    }
 }
 
 #[test]
@@ -333,7 +424,7 @@ fn the_hand_closes_and_holds_what_stalls_it() {
     assert!(!trial.side.state(trial.now_ms, 0).expect("a state").gripper_settled);
     trial.fingers_m = 0.03;
     let stalled = GripperCommandResult { position: 0.03, effort: 30.0, stalled: true, reached_goal: false };
-    trial.side.told(Told::Gripped(1, Some(stalled)), trial.now_ms);
+    trial.side.told(Told::Gripped(1, status::SUCCEEDED, stalled), trial.now_ms);
     trial.run(8);
     let state = trial.side.state(trial.now_ms, 0).expect("a state");
     assert!(state.gripper_settled && state.gripper_holding && (state.gripper_width_m - 0.06).abs() < 1e-9);
@@ -352,11 +443,43 @@ fn a_stop_cancels_the_hand_until_its_goal_ends_unless_something_is_between_its_f
         trial.side.emergency_stop(&EmergencyStop::read(b"e1"));
         trial.run(400);
         assert_eq!(trial.done(), vec![Do::CancelGrip(1); if stalls { 0 } else { 2 }]);
-        trial.side.told(Told::Gripped(1, None), trial.now_ms);
+        assert_eq!(trial.stop_kind().as_deref(), Some("estop"));
+        trial.side.told(Told::Gripped(1, status::CANCELED, GripperCommandResult::default()), trial.now_ms);
         trial.run(400);
-        assert_eq!(trial.done(), []);
+        assert_eq!((trial.done(), trial.stop_kind().as_deref()), (Vec::new(), Some("estop")));
         assert!(trial.clears());
     }
+}
+
+#[test]
+fn a_goal_of_the_hand_that_fails_latches_a_stop_and_one_that_something_stalls_does_not() {
+    let short = GripperCommandResult { position: 0.03, ..GripperCommandResult::default() };
+    let stalled = GripperCommandResult { stalled: true, ..short };
+    for (told, stop) in [
+        (Told::NotGripped(1, "it refused the goal".to_owned()), Some("gripper_failed")),
+        (Told::Gripped(1, status::ABORTED, short), Some("gripper_failed")),
+        (Told::Gripped(1, status::ABORTED, stalled), None),
+        (Told::Gripped(1, status::SUCCEEDED, short), None),
+        (Told::NotGripped(7, "another goal".to_owned()), None),
+    ] {
+        let mut trial = Trial::new(true);
+        trial.command(|command| command.gripper = Some(repose_proto::robot::GripperCommand { width_m: 0.02, force_n: 30.0 }));
+        trial.run(8);
+        trial.side.told(told.clone(), trial.now_ms);
+        assert_eq!(trial.stop_kind().as_deref(), stop, "{told:?}");
+    }
+}
+
+#[test]
+fn a_goal_of_the_hand_that_a_stop_has_canceled_is_no_failure_when_it_ends_late() {
+    let mut trial = Trial::new(true);
+    trial.command(|command| command.gripper = Some(repose_proto::robot::GripperCommand { width_m: 0.02, force_n: 30.0 }));
+    trial.run(8);
+    trial.side.emergency_stop(&EmergencyStop::read(b"e1"));
+    trial.run(8);
+    assert!(trial.clears());
+    trial.side.told(Told::Gripped(1, status::CANCELED, GripperCommandResult::default()), trial.now_ms);
+    assert_eq!((trial.stop_kind(), trial.mode()), (None, RobotMode::Idle));
 }
 
 #[test]
@@ -373,5 +496,5 @@ fn joints_that_nobody_tells_of_are_not_shown_and_stop_an_arm_that_moves() {
     assert_eq!(todo, [Do::Cancel(1)]);
     trial.run(8);
     assert_eq!(trial.stop_kind().as_deref(), Some("joint_states_silent"));
-    assert_eq!(RosSide::new(config(false)).missing().len(), 7);
+    assert_eq!(side(config(false)).missing().len(), 7);
 }

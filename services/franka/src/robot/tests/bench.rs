@@ -143,7 +143,7 @@ impl Bench {
         let arm = ArmSettings { model, rules, following_tolerance_rad: 0.1, ..ArmSettings::default() };
         let mut side = Side::new(SideSettings { arm, max_grip_force_n: 40.0, has_hand: true, world_from_base: None });
         assert!(side.connected(limits));
-        let hand = HandReading { width_m: 0.08, grasps: false, ended: 0, connected: true };
+        let hand = HandReading { width_m: 0.08, connected: true, ..HandReading::default() };
         let owner = Owner { id: "motion-1".to_owned(), epoch: 1 };
         let robot = Robot { mode, ..Robot::new(model) };
         let mut bench = Self {

@@ -5,7 +5,7 @@ use repose_panda::{Model, READY};
 use repose_proto::robot::{GripperCommand, RobotCommand, RobotMode, Task};
 
 use super::bench::Bench;
-use crate::robot::hand::{HandCommand, HandHalt};
+use crate::robot::hand::{HandCommand, HandHalt, HandReading};
 use crate::robot::side::Refused;
 
 fn turned(by_rad: f64) -> [f64; 7] {
@@ -212,7 +212,7 @@ fn the_hand_is_told_once_and_its_loss_latches() {
     bench.run(5);
     assert_eq!(bench.orders, [HandCommand::Close(0.02, 40.0)], "with no more force than the configuration allows");
     assert!(!bench.state().gripper_settled);
-    bench.hand = crate::robot::hand::HandReading { width_m: 0.045, grasps: true, ended: 1, connected: true };
+    bench.hand = HandReading { width_m: 0.045, grasps: true, ended: 1, failed: 0, connected: true };
     bench.run(5);
     assert!(bench.state().gripper_settled && bench.state().gripper_holding);
     bench.hand.connected = false;
@@ -231,11 +231,33 @@ fn a_stop_has_the_hand_leave_off_what_it_does_once() {
     bench.run(50);
     assert_eq!(bench.halts, [HandHalt { up_to: 1, stops: true }]);
     assert!(bench.reset(20));
-    bench.hand = crate::robot::hand::HandReading { width_m: 0.045, grasps: true, ended: 1, connected: true };
+    bench.hand = HandReading { width_m: 0.045, grasps: true, ended: 1, failed: 0, connected: true };
     bench.run(5);
     bench.estop();
     bench.run(50);
     assert_eq!(bench.halts[1..], [HandHalt { up_to: 1, stops: false }], "what it holds does not fall");
+}
+
+#[test]
+fn a_command_that_the_hand_could_not_carry_out_latches_a_stop_once() {
+    let mut bench = Bench::new(Model::Fr3);
+    let command = RobotCommand { gripper: Some(GripperCommand { width_m: 0.02, force_n: 30.0 }), ..bench.next() };
+    bench.send(command).expect("taken");
+    bench.run(5);
+    bench.hand = HandReading { width_m: 0.08, grasps: false, ended: 1, failed: 1, connected: true };
+    bench.run(5);
+    assert_eq!(bench.stopped_by().as_deref(), Some("gripper_failed"));
+    assert!(bench.reset(20));
+    bench.run(50);
+    assert_eq!(bench.stopped_by(), None);
+}
+
+#[test]
+fn what_the_hand_held_before_the_driver_started_is_shown_as_held() {
+    let mut bench = Bench::new(Model::Fr3);
+    bench.hand = HandReading { width_m: 0.045, grasps: true, ended: 0, failed: 0, connected: true };
+    bench.run(5);
+    assert!(bench.state().gripper_settled && bench.state().gripper_holding);
 }
 
 #[test]

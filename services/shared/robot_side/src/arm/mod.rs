@@ -49,6 +49,15 @@ const ESTOPS: usize = 3;
 /// The stop of an arm whose driver has started.
 pub const DRIVER_STARTED: &str = "driver_started";
 
+impl ArmSettings {
+    /// Those of an arm of that model, under its official limits; none where there is no model of that name.
+    pub fn of_model(name: &str) -> Option<Self> {
+        let model = Model::parse(name)?;
+        let rules = CommandRuleSettings { limits: model.limits(), ..CommandRuleSettings::default() };
+        Some(Self { model, rules, ..Self::default() })
+    }
+}
+
 impl Default for ArmSettings {
     fn default() -> Self {
         Self {
