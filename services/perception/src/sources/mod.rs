@@ -7,6 +7,7 @@
 //! | a folder with `camera.json`, `depth/*.png`, and `color/`, `labels/` where there are any | one per depth picture |
 //! | a file `*.mcap`, or a folder with such files (a rosbag2 folder) | one per depth image or organized cloud |
 
+mod assembly;
 pub mod frame_folder;
 pub mod messages;
 pub mod png_sequence;

@@ -2,24 +2,19 @@
 //!
 //! A recording is an MCAP file, or several that go on where the one before ended. Its beginning is read twice: once to choose the topics,
 //! then for the frames. A frame is made of each depth image (or cloud) and the color image with its stamp, which may come before or after
-//! it; the newest `CameraInfo` of the same size gives the intrinsics. Pictures are taken as rectified, and depth as registered to color
-//! where both have one size.
+//! it; the newest `CameraInfo` of the same size gives the intrinsics. Depth is taken as registered to color where both have one size, and
+//! frames that do not differ.
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
-use repose_proto::{CameraModel, Frame};
-use repose_ros_messages::frames::{
-    CloudPicture, DEPTH_UNIT_M, SampledPoint, check_rays, color_of, depth_of_cloud, depth_of_image, model_of,
-};
-use repose_ros_messages::{CameraInfo, MessageError, PointCloud2, RosImage};
+use repose_proto::Frame;
 
 use super::SourceError;
-use super::messages::{Channel, Messages};
+use super::assembly::Assembly;
+use super::messages::Messages;
 use super::survey::{Chosen, Survey, Topics};
 
-/// A color image belongs to a depth image when their stamps are at most this far apart.
-const SAME_INSTANT_NS: u64 = 17_000_000;
 /// How much of a recording topics are chosen from: this much where depth, intrinsics and color are found in it …
 const SURVEY_LEAST_NS: u64 = 1_000_000_000;
 /// … this much where there seems to be no color, and as much as it takes to find depth and its intrinsics.
@@ -68,11 +63,15 @@ impl Recording {
         if let Some(chosen) = survey.choose(&self.topics) {
             return Ok(chosen);
         }
+        let lacks_color = survey.lacks_color(&self.topics);
         let lacks = self.lacks(&survey.listing());
         Err(match (failed, survey.unreadable()) {
             (Some(error), _) => error,
-            (None, Some((topic, error))) => SourceError::Message { path: self.path.clone(), topic, error },
-            (None, None) => SourceError::Empty { path: self.path.clone(), lacks },
+            // Where color is missing, what cannot be read is at fault only if it is that.
+            (None, Some((topic, error))) if lacks_color.is_none() || self.topics.color.as_ref() == Some(&topic) => {
+                SourceError::Message { path: self.path.clone(), topic, error }
+            }
+            (None, _) => SourceError::Empty { path: self.path.clone(), lacks: lacks_color.unwrap_or(lacks) },
         })
     }
 
@@ -105,12 +104,16 @@ impl Recording {
         if self.assembly.is_none() {
             let chosen = self.choose()?;
             tracing::debug!(?chosen, "topics of the recording");
-            self.assembly = Some(Assembly::new(chosen));
+            if let Some(color) = &chosen.unregistered {
+                let depth = &chosen.depth;
+                tracing::warn!(%color, %depth, "color is of another frame than depth and left out; name its topic where it is registered");
+            }
+            self.assembly = Some(Assembly::new(chosen, &self.topics));
         }
         let Some(assembly) = &mut self.assembly else { return Ok(None) };
         while let Some(messages) = &mut self.messages {
             let at = |path: &Path, topic: String, error| SourceError::Message { path: path.to_owned(), topic, error };
-            if let Some(frame) = assembly.ready().map_err(|error| at(messages.path(), assembly.chosen.depth.clone(), error))? {
+            if let Some(frame) = assembly.ready().map_err(|error| at(messages.path(), assembly.chosen().depth.clone(), error))? {
                 return Ok(Some(frame));
             }
             match messages.next(|channel, _, bytes| assembly.take(channel, bytes).map_err(|error| (channel.topic.clone(), error)))? {
@@ -118,7 +121,7 @@ impl Recording {
                 None => self.messages = self.files.pop_front().map(|file| Messages::open(&file)).transpose()?,
             }
         }
-        let topic = assembly.chosen.depth.clone();
+        let topic = assembly.chosen().depth.clone();
         assembly.finish().map_err(|error| SourceError::Message { path: self.path.clone(), topic, error })
     }
 }
@@ -137,111 +140,11 @@ impl Iterator for Recording {
     }
 }
 
-/// Puts frames together from messages in the order of the file.
-#[derive(Debug)]
-struct Assembly {
-    chosen: Chosen,
-    info: Option<CameraInfo>,
-    color: Option<Color>,
-    /// The depth that waits for its color and intrinsics.
-    waiting: Option<Depth>,
-    /// A depth whose wait is over because the next one came.
-    overtaken: Option<Depth>,
-}
-
-#[derive(Debug)]
-struct Color {
-    stamp_ns: u64,
-    size: (usize, usize),
-    pixels: Vec<[u8; 3]>,
-}
-
-#[derive(Debug)]
-struct Depth {
-    stamp_ns: u64,
-    size: (usize, usize),
-    counts: Vec<u16>,
-    unit_m: f64,
-    /// A cloud's own colors.
-    colors: Option<Vec<[u8; 3]>>,
-    /// Points of a cloud, to be held against the camera.
-    sample: Vec<SampledPoint>,
-}
-
-impl Assembly {
-    fn new(chosen: Chosen) -> Self {
-        Self { chosen, info: None, color: None, waiting: None, overtaken: None }
-    }
-
-    fn take(&mut self, channel: &Channel, bytes: &[u8]) -> Result<(), MessageError> {
-        let Chosen { depth, info, color } = &self.chosen;
-        match channel.schema.as_str() {
-            "sensor_msgs/msg/CameraInfo" if channel.topic == *info => self.info = Some(CameraInfo::read(bytes)?),
-            "sensor_msgs/msg/PointCloud2" if channel.topic == *depth => {
-                let cloud = PointCloud2::read(bytes)?;
-                let CloudPicture { counts, colors, sample } = depth_of_cloud(&cloud)?;
-                let size = (cloud.width as usize, cloud.height as usize);
-                self.put_depth(Depth { stamp_ns: cloud.header.stamp.as_ns(), size, counts, unit_m: DEPTH_UNIT_M, colors, sample });
-            }
-            "sensor_msgs/msg/Image" if channel.topic == *depth => {
-                let image = RosImage::read(bytes)?;
-                let (stamp_ns, size) = (image.header.stamp.as_ns(), (image.width as usize, image.height as usize));
-                let (counts, unit_m) = depth_of_image(&image)?;
-                self.put_depth(Depth { stamp_ns, size, counts, unit_m, colors: None, sample: Vec::new() });
-            }
-            "sensor_msgs/msg/Image" if color.as_ref() == Some(&channel.topic) => {
-                let image = RosImage::read(bytes)?;
-                let (stamp_ns, size) = (image.header.stamp.as_ns(), (image.width as usize, image.height as usize));
-                self.color = Some(Color { stamp_ns, size, pixels: color_of(&image)? });
-            }
-            _ => {}
-        }
-        Ok(())
-    }
-
-    fn put_depth(&mut self, depth: Depth) {
-        self.overtaken = self.waiting.replace(depth);
-    }
-
-    /// A frame that needs to wait no longer.
-    fn ready(&mut self) -> Result<Option<Frame>, MessageError> {
-        if let Some(depth) = self.overtaken.take() {
-            return self.frame(depth);
-        }
-        let Some(waiting) = &self.waiting else { return Ok(None) };
-        let has_color = waiting.colors.is_some() || self.color.as_ref().is_some_and(|c| belongs(c, waiting));
-        if !has_color || self.model(waiting).is_none() {
-            return Ok(None);
-        }
-        self.finish()
-    }
-
-    /// The last frame, with what there is.
-    fn finish(&mut self) -> Result<Option<Frame>, MessageError> {
-        self.waiting.take().map_or(Ok(None), |depth| self.frame(depth))
-    }
-
-    fn model(&self, depth: &Depth) -> Option<CameraModel> {
-        self.info.as_ref().and_then(|info| model_of(info, depth.size, depth.unit_m))
-    }
-
-    fn frame(&mut self, depth: Depth) -> Result<Option<Frame>, MessageError> {
-        let Some(camera) = self.model(&depth) else { return Ok(None) };
-        check_rays(&depth.sample, &camera)?;
-        let of_image = self.color.as_ref().filter(|c| belongs(c, &depth)).map(|c| c.pixels.clone());
-        let color = depth.colors.or(of_image);
-        Ok(Some(Frame { color, ..Frame::new("recording".to_owned(), depth.stamp_ns, camera, depth.counts) }))
-    }
-}
-
-fn belongs(color: &Color, depth: &Depth) -> bool {
-    color.size == depth.size && color.stamp_ns.abs_diff(depth.stamp_ns) <= SAME_INSTANT_NS
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::sources::{self, synthetic};
+    use repose_ros_messages::MessageError;
 
     #[test]
     fn a_recording_goes_on_in_its_next_file_with_what_the_first_one_told() {
@@ -276,5 +179,30 @@ mod tests {
         let error =
             first(&[synthetic::info("/b/camera_info", "b", 40), tilted], &Topics { clouds: true, ..Topics::default() }).unwrap_err();
         assert!(matches!(error, SourceError::Message { error: MessageError::NotOptical { .. }, .. }), "{error}");
+    }
+
+    #[test]
+    fn color_that_is_named_and_does_not_fit_is_an_error_that_names_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("recording.mcap");
+        let (image, info) = (synthetic::image, synthetic::info);
+        let messages = [
+            info("/a/camera_info", "a", 4),
+            image("/a/depth", "a", "16UC1", 4),
+            image("/a/yuv", "a", "yuv422", 4),
+            image("/a/large", "a", "rgb8", 8),
+            image("/a/color", "other", "rgb8", 4),
+        ];
+        synthetic::record(&file, &messages);
+        let of = |color: Option<&str>| {
+            let topics = Topics { color: color.map(str::to_owned), ..Topics::default() };
+            sources::open(&file, &topics).unwrap().next().unwrap()
+        };
+        for (topic, why) in [("/nothing", "/a/depth (sensor_msgs/msg/Image)"), ("/a/yuv", "yuv422"), ("/a/large", "8 x 8")] {
+            let error = of(Some(topic)).unwrap_err().to_string();
+            assert!(error.contains(topic) && error.contains(why), "{error}");
+        }
+        assert!(of(Some("/a/color")).unwrap().color.is_some(), "who names it knows that it is registered");
+        assert!(of(None).unwrap().color.is_none(), "which nobody else does");
     }
 }

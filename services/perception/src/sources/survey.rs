@@ -9,12 +9,17 @@ use super::messages::Channel;
 use repose_ros_messages::frames::model_of;
 use repose_ros_messages::{CameraInfo, Header, MessageError, PointCloud2, RosImage};
 
+/// Encodings of color.
+const COLORS: [&str; 4] = ["rgb8", "bgr8", "rgba8", "bgra8"];
+/// The same of a topic that is named: all that can be read.
+const NAMED_COLORS: [&str; 8] = ["rgb8", "bgr8", "rgba8", "bgra8", "mono8", "8UC1", "8UC3", "8UC4"];
+
 /// Which topics make the frames. Of those that are not named the best fitting ones do.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Topics {
     /// Depth images (`16UC1` or `32FC1`; `mono16`, which is infrared more often, only where named).
     pub depth: Option<String>,
-    /// Color images (`rgb8`, `bgr8`, `rgba8`, `bgra8`).
+    /// Color images (`rgb8`, `bgr8`, `rgba8`, `bgra8`; whatever else can be read as color only where named) of the depth's size.
     pub color: Option<String>,
     /// Intrinsics.
     pub info: Option<String>,
@@ -40,6 +45,8 @@ pub struct Chosen {
     pub info: String,
     /// Color images, where there are any.
     pub color: Option<String>,
+    /// Color images that would do but for their frame, where there are no others: they are not registered to the depth.
+    pub unregistered: Option<String>,
 }
 
 /// What the messages so far say of their topics.
@@ -67,6 +74,23 @@ enum Kind {
     Image { encoding: String },
     Cloud,
     Info,
+}
+
+impl Kind {
+    /// What an image's pixels are.
+    fn encoding(&self) -> Option<&str> {
+        match self {
+            Self::Image { encoding } => Some(encoding),
+            Self::Cloud | Self::Info => None,
+        }
+    }
+}
+
+/// A topic of depth with what belongs to its camera.
+struct Source<'a> {
+    seen: &'a Seen,
+    info: Option<&'a Seen>,
+    color: Option<&'a Seen>,
 }
 
 impl Survey {
@@ -97,9 +121,39 @@ impl Survey {
         topics.join(", ")
     }
 
-    /// The topics that fit: depth with "depth" in its name before others, one that has intrinsics before one that has none, then the
-    /// first. `None` where that one has no intrinsics.
+    /// The topics that fit: depth with "depth" in its name before others, one that has intrinsics before one that has none, one that has color
+    /// before one that has none, then the first. `None` where that one has no intrinsics, or not the color that is named.
     pub fn choose(&self, wanted: &Topics) -> Option<Chosen> {
+        let Source { seen, info, color } = self.source(wanted)?;
+        if wanted.color.is_some() && color.is_none() {
+            return None;
+        }
+        let others = || self.colors_beside(seen).find(|other| is_of_another_frame(other, seen));
+        let unregistered = if color.is_none() { others() } else { None };
+        let name = |seen: &Seen| seen.topic.clone();
+        Some(Chosen { depth: name(seen), info: name(info?), color: color.map(name), unregistered: unregistered.map(name) })
+    }
+
+    /// What is missing where color is named and does not fit to the depth, which there is.
+    pub fn lacks_color(&self, wanted: &Topics) -> Option<String> {
+        let topic = wanted.color.as_ref()?;
+        let Source { seen: depth, color: None, info: Some(_) } = self.source(wanted)? else { return None };
+        let image = self.topics.iter().find(|seen| seen.topic == *topic).and_then(|seen| Some((seen, seen.kind.encoding()?)));
+        let (width, height) = depth.size;
+        Some(match image {
+            None => format!("sensor_msgs/msg/Image of color in {topic}; it has {}", self.listing()),
+            Some((_, encoding)) if !NAMED_COLORS.contains(&encoding) => {
+                format!("{} in {topic}, which is {encoding}", NAMED_COLORS.join(", "))
+            }
+            Some((seen, _)) => {
+                let (columns, rows) = seen.size;
+                format!("color of {width} x {height} in {topic}, as depth in {} is, and not of {columns} x {rows}", depth.topic)
+            }
+        })
+    }
+
+    /// The best fitting depth with what belongs to it.
+    fn source(&self, wanted: &Topics) -> Option<Source<'_>> {
         let is_named = |name: &Option<String>, seen: &Seen| name.as_ref().is_none_or(|name| *name == seen.topic);
         let is_source = |seen: &&Seen| match &seen.kind {
             Kind::Cloud => wanted.of_clouds() && is_named(&wanted.points, seen),
@@ -108,11 +162,10 @@ impl Survey {
             }
             _ => false,
         };
-        let sources = self.topics.iter().filter(is_source).map(|source| (source, self.info_of(source, wanted)));
-        let other_name = |source: &Seen| !wanted.of_clouds() && !source.topic.to_lowercase().contains("depth");
-        let (source, info) = sources.min_by_key(|(source, info)| (other_name(source), info.is_none()))?;
-        let color = self.color_of(source, wanted).map(|color| color.topic.clone());
-        Some(Chosen { depth: source.topic.clone(), info: info?.topic.clone(), color })
+        let depths = self.topics.iter().filter(is_source);
+        let sources = depths.map(|seen| Source { seen, info: self.info_of(seen, wanted), color: self.color_of(seen, wanted) });
+        let other_name = |source: &Source<'_>| !wanted.of_clouds() && !source.seen.topic.to_lowercase().contains("depth");
+        sources.min_by_key(|source| (other_name(source), source.info.is_none(), source.color.is_none()))
     }
 
     /// The intrinsics of a source: as named, else those of its size beside it in its namespace, else those of its size and frame.
@@ -135,20 +188,39 @@ impl Survey {
         infos.filter_map(|info| Some((rank(info)?, info))).min_by_key(|(rank, _)| *rank).map(|(_, info)| info)
     }
 
-    /// The color images of a source: as named, else those of its size and frame, else those of its size that share most of its namespace.
+    /// The color images of a source: as named, else those of its frame, else those that share most of its namespace; all of its size.
     fn color_of(&self, source: &Seen, wanted: &Topics) -> Option<&Seen> {
-        let is_color = |seen: &&Seen| matches!(&seen.kind, Kind::Image { encoding } if matches!(encoding.as_str(), "rgb8" | "bgr8" | "rgba8" | "bgra8"));
-        let mut colors = self.topics.iter().filter(is_color);
         if let Some(name) = &wanted.color {
-            return colors.find(|seen| seen.topic == *name);
+            let is_color = |seen: &&Seen| seen.kind.encoding().is_some_and(|encoding| NAMED_COLORS.contains(&encoding));
+            return self.topics.iter().filter(is_color).find(|seen| seen.topic == *name && seen.size == source.size);
         }
-        let shared = |color: &Seen| parts(split(&color.topic).0).zip(parts(split(&source.topic).0)).take_while(|(a, b)| a == b).count();
-        let same_frame = |color: &Seen| color.frame_id == source.frame_id && !color.frame_id.is_empty();
-        let beside = |color: &Seen| split(&color.topic).0 == split(&source.topic).0;
-        let theirs = colors.filter(|c| c.size == source.size && (same_frame(c) || beside(c) || shared(c) > 0));
+        let theirs = self.colors_beside(source).filter(|color| !is_of_another_frame(color, source));
         // Of equal ones the first: the last of the reversed.
-        theirs.rev().max_by_key(|color| (same_frame(color), shared(color)))
+        theirs.rev().max_by_key(|color| (is_of_same_frame(color, source), shared_namespace(color, source)))
     }
+
+    /// The color images of a source's size that seem to be of its camera.
+    fn colors_beside(&self, source: &Seen) -> impl DoubleEndedIterator<Item = &Seen> {
+        let is_color = |seen: &Seen| seen.kind.encoding().is_some_and(|encoding| COLORS.contains(&encoding));
+        let is_beside = move |color: &Seen| split(&color.topic).0 == split(&source.topic).0 || shared_namespace(color, source) > 0;
+        let colors = self.topics.iter().filter(move |seen| is_color(seen) && seen.size == source.size);
+        colors.filter(move |color| is_of_same_frame(color, source) || is_beside(color))
+    }
+}
+
+/// Whether two topics are known to be of one frame.
+fn is_of_same_frame(one: &Seen, other: &Seen) -> bool {
+    one.frame_id == other.frame_id && !one.frame_id.is_empty()
+}
+
+/// Whether two topics are known to be of two frames.
+fn is_of_another_frame(one: &Seen, other: &Seen) -> bool {
+    one.frame_id != other.frame_id && !one.frame_id.is_empty() && !other.frame_id.is_empty()
+}
+
+/// How many parts of their namespaces, from the first on, two topics share.
+fn shared_namespace(one: &Seen, other: &Seen) -> usize {
+    parts(split(&one.topic).0).zip(parts(split(&other.topic).0)).take_while(|(a, b)| a == b).count()
 }
 
 /// What the first message of a topic says; `None` of types that frames are not made of, and of a camera that was never calibrated.
@@ -210,13 +282,40 @@ mod tests {
         ];
         let messages: Vec<SyntheticMessage> = wrist.into_iter().chain(infrared).chain(front).collect();
         let of = |wanted: Topics| chosen(&messages, &wanted);
-        assert_eq!(of(Topics::default()), topics("/front/depth/image", "/front/depth/camera_info", "/front/color/image"));
+        // Another frame is another place: what is of one size is not yet registered.
+        assert_eq!(of(Topics::default()), topics("/front/depth/image", "/front/depth/camera_info", ""));
         let named = Topics { info: Some("/wrist/camera_info".to_owned()), color: Some("/wrist/color".to_owned()), ..Topics::default() };
         assert_eq!(of(named.clone()), topics("/front/depth/image", "/wrist/camera_info", "/wrist/color"));
         let infra = Topics { depth: Some("/front/infra/image".to_owned()), ..named };
         assert_eq!(of(infra), topics("/front/infra/image", "/wrist/camera_info", "/wrist/color"));
         assert_eq!(of(Topics { depth: Some("/nothing".to_owned()), ..Topics::default() }), None);
         assert_eq!(of(Topics { clouds: true, ..Topics::default() }), None);
+    }
+
+    #[test]
+    fn depth_that_is_registered_to_color_is_chosen_before_depth_that_is_not() {
+        let (image, info) = (synthetic::image, synthetic::info);
+        let raw =
+            [image("/camera/depth/image_rect_raw", "depth_optical", "16UC1", 4), info("/camera/depth/camera_info", "depth_optical", 4)];
+        let color = [image("/camera/color/image_raw", "color_optical", "rgb8", 4), info("/camera/color/camera_info", "color_optical", 4)];
+        let aligned = [
+            image("/camera/aligned_depth_to_color/image_raw", "color_optical", "16UC1", 4),
+            info("/camera/aligned_depth_to_color/camera_info", "color_optical", 4),
+        ];
+        let alone: Vec<SyntheticMessage> = raw.into_iter().chain(color).collect();
+        let raw_depth = ["/camera/depth/image_rect_raw", "/camera/depth/camera_info"];
+        assert_eq!(chosen(&alone, &Topics::default()), topics(raw_depth[0], raw_depth[1], ""));
+        let mut survey = Survey::default();
+        alone.iter().for_each(|message| survey.take(&message.channel(), &message.bytes));
+        let unregistered = survey.choose(&Topics::default()).and_then(|chosen| chosen.unregistered);
+        assert_eq!(unregistered.as_deref(), Some("/camera/color/image_raw"));
+        let all: Vec<SyntheticMessage> = alone.into_iter().chain(aligned).collect();
+        let of_aligned = ["image_raw", "camera_info"].map(|name| format!("/camera/aligned_depth_to_color/{name}"));
+        assert_eq!(chosen(&all, &Topics::default()), topics(&of_aligned[0], &of_aligned[1], "/camera/color/image_raw"));
+        // Where a frame is not told, size and namespace must do.
+        let untold =
+            [image("/b/depth/image", "", "16UC1", 4), info("/b/depth/camera_info", "", 4), image("/b/color/image", "b", "rgb8", 4)];
+        assert_eq!(chosen(&untold, &Topics::default()), topics("/b/depth/image", "/b/depth/camera_info", "/b/color/image"));
     }
 
     #[test]

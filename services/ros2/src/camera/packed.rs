@@ -5,13 +5,13 @@
 use image::{DynamicImage, ImageFormat, ImageReader, Limits};
 use repose_proto::limits::MAX_IMAGE_SIDE;
 use repose_ros_messages::frames::DEPTH_UNIT_M;
+use repose_ros_messages::pictures::{Color, Depth};
 use repose_ros_messages::{CompressedImage, MessageError};
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-use super::pictures::{Color, Depth};
 use super::rvl;
 
 const MESSAGE: &str = "sensor_msgs/msg/CompressedImage";

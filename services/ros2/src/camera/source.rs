@@ -4,14 +4,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
+use repose_ros_messages::cloud::{self, Sight};
+use repose_ros_messages::pictures::{self, Color};
 use repose_ros_messages::{CompressedImage, Header, MessageError, PointCloud2, RosImage};
 use serde::de::DeserializeOwned;
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 
-use super::cloud::{self, Sight};
 use super::packed;
-use super::pictures::{self, Color};
 use crate::config::{CameraConfig, DepthSource};
 use crate::error::BridgeError;
 use crate::node::{Node, RosSubscription};

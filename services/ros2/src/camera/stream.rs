@@ -9,13 +9,13 @@ use std::time::Instant;
 use nalgebra::Isometry3;
 use repose_geometry::transform::to_row_major;
 use repose_proto::{Frame, RigidTransform};
+use repose_ros_messages::cloud::Sight;
+use repose_ros_messages::pictures::Color;
+use repose_ros_messages::view::View;
 use repose_ros_messages::{CameraInfo, Header, MessageError};
 
-use super::cloud::Sight;
 use super::pairing::{Pairing, PairingCounts, PairingSettings};
-use super::pictures::Color;
 use super::source::Taken;
-use super::view::View;
 use crate::config::CameraConfig;
 use crate::error::BridgeError;
 use crate::transforms::TransformError;

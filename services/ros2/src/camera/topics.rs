@@ -4,10 +4,10 @@ use std::time::{Duration, Instant};
 
 use repose_proto::CallError;
 use repose_ros_messages::CameraInfo;
+use repose_ros_messages::cloud::Sight;
+use repose_ros_messages::pictures::Color;
 use tokio::task::JoinSet;
 
-use super::cloud::Sight;
-use super::pictures::Color;
 use super::source::{self, Source, Taken};
 use crate::config::CameraConfig;
 use crate::error::BridgeError;

@@ -1,6 +1,7 @@
 //! A camera of the configuration: the topics that its frames are made of.
 
 use repose_proto::RigidTransform;
+use repose_ros_messages::view::is_rectified_topic;
 use serde::Deserialize;
 
 use super::checks::{check_chunk, check_name, check_pose, within};
@@ -113,7 +114,7 @@ impl CameraConfig {
 
     /// Whether its pictures are rectified already.
     pub fn is_rectified(&self) -> bool {
-        self.rectified.unwrap_or_else(|| self.depth.as_ref().is_none_or(|depth| depth.contains("rect")))
+        self.rectified.unwrap_or_else(|| self.depth.as_ref().is_none_or(|depth| is_rectified_topic(depth)))
     }
 
     pub(super) fn validate(&self, field: &str) -> Result<(), BridgeError> {

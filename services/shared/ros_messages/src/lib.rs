@@ -2,17 +2,22 @@
 //!
 //! A serialized message is a four-byte header that names the byte order, then plain CDR (OMG; ROS 2's default encoding). Field names and
 //! order are those of the packages' definitions; what is not needed here is still read, because CDR has no field lengths to skip by.
-//! Recordings and the live bridge read the same messages. Pure: no I/O, no async.
+//! Recordings and the live bridge read the same messages, and make the same pictures of them. Pure: no I/O, no async.
 
 mod action;
+pub mod calibration;
 mod cdr;
+pub mod cloud;
 mod common;
 mod control;
 pub mod frames;
 mod own;
+pub mod pictures;
+pub mod rectify;
 mod seen;
 mod sensor;
 pub mod synthetic;
+pub mod view;
 
 pub use action::{
     CancelGoalRequest, CancelGoalResponse, FeedbackMessage, GetResultRequest, GetResultResponse, GoalInfo, GoalStatus, GoalStatusArray,

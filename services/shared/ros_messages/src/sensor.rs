@@ -59,7 +59,7 @@ pub struct CameraInfo {
     pub height: u32,
     /// Columns.
     pub width: u32,
-    /// The lens model; pictures are taken as rectified.
+    /// The lens model.
     pub distortion_model: String,
     /// Its parameters.
     pub d: Vec<f64>,

@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
+use repose_ros_messages::pictures::Depth;
 use repose_ros_messages::{Time, synthetic};
 
 use super::*;
-use crate::camera::pictures::Depth;
 use crate::config::Ros2Config;
 
 const SIDE: usize = 40;
@@ -40,7 +40,7 @@ fn cloud(focal_px: f32) -> Sight {
     let middle = (SIDE as f32 - 1.0) / 2.0;
     let point = |row: u32, column: u32| [(column as f32 - middle) / focal_px, (row as f32 - middle) / focal_px, 1.0];
     let cloud = repose_ros_messages::PointCloud2::read(&synthetic::cloud("optical", SIDE as u32, point)).expect("a cloud");
-    let sight = crate::camera::cloud::sight(&cloud).expect("a picture");
+    let sight = repose_ros_messages::cloud::sight(&cloud).expect("a picture");
     Sight { color: Some(color(SIDE, [7; 3])), ..sight }
 }
 

@@ -1,6 +1,7 @@
 //! What a `CameraInfo` says of its lens: `plumb_bob`, with its five numbers, and `rational_polynomial`, with eight.
 
-use repose_ros_messages::{CameraInfo, MessageError};
+use crate::cdr::MessageError;
+use crate::sensor::CameraInfo;
 
 /// How a lens bends: radial and tangential, as OpenCV has it.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -52,9 +53,8 @@ impl Lens {
 
 #[cfg(test)]
 mod tests {
-    use repose_ros_messages::synthetic;
-
     use super::*;
+    use crate::synthetic;
 
     fn info(model: &str, d: &[f64]) -> CameraInfo {
         let info = CameraInfo::read(&synthetic::info("camera", 4)).expect("intrinsics");

@@ -2,8 +2,8 @@
 
 use repose_proto::CameraModel;
 
-use super::calibration::Lens;
-use super::pictures::{Color, Depth};
+use crate::calibration::Lens;
+use crate::pictures::{Color, Depth};
 
 /// Weights are of so many parts.
 const PARTS: f32 = 256.0;
@@ -84,9 +84,9 @@ impl Rectifier {
 
 #[cfg(test)]
 mod tests {
-    use repose_ros_messages::{CameraInfo, synthetic};
-
     use super::*;
+    use crate::sensor::CameraInfo;
+    use crate::synthetic;
 
     /// A picture of straight bars as a lens shows it is straight again.
     #[test]

@@ -1,7 +1,8 @@
 //! Pictures as cameras send them plain.
 
-use repose_ros_messages::frames::{color_of, depth_of_image};
-use repose_ros_messages::{MessageError, RosImage};
+use crate::cdr::MessageError;
+use crate::frames::{color_of, depth_of_image};
+use crate::sensor::RosImage;
 
 /// Depth counts, row by row.
 #[derive(Debug, Clone, PartialEq)]

@@ -4,10 +4,11 @@
 //! its row one of y / z.
 
 use repose_proto::CameraModel;
-use repose_ros_messages::frames::{CloudPicture, DEPTH_UNIT_M, SampledPoint, depth_of_cloud};
-use repose_ros_messages::{MessageError, PointCloud2};
 
-use super::pictures::{Color, Depth};
+use crate::cdr::MessageError;
+use crate::frames::{CloudPicture, DEPTH_UNIT_M, SampledPoint, depth_of_cloud};
+use crate::pictures::{Color, Depth};
+use crate::sensor::PointCloud2;
 
 /// Points that a camera is told from at least.
 const LEAST_POINTS: usize = 100;
@@ -79,9 +80,8 @@ fn line(points: impl Iterator<Item = (f64, f64)> + Clone) -> Option<(f64, f64)> 
 
 #[cfg(test)]
 mod tests {
-    use repose_ros_messages::synthetic;
-
     use super::*;
+    use crate::synthetic;
 
     const SIDE: u32 = 40;
 

@@ -1,13 +1,19 @@
 //! What a camera's pictures show: its intrinsics, as a `CameraInfo` or a cloud's own points tell them, and its lens, where it bends.
 
 use repose_proto::CameraModel;
-use repose_ros_messages::frames::{SampledPoint, check_rays, model_of};
-use repose_ros_messages::{CameraInfo, MessageError};
 
-use super::calibration::Lens;
-use super::cloud::{Sight, camera_of};
-use super::pictures::{Color, Depth};
-use super::rectify::Rectifier;
+use crate::calibration::Lens;
+use crate::cdr::MessageError;
+use crate::cloud::{Sight, camera_of};
+use crate::frames::{SampledPoint, check_rays, model_of};
+use crate::pictures::{Color, Depth};
+use crate::rectify::Rectifier;
+use crate::sensor::CameraInfo;
+
+/// Whether the name of a topic of depth says that its pictures are rectified, as ROS names such topics: `image_rect`, `image_rect_raw`.
+pub fn is_rectified_topic(depth_topic: &str) -> bool {
+    depth_topic.split(['/', '_']).any(|word| word.starts_with("rect"))
+}
 
 /// A camera as its pictures show the world.
 #[derive(Debug, Clone)]
