@@ -53,6 +53,8 @@ pub struct Pick {
     pub least: bool,
     /// Which in that order, from 1; none is the one in the middle.
     pub rank: Option<usize>,
+    /// As for a clause: "the mug on the left" has no "that is", and may as well say where to put the mug.
+    pub only_if_needed: bool,
 }
 
 /// A noun phrase.
@@ -80,6 +82,23 @@ pub struct Description {
     pub distance: Option<(bool, Box<Self>)>,
     /// "that is left of …".
     pub clauses: Vec<Clause>,
+}
+
+impl Description {
+    /// Closes the phrase: the words after it ("and put it", "goes") show where it ends, so all of it describes the object, and must be true
+    /// of it whether or not it is needed.
+    pub fn close(&mut self) {
+        for pick in &mut self.picks {
+            pick.only_if_needed = false;
+        }
+        for clause in &mut self.clauses {
+            clause.only_if_needed = false;
+            clause.anchor.close();
+        }
+        if let Some((_, to)) = &mut self.distance {
+            to.close();
+        }
+    }
 }
 
 /// A relation that tells an object from others.
@@ -112,6 +131,10 @@ pub struct RelationPhrase {
     pub said_not: bool,
     /// The anchors; each relation is asked of each.
     pub anchors: Vec<AnchorPhrase>,
+    /// Whether "and" joins anchors that are whole phrases: "left of the box and the mug".
+    pub joined: bool,
+    /// Whether it may as well say where to put the anchor before it: "left of the box and the mug right of the plate".
+    pub of_anchor: bool,
 }
 
 /// One reading of a sentence: the object to move, and its relations.

@@ -1,10 +1,10 @@
 //! The grammar: every way to read a sentence, before anybody has looked at the scene.
 //!
 //! ```text
-//! sentence    = [request] verb object places | [request] take object [places] "and" verb "it" places
+//! sentence    = [request] verb object places | [request] take object [negative places] "and" verb "it" places
 //!             | wish object [to be] places | object goes places
 //! places      = term { [","] ["and" | "but"] term }          (places side by side need no word between them)
-//! term        = [lead] ["not"] relation { ["and" | "but"] ["not"] relation } object { ("," | "and" | "or" | "nor") object }
+//! term        = [lead] ["not"] relation { ["and" | "but"] ["not"] relation } object { ("and" | "or" | "nor") object }
 //! object      = [article] ["other"] { adjective } noun [number] { position | nearest | clause } | "number" n | "it"
 //! ```
 //! Each function takes a position and returns everything that can be read from there with the position after it: English is
@@ -115,7 +115,8 @@ impl Text<'_> {
     }
 
     fn statements(&self) -> Read<SentenceReading> {
-        let said = self.object(0, 0).into_iter().flat_map(|(query, at)| {
+        let said = self.object(0, 0).into_iter().flat_map(|(mut query, at)| {
+            query.close();
             let goes = self.one_of(at, v::GOES);
             goes.into_iter()
                 .flat_map(|at| self.terms(at))
@@ -127,19 +128,26 @@ impl Text<'_> {
 
     fn object_with_places(&self, at: usize, between: PhraseTable<()>) -> Read<SentenceReading> {
         let said = self.object(at, 0).into_iter().flat_map(|(query, at)| {
-            let starts = self.maybe(self.comma(at), between);
-            let terms = starts.into_iter().flat_map(|at| self.terms(at));
-            terms.map(|(terms, end)| (SentenceReading { query: query.clone(), terms }, end)).collect::<Vec<_>>()
+            let mut closed = query.clone();
+            closed.close();
+            let open_at = self.comma(at);
+            let mut readings = Vec::new();
+            for start in self.maybe(open_at, between) {
+                let query = if start == open_at { &query } else { &closed };
+                readings.extend(self.terms(start).into_iter().map(|(terms, end)| (SentenceReading { query: query.clone(), terms }, end)));
+            }
+            readings
         });
         bounded(said.collect())
     }
 
-    /// "Take X and put it …", and "take X away from Y and put it …".
+    /// "Take X and put it …", and "take X away from Y and put it …". Any other place before "and put it" is where X is now.
     fn take_and_put(&self) -> Read<SentenceReading> {
         let mut found = Vec::new();
         let verbs = self.maybe(self.comma(0), v::REQUESTS).into_iter().flat_map(|at| self.one_of(at, v::TAKES));
-        for (query, at) in verbs.flat_map(|at| self.object(at, 0)) {
-            let places = std::iter::once((Vec::new(), at)).chain(self.terms(at));
+        for (mut query, at) in verbs.flat_map(|at| self.object(at, 0)) {
+            query.close();
+            let places = std::iter::once((Vec::new(), at)).chain(self.negative_terms(at));
             for (first, at) in places {
                 let at = self.comma(at);
                 let at = if self.is(at, "and") { at + 1 } else { at };
@@ -176,6 +184,20 @@ impl Text<'_> {
         bounded(found)
     }
 
+    /// Terms that only say where the object must not be, before words that show where they end.
+    fn negative_terms(&self, at: usize) -> Read<Vec<RelationPhrase>> {
+        let mut found = self.terms(at);
+        found.retain(|(terms, _)| terms.iter().all(|term| term.relations.iter().all(|r| !r.1)));
+        for (terms, _) in &mut found {
+            for anchor in terms.iter_mut().flat_map(|term| &mut term.anchors) {
+                if let AnchorPhrase::Described(description) = anchor {
+                    description.close();
+                }
+            }
+        }
+        found
+    }
+
     /// A further term. After "not …" a bare "and" leaves open whether the "not" goes on.
     fn next_terms(&self, before: &[RelationPhrase], at: usize) -> Read<Vec<RelationPhrase>> {
         let comma = self.comma(at);
@@ -200,7 +222,19 @@ impl Text<'_> {
                 }
             }
         }
+        // With nothing between, "the box and the mug right of the plate" may be the start of a second request.
+        if start == at && before.last().is_some_and(|t| t.joined) && !self.is_about_it(start) {
+            for first in found.iter_mut().filter_map(|(terms, _)| terms.first_mut()) {
+                first.of_anchor = true;
+            }
+        }
         found
+    }
+
+    /// Whether a lead stands there that can only be about the object to move: "so that it is", "without".
+    fn is_about_it(&self, at: usize) -> bool {
+        let about_it = |phrase: &str| phrase.split(' ').any(|w| matches!(w, "it" | "without"));
+        v::LEADS.iter().any(|&(phrase, _)| about_it(phrase) && self.after(at, phrase).is_some())
     }
 
     fn term(&self, at: usize, polarity: Option<bool>) -> Read<RelationPhrase> {
@@ -210,8 +244,9 @@ impl Text<'_> {
             let (said, at) = if self.is(at, "not") { (false, at + 1) } else { (true, at) };
             for (relations, at) in self.relations(at, polarity.unwrap_or(true) && lead && said) {
                 let negated = relations.iter().all(|r| !r.1);
-                for (anchors, end) in self.anchors(at, negated) {
-                    found.push((RelationPhrase { relations: relations.clone(), said_not: !(said && lead), anchors }, end));
+                for ((anchors, joined), end) in self.anchors(at, negated) {
+                    let (relations, said_not) = (relations.clone(), !(said && lead));
+                    found.push((RelationPhrase { relations, said_not, anchors, joined, of_anchor: false }, end));
                 }
             }
         }
@@ -255,19 +290,20 @@ impl Text<'_> {
         self.one_of(at, v::TO_THE).into_iter().flat_map(|at| self.any(at, v::SIDES)).collect()
     }
 
-    /// One or more anchors. "the green and the blue mug": the first takes the noun of the second.
-    fn anchors(&self, at: usize, negated: bool) -> Read<Vec<AnchorPhrase>> {
+    /// One or more anchors, and whether "and" joins whole phrases. "the green and the blue mug": the first takes the noun of the second.
+    fn anchors(&self, at: usize, negated: bool) -> Read<(Vec<AnchorPhrase>, bool)> {
         let mut found = Vec::new();
         for (first, at) in self.anchor(at) {
-            if !matches!(&first, AnchorPhrase::Described(d) if d.head.is_none() && d.number.is_none()) {
-                found.push((vec![first.clone()], at));
+            let whole = !matches!(&first, AnchorPhrase::Described(d) if d.head.is_none() && d.number.is_none());
+            if whole {
+                found.push(((vec![first.clone()], false), at));
             }
             let between = match self.words.get(at).map(String::as_str) {
                 Some("and") => Some(at + 1),
                 Some("or" | "nor") if negated => Some(at + 1),
                 _ => None,
             };
-            for (rest, end) in between.into_iter().flat_map(|at| self.anchors(at, negated)) {
+            for ((rest, rest_joined), end) in between.into_iter().flat_map(|at| self.anchors(at, negated)) {
                 let mut first = first.clone();
                 if let (AnchorPhrase::Described(d), Some(AnchorPhrase::Described(next))) = (&mut first, rest.first())
                     && d.head.is_none()
@@ -275,7 +311,8 @@ impl Text<'_> {
                 {
                     d.head = next.head;
                 }
-                found.push((std::iter::once(first).chain(rest).collect(), end));
+                let joined = rest_joined || (whole && self.is(at, "and"));
+                found.push(((std::iter::once(first).chain(rest).collect(), joined), end));
             }
         }
         bounded(found)
@@ -329,11 +366,11 @@ impl Text<'_> {
             longer(&Description { shapes: with(&so_far.shapes, shape), ..so_far.clone() }, end);
         }
         for ((measure, least), end) in self.any(at, v::PICKS) {
-            let pick = Pick { measure, least, rank: Some(so_far.ordinal.unwrap_or(1)) };
+            let pick = Pick { measure, least, rank: Some(so_far.ordinal.unwrap_or(1)), only_if_needed: false };
             longer(&Description { picks: with(&so_far.picks, pick), ordinal: None, ..so_far.clone() }, end);
         }
         for (measure, end) in self.any(at, v::MIDDLES) {
-            let pick = Pick { measure, least: true, rank: None };
+            let pick = Pick { measure, least: true, rank: None, only_if_needed: false };
             longer(&Description { picks: with(&so_far.picks, pick), ..so_far.clone() }, end);
         }
         if so_far.ordinal.is_none() {
@@ -382,20 +419,21 @@ impl Text<'_> {
         let mut found = Vec::new();
         if let Some(rank) = named.ordinal {
             for ((measure, least), end) in self.any(at, v::FROM) {
-                let pick = Pick { measure, least, rank: Some(rank) };
+                let pick = Pick { measure, least, rank: Some(rank), only_if_needed: false };
                 let counted = Description { picks: with(&named.picks, pick), ordinal: None, ..named.clone() };
                 found.extend(self.after_noun(counted, end, depth));
             }
             return found;
         }
-        let clause_starts = self.one_of(at, v::THAT_IS);
-        for at in std::iter::once(at).chain(clause_starts.iter().copied()) {
+        let that_is = self.one_of(at, v::THAT_IS).into_iter().map(|at| (at, false));
+        let starts: Vec<(usize, bool)> = std::iter::once((at, true)).chain(that_is).collect();
+        for (at, only_if_needed) in starts.iter().copied() {
             for ((measure, least), end) in self.any(at, v::PLACES) {
-                let pick = Pick { measure, least, rank: Some(1) };
+                let pick = Pick { measure, least, rank: Some(1), only_if_needed };
                 found.extend(self.after_noun(Description { picks: with(&named.picks, pick), ..named.clone() }, end, depth));
             }
             for (measure, end) in self.any(at, v::MIDDLE_PLACES) {
-                let pick = Pick { measure, least: true, rank: None };
+                let pick = Pick { measure, least: true, rank: None, only_if_needed };
                 found.extend(self.after_noun(Description { picks: with(&named.picks, pick), ..named.clone() }, end, depth));
             }
             if named.distance.is_none() {
@@ -406,8 +444,7 @@ impl Text<'_> {
                 }
             }
         }
-        let only_if_needed = std::iter::once((at, true)).chain(clause_starts.into_iter().map(|at| (at, false)));
-        for (at, only_if_needed) in only_if_needed {
+        for (at, only_if_needed) in starts {
             for ((relations, holds), at) in self.relation(at, true) {
                 for (anchor, end) in self.object(at, depth + 1).into_iter().filter(|_| holds) {
                     let clause = Clause { relations, anchor: Box::new(anchor), only_if_needed };

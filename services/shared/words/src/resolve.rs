@@ -15,7 +15,7 @@ const SIDE_M: f64 = 0.02;
 
 /// Why a reading has no meaning on a scene.
 enum Problem {
-    /// A clause tells nothing apart: the words belong elsewhere.
+    /// A clause or a pick tells nothing apart: the words belong elsewhere.
     Needless,
     /// Why, and the ids of the objects in question.
     Refused(Reason, Vec<u16>),
@@ -35,10 +35,8 @@ pub fn only_goal(readings: &[SentenceReading], words: &[String], looks: &[Object
         }
     }
     if goals.len() > 1 {
-        let mut ids: Vec<u16> = goals.iter().flat_map(|g| g.goal.iter().map(|t| t.anchor).chain([g.query])).collect();
-        ids.sort_unstable();
-        ids.dedup();
-        return Err(RefusedSentence::about(Reason::SeveralGoals { goals: goals.iter().map(told).collect() }, looks, &ids));
+        let (reason, ids) = several(&goals);
+        return Err(RefusedSentence::about(reason, looks, &ids));
     }
     match goals.pop() {
         Some(goal) if goal.goal.iter().any(|t| t.holds) => Ok(goal),
@@ -88,6 +86,14 @@ fn same(a: &Understood, b: &Understood) -> bool {
     a.query == b.query && a.goal.iter().all(|t| b.goal.contains(t)) && b.goal.iter().all(|t| a.goal.contains(t))
 }
 
+/// Why goals that do not agree are refused, and all objects that they are about.
+fn several(goals: &[Understood]) -> (Reason, Vec<u16>) {
+    let mut ids: Vec<u16> = goals.iter().flat_map(|g| g.goal.iter().map(|t| t.anchor).chain([g.query])).collect();
+    ids.sort_unstable();
+    ids.dedup();
+    (Reason::SeveralGoals { goals: goals.iter().map(told).collect() }, ids)
+}
+
 fn told(understood: &Understood) -> String {
     let terms: Vec<String> = understood.goal.iter().map(ToString::to_string).collect();
     format!("object {} to {}", understood.query, terms.join(", "))
@@ -119,24 +125,37 @@ impl<'a> Resolver<'a> {
         said.moved = Some(query);
         let mut taken = vec![ResolvedPhrase { phrase: self.phrase(&reading.query), object: query }];
         let mut goal: Vec<GoalTerm> = Vec::new();
+        let mut of_anchor: Option<Understood> = None;
         for term in &reading.terms {
+            let anchor_before = said.anchors.last().copied();
             let mut anchors = Vec::new();
             for anchor in &term.anchors {
                 let (phrase, ids) = self.anchors(anchor, &mut said)?;
                 taken.extend(ids.iter().map(|id| ResolvedPhrase { phrase: phrase.clone(), object: *id }));
                 anchors.extend(ids);
             }
+            let mut asked: Vec<GoalTerm> = Vec::new();
             for (relation, holds) in term.relations.iter().flat_map(|(all, holds)| all.iter().map(|r| (*r, *holds))) {
-                for anchor in &anchors {
-                    let term = GoalTerm { relation, anchor: *anchor, holds };
-                    if !goal.contains(&term) {
-                        goal.push(term);
-                    }
+                asked.extend(anchors.iter().map(|anchor| GoalTerm { relation, anchor: *anchor, holds }));
+            }
+            if let Some(query) = anchor_before.filter(|_| term.of_anchor) {
+                of_anchor = Some(Understood { query, goal: asked.clone(), taken: Vec::new() });
+            }
+            for term in asked {
+                if !goal.contains(&term) {
+                    goal.push(term);
                 }
             }
             said.anchors.extend(anchors);
         }
-        Ok(Understood { query, goal, taken })
+        let understood = Understood { query, goal, taken };
+        match of_anchor {
+            None => Ok(understood),
+            Some(other) => {
+                let (reason, ids) = several(&[understood, other]);
+                Err(Problem::Refused(reason, ids))
+            }
+        }
     }
 
     /// The object to move. It is none of its anchors: "put the object left of the box" is not about the box.
@@ -219,11 +238,8 @@ impl<'a> Resolver<'a> {
         among: &[&'a ObjectAppearance],
         said: &mut Said,
     ) -> Result<Vec<&'a ObjectAppearance>, Problem> {
-        if self.places_follow && description.clauses.iter().any(|c| c.only_if_needed) {
-            let without = Description { clauses: Vec::new(), ..description.clone() };
-            if self.selected(&without, head, among, &mut said.clone())?.len() == 1 {
-                return Err(Problem::Needless);
-            }
+        if self.places_follow {
+            self.needed(description, head, among, said)?;
         }
         let mut found = fitting(description, head, among);
         for clause in &description.clauses {
@@ -243,6 +259,23 @@ impl<'a> Resolver<'a> {
             found = by_distance(*nearest, to, &found);
         }
         Ok(found)
+    }
+
+    /// Fails where an object is told without a clause or a pick that may as well say where to put it.
+    fn needed(&self, description: &Description, head: Option<Head>, among: &[&'a ObjectAppearance], said: &Said) -> Result<(), Problem> {
+        let tells =
+            |without: &Description| -> Result<bool, Problem> { Ok(self.selected(without, head, among, &mut said.clone())?.len() == 1) };
+        let bare = Description { clauses: Vec::new(), ..description.clone() };
+        if description.clauses.iter().any(|c| c.only_if_needed) && tells(&bare)? {
+            return Err(Problem::Needless);
+        }
+        if description.picks.iter().any(|p| p.only_if_needed) {
+            let picks = description.picks.iter().copied().filter(|p| !p.only_if_needed).collect();
+            if tells(&Description { picks, distance: None, ..bare })? {
+                return Err(Problem::Needless);
+            }
+        }
+        Ok(())
     }
 
     fn nothing(&self, description: &Description, in_question: Vec<u16>) -> Problem {

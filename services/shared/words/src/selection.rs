@@ -52,7 +52,7 @@ pub fn by_build<'a>(word: ShapeWord, among: &[&'a ObjectAppearance]) -> Vec<&'a 
         ShapeWord::Round | ShapeWord::Boxy => return among.to_vec(),
     };
     let sure: Vec<&ObjectAppearance> = among.iter().copied().filter(|l| l.shape.as_ref().map(by_shape) == Some(Grade::Yes)).collect();
-    if sure.is_empty() { picked(Pick { measure: Measure::Height, least, rank: Some(1) }, among) } else { sure }
+    if sure.is_empty() { picked(Pick { measure: Measure::Height, least, rank: Some(1), only_if_needed: false }, among) } else { sure }
 }
 
 /// The object that a comparison picks; those that are too much alike to be told apart where it is not clear; none past the last.

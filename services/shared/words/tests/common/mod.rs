@@ -1,4 +1,4 @@
-//! The little scenes of `sentences.toml` as a camera sees them: points of visible surfaces only, with noise and shading.
+//! The little scenes of `sentences.toml` and `close_calls.toml` as a camera sees them: points of visible surfaces only, with noise and shading.
 
 use nalgebra::{Isometry3, Point3, Rotation3, Vector3};
 use rand::SeedableRng;
@@ -34,7 +34,11 @@ pub struct SceneCase {
     /// Sentence, object to move, terms.
     pub clear: Vec<(String, u16, Vec<String>)>,
     /// Sentence, objects that the refusal names (none: all).
+    #[serde(default)]
     pub unclear: Vec<(String, Vec<u16>)>,
+    /// Sentence, words of the error, objects that it names (none: all).
+    #[serde(default)]
+    pub refused: Vec<(String, String, Vec<u16>)>,
 }
 
 fn yes() -> bool {
@@ -54,6 +58,10 @@ pub struct ObjectCase {
 
 pub fn table() -> Table {
     toml::from_str(include_str!("../sentences.toml")).expect("the table of sentences")
+}
+
+pub fn close_calls() -> Table {
+    toml::from_str(include_str!("../close_calls.toml")).expect("the table of close calls")
 }
 
 /// A point of a surface with its outward normal, in the world.
