@@ -90,12 +90,14 @@ impl Parts {
 
 /// The scene of a view, with its masks and the surfaces that things stand on.
 fn scene(view: DepthView, frame: &Frame, masks: &CleanMasks, surfaces: Vec<SupportSurface>, settings: &Settings) -> Scene {
-    let DepthView { world_from_camera, world_frame, depth, coarse, readings, flying, robots, .. } = view;
+    let DepthView { world_from_camera, world_frame, depth, coarse, readings, flying, is_sparse, robots, .. } = view;
     let cloud = Cloud::new(&depth, &world_from_camera, masks, frame.color.as_deref(), settings);
-    let rays = RayView { depth_m: &coarse.depth_m, camera: coarse.camera, world_from_camera: &world_from_camera };
+    let sight_m = unseen::sight_m(&coarse.depth_m, coarse.stride, frame, settings.max_depth_m);
+    let rays = RayView { depth_m: &sight_m, camera: coarse.camera, world_from_camera: &world_from_camera };
     let space = unseen::space(&rays, &surfaces, &settings.unseen);
     let mut warnings = robots.warnings;
-    warnings.extend(doubts(&surfaces, &depth, &coarse, world_frame, settings));
+    warnings.extend(is_sparse.then(sparse_depth));
+    warnings.extend(doubts(&surfaces, &depth, &coarse, world_frame, frame.labels.is_some(), settings));
     let completeness = Completeness::measure(depth.depth_m(), &masks.labels);
     let pixels = depth.depth_m().pixels().len();
     let meta = SceneMeta {
@@ -132,12 +134,19 @@ fn told(mut objects: Vec<ObjectSummary>, completeness: &Completeness, found: boo
     objects
 }
 
-/// What cannot be right about the camera, judged by the surfaces that the scene has with it.
+/// What is to be said of a picture with most readings alone.
+fn sparse_depth() -> SceneWarning {
+    let message = "most readings have none beside them: was depth registered into a larger picture? It shows more in its own size";
+    SceneWarning { field: "depth".to_owned(), message: message.to_owned() }
+}
+
+/// What cannot be right about the camera or masks that were given, judged by the surfaces that the scene has with them.
 fn doubts(
     surfaces: &[SupportSurface],
     depth: &DepthMap,
     coarse: &CoarsePicture,
     world_frame: WorldFrame,
+    has_given_masks: bool,
     settings: &Settings,
 ) -> Vec<SceneWarning> {
     /// No depth camera measures below this, metres.
@@ -157,6 +166,15 @@ fn doubts(
     }
     if surfaces.iter().any(|s| s.object.is_none()) {
         return Vec::new();
+    }
+    // Furniture that was labelled as an object is nowhere to be stood on, however right the pose is.
+    let large = surfaces.iter().filter(|s| has_given_masks && s.seen_m2 >= settings.levels.large_m2);
+    if let Some((surface, id)) = large.filter_map(|s| Some((s, s.object?))).max_by(|(a, _), (b, _)| a.seen_m2.total_cmp(&b.seen_m2)) {
+        let message = format!(
+            "label {id} is of a level surface of {:.2} m², and no other is seen: what things stand on must be labelled 0",
+            surface.seen_m2
+        );
+        return vec![SceneWarning { field: "labels".to_owned(), message }];
     }
     let mut message = "no level surface is seen on which anything could stand".to_owned();
     if world_frame == WorldFrame::Extrinsics {
@@ -294,6 +312,18 @@ mod tests {
     }
 
     #[test]
+    fn space_before_a_wall_that_is_too_far_away_is_seen() {
+        let (frame, _) = frame();
+        let hidden = |beyond: u16| {
+            let depth = frame.depth.iter().map(|count| if *count == 0 { beyond } else { *count }).collect();
+            let scene = segment(&Frame { depth, ..frame.clone() }, &Settings::default()).unwrap();
+            scene.meta.unseen.space.unwrap().hidden.iter().map(|bits| bits.count_ones()).sum::<u32>()
+        };
+        let (nothing, wall, no_reading) = (hidden(0), hidden(50_000), hidden(u16::MAX));
+        assert!(wall < nothing && no_reading == nothing, "{wall} before a wall, {no_reading}, {nothing} before nothing");
+    }
+
+    #[test]
     fn thinning_keeps_the_asked_number_evenly() {
         let (frame, _) = frame();
         let all = segment(&frame, &Settings::default()).unwrap();
@@ -315,6 +345,28 @@ mod tests {
         assert!(warned(1.0).is_empty(), "{:?}", warned(1.0));
         let told = warned(1000.0);
         assert!(told.len() == 1 && told[0].field == "world_from_camera" && told[0].message.contains("860 m"), "{told:?}");
+    }
+
+    #[test]
+    fn masks_that_label_the_table_are_doubted_and_the_pose_is_not() {
+        let (mut frame, truth) = frame();
+        frame.labels.iter_mut().flatten().filter(|id| **id == 0).for_each(|id| *id = 5);
+        let posed = CameraModel { world_from_camera: Some(RigidTransform(to_row_major(&truth))), ..frame.camera.clone() };
+        for camera in [posed, frame.camera.clone()] {
+            let warned = segment(&Frame { camera, ..frame.clone() }, &Settings::default()).unwrap().meta.warnings;
+            assert!(warned.len() == 1 && warned[0].field == "labels" && warned[0].message.starts_with("label 5 "), "{warned:?}");
+        }
+    }
+
+    #[test]
+    fn depth_in_a_larger_picture_is_used_and_told_of() {
+        let (mut frame, _) = frame();
+        for (_, count) in frame.depth.iter_mut().enumerate().filter(|(i, _)| i % 2 != 0 || i / 320 % 2 != 0) {
+            *count = 0;
+        }
+        let scene = segment(&frame, &Settings { coarse_columns: 160, ..Settings::default() }).unwrap();
+        assert_eq!(scene.meta.unseen.pixels_flying, 0);
+        assert!(scene.meta.warnings.iter().any(|warning| warning.field == "depth"), "{:?}", scene.meta.warnings);
     }
 
     #[test]

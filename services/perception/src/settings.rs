@@ -22,7 +22,8 @@ pub struct Settings {
     pub max_points: usize,
     /// An object that keeps fewer points than this after cleaning is no object of the scene; its points stay, as nobody's.
     pub min_object_points: usize,
-    /// Columns of the coarse picture that supports, surfaces and components are found on; raising it costs time, quadratically.
+    /// Columns of the coarse picture that supports, surfaces and components are found on, where it is of 4:3; others have about as many
+    /// pixels. Raising it costs time, quadratically.
     pub coarse_columns: usize,
     /// Removing readings that hang in the air.
     pub flying: FlyingSettings,

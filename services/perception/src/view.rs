@@ -16,7 +16,7 @@ use crate::objects::color::Rgb;
 use crate::objects::find::Found;
 use crate::objects::{holes, seen, spread};
 use crate::readings::depth::DepthMap;
-use crate::readings::flying;
+use crate::readings::flying::{self, Flying};
 use crate::readings::point_map::{PointMap, strided};
 use crate::robots::body::RobotBody;
 use crate::robots::{held, self_filter};
@@ -39,6 +39,8 @@ pub struct DepthView {
     pub readings: usize,
     /// … and how many of them lie between two surfaces.
     pub flying: usize,
+    /// Whether most readings had none beside them.
+    pub is_sparse: bool,
     /// The robots that were taken out.
     pub robots: self_filter::FilteredRobots,
     /// Every so many pixels one of the coarse picture.
@@ -53,12 +55,12 @@ impl DepthView {
     /// # Errors
     /// When the frame's depth or camera cannot be used, or nothing says which way is up.
     pub fn of(frame: &Frame, settings: &Settings) -> Result<Self, SegmentError> {
-        let Readings { camera, mut depth, readings, flying } = Readings::of(frame, settings)?;
+        let Readings { camera, mut depth, readings, flying: Flying { removed: flying, is_sparse } } = Readings::of(frame, settings)?;
         let given_pose = frame.camera.world_from_camera.map(|pose| from_row_major(&pose.0)).transpose()?;
         let unread = depth.depth_m().map(|z| z.is_nan());
         let robots = self_filter::remove(&mut depth, &camera, &frame.robots, given_pose.as_ref(), &settings.self_filter);
 
-        let stride = camera.width.div_ceil(settings.coarse_columns.max(1)).max(1);
+        let stride = coarse_stride(&camera, settings.coarse_columns);
         // Given masks say which pixel is whose; found ones follow the readings.
         let in_camera = if frame.labels.is_some() { depth.points(stride) } else { depth.points_of_blocks(stride) };
         let (world_from_camera, world_frame) = match given_pose {
@@ -66,7 +68,7 @@ impl DepthView {
             None => (estimated_pose(&in_camera, settings)?, WorldFrame::SupportPlane),
         };
         let coarse = CoarsePicture::new(in_camera, &world_from_camera, &camera, stride, settings);
-        Ok(Self { camera, world_from_camera, world_frame, depth, unread, readings, flying, robots, stride, coarse })
+        Ok(Self { camera, world_from_camera, world_frame, depth, unread, readings, flying, is_sparse, robots, stride, coarse })
     }
 
     /// Whose each pixel is: as the frame says, else as it is found.
@@ -102,8 +104,8 @@ struct Readings {
     depth: DepthMap,
     /// Pixels that had a reading, …
     readings: usize,
-    /// … and how many of them were taken out.
-    flying: usize,
+    /// … and which of them were taken out.
+    flying: Flying,
 }
 
 impl Readings {
@@ -113,13 +115,22 @@ impl Readings {
         let mut depth = DepthMap::new(&frame.depth, model.depth_unit_m, &camera, settings.max_depth_m);
         let readings = depth.readings();
         let flying = flying::remove(depth.depth_m_mut(), camera.fx as f32, &settings.flying);
-        if readings > flying {
+        if readings > flying.removed {
             return Ok(Self { camera, depth, readings, flying });
         }
         let nearest = frame.depth.iter().copied().filter(|count| *count > 0).min();
         let nearest_m = nearest.map(|count| f64::from(count) * model.depth_unit_m).filter(|m| *m > f64::from(settings.max_depth_m));
         Err(SegmentError::NoReadings { pixels: depth.depth_m().pixels().len(), max_depth_m: settings.max_depth_m, nearest_m })
     }
+}
+
+/// Of how many columns, and rows, of a picture the coarse one has one: the fewest with which it has no more pixels than it may.
+fn coarse_stride(camera: &Pinhole, coarse_columns: usize) -> usize {
+    // 1.4 times as many as a picture of 4:3 with so many columns, so that wider and higher ones are not thinned much further.
+    let most = (1.05 * (coarse_columns as f64).powi(2)).max(1.0) as usize;
+    let longest = camera.width.max(camera.height).max(1);
+    let has_few = |stride: &usize| camera.width.div_ceil(*stride) * camera.height.div_ceil(*stride) <= most;
+    (1..longest).find(has_few).unwrap_or(longest)
 }
 
 /// The objects of a frame that came without labels, on its full picture. `unread` pixels had no reading before the robots' were taken out.
@@ -145,4 +156,30 @@ fn estimated_pose(in_camera: &PointMap, settings: &Settings) -> Result<Isometry3
 /// The frame's field as a picture.
 fn as_image<T>(pixels: Vec<T>, camera: &Pinhole, field: &str) -> Result<Image<T>, SegmentError> {
     Image::from_pixels(camera.width, camera.height, pixels).map_err(|e| SegmentError::Frame(CallError::invalid(field, e.to_string())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_of_every_shape_are_thinned_to_about_as_many_pixels() {
+        let stride = |width: usize, height: usize, columns: usize| {
+            coarse_stride(&Pinhole { width, height, fx: 500.0, fy: 500.0, cx: 0.0, cy: 0.0 }, columns)
+        };
+        let of_cameras = [
+            ((320, 240), 1),
+            ((640, 480), 2),
+            ((640, 576), 2),
+            ((1280, 960), 4),
+            ((480, 848), 2),
+            ((848, 480), 2),
+            ((1280, 720), 3),
+            ((1920, 1080), 5),
+        ];
+        for ((width, height), expected) in of_cameras {
+            assert_eq!(stride(width, height, 320), expected, "{width} x {height}");
+        }
+        assert_eq!([stride(160, 120, 160), stride(320, 240, 160), stride(7, 3, 1), stride(1, 1, 320)], [1, 2, 7, 1]);
+    }
 }

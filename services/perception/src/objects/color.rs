@@ -3,6 +3,9 @@
 /// Red, green, blue.
 pub type Rgb = [u8; 3];
 
+/// What pixels hold that have no color, as where depth is wider than color: it says nothing of what shows there.
+pub const NO_COLOR: Rgb = [0; 3];
+
 /// What a level of brightness counts beside one of hue: faces of one thing are lit differently.
 const BRIGHTNESS: f32 = 0.3;
 

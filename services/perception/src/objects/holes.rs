@@ -8,11 +8,8 @@
 
 use repose_geometry::Image;
 
-use super::color::{Rgb, difference};
+use super::color::{NO_COLOR, Rgb, difference};
 use crate::settings::HoleSettings;
-
-/// What pixels hold that have no color.
-const NO_COLOR: Rgb = [0; 3];
 
 /// Gives the masks of `labels` pixels that are `unread`, where color leads there from what was read of them.
 pub fn complete(labels: &mut Image<u16>, unread: &Image<bool>, colors: &Image<Rgb>, settings: &HoleSettings) {

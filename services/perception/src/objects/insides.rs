@@ -11,7 +11,7 @@ use repose_geometry::{Footprint, Image, Point3};
 use repose_proto::LeftOutReason;
 
 use super::coarse::CoarsePicture;
-use super::color::{Rgb, difference};
+use super::color::{NO_COLOR, Rgb, difference};
 use super::find::Found;
 use super::regions::{MAX_LOOK_PX, Regions, is_nobodys};
 use crate::readings::upward::arm_px;
@@ -21,6 +21,8 @@ use crate::supports::levels::LevelPlane;
 
 /// Colors that a side is known by.
 const KNOWN_COLORS: usize = 48;
+/// The share of pixels like the object where no colors say.
+const LIKE_EITHER: f32 = 0.5;
 /// Steepest slope of the table around an object, which errors of the camera's pose give it.
 const MAX_SLOPE: f32 = 0.05;
 
@@ -116,8 +118,7 @@ impl Inside {
         let Some(plane) = LevelPlane::fit(&of_table, MAX_SLOPE) else { return Owner::Either };
         let rise_m = median(self.pixels.iter().map(|i| plane.rise_m(&points[*i])).collect());
         let depth_m = median(self.pixels.iter().map(|i| picture.depth_m.pixels()[*i]).collect());
-        // Without colors it may be like either.
-        let like_object = colors.map_or(0.5, |colors| self.share_like_object(&table, found, colors));
+        let like_object = colors.map_or(LIKE_EITHER, |colors| self.share_like_object(&table, found, colors));
         let clear_m = settings.least_m + settings.noise_per_m2 * depth_m * depth_m;
         if like_object >= settings.same_color && rise_m > 0.0 || like_object > 1.0 - settings.same_color && rise_m >= clear_m {
             Owner::Object
@@ -128,22 +129,27 @@ impl Inside {
         }
     }
 
-    /// The share of its pixels with a color that is nearer to one of the object's than to any of the table's.
+    /// The share of its colored pixels that are nearer to a color of the object's than to any of the table's; half where one of them has none.
     fn share_like_object(&self, table: &[usize], found: &Found, colors: &Image<Rgb>) -> f32 {
         let object: Vec<usize> = (0..found.ids.pixels().len()).filter(|i| found.ids.pixels()[*i] == self.rim).collect();
-        let known = |pixels: &[usize]| -> Vec<Rgb> {
-            pixels.iter().step_by(pixels.len().div_ceil(KNOWN_COLORS).max(1)).map(|i| colors.pixels()[*i]).collect()
+        let colors_of = |pixels: &[usize], most: usize| -> Vec<Rgb> {
+            let known: Vec<Rgb> = pixels.iter().map(|i| colors.pixels()[*i]).filter(|color| *color != NO_COLOR).collect();
+            let every = known.len().div_ceil(most).max(1);
+            known.into_iter().step_by(every).collect()
         };
-        let (object, table) = (known(&object), known(table));
+        let (object, table) = (colors_of(&object, KNOWN_COLORS), colors_of(table, KNOWN_COLORS));
+        let asked = colors_of(&self.pixels, 10 * KNOWN_COLORS);
+        if object.is_empty() || table.is_empty() || asked.is_empty() {
+            return LIKE_EITHER;
+        }
         let nearest = |color: Rgb, known: &[Rgb]| known.iter().map(|other| difference(color, *other)).fold(f32::INFINITY, f32::min);
-        let asked: Vec<usize> = self.pixels.iter().copied().step_by(self.pixels.len().div_ceil(10 * KNOWN_COLORS).max(1)).collect();
         // What is as near to both says nothing.
-        let vote = |i: &usize| match nearest(colors.pixels()[*i], &object).total_cmp(&nearest(colors.pixels()[*i], &table)) {
+        let vote = |color: &Rgb| match nearest(*color, &object).total_cmp(&nearest(*color, &table)) {
             Ordering::Less => 1.0,
             Ordering::Equal => 0.5,
             Ordering::Greater => 0.0,
         };
-        asked.iter().map(vote).sum::<f32>() / asked.len().max(1) as f32
+        asked.iter().map(vote).sum::<f32>() / asked.len() as f32
     }
 }
 
@@ -252,6 +258,9 @@ mod tests {
         assert_eq!(through(Some([GREY, GREY, RED])), (0, None));
         assert_eq!(through(Some([GREY; 3])).1, Some(LeftOutReason::Enclosed));
         assert_eq!(through(None).1, Some(LeftOutReason::Enclosed));
+        // Depth is wider than color there.
+        assert_eq!(through(Some([GREY, NO_COLOR, NO_COLOR])).1, Some(LeftOutReason::Enclosed));
+        assert_eq!(through(Some([NO_COLOR, NO_COLOR, RED])).1, Some(LeftOutReason::Enclosed));
     }
 
     #[test]

@@ -10,7 +10,7 @@ use repose_geometry::{Image, Pinhole, Vector3};
 use repose_networks::WeightsError;
 use repose_networks::masks::{MaskInputs, MaskLogits, MaskNetwork, OFFSETS};
 
-use super::color::{Rgb, difference};
+use super::color::{NO_COLOR, Rgb, difference};
 use super::watershed::{Pair, grouped};
 use crate::settings::LearnedSettings;
 
@@ -50,8 +50,11 @@ pub fn ids(logits: &MaskLogits, depth_m: &Image<f32>, colors: Option<&Image<Rgb>
     numbered(&grouped(width * height, &pairs), &object, width, height)
 }
 
-/// What the colors of two pixels add to the logit of their showing one object.
+/// What the colors of two pixels add to the logit of their showing one object; nothing where one has none.
 fn of_colors(one: Rgb, other: Rgb, settings: &LearnedSettings) -> f32 {
+    if one == NO_COLOR || other == NO_COLOR {
+        return 0.0;
+    }
     let difference = difference(one, other) / settings.color_levels;
     if difference < 1.0 { settings.alike * (1.0 - difference) } else { -settings.unlike * (difference - 1.0).min(1.0) }
 }
@@ -122,6 +125,9 @@ mod tests {
         let (red, blue) = ([180, 40, 40], [40, 40, 180]);
         let (one, two) = (picture(&["11111111"; 4]), picture(&["11112222"; 4]));
         assert_eq!([of(1.0, red, red), of(-1.0, red, red)], [one.clone(), one.clone()]);
-        assert_eq!([of(1.0, red, blue), of(5.0, red, blue)], [two, one], "what the network is sure of is one in two colors");
+        assert_eq!([of(1.0, red, blue), of(5.0, red, blue)], [two, one.clone()], "what the network is sure of is one in two colors");
+        let apart = of(-1.0, NO_COLOR, NO_COLOR);
+        assert!(apart.pixels().iter().all(|id| *id == 0), "single pixels without a color are not alike");
+        assert_eq!(of(0.5, red, NO_COLOR), one, "and are not unlike others");
     }
 }

@@ -3,25 +3,39 @@
 //! A depth camera mixes what its pixel sees at an outline: the reading comes to lie between the near and the far surface, where there is
 //! nothing. Seen along a row or column, such a pixel is far from the pixels on both sides of it, nearer than the one and farther than the
 //! other. How far two neighbouring pixels of one surface can be apart grows with its slope: steeper than `max_slope` is no surface.
-//! What is far from all four neighbours is a speckle and goes as well.
+//! What is far from all four neighbours is a speckle and goes as well. What has no neighbours is one too, unless there is much of it: depth
+//! that was registered into a larger picture lies a pixel apart.
 
 use repose_geometry::Image;
 
 use crate::settings::FlyingSettings;
 
-/// Replaces flying readings by NaN; how many there were.
+/// Readings without any beside them are speckles where fewer than one of so many readings is such a one.
+const ONE_ALONE_OF: usize = 20;
+
+/// What was found of flying readings.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Flying {
+    /// How many readings were taken out.
+    pub removed: usize,
+    /// Whether most readings have none beside them.
+    pub is_sparse: bool,
+}
+
+/// Replaces flying readings by NaN; what was found of them.
 ///
 /// `depth_m` holds NaN where there is no reading, `focal_px` is the focal length of the same picture.
-pub fn remove(depth_m: &mut Image<f32>, focal_px: f32, settings: &FlyingSettings) -> usize {
+pub fn remove(depth_m: &mut Image<f32>, focal_px: f32, settings: &FlyingSettings) -> Flying {
     let (width, height) = (depth_m.width(), depth_m.height());
     if width < 3 || height < 3 {
-        return 0;
+        return Flying::default();
     }
     // Judged on the readings as they came: a pixel taken out must not make its neighbour flying.
     let before = depth_m.pixels().to_vec();
     let row = |v: usize| &before[v * width..(v + 1) * width];
     let per_depth = settings.max_slope / focal_px;
     let mut removed = 0;
+    let mut alone = Vec::new();
     let mut flying = vec![false; width - 2];
     for v in 1..height - 1 {
         let (above, here, below) = (row(v - 1), row(v), row(v + 1));
@@ -32,16 +46,28 @@ pub fn remove(depth_m: &mut Image<f32>, focal_px: f32, settings: &FlyingSettings
             // Comparisons with a missing neighbour are false: it is no step to either side, and near nobody.
             let between = |a: f32, b: f32| ((z - a > limit) & (b - z > limit)) | ((a - z > limit) & (z - b > limit));
             let near = |a: f32| (a - z).abs() <= limit;
-            let alone = !(near(*left) | near(*right) | near(*above) | near(*below));
-            *flying = (between(*left, *right) | between(*above, *below) | alone) & !z.is_nan();
+            let speckle = !(near(*left) | near(*right) | near(*above) | near(*below));
+            *flying = (between(*left, *right) | between(*above, *below) | speckle) & !z.is_nan();
         }
-        let out = &mut depth_m.pixels_mut()[v * width..(v + 1) * width];
-        for (z, _) in out[1..].iter_mut().zip(&flying).filter(|(_, flying)| **flying) {
-            *z = f32::NAN;
-            removed += 1;
+        // Few are left to be looked at one by one.
+        for u in flying.iter().enumerate().filter(|(_, flying)| **flying).map(|(i, _)| i + 1) {
+            if [here[u - 1], here[u + 1], above[u], below[u]].iter().all(|z| z.is_nan()) {
+                alone.push(v * width + u);
+            } else {
+                depth_m.pixels_mut()[v * width + u] = f32::NAN;
+                removed += 1;
+            }
         }
     }
-    removed
+    if alone.is_empty() {
+        return Flying { removed, is_sparse: false };
+    }
+    let readings = before.iter().filter(|z| !z.is_nan()).count();
+    if ONE_ALONE_OF * alone.len() < readings {
+        removed += alone.len();
+        alone.iter().for_each(|i| depth_m.pixels_mut()[*i] = f32::NAN);
+    }
+    Flying { removed, is_sparse: 2 * alone.len() > readings }
 }
 
 #[cfg(test)]
@@ -71,7 +97,7 @@ mod tests {
             let mut depth_m = table_with_box(height_m);
             let readings = depth_m.pixels().iter().filter(|z| !z.is_nan()).count();
             // A side of the box that is seen at a glance may be a single pixel wide: that cannot be told from a mixed one.
-            prop_assert!(remove(&mut depth_m, 130.0, &settings()) * 200 <= readings);
+            prop_assert!(remove(&mut depth_m, 130.0, &settings()).removed * 200 <= readings);
         }
 
         #[test]
@@ -100,7 +126,21 @@ mod tests {
         let mut depth_m = Image::filled(9, 9, 1.0f32);
         depth_m[(4, 4)] = 0.8;
         depth_m[(7, 4)] = f32::NAN;
-        assert_eq!(remove(&mut depth_m, 500.0, &settings()), 1);
+        assert_eq!(remove(&mut depth_m, 500.0, &settings()), Flying { removed: 1, is_sparse: false });
         assert!(depth_m[(4, 4)].is_nan() && depth_m[(6, 4)] == 1.0 && depth_m[(7, 4)].is_nan());
+    }
+
+    #[test]
+    fn depth_in_a_larger_picture_stays_and_a_lone_reading_in_a_hole_does_not() {
+        let of_every_second = |at: usize| if at.is_multiple_of(2) { 1.0 } else { f32::NAN };
+        let pixels = (0..40 * 30).map(|i| of_every_second(i % 40) + of_every_second(i / 40) - 1.0).collect();
+        let mut sparse = Image::from_pixels(40, 30, pixels).unwrap();
+        assert_eq!(remove(&mut sparse, 500.0, &settings()), Flying { removed: 0, is_sparse: true });
+        assert_eq!(sparse.pixels().iter().filter(|z| !z.is_nan()).count(), 20 * 15);
+        let mut hole = Image::filled(40, 30, 1.0f32);
+        (8..13).for_each(|v| (8..13).for_each(|u| hole[(u, v)] = f32::NAN));
+        hole[(10, 10)] = 1.0;
+        assert_eq!(remove(&mut hole, 500.0, &settings()), Flying { removed: 1, is_sparse: false });
+        assert!(hole[(10, 10)].is_nan());
     }
 }

@@ -2,10 +2,10 @@
 //!
 //! A missing return, a flying pixel and an object's shadow on the table all say the same: nobody looked there. A cube counts as seen when
 //! the camera's reading in its direction lies at least as far as the cube itself, so that a ray went through it or ended in it. Everything
-//! else above the furniture is unseen, which is neither free nor solid.
+//! else above the furniture is unseen, which is neither free nor solid. What is too far away for the scene was seen all the same.
 
 use repose_geometry::{Image, Isometry3, Pinhole, Point3};
-use repose_proto::UnseenSpace;
+use repose_proto::{Frame, UnseenSpace};
 
 use crate::settings::UnseenSettings;
 use crate::supports::surfaces::SupportSurface;
@@ -13,9 +13,34 @@ use crate::supports::surfaces::SupportSurface;
 /// How far above the highest furniture the cubes reach at least, where they must grow to reach it at all, metres: things stand on it.
 const HEADROOM_M: f64 = 0.3;
 
+/// Farther than this no depth camera measures, whatever it says, metres.
+const FARTHEST_M: f32 = 20.0;
+
+/// How far a frame's camera saw in each pixel of the coarse picture, one of `stride` columns and rows: `depth_m`, NaN where there is no reading,
+/// and without end where it read something beyond `max_depth_m`, and all around as well.
+pub fn sight_m(depth_m: &Image<f32>, stride: usize, frame: &Frame, max_depth_m: f32) -> Image<f32> {
+    let (width, height, unit_m) = (frame.camera.width, frame.camera.height, frame.camera.depth_unit_m as f32);
+    let is_far = |u: usize, v: usize| {
+        let count = frame.depth[v * width + u];
+        // Some cameras have the greatest count for none.
+        let reading_m = if count == u16::MAX { 0.0 } else { f32::from(count) * unit_m };
+        reading_m > max_depth_m && reading_m <= FARTHEST_M
+    };
+    let columns = depth_m.width();
+    let mut sight_m = depth_m.clone();
+    for (i, z) in sight_m.pixels_mut().iter_mut().enumerate().filter(|(_, z)| z.is_nan()) {
+        let (u, v) = (i % columns * stride, i / columns * stride);
+        let is_within = u > 0 && v > 0 && u + 1 < width && v + 1 < height;
+        if is_within && [(u, v), (u - 1, v), (u + 1, v), (u, v - 1), (u, v + 1)].into_iter().all(|(u, v)| is_far(u, v)) {
+            *z = f32::INFINITY;
+        }
+    }
+    sight_m
+}
+
 /// The depth picture that rays are followed in.
 pub struct RayView<'a> {
-    /// Depth, NaN where there is no reading.
+    /// Depth, NaN where there is no reading, infinite beyond what is told.
     pub depth_m: &'a Image<f32>,
     /// The camera of that (coarse) picture.
     pub camera: Pinhole,
@@ -117,6 +142,7 @@ mod tests {
     use crate::synthetic::{Solid, cast};
     use repose_geometry::transform::look_at;
     use repose_geometry::{Footprint, Vector3};
+    use repose_proto::CameraModel;
 
     const CAMERA: Pinhole = Pinhole { width: 320, height: 240, fx: 262.0, fy: 262.0, cx: 159.5, cy: 119.5 };
 
@@ -164,6 +190,24 @@ mod tests {
         };
         assert_eq!(unseen(hole(12)).hides([0.25, 0.0, 0.01]), Some(true));
         assert_eq!(unseen(hole(0)), unseen(|_| ()));
+    }
+
+    #[test]
+    fn what_is_too_far_away_for_the_scene_was_seen_and_what_was_not_read_was_not() {
+        let camera = CameraModel { width: 8, height: 8, fx: 9.0, fy: 9.0, cx: 3.5, cy: 3.5, depth_unit_m: 1e-4, world_from_camera: None };
+        // A wall at 5 m, in every second column and row of which there is …
+        let mut counts = vec![50_000; 64];
+        let pixel = |column: usize, row: usize| 2 * row * 8 + 2 * column;
+        // … a place that was not read, one that was not read beside it, and one where the camera says so by its greatest count.
+        counts[pixel(1, 2)] = 0;
+        counts[pixel(2, 2) + 1] = 0;
+        counts[pixel(3, 3)] = u16::MAX;
+        let frame = Frame::new("test".to_owned(), 0, camera, counts);
+        let mut depth_m = Image::filled(4, 4, f32::NAN);
+        depth_m[(1, 1)] = 0.9;
+        let sight_m = sight_m(&depth_m, 2, &frame, 4.0);
+        assert!(sight_m[(2, 1)] == f32::INFINITY && sight_m[(3, 1)] == f32::INFINITY && sight_m[(1, 1)] == 0.9);
+        assert!([(1, 2), (2, 2), (3, 3), (0, 1)].iter().all(|at| sight_m[*at].is_nan()));
     }
 
     #[test]

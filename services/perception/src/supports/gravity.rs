@@ -1,7 +1,8 @@
 //! Which way is up when nobody says: the main support plane, found by RANSAC in the camera frame.
 //!
 //! The plane is the largest one that the camera is above, that has little beneath it, and whose normal is where up can be for a
-//! camera that is held upright (a wall is as large, but faces a camera that looks down from the wrong side). The world is then
+//! camera that is held upright (a wall is as large, but faces a camera that looks down from the wrong side). A camera that
+//! looks straight down sees the table where a level one sees a wall: what could lie below a level one goes first. The world is then
 //! levelled on it: z = 0 on the plane, the origin below the camera, the camera looking along +y.
 
 use rand::RngExt;
@@ -14,6 +15,11 @@ use crate::settings::GravitySettings;
 /// Rounds of least squares on the winner's readings; the third changes the normal by less than a hundredth of a degree.
 const REFINEMENTS: usize = 3;
 
+/// A plane with a normal whose z is below this is faced squarely: the table of a camera that looks down, or the wall before a level one.
+const FACING: f64 = -0.9;
+/// A plane with a normal whose y is below this would lie below a level camera.
+const BELOW: f64 = -0.7;
+
 /// The main support plane in the camera frame, normal towards the camera; `None` when no plane qualifies.
 pub fn support_plane(in_camera: &PointMap, settings: &GravitySettings, rng: &mut Pcg64) -> Option<Plane> {
     let sample = sample_readings(in_camera, settings.sample_points);
@@ -22,22 +28,34 @@ pub fn support_plane(in_camera: &PointMap, settings: &GravitySettings, rng: &mut
     }
     let least = (settings.min_share * sample.len() as f64).ceil() as usize;
     let columns = Columns::of(&sample, settings);
-    let mut best: Option<(u32, Plane)> = None;
+    let (mut best, mut best_below) = (None, None);
     for _ in 0..settings.iterations {
         let [a, b, c] = std::array::from_fn(|_| sample[rng.random_range(0..sample.len())].cast::<f64>());
         let Some(plane) = Plane::through(&a, &b, &c).map(towards_camera).filter(|p| can_be_up(&p.normal, settings)) else { continue };
         let (on, below) = columns.count(&plane);
         let qualifies = on as usize >= least.max(settings.min_readings) && f64::from(below) <= settings.max_below_ratio * f64::from(on);
-        if qualifies && best.is_none_or(|(most, _)| on > most) {
-            best = Some((on, plane));
+        if qualifies {
+            best = fuller(best, (on, plane));
+            if plane.normal.y < BELOW {
+                best_below = fuller(best_below, (on, plane));
+            }
         }
     }
-    let (_, mut plane) = best?;
+    let (_, fullest) = best?;
+    let mut plane = match best_below {
+        Some((_, below)) if fullest.normal.z < FACING => below,
+        _ => fullest,
+    };
     for _ in 0..REFINEMENTS {
         let on: Vec<Point3<f32>> = sample.iter().filter(|p| is_on(&plane, p, settings)).copied().collect();
         plane = towards_camera(Plane::fit(on.iter())?);
     }
     can_be_up(&plane.normal, settings).then_some(plane)
+}
+
+/// Of two planes the one that holds more readings, the first of equal ones.
+fn fuller(best: Option<(u32, Plane)>, other: (u32, Plane)) -> Option<(u32, Plane)> {
+    best.filter(|(most, _)| *most >= other.0).or(Some(other))
 }
 
 /// The camera's pose in the world that a support plane defines; the plane's normal points towards the camera.
@@ -145,6 +163,18 @@ mod tests {
         let truth = look_at(&Point3::new(0.0, -1.0, 0.6), &Point3::new(0.0, 0.2, 0.1), &Vector3::z());
         let estimated = find(&render(&solids, &CAMERA, &truth)).unwrap();
         assert!((estimated.translation.z - 0.6).abs() < 0.01, "height over the table, got {}", estimated.translation.z);
+    }
+
+    #[test]
+    fn the_wall_before_a_level_camera_is_not_taken_for_the_table_and_the_table_straight_below_one_is() {
+        let wall = Solid::cuboid([0.0, 1.1, 1.0], [5.0, 0.1, 5.0]);
+        let level = look_at(&Point3::new(0.0, -1.0, 0.35), &Point3::new(0.0, 0.0, 0.35 - 4f64.to_radians().tan()), &Vector3::z());
+        let estimated = find(&render(&[Solid::table(0.0), wall], &CAMERA, &level)).unwrap();
+        assert!((estimated.translation.z - 0.35).abs() < 0.01, "height over the table, got {}", estimated.translation.z);
+        let above = look_at(&Point3::new(0.0, 0.0, 0.9), &Point3::origin(), &Vector3::y());
+        let thing = Solid::cuboid([0.1, 0.1, 0.1], [0.1, 0.1, 0.1]);
+        let estimated = find(&render(&[Solid::table(0.0), thing], &CAMERA, &above)).unwrap();
+        assert!((estimated.translation.z - 0.9).abs() < 0.01, "height over the table, got {}", estimated.translation.z);
     }
 
     #[test]

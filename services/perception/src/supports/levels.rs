@@ -113,16 +113,22 @@ impl Levels {
 pub struct Viewpoint {
     /// The camera, world frame.
     pub camera: Point3<f32>,
-    /// The directions in which the picture's lower corners look, world frame.
+    /// The directions in which the picture's lower corners look, those nearest to the ground however the camera is held, world frame.
     pub lower_corners: [Vector3<f32>; 2],
 }
 
 impl Viewpoint {
     /// Of a camera and its pose.
     pub fn new(camera: &Pinhole, world_from_camera: &Isometry3<f64>) -> Self {
-        let towards = |u: f64| (world_from_camera * camera.unproject(u, camera.height as f64 - 1.0, 1.0).coords).cast();
-        let right = camera.width as f64 - 1.0;
-        Self { camera: Point3::from(world_from_camera.translation.vector).cast(), lower_corners: [towards(0.0), towards(right)] }
+        let towards = |[u, v]: [f64; 2]| (world_from_camera * camera.unproject(u, v, 1.0).coords).cast::<f32>();
+        let (right, bottom) = (camera.width as f64 - 1.0, camera.height as f64 - 1.0);
+        // Of equal ones, as where the camera looks straight down, those of the last row.
+        let corners = [[0.0, bottom], [right, bottom], [0.0, 0.0], [right, 0.0]].map(towards);
+        let mut lowest = [0, 1, 2, 3];
+        lowest.sort_by(|a: &usize, b: &usize| corners[*a].z.total_cmp(&corners[*b].z));
+        let [one, other, ..] = lowest;
+        let lower_corners = [corners[one.min(other)], corners[one.max(other)]];
+        Self { camera: Point3::from(world_from_camera.translation.vector).cast(), lower_corners }
     }
 
     /// Where the picture's lower corners look at a plane; less than both where one looks past it.
@@ -339,6 +345,7 @@ mod tests {
     use crate::settings::Settings;
     use crate::supports::surfaces;
     use crate::synthetic::{Solid, render};
+    use repose_geometry::UnitQuaternion;
     use repose_geometry::transform::look_at;
 
     const CAMERA: Pinhole = Pinhole { width: 320, height: 240, fx: 262.0, fy: 262.0, cx: 159.5, cy: 119.5 };
@@ -357,6 +364,21 @@ mod tests {
 
     fn kinds(solids: &[Solid]) -> Vec<(LevelKind, i32)> {
         levels_of(solids).iter().map(|l| (l.kind, (l.plane.height_at(&middle(&l.outline)) * 100.0).round() as i32)).collect()
+    }
+
+    #[test]
+    fn the_lower_corners_are_those_nearest_to_the_ground_however_the_camera_is_held() {
+        let upright = look_at(&Point3::new(0.0, -0.9, 0.8), &Point3::new(0.0, 0.1, 0.0), &Vector3::z());
+        let ahead = upright * Vector3::z();
+        let corners = |roll_rad: f64| {
+            let held = upright * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll_rad);
+            Viewpoint::new(&CAMERA, &held).lower_corners
+        };
+        for roll_rad in [0.0, 1.2, 2.8, 4.5] {
+            assert!(corners(roll_rad).iter().all(|corner| f64::from(corner.z) < ahead.z - 0.1), "{roll_rad}: {:?}", corners(roll_rad));
+        }
+        let [left, right] = corners(0.0);
+        assert!(left.x < 0.0 && right.x > 0.0, "in the order of the picture");
     }
 
     #[test]

@@ -154,11 +154,38 @@ impl ObservedView {
     /// What is seen right under a point of an object in the picture, up to `rows` further down, if it is level: whose, and where (world
     /// frame). It is level where a third as many rows further down still show the same thing at the same height.
     pub fn level_under(&self, point: &Point3<f32>, object: u16, rows: usize, level_m: f32) -> Option<(u16, Point3<f32>)> {
-        let (u, top) = self.camera.pixel_of(&(self.camera_from_world * point.cast::<f64>()))?;
-        let v = (top + 1..=top + rows).find(|v| self.pixels.get(u, *v).is_some_and(|p| p.depth_m > 0.0 && p.object != object))?;
-        let (near, further) = (self.pixels.get(u, v)?, self.pixels.get(u, v + rows / 3)?);
+        let in_camera = self.camera_from_world * point.cast::<f64>();
+        let from = self.camera.pixel_of(&in_camera)?;
+        let down = self.step_down(&in_camera)?;
+        let is_other = |at: &(usize, usize)| self.pixels[*at].depth_m > 0.0 && self.pixels[*at].object != object;
+        let (k, at) = (1..=rows).find_map(|k| Some((k, self.stepped(from, down, k).filter(is_other)?)))?;
+        let (near, further) = (&self.pixels[at], &self.pixels[self.stepped(from, down, k + rows / 3)?]);
         let is_level = further.object == near.object && further.depth_m > 0.0 && (further.height_m - near.height_m).abs() <= level_m;
-        is_level.then(|| (near.object, self.place_of(u, v, near.depth_m)))
+        is_level.then(|| (near.object, self.place_of(at.0, at.1, near.depth_m)))
+    }
+
+    /// A step of a pixel down in the picture from a place (camera frame): to the row below, unless the camera is rolled so far that things fall
+    /// across the rows. Looking straight down it is not rolled.
+    fn step_down(&self, in_camera: &Point3<f64>) -> Option<Vector2<f64>> {
+        let down = (self.camera_from_world.rotation * -Vector3::<f64>::z()).xy();
+        let looks_down = down.norm() < 5f64.to_radians().sin();
+        if looks_down || down.y >= down.norm() * 20f64.to_radians().cos() {
+            return Some(Vector2::y());
+        }
+        self.falls(in_camera, self.camera.project(in_camera)?)
+    }
+
+    /// The direction in which the picture shows something fall from a place (camera frame) that it shows at a pixel; none where it stays there.
+    fn falls(&self, in_camera: &Point3<f64>, at: Point2<f64>) -> Option<Vector2<f64>> {
+        let fall = self.camera_from_world.rotation * (-Vector3::z() * FALL_M);
+        self.camera.project(&(in_camera + fall)).and_then(|to| (to - at).try_normalize(1e-9))
+    }
+
+    /// The pixel so many steps away from another one; none outside the picture.
+    fn stepped(&self, (u, v): (usize, usize), step: Vector2<f64>, count: usize) -> Option<(usize, usize)> {
+        let (u, v) = ((u as f64 + step.x * count as f64).round(), (v as f64 + step.y * count as f64).round());
+        let (u, v) = (u >= 0.0 && v >= 0.0).then_some((u as usize, v as usize))?;
+        (u < self.camera.width && v < self.camera.height).then_some((u, v))
     }
 
     /// The place of a pixel's reading, world frame.
@@ -170,7 +197,6 @@ impl ObservedView {
     /// Where the picture of each object ends: its own place there, and the next reading beyond it, up to `rows` pixels away. At the picture's edge,
     /// and where nothing was read beyond, nothing is told.
     pub fn edges(&self, rows: usize) -> BTreeMap<u16, Edges> {
-        let fall = self.camera_from_world.rotation * (-Vector3::z() * FALL_M);
         let width = self.camera.width;
         let mut edges: BTreeMap<u16, Edges> = BTreeMap::new();
         for (i, pixel) in self.pixels.pixels().iter().enumerate().filter(|(_, pixel)| pixel.depth_m > 0.0 && pixel.object != 0) {
@@ -180,8 +206,7 @@ impl ObservedView {
             }
             let (u, v) = (at[0] as f64, at[1] as f64);
             let own = self.camera.unproject(u, v, f64::from(pixel.depth_m));
-            let falls = self.camera.project(&(own + fall)).and_then(|to| (to - Point2::new(u, v)).try_normalize(1e-9));
-            let Some(down) = falls else { continue };
+            let Some(down) = self.falls(&own, Point2::new(u, v)) else { continue };
             let aside = Vector2::new(-down.y, down.x);
             let meeting = |step: Vector2<f64>| self.meeting(at, pixel, step, rows);
             let of = edges.entry(pixel.object).or_default();
@@ -202,11 +227,9 @@ impl ObservedView {
 
     /// The next reading from a pixel on in steps of one, if it is not the same object's.
     fn meeting(&self, [u, v]: [usize; 2], pixel: &Pixel, step: Vector2<f64>, rows: usize) -> Option<Meeting> {
-        let (to_u, to_v, beyond) = (1..=rows).find_map(|k| {
-            let (u, v) = ((u as f64 + step.x * k as f64).round(), (v as f64 + step.y * k as f64).round());
-            let (u, v) = (u >= 0.0 && v >= 0.0).then_some((u as usize, v as usize))?;
-            self.pixels.get(u, v).filter(|beyond| beyond.depth_m > 0.0).map(|beyond| (u, v, beyond))
-        })?;
+        let is_read = |at: &(usize, usize)| self.pixels[*at].depth_m > 0.0;
+        let (to_u, to_v) = (1..=rows).find_map(|k| self.stepped((u, v), step, k).filter(is_read))?;
+        let beyond = &self.pixels[(to_u, to_v)];
         let meets = beyond.object != pixel.object;
         meets.then(|| Meeting {
             object: beyond.object,
@@ -396,6 +419,25 @@ mod tests {
             assert!(is_most(of_carrier, &|m| m.object == 0), "{roll_rad}: {of_carrier:?}");
             let at_load = edges[&1].upper.iter().filter(|m| m.object == 2 && m.reversed().is_contact(&settings)).count();
             assert!(at_load > 5, "{roll_rad}: {at_load} of {}", edges[&1].upper.len());
+        }
+    }
+
+    #[test]
+    fn the_top_under_a_loads_lowest_points_is_found_however_the_camera_is_held() {
+        let scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.2, 0.2, 0.1]).object_at(2, [0.0, 0.0], 0.1, [0.06, 0.06, 0.08]).scene();
+        let of_load = scene.points.iter().zip(&scene.labels).filter(|(p, label)| **label == 2 && p[2] < 0.106);
+        let lowest: Vec<Point3<f32>> = of_load.map(|(p, _)| Point3::from(*p)).collect();
+        let mut camera = scene.meta.camera.clone();
+        (camera.width, camera.height, camera.cx, camera.cy) = (400, 400, 199.5, 199.5);
+        for roll_rad in [0.0, 0.2, 1.2, 2.8] {
+            let held = world_from_camera() * nalgebra::UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll_rad);
+            let view = ObservedView::new(&scene.points, &scene.labels, &camera, &held, 640);
+            let is_top = |p: &&Point3<f32>| {
+                view.level_under(p, 2, 12, 0.004).is_some_and(|(object, under)| object == 1 && (under.z - 0.1).abs() < 0.004)
+            };
+            let found = lowest.iter().filter(is_top).count();
+            // A picture that is turned has pixels without a point.
+            assert!(lowest.len() > 10 && 2 * found >= lowest.len(), "{roll_rad}: {found} of {}", lowest.len());
         }
     }
 
