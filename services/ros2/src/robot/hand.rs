@@ -65,6 +65,11 @@ impl Hand {
         self.canceled_ms.is_none()
     }
 
+    /// Whether the fingers stand where they were told to be.
+    pub fn is_there(&self) -> bool {
+        (self.width_m - self.told_m).abs() <= LOST_M
+    }
+
     /// The fingers were measured, metres. Those that close further have lost what they held, until they stand against it where it is thinner.
     pub fn measured(&mut self, width_m: f64, now_ms: u64) {
         self.width_m = width_m;

@@ -308,9 +308,10 @@ impl RosSide {
                 None
             }
             Told::Gripped(number, state, result) => {
+                let was_there = self.hand.is_there();
                 let was_to = self.hand.ended(*number, Some(result), result.position / self.config.gripper_position_per_width);
-                // Some controllers abort a goal that something stalls: it is held then.
-                let is_done = *state == status::SUCCEEDED || result.stalled || result.reached_goal;
+                // Some controllers abort a goal that something stalls, and some one to grasp that finds nothing: neither is a failure of theirs.
+                let is_done = *state == status::SUCCEEDED || result.stalled || result.reached_goal || was_there || self.hand.is_there();
                 (was_to && !is_done).then(|| format!("the hand's goal ended {} at {:.4} m", status::name(*state), result.position))
             }
             Told::NotGripped(number, why) => self.hand.ended(*number, None, 0.0).then(|| why.clone()),

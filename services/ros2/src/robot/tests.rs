@@ -459,6 +459,8 @@ fn a_goal_of_the_hand_that_fails_latches_a_stop_and_one_that_something_stalls_do
         (Told::NotGripped(1, "it refused the goal".to_owned()), Some("gripper_failed")),
         (Told::Gripped(1, status::ABORTED, short), Some("gripper_failed")),
         (Told::Gripped(1, status::ABORTED, stalled), None),
+        // It was to grasp, and nothing was there.
+        (Told::Gripped(1, status::ABORTED, GripperCommandResult { position: 0.01, ..short }), None),
         (Told::Gripped(1, status::SUCCEEDED, short), None),
         (Told::NotGripped(7, "another goal".to_owned()), None),
     ] {
