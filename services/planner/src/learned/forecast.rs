@@ -67,7 +67,7 @@ impl Forecast {
 
     fn checked(self, names: &[&str]) -> Result<Self, NotAForecast> {
         if self.measures != names {
-            return Err(NotAForecast(format!("measures: expected {names:?}, got {:?}", self.measures)));
+            return Err(NotAForecast(format!("measures: {}, so it is of another version of this program", others(&self.measures, names))));
         }
         if !self.logit.is_sound(names.len()) {
             let expected = format!("expected finite trees over {} measures, each branch to a later split or a leaf", names.len());
@@ -90,6 +90,15 @@ impl Forecast {
     pub fn most(&self, measures: &[f32], is_open: impl Fn(usize) -> bool) -> f64 {
         probability(self.logit.most(measures, is_open))
     }
+}
+
+/// In what measures differ from those of these names.
+fn others(measures: &[String], names: &[&str]) -> String {
+    let missing: Vec<&str> = names.iter().copied().filter(|name| measures.iter().all(|measure| measure != name)).collect();
+    let unknown: Vec<&str> = measures.iter().map(String::as_str).filter(|measure| !names.contains(measure)).collect();
+    let told = |what: &str, these: &[&str]| (!these.is_empty()).then(|| format!("{what} {}", these.join(", ")));
+    let told: Vec<String> = told("it lacks", &missing).into_iter().chain(told("it has unknown", &unknown)).collect();
+    if told.is_empty() { "they are in another order".to_owned() } else { told.join(" and ") }
 }
 
 fn probability(logit: f64) -> f64 {
@@ -148,7 +157,9 @@ mod tests {
         let own = |logit| serde_json::to_value(Forecast::new(&["a", "b"], logit, ForecastFitData::default()).unwrap()).unwrap();
         let value = own(leaf(0.0));
         assert_eq!(Forecast::read(&value, &["a", "b"]).unwrap().of(&[1.0, 2.0]), 0.5);
-        assert!(Forecast::read(&value, &["a", "c"]).unwrap_err().to_string().contains("measures"));
+        let refused = |names: &[&str]| Forecast::read(&value, names).unwrap_err().to_string();
+        assert!(refused(&["a", "c"]).contains("measures: it lacks c and it has unknown b"), "{}", refused(&["a", "c"]));
+        assert!(refused(&["b", "a"]).contains("another order"));
         assert!(Forecast::new(&["a"], leaf(f32::NAN), ForecastFitData::default()).unwrap_err().to_string().contains("logit"));
         let of =
             |entries: &[(&str, &Value)]| Forecasts::read(&entries.iter().map(|(name, v)| ((*name).to_owned(), (*v).clone())).collect());
