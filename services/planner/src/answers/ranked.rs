@@ -10,7 +10,7 @@ use crate::answers::distinct::distinct_places;
 use crate::judge::Judge;
 use crate::judge::judged::JudgedCandidate;
 use crate::search::findings::Findings;
-use crate::search::ranking::{believed, fragile_share, shortlist, without};
+use crate::search::ranking::{believed, fragile_share, keep_apart, shortlist, without};
 
 /// How much is known of a candidate of the shortlist.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,9 +64,38 @@ pub fn rank(judge: &mut Judge<'_>, findings: &mut Findings, count: usize) -> Res
     doubted.sort_by_key(|l| l.place);
     let believed: Vec<JudgedCandidate> = list.iter().filter(|l| l.known == Known::Asked).map(|l| l.judged.clone()).collect();
     let asked = list.iter().filter(|l| l.known == Known::Asked).chain(&doubted).map(|l| l.place).collect::<Vec<_>>();
+    let mut doubted: Vec<JudgedCandidate> = doubted.into_iter().map(|l| l.judged).collect();
+    if believed.is_empty() {
+        let mut rest = without(findings.accepted.clone(), &asked);
+        findings.accepted = elsewhere(judge, &mut rest, &mut doubted)?;
+        findings.reject(doubted);
+        return Ok(rest);
+    }
     let rest = without(std::mem::replace(&mut findings.accepted, believed), &asked);
-    findings.reject(doubted.into_iter().map(|l| l.judged).collect());
+    findings.reject(doubted);
     Ok(rest)
+}
+
+/// Those that the networks believe far from all that they doubt: the best of a search lie side by side, and where these are doubted the place is, not the
+/// object. Whoever is asked about leaves the rest.
+fn elsewhere(
+    judge: &mut Judge<'_>,
+    rest: &mut Vec<JudgedCandidate>,
+    doubted: &mut Vec<JudgedCandidate>,
+) -> Result<Vec<JudgedCandidate>, CallError> {
+    let settings = judge.problem().settings;
+    let (ranking, level_gap_m) = (&settings.fixed.ranking, settings.fixed.surrogate.level_gap_m);
+    let mut far = rest.clone();
+    keep_apart(&mut far, doubted, ranking.elsewhere_m);
+    let places = shortlist(&far, ranking.candidates, ranking.elsewhere_m, level_gap_m);
+    let list: Vec<JudgedCandidate> = places.into_iter().map(|place| far[place].clone()).collect();
+    if list.is_empty() {
+        return Ok(Vec::new());
+    }
+    rest.retain(|j| list.iter().all(|asked| asked.candidate != j.candidate));
+    let (believed, others): (Vec<_>, Vec<_>) = believed(judge, list)?.into_iter().partition(JudgedCandidate::feasible);
+    doubted.extend(others);
+    Ok(believed)
 }
 
 /// Takes over what the networks said of candidates after iterations.
@@ -122,10 +151,11 @@ mod tests {
 
     use crate::answers::Answers;
     use crate::judge::judged::JudgedCandidate;
+    use crate::learned::success;
     use crate::search::search;
     use crate::search::source::CandidateSource;
     use crate::settings::PlanSettings;
-    use crate::tests::learned::{judging, scene};
+    use crate::tests::learned::{BESIDE, Fake, judging, judging_with, scene, stepped};
 
     /// The answers, and how many candidates were believed of those asked about.
     fn answers(count: u32, seed: u64, asked_at_once: usize) -> (Vec<JudgedCandidate>, usize) {
@@ -139,6 +169,27 @@ mod tests {
             let answers = Answers::choose(judge, &mut findings, &|_| true, &mut stopped, &mut || None).unwrap();
             (answers.chosen, findings.accepted.len())
         })
+    }
+
+    #[test]
+    fn where_all_of_the_best_are_doubted_others_are_asked_about_that_are_far_from_them() {
+        let request = PlaceRequest::new(scene().scene_id.clone(), 2, vec!["right_of:1".parse().unwrap()]);
+        // Doubted where the goal holds by more than 5 cm, as the best of a search do.
+        let mut fake = Fake::new(&[BESIDE]);
+        fake.success = Some(stepped(&success::names(), "goal_margin", 0.05, [0.9, 0.1]));
+        let chosen = |elsewhere_m: f64| {
+            let mut settings = PlanSettings::of(&request);
+            settings.fixed.ranking.elsewhere_m = elsewhere_m;
+            judging_with(&fake, &request, &settings, |judge| {
+                let mut rng = Pcg64::seed_from_u64(request.seed);
+                let source = CandidateSource::new(judge, &mut rng).unwrap();
+                let (mut findings, mut stopped) = search(judge, source, &mut rng, &mut |_| ControlFlow::Continue(())).unwrap();
+                Answers::choose(judge, &mut findings, &|_| true, &mut stopped, &mut || None).unwrap().chosen
+            })
+        };
+        assert!(chosen(f64::INFINITY).is_empty(), "the search settles where it is doubted");
+        let answer = &chosen(0.05)[0];
+        assert!(answer.success.unwrap() > 0.8, "{answer:?}");
     }
 
     #[test]

@@ -69,8 +69,17 @@ impl Ground<'_> {
         let highest_m = from_highest(&mut tops, strays);
         let first = tops.iter().filter(|t| **t > highest_m).count();
         let last = tops.iter().filter(|t| **t >= highest_m - self.settings.same_support_m).count();
-        let level_m = from_highest(&mut tops, (first + last) / 2);
-        let plane_m = planes.map(|p| p.height_m).find(|h| (h - level_m).abs() <= self.settings.plane_m);
+        let mut level_m = from_highest(&mut tops, (first + last) / 2);
+        // Two supports that are less apart than the noise of one may be: it stands on the higher.
+        let mut higher: Vec<f32> =
+            tops.iter().filter(|t| **t > level_m + self.settings.release_m + self.settings.reached_into_m).copied().collect();
+        if higher.len() > strays {
+            let middle = higher.len() / 2;
+            level_m = from_highest(&mut higher, middle);
+        }
+        let off_m = |height_m: &f32| (height_m - level_m).abs();
+        let near = planes.map(|p| p.height_m).filter(|height_m| off_m(height_m) <= self.settings.plane_m);
+        let plane_m = near.min_by(|a, b| off_m(a).total_cmp(&off_m(b)));
         Some(plane_m.unwrap_or(level_m) + self.settings.release_m)
     }
 
@@ -222,6 +231,20 @@ mod tests {
 
         let (rest_m, footing) = put(&ground, 0.7, 0.0, f32::INFINITY);
         assert_eq!((rest_m, footing.margin_m), (None, None));
+    }
+
+    #[test]
+    fn of_two_supports_that_are_hardly_apart_the_higher_carries_it() {
+        // A board 10 mm high, which a fifth of the base is over.
+        let prepared = SceneBuilder::table().object(1, [0.0, 0.1], [0.2, 0.2, 0.01]).object(2, [-0.3, -0.2], [0.1, 0.1, 0.08]).prepared();
+        let query = QueryObject::new(&prepared, 2, 0.0, &Fixed::default()).unwrap();
+        let settings = SupportSettings::default();
+        let ground = Ground { prepared: &prepared, query: &query, settings: &settings };
+        let offset = query.shape.axis_offset();
+        let at = |x: f64| put(&ground, x - f64::from(offset.x), 0.1 - f64::from(offset.y), f32::INFINITY).0.unwrap() - settings.release_m;
+        assert!((at(0.13) - 0.01).abs() < 2e-3, "{}", at(0.13));
+        assert!(at(0.17).abs() < 2e-3, "beside it the table does: {}", at(0.17));
+        assert!((at(0.03) - 0.01).abs() < 2e-3, "{}", at(0.03));
     }
 
     #[test]

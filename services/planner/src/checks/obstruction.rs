@@ -4,7 +4,7 @@
 
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
-use crate::scene::query::QueryObject;
+use crate::scene::query::{OutlineCell, QueryObject};
 use crate::settings::{ClearanceSettings, SupportSettings};
 
 /// What the cells say.
@@ -35,14 +35,17 @@ pub fn obstruction(
     let bottom_m = query.bottom_of(candidate.centroid_m[2]);
     // Runs that end here or lower carry the query and are not in its way.
     let floor_m = bottom_m + support.tolerance_m;
-    let (mut colliding, mut near) = (0usize, [0usize; BINS]);
-    let mut doubtful = 0usize;
+    let (mut in_way, mut deepest) = (InWay::default(), 0usize);
     let carry = candidate.carrying();
     // Broad phase: over most of an open table nothing reaches up beside the query at all.
     let free = prepared.belief.columns.top_around(&carry.at, query.reach_m) <= floor_m;
     let columns = &prepared.belief.columns;
+    let top_m = query.prisms.iter().map(|prism| prism.high_m).fold(0.0, f32::max);
     for prism in query.prisms.iter().filter(|_| !free) {
-        let (low_m, high_m) = (bottom_m + prism.low_m, bottom_m + prism.high_m);
+        // It is let go higher than it is judged where its foot may be lower: there is room for that above it, too.
+        let raised_m = if prism.high_m >= top_m { query.shape.foot_doubt_m } else { 0.0 };
+        let (low_m, high_m) = (bottom_m + prism.low_m, bottom_m + prism.high_m + raised_m);
+        in_way.deep = 0;
         let lowest_m = floor_m.max(low_m);
         columns.visit(&prism.offsets, &carry, |i, _, above| {
             // Nearly always nothing reaches up so far.
@@ -50,36 +53,32 @@ pub fn obstruction(
                 return;
             }
             let cell = &prism.cells[i];
-            let mut in_way =
+            let mut runs =
                 columns.runs(above).iter().filter(|r| r.object != query.id && r.high_m > floor_m && r.high_m > low_m && r.low_m < high_m);
             if touched.is_empty() {
-                if in_way.next().is_none() {
-                    return;
+                if runs.next().is_some() {
+                    in_way.add(cell, settings);
                 }
-                doubtful += usize::from(cell.doubtful);
-                count(cell.inside_m, settings.graze_m, &mut colliding, &mut near);
-            } else {
-                for run in in_way {
-                    match touched.contains(&run.object) {
-                        true if cell.inside_m >= settings.touch_m => colliding += 1,
-                        true => {}
-                        false => {
-                            doubtful += usize::from(cell.doubtful);
-                            count(cell.inside_m, settings.graze_m, &mut colliding, &mut near);
-                        }
-                    }
+                return;
+            }
+            for run in runs {
+                match touched.contains(&run.object) {
+                    true if cell.inside_m >= settings.touch_m => in_way.colliding += 1,
+                    true => {}
+                    false => in_way.add(cell, settings),
                 }
             }
         });
+        deepest = deepest.max(in_way.deep);
     }
     let cells = query.prisms.iter().map(|p| p.inside).sum::<usize>().max(1);
-    let doubtful_share = doubtful as f64 / query.prisms.iter().map(|p| p.doubtful).sum::<usize>().max(1) as f64;
+    let doubtful_share = in_way.doubtful as f64 / query.prisms.iter().map(|p| p.doubtful).sum::<usize>().max(1) as f64;
     let strays = settings.stray_cells.max((settings.stray_share * cells as f32) as usize);
-    if colliding > strays {
-        return Obstruction { colliding_share: colliding as f64 / cells as f64, clearance_m: 0.0, doubtful_share };
+    if in_way.colliding > strays || deepest > settings.stray_cells {
+        return Obstruction { colliding_share: in_way.colliding as f64 / cells as f64, clearance_m: 0.0, doubtful_share };
     }
     let mut found = 0;
-    let first = near.iter().position(|n| {
+    let first = in_way.near.iter().position(|n| {
         found += n;
         found > settings.stray_cells
     });
@@ -87,11 +86,34 @@ pub fn obstruction(
     Obstruction { colliding_share: 0.0, clearance_m, doubtful_share }
 }
 
-fn count(inside_m: f32, graze_m: f32, colliding: &mut usize, near: &mut [usize; BINS]) {
-    if inside_m >= graze_m {
-        *colliding += 1;
-    } else {
-        near[(((-inside_m).max(0.0) / BIN_M) as usize).min(BINS - 1)] += 1;
+/// The cells that something else fills.
+struct InWay {
+    /// In the query's outline.
+    colliding: usize,
+    /// Of those, deep in it, of the prism that is at hand: what meets one prism is not to hide among the cells of all.
+    deep: usize,
+    /// Where the query's unseen back may reach.
+    doubtful: usize,
+    /// Outside of it, by their distance.
+    near: [usize; BINS],
+}
+
+impl Default for InWay {
+    fn default() -> Self {
+        Self { colliding: 0, deep: 0, doubtful: 0, near: [0; BINS] }
+    }
+}
+
+impl InWay {
+    fn add(&mut self, cell: &OutlineCell, settings: &ClearanceSettings) {
+        let inside_m = cell.inside_m;
+        self.doubtful += usize::from(cell.doubtful);
+        if inside_m >= settings.graze_m {
+            self.colliding += 1;
+            self.deep += usize::from(inside_m >= settings.deep_m);
+        } else {
+            self.near[(((-inside_m).max(0.0) / BIN_M) as usize).min(BINS - 1)] += 1;
+        }
     }
 }
 
@@ -116,6 +138,22 @@ mod tests {
         assert!(beside.colliding_share == 0.0 && (0.01..0.03).contains(&beside.clearance_m), "{beside:?}");
         let touching = at(0.082, 0.1, 0.001);
         assert!(judge(&touching, &[1]).colliding_share == 0.0 && judge(&touching, &[1]).clearance_m > 0.03);
+    }
+
+    #[test]
+    fn a_corner_that_reaches_deep_into_a_large_thing_is_in_its_way_however_few_its_cells_are() {
+        // A block of 2 cm, and a board of 30 cm by 20 cm that would cover it with one corner.
+        let prepared = SceneBuilder::table().object(1, [0.0, 0.1], [0.02, 0.02, 0.06]).object(2, [-0.3, -0.2], [0.3, 0.2, 0.05]).prepared();
+        let fixed = Fixed::default();
+        let query = QueryObject::new(&prepared, 2, 0.0, &fixed).unwrap();
+        let judge = |x: f32| {
+            obstruction(&prepared, &query, &standing_at(&query, x, 0.19, 0.001), &[], &fixed.clearance, &fixed.support).colliding_share
+        };
+        let colliding = (0..12).map(|k| judge(0.13 + 0.005 * k as f32)).collect::<Vec<_>>();
+        assert!(colliding[0] > 0.0 && colliding[11] == 0.0, "{colliding:?}");
+        let last = colliding.iter().rposition(|share| *share > 0.0).unwrap();
+        // Its outline ends 15 cm from its middle, and the block 1 cm from its own.
+        assert!(last >= 4, "it is free from {} mm into the block on: {colliding:?}", 30 - 5 * last);
     }
 
     #[test]

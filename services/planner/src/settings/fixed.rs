@@ -40,6 +40,8 @@ pub struct RankingSettings {
     pub asked_at_once: usize,
     /// Its candidates are at least this far apart, metres.
     pub apart_m: f64,
+    /// Where all of it are doubted, as many again are asked about that are this far from those and apart, metres.
+    pub elsewhere_m: f64,
     /// Each is tried again when it ends up this far off, metres …
     pub off_m: f32,
     /// … and this far turned, radians.
@@ -58,6 +60,7 @@ impl Default for RankingSettings {
             candidates: 32,
             asked_at_once: 4,
             apart_m: 0.012,
+            elsewhere_m: 0.05,
             off_m: 0.005,
             off_rad: 3.0_f32.to_radians(),
             more_rounds: 4,
@@ -93,6 +96,8 @@ pub struct SupportSettings {
     pub stray_share: f32,
     /// Tops within this of the highest belong to the same support, metres.
     pub same_support_m: f32,
+    /// What reaches higher than this into the query, as it would stand among them, carries it instead, metres.
+    pub reached_into_m: f32,
     /// A support surface's own height is used where the tops agree with it to this, metres.
     pub plane_m: f32,
     /// The height of release above the support, metres. A bottom is known to a few millimetres: a fall of that much is harmless, being
@@ -115,6 +120,7 @@ impl Default for SupportSettings {
             through_m: 0.025,
             stray_share: 0.03,
             same_support_m: 0.012,
+            reached_into_m: 0.004,
             plane_m: 0.008,
             release_m: 0.004,
             min_margin_m: 0.008,
@@ -134,6 +140,9 @@ pub struct ClearanceSettings {
     pub max_ring_m: f32,
     /// Things that reach no deeper than this into the query's outline do not collide, metres (outlines are grown by the trim).
     pub graze_m: f32,
+    /// Things that reach this deep into the query's outline are no stray points, metres, if they fill more than a few cells of one slab: deeper than what
+    /// may be pressed into, and an error of what was seen.
+    pub deep_m: f32,
     /// The same for an anchor that must be touched.
     pub touch_m: f32,
     /// Up to this many cells in the way are stray points.
@@ -146,7 +155,16 @@ pub struct ClearanceSettings {
 
 impl Default for ClearanceSettings {
     fn default() -> Self {
-        Self { ring_m: 0.04, max_ring_m: 0.12, graze_m: 0.002, touch_m: 0.009, stray_cells: 2, stray_share: 0.01, stray_points: 2 }
+        Self {
+            ring_m: 0.04,
+            max_ring_m: 0.12,
+            graze_m: 0.002,
+            deep_m: 0.006,
+            touch_m: 0.009,
+            stray_cells: 2,
+            stray_share: 0.01,
+            stray_points: 2,
+        }
     }
 }
 

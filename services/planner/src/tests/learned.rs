@@ -40,7 +40,7 @@ pub(crate) struct Fake {
     /// What it says of success.
     pub(crate) success: Option<Forecast>,
     /// What it says of how objects stand: the forecasts of the program's weights where it says nothing of its own.
-    stands: Option<Forecast>,
+    pub(crate) stands: Option<Forecast>,
     neighbour_stays: Option<Forecast>,
 }
 
@@ -130,11 +130,16 @@ pub(crate) fn scene() -> PreparedScene {
 
 /// Has work done with the judge of a request on [`scene`], whose networks believe in places beside the anchor.
 pub(crate) fn judging<T>(request: &PlaceRequest, settings: &PlanSettings, work: impl FnOnce(&mut Judge<'_>) -> T) -> T {
+    judging_with(&Fake::new(&[BESIDE]), request, settings, work)
+}
+
+/// The same with networks of one's own.
+pub(crate) fn judging_with<T>(fake: &Fake, request: &PlaceRequest, settings: &PlanSettings, work: impl FnOnce(&mut Judge<'_>) -> T) -> T {
     let prepared = scene();
     let query = prepared.query(request.query, 0.0, &settings.fixed).unwrap();
     let rules = Rules::new(&prepared, request.query, &request.goal, &ViewerFrame::from_yaw(0.0), &settings.fixed.rules).unwrap();
     let problem = PlacementProblem { prepared: &prepared, turned: None, query: &query, rules: &rules, request, settings };
-    work(&mut Judge::new(problem, &Fake::new(&[BESIDE])))
+    work(&mut Judge::new(problem, fake))
 }
 
 pub(crate) fn request(prepared: &PreparedScene, variant: Variant, goal: &[&str]) -> PlaceRequest {
@@ -197,11 +202,7 @@ fn mean_only_tries_the_means_and_mdn_prior_stays_near_them() {
 
 /// A forecast of success that only looks at how likely the goal is: .9 from a half on, .2 below.
 fn by_goal() -> Forecast {
-    let goal = success::names().iter().position(|name| *name == "goal").unwrap() as u8;
-    let logit = |p: f32| (p / (1.0 - p)).ln();
-    let tree =
-        DecisionTree { splits: vec![TreeSplit(goal, 0.5, [Branch::Leaf(0), Branch::Leaf(1)])], leaves: vec![logit(0.2), logit(0.9)] };
-    Forecast::new(&success::names(), BoostedTrees { bias: 0.0, trees: vec![tree] }, ForecastFitData::default()).unwrap()
+    stepped(&success::names(), "goal", 0.5, [0.2, 0.9])
 }
 
 #[test]

@@ -177,8 +177,10 @@ impl Belief {
     fn made(seen: &SeenScene<'_>, known: Option<BTreeMap<u16, Shape>>, settings: &BeliefSettings) -> Result<Self, TooWide> {
         let observed = Observed::of(seen, settings)?;
         let geometry = observed.geometry(settings);
+        // What is known from elsewhere need not be where the camera saw it.
+        let looks = known.is_none().then_some(&observed.view);
         let mut shapes = known.unwrap_or_else(|| completed(&geometry));
-        let of_objects = shapes.iter().flat_map(|(id, shape)| unseen_runs(*id, shape, &observed.columns));
+        let of_objects = shapes.iter().flat_map(|(id, shape)| unseen_runs(*id, shape, &observed.columns, looks));
         let of_furniture = solid_runs(&observed.planes, &observed.view, &observed.columns);
         let hidden: Vec<(Point2<f32>, ColumnRun)> = of_objects.chain(of_furniture).collect();
         let carried = carried_by(&geometry, &shapes);
@@ -312,8 +314,9 @@ fn bounds_of(clouds: &BTreeMap<u16, Vec<Point3<f32>>>, points: &[[f32; 3]], sett
 
 /// The parts of a shape that must be there though no point shows them: under its tops, and behind its front.
 ///
-/// What is hidden looks like what was seen of the object, turned by half a turn: the far side of a bowl's inside tells how deep the near side is.
-fn unseen_runs(id: u16, shape: &Shape, seen: &ColumnMap) -> Vec<(Point2<f32>, ColumnRun)> {
+/// What is hidden looks like what was seen of the object, turned by half a turn: the far side of a bowl's inside tells how deep the near side is. Where the
+/// camera saw past a place nothing is hidden: a pan has one handle.
+fn unseen_runs(id: u16, shape: &Shape, seen: &ColumnMap, looks: Option<&ObservedView>) -> Vec<(Point2<f32>, ColumnRun)> {
     let mut runs = Vec::new();
     let own_top_m = |place: &Point2<f32>| seen.at(place).iter().filter(|r| r.object == id).map(|r| r.high_m).reduce(f32::max);
     for slab in &shape.slabs {
@@ -321,7 +324,8 @@ fn unseen_runs(id: u16, shape: &Shape, seen: &ColumnMap) -> Vec<(Point2<f32>, Co
             // A hollow that was looked into is as deep as it was seen to be.
             let own_m = own_top_m(&center).or_else(|| own_top_m(&(shape.axis + (shape.axis - center))));
             let high_m = own_m.unwrap_or(slab.high_m).min(slab.high_m);
-            if high_m > slab.low_m {
+            let middle = Point3::new(center.x, center.y, (slab.low_m + high_m) / 2.0);
+            if high_m > slab.low_m && !looks.is_some_and(|view| view.is_free(&middle)) {
                 runs.push((center, ColumnRun { low_m: slab.low_m, high_m, object: id, seen: false }));
             }
         }
@@ -346,6 +350,20 @@ mod tests {
         };
         assert!(filled_from_m(0.0, 0.2) < 0.03, "{}", filled_from_m(0.0, 0.2));
         assert!(filled_from_m(0.18, 0.02) > 0.05, "{}", filled_from_m(0.18, 0.02));
+    }
+
+    #[test]
+    fn what_was_seen_to_be_free_beside_one_handle_is_no_other_handle() {
+        // A pot and its handle to the right.
+        let scene =
+            SceneBuilder::table().object(1, [0.0, 0.0], [0.16, 0.16, 0.08]).object_at(1, [0.15, 0.0], 0.05, [0.14, 0.03, 0.02]).scene();
+        let belief = believed(&scene);
+        let filled = |x: f32, y: f32| belief.columns.at(&Point2::new(x, y)).iter().any(|run| run.object == 1);
+        assert!(filled(0.0, 0.0) && filled(0.0, 0.07) && filled(0.19, 0.0), "the pot with its back, and its handle");
+        // Turned by half a turn the pot is around its handle.
+        let shape = belief.objects[&1].shape.as_ref().expect("it has an extent");
+        assert!(shape.slabs.iter().any(|slab| slab.outline.margin(&Point2::new(0.17, 0.055)) > 0.0));
+        assert!(!filled(0.17, 0.055), "the table was seen there");
     }
 
     /// What is believed of a made scene.
