@@ -216,7 +216,7 @@ fn in_a_service_only_the_outer_files_know_the_runtime() {
 fn every_dependency_has_its_version_in_the_workspace_table() {
     for (name, member) in members() {
         let manifest: toml::Table = std::fs::read_to_string(member.dir.join("Cargo.toml")).expect("a manifest").parse().expect("TOML");
-        for table in ["dependencies", "dev-dependencies", "build-dependencies"] {
+        for table in ["dependencies", "dev-dependencies"] {
             for (dependency, value) in manifest.get(table).and_then(toml::Value::as_table).into_iter().flatten() {
                 let inherited = value.get("workspace").and_then(toml::Value::as_bool) == Some(true);
                 assert!(inherited, "{name} gives {dependency} a version of its own");
@@ -246,7 +246,6 @@ fn every_dependency_is_used() {
             code.flat_map(|l| l.match_indices(&start).map(move |(at, _)| &l[..at]))
                 .any(|before| !before.ends_with(|c: char| c.is_alphanumeric() || c == '_'))
         };
-        named.extend(manifest.get("build-dependencies").and_then(toml::Value::as_table).into_iter().flat_map(toml::Table::keys).cloned());
         for (table, of_tests) in [("dependencies", false), ("dev-dependencies", true)] {
             for dependency in manifest.get(table).and_then(toml::Value::as_table).into_iter().flat_map(toml::Table::keys) {
                 let may_use = |file: &&(PathBuf, String)| of_tests || file.0.starts_with(member.dir.join("src"));
