@@ -47,7 +47,8 @@ impl Worker {
         })
     }
 
-    /// Plans a request on the scene that came with it, or on one that came before, around what stands `beside` the robot and is in no scene. The same content seen again is as young as it was last seen.
+    /// Plans a request on the scene that came with it, or on one that came before, around what stands `beside` the robot and is in no scene. The same
+    /// content seen again is as young as it was last seen.
     ///
     /// # Errors
     /// `not_found` on `scene_id` when the scene is not held and did not come; `invalid_argument` when it is another one; the planner's errors

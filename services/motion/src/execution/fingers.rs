@@ -62,7 +62,7 @@ impl Execution {
         }
         let (width_m, wanted_m) = (self.last_state.gripper_width_m, self.wanted_m());
         if self.current().name == Phase::Grasp {
-            if (width_m - wanted_m).abs() <= REACHED_M && !self.last_state.gripper_holding {
+            if self.is_there() && !self.last_state.gripper_holding {
                 return self.end(ExecutionOutcome::GraspLost, Some("the gripper closed on nothing".to_owned()), now_ms);
             }
             // Fingers that press may tremble for long: standing well apart is holding too. Those on their way would sweep the object along.
@@ -71,8 +71,8 @@ impl Execution {
             }
             self.grasp_width_m = width_m;
         }
-        let is_there = has_acted && (is_settled || self.current().name == Phase::Grasp || (width_m - wanted_m).abs() <= REACHED_M);
-        if !is_there {
+        let may_go_on = has_acted && (is_settled || self.current().name == Phase::Grasp || self.is_there());
+        if !may_go_on {
             let reason = format!("the gripper stands at {width_m:.3} m and was sent to {wanted_m:.3} m");
             return self.end(ExecutionOutcome::Stopped, Some(reason), now_ms);
         }
@@ -84,12 +84,16 @@ impl Execution {
         self.current().gripper.map_or(0.0, |g| g.width_m)
     }
 
+    /// Whether the fingers stand where the phase's action sends them.
+    fn is_there(&self) -> bool {
+        (self.last_state.gripper_width_m - self.wanted_m()).abs() <= REACHED_M
+    }
+
     /// Whether the fingers are where the phase's action may leave them: where they were sent, or, closing on something and opening beside something,
     /// on the way there from where they were.
     fn has_acted(&self) -> bool {
-        let (width_m, wanted_m, from_m) = (self.last_state.gripper_width_m, self.wanted_m(), self.fingers.from_m);
-        let is_there = (width_m - wanted_m).abs() <= REACHED_M;
-        is_there
+        let (width_m, from_m) = (self.last_state.gripper_width_m, self.fingers.from_m);
+        self.is_there()
             || match self.current().name {
                 Phase::Grasp => self.last_state.gripper_holding || from_m - width_m > MOVED_M,
                 Phase::Release => width_m - from_m > REACHED_M,
