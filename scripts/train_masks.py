@@ -213,12 +213,7 @@ def inputs(depth: Tensor, cameras: Tensor, jitter: bool) -> Tensor:
     if jitter:
         up = up + torch.randn_like(up) * torch.where(torch.rand((n, 1), device=device) < 0.2, 0.05, 0.012)
     up = F.normalize(up, dim=1)
-    forward = torch.tensor([0.0, 0.0, 1.0], device=device).expand_as(up)
-    # A camera that looks straight down takes the picture's up as away.
-    flat = forward - up * (forward * up).sum(1, keepdim=True)
-    picture_up = torch.tensor([0.0, -1.0, 0.0], device=device).expand_as(up)
-    other = picture_up - up * (picture_up * up).sum(1, keepdim=True)
-    away = F.normalize(torch.where(flat.norm(dim=1, keepdim=True) > 0.087, flat, other), dim=1)
+    away = away_of(up)
     right = torch.linalg.cross(away, up)
     along = lambda axis, a, b, c: axis[:, 0, None, None] * a + axis[:, 1, None, None] * b + axis[:, 2, None, None] * c
     valid = depth > 0
@@ -244,6 +239,18 @@ def inputs(depth: Tensor, cameras: Tensor, jitter: bool) -> Tensor:
     features = [valid.float(), (2 * height).clamp(-1.5, 1.5) * valid, (20 * height).clamp(-1, 1) * valid, (depth - 0.9).clamp(-1, 1.5) * valid,
                 n_right, n_away, n_up, bend(1, 1, 0), bend(1, 0, 1), bend(4, 1, 0), bend(4, 0, 1), slope]
     return torch.stack(features, 1)
+
+
+def away_of(up: Tensor) -> Tensor:
+    """[batch, 3] → [batch, 3], unit, level: as `away_in_camera` in services/shared/geometry/src/viewer.rs. The line of sight over the ground,
+    or the picture's up for a camera that looks steeply down."""
+    sight = torch.tensor([0.0, 0.0, 1.0], device=up.device).expand_as(up)
+    vertical = up[:, 2:].abs().clamp(max=1.0)
+    off_vertical = vertical.acos()
+    share = ((math.pi / 4 - off_vertical) / (math.pi / 12)).clamp(0, 1)
+    picture = torch.stack([torch.zeros_like(up[:, 0]), up[:, 2] + up[:, 2].sign(), -up[:, 1]], 1)
+    away = sight * (1 - share) / off_vertical.clamp_min(math.pi / 6).sin() + picture * share / (1 + vertical)
+    return F.normalize(away - up * (away * up).sum(1, keepdim=True), dim=1)
 
 
 def level(height: Tensor, depth: Tensor, upward: Tensor) -> Tensor:

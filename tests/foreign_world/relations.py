@@ -22,7 +22,9 @@ class Extents:
 
 
 def view_yaw_rad(world_from_camera):
-    """The turn of a viewer who looks where the camera does; 0 looks along y."""
+    """The turn of a viewer who looks where the camera does; 0 looks along y.
+
+    The cameras here are not rolled: at any steepness the line of sight over the ground is then also what the picture shows as up."""
     forward = world_from_camera[:3, 2]
     return math.atan2(-forward[0], forward[1])
 

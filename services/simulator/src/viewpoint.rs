@@ -18,7 +18,7 @@ pub struct Mount {
     pub share: f64,
     /// Distance from what is looked at, metres, nearest and farthest.
     pub distance_m: [f64; 2],
-    /// Elevation over the horizontal, radians, lowest and highest; below 1.48 (85°), where a picture's "away" is no longer the line of sight's.
+    /// Elevation over the horizontal, radians, lowest and highest; below π/2, where world z is no up for a picture.
     pub elevation_rad: [f64; 2],
     /// How far the line of sight may pass what is looked at, metres along each axis.
     pub aim_error_m: f64,

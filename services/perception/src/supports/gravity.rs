@@ -3,10 +3,11 @@
 //! The plane is the largest one that the camera is above, that has little beneath it, and whose normal is where up can be for a
 //! camera that is held upright (a wall is as large, but faces a camera that looks down from the wrong side). A camera that
 //! looks straight down sees the table where a level one sees a wall: what could lie below a level one goes first. The world is then
-//! levelled on it: z = 0 on the plane, the origin below the camera, the camera looking along +y.
+//! levelled on it: z = 0 on the plane, the origin below the camera, the camera's viewer looking along +y.
 
 use rand::RngExt;
 use rand_pcg::Pcg64;
+use repose_geometry::viewer::away_in_camera;
 use repose_geometry::{Isometry3, Plane, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use crate::readings::point_map::{PointMap, is_reading};
@@ -62,9 +63,7 @@ fn fuller(best: Option<(u32, Plane)>, other: (u32, Plane)) -> Option<(u32, Plane
 pub fn level(plane_in_camera: &Plane) -> Isometry3<f64> {
     let up = plane_in_camera.normal.into_inner();
     let level = |v: Vector3<f64>| v - up * up.dot(&v);
-    // A camera that looks straight down takes the picture's up as "away", as the viewer's frame does.
-    let forward = level(Vector3::z());
-    let away = if forward.norm() < 5f64.to_radians().sin() { level(-Vector3::y()) } else { forward }.normalize();
+    let away = level(away_in_camera(&up)).normalize();
     let right = away.cross(&up);
     let world_from_camera = Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_columns(&[right, away, up]).transpose());
     let height_m = -plane_in_camera.offset_m;
@@ -183,6 +182,16 @@ mod tests {
         let world_from_camera = level(&plane);
         assert!((world_from_camera * -Vector3::y() - Vector3::y()).norm() < 1e-12);
         assert!((world_from_camera * Point3::new(0.0, 0.0, 0.8)).coords.norm() < 1e-12);
+    }
+
+    #[test]
+    fn a_camera_above_that_is_tilted_sideways_sees_its_pictures_up_as_away() {
+        for tilt_deg in [-25f64, -10.0, 10.0, 25.0] {
+            let (x, z) = tilt_deg.to_radians().sin_cos();
+            let world_from_camera = level(&Plane { normal: nalgebra::Unit::new_normalize(Vector3::new(x, 0.0, -z)), offset_m: -0.8 });
+            assert!((world_from_camera * -Vector3::y() - Vector3::y()).norm() < 1e-9, "{tilt_deg}");
+            assert!(ViewerFrame::from_camera(&world_from_camera).yaw_rad().abs() < 1e-9, "{tilt_deg}");
+        }
     }
 
     #[test]

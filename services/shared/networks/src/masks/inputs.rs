@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 use repose_geometry::Pinhole;
+use repose_geometry::viewer::away_in_camera;
 
 /// Features of a pixel.
 pub(super) const CHANNELS: usize = 12;
@@ -9,8 +10,6 @@ pub(super) const CHANNELS: usize = 12;
 const NORMAL_ARM: isize = 2;
 /// Lengths over which a surface's bend is taken to either side, pixels.
 const BEND_ARMS: [isize; 2] = [1, 4];
-/// A camera's line of sight that is level by less than this has no direction over the ground; the picture's up is taken instead.
-const LEAST_LEVEL: f32 = 0.087;
 /// Least upward part of the normal of what may be the main support.
 const FACES_UP: f32 = 0.9;
 /// Bins of the height histogram: their height in metres, their number, and how far below the camera they begin.
@@ -21,8 +20,8 @@ const LOWEST_M: f32 = -4.0;
 /// The mask network's input: features of each pixel, row by row.
 ///
 /// Whether there is a reading; the height over the main support in halves of a metre and in twentieths, both cut off; depth less 0.9 m; the
-/// normal's parts to the right, away and up; the bends along x and y over a short and a long arm, as slopes; how much the line of sight
-/// points up.
+/// normal's parts to the right, away and up, as the camera's viewer has them; the bends along x and y over a short and a long arm, as slopes;
+/// how much the line of sight points up.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MaskInputs {
     /// Columns.
@@ -37,7 +36,7 @@ impl MaskInputs {
     /// Of a picture `depth_m` `[camera.height · camera.width]`, metres along the optical axis, where anything but a positive number is no
     /// reading. `up` is the unit vector against gravity in the camera's frame.
     pub fn new(depth_m: &[f32], camera: &Pinhole, up: &Vector3<f64>) -> Self {
-        let picture = Picture::new(depth_m, camera, &up.cast());
+        let picture = Picture::new(depth_m, camera, up);
         let normals: Vec<Vector3<f32>> = (0..depth_m.len()).map(|i| picture.normal(i)).collect();
         let heights: Vec<f32> = picture.points.iter().map(|p| picture.up.dot(p)).collect();
         let level = level(&heights, &picture.depth_m, |i| picture.up.dot(&normals[i]) > FACES_UP);
@@ -58,11 +57,10 @@ struct Picture<'a> {
 }
 
 impl<'a> Picture<'a> {
-    fn new(depth_m: &[f32], camera: &'a Pinhole, up: &Vector3<f32>) -> Self {
-        let up = up.normalize();
-        let level = |v: Vector3<f32>| v - up * v.dot(&up);
-        let ahead = level(Vector3::z());
-        let away = if ahead.norm() > LEAST_LEVEL { ahead } else { level(-Vector3::y()) }.normalize();
+    fn new(depth_m: &[f32], camera: &'a Pinhole, up: &Vector3<f64>) -> Self {
+        let ahead: Vector3<f32> = away_in_camera(&up.normalize()).cast();
+        let up = up.cast::<f32>().normalize();
+        let away = (ahead - up * ahead.dot(&up)).normalize();
         let depth_m: Vec<f32> = depth_m.iter().map(|z| if *z > 0.0 { *z } else { 0.0 }).collect();
         let mut picture = Self { camera, depth_m, points: Vec::new(), right: away.cross(&up), away, up };
         picture.points = (0..picture.depth_m.len()).map(|i| picture.ray(i) * picture.depth_m[i]).collect();
@@ -164,6 +162,15 @@ mod tests {
         assert!(bends.iter().all(|b| b.abs() < 0.3), "{bends:?}");
         let on_box = inputs.pixels[22 * 64 + 30];
         assert!(on_box[2] > 0.9, "{on_box:?}");
+    }
+
+    #[test]
+    fn the_pictures_up_is_away_for_a_camera_above_that_is_tilted_sideways() {
+        for tilt_deg in [-25f64, -10.0, 0.0, 10.0, 25.0] {
+            let (x, z) = tilt_deg.to_radians().sin_cos();
+            let picture = Picture::new(&[0.0; 64 * 48], &CAMERA, &Vector3::new(x, 0.0, -z));
+            assert!((picture.away + Vector3::y()).norm() < 1e-6 && picture.right.x > 0.9, "{tilt_deg}");
+        }
     }
 
     #[test]
