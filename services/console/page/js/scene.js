@@ -160,7 +160,7 @@ export class World {
   /** Shows or hides a layer. */
   toggle(name, on) { this.layers[name].visible = on; this.redraw(); }
 
-  /** The viewer's yaw as the scene is looked at now: which way is "away", radians. */
+  /** The viewer's yaw as the scene is looked at now: which way is "away", radians. It is never rolled, so that its line of sight tells. */
   get yaw() {
     const away = this.controls.target.clone().sub(this.camera.position);
     return Math.atan2(-away.x, away.y);
@@ -211,8 +211,11 @@ export class World {
     for (const { links } of this.arms.values()) links.forEach(({ matrix }) => places.push(new THREE.Vector3().setFromMatrixPosition(matrix)));
     if (!places.length) return;
     const center = new THREE.Box3().setFromPoints(places).getCenter(new THREE.Vector3());
-    const eye = new THREE.Vector3().setFromMatrixPosition(matrixOf(this.#scene.meta.camera.world_from_camera));
-    const away = eye.sub(center).applyAxisAngle(new THREE.Vector3(0, 0, 1), 0.5).normalize();
+    const { camera, view_yaw_rad: yaw } = this.#scene.meta;
+    const eye = new THREE.Vector3().setFromMatrixPosition(matrixOf(camera.world_from_camera)).sub(center);
+    // From the viewer's side: a camera right above the objects is on no side of them.
+    const level = Math.max(0.01, Math.hypot(eye.x, eye.y));
+    const away = new THREE.Vector3(Math.sin(yaw) * level, -Math.cos(yaw) * level, eye.z).applyAxisAngle(new THREE.Vector3(0, 0, 1), 0.5).normalize();
     away.z = Math.max(away.z, 0.45);
     away.normalize();
     const right = new THREE.Vector3(0, 0, 1).cross(away).normalize(), up = away.clone().cross(right);
