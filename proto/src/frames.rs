@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `world` | right-handed, z up. With extrinsics: the cell's own. Without: gravity-aligned on the main support plane, origin below the camera, viewer at yaw 0 |
 //! | `camera` | x right, y down, z forward (OpenCV); origin at the optical centre |
-//! | `viewer` | the world turned by `view_yaw_rad` about z: x right, y away from the viewer, z up; level, same origin |
+//! | `viewer` | the world turned by `view_yaw_rad` about z: x right, y away from the viewer, z up; level, same origin. A camera's: y is where it looks over the ground, or its picture's up where it looks steeply down |
 //! | `observed`, `placed` | the world before and after the query object has moved: `placed_from_observed` carries observed points to placed ones |
 //! | `base` | the robot's base link |
 //! | `flange`, `tcp` | the robot's last link; the point between its fingertips, z along the approach, y along the opening |

@@ -101,7 +101,8 @@ def plan(
         seed: The source of every random number: the same seed gives the same bytes.
         variant: ``best``, ``full``, ``full_lambda_1``, ``no_discriminator``, ``mean_only``, ``mdn_prior`` or ``geometric`` (no networks).
         rotation: Whether the object may be turned: ``fixed``, ``yaw``, or ``stable``, which may also set it on another side.
-        view_yaw_rad: The viewer's direction about world z, 0 looks along y, radians; the camera's where it is not given.
+        view_yaw_rad: The viewer's direction about world z, 0 looks along y, radians; the camera's where it is not given (as its picture shows
+            left and right where it looks steeply down).
         min_separation_m: How far apart the centroids of two placements must be, metres.
         min_clearance_m: Least distance from everything but the support, metres.
         region: Boxes to stay inside or out of: ``{"min_m": [x, y, z], "max_m": [x, y, z], "inside": True}``, world frame, metres.
