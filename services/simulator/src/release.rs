@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::contact::{FAR_M, PlacedParts};
 use crate::objects::ObjectShape;
@@ -125,6 +125,11 @@ impl Surroundings {
     /// Whether something else overlaps any of them.
     pub fn overlaps(&self, parts: &PlacedParts) -> bool {
         self.others.iter().any(|(_, other)| other.penetration_m(parts) > 0.0)
+    }
+
+    /// Whether a place in the world is inside anything.
+    pub fn fills(&self, place: &Point3<f32>) -> bool {
+        self.others.iter().any(|(_, parts)| parts.contains(place))
     }
 
     /// The lowest point of the object at `world_from_object`, and the highest of everything whose box is over or under its box, highest first,

@@ -104,6 +104,7 @@ mod tests {
             query: 1,
             goal,
             true_supports: 1,
+            whole_based: true,
             script: ScriptTrial { release: None },
             trials: Vec::new(),
         }

@@ -226,6 +226,9 @@ pub struct SceneRecord {
     pub goal: GoalTerm,
     /// On how many different things the search with the truth found an answer.
     pub true_supports: usize,
+    /// Whether that search finds one that stands with its whole base: nothing else may be set over an edge on purpose.
+    #[serde(default)]
+    pub whole_based: bool,
     /// What the bar to clear makes of it.
     pub script: ScriptTrial,
     /// One a variant.
@@ -294,6 +297,7 @@ pub fn try_scene(
         query: problem.query,
         goal: problem.goal,
         true_supports: answers.len(),
+        whole_based: !answers.is_empty() && truth.has_whole_based(&settings.truth, &settings.release),
         script: ScriptTrial::of(&seen, &settings.release),
         trials,
     };

@@ -8,12 +8,14 @@
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
+use repose_geometry::{Aabb, Footprint};
 use repose_proto::Relation;
 use repose_relations::ViewerExtents;
 use repose_relations::directional::directional_margins;
 use repose_simulator::release::{ReleaseSettings, Surroundings, Thing, released};
 use repose_simulator::render::picture;
 
+use crate::scenes::believed::{CELL_M, cells};
 use crate::scenes::outcome::{OTHERS_MOVED_M, PENETRATION_M, TILT_RAD, judge};
 use crate::scenes::problem::Problem;
 
@@ -40,6 +42,8 @@ pub struct TruthSettings {
     pub min_in_picture: f64,
     /// Least share of the moved points that nothing hides, as the planner asks.
     pub min_unhidden: f64,
+    /// From this share on a base is carried as a whole, as the planner asks of furniture.
+    pub whole_base_share: f64,
 }
 
 impl Default for TruthSettings {
@@ -55,6 +59,7 @@ impl Default for TruthSettings {
             short_moved_m: 0.03,
             min_in_picture: 0.9,
             min_unhidden: 0.3,
+            whole_base_share: 0.9,
         }
     }
 }
@@ -150,6 +155,35 @@ impl<'a> PreparedTruth<'a> {
             }
         }
         found
+    }
+
+    /// Whether some placement succeeds whose whole base is carried, as a planner that sets nothing over an edge must find it.
+    pub fn has_whole_based(&self, settings: &TruthSettings, release: &ReleaseSettings) -> bool {
+        let base = self.base_cells();
+        let is_whole = |placed: &Isometry3<f64>| self.carried_share(&base, placed) >= settings.whole_base_share;
+        !self.answers_among(settings, release, 1, &is_whole).is_empty()
+    }
+
+    /// Places all over what the object stands on where it was seen, world frame.
+    fn base_cells(&self) -> Vec<Point3<f32>> {
+        const BASE_M: f64 = 0.006;
+        let object = &self.problem.truth.objects[self.query];
+        let corners = object.shape.mesh.vertices.iter().map(|v| object.world_from_object * v.cast::<f64>());
+        let low = corners.filter(|c| c.z <= self.bottom_m + BASE_M).map(|c| c.cast::<f32>());
+        let Some(base) = Footprint::of(&low.collect::<Vec<_>>()) else { return Vec::new() };
+        let (min, max) = base.bounds();
+        let flat = Aabb { min: Point3::new(min.x, min.y, 0.0), max: Point3::new(max.x, max.y, CELL_M) };
+        cells(&flat).filter(|cell| base.contains(&cell.xy())).map(|cell| Point3::new(cell.x, cell.y, self.bottom_m as f32)).collect()
+    }
+
+    /// Share of a base, moved, with something right under it.
+    fn carried_share(&self, base: &[Point3<f32>], placed_from_observed: &Isometry3<f64>) -> f64 {
+        const UNDER_M: [f32; 3] = [0.002, 0.005, 0.008];
+        let is_carried = |cell: &&Point3<f32>| {
+            let at = (placed_from_observed * cell.cast::<f64>()).cast::<f32>();
+            UNDER_M.iter().any(|under_m| self.around.fills(&Point3::new(at.x, at.y, at.z - under_m)))
+        };
+        base.iter().filter(is_carried).count() as f64 / base.len().max(1) as f64
     }
 
     /// What a placement stands on, if on anything within a centimetre.

@@ -150,6 +150,8 @@ pub struct PlannerRow {
     pub returned: Rate,
     /// The joint rate, of the scenes with an answer.
     pub joint: Rate,
+    /// The joint rate, of the scenes with an answer that stands with its whole base.
+    pub joint_of_whole_based: Rate,
     /// Of the placements returned, in scenes with an answer or without: those that succeed.
     pub right_when_returned: Rate,
     /// Placements returned that fail, by what is wrong with them.
@@ -233,6 +235,7 @@ fn row(variant: Variant, records: &[&SceneRecord]) -> PlannerRow {
     let rate = Rate::default();
     let (mut of_all, mut of_answerable) = (Columns::default(), Columns::default());
     let (mut returned, mut joint, mut right_when_returned, mut none_precision, mut none_recall) = (rate, rate, rate, rate, rate);
+    let mut joint_of_whole_based = rate;
     let (mut two_supports, mut two_good_supports) = (rate, rate);
     let (mut times, mut pairs, mut script_pairs) = (Vec::new(), Vec::new(), Vec::new());
     let (mut faults, mut forecasts) = (BTreeMap::new(), Vec::new());
@@ -249,6 +252,9 @@ fn row(variant: Variant, records: &[&SceneRecord]) -> PlannerRow {
             pairs.extend(record.trial(Variant::Geometric).map(|geometric| (trial.joint(), geometric.joint())));
         } else {
             none_recall.count(is_none);
+        }
+        if record.whole_based {
+            joint_of_whole_based.count(trial.joint());
         }
         if is_none {
             none_precision.count(!record.answerable());
@@ -272,6 +278,7 @@ fn row(variant: Variant, records: &[&SceneRecord]) -> PlannerRow {
         of_answerable,
         returned,
         joint,
+        joint_of_whole_based,
         right_when_returned,
         faults,
         success_calibration: Calibration::of(&forecasts, 1),
@@ -334,6 +341,7 @@ mod tests {
             query: 1,
             goal,
             true_supports,
+            whole_based: true_supports > 1,
             script: ScriptTrial { release: None },
             trials,
         }

@@ -96,7 +96,8 @@ fn carried(table: &PreparedScene, (id, object): (u16, &BelievedObject), motion: 
         return shape.carried(motion);
     }
     let turned = solid_of(table, id, object, shape).moved(motion).shape(&BeliefSettings::default().shape)?;
-    Some(Shape { centroid: motion * shape.centroid, foot_probability: shape.foot_probability, ..turned })
+    let (doubt, foot_probability) = (shape.doubt_after(motion), shape.foot_probability);
+    Some(Shape { centroid: motion * shape.centroid, doubt, foot_probability, ..turned })
 }
 
 /// The table without an object.

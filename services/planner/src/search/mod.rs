@@ -65,8 +65,10 @@ pub fn search(
                 let count = quotas[0].next(settings.batch, settings.draws_per_batch);
                 source.draw(count, &problem, rng)
             } else {
-                // While nothing is feasible, the modes only lead to where least is missed: most draws still go where the goal is.
-                let fresh = (findings.accepted.is_empty() && source.is_endless()).then_some(&mut source);
+                // While next to nothing is feasible, the modes only lead to where least is missed or to one place: most draws still go where the
+                // goal is.
+                let few = findings.accepted.len() < settings.fixed.proposals.fresh_until;
+                let fresh = (few && source.is_endless()).then_some(&mut source);
                 draw_from_modes(&modes, &mut quotas, fresh, &problem, rng)
             };
             if batch.is_empty() {

@@ -223,11 +223,13 @@ pub struct ProposerSettings {
     pub from_above_share: f64,
     /// A candidate is lowered from this far above where it was drawn, metres.
     pub lowered_m: f32,
+    /// Until so many candidates are feasible, proposals go on beside the modes: the first one found may be doubted later, with all around it.
+    pub fresh_until: usize,
 }
 
 impl Default for ProposerSettings {
     fn default() -> Self {
-        Self { reach_m: 0.3, anywhere_share: 0.15, from_above_share: 0.5, lowered_m: 0.04 }
+        Self { reach_m: 0.3, anywhere_share: 0.15, from_above_share: 0.5, lowered_m: 0.04, fresh_until: 8 }
     }
 }
 

@@ -66,7 +66,7 @@ use back::Back;
 use bearing::candidates;
 use carrying::carried_by;
 use columns::{ColumnMap, ColumnRun, bounds_around, cells_of, cells_of_map};
-use covering::go_on_under;
+use covering::{Covered, go_on_under};
 use crown::is_crowned;
 use cut::Cut;
 use far_side::solid_runs;
@@ -283,7 +283,7 @@ fn standing_at(feet_m: &BTreeMap<u16, f32>, seen: &ObservedGeometry<'_>) -> BTre
         let front = Front::of(&seen.clouds[&id], bottom_m, &eye, &seen.settings.shape)?;
         let hidden = Back::own().hidden(&front, seen.view, seen.settings);
         let hidden = Cut::own().added_to(hidden, &front, seen.view, seen.settings);
-        Some((id, Shape::complete(&front, &hidden, &seen.settings.shape)?))
+        Some((id, Shape::complete(&front, &hidden, &|p| seen.view.is_clear(p), &seen.settings.shape)?))
     };
     let foot_m = |id: &u16| feet_m.get(id).copied().or_else(|| seen.bottom_m(*id));
     let mut shapes: BTreeMap<u16, Shape> = seen.clouds.keys().filter_map(|id| complete(*id, foot_m(id)?)).collect();
@@ -292,7 +292,9 @@ fn standing_at(feet_m: &BTreeMap<u16, f32>, seen: &ObservedGeometry<'_>) -> BTre
     let covering: Vec<(u16, Shape)> =
         shapes.keys().filter(by_rule).filter_map(|id| complete(*id, seen.covered_top_m(*id, &shapes)?)).collect();
     shapes.extend(covering);
-    let covered = shapes.keys().filter(by_rule).filter_map(|id| Some((*id, seen.covered_by(*id)?))).collect();
+    // What stands on what it covers does so by the trees' word, too, unless they say another height.
+    let meets = |id: u16, covered: &Covered| feet_m.get(&id).is_none_or(|foot_m| (foot_m - covered.contact_m).abs() <= foot::RIGHT_M);
+    let covered = shapes.keys().filter_map(|id| Some((*id, seen.covered_by(*id).filter(|covered| meets(*id, covered))?))).collect();
     go_on_under(&mut shapes, &covered, seen.view, seen.columns);
     shapes
 }

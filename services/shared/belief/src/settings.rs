@@ -11,7 +11,7 @@ pub struct BeliefSettings {
     pub reach_m: f32,
     /// Cells of the map, at most: some 14 m by 14 m. A scene whose objects are farther apart is not planned on.
     pub max_cells: usize,
-    /// ColumnMap of the picture that visibility is judged in, at most.
+    /// Columns of the picture that visibility is judged in, at most.
     pub view_columns: usize,
     /// Fewer points than this are not enough to plan with an object.
     pub min_points: usize,

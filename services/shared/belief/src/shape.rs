@@ -9,6 +9,7 @@
 use nalgebra::{Isometry3, Point2, Point3, Vector2};
 use repose_geometry::Footprint;
 
+use crate::far_side::far_side;
 use crate::front::{Front, span};
 use crate::outlines::{area_centroid, outline_gap_m};
 use crate::settings::ShapeSettings;
@@ -67,43 +68,60 @@ pub struct Hidden {
 }
 
 impl Shape {
-    /// Completes an object from what was seen of it and what is believed not to have been.
-    pub fn complete(front: &Front, hidden: &Hidden, settings: &ShapeSettings) -> Option<Self> {
-        let Front { points, centroid, bottom_m, top_m, away, across, .. } = front;
-        let (bottom_m, top_m) = (*bottom_m, *top_m);
+    /// Completes an object from what was seen of it and what is believed not to have been; `is_free` tells where the camera saw past a place: what is
+    /// seen to be empty is no likeness of what was seen elsewhere.
+    pub fn complete(front: &Front, hidden: &Hidden, is_free: &dyn Fn(&Point3<f32>) -> bool, settings: &ShapeSettings) -> Option<Self> {
+        let Front { points, away, across, .. } = front;
         let ([near_m, far_m], [right_m, left_m]) = (front.span(away), front.span(across));
         let deep_m = near_m - hidden.near_m + far_m + hidden.back_m;
         let wide_m = right_m - hidden.right_m + left_m + hidden.left_m;
         let axis = Point2::from(away * (deep_m / 2.0) + across * (wide_m / 2.0));
-        let whole = mirrored_outline(points.iter(), &axis)?;
+        let likeness = far_side(points, &axis).into_iter().filter(|p| !is_free(p));
+        let both: Vec<Point3<f32>> = points.iter().copied().chain(likeness).collect();
         // Half a turn makes up for what is missing at one of two ends, not for what is missing at both.
         let both_m = [hidden.near_m.min(hidden.back_m), hidden.left_m.min(hidden.right_m)];
         let grown = |outline: &Footprint, by_m: [f32; 2]| {
             stretched(outline, &axis, &[(*away, both_m[0] + by_m[0]), (*across, both_m[1] + by_m[1])])
         };
+        let stack = Stack { points: &both, sides_m: [hidden.ends_m, hidden.side_m], grown: &grown };
+        Self::stacked(front, axis, away * hidden.doubt_m, &stack, settings)
+    }
 
+    /// Of an object all of whose surface is known; its axis is where its centre of mass is.
+    pub fn of_surface(surface: &Front, axis: Point2<f32>, settings: &ShapeSettings) -> Option<Self> {
+        let along = [surface.away, surface.across];
+        let grown = |outline: &Footprint, by_m: [f32; 2]| stretched(outline, &axis, &[(along[0], by_m[0]), (along[1], by_m[1])]);
+        let stack = Stack { points: &surface.points, sides_m: [settings.trim_m; 2], grown: &grown };
+        Self::stacked(surface, axis, Vector2::zeros(), &stack, settings)
+    }
+
+    fn stacked(front: &Front, axis: Point2<f32>, doubt: Vector2<f32>, stack: &Stack<'_>, settings: &ShapeSettings) -> Option<Self> {
+        let Stack { points, sides_m, grown } = stack;
+        let (bottom_m, top_m) = (front.bottom_m, front.top_m);
+        let whole = Footprint::of(*points)?;
         let height_m = top_m - bottom_m;
         let count = ((height_m / settings.slab_m).floor() as usize).clamp(1, settings.max_slabs);
         let step_m = height_m / count as f32;
+        let within = |low_m: f32, high_m: f32| {
+            let seen = front.points.iter().filter(|p| p.z >= low_m && p.z <= high_m).count();
+            let within = points.iter().filter(|p| p.z >= low_m && p.z <= high_m);
+            (seen >= settings.min_slab_points).then(|| Footprint::of(within)).flatten()
+        };
         let mut slabs: Vec<Slab> = Vec::with_capacity(count);
         // From the top down: what is hidden or trimmed below looks like what is seen above it.
         let mut above = None;
         for k in (0..count).rev() {
             let (low_m, high_m) = (bottom_m + k as f32 * step_m, bottom_m + (k + 1) as f32 * step_m);
-            let within: Vec<&Point3<f32>> = points.iter().filter(|p| p.z >= low_m && p.z <= high_m).collect();
-            let own = (within.len() >= settings.min_slab_points).then(|| mirrored_outline(within.into_iter(), &axis)).flatten();
-            let outline = own.or_else(|| above.clone()).unwrap_or_else(|| whole.clone());
+            let outline = within(low_m, high_m).or_else(|| above.clone()).unwrap_or_else(|| whole.clone());
             above = Some(outline.clone());
-            slabs.push(Slab { low_m, high_m, outline: grown(&outline, [hidden.ends_m, hidden.side_m])? });
+            slabs.push(Slab { low_m, high_m, outline: grown(&outline, *sides_m)? });
         }
         slabs.reverse();
         let slabs = merged(slabs, settings.same_area_ratio);
         let base_top_m = bottom_m + settings.base_m.max(settings.base_share * height_m);
-        let near_bottom: Vec<&Point3<f32>> = points.iter().filter(|p| p.z <= base_top_m).collect();
-        let base = (near_bottom.len() >= settings.min_slab_points).then(|| mirrored_outline(near_bottom.into_iter(), &axis)).flatten();
-        let base = base.and_then(|base| grown(&base, [0.0; 2])).unwrap_or_else(|| slabs[0].outline.clone());
-        let doubt = away * hidden.doubt_m;
-        Some(Self { centroid: *centroid, axis, bottom_m, top_m, slabs, base, doubt, foot_probability: 1.0, foot_doubt_m: 0.0 })
+        let base =
+            within(f32::NEG_INFINITY, base_top_m).and_then(|base| grown(&base, [0.0; 2])).unwrap_or_else(|| slabs[0].outline.clone());
+        Some(Self { centroid: front.centroid, axis, bottom_m, top_m, slabs, base, doubt, foot_probability: 1.0, foot_doubt_m: 0.0 })
     }
 
     /// The shape after a turn about world z and a translation. None where an outline vanishes, which a rigid motion does not do.
@@ -119,7 +137,7 @@ impl Shape {
             top_m: self.top_m + rise_m,
             slabs: self.slabs.iter().map(slab).collect::<Option<_>>()?,
             base: outline(&self.base)?,
-            doubt: (motion.rotation * self.doubt.push(0.0).cast::<f64>()).xy().cast::<f32>(),
+            doubt: self.doubt_after(motion),
             foot_probability: self.foot_probability,
             foot_doubt_m: self.foot_doubt_m,
         })
@@ -147,6 +165,21 @@ impl Shape {
             (slab.high_m, self.top_m) = (top_m, top_m);
         }
         self
+    }
+
+    /// Where more of its back may be after a motion that may set it on another side, seen from above.
+    pub fn doubt_after(&self, motion: &Isometry3<f64>) -> Vector2<f32> {
+        (motion.rotation * self.doubt.push(0.0).cast::<f64>()).xy().cast::<f32>()
+    }
+
+    /// The shape with all that its back may be. None where an outline vanishes.
+    pub fn with_doubt(&self) -> Option<Self> {
+        let swept = |outline: &Footprint| {
+            let corners = outline.corners().iter().flat_map(|c| [*c, c + self.doubt]);
+            Footprint::of(&corners.map(|c| Point3::new(c.x, c.y, 0.0)).collect::<Vec<_>>())
+        };
+        let slabs = self.slabs.iter().map(|slab| Some(Slab { outline: swept(&slab.outline)?, ..slab.clone() })).collect::<Option<_>>()?;
+        Some(Self { slabs, ..self.clone() })
     }
 
     /// How far the observed centroid is above the bottom, metres.
@@ -190,10 +223,14 @@ fn stretched(outline: &Footprint, axis: &Point2<f32>, by: &[(Vector2<f32>, f32);
     Footprint::of(&outline.corners().iter().map(moved).collect::<Vec<_>>())
 }
 
-/// The outline of points and of their images under half a turn about the axis.
-fn mirrored_outline<'a>(points: impl Iterator<Item = &'a Point3<f32>>, axis: &Point2<f32>) -> Option<Footprint> {
-    let both: Vec<Point3<f32>> = points.flat_map(|p| [*p, Point3::new(2.0 * axis.x - p.x, 2.0 * axis.y - p.y, p.z)]).collect();
-    Footprint::of(&both)
+/// What the prisms of a shape are made of.
+struct Stack<'a> {
+    /// Points all over it, world frame.
+    points: &'a [Point3<f32>],
+    /// How much farther it reaches than those, at its ends and at its sides, metres.
+    sides_m: [f32; 2],
+    /// An outline that reaches so much farther.
+    grown: &'a dyn Fn(&Footprint, [f32; 2]) -> Option<Footprint>,
 }
 
 /// Joins neighbouring slabs of nearly the same area, so that a box is one prism.
@@ -235,7 +272,7 @@ mod tests {
 
     fn complete(points: &[Point3<f32>], eye: Point2<f32>, hidden: &Hidden) -> Shape {
         let settings = ShapeSettings::default();
-        Shape::complete(&Front::of(points, 0.0, &eye, &settings).unwrap(), hidden, &settings).unwrap()
+        Shape::complete(&Front::of(points, 0.0, &eye, &settings).unwrap(), hidden, &|_| false, &settings).unwrap()
     }
 
     #[test]
@@ -267,6 +304,40 @@ mod tests {
             assert!((left + 0.06).abs() < 0.006 && (right - 0.06).abs() < 0.006, "{left_m} {right_m}: {left} to {right}");
             assert!(shape.axis.x.abs() < 0.004 && shape.base.margin(&shape.axis) > 0.02, "{}", shape.axis);
         }
+    }
+
+    #[test]
+    fn a_handle_has_no_likeness_where_the_camera_saw_past() {
+        // A box of 6 cm with a handle of 8 cm to its right.
+        let mut points = seen_box([0.0, 0.5], [0.06, 0.06, 0.1]);
+        points.extend(seen_box([0.07, 0.5], [0.08, 0.012, 0.1]).into_iter().filter(|p| p.z > 0.08));
+        let settings = ShapeSettings::default();
+        let front = Front::of(&points, 0.0, &Point2::new(0.0, -0.5), &settings).unwrap();
+        let reach_m = |is_free: &dyn Fn(&Point3<f32>) -> bool| {
+            let shape = Shape::complete(&front, &Hidden::default(), is_free, &settings).unwrap();
+            let low = shape.slabs[0].outline.corners().iter().map(|c| c.x).fold(f32::INFINITY, f32::min);
+            (low, shape.slabs[0].outline.corners().iter().map(|c| c.x).fold(f32::NEG_INFINITY, f32::max))
+        };
+        let (_, right_m) = reach_m(&|_| false);
+        assert!(right_m > 0.1, "nothing speaks against a likeness of the box at the other end: {right_m}");
+        let (left_m, right_m) = reach_m(&|p| p.z < 0.08 && p.x > 0.035);
+        assert!((left_m + 0.03).abs() < 0.006 && (right_m - 0.03).abs() < 0.008, "{left_m} to {right_m}");
+    }
+
+    #[test]
+    fn of_a_surface_that_is_known_nothing_is_added() {
+        // A wedge of which all is known: its middle is not that of its box.
+        let points: Vec<Point3<f32>> = (0..=30)
+            .flat_map(|i| (0..=20).flat_map(move |j| (0..=10).map(move |k| [i, j, k])))
+            .filter(|[i, j, _]| i * 20 <= (20 - j) * 30)
+            .map(|[i, j, k]| Point3::new(i as f32 * 0.004, j as f32 * 0.004, k as f32 * 0.004))
+            .collect();
+        let settings = ShapeSettings::default();
+        let front = Front::of(&points, 0.0, &Point2::new(0.04, 0.027), &settings).unwrap();
+        let shape = Shape::of_surface(&front, Point2::new(0.04, 0.027), &settings).unwrap();
+        let area = shape.base.area();
+        assert!((0.0042..0.0056).contains(&area), "half of a rectangle of 12 cm by 8 cm: {area}");
+        assert_eq!(shape.axis, Point2::new(0.04, 0.027));
     }
 
     #[test]

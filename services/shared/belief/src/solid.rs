@@ -4,13 +4,13 @@
 //! its upright axis (as in [`crate::shape`]), and it stands on its base. One that leans has no upright axis: its hidden half is the
 //! visible one reflected through its middle, which is right for boxes and tubes in any attitude.
 
-use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion};
+use nalgebra::{Isometry3, Point3, UnitQuaternion};
 use repose_geometry::cloud;
 
 use crate::far_side::far_side;
 use crate::front::Front;
 use crate::settings::ShapeSettings;
-use crate::shape::{Hidden, Shape};
+use crate::shape::Shape;
 
 /// Distance between its points, metres.
 const VOXEL_M: f32 = 0.004;
@@ -27,13 +27,13 @@ pub struct CompletedSurface {
 }
 
 impl CompletedSurface {
-    /// Of an object that stands by itself.
-    pub fn standing(seen: &[Point3<f32>], shape: &Shape) -> Self {
+    /// Of an object that stands by itself; `is_free` tells where the camera saw past a place.
+    pub fn standing(seen: &[Point3<f32>], shape: &Shape, is_free: &dyn Fn(&Point3<f32>) -> bool) -> Self {
         let seen = cloud::voxel_downsampled(seen, VOXEL_M);
-        let far = far_side(&seen, &shape.axis);
+        let far = far_side(&seen, &shape.axis).into_iter().filter(|p| !is_free(p));
         let base = shape.base.corners().iter().map(|c| Point3::new(c.x, c.y, shape.bottom_m));
         let count = seen.len();
-        let points = seen.into_iter().chain(far).chain(base).collect();
+        let points: Vec<Point3<f32>> = seen.into_iter().chain(far).chain(base).collect();
         let volumes = shape.slabs.iter().map(|s| (s.outline.area() * (s.high_m - s.low_m), (s.low_m + s.high_m) / 2.0));
         let (volume, moment) = volumes.fold((0.0, 0.0), |(sum, moment), (v, z)| (sum + v, moment + v * z));
         let height_m = if volume > 0.0 { moment / volume } else { (shape.bottom_m + shape.top_m) / 2.0 };
@@ -52,9 +52,8 @@ impl CompletedSurface {
     pub fn shape(&self, settings: &ShapeSettings) -> Option<Shape> {
         let bottom_m = self.points.iter().map(|p| p.z).fold(f32::INFINITY, f32::min);
         // Whoever sees all of it looks from above.
-        let eye: Point2<f32> = self.center_of_mass.xy();
-        let trimmed = Hidden { side_m: settings.trim_m, ends_m: settings.trim_m, ..Hidden::default() };
-        Shape::complete(&Front::of(&self.points, bottom_m, &eye, settings)?, &trimmed, settings)
+        let middle = self.center_of_mass.xy();
+        Shape::of_surface(&Front::of(&self.points, bottom_m, &middle, settings)?, middle, settings)
     }
 
     /// The same after a motion.
