@@ -73,7 +73,7 @@ impl Parts {
         hints::follow(&mut ids, &mut no_objects, &view.depth, &frame.hints).map_err(SegmentError::Frame)?;
         view.leave_out_held(&mut ids, settings);
         let coarse_labels = strided(&ids, view.stride);
-        let masks = CleanMasks::new(ids, no_objects, view.depth.depth_m(), settings);
+        let masks = CleanMasks::new(ids, no_objects, view.depth.depth_m(), view.camera.fx as f32, settings);
         let masks = masks.ok_or(SegmentError::NothingLeft { readings: view.readings, border_px: settings.borders.radius_px })?;
 
         let coarse_band = strided(&masks.band, view.stride);
@@ -231,12 +231,16 @@ mod tests {
 
     /// A frame of a box of 12 x 10 x 8 cm on a table, with the box labelled 9, and the true camera pose.
     fn frame() -> (Frame, Isometry3<f64>) {
+        frame_of(&[Solid::table(0.0), Solid::cuboid([0.05, 0.0, 0.04], [0.06, 0.05, 0.04])])
+    }
+
+    /// A frame of solids, of which the first is furniture and the others are labelled 9, and the true camera pose.
+    fn frame_of(solids: &[Solid]) -> (Frame, Isometry3<f64>) {
         let camera = Pinhole { width: 320, height: 240, fx: 262.0, fy: 262.0, cx: 159.5, cy: 119.5 };
         let world_from_camera = look_at(&Point3::new(0.0, -0.7, 0.5), &Point3::origin(), &Vector3::z());
-        let solids = [Solid::table(0.0), Solid::cuboid([0.05, 0.0, 0.04], [0.06, 0.05, 0.04])];
-        let seen = cast(&solids, &camera, &world_from_camera);
+        let seen = cast(solids, &camera, &world_from_camera);
         let depth = seen.pixels().iter().map(|s| s.map_or(0, |(depth, _)| (depth * 1e4).round() as u16)).collect();
-        let labels = seen.pixels().iter().map(|s| s.map_or(0, |(_, solid)| if solid == 1 { 9 } else { 0 })).collect();
+        let labels = seen.pixels().iter().map(|s| s.map_or(0, |(_, solid)| if solid > 0 { 9 } else { 0 })).collect();
         let model = CameraModel {
             width: 320,
             height: 240,
@@ -288,6 +292,24 @@ mod tests {
         let readings = frame.depth.iter().filter(|d| **d > 0).count();
         assert_eq!(scene.points.len() + scene.meta.unseen.pixels_on_borders + scene.meta.unseen.pixels_flying, readings);
         assert_eq!(scene.meta.unseen.pixels_without_reading, 320 * 240 - readings);
+    }
+
+    #[test]
+    fn the_handle_of_a_mug_is_in_the_scene() {
+        let mug = [Solid::table(0.0), Solid::cuboid([0.0, 0.0, 0.05], [0.04, 0.04, 0.05])];
+        // Three to four pixels wide in the picture.
+        let handle = [
+            Solid::cuboid([0.055, 0.0, 0.075], [0.016, 0.003, 0.0045]),
+            Solid::cuboid([0.055, 0.0, 0.025], [0.016, 0.003, 0.0045]),
+            Solid::cuboid([0.068, 0.0, 0.05], [0.006, 0.003, 0.03]),
+        ];
+        let seen = |solids: &[Solid]| segment(&frame_of(solids).0, &Settings::default()).unwrap();
+        let (plain, with_handle) = (seen(&mug), seen(&[&mug[..], &handle[..]].concat()));
+        let beside = |scene: &Scene| scene.points_of(9).filter(|p| p[0] > 0.042).collect::<Vec<_>>();
+        assert!(beside(&plain).is_empty());
+        let of_handle = beside(&with_handle);
+        assert!(of_handle.len() >= 30 && of_handle.iter().any(|p| p[0] > 0.065), "{of_handle:?}");
+        assert!(of_handle.iter().all(|p| p[0] < 0.075 && (0.015..0.085).contains(&p[2])), "{of_handle:?}");
     }
 
     #[test]

@@ -162,7 +162,8 @@ impl Default for LearnedSettings {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BorderSettings {
-    /// Radius of the dilation and of the erosion, pixels of the frame. Raising it removes more stray pixels, and thin parts of objects.
+    /// Radius of the dilation and of the erosion, pixels of the frame. Raising it removes more stray pixels, and small parts of objects; thin ones
+    /// keep their middle.
     pub radius_px: usize,
 }
 

@@ -2,7 +2,8 @@
 //!
 //! The band takes most of an object that is thin, small or hidden but for a little. So its mask is eroded only as far as enough is left of it.
 //! Where any erosion leaves too little it is no object, but still in the way: all its readings stay in the scene, as nobody's (label 0). What is
-//! dilated, the band beside it, is dropped as ever. So do the smallest of more objects than a scene may have.
+//! dilated, the band beside it, is dropped as ever. So do the smallest of more objects than a scene may have. Thin parts of masks of which enough is
+//! left, as handles are, stay along their middle.
 
 use repose_geometry::Image;
 
@@ -12,6 +13,7 @@ use repose_proto::{LeftOutReason, limits};
 
 use crate::masks::borders::border_band;
 use crate::masks::left_out::LeftOutMasks;
+use crate::masks::thin::{self, MaskedDepth};
 use crate::settings::{BorderSettings, Settings};
 
 /// Labels and the band around them, objects with enough readings only.
@@ -32,12 +34,14 @@ pub struct CleanMasks {
 }
 
 impl CleanMasks {
-    /// Cleans the masks of `labels`; `depth_m` holds NaN where there is no reading. The masks in `no_objects` are taken out first.
-    /// `None` where no reading of the background or of an object with enough of them lies outside the bands.
+    /// Cleans the masks of `labels`; `depth_m` holds NaN where there is no reading, `focal_px` is the focal length of the same picture. The
+    /// masks in `no_objects` are taken out first. `None` where no reading of the background or of an object with enough of them lies outside
+    /// the bands.
     pub fn new(
         mut labels: Image<u16>,
         no_objects: BTreeMap<u16, LeftOutReason>,
         depth_m: &Image<f32>,
+        focal_px: f32,
         settings: &Settings,
     ) -> Option<Self> {
         let mut left_out = LeftOutMasks::none(labels.width(), labels.height());
@@ -52,9 +56,13 @@ impl CleanMasks {
             return None;
         }
         let small: Vec<u16> = few.into_iter().map(|(id, _)| id).collect();
+        let middles = thin::middles(&MaskedDepth { labels: &labels, depth_m, focal_px }, &band, &small, settings);
+        middles.iter().for_each(|at| band.pixels_mut()[*at] = false);
         if !small.is_empty() {
             let too_small = narrow(&mut band, &labels, depth_m, &small, settings);
             left_out.take(&mut labels, too_small.into_iter().map(|id| (id, LeftOutReason::TooSmall)).collect());
+        }
+        if !small.is_empty() || !middles.is_empty() {
             tally = Tally::of(depth_m, &labels, &band);
         }
         let surplus = tally.surplus();
@@ -155,7 +163,7 @@ mod tests {
 
     fn cleaned(min_object_points: usize) -> CleanMasks {
         let settings = Settings { min_object_points, ..Settings::default() };
-        CleanMasks::new(labels(), BTreeMap::new(), &Image::filled(60, 40, 1.0), &settings).unwrap()
+        CleanMasks::new(labels(), BTreeMap::new(), &Image::filled(60, 40, 1.0), 60.0, &settings).unwrap()
     }
 
     /// Readings of the picture's mask `id` that stay.
@@ -184,8 +192,24 @@ mod tests {
         let masks = cleaned(1);
         assert!(masks.left_out.reasons.is_empty(), "no pixel of the pen is two pixels from its border, but some are one");
         let wide = Image::from_pixels(60, 40, labels().pixels().iter().map(|id| if *id == 1 { 7 } else { 0 }).collect()).unwrap();
-        let masks = CleanMasks::new(wide.clone(), BTreeMap::new(), &Image::filled(60, 40, 1.0), &Settings::default()).unwrap();
+        let masks = CleanMasks::new(wide.clone(), BTreeMap::new(), &Image::filled(60, 40, 1.0), 60.0, &Settings::default()).unwrap();
         assert_eq!((&masks.labels, &masks.band, masks.left_out.reasons.len()), (&wide, &border_band(&wide, &BorderSettings::default()), 0));
+    }
+
+    #[test]
+    fn a_thin_part_stays_along_its_middle_and_its_readings_count() {
+        // A pan of 20 x 20 with a handle of 30 x 3.
+        let pan = |i: usize| u16::from(matches!((i % 60, i / 60), (3..=22, 3..=22) | (23..=52, 12..=14)));
+        let labels = Image::from_pixels(60, 40, (0..60 * 40).map(pan).collect()).unwrap();
+        let cleaned = |around_m: f32| {
+            let depth_m = labels.map(|id| if *id == 0 { around_m } else { 0.9 });
+            CleanMasks::new(labels.clone(), BTreeMap::new(), &depth_m, 525.0, &Settings::default()).unwrap()
+        };
+        let masks = cleaned(1.0);
+        let of_handle: Vec<usize> = (0..60 * 40).filter(|i| i % 60 > 22 && pan(*i) == 1 && !masks.band.pixels()[*i]).collect();
+        assert_eq!(of_handle, (23..=51).map(|u| 13 * 60 + u).collect::<Vec<usize>>());
+        assert_eq!((masks.readings[1], masks.available + masks.on_borders), (16 * 16 + 29, 60 * 40));
+        assert_eq!(cleaned(0.9).band, border_band(&labels, &BorderSettings::default()), "nothing says that it is one");
     }
 
     #[test]
@@ -196,7 +220,7 @@ mod tests {
         let mut depth_m = Image::filled(60, 40, 1.0);
         (0..10).for_each(|k| depth_m.pixels_mut()[2 * k] = f32::NAN);
         let settings = Settings { min_object_points: 1, borders: BorderSettings { radius_px: 0 }, ..Settings::default() };
-        let masks = CleanMasks::new(crowd, BTreeMap::new(), &depth_m, &settings).unwrap();
+        let masks = CleanMasks::new(crowd, BTreeMap::new(), &depth_m, 60.0, &settings).unwrap();
         let objects = masks.labels.pixels().iter().filter(|id| **id != 0).collect::<std::collections::BTreeSet<_>>();
         assert_eq!((objects.len(), masks.left_out.reasons.len()), (limits::MAX_OBJECTS, 1200 - limits::MAX_OBJECTS));
         assert!((1..=10).all(|id| masks.left_out.reasons.get(&id) == Some(&LeftOutReason::TooMany)));
@@ -206,8 +230,8 @@ mod tests {
     #[test]
     fn with_nothing_outside_the_bands_there_are_no_masks() {
         let stripes = Image::from_pixels(20, 20, (0..400).map(|i| (i % 2) as u16).collect()).unwrap();
-        assert!(CleanMasks::new(stripes, BTreeMap::new(), &Image::filled(20, 20, 1.0), &Settings::default()).is_none());
+        assert!(CleanMasks::new(stripes, BTreeMap::new(), &Image::filled(20, 20, 1.0), 20.0, &Settings::default()).is_none());
         let unseen = Image::filled(20, 20, f32::NAN);
-        assert!(CleanMasks::new(Image::filled(20, 20, 0), BTreeMap::new(), &unseen, &Settings::default()).is_none());
+        assert!(CleanMasks::new(Image::filled(20, 20, 0), BTreeMap::new(), &unseen, 20.0, &Settings::default()).is_none());
     }
 }

@@ -169,7 +169,7 @@ mod tests {
         let depth = DepthMap::new(&[1000; 200 * 100], 0.001, &camera, 5.0);
         let labels = Image::from_pixels(200, 100, (0..200 * 100).map(label).collect()).unwrap();
         let settings = Settings { max_points, min_object_points: 30, borders: BorderSettings { radius_px: 0 }, ..Settings::default() };
-        let masks = CleanMasks::new(labels, BTreeMap::new(), depth.depth_m(), &settings).unwrap();
+        let masks = CleanMasks::new(labels, BTreeMap::new(), depth.depth_m(), 200.0, &settings).unwrap();
         let cloud = Cloud::new(&depth, &Isometry3::identity(), &masks, None, &settings);
         assert!(cloud.points.len() <= max_points && cloud.labels.len() == cloud.points.len());
         cloud.labels.iter().fold(BTreeMap::new(), |mut counts, label| {
@@ -204,7 +204,7 @@ mod tests {
             let camera = Pinhole { width: 5, height: 4, fx: 6.0, fy: 7.0, cx: 2.2, cy: 1.4 };
             let world_from_camera = Isometry3::new(Vector3::from(shift), Vector3::from(axis_angle));
             let depth = DepthMap::new(&counts, 0.001, &camera, 5.0);
-            let masks = CleanMasks::new(Image::filled(5, 4, 0), BTreeMap::new(), depth.depth_m(), &Settings::default());
+            let masks = CleanMasks::new(Image::filled(5, 4, 0), BTreeMap::new(), depth.depth_m(), 6.0, &Settings::default());
             prop_assume!(masks.is_some());
             let cloud = Cloud::new(&depth, &world_from_camera, &masks.unwrap(), None, &Settings::default());
             let seen = counts.iter().enumerate().filter(|(_, count)| **count > 0);

@@ -53,6 +53,7 @@ pub mod shape;
 pub mod sides;
 pub mod solid;
 pub mod standing;
+pub mod thin;
 pub mod view;
 
 use std::collections::{BTreeMap, BTreeSet};

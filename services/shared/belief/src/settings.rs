@@ -270,8 +270,10 @@ impl Default for SideSettings {
 /// Completing an object from the half that was seen.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShapeSettings {
-    /// Share of stray points left out at either end of each axis.
+    /// Share of stray points left out at either end of each axis, …
     pub stray_share: f64,
+    /// … but for thin parts.
+    pub thin: ThinSettings,
     /// Least height of an object, metres.
     pub min_height_m: f32,
     /// Height of a slab, metres.
@@ -309,6 +311,7 @@ impl Default for ShapeSettings {
     fn default() -> Self {
         Self {
             stray_share: 0.005,
+            thin: ThinSettings::default(),
             min_height_m: 0.008,
             slab_m: 0.03,
             max_slabs: 5,
@@ -322,6 +325,27 @@ impl Default for ShapeSettings {
             doubt_share: 0.9,
             max_doubt_m: 0.04,
         }
+    }
+}
+
+/// Telling thin parts from stray points.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ThinSettings {
+    /// Points are looked at that are farther out of the box around all but the stray ones than this share of its side, …
+    pub beyond_share: f32,
+    /// … and this, metres.
+    pub beyond_m: f32,
+    /// Of a part there are at least so many of them.
+    pub min_points: usize,
+    /// Points of one part are at most this far from the next, metres: three pixels of a small picture at 1.4 m.
+    pub gap_m: f32,
+    /// A part begins at most this far out of the box, metres: border cleaning takes a band off where it goes out.
+    pub start_m: f32,
+}
+
+impl Default for ThinSettings {
+    fn default() -> Self {
+        Self { beyond_share: 0.125, beyond_m: 0.015, min_points: 6, gap_m: 0.016, start_m: 0.03 }
     }
 }
 

@@ -91,7 +91,8 @@ impl Composite {
 
     /// Drops the band around label borders: pixels with another label within `band_px` (Chebyshev) lose their depth, as in perception.
     ///
-    /// Stands for dilating and eroding every mask and dropping what lies between, both objects' sides and the background's.
+    /// Stands for dilating and eroding every mask and dropping what lies between, both objects' sides and the background's. Thin parts go as a whole
+    /// here; perception keeps them along their middle.
     pub fn drop_borders(&mut self, band_px: usize) {
         let (w, h) = (self.width, self.height);
         // Separable: the lowest and highest label along the row, then along the column; they differ where a border is near.
