@@ -1,7 +1,7 @@
 //! Descriptions of objects: articles, adjectives, nouns and numbers, and what follows a noun.
 
 use super::{DEEPEST, Read, Text, bounded};
-use crate::description::{Clause, Description, Head, Pick};
+use crate::description::{Clause, Description, Distance, Head, Pick, Telling};
 use crate::vocabulary as v;
 
 impl Text<'_> {
@@ -43,11 +43,11 @@ impl Text<'_> {
             longer(&Description { shapes: with(&so_far.shapes, shape), ..so_far.clone() }, end);
         }
         for ((measure, least), end) in self.any(at, v::PICKS) {
-            let pick = Pick { measure, least, rank: Some(so_far.ordinal.unwrap_or(1)), only_if_needed: false };
+            let pick = Pick { measure, least, rank: Some(so_far.ordinal.unwrap_or(1)), telling: Telling::Always };
             longer(&Description { picks: with(&so_far.picks, pick), ordinal: None, ..so_far.clone() }, end);
         }
         for (measure, end) in self.any(at, v::MIDDLES) {
-            let pick = Pick { measure, least: true, rank: None, only_if_needed: false };
+            let pick = Pick { measure, least: true, rank: None, telling: Telling::Always };
             longer(&Description { picks: with(&so_far.picks, pick), ..so_far.clone() }, end);
         }
         if so_far.ordinal.is_none() {
@@ -96,35 +96,39 @@ impl Text<'_> {
         let mut found = Vec::new();
         if let Some(rank) = named.ordinal {
             for ((measure, least), end) in self.any(at, v::FROM) {
-                let pick = Pick { measure, least, rank: Some(rank), only_if_needed: false };
+                let pick = Pick { measure, least, rank: Some(rank), telling: Telling::Always };
                 let counted = Description { picks: with(&named.picks, pick), ordinal: None, ..named.clone() };
                 found.extend(self.after_noun(counted, end, depth));
             }
             return found;
         }
-        let that_is = self.one_of(at, v::THAT_IS).into_iter().map(|at| (at, false));
-        let starts: Vec<(usize, bool)> = std::iter::once((at, true)).chain(that_is).collect();
-        for (at, only_if_needed) in starts.iter().copied() {
+        let that_is = self.one_of(at, v::THAT_IS).into_iter().map(|at| (at, Telling::Always));
+        let starts: Vec<(usize, Telling)> = std::iter::once((at, Telling::IfNeeded)).chain(that_is).collect();
+        for (at, telling) in starts.iter().copied() {
             for ((measure, least), end) in self.any(at, v::PLACES) {
-                let pick = Pick { measure, least, rank: Some(1), only_if_needed };
+                let pick = Pick { measure, least, rank: Some(1), telling };
                 found.extend(self.after_noun(Description { picks: with(&named.picks, pick), ..named.clone() }, end, depth));
             }
             for (measure, end) in self.any(at, v::MIDDLE_PLACES) {
-                let pick = Pick { measure, least: true, rank: None, only_if_needed };
+                let pick = Pick { measure, least: true, rank: None, telling };
                 found.extend(self.after_noun(Description { picks: with(&named.picks, pick), ..named.clone() }, end, depth));
             }
             if named.distance.is_none() {
                 for (nearest, at) in self.any(at, v::DISTANCES) {
                     for (to, end) in self.object(at, depth + 1) {
-                        found.push((Description { distance: Some((nearest, Box::new(to))), ..named.clone() }, end));
+                        let distance = Distance { nearest, to: Box::new(to), telling };
+                        found.push((Description { distance: Some(distance), ..named.clone() }, end));
                     }
                 }
             }
         }
-        for (at, only_if_needed) in starts {
+        for (at, telling) in starts {
             for ((relations, holds), at) in self.relation(at, true) {
+                // "The bowl on the plate" describes a bowl that stands there, whether or not there is another.
+                let describes = telling == Telling::IfNeeded && relations.iter().any(|relation| v::SELDOM.contains(relation));
+                let telling = if describes { Telling::IfTrue } else { telling };
                 for (anchor, end) in self.object(at, depth + 1).into_iter().filter(|_| holds) {
-                    let clause = Clause { relations, anchor: Box::new(anchor), only_if_needed };
+                    let clause = Clause { relations, anchor: Box::new(anchor), telling };
                     found.push((Description { clauses: with(&named.clauses, clause), ..named.clone() }, end));
                 }
             }
